@@ -1,0 +1,1 @@
+//! From rendered views and a manifest to scores.

@@ -1,0 +1,1 @@
+//! From raw 360-degree video to verified, cut and posed sequences.

@@ -1,0 +1,1 @@
+//! From a posed sequence to Gaussians and rendered panoramas.

@@ -1,0 +1,27 @@
+//! Data contracts of OmniLife360 and the camera conventions they rest on.
+//!
+//! Every other crate of the workspace depends on this one and on no sibling, so whatever two of
+//! them must agree about lives here: [`camera`] (which pixel is which direction), [`pose`],
+//! [`records`] (the JSON files), [`points`] and [`rgb`] (clouds and images), [`store`] (how a file
+//! reaches the disk), [`stage`] (when work can be skipped), [`progress`] and [`blame`].
+//!
+//! # Conventions
+//! * Camera frame: x right, y down, z forward. World to camera: `x_c = R x_w + t`; poses store the
+//!   camera-to-world rotation and the camera centre in f64.
+//! * Equirectangular (ERP) images: see [`camera::erp`].
+//! * Time is in seconds of the source's presentation timestamps.
+//! * Images are `[0, 1]` f32, row-major, three interleaved channels, as decoded (sRGB).
+
+pub mod blame;
+pub mod camera;
+pub mod points;
+pub mod pose;
+pub mod progress;
+pub mod records;
+pub mod rgb;
+pub mod stage;
+pub mod store;
+
+pub use blame::{Blame, Blamed};
+pub use pose::{Pose, Similarity};
+pub use rgb::RgbImage;

@@ -1,0 +1,251 @@
+//! Coloured point clouds, stored as PLY.
+
+use std::{io::Write, path::Path};
+
+use crate::store::{self, StoreError};
+
+/// Points in world units with 8-bit sRGB colours; both arrays have one entry per point.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct PointCloud {
+    /// x, y, z.
+    pub positions: Vec<[f32; 3]>,
+    /// red, green, blue.
+    pub colours: Vec<[u8; 3]>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum PlyFormat {
+    Ascii,
+    BinaryLittleEndian,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Scalar {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    F32,
+    F64,
+}
+
+impl Scalar {
+    fn parse(name: &str) -> Option<Self> {
+        Some(match name {
+            "char" | "int8" => Self::I8,
+            "uchar" | "uint8" => Self::U8,
+            "short" | "int16" => Self::I16,
+            "ushort" | "uint16" => Self::U16,
+            "int" | "int32" => Self::I32,
+            "uint" | "uint32" => Self::U32,
+            "float" | "float32" => Self::F32,
+            "double" | "float64" => Self::F64,
+            _ => return None,
+        })
+    }
+
+    fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+
+    /// Reads a little-endian value; `bytes` holds at least [`Scalar::size`] bytes.
+    fn decode(self, bytes: &[u8]) -> f64 {
+        let mut wide = [0_u8; 8];
+        wide[..self.size()].copy_from_slice(&bytes[..self.size()]);
+        let [a, b, c, d, ..] = wide;
+        match self {
+            Self::I8 => f64::from(a as i8),
+            Self::U8 => f64::from(a),
+            Self::I16 => f64::from(i16::from_le_bytes([a, b])),
+            Self::U16 => f64::from(u16::from_le_bytes([a, b])),
+            Self::I32 => f64::from(i32::from_le_bytes([a, b, c, d])),
+            Self::U32 => f64::from(u32::from_le_bytes([a, b, c, d])),
+            Self::F32 => f64::from(f32::from_le_bytes([a, b, c, d])),
+            Self::F64 => f64::from_le_bytes(wide),
+        }
+    }
+}
+
+struct PlyHeader {
+    format: PlyFormat,
+    count: usize,
+    properties: Vec<(String, Scalar)>,
+    body: usize,
+}
+
+impl PointCloud {
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// Whether there are no points.
+    pub fn is_empty(&self) -> bool {
+        self.positions.is_empty()
+    }
+
+    /// Reads an ASCII or binary little-endian PLY whose first element is `vertex` with scalar
+    /// properties x, y, z and optionally red, green, blue (grey without). Points with non-finite
+    /// coordinates are refused.
+    ///
+    /// # Errors
+    /// When the file is missing, malformed or truncated.
+    pub fn read_ply(path: &Path) -> Result<Self, StoreError> {
+        let bytes = std::fs::read(path).map_err(|source| StoreError::read(path, source))?;
+        Self::parse_ply(&bytes).map_err(|reason| StoreError::malformed(path, reason))
+    }
+
+    fn parse_ply(bytes: &[u8]) -> Result<Self, String> {
+        let header = parse_header(bytes)?;
+        let column = |name: &str| {
+            header
+                .properties
+                .iter()
+                .position(|(other, _)| other == name)
+        };
+        let [Some(x), Some(y), Some(z)] = ["x", "y", "z"].map(column) else {
+            return Err("PLY vertices have no x, y, z".to_owned());
+        };
+        let colour = match ["red", "green", "blue"].map(column) {
+            [Some(r), Some(g), Some(b)] => Some([r, g, b]),
+            _ => None,
+        };
+        let body = &bytes[header.body..];
+        let mut cloud = Self::default();
+        let mut take = |row: &[f64]| -> Result<(), String> {
+            let position = [row[x] as f32, row[y] as f32, row[z] as f32];
+            if position.iter().any(|value| !value.is_finite()) {
+                return Err(format!("point {} is not finite", cloud.positions.len()));
+            }
+            cloud.positions.push(position);
+            cloud.colours.push(colour.map_or([128; 3], |columns| {
+                columns.map(|column| row[column].clamp(0.0, 255.0) as u8)
+            }));
+            Ok(())
+        };
+        match header.format {
+            PlyFormat::Ascii => {
+                let text = std::str::from_utf8(body).map_err(|_| "PLY body is not ASCII")?;
+                let mut lines = text.lines().filter(|line| !line.trim().is_empty());
+                for index in 0..header.count {
+                    let line = lines.next().ok_or_else(|| truncated(index, header.count))?;
+                    let row: Vec<f64> = line
+                        .split_whitespace()
+                        .map(str::parse)
+                        .collect::<Result<_, _>>()
+                        .map_err(|_| format!("point {index} is not a row of numbers"))?;
+                    if row.len() < header.properties.len() {
+                        return Err(format!("point {index} has too few values"));
+                    }
+                    take(&row)?;
+                }
+            }
+            PlyFormat::BinaryLittleEndian => {
+                let stride: usize = header
+                    .properties
+                    .iter()
+                    .map(|(_, scalar)| scalar.size())
+                    .sum();
+                let mut row = vec![0.0; header.properties.len()];
+                for index in 0..header.count {
+                    let mut rest = body
+                        .get(index * stride..(index + 1) * stride)
+                        .ok_or_else(|| truncated(index, header.count))?;
+                    for (value, (_, scalar)) in row.iter_mut().zip(&header.properties) {
+                        *value = scalar.decode(rest);
+                        rest = &rest[scalar.size()..];
+                    }
+                    take(&row)?;
+                }
+            }
+        }
+        Ok(cloud)
+    }
+
+    /// Writes a binary little-endian PLY, whole or not at all.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn write_ply(&self, path: &Path) -> Result<(), StoreError> {
+        store::write_with(path, |writer| {
+            write!(
+                writer,
+                "ply\nformat binary_little_endian 1.0\nelement vertex {}\n\
+                 property float x\nproperty float y\nproperty float z\n\
+                 property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n",
+                self.len()
+            )?;
+            for (position, colour) in self.positions.iter().zip(&self.colours) {
+                for value in position {
+                    writer.write_all(&value.to_le_bytes())?;
+                }
+                writer.write_all(colour)?;
+            }
+            Ok(())
+        })
+    }
+}
+
+fn truncated(found: usize, expected: usize) -> String {
+    format!("PLY ends after {found} of {expected} points")
+}
+
+fn parse_header(bytes: &[u8]) -> Result<PlyHeader, String> {
+    const END: &[u8] = b"end_header";
+    let end = bytes
+        .windows(END.len())
+        .position(|window| window == END)
+        .ok_or("not a PLY file: no end_header")?;
+    let body = bytes[end..]
+        .iter()
+        .position(|&byte| byte == b'\n')
+        .map_or(bytes.len(), |newline| end + newline + 1);
+    let text = std::str::from_utf8(&bytes[..end]).map_err(|_| "PLY header is not ASCII")?;
+    let mut format = None;
+    let mut count = None;
+    let mut properties = Vec::new();
+    let mut in_vertex = false;
+    for (number, line) in text.lines().enumerate() {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        match words.as_slice() {
+            ["ply"] if number == 0 => {}
+            _ if number == 0 => return Err("not a PLY file".to_owned()),
+            ["format", "ascii", _] => format = Some(PlyFormat::Ascii),
+            ["format", "binary_little_endian", _] => format = Some(PlyFormat::BinaryLittleEndian),
+            ["format", other, ..] => return Err(format!("PLY format {other} is not supported")),
+            ["element", "vertex", number] => {
+                in_vertex = true;
+                count = Some(
+                    number
+                        .parse()
+                        .map_err(|_| "PLY vertex count is not a number")?,
+                );
+            }
+            ["element", ..] if count.is_none() => {
+                return Err("the first PLY element is not vertex".to_owned());
+            }
+            ["element", ..] => in_vertex = false,
+            ["property", "list", ..] if in_vertex => {
+                return Err("PLY vertices have a list property".to_owned());
+            }
+            ["property", kind, name] if in_vertex => properties.push((
+                (*name).to_owned(),
+                Scalar::parse(kind).ok_or_else(|| format!("PLY type {kind} is not known"))?,
+            )),
+            _ => {}
+        }
+    }
+    Ok(PlyHeader {
+        format: format.ok_or("PLY header has no format")?,
+        count: count.ok_or("PLY header has no vertices")?,
+        properties,
+        body,
+    })
+}

@@ -1,0 +1,29 @@
+//! The one interface through which long work reports itself.
+//!
+//! Libraries call it and draw nothing; the binary decides between bars, plain lines and silence.
+
+/// Receives the progress of one piece of work at a time.
+pub trait Progress: Sync {
+    /// Work named `label` begins; `total` counts its steps where that is known.
+    fn begin(&self, label: &str, total: Option<u64>);
+    /// `steps` more steps are done.
+    fn advance(&self, steps: u64);
+    /// A short remark beside the bar, such as the current loss.
+    fn remark(&self, text: &str);
+    /// The work begun last is over.
+    fn end(&self);
+    /// A line the user should see whatever happens to the bar: a decision, a skipped stage.
+    fn note(&self, line: &str);
+}
+
+/// Reports nothing.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Silent;
+
+impl Progress for Silent {
+    fn begin(&self, _: &str, _: Option<u64>) {}
+    fn advance(&self, _: u64) {}
+    fn remark(&self, _: &str) {}
+    fn end(&self) {}
+    fn note(&self, _: &str) {}
+}

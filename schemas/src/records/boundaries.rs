@@ -1,0 +1,48 @@
+//! `boundaries`: where shots begin and end, and who said so.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::sequence::{SourceVideo, TimeRange};
+use crate::store::Record;
+
+/// `boundaries.json`: the boundaries of one video.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct BoundaryLedger {
+    /// The video.
+    pub source: SourceVideo,
+    /// Its whole time range.
+    pub range: TimeRange,
+    /// Detector that proposed the boundaries and its settings.
+    pub detector: String,
+    /// Boundaries in order of time.
+    pub boundaries: Vec<Boundary>,
+}
+
+impl Record for BoundaryLedger {
+    const SCHEMA: &'static str = "omnilife/boundaries/1";
+}
+
+/// A change of shot. A cut has `begin_seconds` (last frame of the old shot) and `end_seconds`
+/// (first frame of the new shot) one frame apart; a gradual one spans its transition.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Boundary {
+    /// Timestamp of the last frame that belongs to the old shot alone.
+    pub begin_seconds: f64,
+    /// Timestamp of the first frame that belongs to the new shot alone.
+    pub end_seconds: f64,
+    /// What kind of change.
+    pub kind: BoundaryKind,
+    /// The detector's score, on its own scale.
+    pub score: f64,
+}
+
+/// Kinds of shot boundary.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum BoundaryKind {
+    /// From one frame to the next.
+    Cut,
+    /// Over several frames: a dissolve, fade or wipe.
+    Gradual,
+}

@@ -1,0 +1,63 @@
+//! `result`: the scores of one method on one scene under one protocol.
+
+use std::collections::BTreeMap;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::store::Record;
+
+/// `result.json`. Per-frame values are in the Parquet table beside it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ResultRecord {
+    /// Id of the method.
+    pub method: String,
+    /// Id of the scene.
+    pub scene: String,
+    /// Id and version of the protocol, `per-scene/1`.
+    pub protocol: String,
+    /// Hash of the protocol.
+    pub protocol_hash: String,
+    /// Width and height of the scored images in pixels.
+    pub scored_size: [u32; 2],
+    /// Scores of the input views by metric id.
+    pub input_views: BTreeMap<String, Summary>,
+    /// Scores of the novel views by metric id.
+    pub novel_views: BTreeMap<String, Summary>,
+    /// Views that could not be scored. A result with failures is not complete.
+    pub failures: Vec<Failure>,
+    /// Parquet file of per-frame values: view, frame, `time_seconds`, one column per metric.
+    pub frames_table: String,
+    /// Training time in seconds, where the predictions came with a run record.
+    pub training_seconds: Option<f64>,
+    /// Gaussians, where known.
+    pub gaussians: Option<u64>,
+    /// Iterations, where known.
+    pub iterations: Option<u64>,
+    /// Remarks that a reader of the scores should know.
+    pub warnings: Vec<String>,
+}
+
+impl Record for ResultRecord {
+    const SCHEMA: &'static str = "omnilife/result/1";
+}
+
+/// A metric over the views of one kind.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Summary {
+    /// Arithmetic mean over the scored views.
+    pub mean: f64,
+    /// Scored views.
+    pub views: u32,
+}
+
+/// A view that could not be scored.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Failure {
+    /// `input` or `novel`.
+    pub view: String,
+    /// Frame of the scene.
+    pub frame: u32,
+    /// One line.
+    pub reason: String,
+}

@@ -1,0 +1,89 @@
+//! `run`: how one method was run on one scene.
+
+use std::collections::BTreeMap;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::{pose::Similarity, store::Record};
+
+/// `run.json`. Files are relative to its folder.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct RunRecord {
+    /// Id of the method.
+    pub method: String,
+    /// Id of the scene.
+    pub scene: String,
+    /// Hash of the split's protocol.
+    pub protocol_hash: String,
+    /// Random seed.
+    pub seed: u64,
+    /// What computed it.
+    pub backend: Backend,
+    /// Every setting as resolved, defaults included.
+    pub configuration: serde_json::Value,
+    /// Which components the scene was given, and why.
+    pub plan: Vec<ComponentDecision>,
+    /// Names and versions of the programs involved.
+    pub versions: BTreeMap<String, String>,
+    /// SHA-256 of every input by name.
+    pub inputs: BTreeMap<String, String>,
+    /// Iterations done.
+    pub iterations: u64,
+    /// Gaussians at the end.
+    pub gaussians: u64,
+    /// Training time in wall-clock seconds, rendering of predictions not included.
+    pub training_seconds: f64,
+    /// Rendering time of all predictions in wall-clock seconds.
+    pub rendering_seconds: f64,
+    /// Highest resident memory of the process, bytes, where the system tells.
+    pub peak_memory_bytes: Option<u64>,
+    /// The similarity under which the scene was trained.
+    pub normalization: Similarity,
+    /// CSV of error against run time.
+    pub trace: Option<String>,
+    /// Predicted views.
+    pub predictions: ViewPredictions,
+    /// Remarks that a reader of the scores should know.
+    pub warnings: Vec<String>,
+}
+
+impl Record for RunRecord {
+    const SCHEMA: &'static str = "omnilife/run/1";
+}
+
+/// What computed a run.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case", tag = "kind")]
+pub enum Backend {
+    /// The processor.
+    Cpu {
+        /// Worker threads.
+        threads: u32,
+    },
+    /// A graphics adapter.
+    Gpu {
+        /// Its name.
+        adapter: String,
+    },
+}
+
+/// Whether a component of a method was used, and on what evidence.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct ComponentDecision {
+    /// The component.
+    pub component: String,
+    /// Whether it was used.
+    pub used: bool,
+    /// The evidence or the setting that decided.
+    pub reason: String,
+}
+
+/// Where predictions are: `<folder>/<frame, 6 digits>.png`, frame numbers as in the split.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct ViewPredictions {
+    /// Folder of predicted input views.
+    pub input_views: String,
+    /// Folder of predicted novel views.
+    pub novel_views: String,
+}

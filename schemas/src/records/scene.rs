@@ -1,0 +1,101 @@
+//! `scene`: a sequence with cameras, ready for reconstruction and scoring.
+
+use std::collections::BTreeMap;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::{camera::ErpCamera, pose::Pose, store::Record};
+
+/// `scene.json`. All files are relative to its folder.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Scene {
+    /// Id of the sequence.
+    pub id: String,
+    /// The camera of all frames.
+    pub camera: ErpCamera,
+    /// Whether world units are metres.
+    pub scale: Scale,
+    /// Frames in order of time.
+    pub frames: Vec<SceneFrame>,
+    /// PLY file of world points.
+    pub points: Option<String>,
+    /// Where the poses come from.
+    pub pose_source: PoseSource,
+    /// Whether the poses can be trusted.
+    pub validation: PoseValidation,
+}
+
+impl Record for Scene {
+    const SCHEMA: &'static str = "omnilife/scene/1";
+}
+
+/// One frame of a scene.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct SceneFrame {
+    /// Image file.
+    pub image: String,
+    /// Presentation timestamp in the source, seconds.
+    pub time_seconds: f64,
+    /// The camera, where it is known. Frames without one are neither trained on nor scored.
+    pub pose: Option<Pose>,
+    /// Mask image of dynamic objects (white).
+    pub mask: Option<String>,
+}
+
+/// Unit of the world frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Scale {
+    /// Metres.
+    Metres,
+    /// Unknown, as structure from motion leaves it.
+    Arbitrary,
+}
+
+/// Where poses come from.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case", tag = "kind")]
+pub enum PoseSource {
+    /// Given by the user.
+    Given {
+        /// The file or folder.
+        file: String,
+    },
+    /// Structure from motion.
+    Sfm {
+        /// Program and version.
+        tool: String,
+        /// Named configuration.
+        configuration: String,
+        /// Wall-clock time, seconds, rounded up.
+        wall_seconds: u64,
+    },
+}
+
+/// Report of the pose validation.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct PoseValidation {
+    /// The verdict.
+    pub status: ValidationStatus,
+    /// Frames with a pose.
+    pub registered_frames: u32,
+    /// All frames.
+    pub total_frames: u32,
+    /// What was measured; the name carries the unit.
+    pub measures: BTreeMap<String, f64>,
+    /// Every limit that was missed, in words.
+    pub problems: Vec<String>,
+}
+
+/// Verdict of the pose validation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum ValidationStatus {
+    /// All limits kept.
+    Valid,
+    /// Some limit missed; scores on this scene are to be read with care.
+    Unstable,
+    /// Poses were given without observations to check them by.
+    Unchecked,
+}

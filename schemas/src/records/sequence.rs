@@ -1,0 +1,230 @@
+//! `sequence`: one continuous, verified stretch of a source video and its sampled frames.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::store::Record;
+
+/// `sequence.json`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Sequence {
+    /// `<video>/<seq-NNN>`, unique in its dataset.
+    pub id: String,
+    /// The video it was cut from.
+    pub source: SourceVideo,
+    /// Its stretch of the source.
+    pub range: TimeRange,
+    /// What the container and the decoder said.
+    pub probe: Probe,
+    /// Whether the video is equirectangular, with evidence.
+    pub verdict: ErpVerdict,
+    /// How the source fares against the dataset's admission criteria.
+    pub admission: Admission,
+    /// The sampled frames.
+    pub frames: FrameSet,
+}
+
+impl Record for Sequence {
+    const SCHEMA: &'static str = "omnilife/sequence/1";
+}
+
+/// A source file by content.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct SourceVideo {
+    /// File name without its folder.
+    pub file_name: String,
+    /// SHA-256 of the file.
+    pub sha256: String,
+    /// Size in bytes.
+    pub bytes: u64,
+}
+
+/// A half-open stretch of time in seconds of the source's presentation timestamps.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct TimeRange {
+    /// First instant inside.
+    pub begin_seconds: f64,
+    /// First instant outside.
+    pub end_seconds: f64,
+}
+
+impl TimeRange {
+    /// Length in seconds.
+    pub fn duration_seconds(&self) -> f64 {
+        self.end_seconds - self.begin_seconds
+    }
+
+    /// Whether an instant lies inside.
+    pub fn contains(&self, seconds: f64) -> bool {
+        self.begin_seconds <= seconds && seconds < self.end_seconds
+    }
+}
+
+/// What the container and the decoder said about a video.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Probe {
+    /// Container format, FFmpeg's short name.
+    pub container: String,
+    /// Video codec, FFmpeg's short name.
+    pub codec: String,
+    /// Coded width in pixels.
+    pub width: u32,
+    /// Coded height in pixels.
+    pub height: u32,
+    /// FFmpeg's pixel format name.
+    pub pixel_format: String,
+    /// Bits per component.
+    pub bit_depth: u32,
+    /// Frames per second: the measured mean where frames were decoded, else the container's.
+    pub frames_per_second: f64,
+    /// Duration in seconds, from the container or, failing that, the last timestamp.
+    pub duration_seconds: f64,
+    /// Decoded frames, where the video was decoded to its end.
+    pub decoded_frames: Option<u64>,
+    /// Whether the distance between frames varies by more than half a percent of its median.
+    pub variable_frame_rate: Option<bool>,
+    /// Display rotation in degrees.
+    pub rotation_degrees: f64,
+    /// Width of a pixel over its height.
+    pub pixel_aspect_ratio: f64,
+    /// Spherical metadata, where there is any.
+    pub spherical: Option<SphericalMetadata>,
+}
+
+/// Spherical video metadata of the container.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct SphericalMetadata {
+    /// Projection, FFmpeg's name: equirectangular, cubemap, ...
+    pub projection: String,
+    /// Stereo layout, FFmpeg's name, where it is stated.
+    pub stereo: Option<String>,
+}
+
+/// What kind of picture a video shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Verdict {
+    /// Equirectangular, 2:1.
+    Erp,
+    /// Equirectangular stored at another aspect ratio.
+    ErpSqueezed,
+    /// Two equirectangular pictures, left eye above right eye.
+    ErpStereoTb,
+    /// Two equirectangular pictures side by side.
+    ErpStereoLr,
+    /// Equi-angular or plain cube faces.
+    Eac,
+    /// One or two fisheye circles.
+    Fisheye,
+    /// An ordinary perspective video.
+    Rectilinear,
+    /// The evidence does not decide.
+    Unsure,
+}
+
+impl Verdict {
+    /// Whether frames can be used as ERP after resizing to 2:1.
+    pub fn is_monoscopic_erp(self) -> bool {
+        matches!(self, Self::Erp | Self::ErpSqueezed)
+    }
+
+    /// The name used in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Erp => "erp",
+            Self::ErpSqueezed => "erp-squeezed",
+            Self::ErpStereoTb => "erp-stereo-tb",
+            Self::ErpStereoLr => "erp-stereo-lr",
+            Self::Eac => "eac",
+            Self::Fisheye => "fisheye",
+            Self::Rectilinear => "rectilinear",
+            Self::Unsure => "unsure",
+        }
+    }
+}
+
+/// The verdict with what it rests on.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ErpVerdict {
+    /// The verdict in force.
+    pub verdict: Verdict,
+    /// What the evidence said, where the user overrode it.
+    pub overridden: Option<Verdict>,
+    /// Every test with its value.
+    pub evidence: Vec<Evidence>,
+    /// Set where the metadata and the pixels disagree.
+    pub disagreement: Option<String>,
+}
+
+/// One test's value.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Evidence {
+    /// Name of the test.
+    pub test: String,
+    /// Its value.
+    pub value: f64,
+    /// The limit it is compared with.
+    pub limit: f64,
+    /// What it says, in words.
+    pub reading: String,
+}
+
+/// How a video fares against a named profile of admission criteria.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Admission {
+    /// Name of the profile, `omnilife360` or `none`.
+    pub profile: String,
+    /// Every check's outcome.
+    pub checks: Vec<CheckOutcome>,
+    /// Whether all checks passed.
+    pub admitted: bool,
+    /// Whether a failed check keeps the video out.
+    pub enforced: bool,
+}
+
+/// One admission check.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct CheckOutcome {
+    /// Id of the check.
+    pub check: String,
+    /// Whether it passed.
+    pub passed: bool,
+    /// What was found.
+    pub value: String,
+    /// What is asked for.
+    pub threshold: String,
+}
+
+/// How frames were chosen.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Sampling {
+    /// At most this many frames, spread evenly in time.
+    MaxFrames(u32),
+    /// This many frames per second.
+    FramesPerSecond(f64),
+}
+
+/// Sampled frames as images.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct FrameSet {
+    /// Width in pixels, twice the height.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// How frames were chosen.
+    pub sampling: Sampling,
+    /// How they were resized from the decoded size; `none` where they were not.
+    pub resampling: String,
+    /// The frames in order of time.
+    pub entries: Vec<FrameEntry>,
+}
+
+/// One sampled frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct FrameEntry {
+    /// Image file relative to the sequence's folder.
+    pub file: String,
+    /// Presentation timestamp in the source, seconds.
+    pub time_seconds: f64,
+}

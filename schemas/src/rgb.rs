@@ -1,0 +1,189 @@
+//! RGB images as the workspace computes with them.
+
+use std::path::Path;
+
+use crate::store::{self, StoreError};
+
+/// An image of `[0, 1]` f32, row-major, three interleaved channels (HWC), as decoded (sRGB).
+#[derive(Debug, Clone, PartialEq)]
+pub struct RgbImage {
+    /// Pixels per row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// `height * width * 3` values.
+    pub data: Vec<f32>,
+}
+
+impl RgbImage {
+    /// A black image.
+    pub fn black(width: usize, height: usize) -> Self {
+        Self {
+            width,
+            height,
+            data: vec![0.0; width * height * 3],
+        }
+    }
+
+    /// From 8-bit interleaved RGB; `bytes` holds `width * height * 3` values.
+    pub fn from_rgb8(width: usize, height: usize, bytes: &[u8]) -> Self {
+        debug_assert_eq!(bytes.len(), width * height * 3);
+        Self {
+            width,
+            height,
+            data: bytes.iter().map(|&byte| f32::from(byte) / 255.0).collect(),
+        }
+    }
+
+    /// 8-bit interleaved RGB: clamped to `[0, 1]` and rounded to nearest; NaN becomes 0.
+    pub fn to_rgb8(&self) -> Vec<u8> {
+        self.data
+            .iter()
+            .map(|&value| (value.clamp(0.0, 1.0) * 255.0).round() as u8)
+            .collect()
+    }
+
+    /// Reads a PNG or JPEG file; grey and alpha images are converted to RGB.
+    ///
+    /// # Errors
+    /// When the file is missing or not a decodable image.
+    pub fn read(path: &Path) -> Result<Self, StoreError> {
+        let bytes = std::fs::read(path).map_err(|source| StoreError::read(path, source))?;
+        let decoded = image::load_from_memory(&bytes)
+            .map_err(|error| StoreError::malformed(path, format!("not a usable image: {error}")))?
+            .into_rgb8();
+        Ok(Self::from_rgb8(
+            decoded.width() as usize,
+            decoded.height() as usize,
+            decoded.as_raw(),
+        ))
+    }
+
+    /// Writes an 8-bit PNG, whole or not at all.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn write_png(&self, path: &Path) -> Result<(), StoreError> {
+        write_rgb8_png(path, self.width, self.height, &self.to_rgb8())
+    }
+
+    /// The image at another size by area averaging: every new pixel is the mean of the old image
+    /// over the new pixel's footprint. Enlarging repeats pixels.
+    ///
+    /// # Panics
+    /// When `width` or `height` is zero.
+    pub fn resized_by_area(&self, width: usize, height: usize) -> Self {
+        assert!(width > 0 && height > 0, "an image has at least one pixel");
+        if (width, height) == (self.width, self.height) {
+            return self.clone();
+        }
+        let columns = area_weights(self.width, width);
+        let rows = area_weights(self.height, height);
+        let mut narrow = Self::black(width, self.height);
+        for y in 0..self.height {
+            for (x, weights) in columns.iter().enumerate() {
+                for &(source, weight) in weights {
+                    for channel in 0..3 {
+                        narrow.data[(y * width + x) * 3 + channel] +=
+                            weight * self.data[(y * self.width + source) * 3 + channel];
+                    }
+                }
+            }
+        }
+        let mut resized = Self::black(width, height);
+        for (y, weights) in rows.iter().enumerate() {
+            let row = &mut resized.data[y * width * 3..(y + 1) * width * 3];
+            for &(source, weight) in weights {
+                let from = &narrow.data[source * width * 3..(source + 1) * width * 3];
+                for (value, &other) in row.iter_mut().zip(from) {
+                    *value += weight * other;
+                }
+            }
+        }
+        resized
+    }
+}
+
+/// For every new pixel, the old pixels its footprint covers and their shares (which sum to 1).
+fn area_weights(old: usize, new: usize) -> Vec<Vec<(usize, f32)>> {
+    let ratio = old as f64 / new as f64;
+    (0..new)
+        .map(|index| {
+            let begin = index as f64 * ratio;
+            let end = (begin + ratio).min(old as f64);
+            let first = begin.floor() as usize;
+            let last = (end.ceil() as usize).clamp(first + 1, old);
+            (first..last)
+                .map(|source| {
+                    let overlap =
+                        (end.min(source as f64 + 1.0) - begin.max(source as f64)).max(0.0);
+                    (source, (overlap / ratio) as f32)
+                })
+                .filter(|&(_, weight)| weight > 0.0)
+                .collect()
+        })
+        .collect()
+}
+
+/// Writes 8-bit interleaved RGB as a PNG, whole or not at all.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_rgb8_png(
+    path: &Path,
+    width: usize,
+    height: usize,
+    rgb: &[u8],
+) -> Result<(), StoreError> {
+    store::write_with(path, |writer| {
+        let encoder = image::codecs::png::PngEncoder::new_with_quality(
+            writer,
+            image::codecs::png::CompressionType::Fast,
+            image::codecs::png::FilterType::Adaptive,
+        );
+        image::ImageEncoder::write_image(
+            encoder,
+            rgb,
+            width as u32,
+            height as u32,
+            image::ExtendedColorType::Rgb8,
+        )
+        .map_err(|error| match error {
+            image::ImageError::IoError(source) => source,
+            other => std::io::Error::other(other),
+        })
+    })
+}
+
+/// A mask of one byte per pixel, row-major; non-zero marks a dynamic object.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Mask {
+    /// Pixels per row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// `height * width` values, 0 or 255.
+    pub data: Vec<u8>,
+}
+
+impl Mask {
+    /// Reads a mask from any readable image: a pixel is marked when its grey value is above 127.
+    ///
+    /// # Errors
+    /// When the file is missing or not a decodable image.
+    pub fn read(path: &Path) -> Result<Self, StoreError> {
+        let bytes = std::fs::read(path).map_err(|source| StoreError::read(path, source))?;
+        let grey = image::load_from_memory(&bytes)
+            .map_err(|error| StoreError::malformed(path, format!("not a usable image: {error}")))?
+            .into_luma8();
+        Ok(Self {
+            width: grey.width() as usize,
+            height: grey.height() as usize,
+            data: grey
+                .as_raw()
+                .iter()
+                .map(|&v| if v > 127 { 255 } else { 0 })
+                .collect(),
+        })
+    }
+}

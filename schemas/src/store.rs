@@ -1,0 +1,214 @@
+//! How a file reaches the disk and comes back: whole or not at all.
+//!
+//! Everything is written beside its final name, synced and renamed, so that a killed process or a
+//! full disk never leaves a partial file under a final name. JSON records carry their schema's
+//! name and version in `schema`, which is checked on reading.
+
+use std::{
+    fs::{self, File},
+    io::{self, BufWriter, Read, Write},
+    path::{Path, PathBuf},
+};
+
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+use sha2::{Digest, Sha256};
+
+use crate::blame::{Blame, Blamed};
+
+/// A JSON file with a published schema.
+pub trait Record: Serialize + DeserializeOwned + schemars::JsonSchema {
+    /// `omnilife/<name>/<version>`.
+    const SCHEMA: &'static str;
+}
+
+/// Why a file could not be read or written. Messages name the file.
+#[derive(Debug, thiserror::Error)]
+pub enum StoreError {
+    /// The file is not there or cannot be read.
+    #[error("{}: cannot be read: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// The file cannot be written (a full disk, missing permissions).
+    #[error("{}: cannot be written: {source}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// The content is not what the format asks for.
+    #[error("{}: {reason}", path.display())]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+}
+
+impl StoreError {
+    /// The content of `path` is not what its format asks for.
+    pub fn malformed(path: &Path, reason: impl Into<String>) -> Self {
+        Self::Malformed {
+            path: path.to_owned(),
+            reason: reason.into(),
+        }
+    }
+
+    /// `path` cannot be read.
+    pub fn read(path: &Path, source: io::Error) -> Self {
+        Self::Read {
+            path: path.to_owned(),
+            source,
+        }
+    }
+
+    /// `path` cannot be written.
+    pub fn write(path: &Path, source: io::Error) -> Self {
+        Self::Write {
+            path: path.to_owned(),
+            source,
+        }
+    }
+}
+
+impl Blamed for StoreError {
+    fn blame(&self) -> Blame {
+        match self {
+            Self::Read { .. } | Self::Malformed { .. } => Blame::Input,
+            Self::Write { .. } => Blame::Ours,
+        }
+    }
+}
+
+/// Creates a folder and its parents.
+pub fn create_folder(path: &Path) -> Result<(), StoreError> {
+    fs::create_dir_all(path).map_err(|source| StoreError::write(path, source))
+}
+
+/// Where a file is written before it gets its final name.
+///
+/// The final extension is kept last, because image encoders choose the format by it.
+pub fn temporary_beside(path: &Path) -> PathBuf {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    path.with_file_name(format!(".tmp-{}-{name}", std::process::id()))
+}
+
+/// Writes a file through `fill`: beside its final name, synced, then renamed.
+///
+/// On any error the temporary file is removed and nothing stands under the final name that was not
+/// there before.
+pub fn write_with(
+    path: &Path,
+    fill: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
+) -> Result<(), StoreError> {
+    let temporary = temporary_beside(path);
+    let written = (|| {
+        let mut writer = BufWriter::new(File::create(&temporary)?);
+        fill(&mut writer)?;
+        let file = writer
+            .into_inner()
+            .map_err(io::IntoInnerError::into_error)?;
+        file.sync_all()?;
+        fs::rename(&temporary, path)
+    })();
+    written.map_err(|source| {
+        // The write has failed already: a temporary file that cannot be removed changes nothing.
+        drop(fs::remove_file(&temporary));
+        StoreError::write(path, source)
+    })
+}
+
+/// Writes bytes whole or not at all.
+pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
+    write_with(path, |writer| writer.write_all(bytes))
+}
+
+/// Puts a file that another library wrote to [`temporary_beside`] under its final name.
+pub fn publish(temporary: &Path, path: &Path) -> Result<(), StoreError> {
+    File::open(temporary)
+        .and_then(|file| file.sync_all())
+        .and_then(|()| fs::rename(temporary, path))
+        .map_err(|source| StoreError::write(path, source))
+}
+
+#[derive(Serialize)]
+struct Tagged<'a, T> {
+    schema: &'a str,
+    #[serde(flatten)]
+    record: &'a T,
+}
+
+#[derive(Deserialize)]
+struct Tag {
+    schema: Option<String>,
+}
+
+/// The bytes of a record's file: pretty JSON with its schema first and a closing newline.
+pub fn record_bytes<T: Record>(record: &T) -> Result<Vec<u8>, serde_json::Error> {
+    let mut bytes = serde_json::to_vec_pretty(&Tagged {
+        schema: T::SCHEMA,
+        record,
+    })?;
+    bytes.push(b'\n');
+    Ok(bytes)
+}
+
+/// Writes a record as JSON.
+pub fn write_record<T: Record>(path: &Path, record: &T) -> Result<(), StoreError> {
+    let bytes =
+        record_bytes(record).map_err(|error| StoreError::write(path, io::Error::other(error)))?;
+    write_bytes(path, &bytes)
+}
+
+/// Reads a record and checks that it is of the schema asked for.
+pub fn read_record<T: Record>(path: &Path) -> Result<T, StoreError> {
+    let text = fs::read_to_string(path).map_err(|source| StoreError::read(path, source))?;
+    let tag: Tag = serde_json::from_str(&text)
+        .map_err(|error| StoreError::malformed(path, format!("not a JSON record: {error}")))?;
+    match tag.schema.as_deref() {
+        Some(schema) if schema == T::SCHEMA => {}
+        Some(schema) => {
+            return Err(StoreError::malformed(
+                path,
+                format!("is of schema {schema}, expected {}", T::SCHEMA),
+            ));
+        }
+        None => {
+            return Err(StoreError::malformed(
+                path,
+                format!("has no \"schema\" entry, expected {}", T::SCHEMA),
+            ));
+        }
+    }
+    serde_json::from_str(&text)
+        .map_err(|error| StoreError::malformed(path, format!("not a {}: {error}", T::SCHEMA)))
+}
+
+/// SHA-256 of bytes in lower-case hexadecimal.
+pub fn sha256_bytes(bytes: &[u8]) -> String {
+    hexadecimal(&Sha256::digest(bytes))
+}
+
+/// SHA-256 of a file, read as a stream, in lower-case hexadecimal.
+pub fn sha256_file(path: &Path) -> Result<String, StoreError> {
+    let failed = |source| StoreError::read(path, source);
+    let mut file = File::open(path).map_err(failed)?;
+    let mut hasher = Sha256::new();
+    let mut buffer = vec![0_u8; 1 << 16];
+    loop {
+        let count = file.read(&mut buffer).map_err(failed)?;
+        if count == 0 {
+            return Ok(hexadecimal(&hasher.finalize()));
+        }
+        hasher.update(&buffer[..count]);
+    }
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}

@@ -1,0 +1,2 @@
+//! The `omnilife` binary.
+fn main() {}
