@@ -17,7 +17,7 @@ pub use boundaries::{Boundary, BoundaryKind, BoundaryLedger};
 pub use dataset::{Dataset, VideoEntry, VideoStatus};
 pub use poses::{PosedFrame, Poses};
 pub use protocol::{Protocol, Resampling, SplitRule};
-pub use result::{Failure, ResultRecord, Summary};
+pub use result::{Direction, Failure, ResultRecord, Summary};
 pub use run::{Backend, ComponentDecision, RunRecord, ViewPredictions};
 pub use scene::{PoseSource, PoseValidation, Scale, Scene, SceneFrame, ValidationStatus};
 pub use sequence::{

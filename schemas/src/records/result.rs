@@ -47,8 +47,30 @@ impl Record for ResultRecord {
 pub struct Summary {
     /// Arithmetic mean over the scored views.
     pub mean: f64,
-    /// Scored views.
+    /// Scored views, at least 1: a metric without scored views has no summary.
     pub views: u32,
+    /// Which of two scores is the better one.
+    pub direction: Direction,
+}
+
+/// Which of two scores of a metric is the better one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Direction {
+    /// The higher one.
+    HigherIsBetter,
+    /// The lower one.
+    LowerIsBetter,
+}
+
+impl Direction {
+    /// Whether score `left` is better than score `right`.
+    pub fn prefers(self, left: f64, right: f64) -> bool {
+        match self {
+            Self::HigherIsBetter => left > right,
+            Self::LowerIsBetter => left < right,
+        }
+    }
 }
 
 /// A view that could not be scored.
