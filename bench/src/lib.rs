@@ -1,1 +1,28 @@
 //! From rendered views and a manifest to scores.
+//!
+//! * [`protocols`]: what is scored; [`split`]: which frames a method is given and which it predicts.
+//! * [`metrics`]: what a score is, one file each.
+//! * [`mod@score`]: folders of predictions against a scene's images, with every failure in the
+//!   record.
+//!
+//! Everybody's predictions are scored, so this crate knows no method and no renderer, and its
+//! metrics are written apart from every training loss: a bug in a loss must not hide in the score.
+
+pub mod error;
+pub mod metrics;
+pub mod protocols;
+pub mod score;
+pub mod split;
+
+mod comparison;
+mod frames_table;
+mod prediction;
+mod scoring_job;
+mod summary;
+mod truth;
+
+pub use error::BenchError;
+pub use metrics::{METRICS, Metric, ViewPair};
+pub use protocols::{PROTOCOLS, ProtocolEntry};
+pub use score::{Predictions, ScoreRequest, score};
+pub use split::{split, split_scene};

@@ -1,0 +1,103 @@
+//! Why a scene could not be split or scored.
+
+use std::path::{Path, PathBuf};
+
+use omnilife_schemas::{Blame, Blamed, store::StoreError};
+
+/// An error of this crate. Messages are one line that names the file or scene and the reason.
+///
+/// A prediction that cannot be scored is no error but a row in the result's failures.
+#[derive(Debug, thiserror::Error)]
+pub enum BenchError {
+    /// A file could not be read or written.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// No protocol of this id.
+    #[error("no protocol is called {id}; there are: {known}")]
+    UnknownProtocol {
+        /// The id asked for.
+        id: String,
+        /// The known ids, comma-separated.
+        known: String,
+    },
+    /// A protocol names a metric that this program does not compute.
+    #[error("protocol {protocol} asks for metric {metric}, which is not known; there are: {known}")]
+    UnknownMetric {
+        /// The protocol.
+        protocol: String,
+        /// The metric asked for.
+        metric: String,
+        /// The known ids, comma-separated.
+        known: String,
+    },
+    /// A protocol cannot be followed on a scene.
+    #[error("scene {scene}: protocol {protocol} cannot be followed: {reason}")]
+    Protocol {
+        /// Id of the scene.
+        scene: String,
+        /// Id and version of the protocol.
+        protocol: String,
+        /// One line.
+        reason: String,
+    },
+    /// A scene contradicts itself or its files.
+    #[error("scene {scene}: {reason}")]
+    Scene {
+        /// Id of the scene.
+        scene: String,
+        /// One line.
+        reason: String,
+    },
+    /// Two files that should belong together do not.
+    #[error("{}: {reason}", path.display())]
+    Mismatch {
+        /// The file at fault.
+        path: PathBuf,
+        /// What does not fit.
+        reason: String,
+    },
+    /// The request gives nothing to score.
+    #[error("nothing to score: neither predicted input views nor predicted novel views were given")]
+    NothingToScore,
+    /// A metric gave a number that is not finite, or the table could not be encoded.
+    #[error("{}: {reason}", path.display())]
+    Internal {
+        /// The file being scored or written.
+        path: PathBuf,
+        /// One line.
+        reason: String,
+    },
+}
+
+impl BenchError {
+    /// `path` does not belong to the other files of the request.
+    pub(crate) fn mismatch(path: &Path, reason: impl Into<String>) -> Self {
+        Self::Mismatch {
+            path: path.to_owned(),
+            reason: reason.into(),
+        }
+    }
+
+    /// A failure of this program on `path`.
+    pub(crate) fn internal(path: &Path, reason: impl Into<String>) -> Self {
+        Self::Internal {
+            path: path.to_owned(),
+            reason: reason.into(),
+        }
+    }
+}
+
+impl Blamed for BenchError {
+    fn blame(&self) -> Blame {
+        match self {
+            Self::Store(error) => error.blame(),
+            Self::Internal { .. } => Blame::Ours,
+            Self::UnknownProtocol { .. }
+            | Self::UnknownMetric { .. }
+            | Self::Protocol { .. }
+            | Self::Scene { .. }
+            | Self::Mismatch { .. }
+            | Self::NothingToScore => Blame::Input,
+        }
+    }
+}

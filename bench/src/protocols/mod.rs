@@ -1,0 +1,104 @@
+//! The protocols: what exactly is scored.
+//!
+//! To add one: a file with a [`ProtocolEntry`] and a line in [`PROTOCOLS`]. A protocol's hash
+//! covers all of its rules and is pinned by a test: whoever changes a rule raises the version.
+
+mod per_scene;
+
+use omnilife_schemas::records::Protocol;
+
+use crate::error::BenchError;
+
+/// A protocol that is known by name.
+#[derive(Debug, Clone, Copy)]
+pub struct ProtocolEntry {
+    /// Id, unique in [`PROTOCOLS`].
+    pub id: &'static str,
+    /// What it measures and where it comes from.
+    pub description: &'static str,
+    /// Makes its rules.
+    pub protocol: fn() -> Protocol,
+}
+
+/// Every known protocol.
+pub static PROTOCOLS: &[ProtocolEntry] = &[per_scene::ENTRY];
+
+/// The protocol of this id.
+///
+/// # Errors
+/// [`BenchError::UnknownProtocol`], which lists the known ids.
+pub fn protocol(id: &str) -> Result<Protocol, BenchError> {
+    PROTOCOLS
+        .iter()
+        .find(|entry| entry.id == id)
+        .map(|entry| (entry.protocol)())
+        .ok_or_else(|| BenchError::UnknownProtocol {
+            id: id.to_owned(),
+            known: PROTOCOLS
+                .iter()
+                .map(|entry| entry.id)
+                .collect::<Vec<_>>()
+                .join(", "),
+        })
+}
+
+/// `<id>/<version>`, as printed beside scores.
+pub fn title(protocol: &Protocol) -> String {
+    format!("{}/{}", protocol.id, protocol.version)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+    use crate::metrics;
+
+    /// Raise a protocol's version when its hash changes, then pin the new hash here.
+    const HASHES: &[(&str, u32, &str)] = &[("per-scene", 1, "PIN")];
+
+    #[test]
+    fn ids_are_unique_and_described() {
+        let ids: BTreeSet<_> = PROTOCOLS.iter().map(|entry| entry.id).collect();
+        assert_eq!(ids.len(), PROTOCOLS.len());
+        for entry in PROTOCOLS {
+            assert_eq!((entry.protocol)().id, entry.id);
+            assert!(
+                entry.description.len() > 40,
+                "{} needs a description",
+                entry.id
+            );
+        }
+    }
+
+    #[test]
+    fn metrics_of_every_protocol_are_known() {
+        for entry in PROTOCOLS {
+            let protocol = (entry.protocol)();
+            assert!(metrics::of_protocol(&protocol).is_ok_and(|metrics| !metrics.is_empty()));
+        }
+    }
+
+    #[test]
+    fn a_changed_rule_needs_a_new_version() {
+        let now: Vec<_> = PROTOCOLS
+            .iter()
+            .map(|entry| (entry.protocol)())
+            .map(|protocol| (protocol.id.clone(), protocol.version, protocol.hash()))
+            .collect();
+        let pinned: Vec<_> = HASHES
+            .iter()
+            .map(|&(id, version, hash)| (id.to_owned(), version, hash.to_owned()))
+            .collect();
+        assert_eq!(now, pinned);
+    }
+
+    #[test]
+    fn an_unknown_id_names_the_known_ones() {
+        let message = protocol("per-sence").err().map(|error| error.to_string());
+        assert_eq!(
+            message.as_deref(),
+            Some("no protocol is called per-sence; there are: per-scene")
+        );
+    }
+}

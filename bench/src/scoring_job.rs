@@ -1,0 +1,283 @@
+//! A scoring request with its files read and checked against each other.
+
+use std::{
+    fmt,
+    path::{Path, PathBuf},
+};
+
+use omnilife_schemas::{
+    records::{Resampling, RunRecord, Scene, Split, ValidationStatus},
+    stage::StagePlan,
+    store::{self, StoreError},
+};
+
+use crate::{
+    error::BenchError,
+    metrics::{self, Metric},
+    protocols,
+    score::{Predictions, ScoreRequest},
+    split,
+};
+
+/// Whether a method was given a view or had to predict it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum ViewKind {
+    Input,
+    Novel,
+}
+
+impl fmt::Display for ViewKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Input => "input",
+            Self::Novel => "novel",
+        })
+    }
+}
+
+/// A view to score.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct View {
+    pub(crate) kind: ViewKind,
+    /// Frame of the scene.
+    pub(crate) frame: u32,
+}
+
+/// Everything that scoring needs, consistent.
+pub(crate) struct ScoringJob {
+    pub(crate) method: String,
+    pub(crate) scene: Scene,
+    pub(crate) split: Split,
+    pub(crate) metrics: Vec<&'static Metric>,
+    /// Width and height of the scored images in pixels.
+    pub(crate) size: [u32; 2],
+    pub(crate) run: Option<RunRecord>,
+    scene_file: PathBuf,
+    split_file: PathBuf,
+    run_file: Option<PathBuf>,
+    input_folder: Option<PathBuf>,
+    novel_folder: Option<PathBuf>,
+}
+
+impl ScoringJob {
+    /// Reads the request's records and checks that they belong together.
+    pub(crate) fn prepare(request: &ScoreRequest) -> Result<Self, BenchError> {
+        let scene: Scene = store::read_record(&request.scene)?;
+        let split: Split = store::read_record(&request.split)?;
+        check_split(&request.split, &split, &scene)?;
+        let (run_file, run, input_folder, novel_folder) = match &request.predictions {
+            Predictions::Folders {
+                input_views,
+                novel_views,
+            } => (None, None, input_views.clone(), novel_views.clone()),
+            Predictions::Run(file) => {
+                let run: RunRecord = store::read_record(file)?;
+                check_run(file, &run, request, &split)?;
+                let input = file.with_file_name(&run.predictions.input_views);
+                let novel = file.with_file_name(&run.predictions.novel_views);
+                (Some(file.clone()), Some(run), Some(input), Some(novel))
+            }
+        };
+        if input_folder.is_none() && novel_folder.is_none() {
+            return Err(BenchError::NothingToScore);
+        }
+        for folder in [&input_folder, &novel_folder].into_iter().flatten() {
+            if !folder.is_dir() {
+                return Err(BenchError::mismatch(
+                    folder,
+                    "is not a folder of predictions",
+                ));
+            }
+        }
+        Ok(Self {
+            method: request.method.clone(),
+            metrics: metrics::of_protocol(&split.protocol)?,
+            size: scored_size(&scene, &split)?,
+            scene,
+            split,
+            run,
+            scene_file: request.scene.clone(),
+            split_file: request.split.clone(),
+            run_file,
+            input_folder,
+            novel_folder,
+        })
+    }
+
+    /// The views to score: input views, then novel views, in the split's order.
+    pub(crate) fn views(&self) -> Vec<View> {
+        let of = |kind, frames: &[u32], folder: &Option<PathBuf>| {
+            let count = if folder.is_some() { frames.len() } else { 0 };
+            frames[..count]
+                .iter()
+                .map(move |&frame| View { kind, frame })
+                .collect::<Vec<_>>()
+        };
+        let mut views = of(ViewKind::Input, &self.split.input_views, &self.input_folder);
+        views.extend(of(
+            ViewKind::Novel,
+            &self.split.novel_views,
+            &self.novel_folder,
+        ));
+        views
+    }
+
+    /// The file that should hold a view's prediction.
+    pub(crate) fn prediction_file(&self, view: View) -> PathBuf {
+        let folder = match view.kind {
+            ViewKind::Input => &self.input_folder,
+            ViewKind::Novel => &self.novel_folder,
+        };
+        folder
+            .as_deref()
+            .unwrap_or(Path::new(""))
+            .join(format!("{:06}.png", view.frame))
+    }
+
+    /// The file that holds a frame's ground truth.
+    pub(crate) fn truth_file(&self, frame: u32) -> PathBuf {
+        self.scene_file
+            .with_file_name(&self.scene.frames[frame as usize].image)
+    }
+
+    /// What a reader of the scores should know beside the numbers.
+    pub(crate) fn warnings(&self) -> Vec<String> {
+        let mut warnings = Vec::new();
+        for (kind, folder) in [
+            (ViewKind::Input, &self.input_folder),
+            (ViewKind::Novel, &self.novel_folder),
+        ] {
+            if folder.is_none() {
+                warnings.push(format!(
+                    "{kind} views were not scored: no predictions given"
+                ));
+            }
+        }
+        if !self.split.unposed.is_empty() {
+            warnings.push(format!(
+                "{} of {} frames have no pose and are not scored",
+                self.split.unposed.len(),
+                self.scene.frames.len()
+            ));
+        }
+        match self.scene.validation.status {
+            ValidationStatus::Valid => {}
+            ValidationStatus::Unstable => warnings.push(format!(
+                "the scene's poses are unstable: {}",
+                self.scene.validation.problems.join("; ")
+            )),
+            ValidationStatus::Unchecked => {
+                warnings.push("the scene's poses were given and not checked".to_owned());
+            }
+        }
+        if let Some(run) = &self.run {
+            warnings.extend(run.warnings.iter().cloned());
+        }
+        warnings
+    }
+
+    /// The stage with every input hashed: records, ground truth and predictions.
+    pub(crate) fn stage(&self, out: &Path) -> Result<StagePlan, BenchError> {
+        let mut plan = StagePlan::new(out, "score")
+            .with_text("method", &self.method)
+            .with_file(&self.scene_file)?
+            .with_file(&self.split_file)?;
+        plan = match &self.run_file {
+            Some(file) => plan.with_file(file)?,
+            None => plan.with_text("run record", "none"),
+        };
+        for view in self.views() {
+            let name = format!("{} view {:06}", view.kind, view.frame);
+            let truth = store::sha256_file(&self.truth_file(view.frame))?;
+            plan = plan
+                .with_hash(&format!("{name}, ground truth"), truth)
+                .with_text(
+                    &format!("{name}, prediction"),
+                    &fingerprint(&self.prediction_file(view)),
+                );
+        }
+        Ok(plan)
+    }
+}
+
+/// A prediction's hash, or why it has none: a missing prediction is a state like any other.
+fn fingerprint(file: &Path) -> String {
+    match store::sha256_file(file) {
+        Ok(sha256) => sha256,
+        Err(StoreError::Read { source, .. }) => format!("unreadable: {}", source.kind()),
+        Err(_) => "unreadable".to_owned(),
+    }
+}
+
+fn check_split(file: &Path, split: &Split, scene: &Scene) -> Result<(), BenchError> {
+    if split.scene != scene.id {
+        return Err(BenchError::mismatch(
+            file,
+            format!("is of scene {}, not {}", split.scene, scene.id),
+        ));
+    }
+    // A split is a function of scene and protocol, so an edited or outdated one is found out.
+    if *split != split::split(scene, &split.protocol)? {
+        return Err(BenchError::mismatch(
+            file,
+            format!(
+                "is not the split of scene {} under protocol {}: make it again",
+                scene.id,
+                protocols::title(&split.protocol)
+            ),
+        ));
+    }
+    if split.protocol.mask_rule != "none" {
+        return Err(BenchError::mismatch(
+            file,
+            format!("mask rule {} is not known", split.protocol.mask_rule),
+        ));
+    }
+    Ok(())
+}
+
+fn check_run(
+    file: &Path,
+    run: &RunRecord,
+    request: &ScoreRequest,
+    split: &Split,
+) -> Result<(), BenchError> {
+    for (what, found, expected) in [
+        ("method", &run.method, &request.method),
+        ("scene", &run.scene, &split.scene),
+        ("protocol hash", &run.protocol_hash, &split.protocol_hash),
+    ] {
+        if found != expected {
+            return Err(BenchError::mismatch(
+                file,
+                format!("is of {what} {found}, not {expected}"),
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// The scene's size, or the protocol's width with the height in proportion (rounded to nearest).
+fn scored_size(scene: &Scene, split: &Split) -> Result<[u32; 2], BenchError> {
+    let Resampling::Area = split.protocol.resampling;
+    let [width, height] = [scene.camera.width, scene.camera.height];
+    let reason = match split.protocol.width {
+        _ if width == 0 || height == 0 => format!("its images are {width}x{height} pixels"),
+        None => return Ok([width, height]),
+        Some(0) => "scored images would have no pixels".to_owned(),
+        Some(scored) if scored > width => format!(
+            "it scores images {scored} pixels wide, the scene has {width}, and ground truth is \
+             never enlarged"
+        ),
+        Some(scored) => {
+            let ratio = f64::from(height) / f64::from(width);
+            let scored_height = (f64::from(scored) * ratio).round().max(1.0) as u32;
+            return Ok([scored, scored_height]);
+        }
+    };
+    Err(BenchError::Protocol {
+        scene: scene.id.clone(),
+        protocol: protocols::title(&split.protocol),
+        reason,
+    })
+}
