@@ -17,6 +17,8 @@ pub struct BoundaryLedger {
     pub detector: String,
     /// Boundaries in order of time.
     pub boundaries: Vec<Boundary>,
+    /// Stretches between boundaries that are too short to become sequences.
+    pub dropped: Vec<TimeRange>,
 }
 
 impl Record for BoundaryLedger {

@@ -3,6 +3,7 @@
 //! Each type implements [`Record`]; its JSON Schema is generated into `schemas/json/` and a test
 //! fails when the two drift apart.
 
+pub mod analysis;
 pub mod boundaries;
 pub mod dataset;
 pub mod poses;
@@ -11,8 +12,10 @@ pub mod result;
 pub mod run;
 pub mod scene;
 pub mod sequence;
+pub mod sfm;
 pub mod split;
 
+pub use analysis::VideoAnalysis;
 pub use boundaries::{Boundary, BoundaryKind, BoundaryLedger};
 pub use dataset::{Dataset, VideoEntry, VideoStatus};
 pub use poses::{PosedFrame, Poses};
@@ -24,6 +27,7 @@ pub use sequence::{
     Admission, CheckOutcome, ErpVerdict, Evidence, FrameEntry, FrameSet, Probe, Sampling, Sequence,
     SourceVideo, SphericalMetadata, TimeRange, Verdict,
 };
+pub use sfm::{SfmAttempt, SfmReport};
 pub use split::Split;
 
 use schemars::Schema;
@@ -42,9 +46,11 @@ pub struct SchemaEntry {
 /// Every record of the workspace; tests walk it.
 pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<Dataset>(),
+    entry::<VideoAnalysis>(),
     entry::<Sequence>(),
     entry::<BoundaryLedger>(),
     entry::<Poses>(),
+    entry::<SfmReport>(),
     entry::<Scene>(),
     entry::<Protocol>(),
     entry::<Split>(),

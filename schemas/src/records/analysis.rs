@@ -1,0 +1,28 @@
+//! `analysis`: what one pass over a video found, before anything is cut.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::sequence::{ErpVerdict, Probe, SourceVideo, TimeRange};
+use crate::store::Record;
+
+/// `analysis.json`: probe and ERP verdict of one video. The per-frame signals lie beside it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct VideoAnalysis {
+    /// The video.
+    pub source: SourceVideo,
+    /// From the first frame to the end of the last.
+    pub range: TimeRange,
+    /// What the container said, completed by what decoding measured.
+    pub probe: Probe,
+    /// What the pixels and the metadata said, before any override.
+    pub verdict: ErpVerdict,
+    /// Frames and packets that the decoder found damaged and patched up or left out.
+    pub damaged_frames: u64,
+    /// Parquet table of the per-frame signals: `time_seconds` and the detector's columns.
+    pub signals: String,
+}
+
+impl Record for VideoAnalysis {
+    const SCHEMA: &'static str = "omnilife/analysis/1";
+}
