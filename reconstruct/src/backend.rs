@@ -1,0 +1,127 @@
+//! Which graphics adapters this machine has.
+//!
+//! Listing them opens no device and needs no GPU: without a Vulkan loader (or Metal, or DX12) the
+//! list is empty.
+
+use std::fmt;
+
+/// A graphics adapter that wgpu can open.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct AdapterSummary {
+    /// The adapter's name as its driver gives it.
+    pub name: String,
+    /// The interface it is reached through: `vulkan`, `metal` or `dx12`.
+    pub backend: String,
+    /// Whether it is hardware.
+    pub kind: AdapterKind,
+}
+
+/// What stands behind an adapter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AdapterKind {
+    /// A GPU with memory of its own.
+    DiscreteGpu,
+    /// A GPU that shares the CPU's memory.
+    IntegratedGpu,
+    /// A GPU lent to a virtual machine.
+    VirtualGpu,
+    /// A program on the CPU, such as Mesa's lavapipe.
+    Software,
+    /// The driver does not say.
+    Unknown,
+}
+
+impl AdapterKind {
+    /// Whether the work would run on the CPU.
+    pub fn is_software(self) -> bool {
+        self == Self::Software
+    }
+}
+
+impl From<wgpu::DeviceType> for AdapterKind {
+    fn from(kind: wgpu::DeviceType) -> Self {
+        match kind {
+            wgpu::DeviceType::DiscreteGpu => Self::DiscreteGpu,
+            wgpu::DeviceType::IntegratedGpu => Self::IntegratedGpu,
+            wgpu::DeviceType::VirtualGpu => Self::VirtualGpu,
+            wgpu::DeviceType::Cpu => Self::Software,
+            wgpu::DeviceType::Other => Self::Unknown,
+        }
+    }
+}
+
+impl fmt::Display for AdapterKind {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(match self {
+            Self::DiscreteGpu => "discrete GPU",
+            Self::IntegratedGpu => "integrated GPU",
+            Self::VirtualGpu => "virtual GPU",
+            Self::Software => "software",
+            Self::Unknown => "unknown kind",
+        })
+    }
+}
+
+/// All adapters of the backends that this build can use, hardware first.
+///
+/// Empty where there is no driver or no loader. Opens no device and prints nothing.
+pub fn adapters() -> Vec<AdapterSummary> {
+    let backends = wgpu::Instance::enabled_backend_features();
+    if backends.is_empty() {
+        return Vec::new();
+    }
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
+        backends,
+        // Debug builds would otherwise ask for validation layers, which a list does not need.
+        flags: wgpu::InstanceFlags::empty(),
+        ..wgpu::InstanceDescriptor::new_without_display_handle()
+    });
+    let mut found: Vec<AdapterSummary> = pollster::block_on(instance.enumerate_adapters(backends))
+        .iter()
+        .map(|adapter| {
+            let info = adapter.get_info();
+            AdapterSummary {
+                name: info.name,
+                backend: info.backend.to_str().to_owned(),
+                kind: info.device_type.into(),
+            }
+        })
+        .collect();
+    found.sort_by_key(|adapter| adapter.kind.is_software());
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_adapter_says_what_it_is() {
+        let found = adapters();
+        if found.is_empty() {
+            println!("no adapter on this machine: nothing to check");
+        }
+        for adapter in &found {
+            println!("{adapter:?}");
+            assert!(!adapter.name.is_empty());
+            assert!(["vulkan", "metal", "dx12"].contains(&adapter.backend.as_str()));
+        }
+        assert!(
+            found.is_sorted_by_key(|adapter| adapter.kind.is_software()),
+            "hardware comes first"
+        );
+    }
+
+    #[test]
+    fn only_a_cpu_is_software() {
+        let software = [
+            wgpu::DeviceType::DiscreteGpu,
+            wgpu::DeviceType::IntegratedGpu,
+            wgpu::DeviceType::VirtualGpu,
+            wgpu::DeviceType::Other,
+            wgpu::DeviceType::Cpu,
+        ]
+        .map(|kind| AdapterKind::from(kind).is_software());
+        assert_eq!(software, [false, false, false, false, true]);
+    }
+}
