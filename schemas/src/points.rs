@@ -92,7 +92,7 @@ impl PointCloud {
     }
 
     /// Reads an ASCII or binary little-endian PLY whose first element is `vertex` with scalar
-    /// properties x, y, z and optionally red, green, blue (grey without). Points with non-finite
+    /// properties x, y, z and optionally uchar red, green, blue (grey without). Points with non-finite
     /// coordinates are refused.
     ///
     /// # Errors
@@ -117,6 +117,14 @@ impl PointCloud {
             [Some(r), Some(g), Some(b)] => Some([r, g, b]),
             _ => None,
         };
+        // Colours in [0, 1] or 16 bits would turn black or white without a word.
+        if let Some(columns) = colour
+            && columns
+                .iter()
+                .any(|&column| header.properties[column].1 != Scalar::U8)
+        {
+            return Err("PLY colours are not uchar".to_owned());
+        }
         let body = &bytes[header.body..];
         let mut cloud = Self::default();
         let mut take = |row: &[f64]| -> Result<(), String> {
@@ -198,11 +206,13 @@ fn truncated(found: usize, expected: usize) -> String {
 }
 
 fn parse_header(bytes: &[u8]) -> Result<PlyHeader, String> {
-    const END: &[u8] = b"end_header";
+    // With the line break: comments may hold the word.
+    const END: &[u8] = b"\nend_header";
     let end = bytes
         .windows(END.len())
         .position(|window| window == END)
-        .ok_or("not a PLY file: no end_header")?;
+        .ok_or("not a PLY file: no end_header")?
+        + 1;
     let body = bytes[end..]
         .iter()
         .position(|&byte| byte == b'\n')

@@ -24,8 +24,9 @@ impl Pose {
             .to_cols_array()
             .iter()
             .fold(0.0_f64, |largest, entry| largest.max(entry.abs()));
-        // Negated so that NaN is refused too.
-        if !(largest < 1e-3 && camera_to_world.determinant() > 0.0) || !centre.is_finite() {
+        // NaN compares false, so it is refused too.
+        let is_rotation = largest < 1e-3 && camera_to_world.determinant() > 0.0;
+        if !is_rotation || !centre.is_finite() {
             return None;
         }
         let q = DQuat::from_mat3(&camera_to_world).normalize();

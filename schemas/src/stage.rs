@@ -18,7 +18,8 @@ use crate::store::{self, Record, StoreError};
 pub struct Done {
     /// Name of the stage.
     pub stage: String,
-    /// SHA-256 over the names and hashes of all inputs, settings included.
+    /// SHA-256 over the hashes of all inputs in their order, settings included. Names are left
+    /// out, so that moving a folder does not make its stages run again.
     pub inputs_sha256: String,
     /// Every input with its hash, for people.
     pub inputs: Vec<StageInput>,
@@ -155,7 +156,8 @@ impl StagePlan {
         let mut recorded = Vec::new();
         for output in outputs {
             let path = self.folder.join(output.as_ref());
-            let metadata = fs::metadata(&path).map_err(|source| StoreError::read(&path, source))?;
+            let metadata =
+                fs::metadata(&path).map_err(|source| StoreError::write(&path, source))?;
             recorded.push(StageOutput {
                 file: output.as_ref().to_owned(),
                 bytes: metadata.len(),

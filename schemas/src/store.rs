@@ -159,9 +159,14 @@ pub fn record_bytes<T: Record>(record: &T) -> Result<Vec<u8>, serde_json::Error>
 }
 
 /// Writes a record as JSON.
+///
+/// # Errors
+/// When the file cannot be written, or when the record could not be read back: JSON has no NaN and
+/// no infinity, so a record that holds one is refused here instead of by its next reader.
 pub fn write_record<T: Record>(path: &Path, record: &T) -> Result<(), StoreError> {
-    let bytes =
-        record_bytes(record).map_err(|error| StoreError::write(path, io::Error::other(error)))?;
+    let failed = |error: serde_json::Error| StoreError::write(path, io::Error::other(error));
+    let bytes = record_bytes(record).map_err(failed)?;
+    serde_json::from_slice::<T>(&bytes).map_err(failed)?;
     write_bytes(path, &bytes)
 }
 

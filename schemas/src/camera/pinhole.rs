@@ -40,15 +40,17 @@ impl PinholeCamera {
 }
 
 impl CameraModel for PinholeCamera {
-    /// `None` for points on or behind the image plane's parallel through the centre (`z <= 0`).
+    /// `None` for points on or behind the image plane's parallel through the centre (`z <= 0`),
+    /// and for points so close to it that their coordinates overflow.
     fn project(&self, point_camera: DVec3) -> Option<DVec2> {
         if !point_camera.is_finite() || point_camera.z <= 0.0 {
             return None;
         }
-        Some(dvec2(
+        let pixel = dvec2(
             self.fx * point_camera.x / point_camera.z + self.cx,
             self.fy * point_camera.y / point_camera.z + self.cy,
-        ))
+        );
+        pixel.is_finite().then_some(pixel)
     }
 
     fn unproject(&self, pixel: DVec2) -> DVec3 {

@@ -1,0 +1,154 @@
+//! Point clouds as PLY files.
+#![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+use std::{fs, path::Path};
+
+use omnilife_schemas::points::PointCloud;
+use proptest::prelude::*;
+
+fn clouds() -> impl Strategy<Value = PointCloud> {
+    let coordinate = || prop_oneof![-1e6_f32..1e6, -1e-6_f32..1e-6];
+    prop::collection::vec(
+        (prop::array::uniform3(coordinate()), any::<[u8; 3]>()),
+        0..50,
+    )
+    .prop_map(|points| {
+        let (positions, colours) = points.into_iter().unzip();
+        PointCloud { positions, colours }
+    })
+}
+
+fn read(folder: &Path, content: &[u8]) -> Result<PointCloud, String> {
+    let path = folder.join("points.ply");
+    fs::write(&path, content).unwrap();
+    PointCloud::read_ply(&path).map_err(|error| {
+        let message = error.to_string();
+        assert!(
+            message.starts_with(&path.display().to_string()),
+            "{message}"
+        );
+        assert!(!message.contains('\n'), "{message}");
+        message
+    })
+}
+
+fn ascii(header: &str, body: &str) -> String {
+    format!("ply\nformat ascii 1.0\n{header}\nend_header\n{body}")
+}
+
+const XYZ: &str = "property float x\nproperty float y\nproperty float z";
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn clouds_come_back(cloud in clouds()) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("points.ply");
+        cloud.write_ply(&path).unwrap();
+        prop_assert_eq!(PointCloud::read_ply(&path).unwrap(), cloud);
+    }
+
+    #[test]
+    fn every_truncation_is_told(cloud in clouds(), share in 0.0..1.0) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("points.ply");
+        cloud.write_ply(&path).unwrap();
+        let bytes = fs::read(&path).unwrap();
+        let header = bytes.windows(10).position(|w| w == b"end_header").unwrap();
+        let cut = (share * bytes.len() as f64) as usize;
+        // A cut inside the words "end_header" or after the last point is no loss.
+        prop_assume!(cut < header || (cut > header + 11 && cut < bytes.len()));
+        prop_assert!(read(folder.path(), &bytes[..cut]).is_err());
+    }
+
+    #[test]
+    fn garbage_never_panics(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
+        let folder = tempfile::tempdir().unwrap();
+        prop_assert!(read(folder.path(), &bytes).is_err());
+        let mut with_header = ascii(&format!("element vertex 3\n{XYZ}"), "").into_bytes();
+        with_header.extend(&bytes);
+        // Numbers may come out of chance bytes; a panic may not.
+        drop(read(folder.path(), &with_header));
+    }
+}
+
+#[test]
+fn ascii_files_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = ascii(
+        "comment the word end_header in a comment\nelement vertex 2\nproperty double x\n\
+         property float y\nproperty float z\nproperty float nx\nproperty uchar red\n\
+         property uchar green\nproperty uchar blue\nelement face 1\n\
+         property list uchar int vertex_indices",
+        "1 -2.5 3e2 0 255 0 7\n\n  4 5 6 0 1 2 3\n3 0 1 1\n",
+    );
+    let cloud = read(folder.path(), text.as_bytes()).unwrap();
+    assert_eq!(cloud.positions, [[1.0, -2.5, 300.0], [4.0, 5.0, 6.0]]);
+    assert_eq!(cloud.colours, [[255, 0, 7], [1, 2, 3]]);
+    let windows = text.replace('\n', "\r\n");
+    assert_eq!(read(folder.path(), windows.as_bytes()).unwrap(), cloud);
+}
+
+#[test]
+fn points_without_colours_are_grey() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = ascii(&format!("element vertex 1\n{XYZ}"), "1 2 3\n");
+    assert_eq!(
+        read(folder.path(), text.as_bytes()).unwrap().colours,
+        [[128; 3]]
+    );
+    let none = ascii(&format!("element vertex 0\n{XYZ}"), "");
+    assert!(read(folder.path(), none.as_bytes()).unwrap().is_empty());
+}
+
+#[test]
+fn faults_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let vertex =
+        |properties: &str, body: &str| ascii(&format!("element vertex 2\n{properties}"), body);
+    for (content, reason) in [
+        (vertex(XYZ, "1 2 3\n"), "PLY ends after 1 of 2 points"),
+        (vertex(XYZ, "1 2 3\n1 2\n"), "point 1 has too few values"),
+        (
+            vertex(XYZ, "1 2 3\n1 2 x\n"),
+            "point 1 is not a row of numbers",
+        ),
+        (vertex(XYZ, "1 2 3\n1 2 nan\n"), "point 1 is not finite"),
+        (vertex(XYZ, "1 2 3\n1 2 1e60\n"), "point 1 is not finite"),
+        (vertex("property float x", "1\n2\n"), "no x, y, z"),
+        (
+            vertex("property int128 x", "1\n2\n"),
+            "PLY type int128 is not known",
+        ),
+        (
+            vertex(
+                &format!("{XYZ}\nproperty float red\nproperty float green\nproperty float blue"),
+                "1 2 3 0.5 0.5 0.5\n1 2 3 0 0 0\n",
+            ),
+            "PLY colours are not uchar",
+        ),
+        (
+            ascii("element face 1\nelement vertex 1", ""),
+            "first PLY element",
+        ),
+        (ascii("element vertex many", ""), "count is not a number"),
+        (ascii("", ""), "no vertices"),
+        (
+            "ply\nformat binary_big_endian 1.0\nelement vertex 1\nend_header\n".to_owned(),
+            "binary_big_endian is not supported",
+        ),
+        ("solid cube\n".to_owned(), "not a PLY file"),
+        (String::new(), "not a PLY file"),
+        (
+            format!(
+                "ply\nformat binary_little_endian 1.0\nelement vertex {}\n{XYZ}\nend_header\n",
+                u64::MAX
+            ),
+            "PLY ends after 0 of",
+        ),
+    ] {
+        let message = read(folder.path(), content.as_bytes()).unwrap_err();
+        assert!(message.contains(reason), "{message}");
+    }
+}

@@ -1,0 +1,129 @@
+//! Poses and the scene similarity.
+
+use glam::{DMat3, DQuat, DVec3, dvec3};
+use omnilife_schemas::{Pose, Similarity};
+use proptest::prelude::*;
+
+fn rotations() -> impl Strategy<Value = DQuat> {
+    let part = || prop_oneof![4 => -1.0..1.0_f64, 1 => Just(0.0), 1 => -1e-9..1e-9_f64];
+    (part(), part(), part(), part())
+        .prop_map(|(x, y, z, w)| DQuat::from_xyzw(x, y, z, w))
+        .prop_filter("not zero", |q| q.length() > 1e-6)
+        .prop_map(DQuat::normalize)
+}
+
+fn vectors(half_range: f64) -> impl Strategy<Value = DVec3> {
+    let part = move || -half_range..half_range;
+    (part(), part(), part()).prop_map(|(x, y, z)| dvec3(x, y, z))
+}
+
+proptest! {
+    #[test]
+    fn matrices_come_back(rotation in rotations(), centre in vectors(1e6)) {
+        let matrix = DMat3::from_quat(rotation);
+        let pose = Pose::from_matrix(matrix, centre);
+        prop_assert!(pose.is_some());
+        if let Some((pose, back)) = pose.and_then(|pose| Some((pose, pose.rotation()?))) {
+            prop_assert!(DMat3::from_quat(back).abs_diff_eq(matrix, 1e-12));
+            prop_assert_eq!(pose.centre(), centre);
+            prop_assert!(pose.is_valid());
+        }
+    }
+
+    #[test]
+    fn quaternions_of_any_length_mean_the_same(rotation in rotations(), exponent in -9.0..9.0) {
+        let length = 10.0_f64.powf(exponent);
+        let [x, y, z, w] = (rotation * length).to_array();
+        let pose = Pose { rotation_wxyz: [w, x, y, z], centre: [0.0; 3] };
+        let back = pose.rotation();
+        prop_assert!(back.is_some_and(|q| q.dot(rotation).abs() > 1.0 - 1e-14));
+    }
+
+    #[test]
+    fn reflections_are_refused(rotation in rotations(), axis in 0_usize..3) {
+        let mut matrix = DMat3::from_quat(rotation);
+        *matrix.col_mut(axis) *= -1.0;
+        prop_assert_eq!(Pose::from_matrix(matrix, DVec3::ZERO), None);
+    }
+
+    #[test]
+    fn scales_and_shears_are_refused(rotation in rotations(), factor in 1.01..100.0) {
+        let matrix = DMat3::from_quat(rotation);
+        prop_assert_eq!(Pose::from_matrix(matrix * factor, DVec3::ZERO), None);
+        let shear = DMat3::from_cols(DVec3::X, dvec3(factor - 1.0, 1.0, 0.0), DVec3::Z);
+        prop_assert_eq!(Pose::from_matrix(matrix * shear, DVec3::ZERO), None);
+    }
+
+    #[test]
+    fn similarities_come_back(
+        exponent in -6.0..6.0,
+        offset in prop_oneof![Just(DVec3::ZERO), vectors(1e6)],
+        cameras in prop::collection::vec(vectors(1.0), 2..20),
+        point in vectors(10.0),
+    ) {
+        let across = 10.0_f64.powf(exponent);
+        let centres: Vec<DVec3> = cameras.iter().map(|c| offset + *c * across).collect();
+        let similarity = Similarity::from_cameras(&centres);
+        prop_assert!(similarity.is_some());
+        if let Some(similarity) = similarity {
+            let world = offset + point * across;
+            let back = similarity.restore(similarity.normalize(world));
+            // Rounding of world coordinates themselves is all that may be lost.
+            let unit = f64::EPSILON * (offset.length() + 20.0 * across);
+            prop_assert!(back.distance(world) <= 8.0 * unit);
+            for centre in &centres {
+                prop_assert!(similarity.normalize(*centre).length() <= 1.0 + 1e-6);
+            }
+        }
+    }
+
+    #[test]
+    fn normalized_cameras_reach_the_unit_sphere(
+        exponent in -6.0..6.0,
+        cameras in prop::collection::vec(vectors(1.0), 2..20),
+    ) {
+        let across = 10.0_f64.powf(exponent);
+        let centres: Vec<DVec3> = cameras.iter().map(|c| *c * across).collect();
+        if let Some(similarity) = Similarity::from_cameras(&centres) {
+            let farthest = centres
+                .iter()
+                .map(|centre| similarity.normalize(*centre).length())
+                .fold(0.0, f64::max);
+            prop_assert!((farthest - 1.0).abs() < 1e-9, "{}", farthest);
+        }
+    }
+}
+
+#[test]
+fn unusable_rotations_are_told() {
+    for rotation_wxyz in [
+        [0.0; 4],
+        [f64::NAN, 0.0, 0.0, 1.0],
+        [f64::INFINITY, 0.0, 0.0, 0.0],
+        [1e-20, 0.0, 0.0, 0.0],
+    ] {
+        let pose = Pose {
+            rotation_wxyz,
+            centre: [0.0; 3],
+        };
+        assert_eq!(pose.rotation(), None, "{rotation_wxyz:?}");
+        assert!(!pose.is_valid());
+    }
+    let lost = Pose {
+        rotation_wxyz: [1.0, 0.0, 0.0, 0.0],
+        centre: [0.0, f64::NAN, 0.0],
+    };
+    assert!(!lost.is_valid());
+    assert_eq!(Pose::from_matrix(DMat3::NAN, DVec3::ZERO), None);
+    assert_eq!(Pose::from_matrix(DMat3::IDENTITY, DVec3::NAN), None);
+}
+
+#[test]
+fn cameras_in_one_place_give_a_finite_scale() {
+    for place in [DVec3::ZERO, dvec3(1e6, -1e6, 1e6)] {
+        let similarity = Similarity::from_cameras(&[place; 5]);
+        assert!(similarity.is_some_and(|s| s.scale.is_finite() && s.scale > 0.0));
+    }
+    assert_eq!(Similarity::from_cameras(&[]), None);
+    assert_eq!(Similarity::from_cameras(&[DVec3::ZERO, DVec3::NAN]), None);
+}

@@ -1,0 +1,123 @@
+//! When a stage is skipped and when it runs again.
+#![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+use std::{fs, path::Path};
+
+use omnilife_schemas::stage::{Done, StagePlan};
+use omnilife_schemas::store;
+
+fn plan(folder: &Path, input: &Path, iterations: u32) -> StagePlan {
+    StagePlan::new(folder, "train")
+        .with_file(input)
+        .unwrap()
+        .with_settings("settings", &[iterations])
+}
+
+/// A folder with an input file and a finished stage.
+fn finished() -> (tempfile::TempDir, std::path::PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let input = folder.path().join("input.txt");
+    fs::write(&input, "input").unwrap();
+    fs::create_dir(folder.path().join("views")).unwrap();
+    for output in ["model.ply", "views/000004.png"] {
+        fs::write(folder.path().join(output), "output").unwrap();
+    }
+    let stage = plan(folder.path(), &input, 7);
+    assert!(!stage.is_done());
+    stage.begin().unwrap();
+    stage
+        .finish(["model.ply", "views/000004.png"], 1.5)
+        .unwrap();
+    (folder, input)
+}
+
+#[test]
+fn the_same_inputs_are_skipped() {
+    let (folder, input) = finished();
+    assert!(plan(folder.path(), &input, 7).is_done());
+    let record: Done = store::read_record(&folder.path().join(".done/train.json")).unwrap();
+    assert_eq!(record.stage, "train");
+    assert_eq!(record.wall_seconds, 1.5);
+    let outputs: Vec<_> = record
+        .outputs
+        .iter()
+        .map(|o| (o.file.as_str(), o.bytes))
+        .collect();
+    assert_eq!(outputs, [("model.ply", 6), ("views/000004.png", 6)]);
+}
+
+#[test]
+fn a_moved_folder_is_skipped_too() {
+    let (folder, _) = finished();
+    let parent = tempfile::tempdir().unwrap();
+    let moved = parent.path().join("moved");
+    fs::rename(folder.path(), &moved).unwrap();
+    assert!(plan(&moved, &moved.join("input.txt"), 7).is_done());
+}
+
+#[test]
+fn changed_inputs_run_again() {
+    let (folder, input) = finished();
+    assert!(!plan(folder.path(), &input, 8).is_done(), "settings");
+    assert!(
+        !plan(folder.path(), &input, 7)
+            .with_text("more", "")
+            .is_done(),
+        "one input more"
+    );
+    let other = StagePlan::new(folder.path(), "render")
+        .with_file(&input)
+        .unwrap();
+    assert!(!other.is_done(), "another stage");
+    fs::write(&input, "Input").unwrap();
+    assert!(!plan(folder.path(), &input, 7).is_done(), "content");
+}
+
+#[test]
+fn the_order_of_inputs_counts() {
+    let folder = tempfile::tempdir().unwrap();
+    let of = |first: &str, second: &str| {
+        StagePlan::new(folder.path(), "train")
+            .with_text("first", first)
+            .with_text("second", second)
+            .inputs_sha256()
+    };
+    assert_eq!(of("a", "b"), of("a", "b"));
+    assert_ne!(of("a", "b"), of("b", "a"));
+}
+
+#[test]
+fn lost_or_cut_outputs_run_again() {
+    let (folder, input) = finished();
+    fs::write(folder.path().join("model.ply"), "cut").unwrap();
+    assert!(!plan(folder.path(), &input, 7).is_done());
+    let (folder, input) = finished();
+    fs::remove_file(folder.path().join("views/000004.png")).unwrap();
+    assert!(!plan(folder.path(), &input, 7).is_done());
+}
+
+#[test]
+fn a_stage_that_began_is_not_done() {
+    let (folder, input) = finished();
+    let stage = plan(folder.path(), &input, 7);
+    stage.begin().unwrap();
+    assert!(!stage.is_done());
+    stage.begin().unwrap();
+}
+
+#[test]
+fn a_broken_done_record_runs_again() {
+    let (folder, input) = finished();
+    fs::write(folder.path().join(".done/train.json"), "{").unwrap();
+    assert!(!plan(folder.path(), &input, 7).is_done());
+}
+
+#[test]
+fn missing_files_are_errors() {
+    let folder = tempfile::tempdir().unwrap();
+    let stage = StagePlan::new(folder.path(), "train");
+    let message = stage.finish(["model.ply"], 0.0).unwrap_err().to_string();
+    assert!(message.contains("model.ply"), "{message}");
+    assert!(!stage.is_done());
+    assert!(stage.with_file(&folder.path().join("none.mp4")).is_err());
+}

@@ -1,0 +1,250 @@
+//! Files appear whole or not at all, and records are what they say.
+#![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+use std::{
+    fs,
+    io::{self, Write},
+    path::Path,
+};
+
+use omnilife_schemas::{
+    Blame, Blamed,
+    records::{Dataset, Direction, Failure, ResultRecord, Summary, VideoEntry, VideoStatus},
+    store::{self, StoreError},
+};
+
+fn names(folder: &Path) -> Vec<String> {
+    let mut names: Vec<_> = fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
+        .collect();
+    names.sort();
+    names
+}
+
+fn dataset() -> Dataset {
+    Dataset {
+        videos: vec![
+            VideoEntry {
+                file: "a \"quoted\" näme.mp4".to_owned(),
+                sha256: None,
+                status: VideoStatus::Failed {
+                    reason: "zero bytes".to_owned(),
+                },
+            },
+            VideoEntry {
+                file: "b.mp4".to_owned(),
+                sha256: Some(store::sha256_bytes(b"b")),
+                status: VideoStatus::Curated {
+                    sequences: vec!["b/seq-000".to_owned()],
+                },
+            },
+        ],
+    }
+}
+
+fn result(mean: f64) -> ResultRecord {
+    let summary = Summary {
+        mean,
+        views: 3,
+        direction: Direction::HigherIsBetter,
+    };
+    ResultRecord {
+        method: "odgs".to_owned(),
+        scene: "street".to_owned(),
+        protocol: "per-scene/1".to_owned(),
+        protocol_hash: store::sha256_bytes(b""),
+        scored_size: [64, 32],
+        input_views: [("psnr".to_owned(), summary)].into(),
+        novel_views: [("psnr".to_owned(), summary)].into(),
+        failures: vec![Failure {
+            view: "novel".to_owned(),
+            frame: 4,
+            reason: "000004.png is missing".to_owned(),
+        }],
+        frames_table: "frames.parquet".to_owned(),
+        training_seconds: Some(0.1 + 0.2),
+        gaussians: None,
+        iterations: Some(u64::MAX),
+        warnings: Vec::new(),
+    }
+}
+
+#[test]
+fn a_failed_write_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("table.csv");
+    let error = store::write_with(&path, |writer| {
+        writer.write_all(&[b'x'; 100_000])?;
+        Err(io::Error::other("the source broke off"))
+    })
+    .unwrap_err();
+    assert_eq!(error.blame(), Blame::Ours);
+    assert_eq!(
+        error.to_string(),
+        format!(
+            "{}: cannot be written: the source broke off",
+            path.display()
+        )
+    );
+    assert!(names(folder.path()).is_empty());
+}
+
+#[test]
+fn a_failed_write_keeps_the_old_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("table.csv");
+    store::write_bytes(&path, b"old").unwrap();
+    let failed = store::write_with(&path, |writer| {
+        writer.write_all(b"new")?;
+        Err(io::Error::other("no"))
+    });
+    assert!(failed.is_err());
+    assert_eq!(fs::read(&path).unwrap(), b"old");
+    assert_eq!(names(folder.path()), ["table.csv"]);
+}
+
+/// The temporary name is led to a device that is always full. One write fails when the buffer is
+/// flushed at the end, the other while it is filled.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_is_told_and_keeps_the_old_file() {
+    for size in [10, 1_000_000] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("image.png");
+        store::write_bytes(&path, b"old").unwrap();
+        std::os::unix::fs::symlink("/dev/full", store::temporary_beside(&path)).unwrap();
+        let error = store::write_bytes(&path, &vec![0; size]).unwrap_err();
+        assert!(error.to_string().contains("No space left"), "{error}");
+        assert_eq!(error.blame(), Blame::Ours);
+        assert_eq!(fs::read(&path).unwrap(), b"old");
+        assert_eq!(names(folder.path()), ["image.png"]);
+    }
+}
+
+#[test]
+fn a_missing_folder_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("nowhere/table.csv");
+    let error = store::write_bytes(&path, b"x").unwrap_err();
+    assert!(error.to_string().starts_with(&path.display().to_string()));
+    assert!(matches!(error, StoreError::Write { .. }));
+}
+
+#[test]
+fn temporary_names_lie_beside_and_keep_the_extension() {
+    let path = Path::new("/data/run/000004.png");
+    let temporary = store::temporary_beside(path);
+    assert_eq!(temporary.parent(), path.parent());
+    assert_eq!(temporary.extension(), path.extension());
+    assert_ne!(temporary, path);
+}
+
+#[test]
+fn published_files_have_their_final_name_only() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("clip.mp4");
+    let temporary = store::temporary_beside(&path);
+    fs::write(&temporary, b"frames").unwrap();
+    store::publish(&temporary, &path).unwrap();
+    assert_eq!(names(folder.path()), ["clip.mp4"]);
+    assert!(store::publish(&temporary, &path).is_err());
+    assert_eq!(fs::read(&path).unwrap(), b"frames");
+}
+
+#[test]
+fn records_come_back_with_their_tag_first() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("record.json");
+    store::write_record(&path, &dataset()).unwrap();
+    let text = fs::read_to_string(&path).unwrap();
+    assert!(text.starts_with("{\n  \"schema\": \"omnilife/dataset/1\",\n"));
+    assert!(text.ends_with("}\n"));
+    assert_eq!(store::read_record::<Dataset>(&path).unwrap(), dataset());
+
+    store::write_record(&path, &result(27.123_456_789_012_345)).unwrap();
+    assert_eq!(
+        store::read_record::<ResultRecord>(&path).unwrap(),
+        result(27.123_456_789_012_345)
+    );
+}
+
+#[test]
+fn a_record_that_json_cannot_hold_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("result.json");
+    for value in [f64::NAN, f64::INFINITY] {
+        let error = store::write_record(&path, &result(value)).unwrap_err();
+        assert_eq!(error.blame(), Blame::Ours);
+    }
+    assert!(names(folder.path()).is_empty());
+}
+
+#[test]
+fn another_schema_is_named_in_the_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("result.json");
+    store::write_record(&path, &dataset()).unwrap();
+    let error = store::read_record::<ResultRecord>(&path).unwrap_err();
+    assert_eq!(error.blame(), Blame::Input);
+    assert_eq!(
+        error.to_string(),
+        format!(
+            "{}: is of schema omnilife/dataset/1, expected omnilife/result/1",
+            path.display()
+        )
+    );
+}
+
+#[test]
+fn broken_records_are_input_errors_of_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("dataset.json");
+    let whole = store::record_bytes(&dataset()).unwrap();
+    for (content, expected) in [
+        (&b""[..], "not a JSON record"),
+        (b"frames: 3", "not a JSON record"),
+        (b"[1, 2]", "not a JSON record"),
+        (b"{\"videos\": []}", "has no \"schema\" entry"),
+        (
+            b"{\"schema\": \"omnilife/dataset/1\"}",
+            "missing field `videos`",
+        ),
+        (&whole[..whole.len() / 2], "not a JSON record"),
+        (b"\xff\xfe", "cannot be read"),
+    ] {
+        fs::write(&path, content).unwrap();
+        let error = store::read_record::<Dataset>(&path).unwrap_err();
+        let message = error.to_string();
+        assert!(message.contains(expected), "{message}");
+        assert!(
+            message.starts_with(&path.display().to_string()),
+            "{message}"
+        );
+        assert!(!message.contains('\n'), "{message}");
+        assert_eq!(error.blame(), Blame::Input);
+    }
+}
+
+#[test]
+fn hashes_are_sha256() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("abc");
+    // FIPS 180-2, appendix B.1 and B.3.
+    let cases = [
+        (
+            b"abc".to_vec(),
+            "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad",
+        ),
+        (
+            vec![b'a'; 1_000_000],
+            "cdc76e5c9914fb9281a1c7e284d73e67f1809a48a497200e046d39ccc7112cd0",
+        ),
+    ];
+    for (bytes, expected) in cases {
+        fs::write(&path, &bytes).unwrap();
+        assert_eq!(store::sha256_bytes(&bytes), expected);
+        assert_eq!(store::sha256_file(&path).unwrap(), expected);
+    }
+    assert!(store::sha256_file(&folder.path().join("missing")).is_err());
+}
