@@ -20,7 +20,7 @@ const REDRAW_EVERY: Duration = Duration::from_millis(100);
 const PLAIN_LINE_EVERY: Duration = Duration::from_secs(10);
 
 /// Reports progress to the user.
-pub struct Terminal {
+pub(crate) struct Terminal {
     output: Output,
 }
 
@@ -32,7 +32,7 @@ enum Output {
 
 impl Terminal {
     /// Silence when `quiet`; bars when stderr is a terminal; plain lines otherwise.
-    pub fn new(quiet: bool) -> Self {
+    pub(crate) fn new(quiet: bool) -> Self {
         let output = if quiet {
             Output::Quiet
         } else if io::stderr().is_terminal() {
@@ -321,14 +321,17 @@ fn redraw_while_alive(bars: &Weak<Mutex<Bars>>) {
     }
 }
 
-fn style(has_total: bool) -> ProgressStyle {
-    let template = if has_total {
+fn template(has_total: bool) -> &'static str {
+    if has_total {
         "{prefix} [{bar:30}] {pos}/{len} {elapsed} (left {eta}) {wide_msg}"
     } else {
         "{spinner} {prefix} {pos} {elapsed} {wide_msg}"
-    };
-    // The templates are constants; a test shows that both parse.
-    ProgressStyle::with_template(template)
+    }
+}
+
+fn style(has_total: bool) -> ProgressStyle {
+    // The templates are constants, and a test shows that they parse.
+    ProgressStyle::with_template(template(has_total))
         .unwrap_or_else(|_| ProgressStyle::default_bar())
         .progress_chars("=> ")
 }
@@ -467,11 +470,8 @@ mod tests {
 
     #[test]
     fn templates_parse() {
-        for template in [true, false] {
-            let bar = ProgressBar::with_draw_target(Some(1), indicatif::ProgressDrawTarget::hidden());
-            bar.set_style(style(template));
+        for has_total in [true, false] {
+            assert!(ProgressStyle::with_template(template(has_total)).is_ok());
         }
-        let broken = ProgressStyle::with_template("{bar:x}");
-        assert!(broken.is_err(), "the parser accepts everything: this test shows nothing");
     }
 }

@@ -1,0 +1,319 @@
+//! `omnilife doctor`: what this machine has, and what each missing thing would enable.
+
+use std::{
+    fmt, fs, io,
+    path::{Path, PathBuf},
+    process::Command,
+    thread,
+};
+
+use omnilife_curate::poses::sfm;
+use omnilife_reconstruct::backend;
+
+/// One thing that is looked for.
+pub(crate) struct Check {
+    /// What it is called in the report; unique, kebab-case.
+    pub(crate) id: &'static str,
+    /// What works with it and does not without it.
+    pub(crate) enables: &'static str,
+    /// Whether the main job, video to table with given poses, needs it.
+    pub(crate) needed: bool,
+    /// Looks for it. Neither prints nor panics.
+    pub(crate) probe: fn() -> Finding,
+}
+
+/// What a check found.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Finding {
+    /// It is there: versions, names, places, one per line.
+    Present(Vec<String>),
+    /// It is not there.
+    Missing {
+        /// What was looked for, or what went wrong.
+        reason: String,
+        /// What the user can do about it.
+        remedy: String,
+    },
+    /// Nothing in this version asks for it, whether it is there or not.
+    Unused(String),
+}
+
+/// Everything that is looked for, in the order of the report.
+pub(crate) static CHECKS: &[Check] = &[
+    Check {
+        id: "ffmpeg",
+        enables: "reading video",
+        needed: true,
+        probe: || linked_libraries(is_ffmpeg),
+    },
+    Check {
+        id: "opencv",
+        enables: "colour histograms for shot boundaries",
+        needed: true,
+        probe: || linked_libraries(|name| name.to_lowercase().contains("opencv")),
+    },
+    Check {
+        id: "sfm",
+        enables: "camera poses for videos that come without them",
+        needed: false,
+        probe: structure_from_motion,
+    },
+    Check {
+        id: "adapters",
+        enables: "nothing yet: this version trains and renders on the CPU",
+        needed: false,
+        probe: graphics_adapters,
+    },
+    Check {
+        id: "models",
+        enables: "nothing yet: LPIPS and learned shot boundaries (TransNetV2) are not in this version",
+        needed: false,
+        probe: model_weights,
+    },
+    Check {
+        id: "threads",
+        enables: "all computing",
+        needed: true,
+        probe: cpu_threads,
+    },
+    Check {
+        id: "disk",
+        enables: "writing results into the current folder",
+        needed: false,
+        probe: free_disk,
+    },
+];
+
+/// All checks with their findings. Its `Display` is the text for the user.
+pub(crate) struct Report {
+    entries: Vec<(&'static Check, Finding)>,
+}
+
+/// Runs all checks.
+pub(crate) fn report() -> Report {
+    Report {
+        entries: CHECKS
+            .iter()
+            .map(|check| (check, (check.probe)()))
+            .collect(),
+    }
+}
+
+impl Report {
+    /// Whether everything is there that the main job needs.
+    pub(crate) fn is_sound(&self) -> bool {
+        !self
+            .entries
+            .iter()
+            .any(|(check, finding)| check.needed && matches!(finding, Finding::Missing { .. }))
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "omnilife {}", env!("CARGO_PKG_VERSION"))?;
+        for (check, finding) in &self.entries {
+            let (state, lines) = match finding {
+                Finding::Present(lines) => ("ok", lines.clone()),
+                Finding::Unused(line) => ("unused", vec![line.clone()]),
+                Finding::Missing { reason, remedy } => {
+                    let state = if check.needed { "BROKEN" } else { "missing" };
+                    let enables = format!("would enable: {}", check.enables);
+                    (state, vec![reason.clone(), enables, remedy.clone()])
+                }
+            };
+            for (index, line) in lines.iter().enumerate() {
+                let (state, id) = if index == 0 {
+                    (state, check.id)
+                } else {
+                    ("", "")
+                };
+                writeln!(f, "{state:<8} {id:<10} {line}")?;
+            }
+        }
+        let verdict = if self.is_sound() {
+            "The main job works here: omnilife run VIDEO --poses POSES --out FOLDER"
+        } else {
+            "The main job does not work here: see the lines marked BROKEN"
+        };
+        writeln!(f, "{verdict}")
+    }
+}
+
+fn is_ffmpeg(library: &str) -> bool {
+    library.starts_with("libav") || library.starts_with("libsw")
+}
+
+/// The libraries that the binary is linked to and that `wanted` accepts.
+fn linked_libraries(wanted: impl Fn(&str) -> bool) -> Finding {
+    let lines: Vec<String> = omnilife_curate::libraries()
+        .into_iter()
+        .filter(|(name, _)| wanted(name))
+        .map(|(name, version)| format!("{name} {version}"))
+        .collect();
+    if lines.is_empty() {
+        Finding::Missing {
+            reason: "this build reports no version of it".to_owned(),
+            remedy: "install it with: scripts/setup, and build again".to_owned(),
+        }
+    } else {
+        Finding::Present(vec![lines.join(", ")])
+    }
+}
+
+fn structure_from_motion() -> Finding {
+    match sfm::installation() {
+        Ok(found) => Finding::Present(vec![format!(
+            "pycolmap {} in {}",
+            found.version,
+            found.python.display()
+        )]),
+        Err(error) => Finding::Missing {
+            reason: error.to_string(),
+            remedy: "install it with: scripts/setup --sfm".to_owned(),
+        },
+    }
+}
+
+fn graphics_adapters() -> Finding {
+    let found = backend::adapters();
+    if found.is_empty() {
+        return Finding::Missing {
+            reason: "no Vulkan, Metal or DX12 adapter".to_owned(),
+            remedy: "install a GPU driver, or software rendering with: scripts/setup".to_owned(),
+        };
+    }
+    Finding::Present(
+        found
+            .into_iter()
+            .map(|adapter| format!("{} ({}, {})", adapter.name, adapter.backend, adapter.kind))
+            .collect(),
+    )
+}
+
+fn model_weights() -> Finding {
+    let folder = sfm::data_folder().join("models");
+    let files = files_in(&folder);
+    let place = folder.display();
+    Finding::Unused(match files {
+        Ok(files) if !files.is_empty() => format!("{place}: {}", files.join(", ")),
+        Ok(_) => format!("{place}: empty; this version uses none"),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {
+            format!("none in {place}; this version uses none")
+        }
+        Err(error) => format!("{place}: cannot be read: {error}"),
+    })
+}
+
+/// Names of the files in a folder, sorted.
+fn files_in(folder: &Path) -> io::Result<Vec<String>> {
+    let mut names = fs::read_dir(folder)?
+        .map(|entry| Ok(entry?.file_name().to_string_lossy().into_owned()))
+        .collect::<io::Result<Vec<_>>>()?;
+    names.sort();
+    Ok(names)
+}
+
+fn cpu_threads() -> Finding {
+    match thread::available_parallelism() {
+        Ok(count) => Finding::Present(vec![count.to_string()]),
+        // Rayon then works with one thread: slow, not broken.
+        Err(error) => Finding::Present(vec![format!("unknown ({error}); one is used")]),
+    }
+}
+
+fn free_disk() -> Finding {
+    match free_kibibytes(&PathBuf::from(".")) {
+        Ok(kibibytes) => {
+            let gigabytes = kibibytes as f64 * 1024.0 / 1e9;
+            Finding::Present(vec![format!("{gigabytes:.1} GB")])
+        }
+        Err(reason) => Finding::Missing {
+            reason: format!("cannot be measured: {reason}"),
+            remedy: "nothing depends on the number".to_owned(),
+        },
+    }
+}
+
+/// Free space of the file system of `folder` by POSIX `df -P`.
+fn free_kibibytes(folder: &Path) -> Result<u64, String> {
+    let output = Command::new("df")
+        .args(["-P", "-k"])
+        .arg(folder)
+        .output()
+        .map_err(|error| format!("df: {error}"))?;
+    parse_df(&String::from_utf8_lossy(&output.stdout))
+        .ok_or_else(|| "df: not the POSIX format".to_owned())
+}
+
+/// The available blocks of the last line of `df -P -k`: the number before the percentage (names of
+/// file systems may hold spaces).
+fn parse_df(text: &str) -> Option<u64> {
+    let words: Vec<&str> = text.lines().nth(1)?.split_whitespace().collect();
+    let capacity = words.iter().position(|word| word.ends_with('%'))?;
+    words.get(capacity.checked_sub(1)?)?.parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+
+    #[test]
+    fn checks_are_unique_and_documented() {
+        let ids: BTreeSet<_> = CHECKS.iter().map(|check| check.id).collect();
+        assert_eq!(ids.len(), CHECKS.len());
+        for check in CHECKS {
+            assert!(!check.enables.is_empty());
+            assert!(
+                check.id.chars().all(|c| c.is_ascii_lowercase() || c == '-'),
+                "{} is not kebab-case",
+                check.id
+            );
+        }
+    }
+
+    #[test]
+    fn what_tests_run_on_is_sound() {
+        let report = report();
+        let text = report.to_string();
+        assert!(report.is_sound(), "{text}");
+        assert!(text.contains("libavcodec"), "{text}");
+        for check in CHECKS {
+            assert!(text.contains(check.id), "{text}");
+        }
+    }
+
+    #[test]
+    fn a_missing_need_is_broken_and_a_missing_extra_is_not() {
+        let missing = || Finding::Missing {
+            reason: "gone".to_owned(),
+            remedy: "fetch it".to_owned(),
+        };
+        let entry = |needed| {
+            let check = CHECKS.iter().find(|check| check.needed == needed);
+            check.map(|check| (check, missing())).into_iter().collect()
+        };
+        let extra = Report {
+            entries: entry(false),
+        };
+        assert!(extra.is_sound());
+        assert!(extra.to_string().contains("missing"));
+        assert!(extra.to_string().contains("would enable"));
+        let need = Report {
+            entries: entry(true),
+        };
+        assert!(!need.is_sound());
+        assert!(need.to_string().contains("BROKEN"));
+    }
+
+    #[test]
+    fn df_is_read_past_spaces_in_names() {
+        let text = "Filesystem 1024-blocks Used Available Capacity Mounted on\n\
+                    map auto home 263174212 15204352 80740352 16% /Volumes/My Disk\n";
+        assert_eq!(parse_df(text), Some(80_740_352));
+        assert_eq!(parse_df("Filesystem\n"), None);
+        assert_eq!(parse_df(""), None);
+    }
+}
