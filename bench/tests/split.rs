@@ -1,0 +1,129 @@
+//! Splits: the rule, its refusals, the same bytes everywhere.
+#![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+mod common;
+
+use std::fs;
+
+use common::scene;
+use omnilife_bench::{BenchError, protocols, split, split_scene};
+use omnilife_schemas::{
+    Blame, Blamed,
+    records::{Split, SplitRule},
+    store,
+};
+use proptest::prelude::*;
+
+fn per_scene() -> omnilife_schemas::records::Protocol {
+    protocols::protocol("per-scene").unwrap()
+}
+
+#[test]
+fn every_fifth_frame_is_a_novel_view() {
+    let split = split(&scene(12, &[]), &per_scene()).unwrap();
+    assert_eq!(split.novel_views, [4, 9]);
+    assert_eq!(split.input_views, [0, 1, 2, 3, 5, 6, 7, 8, 10, 11]);
+    assert_eq!(split.protocol_hash, per_scene().hash());
+    assert!(split.unposed.is_empty());
+}
+
+#[test]
+fn unposed_frames_are_not_counted() {
+    let split = split(&scene(12, &[0, 4, 7]), &per_scene()).unwrap();
+    // Posed: 1 2 3 5 [6] 8 9 10 11.
+    assert_eq!(split.novel_views, [6]);
+    assert_eq!(split.unposed, [0, 4, 7]);
+}
+
+fn refusal(result: Result<Split, BenchError>) -> String {
+    let error = result.unwrap_err();
+    assert_eq!(error.blame(), Blame::Input);
+    error.to_string()
+}
+
+#[test]
+fn too_few_poses_are_refused() {
+    assert_eq!(
+        refusal(split(&scene(6, &[1, 3]), &per_scene())),
+        "scene stripes/seq-000: protocol per-scene/1 cannot be followed: 4 of 6 frames have a \
+         pose, at least 5 are needed"
+    );
+    refusal(split(&scene(0, &[]), &per_scene()));
+    assert!(split(&scene(6, &[1]), &per_scene()).is_ok());
+}
+
+#[test]
+fn unusable_scenes_are_refused() {
+    let mut broken = scene(10, &[]);
+    broken.frames[3].pose.as_mut().unwrap().rotation_wxyz = [0.0; 4];
+    let message = refusal(split(&broken, &per_scene()));
+    assert_eq!(
+        message,
+        "scene stripes/seq-000: frame 3 has an unusable pose"
+    );
+
+    let mut backwards = scene(10, &[]);
+    backwards.frames[6].time_seconds = 0.05;
+    let message = refusal(split(&backwards, &per_scene()));
+    assert_eq!(
+        message,
+        "scene stripes/seq-000: frame 6 is earlier than frame 5"
+    );
+
+    let mut timeless = scene(10, &[]);
+    timeless.frames[2].time_seconds = f64::NAN;
+    refusal(split(&timeless, &per_scene()));
+}
+
+#[test]
+fn impossible_rules_are_refused() {
+    for (period, offset) in [(0, 0), (1, 0), (5, 5)] {
+        let mut protocol = per_scene();
+        protocol.split = SplitRule::EveryNth { period, offset };
+        refusal(split(&scene(10, &[]), &protocol));
+    }
+}
+
+#[test]
+fn the_file_depends_on_scene_and_protocol_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene_file = folder.path().join("scene.json");
+    store::write_record(&scene_file, &scene(10, &[2])).unwrap();
+    let first = folder.path().join("a/split.json");
+    let second = folder.path().join("b/deeper/split.json");
+    let split = split_scene(&scene_file, "per-scene", &first).unwrap();
+    split_scene(&scene_file, "per-scene", &second).unwrap();
+    let bytes = fs::read(&first).unwrap();
+    assert_eq!(bytes, fs::read(&second).unwrap());
+    assert_eq!(store::read_record::<Split>(&first).unwrap(), split);
+    insta::assert_snapshot!(String::from_utf8(bytes).unwrap());
+}
+
+#[test]
+fn unknown_protocols_and_scenes_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene_file = folder.path().join("scene.json");
+    let out = folder.path().join("split.json");
+    refusal(split_scene(&scene_file, "per-scene", &out));
+    store::write_record(&scene_file, &scene(10, &[])).unwrap();
+    refusal(split_scene(&scene_file, "per-sequence", &out));
+    assert!(!out.exists());
+}
+
+proptest! {
+    #[test]
+    fn posed_frames_are_shared_out(posed in prop::collection::vec(any::<bool>(), 5..200)) {
+        let unposed: Vec<usize> = (0..posed.len()).filter(|&frame| !posed[frame]).collect();
+        let scene = scene(posed.len(), &unposed);
+        let count = posed.len() - unposed.len();
+        match split(&scene, &per_scene()) {
+            Err(_) => prop_assert!(count < 5),
+            Ok(split) => {
+                prop_assert_eq!(split.novel_views.len(), count / 5);
+                let mut all = [split.input_views, split.novel_views, split.unposed].concat();
+                all.sort_unstable();
+                prop_assert!(all.into_iter().eq(0..posed.len() as u32));
+            }
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! The direction of dependencies: `schemas` <- {`curate`, `reconstruct`, `bench`, `leaderboard`}
+//! <- the binary, without sideways edges.
+#![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    process::Command,
+};
+
+use serde_json::Value;
+
+const SCHEMAS: &str = "omnilife-schemas";
+const BINARY: &str = "omnilife";
+const CRATES: [&str; 4] = [
+    "omnilife-bench",
+    "omnilife-curate",
+    "omnilife-leaderboard",
+    "omnilife-reconstruct",
+];
+
+/// Direct dependencies of every workspace member, those of tests and build scripts included.
+fn dependencies() -> BTreeMap<String, BTreeSet<String>> {
+    let output = Command::new(env!("CARGO"))
+        .args(["metadata", "--no-deps", "--offline", "--format-version=1"])
+        .args([
+            "--manifest-path",
+            concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml"),
+        ])
+        .output()
+        .unwrap();
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let metadata: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let name = |value: &Value| value["name"].as_str().unwrap().to_owned();
+    metadata["packages"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|package| {
+            let dependencies = package["dependencies"].as_array().unwrap();
+            (name(package), dependencies.iter().map(name).collect())
+        })
+        .collect()
+}
+
+fn ours(dependencies: &BTreeSet<String>) -> BTreeSet<&str> {
+    dependencies
+        .iter()
+        .map(String::as_str)
+        .filter(|name| name.starts_with(BINARY))
+        .collect()
+}
+
+#[test]
+fn every_member_has_its_place() {
+    let mut known = BTreeSet::from(CRATES);
+    known.extend([SCHEMAS, BINARY]);
+    let dependencies = dependencies();
+    let members: BTreeSet<_> = dependencies.keys().map(String::as_str).collect();
+    assert_eq!(members, known, "a new crate needs its edges in this test");
+}
+
+#[test]
+fn schemas_depends_on_no_sibling() {
+    assert_eq!(ours(&dependencies()[SCHEMAS]), BTreeSet::new());
+}
+
+#[test]
+fn crates_depend_on_schemas_alone() {
+    let dependencies = dependencies();
+    for name in CRATES {
+        assert_eq!(
+            ours(&dependencies[name]),
+            BTreeSet::from([SCHEMAS]),
+            "{name}"
+        );
+    }
+}
+
+#[test]
+fn the_binary_depends_on_all() {
+    let mut expected = BTreeSet::from(CRATES);
+    expected.insert(SCHEMAS);
+    assert_eq!(ours(&dependencies()[BINARY]), expected);
+}
+
+#[test]
+fn scores_and_tables_need_no_graphics() {
+    let dependencies = dependencies();
+    for name in ["omnilife-bench", "omnilife-leaderboard", SCHEMAS] {
+        for graphics in ["wgpu", "pollster", "naga"] {
+            assert!(
+                !dependencies[name].contains(graphics),
+                "{name} depends on {graphics}"
+            );
+        }
+    }
+    assert!(
+        !dependencies["omnilife-leaderboard"].contains("image"),
+        "the leaderboard reads results, never images"
+    );
+}
