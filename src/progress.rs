@@ -2,22 +2,20 @@
 //!
 //! Everything goes to stderr, so that stdout carries results only.
 
+mod bars;
+mod plain;
+mod wording;
+
 use std::{
-    io::{self, IsTerminal, Write},
-    sync::{Arc, Mutex, MutexGuard, PoisonError, Weak},
-    thread,
-    time::{Duration, Instant},
+    io::{self, IsTerminal},
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    time::Instant,
 };
 
-use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use omnilife_schemas::progress::Progress;
 
-/// Work shorter than this gets no bar.
-const SHOWN_AFTER: Duration = Duration::from_secs(1);
-/// How often bars are redrawn.
-const REDRAW_EVERY: Duration = Duration::from_millis(100);
-/// Plain lines about one piece of work are at least this far apart.
-const PLAIN_LINE_EVERY: Duration = Duration::from_secs(10);
+use bars::Bars;
+use plain::PlainLines;
 
 /// Reports progress to the user.
 pub(crate) struct Terminal {
@@ -39,11 +37,10 @@ impl Terminal {
             Output::Bars(Bars::start())
         } else {
             let begun = Instant::now();
-            Output::Plain(Mutex::new(PlainLines {
-                writer: Box::new(io::stderr()),
-                clock: Box::new(move || begun.elapsed()),
-                stack: Vec::new(),
-            }))
+            Output::Plain(Mutex::new(PlainLines::new(
+                Box::new(io::stderr()),
+                Box::new(move || begun.elapsed()),
+            )))
         };
         Self { output }
     }
@@ -53,10 +50,7 @@ impl Drop for Terminal {
     /// Leaves no bar behind, whatever work was broken off.
     fn drop(&mut self) {
         if let Output::Bars(bars) = &self.output {
-            let mut bars = locked(bars);
-            while let Some(bar) = bars.stack.pop() {
-                bar.bar.finish_and_clear();
-            }
+            locked(bars).clear();
         }
     }
 }
@@ -108,239 +102,16 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// One line per event, for logs.
-struct PlainLines {
-    writer: Box<dyn Write + Send>,
-    /// Time since some fixed moment.
-    clock: Box<dyn Fn() -> Duration + Send>,
-    stack: Vec<PlainWork>,
-}
-
-struct PlainWork {
-    label: String,
-    total: Option<u64>,
-    done: u64,
-    remark: String,
-    begun: Duration,
-    last_line: Duration,
-}
-
-impl PlainWork {
-    /// The count, as far as there is one: `12 of 60 (20 %)`, or `12`.
-    fn count(&self) -> Option<String> {
-        match (self.total, self.done) {
-            (Some(total), done) if total > 0 => {
-                let percent = 100.0 * done as f64 / total as f64;
-                Some(format!("{done} of {total} ({percent:.0} %)"))
-            }
-            (_, 0) => None,
-            (_, done) => Some(done.to_string()),
-        }
-    }
-}
-
-impl PlainLines {
-    fn begin(&mut self, label: &str, total: Option<u64>) {
-        let now = (self.clock)();
-        self.line(&format!("{label} ..."));
-        self.stack.push(PlainWork {
-            label: label.to_owned(),
-            total,
-            done: 0,
-            remark: String::new(),
-            begun: now,
-            last_line: now,
-        });
-    }
-
-    fn advance(&mut self, steps: u64) {
-        let now = (self.clock)();
-        let Some(work) = self.stack.last_mut() else {
-            return;
-        };
-        work.done = work.done.saturating_add(steps);
-        if now.saturating_sub(work.last_line) < PLAIN_LINE_EVERY {
-            return;
-        }
-        work.last_line = now;
-        let parts = [work.count(), text_of(&work.remark)];
-        let line = format!("{}: {}", work.label, joined(parts));
-        self.indented_line(self.stack.len() - 1, &line);
-    }
-
-    fn remark(&mut self, text: &str) {
-        if let Some(work) = self.stack.last_mut() {
-            text.clone_into(&mut work.remark);
-        }
-    }
-
-    fn end(&mut self) {
-        let now = (self.clock)();
-        let Some(work) = self.stack.pop() else {
-            return;
-        };
-        let duration = seconds(now.saturating_sub(work.begun));
-        // Work that was broken off must not read as complete.
-        let incomplete = work.total.is_some_and(|total| work.done < total);
-        let state = if incomplete {
-            format!("ended after {duration}")
-        } else {
-            format!("done in {duration}")
-        };
-        let count = if incomplete { work.count() } else { None };
-        let parts = [Some(state), count, text_of(&work.remark)];
-        let line = format!("{}: {}", work.label, joined(parts));
-        self.line(&line);
-    }
-
-    /// Writes a line at the depth of the work in progress.
-    fn line(&mut self, text: &str) {
-        self.indented_line(self.stack.len(), text);
-    }
-
-    fn indented_line(&mut self, depth: usize, text: &str) {
-        // A closed stderr leaves nobody to tell; the work itself goes on.
-        drop(writeln!(self.writer, "{:1$}{text}", "", 2 * depth));
-        drop(self.writer.flush());
-    }
-}
-
-fn text_of(remark: &str) -> Option<String> {
-    (!remark.is_empty()).then(|| remark.to_owned())
-}
-
-fn joined<const N: usize>(parts: [Option<String>; N]) -> String {
-    parts.into_iter().flatten().collect::<Vec<_>>().join(", ")
-}
-
-/// A duration for people: `0.4 s`, `83 s`, `12 min 5 s`.
-fn seconds(duration: Duration) -> String {
-    let seconds = duration.as_secs_f64();
-    if seconds < 9.95 {
-        format!("{seconds:.1} s")
-    } else if seconds < 599.5 {
-        format!("{seconds:.0} s")
-    } else {
-        let whole = seconds.round() as u64;
-        format!("{} min {} s", whole / 60, whole % 60)
-    }
-}
-
-/// Bars on a terminal, redrawn by a thread of their own that ends with them.
-struct Bars {
-    screen: MultiProgress,
-    stack: Vec<Bar>,
-}
-
-struct Bar {
-    label: String,
-    bar: ProgressBar,
-    begun: Instant,
-    on_screen: bool,
-}
-
-impl Bars {
-    fn start() -> Arc<Mutex<Self>> {
-        let bars = Arc::new(Mutex::new(Self {
-            screen: MultiProgress::new(),
-            stack: Vec::new(),
-        }));
-        let watched = Arc::downgrade(&bars);
-        // Without the thread, bars still move when work advances.
-        drop(
-            thread::Builder::new()
-                .name("progress".to_owned())
-                .spawn(move || redraw_while_alive(&watched)),
-        );
-        bars
-    }
-
-    fn begin(&mut self, label: &str, total: Option<u64>) {
-        let bar = ProgressBar::with_draw_target(total, indicatif::ProgressDrawTarget::hidden());
-        bar.set_style(style(total.is_some()));
-        bar.set_prefix(label.to_owned());
-        self.stack.push(Bar {
-            label: label.to_owned(),
-            bar,
-            begun: Instant::now(),
-            on_screen: false,
-        });
-    }
-
-    fn advance(&mut self, steps: u64) {
-        if let Some(bar) = self.stack.last() {
-            bar.bar.inc(steps);
-        }
-    }
-
-    fn remark(&mut self, text: &str) {
-        if let Some(bar) = self.stack.last() {
-            bar.bar.set_message(text.to_owned());
-        }
-    }
-
-    fn end(&mut self) {
-        let Some(work) = self.stack.pop() else {
-            return;
-        };
-        work.bar.finish_and_clear();
-        let duration = work.begun.elapsed();
-        if duration >= SHOWN_AFTER {
-            let remark = text_of(&work.bar.message());
-            let state = Some(seconds(duration));
-            self.line(&format!("{}: {}", work.label, joined([state, remark])));
-        }
-    }
-
-    fn line(&mut self, text: &str) {
-        self.screen.suspend(|| {
-            // A closed stderr leaves nobody to tell; the work itself goes on.
-            drop(writeln!(io::stderr(), "{text}"));
-        });
-    }
-
-    /// Shows what has lasted long enough, and lets the spinners turn.
-    fn redraw(&mut self) {
-        for work in &mut self.stack {
-            if !work.on_screen && work.begun.elapsed() >= SHOWN_AFTER {
-                work.bar = self.screen.add(work.bar.clone());
-                work.on_screen = true;
-            }
-            if work.on_screen {
-                work.bar.tick();
-            }
-        }
-    }
-}
-
-fn redraw_while_alive(bars: &Weak<Mutex<Bars>>) {
-    while let Some(bars) = bars.upgrade() {
-        locked(&bars).redraw();
-        drop(bars);
-        thread::sleep(REDRAW_EVERY);
-    }
-}
-
-fn template(has_total: bool) -> &'static str {
-    if has_total {
-        "{prefix} [{bar:30}] {pos}/{len} {elapsed} (left {eta}) {wide_msg}"
-    } else {
-        "{spinner} {prefix} {pos} {elapsed} {wide_msg}"
-    }
-}
-
-fn style(has_total: bool) -> ProgressStyle {
-    // The templates are constants, and a test shows that they parse.
-    ProgressStyle::with_template(template(has_total))
-        .unwrap_or_else(|_| ProgressStyle::default_bar())
-        .progress_chars("=> ")
-}
-
 #[cfg(test)]
 mod tests {
     #![expect(clippy::unwrap_used, reason = "a test may fail loudly")]
 
-    use std::sync::atomic::{AtomicU64, Ordering};
+    use std::{
+        io::Write,
+        sync::atomic::{AtomicU64, Ordering},
+        thread,
+        time::Duration,
+    };
 
     use super::*;
 
@@ -369,11 +140,10 @@ mod tests {
         let clock = Arc::new(AtomicU64::new(0));
         let read = Arc::clone(&clock);
         let terminal = Terminal {
-            output: Output::Plain(Mutex::new(PlainLines {
-                writer: Box::new(page.clone()),
-                clock: Box::new(move || Duration::from_millis(read.load(Ordering::Relaxed))),
-                stack: Vec::new(),
-            })),
+            output: Output::Plain(Mutex::new(PlainLines::new(
+                Box::new(page.clone()),
+                Box::new(move || Duration::from_millis(read.load(Ordering::Relaxed))),
+            ))),
         };
         (terminal, page, clock)
     }
@@ -457,21 +227,5 @@ mod tests {
         clock.store(10_000, Ordering::Relaxed);
         terminal.advance(0);
         assert_eq!(page.lines()[1], "blocks: 400 of 400 (100 %)");
-    }
-
-    #[test]
-    fn durations_read_well() {
-        let read = |milliseconds| seconds(Duration::from_millis(milliseconds));
-        assert_eq!(read(0), "0.0 s");
-        assert_eq!(read(9_960), "10 s");
-        assert_eq!(read(83_400), "83 s");
-        assert_eq!(read(725_000), "12 min 5 s");
-    }
-
-    #[test]
-    fn templates_parse() {
-        for has_total in [true, false] {
-            assert!(ProgressStyle::with_template(template(has_total)).is_ok());
-        }
     }
 }

@@ -1,0 +1,72 @@
+//! What the lines say.
+
+use std::time::Duration;
+
+/// What stands in the log once work is over. Work that was broken off does not read as done.
+pub(super) fn closing_line(
+    label: &str,
+    duration: Duration,
+    done: u64,
+    total: Option<u64>,
+    remark: &str,
+) -> String {
+    let duration = seconds(duration);
+    let parts = if total.is_some_and(|total| done < total) {
+        let count = count_of(done, total);
+        [
+            Some(format!("ended after {duration}")),
+            count,
+            text_of(remark),
+        ]
+    } else {
+        [Some(format!("done in {duration}")), None, text_of(remark)]
+    };
+    format!("{label}: {}", joined(parts))
+}
+
+/// The count, as far as there is one: `12 of 60 (20 %)`, or `12`.
+pub(super) fn count_of(done: u64, total: Option<u64>) -> Option<String> {
+    match total {
+        Some(total) if total > 0 => {
+            let percent = 100.0 * done as f64 / total as f64;
+            Some(format!("{done} of {total} ({percent:.0} %)"))
+        }
+        _ if done == 0 => None,
+        _ => Some(done.to_string()),
+    }
+}
+
+pub(super) fn text_of(remark: &str) -> Option<String> {
+    (!remark.is_empty()).then(|| remark.to_owned())
+}
+
+pub(super) fn joined<const N: usize>(parts: [Option<String>; N]) -> String {
+    parts.into_iter().flatten().collect::<Vec<_>>().join(", ")
+}
+
+/// A duration for people: `0.4 s`, `83 s`, `12 min 5 s`.
+pub(super) fn seconds(duration: Duration) -> String {
+    let seconds = duration.as_secs_f64();
+    if seconds < 9.95 {
+        format!("{seconds:.1} s")
+    } else if seconds < 599.5 {
+        format!("{seconds:.0} s")
+    } else {
+        let whole = seconds.round() as u64;
+        format!("{} min {} s", whole / 60, whole % 60)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn durations_read_well() {
+        let read = |milliseconds| seconds(Duration::from_millis(milliseconds));
+        assert_eq!(read(0), "0.0 s");
+        assert_eq!(read(9_960), "10 s");
+        assert_eq!(read(83_400), "83 s");
+        assert_eq!(read(725_000), "12 min 5 s");
+    }
+}
