@@ -1,7 +1,7 @@
 //! A scoring request with its files read and checked against each other.
 
 use std::{
-    fmt,
+    fmt, fs,
     path::{Path, PathBuf},
 };
 
@@ -57,6 +57,8 @@ pub(crate) struct ScoringJob {
     run_file: Option<PathBuf>,
     input_folder: Option<PathBuf>,
     novel_folder: Option<PathBuf>,
+    /// PNG files in either folder that are no prediction of the split.
+    strays: usize,
 }
 
 impl ScoringJob {
@@ -89,7 +91,10 @@ impl ScoringJob {
                 ));
             }
         }
+        let strays = count_strays(input_folder.as_deref(), &split.input_views)?
+            + count_strays(novel_folder.as_deref(), &split.novel_views)?;
         Ok(Self {
+            strays,
             method: request.method.clone(),
             metrics: metrics::of_protocol(&split.protocol)?,
             size: scored_size(&scene, &split)?,
@@ -131,7 +136,7 @@ impl ScoringJob {
         folder
             .as_deref()
             .unwrap_or(Path::new(""))
-            .join(format!("{:06}.png", view.frame))
+            .join(prediction_name(view.frame))
     }
 
     /// The file that holds a frame's ground truth.
@@ -152,6 +157,12 @@ impl ScoringJob {
                     "{kind} views were not scored: no predictions given"
                 ));
             }
+        }
+        if self.strays > 0 {
+            warnings.push(format!(
+                "{} PNG files among the predictions belong to no view that was scored",
+                self.strays
+            ));
         }
         if !self.split.unposed.is_empty() {
             warnings.push(format!(
@@ -180,6 +191,7 @@ impl ScoringJob {
     pub(crate) fn stage(&self, out: &Path) -> Result<StagePlan, BenchError> {
         let mut plan = StagePlan::new(out, "score")
             .with_text("method", &self.method)
+            .with_text("stray predictions", &self.strays.to_string())
             .with_file(&self.scene_file)?
             .with_file(&self.split_file)?;
         plan = match &self.run_file {
@@ -198,6 +210,29 @@ impl ScoringJob {
         }
         Ok(plan)
     }
+}
+
+/// Counts PNG files that are no prediction of `frames`: a method that numbers its frames in
+/// another way should hear of it.
+fn count_strays(folder: Option<&Path>, frames: &[u32]) -> Result<usize, StoreError> {
+    let Some(folder) = folder else {
+        return Ok(0);
+    };
+    let failed = |source| StoreError::read(folder, source);
+    let mut strays = 0;
+    for entry in fs::read_dir(folder).map_err(failed)? {
+        let name = entry.map_err(failed)?.file_name();
+        let name = name.to_string_lossy();
+        let is_png = name.ends_with(".png") && !name.starts_with('.');
+        if is_png && !frames.iter().any(|&frame| name == prediction_name(frame)) {
+            strays += 1;
+        }
+    }
+    Ok(strays)
+}
+
+fn prediction_name(frame: u32) -> String {
+    format!("{frame:06}.png")
 }
 
 /// A prediction's hash, or why it has none: a missing prediction is a state like any other.

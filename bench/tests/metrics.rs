@@ -96,7 +96,9 @@ fn identical_images_score_the_best_value() {
 fn black_against_white_is_zero_decibels() {
     let pair = stored_pair("black-white");
     for id in ["psnr", "psnr-channels", "ws-psnr"] {
-        assert_eq!(value(id, &pair).to_bits(), 0.0_f64.to_bits(), "{id}");
+        let value = value(id, &pair);
+        // Never -0, which tables would print with its sign; weights round in their last digit.
+        assert!(value.is_sign_positive() && value < 1e-12, "{id}: {value}");
     }
 }
 

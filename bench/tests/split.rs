@@ -1,11 +1,10 @@
 //! Splits: the rule, its refusals, the same bytes everywhere.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
-mod common;
+mod scenes;
 
 use std::fs;
 
-use common::scene;
 use omnilife_bench::{BenchError, protocols, split, split_scene};
 use omnilife_schemas::{
     Blame, Blamed,
@@ -13,6 +12,7 @@ use omnilife_schemas::{
     store,
 };
 use proptest::prelude::*;
+use scenes::scene;
 
 fn per_scene() -> omnilife_schemas::records::Protocol {
     protocols::protocol("per-scene").unwrap()

@@ -1,0 +1,44 @@
+//! A small scene, as a record.
+
+use omnilife_schemas::{
+    Pose,
+    camera::ErpCamera,
+    records::{PoseSource, PoseValidation, Scale, Scene, SceneFrame, ValidationStatus},
+};
+
+pub(crate) const WIDTH: usize = 32;
+pub(crate) const HEIGHT: usize = 16;
+
+/// A scene of `frames` frames; those in `unposed` have no pose.
+pub(crate) fn scene(frames: usize, unposed: &[usize]) -> Scene {
+    Scene {
+        id: "stripes/seq-000".to_owned(),
+        camera: ErpCamera {
+            width: WIDTH as u32,
+            height: HEIGHT as u32,
+        },
+        scale: Scale::Metres,
+        frames: (0..frames)
+            .map(|frame| SceneFrame {
+                image: format!("frames/{frame:06}.png"),
+                time_seconds: 0.1 * frame as f64,
+                pose: (!unposed.contains(&frame)).then_some(Pose {
+                    rotation_wxyz: [1.0, 0.0, 0.0, 0.0],
+                    centre: [frame as f64, 0.0, 0.0],
+                }),
+                mask: None,
+            })
+            .collect(),
+        points: None,
+        pose_source: PoseSource::Given {
+            file: "poses.json".to_owned(),
+        },
+        validation: PoseValidation {
+            status: ValidationStatus::Valid,
+            registered_frames: (frames - unposed.len()) as u32,
+            total_frames: frames as u32,
+            measures: [].into(),
+            problems: Vec::new(),
+        },
+    }
+}

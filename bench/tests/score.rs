@@ -1,0 +1,472 @@
+//! Scoring of folders of predictions, with everything that can be wrong with them.
+#![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+mod scenes;
+mod scoring;
+
+use std::{fs, path::Path};
+
+use omnilife_bench::{
+    BenchError, METRICS, Predictions, ScoreRequest, ViewPair, score, split_scene,
+};
+use omnilife_schemas::{
+    RgbImage, Similarity,
+    progress::Silent,
+    records::{Backend, ResultRecord, RunRecord, Scene, Split, ValidationStatus, ViewPredictions},
+    rgb, store,
+};
+use polars::prelude::{ParquetReader, SerReader};
+use scenes::{HEIGHT, WIDTH, scene};
+use scoring::{Bench, Recorder, image};
+
+/// PSNR of images that differ by `error` bytes everywhere.
+fn flat_psnr(error: f64) -> f64 {
+    -20.0 * (error / 255.0).log10()
+}
+
+fn files(folder: &Path) -> Vec<String> {
+    let mut names: Vec<_> = fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
+        .collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn views_are_scored_and_written() {
+    let bench = Bench::new();
+    let recorder = Recorder::default();
+    let result = score(&bench.request, &recorder).unwrap();
+    assert_eq!(*recorder.steps.lock().unwrap(), 10);
+    assert_eq!(
+        (result.method.as_str(), result.scene.as_str()),
+        ("stripes", "stripes/seq-000")
+    );
+    assert_eq!(result.protocol, "per-scene/1");
+    assert_eq!(result.protocol_hash, bench.split.protocol_hash);
+    assert_eq!(result.scored_size, [WIDTH as u32, HEIGHT as u32]);
+    assert_eq!((result.failures.len(), result.warnings.len()), (0, 0));
+    for (views, error, count) in [(&result.input_views, 1.0, 8), (&result.novel_views, 2.0, 2)] {
+        assert_eq!(views.keys().collect::<Vec<_>>(), ["psnr", "ssim"]);
+        assert_eq!(views["psnr"].views, count);
+        assert!((views["psnr"].mean - flat_psnr(error)).abs() < 1e-9);
+        assert!(views["ssim"].mean < 1.0 && views["ssim"].mean > 0.9);
+    }
+    let out = bench.at("out");
+    assert_eq!(
+        files(&out),
+        [".done", "comparisons", "frames.parquet", "result.json"]
+    );
+    assert_eq!(
+        files(&out.join("comparisons")),
+        ["novel-000004.png", "novel-000009.png"]
+    );
+    let stored: ResultRecord = store::read_record(&out.join("result.json")).unwrap();
+    assert_eq!(stored, result);
+}
+
+#[test]
+fn comparisons_show_the_prediction_left_of_the_truth() {
+    let bench = Bench::new();
+    bench.score().unwrap();
+    let picture = RgbImage::read(&bench.at("out/comparisons/novel-000009.png")).unwrap();
+    let separator = picture.width - 2 * WIDTH;
+    assert_eq!((separator, picture.height), (4, HEIGHT));
+    let bytes = picture.to_rgb8();
+    let (prediction, truth) = (image(9, 2).to_rgb8(), image(9, 0).to_rgb8());
+    for row in 0..HEIGHT {
+        let line = &bytes[row * picture.width * 3..(row + 1) * picture.width * 3];
+        let range = row * WIDTH * 3..(row + 1) * WIDTH * 3;
+        assert_eq!(line[..WIDTH * 3], prediction[range.clone()]);
+        assert_eq!(line[WIDTH * 3..(WIDTH + separator) * 3], [255; 12]);
+        assert_eq!(line[(WIDTH + separator) * 3..], truth[range]);
+    }
+}
+
+#[test]
+fn the_table_has_a_row_for_every_view() {
+    let bench = Bench::new();
+    fs::remove_file(bench.at("novel/000004.png")).unwrap();
+    bench.score().unwrap();
+    let file = fs::File::open(bench.at("out/frames.parquet")).unwrap();
+    let table = ParquetReader::new(file).finish().unwrap();
+    assert_eq!(table.height(), 10);
+    let names: Vec<_> = table
+        .get_column_names()
+        .iter()
+        .map(|name| name.as_str())
+        .collect();
+    assert_eq!(names, ["view", "frame", "time_seconds", "psnr", "ssim"]);
+    let frames: Vec<_> = table
+        .column("frame")
+        .unwrap()
+        .u32()
+        .unwrap()
+        .iter()
+        .flatten()
+        .collect();
+    assert_eq!(frames, [0, 1, 2, 3, 5, 6, 7, 8, 4, 9]);
+    let times = table.column("time_seconds").unwrap().f64().unwrap();
+    assert_eq!(times.get(9), Some(0.1 * 9.0));
+    let views = table.column("view").unwrap().str().unwrap();
+    assert_eq!((views.get(7), views.get(8)), (Some("input"), Some("novel")));
+    let psnr = table.column("psnr").unwrap().f64().unwrap();
+    assert_eq!(psnr.get(8), None, "a failed view is a row without scores");
+    assert!((psnr.get(9).unwrap() - flat_psnr(2.0)).abs() < 1e-9);
+}
+
+#[test]
+fn faults_of_predictions_are_rows_of_failures() {
+    let bench = Bench::new();
+    let file = |frame: u32| bench.at("input").join(format!("{frame:06}.png"));
+    fs::remove_file(file(0)).unwrap();
+    fs::write(file(1), b"").unwrap();
+    let whole = fs::read(file(2)).unwrap();
+    fs::write(file(2), &whole[..whole.len() / 2]).unwrap();
+    image(3, 0)
+        .resized_by_area(WIDTH / 2, HEIGHT / 2)
+        .write_png(&file(3))
+        .unwrap();
+    image::GrayImage::new(WIDTH as u32, HEIGHT as u32)
+        .save(file(5))
+        .unwrap();
+    let clear = image::RgbaImage::new(WIDTH as u32, HEIGHT as u32);
+    clear.save(file(6)).unwrap();
+    let jpeg = image::RgbImage::new(WIDTH as u32, HEIGHT as u32);
+    jpeg.save_with_format(file(7), image::ImageFormat::Jpeg)
+        .unwrap();
+    fs::create_dir(bench.at("x")).unwrap();
+    fs::remove_file(file(8)).unwrap();
+    fs::create_dir(file(8)).unwrap();
+
+    let result = bench.score().unwrap();
+    let reasons: Vec<_> = result
+        .failures
+        .iter()
+        .map(|f| (f.frame, f.reason.as_str()))
+        .collect();
+    for ((frame, reason), (expected_frame, expected)) in reasons.iter().zip([
+        (0, "000000.png is missing"),
+        (1, "000001.png is not a usable PNG"),
+        (2, "000002.png is not a usable PNG"),
+        (3, "000003.png is 16x8 pixels, expected 32x16"),
+        (5, "000005.png is L8, expected 8-bit RGB"),
+        (6, "000006.png is transparent in places"),
+        (7, "000007.png is not a usable PNG"),
+        (8, "000008.png cannot be read"),
+    ]) {
+        assert_eq!(*frame, expected_frame);
+        assert!(reason.starts_with(expected), "{reason}");
+        assert!(!reason.contains('\n') && !reason.contains(bench.folder.path().to_str().unwrap()));
+    }
+    assert_eq!(reasons.len(), 8);
+    assert!(
+        result
+            .failures
+            .iter()
+            .all(|failure| failure.view == "input")
+    );
+    assert!(result.input_views.is_empty(), "no view, no mean");
+    assert_eq!(result.novel_views["psnr"].views, 2);
+}
+
+#[test]
+fn opaque_alpha_is_ignored() {
+    let bench = Bench::new();
+    let rgb = image(4, 2).to_rgb8();
+    let rgba: Vec<u8> = rgb
+        .chunks_exact(3)
+        .flat_map(|p| [p[0], p[1], p[2], 255])
+        .collect();
+    let image = image::RgbaImage::from_raw(WIDTH as u32, HEIGHT as u32, rgba).unwrap();
+    image.save(bench.at("novel/000004.png")).unwrap();
+    let result = bench.score().unwrap();
+    assert!((result.novel_views["psnr"].mean - flat_psnr(2.0)).abs() < 1e-9);
+}
+
+#[test]
+fn unchanged_inputs_are_skipped_and_changed_ones_scored_again() {
+    let bench = Bench::new();
+    let first = bench.score().unwrap();
+    let recorder = Recorder::default();
+    assert_eq!(score(&bench.request, &recorder).unwrap(), first);
+    assert_eq!(*recorder.steps.lock().unwrap(), 0);
+    assert_eq!(
+        *recorder.notes.lock().unwrap(),
+        ["scoring stripes on stripes/seq-000: skipped, nothing has changed"]
+    );
+    // A prediction, then the ground truth.
+    image(4, 3)
+        .write_png(&bench.at("novel/000004.png"))
+        .unwrap();
+    let second = bench.score().unwrap();
+    assert!(second.novel_views["psnr"].mean < first.novel_views["psnr"].mean);
+    image(4, 3)
+        .write_png(&bench.at("scene/frames/000004.png"))
+        .unwrap();
+    let third = bench.score().unwrap();
+    assert!(third.novel_views["psnr"].mean > second.novel_views["psnr"].mean);
+    // A prediction that goes away takes its comparison along.
+    fs::remove_file(bench.at("novel/000004.png")).unwrap();
+    assert_eq!(bench.score().unwrap().failures.len(), 1);
+    assert_eq!(files(&bench.at("out/comparisons")), ["novel-000009.png"]);
+    // A lost output is made again.
+    fs::remove_file(bench.at("out/frames.parquet")).unwrap();
+    bench.score().unwrap();
+    assert!(bench.at("out/frames.parquet").exists());
+}
+
+#[test]
+fn files_are_the_same_for_every_number_of_threads() {
+    let bytes = |threads: usize| {
+        let bench = Bench::new();
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        pool.install(|| bench.score()).unwrap();
+        [
+            "result.json",
+            "frames.parquet",
+            "comparisons/novel-000004.png",
+        ]
+        .map(|name| fs::read(bench.at("out").join(name)).unwrap())
+    };
+    assert!(bytes(1) == bytes(4));
+}
+
+#[test]
+fn kinds_of_view_without_predictions_are_told() {
+    let mut bench = Bench::new();
+    bench.request.predictions = Predictions::Folders {
+        input_views: None,
+        novel_views: Some(bench.at("novel")),
+    };
+    let result = bench.score().unwrap();
+    assert!(result.input_views.is_empty() && result.failures.is_empty());
+    assert_eq!(
+        result.warnings,
+        ["input views were not scored: no predictions given"]
+    );
+    bench.request.predictions = Predictions::Folders {
+        input_views: None,
+        novel_views: None,
+    };
+    assert!(bench.refusal().starts_with("nothing to score"));
+}
+
+#[test]
+fn stray_predictions_unposed_frames_and_doubtful_poses_are_told() {
+    let mut doubtful = scene(12, &[3, 7]);
+    doubtful.validation.status = ValidationStatus::Unstable;
+    doubtful.validation.problems = vec!["too few points".to_owned(), "jumps".to_owned()];
+    let bench = Bench::of(&doubtful);
+    image(3, 0)
+        .write_png(&bench.at("novel/frame3.png"))
+        .unwrap();
+    assert_eq!(
+        bench.score().unwrap().warnings,
+        [
+            "1 PNG files among the predictions belong to no view that was scored",
+            "2 of 12 frames have no pose and are not scored",
+            "the scene's poses are unstable: too few points; jumps",
+        ]
+    );
+}
+
+#[test]
+fn ground_truth_is_brought_to_the_protocols_width_by_area() {
+    let mut bench = Bench::new();
+    let mut protocol = omnilife_bench::protocols::protocol("per-scene").unwrap();
+    protocol.width = Some(12);
+    protocol.metrics = METRICS.iter().map(|metric| metric.id.to_owned()).collect();
+    let scene: Scene = store::read_record(&bench.request.scene).unwrap();
+    let split = omnilife_bench::split(&scene, &protocol).unwrap();
+    store::write_record(&bench.request.split, &split).unwrap();
+    fs::create_dir(bench.at("small")).unwrap();
+    for frame in [4, 9] {
+        let file = bench.at("small").join(format!("{frame:06}.png"));
+        image(frame, 2)
+            .resized_by_area(12, 6)
+            .write_png(&file)
+            .unwrap();
+    }
+    bench.request.predictions = Predictions::Folders {
+        input_views: None,
+        novel_views: Some(bench.at("small")),
+    };
+    let result = bench.score().unwrap();
+    assert_eq!(result.scored_size, [12, 6]);
+    let resized = |error| image(4, error).resized_by_area(12, 6).to_rgb8();
+    let pair = ViewPair::new(12, 6, resized(2), resized(0)).unwrap();
+    assert_eq!(result.novel_views.len(), METRICS.len());
+    let file = fs::File::open(bench.at("out/frames.parquet")).unwrap();
+    let table = ParquetReader::new(file).finish().unwrap();
+    for metric in METRICS {
+        let column = table.column(metric.id).unwrap().f64().unwrap();
+        assert_eq!(
+            column.get(0),
+            Some((metric.function)(&pair)),
+            "{}",
+            metric.id
+        );
+    }
+    protocol.width = Some(64);
+    let split = omnilife_bench::split(&scene, &protocol).unwrap();
+    store::write_record(&bench.request.split, &split).unwrap();
+    assert!(bench.refusal().contains("ground truth is never enlarged"));
+}
+
+fn run_record(bench: &Bench) -> RunRecord {
+    RunRecord {
+        method: "stripes".to_owned(),
+        scene: bench.split.scene.clone(),
+        protocol_hash: bench.split.protocol_hash.clone(),
+        seed: 0,
+        backend: Backend::Cpu { threads: 1 },
+        configuration: serde_json::json!({}),
+        plan: Vec::new(),
+        versions: [].into(),
+        inputs: [].into(),
+        iterations: 300,
+        gaussians: 4000,
+        training_seconds: 12.5,
+        rendering_seconds: 1.0,
+        peak_memory_bytes: None,
+        normalization: Similarity {
+            offset: [0.0; 3],
+            scale: 1.0,
+        },
+        trace: None,
+        predictions: ViewPredictions {
+            input_views: "input".to_owned(),
+            novel_views: "novel".to_owned(),
+        },
+        warnings: vec!["stopped early".to_owned()],
+    }
+}
+
+#[test]
+fn runs_bring_their_folders_and_costs() {
+    let bench = Bench::new();
+    let run = bench.at("run.json");
+    store::write_record(&run, &run_record(&bench)).unwrap();
+    let request = ScoreRequest::of_run(
+        &bench.request.scene,
+        &bench.request.split,
+        &run,
+        &bench.at("out"),
+    )
+    .unwrap();
+    let result = score(&request, &Silent).unwrap();
+    assert_eq!(result.training_seconds, Some(12.5));
+    assert_eq!(
+        (result.gaussians, result.iterations),
+        (Some(4000), Some(300))
+    );
+    assert_eq!(result.warnings, ["stopped early"]);
+    assert_eq!(result.novel_views["psnr"].views, 2);
+}
+
+#[test]
+fn runs_of_something_else_are_refused() {
+    let mut bench = Bench::new();
+    let run = bench.at("run.json");
+    bench.request.predictions = Predictions::Run(run.clone());
+    let good = run_record(&bench);
+    for (record, expected) in [
+        (
+            RunRecord {
+                method: "other".to_owned(),
+                ..good.clone()
+            },
+            "is of method other, not stripes",
+        ),
+        (
+            RunRecord {
+                scene: "reef".to_owned(),
+                ..good.clone()
+            },
+            "is of scene reef",
+        ),
+        (
+            RunRecord {
+                protocol_hash: "00".to_owned(),
+                ..good
+            },
+            "is of protocol hash 00",
+        ),
+    ] {
+        store::write_record(&run, &record).unwrap();
+        let message = bench.refusal();
+        assert!(message.contains(expected), "{message}");
+        assert!(message.starts_with(run.to_str().unwrap()), "{message}");
+    }
+}
+
+#[test]
+fn scenes_splits_and_folders_that_do_not_fit_are_refused() {
+    let edited = |edit: fn(&mut Split)| {
+        let bench = Bench::new();
+        let mut split = bench.split.clone();
+        edit(&mut split);
+        store::write_record(&bench.request.split, &split).unwrap();
+        bench.refusal()
+    };
+    assert!(edited(|split| split.scene = "reef".to_owned()).contains("is of scene reef"));
+    assert!(edited(|split| split.novel_views = vec![9]).contains("is not the split"));
+    assert!(edited(|split| split.protocol.version = 2).contains("is not the split"));
+    assert!(
+        edited(|split| {
+            split.protocol.metrics = vec!["vmaf".to_owned()];
+            split.protocol_hash = split.protocol.hash();
+        })
+        .contains("asks for metric vmaf, which is not known; there are: psnr,")
+    );
+    assert!(
+        edited(|split| {
+            split.protocol.mask_rule = "static".to_owned();
+            split.protocol_hash = split.protocol.hash();
+        })
+        .contains("mask rule static is not known")
+    );
+
+    let bench = Bench::new();
+    fs::remove_dir_all(bench.at("novel")).unwrap();
+    assert!(bench.refusal().contains("is not a folder of predictions"));
+
+    let bench = Bench::new();
+    RgbImage::black(8, 4)
+        .write_png(&bench.at("scene/frames/000002.png"))
+        .unwrap();
+    let message = bench.refusal();
+    assert!(message.contains("000002.png: is 8x4 pixels"), "{message}");
+    fs::remove_file(bench.at("scene/frames/000002.png")).unwrap();
+    assert!(bench.refusal().contains("000002.png: cannot be read"));
+    assert!(!bench.at("out/result.json").exists());
+}
+
+#[test]
+fn the_scores_of_another_method_are_not_overwritten() {
+    let mut bench = Bench::new();
+    let first = bench.score().unwrap();
+    bench.request.method = "other".to_owned();
+    let message = bench.refusal();
+    assert!(
+        message.contains("holds the scores of method stripes"),
+        "{message}"
+    );
+    let stored: ResultRecord = store::read_record(&bench.at("out/result.json")).unwrap();
+    assert_eq!(stored, first);
+}
+
+#[test]
+fn results_whose_inputs_have_changed_do_not_survive_a_failure() {
+    let bench = Bench::new();
+    bench.score().unwrap();
+    let broken = [0; 3 * 8 * 4];
+    rgb::write_rgb8_png(&bench.at("scene/frames/000002.png"), 8, 4, &broken).unwrap();
+    bench.refusal();
+    assert!(!bench.at("out/result.json").exists());
+}
