@@ -1,1 +1,25 @@
 //! From raw 360-degree video to verified, cut and posed sequences.
+//!
+//! [`pipeline::curate_video`] runs the chain of one video: probe ([`video::probe()`]), one analysis
+//! pass ([`analysis`]), ERP [`verdict`], admission [`criteria`], shot [`boundaries`], [`slice`](mod@slice),
+//! sampled [`frames`]. [`poses::pose_sequence`] then turns a sequence into a scene, from given poses
+//! or by structure from motion. Every stage is skipped while its inputs have not changed.
+
+mod admission;
+pub mod analysis;
+pub mod boundaries;
+pub mod criteria;
+pub mod error;
+pub mod frames;
+pub mod inputs;
+pub mod pipeline;
+pub mod poses;
+pub mod slice;
+pub mod statistics;
+pub mod verdict;
+pub mod video;
+
+pub use error::CurateError;
+pub use inputs::expand_inputs;
+pub use pipeline::{CurateSettings, curate_video};
+pub use poses::{PoseRequest, SfmSettings, pose_sequence};

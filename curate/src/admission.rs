@@ -1,0 +1,88 @@
+//! The two gates of curation: the ERP verdict and the admission criteria.
+
+use std::path::Path;
+
+use omnilife_schemas::{
+    progress::Progress,
+    records::{Admission, ErpVerdict, Verdict, VideoAnalysis},
+};
+
+use crate::{criteria, error::CurateError, pipeline::CurateSettings};
+
+/// Rejects a video that misses enforced criteria.
+pub(crate) fn enforce(video: &Path, admission: &Admission) -> Result<(), CurateError> {
+    match criteria::failures(admission) {
+        Some(failures) if admission.enforced => Err(CurateError::rejected(
+            video,
+            format!(
+                "{failures} (criteria {}; --criteria none admits it)",
+                admission.profile
+            ),
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// The verdict in force, after the user's override.
+///
+/// Without enforced criteria an undecided video goes through when it is stored at 2:1, with a note:
+/// nobody has said that it is not ERP.
+pub(crate) fn effective_verdict(
+    video: &Path,
+    analysis: &VideoAnalysis,
+    settings: &CurateSettings,
+    progress: &dyn Progress,
+) -> Result<ErpVerdict, CurateError> {
+    let found = analysis.verdict.clone();
+    if let Some(disagreement) = &found.disagreement {
+        progress.note(&format!("{}: {disagreement}", video.display()));
+    }
+    match settings.accept {
+        Some(accepted) if accepted != found.verdict => {
+            progress.note(&format!(
+                "{}: the evidence says {}, taken as {} as asked",
+                video.display(),
+                found.verdict.name(),
+                accepted.name()
+            ));
+            return Ok(ErpVerdict {
+                verdict: accepted,
+                overridden: Some(found.verdict),
+                ..found
+            });
+        }
+        _ => {}
+    }
+    if found.verdict.is_monoscopic_erp() {
+        return Ok(found);
+    }
+    let is_two_to_one = analysis.probe.width == 2 * analysis.probe.height;
+    if found.verdict == Verdict::Unsure && !settings.enforce && is_two_to_one {
+        progress.note(&format!(
+            "{}: the evidence does not decide whether this is ERP; taken as ERP for its 2:1 size",
+            video.display()
+        ));
+        return Ok(found);
+    }
+    Err(CurateError::rejected(
+        video,
+        format!(
+            "its picture is {}; {}",
+            found.verdict.name(),
+            hint(found.verdict)
+        ),
+    ))
+}
+
+/// What the user can do about a verdict.
+fn hint(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::ErpStereoTb => "extract one eye first: ffmpeg -i IN -vf crop=iw:ih/2:0:0 OUT",
+        Verdict::ErpStereoLr => "extract one eye first: ffmpeg -i IN -vf crop=iw/2:ih:0:0 OUT",
+        Verdict::Eac => "convert it first: ffmpeg -i IN -vf v360=eac:equirect OUT",
+        Verdict::Fisheye => "convert it first: ffmpeg -i IN -vf v360=dfisheye:equirect OUT",
+        Verdict::Erp | Verdict::ErpSqueezed | Verdict::Rectilinear | Verdict::Unsure => {
+            "if it is monoscopic ERP all the same, pass --accept erp"
+        }
+    }
+}

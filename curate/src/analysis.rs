@@ -1,0 +1,170 @@
+//! The analysis pass: one decode of a whole video that feeds everything that looks at all of it.
+
+use std::path::Path;
+
+use omnilife_schemas::{
+    progress::Progress,
+    records::{Probe, TimeRange},
+};
+
+use crate::{
+    boundaries::{Detector, Signals},
+    error::CurateError,
+    verdict::FrameSamples,
+    video::{Converter, Scaling, VideoReader, probe},
+};
+
+/// Width in pixels of the pictures that boundary detectors see.
+const DETECTOR_WIDTH_PIXELS: u32 = 128;
+/// A video is truncated when it ends this much before the duration its container states:
+/// seconds, and as a share of the duration; the larger counts. Containers round, and edit lists
+/// hide frames, so a few frames mean nothing.
+const TRUNCATION_SECONDS: f64 = 0.5;
+const TRUNCATION_SHARE: f64 = 0.02;
+
+/// What one pass over a video gives.
+#[derive(Debug)]
+pub struct Analysis {
+    /// The probe, with its measured entries filled in.
+    pub probe: Probe,
+    /// From the first frame to the end of the last.
+    pub range: TimeRange,
+    /// The boundary detector's signals, one row per frame.
+    pub signals: Signals,
+    /// Frames spread over the video, for the ERP verdict.
+    pub samples: FrameSamples,
+    /// Frames and packets that were damaged.
+    pub damaged_frames: u64,
+}
+
+/// Decodes a video from end to end once. Memory does not grow with its length, save for a few
+/// numbers per frame.
+///
+/// # Errors
+/// [`CurateError::Video`] when the file is no video, has no frames, or breaks off early.
+pub fn analyse(
+    video: &Path,
+    detector: &Detector,
+    progress: &dyn Progress,
+) -> Result<Analysis, CurateError> {
+    let mut reader = VideoReader::open(video)?;
+    let mut probe = probe::describe(&reader)?;
+    let expected = probe.duration_seconds * probe.frames_per_second;
+    progress.begin(
+        "analysing",
+        (expected >= 1.0).then_some(expected.round() as u64),
+    );
+    let turns = (probe.rotation_degrees / 90.0).round() as u32;
+    let mut small = Converter::new(Scaling::MaxWidth(DETECTOR_WIDTH_PIXELS));
+    let mut pass = (detector.start)();
+    let mut samples = FrameSamples::default();
+    let mut times = Vec::new();
+    let outcome: Result<(), CurateError> = (|| {
+        while let Some(frame) = reader.next_frame()? {
+            times.push(frame.time_seconds);
+            let picture = small.convert(video, &frame.picture)?.turned(turns);
+            pass.observe(frame.time_seconds, &picture)
+                .map_err(|reason| CurateError::internal(video, reason))?;
+            samples.offer(video, &frame, turns)?;
+            progress.advance(1);
+        }
+        Ok(())
+    })();
+    progress.end();
+    outcome?;
+
+    let (Some(&first), Some(&last)) = (times.first(), times.last()) else {
+        return Err(CurateError::video(
+            video,
+            "none of its frames can be decoded",
+        ));
+    };
+    let interval = median_interval(&times).unwrap_or(if probe.frames_per_second > 0.0 {
+        1.0 / probe.frames_per_second
+    } else {
+        0.0
+    });
+    let range = TimeRange {
+        begin_seconds: first,
+        end_seconds: last + interval,
+    };
+    refuse_truncated(video, &reader, &probe, &range)?;
+    if times.len() > 1 {
+        probe.frames_per_second = (times.len() - 1) as f64 / (last - first);
+    }
+    if probe.duration_seconds <= 0.0 {
+        probe.duration_seconds = range.duration_seconds();
+    }
+    probe.decoded_frames = Some(times.len() as u64);
+    probe.variable_frame_rate = Some(is_variable(&times, interval, reader.seconds_per_tick()));
+    Ok(Analysis {
+        probe,
+        range,
+        signals: pass.finish(),
+        samples,
+        damaged_frames: reader.damaged(),
+    })
+}
+
+fn refuse_truncated(
+    video: &Path,
+    reader: &VideoReader,
+    probe: &Probe,
+    range: &TimeRange,
+) -> Result<(), CurateError> {
+    let covered = range.duration_seconds();
+    let missing = probe.duration_seconds - covered;
+    let tolerated = TRUNCATION_SECONDS.max(TRUNCATION_SHARE * probe.duration_seconds);
+    if missing > tolerated {
+        return Err(CurateError::video(
+            video,
+            format!(
+                "is truncated: frames end after {covered:.2} s, its container states {:.2} s",
+                probe.duration_seconds
+            ),
+        ));
+    }
+    if reader.ends_in_partial_packet() {
+        return Err(CurateError::video(
+            video,
+            format!("is truncated: its last packet is cut off, at {covered:.2} s"),
+        ));
+    }
+    Ok(())
+}
+
+/// Median distance between consecutive timestamps, seconds; `None` below two of them.
+pub fn median_interval(times: &[f64]) -> Option<f64> {
+    let mut intervals: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    intervals.sort_by(f64::total_cmp);
+    intervals.get(intervals.len() / 2).copied()
+}
+
+/// Whether some interval leaves the median by more than half a percent and by more than the
+/// rounding of the source's clock explains.
+fn is_variable(times: &[f64], median: f64, seconds_per_tick: f64) -> bool {
+    let tolerated = (0.005 * median).max(1.01 * seconds_per_tick);
+    times
+        .windows(2)
+        .any(|pair| (pair[1] - pair[0] - median).abs() > tolerated)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_dropped_frame_makes_the_rate_variable_and_clock_rounding_does_not() {
+        let steady: Vec<f64> = (0..90).map(|i| f64::from(i) / 30.0).collect();
+        let rounded: Vec<f64> = steady
+            .iter()
+            .map(|t| (t * 1000.0).round() / 1000.0)
+            .collect();
+        let mut dropped = steady.clone();
+        dropped.remove(40);
+        assert!(!is_variable(&steady, 1.0 / 30.0, 1.0 / 90_000.0));
+        assert!(!is_variable(&rounded, 0.033, 0.001));
+        assert!(is_variable(&dropped, 1.0 / 30.0, 1.0 / 90_000.0));
+        assert_eq!(median_interval(&[1.0]), None);
+    }
+}

@@ -1,0 +1,19 @@
+//! Is it long enough?
+
+use super::{Check, outcome};
+
+/// The video is long enough.
+pub(super) const CHECK: Check = Check {
+    id: "duration",
+    summary: "The video is long enough.",
+    evaluate: |thresholds, candidate| {
+        let limit = thresholds.longer_than_seconds?;
+        let duration = candidate.probe.duration_seconds;
+        Some(outcome(
+            &CHECK,
+            duration > limit,
+            format!("{duration:.2} s"),
+            format!("more than {limit} s"),
+        ))
+    },
+};

@@ -1,0 +1,164 @@
+//! Admission criteria: which videos a dataset takes, as named profiles.
+//!
+//! To add a check: one file, and one line in [`CHECKS`]. A [`Profile`] names the checks it asks
+//! for with their thresholds.
+
+mod duration;
+mod frame_rate;
+mod native_erp;
+mod resolution;
+mod undamaged;
+
+use std::path::Path;
+
+use omnilife_schemas::records::{Admission, CheckOutcome, Probe, Verdict};
+
+use crate::error::CurateError;
+
+/// What a check looks at. Entries of the analysis pass are `None` before it.
+#[derive(Debug, Clone, Copy)]
+pub struct Candidate<'a> {
+    /// The probe.
+    pub probe: &'a Probe,
+    /// The ERP verdict that the evidence gives, before any override.
+    pub verdict: Option<Verdict>,
+    /// Damaged frames.
+    pub damaged_frames: Option<u64>,
+}
+
+/// The thresholds of a profile. A check whose threshold is `None` is not asked for.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Thresholds {
+    /// The video is stored as monoscopic 2:1 ERP.
+    pub native_erp: bool,
+    /// Least width in pixels.
+    pub least_width_pixels: Option<u32>,
+    /// Least frame rate, frames per second.
+    pub least_frames_per_second: Option<f64>,
+    /// The duration in seconds is longer than this.
+    pub longer_than_seconds: Option<f64>,
+    /// Every frame decodes without damage.
+    pub undamaged: bool,
+}
+
+/// A named set of thresholds.
+#[derive(Debug)]
+pub struct Profile {
+    /// Unique name, as on the command line.
+    pub id: &'static str,
+    /// What it is for and where it comes from.
+    pub summary: &'static str,
+    /// The thresholds.
+    pub thresholds: Thresholds,
+}
+
+/// The criteria of the OmniLife360 dataset (section 3.1 of its paper: native ERP, at least 4K, at
+/// least 30 fps, raw duration over 30 s). 4K is 3840 pixels of width, the narrowest that carries
+/// the name. That the video decodes undamaged is ours.
+pub const OMNILIFE360: Profile = Profile {
+    id: "omnilife360",
+    summary: "The OmniLife360 dataset, section 3.1 of its paper: native ERP, 4K, 30 fps, over 30 s.",
+    thresholds: Thresholds {
+        native_erp: true,
+        least_width_pixels: Some(3840),
+        // 30000/1001 is sold as 30 fps.
+        least_frames_per_second: Some(29.97 - 1e-3),
+        longer_than_seconds: Some(30.0),
+        undamaged: true,
+    },
+};
+
+/// No criteria.
+pub const NONE: Profile = Profile {
+    id: "none",
+    summary: "Asks for nothing.",
+    thresholds: Thresholds {
+        native_erp: false,
+        least_width_pixels: None,
+        least_frames_per_second: None,
+        longer_than_seconds: None,
+        undamaged: false,
+    },
+};
+
+/// All profiles; tests walk it.
+pub static PROFILES: &[Profile] = &[OMNILIFE360, NONE];
+
+/// One admission check.
+pub struct Check {
+    /// Unique id.
+    pub id: &'static str,
+    /// What it asks, in one sentence.
+    pub summary: &'static str,
+    /// Its outcome; `None` where the profile does not ask for it or what it looks at is not known
+    /// yet.
+    pub evaluate: fn(&Thresholds, &Candidate<'_>) -> Option<CheckOutcome>,
+}
+
+/// All checks; tests walk it.
+pub static CHECKS: &[Check] = &[
+    native_erp::CHECK,
+    resolution::CHECK,
+    frame_rate::CHECK,
+    duration::CHECK,
+    undamaged::CHECK,
+];
+
+/// The profile with this name. `video` is named in the error.
+///
+/// # Errors
+/// [`CurateError::Input`] that lists the known names.
+pub fn profile(id: &str, video: &Path) -> Result<&'static Profile, CurateError> {
+    PROFILES
+        .iter()
+        .find(|profile| profile.id == id)
+        .ok_or_else(|| {
+            let known: Vec<_> = PROFILES.iter().map(|profile| profile.id).collect();
+            CurateError::input(
+                video,
+                format!(
+                    "criteria {id} are not known; there are {}",
+                    known.join(", ")
+                ),
+            )
+        })
+}
+
+/// Evaluates every check of a profile that can be evaluated.
+pub fn admit(profile: &Profile, candidate: &Candidate<'_>, enforced: bool) -> Admission {
+    let checks: Vec<CheckOutcome> = CHECKS
+        .iter()
+        .filter_map(|check| (check.evaluate)(&profile.thresholds, candidate))
+        .collect();
+    Admission {
+        profile: profile.id.to_owned(),
+        admitted: checks.iter().all(|check| check.passed),
+        checks,
+        enforced,
+    }
+}
+
+/// The failed checks in one line; `None` where all passed.
+pub fn failures(admission: &Admission) -> Option<String> {
+    let failed: Vec<String> = admission
+        .checks
+        .iter()
+        .filter(|check| !check.passed)
+        .map(|check| {
+            format!(
+                "{} is {}, asked for {}",
+                check.check, check.value, check.threshold
+            )
+        })
+        .collect();
+    (!failed.is_empty()).then(|| failed.join("; "))
+}
+
+fn outcome(check: &Check, passed: bool, value: String, threshold: String) -> CheckOutcome {
+    CheckOutcome {
+        check: check.id.to_owned(),
+        passed,
+        value,
+        threshold,
+    }
+}

@@ -1,0 +1,99 @@
+//! Why curation fails.
+
+use std::path::{Path, PathBuf};
+
+use omnilife_schemas::{Blame, Blamed, store::StoreError};
+
+/// An error of this crate. Messages are one line that names the file and the reason.
+#[derive(Debug, thiserror::Error)]
+pub enum CurateError {
+    /// A video that cannot be used: not a video, truncated, corrupt.
+    #[error("{}: {reason}", path.display())]
+    Video {
+        /// The video.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A sound video that the admission criteria or the ERP verdict keep out.
+    #[error("{}: rejected: {reason}", path.display())]
+    Rejected {
+        /// The video.
+        path: PathBuf,
+        /// The check, the value, the threshold, and what can be done.
+        reason: String,
+    },
+    /// A request that cannot be served: a folder without videos, an output folder that belongs to
+    /// another input, poses that do not fit, an unknown name.
+    #[error("{}: {reason}", path.display())]
+    Input {
+        /// The file or folder.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// Structure from motion is missing or failed.
+    #[error("{0}")]
+    Sfm(#[from] crate::poses::sfm::SfmError),
+    /// A file could not be read or written.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// A library failed on sound input.
+    #[error("{}: {reason}", path.display())]
+    Internal {
+        /// What was being worked on.
+        path: PathBuf,
+        /// What failed.
+        reason: String,
+    },
+}
+
+impl CurateError {
+    /// `path` is not a usable video.
+    pub(crate) fn video(path: &Path, reason: impl Into<String>) -> Self {
+        Self::Video {
+            path: path.to_owned(),
+            reason: reason.into(),
+        }
+    }
+
+    /// `path` cannot be served as asked.
+    pub(crate) fn input(path: &Path, reason: impl Into<String>) -> Self {
+        Self::Input {
+            path: path.to_owned(),
+            reason: reason.into(),
+        }
+    }
+
+    /// `path` is kept out.
+    pub(crate) fn rejected(path: &Path, reason: impl Into<String>) -> Self {
+        Self::Rejected {
+            path: path.to_owned(),
+            reason: reason.into(),
+        }
+    }
+
+    /// A library failed while working on `path`.
+    pub(crate) fn internal(path: &Path, reason: impl std::fmt::Display) -> Self {
+        Self::Internal {
+            path: path.to_owned(),
+            reason: reason.to_string(),
+        }
+    }
+
+    /// Whether the video is sound and only unwanted.
+    pub fn is_rejection(&self) -> bool {
+        matches!(self, Self::Rejected { .. })
+    }
+}
+
+impl Blamed for CurateError {
+    fn blame(&self) -> Blame {
+        match self {
+            Self::Video { .. } | Self::Rejected { .. } | Self::Input { .. } => Blame::Input,
+            Self::Sfm(error) => error.blame(),
+            Self::Store(error) => error.blame(),
+            Self::Internal { .. } => Blame::Ours,
+        }
+    }
+}

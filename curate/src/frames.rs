@@ -1,0 +1,251 @@
+//! Sampling frames of sequences: which ones, how large, and writing them as PNG.
+
+use std::path::{Path, PathBuf};
+
+use omnilife_schemas::{
+    RgbImage,
+    progress::Progress,
+    records::{FrameEntry, Probe, Sampling, TimeRange},
+    rgb, store,
+};
+
+use crate::{
+    analysis::median_interval,
+    error::CurateError,
+    video::{Converter, Rgb8Picture, Scaling, VideoReader},
+};
+
+/// Width in pixels of sampled frames where none is asked for and the video is wider.
+pub const DEFAULT_WIDTH_PIXELS: u32 = 1024;
+/// Folder of a sequence's frames, relative to the sequence.
+pub const FRAMES_FOLDER: &str = "frames";
+
+/// Timestamps of the frames to sample from a shot, evenly in time.
+///
+/// `times` are the timestamps of all frames of the video in order. With [`Sampling::MaxFrames`] the
+/// distance is the smallest whole multiple of the shot's median frame interval that gives no more
+/// frames than that, so that samples of a steady video are exactly evenly spaced. With
+/// [`Sampling::FramesPerSecond`] the frame nearest to every instant is taken. No frame is taken
+/// twice.
+pub fn choose(times: &[f64], shot: TimeRange, sampling: Sampling) -> Vec<f64> {
+    let first = times.partition_point(|&time| time < shot.begin_seconds);
+    let last = times.partition_point(|&time| time < shot.end_seconds);
+    let inside = &times[first..last];
+    let (Some(&begin), Some(&end)) = (inside.first(), inside.last()) else {
+        return Vec::new();
+    };
+    let interval = match sampling {
+        Sampling::FramesPerSecond(rate) => 1.0 / rate,
+        Sampling::MaxFrames(most) if inside.len() <= most as usize => return inside.to_vec(),
+        Sampling::MaxFrames(most) => {
+            let Some(median) = median_interval(inside) else {
+                return inside.to_vec();
+            };
+            // The shot spans `gaps` median intervals; `most` frames leave `most - 1` gaps.
+            let gaps = ((end - begin) / median).round().max(1.0);
+            let stride = match most {
+                0 | 1 => gaps + 1.0,
+                _ => (gaps / f64::from(most - 1)).ceil().max(1.0),
+            };
+            stride * median
+        }
+    };
+    let count = ((end - begin) / interval + 1e-6).floor() as usize + 1;
+    let mut chosen: Vec<f64> = (0..count)
+        .map(|index| nearest(inside, begin + index as f64 * interval))
+        .collect();
+    chosen.dedup();
+    chosen
+}
+
+/// The value of sorted, non-empty `times` nearest to an instant.
+fn nearest(times: &[f64], instant: f64) -> f64 {
+    let after = times.partition_point(|&time| time < instant);
+    match (
+        after.checked_sub(1).map(|before| times[before]),
+        times.get(after),
+    ) {
+        (Some(before), Some(&after)) if instant - before <= after - instant => before,
+        (_, Some(&after)) => after,
+        (Some(before), None) => before,
+        (None, None) => instant,
+    }
+}
+
+/// Size of sampled frames: `width` or the default, and half of that.
+///
+/// # Errors
+/// [`CurateError::Input`] for an odd width, one below 16 pixels, or more than the video has.
+pub fn frame_size(
+    video: &Path,
+    probe: &Probe,
+    width: Option<u32>,
+) -> Result<(u32, u32), CurateError> {
+    let is_on_its_side = (probe.rotation_degrees / 90.0).round() as u32 % 2 == 1;
+    let native = if is_on_its_side {
+        probe.height
+    } else {
+        probe.width
+    } & !1;
+    let width = width.unwrap_or(native.min(DEFAULT_WIDTH_PIXELS));
+    if width < 16 || width % 2 == 1 {
+        return Err(CurateError::input(
+            video,
+            format!("a frame width of {width} pixels is not an even number of at least 16"),
+        ));
+    }
+    if width > native {
+        return Err(CurateError::input(
+            video,
+            format!("a frame width of {width} pixels is more than the video's own {native}"),
+        ));
+    }
+    Ok((width, width / 2))
+}
+
+/// What one sequence takes from its video.
+#[derive(Debug, Clone)]
+pub struct Selection {
+    /// Timestamps of the frames, in order.
+    pub times: Vec<f64>,
+    /// Folder that receives `frames/000000.png` and on.
+    pub folder: PathBuf,
+}
+
+/// Decodes a video once and writes the selected frames of all sequences at `size`.
+///
+/// Returns the frames of every selection and how they were resized.
+///
+/// # Errors
+/// When the video breaks off, a selected frame does not come up again, or a file cannot be written.
+pub fn extract(
+    video: &Path,
+    probe: &Probe,
+    selections: &[Selection],
+    size: (u32, u32),
+    progress: &dyn Progress,
+) -> Result<Vec<Vec<FrameEntry>>, CurateError> {
+    let mut wanted: Vec<(f64, usize)> = selections
+        .iter()
+        .enumerate()
+        .flat_map(|(owner, selection)| selection.times.iter().map(move |&time| (time, owner)))
+        .collect();
+    wanted.sort_by(|a, b| a.0.total_cmp(&b.0));
+    for selection in selections {
+        store::create_folder(&selection.folder.join(FRAMES_FOLDER))?;
+    }
+    let mut entries = vec![Vec::new(); selections.len()];
+    let mut reader = VideoReader::open(video)?;
+    let mut converter = Converter::new(Scaling::Native);
+    let turns = (probe.rotation_degrees / 90.0).round() as u32;
+    progress.begin("extracting frames", Some(wanted.len() as u64));
+    let outcome: Result<(), CurateError> = (|| {
+        let mut due = wanted.iter().peekable();
+        while let Some(&&(time_seconds, owner)) = due.peek() {
+            let Some(frame) = reader.next_frame()? else {
+                return Err(CurateError::video(
+                    video,
+                    format!("the frame at {time_seconds:.6} s did not decode a second time"),
+                ));
+            };
+            if frame.time_seconds < time_seconds - 1e-9 {
+                continue;
+            }
+            let picture = converter.convert(video, &frame.picture)?.turned(turns);
+            let file = format!("{FRAMES_FOLDER}/{:06}.png", entries[owner].len());
+            write_frame(&selections[owner].folder.join(&file), picture, size)?;
+            entries[owner].push(FrameEntry {
+                file,
+                time_seconds: frame.time_seconds,
+            });
+            progress.advance(1);
+            due.next();
+        }
+        Ok(())
+    })();
+    progress.end();
+    outcome?;
+    Ok(entries)
+}
+
+/// How frames of the probed video get to `size`, for the record.
+pub fn resampling(probe: &Probe, size: (u32, u32)) -> String {
+    if (probe.width, probe.height) == size {
+        "none".to_owned()
+    } else {
+        format!("area averaging from {}x{}", probe.width, probe.height)
+    }
+}
+
+fn write_frame(path: &Path, picture: Rgb8Picture, size: (u32, u32)) -> Result<(), CurateError> {
+    let (width, height) = (size.0 as usize, size.1 as usize);
+    let bytes = if (picture.width, picture.height) == (width, height) {
+        picture.data
+    } else {
+        RgbImage::from_rgb8(picture.width, picture.height, &picture.data)
+            .resized_by_area(width, height)
+            .to_rgb8()
+    };
+    Ok(rgb::write_rgb8_png(path, width, height, &bytes)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn whole(times: &[f64]) -> TimeRange {
+        TimeRange {
+            begin_seconds: times[0],
+            end_seconds: times[times.len() - 1] + 1.0,
+        }
+    }
+
+    #[test]
+    fn steady_video_is_sampled_at_exactly_even_distances() {
+        let times: Vec<f64> = (0..188).map(|i| f64::from(i) * 0.04).collect();
+        let chosen = choose(&times, whole(&times), Sampling::MaxFrames(120));
+        assert_eq!(chosen.len(), 94);
+        assert!(
+            chosen
+                .windows(2)
+                .all(|pair| (pair[1] - pair[0] - 0.08).abs() < 1e-9)
+        );
+        let per_second = choose(&times, whole(&times), Sampling::FramesPerSecond(5.0));
+        assert_eq!(per_second.len(), 38);
+    }
+
+    #[test]
+    fn nothing_is_invented_where_there_are_fewer_frames() {
+        let times = [0.0, 0.5, 1.5];
+        assert_eq!(
+            choose(&times, whole(&times), Sampling::MaxFrames(120)),
+            times
+        );
+        assert_eq!(
+            choose(&times, whole(&times), Sampling::FramesPerSecond(60.0)),
+            times
+        );
+        assert_eq!(choose(&times, whole(&times), Sampling::MaxFrames(1)), [0.0]);
+        let nowhere = TimeRange {
+            begin_seconds: 9.0,
+            end_seconds: 10.0,
+        };
+        assert_eq!(choose(&times, nowhere, Sampling::MaxFrames(3)), [0.0; 0]);
+    }
+
+    proptest! {
+        /// Samples are frames of the shot, in order, never more than asked for, and with a steady
+        /// rate more than half of what is asked for.
+        #[test]
+        fn samples_keep_to_the_bound(count in 2_usize..400, most in 2_u32..150) {
+            let times: Vec<f64> = (0..count).map(|i| i as f64 / 29.97).collect();
+            let chosen = choose(&times, whole(&times), Sampling::MaxFrames(most));
+            prop_assert!(chosen.len() <= most as usize);
+            prop_assert!(2 * chosen.len() >= count.min(most as usize));
+            prop_assert!(chosen.windows(2).all(|pair| pair[0] < pair[1]));
+            prop_assert!(chosen.iter().all(|time| times.contains(time)));
+        }
+    }
+}

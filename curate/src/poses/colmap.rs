@@ -1,0 +1,258 @@
+//! COLMAP's text model: `cameras.txt`, `images.txt`, `points3D.txt`
+//! (<https://colmap.github.io/format.html#text-format>).
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+    str::FromStr,
+};
+
+use glam::{DQuat, DVec2, DVec3};
+use omnilife_schemas::{Pose, camera::ErpCamera, points::PointCloud, store::StoreError};
+
+/// A reconstruction with one equirectangular camera.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ColmapModel {
+    /// The camera of all images.
+    pub camera: ErpCamera,
+    /// Registered images by their id.
+    pub images: BTreeMap<u32, ColmapImage>,
+    /// Points by their id.
+    pub points: BTreeMap<u64, ColmapPoint>,
+}
+
+/// A registered image.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ColmapImage {
+    /// File name.
+    pub name: String,
+    /// Camera to world.
+    pub rotation: DQuat,
+    /// Camera centre.
+    pub centre: DVec3,
+    /// Features that see a point: image coordinates in pixels and the point's id.
+    pub observations: Vec<(DVec2, u64)>,
+}
+
+impl ColmapImage {
+    /// The pose in the convention of the records.
+    pub fn pose(&self) -> Pose {
+        let q = self.rotation;
+        Pose {
+            rotation_wxyz: [q.w, q.x, q.y, q.z],
+            centre: self.centre.to_array(),
+        }
+    }
+}
+
+/// A world point.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ColmapPoint {
+    /// World coordinates.
+    pub position: DVec3,
+    /// 8-bit sRGB.
+    pub colour: [u8; 3],
+    /// Ids of the images that see it, one entry per observation.
+    pub track: Vec<u32>,
+}
+
+/// Files of a text model.
+pub fn files(folder: &Path) -> [PathBuf; 3] {
+    ["cameras.txt", "images.txt", "points3D.txt"].map(|name| folder.join(name))
+}
+
+impl ColmapModel {
+    /// Reads a text model.
+    ///
+    /// # Errors
+    /// When a file is missing or malformed, or a camera is not `EQUIRECTANGULAR`.
+    pub fn read(folder: &Path) -> Result<Self, StoreError> {
+        let [cameras, images, points] = files(folder);
+        Ok(Self {
+            camera: read_camera(&cameras)?,
+            images: read_images(&images)?,
+            points: read_points(&points)?,
+        })
+    }
+
+    /// Turns the world by a rotation.
+    pub fn rotate_world(&mut self, rotation: DQuat) {
+        for image in self.images.values_mut() {
+            image.rotation = (rotation * image.rotation).normalize();
+            image.centre = rotation * image.centre;
+        }
+        for point in self.points.values_mut() {
+            point.position = rotation * point.position;
+        }
+    }
+
+    /// The points as a coloured cloud, in order of id.
+    pub fn cloud(&self) -> PointCloud {
+        PointCloud {
+            positions: self
+                .points
+                .values()
+                .map(|point| point.position.as_vec3().to_array())
+                .collect(),
+            colours: self.points.values().map(|point| point.colour).collect(),
+        }
+    }
+}
+
+/// A line of a model file with its number, for errors.
+struct Line<'a> {
+    path: &'a Path,
+    number: usize,
+    text: &'a str,
+}
+
+impl Line<'_> {
+    fn malformed(&self, what: &str) -> StoreError {
+        StoreError::malformed(self.path, format!("line {}: {what}", self.number))
+    }
+
+    fn field<T: FromStr>(&self, index: usize, what: &str) -> Result<T, StoreError> {
+        self.text
+            .split_whitespace()
+            .nth(index)
+            .and_then(|word| word.parse().ok())
+            .ok_or_else(|| self.malformed(&format!("no {what}")))
+    }
+
+    fn numbers<const N: usize>(&self, first: usize, what: &str) -> Result<[f64; N], StoreError> {
+        let mut numbers = [0.0; N];
+        let mut words = self.text.split_whitespace().skip(first);
+        for number in &mut numbers {
+            *number = words
+                .next()
+                .and_then(|word| word.parse::<f64>().ok())
+                .filter(|value| value.is_finite())
+                .ok_or_else(|| self.malformed(&format!("no {what}")))?;
+        }
+        Ok(numbers)
+    }
+}
+
+/// All lines but comments. Empty lines stay: an image without features has an empty second line.
+fn lines<'a>(path: &'a Path, text: &'a str) -> impl Iterator<Item = Line<'a>> {
+    text.lines()
+        .enumerate()
+        .filter(|(_, text)| !text.starts_with('#'))
+        .map(move |(index, text)| Line {
+            path,
+            number: index + 1,
+            text,
+        })
+}
+
+fn text(path: &Path) -> Result<String, StoreError> {
+    fs::read_to_string(path).map_err(|error| StoreError::read(path, error))
+}
+
+fn read_camera(path: &Path) -> Result<ErpCamera, StoreError> {
+    let text = text(path)?;
+    let mut camera = None;
+    for line in lines(path, &text).filter(|line| !line.text.trim().is_empty()) {
+        let model: String = line.field(1, "camera model")?;
+        if model != "EQUIRECTANGULAR" {
+            return Err(line.malformed(&format!(
+                "camera model {model}; poses of ERP frames need EQUIRECTANGULAR"
+            )));
+        }
+        let this = ErpCamera {
+            width: line.field(2, "camera width")?,
+            height: line.field(3, "camera height")?,
+        };
+        if this.width == 0 || this.height == 0 || *camera.get_or_insert(this) != this {
+            return Err(line.malformed("camera size is empty or differs from the one before"));
+        }
+    }
+    camera.ok_or_else(|| StoreError::malformed(path, "has no camera"))
+}
+
+fn read_images(path: &Path) -> Result<BTreeMap<u32, ColmapImage>, StoreError> {
+    let text = text(path)?;
+    let mut lines = lines(path, &text);
+    let mut images = BTreeMap::new();
+    while let Some(line) = lines.next() {
+        if line.text.trim().is_empty() {
+            continue;
+        }
+        let id = line.field(0, "image id")?;
+        let [w, x, y, z, tx, ty, tz] = line.numbers(1, "image pose")?;
+        let camera_from_world = DQuat::from_xyzw(x, y, z, w);
+        if (camera_from_world.length() - 1.0).abs() > 1e-3 {
+            return Err(line.malformed("rotation is no unit quaternion"));
+        }
+        let rotation = camera_from_world.normalize().inverse();
+        let name: Vec<&str> = line.text.split_whitespace().skip(9).collect();
+        if name.is_empty() {
+            return Err(line.malformed("no image name"));
+        }
+        let observations = match lines.next() {
+            Some(features) => read_observations(&features)?,
+            None => Vec::new(),
+        };
+        images.insert(
+            id,
+            ColmapImage {
+                name: name.join(" "),
+                rotation,
+                centre: -(rotation * DVec3::new(tx, ty, tz)),
+                observations,
+            },
+        );
+    }
+    Ok(images)
+}
+
+/// Features as `x y point` triples; features without a point (-1) are left out.
+fn read_observations(line: &Line<'_>) -> Result<Vec<(DVec2, u64)>, StoreError> {
+    let words: Vec<&str> = line.text.split_whitespace().collect();
+    let (triples, rest) = words.as_chunks::<3>();
+    if !rest.is_empty() {
+        return Err(line.malformed("features are no x y point triples"));
+    }
+    let mut observations = Vec::new();
+    for [x, y, point] in triples {
+        let parsed = (x.parse(), y.parse(), point.parse::<i64>());
+        let (Ok(x), Ok(y), Ok(point)) = parsed else {
+            return Err(line.malformed("features are no x y point triples"));
+        };
+        if let Ok(point) = u64::try_from(point) {
+            observations.push((DVec2::new(x, y), point));
+        }
+    }
+    Ok(observations)
+}
+
+fn read_points(path: &Path) -> Result<BTreeMap<u64, ColmapPoint>, StoreError> {
+    let text = text(path)?;
+    let mut points = BTreeMap::new();
+    for line in lines(path, &text).filter(|line| !line.text.trim().is_empty()) {
+        let id = line.field(0, "point id")?;
+        let colour = [
+            line.field(4, "point colour")?,
+            line.field(5, "point colour")?,
+            line.field(6, "point colour")?,
+        ];
+        let track: Vec<u32> = line
+            .text
+            .split_whitespace()
+            .skip(8)
+            .step_by(2)
+            .map(str::parse)
+            .collect::<Result<_, _>>()
+            .map_err(|_| line.malformed("point track is no list of image ids"))?;
+        points.insert(
+            id,
+            ColmapPoint {
+                position: DVec3::from_array(line.numbers(1, "point position")?),
+                colour,
+                track,
+            },
+        );
+    }
+    Ok(points)
+}

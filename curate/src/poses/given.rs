@@ -1,0 +1,199 @@
+//! Poses that somebody supplies: a `poses.json`, or a folder with a COLMAP text model.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+use omnilife_schemas::{
+    Pose,
+    points::PointCloud,
+    records::{PoseSource, PoseValidation, PosedFrame, Poses, Scale, Sequence, ValidationStatus},
+    store,
+};
+
+use super::{
+    PosedSequence,
+    colmap::{self, ColmapModel},
+    validate::{ValidationLimits, validate},
+};
+use crate::error::CurateError;
+
+/// Every file that given poses consist of, for the stage's inputs.
+pub(super) fn files(path: &Path) -> Result<Vec<PathBuf>, CurateError> {
+    if path.is_dir() {
+        return Ok(colmap::files(path).to_vec());
+    }
+    let poses: Poses = store::read_record(path)?;
+    let mut files = vec![path.to_owned()];
+    files.extend(
+        poses
+            .points
+            .iter()
+            .chain(poses.frames.iter().filter_map(|frame| frame.mask.as_ref()))
+            .map(|file| beside(path, file)),
+    );
+    Ok(files)
+}
+
+/// Reads given poses and matches them to the frames of a sequence.
+///
+/// # Errors
+/// When the files are missing or malformed, or no frame gets a pose.
+pub(crate) fn read(path: &Path, sequence: &Sequence) -> Result<PosedSequence, CurateError> {
+    let posed = if path.is_dir() {
+        from_colmap(path, sequence)?
+    } else {
+        from_record(path, sequence)?
+    };
+    if posed.poses.iter().all(Option::is_none) {
+        return Err(CurateError::input(
+            path,
+            format!(
+                "fits no frame of {} ({} frames from {:.3} s to {:.3} s)",
+                sequence.id,
+                sequence.frames.entries.len(),
+                sequence.range.begin_seconds,
+                sequence.range.end_seconds
+            ),
+        ));
+    }
+    Ok(posed)
+}
+
+fn beside(path: &Path, file: &str) -> PathBuf {
+    path.parent().unwrap_or(Path::new("")).join(file)
+}
+
+/// Frames are matched by time, within half the source's frame interval.
+fn from_record(path: &Path, sequence: &Sequence) -> Result<PosedSequence, CurateError> {
+    let record: Poses = store::read_record(path)?;
+    if let Some(bad) = record
+        .frames
+        .iter()
+        .find(|frame| !frame.pose.is_valid() || !frame.time_seconds.is_finite())
+    {
+        return Err(store::StoreError::malformed(
+            path,
+            format!(
+                "the pose at {} s is not finite or has no rotation",
+                bad.time_seconds
+            ),
+        )
+        .into());
+    }
+    let mut given: Vec<&PosedFrame> = record.frames.iter().collect();
+    given.sort_by(|a, b| a.time_seconds.total_cmp(&b.time_seconds));
+    let rate = sequence.probe.frames_per_second;
+    let tolerance = if rate > 0.0 { 0.5 / rate } else { 1e-3 };
+    let matched: Vec<Option<&PosedFrame>> = sequence
+        .frames
+        .entries
+        .iter()
+        .map(|entry| nearest(&given, entry.time_seconds, tolerance))
+        .collect();
+    let poses: Vec<Option<Pose>> = matched.iter().map(|m| m.map(|frame| frame.pose)).collect();
+    let points = record
+        .points
+        .as_ref()
+        .map(|file| PointCloud::read_ply(&beside(path, file)))
+        .transpose()?;
+    Ok(PosedSequence {
+        validation: unchecked(&poses),
+        masks: matched
+            .iter()
+            .map(|m| {
+                m.and_then(|frame| frame.mask.as_ref())
+                    .map(|file| beside(path, file))
+            })
+            .collect(),
+        poses,
+        points,
+        scale: record.scale,
+        source: PoseSource::Given {
+            file: path.display().to_string(),
+        },
+    })
+}
+
+/// The pose nearest to an instant, if it is within the tolerance. `given` is sorted by time.
+fn nearest<'a>(given: &[&'a PosedFrame], seconds: f64, tolerance: f64) -> Option<&'a PosedFrame> {
+    let after = given.partition_point(|frame| frame.time_seconds < seconds);
+    given[after.saturating_sub(1)..(after + 1).min(given.len())]
+        .iter()
+        .map(|frame| ((frame.time_seconds - seconds).abs(), *frame))
+        .filter(|(distance, _)| *distance <= tolerance)
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, frame)| frame)
+}
+
+/// Frames are matched by file name, whatever their folder.
+fn from_colmap(folder: &Path, sequence: &Sequence) -> Result<PosedSequence, CurateError> {
+    let model = ColmapModel::read(folder)?;
+    let names = frame_names(sequence);
+    let by_name: BTreeMap<String, Pose> = model
+        .images
+        .values()
+        .map(|image| (file_name(&image.name), image.pose()))
+        .collect();
+    let poses: Vec<Option<Pose>> = names
+        .iter()
+        .map(|name| by_name.get(name).copied())
+        .collect();
+    let has_observations = model
+        .images
+        .values()
+        .any(|image| !image.observations.is_empty());
+    let validation = if has_observations {
+        let mut flat = model.clone();
+        for image in flat.images.values_mut() {
+            image.name = file_name(&image.name);
+        }
+        validate(&flat, &names, &ValidationLimits::default())
+    } else {
+        unchecked(&poses)
+    };
+    Ok(PosedSequence {
+        masks: vec![None; poses.len()],
+        poses,
+        points: Some(model.cloud()),
+        scale: Scale::Arbitrary,
+        source: PoseSource::Given {
+            file: folder.display().to_string(),
+        },
+        validation,
+    })
+}
+
+fn file_name(path: &str) -> String {
+    path.rsplit(['/', '\\']).next().unwrap_or(path).to_owned()
+}
+
+/// File names of a sequence's frames, in order of time.
+pub(super) fn frame_names(sequence: &Sequence) -> Vec<String> {
+    sequence
+        .frames
+        .entries
+        .iter()
+        .map(|entry| file_name(&entry.file))
+        .collect()
+}
+
+fn unchecked(poses: &[Option<Pose>]) -> PoseValidation {
+    let registered = poses.iter().flatten().count();
+    let mut problems = Vec::new();
+    if registered < poses.len() {
+        problems.push(format!(
+            "{} of {} frames have no pose",
+            poses.len() - registered,
+            poses.len()
+        ));
+    }
+    PoseValidation {
+        status: ValidationStatus::Unchecked,
+        registered_frames: registered as u32,
+        total_frames: poses.len() as u32,
+        measures: BTreeMap::new(),
+        problems,
+    }
+}

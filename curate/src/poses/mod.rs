@@ -1,0 +1,180 @@
+//! Camera poses of a sequence: given by the user, or found by structure from motion.
+//!
+//! [`pose_sequence`] turns `sequence.json` into `scene.json`, with `points.ply` and `masks/` where
+//! there are points and masks.
+
+pub mod colmap;
+pub mod given;
+pub mod level;
+mod masks;
+pub mod sfm;
+pub mod validate;
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use omnilife_schemas::{
+    Pose,
+    camera::ErpCamera,
+    points::PointCloud,
+    progress::Progress,
+    records::{PoseSource, PoseValidation, Scale, Scene, SceneFrame, Sequence},
+    stage::StagePlan,
+    store,
+};
+
+use crate::{error::CurateError, pipeline::SEQUENCE_FILE};
+pub use sfm::SfmSettings;
+pub use validate::ValidationLimits;
+
+/// File of the scene record in a sequence's folder.
+pub const SCENE_FILE: &str = "scene.json";
+/// File of the world points in a sequence's folder.
+pub const POINTS_FILE: &str = "points.ply";
+
+/// Where the poses of a sequence come from.
+#[derive(Debug, Clone, PartialEq)]
+pub enum PoseRequest {
+    /// A `poses.json` (`omnilife/poses/1`) or a folder with a COLMAP text model.
+    Given(PathBuf),
+    /// Structure from motion.
+    Sfm(SfmSettings),
+}
+
+/// Poses of a sequence's frames, before they are written as a scene.
+#[derive(Debug, Clone)]
+pub(crate) struct PosedSequence {
+    /// One entry per frame of the sequence.
+    pub(crate) poses: Vec<Option<Pose>>,
+    /// Mask file per frame, wherever the user keeps it.
+    pub(crate) masks: Vec<Option<PathBuf>>,
+    pub(crate) points: Option<PointCloud>,
+    pub(crate) scale: Scale,
+    pub(crate) source: PoseSource,
+    pub(crate) validation: PoseValidation,
+}
+
+/// Poses the sequence in `sequence_folder` and writes its scene; skipped, with a note, while the
+/// sequence and the request have not changed.
+///
+/// # Errors
+/// When the folder holds no sequence, the given poses are malformed or fit no frame, structure from
+/// motion is not installed or registers fewer than two frames, or a file cannot be written.
+pub fn pose_sequence(
+    sequence_folder: &Path,
+    request: &PoseRequest,
+    progress: &dyn Progress,
+) -> Result<Scene, CurateError> {
+    let sequence_path = sequence_folder.join(SEQUENCE_FILE);
+    let sequence: Sequence = store::read_record(&sequence_path)?;
+    let plan = plan(sequence_folder, &sequence_path, request)?;
+    let scene_path = sequence_folder.join(SCENE_FILE);
+    if plan.is_done() {
+        progress.note(&format!("{}: poses unchanged, skipped", sequence.id));
+        return Ok(store::read_record(&scene_path)?);
+    }
+    plan.begin()?;
+    let started = Instant::now();
+    let posed = match request {
+        PoseRequest::Given(path) => given::read(path, &sequence)?,
+        PoseRequest::Sfm(settings) => sfm::run(sequence_folder, &sequence, settings, progress)?,
+    };
+    for problem in &posed.validation.problems {
+        progress.note(&format!("{}: poses: {problem}", sequence.id));
+    }
+    let (scene, outputs) = write_scene(sequence_folder, &sequence, posed)?;
+    store::write_record(&scene_path, &scene)?;
+    plan.finish(outputs, started.elapsed().as_secs_f64())?;
+    Ok(scene)
+}
+
+fn plan(
+    sequence_folder: &Path,
+    sequence_path: &Path,
+    request: &PoseRequest,
+) -> Result<StagePlan, CurateError> {
+    let plan = StagePlan::new(sequence_folder, "poses").with_file(sequence_path)?;
+    Ok(match request {
+        PoseRequest::Given(path) => {
+            let mut plan = plan.with_text("poses", &path.display().to_string());
+            for file in given::files(path)? {
+                plan = plan.with_file(&file)?;
+            }
+            plan
+        }
+        PoseRequest::Sfm(settings) => {
+            let mut plan = plan.with_settings("structure from motion", settings);
+            if let Some(folder) = &settings.masks {
+                for file in masks::files(folder)? {
+                    plan = plan.with_file(&file)?;
+                }
+            }
+            plan
+        }
+    })
+}
+
+/// Writes points and masks; returns the scene and the outputs of the stage.
+fn write_scene(
+    folder: &Path,
+    sequence: &Sequence,
+    posed: PosedSequence,
+) -> Result<(Scene, Vec<String>), CurateError> {
+    let mut outputs = vec![SCENE_FILE.to_owned()];
+    let size = (
+        sequence.frames.width as usize,
+        sequence.frames.height as usize,
+    );
+    let mask_files = masks::copy(folder, &posed.masks, size)?;
+    outputs.extend(mask_files.iter().flatten().cloned());
+    let points_path = folder.join(POINTS_FILE);
+    let points = match posed.points.filter(|cloud| !cloud.is_empty()) {
+        Some(cloud) => {
+            cloud.write_ply(&points_path)?;
+            outputs.push(POINTS_FILE.to_owned());
+            Some(POINTS_FILE.to_owned())
+        }
+        None => {
+            remove_stale(&points_path)?;
+            None
+        }
+    };
+    let frames = sequence
+        .frames
+        .entries
+        .iter()
+        .zip(posed.poses)
+        .zip(mask_files)
+        .map(|((entry, pose), mask)| SceneFrame {
+            image: entry.file.clone(),
+            time_seconds: entry.time_seconds,
+            pose,
+            mask,
+        })
+        .collect();
+    let scene = Scene {
+        id: sequence.id.clone(),
+        camera: ErpCamera {
+            width: sequence.frames.width,
+            height: sequence.frames.height,
+        },
+        scale: posed.scale,
+        frames,
+        points,
+        pose_source: posed.source,
+        validation: posed.validation,
+    };
+    Ok((scene, outputs))
+}
+
+fn remove_stale(path: &Path) -> Result<(), CurateError> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            Err(store::StoreError::write(path, error).into())
+        }
+        _ => Ok(()),
+    }
+}

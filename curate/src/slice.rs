@@ -1,0 +1,121 @@
+//! From boundaries to shots: the stretches of a video that one continuous take covers.
+
+use omnilife_schemas::records::{Boundary, TimeRange};
+
+/// The shots of a video.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Shots {
+    /// Long enough to become sequences, in order of time.
+    pub kept: Vec<TimeRange>,
+    /// Too short.
+    pub dropped: Vec<TimeRange>,
+}
+
+/// Cuts a video into shots at its boundaries.
+///
+/// `times` are the timestamps of all frames in order, `range` their whole stretch, and `boundaries`
+/// are in order of time. The interior of a gradual transition belongs to no shot: the old one ends
+/// after the frame at `begin_seconds`, the new one begins with the frame at `end_seconds`. Shots
+/// shorter than `minimum_seconds` are dropped.
+pub fn shots(
+    times: &[f64],
+    range: TimeRange,
+    boundaries: &[Boundary],
+    minimum_seconds: f64,
+) -> Shots {
+    let mut all = Vec::new();
+    let mut begin = range.begin_seconds;
+    for boundary in boundaries {
+        let after = times.partition_point(|&time| time <= boundary.begin_seconds);
+        let end = times.get(after).copied().unwrap_or(range.end_seconds);
+        if end > begin {
+            all.push(TimeRange {
+                begin_seconds: begin,
+                end_seconds: end,
+            });
+        }
+        begin = boundary.end_seconds.max(begin);
+    }
+    if range.end_seconds > begin {
+        all.push(TimeRange {
+            begin_seconds: begin,
+            end_seconds: range.end_seconds,
+        });
+    }
+    let (kept, dropped) = all
+        .into_iter()
+        .partition(|shot| shot.duration_seconds() >= minimum_seconds - 1e-9);
+    Shots { kept, dropped }
+}
+
+#[cfg(test)]
+mod tests {
+    use omnilife_schemas::records::BoundaryKind;
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn boundary(begin_seconds: f64, end_seconds: f64) -> Boundary {
+        Boundary {
+            begin_seconds,
+            end_seconds,
+            kind: BoundaryKind::Gradual,
+            score: 1.0,
+        }
+    }
+
+    #[test]
+    fn transitions_belong_to_no_shot_and_short_shots_are_dropped() {
+        let times: Vec<f64> = (0..100).map(|i| f64::from(i) * 0.1).collect();
+        let range = TimeRange {
+            begin_seconds: 0.0,
+            end_seconds: 10.0,
+        };
+        let found = shots(
+            &times,
+            range,
+            &[
+                boundary(times[29], times[30]),
+                boundary(times[34], times[40]),
+            ],
+            1.0,
+        );
+        let span = |begin: usize, end| TimeRange {
+            begin_seconds: times[begin],
+            end_seconds: end,
+        };
+        assert_eq!(found.kept, [span(0, times[30]), span(40, 10.0)]);
+        assert_eq!(found.dropped, [span(30, times[35])]);
+    }
+
+    proptest! {
+        /// Shots are disjoint, in order, inside the range, and hold every frame that is strictly
+        /// inside no transition.
+        #[test]
+        fn shots_partition_the_frames(cuts in proptest::collection::vec((1_usize..199, 1_usize..9), 0..6)) {
+            let times: Vec<f64> = (0..200).map(|i| f64::from(i) / 25.0 + 3.0).collect();
+            let range = TimeRange { begin_seconds: times[0], end_seconds: 11.0 };
+            let mut last = 0;
+            let mut boundaries = Vec::new();
+            let mut inside = Vec::new();
+            let mut cuts = cuts;
+            cuts.sort_unstable();
+            for (begin, length) in cuts {
+                let end = (begin + length).min(199);
+                if begin < last { continue; }
+                boundaries.push(boundary(times[begin], times[end]));
+                inside.extend(begin + 1..end);
+                last = end;
+            }
+            let found = shots(&times, range, &boundaries, 0.0);
+            prop_assert!(found.dropped.is_empty());
+            for pair in found.kept.windows(2) {
+                prop_assert!(pair[0].end_seconds <= pair[1].begin_seconds);
+            }
+            for (index, &time) in times.iter().enumerate() {
+                let holders = found.kept.iter().filter(|shot| shot.contains(time)).count();
+                prop_assert_eq!(holders, usize::from(!inside.contains(&index)), "frame {}", index);
+            }
+        }
+    }
+}

@@ -1,0 +1,25 @@
+//! The stored aspect ratio.
+
+use omnilife_schemas::records::Probe;
+
+use super::VerdictTest;
+
+/// Relative deviation of the coded size from 2:1.
+pub(super) const TEST: VerdictTest = VerdictTest {
+    id: "aspect-ratio",
+    summary: "Relative deviation of the coded width over height from 2, as stored, whatever the \
+              pixel aspect ratio claims.",
+    limit: 0.02,
+    at_most: "stored at 2:1",
+    above: "not stored at 2:1",
+    measure: |probe, _| Some(deviation(probe)),
+};
+
+fn deviation(probe: &Probe) -> f64 {
+    (f64::from(probe.width) / (2.0 * f64::from(probe.height)) - 1.0).abs()
+}
+
+/// Whether the coded size is 2:1 to the test's limit.
+pub(super) fn is_two_to_one(probe: &Probe) -> bool {
+    deviation(probe) <= TEST.limit
+}

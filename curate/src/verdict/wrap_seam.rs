@@ -1,0 +1,78 @@
+//! Does the picture go on over its left and right edge?
+
+use std::f64::consts::PI;
+
+use super::{VerdictTest, median_over};
+use crate::{statistics, video::Rgb8Picture};
+
+/// Differences, in 8-bit levels, between far and neighbouring columns below which a picture is too
+/// plain to tell whether it wraps.
+const LEAST_CONTRAST_LEVELS: f64 = 1.5;
+
+/// Pairs of columns at either edge that say how rich in detail the picture is there.
+const EDGE_PAIRS: usize = 4;
+
+/// The wrap seam of the whole picture.
+pub(super) const WHOLE: VerdictTest = VerdictTest {
+    id: "wrap-seam",
+    summary: "Difference of the last and the first column on the scale on which neighbouring \
+              columns are 0 and distant ones are 1. An ERP's edges are neighbours.",
+    limit: 0.3,
+    at_most: "the left and the right edge are neighbours",
+    above: "the picture breaks at its left and right edge",
+    measure: |_, samples| median_over(samples, |picture| seam(picture, picture.width)),
+};
+
+/// The wrap seam of the left half, for side-by-side stereo.
+pub(super) const LEFT_HALF: VerdictTest = VerdictTest {
+    id: "wrap-seam-left-half",
+    summary: "The wrap seam of the left half alone: side-by-side ERP pictures wrap each in itself.",
+    limit: 0.3,
+    at_most: "the left half wraps in itself",
+    above: "the left half does not wrap in itself",
+    measure: |_, samples| median_over(samples, |picture| seam(picture, picture.width / 2)),
+};
+
+/// Seam of the leftmost `width` columns.
+fn seam(picture: &Rgb8Picture, width: usize) -> Option<f64> {
+    if width < 16 {
+        return None;
+    }
+    let neighbours: Vec<f64> = (0..width - 1)
+        .map(|x| column_difference(picture, x, x + 1))
+        .collect();
+    let distant: Vec<f64> = (0..width)
+        .step_by(4)
+        .flat_map(|x| [width / 4, width / 3, width / 2].map(|shift| (x, (x + shift) % width)))
+        .map(|(a, b)| column_difference(picture, a, b))
+        .collect();
+    // Detail happens to be rich or poor at the edges; a real seam continues what is there.
+    let at_edges: Vec<f64> = neighbours[..EDGE_PAIRS]
+        .iter()
+        .chain(&neighbours[neighbours.len() - EDGE_PAIRS..])
+        .copied()
+        .collect();
+    let near = statistics::median(&neighbours)?.max(statistics::median(&at_edges)?);
+    let far = statistics::median(&distant)?;
+    (far - near >= LEAST_CONTRAST_LEVELS)
+        .then(|| ((column_difference(picture, width - 1, 0) - near) / (far - near)).max(0.0))
+}
+
+/// Mean absolute difference of two columns in 8-bit levels, rows weighted by the cosine of their
+/// latitude so that the poles, where everything agrees, do not drown the rest.
+fn column_difference(picture: &Rgb8Picture, a: usize, b: usize) -> f64 {
+    let mut sum = 0.0;
+    let mut weights = 0.0;
+    for y in 0..picture.height {
+        let weight = ((0.5 - (y as f64 + 0.5) / picture.height as f64) * PI).cos();
+        let (one, other) = (picture.pixel(a, y), picture.pixel(b, y));
+        let difference: f64 = one
+            .iter()
+            .zip(other)
+            .map(|(&p, q)| f64::from(p.abs_diff(q)))
+            .sum();
+        sum += weight * difference / 3.0;
+        weights += weight;
+    }
+    sum / weights
+}

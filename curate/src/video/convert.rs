@@ -1,0 +1,231 @@
+//! From the decoder's pixel formats to 8-bit RGB.
+
+use std::path::Path;
+
+use ffmpeg::{
+    color, ffi,
+    format::Pixel,
+    software::scaling::{self, Flags},
+};
+use ffmpeg_next as ffmpeg;
+
+use crate::error::CurateError;
+
+/// 8-bit interleaved RGB, row-major.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Rgb8Picture {
+    /// Pixels per row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// `height * width * 3` values.
+    pub data: Vec<u8>,
+}
+
+impl Rgb8Picture {
+    /// The pixel in column `x` and row `y`.
+    pub fn pixel(&self, x: usize, y: usize) -> [u8; 3] {
+        let at = (y * self.width + x) * 3;
+        [self.data[at], self.data[at + 1], self.data[at + 2]]
+    }
+
+    /// The picture turned clockwise by `quarters` quarter turns.
+    pub fn turned(self, quarters: u32) -> Self {
+        let quarters = quarters % 4;
+        if quarters == 0 {
+            return self;
+        }
+        let (width, height) = if quarters == 2 {
+            (self.width, self.height)
+        } else {
+            (self.height, self.width)
+        };
+        let mut data = Vec::with_capacity(self.data.len());
+        for y in 0..height {
+            for x in 0..width {
+                let (from_x, from_y) = match quarters {
+                    1 => (y, self.height - 1 - x),
+                    2 => (self.width - 1 - x, self.height - 1 - y),
+                    _ => (self.width - 1 - y, x),
+                };
+                data.extend_from_slice(&self.pixel(from_x, from_y));
+            }
+        }
+        Self {
+            width,
+            height,
+            data,
+        }
+    }
+}
+
+/// How a [`Converter`] treats size.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scaling {
+    /// The decoded size; chroma is interpolated to it.
+    Native,
+    /// At most this many pixels wide, aspect kept, by area averaging.
+    MaxWidth(u32),
+}
+
+/// Converts the frames of one video.
+///
+/// YUV is converted by the matrix and range that the stream states. Where it states no matrix,
+/// BT.709 is taken above 576 rows or 1024 columns and BT.601 below, as players do.
+pub struct Converter {
+    scaling: Scaling,
+    context: Option<scaling::Context>,
+    configured: Option<Configuration>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Configuration {
+    format: Pixel,
+    width: u32,
+    height: u32,
+    space: color::Space,
+    range: color::Range,
+}
+
+// SAFETY: an `SwsContext` has no ties to the thread that made it, and the converter has sole
+// access to it.
+unsafe impl Send for Converter {}
+
+impl Converter {
+    /// A converter for one video.
+    pub fn new(scaling: Scaling) -> Self {
+        Self {
+            scaling,
+            context: None,
+            configured: None,
+        }
+    }
+
+    /// Converts a frame of the video at `path` (named in errors).
+    ///
+    /// # Errors
+    /// [`CurateError::Video`] when the pixel format cannot be converted.
+    pub fn convert(
+        &mut self,
+        path: &Path,
+        picture: &ffmpeg::frame::Video,
+    ) -> Result<Rgb8Picture, CurateError> {
+        let configuration = Configuration {
+            format: picture.format(),
+            width: picture.width(),
+            height: picture.height(),
+            space: picture.color_space(),
+            range: picture.color_range(),
+        };
+        let unsupported = |error: ffmpeg::Error| {
+            CurateError::video(
+                path,
+                format!(
+                    "pixel format {:?} cannot be converted: {error}",
+                    configuration.format
+                ),
+            )
+        };
+        // A stream may change its size or colours on the way.
+        if self.configured != Some(configuration) {
+            self.context = Some(configuration.context(self.scaling).map_err(unsupported)?);
+            self.configured = Some(configuration);
+        }
+        let Some(context) = self.context.as_mut() else {
+            return Err(CurateError::internal(path, "no scaler"));
+        };
+        let mut rgb = ffmpeg::frame::Video::empty();
+        context.run(picture, &mut rgb).map_err(unsupported)?;
+        Ok(packed(&rgb))
+    }
+}
+
+impl Configuration {
+    fn context(&self, scaling: Scaling) -> Result<scaling::Context, ffmpeg::Error> {
+        let (width, height, filter) = match scaling {
+            Scaling::MaxWidth(limit) if self.width > limit => {
+                let height = (f64::from(self.height) * f64::from(limit) / f64::from(self.width))
+                    .round()
+                    .max(1.0);
+                (limit, height as u32, Flags::AREA)
+            }
+            _ => (
+                self.width,
+                self.height,
+                Flags::BICUBIC | Flags::FULL_CHR_H_INT | Flags::FULL_CHR_H_INP,
+            ),
+        };
+        let mut context = scaling::Context::get(
+            self.format,
+            self.width,
+            self.height,
+            Pixel::RGB24,
+            width,
+            height,
+            filter | Flags::ACCURATE_RND,
+        )?;
+        let matrix = match self.matrix() {
+            Matrix::Bt601 => ffi::SWS_CS_ITU601,
+            Matrix::Bt709 => ffi::SWS_CS_ITU709,
+            Matrix::Bt2020 => ffi::SWS_CS_BT2020,
+        };
+        // SAFETY: the context is live, and `sws_getCoefficients` returns a pointer to a static
+        // table of four integers, which is what `sws_setColorspaceDetails` reads. The last three
+        // arguments are the neutral brightness, contrast and saturation in 16.16 fixed point.
+        // The call fails for formats without a matrix (RGB, grey), which then need none.
+        unsafe {
+            let coefficients = ffi::sws_getCoefficients(matrix);
+            ffi::sws_setColorspaceDetails(
+                context.as_mut_ptr(),
+                coefficients,
+                i32::from(self.is_full_range()),
+                coefficients,
+                1,
+                0,
+                1 << 16,
+                1 << 16,
+            );
+        }
+        Ok(context)
+    }
+
+    fn matrix(&self) -> Matrix {
+        match self.space {
+            color::Space::BT709 => Matrix::Bt709,
+            color::Space::BT2020NCL | color::Space::BT2020CL => Matrix::Bt2020,
+            color::Space::BT470BG | color::Space::SMPTE170M | color::Space::FCC => Matrix::Bt601,
+            _ if self.height > 576 || self.width > 1024 => Matrix::Bt709,
+            _ => Matrix::Bt601,
+        }
+    }
+
+    fn is_full_range(&self) -> bool {
+        self.range == color::Range::JPEG
+            || matches!(
+                self.format,
+                Pixel::YUVJ420P | Pixel::YUVJ422P | Pixel::YUVJ444P | Pixel::YUVJ440P
+            )
+    }
+}
+
+enum Matrix {
+    Bt601,
+    Bt709,
+    Bt2020,
+}
+
+/// The rows of an RGB24 frame without the padding between them.
+fn packed(frame: &ffmpeg::frame::Video) -> Rgb8Picture {
+    let (width, height) = (frame.width() as usize, frame.height() as usize);
+    let stride = frame.stride(0);
+    let bytes = frame.data(0);
+    let mut data = Vec::with_capacity(width * height * 3);
+    for y in 0..height {
+        data.extend_from_slice(&bytes[y * stride..y * stride + width * 3]);
+    }
+    Rgb8Picture {
+        width,
+        height,
+        data,
+    }
+}

@@ -1,0 +1,223 @@
+//! Decoding as a stream: one frame in memory at a time, with the source's timestamps.
+
+use std::path::{Path, PathBuf};
+
+use ffmpeg::{codec::threading, format::context, media, util::error::EAGAIN};
+use ffmpeg_next as ffmpeg;
+
+use crate::error::CurateError;
+
+/// Reads the best video stream of a file from its first frame to its last.
+///
+/// Memory does not grow with the length of the video: packets and frames are dropped as they are
+/// consumed.
+pub struct VideoReader {
+    path: PathBuf,
+    input: context::Input,
+    decoder: ffmpeg::decoder::Video,
+    stream_index: usize,
+    seconds_per_tick: f64,
+    last_seconds: Option<f64>,
+    frames: u64,
+    damaged: u64,
+    last_packet_is_partial: bool,
+    draining: bool,
+}
+
+/// A decoded frame in the source's pixel format.
+pub struct Frame {
+    /// Presentation timestamp in seconds, as the source states it.
+    pub time_seconds: f64,
+    /// The pixels.
+    pub picture: ffmpeg::frame::Video,
+}
+
+impl VideoReader {
+    /// Opens a file and its best video stream.
+    ///
+    /// # Errors
+    /// [`CurateError::Video`] when the file is missing, empty, of no known container, without a
+    /// video stream or in a codec that FFmpeg cannot decode.
+    pub fn open(path: &Path) -> Result<Self, CurateError> {
+        let input = open_container(path)?;
+        let stream = input
+            .streams()
+            .best(media::Type::Video)
+            .ok_or_else(|| CurateError::video(path, "has no video stream"))?;
+        let mut codec = ffmpeg::codec::Context::from_parameters(stream.parameters())
+            .map_err(|error| CurateError::internal(path, error))?;
+        // Zero threads lets FFmpeg take one per core.
+        codec.set_threading(threading::Config {
+            kind: threading::Type::Frame,
+            count: 0,
+            ..threading::Config::default()
+        });
+        let decoder = codec.decoder().video().map_err(|error| {
+            CurateError::video(
+                path,
+                format!(
+                    "its video stream ({}) cannot be decoded: {error}",
+                    stream.parameters().id().name()
+                ),
+            )
+        })?;
+        Ok(Self {
+            stream_index: stream.index(),
+            seconds_per_tick: f64::from(stream.time_base()),
+            path: path.to_owned(),
+            decoder,
+            last_seconds: None,
+            frames: 0,
+            damaged: 0,
+            last_packet_is_partial: false,
+            draining: false,
+            input,
+        })
+    }
+
+    /// The container, for [`probe`](mod@super::probe).
+    pub(super) fn input(&self) -> &context::Input {
+        &self.input
+    }
+
+    /// The decoder, for [`probe`](mod@super::probe).
+    pub(super) fn decoder(&self) -> &ffmpeg::decoder::Video {
+        &self.decoder
+    }
+
+    /// The stream that is read.
+    pub(super) fn stream(&self) -> Option<ffmpeg::Stream<'_>> {
+        self.input.stream(self.stream_index)
+    }
+
+    /// The file that is read.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Frames and packets so far that were damaged: patched up by the decoder, or left out because
+    /// they cannot be decoded or their timestamps run backwards.
+    pub fn damaged(&self) -> u64 {
+        self.damaged
+    }
+
+    /// The unit of the source's timestamps, seconds.
+    pub fn seconds_per_tick(&self) -> f64 {
+        self.seconds_per_tick
+    }
+
+    /// Whether the last packet of the stream was cut off, as in a truncated file.
+    pub fn ends_in_partial_packet(&self) -> bool {
+        self.last_packet_is_partial
+    }
+
+    /// The next frame in order of presentation, or `None` after the last.
+    ///
+    /// # Errors
+    /// [`CurateError::Video`] when the container breaks off or the decoder gives up.
+    pub fn next_frame(&mut self) -> Result<Option<Frame>, CurateError> {
+        let mut picture = ffmpeg::frame::Video::empty();
+        loop {
+            match self.decoder.receive_frame(&mut picture) {
+                Ok(()) => {
+                    if let Some(time_seconds) = self.accept(&picture) {
+                        return Ok(Some(Frame {
+                            time_seconds,
+                            picture,
+                        }));
+                    }
+                }
+                Err(ffmpeg::Error::Eof) => return Ok(None),
+                Err(ffmpeg::Error::Other { errno: EAGAIN }) => self.feed()?,
+                // One undecodable frame is no reason to give up the rest; it is counted.
+                Err(ffmpeg::Error::InvalidData) => self.damaged += 1,
+                Err(error) => return Err(self.broken(&error)),
+            }
+        }
+    }
+
+    /// Hands the decoder its next packet, or the end of the stream.
+    fn feed(&mut self) -> Result<(), CurateError> {
+        let mut packet = ffmpeg::Packet::empty();
+        loop {
+            match packet.read(&mut self.input) {
+                Ok(()) if packet.stream() == self.stream_index => break,
+                Ok(()) => {}
+                Err(ffmpeg::Error::Eof) if self.draining => {
+                    return Err(self.broken(&ffmpeg::Error::Eof));
+                }
+                Err(ffmpeg::Error::Eof) => {
+                    self.draining = true;
+                    return self.decoder.send_eof().map_err(|error| self.broken(&error));
+                }
+                Err(error) => return Err(self.broken(&error)),
+            }
+        }
+        self.last_packet_is_partial = packet.is_corrupt();
+        match self.decoder.send_packet(&packet) {
+            Ok(()) => Ok(()),
+            Err(ffmpeg::Error::InvalidData) => {
+                self.damaged += 1;
+                Ok(())
+            }
+            Err(error) => Err(self.broken(&error)),
+        }
+    }
+
+    /// The timestamp of a frame in seconds; frames without an increasing one are counted as damaged
+    /// and left out.
+    fn accept(&mut self, picture: &ffmpeg::frame::Video) -> Option<f64> {
+        let time_seconds = picture
+            .timestamp()
+            .map(|ticks| ticks as f64 * self.seconds_per_tick)
+            .filter(|&time| self.last_seconds.is_none_or(|last| time > last));
+        let patched = picture.is_corrupt() || picture.has_decode_errors();
+        if patched || time_seconds.is_none() {
+            self.damaged += 1;
+        }
+        if time_seconds.is_some() {
+            self.last_seconds = time_seconds;
+            self.frames += 1;
+        }
+        time_seconds
+    }
+
+    fn broken(&self, error: &ffmpeg::Error) -> CurateError {
+        let place = match self.last_seconds {
+            Some(seconds) => format!("after frame {} at {seconds:.3} s", self.frames - 1),
+            None => "at its first frame".to_owned(),
+        };
+        CurateError::video(
+            &self.path,
+            format!("breaks off {place} (truncated or damaged): {error}"),
+        )
+    }
+}
+
+/// Opens a container of local data only, with FFmpeg's own log silenced.
+fn open_container(path: &Path) -> Result<context::Input, CurateError> {
+    ffmpeg::init().map_err(|error| CurateError::internal(path, error))?;
+    ffmpeg::log::set_level(ffmpeg::log::Level::Quiet);
+    let metadata = std::fs::metadata(path)
+        .map_err(|error| CurateError::video(path, format!("cannot be read: {error}")))?;
+    if metadata.is_dir() {
+        return Err(CurateError::video(path, "is a folder, not a video"));
+    }
+    if metadata.len() == 0 {
+        return Err(CurateError::video(path, "is empty (0 bytes)"));
+    }
+    let text = path
+        .to_str()
+        .filter(|text| !text.contains('\0'))
+        .ok_or_else(|| CurateError::video(path, "its path is not valid UTF-8"))?;
+    // The prefix keeps FFmpeg from reading a protocol into the name, and the whitelist keeps a
+    // playlist in disguise from reaching anything but local files.
+    let mut options = ffmpeg::Dictionary::new();
+    options.set("protocol_whitelist", "file");
+    ffmpeg::format::input_with_dictionary(&format!("file:{text}"), options).map_err(|error| {
+        CurateError::video(
+            path,
+            format!("is not a video that FFmpeg can read, or is truncated: {error}"),
+        )
+    })
+}

@@ -1,0 +1,10 @@
+//! Reading videos with FFmpeg: what a file says about itself ([`probe`](mod@probe)), its frames as
+//! a stream ([`decode`]) and their conversion to RGB ([`convert`]).
+
+pub mod convert;
+pub mod decode;
+pub mod probe;
+
+pub use convert::{Converter, Rgb8Picture, Scaling};
+pub use decode::VideoReader;
+pub use probe::probe;
