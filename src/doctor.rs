@@ -1,11 +1,6 @@
 //! `omnilife doctor`: what this machine has, and what each missing thing would enable.
 
-use std::{
-    fmt, fs, io,
-    path::{Path, PathBuf},
-    process::Command,
-    thread,
-};
+use std::{fmt, path::Path, process::Command, thread};
 
 use omnilife_curate::poses::sfm;
 use omnilife_reconstruct::backend;
@@ -31,10 +26,10 @@ pub(crate) enum Finding {
     Missing {
         /// What was looked for, or what went wrong.
         reason: String,
-        /// What the user can do about it.
-        remedy: String,
+        /// What the user can do about it, where the reason does not say so.
+        remedy: Option<String>,
     },
-    /// Nothing in this version asks for it, whether it is there or not.
+    /// Nothing in this version asks for it: it is not looked for.
     Unused(String),
 }
 
@@ -66,9 +61,9 @@ pub(crate) static CHECKS: &[Check] = &[
     },
     Check {
         id: "models",
-        enables: "nothing yet: LPIPS and learned shot boundaries (TransNetV2) are not in this version",
+        enables: "LPIPS and learned shot boundaries (TransNetV2), which are not in this version",
         needed: false,
-        probe: model_weights,
+        probe: || Finding::Unused("no model weights are used by this version".to_owned()),
     },
     Check {
         id: "threads",
@@ -78,7 +73,7 @@ pub(crate) static CHECKS: &[Check] = &[
     },
     Check {
         id: "disk",
-        enables: "writing results into the current folder",
+        enables: "knowing beforehand whether results fit into the current folder",
         needed: false,
         probe: free_disk,
     },
@@ -119,7 +114,8 @@ impl fmt::Display for Report {
                 Finding::Missing { reason, remedy } => {
                     let state = if check.needed { "BROKEN" } else { "missing" };
                     let enables = format!("would enable: {}", check.enables);
-                    (state, vec![reason.clone(), enables, remedy.clone()])
+                    let lines = [Some(reason.clone()), Some(enables), remedy.clone()];
+                    (state, lines.into_iter().flatten().collect())
                 }
             };
             for (index, line) in lines.iter().enumerate() {
@@ -154,7 +150,7 @@ fn linked_libraries(wanted: impl Fn(&str) -> bool) -> Finding {
     if lines.is_empty() {
         Finding::Missing {
             reason: "this build reports no version of it".to_owned(),
-            remedy: "install it with: scripts/setup, and build again".to_owned(),
+            remedy: Some("install it with scripts/setup and build again".to_owned()),
         }
     } else {
         Finding::Present(vec![lines.join(", ")])
@@ -170,7 +166,7 @@ fn structure_from_motion() -> Finding {
         )]),
         Err(error) => Finding::Missing {
             reason: error.to_string(),
-            remedy: "install it with: scripts/setup --sfm".to_owned(),
+            remedy: None,
         },
     }
 }
@@ -180,7 +176,7 @@ fn graphics_adapters() -> Finding {
     if found.is_empty() {
         return Finding::Missing {
             reason: "no Vulkan, Metal or DX12 adapter".to_owned(),
-            remedy: "install a GPU driver, or software rendering with: scripts/setup".to_owned(),
+            remedy: Some("install a GPU driver; scripts/setup installs a software one".to_owned()),
         };
     }
     Finding::Present(
@@ -189,29 +185,6 @@ fn graphics_adapters() -> Finding {
             .map(|adapter| format!("{} ({}, {})", adapter.name, adapter.backend, adapter.kind))
             .collect(),
     )
-}
-
-fn model_weights() -> Finding {
-    let folder = sfm::data_folder().join("models");
-    let files = files_in(&folder);
-    let place = folder.display();
-    Finding::Unused(match files {
-        Ok(files) if !files.is_empty() => format!("{place}: {}", files.join(", ")),
-        Ok(_) => format!("{place}: empty; this version uses none"),
-        Err(error) if error.kind() == io::ErrorKind::NotFound => {
-            format!("none in {place}; this version uses none")
-        }
-        Err(error) => format!("{place}: cannot be read: {error}"),
-    })
-}
-
-/// Names of the files in a folder, sorted.
-fn files_in(folder: &Path) -> io::Result<Vec<String>> {
-    let mut names = fs::read_dir(folder)?
-        .map(|entry| Ok(entry?.file_name().to_string_lossy().into_owned()))
-        .collect::<io::Result<Vec<_>>>()?;
-    names.sort();
-    Ok(names)
 }
 
 fn cpu_threads() -> Finding {
@@ -223,14 +196,14 @@ fn cpu_threads() -> Finding {
 }
 
 fn free_disk() -> Finding {
-    match free_kibibytes(&PathBuf::from(".")) {
+    match free_kibibytes(Path::new(".")) {
         Ok(kibibytes) => {
             let gigabytes = kibibytes as f64 * 1024.0 / 1e9;
             Finding::Present(vec![format!("{gigabytes:.1} GB")])
         }
         Err(reason) => Finding::Missing {
             reason: format!("cannot be measured: {reason}"),
-            remedy: "nothing depends on the number".to_owned(),
+            remedy: None,
         },
     }
 }
@@ -289,7 +262,7 @@ mod tests {
     fn a_missing_need_is_broken_and_a_missing_extra_is_not() {
         let missing = || Finding::Missing {
             reason: "gone".to_owned(),
-            remedy: "fetch it".to_owned(),
+            remedy: Some("fetch it".to_owned()),
         };
         let entry = |needed| {
             let check = CHECKS.iter().find(|check| check.needed == needed);
