@@ -4,20 +4,37 @@
 mod scenes;
 mod scoring;
 
-use std::{fs, path::Path};
+use std::{fs, path::Path, sync::Mutex};
 
-use omnilife_bench::{
-    BenchError, METRICS, Predictions, ScoreRequest, ViewPair, score, split_scene,
-};
+use omnilife_bench::{METRICS, Predictions, ViewPair, score};
 use omnilife_schemas::{
-    RgbImage, Similarity,
-    progress::Silent,
-    records::{Backend, ResultRecord, RunRecord, Scene, Split, ValidationStatus, ViewPredictions},
-    rgb, store,
+    RgbImage,
+    progress::Progress,
+    records::{ResultRecord, Scene, ValidationStatus},
+    store,
 };
 use polars::prelude::{ParquetReader, SerReader};
 use scenes::{HEIGHT, WIDTH, scene};
-use scoring::{Bench, Recorder, image};
+use scoring::{Bench, image};
+
+/// Keeps what is reported.
+#[derive(Default)]
+struct Recorder {
+    notes: Mutex<Vec<String>>,
+    steps: Mutex<u64>,
+}
+
+impl Progress for Recorder {
+    fn begin(&self, _: &str, _: Option<u64>) {}
+    fn advance(&self, steps: u64) {
+        *self.steps.lock().unwrap() += steps;
+    }
+    fn remark(&self, _: &str) {}
+    fn end(&self) {}
+    fn note(&self, line: &str) {
+        self.notes.lock().unwrap().push(line.to_owned());
+    }
+}
 
 /// PSNR of images that differ by `error` bytes everywhere.
 fn flat_psnr(error: f64) -> f64 {
@@ -316,157 +333,4 @@ fn ground_truth_is_brought_to_the_protocols_width_by_area() {
     let split = omnilife_bench::split(&scene, &protocol).unwrap();
     store::write_record(&bench.request.split, &split).unwrap();
     assert!(bench.refusal().contains("ground truth is never enlarged"));
-}
-
-fn run_record(bench: &Bench) -> RunRecord {
-    RunRecord {
-        method: "stripes".to_owned(),
-        scene: bench.split.scene.clone(),
-        protocol_hash: bench.split.protocol_hash.clone(),
-        seed: 0,
-        backend: Backend::Cpu { threads: 1 },
-        configuration: serde_json::json!({}),
-        plan: Vec::new(),
-        versions: [].into(),
-        inputs: [].into(),
-        iterations: 300,
-        gaussians: 4000,
-        training_seconds: 12.5,
-        rendering_seconds: 1.0,
-        peak_memory_bytes: None,
-        normalization: Similarity {
-            offset: [0.0; 3],
-            scale: 1.0,
-        },
-        trace: None,
-        predictions: ViewPredictions {
-            input_views: "input".to_owned(),
-            novel_views: "novel".to_owned(),
-        },
-        warnings: vec!["stopped early".to_owned()],
-    }
-}
-
-#[test]
-fn runs_bring_their_folders_and_costs() {
-    let bench = Bench::new();
-    let run = bench.at("run.json");
-    store::write_record(&run, &run_record(&bench)).unwrap();
-    let request = ScoreRequest::of_run(
-        &bench.request.scene,
-        &bench.request.split,
-        &run,
-        &bench.at("out"),
-    )
-    .unwrap();
-    let result = score(&request, &Silent).unwrap();
-    assert_eq!(result.training_seconds, Some(12.5));
-    assert_eq!(
-        (result.gaussians, result.iterations),
-        (Some(4000), Some(300))
-    );
-    assert_eq!(result.warnings, ["stopped early"]);
-    assert_eq!(result.novel_views["psnr"].views, 2);
-}
-
-#[test]
-fn runs_of_something_else_are_refused() {
-    let mut bench = Bench::new();
-    let run = bench.at("run.json");
-    bench.request.predictions = Predictions::Run(run.clone());
-    let good = run_record(&bench);
-    for (record, expected) in [
-        (
-            RunRecord {
-                method: "other".to_owned(),
-                ..good.clone()
-            },
-            "is of method other, not stripes",
-        ),
-        (
-            RunRecord {
-                scene: "reef".to_owned(),
-                ..good.clone()
-            },
-            "is of scene reef",
-        ),
-        (
-            RunRecord {
-                protocol_hash: "00".to_owned(),
-                ..good
-            },
-            "is of protocol hash 00",
-        ),
-    ] {
-        store::write_record(&run, &record).unwrap();
-        let message = bench.refusal();
-        assert!(message.contains(expected), "{message}");
-        assert!(message.starts_with(run.to_str().unwrap()), "{message}");
-    }
-}
-
-#[test]
-fn scenes_splits_and_folders_that_do_not_fit_are_refused() {
-    let edited = |edit: fn(&mut Split)| {
-        let bench = Bench::new();
-        let mut split = bench.split.clone();
-        edit(&mut split);
-        store::write_record(&bench.request.split, &split).unwrap();
-        bench.refusal()
-    };
-    assert!(edited(|split| split.scene = "reef".to_owned()).contains("is of scene reef"));
-    assert!(edited(|split| split.novel_views = vec![9]).contains("is not the split"));
-    assert!(edited(|split| split.protocol.version = 2).contains("is not the split"));
-    assert!(
-        edited(|split| {
-            split.protocol.metrics = vec!["vmaf".to_owned()];
-            split.protocol_hash = split.protocol.hash();
-        })
-        .contains("asks for metric vmaf, which is not known; there are: psnr,")
-    );
-    assert!(
-        edited(|split| {
-            split.protocol.mask_rule = "static".to_owned();
-            split.protocol_hash = split.protocol.hash();
-        })
-        .contains("mask rule static is not known")
-    );
-
-    let bench = Bench::new();
-    fs::remove_dir_all(bench.at("novel")).unwrap();
-    assert!(bench.refusal().contains("is not a folder of predictions"));
-
-    let bench = Bench::new();
-    RgbImage::black(8, 4)
-        .write_png(&bench.at("scene/frames/000002.png"))
-        .unwrap();
-    let message = bench.refusal();
-    assert!(message.contains("000002.png: is 8x4 pixels"), "{message}");
-    fs::remove_file(bench.at("scene/frames/000002.png")).unwrap();
-    assert!(bench.refusal().contains("000002.png: cannot be read"));
-    assert!(!bench.at("out/result.json").exists());
-}
-
-#[test]
-fn the_scores_of_another_method_are_not_overwritten() {
-    let mut bench = Bench::new();
-    let first = bench.score().unwrap();
-    bench.request.method = "other".to_owned();
-    let message = bench.refusal();
-    assert!(
-        message.contains("holds the scores of method stripes"),
-        "{message}"
-    );
-    let stored: ResultRecord = store::read_record(&bench.at("out/result.json")).unwrap();
-    assert_eq!(stored, first);
-}
-
-#[test]
-fn results_whose_inputs_have_changed_do_not_survive_a_failure() {
-    let bench = Bench::new();
-    bench.score().unwrap();
-    let broken = [0; 3 * 8 * 4];
-    rgb::write_rgb8_png(&bench.at("scene/frames/000002.png"), 8, 4, &broken).unwrap();
-    bench.refusal();
-    assert!(!bench.at("out/result.json").exists());
 }

@@ -101,7 +101,7 @@ fn header(group: &Group<'_>, columns: &[Quantity]) -> Vec<String> {
     cells.extend(columns.iter().map(|(kind, metric)| {
         let direction = group.directions.get(metric).copied().map_or("", arrow);
         format!(
-            "{} view {} {direction}",
+            "{} {} {direction}",
             title_case(kind.name()),
             metric_title(metric)
         )
@@ -111,7 +111,7 @@ fn header(group: &Group<'_>, columns: &[Quantity]) -> Vec<String> {
             "Training (s)",
             "Gaussians",
             "Iterations",
-            "Views (input + novel)",
+            "Views",
             "Failures",
         ]
         .map(str::to_owned),
@@ -215,8 +215,9 @@ fn score_cell(
 /// How the numbers were made, what failed and what the results remark.
 fn notes(group: &Group<'_>) -> Vec<String> {
     let mut lines = vec![
-        "Scores are means over the views of a scene; a dash means not scored. Only results of this \
-         protocol hash are compared."
+        "Input: the views that a method was given; Novel: the views that it had to predict. Scores \
+         are means over the views of a scene; a dash means not scored. Views: scored input + novel \
+         views. Only results of this protocol hash are compared."
             .to_owned(),
     ];
     if !group.means.is_empty() {

@@ -3,13 +3,12 @@
 use std::{
     fs,
     path::{Path, PathBuf},
-    sync::Mutex,
 };
 
 use omnilife_bench::{BenchError, Predictions, ScoreRequest, score, split_scene};
 use omnilife_schemas::{
     Blame, Blamed, RgbImage,
-    progress::{Progress, Silent},
+    progress::Silent,
     records::{ResultRecord, Scene, Split},
     store,
 };
@@ -35,25 +34,6 @@ pub(crate) fn write_scene(folder: &Path, scene: &Scene) -> PathBuf {
     let path = folder.join("scene.json");
     store::write_record(&path, scene).unwrap();
     path
-}
-
-/// Keeps what is reported.
-#[derive(Default)]
-pub(crate) struct Recorder {
-    pub(crate) notes: Mutex<Vec<String>>,
-    pub(crate) steps: Mutex<u64>,
-}
-
-impl Progress for Recorder {
-    fn begin(&self, _: &str, _: Option<u64>) {}
-    fn advance(&self, steps: u64) {
-        *self.steps.lock().unwrap() += steps;
-    }
-    fn remark(&self, _: &str) {}
-    fn end(&self) {}
-    fn note(&self, line: &str) {
-        self.notes.lock().unwrap().push(line.to_owned());
-    }
 }
 
 /// A scene on disk with predictions and a request to score them.

@@ -1,0 +1,230 @@
+//! The tables as printed, and what is refused.
+#![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use omnilife_leaderboard::{LeaderboardError, build, collect};
+use omnilife_schemas::{
+    Blame, Blamed,
+    records::{Direction, Failure, ResultRecord, Summary},
+    store,
+};
+
+const HASH: &str = "a34df006b285d6dd90c37a7a75910de4bca28811a4d187874bfe778ee099e3bd";
+
+fn summary(mean: f64, views: u32) -> Summary {
+    Summary {
+        mean,
+        views,
+        direction: Direction::HigherIsBetter,
+    }
+}
+
+/// A result whose novel views score `psnr` and its input views 3 dB more.
+fn result(scene: &str, method: &str, psnr: f64, ssim: f64) -> ResultRecord {
+    ResultRecord {
+        method: method.to_owned(),
+        scene: scene.to_owned(),
+        protocol: "per-scene/1".to_owned(),
+        protocol_hash: HASH.to_owned(),
+        scored_size: [512, 256],
+        input_views: [
+            ("psnr".to_owned(), summary(psnr + 3.0, 48)),
+            ("ssim".to_owned(), summary(ssim + 0.05, 48)),
+        ]
+        .into(),
+        novel_views: [
+            ("psnr".to_owned(), summary(psnr, 12)),
+            ("ssim".to_owned(), summary(ssim, 12)),
+        ]
+        .into(),
+        failures: Vec::new(),
+        frames_table: "frames.parquet".to_owned(),
+        training_seconds: Some(61.25),
+        gaussians: Some(123_456),
+        iterations: Some(3000),
+        warnings: Vec::new(),
+    }
+}
+
+fn with_paths(results: Vec<ResultRecord>) -> Vec<(PathBuf, ResultRecord)> {
+    let path = |r: &ResultRecord| PathBuf::from(format!("{}/{}/result.json", r.scene, r.method));
+    results.into_iter().map(|r| (path(&r), r)).collect()
+}
+
+/// Both tables of some results, one below the other.
+fn tables(results: Vec<ResultRecord>) -> String {
+    let out = tempfile::tempdir().unwrap();
+    let tables = build(&with_paths(results), &out.path().join("new/folder")).unwrap();
+    assert_eq!(
+        fs::read_to_string(&tables.markdown_file).unwrap(),
+        tables.markdown
+    );
+    assert_eq!(fs::read_to_string(&tables.csv_file).unwrap(), tables.csv);
+    format!("{}\n{}", tables.markdown, tables.csv)
+}
+
+fn two_methods() -> Vec<ResultRecord> {
+    vec![
+        result("street", "odgs", 25.1234, 0.81),
+        result("hall", "odgs", 27.5, 0.9),
+        result("street", "odgs-published", 24.0, 0.82),
+        result("hall", "odgs-published", 26.0, 0.85),
+    ]
+}
+
+#[test]
+fn one_result_is_a_table() {
+    insta::assert_snapshot!(tables(vec![result(
+        "street/seq-000",
+        "odgs",
+        25.123_45,
+        0.812_34
+    )]));
+}
+
+#[test]
+fn methods_are_compared_per_scene_and_by_their_means() {
+    insta::assert_snapshot!(tables(two_methods()));
+}
+
+/// A failed view, a scene that a method lacks, a kind of view that was not scored, odd names.
+#[test]
+fn incomplete_results_are_marked_and_win_nothing() {
+    let mut results = two_methods();
+    results[0].failures = vec![
+        Failure {
+            view: "novel".to_owned(),
+            frame: 9,
+            reason: "000009.png is missing".to_owned(),
+        };
+        2
+    ];
+    results[3].input_views.clear();
+    results[3].warnings = vec!["input views were not scored: no predictions given".to_owned()];
+    results[3].training_seconds = None;
+    results[3].gaussians = None;
+    let mut third = result("hall", "mine|<b>", 40.0, 0.93);
+    third.iterations = None;
+    results.push(third);
+    insta::assert_snapshot!(tables(results));
+}
+
+#[test]
+fn protocols_never_share_a_table() {
+    let mut results = two_methods();
+    results[1].protocol_hash = "0".repeat(64);
+    results[2].protocol = "per-scene/2".to_owned();
+    results[2].protocol_hash = "1".repeat(64);
+    let lower = Summary {
+        mean: 0.25,
+        views: 12,
+        direction: Direction::LowerIsBetter,
+    };
+    results[2].novel_views.insert("lpips-vgg".to_owned(), lower);
+    insta::assert_snapshot!(tables(results));
+}
+
+#[test]
+fn ties_after_rounding_are_all_bold() {
+    let results = vec![
+        result("street", "a", 25.000_1, 0.8),
+        result("street", "b", 25.000_2, 0.9),
+        result("street", "c", 24.0, 0.7),
+    ];
+    let text = tables(results);
+    assert_eq!(text.matches("**25.000**").count(), 2, "{text}");
+    assert_eq!(text.matches("**0.9000**").count(), 1, "{text}");
+}
+
+#[test]
+fn the_order_of_results_does_not_matter() {
+    let mut backwards = two_methods();
+    backwards.reverse();
+    assert_eq!(tables(backwards), tables(two_methods()));
+}
+
+fn refusal(results: Vec<ResultRecord>) -> String {
+    let out = tempfile::tempdir().unwrap();
+    let error = build(&with_paths(results), out.path()).unwrap_err();
+    assert_eq!(error.blame(), Blame::Input);
+    assert_eq!(fs::read_dir(out.path()).unwrap().count(), 0);
+    error.to_string()
+}
+
+#[test]
+fn two_results_for_one_row_are_refused() {
+    let mut results = two_methods();
+    results.push(results[0].clone());
+    let message = refusal(results);
+    assert!(message.contains("method odgs on scene street"), "{message}");
+    assert!(!message.contains('\n'), "{message}");
+}
+
+#[test]
+fn contradicting_directions_are_refused() {
+    let mut results = two_methods();
+    let psnr = results[1].novel_views.get_mut("psnr").unwrap();
+    psnr.direction = Direction::LowerIsBetter;
+    assert!(refusal(results).contains("says that psnr is better when"));
+}
+
+#[test]
+fn no_results_are_refused() {
+    assert!(refusal(Vec::new()).contains("holds no result.json"));
+}
+
+fn write(folder: &Path, result: &ResultRecord) -> PathBuf {
+    fs::create_dir_all(folder).unwrap();
+    let path = folder.join("result.json");
+    store::write_record(&path, result).unwrap();
+    path
+}
+
+#[test]
+fn results_are_found_below_a_folder_in_order() {
+    let folder = tempfile::tempdir().unwrap();
+    let results = two_methods();
+    let second = write(&folder.path().join("b/deep/er"), &results[0]);
+    let first = write(&folder.path().join("a"), &results[1]);
+    let third = write(folder.path(), &results[2]);
+    fs::write(folder.path().join("a/other.json"), "{}").unwrap();
+    let found = collect(folder.path()).unwrap();
+    let paths: Vec<_> = found.iter().map(|(path, _)| path.clone()).collect();
+    assert_eq!(paths, [first, second, third]);
+    assert_eq!(found[1].1, results[0]);
+}
+
+#[cfg(unix)]
+#[test]
+fn links_are_followed_once() {
+    use std::os::unix::fs::symlink;
+    let folder = tempfile::tempdir().unwrap();
+    let elsewhere = tempfile::tempdir().unwrap();
+    write(elsewhere.path(), &two_methods()[0]);
+    symlink(elsewhere.path(), folder.path().join("link")).unwrap();
+    symlink(elsewhere.path(), folder.path().join("same")).unwrap();
+    symlink(folder.path(), elsewhere.path().join("circle")).unwrap();
+    let found = collect(folder.path()).unwrap();
+    assert_eq!(found.len(), 1);
+    assert_eq!(found[0].0, folder.path().join("link/result.json"));
+}
+
+#[test]
+fn broken_and_missing_results_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    assert!(matches!(
+        collect(folder.path()),
+        Err(LeaderboardError::NoResults { .. })
+    ));
+    assert!(collect(&folder.path().join("nowhere")).is_err());
+    let path = write(&folder.path().join("a"), &two_methods()[0]);
+    write(&folder.path().join("b"), &two_methods()[1]);
+    fs::write(&path, "{").unwrap();
+    let error = collect(folder.path()).unwrap_err();
+    assert_eq!(error.blame(), Blame::Input);
+    assert!(error.to_string().starts_with(path.to_str().unwrap()));
+}
