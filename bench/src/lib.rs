@@ -1,6 +1,6 @@
 //! From rendered views and a manifest to scores.
 //!
-//! * [`protocols`]: what is scored; [`split`]: which frames a method is given and which it predicts.
+//! * [`protocols`]: what is scored; [`mod@split`]: which frames a method is given and which it predicts.
 //! * [`metrics`]: what a score is, one file each.
 //! * [`mod@score`]: folders of predictions against a scene's images, with every failure in the
 //!   record.

@@ -45,32 +45,30 @@ fn gaussian_window() -> [f64; WINDOW] {
     samples.map(|sample| sample / sum)
 }
 
-/// Vertically filtered values of one row and one channel: x, y, x^2, y^2, xy.
-struct Moments([Vec<f64>; 5]);
+/// Local means of one row of pixels, interleaved channels, in units of bytes: x, y, x^2 + y^2 and
+/// xy. The map needs no more, because only the sum of the variances appears in it.
+type Moments = [Vec<f64>; 4];
 
 /// Sum of the SSIM map over one row and all channels.
 ///
-/// The window is separable: a row is filtered vertically into five rows of moments, then
-/// horizontally where the map is evaluated, so memory is a few rows whatever the image's size.
+/// The window is separable: the rows around this one are filtered vertically into one row of
+/// moments, which is filtered horizontally. Memory is a few rows whatever the image's size, and
+/// every inner loop runs over contiguous values.
 fn row_sum(pair: &ViewPair, row: usize, window: &[f64; WINDOW]) -> f64 {
-    (0..3)
-        .map(|channel| {
-            let moments = vertical_moments(pair, row, channel, window);
-            (0..pair.width())
-                .map(|column| similarity(horizontal(&moments, column, window)))
-                .sum::<f64>()
-        })
+    let [x, y, squares, products] =
+        vertical_moments(pair, row, window).map(|moment| horizontal_mean(&moment, window));
+    let rest = squares.iter().zip(&products);
+    x.iter()
+        .zip(&y)
+        .zip(rest)
+        .map(|((&x, &y), (&squares, &products))| similarity(x, y, squares, products))
         .sum()
 }
 
-fn vertical_moments(
-    pair: &ViewPair,
-    row: usize,
-    channel: usize,
-    window: &[f64; WINDOW],
-) -> Moments {
-    let width = pair.width();
-    let mut sums: [Vec<f64>; 5] = std::array::from_fn(|_| vec![0.0; width]);
+fn vertical_moments(pair: &ViewPair, row: usize, window: &[f64; WINDOW]) -> Moments {
+    let values = pair.width() * 3;
+    let [mut x, mut y, mut squares, mut products]: Moments =
+        std::array::from_fn(|_| vec![0.0; values]);
     for (offset, &weight) in window.iter().enumerate() {
         // Rows outside the image are zero and add nothing.
         let Some(source) = (row + offset).checked_sub(RADIUS) else {
@@ -79,39 +77,45 @@ fn vertical_moments(
         if source >= pair.height() {
             break;
         }
-        let begin = source * width * 3;
-        let values =
-            |image: &[u8], column: usize| f64::from(image[begin + column * 3 + channel]) / 255.0;
-        for column in 0..width {
-            let x = values(pair.prediction(), column);
-            let y = values(pair.truth(), column);
-            for (sum, value) in sums.iter_mut().zip([x, y, x * x, y * y, x * y]) {
-                sum[column] += weight * value;
-            }
+        let range = source * values..(source + 1) * values;
+        let predicted = &pair.prediction()[range.clone()];
+        let truth = &pair.truth()[range];
+        for index in 0..values {
+            let (p, t) = (f64::from(predicted[index]), f64::from(truth[index]));
+            x[index] += weight * p;
+            y[index] += weight * t;
+            squares[index] += weight * (p * p + t * t);
+            products[index] += weight * (p * t);
         }
     }
-    Moments(sums)
+    [x, y, squares, products]
 }
 
-fn horizontal(moments: &Moments, column: usize, window: &[f64; WINDOW]) -> [f64; 5] {
-    let width = moments.0[0].len();
-    let first = column.saturating_sub(RADIUS);
-    let last = (column + RADIUS).min(width - 1);
-    // Columns outside the image are zero and add nothing.
-    let weights = &window[first + RADIUS - column..=last + RADIUS - column];
-    std::array::from_fn(|moment| {
-        moments.0[moment][first..=last]
-            .iter()
-            .zip(weights)
-            .map(|(value, weight)| value * weight)
-            .sum()
-    })
+fn horizontal_mean(moment: &[f64], window: &[f64; WINDOW]) -> Vec<f64> {
+    let values = moment.len();
+    let mut means = vec![0.0; values];
+    for (offset, &weight) in window.iter().enumerate() {
+        // Column i of the mean takes column i + offset - RADIUS of the moment, three values each;
+        // columns outside the image are zero and add nothing.
+        let (to, from) = if offset < RADIUS {
+            (3 * (RADIUS - offset), 0)
+        } else {
+            (0, 3 * (offset - RADIUS))
+        };
+        let (Some(means), Some(moment)) = (means.get_mut(to..), moment.get(from..)) else {
+            continue;
+        };
+        for (mean, &value) in means.iter_mut().zip(moment) {
+            *mean += weight * value;
+        }
+    }
+    means
 }
 
-fn similarity([mean_x, mean_y, mean_xx, mean_yy, mean_xy]: [f64; 5]) -> f64 {
-    let variance_x = mean_xx - mean_x * mean_x;
-    let variance_y = mean_yy - mean_y * mean_y;
-    let covariance = mean_xy - mean_x * mean_y;
-    ((2.0 * mean_x * mean_y + C1) * (2.0 * covariance + C2))
-        / ((mean_x * mean_x + mean_y * mean_y + C1) * (variance_x + variance_y + C2))
+/// The map at one pixel of one channel, from local means in units of bytes.
+fn similarity(x: f64, y: f64, squares: f64, products: f64) -> f64 {
+    let (x, y) = (x / 255.0, y / 255.0);
+    let variances = squares / (255.0 * 255.0) - (x * x + y * y);
+    let covariance = products / (255.0 * 255.0) - x * y;
+    ((2.0 * x * y + C1) * (2.0 * covariance + C2)) / ((x * x + y * y + C1) * (variances + C2))
 }
