@@ -4,15 +4,17 @@
 mod scenes;
 mod scoring;
 
-use std::fs;
+use std::{fs, path::Path};
 
 use omnilife_bench::{Predictions, ScoreRequest, score};
 use omnilife_schemas::{
     RgbImage, Similarity,
+    camera::ErpCamera,
     progress::Silent,
     records::{Backend, ResultRecord, RunRecord, Split, ViewPredictions},
     rgb, store,
 };
+use scenes::scene;
 use scoring::Bench;
 
 fn run_record(bench: &Bench) -> RunRecord {
@@ -166,4 +168,49 @@ fn results_whose_inputs_have_changed_do_not_survive_a_failure() {
     rgb::write_rgb8_png(&bench.at("scene/frames/000002.png"), 8, 4, &broken).unwrap();
     bench.refusal();
     assert!(!bench.at("out/result.json").exists());
+}
+
+/// JPEG ground truth of real size, brought to a smaller width: the frame before as a prediction
+/// scores as neighbouring frames do, the frame itself scores the best value.
+#[test]
+fn real_frames_are_scored() {
+    let street = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/street/rgb");
+    let Ok(entries) = fs::read_dir(&street) else {
+        println!("skipped: {} is not there", street.display());
+        return;
+    };
+    let mut images: Vec<_> = entries.map(|entry| entry.unwrap().path()).collect();
+    images.sort();
+    let mut scene = scene(10, &[]);
+    scene.camera = ErpCamera {
+        width: 1024,
+        height: 512,
+    };
+    let mut bench = Bench::of(&scene);
+    for (frame, entry) in scene.frames.iter_mut().enumerate() {
+        entry.image = format!("frames/{frame:06}.jpg");
+        fs::copy(&images[frame], bench.at("scene").join(&entry.image)).unwrap();
+    }
+    store::write_record(&bench.request.scene, &scene).unwrap();
+    let mut protocol = omnilife_bench::protocols::protocol("per-scene").unwrap();
+    protocol.width = Some(256);
+    let split = omnilife_bench::split(&scene, &protocol).unwrap();
+    store::write_record(&bench.request.split, &split).unwrap();
+    for (frame, shown) in [(4, 3), (9, 9)] {
+        let image = RgbImage::read(&images[shown]).unwrap();
+        let file = bench.at(&format!("novel/{frame:06}.png"));
+        image.resized_by_area(256, 128).write_png(&file).unwrap();
+    }
+    bench.request.predictions = Predictions::Folders {
+        input_views: None,
+        novel_views: Some(bench.at("novel")),
+    };
+    let result = bench.score().unwrap();
+    assert_eq!(result.scored_size, [256, 128]);
+    assert!(result.failures.is_empty(), "{:?}", result.failures);
+    let scores = ["psnr", "ssim"].map(|metric| 2.0 * result.novel_views[metric].mean);
+    let neighbour = [scores[0] - 100.0, scores[1] - 1.0];
+    println!("a neighbouring frame scores {neighbour:?}");
+    assert!((15.0..40.0).contains(&neighbour[0]), "{neighbour:?}");
+    assert!((0.4..0.99).contains(&neighbour[1]), "{neighbour:?}");
 }
