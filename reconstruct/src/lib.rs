@@ -1,1 +1,23 @@
 //! From a posed sequence to Gaussians and rendered panoramas.
+//!
+//! * [`gaussians`]: parameter tables and parameterizations; [`camera`]: Jacobians and VJPs.
+//! * [`kernels`]: project, sort, bin, raster, loss, adam; [`render`] chains them.
+//! * [`densify`], [`optim`]: when Gaussians are added and removed, and how fast they move.
+//! * [`methods`]: one file per published method; [`train`] orders the calls.
+//! * [`job`]: one method on one scene, from `scene.json` and `split.json` to `run.json` and images.
+
+pub mod backend;
+pub mod camera;
+pub mod densify;
+pub mod error;
+pub mod gaussians;
+pub mod initialize;
+pub mod job;
+pub mod kernels;
+pub mod methods;
+pub mod optim;
+pub mod render;
+pub mod scene;
+pub mod train;
+
+pub use error::ReconstructError;

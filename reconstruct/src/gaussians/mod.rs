@@ -1,0 +1,204 @@
+//! Gaussians: a table of named parameter arrays, and parameterizations that turn it into what a
+//! renderer sees.
+//!
+//! A parameterization reads raw (unconstrained) parameters and gives [`InstantGaussians`]; its VJP
+//! writes the gradients of the raw parameters. Renderers know neither time nor method.
+
+pub mod ply;
+pub mod static_gaussians;
+
+/// Value of the constant spherical harmonic, `1 / (2 sqrt(pi))`.
+pub const SH_C0: f32 = 0.282_094_8;
+
+/// One raw parameter of every Gaussian, with what its optimization needs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ParameterArray {
+    /// Name, unique in its table.
+    pub name: &'static str,
+    /// Values per Gaussian.
+    pub width: usize,
+    /// `len * width` values.
+    pub values: Vec<f32>,
+    /// `len * width` gradients of the loss.
+    pub gradients: Vec<f32>,
+    /// Adam's first moments.
+    pub first_moments: Vec<f32>,
+    /// Adam's second moments.
+    pub second_moments: Vec<f32>,
+    /// Step size of the next update.
+    pub learning_rate: f32,
+}
+
+/// Parameter arrays of equal length.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct GaussianTable {
+    /// The arrays, in the order in which the parameterization added them.
+    pub arrays: Vec<ParameterArray>,
+    len: usize,
+}
+
+impl GaussianTable {
+    /// A table of `len` Gaussians without parameters.
+    pub fn new(len: usize) -> Self {
+        Self {
+            arrays: Vec::new(),
+            len,
+        }
+    }
+
+    /// Number of Gaussians.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Adds an array and returns its position in [`GaussianTable::arrays`].
+    ///
+    /// # Panics
+    /// When `values` does not hold `len * width` values.
+    pub fn add(
+        &mut self,
+        name: &'static str,
+        width: usize,
+        values: Vec<f32>,
+        learning_rate: f32,
+    ) -> usize {
+        assert_eq!(values.len(), self.len * width, "array {name}");
+        let zeros = vec![0.0; values.len()];
+        self.arrays.push(ParameterArray {
+            name,
+            width,
+            values,
+            gradients: zeros.clone(),
+            first_moments: zeros.clone(),
+            second_moments: zeros,
+            learning_rate,
+        });
+        self.arrays.len() - 1
+    }
+
+    /// Keeps the Gaussians whose flag is set, with their moments, in order.
+    pub fn retain(&mut self, keep: &[bool]) {
+        debug_assert_eq!(keep.len(), self.len);
+        for array in &mut self.arrays {
+            for column in [
+                &mut array.values,
+                &mut array.gradients,
+                &mut array.first_moments,
+                &mut array.second_moments,
+            ] {
+                retain_rows(column, array.width, keep);
+            }
+        }
+        self.len = keep.iter().filter(|&&flag| flag).count();
+    }
+
+    /// Appends copies of the Gaussians `sources`, with zero moments and gradients (3DGS
+    /// `densification_postfix`).
+    pub fn append_copies(&mut self, sources: &[usize]) {
+        for array in &mut self.arrays {
+            let width = array.width;
+            for &source in sources {
+                array
+                    .values
+                    .extend_from_within(source * width..(source + 1) * width);
+            }
+            let total = array.values.len();
+            array.gradients.resize(total, 0.0);
+            array.first_moments.resize(total, 0.0);
+            array.second_moments.resize(total, 0.0);
+        }
+        self.len += sources.len();
+    }
+
+    /// Bytes held by all arrays.
+    pub fn bytes(&self) -> usize {
+        self.arrays
+            .iter()
+            .map(|array| array.values.len() * 4 * size_of::<f32>())
+            .sum()
+    }
+}
+
+fn retain_rows(column: &mut Vec<f32>, width: usize, keep: &[bool]) {
+    let mut write = 0;
+    for (read, &flag) in keep.iter().enumerate() {
+        if flag {
+            column.copy_within(read * width..(read + 1) * width, write * width);
+            write += 1;
+        }
+    }
+    column.truncate(write * width);
+}
+
+/// What a renderer sees: activated Gaussians at one instant, one entry per Gaussian in each array.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct InstantGaussians {
+    /// Centres in normalized world units.
+    pub positions: Vec<[f32; 3]>,
+    /// Standard deviations along the axes, positive.
+    pub scales: Vec<[f32; 3]>,
+    /// Unit quaternions (w, x, y, z), axes to world.
+    pub rotations: Vec<[f32; 4]>,
+    /// Opacities in (0, 1).
+    pub opacities: Vec<f32>,
+    /// Spherical-harmonic coefficients of degree 0 for red, green, blue:
+    /// `colour = max(1/2 + SH_C0 * coefficient, 0)`.
+    pub sh: Vec<[f32; 3]>,
+}
+
+impl InstantGaussians {
+    /// Number of Gaussians.
+    pub fn len(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.positions.is_empty()
+    }
+
+    /// Makes all arrays `len` long.
+    pub fn resize(&mut self, len: usize) {
+        self.positions.resize(len, [0.0; 3]);
+        self.scales.resize(len, [0.0; 3]);
+        self.rotations.resize(len, [0.0; 4]);
+        self.opacities.resize(len, 0.0);
+        self.sh.resize(len, [0.0; 3]);
+    }
+
+    /// Sets every entry to zero: how a gradient begins.
+    pub fn clear_to_zero(&mut self, len: usize) {
+        self.positions.clear();
+        self.scales.clear();
+        self.rotations.clear();
+        self.opacities.clear();
+        self.sh.clear();
+        self.resize(len);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn retain_and_append_keep_rows_together() {
+        let mut table = GaussianTable::new(3);
+        table.add("a", 2, vec![0.0, 1.0, 2.0, 3.0, 4.0, 5.0], 0.1);
+        table.arrays[0].first_moments = vec![1.0; 6];
+        table.retain(&[true, false, true]);
+        assert_eq!(table.arrays[0].values, [0.0, 1.0, 4.0, 5.0]);
+        table.append_copies(&[1]);
+        assert_eq!(table.len(), 3);
+        assert_eq!(table.arrays[0].values, [0.0, 1.0, 4.0, 5.0, 4.0, 5.0]);
+        assert_eq!(
+            table.arrays[0].first_moments,
+            [1.0, 1.0, 1.0, 1.0, 0.0, 0.0]
+        );
+    }
+}

@@ -1,0 +1,155 @@
+//! The static parameterization of 3DGS: nothing depends on time.
+//!
+//! `scale = exp(raw)`, `opacity = sigmoid(raw)`, `rotation = raw / |raw|`
+//! (3DGS `scene/gaussian_model.py`; methods.md section 1).
+
+use rayon::prelude::*;
+
+use super::{GaussianTable, InstantGaussians};
+
+/// Position of `positions` (3 values) in the table.
+pub const POSITIONS: usize = 0;
+/// Position of `log_scales` (3 values) in the table.
+pub const LOG_SCALES: usize = 1;
+/// Position of `quaternions` (4 values, not normalized) in the table.
+pub const QUATERNIONS: usize = 2;
+/// Position of `opacity_logits` (1 value) in the table.
+pub const OPACITY_LOGITS: usize = 3;
+/// Position of `sh_constant` (3 values) in the table.
+pub const SH_CONSTANT: usize = 4;
+
+/// Bounds of the raw logarithmic scale: `exp` neither overflows nor vanishes (methods.md 11.7).
+const LOG_SCALE_RANGE: (f32, f32) = (-15.0, 10.0);
+/// Added to a quaternion's length, so that a zero quaternion gives a zero rotation, not NaN.
+const QUATERNION_EPSILON: f32 = 1e-12;
+
+/// Initial values of static Gaussians, one entry per Gaussian in each array.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct InitialGaussians {
+    /// Centres in normalized units.
+    pub positions: Vec<[f32; 3]>,
+    /// Isotropic standard deviations, positive.
+    pub scales: Vec<f32>,
+    /// Colours in [0, 1].
+    pub colours: Vec<[f32; 3]>,
+    /// Opacities in (0, 1).
+    pub opacities: Vec<f32>,
+}
+
+/// A table with this parameterization's arrays. Learning rates are zero until a schedule sets them.
+pub fn table(initial: &InitialGaussians) -> GaussianTable {
+    let len = initial.positions.len();
+    let mut table = GaussianTable::new(len);
+    let positions = initial.positions.iter().flatten().copied().collect();
+    let log_scales = initial
+        .scales
+        .iter()
+        .flat_map(|scale| [scale.ln(); 3])
+        .collect();
+    let quaternions = (0..len).flat_map(|_| [1.0, 0.0, 0.0, 0.0]).collect();
+    let logits = initial.opacities.iter().map(|&o| logit(o)).collect();
+    let sh = initial
+        .colours
+        .iter()
+        .flatten()
+        .map(|colour| (colour - 0.5) / super::SH_C0)
+        .collect();
+    table.add("positions", 3, positions, 0.0);
+    table.add("log_scales", 3, log_scales, 0.0);
+    table.add("quaternions", 4, quaternions, 0.0);
+    table.add("opacity_logits", 1, logits, 0.0);
+    table.add("sh_constant", 3, sh, 0.0);
+    table
+}
+
+/// Inverse of the sigmoid; the opacity is clamped to [1e-6, 1 - 1e-6] first.
+pub fn logit(opacity: f32) -> f32 {
+    let opacity = opacity.clamp(1e-6, 1.0 - 1e-6);
+    (opacity / (1.0 - opacity)).ln()
+}
+
+/// The logistic function, without overflow.
+pub fn sigmoid(raw: f32) -> f32 {
+    1.0 / (1.0 + (-raw).exp())
+}
+
+/// Activates the table's parameters.
+pub fn instantiate(table: &GaussianTable, out: &mut InstantGaussians) {
+    out.resize(table.len());
+    let arrays = &table.arrays;
+    out.positions
+        .copy_from_slice(arrays[POSITIONS].values.as_chunks().0);
+    out.sh
+        .copy_from_slice(arrays[SH_CONSTANT].values.as_chunks().0);
+    let (scales, quaternions) = (
+        arrays[LOG_SCALES].values.as_chunks::<3>().0,
+        arrays[QUATERNIONS].values.as_chunks::<4>().0,
+    );
+    let logits = &arrays[OPACITY_LOGITS].values;
+    (
+        out.scales.par_iter_mut(),
+        out.rotations.par_iter_mut(),
+        out.opacities.par_iter_mut(),
+        scales.par_iter(),
+        quaternions.par_iter(),
+        logits.par_iter(),
+    )
+        .into_par_iter()
+        .with_min_len(1024)
+        .for_each(
+            |(scale, rotation, opacity, raw_scale, raw_rotation, raw_opacity)| {
+                *scale = raw_scale.map(|raw| raw.clamp(LOG_SCALE_RANGE.0, LOG_SCALE_RANGE.1).exp());
+                let length = quaternion_length(raw_rotation);
+                *rotation = raw_rotation.map(|raw| raw / length);
+                *opacity = sigmoid(*raw_opacity);
+            },
+        );
+}
+
+fn quaternion_length(raw: &[f32; 4]) -> f32 {
+    raw.iter().map(|q| q * q).sum::<f32>().sqrt() + QUATERNION_EPSILON
+}
+
+/// VJP of [`instantiate`]: overwrites the table's gradients from gradients by the activated
+/// Gaussians. `instant` is what [`instantiate`] gave.
+pub fn instantiate_vjp(
+    table: &mut GaussianTable,
+    instant: &InstantGaussians,
+    gradient: &InstantGaussians,
+) {
+    let [positions, log_scales, quaternions, logits, sh] = table.arrays.as_mut_slice() else {
+        unreachable!("a table of static Gaussians has five arrays");
+    };
+    positions
+        .gradients
+        .copy_from_slice(gradient.positions.as_flattened());
+    sh.gradients.copy_from_slice(gradient.sh.as_flattened());
+    (
+        log_scales.gradients.as_chunks_mut::<3>().0.par_iter_mut(),
+        quaternions.gradients.as_chunks_mut::<4>().0.par_iter_mut(),
+        logits.gradients.par_iter_mut(),
+        quaternions.values.as_chunks::<4>().0.par_iter(),
+        instant.scales.par_iter(),
+        instant.rotations.par_iter(),
+        instant.opacities.par_iter(),
+        gradient.scales.par_iter(),
+        gradient.rotations.par_iter(),
+        gradient.opacities.par_iter(),
+    )
+        .into_par_iter()
+        .with_min_len(1024)
+        .for_each(
+            |(to_scale, to_rotation, to_opacity, raw, scale, unit, opacity, gs, gr, go)| {
+                for axis in 0..3 {
+                    to_scale[axis] = gs[axis] * scale[axis];
+                }
+                // d(q/|q|): remove the part along q, divide by the length.
+                let along: f32 = unit.iter().zip(gr).map(|(u, g)| u * g).sum();
+                let length = quaternion_length(raw);
+                for axis in 0..4 {
+                    to_rotation[axis] = (gr[axis] - unit[axis] * along) / length;
+                }
+                *to_opacity = go * opacity * (1.0 - opacity);
+            },
+        );
+}

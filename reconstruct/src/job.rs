@@ -1,0 +1,214 @@
+//! One method on one scene: from `scene.json` and `split.json` to Gaussians, predicted views, a
+//! trace and `run.json`.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use omnilife_schemas::{
+    progress::Progress,
+    records::{Backend, RunRecord, Scene, Split, ViewPredictions},
+    stage::StagePlan,
+    store::{self, StoreError},
+};
+
+use crate::{
+    error::ReconstructError,
+    gaussians::ply,
+    methods::{self, MethodOutcome, MethodRequest},
+    scene::{SceneView, TrainingScene},
+    train::TracePoint,
+};
+
+/// Name of the record in the run's folder.
+pub const RUN_FILE: &str = "run.json";
+const TRACE_FILE: &str = "trace.csv";
+const GAUSSIANS_FILE: &str = "gaussians.ply";
+const INPUT_FOLDER: &str = "predictions/input";
+const NOVEL_FOLDER: &str = "predictions/novel";
+
+/// What to reconstruct, how, and where to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReconstructRequest {
+    /// The scene.
+    pub scene: PathBuf,
+    /// Its split.
+    pub split: PathBuf,
+    /// Name of the method.
+    pub method: String,
+    /// What is asked of it.
+    pub settings: MethodRequest,
+    /// Folder of the run.
+    pub out: PathBuf,
+}
+
+/// Runs one method on one scene, or returns the stored record when nothing has changed.
+///
+/// # Errors
+/// When the scene cannot be loaded, training diverges or a file cannot be written.
+pub fn reconstruct(
+    request: &ReconstructRequest,
+    progress: &dyn Progress,
+) -> Result<RunRecord, ReconstructError> {
+    let method = methods::find(&request.method)?;
+    store::create_folder(&request.out)?;
+    let (stage, inputs) = plan_stage(request)?;
+    let record_path = request.out.join(RUN_FILE);
+    if stage.is_done() {
+        progress.note(&format!(
+            "reconstruct {} with {}: unchanged, skipped",
+            request.scene.display(),
+            method.id
+        ));
+        return Ok(store::read_record(&record_path)?);
+    }
+    stage.begin()?;
+    let begun = Instant::now();
+    let scene = TrainingScene::load(&request.scene, &request.split)?;
+    let outcome = (method.train)(&scene, &request.settings, progress)?;
+    let rendering = Instant::now();
+    let mut outputs = render_predictions(&scene, &outcome, &request.out, progress)?;
+    let rendering_seconds = rendering.elapsed().as_secs_f64();
+    ply::write(
+        &request.out.join(GAUSSIANS_FILE),
+        &outcome.trained.table,
+        &scene.normalization,
+    )?;
+    write_trace(&request.out.join(TRACE_FILE), &outcome.trained.trace)?;
+    let split: Split = store::read_record(&request.split)?;
+    let record = RunRecord {
+        method: method.id.to_owned(),
+        scene: scene.id.clone(),
+        protocol_hash: split.protocol_hash,
+        seed: request.settings.seed,
+        backend: Backend::Cpu {
+            threads: rayon::current_num_threads() as u32,
+        },
+        configuration: serde_json::to_value(&outcome.settings).unwrap_or_default(),
+        plan: outcome.plan.clone(),
+        versions: BTreeMap::from([("omnilife".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
+        inputs,
+        iterations: outcome.trained.iterations,
+        gaussians: outcome.trained.table.len() as u64,
+        training_seconds: outcome.trained.training.as_secs_f64(),
+        rendering_seconds,
+        peak_memory_bytes: peak_memory_bytes(),
+        normalization: scene.normalization,
+        trace: Some(TRACE_FILE.to_owned()),
+        predictions: ViewPredictions {
+            input_views: INPUT_FOLDER.to_owned(),
+            novel_views: NOVEL_FOLDER.to_owned(),
+        },
+        warnings: warnings(&scene, &outcome),
+    };
+    store::write_record(&record_path, &record)?;
+    outputs.extend([RUN_FILE, TRACE_FILE, GAUSSIANS_FILE].map(str::to_owned));
+    stage.finish(outputs, begun.elapsed().as_secs_f64())?;
+    Ok(record)
+}
+
+/// The stage with its inputs, and the inputs' hashes by name for the record.
+fn plan_stage(
+    request: &ReconstructRequest,
+) -> Result<(StagePlan, BTreeMap<String, String>), ReconstructError> {
+    let scene: Scene = store::read_record(&request.scene)?;
+    let folder = request.scene.parent().unwrap_or(Path::new("."));
+    let settings = format!("{} {:?}", request.method, request.settings);
+    let mut stage = StagePlan::new(&request.out, "reconstruct").with_text("settings", &settings);
+    let mut inputs = BTreeMap::new();
+    let mut add = |stage: StagePlan, name: &str, path: &Path| -> Result<StagePlan, StoreError> {
+        let hash = store::sha256_file(path)?;
+        inputs.insert(name.to_owned(), hash.clone());
+        Ok(stage.with_hash(name, hash))
+    };
+    stage = add(stage, "scene.json", &request.scene)?;
+    stage = add(stage, "split.json", &request.split)?;
+    if let Some(points) = &scene.points {
+        stage = add(stage, points, &folder.join(points))?;
+    }
+    for frame in &scene.frames {
+        stage = add(stage, &frame.image, &folder.join(&frame.image))?;
+    }
+    Ok((stage, inputs))
+}
+
+/// Renders all views of the split; returns the files relative to the run's folder.
+fn render_predictions(
+    scene: &TrainingScene,
+    outcome: &MethodOutcome,
+    out: &Path,
+    progress: &dyn Progress,
+) -> Result<Vec<String>, ReconstructError> {
+    let (mut renderer, instant) = outcome.trained.renderer(&outcome.settings);
+    let total = scene.input_views.len() + scene.novel_views.len();
+    progress.begin("rendering", Some(total as u64));
+    let mut files = Vec::with_capacity(total);
+    let mut render = |views: &[SceneView], name: &str| -> Result<(), ReconstructError> {
+        let folder = out.join(name);
+        // Views of an earlier run with another split would be scored by mistake.
+        match fs::remove_dir_all(&folder) {
+            Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
+                return Err(StoreError::write(&folder, source).into());
+            }
+            _ => {}
+        }
+        store::create_folder(&folder)?;
+        for view in views {
+            let file = format!("{name}/{:06}.png", view.frame);
+            renderer
+                .image(&view.view, &instant)
+                .write_png(&out.join(&file))?;
+            files.push(file);
+            progress.advance(1);
+        }
+        Ok(())
+    };
+    let outcome = render(&scene.input_views, INPUT_FOLDER)
+        .and_then(|()| render(&scene.novel_views, NOVEL_FOLDER));
+    progress.end();
+    outcome.map(|()| files)
+}
+
+fn write_trace(path: &Path, trace: &[TracePoint]) -> Result<(), StoreError> {
+    store::write_with(path, |writer| {
+        let mut table = csv::Writer::from_writer(writer);
+        for point in trace {
+            table.serialize(point).map_err(std::io::Error::other)?;
+        }
+        table.flush()
+    })
+}
+
+fn warnings(scene: &TrainingScene, outcome: &MethodOutcome) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if scene.points.is_empty() {
+        warnings
+            .push("the scene has no points; training began from the sky shell alone".to_owned());
+    }
+    if outcome.trained.refused_gradients > 0 {
+        warnings.push(format!(
+            "{} gradient values were not finite and were not applied",
+            outcome.trained.refused_gradients
+        ));
+    }
+    if outcome.trained.stopped_by_budget {
+        warnings.push(format!(
+            "the time budget ended training after {} of {} iterations",
+            outcome.trained.iterations, outcome.settings.iterations
+        ));
+    }
+    warnings
+}
+
+/// Highest resident memory of this process, where the system tells (Linux).
+fn peak_memory_bytes() -> Option<u64> {
+    let status = fs::read_to_string("/proc/self/status").ok()?;
+    let line = status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kibibytes * 1024)
+}

@@ -1,0 +1,74 @@
+//! Adam on the processor.
+
+use rayon::prelude::*;
+
+use crate::gaussians::ParameterArray;
+
+const BETA_1: f32 = 0.9;
+const BETA_2: f32 = 0.999;
+const EPSILON: f32 = 1e-15;
+
+/// Step number `step` (from 1) of one array with its own learning rate. A gradient that is not
+/// finite counts as zero; the number of such values is returned.
+pub fn step(array: &mut ParameterArray, step: u64) -> usize {
+    // Past some thousand steps the corrections are 1 to the last bit.
+    let exponent = step.min(100_000) as i32;
+    let correction_1 = 1.0 - f64::from(BETA_1).powi(exponent);
+    let correction_2 = 1.0 - f64::from(BETA_2).powi(exponent);
+    let rate = (f64::from(array.learning_rate) / correction_1) as f32;
+    let inverse_root = (1.0 / correction_2.sqrt()) as f32;
+    const CHUNK: usize = 1 << 13;
+    (
+        array.values.par_chunks_mut(CHUNK),
+        array.first_moments.par_chunks_mut(CHUNK),
+        array.second_moments.par_chunks_mut(CHUNK),
+        array.gradients.par_chunks(CHUNK),
+    )
+        .into_par_iter()
+        .map(|(values, first, second, gradients)| {
+            let mut refused = 0;
+            for (((value, m), v), &g) in values.iter_mut().zip(first).zip(second).zip(gradients) {
+                let finite = g.is_finite();
+                refused += usize::from(!finite);
+                let g = if finite { g } else { 0.0 };
+                *m = BETA_1 * *m + (1.0 - BETA_1) * g;
+                *v = BETA_2 * *v + (1.0 - BETA_2) * g * g;
+                *value -= rate * *m / (v.sqrt() * inverse_root + EPSILON);
+            }
+            refused
+        })
+        .sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gaussians::GaussianTable;
+
+    /// The update written out in f64 for one value.
+    fn reference(gradients: &[f64], rate: f64) -> f64 {
+        let (mut x, mut m, mut v) = (1.0, 0.0, 0.0);
+        for (index, g) in gradients.iter().enumerate() {
+            let t = index as i32 + 1;
+            m = 0.9 * m + 0.1 * g;
+            v = 0.999 * v + 0.001 * g * g;
+            x -= rate * (m / (1.0 - 0.9_f64.powi(t)))
+                / ((v / (1.0 - 0.999_f64.powi(t))).sqrt() + 1e-15);
+        }
+        x
+    }
+
+    #[test]
+    fn follows_the_reference_and_refuses_nan() {
+        let gradients = [0.3, -0.1, 0.7, 1e-9, 0.2];
+        let mut table = GaussianTable::new(2);
+        table.add("a", 1, vec![1.0, 1.0], 0.01);
+        for (index, &g) in gradients.iter().enumerate() {
+            table.arrays[0].gradients = vec![g as f32, f32::NAN];
+            assert_eq!(step(&mut table.arrays[0], index as u64 + 1), 1);
+        }
+        let expected = reference(&gradients, 0.01);
+        assert!((f64::from(table.arrays[0].values[0]) - expected).abs() < 1e-6);
+        assert_eq!(table.arrays[0].values[1], 1.0);
+    }
+}

@@ -1,0 +1,39 @@
+//! The photometric loss of 3DGS: `L = (1 - lambda) L1 + lambda (1 - SSIM)`.
+//!
+//! SSIM as in 3DGS `utils/loss_utils.py`: 11x11 Gaussian window with sigma 1.5, per channel,
+//! `C1 = 0.01^2`, `C2 = 0.03^2`, mean over the map. One deviation: the window wraps around the
+//! seam, because columns 0 and W-1 are neighbours on the sphere; rows are padded with zeros as
+//! there. Scores never come from this code: `bench` has its own.
+//!
+//! With `A1 = 2 mx my + C1`, `A2 = 2 sxy + C2`, `B1 = mx^2 + my^2 + C1`, `B2 = sx + sy + C2` and
+//! the blurred `E[x^2] = sx + mx^2`, `E[xy] = sxy + mx my`:
+//!
+//! ```text
+//! s = A1 A2 / (B1 B2)      ds/dE[x^2] = -s / B2      ds/dE[xy] = 2 A1 / (B1 B2)
+//! ds/dmx = 2 my A2 / (B1 B2) - 2 mx s / B1 - 2 mx ds/dE[x^2] - my ds/dE[xy]
+//! dS/dx = blur(ds/dmx) + 2 x blur(ds/dE[x^2]) + y blur(ds/dE[xy])
+//! ```
+//!
+//! (a wrapped or zero-padded blur with a symmetric window is its own transpose).
+
+pub mod cpu;
+
+/// Values of the loss on one image.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct LossValue {
+    /// The loss that is minimized.
+    pub total: f64,
+    /// Mean absolute difference.
+    pub l1: f64,
+    /// Structural similarity, 1 for equal images.
+    pub ssim: f64,
+    /// Mean squared difference.
+    pub mse: f64,
+}
+
+impl LossValue {
+    /// `-10 log10(MSE)`, with the MSE floored at 1e-10.
+    pub fn psnr(&self) -> f64 {
+        -10.0 * self.mse.max(1e-10).log10()
+    }
+}

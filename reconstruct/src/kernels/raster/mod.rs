@@ -1,0 +1,36 @@
+//! Rasterization: compositing sorted splats front to back, and its gradient.
+//!
+//! Per pixel with centre `x`, over the splats of its tile from near to far (3DGS `forward.cu`):
+//!
+//! ```text
+//! alpha_i = min(0.99, o_i exp(-q_i(x) / 2)), skipped when below 1/255
+//! stop before splat i when T_i (1 - alpha_i) < 1e-4
+//! C = sum_i T_i alpha_i c_i + T_end background,     T_(i+1) = T_i (1 - alpha_i)
+//! ```
+//!
+//! Backward, with `g = dL/dC` and the projected sums `P_i = sum_(j <= i) T_j alpha_j (g . c_j)` and
+//! `S = g . C`:
+//!
+//! ```text
+//! dL/dc_i     = T_i alpha_i g
+//! dL/dalpha_i = T_i (g . c_i) - (S - P_i) / (1 - alpha_i)
+//! ```
+//!
+//! This walks front to back as the forward pass does: transmittances are the same to the last bit
+//! and are never recovered by division. The clamp at 0.99 is ignored by the gradient, as in 3DGS
+//! `backward.cu`.
+
+pub mod cpu;
+
+/// A rendered image and what its backward pass needs.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Raster {
+    /// Pixels per row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Colour, HWC, background included; not clamped.
+    pub colour: Vec<f32>,
+    /// Transmittance left at the end, one per pixel.
+    pub transmittance: Vec<f32>,
+}

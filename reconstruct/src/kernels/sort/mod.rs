@@ -1,0 +1,3 @@
+//! Sorting: visible splats from near to far by radial distance, ties by Gaussian index.
+
+pub mod cpu;

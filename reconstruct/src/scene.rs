@@ -1,0 +1,184 @@
+//! A scene in memory: normalized cameras, images and points of one split.
+
+use std::path::Path;
+
+use glam::DVec3;
+use omnilife_schemas::{
+    RgbImage, Similarity,
+    camera::ErpCamera,
+    points::PointCloud,
+    records::{Scene, Split},
+    store,
+};
+use rayon::prelude::*;
+
+use crate::{camera::View, error::ReconstructError};
+
+/// A frame with its camera and image.
+#[derive(Debug, Clone)]
+pub struct SceneView {
+    /// Number of the frame in the scene.
+    pub frame: u32,
+    /// The camera in normalized units.
+    pub view: View,
+    /// 8-bit RGB, HWC.
+    pub pixels: Vec<u8>,
+}
+
+impl SceneView {
+    /// The image as `[0, 1]` f32, written into `out`.
+    pub fn write_image(&self, out: &mut Vec<f32>) {
+        out.clear();
+        out.extend(self.pixels.iter().map(|&byte| f32::from(byte) / 255.0));
+    }
+}
+
+/// A scene ready for training: cameras are recentred and scaled so that the farthest one is one
+/// unit from their mean.
+#[derive(Debug, Clone)]
+pub struct TrainingScene {
+    /// Id of the scene.
+    pub id: String,
+    /// Size and model of all images.
+    pub camera: ErpCamera,
+    /// Views to train on.
+    pub input_views: Vec<SceneView>,
+    /// Views to predict. Their images serve the trace alone.
+    pub novel_views: Vec<SceneView>,
+    /// World to normalized coordinates.
+    pub normalization: Similarity,
+    /// Points in normalized coordinates with their colours; may be empty.
+    pub points: PointCloud,
+}
+
+impl TrainingScene {
+    /// Loads `scene.json` and `split.json`. Images are brought to the protocol's width by area
+    /// averaging where they are larger.
+    ///
+    /// # Errors
+    /// When a file is missing or malformed, a split's frame has no pose, image sizes differ from
+    /// the scene's camera, or no input view is left.
+    pub fn load(scene_path: &Path, split_path: &Path) -> Result<Self, ReconstructError> {
+        let scene: Scene = store::read_record(scene_path)?;
+        let split: Split = store::read_record(split_path)?;
+        if split.scene != scene.id {
+            return Err(ReconstructError::scene(
+                split_path,
+                format!("is the split of {}, not of {}", split.scene, scene.id),
+            ));
+        }
+        let folder = scene_path.parent().unwrap_or(Path::new("."));
+        let camera = training_camera(&scene, &split, scene_path)?;
+        let centres: Vec<DVec3> = split
+            .input_views
+            .iter()
+            .filter_map(|&frame| Some(scene.frames.get(frame as usize)?.pose?.centre()))
+            .collect();
+        let normalization = Similarity::from_cameras(&centres).ok_or_else(|| {
+            ReconstructError::scene(split_path, "has no input view with a usable pose")
+        })?;
+        let load = |frames: &[u32]| -> Result<Vec<SceneView>, ReconstructError> {
+            frames
+                .par_iter()
+                .map(|&frame| load_view(&scene, scene_path, folder, camera, &normalization, frame))
+                .collect()
+        };
+        Ok(Self {
+            id: scene.id.clone(),
+            camera,
+            input_views: load(&split.input_views)?,
+            novel_views: load(&split.novel_views)?,
+            normalization,
+            points: load_points(&scene, folder, &normalization)?,
+        })
+    }
+
+    /// Median distance between input views that follow each other, in normalized units; 0 for a
+    /// camera that does not move.
+    pub fn median_camera_step(&self) -> f32 {
+        let mut steps: Vec<f32> = self
+            .input_views
+            .windows(2)
+            .map(|pair| pair[0].view.centre.distance(pair[1].view.centre))
+            .collect();
+        steps.sort_by(f32::total_cmp);
+        steps.get(steps.len() / 2).copied().unwrap_or(0.0)
+    }
+}
+
+fn training_camera(
+    scene: &Scene,
+    split: &Split,
+    scene_path: &Path,
+) -> Result<ErpCamera, ReconstructError> {
+    let ErpCamera { width, height } = scene.camera;
+    if width < 2 || height < 1 {
+        return Err(ReconstructError::scene(
+            scene_path,
+            format!("has a camera of {width}x{height} pixels"),
+        ));
+    }
+    match split.protocol.width {
+        Some(scored) if scored < width => Ok(ErpCamera {
+            width: scored,
+            height: (scored / 2).max(1),
+        }),
+        _ => Ok(scene.camera),
+    }
+}
+
+fn load_view(
+    scene: &Scene,
+    scene_path: &Path,
+    folder: &Path,
+    camera: ErpCamera,
+    normalization: &Similarity,
+    frame: u32,
+) -> Result<SceneView, ReconstructError> {
+    let entry = scene.frames.get(frame as usize).ok_or_else(|| {
+        ReconstructError::scene(scene_path, format!("has no frame {frame} of the split"))
+    })?;
+    let view = entry
+        .pose
+        .and_then(|pose| View::new(camera, &pose, normalization, entry.time_seconds))
+        .ok_or_else(|| {
+            ReconstructError::scene(
+                scene_path,
+                format!("frame {frame} of the split has no usable pose"),
+            )
+        })?;
+    let path = folder.join(&entry.image);
+    let image = RgbImage::read(&path)?;
+    let expected = (scene.camera.width as usize, scene.camera.height as usize);
+    if (image.width, image.height) != expected {
+        return Err(ReconstructError::scene(
+            &path,
+            format!(
+                "is {}x{}, the scene's camera is {}x{}",
+                image.width, image.height, expected.0, expected.1
+            ),
+        ));
+    }
+    let image = image.resized_by_area(camera.width as usize, camera.height as usize);
+    Ok(SceneView {
+        frame,
+        view,
+        pixels: image.to_rgb8(),
+    })
+}
+
+fn load_points(
+    scene: &Scene,
+    folder: &Path,
+    normalization: &Similarity,
+) -> Result<PointCloud, ReconstructError> {
+    let Some(file) = &scene.points else {
+        return Ok(PointCloud::default());
+    };
+    let mut points = PointCloud::read_ply(&folder.join(file))?;
+    for position in &mut points.positions {
+        let world = DVec3::from_array(position.map(f64::from));
+        *position = normalization.normalize(world).as_vec3().to_array();
+    }
+    Ok(points)
+}
