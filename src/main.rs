@@ -1,2 +1,30 @@
-//! The `omnilife` binary.
-fn main() {}
+//! The `omnilife` binary: curate 360-degree video, reconstruct it, score it, make tables.
+
+mod cli;
+mod commands;
+mod doctor;
+mod exit;
+mod progress;
+mod run;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use cli::{Cli, Command};
+use progress::Terminal;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let terminal = Terminal::new(cli.quiet);
+    let outcome = match cli.command {
+        Command::Run(arguments) => run::main_job(&arguments, &terminal),
+        Command::Curate(command) => commands::curate::execute(&command, &terminal),
+        Command::Reconstruct(command) => commands::reconstruct::execute(&command, &terminal),
+        Command::Bench(command) => commands::bench::execute(&command, &terminal),
+        Command::Leaderboard(command) => commands::leaderboard::execute(&command),
+        Command::Doctor => commands::doctor(),
+    };
+    drop(terminal);
+    exit::code(outcome)
+}

@@ -308,7 +308,7 @@ impl Sequencing<'_> {
             outputs.push(format!("{name}/{SEQUENCE_FILE}"));
             outputs.extend(entries.iter().map(|entry| format!("{name}/{}", entry.file)));
             let sequence = Sequence {
-                id: format!("{}/{name}", stem(self.video)),
+                id: format!("{}/{name}", self.folder_name()),
                 source: self.source.clone(),
                 range,
                 probe: probe.clone(),
@@ -333,6 +333,12 @@ impl Sequencing<'_> {
             names.len()
         ));
         Ok(names)
+    }
+
+    /// Name of the video in its dataset.
+    fn folder_name(&self) -> String {
+        let name = self.folder.file_name().unwrap_or_default();
+        name.to_string_lossy().into_owned()
     }
 
     /// Decides the boundaries, writes the ledger and returns the shots that are long enough.

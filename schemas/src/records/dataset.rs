@@ -31,6 +31,8 @@ pub struct VideoEntry {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "outcome")]
 pub enum VideoStatus {
+    /// Its turn has not come.
+    Pending,
     /// Sequences were cut from it.
     Curated {
         /// Folders of the sequences relative to the dataset, in order of time.

@@ -1,0 +1,159 @@
+//! Many videos into one dataset: every video gets its outcome, and a bad one stops no other.
+
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use omnilife_schemas::{
+    progress::Progress,
+    records::{Dataset, VideoEntry, VideoStatus},
+    store::{self, StoreError},
+};
+
+use crate::{
+    error::CurateError,
+    pipeline::{self, CurateSettings},
+};
+
+/// File of the dataset record in a dataset's folder.
+pub const DATASET_FILE: &str = "dataset.json";
+/// Folder of the videos in a dataset's folder; one folder per video.
+pub const VIDEOS_FOLDER: &str = "videos";
+
+/// A dataset and the errors behind its rejected and failed videos.
+#[derive(Debug)]
+pub struct CuratedDataset {
+    /// The record as written.
+    pub record: Dataset,
+    /// Number of the video in the record, and what was wrong with it.
+    pub errors: Vec<(usize, CurateError)>,
+}
+
+/// Curates videos into `out`: `dataset.json` and one folder per video in `videos/`, named after the
+/// video's file.
+///
+/// # Errors
+/// When `out` holds something else or the dataset of other videos, or cannot be written. What is
+/// wrong with a single video is in the record and in [`CuratedDataset::errors`].
+pub fn curate_dataset(
+    videos: &[PathBuf],
+    out: &Path,
+    settings: &CurateSettings,
+    progress: &dyn Progress,
+) -> Result<CuratedDataset, CurateError> {
+    let folders = folder_names(videos);
+    let mut record = Dataset {
+        videos: videos.iter().map(|video| pending(video)).collect(),
+    };
+    claim(out, &record)?;
+    let path = out.join(DATASET_FILE);
+    store::write_record(&path, &record)?;
+    let mut errors = Vec::new();
+    for (index, (video, name)) in videos.iter().zip(&folders).enumerate() {
+        let folder = out.join(VIDEOS_FOLDER).join(name);
+        let status = match pipeline::curate_video(video, &folder, settings, progress) {
+            Ok(sequences) => VideoStatus::Curated {
+                sequences: sequences
+                    .iter()
+                    .map(|sequence| format!("{VIDEOS_FOLDER}/{name}/{sequence}"))
+                    .collect(),
+            },
+            Err(error) => {
+                let reason = error.to_string();
+                let status = if error.is_rejection() {
+                    VideoStatus::Rejected { reason }
+                } else {
+                    VideoStatus::Failed { reason }
+                };
+                errors.push((index, error));
+                status
+            }
+        };
+        record.videos[index].status = status;
+        store::write_record(&path, &record)?;
+    }
+    Ok(CuratedDataset { record, errors })
+}
+
+fn pending(video: &Path) -> VideoEntry {
+    VideoEntry {
+        file: video.display().to_string(),
+        // A file that cannot be read has no hash; its error follows when it is curated.
+        sha256: store::sha256_file(video).ok(),
+        status: VideoStatus::Pending,
+    }
+}
+
+/// Folder names of the videos: the file's stem, with a number where two videos share one.
+fn folder_names(videos: &[PathBuf]) -> Vec<String> {
+    let mut taken = BTreeSet::new();
+    videos
+        .iter()
+        .map(|video| {
+            let stem = pipeline::stem(video);
+            let numbered = (2..).map(|number| format!("{stem}-{number}"));
+            let name = std::iter::once(stem.clone())
+                .chain(numbered)
+                .find(|name| !taken.contains(name))
+                .unwrap_or(stem);
+            taken.insert(name.clone());
+            name
+        })
+        .collect()
+}
+
+/// Makes the folder, or makes sure that what it holds is a dataset of some of these videos.
+fn claim(out: &Path, record: &Dataset) -> Result<(), CurateError> {
+    if out.exists() && !out.is_dir() {
+        return Err(CurateError::input(
+            out,
+            "is a file; the output needs a folder",
+        ));
+    }
+    let path = out.join(DATASET_FILE);
+    if path.is_file() {
+        let held: Dataset = store::read_record(&path)?;
+        let ours: BTreeSet<_> = record
+            .videos
+            .iter()
+            .filter_map(|v| v.sha256.as_ref())
+            .collect();
+        let other = held.videos.iter().find(|video| {
+            video
+                .sha256
+                .as_ref()
+                .is_some_and(|sha256| !ours.contains(sha256))
+        });
+        if let Some(other) = other {
+            return Err(CurateError::input(
+                out,
+                format!(
+                    "holds the results of another input ({}); remove it or choose another output",
+                    other.file
+                ),
+            ));
+        }
+    } else if out.is_dir() {
+        let mut entries = fs::read_dir(out).map_err(|error| StoreError::read(out, error))?;
+        if entries.next().is_some() {
+            return Err(CurateError::input(
+                out,
+                "is not empty and holds no dataset; choose another output",
+            ));
+        }
+    }
+    Ok(store::create_folder(out)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn videos_of_one_name_get_folders_of_their_own() {
+        let videos = ["a/x.mp4", "b/x.mp4", "x-2.mp4", "y.mov"].map(PathBuf::from);
+        assert_eq!(folder_names(&videos), ["x", "x-2", "x-2-2", "y"]);
+    }
+}

@@ -1,0 +1,98 @@
+//! `omnilife bench`.
+
+use omnilife_bench::{METRICS, PROTOCOLS, Predictions, ScoreRequest, score, split_scene};
+use omnilife_schemas::{progress::Progress, records::ResultRecord};
+
+use crate::{
+    cli::BenchCommand,
+    exit::{self, BadRequest},
+};
+
+pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow::Result<()> {
+    match command {
+        BenchCommand::Split {
+            scene,
+            out,
+            protocol,
+        } => {
+            let split = split_scene(scene, protocol, out)?;
+            exit::print(&format!(
+                "{}: {} input views, {} novel views, {} without a pose; protocol {:.12}\n",
+                split.scene,
+                split.input_views.len(),
+                split.novel_views.len(),
+                split.unposed.len(),
+                split.protocol_hash
+            ))
+        }
+        BenchCommand::Score {
+            scene,
+            split,
+            out,
+            run,
+            novel_views,
+            input_views,
+            method,
+        } => {
+            let request = match (run, method) {
+                (Some(run), None) => ScoreRequest::of_run(scene, split, run, out)?,
+                (run, Some(method)) => ScoreRequest {
+                    scene: scene.clone(),
+                    split: split.clone(),
+                    predictions: run.clone().map_or_else(
+                        || Predictions::Folders {
+                            input_views: input_views.clone(),
+                            novel_views: novel_views.clone(),
+                        },
+                        Predictions::Run,
+                    ),
+                    method: method.clone(),
+                    out: out.clone(),
+                },
+                (None, None) => {
+                    return Err(BadRequest("predictions need a --method name".to_owned()).into());
+                }
+            };
+            let result = score(&request, progress)?;
+            exit::print(&summary(&result))
+        }
+        BenchCommand::List => exit::print(&list()),
+    }
+}
+
+fn summary(result: &ResultRecord) -> String {
+    let mut text = format!(
+        "{} on {}, protocol {} ({:.12})\n",
+        result.method, result.scene, result.protocol, result.protocol_hash
+    );
+    for (view, scores) in [
+        ("input", &result.input_views),
+        ("novel", &result.novel_views),
+    ] {
+        for (metric, summary) in scores {
+            text += &format!(
+                "{view} {metric} {:.4} over {} views\n",
+                summary.mean, summary.views
+            );
+        }
+    }
+    for failure in &result.failures {
+        text += &format!(
+            "failed: {} view {}: {}\n",
+            failure.view, failure.frame, failure.reason
+        );
+    }
+    text
+}
+
+fn list() -> String {
+    let mut text = "Protocols\n".to_owned();
+    for protocol in PROTOCOLS {
+        text += &format!("  {}: {}\n", protocol.id, protocol.description);
+    }
+    text += "Metrics\n";
+    for metric in METRICS {
+        text += &format!("  {}: {} ({})\n", metric.id, metric.title, metric.source);
+    }
+    text
+}

@@ -1,0 +1,95 @@
+//! `omnilife curate`.
+
+use std::path::Path;
+
+use omnilife_curate::{
+    analysis, boundaries, curate_dataset, expand_inputs, pose_sequence, verdict, video,
+};
+use omnilife_schemas::{Blamed, progress::Progress, records::Dataset};
+use serde::Serialize;
+
+use crate::{
+    cli::CurateCommand,
+    exit,
+    run::outcome::{Outcome, Outcomes},
+};
+
+pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyhow::Result<()> {
+    match command {
+        CurateCommand::Probe { video } => print_json(&video::probe(video)?),
+        CurateCommand::Verdict { video } => {
+            let analysis = analyse(video, progress)?;
+            print_json(&verdict::judge(
+                &analysis.probe,
+                analysis.samples.pictures(),
+            ))
+        }
+        CurateCommand::Boundaries { video } => {
+            let detector = boundaries::detector(boundaries::DEFAULT_DETECTOR, video)?;
+            let analysis = analyse(video, progress)?;
+            print_json(&(detector.decide)(&analysis.signals))
+        }
+        CurateCommand::Build {
+            videos,
+            out,
+            curation,
+            criteria,
+        } => {
+            let videos = expand_inputs(videos)?;
+            let settings = curation.settings(criteria, true);
+            let curated = curate_dataset(&videos, out, &settings, progress)?;
+            exit::print(&summary(&curated.record))?;
+            let mut outcomes = Outcomes::default();
+            for video in &curated.record.videos {
+                outcomes.push(Outcome::curated(&video.file));
+            }
+            for (index, error) in &curated.errors {
+                outcomes.list[*index] = Outcome::failed(
+                    &videos[*index].display().to_string(),
+                    "",
+                    error,
+                    error.blame(),
+                );
+            }
+            outcomes.verdict()
+        }
+        CurateCommand::Poses { sequence, poses } => {
+            let scene = pose_sequence(sequence, &poses.request(), progress)?;
+            exit::print(&format!(
+                "{}: {} of {} frames posed, {:?}\n",
+                scene.id,
+                scene.validation.registered_frames,
+                scene.validation.total_frames,
+                scene.validation.status
+            ))
+        }
+    }
+}
+
+fn analyse(video: &Path, progress: &dyn Progress) -> anyhow::Result<analysis::Analysis> {
+    let detector = boundaries::detector(boundaries::DEFAULT_DETECTOR, video)?;
+    Ok(analysis::analyse(video, detector, progress)?)
+}
+
+fn print_json(value: &impl Serialize) -> anyhow::Result<()> {
+    exit::print(&format!("{}\n", serde_json::to_string_pretty(value)?))
+}
+
+/// One line per video.
+fn summary(dataset: &Dataset) -> String {
+    use omnilife_schemas::records::VideoStatus;
+    dataset
+        .videos
+        .iter()
+        .map(|video| match &video.status {
+            VideoStatus::Curated { sequences } => {
+                format!("{}: {} sequences\n", video.file, sequences.len())
+            }
+            // Their messages begin with the file.
+            VideoStatus::Rejected { reason } | VideoStatus::Failed { reason } => {
+                format!("{reason}\n")
+            }
+            VideoStatus::Pending => format!("{}: not reached\n", video.file),
+        })
+        .collect()
+}

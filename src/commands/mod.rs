@@ -1,0 +1,20 @@
+//! The stages of the main job as commands of their own.
+
+pub(crate) mod bench;
+pub(crate) mod curate;
+pub(crate) mod leaderboard;
+pub(crate) mod reconstruct;
+
+use anyhow::bail;
+
+use crate::{doctor, exit};
+
+/// `omnilife doctor`.
+pub(crate) fn doctor() -> anyhow::Result<()> {
+    let report = doctor::report();
+    exit::print(&report.to_string())?;
+    if !report.is_sound() {
+        bail!("something that the main job needs is missing");
+    }
+    Ok(())
+}

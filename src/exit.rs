@@ -1,0 +1,94 @@
+//! From errors to exit codes: 2 for bad input, 1 for a failure of ours.
+
+use std::{
+    io::{self, Write},
+    process::ExitCode,
+};
+
+use omnilife_bench::BenchError;
+use omnilife_curate::CurateError;
+use omnilife_leaderboard::LeaderboardError;
+use omnilife_reconstruct::ReconstructError;
+use omnilife_schemas::{Blame, Blamed, store::StoreError};
+
+/// Some work failed, and the rest went on: each failure has been reported already.
+#[derive(Debug, thiserror::Error)]
+#[error("{failures} of {total} videos or sequences failed; the summary above names them")]
+pub(crate) struct PartialFailure {
+    /// What failed.
+    pub(crate) failures: usize,
+    /// All of it.
+    pub(crate) total: usize,
+    /// Ours if any failure is ours.
+    pub(crate) blame: Blame,
+}
+
+impl Blamed for PartialFailure {
+    fn blame(&self) -> Blame {
+        self.blame
+    }
+}
+
+/// The user asked for something that does not go together.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub(crate) struct BadRequest(pub(crate) String);
+
+impl Blamed for BadRequest {
+    fn blame(&self) -> Blame {
+        Blame::Input
+    }
+}
+
+/// Reports an error in one line and gives the exit code.
+pub(crate) fn code(outcome: anyhow::Result<()>) -> ExitCode {
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) if is_closed_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            // When stderr is closed too there is nobody left to tell.
+            drop(writeln!(io::stderr(), "omnilife: {}", one_line(&error)));
+            match blame(&error) {
+                Blame::Input => ExitCode::from(2),
+                Blame::Ours => ExitCode::from(1),
+            }
+        }
+    }
+}
+
+/// Prints a result to standard output.
+pub(crate) fn print(text: &str) -> anyhow::Result<()> {
+    let mut out = io::stdout().lock();
+    out.write_all(text.as_bytes())?;
+    out.flush()?;
+    Ok(())
+}
+
+/// Who is to blame for an error; what nobody claims is ours.
+pub(crate) fn blame(error: &anyhow::Error) -> Blame {
+    fn of<E: Blamed + Send + Sync + 'static>(error: &anyhow::Error) -> Option<Blame> {
+        error.downcast_ref::<E>().map(Blamed::blame)
+    }
+    of::<CurateError>(error)
+        .or_else(|| of::<ReconstructError>(error))
+        .or_else(|| of::<BenchError>(error))
+        .or_else(|| of::<LeaderboardError>(error))
+        .or_else(|| of::<StoreError>(error))
+        .or_else(|| of::<PartialFailure>(error))
+        .or_else(|| of::<BadRequest>(error))
+        .unwrap_or(Blame::Ours)
+}
+
+fn one_line(error: &anyhow::Error) -> String {
+    format!("{error:#}")
+        .split_whitespace()
+        .collect::<Vec<_>>()
+        .join(" ")
+}
+
+/// The reader of our output has gone away (`omnilife ... | head`).
+fn is_closed_pipe(error: &anyhow::Error) -> bool {
+    error
+        .downcast_ref::<io::Error>()
+        .is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
+}

@@ -1,0 +1,148 @@
+//! `omnilife run`: from raw videos to a scored table.
+//!
+//! The folder it fills:
+//!
+//! ```text
+//! OUT/dataset.json                         every video with its outcome
+//! OUT/outcomes.csv                         every sequence with its outcome
+//! OUT/table.md, OUT/table.csv              the scores
+//! OUT/videos/<video>/boundaries.json, ...
+//! OUT/videos/<video>/seq-000/sequence.json, frames/, scene.json, points.ply
+//! OUT/videos/<video>/seq-000/<protocol>/split.json
+//! OUT/videos/<video>/seq-000/<protocol>/<method>/run/     run.json, predictions/, gaussians.ply
+//! OUT/videos/<video>/seq-000/<protocol>/<method>/score/   result.json, comparisons/
+//! ```
+
+pub(crate) mod outcome;
+
+use std::path::Path;
+
+use omnilife_bench::{ScoreRequest, score, split_scene};
+use omnilife_curate::{
+    PoseRequest, curate_dataset, expand_inputs, pose_sequence, poses::SCENE_FILE,
+};
+use omnilife_reconstruct::{
+    job::{self, ReconstructRequest},
+    methods::{self, MethodRequest},
+};
+use omnilife_schemas::{Blamed, progress::Progress, records::VideoStatus};
+
+use crate::{
+    cli::RunArguments,
+    exit::{self, BadRequest},
+};
+use outcome::{Outcome, Outcomes};
+
+/// File of the summary.
+const OUTCOMES_FILE: &str = "outcomes.csv";
+
+/// The main job. Prints the table to standard output.
+///
+/// # Errors
+/// When nothing could be scored, or something failed beside what was scored.
+pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> anyhow::Result<()> {
+    let videos = expand_inputs(&arguments.videos)?;
+    let job = Job {
+        poses: arguments.poses.request(),
+        method: arguments.method.method.clone(),
+        settings: arguments.method.request(arguments.iterations)?,
+        protocol: arguments.protocol.clone(),
+        progress,
+    };
+    // What is wrong with the request should not be found out after an hour of work.
+    methods::find(&job.method)?;
+    omnilife_bench::protocols::protocol(&job.protocol)?;
+    if job.poses_are_given() && videos.len() > 1 {
+        return Err(BadRequest(format!(
+            "--poses belongs to one video, {} were given",
+            videos.len()
+        ))
+        .into());
+    }
+
+    let settings = arguments.curation.settings(&arguments.criteria, false);
+    let curated = curate_dataset(&videos, &arguments.out, &settings, progress)?;
+    let mut outcomes = Outcomes::default();
+    for (index, video) in curated.record.videos.iter().enumerate() {
+        if let VideoStatus::Curated { sequences } = &video.status {
+            for sequence in sequences {
+                let folder = arguments.out.join(sequence);
+                let id = sequence.trim_start_matches("videos/");
+                outcomes.push(match job.score_sequence(&folder) {
+                    Ok(()) => Outcome::scored(&video.file, id),
+                    Err(error) => {
+                        progress.note(&format!("{id}: {error:#}"));
+                        Outcome::failed(&video.file, id, format!("{error:#}"), exit::blame(&error))
+                    }
+                });
+            }
+        }
+        for (_, error) in curated.errors.iter().filter(|(failed, _)| *failed == index) {
+            outcomes.push(Outcome::failed(&video.file, "", error, error.blame()));
+        }
+    }
+    outcomes.write_csv(&arguments.out.join(OUTCOMES_FILE))?;
+    report(&arguments.out, &outcomes)
+}
+
+/// Prints the table and the summary.
+fn report(out: &Path, outcomes: &Outcomes) -> anyhow::Result<()> {
+    if outcomes.scored() > 0 {
+        let results = omnilife_leaderboard::collect(out)?;
+        let tables = omnilife_leaderboard::build(&results, out)?;
+        exit::print(&format!(
+            "{}\n{}\nTable: {}\nRendered views beside their ground truth: {}\n",
+            tables.markdown,
+            outcomes.text(),
+            tables.markdown_file.display(),
+            out.join("videos/*/seq-*/*/*/score/comparisons").display()
+        ))?;
+    } else {
+        exit::print(&outcomes.text())?;
+    }
+    outcomes.verdict()
+}
+
+/// What is done to every sequence.
+struct Job<'a> {
+    poses: PoseRequest,
+    method: String,
+    settings: MethodRequest,
+    protocol: String,
+    progress: &'a dyn Progress,
+}
+
+impl Job<'_> {
+    fn poses_are_given(&self) -> bool {
+        matches!(self.poses, PoseRequest::Given(_))
+    }
+
+    /// Poses, split, reconstruction and scores of one sequence.
+    fn score_sequence(&self, folder: &Path) -> anyhow::Result<()> {
+        pose_sequence(folder, &self.poses, self.progress)?;
+        let scene = folder.join(SCENE_FILE);
+        let protocol_folder = folder.join(&self.protocol);
+        let split = protocol_folder.join("split.json");
+        split_scene(&scene, &self.protocol, &split)?;
+        let method_folder = protocol_folder.join(&self.method);
+        let run = method_folder.join("run");
+        job::reconstruct(
+            &ReconstructRequest {
+                scene: scene.clone(),
+                split: split.clone(),
+                method: self.method.clone(),
+                settings: self.settings.clone(),
+                out: run.clone(),
+            },
+            self.progress,
+        )?;
+        let request = ScoreRequest::of_run(
+            &scene,
+            &split,
+            &run.join(job::RUN_FILE),
+            &method_folder.join("score"),
+        )?;
+        score(&request, self.progress)?;
+        Ok(())
+    }
+}
