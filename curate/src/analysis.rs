@@ -18,9 +18,9 @@ use crate::{
 const DETECTOR_WIDTH_PIXELS: u32 = 128;
 /// A video is truncated when it ends this much before the duration its container states:
 /// seconds, and as a share of the duration; the larger counts. Containers round, and edit lists
-/// hide frames, so a few frames mean nothing.
+/// hide frames, and a sound track may end a little after the pictures, so a few frames mean nothing.
 const TRUNCATION_SECONDS: f64 = 0.5;
-const TRUNCATION_SHARE: f64 = 0.02;
+const TRUNCATION_SHARE: f64 = 0.002;
 
 /// What one pass over a video gives.
 #[derive(Debug)]

@@ -41,12 +41,9 @@ pub fn choose(times: &[f64], shot: TimeRange, sampling: Sampling) -> Vec<f64> {
             let Some(median) = median_interval(inside) else {
                 return inside.to_vec();
             };
-            // The shot spans `gaps` median intervals; `most` frames leave `most - 1` gaps.
-            let gaps = ((end - begin) / median).round().max(1.0);
-            let stride = match most {
-                0 | 1 => gaps + 1.0,
-                _ => (gaps / f64::from(most - 1)).ceil().max(1.0),
-            };
+            // Over `gaps` median intervals, every stride-th frame makes floor(gaps / stride) + 1.
+            let gaps = ((end - begin) / median).round();
+            let stride = (gaps / f64::from(most)).floor() + 1.0;
             stride * median
         }
     };

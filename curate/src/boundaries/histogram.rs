@@ -1,9 +1,7 @@
 //! Boundaries from colour histograms of latitude bands.
 //!
-//! Every frame becomes HSV histograms of four latitude bands, rows weighted by the cosine of their
-//! latitude. A camera that yaws moves colours along the bands and leaves the histograms as they
-//! are. Distances are shares of the picture's weight that changed its colour bin, 0 to 1 (half the
-//! L1 distance).
+//! Distances between frames are shares of the picture's weight that changed its colour bin, 0 to 1;
+//! see `descriptor.rs`.
 //!
 //! Cuts are single frames whose distance stands out from its neighbourhood; gradual transitions are
 //! runs of moderately raised distances whose two ends differ, the twin comparison of Zhang,
@@ -13,12 +11,11 @@
 use std::collections::VecDeque;
 
 use omnilife_schemas::records::{Boundary, BoundaryKind};
-use opencv::{
-    core::{Mat, MatTraitConst, MatTraitConstManual},
-    imgproc,
-};
 
-use super::{Detector, SignalPass, Signals};
+use super::{
+    Detector, SignalPass, Signals,
+    descriptor::{Descriptor, HISTOGRAM_BINS, correlation, distance},
+};
 use crate::{statistics, video::Rgb8Picture};
 
 /// The detector.
@@ -40,8 +37,11 @@ struct Settings {
     /// Half the span over which `change` compares, and the width of the stretches it averages.
     change_reach_seconds: f64,
     change_average_seconds: f64,
-    /// Half the span over which `layout` compares.
+    /// Half the span over which `layout` compares, for sudden changes and short transitions ...
     layout_reach_seconds: f64,
+    /// ... and over which `layout_wide` does, for transitions longer than `long_seconds`.
+    layout_wide_reach_seconds: f64,
+    long_seconds: f64,
     /// Correlation of layouts above which the shot is the same whatever its colours do.
     same_layout: f32,
     /// A cut changes at least this much from one frame to the next ...
@@ -70,27 +70,21 @@ const SETTINGS: Settings = Settings {
     change_reach_seconds: 0.75,
     change_average_seconds: 0.2,
     layout_reach_seconds: 0.1,
-    same_layout: 0.92,
-    cut_distance: 0.3,
-    cut_over_median: 3.5,
+    layout_wide_reach_seconds: 0.4,
+    long_seconds: 0.25,
+    same_layout: 0.75,
+    cut_distance: 0.2,
+    cut_over_median: 4.5,
     cut_window_seconds: 1.0,
     merge_seconds: 0.3,
-    gradual_step: 0.06,
-    gradual_over_quiet: 2.25,
+    gradual_step: 0.02,
+    gradual_over_quiet: 2.5,
     gradual_window_seconds: 1.5,
     gradual_gap_seconds: 0.1,
     gradual_shortest_seconds: 0.1,
     gradual_longest_seconds: 2.0,
-    gradual_change: 0.55,
+    gradual_change: 0.4,
 };
-
-const BANDS: usize = 4;
-const HUES: usize = 12;
-const SATURATIONS: usize = 4;
-const VALUES: usize = 8;
-const BAND_BINS: usize = HUES * SATURATIONS * VALUES;
-const LAYOUT_COLUMNS: usize = 32;
-const LAYOUT_ROWS: usize = 16;
 
 /// Signal: distance from the frame before.
 const ADJACENT: &str = "adjacent";
@@ -100,15 +94,8 @@ const STEP: &str = "step";
 const CHANGE: &str = "change";
 /// Signal: correlation of the layouts `layout_reach_seconds` before and after.
 const LAYOUT: &str = "layout";
-
-/// What is kept of a frame while its neighbourhood passes by.
-struct Descriptor {
-    time_seconds: f64,
-    /// Colour bins by band; the sum is 1.
-    histogram: Vec<f32>,
-    /// Luminance thumbnail with zero mean and unit norm; all zero for a flat picture.
-    layout: Vec<f32>,
-}
+/// Signal: the same for `layout_wide_reach_seconds`.
+const LAYOUT_WIDE: &str = "layout_wide";
 
 /// Keeps the descriptors of about two seconds and emits the row of the frame in their middle.
 #[derive(Default)]
@@ -121,11 +108,13 @@ struct HistogramPass {
     step: Vec<f32>,
     change: Vec<f32>,
     layout: Vec<f32>,
+    layout_wide: Vec<f32>,
 }
 
 impl SignalPass for HistogramPass {
     fn observe(&mut self, time_seconds: f64, picture: &Rgb8Picture) -> Result<(), String> {
-        self.window.push_back(describe(time_seconds, picture)?);
+        self.window
+            .push_back(Descriptor::of(time_seconds, picture)?);
         let reach = SETTINGS.change_reach_seconds + SETTINGS.change_average_seconds;
         while self.window[self.due].time_seconds + reach < time_seconds {
             self.emit();
@@ -149,6 +138,7 @@ impl SignalPass for HistogramPass {
                 (STEP.to_owned(), self.step),
                 (CHANGE.to_owned(), self.change),
                 (LAYOUT.to_owned(), self.layout),
+                (LAYOUT_WIDE.to_owned(), self.layout_wide),
             ],
         }
     }
@@ -174,15 +164,22 @@ impl HistogramPass {
             &self.mean_between(now - far, now - near),
             &self.mean_between(now + near, now + far),
         );
-        let before = self.last_until(now - SETTINGS.layout_reach_seconds);
-        let after = self.first_from(now + SETTINGS.layout_reach_seconds);
-        let layout = correlation(&self.window[before].layout, &self.window[after].layout);
+        let layout = self.layouts_around(now, SETTINGS.layout_reach_seconds);
+        let layout_wide = self.layouts_around(now, SETTINGS.layout_wide_reach_seconds);
         self.times.push(now);
         self.adjacent.push(adjacent);
         self.step.push(step);
         self.change.push(change);
         self.layout.push(layout);
+        self.layout_wide.push(layout_wide);
         self.due += 1;
+    }
+
+    /// Correlation of the layouts `reach_seconds` before and after an instant.
+    fn layouts_around(&self, now: f64, reach_seconds: f64) -> f32 {
+        let before = self.last_until(now - reach_seconds);
+        let after = self.first_from(now + reach_seconds);
+        correlation(&self.window[before].layout, &self.window[after].layout)
     }
 
     /// Index of the last frame at or before an instant, or of the first frame.
@@ -203,7 +200,7 @@ impl HistogramPass {
     fn mean_between(&self, begin: f64, end: f64) -> Vec<f32> {
         let first = self.first_from(begin);
         let last = self.last_until(end).max(first);
-        let mut mean = vec![0.0; BANDS * BAND_BINS];
+        let mut mean = vec![0.0; HISTOGRAM_BINS];
         for index in first..=last {
             for (sum, value) in mean.iter_mut().zip(&self.window[index].histogram) {
                 *sum += value;
@@ -215,85 +212,7 @@ impl HistogramPass {
     }
 }
 
-fn distance(a: &[f32], b: &[f32]) -> f32 {
-    0.5 * a.iter().zip(b).map(|(x, y)| (x - y).abs()).sum::<f32>()
-}
-
-/// Correlation of two layouts: 1 for two flat pictures, 0 for a flat and a structured one.
-fn correlation(a: &[f32], b: &[f32]) -> f32 {
-    let is_flat = |layout: &[f32]| layout.iter().all(|&value| value == 0.0);
-    if is_flat(a) && is_flat(b) {
-        return 1.0;
-    }
-    a.iter().zip(b).map(|(x, y)| x * y).sum()
-}
-
-fn describe(time_seconds: f64, picture: &Rgb8Picture) -> Result<Descriptor, String> {
-    Ok(Descriptor {
-        time_seconds,
-        histogram: band_histograms(picture).map_err(|error| error.to_string())?,
-        layout: luminance_layout(picture),
-    })
-}
-
-fn band_histograms(picture: &Rgb8Picture) -> opencv::Result<Vec<f32>> {
-    let rgb = Mat::from_slice(&picture.data)?;
-    let rgb = rgb.reshape(3, picture.height as i32)?;
-    let mut hsv = Mat::default();
-    imgproc::cvt_color_def(&rgb, &mut hsv, imgproc::COLOR_RGB2HSV)?;
-    let pixels = hsv.data_bytes()?;
-    let mut histogram = vec![0.0_f32; BANDS * BAND_BINS];
-    for (y, row) in pixels.chunks_exact(picture.width * 3).enumerate() {
-        let latitude = (0.5 - (y as f64 + 0.5) / picture.height as f64) * std::f64::consts::PI;
-        let weight = latitude.cos() as f32;
-        let band = y * BANDS / picture.height;
-        for pixel in row.as_chunks::<3>().0 {
-            // OpenCV's 8-bit hue runs from 0 to 179.
-            let hue = usize::from(pixel[0]) * HUES / 180;
-            let saturation = usize::from(pixel[1]) * SATURATIONS / 256;
-            let value = usize::from(pixel[2]) * VALUES / 256;
-            let bin = (hue.min(HUES - 1) * SATURATIONS + saturation) * VALUES + value;
-            histogram[band * BAND_BINS + bin] += weight;
-        }
-    }
-    let total: f32 = histogram.iter().sum();
-    if total > 0.0 {
-        histogram.iter_mut().for_each(|value| *value /= total);
-    }
-    Ok(histogram)
-}
-
-fn luminance_layout(picture: &Rgb8Picture) -> Vec<f32> {
-    let mut sums = vec![0.0_f32; LAYOUT_COLUMNS * LAYOUT_ROWS];
-    let mut counts = vec![0.0_f32; LAYOUT_COLUMNS * LAYOUT_ROWS];
-    for y in 0..picture.height {
-        for x in 0..picture.width {
-            let cell = y * LAYOUT_ROWS / picture.height * LAYOUT_COLUMNS
-                + x * LAYOUT_COLUMNS / picture.width;
-            let [red, green, blue] = picture.pixel(x, y).map(f32::from);
-            sums[cell] += 0.299 * red + 0.587 * green + 0.114 * blue;
-            counts[cell] += 1.0;
-        }
-    }
-    let mut cells: Vec<f32> = sums
-        .iter()
-        .zip(&counts)
-        .map(|(sum, count)| sum / count.max(1.0))
-        .collect();
-    let mean = cells.iter().sum::<f32>() / cells.len() as f32;
-    cells.iter_mut().for_each(|cell| *cell -= mean);
-    let norm = cells.iter().map(|cell| cell * cell).sum::<f32>().sqrt();
-    // Below one grey level of deviation per cell there is no layout, only noise.
-    let scale = if norm < (cells.len() as f32).sqrt() {
-        0.0
-    } else {
-        1.0 / norm
-    };
-    cells.iter_mut().for_each(|cell| *cell *= scale);
-    cells
-}
-
-/// Boundaries from the four signals.
+/// Boundaries from the signals.
 fn decide(signals: &Signals) -> Vec<Boundary> {
     let table = Table {
         times: &signals.times,
@@ -301,12 +220,17 @@ fn decide(signals: &Signals) -> Vec<Boundary> {
         step: signals.column(STEP),
         change: signals.column(CHANGE),
         layout: signals.column(LAYOUT),
+        layout_wide: signals.column(LAYOUT_WIDE),
     };
     let count = table.times.len();
-    if [table.adjacent, table.step, table.change, table.layout]
-        .iter()
-        .any(|column| column.len() != count)
-    {
+    let columns = [
+        table.adjacent,
+        table.step,
+        table.change,
+        table.layout,
+        table.layout_wide,
+    ];
+    if columns.iter().any(|column| column.len() != count) {
         return Vec::new();
     }
     let sudden = table.sudden();
@@ -328,6 +252,7 @@ struct Table<'a> {
     step: &'a [f32],
     change: &'a [f32],
     layout: &'a [f32],
+    layout_wide: &'a [f32],
 }
 
 impl Table<'_> {
@@ -395,7 +320,12 @@ impl Table<'_> {
             let duration = self.times[last] - self.times[first - 1];
             let travelled: f32 = self.adjacent[run.clone()].iter().sum();
             let change = self.change[run.clone()].iter().copied().fold(0.0, f32::max);
-            let layout = self.layout[run.clone()].iter().copied().fold(1.0, f32::min);
+            let layouts = if duration > SETTINGS.long_seconds {
+                self.layout_wide
+            } else {
+                self.layout
+            };
+            let layout = layouts[run.clone()].iter().copied().fold(1.0, f32::min);
             let holds_sudden = sudden
                 .iter()
                 .any(|other| *other.start() <= last + 1 && first <= *other.end() + 1);

@@ -7,6 +7,7 @@
 //!
 //! To add a detector: one file, and one line in [`DETECTORS`].
 
+mod descriptor;
 pub mod histogram;
 pub mod signals;
 

@@ -1,0 +1,161 @@
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use std::{fs, os::unix::fs::PermissionsExt};
+
+use omnilife_schemas::{
+    progress::Silent,
+    records::{
+        Admission, ErpVerdict, FrameEntry, FrameSet, Probe, Sampling, SourceVideo, TimeRange,
+        Verdict,
+    },
+};
+
+use super::*;
+
+fn sequence(frames: usize) -> Sequence {
+    Sequence {
+        id: "walk/seq-000".to_owned(),
+        source: SourceVideo {
+            file_name: "walk.mp4".to_owned(),
+            sha256: String::new(),
+            bytes: 1,
+        },
+        range: TimeRange {
+            begin_seconds: 0.0,
+            end_seconds: 1.0,
+        },
+        probe: Probe {
+            container: "mp4".to_owned(),
+            codec: "h264".to_owned(),
+            width: 64,
+            height: 32,
+            pixel_format: "yuv420p".to_owned(),
+            bit_depth: 8,
+            frames_per_second: 10.0,
+            duration_seconds: 1.0,
+            decoded_frames: None,
+            variable_frame_rate: None,
+            rotation_degrees: 0.0,
+            pixel_aspect_ratio: 1.0,
+            spherical: None,
+        },
+        verdict: ErpVerdict {
+            verdict: Verdict::Erp,
+            overridden: None,
+            evidence: Vec::new(),
+            disagreement: None,
+        },
+        admission: Admission {
+            profile: "none".to_owned(),
+            checks: Vec::new(),
+            admitted: true,
+            enforced: false,
+        },
+        frames: FrameSet {
+            width: 64,
+            height: 32,
+            sampling: Sampling::MaxFrames(10),
+            resampling: "none".to_owned(),
+            entries: (0..frames)
+                .map(|index| FrameEntry {
+                    file: format!("frames/{index:06}.png"),
+                    time_seconds: index as f64 * 0.1,
+                })
+                .collect(),
+        },
+    }
+}
+
+/// An interpreter that ignores the Python script it is given and runs these shell lines instead;
+/// `$OUT` is where the model is expected.
+fn interpreter(folder: &Path, lines: &str) -> SfmInstallation {
+    let python = folder.join("python");
+    let script = format!(
+        "#!/bin/sh\nwhile [ $# -gt 0 ]; do\n  if [ \"$1\" = --out ]; then OUT=$2; fi\n  shift\ndone\n{lines}\n"
+    );
+    fs::write(&python, script).unwrap();
+    fs::set_permissions(&python, fs::Permissions::from_mode(0o755)).unwrap();
+    SfmInstallation {
+        python,
+        version: "0.0.0".to_owned(),
+    }
+}
+
+fn report(folder: &Path) -> SfmReport {
+    store::read_record(&folder.join("sfm/attempts.json")).unwrap()
+}
+
+#[test]
+fn every_failed_attempt_is_recorded_and_named() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path().join("seq-000");
+    fs::create_dir(&folder).unwrap();
+    let settings = SfmSettings::default();
+    for (lines, reason) in [
+        (
+            "echo begin features; echo failed no features; exit 4",
+            "no features",
+        ),
+        (
+            "echo Check failed: rows >&2; kill -ABRT $$",
+            "Check failed: rows",
+        ),
+        ("echo models 1; exit 0", "cameras.txt"),
+    ] {
+        let python = interpreter(temp.path(), lines);
+        let error = run_with(&python, &folder, &sequence(3), &settings, &Silent).unwrap_err();
+        assert_eq!(error.blame(), Blame::Input);
+        let message = error.to_string();
+        assert!(
+            message.contains(reason) && message.contains("walk/seq-000"),
+            "{message}"
+        );
+        assert!(!message.contains('\n'), "{message}");
+        let report = report(&folder);
+        assert_eq!(report.attempts.len(), LADDER.len());
+        assert_eq!(report.chosen, None);
+        assert!(
+            report
+                .attempts
+                .iter()
+                .all(|attempt| attempt.failure.is_some())
+        );
+        assert!(!folder.join("sfm/sparse").exists());
+    }
+}
+
+/// A model that misses limits is taken when nothing better comes, and says that it is unstable.
+#[test]
+fn an_unstable_model_is_taken_with_its_problems() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path().join("seq-000");
+    fs::create_dir(&folder).unwrap();
+    let python = interpreter(
+        temp.path(),
+        "mkdir -p $OUT/sparse; cd $OUT/sparse; echo models 2\n\
+         echo '1 EQUIRECTANGULAR 64 32 64 32' > cameras.txt\n\
+         printf '1 0 0 0 1 0 0 0 1 000000.png\\n\\n2 0 0 0 1 1 0 0 1 000002.png\\n\\n' > images.txt\n\
+         echo '7 1 2 3 10 20 30 0.1 1 0 2 0' > points3D.txt",
+    );
+    let posed = run_with(
+        &python,
+        &folder,
+        &sequence(3),
+        &SfmSettings::default(),
+        &Silent,
+    )
+    .unwrap();
+    assert_eq!(posed.validation.status, ValidationStatus::Unstable);
+    assert_eq!(posed.validation.registered_frames, 2);
+    assert_eq!(posed.validation.total_frames, 3);
+    assert!(!posed.validation.problems.is_empty());
+    assert!(posed.poses[0].is_some() && posed.poses[1].is_none() && posed.poses[2].is_some());
+    assert_eq!(report(&folder).chosen, Some(0));
+    assert_eq!(report(&folder).attempts[0].models, 2);
+    assert!(folder.join("sfm/sparse/images.txt").is_file());
+    // The cameras were upside down: levelling turns the world, and the point with it.
+    let pose = posed.poses[0].unwrap();
+    let up = pose.rotation().unwrap() * glam::DVec3::NEG_Y;
+    assert!((up - level::UP).length() < 1e-12);
+    assert_eq!(posed.points.unwrap().colours, [[10, 20, 30]]);
+}

@@ -1,0 +1,224 @@
+//! One attempt at structure from motion: a process of its own, and what it leaves.
+
+use std::{
+    fs,
+    io::{BufRead, BufReader, Read},
+    path::{Path, PathBuf},
+    process::{Child, Command, Stdio},
+    time::Instant,
+};
+
+use omnilife_schemas::{
+    progress::Progress,
+    records::{Sequence, SfmAttempt},
+    store,
+};
+
+use super::{Configuration, SFM_FOLDER, SfmError, SfmInstallation, SfmSettings};
+use crate::{
+    error::CurateError,
+    frames::FRAMES_FOLDER,
+    poses::{colmap::ColmapModel, given::frame_names, masks, validate::validate},
+};
+
+const SCRIPT: &str = include_str!("../erp_sfm.py");
+
+/// The folder in which attempts are made.
+pub(super) struct Workshop<'a> {
+    frames: PathBuf,
+    pub(super) folder: PathBuf,
+    /// Hidden; removed at the end with all databases and models in it.
+    scratch: PathBuf,
+    masks: Option<PathBuf>,
+    script: PathBuf,
+    sequence: &'a Sequence,
+    settings: &'a SfmSettings,
+    installation: &'a SfmInstallation,
+}
+
+impl<'a> Workshop<'a> {
+    pub(super) fn new(
+        sequence_folder: &Path,
+        sequence: &'a Sequence,
+        settings: &'a SfmSettings,
+        installation: &'a SfmInstallation,
+    ) -> Result<Self, CurateError> {
+        // COLMAP and its interpreter are run from anywhere.
+        let sequence_folder = fs::canonicalize(sequence_folder)
+            .map_err(|error| store::StoreError::read(sequence_folder, error))?;
+        let folder = sequence_folder.join(SFM_FOLDER);
+        let scratch = store::temporary_beside(&folder.join("work"));
+        store::create_folder(&scratch)?;
+        let mut workshop = Self {
+            frames: sequence_folder.join(FRAMES_FOLDER),
+            script: scratch.join("erp_sfm.py"),
+            masks: None,
+            folder,
+            scratch,
+            sequence,
+            settings,
+            installation,
+        };
+        store::write_bytes(&workshop.script, SCRIPT.as_bytes())?;
+        if let Some(given) = &settings.masks {
+            let found = masks::find(given, sequence)?;
+            let masks = workshop.scratch.join("masks");
+            masks::write_for_colmap(&masks, &found, sequence)?;
+            workshop.masks = Some(masks);
+        }
+        Ok(workshop)
+    }
+
+    /// Runs one configuration in its own process and looks at the model it leaves.
+    pub(super) fn attempt(
+        &self,
+        configuration: &Configuration,
+        progress: &dyn Progress,
+    ) -> Result<(SfmAttempt, Option<ColmapModel>), CurateError> {
+        let started = Instant::now();
+        let out = self.scratch.join(configuration.id);
+        store::create_folder(&out)?;
+        let conversation = self.converse(configuration, &out, progress)?;
+        let sparse = out.join("sparse");
+        let (model, failure) = match conversation.failure {
+            Some(failure) => (None, Some(failure)),
+            None => match ColmapModel::read(&sparse) {
+                Ok(model) if model.images.len() >= 2 => (Some(model), None),
+                Ok(_) => (
+                    None,
+                    Some("fewer than two frames were registered".to_owned()),
+                ),
+                Err(error) => (None, Some(error.to_string())),
+            },
+        };
+        let names = frame_names(self.sequence);
+        let attempt = SfmAttempt {
+            configuration: configuration.id.to_owned(),
+            wall_seconds: started.elapsed().as_secs_f64(),
+            models: conversation.models,
+            validation: model
+                .as_ref()
+                .map(|model| validate(model, &names, &self.settings.limits)),
+            failure,
+        };
+        Ok((attempt, model))
+    }
+
+    /// Runs the script and follows what it says.
+    fn converse(
+        &self,
+        configuration: &Configuration,
+        out: &Path,
+        progress: &dyn Progress,
+    ) -> Result<Conversation, CurateError> {
+        let log_path = self.folder.join(format!("{}.log", configuration.id));
+        let log = fs::File::create(&log_path)
+            .map_err(|error| store::StoreError::write(&log_path, error))?;
+        let python = &self.installation.python;
+        let cannot_run = |source| SfmError::Run {
+            python: python.clone(),
+            source,
+        };
+        let mut running = Running(
+            self.command(configuration, out)
+                .stdout(Stdio::piped())
+                .stderr(log)
+                .spawn()
+                .map_err(cannot_run)?,
+        );
+        let mut conversation = Conversation::default();
+        if let Some(stdout) = running.0.stdout.take() {
+            for line in BufReader::new(stdout).lines().map_while(Result::ok) {
+                match line.split_once(' ') {
+                    Some(("begin", stage)) => progress.remark(stage),
+                    Some(("models", count)) => conversation.models = count.parse().unwrap_or(0),
+                    Some(("failed", reason)) => conversation.failure = Some(reason.to_owned()),
+                    // COLMAP's own chatter.
+                    _ => {}
+                }
+            }
+        }
+        let status = running.0.wait().map_err(cannot_run)?;
+        if !status.success() && conversation.failure.is_none() {
+            conversation.failure = Some(format!(
+                "COLMAP ended with {status}{}",
+                last_line(&log_path)
+            ));
+        }
+        Ok(conversation)
+    }
+
+    fn command(&self, configuration: &Configuration, out: &Path) -> Command {
+        let threads = self.settings.threads.unwrap_or_else(|| {
+            std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
+        });
+        let mut command = Command::new(&self.installation.python);
+        command
+            .arg(&self.script)
+            .args(["--frames".as_ref(), self.frames.as_os_str()])
+            .args(["--out".as_ref(), out.as_os_str()])
+            .args(["--mapper", configuration.mapper])
+            .args(["--features", &configuration.features.to_string()])
+            .args(["--overlap", &configuration.overlap.to_string()])
+            .args(["--threads", &threads.to_string()])
+            .args(["--seed", &self.settings.seed.to_string()])
+            .stdin(Stdio::null());
+        if let Some(masks) = &self.masks {
+            command.args(["--masks".as_ref(), masks.as_os_str()]);
+        }
+        command
+    }
+
+    /// Keeps the text model of the chosen attempt as `sfm/sparse`.
+    pub(super) fn publish(&self, configuration: &str) -> Result<(), CurateError> {
+        let target = self.folder.join("sparse");
+        let failed = |error| store::StoreError::write(&target, error);
+        if target.exists() {
+            fs::remove_dir_all(&target).map_err(failed)?;
+        }
+        fs::rename(self.scratch.join(configuration).join("sparse"), &target).map_err(failed)?;
+        Ok(())
+    }
+}
+
+impl Drop for Workshop<'_> {
+    fn drop(&mut self) {
+        // Nothing depends on it any more; what cannot be removed is hidden and harmless.
+        drop(fs::remove_dir_all(&self.scratch));
+    }
+}
+
+/// What the script said.
+#[derive(Default)]
+struct Conversation {
+    models: u32,
+    failure: Option<String>,
+}
+
+/// A child process that does not outlive its handle.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // Both fail harmlessly when it has ended already.
+        drop(self.0.kill());
+        drop(self.0.wait());
+    }
+}
+
+/// The last line of a log that is not empty, in parentheses; nothing where there is none.
+fn last_line(path: &Path) -> String {
+    let mut bytes = Vec::new();
+    if fs::File::open(path)
+        .and_then(|mut file| file.read_to_end(&mut bytes))
+        .is_err()
+    {
+        return String::new();
+    }
+    String::from_utf8_lossy(&bytes)
+        .lines()
+        .rev()
+        .map(str::trim)
+        .find(|line| !line.is_empty())
+        .map_or(String::new(), |line| format!(" ({line})"))
+}

@@ -1,0 +1,248 @@
+//! Every kind of bad input: a typed error of one line that names the file, and nothing half-written.
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod support;
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use omnilife_curate::{CurateError, CurateSettings, curate_video, expand_inputs};
+use omnilife_schemas::{Blame, Blamed, progress::Silent};
+use support::{Clip, erp_clip};
+
+fn lenient() -> CurateSettings {
+    CurateSettings {
+        profile: "none".to_owned(),
+        enforce: false,
+        ..CurateSettings::default()
+    }
+}
+
+/// Curates and expects an error that names `named`, on one line, with the given blame; returns its
+/// message. Whatever stands in the output then is hidden or a whole record.
+fn refused(video: &Path, out: &Path, named: &Path, blame: Blame) -> String {
+    let error = curate_video(video, out, &lenient(), &Silent).unwrap_err();
+    let message = error.to_string();
+    assert_eq!(error.blame(), blame, "{message}");
+    assert!(!message.contains('\n'), "{message}");
+    assert!(message.contains(&named.display().to_string()), "{message}");
+    assert!(!out.join("seq-000").exists(), "a sequence was left behind");
+    assert!(
+        !out.join("analysis.json").exists(),
+        "an analysis was left behind"
+    );
+    message
+}
+
+#[test]
+fn files_that_are_no_videos() {
+    let temp = tempfile::tempdir().unwrap();
+    let out = temp.path().join("out");
+    for (name, content, reason) in [
+        ("empty.mp4", Vec::new(), "empty"),
+        ("text.mp4", b"dear diary,\n".repeat(200), "not a video"),
+        (
+            "noise.mp4",
+            (0..60_000_u32).map(|i| (i * i >> 7) as u8).collect(),
+            "not a video",
+        ),
+    ] {
+        let video = temp.path().join(name);
+        fs::write(&video, content).unwrap();
+        let message = refused(&video, &out, &video, Blame::Input);
+        assert!(message.contains(reason), "{message}");
+    }
+    let missing = temp.path().join("missing.mp4");
+    let message = refused(&missing, &out, &missing, Blame::Input);
+    assert!(message.contains("cannot be read"), "{message}");
+    refused(temp.path(), &out, temp.path(), Blame::Input);
+}
+
+/// A playlist that names another file is no video: nothing but the file itself is opened.
+#[test]
+fn a_playlist_named_mp4_is_refused() {
+    let temp = tempfile::tempdir().unwrap();
+    let clip = erp_clip(temp.path(), "clip.mp4", &[1], 10, 30);
+    let list = temp.path().join("list.mp4");
+    let text = format!(
+        "#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nhttp://127.0.0.1:9/{}\n#EXT-X-ENDLIST\n",
+        clip.display()
+    );
+    fs::write(&list, text).unwrap();
+    refused(&list, &temp.path().join("out"), &list, Blame::Input);
+}
+
+#[test]
+fn sound_without_pictures() {
+    let temp = tempfile::tempdir().unwrap();
+    let video = temp.path().join("sound.mp4");
+    // A second of silence as 8 kHz 16-bit WAV.
+    let samples = vec![0_u8; 16_000];
+    let mut wav = Vec::new();
+    wav.extend_from_slice(b"RIFF");
+    wav.extend_from_slice(&(36 + samples.len() as u32).to_le_bytes());
+    wav.extend_from_slice(b"WAVEfmt \x10\0\0\0\x01\0\x01\0");
+    wav.extend_from_slice(&8_000_u32.to_le_bytes());
+    wav.extend_from_slice(&16_000_u32.to_le_bytes());
+    wav.extend_from_slice(b"\x02\0\x10\0data");
+    wav.extend_from_slice(&(samples.len() as u32).to_le_bytes());
+    wav.extend_from_slice(&samples);
+    fs::write(&video, wav).unwrap();
+    let message = refused(&video, &temp.path().join("out"), &video, Blame::Input);
+    assert!(message.contains("no video stream"), "{message}");
+}
+
+fn cut_off(whole: &Path, name: &str, share: f64) -> PathBuf {
+    let bytes = fs::read(whole).unwrap();
+    let path = whole.with_file_name(name);
+    fs::write(&path, &bytes[..(bytes.len() as f64 * share) as usize]).unwrap();
+    path
+}
+
+/// Cut off anywhere, with its index before or behind its frames, in containers of two kinds.
+#[test]
+fn truncated_videos() {
+    let temp = tempfile::tempdir().unwrap();
+    let paint = |frame: usize, x: usize, y: usize| {
+        support::world_colour(
+            1,
+            support::erp_direction(x, y, 256, 128, 0.01 * frame as f64),
+        )
+    };
+    // Matroska's packets carry no sizes of what is missing: there only the stated duration tells,
+    // and half a second of difference is tolerated.
+    for (name, index_first, shares) in [
+        ("behind.mp4", false, [0.3, 0.6, 0.95]),
+        ("before.mp4", true, [0.3, 0.6, 0.95]),
+        ("clip.mkv", false, [0.3, 0.6, 0.8]),
+    ] {
+        let whole = temp.path().join(name);
+        let mut clip = Clip::steady(256, 128, 90, 30);
+        clip.index_first = index_first;
+        clip.write(&whole, paint);
+        let out = temp.path().join("whole").join(name);
+        curate_video(&whole, &out, &lenient(), &Silent).unwrap();
+        for share in shares {
+            let cut = cut_off(&whole, &format!("cut-{name}"), share);
+            let message = refused(&cut, &temp.path().join("out"), &cut, Blame::Input);
+            assert!(
+                message.contains("truncated"),
+                "{share} of {name}: {message}"
+            );
+        }
+    }
+}
+
+#[test]
+fn folders_without_videos_and_missing_inputs() {
+    let temp = tempfile::tempdir().unwrap();
+    fs::write(temp.path().join("notes.txt"), "no video").unwrap();
+    let error = expand_inputs(&[temp.path().to_owned()]).unwrap_err();
+    assert_eq!(error.blame(), Blame::Input);
+    assert!(error.to_string().contains("holds no videos"), "{error}");
+    let missing = temp.path().join("missing");
+    let error = expand_inputs(&[missing]).unwrap_err();
+    assert!(error.to_string().contains("does not exist"), "{error}");
+
+    for name in ["b.MP4", "a.mov", "c.mkv"] {
+        fs::write(temp.path().join(name), "").unwrap();
+    }
+    let names: Vec<_> = expand_inputs(&[temp.path().to_owned()])
+        .unwrap()
+        .iter()
+        .map(|path| path.file_name().unwrap().to_string_lossy().into_owned())
+        .collect();
+    assert_eq!(names, ["a.mov", "b.MP4", "c.mkv"]);
+}
+
+#[test]
+fn output_folders_that_belong_to_something_else() {
+    let temp = tempfile::tempdir().unwrap();
+    let one = erp_clip(temp.path(), "one.mp4", &[1], 40, 30);
+    let other = erp_clip(temp.path(), "other.mp4", &[2], 40, 30);
+    let out = temp.path().join("out");
+    curate_video(&one, &out, &lenient(), &Silent).unwrap();
+    let before = fs::read(out.join("seq-000/sequence.json")).unwrap();
+    let error = curate_video(&other, &out, &lenient(), &Silent).unwrap_err();
+    assert_eq!(error.blame(), Blame::Input);
+    assert!(
+        error.to_string().contains("holds another input (one.mp4"),
+        "{error}"
+    );
+    assert_eq!(fs::read(out.join("seq-000/sequence.json")).unwrap(), before);
+
+    let foreign = temp.path().join("foreign");
+    fs::create_dir(&foreign).unwrap();
+    fs::write(foreign.join("thesis.tex"), "mine").unwrap();
+    let message = refused(&one, &foreign, &foreign, Blame::Input);
+    assert!(message.contains("not empty"), "{message}");
+    assert_eq!(fs::read_dir(&foreign).unwrap().count(), 1);
+
+    let file = temp.path().join("file");
+    fs::write(&file, "mine").unwrap();
+    refused(&one, &file, &file, Blame::Input);
+    // A folder that cannot be made is no fault of the video.
+    let below = file.join("out");
+    refused(&one, &below, &below, Blame::Ours);
+}
+
+/// The device accepts no byte, as a full disk: what cannot be written whole is not there at all.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_write_that_fails_leaves_nothing_behind() {
+    let temp = tempfile::tempdir().unwrap();
+    let video = erp_clip(temp.path(), "one.mp4", &[1], 40, 30);
+    let out = temp.path().join("out");
+    fs::create_dir(&out).unwrap();
+    // The temporary name of the signals is taken by a device that is always full.
+    let temporary = omnilife_schemas::store::temporary_beside(&out.join("signals.parquet"));
+    std::os::unix::fs::symlink("/dev/full", temporary).unwrap();
+    let message = refused(&video, &out, &out, Blame::Ours);
+    assert!(message.contains("cannot be written"), "{message}");
+    assert!(!out.join("signals.parquet").exists());
+}
+
+#[test]
+fn settings_that_make_no_sense() {
+    let temp = tempfile::tempdir().unwrap();
+    let video = erp_clip(temp.path(), "one.mp4", &[1], 10, 30);
+    let sampling = omnilife_schemas::records::Sampling::FramesPerSecond(f64::NAN);
+    let wrong = [
+        CurateSettings {
+            sampling,
+            ..lenient()
+        },
+        CurateSettings {
+            width: Some(4096),
+            ..lenient()
+        },
+        CurateSettings {
+            width: Some(101),
+            ..lenient()
+        },
+        CurateSettings {
+            minimum_shot_seconds: -1.0,
+            ..lenient()
+        },
+        CurateSettings {
+            profile: "strict".to_owned(),
+            ..lenient()
+        },
+        CurateSettings {
+            detector: "oracle".to_owned(),
+            ..lenient()
+        },
+        CurateSettings {
+            accept: Some(omnilife_schemas::records::Verdict::ErpStereoTb),
+            ..lenient()
+        },
+    ];
+    for settings in wrong {
+        let out = temp.path().join("out");
+        let error = curate_video(&video, &out, &settings, &Silent).unwrap_err();
+        assert!(matches!(error, CurateError::Input { .. }), "{error}");
+        assert!(!out.exists());
+    }
+}

@@ -1,0 +1,267 @@
+//! The chain on clips that are made here: stages, timestamps, sampling, skipping.
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod support;
+
+use std::{fs, path::Path};
+
+use omnilife_curate::{
+    CurateError, CurateSettings, curate_video,
+    video::{VideoReader, probe},
+};
+use omnilife_schemas::{
+    progress::Silent,
+    records::{BoundaryKind, BoundaryLedger, Sampling, Sequence, Verdict, VideoAnalysis},
+    store,
+};
+use support::{Clip, Notes, TICK_SECONDS, erp_clip, erp_direction, world_colour};
+
+fn lenient() -> CurateSettings {
+    CurateSettings {
+        enforce: false,
+        ..CurateSettings::default()
+    }
+}
+
+fn sequence(out: &Path, name: &str) -> Sequence {
+    store::read_record(&out.join(name).join("sequence.json")).unwrap()
+}
+
+#[test]
+fn timestamps_come_from_the_source_and_an_uneven_rate_is_seen() {
+    let temp = tempfile::tempdir().unwrap();
+    let path = temp.path().join("uneven.mp4");
+    let mut clip = Clip::steady(256, 128, 45, 30);
+    // Begins at 2 s and pauses after the twentieth frame.
+    for (index, ticks) in clip.ticks.iter_mut().enumerate() {
+        *ticks += 120_000 + if index >= 20 { 7_000 } else { 0 };
+    }
+    clip.write(&path, |frame, x, y| {
+        world_colour(1, erp_direction(x, y, 256, 128, 0.01 * frame as f64))
+    });
+    let mut reader = VideoReader::open(&path).unwrap();
+    let mut times = Vec::new();
+    while let Some(frame) = reader.next_frame().unwrap() {
+        times.push(frame.time_seconds);
+    }
+    assert_eq!(times.len(), clip.ticks.len());
+    for (time, ticks) in times.iter().zip(&clip.ticks) {
+        assert!(
+            (time - *ticks as f64 * TICK_SECONDS).abs() < 1e-4,
+            "{time} for {ticks}"
+        );
+    }
+    let out = temp.path().join("out");
+    curate_video(&path, &out, &lenient(), &Silent).unwrap();
+    let sequence = sequence(&out, "seq-000");
+    assert_eq!(sequence.probe.variable_frame_rate, Some(true));
+    assert_eq!(sequence.probe.decoded_frames, Some(45));
+    let sampled: Vec<f64> = sequence
+        .frames
+        .entries
+        .iter()
+        .map(|e| e.time_seconds)
+        .collect();
+    assert_eq!(sampled, times);
+}
+
+#[test]
+fn a_cut_makes_two_sequences_and_unchanged_stages_are_skipped() {
+    let temp = tempfile::tempdir().unwrap();
+    let video = erp_clip(temp.path(), "walk.mp4", &[1, 3], 60, 30);
+    let out = temp.path().join("walk");
+    let notes = Notes::default();
+    let settings = CurateSettings {
+        sampling: Sampling::MaxFrames(20),
+        ..lenient()
+    };
+    let names = curate_video(&video, &out, &settings, &notes).unwrap();
+    assert_eq!(names, ["seq-000", "seq-001"]);
+    let said = notes.take().join("\n");
+    assert!(
+        said.contains("would not be admitted by omnilife360"),
+        "{said}"
+    );
+
+    let ledger: BoundaryLedger = store::read_record(&out.join("boundaries.json")).unwrap();
+    assert_eq!(ledger.boundaries.len(), 1);
+    let cut = &ledger.boundaries[0];
+    assert_eq!(cut.kind, BoundaryKind::Cut);
+    assert!((cut.end_seconds - 2.0).abs() < 1e-3 && (cut.begin_seconds - 59.0 / 30.0).abs() < 1e-3);
+    let analysis: VideoAnalysis = store::read_record(&out.join("analysis.json")).unwrap();
+    assert_eq!(analysis.verdict.verdict, Verdict::Erp);
+    assert_eq!(analysis.probe.variable_frame_rate, Some(false));
+    assert_eq!(analysis.damaged_frames, 0);
+
+    let second = sequence(&out, "seq-001");
+    assert_eq!(second.id, "walk/seq-001");
+    assert_eq!((second.frames.width, second.frames.height), (256, 128));
+    assert_eq!(second.frames.resampling, "none");
+    assert_eq!(second.frames.entries.len(), 20);
+    assert!((second.frames.entries[1].time_seconds - 2.1).abs() < 1e-3);
+    let files = fs::read_dir(out.join("seq-001/frames")).unwrap().count();
+    assert_eq!(files, 20);
+
+    // Nothing has changed: both stages say so, and no file is touched.
+    let image = out.join("seq-001/frames/000007.png");
+    let written = fs::metadata(&image).unwrap().modified().unwrap();
+    assert_eq!(
+        curate_video(&video, &out, &settings, &notes).unwrap(),
+        names
+    );
+    let said = notes.take().join("\n");
+    assert_eq!(said.matches("unchanged, skipped").count(), 2, "{said}");
+    assert_eq!(fs::metadata(&image).unwrap().modified().unwrap(), written);
+
+    // Another sampling extracts again and does not analyse again.
+    let denser = CurateSettings {
+        sampling: Sampling::FramesPerSecond(15.0),
+        ..settings.clone()
+    };
+    curate_video(&video, &out, &denser, &notes).unwrap();
+    let said = notes.take().join("\n");
+    assert_eq!(said.matches("unchanged, skipped").count(), 1, "{said}");
+    assert_eq!(sequence(&out, "seq-001").frames.entries.len(), 30);
+
+    // A lost frame is made again.
+    fs::remove_file(&image).unwrap();
+    curate_video(&video, &out, &denser, &notes).unwrap();
+    assert!(image.exists());
+    let hidden = fs::read_dir(&out)
+        .unwrap()
+        .filter(|entry| {
+            entry
+                .as_ref()
+                .unwrap()
+                .file_name()
+                .to_string_lossy()
+                .starts_with(".tmp")
+        })
+        .count();
+    assert_eq!(hidden, 0);
+}
+
+#[test]
+fn short_shots_are_recorded_as_dropped() {
+    let temp = tempfile::tempdir().unwrap();
+    let video = temp.path().join("short.mp4");
+    Clip::steady(256, 128, 90, 30).write(&video, |frame, x, y| {
+        let world = [1, 3, 2][usize::from(frame >= 45) + usize::from(frame >= 60)];
+        world_colour(world, erp_direction(x, y, 256, 128, 0.01 * frame as f64))
+    });
+    let out = temp.path().join("short");
+    let names = curate_video(&video, &out, &lenient(), &Silent).unwrap();
+    assert_eq!(names.len(), 2);
+    let ledger: BoundaryLedger = store::read_record(&out.join("boundaries.json")).unwrap();
+    assert_eq!(ledger.boundaries.len(), 2);
+    assert_eq!(ledger.dropped.len(), 1);
+    assert!((ledger.dropped[0].duration_seconds() - 0.5).abs() < 1e-3);
+
+    let strict = CurateSettings {
+        minimum_shot_seconds: 5.0,
+        ..lenient()
+    };
+    let error = curate_video(&video, &out, &strict, &Silent).unwrap_err();
+    assert!(error.is_rejection(), "{error}");
+}
+
+/// The squeezed picture is widened to 2:1, and nothing is turned or mirrored on the way.
+#[test]
+fn squeezed_frames_come_out_wide_upright_and_unmirrored() {
+    let temp = tempfile::tempdir().unwrap();
+    let video = temp.path().join("squeezed.mp4");
+    let (width, height) = (320, 180);
+    Clip::steady(width, height, 40, 25).write(&video, |_, x, y| {
+        world_colour(2, erp_direction(x, y, width, height, 0.0))
+    });
+    let out = temp.path().join("squeezed");
+    curate_video(&video, &out, &lenient(), &Silent).unwrap();
+    let sequence = sequence(&out, "seq-000");
+    assert_eq!(sequence.verdict.verdict, Verdict::ErpSqueezed);
+    assert_eq!((sequence.frames.width, sequence.frames.height), (320, 160));
+    assert_eq!(sequence.frames.resampling, "area averaging from 320x180");
+    let image = omnilife_schemas::RgbImage::read(&out.join("seq-000/frames/000000.png")).unwrap();
+    assert_eq!((image.width, image.height), (320, 160));
+    let mut worst = 0.0_f64;
+    let mut sum = 0.0;
+    for y in 0..160 {
+        for x in 0..320 {
+            let expected = world_colour(2, erp_direction(x, y, 320, 160, 0.0));
+            for (channel, level) in expected.iter().enumerate() {
+                let found = f64::from(image.data[(y * 320 + x) * 3 + channel]);
+                let error = (found - level.clamp(0.0, 1.0)).abs();
+                worst = worst.max(error);
+                sum += error;
+            }
+        }
+    }
+    // Compression and chroma at half resolution leave a percent or two.
+    assert!(
+        sum / (160.0 * 320.0 * 3.0) < 0.02,
+        "{}",
+        sum / (160.0 * 320.0 * 3.0)
+    );
+    assert!(worst < 0.25, "{worst}");
+}
+
+#[test]
+fn enforced_criteria_and_wrong_projections_reject_with_a_hint() {
+    let temp = tempfile::tempdir().unwrap();
+    let video = erp_clip(temp.path(), "small.mp4", &[1], 40, 30);
+    let out = temp.path().join("small");
+    let error = curate_video(&video, &out, &CurateSettings::default(), &Silent).unwrap_err();
+    let message = error.to_string();
+    assert!(
+        error.is_rejection() && message.contains("resolution is 256x128"),
+        "{message}"
+    );
+    assert!(
+        !out.exists(),
+        "rejected by its header, before anything is written"
+    );
+
+    let flat = temp.path().join("flat.mp4");
+    Clip::steady(320, 180, 40, 30).write(&flat, |frame, x, y| {
+        let (u, v) = (x as f64 / 160.0 - 1.0, y as f64 / 160.0 - 0.56);
+        world_colour(1, [1.7 * u, 2.3 * v, 0.3 * u * v + 0.01 * frame as f64])
+    });
+    let error = curate_video(&flat, &temp.path().join("flat"), &lenient(), &Silent).unwrap_err();
+    assert!(matches!(error, CurateError::Rejected { .. }), "{error}");
+    assert!(
+        error.to_string().contains("rectilinear; if it is"),
+        "{error}"
+    );
+    let accepting = CurateSettings {
+        accept: Some(Verdict::Erp),
+        ..lenient()
+    };
+    curate_video(&flat, &temp.path().join("flat"), &accepting, &Silent).unwrap();
+    let verdict = sequence(&temp.path().join("flat"), "seq-000").verdict;
+    assert_eq!(verdict.verdict, Verdict::Erp);
+    assert_eq!(verdict.overridden, Some(Verdict::Rectilinear));
+    assert_eq!(probe(&flat).unwrap().decoded_frames, None);
+}
+
+/// The sample in the repository, stored as it was rendered.
+#[test]
+fn the_sample_clip_is_one_erp_sequence() {
+    let clip = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data/street/street.mp4");
+    if !clip.exists() {
+        println!("skipped: {} is not there", clip.display());
+        return;
+    }
+    let temp = tempfile::tempdir().unwrap();
+    let out = temp.path().join("street");
+    assert_eq!(
+        curate_video(&clip, &out, &lenient(), &Silent).unwrap(),
+        ["seq-000"]
+    );
+    let sequence = sequence(&out, "seq-000");
+    assert_eq!(
+        sequence.verdict.verdict,
+        Verdict::Erp,
+        "{:#?}",
+        sequence.verdict
+    );
+    assert_eq!(sequence.frames.entries.len(), 60);
+}

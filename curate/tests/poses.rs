@@ -1,0 +1,391 @@
+//! Given poses: matching by time, COLMAP models, masks, points, validation.
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod support;
+
+use std::{fs, path::Path};
+
+use glam::{DMat3, DQuat, DVec3};
+use omnilife_curate::{
+    CurateSettings, PoseRequest, curate_video, pose_sequence,
+    poses::{
+        ValidationLimits,
+        colmap::{ColmapImage, ColmapModel, ColmapPoint},
+        level::{UP, level},
+        validate::validate,
+    },
+};
+use omnilife_schemas::{
+    Blame, Blamed, Pose,
+    camera::{CameraModel, ErpCamera},
+    points::PointCloud,
+    progress::Silent,
+    records::{PosedFrame, Poses, Scale, ValidationStatus},
+    rgb::Mask,
+    store,
+};
+use support::{Notes, erp_clip};
+
+/// A curated sequence of 20 frames at 10 fps beneath `folder`.
+fn sequence_of_twenty(folder: &Path) -> std::path::PathBuf {
+    let video = erp_clip(folder, "walk.mp4", &[1], 20, 10);
+    let settings = CurateSettings {
+        enforce: false,
+        ..CurateSettings::default()
+    };
+    curate_video(&video, &folder.join("walk"), &settings, &Silent).unwrap();
+    folder.join("walk/seq-000")
+}
+
+fn pose_at(step: f64) -> Pose {
+    Pose::from_matrix(
+        DMat3::from_rotation_y(0.1 * step),
+        DVec3::new(step, 0.0, 1.0),
+    )
+    .unwrap()
+}
+
+#[test]
+fn given_poses_are_matched_by_time_and_bring_points_and_masks() {
+    let temp = tempfile::tempdir().unwrap();
+    let sequence = sequence_of_twenty(temp.path());
+    let given = temp.path().join("given");
+    fs::create_dir(&given).unwrap();
+    let cloud = PointCloud {
+        positions: vec![[1.0, 2.0, 3.0]],
+        colours: vec![[9, 8, 7]],
+    };
+    cloud.write_ply(&given.join("cloud.ply")).unwrap();
+    // A mask of half the size: its left half is white.
+    let half: Vec<u8> = (0..128 * 64)
+        .map(|i| if i % 128 < 64 { 255 } else { 0 })
+        .collect();
+    image::save_buffer(given.join("m.png"), &half, 128, 64, image::ColorType::L8).unwrap();
+    // Every second frame, 40 ms late: within half of the 100 ms between frames.
+    let frames = (0..20)
+        .step_by(2)
+        .map(|index| PosedFrame {
+            time_seconds: f64::from(index) * 0.1 + 0.04,
+            pose: pose_at(f64::from(index)),
+            mask: (index == 4).then(|| "m.png".to_owned()),
+        })
+        .collect();
+    let record = Poses {
+        scale: Scale::Metres,
+        frames,
+        points: Some("cloud.ply".to_owned()),
+    };
+    let file = given.join("poses.json");
+    store::write_record(&file, &record).unwrap();
+
+    let notes = Notes::default();
+    let request = PoseRequest::Given(file.clone());
+    let scene = pose_sequence(&sequence, &request, &notes).unwrap();
+    let said = notes.take().join("|");
+    assert!(said.contains("10 of 20 frames have no pose"), "{said}");
+    assert_eq!(scene.frames.len(), 20);
+    assert_eq!(scene.scale, Scale::Metres);
+    assert_eq!(scene.validation.status, ValidationStatus::Unchecked);
+    assert_eq!(scene.validation.registered_frames, 10);
+    for (index, frame) in scene.frames.iter().enumerate() {
+        let expected = (index % 2 == 0).then(|| pose_at(index as f64));
+        assert_eq!(frame.pose, expected, "frame {index}");
+        assert_eq!(frame.mask.is_some(), index == 4);
+    }
+    let mask = Mask::read(&sequence.join(scene.frames[4].mask.as_ref().unwrap())).unwrap();
+    assert_eq!((mask.width, mask.height), (256, 128));
+    assert!(
+        mask.data
+            .chunks(256)
+            .all(|row| row[..128].iter().all(|&v| v == 255) && row[128..].iter().all(|&v| v == 0))
+    );
+    assert_eq!(
+        PointCloud::read_ply(&sequence.join("points.ply")).unwrap(),
+        cloud
+    );
+
+    assert_eq!(pose_sequence(&sequence, &request, &notes).unwrap(), scene);
+    assert!(notes.take().join("|").contains("unchanged, skipped"));
+    // Another mask is another input.
+    let white = vec![255; 128 * 64];
+    image::save_buffer(given.join("m.png"), &white, 128, 64, image::ColorType::L8).unwrap();
+    pose_sequence(&sequence, &request, &notes).unwrap();
+    assert!(!notes.take().join("|").contains("unchanged"));
+}
+
+#[test]
+fn poses_that_fit_nothing_or_are_broken_are_refused() {
+    let temp = tempfile::tempdir().unwrap();
+    let sequence = sequence_of_twenty(temp.path());
+    let file = temp.path().join("poses.json");
+    let write = |frames: Vec<PosedFrame>, points: Option<&str>| {
+        let record = Poses {
+            scale: Scale::Arbitrary,
+            frames,
+            points: points.map(str::to_owned),
+        };
+        store::write_record(&file, &record).unwrap();
+    };
+    let frame = |time_seconds: f64, pose: Pose| PosedFrame {
+        time_seconds,
+        pose,
+        mask: None,
+    };
+    let refused = |reason: &str| {
+        let request = PoseRequest::Given(file.clone());
+        let error = pose_sequence(&sequence, &request, &Silent).unwrap_err();
+        let message = error.to_string();
+        assert_eq!(error.blame(), Blame::Input, "{message}");
+        assert!(
+            message.contains(reason) && !message.contains('\n'),
+            "{message}"
+        );
+        assert!(!sequence.join("scene.json").exists());
+    };
+    refused("poses.json: cannot be read");
+    write(vec![frame(77.0, pose_at(0.0))], None);
+    refused("fits no frame of walk/seq-000");
+    let mut broken = pose_at(0.0);
+    broken.rotation_wxyz = [0.0; 4];
+    write(vec![frame(0.0, broken)], None);
+    refused("has no rotation");
+    write(vec![frame(0.0, pose_at(0.0))], Some("nowhere.ply"));
+    refused("nowhere.ply");
+    fs::write(&file, "{}").unwrap();
+    refused("schema");
+}
+
+fn write_model(folder: &Path, images: &str) {
+    fs::create_dir_all(folder).unwrap();
+    fs::write(
+        folder.join("cameras.txt"),
+        "# cameras\n1 EQUIRECTANGULAR 256 128 256 128\n",
+    )
+    .unwrap();
+    fs::write(folder.join("images.txt"), images).unwrap();
+    fs::write(
+        folder.join("points3D.txt"),
+        "3 0.5 1 2 255 0 9 0.2 1 0 2 1\n",
+    )
+    .unwrap();
+}
+
+/// The numbers were worked out by hand: a half turn about y puts the centre at (1, -2, 3).
+#[test]
+fn colmap_models_are_read_by_their_format() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path().join("model");
+    write_model(
+        &folder,
+        "# images\n1 0 0 1 0 1 2 3 1 some/000000.png\n10 20 3 1.5 2.5 -1\n2 1 0 0 0 -1 0 0 1 000001.png\n\n",
+    );
+    let model = ColmapModel::read(&folder).unwrap();
+    let first = &model.images[&1];
+    assert_eq!(first.name, "some/000000.png");
+    assert!((first.centre - DVec3::new(1.0, -2.0, 3.0)).length() < 1e-12);
+    assert!((first.rotation * DVec3::Z - DVec3::NEG_Z).length() < 1e-12);
+    assert_eq!(first.observations, [(glam::DVec2::new(10.0, 20.0), 3)]);
+    assert!(model.images[&2].observations.is_empty());
+    assert_eq!(model.images[&2].centre, DVec3::X);
+    assert_eq!(model.points[&3].track, [1, 2]);
+    assert_eq!(model.cloud().colours, [[255, 0, 9]]);
+
+    let sequence = sequence_of_twenty(temp.path());
+    let scene = pose_sequence(&sequence, &PoseRequest::Given(folder.clone()), &Silent).unwrap();
+    assert_eq!(
+        scene
+            .frames
+            .iter()
+            .filter(|frame| frame.pose.is_some())
+            .count(),
+        2
+    );
+    assert_eq!(scene.frames[1].pose.unwrap().centre, [1.0, 0.0, 0.0]);
+
+    for (images, reason) in [
+        ("1 0 0 1 0 1 2 3 1\n\n", "line 1: no image name"),
+        ("1 0 0 2 0 1 2 3 1 a.png\n\n", "no unit quaternion"),
+        ("1 0 0 1 0 1 2 nan 1 a.png\n\n", "line 1: no image pose"),
+        ("1 0 0 1 0 1 2 3 1 a.png\n5 5\n", "line 2: features"),
+    ] {
+        write_model(&folder, images);
+        let message = ColmapModel::read(&folder).unwrap_err().to_string();
+        assert!(message.contains(reason), "{message}");
+    }
+    fs::write(folder.join("cameras.txt"), "1 PINHOLE 256 128 9 9 9 9\n").unwrap();
+    let message = ColmapModel::read(&folder).unwrap_err().to_string();
+    assert!(
+        message.contains("PINHOLE; poses of ERP frames need EQUIRECTANGULAR"),
+        "{message}"
+    );
+}
+
+/// A made-up model without errors: `frames` cameras along a line amid points on a sphere, all seen
+/// by all. The world is tilted.
+fn perfect(frames: u32, tilt: DQuat) -> (ColmapModel, Vec<String>) {
+    let camera = ErpCamera {
+        width: 1024,
+        height: 512,
+    };
+    let ids: Vec<u32> = (1..=frames).collect();
+    let points: std::collections::BTreeMap<u64, ColmapPoint> = (0..300_u64)
+        .map(|id| {
+            // A golden-angle spiral spreads points over the sphere.
+            let y = 1.0 - 2.0 * (id as f64 + 0.5) / 300.0;
+            let angle = id as f64 * 2.399_963;
+            let ring = (1.0 - y * y).sqrt();
+            let position = 8.0 * DVec3::new(ring * angle.cos(), y, ring * angle.sin());
+            let point = ColmapPoint {
+                position: tilt * position,
+                colour: [1, 2, 3],
+                track: ids.clone(),
+            };
+            (id, point)
+        })
+        .collect();
+    let images = ids
+        .iter()
+        .map(|&id| {
+            let rotation = tilt * DQuat::from_rotation_y(0.02 * f64::from(id));
+            let centre = tilt * DVec3::new(0.2 * f64::from(id), 0.0, 0.0);
+            let observations = points
+                .iter()
+                .map(|(&point, entry)| {
+                    let seen = rotation.inverse() * (entry.position - centre);
+                    (camera.project(seen).unwrap(), point)
+                })
+                .collect();
+            let image = ColmapImage {
+                name: format!("{:06}.png", id - 1),
+                rotation,
+                centre,
+                observations,
+            };
+            (id, image)
+        })
+        .collect();
+    let names = (0..frames).map(|index| format!("{index:06}.png")).collect();
+    let model = ColmapModel {
+        camera,
+        images,
+        points,
+    };
+    (model, names)
+}
+
+#[test]
+fn validation_passes_what_is_sound_and_names_what_is_not() {
+    let limits = ValidationLimits::default();
+    let (sound, names) = perfect(20, DQuat::IDENTITY);
+    let report = validate(&sound, &names, &limits);
+    assert_eq!(report.problems, Vec::<String>::new());
+    assert_eq!(report.status, ValidationStatus::Valid);
+    assert!(report.measures["median_error_degrees"] < 1e-9);
+    assert_eq!(report.measures["mean_track"], 20.0);
+    assert!((report.measures["step_ratio"] - 1.0).abs() < 1e-9);
+
+    let broken = |breaks: &dyn Fn(&mut ColmapModel), problem: &str| {
+        let (mut model, names) = perfect(20, DQuat::IDENTITY);
+        breaks(&mut model);
+        let report = validate(&model, &names, &limits);
+        assert_eq!(report.status, ValidationStatus::Unstable, "{problem}");
+        assert!(
+            report
+                .problems
+                .iter()
+                .any(|found| found.starts_with(problem)),
+            "{problem}: {:?}",
+            report.problems
+        );
+    };
+    broken(
+        &|model| drop(model.images.split_off(&15)),
+        "registered_share",
+    );
+    broken(
+        &|model| {
+            if let Some(image) = model.images.get_mut(&9) {
+                image.centre += DVec3::new(0.0, 1.5, 0.0);
+            }
+        },
+        "step_ratio",
+    );
+    broken(
+        &|model| {
+            if let Some(image) = model.images.get_mut(&9) {
+                image.rotation *= DQuat::from_rotation_x(0.3);
+            }
+        },
+        "rotation_change_ratio",
+    );
+    broken(
+        &|model| {
+            for image in model.images.values_mut() {
+                for (pixel, _) in &mut image.observations {
+                    pixel.x += 1.0;
+                }
+            }
+        },
+        "median_error_degrees",
+    );
+    broken(
+        &|model| {
+            if let Some(image) = model.images.get_mut(&3) {
+                image.observations.truncate(40);
+            }
+        },
+        "fewest_points",
+    );
+    broken(
+        &|model| {
+            for point in model.points.values_mut() {
+                point.track.truncate(2);
+            }
+        },
+        "mean_track",
+    );
+    broken(
+        &|model| {
+            for image in model.images.values_mut() {
+                image.centre *= 1e-3;
+            }
+        },
+        "median_triangulation_degrees",
+    );
+    let empty = ColmapModel {
+        images: Default::default(),
+        points: Default::default(),
+        ..sound
+    };
+    let report = validate(&empty, &names, &limits);
+    assert_eq!(report.status, ValidationStatus::Unstable);
+    assert!(
+        report
+            .problems
+            .contains(&"median_error_degrees cannot be measured".to_owned())
+    );
+}
+
+#[test]
+fn levelling_turns_the_world_upright_and_changes_nothing_else() {
+    let tilt = DQuat::from_axis_angle(DVec3::new(1.0, 2.0, -0.5).normalize(), 2.1);
+    let (mut model, names) = perfect(12, tilt);
+    let before = validate(&model, &names, &ValidationLimits::default());
+    let levelling = level(&mut model);
+    assert!(levelling.levelled && levelling.agreement > 0.999);
+    for image in model.images.values() {
+        assert!((image.rotation * DVec3::NEG_Y - UP).length() < 1e-9);
+    }
+    let after = validate(&model, &names, &ValidationLimits::default());
+    for (name, value) in &before.measures {
+        assert!((value - after.measures[name]).abs() < 1e-6, "{name}");
+    }
+
+    // Cameras in all attitudes have no common up.
+    for (index, image) in model.images.values_mut().enumerate() {
+        image.rotation = DQuat::from_rotation_x(std::f64::consts::TAU * index as f64 / 12.0);
+    }
+    let untouched = model.clone();
+    assert!(!level(&mut model).levelled);
+    assert_eq!(model, untouched);
+}

@@ -1,0 +1,136 @@
+//! Real footage beside the checkout; skipped with a reason where it is not there.
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod support;
+
+use omnilife_curate::{
+    analysis::{Analysis, analyse},
+    boundaries::DETECTORS,
+    verdict,
+};
+use omnilife_schemas::{
+    progress::Silent,
+    records::{Boundary, BoundaryKind, Verdict},
+};
+
+/// A clip with the verdict it must get and the frames at which its shots begin; a transition is
+/// given by its first and last frame.
+struct Expectation {
+    file: &'static str,
+    verdict: Verdict,
+    boundaries: &'static [(usize, usize)],
+}
+
+const CLIPS: &[Expectation] = &[
+    Expectation {
+        file: "tunnel.mp4",
+        verdict: Verdict::ErpSqueezed,
+        boundaries: &[],
+    },
+    Expectation {
+        file: "reef.mp4",
+        verdict: Verdict::ErpSqueezed,
+        boundaries: &[(714, 718), (890, 890), (1059, 1059)],
+    },
+    Expectation {
+        file: "city4k.mp4",
+        verdict: Verdict::Erp,
+        boundaries: &[],
+    },
+    Expectation {
+        file: "congo_stereo.mp4",
+        verdict: Verdict::ErpStereoTb,
+        boundaries: &[],
+    },
+    Expectation {
+        file: "bikes.mp4",
+        verdict: Verdict::Rectilinear,
+        boundaries: &[(30, 30), (76, 76), (137, 137), (187, 187), (242, 242)],
+    },
+];
+
+fn analysed(file: &str) -> Option<Analysis> {
+    let path = support::shared_data(file)?;
+    Some(analyse(&path, &DETECTORS[0], &Silent).unwrap())
+}
+
+/// Frames from the first that is not of the old shot alone to the first of the new shot alone.
+fn frames(analysis: &Analysis, boundary: &Boundary) -> (usize, usize) {
+    let index = |seconds: f64| {
+        analysis
+            .signals
+            .times
+            .iter()
+            .position(|&time| time >= seconds - 1e-6)
+            .unwrap()
+    };
+    (
+        index(boundary.begin_seconds) + 1,
+        index(boundary.end_seconds),
+    )
+}
+
+#[test]
+fn verdicts_and_boundaries() {
+    for expected in CLIPS {
+        let Some(analysis) = analysed(expected.file) else {
+            continue;
+        };
+        let verdict = verdict::judge(&analysis.probe, analysis.samples.pictures());
+        println!("{}: {}", expected.file, verdict.verdict.name());
+        for evidence in &verdict.evidence {
+            println!(
+                "  {:20} {:.3} (limit {})",
+                evidence.test, evidence.value, evidence.limit
+            );
+        }
+        assert_eq!(verdict.verdict, expected.verdict, "{}", expected.file);
+        assert_eq!(verdict.disagreement, None, "{}", expected.file);
+
+        let found = (DETECTORS[0].decide)(&analysis.signals);
+        let spans: Vec<_> = found
+            .iter()
+            .map(|boundary| frames(&analysis, boundary))
+            .collect();
+        println!("  boundaries {spans:?}");
+        assert_eq!(
+            spans.len(),
+            expected.boundaries.len(),
+            "{}: {spans:?}",
+            expected.file
+        );
+        for ((first, last), boundary) in spans.iter().zip(&found) {
+            let hit = expected
+                .boundaries
+                .iter()
+                .find(|(begin, end)| first <= begin && end <= last)
+                .unwrap();
+            // No more than a few frames of fast motion around a transition go with it.
+            assert!(
+                begin_slack(*first, hit.0) && begin_slack(hit.1, *last),
+                "{spans:?}"
+            );
+            let is_cut = hit.0 == hit.1;
+            assert_eq!(boundary.kind == BoundaryKind::Cut, is_cut);
+        }
+    }
+}
+
+fn begin_slack(early: usize, late: usize) -> bool {
+    late - early <= 6
+}
+
+#[test]
+fn metadata_of_real_files() {
+    let Some(path) = support::shared_data("congo_stereo.mp4") else {
+        return;
+    };
+    let probe = omnilife_curate::video::probe(&path).unwrap();
+    let spherical = probe.spherical.unwrap();
+    assert_eq!(spherical.projection, "equirectangular");
+    assert_eq!(spherical.stereo.as_deref(), Some("top and bottom"));
+    assert_eq!((probe.width, probe.height), (1920, 1080));
+    assert_eq!(probe.pixel_aspect_ratio, 0.5625);
+    assert_eq!(probe.bit_depth, 8);
+    assert_eq!(probe.pixel_format, "yuv420p");
+}

@@ -1,0 +1,174 @@
+//! The ERP verdict on pictures whose projection is known because they are made here.
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod support;
+
+use omnilife_curate::{
+    verdict::{TESTS, judge},
+    video::Rgb8Picture,
+};
+use omnilife_schemas::records::{Probe, SphericalMetadata, Verdict};
+use support::{erp_direction, world_colour};
+
+fn probe(width: u32, height: u32) -> Probe {
+    Probe {
+        container: "mp4".to_owned(),
+        codec: "h264".to_owned(),
+        width,
+        height,
+        pixel_format: "yuv420p".to_owned(),
+        bit_depth: 8,
+        frames_per_second: 30.0,
+        duration_seconds: 10.0,
+        decoded_frames: None,
+        variable_frame_rate: None,
+        rotation_degrees: 0.0,
+        pixel_aspect_ratio: 1.0,
+        spherical: None,
+    }
+}
+
+fn paint(width: usize, height: usize, colour: impl Fn(usize, usize) -> [f64; 3]) -> Rgb8Picture {
+    let mut data = Vec::new();
+    for y in 0..height {
+        for x in 0..width {
+            data.extend(colour(x, y).map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8));
+        }
+    }
+    Rgb8Picture {
+        width,
+        height,
+        data,
+    }
+}
+
+/// A world with structure at all scales, so that stereo has details to match.
+fn rich(world: usize, d: [f64; 3]) -> [f64; 3] {
+    let fine = (37.0 * d[0] + 5.0 * d[1]).sin() * (41.0 * d[2] - 3.0 * d[1]).cos() * 0.3;
+    world_colour(world, d).map(|level| level + fine)
+}
+
+fn erp(world: usize, width: usize, height: usize, yaw: f64) -> Rgb8Picture {
+    paint(width, height, |x, y| {
+        rich(world, erp_direction(x, y, width, height, yaw))
+    })
+}
+
+fn perspective(world: usize, width: usize, height: usize) -> Rgb8Picture {
+    paint(width, height, |x, y| {
+        let u = (x as f64 + 0.5) / width as f64 - 0.5;
+        let v = ((y as f64 + 0.5) - 0.5 * height as f64) / width as f64;
+        let length = (u * u + v * v + 0.25).sqrt();
+        rich(world, [u / length, v / length, 0.5 / length])
+    })
+}
+
+/// Two pictures in one, the second seen with a little yaw instead of a disparity.
+fn stacked(world: usize, width: usize, height: usize, beside: bool) -> Rgb8Picture {
+    let (w, h) = if beside {
+        (width / 2, height)
+    } else {
+        (width, height / 2)
+    };
+    let left = erp(world, w, h, 0.0);
+    let right = erp(world, w, h, 0.03);
+    paint(width, height, |x, y| {
+        let picture = if x < w && y < h { &left } else { &right };
+        picture.pixel(x % w, y % h).map(|v| f64::from(v) / 255.0)
+    })
+}
+
+#[test]
+fn known_projections_are_recognized() {
+    let cases: [(&str, Verdict, (u32, u32), fn(usize) -> Rgb8Picture); 6] = [
+        ("erp", Verdict::Erp, (3840, 1920), |w| {
+            erp(w, 512, 256, 0.7 * w as f64)
+        }),
+        ("squeezed", Verdict::ErpSqueezed, (1920, 1080), |w| {
+            erp(w, 512, 288, 0.7 * w as f64)
+        }),
+        ("rectilinear", Verdict::Rectilinear, (1920, 1080), |w| {
+            perspective(w, 512, 288)
+        }),
+        ("rectilinear 2:1", Verdict::Rectilinear, (1920, 960), |w| {
+            perspective(w, 512, 256)
+        }),
+        ("top-bottom", Verdict::ErpStereoTb, (3840, 3840), |w| {
+            stacked(w, 512, 512, false)
+        }),
+        ("side by side", Verdict::ErpStereoLr, (3840, 960), |w| {
+            stacked(w, 1024, 256, true)
+        }),
+    ];
+    for (name, expected, (width, height), picture) in cases {
+        for world in 0..8 {
+            let verdict = judge(&probe(width, height), &[picture(world)]);
+            assert_eq!(
+                verdict.verdict, expected,
+                "{name}, world {world}: {:#?}",
+                verdict.evidence
+            );
+        }
+    }
+}
+
+/// What cannot be told is not guessed.
+#[test]
+fn plain_pillarboxed_and_missing_pictures_are_unsure() {
+    let grey = paint(512, 256, |_, _| [0.5; 3]);
+    let boxed = paint(512, 256, |x, y| {
+        if (128..384).contains(&x) {
+            rich(1, erp_direction(x - 128, y, 256, 256, 0.0))
+        } else {
+            [0.0; 3]
+        }
+    });
+    for samples in [vec![], vec![grey], vec![boxed]] {
+        let verdict = judge(&probe(1920, 960), &samples);
+        assert_eq!(verdict.verdict, Verdict::Unsure, "{:#?}", verdict.evidence);
+    }
+}
+
+#[test]
+fn metadata_is_heard_and_contradicted() {
+    let stated = |projection: &str, stereo: Option<&str>| Probe {
+        spherical: Some(SphericalMetadata {
+            projection: projection.to_owned(),
+            stereo: stereo.map(str::to_owned),
+        }),
+        ..probe(1920, 960)
+    };
+    let grey = [paint(512, 256, |_, _| [0.5; 3])];
+    let undecided = judge(&stated("equirectangular", Some("2D")), &grey);
+    assert_eq!(undecided.verdict, Verdict::Erp);
+    assert!(undecided.disagreement.unwrap().contains("do not decide"));
+
+    let picture = [perspective(2, 512, 256)];
+    let contradicted = judge(&stated("equirectangular", Some("2D")), &picture);
+    assert_eq!(contradicted.verdict, Verdict::Rectilinear);
+    assert!(contradicted.disagreement.unwrap().contains("rectilinear"));
+
+    let sphere = [erp(2, 512, 256, 0.0)];
+    let agreed = judge(&stated("equirectangular", None), &sphere);
+    assert_eq!((agreed.verdict, agreed.disagreement), (Verdict::Erp, None));
+    let layout = judge(&stated("equirectangular", Some("top and bottom")), &sphere);
+    assert_eq!(layout.verdict, Verdict::Erp);
+    assert!(layout.disagreement.unwrap().contains("top and bottom"));
+}
+
+/// Golden values on one picture; the seam of an ERP is as smooth as its inside.
+#[test]
+fn measurements_of_a_known_picture() {
+    let sphere = [erp(3, 512, 256, 0.4)];
+    let flat = [perspective(3, 512, 256)];
+    let value = |id: &str, samples: &[Rgb8Picture]| {
+        let test = TESTS.iter().find(|test| test.id == id).unwrap();
+        (test.measure)(&probe(2048, 1024), samples).unwrap()
+    };
+    assert_eq!(value("aspect-ratio", &sphere), 0.0);
+    assert!(value("wrap-seam", &sphere) < 0.02);
+    assert!(value("wrap-seam", &flat) > 0.5);
+    assert!(value("pole-row-top", &sphere) < 0.2);
+    assert!(value("pole-row-bottom", &flat) > 0.5);
+    assert_eq!(value("black-sides", &sphere), 0.0);
+}
