@@ -13,12 +13,10 @@ use omnilife_schemas::{Blame, Blamed, store::StoreError};
 
 /// Some work failed, and the rest went on: each failure has been reported already.
 #[derive(Debug, thiserror::Error)]
-#[error("{failures} of {total} videos or sequences failed; the summary above names them")]
+#[error("{message}")]
 pub(crate) struct PartialFailure {
-    /// What failed.
-    pub(crate) failures: usize,
-    /// All of it.
-    pub(crate) total: usize,
+    /// How much failed, and the first failure with its file and reason.
+    pub(crate) message: String,
     /// Ours if any failure is ours.
     pub(crate) blame: Blame,
 }
@@ -79,8 +77,10 @@ pub(crate) fn blame(error: &anyhow::Error) -> Blame {
         .unwrap_or(Blame::Ours)
 }
 
+/// The message alone: errors of this workspace say themselves what caused them.
 fn one_line(error: &anyhow::Error) -> String {
-    format!("{error:#}")
+    error
+        .to_string()
         .split_whitespace()
         .collect::<Vec<_>>()
         .join(" ")

@@ -35,14 +35,19 @@ pub struct CuratedDataset {
 /// video's file.
 ///
 /// # Errors
-/// When `out` holds something else or the dataset of other videos, or cannot be written. What is
-/// wrong with a single video is in the record and in [`CuratedDataset::errors`].
+/// When the settings make no sense, `out` holds something else or the dataset of other videos, or it
+/// cannot be written. What is wrong with a single video is in the record and in
+/// [`CuratedDataset::errors`].
 pub fn curate_dataset(
     videos: &[PathBuf],
     out: &Path,
     settings: &CurateSettings,
     progress: &dyn Progress,
 ) -> Result<CuratedDataset, CurateError> {
+    // Settings are the same for all videos: wrong ones are refused before any work is done.
+    if let Some(video) = videos.first() {
+        settings.check(video)?;
+    }
     let folders = folder_names(videos);
     let mut record = Dataset {
         videos: videos.iter().map(|video| pending(video)).collect(),
@@ -104,7 +109,8 @@ fn folder_names(videos: &[PathBuf]) -> Vec<String> {
         .collect()
 }
 
-/// Makes the folder, or makes sure that what it holds is a dataset of some of these videos.
+/// Makes the folder, or makes sure that what it holds is a dataset of some of these videos. Videos
+/// that gave no sequences do not count: to repair or leave out a bad one costs no other its results.
 fn claim(out: &Path, record: &Dataset) -> Result<(), CurateError> {
     if out.exists() && !out.is_dir() {
         return Err(CurateError::input(
@@ -120,11 +126,18 @@ fn claim(out: &Path, record: &Dataset) -> Result<(), CurateError> {
             .iter()
             .filter_map(|v| v.sha256.as_ref())
             .collect();
-        let other = held.videos.iter().find(|video| {
-            video
-                .sha256
-                .as_ref()
-                .is_some_and(|sha256| !ours.contains(sha256))
+        let has_results = |video: &VideoEntry| {
+            matches!(
+                video.status,
+                VideoStatus::Curated { .. } | VideoStatus::Pending
+            )
+        };
+        let other = held.videos.iter().find(|&video| {
+            has_results(video)
+                && video
+                    .sha256
+                    .as_ref()
+                    .is_some_and(|sha256| !ours.contains(sha256))
         });
         if let Some(other) = other {
             return Err(CurateError::input(

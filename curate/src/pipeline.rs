@@ -73,8 +73,11 @@ impl Default for CurateSettings {
 }
 
 impl CurateSettings {
-    /// Refuses settings that make no sense; `video` is named in the error.
-    fn check(&self, video: &Path) -> Result<(), CurateError> {
+    /// Refuses settings that make no sense and names that are not known; `video` is named in the
+    /// error.
+    pub(crate) fn check(&self, video: &Path) -> Result<(), CurateError> {
+        boundaries::detector(&self.detector, video)?;
+        criteria::profile(&self.profile, video)?;
         let sampling_is_positive = match self.sampling {
             Sampling::MaxFrames(most) => most > 0,
             Sampling::FramesPerSecond(rate) => rate.is_finite() && rate > 0.0,

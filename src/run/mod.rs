@@ -15,7 +15,7 @@
 
 pub(crate) mod outcome;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use omnilife_bench::{ScoreRequest, score, split_scene};
 use omnilife_curate::{
@@ -63,6 +63,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
     let settings = arguments.curation.settings(&arguments.criteria, false);
     let curated = curate_dataset(&videos, &arguments.out, &settings, progress)?;
     let mut outcomes = Outcomes::default();
+    let mut unscored = Vec::new();
     for (index, video) in curated.record.videos.iter().enumerate() {
         if let VideoStatus::Curated { sequences } = &video.status {
             for sequence in sequences {
@@ -71,8 +72,9 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
                 outcomes.push(match job.score_sequence(&folder) {
                     Ok(()) => Outcome::scored(&video.file, id),
                     Err(error) => {
-                        progress.note(&format!("{id}: {error:#}"));
-                        Outcome::failed(&video.file, id, format!("{error:#}"), exit::blame(&error))
+                        progress.note(&format!("{id}: {error}"));
+                        unscored.push(job.method_folder(&folder));
+                        Outcome::failed(&video.file, id, &error, exit::blame(&error))
                     }
                 });
             }
@@ -82,13 +84,15 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
         }
     }
     outcomes.write_csv(&arguments.out.join(OUTCOMES_FILE))?;
-    report(&arguments.out, &outcomes)
+    report(&arguments.out, &outcomes, &unscored)
 }
 
-/// Prints the table and the summary.
-fn report(out: &Path, outcomes: &Outcomes) -> anyhow::Result<()> {
+/// Prints the table and the summary. Scores below the folders of `unscored` are of an earlier time
+/// and stay out of the table.
+fn report(out: &Path, outcomes: &Outcomes, unscored: &[PathBuf]) -> anyhow::Result<()> {
     if outcomes.scored() > 0 {
-        let results = omnilife_leaderboard::collect(out)?;
+        let mut results = omnilife_leaderboard::collect(out)?;
+        results.retain(|(file, _)| !unscored.iter().any(|folder| file.starts_with(folder)));
         let tables = omnilife_leaderboard::build(&results, out)?;
         exit::print(&format!(
             "{}\n{}\nTable: {}\nRendered views beside their ground truth: {}\n",
@@ -117,6 +121,11 @@ impl Job<'_> {
         matches!(self.poses, PoseRequest::Given(_))
     }
 
+    /// Where the run and the scores of a sequence go.
+    fn method_folder(&self, sequence_folder: &Path) -> PathBuf {
+        sequence_folder.join(&self.protocol).join(&self.method)
+    }
+
     /// Poses, split, reconstruction and scores of one sequence.
     fn score_sequence(&self, folder: &Path) -> anyhow::Result<()> {
         pose_sequence(folder, &self.poses, self.progress)?;
@@ -124,7 +133,7 @@ impl Job<'_> {
         let protocol_folder = folder.join(&self.protocol);
         let split = protocol_folder.join("split.json");
         split_scene(&scene, &self.protocol, &split)?;
-        let method_folder = protocol_folder.join(&self.method);
+        let method_folder = self.method_folder(folder);
         let run = method_folder.join("run");
         job::reconstruct(
             &ReconstructRequest {

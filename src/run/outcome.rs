@@ -54,6 +54,27 @@ impl Outcome {
             ..Self::scored(video, sequence)
         }
     }
+
+    fn has_failed(&self) -> bool {
+        self.blame.is_some()
+    }
+
+    /// What it is about, and the reason where there is one.
+    fn line(&self) -> String {
+        let name = if self.sequence.is_empty() {
+            &self.video
+        } else {
+            &self.sequence
+        };
+        if self.reason.is_empty() {
+            name.clone()
+        } else if self.reason.starts_with(name.as_str()) {
+            // Messages name their file.
+            self.reason.clone()
+        } else {
+            format!("{name}: {}", self.reason)
+        }
+    }
 }
 
 /// All rows of the summary.
@@ -79,18 +100,7 @@ impl Outcomes {
     pub(crate) fn text(&self) -> String {
         self.list
             .iter()
-            .map(|row| {
-                let name = if row.sequence.is_empty() {
-                    &row.video
-                } else {
-                    &row.sequence
-                };
-                if row.reason.is_empty() {
-                    format!("{:<7} {name}\n", row.outcome)
-                } else {
-                    format!("{:<7} {name}: {}\n", row.outcome, row.reason)
-                }
-            })
+            .map(|row| format!("{:<7} {}\n", row.outcome, row.line()))
             .collect()
     }
 
@@ -107,14 +117,21 @@ impl Outcomes {
 
     /// An error when anything failed.
     pub(crate) fn verdict(&self) -> anyhow::Result<()> {
-        let blames: Vec<Blame> = self.list.iter().filter_map(|row| row.blame).collect();
-        if blames.is_empty() {
+        let failed: Vec<&Outcome> = self.list.iter().filter(|row| row.has_failed()).collect();
+        let Some(first) = failed.first() else {
             return Ok(());
-        }
+        };
+        let message = match (failed.len(), self.list.len()) {
+            (_, 1) => first.line(),
+            (1, total) => format!("1 of {total} videos or sequences failed: {}", first.line()),
+            (failures, total) => format!(
+                "{failures} of {total} videos or sequences failed, the first: {}",
+                first.line()
+            ),
+        };
         Err(PartialFailure {
-            failures: blames.len(),
-            total: self.list.len(),
-            blame: if blames.contains(&Blame::Ours) {
+            message,
+            blame: if failed.iter().any(|row| row.blame == Some(Blame::Ours)) {
                 Blame::Ours
             } else {
                 Blame::Input
