@@ -147,9 +147,9 @@ pub(crate) struct MethodArguments {
     /// Seed of everything random.
     #[arg(long, default_value_t = 0)]
     pub(crate) seed: u64,
-    /// Most Gaussians.
-    #[arg(long, default_value_t = 200_000)]
-    pub(crate) max_gaussians: u64,
+    /// Most Gaussians [default: half the pixels of a view].
+    #[arg(long)]
+    pub(crate) max_gaussians: Option<u64>,
 }
 
 impl MethodArguments {
@@ -158,7 +158,7 @@ impl MethodArguments {
     /// # Errors
     /// When a number makes no sense.
     pub(crate) fn request(&self, iterations: u64) -> anyhow::Result<MethodRequest> {
-        if iterations == 0 || self.max_gaussians == 0 {
+        if iterations == 0 || self.max_gaussians == Some(0) {
             return Err(BadRequest("iterations and Gaussians are at least 1".to_owned()).into());
         }
         if self

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use omnilife_schemas::{
     RgbImage, Similarity,
     camera::ErpCamera,
@@ -96,14 +96,30 @@ impl TrainingScene {
     /// Median distance between input views that follow each other, in normalized units; 0 for a
     /// camera that does not move.
     pub fn median_camera_step(&self) -> f32 {
-        let mut steps: Vec<f32> = self
-            .input_views
-            .windows(2)
-            .map(|pair| pair[0].view.centre.distance(pair[1].view.centre))
-            .collect();
-        steps.sort_by(f32::total_cmp);
-        steps.get(steps.len() / 2).copied().unwrap_or(0.0)
+        median(
+            self.input_views
+                .windows(2)
+                .map(|pair| pair[0].view.centre.distance(pair[1].view.centre))
+                .collect(),
+        )
     }
+
+    /// Median distance of the points from the mean camera, in normalized units; 0 without points.
+    pub fn median_point_distance(&self) -> f32 {
+        median(
+            self.points
+                .positions
+                .iter()
+                .map(|&position| Vec3::from_array(position).length())
+                .collect(),
+        )
+    }
+}
+
+/// Median of some values; 0 for none.
+fn median(mut values: Vec<f32>) -> f32 {
+    values.sort_by(f32::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 fn training_camera(

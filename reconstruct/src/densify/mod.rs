@@ -104,16 +104,8 @@ pub fn densify(
     random: &mut Pcg64Mcg,
 ) -> Densified {
     let before = table.len();
-    let mut room = usize::try_from(settings.maximum_gaussians)
-        .unwrap_or(usize::MAX)
-        .saturating_sub(before);
     let (mut clones, mut parents) = (Vec::new(), Vec::new());
-    for index in 0..before {
-        // A NaN statistic fails the comparison and changes nothing.
-        if room == 0 || !(statistics.mean(index) >= settings.gradient_threshold) {
-            continue;
-        }
-        room -= 1;
+    for index in candidates(statistics, settings, before) {
         if relative_size(table, index) <= settings.clone_size {
             clones.push(index);
         } else {
@@ -150,6 +142,24 @@ pub fn densify(
         split: parents.len(),
         pruned,
     }
+}
+
+/// The Gaussians to clone or split, in order of their index. Where there is no room for all, those
+/// with the largest gradients.
+fn candidates(statistics: &Statistics, settings: &DensifySettings, len: usize) -> Vec<usize> {
+    let room = usize::try_from(settings.maximum_gaussians)
+        .unwrap_or(usize::MAX)
+        .saturating_sub(len);
+    // A NaN statistic fails the comparison and changes nothing.
+    let mut candidates: Vec<usize> = (0..len)
+        .filter(|&index| statistics.mean(index) >= settings.gradient_threshold)
+        .collect();
+    if candidates.len() > room {
+        candidates.sort_by(|&a, &b| statistics.mean(b).total_cmp(&statistics.mean(a)));
+        candidates.truncate(room);
+        candidates.sort_unstable();
+    }
+    candidates
 }
 
 /// Sets all opacities down to 0.01 and forgets their moments.
@@ -259,17 +269,20 @@ mod tests {
     fn respects_the_maximum() {
         let mut table = four();
         let statistics = Statistics {
-            sums: vec![4.0; 4],
+            sums: vec![4.0, 5.0, 4.0, 4.0],
             views: vec![1; 4],
         };
-        let full = DensifySettings {
-            maximum_gaussians: 4,
+        let with_room = |maximum_gaussians| DensifySettings {
+            maximum_gaussians,
             ..settings()
         };
+        assert_eq!(candidates(&statistics, &with_room(4), 4), [0; 0]);
+        assert_eq!(candidates(&statistics, &with_room(5), 4), [1]);
+        assert_eq!(candidates(&statistics, &with_room(9), 4), [0, 1, 2, 3]);
         let done = densify(
             &mut table,
             &statistics,
-            &full,
+            &with_room(4),
             &mut Pcg64Mcg::seed_from_u64(0),
         );
         assert_eq!((done.cloned, done.split), (0, 0));

@@ -19,8 +19,8 @@ pub struct MethodRequest {
     pub budget_seconds: Option<f64>,
     /// Random seed.
     pub seed: u64,
-    /// Most Gaussians.
-    pub maximum_gaussians: u64,
+    /// Most Gaussians; the method decides where none is given.
+    pub maximum_gaussians: Option<u64>,
 }
 
 /// What a method gives back.

@@ -29,10 +29,18 @@ pub const METHOD: Method = Method {
 
 /// Length of the published schedule, iterations.
 const PUBLISHED_ITERATIONS: f64 = 30_000.0;
+/// Iterations from one opacity reset to the next in it.
+const PUBLISHED_RESET_INTERVAL: f64 = 3_000.0;
 /// Directions in which open sky is looked for.
 const SKY_DIRECTIONS: usize = 8_000;
 /// Share of the sphere that must be open for a shell to be added.
 const SKY_SHARE: f32 = 0.02;
+
+/// Extent of the cameras in a normalized scene: 1.1 times their radius (3DGS `getNerfppNorm`).
+const CAMERA_EXTENT: f32 = 1.1;
+/// Iterations that opacities need to recover from a reset: at 0.05 per step, the way from 0.01 back
+/// to 1/2 takes about 100 steps, and every view has to be seen some times.
+const RESET_RECOVERY_ITERATIONS: u64 = 500;
 
 /// The published settings, scaled to the request. Sources: ODGS `arguments/__init__.py`, 3DGS
 /// `arguments/__init__.py`.
@@ -41,6 +49,9 @@ pub fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainSettings
     let scaled = |iterations: f64| ((iterations * scale).round() as u64).max(1);
     // Statistics over less than one epoch would miss views.
     let epoch = scene.input_views.len() as u64;
+    // 3DGS scales steps by the cameras' radius, which is its scene's size. A video's cameras stand
+    // close together in a scene many times as large: there it is the distance of the points.
+    let extent = scene.median_point_distance().max(CAMERA_EXTENT);
     TrainSettings {
         iterations: request.iterations,
         budget_seconds: request.budget_seconds,
@@ -51,8 +62,8 @@ pub fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainSettings
         near: (0.01 * scene.median_camera_step()).clamp(1e-6, 0.2),
         learning_rates: LearningRates {
             positions: Decay {
-                begin: 1.6e-4 * POSITION_EXTENT,
-                end: 1.6e-6 * POSITION_EXTENT,
+                begin: 1.6e-4 * extent,
+                end: 1.6e-6 * extent,
             },
             log_scales: Decay::constant(5e-3),
             quaternions: Decay::constant(1e-3),
@@ -63,19 +74,43 @@ pub fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainSettings
             begin_iteration: scaled(500.0),
             end_iteration: scaled(15_000.0),
             interval_iterations: scaled(100.0).max(epoch.min(100)),
-            opacity_reset_iterations: scaled(3_000.0),
-            gradient_threshold: 1e-4,
+            opacity_reset_iterations: reset_interval(request.iterations),
+            gradient_threshold: GRADIENT_THRESHOLD,
             clone_size: 0.01,
             prune_size: 0.5,
             prune_opacity: 0.005,
-            maximum_gaussians: request.maximum_gaussians,
+            maximum_gaussians: request
+                .maximum_gaussians
+                .unwrap_or_else(|| default_maximum(scene)),
         },
         trace_points: 10,
     }
 }
 
-/// Extent of a normalized scene: 1.1 times the cameras' radius (3DGS `getNerfppNorm`).
-const POSITION_EXTENT: f32 = 1.1;
+/// Threshold of 3DGS. ODGS publishes 1e-4, for twice the Gaussians and more; with a limit on their
+/// number the larger gradients come first anyway.
+const GRADIENT_THRESHOLD: f32 = 2e-4;
+/// Gaussians per pixel of an input view, at most, where the user sets no limit: a Gaussian that
+/// covers fewer than two pixels is not held by its views.
+const GAUSSIANS_PER_PIXEL: f64 = 0.5;
+
+/// The most Gaussians for a scene; never fewer than its points.
+fn default_maximum(scene: &TrainingScene) -> u64 {
+    let pixels = f64::from(scene.camera.width) * f64::from(scene.camera.height);
+    let points = (scene.points.len() + SKY_DIRECTIONS) as u64;
+    ((GAUSSIANS_PER_PIXEL * pixels) as u64).max(points)
+}
+
+/// Iterations between opacity resets; 0, for none, where a scaled schedule leaves too few to recover.
+fn reset_interval(iterations: u64) -> u64 {
+    let scaled =
+        (PUBLISHED_RESET_INTERVAL * iterations as f64 / PUBLISHED_ITERATIONS).round() as u64;
+    if scaled < RESET_RECOVERY_ITERATIONS {
+        0
+    } else {
+        scaled
+    }
+}
 
 fn train(
     scene: &TrainingScene,
@@ -86,16 +121,32 @@ fn train(
     let shell = initialize::sky_shell(scene, SKY_DIRECTIONS);
     let share = shell.open_share();
     let with_shell = share >= SKY_SHARE;
-    let plan = vec![ComponentDecision {
-        component: "sky-shell".to_owned(),
-        used: with_shell,
-        reason: format!(
-            "{:.1} % of {} directions have no point (limit {:.0} %)",
-            100.0 * share,
-            shell.directions,
-            100.0 * SKY_SHARE
-        ),
-    }];
+    let resets = settings.densify.opacity_reset_iterations;
+    let plan = vec![
+        ComponentDecision {
+            component: "sky-shell".to_owned(),
+            used: with_shell,
+            reason: format!(
+                "{:.1} % of {} directions have no point (limit {:.0} %)",
+                100.0 * share,
+                shell.directions,
+                100.0 * SKY_SHARE
+            ),
+        },
+        ComponentDecision {
+            component: "opacity-reset".to_owned(),
+            used: resets > 0,
+            reason: if resets > 0 {
+                format!("every {resets} iterations, as published for {PUBLISHED_ITERATIONS}")
+            } else {
+                format!(
+                    "a schedule of {} iterations leaves fewer than {RESET_RECOVERY_ITERATIONS} \
+                     between resets",
+                    request.iterations
+                )
+            },
+        },
+    ];
     let points = initialize::from_points(scene);
     let initial = if with_shell {
         initialize::join(points, shell.gaussians)
