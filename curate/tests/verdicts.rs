@@ -78,9 +78,12 @@ fn stacked(world: usize, width: usize, height: usize, beside: bool) -> Rgb8Pictu
     })
 }
 
+/// A frame that shows the world with this number.
+type Painter = fn(usize) -> Rgb8Picture;
+
 #[test]
 fn known_projections_are_recognized() {
-    let cases: [(&str, Verdict, (u32, u32), fn(usize) -> Rgb8Picture); 6] = [
+    let cases: [(&str, Verdict, (u32, u32), Painter); 6] = [
         ("erp", Verdict::Erp, (3840, 1920), |w| {
             erp(w, 512, 256, 0.7 * w as f64)
         }),
@@ -101,7 +104,7 @@ fn known_projections_are_recognized() {
         }),
     ];
     for (name, expected, (width, height), picture) in cases {
-        for world in 0..8 {
+        for world in 0..6 {
             let verdict = judge(&probe(width, height), &[picture(world)]);
             assert_eq!(
                 verdict.verdict, expected,

@@ -58,7 +58,7 @@ struct Settings {
     gradual_window_seconds: f64,
     /// with pauses of at most this,
     gradual_gap_seconds: f64,
-    /// lasts between these,
+    /// lasts at least and at most this,
     gradual_shortest_seconds: f64,
     gradual_longest_seconds: f64,
     /// and its two sides differ by at least this.
@@ -329,9 +329,11 @@ impl Table<'_> {
             let holds_sudden = sudden
                 .iter()
                 .any(|other| *other.start() <= last + 1 && first <= *other.end() + 1);
+            let lasts_right = (SETTINGS.gradual_shortest_seconds
+                ..=SETTINGS.gradual_longest_seconds)
+                .contains(&duration);
             if !holds_sudden
-                && duration >= SETTINGS.gradual_shortest_seconds
-                && duration <= SETTINGS.gradual_longest_seconds
+                && lasts_right
                 && travelled >= SETTINGS.gradual_change
                 && change >= SETTINGS.gradual_change
                 && layout <= SETTINGS.same_layout

@@ -71,7 +71,7 @@ impl Blamed for SfmError {
 }
 
 /// How structure from motion is done. Part of the stage's inputs.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct SfmSettings {
     /// Folder of mask images named after the frames; white pixels give no features.
     pub masks: Option<PathBuf>,
@@ -81,17 +81,6 @@ pub struct SfmSettings {
     pub seed: u32,
     /// What valid poses keep to.
     pub limits: ValidationLimits,
-}
-
-impl Default for SfmSettings {
-    fn default() -> Self {
-        Self {
-            masks: None,
-            threads: None,
-            seed: 0,
-            limits: ValidationLimits::default(),
-        }
-    }
 }
 
 /// One way of running COLMAP.
