@@ -45,7 +45,7 @@ fn files_that_are_no_videos() {
         ("text.mp4", b"dear diary,\n".repeat(200), "not a video"),
         (
             "noise.mp4",
-            (0..60_000_u32).map(|i| (i * i >> 7) as u8).collect(),
+            (0..60_000_u32).map(|i| ((i * i) >> 7) as u8).collect(),
             "not a video",
         ),
     ] {
