@@ -9,7 +9,7 @@ use crate::{
         bin::{self, TileLists},
         project::{self, Culling, Splat, SplatGradient},
         raster::{self, Raster},
-        sort,
+        sort::{self, cpu::SortScratch},
     },
 };
 
@@ -20,7 +20,7 @@ pub struct Renderer {
     background: [f32; 3],
     splats: Vec<Splat>,
     order: Vec<u32>,
-    scratch: Vec<u32>,
+    scratch: SortScratch,
     lists: TileLists,
     raster: Raster,
     gradients: Vec<SplatGradient>,
@@ -34,7 +34,7 @@ impl Renderer {
             background,
             splats: Vec::new(),
             order: Vec::new(),
-            scratch: Vec::new(),
+            scratch: SortScratch::default(),
             lists: TileLists::default(),
             raster: Raster::default(),
             gradients: Vec::new(),

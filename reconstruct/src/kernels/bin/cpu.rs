@@ -1,9 +1,10 @@
-//! Binning on the processor: count, prefix sums, scatter. Splats are walked near to far, so the
+//! Binning on the processor: spans, then lists by counting. Splats are walked near to far, so the
 //! lists come out sorted.
 
 use std::ops::Range;
 
 use omnilife_schemas::camera::ErpCamera;
+use rayon::prelude::*;
 
 use super::{TileItem, TileLists};
 use crate::kernels::{TILE, project::Splat};
@@ -11,53 +12,98 @@ use crate::kernels::{TILE, project::Splat};
 /// Widening of footprints in pixels, against rounding in the extents.
 const MARGIN: f32 = 0.01;
 
+/// Splats per parallel piece of the counting pass.
+const BATCH: usize = 4096;
+
+/// The tiles of one splat in one row of tiles.
+struct Span {
+    splat: u32,
+    /// Number of the first entry, counted within the batch.
+    entry: u32,
+    columns: [Range<u32>; 2],
+}
+
+/// The spans of some consecutive splats.
+struct Batch {
+    /// By row of tiles; within a row in order of the splats.
+    rows: Vec<Vec<Span>>,
+    /// Where each splat's entries begin, counted within the batch.
+    entry_starts: Vec<u32>,
+    entries: u32,
+}
+
 /// Fills `lists` for splats in the given order (near to far).
+///
+/// Spans are found batch by batch, then every row of tiles gathers its own: both in parallel, and
+/// with the same result on any number of threads.
 pub fn forward(camera: &ErpCamera, splats: &[Splat], order: &[u32], lists: &mut TileLists) {
     let grid = Grid::new(camera);
     lists.columns = grid.columns;
     lists.rows = grid.rows;
-    let mut counts = vec![0_u32; grid.columns * grid.rows];
-    // The spans of every splat are found once and kept for the scatter.
-    let mut spans: Vec<(u32, [Range<u32>; 2])> = Vec::with_capacity(2 * order.len());
-    let mut span_starts = Vec::with_capacity(order.len() + 1);
-    lists.entry_starts.clear();
+    let batches: Vec<Batch> = order
+        .par_chunks(BATCH)
+        .map(|order| grid.batch(splats, order))
+        .collect();
+    let mut first_entries = Vec::with_capacity(batches.len());
     let mut entries = 0;
-    for &position in order {
-        span_starts.push(spans.len());
-        lists.entry_starts.push(entries);
-        let splat = &splats[position as usize];
-        for row in grid.tile_rows(splat) {
-            let columns = grid.tile_columns(splat, row);
-            for column in columns.iter().cloned().flatten() {
-                counts[row as usize * grid.columns + column as usize] += 1;
-                entries += 1;
-            }
-            spans.push((row, columns));
-        }
+    lists.entry_starts.clear();
+    for batch in &batches {
+        first_entries.push(entries);
+        let starts = batch.entry_starts.iter().map(|start| entries + start);
+        lists.entry_starts.extend(starts);
+        entries += batch.entries;
     }
-    span_starts.push(spans.len());
     lists.entry_starts.push(entries);
 
+    let rows: Vec<(Vec<u32>, Vec<TileItem>)> = (0..grid.rows)
+        .into_par_iter()
+        .map(|row| gather_row(grid.columns, row, &batches, &first_entries))
+        .collect();
     lists.tile_starts.clear();
+    lists.items.clear();
+    for (starts, items) in rows {
+        let base = lists.items.len() as u32;
+        lists
+            .tile_starts
+            .extend(starts.iter().map(|start| base + start));
+        lists.items.extend(items);
+    }
+    lists.tile_starts.push(entries);
+}
+
+/// The lists of one row of tiles, and where each begins.
+fn gather_row(
+    columns: usize,
+    row: usize,
+    batches: &[Batch],
+    first_entries: &[u32],
+) -> (Vec<u32>, Vec<TileItem>) {
+    let mut next = vec![0_u32; columns];
+    for span in batches.iter().flat_map(|batch| &batch.rows[row]) {
+        for column in span.columns.iter().cloned().flatten() {
+            next[column as usize] += 1;
+        }
+    }
     let mut sum = 0;
-    for count in &mut counts {
-        lists.tile_starts.push(sum);
+    for count in &mut next {
         sum += std::mem::replace(count, sum);
     }
-    lists.tile_starts.push(sum);
-    lists.items.clear();
-    lists.items.resize(sum as usize, TileItem::default());
-    let mut entry = 0;
-    for (rank, &splat) in order.iter().enumerate() {
-        for (row, columns) in &spans[span_starts[rank]..span_starts[rank + 1]] {
-            for column in columns.iter().cloned().flatten() {
-                let slot = &mut counts[*row as usize * grid.columns + column as usize];
-                lists.items[*slot as usize] = TileItem { splat, entry };
+    let starts = next.clone();
+    let mut items = vec![TileItem::default(); sum as usize];
+    for (batch, first_entry) in batches.iter().zip(first_entries) {
+        for span in &batch.rows[row] {
+            let entries = first_entry + span.entry..;
+            for (column, entry) in span.columns.iter().cloned().flatten().zip(entries) {
+                let slot = &mut next[column as usize];
+                items[*slot as usize] = TileItem {
+                    splat: span.splat,
+                    entry,
+                };
                 *slot += 1;
-                entry += 1;
             }
         }
     }
+    (starts, items)
 }
 
 struct Grid {
@@ -76,6 +122,30 @@ impl Grid {
             columns: width.div_ceil(TILE),
             rows: height.div_ceil(TILE),
         }
+    }
+
+    fn batch(&self, splats: &[Splat], order: &[u32]) -> Batch {
+        let mut batch = Batch {
+            rows: (0..self.rows).map(|_| Vec::new()).collect(),
+            entry_starts: Vec::with_capacity(order.len()),
+            entries: 0,
+        };
+        for &splat in order {
+            batch.entry_starts.push(batch.entries);
+            for row in self.tile_rows(&splats[splat as usize]) {
+                let columns = self.tile_columns(&splats[splat as usize], row);
+                let tiles: u32 = columns.iter().map(|range| range.end - range.start).sum();
+                if tiles > 0 {
+                    batch.rows[row as usize].push(Span {
+                        splat,
+                        entry: batch.entries,
+                        columns,
+                    });
+                    batch.entries += tiles;
+                }
+            }
+        }
+        batch
     }
 
     /// Rows of tiles with a pixel centre inside the footprint's height.

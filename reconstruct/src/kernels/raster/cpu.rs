@@ -232,7 +232,7 @@ impl Alive {
     /// Notes that a block may have lost its last pixel.
     #[inline(always)]
     fn update(&mut self, row: usize, block: usize) {
-        if sum(&self.pixels[row][block]) == 0.0 {
+        if all_zero(&self.pixels[row][block]) {
             self.blocks[row][block] = false;
             self.count -= 1;
         }
@@ -300,6 +300,12 @@ fn block_blend(alpha: &mut Lanes, transmittance: &mut Lanes, alive: &mut Lanes) 
     weights
 }
 
+/// Whether every lane is +0.
+#[inline(always)]
+fn all_zero(lanes: &Lanes) -> bool {
+    lanes.iter().fold(0, |bits, lane| bits | lane.to_bits()) == 0
+}
+
 #[inline(always)]
 fn sum(lanes: &Lanes) -> f32 {
     let half: [f32; 4] = std::array::from_fn(|lane| lanes[lane] + lanes[lane + 4]);
@@ -332,6 +338,9 @@ fn composite_generic(tile: &Tile<'_>, splats: &[Splat]) -> TileState {
                 }
                 let pixels = &mut alive.pixels[row][block];
                 let (mut alpha, _) = block_alpha(splat, &footprint.offsets[block], y, pixels);
+                if all_zero(&alpha) {
+                    continue;
+                }
                 let transmittance = &mut state.transmittance[row][block];
                 let weights = block_blend(&mut alpha, transmittance, pixels);
                 for channel in 0..3 {
@@ -418,6 +427,9 @@ fn tile_gradients_generic(
                 let before = transmittance[row][block];
                 let pixels = &mut alive.pixels[row][block];
                 let (mut alpha, falloff) = block_alpha(splat, &footprint.offsets[block], y, pixels);
+                if all_zero(&alpha) {
+                    continue;
+                }
                 let weights = block_blend(&mut alpha, &mut transmittance[row][block], pixels);
                 let behind = &mut upstream.behind[row][block];
                 for lane in 0..LANES {

@@ -8,31 +8,43 @@ use crate::kernels::project::Splat;
 const RADIX_BITS: u32 = 11;
 const BUCKETS: usize = 1 << RADIX_BITS;
 
-/// Positions of `splats` from near to far, written to `order`. `scratch` is reused memory.
-pub fn by_distance(splats: &[Splat], order: &mut Vec<u32>, scratch: &mut Vec<u32>) {
-    order.clear();
-    order.extend(0..splats.len() as u32);
-    scratch.resize(splats.len(), 0);
+/// Memory of [`by_distance`], reused over views.
+#[derive(Debug, Default)]
+pub struct SortScratch {
+    /// Distance bits and position, so that the passes read memory in order.
+    keys: Vec<(u32, u32)>,
+    other: Vec<(u32, u32)>,
+}
+
+/// Positions of `splats` from near to far, written to `order`.
+pub fn by_distance(splats: &[Splat], order: &mut Vec<u32>, scratch: &mut SortScratch) {
+    let SortScratch { keys, other } = scratch;
+    keys.clear();
+    keys.extend(
+        (0_u32..)
+            .zip(splats)
+            .map(|(position, splat)| (splat.distance.to_bits(), position)),
+    );
+    other.resize(keys.len(), (0, 0));
     for pass in 0..3 {
-        let digit = |position: u32| {
-            let bits = splats[position as usize].distance.to_bits();
-            (bits >> (pass * RADIX_BITS)) as usize & (BUCKETS - 1)
-        };
+        let digit = |key: u32| (key >> (pass * RADIX_BITS)) as usize & (BUCKETS - 1);
         let mut starts = [0_u32; BUCKETS];
-        for &position in order.iter() {
-            starts[digit(position)] += 1;
+        for &(key, _) in keys.iter() {
+            starts[digit(key)] += 1;
         }
         let mut sum = 0;
         for start in &mut starts {
             sum += std::mem::replace(start, sum);
         }
-        for &position in order.iter() {
-            let slot = &mut starts[digit(position)];
-            scratch[*slot as usize] = position;
+        for &pair in keys.iter() {
+            let slot = &mut starts[digit(pair.0)];
+            other[*slot as usize] = pair;
             *slot += 1;
         }
-        std::mem::swap(order, scratch);
+        std::mem::swap(keys, other);
     }
+    order.clear();
+    order.extend(keys.iter().map(|&(_, position)| position));
 }
 
 #[cfg(test)]
@@ -49,7 +61,7 @@ mod tests {
                 .iter()
                 .map(|&distance| Splat { distance, ..Splat::default() })
                 .collect();
-            let (mut order, mut scratch) = (Vec::new(), Vec::new());
+            let (mut order, mut scratch) = (Vec::new(), SortScratch::default());
             by_distance(&splats, &mut order, &mut scratch);
             let mut expected: Vec<u32> = (0..splats.len() as u32).collect();
             expected.sort_by(|&a, &b| {
