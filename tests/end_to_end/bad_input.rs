@@ -1,0 +1,362 @@
+//! Bad input: exit code 2, one line that names the file and the reason, and nothing half-written.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+use crate::support::{
+    SMALL, assert_all_whole, copy_of_small_run, files, footage, omnilife, run, sample, scratch,
+};
+
+/// `omnilife --quiet run` without poses.
+fn run_without_poses(video: &Path, out: &Path, further: &[&str]) -> crate::support::Ended {
+    let mut arguments = vec!["--quiet".as_ref(), "run".as_ref(), video.as_os_str()];
+    arguments.extend(["--out".as_ref(), out.as_os_str()]);
+    arguments.extend(SMALL.iter().chain(further).map(std::ffi::OsStr::new));
+    omnilife(arguments)
+}
+
+/// Runs the main job on a bad video and checks that the error names the file and the reason, that
+/// the summary says the same, and that what stands on disk is whole.
+#[track_caller]
+fn assert_refused(video: &Path, reason: &str) {
+    let folder = scratch();
+    let out = folder.path().join("out");
+    let mut arguments = SMALL.to_vec();
+    arguments.push("--quiet");
+    let ended = run(video, &out, &arguments);
+    let message = ended.failed_quietly(2);
+    let name = video.file_name().unwrap().to_str().unwrap();
+    assert!(message.contains(name), "{message}");
+    assert!(message.contains(reason), "{message}");
+    assert!(ended.stdout.contains(reason), "{}", ended.stdout);
+    assert!(
+        !files(&out).iter().any(|file| file.contains("seq-")),
+        "{:?}",
+        files(&out)
+    );
+    let outcomes = fs::read_to_string(out.join("outcomes.csv")).unwrap();
+    assert!(outcomes.contains("failed"), "{outcomes}");
+    assert!(outcomes.contains(reason), "{outcomes}");
+    assert_all_whole(&out);
+}
+
+/// Checks that a request is refused before anything is written.
+#[track_caller]
+fn assert_request_refused(further: &[&str], reason: &str) {
+    let folder = scratch();
+    let out = folder.path().join("out");
+    let mut arguments = vec!["--quiet"];
+    arguments.extend(further);
+    let ended = run(&sample("street.mp4"), &out, &arguments);
+    let message = ended.failed_quietly(2);
+    assert!(message.contains(reason), "{message}");
+    assert_eq!(ended.stdout, "");
+    assert!(!out.exists(), "{:?}", files(&out));
+}
+
+fn file(folder: &Path, name: &str, bytes: &[u8]) -> PathBuf {
+    let path = folder.join(name);
+    fs::write(&path, bytes).unwrap();
+    path
+}
+
+#[test]
+fn a_video_cut_short() {
+    let folder = scratch();
+    let bytes = fs::read(sample("street.mp4")).unwrap();
+    // The index stands at the front: what is cut off first is pictures, then the index itself.
+    for (name, part, reason) in [
+        ("most.mp4", &bytes[..bytes.len() * 9 / 10], "is truncated"),
+        ("third.mp4", &bytes[..bytes.len() / 3], "is truncated"),
+        ("start.mp4", &bytes[..1000], "is truncated"),
+        ("head.mp4", &bytes[..100], "has no video stream"),
+    ] {
+        assert_refused(&file(folder.path(), name, part), reason);
+    }
+}
+
+#[test]
+fn an_empty_file() {
+    let folder = scratch();
+    assert_refused(&file(folder.path(), "empty.mp4", b""), "is empty");
+}
+
+#[test]
+fn a_text_named_as_a_video() {
+    let folder = scratch();
+    let text = "Frame by frame, nothing is here to be seen.\n".repeat(100);
+    assert_refused(
+        &file(folder.path(), "text.mp4", text.as_bytes()),
+        "is not a video",
+    );
+}
+
+#[test]
+fn a_name_with_a_line_break_stays_on_one_line() {
+    let folder = scratch();
+    let video = file(folder.path(), "two\nlines.mp4", b"");
+    let ended = run_without_poses(&video, &folder.path().join("out"), &[]);
+    let message = ended.failed_quietly(2);
+    assert!(
+        message.ends_with("lines.mp4: is empty (0 bytes)"),
+        "{message}"
+    );
+}
+
+#[test]
+fn a_video_without_a_video_stream() {
+    let folder = scratch();
+    let video = folder.path().join("sound.mp4");
+    let made = Command::new("ffmpeg")
+        .args(["-v", "error", "-f", "lavfi", "-i", "sine=duration=1"])
+        .arg(&video)
+        .status();
+    if !made.is_ok_and(|status| status.success()) {
+        println!("skipped: there is no ffmpeg command that makes a sound file");
+        return;
+    }
+    assert_refused(&video, "has no video stream");
+}
+
+#[test]
+fn a_rectilinear_video_with_the_way_out() {
+    let Some(video) = footage("bikes.mp4") else {
+        return;
+    };
+    assert_refused(&video, "its picture is rectilinear");
+    assert_refused(&video, "--accept erp");
+}
+
+#[test]
+fn a_stereo_video_with_the_way_out() {
+    let Some(video) = footage("congo_stereo.mp4") else {
+        return;
+    };
+    assert_refused(
+        &video,
+        "its picture is erp-stereo-tb; extract one eye first",
+    );
+}
+
+#[test]
+fn paths_that_lead_to_no_video() {
+    let folder = scratch();
+    let empty = folder.path().join("photos");
+    fs::create_dir(&empty).unwrap();
+    file(&empty, "photo.jpg", b"");
+    let missing = folder.path().join("missing.mp4");
+    for (path, name, reason) in [
+        (&empty, "photos", "holds no videos"),
+        (&missing, "missing.mp4", "does not exist"),
+    ] {
+        let out = folder.path().join("out");
+        let ended = run_without_poses(path, &out, &[]);
+        let message = ended.failed_quietly(2);
+        assert!(
+            message.contains(name) && message.contains(reason),
+            "{message}"
+        );
+        assert!(!out.exists());
+    }
+}
+
+#[test]
+fn an_output_that_is_something_else() {
+    let folder = scratch();
+    let plain = file(folder.path(), "notes", b"keep me");
+    let foreign = folder.path().join("holiday");
+    fs::create_dir(&foreign).unwrap();
+    file(&foreign, "notes", b"keep me");
+    for (out, reason) in [(&plain, "is a file"), (&foreign, "is not empty")] {
+        let ended = run(&sample("street.mp4"), out, &["--quiet"]);
+        let message = ended.failed_quietly(2);
+        assert!(message.contains(out.to_str().unwrap()), "{message}");
+        assert!(message.contains(reason), "{message}");
+    }
+    assert_eq!(fs::read(&plain).unwrap(), b"keep me");
+    assert_eq!(files(&foreign), ["notes"]);
+}
+
+#[test]
+fn an_output_of_another_video() {
+    let copy = copy_of_small_run();
+    let before = files(copy.path());
+    let folder = scratch();
+    // The same pictures in another file: another input.
+    let mut bytes = fs::read(sample("street.mp4")).unwrap();
+    bytes.extend_from_slice(&[0, 0, 0, 8, b'f', b'r', b'e', b'e']);
+    let other = file(folder.path(), "street.mp4", &bytes);
+    let ended = run(&other, copy.path(), &["--quiet"]);
+    let message = ended.failed_quietly(2);
+    assert!(
+        message.contains("holds the results of another input"),
+        "{message}"
+    );
+    assert!(message.contains(copy.path().to_str().unwrap()), "{message}");
+    assert_eq!(files(copy.path()), before);
+}
+
+#[test]
+fn poses_that_are_none_or_of_something_else() {
+    let folder = scratch();
+    let in_folder = |name: &str, text: &str| file(folder.path(), name, text.as_bytes());
+    let frame = |seconds: f64| {
+        format!(
+            r#"{{"schema": "omnilife/poses/1", "scale": "metres", "points": null, "frames": [
+            {{"time_seconds": {seconds}, "mask": null,
+            "pose": {{"rotation_wxyz": [1, 0, 0, 0], "centre": [0, 0, 0]}}}}]}}"#
+        )
+    };
+    let later = frame(1000.0);
+    let lost = later.replace("null", "\"missing.ply\"");
+    for (poses, reason) in [
+        (in_folder("garbage.json", "}{"), "not a JSON record"),
+        (in_folder("list.json", "[1, 2]"), "not a JSON record"),
+        (in_folder("bare.json", "{}"), "has no \"schema\" entry"),
+        (
+            in_folder("later.json", &later),
+            "fits no frame of street/seq-000",
+        ),
+        (
+            in_folder("turned.json", &frame(0.0).replace("[1, 0,", "[0, 0,")),
+            "has no rotation",
+        ),
+        (in_folder("lost.json", &lost), "missing.ply: cannot be read"),
+        (folder.path().join("missing.json"), "cannot be read"),
+        (folder.path().to_owned(), "cameras.txt: cannot be read"),
+    ] {
+        let out = scratch();
+        let poses_argument = ["--poses", poses.to_str().unwrap()];
+        let ended = run_without_poses(&sample("street.mp4"), out.path(), &poses_argument);
+        let message = ended.failed_quietly(2);
+        assert!(message.contains(reason), "{message}");
+        assert!(
+            message.contains(folder.path().to_str().unwrap()),
+            "{message}"
+        );
+        assert!(
+            !files(out.path())
+                .iter()
+                .any(|file| file.ends_with("scene.json"))
+        );
+        assert_all_whole(out.path());
+    }
+}
+
+#[test]
+fn poses_of_one_video_for_two() {
+    let (video, poses) = (sample("street.mp4"), sample("poses.json"));
+    let (video, poses) = (video.to_str().unwrap(), poses.to_str().unwrap());
+    let folder = scratch();
+    let out = folder.path().join("out");
+    let words = ["-q", "run", video, video, "--poses", poses, "--out"];
+    let ended = omnilife(words.into_iter().chain([out.to_str().unwrap()]));
+    let message = ended.failed_quietly(2);
+    assert!(
+        message.contains("--poses belongs to one video"),
+        "{message}"
+    );
+    assert!(!out.exists());
+}
+
+#[test]
+fn names_that_are_not_known() {
+    assert_request_refused(
+        &["--method", "nerf"],
+        "there is no method \"nerf\"; known: odgs",
+    );
+    assert_request_refused(&["--protocol", "mine"], "mine; there are: per-scene");
+    assert_request_refused(&["--criteria", "best"], "there are omnilife360, none");
+}
+
+#[test]
+fn numbers_that_make_no_sense() {
+    for (arguments, reason) in [
+        (["--iterations", "0"], "at least 1"),
+        (["--max-gaussians", "0"], "at least 1"),
+        (["--max-frames", "0"], "positive number"),
+        (["--fps", "0"], "positive number"),
+        (["--fps", "nan"], "positive number"),
+        (["--budget", "0"], "a positive number of seconds"),
+        (["--min-shot", "inf"], "minimum shot length"),
+    ] {
+        assert_request_refused(&arguments, reason);
+    }
+}
+
+#[test]
+fn settings_that_do_not_fit_the_video() {
+    for (arguments, reason) in [
+        (["--width", "0"], "frame width of 0 pixels"),
+        (["--width", "65"], "frame width of 65 pixels"),
+        (["--min-shot", "3"], "none of its shots lasts 3 s"),
+    ] {
+        let folder = scratch();
+        let out = folder.path().join("out");
+        let mut with_quiet = arguments.to_vec();
+        with_quiet.push("--quiet");
+        let ended = run(&sample("street.mp4"), &out, &with_quiet);
+        let message = ended.failed_quietly(2);
+        assert!(
+            message.contains("street.mp4") && message.contains(reason),
+            "{message}"
+        );
+        assert_all_whole(&out);
+    }
+}
+
+/// Nothing is wrong with the input, so the exit code is 1.
+#[test]
+fn no_poses_and_no_structure_from_motion() {
+    let folder = scratch();
+    let ended = run_without_poses(&sample("street.mp4"), &folder.path().join("out"), &[]);
+    let message = ended.failed_quietly(1);
+    assert!(message.contains("scripts/setup --sfm"), "{message}");
+    assert!(message.contains("street/seq-000"), "{message}");
+    assert_all_whole(&folder.path().join("out"));
+}
+
+#[test]
+fn stages_that_are_given_nothing() {
+    let folder = scratch();
+    let missing = folder.path().join("missing");
+    let missing = missing.to_str().unwrap();
+    let out = folder.path().join("out");
+    let out = out.to_str().unwrap();
+    for arguments in [
+        vec!["curate", "probe", missing],
+        vec!["curate", "verdict", missing],
+        vec!["curate", "boundaries", missing],
+        vec!["curate", "build", missing, "--out", out],
+        vec!["curate", "poses", missing, "--poses", missing],
+        vec!["bench", "split", missing, "--out", out],
+        vec![
+            "reconstruct",
+            "train",
+            missing,
+            "--split",
+            missing,
+            "--out",
+            out,
+        ],
+        vec![
+            "bench", "score", "--scene", missing, "--split", missing, "--run", missing, "--out",
+            out,
+        ],
+        vec!["leaderboard", "build", missing, "--out", out],
+    ] {
+        let ended = omnilife(["--quiet"].iter().chain(&arguments));
+        let message = ended.failed_quietly(2);
+        assert!(message.contains(missing), "{arguments:?}: {message}");
+        assert_eq!(ended.stdout, "");
+        let left = if Path::new(out).exists() {
+            files(Path::new(out))
+        } else {
+            vec![]
+        };
+        assert_eq!(left, [""; 0], "{arguments:?}");
+    }
+}

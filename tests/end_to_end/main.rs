@@ -1,0 +1,12 @@
+//! The binary from outside: what it prints, what it leaves on disk, and how it fails.
+#![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+mod bad_input;
+mod full_disk;
+mod geometry;
+mod help;
+mod main_job;
+mod many_videos;
+mod output;
+mod stages;
+mod support;

@@ -1,0 +1,69 @@
+//! What goes to which stream.
+
+use std::process::{Command, Stdio};
+
+use crate::support::{SMALL, copy_of_small_run, run, sample, small_run};
+
+#[test]
+fn stderr_is_plain_lines_where_it_is_no_terminal() {
+    let stderr = &small_run().ended.stderr;
+    let is_plain = |line: &str| !line.chars().any(char::is_control);
+    assert!(stderr.lines().all(is_plain), "{stderr:?}");
+    for stage in [
+        "analysing",
+        "extracting frames",
+        "training",
+        "rendering",
+        "scoring",
+    ] {
+        let done = |line: &str| line.trim().starts_with(stage) && line.contains("done in");
+        assert!(stderr.lines().any(done), "{stage}: {stderr}");
+    }
+}
+
+#[test]
+fn quiet_leaves_stderr_empty_and_stdout_as_it_is() {
+    let copy = copy_of_small_run();
+    let quiet: Vec<&str> = SMALL.iter().chain(&["--quiet"]).copied().collect();
+    let ended = run(&sample("street.mp4"), copy.path(), &quiet).succeeded();
+    assert_eq!(ended.stderr, "");
+    let without_paths = |text: &str| -> Vec<String> {
+        text.lines()
+            .filter(|line| !line.starts_with("Table:") && !line.starts_with("Rendered views"))
+            .map(str::to_owned)
+            .collect()
+    };
+    assert_eq!(
+        without_paths(&ended.stdout),
+        without_paths(&small_run().ended.stdout)
+    );
+}
+
+#[test]
+fn a_reader_that_goes_away_causes_no_panic() {
+    let copy = copy_of_small_run();
+    let out = copy.path().to_str().unwrap();
+    let (video, poses) = (sample("street.mp4"), sample("poses.json"));
+    let mut main_job = vec!["run", video.to_str().unwrap(), "--out", out];
+    main_job.extend(["--poses", poses.to_str().unwrap()]);
+    main_job.extend(SMALL);
+    for arguments in [
+        vec!["--help"],
+        vec!["bench", "list"],
+        vec!["reconstruct", "methods"],
+        vec!["doctor"],
+        main_job,
+    ] {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let output = Command::new(env!("CARGO_BIN_EXE_omnilife"))
+            .args(&arguments)
+            .stdout(writer)
+            .stderr(Stdio::piped())
+            .output()
+            .unwrap();
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        assert!(!stderr.contains("panicked"), "{arguments:?}: {stderr}");
+        assert!(output.status.code().is_some(), "{arguments:?}");
+    }
+}

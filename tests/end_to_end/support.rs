@@ -1,0 +1,244 @@
+//! Running the binary on the sample, and reading what it leaves.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    sync::LazyLock,
+    time::{Duration, SystemTime},
+};
+
+use assert_cmd::cargo::cargo_bin_cmd;
+use image::RgbImage;
+use omnilife_schemas::{
+    records::{
+        BoundaryLedger, Dataset, ResultRecord, RunRecord, Scene, Sequence, Split, VideoAnalysis,
+    },
+    stage::Done,
+    store::{self, Record, StoreError},
+};
+use tempfile::TempDir;
+
+/// Settings that make a run of the sample a matter of seconds.
+pub(crate) const SMALL: [&str; 6] = ["--max-frames", "10", "--width", "128", "--iterations", "30"];
+/// What [`SMALL`] makes of the sample.
+pub(crate) const SMALL_SIZE: (u32, u32) = (128, 64);
+/// Input views of 10 frames.
+pub(crate) const INPUT_VIEWS: [u32; 8] = [0, 1, 2, 3, 5, 6, 7, 8];
+/// Novel views of 10 frames.
+pub(crate) const NOVEL_VIEWS: [u32; 2] = [4, 9];
+/// Folder of the sample's only sequence in an output folder.
+pub(crate) const SEQUENCE: &str = "videos/street/seq-000";
+/// Folder of the method's run and scores in an output folder.
+pub(crate) const METHOD: &str = "videos/street/seq-000/per-scene/odgs";
+
+/// A file of the sample in the repository.
+pub(crate) fn sample(file: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/data/street")
+        .join(file)
+}
+
+/// A file of the real footage beside the checkout; where it is missing, the test says so and skips.
+pub(crate) fn footage(file: &str) -> Option<PathBuf> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../shared/data")
+        .join(file);
+    if path.is_file() {
+        return Some(path);
+    }
+    println!("skipped: {} is not here", path.display());
+    None
+}
+
+/// How a run of the binary ended.
+pub(crate) struct Ended {
+    pub(crate) code: Option<i32>,
+    pub(crate) stdout: String,
+    pub(crate) stderr: String,
+}
+
+impl Ended {
+    /// Checks that all went well.
+    #[track_caller]
+    pub(crate) fn succeeded(self) -> Self {
+        assert_eq!(self.code, Some(0), "{}\n{}", self.stdout, self.stderr);
+        self
+    }
+
+    /// Checks the exit code and that the error is one line, the last on stderr and (the run was
+    /// quiet) the only one. Returns the message.
+    #[track_caller]
+    pub(crate) fn failed_quietly(&self, code: i32) -> &str {
+        let lines: Vec<&str> = self.stderr.lines().collect();
+        assert_eq!(self.code, Some(code), "{}\n{}", self.stdout, self.stderr);
+        assert_eq!(lines.len(), 1, "{}", self.stderr);
+        let message = lines[0].strip_prefix("omnilife: ").unwrap();
+        assert!(!message.contains("panicked"), "{message}");
+        // A cause that is part of the message is not appended to it once more.
+        let parts: Vec<&str> = message.split(": ").collect();
+        let repeats = parts.windows(2).any(|pair| pair[0] == pair[1]);
+        assert!(!repeats, "repeats itself: {message}");
+        message
+    }
+}
+
+/// Runs the binary. Structure from motion is not installed, as far as it can see.
+pub(crate) fn omnilife<S: AsRef<std::ffi::OsStr>>(arguments: impl IntoIterator<Item = S>) -> Ended {
+    let output = cargo_bin_cmd!("omnilife")
+        .env_remove("OMNILIFE_SFM_PYTHON")
+        .env("OMNILIFE_DATA", "/nonexistent")
+        .args(arguments)
+        .output()
+        .unwrap();
+    Ended {
+        code: output.status.code(),
+        stdout: String::from_utf8(output.stdout).unwrap(),
+        stderr: String::from_utf8(output.stderr).unwrap(),
+    }
+}
+
+/// `omnilife run` on one video with the sample's poses.
+pub(crate) fn run(video: &Path, out: &Path, further: &[&str]) -> Ended {
+    let poses = sample("poses.json");
+    let mut arguments = vec!["run".as_ref(), video.as_os_str(), "--poses".as_ref()];
+    arguments.extend([poses.as_os_str(), "--out".as_ref(), out.as_os_str()]);
+    arguments.extend(further.iter().map(std::ffi::OsStr::new));
+    omnilife(arguments)
+}
+
+/// A temporary folder.
+pub(crate) fn scratch() -> TempDir {
+    tempfile::tempdir().unwrap()
+}
+
+/// A finished run of the sample with [`SMALL`] settings.
+pub(crate) struct SmallRun {
+    pub(crate) out: PathBuf,
+    pub(crate) ended: Ended,
+}
+
+static SMALL_RUN: LazyLock<SmallRun> = LazyLock::new(|| {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    remove_old(folder, Duration::from_secs(3600));
+    // Statics are never dropped: the folder stays until a later test run removes it.
+    let out = tempfile::Builder::new()
+        .prefix("small-run-")
+        .tempdir_in(folder)
+        .unwrap()
+        .keep();
+    let ended = run(&sample("street.mp4"), &out, &SMALL).succeeded();
+    SmallRun { out, ended }
+});
+
+fn remove_old(folder: &Path, age: Duration) {
+    for entry in fs::read_dir(folder).unwrap().filter_map(Result::ok) {
+        let is_ours = entry
+            .file_name()
+            .to_string_lossy()
+            .starts_with("small-run-");
+        let modified = entry.metadata().and_then(|metadata| metadata.modified());
+        if is_ours && modified.is_ok_and(|time| time < SystemTime::now() - age) {
+            fs::remove_dir_all(entry.path()).unwrap();
+        }
+    }
+}
+
+/// The finished run that all tests read.
+pub(crate) fn small_run() -> &'static SmallRun {
+    &SMALL_RUN
+}
+
+/// A copy of the finished run, to be changed.
+pub(crate) fn copy_of_small_run() -> TempDir {
+    let copy = scratch();
+    for file in files(&small_run().out) {
+        let target = copy.path().join(&file);
+        fs::create_dir_all(target.parent().unwrap()).unwrap();
+        fs::copy(small_run().out.join(&file), target).unwrap();
+    }
+    copy
+}
+
+/// All files in a folder and below, relative to it, sorted.
+pub(crate) fn files(folder: &Path) -> Vec<String> {
+    let mut found = Vec::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(next) = folders.pop() {
+        for entry in fs::read_dir(next).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else {
+                let relative = path.strip_prefix(folder).unwrap();
+                found.push(relative.to_str().unwrap().to_owned());
+            }
+        }
+    }
+    found.sort();
+    found
+}
+
+/// Checks that every file in a folder is whole: records parse as what their name says, pictures
+/// decode, tables end as they should, and nothing temporary is left.
+#[track_caller]
+pub(crate) fn assert_all_whole(folder: &Path) {
+    assert!(!temporary_left(folder), "{:?}", files(folder));
+    for file in files(folder) {
+        let path = folder.join(&file);
+        let extension = path.extension().unwrap_or_default().to_str().unwrap();
+        match extension {
+            "json" => check_record(&path).unwrap(),
+            "png" => drop(image::open(&path).unwrap()),
+            "parquet" => assert!(fs::read(&path).unwrap().ends_with(b"PAR1"), "{file}"),
+            "ply" => assert!(fs::read(&path).unwrap().starts_with(b"ply\n"), "{file}"),
+            "csv" | "md" => assert!(fs::read_to_string(&path).unwrap().ends_with('\n'), "{file}"),
+            _ => panic!("{file} is of no kind that is documented"),
+        }
+    }
+}
+
+fn temporary_left(folder: &Path) -> bool {
+    let mut folders = vec![folder.to_owned()];
+    while let Some(next) = folders.pop() {
+        for entry in fs::read_dir(next).unwrap() {
+            let entry = entry.unwrap();
+            if entry.file_name().to_string_lossy().starts_with(".tmp-") {
+                return true;
+            }
+            if entry.path().is_dir() {
+                folders.push(entry.path());
+            }
+        }
+    }
+    false
+}
+
+fn check_record(path: &Path) -> Result<(), StoreError> {
+    fn parses<T: Record>(path: &Path) -> Result<(), StoreError> {
+        store::read_record::<T>(path).map(drop)
+    }
+    if path.parent().unwrap().ends_with(".done") {
+        return parses::<Done>(path);
+    }
+    match path.file_name().unwrap().to_str().unwrap() {
+        "dataset.json" => parses::<Dataset>(path),
+        "analysis.json" => parses::<VideoAnalysis>(path),
+        "boundaries.json" => parses::<BoundaryLedger>(path),
+        "sequence.json" => parses::<Sequence>(path),
+        "scene.json" => parses::<Scene>(path),
+        "split.json" => parses::<Split>(path),
+        "run.json" => parses::<RunRecord>(path),
+        "result.json" => parses::<ResultRecord>(path),
+        name => panic!("{name} is no record that is documented"),
+    }
+}
+
+/// The scores in an output folder of the sample.
+pub(crate) fn result(out: &Path) -> ResultRecord {
+    store::read_record(&out.join(METHOD).join("score/result.json")).unwrap()
+}
+
+/// A picture, 8 bits per channel.
+pub(crate) fn picture(path: &Path) -> RgbImage {
+    image::open(path).unwrap().into_rgb8()
+}
