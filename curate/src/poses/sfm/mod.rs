@@ -275,5 +275,5 @@ fn describe(attempt: &SfmAttempt) -> String {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, unix))]
 mod tests;
