@@ -6,6 +6,7 @@ mod full_disk;
 mod geometry;
 mod help;
 mod main_job;
+#[cfg(unix)]
 mod many_videos;
 mod output;
 mod stages;
