@@ -163,33 +163,7 @@ impl<'a> Tile<'a> {
 
     #[inline(always)]
     fn footprint(&self, splat: &Splat) -> Footprint {
-        let half = 0.5 * self.image_width;
-        let reach = splat.extent[0] + MARGIN;
-        let mut offsets = [[0.0; LANES]; BLOCKS];
-        let mut touched = [false; BLOCKS];
-        for block in 0..BLOCKS {
-            let mut inside = 0;
-            for lane in 0..LANES {
-                let column = self.left + block * LANES + lane;
-                let distance = column as f32 + 0.5 - splat.centre[0];
-                let wrapped = if distance > half {
-                    distance - self.image_width
-                } else if distance < -half {
-                    distance + self.image_width
-                } else {
-                    distance
-                };
-                offsets[block][lane] = wrapped;
-                inside += u32::from(wrapped.abs() <= reach);
-            }
-            touched[block] = inside > 0;
-        }
-        let first_block = usize::from(!touched[0]);
-        let end_block = if touched[BLOCKS - 1] {
-            BLOCKS
-        } else {
-            BLOCKS - 1
-        };
+        let (offsets, blocks) = self.column_offsets(splat);
         // Row centres are at row + 1/2.
         let reach = splat.extent[1] + MARGIN;
         let centre = splat.centre[1] - self.top as f32 - 0.5;
@@ -197,11 +171,53 @@ impl<'a> Tile<'a> {
         let end_row = ((centre + reach).floor() + 1.0).max(0.0) as usize;
         Footprint {
             offsets,
-            blocks: first_block..end_block.max(first_block),
+            blocks,
             rows: first_row..end_row.min(self.rows).max(first_row),
         }
     }
 }
+
+impl Tile<'_> {
+    /// Offsets from the splat's centre to the columns, and the blocks its footprint can touch.
+    #[inline(always)]
+    fn column_offsets(&self, splat: &Splat) -> ([Lanes; BLOCKS], Range<usize>) {
+        let half = 0.5 * self.image_width;
+        let reach = splat.extent[0] + MARGIN;
+        let lane_offsets: [Lanes; BLOCKS] =
+            std::array::from_fn(|block| std::array::from_fn(|lane| (block * LANES + lane) as f32));
+        let mut first = self.left as f32 + 0.5 - splat.centre[0];
+        if reach + TILE as f32 >= half {
+            // So wide a footprint can reach one tile from both sides: every column wraps alone.
+            let offsets = lane_offsets.map(|lanes| {
+                lanes.map(|lane| {
+                    let distance = first + lane;
+                    distance
+                        - self.image_width
+                            * (f32::from(distance > half) - f32::from(distance < -half))
+                })
+            });
+            return (offsets, 0..BLOCKS);
+        }
+        // The whole tile lies on one side of the splat's antipode as far as the splat can reach.
+        let middle = first + 0.5 * TILE as f32;
+        if middle > half {
+            first -= self.image_width;
+        } else if middle < -half {
+            first += self.image_width;
+        }
+        let offsets = lane_offsets.map(|lanes| lanes.map(|lane| first + lane));
+        let touched = |block: usize| {
+            let begin = first + (block * LANES) as f32;
+            begin <= reach && begin + (LANES - 1) as f32 >= -reach
+        };
+        let begin = usize::from(!touched(0));
+        let end = BLOCKS - usize::from(!touched(BLOCKS - 1));
+        (offsets, begin..end.max(begin))
+    }
+}
+
+// `column_offsets` looks at the first and the last block only.
+const _: () = assert!(BLOCKS == 2);
 
 /// Widening of footprints in pixels, against rounding in the extents.
 const MARGIN: f32 = 0.01;
