@@ -194,7 +194,7 @@ impl<'a> Trainer<'a> {
             self.since_trace.2 += 1;
             progress.advance(1);
             let last = self.iteration == self.settings.iterations || self.stopped_by_budget;
-            if self.iteration % trace_interval == 0 || last {
+            if self.iteration.is_multiple_of(trace_interval) || last {
                 self.record(progress);
             }
         }

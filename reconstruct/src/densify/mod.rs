@@ -129,9 +129,10 @@ pub fn densify(
     let mut pruned = 0;
     let least_logit = logit(settings.prune_opacity);
     for (index, keep) in keep.iter_mut().enumerate() {
-        let faint = !(table.arrays[OPACITY_LOGITS].values[index] >= least_logit);
-        let large = !(relative_size(table, index) <= settings.prune_size);
-        if *keep && (faint || large) {
+        // Written so that NaN is pruned.
+        let useful = table.arrays[OPACITY_LOGITS].values[index] >= least_logit
+            && relative_size(table, index) <= settings.prune_size;
+        if *keep && !useful {
             *keep = false;
             pruned += 1;
         }

@@ -1,5 +1,7 @@
-//! ODGS: static Gaussians on the sphere (Lee et al., NeurIPS 2024; github.com/esw0116/ODGS), with
-//! the correct gradient.
+//! ODGS: static Gaussians on the sphere, with the correct gradient.
+//!
+//! Source: Lee et al., "ODGS: 3D Scene Reconstruction from Omnidirectional Images with 3D Gaussian
+//! Splattings", 2024, and its repository <https://github.com/esw0116/ODGS>.
 
 use omnilife_schemas::{progress::Progress, records::ComponentDecision};
 

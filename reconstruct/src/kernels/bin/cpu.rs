@@ -173,7 +173,8 @@ impl Grid {
         let begin = (splat.centre[0] + left - MARGIN - 0.5).ceil();
         let end = (splat.centre[0] + right + MARGIN - 0.5).floor() + 1.0;
         // Written so that a NaN takes the safe side.
-        if !(end - begin < self.width) {
+        let has_gap = end - begin < self.width;
+        if !has_gap {
             return all;
         }
         if begin >= end {

@@ -87,8 +87,9 @@ fn project_one(
     index: usize,
 ) -> Option<Splat> {
     let opacity = gaussians.opacities[index];
-    // Negated so that NaN is left out.
-    if !(opacity >= ALPHA_MIN) {
+    // Written so that NaN is left out.
+    let is_seen = opacity >= ALPHA_MIN;
+    if !is_seen {
         return None;
     }
     let linear = Linearization::new(view, gaussians, culling, index)?;
@@ -209,12 +210,14 @@ fn backward_one(
         view.rotation * to_v,
     );
     let (scale, rotation) = axes_vjp(gaussians.rotations[index], gaussians.scales[index], &d_axes);
-    let mut sh = [0.0; 3];
-    for channel in 0..3 {
+    // The clamp of the colour at 0 stops the gradient.
+    let sh = std::array::from_fn(|channel| {
         if splat.colour[channel] > 0.0 {
-            sh[channel] = SH_C0 * gradient.colour[channel];
+            SH_C0 * gradient.colour[channel]
+        } else {
+            0.0
         }
-    }
+    });
     OneGradient {
         position: view.rotation.transpose() * d_point,
         scale,

@@ -4,6 +4,10 @@
 //! [`LANES`] pixels, and blocks beside the footprint are left out. The arithmetic is written once
 //! over lanes and compiled twice: for the baseline and for AVX2. No operation is fused, so both
 //! give the same bits.
+#![expect(
+    clippy::needless_range_loop,
+    reason = "lanes, blocks and channels index several arrays at once"
+)]
 
 use std::ops::Range;
 
