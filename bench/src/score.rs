@@ -5,7 +5,6 @@
 //! disk is an error. Nothing is resized, skipped or replaced to make a score come out.
 
 use std::{
-    fs,
     path::{Path, PathBuf},
     time::Instant,
 };
@@ -13,7 +12,7 @@ use std::{
 use omnilife_schemas::{
     progress::Progress,
     records::{ResultRecord, RunRecord},
-    store::{self, StoreError},
+    store,
 };
 use rayon::prelude::*;
 
@@ -106,7 +105,8 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
     }
     let started = Instant::now();
     plan.begin()?;
-    remove_stale(&result_file)?;
+    // A result whose inputs have changed must not be found by a leaderboard if scoring fails now.
+    store::remove(&result_file)?;
     comparison::prepare_folder(&request.out)?;
 
     let views = job.views();
@@ -214,14 +214,4 @@ fn refuse_another_result(job: &ScoringJob, result_file: &Path) -> Result<(), Ben
             old.method, old.scene, old.protocol
         ),
     ))
-}
-
-/// A result whose inputs have changed must not be found by a leaderboard if scoring fails now.
-fn remove_stale(result_file: &Path) -> Result<(), StoreError> {
-    match fs::remove_file(result_file) {
-        Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
-            Err(StoreError::write(result_file, source))
-        }
-        _ => Ok(()),
-    }
 }

@@ -1,5 +1,5 @@
 //! Structure from motion on the sample clip, judged by its exact poses.
-//! `OMNILIFE_SFM_PYTHON=... cargo test -p omnilife-curate --test structure_from_motion -- --ignored`
+//! Skipped, with the reason, where structure from motion is not installed.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod support;
@@ -7,7 +7,9 @@ mod support;
 use std::path::Path;
 
 use glam::{DQuat, DVec3};
-use omnilife_curate::{CurateSettings, PoseRequest, SfmSettings, curate_video, pose_sequence};
+use omnilife_curate::{
+    CurateSettings, PoseRequest, SfmSettings, curate_video, pose_sequence, poses::sfm,
+};
 use omnilife_schemas::{
     progress::Silent,
     records::{Poses, Sampling, Scale, ValidationStatus},
@@ -15,8 +17,11 @@ use omnilife_schemas::{
 };
 
 #[test]
-#[ignore = "takes half a minute and needs pycolmap"]
 fn the_sample_clip_is_posed_to_a_tenth_of_a_degree() {
+    if let Err(reason) = sfm::installation() {
+        eprintln!("skipped: {reason}");
+        return;
+    }
     let sample = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data/street");
     let temp = tempfile::tempdir().unwrap();
     let settings = CurateSettings {

@@ -66,6 +66,8 @@ pub fn reconstruct(
         return Ok(store::read_record(&record_path)?);
     }
     stage.begin()?;
+    // A record of an earlier run must not stand beside new predictions.
+    store::remove(&record_path)?;
     let begun = Instant::now();
     let scene = TrainingScene::load(&request.scene, &request.split)?;
     let outcome = (method.train)(&scene, &request.settings, progress)?;
@@ -149,12 +151,7 @@ fn render_predictions(
     let mut render = |views: &[SceneView], name: &str| -> Result<(), ReconstructError> {
         let folder = out.join(name);
         // Views of an earlier run with another split would be scored by mistake.
-        match fs::remove_dir_all(&folder) {
-            Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
-                return Err(StoreError::write(&folder, source).into());
-            }
-            _ => {}
-        }
+        store::remove(&folder)?;
         store::create_folder(&folder)?;
         for view in views {
             let file = format!("{name}/{:06}.png", view.frame);

@@ -135,13 +135,7 @@ impl StagePlan {
     /// # Errors
     /// When an existing record cannot be removed.
     pub fn begin(&self) -> Result<(), StoreError> {
-        let path = self.record_path();
-        match fs::remove_file(&path) {
-            Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
-                Err(StoreError::write(&path, source))
-            }
-            _ => Ok(()),
-        }
+        store::remove(&self.record_path())
     }
 
     /// Writes the done-record for outputs given relative to the stage's folder.

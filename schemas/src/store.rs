@@ -90,6 +90,24 @@ pub fn create_folder(path: &Path) -> Result<(), StoreError> {
     fs::create_dir_all(path).map_err(|source| StoreError::write(path, source))
 }
 
+/// Removes a file, or a folder with all it holds. What is not there needs no removing.
+///
+/// # Errors
+/// When it is there and cannot be removed.
+pub fn remove(path: &Path) -> Result<(), StoreError> {
+    let removed = if path.is_dir() {
+        fs::remove_dir_all(path)
+    } else {
+        fs::remove_file(path)
+    };
+    match removed {
+        Err(source) if source.kind() != io::ErrorKind::NotFound => {
+            Err(StoreError::write(path, source))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Where a file is written before it gets its final name.
 ///
 /// The final extension is kept last, because image encoders choose the format by it.

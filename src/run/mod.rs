@@ -25,7 +25,7 @@ use omnilife_reconstruct::{
     job::{self, ReconstructRequest},
     methods::{self, MethodRequest},
 };
-use omnilife_schemas::{Blamed, progress::Progress, records::VideoStatus};
+use omnilife_schemas::{Blamed, progress::Progress, records::VideoStatus, store};
 
 use crate::{
     cli::RunArguments,
@@ -102,6 +102,13 @@ fn report(out: &Path, outcomes: &Outcomes, unscored: &[PathBuf]) -> anyhow::Resu
             out.join("videos/*/seq-*/*/*/score/comparisons").display()
         ))?;
     } else {
+        // Tables of an earlier run would look like this one's.
+        for file in [
+            omnilife_leaderboard::MARKDOWN_FILE,
+            omnilife_leaderboard::CSV_FILE,
+        ] {
+            store::remove(&out.join(file))?;
+        }
         exit::print(&outcomes.text())?;
     }
     outcomes.verdict()

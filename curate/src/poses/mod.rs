@@ -11,7 +11,6 @@ pub mod sfm;
 pub mod validate;
 
 use std::{
-    fs,
     path::{Path, PathBuf},
     time::Instant,
 };
@@ -138,7 +137,7 @@ fn write_scene(
             Some(POINTS_FILE.to_owned())
         }
         None => {
-            remove_stale(&points_path)?;
+            store::remove(&points_path)?;
             None
         }
     };
@@ -168,13 +167,4 @@ fn write_scene(
         validation: posed.validation,
     };
     Ok((scene, outputs))
-}
-
-fn remove_stale(path: &Path) -> Result<(), CurateError> {
-    match fs::remove_file(path) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-            Err(store::StoreError::write(path, error).into())
-        }
-        _ => Ok(()),
-    }
 }
