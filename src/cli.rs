@@ -141,13 +141,13 @@ pub(crate) struct MethodArguments {
     /// Reconstruction method.
     #[arg(long, default_value = METHODS[0].id)]
     pub(crate) method: String,
-    /// Ends training after this many seconds, whatever the iterations.
+    /// Ends training after this many seconds, whatever the iterations; schedules shrink to fit.
     #[arg(long, value_name = "SECONDS")]
     pub(crate) budget: Option<f64>,
     /// Seed of everything random.
     #[arg(long, default_value_t = 0)]
     pub(crate) seed: u64,
-    /// Most Gaussians [default: half the pixels of a view].
+    /// Adds no Gaussians above this number [default: half the pixels of a view].
     #[arg(long)]
     pub(crate) max_gaussians: Option<u64>,
 }

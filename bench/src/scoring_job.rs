@@ -295,24 +295,12 @@ fn check_run(
 /// The scene's size, or the protocol's width with the height in proportion (rounded to nearest).
 fn scored_size(scene: &Scene, split: &Split) -> Result<[u32; 2], BenchError> {
     let Resampling::Area = split.protocol.resampling;
-    let [width, height] = [scene.camera.width, scene.camera.height];
-    let reason = match split.protocol.width {
-        _ if width == 0 || height == 0 => format!("its images are {width}x{height} pixels"),
-        None => return Ok([width, height]),
-        Some(0) => "scored images would have no pixels".to_owned(),
-        Some(scored) if scored > width => format!(
-            "it scores images {scored} pixels wide, the scene has {width}, and ground truth is \
-             never enlarged"
-        ),
-        Some(scored) => {
-            let ratio = f64::from(height) / f64::from(width);
-            let scored_height = (f64::from(scored) * ratio).round().max(1.0) as u32;
-            return Ok([scored, scored_height]);
-        }
-    };
-    Err(BenchError::Protocol {
-        scene: scene.id.clone(),
-        protocol: protocols::title(&split.protocol),
-        reason,
-    })
+    split
+        .protocol
+        .scored_size(&scene.camera)
+        .map_err(|reason| BenchError::Protocol {
+            scene: scene.id.clone(),
+            protocol: protocols::title(&split.protocol),
+            reason,
+        })
 }

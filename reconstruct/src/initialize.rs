@@ -14,7 +14,8 @@ const POINT_OPACITY: f32 = 0.1;
 const SHELL_OPACITY: f32 = 0.8;
 /// Neighbours whose mean squared distance gives a Gaussian's first scale (3DGS).
 const NEIGHBOURS: usize = 3;
-/// First scales are kept within this factor of their median (methods.md 11.2).
+/// First scales are kept within this factor of their median, so that duplicate and lonely points
+/// give neither dust nor blankets.
 const SCALE_SPREAD: f32 = 10.0;
 /// The shell's radius over the 95th percentile of the points' distance from the mean camera.
 const SHELL_RADIUS_FACTOR: f32 = 1.5;

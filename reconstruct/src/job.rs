@@ -89,7 +89,8 @@ pub fn reconstruct(
         backend: Backend::Cpu {
             threads: rayon::current_num_threads() as u32,
         },
-        configuration: serde_json::to_value(&outcome.settings).unwrap_or_default(),
+        configuration: serde_json::to_value(&outcome.settings)
+            .map_err(|error| StoreError::write(&record_path, std::io::Error::other(error)))?,
         plan: outcome.plan.clone(),
         versions: BTreeMap::from([("omnilife".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
         inputs,
@@ -150,9 +151,8 @@ fn render_predictions(
     let mut files = Vec::with_capacity(total);
     let mut render = |views: &[SceneView], name: &str| -> Result<(), ReconstructError> {
         let folder = out.join(name);
-        // Views of an earlier run with another split would be scored by mistake.
-        store::remove(&folder)?;
         store::create_folder(&folder)?;
+        remove_predictions(&folder)?;
         for view in views {
             let file = format!("{name}/{:06}.png", view.frame);
             renderer
@@ -167,6 +167,23 @@ fn render_predictions(
         .and_then(|()| render(&scene.novel_views, NOVEL_FOLDER));
     progress.end();
     outcome.map(|()| files)
+}
+
+/// Removes the views of an earlier run, which another split would score by mistake, and nothing
+/// else.
+fn remove_predictions(folder: &Path) -> Result<(), StoreError> {
+    let is_prediction = |name: &str| {
+        name.strip_suffix(".png")
+            .is_some_and(|stem| stem.len() == 6 && stem.bytes().all(|byte| byte.is_ascii_digit()))
+    };
+    let entries = fs::read_dir(folder).map_err(|source| StoreError::read(folder, source))?;
+    for entry in entries {
+        let entry = entry.map_err(|source| StoreError::read(folder, source))?;
+        if is_prediction(&entry.file_name().to_string_lossy()) {
+            store::remove(&entry.path())?;
+        }
+    }
+    Ok(())
 }
 
 fn write_trace(path: &Path, trace: &[TracePoint]) -> Result<(), StoreError> {
@@ -184,6 +201,15 @@ fn warnings(scene: &TrainingScene, outcome: &MethodOutcome) -> Vec<String> {
     if scene.points.is_empty() {
         warnings
             .push("the scene has no points; training began from the sky shell alone".to_owned());
+    }
+    if outcome.trained.table.is_empty() {
+        warnings.push("no Gaussian is left; the views show the background".to_owned());
+    }
+    if scene.is_normalized_by_points {
+        warnings.push(
+            "the cameras hardly move in a scene of this size; it is normalized by its points"
+                .to_owned(),
+        );
     }
     if outcome.trained.refused_gradients > 0 {
         warnings.push(format!(

@@ -47,6 +47,8 @@ pub struct TrainingScene {
     pub novel_views: Vec<SceneView>,
     /// World to normalized coordinates.
     pub normalization: Similarity,
+    /// Whether the cameras stand too close together to give the scene its scale.
+    pub is_normalized_by_points: bool,
     /// Points in normalized coordinates with their colours; may be empty.
     pub points: PointCloud,
 }
@@ -68,15 +70,21 @@ impl TrainingScene {
             ));
         }
         let folder = scene_path.parent().unwrap_or(Path::new("."));
-        let camera = training_camera(&scene, &split, scene_path)?;
+        let camera = training_camera(&scene, &split, split_path)?;
         let centres: Vec<DVec3> = split
             .input_views
             .iter()
             .filter_map(|&frame| Some(scene.frames.get(frame as usize)?.pose?.centre()))
             .collect();
-        let normalization = Similarity::from_cameras(&centres).ok_or_else(|| {
+        let cameras = Similarity::from_cameras(&centres).ok_or_else(|| {
             ReconstructError::scene(split_path, "has no input view with a usable pose")
         })?;
+        let mut points = match &scene.points {
+            Some(file) => PointCloud::read_ply(&folder.join(file))?,
+            None => PointCloud::default(),
+        };
+        let normalization = normalization(cameras, &points);
+        normalize(&mut points, &normalization);
         let load = |frames: &[u32]| -> Result<Vec<SceneView>, ReconstructError> {
             frames
                 .par_iter()
@@ -88,8 +96,9 @@ impl TrainingScene {
             camera,
             input_views: load(&split.input_views)?,
             novel_views: load(&split.novel_views)?,
+            is_normalized_by_points: normalization != cameras,
             normalization,
-            points: load_points(&scene, folder, &normalization)?,
+            points,
         })
     }
 
@@ -125,22 +134,19 @@ fn median(mut values: Vec<f32>) -> f32 {
 fn training_camera(
     scene: &Scene,
     split: &Split,
-    scene_path: &Path,
+    split_path: &Path,
 ) -> Result<ErpCamera, ReconstructError> {
-    let ErpCamera { width, height } = scene.camera;
-    if width < 2 || height < 1 {
+    if split.protocol.hash() != split.protocol_hash {
         return Err(ReconstructError::scene(
-            scene_path,
-            format!("has a camera of {width}x{height} pixels"),
+            split_path,
+            "its protocol does not have the hash that it states",
         ));
     }
-    match split.protocol.width {
-        Some(scored) if scored < width => Ok(ErpCamera {
-            width: scored,
-            height: (scored / 2).max(1),
-        }),
-        _ => Ok(scene.camera),
-    }
+    let [width, height] = split
+        .protocol
+        .scored_size(&scene.camera)
+        .map_err(|reason| ReconstructError::scene(split_path, reason))?;
+    Ok(ErpCamera { width, height })
 }
 
 fn load_view(
@@ -183,18 +189,58 @@ fn load_view(
     })
 }
 
-fn load_points(
-    scene: &Scene,
-    folder: &Path,
-    normalization: &Similarity,
-) -> Result<PointCloud, ReconstructError> {
-    let Some(file) = &scene.points else {
-        return Ok(PointCloud::default());
-    };
-    let mut points = PointCloud::read_ply(&folder.join(file))?;
+/// Median distance of the points from the mean camera, in camera radii, above which the cameras do
+/// not give the scale.
+const FARTHEST_MEDIAN_POINT: f64 = 1000.0;
+
+/// The cameras' similarity; where they hardly move (a tripod), one that puts the median point at
+/// [`FARTHEST_MEDIAN_POINT`].
+fn normalization(cameras: Similarity, points: &PointCloud) -> Similarity {
+    let mut distances: Vec<f64> = points
+        .positions
+        .iter()
+        .map(|&position| {
+            cameras
+                .normalize(DVec3::from_array(position.map(f64::from)))
+                .length()
+        })
+        .collect();
+    distances.sort_by(f64::total_cmp);
+    match distances.get(distances.len() / 2) {
+        Some(&median) if median > FARTHEST_MEDIAN_POINT => Similarity {
+            scale: cameras.scale * FARTHEST_MEDIAN_POINT / median,
+            ..cameras
+        },
+        _ => cameras,
+    }
+}
+
+fn normalize(points: &mut PointCloud, normalization: &Similarity) {
     for position in &mut points.positions {
         let world = DVec3::from_array(position.map(f64::from));
         *position = normalization.normalize(world).as_vec3().to_array();
     }
-    Ok(points)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_still_camera_takes_its_scale_from_the_points() {
+        let centre = DVec3::new(3.0, 4.0, 5.0);
+        let points = PointCloud {
+            positions: vec![[8.0, 4.0, 5.0]; 3],
+            colours: vec![[0; 3]; 3],
+        };
+        let still = Similarity::from_cameras(&[centre; 4]).expect("cameras");
+        let similarity = normalization(still, &points);
+        let point = similarity.normalize(DVec3::new(8.0, 4.0, 5.0));
+        assert!(
+            (point.length() - FARTHEST_MEDIAN_POINT).abs() < 1e-6,
+            "{point}"
+        );
+        let moving = Similarity::from_cameras(&[centre, centre + DVec3::X]).expect("cameras");
+        assert_eq!(normalization(moving, &points), moving);
+    }
 }

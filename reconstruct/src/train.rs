@@ -41,7 +41,8 @@ pub struct LearningRates {
 pub struct TrainSettings {
     /// Steps of the optimizer.
     pub iterations: u64,
-    /// Stops after this wall-clock time, seconds, whatever the iterations.
+    /// Stops after this time in training steps, seconds of wall clock, whatever the iterations; what
+    /// the trace renders does not count.
     pub budget_seconds: Option<f64>,
     /// Seed of view order and split noise.
     pub seed: u64,
@@ -268,7 +269,9 @@ impl<'a> Trainer<'a> {
 
     fn control_density(&mut self) {
         let settings = &self.settings.densify;
-        let inside = (settings.begin_iteration..=settings.end_iteration).contains(&self.iteration);
+        // Under a time budget the window is that share of the time.
+        let due = (self.share_done() * self.settings.iterations as f32) as u64;
+        let inside = (settings.begin_iteration..=settings.end_iteration).contains(&due);
         if inside
             && self
                 .iteration
@@ -283,10 +286,7 @@ impl<'a> Trainer<'a> {
             self.statistics = Statistics::new(self.table.len());
         }
         let reset = settings.opacity_reset_iterations;
-        if self.iteration < settings.end_iteration
-            && reset > 0
-            && self.iteration.is_multiple_of(reset)
-        {
+        if due < settings.end_iteration && reset > 0 && self.iteration.is_multiple_of(reset) {
             densify::reset_opacities(&mut self.table);
         }
     }

@@ -163,7 +163,15 @@ fn images_are_those_of_the_reference() {
     // 40 and 72 are no multiples of a tile: the seam runs through tiles.
     for (width, height) in [(64, 32), (40, 20), (72, 36)] {
         for rotation in [DQuat::IDENTITY, turned()] {
-            let gaussians = scene(&mut random, 60);
+            let mut gaussians = scene(&mut random, 60);
+            // Inside the floor of rho beside the pole.
+            gaussians.push(at(
+                dvec3(0.002, -1.0, 0.001),
+                3.0,
+                [0.3, 0.2, 0.25],
+                0.4,
+                [0.3, 0.6, 0.2],
+            ));
             let reference_view = ref_view(width, height, rotation, dvec3(0.05, -0.02, 0.04));
             let (expected, _) = reference::render(&reference_view, &gaussians, None);
             let instant = instant(&table(&gaussians));
@@ -355,11 +363,20 @@ fn hopeless_gaussians_are_left_out_and_harm_nothing() {
     let gradient_of_one = vec![1.0; raster.colour.len()];
     let mut gradient = InstantGaussians::default();
     renderer.backward(&view, &instant, &gradient_of_one, &mut gradient);
+    let mut table = table(&hopeless);
+    static_gaussians::instantiate_vjp(&mut table, &instant, &gradient);
+    // Culled Gaussians get no gradient; a NaN parameter alone keeps its own.
+    for array in &table.arrays {
+        let of_clean = &array.gradients[..gaussians.len() * array.width];
+        assert!(
+            of_clean.iter().all(|value| value.is_finite()),
+            "{}",
+            array.name
+        );
+    }
     assert!(
-        gradient
-            .positions
-            .as_flattened()
+        gradient.positions[gaussians.len()..]
             .iter()
-            .all(|value| value.is_finite())
+            .all(|row| *row == [0.0; 3])
     );
 }

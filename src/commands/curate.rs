@@ -38,7 +38,7 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
             let videos = expand_inputs(videos)?;
             let settings = curation.settings(criteria, true);
             let curated = curate_dataset(&videos, out, &settings, progress)?;
-            exit::print(&summary(&curated.record))?;
+            let printed = exit::print(&summary(&curated.record));
             let mut outcomes = Outcomes::default();
             for video in &curated.record.videos {
                 outcomes.push(Outcome::curated(&video.file));
@@ -51,7 +51,8 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
                     error.blame(),
                 );
             }
-            outcomes.verdict()
+            outcomes.verdict()?;
+            printed
         }
         CurateCommand::Poses { sequence, poses } => {
             let scene = pose_sequence(sequence, &poses.request(), progress)?;

@@ -25,7 +25,12 @@ use omnilife_reconstruct::{
     job::{self, ReconstructRequest},
     methods::{self, MethodRequest},
 };
-use omnilife_schemas::{Blamed, progress::Progress, records::VideoStatus, store};
+use omnilife_schemas::{
+    Blamed,
+    progress::Progress,
+    records::{Dataset, VideoStatus},
+    store,
+};
 
 use crate::{
     cli::RunArguments,
@@ -62,18 +67,19 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
 
     let settings = arguments.curation.settings(&arguments.criteria, false);
     let curated = curate_dataset(&videos, &arguments.out, &settings, progress)?;
+    job.refuse_shared_masks(&curated.record)?;
     let mut outcomes = Outcomes::default();
-    let mut unscored = Vec::new();
+    let mut failed = Vec::new();
     for (index, video) in curated.record.videos.iter().enumerate() {
         if let VideoStatus::Curated { sequences } = &video.status {
             for sequence in sequences {
                 let folder = arguments.out.join(sequence);
-                let id = sequence.trim_start_matches("videos/");
+                let id = sequence.strip_prefix("videos/").unwrap_or(sequence);
                 outcomes.push(match job.score_sequence(&folder) {
                     Ok(()) => Outcome::scored(&video.file, id),
                     Err(error) => {
                         progress.note(&format!("{id}: {error}"));
-                        unscored.push(job.method_folder(&folder));
+                        failed.push(job.method_folder(&folder));
                         Outcome::failed(&video.file, id, &error, exit::blame(&error))
                     }
                 });
@@ -84,24 +90,36 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
         }
     }
     outcomes.write_csv(&arguments.out.join(OUTCOMES_FILE))?;
-    report(&arguments.out, &outcomes, &unscored)
+    // Other methods' scores of these videos belong into the table; what is left of a video that was
+    // not curated this time, or of a sequence that failed this time, does not.
+    let sequences: Vec<PathBuf> = curated
+        .record
+        .videos
+        .iter()
+        .filter_map(|video| match &video.status {
+            VideoStatus::Curated { sequences } => Some(sequences),
+            _ => None,
+        })
+        .flatten()
+        .map(|sequence| arguments.out.join(sequence))
+        .collect();
+    let is_current = |file: &Path| {
+        sequences.iter().any(|folder| file.starts_with(folder))
+            && !failed.iter().any(|folder| file.starts_with(folder))
+    };
+    let printed = report(&arguments.out, &outcomes, is_current);
+    // A closed pipe must not turn a failure into a success.
+    outcomes.verdict()?;
+    printed
 }
 
-/// Prints the table and the summary. Scores below the folders of `unscored` are of an earlier time
-/// and stay out of the table.
-fn report(out: &Path, outcomes: &Outcomes, unscored: &[PathBuf]) -> anyhow::Result<()> {
-    if outcomes.scored() > 0 {
-        let mut results = omnilife_leaderboard::collect(out)?;
-        results.retain(|(file, _)| !unscored.iter().any(|folder| file.starts_with(folder)));
-        let tables = omnilife_leaderboard::build(&results, out)?;
-        exit::print(&format!(
-            "{}\n{}\nTable: {}\nRendered views beside their ground truth: {}\n",
-            tables.markdown,
-            outcomes.text(),
-            tables.markdown_file.display(),
-            out.join("videos/*/seq-*/*/*/score/comparisons").display()
-        ))?;
-    } else {
+/// Builds and prints the table of the results that `is_current` accepts, and the summary.
+fn report(
+    out: &Path,
+    outcomes: &Outcomes,
+    is_current: impl Fn(&Path) -> bool,
+) -> anyhow::Result<()> {
+    if outcomes.scored() == 0 {
         // Tables of an earlier run would look like this one's.
         for file in [
             omnilife_leaderboard::MARKDOWN_FILE,
@@ -109,9 +127,18 @@ fn report(out: &Path, outcomes: &Outcomes, unscored: &[PathBuf]) -> anyhow::Resu
         ] {
             store::remove(&out.join(file))?;
         }
-        exit::print(&outcomes.text())?;
+        return exit::print(&outcomes.text());
     }
-    outcomes.verdict()
+    let mut results = omnilife_leaderboard::collect(out)?;
+    results.retain(|(file, _)| is_current(file));
+    let tables = omnilife_leaderboard::build(&results, out)?;
+    exit::print(&format!(
+        "{}\n{}\nTable: {}\nRendered views beside their ground truth: {}\n",
+        tables.markdown,
+        outcomes.text(),
+        tables.markdown_file.display(),
+        out.join("videos/*/seq-*/*/*/score/comparisons").display()
+    ))
 }
 
 /// What is done to every sequence.
@@ -126,6 +153,28 @@ struct Job<'a> {
 impl Job<'_> {
     fn poses_are_given(&self) -> bool {
         matches!(self.poses, PoseRequest::Given(_))
+    }
+
+    /// Masks are named by frame, and every sequence counts its frames from 0.
+    fn refuse_shared_masks(&self, dataset: &Dataset) -> anyhow::Result<()> {
+        let sequences: usize = dataset
+            .videos
+            .iter()
+            .map(|video| match &video.status {
+                VideoStatus::Curated { sequences } => sequences.len(),
+                _ => 0,
+            })
+            .sum();
+        match &self.poses {
+            PoseRequest::Sfm(settings) if settings.masks.is_some() && sequences > 1 => {
+                Err(BadRequest(format!(
+                    "--masks belongs to one sequence, the videos gave {sequences}; pose them one \
+                     by one with `omnilife curate poses`"
+                ))
+                .into())
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Where the run and the scores of a sequence go.

@@ -1,6 +1,6 @@
 //! The equirectangular camera: projection, its Jacobian, and the VJP of both.
 //!
-//! Source: methods.md 2.1 / OmniGS `cuda_rasterizer/forward.cu`; the same first-order footprint as
+//! Source: OmniGS `cuda_rasterizer/forward.cu`; the same first-order footprint as
 //! ODGS's tangent plane. With `p = (x, y, z)`, `d = |p|`, `rho = hypot(x, z)`, `kx = W / 2pi`,
 //! `ky = H / pi`:
 //!

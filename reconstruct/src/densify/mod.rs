@@ -1,6 +1,6 @@
 //! Adaptive density control of 3DGS: clone, split, prune, reset opacities.
 //!
-//! Source: 3DGS `scene/gaussian_model.py`, `train.py`; methods.md section 1. Two readings differ
+//! Source: 3DGS `scene/gaussian_model.py`, `train.py`. Two readings differ
 //! from the published code, because its thresholds are in scene units:
 //!
 //! * Sizes are compared with the Gaussian's distance from the mean camera, floored at the cameras'
@@ -129,7 +129,7 @@ pub fn densify(
     let mut pruned = 0;
     let least_logit = logit(settings.prune_opacity);
     for (index, keep) in keep.iter_mut().enumerate() {
-        // Written so that NaN is pruned.
+        // Written so that a NaN opacity or size is pruned.
         let useful = table.arrays[OPACITY_LOGITS].values[index] >= least_logit
             && relative_size(table, index) <= settings.prune_size;
         if *keep && !useful {

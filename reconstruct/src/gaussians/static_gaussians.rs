@@ -1,7 +1,7 @@
 //! The static parameterization of 3DGS: nothing depends on time.
 //!
 //! `scale = exp(raw)`, `opacity = sigmoid(raw)`, `rotation = raw / |raw|`
-//! (3DGS `scene/gaussian_model.py`; methods.md section 1).
+//! (3DGS `scene/gaussian_model.py`).
 
 use rayon::prelude::*;
 
@@ -18,9 +18,9 @@ pub const OPACITY_LOGITS: usize = 3;
 /// Position of `sh_constant` (3 values) in the table.
 pub const SH_CONSTANT: usize = 4;
 
-/// Bounds of the raw logarithmic scale: `exp` neither overflows nor vanishes (methods.md 11.7).
-const LOG_SCALE_RANGE: (f32, f32) = (-15.0, 10.0);
-/// Added to a quaternion's length, so that a zero quaternion gives a zero rotation, not NaN.
+/// Bounds of the raw logarithmic scale: neither `exp` nor its square overflows or vanishes.
+const LOG_SCALE_RANGE: (f32, f32) = (-30.0, 20.0);
+/// Added to a quaternion's length, so that a zero quaternion gives the identity, not NaN.
 const QUATERNION_EPSILON: f32 = 1e-12;
 
 /// Initial values of static Gaussians, one entry per Gaussian in each array.

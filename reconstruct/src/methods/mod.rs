@@ -19,7 +19,7 @@ pub struct MethodRequest {
     pub budget_seconds: Option<f64>,
     /// Random seed.
     pub seed: u64,
-    /// Most Gaussians; the method decides where none is given.
+    /// No Gaussian is added above this number; the method decides where none is given.
     pub maximum_gaussians: Option<u64>,
 }
 

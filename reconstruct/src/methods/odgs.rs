@@ -23,9 +23,11 @@ pub const METHOD: Method = Method {
     source: "S. Lee et al., ODGS: 3D Scene Reconstruction from Omnidirectional Images with 3D \
              Gaussian Splattings, NeurIPS 2024",
     description: "Static Gaussians under the ERP Jacobian with exact gradients, footprints that \
-                  wrap around the seam, half-pixel centres and SH degree 0. Schedules scale with \
-                  the iterations; sizes are relative to distance; open sky gets a shell of \
-                  Gaussians.",
+                  wrap around the seam, half-pixel centres and SH degree 0. Departures: schedules \
+                  scale with the iterations (no opacity resets below 5,000); sizes are relative \
+                  to distance, position steps to the median distance of the points; the \
+                  densification threshold is that of 3DGS (2e-4); the number of Gaussians is \
+                  limited; open sky gets a shell of Gaussians.",
     train,
 };
 
@@ -60,7 +62,7 @@ pub fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainSettings
         seed: request.seed,
         ssim_weight: 0.2,
         background: [0.0; 3],
-        // The published 0.2 is in scene units; methods.md 2.3 relates it to the cameras' spacing.
+        // The published 0.2 is in scene units; this is relative to the cameras' spacing.
         near: (0.01 * scene.median_camera_step()).clamp(1e-6, 0.2),
         learning_rates: LearningRates {
             positions: Decay {

@@ -3,7 +3,10 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::store::{self, Record};
+use crate::{
+    camera::ErpCamera,
+    store::{self, Record},
+};
 
 /// The rules of a benchmark. Scores of protocols with different hashes are never ranked together.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -29,6 +32,31 @@ impl Record for Protocol {
 }
 
 impl Protocol {
+    /// Width and height of the scored images of a scene, in pixels: the scene's own, or the
+    /// protocol's width with the height in proportion (rounded to nearest).
+    ///
+    /// # Errors
+    /// When nothing could be scored at that size; says why.
+    pub fn scored_size(&self, camera: &ErpCamera) -> Result<[u32; 2], String> {
+        let [width, height] = [camera.width, camera.height];
+        match self.width {
+            _ if width == 0 || height == 0 => {
+                Err(format!("its images are {width}x{height} pixels"))
+            }
+            None => Ok([width, height]),
+            Some(0) => Err("scored images would have no pixels".to_owned()),
+            Some(scored) if scored > width => Err(format!(
+                "it scores images {scored} pixels wide, the scene has {width}, and ground truth is \
+                 never enlarged"
+            )),
+            Some(scored) => {
+                let ratio = f64::from(height) / f64::from(width);
+                let scored_height = (f64::from(scored) * ratio).round().max(1.0) as u32;
+                Ok([scored, scored_height])
+            }
+        }
+    }
+
     /// SHA-256 of the protocol's JSON; the first 12 digits are printed beside scores.
     pub fn hash(&self) -> String {
         // A protocol is numbers and strings: its JSON cannot fail. An error would still give a

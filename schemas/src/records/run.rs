@@ -36,7 +36,8 @@ pub struct RunRecord {
     pub training_seconds: f64,
     /// Rendering time of all predictions in wall-clock seconds.
     pub rendering_seconds: f64,
-    /// Highest resident memory of the process, bytes, where the system tells.
+    /// Highest resident memory of the process since it began, bytes, where the system tells. In a
+    /// process that did more than this run, that of all its work.
     pub peak_memory_bytes: Option<u64>,
     /// The similarity under which the scene was trained.
     pub normalization: Similarity,

@@ -11,7 +11,7 @@ const EPSILON: f32 = 1e-15;
 /// Step number `step` (from 1) of one array with its own learning rate. A gradient that is not
 /// finite counts as zero; the number of such values is returned.
 pub fn step(array: &mut ParameterArray, step: u64) -> usize {
-    // Past some thousand steps the corrections are 1 to the last bit.
+    // Long before this many steps the corrections are 1 to the last bit.
     let exponent = step.min(100_000) as i32;
     let correction_1 = 1.0 - f64::from(BETA_1).powi(exponent);
     let correction_2 = 1.0 - f64::from(BETA_2).powi(exponent);

@@ -1,6 +1,6 @@
 //! The projection on the processor.
 
-use glam::{Vec2, Vec3, vec2, vec3};
+use glam::{Vec2, Vec3, vec3};
 use rayon::prelude::*;
 
 use super::{Culling, Splat, SplatGradient, axes};
@@ -58,7 +58,7 @@ impl Linearization {
         let point = view.rotation * (centre - view.centre);
         let distance = point.length();
         let largest = scale[0].max(scale[1]).max(scale[2]);
-        // Written so that NaN anywhere culls.
+        // Written so that NaN culls; what `max` hides of it is caught with the determinant.
         let visible = distance > culling.near && distance < f32::MAX && largest < distance;
         if !visible {
             return None;
@@ -248,11 +248,4 @@ fn axes_vjp(rotation: [f32; 4], scale: [f32; 3], d_axes: &[Vec3; 3]) -> ([f32; 3
         2.0 * (x * (c0.z + c2.x) + y * (c1.z + c2.y) + w * (c0.y - c1.x) - 2.0 * z * (c0.x + c1.y)),
     ];
     (d_scale, d_rotation)
-}
-
-/// Length of a splat's image-space gradient in 3DGS's normalized device coordinates (pixel
-/// gradient times half the image size): the statistic that densification thresholds.
-pub fn normalized_device_gradient(view: &View, gradient: &SplatGradient) -> f32 {
-    let half = vec2(view.camera.width as f32, view.camera.height as f32) * 0.5;
-    (Vec2::from_array(gradient.centre) * half).length()
 }
