@@ -1,7 +1,7 @@
 //! Rasterization on the processor: one tile per task, half a row of a tile per vector step.
 //!
 //! Most footprints are a few pixels wide, so a row of a tile is walked as two *blocks* of
-//! [`LANES`] pixels, and blocks beside the footprint are left out. The arithmetic is written once
+//! 8 pixels, and blocks beside the footprint are left out. The arithmetic is written once
 //! over lanes and compiled twice: for the baseline and for AVX2. No operation is fused, so both
 //! give the same bits.
 #![expect(
@@ -9,25 +9,18 @@
     reason = "lanes, blocks and channels index several arrays at once"
 )]
 
-use std::ops::Range;
-
 use rayon::prelude::*;
 
-use super::Raster;
+use super::{
+    Raster,
+    lanes::{BLOCKS, LANES, Lanes, Plane, all_zero, block_alpha, block_blend, sum_blocks},
+    tile::{Alive, Tile, tile_range},
+};
 use crate::kernels::{
-    ALPHA_MAX, ALPHA_MIN, TILE, TRANSMITTANCE_MIN,
-    bin::{TileItem, TileLists},
+    TILE,
+    bin::TileLists,
     project::{Splat, SplatGradient},
 };
-
-/// Pixels per vector step.
-const LANES: usize = 8;
-/// Vector steps per row of a tile.
-const BLOCKS: usize = TILE / LANES;
-
-type Lanes = [f32; LANES];
-/// One value per pixel of a tile: rows of blocks of lanes.
-type Plane = [[Lanes; BLOCKS]; TILE];
 
 /// Renders `splats` with their tile `lists` over a background colour.
 pub fn forward(
@@ -119,222 +112,10 @@ impl SplatGradient {
     }
 }
 
-fn tile_range(lists: &TileLists, tile: usize) -> Range<usize> {
-    lists.tile_starts[tile] as usize..lists.tile_starts[tile + 1] as usize
-}
-
-/// A tile's place in the image and its list.
-struct Tile<'a> {
-    /// First column of pixels.
-    left: usize,
-    /// First row of pixels.
-    top: usize,
-    /// Columns inside the image.
-    columns: usize,
-    /// Rows inside the image.
-    rows: usize,
-    image_width: f32,
-    items: &'a [TileItem],
-}
-
-/// A splat seen from a tile: where its footprint can be.
-struct Footprint {
-    /// Column offsets from the splat's centre to the pixel centres, the short way around the seam.
-    offsets: [Lanes; BLOCKS],
-    /// Blocks with a pixel inside the footprint's width.
-    blocks: Range<usize>,
-    /// Rows with a pixel inside the footprint's height.
-    rows: Range<usize>,
-}
-
-impl<'a> Tile<'a> {
-    fn new(
-        size: (usize, usize),
-        lists: &'a TileLists,
-        tile_row: usize,
-        tile_column: usize,
-    ) -> Self {
-        let (left, top) = (tile_column * TILE, tile_row * TILE);
-        Self {
-            left,
-            top,
-            columns: TILE.min(size.0 - left),
-            rows: TILE.min(size.1 - top),
-            image_width: size.0 as f32,
-            items: &lists.items[tile_range(lists, tile_row * lists.columns + tile_column)],
-        }
-    }
-
-    #[inline(always)]
-    fn footprint(&self, splat: &Splat) -> Footprint {
-        let (offsets, blocks) = self.column_offsets(splat);
-        // Row centres are at row + 1/2.
-        let reach = splat.extent[1] + MARGIN;
-        let centre = splat.centre[1] - self.top as f32 - 0.5;
-        let first_row = (centre - reach).ceil().max(0.0) as usize;
-        let end_row = ((centre + reach).floor() + 1.0).max(0.0) as usize;
-        Footprint {
-            offsets,
-            blocks,
-            rows: first_row..end_row.min(self.rows).max(first_row),
-        }
-    }
-}
-
-impl Tile<'_> {
-    /// Offsets from the splat's centre to the columns, and the blocks its footprint can touch.
-    #[inline(always)]
-    fn column_offsets(&self, splat: &Splat) -> ([Lanes; BLOCKS], Range<usize>) {
-        let half = 0.5 * self.image_width;
-        let reach = splat.extent[0] + MARGIN;
-        let lane_offsets: [Lanes; BLOCKS] =
-            std::array::from_fn(|block| std::array::from_fn(|lane| (block * LANES + lane) as f32));
-        let mut first = self.left as f32 + 0.5 - splat.centre[0];
-        if reach + TILE as f32 >= half {
-            // So wide a footprint can reach one tile from both sides: every column wraps alone.
-            let offsets = lane_offsets.map(|lanes| {
-                lanes.map(|lane| {
-                    let distance = first + lane;
-                    distance
-                        - self.image_width
-                            * (f32::from(distance > half) - f32::from(distance < -half))
-                })
-            });
-            return (offsets, 0..BLOCKS);
-        }
-        // The whole tile lies on one side of the splat's antipode as far as the splat can reach.
-        let middle = first + 0.5 * TILE as f32;
-        if middle > half {
-            first -= self.image_width;
-        } else if middle < -half {
-            first += self.image_width;
-        }
-        let offsets = lane_offsets.map(|lanes| lanes.map(|lane| first + lane));
-        let touched = |block: usize| {
-            let begin = first + (block * LANES) as f32;
-            begin <= reach && begin + (LANES - 1) as f32 >= -reach
-        };
-        let begin = usize::from(!touched(0));
-        let end = BLOCKS - usize::from(!touched(BLOCKS - 1));
-        (offsets, begin..end.max(begin))
-    }
-}
-
-// `column_offsets` looks at the first and the last block only.
-const _: () = assert!(BLOCKS == 2);
-
-/// Widening of footprints in pixels, against rounding in the extents.
-const MARGIN: f32 = 0.01;
-
 /// Per-pixel state of a tile.
 struct TileState {
     colour: [Plane; 3],
     transmittance: Plane,
-}
-
-/// Which pixels still take splats: 1 or 0.
-struct Alive {
-    pixels: Plane,
-    blocks: [[bool; BLOCKS]; TILE],
-    count: usize,
-}
-
-impl Alive {
-    #[inline(always)]
-    fn new(tile: &Tile<'_>) -> Self {
-        Self {
-            pixels: [[[1.0; LANES]; BLOCKS]; TILE],
-            blocks: [[true; BLOCKS]; TILE],
-            count: tile.rows * BLOCKS,
-        }
-    }
-
-    /// Notes that a block may have lost its last pixel.
-    #[inline(always)]
-    fn update(&mut self, row: usize, block: usize) {
-        if all_zero(&self.pixels[row][block]) {
-            self.blocks[row][block] = false;
-            self.count -= 1;
-        }
-    }
-}
-
-/// `exp(x)` for `x <= 0`, relative error below 1e-6 down to -6 and 1e-5 down to -80, where it stays;
-/// branch-free so that it vectorizes.
-#[inline(always)]
-fn exp_negative(x: f32) -> f32 {
-    let x = x.max(-80.0);
-    let scaled = x * std::f32::consts::LOG2_E;
-    // Rounds to the nearest integer by pushing the fraction out of the mantissa.
-    const ROUNDER: f32 = 12_582_912.0; // 1.5 * 2^23
-    let shifted = scaled + ROUNDER;
-    let f = scaled - (shifted - ROUNDER);
-    // 2^f on [-1/2, 1/2], Taylor coefficients of exp(f ln 2) up to the sixth power.
-    let mut p = 1.540_353e-4;
-    p = p * f + 1.333_355_8e-3;
-    p = p * f + 9.618_129e-3;
-    p = p * f + 5.550_411e-2;
-    p = p * f + 2.402_265e-1;
-    p = p * f + 6.931_472e-1;
-    p = p * f + 1.0;
-    // The integer stands in the low bits of the shifted sum.
-    let exponent = shifted
-        .to_bits()
-        .wrapping_sub(ROUNDER.to_bits())
-        .wrapping_add(127)
-        << 23;
-    p * f32::from_bits(exponent)
-}
-
-/// `alpha` and the falloff `exp(-q/2)` of one splat on one block at row offset `y`.
-#[inline(always)]
-fn block_alpha(splat: &Splat, offsets: &Lanes, y: f32, alive: &Lanes) -> (Lanes, Lanes) {
-    let [a, b, c] = splat.conic;
-    let (half_a, by, half_cyy) = (-0.5 * a, -b * y, -0.5 * c * y * y);
-    let mut alpha = [0.0; LANES];
-    let mut falloff = [0.0; LANES];
-    for lane in 0..LANES {
-        let x = offsets[lane];
-        // Rounding can push the exponent of a needle above zero.
-        let power = (half_a * x * x + by * x + half_cyy).min(0.0);
-        falloff[lane] = exp_negative(power);
-        let opacity = (splat.opacity * falloff[lane]).min(ALPHA_MAX) * alive[lane];
-        alpha[lane] = if opacity >= ALPHA_MIN { opacity } else { 0.0 };
-    }
-    (alpha, falloff)
-}
-
-/// One step of compositing on one block: blends `alpha` unless a pixel has to stop before it.
-/// Returns the weights `T alpha`; `alpha` is zeroed where the pixel stopped.
-#[inline(always)]
-fn block_blend(alpha: &mut Lanes, transmittance: &mut Lanes, alive: &mut Lanes) -> Lanes {
-    let mut weights = [0.0; LANES];
-    for lane in 0..LANES {
-        let next = transmittance[lane] * (1.0 - alpha[lane]);
-        let go_on = if next < TRANSMITTANCE_MIN { 0.0 } else { 1.0 };
-        alpha[lane] *= go_on;
-        alive[lane] *= go_on;
-        weights[lane] = transmittance[lane] * alpha[lane];
-        transmittance[lane] *= 1.0 - alpha[lane];
-    }
-    weights
-}
-
-/// Whether every lane is +0.
-#[inline(always)]
-fn all_zero(lanes: &Lanes) -> bool {
-    lanes.iter().fold(0, |bits, lane| bits | lane.to_bits()) == 0
-}
-
-#[inline(always)]
-fn sum(lanes: &Lanes) -> f32 {
-    let half: [f32; 4] = std::array::from_fn(|lane| lanes[lane] + lanes[lane + 4]);
-    (half[0] + half[2]) + (half[1] + half[3])
-}
-
-#[inline(always)]
-fn sum_blocks(blocks: &[Lanes; BLOCKS]) -> f32 {
-    blocks.iter().map(sum).sum()
 }
 
 #[inline(always)]
@@ -550,27 +331,4 @@ fn tile_gradients(
         return unsafe { tile_gradients_avx2(tile, splats, raster, image_gradient) };
     }
     tile_gradients_generic(tile, splats, raster, image_gradient)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn fast_exponential_is_the_exponential() {
-        for step in 0..8000 {
-            let x = -(step as f32) * 0.01;
-            let exact = f64::from(x).exp();
-            let error = (f64::from(exp_negative(x)) - exact).abs() / exact;
-            assert!(error < 1e-5, "exp({x}) is off by {error}");
-        }
-        for step in 0..600 {
-            let x = -(step as f32) * 0.01;
-            let exact = f64::from(x).exp();
-            let error = (f64::from(exp_negative(x)) - exact).abs() / exact;
-            assert!(error < 1e-6, "exp({x}) is off by {error}");
-        }
-        assert!(exp_negative(f32::NEG_INFINITY) < 1e-30);
-        assert_eq!(exp_negative(0.0), 1.0);
-    }
 }

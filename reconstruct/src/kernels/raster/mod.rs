@@ -21,6 +21,8 @@
 //! `backward.cu`.
 
 pub mod cpu;
+mod lanes;
+mod tile;
 
 /// A rendered image and what its backward pass needs.
 #[derive(Debug, Clone, PartialEq, Default)]
