@@ -24,6 +24,8 @@ pub(crate) struct Cli {
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     /// The main job: from raw 360-degree videos to a scored table.
+    // The last of repeated options counts: scripts put their defaults first.
+    #[command(args_override_self = true)]
     Run(RunArguments),
     /// Raw video to verified, cut and posed sequences.
     #[command(subcommand)]
@@ -300,6 +302,16 @@ mod tests {
     #[test]
     fn the_command_line_is_consistent() {
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn the_last_of_repeated_options_counts() {
+        let words = "omnilife run a.mp4 --out o --iterations 1 --iterations 2";
+        let cli = Cli::try_parse_from(words.split(' ')).map(|cli| cli.command);
+        assert!(
+            matches!(&cli, Ok(Command::Run(run)) if run.iterations == 2),
+            "{cli:?}"
+        );
     }
 
     #[test]
