@@ -76,6 +76,8 @@ pub fn pose_sequence(
         return Ok(store::read_record(&scene_path)?);
     }
     plan.begin()?;
+    // If posing fails now, the scene of earlier poses must not be taken for these.
+    store::remove(&scene_path)?;
     let started = Instant::now();
     let posed = match request {
         PoseRequest::Given(path) => given::read(path, &sequence)?,

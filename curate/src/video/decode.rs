@@ -138,10 +138,11 @@ impl VideoReader {
 
     /// Hands the decoder its next packet, or the end of the stream.
     fn feed(&mut self) -> Result<(), CurateError> {
-        let mut packet = ffmpeg::Packet::empty();
-        loop {
+        let packet = loop {
+            // A new one every time: reading into a filled packet would leak what it holds.
+            let mut packet = ffmpeg::Packet::empty();
             match packet.read(&mut self.input) {
-                Ok(()) if packet.stream() == self.stream_index => break,
+                Ok(()) if packet.stream() == self.stream_index => break packet,
                 Ok(()) => {}
                 Err(ffmpeg::Error::Eof) if self.draining => {
                     return Err(self.broken(&ffmpeg::Error::Eof));
@@ -152,7 +153,7 @@ impl VideoReader {
                 }
                 Err(error) => return Err(self.broken(&error)),
             }
-        }
+        };
         self.last_packet_is_partial = packet.is_corrupt();
         match self.decoder.send_packet(&packet) {
             Ok(()) => Ok(()),
