@@ -1,0 +1,47 @@
+//! `omnilife bench`.
+
+use std::path::PathBuf;
+
+use clap::Subcommand;
+use omnilife_bench::PROTOCOLS;
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum BenchCommand {
+    /// Writes the split of a scene.
+    Split {
+        /// The scene.json.
+        scene: PathBuf,
+        /// The split.json to write.
+        #[arg(long)]
+        out: PathBuf,
+        /// The rules.
+        #[arg(long, default_value = PROTOCOLS[0].id)]
+        protocol: String,
+    },
+    /// Scores predictions: a run, or folders of PNG files named by frame (000004.png).
+    Score {
+        /// The scene.json.
+        #[arg(long)]
+        scene: PathBuf,
+        /// The split.json.
+        #[arg(long)]
+        split: PathBuf,
+        /// Folder for the scores.
+        #[arg(long)]
+        out: PathBuf,
+        /// The run.json of a run of ours.
+        #[arg(long, conflicts_with_all = ["novel_views", "input_views"])]
+        run: Option<PathBuf>,
+        /// Folder of predicted novel views.
+        #[arg(long, required_unless_present_any = ["run", "input_views"])]
+        novel_views: Option<PathBuf>,
+        /// Folder of predicted input views.
+        #[arg(long)]
+        input_views: Option<PathBuf>,
+        /// Name of the method in the tables.
+        #[arg(long, required_unless_present = "run")]
+        method: Option<String>,
+    },
+    /// Lists the protocols and the metrics.
+    List,
+}

@@ -1,0 +1,36 @@
+//! `omnilife run`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use omnilife_bench::PROTOCOLS;
+
+use super::{
+    curate::{CurationArguments, PoseArguments},
+    reconstruct::MethodArguments,
+};
+
+#[derive(Debug, Args)]
+pub(crate) struct RunArguments {
+    /// Videos, or folders of videos.
+    #[arg(required = true)]
+    pub(crate) videos: Vec<PathBuf>,
+    /// Folder for everything that is made.
+    #[arg(long)]
+    pub(crate) out: PathBuf,
+    #[command(flatten)]
+    pub(crate) curation: CurationArguments,
+    /// Criteria that are evaluated and reported; nothing is rejected by them.
+    #[arg(long, default_value = "omnilife360")]
+    pub(crate) criteria: String,
+    #[command(flatten)]
+    pub(crate) poses: PoseArguments,
+    #[command(flatten)]
+    pub(crate) method: MethodArguments,
+    /// Optimizer steps; schedules scale with them. The published protocol is 30000.
+    #[arg(long, default_value_t = 1500)]
+    pub(crate) iterations: u64,
+    /// The rules of splitting and scoring.
+    #[arg(long, default_value = PROTOCOLS[0].id)]
+    pub(crate) protocol: String,
+}
