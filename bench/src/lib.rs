@@ -17,6 +17,7 @@ pub mod split;
 mod comparison;
 mod frames_table;
 mod prediction;
+mod scene_identity;
 mod scoring_job;
 mod summary;
 mod truth;

@@ -15,6 +15,7 @@ use crate::{
     error::BenchError,
     metrics::{self, Metric},
     protocols,
+    scene_identity::SceneIdentity,
     score::{Predictions, ScoreRequest},
     split,
 };
@@ -49,6 +50,7 @@ pub(crate) struct ScoringJob {
     pub(crate) scene: Scene,
     pub(crate) split: Split,
     pub(crate) metrics: Vec<&'static Metric>,
+    pub(crate) identity: SceneIdentity,
     /// Width and height of the scored images in pixels.
     pub(crate) size: [u32; 2],
     pub(crate) run: Option<RunRecord>,
@@ -98,6 +100,7 @@ impl ScoringJob {
             method: request.method.clone(),
             metrics: metrics::of_protocol(&split.protocol)?,
             size: scored_size(&scene, &split)?,
+            identity: SceneIdentity::of_split(&request.scene, &scene, &split)?,
             scene,
             split,
             run,
@@ -187,12 +190,13 @@ impl ScoringJob {
         warnings
     }
 
-    /// The stage with every input hashed: records, ground truth and predictions.
+    /// The stage with every input: records, ground truth (in the scene's identity), predictions.
     pub(crate) fn stage(&self, out: &Path) -> Result<StagePlan, BenchError> {
         let mut plan = StagePlan::new(out, "score")
             .with_text("method", &self.method)
             .with_text("stray predictions", &self.strays.to_string())
             .with_file(&self.scene_file)?
+            .with_hash("frames of the split", self.identity.sha256.clone())
             .with_file(&self.split_file)?;
         plan = match &self.run_file {
             Some(file) => plan.with_file(file)?,
@@ -200,13 +204,10 @@ impl ScoringJob {
         };
         for view in self.views() {
             let name = format!("{} view {:06}", view.kind, view.frame);
-            let truth = store::sha256_file(&self.truth_file(view.frame))?;
-            plan = plan
-                .with_hash(&format!("{name}, ground truth"), truth)
-                .with_text(
-                    &format!("{name}, prediction"),
-                    &fingerprint(&self.prediction_file(view)),
-                );
+            plan = plan.with_text(
+                &format!("{name}, prediction"),
+                &fingerprint(&self.prediction_file(view)),
+            );
         }
         Ok(plan)
     }

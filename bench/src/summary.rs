@@ -26,6 +26,7 @@ pub(crate) fn result_record(job: &ScoringJob, outcomes: &[ViewOutcome]) -> Resul
     ResultRecord {
         method: job.method.clone(),
         scene: job.scene.id.clone(),
+        scene_sha256: job.identity.sha256.clone(),
         protocol: protocols::title(&job.split.protocol),
         protocol_hash: job.split.protocol_hash.clone(),
         scored_size: job.size,

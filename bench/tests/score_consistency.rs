@@ -11,11 +11,11 @@ use omnilife_schemas::{
     RgbImage, Similarity,
     camera::ErpCamera,
     progress::Silent,
-    records::{Backend, ResultRecord, RunRecord, Split, ViewPredictions},
+    records::{Backend, ResultRecord, RunRecord, Scene, Split, ValidationStatus, ViewPredictions},
     rgb, store,
 };
 use scenes::scene;
-use scoring::Bench;
+use scoring::{Bench, image};
 
 fn run_record(bench: &Bench) -> RunRecord {
     RunRecord {
@@ -213,4 +213,27 @@ fn real_frames_are_scored() {
     println!("a neighbouring frame scores {neighbour:?}");
     assert!((15.0..40.0).contains(&neighbour[0]), "{neighbour:?}");
     assert!((0.4..0.99).contains(&neighbour[1]), "{neighbour:?}");
+}
+
+/// The identity of a scene is its frames and cameras, not its names or remarks.
+#[test]
+fn results_tell_scenes_of_one_name_apart() {
+    let identity = |scene: &Scene| Bench::of(scene).score().unwrap().scene_sha256;
+    let original = scene(10, &[]);
+    let same = identity(&original);
+    assert_eq!(same.len(), 64);
+    let mut renamed = original.clone();
+    renamed.id = "other/seq-000".to_owned();
+    renamed.validation.status = ValidationStatus::Unstable;
+    assert_eq!(identity(&renamed), same);
+    let mut moved = original.clone();
+    moved.frames[3].pose.as_mut().unwrap().centre[1] += 1e-9;
+    assert_ne!(identity(&moved), same);
+    let mut later = original.clone();
+    later.frames[3].time_seconds += 1e-9;
+    assert_ne!(identity(&later), same);
+    let other_images = Bench::of(&original);
+    let frame = other_images.at("scene").join(&original.frames[3].image);
+    image(7, 0).write_png(&frame).unwrap();
+    assert_ne!(other_images.score().unwrap().scene_sha256, same);
 }

@@ -35,6 +35,21 @@ pub enum LeaderboardError {
         /// The other file.
         second: PathBuf,
     },
+    /// One scene id stands for two scenes.
+    #[error(
+        "{}: scene {scene} has other frames or poses than in {}; scores on them do not compare: \
+         score one of them again, or give the scenes different names",
+        second.display(),
+        first.display()
+    )]
+    SceneDiffers {
+        /// Id of the scene.
+        scene: String,
+        /// The first file, in the order of collection.
+        first: PathBuf,
+        /// The other file.
+        second: PathBuf,
+    },
     /// Two results of one protocol disagree about a metric's direction.
     #[error("{}: says that {metric} is {found}, other results say the opposite", path.display())]
     Direction {
@@ -51,9 +66,10 @@ impl Blamed for LeaderboardError {
     fn blame(&self) -> Blame {
         match self {
             Self::Store(error) => error.blame(),
-            Self::NoResults { .. } | Self::Duplicate { .. } | Self::Direction { .. } => {
-                Blame::Input
-            }
+            Self::NoResults { .. }
+            | Self::Duplicate { .. }
+            | Self::SceneDiffers { .. }
+            | Self::Direction { .. } => Blame::Input,
         }
     }
 }

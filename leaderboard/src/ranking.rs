@@ -78,11 +78,12 @@ impl MethodMean<'_> {
 /// Groups results by protocol, ordered by protocol and hash.
 ///
 /// # Errors
-/// When two results have the same method, scene and protocol, or contradict each other about a
-/// metric's direction.
+/// When two results have the same method, scene and protocol, stand for different scenes under one
+/// id, or contradict each other about a metric's direction.
 pub(crate) fn groups(
     results: &[(PathBuf, ResultRecord)],
 ) -> Result<Vec<Group<'_>>, LeaderboardError> {
+    refuse_different_scenes(results)?;
     let mut rows = BTreeMap::new();
     for (path, result) in results {
         let protocol = (&result.protocol, &result.protocol_hash);
@@ -118,6 +119,24 @@ pub(crate) fn groups(
             })
         })
         .collect()
+}
+
+fn refuse_different_scenes(results: &[(PathBuf, ResultRecord)]) -> Result<(), LeaderboardError> {
+    // Another protocol scores other frames, so only results of one protocol can contradict.
+    let mut known: BTreeMap<(&str, &str), (&PathBuf, &str)> = BTreeMap::new();
+    for (path, result) in results {
+        let (first, sha256) = *known
+            .entry((&result.protocol_hash, &result.scene))
+            .or_insert((path, &result.scene_sha256));
+        if sha256 != result.scene_sha256 {
+            return Err(LeaderboardError::SceneDiffers {
+                scene: result.scene.clone(),
+                first: first.clone(),
+                second: path.clone(),
+            });
+        }
+    }
+    Ok(())
 }
 
 fn directions(

@@ -28,6 +28,7 @@ fn result(scene: &str, method: &str, psnr: f64, ssim: f64) -> ResultRecord {
     ResultRecord {
         method: method.to_owned(),
         scene: scene.to_owned(),
+        scene_sha256: store::sha256_bytes(scene.as_bytes()),
         protocol: "per-scene/1".to_owned(),
         protocol_hash: HASH.to_owned(),
         scored_size: [512, 256],
@@ -161,6 +162,18 @@ fn two_results_for_one_row_are_refused() {
     results.push(results[0].clone());
     let message = refusal(results);
     assert!(message.contains("method odgs on scene street"), "{message}");
+    assert!(!message.contains('\n'), "{message}");
+}
+
+#[test]
+fn one_name_for_two_scenes_is_refused() {
+    let mut results = two_methods();
+    results[2].scene_sha256 = store::sha256_bytes(b"the same street at another width");
+    let message = refusal(results);
+    assert!(
+        message.contains("scene street has other frames or poses than in"),
+        "{message}"
+    );
     assert!(!message.contains('\n'), "{message}");
 }
 

@@ -52,6 +52,7 @@ fn result(mean: f64) -> ResultRecord {
     ResultRecord {
         method: "odgs".to_owned(),
         scene: "street".to_owned(),
+        scene_sha256: store::sha256_bytes(b"street"),
         protocol: "per-scene/1".to_owned(),
         protocol_hash: store::sha256_bytes(b""),
         scored_size: [64, 32],
@@ -190,7 +191,7 @@ fn another_schema_is_named_in_the_error() {
     assert_eq!(
         error.to_string(),
         format!(
-            "{}: is of schema omnilife/dataset/1, expected omnilife/result/1",
+            "{}: is of schema omnilife/dataset/1, expected omnilife/result/2",
             path.display()
         )
     );

@@ -14,6 +14,9 @@ pub struct ResultRecord {
     pub method: String,
     /// Id of the scene.
     pub scene: String,
+    /// SHA-256 of what was reconstructed and scored: camera, times, poses and ground truth of the
+    /// split's frames. Scenes of one id and different hashes are different scenes.
+    pub scene_sha256: String,
     /// Id and version of the protocol, `per-scene/1`.
     pub protocol: String,
     /// Hash of the protocol.
@@ -39,7 +42,7 @@ pub struct ResultRecord {
 }
 
 impl Record for ResultRecord {
-    const SCHEMA: &'static str = "omnilife/result/1";
+    const SCHEMA: &'static str = "omnilife/result/2";
 }
 
 /// A metric over the views of one kind.
