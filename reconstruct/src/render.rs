@@ -2,13 +2,14 @@
 
 use omnilife_schemas::RgbImage;
 
+pub use crate::kernels::{Footprint, RenderSettings};
 use crate::{
     camera::View,
     gaussians::InstantGaussians,
     kernels::{
         bin::{self, TileLists},
-        project::{self, Culling, Splat, SplatGradient},
-        raster::{self, Raster},
+        project::{self, Splat, SplatGradient},
+        raster::{self, Raster, RasterGradient},
         sort::{self, cpu::SortScratch},
     },
 };
@@ -16,8 +17,8 @@ use crate::{
 /// Renders views on the processor, keeping what the backward pass needs and its memory.
 #[derive(Debug)]
 pub struct Renderer {
-    culling: Culling,
-    background: [f32; 3],
+    /// What is drawn and how; may be changed from view to view.
+    pub settings: RenderSettings,
     splats: Vec<Splat>,
     order: Vec<u32>,
     scratch: SortScratch,
@@ -26,12 +27,21 @@ pub struct Renderer {
     gradients: Vec<SplatGradient>,
 }
 
+/// A Gaussian that was drawn in the view rendered last.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Visible {
+    /// Its index.
+    pub gaussian: usize,
+    /// Gradient of the loss by the centre's image with the shape of the footprint fixed, per pixel
+    /// along columns and rows.
+    pub centre_gradient: [f32; 2],
+}
+
 impl Renderer {
-    /// A renderer that leaves out what `culling` says and composites over `background`.
-    pub fn new(culling: Culling, background: [f32; 3]) -> Self {
+    /// A renderer without memory yet.
+    pub fn new(settings: RenderSettings) -> Self {
         Self {
-            culling,
-            background,
+            settings,
             splats: Vec::new(),
             order: Vec::new(),
             scratch: SortScratch::default(),
@@ -43,26 +53,27 @@ impl Renderer {
 
     /// Renders one view.
     pub fn forward(&mut self, view: &View, gaussians: &InstantGaussians) -> &Raster {
-        project::cpu::forward(view, gaussians, &self.culling, &mut self.splats);
+        assert_eq!(gaussians.feature_count, 0, "feature channels");
+        project::cpu::forward(view, gaussians, &self.settings, &mut self.splats);
         sort::cpu::by_distance(&self.splats, &mut self.order, &mut self.scratch);
         bin::cpu::forward(&view.camera, &self.splats, &self.order, &mut self.lists);
         raster::cpu::forward(
-            (view.camera.width as usize, view.camera.height as usize),
+            (view.camera.width() as usize, view.camera.height() as usize),
             &self.splats,
             &self.lists,
-            self.background,
+            self.settings.background,
             &mut self.raster,
         );
         &self.raster
     }
 
-    /// Gradients by the Gaussians of the view rendered last, from the gradient by its image
-    /// (HWC). `out` is overwritten.
+    /// Gradients by the Gaussians of the view rendered last, from the gradient by its raster.
+    /// `out` is overwritten.
     pub fn backward(
         &mut self,
         view: &View,
         gaussians: &InstantGaussians,
-        image_gradient: &[f32],
+        upstream: &RasterGradient<'_>,
         out: &mut InstantGaussians,
     ) {
         raster::cpu::backward(
@@ -70,23 +81,29 @@ impl Renderer {
             &self.splats,
             &self.order,
             &self.lists,
-            image_gradient,
+            upstream.colour,
             &mut self.gradients,
         );
-        out.clear_to_zero(gaussians.len());
+        out.clear_to_zero(gaussians);
         project::cpu::backward(
             view,
             gaussians,
-            &self.culling,
+            &self.settings,
             &self.splats,
             &self.gradients,
             out,
         );
     }
 
-    /// What was visible in the view rendered last, with the gradients of its last backward pass.
-    pub fn visible(&self) -> impl Iterator<Item = (&Splat, &SplatGradient)> {
-        self.splats.iter().zip(&self.gradients)
+    /// What was drawn in the view rendered last, with the gradients of its last backward pass.
+    pub fn visible(&self) -> impl Iterator<Item = Visible> {
+        self.splats
+            .iter()
+            .zip(&self.gradients)
+            .map(|(splat, gradient)| Visible {
+                gaussian: splat.gaussian as usize,
+                centre_gradient: gradient.centre,
+            })
     }
 
     /// Renders one view as an image clamped to `[0, 1]`.

@@ -14,10 +14,10 @@ use crate::{
     kernels::{
         adam,
         loss::{LossValue, cpu::Loss},
-        project::Culling,
+        raster::RasterGradient,
     },
     optim::Decay,
-    render::Renderer,
+    render::{RenderSettings, Renderer},
     scene::{SceneView, TrainingScene},
 };
 
@@ -128,10 +128,10 @@ pub fn train(
 }
 
 fn new_renderer(settings: &TrainSettings) -> Renderer {
-    let culling = Culling {
-        near: settings.near,
-    };
-    Renderer::new(culling, settings.background)
+    Renderer::new(RenderSettings {
+        background: settings.background,
+        ..RenderSettings::new(settings.near)
+    })
 }
 
 struct Trainer<'a> {
@@ -221,7 +221,10 @@ impl<'a> Trainer<'a> {
         self.renderer.backward(
             &view.view,
             &self.instant,
-            image_gradient,
+            &RasterGradient {
+                colour: image_gradient,
+                features: &[],
+            },
             &mut self.gradient,
         );
         parameterization::instantiate_vjp(&mut self.table, &self.instant, &self.gradient);

@@ -10,8 +10,8 @@ use glam::{DMat3, DQuat, DVec3, dvec3};
 use omnilife_reconstruct::{
     camera::View,
     gaussians::{GaussianTable, InstantGaussians, static_gaussians},
-    kernels::project::Culling,
-    render::Renderer,
+    kernels::raster::RasterGradient,
+    render::{RenderSettings, Renderer},
 };
 use omnilife_schemas::camera::ErpCamera;
 use rand::{RngExt, SeedableRng};
@@ -58,7 +58,7 @@ fn ref_view(width: u32, height: u32, rotation: DQuat, centre: DVec3) -> RefView 
 
 fn view(reference: &RefView) -> View {
     View {
-        camera: reference.camera,
+        camera: reference.camera.into(),
         rotation: reference.rotation.as_mat3(),
         centre: reference.centre.as_vec3(),
         time_seconds: 0.0,
@@ -66,10 +66,17 @@ fn view(reference: &RefView) -> View {
 }
 
 fn renderer() -> Renderer {
-    Renderer::new(
-        Culling { near: NEAR as f32 },
-        BACKGROUND.map(|value| value as f32),
-    )
+    Renderer::new(RenderSettings {
+        background: BACKGROUND.map(|value| value as f32),
+        ..RenderSettings::new(NEAR as f32)
+    })
+}
+
+fn colour_gradient(colour: &[f32]) -> RasterGradient<'_> {
+    RasterGradient {
+        colour,
+        features: &[],
+    }
 }
 
 fn instant(table: &GaussianTable) -> InstantGaussians {
@@ -225,7 +232,12 @@ fn gradients_are_those_of_the_reference() {
         renderer.forward(&view, &instant);
         let image_gradient: Vec<f32> = weights.iter().map(|&weight| weight as f32).collect();
         let mut gradient = InstantGaussians::default();
-        renderer.backward(&view, &instant, &image_gradient, &mut gradient);
+        renderer.backward(
+            &view,
+            &instant,
+            &colour_gradient(&image_gradient),
+            &mut gradient,
+        );
         static_gaussians::instantiate_vjp(&mut table, &instant, &gradient);
 
         let mut begin = 0;
@@ -325,7 +337,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
                 let mut renderer = renderer();
                 let image = renderer.forward(&view, &instant).clone();
                 let mut gradient = InstantGaussians::default();
-                renderer.backward(&view, &instant, &weights, &mut gradient);
+                renderer.backward(&view, &instant, &colour_gradient(&weights), &mut gradient);
                 (image, gradient)
             })
     };
@@ -362,7 +374,12 @@ fn hopeless_gaussians_are_left_out_and_harm_nothing() {
     assert_eq!(raster, &clean);
     let gradient_of_one = vec![1.0; raster.colour.len()];
     let mut gradient = InstantGaussians::default();
-    renderer.backward(&view, &instant, &gradient_of_one, &mut gradient);
+    renderer.backward(
+        &view,
+        &instant,
+        &colour_gradient(&gradient_of_one),
+        &mut gradient,
+    );
     let mut table = table(&hopeless);
     static_gaussians::instantiate_vjp(&mut table, &instant, &gradient);
     // Culled Gaussians get no gradient; a NaN parameter alone keeps its own.

@@ -11,9 +11,8 @@ use omnilife_reconstruct::{
         InstantGaussians,
         static_gaussians::{self, InitialGaussians},
     },
-    kernels::project::Culling,
     methods::{self, MethodOutcome, MethodRequest},
-    render::Renderer,
+    render::{RenderSettings, Renderer},
     scene::{SceneView, TrainingScene},
 };
 use omnilife_schemas::{Pose, Similarity, camera::ErpCamera, points::PointCloud, progress::Silent};
@@ -49,7 +48,7 @@ fn scene() -> TrainingScene {
     }
     let mut instant = InstantGaussians::default();
     static_gaussians::instantiate(&static_gaussians::table(&truth), &mut instant);
-    let mut renderer = Renderer::new(Culling { near: 0.01 }, [0.0; 3]);
+    let mut renderer = Renderer::new(RenderSettings::new(0.01));
     let normalization = Similarity {
         offset: [0.0; 3],
         scale: 1.0,

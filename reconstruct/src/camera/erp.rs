@@ -18,22 +18,11 @@ use std::f32::consts::{PI, TAU};
 use glam::{Vec2, Vec3, vec2, vec3};
 use omnilife_schemas::camera::ErpCamera;
 
+use super::Projection;
+
 /// Floor of `rho / d` in the Jacobian: within 0.29 degrees of a pole the horizontal stretch of a
 /// footprint stops growing (playcanvas splat-transform's `POLE_EPS`).
 pub const POLE_RHO_FLOOR: f32 = 0.005;
-
-/// A point's image, distance and the two rows of the Jacobian of `(u, v)` by the point.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Projection {
-    /// Pixels; `u` in [0, W].
-    pub pixel: Vec2,
-    /// Distance from the camera.
-    pub distance: f32,
-    /// `du/dp`, pixels per unit, with `rho` floored near the poles.
-    pub jacobian_u: Vec3,
-    /// `dv/dp`, pixels per unit.
-    pub jacobian_v: Vec3,
-}
 
 /// Projects a point of the camera frame. `distance` is `|point|` and must be positive and finite.
 pub fn project(camera: &ErpCamera, point: Vec3, distance: f32) -> Projection {
@@ -47,7 +36,6 @@ pub fn project(camera: &ErpCamera, point: Vec3, distance: f32) -> Projection {
             (longitude / TAU + 0.5) * width,
             (0.5 - latitude / PI) * height,
         ),
-        distance,
         jacobian_u: frame.east * (width / TAU / (frame.rho_floored * distance)),
         jacobian_v: frame.down * (height / PI / distance),
     }

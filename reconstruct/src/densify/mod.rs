@@ -18,7 +18,7 @@ use crate::{
         GaussianTable,
         static_gaussians::{LOG_SCALES, OPACITY_LOGITS, POSITIONS, QUATERNIONS, logit},
     },
-    kernels::project::{Splat, SplatGradient},
+    render::Visible,
 };
 
 /// When Gaussians are added and removed.
@@ -67,14 +67,10 @@ impl Statistics {
     }
 
     /// Adds the visible Gaussians of one view; `half_size` is half the image's width and height.
-    pub fn add<'a>(
-        &mut self,
-        visible: impl Iterator<Item = (&'a Splat, &'a SplatGradient)>,
-        half_size: [f32; 2],
-    ) {
-        for (splat, gradient) in visible {
-            let index = splat.gaussian as usize;
-            let [u, v] = gradient.centre;
+    pub fn add(&mut self, visible: impl Iterator<Item = Visible>, half_size: [f32; 2]) {
+        for visible in visible {
+            let index = visible.gaussian;
+            let [u, v] = visible.centre_gradient;
             self.sums[index] += (u * half_size[0]).hypot(v * half_size[1]);
             self.views[index] += 1;
         }

@@ -135,7 +135,20 @@ fn retain_rows(column: &mut Vec<f32>, width: usize, keep: &[bool]) {
     column.truncate(write * width);
 }
 
-/// What a renderer sees: activated Gaussians at one instant, one entry per Gaussian in each array.
+/// Highest degree of spherical harmonics.
+pub const MAX_SH_DEGREE: usize = 3;
+
+/// Coefficients beside the constant one up to `degree`: `(degree + 1)^2 - 1`.
+pub const fn sh_rest_count(degree: usize) -> usize {
+    (degree + 1) * (degree + 1) - 1
+}
+
+/// What a renderer sees: activated Gaussians at one instant, one entry per Gaussian in each array
+/// (a run of entries in `sh_rest` and `features`).
+///
+/// Colour towards a Gaussian in the world direction `d` (unit, from the camera to its centre):
+/// `max(1/2 + sum_k Y_k(d) c_k, 0)` with the real spherical harmonics `Y_k` of 3DGS (see
+/// [`crate::kernels::project`]).
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct InstantGaussians {
     /// Centres in normalized world units.
@@ -146,9 +159,18 @@ pub struct InstantGaussians {
     pub rotations: Vec<[f32; 4]>,
     /// Opacities in (0, 1).
     pub opacities: Vec<f32>,
-    /// Spherical-harmonic coefficients of degree 0 for red, green, blue:
-    /// `colour = max(1/2 + SH_C0 * coefficient, 0)`.
-    pub sh: Vec<[f32; 3]>,
+    /// Coefficients of the constant harmonic for red, green, blue.
+    pub sh_constant: Vec<[f32; 3]>,
+    /// Degree of the stored harmonics, 0 to [`MAX_SH_DEGREE`].
+    pub sh_degree: usize,
+    /// The other coefficients: [`sh_rest_count`] entries per Gaussian, by degree and then by order
+    /// (-l to l), each for red, green, blue.
+    pub sh_rest: Vec<[f32; 3]>,
+    /// Feature channels per Gaussian.
+    pub feature_count: usize,
+    /// `feature_count` values per Gaussian, rendered like colours over a background of 0. A feature
+    /// of 1 renders the opacity map, one of the distance from the camera the radial depth.
+    pub features: Vec<f32>,
 }
 
 impl InstantGaussians {
@@ -162,23 +184,31 @@ impl InstantGaussians {
         self.positions.is_empty()
     }
 
-    /// Makes all arrays `len` long.
-    pub fn resize(&mut self, len: usize) {
+    /// Makes room for `len` Gaussians with harmonics up to `sh_degree` and `feature_count`
+    /// features. Entries that were there before keep arbitrary values.
+    pub fn reshape(&mut self, len: usize, sh_degree: usize, feature_count: usize) {
         self.positions.resize(len, [0.0; 3]);
         self.scales.resize(len, [0.0; 3]);
         self.rotations.resize(len, [0.0; 4]);
         self.opacities.resize(len, 0.0);
-        self.sh.resize(len, [0.0; 3]);
+        self.sh_constant.resize(len, [0.0; 3]);
+        self.sh_degree = sh_degree;
+        self.sh_rest
+            .resize(len * sh_rest_count(sh_degree), [0.0; 3]);
+        self.feature_count = feature_count;
+        self.features.resize(len * feature_count, 0.0);
     }
 
-    /// Sets every entry to zero: how a gradient begins.
-    pub fn clear_to_zero(&mut self, len: usize) {
+    /// The shape of `other` with every entry zero: how a gradient begins.
+    pub fn clear_to_zero(&mut self, other: &Self) {
         self.positions.clear();
         self.scales.clear();
         self.rotations.clear();
         self.opacities.clear();
-        self.sh.clear();
-        self.resize(len);
+        self.sh_constant.clear();
+        self.sh_rest.clear();
+        self.features.clear();
+        self.reshape(other.len(), other.sh_degree, other.feature_count);
     }
 }
 

@@ -75,11 +75,11 @@ pub fn sigmoid(raw: f32) -> f32 {
 
 /// Activates the table's parameters.
 pub fn instantiate(table: &GaussianTable, out: &mut InstantGaussians) {
-    out.resize(table.len());
+    out.reshape(table.len(), 0, 0);
     let arrays = &table.arrays;
     out.positions
         .copy_from_slice(arrays[POSITIONS].values.as_chunks().0);
-    out.sh
+    out.sh_constant
         .copy_from_slice(arrays[SH_CONSTANT].values.as_chunks().0);
     let (scales, quaternions) = (
         arrays[LOG_SCALES].values.as_chunks::<3>().0,
@@ -123,7 +123,8 @@ pub fn instantiate_vjp(
     positions
         .gradients
         .copy_from_slice(gradient.positions.as_flattened());
-    sh.gradients.copy_from_slice(gradient.sh.as_flattened());
+    sh.gradients
+        .copy_from_slice(gradient.sh_constant.as_flattened());
     (
         log_scales.gradients.as_chunks_mut::<3>().0.par_iter_mut(),
         quaternions.gradients.as_chunks_mut::<4>().0.par_iter_mut(),

@@ -3,11 +3,13 @@
 
 use std::ops::Range;
 
-use omnilife_schemas::camera::ErpCamera;
 use rayon::prelude::*;
 
 use super::{TileItem, TileLists};
-use crate::kernels::{TILE, project::Splat};
+use crate::{
+    camera::Camera,
+    kernels::{TILE, project::Splat},
+};
 
 /// Widening of footprints in pixels, against rounding in the extents.
 const MARGIN: f32 = 0.01;
@@ -36,7 +38,7 @@ struct Batch {
 ///
 /// Spans are found batch by batch, then every row of tiles gathers its own: both in parallel, and
 /// with the same result on any number of threads.
-pub fn forward(camera: &ErpCamera, splats: &[Splat], order: &[u32], lists: &mut TileLists) {
+pub fn forward(camera: &Camera, splats: &[Splat], order: &[u32], lists: &mut TileLists) {
     let grid = Grid::new(camera);
     lists.columns = grid.columns;
     lists.rows = grid.rows;
@@ -107,6 +109,7 @@ fn gather_row(
 }
 
 struct Grid {
+    wraps: bool,
     width: f32,
     height: usize,
     columns: usize,
@@ -114,9 +117,10 @@ struct Grid {
 }
 
 impl Grid {
-    fn new(camera: &ErpCamera) -> Self {
-        let (width, height) = (camera.width as usize, camera.height as usize);
+    fn new(camera: &Camera) -> Self {
+        let (width, height) = (camera.width() as usize, camera.height() as usize);
         Self {
+            wraps: camera.wraps(),
             width: width as f32,
             height,
             columns: width.div_ceil(TILE),
@@ -180,9 +184,16 @@ impl Grid {
         if begin >= end {
             return [0..0, 0..0];
         }
+        let tile = |pixel: f32| pixel as u32 / TILE as u32;
+        if !self.wraps {
+            let (begin, end) = (begin.max(0.0), end.min(self.width));
+            if begin >= end {
+                return [0..0, 0..0];
+            }
+            return [tile(begin)..tile(end - 1.0) + 1, 0..0];
+        }
         let begin_wrapped = begin.rem_euclid(self.width);
         let end_wrapped = begin_wrapped + (end - begin);
-        let tile = |pixel: f32| pixel as u32 / TILE as u32;
         if end_wrapped <= self.width {
             return [tile(begin_wrapped)..tile(end_wrapped - 1.0) + 1, 0..0];
         }

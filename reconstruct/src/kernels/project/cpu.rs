@@ -3,11 +3,11 @@
 use glam::{Vec2, Vec3, vec3};
 use rayon::prelude::*;
 
-use super::{Culling, Splat, SplatGradient, axes};
+use super::{Splat, SplatGradient, axes, sh};
 use crate::{
-    camera::{View, erp},
-    gaussians::{InstantGaussians, SH_C0},
-    kernels::{ALPHA_MIN, LOW_PASS},
+    camera::{Projection, View},
+    gaussians::{InstantGaussians, SH_C0, sh_rest_count},
+    kernels::{ALPHA_MIN, LOW_PASS, RenderSettings},
 };
 
 /// Gaussians per parallel piece of work.
@@ -17,14 +17,14 @@ const BATCH: usize = 1024;
 pub fn forward(
     view: &View,
     gaussians: &InstantGaussians,
-    culling: &Culling,
+    settings: &RenderSettings,
     splats: &mut Vec<Splat>,
 ) {
     let batches: Vec<Vec<Splat>> = (0..gaussians.len().div_ceil(BATCH))
         .into_par_iter()
         .map(|batch| {
             (batch * BATCH..((batch + 1) * BATCH).min(gaussians.len()))
-                .filter_map(|index| project_one(view, gaussians, culling, index))
+                .filter_map(|index| project_one(view, gaussians, settings, index))
                 .collect()
         })
         .collect();
@@ -36,7 +36,8 @@ pub fn forward(
 struct Linearization {
     /// Centre in the camera frame.
     point: Vec3,
-    projection: erp::Projection,
+    distance: f32,
+    projection: Projection,
     /// Rows of `J W`, in world coordinates.
     to_u: Vec3,
     to_v: Vec3,
@@ -50,7 +51,7 @@ impl Linearization {
     fn new(
         view: &View,
         gaussians: &InstantGaussians,
-        culling: &Culling,
+        settings: &RenderSettings,
         index: usize,
     ) -> Option<Self> {
         let centre = Vec3::from_array(gaussians.positions[index]);
@@ -59,17 +60,18 @@ impl Linearization {
         let distance = point.length();
         let largest = scale[0].max(scale[1]).max(scale[2]);
         // Written so that NaN culls; what `max` hides of it is caught with the determinant.
-        let visible = distance > culling.near && distance < f32::MAX && largest < distance;
+        let visible = view.camera.sees(point, distance, settings.near) && largest < distance;
         if !visible {
             return None;
         }
-        let projection = erp::project(&view.camera, point, distance);
+        let projection = view.camera.project(point, distance);
         let world_from_camera = view.rotation.transpose();
         let to_u = world_from_camera * projection.jacobian_u;
         let to_v = world_from_camera * projection.jacobian_v;
         let axes = axes(gaussians.rotations[index], scale);
         Some(Self {
             point,
+            distance,
             projection,
             to_u,
             to_v,
@@ -78,12 +80,28 @@ impl Linearization {
             v_v: vec3(to_v.dot(axes[0]), to_v.dot(axes[1]), to_v.dot(axes[2])),
         })
     }
+
+    /// Unit direction from the camera to the centre, in world coordinates.
+    fn direction(&self, view: &View) -> Vec3 {
+        view.rotation.transpose() * (self.point / self.distance)
+    }
+}
+
+/// The degree of harmonics that is drawn.
+fn degree(gaussians: &InstantGaussians, settings: &RenderSettings) -> usize {
+    gaussians.sh_degree.min(settings.sh_degree)
+}
+
+/// Coefficients of one Gaussian beside the constant ones.
+fn rest_of(gaussians: &InstantGaussians, index: usize) -> &[[f32; 3]] {
+    let count = sh_rest_count(gaussians.sh_degree);
+    &gaussians.sh_rest[index * count..(index + 1) * count]
 }
 
 fn project_one(
     view: &View,
     gaussians: &InstantGaussians,
-    culling: &Culling,
+    settings: &RenderSettings,
     index: usize,
 ) -> Option<Splat> {
     let opacity = gaussians.opacities[index];
@@ -92,7 +110,7 @@ fn project_one(
     if !is_seen {
         return None;
     }
-    let linear = Linearization::new(view, gaussians, culling, index)?;
+    let linear = Linearization::new(view, gaussians, settings, index)?;
     let (uu, vv) = (linear.v_u.length_squared(), linear.v_v.length_squared());
     let covariance = [uu + LOW_PASS, linear.v_u.dot(linear.v_v), vv + LOW_PASS];
     let determinant =
@@ -104,7 +122,7 @@ fn project_one(
     ];
     let [x, y] = linear.projection.pixel.to_array();
     let usable = determinant.is_finite() && extent[0].is_finite() && extent[1].is_finite();
-    let height = view.camera.height as f32;
+    let height = view.camera.height() as f32;
     if !usable || y + extent[1] < 0.5 || y - extent[1] > height - 0.5 {
         return None;
     }
@@ -119,8 +137,13 @@ fn project_one(
         extent,
         q_max,
         opacity,
-        colour: gaussians.sh[index].map(|coefficient| (0.5 + SH_C0 * coefficient).max(0.0)),
-        distance: linear.projection.distance,
+        colour: sh::colour(
+            degree(gaussians, settings),
+            linear.direction(view),
+            gaussians.sh_constant[index],
+            rest_of(gaussians, index),
+        ),
+        distance: linear.distance,
         gaussian: index as u32,
     })
 }
@@ -130,7 +153,7 @@ fn project_one(
 pub fn backward(
     view: &View,
     gaussians: &InstantGaussians,
-    culling: &Culling,
+    settings: &RenderSettings,
     splats: &[Splat],
     gradients: &[SplatGradient],
     out: &mut InstantGaussians,
@@ -142,7 +165,7 @@ pub fn backward(
             splats
                 .iter()
                 .zip(gradients)
-                .map(|(splat, gradient)| backward_one(view, gaussians, culling, splat, gradient))
+                .map(|(splat, gradient)| backward_one(view, gaussians, settings, splat, gradient))
                 .collect()
         })
         .collect();
@@ -152,7 +175,20 @@ pub fn backward(
         out.scales[index] = one.scale;
         out.rotations[index] = one.rotation;
         out.opacities[index] = one.opacity;
-        out.sh[index] = one.sh;
+        out.sh_constant[index] = one.colour.map(|gradient| SH_C0 * gradient);
+        let degree = degree(gaussians, settings);
+        if degree > 0 {
+            let direction =
+                (Vec3::from_array(gaussians.positions[index]) - view.centre).normalize();
+            let count = sh_rest_count(gaussians.sh_degree);
+            let rest = &mut out.sh_rest[index * count..];
+            for (rest, value) in rest
+                .iter_mut()
+                .zip(&sh::basis(degree, direction)[..sh_rest_count(degree)])
+            {
+                *rest = one.colour.map(|gradient| gradient * value);
+            }
+        }
     }
 }
 
@@ -162,18 +198,19 @@ struct OneGradient {
     scale: [f32; 3],
     rotation: [f32; 4],
     opacity: f32,
-    sh: [f32; 3],
+    /// By the colour before the clamp.
+    colour: [f32; 3],
 }
 
 fn backward_one(
     view: &View,
     gaussians: &InstantGaussians,
-    culling: &Culling,
+    settings: &RenderSettings,
     splat: &Splat,
     gradient: &SplatGradient,
 ) -> OneGradient {
     let index = splat.gaussian as usize;
-    let Some(linear) = Linearization::new(view, gaussians, culling, index) else {
+    let Some(linear) = Linearization::new(view, gaussians, settings, index) else {
         // A splat exists only where the linearization does.
         return OneGradient::default();
     };
@@ -201,30 +238,59 @@ fn backward_one(
         to_v += dv_v[k] * linear.axes[k];
         d_axes[k] = dv_u[k] * linear.to_u + dv_v[k] * linear.to_v;
     }
-    let d_point = erp::project_vjp(
-        &view.camera,
+    let d_point = view.camera.project_vjp(
         linear.point,
-        linear.projection.distance,
+        linear.distance,
         Vec2::from_array(gradient.centre),
         view.rotation * to_u,
         view.rotation * to_v,
     );
     let (scale, rotation) = axes_vjp(gaussians.rotations[index], gaussians.scales[index], &d_axes);
+    let (colour, direction) = harmonics_vjp(view, gaussians, settings, splat, gradient, &linear);
+    OneGradient {
+        position: view.rotation.transpose() * d_point + direction,
+        scale,
+        rotation,
+        opacity: gradient.opacity,
+        colour,
+    }
+}
+
+/// The gradient by the unclamped colour, and what of it reaches the position through the direction.
+fn harmonics_vjp(
+    view: &View,
+    gaussians: &InstantGaussians,
+    settings: &RenderSettings,
+    splat: &Splat,
+    gradient: &SplatGradient,
+    linear: &Linearization,
+) -> ([f32; 3], Vec3) {
     // The clamp of the colour at 0 stops the gradient.
-    let sh = std::array::from_fn(|channel| {
+    let colour: [f32; 3] = std::array::from_fn(|channel| {
         if splat.colour[channel] > 0.0 {
-            SH_C0 * gradient.colour[channel]
+            gradient.colour[channel]
         } else {
             0.0
         }
     });
-    OneGradient {
-        position: view.rotation.transpose() * d_point,
-        scale,
-        rotation,
-        opacity: gradient.opacity,
-        sh,
+    let degree = degree(gaussians, settings);
+    if degree == 0 {
+        return (colour, Vec3::ZERO);
     }
+    let direction = linear.direction(view);
+    let mut by_value = [0.0; 15];
+    for (by_value, coefficient) in by_value[..sh_rest_count(degree)]
+        .iter_mut()
+        .zip(rest_of(gaussians, splat.gaussian as usize))
+    {
+        *by_value = (0..3)
+            .map(|channel| colour[channel] * coefficient[channel])
+            .sum();
+    }
+    let by_direction = sh::basis_vjp(degree, direction, &by_value);
+    // d(p/|p|): remove the part along p, divide by the length.
+    let along = by_direction.dot(direction);
+    (colour, (by_direction - direction * along) / linear.distance)
 }
 
 /// VJP of [`axes`]: gradients by the scales and by the unit quaternion.

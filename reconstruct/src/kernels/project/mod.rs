@@ -2,7 +2,7 @@
 //!
 //! For a Gaussian with centre `mu`, axes `M = R S` and a camera with rotation `W` and centre `c`
 //! (EWA splatting as 3DGS `forward.cu` and ODGS `forward.cu` do it, with the Jacobian of
-//! [`crate::camera::erp`]):
+//! [`crate::camera`]):
 //!
 //! ```text
 //! p = W (mu - c)        d = |p|, culled when d <= near
@@ -11,7 +11,7 @@
 //! det Sigma = |V_u x V_v|^2 + 0.3 (|V_u|^2 + |V_v|^2) + 0.09     (Lagrange's identity: no
 //!                                                                cancellation for needles)
 //! alpha(x) = min(0.99, o exp(-q/2)),  q = (x - u)^T Sigma^-1 (x - u),  columns wrapped at the seam
-//! colour = max(1/2 + C0 sh, 0)
+//! colour = max(1/2 + sum_k Y_k((mu - c) / d) sh_k, 0)
 //! ```
 //!
 //! A Gaussian contributes where `alpha >= 1/255`, that is `q <= 2 ln(255 o)`. This is the whole
@@ -20,6 +20,7 @@
 //! its distance (the linearization means nothing there) is culled.
 
 pub mod cpu;
+mod sh;
 
 use glam::Vec3;
 
@@ -57,13 +58,6 @@ pub struct SplatGradient {
     pub opacity: f32,
     /// By the colour.
     pub colour: [f32; 3],
-}
-
-/// Which Gaussians are left out.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Culling {
-    /// Centres nearer than this (normalized units) are not drawn.
-    pub near: f32,
 }
 
 /// Axes `M = R S` as columns, from a unit quaternion (w, x, y, z) and scales.

@@ -33,6 +33,18 @@ pub struct Raster {
     pub height: usize,
     /// Colour, HWC, background included; not clamped.
     pub colour: Vec<f32>,
+    /// Feature planes one after another, each row by row; see
+    /// [`InstantGaussians::features`](crate::gaussians::InstantGaussians::features).
+    pub features: Vec<f32>,
     /// Transmittance left at the end, one per pixel.
     pub transmittance: Vec<f32>,
+}
+
+/// Gradient of the loss by a [`Raster`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RasterGradient<'a> {
+    /// By the colour, HWC.
+    pub colour: &'a [f32],
+    /// By the feature planes; empty where the loss does not look at them.
+    pub features: &'a [f32],
 }
