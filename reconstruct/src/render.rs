@@ -4,12 +4,12 @@ use omnilife_schemas::RgbImage;
 
 pub use crate::kernels::{Footprint, RenderSettings};
 use crate::{
-    camera::View,
+    camera::{View, rays::Rays},
     gaussians::InstantGaussians,
     kernels::{
-        bin::{self, TileLists},
-        project::{self, Splat, SplatGradient},
-        raster::{self, Raster, RasterGradient},
+        bin::{TileLists, cpu::Binner},
+        project::{self, Splat, cpu::Drawn},
+        raster::{self, EntryGradients, Raster, RasterGradient},
         sort::{self, cpu::SortScratch},
     },
 };
@@ -19,12 +19,17 @@ use crate::{
 pub struct Renderer {
     /// What is drawn and how; may be changed from view to view.
     pub settings: RenderSettings,
+    /// Of the camera drawn last.
+    tables: Option<(Rays, Binner)>,
     splats: Vec<Splat>,
+    distances: Vec<f32>,
     order: Vec<u32>,
+    ranks: Vec<u32>,
     scratch: SortScratch,
     lists: TileLists,
     raster: Raster,
-    gradients: Vec<SplatGradient>,
+    entries: EntryGradients,
+    centres: Vec<[f32; 2]>,
 }
 
 /// A Gaussian that was drawn in the view rendered last.
@@ -42,33 +47,61 @@ impl Renderer {
     pub fn new(settings: RenderSettings) -> Self {
         Self {
             settings,
+            tables: None,
             splats: Vec::new(),
+            distances: Vec::new(),
             order: Vec::new(),
+            ranks: Vec::new(),
             scratch: SortScratch::default(),
             lists: TileLists::default(),
             raster: Raster::default(),
-            gradients: Vec::new(),
+            entries: EntryGradients::default(),
+            centres: Vec::new(),
         }
     }
 
     /// Renders one view.
     pub fn forward(&mut self, view: &View, gaussians: &InstantGaussians) -> &Raster {
-        assert_eq!(gaussians.feature_count, 0, "feature channels");
-        project::cpu::forward(view, gaussians, &self.settings, &mut self.splats);
-        sort::cpu::by_distance(&self.splats, &mut self.order, &mut self.scratch);
-        bin::cpu::forward(&view.camera, &self.splats, &self.order, &mut self.lists);
-        raster::cpu::forward(
-            (view.camera.width() as usize, view.camera.height() as usize),
-            &self.splats,
-            &self.lists,
-            self.settings.background,
-            &mut self.raster,
+        let tables = self.tables.take();
+        let (rays, binner) = match tables {
+            Some((rays, binner)) if rays.camera == view.camera => (rays, binner),
+            _ => {
+                let rays = Rays::new(view.camera);
+                let binner = Binner::new(&rays);
+                (rays, binner)
+            }
+        };
+        project::cpu::forward(
+            view,
+            gaussians,
+            &self.settings,
+            &mut self.splats,
+            &mut self.distances,
         );
+        sort::cpu::by_distance(
+            &self.distances,
+            &mut self.order,
+            &mut self.ranks,
+            &mut self.scratch,
+        );
+        binner.forward(&self.splats, &self.order, &mut self.lists);
+        let input = raster::cpu::Input {
+            splats: &self.splats,
+            gaussians,
+            lists: &self.lists,
+            rays: &rays,
+            background: self.settings.background,
+        };
+        raster::cpu::forward(input, &mut self.raster);
+        self.tables = Some((rays, binner));
         &self.raster
     }
 
     /// Gradients by the Gaussians of the view rendered last, from the gradient by its raster.
     /// `out` is overwritten.
+    ///
+    /// # Panics
+    /// When nothing was rendered before.
     pub fn backward(
         &mut self,
         view: &View,
@@ -76,33 +109,41 @@ impl Renderer {
         upstream: &RasterGradient<'_>,
         out: &mut InstantGaussians,
     ) {
-        raster::cpu::backward(
-            &self.raster,
-            &self.splats,
-            &self.order,
-            &self.lists,
-            upstream.colour,
-            &mut self.gradients,
-        );
-        out.clear_to_zero(gaussians);
+        let Some((rays, _)) = &self.tables else {
+            panic!("the backward pass follows a forward pass");
+        };
+        let input = raster::cpu::Input {
+            splats: &self.splats,
+            gaussians,
+            lists: &self.lists,
+            rays,
+            background: self.settings.background,
+        };
+        raster::cpu::backward(input, &self.raster, upstream, &mut self.entries);
+        let drawn = Drawn {
+            splats: &self.splats,
+            ranks: &self.ranks,
+            lists: &self.lists,
+        };
         project::cpu::backward(
             view,
             gaussians,
             &self.settings,
-            &self.splats,
-            &self.gradients,
+            drawn,
+            &self.entries,
+            &mut self.centres,
             out,
         );
     }
 
     /// What was drawn in the view rendered last, with the gradients of its last backward pass.
     pub fn visible(&self) -> impl Iterator<Item = Visible> {
-        self.splats
-            .iter()
-            .zip(&self.gradients)
-            .map(|(splat, gradient)| Visible {
-                gaussian: splat.gaussian as usize,
-                centre_gradient: gradient.centre,
+        (0..)
+            .zip(self.ranks.iter().zip(&self.centres))
+            .filter(|(_, (rank, _))| **rank != u32::MAX)
+            .map(|(gaussian, (_, &centre_gradient))| Visible {
+                gaussian,
+                centre_gradient,
             })
     }
 

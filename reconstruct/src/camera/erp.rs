@@ -18,34 +18,28 @@ use std::f32::consts::{PI, TAU};
 use glam::{Vec2, Vec3, vec2, vec3};
 use omnilife_schemas::camera::ErpCamera;
 
-use super::Projection;
-
-/// Floor of `rho / d` in the Jacobian: within 0.29 degrees of a pole the horizontal stretch of a
-/// footprint stops growing (playcanvas splat-transform's `POLE_EPS`).
-pub const POLE_RHO_FLOOR: f32 = 0.005;
+use super::{Projection, tangent_frame};
 
 /// Projects a point of the camera frame. `distance` is `|point|` and must be positive and finite.
 pub fn project(camera: &ErpCamera, point: Vec3, distance: f32) -> Projection {
     let (width, height) = (camera.width as f32, camera.height as f32);
     let n = point / distance;
-    let frame = PolarFrame::new(n);
+    let [east, down] = tangent_frame(n);
+    let rho = n.x.hypot(n.z);
     let longitude = n.x.atan2(n.z);
-    let latitude = (-n.y).atan2(frame.rho);
+    let latitude = (-n.y).atan2(rho);
     Projection {
         pixel: vec2(
             (longitude / TAU + 0.5) * width,
             (0.5 - latitude / PI) * height,
         ),
-        jacobian_u: frame.east * (width / TAU / (frame.rho_floored * distance)),
-        jacobian_v: frame.down * (height / PI / distance),
+        jacobian_u: east * (width / TAU / (rho * distance)),
+        jacobian_v: down * (height / PI / distance),
     }
 }
 
 /// VJP of [`project`]: the gradient by the point from gradients by the pixel and by the two rows of
-/// the Jacobian.
-///
-/// The pixel's own derivative uses the unfloored `rho` (floored at 1e-6 where the derivative has no
-/// limit). Where `rho` is floored in the Jacobian, its first row counts as constant.
+/// the Jacobian. The point is not on the vertical axis.
 pub fn project_vjp(
     camera: &ErpCamera,
     point: Vec3,
@@ -57,70 +51,34 @@ pub fn project_vjp(
     let kx = camera.width as f32 / TAU;
     let ky = camera.height as f32 / PI;
     let n = point / distance;
-    let frame = PolarFrame::new(n);
-    let (x, y, z, rho) = (n.x, n.y, n.z, frame.rho.max(1e-6));
-    let mut gradient =
-        frame.east * (pixel.x * kx / (rho * distance)) + frame.down * (pixel.y * ky / distance);
+    let [east, down] = tangent_frame(n);
+    let (x, y, z, rho) = (n.x, n.y, n.z, n.x.hypot(n.z));
+    let mut gradient = east * (pixel.x * kx / (rho * distance)) + down * (pixel.y * ky / distance);
 
+    // d(J row u)/dp on the unit direction, where d = 1.
     let by_distance_squared = 1.0 / (distance * distance);
-    if frame.rho >= POLE_RHO_FLOOR {
-        // d(J row u)/dp on the unit direction, where d = 1.
-        let rho4 = (rho * rho) * (rho * rho);
-        let a = kx * by_distance_squared / rho4;
-        let du0 = vec3(-2.0 * x * z, 0.0, rho * rho - 2.0 * z * z);
-        let du2 = vec3(2.0 * x * x - rho * rho, 0.0, 2.0 * x * z);
-        gradient += (du0 * jacobian_u.x + du2 * jacobian_u.z) * a;
-    }
-    // d(J row v)/dp on the unit direction, with rho floored so that the pole itself stays finite.
-    let rho = rho.max(POLE_RHO_FLOOR);
     let (rho2, inverse_rho3) = (rho * rho, 1.0 / (rho * rho * rho));
+    let du0 = vec3(-2.0 * x * z, 0.0, rho2 - 2.0 * z * z);
+    let du2 = vec3(2.0 * x * x - rho2, 0.0, 2.0 * x * z);
+    gradient +=
+        (du0 * jacobian_u.x + du2 * jacobian_u.z) * (kx * by_distance_squared * inverse_rho3 / rho);
+    // d(J row v)/dp on the unit direction.
     let mixed = x * y * z * (2.0 * rho2 + 1.0) * inverse_rho3;
+    let level = (1.0 - 2.0 * y * y) / rho;
     let dv0 = vec3(
         -y * (z * z - 2.0 * x * x * rho2) * inverse_rho3,
-        -x * (1.0 - 2.0 * y * y) / rho,
+        -x * level,
         mixed,
     );
-    let dv1 = vec3(
-        -x * (1.0 - 2.0 * y * y) / rho,
-        -2.0 * y * rho,
-        -z * (1.0 - 2.0 * y * y) / rho,
-    );
+    let dv1 = vec3(-x * level, -2.0 * y * rho, -z * level);
     let dv2 = vec3(
         mixed,
-        -z * (1.0 - 2.0 * y * y) / rho,
+        -z * level,
         -y * (x * x - 2.0 * z * z * rho2) * inverse_rho3,
     );
     gradient +=
         (dv0 * jacobian_v.x + dv1 * jacobian_v.y + dv2 * jacobian_v.z) * (ky * by_distance_squared);
     gradient
-}
-
-/// The tangent directions of the sphere at a unit direction.
-struct PolarFrame {
-    rho: f32,
-    rho_floored: f32,
-    /// Towards growing longitude.
-    east: Vec3,
-    /// Towards falling latitude.
-    down: Vec3,
-}
-
-impl PolarFrame {
-    fn new(n: Vec3) -> Self {
-        let rho = n.x.hypot(n.z);
-        // At the exact pole longitude is arbitrary: `atan2(0, 0)` is 0, so is this frame's.
-        let (sin_lon, cos_lon) = if rho > 0.0 {
-            (n.x / rho, n.z / rho)
-        } else {
-            (0.0, 1.0)
-        };
-        Self {
-            rho,
-            rho_floored: rho.max(POLE_RHO_FLOOR),
-            east: vec3(cos_lon, 0.0, -sin_lon),
-            down: vec3(-n.y * sin_lon, rho, -n.y * cos_lon),
-        }
-    }
 }
 
 #[cfg(test)]
@@ -231,17 +189,5 @@ mod tests {
                 -ky * p.y * p.z / (rho * d2),
             ),
         ]
-    }
-
-    #[test]
-    fn exact_poles_stay_finite() {
-        for y in [-1.0, 1.0] {
-            let p = vec3(0.0, y, 0.0);
-            let projection = project(&CAMERA, p, 1.0);
-            assert!(projection.pixel.is_finite() && projection.jacobian_u.is_finite());
-            assert_eq!(projection.pixel.y, if y < 0.0 { 0.0 } else { 512.0 });
-            let gradient = project_vjp(&CAMERA, p, 1.0, vec2(1.0, 1.0), Vec3::ONE, Vec3::ONE);
-            assert!(gradient.is_finite());
-        }
     }
 }

@@ -5,12 +5,17 @@
 
 pub mod erp;
 pub mod pinhole;
+pub mod rays;
 
-use glam::{DMat3, DVec3, Mat3, Vec2, Vec3};
+use std::f32::consts::{PI, TAU};
+
+use glam::{DMat3, DVec3, Mat3, Vec2, Vec3, vec3};
 use omnilife_schemas::{
     Pose, Similarity,
     camera::{ErpCamera, PinholeCamera},
 };
+
+use crate::kernels::{CONE_RHO, LOW_PASS};
 
 /// The camera models that the kernels draw.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -92,6 +97,125 @@ impl Camera {
             }
         }
     }
+}
+
+/// Two directions orthogonal to the unit direction `n` and to each other, `[e_1, e_2]` with
+/// `e_1 x e_2 = n`: `e_1` is horizontal (towards growing longitude), `e_2` points down.
+pub fn tangent_frame(n: Vec3) -> [Vec3; 2] {
+    let rho = n.x.hypot(n.z);
+    // At an exact pole longitude is arbitrary: `atan2(0, 0)` is 0, so is this frame's.
+    let (sin, cos) = if rho > 0.0 {
+        (n.x / rho, n.z / rho)
+    } else {
+        (0.0, 1.0)
+    };
+    [vec3(cos, 0.0, -sin), vec3(-n.y * sin, rho, -n.y * cos)]
+}
+
+/// A rectangle of the image in pixels; columns of an ERP image count on beyond both sides.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PixelBox {
+    /// Middle.
+    pub centre: [f32; 2],
+    /// Half width and half height.
+    pub extent: [f32; 2],
+}
+
+impl PixelBox {
+    /// More than any image.
+    pub const EVERYTHING: Self = Self {
+        centre: [0.0; 2],
+        extent: [1e9; 2],
+    };
+}
+
+/// What the cones of [`crate::kernels::project`] need to know of a camera.
+impl Camera {
+    /// Square of the low-pass filter's standard deviation as an angle, radians squared: the
+    /// [`LOW_PASS`] of a pixel at the image centre.
+    pub fn angular_low_pass(&self) -> f32 {
+        match self {
+            Self::Erp(camera) => LOW_PASS * (PI / camera.height as f32).powi(2),
+            Self::Pinhole(camera) => LOW_PASS / (camera.fx * camera.fy) as f32,
+        }
+    }
+
+    /// How a unit direction moves with its image: `dn/du` and `dn/dv`, radians per pixel. Within
+    /// [`CONE_RHO`] of a pole of an ERP image, `dn/du` stops shrinking.
+    pub fn pixel_step(&self, n: Vec3) -> [Vec3; 2] {
+        match self {
+            Self::Erp(camera) => {
+                let [east, down] = tangent_frame(n);
+                let rho = n.x.hypot(n.z).max(CONE_RHO);
+                [
+                    east * (rho * TAU / camera.width as f32),
+                    down * (PI / camera.height as f32),
+                ]
+            }
+            Self::Pinhole(camera) => [
+                (Vec3::X - n * n.x) * (n.z / camera.fx as f32),
+                (Vec3::Y - n * n.y) * (n.z / camera.fy as f32),
+            ],
+        }
+    }
+
+    /// A rectangle around the cap of `radius` radians around the unit direction `n`, whose image is
+    /// `pixel`. NaN gives everything.
+    pub fn cap_box(&self, n: Vec3, pixel: Vec2, radius: f32) -> PixelBox {
+        let is_less_than_half = radius < 0.5 * PI;
+        if !is_less_than_half {
+            return PixelBox::EVERYTHING;
+        }
+        let (sin, pixel) = (radius.sin(), pixel.to_array());
+        match self {
+            Self::Erp(camera) => {
+                let rho = n.x.hypot(n.z);
+                let half_height = radius / PI * camera.height as f32;
+                // The widest point of a cap that holds no pole; one that does is everywhere.
+                let half_width = if sin < rho {
+                    (sin / rho).asin() / TAU * camera.width as f32
+                } else {
+                    PixelBox::EVERYTHING.extent[0]
+                };
+                PixelBox {
+                    centre: pixel,
+                    extent: [half_width, half_height],
+                }
+            }
+            Self::Pinhole(camera) => {
+                let (Some(columns), Some(rows)) =
+                    (slopes_of_cap(n.x, n.z, sin), slopes_of_cap(n.y, n.z, sin))
+                else {
+                    return PixelBox::EVERYTHING;
+                };
+                let pixels = |slopes: (f32, f32), focal: f64, centre: f64| {
+                    let (focal, centre) = (focal as f32, centre as f32);
+                    (
+                        0.5 * (slopes.0 + slopes.1) * focal + centre,
+                        0.5 * (slopes.1 - slopes.0) * focal,
+                    )
+                };
+                let (u, half_width) = pixels(columns, camera.fx, camera.cx);
+                let (v, half_height) = pixels(rows, camera.fy, camera.cy);
+                PixelBox {
+                    centre: [u, v],
+                    extent: [half_width, half_height],
+                }
+            }
+        }
+    }
+}
+
+/// Range of `x / z` over a cap around a unit direction with the coordinates `x`, `z`, from the
+/// planes through the centre that touch the cap: `(x - u z)^2 = (1 + u^2) sin^2`. `None` where the
+/// cap reaches `z = 0`.
+fn slopes_of_cap(x: f32, z: f32, sin: f32) -> Option<(f32, f32)> {
+    let denominator = z * z - sin * sin;
+    if z <= 0.0 || denominator <= 0.0 {
+        return None;
+    }
+    let root = sin * (x * x + denominator).max(0.0).sqrt();
+    Some(((x * z - root) / denominator, (x * z + root) / denominator))
 }
 
 impl From<ErpCamera> for Camera {

@@ -66,5 +66,11 @@ pub const ALPHA_MAX: f32 = 0.99;
 pub const TRANSMITTANCE_MIN: f32 = 1e-4;
 /// Added to the diagonal of the projected covariance, square pixels (3DGS `forward.cu`).
 pub const LOW_PASS: f32 = 0.3;
+/// `cos(85 degrees)`: nearer to a pole of an ERP image than this (`hypot(x, z) < CONE_RHO d`) the
+/// ellipse in the image means nothing, and the footprint is a cone.
+pub const CONE_RHO: f32 = 0.087_155_744;
+/// An ellipse whose standard deviation along the columns of an ERP image is more than this share of
+/// the width (six of them cover a quarter turn) is too wide for the image's plane: a cone.
+pub const CONE_WIDTH: f32 = 1.0 / 24.0;
 /// Side of a tile in pixels.
 pub const TILE: usize = 16;

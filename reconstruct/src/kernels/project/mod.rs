@@ -1,63 +1,158 @@
-//! Projection: from instantaneous Gaussians to ellipses in the image.
+//! Projection: from instantaneous Gaussians to footprints in the image.
 //!
-//! For a Gaussian with centre `mu`, axes `M = R S` and a camera with rotation `W` and centre `c`
-//! (EWA splatting as 3DGS `forward.cu` and ODGS `forward.cu` do it, with the Jacobian of
-//! [`crate::camera`]):
+//! For a Gaussian with centre `mu`, axes `M = R S` and a camera with rotation `W` and centre `c`:
 //!
 //! ```text
-//! p = W (mu - c)        d = |p|, culled when d <= near
-//! V = J(p) W M          2x3, pixels
-//! Sigma = V V^T + 0.3 I
-//! det Sigma = |V_u x V_v|^2 + 0.3 (|V_u|^2 + |V_v|^2) + 0.09     (Lagrange's identity: no
-//!                                                                cancellation for needles)
-//! alpha(x) = min(0.99, o exp(-q/2)),  q = (x - u)^T Sigma^-1 (x - u),  columns wrapped at the seam
+//! p = W (mu - c)       d = |p|, drawn when d > near       n = p / d
 //! colour = max(1/2 + sum_k Y_k((mu - c) / d) sh_k, 0)
+//! alpha(x) = min(0.99, o exp(-q(x)/2)), drawn where alpha >= 1/255, that is q <= 2 ln(255 o)
 //! ```
 //!
-//! A Gaussian contributes where `alpha >= 1/255`, that is `q <= 2 ln(255 o)`. This is the whole
-//! definition of a footprint: the published 3-sigma squares depend on the tile grid and are not
-//! reproduced. A Gaussian whose centre is nearer than `near` or whose largest axis is longer than
-//! its distance (the linearization means nothing there) is culled.
+//! This is the whole definition of a footprint: the published 3-sigma squares depend on the tile
+//! grid and are not reproduced. `q` comes in two shapes.
+//!
+//! **Ellipse** (EWA splatting as 3DGS `forward.cu` and ODGS `forward.cu` do it, with the Jacobian of
+//! [`crate::camera`]); in an ERP image columns are wrapped at the seam:
+//!
+//! ```text
+//! V = J(p) W M                                   2x3, pixels
+//! Sigma = V V^T + 0.3 I = [[A, B], [B, C]]
+//! det Sigma = |V_u x V_v|^2 + 0.3 (|V_u|^2 + |V_v|^2) + 0.09     (Lagrange's identity: no
+//!                                                                cancellation for needles)
+//! q(x) = (x - u)^T Sigma^-1 (x - u) = (dx - B/C dy)^2 C/det + dy^2 / C
+//! ```
+//!
+//! **Cone** (evaluated per pixel on its ray `r`; no pole, no seam), with `[e_1, e_2]` orthogonal to
+//! `n` and everything as an angle, that is in units of `d`:
+//!
+//! ```text
+//! V_i = e_i^T W M / d,  V_n = n^T W M / d        radians
+//! S = V V^T + s^2 I,    s^2 = 0.3 (pi/H)^2 for ERP, 0.3 / (fx fy) for a pinhole
+//! det S by Lagrange's identity as above;  F^T F = S^-1 (inverse of the Cholesky factor)
+//! f_i = F_i1 e_1 + F_i2 e_2          m = n - h_1 e_1 - h_2 e_2
+//! N = (f_1.r)^2 + (f_2.r)^2          l = max(m.r, 0)          q = N / (l^2 + eps N)
+//! ```
+//!
+//! With `h = 0`, `eps = 0` this is the Gaussian flattened onto its tangent plane (a gnomonic
+//! projection about its own centre). With
+//!
+//! ```text
+//! h = S^-1 V V_n^T       eps = prod_k(sigma_k^2 / d^2 + s^2) / det S
+//! ```
+//!
+//! `q` is exactly the smallest squared Mahalanobis distance along the ray, `t >= 0`, of the Gaussian
+//! with covariance `M M^T + (s d)^2 I`: Schur's complement splits `Sigma^-1` into the tangential
+//! `S^-1`, the slope `h` of the depth's regression on it, and the conditional variance `eps` of the
+//! depth. The low-pass filter is an isotropic widening in space that looks as wide as a pixel at the
+//! image's centre from where the camera stands.
+//!
+//! Which shape is drawn:
+//!
+//! * [`Footprint::Projected`](super::Footprint): ellipses, and flat cones in an ERP image for
+//!   `hypot(n_x, n_z) <` [`CONE_RHO`](super::CONE_RHO) and `sqrt(A) >` [`CONE_WIDTH`](super::CONE_WIDTH)
+//!   ` W`. A Gaussian whose largest axis is longer than its distance is left out: the linearization
+//!   means nothing there.
+//! * [`Footprint::Ray`](super::Footprint): exact cones for all.
 
+mod cone;
 pub mod cpu;
+mod ellipse;
 mod sh;
 
 use glam::Vec3;
 
-/// A visible Gaussian in image coordinates.
+/// A visible Gaussian's footprint and colour.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Splat {
-    /// Centre in pixels; the column is in [0, W].
+    /// Middle of a rectangle around the footprint, pixels; for an ellipse, its centre.
     pub centre: [f32; 2],
-    /// Entries a, b, c of the inverse covariance `[[a, b], [b, c]]`, per square pixel.
-    pub conic: [f32; 3],
-    /// Entries of the covariance, square pixels.
-    pub covariance: [f32; 3],
-    /// Half width and half height of the footprint in pixels.
+    /// Half width and half height of the rectangle.
     pub extent: [f32; 2],
-    /// Largest `q` inside the footprint.
-    pub q_max: f32,
-    /// Opacity in (0, 1).
-    pub opacity: f32,
+    /// Binary logarithm of the opacity.
+    pub log2_opacity: f32,
     /// Colour, red green blue, not negative.
     pub colour: [f32; 3],
-    /// Distance from the camera: the sort key.
-    pub distance: f32,
-    /// Index of the Gaussian.
-    pub gaussian: u32,
+    /// How `q` varies over pixels.
+    pub shape: Shape,
+}
+
+/// The two forms of `q`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Shape {
+    /// A quadratic form in pixel coordinates.
+    Ellipse(Ellipse),
+    /// A quotient of quadratic forms in rays.
+    Cone(Cone),
+}
+
+impl Default for Shape {
+    fn default() -> Self {
+        Self::Ellipse(Ellipse::default())
+    }
+}
+
+/// `q = (dx - slope dy)^2 / variance + dy^2 inverse_row_variance`.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Ellipse {
+    /// Variance of a row of pixels, `det Sigma / C`, square pixels.
+    pub variance: f32,
+    /// `C / det Sigma`.
+    pub inverse_variance: f32,
+    /// Columns by which a row's middle moves per row, `B / C`.
+    pub slope: f32,
+    /// `1 / C`, per square pixel.
+    pub inverse_row_variance: f32,
+}
+
+/// `q = N / (l^2 + eps N)` with `N = (f_1.r)^2 + (f_2.r)^2` and `l = max(m.r, 0)`.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Cone {
+    /// `f_1`, `f_2`: per radian, in the camera frame.
+    pub across: [Vec3; 2],
+    /// `m`, in the camera frame.
+    pub along: Vec3,
+    /// `eps`, the relative variance of the depth.
+    pub depth_variance: f32,
 }
 
 /// Gradients of the loss by a [`Splat`]'s fields.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SplatGradient {
-    /// By the centre, per pixel.
-    pub centre: [f32; 2],
-    /// By the three conic entries; b counts once (it stands twice in the matrix).
-    pub conic: [f32; 3],
-    /// By the opacity.
-    pub opacity: f32,
+    /// By the shape. Ellipse: centre (2), inverse variance, slope, inverse row variance. Cone:
+    /// `f_1` (3), `f_2` (3), `m` (3), `eps`.
+    pub shape: [f32; 10],
+    /// By the natural logarithm of the opacity.
+    pub log_opacity: f32,
     /// By the colour.
     pub colour: [f32; 3],
+}
+
+impl SplatGradient {
+    fn accumulate(&mut self, other: &Self) {
+        for (sum, value) in self.shape.iter_mut().zip(other.shape) {
+            *sum += value;
+        }
+        for (sum, value) in self.colour.iter_mut().zip(other.colour) {
+            *sum += value;
+        }
+        self.log_opacity += other.log_opacity;
+    }
+}
+
+/// Largest `q` of a footprint, `2 ln(255 o)`, from the opacity's binary logarithm.
+#[inline(always)]
+pub fn largest_q(log2_opacity: f32) -> f32 {
+    const LOG2_255: f32 = 7.994_353_5;
+    2.0 * std::f32::consts::LN_2 * (log2_opacity + LOG2_255)
+}
+
+impl Cone {
+    /// `q' = q_max / (1 - eps q_max)`: the footprint is where `N <= q' l^2`. `None` where it is
+    /// everywhere, because the camera itself is inside.
+    pub fn largest_ratio(&self, q_max: f32) -> Option<f32> {
+        let rest = 1.0 - self.depth_variance * q_max;
+        (rest > 0.0).then(|| q_max / rest)
+    }
 }
 
 /// Axes `M = R S` as columns, from a unit quaternion (w, x, y, z) and scales.
@@ -81,4 +176,31 @@ pub(crate) fn axes(rotation: [f32; 4], scale: [f32; 3]) -> [Vec3; 3] {
         ),
     ];
     [r[0] * scale[0], r[1] * scale[1], r[2] * scale[2]]
+}
+
+/// VJP of [`axes`]: gradients by the scales and by the unit quaternion.
+pub(crate) fn axes_vjp(
+    rotation: [f32; 4],
+    scale: [f32; 3],
+    d_axes: &[Vec3; 3],
+) -> ([f32; 3], [f32; 4]) {
+    let [w, x, y, z] = rotation;
+    let unscaled = axes(rotation, [1.0; 3]);
+    let d_scale = [
+        d_axes[0].dot(unscaled[0]),
+        d_axes[1].dot(unscaled[1]),
+        d_axes[2].dot(unscaled[2]),
+    ];
+    let [c0, c1, c2] = [
+        d_axes[0] * scale[0],
+        d_axes[1] * scale[1],
+        d_axes[2] * scale[2],
+    ];
+    let d_rotation = [
+        2.0 * (z * (c0.y - c1.x) + y * (c2.x - c0.z) + x * (c1.z - c2.y)),
+        2.0 * (y * (c0.y + c1.x) + z * (c0.z + c2.x) + w * (c1.z - c2.y) - 2.0 * x * (c1.y + c2.z)),
+        2.0 * (x * (c0.y + c1.x) + z * (c1.z + c2.y) + w * (c2.x - c0.z) - 2.0 * y * (c0.x + c2.z)),
+        2.0 * (x * (c0.z + c2.x) + y * (c1.z + c2.y) + w * (c0.y - c1.x) - 2.0 * z * (c0.x + c1.y)),
+    ];
+    (d_scale, d_rotation)
 }

@@ -1,334 +1,198 @@
-//! Rasterization on the processor: one tile per task, half a row of a tile per vector step.
+//! Rasterization on the processor: one tile per task, 8 pixels of a row per vector step.
 //!
-//! Most footprints are a few pixels wide, so a row of a tile is walked as two *blocks* of
-//! 8 pixels, and blocks beside the footprint are left out. The arithmetic is written once
-//! over lanes and compiled twice: for the baseline and for AVX2. No operation is fused, so both
-//! give the same bits.
-#![expect(
-    clippy::needless_range_loop,
-    reason = "lanes, blocks and channels index several arrays at once"
-)]
+//! A row of a footprint is walked in vectors that begin at its first pixel, wherever that is.
 
+use std::{cell::RefCell, ops::Range};
+
+use fearless_simd::{Level, dispatch};
 use rayon::prelude::*;
 
 use super::{
-    Raster,
-    lanes::{BLOCKS, LANES, Lanes, Plane, all_zero, block_alpha, block_blend, sum_blocks},
-    tile::{Alive, Tile, tile_range},
+    EntryGradients, Raster, RasterGradient,
+    composite::{Composited, composite},
+    gradient::{FeatureScratch, TileEntries, tile_gradients},
+    tile::{Plane, STRIDE, Scene, Tile},
 };
-use crate::kernels::{
-    TILE,
-    bin::TileLists,
-    project::{Splat, SplatGradient},
+use crate::{
+    camera::rays::Rays,
+    gaussians::InstantGaussians,
+    kernels::{
+        TILE,
+        bin::TileLists,
+        project::{Splat, SplatGradient},
+    },
 };
 
-/// Renders `splats` with their tile `lists` over a background colour.
-pub fn forward(
-    size: (usize, usize),
-    splats: &[Splat],
-    lists: &TileLists,
-    background: [f32; 3],
-    out: &mut Raster,
-) {
-    let (width, height) = size;
+thread_local! {
+    static FEATURE_PLANES: RefCell<Vec<Plane>> = const { RefCell::new(Vec::new()) };
+    static FEATURE_SCRATCH: RefCell<FeatureScratch> = RefCell::default();
+}
+
+/// What the rasterizer reads of a projected view.
+#[derive(Debug, Clone, Copy)]
+pub struct Input<'a> {
+    /// Splats, one per Gaussian.
+    pub splats: &'a [Splat],
+    /// The Gaussians, for their features.
+    pub gaussians: &'a InstantGaussians,
+    /// The tiles' splats.
+    pub lists: &'a TileLists,
+    /// Rays of the pixels.
+    pub rays: &'a Rays,
+    /// Colour behind everything.
+    pub background: [f32; 3],
+}
+
+impl<'a> Input<'a> {
+    fn scene(&self) -> Scene<'a> {
+        Scene {
+            splats: self.splats,
+            features: &self.gaussians.features,
+            feature_count: self.gaussians.feature_count,
+            lists: self.lists,
+            rays: self.rays,
+            background: self.background,
+        }
+    }
+}
+
+/// Renders colours and features.
+pub fn forward(input: Input<'_>, out: &mut Raster) {
+    let scene = input.scene();
+    let (width, height) = (scene.width(), scene.height());
     out.width = width;
     out.height = height;
     out.colour.resize(width * height * 3, 0.0);
     out.transmittance.resize(width * height, 0.0);
-    // A row of tiles owns a contiguous stretch of the image.
-    out.colour
-        .par_chunks_mut(TILE * width * 3)
-        .zip(out.transmittance.par_chunks_mut(TILE * width))
+    out.features
+        .resize(width * height * scene.feature_count, 0.0);
+    let level = Level::new();
+    // A row of tiles owns a contiguous stretch of every image.
+    let mut bands = Vec::with_capacity(scene.lists.rows);
+    let mut planes: Vec<_> = out
+        .features
+        .chunks_mut((width * height).max(1))
+        .map(|plane| plane.chunks_mut(TILE * width))
+        .collect();
+    for (colour, transmittance) in out
+        .colour
+        .chunks_mut(TILE * width * 3)
+        .zip(out.transmittance.chunks_mut(TILE * width))
+    {
+        bands.push(Band {
+            colour,
+            transmittance,
+            features: planes.iter_mut().filter_map(Iterator::next).collect(),
+        });
+    }
+    bands
+        .into_par_iter()
         .enumerate()
-        .for_each(|(tile_row, (colour, transmittance))| {
-            for tile_column in 0..lists.columns {
-                let tile = Tile::new(size, lists, tile_row, tile_column);
-                let state = composite(&tile, splats);
-                for row in 0..tile.rows {
-                    for column in 0..tile.columns {
-                        let pixel = row * width + tile.left + column;
-                        let left = state.transmittance[row].as_flattened()[column];
-                        transmittance[pixel] = left;
-                        for channel in 0..3 {
-                            colour[pixel * 3 + channel] = state.colour[channel][row].as_flattened()
-                                [column]
-                                + left * background[channel];
-                        }
-                    }
+        .with_max_len(1)
+        .for_each(|(row, mut band)| {
+            FEATURE_PLANES.with_borrow_mut(|features| {
+                for column in 0..scene.lists.columns {
+                    let tile = Tile::new(&scene, row * scene.lists.columns + column);
+                    features.clear();
+                    features.resize(scene.feature_count, [0.0; TILE * STRIDE]);
+                    let state = dispatch!(level, simd => composite(simd, &scene, &tile, features));
+                    band.write(&scene, &tile, &state, features);
                 }
-            }
+            });
         });
 }
 
-/// Gradients by the splats from the gradient by the image (`H * W * 3`). `order` is the order near
-/// to far in which the tile lists were made; `out` receives one gradient per splat.
-pub fn backward(
-    raster: &Raster,
-    splats: &[Splat],
-    order: &[u32],
-    lists: &TileLists,
-    image_gradient: &[f32],
-    out: &mut Vec<SplatGradient>,
-) {
-    let size = (raster.width, raster.height);
-    let tile_count = lists.columns * lists.rows;
-    let per_tile: Vec<Vec<SplatGradient>> = (0..tile_count)
-        .into_par_iter()
-        .map(|index| {
-            let tile = Tile::new(size, lists, index / lists.columns, index % lists.columns);
-            tile_gradients(&tile, splats, raster, image_gradient)
-        })
-        .collect();
-    // Entries are numbered splat by splat: put every tile's gradients into that order ...
-    let mut entries = vec![SplatGradient::default(); lists.items.len()];
-    for (tile, gradients) in per_tile.into_iter().enumerate() {
-        let items = &lists.items[tile_range(lists, tile)];
-        for (item, gradient) in items.iter().zip(gradients) {
-            entries[item.entry as usize] = gradient;
-        }
-    }
-    // ... and sum them, always in the same order.
-    out.clear();
-    out.resize(splats.len(), SplatGradient::default());
-    for (rank, &splat) in order.iter().enumerate() {
-        let range = lists.entry_starts[rank] as usize..lists.entry_starts[rank + 1] as usize;
-        let sum = &mut out[splat as usize];
-        for entry in &entries[range] {
-            sum.accumulate(entry);
-        }
-    }
+/// A row of tiles in the images.
+struct Band<'a> {
+    colour: &'a mut [f32],
+    transmittance: &'a mut [f32],
+    features: Vec<&'a mut [f32]>,
 }
 
-impl SplatGradient {
-    fn accumulate(&mut self, other: &Self) {
-        for axis in 0..2 {
-            self.centre[axis] += other.centre[axis];
-        }
-        for entry in 0..3 {
-            self.conic[entry] += other.conic[entry];
-            self.colour[entry] += other.colour[entry];
-        }
-        self.opacity += other.opacity;
-    }
-}
-
-/// Per-pixel state of a tile.
-struct TileState {
-    colour: [Plane; 3],
-    transmittance: Plane,
-}
-
-#[inline(always)]
-fn composite_generic(tile: &Tile<'_>, splats: &[Splat]) -> TileState {
-    let mut state = TileState {
-        colour: [[[[0.0; LANES]; BLOCKS]; TILE]; 3],
-        transmittance: [[[1.0; LANES]; BLOCKS]; TILE],
-    };
-    let mut alive = Alive::new(tile);
-    for item in tile.items {
-        if alive.count == 0 {
-            break;
-        }
-        let splat = &splats[item.splat as usize];
-        let footprint = tile.footprint(splat);
-        for row in footprint.rows {
-            let y = (tile.top + row) as f32 + 0.5 - splat.centre[1];
-            for block in footprint.blocks.clone() {
-                if !alive.blocks[row][block] {
-                    continue;
-                }
-                let pixels = &mut alive.pixels[row][block];
-                let (mut alpha, _) = block_alpha(splat, &footprint.offsets[block], y, pixels);
-                if all_zero(&alpha) {
-                    continue;
-                }
-                let transmittance = &mut state.transmittance[row][block];
-                let weights = block_blend(&mut alpha, transmittance, pixels);
-                for channel in 0..3 {
-                    let colour = splat.colour[channel];
-                    let sums = &mut state.colour[channel][row][block];
-                    for lane in 0..LANES {
-                        sums[lane] += weights[lane] * colour;
-                    }
-                }
-                alive.update(row, block);
-            }
-        }
-    }
-    state
-}
-
-/// The image gradient and `S - P_i` of a tile's pixels.
-struct Upstream {
-    /// dL/dC by channel.
-    colour: [Plane; 3],
-    /// What the splats behind and the background contribute to `g . C`.
-    behind: Plane,
-}
-
-impl Upstream {
-    #[inline(always)]
-    fn new(tile: &Tile<'_>, raster: &Raster, image_gradient: &[f32]) -> Self {
-        let mut upstream = Self {
-            colour: [[[[0.0; LANES]; BLOCKS]; TILE]; 3],
-            behind: [[[0.0; LANES]; BLOCKS]; TILE],
-        };
+impl Band<'_> {
+    fn write(&mut self, scene: &Scene<'_>, tile: &Tile, state: &Composited, features: &[Plane]) {
         for row in 0..tile.rows {
-            for column in 0..tile.columns {
-                let pixel = ((tile.top + row) * raster.width + tile.left + column) * 3;
-                let (block, lane) = (column / LANES, column % LANES);
-                for channel in 0..3 {
-                    let g = image_gradient[pixel + channel];
-                    upstream.colour[channel][row][block][lane] = g;
-                    upstream.behind[row][block][lane] += g * raster.colour[pixel + channel];
+            let first = row * scene.width() + tile.left;
+            let pixels = first..first + tile.columns;
+            let colour = &mut self.colour[first * 3..(first + tile.columns) * 3];
+            let rows = colour
+                .as_chunks_mut::<3>()
+                .0
+                .iter_mut()
+                .zip(&mut self.transmittance[pixels.clone()]);
+            for (column, (rgb, transmittance)) in rows.enumerate() {
+                let at = row * STRIDE + column;
+                *transmittance = state.transmittance[at].abs();
+                for (channel, value) in rgb.iter_mut().enumerate() {
+                    *value = state.colour[channel][at] + *transmittance * scene.background[channel];
                 }
             }
-        }
-        upstream
-    }
-}
-
-/// Sums over a splat's footprint in one tile, kept per lane until the end.
-struct Sums {
-    /// dL/d(-q/2), times 1, y and y^2.
-    power: [[Lanes; BLOCKS]; 3],
-    opacity: [Lanes; BLOCKS],
-    colour: [[Lanes; BLOCKS]; 3],
-}
-
-/// One [`SplatGradient`] per item of the tile's list.
-#[inline(always)]
-fn tile_gradients_generic(
-    tile: &Tile<'_>,
-    splats: &[Splat],
-    raster: &Raster,
-    image_gradient: &[f32],
-) -> Vec<SplatGradient> {
-    let mut gradients = vec![SplatGradient::default(); tile.items.len()];
-    let mut upstream = Upstream::new(tile, raster, image_gradient);
-    let mut transmittance = [[[1.0; LANES]; BLOCKS]; TILE];
-    let mut alive = Alive::new(tile);
-    for (item, gradient) in tile.items.iter().zip(&mut gradients) {
-        if alive.count == 0 {
-            break;
-        }
-        let splat = &splats[item.splat as usize];
-        let footprint = tile.footprint(splat);
-        let mut sums = Sums {
-            power: [[[0.0; LANES]; BLOCKS]; 3],
-            opacity: [[0.0; LANES]; BLOCKS],
-            colour: [[[0.0; LANES]; BLOCKS]; 3],
-        };
-        for row in footprint.rows.clone() {
-            let y = (tile.top + row) as f32 + 0.5 - splat.centre[1];
-            for block in footprint.blocks.clone() {
-                if !alive.blocks[row][block] {
-                    continue;
-                }
-                let before = transmittance[row][block];
-                let pixels = &mut alive.pixels[row][block];
-                let (mut alpha, falloff) = block_alpha(splat, &footprint.offsets[block], y, pixels);
-                if all_zero(&alpha) {
-                    continue;
-                }
-                let weights = block_blend(&mut alpha, &mut transmittance[row][block], pixels);
-                let behind = &mut upstream.behind[row][block];
-                for lane in 0..LANES {
-                    let g: [f32; 3] =
-                        std::array::from_fn(|channel| upstream.colour[channel][row][block][lane]);
-                    let along =
-                        g[0] * splat.colour[0] + g[1] * splat.colour[1] + g[2] * splat.colour[2];
-                    for channel in 0..3 {
-                        sums.colour[channel][block][lane] += weights[lane] * g[channel];
-                    }
-                    behind[lane] -= weights[lane] * along;
-                    let by_alpha = before[lane] * along - behind[lane] / (1.0 - alpha[lane]);
-                    let by_alpha = if alpha[lane] > 0.0 { by_alpha } else { 0.0 };
-                    let by_opacity = by_alpha * falloff[lane];
-                    let by_power = by_opacity * splat.opacity;
-                    sums.opacity[block][lane] += by_opacity;
-                    sums.power[0][block][lane] += by_power;
-                    sums.power[1][block][lane] += by_power * y;
-                    sums.power[2][block][lane] += by_power * y * y;
-                }
-                alive.update(row, block);
+            for (image, plane) in self.features.iter_mut().zip(features) {
+                image[pixels.clone()].copy_from_slice(&plane[row * STRIDE..][..tile.columns]);
             }
         }
-        *gradient = sums.assemble(splat, &footprint.offsets);
-    }
-    gradients
-}
-
-impl Sums {
-    /// Moments of dL/d(-q/2) over the footprint become gradients of centre and conic.
-    #[inline(always)]
-    fn assemble(&self, splat: &Splat, offsets: &[Lanes; BLOCKS]) -> SplatGradient {
-        let mut by_x = [[0.0; LANES]; BLOCKS];
-        let mut by_xx = [[0.0; LANES]; BLOCKS];
-        let mut by_xy = [[0.0; LANES]; BLOCKS];
-        for block in 0..BLOCKS {
-            for lane in 0..LANES {
-                let x = offsets[block][lane];
-                by_x[block][lane] = self.power[0][block][lane] * x;
-                by_xx[block][lane] = by_x[block][lane] * x;
-                by_xy[block][lane] = self.power[1][block][lane] * x;
-            }
-        }
-        let (x, y) = (sum_blocks(&by_x), sum_blocks(&self.power[1]));
-        let [a, b, c] = splat.conic;
-        SplatGradient {
-            centre: [a * x + b * y, b * x + c * y],
-            conic: [
-                -0.5 * sum_blocks(&by_xx),
-                -sum_blocks(&by_xy),
-                -0.5 * sum_blocks(&self.power[2]),
-            ],
-            opacity: sum_blocks(&self.opacity),
-            colour: [
-                sum_blocks(&self.colour[0]),
-                sum_blocks(&self.colour[1]),
-                sum_blocks(&self.colour[2]),
-            ],
-        }
     }
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn composite_avx2(tile: &Tile<'_>, splats: &[Splat]) -> TileState {
-    composite_generic(tile, splats)
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn tile_gradients_avx2(
-    tile: &Tile<'_>,
-    splats: &[Splat],
+/// Gradients by the splats of all entries, from the gradient by the images. `raster` is what
+/// [`forward`] gave for the same input.
+pub fn backward(
+    input: Input<'_>,
     raster: &Raster,
-    image_gradient: &[f32],
-) -> Vec<SplatGradient> {
-    tile_gradients_generic(tile, splats, raster, image_gradient)
+    gradient: &RasterGradient<'_>,
+    out: &mut EntryGradients,
+) {
+    let scene = input.scene();
+    let entries = scene.lists.len();
+    out.splats.resize(entries, SplatGradient::default());
+    out.features.resize(entries * scene.feature_count, 0.0);
+    let level = Level::new();
+    let all = TileEntries {
+        splats: &mut out.splats,
+        features: &mut out.features,
+    };
+    let tiles = 0..scene.lists.columns * scene.lists.rows;
+    for_each_tile(&scene, tiles, all, &|index, mut out| {
+        let tile = Tile::new(&scene, index);
+        FEATURE_SCRATCH.with_borrow_mut(|scratch| {
+            dispatch!(level, simd => {
+                tile_gradients(simd, &scene, &tile, raster, gradient, &mut out, scratch);
+            });
+        });
+    });
 }
 
-fn composite(tile: &Tile<'_>, splats: &[Splat]) -> TileState {
-    #[cfg(target_arch = "x86_64")]
-    if is_x86_feature_detected!("avx2") {
-        // SAFETY: the processor has AVX2.
-        return unsafe { composite_avx2(tile, splats) };
+/// Calls `work` for every tile with its part of `out`, in parallel.
+fn for_each_tile<F>(scene: &Scene<'_>, tiles: Range<usize>, out: TileEntries<'_>, work: &F)
+where
+    F: Fn(usize, TileEntries<'_>) + Sync,
+{
+    match tiles.len() {
+        0 => {}
+        1 => work(tiles.start, out),
+        _ => {
+            let middle = usize::midpoint(tiles.start, tiles.end);
+            let begin = scene.lists.tile(tiles.start).start;
+            let count = scene.lists.tile(middle).start - begin;
+            let (left, right) = out.splats.split_at_mut(count);
+            let (left_features, right_features) =
+                out.features.split_at_mut(count * scene.feature_count);
+            rayon::join(
+                || {
+                    let out = TileEntries {
+                        splats: left,
+                        features: left_features,
+                    };
+                    for_each_tile(scene, tiles.start..middle, out, work);
+                },
+                || {
+                    let out = TileEntries {
+                        splats: right,
+                        features: right_features,
+                    };
+                    for_each_tile(scene, middle..tiles.end, out, work);
+                },
+            );
+        }
     }
-    composite_generic(tile, splats)
-}
-
-fn tile_gradients(
-    tile: &Tile<'_>,
-    splats: &[Splat],
-    raster: &Raster,
-    image_gradient: &[f32],
-) -> Vec<SplatGradient> {
-    #[cfg(target_arch = "x86_64")]
-    if is_x86_feature_detected!("avx2") {
-        // SAFETY: the processor has AVX2.
-        return unsafe { tile_gradients_avx2(tile, splats, raster, image_gradient) };
-    }
-    tile_gradients_generic(tile, splats, raster, image_gradient)
 }

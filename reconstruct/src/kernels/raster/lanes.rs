@@ -1,117 +1,107 @@
-//! Arithmetic on a few neighbouring pixels at once, written so that it vectorizes.
+//! Arithmetic on 8 neighbouring pixels at once.
 
-use crate::kernels::{ALPHA_MAX, ALPHA_MIN, TILE, TRANSMITTANCE_MIN, project::Splat};
+use fearless_simd::{Simd, f32x8, prelude::*};
+
+use crate::kernels::{ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN};
 
 /// Pixels per vector step.
 pub(super) const LANES: usize = 8;
-/// Vector steps per row of a tile.
-pub(super) const BLOCKS: usize = TILE / LANES;
 
-pub(super) type Lanes = [f32; LANES];
-/// One value per pixel of a tile: rows of blocks of lanes.
-pub(super) type Plane = [[Lanes; BLOCKS]; TILE];
+/// `0, 1, 2 ...`
+const STEPS: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
 
-/// `exp(x)` for `x <= 0`, relative error below 1e-6 down to -6 and 1e-5 down to -80, where it stays;
-/// branch-free so that it vectorizes.
 #[inline(always)]
-pub(super) fn exp_negative(x: f32) -> f32 {
-    let x = x.max(-80.0);
-    let scaled = x * std::f32::consts::LOG2_E;
+pub(super) fn steps<S: Simd>(simd: S) -> f32x8<S> {
+    STEPS.simd_into(simd)
+}
+
+#[inline(always)]
+pub(super) fn load<S: Simd>(simd: S, values: &[f32], at: usize) -> f32x8<S> {
+    f32x8::from_slice(simd, &values[at..at + LANES])
+}
+
+#[inline(always)]
+pub(super) fn store<S: Simd>(vector: f32x8<S>, values: &mut [f32], at: usize) {
+    vector.store_slice(&mut values[at..at + LANES]);
+}
+
+/// `2^t` for `t` in [-100, 0], relative error below 3e-7.
+#[inline(always)]
+pub(super) fn exp2<S: Simd>(simd: S, t: f32x8<S>) -> f32x8<S> {
     // Rounds to the nearest integer by pushing the fraction out of the mantissa.
     const ROUNDER: f32 = 12_582_912.0; // 1.5 * 2^23
-    let shifted = scaled + ROUNDER;
-    let f = scaled - (shifted - ROUNDER);
-    // 2^f on [-1/2, 1/2], Taylor coefficients of exp(f ln 2) up to the sixth power.
-    let mut p = 1.540_353e-4;
-    p = p * f + 1.333_355_8e-3;
-    p = p * f + 9.618_129e-3;
-    p = p * f + 5.550_411e-2;
-    p = p * f + 2.402_265e-1;
-    p = p * f + 6.931_472e-1;
-    p = p * f + 1.0;
-    // The integer stands in the low bits of the shifted sum.
-    let exponent = shifted
-        .to_bits()
-        .wrapping_sub(ROUNDER.to_bits())
-        .wrapping_add(127)
-        << 23;
-    p * f32::from_bits(exponent)
+    let shifted = t + ROUNDER;
+    let f = t - (shifted - ROUNDER);
+    // 2^f on [-1/2, 1/2]: least relative error, 7.5e-8, of a polynomial of degree 5.
+    let coefficient = |value: f32| f32x8::splat(simd, value);
+    let p = coefficient(1.327_646_9e-3)
+        .mul_add(f, coefficient(9.675_543e-3))
+        .mul_add(f, coefficient(5.550_713_3e-2))
+        .mul_add(f, coefficient(2.402_212e-1))
+        .mul_add(f, coefficient(0.693_146_95))
+        .mul_add(f, coefficient(1.0));
+    // The integer stands in the low bits of the shifted sum: add it to the exponent.
+    f32x8::from_bits(p.to_bits() + (shifted.to_bits() << 23))
 }
 
-/// `alpha` and the falloff `exp(-q/2)` of one splat on one block at row offset `y`.
+/// Opacity of a splat in 8 pixels.
+#[derive(Clone, Copy)]
+pub(super) struct Alpha<S: Simd> {
+    /// `o exp(-q/2)`.
+    pub(super) unclamped: f32x8<S>,
+    /// Clamped at 0.99, and 0 below 1/255.
+    pub(super) value: f32x8<S>,
+}
+
+/// Opacities from their binary logarithms, which are at most 0.
 #[inline(always)]
-pub(super) fn block_alpha(splat: &Splat, offsets: &Lanes, y: f32, alive: &Lanes) -> (Lanes, Lanes) {
-    let [a, b, c] = splat.conic;
-    let (half_a, by, half_cyy) = (-0.5 * a, -b * y, -0.5 * c * y * y);
-    let mut alpha = [0.0; LANES];
-    let mut falloff = [0.0; LANES];
-    for lane in 0..LANES {
-        let x = offsets[lane];
-        // Rounding can push the exponent of a needle above zero.
-        let power = (half_a * x * x + by * x + half_cyy).min(0.0);
-        falloff[lane] = exp_negative(power);
-        let opacity = (splat.opacity * falloff[lane]).min(ALPHA_MAX) * alive[lane];
-        alpha[lane] = if opacity >= ALPHA_MIN { opacity } else { 0.0 };
+pub(super) fn alpha<S: Simd>(simd: S, log2: f32x8<S>) -> Alpha<S> {
+    // Far outside the footprint the logarithm falls without bound.
+    let unclamped = exp2(simd, log2.max(-16.0));
+    let is_seen = unclamped.simd_ge(ALPHA_MIN);
+    Alpha {
+        unclamped,
+        value: is_seen.select(unclamped.min(ALPHA_MAX), f32x8::splat(simd, 0.0)),
     }
-    (alpha, falloff)
 }
 
-/// One step of compositing on one block: blends `alpha` unless a pixel has to stop before it.
-/// Returns the weights `T alpha`; `alpha` is zeroed where the pixel stopped.
+/// One step of compositing.
+#[derive(Clone, Copy)]
+pub(super) struct Blend<S: Simd> {
+    /// `T alpha`, 0 where the pixel takes nothing (any more).
+    pub(super) weights: f32x8<S>,
+    /// Transmittance behind the splat; negative where the pixel has stopped.
+    pub(super) transmittance: f32x8<S>,
+}
+
+/// Blends `alpha` unless a pixel has to stop before it. A pixel that has stopped keeps its
+/// transmittance with a negative sign.
 #[inline(always)]
-pub(super) fn block_blend(
-    alpha: &mut Lanes,
-    transmittance: &mut Lanes,
-    alive: &mut Lanes,
-) -> Lanes {
-    let mut weights = [0.0; LANES];
-    for lane in 0..LANES {
-        let next = transmittance[lane] * (1.0 - alpha[lane]);
-        let go_on = if next < TRANSMITTANCE_MIN { 0.0 } else { 1.0 };
-        alpha[lane] *= go_on;
-        alive[lane] *= go_on;
-        weights[lane] = transmittance[lane] * alpha[lane];
-        transmittance[lane] *= 1.0 - alpha[lane];
+pub(super) fn blend<S: Simd>(simd: S, alpha: f32x8<S>, transmittance: f32x8<S>) -> Blend<S> {
+    let weights = transmittance * alpha;
+    let next = transmittance - weights;
+    let goes_on = next.simd_ge(TRANSMITTANCE_MIN);
+    Blend {
+        weights: goes_on.select(weights, f32x8::splat(simd, 0.0)),
+        transmittance: goes_on.select(next, -transmittance.abs()),
     }
-    weights
-}
-
-/// Whether every lane is +0.
-#[inline(always)]
-pub(super) fn all_zero(lanes: &Lanes) -> bool {
-    lanes.iter().fold(0, |bits, lane| bits | lane.to_bits()) == 0
-}
-
-#[inline(always)]
-pub(super) fn sum(lanes: &Lanes) -> f32 {
-    let half: [f32; 4] = std::array::from_fn(|lane| lanes[lane] + lanes[lane + 4]);
-    (half[0] + half[2]) + (half[1] + half[3])
-}
-
-#[inline(always)]
-pub(super) fn sum_blocks(blocks: &[Lanes; BLOCKS]) -> f32 {
-    blocks.iter().map(sum).sum()
 }
 
 #[cfg(test)]
 mod tests {
+    use fearless_simd::{Level, dispatch};
+
     use super::*;
 
     #[test]
     fn fast_exponential_is_the_exponential() {
-        for step in 0..8000 {
-            let x = -(step as f32) * 0.01;
-            let exact = f64::from(x).exp();
-            let error = (f64::from(exp_negative(x)) - exact).abs() / exact;
-            assert!(error < 1e-5, "exp({x}) is off by {error}");
+        for step in 0..4000 {
+            let t = -(step as f32) * 0.025;
+            let exact = f64::from(t).exp2();
+            let fast =
+                dispatch!(Level::new(), simd => exp2(simd, f32x8::splat(simd, t)).to_array()[3]);
+            let error = (f64::from(fast) - exact).abs() / exact;
+            assert!(error < 3e-7, "2^{t} is off by {error}");
         }
-        for step in 0..600 {
-            let x = -(step as f32) * 0.01;
-            let exact = f64::from(x).exp();
-            let error = (f64::from(exp_negative(x)) - exact).abs() / exact;
-            assert!(error < 1e-6, "exp({x}) is off by {error}");
-        }
-        assert!(exp_negative(f32::NEG_INFINITY) < 1e-30);
-        assert_eq!(exp_negative(0.0), 1.0);
     }
 }

@@ -8,8 +8,10 @@
 //! C = sum_i T_i alpha_i c_i + T_end background,     T_(i+1) = T_i (1 - alpha_i)
 //! ```
 //!
-//! Backward, with `g = dL/dC` and the projected sums `P_i = sum_(j <= i) T_j alpha_j (g . c_j)` and
-//! `S = g . C`:
+//! Features are composited like colours, with a background of 0.
+//!
+//! Backward, with `g = dL/dC` over colours and features and the projected sums
+//! `P_i = sum_(j <= i) T_j alpha_j (g . c_j)` and `S = g . C`:
 //!
 //! ```text
 //! dL/dc_i     = T_i alpha_i g
@@ -19,10 +21,20 @@
 //! This walks front to back as the forward pass does: transmittances are the same to the last bit
 //! and are never recovered by division. The clamp at 0.99 is ignored by the gradient, as in 3DGS
 //! `backward.cu`.
+//!
+//! **Reproducibility.** The arithmetic is written once over 8 lanes and compiled for each
+//! instruction set; the best that the processor has is chosen at run time. On one machine results
+//! are the same to the last bit for any number of threads. Between machines they are the same where
+//! both have fused multiply-add (AVX2 with FMA, AVX-512, NEON); without it the last bits differ.
 
+mod composite;
 pub mod cpu;
+mod gradient;
 mod lanes;
+mod shapes;
 mod tile;
+
+use super::project::SplatGradient;
 
 /// A rendered image and what its backward pass needs.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -47,4 +59,13 @@ pub struct RasterGradient<'a> {
     pub colour: &'a [f32],
     /// By the feature planes; empty where the loss does not look at them.
     pub features: &'a [f32],
+}
+
+/// Gradients by the splats of every (splat, tile) entry, in the order of the tiles' lists.
+#[derive(Debug, Default)]
+pub struct EntryGradients {
+    /// By shape, opacity and colour.
+    pub splats: Vec<SplatGradient>,
+    /// By the features, as many per entry as there are.
+    pub features: Vec<f32>,
 }

@@ -1,9 +1,7 @@
 //! A stable radix sort of distance bits.
 //!
 //! Distances are positive and finite (the projection culls everything else), so their bit patterns
-//! order as they do. Splats arrive in order of their index and the sort is stable: ties keep it.
-
-use crate::kernels::project::Splat;
+//! order as they do. Keys are made in order of the index and the sort is stable: ties keep it.
 
 const RADIX_BITS: u32 = 11;
 const BUCKETS: usize = 1 << RADIX_BITS;
@@ -11,19 +9,26 @@ const BUCKETS: usize = 1 << RADIX_BITS;
 /// Memory of [`by_distance`], reused over views.
 #[derive(Debug, Default)]
 pub struct SortScratch {
-    /// Distance bits and position, so that the passes read memory in order.
+    /// Distance bits and index, so that the passes read memory in order.
     keys: Vec<(u32, u32)>,
     other: Vec<(u32, u32)>,
 }
 
-/// Positions of `splats` from near to far, written to `order`.
-pub fn by_distance(splats: &[Splat], order: &mut Vec<u32>, scratch: &mut SortScratch) {
+/// Indices of the drawn Gaussians from near to far, written to `order`, and the place of each
+/// Gaussian in it, written to `ranks` (`u32::MAX` where its distance is infinite: not drawn).
+pub fn by_distance(
+    distances: &[f32],
+    order: &mut Vec<u32>,
+    ranks: &mut Vec<u32>,
+    scratch: &mut SortScratch,
+) {
     let SortScratch { keys, other } = scratch;
     keys.clear();
     keys.extend(
         (0_u32..)
-            .zip(splats)
-            .map(|(position, splat)| (splat.distance.to_bits(), position)),
+            .zip(distances)
+            .filter(|(_, distance)| distance.is_finite())
+            .map(|(index, distance)| (distance.to_bits(), index)),
     );
     other.resize(keys.len(), (0, 0));
     for pass in 0..3 {
@@ -44,7 +49,12 @@ pub fn by_distance(splats: &[Splat], order: &mut Vec<u32>, scratch: &mut SortScr
         std::mem::swap(keys, other);
     }
     order.clear();
-    order.extend(keys.iter().map(|&(_, position)| position));
+    order.extend(keys.iter().map(|&(_, index)| index));
+    ranks.clear();
+    ranks.resize(distances.len(), u32::MAX);
+    for (rank, &index) in (0_u32..).zip(order.iter()) {
+        ranks[index as usize] = rank;
+    }
 }
 
 #[cfg(test)]
@@ -56,17 +66,21 @@ mod tests {
     proptest! {
         #[test]
         fn sorts_as_the_standard_library_does(distances in prop::collection::vec(prop_oneof![
-            1e-20_f32..1e20, Just(1.0_f32), Just(2.5_f32)], 0..300)) {
-            let splats: Vec<Splat> = distances
-                .iter()
-                .map(|&distance| Splat { distance, ..Splat::default() })
+            1e-20_f32..1e20, Just(1.0_f32), Just(2.5_f32), Just(f32::INFINITY)], 0..300)) {
+            let (mut order, mut ranks) = (Vec::new(), Vec::new());
+            let mut scratch = SortScratch::default();
+            by_distance(&distances, &mut order, &mut ranks, &mut scratch);
+            let mut expected: Vec<u32> = (0..distances.len() as u32)
+                .filter(|&index| distances[index as usize].is_finite())
                 .collect();
-            let (mut order, mut scratch) = (Vec::new(), SortScratch::default());
-            by_distance(&splats, &mut order, &mut scratch);
-            let mut expected: Vec<u32> = (0..splats.len() as u32).collect();
             expected.sort_by(|&a, &b| {
                 distances[a as usize].total_cmp(&distances[b as usize])
             });
+            for (rank, &index) in order.iter().enumerate() {
+                prop_assert_eq!(ranks[index as usize], rank as u32);
+            }
+            let not_drawn = ranks.iter().filter(|&&rank| rank == u32::MAX).count();
+            prop_assert_eq!(not_drawn, distances.len() - order.len());
             prop_assert_eq!(order, expected);
         }
     }
