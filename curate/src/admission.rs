@@ -7,7 +7,7 @@ use omnilife_schemas::{
     records::{Admission, ErpVerdict, Verdict, VideoAnalysis},
 };
 
-use crate::{criteria, error::CurateError, pipeline::CurateSettings};
+use crate::{criteria, error::CurateError, pipeline::CurateSettings, verdict};
 
 /// Rejects a video that misses enforced criteria.
 pub(crate) fn enforce(video: &Path, admission: &Admission) -> Result<(), CurateError> {
@@ -56,7 +56,7 @@ pub(crate) fn effective_verdict(
     if found.verdict.is_monoscopic_erp() {
         return Ok(found);
     }
-    let is_two_to_one = analysis.probe.width == 2 * analysis.probe.height;
+    let is_two_to_one = verdict::aspect::is_two_to_one(&analysis.probe);
     if found.verdict == Verdict::Unsure && !settings.enforce && is_two_to_one {
         progress.note(&format!(
             "{}: the evidence does not decide whether this is ERP; taken as ERP for its 2:1 size",

@@ -54,7 +54,7 @@ pub fn analyse(
         "analysing",
         (expected >= 1.0).then_some(expected.round() as u64),
     );
-    let turns = (probe.rotation_degrees / 90.0).round() as u32;
+    let turns = probe.clockwise_quarter_turns();
     let mut small = Converter::new(Scaling::MaxWidth(DETECTOR_WIDTH_PIXELS));
     let mut pass = (detector.start)();
     let mut samples = FrameSamples::default();

@@ -2,14 +2,13 @@
 
 use std::{
     collections::BTreeSet,
-    fs,
     path::{Path, PathBuf},
 };
 
 use omnilife_schemas::{
     progress::Progress,
-    records::{Dataset, VideoEntry, VideoStatus},
-    store::{self, StoreError},
+    records::{Dataset, SourceVideo, VideoEntry, VideoStatus},
+    store,
 };
 
 use crate::{
@@ -49,16 +48,25 @@ pub fn curate_dataset(
         settings.check(video)?;
     }
     let folders = folder_names(videos);
+    let sources = identify_all(videos, progress);
     let mut record = Dataset {
-        videos: videos.iter().map(|video| pending(video)).collect(),
+        videos: videos
+            .iter()
+            .zip(&sources)
+            .map(|(video, source)| pending(video, source.as_ref().ok()))
+            .collect(),
     };
     claim(out, &record)?;
     let path = out.join(DATASET_FILE);
     store::write_record(&path, &record)?;
     let mut errors = Vec::new();
-    for (index, (video, name)) in videos.iter().zip(&folders).enumerate() {
+    for (index, (source, name)) in sources.into_iter().zip(&folders).enumerate() {
+        let video = &videos[index];
         let folder = out.join(VIDEOS_FOLDER).join(name);
-        let status = match pipeline::curate_video(video, &folder, settings, progress) {
+        let curated = source.and_then(|source| {
+            pipeline::curate_source(video, &source, &folder, settings, progress)
+        });
+        let status = match curated {
             Ok(sequences) => VideoStatus::Curated {
                 sequences: sequences
                     .iter()
@@ -82,11 +90,28 @@ pub fn curate_dataset(
     Ok(CuratedDataset { record, errors })
 }
 
-fn pending(video: &Path) -> VideoEntry {
+/// Hashes every video once; a file that cannot be read has its error when its turn comes.
+fn identify_all(
+    videos: &[PathBuf],
+    progress: &dyn Progress,
+) -> Vec<Result<SourceVideo, CurateError>> {
+    progress.begin("hashing", Some(videos.len() as u64));
+    let sources = videos
+        .iter()
+        .map(|video| {
+            let source = pipeline::identify(video);
+            progress.advance(1);
+            source
+        })
+        .collect();
+    progress.end();
+    sources
+}
+
+fn pending(video: &Path, source: Option<&SourceVideo>) -> VideoEntry {
     VideoEntry {
         file: video.display().to_string(),
-        // A file that cannot be read has no hash; its error follows when it is curated.
-        sha256: store::sha256_file(video).ok(),
+        sha256: source.map(|source| source.sha256.clone()),
         status: VideoStatus::Pending,
     }
 }
@@ -149,15 +174,17 @@ fn claim(out: &Path, record: &Dataset) -> Result<(), CurateError> {
             ));
         }
     } else if out.is_dir() {
-        let mut entries = fs::read_dir(out).map_err(|error| StoreError::read(out, error))?;
-        if entries.next().is_some() {
+        // A killed process leaves hidden files.
+        let is_foreign = |name: &String| !name.starts_with('.');
+        if store::names_in(out)?.iter().any(is_foreign) {
             return Err(CurateError::input(
                 out,
                 "is not empty and holds no dataset; choose another output",
             ));
         }
     }
-    Ok(store::create_folder(out)?)
+    store::create_folder(out)?;
+    Ok(store::remove_abandoned(out)?)
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use omnilife_schemas::{
     RgbImage,
     progress::Progress,
-    records::{FrameEntry, Probe, Sampling, TimeRange},
+    records::{Probe, Sampling, TimeRange},
     rgb, store,
 };
 
@@ -17,6 +17,8 @@ use crate::{
 
 /// Width in pixels of sampled frames where none is asked for and the video is wider.
 pub const DEFAULT_WIDTH_PIXELS: u32 = 1024;
+/// Timestamps closer than this are one.
+const SAME_INSTANT_SECONDS: f64 = 1e-9;
 /// Folder of a sequence's frames, relative to the sequence.
 pub const FRAMES_FOLDER: &str = "frames";
 
@@ -34,7 +36,13 @@ pub fn choose(times: &[f64], shot: TimeRange, sampling: Sampling) -> Vec<f64> {
     let (Some(&begin), Some(&end)) = (inside.first(), inside.last()) else {
         return Vec::new();
     };
+    let smallest_gap = inside
+        .windows(2)
+        .map(|pair| pair[1] - pair[0])
+        .fold(f64::INFINITY, f64::min);
     let interval = match sampling {
+        // Every frame is the nearest one to some instant: no rate, however high, gives more.
+        Sampling::FramesPerSecond(rate) if 1.0 / rate <= smallest_gap => return inside.to_vec(),
         Sampling::FramesPerSecond(rate) => 1.0 / rate,
         Sampling::MaxFrames(most) if inside.len() <= most as usize => return inside.to_vec(),
         Sampling::MaxFrames(most) => {
@@ -53,6 +61,11 @@ pub fn choose(times: &[f64], shot: TimeRange, sampling: Sampling) -> Vec<f64> {
         .collect();
     chosen.dedup();
     chosen
+}
+
+/// File of a sequence's frame by its number, relative to the sequence.
+pub fn file_name(index: usize) -> String {
+    format!("{FRAMES_FOLDER}/{index:06}.png")
 }
 
 /// The value of sorted, non-empty `times` nearest to an instant.
@@ -78,12 +91,7 @@ pub fn frame_size(
     probe: &Probe,
     width: Option<u32>,
 ) -> Result<(u32, u32), CurateError> {
-    let is_on_its_side = (probe.rotation_degrees / 90.0).round() as u32 % 2 == 1;
-    let native = if is_on_its_side {
-        probe.height
-    } else {
-        probe.width
-    } & !1;
+    let native = probe.upright_size().0 & !1;
     let width = width.unwrap_or(native.min(DEFAULT_WIDTH_PIXELS));
     if width < 16 || width % 2 == 1 {
         return Err(CurateError::input(
@@ -109,9 +117,8 @@ pub struct Selection {
     pub folder: PathBuf,
 }
 
-/// Decodes a video once and writes the selected frames of all sequences at `size`.
-///
-/// Returns the frames of every selection and how they were resized.
+/// Decodes a video once and writes the selected frames of all sequences at `size`, numbered from 0
+/// in order of time.
 ///
 /// # Errors
 /// When the video breaks off, a selected frame does not come up again, or a file cannot be written.
@@ -121,48 +128,50 @@ pub fn extract(
     selections: &[Selection],
     size: (u32, u32),
     progress: &dyn Progress,
-) -> Result<Vec<Vec<FrameEntry>>, CurateError> {
-    let mut wanted: Vec<(f64, usize)> = selections
-        .iter()
-        .enumerate()
-        .flat_map(|(owner, selection)| selection.times.iter().map(move |&time| (time, owner)))
-        .collect();
-    wanted.sort_by(|a, b| a.0.total_cmp(&b.0));
+) -> Result<(), CurateError> {
+    let mut wanted: Vec<(f64, PathBuf)> = Vec::new();
     for selection in selections {
         store::create_folder(&selection.folder.join(FRAMES_FOLDER))?;
+        let file = |index| selection.folder.join(file_name(index));
+        wanted.extend(
+            selection
+                .times
+                .iter()
+                .enumerate()
+                .map(|(index, &time)| (time, file(index))),
+        );
     }
-    let mut entries = vec![Vec::new(); selections.len()];
+    wanted.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut reader = VideoReader::open(video)?;
     let mut converter = Converter::new(Scaling::Native);
-    let turns = (probe.rotation_degrees / 90.0).round() as u32;
+    let turns = probe.clockwise_quarter_turns();
     progress.begin("extracting frames", Some(wanted.len() as u64));
     let outcome: Result<(), CurateError> = (|| {
         let mut due = wanted.iter().peekable();
-        while let Some(&&(time_seconds, owner)) = due.peek() {
-            let Some(frame) = reader.next_frame()? else {
-                return Err(CurateError::video(
+        while let Some((time_seconds, path)) = due.peek() {
+            let lost = || {
+                CurateError::video(
                     video,
                     format!("the frame at {time_seconds:.6} s did not decode a second time"),
-                ));
+                )
             };
-            if frame.time_seconds < time_seconds - 1e-9 {
+            let frame = reader.next_frame()?.ok_or_else(lost)?;
+            if frame.time_seconds < time_seconds - SAME_INSTANT_SECONDS {
                 continue;
             }
+            // A neighbour in its place would go unnoticed.
+            if frame.time_seconds > time_seconds + SAME_INSTANT_SECONDS {
+                return Err(lost());
+            }
             let picture = converter.convert(video, &frame.picture)?.turned(turns);
-            let file = format!("{FRAMES_FOLDER}/{:06}.png", entries[owner].len());
-            write_frame(&selections[owner].folder.join(&file), picture, size)?;
-            entries[owner].push(FrameEntry {
-                file,
-                time_seconds: frame.time_seconds,
-            });
+            write_frame(path, picture, size)?;
             progress.advance(1);
             due.next();
         }
         Ok(())
     })();
     progress.end();
-    outcome?;
-    Ok(entries)
+    outcome
 }
 
 /// How frames of the probed video get to `size`, for the record.
@@ -225,6 +234,10 @@ mod tests {
             times
         );
         assert_eq!(choose(&times, whole(&times), Sampling::MaxFrames(1)), [0.0]);
+        for rate in [1e9, 1e300, f64::MAX] {
+            let all = choose(&times, whole(&times), Sampling::FramesPerSecond(rate));
+            assert_eq!(all, times, "{rate} per second");
+        }
         let nowhere = TimeRange {
             begin_seconds: 9.0,
             end_seconds: 10.0,
@@ -241,6 +254,17 @@ mod tests {
             let chosen = choose(&times, whole(&times), Sampling::MaxFrames(most));
             prop_assert!(chosen.len() <= most as usize);
             prop_assert!(2 * chosen.len() >= count.min(most as usize));
+            prop_assert!(chosen.windows(2).all(|pair| pair[0] < pair[1]));
+            prop_assert!(chosen.iter().all(|time| times.contains(time)));
+        }
+
+        /// A rate gives frames in order, no two the same, whatever it is.
+        #[test]
+        fn any_rate_gives_frames(count in 1_usize..200, exponent in -6.0_f64..300.0) {
+            let times: Vec<f64> = (0..count).map(|i| i as f64 / 29.97 + (i % 3) as f64 * 1e-3).collect();
+            let rate = Sampling::FramesPerSecond(10_f64.powf(exponent));
+            let chosen = choose(&times, whole(&times), rate);
+            prop_assert!(!chosen.is_empty());
             prop_assert!(chosen.windows(2).all(|pair| pair[0] < pair[1]));
             prop_assert!(chosen.iter().all(|time| times.contains(time)));
         }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use omnilife_schemas::store::StoreError;
+use omnilife_schemas::store;
 
 use crate::error::CurateError;
 
@@ -28,10 +28,8 @@ pub fn expand_inputs(paths: &[PathBuf]) -> Result<Vec<PathBuf>, CurateError> {
 }
 
 fn videos_in(folder: &Path) -> Result<Vec<PathBuf>, CurateError> {
-    let entries = std::fs::read_dir(folder).map_err(|error| StoreError::read(folder, error))?;
-    let mut videos: Vec<PathBuf> = entries
-        .filter_map(Result::ok)
-        .map(|entry| entry.path())
+    let videos: Vec<PathBuf> = store::paths_in(folder)?
+        .into_iter()
         .filter(|path| path.is_file() && has_video_extension(path))
         .collect();
     if videos.is_empty() {
@@ -40,7 +38,6 @@ fn videos_in(folder: &Path) -> Result<Vec<PathBuf>, CurateError> {
             format!("holds no videos ({})", VIDEO_EXTENSIONS.join(", ")),
         ));
     }
-    videos.sort();
     Ok(videos)
 }
 

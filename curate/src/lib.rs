@@ -16,6 +16,7 @@ pub mod inputs;
 mod libraries;
 pub mod pipeline;
 pub mod poses;
+mod sequences;
 pub mod slice;
 pub mod statistics;
 pub mod verdict;

@@ -3,31 +3,25 @@
 //! A video's folder holds `analysis.json`, `signals.parquet` and `boundaries.json`, and per
 //! sequence `seq-NNN/sequence.json` with `seq-NNN/frames/NNNNNN.png`.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::{fs, path::Path, time::Instant};
 
 use omnilife_schemas::{
     progress::Progress,
-    records::{
-        Admission, BoundaryLedger, ErpVerdict, FrameSet, Sampling, Sequence, SourceVideo,
-        TimeRange, Verdict, VideoAnalysis,
-    },
+    records::{Sampling, SourceVideo, Verdict, VideoAnalysis},
     stage::StagePlan,
-    store,
+    store::{self, StoreError},
 };
 use serde::{Deserialize, Serialize};
 
 use crate::{
     admission,
     analysis::{self, Analysis},
-    boundaries::{self, DEFAULT_DETECTOR, Detector, Signals},
+    boundaries::{self, DEFAULT_DETECTOR, Detector},
     criteria,
     error::CurateError,
-    frames::{self, Selection},
-    slice, verdict, video,
+    frames,
+    sequences::Sequencing,
+    verdict, video,
 };
 
 /// File of the analysis in a video's folder.
@@ -115,6 +109,20 @@ pub fn curate_video(
     progress: &dyn Progress,
 ) -> Result<Vec<String>, CurateError> {
     settings.check(video)?;
+    progress.begin("hashing", None);
+    let source = identify(video);
+    progress.end();
+    curate_source(video, &source?, folder, settings, progress)
+}
+
+/// [`curate_video`] with settings that are checked and a video that is hashed already.
+pub(crate) fn curate_source(
+    video: &Path,
+    source: &SourceVideo,
+    folder: &Path,
+    settings: &CurateSettings,
+    progress: &dyn Progress,
+) -> Result<Vec<String>, CurateError> {
     let detector = boundaries::detector(&settings.detector, video)?;
     let profile = criteria::profile(&settings.profile, video)?;
     let probe = video::probe(video)?;
@@ -127,13 +135,12 @@ pub fn curate_video(
     };
     admission::enforce(video, &criteria::admit(profile, &early, settings.enforce))?;
 
-    let source = source(video, progress)?;
-    claim(video, folder, &source)?;
-    let analysis = analysed(video, folder, &source, detector, progress)?;
+    claim(video, folder, source)?;
+    let analysis = analysed(video, folder, source, detector, progress)?;
     let verdict = admission::effective_verdict(video, &analysis, settings, progress)?;
     let candidate = criteria::Candidate {
         probe: &analysis.probe,
-        verdict: Some(analysis.verdict.verdict),
+        verdict: Some(&verdict),
         damaged_frames: Some(analysis.damaged_frames),
     };
     let admission = criteria::admit(profile, &candidate, settings.enforce);
@@ -148,7 +155,6 @@ pub fn curate_video(
     let work = Sequencing {
         video,
         folder,
-        source: &source,
         settings,
         detector,
         analysis: &analysis,
@@ -160,21 +166,22 @@ pub fn curate_video(
 }
 
 /// Identifies a video by its content.
-fn source(video: &Path, progress: &dyn Progress) -> Result<SourceVideo, CurateError> {
-    let bytes = fs::metadata(video)
-        .map_err(|error| store::StoreError::read(video, error))?
-        .len();
-    progress.begin("hashing", None);
-    let sha256 = store::sha256_file(video);
-    progress.end();
+///
+/// # Errors
+/// When it cannot be read.
+pub(crate) fn identify(video: &Path) -> Result<SourceVideo, CurateError> {
+    let metadata = fs::metadata(video).map_err(|error| StoreError::read(video, error))?;
+    if metadata.is_dir() {
+        return Err(CurateError::video(video, "is a folder, not a video"));
+    }
     Ok(SourceVideo {
         file_name: video
             .file_name()
             .unwrap_or_default()
             .to_string_lossy()
             .into_owned(),
-        sha256: sha256?,
-        bytes,
+        sha256: store::sha256_file(video)?,
+        bytes: metadata.len(),
     })
 }
 
@@ -196,11 +203,8 @@ fn claim(video: &Path, folder: &Path, source: &SourceVideo) -> Result<(), Curate
             ));
         }
     } else if folder.is_dir() {
-        let entries = fs::read_dir(folder).map_err(|e| store::StoreError::read(folder, e))?;
-        let is_foreign = entries
-            .filter_map(Result::ok)
-            .any(|entry| !is_ours_before_analysis(&entry.file_name().to_string_lossy()));
-        if is_foreign {
+        let is_foreign = |name: &String| !is_ours_before_analysis(name);
+        if store::names_in(folder)?.iter().any(is_foreign) {
             return refuse("is not empty and holds no curated video".to_owned());
         }
     }
@@ -222,12 +226,26 @@ fn analysed(
 ) -> Result<VideoAnalysis, CurateError> {
     let plan = StagePlan::new(folder, "analysis")
         .with_hash("video", source.sha256.clone())
-        .with_text("file name", &source.file_name)
-        .with_text("detector", detector.id);
+        .with_text(
+            "detector",
+            &format!("{}: {}", detector.id, (detector.settings)()),
+        );
     let record_path = folder.join(ANALYSIS_FILE);
     if plan.is_done() {
         progress.note(&format!("{}: analysis unchanged, skipped", video.display()));
-        return Ok(store::read_record(&record_path)?);
+        let held: VideoAnalysis = store::read_record(&record_path)?;
+        if held.source == *source {
+            return Ok(held);
+        }
+        // The same content under another name. The new record must not fail the done-record's
+        // sizes.
+        let renamed = VideoAnalysis {
+            source: source.clone(),
+            ..held
+        };
+        store::write_record(&record_path, &renamed)?;
+        plan.finish([ANALYSIS_FILE, SIGNALS_FILE], 0.0)?;
+        return Ok(renamed);
     }
     plan.begin()?;
     let started = Instant::now();
@@ -259,167 +277,6 @@ fn analysed(
         started.elapsed().as_secs_f64(),
     )?;
     Ok(record)
-}
-
-/// The stage that cuts a video into sequences and extracts their frames.
-struct Sequencing<'a> {
-    video: &'a Path,
-    folder: &'a Path,
-    source: &'a SourceVideo,
-    settings: &'a CurateSettings,
-    detector: &'a Detector,
-    analysis: &'a VideoAnalysis,
-    verdict: ErpVerdict,
-    admission: Admission,
-    size: (u32, u32),
-}
-
-impl Sequencing<'_> {
-    fn run(&self, progress: &dyn Progress) -> Result<Vec<String>, CurateError> {
-        let plan = StagePlan::new(self.folder, "sequences")
-            .with_hash("video", self.source.sha256.clone())
-            .with_text("file name", &self.source.file_name)
-            .with_settings("settings", self.settings)
-            .with_settings("analysis", self.analysis);
-        if plan.is_done() {
-            let names = sequence_folders(self.folder)?;
-            progress.note(&format!(
-                "{}: {} sequences unchanged, skipped",
-                self.video.display(),
-                names.len()
-            ));
-            return Ok(names);
-        }
-        plan.begin()?;
-        let started = Instant::now();
-        let signals = Signals::read_parquet(&self.folder.join(SIGNALS_FILE))?;
-        let shots = self.shots(&signals)?;
-        let staging = Staging::new(self.folder)?;
-        let selections: Vec<Selection> = shots
-            .iter()
-            .enumerate()
-            .map(|(index, &shot)| Selection {
-                times: frames::choose(&signals.times, shot, self.settings.sampling),
-                folder: staging.folder.join(sequence_name(index)),
-            })
-            .collect();
-        let probe = &self.analysis.probe;
-        let entries = frames::extract(self.video, probe, &selections, self.size, progress)?;
-        let mut outputs = vec![BOUNDARIES_FILE.to_owned()];
-        for (index, (&range, entries)) in shots.iter().zip(entries).enumerate() {
-            let name = sequence_name(index);
-            outputs.push(format!("{name}/{SEQUENCE_FILE}"));
-            outputs.extend(entries.iter().map(|entry| format!("{name}/{}", entry.file)));
-            let sequence = Sequence {
-                id: format!("{}/{name}", self.folder_name()),
-                source: self.source.clone(),
-                range,
-                probe: probe.clone(),
-                verdict: self.verdict.clone(),
-                admission: self.admission.clone(),
-                frames: FrameSet {
-                    width: self.size.0,
-                    height: self.size.1,
-                    sampling: self.settings.sampling,
-                    resampling: frames::resampling(probe, self.size),
-                    entries,
-                },
-            };
-            store::write_record(&selections[index].folder.join(SEQUENCE_FILE), &sequence)?;
-        }
-        let names = staging.publish(shots.len())?;
-        plan.finish(outputs, started.elapsed().as_secs_f64())?;
-        progress.note(&format!(
-            "{}: {}, {} sequences",
-            self.video.display(),
-            self.verdict.verdict.name(),
-            names.len()
-        ));
-        Ok(names)
-    }
-
-    /// Name of the video in its dataset.
-    fn folder_name(&self) -> String {
-        let name = self.folder.file_name().unwrap_or_default();
-        name.to_string_lossy().into_owned()
-    }
-
-    /// Decides the boundaries, writes the ledger and returns the shots that are long enough.
-    fn shots(&self, signals: &Signals) -> Result<Vec<TimeRange>, CurateError> {
-        let boundaries = (self.detector.decide)(signals);
-        let least = self.settings.minimum_shot_seconds;
-        let shots = slice::shots(&signals.times, self.analysis.range, &boundaries, least);
-        let ledger = BoundaryLedger {
-            source: self.source.clone(),
-            range: self.analysis.range,
-            detector: format!("{}: {}", self.detector.id, (self.detector.settings)()),
-            boundaries,
-            dropped: shots.dropped,
-        };
-        store::write_record(&self.folder.join(BOUNDARIES_FILE), &ledger)?;
-        if shots.kept.is_empty() {
-            return Err(CurateError::rejected(
-                self.video,
-                format!("none of its shots lasts {least} s"),
-            ));
-        }
-        Ok(shots.kept)
-    }
-}
-
-/// A hidden folder beside the final ones; removed with what is left in it.
-struct Staging<'a> {
-    parent: &'a Path,
-    folder: PathBuf,
-}
-
-impl<'a> Staging<'a> {
-    fn new(parent: &'a Path) -> Result<Self, CurateError> {
-        let folder = store::temporary_beside(&parent.join("sequences"));
-        store::create_folder(&folder)?;
-        Ok(Self { parent, folder })
-    }
-
-    /// Replaces the sequence folders of the video by the first `count` staged ones.
-    fn publish(self, count: usize) -> Result<Vec<String>, CurateError> {
-        for name in sequence_folders(self.parent)? {
-            let stale = self.parent.join(name);
-            fs::remove_dir_all(&stale).map_err(|error| store::StoreError::write(&stale, error))?;
-        }
-        let names: Vec<String> = (0..count).map(sequence_name).collect();
-        for name in &names {
-            let target = self.parent.join(name);
-            fs::rename(self.folder.join(name), &target)
-                .map_err(|error| store::StoreError::write(&target, error))?;
-        }
-        Ok(names)
-    }
-}
-
-impl Drop for Staging<'_> {
-    fn drop(&mut self) {
-        // Nothing depends on it any more; what cannot be removed is hidden and harmless.
-        drop(fs::remove_dir_all(&self.folder));
-    }
-}
-
-fn sequence_name(index: usize) -> String {
-    format!("seq-{index:03}")
-}
-
-/// Names of the sequence folders in a video's folder, in order.
-///
-/// # Errors
-/// When the folder cannot be read.
-pub fn sequence_folders(folder: &Path) -> Result<Vec<String>, CurateError> {
-    let entries = fs::read_dir(folder).map_err(|error| store::StoreError::read(folder, error))?;
-    let mut names: Vec<String> = entries
-        .filter_map(Result::ok)
-        .map(|entry| entry.file_name().to_string_lossy().into_owned())
-        .filter(|name| name.starts_with("seq-") && folder.join(name).join(SEQUENCE_FILE).is_file())
-        .collect();
-    names.sort();
-    Ok(names)
 }
 
 /// File name without its extension: the name of the video's folder in a dataset.

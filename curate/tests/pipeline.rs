@@ -141,6 +141,77 @@ fn a_cut_makes_two_sequences_and_unchanged_stages_are_skipped() {
     assert_eq!(hidden, 0);
 }
 
+/// Other criteria and another file name rewrite the record and touch no frame; other frames set
+/// aside what was made from the old ones.
+#[test]
+fn what_was_made_from_frames_is_never_deleted() {
+    let temp = tempfile::tempdir().unwrap();
+    let video = erp_clip(temp.path(), "walk.mp4", &[1], 40, 20);
+    let out = temp.path().join("walk");
+    curate_video(&video, &out, &lenient(), &Silent).unwrap();
+    let scores = out.join("seq-000/per-scene/result.json");
+    fs::create_dir(out.join("seq-000/per-scene")).unwrap();
+    fs::write(&scores, "hours of work").unwrap();
+    let image = out.join("seq-000/frames/000000.png");
+    let written = fs::metadata(&image).unwrap().modified().unwrap();
+
+    let renamed = temp.path().join("stroll.mp4");
+    fs::rename(&video, &renamed).unwrap();
+    let settings = CurateSettings {
+        profile: "none".to_owned(),
+        accept: Some(Verdict::Erp),
+        ..lenient()
+    };
+    curate_video(&renamed, &out, &settings, &Silent).unwrap();
+    let record = sequence(&out, "seq-000");
+    assert_eq!(record.source.file_name, "stroll.mp4");
+    assert_eq!(record.admission.profile, "none");
+    let analysis: VideoAnalysis = store::read_record(&out.join("analysis.json")).unwrap();
+    assert_eq!(analysis.source.file_name, "stroll.mp4");
+    assert_eq!(fs::metadata(&image).unwrap().modified().unwrap(), written);
+    assert!(scores.exists());
+
+    let fewer = CurateSettings {
+        sampling: Sampling::MaxFrames(5),
+        ..settings.clone()
+    };
+    let notes = Notes::default();
+    // What a killed process has left goes without a word.
+    let abandoned = out.join(format!(".tmp-{}-sequences", std::process::id() + 1));
+    fs::create_dir(&abandoned).unwrap();
+    curate_video(&renamed, &out, &fewer, &notes).unwrap();
+    let said = notes.take().join("|");
+    assert!(
+        said.contains("set aside") && said.contains("per-scene"),
+        "{said}"
+    );
+    let kept = fs::read(out.join(".superseded/seq-000-1/per-scene/result.json")).unwrap();
+    assert_eq!(kept, b"hours of work");
+    assert_eq!(sequence(&out, "seq-000").frames.entries.len(), 5);
+    assert!(!out.join("seq-000/per-scene").exists() && !abandoned.exists());
+
+    // Nothing but frames: replaced in place.
+    curate_video(&renamed, &out, &settings, &Silent).unwrap();
+    assert_eq!(fs::read_dir(out.join(".superseded")).unwrap().count(), 1);
+    assert_eq!(sequence(&out, "seq-000").frames.entries.len(), 40);
+}
+
+/// A sequence that is no longer cut goes; the ones around it stay as they are.
+#[test]
+fn sequences_that_are_no_longer_cut_make_way() {
+    let temp = tempfile::tempdir().unwrap();
+    let video = erp_clip(temp.path(), "walk.mp4", &[1, 3], 40, 20);
+    let out = temp.path().join("walk");
+    curate_video(&video, &out, &lenient(), &Silent).unwrap();
+    fs::create_dir(out.join("seq-1000")).unwrap();
+    fs::write(out.join("seq-1000/notes.txt"), "mine").unwrap();
+    fs::create_dir_all(out.join("seq-002/frames")).unwrap();
+    let names = curate_video(&video, &out, &lenient(), &Silent).unwrap();
+    assert_eq!(names, ["seq-000", "seq-001"]);
+    assert!(!out.join("seq-002").exists() && !out.join("seq-1000").exists());
+    assert!(out.join(".superseded/seq-1000-1/notes.txt").exists());
+}
+
 #[test]
 fn short_shots_are_recorded_as_dropped() {
     let temp = tempfile::tempdir().unwrap();

@@ -155,6 +155,94 @@ fn poses_that_fit_nothing_or_are_broken_are_refused() {
     refused("schema");
 }
 
+/// The user's own masks may lie where the sequence's masks go; a mask that would come out changed
+/// is refused before anything is touched, and a failed attempt leaves no scene of earlier poses.
+#[test]
+fn masks_of_the_user_survive_and_failed_poses_leave_no_scene() {
+    let temp = tempfile::tempdir().unwrap();
+    let sequence = sequence_of_twenty(temp.path());
+    let masks = sequence.join("masks");
+    fs::create_dir(&masks).unwrap();
+    let write_mask = |name: &str, width: u32| {
+        let levels = vec![255; (width * width / 2) as usize];
+        image::save_buffer(
+            masks.join(name),
+            &levels,
+            width,
+            width / 2,
+            image::ColorType::L8,
+        )
+        .unwrap();
+    };
+    let file = sequence.join("poses.json");
+    let write_poses = |mask: &str, centre: f64| {
+        let frames = (0..20)
+            .map(|index| PosedFrame {
+                time_seconds: f64::from(index) * 0.1,
+                pose: pose_at(centre),
+                mask: (index == 0).then(|| format!("masks/{mask}")),
+            })
+            .collect();
+        let record = Poses {
+            scale: Scale::Metres,
+            frames,
+            points: None,
+        };
+        store::write_record(&file, &record).unwrap();
+    };
+    write_mask("000000.png", 256);
+    let before = Mask::read(&masks.join("000000.png")).unwrap();
+    write_poses("000000.png", 1.0);
+    let request = PoseRequest::Given(file.clone());
+    let notes = Notes::default();
+    let scene = pose_sequence(&sequence, &request, &notes).unwrap();
+    assert!(
+        notes
+            .take()
+            .join("|")
+            .contains("19 of 20 frames have no mask")
+    );
+    assert_eq!(scene.frames[0].mask.as_deref(), Some("masks/000000.png"));
+    assert_eq!(Mask::read(&masks.join("000000.png")).unwrap(), before);
+    assert!(sequence.join("scene.json").exists());
+
+    write_mask("hand.png", 64);
+    write_poses("hand.png", 2.0);
+    let error = pose_sequence(&sequence, &request, &Silent).unwrap_err();
+    assert_eq!(error.blame(), Blame::Input);
+    assert!(error.to_string().contains("keep it elsewhere"), "{error}");
+    assert!(masks.join("hand.png").exists() && masks.join("000000.png").exists());
+    assert!(!sequence.join("scene.json").exists());
+}
+
+/// A dataset that is moved with its poses stays done.
+#[test]
+fn moved_poses_are_not_made_again() {
+    let temp = tempfile::tempdir().unwrap();
+    let sequence = sequence_of_twenty(temp.path());
+    let given = temp.path().join("given.json");
+    let record = Poses {
+        scale: Scale::Metres,
+        frames: vec![PosedFrame {
+            time_seconds: 0.0,
+            pose: pose_at(0.0),
+            mask: None,
+        }],
+        points: None,
+    };
+    store::write_record(&given, &record).unwrap();
+    let scene = pose_sequence(&sequence, &PoseRequest::Given(given.clone()), &Silent).unwrap();
+    let folder = temp.path().join("moved");
+    fs::create_dir(&folder).unwrap();
+    fs::rename(temp.path().join("walk"), folder.join("walk")).unwrap();
+    fs::rename(&given, folder.join("given.json")).unwrap();
+    let notes = Notes::default();
+    let request = PoseRequest::Given(folder.join("given.json"));
+    let again = pose_sequence(&folder.join("walk/seq-000"), &request, &notes).unwrap();
+    assert_eq!(again, scene);
+    assert!(notes.take().join("|").contains("unchanged, skipped"));
+}
+
 fn write_model(folder: &Path, images: &str) {
     fs::create_dir_all(folder).unwrap();
     fs::write(
@@ -201,6 +289,17 @@ fn colmap_models_are_read_by_their_format() {
         2
     );
     assert_eq!(scene.frames[1].pose.unwrap().centre, [1.0, 0.0, 0.0]);
+
+    write_model(
+        &folder,
+        "1 1 0 0 0 0 0 0 1 left/000000.png\n\n2 1 0 0 0 -1 0 0 1 right/000000.png\n\n",
+    );
+    let error = pose_sequence(&sequence, &PoseRequest::Given(folder.clone()), &Silent).unwrap_err();
+    assert_eq!(error.blame(), Blame::Input);
+    assert!(
+        error.to_string().contains("two images named 000000.png"),
+        "{error}"
+    );
 
     for (images, reason) in [
         ("1 0 0 1 0 1 2 3 1\n\n", "line 1: no image name"),

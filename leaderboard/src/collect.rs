@@ -17,7 +17,8 @@ use crate::error::LeaderboardError;
 const RESULT_FILE: &str = "result.json";
 
 /// Reads every `result.json` in `folder` and below, sorted by path. Links to folders are followed,
-/// each folder is visited once.
+/// each folder is visited once. Hidden folders hold what is half-written or superseded, and no
+/// results.
 ///
 /// # Errors
 /// When a folder cannot be listed, a result cannot be read (one broken result is an error: left
@@ -50,19 +51,18 @@ fn find(
     if !visited.insert(fs::canonicalize(folder).map_err(failed)?) {
         return Ok(());
     }
-    let mut paths = fs::read_dir(folder)
-        .map_err(failed)?
-        .map(|entry| entry.map(|entry| entry.path()))
-        .collect::<Result<Vec<_>, _>>()
-        .map_err(failed)?;
     // The order decides which of two links to one folder gives the path, so it must be fixed.
-    paths.sort();
-    for path in paths {
-        if path.is_dir() {
+    for path in store::paths_in(folder)? {
+        if path.is_dir() && !is_hidden(&path) {
             find(&path, visited, files)?;
         } else if path.file_name().is_some_and(|name| name == RESULT_FILE) {
             files.push(path);
         }
     }
     Ok(())
+}
+
+fn is_hidden(path: &Path) -> bool {
+    path.file_name()
+        .is_some_and(|name| name.as_encoded_bytes().starts_with(b"."))
 }

@@ -18,8 +18,9 @@ use crate::store::{self, Record, StoreError};
 pub struct Done {
     /// Name of the stage.
     pub stage: String,
-    /// SHA-256 over the hashes of all inputs in their order, settings included. Names are left
-    /// out, so that moving a folder does not make its stages run again.
+    /// SHA-256 over the hashes of all inputs in their order, settings included. The names of
+    /// inputs are left out, so that a folder may be moved and its stages stay done: what a stage
+    /// hashes is content, never a path.
     pub inputs_sha256: String,
     /// Every input with its hash, for people.
     pub inputs: Vec<StageInput>,
@@ -130,12 +131,14 @@ impl StagePlan {
             })
     }
 
-    /// Removes the done-record: from here on the outputs may be half new.
+    /// Removes the done-record, because from here on the outputs may be half new, and what a
+    /// killed process left half-written.
     ///
     /// # Errors
-    /// When an existing record cannot be removed.
+    /// When something that is there cannot be removed.
     pub fn begin(&self) -> Result<(), StoreError> {
-        store::remove(&self.record_path())
+        store::remove(&self.record_path())?;
+        store::remove_abandoned(&self.folder)
     }
 
     /// Writes the done-record for outputs given relative to the stage's folder.

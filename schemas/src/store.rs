@@ -108,6 +108,36 @@ pub fn remove(path: &Path) -> Result<(), StoreError> {
     }
 }
 
+/// Names of the entries of a folder, sorted; what is not UTF-8 in them is replaced.
+///
+/// # Errors
+/// When the folder or an entry cannot be read.
+pub fn names_in(folder: &Path) -> Result<Vec<String>, StoreError> {
+    let failed = |source| StoreError::read(folder, source);
+    let mut names = fs::read_dir(folder)
+        .map_err(failed)?
+        .map(|entry| entry.map(|entry| entry.file_name().to_string_lossy().into_owned()))
+        .collect::<Result<Vec<_>, _>>()
+        .map_err(failed)?;
+    names.sort();
+    Ok(names)
+}
+
+/// Paths of the entries of a folder, sorted.
+///
+/// # Errors
+/// When the folder or an entry cannot be read.
+pub fn paths_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
+    let failed = |source| StoreError::read(folder, source);
+    let mut paths = fs::read_dir(folder)
+        .map_err(failed)?
+        .map(|entry| entry.map(|entry| entry.path()))
+        .collect::<Result<Vec<_>, _>>()
+        .map_err(failed)?;
+    paths.sort();
+    Ok(paths)
+}
+
 /// Where a file is written before it gets its final name.
 ///
 /// The final extension is kept last, because image encoders choose the format by it.
@@ -146,12 +176,32 @@ pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
     write_with(path, |writer| writer.write_all(bytes))
 }
 
-/// Puts a file that another library wrote to [`temporary_beside`] under its final name.
-pub fn publish(temporary: &Path, path: &Path) -> Result<(), StoreError> {
-    File::open(temporary)
-        .and_then(|file| file.sync_all())
-        .and_then(|()| fs::rename(temporary, path))
-        .map_err(|source| StoreError::write(path, source))
+/// Removes what processes that were killed left in a folder: entries named by
+/// [`temporary_beside`] in another process. A folder is written by one process at a time.
+///
+/// # Errors
+/// When the folder cannot be listed or an entry cannot be removed; a folder that is not there holds
+/// nothing.
+pub fn remove_abandoned(folder: &Path) -> Result<(), StoreError> {
+    let failed = |source| StoreError::read(folder, source);
+    let entries = match fs::read_dir(folder) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+        entries => entries.map_err(failed)?,
+    };
+    let own = std::process::id().to_string();
+    for entry in entries {
+        let entry = entry.map_err(failed)?;
+        let name = entry.file_name();
+        let process = name
+            .to_str()
+            .and_then(|name| name.strip_prefix(".tmp-"))
+            .and_then(|rest| rest.split_once('-'))
+            .map(|(process, _)| process);
+        if process.is_some_and(|id| id != own && id.parse::<u32>().is_ok()) {
+            remove(&entry.path())?;
+        }
+    }
+    Ok(())
 }
 
 #[derive(Serialize)]
@@ -180,12 +230,24 @@ pub fn record_bytes<T: Record>(record: &T) -> Result<Vec<u8>, serde_json::Error>
 ///
 /// # Errors
 /// When the file cannot be written, or when the record could not be read back: JSON has no NaN and
-/// no infinity, so a record that holds one is refused here instead of by its next reader.
+/// no infinity, so a record that holds one is refused here instead of by its next reader. In an
+/// optional entry both become `null`, which reads back as a missing value.
 pub fn write_record<T: Record>(path: &Path, record: &T) -> Result<(), StoreError> {
     let failed = |error: serde_json::Error| StoreError::write(path, io::Error::other(error));
     let bytes = record_bytes(record).map_err(failed)?;
     serde_json::from_slice::<T>(&bytes).map_err(failed)?;
     write_bytes(path, &bytes)
+}
+
+/// Writes a record where the file does not hold the same one already.
+///
+/// # Errors
+/// As [`write_record`]; a file that cannot be read is written anew.
+pub fn update_record<T: Record + PartialEq>(path: &Path, record: &T) -> Result<(), StoreError> {
+    if read_record::<T>(path).is_ok_and(|held| held == *record) {
+        return Ok(());
+    }
+    write_record(path, record)
 }
 
 /// Reads a record and checks that it is of the schema asked for.

@@ -141,16 +141,41 @@ fn temporary_names_lie_beside_and_keep_the_extension() {
     assert_ne!(temporary, path);
 }
 
+/// Only what another process left under a temporary name goes.
 #[test]
-fn published_files_have_their_final_name_only() {
+fn what_a_killed_process_left_is_removed() {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("clip.mp4");
-    let temporary = store::temporary_beside(&path);
-    fs::write(&temporary, b"frames").unwrap();
-    store::publish(&temporary, &path).unwrap();
-    assert_eq!(names(folder.path()), ["clip.mp4"]);
-    assert!(store::publish(&temporary, &path).is_err());
-    assert_eq!(fs::read(&path).unwrap(), b"frames");
+    let path = |name: &str| folder.path().join(name);
+    let ours = store::temporary_beside(&path("record.json"));
+    for file in [&ours, &path("record.json"), &path(".tmp-notes")] {
+        fs::write(file, b"kept").unwrap();
+    }
+    let other = std::process::id() + 1;
+    fs::write(path(&format!(".tmp-{other}-record.json")), b"half").unwrap();
+    fs::create_dir(path(&format!(".tmp-{other}-sequences"))).unwrap();
+    fs::write(path(&format!(".tmp-{other}-sequences/0.png")), b"half").unwrap();
+    store::remove_abandoned(folder.path()).unwrap();
+    let mut kept = names(folder.path());
+    kept.sort();
+    let own = ours.file_name().unwrap().to_string_lossy().into_owned();
+    let mut expected = vec![own, ".tmp-notes".to_owned(), "record.json".to_owned()];
+    expected.sort();
+    assert_eq!(kept, expected);
+    store::remove_abandoned(&path("nowhere")).unwrap();
+}
+
+/// A record that has not changed keeps its file as it is.
+#[test]
+fn an_unchanged_record_is_not_written_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("record.json");
+    store::update_record(&path, &dataset()).unwrap();
+    let written = fs::metadata(&path).unwrap().modified().unwrap();
+    store::update_record(&path, &dataset()).unwrap();
+    assert_eq!(fs::metadata(&path).unwrap().modified().unwrap(), written);
+    let other = Dataset { videos: Vec::new() };
+    store::update_record(&path, &other).unwrap();
+    assert_eq!(store::read_record::<Dataset>(&path).unwrap(), other);
 }
 
 #[test]

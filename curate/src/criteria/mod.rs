@@ -11,7 +11,7 @@ mod undamaged;
 
 use std::path::Path;
 
-use omnilife_schemas::records::{Admission, CheckOutcome, Probe, Verdict};
+use omnilife_schemas::records::{Admission, CheckOutcome, ErpVerdict, Probe};
 
 use crate::error::CurateError;
 
@@ -20,8 +20,8 @@ use crate::error::CurateError;
 pub struct Candidate<'a> {
     /// The probe.
     pub probe: &'a Probe,
-    /// The ERP verdict that the evidence gives, before any override.
-    pub verdict: Option<Verdict>,
+    /// The ERP verdict in force; it says itself whether the user overrode the evidence.
+    pub verdict: Option<&'a ErpVerdict>,
     /// Damaged frames.
     pub damaged_frames: Option<u64>,
 }

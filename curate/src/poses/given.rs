@@ -98,21 +98,29 @@ fn from_record(path: &Path, sequence: &Sequence) -> Result<PosedSequence, Curate
         .as_ref()
         .map(|file| PointCloud::read_ply(&beside(path, file)))
         .transpose()?;
+    let masks: Vec<Option<PathBuf>> = matched
+        .iter()
+        .map(|m| {
+            m.and_then(|frame| frame.mask.as_ref())
+                .map(|file| beside(path, file))
+        })
+        .collect();
+    let mut validation = unchecked(&poses);
+    let masked = masks.iter().flatten().count();
+    if masked > 0 && masked < masks.len() {
+        validation.problems.push(format!(
+            "{} of {} frames have no mask; nothing moves in them as far as is known",
+            masks.len() - masked,
+            masks.len()
+        ));
+    }
     Ok(PosedSequence {
-        validation: unchecked(&poses),
-        masks: matched
-            .iter()
-            .map(|m| {
-                m.and_then(|frame| frame.mask.as_ref())
-                    .map(|file| beside(path, file))
-            })
-            .collect(),
+        validation,
+        masks,
         poses,
         points,
         scale: record.scale,
-        source: PoseSource::Given {
-            file: path.display().to_string(),
-        },
+        source: given_by(path),
     })
 }
 
@@ -131,11 +139,16 @@ fn nearest<'a>(given: &[&'a PosedFrame], seconds: f64, tolerance: f64) -> Option
 fn from_colmap(folder: &Path, sequence: &Sequence) -> Result<PosedSequence, CurateError> {
     let model = ColmapModel::read(folder)?;
     let names = frame_names(sequence);
-    let by_name: BTreeMap<String, Pose> = model
-        .images
-        .values()
-        .map(|image| (file_name(&image.name), image.pose()))
-        .collect();
+    let mut by_name: BTreeMap<String, Pose> = BTreeMap::new();
+    for image in model.images.values() {
+        let name = file_name(&image.name);
+        if by_name.insert(name.clone(), image.pose()).is_some() {
+            return Err(CurateError::input(
+                folder,
+                format!("has two images named {name}; frames are matched by file name"),
+            ));
+        }
+    }
     let poses: Vec<Option<Pose>> = names
         .iter()
         .map(|name| by_name.get(name).copied())
@@ -158,11 +171,20 @@ fn from_colmap(folder: &Path, sequence: &Sequence) -> Result<PosedSequence, Cura
         poses,
         points: Some(model.cloud()),
         scale: Scale::Arbitrary,
-        source: PoseSource::Given {
-            file: folder.display().to_string(),
-        },
+        source: given_by(folder),
         validation,
     })
+}
+
+/// Only the name: records must not change where a dataset is moved.
+fn given_by(path: &Path) -> PoseSource {
+    PoseSource::Given {
+        file: path
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned(),
+    }
 }
 
 fn file_name(path: &str) -> String {

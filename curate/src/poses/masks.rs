@@ -1,12 +1,14 @@
 //! Mask images: finding those of a sequence's frames and writing them at frame size.
 
 use std::{
+    collections::BTreeMap,
+    ffi::OsString,
     fs,
     path::{Path, PathBuf},
 };
 
 use omnilife_schemas::{
-    records::Sequence,
+    records::{FrameEntry, Sequence},
     rgb::Mask,
     store::{self, StoreError},
 };
@@ -19,89 +21,156 @@ const FOLDER: &str = "masks";
 /// moving objects give features too.
 const GROWTH_PIXELS: usize = 4;
 
+/// File name extensions of mask images, in lower case.
+const EXTENSIONS: &[&str] = &["png", "jpg", "jpeg"];
+
 /// The image files of a folder, sorted.
 pub(super) fn files(folder: &Path) -> Result<Vec<PathBuf>, CurateError> {
-    let entries = fs::read_dir(folder).map_err(|error| StoreError::read(folder, error))?;
-    let mut files: Vec<PathBuf> = entries
-        .filter_map(Result::ok)
-        .map(|entry| entry.path())
+    Ok(store::paths_in(folder)?
+        .into_iter()
         .filter(|path| {
             path.extension()
-                .is_some_and(|extension| ["png", "jpg", "jpeg"].iter().any(|e| extension == *e))
+                .and_then(|extension| extension.to_str())
+                .is_some_and(|extension| {
+                    EXTENSIONS.contains(&extension.to_ascii_lowercase().as_str())
+                })
         })
-        .collect();
-    files.sort();
-    Ok(files)
+        .collect())
 }
 
 /// For every frame of a sequence, the file in `folder` with its name or stem.
 ///
 /// # Errors
-/// When the folder cannot be read or has a mask for no frame.
-pub(super) fn find(
-    folder: &Path,
-    sequence: &Sequence,
-) -> Result<Vec<Option<PathBuf>>, CurateError> {
-    let files = files(folder)?;
-    let found: Vec<Option<PathBuf>> = sequence
-        .frames
-        .entries
-        .iter()
-        .map(|entry| {
-            let stem = Path::new(&entry.file).file_stem();
-            files.iter().find(|file| file.file_stem() == stem).cloned()
-        })
-        .collect();
-    if found.iter().all(Option::is_none) {
-        return Err(CurateError::input(
-            folder,
-            "has a mask for no frame (expected the frames' names, such as 000000.png)",
-        ));
+/// When the folder cannot be read, lacks the mask of some frame, or has two for one.
+pub(super) fn find(folder: &Path, sequence: &Sequence) -> Result<Vec<PathBuf>, CurateError> {
+    let mut by_stem: BTreeMap<OsString, PathBuf> = BTreeMap::new();
+    for file in files(folder)? {
+        let stem = file.file_stem().unwrap_or_default().to_owned();
+        if let Some(other) = by_stem.insert(stem, file.clone()) {
+            return Err(CurateError::input(
+                &file,
+                format!("and {} are masks of one frame", other.display()),
+            ));
+        }
     }
-    Ok(found)
+    let frames = &sequence.frames.entries;
+    let stem = |entry: &FrameEntry| {
+        Path::new(&entry.file)
+            .file_stem()
+            .unwrap_or_default()
+            .to_owned()
+    };
+    let found: Vec<PathBuf> = frames
+        .iter()
+        .filter_map(|entry| by_stem.get(&stem(entry)).cloned())
+        .collect();
+    if found.len() == frames.len() {
+        return Ok(found);
+    }
+    let first_missing = frames
+        .iter()
+        .find(|entry| !by_stem.contains_key(&stem(entry)))
+        .map_or("", |entry| entry.file.as_str());
+    Err(CurateError::input(
+        folder,
+        format!(
+            "has masks for {} of {} frames; the first without one is {first_missing} (masks are \
+             named like their frames)",
+            found.len(),
+            frames.len()
+        ),
+    ))
 }
 
-/// Writes masks as `masks/NNNNNN.png` at frame size in place of those that are there; pixels are
-/// taken from the nearest of the given mask. Returns the files relative to the sequence's folder.
-pub(super) fn copy(
+/// Masks of a sequence, read and at frame size, to be put in place by [`StagedMasks::publish`].
+pub(super) struct StagedMasks {
+    /// Final folder.
+    folder: PathBuf,
+    /// Hidden folder with the new masks; `None` where there are none.
+    staged: Option<PathBuf>,
+    /// Mask per frame, relative to the sequence's folder.
+    pub(super) files: Vec<Option<String>>,
+}
+
+/// Reads masks and writes them at frame size into a hidden folder; pixels are taken from the
+/// nearest of the given mask. Nothing that is there is touched yet.
+///
+/// # Errors
+/// When a mask cannot be read or written, or when one lies in the very folder that is replaced and
+/// would come out changed: the user's own file would be lost.
+pub(super) fn stage(
     sequence_folder: &Path,
     masks: &[Option<PathBuf>],
     (width, height): (usize, usize),
-) -> Result<Vec<Option<String>>, CurateError> {
+) -> Result<StagedMasks, CurateError> {
     let folder = sequence_folder.join(FOLDER);
-    if folder.is_dir() {
-        fs::remove_dir_all(&folder).map_err(|error| StoreError::write(&folder, error))?;
-    }
+    let mut staging = StagedMasks {
+        files: vec![None; masks.len()],
+        staged: None,
+        folder,
+    };
     if masks.iter().all(Option::is_none) {
-        return Ok(vec![None; masks.len()]);
+        return Ok(staging);
     }
-    store::create_folder(&folder)?;
-    masks
-        .iter()
-        .enumerate()
-        .map(|(index, source)| {
-            let Some(source) = source else {
-                return Ok(None);
-            };
-            let file = format!("{FOLDER}/{index:06}.png");
-            let mask = resized(&Mask::read(source)?, width, height);
-            write_grey(&sequence_folder.join(&file), &mask)?;
-            Ok(Some(file))
-        })
-        .collect()
+    let staged = store::temporary_beside(&staging.folder);
+    store::remove(&staged)?;
+    store::create_folder(&staged)?;
+    staging.staged = Some(staged.clone());
+    for (index, source) in masks.iter().enumerate() {
+        let Some(source) = source else { continue };
+        let name = format!("{index:06}.png");
+        let given = Mask::read(source)?;
+        let mask = resized(&given, width, height);
+        let is_inside = fs::canonicalize(source).ok().is_some_and(|path| {
+            fs::canonicalize(&staging.folder).is_ok_and(|folder| path.starts_with(folder))
+        });
+        let is_itself = mask == given && source.file_name().is_some_and(|own| *own == *name);
+        if is_inside && !is_itself {
+            return Err(CurateError::input(
+                source,
+                format!(
+                    "lies in the folder that the sequence's own masks go to and is not named {name} \
+                     or not {width}x{height} pixels; keep it elsewhere"
+                ),
+            ));
+        }
+        write_grey(&staged.join(&name), &mask)?;
+        staging.files[index] = Some(format!("{FOLDER}/{name}"));
+    }
+    Ok(staging)
+}
+
+impl StagedMasks {
+    /// Replaces the masks that are there.
+    pub(super) fn publish(&self) -> Result<(), CurateError> {
+        store::remove(&self.folder)?;
+        if let Some(staged) = &self.staged {
+            fs::rename(staged, &self.folder)
+                .map_err(|error| StoreError::write(&self.folder, error))?;
+        }
+        Ok(())
+    }
+}
+
+impl Drop for StagedMasks {
+    fn drop(&mut self) {
+        if let Some(staged) = &self.staged {
+            // Gone after publishing; else nothing depends on it, and it is hidden.
+            drop(fs::remove_dir_all(staged));
+        }
+    }
 }
 
 /// Writes masks as COLMAP reads them: `<image file name>.png`, black where features are ignored,
 /// grown by a few pixels.
 pub(super) fn write_for_colmap(
     folder: &Path,
-    masks: &[Option<PathBuf>],
+    masks: &[PathBuf],
     sequence: &Sequence,
 ) -> Result<(), CurateError> {
     store::create_folder(folder)?;
     let (width, height) = (sequence.frames.width, sequence.frames.height);
     for (entry, source) in sequence.frames.entries.iter().zip(masks) {
-        let Some(source) = source else { continue };
         let name = Path::new(&entry.file)
             .file_name()
             .unwrap_or_default()
@@ -183,6 +252,8 @@ fn write_grey(path: &Path, mask: &Mask) -> Result<(), CurateError> {
 
 #[cfg(test)]
 mod tests {
+    #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
     use super::*;
 
     #[test]
@@ -198,6 +269,37 @@ mod tests {
         assert_eq!(marked, 9 * 5);
         assert_eq!(grown.data[28], 255);
         assert_eq!(grown.data[27], 0);
+    }
+
+    /// Every frame has its one mask, or none is taken.
+    #[test]
+    fn masks_are_found_by_name_and_missing_ones_named() {
+        let temp = tempfile::tempdir().unwrap();
+        let entries = (0..3)
+            .map(|index| FrameEntry {
+                file: format!("frames/{index:06}.png"),
+                time_seconds: f64::from(index),
+            })
+            .collect();
+        let sequence = crate::poses::sfm::tests::sequence_of(entries);
+        for name in ["000000.PNG", "000001.jpg", "notes.txt"] {
+            fs::write(temp.path().join(name), "").unwrap();
+        }
+        let message = find(temp.path(), &sequence).unwrap_err().to_string();
+        assert!(
+            message.contains("masks for 2 of 3 frames") && message.contains("000002.png"),
+            "{message}"
+        );
+        fs::write(temp.path().join("000002.Jpeg"), "").unwrap();
+        let names: Vec<_> = find(temp.path(), &sequence)
+            .unwrap()
+            .iter()
+            .map(|path| path.file_name().unwrap().to_owned())
+            .collect();
+        assert_eq!(names, ["000000.PNG", "000001.jpg", "000002.Jpeg"]);
+        fs::write(temp.path().join("000002.png"), "").unwrap();
+        let message = find(temp.path(), &sequence).unwrap_err().to_string();
+        assert!(message.contains("masks of one frame"), "{message}");
     }
 
     #[test]

@@ -69,7 +69,7 @@ pub fn pose_sequence(
 ) -> Result<Scene, CurateError> {
     let sequence_path = sequence_folder.join(SEQUENCE_FILE);
     let sequence: Sequence = store::read_record(&sequence_path)?;
-    let plan = plan(sequence_folder, &sequence_path, request)?;
+    let plan = plan(sequence_folder, &sequence, request, progress)?;
     let scene_path = sequence_folder.join(SCENE_FILE);
     if plan.is_done() {
         progress.note(&format!("{}: poses unchanged, skipped", sequence.id));
@@ -92,30 +92,53 @@ pub fn pose_sequence(
     Ok(scene)
 }
 
+/// What the poses depend on. No path is part of it: a dataset may be moved.
 fn plan(
     sequence_folder: &Path,
-    sequence_path: &Path,
+    sequence: &Sequence,
     request: &PoseRequest,
+    progress: &dyn Progress,
 ) -> Result<StagePlan, CurateError> {
-    let plan = StagePlan::new(sequence_folder, "poses").with_file(sequence_path)?;
-    Ok(match request {
-        PoseRequest::Given(path) => {
-            let mut plan = plan.with_text("poses", &path.display().to_string());
-            for file in given::files(path)? {
-                plan = plan.with_file(&file)?;
-            }
-            plan
-        }
+    // Other entries of the sequence, such as its admission, change no pose.
+    let plan = StagePlan::new(sequence_folder, "poses")
+        .with_text("sequence", &sequence.id)
+        .with_hash("video", sequence.source.sha256.clone())
+        .with_settings("time range", &sequence.range)
+        .with_settings("frames", &sequence.frames);
+    match request {
+        PoseRequest::Given(path) => given::files(path)?
+            .iter()
+            .try_fold(plan, |plan, file| Ok(plan.with_file(file)?)),
         PoseRequest::Sfm(settings) => {
-            let mut plan = plan.with_settings("structure from motion", settings);
-            if let Some(folder) = &settings.masks {
-                for file in masks::files(folder)? {
-                    plan = plan.with_file(&file)?;
-                }
-            }
-            plan
+            let version = pycolmap_version(sequence_folder, sequence, progress)?;
+            sfm::add_inputs(plan, settings, &version)
         }
-    })
+    }
+}
+
+/// The version that poses are or were found with. Poses that stand stay good on a machine that
+/// could not find them.
+fn pycolmap_version(
+    sequence_folder: &Path,
+    sequence: &Sequence,
+    progress: &dyn Progress,
+) -> Result<String, CurateError> {
+    let missing = match sfm::installation() {
+        Ok(installation) => return Ok(installation.version),
+        Err(error) => error,
+    };
+    let scene = store::read_record::<Scene>(&sequence_folder.join(SCENE_FILE)).ok();
+    match scene.map(|scene| scene.pose_source) {
+        Some(PoseSource::Sfm { tool, .. }) => {
+            progress.note(&format!("{}: {missing}; its poses stand", sequence.id));
+            Ok(tool
+                .strip_prefix(sfm::TOOL)
+                .unwrap_or(&tool)
+                .trim()
+                .to_owned())
+        }
+        _ => Err(missing.into()),
+    }
 }
 
 /// Writes points and masks; returns the scene and the outputs of the stage.
@@ -129,8 +152,9 @@ fn write_scene(
         sequence.frames.width as usize,
         sequence.frames.height as usize,
     );
-    let mask_files = masks::copy(folder, &posed.masks, size)?;
-    outputs.extend(mask_files.iter().flatten().cloned());
+    let masks = masks::stage(folder, &posed.masks, size)?;
+    masks.publish()?;
+    outputs.extend(masks.files.iter().flatten().cloned());
     let points_path = folder.join(POINTS_FILE);
     let points = match posed.points.filter(|cloud| !cloud.is_empty()) {
         Some(cloud) => {
@@ -148,12 +172,12 @@ fn write_scene(
         .entries
         .iter()
         .zip(posed.poses)
-        .zip(mask_files)
+        .zip(&masks.files)
         .map(|((entry, pose), mask)| SceneFrame {
             image: entry.file.clone(),
             time_seconds: entry.time_seconds,
             pose,
-            mask,
+            mask: mask.clone(),
         })
         .collect();
     let scene = Scene {

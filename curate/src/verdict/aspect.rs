@@ -4,11 +4,11 @@ use omnilife_schemas::records::Probe;
 
 use super::VerdictTest;
 
-/// Relative deviation of the coded size from 2:1.
+/// Relative deviation of the stored size from 2:1.
 pub(super) const TEST: VerdictTest = VerdictTest {
     id: "aspect-ratio",
-    summary: "Relative deviation of the coded width over height from 2, as stored, whatever the \
-              pixel aspect ratio claims.",
+    summary: "Relative deviation of the upright picture's width over height from 2, as stored, \
+              whatever the pixel aspect ratio claims.",
     limit: 0.02,
     at_most: "stored at 2:1",
     above: "not stored at 2:1",
@@ -16,10 +16,11 @@ pub(super) const TEST: VerdictTest = VerdictTest {
 };
 
 fn deviation(probe: &Probe) -> f64 {
-    (f64::from(probe.width) / (2.0 * f64::from(probe.height)) - 1.0).abs()
+    let (width, height) = probe.upright_size();
+    (f64::from(width) / (2.0 * f64::from(height)) - 1.0).abs()
 }
 
-/// Whether the coded size is 2:1 to the test's limit.
-pub(super) fn is_two_to_one(probe: &Probe) -> bool {
+/// Whether the stored size is 2:1 to the test's limit.
+pub(crate) fn is_two_to_one(probe: &Probe) -> bool {
     deviation(probe) <= TEST.limit
 }

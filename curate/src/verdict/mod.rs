@@ -6,7 +6,7 @@
 //!
 //! To add a test: one file, and one line in [`TESTS`].
 
-mod aspect;
+pub(crate) mod aspect;
 mod black_border;
 mod pole_rows;
 mod samples;

@@ -87,10 +87,6 @@ struct Configuration {
     range: color::Range,
 }
 
-// SAFETY: an `SwsContext` has no ties to the thread that made it, and the converter has sole
-// access to it.
-unsafe impl Send for Converter {}
-
 impl Converter {
     /// A converter for one video.
     pub fn new(scaling: Scaling) -> Self {

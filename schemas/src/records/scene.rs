@@ -59,7 +59,7 @@ pub enum Scale {
 pub enum PoseSource {
     /// Given by the user.
     Given {
-        /// The file or folder.
+        /// Name of the file or folder.
         file: String,
     },
     /// Structure from motion.

@@ -91,6 +91,22 @@ pub struct Probe {
     pub spherical: Option<SphericalMetadata>,
 }
 
+impl Probe {
+    /// Quarter turns clockwise that bring the coded picture upright, 0 to 3.
+    pub fn clockwise_quarter_turns(&self) -> u32 {
+        (self.rotation_degrees / 90.0).round().rem_euclid(4.0) as u32
+    }
+
+    /// Width and height in pixels of the upright picture.
+    pub fn upright_size(&self) -> (u32, u32) {
+        if self.clockwise_quarter_turns() % 2 == 1 {
+            (self.height, self.width)
+        } else {
+            (self.width, self.height)
+        }
+    }
+}
+
 /// Spherical video metadata of the container.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct SphericalMetadata {

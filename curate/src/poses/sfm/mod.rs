@@ -12,20 +12,20 @@ use std::path::{Path, PathBuf};
 use omnilife_schemas::{
     Blame, Blamed, Pose,
     progress::Progress,
-    records::{PoseSource, Scale, Sequence, SfmAttempt, SfmReport, ValidationStatus},
+    records::{
+        PoseSource, PoseValidation, Scale, Sequence, SfmAttempt, SfmReport, ValidationStatus,
+    },
+    stage::StagePlan,
     store,
 };
 use serde::{Deserialize, Serialize};
 
 pub use installation::{PYTHON_VARIABLE, SfmInstallation, installation};
-use workshop::Workshop;
+use workshop::{Attempted, Workshop};
 
 use super::{
-    PosedSequence,
-    colmap::ColmapModel,
-    given::frame_names,
-    level, masks,
-    validate::{ValidationLimits, validate},
+    PosedSequence, colmap::ColmapModel, given::frame_names, level, masks,
+    validate::ValidationLimits,
 };
 use crate::error::CurateError;
 
@@ -41,6 +41,14 @@ pub enum SfmError {
     #[error("structure from motion is not installed; run scripts/setup --sfm ({reason})")]
     NotInstalled {
         /// What was looked for, and what was found.
+        reason: String,
+    },
+    /// No attempt registered two frames, and one of them did not come to its end.
+    #[error("{sequence}: structure from motion broke: {reason}")]
+    Broken {
+        /// Id of the sequence.
+        sequence: String,
+        /// The failures of all attempts.
         reason: String,
     },
     /// No attempt registered two frames.
@@ -64,13 +72,16 @@ pub enum SfmError {
 impl Blamed for SfmError {
     fn blame(&self) -> Blame {
         match self {
-            Self::NotInstalled { .. } | Self::Run { .. } => Blame::Ours,
+            Self::NotInstalled { .. } | Self::Broken { .. } | Self::Run { .. } => Blame::Ours,
             Self::NoPoses { .. } => Blame::Input,
         }
     }
 }
 
-/// How structure from motion is done. Part of the stage's inputs.
+/// Name of the program in records, before its version.
+pub(super) const TOOL: &str = "pycolmap";
+
+/// How structure from motion is done.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct SfmSettings {
     /// Folder of mask images named after the frames; white pixels give no features.
@@ -114,6 +125,29 @@ pub static LADDER: &[Configuration] = &[
     },
 ];
 
+/// Adds everything that the poses depend on to a stage's inputs. Threads are left out: they say how
+/// fast it goes.
+pub(super) fn add_inputs(
+    plan: StagePlan,
+    settings: &SfmSettings,
+    version: &str,
+) -> Result<StagePlan, CurateError> {
+    let mut plan = plan
+        .with_settings("seed", &settings.seed)
+        .with_settings("limits", &settings.limits)
+        .with_text("configurations", &format!("{LADDER:?}"))
+        .with_text("script", workshop::SCRIPT)
+        .with_text(TOOL, version);
+    if let Some(folder) = &settings.masks {
+        for file in masks::files(folder)? {
+            // A mask is of the frame whose name it has.
+            let name = file.file_name().unwrap_or_default().to_string_lossy();
+            plan = plan.with_text("mask name", &name).with_file(&file)?;
+        }
+    }
+    Ok(plan)
+}
+
 /// Poses a sequence by structure from motion.
 pub(crate) fn run(
     sequence_folder: &Path,
@@ -140,22 +174,28 @@ fn run_with(
 ) -> Result<PosedSequence, CurateError> {
     let workshop = Workshop::new(sequence_folder, sequence, settings, installation)?;
     let mut attempts = Vec::new();
-    let mut best: Option<(usize, ColmapModel)> = None;
+    let mut best: Option<(usize, (ColmapModel, PoseValidation))> = None;
+    let mut any_broken = false;
     for configuration in LADDER {
         let label = format!("structure from motion: {}", configuration.id);
         progress.begin(&label, None);
         let outcome = workshop.attempt(configuration, progress);
         progress.end();
-        let (attempt, model) = outcome?;
+        let Attempted {
+            attempt,
+            found,
+            is_broken,
+        } = outcome?;
+        any_broken |= is_broken;
         progress.note(&format!("{}: {}", sequence.id, describe(&attempt)));
         let index = attempts.len();
         attempts.push(attempt);
-        if let Some(model) = model {
+        if let Some(found) = found {
             let is_better = best
                 .as_ref()
                 .is_none_or(|(other, _)| rank(&attempts[index]) > rank(&attempts[*other]));
             if is_better {
-                best = Some((index, model));
+                best = Some((index, found));
             }
         }
         if is_valid(&attempts[index]) {
@@ -167,18 +207,20 @@ fn run_with(
         chosen: best.as_ref().map(|(index, _)| *index),
     };
     store::write_record(&workshop.folder.join(ATTEMPTS_FILE), &report)?;
-    let Some((index, model)) = best else {
-        return Err(no_poses(sequence, &report).into());
+    let Some((index, found)) = best else {
+        return Err(no_poses(sequence, &report, any_broken).into());
     };
     workshop.publish(&report.attempts[index].configuration)?;
-    posed(sequence, settings, installation, &report, index, model)
+    posed(sequence, settings, installation, &report, index, found)
 }
 
-fn no_poses(sequence: &Sequence, report: &SfmReport) -> SfmError {
+fn no_poses(sequence: &Sequence, report: &SfmReport, any_broken: bool) -> SfmError {
     let reasons: Vec<String> = report.attempts.iter().map(describe).collect();
-    SfmError::NoPoses {
-        sequence: sequence.id.clone(),
-        reason: reasons.join("; "),
+    let (sequence, reason) = (sequence.id.clone(), reasons.join("; "));
+    if any_broken {
+        SfmError::Broken { sequence, reason }
+    } else {
+        SfmError::NoPoses { sequence, reason }
     }
 }
 
@@ -189,10 +231,10 @@ fn posed(
     installation: &SfmInstallation,
     report: &SfmReport,
     index: usize,
-    mut model: ColmapModel,
+    (mut model, mut validation): (ColmapModel, PoseValidation),
 ) -> Result<PosedSequence, CurateError> {
     let names = frame_names(sequence);
-    let mut validation = validate(&model, &names, &settings.limits);
+    let attempt = &report.attempts[index];
     let levelling = level::level(&mut model);
     validation
         .measures
@@ -212,17 +254,19 @@ fn posed(
         })
         .collect();
     let masks = match &settings.masks {
-        Some(folder) => masks::find(folder, sequence)?,
+        Some(folder) => masks::find(folder, sequence)?
+            .into_iter()
+            .map(Some)
+            .collect(),
         None => vec![None; names.len()],
     };
-    let attempt = &report.attempts[index];
     Ok(PosedSequence {
         poses,
         masks,
         points: Some(model.cloud()),
         scale: Scale::Arbitrary,
         source: PoseSource::Sfm {
-            tool: format!("pycolmap {}", installation.version),
+            tool: format!("{TOOL} {}", installation.version),
             configuration: attempt.configuration.clone(),
             wall_seconds: report
                 .attempts
@@ -276,4 +320,4 @@ fn describe(attempt: &SfmAttempt) -> String {
 }
 
 #[cfg(all(test, unix))]
-mod tests;
+pub(in crate::poses) mod tests;

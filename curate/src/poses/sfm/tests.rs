@@ -13,6 +13,15 @@ use omnilife_schemas::{
 use super::*;
 
 fn sequence(frames: usize) -> Sequence {
+    let entry = |index: usize| FrameEntry {
+        file: format!("frames/{index:06}.png"),
+        time_seconds: index as f64 * 0.1,
+    };
+    sequence_of((0..frames).map(entry).collect())
+}
+
+/// A sequence of these frames, 64 pixels wide.
+pub(in crate::poses) fn sequence_of(entries: Vec<FrameEntry>) -> Sequence {
     Sequence {
         id: "walk/seq-000".to_owned(),
         source: SourceVideo {
@@ -56,12 +65,7 @@ fn sequence(frames: usize) -> Sequence {
             height: 32,
             sampling: Sampling::MaxFrames(10),
             resampling: "none".to_owned(),
-            entries: (0..frames)
-                .map(|index| FrameEntry {
-                    file: format!("frames/{index:06}.png"),
-                    time_seconds: index as f64 * 0.1,
-                })
-                .collect(),
+            entries,
         },
     }
 }
@@ -91,20 +95,25 @@ fn every_failed_attempt_is_recorded_and_named() {
     let folder = temp.path().join("seq-000");
     fs::create_dir(&folder).unwrap();
     let settings = SfmSettings::default();
-    for (lines, reason) in [
+    // Only frames that give no model are to blame; a killed or broken program is not their fault.
+    for (lines, reason, blame) in [
         (
-            "echo begin features; echo failed no features; exit 4",
+            "printf '\\377\\n'; echo failed no features; exit 4",
             "no features",
+            Blame::Input,
         ),
         (
             "echo Check failed: rows >&2; kill -ABRT $$",
             "Check failed: rows",
+            Blame::Ours,
         ),
-        ("echo models 1; exit 0", "cameras.txt"),
+        ("echo failed half; kill -KILL $$", "signal: 9", Blame::Ours),
+        ("echo models 1; exit 0", "cameras.txt", Blame::Ours),
+        ("echo models many; exit 0", "models many", Blame::Ours),
     ] {
         let python = interpreter(temp.path(), lines);
         let error = run_with(&python, &folder, &sequence(3), &settings, &Silent).unwrap_err();
-        assert_eq!(error.blame(), Blame::Input);
+        assert_eq!(error.blame(), blame, "{lines}");
         let message = error.to_string();
         assert!(
             message.contains(reason) && message.contains("walk/seq-000"),
@@ -158,4 +167,45 @@ fn an_unstable_model_is_taken_with_its_problems() {
     let up = pose.rotation().unwrap() * glam::DVec3::NEG_Y;
     assert!((up - level::UP).length() < 1e-12);
     assert_eq!(posed.points.unwrap().colours, [[10, 20, 30]]);
+}
+
+/// Everything that may change the poses changes the stage's inputs.
+#[test]
+fn the_stage_depends_on_masks_by_name_and_on_the_program() {
+    let temp = tempfile::tempdir().unwrap();
+    let masks = temp.path().join("masks");
+    fs::create_dir(&masks).unwrap();
+    fs::write(masks.join("000000.png"), "mask").unwrap();
+    let settings = SfmSettings {
+        masks: Some(masks.clone()),
+        ..SfmSettings::default()
+    };
+    let inputs = |settings: &SfmSettings, version: &str| {
+        add_inputs(StagePlan::new(temp.path(), "poses"), settings, version)
+            .unwrap()
+            .inputs_sha256()
+    };
+    let before = inputs(&settings, "4.2.1");
+    let seeded = SfmSettings {
+        seed: 1,
+        ..settings.clone()
+    };
+    let threaded = SfmSettings {
+        threads: Some(1),
+        ..settings.clone()
+    };
+    assert_eq!(before, inputs(&threaded, "4.2.1"));
+    assert_ne!(before, inputs(&seeded, "4.2.1"));
+    assert_ne!(before, inputs(&settings, "4.3.0"));
+    fs::rename(masks.join("000000.png"), masks.join("000001.png")).unwrap();
+    assert_ne!(before, inputs(&settings, "4.2.1"));
+    // Moved as a whole, they are the same masks.
+    fs::rename(masks.join("000001.png"), masks.join("000000.png")).unwrap();
+    let moved = temp.path().join("elsewhere");
+    fs::rename(&masks, &moved).unwrap();
+    let settings = SfmSettings {
+        masks: Some(moved),
+        ..settings
+    };
+    assert_eq!(before, inputs(&settings, "4.2.1"));
 }

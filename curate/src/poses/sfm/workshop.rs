@@ -10,7 +10,7 @@ use std::{
 
 use omnilife_schemas::{
     progress::Progress,
-    records::{Sequence, SfmAttempt},
+    records::{PoseValidation, Sequence, SfmAttempt},
     store,
 };
 
@@ -21,7 +21,10 @@ use crate::{
     poses::{colmap::ColmapModel, given::frame_names, masks, validate::validate},
 };
 
-const SCRIPT: &str = include_str!("../erp_sfm.py");
+pub(super) const SCRIPT: &str = include_str!("../erp_sfm.py");
+
+/// With this code the script says that the frames gave no model.
+const FAILED_EXIT_CODE: i32 = 4;
 
 /// The folder in which attempts are made.
 pub(super) struct Workshop<'a> {
@@ -48,6 +51,8 @@ impl<'a> Workshop<'a> {
             .map_err(|error| store::StoreError::read(sequence_folder, error))?;
         let folder = sequence_folder.join(SFM_FOLDER);
         let scratch = store::temporary_beside(&folder.join("work"));
+        store::remove_abandoned(&folder)?;
+        store::remove(&scratch)?;
         store::create_folder(&scratch)?;
         let mut workshop = Self {
             frames: sequence_folder.join(FRAMES_FOLDER),
@@ -74,34 +79,43 @@ impl<'a> Workshop<'a> {
         &self,
         configuration: &Configuration,
         progress: &dyn Progress,
-    ) -> Result<(SfmAttempt, Option<ColmapModel>), CurateError> {
+    ) -> Result<Attempted, CurateError> {
         let started = Instant::now();
         let out = self.scratch.join(configuration.id);
         store::create_folder(&out)?;
-        let conversation = self.converse(configuration, &out, progress)?;
-        let sparse = out.join("sparse");
-        let (model, failure) = match conversation.failure {
-            Some(failure) => (None, Some(failure)),
-            None => match ColmapModel::read(&sparse) {
-                Ok(model) if model.images.len() >= 2 => (Some(model), None),
-                Ok(_) => (
-                    None,
-                    Some("fewer than two frames were registered".to_owned()),
-                ),
-                Err(error) => (None, Some(error.to_string())),
+        let Conversation { models, ending } = self.converse(configuration, &out, progress)?;
+        let model = match ending {
+            Ending::Success => match ColmapModel::read(&out.join("sparse")) {
+                Ok(model) if model.images.len() >= 2 => Ok(model),
+                Ok(_) => Err(Ending::Failed(
+                    "fewer than two frames were registered".to_owned(),
+                )),
+                Err(error) => Err(Ending::Broken(error.to_string())),
             },
+            failure => Err(failure),
+        };
+        let is_broken = matches!(model, Err(Ending::Broken(_)));
+        let failure = match &model {
+            Err(Ending::Failed(reason) | Ending::Broken(reason)) => Some(reason.clone()),
+            _ => None,
         };
         let names = frame_names(self.sequence);
+        let found = model.ok().map(|model| {
+            let validation = validate(&model, &names, &self.settings.limits);
+            (model, validation)
+        });
         let attempt = SfmAttempt {
             configuration: configuration.id.to_owned(),
             wall_seconds: started.elapsed().as_secs_f64(),
-            models: conversation.models,
-            validation: model
-                .as_ref()
-                .map(|model| validate(model, &names, &self.settings.limits)),
+            models,
+            validation: found.as_ref().map(|(_, validation)| validation.clone()),
             failure,
         };
-        Ok((attempt, model))
+        Ok(Attempted {
+            attempt,
+            found,
+            is_broken,
+        })
     }
 
     /// Runs the script and follows what it says.
@@ -126,26 +140,37 @@ impl<'a> Workshop<'a> {
                 .spawn()
                 .map_err(cannot_run)?,
         );
-        let mut conversation = Conversation::default();
+        let mut models = 0;
+        let mut failed = None;
+        let mut misspoken = None;
         if let Some(stdout) = running.0.stdout.take() {
-            for line in BufReader::new(stdout).lines().map_while(Result::ok) {
-                match line.split_once(' ') {
+            // COLMAP prints file names, which need not be UTF-8.
+            for line in BufReader::new(stdout).split(b'\n') {
+                let line = line.map_err(cannot_run)?;
+                let line = String::from_utf8_lossy(&line);
+                match line.trim_end().split_once(' ') {
                     Some(("begin", stage)) => progress.remark(stage),
-                    Some(("models", count)) => conversation.models = count.parse().unwrap_or(0),
-                    Some(("failed", reason)) => conversation.failure = Some(reason.to_owned()),
+                    Some(("models", count)) => match count.parse() {
+                        Ok(count) => models = count,
+                        Err(_) => misspoken = Some(format!("the script said {line:?}")),
+                    },
+                    Some(("failed", reason)) => failed = Some(reason.to_owned()),
                     // COLMAP's own chatter.
                     _ => {}
                 }
             }
         }
         let status = running.0.wait().map_err(cannot_run)?;
-        if !status.success() && conversation.failure.is_none() {
-            conversation.failure = Some(format!(
+        let ending = match (failed, misspoken) {
+            (Some(reason), _) if status.code() == Some(FAILED_EXIT_CODE) => Ending::Failed(reason),
+            (_, Some(line)) => Ending::Broken(line),
+            _ if status.success() => Ending::Success,
+            _ => Ending::Broken(format!(
                 "COLMAP ended with {status}{}",
                 last_line(&log_path)
-            ));
-        }
-        Ok(conversation)
+            )),
+        };
+        Ok(Conversation { models, ending })
     }
 
     fn command(&self, configuration: &Configuration, out: &Path) -> Command {
@@ -188,11 +213,28 @@ impl Drop for Workshop<'_> {
     }
 }
 
+/// One attempt, recorded, with what it found.
+pub(super) struct Attempted {
+    pub(super) attempt: SfmAttempt,
+    pub(super) found: Option<(ColmapModel, PoseValidation)>,
+    /// Whether it ended as no attempt should: killed, crashed, or with files that make no sense.
+    pub(super) is_broken: bool,
+}
+
 /// What the script said.
-#[derive(Default)]
 struct Conversation {
     models: u32,
-    failure: Option<String>,
+    ending: Ending,
+}
+
+/// How an attempt ended.
+enum Ending {
+    /// There is a model.
+    Success,
+    /// The frames gave no model.
+    Failed(String),
+    /// The program broke, whatever the frames are.
+    Broken(String),
 }
 
 /// A child process that does not outlive its handle.

@@ -1,0 +1,331 @@
+//! The stage that cuts a video into sequences and extracts their frames.
+//!
+//! Every sequence folder has its own done-record. It covers what the frames depend on (the video,
+//! the chosen timestamps, the size) and nothing else: other criteria or another name of the file
+//! only rewrite `sequence.json`. Folders are made beside and renamed, so that a killed process
+//! leaves whole sequences only.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use omnilife_schemas::{
+    progress::Progress,
+    records::{
+        Admission, BoundaryLedger, ErpVerdict, FrameEntry, FrameSet, Sequence, TimeRange,
+        VideoAnalysis,
+    },
+    stage::StagePlan,
+    store::{self, StoreError},
+};
+
+use crate::{
+    boundaries::{Detector, Signals},
+    error::CurateError,
+    frames::{self, FRAMES_FOLDER, Selection},
+    pipeline::{BOUNDARIES_FILE, CurateSettings, SEQUENCE_FILE, SIGNALS_FILE},
+    slice,
+};
+
+/// Where sequences go that hold poses or scores of frames that are no longer chosen, relative to
+/// the video's folder.
+const SUPERSEDED_FOLDER: &str = ".superseded";
+/// Name of the stage, and with it of its done-record.
+const STAGE: &str = "frames";
+
+/// The stage of one video.
+pub(crate) struct Sequencing<'a> {
+    pub(crate) video: &'a Path,
+    pub(crate) folder: &'a Path,
+    pub(crate) settings: &'a CurateSettings,
+    pub(crate) detector: &'a Detector,
+    pub(crate) analysis: &'a VideoAnalysis,
+    pub(crate) verdict: ErpVerdict,
+    pub(crate) admission: Admission,
+    /// Width and height of the frames in pixels.
+    pub(crate) size: (u32, u32),
+}
+
+/// A sequence as it has to be.
+struct Planned {
+    name: String,
+    range: TimeRange,
+    /// Timestamps of its frames, seconds.
+    times: Vec<f64>,
+}
+
+impl Sequencing<'_> {
+    /// Makes the sequence folders and returns their names in order of time.
+    pub(crate) fn run(&self, progress: &dyn Progress) -> Result<Vec<String>, CurateError> {
+        let planned = self.planned()?;
+        let (done, missing): (Vec<&Planned>, Vec<&Planned>) =
+            planned.iter().partition(|sequence| {
+                self.plan(sequence, &self.folder.join(&sequence.name))
+                    .is_done()
+            });
+        if !done.is_empty() {
+            progress.note(&format!(
+                "{}: frames of {} sequences unchanged, skipped",
+                self.video.display(),
+                done.len()
+            ));
+        }
+        for folder in sequence_folders(self.folder)? {
+            if !planned.iter().any(|sequence| sequence.name == folder) {
+                self.clear(&folder, progress)?;
+            }
+        }
+        if !missing.is_empty() {
+            self.extract(&missing, progress)?;
+        }
+        for sequence in &planned {
+            let path = self.folder.join(&sequence.name).join(SEQUENCE_FILE);
+            store::update_record(&path, &self.record(sequence))?;
+        }
+        progress.note(&format!(
+            "{}: {}, {} sequences",
+            self.video.display(),
+            self.verdict.verdict.name(),
+            planned.len()
+        ));
+        Ok(planned.into_iter().map(|sequence| sequence.name).collect())
+    }
+
+    /// Decides the boundaries, writes the ledger and chooses the frames of every shot that is long
+    /// enough.
+    fn planned(&self) -> Result<Vec<Planned>, CurateError> {
+        let signals = Signals::read_parquet(&self.folder.join(SIGNALS_FILE))?;
+        let boundaries = (self.detector.decide)(&signals);
+        let least = self.settings.minimum_shot_seconds;
+        let shots = slice::shots(&signals.times, self.analysis.range, &boundaries, least);
+        let ledger = BoundaryLedger {
+            source: self.analysis.source.clone(),
+            range: self.analysis.range,
+            detector: format!("{}: {}", self.detector.id, (self.detector.settings)()),
+            boundaries,
+            dropped: shots.dropped,
+        };
+        store::update_record(&self.folder.join(BOUNDARIES_FILE), &ledger)?;
+        if shots.kept.is_empty() {
+            return Err(CurateError::rejected(
+                self.video,
+                format!("none of its shots lasts {least} s"),
+            ));
+        }
+        Ok(shots
+            .kept
+            .into_iter()
+            .enumerate()
+            .map(|(index, range)| Planned {
+                name: sequence_name(index),
+                range,
+                times: frames::choose(&signals.times, range, self.settings.sampling),
+            })
+            .collect())
+    }
+
+    /// What the frames of a sequence depend on, for its folder or for one that becomes it.
+    fn plan(&self, sequence: &Planned, folder: &Path) -> StagePlan {
+        StagePlan::new(folder, STAGE)
+            .with_hash("video", self.analysis.source.sha256.clone())
+            .with_settings("timestamps in seconds", &sequence.times)
+            .with_settings("size in pixels", &self.size)
+            .with_settings("rotation in degrees", &self.analysis.probe.rotation_degrees)
+    }
+
+    /// Extracts the frames of some sequences in one decode and puts them in place.
+    fn extract(&self, missing: &[&Planned], progress: &dyn Progress) -> Result<(), CurateError> {
+        let started = Instant::now();
+        let staging = Staging::new(self.folder)?;
+        let selections: Vec<Selection> = missing
+            .iter()
+            .map(|sequence| Selection {
+                times: sequence.times.clone(),
+                folder: staging.folder.join(&sequence.name),
+            })
+            .collect();
+        frames::extract(
+            self.video,
+            &self.analysis.probe,
+            &selections,
+            self.size,
+            progress,
+        )?;
+        let wall_seconds = started.elapsed().as_secs_f64();
+        for (sequence, selection) in missing.iter().zip(&selections) {
+            store::write_record(
+                &selection.folder.join(SEQUENCE_FILE),
+                &self.record(sequence),
+            )?;
+            let files = (0..sequence.times.len()).map(frames::file_name);
+            self.plan(sequence, &selection.folder)
+                .finish(files, wall_seconds)?;
+            self.clear(&sequence.name, progress)?;
+            let target = self.folder.join(&sequence.name);
+            fs::rename(&selection.folder, &target)
+                .map_err(|error| StoreError::write(&target, error))?;
+        }
+        Ok(())
+    }
+
+    /// Makes way for a sequence folder of this name. What is there already is removed where only
+    /// this stage has written into it, and set aside where others have.
+    fn clear(&self, name: &str, progress: &dyn Progress) -> Result<(), CurateError> {
+        let folder = self.folder.join(name);
+        if !folder.exists() {
+            return Ok(());
+        }
+        let Some(foreign) = foreign_entry(&folder)? else {
+            return Ok(store::remove(&folder)?);
+        };
+        let aside = self.folder.join(SUPERSEDED_FOLDER);
+        store::create_folder(&aside)?;
+        let target = (1_u32..)
+            .map(|number| aside.join(format!("{name}-{number}")))
+            .find(|target| !target.exists())
+            .unwrap_or_else(|| aside.join(name));
+        fs::rename(&folder, &target).map_err(|error| StoreError::write(&target, error))?;
+        progress.note(&format!(
+            "{}: its frames are no longer these; set aside with what was made from them ({foreign}) \
+             as {}",
+            folder.display(),
+            target.display()
+        ));
+        Ok(())
+    }
+
+    fn record(&self, sequence: &Planned) -> Sequence {
+        let probe = &self.analysis.probe;
+        Sequence {
+            id: format!("{}/{}", self.folder_name(), sequence.name),
+            source: self.analysis.source.clone(),
+            range: sequence.range,
+            probe: probe.clone(),
+            verdict: self.verdict.clone(),
+            admission: self.admission.clone(),
+            frames: FrameSet {
+                width: self.size.0,
+                height: self.size.1,
+                sampling: self.settings.sampling,
+                resampling: frames::resampling(probe, self.size),
+                entries: sequence
+                    .times
+                    .iter()
+                    .enumerate()
+                    .map(|(index, &time_seconds)| FrameEntry {
+                        file: frames::file_name(index),
+                        time_seconds,
+                    })
+                    .collect(),
+            },
+        }
+    }
+
+    /// Name of the video in its dataset.
+    fn folder_name(&self) -> String {
+        let name = self.folder.file_name().unwrap_or_default();
+        name.to_string_lossy().into_owned()
+    }
+}
+
+/// The first entry of a sequence folder that another stage made, or the user.
+fn foreign_entry(folder: &Path) -> Result<Option<String>, CurateError> {
+    for name in store::names_in(folder)? {
+        let is_ours = match name.as_str() {
+            SEQUENCE_FILE | FRAMES_FOLDER => true,
+            ".done" => store::names_in(&folder.join(".done"))?
+                .iter()
+                .all(|record| *record == format!("{STAGE}.json")),
+            _ => name.starts_with(".tmp-"),
+        };
+        if !is_ours {
+            return Ok(Some(name));
+        }
+    }
+    Ok(None)
+}
+
+/// A hidden folder beside the final ones; removed with what is left in it.
+struct Staging {
+    folder: PathBuf,
+}
+
+impl Staging {
+    fn new(parent: &Path) -> Result<Self, CurateError> {
+        store::remove_abandoned(parent)?;
+        let folder = store::temporary_beside(&parent.join("sequences"));
+        store::remove(&folder)?;
+        store::create_folder(&folder)?;
+        Ok(Self { folder })
+    }
+}
+
+impl Drop for Staging {
+    fn drop(&mut self) {
+        // Nothing depends on it any more; what cannot be removed is hidden and harmless.
+        drop(fs::remove_dir_all(&self.folder));
+    }
+}
+
+fn sequence_name(index: usize) -> String {
+    format!("seq-{index:03}")
+}
+
+/// Names of the sequence folders in a video's folder, in order.
+fn sequence_folders(folder: &Path) -> Result<Vec<String>, CurateError> {
+    let mut numbered: Vec<(usize, String)> = store::names_in(folder)?
+        .into_iter()
+        .filter_map(|name| {
+            let number = name.strip_prefix("seq-")?.parse().ok()?;
+            (sequence_name(number) == name).then_some((number, name))
+        })
+        .collect();
+    numbered.sort();
+    Ok(numbered.into_iter().map(|(_, name)| name).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+    use super::*;
+
+    #[test]
+    fn folders_are_in_order_beyond_a_thousand() {
+        let temp = tempfile::tempdir().unwrap();
+        for name in [
+            "seq-1000", "seq-999", "seq-000", "seq-0001", "seq-x", "frames",
+        ] {
+            fs::create_dir(temp.path().join(name)).unwrap();
+        }
+        assert_eq!(
+            sequence_folders(temp.path()).unwrap(),
+            ["seq-000", "seq-999", "seq-1000"]
+        );
+    }
+
+    #[test]
+    fn what_others_made_is_foreign() {
+        let temp = tempfile::tempdir().unwrap();
+        let path = |name: &str| temp.path().join(name);
+        fs::create_dir_all(path(".done")).unwrap();
+        fs::create_dir_all(path(FRAMES_FOLDER)).unwrap();
+        for file in [SEQUENCE_FILE, ".done/frames.json", ".tmp-1-scene.json"] {
+            fs::write(path(file), "").unwrap();
+        }
+        assert_eq!(foreign_entry(temp.path()).unwrap(), None);
+        fs::write(path(".done/poses.json"), "").unwrap();
+        assert_eq!(
+            foreign_entry(temp.path()).unwrap().as_deref(),
+            Some(".done")
+        );
+        fs::remove_file(path(".done/poses.json")).unwrap();
+        fs::write(path("notes.txt"), "").unwrap();
+        assert_eq!(
+            foreign_entry(temp.path()).unwrap().as_deref(),
+            Some("notes.txt")
+        );
+    }
+}
