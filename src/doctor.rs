@@ -2,7 +2,7 @@
 
 use std::{fmt, path::Path, process::Command, thread};
 
-use omnilife_curate::poses::sfm;
+use omnilife_curate::{boundaries::transnetv2, poses::sfm};
 use omnilife_reconstruct::backend;
 
 /// One thing that is looked for.
@@ -29,8 +29,6 @@ pub(crate) enum Finding {
         /// What the user can do about it, where the reason does not say so.
         remedy: Option<String>,
     },
-    /// Nothing in this version asks for it: it is not looked for.
-    Unused(String),
 }
 
 /// Everything that is looked for, in the order of the report.
@@ -61,9 +59,9 @@ pub(crate) static CHECKS: &[Check] = &[
     },
     Check {
         id: "models",
-        enables: "LPIPS and learned shot boundaries (TransNetV2), which are not in this version",
+        enables: "learned shot boundaries (TransNetV2)",
         needed: false,
-        probe: || Finding::Unused("no model weights are used by this version".to_owned()),
+        probe: network_weights,
     },
     Check {
         id: "threads",
@@ -110,7 +108,6 @@ impl fmt::Display for Report {
         for (check, finding) in &self.entries {
             let (state, lines) = match finding {
                 Finding::Present(lines) => ("ok", lines.clone()),
-                Finding::Unused(line) => ("unused", vec![line.clone()]),
                 Finding::Missing { reason, remedy } => {
                     let state = if check.needed { "BROKEN" } else { "missing" };
                     let enables = format!("would enable: {}", check.enables);
@@ -164,6 +161,16 @@ fn structure_from_motion() -> Finding {
             found.version,
             found.python.display()
         )]),
+        Err(error) => Finding::Missing {
+            reason: error.to_string(),
+            remedy: None,
+        },
+    }
+}
+
+fn network_weights() -> Finding {
+    match transnetv2::published_weights() {
+        Ok(weights) => Finding::Present(vec![weights.path().display().to_string()]),
         Err(error) => Finding::Missing {
             reason: error.to_string(),
             remedy: None,

@@ -1,5 +1,5 @@
-//! The direction of dependencies: `schemas` <- {`curate`, `reconstruct`, `bench`, `leaderboard`}
-//! <- the binary, without sideways edges.
+//! The direction of dependencies: `schemas` <- `networks` <- {`curate`, `reconstruct`, `bench`,
+//! `leaderboard`} <- the binary, without sideways edges; `networks` is for those that run networks.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
 use std::{
@@ -10,6 +10,7 @@ use std::{
 use serde_json::Value;
 
 const SCHEMAS: &str = "omnilife-schemas";
+const NETWORKS: &str = "omnilife-networks";
 const BINARY: &str = "omnilife";
 const CRATES: [&str; 4] = [
     "omnilife-bench",
@@ -57,7 +58,7 @@ fn ours(dependencies: &BTreeSet<String>) -> BTreeSet<&str> {
 #[test]
 fn every_member_has_its_place() {
     let mut known = BTreeSet::from(CRATES);
-    known.extend([SCHEMAS, BINARY]);
+    known.extend([SCHEMAS, NETWORKS, BINARY]);
     let dependencies = dependencies();
     let members: BTreeSet<_> = dependencies.keys().map(String::as_str).collect();
     assert_eq!(members, known, "a new crate needs its edges in this test");
@@ -69,14 +70,16 @@ fn schemas_depends_on_no_sibling() {
 }
 
 #[test]
-fn crates_depend_on_schemas_alone() {
+fn crates_depend_on_what_they_share_alone() {
     let dependencies = dependencies();
+    assert_eq!(ours(&dependencies[NETWORKS]), BTreeSet::from([SCHEMAS]));
     for name in CRATES {
-        assert_eq!(
-            ours(&dependencies[name]),
-            BTreeSet::from([SCHEMAS]),
-            "{name}"
-        );
+        let expected = if name == "omnilife-curate" {
+            BTreeSet::from([SCHEMAS, NETWORKS])
+        } else {
+            BTreeSet::from([SCHEMAS])
+        };
+        assert_eq!(ours(&dependencies[name]), expected, "{name}");
     }
 }
 

@@ -11,11 +11,9 @@ use crate::{
     boundaries::{Detector, Signals},
     error::CurateError,
     verdict::FrameSamples,
-    video::{Converter, Scaling, VideoReader, probe},
+    video::{Converter, VideoReader, probe},
 };
 
-/// Width in pixels of the pictures that boundary detectors see.
-const DETECTOR_WIDTH_PIXELS: u32 = 128;
 /// A video is truncated when it ends this much before the duration its container states:
 /// seconds, and as a share of the duration; the larger counts. Containers round, and edit lists
 /// hide frames, and a sound track may end a little after the pictures, so a few frames mean nothing.
@@ -55,8 +53,8 @@ pub fn analyse(
         (expected >= 1.0).then_some(expected.round() as u64),
     );
     let turns = probe.clockwise_quarter_turns();
-    let mut small = Converter::new(Scaling::MaxWidth(DETECTOR_WIDTH_PIXELS));
-    let mut pass = (detector.start)();
+    let mut small = Converter::new(detector.pictures);
+    let mut pass = (detector.start)()?;
     let mut samples = FrameSamples::default();
     let mut times = Vec::new();
     let outcome: Result<(), CurateError> = (|| {

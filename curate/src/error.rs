@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use omnilife_networks::WeightsError;
 use omnilife_schemas::{Blame, Blamed, store::StoreError};
 
 /// An error of this crate. Messages are one line that names the file and the reason.
@@ -35,6 +36,9 @@ pub enum CurateError {
     /// Structure from motion is missing or failed.
     #[error("{0}")]
     Sfm(#[from] crate::poses::sfm::SfmError),
+    /// The weights of a network are missing or wrong.
+    #[error(transparent)]
+    Weights(#[from] WeightsError),
     /// A file could not be read or written.
     #[error(transparent)]
     Store(#[from] StoreError),
@@ -92,6 +96,7 @@ impl Blamed for CurateError {
         match self {
             Self::Video { .. } | Self::Rejected { .. } | Self::Input { .. } => Blame::Input,
             Self::Sfm(error) => error.blame(),
+            Self::Weights(error) => error.blame(),
             Self::Store(error) => error.blame(),
             Self::Internal { .. } => Blame::Ours,
         }

@@ -7,12 +7,14 @@
 
 mod admission;
 pub mod analysis;
+pub mod audit;
 pub mod boundaries;
 pub mod criteria;
 pub mod dataset;
 pub mod error;
 pub mod frames;
 pub mod inputs;
+pub mod ledger;
 mod libraries;
 pub mod pipeline;
 pub mod poses;

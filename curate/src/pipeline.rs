@@ -226,10 +226,7 @@ fn analysed(
 ) -> Result<VideoAnalysis, CurateError> {
     let plan = StagePlan::new(folder, "analysis")
         .with_hash("video", source.sha256.clone())
-        .with_text(
-            "detector",
-            &format!("{}: {}", detector.id, (detector.settings)()),
-        );
+        .with_text("detector", &detector.description());
     let record_path = folder.join(ANALYSIS_FILE);
     if plan.is_done() {
         progress.note(&format!("{}: analysis unchanged, skipped", video.display()));

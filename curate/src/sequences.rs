@@ -14,7 +14,7 @@ use std::{
 use omnilife_schemas::{
     progress::Progress,
     records::{
-        Admission, BoundaryLedger, ErpVerdict, FrameEntry, FrameSet, Sequence, TimeRange,
+        Admission, Boundary, BoundaryLedger, ErpVerdict, FrameEntry, FrameSet, Sequence, TimeRange,
         VideoAnalysis,
     },
     stage::StagePlan,
@@ -25,6 +25,7 @@ use crate::{
     boundaries::{Detector, Signals},
     error::CurateError,
     frames::{self, FRAMES_FOLDER, Selection},
+    ledger,
     pipeline::{BOUNDARIES_FILE, CurateSettings, SEQUENCE_FILE, SIGNALS_FILE},
     slice,
 };
@@ -97,13 +98,14 @@ impl Sequencing<'_> {
     /// enough.
     fn planned(&self) -> Result<Vec<Planned>, CurateError> {
         let signals = Signals::read_parquet(&self.folder.join(SIGNALS_FILE))?;
-        let boundaries = (self.detector.decide)(&signals);
+        let (boundaries, ledger_sha256) = self.boundaries(&signals)?;
         let least = self.settings.minimum_shot_seconds;
         let shots = slice::shots(&signals.times, self.analysis.range, &boundaries, least);
         let ledger = BoundaryLedger {
             source: self.analysis.source.clone(),
             range: self.analysis.range,
-            detector: format!("{}: {}", self.detector.id, (self.detector.settings)()),
+            detector: self.detector.description(),
+            ledger_sha256,
             boundaries,
             dropped: shots.dropped,
         };
@@ -124,6 +126,22 @@ impl Sequencing<'_> {
                 times: frames::choose(&signals.times, range, self.settings.sampling),
             })
             .collect())
+    }
+
+    /// The boundaries that the video's ledger amounts to, with the ledger's SHA-256; without
+    /// a ledger those of the detector.
+    fn boundaries(
+        &self,
+        signals: &Signals,
+    ) -> Result<(Vec<Boundary>, Option<String>), CurateError> {
+        if let Some((boundaries, sha256)) =
+            ledger::effective(self.folder, &self.analysis.source.sha256)?
+        {
+            return Ok((boundaries, Some(sha256)));
+        }
+        let found = (self.detector.decide)(signals)
+            .map_err(|error| CurateError::internal(&self.folder.join(SIGNALS_FILE), error))?;
+        Ok((found, None))
     }
 
     /// What the frames of a sequence depend on, for its folder or for one that becomes it.

@@ -28,7 +28,7 @@ fn picture(colour: impl Fn(usize, usize) -> [f64; 3]) -> Rgb8Picture {
 }
 
 fn signals(seconds: f64, fps: f64, show: impl Fn(f64, usize, usize) -> [f64; 3]) -> Signals {
-    let mut pass = (DETECTORS[0].start)();
+    let mut pass = (DETECTORS[0].start)().unwrap();
     for index in 0..(seconds * fps).round() as usize {
         let time = index as f64 / fps;
         pass.observe(time, &picture(|x, y| show(time, x, y)))
@@ -38,7 +38,7 @@ fn signals(seconds: f64, fps: f64, show: impl Fn(f64, usize, usize) -> [f64; 3])
 }
 
 fn found(seconds: f64, fps: f64, show: impl Fn(f64, usize, usize) -> [f64; 3]) -> Vec<Boundary> {
-    (DETECTORS[0].decide)(&signals(seconds, fps, show))
+    (DETECTORS[0].decide)(&signals(seconds, fps, show)).unwrap()
 }
 
 /// A camera that yaws by `speed` radians per second in one world.
@@ -112,7 +112,20 @@ fn one_shot_stays_one_shot() {
 #[test]
 fn empty_and_tiny_videos_have_no_boundaries() {
     assert_eq!(found(0.04, 25.0, shot(1, 0.0)), []);
-    assert_eq!((DETECTORS[0].decide)(&Signals::default()), []);
+}
+
+/// A table of another detector is no video without cuts.
+#[test]
+fn a_missing_signal_is_an_error() {
+    for detector in DETECTORS {
+        let error = (detector.decide)(&Signals::default()).unwrap_err();
+        assert!(error.to_string().contains(&error.name), "{error}");
+        let mut table = signals(1.0, 25.0, shot(1, 0.0));
+        table.columns.iter_mut().for_each(|(_, values)| {
+            values.pop();
+        });
+        assert!((detector.decide)(&table).is_err(), "{}", detector.id);
+    }
 }
 
 #[test]

@@ -87,7 +87,7 @@ fn verdicts_and_boundaries() {
         assert_eq!(verdict.verdict, expected.verdict, "{}", expected.file);
         assert_eq!(verdict.disagreement, None, "{}", expected.file);
 
-        let found = (DETECTORS[0].decide)(&analysis.signals);
+        let found = (DETECTORS[0].decide)(&analysis.signals).unwrap();
         let spans: Vec<_> = found
             .iter()
             .map(|boundary| frames(&analysis, boundary))

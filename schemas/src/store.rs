@@ -90,6 +90,19 @@ pub fn create_folder(path: &Path) -> Result<(), StoreError> {
     fs::create_dir_all(path).map_err(|source| StoreError::write(path, source))
 }
 
+/// Where `scripts/setup` installs what is no part of the program: `$OMNILIFE_DATA`, else
+/// `$XDG_DATA_HOME/omnilife`, else `~/.local/share/omnilife`; `None` where none of them is set.
+pub fn data_folder() -> Option<PathBuf> {
+    let set = |name: &str| {
+        std::env::var_os(name)
+            .filter(|value| !value.is_empty())
+            .map(PathBuf::from)
+    };
+    set("OMNILIFE_DATA")
+        .or_else(|| set("XDG_DATA_HOME").map(|data| data.join("omnilife")))
+        .or_else(|| set("HOME").map(|home| home.join(".local/share/omnilife")))
+}
+
 /// Removes a file, or a folder with all it holds. What is not there needs no removing.
 ///
 /// # Errors
@@ -224,6 +237,14 @@ pub fn record_bytes<T: Record>(record: &T) -> Result<Vec<u8>, serde_json::Error>
     })?;
     bytes.push(b'\n');
     Ok(bytes)
+}
+
+/// A record on one line without a line break, its schema first: for files of many records.
+pub fn record_line<T: Record>(record: &T) -> Result<String, serde_json::Error> {
+    serde_json::to_string(&Tagged {
+        schema: T::SCHEMA,
+        record,
+    })
 }
 
 /// Writes a record as JSON.

@@ -8,7 +8,7 @@ mod run;
 
 pub(crate) use bench::BenchCommand;
 use clap::{Parser, Subcommand};
-pub(crate) use curate::CurateCommand;
+pub(crate) use curate::{CurateCommand, LedgerCommand};
 pub(crate) use leaderboard::LeaderboardCommand;
 pub(crate) use reconstruct::ReconstructCommand;
 pub(crate) use run::RunArguments;

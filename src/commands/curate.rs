@@ -3,11 +3,12 @@
 use std::path::Path;
 
 use omnilife_curate::{
-    analysis, boundaries, curate_dataset, expand_inputs, pose_sequence, verdict, video,
+    analysis, audit, boundaries, curate_dataset, expand_inputs, pose_sequence, verdict, video,
 };
 use omnilife_schemas::{Blamed, progress::Progress, records::Dataset};
 use serde::Serialize;
 
+use super::ledger;
 use crate::{
     cli::CurateCommand,
     exit,
@@ -18,16 +19,28 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
     match command {
         CurateCommand::Probe { video } => print_json(&video::probe(video)?),
         CurateCommand::Verdict { video } => {
-            let analysis = analyse(video, progress)?;
+            let analysis = analyse(video, boundaries::DEFAULT_DETECTOR, progress)?;
             print_json(&verdict::judge(
                 &analysis.probe,
                 analysis.samples.pictures(),
             ))
         }
-        CurateCommand::Boundaries { video } => {
-            let detector = boundaries::detector(boundaries::DEFAULT_DETECTOR, video)?;
-            let analysis = analyse(video, progress)?;
-            print_json(&(detector.decide)(&analysis.signals))
+        CurateCommand::Boundaries {
+            video,
+            detector,
+            signals,
+        } => {
+            let analysis = analyse(video, &detector.detector, progress)?;
+            if let Some(path) = signals {
+                analysis.signals.write_parquet(path)?;
+            }
+            let detector = boundaries::detector(&detector.detector, video)?;
+            print_json(&(detector.decide)(&analysis.signals)?)
+        }
+        CurateCommand::Ledger(command) => ledger::execute(command, progress),
+        CurateCommand::Audit { folder, video, out } => {
+            let count = audit::write_page(folder, video, out, progress)?;
+            exit::print(&format!("{}: {count} boundaries\n", out.display()))
         }
         CurateCommand::Build {
             videos,
@@ -67,12 +80,16 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
     }
 }
 
-fn analyse(video: &Path, progress: &dyn Progress) -> anyhow::Result<analysis::Analysis> {
-    let detector = boundaries::detector(boundaries::DEFAULT_DETECTOR, video)?;
+fn analyse(
+    video: &Path,
+    detector: &str,
+    progress: &dyn Progress,
+) -> anyhow::Result<analysis::Analysis> {
+    let detector = boundaries::detector(detector, video)?;
     Ok(analysis::analyse(video, detector, progress)?)
 }
 
-fn print_json(value: &impl Serialize) -> anyhow::Result<()> {
+pub(super) fn print_json(value: &impl Serialize) -> anyhow::Result<()> {
     exit::print(&format!("{}\n", serde_json::to_string_pretty(value)?))
 }
 

@@ -3,6 +3,7 @@
 pub(crate) mod bench;
 pub(crate) mod curate;
 pub(crate) mod leaderboard;
+mod ledger;
 pub(crate) mod reconstruct;
 
 use anyhow::bail;

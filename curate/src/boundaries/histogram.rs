@@ -13,10 +13,13 @@ use std::collections::VecDeque;
 use omnilife_schemas::records::{Boundary, BoundaryKind};
 
 use super::{
-    Detector, SignalPass, Signals,
+    Detector, MissingSignal, SignalPass, Signals,
     descriptor::{Descriptor, HISTOGRAM_BINS, correlation, distance},
 };
-use crate::{statistics, video::Rgb8Picture};
+use crate::{
+    statistics,
+    video::{Rgb8Picture, Scaling},
+};
 
 /// The detector.
 pub const DETECTOR: Detector = Detector {
@@ -24,7 +27,8 @@ pub const DETECTOR: Detector = Detector {
     summary: "Colour histograms of latitude bands: sudden change for cuts, twin comparison for \
               gradual transitions, refused where the picture's layout stays.",
     settings: || format!("{SETTINGS:?}"),
-    start: || Box::new(HistogramPass::default()),
+    pictures: Scaling::MaxWidth(128),
+    start: || Ok(Box::new(HistogramPass::default())),
     decide,
 };
 
@@ -213,26 +217,15 @@ impl HistogramPass {
 }
 
 /// Boundaries from the signals.
-fn decide(signals: &Signals) -> Vec<Boundary> {
+fn decide(signals: &Signals) -> Result<Vec<Boundary>, MissingSignal> {
     let table = Table {
         times: &signals.times,
-        adjacent: signals.column(ADJACENT),
-        step: signals.column(STEP),
-        change: signals.column(CHANGE),
-        layout: signals.column(LAYOUT),
-        layout_wide: signals.column(LAYOUT_WIDE),
+        adjacent: signals.column(ADJACENT)?,
+        step: signals.column(STEP)?,
+        change: signals.column(CHANGE)?,
+        layout: signals.column(LAYOUT)?,
+        layout_wide: signals.column(LAYOUT_WIDE)?,
     };
-    let count = table.times.len();
-    let columns = [
-        table.adjacent,
-        table.step,
-        table.change,
-        table.layout,
-        table.layout_wide,
-    ];
-    if columns.iter().any(|column| column.len() != count) {
-        return Vec::new();
-    }
     let sudden = table.sudden();
     let mut boundaries: Vec<Boundary> = sudden
         .iter()
@@ -240,7 +233,7 @@ fn decide(signals: &Signals) -> Vec<Boundary> {
         .collect();
     boundaries.extend(table.gradual(&sudden));
     boundaries.sort_by(|a, b| a.begin_seconds.total_cmp(&b.begin_seconds));
-    boundaries
+    Ok(boundaries)
 }
 
 /// First and last index of a run of frames, both inside.

@@ -10,14 +10,18 @@
 mod descriptor;
 pub mod histogram;
 pub mod signals;
+pub mod transnetv2;
 
-pub use signals::Signals;
+pub use signals::{MissingSignal, Signals};
 
 use std::path::Path;
 
 use omnilife_schemas::records::Boundary;
 
-use crate::{error::CurateError, video::Rgb8Picture};
+use crate::{
+    error::CurateError,
+    video::{Rgb8Picture, Scaling},
+};
 
 /// A way of finding boundaries.
 pub struct Detector {
@@ -25,17 +29,26 @@ pub struct Detector {
     pub id: &'static str,
     /// What it looks at, in one sentence.
     pub summary: &'static str,
-    /// Its settings in words, recorded with its boundaries.
+    /// Its settings in words, recorded with its boundaries and part of what stages depend on.
     pub settings: fn() -> String,
-    /// Begins a pass over a video.
-    pub start: fn() -> Box<dyn SignalPass>,
+    /// How the pictures are scaled that it sees.
+    pub pictures: Scaling,
+    /// Begins a pass over a video. Fails where something is missing that the detector needs.
+    pub start: fn() -> Result<Box<dyn SignalPass>, CurateError>,
     /// Boundaries in order of time from the signals of a whole video.
-    pub decide: fn(&Signals) -> Vec<Boundary>,
+    pub decide: fn(&Signals) -> Result<Vec<Boundary>, MissingSignal>,
+}
+
+impl Detector {
+    /// The detector and its settings in one line.
+    pub fn description(&self) -> String {
+        format!("{}: {}", self.id, (self.settings)())
+    }
 }
 
 /// One pass over the frames of a video.
 pub trait SignalPass {
-    /// Sees the next frame, about 128 pixels wide.
+    /// Sees the next frame, scaled as [`Detector::pictures`] says.
     ///
     /// # Errors
     /// One line when an image operation fails.
@@ -46,10 +59,17 @@ pub trait SignalPass {
 }
 
 /// All detectors; tests walk it.
-pub static DETECTORS: &[Detector] = &[histogram::DETECTOR];
+pub static DETECTORS: &[Detector] = &[histogram::DETECTOR, transnetv2::DETECTOR];
 
 /// The detector that is used where none is named.
 pub const DEFAULT_DETECTOR: &str = histogram::DETECTOR.id;
+
+/// The detector that left a table of signals, with its boundaries.
+pub fn detected(signals: &Signals) -> Option<(&'static Detector, Vec<Boundary>)> {
+    DETECTORS
+        .iter()
+        .find_map(|detector| Some((detector, (detector.decide)(signals).ok()?)))
+}
 
 /// The detector with this id. `video` is named in the error.
 ///

@@ -21,13 +21,28 @@ pub struct Signals {
     pub columns: Vec<(String, Vec<f32>)>,
 }
 
+/// A table lacks a signal that a detector decides by: another detector left it, or the file was
+/// changed.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("the signals have no column {name} with one value per frame")]
+pub struct MissingSignal {
+    /// Name of the column.
+    pub name: String,
+}
+
 impl Signals {
-    /// The signal with this name; empty where there is none.
-    pub fn column(&self, name: &str) -> &[f32] {
+    /// The signal with this name, one value per frame.
+    ///
+    /// # Errors
+    /// [`MissingSignal`] where there is none.
+    pub fn column(&self, name: &str) -> Result<&[f32], MissingSignal> {
         self.columns
             .iter()
-            .find(|(other, _)| other == name)
-            .map_or(&[], |(_, values)| values)
+            .find(|(other, values)| other == name && values.len() == self.times.len())
+            .map(|(_, values)| values.as_slice())
+            .ok_or_else(|| MissingSignal {
+                name: name.to_owned(),
+            })
     }
 
     /// Writes the table, whole or not at all.

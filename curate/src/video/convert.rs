@@ -66,6 +66,14 @@ pub enum Scaling {
     Native,
     /// At most this many pixels wide, aspect kept, by area averaging.
     MaxWidth(u32),
+    /// This size whatever the aspect, bicubic, and BT.601 where the stream states no matrix: as the
+    /// `ffmpeg` program does it that TransNetV2 reads its pictures from.
+    Exactly {
+        /// Pixels per row.
+        width: u32,
+        /// Rows.
+        height: u32,
+    },
 }
 
 /// Converts the frames of one video.
@@ -143,12 +151,16 @@ impl Configuration {
                 let height = (f64::from(self.height) * f64::from(limit) / f64::from(self.width))
                     .round()
                     .max(1.0);
-                (limit, height as u32, Flags::AREA)
+                (limit, height as u32, Flags::AREA | Flags::ACCURATE_RND)
             }
+            Scaling::Exactly { width, height } => (width, height, Flags::BICUBIC),
             _ => (
                 self.width,
                 self.height,
-                Flags::BICUBIC | Flags::FULL_CHR_H_INT | Flags::FULL_CHR_H_INP,
+                Flags::BICUBIC
+                    | Flags::FULL_CHR_H_INT
+                    | Flags::FULL_CHR_H_INP
+                    | Flags::ACCURATE_RND,
             ),
         };
         let mut context = scaling::Context::get(
@@ -158,9 +170,9 @@ impl Configuration {
             Pixel::RGB24,
             width,
             height,
-            filter | Flags::ACCURATE_RND,
+            filter,
         )?;
-        let matrix = match self.matrix() {
+        let matrix = match self.matrix(scaling) {
             Matrix::Bt601 => ffi::SWS_CS_ITU601,
             Matrix::Bt709 => ffi::SWS_CS_ITU709,
             Matrix::Bt2020 => ffi::SWS_CS_BT2020,
@@ -185,11 +197,12 @@ impl Configuration {
         Ok(context)
     }
 
-    fn matrix(&self) -> Matrix {
+    fn matrix(&self, scaling: Scaling) -> Matrix {
         match self.space {
             color::Space::BT709 => Matrix::Bt709,
             color::Space::BT2020NCL | color::Space::BT2020CL => Matrix::Bt2020,
             color::Space::BT470BG | color::Space::SMPTE170M | color::Space::FCC => Matrix::Bt601,
+            _ if matches!(scaling, Scaling::Exactly { .. }) => Matrix::Bt601,
             _ if self.height > 576 || self.width > 1024 => Matrix::Bt709,
             _ => Matrix::Bt601,
         }

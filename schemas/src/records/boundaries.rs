@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::sequence::{SourceVideo, TimeRange};
 use crate::store::Record;
 
-/// `boundaries.json`: the boundaries of one video.
+/// `boundaries.json`: the boundaries by which one video was cut.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct BoundaryLedger {
     /// The video.
@@ -15,6 +15,10 @@ pub struct BoundaryLedger {
     pub range: TimeRange,
     /// Detector that proposed the boundaries and its settings.
     pub detector: String,
+    /// SHA-256 of the ledger `ledger.jsonl` whose resolution the boundaries are; without one they
+    /// are what the detector found.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ledger_sha256: Option<String>,
     /// Boundaries in order of time.
     pub boundaries: Vec<Boundary>,
     /// Stretches between boundaries that are too short to become sequences.
@@ -25,8 +29,8 @@ impl Record for BoundaryLedger {
     const SCHEMA: &'static str = "omnilife/boundaries/1";
 }
 
-/// A change of shot. A cut has `begin_seconds` (last frame of the old shot) and `end_seconds`
-/// (first frame of the new shot) one frame apart; a gradual one spans its transition.
+/// A change of shot or of place. A cut has `begin_seconds` (last frame of the old shot) and
+/// `end_seconds` (first frame of the new shot) one frame apart; a gradual one spans its transition.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Boundary {
     /// Timestamp of the last frame that belongs to the old shot alone.
@@ -35,11 +39,11 @@ pub struct Boundary {
     pub end_seconds: f64,
     /// What kind of change.
     pub kind: BoundaryKind,
-    /// The detector's score, on its own scale.
+    /// The detector's score, on its own scale; 1 for what people say.
     pub score: f64,
 }
 
-/// Kinds of shot boundary.
+/// Kinds of boundary.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum BoundaryKind {
@@ -47,4 +51,34 @@ pub enum BoundaryKind {
     Cut,
     /// Over several frames: a dissolve, fade or wipe.
     Gradual,
+    /// The camera passes between indoors and outdoors with a discontinuity of light or place.
+    IndoorOutdoor,
+    /// The camera passes between indoors and outdoors seamlessly: marked so that it is kept whole,
+    /// with whatever detectors find inside it.
+    SeamlessTraversal,
+}
+
+impl BoundaryKind {
+    /// All kinds.
+    pub const ALL: [Self; 4] = [
+        Self::Cut,
+        Self::Gradual,
+        Self::IndoorOutdoor,
+        Self::SeamlessTraversal,
+    ];
+
+    /// Name in records and tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Cut => "cut",
+            Self::Gradual => "gradual",
+            Self::IndoorOutdoor => "indoor-outdoor",
+            Self::SeamlessTraversal => "seamless-traversal",
+        }
+    }
+
+    /// Whether a video is cut there.
+    pub fn separates(self) -> bool {
+        self != Self::SeamlessTraversal
+    }
 }

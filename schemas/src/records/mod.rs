@@ -6,6 +6,7 @@
 pub mod analysis;
 pub mod boundaries;
 pub mod dataset;
+pub mod ledger;
 pub mod poses;
 pub mod protocol;
 pub mod result;
@@ -18,6 +19,7 @@ pub mod split;
 pub use analysis::VideoAnalysis;
 pub use boundaries::{Boundary, BoundaryKind, BoundaryLedger};
 pub use dataset::{Dataset, VideoEntry, VideoStatus};
+pub use ledger::{AuditDecision, AuditDecisions, Author, LedgerAction, LedgerEntry};
 pub use poses::{PosedFrame, Poses};
 pub use protocol::{Protocol, Resampling, SplitRule};
 pub use result::{Direction, Failure, ResultRecord, Summary};
@@ -49,6 +51,8 @@ pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<VideoAnalysis>(),
     entry::<Sequence>(),
     entry::<BoundaryLedger>(),
+    entry::<LedgerEntry>(),
+    entry::<AuditDecisions>(),
     entry::<Poses>(),
     entry::<SfmReport>(),
     entry::<Scene>(),

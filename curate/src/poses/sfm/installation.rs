@@ -5,6 +5,8 @@ use std::{
     process::{Command, Stdio},
 };
 
+use omnilife_schemas::store;
+
 use super::SfmError;
 
 /// Names the Python interpreter that has pycolmap.
@@ -66,15 +68,10 @@ fn installation_at(python: &Path) -> Result<SfmInstallation, SfmError> {
 }
 
 fn interpreter() -> Option<PathBuf> {
-    let set = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty());
-    if let Some(python) = set(PYTHON_VARIABLE) {
-        return Some(PathBuf::from(python));
-    }
-    let data = set("OMNILIFE_DATA")
+    let named = std::env::var_os(PYTHON_VARIABLE).filter(|value| !value.is_empty());
+    named
         .map(PathBuf::from)
-        .or_else(|| set("XDG_DATA_HOME").map(|data| PathBuf::from(data).join("omnilife")))
-        .or_else(|| set("HOME").map(|home| PathBuf::from(home).join(".local/share/omnilife")))?;
-    Some(data.join("sfm/bin/python"))
+        .or_else(|| store::data_folder().map(|data| data.join("sfm/bin/python")))
 }
 
 #[cfg(test)]

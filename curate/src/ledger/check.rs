@@ -1,0 +1,54 @@
+//! What a list of boundaries must be to enter a ledger.
+
+use omnilife_schemas::records::{Boundary, TimeRange};
+
+/// Timestamps are compared with this slack, seconds: files round them.
+const ROUNDING_SECONDS: f64 = 1e-3;
+
+/// Refuses a boundary that is no stretch of the video.
+pub(super) fn boundary(boundary: &Boundary, range: TimeRange) -> Result<(), String> {
+    let (begin, end) = (boundary.begin_seconds, boundary.end_seconds);
+    if !(begin.is_finite() && end.is_finite()) {
+        return Err(format!("{begin} to {end} s is no stretch of time"));
+    }
+    if begin >= end {
+        return Err(format!("a boundary from {begin} to {end} s does not last"));
+    }
+    let inside = range.begin_seconds - ROUNDING_SECONDS..=range.end_seconds + ROUNDING_SECONDS;
+    if !inside.contains(&begin) || !inside.contains(&end) {
+        return Err(format!(
+            "a boundary from {begin} to {end} s lies outside the video, which lasts from {} to {} s",
+            range.begin_seconds, range.end_seconds
+        ));
+    }
+    if !(boundary.score.is_finite()) {
+        return Err(format!(
+            "the boundary at {begin} s has the score {}",
+            boundary.score
+        ));
+    }
+    Ok(())
+}
+
+/// Puts the boundaries of one author into their order and refuses those that overlap.
+pub(super) fn boundaries(
+    mut list: Vec<Boundary>,
+    range: TimeRange,
+) -> Result<Vec<Boundary>, String> {
+    list.sort_by(|a, b| a.begin_seconds.total_cmp(&b.begin_seconds));
+    for entry in &list {
+        boundary(entry, range)?;
+    }
+    for pair in list.windows(2) {
+        if pair[1].begin_seconds < pair[0].end_seconds - ROUNDING_SECONDS {
+            return Err(format!(
+                "the boundaries from {} to {} s and from {} to {} s overlap",
+                pair[0].begin_seconds,
+                pair[0].end_seconds,
+                pair[1].begin_seconds,
+                pair[1].end_seconds
+            ));
+        }
+    }
+    Ok(list)
+}

@@ -1,0 +1,107 @@
+//! An edit decision list, CMX 3600: one event per shot with timecodes in whole frames, without
+//! dropped numbers. A gradual transition is an event of type D, whose dissolve lies before the part
+//! of the new shot that is its own.
+
+use std::fmt::Write;
+
+use omnilife_schemas::records::Boundary;
+
+use super::{Format, Frames};
+
+pub(super) const FORMAT: Format = Format {
+    id: "edl",
+    summary: "An edit decision list (CMX 3600).",
+    recognises: |text| text.starts_with("TITLE:") || text.starts_with("FCM:"),
+    read,
+    write,
+};
+
+/// Frame numbers per second of timecode: the frame rate rounded, as editors count.
+fn base(frames: &Frames<'_>) -> usize {
+    (frames.frames_per_second().round() as usize).max(1)
+}
+
+/// Events: `NUMBER REEL TRACK TYPE [LENGTH] SOURCE-IN SOURCE-OUT RECORD-IN RECORD-OUT`.
+fn read(text: &str, frames: &Frames<'_>) -> Result<Vec<Boundary>, String> {
+    if text.contains("FCM: DROP FRAME") {
+        return Err(
+            "drop-frame timecode is not understood; export it as non-drop frame".to_owned(),
+        );
+    }
+    let base = base(frames);
+    let mut boundaries = Vec::new();
+    let mut previous_out = None;
+    for line in text.lines() {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let is_event = words.len() >= 8
+            && words[0].bytes().all(|byte| byte.is_ascii_digit())
+            && words[words.len() - 1].contains(':');
+        if !is_event {
+            continue;
+        }
+        let source_in = frame_number(words[words.len() - 4], base)?;
+        let source_out = frame_number(words[words.len() - 3], base)?;
+        // Some editors write a dissolve as two lines, of which the first has no length.
+        if source_in == source_out {
+            continue;
+        }
+        if let Some(out) = previous_out {
+            let length = match words[3] {
+                "D" => words[4]
+                    .parse::<usize>()
+                    .map_err(|_| format!("event {}: no length of a dissolve", words[0]))?,
+                _ => 0,
+            };
+            let last = usize::checked_sub(out, 1).ok_or("an event ends at frame 0")?;
+            boundaries.push(frames.between(last, source_in + length)?);
+        }
+        previous_out = Some(source_out);
+    }
+    Ok(boundaries)
+}
+
+fn write(boundaries: &[Boundary], frames: &Frames<'_>) -> Result<String, String> {
+    let base = base(frames);
+    let mut text = format!("TITLE: {}\nFCM: NON-DROP FRAME\n\n", frames.video);
+    let mut transition_begin = None;
+    for (index, (first, last)) in frames.shots(boundaries)?.into_iter().enumerate() {
+        let start = transition_begin.unwrap_or(first);
+        let kind = match first - start {
+            0 => "C   ".to_owned(),
+            length => format!("D {length:03}"),
+        };
+        let (inside, outside) = (timecode(start, base), timecode(last + 1, base));
+        writeln!(
+            text,
+            "{:03}  AX       V     {kind}    {inside} {outside} {inside} {outside}",
+            index + 1
+        )
+        .map_err(|error| error.to_string())?;
+        transition_begin = Some(last + 1);
+    }
+    Ok(text)
+}
+
+/// `HH:MM:SS:FF`.
+fn timecode(frame: usize, base: usize) -> String {
+    let seconds = frame / base;
+    format!(
+        "{:02}:{:02}:{:02}:{:02}",
+        seconds / 3600,
+        seconds / 60 % 60,
+        seconds % 60,
+        frame % base
+    )
+}
+
+fn frame_number(timecode: &str, base: usize) -> Result<usize, String> {
+    let parts: Result<Vec<usize>, _> = timecode.split(':').map(str::parse).collect();
+    match parts.as_deref() {
+        Ok(&[hours, minutes, seconds, frame]) if frame < base => {
+            Ok(((hours * 60 + minutes) * 60 + seconds) * base + frame)
+        }
+        _ => Err(format!(
+            "{timecode} is no timecode of {base} frames per second"
+        )),
+    }
+}

@@ -1,0 +1,99 @@
+//! `ledger-entry`: one line of a video's boundary ledger, `ledger.jsonl`.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    boundaries::Boundary,
+    sequence::{SourceVideo, TimeRange},
+};
+use crate::store::Record;
+
+/// One line of `ledger.jsonl`. Lines are only ever appended; each carries the hash of the one
+/// before, so that a change to an old one shows.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct LedgerEntry {
+    /// Number of the line, from 0.
+    pub id: u64,
+    /// SHA-256 of the line before, without its line break; empty for line 0.
+    pub previous_sha256: String,
+    /// Who says so.
+    pub author: Author,
+    /// When, as the author states it (RFC 3339); detectors state none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time: Option<String>,
+    /// Why.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+    /// What is said.
+    pub action: LedgerAction,
+}
+
+impl Record for LedgerEntry {
+    const SCHEMA: &'static str = "omnilife/ledger-entry/1";
+}
+
+/// Who wrote a line of the ledger.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Author {
+    /// A detector and its settings.
+    Detector(String),
+    /// A person who annotates.
+    Annotator(String),
+    /// A person who audits: what experts say stands above the others.
+    Expert(String),
+}
+
+/// What a line of the ledger says. Numbers are ids of lines that proposed a boundary.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum LedgerAction {
+    /// The first line: the video that the ledger is about.
+    Open {
+        /// The video.
+        source: SourceVideo,
+        /// Its whole time range.
+        range: TimeRange,
+    },
+    /// There is a boundary: a prediction, an annotation, or an addition by an expert.
+    Propose(Boundary),
+    /// The boundary that a line proposed is one.
+    Accept(u64),
+    /// The boundary that a line proposed is none.
+    Reject(u64),
+    /// The boundary that a line proposed lies elsewhere or is of another kind; it is accepted.
+    Move {
+        /// The line that proposed it.
+        id: u64,
+        /// How it really is.
+        boundary: Boundary,
+    },
+}
+
+/// `decisions.json`: what an expert decided on an audit page, to be merged into a ledger.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct AuditDecisions {
+    /// The video.
+    pub source_sha256: String,
+    /// Name of the expert.
+    pub author: String,
+    /// The decisions in the order in which they were made.
+    pub decisions: Vec<AuditDecision>,
+}
+
+impl Record for AuditDecisions {
+    const SCHEMA: &'static str = "omnilife/audit-decisions/1";
+}
+
+/// One decision of an expert.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct AuditDecision {
+    /// When (RFC 3339).
+    pub time: String,
+    /// Why.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+    /// What; never `open`.
+    pub action: LedgerAction,
+}
