@@ -5,10 +5,10 @@ use omnilife_schemas::RgbImage;
 pub use crate::kernels::{Footprint, RenderSettings};
 use crate::{
     camera::{View, rays::Rays},
-    gaussians::InstantGaussians,
+    gaussians::{InstantGaussians, sh_rest_count},
     kernels::{
         bin::{TileLists, cpu::Binner},
-        project::{self, Splat, cpu::Drawn},
+        project::{self, Splat, SplatGradient, cpu::Drawn},
         raster::{self, EntryGradients, Raster, RasterGradient},
         sort::{self, cpu::SortScratch},
     },
@@ -30,6 +30,26 @@ pub struct Renderer {
     raster: Raster,
     entries: EntryGradients,
     centres: Vec<[f32; 2]>,
+}
+
+/// Entries (splats in tiles) per Gaussian that an estimate counts on: twice what scenes with as many
+/// Gaussians as pixels need.
+const ENTRIES_PER_GAUSSIAN: u64 = 8;
+
+/// Bytes that rendering and its gradient need for this many Gaussians and pixels, about: the
+/// activated Gaussians and their gradients, everything that a [`Renderer`] keeps, image, loss and
+/// target. Parameter tables with their moments come on top.
+pub fn estimated_bytes(gaussians: u64, sh_degree: usize, features: usize, pixels: u64) -> u64 {
+    const FLOAT: u64 = size_of::<f32>() as u64;
+    let features = features as u64;
+    let instant = (14 + 3 * sh_rest_count(sh_degree) as u64 + features) * FLOAT;
+    // Distance, order, rank, centre gradient, and the keys of the sort twice.
+    let tables = size_of::<Splat>() as u64 + (5 + 4) * FLOAT;
+    // Gradient, item and place.
+    let entry = size_of::<SplatGradient>() as u64 + (2 + features) * FLOAT;
+    // Raster (4), target, gradient and three derivatives of the loss (3 each).
+    let pixel = (4 + 5 * 3 + 2 * features) * FLOAT;
+    gaussians * (2 * instant + tables + ENTRIES_PER_GAUSSIAN * entry) + pixels * pixel
 }
 
 /// A Gaussian that was drawn in the view rendered last.
@@ -62,6 +82,16 @@ impl Renderer {
 
     /// Renders one view.
     pub fn forward(&mut self, view: &View, gaussians: &InstantGaussians) -> &Raster {
+        self.forward_timed(view, gaussians, |_| {})
+    }
+
+    /// [`Renderer::forward`], calling `done` with the name of each stage at its end.
+    pub fn forward_timed(
+        &mut self,
+        view: &View,
+        gaussians: &InstantGaussians,
+        mut done: impl FnMut(&'static str),
+    ) -> &Raster {
         let tables = self.tables.take();
         let (rays, binner) = match tables {
             Some((rays, binner)) if rays.camera == view.camera => (rays, binner),
@@ -78,13 +108,16 @@ impl Renderer {
             &mut self.splats,
             &mut self.distances,
         );
+        done("project");
         sort::cpu::by_distance(
             &self.distances,
             &mut self.order,
             &mut self.ranks,
             &mut self.scratch,
         );
+        done("sort");
         binner.forward(&self.splats, &self.order, &mut self.lists);
+        done("bin");
         let input = raster::cpu::Input {
             splats: &self.splats,
             gaussians,
@@ -93,6 +126,7 @@ impl Renderer {
             background: self.settings.background,
         };
         raster::cpu::forward(input, &mut self.raster);
+        done("raster");
         self.tables = Some((rays, binner));
         &self.raster
     }
@@ -109,6 +143,21 @@ impl Renderer {
         upstream: &RasterGradient<'_>,
         out: &mut InstantGaussians,
     ) {
+        self.backward_timed(view, gaussians, upstream, out, |_| {});
+    }
+
+    /// [`Renderer::backward`], calling `done` with the name of each stage at its end.
+    ///
+    /// # Panics
+    /// When nothing was rendered before.
+    pub fn backward_timed(
+        &mut self,
+        view: &View,
+        gaussians: &InstantGaussians,
+        upstream: &RasterGradient<'_>,
+        out: &mut InstantGaussians,
+        mut done: impl FnMut(&'static str),
+    ) {
         let Some((rays, _)) = &self.tables else {
             panic!("the backward pass follows a forward pass");
         };
@@ -120,6 +169,7 @@ impl Renderer {
             background: self.settings.background,
         };
         raster::cpu::backward(input, &self.raster, upstream, &mut self.entries);
+        done("raster backward");
         let drawn = Drawn {
             splats: &self.splats,
             ranks: &self.ranks,
@@ -134,6 +184,7 @@ impl Renderer {
             &mut self.centres,
             out,
         );
+        done("project backward");
     }
 
     /// What was drawn in the view rendered last, with the gradients of its last backward pass.

@@ -18,14 +18,14 @@ use std::f32::consts::{PI, TAU};
 use glam::{Vec2, Vec3, vec2, vec3};
 use omnilife_schemas::camera::ErpCamera;
 
-use super::{Projection, tangent_frame};
+use super::{Projection, horizontal, tangent_frame};
 
 /// Projects a point of the camera frame. `distance` is `|point|` and must be positive and finite.
 pub fn project(camera: &ErpCamera, point: Vec3, distance: f32) -> Projection {
     let (width, height) = (camera.width as f32, camera.height as f32);
     let n = point / distance;
     let [east, down] = tangent_frame(n);
-    let rho = n.x.hypot(n.z);
+    let rho = horizontal(n);
     let longitude = n.x.atan2(n.z);
     let latitude = (-n.y).atan2(rho);
     Projection {
@@ -52,7 +52,7 @@ pub fn project_vjp(
     let ky = camera.height as f32 / PI;
     let n = point / distance;
     let [east, down] = tangent_frame(n);
-    let (x, y, z, rho) = (n.x, n.y, n.z, n.x.hypot(n.z));
+    let (x, y, z, rho) = (n.x, n.y, n.z, horizontal(n));
     let mut gradient = east * (pixel.x * kx / (rho * distance)) + down * (pixel.y * ky / distance);
 
     // d(J row u)/dp on the unit direction, where d = 1.

@@ -216,7 +216,7 @@ impl Reach {
             return true;
         }
         let [w1, w2] = cone.across.map(|f| f.dot(*middle));
-        let excess = w1.hypot(w2) - self.root * cone.along.dot(*middle);
+        let excess = (w1 * w1 + w2 * w2).sqrt() - self.root * cone.along.dot(*middle);
         excess <= self.steepness * radius
     }
 }

@@ -14,9 +14,12 @@
 //! dS/dx = blur(ds/dmx) + 2 x blur(ds/dE[x^2]) + y blur(ds/dE[xy])
 //! ```
 //!
+//! With a mask `w` of weights per pixel, both means become `sum w s / sum w`.
+//!
 //! (a wrapped or zero-padded blur with a symmetric window is its own transpose).
 
 pub mod cpu;
+mod rows;
 
 /// Values of the loss on one image.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

@@ -7,7 +7,7 @@ use super::{
     Shape, Splat, SplatGradient, axes, axes_vjp, cone::Conic, ellipse::Linearization, largest_q, sh,
 };
 use crate::{
-    camera::{Camera, View},
+    camera::{Camera, View, horizontal},
     gaussians::{InstantGaussians, SH_C0, sh_rest_count},
     kernels::{
         ALPHA_MIN, CONE_RHO, CONE_WIDTH, Footprint, RenderSettings, bin::TileLists,
@@ -117,7 +117,7 @@ impl Projector<'_> {
         let Camera::Erp(camera) = self.view.camera else {
             return Path::Ellipse(Linearization::new(self.view, placed));
         };
-        if placed.point.x.hypot(placed.point.z) < CONE_RHO * placed.distance {
+        if horizontal(placed.point) < CONE_RHO * placed.distance {
             return cone();
         }
         let linear = Linearization::new(self.view, placed);

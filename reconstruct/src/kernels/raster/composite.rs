@@ -5,7 +5,7 @@ use fearless_simd::{Simd, prelude::*};
 use super::{
     lanes::{alpha, blend, load, store},
     shapes::Walk,
-    tile::{Plane, STOP_INTERVAL, STRIDE, Scene, Tile, has_stopped},
+    tile::{Batch, Plane, STRIDE, Scene, Tile, has_stopped},
 };
 use crate::kernels::{
     TILE,
@@ -31,23 +31,23 @@ pub(super) fn composite<S: Simd>(
         colour: [[0.0; TILE * STRIDE]; 3],
         transmittance: tile.full_transmittance(),
     };
-    for (count, place) in scene.lists.tile(tile.index).enumerate() {
-        if count % STOP_INTERVAL == 0 && has_stopped(&state.transmittance) {
-            break;
-        }
-        let index = scene.lists.splat(place);
-        let splat = &scene.splats[index];
-        let values = scene.features_of(index);
-        match &splat.shape {
-            Shape::Ellipse(shape) => {
-                add_splat(
-                    simd, scene, tile, shape, splat, values, &mut state, features,
-                );
-            }
-            Shape::Cone(shape) => {
-                add_splat(
-                    simd, scene, tile, shape, splat, values, &mut state, features,
-                );
+    let mut places = scene.lists.tile(tile.index);
+    let mut batch = Batch::new();
+    while !places.is_empty() && !has_stopped(&state.transmittance) {
+        batch.fill(scene, &mut places);
+        for (index, splat) in batch.iter() {
+            let values = scene.features_of(index);
+            match &splat.shape {
+                Shape::Ellipse(shape) => {
+                    add_splat(
+                        simd, scene, tile, shape, splat, values, &mut state, features,
+                    );
+                }
+                Shape::Cone(shape) => {
+                    add_splat(
+                        simd, scene, tile, shape, splat, values, &mut state, features,
+                    );
+                }
             }
         }
     }

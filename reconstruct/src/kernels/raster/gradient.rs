@@ -6,7 +6,7 @@ use super::{
     Raster, RasterGradient,
     lanes::{LANES, alpha, blend, load, store},
     shapes::Walk,
-    tile::{Plane, STOP_INTERVAL, STRIDE, Scene, Tile, has_stopped},
+    tile::{Batch, Plane, STRIDE, Scene, Tile, has_stopped},
 };
 use crate::kernels::{
     TILE,
@@ -94,56 +94,50 @@ pub(super) fn tile_gradients<S: Simd>(
     scratch: &mut FeatureScratch,
 ) {
     let mut upstream = Upstream::new(scene, tile, raster, gradient, scratch);
-    let mut entries = scene
-        .lists
-        .tile(tile.index)
-        .zip(out.splats.iter_mut())
-        .enumerate();
-    let mut done = out.features.len();
-    for (count, (place, entry)) in entries.by_ref() {
-        if count % STOP_INTERVAL == 0 && has_stopped(&upstream.transmittance) {
-            *entry = SplatGradient::default();
-            done = count * scene.feature_count;
-            break;
-        }
-        let index = scene.lists.splat(place);
-        let splat = &scene.splats[index];
-        let values = scene.features_of(index);
-        *entry = match &splat.shape {
-            Shape::Ellipse(shape) => one_splat(
-                simd,
-                scene,
-                tile,
-                shape,
-                splat,
-                values,
-                &mut upstream,
-                scratch,
-            ),
-            Shape::Cone(shape) => one_splat(
-                simd,
-                scene,
-                tile,
-                shape,
-                splat,
-                values,
-                &mut upstream,
-                scratch,
-            ),
-        };
-        let features = &mut out.features[count * scene.feature_count..];
-        for (feature, sum) in features.iter_mut().zip(&mut scratch.sums) {
-            *feature = sum.iter().sum();
-            *sum = [0.0; LANES];
+    let mut places = scene.lists.tile(tile.index);
+    let mut batch = Batch::new();
+    let mut done = 0;
+    while !places.is_empty() && !has_stopped(&upstream.transmittance) {
+        batch.fill(scene, &mut places);
+        for (index, splat) in batch.iter() {
+            let values = scene.features_of(index);
+            out.splats[done] = match &splat.shape {
+                Shape::Ellipse(shape) => one_splat(
+                    simd,
+                    scene,
+                    tile,
+                    shape,
+                    splat,
+                    values,
+                    &mut upstream,
+                    scratch,
+                ),
+                Shape::Cone(shape) => one_splat(
+                    simd,
+                    scene,
+                    tile,
+                    shape,
+                    splat,
+                    values,
+                    &mut upstream,
+                    scratch,
+                ),
+            };
+            let features = &mut out.features[done * scene.feature_count..];
+            for (feature, sum) in features.iter_mut().zip(&mut scratch.sums) {
+                *feature = sum.iter().sum();
+                *sum = [0.0; LANES];
+            }
+            done += 1;
         }
     }
-    for (_, (_, entry)) in entries {
-        *entry = SplatGradient::default();
-    }
-    if scratch.sums.is_empty() {
-        done = 0;
-    }
-    out.features[done..].fill(0.0);
+    out.splats[done..].fill(SplatGradient::default());
+    let first_feature = if scratch.sums.is_empty() {
+        0
+    } else {
+        done * scene.feature_count
+    };
+    out.features[first_feature..].fill(0.0);
 }
 
 #[inline(always)]

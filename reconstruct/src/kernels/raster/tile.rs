@@ -1,5 +1,7 @@
 //! A tile of the image and the memory to work on it.
 
+use std::ops::Range;
+
 use super::lanes::LANES;
 use crate::{
     camera::rays::Rays,
@@ -111,5 +113,44 @@ pub(super) fn has_stopped(transmittance: &Plane) -> bool {
     transmittance.iter().all(|&value| value < 0.0)
 }
 
-/// Splats between two looks at whether a tile has stopped.
-pub(super) const STOP_INTERVAL: usize = 16;
+/// Splats that are copied together before they are drawn: their cache misses overlap. Between two
+/// batches it is looked whether the tile has stopped.
+const BATCH: usize = 16;
+
+/// Some consecutive splats of a tile's list.
+pub(super) struct Batch {
+    splats: [Splat; BATCH],
+    indices: [u32; BATCH],
+    len: usize,
+}
+
+impl Batch {
+    pub(super) fn new() -> Self {
+        Self {
+            splats: [Splat::default(); BATCH],
+            indices: [0; BATCH],
+            len: 0,
+        }
+    }
+
+    /// Takes the next splats from the front of `places`.
+    #[inline(always)]
+    pub(super) fn fill(&mut self, scene: &Scene<'_>, places: &mut Range<usize>) {
+        self.len = places.len().min(BATCH);
+        for (index, place) in self.indices.iter_mut().zip(places.by_ref().take(self.len)) {
+            *index = scene.lists.splat(place) as u32;
+        }
+        for (splat, &index) in self.splats[..self.len].iter_mut().zip(&self.indices) {
+            *splat = scene.splats[index as usize];
+        }
+    }
+
+    /// The splats with their indices.
+    #[inline(always)]
+    pub(super) fn iter(&self) -> impl Iterator<Item = (usize, &Splat)> {
+        self.indices[..self.len]
+            .iter()
+            .zip(&self.splats)
+            .map(|(&index, splat)| (index as usize, splat))
+    }
+}

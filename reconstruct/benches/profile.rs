@@ -1,0 +1,132 @@
+//! Where the time of a training iteration goes: processor milliseconds per stage, for one size.
+//!
+//! ```text
+//! cargo bench --bench profile -- [GAUSSIANS] [WIDTH] [projected|ray] [--export FOLDER] [--json]
+//! ```
+//!
+//! `--export` writes the scene for `scripts/compare`, `--json` prints one line for it.
+
+mod support;
+
+use std::{fs, path::Path, time::Instant};
+
+use omnilife_reconstruct::render::{Footprint, RenderSettings};
+use support::{Iteration, cpu_seconds};
+
+const NEAR: f32 = 0.01;
+const WARM_UP: usize = 3;
+const ITERATIONS: usize = 15;
+
+fn main() {
+    let mut words: Vec<String> = std::env::args()
+        .skip(1)
+        .filter(|word| word != "--bench")
+        .collect();
+    let as_json = take(&mut words, "--json").is_some();
+    let folder = take(&mut words, "--export").map(|at| words.remove(at));
+    let number = |at: usize, default: usize| {
+        let word = words.get(at);
+        word.and_then(|word| word.parse().ok()).unwrap_or(default)
+    };
+    let (count, width) = (number(0, 50_000), number(1, 512));
+    let mut settings = RenderSettings::new(NEAR);
+    if words.get(2).is_some_and(|word| word == "ray") {
+        settings.footprint = Footprint::Ray;
+    }
+    let mut iteration = Iteration::new(count, width as u32, settings);
+    if let Some(folder) = &folder {
+        export(&iteration, Path::new(folder)).expect("the scene is written");
+    }
+    let loss = iteration.run(|_, _| {});
+    for _ in 1..WARM_UP {
+        iteration.run(|_, _| {});
+    }
+    let mut stages: Vec<(&str, f64)> = Vec::new();
+    let (mut wall, mut processor) = (f64::INFINITY, f64::INFINITY);
+    for _ in 0..ITERATIONS {
+        let (begun, begun_processor) = (Instant::now(), cpu_seconds());
+        let mut stage = 0;
+        iteration.run(|name, seconds| {
+            match stages.get_mut(stage) {
+                Some(best) => best.1 = best.1.min(seconds),
+                None => stages.push((name, seconds)),
+            }
+            stage += 1;
+        });
+        wall = wall.min(begun.elapsed().as_secs_f64());
+        processor = processor.min(cpu_seconds() - begun_processor);
+    }
+    if as_json {
+        let stages: serde_json::Map<String, serde_json::Value> = stages
+            .iter()
+            .map(|(name, seconds)| ((*name).to_owned(), (*seconds).into()))
+            .collect();
+        let line = serde_json::json!({
+            "name": "omnilife",
+            "wall_seconds": wall,
+            "processor_seconds": processor,
+            "loss": loss,
+            "peak_bytes": peak_bytes(),
+            "threads": rayon::current_num_threads(),
+            "stages": stages,
+        });
+        println!("{line}");
+        return;
+    }
+    for (name, seconds) in &stages {
+        println!("{name:20} {:8.2} ms", seconds * 1e3);
+    }
+    println!("{:20} {:8.2} ms", "all", processor * 1e3);
+    println!(
+        "{:20} {:8.2} ms on {} threads",
+        "wall clock",
+        wall * 1e3,
+        rayon::current_num_threads()
+    );
+    println!("{:20} {:8.2} MB", "peak memory", peak_bytes() as f64 / 1e6);
+}
+
+/// Removes a word and says where it stood.
+fn take(words: &mut Vec<String>, word: &str) -> Option<usize> {
+    let at = words.iter().position(|candidate| candidate == word)?;
+    words.remove(at);
+    Some(at)
+}
+
+/// Largest resident size of this process; 0 where the system does not say.
+fn peak_bytes() -> u64 {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let kilobytes = status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix("kB"))
+        .and_then(|number| number.trim().parse::<u64>().ok());
+    kilobytes.unwrap_or(0) * 1024
+}
+
+/// Raw parameters, target and camera, as little-endian f32 files and `scene.json`.
+fn export(iteration: &Iteration, folder: &Path) -> std::io::Result<()> {
+    fs::create_dir_all(folder)?;
+    let write = |name: &str, values: &[f32]| {
+        let bytes: Vec<u8> = values
+            .iter()
+            .flat_map(|value| value.to_le_bytes())
+            .collect();
+        fs::write(folder.join(format!("{name}.f32")), bytes)
+    };
+    let mut arrays = serde_json::Map::new();
+    for array in &iteration.table.arrays {
+        arrays.insert(array.name.to_owned(), array.width.into());
+        write(array.name, &array.values)?;
+    }
+    write("target", &iteration.target)?;
+    let view = &iteration.view;
+    let scene = serde_json::json!({
+        "width": view.camera.width(),
+        "height": view.camera.height(),
+        "near": NEAR,
+        // Row by row.
+        "rotation": view.rotation.transpose().to_cols_array(),
+        "arrays": arrays,
+    });
+    fs::write(folder.join("scene.json"), scene.to_string())
+}
