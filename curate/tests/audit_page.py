@@ -106,6 +106,8 @@ def audit(browser, page, downloads, screenshot):
     expect("elements without a name", unlabelled, [])
     expect("pictures", browser.script(
         "return [...document.images].every(i => i.src.startsWith('data:image/jpeg;base64,'))"), True)
+    expect("pixels that hang over the side", browser.script(
+        "return document.documentElement.scrollWidth - document.documentElement.clientWidth"), 0)
     count = len(browser.states())
 
     # Without a name nothing is saved.

@@ -102,6 +102,12 @@ fn one_shot_stays_one_shot() {
         shot(1, 0.2)(time, x, y).map(|v| v + level)
     });
     assert_eq!(flash, []);
+    // A camera that turns fast and a light that comes up meanwhile.
+    let lit = found(4.0, 30.0, |time, x, y| {
+        let gain = 1.0 + 0.5 * ((time - 2.0) / 0.4).clamp(0.0, 1.0);
+        shot(1, 3.0)(time, x, y).map(|v| v * gain)
+    });
+    assert_eq!(lit, []);
     let exposure = found(4.0, 30.0, |time, x, y| {
         let gain = if time >= 2.0 { 1.4 } else { 1.0 };
         shot(1, 0.2)(time, x, y).map(|v| v * gain)

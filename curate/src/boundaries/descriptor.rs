@@ -46,12 +46,27 @@ pub(super) fn distance(a: &[f32], b: &[f32]) -> f32 {
     0.5 * a.iter().zip(b).map(|(x, y)| (x - y).abs()).sum::<f32>()
 }
 
-/// Correlation of two layouts: 1 for two without detail, 0 for one with and one without.
+/// Correlation of two layouts at the yaw between them that makes it largest: a camera that turned
+/// sees the same place. 1 for two without detail, 0 for one with and one without.
 pub(super) fn correlation(a: &[f32], b: &[f32]) -> f32 {
     let is_flat = |layout: &[f32]| layout.iter().all(|&value| value == 0.0);
     if is_flat(a) && is_flat(b) {
         return 1.0;
     }
+    (0..LAYOUT_COLUMNS)
+        .map(|turn| {
+            a.chunks_exact(LAYOUT_COLUMNS)
+                .zip(b.chunks_exact(LAYOUT_COLUMNS))
+                .map(|(a, b)| {
+                    let (wrapped, rest) = a.split_at(turn);
+                    product(rest, &b[..rest.len()]) + product(wrapped, &b[rest.len()..])
+                })
+                .sum()
+        })
+        .fold(f32::NEG_INFINITY, f32::max)
+}
+
+fn product(a: &[f32], b: &[f32]) -> f32 {
     a.iter().zip(b).map(|(x, y)| x * y).sum()
 }
 

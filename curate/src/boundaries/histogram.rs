@@ -6,7 +6,8 @@
 //! Cuts are single frames whose distance stands out from its neighbourhood; gradual transitions are
 //! runs of moderately raised distances whose two ends differ, the twin comparison of Zhang,
 //! Kankanhalli and Smoliar ("Automatic partitioning of full-motion video", 1993). Both are refused
-//! where the layout of the picture survives: then the light changed, not the shot.
+//! where the layout of the picture survives, whatever way the camera faces afterwards: then the
+//! light changed, not the shot.
 
 use std::collections::VecDeque;
 
@@ -41,11 +42,9 @@ struct Settings {
     /// Half the span over which `change` compares, and the width of the stretches it averages.
     change_reach_seconds: f64,
     change_average_seconds: f64,
-    /// Half the span over which `layout` compares, for sudden changes and short transitions ...
-    layout_reach_seconds: f64,
-    /// ... and over which `layout_wide` does, for transitions longer than `long_seconds`.
-    layout_wide_reach_seconds: f64,
-    long_seconds: f64,
+    /// Half the spans over which layouts are compared. A change is judged by the first that covers
+    /// it, a cut by the first of all.
+    layout_reach_seconds: [f64; LAYOUTS.len()],
     /// Correlation of layouts above which the shot is the same whatever its colours do.
     same_layout: f32,
     /// A cut changes at least this much from one frame to the next ...
@@ -73,10 +72,8 @@ const SETTINGS: Settings = Settings {
     step_seconds: 0.035,
     change_reach_seconds: 0.75,
     change_average_seconds: 0.2,
-    layout_reach_seconds: 0.1,
-    layout_wide_reach_seconds: 0.4,
-    long_seconds: 0.25,
-    same_layout: 0.75,
+    layout_reach_seconds: [0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0, 1.3],
+    same_layout: 0.6,
     cut_distance: 0.2,
     cut_over_median: 4.5,
     cut_window_seconds: 1.0,
@@ -86,7 +83,7 @@ const SETTINGS: Settings = Settings {
     gradual_window_seconds: 1.5,
     gradual_gap_seconds: 0.1,
     gradual_shortest_seconds: 0.1,
-    gradual_longest_seconds: 2.0,
+    gradual_longest_seconds: 2.5,
     gradual_change: 0.4,
 };
 
@@ -96,12 +93,19 @@ const ADJACENT: &str = "adjacent";
 const STEP: &str = "step";
 /// Signal: distance between the stretches `change_reach_seconds` before and after.
 const CHANGE: &str = "change";
-/// Signal: correlation of the layouts `layout_reach_seconds` before and after.
-const LAYOUT: &str = "layout";
-/// Signal: the same for `layout_wide_reach_seconds`.
-const LAYOUT_WIDE: &str = "layout_wide";
+/// Signals: correlation of the layouts each of `layout_reach_seconds` before and after.
+const LAYOUTS: [&str; 8] = [
+    "layout_100ms",
+    "layout_200ms",
+    "layout_300ms",
+    "layout_400ms",
+    "layout_600ms",
+    "layout_800ms",
+    "layout_1000ms",
+    "layout_1300ms",
+];
 
-/// Keeps the descriptors of about two seconds and emits the row of the frame in their middle.
+/// Keeps the descriptors of about three seconds and emits the row of the frame in their middle.
 #[derive(Default)]
 struct HistogramPass {
     window: VecDeque<Descriptor>,
@@ -111,15 +115,17 @@ struct HistogramPass {
     adjacent: Vec<f32>,
     step: Vec<f32>,
     change: Vec<f32>,
-    layout: Vec<f32>,
-    layout_wide: Vec<f32>,
+    layouts: [Vec<f32>; LAYOUTS.len()],
 }
 
 impl SignalPass for HistogramPass {
     fn observe(&mut self, time_seconds: f64, picture: &Rgb8Picture) -> Result<(), String> {
         self.window
             .push_back(Descriptor::of(time_seconds, picture)?);
-        let reach = SETTINGS.change_reach_seconds + SETTINGS.change_average_seconds;
+        let reach = SETTINGS.layout_reach_seconds.into_iter().fold(
+            SETTINGS.change_reach_seconds + SETTINGS.change_average_seconds,
+            f64::max,
+        );
         while self.window[self.due].time_seconds + reach < time_seconds {
             self.emit();
             let oldest = self.window[self.due].time_seconds - reach;
@@ -135,15 +141,15 @@ impl SignalPass for HistogramPass {
         while self.due < self.window.len() {
             self.emit();
         }
+        let mut columns = vec![
+            (ADJACENT.to_owned(), self.adjacent),
+            (STEP.to_owned(), self.step),
+            (CHANGE.to_owned(), self.change),
+        ];
+        columns.extend(LAYOUTS.map(str::to_owned).into_iter().zip(self.layouts));
         Signals {
             times: self.times,
-            columns: vec![
-                (ADJACENT.to_owned(), self.adjacent),
-                (STEP.to_owned(), self.step),
-                (CHANGE.to_owned(), self.change),
-                (LAYOUT.to_owned(), self.layout),
-                (LAYOUT_WIDE.to_owned(), self.layout_wide),
-            ],
+            columns,
         }
     }
 }
@@ -168,14 +174,16 @@ impl HistogramPass {
             &self.mean_between(now - far, now - near),
             &self.mean_between(now + near, now + far),
         );
-        let layout = self.layouts_around(now, SETTINGS.layout_reach_seconds);
-        let layout_wide = self.layouts_around(now, SETTINGS.layout_wide_reach_seconds);
+        let layouts = SETTINGS
+            .layout_reach_seconds
+            .map(|reach| self.layouts_around(now, reach));
         self.times.push(now);
         self.adjacent.push(adjacent);
         self.step.push(step);
         self.change.push(change);
-        self.layout.push(layout);
-        self.layout_wide.push(layout_wide);
+        for (column, layout) in self.layouts.iter_mut().zip(layouts) {
+            column.push(layout);
+        }
         self.due += 1;
     }
 
@@ -218,13 +226,16 @@ impl HistogramPass {
 
 /// Boundaries from the signals.
 fn decide(signals: &Signals) -> Result<Vec<Boundary>, MissingSignal> {
+    let mut layouts = [[].as_slice(); LAYOUTS.len()];
+    for (column, name) in layouts.iter_mut().zip(LAYOUTS) {
+        *column = signals.column(name)?;
+    }
     let table = Table {
         times: &signals.times,
         adjacent: signals.column(ADJACENT)?,
         step: signals.column(STEP)?,
         change: signals.column(CHANGE)?,
-        layout: signals.column(LAYOUT)?,
-        layout_wide: signals.column(LAYOUT_WIDE)?,
+        layouts,
     };
     let sudden = table.sudden();
     let mut boundaries: Vec<Boundary> = sudden
@@ -244,8 +255,7 @@ struct Table<'a> {
     adjacent: &'a [f32],
     step: &'a [f32],
     change: &'a [f32],
-    layout: &'a [f32],
-    layout_wide: &'a [f32],
+    layouts: [&'a [f32]; LAYOUTS.len()],
 }
 
 impl Table<'_> {
@@ -263,7 +273,7 @@ impl Table<'_> {
             );
             let stands_out = self.adjacent[index] >= SETTINGS.cut_distance
                 && self.adjacent[index] >= SETTINGS.cut_over_median * median
-                && self.layout[index] <= SETTINGS.same_layout;
+                && self.layouts[0][index] <= SETTINGS.same_layout;
             if !stands_out {
                 continue;
             }
@@ -276,7 +286,24 @@ impl Table<'_> {
                 _ => runs.push(index..=index),
             }
         }
+        // A flash is two sudden changes that leave the shot as it was.
+        runs.retain(|run| self.layout_around(run) <= SETTINGS.same_layout);
         runs
+    }
+
+    /// Correlation of the layouts before and after a run, over the first span that covers it or
+    /// one of the next two: what a flash leaves behind lies a little further off.
+    fn layout_around(&self, run: &Run) -> f32 {
+        let half = 0.5 * (self.times[*run.end()] - self.times[run.start().saturating_sub(1)]);
+        let reaches = &SETTINGS.layout_reach_seconds;
+        let first = reaches.partition_point(|&reach| reach < half);
+        let first = first.min(reaches.len() - 1);
+        let middle = usize::midpoint(*run.start(), *run.end());
+        self.layouts[first..]
+            .iter()
+            .take(3)
+            .map(|column| column[middle])
+            .fold(f32::NEG_INFINITY, f32::max)
     }
 
     fn sudden_boundary(&self, run: &Run) -> Boundary {
@@ -285,16 +312,16 @@ impl Table<'_> {
             .copied()
             .fold(0.0, f32::max);
         let (mut first, mut last) = (*run.start(), *run.end());
+        // The tails of a fast transition are weaker than its core.
+        while first > 1 && self.adjacent[first - 1] >= 0.25 * strongest {
+            first -= 1;
+        }
+        while last + 1 < self.times.len() && self.adjacent[last + 1] >= 0.25 * strongest {
+            last += 1;
+        }
         let kind = if first == last {
             BoundaryKind::Cut
         } else {
-            // The tails of a fast transition are weaker than its core.
-            while first > 1 && self.adjacent[first - 1] >= 0.25 * strongest {
-                first -= 1;
-            }
-            while last + 1 < self.times.len() && self.adjacent[last + 1] >= 0.25 * strongest {
-                last += 1;
-            }
             BoundaryKind::Gradual
         };
         Boundary {
@@ -313,12 +340,6 @@ impl Table<'_> {
             let duration = self.times[last] - self.times[first - 1];
             let travelled: f32 = self.adjacent[run.clone()].iter().sum();
             let change = self.change[run.clone()].iter().copied().fold(0.0, f32::max);
-            let layouts = if duration > SETTINGS.long_seconds {
-                self.layout_wide
-            } else {
-                self.layout
-            };
-            let layout = layouts[run.clone()].iter().copied().fold(1.0, f32::min);
             let holds_sudden = sudden
                 .iter()
                 .any(|other| *other.start() <= last + 1 && first <= *other.end() + 1);
@@ -329,7 +350,7 @@ impl Table<'_> {
                 && lasts_right
                 && travelled >= SETTINGS.gradual_change
                 && change >= SETTINGS.gradual_change
-                && layout <= SETTINGS.same_layout
+                && self.layout_around(&run) <= SETTINGS.same_layout
             {
                 found.push(Boundary {
                     begin_seconds: self.times[first - 1],
