@@ -37,6 +37,10 @@ pub(crate) fn result_record(job: &ScoringJob, outcomes: &[ViewOutcome]) -> Resul
         training_seconds: job.run.as_ref().map(|run| run.training_seconds),
         gaussians: job.run.as_ref().map(|run| run.gaussians),
         iterations: job.run.as_ref().map(|run| run.iterations),
+        seed: job.run.as_ref().map(|run| run.seed),
+        backend: job.run.as_ref().map(|run| run.backend.clone()),
+        rendering_seconds: job.run.as_ref().map(|run| run.rendering_seconds),
+        peak_memory_bytes: job.run.as_ref().and_then(|run| run.peak_memory_bytes),
         warnings: job.warnings(),
     }
 }

@@ -16,10 +16,18 @@ pub enum LeaderboardError {
         /// The folder searched.
         folder: PathBuf,
     },
+    /// A result holds what no scoring can give.
+    #[error("{}: {reason}", path.display())]
+    Impossible {
+        /// The file.
+        path: PathBuf,
+        /// What cannot be.
+        reason: String,
+    },
     /// Two results claim the same row.
     #[error(
-        "{}: method {method} on scene {scene} under protocol {protocol} is also scored in {}; \
-         a table has one row for it",
+        "{}: method {method} on scene {scene} under protocol {protocol} is also scored in {}, with \
+         the same seed; a table has one row for it",
         second.display(),
         first.display()
     )]
@@ -60,6 +68,38 @@ pub enum LeaderboardError {
         /// What the file says.
         found: &'static str,
     },
+    /// Files that were to be checked are not what the results give.
+    #[error("{}: {reason}; build again without --check to bring it up to date", path.display())]
+    OutOfDate {
+        /// The first such file.
+        path: PathBuf,
+        /// How it differs.
+        reason: String,
+    },
+    /// A page has no place for the table.
+    #[error("{}: has no line {marker}", path.display())]
+    NoMarker {
+        /// The page.
+        path: PathBuf,
+        /// The line looked for.
+        marker: &'static str,
+    },
+    /// A chart could not be drawn.
+    #[error("chart {chart}: {reason}")]
+    Chart {
+        /// Which one.
+        chart: String,
+        /// The drawing library's reason.
+        reason: String,
+    },
+    /// An embedded file of published tables is broken.
+    #[error("published tables, {file}: {reason}")]
+    Published {
+        /// The file.
+        file: &'static str,
+        /// What is wrong with it.
+        reason: String,
+    },
 }
 
 impl Blamed for LeaderboardError {
@@ -67,9 +107,13 @@ impl Blamed for LeaderboardError {
         match self {
             Self::Store(error) => error.blame(),
             Self::NoResults { .. }
+            | Self::Impossible { .. }
             | Self::Duplicate { .. }
             | Self::SceneDiffers { .. }
-            | Self::Direction { .. } => Blame::Input,
+            | Self::Direction { .. }
+            | Self::OutOfDate { .. }
+            | Self::NoMarker { .. } => Blame::Input,
+            Self::Chart { .. } | Self::Published { .. } => Blame::Ours,
         }
     }
 }

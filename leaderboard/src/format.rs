@@ -1,10 +1,30 @@
 //! Numbers and names as tables print them.
 
-use omnilife_schemas::records::Direction;
+use omnilife_schemas::records::{Backend, Direction};
+
+use crate::{
+    group::ViewKind,
+    table::{Cell, Score},
+};
 
 /// A metric's column title from its id.
 pub(crate) fn metric_title(id: &str) -> String {
+    if id == PUBLISHED_LPIPS {
+        return "LPIPS (published)".to_owned();
+    }
     id.to_uppercase()
+}
+
+/// The metric of published LPIPS columns: the papers do not say which network they used.
+pub(crate) const PUBLISHED_LPIPS: &str = "lpips";
+
+/// The heading over the columns of one kind of view.
+pub(crate) fn kind_title(kind: ViewKind) -> String {
+    match kind {
+        ViewKind::Input => "Input",
+        ViewKind::Novel => "Novel",
+    }
+    .to_owned()
 }
 
 /// An arrow that points to the better scores.
@@ -15,25 +35,57 @@ pub(crate) fn arrow(direction: Direction) -> &'static str {
     }
 }
 
-/// A score with the decimals that its metric is published with: 3 for decibels, else 4.
-pub(crate) fn score(id: &str, value: f64) -> String {
-    let decibels = id.split('-').any(|part| part == "psnr");
-    if decibels {
-        format!("{value:.3}")
-    } else {
-        format!("{value:.4}")
+/// The decimals that a metric is printed with: 3 for decibels, else 4.
+pub(crate) fn decimals(metric: &str) -> usize {
+    let decibels = metric.split('-').any(|part| part == "psnr");
+    if decibels { 3 } else { 4 }
+}
+
+/// What computed a run.
+pub(crate) fn backend(backend: &Backend) -> String {
+    match backend {
+        Backend::Cpu { threads } => format!("CPU, {threads} threads"),
+        Backend::Gpu { adapter } => adapter.clone(),
     }
 }
 
-/// The number of decimals of scores in CSV, which programs read.
-pub(crate) fn csv_score(value: f64) -> String {
-    format!("{value:.6}")
+/// A cell without emphasis, for people.
+pub(crate) fn plain(cell: &Cell) -> String {
+    match cell {
+        Cell::Missing => "–".to_owned(),
+        Cell::Blank => String::new(),
+        Cell::Score(score) => value(score),
+        Cell::Number { value, decimals: 0 } => grouped(*value),
+        Cell::Number { value, decimals } => format!("{value:.decimals$}"),
+        Cell::Rank { rank, interval } => match interval {
+            Some([low, high]) if low != high => format!("{rank} [{low}–{high}]"),
+            _ => rank.to_string(),
+        },
+        Cell::Text(text) => text.clone(),
+    }
 }
 
-/// A whole number with groups of three digits: `1,234,567`.
-pub(crate) fn grouped(value: u64) -> String {
-    let digits = value.to_string();
-    let mut text = String::with_capacity(digits.len() + digits.len() / 3);
+/// A score without its interval.
+pub(crate) fn value(score: &Score) -> String {
+    let digits = score.decimals;
+    format!("{:.digits$}", score.value)
+}
+
+/// A score's interval: ` [24.1, 25.9]`, or nothing.
+pub(crate) fn interval(score: &Score) -> String {
+    let digits = score.decimals;
+    score.interval.map_or_else(String::new, |[low, high]| {
+        format!(" [{low:.digits$}, {high:.digits$}]")
+    })
+}
+
+/// A rounded number with groups of three digits: `1,234,567`.
+fn grouped(value: f64) -> String {
+    let digits = format!("{:.0}", value.abs());
+    let mut text = String::with_capacity(digits.len() + digits.len() / 3 + 1);
+    if value < 0.0 && digits != "0" {
+        text.push('-');
+    }
     for (position, digit) in digits.chars().enumerate() {
         if position > 0 && (digits.len() - position).is_multiple_of(3) {
             text.push(',');
@@ -43,18 +95,16 @@ pub(crate) fn grouped(value: u64) -> String {
     text
 }
 
-/// Text that cannot break a Markdown table or its line: ids and reasons come from others.
-pub(crate) fn cell(text: &str) -> String {
-    let mut escaped = String::with_capacity(text.len());
+/// A name for files: lower-case letters, digits and hyphens.
+pub(crate) fn slug(text: &str) -> String {
+    let mut slug = String::with_capacity(text.len());
     for character in text.chars() {
-        match character {
-            '|' | '*' | '`' | '<' | '\\' => {
-                escaped.push('\\');
-                escaped.push(character);
-            }
-            character if character.is_control() => escaped.push(' '),
-            character => escaped.push(character),
+        if character.is_ascii_alphanumeric() {
+            slug.push(character.to_ascii_lowercase());
+        } else if !slug.ends_with('-') && !slug.is_empty() {
+            slug.push('-');
         }
     }
-    escaped
+    slug.truncate(60);
+    slug.trim_end_matches('-').to_owned()
 }

@@ -1,16 +1,28 @@
-//! From scores to tables.
+//! From scores to tables and a site.
 //!
-//! [`collect`] finds the `result.json` files of a folder; [`build`] makes one table per protocol,
-//! in Markdown for people and CSV for programs. Images are never read here.
+//! [`build_leaderboard`] finds the `result.json` files of a folder and makes, for every protocol on
+//! its own, tables in the paper's layouts (Markdown, LaTeX, CSV) and a static site; published
+//! figures ([`published`]) stand beside measured ones and are never ranked with them. [`build`]
+//! makes the table of all results alone. Images are copied for the site and never decoded.
 
+mod bootstrap;
 mod collect;
-mod csv_table;
 pub mod error;
 mod format;
-mod markdown_table;
-mod ranking;
+mod group;
+mod layouts;
+mod leaderboard;
+mod outputs;
+pub mod published;
+mod readme;
+mod render;
+mod results_csv;
+mod site;
+mod table;
 mod tables;
+mod validate;
 
 pub use collect::collect;
 pub use error::LeaderboardError;
+pub use leaderboard::{Leaderboard, LeaderboardRequest, build_leaderboard, check_leaderboard};
 pub use tables::{CSV_FILE, MARKDOWN_FILE, Tables, build};

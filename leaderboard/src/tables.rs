@@ -4,33 +4,43 @@ use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{records::ResultRecord, store};
 
-use crate::{csv_table, error::LeaderboardError, markdown_table, ranking};
+use crate::{
+    error::LeaderboardError,
+    format::slug,
+    group::{self, Group},
+    layouts::{self, LAYOUTS},
+    outputs::Outputs,
+    published::Paper,
+    render, results_csv,
+};
 
-/// File name of the Markdown tables.
+/// File name of the table of all results in Markdown.
 pub const MARKDOWN_FILE: &str = "table.md";
 
-/// File name of the CSV table.
+/// File name of the table of all results in CSV.
 pub const CSV_FILE: &str = "table.csv";
 
-/// The tables as written.
+/// Folder of the tables in the layouts of the paper.
+pub(crate) const LAYOUT_FOLDER: &str = "tables";
+
+/// The tables of all results as written.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Tables {
     /// Content of [`MARKDOWN_FILE`].
     pub markdown: String,
     /// Content of [`CSV_FILE`].
-    pub csv: String,
+    pub csv: Vec<u8>,
     /// Where the Markdown is.
     pub markdown_file: PathBuf,
     /// Where the CSV is.
     pub csv_file: PathBuf,
 }
 
-/// Builds the tables of some results, each with the file it came from, and writes them to the
+/// Builds the tables of all results, each with the file it came from, and writes them to the
 /// folder `out`, which is made where it is missing.
 ///
-/// Markdown holds one table per protocol, never a mixed one, in the layout of OmniLife360's
-/// Table 2: PSNR and SSIM of input and novel views. CSV holds every metric. The same results give
-/// the same bytes in whatever order they come.
+/// Markdown holds one table per protocol, never a mixed one; CSV holds every metric. The same
+/// results give the same bytes in whatever order they come.
 ///
 /// # Errors
 /// When there are no results, when two of them claim the same row or contradict each other, and
@@ -41,15 +51,59 @@ pub fn build(results: &[(PathBuf, ResultRecord)], out: &Path) -> Result<Tables, 
             folder: out.to_owned(),
         });
     }
-    let groups = ranking::groups(results)?;
-    let tables = Tables {
-        markdown: markdown_table::render(&groups),
-        csv: csv_table::render(&groups, &out.join(CSV_FILE))?,
-        markdown_file: out.join(MARKDOWN_FILE),
-        csv_file: out.join(CSV_FILE),
-    };
+    let tables = all_results(&group::groups(results)?, out)?;
     store::create_folder(out)?;
     store::write_bytes(&tables.markdown_file, tables.markdown.as_bytes())?;
-    store::write_bytes(&tables.csv_file, tables.csv.as_bytes())?;
+    store::write_bytes(&tables.csv_file, &tables.csv)?;
     Ok(tables)
+}
+
+/// The tables of all results; nothing is written.
+pub(crate) fn all_results(groups: &[Group<'_>], out: &Path) -> Result<Tables, LeaderboardError> {
+    let mut markdown = String::from("# Leaderboard\n");
+    for group in groups {
+        markdown.push('\n');
+        markdown.push_str(&render::markdown::render(&layouts::all_results(group), 2));
+    }
+    let csv_file = out.join(CSV_FILE);
+    Ok(Tables {
+        markdown,
+        csv: results_csv::render(groups, &csv_file)?,
+        markdown_file: out.join(MARKDOWN_FILE),
+        csv_file,
+    })
+}
+
+/// The tables in the layouts of the paper, `tables/<protocol>-<hash>/<layout>.{md,tex,csv}`.
+pub(crate) fn add_layouts(
+    outputs: &mut Outputs,
+    groups: &[Group<'_>],
+    papers: &[Paper],
+    out: &Path,
+) -> Result<(), LeaderboardError> {
+    for group in groups {
+        let folder = format!(
+            "{LAYOUT_FOLDER}/{}-{}",
+            slug(group.protocol),
+            slug(&group.short_hash())
+        );
+        for layout in LAYOUTS {
+            let tables = (layout.tables)(group, papers);
+            if tables.is_empty() {
+                continue;
+            }
+            let path = |extension: &str| format!("{folder}/{}.{extension}", layout.id);
+            let join = |render: &dyn Fn(&crate::table::Table) -> String| {
+                tables.iter().map(render).collect::<Vec<_>>().join("\n")
+            };
+            outputs.add(
+                path("md"),
+                join(&|table| render::markdown::render(table, 1)),
+            );
+            outputs.add(path("tex"), join(&render::latex::render));
+            let csv = path("csv");
+            outputs.add(csv.clone(), render::csv::render(&tables, &out.join(&csv))?);
+        }
+    }
+    Ok(())
 }

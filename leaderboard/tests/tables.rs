@@ -45,6 +45,10 @@ fn result(scene: &str, method: &str, psnr: f64, ssim: f64) -> ResultRecord {
         failures: Vec::new(),
         frames_table: "frames.parquet".to_owned(),
         training_seconds: Some(61.25),
+        seed: None,
+        backend: None,
+        rendering_seconds: None,
+        peak_memory_bytes: None,
         gaussians: Some(123_456),
         iterations: Some(3000),
         warnings: Vec::new(),
@@ -64,8 +68,9 @@ fn tables(results: Vec<ResultRecord>) -> String {
         fs::read_to_string(&tables.markdown_file).unwrap(),
         tables.markdown
     );
-    assert_eq!(fs::read_to_string(&tables.csv_file).unwrap(), tables.csv);
-    format!("{}\n{}", tables.markdown, tables.csv)
+    assert_eq!(fs::read(&tables.csv_file).unwrap(), tables.csv);
+    let csv = String::from_utf8(tables.csv).unwrap();
+    format!("{}\n{csv}", tables.markdown)
 }
 
 fn two_methods() -> Vec<ResultRecord> {

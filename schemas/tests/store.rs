@@ -9,7 +9,9 @@ use std::{
 
 use omnilife_schemas::{
     Blame, Blamed,
-    records::{Dataset, Direction, Failure, ResultRecord, Summary, VideoEntry, VideoStatus},
+    records::{
+        Backend, Dataset, Direction, Failure, ResultRecord, Summary, VideoEntry, VideoStatus,
+    },
     store::{self, StoreError},
 };
 
@@ -67,6 +69,10 @@ fn result(mean: f64) -> ResultRecord {
         training_seconds: Some(0.1 + 0.2),
         gaussians: None,
         iterations: Some(u64::MAX),
+        seed: Some(7),
+        backend: Some(Backend::Cpu { threads: 2 }),
+        rendering_seconds: Some(0.3),
+        peak_memory_bytes: None,
         warnings: Vec::new(),
     }
 }

@@ -2,16 +2,39 @@
 
 use std::path::PathBuf;
 
-use clap::Subcommand;
+use clap::{Args, Subcommand};
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum LeaderboardCommand {
-    /// Makes table.md and table.csv from all results in a folder.
-    Build {
-        /// Folder that is searched for result.json files.
-        results: PathBuf,
-        /// Folder of the tables.
-        #[arg(long)]
-        out: PathBuf,
-    },
+    /// Makes tables and a static site from all results in a folder.
+    ///
+    /// OUT/table.md and table.csv hold all results; OUT/tables/ the layouts of the paper (Markdown,
+    /// LaTeX, CSV), one folder per protocol; OUT/site/index.html opens without a network.
+    Build(BuildArguments),
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct BuildArguments {
+    /// Folder that is searched for result.json files, and for split.json files that explain their
+    /// protocols.
+    pub(crate) results: PathBuf,
+    /// Folder of the leaderboard.
+    #[arg(long)]
+    pub(crate) out: PathBuf,
+    /// A dataset.json whose videos the site shows.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) dataset: Option<PathBuf>,
+    /// A Markdown page whose table, between the lines `<!-- leaderboard: begin -->` and
+    /// `<!-- leaderboard: end -->`, is replaced.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) page: Option<PathBuf>,
+    /// Rendered views per scene and method that the site shows, at most.
+    #[arg(long, default_value_t = 4, value_name = "N")]
+    pub(crate) views: usize,
+    /// Make the tables alone.
+    #[arg(long)]
+    pub(crate) no_site: bool,
+    /// Write nothing; fail where the tables, or that of --page, are not what the results give.
+    #[arg(long)]
+    pub(crate) check: bool,
 }

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::run::Backend;
 use crate::store::Record;
 
 /// `result.json`. Per-frame values are in the Parquet table beside it.
@@ -37,6 +38,15 @@ pub struct ResultRecord {
     pub gaussians: Option<u64>,
     /// Iterations, where known.
     pub iterations: Option<u64>,
+    /// Random seed, where the predictions came with a run record. Results of one method on one
+    /// scene that differ by it are repetitions.
+    pub seed: Option<u64>,
+    /// What computed the predictions, where they came with a run record.
+    pub backend: Option<Backend>,
+    /// Time to render all predictions in seconds, where they came with a run record.
+    pub rendering_seconds: Option<f64>,
+    /// Highest resident memory of the training process in bytes, where known.
+    pub peak_memory_bytes: Option<u64>,
     /// Remarks that a reader of the scores should know.
     pub warnings: Vec<String>,
 }

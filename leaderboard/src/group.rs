@@ -1,0 +1,279 @@
+//! Results grouped so that only comparable scores stand side by side.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::PathBuf,
+};
+
+use omnilife_schemas::records::{Direction, ResultRecord, Summary};
+
+use crate::{
+    bootstrap::{self, Confidence},
+    error::LeaderboardError,
+    validate,
+};
+
+/// The two kinds of view, in the order of the columns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum ViewKind {
+    Input,
+    Novel,
+}
+
+impl ViewKind {
+    pub(crate) const ALL: [Self; 2] = [Self::Input, Self::Novel];
+
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Input => "input",
+            Self::Novel => "novel",
+        }
+    }
+
+    pub(crate) fn scores(self, result: &ResultRecord) -> &BTreeMap<String, Summary> {
+        match self {
+            Self::Input => &result.input_views,
+            Self::Novel => &result.novel_views,
+        }
+    }
+}
+
+/// A scored quantity: a metric over one kind of view.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct Quantity {
+    pub(crate) kind: ViewKind,
+    pub(crate) metric: String,
+}
+
+/// All results of one protocol. Protocols of different hashes never share a group.
+pub(crate) struct Group<'a> {
+    /// Id and version of the protocol.
+    pub(crate) protocol: &'a str,
+    pub(crate) protocol_hash: &'a str,
+    /// Everything that any result scores, input views first, with its direction.
+    pub(crate) quantities: Vec<(Quantity, Direction)>,
+    /// Sorted by scene, then method; the pair is unique.
+    pub(crate) scene_rows: Vec<SceneRow<'a>>,
+    /// Sorted by method.
+    pub(crate) methods: Vec<MethodRow<'a>>,
+    /// Sorted.
+    pub(crate) scenes: Vec<&'a str>,
+}
+
+impl Group<'_> {
+    /// Index of a quantity.
+    pub(crate) fn quantity(&self, kind: ViewKind, metric: &str) -> Option<usize> {
+        let mut quantities = self.quantities.iter();
+        quantities.position(|(quantity, _)| quantity.kind == kind && quantity.metric == metric)
+    }
+
+    /// Whether any result scores views of a kind.
+    pub(crate) fn has(&self, kind: ViewKind) -> bool {
+        let mut quantities = self.quantities.iter();
+        quantities.any(|(quantity, _)| quantity.kind == kind)
+    }
+
+    /// The first digits of the protocol's hash, as printed.
+    pub(crate) fn short_hash(&self) -> String {
+        self.protocol_hash.chars().take(HASH_DIGITS).collect()
+    }
+}
+
+/// How many digits of a protocol's hash are printed.
+const HASH_DIGITS: usize = 12;
+
+/// What a set of results has in numbers: a scene's repetitions, or a method's scenes.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Numbers {
+    /// Means in the order of [`Group::quantities`]. What one of the results lacks has no mean: an
+    /// average over the rest would look better than it is.
+    pub(crate) scores: Vec<Option<f64>>,
+    /// Means, where all results state them.
+    pub(crate) training_seconds: Option<f64>,
+    pub(crate) peak_memory_bytes: Option<f64>,
+    pub(crate) gaussians: Option<f64>,
+    pub(crate) iterations: Option<f64>,
+    /// Views that could not be scored, in all results together.
+    pub(crate) failures: usize,
+}
+
+/// One method on one scene: the mean over its repetitions.
+pub(crate) struct SceneRow<'a> {
+    pub(crate) scene: &'a str,
+    pub(crate) method: &'a str,
+    /// Sorted by seed, which is unique.
+    pub(crate) results: Vec<&'a ResultRecord>,
+    pub(crate) numbers: Numbers,
+}
+
+/// One method over scenes, every scene with the same weight.
+pub(crate) struct MethodRow<'a> {
+    pub(crate) method: &'a str,
+    /// Scenes with a result of this method.
+    pub(crate) scenes: usize,
+    pub(crate) numbers: Numbers,
+    /// Whether every scene of the group went in, without failures.
+    pub(crate) complete: bool,
+    /// In the order of [`Group::quantities`]; ranks are among complete methods.
+    pub(crate) confidence: Vec<Confidence>,
+}
+
+/// What a scene's id says about its place: scenes cut from one video share it, so they are neither
+/// independent nor, in tables by scene, separate columns.
+pub(crate) fn place(scene: &str) -> &str {
+    scene.rsplit_once('/').map_or(scene, |(place, _)| place)
+}
+
+/// Groups results by protocol, ordered by protocol and hash.
+///
+/// # Errors
+/// When a result holds impossible numbers, or two results have the same method, scene, seed and
+/// protocol, stand for different scenes under one id, or contradict each other about a direction.
+pub(crate) fn groups(
+    results: &[(PathBuf, ResultRecord)],
+) -> Result<Vec<Group<'_>>, LeaderboardError> {
+    validate::validate(results)?;
+    let mut by_protocol: BTreeMap<(&str, &str), Vec<&ResultRecord>> = BTreeMap::new();
+    for (_, result) in results {
+        by_protocol
+            .entry((&result.protocol, &result.protocol_hash))
+            .or_default()
+            .push(result);
+    }
+    Ok(by_protocol
+        .into_iter()
+        .map(|((protocol, hash), results)| group(protocol, hash, results))
+        .collect())
+}
+
+fn group<'a>(protocol: &'a str, hash: &'a str, mut results: Vec<&'a ResultRecord>) -> Group<'a> {
+    results.sort_by(|a, b| (&a.scene, &a.method, a.seed).cmp(&(&b.scene, &b.method, b.seed)));
+    let quantities = quantities(&results);
+    let mut scene_rows: Vec<SceneRow<'a>> = Vec::new();
+    for results in results.chunk_by(|a, b| (&a.scene, &a.method) == (&b.scene, &b.method)) {
+        let numbers: Vec<Numbers> = results
+            .iter()
+            .map(|result| numbers_of(result, &quantities))
+            .collect();
+        scene_rows.push(SceneRow {
+            scene: &results[0].scene,
+            method: &results[0].method,
+            numbers: mean_numbers(&numbers.iter().collect::<Vec<_>>()),
+            results: results.to_vec(),
+        });
+    }
+    let scenes: BTreeSet<&str> = scene_rows.iter().map(|row| row.scene).collect();
+    let scenes: Vec<&str> = scenes.into_iter().collect();
+    let methods = method_rows(&scene_rows, &scenes, &quantities);
+    Group {
+        protocol,
+        protocol_hash: hash,
+        quantities,
+        scene_rows,
+        methods,
+        scenes,
+    }
+}
+
+fn quantities(results: &[&ResultRecord]) -> Vec<(Quantity, Direction)> {
+    let mut found: BTreeMap<(ViewKind, &str), Direction> = BTreeMap::new();
+    for result in results {
+        for kind in ViewKind::ALL {
+            for (metric, summary) in kind.scores(result) {
+                found.insert((kind, metric), summary.direction);
+            }
+        }
+    }
+    found
+        .into_iter()
+        .map(|((kind, metric), direction)| {
+            let metric = metric.to_owned();
+            (Quantity { kind, metric }, direction)
+        })
+        .collect()
+}
+
+fn numbers_of(result: &ResultRecord, quantities: &[(Quantity, Direction)]) -> Numbers {
+    let score = |quantity: &Quantity| {
+        let scores = quantity.kind.scores(result);
+        scores.get(&quantity.metric).map(|summary| summary.mean)
+    };
+    Numbers {
+        scores: quantities
+            .iter()
+            .map(|(quantity, _)| score(quantity))
+            .collect(),
+        training_seconds: result.training_seconds,
+        peak_memory_bytes: result.peak_memory_bytes.map(|bytes| bytes as f64),
+        gaussians: result.gaussians.map(|count| count as f64),
+        iterations: result.iterations.map(|count| count as f64),
+        failures: result.failures.len(),
+    }
+}
+
+/// Arithmetic means; `parts` is not empty.
+fn mean_numbers(parts: &[&Numbers]) -> Numbers {
+    let mean = |value: &dyn Fn(&Numbers) -> Option<f64>| {
+        let sum: Option<f64> = parts.iter().map(|part| value(part)).sum();
+        sum.map(|sum| sum / parts.len() as f64)
+    };
+    let quantities = parts.first().map_or(0, |part| part.scores.len());
+    Numbers {
+        scores: (0..quantities)
+            .map(|quantity| mean(&|part| part.scores[quantity]))
+            .collect(),
+        training_seconds: mean(&|part| part.training_seconds),
+        peak_memory_bytes: mean(&|part| part.peak_memory_bytes),
+        gaussians: mean(&|part| part.gaussians),
+        iterations: mean(&|part| part.iterations),
+        failures: parts.iter().map(|part| part.failures).sum(),
+    }
+}
+
+fn method_rows<'a>(
+    scene_rows: &[SceneRow<'a>],
+    scenes: &[&'a str],
+    quantities: &[(Quantity, Direction)],
+) -> Vec<MethodRow<'a>> {
+    let mut by_method: BTreeMap<&str, Vec<&SceneRow<'a>>> = BTreeMap::new();
+    for row in scene_rows {
+        by_method.entry(row.method).or_default().push(row);
+    }
+    let mut methods: Vec<MethodRow<'a>> = by_method
+        .iter()
+        .map(|(&method, rows)| {
+            let numbers: Vec<&Numbers> = rows.iter().map(|row| &row.numbers).collect();
+            let numbers = mean_numbers(&numbers);
+            MethodRow {
+                method,
+                scenes: rows.len(),
+                complete: rows.len() == scenes.len() && numbers.failures == 0,
+                numbers,
+                confidence: Vec::new(),
+            }
+        })
+        .collect();
+    let clusters = bootstrap::clusters(scenes.iter().map(|scene| place(scene)));
+    let resamples = bootstrap::resamples(&clusters);
+    for (index, (_, direction)) in quantities.iter().enumerate() {
+        let scores: Vec<bootstrap::Scores> = by_method
+            .values()
+            .zip(&methods)
+            .map(|(rows, method)| bootstrap::Scores {
+                by_scene: rows
+                    .iter()
+                    .filter_map(|row| {
+                        let scene = scenes.binary_search(&row.scene).ok()?;
+                        Some((scene, row.numbers.scores[index]?))
+                    })
+                    .collect(),
+                ranked: method.complete && method.numbers.scores[index].is_some(),
+            })
+            .collect();
+        let confidence = bootstrap::confidence(&scores, &clusters, &resamples, *direction);
+        for (method, confidence) in methods.iter_mut().zip(confidence) {
+            method.confidence.push(confidence);
+        }
+    }
+    methods
+}

@@ -1,0 +1,82 @@
+//! Variants of a method that leave a component out, beside the whole: OmniLife360, Table 6.
+//!
+//! A method `omni4dgs-without-motion` is the variant of `omni4dgs` without `motion`.
+
+use super::{WITHOUT, common_notes, published_lpips, published_metrics};
+use crate::{
+    format::PUBLISHED_LPIPS,
+    group::{Group, MethodRow, ViewKind},
+    published::{Paper, PublishedLayout, published_rows},
+    table::{Cell, Column, Row, Table, cost_cells, cost_columns, mark_standings, method_score},
+};
+
+/// One table for every method that has variants.
+pub(super) fn tables(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
+    group
+        .methods
+        .iter()
+        .filter_map(|whole| {
+            let prefix = format!("{}{WITHOUT}", whole.method);
+            let variants: Vec<(&str, &MethodRow<'_>)> = group
+                .methods
+                .iter()
+                .filter_map(|method| Some((method.method.strip_prefix(&prefix)?, method)))
+                .collect();
+            (!variants.is_empty()).then(|| table(group, papers, whole, &variants))
+        })
+        .collect()
+}
+
+fn table(
+    group: &Group<'_>,
+    papers: &[Paper],
+    whole: &MethodRow<'_>,
+    variants: &[(&str, &MethodRow<'_>)],
+) -> Table {
+    let sources = published_metrics(group, ViewKind::Novel);
+    let mut columns: Vec<Column> = sources
+        .iter()
+        .map(|&index| Column::of_score(group, index, false))
+        .collect();
+    let lpips_apart = group.quantity(ViewKind::Novel, PUBLISHED_LPIPS).is_none();
+    if lpips_apart {
+        columns.push(published_lpips(ViewKind::Novel, false));
+    }
+    columns.extend(cost_columns());
+    let row = |name: String, method: &MethodRow<'_>| {
+        let mut cells: Vec<Cell> = sources
+            .iter()
+            .map(|&index| method_score(group, method, index))
+            .collect();
+        cells.extend(lpips_apart.then_some(Cell::Missing));
+        cells.extend(cost_cells(&method.numbers));
+        Row {
+            names: vec![name],
+            cells,
+            failures: method.numbers.failures,
+        }
+    };
+    let mut rows: Vec<Row> = variants
+        .iter()
+        .map(|(component, method)| row(format!("w/o {}", component.replace('-', " ")), method))
+        .collect();
+    rows.push(row(format!("{} (full)", whole.method), whole));
+    let methods = variants.iter().map(|(_, method)| *method).chain([whole]);
+    let directions: Vec<_> = columns.iter().map(|column| column.direction).collect();
+    let competing = rows.iter_mut().zip(methods.map(|method| method.complete));
+    mark_standings(competing, &directions);
+    let published = published_rows(papers, &PublishedLayout::Ablation, &columns, 1);
+    let mut notes = common_notes(group);
+    notes.extend(published.notes);
+    Table {
+        title: format!(
+            "Ablation of {}, novel views, protocol {}",
+            whole.method, group.protocol
+        ),
+        names: vec!["Method".to_owned()],
+        columns,
+        rows,
+        published: published.blocks,
+        notes,
+    }
+}

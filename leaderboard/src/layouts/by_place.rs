@@ -1,0 +1,248 @@
+//! Novel views by place (all sequences cut from one video): all metrics as in OmniLife360,
+//! Table 4, and PSNR alone as in its comparison with 4DGS methods, Table 5.
+
+use std::collections::BTreeMap;
+
+use omnilife_schemas::records::Direction;
+
+use super::{common_notes, left_out, main_methods, published_metrics};
+use crate::{
+    format,
+    group::{Group, MethodRow, ViewKind, place},
+    published::{Paper, PublishedLayout, published_rows},
+    table::{Cell, Column, Holds, Row, Table, mark_standings, method_score},
+};
+
+/// Places side by side; further ones go to further tables.
+const PLACES: usize = 8;
+
+/// Rows are methods and metrics; the first column is the average over all places' scenes.
+pub(super) fn all_metrics(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
+    tables(group, papers, &PublishedLayout::DynamicScenes)
+}
+
+/// Rows are methods.
+pub(super) fn psnr_alone(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
+    tables(group, papers, &PublishedLayout::DynamicMethods)
+}
+
+fn tables(group: &Group<'_>, papers: &[Paper], layout: &PublishedLayout) -> Vec<Table> {
+    let with_average = matches!(layout, PublishedLayout::DynamicScenes);
+    let metrics: Vec<usize> = published_metrics(group, ViewKind::Novel)
+        .into_iter()
+        .filter(|&index| with_average || group.quantities[index].0.metric == "psnr")
+        .collect();
+    let means = PlaceMeans::of(group, &metrics);
+    let places: Vec<&str> = means.places.clone();
+    let parts = places.len().div_ceil(PLACES);
+    if metrics.is_empty() || places.len() < 2 {
+        return Vec::new();
+    }
+    places
+        .chunks(PLACES)
+        .enumerate()
+        .map(|(part, places)| {
+            let kind = if with_average {
+                "Novel views"
+            } else {
+                "PSNR of novel views"
+            };
+            let part = match parts {
+                1 => String::new(),
+                _ => format!(", part {} of {parts}", part + 1),
+            };
+            let title = format!("{kind} by scene, protocol {}{part}", group.protocol);
+            table(group, papers, layout, title, &metrics, &means, places)
+        })
+        .collect()
+}
+
+/// Scores of every method and place: means over the place's scenes.
+struct PlaceMeans<'a> {
+    places: Vec<&'a str>,
+    /// By method and place.
+    sums: BTreeMap<(&'a str, &'a str), PlaceSum>,
+    /// Scenes of every place.
+    scenes: BTreeMap<&'a str, usize>,
+}
+
+/// What one method has in one place.
+struct PlaceSum {
+    /// Sums over scenes, in the order of the metrics given.
+    scores: Vec<Option<f64>>,
+    scenes: usize,
+    failures: usize,
+}
+
+impl<'a> PlaceMeans<'a> {
+    fn of(group: &Group<'a>, metrics: &[usize]) -> Self {
+        let mut scenes: BTreeMap<&str, usize> = BTreeMap::new();
+        for scene in &group.scenes {
+            *scenes.entry(place(scene)).or_default() += 1;
+        }
+        let mut sums = BTreeMap::new();
+        for row in &group.scene_rows {
+            let sum = sums
+                .entry((row.method, place(row.scene)))
+                .or_insert_with(|| PlaceSum {
+                    scores: vec![Some(0.0); metrics.len()],
+                    scenes: 0,
+                    failures: 0,
+                });
+            for (total, &index) in sum.scores.iter_mut().zip(metrics) {
+                *total = total.zip(row.numbers.scores[index]).map(|(a, b)| a + b);
+            }
+            sum.scenes += 1;
+            sum.failures += row.numbers.failures;
+        }
+        Self {
+            places: scenes.keys().copied().collect(),
+            sums,
+            scenes,
+        }
+    }
+
+    /// The mean, and whether all scenes of the place went in without failures.
+    fn mean(&self, method: &'a str, place: &'a str, metric: usize) -> Option<(f64, bool)> {
+        let sum = self.sums.get(&(method, place))?;
+        let complete = sum.failures == 0 && self.scenes.get(place) == Some(&sum.scenes);
+        Some((sum.scores[metric]? / sum.scenes as f64, complete))
+    }
+}
+
+fn table<'a>(
+    group: &Group<'a>,
+    papers: &[Paper],
+    layout: &PublishedLayout,
+    title: String,
+    metrics: &[usize],
+    means: &PlaceMeans<'a>,
+    places: &[&'a str],
+) -> Table {
+    let with_average = matches!(layout, PublishedLayout::DynamicScenes);
+    let mut columns = Vec::new();
+    if with_average {
+        columns.push(column("Avg.", Holds::Average));
+    }
+    let place_columns = places
+        .iter()
+        .map(|place| column(place, Holds::Place((*place).to_owned())));
+    columns.extend(place_columns);
+    let methods = main_methods(group);
+    let mut rows = Vec::new();
+    for method in &methods {
+        for (position, &index) in metrics.iter().enumerate() {
+            rows.push(row(
+                group,
+                method,
+                with_average,
+                (position, index),
+                means,
+                places,
+            ));
+        }
+    }
+    for (position, &index) in metrics.iter().enumerate() {
+        let directions = vec![Some(group.quantities[index].1); columns.len()];
+        mark(
+            &mut rows,
+            position,
+            metrics.len(),
+            &directions,
+            &methods,
+            means,
+            places,
+            with_average,
+        );
+    }
+    let mut notes = common_notes(group);
+    notes.push(
+        "A column is the mean over the scenes cut from one video; a method competes in a column \
+         where it has all of them without failures."
+            .to_owned(),
+    );
+    notes.extend(left_out(group));
+    let names = if with_average { 2 } else { 1 };
+    let published = published_rows(papers, layout, &columns, names);
+    notes.extend(published.notes);
+    let mut headings = vec!["Method".to_owned()];
+    if with_average {
+        headings.push("Metric".to_owned());
+    }
+    Table {
+        title,
+        names: headings,
+        columns,
+        rows,
+        published: published.blocks,
+        notes,
+    }
+}
+
+fn column(name: &str, holds: Holds) -> Column {
+    Column {
+        group: None,
+        name: name.to_owned(),
+        direction: None,
+        holds,
+    }
+}
+
+fn row<'a>(
+    group: &Group<'a>,
+    method: &MethodRow<'a>,
+    with_average: bool,
+    (position, index): (usize, usize),
+    means: &PlaceMeans<'a>,
+    places: &[&'a str],
+) -> Row {
+    let (quantity, direction) = &group.quantities[index];
+    let mut names = vec![method.method.to_owned()];
+    let mut cells = Vec::new();
+    if with_average {
+        let metric = format::metric_title(&quantity.metric);
+        names.push(format!("{metric} {}", format::arrow(*direction)));
+        cells.push(method_score(group, method, index));
+    }
+    cells.extend(places.iter().map(|place| {
+        let mean = means.mean(method.method, place, position);
+        Cell::score(mean.map(|(mean, _)| mean), &quantity.metric, None)
+    }));
+    Row {
+        names,
+        cells,
+        failures: method.numbers.failures,
+    }
+}
+
+/// Marks the best of one metric, column by column: methods may be complete in some places alone.
+#[expect(
+    clippy::too_many_arguments,
+    reason = "one step of `table`, which has them all at hand"
+)]
+fn mark<'a>(
+    rows: &mut [Row],
+    position: usize,
+    metrics: usize,
+    directions: &[Option<Direction>],
+    methods: &[&MethodRow<'a>],
+    means: &PlaceMeans<'a>,
+    places: &[&'a str],
+    with_average: bool,
+) {
+    let leading = usize::from(with_average);
+    for column in 0..directions.len() {
+        let competes = |method: &MethodRow<'a>| match column.checked_sub(leading) {
+            None => method.complete,
+            Some(place) => means
+                .mean(method.method, places[place], position)
+                .is_some_and(|(_, complete)| complete),
+        };
+        let of_metric = rows.iter_mut().skip(position).step_by(metrics);
+        let alone: Vec<Option<Direction>> = (0..directions.len())
+            .map(|other| directions[other].filter(|_| other == column))
+            .collect();
+        let competing = of_metric.zip(methods.iter().map(|method| competes(method)));
+        mark_standings(competing, &alone);
+    }
+}

@@ -1,0 +1,124 @@
+//! The whole leaderboard of a folder of results: tables, site, and the table of a page.
+
+use std::path::{Path, PathBuf};
+
+use omnilife_schemas::{
+    records::{Dataset, ResultRecord},
+    store,
+};
+
+use crate::{
+    collect::{collect, collect_protocols},
+    error::LeaderboardError,
+    group,
+    outputs::Outputs,
+    published, readme,
+    site::{self, SiteRequest},
+    tables::{self, CSV_FILE, MARKDOWN_FILE},
+};
+
+/// What to build.
+#[derive(Debug, Clone)]
+pub struct LeaderboardRequest {
+    /// Folder that is searched for `result.json` files.
+    pub results: PathBuf,
+    /// Folder of the leaderboard.
+    pub out: PathBuf,
+    /// `dataset.json` whose videos the site shows.
+    pub dataset: Option<PathBuf>,
+    /// Page whose table, between two marker lines, is replaced.
+    pub page: Option<PathBuf>,
+    /// Whether to make the site.
+    pub site: bool,
+    /// Rendered views per scene and method that the site shows beside their ground truth, at most.
+    pub views: usize,
+}
+
+/// A leaderboard as built.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Leaderboard {
+    /// The table of all results in Markdown.
+    pub markdown: String,
+    /// The first page of the site, where one was made.
+    pub site: Option<PathBuf>,
+}
+
+/// Builds tables in all layouts and the site. The same results give the same bytes.
+///
+/// # Errors
+/// When there are no results, a record cannot be read, results contradict each other, or a file
+/// cannot be written.
+pub fn build_leaderboard(request: &LeaderboardRequest) -> Result<Leaderboard, LeaderboardError> {
+    let results = collect(&request.results)?;
+    let prepared = prepare(request, &results, request.site)?;
+    store::create_folder(&request.out)?;
+    prepared.outputs.write(&request.out)?;
+    if let Some(page) = &request.page {
+        readme::write(page, &prepared.groups)?;
+    }
+    Ok(Leaderboard {
+        markdown: prepared.markdown,
+        site: request.site.then(|| request.out.join(site::FIRST_PAGE)),
+    })
+}
+
+/// Compares the tables, and that of the page, with what the results give; writes nothing. The site
+/// is left out: it is made from the same numbers and not meant to be committed.
+///
+/// # Errors
+/// Those of [`build_leaderboard`], and when a file is missing, differs or is left over.
+pub fn check_leaderboard(request: &LeaderboardRequest) -> Result<(), LeaderboardError> {
+    let results = collect(&request.results)?;
+    let prepared = prepare(request, &results, false)?;
+    prepared
+        .outputs
+        .check(&request.out, |path| !site::is_of_site(path))?;
+    match &request.page {
+        Some(page) => readme::check(page, &prepared.groups),
+        None => Ok(()),
+    }
+}
+
+struct Prepared<'a> {
+    groups: Vec<group::Group<'a>>,
+    outputs: Outputs,
+    markdown: String,
+}
+
+fn prepare<'a>(
+    request: &LeaderboardRequest,
+    results: &'a [(PathBuf, ResultRecord)],
+    with_site: bool,
+) -> Result<Prepared<'a>, LeaderboardError> {
+    let groups = group::groups(results)?;
+    let papers = published::papers()?;
+    let all = tables::all_results(&groups, &request.out)?;
+    let mut outputs = Outputs::default();
+    outputs.add(MARKDOWN_FILE, all.markdown.clone());
+    outputs.add(CSV_FILE, all.csv);
+    tables::add_layouts(&mut outputs, &groups, &papers, &request.out)?;
+    if with_site {
+        let protocols = collect_protocols(&request.results)?;
+        let dataset = request
+            .dataset
+            .as_deref()
+            .map(|file: &Path| store::read_record::<Dataset>(file))
+            .transpose()?;
+        site::add(
+            &mut outputs,
+            &SiteRequest {
+                groups: &groups,
+                files: results,
+                papers: &papers,
+                protocols: &protocols,
+                dataset: dataset.as_ref(),
+                views: request.views,
+            },
+        )?;
+    }
+    Ok(Prepared {
+        groups,
+        outputs,
+        markdown: all.markdown,
+    })
+}

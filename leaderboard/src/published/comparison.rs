@@ -1,0 +1,133 @@
+//! Published rows in the columns of a measured table.
+
+use super::{Paper, PublishedCell, PublishedRow, PublishedTable};
+use crate::{
+    format::slug,
+    group::ViewKind,
+    table::{Cell, Column, Holds, PublishedBlock, Row, Score, Standing},
+};
+
+/// Layouts that have a published counterpart, all in OmniLife360.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum PublishedLayout {
+    Views,
+    FeedForward,
+    DynamicScenes,
+    DynamicMethods,
+    Ablation,
+}
+
+/// What a published table adds to a measured one.
+#[derive(Default)]
+pub(crate) struct PublishedRows {
+    pub(crate) blocks: Vec<PublishedBlock>,
+    pub(crate) notes: Vec<String>,
+}
+
+const PAPER: &str = "omnilife360";
+
+impl PublishedLayout {
+    /// Number of the table in the paper.
+    fn number(self) -> u32 {
+        match self {
+            Self::Views => 2,
+            Self::FeedForward => 3,
+            Self::DynamicScenes => 4,
+            Self::DynamicMethods => 5,
+            Self::Ablation => 6,
+        }
+    }
+}
+
+/// The published rows that have something to say in these columns. `names` is the number of
+/// leading columns of names, 1 or 2 (method and metric).
+pub(crate) fn published_rows(
+    papers: &[Paper],
+    layout: &PublishedLayout,
+    columns: &[Column],
+    names: usize,
+) -> PublishedRows {
+    let number = layout.number();
+    let table = papers
+        .iter()
+        .find(|paper| paper.id == PAPER)
+        .and_then(|paper| paper.table(number));
+    let Some(table) = table else {
+        return PublishedRows::default();
+    };
+    let rows: Vec<Row> = table
+        .rows
+        .iter()
+        .map(|row| Row {
+            names: row_names(table, row, names),
+            cells: columns
+                .iter()
+                .map(|column| cell(table, row, column))
+                .collect(),
+            failures: 0,
+        })
+        .collect();
+    let has_scores = |row: &Row| row.cells.iter().any(|cell| matches!(cell, Cell::Score(_)));
+    if !rows.iter().any(has_scores) {
+        return PublishedRows {
+            blocks: Vec::new(),
+            notes: vec![format!(
+                "Table {number} of OmniLife360 has this layout and shares no scene with these \
+                 results."
+            )],
+        };
+    }
+    PublishedRows {
+        blocks: vec![PublishedBlock {
+            source: format!("Published: OmniLife360, Table {number}"),
+            rows,
+        }],
+        notes: vec![
+            "Published rows are as printed, on the scenes and with the metric variants of their \
+             authors, who do not state which LPIPS they mean; they take no part in any ranking."
+                .to_owned(),
+        ],
+    }
+}
+
+fn row_names(table: &PublishedTable, row: &PublishedRow, names: usize) -> Vec<String> {
+    // Table 5 names its one metric in a column; measured tables of this layout do not.
+    let texts = table.columns.iter().zip(&row.cells);
+    texts
+        .map(|(_, cell)| cell.text().unwrap_or("").to_owned())
+        .take(names)
+        .collect()
+}
+
+fn cell(table: &PublishedTable, row: &PublishedRow, column: &Column) -> Cell {
+    let found = (1..table.columns.len()).find(|&index| {
+        let published = &table.columns[index];
+        match &column.holds {
+            Holds::Score(quantity) => {
+                let of_metric = published.of.as_ref().map(|of| of.metric.as_str());
+                let kind = match published.group.as_deref() {
+                    Some("Input View") => ViewKind::Input,
+                    _ => ViewKind::Novel,
+                };
+                of_metric == Some(&quantity.metric) && kind == quantity.kind
+            }
+            Holds::Place(place) => slug(&published.name) == slug(place),
+            Holds::Average => published.name == "Avg.",
+            Holds::Other => false,
+        }
+    });
+    let Some(index) = found else {
+        return Cell::Missing;
+    };
+    let decimals = table.quantity(row, index).map_or(3, |of| of.decimals);
+    match &row.cells[index] {
+        PublishedCell::Number(value) => Cell::Score(Score {
+            value: *value,
+            decimals,
+            interval: None,
+            standing: Standing::Other,
+        }),
+        PublishedCell::Empty => Cell::Missing,
+        other => Cell::Text(other.printed(decimals)),
+    }
+}

@@ -1,0 +1,215 @@
+//! The tables of the papers that this project implements, as data.
+//!
+//! `published/*.json` holds them as printed: every row names the line of the paper's text version
+//! that it was taken from. They are shown beside measured scores and never ranked with them.
+
+mod check;
+mod comparison;
+mod report;
+
+use serde::Deserialize;
+
+use omnilife_schemas::records::Direction;
+
+pub use check::{Finding, findings};
+pub(crate) use comparison::{PublishedLayout, published_rows};
+pub use report::inconsistencies_markdown;
+
+use crate::error::LeaderboardError;
+
+/// The embedded files with their names.
+const FILES: [(&str, &str); 4] = [
+    (
+        "omnilife360.json",
+        include_str!("../../published/omnilife360.json"),
+    ),
+    ("panogs.json", include_str!("../../published/panogs.json")),
+    (
+        "uav-urban.json",
+        include_str!("../../published/uav-urban.json"),
+    ),
+    (
+        "neural-atlas-graphs.json",
+        include_str!("../../published/neural-atlas-graphs.json"),
+    ),
+];
+
+/// The tables of one paper.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Paper {
+    /// Id, also the name of its file.
+    pub id: String,
+    /// Title.
+    pub title: String,
+    /// What its scores were measured on, as far as it says.
+    pub about: String,
+    /// All its tables, in order.
+    pub tables: Vec<PublishedTable>,
+}
+
+/// One table as printed.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PublishedTable {
+    /// Number in the paper.
+    pub number: u32,
+    /// What it shows.
+    pub title: String,
+    /// Line of the caption in the paper's text version, from 1.
+    pub line: usize,
+    /// What a reader of the numbers should know.
+    pub notes: Vec<String>,
+    /// Columns from the left; the first ones hold names.
+    pub columns: Vec<PublishedColumn>,
+    /// Rows from the top.
+    pub rows: Vec<PublishedRow>,
+}
+
+/// A column.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PublishedColumn {
+    /// Heading.
+    pub name: String,
+    /// Heading over several columns.
+    pub group: Option<String>,
+    /// What its numbers are, unless the rows say so.
+    pub of: Option<PublishedQuantity>,
+}
+
+/// A row.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PublishedRow {
+    /// Line in the paper's text version, from 1.
+    pub line: usize,
+    /// One cell per column.
+    pub cells: Vec<PublishedCell>,
+    /// What its numbers are, where the columns do not say so.
+    pub of: Option<PublishedQuantity>,
+    /// Columns that are underlined (second best), counted from 0.
+    #[serde(default)]
+    pub underlined: Vec<usize>,
+}
+
+/// What a number is.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PublishedQuantity {
+    /// Metric, by its name in the field: the papers do not tell variants apart.
+    pub metric: String,
+    /// `dB`, `ratio`, `distance`, `count`, `MB`, `s`, `min`.
+    pub unit: String,
+    /// Which of two values is the better one, where one is.
+    pub direction: Option<Direction>,
+    /// Digits after the point, as printed.
+    pub decimals: usize,
+}
+
+/// A cell.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(untagged)]
+pub enum PublishedCell {
+    /// A number.
+    Number(f64),
+    /// A mean and its standard deviation.
+    Spread([f64; 2]),
+    /// Words.
+    Text(String),
+    /// Nothing, or not applicable.
+    Empty,
+}
+
+impl PublishedCell {
+    /// The number, without its spread.
+    pub fn number(&self) -> Option<f64> {
+        match self {
+            Self::Number(value) | Self::Spread([value, _]) => Some(*value),
+            Self::Text(_) | Self::Empty => None,
+        }
+    }
+
+    /// The words.
+    pub fn text(&self) -> Option<&str> {
+        match self {
+            Self::Text(text) => Some(text),
+            _ => None,
+        }
+    }
+
+    /// As printed, with `decimals` digits after the point.
+    pub fn printed(&self, decimals: usize) -> String {
+        match self {
+            Self::Number(value) => format!("{value:.decimals$}"),
+            Self::Spread([mean, deviation]) => {
+                format!("{mean:.decimals$} ± {deviation:.decimals$}")
+            }
+            Self::Text(text) => text.clone(),
+            Self::Empty => "–".to_owned(),
+        }
+    }
+}
+
+impl Paper {
+    /// A table by its number.
+    pub fn table(&self, number: u32) -> Option<&PublishedTable> {
+        self.tables.iter().find(|table| table.number == number)
+    }
+}
+
+impl PublishedTable {
+    /// What the number in a cell is.
+    pub fn quantity<'a>(
+        &'a self,
+        row: &'a PublishedRow,
+        column: usize,
+    ) -> Option<&'a PublishedQuantity> {
+        row.of.as_ref().or(self.columns[column].of.as_ref())
+    }
+
+    /// Number in the row that begins with `name` and in a column counted from 0.
+    pub fn number(&self, name: &str, column: usize) -> Option<f64> {
+        self.row(name)?.cells.get(column)?.number()
+    }
+
+    /// The first row that begins with `name`.
+    pub fn row(&self, name: &str) -> Option<&PublishedRow> {
+        self.rows.iter().find(|row| row.name() == name)
+    }
+
+    /// A column's whole heading.
+    pub fn heading(&self, column: usize) -> String {
+        let column = &self.columns[column];
+        match &column.group {
+            Some(group) => format!("{group} {}", column.name),
+            None => column.name.clone(),
+        }
+    }
+}
+
+impl PublishedRow {
+    /// The first cell.
+    pub fn name(&self) -> &str {
+        self.cells
+            .first()
+            .and_then(PublishedCell::text)
+            .unwrap_or("")
+    }
+}
+
+/// All papers.
+///
+/// # Errors
+/// When an embedded file is not what it should be, which a test rules out.
+pub fn papers() -> Result<Vec<Paper>, LeaderboardError> {
+    FILES
+        .into_iter()
+        .map(|(file, text)| {
+            serde_json::from_str(text).map_err(|error| LeaderboardError::Published {
+                file,
+                reason: error.to_string(),
+            })
+        })
+        .collect()
+}

@@ -1,0 +1,124 @@
+//! LaTeX with booktabs: best bold, second best underlined.
+
+use super::marked_names;
+use crate::{
+    format,
+    table::{Cell, Row, Standing, Table},
+};
+
+/// A whole `table` environment.
+pub(crate) fn render(table: &Table) -> String {
+    let width = table.names.len() + table.columns.len();
+    let mut text = String::from("% Needs \\usepackage{booktabs}.\n\\begin{table}\n  \\centering\n");
+    text.push_str(&format!("  \\caption{{{}}}\n", escape(&table.title)));
+    text.push_str(&format!(
+        "  \\begin{{tabular}}{{{}{}}}\n    \\toprule\n",
+        "l".repeat(table.names.len()),
+        "r".repeat(table.columns.len())
+    ));
+    text.push_str(&group_header(table));
+    let columns = table.columns.iter().map(|column| match column.direction {
+        Some(direction) => format!("{} {}", column.name, format::arrow(direction)),
+        None => column.name.clone(),
+    });
+    let header: Vec<String> = table.names.iter().cloned().chain(columns).collect();
+    let header: Vec<String> = header.iter().map(|heading| escape(heading)).collect();
+    text.push_str(&line(&header));
+    text.push_str("    \\midrule\n");
+    for row in &table.rows {
+        text.push_str(&line(&cells(row)));
+    }
+    for block in &table.published {
+        text.push_str(&format!(
+            "    \\midrule\n    \\multicolumn{{{width}}}{{l}}{{\\emph{{{}}}}} \\\\\n",
+            escape(&block.source)
+        ));
+        for row in &block.rows {
+            text.push_str(&line(&cells(row)));
+        }
+    }
+    text.push_str("    \\bottomrule\n  \\end{tabular}\n");
+    for note in &table.notes {
+        text.push_str(&format!("  \\par\\footnotesize {}\n", escape(note)));
+    }
+    text.push_str("\\end{table}\n");
+    text
+}
+
+/// The line of headings over several columns, with their rules; nothing without any.
+fn group_header(table: &Table) -> String {
+    if table.columns.iter().all(|column| column.group.is_none()) {
+        return String::new();
+    }
+    let mut cells = vec![String::new(); table.names.len()];
+    let mut rules = String::new();
+    let mut column = table.names.len() + 1;
+    for same in table.columns.chunk_by(|a, b| a.group == b.group) {
+        let last = column + same.len() - 1;
+        match &same[0].group {
+            Some(group) => {
+                let span = same.len();
+                cells.push(format!("\\multicolumn{{{span}}}{{c}}{{{}}}", escape(group)));
+                rules.push_str(&format!("\\cmidrule(lr){{{column}-{last}}}"));
+            }
+            None => cells.extend(vec![String::new(); same.len()]),
+        }
+        column = last + 1;
+    }
+    format!("{}    {rules}\n", line(&cells))
+}
+
+fn line(cells: &[String]) -> String {
+    format!("    {} \\\\\n", cells.join(" & "))
+}
+
+fn cells(row: &Row) -> Vec<String> {
+    let names = marked_names(row);
+    let mut cells: Vec<String> = names.iter().map(|name| escape(name)).collect();
+    cells.extend(row.cells.iter().map(cell));
+    cells
+}
+
+fn cell(cell: &Cell) -> String {
+    let Cell::Score(score) = cell else {
+        return escape(&format::plain(cell));
+    };
+    let value = format::value(score);
+    let value = match score.standing {
+        Standing::Best => format!("\\textbf{{{value}}}"),
+        Standing::Second => format!("\\underline{{{value}}}"),
+        Standing::Other => value,
+    };
+    match score.interval {
+        Some(_) => format!("{value} {{\\scriptsize{}}}", format::interval(score)),
+        None => value,
+    }
+}
+
+/// Text in which nothing is a command.
+fn escape(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for character in text.chars() {
+        match character {
+            '&' | '%' | '$' | '#' | '_' | '{' | '}' => {
+                escaped.push('\\');
+                escaped.push(character);
+            }
+            '\\' => escaped.push_str("\\textbackslash{}"),
+            '~' => escaped.push_str("\\textasciitilde{}"),
+            '^' => escaped.push_str("\\textasciicircum{}"),
+            '<' => escaped.push_str("\\textless{}"),
+            '>' => escaped.push_str("\\textgreater{}"),
+            '|' => escaped.push_str("\\textbar{}"),
+            '↑' => escaped.push_str("$\\uparrow$"),
+            '↓' => escaped.push_str("$\\downarrow$"),
+            '–' => escaped.push_str("--"),
+            '†' => escaped.push_str("\\dag{}"),
+            '±' => escaped.push_str("$\\pm$"),
+            '°' => escaped.push_str("$^\\circ$"),
+            character if character.is_control() => escaped.push(' '),
+            character => escaped.push(character),
+        }
+    }
+    escaped
+}

@@ -1,0 +1,198 @@
+//! Rendered views beside their ground truth, as scoring leaves them.
+
+use std::{
+    collections::BTreeMap,
+    fs::{self, File},
+    io::{self, Read},
+    path::{Path, PathBuf},
+};
+
+use omnilife_schemas::{records::ResultRecord, store::StoreError};
+
+use super::unique_slug;
+use crate::group::{Group, SceneRow};
+
+/// Folder of the pictures beside a result: prediction left, ground truth right.
+const PICTURES: &str = "comparisons";
+
+/// Width of the line between the two halves in pixels.
+const SEPARATOR: u32 = 4;
+
+/// A picture of one view by one method.
+pub(super) struct Picture {
+    pub(super) method: String,
+    /// `novel view 4`.
+    pub(super) view: String,
+    /// Relative to the folder of scene pages.
+    pub(super) file: String,
+    /// Where it is copied from.
+    pub(super) source: PathBuf,
+    /// Width and height of one half in pixels.
+    pub(super) half: [u32; 2],
+}
+
+impl Picture {
+    /// Width of the whole picture over that of one half.
+    pub(super) fn width_ratio(&self) -> f64 {
+        f64::from(2 * self.half[0] + SEPARATOR) / f64::from(self.half[0])
+    }
+
+    /// How far right of the first half the second one begins, in widths of a half.
+    pub(super) fn truth_offset(&self) -> f64 {
+        f64::from(self.half[0] + SEPARATOR) / f64::from(self.half[0])
+    }
+}
+
+/// The pictures of one scene, and what is not shown.
+#[derive(Default)]
+pub(super) struct Comparisons {
+    /// By view.
+    pub(super) by_view: BTreeMap<String, Vec<Picture>>,
+    /// Views that have pictures.
+    pub(super) views: usize,
+    /// Files that are no such pictures, with the reason.
+    pub(super) left_out: Vec<String>,
+}
+
+impl Comparisons {
+    pub(super) fn pictures(&self) -> impl Iterator<Item = &Picture> {
+        self.by_view.values().flatten()
+    }
+}
+
+/// Finds the pictures of a scene's results: at most `most` views, spread evenly, novel views before
+/// input views, and of each method the first seed.
+pub(super) fn find(
+    rows: &[(&Group<'_>, &SceneRow<'_>)],
+    folders: &BTreeMap<*const ResultRecord, PathBuf>,
+    most: usize,
+) -> Result<Comparisons, StoreError> {
+    let mut all: BTreeMap<String, Vec<Picture>> = BTreeMap::new();
+    let mut left_out = Vec::new();
+    for (group, row) in rows {
+        let result = row.results[0];
+        let Some(folder) = folders.get(&std::ptr::from_ref(result)) else {
+            continue;
+        };
+        for source in pictures_in(&folder.join(PICTURES))? {
+            let name = source
+                .file_stem()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned();
+            if let Err(reason) = check_size(&source, result.scored_size)? {
+                left_out.push(format!("{}, {name}: {reason}", row.method));
+                continue;
+            }
+            let identity = format!("{}\n{}\n{}", row.scene, row.method, group.protocol_hash);
+            all.entry(name.clone()).or_default().push(Picture {
+                method: if rows
+                    .iter()
+                    .any(|(other, _)| other.protocol_hash != group.protocol_hash)
+                {
+                    format!("{}, {}", row.method, group.protocol)
+                } else {
+                    row.method.to_owned()
+                },
+                view: view_title(&name),
+                file: format!(
+                    "{}/{}-{name}.png",
+                    unique_slug(row.scene),
+                    unique_slug(&identity)
+                ),
+                source,
+                half: result.scored_size,
+            });
+        }
+    }
+    let views = all.len();
+    let shown = spread(&all, most);
+    Ok(Comparisons {
+        by_view: all
+            .into_iter()
+            .filter(|(name, _)| shown.contains(name))
+            .collect(),
+        views,
+        left_out,
+    })
+}
+
+/// At most `most` views: of novel views where there are any, evenly spread.
+fn spread(all: &BTreeMap<String, Vec<Picture>>, most: usize) -> Vec<String> {
+    let novel: Vec<&String> = all
+        .keys()
+        .filter(|name| name.starts_with("novel-"))
+        .collect();
+    let names: Vec<&String> = if novel.is_empty() {
+        all.keys().collect()
+    } else {
+        novel
+    };
+    let count = names.len().min(most);
+    (0..count)
+        .map(|index| names[index * names.len() / count].clone())
+        .collect()
+}
+
+/// `novel-000004` is novel view 4.
+fn view_title(name: &str) -> String {
+    let parts = name.split_once('-');
+    let frame = parts.and_then(|(kind, digits)| Some((kind, digits.parse::<u32>().ok()?)));
+    frame.map_or_else(
+        || name.to_owned(),
+        |(kind, frame)| format!("{kind} view {frame}"),
+    )
+}
+
+/// PNG files of a folder, sorted; none where the folder is missing.
+fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
+    let entries = match fs::read_dir(folder) {
+        Ok(entries) => entries,
+        Err(source) if source.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(source) => return Err(StoreError::read(folder, source)),
+    };
+    let mut pictures = Vec::new();
+    for entry in entries {
+        let path = entry
+            .map_err(|source| StoreError::read(folder, source))?
+            .path();
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let is_picture = ["novel-", "input-"]
+            .iter()
+            .any(|kind| name.starts_with(kind));
+        if is_picture && path.extension().is_some_and(|extension| extension == "png") {
+            pictures.push(path);
+        }
+    }
+    pictures.sort();
+    Ok(pictures)
+}
+
+/// Whether a file is a PNG as wide as two halves and the line between them (PNG specification,
+/// sections 5.2 and 11.2.1: signature, then the header chunk with width and height).
+fn check_size(path: &Path, half: [u32; 2]) -> Result<Result<(), String>, StoreError> {
+    let failed = |source| StoreError::read(path, source);
+    let mut head = Vec::with_capacity(24);
+    File::open(path)
+        .map_err(failed)?
+        .take(24)
+        .read_to_end(&mut head)
+        .map_err(failed)?;
+    let number = |at: usize| {
+        let bytes = head.get(at..at + 4)?.try_into().ok()?;
+        Some(u32::from_be_bytes(bytes))
+    };
+    let is_png = head.starts_with(b"\x89PNG\r\n\x1a\n") && head.get(12..16) == Some(b"IHDR");
+    let (Some(width), Some(height), true) = (number(16), number(20), is_png) else {
+        return Ok(Err("is no PNG image".to_owned()));
+    };
+    let expected = [2 * half[0] + SEPARATOR, half[1]];
+    Ok(if [width, height] == expected {
+        Ok(())
+    } else {
+        let [wide, high] = expected;
+        Err(format!(
+            "has {width}x{height} pixels instead of {wide}x{high}"
+        ))
+    })
+}

@@ -1,0 +1,155 @@
+//! The dataset: what became of every video.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use maud::{Markup, html};
+
+use omnilife_schemas::records::{Dataset, VideoStatus};
+
+use super::{SiteRequest, chart, chart::Bar, layout, layout::Place};
+use crate::error::LeaderboardError;
+
+/// Folder that paths of sequences begin with and ids of scenes do not.
+const VIDEOS: &str = "videos/";
+
+pub(super) fn render(
+    request: &SiteRequest<'_>,
+    dataset: &Dataset,
+) -> Result<Markup, LeaderboardError> {
+    let scored: BTreeSet<&str> = request
+        .groups
+        .iter()
+        .flat_map(|group| group.scenes.iter().copied())
+        .collect();
+    let counts = Counts::of(dataset, &scored);
+    let videos = chart::bars("Videos left after every step", &counts.videos_left())?;
+    let kept = chart::bars("Sequences left after every step", &counts.sequences_left())?;
+    let sequences: Vec<Bar> = counts.sequences_per_video();
+    let content = html! {
+        p.lead { (counts.videos) " videos gave " (counts.sequences) " sequences." }
+        h2 { "Attrition" }
+        figure {
+            (videos)
+            figcaption {
+                "Videos as given; those that could be read and processed; those that passed the \
+                 admission criteria and gave sequences."
+            }
+        }
+        figure {
+            (kept)
+            figcaption { "Sequences cut from them, and those with scores here." }
+        }
+        @if !counts.lost.is_empty() {
+            h2 { "Why videos were lost" }
+            div.scroll role="region" tabindex="0" aria-label="Why videos were lost" {
+                table {
+                    thead { tr {
+                        th scope="col" { "Video" }
+                        th.words scope="col" { "Outcome" }
+                        th.words scope="col" { "Reason" }
+                    } }
+                    tbody {
+                        @for (file, outcome, reason) in &counts.lost {
+                            tr {
+                                th scope="row" { (file) }
+                                td.words { (outcome) }
+                                td.words { (reason) }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        @if !sequences.is_empty() {
+            h2 { "Sequences per video" }
+            figure { (chart::bars("Videos by their number of sequences", &sequences)?) }
+        }
+    };
+    Ok(layout::page(Place::Dataset, "Dataset", true, content))
+}
+
+struct Counts<'a> {
+    videos: usize,
+    pending: usize,
+    failed: usize,
+    rejected: usize,
+    sequences: usize,
+    scored: usize,
+    /// Videos by their number of sequences.
+    per_video: BTreeMap<usize, u64>,
+    /// File, outcome and reason.
+    lost: Vec<(&'a str, &'static str, &'a str)>,
+}
+
+impl<'a> Counts<'a> {
+    fn of(dataset: &'a Dataset, scored_scenes: &BTreeSet<&str>) -> Self {
+        let mut counts = Self {
+            videos: dataset.videos.len(),
+            pending: 0,
+            failed: 0,
+            rejected: 0,
+            sequences: 0,
+            scored: 0,
+            per_video: BTreeMap::new(),
+            lost: Vec::new(),
+        };
+        for video in &dataset.videos {
+            match &video.status {
+                VideoStatus::Pending => counts.pending += 1,
+                VideoStatus::Failed { reason } => {
+                    counts.failed += 1;
+                    counts.lost.push((&video.file, "failed", reason));
+                }
+                VideoStatus::Rejected { reason } => {
+                    counts.rejected += 1;
+                    counts.lost.push((&video.file, "rejected", reason));
+                }
+                VideoStatus::Curated { sequences } => {
+                    counts.sequences += sequences.len();
+                    *counts.per_video.entry(sequences.len()).or_default() += 1;
+                    let ids = sequences
+                        .iter()
+                        .map(|folder| folder.strip_prefix(VIDEOS).unwrap_or(folder));
+                    counts.scored += ids.filter(|id| scored_scenes.contains(id)).count();
+                }
+            }
+        }
+        counts
+    }
+
+    fn videos_left(&self) -> Vec<Bar> {
+        let processed = self.videos - self.pending - self.failed;
+        vec![
+            bar("Videos given", self.videos),
+            bar("Videos read and processed", processed),
+            bar("Videos admitted", processed - self.rejected),
+        ]
+    }
+
+    fn sequences_left(&self) -> Vec<Bar> {
+        vec![
+            bar("Sequences cut", self.sequences),
+            bar("Sequences scored", self.scored),
+        ]
+    }
+
+    fn sequences_per_video(&self) -> Vec<Bar> {
+        self.per_video
+            .iter()
+            .map(|(sequences, &videos)| Bar {
+                label: match sequences {
+                    1 => "1 sequence".to_owned(),
+                    count => format!("{count} sequences"),
+                },
+                value: videos,
+            })
+            .collect()
+    }
+}
+
+fn bar(label: &str, value: usize) -> Bar {
+    Bar {
+        label: label.to_owned(),
+        value: value as u64,
+    }
+}

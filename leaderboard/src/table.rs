@@ -1,0 +1,253 @@
+//! A table as data: what layouts make and renderers print.
+
+use omnilife_schemas::records::Direction;
+
+use crate::{
+    bootstrap::Confidence,
+    format::{self, decimals},
+    group::{Group, MethodRow, Numbers, Quantity},
+};
+
+/// One table.
+pub(crate) struct Table {
+    /// Heading.
+    pub(crate) title: String,
+    /// Leading columns of names, then columns of cells.
+    pub(crate) names: Vec<String>,
+    pub(crate) columns: Vec<Column>,
+    /// What was measured under one protocol.
+    pub(crate) rows: Vec<Row>,
+    /// What papers print: beside the measured rows and never ranked with them.
+    pub(crate) published: Vec<PublishedBlock>,
+    /// Lines below the table.
+    pub(crate) notes: Vec<String>,
+}
+
+/// A column of cells.
+#[derive(Debug, Clone)]
+pub(crate) struct Column {
+    /// Heading over several columns.
+    pub(crate) group: Option<String>,
+    pub(crate) name: String,
+    /// Which of two values is the better one, where the column has a direction of its own.
+    pub(crate) direction: Option<Direction>,
+    pub(crate) holds: Holds,
+}
+
+/// What a column's numbers are, so that published columns find their place.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Holds {
+    /// A metric; the id `lpips` is the published one, whose variant is not known.
+    Score(Quantity),
+    /// A place's scores; the row says which metric.
+    Place(String),
+    /// The mean over places.
+    Average,
+    /// Anything else.
+    Other,
+}
+
+/// A row.
+pub(crate) struct Row {
+    /// As many as [`Table::names`].
+    pub(crate) names: Vec<String>,
+    /// As many as [`Table::columns`].
+    pub(crate) cells: Vec<Cell>,
+    /// Views that could not be scored; the row's names are marked.
+    pub(crate) failures: usize,
+}
+
+/// Rows of a published table.
+pub(crate) struct PublishedBlock {
+    /// Paper and table.
+    pub(crate) source: String,
+    pub(crate) rows: Vec<Row>,
+}
+
+/// A cell.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Cell {
+    /// Not measured.
+    Missing,
+    /// Does not apply.
+    Blank,
+    Score(Score),
+    /// A number without a ranking.
+    Number {
+        value: f64,
+        decimals: usize,
+    },
+    Rank {
+        rank: usize,
+        interval: Option<[usize; 2]>,
+    },
+    Text(String),
+}
+
+/// A score.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Score {
+    pub(crate) value: f64,
+    /// Digits after the point.
+    pub(crate) decimals: usize,
+    /// 95 % interval.
+    pub(crate) interval: Option<[f64; 2]>,
+    pub(crate) standing: Standing,
+}
+
+/// A score's place among its rivals.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) enum Standing {
+    Best,
+    Second,
+    #[default]
+    Other,
+}
+
+impl Cell {
+    pub(crate) fn number(value: Option<f64>, decimals: usize) -> Self {
+        value.map_or(Self::Missing, |value| Self::Number { value, decimals })
+    }
+
+    pub(crate) fn count(value: usize) -> Self {
+        Self::Number {
+            value: value as f64,
+            decimals: 0,
+        }
+    }
+
+    pub(crate) fn score(value: Option<f64>, metric: &str, interval: Option<[f64; 2]>) -> Self {
+        value.map_or(Self::Missing, |value| {
+            Self::Score(Score {
+                value,
+                decimals: decimals(metric),
+                interval,
+                standing: Standing::Other,
+            })
+        })
+    }
+}
+
+impl Column {
+    pub(crate) fn of_score(group: &Group<'_>, index: usize, with_kind: bool) -> Self {
+        let (quantity, direction) = &group.quantities[index];
+        Self {
+            group: with_kind.then(|| format::kind_title(quantity.kind)),
+            name: format::metric_title(&quantity.metric),
+            direction: Some(*direction),
+            holds: Holds::Score(quantity.clone()),
+        }
+    }
+
+    pub(crate) fn plain(name: &str) -> Self {
+        Self {
+            group: None,
+            name: name.to_owned(),
+            direction: None,
+            holds: Holds::Other,
+        }
+    }
+
+    /// The whole heading on one line, with an arrow to the better values.
+    pub(crate) fn heading(&self) -> String {
+        let arrow = self.direction.map(format::arrow);
+        [self.group.as_deref(), Some(self.name.as_str()), arrow]
+            .into_iter()
+            .flatten()
+            .collect::<Vec<_>>()
+            .join(" ")
+    }
+}
+
+/// Columns of cost that every table of methods ends with.
+pub(crate) fn cost_columns() -> Vec<Column> {
+    ["Training (s)", "Memory (GB)", "Gaussians", "Iterations"]
+        .map(Column::plain)
+        .to_vec()
+}
+
+/// Their cells.
+pub(crate) fn cost_cells(numbers: &Numbers) -> Vec<Cell> {
+    vec![
+        Cell::number(numbers.training_seconds, 1),
+        Cell::number(numbers.peak_memory_bytes.map(|bytes| bytes / 1e9), 2),
+        Cell::number(numbers.gaussians, 0),
+        Cell::number(numbers.iterations, 0),
+    ]
+}
+
+/// A method's mean of one quantity with its interval.
+pub(crate) fn method_score(group: &Group<'_>, method: &MethodRow<'_>, index: usize) -> Cell {
+    let Confidence { mean, .. } = method.confidence[index];
+    let metric = &group.quantities[index].0.metric;
+    Cell::score(method.numbers.scores[index], metric, mean)
+}
+
+/// A method's rank by one quantity.
+pub(crate) fn method_rank(method: &MethodRow<'_>, index: usize) -> Cell {
+    let confidence = method.confidence[index];
+    match confidence.rank {
+        Some(rank) => Cell::Rank {
+            rank,
+            interval: confidence.rank_interval,
+        },
+        None => Cell::Missing,
+    }
+}
+
+/// Marks the best and the second best of each column among the rows of one contest.
+///
+/// Scores are compared as printed: equal prints are equally good. A best needs two rivals, a
+/// second best three. Rows that do not compete are passed over.
+pub(crate) fn mark_standings<'a>(
+    rows: impl Iterator<Item = (&'a mut Row, bool)>,
+    directions: &[Option<Direction>],
+) {
+    let mut rows: Vec<&mut Row> = rows
+        .filter_map(|(row, competes)| competes.then_some(row))
+        .collect();
+    for (column, direction) in directions.iter().enumerate() {
+        let Some(direction) = *direction else {
+            continue;
+        };
+        let mut rivals: Vec<&mut Score> = rows
+            .iter_mut()
+            .filter_map(|row| match &mut row.cells[column] {
+                Cell::Score(score) => Some(score),
+                _ => None,
+            })
+            .collect();
+        let best = leader(&rivals, direction, None);
+        let second = best.and_then(|best| leader(&rivals, direction, Some(best)));
+        let count = rivals.len();
+        for rival in &mut rivals {
+            let printed = Some(as_printed(rival));
+            rival.standing = match () {
+                () if count >= 2 && printed == best => Standing::Best,
+                () if count >= 3 && printed == second => Standing::Second,
+                () => Standing::Other,
+            };
+        }
+    }
+}
+
+/// The best printed value but for one.
+fn leader(rivals: &[&mut Score], direction: Direction, but: Option<f64>) -> Option<f64> {
+    rivals
+        .iter()
+        .map(|rival| as_printed(rival))
+        .filter(|&value| Some(value) != but)
+        .reduce(|best, value| {
+            if direction.prefers(value, best) {
+                value
+            } else {
+                best
+            }
+        })
+}
+
+/// The value rounded as it is printed.
+fn as_printed(score: &Score) -> f64 {
+    let scale = 10_f64.powi(score.decimals as i32);
+    (score.value * scale).round() / scale
+}

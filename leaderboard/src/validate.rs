@@ -1,0 +1,126 @@
+//! What is refused before any table is made: numbers that cannot be, and results that contradict
+//! each other.
+
+use std::{collections::BTreeMap, path::PathBuf};
+
+use omnilife_schemas::records::{Direction, ResultRecord};
+
+use crate::{error::LeaderboardError, group::ViewKind};
+
+/// Results with the files they came from.
+type Results = [(PathBuf, ResultRecord)];
+
+/// Checks all results; files are named in the order of collection.
+pub(crate) fn validate(results: &Results) -> Result<(), LeaderboardError> {
+    for (path, result) in results {
+        if let Some(reason) = impossible(result) {
+            return Err(LeaderboardError::Impossible {
+                path: path.clone(),
+                reason,
+            });
+        }
+    }
+    refuse_duplicates(results)?;
+    refuse_different_scenes(results)?;
+    refuse_contradicting_directions(results)
+}
+
+/// What in a result cannot be.
+fn impossible(result: &ResultRecord) -> Option<String> {
+    for (what, text) in [
+        ("method", &result.method),
+        ("scene", &result.scene),
+        ("protocol", &result.protocol),
+        ("protocol hash", &result.protocol_hash),
+    ] {
+        if text.trim().is_empty() {
+            return Some(format!("the {what} has no name"));
+        }
+    }
+    for kind in ViewKind::ALL {
+        for (metric, summary) in kind.scores(result) {
+            if !summary.mean.is_finite() {
+                let mean = summary.mean;
+                return Some(format!("{metric} of the {} views is {mean}", kind.name()));
+            }
+            if summary.views == 0 {
+                let kind = kind.name();
+                return Some(format!(
+                    "{metric} of the {kind} views is a mean of no views"
+                ));
+            }
+        }
+    }
+    [
+        ("training time", result.training_seconds),
+        ("rendering time", result.rendering_seconds),
+    ]
+    .into_iter()
+    .find_map(|(what, seconds)| {
+        let seconds = seconds?;
+        (!seconds.is_finite() || seconds < 0.0).then(|| format!("the {what} is {seconds} seconds"))
+    })
+}
+
+fn refuse_duplicates(results: &Results) -> Result<(), LeaderboardError> {
+    let mut rows = BTreeMap::new();
+    for (path, result) in results {
+        let key = (
+            &result.protocol,
+            &result.protocol_hash,
+            &result.scene,
+            &result.method,
+            result.seed,
+        );
+        if let Some(first) = rows.insert(key, path) {
+            return Err(LeaderboardError::Duplicate {
+                method: result.method.clone(),
+                scene: result.scene.clone(),
+                protocol: result.protocol.clone(),
+                first: first.clone(),
+                second: path.clone(),
+            });
+        }
+    }
+    Ok(())
+}
+
+fn refuse_different_scenes(results: &Results) -> Result<(), LeaderboardError> {
+    // Another protocol scores other frames, so only results of one protocol can contradict.
+    let mut known: BTreeMap<(&str, &str), (&PathBuf, &str)> = BTreeMap::new();
+    for (path, result) in results {
+        let (first, sha256) = *known
+            .entry((&result.protocol_hash, &result.scene))
+            .or_insert((path, &result.scene_sha256));
+        if sha256 != result.scene_sha256 {
+            return Err(LeaderboardError::SceneDiffers {
+                scene: result.scene.clone(),
+                first: first.clone(),
+                second: path.clone(),
+            });
+        }
+    }
+    Ok(())
+}
+
+fn refuse_contradicting_directions(results: &Results) -> Result<(), LeaderboardError> {
+    let mut known: BTreeMap<(&str, &str), Direction> = BTreeMap::new();
+    for (path, result) in results {
+        for (metric, summary) in result.input_views.iter().chain(&result.novel_views) {
+            let first = *known
+                .entry((&result.protocol_hash, metric))
+                .or_insert(summary.direction);
+            if first != summary.direction {
+                return Err(LeaderboardError::Direction {
+                    path: path.clone(),
+                    metric: metric.clone(),
+                    found: match summary.direction {
+                        Direction::HigherIsBetter => "better when higher",
+                        Direction::LowerIsBetter => "better when lower",
+                    },
+                });
+            }
+        }
+    }
+    Ok(())
+}
