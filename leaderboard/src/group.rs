@@ -114,9 +114,15 @@ pub(crate) struct MethodRow<'a> {
     pub(crate) numbers: Numbers,
     /// Whether every scene of the group went in, without failures.
     pub(crate) complete: bool,
-    /// In the order of [`Group::quantities`]; ranks are among complete methods.
+    /// Whether it is a variant, made for an ablation, of another method in the group.
+    pub(crate) is_variant: bool,
+    /// In the order of [`Group::quantities`]; ranks are among complete methods that are no
+    /// variants.
     pub(crate) confidence: Vec<Confidence>,
 }
+
+/// Between a method's id and the component that a variant of it leaves out.
+pub(crate) const WITHOUT: &str = "-without-";
 
 /// What a scene's id says about its place: scenes cut from one video share it, so they are neither
 /// independent nor, in tables by scene, separate columns.
@@ -249,6 +255,9 @@ fn method_rows<'a>(
                 scenes: rows.len(),
                 complete: rows.len() == scenes.len() && numbers.failures == 0,
                 numbers,
+                is_variant: method
+                    .split_once(WITHOUT)
+                    .is_some_and(|(whole, _)| by_method.contains_key(whole)),
                 confidence: Vec::new(),
             }
         })
@@ -267,7 +276,9 @@ fn method_rows<'a>(
                         Some((scene, row.numbers.scores[index]?))
                     })
                     .collect(),
-                ranked: method.complete && method.numbers.scores[index].is_some(),
+                ranked: method.complete
+                    && !method.is_variant
+                    && method.numbers.scores[index].is_some(),
             })
             .collect();
         let confidence = bootstrap::confidence(&scores, &clusters, &resamples, *direction);

@@ -2,10 +2,10 @@
 //!
 //! A method `omni4dgs-without-motion` is the variant of `omni4dgs` without `motion`.
 
-use super::{WITHOUT, common_notes, published_lpips, published_metrics};
+use super::{common_notes, published_lpips, published_metrics};
 use crate::{
     format::PUBLISHED_LPIPS,
-    group::{Group, MethodRow, ViewKind},
+    group::{Group, MethodRow, ViewKind, WITHOUT},
     published::{Paper, PublishedLayout, published_rows},
     table::{Cell, Column, Row, Table, cost_cells, cost_columns, mark_standings, method_score},
 };

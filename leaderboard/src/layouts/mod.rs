@@ -47,23 +47,10 @@ pub(crate) const LAYOUTS: &[Layout] = &[
     },
 ];
 
-/// Between a method's id and the component that a variant of it leaves out.
-pub(crate) const WITHOUT: &str = "-without-";
-
-/// Whether a method is a variant of another one in the group, made for an ablation.
-fn is_variant(group: &Group<'_>, method: &str) -> bool {
-    method.split_once(WITHOUT).is_some_and(|(base, _)| {
-        let mut methods = group.methods.iter();
-        methods.any(|method| method.method == base)
-    })
-}
-
 /// The methods that are no variants.
-fn main_methods<'g, 'a>(group: &'g Group<'a>) -> Vec<&'g MethodRow<'a>> {
+pub(crate) fn main_methods<'g, 'a>(group: &'g Group<'a>) -> Vec<&'g MethodRow<'a>> {
     let methods = group.methods.iter();
-    methods
-        .filter(|method| !is_variant(group, method.method))
-        .collect()
+    methods.filter(|method| !method.is_variant).collect()
 }
 
 /// Metrics of the published tables that the group scores for a kind of view: indices of its

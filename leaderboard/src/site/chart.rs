@@ -65,12 +65,16 @@ pub(super) fn scatter(
             .margin_right(24)
             .x_label_area_size(46)
             .y_label_area_size(62)
-            .build_cartesian_2d((x_low..x_high).log_scale(), y_low - margin..y_high + margin)?;
+            .build_cartesian_2d(
+                (x_low..x_high)
+                    .log_scale()
+                    .with_key_points(round_numbers(x_low, x_high)),
+                y_low - margin..y_high + margin,
+            )?;
         chart
             .configure_mesh()
             .x_desc(x_title)
             .y_desc(y_title)
-            .x_labels(8)
             .y_labels(6)
             .x_label_formatter(&|value| round_label(*value))
             .y_label_formatter(&|value| round_label(*value))
@@ -216,6 +220,15 @@ fn drawn(
         .ok_or_else(|| failed("plotters drew no svg element".to_owned()))?;
     // Plotters escapes the texts that it draws.
     Ok(PreEscaped(inner))
+}
+
+/// 1, 2 and 5 times powers of ten in a range, for the labels of a logarithmic axis.
+fn round_numbers(low: f64, high: f64) -> Vec<f64> {
+    let decades = low.log10().floor() as i32..=high.log10().ceil() as i32;
+    decades
+        .flat_map(|decade| [1.0, 2.0, 5.0].map(|digit| digit * 10_f64.powi(decade)))
+        .filter(|value| (low..=high).contains(value))
+        .collect()
 }
 
 fn bounds(values: impl Iterator<Item = f64>) -> (f64, f64) {

@@ -21,6 +21,7 @@ pub(super) fn render(table: &Table, id: &str, link: impl Fn(&str) -> Option<Stri
                 input type="search" data-filter=(id) autocomplete="off";
             }
             output data-count=(id) { (table.rows.len()) " rows" }
+            button type="button" data-all=(id) hidden { "Show all" }
         }
         div.scroll role="region" tabindex="0" aria-label=(table.title) {
             table.sortable #(id) aria-describedby=(notes) {

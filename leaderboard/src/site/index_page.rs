@@ -11,7 +11,7 @@ use super::{
 use crate::{
     error::LeaderboardError,
     group::{Group, ViewKind},
-    layouts::LAYOUTS,
+    layouts::{LAYOUTS, main_methods},
 };
 
 /// The metric of the chart of error against run time.
@@ -94,7 +94,7 @@ fn error_against_run_time(group: &Group<'_>) -> Result<Markup, LeaderboardError>
     };
     let mut points = Vec::new();
     let mut without = Vec::new();
-    for method in &group.methods {
+    for method in main_methods(group) {
         let seconds = method
             .numbers
             .training_seconds

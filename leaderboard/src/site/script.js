@@ -28,6 +28,32 @@ function sortBy(table, heading) {
   const keys = Array.from(body.rows, (row) => keyOf(row, heading.cellIndex));
   keys.sort((left, right) => compare(left, right, sign));
   body.append(...keys.map((key) => key.row));
+  arrange(table);
+}
+
+// Of a long table the first rows are shown, which keeps sorting quick; a button shows all.
+const SHOWN_ROWS = 200;
+
+// A row stays when it contains every word of the filter, in whatever order.
+function arrange(table) {
+  const tools = toolsOf(table);
+  const words = tools.filter.value.toLowerCase().split(/\s+/).filter(Boolean);
+  const limit = table.dataset.all ? Infinity : SHOWN_ROWS;
+  const rows = table.querySelector("tbody.measured").rows;
+  let found = 0;
+  for (const row of rows) {
+    const matches = !words.length || words.every((word) => row.textContent.toLowerCase().includes(word));
+    found += matches ? 1 : 0;
+    row.hidden = !matches || found > limit;
+  }
+  const count = words.length ? `${found} of ${rows.length} rows` : `${rows.length} rows`;
+  tools.count.value = found > limit ? `${count}, ${limit} of them shown` : count;
+  tools.all.hidden = found <= limit;
+}
+
+function toolsOf(table) {
+  const tool = (attribute) => document.querySelector(`[data-${attribute}="${table.id}"]`);
+  return { filter: tool("filter"), count: tool("count"), all: tool("all") };
 }
 
 for (const table of document.querySelectorAll("table.sortable")) {
@@ -35,25 +61,13 @@ for (const table of document.querySelectorAll("table.sortable")) {
     const button = event.target.closest("button");
     if (button) sortBy(table, button.closest("th"));
   });
-}
-
-// A row stays when it contains every word, in whatever order.
-function filter(table, output, query) {
-  const words = query.toLowerCase().split(/\s+/).filter(Boolean);
-  const rows = table.querySelector("tbody.measured").rows;
-  let shown = 0;
-  for (const row of rows) {
-    const text = row.textContent.toLowerCase();
-    row.hidden = !words.every((word) => text.includes(word));
-    shown += row.hidden ? 0 : 1;
-  }
-  output.value = words.length ? `${shown} of ${rows.length} rows` : `${rows.length} rows`;
-}
-
-for (const input of document.querySelectorAll("input[data-filter]")) {
-  const table = document.getElementById(input.dataset.filter);
-  const output = document.querySelector(`output[data-count="${input.dataset.filter}"]`);
-  input.addEventListener("input", () => filter(table, output, input.value));
+  const tools = toolsOf(table);
+  tools.filter.addEventListener("input", () => arrange(table));
+  tools.all.addEventListener("click", () => {
+    table.dataset.all = "yes";
+    arrange(table);
+  });
+  arrange(table);
 }
 
 for (const figure of document.querySelectorAll("figure.compare")) {

@@ -1,59 +1,16 @@
 //! The tables as printed, and what is refused.
-#![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
-
 use std::{
     fs,
     path::{Path, PathBuf},
 };
 
+use crate::support::result;
 use omnilife_leaderboard::{LeaderboardError, build, collect};
 use omnilife_schemas::{
     Blame, Blamed,
     records::{Direction, Failure, ResultRecord, Summary},
     store,
 };
-
-const HASH: &str = "a34df006b285d6dd90c37a7a75910de4bca28811a4d187874bfe778ee099e3bd";
-
-fn summary(mean: f64, views: u32) -> Summary {
-    Summary {
-        mean,
-        views,
-        direction: Direction::HigherIsBetter,
-    }
-}
-
-/// A result whose novel views score `psnr` and its input views 3 dB more.
-fn result(scene: &str, method: &str, psnr: f64, ssim: f64) -> ResultRecord {
-    ResultRecord {
-        method: method.to_owned(),
-        scene: scene.to_owned(),
-        scene_sha256: store::sha256_bytes(scene.as_bytes()),
-        protocol: "per-scene/1".to_owned(),
-        protocol_hash: HASH.to_owned(),
-        scored_size: [512, 256],
-        input_views: [
-            ("psnr".to_owned(), summary(psnr + 3.0, 48)),
-            ("ssim".to_owned(), summary(ssim + 0.05, 48)),
-        ]
-        .into(),
-        novel_views: [
-            ("psnr".to_owned(), summary(psnr, 12)),
-            ("ssim".to_owned(), summary(ssim, 12)),
-        ]
-        .into(),
-        failures: Vec::new(),
-        frames_table: "frames.parquet".to_owned(),
-        training_seconds: Some(61.25),
-        seed: None,
-        backend: None,
-        rendering_seconds: None,
-        peak_memory_bytes: None,
-        gaussians: Some(123_456),
-        iterations: Some(3000),
-        warnings: Vec::new(),
-    }
-}
 
 fn with_paths(results: Vec<ResultRecord>) -> Vec<(PathBuf, ResultRecord)> {
     let path = |r: &ResultRecord| PathBuf::from(format!("{}/{}/result.json", r.scene, r.method));

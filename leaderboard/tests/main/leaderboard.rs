@@ -1,0 +1,466 @@
+//! A whole leaderboard: layouts, site, check, and what is refused.
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    time::{Duration, Instant},
+};
+
+use crate::support::{request, result, summary, write};
+use omnilife_leaderboard::{
+    LeaderboardError, LeaderboardRequest, build, build_leaderboard, check_leaderboard,
+};
+use omnilife_schemas::{
+    Blame, Blamed,
+    records::{Direction, Failure, ResultRecord, Summary},
+};
+
+/// Three methods and two variants on four scenes of three videos, two seeds of one of them.
+fn study() -> Vec<ResultRecord> {
+    let mut results = Vec::new();
+    let scenes = [
+        ("market/seq-000", 20.0),
+        ("market/seq-001", 21.0),
+        ("lake/seq-000", 23.0),
+        ("urban-street/seq-000", 24.0),
+    ];
+    for (position, (scene, psnr)) in scenes.into_iter().enumerate() {
+        let wave = [0.4, -0.3, 0.1, -0.2][position];
+        for (method, gain) in [
+            ("odgs", 0.0),
+            ("periodic", 0.5 + wave),
+            ("omni4dgs", 2.0),
+            ("omni4dgs-without-motion", 1.5),
+            ("omni4dgs-without-temporal-opacity", 1.0),
+        ] {
+            let mut result = result(scene, method, psnr + gain, 0.6 + 0.01 * gain);
+            let lpips = Summary {
+                mean: 0.4 - 0.05 * gain,
+                views: 12,
+                direction: Direction::LowerIsBetter,
+            };
+            result.novel_views.insert("lpips-vgg".to_owned(), lpips);
+            result.peak_memory_bytes = Some(1_250_000_000);
+            result.seed = Some(1);
+            results.push(result);
+        }
+    }
+    let mut again = results[0].clone();
+    again.seed = Some(2);
+    again
+        .novel_views
+        .insert("psnr".to_owned(), summary(22.0, 12));
+    results.push(again);
+    results
+}
+
+struct Place {
+    _folder: tempfile::TempDir,
+    request: LeaderboardRequest,
+}
+
+impl Place {
+    fn with(results: &[ResultRecord]) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let (input, out) = (folder.path().join("results"), folder.path().join("out"));
+        for result in results {
+            write(&input, result);
+        }
+        Self {
+            request: request(&input, &out),
+            _folder: folder,
+        }
+    }
+
+    fn build(&self) {
+        build_leaderboard(&self.request).unwrap();
+    }
+
+    fn read(&self, path: &str) -> String {
+        fs::read_to_string(self.request.out.join(path)).unwrap()
+    }
+
+    /// A file of the layouts of the only protocol.
+    fn layout(&self, file: &str) -> String {
+        self.read(&format!("tables/per-scene-1-a34df006b285/{file}"))
+    }
+}
+
+#[test]
+fn layouts_of_the_paper() {
+    let place = Place::with(&study());
+    place.build();
+    for file in [
+        "views.md",
+        "views.tex",
+        "dynamic-scenes.md",
+        "4dgs.md",
+        "ablation.md",
+    ] {
+        insta::assert_snapshot!(file, place.layout(file));
+    }
+    insta::assert_snapshot!("ablation.csv", place.layout("ablation.csv"));
+}
+
+#[test]
+fn novel_views_alone_are_the_feed_forward_layout() {
+    let mut results = study();
+    for result in &mut results {
+        result.input_views.clear();
+    }
+    let place = Place::with(&results);
+    place.build();
+    let table = place.layout("feed-forward.md");
+    assert!(table.contains("PanoSplatt3R"), "{table}");
+    let views = place
+        .request
+        .out
+        .join("tables/per-scene-1-a34df006b285/views.md");
+    assert!(!views.exists());
+}
+
+/// All files with their bytes.
+fn files(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let mut found = Vec::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(next) = folders.pop() {
+        for entry in fs::read_dir(next).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else {
+                let bytes = fs::read(&path).unwrap();
+                found.push((path.strip_prefix(folder).unwrap().to_owned(), bytes));
+            }
+        }
+    }
+    found.sort();
+    found
+}
+
+#[test]
+fn the_same_results_give_the_same_bytes() {
+    let (first, second) = (Place::with(&study()), Place::with(&study()));
+    first.build();
+    second.build();
+    second.build();
+    let (left, right) = (files(&first.request.out), files(&second.request.out));
+    assert!(left.len() > 20);
+    assert!(left == right);
+}
+
+#[test]
+fn the_site_asks_the_network_for_nothing() {
+    let place = Place::with(&study());
+    place.build();
+    for (path, bytes) in files(&place.request.out.join("site")) {
+        let text = String::from_utf8(bytes).unwrap();
+        for word in ["http:", "https:", "src=\"//", "@import", "fetch("] {
+            assert!(!text.contains(word), "{}: {word}", path.display());
+        }
+    }
+}
+
+#[test]
+fn names_are_text_and_never_markup() {
+    let hostile = "<script>window.alerted = 1</script>\"'&|\\$_%{}";
+    let mut results = study();
+    for result in &mut results {
+        if result.method == "odgs" {
+            result.method = hostile.to_owned();
+            result.warnings = vec![format!("remark {hostile}")];
+            result
+                .novel_views
+                .insert(hostile.to_owned(), summary(1.0, 12));
+        }
+        result.scene = format!("{hostile}/{}", result.scene);
+        result.protocol = format!("{hostile}/1");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let input = folder.path().join("results");
+    for (number, result) in results.iter().enumerate() {
+        // Where a result lies says nothing about its names.
+        let path = input.join(number.to_string());
+        fs::create_dir_all(&path).unwrap();
+        omnilife_schemas::store::write_record(&path.join("result.json"), result).unwrap();
+    }
+    let out = folder.path().join("out");
+    build_leaderboard(&request(&input, &out)).unwrap();
+    let mut escaped = 0;
+    for (path, bytes) in files(&out) {
+        let text = String::from_utf8(bytes).unwrap();
+        let name = path.to_string_lossy();
+        assert!(
+            name.is_ascii() && !name.contains(['<', '"', '\'', '&']),
+            "{name}"
+        );
+        if name.ends_with(".html") {
+            assert!(!text.contains("<script>"), "{name}");
+            escaped += text.matches("&lt;script&gt;").count();
+        }
+        if name.ends_with(".md") {
+            let raw = text.replace("\\<", "");
+            assert!(!raw.contains("<script"), "{name}");
+        }
+    }
+    assert!(escaped > 20, "{escaped}");
+}
+
+#[test]
+fn check_finds_what_is_out_of_date() {
+    let place = Place::with(&study());
+    let page = place.request.out.with_file_name("README.md");
+    let request = LeaderboardRequest {
+        page: Some(page.clone()),
+        ..place.request.clone()
+    };
+    let message = |request: &LeaderboardRequest| {
+        let error = check_leaderboard(request).unwrap_err();
+        assert_eq!(error.blame(), Blame::Input);
+        error.to_string()
+    };
+    assert!(
+        message(&request).contains("is missing; build again"),
+        "{}",
+        message(&request)
+    );
+
+    fs::write(&page, "# Page\n").unwrap();
+    assert!(matches!(
+        build_leaderboard(&request),
+        Err(LeaderboardError::NoMarker { .. })
+    ));
+    fs::write(
+        &page,
+        "# Page\n\n<!-- leaderboard: begin -->\nold\n<!-- leaderboard: end -->\n\nAfter.\n",
+    )
+    .unwrap();
+    build_leaderboard(&request).unwrap();
+    let text = fs::read_to_string(&page).unwrap();
+    assert!(
+        text.contains("| market/seq-000 ") && text.ends_with("end -->\n\nAfter.\n"),
+        "{text}"
+    );
+    assert!(!text.contains("old"), "{text}");
+    check_leaderboard(&request).unwrap();
+
+    fs::write(
+        &page,
+        text.replace("| market/seq-000 ", "| market/seq-009 "),
+    )
+    .unwrap();
+    assert!(message(&request).contains("README.md: its table is not what the results give"));
+    build_leaderboard(&request).unwrap();
+
+    // A better score is a difference; so is a table of methods that are not there any more.
+    let mut better = study().remove(0);
+    better
+        .novel_views
+        .insert("psnr".to_owned(), summary(20.001, 12));
+    write(&request.results, &better);
+    assert!(message(&request).contains("table.csv: is not what the results give"));
+    build_leaderboard(&request).unwrap();
+    check_leaderboard(&request).unwrap();
+    for scene in ["market", "lake", "urban-street"] {
+        for entry in fs::read_dir(request.results.join(scene)).unwrap() {
+            for method in fs::read_dir(entry.unwrap().path()).unwrap() {
+                let method = method.unwrap().path();
+                let record = method.join("1/score/result.json");
+                if fs::read_to_string(record).unwrap().contains("without-") {
+                    fs::remove_dir_all(method).unwrap();
+                }
+            }
+        }
+    }
+    assert!(check_leaderboard(&request).is_err());
+}
+
+#[test]
+fn a_new_build_removes_its_old_files_and_no_others() {
+    let place = Place::with(&study());
+    place.build();
+    let pages = || {
+        let folder = fs::read_dir(place.request.out.join("site/scenes")).unwrap();
+        folder.count()
+    };
+    assert_eq!(pages(), 4);
+    let notes = place.request.out.join("site/scenes/notes.txt");
+    fs::write(&notes, "mine").unwrap();
+    fs::remove_dir_all(place.request.results.join("lake")).unwrap();
+    place.build();
+    assert_eq!(pages(), 4, "three pages and the notes");
+    assert!(notes.exists());
+}
+
+#[test]
+fn a_rewritten_manifest_removes_nothing_outside() {
+    let place = Place::with(&study());
+    place.build();
+    let outside = place.request.out.with_file_name("precious.txt");
+    fs::write(&outside, "mine").unwrap();
+    fs::write(
+        place.request.out.join("files.txt"),
+        format!("0  ../precious.txt\n0  {}\n", outside.display()),
+    )
+    .unwrap();
+    place.build();
+    assert!(outside.exists());
+}
+
+/// A missing score, a failure, a missing scene: shown, and never ranked.
+#[test]
+fn what_is_incomplete_is_never_best() {
+    let mut results = study();
+    let failure = Failure {
+        view: "novel".to_owned(),
+        frame: 4,
+        reason: "000004.png is missing".to_owned(),
+    };
+    for (number, scene) in ["market/seq-000", "market/seq-001", "lake/seq-000"]
+        .iter()
+        .enumerate()
+    {
+        results.push(result(scene, "lacks-a-scene", 60.0, 0.999));
+        let mut failed = result(scene, "failed", 70.0, 0.999);
+        failed.failures = vec![failure.clone(); usize::from(number == 0)];
+        results.push(failed);
+        let mut unscored = result(scene, "unscored", 0.0, 0.999);
+        unscored.novel_views.clear();
+        results.push(unscored);
+    }
+    results.push(result("urban-street/seq-000", "failed", 70.0, 0.999));
+    let mut unscored = result("urban-street/seq-000", "unscored", 0.0, 0.999);
+    unscored.novel_views.remove("psnr");
+    results.push(unscored);
+    let place = Place::with(&results);
+    place.build();
+    let table = place.layout("views.md");
+    let row = |name: &str| {
+        table
+            .lines()
+            .find(|line| line.starts_with(&format!("| {name} ")))
+            .unwrap()
+    };
+    for name in ["lacks-a-scene", "failed †", "unscored"] {
+        let row = row(name);
+        // Input views of the last one are complete; novel ones are what this is about.
+        let novel: Vec<&str> = row.split('|').skip(5).collect();
+        assert!(!novel.concat().contains("**"), "{row}");
+        assert!(!novel[3].contains('1'), "a rank: {row}");
+    }
+    assert!(row("omni4dgs").contains("**"), "{table}");
+    assert!(table.contains("3 of 4"), "{table}");
+}
+
+#[test]
+fn an_unknown_metric_is_in_the_csv_and_said_to_be() {
+    let mut results = study();
+    for result in &mut results {
+        result
+            .novel_views
+            .insert("sparkle".to_owned(), summary(0.5, 12));
+    }
+    let place = Place::with(&results);
+    place.build();
+    assert!(
+        place
+            .layout("views.md")
+            .contains("In table.csv alone: sparkle.")
+    );
+    assert!(place.read("table.csv").contains("novel_sparkle"));
+}
+
+fn refusal(change: impl Fn(&mut ResultRecord)) -> String {
+    let mut results = study();
+    change(&mut results[3]);
+    let results: Vec<(PathBuf, ResultRecord)> = results
+        .into_iter()
+        .enumerate()
+        .map(|(number, result)| (PathBuf::from(format!("{number}/result.json")), result))
+        .collect();
+    let out = tempfile::tempdir().unwrap();
+    let error = build(&results, out.path()).unwrap_err();
+    assert_eq!(error.blame(), Blame::Input);
+    let message = error.to_string();
+    assert!(
+        message.starts_with("3/result.json: ") && !message.contains('\n'),
+        "{message}"
+    );
+    message
+}
+
+#[test]
+fn impossible_numbers_are_refused() {
+    for (value, printed) in [(f64::NAN, "NaN"), (f64::INFINITY, "inf")] {
+        let message = refusal(|result| {
+            result
+                .novel_views
+                .insert("psnr".to_owned(), summary(value, 12));
+        });
+        assert!(
+            message.contains(&format!("psnr of the novel views is {printed}")),
+            "{message}"
+        );
+    }
+    let message = refusal(|result| result.training_seconds = Some(-1.0));
+    assert!(
+        message.contains("the training time is -1 seconds"),
+        "{message}"
+    );
+    let message = refusal(|result| result.rendering_seconds = Some(f64::NAN));
+    assert!(
+        message.contains("the rendering time is NaN seconds"),
+        "{message}"
+    );
+    let message = refusal(|result| {
+        result
+            .novel_views
+            .insert("psnr".to_owned(), summary(20.0, 0));
+    });
+    assert!(message.contains("is a mean of no views"), "{message}");
+    let message = refusal(|result| result.method = " ".to_owned());
+    assert!(message.contains("the method has no name"), "{message}");
+}
+
+#[test]
+fn a_newer_schema_is_refused_by_name() {
+    let place = Place::with(&study());
+    let folder = write(&place.request.results, &study()[0]);
+    let file = folder.join("result.json");
+    let text = fs::read_to_string(&file).unwrap();
+    fs::write(
+        &file,
+        text.replace("omnilife/result/2", "omnilife/result/3"),
+    )
+    .unwrap();
+    let message = build_leaderboard(&place.request).unwrap_err().to_string();
+    assert!(
+        message.contains("is of schema omnilife/result/3, expected omnilife/result/2"),
+        "{message}"
+    );
+    assert!(!place.request.out.exists(), "nothing is written");
+}
+
+/// Ten thousand methods are a wide table, not a square of work.
+#[test]
+fn ten_thousand_methods_are_built_in_seconds() {
+    let results: Vec<(PathBuf, ResultRecord)> = (0..10_000)
+        .map(|number| {
+            let psnr = 20.0 + f64::from(number % 977) / 100.0;
+            let record = result("street/seq-000", &format!("method-{number:05}"), psnr, 0.8);
+            (PathBuf::from(format!("{number}/result.json")), record)
+        })
+        .collect();
+    let out = tempfile::tempdir().unwrap();
+    let begun = Instant::now();
+    let tables = build(&results, out.path()).unwrap();
+    assert!(
+        begun.elapsed() < Duration::from_secs(60),
+        "{:?}",
+        begun.elapsed()
+    );
+    let rows = tables
+        .markdown
+        .lines()
+        .filter(|line| line.starts_with("| street"));
+    assert_eq!(rows.count(), 10_000);
+}

@@ -1,0 +1,212 @@
+//! The site in a real browser.
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+use crate::support::{request, result, summary, write};
+use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard};
+use omnilife_schemas::{
+    records::{Dataset, Protocol, Resampling, Split, SplitRule, VideoEntry, VideoStatus},
+    rgb, store,
+};
+
+const METHODS: [(&str, f64); 5] = [
+    ("odgs", 0.0),
+    ("odgs-published", -1.0),
+    ("periodic", 0.7),
+    ("omni4dgs", 2.0),
+    ("<img src=x onerror='window.alerted=1'>", 0.2),
+];
+
+/// A picture as scoring leaves it: prediction, white line, ground truth.
+fn picture(path: &Path, [width, height]: [u32; 2], error: u8) {
+    let wide = 2 * width + 4;
+    let mut bytes = Vec::new();
+    for row in 0..height {
+        for column in 0..wide {
+            let pixel = match column {
+                _ if (width..width + 4).contains(&column) => [255; 3],
+                _ => {
+                    let (x, is_truth) = (column % (width + 4), column > width);
+                    let shade = (x * 255 / width) as u8;
+                    let off = if is_truth || x < width / 2 { 0 } else { error };
+                    [shade, (row * 255 / height) as u8, off]
+                }
+            };
+            bytes.extend(pixel);
+        }
+    }
+    rgb::write_rgb8_png(path, wide as usize, height as usize, &bytes).unwrap();
+}
+
+/// Results of five methods on three scenes, one of which has pictures, and one unscored method.
+fn small_site(folder: &Path) -> LeaderboardRequest {
+    let input = folder.join("results");
+    let protocol = Protocol {
+        id: "per-scene".to_owned(),
+        version: 1,
+        split: SplitRule::EveryNth {
+            period: 5,
+            offset: 4,
+        },
+        width: Some(512),
+        resampling: Resampling::Area,
+        metrics: ["psnr", "ssim"].map(str::to_owned).to_vec(),
+        mask_rule: "none".to_owned(),
+    };
+    let scenes = [
+        ("street/seq-000", 20.0),
+        ("hall/seq-000", 24.0),
+        ("lake/seq-000", 27.0),
+    ];
+    for (scene, psnr) in scenes {
+        for (position, (method, gain)) in METHODS.into_iter().enumerate() {
+            let mut record = result(scene, method, psnr + gain, 0.6 + 0.02 * gain);
+            record.protocol_hash = protocol.hash();
+            record.training_seconds = Some(30.0 * (position + 1) as f64);
+            record.scored_size = [64, 32];
+            record
+                .novel_views
+                .insert("ws-psnr".to_owned(), summary(psnr, 12));
+            let score = write(&input, &record);
+            if scene == "street/seq-000" && position < 2 {
+                let folder = score.join("comparisons");
+                fs::create_dir(&folder).unwrap();
+                for frame in [4, 9, 14] {
+                    let file = format!("novel-{frame:06}.png");
+                    picture(&folder.join(file), [64, 32], 60);
+                }
+                fs::write(folder.join("novel-000019.png"), "no picture").unwrap();
+            }
+        }
+        let mut unscored = result(scene, "unscored", psnr, 0.5);
+        unscored.protocol_hash = protocol.hash();
+        unscored.novel_views.clear();
+        unscored.warnings = vec!["novel views were not scored: no predictions given".to_owned()];
+        write(&input, &unscored);
+        let split = Split {
+            scene: scene.to_owned(),
+            protocol_hash: protocol.hash(),
+            protocol: protocol.clone(),
+            input_views: vec![0],
+            novel_views: vec![4],
+            unposed: Vec::new(),
+        };
+        store::write_record(&input.join(scene).join("split.json"), &split).unwrap();
+    }
+    LeaderboardRequest {
+        dataset: Some(dataset(folder)),
+        ..request(&input, &folder.join("out"))
+    }
+}
+
+fn dataset(folder: &Path) -> PathBuf {
+    let video = |file: &str, status: VideoStatus| VideoEntry {
+        file: file.to_owned(),
+        sha256: None,
+        status,
+    };
+    let curated = |sequences: &[&str]| VideoStatus::Curated {
+        sequences: sequences.iter().map(|&id| format!("videos/{id}")).collect(),
+    };
+    let record = Dataset {
+        videos: vec![
+            video("street.mp4", curated(&["street/seq-000", "street/seq-001"])),
+            video("hall.mp4", curated(&["hall/seq-000"])),
+            video(
+                "<b>short</b>.mp4",
+                VideoStatus::Rejected {
+                    reason: "duration 12.0 s is below 30 s".to_owned(),
+                },
+            ),
+            video(
+                "broken.mp4",
+                VideoStatus::Failed {
+                    reason: "cannot be read".to_owned(),
+                },
+            ),
+        ],
+    };
+    let file = folder.join("dataset.json");
+    store::write_record(&file, &record).unwrap();
+    file
+}
+
+/// One scene and 1,000 methods.
+fn wide_site(folder: &Path) -> LeaderboardRequest {
+    let input = folder.join("wide/results");
+    for number in 0..1000 {
+        let psnr = 20.0 + f64::from(number * 37 % 1000) / 100.0;
+        let record = result("street/seq-000", &format!("method-{number:04}"), psnr, 0.8);
+        write(&input, &record);
+    }
+    request(&input, &folder.join("wide/out"))
+}
+
+#[test]
+fn the_pages_say_what_the_results_say() {
+    let folder = tempfile::tempdir().unwrap();
+    let request = small_site(folder.path());
+    build_leaderboard(&request).unwrap();
+    let page = |name: &str| fs::read_to_string(request.out.join("site").join(name)).unwrap();
+    let index = page("index.html");
+    assert!(
+        index.contains("Of every 5 posed frames"),
+        "the protocol is explained"
+    );
+    assert!(
+        index.contains("omni4dgs: 25.667 dB after 120.0 s of training"),
+        "the chart's points"
+    );
+    let dataset = page("dataset.html");
+    assert!(dataset.contains("duration 12.0 s is below 30 s"));
+    assert!(dataset.contains("Videos given: 4; Videos read and processed: 3; Videos admitted: 2"));
+    assert!(dataset.contains("Sequences cut: 3; Sequences scored: 2"));
+    let scenes: Vec<_> = fs::read_dir(request.out.join("site/scenes"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .collect();
+    let street = scenes
+        .iter()
+        .find(|path| path.to_string_lossy().contains("street") && !path.is_dir())
+        .unwrap();
+    let street = fs::read_to_string(street).unwrap();
+    assert!(
+        street.contains("2 of 3 views"),
+        "no more than asked for, and it says so"
+    );
+    assert!(street.contains("novel-000019: is no PNG image"));
+    assert!(street.contains("novel views were not scored: no predictions given"));
+    let pictures = fs::read_dir(scenes.iter().find(|path| path.is_dir()).unwrap()).unwrap();
+    assert_eq!(pictures.count(), 4, "two views of two methods");
+}
+
+#[test]
+fn readers_sort_filter_and_compare_in_a_browser() {
+    let found = |program: &str| Command::new(program).arg("--version").output().is_ok();
+    if !(found("chromium") && found("chromedriver") && found("python3")) {
+        println!("skipped: no Chromium with its driver, scripts/setup --browser installs them");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let (small, wide) = (small_site(folder.path()), wide_site(folder.path()));
+    for request in [&small, &wide] {
+        build_leaderboard(request).unwrap();
+    }
+    let mut reader = Command::new("python3");
+    reader
+        .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/main/site_in_browser.py"))
+        .args([small.out.join("site"), wide.out.join("site")]);
+    if let Some(pictures) = std::env::var_os("OMNILIFE_SCREENSHOTS") {
+        reader.arg(pictures);
+    }
+    let output = reader.output().unwrap();
+    print!("{}", String::from_utf8_lossy(&output.stdout));
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+}
