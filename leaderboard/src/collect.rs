@@ -10,6 +10,7 @@ use omnilife_schemas::{
     records::{Protocol, ResultRecord, Split},
     store::{self, StoreError},
 };
+use rayon::prelude::*;
 
 use crate::error::LeaderboardError;
 
@@ -27,70 +28,105 @@ const SPLIT_FILE: &str = "split.json";
 /// When a folder cannot be listed, a result cannot be read (one broken result is an error: left
 /// out, it would go unnoticed) or there is none.
 pub fn collect(folder: &Path) -> Result<Vec<(PathBuf, ResultRecord)>, LeaderboardError> {
-    let files = find_all(folder, RESULT_FILE)?;
-    if files.is_empty() {
-        return Err(LeaderboardError::NoResults {
+    RecordFiles::below(folder)?.results()
+}
+
+/// The records of a folder and what is below it.
+pub(crate) struct RecordFiles {
+    folder: PathBuf,
+    /// Sorted.
+    results: Vec<PathBuf>,
+    /// Sorted.
+    splits: Vec<PathBuf>,
+}
+
+impl RecordFiles {
+    /// Searches a folder.
+    pub(crate) fn below(folder: &Path) -> Result<Self, StoreError> {
+        let mut files = Self {
             folder: folder.to_owned(),
-        });
+            results: Vec::new(),
+            splits: Vec::new(),
+        };
+        let failed = |source| StoreError::read(folder, source);
+        let real = fs::canonicalize(folder).map_err(failed)?;
+        files.search(folder, real, &mut BTreeSet::new())?;
+        files.results.sort();
+        files.splits.sort();
+        Ok(files)
     }
-    files
-        .into_iter()
-        .map(|file| {
-            let record = store::read_record(&file)?;
-            Ok((file, record))
-        })
-        .collect()
-}
 
-/// The protocols of every `split.json` in `folder` and below, by hash. A protocol that does not
-/// have the hash beside it is left out: its rules are not those of the scores.
-///
-/// # Errors
-/// When a folder cannot be listed or a split cannot be read.
-pub(crate) fn collect_protocols(
-    folder: &Path,
-) -> Result<BTreeMap<String, Protocol>, LeaderboardError> {
-    let mut protocols = BTreeMap::new();
-    for file in find_all(folder, SPLIT_FILE)? {
-        let split: Split = store::read_record(&file)?;
-        if split.protocol.hash() == split.protocol_hash {
-            protocols.insert(split.protocol_hash, split.protocol);
+    /// All results.
+    pub(crate) fn results(&self) -> Result<Vec<(PathBuf, ResultRecord)>, LeaderboardError> {
+        if self.results.is_empty() {
+            return Err(LeaderboardError::NoResults {
+                folder: self.folder.clone(),
+            });
         }
+        let read: Vec<Result<ResultRecord, StoreError>> = self
+            .results
+            .par_iter()
+            .map(|file| store::read_record(file))
+            .collect();
+        // In the order of the files, so that always the first broken one is named.
+        let files = self.results.iter().cloned();
+        files
+            .zip(read)
+            .map(|(file, record)| Ok((file, record?)))
+            .collect()
     }
-    Ok(protocols)
-}
 
-/// All files of a name in `folder` and below, sorted.
-fn find_all(folder: &Path, name: &str) -> Result<Vec<PathBuf>, StoreError> {
-    let mut files = Vec::new();
-    find(folder, name, &mut BTreeSet::new(), &mut files)?;
-    files.sort();
-    Ok(files)
-}
-
-fn find(
-    folder: &Path,
-    name: &str,
-    visited: &mut BTreeSet<PathBuf>,
-    files: &mut Vec<PathBuf>,
-) -> Result<(), StoreError> {
-    let failed = |source| StoreError::read(folder, source);
-    // Links may form circles and may lead to one folder twice.
-    if !visited.insert(fs::canonicalize(folder).map_err(failed)?) {
-        return Ok(());
-    }
-    // The order decides which of two links to one folder gives the path, so it must be fixed.
-    for path in store::paths_in(folder)? {
-        if path.is_dir() && !is_hidden(&path) {
-            find(&path, name, visited, files)?;
-        } else if path.file_name().is_some_and(|found| found == name) {
-            files.push(path);
+    /// The protocols of all splits, by hash. A protocol that does not have the hash beside it is
+    /// left out: its rules are not those of the scores.
+    pub(crate) fn protocols(&self) -> Result<BTreeMap<String, Protocol>, LeaderboardError> {
+        let mut protocols = BTreeMap::new();
+        for file in &self.splits {
+            let split: Split = store::read_record(file)?;
+            if split.protocol.hash() == split.protocol_hash {
+                protocols.insert(split.protocol_hash, split.protocol);
+            }
         }
+        Ok(protocols)
     }
-    Ok(())
-}
 
-fn is_hidden(path: &Path) -> bool {
-    path.file_name()
-        .is_some_and(|name| name.as_encoded_bytes().starts_with(b"."))
+    /// Searches `folder`, whose path without links is `real`.
+    fn search(
+        &mut self,
+        folder: &Path,
+        real: PathBuf,
+        visited: &mut BTreeSet<PathBuf>,
+    ) -> Result<(), StoreError> {
+        let failed = |source| StoreError::read(folder, source);
+        // Links may form circles and may lead to one folder twice.
+        if !visited.insert(real.clone()) {
+            return Ok(());
+        }
+        let mut entries = fs::read_dir(folder)
+            .map_err(failed)?
+            .collect::<Result<Vec<_>, _>>()
+            .map_err(failed)?;
+        // The order decides which of two links to one folder gives the path, so it must be fixed.
+        entries.sort_by_key(fs::DirEntry::file_name);
+        for entry in entries {
+            let (path, name) = (entry.path(), entry.file_name());
+            let kind = entry.file_type().map_err(failed)?;
+            if kind.is_dir() || (kind.is_symlink() && path.is_dir()) {
+                if name.as_encoded_bytes().starts_with(b".") {
+                    continue;
+                }
+                // Without a link the path is known; asking for it would take most of the time.
+                let next = if kind.is_symlink() {
+                    fs::canonicalize(&path).map_err(failed)?
+                } else {
+                    real.join(&name)
+                };
+                self.search(&path, next, visited)?;
+            } else if name == RESULT_FILE {
+                self.results.push(path);
+            } else if name == SPLIT_FILE {
+                self.splits.push(path);
+            }
+        }
+        Ok(())
+    }
 }

@@ -8,7 +8,7 @@ use omnilife_schemas::{
 };
 
 use crate::{
-    collect::{collect, collect_protocols},
+    collect::RecordFiles,
     error::LeaderboardError,
     group,
     outputs::Outputs,
@@ -49,8 +49,9 @@ pub struct Leaderboard {
 /// When there are no results, a record cannot be read, results contradict each other, or a file
 /// cannot be written.
 pub fn build_leaderboard(request: &LeaderboardRequest) -> Result<Leaderboard, LeaderboardError> {
-    let results = collect(&request.results)?;
-    let prepared = prepare(request, &results, request.site)?;
+    let files = RecordFiles::below(&request.results)?;
+    let results = files.results()?;
+    let prepared = prepare(request, &files, &results, request.site)?;
     store::create_folder(&request.out)?;
     prepared.outputs.write(&request.out)?;
     if let Some(page) = &request.page {
@@ -68,8 +69,9 @@ pub fn build_leaderboard(request: &LeaderboardRequest) -> Result<Leaderboard, Le
 /// # Errors
 /// Those of [`build_leaderboard`], and when a file is missing, differs or is left over.
 pub fn check_leaderboard(request: &LeaderboardRequest) -> Result<(), LeaderboardError> {
-    let results = collect(&request.results)?;
-    let prepared = prepare(request, &results, false)?;
+    let files = RecordFiles::below(&request.results)?;
+    let results = files.results()?;
+    let prepared = prepare(request, &files, &results, false)?;
     prepared
         .outputs
         .check(&request.out, |path| !site::is_of_site(path))?;
@@ -87,6 +89,7 @@ struct Prepared<'a> {
 
 fn prepare<'a>(
     request: &LeaderboardRequest,
+    files: &RecordFiles,
     results: &'a [(PathBuf, ResultRecord)],
     with_site: bool,
 ) -> Result<Prepared<'a>, LeaderboardError> {
@@ -98,7 +101,7 @@ fn prepare<'a>(
     outputs.add(CSV_FILE, all.csv);
     tables::add_layouts(&mut outputs, &groups, &papers, &request.out)?;
     if with_site {
-        let protocols = collect_protocols(&request.results)?;
+        let protocols = files.protocols()?;
         let dataset = request
             .dataset
             .as_deref()

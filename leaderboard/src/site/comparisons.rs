@@ -2,12 +2,15 @@
 
 use std::{
     collections::BTreeMap,
-    fs::{self, File},
-    io::{self, Read},
+    fs::File,
+    io::Read,
     path::{Path, PathBuf},
 };
 
-use omnilife_schemas::{records::ResultRecord, store::StoreError};
+use omnilife_schemas::{
+    records::ResultRecord,
+    store::{self, StoreError},
+};
 
 use super::unique_slug;
 use crate::group::{Group, SceneRow};
@@ -146,25 +149,17 @@ fn view_title(name: &str) -> String {
 
 /// PNG files of a folder, sorted; none where the folder is missing.
 fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
-    let entries = match fs::read_dir(folder) {
-        Ok(entries) => entries,
-        Err(source) if source.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(source) => return Err(StoreError::read(folder, source)),
-    };
-    let mut pictures = Vec::new();
-    for entry in entries {
-        let path = entry
-            .map_err(|source| StoreError::read(folder, source))?
-            .path();
+    if !folder.is_dir() {
+        return Ok(Vec::new());
+    }
+    let mut pictures = store::paths_in(folder)?;
+    pictures.retain(|path| {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let is_picture = ["novel-", "input-"]
             .iter()
             .any(|kind| name.starts_with(kind));
-        if is_picture && path.extension().is_some_and(|extension| extension == "png") {
-            pictures.push(path);
-        }
-    }
-    pictures.sort();
+        is_picture && name.ends_with(".png")
+    });
     Ok(pictures)
 }
 
