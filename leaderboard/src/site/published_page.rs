@@ -50,7 +50,8 @@ fn published(paper: &Paper, table: &PublishedTable) -> Markup {
                 caption { (caption) }
                 thead { tr {
                     @for column in 0..table.columns.len() {
-                        th scope="col" { (table.heading(column)) }
+                        @let words = table.rows.iter().all(|row| row.cells[column].number().is_none());
+                        th.words[words] scope="col" { (table.heading(column)) }
                     }
                 } }
                 tbody.published {

@@ -274,6 +274,22 @@ fn check_finds_what_is_out_of_date() {
     assert!(check_leaderboard(&request).is_err());
 }
 
+/// What `scripts/readme-table` wrote is what the committed results give.
+#[test]
+fn the_readme_shows_its_results() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let results = root.join("docs/results");
+    if !results.exists() {
+        println!("skipped: scripts/readme-table has put no results into docs/results yet");
+        return;
+    }
+    check_leaderboard(&LeaderboardRequest {
+        page: Some(root.join("README.md")),
+        ..request(&results, &results.join("tables"))
+    })
+    .unwrap();
+}
+
 #[test]
 fn a_new_build_removes_its_old_files_and_no_others() {
     let place = Place::with(&study());
