@@ -278,14 +278,16 @@ fn check_finds_what_is_out_of_date() {
 #[test]
 fn the_readme_shows_its_results() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let results = root.join("docs/results");
+    let results = root.join("docs/leaderboard/results");
     if !results.exists() {
-        println!("skipped: scripts/readme-table has put no results into docs/results yet");
+        println!(
+            "skipped: scripts/readme-table has put no results into docs/leaderboard/results yet"
+        );
         return;
     }
     check_leaderboard(&LeaderboardRequest {
         page: Some(root.join("README.md")),
-        ..request(&results, &results.join("tables"))
+        ..request(&results, &root.join("docs/leaderboard"))
     })
     .unwrap();
 }
