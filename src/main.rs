@@ -19,7 +19,7 @@ fn main() -> ExitCode {
     let terminal = Terminal::new(cli.quiet);
     let outcome = match cli.command {
         Command::Run(arguments) => run::main_job(&arguments, &terminal),
-        Command::Curate(command) => commands::curate::execute(&command, &terminal),
+        Command::Curate(arguments) => commands::curate::execute(&arguments.command, &terminal),
         Command::Reconstruct(command) => commands::reconstruct::execute(&command, &terminal),
         Command::Bench(command) => commands::bench::execute(&command, &terminal),
         Command::Leaderboard(command) => commands::leaderboard::execute(&command),

@@ -21,6 +21,7 @@ use crate::{
     error::CurateError,
     frames,
     sequences::Sequencing,
+    slicing::SliceSettings,
     verdict, video,
 };
 
@@ -50,6 +51,8 @@ pub struct CurateSettings {
     pub minimum_shot_seconds: f64,
     /// Id of the boundary detector, see [`boundaries::DETECTORS`].
     pub detector: String,
+    /// How the sequences are written as video, where they are.
+    pub slices: Option<SliceSettings>,
 }
 
 impl Default for CurateSettings {
@@ -62,6 +65,7 @@ impl Default for CurateSettings {
             accept: None,
             minimum_shot_seconds: 1.0,
             detector: DEFAULT_DETECTOR.to_owned(),
+            slices: None,
         }
     }
 }

@@ -27,7 +27,7 @@ use crate::{
     frames::{self, FRAMES_FOLDER, Selection},
     ledger,
     pipeline::{BOUNDARIES_FILE, CurateSettings, SEQUENCE_FILE, SIGNALS_FILE},
-    slice,
+    slicing::{self, Shots, SliceSource},
 };
 
 /// Where sequences go that hold poses or scores of frames that are no longer chosen, relative to
@@ -60,7 +60,9 @@ struct Planned {
 impl Sequencing<'_> {
     /// Makes the sequence folders and returns their names in order of time.
     pub(crate) fn run(&self, progress: &dyn Progress) -> Result<Vec<String>, CurateError> {
-        let planned = self.planned()?;
+        let signals = Signals::read_parquet(&self.folder.join(SIGNALS_FILE))?;
+        let shots = self.shots(&signals)?;
+        let planned = self.planned(&signals, &shots);
         let (done, missing): (Vec<&Planned>, Vec<&Planned>) =
             planned.iter().partition(|sequence| {
                 self.plan(sequence, &self.folder.join(&sequence.name))
@@ -85,6 +87,7 @@ impl Sequencing<'_> {
             let path = self.folder.join(&sequence.name).join(SEQUENCE_FILE);
             store::update_record(&path, &self.record(sequence))?;
         }
+        self.slice(&signals, &shots, progress)?;
         progress.note(&format!(
             "{}: {}, {} sequences",
             self.video.display(),
@@ -94,20 +97,18 @@ impl Sequencing<'_> {
         Ok(planned.into_iter().map(|sequence| sequence.name).collect())
     }
 
-    /// Decides the boundaries, writes the ledger and chooses the frames of every shot that is long
-    /// enough.
-    fn planned(&self) -> Result<Vec<Planned>, CurateError> {
-        let signals = Signals::read_parquet(&self.folder.join(SIGNALS_FILE))?;
-        let (boundaries, ledger_sha256) = self.boundaries(&signals)?;
+    /// Decides the boundaries, writes the ledger and returns the shots.
+    fn shots(&self, signals: &Signals) -> Result<Shots, CurateError> {
+        let (boundaries, ledger_sha256) = self.boundaries(signals)?;
         let least = self.settings.minimum_shot_seconds;
-        let shots = slice::shots(&signals.times, self.analysis.range, &boundaries, least);
+        let shots = slicing::shots(&signals.times, self.analysis.range, &boundaries, least);
         let ledger = BoundaryLedger {
             source: self.analysis.source.clone(),
             range: self.analysis.range,
             detector: self.detector.description(),
             ledger_sha256,
             boundaries,
-            dropped: shots.dropped,
+            dropped: shots.dropped.clone(),
         };
         store::update_record(&self.folder.join(BOUNDARIES_FILE), &ledger)?;
         if shots.kept.is_empty() {
@@ -116,16 +117,44 @@ impl Sequencing<'_> {
                 format!("none of its shots lasts {least} s"),
             ));
         }
-        Ok(shots
+        Ok(shots)
+    }
+
+    /// Accounts for every second of the video, and writes the slices where they are asked for.
+    fn slice(
+        &self,
+        signals: &Signals,
+        shots: &Shots,
+        progress: &dyn Progress,
+    ) -> Result<(), CurateError> {
+        let source = SliceSource {
+            video: self.video,
+            times: &signals.times,
+            quarter_turns: (self.analysis.probe.rotation_degrees / 90.0).round() as u32,
+        };
+        slicing::write_slices(
+            self.folder,
+            self.analysis,
+            shots,
+            &source,
+            self.settings.slices,
+            progress,
+        )
+        .map(drop)
+    }
+
+    /// Chooses the frames of every shot that is long enough.
+    fn planned(&self, signals: &Signals, shots: &Shots) -> Vec<Planned> {
+        shots
             .kept
-            .into_iter()
+            .iter()
             .enumerate()
-            .map(|(index, range)| Planned {
+            .map(|(index, &range)| Planned {
                 name: sequence_name(index),
                 range,
                 times: frames::choose(&signals.times, range, self.settings.sampling),
             })
-            .collect())
+            .collect()
     }
 
     /// The boundaries that the video's ledger amounts to, with the ledger's SHA-256; without
@@ -287,7 +316,8 @@ impl Drop for Staging {
     }
 }
 
-fn sequence_name(index: usize) -> String {
+/// Name of the folder of a video's sequence with this number.
+pub(crate) fn sequence_name(index: usize) -> String {
     format!("seq-{index:03}")
 }
 

@@ -135,23 +135,26 @@ pub fn write_rgb8_png(
     height: usize,
     rgb: &[u8],
 ) -> Result<(), StoreError> {
+    write_png(path, (width, height), rgb, image::ExtendedColorType::Rgb8)
+}
+
+fn write_png(
+    path: &Path,
+    size: (usize, usize),
+    bytes: &[u8],
+    colours: image::ExtendedColorType,
+) -> Result<(), StoreError> {
     store::write_with(path, |writer| {
         let encoder = image::codecs::png::PngEncoder::new_with_quality(
             writer,
             image::codecs::png::CompressionType::Fast,
             image::codecs::png::FilterType::Adaptive,
         );
-        image::ImageEncoder::write_image(
-            encoder,
-            rgb,
-            width as u32,
-            height as u32,
-            image::ExtendedColorType::Rgb8,
-        )
-        .map_err(|error| match error {
-            image::ImageError::IoError(source) => source,
-            other => std::io::Error::other(other),
-        })
+        image::ImageEncoder::write_image(encoder, bytes, size.0 as u32, size.1 as u32, colours)
+            .map_err(|error| match error {
+                image::ImageError::IoError(source) => source,
+                other => std::io::Error::other(other),
+            })
     })
 }
 
@@ -185,5 +188,42 @@ impl Mask {
                 .map(|&v| if v > 127 { 255 } else { 0 })
                 .collect(),
         })
+    }
+
+    /// Writes the mask as an 8-bit grey PNG, whole or not at all.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn write_png(&self, path: &Path) -> Result<(), StoreError> {
+        let size = (self.width, self.height);
+        write_png(path, size, &self.data, image::ExtendedColorType::L8)
+    }
+
+    /// The mask at another size, every pixel that of the nearest old one.
+    ///
+    /// # Panics
+    /// When `width` or `height` is zero.
+    pub fn resized_to_nearest(&self, width: usize, height: usize) -> Self {
+        assert!(width > 0 && height > 0, "a mask has at least one pixel");
+        let mut data = Vec::with_capacity(width * height);
+        for y in 0..height {
+            let row = (2 * y + 1) * self.height / (2 * height);
+            for x in 0..width {
+                data.push(self.data[row * self.width + (2 * x + 1) * self.width / (2 * width)]);
+            }
+        }
+        Self {
+            width,
+            height,
+            data,
+        }
+    }
+
+    /// Marks what is not marked, and the other way round.
+    pub fn inverted(mut self) -> Self {
+        for value in &mut self.data {
+            *value = 255 - *value;
+        }
+        self
     }
 }

@@ -271,12 +271,26 @@ pub fn update_record<T: Record + PartialEq>(path: &Path, record: &T) -> Result<(
     write_record(path, record)
 }
 
+/// The schema that a JSON file says it is of.
+///
+/// # Errors
+/// When it cannot be read, is no JSON, or does not say.
+pub fn schema_of(path: &Path) -> Result<String, StoreError> {
+    let text = fs::read_to_string(path).map_err(|source| StoreError::read(path, source))?;
+    tag(path, &text)?
+        .ok_or_else(|| StoreError::malformed(path, "has no \"schema\" entry".to_owned()))
+}
+
+fn tag(path: &Path, text: &str) -> Result<Option<String>, StoreError> {
+    serde_json::from_str(text)
+        .map(|tag: Tag| tag.schema)
+        .map_err(|error| StoreError::malformed(path, format!("not a JSON record: {error}")))
+}
+
 /// Reads a record and checks that it is of the schema asked for.
 pub fn read_record<T: Record>(path: &Path) -> Result<T, StoreError> {
     let text = fs::read_to_string(path).map_err(|source| StoreError::read(path, source))?;
-    let tag: Tag = serde_json::from_str(&text)
-        .map_err(|error| StoreError::malformed(path, format!("not a JSON record: {error}")))?;
-    match tag.schema.as_deref() {
+    match tag(path, &text)?.as_deref() {
         Some(schema) if schema == T::SCHEMA => {}
         Some(schema) => {
             return Err(StoreError::malformed(

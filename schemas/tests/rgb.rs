@@ -149,3 +149,35 @@ fn files_that_are_no_images_are_told() {
     }
     assert!(RgbImage::read(&folder.path().join("none.png")).is_err());
 }
+
+#[test]
+fn nearest_resampling_keeps_halves() {
+    let mask = Mask {
+        width: 4,
+        height: 2,
+        data: vec![0, 0, 255, 255, 0, 0, 255, 255],
+    };
+    let large = mask.resized_to_nearest(8, 4);
+    assert!(
+        large
+            .data
+            .chunks(8)
+            .all(|row| row == [0, 0, 0, 0, 255, 255, 255, 255])
+    );
+    assert_eq!(large.resized_to_nearest(4, 2), mask);
+}
+
+#[test]
+fn masks_survive_a_file_and_two_inversions() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("mask.png");
+    let mask = Mask {
+        width: 3,
+        height: 1,
+        data: vec![0, 255, 0],
+    };
+    mask.write_png(&path).unwrap();
+    assert_eq!(Mask::read(&path).unwrap(), mask);
+    assert_eq!(mask.clone().inverted().data, [255, 0, 255]);
+    assert_eq!(mask.clone().inverted().inverted(), mask);
+}

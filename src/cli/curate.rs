@@ -2,12 +2,18 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, Subcommand};
+use clap::{ArgMatches, Args, FromArgMatches, Subcommand};
 use omnilife_curate::{
     CurateSettings, SfmSettings,
     ledger::{self, Role},
+    slicing::SliceSettings,
 };
 use omnilife_schemas::records::{Sampling, Verdict};
+
+use super::dataset::{
+    AnnotateArguments, ExportArguments, ImportArguments, MasksArguments, PublishArguments,
+    SliceArguments,
+};
 
 #[derive(Debug, Args)]
 pub(crate) struct CurationArguments {
@@ -44,6 +50,7 @@ impl CurationArguments {
             accept: self.accept,
             minimum_shot_seconds: self.min_shot,
             detector: self.detector.detector.clone(),
+            slices: None,
         }
     }
 }
@@ -189,20 +196,13 @@ pub(crate) enum CurateCommand {
         #[arg(long, default_value = "audit.html")]
         out: PathBuf,
     },
-    /// Probe, verdict, boundaries, slices and sampled frames of many videos: a dataset.
-    Build {
-        /// Videos, or folders of videos.
-        #[arg(required = true)]
-        videos: Vec<PathBuf>,
-        /// Folder of the dataset.
-        #[arg(long)]
-        out: PathBuf,
-        #[command(flatten)]
-        curation: CurationArguments,
-        /// Criteria that every video must meet: omnilife360 or none.
-        #[arg(long, default_value = "omnilife360")]
-        criteria: String,
-    },
+    /// Probe, verdict, boundaries, slices and sampled frames of many videos: a dataset. The same as
+    /// `omnilife curate VIDEOS`.
+    Build(BuildArguments),
+    /// Writes one stretch of a video as mp4, frame-accurately and marked as 360-degree video.
+    Slice(SliceArguments),
+    /// Enters tags and captions of people or programs, and measures how sequences move.
+    Annotate(AnnotateArguments),
     /// Poses a sequence: writes its scene.json and points.ply.
     Poses {
         /// Folder with a sequence.json.
@@ -210,6 +210,86 @@ pub(crate) enum CurateCommand {
         #[command(flatten)]
         poses: PoseArguments,
     },
+    /// Masks what moves in a sequence; `omnilife curate poses --masks` takes the result.
+    Masks(MasksArguments),
+    /// Writes a scene in another tool's format.
+    Export(ExportArguments),
+    /// Makes a scene of a folder in another tool's format.
+    Import(ImportArguments),
+    /// Writes statistics, figures, card and checksums of a dataset.
+    Publish(PublishArguments),
+    /// Checks a published dataset: checksums, records, durations, statistics.
+    Verify {
+        /// Folder of the dataset.
+        dataset: PathBuf,
+    },
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct BuildArguments {
+    /// Videos, or folders of videos.
+    #[arg(required = true)]
+    pub(crate) videos: Vec<PathBuf>,
+    /// Folder of the dataset.
+    #[arg(long)]
+    pub(crate) out: PathBuf,
+    #[command(flatten)]
+    pub(crate) curation: CurationArguments,
+    /// Criteria that every video must meet: omnilife360 or none.
+    #[arg(long, default_value = "omnilife360")]
+    pub(crate) criteria: String,
+    /// Also writes every sequence as mp4.
+    #[arg(long)]
+    pub(crate) slices: bool,
+    /// Copies the sound into the slices.
+    #[arg(long, requires = "slices")]
+    pub(crate) audio: bool,
+}
+
+impl BuildArguments {
+    /// The settings of the curation.
+    pub(crate) fn settings(&self) -> CurateSettings {
+        CurateSettings {
+            slices: self.slices.then_some(SliceSettings { audio: self.audio }),
+            ..self.curation.settings(&self.criteria, true)
+        }
+    }
+}
+
+/// `omnilife curate`, with one of its commands or with what `build` takes.
+#[derive(Debug)]
+pub(crate) struct CurateArguments {
+    /// The command that was given, or `build`.
+    pub(crate) command: CurateCommand,
+}
+
+// Derived, an optional set of arguments that holds another set is never taken for given.
+impl FromArgMatches for CurateArguments {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        let command = if matches.subcommand_name().is_some() {
+            CurateCommand::from_arg_matches(matches)?
+        } else {
+            CurateCommand::Build(BuildArguments::from_arg_matches(matches)?)
+        };
+        Ok(Self { command })
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
+}
+
+impl Args for CurateArguments {
+    fn augment_args(command: clap::Command) -> clap::Command {
+        CurateCommand::augment_subcommands(BuildArguments::augment_args(command))
+            .args_conflicts_with_subcommands(true)
+            .subcommand_negates_reqs(true)
+    }
+
+    fn augment_args_for_update(command: clap::Command) -> clap::Command {
+        Self::augment_args(command)
+    }
 }
 
 #[cfg(test)]

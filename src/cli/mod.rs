@@ -2,13 +2,18 @@
 
 mod bench;
 mod curate;
+mod dataset;
 mod leaderboard;
 mod reconstruct;
 mod run;
 
 pub(crate) use bench::BenchCommand;
 use clap::{Parser, Subcommand};
-pub(crate) use curate::{CurateCommand, LedgerCommand};
+pub(crate) use curate::{BuildArguments, CurateArguments, CurateCommand, LedgerCommand};
+pub(crate) use dataset::{
+    AnnotateArguments, ExportArguments, ImportArguments, MasksArguments, PublishArguments,
+    SliceArguments,
+};
 pub(crate) use leaderboard::LeaderboardCommand;
 pub(crate) use reconstruct::ReconstructCommand;
 pub(crate) use run::RunArguments;
@@ -31,8 +36,7 @@ pub(crate) enum Command {
     #[command(args_override_self = true)]
     Run(RunArguments),
     /// Raw video to verified, cut and posed sequences.
-    #[command(subcommand)]
-    Curate(CurateCommand),
+    Curate(CurateArguments),
     /// A posed scene to Gaussians and rendered views.
     #[command(subcommand)]
     Reconstruct(ReconstructCommand),
@@ -55,6 +59,33 @@ mod tests {
     #[test]
     fn the_command_line_is_consistent() {
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn curating_needs_no_further_word() {
+        let parse = |words: &str| {
+            Cli::try_parse_from(words.split(' ')).map(|cli| match cli.command {
+                Command::Curate(arguments) => arguments.command,
+                other => panic!("{other:?}"),
+            })
+        };
+        for words in [
+            "omnilife curate data --criteria none --out d",
+            "omnilife curate build data --criteria none --out d",
+        ] {
+            let build = parse(words);
+            assert!(
+                matches!(&build, Ok(CurateCommand::Build(build)) if build.criteria == "none"),
+                "{words}: {build:?}"
+            );
+        }
+        let verify = parse("omnilife curate verify d");
+        assert!(
+            matches!(verify, Ok(CurateCommand::Verify { .. })),
+            "{verify:?}"
+        );
+        assert!(parse("omnilife curate data").is_err());
+        assert!(parse("omnilife curate").is_err());
     }
 
     #[test]

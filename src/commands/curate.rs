@@ -3,14 +3,17 @@
 use std::path::Path;
 
 use omnilife_curate::{
-    analysis, audit, boundaries, curate_dataset, expand_inputs, pose_sequence, verdict, video,
+    analysis, audit, boundaries, curate_dataset, expand_inputs, pose_sequence,
+    publish::{self, PublishSettings},
+    verdict, video,
 };
 use omnilife_schemas::{Blamed, progress::Progress, records::Dataset};
 use serde::Serialize;
 
 use super::ledger;
 use crate::{
-    cli::CurateCommand,
+    cli::{BuildArguments, CurateCommand},
+    commands::dataset,
     exit,
     run::outcome::{Outcome, Outcomes},
 };
@@ -42,31 +45,14 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
             let count = audit::write_page(folder, video, out, progress)?;
             exit::print(&format!("{}: {count} boundaries\n", out.display()))
         }
-        CurateCommand::Build {
-            videos,
-            out,
-            curation,
-            criteria,
-        } => {
-            let videos = expand_inputs(videos)?;
-            let settings = curation.settings(criteria, true);
-            let curated = curate_dataset(&videos, out, &settings, progress)?;
-            let printed = exit::print(&summary(&curated.record));
-            let mut outcomes = Outcomes::default();
-            for video in &curated.record.videos {
-                outcomes.push(Outcome::curated(&video.file));
-            }
-            for (index, error) in &curated.errors {
-                outcomes.list[*index] = Outcome::failed(
-                    &videos[*index].display().to_string(),
-                    "",
-                    error,
-                    error.blame(),
-                );
-            }
-            outcomes.verdict()?;
-            printed
-        }
+        CurateCommand::Build(arguments) => build(arguments, progress),
+        CurateCommand::Slice(arguments) => dataset::slice(arguments, progress),
+        CurateCommand::Annotate(arguments) => dataset::annotate(arguments, progress),
+        CurateCommand::Masks(arguments) => dataset::masks(arguments, progress),
+        CurateCommand::Export(arguments) => dataset::export(arguments, progress),
+        CurateCommand::Import(arguments) => dataset::import(arguments),
+        CurateCommand::Publish(arguments) => dataset::publish_dataset(arguments, progress),
+        CurateCommand::Verify { dataset } => dataset::verify(dataset, progress),
         CurateCommand::Poses { sequence, poses } => {
             let scene = pose_sequence(sequence, &poses.request(), progress)?;
             exit::print(&format!(
@@ -78,6 +64,28 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
             ))
         }
     }
+}
+
+/// Curates and publishes. Videos that are kept out or fail are reported when all is done.
+fn build(arguments: &BuildArguments, progress: &dyn Progress) -> anyhow::Result<()> {
+    let videos = expand_inputs(&arguments.videos)?;
+    let curated = curate_dataset(&videos, &arguments.out, &arguments.settings(), progress)?;
+    publish::publish(&arguments.out, &PublishSettings::default(), progress)?;
+    let printed = exit::print(&summary(&curated.record));
+    let mut outcomes = Outcomes::default();
+    for video in &curated.record.videos {
+        outcomes.push(Outcome::curated(&video.file));
+    }
+    for (index, error) in &curated.errors {
+        outcomes.list[*index] = Outcome::failed(
+            &videos[*index].display().to_string(),
+            "",
+            error,
+            error.blame(),
+        );
+    }
+    outcomes.verdict()?;
+    printed
 }
 
 fn analyse(

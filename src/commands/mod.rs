@@ -2,6 +2,7 @@
 
 pub(crate) mod bench;
 pub(crate) mod curate;
+pub(crate) mod dataset;
 pub(crate) mod leaderboard;
 mod ledger;
 pub(crate) mod reconstruct;

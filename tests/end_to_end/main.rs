@@ -2,6 +2,8 @@
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
 mod bad_input;
+#[cfg(unix)]
+mod curation;
 mod full_disk;
 mod geometry;
 mod help;

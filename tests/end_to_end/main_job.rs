@@ -73,11 +73,23 @@ fn the_documented_files_are_there_and_no_others() {
     };
     expect(
         "videos/street",
-        &["analysis.json", "boundaries.json", "signals.parquet"],
+        &[
+            "analysis.json",
+            "boundaries.json",
+            "signals.parquet",
+            "slices.json",
+        ],
     );
-    expect("videos/street/.done", &["analysis.json", "sequences.json"]);
+    expect("videos/street/.done", &["analysis.json"]);
     expect(SEQUENCE, &["sequence.json", "scene.json", "points.ply"]);
-    expect(SEQUENCE, &[".done/poses.json", "per-scene/split.json"]);
+    expect(
+        SEQUENCE,
+        &[
+            ".done/frames.json",
+            ".done/poses.json",
+            "per-scene/split.json",
+        ],
+    );
     let run = format!("{METHOD}/run");
     expect(&run, &["run.json", "gaussians.ply", "trace.csv"]);
     expect(&run, &[".done/reconstruct.json"]);

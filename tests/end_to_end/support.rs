@@ -11,7 +11,8 @@ use assert_cmd::cargo::cargo_bin_cmd;
 use image::RgbImage;
 use omnilife_schemas::{
     records::{
-        BoundaryLedger, Dataset, ResultRecord, RunRecord, Scene, Sequence, Split, VideoAnalysis,
+        BoundaryLedger, Dataset, ResultRecord, RunRecord, Scene, Sequence, Slices, Split,
+        VideoAnalysis,
     },
     stage::Done,
     store::{self, Record, StoreError},
@@ -224,6 +225,7 @@ fn check_record(path: &Path) -> Result<(), StoreError> {
         "dataset.json" => parses::<Dataset>(path),
         "analysis.json" => parses::<VideoAnalysis>(path),
         "boundaries.json" => parses::<BoundaryLedger>(path),
+        "slices.json" => parses::<Slices>(path),
         "sequence.json" => parses::<Sequence>(path),
         "scene.json" => parses::<Scene>(path),
         "split.json" => parses::<Split>(path),

@@ -201,7 +201,8 @@ pub(super) fn frame_names(sequence: &Sequence) -> Vec<String> {
         .collect()
 }
 
-fn unchecked(poses: &[Option<Pose>]) -> PoseValidation {
+/// Validation of poses that there is nothing to check by.
+pub(crate) fn unchecked(poses: &[Option<Pose>]) -> PoseValidation {
     let registered = poses.iter().flatten().count();
     let mut problems = Vec::new();
     if registered < poses.len() {

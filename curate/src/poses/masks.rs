@@ -42,7 +42,7 @@ pub(super) fn files(folder: &Path) -> Result<Vec<PathBuf>, CurateError> {
 ///
 /// # Errors
 /// When the folder cannot be read, lacks the mask of some frame, or has two for one.
-pub(super) fn find(folder: &Path, sequence: &Sequence) -> Result<Vec<PathBuf>, CurateError> {
+pub(crate) fn find(folder: &Path, sequence: &Sequence) -> Result<Vec<PathBuf>, CurateError> {
     let mut by_stem: BTreeMap<OsString, PathBuf> = BTreeMap::new();
     for file in files(folder)? {
         let stem = file.file_stem().unwrap_or_default().to_owned();
@@ -120,7 +120,7 @@ pub(super) fn stage(
         let Some(source) = source else { continue };
         let name = format!("{index:06}.png");
         let given = Mask::read(source)?;
-        let mask = resized(&given, width, height);
+        let mask = given.resized_to_nearest(width, height);
         let is_inside = fs::canonicalize(source).ok().is_some_and(|path| {
             fs::canonicalize(&staging.folder).is_ok_and(|folder| path.starts_with(folder))
         });
@@ -134,7 +134,7 @@ pub(super) fn stage(
                 ),
             ));
         }
-        write_grey(&staged.join(&name), &mask)?;
+        mask.write_png(&staged.join(&name))?;
         staging.files[index] = Some(format!("{FOLDER}/{name}"));
     }
     Ok(staging)
@@ -175,34 +175,11 @@ pub(super) fn write_for_colmap(
             .file_name()
             .unwrap_or_default()
             .to_string_lossy();
-        let mut mask = grown(&resized(
-            &Mask::read(source)?,
-            width as usize,
-            height as usize,
-        ));
-        mask.data.iter_mut().for_each(|value| *value = !*value);
-        write_grey(&folder.join(format!("{name}.png")), &mask)?;
+        let mask = Mask::read(source)?.resized_to_nearest(width as usize, height as usize);
+        let path = folder.join(format!("{name}.png"));
+        grown(&mask).inverted().write_png(&path)?;
     }
     Ok(())
-}
-
-/// Nearest-pixel resampling.
-fn resized(mask: &Mask, width: usize, height: usize) -> Mask {
-    if (mask.width, mask.height) == (width, height) {
-        return mask.clone();
-    }
-    let mut data = Vec::with_capacity(width * height);
-    for y in 0..height {
-        let row = (2 * y + 1) * mask.height / (2 * height);
-        for x in 0..width {
-            data.push(mask.data[row * mask.width + (2 * x + 1) * mask.width / (2 * width)]);
-        }
-    }
-    Mask {
-        width,
-        height,
-        data,
-    }
 }
 
 /// Marks every pixel within `GROWTH_PIXELS` rows and columns of a marked one, across the seam too.
@@ -231,23 +208,6 @@ fn grown(mask: &Mask) -> Mask {
         height,
         data,
     }
-}
-
-fn write_grey(path: &Path, mask: &Mask) -> Result<(), CurateError> {
-    Ok(store::write_with(path, |writer| {
-        let encoder = image::codecs::png::PngEncoder::new(writer);
-        image::ImageEncoder::write_image(
-            encoder,
-            &mask.data,
-            mask.width as u32,
-            mask.height as u32,
-            image::ExtendedColorType::L8,
-        )
-        .map_err(|error| match error {
-            image::ImageError::IoError(source) => source,
-            other => std::io::Error::other(other),
-        })
-    })?)
 }
 
 #[cfg(test)]
@@ -300,22 +260,5 @@ mod tests {
         fs::write(temp.path().join("000002.png"), "").unwrap();
         let message = find(temp.path(), &sequence).unwrap_err().to_string();
         assert!(message.contains("masks of one frame"), "{message}");
-    }
-
-    #[test]
-    fn nearest_resampling_keeps_halves() {
-        let mask = Mask {
-            width: 4,
-            height: 2,
-            data: vec![0, 0, 255, 255, 0, 0, 255, 255],
-        };
-        let large = resized(&mask, 8, 4);
-        assert!(
-            large
-                .data
-                .chunks(8)
-                .all(|row| row == [0, 0, 0, 0, 255, 255, 255, 255])
-        );
-        assert_eq!(resized(&large, 4, 2), mask);
     }
 }

@@ -6,7 +6,7 @@
 pub mod colmap;
 pub mod given;
 pub mod level;
-mod masks;
+pub(crate) mod masks;
 pub mod sfm;
 pub mod validate;
 

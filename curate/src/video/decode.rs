@@ -86,7 +86,7 @@ impl VideoReader {
     }
 
     /// The stream that is read.
-    pub(super) fn stream(&self) -> Option<ffmpeg::Stream<'_>> {
+    pub(crate) fn stream(&self) -> Option<ffmpeg::Stream<'_>> {
         self.input.stream(self.stream_index)
     }
 
@@ -196,7 +196,7 @@ impl VideoReader {
 }
 
 /// Opens a container of local data only, with FFmpeg's own log silenced.
-fn open_container(path: &Path) -> Result<context::Input, CurateError> {
+pub(crate) fn open_container(path: &Path) -> Result<context::Input, CurateError> {
     ffmpeg::init().map_err(|error| CurateError::internal(path, error))?;
     ffmpeg::log::set_level(ffmpeg::log::Level::Quiet);
     let metadata = std::fs::metadata(path)

@@ -7,4 +7,5 @@ pub mod probe;
 
 pub use convert::{Converter, Rgb8Picture, Scaling};
 pub use decode::VideoReader;
+pub(crate) use decode::open_container;
 pub use probe::probe;

@@ -3,10 +3,13 @@
 //! Each type implements [`Record`]; its JSON Schema is generated into `schemas/json/` and a test
 //! fails when the two drift apart.
 
+pub mod about;
 pub mod analysis;
+pub mod annotation;
 pub mod boundaries;
 pub mod dataset;
 pub mod ledger;
+pub mod masks;
 pub mod poses;
 pub mod protocol;
 pub mod result;
@@ -14,12 +17,18 @@ pub mod run;
 pub mod scene;
 pub mod sequence;
 pub mod sfm;
+pub mod slices;
 pub mod split;
 
+pub use about::About;
 pub use analysis::VideoAnalysis;
+pub use annotation::{
+    Annotation, Caption, Dynamics, EgoMotion, Measured, NameGroup, Tag, Taxonomy,
+};
 pub use boundaries::{Boundary, BoundaryKind, BoundaryLedger};
 pub use dataset::{Dataset, VideoEntry, VideoStatus};
 pub use ledger::{AuditDecision, AuditDecisions, Author, LedgerAction, LedgerEntry};
+pub use masks::{MaskEntry, Masks};
 pub use poses::{PosedFrame, Poses};
 pub use protocol::{Protocol, Resampling, SplitRule};
 pub use result::{Direction, Failure, ResultRecord, Summary};
@@ -30,11 +39,17 @@ pub use sequence::{
     SourceVideo, SphericalMetadata, TimeRange, Verdict,
 };
 pub use sfm::{SfmAttempt, SfmReport};
+pub use slices::{SliceFile, SliceMethod, Slices, Stretch, StretchFate};
 pub use split::Split;
+
+use std::path::Path;
 
 use schemars::Schema;
 
-use crate::{stage::Done, store::Record};
+use crate::{
+    stage::Done,
+    store::{self, Record, StoreError},
+};
 
 /// A record type's name and its JSON Schema.
 #[derive(Debug, Clone, Copy)]
@@ -43,16 +58,38 @@ pub struct SchemaEntry {
     pub id: &'static str,
     /// Makes the JSON Schema.
     pub generate: fn() -> Schema,
+    /// Reads a file as this record.
+    pub check: fn(&Path) -> Result<(), StoreError>,
+}
+
+/// Reads a file as the record that its `schema` entry names.
+///
+/// # Errors
+/// When it is no record, of a schema that is not known, or not what its schema asks for.
+pub fn check_file(path: &Path) -> Result<(), StoreError> {
+    let schema = store::schema_of(path)?;
+    match SCHEMAS.iter().find(|entry| entry.id == schema) {
+        Some(entry) => (entry.check)(path),
+        None => Err(StoreError::malformed(
+            path,
+            format!("is of unknown schema {schema}"),
+        )),
+    }
 }
 
 /// Every record of the workspace; tests walk it.
 pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<Dataset>(),
+    entry::<About>(),
     entry::<VideoAnalysis>(),
     entry::<Sequence>(),
+    entry::<Annotation>(),
+    entry::<Taxonomy>(),
+    entry::<Masks>(),
     entry::<BoundaryLedger>(),
     entry::<LedgerEntry>(),
     entry::<AuditDecisions>(),
+    entry::<Slices>(),
     entry::<Poses>(),
     entry::<SfmReport>(),
     entry::<Scene>(),
@@ -67,7 +104,12 @@ const fn entry<T: Record>() -> SchemaEntry {
     SchemaEntry {
         id: T::SCHEMA,
         generate: generate::<T>,
+        check: check::<T>,
     }
+}
+
+fn check<T: Record>(path: &Path) -> Result<(), StoreError> {
+    store::read_record::<T>(path).map(drop)
 }
 
 fn generate<T: Record>() -> Schema {

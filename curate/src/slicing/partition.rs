@@ -1,6 +1,7 @@
-//! From boundaries to shots: the stretches of a video that one continuous take covers.
+//! From boundaries to shots: the stretches of a video that one continuous take covers, and what is
+//! left between them.
 
-use omnilife_schemas::records::{Boundary, TimeRange};
+use omnilife_schemas::records::{Boundary, Stretch, StretchFate, TimeRange};
 
 /// The shots of a video.
 #[derive(Debug, Clone, PartialEq)]
@@ -48,6 +49,48 @@ pub fn shots(
     Shots { kept, dropped }
 }
 
+/// The whole of `range` without gaps or overlaps: shots as [`shots`] finds them, and the interiors
+/// of the transitions between them. `name` gives the sequence of a kept shot by its number.
+pub fn stretches(range: TimeRange, shots: &Shots, name: impl Fn(usize) -> String) -> Vec<Stretch> {
+    let kept = shots
+        .kept
+        .iter()
+        .enumerate()
+        .map(|(index, &range)| Stretch {
+            range,
+            fate: StretchFate::Kept {
+                sequence: name(index),
+                slice: None,
+            },
+        });
+    let dropped = shots.dropped.iter().map(|&range| Stretch {
+        range,
+        fate: StretchFate::TooShort,
+    });
+    let mut known: Vec<Stretch> = kept.chain(dropped).collect();
+    known.sort_by(|a, b| a.range.begin_seconds.total_cmp(&b.range.begin_seconds));
+    let mut all = Vec::with_capacity(2 * known.len() + 1);
+    let mut reached = range.begin_seconds;
+    let transition = |begin_seconds, end_seconds| Stretch {
+        range: TimeRange {
+            begin_seconds,
+            end_seconds,
+        },
+        fate: StretchFate::Transition,
+    };
+    for stretch in known {
+        if stretch.range.begin_seconds > reached {
+            all.push(transition(reached, stretch.range.begin_seconds));
+        }
+        reached = stretch.range.end_seconds;
+        all.push(stretch);
+    }
+    if range.end_seconds > reached {
+        all.push(transition(reached, range.end_seconds));
+    }
+    all
+}
+
 #[cfg(test)]
 mod tests {
     use omnilife_schemas::records::BoundaryKind;
@@ -86,6 +129,18 @@ mod tests {
         };
         assert_eq!(found.kept, [span(0, times[30]), span(40, 10.0)]);
         assert_eq!(found.dropped, [span(30, times[35])]);
+        let all = stretches(range, &found, |index| format!("seq-{index:03}"));
+        let fates: Vec<&StretchFate> = all.iter().map(|stretch| &stretch.fate).collect();
+        assert!(matches!(
+            fates[..],
+            [
+                StretchFate::Kept { .. },
+                StretchFate::TooShort,
+                StretchFate::Transition,
+                StretchFate::Kept { .. }
+            ]
+        ));
+        assert_eq!(all[2].range, span(35, times[40]));
     }
 
     proptest! {
@@ -109,6 +164,12 @@ mod tests {
             }
             let found = shots(&times, range, &boundaries, 0.0);
             prop_assert!(found.dropped.is_empty());
+            let all = stretches(range, &found, |index| index.to_string());
+            prop_assert_eq!(all[0].range.begin_seconds, range.begin_seconds);
+            prop_assert_eq!(all[all.len() - 1].range.end_seconds, range.end_seconds);
+            for pair in all.windows(2) {
+                prop_assert_eq!(pair[0].range.end_seconds, pair[1].range.begin_seconds);
+            }
             for pair in found.kept.windows(2) {
                 prop_assert!(pair[0].end_seconds <= pair[1].begin_seconds);
             }

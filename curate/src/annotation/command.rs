@@ -1,0 +1,216 @@
+//! Captions by any program: frames in, JSON out.
+//!
+//! The program is started once per sequence. It reads one JSON object from standard input:
+//!
+//! ```json
+//! {
+//!   "schema": "omnilife/caption-request/1",
+//!   "sequence": "video/seq-000",
+//!   "projection": "equirectangular",
+//!   "frames": [{ "file": "/absolute/path/000000.png", "time_seconds": 0.0 }],
+//!   "scenes": ["beach", "canyon"],
+//!   "actions": ["walking", "cycling"]
+//! }
+//! ```
+//!
+//! and writes one to standard output, of which any entry may be left out or null:
+//!
+//! ```json
+//! { "caption": "A walk through a market at night.", "scene": "night-market", "action": "walking" }
+//! ```
+//!
+//! `scene` and `action` have to be among those listed. Exit code 0 means success; what it writes to
+//! standard error is shown when it fails. It is killed after the timeout.
+
+use std::{
+    io::{self, Read, Write},
+    path::Path,
+    process::{Child, Command, ExitStatus, Stdio},
+    thread,
+    time::{Duration, Instant},
+};
+
+use omnilife_schemas::{
+    progress::Progress,
+    records::{NameGroup, Sequence, Taxonomy},
+};
+use serde::{Deserialize, Serialize};
+
+use super::TagRow;
+use crate::error::CurateError;
+
+/// Frames that are shown at most, spread evenly over the sequence.
+const SHOWN_FRAMES: usize = 8;
+/// How often a running program is looked at.
+const POLL: Duration = Duration::from_millis(20);
+
+/// A captioning program.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CaptionCommand {
+    /// The program.
+    pub program: String,
+    /// Its arguments.
+    pub arguments: Vec<String>,
+    /// How long it may take for a sequence.
+    pub timeout: Duration,
+}
+
+#[derive(Serialize)]
+struct Request<'a> {
+    schema: &'static str,
+    sequence: &'a str,
+    projection: &'static str,
+    frames: Vec<RequestFrame>,
+    scenes: Vec<&'a str>,
+    actions: Vec<&'a str>,
+}
+
+#[derive(Serialize)]
+struct RequestFrame {
+    file: String,
+    time_seconds: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Answer {
+    caption: Option<String>,
+    scene: Option<String>,
+    action: Option<String>,
+}
+
+impl CaptionCommand {
+    /// Has a sequence captioned. The author is the program's file name: where it is installed
+    /// differs from machine to machine.
+    ///
+    /// # Errors
+    /// [`CurateError::Input`] when the program cannot be run, fails, takes too long or answers
+    /// something else.
+    pub fn run(
+        &self,
+        folder: &Path,
+        sequence: &Sequence,
+        taxonomy: &Taxonomy,
+        progress: &dyn Progress,
+    ) -> Result<TagRow, CurateError> {
+        let failed = |reason: String| {
+            CurateError::input(
+                Path::new(&self.program),
+                format!("captioning {}: {reason}", sequence.id),
+            )
+        };
+        let request = request(folder, sequence, taxonomy).map_err(|e| failed(e.to_string()))?;
+        progress.begin(&format!("captioning {}", sequence.id), None);
+        let answered = self.exchange(&request);
+        progress.end();
+        let answer = answered.map_err(failed)?;
+        let answer: Answer = serde_json::from_slice(&answer)
+            .map_err(|error| failed(format!("its answer is not the JSON asked for: {error}")))?;
+        let program = Path::new(&self.program).file_name().unwrap_or_default();
+        Ok(TagRow {
+            sequence: sequence.id.clone(),
+            author: program.to_string_lossy().into_owned(),
+            scene: answer.scene,
+            action: answer.action,
+            traversal: None,
+            caption: answer.caption,
+        })
+    }
+
+    /// Runs the program on a request and returns what it wrote.
+    fn exchange(&self, request: &[u8]) -> Result<Vec<u8>, String> {
+        let mut child = Command::new(&self.program)
+            .args(&self.arguments)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .map_err(|error| format!("cannot be run: {error}"))?;
+        let (input, output, errors) =
+            (child.stdin.take(), child.stdout.take(), child.stderr.take());
+        thread::scope(|scope| {
+            // All three pipes at once: a program that fills one waits for its reader.
+            scope.spawn(move || {
+                // One that does not read its input has decided so; its answer counts.
+                let _ = input.map(|mut pipe| pipe.write_all(request));
+            });
+            let output = scope.spawn(move || read_all(output));
+            let errors = scope.spawn(move || read_all(errors));
+            let status = wait(&mut child, self.timeout);
+            let output = output.join().unwrap_or_default();
+            let errors = errors.join().unwrap_or_default();
+            match status {
+                Ok(Some(status)) if status.success() => Ok(output),
+                Ok(Some(status)) => {
+                    let said = String::from_utf8_lossy(&errors);
+                    let said = said
+                        .trim()
+                        .lines()
+                        .last()
+                        .unwrap_or("it says nothing")
+                        .to_owned();
+                    Err(format!("failed ({status}): {said}"))
+                }
+                Ok(None) => Err(format!(
+                    "took longer than {} s and was stopped",
+                    self.timeout.as_secs_f64()
+                )),
+                Err(error) => Err(error.to_string()),
+            }
+        })
+    }
+}
+
+fn read_all(pipe: Option<impl Read>) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    // What came before a broken pipe is judged like any answer.
+    let _ = pipe.map(|mut pipe| pipe.read_to_end(&mut bytes));
+    bytes
+}
+
+/// Waits for a program to end; kills it after `timeout` and returns `None`.
+fn wait(child: &mut Child, timeout: Duration) -> io::Result<Option<ExitStatus>> {
+    let started = Instant::now();
+    loop {
+        if let Some(status) = child.try_wait()? {
+            return Ok(Some(status));
+        }
+        if started.elapsed() >= timeout {
+            child.kill()?;
+            child.wait()?;
+            return Ok(None);
+        }
+        thread::sleep(POLL);
+    }
+}
+
+fn request(folder: &Path, sequence: &Sequence, taxonomy: &Taxonomy) -> io::Result<Vec<u8>> {
+    let folder = std::path::absolute(folder)?;
+    let entries = &sequence.frames.entries;
+    let shown = entries.len().min(SHOWN_FRAMES);
+    let frames = (0..shown)
+        .map(|index| {
+            let entry = &entries[index * entries.len() / shown];
+            RequestFrame {
+                file: folder.join(&entry.file).display().to_string(),
+                time_seconds: entry.time_seconds,
+            }
+        })
+        .collect();
+    serde_json::to_vec(&Request {
+        schema: "omnilife/caption-request/1",
+        sequence: &sequence.id,
+        projection: "equirectangular",
+        frames,
+        scenes: names(&taxonomy.scenes),
+        actions: names(&taxonomy.actions),
+    })
+    .map_err(io::Error::other)
+}
+
+fn names(groups: &[NameGroup]) -> Vec<&str> {
+    groups
+        .iter()
+        .flat_map(|group| group.members.iter().map(String::as_str))
+        .collect()
+}

@@ -1,0 +1,172 @@
+//! What sequences show and how they move.
+//!
+//! Tags and captions come from people ([`tags`]) or from any program ([`command`]); names are those
+//! of the [`taxonomy`]. Ego-motion and the level of dynamic content are measured ([`measure`]). All
+//! of it goes into the sequence's `annotation.json`, each statement with who made it; nothing of it
+//! touches the geometry.
+
+pub mod command;
+pub mod measure;
+pub mod tags;
+pub mod taxonomy;
+
+use std::path::{Path, PathBuf};
+
+use omnilife_schemas::{
+    progress::Progress,
+    records::{Annotation, Caption, Dataset, Sequence, Tag, Taxonomy, VideoStatus},
+    store,
+};
+
+pub use command::CaptionCommand;
+pub use tags::TagRow;
+
+use crate::{dataset::DATASET_FILE, error::CurateError, pipeline::SEQUENCE_FILE};
+
+/// File of the annotation in a sequence's folder.
+pub const ANNOTATION_FILE: &str = "annotation.json";
+
+/// Where annotations come from.
+#[derive(Debug, Clone, Default)]
+pub struct AnnotateSettings {
+    /// Taxonomy file; the built-in one where none is given.
+    pub taxonomy: Option<PathBuf>,
+    /// Tables of tags and captions by people, CSV or JSON.
+    pub tags: Vec<PathBuf>,
+    /// A program that captions.
+    pub command: Option<CaptionCommand>,
+}
+
+/// Annotates all sequences of the dataset in `folder`; returns how many there are.
+///
+/// What an earlier run wrote stays where nothing new is said. The measurements are made again, of
+/// poses and masks where there are some by now.
+///
+/// # Errors
+/// [`CurateError::Input`] for tags outside the taxonomy or for no sequence of the dataset, and for a
+/// captioning command that cannot be run, fails, takes too long or answers with something else than
+/// the documented JSON; [`CurateError::Store`] when a file cannot be read or written.
+pub fn annotate_dataset(
+    folder: &Path,
+    settings: &AnnotateSettings,
+    progress: &dyn Progress,
+) -> Result<usize, CurateError> {
+    let taxonomy = taxonomy::load(settings.taxonomy.as_deref())?;
+    let dataset: Dataset = store::read_record(&folder.join(DATASET_FILE))?;
+    let sequences: Vec<PathBuf> = dataset
+        .videos
+        .iter()
+        .filter_map(|video| match &video.status {
+            VideoStatus::Curated { sequences } => Some(sequences),
+            _ => None,
+        })
+        .flatten()
+        .map(|sequence| folder.join(sequence))
+        .collect();
+    let mut records = Vec::new();
+    for sequence in &sequences {
+        records.push(store::read_record::<Sequence>(
+            &sequence.join(SEQUENCE_FILE),
+        )?);
+    }
+    let mut rows = Vec::new();
+    for table in &settings.tags {
+        let read = tags::read(table)?;
+        if let Some(row) = read
+            .iter()
+            .find(|row| records.iter().all(|record| record.id != row.sequence))
+        {
+            return Err(CurateError::input(
+                table,
+                format!("{} is no sequence of this dataset", row.sequence),
+            ));
+        }
+        rows.extend(read.into_iter().map(|row| (table, row)));
+    }
+    for (at, sequence) in sequences.iter().zip(&records) {
+        let path = at.join(ANNOTATION_FILE);
+        let mut annotation = if path.is_file() {
+            store::read_record(&path)?
+        } else {
+            Annotation::default()
+        };
+        annotation.sequence.clone_from(&sequence.id);
+        annotation.taxonomy.clone_from(&taxonomy.version);
+        for (table, row) in rows.iter().filter(|(_, row)| row.sequence == sequence.id) {
+            apply(&mut annotation, row, &taxonomy, table)?;
+        }
+        if let Some(command) = &settings.command {
+            let row = command.run(at, sequence, &taxonomy, progress)?;
+            apply(
+                &mut annotation,
+                &row,
+                &taxonomy,
+                Path::new(&command.program),
+            )?;
+        }
+        let motion = measure::measure(at, sequence, progress)?;
+        annotation.ego_motion.measured = motion.ego_motion;
+        annotation.dynamics = motion.dynamics;
+        report_disagreement(&annotation, progress);
+        store::write_record(&path, &annotation)?;
+    }
+    Ok(sequences.len())
+}
+
+/// Enters what somebody said; `source` is named in errors.
+fn apply(
+    annotation: &mut Annotation,
+    row: &TagRow,
+    taxonomy: &Taxonomy,
+    source: &Path,
+) -> Result<(), CurateError> {
+    let unknown = |kind: &str, name: &str| {
+        CurateError::input(
+            source,
+            format!(
+                "{}: {name} is no {kind} of taxonomy {}",
+                row.sequence, taxonomy.version
+            ),
+        )
+    };
+    let tag = |name: &String| Tag {
+        name: name.clone(),
+        author: row.author.clone(),
+    };
+    if let Some(scene) = &row.scene {
+        let group = taxonomy::group_of(&taxonomy.scenes, scene);
+        annotation.group = Some(group.ok_or_else(|| unknown("scene", scene))?.to_owned());
+        annotation.scene = Some(tag(scene));
+    }
+    if let Some(action) = &row.action {
+        let class = taxonomy::group_of(&taxonomy.actions, action);
+        annotation.ego_motion.of_action =
+            Some(class.ok_or_else(|| unknown("action", action))?.to_owned());
+        annotation.action = Some(tag(action));
+    }
+    if let Some(traversal) = row.traversal {
+        annotation.traversal = traversal;
+    }
+    if let Some(text) = &row.caption {
+        annotation
+            .captions
+            .retain(|caption| caption.author != row.author);
+        annotation.captions.push(Caption {
+            text: text.clone(),
+            author: row.author.clone(),
+        });
+    }
+    Ok(())
+}
+
+fn report_disagreement(annotation: &Annotation, progress: &dyn Progress) {
+    let motion = &annotation.ego_motion;
+    if let (Some(of_action), Some(measured)) = (&motion.of_action, &motion.measured)
+        && *of_action != measured.class
+    {
+        progress.note(&format!(
+            "{}: its action is {of_action}, its motion measures {}; both are recorded",
+            annotation.sequence, measured.class
+        ));
+    }
+}

@@ -1,0 +1,57 @@
+//! Tables of tags and captions that people write: CSV with a head, or a JSON list.
+
+use std::path::Path;
+
+use omnilife_schemas::store::StoreError;
+use serde::{Deserialize, Deserializer};
+
+use crate::error::CurateError;
+
+/// One row: what somebody says of a sequence. Empty cells say nothing.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TagRow {
+    /// Id of the sequence, `<video>/<seq-NNN>`.
+    pub sequence: String,
+    /// Who says so.
+    pub author: String,
+    /// Scene category.
+    #[serde(default, deserialize_with = "filled")]
+    pub scene: Option<String>,
+    /// Action class.
+    #[serde(default, deserialize_with = "filled")]
+    pub action: Option<String>,
+    /// Whether it is a seamless traversal between indoors and outdoors.
+    #[serde(default)]
+    pub traversal: Option<bool>,
+    /// A description.
+    #[serde(default, deserialize_with = "filled")]
+    pub caption: Option<String>,
+}
+
+/// An empty cell is no value.
+fn filled<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<String>, D::Error> {
+    let text = Option::<String>::deserialize(deserializer)?;
+    Ok(text.filter(|text| !text.trim().is_empty()))
+}
+
+/// Reads a table; its extension says which kind.
+///
+/// # Errors
+/// When it is missing or malformed.
+pub fn read(path: &Path) -> Result<Vec<TagRow>, CurateError> {
+    let text = std::fs::read_to_string(path).map_err(|error| StoreError::read(path, error))?;
+    let malformed = |reason: String| StoreError::malformed(path, reason);
+    let is_json = path
+        .extension()
+        .is_some_and(|extension| extension == "json");
+    let rows: Vec<TagRow> = if is_json {
+        serde_json::from_str(&text).map_err(|error| malformed(error.to_string()))?
+    } else {
+        csv::Reader::from_reader(text.as_bytes())
+            .deserialize()
+            .collect::<Result<_, _>>()
+            .map_err(|error: csv::Error| malformed(error.to_string()))?
+    };
+    Ok(rows)
+}

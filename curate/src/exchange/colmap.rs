@@ -1,0 +1,95 @@
+//! COLMAP's text model with its `EQUIRECTANGULAR` camera
+//! (<https://colmap.github.io/format.html#text-format>).
+//!
+//! ```text
+//! images/                  the frames
+//! masks/<image>.png        black where features are not to be taken (COLMAP's convention)
+//! sparse/0/cameras.txt     one camera
+//! sparse/0/images.txt      per frame: quaternion (w, x, y, z) and translation, world to camera
+//! sparse/0/points3D.txt    world points, without their tracks
+//! ```
+//!
+//! Axes: COLMAP's cameras have x right, y down and z forward, and its equirectangular image is
+//! ours: nothing is turned. `x_c = R x_w + t`.
+
+use std::{io::Write, path::Path};
+
+use omnilife_schemas::store::{self, StoreError};
+
+use super::{ExportScene, ForeignFrame, ForeignScene, Format, black_mask};
+use crate::{error::CurateError, poses::colmap::ColmapModel};
+
+/// The format.
+pub const FORMAT: Format = Format {
+    id: "colmap",
+    about: "COLMAP text model with an EQUIRECTANGULAR camera (COLMAP 4.1 and later)",
+    export,
+    import,
+};
+
+const MODEL_FOLDER: &str = "sparse/0";
+
+fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
+    super::copy_images(scene, &out.join("images"))?;
+    super::write_black_masks(scene, &out.join("masks"), mask_name)?;
+    let model = out.join(MODEL_FOLDER);
+    store::create_folder(&model)?;
+    let (width, height) = (scene.camera.width, scene.camera.height);
+    store::write_bytes(
+        &model.join("cameras.txt"),
+        format!("1 EQUIRECTANGULAR {width} {height} {width} {height}\n").as_bytes(),
+    )?;
+    store::write_with(&model.join("images.txt"), |writer| {
+        for (id, frame) in (1..).zip(&scene.frames) {
+            // Valid poses have a rotation: they were chosen by that.
+            let q = frame.pose.rotation().unwrap_or_default().inverse();
+            let t = -(q * frame.pose.centre());
+            writeln!(
+                writer,
+                "{id} {} {} {} {} {} {} {} 1 {}\n",
+                q.w, q.x, q.y, q.z, t.x, t.y, t.z, frame.name
+            )?;
+        }
+        Ok(())
+    })?;
+    Ok(store::write_with(&model.join("points3D.txt"), |writer| {
+        let points = scene.points.positions.iter().zip(&scene.points.colours);
+        for (id, ([x, y, z], [r, g, b])) in (1..).zip(points) {
+            // An error of 0 and no track: nothing is known about observations.
+            writeln!(writer, "{id} {x} {y} {z} {r} {g} {b} 0")?;
+        }
+        Ok(())
+    })?)
+}
+
+fn mask_name(image: &str) -> String {
+    format!("{image}.png")
+}
+
+fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
+    let nested = folder.join(MODEL_FOLDER);
+    let model_folder = if nested.is_dir() {
+        nested
+    } else {
+        folder.to_owned()
+    };
+    let model = ColmapModel::read(&model_folder)?;
+    if model.images.is_empty() {
+        let path = model_folder.join("images.txt");
+        return Err(StoreError::malformed(&path, "has no images").into());
+    }
+    let (images, masks) = (folder.join("images"), folder.join("masks"));
+    Ok(ForeignScene {
+        camera: model.camera,
+        frames: model
+            .images
+            .values()
+            .map(|image| ForeignFrame {
+                image: images.join(&image.name),
+                mask: black_mask(&masks, &mask_name(&image.name)),
+                pose: Some(image.pose()),
+            })
+            .collect(),
+        points: model.cloud(),
+    })
+}

@@ -1,0 +1,127 @@
+//! Folders of panoramas in the form in which Splatter-360 and its successors keep HM3D and Replica
+//! (`preprocess/dataset_generation`, `src/dataset/dataset_hm3d.py` of Splatter-360).
+//!
+//! ```text
+//! pano/00000.png ...       the frames, numbered
+//! mask/00000.png ...       white where something moves (ours; their readers have no masks)
+//! rotation.npy             (frames, 3, 3) f32, camera to world
+//! translation.npy          (frames, 3) f32, camera centres
+//! ```
+//!
+//! Axes: their panorama has `theta = (1/2 - u / W) 2 pi`, `phi = (1/2 - v / H) pi` and
+//! `p = (cos phi sin theta, sin phi, cos phi cos theta)`: x left, y up, z forward at the image
+//! centre. So the x and y columns of camera-to-world change their signs. (A Habitat agent looks
+//! along -z of this frame, out of the panorama's edge.) Numbers are f32, as their loaders expect:
+//! poses keep 7 digits. The format has no points; depth maps (`pano_depth`) are not ours to write.
+
+use std::path::Path;
+
+use glam::{DMat3, DVec3};
+use omnilife_schemas::{
+    Pose, RgbImage,
+    camera::ErpCamera,
+    points::PointCloud,
+    store::{self, StoreError},
+};
+
+use super::{ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, npy};
+use crate::error::CurateError;
+
+/// The format.
+pub const FORMAT: Format = Format {
+    id: "hm3d",
+    about: "panoramas with rotation.npy and translation.npy, as Splatter-360 keeps HM3D; no points",
+    export,
+    import,
+};
+
+const ROTATION_FILE: &str = "rotation.npy";
+const TRANSLATION_FILE: &str = "translation.npy";
+
+/// From our camera axes to the format's, and back.
+fn turned(rotation: DMat3) -> DMat3 {
+    rotation * DMat3::from_diagonal(DVec3::new(-1.0, -1.0, 1.0))
+}
+
+fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
+    let (panoramas, masks) = (out.join("pano"), out.join("mask"));
+    store::create_folder(&panoramas)?;
+    let (mut rotations, mut translations) = (Vec::new(), Vec::new());
+    for (index, frame) in scene.frames.iter().enumerate() {
+        let name = format!("{index:05}.png");
+        let is_png = frame.name.to_ascii_lowercase().ends_with(".png");
+        if is_png {
+            super::copy(&frame.image, &panoramas.join(&name))?;
+        } else {
+            RgbImage::read(&frame.image)?.write_png(&panoramas.join(&name))?;
+        }
+        if let Some(mask) = &frame.mask {
+            store::create_folder(&masks)?;
+            super::copy(mask, &masks.join(&name))?;
+        }
+        // Valid poses have a rotation: they were chosen by that.
+        let rotation = turned(DMat3::from_quat(frame.pose.rotation().unwrap_or_default()));
+        rotations.extend(rotation.transpose().to_cols_array().map(|v| v as f32));
+        translations.extend(frame.pose.centre.map(|v| v as f32));
+    }
+    let count = scene.frames.len();
+    npy::write_f32(&out.join(ROTATION_FILE), &[count, 3, 3], &rotations)?;
+    npy::write_f32(&out.join(TRANSLATION_FILE), &[count, 3], &translations)?;
+    Ok(())
+}
+
+fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
+    let (rotation_path, translation_path) =
+        (folder.join(ROTATION_FILE), folder.join(TRANSLATION_FILE));
+    let rotations = npy::read(&rotation_path)?;
+    let translations = npy::read(&translation_path)?;
+    let count = translations.shape.first().copied().unwrap_or(0);
+    if rotations.shape != [count, 3, 3] || translations.shape != [count, 3] || count == 0 {
+        return Err(StoreError::malformed(
+            &rotation_path,
+            format!(
+                "arrays of shape {:?} and {:?} are no rotations and translations",
+                rotations.shape, translations.shape
+            ),
+        )
+        .into());
+    }
+    let panoramas = super::scene_folder::sorted_files(&folder.join("pano"))?;
+    if panoramas.len() != count {
+        return Err(CurateError::input(
+            &folder.join("pano"),
+            format!("has {} panoramas for {count} poses", panoramas.len()),
+        ));
+    }
+    let mut frames = Vec::new();
+    for (index, image) in panoramas.into_iter().enumerate() {
+        let mut rows = [0.0; 9];
+        rows.copy_from_slice(&rotations.values[9 * index..9 * index + 9]);
+        let rotation = turned(DMat3::from_cols_array(&rows).transpose());
+        let centre = DVec3::from_slice(&translations.values[3 * index..3 * index + 3]);
+        let pose = Pose::from_matrix(rotation, centre).ok_or_else(|| {
+            StoreError::malformed(&rotation_path, format!("pose {index} is no rotation"))
+        })?;
+        let mask = image
+            .file_name()
+            .map(|name| folder.join("mask").join(name))
+            .filter(|file| file.is_file());
+        frames.push(ForeignFrame {
+            image,
+            mask: mask.map(|file| ForeignMask {
+                file,
+                black_is_dynamic: false,
+            }),
+            pose: Some(pose),
+        });
+    }
+    let first = RgbImage::read(&frames[0].image)?;
+    Ok(ForeignScene {
+        camera: ErpCamera {
+            width: first.width as u32,
+            height: first.height as u32,
+        },
+        frames,
+        points: PointCloud::default(),
+    })
+}

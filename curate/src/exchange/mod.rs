@@ -1,0 +1,340 @@
+//! Scenes in other tools' formats: writing what they read, and reading the same back.
+//!
+//! To add a format: one file with a writer and a reader, whose head states the format's axes, and
+//! one line in [`FORMATS`]. Poses survive the round trip to 1e-6 of the scene's size. No format but
+//! ours knows when a frame was shown, so every export has a `times.csv` beside it, which others
+//! ignore.
+
+pub mod colmap;
+pub mod hm3d;
+pub mod nerfstudio;
+pub mod npy;
+pub mod openmvg;
+mod scene_folder;
+mod times;
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use omnilife_schemas::{
+    Pose,
+    camera::ErpCamera,
+    points::PointCloud,
+    progress::Progress,
+    records::{Scene, Split},
+    rgb::Mask,
+    store::{self, StoreError},
+};
+
+pub use scene_folder::{ImportRequest, import};
+
+use crate::error::CurateError;
+
+/// A scene format.
+#[derive(Debug, Clone, Copy)]
+pub struct Format {
+    /// Name on the command line.
+    pub id: &'static str,
+    /// One line: who reads it, and what it cannot hold.
+    pub about: &'static str,
+    /// Writes a scene into an empty folder.
+    pub export: fn(&ExportScene, &Path) -> Result<(), CurateError>,
+    /// Reads a folder.
+    pub import: fn(&Path) -> Result<ForeignScene, CurateError>,
+}
+
+/// All formats.
+pub const FORMATS: &[Format] = &[
+    openmvg::FORMAT,
+    colmap::FORMAT,
+    nerfstudio::FORMAT,
+    hm3d::FORMAT,
+];
+
+/// Looks a format up by its name.
+///
+/// # Errors
+/// [`CurateError::Input`] that lists the formats, for an unknown name.
+pub fn format(id: &str, folder: &Path) -> Result<&'static Format, CurateError> {
+    FORMATS
+        .iter()
+        .find(|format| format.id == id)
+        .ok_or_else(|| {
+            let known: Vec<&str> = FORMATS.iter().map(|format| format.id).collect();
+            CurateError::input(
+                folder,
+                format!("unknown format {id}; known are {}", known.join(", ")),
+            )
+        })
+}
+
+/// A frame to be exported.
+#[derive(Debug, Clone)]
+pub struct ExportFrame {
+    /// File name in the export.
+    pub name: String,
+    /// The image.
+    pub image: PathBuf,
+    /// The mask, white where something moves.
+    pub mask: Option<PathBuf>,
+    /// The camera.
+    pub pose: Pose,
+    /// Timestamp in the source video, seconds.
+    pub time_seconds: f64,
+    /// Whether methods may use it; the others are for scoring.
+    pub is_input: bool,
+}
+
+/// A scene to be exported: its frames with a pose, in order of time.
+#[derive(Debug, Clone)]
+pub struct ExportScene {
+    /// The camera of all frames.
+    pub camera: ErpCamera,
+    /// The frames.
+    pub frames: Vec<ExportFrame>,
+    /// World points.
+    pub points: PointCloud,
+}
+
+/// What a reader found.
+#[derive(Debug, Clone)]
+pub struct ForeignScene {
+    /// Image size.
+    pub camera: ErpCamera,
+    /// Frames in the format's order.
+    pub frames: Vec<ForeignFrame>,
+    /// World points; empty where the format has none.
+    pub points: PointCloud,
+}
+
+/// A frame that a reader found.
+#[derive(Debug, Clone)]
+pub struct ForeignFrame {
+    /// The image.
+    pub image: PathBuf,
+    /// The mask, where there is one.
+    pub mask: Option<ForeignMask>,
+    /// The camera, where it is known.
+    pub pose: Option<Pose>,
+}
+
+/// A mask in another tool's convention.
+#[derive(Debug, Clone)]
+pub struct ForeignMask {
+    /// The image.
+    pub file: PathBuf,
+    /// Whether black (instead of white) is what moves.
+    pub black_is_dynamic: bool,
+}
+
+/// Exports the scene in `scene_folder` to `out`, which must not exist or be empty.
+///
+/// Frames without a pose are left out, with a note. A `split` decides which frames are for training
+/// and which for testing, where the format can say so; without one all are for training.
+///
+/// # Errors
+/// [`CurateError::Input`] for an unknown format, a scene without posed frames and an `out` that
+/// holds something; [`CurateError::Store`] when a file cannot be read or written.
+pub fn export(
+    scene_folder: &Path,
+    format_id: &str,
+    split: Option<&Path>,
+    out: &Path,
+    progress: &dyn Progress,
+) -> Result<ExportScene, CurateError> {
+    let format = format(format_id, out)?;
+    refuse_filled(out)?;
+    let scene = collect(scene_folder, split, progress)?;
+    fill_folder(out, |folder| {
+        (format.export)(&scene, folder)?;
+        Ok(times::write(&scene.frames, folder)?)
+    })?;
+    Ok(scene)
+}
+
+/// Fills a folder through `fill`, whole or not at all. `out` must not exist or be empty.
+fn fill_folder<T>(
+    out: &Path,
+    fill: impl FnOnce(&Path) -> Result<T, CurateError>,
+) -> Result<T, CurateError> {
+    let temporary = store::temporary_beside(out);
+    let filled = (|| {
+        store::remove(&temporary)?;
+        store::create_folder(&temporary)?;
+        let value = fill(&temporary)?;
+        if out.is_dir() {
+            fs::remove_dir(out).map_err(|error| StoreError::write(out, error))?;
+        }
+        fs::rename(&temporary, out).map_err(|error| StoreError::write(out, error))?;
+        Ok(value)
+    })();
+    if filled.is_err() {
+        // The work has failed already: what cannot be removed is hidden and harmless.
+        drop(store::remove(&temporary));
+    }
+    filled
+}
+
+/// Refuses an output folder that holds something.
+fn refuse_filled(out: &Path) -> Result<(), CurateError> {
+    if !out.exists() {
+        return match out.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => Ok(store::create_folder(parent)?),
+            _ => Ok(()),
+        };
+    }
+    if !out.is_dir() {
+        return Err(CurateError::input(
+            out,
+            "is a file; the output needs a folder",
+        ));
+    }
+    let mut entries = fs::read_dir(out).map_err(|error| StoreError::read(out, error))?;
+    if entries.next().is_some() {
+        return Err(CurateError::input(
+            out,
+            "is not empty; choose another output",
+        ));
+    }
+    Ok(())
+}
+
+/// The posed frames of a scene with their files.
+fn collect(
+    folder: &Path,
+    split: Option<&Path>,
+    progress: &dyn Progress,
+) -> Result<ExportScene, CurateError> {
+    let path = folder.join(crate::poses::SCENE_FILE);
+    let scene: Scene = store::read_record(&path)?;
+    let split: Option<(&Path, Split)> = match split {
+        Some(file) => Some((file, store::read_record(file)?)),
+        None => None,
+    };
+    if let Some((file, split)) = &split
+        && split.scene != scene.id
+    {
+        return Err(CurateError::input(
+            file,
+            format!("is the split of {}, not of {}", split.scene, scene.id),
+        ));
+    }
+    let is_input = |index: usize| {
+        split
+            .as_ref()
+            .is_none_or(|(_, split)| split.input_views.contains(&(index as u32)))
+    };
+    let frames: Vec<ExportFrame> = scene
+        .frames
+        .iter()
+        .enumerate()
+        .filter_map(|(index, frame)| {
+            Some(ExportFrame {
+                name: file_name(&frame.image),
+                image: folder.join(&frame.image),
+                mask: frame.mask.as_ref().map(|mask| folder.join(mask)),
+                pose: frame.pose.filter(Pose::is_valid)?,
+                time_seconds: frame.time_seconds,
+                is_input: is_input(index),
+            })
+        })
+        .collect();
+    if frames.is_empty() {
+        return Err(CurateError::input(&path, "has no frame with a pose"));
+    }
+    if frames.len() < scene.frames.len() {
+        progress.note(&format!(
+            "{}: {} of {} frames have no pose and are left out",
+            scene.id,
+            scene.frames.len() - frames.len(),
+            scene.frames.len()
+        ));
+    }
+    let points = match &scene.points {
+        Some(file) => PointCloud::read_ply(&folder.join(file))?,
+        None => PointCloud::default(),
+    };
+    Ok(ExportScene {
+        camera: scene.camera,
+        frames,
+        points,
+    })
+}
+
+/// The last part of a path in a record.
+fn file_name(path: &str) -> String {
+    path.rsplit(['/', '\\']).next().unwrap_or(path).to_owned()
+}
+
+/// A file name without its extension.
+fn stem(name: &str) -> &str {
+    name.rsplit_once('.').map_or(name, |(stem, _)| stem)
+}
+
+/// Copies a file, whole or not at all.
+fn copy(from: &Path, to: &Path) -> Result<(), StoreError> {
+    let bytes = fs::read(from).map_err(|error| StoreError::read(from, error))?;
+    store::write_bytes(to, &bytes)
+}
+
+/// Copies the images of a scene into a folder, under their names.
+fn copy_images(scene: &ExportScene, folder: &Path) -> Result<(), CurateError> {
+    store::create_folder(folder)?;
+    for frame in &scene.frames {
+        copy(&frame.image, &folder.join(&frame.name))?;
+    }
+    Ok(())
+}
+
+/// Writes the masks of a scene with what moves in black, as tools have it that take masks for what
+/// to look at. `name` gives the file name of a frame's mask.
+fn write_black_masks(
+    scene: &ExportScene,
+    folder: &Path,
+    name: impl Fn(&str) -> String,
+) -> Result<(), CurateError> {
+    let masked: Vec<(&ExportFrame, &PathBuf)> = scene
+        .frames
+        .iter()
+        .filter_map(|frame| Some((frame, frame.mask.as_ref()?)))
+        .collect();
+    if !masked.is_empty() {
+        store::create_folder(folder)?;
+    }
+    for (frame, mask) in masked {
+        let mask = Mask::read(mask)?.inverted();
+        mask.write_png(&folder.join(name(&frame.name)))?;
+    }
+    Ok(())
+}
+
+/// The mask in `folder` of the frame with this name, if there is one.
+fn black_mask(folder: &Path, name: &str) -> Option<ForeignMask> {
+    let file = folder.join(name);
+    file.is_file().then_some(ForeignMask {
+        file,
+        black_is_dynamic: true,
+    })
+}
+
+/// Text of a file.
+fn read_text(path: &Path) -> Result<String, StoreError> {
+    fs::read_to_string(path).map_err(|error| StoreError::read(path, error))
+}
+
+/// Parses a JSON file of another tool.
+fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, StoreError> {
+    serde_json::from_str(&read_text(path)?).map_err(|error| {
+        StoreError::malformed(path, format!("not what the format asks for: {error}"))
+    })
+}
+
+/// Writes a JSON file for another tool.
+fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), StoreError> {
+    let mut bytes = serde_json::to_vec_pretty(value)
+        .map_err(|error| StoreError::write(path, std::io::Error::other(error)))?;
+    bytes.push(b'\n');
+    store::write_bytes(path, &bytes)
+}

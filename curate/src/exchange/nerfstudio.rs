@@ -1,0 +1,147 @@
+//! Nerfstudio's `transforms.json`
+//! (<https://docs.nerf.studio/quickstart/data_conventions.html>).
+//!
+//! ```text
+//! transforms.json          camera, and per frame a camera-to-world matrix
+//! images/                  the frames
+//! masks/<stem>.png         black where pixels are not used (nerfstudio's convention)
+//! points.ply               world points
+//! ```
+//!
+//! Axes: nerfstudio's cameras have x right, y up and z back (OpenGL); its equirectangular image has
+//! -z in the centre, which is our +z (`nerfstudio/cameras/cameras.py`, `EQUIRECTANGULAR`, with
+//! `fl_x = fl_y = w / 2`). So the y and z columns of camera-to-world change their signs. The world
+//! is not turned: nerfstudio levels it by itself unless told otherwise.
+
+use std::path::Path;
+
+use glam::{DMat3, DMat4, DVec3, DVec4};
+use omnilife_schemas::{Pose, camera::ErpCamera, points::PointCloud, store::StoreError};
+use serde::{Deserialize, Serialize};
+
+use super::{ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, stem};
+use crate::error::CurateError;
+
+/// The format.
+pub const FORMAT: Format = Format {
+    id: "nerfstudio",
+    about: "nerfstudio's transforms.json with an EQUIRECTANGULAR camera",
+    export,
+    import,
+};
+
+const TRANSFORMS_FILE: &str = "transforms.json";
+const POINTS_FILE: &str = "points.ply";
+const CAMERA_MODEL: &str = "EQUIRECTANGULAR";
+
+#[derive(Serialize, Deserialize)]
+struct Transforms {
+    camera_model: String,
+    w: u32,
+    h: u32,
+    fl_x: f64,
+    fl_y: f64,
+    cx: f64,
+    cy: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    ply_file_path: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    applied_transform: Option<serde_json::Value>,
+    frames: Vec<Frame>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Frame {
+    file_path: String,
+    transform_matrix: [[f64; 4]; 4],
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    mask_path: Option<String>,
+}
+
+/// From our camera axes to OpenGL's, and back.
+fn opengl(rotation: DMat3) -> DMat3 {
+    rotation * DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0))
+}
+
+fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
+    super::copy_images(scene, &out.join("images"))?;
+    super::write_black_masks(scene, &out.join("masks"), mask_name)?;
+    let half = f64::from(scene.camera.width) / 2.0;
+    let has_points = !scene.points.is_empty();
+    if has_points {
+        scene.points.write_ply(&out.join(POINTS_FILE))?;
+    }
+    let frames = scene.frames.iter().map(|frame| {
+        // Valid poses have a rotation: they were chosen by that.
+        let rotation = DMat3::from_quat(frame.pose.rotation().unwrap_or_default());
+        let mut matrix = DMat4::from_mat3(opengl(rotation));
+        matrix.w_axis = frame.pose.centre().extend(1.0);
+        Frame {
+            file_path: format!("images/{}", frame.name),
+            // Rows of the matrix are columns of its transpose.
+            transform_matrix: matrix.transpose().to_cols_array_2d(),
+            mask_path: frame
+                .mask
+                .is_some()
+                .then(|| format!("masks/{}", mask_name(&frame.name))),
+        }
+    });
+    let transforms = Transforms {
+        camera_model: CAMERA_MODEL.to_owned(),
+        w: scene.camera.width,
+        h: scene.camera.height,
+        fl_x: half,
+        fl_y: half,
+        cx: half,
+        cy: f64::from(scene.camera.height) / 2.0,
+        ply_file_path: has_points.then(|| POINTS_FILE.to_owned()),
+        applied_transform: None,
+        frames: frames.collect(),
+    };
+    Ok(super::write_json(&out.join(TRANSFORMS_FILE), &transforms)?)
+}
+
+fn mask_name(image: &str) -> String {
+    format!("{}.png", stem(image))
+}
+
+fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
+    let path = folder.join(TRANSFORMS_FILE);
+    let malformed = |reason: String| StoreError::malformed(&path, reason);
+    let transforms: Transforms = super::read_json(&path)?;
+    if transforms.camera_model != CAMERA_MODEL {
+        let model = &transforms.camera_model;
+        return Err(malformed(format!("camera model {model}, expected {CAMERA_MODEL}")).into());
+    }
+    // Undoing it would need to know whether the points were turned with the cameras.
+    if transforms.applied_transform.is_some() {
+        return Err(malformed("has an applied_transform; export it without".to_owned()).into());
+    }
+    let mut frames = Vec::new();
+    for frame in &transforms.frames {
+        let matrix = DMat4::from_cols_array_2d(&frame.transform_matrix).transpose();
+        let rotation = opengl(DMat3::from_mat4(matrix));
+        let pose = Pose::from_matrix(rotation, matrix.w_axis.truncate())
+            .filter(|_| matrix.row(3) == DVec4::W)
+            .ok_or_else(|| malformed(format!("{} has no rigid transform", frame.file_path)))?;
+        frames.push(ForeignFrame {
+            image: folder.join(&frame.file_path),
+            mask: frame.mask_path.as_ref().map(|mask| ForeignMask {
+                file: folder.join(mask),
+                black_is_dynamic: true,
+            }),
+            pose: Some(pose),
+        });
+    }
+    Ok(ForeignScene {
+        camera: ErpCamera {
+            width: transforms.w,
+            height: transforms.h,
+        },
+        frames,
+        points: match &transforms.ply_file_path {
+            Some(file) => PointCloud::read_ply(&folder.join(file))?,
+            None => PointCloud::default(),
+        },
+    })
+}

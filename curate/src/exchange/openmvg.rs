@@ -1,0 +1,259 @@
+//! OpenMVG's `sfm_data`, split into views and extrinsics as ODGS and its successors read it.
+//!
+//! ```text
+//! data_views.json        views and the spherical intrinsic
+//! data_extrinsics.json   per pose: rotation (world to camera, row by row) and camera centre
+//! images/                the frames
+//! images/<stem>_mask.png black where something moves (OpenMVG's convention)
+//! train.txt, test.txt    stems of the frames for training and for testing, one per line
+//! pcd.ply                world points with (zero) normals, which their reader asks for
+//! ```
+//!
+//! Axes: OpenMVG's spherical camera has x right, y down and z forward, and its image is ours
+//! (`src/openMVG/cameras/Camera_Spherical.hpp`): nothing is turned. `x_c = R (x_w - C)`.
+
+use std::{collections::BTreeMap, io::Write, path::Path};
+
+use glam::{DMat3, DVec3};
+use omnilife_schemas::{
+    Pose,
+    camera::ErpCamera,
+    points::PointCloud,
+    store::{self, StoreError},
+};
+use serde::{Deserialize, Serialize};
+
+use super::{ExportScene, ForeignFrame, ForeignScene, Format, black_mask, stem};
+use crate::error::CurateError;
+
+/// The format.
+pub const FORMAT: Format = Format {
+    id: "openmvg",
+    about: "OpenMVG views and extrinsics, as ODGS reads them",
+    export,
+    import,
+};
+
+const VIEWS_FILE: &str = "data_views.json";
+const EXTRINSICS_FILE: &str = "data_extrinsics.json";
+const POINTS_FILE: &str = "pcd.ply";
+/// cereal marks the first object of a polymorphic type with the highest bit.
+const FIRST_OF_ITS_KIND: u32 = 1 << 31;
+/// cereal's mark for an object of the static type.
+const STATIC_TYPE: u32 = 1 << 30;
+
+#[derive(Serialize, Deserialize)]
+struct SfmData {
+    sfm_data_version: String,
+    root_path: String,
+    #[serde(default)]
+    views: Vec<Keyed<Polymorphic<View>>>,
+    #[serde(default)]
+    intrinsics: Vec<Keyed<NamedPolymorphic<Intrinsic>>>,
+    #[serde(default)]
+    extrinsics: Vec<Keyed<Extrinsic>>,
+    #[serde(default)]
+    structure: Vec<serde_json::Value>,
+    #[serde(default)]
+    control_points: Vec<serde_json::Value>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Keyed<T> {
+    key: u32,
+    value: T,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Polymorphic<T> {
+    polymorphic_id: u32,
+    ptr_wrapper: Pointer<T>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct NamedPolymorphic<T> {
+    polymorphic_id: u32,
+    polymorphic_name: String,
+    ptr_wrapper: Pointer<T>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Pointer<T> {
+    id: u32,
+    data: T,
+}
+
+#[derive(Serialize, Deserialize)]
+struct View {
+    local_path: String,
+    filename: String,
+    width: u32,
+    height: u32,
+    id_view: u32,
+    id_intrinsic: u32,
+    id_pose: u32,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Intrinsic {
+    width: u32,
+    height: u32,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Extrinsic {
+    rotation: [[f64; 3]; 3],
+    center: [f64; 3],
+}
+
+impl SfmData {
+    fn empty() -> Self {
+        Self {
+            sfm_data_version: "0.3".to_owned(),
+            root_path: "images".to_owned(),
+            views: Vec::new(),
+            intrinsics: Vec::new(),
+            extrinsics: Vec::new(),
+            structure: Vec::new(),
+            control_points: Vec::new(),
+        }
+    }
+}
+
+fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
+    let images = out.join("images");
+    super::copy_images(scene, &images)?;
+    super::write_black_masks(scene, &images, mask_name)?;
+    let mut views = SfmData::empty();
+    let mut extrinsics = SfmData::empty();
+    for (key, frame) in (0..).zip(&scene.frames) {
+        views.views.push(Keyed {
+            key,
+            value: Polymorphic {
+                polymorphic_id: STATIC_TYPE,
+                ptr_wrapper: Pointer {
+                    id: FIRST_OF_ITS_KIND + key + 1,
+                    data: View {
+                        local_path: String::new(),
+                        filename: frame.name.clone(),
+                        width: scene.camera.width,
+                        height: scene.camera.height,
+                        id_view: key,
+                        id_intrinsic: 0,
+                        id_pose: key,
+                    },
+                },
+            },
+        });
+        // Valid poses have a rotation: they were chosen by that.
+        let camera_to_world = DMat3::from_quat(frame.pose.rotation().unwrap_or_default());
+        // Columns of camera-to-world are the rows of world-to-camera.
+        extrinsics.extrinsics.push(Keyed {
+            key,
+            value: Extrinsic {
+                rotation: camera_to_world.to_cols_array_2d(),
+                center: frame.pose.centre,
+            },
+        });
+    }
+    views.intrinsics.push(Keyed {
+        key: 0,
+        value: NamedPolymorphic {
+            polymorphic_id: FIRST_OF_ITS_KIND + 1,
+            polymorphic_name: "spherical".to_owned(),
+            ptr_wrapper: Pointer {
+                id: FIRST_OF_ITS_KIND + scene.frames.len() as u32 + 1,
+                data: Intrinsic {
+                    width: scene.camera.width,
+                    height: scene.camera.height,
+                },
+            },
+        },
+    });
+    super::write_json(&out.join(VIEWS_FILE), &views)?;
+    super::write_json(&out.join(EXTRINSICS_FILE), &extrinsics)?;
+    for (file, inputs) in [("train.txt", true), ("test.txt", false)] {
+        let names: String = scene
+            .frames
+            .iter()
+            .filter(|frame| frame.is_input == inputs)
+            .map(|frame| format!("{}\n", stem(&frame.name)))
+            .collect();
+        store::write_bytes(&out.join(file), names.as_bytes())?;
+    }
+    Ok(write_points(&out.join(POINTS_FILE), &scene.points)?)
+}
+
+fn mask_name(image: &str) -> String {
+    format!("{}_mask.png", stem(image))
+}
+
+/// A PLY with the columns that 3DGS's reader asks for.
+fn write_points(path: &Path, cloud: &PointCloud) -> Result<(), StoreError> {
+    store::write_with(path, |writer| {
+        let columns: String = ["x", "y", "z", "nx", "ny", "nz"]
+            .map(|name| format!("property float {name}\n"))
+            .concat();
+        write!(
+            writer,
+            "ply\nformat binary_little_endian 1.0\nelement vertex {}\n{columns}\
+             property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n",
+            cloud.len()
+        )?;
+        for (position, colour) in cloud.positions.iter().zip(&cloud.colours) {
+            for value in position.iter().chain(&[0.0; 3]) {
+                writer.write_all(&value.to_le_bytes())?;
+            }
+            writer.write_all(colour)?;
+        }
+        Ok(())
+    })
+}
+
+fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
+    let views_path = folder.join(VIEWS_FILE);
+    let views: SfmData = super::read_json(&views_path)?;
+    let extrinsics_path = folder.join(EXTRINSICS_FILE);
+    let extrinsics: SfmData = super::read_json(&extrinsics_path)?;
+    let mut poses = BTreeMap::new();
+    for Keyed { key, value } in &extrinsics.extrinsics {
+        let world_to_camera = DMat3::from_cols_array_2d(&value.rotation).transpose();
+        let centre = DVec3::from_array(value.center);
+        let pose = Pose::from_matrix(world_to_camera.transpose(), centre).ok_or_else(|| {
+            StoreError::malformed(
+                &extrinsics_path,
+                format!("pose {key} is no rotation and centre"),
+            )
+        })?;
+        poses.insert(*key, pose);
+    }
+    let images = folder.join("images");
+    let mut camera = None;
+    let mut frames = Vec::new();
+    for view in &views.views {
+        let view = &view.value.ptr_wrapper.data;
+        let size = ErpCamera {
+            width: view.width,
+            height: view.height,
+        };
+        if *camera.get_or_insert(size) != size {
+            return Err(StoreError::malformed(&views_path, "its views differ in size").into());
+        }
+        frames.push(ForeignFrame {
+            image: images.join(&view.filename),
+            mask: black_mask(&images, &mask_name(&view.filename)),
+            pose: poses.get(&view.id_pose).copied(),
+        });
+    }
+    let camera = camera.ok_or_else(|| StoreError::malformed(&views_path, "has no views"))?;
+    let points = folder.join(POINTS_FILE);
+    Ok(ForeignScene {
+        camera,
+        frames,
+        points: if points.is_file() {
+            PointCloud::read_ply(&points)?
+        } else {
+            PointCloud::default()
+        },
+    })
+}

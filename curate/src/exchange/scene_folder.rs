@@ -1,0 +1,227 @@
+//! From a scene in another tool's format to ours.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    path::{Path, PathBuf},
+};
+
+use omnilife_schemas::{
+    records::{PoseSource, Scale, Scene, SceneFrame},
+    rgb::Mask,
+    store::{self, StoreError},
+};
+
+use super::{ForeignFrame, ForeignScene, format, times};
+use crate::{
+    error::CurateError,
+    poses::{POINTS_FILE, SCENE_FILE, given},
+};
+
+/// What to import.
+#[derive(Debug, Clone)]
+pub struct ImportRequest<'a> {
+    /// Folder in the other tool's format.
+    pub folder: &'a Path,
+    /// Its format, see [`FORMATS`](super::FORMATS).
+    pub format: &'a str,
+    /// Name of the scene.
+    pub id: &'a str,
+    /// Frames per second, where the folder has no `times.csv`.
+    pub frames_per_second: Option<f64>,
+    /// Folder to fill; must not exist or be empty.
+    pub out: &'a Path,
+}
+
+/// Imports a scene: `scene.json`, `frames/`, `masks/` and `points.ply`.
+///
+/// Poses are taken as they are and marked unchecked, the scale as arbitrary.
+///
+/// # Errors
+/// [`CurateError::Input`] for an unknown format, missing times, images of another size and an
+/// output that holds something; [`CurateError::Store`] for malformed files.
+pub fn import(request: &ImportRequest<'_>) -> Result<Scene, CurateError> {
+    let format = format(request.format, request.folder)?;
+    super::refuse_filled(request.out)?;
+    let foreign = (format.import)(request.folder)?;
+    refuse_shared_names(request.folder, &foreign)?;
+    let times = frame_times(request, &foreign.frames)?;
+    super::fill_folder(request.out, |folder| {
+        write(request, &foreign, &times, folder)
+    })
+}
+
+/// Writes the scene into an empty folder.
+fn write(
+    request: &ImportRequest<'_>,
+    foreign: &ForeignScene,
+    times: &[f64],
+    out: &Path,
+) -> Result<Scene, CurateError> {
+    store::create_folder(&out.join("frames"))?;
+    let mut frames = Vec::new();
+    for (frame, time_seconds) in foreign.frames.iter().zip(times) {
+        let name = image_name(frame);
+        let image = format!("frames/{name}");
+        check_size(foreign, frame)?;
+        super::copy(&frame.image, &out.join(&image))?;
+        frames.push(SceneFrame {
+            image,
+            time_seconds: *time_seconds,
+            pose: frame.pose,
+            mask: import_mask(foreign, frame, out)?,
+        });
+    }
+    frames.sort_by(|a, b| a.time_seconds.total_cmp(&b.time_seconds));
+    let points = if foreign.points.is_empty() {
+        None
+    } else {
+        foreign.points.write_ply(&out.join(POINTS_FILE))?;
+        Some(POINTS_FILE.to_owned())
+    };
+    let poses: Vec<_> = frames.iter().map(|frame| frame.pose).collect();
+    let scene = Scene {
+        id: request.id.to_owned(),
+        camera: foreign.camera,
+        scale: Scale::Arbitrary,
+        frames,
+        points,
+        pose_source: PoseSource::Given {
+            file: request.folder.display().to_string(),
+        },
+        validation: given::unchecked(&poses),
+    };
+    store::write_record(&out.join(SCENE_FILE), &scene)?;
+    Ok(scene)
+}
+
+fn image_name(frame: &ForeignFrame) -> String {
+    frame
+        .image
+        .file_name()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned()
+}
+
+/// Frames lie in one folder here: names from several must not collide.
+fn refuse_shared_names(folder: &Path, foreign: &ForeignScene) -> Result<(), CurateError> {
+    let mut names = BTreeSet::new();
+    match foreign
+        .frames
+        .iter()
+        .map(image_name)
+        .find(|name| !names.insert(name.clone()))
+    {
+        Some(name) => Err(CurateError::input(
+            folder,
+            format!("has two images named {name}"),
+        )),
+        None => Ok(()),
+    }
+}
+
+/// Times from `times.csv`, else from the frame rate given.
+fn frame_times(
+    request: &ImportRequest<'_>,
+    frames: &[ForeignFrame],
+) -> Result<Vec<f64>, CurateError> {
+    let Some(times) = times::read(request.folder)? else {
+        let rate = request
+            .frames_per_second
+            .filter(|rate| rate.is_finite() && *rate > 0.0);
+        let rate = rate.ok_or_else(|| {
+            CurateError::input(
+                request.folder,
+                format!(
+                    "has no {}, so nothing says when its frames were shown; give --fps",
+                    times::TIMES_FILE
+                ),
+            )
+        })?;
+        return Ok((0..frames.len()).map(|index| index as f64 / rate).collect());
+    };
+    frames
+        .iter()
+        .enumerate()
+        .map(|(index, frame)| {
+            time_of(&times, &image_name(frame), index).ok_or_else(|| {
+                CurateError::input(
+                    &request.folder.join(times::TIMES_FILE),
+                    format!("has no time for {}", image_name(frame)),
+                )
+            })
+        })
+        .collect()
+}
+
+/// By name; by number where the format has renamed the frames (the table is in order of time, and
+/// names count upwards).
+fn time_of(times: &BTreeMap<String, f64>, name: &str, index: usize) -> Option<f64> {
+    times
+        .get(name)
+        .or_else(|| times.values().nth(index))
+        .copied()
+}
+
+fn check_size(foreign: &ForeignScene, frame: &ForeignFrame) -> Result<(), CurateError> {
+    let size = image::image_dimensions(&frame.image).map_err(|error| {
+        StoreError::malformed(&frame.image, format!("not a usable image: {error}"))
+    })?;
+    if size == (foreign.camera.width, foreign.camera.height) {
+        return Ok(());
+    }
+    Err(CurateError::input(
+        &frame.image,
+        format!(
+            "is {}x{}, its scene says {}x{}",
+            size.0, size.1, foreign.camera.width, foreign.camera.height
+        ),
+    ))
+}
+
+fn import_mask(
+    foreign: &ForeignScene,
+    frame: &ForeignFrame,
+    out: &Path,
+) -> Result<Option<String>, CurateError> {
+    let Some(found) = &frame.mask else {
+        return Ok(None);
+    };
+    let mut mask = Mask::read(&found.file)?;
+    if (mask.width, mask.height)
+        != (
+            foreign.camera.width as usize,
+            foreign.camera.height as usize,
+        )
+    {
+        return Err(CurateError::input(
+            &found.file,
+            "is not of its image's size",
+        ));
+    }
+    if found.black_is_dynamic {
+        mask = mask.inverted();
+    }
+    store::create_folder(&out.join("masks"))?;
+    let name = format!("masks/{}.png", super::stem(&image_name(frame)));
+    mask.write_png(&out.join(&name))?;
+    Ok(Some(name))
+}
+
+/// The image files of a folder in order of their names.
+pub(super) fn sorted_files(folder: &Path) -> Result<Vec<PathBuf>, CurateError> {
+    let failed = |error| StoreError::read(folder, error);
+    let mut files = Vec::new();
+    for entry in fs::read_dir(folder).map_err(failed)? {
+        let path = entry.map_err(failed)?.path();
+        let is_image = path
+            .extension()
+            .is_some_and(|extension| ["png", "jpg", "jpeg"].iter().any(|e| extension == *e));
+        if is_image {
+            files.push(path);
+        }
+    }
+    files.sort();
+    Ok(files)
+}

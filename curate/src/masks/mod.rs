@@ -1,0 +1,195 @@
+//! Masks of what moves in a sequence: from files, or from motion that the camera's own does not
+//! explain ([`residual`]).
+//!
+//! They are written as `dynamic-masks/NNNNNN.png` with a `masks.json`, which
+//! `omnilife curate poses --masks` takes. A method is one entry in [`METHODS`].
+
+pub mod residual;
+
+use std::path::{Path, PathBuf};
+
+use omnilife_schemas::{
+    camera::ErpCamera,
+    progress::Progress,
+    records::{MaskEntry, Masks, Sequence},
+    rgb::Mask,
+    stage::StagePlan,
+    store,
+};
+
+use crate::{error::CurateError, pipeline::SEQUENCE_FILE, poses};
+
+/// Folder of the masks in a sequence's folder.
+pub const MASKS_FOLDER: &str = "dynamic-masks";
+/// File of the record in that folder.
+pub const MASKS_FILE: &str = "masks.json";
+
+/// Where masks come from.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum MaskSource {
+    /// Images that somebody supplies, named as the frames; white is what moves.
+    Files(PathBuf),
+    /// A method of [`METHODS`].
+    Method(String),
+}
+
+/// Finds the masks of the sequence in a folder.
+pub type FindMasks = fn(&Path, &Sequence, &dyn Progress) -> Result<Vec<Mask>, CurateError>;
+
+/// A way of finding what moves.
+#[derive(Debug, Clone, Copy)]
+pub struct MaskMethod {
+    /// Name on the command line.
+    pub id: &'static str,
+    /// One line.
+    pub about: &'static str,
+    /// Settings, for the record.
+    pub settings: fn() -> String,
+    /// One mask per frame of the sequence in a folder, at frame size.
+    pub find: FindMasks,
+}
+
+/// All methods.
+pub const METHODS: &[MaskMethod] = &[residual::METHOD];
+
+/// Writes the masks of a sequence; skipped, with a note, while frames and source have not changed.
+///
+/// # Errors
+/// [`CurateError::Input`] for an unknown method and for files that fit no frame,
+/// [`CurateError::Store`] when a file cannot be read or written.
+pub fn write_masks(
+    folder: &Path,
+    source: &MaskSource,
+    progress: &dyn Progress,
+) -> Result<Masks, CurateError> {
+    let sequence_path = folder.join(SEQUENCE_FILE);
+    let sequence: Sequence = store::read_record(&sequence_path)?;
+    let files = match source {
+        MaskSource::Files(from) => Some(poses::masks::find(from, &sequence)?),
+        MaskSource::Method(_) => None,
+    };
+    let (method, settings) = describe(source, folder)?;
+    let mut plan = StagePlan::new(folder, "masks")
+        .with_file(&sequence_path)?
+        .with_text("method", &method)
+        .with_text("settings", &settings);
+    for file in files.iter().flatten() {
+        plan = plan.with_file(file)?;
+    }
+    let out = folder.join(MASKS_FOLDER);
+    if plan.is_done() {
+        progress.note(&format!("{}: masks unchanged, skipped", sequence.id));
+        return Ok(store::read_record(&out.join(MASKS_FILE))?);
+    }
+    let started = std::time::Instant::now();
+    let masks = match (&files, source) {
+        (Some(files), _) => read_masks(files, &sequence)?,
+        (None, MaskSource::Method(id)) => {
+            (find_method(id, folder)?.find)(folder, &sequence, progress)?
+        }
+        (None, MaskSource::Files(_)) => Vec::new(),
+    };
+    plan.begin()?;
+    store::remove(&out)?;
+    store::create_folder(&out)?;
+    let mut outputs = vec![format!("{MASKS_FOLDER}/{MASKS_FILE}")];
+    let mut entries = Vec::new();
+    for (frame, mask) in sequence.frames.entries.iter().zip(&masks) {
+        let file = format!("{}.png", stem(&frame.file));
+        mask.write_png(&out.join(&file))?;
+        outputs.push(format!("{MASKS_FOLDER}/{file}"));
+        entries.push(MaskEntry {
+            file,
+            dynamic_share: dynamic_share(mask),
+        });
+    }
+    let record = Masks {
+        sequence: sequence.id,
+        method,
+        settings,
+        frames: entries,
+    };
+    store::write_record(&out.join(MASKS_FILE), &record)?;
+    plan.finish(outputs, started.elapsed().as_secs_f64())?;
+    Ok(record)
+}
+
+fn find_method(id: &str, folder: &Path) -> Result<&'static MaskMethod, CurateError> {
+    METHODS.iter().find(|method| method.id == id).ok_or_else(|| {
+        let known: Vec<&str> = METHODS.iter().map(|method| method.id).collect();
+        CurateError::input(
+            folder,
+            format!(
+                "unavailable mask method {id}; known are {}, and masks of any other program can be \
+                 given as files",
+                known.join(", ")
+            ),
+        )
+    })
+}
+
+fn describe(source: &MaskSource, folder: &Path) -> Result<(String, String), CurateError> {
+    Ok(match source {
+        MaskSource::Files(_) => ("files".to_owned(), "as given".to_owned()),
+        MaskSource::Method(id) => (id.clone(), (find_method(id, folder)?.settings)()),
+    })
+}
+
+fn read_masks(files: &[PathBuf], sequence: &Sequence) -> Result<Vec<Mask>, CurateError> {
+    let size = (
+        sequence.frames.width as usize,
+        sequence.frames.height as usize,
+    );
+    files
+        .iter()
+        .map(|file| {
+            let mask = Mask::read(file)?;
+            // Another shape is another projection, or another frame.
+            if mask.width * size.1 != mask.height * size.0 {
+                return Err(CurateError::input(file, "has not the shape of its frame"));
+            }
+            Ok(mask.resized_to_nearest(size.0, size.1))
+        })
+        .collect()
+}
+
+fn stem(file: &str) -> String {
+    let stem = Path::new(file).file_stem().unwrap_or_default();
+    stem.to_string_lossy().into_owned()
+}
+
+/// Share of the sphere that a mask covers: every pixel counts by its solid angle.
+pub fn dynamic_share(mask: &Mask) -> f64 {
+    let camera = ErpCamera {
+        width: mask.width as u32,
+        height: mask.height as u32,
+    };
+    let (mut covered, mut all) = (0.0, 0.0);
+    for (row, pixels) in mask.data.chunks(mask.width).enumerate() {
+        let weight = camera.pixel_solid_angle(row as u32);
+        let marked = pixels.iter().filter(|&&pixel| pixel != 0).count();
+        covered += weight * marked as f64;
+        all += weight * mask.width as f64;
+    }
+    if all > 0.0 { covered / all } else { 0.0 }
+}
+
+/// Intersection over union of two masks of one size on the sphere; 1 where both are empty.
+pub fn intersection_over_union(a: &Mask, b: &Mask) -> f64 {
+    let combined = |both: fn(u8, u8) -> u8| Mask {
+        width: a.width,
+        height: a.height,
+        data: a
+            .data
+            .iter()
+            .zip(&b.data)
+            .map(|(&a, &b)| both(a, b))
+            .collect(),
+    };
+    let union = dynamic_share(&combined(|a, b| a | b));
+    if union > 0.0 {
+        dynamic_share(&combined(|a, b| a & b)) / union
+    } else {
+        1.0
+    }
+}

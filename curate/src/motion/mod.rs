@@ -1,0 +1,15 @@
+//! How the camera and the scene move, seen on the sphere: the rotation between two frames, the flow
+//! that is left after it, and what of that flow a moving camera in a still scene cannot explain.
+//!
+//! Everything works with directions instead of pixels, so there is no seam and no pole: pictures
+//! are sampled on tangent planes wherever a point lies.
+
+pub mod flow;
+pub mod grey;
+pub mod residual;
+pub mod rotation;
+
+pub use flow::{Flow, flow};
+pub use grey::GreySphere;
+pub use residual::{PairMotion, explain};
+pub use rotation::align;

@@ -1,0 +1,135 @@
+//! The dataset card: what the dataset is, in Markdown.
+
+use std::fmt::Write;
+
+use omnilife_schemas::records::{About, Dataset, VideoStatus};
+
+use super::{
+    STATISTICS_FOLDER,
+    figures::FIGURES,
+    statistics::{DISTRIBUTIONS, Statistics},
+};
+
+/// Writes the card. The head between dashes is what dataset hubs read.
+pub(super) fn card(about: &About, dataset: &Dataset, statistics: &Statistics) -> String {
+    let mut text = format!("---\npretty_name: {}\n", quoted(&about.name));
+    if let Some(licence) = &about.licence {
+        line(&mut text, &format!("license: {}", quoted(licence)));
+    }
+    line(
+        &mut text,
+        "tags:\n- 360-degree video\n- equirectangular\n- 3d-reconstruction\n---\n",
+    );
+    line(&mut text, &format!("# {}\n", about.name));
+    if let Some(description) = &about.description {
+        line(&mut text, &format!("{description}\n"));
+    }
+    line(
+        &mut text,
+        &format!(
+            "{} sequences from {} of {} videos, {:.2} hours of equirectangular 360-degree video; \
+             {:.1} s on average, {:.1} % above two minutes. Made by omnilife {}.\n",
+            statistics.rows.len(),
+            statistics.curated_videos,
+            statistics.videos,
+            statistics.seconds() / 3600.0,
+            statistics.mean_seconds(),
+            100.0 * statistics.long_share(),
+            env!("CARGO_PKG_VERSION")
+        ),
+    );
+    distributions(&mut text, statistics);
+    sources(&mut text, dataset);
+    text.push_str(FILES);
+    let licence = about.licence.as_deref().unwrap_or(
+        "None was stated. Footage keeps the licence of its source until its owner says otherwise.",
+    );
+    line(&mut text, &format!("## Licence\n\n{licence}"));
+    text
+}
+
+const FILES: &str = "\
+## Files
+
+| file | what |
+|---|---|
+| `dataset.json` | every video with its outcome and the folders of its sequences |
+| `videos/*/analysis.json` | probe and ERP verdict, with evidence |
+| `videos/*/boundaries.json` | shot boundaries |
+| `videos/*/slices.json` | what became of every second of the video |
+| `videos/*/slices/*.mp4` | the sequences as video, where they were asked for |
+| `videos/*/seq-*/sequence.json`, `frames/` | a sequence and its sampled frames |
+| `videos/*/seq-*/annotation.json` | what it shows and how it moves |
+| `videos/*/seq-*/scene.json`, `points.ply`, `masks/` | cameras, world points, masks of what moves |
+| `statistics/` | counts as CSV and figures |
+| `SHA256SUMS` | checksums of all files |
+
+Camera frame: x right, y down, z forward; the image centre is +z, north is up. Times are seconds of
+the source's presentation timestamps. `omnilife curate verify .` checks all of it.
+
+";
+
+fn line(text: &mut String, line: &str) {
+    text.push_str(line);
+    text.push('\n');
+}
+
+fn distributions(text: &mut String, statistics: &Statistics) {
+    line(text, "## Statistics\n");
+    for figure in FIGURES {
+        line(
+            text,
+            &format!("![{}]({STATISTICS_FOLDER}/{})\n", figure.title, figure.file),
+        );
+    }
+    line(
+        text,
+        "| | class | sequences | share | hours |\n|---|---|--:|--:|--:|",
+    );
+    for distribution in DISTRIBUTIONS {
+        for (class, tally) in statistics.tally(distribution) {
+            line(
+                text,
+                &format!(
+                    "| {} | {} | {} | {:.1} % | {:.3} |",
+                    distribution.id,
+                    cell(&class),
+                    tally.sequences,
+                    100.0 * tally.sequences as f64 / statistics.rows.len() as f64,
+                    tally.seconds / 3600.0
+                ),
+            );
+        }
+    }
+    text.push('\n');
+}
+
+fn sources(text: &mut String, dataset: &Dataset) {
+    line(
+        text,
+        "## Sources\n\n| video | SHA-256 | outcome |\n|---|---|---|",
+    );
+    for video in &dataset.videos {
+        let outcome = match &video.status {
+            VideoStatus::Curated { sequences } => format!("{} sequences", sequences.len()),
+            VideoStatus::Rejected { reason } => format!("rejected: {}", cell(reason)),
+            VideoStatus::Failed { reason } => format!("failed: {}", cell(reason)),
+            VideoStatus::Pending => "not reached".to_owned(),
+        };
+        let sha256 = video.sha256.as_deref().unwrap_or("unreadable");
+        let name = video.file.rsplit(['/', '\\']).next().unwrap_or(&video.file);
+        // Writing to a string does not fail.
+        let _ = writeln!(text, "| {} | `{sha256}` | {outcome} |", cell(name));
+    }
+    text.push('\n');
+}
+
+/// Text that cannot end a table cell.
+fn cell(text: &str) -> String {
+    text.replace('|', "\\|").replace(['\n', '\r'], " ")
+}
+
+/// A YAML string; JSON's quoting is a part of YAML's.
+fn quoted(text: &str) -> String {
+    serde_json::Value::from(text).to_string()
+}

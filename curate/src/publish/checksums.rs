@@ -1,0 +1,78 @@
+//! `SHA256SUMS`: a checksum of every file of a dataset, in the form of `sha256sum`.
+
+use std::{collections::BTreeMap, fs, path::Path};
+
+use omnilife_schemas::{
+    progress::Progress,
+    store::{self, StoreError},
+};
+
+use super::CHECKSUMS_FILE;
+use crate::error::CurateError;
+
+/// Writes the checksums of all files of a dataset.
+pub(super) fn write(folder: &Path, progress: &dyn Progress) -> Result<(), CurateError> {
+    let files = files(folder)?;
+    progress.begin("hashing the dataset", Some(files.len() as u64));
+    let lines: Result<String, StoreError> = files
+        .iter()
+        .map(|file| {
+            let sha256 = store::sha256_file(&folder.join(file))?;
+            progress.advance(1);
+            Ok(format!("{sha256}  {file}\n"))
+        })
+        .collect();
+    progress.end();
+    Ok(store::write_bytes(
+        &folder.join(CHECKSUMS_FILE),
+        lines?.as_bytes(),
+    )?)
+}
+
+/// The checksums as written: hash by file.
+pub(super) fn read(folder: &Path) -> Result<BTreeMap<String, String>, StoreError> {
+    let path = folder.join(CHECKSUMS_FILE);
+    let text = fs::read_to_string(&path).map_err(|error| StoreError::read(&path, error))?;
+    text.lines()
+        .enumerate()
+        .map(|(index, line)| {
+            line.split_once("  ")
+                .filter(|(hash, _)| hash.len() == 64)
+                .map(|(hash, file)| (file.to_owned(), hash.to_owned()))
+                .ok_or_else(|| {
+                    StoreError::malformed(&path, format!("line {} is no checksum", index + 1))
+                })
+        })
+        .collect()
+}
+
+/// All files of a dataset relative to it, with `/` between folders, sorted; without hidden ones,
+/// which are this machine's notes of what need not be done again, and without the checksums.
+pub(super) fn files(folder: &Path) -> Result<Vec<String>, CurateError> {
+    let mut found = Vec::new();
+    let mut pending = vec![(folder.to_owned(), String::new())];
+    while let Some((path, prefix)) = pending.pop() {
+        let failed = |error| StoreError::read(&path, error);
+        for entry in fs::read_dir(&path).map_err(failed)? {
+            let entry = entry.map_err(failed)?;
+            let name = entry.file_name();
+            let name = name.to_str().ok_or_else(|| {
+                CurateError::input(
+                    &entry.path(),
+                    "its name is not UTF-8; a dataset cannot hold it",
+                )
+            })?;
+            let relative = format!("{prefix}{name}");
+            if name.starts_with('.') || relative == CHECKSUMS_FILE {
+                continue;
+            }
+            if entry.file_type().map_err(failed)?.is_dir() {
+                pending.push((entry.path(), format!("{relative}/")));
+            } else {
+                found.push(relative);
+            }
+        }
+    }
+    found.sort();
+    Ok(found)
+}

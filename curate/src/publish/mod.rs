@@ -1,0 +1,118 @@
+//! Publishing a dataset: statistics, figures, a card and checksums, and the check of all of it.
+//!
+//! [`publish`] adds to the folder that curation filled:
+//!
+//! ```text
+//! about.json                   name, licence and description, as its makers give them
+//! statistics/summary.csv       counts, hours, mean duration, share above two minutes
+//! statistics/sequences.csv     one row per sequence
+//! statistics/distributions.csv sequences and hours per group, scene, action, ego-motion, dynamics
+//! statistics/*.svg             the distributions as figures
+//! README.md                    the dataset card
+//! SHA256SUMS                   of every file, as `sha256sum -c` reads it
+//! ```
+//!
+//! [`verify`] says in one line each what is wrong with such a folder.
+
+mod card;
+mod checksums;
+mod figures;
+mod statistics;
+mod verify;
+
+use std::path::Path;
+
+use omnilife_schemas::{
+    progress::Progress,
+    records::{About, Dataset},
+    store,
+};
+
+pub use statistics::{SequenceRow, Statistics, Tally};
+pub use verify::verify;
+
+use crate::{dataset::DATASET_FILE, error::CurateError};
+
+/// File of what the makers say of their dataset.
+pub const ABOUT_FILE: &str = "about.json";
+/// File of the dataset card.
+pub const CARD_FILE: &str = "README.md";
+/// File of the checksums.
+pub const CHECKSUMS_FILE: &str = "SHA256SUMS";
+/// Folder of the statistics.
+const STATISTICS_FOLDER: &str = "statistics";
+
+/// What is said of a dataset beside what is measured; `None` keeps what was said before.
+#[derive(Debug, Clone, Default)]
+pub struct PublishSettings {
+    /// Name of the dataset; the folder's name where none was ever given.
+    pub name: Option<String>,
+    /// Licence of the whole.
+    pub licence: Option<String>,
+    /// What it is.
+    pub description: Option<String>,
+}
+
+/// Writes statistics, figures, card and checksums of the dataset in `folder`.
+///
+/// # Errors
+/// When the folder holds no dataset, a record of it is missing or malformed, or a file cannot be
+/// written.
+pub fn publish(
+    folder: &Path,
+    settings: &PublishSettings,
+    progress: &dyn Progress,
+) -> Result<Statistics, CurateError> {
+    let dataset: Dataset = store::read_record(&folder.join(DATASET_FILE))?;
+    // From here on the old checksums may be wrong: none are better.
+    store::remove(&folder.join(CHECKSUMS_FILE))?;
+    let about = about(folder, settings)?;
+    store::write_record(&folder.join(ABOUT_FILE), &about)?;
+    let statistics = Statistics::collect(folder, &dataset)?;
+    store::remove(&folder.join(STATISTICS_FOLDER))?;
+    store::create_folder(&folder.join(STATISTICS_FOLDER))?;
+    for (file, content) in derived_files(&about, &dataset, &statistics)? {
+        store::write_bytes(&folder.join(file), content.as_bytes())?;
+    }
+    checksums::write(folder, progress)?;
+    Ok(statistics)
+}
+
+/// Everything that follows from the records: file names with their contents.
+fn derived_files(
+    about: &About,
+    dataset: &Dataset,
+    statistics: &Statistics,
+) -> Result<Vec<(String, String)>, CurateError> {
+    let mut files = vec![(CARD_FILE.to_owned(), card::card(about, dataset, statistics))];
+    let mut add =
+        |name: &str, content| files.push((format!("{STATISTICS_FOLDER}/{name}"), content));
+    add("summary.csv", statistics.summary_csv()?);
+    add("sequences.csv", statistics.sequences_csv()?);
+    add("distributions.csv", statistics.distributions_csv()?);
+    for figure in figures::FIGURES {
+        add(figure.file, figures::draw(figure, statistics)?);
+    }
+    Ok(files)
+}
+
+/// What was said before, with what is said now.
+fn about(folder: &Path, settings: &PublishSettings) -> Result<About, CurateError> {
+    let path = folder.join(ABOUT_FILE);
+    let before = if path.is_file() {
+        store::read_record(&path)?
+    } else {
+        let absolute =
+            std::path::absolute(folder).map_err(|error| store::StoreError::read(folder, error))?;
+        let name = absolute.file_name().unwrap_or_default();
+        About {
+            name: name.to_string_lossy().into_owned(),
+            ..About::default()
+        }
+    };
+    Ok(About {
+        name: settings.name.clone().unwrap_or(before.name),
+        licence: settings.licence.clone().or(before.licence),
+        description: settings.description.clone().or(before.description),
+    })
+}

@@ -1,0 +1,227 @@
+//! Is a published dataset whole and true to itself?
+
+use std::path::Path;
+
+use omnilife_schemas::{
+    progress::Progress,
+    records::{About, Dataset, Sequence, SliceFile, Slices, StretchFate, VideoStatus, check_file},
+    store,
+};
+
+use super::{ABOUT_FILE, CHECKSUMS_FILE, Statistics, checksums, derived_files};
+use crate::{
+    dataset::DATASET_FILE, error::CurateError, pipeline::SEQUENCE_FILE, slicing::SLICES_FILE, video,
+};
+
+/// Stretches meet where they differ by no more than this, seconds: they are the same numbers,
+/// written and read once.
+const TIME_TOLERANCE_SECONDS: f64 = 1e-9;
+
+/// Checks a published dataset and returns one line per fault; none means that it is sound.
+///
+/// Checked are: a checksum of every file, no file missing and none too many; every record against
+/// its schema; sequences and frames that the records name; that the stretches of every video add up
+/// to its duration; that every slice lasts as long as its stretch; and that statistics and card say
+/// what the records say.
+///
+/// # Errors
+/// When `folder` cannot be read or holds no dataset.
+pub fn verify(folder: &Path, progress: &dyn Progress) -> Result<Vec<String>, CurateError> {
+    let mut faults = Faults::default();
+    let dataset: Dataset = store::read_record(&folder.join(DATASET_FILE))?;
+    let files = checksums::files(folder)?;
+    check_sums(folder, &files, &mut faults, progress);
+    for file in files.iter().filter(|file| file.ends_with(".json")) {
+        faults.note(check_file(&folder.join(file)));
+    }
+    for video in &dataset.videos {
+        match &video.status {
+            VideoStatus::Curated { sequences } => {
+                check_video(folder, sequences, video.sha256.as_deref(), &mut faults);
+            }
+            VideoStatus::Pending => faults.add(format!("{}: was never curated", video.file)),
+            VideoStatus::Rejected { .. } | VideoStatus::Failed { .. } => {}
+        }
+    }
+    // Without sound records the statistics cannot be made again, and that is known by now.
+    if faults.lines.is_empty() {
+        check_derived(folder, &dataset, &mut faults)?;
+    }
+    Ok(faults.lines)
+}
+
+#[derive(Default)]
+struct Faults {
+    lines: Vec<String>,
+}
+
+impl Faults {
+    fn add(&mut self, line: String) {
+        self.lines.push(line);
+    }
+
+    /// Keeps an error as a fault.
+    fn note<T, E: std::fmt::Display>(&mut self, outcome: Result<T, E>) -> Option<T> {
+        match outcome {
+            Ok(value) => Some(value),
+            Err(error) => {
+                let line = error.to_string();
+                // A broken file is found by more than one check.
+                if !self.lines.contains(&line) {
+                    self.lines.push(line);
+                }
+                None
+            }
+        }
+    }
+}
+
+fn check_sums(folder: &Path, files: &[String], faults: &mut Faults, progress: &dyn Progress) {
+    let Some(sums) = faults.note(checksums::read(folder)) else {
+        return;
+    };
+    progress.begin("checking the dataset", Some(files.len() as u64));
+    for file in files {
+        progress.advance(1);
+        let Some(expected) = sums.get(file) else {
+            faults.add(format!("{file}: is not in {CHECKSUMS_FILE}"));
+            continue;
+        };
+        if let Some(found) = faults.note(store::sha256_file(&folder.join(file)))
+            && found != *expected
+        {
+            faults.add(format!(
+                "{file}: has changed (sha256 {found:.12}, expected {expected:.12})"
+            ));
+        }
+    }
+    progress.end();
+    for file in sums.keys() {
+        if files.binary_search(file).is_err() {
+            faults.add(format!("{file}: is missing"));
+        }
+    }
+}
+
+/// Sequences, frames and stretches of one video.
+fn check_video(folder: &Path, sequences: &[String], sha256: Option<&str>, faults: &mut Faults) {
+    let mut kept = Vec::new();
+    let mut video_folder = None;
+    for name in sequences {
+        let at = folder.join(name);
+        video_folder = at.parent().map(Path::to_owned);
+        let path = at.join(SEQUENCE_FILE);
+        let Some(sequence) = faults.note(store::read_record::<Sequence>(&path)) else {
+            continue;
+        };
+        if Some(sequence.source.sha256.as_str()) != sha256 {
+            faults.add(format!(
+                "{name}: is cut from another video than {DATASET_FILE} says"
+            ));
+        }
+        for frame in &sequence.frames.entries {
+            if !at.join(&frame.file).is_file() {
+                faults.add(format!("{name}/{}: is missing", frame.file));
+            }
+            if !sequence.range.contains(frame.time_seconds) {
+                faults.add(format!(
+                    "{name}/{}: its time, {} s, is outside the sequence",
+                    frame.file, frame.time_seconds
+                ));
+            }
+        }
+        kept.push((name, sequence.range));
+    }
+    let Some(video_folder) = video_folder else {
+        return;
+    };
+    let path = video_folder.join(SLICES_FILE);
+    let Some(slices) = faults.note(store::read_record::<Slices>(&path)) else {
+        return;
+    };
+    let shown = path.display();
+    check_partition(&slices, &shown.to_string(), faults);
+    let recorded = slices
+        .stretches
+        .iter()
+        .filter_map(|stretch| match &stretch.fate {
+            StretchFate::Kept { sequence, slice } => Some((stretch.range, sequence, slice)),
+            StretchFate::TooShort | StretchFate::Transition => None,
+        });
+    let mut count = 0;
+    for (range, sequence, slice) in recorded {
+        count += 1;
+        let is_known = kept
+            .iter()
+            .any(|(name, kept)| name.ends_with(sequence.as_str()) && *kept == range);
+        if !is_known {
+            faults.add(format!(
+                "{shown}: {sequence} is no sequence of this stretch"
+            ));
+        }
+        if let Some(slice) = slice {
+            check_slice(&video_folder, slice, range.duration_seconds(), faults);
+        }
+    }
+    if count != kept.len() {
+        faults.add(format!(
+            "{shown}: keeps {count} stretches for {} sequences",
+            kept.len()
+        ));
+    }
+}
+
+/// Stretches have to cover the video from its beginning to its end without gaps or overlaps.
+fn check_partition(slices: &Slices, name: &str, faults: &mut Faults) {
+    let mut reached = slices.range.begin_seconds;
+    for stretch in &slices.stretches {
+        let gap = stretch.range.begin_seconds - reached;
+        if gap.abs() > TIME_TOLERANCE_SECONDS || stretch.range.duration_seconds() <= 0.0 {
+            faults.add(format!(
+                "{name}: the stretch from {} s to {} s does not follow what ends at {reached} s",
+                stretch.range.begin_seconds, stretch.range.end_seconds
+            ));
+        }
+        reached = stretch.range.end_seconds;
+    }
+    if (reached - slices.range.end_seconds).abs() > TIME_TOLERANCE_SECONDS {
+        faults.add(format!(
+            "{name}: the stretches end at {reached} s, the video at {} s",
+            slices.range.end_seconds
+        ));
+    }
+}
+
+fn check_slice(folder: &Path, slice: &SliceFile, duration_seconds: f64, faults: &mut Faults) {
+    let path = folder.join(&slice.file);
+    let Some(probe) = faults.note(video::probe(&path)) else {
+        return;
+    };
+    let frame = 1.0 / probe.frames_per_second.max(1.0);
+    if (probe.duration_seconds - duration_seconds).abs() > frame {
+        faults.add(format!(
+            "{}: lasts {:.3} s, its stretch {duration_seconds:.3} s",
+            path.display(),
+            probe.duration_seconds
+        ));
+    }
+    if probe.spherical.is_none() {
+        faults.add(format!("{}: has no spherical metadata", path.display()));
+    }
+}
+
+/// Statistics, figures and card have to be what the records give.
+fn check_derived(folder: &Path, dataset: &Dataset, faults: &mut Faults) -> Result<(), CurateError> {
+    let about: About = store::read_record(&folder.join(ABOUT_FILE))?;
+    let statistics = Statistics::collect(folder, dataset)?;
+    for (file, content) in derived_files(&about, dataset, &statistics)? {
+        let is_current =
+            std::fs::read(folder.join(&file)).is_ok_and(|held| held == content.as_bytes());
+        if !is_current {
+            faults.add(format!(
+                "{file}: does not say what the records say; run `omnilife curate publish` again"
+            ));
+        }
+    }
+    Ok(())
+}

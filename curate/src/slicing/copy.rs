@@ -1,0 +1,167 @@
+//! Slices as stream copies: the packets of the source, with timestamps from the slice's beginning.
+
+use std::path::Path;
+
+use ffmpeg::{Packet, Rational, codec, encoder, format::context::Output, media};
+use ffmpeg_next as ffmpeg;
+use omnilife_schemas::{progress::Progress, store};
+
+use super::{
+    SliceRequest, SliceSettings, SliceSource,
+    audio::{AudioCopy, AudioTrack, clear_codec_tag},
+    encode::audio_for,
+    mp4::{close_output, create_output, unwritable},
+    packets::{PacketTable, Run},
+};
+use crate::{error::CurateError, video::open_container};
+
+/// Copies runs of packets, in one pass over the source. `runs` are in order of time and name the
+/// request that each belongs to.
+pub(super) fn copy_runs(
+    source: &SliceSource<'_>,
+    table: &PacketTable,
+    runs: &[(usize, Run)],
+    requests: &[SliceRequest],
+    settings: SliceSettings,
+    progress: &dyn Progress,
+) -> Result<(), CurateError> {
+    let mut input = open_container(source.video)?;
+    let stream = input
+        .streams()
+        .best(media::Type::Video)
+        .ok_or_else(|| CurateError::video(source.video, "has no video stream"))?;
+    let index = stream.index();
+    let parameters = stream.parameters();
+    let time_base = stream.time_base();
+    let total = runs.last().map_or(0, |(_, run)| run.end);
+    progress.begin("copying slices", Some(total as u64));
+    let copied = (|| {
+        let mut due = runs.iter();
+        let mut current = due.next();
+        let mut open: Option<CopiedSlice> = None;
+        for number in 0..total {
+            let Some(mut packet) = next_of_stream(&mut input, index) else {
+                break;
+            };
+            progress.advance(1);
+            let Some(&(owner, run)) = current else { break };
+            if number < run.first {
+                continue;
+            }
+            let mut slice = match open.take() {
+                Some(slice) => slice,
+                None => {
+                    let request = &requests[owner];
+                    let audio = audio_for(source, request, settings, progress)?;
+                    CopiedSlice::create(&request.path, parameters.clone(), time_base, audio)?
+                }
+            };
+            let following = table.packets[number + 1..run.end]
+                .iter()
+                .filter_map(|packet| packet.pts)
+                .min();
+            slice.write(&mut packet, run, following)?;
+            if number + 1 == run.end {
+                slice.close(source.quarter_turns)?;
+                current = due.next();
+            } else {
+                open = Some(slice);
+            }
+        }
+        Ok(())
+    })();
+    progress.end();
+    copied
+}
+
+/// The next packet of a stream; `None` at the end of what can be read.
+fn next_of_stream(input: &mut ffmpeg::format::context::Input, index: usize) -> Option<Packet> {
+    loop {
+        let mut packet = Packet::empty();
+        packet.read(input).ok()?;
+        if packet.stream() == index {
+            return Some(packet);
+        }
+    }
+}
+
+/// A slice that is being written.
+struct CopiedSlice {
+    path: std::path::PathBuf,
+    temporary: std::path::PathBuf,
+    output: Output,
+    time_base: Rational,
+    audio: Option<AudioCopy>,
+}
+
+impl CopiedSlice {
+    fn create(
+        path: &Path,
+        parameters: codec::Parameters,
+        time_base: Rational,
+        audio: Option<AudioTrack>,
+    ) -> Result<Self, CurateError> {
+        let internal = |error: ffmpeg::Error| CurateError::internal(path, error);
+        let temporary = store::temporary_beside(path);
+        let mut output = create_output(&temporary)?;
+        let mut stream = output
+            .add_stream(encoder::find(codec::Id::None))
+            .map_err(internal)?;
+        stream.set_parameters(parameters);
+        stream.set_time_base(time_base);
+        clear_codec_tag(&mut stream);
+        let audio = audio
+            .map(|track| AudioCopy::attach(track, &mut output))
+            .transpose()
+            .map_err(internal)?;
+        output
+            .write_header()
+            .map_err(|error| unwritable(path, error))?;
+        Ok(Self {
+            path: path.to_owned(),
+            temporary,
+            output,
+            time_base,
+            audio,
+        })
+    }
+
+    /// Writes a packet of the run; `following` is the earliest timestamp among those after it.
+    fn write(
+        &mut self,
+        packet: &mut Packet,
+        run: Run,
+        following: Option<i64>,
+    ) -> Result<(), CurateError> {
+        let begin = run.begin_ticks;
+        if let Some(pts) = packet.pts() {
+            // The muxer takes the length of the last frame from its packet.
+            if following.is_none() {
+                packet.set_duration(run.end_ticks - pts);
+            }
+            packet.set_pts(Some(pts - begin));
+            if let Some(audio) = &mut self.audio {
+                let seconds = (pts - begin) as f64 * f64::from(self.time_base);
+                audio.write_until(seconds, &mut self.output)?;
+            }
+        }
+        packet.set_dts(packet.dts().map(|dts| dts - begin));
+        let base = self
+            .output
+            .stream(0)
+            .map_or(self.time_base, |stream| stream.time_base());
+        packet.rescale_ts(self.time_base, base);
+        packet.set_position(-1);
+        packet.set_stream(0);
+        packet
+            .write_interleaved(&mut self.output)
+            .map_err(|error| unwritable(&self.path, error))
+    }
+
+    fn close(mut self, quarter_turns: u32) -> Result<(), CurateError> {
+        if let Some(audio) = &mut self.audio {
+            audio.write_until(f64::INFINITY, &mut self.output)?;
+        }
+        close_output(self.output, &self.temporary, &self.path, quarter_turns)
+    }
+}

@@ -1,0 +1,220 @@
+//! From boundaries to slices: which stretches of a video are kept, and an mp4 of each of them.
+//!
+//! [`partition`] divides the whole of a video into shots that are kept and stretches that are not.
+//! [`slice_video`] writes the kept ones as mp4, frame-accurately by presentation timestamp and with
+//! spherical metadata ([`spherical_boxes`]), so that players show them as 360-degree video.
+//!
+//! A slice is a stream copy where its frames are a run of packets that decode by themselves
+//! ([`packets`]). Everything else is re-encoded whole, visually lossless ([`mp4`]). Joining
+//! re-encoded ends to a copied middle would keep more of the original bits, but puts two sets of
+//! codec parameters into one track, which many hardware decoders do not play.
+
+mod audio;
+mod copy;
+mod encode;
+pub mod erp_video;
+pub mod mp4;
+pub mod packets;
+pub mod partition;
+pub mod spherical_boxes;
+mod stage;
+
+use std::path::{Path, PathBuf};
+
+use omnilife_schemas::{
+    progress::Progress,
+    records::{SliceFile, SliceMethod, TimeRange},
+    store,
+};
+
+pub use erp_video::ErpVideoWriter;
+pub use partition::{Shots, shots, stretches};
+pub use stage::{SLICES_FILE, SliceSettings, write_slices};
+
+use crate::{error::CurateError, video::VideoReader};
+use packets::PacketTable;
+
+/// One slice to be written.
+#[derive(Debug, Clone)]
+pub struct SliceRequest {
+    /// Its stretch of the source.
+    pub range: TimeRange,
+    /// The mp4 to write.
+    pub path: PathBuf,
+    /// File name of the slice in the record.
+    pub name: String,
+}
+
+/// What all slices of a video have in common.
+#[derive(Debug, Clone, Copy)]
+pub struct SliceSource<'a> {
+    /// The video.
+    pub video: &'a Path,
+    /// Timestamps of all its frames in order, seconds.
+    pub times: &'a [f64],
+    /// Clockwise quarter turns by which players turn its frames.
+    pub quarter_turns: u32,
+}
+
+impl SliceSource<'_> {
+    /// Timestamps of the frames inside a stretch.
+    fn times_in(&self, range: TimeRange) -> &[f64] {
+        let first = self.times.partition_point(|&t| t < range.begin_seconds);
+        let last = self.times.partition_point(|&t| t < range.end_seconds);
+        &self.times[first..last]
+    }
+}
+
+/// Writes slices as mp4 and reads each of them back: it has to hold the frames of its stretch and
+/// no others, at the same distances in time.
+///
+/// # Errors
+/// [`CurateError::Video`] when the source does not decode the same way again,
+/// [`CurateError::Internal`] when FFmpeg has no encoder or a slice comes out wrong,
+/// [`CurateError::Store`] when a file cannot be written.
+pub fn slice_video(
+    source: &SliceSource<'_>,
+    requests: &[SliceRequest],
+    settings: SliceSettings,
+    progress: &dyn Progress,
+) -> Result<Vec<SliceFile>, CurateError> {
+    if requests.is_empty() {
+        return Ok(Vec::new());
+    }
+    let table = PacketTable::scan(source.video)?;
+    let mut files: Vec<Option<SliceFile>> = vec![None; requests.len()];
+    let runs: Vec<(usize, packets::Run)> = requests
+        .iter()
+        .enumerate()
+        .filter_map(|(index, request)| Some((index, table.copyable(request.range)?)))
+        .collect();
+    if !runs.is_empty() {
+        copy::copy_runs(source, &table, &runs, requests, settings, progress)?;
+        for &(index, _) in &runs {
+            let request = &requests[index];
+            match check(source, request) {
+                Ok(()) => files[index] = Some(describe(source, request, SliceMethod::Copied)?),
+                Err(reason) => progress.note(&format!(
+                    "{}: a copy of {:.3} s to {:.3} s {reason}; re-encoded instead",
+                    source.video.display(),
+                    request.range.begin_seconds,
+                    request.range.end_seconds
+                )),
+            }
+        }
+    }
+    let rest: Vec<usize> = (0..requests.len())
+        .filter(|&index| files[index].is_none())
+        .collect();
+    if !rest.is_empty() {
+        encode::encode_slices(source, requests, &rest, settings, progress)?;
+    }
+    for index in rest {
+        let request = &requests[index];
+        check(source, request).map_err(|reason| CurateError::internal(&request.path, reason))?;
+        let encoder = mp4::ENCODER_SETTINGS.to_owned();
+        files[index] = Some(describe(source, request, SliceMethod::Encoded { encoder })?);
+    }
+    Ok(files.into_iter().flatten().collect())
+}
+
+/// Writes one stretch of a video to `out`, from its first frame where no beginning is given and to
+/// the end of its last where no end is.
+///
+/// # Errors
+/// As [`slice_video`], and [`CurateError::Input`] for a stretch without frames.
+pub fn slice_stretch(
+    video: &Path,
+    begin_seconds: Option<f64>,
+    end_seconds: Option<f64>,
+    out: &Path,
+    settings: SliceSettings,
+    progress: &dyn Progress,
+) -> Result<SliceFile, CurateError> {
+    let probe = crate::video::probe(video)?;
+    let times = PacketTable::scan(video)?.times();
+    let after_last = match times[..] {
+        [.., before, last] => 2.0 * last - before,
+        [only] => only + 1.0 / probe.frames_per_second.max(1.0),
+        [] => return Err(CurateError::video(video, "its packets have no timestamps")),
+    };
+    let wanted = TimeRange {
+        begin_seconds: begin_seconds.unwrap_or(times[0]),
+        end_seconds: end_seconds.unwrap_or(after_last),
+    };
+    let inside: Vec<f64> = times
+        .iter()
+        .copied()
+        .filter(|&t| wanted.contains(t))
+        .collect();
+    let Some(&first) = inside.first() else {
+        return Err(CurateError::input(
+            video,
+            format!(
+                "has no frame from {} s to {} s (its frames are from {:.3} s to {after_last:.3} s)",
+                wanted.begin_seconds, wanted.end_seconds, times[0]
+            ),
+        ));
+    };
+    // A slice begins with a frame and lasts until the next one.
+    let next = times.iter().copied().find(|&t| t >= wanted.end_seconds);
+    let request = SliceRequest {
+        range: TimeRange {
+            begin_seconds: first,
+            end_seconds: next.unwrap_or(after_last),
+        },
+        path: out.to_owned(),
+        name: out.display().to_string(),
+    };
+    let source = SliceSource {
+        video,
+        times: &times,
+        quarter_turns: (probe.rotation_degrees / 90.0).round() as u32,
+    };
+    let files = slice_video(&source, &[request], settings, progress)?;
+    let file = files.into_iter().next();
+    file.ok_or_else(|| CurateError::internal(out, "no slice was written"))
+}
+
+fn describe(
+    source: &SliceSource<'_>,
+    request: &SliceRequest,
+    method: SliceMethod,
+) -> Result<SliceFile, CurateError> {
+    Ok(SliceFile {
+        file: request.name.clone(),
+        sha256: store::sha256_file(&request.path)?,
+        frames: source.times_in(request.range).len() as u64,
+        method,
+        audio: audio::has_audio(&request.path)?,
+    })
+}
+
+/// Reads a slice back; the error says in what it differs from its stretch of the source.
+fn check(source: &SliceSource<'_>, request: &SliceRequest) -> Result<(), String> {
+    let expected = source.times_in(request.range);
+    let mut reader = VideoReader::open(&request.path).map_err(|error| error.to_string())?;
+    // Timestamps are rounded to the ticks of either file.
+    let tolerance = 2.0 * reader.seconds_per_tick().max(1e-6);
+    let mut found = 0;
+    while let Some(frame) = reader.next_frame().map_err(|error| error.to_string())? {
+        let Some(time) = expected.get(found) else {
+            return Err(format!("has more than {} frames", expected.len()));
+        };
+        let wanted = time - request.range.begin_seconds;
+        if (frame.time_seconds - wanted).abs() > tolerance {
+            return Err(format!(
+                "shows frame {found} at {:.6} s, expected {wanted:.6} s",
+                frame.time_seconds
+            ));
+        }
+        found += 1;
+    }
+    if found != expected.len() {
+        return Err(format!("has {found} frames, expected {}", expected.len()));
+    }
+    if reader.damaged() > 0 {
+        return Err(format!("has {} damaged frames", reader.damaged()));
+    }
+    Ok(())
+}

@@ -1,0 +1,334 @@
+//! Encoding frames as H.264 in mp4, visually lossless and the same on every machine.
+
+use std::{
+    collections::VecDeque,
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+use ffmpeg::{
+    Dictionary, Packet, Rational, codec, encoder,
+    format::{self, Pixel, context::Output},
+    frame, picture,
+    software::scaling::{self, Flags},
+};
+use ffmpeg_next as ffmpeg;
+use omnilife_schemas::store::{self, StoreError};
+
+use super::{
+    audio::{AudioCopy, AudioTrack},
+    spherical_boxes,
+};
+use crate::error::CurateError;
+
+/// FFmpeg's name of the encoder.
+const ENCODER: &str = "libx264";
+/// Encoder and settings, for the record. No B-frames, so that timestamps begin at 0 without edit
+/// lists; a fixed number of threads, because x264's output depends on it.
+pub const ENCODER_SETTINGS: &str = "libx264 crf 16, preset fast, no B-frames, 4 threads";
+/// Key frames are at most this many frames apart.
+const KEY_FRAME_DISTANCE: u32 = 60;
+
+/// What an encoder needs to know before its first frame.
+#[derive(Debug, Clone, Copy)]
+pub struct VideoFormat {
+    /// Pixels per row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Format of the frames that will be pushed.
+    pub pixel: Pixel,
+    /// Seconds per tick of their timestamps.
+    pub time_base: Rational,
+    /// Width of a pixel over its height.
+    pub pixel_aspect: Rational,
+    /// Meaning of the numbers.
+    pub colour: Colour,
+    /// Clockwise quarter turns by which players turn the frames.
+    pub quarter_turns: u32,
+}
+
+/// Colour description of a stream.
+#[derive(Debug, Clone, Copy)]
+pub struct Colour {
+    /// Matrix.
+    pub space: ffmpeg::color::Space,
+    /// Limited or full range.
+    pub range: ffmpeg::color::Range,
+    /// Primaries.
+    pub primaries: ffmpeg::color::Primaries,
+    /// Transfer function.
+    pub transfer: ffmpeg::color::TransferCharacteristic,
+}
+
+impl Colour {
+    /// The description that a decoded frame carries.
+    pub fn of(frame: &frame::Video) -> Self {
+        Self {
+            space: frame.color_space(),
+            range: frame.color_range(),
+            primaries: frame.color_primaries(),
+            transfer: frame.color_transfer_characteristic(),
+        }
+    }
+}
+
+/// Writes one mp4 from frames with increasing timestamps.
+///
+/// The file appears under its name when [`finish`](Self::finish) succeeds, and not before.
+pub struct Mp4Encoder {
+    path: PathBuf,
+    temporary: PathBuf,
+    /// `None` once the file is ended.
+    output: Option<Output>,
+    encoder: encoder::video::Encoder,
+    video: VideoFormat,
+    /// Brings frames into a pixel format that the encoder takes, where it does not take theirs.
+    scaler: Option<scaling::Context>,
+    audio: Option<AudioCopy>,
+    /// The frame pushed last, which waits for its duration to be known.
+    waiting: Option<(frame::Video, i64)>,
+    /// Timestamps and durations of the frames inside the encoder, in order.
+    inside: VecDeque<(i64, i64)>,
+}
+
+impl Mp4Encoder {
+    /// Begins the file at `path`, with a copy of `audio` where there is some.
+    ///
+    /// # Errors
+    /// [`CurateError::Internal`] when FFmpeg was built without x264 or refuses the format,
+    /// [`CurateError::Store`] when the file cannot be created.
+    pub fn create(
+        path: &Path,
+        video: VideoFormat,
+        audio: Option<AudioTrack>,
+    ) -> Result<Self, CurateError> {
+        let internal = |error: ffmpeg::Error| CurateError::internal(path, error);
+        ffmpeg::init().map_err(internal)?;
+        let codec = encoder::find_by_name(ENCODER).ok_or_else(|| {
+            CurateError::internal(
+                path,
+                format!(
+                    "cannot be encoded: the FFmpeg libraries have no {ENCODER} encoder; \
+                     install an FFmpeg that has it (Debian's libavcodec does)"
+                ),
+            )
+        })?;
+        let temporary = store::temporary_beside(path);
+        let mut output = create_output(&temporary)?;
+        let pixel = accepted_format(codec, video.pixel);
+        let mut context = codec::context::Context::new_with_codec(codec)
+            .encoder()
+            .video()
+            .map_err(internal)?;
+        context.set_width(video.width);
+        context.set_height(video.height);
+        context.set_format(pixel);
+        context.set_time_base(video.time_base);
+        context.set_aspect_ratio(video.pixel_aspect);
+        context.set_colorspace(video.colour.space);
+        context.set_color_range(video.colour.range);
+        context.set_color_primaries(video.colour.primaries);
+        context.set_color_transfer_characteristic(video.colour.transfer);
+        context.set_gop(KEY_FRAME_DISTANCE);
+        context.set_flags(codec::Flags::GLOBAL_HEADER);
+        let mut options = Dictionary::new();
+        for (key, value) in [
+            ("crf", "16"),
+            ("preset", "fast"),
+            ("bf", "0"),
+            ("threads", "4"),
+        ] {
+            options.set(key, value);
+        }
+        let encoder = context.open_with(options).map_err(internal)?;
+        let mut stream = output.add_stream(codec).map_err(internal)?;
+        stream.set_parameters(&encoder);
+        stream.set_time_base(video.time_base);
+        let audio = audio
+            .map(|track| AudioCopy::attach(track, &mut output))
+            .transpose()
+            .map_err(internal)?;
+        output
+            .write_header()
+            .map_err(|error| unwritable(path, error))?;
+        let scaler = (pixel != video.pixel)
+            .then(|| {
+                let (width, height) = (video.width, video.height);
+                let flags = Flags::BICUBIC | Flags::ACCURATE_RND;
+                scaling::Context::get(video.pixel, width, height, pixel, width, height, flags)
+            })
+            .transpose()
+            .map_err(internal)?;
+        Ok(Self {
+            path: path.to_owned(),
+            temporary,
+            output: Some(output),
+            encoder,
+            video,
+            scaler,
+            audio,
+            waiting: None,
+            inside: VecDeque::new(),
+        })
+    }
+
+    /// Adds a frame that is shown from `ticks` on.
+    ///
+    /// # Errors
+    /// When the frame has another size than the first, `ticks` does not increase, or the file
+    /// cannot be written.
+    pub fn push(&mut self, frame: frame::Video, ticks: i64) -> Result<(), CurateError> {
+        let size = (frame.width(), frame.height());
+        if size != (self.video.width, self.video.height) || frame.format() != self.video.pixel {
+            return Err(CurateError::internal(
+                &self.path,
+                format!("its frames change to {}x{}", size.0, size.1),
+            ));
+        }
+        if let Some((waiting, since)) = self.waiting.take() {
+            if ticks <= since {
+                return Err(CurateError::internal(
+                    &self.path,
+                    "its timestamps do not increase",
+                ));
+            }
+            self.encode(waiting, since, ticks - since)?;
+        }
+        self.waiting = Some((frame, ticks));
+        Ok(())
+    }
+
+    /// Ends the last frame at `end_ticks` and puts the file under its name.
+    ///
+    /// # Errors
+    /// When no frame was pushed or the file cannot be written.
+    pub fn finish(mut self, end_ticks: i64) -> Result<(), CurateError> {
+        let Some((waiting, since)) = self.waiting.take() else {
+            return Err(CurateError::internal(&self.path, "it has no frames"));
+        };
+        self.encode(waiting, since, (end_ticks - since).max(1))?;
+        let internal = |error: ffmpeg::Error| CurateError::internal(&self.path, error);
+        self.encoder.send_eof().map_err(internal)?;
+        self.drain()?;
+        let Some(mut output) = self.output.take() else {
+            return Err(CurateError::internal(&self.path, "it is ended already"));
+        };
+        if let Some(audio) = &mut self.audio {
+            audio.write_until(f64::INFINITY, &mut output)?;
+        }
+        close_output(
+            output,
+            &self.temporary,
+            &self.path,
+            self.video.quarter_turns,
+        )
+    }
+
+    fn encode(
+        &mut self,
+        frame: frame::Video,
+        ticks: i64,
+        duration: i64,
+    ) -> Result<(), CurateError> {
+        let internal = |error: ffmpeg::Error| CurateError::internal(&self.path, error);
+        let mut frame = match &mut self.scaler {
+            None => frame,
+            Some(scaler) => {
+                let mut scaled = frame::Video::empty();
+                scaler.run(&frame, &mut scaled).map_err(internal)?;
+                scaled
+            }
+        };
+        frame.set_pts(Some(ticks));
+        // The encoder decides what becomes a key frame, not the source.
+        frame.set_kind(picture::Type::None);
+        self.encoder.send_frame(&frame).map_err(internal)?;
+        self.inside.push_back((ticks, duration));
+        self.drain()
+    }
+
+    /// Writes what the encoder has ready.
+    fn drain(&mut self) -> Result<(), CurateError> {
+        let Some(output) = &mut self.output else {
+            return Ok(());
+        };
+        let stream_base = output
+            .stream(0)
+            .map_or(self.video.time_base, |stream| stream.time_base());
+        loop {
+            let mut packet = Packet::empty();
+            if self.encoder.receive_packet(&mut packet).is_err() {
+                return Ok(());
+            }
+            if let Some((ticks, duration)) = self.inside.pop_front() {
+                debug_assert_eq!(packet.pts(), Some(ticks), "frames leave in order");
+                packet.set_duration(duration);
+                if let Some(audio) = &mut self.audio {
+                    let seconds = ticks as f64 * f64::from(self.video.time_base);
+                    audio.write_until(seconds, output)?;
+                }
+            }
+            packet.set_stream(0);
+            packet.rescale_ts(self.video.time_base, stream_base);
+            packet
+                .write_interleaved(output)
+                .map_err(|error| unwritable(&self.path, error))?;
+        }
+    }
+}
+
+impl Drop for Mp4Encoder {
+    fn drop(&mut self) {
+        // Present only where the work was given up; a leftover is hidden and harmless.
+        drop(fs::remove_file(&self.temporary));
+    }
+}
+
+/// The frames' own format where the encoder takes it, else 8-bit 4:2:0.
+fn accepted_format(codec: ffmpeg::Codec, wanted: Pixel) -> Pixel {
+    let mut formats = codec.video().ok().and_then(|video| video.formats());
+    if formats
+        .as_mut()
+        .is_some_and(|formats| formats.any(|format| format == wanted))
+    {
+        wanted
+    } else {
+        Pixel::YUV420P
+    }
+}
+
+/// Opens an mp4 file for writing.
+pub(super) fn create_output(path: &Path) -> Result<Output, CurateError> {
+    let text = path
+        .to_str()
+        .filter(|text| !text.contains('\0'))
+        .ok_or_else(|| CurateError::input(path, "its path is not valid UTF-8"))?;
+    format::output_as(&format!("file:{text}"), "mp4").map_err(|error| unwritable(path, error))
+}
+
+/// Ends an mp4 file, marks it as spherical and gives it its final name.
+pub(super) fn close_output(
+    mut output: Output,
+    temporary: &Path,
+    path: &Path,
+    quarter_turns: u32,
+) -> Result<(), CurateError> {
+    let ended = output.write_trailer();
+    drop(output);
+    let published = match ended {
+        Ok(()) => spherical_boxes::mark_equirectangular(temporary, quarter_turns)
+            .and_then(|()| fs::rename(temporary, path)),
+        Err(error) => Err(io::Error::other(error)),
+    };
+    published.map_err(|error| {
+        // The write has failed already: a temporary file that cannot be removed changes nothing.
+        drop(fs::remove_file(temporary));
+        StoreError::write(path, error).into()
+    })
+}
+
+/// A failure of FFmpeg's writer: the disk's, in all likelihood.
+pub(super) fn unwritable(path: &Path, error: ffmpeg::Error) -> CurateError {
+    StoreError::write(path, io::Error::other(error)).into()
+}

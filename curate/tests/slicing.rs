@@ -1,0 +1,292 @@
+//! Slices: the right frames at the right times, spherical metadata, and every second accounted for.
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod support;
+
+use std::path::Path;
+
+use omnilife_curate::{
+    slicing::{
+        ErpVideoWriter, SliceRequest, SliceSettings, SliceSource, shots, slice_video, write_slices,
+    },
+    verdict,
+    video::{Converter, Scaling, VideoReader, probe},
+};
+use omnilife_schemas::{
+    progress::Silent,
+    records::{
+        Boundary, BoundaryKind, SliceMethod, Slices, SourceVideo, StretchFate, TimeRange,
+        VideoAnalysis,
+    },
+};
+use support::{Clip, Notes, erp_direction, shared_data, world_colour};
+
+const SIZE: (usize, usize) = (128, 64);
+
+/// A clip of one world that yaws, so that every frame differs from every other.
+fn yawing(path: &Path, ticks: Vec<i64>) {
+    let clip = Clip {
+        width: SIZE.0,
+        height: SIZE.1,
+        ticks,
+        index_first: false,
+    };
+    clip.write(path, |frame, x, y| {
+        world_colour(3, erp_direction(x, y, SIZE.0, SIZE.1, 0.05 * frame as f64))
+    });
+}
+
+/// Timestamps and pictures of all frames.
+fn frames(path: &Path) -> Vec<(f64, Vec<u8>)> {
+    let mut reader = VideoReader::open(path).unwrap();
+    let mut converter = Converter::new(Scaling::Native);
+    let mut all = Vec::new();
+    while let Some(frame) = reader.next_frame().unwrap() {
+        let picture = converter.convert(path, &frame.picture).unwrap();
+        all.push((frame.time_seconds, picture.data));
+    }
+    all
+}
+
+fn mean_difference(a: &[u8], b: &[u8]) -> f64 {
+    let sum: f64 = a
+        .iter()
+        .zip(b)
+        .map(|(&a, &b)| f64::from(a.abs_diff(b)))
+        .sum();
+    sum / a.len() as f64
+}
+
+fn range(begin_seconds: f64, end_seconds: f64) -> TimeRange {
+    TimeRange {
+        begin_seconds,
+        end_seconds,
+    }
+}
+
+#[test]
+fn slices_hold_the_frames_of_their_stretch() {
+    let folder = tempfile::tempdir().unwrap();
+    let video = folder.path().join("clip.mp4");
+    // Unsteady, as phones record; the encoder of the tests makes every 12th frame a key frame.
+    let ticks: Vec<i64> = (0..60)
+        .map(|i| i * 2000 + [0, 300, -200, 500][i as usize % 4])
+        .collect();
+    yawing(&video, ticks);
+    let source = frames(&video);
+    let times: Vec<f64> = source.iter().map(|(time, _)| *time).collect();
+    let request = |name: &str, first: usize, end: usize| SliceRequest {
+        range: range(
+            times[first],
+            times.get(end).copied().unwrap_or(times[59] + 1.0 / 30.0),
+        ),
+        path: folder.path().join(name),
+        name: name.to_owned(),
+    };
+    let requests = [
+        request("a.mp4", 0, 12),
+        request("b.mp4", 12, 20),
+        request("c.mp4", 20, 33),
+        request("d.mp4", 36, 60),
+    ];
+    let whole = SliceSource {
+        video: &video,
+        times: &times,
+        quarter_turns: 0,
+    };
+    let notes = Notes::default();
+    let files = slice_video(&whole, &requests, SliceSettings { audio: true }, &notes).unwrap();
+    // Asked for, and not there: said once per slice.
+    assert_eq!(notes.take().len(), 4);
+    let copied: Vec<bool> = files
+        .iter()
+        .map(|file| file.method == SliceMethod::Copied)
+        .collect();
+    assert_eq!(copied, [true, true, false, true]);
+    for (file, (request, first)) in files.iter().zip(requests.iter().zip([0, 12, 20, 36])) {
+        let slice = frames(&request.path);
+        assert_eq!(slice.len() as u64, file.frames, "{}", file.file);
+        assert!(!file.audio);
+        for (offset, (time, picture)) in slice.iter().enumerate() {
+            let (source_time, source_picture) = &source[first + offset];
+            let expected = source_time - request.range.begin_seconds;
+            assert!(
+                (time - expected).abs() < 2e-5,
+                "{} at {expected}: {time}",
+                file.file
+            );
+            let difference = mean_difference(picture, source_picture);
+            let limit = if file.method == SliceMethod::Copied {
+                0.0
+            } else {
+                1.5
+            };
+            assert!(
+                difference <= limit,
+                "{} frame {offset}: {difference}",
+                file.file
+            );
+        }
+        let probe = probe(&request.path).unwrap();
+        assert_eq!(probe.spherical.unwrap().projection, "equirectangular");
+        let duration = request.range.duration_seconds();
+        assert!(
+            (probe.duration_seconds - duration).abs() < 1e-3,
+            "{}",
+            probe.duration_seconds
+        );
+    }
+}
+
+#[test]
+fn every_second_of_the_source_is_in_a_slice_or_left_out_for_a_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    let video = folder.path().join("clip.mp4");
+    yawing(&video, (0..90).map(|i| i * 2000).collect());
+    let probed = probe(&video).unwrap();
+    let times: Vec<f64> = frames(&video).iter().map(|(time, _)| *time).collect();
+    let boundary = |begin: usize, end: usize| Boundary {
+        begin_seconds: times[begin],
+        end_seconds: times[end],
+        kind: BoundaryKind::Gradual,
+        score: 1.0,
+    };
+    let boundaries = [boundary(29, 30), boundary(34, 35), boundary(50, 58)];
+    let whole = range(times[0], times[89] + 1.0 / 30.0);
+    let shots = shots(&times, whole, &boundaries, 0.5);
+    let analysis = VideoAnalysis {
+        source: SourceVideo {
+            file_name: "clip.mp4".to_owned(),
+            sha256: "0".repeat(64),
+            bytes: 1,
+        },
+        range: whole,
+        verdict: verdict::judge(&probed, &[]),
+        probe: probed.clone(),
+        damaged_frames: 0,
+        signals: "signals.parquet".to_owned(),
+    };
+    let video = SliceSource {
+        video: &video,
+        times: &times,
+        quarter_turns: 0,
+    };
+    let write = |notes: &Notes| -> Slices {
+        let settings = Some(SliceSettings { audio: false });
+        write_slices(folder.path(), &analysis, &shots, &video, settings, notes).unwrap()
+    };
+    let record = write(&Notes::default());
+    let mut total = 0.0;
+    let mut left_out = 0.0;
+    for stretch in &record.stretches {
+        match &stretch.fate {
+            StretchFate::Kept { slice, .. } => {
+                let file = &slice.as_ref().unwrap().file;
+                total += probe(&folder.path().join(file)).unwrap().duration_seconds;
+            }
+            StretchFate::TooShort | StretchFate::Transition => {
+                left_out += stretch.range.duration_seconds();
+            }
+        }
+    }
+    // The shot of 5 frames, and the 7 frames inside the transition.
+    assert!((left_out - 12.0 / 30.0).abs() < 1e-6, "{left_out}");
+    let one_frame_per_boundary = boundaries.len() as f64 / 30.0;
+    let difference = (total + left_out - probed.duration_seconds).abs();
+    assert!(difference < one_frame_per_boundary, "{difference}");
+    // And it comes out far better than that.
+    assert!(difference < 2e-3, "{difference}");
+    let notes = Notes::default();
+    assert_eq!(write(&notes), record);
+    assert!(notes.take()[0].contains("slices unchanged, skipped"));
+}
+
+#[test]
+fn rendered_video_is_written_as_it_was_pushed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("views.mp4");
+    let (width, height) = SIZE;
+    let picture = |yaw: f64| -> Vec<u8> {
+        (0..width * height)
+            .flat_map(|at| {
+                let direction = erp_direction(at % width, at / width, width, height, yaw);
+                world_colour(2, direction).map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8)
+            })
+            .collect()
+    };
+    let mut writer = ErpVideoWriter::create(&path, width as u32, height as u32).unwrap();
+    for frame in 0..10 {
+        writer
+            .push(&picture(0.1 * f64::from(frame)), f64::from(frame) / 25.0)
+            .unwrap();
+    }
+    assert!(
+        !path.exists(),
+        "nothing stands under the final name before the end"
+    );
+    writer.finish(0.4).unwrap();
+    let read = frames(&path);
+    assert_eq!(read.len(), 10);
+    for (frame, (time, pixels)) in read.iter().enumerate() {
+        assert!((time - frame as f64 / 25.0).abs() < 1e-4);
+        let difference = mean_difference(pixels, &picture(0.1 * frame as f64));
+        // Chroma has half the resolution.
+        assert!(difference < 3.0, "{difference}");
+    }
+    let probe = probe(&path).unwrap();
+    assert_eq!(probe.spherical.unwrap().projection, "equirectangular");
+    assert!((probe.duration_seconds - 0.4).abs() < 1e-3);
+    // A video that is given up leaves nothing.
+    let mut writer = ErpVideoWriter::create(&folder.path().join("b.mp4"), 128, 64).unwrap();
+    writer.push(&picture(0.0), 0.0).unwrap();
+    assert!(writer.push(&[0; 7], 1.0).is_err());
+    drop(writer);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    assert!(ErpVideoWriter::create(&path, 127, 64).is_err());
+}
+
+/// Real footage with B-frames, sound and a cut inside a group of pictures.
+#[test]
+fn real_footage_is_sliced_with_its_sound() {
+    for name in ["congo_stereo.mp4", "bikes.mp4", "tunnel.mp4"] {
+        let Some(video) = shared_data(name) else {
+            return;
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let mut reader = VideoReader::open(&video).unwrap();
+        let mut times = Vec::new();
+        while let Some(frame) = reader.next_frame().unwrap() {
+            times.push(frame.time_seconds);
+        }
+        let count = times.len();
+        let requests: Vec<SliceRequest> = [(0, 40), (count - 60, count)]
+            .iter()
+            .enumerate()
+            .map(|(index, &(first, end))| SliceRequest {
+                range: range(
+                    times[first],
+                    times
+                        .get(end)
+                        .copied()
+                        .unwrap_or(2.0 * times[count - 1] - times[count - 2]),
+                ),
+                path: folder.path().join(format!("{index}.mp4")),
+                name: format!("{index}.mp4"),
+            })
+            .collect();
+        let source = SliceSource {
+            video: &video,
+            times: &times,
+            quarter_turns: 0,
+        };
+        // The slices are read back inside.
+        let files =
+            slice_video(&source, &requests, SliceSettings { audio: true }, &Silent).unwrap();
+        for (file, request) in files.iter().zip(&requests) {
+            let duration = probe(&request.path).unwrap().duration_seconds;
+            println!("{name} {file:?} {duration}");
+            assert!((duration - request.range.duration_seconds()).abs() < 0.05);
+            assert_eq!(file.audio, name == "congo_stereo.mp4");
+        }
+    }
+}

@@ -1,0 +1,110 @@
+//! `annotation`: what a sequence shows, said by people and programs, and how it moves, measured.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::sequence::Evidence;
+use crate::store::Record;
+
+/// `annotation.json` in a sequence's folder.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+pub struct Annotation {
+    /// Id of the sequence.
+    pub sequence: String,
+    /// Version of the taxonomy that the tags are from.
+    pub taxonomy: String,
+    /// Scene category.
+    pub scene: Option<Tag>,
+    /// Semantic group of the scene category.
+    pub group: Option<String>,
+    /// Whether the sequence goes from indoors to outdoors or back without a cut.
+    pub traversal: bool,
+    /// Action class.
+    pub action: Option<Tag>,
+    /// Captions, one per author.
+    pub captions: Vec<Caption>,
+    /// How the camera moves.
+    pub ego_motion: EgoMotion,
+    /// How much else moves.
+    pub dynamics: Option<Dynamics>,
+}
+
+impl Record for Annotation {
+    const SCHEMA: &'static str = "omnilife/annotation/1";
+}
+
+/// A category with who chose it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Tag {
+    /// Name in the taxonomy.
+    pub name: String,
+    /// Who chose it.
+    pub author: String,
+}
+
+/// A description with who wrote it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Caption {
+    /// The text.
+    pub text: String,
+    /// Who wrote it: a person's name, or the command.
+    pub author: String,
+}
+
+/// How the camera moves: what the action implies and what was measured, kept apart.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+pub struct EgoMotion {
+    /// Class of the action in the taxonomy.
+    pub of_action: Option<String>,
+    /// Class that the measurements say.
+    pub measured: Option<Measured>,
+}
+
+impl EgoMotion {
+    /// The class for statistics: that of the action, which a person chose, else the measured one.
+    pub fn class(&self) -> Option<&str> {
+        let measured = self
+            .measured
+            .as_ref()
+            .map(|measured| measured.class.as_str());
+        self.of_action.as_deref().or(measured)
+    }
+}
+
+/// How much moves beside the camera.
+pub type Dynamics = Measured;
+
+/// A measured class with what it rests on.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Measured {
+    /// The class.
+    pub class: String,
+    /// What was looked at: `poses`, `frames`, `masks`.
+    pub from: String,
+    /// Every value with the limit it is compared with.
+    pub evidence: Vec<Evidence>,
+}
+
+/// A taxonomy file: the names that tags may have.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Taxonomy {
+    /// Version; goes up when a name changes.
+    pub version: String,
+    /// Semantic groups with their scene categories.
+    pub scenes: Vec<NameGroup>,
+    /// Ego-motion classes with their actions.
+    pub actions: Vec<NameGroup>,
+}
+
+impl Record for Taxonomy {
+    const SCHEMA: &'static str = "omnilife/taxonomy/1";
+}
+
+/// A named group of names.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct NameGroup {
+    /// Name of the group.
+    pub name: String,
+    /// Names in it.
+    pub members: Vec<String>,
+}

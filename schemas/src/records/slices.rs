@@ -1,0 +1,78 @@
+//! `slices`: what became of every second of a video.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::sequence::{SourceVideo, TimeRange};
+use crate::store::Record;
+
+/// `slices.json`: the whole of a video, divided into stretches that are kept and stretches that are
+/// not.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Slices {
+    /// The video.
+    pub source: SourceVideo,
+    /// From its first frame to the end of its last.
+    pub range: TimeRange,
+    /// In order of time, each beginning where the one before it ends.
+    pub stretches: Vec<Stretch>,
+}
+
+impl Record for Slices {
+    const SCHEMA: &'static str = "omnilife/slices/1";
+}
+
+/// A stretch of a video.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Stretch {
+    /// Where it lies.
+    pub range: TimeRange,
+    /// What became of it.
+    #[serde(flatten)]
+    pub fate: StretchFate,
+}
+
+/// What became of a stretch.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case", tag = "fate")]
+pub enum StretchFate {
+    /// It is a sequence.
+    Kept {
+        /// Name of the sequence's folder.
+        sequence: String,
+        /// The video of the stretch, where slices were asked for.
+        slice: Option<SliceFile>,
+    },
+    /// A shot shorter than what was asked for.
+    TooShort,
+    /// The interior of a gradual transition, which belongs to no shot.
+    Transition,
+}
+
+/// A video file that holds the frames of one stretch and no others.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct SliceFile {
+    /// Relative to the record.
+    pub file: String,
+    /// SHA-256 of the file.
+    pub sha256: String,
+    /// Frames in it.
+    pub frames: u64,
+    /// How it was made.
+    pub method: SliceMethod,
+    /// Whether it has sound.
+    pub audio: bool,
+}
+
+/// How a slice was made.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case", tag = "kind")]
+pub enum SliceMethod {
+    /// The packets of the source, unchanged.
+    Copied,
+    /// Decoded and encoded again.
+    Encoded {
+        /// Encoder and settings.
+        encoder: String,
+    },
+}

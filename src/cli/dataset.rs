@@ -1,0 +1,170 @@
+//! `omnilife curate`: the commands that work on a curated dataset or scene.
+
+use std::{path::PathBuf, time::Duration};
+
+use clap::Args;
+use omnilife_curate::{
+    annotation::{AnnotateSettings, CaptionCommand},
+    exchange,
+    masks::MaskSource,
+    publish::PublishSettings,
+};
+
+/// `curate slice`.
+#[derive(Debug, Args)]
+pub(crate) struct SliceArguments {
+    /// The video.
+    pub(crate) video: PathBuf,
+    /// Where the slice begins, in seconds of the video's timestamps [default: at its first frame].
+    #[arg(long, value_name = "SECONDS")]
+    pub(crate) begin: Option<f64>,
+    /// Where it ends [default: after its last frame].
+    #[arg(long, value_name = "SECONDS")]
+    pub(crate) end: Option<f64>,
+    /// The mp4 to write.
+    #[arg(long)]
+    pub(crate) out: PathBuf,
+    /// Copies the sound along.
+    #[arg(long)]
+    pub(crate) audio: bool,
+}
+
+/// `curate annotate`.
+#[derive(Debug, Args)]
+pub(crate) struct AnnotateArguments {
+    /// Folder of the dataset.
+    pub(crate) dataset: PathBuf,
+    /// Tables of tags and captions: CSV with the columns sequence, author, scene, action,
+    /// traversal, caption, or a JSON list of such rows.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) tags: Vec<PathBuf>,
+    /// A program that captions: reads JSON with frames, writes JSON with a caption.
+    #[arg(long, value_name = "PROGRAM")]
+    pub(crate) caption_command: Option<String>,
+    /// An argument for that program; may be repeated.
+    #[arg(
+        long,
+        value_name = "ARGUMENT",
+        requires = "caption_command",
+        allow_hyphen_values = true
+    )]
+    pub(crate) caption_argument: Vec<String>,
+    /// The program is stopped after so many seconds for a sequence.
+    #[arg(long, default_value_t = 120, value_name = "SECONDS")]
+    pub(crate) caption_timeout: u64,
+    /// Taxonomy file [default: the built-in one].
+    #[arg(long, value_name = "FILE")]
+    pub(crate) taxonomy: Option<PathBuf>,
+}
+
+impl AnnotateArguments {
+    /// Where annotations come from.
+    pub(crate) fn settings(&self) -> AnnotateSettings {
+        AnnotateSettings {
+            taxonomy: self.taxonomy.clone(),
+            tags: self.tags.clone(),
+            command: self.caption_command.clone().map(|program| CaptionCommand {
+                program,
+                arguments: self.caption_argument.clone(),
+                timeout: Duration::from_secs(self.caption_timeout),
+            }),
+        }
+    }
+}
+
+/// `curate export`.
+#[derive(Debug, Args)]
+pub(crate) struct ExportArguments {
+    /// Folder with a scene.json.
+    pub(crate) scene: PathBuf,
+    /// What to write: openmvg, colmap, nerfstudio or hm3d.
+    #[arg(long, value_parser = parse_format)]
+    pub(crate) format: String,
+    /// Marks the novel views of this split.json as test frames, where the format can.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) split: Option<PathBuf>,
+    /// Folder to fill.
+    #[arg(long)]
+    pub(crate) out: PathBuf,
+}
+
+/// `curate import`.
+#[derive(Debug, Args)]
+pub(crate) struct ImportArguments {
+    /// Folder in another tool's format.
+    pub(crate) folder: PathBuf,
+    /// Which: openmvg, colmap, nerfstudio or hm3d.
+    #[arg(long, value_parser = parse_format)]
+    pub(crate) format: String,
+    /// Name of the scene [default: the folder's].
+    #[arg(long)]
+    pub(crate) id: Option<String>,
+    /// Frames per second, where the folder has no times.csv.
+    #[arg(long)]
+    pub(crate) fps: Option<f64>,
+    /// Folder to fill with scene.json, frames, masks and points.
+    #[arg(long)]
+    pub(crate) out: PathBuf,
+}
+
+fn parse_format(text: &str) -> Result<String, String> {
+    let known = exchange::FORMATS.iter().map(|format| format.id);
+    if known.clone().any(|id| id == text) {
+        Ok(text.to_owned())
+    } else {
+        Err(format!(
+            "known are {}",
+            known.collect::<Vec<_>>().join(", ")
+        ))
+    }
+}
+
+/// `curate masks`.
+#[derive(Debug, Args)]
+pub(crate) struct MasksArguments {
+    /// Folder with a sequence.json.
+    pub(crate) sequence: PathBuf,
+    /// Takes the masks from this folder: images named as the frames, white is what moves.
+    #[arg(long, value_name = "FOLDER", conflicts_with = "method")]
+    pub(crate) from: Option<PathBuf>,
+    /// Finds them: residual (motion that the camera's own does not explain).
+    #[arg(long, default_value = "residual")]
+    pub(crate) method: String,
+}
+
+impl MasksArguments {
+    /// Where masks come from.
+    pub(crate) fn source(&self) -> MaskSource {
+        self.from.clone().map_or_else(
+            || MaskSource::Method(self.method.clone()),
+            MaskSource::Files,
+        )
+    }
+}
+
+/// `curate publish`.
+#[derive(Debug, Args)]
+pub(crate) struct PublishArguments {
+    /// Folder of the dataset.
+    pub(crate) dataset: PathBuf,
+    /// Name of the dataset [default: what was said before, else the folder's name].
+    #[arg(long)]
+    pub(crate) name: Option<String>,
+    /// Its licence, as an SPDX identifier where there is one.
+    #[arg(long)]
+    pub(crate) licence: Option<String>,
+    /// What it is, in a sentence or two.
+    #[arg(long)]
+    pub(crate) description: Option<String>,
+}
+
+impl PublishArguments {
+    /// What is said of the dataset.
+    pub(crate) fn settings(&self) -> PublishSettings {
+        PublishSettings {
+            name: self.name.clone(),
+            licence: self.licence.clone(),
+            description: self.description.clone(),
+        }
+    }
+}

@@ -1,0 +1,125 @@
+//! `omnilife curate`: the commands that work on a curated dataset or scene.
+
+use std::path::Path;
+
+use omnilife_curate::{
+    annotation::annotate_dataset,
+    exchange::{self, ImportRequest},
+    masks::{MASKS_FOLDER, write_masks},
+    publish, slicing, video,
+};
+use omnilife_schemas::{Blame, progress::Progress};
+
+use crate::{
+    cli::{
+        AnnotateArguments, ExportArguments, ImportArguments, MasksArguments, PublishArguments,
+        SliceArguments,
+    },
+    exit::{self, PartialFailure},
+};
+
+pub(crate) fn slice(arguments: &SliceArguments, progress: &dyn Progress) -> anyhow::Result<()> {
+    let settings = slicing::SliceSettings {
+        audio: arguments.audio,
+    };
+    let (begin, end, out) = (arguments.begin, arguments.end, &arguments.out);
+    let file = slicing::slice_stretch(&arguments.video, begin, end, out, settings, progress)?;
+    let duration = video::probe(out)?.duration_seconds;
+    let how = match file.method {
+        omnilife_schemas::records::SliceMethod::Copied => "copied".to_owned(),
+        omnilife_schemas::records::SliceMethod::Encoded { encoder } => encoder,
+    };
+    exit::print(&format!(
+        "{}: {} frames, {duration:.3} s, {how}\n",
+        out.display(),
+        file.frames
+    ))
+}
+
+pub(crate) fn annotate(
+    arguments: &AnnotateArguments,
+    progress: &dyn Progress,
+) -> anyhow::Result<()> {
+    let count = annotate_dataset(&arguments.dataset, &arguments.settings(), progress)?;
+    exit::print(&format!(
+        "{count} sequences annotated; `omnilife curate publish {}` brings statistics and checksums \
+         up to date\n",
+        arguments.dataset.display()
+    ))
+}
+
+pub(crate) fn masks(arguments: &MasksArguments, progress: &dyn Progress) -> anyhow::Result<()> {
+    let record = write_masks(&arguments.sequence, &arguments.source(), progress)?;
+    let shares = record.frames.iter().map(|frame| frame.dynamic_share);
+    let mean = shares.sum::<f64>() / record.frames.len().max(1) as f64;
+    exit::print(&format!(
+        "{}: {} masks in {}, {:.2} % of the sphere moves\n",
+        record.sequence,
+        record.frames.len(),
+        arguments.sequence.join(MASKS_FOLDER).display(),
+        100.0 * mean
+    ))
+}
+
+pub(crate) fn export(arguments: &ExportArguments, progress: &dyn Progress) -> anyhow::Result<()> {
+    let split = arguments.split.as_deref();
+    let (scene, out) = (&arguments.scene, &arguments.out);
+    let exported = exchange::export(scene, &arguments.format, split, out, progress)?;
+    exit::print(&format!(
+        "{}: {} frames, {} points\n",
+        out.display(),
+        exported.frames.len(),
+        exported.points.len()
+    ))
+}
+
+pub(crate) fn import(arguments: &ImportArguments) -> anyhow::Result<()> {
+    let name = arguments.folder.file_name().unwrap_or_default();
+    let scene = exchange::import(&ImportRequest {
+        folder: &arguments.folder,
+        format: &arguments.format,
+        id: &arguments
+            .id
+            .clone()
+            .unwrap_or_else(|| name.to_string_lossy().into_owned()),
+        frames_per_second: arguments.fps,
+        out: &arguments.out,
+    })?;
+    exit::print(&format!(
+        "{}: {} of {} frames posed\n",
+        scene.id, scene.validation.registered_frames, scene.validation.total_frames
+    ))
+}
+
+pub(crate) fn publish_dataset(
+    arguments: &PublishArguments,
+    progress: &dyn Progress,
+) -> anyhow::Result<()> {
+    let statistics = publish::publish(&arguments.dataset, &arguments.settings(), progress)?;
+    exit::print(&format!(
+        "{}: {} sequences, {:.3} hours, {:.1} s on average\n",
+        arguments.dataset.display(),
+        statistics.rows.len(),
+        statistics.seconds() / 3600.0,
+        statistics.mean_seconds()
+    ))
+}
+
+/// Prints one line per fault.
+pub(crate) fn verify(dataset: &Path, progress: &dyn Progress) -> anyhow::Result<()> {
+    let faults = publish::verify(dataset, progress)?;
+    if faults.is_empty() {
+        return exit::print(&format!("{}: sound\n", dataset.display()));
+    }
+    exit::print(
+        &faults
+            .iter()
+            .map(|fault| format!("{fault}\n"))
+            .collect::<String>(),
+    )?;
+    Err(PartialFailure {
+        message: format!("{}: {} faults", dataset.display(), faults.len()),
+        blame: Blame::Input,
+    }
+    .into())
+}
