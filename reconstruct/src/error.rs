@@ -26,6 +26,40 @@ pub enum ReconstructError {
         /// All names.
         known: String,
     },
+    /// The method has no component of this name.
+    #[error("{method} has no component {name:?}; it has: {known}")]
+    UnknownComponent {
+        /// The method.
+        method: String,
+        /// The name asked for.
+        name: String,
+        /// All names.
+        known: String,
+    },
+    /// The work does not fit into memory.
+    #[error(
+        "{purpose} would take {gibibytes:.1} GiB of memory, {available_gibibytes:.1} GiB are left"
+    )]
+    Memory {
+        /// What would be made.
+        purpose: String,
+        /// What it takes.
+        gibibytes: f64,
+        /// What is left.
+        available_gibibytes: f64,
+    },
+    /// A request that makes no sense.
+    #[error("{reason}")]
+    Request {
+        /// Why not.
+        reason: String,
+    },
+    /// The backend asked for cannot do the work.
+    #[error("{reason}")]
+    Backend {
+        /// Why not.
+        reason: String,
+    },
     /// Training went numerically wrong.
     #[error("training of {scene} diverged at iteration {iteration}: {what}")]
     Diverged {
@@ -51,7 +85,12 @@ impl Blamed for ReconstructError {
     fn blame(&self) -> Blame {
         match self {
             Self::Store(error) => error.blame(),
-            Self::Scene { .. } | Self::UnknownMethod { .. } => Blame::Input,
+            Self::Scene { .. }
+            | Self::UnknownMethod { .. }
+            | Self::UnknownComponent { .. }
+            | Self::Memory { .. }
+            | Self::Request { .. }
+            | Self::Backend { .. } => Blame::Input,
             Self::Diverged { .. } => Blame::Ours,
         }
     }

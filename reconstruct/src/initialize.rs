@@ -3,6 +3,7 @@
 use std::f32::consts::{PI, TAU};
 
 use glam::{Vec3, vec3};
+use omnilife_schemas::points::PointCloud;
 use rayon::prelude::*;
 use rstar::RTree;
 
@@ -14,18 +15,45 @@ const POINT_OPACITY: f32 = 0.1;
 const SHELL_OPACITY: f32 = 0.8;
 /// Neighbours whose mean squared distance gives a Gaussian's first scale (3DGS).
 const NEIGHBOURS: usize = 3;
-/// First scales are kept within this factor of their median, so that duplicate and lonely points
-/// give neither dust nor blankets.
-const SCALE_SPREAD: f32 = 10.0;
 /// The shell's radius over the 95th percentile of the points' distance from the mean camera.
 const SHELL_RADIUS_FACTOR: f32 = 1.5;
 /// A shell without any points has this radius in camera radii.
 const SHELL_RADIUS_WITHOUT_POINTS: f32 = 100.0;
 
-/// Gaussians at the scene's points: colour of the point, isotropic scale from the three nearest
-/// neighbours, opacity 0.1.
-pub fn from_points(scene: &TrainingScene) -> InitialGaussians {
-    let positions = &scene.points.positions;
+/// At most `maximum` of the points, evenly spread: the points are walked along a curve through
+/// space, and every so manieth is taken.
+pub fn thinned(points: &PointCloud, maximum: usize) -> PointCloud {
+    if points.len() <= maximum {
+        return points.clone();
+    }
+    let mut order: Vec<usize> = (0..points.len()).collect();
+    order.sort_by_cached_key(|&index| morton_code(points.positions[index]));
+    let taken = (0..maximum).map(|step| order[step * points.len() / maximum]);
+    let (positions, colours) = taken
+        .map(|index| (points.positions[index], points.colours[index]))
+        .unzip();
+    PointCloud { positions, colours }
+}
+
+/// Position along the Z-order curve. The bits of a float's magnitude rise with it, so that the curve
+/// resolves near points as finely, for their distance, as far ones.
+fn morton_code(position: [f32; 3]) -> u128 {
+    let ordered = position.map(|value| {
+        let bits = value.to_bits();
+        let sign = 1 << 31;
+        if bits & sign == 0 { bits | sign } else { !bits }
+    });
+    (0..32).rev().fold(0, |code, bit| {
+        ordered
+            .iter()
+            .fold(code, |code, value| code << 1 | u128::from(value >> bit & 1))
+    })
+}
+
+/// Gaussians at points in normalized coordinates: colour of the point, isotropic scale from the
+/// three nearest neighbours and within a factor `spread` of their median, opacity 0.1.
+pub fn from_points(points: &PointCloud, spread: f32) -> InitialGaussians {
+    let positions = &points.positions;
     let tree = RTree::bulk_load(positions.clone());
     let mut scales: Vec<f32> = positions
         .par_iter()
@@ -54,13 +82,15 @@ pub fn from_points(scene: &TrainingScene) -> InitialGaussians {
         .filter(|&median| median > 0.0)
         .unwrap_or(0.01);
     for scale in &mut scales {
-        *scale = scale.clamp(median / SCALE_SPREAD, median * SCALE_SPREAD);
+        if *scale == 0.0 {
+            *scale = median;
+        }
+        *scale = scale.clamp(median / spread, median * spread);
     }
     InitialGaussians {
         positions: positions.clone(),
         scales,
-        colours: scene
-            .points
+        colours: points
             .colours
             .iter()
             .map(|colour| colour.map(|byte| f32::from(byte) / 255.0))
@@ -178,4 +208,59 @@ pub fn join(mut first: InitialGaussians, second: InitialGaussians) -> InitialGau
     first.colours.extend(second.colours);
     first.opacities.extend(second.opacities);
     first
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cloud(positions: Vec<[f32; 3]>) -> PointCloud {
+        PointCloud {
+            colours: vec![[100; 3]; positions.len()],
+            positions,
+        }
+    }
+
+    #[test]
+    fn thinning_keeps_points_of_every_region() {
+        // Nine tenths of the points in one place, the others in four far corners.
+        let mut positions: Vec<[f32; 3]> = (0..900)
+            .map(|index| [1.0 + 1e-4 * index as f32, 1.0, 1.0])
+            .collect();
+        let corners = [
+            [50.0, 50.0, 1.0],
+            [-50.0, 50.0, 1.0],
+            [50.0, -50.0, 1.0],
+            [-50.0; 3],
+        ];
+        for index in 0..100 {
+            let [x, y, z]: [f32; 3] = corners[index % 4];
+            positions.push([x, y, z + 0.1 * index as f32]);
+        }
+        let thin = thinned(&cloud(positions.clone()), 100);
+        assert_eq!((thin.len(), thin.colours.len()), (100, 100));
+        for [x, y, _] in corners {
+            let near = |position: &&[f32; 3]| (position[0] - x).hypot(position[1] - y) < 1.0;
+            let share = thin.positions.iter().filter(near).count();
+            assert!((2..=3).contains(&share), "{share} at {x} {y}");
+        }
+        assert_eq!(
+            thinned(&cloud(positions.clone()), 2_000).positions,
+            positions
+        );
+        assert!(thinned(&cloud(positions), 0).is_empty());
+    }
+
+    #[test]
+    fn one_point_and_points_in_one_place_get_a_finite_scale() {
+        for positions in [vec![[1.0, 2.0, 3.0]], vec![[1.0; 3]; 50], vec![[0.0; 3]; 5]] {
+            let gaussians = from_points(&cloud(positions), 10.0);
+            assert!(
+                gaussians.scales.iter().all(|&scale| scale == 0.01),
+                "{:?}",
+                gaussians.scales
+            );
+        }
+        assert_eq!(from_points(&PointCloud::default(), 10.0).len(), 0);
+    }
 }

@@ -10,7 +10,7 @@ use std::{
 
 use omnilife_schemas::{
     progress::Progress,
-    records::{Backend, RunRecord, Scene, Split, ViewPredictions},
+    records::{RunRecord, Scene, Split, ViewPredictions},
     stage::StagePlan,
     store::{self, StoreError},
 };
@@ -19,14 +19,18 @@ use crate::{
     error::ReconstructError,
     gaussians::ply,
     methods::{self, MethodOutcome, MethodRequest},
+    process,
     scene::{SceneView, TrainingScene},
-    train::TracePoint,
+    train::{BackendChoice, Session, TrainingFiles, trace},
 };
 
 /// Name of the record in the run's folder.
 pub const RUN_FILE: &str = "run.json";
+/// Name of the Gaussians in the run's folder.
+pub const GAUSSIANS_FILE: &str = "gaussians.ply";
+/// Name of the checkpoint in the run's folder; it is there while a run is not over.
+pub const CHECKPOINT_FILE: &str = "checkpoint.bin";
 const TRACE_FILE: &str = "trace.csv";
-const GAUSSIANS_FILE: &str = "gaussians.ply";
 const INPUT_FOLDER: &str = "predictions/input";
 const NOVEL_FOLDER: &str = "predictions/novel";
 
@@ -41,20 +45,28 @@ pub struct ReconstructRequest {
     pub method: String,
     /// What is asked of it.
     pub settings: MethodRequest,
+    /// What computes.
+    pub backend: BackendChoice,
+    /// Iterations between two checkpoints; 0 writes none.
+    pub checkpoint_every: u64,
     /// Folder of the run.
     pub out: PathBuf,
 }
 
-/// Runs one method on one scene, or returns the stored record when nothing has changed.
+/// Runs one method on one scene, or returns the stored record when nothing has changed. A run that
+/// was interrupted goes on from its checkpoint.
 ///
 /// # Errors
-/// When the scene cannot be loaded, training diverges or a file cannot be written.
+/// When the scene cannot be loaded, the request makes no sense for the method, training diverges,
+/// the checkpoint is damaged or a file cannot be written.
 pub fn reconstruct(
     request: &ReconstructRequest,
     progress: &dyn Progress,
 ) -> Result<RunRecord, ReconstructError> {
     let method = methods::find(&request.method)?;
+    method.check(&request.settings)?;
     store::create_folder(&request.out)?;
+    store::remove_abandoned(&request.out)?;
     let (stage, inputs) = plan_stage(request)?;
     let record_path = request.out.join(RUN_FILE);
     if stage.is_done() {
@@ -66,50 +78,66 @@ pub fn reconstruct(
         return Ok(store::read_record(&record_path)?);
     }
     stage.begin()?;
-    // A record of an earlier run must not stand beside new predictions.
+    // A record or trace of an earlier run must not stand beside new predictions.
     store::remove(&record_path)?;
+    let trace_path = request.out.join(TRACE_FILE);
+    store::remove(&trace_path)?;
     let begun = Instant::now();
     let scene = TrainingScene::load(&request.scene, &request.split)?;
-    let outcome = (method.train)(&scene, &request.settings, progress)?;
+    let checkpoint = request.out.join(CHECKPOINT_FILE);
+    let session = Session {
+        progress,
+        files: Some(TrainingFiles {
+            trace: trace_path.clone(),
+            checkpoint: checkpoint.clone(),
+            checkpoint_every: request.checkpoint_every,
+            inputs_sha256: stage.inputs_sha256(),
+        }),
+        backend: request.backend,
+    };
+    let mut outcome = (method.train)(&scene, &request.settings, &session)?;
     let rendering = Instant::now();
-    let mut outputs = render_predictions(&scene, &outcome, &request.out, progress)?;
+    let mut outputs = render_predictions(&scene, &mut outcome, &request.out, progress)?;
     let rendering_seconds = rendering.elapsed().as_secs_f64();
+    let trained = &mut outcome.trained;
+    let gaussians = trained.stepper.gaussians() as u64;
     ply::write(
         &request.out.join(GAUSSIANS_FILE),
-        &outcome.trained.table,
+        &trained.stepper.model()?.table,
         &scene.normalization,
     )?;
-    write_trace(&request.out.join(TRACE_FILE), &outcome.trained.trace)?;
+    trace::write_csv(&trace_path, &trained.state.trace)?;
     let split: Split = store::read_record(&request.split)?;
     let record = RunRecord {
         method: method.id.to_owned(),
         scene: scene.id.clone(),
         protocol_hash: split.protocol_hash,
         seed: request.settings.seed,
-        backend: Backend::Cpu {
-            threads: rayon::current_num_threads() as u32,
-        },
+        backend: trained.stepper.backend(),
         configuration: serde_json::to_value(&outcome.settings)
             .map_err(|error| StoreError::write(&record_path, std::io::Error::other(error)))?,
         plan: outcome.plan.clone(),
         versions: BTreeMap::from([("omnilife".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
         inputs,
-        iterations: outcome.trained.iterations,
-        gaussians: outcome.trained.table.len() as u64,
-        training_seconds: outcome.trained.training.as_secs_f64(),
+        iterations: trained.state.iteration,
+        gaussians,
+        training_seconds: trained.state.training.as_secs_f64(),
+        training_cpu_seconds: trained.state.training_cpu.map(|time| time.as_secs_f64()),
+        evaluation_seconds: trained.state.evaluation.as_secs_f64(),
         rendering_seconds,
-        peak_memory_bytes: peak_memory_bytes(),
+        peak_memory_bytes: process::peak_memory_bytes(),
         normalization: scene.normalization,
         trace: Some(TRACE_FILE.to_owned()),
         predictions: ViewPredictions {
             input_views: INPUT_FOLDER.to_owned(),
             novel_views: NOVEL_FOLDER.to_owned(),
         },
-        warnings: warnings(&scene, &outcome),
+        warnings: warnings(&scene, &outcome, gaussians),
     };
     store::write_record(&record_path, &record)?;
     outputs.extend([RUN_FILE, TRACE_FILE, GAUSSIANS_FILE].map(str::to_owned));
     stage.finish(outputs, begun.elapsed().as_secs_f64())?;
+    store::remove(&checkpoint)?;
     Ok(record)
 }
 
@@ -119,8 +147,10 @@ fn plan_stage(
 ) -> Result<(StagePlan, BTreeMap<String, String>), ReconstructError> {
     let scene: Scene = store::read_record(&request.scene)?;
     let folder = request.scene.parent().unwrap_or(Path::new("."));
-    let settings = format!("{} {:?}", request.method, request.settings);
-    let mut stage = StagePlan::new(&request.out, "reconstruct").with_text("settings", &settings);
+    let mut stage = StagePlan::new(&request.out, "reconstruct")
+        .with_text("method", &request.method)
+        .with_settings("settings", &request.settings)
+        .with_settings("backend", &request.backend);
     let mut inputs = BTreeMap::new();
     let mut add = |stage: StagePlan, name: &str, path: &Path| -> Result<StagePlan, StoreError> {
         let hash = store::sha256_file(path)?;
@@ -141,11 +171,11 @@ fn plan_stage(
 /// Renders all views of the split; returns the files relative to the run's folder.
 fn render_predictions(
     scene: &TrainingScene,
-    outcome: &MethodOutcome,
+    outcome: &mut MethodOutcome<'_>,
     out: &Path,
     progress: &dyn Progress,
 ) -> Result<Vec<String>, ReconstructError> {
-    let (mut renderer, instant) = outcome.trained.renderer(&outcome.settings);
+    let trained = &mut outcome.trained;
     let total = scene.input_views.len() + scene.novel_views.len();
     progress.begin("rendering", Some(total as u64));
     let mut files = Vec::with_capacity(total);
@@ -155,9 +185,8 @@ fn render_predictions(
         remove_predictions(&folder)?;
         for view in views {
             let file = format!("{name}/{:06}.png", view.frame);
-            renderer
-                .image(&view.view, &instant)
-                .write_png(&out.join(&file))?;
+            let image = trained.stepper.image(&view.view, trained.sh_degree)?;
+            image.write_png(&out.join(&file))?;
             files.push(file);
             progress.advance(1);
         }
@@ -186,23 +215,14 @@ fn remove_predictions(folder: &Path) -> Result<(), StoreError> {
     Ok(())
 }
 
-fn write_trace(path: &Path, trace: &[TracePoint]) -> Result<(), StoreError> {
-    store::write_with(path, |writer| {
-        let mut table = csv::Writer::from_writer(writer);
-        for point in trace {
-            table.serialize(point).map_err(std::io::Error::other)?;
-        }
-        table.flush()
-    })
-}
-
-fn warnings(scene: &TrainingScene, outcome: &MethodOutcome) -> Vec<String> {
-    let mut warnings = Vec::new();
+fn warnings(scene: &TrainingScene, outcome: &MethodOutcome<'_>, gaussians: u64) -> Vec<String> {
+    let trained = &outcome.trained;
+    let mut warnings = trained.remarks.clone();
     if scene.points.is_empty() {
         warnings
             .push("the scene has no points; training began from the sky shell alone".to_owned());
     }
-    if outcome.trained.table.is_empty() {
+    if gaussians == 0 {
         warnings.push("no Gaussian is left; the views show the background".to_owned());
     }
     if scene.is_normalized_by_points {
@@ -211,27 +231,18 @@ fn warnings(scene: &TrainingScene, outcome: &MethodOutcome) -> Vec<String> {
                 .to_owned(),
         );
     }
-    if outcome.trained.refused_gradients > 0 {
+    let refused: u64 = trained.state.refused.iter().sum();
+    if refused > 0 {
         warnings.push(format!(
-            "{} gradient values were not finite and were not applied",
-            outcome.trained.refused_gradients
+            "{refused} gradient values were not finite and were not applied; the trace counts them \
+             by array"
         ));
     }
-    if outcome.trained.stopped_by_budget {
+    if trained.stopped_by_budget {
         warnings.push(format!(
             "the time budget ended training after {} of {} iterations",
-            outcome.trained.iterations, outcome.settings.iterations
+            trained.state.iteration, outcome.settings.iterations
         ));
     }
     warnings
-}
-
-/// Highest resident memory of this process, where the system tells (Linux).
-fn peak_memory_bytes() -> Option<u64> {
-    let status = fs::read_to_string("/proc/self/status").ok()?;
-    let line = status
-        .lines()
-        .find_map(|line| line.strip_prefix("VmHWM:"))?;
-    let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
-    Some(kibibytes * 1024)
 }

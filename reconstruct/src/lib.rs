@@ -4,7 +4,8 @@
 //! * [`kernels`]: project, sort, bin, raster, loss, adam; [`render`] chains them.
 //! * [`densify`], [`optim`]: when Gaussians are added and removed, and how fast they move.
 //! * [`methods`]: one file per published method; [`train`] orders the calls.
-//! * [`job`]: one method on one scene, from `scene.json` and `split.json` to `run.json` and images.
+//! * [`job`]: one method on one scene, from `scene.json` and `split.json` to `run.json` and images;
+//!   [`render_job`]: Gaussians along given poses.
 
 pub mod backend;
 pub mod camera;
@@ -14,9 +15,12 @@ pub mod gaussians;
 pub mod initialize;
 pub mod job;
 pub mod kernels;
+pub mod memory;
 pub mod methods;
 pub mod optim;
+pub mod process;
 pub mod render;
+pub mod render_job;
 pub mod scene;
 pub mod train;
 

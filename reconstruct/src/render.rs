@@ -200,15 +200,6 @@ impl Renderer {
 
     /// Renders one view as an image clamped to `[0, 1]`.
     pub fn image(&mut self, view: &View, gaussians: &InstantGaussians) -> RgbImage {
-        let raster = self.forward(view, gaussians);
-        RgbImage {
-            width: raster.width,
-            height: raster.height,
-            data: raster
-                .colour
-                .iter()
-                .map(|value| value.clamp(0.0, 1.0))
-                .collect(),
-        }
+        self.forward(view, gaussians).image()
     }
 }

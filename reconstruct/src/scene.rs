@@ -85,6 +85,15 @@ impl TrainingScene {
         };
         let normalization = normalization(cameras, &points);
         normalize(&mut points, &normalization);
+        if !points.is_empty() && !any_point_away_from_cameras(&points, &normalization, &centres) {
+            return Err(ReconstructError::scene(
+                scene_path,
+                format!(
+                    "all of its {} points are where the cameras are; none can be seen",
+                    points.len()
+                ),
+            ));
+        }
         let load = |frames: &[u32]| -> Result<Vec<SceneView>, ReconstructError> {
             frames
                 .par_iter()
@@ -213,6 +222,24 @@ fn normalization(cameras: Similarity, points: &PointCloud) -> Similarity {
         },
         _ => cameras,
     }
+}
+
+/// Whether a point (normalized) is farther from some camera (world) than rounding puts it.
+fn any_point_away_from_cameras(
+    points: &PointCloud,
+    normalization: &Similarity,
+    centres: &[DVec3],
+) -> bool {
+    let centres: Vec<Vec3> = centres
+        .iter()
+        .map(|&centre| normalization.normalize(centre).as_vec3())
+        .collect();
+    points.positions.iter().any(|&position| {
+        let position = Vec3::from_array(position);
+        centres
+            .iter()
+            .all(|centre| centre.distance(position) > 1e-5)
+    })
 }
 
 fn normalize(points: &mut PointCloud, normalization: &Similarity) {

@@ -1,341 +1,450 @@
 //! The training loop: it orders calls and holds no mathematics.
+//!
+//! * [`settings`]: what to do, and where in its schedule a run stands.
+//! * [`step`]: what a backend does; [`cpu_step`]: the processor.
+//! * [`trace`]: error against run time; [`checkpoint`]: how a run survives an interruption.
 
-use std::time::{Duration, Instant};
+pub mod checkpoint;
+pub(crate) mod cpu_renderer;
+pub mod cpu_step;
+pub mod settings;
+pub mod step;
+pub mod trace;
+
+use std::{
+    path::PathBuf,
+    time::{Duration, Instant},
+};
 
 use omnilife_schemas::progress::Progress;
 use rand::{SeedableRng, seq::SliceRandom};
 use rand_pcg::Pcg64Mcg;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
+use self::{
+    checkpoint::{LoopState, Refusal},
+    cpu_step::CpuStepper,
+    settings::{Position, TrainSettings},
+    step::{Model, StepSchedule, StepSums, Stepper},
+    trace::TracePoint,
+};
 use crate::{
-    densify::{self, DensifySettings, Statistics},
+    densify::{self, DensityContext},
     error::ReconstructError,
-    gaussians::{GaussianTable, InstantGaussians, static_gaussians as parameterization},
-    kernels::{
-        adam,
-        loss::{LossValue, cpu::Loss},
-        raster::RasterGradient,
-    },
+    gaussians::{ArrayShape, GaussianTable},
+    kernels::loss::cpu::Loss,
     optim::Decay,
-    render::{RenderSettings, Renderer},
-    scene::{SceneView, TrainingScene},
+    process,
+    scene::TrainingScene,
 };
 
-/// Step sizes of the parameter arrays.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct LearningRates {
-    /// Of centres, in normalized units.
-    pub positions: Decay,
-    /// Of logarithmic scales.
-    pub log_scales: Decay,
-    /// Of quaternions.
-    pub quaternions: Decay,
-    /// Of opacity logits.
-    pub opacity_logits: Decay,
-    /// Of constant spherical harmonics.
-    pub sh_constant: Decay,
+/// Iterations between two looks at what the backend has summed up.
+const CHECK_INTERVAL: u64 = 100;
+/// Share of an array's gradient values that may be not finite between two looks. Above it a run is
+/// not worth its time: something is wrong that leaving values out does not mend.
+const REFUSED_SHARE: f64 = 0.01;
+
+/// What surrounds a run: who hears of it, where it goes, what computes it.
+pub struct Session<'a> {
+    /// Hears how far it is.
+    pub progress: &'a dyn Progress,
+    /// Where trace and checkpoints go; nowhere in tests and previews.
+    pub files: Option<TrainingFiles>,
+    /// What computes the steps.
+    pub backend: BackendChoice,
 }
 
-/// Everything the loop needs to know.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct TrainSettings {
-    /// Steps of the optimizer.
-    pub iterations: u64,
-    /// Stops after this time in training steps, seconds of wall clock, whatever the iterations; what
-    /// the trace renders does not count.
-    pub budget_seconds: Option<f64>,
-    /// Seed of view order and split noise.
-    pub seed: u64,
-    /// Weight of `1 - SSIM` against L1.
-    pub ssim_weight: f32,
-    /// Colour behind everything.
-    pub background: [f32; 3],
-    /// Gaussians nearer than this, in normalized units, are not drawn.
-    pub near: f32,
-    /// Step sizes.
-    pub learning_rates: LearningRates,
-    /// Density control.
-    pub densify: DensifySettings,
-    /// Entries of the trace over the run, evenly spread, the last iteration included.
-    pub trace_points: u64,
+/// Files that training writes as it goes.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TrainingFiles {
+    /// CSV of the trace.
+    pub trace: PathBuf,
+    /// The checkpoint; read at the beginning when it is there.
+    pub checkpoint: PathBuf,
+    /// Iterations between two checkpoints; 0 writes none.
+    pub checkpoint_every: u64,
+    /// Hash of everything that went into the run.
+    pub inputs_sha256: String,
 }
 
-/// One row of error against run time.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct TracePoint {
-    /// Training time so far; the trace's own renders are not counted.
-    pub wall_seconds: f64,
-    /// Iterations done.
-    pub iteration: u64,
-    /// Gaussians.
-    pub gaussians: u64,
-    /// Bytes of parameters, gradients and moments.
-    pub table_bytes: u64,
-    /// Mean training loss since the row before.
-    pub train_loss: f64,
-    /// PSNR of the mean squared error over the training steps since the row before, dB.
-    pub train_psnr_db: f64,
-    /// Mean PSNR of the novel views, dB; empty without novel views.
-    pub novel_psnr_db: Option<f64>,
-    /// Mean SSIM of the novel views (the loss's SSIM, which wraps at the seam).
-    pub novel_ssim: Option<f64>,
+/// What computes training steps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum BackendChoice {
+    /// The processor.
+    #[default]
+    Cpu,
+    /// A graphics adapter.
+    Gpu,
+}
+
+impl<'a> Session<'a> {
+    /// A run on the processor that leaves no files.
+    pub fn without_files(progress: &'a dyn Progress) -> Self {
+        Self {
+            progress,
+            files: None,
+            backend: BackendChoice::Cpu,
+        }
+    }
 }
 
 /// A trained model.
-#[derive(Debug, Clone)]
-pub struct Trained {
-    /// The Gaussians.
-    pub table: GaussianTable,
-    /// Error against run time.
-    pub trace: Vec<TracePoint>,
-    /// Iterations done.
-    pub iterations: u64,
-    /// Training time without the trace's renders.
-    pub training: Duration,
-    /// Gradient values that were not finite and were not applied.
-    pub refused_gradients: u64,
+#[derive(Debug)]
+pub struct Trained<'a> {
+    /// The model where it was trained, ready to render.
+    pub stepper: Box<dyn Stepper + 'a>,
+    /// Where the loop ended, with the trace.
+    pub state: LoopState,
+    /// Degree of the spherical harmonics in use at the end.
+    pub sh_degree: usize,
     /// Whether the time budget ended the run before its last iteration.
     pub stopped_by_budget: bool,
+    /// Lines that a reader of the scores should know.
+    pub remarks: Vec<String>,
 }
 
-impl Trained {
-    /// A renderer set up as in training, and the Gaussians it draws.
-    pub fn renderer(&self, settings: &TrainSettings) -> (Renderer, InstantGaussians) {
-        let mut instant = InstantGaussians::default();
-        parameterization::instantiate(&self.table, &mut instant);
-        (new_renderer(settings), instant)
-    }
-}
-
-/// Trains `table` on the scene's input views.
+/// Trains `table` on the scene's input views, from the session's checkpoint where there is one.
 ///
-/// The result depends on the settings and the scene alone, not on the number of threads - unless a
-/// time budget stops it.
+/// On the processor the result depends on the settings and the scene alone, not on the number of
+/// threads or on interruptions - unless a time budget stops it.
 ///
 /// # Errors
-/// When the loss is not finite.
-pub fn train(
-    scene: &TrainingScene,
+/// When the loss or a large share of an array's gradients is not finite, the checkpoint is damaged,
+/// a file cannot be written or the backend fails.
+pub fn train<'a>(
+    scene: &'a TrainingScene,
     table: GaussianTable,
     settings: &TrainSettings,
-    progress: &dyn Progress,
-) -> Result<Trained, ReconstructError> {
-    let mut trainer = Trainer::new(scene, table, settings);
-    progress.begin("training", Some(settings.iterations));
-    let outcome = trainer.run(progress);
-    progress.end();
+    session: &Session<'_>,
+) -> Result<Trained<'a>, ReconstructError> {
+    let mut trainer = Trainer::begin(scene, table, settings, session)?;
+    let left = settings.iterations - trainer.state.iteration.min(settings.iterations);
+    session.progress.begin("training", Some(left));
+    let outcome = trainer.run();
+    session.progress.end();
     outcome.map(|()| trainer.finish())
 }
 
-fn new_renderer(settings: &TrainSettings) -> Renderer {
-    Renderer::new(RenderSettings {
-        background: settings.background,
-        ..RenderSettings::new(settings.near)
-    })
+/// The only place that knows which backends there are.
+fn new_stepper<'a>(
+    scene: &'a TrainingScene,
+    model: Model,
+    settings: &TrainSettings,
+    backend: BackendChoice,
+) -> Result<Box<dyn Stepper + 'a>, ReconstructError> {
+    match backend {
+        BackendChoice::Cpu => Ok(Box::new(CpuStepper::new(scene, model, settings))),
+        BackendChoice::Gpu => Err(ReconstructError::Backend {
+            reason: "this build cannot train on a graphics adapter".to_owned(),
+        }),
+    }
 }
 
-struct Trainer<'a> {
+struct Trainer<'a, 's> {
     scene: &'a TrainingScene,
-    settings: &'a TrainSettings,
-    table: GaussianTable,
-    instant: InstantGaussians,
-    gradient: InstantGaussians,
-    renderer: Renderer,
+    settings: &'s TrainSettings,
+    session: &'s Session<'s>,
+    stepper: Box<dyn Stepper + 'a>,
+    /// One decay per array of the table.
+    decays: Vec<Decay>,
+    arrays: Vec<ArrayShape>,
+    state: LoopState,
+    schedule: StepSchedule,
+    /// The view rendered last.
+    last_view: usize,
+    stopped_by_budget: bool,
+    remarks: Vec<String>,
+    /// Judges the novel views for the trace.
     loss: Loss,
     target: Vec<f32>,
-    statistics: Statistics,
-    random: Pcg64Mcg,
-    queue: Vec<usize>,
-    iteration: u64,
-    training: Duration,
-    refused_gradients: u64,
-    stopped_by_budget: bool,
-    trace: Vec<TracePoint>,
-    /// Loss, squared error and number of steps since the last row of the trace.
-    since_trace: (f64, f64, u64),
 }
 
-impl<'a> Trainer<'a> {
-    fn new(scene: &'a TrainingScene, table: GaussianTable, settings: &'a TrainSettings) -> Self {
-        Self {
+impl<'a, 's> Trainer<'a, 's> {
+    fn begin(
+        scene: &'a TrainingScene,
+        table: GaussianTable,
+        settings: &'s TrainSettings,
+        session: &'s Session<'s>,
+    ) -> Result<Self, ReconstructError> {
+        let arrays = table.shapes();
+        let decays = arrays
+            .iter()
+            .map(|array| settings.learning_rates.get(array.name).copied())
+            .collect::<Option<Vec<Decay>>>()
+            .unwrap_or_else(|| unreachable!("every array of {arrays:?} has a learning rate"));
+        let mut remarks = Vec::new();
+        let (state, model) = resume(table, settings, session, &mut remarks)?;
+        let position = Position::new(settings, state.iteration, state.training.as_secs_f64());
+        let size = (scene.camera.width as usize, scene.camera.height as usize);
+        Ok(Self {
             scene,
             settings,
-            statistics: Statistics::new(table.len()),
-            table,
-            instant: InstantGaussians::default(),
-            gradient: InstantGaussians::default(),
-            renderer: new_renderer(settings),
-            loss: Loss::new(scene.camera.width as usize, scene.camera.height as usize),
-            target: Vec::new(),
-            random: Pcg64Mcg::seed_from_u64(settings.seed),
-            queue: Vec::new(),
-            iteration: 0,
-            training: Duration::ZERO,
-            refused_gradients: 0,
+            session,
+            stepper: new_stepper(scene, model, settings, session.backend)?,
+            schedule: StepSchedule {
+                iteration: state.iteration,
+                sh_degree: settings.active_sh_degree(&position),
+                learning_rates: vec![0.0; decays.len()],
+            },
+            decays,
+            arrays,
+            state,
+            last_view: 0,
             stopped_by_budget: false,
-            trace: Vec::new(),
-            since_trace: (0.0, 0.0, 0),
-        }
+            remarks,
+            loss: Loss::new(size.0, size.1),
+            target: Vec::new(),
+        })
     }
 
-    fn run(&mut self, progress: &dyn Progress) -> Result<(), ReconstructError> {
-        let trace_interval = (self.settings.iterations / self.settings.trace_points.max(1)).max(1);
-        while self.iteration < self.settings.iterations && !self.stopped_by_budget {
-            let begun = Instant::now();
-            self.iteration += 1;
-            let value = self.step()?;
-            self.control_density();
-            self.training += begun.elapsed();
+    fn run(&mut self) -> Result<(), ReconstructError> {
+        while self.state.iteration < self.settings.iterations && !self.stopped_by_budget {
+            let (begun, cpu_begun) = (Instant::now(), process::cpu_time());
+            self.state.iteration += 1;
+            let position = self.position();
+            self.step(&position)?;
+            self.control_density(&position)?;
+            self.state.training += begun.elapsed();
+            self.state.training_cpu = sum_of_cpu_time(self.state.training_cpu, cpu_begun);
             self.stopped_by_budget = self
                 .settings
                 .budget_seconds
-                .is_some_and(|budget| self.training.as_secs_f64() >= budget);
-            self.since_trace.0 += value.total;
-            self.since_trace.1 += value.mse;
-            self.since_trace.2 += 1;
-            progress.advance(1);
-            let last = self.iteration == self.settings.iterations || self.stopped_by_budget;
-            if self.iteration.is_multiple_of(trace_interval) || last {
-                self.record(progress);
+                .is_some_and(|budget| self.state.training.as_secs_f64() >= budget);
+            self.session.progress.advance(1);
+            let iteration = self.state.iteration;
+            let last = iteration == self.settings.iterations || self.stopped_by_budget;
+            if last || iteration.is_multiple_of(CHECK_INTERVAL) {
+                self.check()?;
             }
+            if last || iteration.is_multiple_of(self.settings.trace_every.max(1)) {
+                self.record()?;
+            }
+            self.save_checkpoint()?;
         }
         Ok(())
     }
 
-    fn step(&mut self) -> Result<LossValue, ReconstructError> {
-        let view = self.next_view();
-        self.set_learning_rates();
-        parameterization::instantiate(&self.table, &mut self.instant);
-        let raster = self.renderer.forward(&view.view, &self.instant);
-        view.write_image(&mut self.target);
-        let (value, image_gradient) =
-            self.loss
-                .forward_backward(&raster.colour, &self.target, self.settings.ssim_weight);
-        if !value.total.is_finite() {
-            return Err(ReconstructError::Diverged {
-                scene: self.scene.id.clone(),
-                iteration: self.iteration,
-                what: format!("the loss of frame {} is {}", view.frame, value.total),
-            });
+    fn position(&self) -> Position {
+        let seconds = self.state.training.as_secs_f64();
+        Position::new(self.settings, self.state.iteration, seconds)
+    }
+
+    fn step(&mut self, position: &Position) -> Result<(), ReconstructError> {
+        self.last_view = self.next_view();
+        self.schedule.iteration = position.iteration;
+        self.schedule.sh_degree = self.settings.active_sh_degree(position);
+        for (rate, decay) in self.schedule.learning_rates.iter_mut().zip(&self.decays) {
+            *rate = decay.at(position.share as f32);
         }
-        self.renderer.backward(
-            &view.view,
-            &self.instant,
-            &RasterGradient {
-                colour: image_gradient,
-                features: &[],
-            },
-            &mut self.gradient,
-        );
-        parameterization::instantiate_vjp(&mut self.table, &self.instant, &self.gradient);
-        let half_size = [
-            0.5 * self.scene.camera.width as f32,
-            0.5 * self.scene.camera.height as f32,
-        ];
-        self.statistics.add(self.renderer.visible(), half_size);
-        for array in &mut self.table.arrays {
-            self.refused_gradients += adam::cpu::step(array, self.iteration) as u64;
-        }
-        Ok(value)
+        self.stepper.step(self.last_view, &self.schedule)
     }
 
     /// Random views without replacement, epoch by epoch.
-    fn next_view(&mut self) -> &'a SceneView {
-        let next = self.queue.pop().unwrap_or_else(|| {
-            self.queue = (0..self.scene.input_views.len()).collect();
-            self.queue.shuffle(&mut self.random);
-            self.queue.pop().unwrap_or(0)
-        });
-        &self.scene.input_views[next]
+    fn next_view(&mut self) -> usize {
+        if self.state.queue.is_empty() {
+            self.state.queue.extend(0..self.scene.input_views.len());
+            self.state.queue.shuffle(&mut self.state.random);
+        }
+        self.state.queue.pop().unwrap_or(0)
     }
 
-    fn set_learning_rates(&mut self) {
-        let share = self.share_done();
-        let rates = &self.settings.learning_rates;
-        let arrays = &mut self.table.arrays;
-        arrays[parameterization::POSITIONS].learning_rate = rates.positions.at(share);
-        arrays[parameterization::LOG_SCALES].learning_rate = rates.log_scales.at(share);
-        arrays[parameterization::QUATERNIONS].learning_rate = rates.quaternions.at(share);
-        arrays[parameterization::OPACITY_LOGITS].learning_rate = rates.opacity_logits.at(share);
-        arrays[parameterization::SH_CONSTANT].learning_rate = rates.sh_constant.at(share);
-    }
-
-    /// Share of the run that is over; under a time budget, the larger of both shares.
-    fn share_done(&self) -> f32 {
-        let by_iterations = self.iteration as f64 / self.settings.iterations.max(1) as f64;
-        let by_time = self
-            .settings
-            .budget_seconds
-            .map_or(0.0, |budget| self.training.as_secs_f64() / budget);
-        by_iterations.max(by_time) as f32
-    }
-
-    fn control_density(&mut self) {
+    fn control_density(&mut self, position: &Position) -> Result<(), ReconstructError> {
         let settings = &self.settings.densify;
-        // Under a time budget the window is that share of the time.
-        let due = (self.share_done() * self.settings.iterations as f32) as u64;
-        let inside = (settings.begin_iteration..=settings.end_iteration).contains(&due);
-        if inside
-            && self
-                .iteration
-                .is_multiple_of(settings.interval_iterations.max(1))
-        {
+        if settings.is_due(position) {
+            let context = DensityContext {
+                scene: self.scene,
+                last_view: self.last_view,
+            };
+            let model = self.stepper.model_mut()?;
             densify::densify(
-                &mut self.table,
-                &self.statistics,
+                model,
                 settings,
-                &mut self.random,
+                position.scheduled,
+                &context,
+                &mut self.state.random,
             );
-            self.statistics = Statistics::new(self.table.len());
         }
-        let reset = settings.opacity_reset_iterations;
-        if due < settings.end_iteration && reset > 0 && self.iteration.is_multiple_of(reset) {
-            densify::reset_opacities(&mut self.table);
+        if settings.resets_opacities(position, self.state.last_reset) {
+            self.state.last_reset = position.scheduled;
+            densify::reset_opacities(&mut self.stepper.model_mut()?.table);
         }
+        Ok(())
     }
 
-    fn record(&mut self, progress: &dyn Progress) {
-        parameterization::instantiate(&self.table, &mut self.instant);
-        let mut novel = (0.0, 0.0);
-        for view in &self.scene.novel_views {
-            let image = self.renderer.image(&view.view, &self.instant);
+    /// Takes the backend's sums, and stops a run whose gradients are not worth following.
+    fn check(&mut self) -> Result<(), ReconstructError> {
+        let sums = self.stepper.take_sums()?;
+        if let Some(what) = too_much_refused(&self.arrays, self.stepper.gaussians(), &sums) {
+            return Err(ReconstructError::Diverged {
+                scene: self.scene.id.clone(),
+                iteration: self.state.iteration,
+                what,
+            });
+        }
+        self.state.since_trace.add(&sums);
+        Ok(())
+    }
+
+    /// Adds a row to the trace.
+    fn record(&mut self) -> Result<(), ReconstructError> {
+        self.check()?;
+        let begun = Instant::now();
+        let novel = self.novel_scores()?;
+        self.state.evaluation += begun.elapsed();
+        let sums = std::mem::take(&mut self.state.since_trace);
+        self.state.refused.resize(self.arrays.len(), 0);
+        for (total, refused) in self.state.refused.iter_mut().zip(&sums.refused) {
+            *total += refused;
+        }
+        let gaussians = self.stepper.gaussians();
+        let point = TracePoint::new(&self.state, &sums, gaussians, &self.arrays, novel);
+        self.session.progress.remark(&point.text());
+        self.state.trace.push(point);
+        if let Some(files) = &self.session.files {
+            trace::write_csv(&files.trace, &self.state.trace)?;
+        }
+        Ok(())
+    }
+
+    /// Mean PSNR and SSIM of the novel views.
+    fn novel_scores(&mut self) -> Result<Option<[f64; 2]>, ReconstructError> {
+        let views = &self.scene.novel_views;
+        let mut sum = [0.0; 2];
+        for view in views {
+            let image = self.stepper.image(&view.view, self.schedule.sh_degree)?;
             view.write_image(&mut self.target);
             let value = self.loss.value(&image.data, &self.target, 0.0);
-            novel.0 += value.psnr();
-            novel.1 += value.ssim;
+            sum[0] += value.psnr();
+            sum[1] += value.ssim;
         }
-        let views = self.scene.novel_views.len();
-        let mean = |sum: f64| (views > 0).then(|| sum / views as f64);
-        let (loss, squared, steps) = std::mem::take(&mut self.since_trace);
-        let steps = steps.max(1) as f64;
-        let point = TracePoint {
-            wall_seconds: self.training.as_secs_f64(),
-            iteration: self.iteration,
-            gaussians: self.table.len() as u64,
-            table_bytes: self.table.bytes() as u64,
-            train_loss: loss / steps,
-            train_psnr_db: -10.0 * (squared / steps).max(1e-10).log10(),
-            novel_psnr_db: mean(novel.0),
-            novel_ssim: mean(novel.1),
-        };
-        let novel_text = point
-            .novel_psnr_db
-            .map_or(String::new(), |psnr| format!(", novel views {psnr:.2} dB"));
-        progress.remark(&format!(
-            "{} Gaussians, input views {:.2} dB{novel_text}",
-            point.gaussians, point.train_psnr_db
-        ));
-        self.trace.push(point);
+        Ok((!views.is_empty()).then(|| sum.map(|sum| sum / views.len() as f64)))
     }
 
-    fn finish(self) -> Trained {
-        Trained {
-            table: self.table,
-            trace: self.trace,
-            iterations: self.iteration,
-            training: self.training,
-            refused_gradients: self.refused_gradients,
-            stopped_by_budget: self.stopped_by_budget,
+    fn save_checkpoint(&mut self) -> Result<(), ReconstructError> {
+        let Some(files) = &self.session.files else {
+            return Ok(());
+        };
+        let every = files.checkpoint_every;
+        if every == 0 || !self.state.iteration.is_multiple_of(every) {
+            return Ok(());
         }
+        self.check()?;
+        let model = self.stepper.model()?;
+        if let Some(what) = checkpoint::not_finite(&model.table) {
+            return Err(ReconstructError::Diverged {
+                scene: self.scene.id.clone(),
+                iteration: self.state.iteration,
+                what,
+            });
+        }
+        checkpoint::write(
+            &files.checkpoint,
+            &files.inputs_sha256,
+            self.settings,
+            &self.state,
+            model,
+        )?;
+        Ok(())
+    }
+
+    fn finish(self) -> Trained<'a> {
+        Trained {
+            stepper: self.stepper,
+            state: self.state,
+            sh_degree: self.schedule.sh_degree,
+            stopped_by_budget: self.stopped_by_budget,
+            remarks: self.remarks,
+        }
+    }
+}
+
+/// The beginning, or where the session's checkpoint left off.
+fn resume(
+    table: GaussianTable,
+    settings: &TrainSettings,
+    session: &Session<'_>,
+    remarks: &mut Vec<String>,
+) -> Result<(LoopState, Model), ReconstructError> {
+    let mut say = |line: String| {
+        session.progress.note(&line);
+        remarks.push(line);
+    };
+    if let Some(files) = &session.files
+        && files.checkpoint.exists()
+    {
+        let path = &files.checkpoint;
+        match checkpoint::read(path, &files.inputs_sha256, settings, &table) {
+            Ok(mut checkpoint) => {
+                say(format!(
+                    "continued from the checkpoint at iteration {} of {}",
+                    checkpoint.state.iteration, settings.iterations
+                ));
+                checkpoint.state.resumed += 1;
+                return Ok((checkpoint.state, checkpoint.model));
+            }
+            Err(Refusal::OtherRun(reason)) => say(format!(
+                "{}: not continued, {reason}; training begins anew",
+                path.display()
+            )),
+            Err(Refusal::Damaged(error)) => return Err(error.into()),
+        }
+    }
+    let state = LoopState {
+        iteration: 0,
+        random: Pcg64Mcg::seed_from_u64(settings.seed),
+        queue: Vec::new(),
+        last_reset: 0,
+        training: Duration::ZERO,
+        evaluation: Duration::ZERO,
+        training_cpu: process::cpu_time().map(|_| Duration::ZERO),
+        since_trace: StepSums::default(),
+        refused: Vec::new(),
+        trace: Vec::new(),
+        resumed: 0,
+    };
+    Ok((state, Model::new(table)))
+}
+
+/// The first array of which more than [`REFUSED_SHARE`] of the gradients were not finite, in words.
+fn too_much_refused(arrays: &[ArrayShape], gaussians: usize, sums: &StepSums) -> Option<String> {
+    arrays
+        .iter()
+        .zip(&sums.refused)
+        .find_map(|(array, &refused)| {
+            let all = (array.width * gaussians) as f64 * sums.steps as f64;
+            (refused as f64 > REFUSED_SHARE * all).then(|| {
+                let percent = 100.0 * refused as f64 / all.max(1.0);
+                let name = array.name;
+                format!("{percent:.1} % of the gradients of {name} are not finite")
+            })
+        })
+}
+
+/// `sum` and the processor time since `begun`.
+fn sum_of_cpu_time(sum: Option<Duration>, begun: Option<Duration>) -> Option<Duration> {
+    Some(sum? + process::cpu_time()?.saturating_sub(begun?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_stops_when_many_gradients_of_an_array_are_not_finite() {
+        let arrays = [("positions", 3), ("opacity_logits", 1)]
+            .map(|(name, width)| ArrayShape { name, width });
+        let sums = |refused: [u64; 2]| StepSums {
+            steps: 100,
+            refused: refused.into(),
+            ..StepSums::default()
+        };
+        // One percent of 100 steps of 50 Gaussians is 150 positions and 50 opacities.
+        assert_eq!(too_much_refused(&arrays, 50, &sums([150, 50])), None);
+        let what = too_much_refused(&arrays, 50, &sums([150, 51])).expect("too many");
+        assert!(
+            what.contains("opacity_logits") && what.contains("1.0 %"),
+            "{what}"
+        );
     }
 }

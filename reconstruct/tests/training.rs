@@ -4,102 +4,31 @@
     reason = "a failure to build a test scene is a failed test"
 )]
 
-use glam::{DQuat, DVec3};
+#[path = "support/balls.rs"]
+mod balls;
+
+use balls::scene;
 use omnilife_reconstruct::{
-    camera::View,
-    gaussians::{
-        InstantGaussians,
-        static_gaussians::{self, InitialGaussians},
-    },
     methods::{self, MethodOutcome, MethodRequest},
-    render::{RenderSettings, Renderer},
-    scene::{SceneView, TrainingScene},
+    scene::TrainingScene,
+    train::Session,
 };
-use omnilife_schemas::{Pose, Similarity, camera::ErpCamera, points::PointCloud, progress::Silent};
-use rand::{RngExt, SeedableRng};
-use rand_pcg::Pcg64Mcg;
+use omnilife_schemas::{points::PointCloud, progress::Silent};
 
-const CAMERA: ErpCamera = ErpCamera {
-    width: 96,
-    height: 48,
-};
-
-/// Opaque balls all around a camera that walks past them; every fifth view is a novel one.
-fn scene() -> TrainingScene {
-    let mut random = Pcg64Mcg::seed_from_u64(21);
-    let mut truth = InitialGaussians::default();
-    let mut points = PointCloud::default();
-    for direction in 0..900 {
-        let y = 1.0 - (f64::from(direction) + 0.5) / 450.0;
-        let angle = 2.399_963 * f64::from(direction);
-        let rho = (1.0 - y * y).sqrt();
-        let distance = random.random_range(4.0..6.0);
-        let position = DVec3::new(rho * angle.cos(), y, rho * angle.sin()) * distance;
-        let colour: [f32; 3] = [0; 3].map(|_| random.random_range(0.1..0.9));
-        truth.positions.push(position.as_vec3().to_array());
-        truth.scales.push(0.25);
-        truth.colours.push(colour);
-        truth.opacities.push(0.95);
-        let jitter = DVec3::from_array([0; 3].map(|_| random.random_range(-0.1..0.1)));
-        points
-            .positions
-            .push((position + jitter).as_vec3().to_array());
-        points.colours.push([128; 3]);
-    }
-    let mut instant = InstantGaussians::default();
-    static_gaussians::instantiate(&static_gaussians::table(&truth), &mut instant);
-    let mut renderer = Renderer::new(RenderSettings::new(0.01));
-    let normalization = Similarity {
-        offset: [0.0; 3],
-        scale: 1.0,
-    };
-    let (mut input_views, mut novel_views) = (Vec::new(), Vec::new());
-    for frame in 0..15_u32 {
-        let along = f64::from(frame) / 7.0 - 1.0;
-        let turn = DQuat::from_rotation_y(0.3 * along);
-        let pose = Pose {
-            rotation_wxyz: [turn.w, turn.x, turn.y, turn.z],
-            centre: [0.2 * along, 0.0, along],
-        };
-        let view = View::new(CAMERA, &pose, &normalization, f64::from(frame)).unwrap();
-        let pixels = renderer.image(&view, &instant).to_rgb8();
-        let views = if frame % 5 == 4 {
-            &mut novel_views
-        } else {
-            &mut input_views
-        };
-        views.push(SceneView {
-            frame,
-            view,
-            pixels,
-        });
-    }
-    TrainingScene {
-        id: "balls".to_owned(),
-        camera: CAMERA,
-        input_views,
-        novel_views,
-        normalization,
-        is_normalized_by_points: false,
-        points,
-    }
+fn train_as<'a>(scene: &'a TrainingScene, request: &MethodRequest) -> MethodOutcome<'a> {
+    (methods::find("odgs").unwrap().train)(scene, request, &Session::without_files(&Silent))
+        .unwrap()
 }
 
-fn train(scene: &TrainingScene, iterations: u64) -> MethodOutcome {
-    let request = MethodRequest {
-        iterations,
-        budget_seconds: None,
-        seed: 7,
-        maximum_gaussians: None,
-    };
-    (methods::find("odgs").unwrap().train)(scene, &request, &Silent).unwrap()
+fn train(scene: &TrainingScene, iterations: u64) -> MethodOutcome<'_> {
+    train_as(scene, &MethodRequest::new(iterations, 7))
 }
 
 #[test]
 fn grey_points_become_the_scene() {
     let scene = scene();
     let outcome = train(&scene, 300);
-    let trace = &outcome.trained.trace;
+    let trace = &outcome.trained.state.trace;
     let (first, last) = (trace.first().unwrap(), trace.last().unwrap());
     let (before, after) = (first.novel_psnr_db.unwrap(), last.novel_psnr_db.unwrap());
     assert!(
@@ -113,7 +42,7 @@ fn grey_points_become_the_scene() {
             .all(|pair| pair[0].wall_seconds <= pair[1].wall_seconds)
     );
     assert_eq!(last.iteration, 300);
-    assert_eq!(outcome.trained.refused_gradients, 0);
+    assert_eq!(outcome.trained.state.refused, [0; 5]);
     // Points in every direction: there is no sky.
     assert!(!outcome.plan[0].used, "{:?}", outcome.plan[0]);
 }
@@ -123,9 +52,15 @@ fn training_does_not_depend_on_the_number_of_threads() {
     let scene = scene();
     let tables = [1, 3].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
-        pool.build()
-            .unwrap()
-            .install(|| train(&scene, 40).trained.table)
+        pool.build().unwrap().install(|| {
+            train(&scene, 40)
+                .trained
+                .stepper
+                .model()
+                .unwrap()
+                .table
+                .clone()
+        })
     });
     assert_eq!(tables[0].len(), tables[1].len());
     for (one, three) in tables[0].arrays.iter().zip(&tables[1].arrays) {
@@ -139,24 +74,102 @@ fn a_scene_without_points_gets_a_shell_of_sky() {
     scene.points = PointCloud::default();
     let outcome = train(&scene, 60);
     assert!(outcome.plan[0].used, "{:?}", outcome.plan[0]);
-    let psnr = outcome.trained.trace.last().unwrap().novel_psnr_db.unwrap();
+    let psnr = outcome
+        .trained
+        .state
+        .trace
+        .last()
+        .unwrap()
+        .novel_psnr_db
+        .unwrap();
     assert!(psnr > 14.0, "novel views at {psnr} dB");
+}
+
+#[test]
+fn a_limit_on_the_gaussians_thins_the_points() {
+    let scene = scene();
+    let request = MethodRequest {
+        maximum_gaussians: Some(300),
+        ..MethodRequest::new(120, 7)
+    };
+    let outcome = train_as(&scene, &request);
+    let thinned = outcome
+        .plan
+        .iter()
+        .find(|part| part.component == "all-points");
+    let reason = &thinned.unwrap().reason;
+    assert!(reason.starts_with("300 of 900 points"), "{reason}");
+    assert!(outcome.trained.stepper.gaussians() <= 300);
+}
+
+#[test]
+fn more_gaussians_than_memory_holds_are_refused_with_the_figure() {
+    let request = MethodRequest {
+        maximum_gaussians: Some(10_u64.pow(11)),
+        ..MethodRequest::new(10, 7)
+    };
+    let scene = scene();
+    let refused =
+        (methods::find("odgs").unwrap().train)(&scene, &request, &Session::without_files(&Silent));
+    let message = refused.map(drop).unwrap_err().to_string();
+    assert!(
+        message.contains("100000000000 Gaussians") && message.contains("GiB"),
+        "{message}"
+    );
+}
+
+#[test]
+fn few_and_odd_points_train_without_a_panic() {
+    let clouds: [Vec<[f32; 3]>; 3] = [
+        vec![[3.0, 1.0, 2.0]],
+        vec![[3.0, 1.0, 2.0]; 40],
+        vec![[0.0; 3]; 40],
+    ];
+    for positions in clouds {
+        let mut scene = scene();
+        scene.points = PointCloud {
+            colours: vec![[90; 3]; positions.len()],
+            positions,
+        };
+        let outcome = train(&scene, 30);
+        let last = outcome.trained.state.trace.last().unwrap().clone();
+        assert!(
+            last.train_loss.is_finite() && last.gaussians > 1_000,
+            "{last:?}"
+        );
+    }
+}
+
+#[test]
+fn what_a_gaussian_looks_like_may_depend_on_the_direction() {
+    let scene = scene();
+    let request = MethodRequest {
+        sh_degree: Some(2),
+        ..MethodRequest::new(90, 7)
+    };
+    let mut outcome = train_as(&scene, &request);
+    // 90 iterations hold the ramp to degree 3 that 30,000 have.
+    assert_eq!(outcome.trained.sh_degree, 2);
+    let table = &outcome.trained.stepper.model().unwrap().table;
+    let rest = table.arrays.last().unwrap();
+    assert_eq!((rest.name, rest.width), ("sh_rest", 24));
+    assert!(rest.values.iter().any(|&value| value.abs() > 1e-4));
+    let constant = train(&scene, 30);
+    assert_eq!(constant.trained.state.trace[0].refused.len(), 5);
 }
 
 #[test]
 fn a_budget_ends_training() {
     let request = MethodRequest {
-        iterations: 1_000_000,
         budget_seconds: Some(0.5),
-        seed: 7,
-        maximum_gaussians: None,
+        ..MethodRequest::new(1_000_000, 7)
     };
     let scene = scene();
-    let outcome = (methods::find("odgs").unwrap().train)(&scene, &request, &Silent).unwrap();
+    let outcome = train_as(&scene, &request);
     assert!(outcome.trained.stopped_by_budget);
-    assert!(outcome.trained.iterations < 1_000_000);
+    assert!(outcome.trained.state.iteration < 1_000_000);
     assert_eq!(
-        outcome.trained.trace.last().unwrap().iteration,
-        outcome.trained.iterations
+        outcome.trained.state.trace.last().unwrap().iteration,
+        outcome.trained.state.iteration
     );
 }

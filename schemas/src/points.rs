@@ -73,6 +73,7 @@ impl Scalar {
     }
 }
 
+#[derive(Debug)]
 struct PlyHeader {
     format: PlyFormat,
     count: usize,
@@ -103,17 +104,11 @@ impl PointCloud {
     }
 
     fn parse_ply(bytes: &[u8]) -> Result<Self, String> {
-        let header = parse_header(bytes)?;
-        let column = |name: &str| {
-            header
-                .properties
-                .iter()
-                .position(|(other, _)| other == name)
-        };
-        let [Some(x), Some(y), Some(z)] = ["x", "y", "z"].map(column) else {
+        let table = PlyTable::parse(bytes)?;
+        let [Some(x), Some(y), Some(z)] = ["x", "y", "z"].map(|name| table.column(name)) else {
             return Err("PLY vertices have no x, y, z".to_owned());
         };
-        let colour = match ["red", "green", "blue"].map(column) {
+        let colour = match ["red", "green", "blue"].map(|name| table.column(name)) {
             [Some(r), Some(g), Some(b)] => Some([r, g, b]),
             _ => None,
         };
@@ -121,59 +116,22 @@ impl PointCloud {
         if let Some(columns) = colour
             && columns
                 .iter()
-                .any(|&column| header.properties[column].1 != Scalar::U8)
+                .any(|&column| table.header.properties[column].1 != Scalar::U8)
         {
             return Err("PLY colours are not uchar".to_owned());
         }
-        let body = &bytes[header.body..];
         let mut cloud = Self::default();
-        let mut take = |row: &[f64]| -> Result<(), String> {
+        table.for_each_row(|index, row| {
             let position = [row[x] as f32, row[y] as f32, row[z] as f32];
             if position.iter().any(|value| !value.is_finite()) {
-                return Err(format!("point {} is not finite", cloud.positions.len()));
+                return Err(format!("point {index} is not finite"));
             }
             cloud.positions.push(position);
             cloud.colours.push(colour.map_or([128; 3], |columns| {
                 columns.map(|column| row[column].clamp(0.0, 255.0) as u8)
             }));
             Ok(())
-        };
-        match header.format {
-            PlyFormat::Ascii => {
-                let text = std::str::from_utf8(body).map_err(|_| "PLY body is not ASCII")?;
-                let mut lines = text.lines().filter(|line| !line.trim().is_empty());
-                for index in 0..header.count {
-                    let line = lines.next().ok_or_else(|| truncated(index, header.count))?;
-                    let row: Vec<f64> = line
-                        .split_whitespace()
-                        .map(str::parse)
-                        .collect::<Result<_, _>>()
-                        .map_err(|_| format!("point {index} is not a row of numbers"))?;
-                    if row.len() < header.properties.len() {
-                        return Err(format!("point {index} has too few values"));
-                    }
-                    take(&row)?;
-                }
-            }
-            PlyFormat::BinaryLittleEndian => {
-                let stride: usize = header
-                    .properties
-                    .iter()
-                    .map(|(_, scalar)| scalar.size())
-                    .sum();
-                let mut row = vec![0.0; header.properties.len()];
-                for index in 0..header.count {
-                    let mut rest = body
-                        .get(index * stride..(index + 1) * stride)
-                        .ok_or_else(|| truncated(index, header.count))?;
-                    for (value, (_, scalar)) in row.iter_mut().zip(&header.properties) {
-                        *value = scalar.decode(rest);
-                        rest = &rest[scalar.size()..];
-                    }
-                    take(&row)?;
-                }
-            }
-        }
+        })?;
         Ok(cloud)
     }
 
@@ -198,6 +156,106 @@ impl PointCloud {
             }
             Ok(())
         })
+    }
+}
+
+/// The vertices of an ASCII or binary little-endian PLY whose first element is `vertex` with scalar
+/// properties. Errors are the reason in one line, without the file.
+#[derive(Debug)]
+pub struct PlyTable<'a> {
+    header: PlyHeader,
+    body: &'a [u8],
+}
+
+impl<'a> PlyTable<'a> {
+    /// Reads the header. There are no more vertices than the bytes can hold.
+    ///
+    /// # Errors
+    /// When it is not such a PLY, or a binary body is truncated.
+    pub fn parse(bytes: &'a [u8]) -> Result<Self, String> {
+        let header = parse_header(bytes)?;
+        let table = Self {
+            body: &bytes[header.body..],
+            header,
+        };
+        let least_bytes = match table.header.format {
+            PlyFormat::Ascii => 1,
+            PlyFormat::BinaryLittleEndian => table.stride().max(1),
+        };
+        let possible = table.body.len() / least_bytes;
+        if table.len() > possible {
+            return Err(truncated(possible, table.len()));
+        }
+        Ok(table)
+    }
+
+    /// Number of vertices.
+    pub fn len(&self) -> usize {
+        self.header.count
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Position of a property in a row.
+    pub fn column(&self, name: &str) -> Option<usize> {
+        let mut names = self.names();
+        names.position(|other| other == name)
+    }
+
+    /// Names of the properties in their order.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.header.properties.iter().map(|(name, _)| name.as_str())
+    }
+
+    /// Bytes of a vertex in a binary body.
+    fn stride(&self) -> usize {
+        let properties = self.header.properties.iter();
+        properties.map(|(_, scalar)| scalar.size()).sum()
+    }
+
+    /// Calls `take` with the number and the values of every vertex in turn.
+    ///
+    /// # Errors
+    /// When the body is truncated or not made of numbers, or `take` refuses a row.
+    pub fn for_each_row(
+        &self,
+        mut take: impl FnMut(usize, &[f64]) -> Result<(), String>,
+    ) -> Result<(), String> {
+        let (count, properties) = (self.len(), &self.header.properties);
+        match self.header.format {
+            PlyFormat::Ascii => {
+                let text = std::str::from_utf8(self.body).map_err(|_| "PLY body is not ASCII")?;
+                let mut lines = text.lines().filter(|line| !line.trim().is_empty());
+                for index in 0..count {
+                    let line = lines.next().ok_or_else(|| truncated(index, count))?;
+                    let row: Vec<f64> = line
+                        .split_whitespace()
+                        .map(str::parse)
+                        .collect::<Result<_, _>>()
+                        .map_err(|_| format!("point {index} is not a row of numbers"))?;
+                    if row.len() < properties.len() {
+                        return Err(format!("point {index} has too few values"));
+                    }
+                    take(index, &row)?;
+                }
+            }
+            PlyFormat::BinaryLittleEndian => {
+                let stride = self.stride();
+                let mut row = vec![0.0; properties.len()];
+                for index in 0..count {
+                    let mut rest = &self.body[index * stride..(index + 1) * stride];
+                    for (value, (_, scalar)) in row.iter_mut().zip(properties) {
+                        *value = scalar.decode(rest);
+                        rest = &rest[scalar.size()..];
+                    }
+                    take(index, &row)?;
+                }
+            }
+        }
+        Ok(())
     }
 }
 

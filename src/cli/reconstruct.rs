@@ -2,8 +2,14 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, Subcommand};
-use omnilife_reconstruct::methods::{METHODS, MethodRequest};
+use clap::{Args, Subcommand, ValueEnum};
+use omnilife_reconstruct::{
+    gaussians::MAX_SH_DEGREE,
+    methods::{METHODS, MethodRequest},
+    render::Footprint,
+    render_job::RenderRequest,
+    train::BackendChoice,
+};
 
 use crate::exit::BadRequest;
 
@@ -18,9 +24,63 @@ pub(crate) struct MethodArguments {
     /// Seed of everything random.
     #[arg(long, default_value_t = 0)]
     pub(crate) seed: u64,
-    /// Adds no Gaussians above this number [default: half the pixels of a view].
+    /// Never more Gaussians than this; more points are thinned out [default: half the pixels of a
+    /// view].
     #[arg(long)]
     pub(crate) max_gaussians: Option<u64>,
+    /// Degree of the spherical harmonics of colour, 0 to 3 [default: the method's].
+    #[arg(long, value_name = "DEGREE")]
+    pub(crate) sh_degree: Option<usize>,
+    /// Footprint of a Gaussian: linearized at its centre, or its largest value along the pixel's ray.
+    #[arg(long, value_enum, default_value_t = FootprintArgument::Projected)]
+    pub(crate) footprint: FootprintArgument,
+    /// Image gradient from which Gaussians are cloned or split; two values are those at the equator
+    /// and at the poles [default: the method's].
+    #[arg(long, value_name = "T[,POLE]", value_parser = thresholds)]
+    pub(crate) densify_threshold: Option<[f32; 2]>,
+    /// Leaves out components of the method; `reconstruct methods` lists them.
+    #[arg(long, value_name = "COMPONENT", value_delimiter = ',')]
+    pub(crate) without: Vec<String>,
+    /// What computes: the processor, or a graphics adapter.
+    #[arg(long, value_enum, default_value_t = BackendArgument::Cpu)]
+    pub(crate) backend: BackendArgument,
+    /// A row of error against run time, with the novel views scored, every so many iterations
+    /// [default: ten rows].
+    #[arg(long, value_name = "ITERATIONS")]
+    pub(crate) trace: Option<u64>,
+    /// A checkpoint every so many iterations, from which an interrupted run goes on; 0 for none.
+    #[arg(long, value_name = "ITERATIONS", default_value_t = 1_000)]
+    pub(crate) checkpoint_every: u64,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum FootprintArgument {
+    Projected,
+    Ray,
+}
+
+impl From<FootprintArgument> for Footprint {
+    fn from(argument: FootprintArgument) -> Self {
+        match argument {
+            FootprintArgument::Projected => Self::Projected,
+            FootprintArgument::Ray => Self::Ray,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum BackendArgument {
+    Cpu,
+    Gpu,
+}
+
+impl From<BackendArgument> for BackendChoice {
+    fn from(argument: BackendArgument) -> Self {
+        match argument {
+            BackendArgument::Cpu => Self::Cpu,
+            BackendArgument::Gpu => Self::Gpu,
+        }
+    }
 }
 
 impl MethodArguments {
@@ -29,22 +89,93 @@ impl MethodArguments {
     /// # Errors
     /// When a number makes no sense.
     pub(crate) fn request(&self, iterations: u64) -> anyhow::Result<MethodRequest> {
-        if iterations == 0 || self.max_gaussians == Some(0) {
-            return Err(BadRequest("iterations and Gaussians are at least 1".to_owned()).into());
+        let refuse = |reason: &str| Err(BadRequest(reason.to_owned()).into());
+        if iterations == 0 || self.max_gaussians == Some(0) || self.trace == Some(0) {
+            return refuse("iterations and Gaussians are at least 1");
         }
         if self
             .budget
             .is_some_and(|budget| !(budget > 0.0 && budget.is_finite()))
         {
-            return Err(BadRequest("a budget is a positive number of seconds".to_owned()).into());
+            return refuse("a budget is a positive number of seconds");
+        }
+        if self.sh_degree.is_some_and(|degree| degree > MAX_SH_DEGREE) {
+            return refuse("the degree of spherical harmonics is 0, 1, 2 or 3");
         }
         Ok(MethodRequest {
-            iterations,
             budget_seconds: self.budget,
-            seed: self.seed,
             maximum_gaussians: self.max_gaussians,
+            sh_degree: self.sh_degree,
+            footprint: self.footprint.into(),
+            densify_threshold: self.densify_threshold,
+            without: self.without.clone(),
+            trace_every: self.trace,
+            ..MethodRequest::new(iterations, self.seed)
         })
     }
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct RenderArguments {
+    /// A run's folder, or a PLY of Gaussians as 3DGS writes it.
+    pub(crate) gaussians: PathBuf,
+    /// A poses.json or scene.json.
+    #[arg(long)]
+    pub(crate) poses: PathBuf,
+    /// Folder of the images.
+    #[arg(long)]
+    pub(crate) out: PathBuf,
+    /// Size of the images in pixels [default: the scene's, or 1024x512].
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
+    pub(crate) size: Option<[u32; 2]>,
+    /// Camera model: the whole sphere, or a perspective.
+    #[arg(long, value_enum, default_value_t = CameraArgument::Erp)]
+    pub(crate) camera: CameraArgument,
+    /// Horizontal field of view of a pinhole camera.
+    #[arg(long, value_name = "DEGREES", default_value_t = 90.0)]
+    pub(crate) fov_degrees: f64,
+    /// Makes a video of the images too, with the program `ffmpeg`.
+    #[arg(long, value_name = "FILE.mp4")]
+    pub(crate) video: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum CameraArgument {
+    Erp,
+    Pinhole,
+}
+
+impl RenderArguments {
+    /// What is asked of the renderer.
+    pub(crate) fn request(&self) -> RenderRequest {
+        RenderRequest {
+            gaussians: self.gaussians.clone(),
+            poses: self.poses.clone(),
+            size: self.size,
+            pinhole_degrees: match self.camera {
+                CameraArgument::Erp => None,
+                CameraArgument::Pinhole => Some(self.fov_degrees),
+            },
+            out: self.out.clone(),
+        }
+    }
+}
+
+/// One threshold, or those at the equator and at the poles.
+fn thresholds(text: &str) -> Result<[f32; 2], String> {
+    let (equator, pole) = text.split_once(',').unwrap_or((text, text));
+    let is_usable = |value: f32| value > 0.0 && value.is_finite();
+    match (equator.parse(), pole.parse()) {
+        (Ok(equator), Ok(pole)) if is_usable(equator) && is_usable(pole) => Ok([equator, pole]),
+        _ => Err("expected one or two positive numbers such as 2e-4 or 1e-4,2e-4".to_owned()),
+    }
+}
+
+fn size(text: &str) -> Result<[u32; 2], String> {
+    let parsed = text
+        .split_once('x')
+        .and_then(|(width, height)| Some([width.parse().ok()?, height.parse().ok()?]));
+    parsed.ok_or_else(|| "expected a size such as 1024x512".to_owned())
 }
 
 #[derive(Debug, Subcommand)]
@@ -65,6 +196,8 @@ pub(crate) enum ReconstructCommand {
         #[arg(long, default_value_t = 30_000)]
         iterations: u64,
     },
+    /// Renders Gaussians along given poses to PNG files, and to a video.
+    Render(RenderArguments),
     /// Lists the methods.
     Methods,
 }

@@ -6,6 +6,7 @@ pub(crate) mod dataset;
 pub(crate) mod leaderboard;
 mod ledger;
 pub(crate) mod reconstruct;
+mod video;
 
 use anyhow::bail;
 

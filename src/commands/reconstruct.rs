@@ -2,11 +2,16 @@
 
 use omnilife_reconstruct::{
     job::{self, ReconstructRequest},
-    methods::METHODS,
+    methods::{METHODS, Method},
+    render_job,
 };
 use omnilife_schemas::progress::Progress;
 
-use crate::{cli::ReconstructCommand, exit};
+use super::video;
+use crate::{
+    cli::{ReconstructCommand, RenderArguments},
+    exit,
+};
 
 pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> anyhow::Result<()> {
     match command {
@@ -23,6 +28,8 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
                     split: split.clone(),
                     method: method.method.clone(),
                     settings: method.request(*iterations)?,
+                    backend: method.backend.into(),
+                    checkpoint_every: method.checkpoint_every,
                     out: out.clone(),
                 },
                 progress,
@@ -37,17 +44,46 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
                 out.join(job::RUN_FILE).display()
             ))
         }
+        ReconstructCommand::Render(arguments) => render(arguments, progress),
         ReconstructCommand::Methods => {
-            let lines: String = METHODS
-                .iter()
-                .map(|method| {
-                    format!(
-                        "{}\n  {}\n  {}\n  {}\n",
-                        method.id, method.title, method.source, method.description
-                    )
-                })
-                .collect();
+            let lines: String = METHODS.iter().map(description).collect();
             exit::print(&lines)
         }
     }
+}
+
+/// A method for the list, one fact per line.
+fn description(method: &Method) -> String {
+    let mut text = format!(
+        "{}\n  {}\n  {}\n  {}\n",
+        method.id, method.title, method.source, method.description
+    );
+    if !method.components.is_empty() {
+        text += &format!("  Components: {}\n", method.components.join(", "));
+    }
+    text
+}
+
+fn render(arguments: &RenderArguments, progress: &dyn Progress) -> anyhow::Result<()> {
+    if let Some(file) = &arguments.video {
+        // Found out before the rendering, not after it.
+        video::check(file)?;
+    }
+    let rendered = render_job::render_poses(&arguments.request(), progress)?;
+    let mut text = format!(
+        "{} views in {}\n",
+        rendered.files.len(),
+        arguments.out.display()
+    );
+    if rendered.unposed > 0 {
+        text += &format!(
+            "{} frames have no usable pose and are left out\n",
+            rendered.unposed
+        );
+    }
+    if let Some(file) = &arguments.video {
+        let rate = video::encode(&rendered.files, &rendered.times_seconds, file)?;
+        text += &format!("{} at {rate:.3} frames per second\n", file.display());
+    }
+    exit::print(&text)
 }

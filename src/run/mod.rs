@@ -24,6 +24,7 @@ use omnilife_curate::{
 use omnilife_reconstruct::{
     job::{self, ReconstructRequest},
     methods::{self, MethodRequest},
+    train::BackendChoice,
 };
 use omnilife_schemas::{
     Blamed,
@@ -51,11 +52,13 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
         poses: arguments.poses.request(),
         method: arguments.method.method.clone(),
         settings: arguments.method.request(arguments.iterations)?,
+        backend: arguments.method.backend.into(),
+        checkpoint_every: arguments.method.checkpoint_every,
         protocol: arguments.protocol.clone(),
         progress,
     };
     // What is wrong with the request should not be found out after an hour of work.
-    methods::find(&job.method)?;
+    methods::find(&job.method)?.check(&job.settings)?;
     omnilife_bench::protocols::protocol(&job.protocol)?;
     if job.poses_are_given() && videos.len() > 1 {
         return Err(BadRequest(format!(
@@ -146,6 +149,8 @@ struct Job<'a> {
     poses: PoseRequest,
     method: String,
     settings: MethodRequest,
+    backend: BackendChoice,
+    checkpoint_every: u64,
     protocol: String,
     progress: &'a dyn Progress,
 }
@@ -197,6 +202,8 @@ impl Job<'_> {
                 split: split.clone(),
                 method: self.method.clone(),
                 settings: self.settings.clone(),
+                backend: self.backend,
+                checkpoint_every: self.checkpoint_every,
                 out: run.clone(),
             },
             self.progress,

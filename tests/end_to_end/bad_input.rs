@@ -7,7 +7,8 @@ use std::{
 };
 
 use crate::support::{
-    SMALL, assert_all_whole, copy_of_small_run, files, footage, omnilife, run, sample, scratch,
+    SEQUENCE, SMALL, assert_all_whole, copy_of_small_run, files, footage, omnilife, run, sample,
+    scratch,
 };
 
 /// `omnilife --quiet run` without poses.
@@ -359,4 +360,39 @@ fn stages_that_are_given_nothing() {
         };
         assert_eq!(left, [""; 0], "{arguments:?}");
     }
+}
+
+#[test]
+fn requests_to_the_method_that_make_no_sense_are_refused() {
+    assert_request_refused(&["--sh-degree", "4"], "0, 1, 2 or 3");
+    assert_request_refused(
+        &["--without", "sky"],
+        "no component \"sky\"; it has: sky-shell",
+    );
+    assert_request_refused(&["--trace", "0"], "at least 1");
+}
+
+#[test]
+fn an_image_of_another_size_than_its_camera_is_refused() {
+    let copy = copy_of_small_run();
+    let sequence = copy.path().join(SEQUENCE);
+    let image = sequence.join("frames/000003.png");
+    image::RgbImage::new(64, 64).save(&image).unwrap();
+    let out = copy.path().join("run");
+    let ended = omnilife([
+        "--quiet".as_ref(),
+        "reconstruct".as_ref(),
+        "train".as_ref(),
+        sequence.join("scene.json").as_os_str(),
+        "--split".as_ref(),
+        sequence.join("per-scene/split.json").as_os_str(),
+        "--out".as_ref(),
+        out.as_os_str(),
+    ]);
+    let message = ended.failed_quietly(2);
+    assert!(
+        message.contains("000003.png") && message.contains("is 64x64"),
+        "{message}"
+    );
+    assert!(!out.join("run.json").exists());
 }

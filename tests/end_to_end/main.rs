@@ -7,9 +7,11 @@ mod curation;
 mod full_disk;
 mod geometry;
 mod help;
+mod interruption;
 mod main_job;
 #[cfg(unix)]
 mod many_videos;
 mod output;
+mod rendering;
 mod stages;
 mod support;

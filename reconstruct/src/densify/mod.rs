@@ -1,49 +1,25 @@
 //! Adaptive density control of 3DGS: clone, split, prune, reset opacities.
 //!
-//! Source: 3DGS `scene/gaussian_model.py`, `train.py`. Two readings differ
-//! from the published code, because its thresholds are in scene units:
-//!
-//! * Sizes are compared with the Gaussian's distance from the mean camera, floored at the cameras'
-//!   radius (1 in a normalized scene) - PVG's distance factor without its offset. ODGS adds 100 to
-//!   the extent instead.
-//! * The screen-size prune is left out: it is dead code upstream.
+//! Source: 3DGS `scene/gaussian_model.py`, `train.py`. The screen-size prune is left out: it is dead
+//! code upstream. When any of it happens is in [`settings`].
+
+pub mod settings;
 
 use glam::{Mat3, Quat, Vec3};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
-use serde::{Deserialize, Serialize};
 
+pub use self::settings::{DensifySettings, LatitudeOf, SizeUnit, Threshold};
 use crate::{
+    camera::View,
     gaussians::{
         GaussianTable,
         static_gaussians::{LOG_SCALES, OPACITY_LOGITS, POSITIONS, QUATERNIONS, logit},
     },
     render::Visible,
+    scene::TrainingScene,
+    train::step::Model,
 };
-
-/// When Gaussians are added and removed.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct DensifySettings {
-    /// First iteration at which Gaussians may be added or removed.
-    pub begin_iteration: u64,
-    /// Last one.
-    pub end_iteration: u64,
-    /// Iterations from one densification to the next.
-    pub interval_iterations: u64,
-    /// Iterations from one opacity reset to the next; 0 never resets.
-    pub opacity_reset_iterations: u64,
-    /// Mean image-space gradient (normalized device coordinates) from which a Gaussian is cloned
-    /// or split.
-    pub gradient_threshold: f32,
-    /// Largest axis over distance up to which a Gaussian is cloned, above which it is split.
-    pub clone_size: f32,
-    /// Largest axis over distance above which a Gaussian is pruned.
-    pub prune_size: f32,
-    /// Opacity below which a Gaussian is pruned.
-    pub prune_opacity: f32,
-    /// No Gaussian is added above this number.
-    pub maximum_gaussians: u64,
-}
 
 /// A split's children are smaller than their parent by this factor (0.8 times 2 children).
 const SPLIT_SHRINK: f32 = 1.6;
@@ -51,10 +27,13 @@ const SPLIT_SHRINK: f32 = 1.6;
 const RESET_OPACITY: f32 = 0.01;
 
 /// Image-space gradients since the last densification.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Statistics {
-    sums: Vec<f32>,
-    views: Vec<u32>,
+    /// Sum over the views that saw the Gaussian of the length of its centre's gradient, in
+    /// normalized device coordinates.
+    pub sums: Vec<f32>,
+    /// How many views saw it.
+    pub views: Vec<u32>,
 }
 
 impl Statistics {
@@ -92,17 +71,28 @@ pub struct Densified {
     pub pruned: usize,
 }
 
-/// Clones, splits and prunes the table's Gaussians.
+/// What density control may look at beside the model.
+#[derive(Debug, Clone, Copy)]
+pub struct DensityContext<'a> {
+    /// The scene.
+    pub scene: &'a TrainingScene,
+    /// Number of the input view that was rendered last.
+    pub last_view: usize,
+}
+
+/// Clones, splits and prunes the model's Gaussians and begins its statistics anew. `scheduled` is
+/// the iteration of the schedule.
 pub fn densify(
-    table: &mut GaussianTable,
-    statistics: &Statistics,
+    model: &mut Model,
     settings: &DensifySettings,
+    scheduled: u64,
+    context: &DensityContext<'_>,
     random: &mut Pcg64Mcg,
 ) -> Densified {
-    let before = table.len();
+    let Model { table, statistics } = model;
     let (mut clones, mut parents) = (Vec::new(), Vec::new());
-    for index in candidates(statistics, settings, before) {
-        if relative_size(table, index) <= settings.clone_size {
+    for index in candidates(table, statistics, settings, context) {
+        if relative_size(table, index, settings.size_unit) <= settings.clone_size {
             clones.push(index);
         } else {
             parents.push(index);
@@ -123,17 +113,14 @@ pub fn densify(
         keep[parent] = false;
     }
     let mut pruned = 0;
-    let least_logit = logit(settings.prune_opacity);
     for (index, keep) in keep.iter_mut().enumerate() {
-        // Written so that a NaN opacity or size is pruned.
-        let useful = table.arrays[OPACITY_LOGITS].values[index] >= least_logit
-            && relative_size(table, index) <= settings.prune_size;
-        if *keep && !useful {
+        if *keep && !is_useful(table, index, settings, scheduled) {
             *keep = false;
             pruned += 1;
         }
     }
     table.retain(&keep);
+    *statistics = Statistics::new(table.len());
     Densified {
         cloned: clones.len(),
         split: parents.len(),
@@ -141,22 +128,72 @@ pub fn densify(
     }
 }
 
+/// Written so that a NaN opacity or size is pruned.
+fn is_useful(
+    table: &GaussianTable,
+    index: usize,
+    settings: &DensifySettings,
+    scheduled: u64,
+) -> bool {
+    table.arrays[OPACITY_LOGITS].values[index] >= logit(settings.prune_opacity)
+        && (scheduled <= settings.prune_size_begin_iteration
+            || relative_size(table, index, settings.size_unit) <= settings.prune_size)
+}
+
 /// The Gaussians to clone or split, in order of their index. Where there is no room for all, those
-/// with the largest gradients.
-fn candidates(statistics: &Statistics, settings: &DensifySettings, len: usize) -> Vec<usize> {
+/// whose gradients exceed their threshold by the largest factor.
+fn candidates(
+    table: &GaussianTable,
+    statistics: &Statistics,
+    settings: &DensifySettings,
+    context: &DensityContext<'_>,
+) -> Vec<usize> {
+    let len = table.len();
     let room = usize::try_from(settings.maximum_gaussians)
         .unwrap_or(usize::MAX)
         .saturating_sub(len);
+    let positions = table.arrays[POSITIONS].values.as_chunks::<3>().0;
+    let excess = |index: usize| {
+        let threshold = threshold(positions[index], &settings.gradient_threshold, context);
+        statistics.mean(index) / threshold
+    };
     // A NaN statistic fails the comparison and changes nothing.
-    let mut candidates: Vec<usize> = (0..len)
-        .filter(|&index| statistics.mean(index) >= settings.gradient_threshold)
+    let mut candidates: Vec<(usize, f32)> = (0..len)
+        .filter(|&index| statistics.views[index] > 0)
+        .map(|index| (index, excess(index)))
+        .filter(|&(_, excess)| excess >= 1.0)
         .collect();
     if candidates.len() > room {
-        candidates.sort_by(|&a, &b| statistics.mean(b).total_cmp(&statistics.mean(a)));
+        candidates.sort_by(|a, b| b.1.total_cmp(&a.1));
         candidates.truncate(room);
-        candidates.sort_unstable();
+        candidates.sort_unstable_by_key(|&(index, _)| index);
     }
-    candidates
+    candidates.into_iter().map(|(index, _)| index).collect()
+}
+
+/// The gradient from which a Gaussian at `position` is cloned or split.
+fn threshold(position: [f32; 3], threshold: &Threshold, context: &DensityContext<'_>) -> f32 {
+    if threshold.equator == threshold.pole {
+        return threshold.equator;
+    }
+    let views = &context.scene.input_views;
+    let cosine = match threshold.latitude {
+        LatitudeOf::LastView => cos_latitude(position, &views[context.last_view].view),
+        LatitudeOf::AllViews => {
+            let sum: f32 = views
+                .iter()
+                .map(|view| cos_latitude(position, &view.view))
+                .sum();
+            sum / views.len() as f32
+        }
+    };
+    threshold.at(cosine)
+}
+
+/// Cosine of the latitude at which a view sees a point: `rho / d`.
+fn cos_latitude(position: [f32; 3], view: &View) -> f32 {
+    let point = view.rotation * (Vec3::from_array(position) - view.centre);
+    point.x.hypot(point.z) / point.length().max(f32::MIN_POSITIVE)
 }
 
 /// Sets all opacities down to 0.01 and forgets their moments.
@@ -174,11 +211,17 @@ fn row<const N: usize>(table: &GaussianTable, array: usize, index: usize) -> [f3
     table.arrays[array].values.as_chunks::<N>().0[index]
 }
 
-/// Largest axis over the distance from the mean camera, floored at the cameras' radius.
-fn relative_size(table: &GaussianTable, index: usize) -> f32 {
-    let distance = Vec3::from_array(row(table, POSITIONS, index)).length();
+/// Largest axis of a Gaussian in the unit of the size limits.
+fn relative_size(table: &GaussianTable, index: usize, unit: SizeUnit) -> f32 {
     let [a, b, c] = row::<3>(table, LOG_SCALES, index);
-    a.max(b).max(c).exp() / distance.max(1.0)
+    let largest = a.max(b).max(c).exp();
+    match unit {
+        SizeUnit::Distance => {
+            let distance = Vec3::from_array(row(table, POSITIONS, index)).length();
+            largest / distance.max(1.0)
+        }
+        SizeUnit::Length(length) => largest / length,
+    }
 }
 
 /// Moves a child to a random place inside its parent's ellipsoid and shrinks it.
@@ -204,48 +247,93 @@ fn scatter_child(table: &mut GaussianTable, child: usize, random: &mut Pcg64Mcg)
 
 #[cfg(test)]
 mod tests {
+    use glam::Mat3;
+    use omnilife_schemas::{Similarity, camera::ErpCamera, points::PointCloud};
     use rand::SeedableRng;
 
     use super::*;
-    use crate::gaussians::static_gaussians::{self, InitialGaussians, sigmoid};
+    use crate::{
+        gaussians::static_gaussians::{self, InitialGaussians, sigmoid},
+        methods::odgs,
+        scene::SceneView,
+    };
 
     fn settings() -> DensifySettings {
         DensifySettings {
-            begin_iteration: 0,
-            end_iteration: 1,
-            interval_iterations: 1,
-            opacity_reset_iterations: 0,
-            gradient_threshold: 1.0,
+            gradient_threshold: Threshold::constant(1.0),
+            size_unit: SizeUnit::Distance,
             clone_size: 0.1,
             prune_size: 1.0,
-            prune_opacity: 0.005,
+            prune_size_begin_iteration: 0,
             maximum_gaussians: 100,
+            ..odgs::published_settings(30_000).densify
         }
     }
 
-    /// A small one, a large one, a faint one and a huge one.
-    fn four() -> GaussianTable {
-        static_gaussians::table(&InitialGaussians {
-            positions: vec![[0.0; 3], [5.0, 0.0, 0.0], [0.0; 3], [0.0; 3]],
-            scales: vec![0.01, 1.0, 0.01, 3.0],
-            colours: vec![[0.5; 3]; 4],
-            opacities: vec![0.5, 0.5, 0.001, 0.5],
-        })
+    /// Two upright views, one unit below and one above the origin.
+    fn scene() -> TrainingScene {
+        let camera = ErpCamera {
+            width: 8,
+            height: 4,
+        };
+        let view = |height: f32| SceneView {
+            frame: 0,
+            view: View {
+                camera: camera.into(),
+                rotation: Mat3::IDENTITY,
+                centre: Vec3::new(0.0, height, 0.0),
+                time_seconds: 0.0,
+            },
+            pixels: vec![0; 96],
+        };
+        TrainingScene {
+            id: String::new(),
+            camera,
+            input_views: vec![view(-1.0), view(1.0)],
+            novel_views: Vec::new(),
+            normalization: Similarity {
+                offset: [0.0; 3],
+                scale: 1.0,
+            },
+            is_normalized_by_points: false,
+            points: PointCloud::default(),
+        }
+    }
+
+    /// A small one, a large one, a faint one and a huge one, with sums of gradients over some views.
+    fn four(sums: [f32; 4], views: [u32; 4]) -> Model {
+        let table = static_gaussians::table(
+            &InitialGaussians {
+                positions: vec![[0.0; 3], [5.0, 0.0, 0.0], [0.0; 3], [0.0; 3]],
+                scales: vec![0.01, 1.0, 0.01, 3.0],
+                colours: vec![[0.5; 3]; 4],
+                opacities: vec![0.5, 0.5, 0.001, 0.5],
+            },
+            0,
+        );
+        Model {
+            table,
+            statistics: Statistics {
+                sums: sums.into(),
+                views: views.into(),
+            },
+        }
+    }
+
+    fn densified(model: &mut Model, settings: &DensifySettings, scheduled: u64) -> Densified {
+        let scene = scene();
+        let context = DensityContext {
+            scene: &scene,
+            last_view: 0,
+        };
+        let mut random = Pcg64Mcg::seed_from_u64(0);
+        densify(model, settings, scheduled, &context, &mut random)
     }
 
     #[test]
     fn clones_small_splits_large_prunes_faint_and_huge() {
-        let mut table = four();
-        let statistics = Statistics {
-            sums: vec![4.0, 4.0, 0.0, 0.0],
-            views: vec![2, 2, 1, 1],
-        };
-        let done = densify(
-            &mut table,
-            &statistics,
-            &settings(),
-            &mut Pcg64Mcg::seed_from_u64(0),
-        );
+        let mut model = four([4.0, 4.0, 0.0, 0.0], [2, 2, 1, 1]);
+        let done = densified(&mut model, &settings(), 1);
         assert_eq!(
             done,
             Densified {
@@ -255,39 +343,82 @@ mod tests {
             }
         );
         // The small one, its copy and two children.
-        assert_eq!(table.len(), 4);
-        let child: [f32; 3] = row(&table, LOG_SCALES, 3);
+        let table = &model.table;
+        assert_eq!((table.len(), model.statistics.views.len()), (4, 4));
+        let child: [f32; 3] = row(table, LOG_SCALES, 3);
         assert!((child[0].exp() - 1.0 / 1.6).abs() < 1e-6);
-        let [a, b]: [[f32; 3]; 2] = [row(&table, POSITIONS, 2), row(&table, POSITIONS, 3)];
+        let [a, b]: [[f32; 3]; 2] = [row(table, POSITIONS, 2), row(table, POSITIONS, 3)];
         assert!(a != b && (a[0] - 5.0).abs() < 5.0);
     }
 
     #[test]
-    fn respects_the_maximum() {
-        let mut table = four();
-        let statistics = Statistics {
-            sums: vec![4.0, 5.0, 4.0, 4.0],
-            views: vec![1; 4],
+    fn a_length_as_unit_makes_sizes_absolute_and_a_begin_spares_the_huge() {
+        let absolute = DensifySettings {
+            size_unit: SizeUnit::Length(20.0),
+            prune_size_begin_iteration: 3_000,
+            prune_size: 0.1,
+            ..settings()
         };
+        // 1 of 20 is small, 3 of 20 is large.
+        let mut model = four([4.0, 4.0, 0.0, 4.0], [2, 2, 1, 2]);
+        let done = densified(&mut model, &absolute, 3_000);
+        assert_eq!((done.cloned, done.split, done.pruned), (2, 1, 1));
+        let mut model = four([0.0; 4], [1; 4]);
+        assert_eq!(densified(&mut model, &absolute, 3_001).pruned, 2);
+    }
+
+    #[test]
+    fn a_threshold_by_latitude_asks_whose_latitude() {
+        let scene = scene();
+        let context = |last_view| DensityContext {
+            scene: &scene,
+            last_view,
+        };
+        let by = |latitude| Threshold {
+            equator: 1.0,
+            pole: 3.0,
+            latitude,
+        };
+        // 45 degrees below the first view (y points down), at the height of the second.
+        let position = [0.0, 1.0, 2.0];
+        let last = |view| threshold(position, &by(LatitudeOf::LastView), &context(view));
+        assert!((last(0) - (3.0 - 2.0 * 0.5_f32.sqrt())).abs() < 1e-6);
+        assert!((last(1) - 1.0).abs() < 1e-6);
+        let own = threshold(position, &by(LatitudeOf::AllViews), &context(0));
+        assert!((own - 0.5 * (last(0) + last(1))).abs() < 1e-6);
+    }
+
+    #[test]
+    fn respects_the_maximum() {
+        let sums = [4.0, 5.0, 4.0, 4.0];
         let with_room = |maximum_gaussians| DensifySettings {
             maximum_gaussians,
             ..settings()
         };
-        assert_eq!(candidates(&statistics, &with_room(4), 4), [0; 0]);
-        assert_eq!(candidates(&statistics, &with_room(5), 4), [1]);
-        assert_eq!(candidates(&statistics, &with_room(9), 4), [0, 1, 2, 3]);
-        let done = densify(
-            &mut table,
-            &statistics,
-            &with_room(4),
-            &mut Pcg64Mcg::seed_from_u64(0),
-        );
+        let scene = scene();
+        let context = DensityContext {
+            scene: &scene,
+            last_view: 0,
+        };
+        let found = |maximum| {
+            let model = four(sums, [1; 4]);
+            candidates(
+                &model.table,
+                &model.statistics,
+                &with_room(maximum),
+                &context,
+            )
+        };
+        assert_eq!(found(4), [0; 0]);
+        assert_eq!(found(5), [1]);
+        assert_eq!(found(9), [0, 1, 2, 3]);
+        let done = densified(&mut four(sums, [1; 4]), &with_room(4), 1);
         assert_eq!((done.cloned, done.split), (0, 0));
     }
 
     #[test]
     fn reset_lowers_opacities_and_keeps_lower_ones() {
-        let mut table = four();
+        let mut table = four([0.0; 4], [0; 4]).table;
         table.arrays[OPACITY_LOGITS].first_moments.fill(1.0);
         reset_opacities(&mut table);
         let opacities: Vec<f32> = table.arrays[OPACITY_LOGITS]

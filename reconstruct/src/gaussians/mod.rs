@@ -29,6 +29,15 @@ pub struct ParameterArray {
     pub learning_rate: f32,
 }
 
+/// What a parameter array is, whatever the number of Gaussians.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ArrayShape {
+    /// Name, unique in its table.
+    pub name: &'static str,
+    /// Values per Gaussian.
+    pub width: usize,
+}
+
 /// Parameter arrays of equal length.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct GaussianTable {
@@ -81,6 +90,12 @@ impl GaussianTable {
         self.arrays.len() - 1
     }
 
+    /// Values of one Gaussian in one array.
+    pub fn row(&self, array: usize, index: usize) -> &[f32] {
+        let array = &self.arrays[array];
+        &array.values[index * array.width..(index + 1) * array.width]
+    }
+
     /// Keeps the Gaussians whose flag is set, with their moments, in order.
     pub fn retain(&mut self, keep: &[bool]) {
         debug_assert_eq!(keep.len(), self.len);
@@ -115,12 +130,15 @@ impl GaussianTable {
         self.len += sources.len();
     }
 
-    /// Bytes held by all arrays.
-    pub fn bytes(&self) -> usize {
+    /// Names and widths of all arrays.
+    pub fn shapes(&self) -> Vec<ArrayShape> {
         self.arrays
             .iter()
-            .map(|array| array.values.len() * 4 * size_of::<f32>())
-            .sum()
+            .map(|array| ArrayShape {
+                name: array.name,
+                width: array.width,
+            })
+            .collect()
     }
 }
 

@@ -5,7 +5,7 @@
 
 use rayon::prelude::*;
 
-use super::{GaussianTable, InstantGaussians};
+use super::{ArrayShape, GaussianTable, InstantGaussians, MAX_SH_DEGREE, sh_rest_count};
 
 /// Position of `positions` (3 values) in the table.
 pub const POSITIONS: usize = 0;
@@ -17,6 +17,9 @@ pub const QUATERNIONS: usize = 2;
 pub const OPACITY_LOGITS: usize = 3;
 /// Position of `sh_constant` (3 values) in the table.
 pub const SH_CONSTANT: usize = 4;
+/// Position of `sh_rest` in the table of Gaussians of a degree above 0: 3 values for each of the
+/// degree's [`sh_rest_count`] further coefficients.
+pub const SH_REST: usize = 5;
 
 /// Bounds of the raw logarithmic scale: neither `exp` nor its square overflows or vanishes.
 const LOG_SCALE_RANGE: (f32, f32) = (-30.0, 20.0);
@@ -36,29 +39,68 @@ pub struct InitialGaussians {
     pub opacities: Vec<f32>,
 }
 
-/// A table with this parameterization's arrays. Learning rates are zero until a schedule sets them.
-pub fn table(initial: &InitialGaussians) -> GaussianTable {
-    let len = initial.positions.len();
+impl InitialGaussians {
+    /// Number of Gaussians.
+    pub fn len(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.positions.is_empty()
+    }
+}
+
+/// The arrays of this parameterization with spherical harmonics up to `sh_degree`, in their order.
+pub fn shapes(sh_degree: usize) -> Vec<ArrayShape> {
+    let shape = |name, width| ArrayShape { name, width };
+    let mut shapes = vec![
+        shape("positions", 3),
+        shape("log_scales", 3),
+        shape("quaternions", 4),
+        shape("opacity_logits", 1),
+        shape("sh_constant", 3),
+    ];
+    if sh_degree > 0 {
+        shapes.push(shape("sh_rest", 3 * sh_rest_count(sh_degree)));
+    }
+    shapes
+}
+
+/// Degree of the spherical harmonics that a table of this parameterization stores.
+pub fn sh_degree(table: &GaussianTable) -> usize {
+    let width = table.arrays.get(SH_REST).map_or(0, |array| array.width);
+    (0..MAX_SH_DEGREE)
+        .find(|&degree| 3 * sh_rest_count(degree) >= width)
+        .unwrap_or(MAX_SH_DEGREE)
+}
+
+/// A table with this parameterization's arrays; the colour of a Gaussian does not depend on the
+/// direction at first. Learning rates are zero until a schedule sets them.
+pub fn table(initial: &InitialGaussians, sh_degree: usize) -> GaussianTable {
+    let len = initial.len();
+    let columns = [
+        initial.positions.iter().flatten().copied().collect(),
+        initial
+            .scales
+            .iter()
+            .flat_map(|scale| [scale.ln(); 3])
+            .collect(),
+        (0..len).flat_map(|_| [1.0, 0.0, 0.0, 0.0]).collect(),
+        initial.opacities.iter().map(|&o| logit(o)).collect(),
+        initial
+            .colours
+            .iter()
+            .flatten()
+            .map(|colour| (colour - 0.5) / super::SH_C0)
+            .collect(),
+    ];
     let mut table = GaussianTable::new(len);
-    let positions = initial.positions.iter().flatten().copied().collect();
-    let log_scales = initial
-        .scales
-        .iter()
-        .flat_map(|scale| [scale.ln(); 3])
-        .collect();
-    let quaternions = (0..len).flat_map(|_| [1.0, 0.0, 0.0, 0.0]).collect();
-    let logits = initial.opacities.iter().map(|&o| logit(o)).collect();
-    let sh = initial
-        .colours
-        .iter()
-        .flatten()
-        .map(|colour| (colour - 0.5) / super::SH_C0)
-        .collect();
-    table.add("positions", 3, positions, 0.0);
-    table.add("log_scales", 3, log_scales, 0.0);
-    table.add("quaternions", 4, quaternions, 0.0);
-    table.add("opacity_logits", 1, logits, 0.0);
-    table.add("sh_constant", 3, sh, 0.0);
+    let mut columns = columns.into_iter();
+    for ArrayShape { name, width } in shapes(sh_degree) {
+        let values: Vec<f32> = columns.next().unwrap_or_else(|| vec![0.0; len * width]);
+        table.add(name, width, values, 0.0);
+    }
     table
 }
 
@@ -75,12 +117,15 @@ pub fn sigmoid(raw: f32) -> f32 {
 
 /// Activates the table's parameters.
 pub fn instantiate(table: &GaussianTable, out: &mut InstantGaussians) {
-    out.reshape(table.len(), 0, 0);
+    out.reshape(table.len(), sh_degree(table), 0);
     let arrays = &table.arrays;
     out.positions
         .copy_from_slice(arrays[POSITIONS].values.as_chunks().0);
     out.sh_constant
         .copy_from_slice(arrays[SH_CONSTANT].values.as_chunks().0);
+    if let Some(rest) = arrays.get(SH_REST) {
+        out.sh_rest.copy_from_slice(rest.values.as_chunks().0);
+    }
     let (scales, quaternions) = (
         arrays[LOG_SCALES].values.as_chunks::<3>().0,
         arrays[QUATERNIONS].values.as_chunks::<4>().0,
@@ -117,14 +162,19 @@ pub fn instantiate_vjp(
     instant: &InstantGaussians,
     gradient: &InstantGaussians,
 ) {
-    let [positions, log_scales, quaternions, logits, sh] = table.arrays.as_mut_slice() else {
-        unreachable!("a table of static Gaussians has five arrays");
+    let [positions, log_scales, quaternions, logits, sh, rest @ ..] = table.arrays.as_mut_slice()
+    else {
+        unreachable!("a table of static Gaussians has five arrays at least");
     };
     positions
         .gradients
         .copy_from_slice(gradient.positions.as_flattened());
     sh.gradients
         .copy_from_slice(gradient.sh_constant.as_flattened());
+    for rest in rest {
+        let gradient = gradient.sh_rest.as_flattened();
+        rest.gradients.copy_from_slice(gradient);
+    }
     (
         log_scales.gradients.as_chunks_mut::<3>().0.par_iter_mut(),
         quaternions.gradients.as_chunks_mut::<4>().0.par_iter_mut(),

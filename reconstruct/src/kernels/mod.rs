@@ -12,6 +12,7 @@
 pub mod adam;
 pub mod bin;
 pub mod loss;
+pub mod odgs_published;
 pub mod project;
 pub mod raster;
 pub mod sort;

@@ -1,17 +1,20 @@
 //! Reconstruction methods: one file each, one line in [`METHODS`].
 
 pub mod odgs;
+pub mod odgs_published;
 
-use omnilife_schemas::{progress::Progress, records::ComponentDecision};
+use omnilife_schemas::records::ComponentDecision;
+use serde::Serialize;
 
 use crate::{
     error::ReconstructError,
+    render::Footprint,
     scene::TrainingScene,
-    train::{TrainSettings, Trained},
+    train::{Session, Trained, settings::TrainSettings},
 };
 
 /// What a user asks of a method.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MethodRequest {
     /// Steps of the optimizer; schedules are scaled to it.
     pub iterations: u64,
@@ -19,20 +22,55 @@ pub struct MethodRequest {
     pub budget_seconds: Option<f64>,
     /// Random seed.
     pub seed: u64,
-    /// No Gaussian is added above this number; the method decides where none is given.
+    /// The number of Gaussians never grows above this; the method decides where none is given.
     pub maximum_gaussians: Option<u64>,
+    /// Degree of the spherical harmonics, 0 to 3; the method decides where none is given.
+    pub sh_degree: Option<usize>,
+    /// How a Gaussian's falloff in a pixel is defined.
+    pub footprint: Footprint,
+    /// Densification thresholds at the equator and at the poles; the method decides where none are
+    /// given.
+    pub densify_threshold: Option<[f32; 2]>,
+    /// Components to leave out whatever the scene says.
+    pub without: Vec<String>,
+    /// Iterations from one row of the trace to the next; ten rows where none is given.
+    pub trace_every: Option<u64>,
+}
+
+impl MethodRequest {
+    /// A request that leaves everything else to the method.
+    pub fn new(iterations: u64, seed: u64) -> Self {
+        Self {
+            iterations,
+            budget_seconds: None,
+            seed,
+            maximum_gaussians: None,
+            sh_degree: None,
+            footprint: Footprint::default(),
+            densify_threshold: None,
+            without: Vec::new(),
+            trace_every: None,
+        }
+    }
 }
 
 /// What a method gives back.
-#[derive(Debug, Clone)]
-pub struct MethodOutcome {
+#[derive(Debug)]
+pub struct MethodOutcome<'a> {
     /// The trained model.
-    pub trained: Trained,
+    pub trained: Trained<'a>,
     /// Every setting as resolved.
     pub settings: TrainSettings,
     /// Components used and left out, with reasons.
     pub plan: Vec<ComponentDecision>,
 }
+
+/// Trains a method on a scene.
+pub type TrainMethod = for<'a> fn(
+    &'a TrainingScene,
+    &MethodRequest,
+    &Session<'_>,
+) -> Result<MethodOutcome<'a>, ReconstructError>;
 
 /// A method that can be asked for by name.
 #[derive(Debug, Clone, Copy)]
@@ -45,16 +83,32 @@ pub struct Method {
     pub source: &'static str,
     /// What this implementation is, and where it departs from the source.
     pub description: &'static str,
+    /// Components that can be left out by name.
+    pub components: &'static [&'static str],
     /// Trains it.
-    pub train: fn(
-        &TrainingScene,
-        &MethodRequest,
-        &dyn Progress,
-    ) -> Result<MethodOutcome, ReconstructError>,
+    pub train: TrainMethod,
+}
+
+impl Method {
+    /// Whether the request makes sense for this method.
+    ///
+    /// # Errors
+    /// When it names a component that the method does not have.
+    pub fn check(&self, request: &MethodRequest) -> Result<(), ReconstructError> {
+        let known = |name: &String| self.components.contains(&name.as_str());
+        match request.without.iter().find(|name| !known(name)) {
+            None => Ok(()),
+            Some(name) => Err(ReconstructError::UnknownComponent {
+                method: self.id.to_owned(),
+                name: name.clone(),
+                known: self.components.join(", "),
+            }),
+        }
+    }
 }
 
 /// All methods.
-pub const METHODS: &[Method] = &[odgs::METHOD];
+pub const METHODS: &[Method] = &[odgs::METHOD, odgs_published::METHOD];
 
 /// The method of this name.
 ///

@@ -3,17 +3,24 @@
 //! Source: Lee et al., "ODGS: 3D Scene Reconstruction from Omnidirectional Images with 3D Gaussian
 //! Splattings", 2024, and its repository <https://github.com/esw0116/ODGS>.
 
-use omnilife_schemas::{progress::Progress, records::ComponentDecision};
+use std::collections::BTreeMap;
+
+use omnilife_schemas::records::ComponentDecision;
 
 use super::{Method, MethodOutcome, MethodRequest};
 use crate::{
-    densify::DensifySettings,
+    densify::{DensifySettings, LatitudeOf, SizeUnit, Threshold},
     error::ReconstructError,
-    gaussians::static_gaussians,
-    initialize,
+    gaussians::static_gaussians::{self, InitialGaussians},
+    initialize::{self, SkyShell},
+    memory,
     optim::Decay,
+    render::RenderSettings,
     scene::TrainingScene,
-    train::{self, LearningRates, TrainSettings},
+    train::{
+        self, Session,
+        settings::{RendererChoice, TrainSettings},
+    },
 };
 
 /// ODGS.
@@ -28,69 +35,34 @@ pub const METHOD: Method = Method {
                   to distance, position steps to the median distance of the points; the \
                   densification threshold is that of 3DGS (2e-4); the number of Gaussians is \
                   limited; open sky gets a shell of Gaussians.",
+    components: &[SKY_SHELL, OPACITY_RESET],
     train,
 };
 
+/// Component: a shell of Gaussians in directions without points.
+const SKY_SHELL: &str = "sky-shell";
+/// Component: opacities are set down now and then.
+const OPACITY_RESET: &str = "opacity-reset";
+
 /// Length of the published schedule, iterations.
 const PUBLISHED_ITERATIONS: f64 = 30_000.0;
-/// Iterations from one opacity reset to the next in it.
-const PUBLISHED_RESET_INTERVAL: f64 = 3_000.0;
-/// Directions in which open sky is looked for.
+/// Directions in which open sky is looked for, where the number of Gaussians allows as many.
 const SKY_DIRECTIONS: usize = 8_000;
 /// Share of the sphere that must be open for a shell to be added.
 const SKY_SHARE: f32 = 0.02;
+/// The shell takes at most one of this many Gaussians.
+const SKY_PART: u64 = 4;
 
 /// Extent of the cameras in a normalized scene: 1.1 times their radius (3DGS `getNerfppNorm`).
-const CAMERA_EXTENT: f32 = 1.1;
+pub(super) const CAMERA_EXTENT: f32 = 1.1;
 /// Iterations that opacities need to recover from a reset: at 0.05 per step, the way from 0.01 back
 /// to 1/2 takes about 100 steps, and every view has to be seen some times.
 const RESET_RECOVERY_ITERATIONS: u64 = 500;
-
-/// The published settings, scaled to the request. Sources: ODGS `arguments/__init__.py`, 3DGS
-/// `arguments/__init__.py`.
-pub fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainSettings {
-    let scale = request.iterations as f64 / PUBLISHED_ITERATIONS;
-    let scaled = |iterations: f64| ((iterations * scale).round() as u64).max(1);
-    // Statistics over less than one epoch would miss views.
-    let epoch = scene.input_views.len() as u64;
-    // 3DGS scales steps by the cameras' radius, which is its scene's size. A video's cameras stand
-    // close together in a scene many times as large: there it is the distance of the points.
-    let extent = scene.median_point_distance().max(CAMERA_EXTENT);
-    TrainSettings {
-        iterations: request.iterations,
-        budget_seconds: request.budget_seconds,
-        seed: request.seed,
-        ssim_weight: 0.2,
-        background: [0.0; 3],
-        // The published 0.2 is in scene units; this is relative to the cameras' spacing.
-        near: (0.01 * scene.median_camera_step()).clamp(1e-6, 0.2),
-        learning_rates: LearningRates {
-            positions: Decay {
-                begin: 1.6e-4 * extent,
-                end: 1.6e-6 * extent,
-            },
-            log_scales: Decay::constant(5e-3),
-            quaternions: Decay::constant(1e-3),
-            opacity_logits: Decay::constant(0.05),
-            sh_constant: Decay::constant(2.5e-3),
-        },
-        densify: DensifySettings {
-            begin_iteration: scaled(500.0),
-            end_iteration: scaled(15_000.0),
-            interval_iterations: scaled(100.0).max(epoch.min(100)),
-            opacity_reset_iterations: reset_interval(request.iterations),
-            gradient_threshold: GRADIENT_THRESHOLD,
-            clone_size: 0.01,
-            prune_size: 0.5,
-            prune_opacity: 0.005,
-            maximum_gaussians: request
-                .maximum_gaussians
-                .unwrap_or_else(|| default_maximum(scene)),
-        },
-        trace_points: 10,
-    }
-}
-
+/// First scales are kept within this factor of their median, so that duplicate and lonely points
+/// give neither dust nor blankets.
+const SCALE_SPREAD: f32 = 10.0;
+/// Rows of a trace where none are asked for.
+const TRACE_ROWS: u64 = 10;
 /// Threshold of 3DGS. ODGS publishes 1e-4, for twice the Gaussians and more; with a limit on their
 /// number the larger gradients come first anyway.
 const GRADIENT_THRESHOLD: f32 = 2e-4;
@@ -98,70 +70,202 @@ const GRADIENT_THRESHOLD: f32 = 2e-4;
 /// covers fewer than two pixels is not held by its views.
 const GAUSSIANS_PER_PIXEL: f64 = 0.5;
 
+/// The published settings, scaled to a number of iterations, for a scene as large as the cameras'
+/// path. Sources: ODGS `arguments/__init__.py`, 3DGS `arguments/__init__.py`.
+pub fn published_settings(iterations: u64) -> TrainSettings {
+    let scale = iterations as f64 / PUBLISHED_ITERATIONS;
+    let scaled = |published: f64| ((published * scale).round() as u64).max(1);
+    TrainSettings {
+        iterations,
+        budget_seconds: None,
+        seed: 0,
+        ssim_weight: 0.2,
+        renderer: RendererChoice::Exact,
+        rendering: RenderSettings {
+            sh_degree: 0,
+            ..RenderSettings::new(0.2)
+        },
+        sh_interval_iterations: scaled(1_000.0),
+        learning_rates: learning_rates(CAMERA_EXTENT),
+        densify: DensifySettings {
+            begin_iteration: scaled(500.0),
+            end_iteration: scaled(15_000.0),
+            interval_iterations: scaled(100.0),
+            opacity_reset_iterations: scaled(3_000.0),
+            opacity_recovery_iterations: RESET_RECOVERY_ITERATIONS,
+            gradient_threshold: Threshold::constant(GRADIENT_THRESHOLD),
+            size_unit: SizeUnit::Length(CAMERA_EXTENT),
+            clone_size: 0.01,
+            prune_size: 0.1,
+            prune_size_begin_iteration: scaled(3_000.0),
+            prune_opacity: 0.005,
+            maximum_gaussians: u64::MAX,
+        },
+        trace_every: (iterations / TRACE_ROWS).max(1),
+    }
+}
+
+/// Step sizes for a scene of this extent, in normalized units.
+fn learning_rates(extent: f32) -> BTreeMap<String, Decay> {
+    let positions = Decay {
+        begin: 1.6e-4 * extent,
+        end: 1.6e-6 * extent,
+    };
+    [
+        ("positions", positions),
+        ("log_scales", Decay::constant(5e-3)),
+        ("quaternions", Decay::constant(1e-3)),
+        ("opacity_logits", Decay::constant(0.05)),
+        ("sh_constant", Decay::constant(2.5e-3)),
+        ("sh_rest", Decay::constant(2.5e-3 / 20.0)),
+    ]
+    .map(|(array, decay)| (array.to_owned(), decay))
+    .into()
+}
+
+/// The published settings with what this implementation does otherwise.
+fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainSettings {
+    let published = published_settings(request.iterations);
+    // Statistics over less than one epoch would miss views.
+    let epoch = scene.input_views.len() as u64;
+    // 3DGS scales steps by the cameras' radius, which is its scene's size. A video's cameras stand
+    // close together in a scene many times as large: there it is the distance of the points.
+    let extent = scene.median_point_distance().max(CAMERA_EXTENT);
+    let without_resets = is_left_out(request, OPACITY_RESET)
+        || published.densify.opacity_reset_iterations < RESET_RECOVERY_ITERATIONS;
+    TrainSettings {
+        budget_seconds: request.budget_seconds,
+        seed: request.seed,
+        rendering: RenderSettings {
+            // The published 0.2 is in scene units; this is relative to the cameras' spacing.
+            near: (0.01 * scene.median_camera_step()).clamp(1e-6, 0.2),
+            footprint: request.footprint,
+            sh_degree: request.sh_degree.unwrap_or(published.rendering.sh_degree),
+            ..published.rendering
+        },
+        learning_rates: learning_rates(extent),
+        densify: DensifySettings {
+            interval_iterations: published.densify.interval_iterations.max(epoch.min(100)),
+            opacity_reset_iterations: if without_resets {
+                0
+            } else {
+                published.densify.opacity_reset_iterations
+            },
+            gradient_threshold: request.densify_threshold.map_or(
+                published.densify.gradient_threshold,
+                |[equator, pole]| Threshold {
+                    equator,
+                    pole,
+                    latitude: LatitudeOf::AllViews,
+                },
+            ),
+            size_unit: SizeUnit::Distance,
+            prune_size: 0.5,
+            prune_size_begin_iteration: 0,
+            maximum_gaussians: request
+                .maximum_gaussians
+                .unwrap_or_else(|| default_maximum(scene)),
+            ..published.densify
+        },
+        trace_every: request.trace_every.unwrap_or(published.trace_every),
+        ..published
+    }
+}
+
+fn is_left_out(request: &MethodRequest, component: &str) -> bool {
+    request.without.iter().any(|name| name == component)
+}
+
 /// The most Gaussians for a scene; never fewer than its points.
-fn default_maximum(scene: &TrainingScene) -> u64 {
+pub(super) fn default_maximum(scene: &TrainingScene) -> u64 {
     let pixels = f64::from(scene.camera.width) * f64::from(scene.camera.height);
     let points = (scene.points.len() + SKY_DIRECTIONS) as u64;
     ((GAUSSIANS_PER_PIXEL * pixels) as u64).max(points)
 }
 
-/// Iterations between opacity resets; 0, for none, where a scaled schedule leaves too few to recover.
-fn reset_interval(iterations: u64) -> u64 {
-    let scaled =
-        (PUBLISHED_RESET_INTERVAL * iterations as f64 / PUBLISHED_ITERATIONS).round() as u64;
-    if scaled < RESET_RECOVERY_ITERATIONS {
-        0
-    } else {
-        scaled
-    }
-}
-
-fn train(
-    scene: &TrainingScene,
+fn train<'a>(
+    scene: &'a TrainingScene,
     request: &MethodRequest,
-    progress: &dyn Progress,
-) -> Result<MethodOutcome, ReconstructError> {
+    session: &Session<'_>,
+) -> Result<MethodOutcome<'a>, ReconstructError> {
     let settings = settings(scene, request);
-    let shell = initialize::sky_shell(scene, SKY_DIRECTIONS);
-    let share = shell.open_share();
-    let with_shell = share >= SKY_SHARE;
-    let resets = settings.densify.opacity_reset_iterations;
-    let plan = vec![
-        ComponentDecision {
-            component: "sky-shell".to_owned(),
-            used: with_shell,
-            reason: format!(
-                "{:.1} % of {} directions have no point (limit {:.0} %)",
-                100.0 * share,
-                shell.directions,
-                100.0 * SKY_SHARE
-            ),
-        },
-        ComponentDecision {
-            component: "opacity-reset".to_owned(),
-            used: resets > 0,
-            reason: if resets > 0 {
-                format!("every {resets} iterations, as published for {PUBLISHED_ITERATIONS}")
-            } else {
-                format!(
-                    "a schedule of {} iterations leaves fewer than {RESET_RECOVERY_ITERATIONS} \
-                     between resets",
-                    request.iterations
-                )
-            },
-        },
+    let maximum = settings.densify.maximum_gaussians;
+    // The user's limit is checked at once: the default is a few per pixel.
+    if request.maximum_gaussians.is_some() {
+        let bytes = memory::training_bytes(
+            maximum,
+            &static_gaussians::shapes(settings.rendering.sh_degree),
+        );
+        memory::require(bytes, &format!("training {maximum} Gaussians"))?;
+    }
+    let directions = SKY_DIRECTIONS.min((maximum / SKY_PART) as usize).max(1);
+    let shell = initialize::sky_shell(scene, directions);
+    let with_shell = shell.open_share() >= SKY_SHARE && !is_left_out(request, SKY_SHELL);
+    let mut plan = vec![
+        sky_decision(&shell, with_shell, request),
+        reset_decision(&settings, request),
     ];
-    let points = initialize::from_points(scene);
-    let initial = if with_shell {
-        initialize::join(points, shell.gaussians)
+    let shell = if with_shell {
+        shell.gaussians
     } else {
-        points
+        InitialGaussians::default()
     };
-    let table = static_gaussians::table(&initial);
-    let trained = train::train(scene, table, &settings, progress)?;
+    let room = maximum.saturating_sub(shell.len() as u64);
+    let points = initialize::thinned(&scene.points, room as usize);
+    if points.len() < scene.points.len() {
+        plan.push(ComponentDecision {
+            component: "all-points".to_owned(),
+            used: false,
+            reason: format!(
+                "{} of {} points, evenly spread: no more than {maximum} Gaussians are allowed",
+                points.len(),
+                scene.points.len()
+            ),
+        });
+    }
+    let initial = initialize::join(initialize::from_points(&points, SCALE_SPREAD), shell);
+    let table = static_gaussians::table(&initial, settings.rendering.sh_degree);
+    let trained = train::train(scene, table, &settings, session)?;
     Ok(MethodOutcome {
         trained,
         settings,
         plan,
     })
+}
+
+fn sky_decision(shell: &SkyShell, used: bool, request: &MethodRequest) -> ComponentDecision {
+    let evidence = format!(
+        "{:.1} % of {} directions have no point (limit {:.0} %)",
+        100.0 * shell.open_share(),
+        shell.directions,
+        100.0 * SKY_SHARE
+    );
+    ComponentDecision {
+        component: SKY_SHELL.to_owned(),
+        used,
+        reason: if is_left_out(request, SKY_SHELL) {
+            format!("left out on request; {evidence}")
+        } else {
+            evidence
+        },
+    }
+}
+
+fn reset_decision(settings: &TrainSettings, request: &MethodRequest) -> ComponentDecision {
+    let resets = settings.densify.opacity_reset_iterations;
+    ComponentDecision {
+        component: OPACITY_RESET.to_owned(),
+        used: resets > 0,
+        reason: if resets > 0 {
+            format!("every {resets} iterations, as published for {PUBLISHED_ITERATIONS}")
+        } else if is_left_out(request, OPACITY_RESET) {
+            "left out on request".to_owned()
+        } else {
+            format!(
+                "a schedule of {} iterations leaves fewer than {RESET_RECOVERY_ITERATIONS} between \
+                 resets",
+                request.iterations
+            )
+        },
+    }
 }

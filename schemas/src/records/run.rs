@@ -34,6 +34,13 @@ pub struct RunRecord {
     pub gaussians: u64,
     /// Training time in wall-clock seconds, rendering of predictions not included.
     pub training_seconds: f64,
+    /// Processor time of training (user and system, all threads), seconds, where the system tells.
+    #[serde(default)]
+    pub training_cpu_seconds: Option<f64>,
+    /// Wall-clock time that the trace's scores of novel views took, seconds; training time does not
+    /// include it.
+    #[serde(default)]
+    pub evaluation_seconds: f64,
     /// Rendering time of all predictions in wall-clock seconds.
     pub rendering_seconds: f64,
     /// Highest resident memory of the process since it began, bytes, where the system tells. In a

@@ -128,7 +128,7 @@ pub struct SplatGradient {
 }
 
 impl SplatGradient {
-    fn accumulate(&mut self, other: &Self) {
+    pub(crate) fn accumulate(&mut self, other: &Self) {
         for (sum, value) in self.shape.iter_mut().zip(other.shape) {
             *sum += value;
         }

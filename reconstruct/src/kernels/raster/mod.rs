@@ -34,6 +34,8 @@ mod lanes;
 mod shapes;
 mod tile;
 
+use omnilife_schemas::RgbImage;
+
 use super::project::SplatGradient;
 
 /// A rendered image and what its backward pass needs.
@@ -50,6 +52,21 @@ pub struct Raster {
     pub features: Vec<f32>,
     /// Transmittance left at the end, one per pixel.
     pub transmittance: Vec<f32>,
+}
+
+impl Raster {
+    /// The colours clamped to `[0, 1]`.
+    pub fn image(&self) -> RgbImage {
+        RgbImage {
+            width: self.width,
+            height: self.height,
+            data: self
+                .colour
+                .iter()
+                .map(|value| value.clamp(0.0, 1.0))
+                .collect(),
+        }
+    }
 }
 
 /// Gradient of the loss by a [`Raster`].

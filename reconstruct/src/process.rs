@@ -1,0 +1,63 @@
+//! What the system says about this process: time on the processor, and memory.
+
+use std::{fs, path::Path, time::Duration};
+
+/// User and system time of all threads of this process so far, where the system tells (Unix).
+pub fn cpu_time() -> Option<Duration> {
+    #[cfg(unix)]
+    {
+        let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+        Duration::try_from(time).ok()
+    }
+    #[cfg(not(unix))]
+    None
+}
+
+/// Highest resident memory of this process, bytes, where the system tells (Linux).
+pub fn peak_memory_bytes() -> Option<u64> {
+    kibibytes(Path::new("/proc/self/status"), "VmHWM:")
+}
+
+/// Memory that this process could still take without swapping, bytes, where the system tells
+/// (Linux): the less of what the machine and what its control group have left.
+pub fn available_memory_bytes() -> Option<u64> {
+    let machine = kibibytes(Path::new("/proc/meminfo"), "MemAvailable:");
+    [machine, control_group_bytes()].into_iter().flatten().min()
+}
+
+fn kibibytes(file: &Path, key: &str) -> Option<u64> {
+    let text = fs::read_to_string(file).ok()?;
+    let rest = text.lines().find_map(|line| line.strip_prefix(key))?;
+    let kibibytes: u64 = rest.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kibibytes * 1024)
+}
+
+/// What is left below the limit of a container's control group (version 2).
+fn control_group_bytes() -> Option<u64> {
+    let read = |file: &str| -> Option<u64> {
+        let path = Path::new("/sys/fs/cgroup").join(file);
+        fs::read_to_string(path).ok()?.trim().parse().ok()
+    };
+    // Without a limit the file says "max", which is no number.
+    Some(read("memory.max")?.saturating_sub(read("memory.current")?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn linux_tells_everything() {
+        let before = cpu_time().expect("Unix tells the time");
+        let mut sum = 0_u64;
+        while cpu_time().expect("as before") < before + Duration::from_millis(5) {
+            sum = std::hint::black_box(sum + 1);
+        }
+        assert!(sum > 0);
+        let peak = peak_memory_bytes().expect("Linux tells the peak");
+        assert!((1 << 20..1 << 40).contains(&peak), "{peak}");
+        let available = available_memory_bytes().expect("Linux tells what is left");
+        assert!(available > 1 << 20, "{available}");
+    }
+}

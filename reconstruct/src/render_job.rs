@@ -1,0 +1,201 @@
+//! Rendering Gaussians, ours or anyone's, along given poses.
+
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+use omnilife_schemas::{
+    Pose, Similarity,
+    camera::{ErpCamera, PinholeCamera},
+    progress::Progress,
+    records::{Poses, RunRecord, Scene},
+    store::{self, Record, StoreError},
+};
+use serde::Deserialize;
+
+use crate::{
+    camera::{Camera, View},
+    error::ReconstructError,
+    gaussians::{InstantGaussians, ply, static_gaussians},
+    job::{GAUSSIANS_FILE, RUN_FILE},
+    render::RenderSettings,
+    train::{
+        cpu_renderer::CpuRenderer,
+        settings::{RendererChoice, TrainSettings},
+    },
+};
+
+/// What to render, from where, and where to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RenderRequest {
+    /// A run's folder, or a PLY of Gaussians.
+    pub gaussians: PathBuf,
+    /// A `poses.json` or `scene.json`.
+    pub poses: PathBuf,
+    /// Width and height in pixels; the scene's, or 1024x512, where none is given.
+    pub size: Option<[u32; 2]>,
+    /// Horizontal field of view of a pinhole camera in degrees; an ERP camera where none is given.
+    pub pinhole_degrees: Option<f64>,
+    /// Folder of the images.
+    pub out: PathBuf,
+}
+
+/// What was rendered.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RenderedViews {
+    /// PNG files `<number of the frame, 6 digits>.png`, in order.
+    pub files: Vec<PathBuf>,
+    /// Presentation timestamps in seconds, one per file.
+    pub times_seconds: Vec<f64>,
+    /// Frames without a usable pose; they are left out.
+    pub unposed: usize,
+}
+
+/// Size of ERP images where neither the request nor the poses say one.
+const DEFAULT_SIZE: [u32; 2] = [1024, 512];
+/// Sides of images are at most this, pixels.
+const LARGEST_SIDE: u32 = 1 << 15;
+
+/// Renders every posed frame.
+///
+/// # Errors
+/// When a file is missing or malformed, nothing is posed, or an image cannot be written.
+pub fn render_poses(
+    request: &RenderRequest,
+    progress: &dyn Progress,
+) -> Result<RenderedViews, ReconstructError> {
+    let path = read_path(&request.poses)?;
+    let posed: Vec<(usize, f64, Pose)> = path
+        .frames
+        .iter()
+        .enumerate()
+        .filter_map(|(number, &(time, pose))| Some((number, time, pose?)))
+        .filter(|(_, _, pose)| pose.is_valid())
+        .collect();
+    let centres: Vec<DVec3> = posed.iter().map(|(_, _, pose)| pose.centre()).collect();
+    let of_cameras = Similarity::from_cameras(&centres)
+        .ok_or_else(|| ReconstructError::scene(&request.poses, "has no usable pose"))?;
+    let camera = camera(request, path.camera)?;
+    let source = Source::open(&request.gaussians, of_cameras)?;
+    if source.renderer == RendererChoice::OdgsPublished && request.pinhole_degrees.is_some() {
+        return Err(ReconstructError::Request {
+            reason: "the published renderer of ODGS draws ERP views only".to_owned(),
+        });
+    }
+    let table = ply::read(&source.file, &source.normalization)?;
+    let mut gaussians = InstantGaussians::default();
+    static_gaussians::instantiate(&table, &mut gaussians);
+    let mut renderer = CpuRenderer::new(source.renderer, source.settings);
+    let degree = source.settings.sh_degree;
+    store::create_folder(&request.out)?;
+    progress.begin("rendering", Some(posed.len() as u64));
+    let mut rendered = RenderedViews {
+        files: Vec::with_capacity(posed.len()),
+        times_seconds: Vec::with_capacity(posed.len()),
+        unposed: path.frames.len() - posed.len(),
+    };
+    let mut render = |number: usize, time: f64, pose: &Pose| -> Result<(), ReconstructError> {
+        let view = View::new(camera, pose, &source.normalization, time).ok_or_else(|| {
+            ReconstructError::scene(&request.poses, format!("frame {number} has no usable pose"))
+        })?;
+        let file = request.out.join(format!("{number:06}.png"));
+        renderer.image(&view, &gaussians, degree).write_png(&file)?;
+        rendered.files.push(file);
+        rendered.times_seconds.push(time);
+        progress.advance(1);
+        Ok(())
+    };
+    let outcome = posed
+        .iter()
+        .try_for_each(|(number, time, pose)| render(*number, *time, pose));
+    progress.end();
+    outcome.map(|()| rendered)
+}
+
+/// Gaussians with what a renderer has to know about them.
+struct Source {
+    file: PathBuf,
+    normalization: Similarity,
+    renderer: RendererChoice,
+    settings: RenderSettings,
+}
+
+impl Source {
+    /// A run's Gaussians under the run's settings. A PLY alone says neither: it is normalized by the
+    /// cameras, and what is nearer than a thousandth of their radius is not drawn.
+    fn open(path: &Path, of_cameras: Similarity) -> Result<Self, ReconstructError> {
+        if !path.is_dir() {
+            return Ok(Self {
+                file: path.to_owned(),
+                normalization: of_cameras,
+                renderer: RendererChoice::Exact,
+                settings: RenderSettings::new(1e-3),
+            });
+        }
+        let record_path = path.join(RUN_FILE);
+        let record: RunRecord = store::read_record(&record_path)?;
+        let settings: TrainSettings =
+            serde_json::from_value(record.configuration).map_err(|error| {
+                StoreError::malformed(&record_path, format!("its configuration: {error}"))
+            })?;
+        Ok(Self {
+            file: path.join(GAUSSIANS_FILE),
+            normalization: record.normalization,
+            renderer: settings.renderer,
+            settings: settings.rendering,
+        })
+    }
+}
+
+/// Frames with their times and poses, and the camera where the file has one.
+struct CameraPath {
+    camera: Option<ErpCamera>,
+    frames: Vec<(f64, Option<Pose>)>,
+}
+
+#[derive(Deserialize)]
+struct Tag {
+    schema: Option<String>,
+}
+
+fn read_path(path: &Path) -> Result<CameraPath, StoreError> {
+    let text = std::fs::read_to_string(path).map_err(|source| StoreError::read(path, source))?;
+    let tag = serde_json::from_str::<Tag>(&text).ok();
+    if tag.and_then(|tag| tag.schema).as_deref() == Some(Scene::SCHEMA) {
+        let scene: Scene = store::read_record(path)?;
+        let frames = scene.frames.iter();
+        return Ok(CameraPath {
+            camera: Some(scene.camera),
+            frames: frames
+                .map(|frame| (frame.time_seconds, frame.pose))
+                .collect(),
+        });
+    }
+    let poses: Poses = store::read_record(path)?;
+    let frames = poses.frames.iter();
+    Ok(CameraPath {
+        camera: None,
+        frames: frames
+            .map(|frame| (frame.time_seconds, Some(frame.pose)))
+            .collect(),
+    })
+}
+
+fn camera(request: &RenderRequest, scene: Option<ErpCamera>) -> Result<Camera, ReconstructError> {
+    let of_scene = scene.map(|camera| [camera.width, camera.height]);
+    let [width, height] = request.size.or(of_scene).unwrap_or(DEFAULT_SIZE);
+    if !(1..=LARGEST_SIDE).contains(&width) || !(1..=LARGEST_SIDE).contains(&height) {
+        return Err(ReconstructError::Request {
+            reason: format!("images are 1 to {LARGEST_SIDE} pixels wide and high"),
+        });
+    }
+    match request.pinhole_degrees {
+        None => Ok(ErpCamera { width, height }.into()),
+        Some(degrees) if degrees > 0.0 && degrees < 180.0 => {
+            let radians = degrees.to_radians();
+            Ok(PinholeCamera::with_horizontal_field_of_view(width, height, radians).into())
+        }
+        Some(_) => Err(ReconstructError::Request {
+            reason: "a pinhole camera's field of view is between 0 and 180 degrees".to_owned(),
+        }),
+    }
+}

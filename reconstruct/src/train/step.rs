@@ -1,0 +1,108 @@
+//! What a backend does for the training loop: one step on one view.
+
+use std::fmt;
+
+use omnilife_schemas::{RgbImage, records::Backend};
+use serde::{Deserialize, Serialize};
+
+use crate::{camera::View, densify::Statistics, error::ReconstructError, gaussians::GaussianTable};
+
+/// What training changes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Model {
+    /// Parameters with their moments.
+    pub table: GaussianTable,
+    /// What density control goes by.
+    pub statistics: Statistics,
+}
+
+impl Model {
+    /// A model at the beginning of its training.
+    pub fn new(table: GaussianTable) -> Self {
+        Self {
+            statistics: Statistics::new(table.len()),
+            table,
+        }
+    }
+}
+
+/// What the schedule prescribes for one step.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct StepSchedule {
+    /// Number of the step, from 1: Adam's bias correction depends on it.
+    pub iteration: u64,
+    /// Degree of the spherical harmonics in use.
+    pub sh_degree: usize,
+    /// Step size of each array of the table, in the table's order.
+    pub learning_rates: Vec<f32>,
+}
+
+/// Sums over some steps.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct StepSums {
+    /// Steps.
+    pub steps: u64,
+    /// Of the training loss.
+    pub loss: f64,
+    /// Of the mean squared error.
+    pub squared_error: f64,
+    /// Gradient values that were not finite and were not applied, for each array of the table.
+    pub refused: Vec<u64>,
+}
+
+impl StepSums {
+    /// Adds further steps.
+    pub fn add(&mut self, other: &Self) {
+        self.steps += other.steps;
+        self.loss += other.loss;
+        self.squared_error += other.squared_error;
+        self.refused
+            .resize(other.refused.len().max(self.refused.len()), 0);
+        for (sum, refused) in self.refused.iter_mut().zip(&other.refused) {
+            *sum += refused;
+        }
+    }
+}
+
+/// Carries out training steps and keeps the model where they need it: in memory, or on a device.
+///
+/// One implementation per backend. A step renders an input view, takes the loss and its gradients,
+/// adds to the density statistics and lets Adam move every parameter. It need not be over when
+/// [`Stepper::step`] returns; all other calls wait for it.
+pub trait Stepper: fmt::Debug {
+    /// What computes, for the run's record.
+    fn backend(&self) -> Backend;
+
+    /// Number of Gaussians at the moment.
+    fn gaussians(&self) -> usize;
+
+    /// One step on input view number `view` of the scene.
+    ///
+    /// # Errors
+    /// When the loss is found not to be finite, or the backend fails.
+    fn step(&mut self, view: usize, schedule: &StepSchedule) -> Result<(), ReconstructError>;
+
+    /// Sums over the steps since the last call.
+    ///
+    /// # Errors
+    /// When a loss was not finite, or the backend fails.
+    fn take_sums(&mut self) -> Result<StepSums, ReconstructError>;
+
+    /// The model as it stands, read back where it lives on a device.
+    ///
+    /// # Errors
+    /// When the backend fails.
+    fn model(&mut self) -> Result<&Model, ReconstructError>;
+
+    /// The model as it stands, to be changed: the next step goes on from the change.
+    ///
+    /// # Errors
+    /// When the backend fails.
+    fn model_mut(&mut self) -> Result<&mut Model, ReconstructError>;
+
+    /// Renders a view at a degree of spherical harmonics, clamped to `[0, 1]`.
+    ///
+    /// # Errors
+    /// When the backend fails.
+    fn image(&mut self, view: &View, sh_degree: usize) -> Result<RgbImage, ReconstructError>;
+}

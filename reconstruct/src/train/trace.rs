@@ -1,0 +1,139 @@
+//! Error against run time: one row now and then while a method trains.
+
+use std::path::Path;
+
+use omnilife_schemas::store::{self, StoreError};
+use serde::{Deserialize, Serialize};
+
+use super::{checkpoint::LoopState, step::StepSums};
+use crate::{gaussians::ArrayShape, memory, process};
+
+/// One row of error against run time.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TracePoint {
+    /// Wall-clock time of the training steps so far; the trace's own renders and the checkpoints
+    /// are not counted.
+    pub wall_seconds: f64,
+    /// Wall-clock time of the trace's own renders so far.
+    pub evaluation_seconds: f64,
+    /// Processor time (user and system) of the training steps so far, where the system tells.
+    pub cpu_seconds: Option<f64>,
+    /// Iterations done.
+    pub iteration: u64,
+    /// Gaussians.
+    pub gaussians: u64,
+    /// Bytes of parameters, gradients and moments.
+    pub table_bytes: u64,
+    /// Highest resident memory of the process so far, where the system tells.
+    pub peak_memory_bytes: Option<u64>,
+    /// Mean training loss since the row before.
+    pub train_loss: f64,
+    /// PSNR of the mean squared error over the training steps since the row before, dB.
+    pub train_psnr_db: f64,
+    /// Mean PSNR of the novel views, dB; empty without novel views.
+    pub novel_psnr_db: Option<f64>,
+    /// Mean SSIM of the novel views (the loss's SSIM, which wraps at the seam).
+    pub novel_ssim: Option<f64>,
+    /// Gradient values that were not finite and were not applied since the row before, by name of
+    /// the parameter array.
+    pub refused: Vec<(String, u64)>,
+}
+
+const COLUMNS: [&str; 11] = [
+    "wall_seconds",
+    "evaluation_seconds",
+    "cpu_seconds",
+    "iteration",
+    "gaussians",
+    "table_bytes",
+    "peak_memory_bytes",
+    "train_loss",
+    "train_psnr_db",
+    "novel_psnr_db",
+    "novel_ssim",
+];
+
+impl TracePoint {
+    /// A row from where the loop stands, the sums since the row before, the table's arrays and the
+    /// scores (PSNR in dB, SSIM) of the novel views.
+    pub(super) fn new(
+        state: &LoopState,
+        sums: &StepSums,
+        gaussians: usize,
+        arrays: &[ArrayShape],
+        novel: Option<[f64; 2]>,
+    ) -> Self {
+        let steps = sums.steps.max(1) as f64;
+        let refused = sums.refused.iter().chain(std::iter::repeat(&0));
+        Self {
+            wall_seconds: state.training.as_secs_f64(),
+            evaluation_seconds: state.evaluation.as_secs_f64(),
+            cpu_seconds: state.training_cpu.map(|time| time.as_secs_f64()),
+            iteration: state.iteration,
+            gaussians: gaussians as u64,
+            table_bytes: memory::table_bytes(gaussians as u64, arrays),
+            peak_memory_bytes: process::peak_memory_bytes(),
+            train_loss: sums.loss / steps,
+            train_psnr_db: -10.0 * (sums.squared_error / steps).max(1e-10).log10(),
+            novel_psnr_db: novel.map(|[psnr, _]| psnr),
+            novel_ssim: novel.map(|[_, ssim]| ssim),
+            refused: arrays
+                .iter()
+                .zip(refused)
+                .map(|(array, &refused)| (array.name.to_owned(), refused))
+                .collect(),
+        }
+    }
+
+    /// A short remark for people.
+    pub(super) fn text(&self) -> String {
+        let novel = self
+            .novel_psnr_db
+            .map_or(String::new(), |psnr| format!(", novel views {psnr:.2} dB"));
+        format!(
+            "{} Gaussians, input views {:.2} dB{novel}",
+            self.gaussians, self.train_psnr_db
+        )
+    }
+
+    fn cells(&self) -> Vec<String> {
+        fn or_empty(value: Option<impl ToString>) -> String {
+            value.map_or(String::new(), |value| value.to_string())
+        }
+        let fixed = [
+            self.wall_seconds.to_string(),
+            self.evaluation_seconds.to_string(),
+            or_empty(self.cpu_seconds),
+            self.iteration.to_string(),
+            self.gaussians.to_string(),
+            self.table_bytes.to_string(),
+            or_empty(self.peak_memory_bytes),
+            self.train_loss.to_string(),
+            self.train_psnr_db.to_string(),
+            or_empty(self.novel_psnr_db),
+            or_empty(self.novel_ssim),
+        ];
+        let refused = self.refused.iter().map(|(_, count)| count.to_string());
+        fixed.into_iter().chain(refused).collect()
+    }
+}
+
+/// Writes the rows so far as CSV, whole or not at all; `refused_<array>` columns stand at the end.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_csv(path: &Path, trace: &[TracePoint]) -> Result<(), StoreError> {
+    store::write_with(path, |writer| {
+        let mut table = csv::Writer::from_writer(writer);
+        let refused = trace.first().map_or(&[][..], |point| &point.refused);
+        let header = COLUMNS
+            .map(str::to_owned)
+            .into_iter()
+            .chain(refused.iter().map(|(array, _)| format!("refused_{array}")));
+        table.write_record(header)?;
+        for point in trace {
+            table.write_record(point.cells())?;
+        }
+        table.flush()
+    })
+}

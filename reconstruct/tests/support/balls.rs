@@ -1,0 +1,82 @@
+//! A scene rendered from Gaussians that are known: opaque balls all around a camera that walks past
+//! them; every fifth view is a novel one.
+
+use glam::{DQuat, DVec3};
+use omnilife_reconstruct::{
+    camera::View,
+    gaussians::{
+        InstantGaussians,
+        static_gaussians::{self, InitialGaussians},
+    },
+    render::{RenderSettings, Renderer},
+    scene::{SceneView, TrainingScene},
+};
+use omnilife_schemas::{Pose, Similarity, camera::ErpCamera, points::PointCloud};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+const CAMERA: ErpCamera = ErpCamera {
+    width: 96,
+    height: 48,
+};
+
+/// The scene.
+pub(crate) fn scene() -> TrainingScene {
+    let mut random = Pcg64Mcg::seed_from_u64(21);
+    let mut truth = InitialGaussians::default();
+    let mut points = PointCloud::default();
+    for direction in 0..900 {
+        let y = 1.0 - (f64::from(direction) + 0.5) / 450.0;
+        let angle = 2.399_963 * f64::from(direction);
+        let rho = (1.0 - y * y).sqrt();
+        let distance = random.random_range(4.0..6.0);
+        let position = DVec3::new(rho * angle.cos(), y, rho * angle.sin()) * distance;
+        let colour: [f32; 3] = [0; 3].map(|_| random.random_range(0.1..0.9));
+        truth.positions.push(position.as_vec3().to_array());
+        truth.scales.push(0.25);
+        truth.colours.push(colour);
+        truth.opacities.push(0.95);
+        let jitter = DVec3::from_array([0; 3].map(|_| random.random_range(-0.1..0.1)));
+        points
+            .positions
+            .push((position + jitter).as_vec3().to_array());
+        points.colours.push([128; 3]);
+    }
+    let mut instant = InstantGaussians::default();
+    static_gaussians::instantiate(&static_gaussians::table(&truth, 0), &mut instant);
+    let mut renderer = Renderer::new(RenderSettings::new(0.01));
+    let normalization = Similarity {
+        offset: [0.0; 3],
+        scale: 1.0,
+    };
+    let (mut input_views, mut novel_views) = (Vec::new(), Vec::new());
+    for frame in 0..15_u32 {
+        let along = f64::from(frame) / 7.0 - 1.0;
+        let turn = DQuat::from_rotation_y(0.3 * along);
+        let pose = Pose {
+            rotation_wxyz: [turn.w, turn.x, turn.y, turn.z],
+            centre: [0.2 * along, 0.0, along],
+        };
+        let view = View::new(CAMERA, &pose, &normalization, f64::from(frame)).unwrap();
+        let pixels = renderer.image(&view, &instant).to_rgb8();
+        let views = if frame % 5 == 4 {
+            &mut novel_views
+        } else {
+            &mut input_views
+        };
+        views.push(SceneView {
+            frame,
+            view,
+            pixels,
+        });
+    }
+    TrainingScene {
+        id: "balls".to_owned(),
+        camera: CAMERA,
+        input_views,
+        novel_views,
+        normalization,
+        is_normalized_by_points: false,
+        points,
+    }
+}

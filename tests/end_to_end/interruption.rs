@@ -1,0 +1,83 @@
+//! A training that is killed goes on where its last checkpoint left off.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::{Child, Command, Stdio},
+    thread,
+    time::{Duration, Instant},
+};
+
+use assert_cmd::cargo::cargo_bin;
+use omnilife_schemas::{records::RunRecord, store};
+
+use crate::support::{SEQUENCE, omnilife, scratch, small_run};
+
+const ITERATIONS: &str = "150";
+
+fn arguments(out: &Path) -> Vec<PathBuf> {
+    let sequence = small_run().out.join(SEQUENCE);
+    let mut arguments: Vec<PathBuf> = ["reconstruct", "train"].map(PathBuf::from).into();
+    arguments.extend([sequence.join("scene.json"), "--split".into()]);
+    arguments.extend([sequence.join("per-scene/split.json"), "--out".into()]);
+    arguments.push(out.to_owned());
+    arguments.extend(["--iterations", ITERATIONS].map(PathBuf::from));
+    arguments.extend(["--checkpoint-every", "10"].map(PathBuf::from));
+    arguments
+}
+
+fn start(out: &Path) -> Child {
+    Command::new(cargo_bin!("omnilife"))
+        .args(arguments(out))
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap()
+}
+
+/// Waits until a checkpoint stands, and some time more.
+fn wait_for_checkpoint(out: &Path, child: &mut Child, longer: Duration) {
+    let deadline = Instant::now() + Duration::from_secs(120);
+    while !out.join("checkpoint.bin").exists() {
+        assert!(Instant::now() < deadline, "no checkpoint in two minutes");
+        assert!(child.try_wait().unwrap().is_none(), "it ended early");
+        thread::sleep(Duration::from_millis(2));
+    }
+    thread::sleep(longer);
+}
+
+#[test]
+#[cfg(unix)]
+fn killed_twice_it_gives_the_gaussians_of_a_run_that_was_not() {
+    let folder = scratch();
+    let whole = folder.path().join("whole");
+    omnilife(arguments(&whole)).succeeded();
+
+    let killed = folder.path().join("killed");
+    for (signal, longer) in [("-KILL", 13), ("-TERM", 31)] {
+        let mut child = start(&killed);
+        wait_for_checkpoint(&killed, &mut child, Duration::from_millis(longer));
+        let id = child.id().to_string();
+        let sent = Command::new("kill").args([signal, &id]).status().unwrap();
+        assert!(sent.success());
+        assert!(
+            !child.wait().unwrap().success(),
+            "it was over before {signal}"
+        );
+        assert!(!killed.join("run.json").exists(), "no record of half a run");
+    }
+    let ended = omnilife(arguments(&killed)).succeeded();
+    assert!(
+        ended.stderr.contains("continued from the checkpoint"),
+        "{}",
+        ended.stderr
+    );
+
+    assert_eq!(
+        fs::read(killed.join("gaussians.ply")).unwrap(),
+        fs::read(whole.join("gaussians.ply")).unwrap()
+    );
+    assert!(!killed.join("checkpoint.bin").exists());
+    let record: RunRecord = store::read_record(&killed.join("run.json")).unwrap();
+    assert!(record.warnings[0].contains("continued from the checkpoint"));
+}

@@ -1,0 +1,106 @@
+//! Gaussians of a run rendered along poses.
+
+use std::{fs, process::Command};
+
+use crate::support::{METHOD, SEQUENCE, SMALL_SIZE, omnilife, picture, sample, scratch, small_run};
+
+#[test]
+fn a_run_rendered_along_its_scene_gives_its_predictions() {
+    let run = small_run().out.join(METHOD).join("run");
+    let scene = small_run().out.join(SEQUENCE).join("scene.json");
+    let folder = scratch();
+    // The Gaussians alone, too: what the run's record adds is the normalization and the near limit.
+    for gaussians in [run.clone(), run.join("gaussians.ply")] {
+        let out = folder.path().join("views");
+        let ended = omnilife([
+            "reconstruct".as_ref(),
+            "render".as_ref(),
+            gaussians.as_os_str(),
+            "--poses".as_ref(),
+            scene.as_os_str(),
+            "--out".as_ref(),
+            out.as_os_str(),
+        ])
+        .succeeded();
+        assert!(ended.stdout.contains("10 views"), "{}", ended.stdout);
+        for (kind, frame) in [("input", "000000.png"), ("novel", "000004.png")] {
+            let predicted = picture(&run.join("predictions").join(kind).join(frame));
+            let rendered = picture(&out.join(frame));
+            let largest = predicted
+                .iter()
+                .zip(rendered.iter())
+                .map(|(a, b)| a.abs_diff(*b))
+                .max();
+            // World coordinates are rounded once more in the file.
+            assert!(largest <= Some(2), "{frame}: {largest:?}");
+        }
+    }
+}
+
+#[test]
+fn a_pinhole_camera_sees_what_its_field_of_view_holds() {
+    let run = small_run().out.join(METHOD).join("run");
+    let folder = scratch();
+    let (views, video) = (folder.path().join("views"), folder.path().join("a.mp4"));
+    let with_ffmpeg = Command::new("ffmpeg").arg("-version").output().is_ok();
+    let poses = sample("poses.json");
+    let mut arguments = vec!["reconstruct".as_ref(), "render".as_ref(), run.as_os_str()];
+    arguments.extend(["--poses".as_ref(), poses.as_os_str(), "--out".as_ref()]);
+    arguments.push(views.as_os_str());
+    arguments.extend(["--size", "31x20", "--camera", "pinhole"].map(AsRef::as_ref));
+    arguments.extend(["--fov-degrees", "60"].map(AsRef::as_ref));
+    if with_ffmpeg {
+        arguments.extend(["--video".as_ref(), video.as_os_str()]);
+    } else {
+        println!("the video is skipped: the program ffmpeg is not installed");
+    }
+    let ended = omnilife(arguments).succeeded();
+    assert!(ended.stdout.contains("60 views"), "{}", ended.stdout);
+    let image = picture(&views.join("000000.png"));
+    assert_eq!(image.dimensions(), (31, 20));
+    // What is straight ahead stands in the middle of both images.
+    let erp = picture(&run.join("predictions/input/000000.png"));
+    let centre = erp.get_pixel(SMALL_SIZE.0 / 2, SMALL_SIZE.1 / 2).0;
+    let middle = image.get_pixel(15, 10).0;
+    for (a, b) in centre.iter().zip(middle) {
+        assert!(a.abs_diff(b) < 60, "{centre:?} and {middle:?}");
+    }
+    if with_ffmpeg {
+        assert!(ended.stdout.contains("30.000 frames per second"));
+        assert!(fs::metadata(&video).unwrap().len() > 1_000);
+    }
+}
+
+#[test]
+fn what_cannot_be_rendered_is_refused_in_one_line() {
+    let folder = scratch();
+    let run = small_run().out.join(METHOD).join("run");
+    let points = sample("points.ply");
+    let (poses, scene) = (sample("poses.json"), run.join("run.json"));
+    let out = folder.path().join("views");
+    let refused = |gaussians: &std::path::Path, poses: &std::path::Path, more: &[&str]| {
+        let mut arguments = ["--quiet", "reconstruct", "render"]
+            .map(AsRef::as_ref)
+            .to_vec();
+        arguments.extend([gaussians.as_os_str(), "--poses".as_ref(), poses.as_os_str()]);
+        arguments.extend(["--out".as_ref(), out.as_os_str()]);
+        arguments.extend(more.iter().map(std::ffi::OsStr::new));
+        omnilife(arguments).failed_quietly(2).to_owned()
+    };
+    let message = refused(&points, &poses, &[]);
+    assert!(
+        message.contains("points.ply") && message.contains("no property f_dc_0"),
+        "{message}"
+    );
+    let message = refused(&run, &scene, &[]);
+    assert!(message.contains("omnilife/run/1"), "{message}");
+    let message = refused(
+        &run,
+        &poses,
+        &["--camera", "pinhole", "--fov-degrees", "180"],
+    );
+    assert!(message.contains("between 0 and 180 degrees"), "{message}");
+    let message = refused(&run, &poses, &["--video", "a.webm"]);
+    assert!(message.contains(".mp4"), "{message}");
+    assert!(!out.exists());
+}
