@@ -32,7 +32,7 @@ fn dataset() -> (TempDir, PathBuf) {
     let out = folder.path().join("set");
     let settings = CurateSettings {
         enforce: false,
-        sampling: Sampling::MaxFrames(8),
+        sampling: Sampling::MaxFrames(10),
         ..CurateSettings::default()
     };
     let curated = curate_dataset(&[video], &out, &settings, &Silent).unwrap();
