@@ -45,7 +45,7 @@ pub(crate) fn decimals(metric: &str) -> usize {
 pub(crate) fn backend(backend: &Backend) -> String {
     match backend {
         Backend::Cpu { threads } => format!("CPU, {threads} threads"),
-        Backend::Gpu { adapter } => adapter.clone(),
+        Backend::Gpu { adapter, .. } => adapter.clone(),
     }
 }
 

@@ -12,8 +12,24 @@ pub struct AdapterSummary {
     pub name: String,
     /// The interface it is reached through: `vulkan`, `metal` or `dx12`.
     pub backend: String,
+    /// The driver's name and version, where it tells.
+    pub driver: String,
     /// Whether it is hardware.
     pub kind: AdapterKind,
+}
+
+impl AdapterSummary {
+    pub(crate) fn of(adapter: &wgpu::Adapter) -> Self {
+        let info = adapter.get_info();
+        Self {
+            driver: format!("{} {}", info.driver, info.driver_info)
+                .trim()
+                .to_owned(),
+            name: info.name,
+            backend: info.backend.to_str().to_owned(),
+            kind: info.device_type.into(),
+        }
+    }
 }
 
 /// What stands behind an adapter.
@@ -66,6 +82,11 @@ impl fmt::Display for AdapterKind {
 ///
 /// Empty where there is no driver or no loader. Opens no device and prints nothing.
 pub fn adapters() -> Vec<AdapterSummary> {
+    wgpu_adapters().iter().map(AdapterSummary::of).collect()
+}
+
+/// The adapters behind [`adapters`], in the same order.
+pub(crate) fn wgpu_adapters() -> Vec<wgpu::Adapter> {
     let backends = wgpu::Instance::enabled_backend_features();
     if backends.is_empty() {
         return Vec::new();
@@ -76,18 +97,8 @@ pub fn adapters() -> Vec<AdapterSummary> {
         flags: wgpu::InstanceFlags::empty(),
         ..wgpu::InstanceDescriptor::new_without_display_handle()
     });
-    let mut found: Vec<AdapterSummary> = pollster::block_on(instance.enumerate_adapters(backends))
-        .iter()
-        .map(|adapter| {
-            let info = adapter.get_info();
-            AdapterSummary {
-                name: info.name,
-                backend: info.backend.to_str().to_owned(),
-                kind: info.device_type.into(),
-            }
-        })
-        .collect();
-    found.sort_by_key(|adapter| adapter.kind.is_software());
+    let mut found = pollster::block_on(instance.enumerate_adapters(backends));
+    found.sort_by_key(|adapter| AdapterKind::from(adapter.get_info().device_type).is_software());
     found
 }
 

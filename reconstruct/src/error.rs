@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use omnilife_schemas::{Blame, Blamed, store::StoreError};
 
+use crate::gpu::GpuError;
+
 /// Errors of this crate; messages are one line.
 #[derive(Debug, thiserror::Error)]
 pub enum ReconstructError {
@@ -60,6 +62,9 @@ pub enum ReconstructError {
         /// Why not.
         reason: String,
     },
+    /// The graphics backend failed.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
     /// Training went numerically wrong.
     #[error("training of {scene} diverged at iteration {iteration}: {what}")]
     Diverged {
@@ -85,6 +90,7 @@ impl Blamed for ReconstructError {
     fn blame(&self) -> Blame {
         match self {
             Self::Store(error) => error.blame(),
+            Self::Gpu(error) => error.blame(),
             Self::Scene { .. }
             | Self::UnknownMethod { .. }
             | Self::UnknownComponent { .. }

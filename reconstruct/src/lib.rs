@@ -12,6 +12,7 @@ pub mod camera;
 pub mod densify;
 pub mod error;
 pub mod gaussians;
+pub mod gpu;
 pub mod initialize;
 pub mod job;
 pub mod kernels;

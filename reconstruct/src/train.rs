@@ -13,6 +13,7 @@ pub mod trace;
 
 use std::{
     path::PathBuf,
+    sync::Arc,
     time::{Duration, Instant},
 };
 
@@ -24,7 +25,7 @@ use serde::Serialize;
 use self::{
     checkpoint::{LoopState, Refusal},
     cpu_step::CpuStepper,
-    settings::{Position, TrainSettings},
+    settings::{Position, RendererChoice, TrainSettings},
     step::{Model, StepSchedule, StepSums, Stepper},
     trace::TracePoint,
 };
@@ -32,6 +33,7 @@ use crate::{
     densify::{self, DensityContext},
     error::ReconstructError,
     gaussians::{ArrayShape, GaussianTable},
+    gpu::{Gpu, GpuStepper},
     kernels::loss::cpu::Loss,
     optim::Decay,
     process,
@@ -135,9 +137,19 @@ fn new_stepper<'a>(
 ) -> Result<Box<dyn Stepper + 'a>, ReconstructError> {
     match backend {
         BackendChoice::Cpu => Ok(Box::new(CpuStepper::new(scene, model, settings))),
-        BackendChoice::Gpu => Err(ReconstructError::Backend {
-            reason: "this build cannot train on a graphics adapter".to_owned(),
-        }),
+        BackendChoice::Gpu => {
+            if settings.renderer != RendererChoice::Exact {
+                return Err(ReconstructError::Backend {
+                    reason: "the graphics backend has no renderer with the published quirks; use \
+                             the backend cpu"
+                        .to_owned(),
+                });
+            }
+            let gpu = Arc::new(Gpu::open()?);
+            let (rendering, weight) = (settings.rendering, settings.ssim_weight);
+            let stepper = GpuStepper::new(gpu, scene, model, rendering, weight)?;
+            Ok(Box::new(stepper))
+        }
     }
 }
 

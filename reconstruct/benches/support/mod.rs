@@ -33,7 +33,7 @@ pub(crate) fn scene(count: usize) -> GaussianTable {
             .push([0; 3].map(|_| random.random_range(0.0..1.0)));
         initial.opacities.push(random.random_range(0.05..0.95));
     }
-    let mut table = static_gaussians::table(&initial);
+    let mut table = static_gaussians::table(&initial, 0);
     let mut normal = || -> f32 { StandardNormal.sample(&mut random) };
     for value in &mut table.arrays[static_gaussians::LOG_SCALES].values {
         *value += 0.6 * normal();

@@ -16,7 +16,7 @@ use omnilife_schemas::camera::PinholeCamera;
 use super::Projection;
 
 /// Share of the image's size by which the range of slopes in the Jacobian is widened on each side.
-const SLOPE_MARGIN: f32 = 0.15;
+pub(crate) const SLOPE_MARGIN: f32 = 0.15;
 
 struct Slopes {
     fx: f32,

@@ -3,6 +3,8 @@
 //! `scale = exp(raw)`, `opacity = sigmoid(raw)`, `rotation = raw / |raw|`
 //! (3DGS `scene/gaussian_model.py`).
 
+pub(crate) mod gpu;
+
 use rayon::prelude::*;
 
 use super::{ArrayShape, GaussianTable, InstantGaussians, MAX_SH_DEGREE, sh_rest_count};

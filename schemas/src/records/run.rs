@@ -71,8 +71,17 @@ pub enum Backend {
     },
     /// A graphics adapter.
     Gpu {
-        /// Its name.
+        /// Its name as its driver gives it.
         adapter: String,
+        /// The interface it is reached through: `vulkan`, `metal` or `dx12`.
+        interface: String,
+        /// Whether it is hardware: `discrete GPU`, `integrated GPU`, `virtual GPU`, `software`,
+        /// `unknown kind`.
+        device: String,
+        /// The driver's name and version, where it tells.
+        driver: String,
+        /// The limits that the kernels lived within, by their names in WebGPU.
+        limits: BTreeMap<String, u64>,
     },
 }
 

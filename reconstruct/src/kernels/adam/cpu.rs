@@ -2,21 +2,15 @@
 
 use rayon::prelude::*;
 
+use super::{BETA_1, BETA_2, EPSILON, corrections};
 use crate::gaussians::ParameterArray;
-
-const BETA_1: f32 = 0.9;
-const BETA_2: f32 = 0.999;
-const EPSILON: f32 = 1e-15;
 
 /// Step number `step` (from 1) of one array with its own learning rate. A gradient that is not
 /// finite counts as zero; the number of such values is returned.
 pub fn step(array: &mut ParameterArray, step: u64) -> usize {
-    // Long before this many steps the corrections are 1 to the last bit.
-    let exponent = step.min(100_000) as i32;
-    let correction_1 = 1.0 - f64::from(BETA_1).powi(exponent);
-    let correction_2 = 1.0 - f64::from(BETA_2).powi(exponent);
-    let rate = (f64::from(array.learning_rate) / correction_1) as f32;
-    let inverse_root = (1.0 / correction_2.sqrt()) as f32;
+    let corrections = corrections(step);
+    let rate = corrections.rate(array.learning_rate);
+    let inverse_root = corrections.inverse_root;
     const CHUNK: usize = 1 << 13;
     (
         array.values.par_chunks_mut(CHUNK),

@@ -8,3 +8,32 @@
 //! with `b1 = 0.9`, `b2 = 0.999`, `eps = 1e-15` (3DGS `scene/gaussian_model.py`).
 
 pub mod cpu;
+pub(crate) mod gpu;
+
+/// The bias corrections of one step.
+pub(crate) struct Corrections {
+    correction_1: f64,
+    /// `1 / sqrt(1 - b2^t)`.
+    pub(crate) inverse_root: f32,
+}
+
+impl Corrections {
+    /// The step size over `1 - b1^t`.
+    pub(crate) fn rate(&self, learning_rate: f32) -> f32 {
+        (f64::from(learning_rate) / self.correction_1) as f32
+    }
+}
+
+/// Those of step number `step`, from 1.
+pub(crate) fn corrections(step: u64) -> Corrections {
+    // Long before this many steps the corrections are 1 to the last bit.
+    let exponent = step.min(100_000) as i32;
+    Corrections {
+        correction_1: 1.0 - f64::from(BETA_1).powi(exponent),
+        inverse_root: (1.0 / (1.0 - f64::from(BETA_2).powi(exponent)).sqrt()) as f32,
+    }
+}
+
+const BETA_1: f32 = 0.9;
+const BETA_2: f32 = 0.999;
+const EPSILON: f32 = 1e-15;

@@ -13,6 +13,7 @@
 //! number of threads.
 
 pub mod cpu;
+pub(crate) mod gpu;
 mod span;
 
 use std::{

@@ -165,7 +165,7 @@ impl Loss {
     }
 }
 
-fn gaussian_window() -> [f32; WINDOW] {
+pub(super) fn gaussian_window() -> [f32; WINDOW] {
     let value = |index: usize| {
         let distance = index as f64 - RADIUS as f64;
         (-distance * distance / (2.0 * SIGMA * SIGMA)).exp()

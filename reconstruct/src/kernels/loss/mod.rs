@@ -19,6 +19,7 @@
 //! (a wrapped or zero-padded blur with a symmetric window is its own transpose).
 
 pub mod cpu;
+pub(crate) mod gpu;
 mod rows;
 
 /// Values of the loss on one image.

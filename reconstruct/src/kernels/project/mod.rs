@@ -57,6 +57,7 @@
 mod cone;
 pub mod cpu;
 mod ellipse;
+pub(crate) mod gpu;
 mod sh;
 
 use glam::Vec3;

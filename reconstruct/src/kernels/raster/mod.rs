@@ -29,6 +29,7 @@
 
 mod composite;
 pub mod cpu;
+pub(crate) mod gpu;
 mod gradient;
 mod lanes;
 mod shapes;

@@ -1,0 +1,192 @@
+// The camera of a view, and which model it has.
+
+const PI: f32 = 3.14159265358979;
+const TAU: f32 = 6.28318530717959;
+
+const ERP: u32 = 0u;
+const PINHOLE: u32 = 1u;
+
+const FOOTPRINT_PROJECTED: u32 = 0u;
+const FOOTPRINT_RAY: u32 = 1u;
+
+struct View {
+    // Rows of the world-to-camera rotation; w is not used.
+    rotation: array<vec4<f32>, 3>,
+    // Camera centre in normalized world units.
+    centre: vec3<f32>,
+    // Centres nearer than this are not drawn.
+    near: f32,
+    // Pixels of a pinhole camera.
+    focal: vec2<f32>,
+    principal: vec2<f32>,
+    width: u32,
+    height: u32,
+    camera: u32,
+    // Degree of the harmonics that are stored, and of those that are used.
+    stored_sh_degree: u32,
+    sh_degree: u32,
+    // Number of Gaussians.
+    gaussians: u32,
+    // Tile entries that the buffers hold.
+    entry_capacity: u32,
+    // FOOTPRINT_PROJECTED or FOOTPRINT_RAY.
+    footprint: u32,
+    // Colour behind everything.
+    background: vec3<f32>,
+    // Square of the low-pass filter's standard deviation as an angle, radians squared.
+    angular_low_pass: f32,
+}
+
+@group(0) @binding(0) var<uniform> view: View;
+
+// A point's image and the two rows of the Jacobian of (u, v) by the point.
+struct Projection {
+    pixel: vec2<f32>,
+    jacobian_u: vec3<f32>,
+    jacobian_v: vec3<f32>,
+}
+
+fn to_camera(vector: vec3<f32>) -> vec3<f32> {
+    return vec3(
+        dot(view.rotation[0].xyz, vector),
+        dot(view.rotation[1].xyz, vector),
+        dot(view.rotation[2].xyz, vector),
+    );
+}
+
+fn to_world(vector: vec3<f32>) -> vec3<f32> {
+    return view.rotation[0].xyz * vector.x + view.rotation[1].xyz * vector.y
+        + view.rotation[2].xyz * vector.z;
+}
+
+// Whether a point of the camera frame is drawn. `distance` is its length and finite.
+fn sees(point: vec3<f32>, distance: f32) -> bool {
+    return distance > view.near && (view.camera == ERP || point.z > view.near);
+}
+
+fn project(point: vec3<f32>, distance: f32) -> Projection {
+    if view.camera == ERP {
+        return project_erp(point, distance);
+    }
+    return project_pinhole(point);
+}
+
+// The gradient by the point from gradients by the pixel and by the two rows of the Jacobian.
+fn project_vjp(
+    point: vec3<f32>,
+    distance: f32,
+    by: Projection,
+) -> vec3<f32> {
+    if view.camera == ERP {
+        return project_erp_vjp(point, distance, by);
+    }
+    return project_pinhole_vjp(point, by);
+}
+
+// atan2 to the last bits: WGSL's own may be off by 4096 of them, a fiftieth of a pixel.
+fn arc_tangent(y: f32, x: f32) -> f32 {
+    let larger = max(abs(x), abs(y));
+    if larger == 0.0 {
+        return 0.0;
+    }
+    var t = min(abs(x), abs(y)) / larger;
+    var angle = 0.0;
+    // tan(pi/8): beyond it around pi/4.
+    if t > 0.41421356 {
+        t = (t - 1.0) / (t + 1.0);
+        angle = 0.25 * PI;
+    }
+    // Minimax polynomial on [0, tan(pi/8)] (Cephes atanf).
+    let z = t * t;
+    angle += (((8.05374449538e-2 * z - 1.38776856032e-1) * z + 1.99777106478e-1) * z
+        - 3.33329491539e-1) * z * t + t;
+    if abs(y) > abs(x) {
+        angle = 0.5 * PI - angle;
+    }
+    if x < 0.0 {
+        angle = PI - angle;
+    }
+    return select(angle, -angle, y < 0.0);
+}
+
+// Two directions orthogonal to the unit direction `n` and to each other: `[0]` is horizontal
+// (towards growing longitude), `[1]` points down.
+fn tangent_frame(n: vec3<f32>) -> array<vec3<f32>, 2> {
+    let rho = length(n.xz);
+    // At an exact pole longitude is arbitrary: that of +z.
+    var sin_cos = vec2(0.0, 1.0);
+    if rho > 0.0 {
+        sin_cos = n.xz / rho;
+    }
+    return array(
+        vec3(sin_cos.y, 0.0, -sin_cos.x),
+        vec3(-n.y * sin_cos.x, rho, -n.y * sin_cos.y),
+    );
+}
+
+// The image of a unit direction.
+fn image_of(n: vec3<f32>) -> vec2<f32> {
+    if view.camera == ERP {
+        return image_of_erp(n);
+    }
+    return view.focal * n.xy / n.z + view.principal;
+}
+
+// How a unit direction moves with its image: dn/du and dn/dv, radians per pixel. Within CONE_RHO of
+// a pole of an ERP image, dn/du stops shrinking.
+fn pixel_step(n: vec3<f32>) -> array<vec3<f32>, 2> {
+    if view.camera == ERP {
+        let frame = tangent_frame(n);
+        let rho = max(length(n.xz), CONE_RHO);
+        return array(
+            frame[0] * (rho * TAU / f32(view.width)),
+            frame[1] * (PI / f32(view.height)),
+        );
+    }
+    return array(
+        (vec3(1.0, 0.0, 0.0) - n * n.x) * (n.z / view.focal.x),
+        (vec3(0.0, 1.0, 0.0) - n * n.y) * (n.z / view.focal.y),
+    );
+}
+
+// A rectangle of the image in pixels; columns of an ERP image count on beyond both sides.
+struct PixelBox {
+    centre: vec2<f32>,
+    // Half width and half height.
+    extent: vec2<f32>,
+}
+
+// More than any image.
+fn everything() -> PixelBox {
+    return PixelBox(vec2<f32>(), vec2(1e9));
+}
+
+// A rectangle around the cap around the unit direction `n` with this tangent of its radius.
+fn cap_box(n: vec3<f32>, tangent: f32) -> PixelBox {
+    if !is_finite(tangent) || tangent > 1e6 {
+        return everything();
+    }
+    let sine = tangent / sqrt(1.0 + tangent * tangent);
+    if view.camera == ERP {
+        let rho = length(n.xz);
+        let half_height = arc_tangent(tangent, 1.0) / PI * f32(view.height);
+        // The widest point of a cap that holds no pole; one that does is everywhere.
+        var half_width = everything().extent.x;
+        if sine < rho {
+            let share = sine / rho;
+            let angle = arc_tangent(share, sqrt(max(1.0 - share * share, 0.0)));
+            half_width = angle / TAU * f32(view.width);
+        }
+        return PixelBox(image_of(n), vec2(half_width, half_height));
+    }
+    let denominator = n.z * n.z - sine * sine;
+    if n.z <= 0.0 || denominator <= 0.0 {
+        return everything();
+    }
+    // The planes through the camera that touch the cap: (x - u z)^2 = (1 + u^2) sin^2.
+    let root = sine * sqrt(max(n.xy * n.xy + denominator, vec2<f32>()));
+    return PixelBox(
+        n.xy * n.z / denominator * view.focal + view.principal,
+        root / denominator * view.focal,
+    );
+}

@@ -1,0 +1,71 @@
+//! Why something could not be computed on a graphics adapter.
+
+use omnilife_schemas::{Blame, Blamed};
+
+/// Errors of the graphics backend; messages are one line.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum GpuError {
+    /// There is no adapter, not even a software one.
+    #[error(
+        "there is no graphics adapter: no Vulkan, Metal or DX12 driver answers (Mesa's \
+         mesa-vulkan-drivers brings a software one); use the backend cpu"
+    )]
+    NoAdapter,
+    /// The adapter does less than the kernels need.
+    #[error(
+        "the graphics adapter {adapter} is too small: {what} needs {needed}, it offers {offered}"
+    )]
+    TooSmall {
+        /// Name of the adapter.
+        adapter: String,
+        /// What does not fit.
+        what: String,
+        /// How much it needs.
+        needed: u64,
+        /// How much there is.
+        offered: u64,
+    },
+    /// The adapter gave no device.
+    #[error("the graphics adapter {adapter} cannot be opened: {reason}")]
+    Open {
+        /// Name of the adapter.
+        adapter: String,
+        /// The driver's reason.
+        reason: String,
+    },
+    /// Its memory is used up.
+    #[error("the memory of the graphics adapter {adapter} is used up ({what}, {bytes} bytes)")]
+    OutOfMemory {
+        /// Name of the adapter.
+        adapter: String,
+        /// What was to be stored.
+        what: String,
+        /// How large it is.
+        bytes: u64,
+    },
+    /// The device went away: driver reset, unplugged, switched off.
+    #[error("the graphics adapter {adapter} was lost: {reason}")]
+    Lost {
+        /// Name of the adapter.
+        adapter: String,
+        /// The driver's reason.
+        reason: String,
+    },
+    /// The driver or wgpu refused a command.
+    #[error("the graphics adapter {adapter} failed: {reason}")]
+    Failed {
+        /// Name of the adapter.
+        adapter: String,
+        /// The first line of what wgpu says.
+        reason: String,
+    },
+}
+
+impl Blamed for GpuError {
+    fn blame(&self) -> Blame {
+        match self {
+            Self::NoAdapter | Self::TooSmall { .. } | Self::OutOfMemory { .. } => Blame::Input,
+            Self::Open { .. } | Self::Lost { .. } | Self::Failed { .. } => Blame::Ours,
+        }
+    }
+}

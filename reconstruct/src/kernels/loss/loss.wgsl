@@ -1,0 +1,250 @@
+// The photometric loss and its gradient. Blurs are separable: rows, then columns.
+//
+// Images are HWC; a pixel's moments stand plane by plane: `(moment * pixels + pixel) * 3 + channel`.
+
+const RADIUS: i32 = 5;
+const C1: f32 = 1e-4;
+const C2: f32 = 9e-4;
+
+struct LossSettings {
+    width: u32,
+    height: u32,
+    // 1 when the first column follows the last.
+    wraps: u32,
+    // Weight of 1 - SSIM.
+    lambda: f32,
+    // Weights of the window's taps from the middle outwards.
+    taps: array<vec4<f32>, 2>,
+}
+
+@group(0) @binding(0) var<uniform> settings: LossSettings;
+@group(0) @binding(1) var<storage, read> render: array<f32>;
+// 8 bits per channel; red is the lowest byte.
+@group(0) @binding(2) var<storage, read> target_image: array<u32>;
+@group(0) @binding(3) var<storage, read_write> rows: array<f32>;
+@group(0) @binding(4) var<storage, read_write> derivatives: array<f32>;
+// Of every workgroup: sums of |x - y|, (x - y)^2 and SSIM.
+@group(0) @binding(5) var<storage, read_write> partials: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read_write> gradient: array<f32>;
+@group(0) @binding(1) var<storage, read_write> by_moment: array<f32>;
+@group(0) @binding(2) var<storage, read_write> by_moment_rows: array<f32>;
+@group(0) @binding(1) var<storage, read> all_partials: array<vec4<f32>>;
+@group(0) @binding(2) var<storage, read_write> value: array<vec4<f32>>;
+
+var<workgroup> sums: array<vec4<f32>, WORKGROUP>;
+
+fn pixel_count() -> u32 {
+    return settings.width * settings.height;
+}
+
+fn tap(distance: i32) -> f32 {
+    let index = u32(abs(distance));
+    return settings.taps[index / 4u][index % 4u];
+}
+
+fn target_at(pixel: u32) -> vec3<f32> {
+    return unpack4x8unorm(target_image[pixel]).xyz;
+}
+
+fn render_at(pixel: u32) -> vec3<f32> {
+    return vec3(render[pixel * 3u], render[pixel * 3u + 1u], render[pixel * 3u + 2u]);
+}
+
+// The pixel `distance` columns beside another one, or -1 outside of an image that does not wrap.
+fn beside(pixel: u32, distance: i32) -> i32 {
+    let width = i32(settings.width);
+    let row_start = i32(pixel / settings.width) * width;
+    var column = i32(pixel) - row_start + distance;
+    if column < 0 || column >= width {
+        if settings.wraps == 0u {
+            return -1;
+        }
+        // Images may be narrower than the window.
+        column = ((column % width) + width) % width;
+    }
+    return row_start + column;
+}
+
+// The pixel `distance` rows below another one, or -1 outside of the image.
+fn below(pixel: u32, distance: i32) -> i32 {
+    let other = i32(pixel) + distance * i32(settings.width);
+    return select(-1, other, other >= 0 && other < i32(pixel_count()));
+}
+
+fn read_rows(plane: u32, pixel: i32) -> vec3<f32> {
+    let index = (plane * pixel_count() + u32(pixel)) * 3u;
+    return vec3(rows[index], rows[index + 1u], rows[index + 2u]);
+}
+
+// Blurs x, y, x^2, y^2 and xy along rows.
+@compute @workgroup_size(256)
+fn blur_rows(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let pixel = workgroup_number(group, groups) * WORKGROUP + thread;
+    if pixel >= pixel_count() {
+        return;
+    }
+    var moments: array<vec3<f32>, 5>;
+    for (var distance = -RADIUS; distance <= RADIUS; distance++) {
+        let other = beside(pixel, distance);
+        if other >= 0 {
+            let weight = tap(distance);
+            let x = render_at(u32(other));
+            let y = target_at(u32(other));
+            moments[0] += weight * x;
+            moments[1] += weight * y;
+            moments[2] += weight * (x * x);
+            moments[3] += weight * (y * y);
+            moments[4] += weight * (x * y);
+        }
+    }
+    for (var plane = 0u; plane < 5u; plane++) {
+        let index = (plane * pixel_count() + pixel) * 3u;
+        rows[index] = moments[plane].x;
+        rows[index + 1u] = moments[plane].y;
+        rows[index + 2u] = moments[plane].z;
+    }
+}
+
+// Blurs along columns, and takes SSIM and its derivatives by the three moments that hold x.
+@compute @workgroup_size(256)
+fn structural_similarity(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let number = workgroup_number(group, groups);
+    let pixel = number * WORKGROUP + thread;
+    var sum = vec4<f32>();
+    if pixel < pixel_count() {
+        var moments: array<vec3<f32>, 5>;
+        for (var distance = -RADIUS; distance <= RADIUS; distance++) {
+            let other = below(pixel, distance);
+            if other >= 0 {
+                let weight = tap(distance);
+                for (var plane = 0u; plane < 5u; plane++) {
+                    moments[plane] += weight * read_rows(plane, other);
+                }
+            }
+        }
+        let mx = moments[0];
+        let my = moments[1];
+        let a1 = 2.0 * mx * my + C1;
+        let a2 = 2.0 * (moments[4] - mx * my) + C2;
+        let b1 = mx * mx + my * my + C1;
+        let b2 = (moments[2] - mx * mx) + (moments[3] - my * my) + C2;
+        let s = a1 * a2 / (b1 * b2);
+        let by_square = -s / b2;
+        let by_product = 2.0 * a1 / (b1 * b2);
+        let by_mean = 2.0 * my * a2 / (b1 * b2) - 2.0 * mx * s / b1 - 2.0 * mx * by_square
+            - my * by_product;
+        var by: array<vec3<f32>, 3> = array(by_mean, by_square, by_product);
+        for (var plane = 0u; plane < 3u; plane++) {
+            let index = (plane * pixel_count() + pixel) * 3u;
+            derivatives[index] = by[plane].x;
+            derivatives[index + 1u] = by[plane].y;
+            derivatives[index + 2u] = by[plane].z;
+        }
+        let difference = render_at(pixel) - target_at(pixel);
+        let one = vec3(1.0);
+        sum = vec4(dot(abs(difference), one), dot(difference, difference), dot(s, one), 0.0);
+    }
+    sums[thread] = sum;
+    workgroupBarrier();
+    for (var half = WORKGROUP / 2u; half > 0u; half /= 2u) {
+        if thread < half {
+            sums[thread] += sums[thread + half];
+        }
+        workgroupBarrier();
+    }
+    if thread == 0u && number * WORKGROUP < pixel_count() {
+        partials[number] = sums[0];
+    }
+}
+
+// Blurs the derivatives back along rows: the first half of the transposed blur.
+@compute @workgroup_size(256)
+fn blur_derivative_rows(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let pixel = workgroup_number(group, groups) * WORKGROUP + thread;
+    if pixel >= pixel_count() {
+        return;
+    }
+    for (var plane = 0u; plane < 3u; plane++) {
+        var sum = vec3<f32>();
+        for (var distance = -RADIUS; distance <= RADIUS; distance++) {
+            let other = beside(pixel, distance);
+            if other >= 0 {
+                let index = (plane * pixel_count() + u32(other)) * 3u;
+                sum += tap(distance)
+                    * vec3(by_moment[index], by_moment[index + 1u], by_moment[index + 2u]);
+            }
+        }
+        let index = (plane * pixel_count() + pixel) * 3u;
+        by_moment_rows[index] = sum.x;
+        by_moment_rows[index + 1u] = sum.y;
+        by_moment_rows[index + 2u] = sum.z;
+    }
+}
+
+// Blurs the derivatives back along columns and puts the gradient together.
+@compute @workgroup_size(256)
+fn image_gradient(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let pixel = workgroup_number(group, groups) * WORKGROUP + thread;
+    if pixel >= pixel_count() {
+        return;
+    }
+    var by: array<vec3<f32>, 3>;
+    for (var distance = -RADIUS; distance <= RADIUS; distance++) {
+        let other = below(pixel, distance);
+        if other >= 0 {
+            let weight = tap(distance);
+            for (var plane = 0u; plane < 3u; plane++) {
+                by[plane] += weight * read_rows(plane, other);
+            }
+        }
+    }
+    let values = f32(pixel_count() * 3u);
+    let x = render_at(pixel);
+    let y = target_at(pixel);
+    // Minus: the loss holds 1 - SSIM.
+    let total = (1.0 - settings.lambda) / values * sign(x - y)
+        - settings.lambda / values * (by[0] + 2.0 * x * by[1] + y * by[2]);
+    gradient[pixel * 3u] = total.x;
+    gradient[pixel * 3u + 1u] = total.y;
+    gradient[pixel * 3u + 2u] = total.z;
+}
+
+// Adds up the workgroups' sums, always in the same order: mean |x - y|, mean (x - y)^2, mean SSIM,
+// and the loss.
+@compute @workgroup_size(256)
+fn loss_value(@builtin(local_invocation_index) thread: u32) {
+    let count = (pixel_count() + WORKGROUP - 1u) / WORKGROUP;
+    var sum = vec4<f32>();
+    for (var index = thread; index < count; index += WORKGROUP) {
+        sum += all_partials[index];
+    }
+    sums[thread] = sum;
+    workgroupBarrier();
+    for (var half = WORKGROUP / 2u; half > 0u; half /= 2u) {
+        if thread < half {
+            sums[thread] += sums[thread + half];
+        }
+        workgroupBarrier();
+    }
+    if thread == 0u {
+        let means = sums[0] / f32(pixel_count() * 3u);
+        let total = (1.0 - settings.lambda) * means.x + settings.lambda * (1.0 - means.z);
+        value[0] = vec4(means.xyz, total);
+    }
+}

@@ -1,0 +1,34 @@
+//! A graphics device for tests, and how closely it has to agree with the processor.
+
+use std::sync::Arc;
+
+use omnilife_reconstruct::gpu::{Gpu, GpuError};
+
+/// A device, or nothing and a line why on a machine without any adapter.
+pub(crate) fn device() -> Option<Arc<Gpu>> {
+    match Gpu::open() {
+        Ok(gpu) => {
+            println!("on {} ({})", gpu.adapter().name, gpu.adapter().kind);
+            Some(Arc::new(gpu))
+        }
+        Err(GpuError::NoAdapter) => {
+            println!("skipped: {}", GpuError::NoAdapter);
+            None
+        }
+        Err(error) => panic!("{error}"),
+    }
+}
+
+/// Every value within 5e-3 of its own size or of the array's typical size.
+pub(crate) fn assert_gradients_agree(name: &str, of_gpu: &[f32], of_cpu: &[f32]) {
+    assert_eq!(of_gpu.len(), of_cpu.len(), "{name}");
+    let mean_square = of_cpu.iter().map(|g| g * g).sum::<f32>() / of_cpu.len().max(1) as f32;
+    let typical = mean_square.sqrt();
+    assert!(of_cpu.is_empty() || typical > 0.0, "{name} does nothing");
+    for (index, (gpu, cpu)) in of_gpu.iter().zip(of_cpu).enumerate() {
+        assert!(
+            (gpu - cpu).abs() < 5e-3 * cpu.abs().max(typical),
+            "{name}[{index}]: {gpu} on the device, {cpu} on the processor (typical {typical})"
+        );
+    }
+}
