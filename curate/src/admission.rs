@@ -4,10 +4,10 @@ use std::path::Path;
 
 use omnilife_schemas::{
     progress::Progress,
-    records::{Admission, ErpVerdict, Verdict, VideoAnalysis},
+    records::{Admission, CheckOutcome, ErpVerdict, Verdict, VideoAnalysis},
 };
 
-use crate::{criteria, error::CurateError, pipeline::CurateSettings, verdict};
+use crate::{attrition, criteria, error::CurateError, pipeline::CurateSettings, verdict};
 
 /// Rejects a video that misses enforced criteria.
 pub(crate) fn enforce(video: &Path, admission: &Admission) -> Result<(), CurateError> {
@@ -18,6 +18,7 @@ pub(crate) fn enforce(video: &Path, admission: &Admission) -> Result<(), CurateE
                 "{failures} (criteria {}; --criteria none admits it)",
                 admission.profile
             ),
+            criteria::failed(admission).cloned().collect(),
         )),
         _ => Ok(()),
     }
@@ -64,13 +65,25 @@ pub(crate) fn effective_verdict(
         ));
         return Ok(found);
     }
+    let has_border = found
+        .evidence
+        .iter()
+        .any(|evidence| evidence.test.starts_with("black-") && evidence.value > evidence.limit);
+    let hint = if found.verdict == Verdict::Unsure && has_border {
+        "cut its black border off first: ffmpeg -i IN -vf crop=W:H:X:Y OUT, with W:H:X:Y from \
+         ffmpeg -i IN -vf cropdetect -f null -"
+    } else {
+        hint(found.verdict)
+    };
     Err(CurateError::rejected(
         video,
-        format!(
-            "its picture is {}; {}",
-            found.verdict.name(),
-            hint(found.verdict)
-        ),
+        format!("its picture is {}; {hint}", found.verdict.name()),
+        vec![CheckOutcome {
+            check: attrition::PROJECTION.to_owned(),
+            passed: false,
+            value: found.verdict.name().to_owned(),
+            threshold: "erp or erp-squeezed".to_owned(),
+        }],
     ))
 }
 
@@ -80,7 +93,10 @@ fn hint(verdict: Verdict) -> &'static str {
         Verdict::ErpStereoTb => "extract one eye first: ffmpeg -i IN -vf crop=iw:ih/2:0:0 OUT",
         Verdict::ErpStereoLr => "extract one eye first: ffmpeg -i IN -vf crop=iw/2:ih:0:0 OUT",
         Verdict::Eac => "convert it first: ffmpeg -i IN -vf v360=eac:equirect OUT",
-        Verdict::Fisheye => "convert it first: ffmpeg -i IN -vf v360=dfisheye:equirect OUT",
+        Verdict::Fisheye => {
+            "convert it first: ffmpeg -i IN -vf v360=dfisheye:equirect:ih_fov=DEGREES:iv_fov=DEGREES \
+             OUT (fisheye for one circle), with the lens's field of view"
+        }
         Verdict::Erp | Verdict::ErpSqueezed | Verdict::Rectilinear | Verdict::Unsure => {
             "if it is monoscopic ERP all the same, pass --accept erp"
         }

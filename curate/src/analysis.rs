@@ -10,10 +10,13 @@ use omnilife_schemas::{
 use crate::{
     boundaries::{Detector, Signals},
     error::CurateError,
+    overlays::OverlayPass,
     verdict::FrameSamples,
-    video::{Converter, VideoReader, probe},
+    video::{Converter, Scaling, VideoReader, probe},
 };
 
+/// Width in pixels of the pictures that the ERP verdict and the overlays are judged by.
+const SAMPLE_WIDTH_PIXELS: u32 = 512;
 /// A video is truncated when it ends this much before the duration its container states:
 /// seconds, and as a share of the duration; the larger counts. Containers round, and edit lists
 /// hide frames, and a sound track may end a little after the pictures, so a few frames mean nothing.
@@ -31,6 +34,8 @@ pub struct Analysis {
     pub signals: Signals,
     /// Frames spread over the video, for the ERP verdict.
     pub samples: FrameSamples,
+    /// What stays while the scene moves.
+    pub overlays: OverlayPass,
     /// Frames and packets that were damaged.
     pub damaged_frames: u64,
 }
@@ -55,15 +60,35 @@ pub fn analyse(
     let turns = probe.clockwise_quarter_turns();
     let mut small = Converter::new(detector.pictures);
     let mut pass = (detector.start)()?;
+    let mut medium = Converter::new(Scaling::MaxWidth(SAMPLE_WIDTH_PIXELS));
     let mut samples = FrameSamples::default();
+    let mut overlays = OverlayPass::default();
     let mut times = Vec::new();
+    let mut size = None;
     let outcome: Result<(), CurateError> = (|| {
         while let Some(frame) = reader.next_frame()? {
+            let this = (frame.picture.width(), frame.picture.height());
+            let first = *size.get_or_insert(this);
+            if this != first {
+                return Err(CurateError::video(
+                    video,
+                    format!(
+                        "its frames change from {}x{} to {}x{} pixels at {:.3} s",
+                        first.0, first.1, this.0, this.1, frame.time_seconds
+                    ),
+                ));
+            }
             times.push(frame.time_seconds);
             let picture = small.convert(video, &frame.picture)?.turned(turns);
             pass.observe(frame.time_seconds, &picture)
                 .map_err(|reason| CurateError::internal(video, reason))?;
-            samples.offer(video, &frame, turns)?;
+            if samples.wants(frame.time_seconds) || overlays.wants(frame.time_seconds) {
+                let picture = medium.convert(video, &frame.picture)?.turned(turns);
+                if overlays.wants(frame.time_seconds) {
+                    overlays.observe(frame.time_seconds, &picture);
+                }
+                samples.offer(frame.time_seconds, picture);
+            }
             progress.advance(1);
         }
         Ok(())
@@ -94,12 +119,17 @@ pub fn analyse(
         probe.duration_seconds = range.duration_seconds();
     }
     probe.decoded_frames = Some(times.len() as u64);
+    probe.longest_interval_seconds = times
+        .windows(2)
+        .map(|pair| pair[1] - pair[0])
+        .max_by(f64::total_cmp);
     probe.variable_frame_rate = Some(is_variable(&times, interval, reader.seconds_per_tick()));
     Ok(Analysis {
         probe,
         range,
         signals: pass.finish(),
         samples,
+        overlays,
         damaged_frames: reader.damaged(),
     })
 }

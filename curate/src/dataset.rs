@@ -7,13 +7,15 @@ use std::{
 
 use omnilife_schemas::{
     progress::Progress,
-    records::{Dataset, SourceVideo, VideoEntry, VideoStatus},
+    records::{Dataset, SourceVideo, VideoAnalysis, VideoEntry, VideoStatus},
     store,
 };
 
 use crate::{
+    attrition::{self, Attrition},
     error::CurateError,
     pipeline::{self, CurateSettings},
+    video,
 };
 
 /// File of the dataset record in a dataset's folder.
@@ -63,6 +65,16 @@ pub fn curate_dataset(
     for (index, (source, name)) in sources.into_iter().zip(&folders).enumerate() {
         let video = &videos[index];
         let folder = out.join(VIDEOS_FOLDER).join(name);
+        if let Some(of) = first_with_this_content(&record, index) {
+            progress.note(&format!(
+                "{}: the same content as {of}, skipped",
+                video.display()
+            ));
+            record.videos[index].duration_seconds = duration_seconds(video, &folder);
+            record.videos[index].status = VideoStatus::Duplicate { of };
+            store::write_record(&path, &record)?;
+            continue;
+        }
         let curated = source.and_then(|source| {
             pipeline::curate_source(video, &source, &folder, settings, progress)
         });
@@ -75,19 +87,56 @@ pub fn curate_dataset(
             },
             Err(error) => {
                 let reason = error.to_string();
-                let status = if error.is_rejection() {
-                    VideoStatus::Rejected { reason }
-                } else {
-                    VideoStatus::Failed { reason }
+                let status = match error.failed_checks() {
+                    Some(failed) => VideoStatus::Rejected {
+                        reason,
+                        failed: failed.to_vec(),
+                    },
+                    None => VideoStatus::Failed { reason },
                 };
                 errors.push((index, error));
                 status
             }
         };
+        record.videos[index].duration_seconds = duration_seconds(video, &folder);
         record.videos[index].status = status;
         store::write_record(&path, &record)?;
     }
+    let attrition = Attrition::of(&record, out)?;
+    attrition.write(out)?;
+    let raw = attrition
+        .funnel
+        .first()
+        .map_or(0.0, |step| step.left_seconds);
+    progress.note(&format!(
+        "{} of {} videos give {} sequences with {:.1} of {raw:.1} s; {} says where the rest went",
+        attrition.funnel.last().map_or(0, |step| step.left_videos),
+        record.videos.len(),
+        attrition.kept_sequences,
+        attrition.kept_seconds,
+        out.join(attrition::ATTRITION_FILE).display()
+    ));
     Ok(CuratedDataset { record, errors })
+}
+
+/// The first video before `index` that has the same content.
+fn first_with_this_content(record: &Dataset, index: usize) -> Option<String> {
+    let sha256 = record.videos[index].sha256.as_ref()?;
+    record.videos[..index]
+        .iter()
+        .find(|video| video.sha256.as_ref() == Some(sha256))
+        .map(|video| video.file.clone())
+}
+
+/// Length of a video's frames where they were decoded into `folder`, else as its header states it.
+fn duration_seconds(video: &Path, folder: &Path) -> Option<f64> {
+    store::read_record::<VideoAnalysis>(&folder.join(pipeline::ANALYSIS_FILE))
+        .map(|analysis| analysis.range.duration_seconds())
+        .ok()
+        .or_else(|| {
+            let probe = video::probe(video).ok()?;
+            (probe.duration_seconds > 0.0).then_some(probe.duration_seconds)
+        })
 }
 
 /// Hashes every video once; a file that cannot be read has its error when its turn comes.
@@ -112,6 +161,7 @@ fn pending(video: &Path, source: Option<&SourceVideo>) -> VideoEntry {
     VideoEntry {
         file: video.display().to_string(),
         sha256: source.map(|source| source.sha256.clone()),
+        duration_seconds: None,
         status: VideoStatus::Pending,
     }
 }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use omnilife_networks::WeightsError;
-use omnilife_schemas::{Blame, Blamed, store::StoreError};
+use omnilife_schemas::{Blame, Blamed, records::CheckOutcome, store::StoreError};
 
 /// An error of this crate. Messages are one line that names the file and the reason.
 #[derive(Debug, thiserror::Error)]
@@ -23,6 +23,8 @@ pub enum CurateError {
         path: PathBuf,
         /// The check, the value, the threshold, and what can be done.
         reason: String,
+        /// Every check that it failed, at least one.
+        failed: Vec<CheckOutcome>,
     },
     /// A request that cannot be served: a folder without videos, an output folder that belongs to
     /// another input, poses that do not fit, an unknown name.
@@ -70,10 +72,15 @@ impl CurateError {
     }
 
     /// `path` is kept out.
-    pub(crate) fn rejected(path: &Path, reason: impl Into<String>) -> Self {
+    pub(crate) fn rejected(
+        path: &Path,
+        reason: impl Into<String>,
+        failed: Vec<CheckOutcome>,
+    ) -> Self {
         Self::Rejected {
             path: path.to_owned(),
             reason: reason.into(),
+            failed,
         }
     }
 
@@ -88,6 +95,14 @@ impl CurateError {
     /// Whether the video is sound and only unwanted.
     pub fn is_rejection(&self) -> bool {
         matches!(self, Self::Rejected { .. })
+    }
+
+    /// The checks that a sound but unwanted video failed.
+    pub fn failed_checks(&self) -> Option<&[CheckOutcome]> {
+        match self {
+            Self::Rejected { failed, .. } => Some(failed),
+            _ => None,
+        }
     }
 }
 

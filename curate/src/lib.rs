@@ -8,6 +8,7 @@
 mod admission;
 pub mod analysis;
 pub mod annotation;
+pub mod attrition;
 pub mod audit;
 pub mod boundaries;
 pub mod criteria;
@@ -20,6 +21,7 @@ pub mod ledger;
 mod libraries;
 pub mod masks;
 pub mod motion;
+pub mod overlays;
 pub mod pipeline;
 pub mod poses;
 pub mod publish;

@@ -19,7 +19,7 @@ use crate::{
     boundaries::{self, DEFAULT_DETECTOR, Detector},
     criteria,
     error::CurateError,
-    frames,
+    frames, overlays,
     sequences::Sequencing,
     slicing::SliceSettings,
     verdict, video,
@@ -136,6 +136,7 @@ pub(crate) fn curate_source(
         probe: &probe,
         verdict: None,
         damaged_frames: None,
+        overlays: None,
     };
     admission::enforce(video, &criteria::admit(profile, &early, settings.enforce))?;
 
@@ -146,6 +147,7 @@ pub(crate) fn curate_source(
         probe: &analysis.probe,
         verdict: Some(&verdict),
         damaged_frames: Some(analysis.damaged_frames),
+        overlays: analysis.overlays.as_ref(),
     };
     let admission = criteria::admit(profile, &candidate, settings.enforce);
     admission::enforce(video, &admission)?;
@@ -255,6 +257,7 @@ fn analysed(
         range,
         signals,
         samples,
+        overlays,
         damaged_frames,
     } = analysis::analyse(video, detector, progress)?;
     if damaged_frames > 0 {
@@ -263,10 +266,22 @@ fn analysed(
             video.display()
         ));
     }
+    if probe.is_hdr() {
+        progress.note(&format!(
+            "{}: is coded for high dynamic range ({}); its levels are used as coded, not tone-mapped",
+            video.display(),
+            probe.transfer
+        ));
+    }
+    let verdict = verdict::judge(&probe, samples.pictures());
     let record = VideoAnalysis {
         source: source.clone(),
         range,
-        verdict: verdict::judge(&probe, samples.pictures()),
+        overlays: verdict
+            .verdict
+            .is_monoscopic_erp()
+            .then(|| overlays::report(&overlays)),
+        verdict,
         probe,
         damaged_frames,
         signals: SIGNALS_FILE.to_owned(),

@@ -14,14 +14,15 @@ use std::{
 use omnilife_schemas::{
     progress::Progress,
     records::{
-        Admission, Boundary, BoundaryLedger, ErpVerdict, FrameEntry, FrameSet, Sequence, TimeRange,
-        VideoAnalysis,
+        Admission, Boundary, BoundaryLedger, CheckOutcome, ErpVerdict, FrameEntry, FrameSet,
+        Sequence, TimeRange, VideoAnalysis,
     },
     stage::StagePlan,
     store::{self, StoreError},
 };
 
 use crate::{
+    attrition,
     boundaries::{Detector, Signals},
     error::CurateError,
     frames::{self, FRAMES_FOLDER, Selection},
@@ -112,9 +113,21 @@ impl Sequencing<'_> {
         };
         store::update_record(&self.folder.join(BOUNDARIES_FILE), &ledger)?;
         if shots.kept.is_empty() {
+            let longest = ledger
+                .dropped
+                .iter()
+                .map(TimeRange::duration_seconds)
+                .fold(0.0, f64::max);
+            let outcome = CheckOutcome {
+                check: attrition::SHOT_LENGTH.to_owned(),
+                passed: false,
+                value: format!("{longest:.3} s"),
+                threshold: format!("at least {least} s"),
+            };
             return Err(CurateError::rejected(
                 self.video,
-                format!("none of its shots lasts {least} s"),
+                format!("none of its shots lasts {least} s, the longest {longest:.3} s"),
+                vec![outcome],
             ));
         }
         Ok(shots)

@@ -246,3 +246,119 @@ fn settings_that_make_no_sense() {
         assert!(!out.exists());
     }
 }
+
+/// Runs the `ffmpeg` program in a folder.
+fn ffmpeg(folder: &Path, arguments: &str) {
+    let made = std::process::Command::new("ffmpeg")
+        .args(["-nostdin", "-loglevel", "error", "-y"])
+        .args(arguments.split_whitespace())
+        .current_dir(folder)
+        .status()
+        .unwrap();
+    assert!(made.success(), "ffmpeg {arguments}");
+}
+
+#[test]
+fn frames_that_change_their_size() {
+    let temp = tempfile::tempdir().unwrap();
+    erp_clip(temp.path(), "one.mp4", &[1], 30, 30);
+    ffmpeg(temp.path(), "-i one.mp4 -c:v mpeg2video -f mpegts a.ts");
+    ffmpeg(
+        temp.path(),
+        "-i one.mp4 -vf scale=320:160 -c:v mpeg2video -output_ts_offset 1 -f mpegts b.ts",
+    );
+    let both = temp.path().join("both.ts");
+    let bytes = [
+        fs::read(temp.path().join("a.ts")),
+        fs::read(temp.path().join("b.ts")),
+    ]
+    .map(Result::unwrap)
+    .concat();
+    fs::write(&both, bytes).unwrap();
+    let message = refused(&both, &temp.path().join("out"), &both, Blame::Input);
+    assert!(message.contains("256x128 to 320x160"), "{message}");
+}
+
+/// Streams whose timestamps begin below zero (the container's edit list hides those frames) or that
+/// have none are read as far as they can be.
+#[test]
+fn negative_and_missing_timestamps() {
+    let temp = tempfile::tempdir().unwrap();
+    erp_clip(temp.path(), "one.mp4", &[1], 40, 20);
+    ffmpeg(
+        temp.path(),
+        "-i one.mp4 -c copy -output_ts_offset -1 -avoid_negative_ts disabled early.mov",
+    );
+    ffmpeg(temp.path(), "-i one.mp4 -c copy old.avi");
+    for name in ["early.mov", "old.avi"] {
+        let out = temp.path().join("out").join(name);
+        curate_video(&temp.path().join(name), &out, &lenient(), &Silent)
+            .unwrap_or_else(|error| panic!("{name}: {error}"));
+        let analysis: omnilife_schemas::records::VideoAnalysis =
+            omnilife_schemas::store::read_record(&out.join("analysis.json")).unwrap();
+        let seconds = analysis.range.duration_seconds();
+        assert!((0.9..2.1).contains(&seconds), "{name}: {seconds}");
+    }
+}
+
+/// A single frame lasts no time that could be cut into shots.
+#[test]
+fn a_video_of_one_frame() {
+    let temp = tempfile::tempdir().unwrap();
+    erp_clip(temp.path(), "one.mp4", &[1], 10, 30);
+    ffmpeg(temp.path(), "-i one.mp4 -frames:v 1 -c:v mpeg4 single.mp4");
+    let video = temp.path().join("single.mp4");
+    let error = curate_video(&video, &temp.path().join("out"), &lenient(), &Silent).unwrap_err();
+    assert!(error.is_rejection(), "{error}");
+    assert!(error.to_string().contains("none of its shots"), "{error}");
+}
+
+/// Damage in the middle is counted, recorded and a reason for rejection where criteria ask for it.
+#[test]
+fn damage_in_the_middle() {
+    let temp = tempfile::tempdir().unwrap();
+    let video = erp_clip(temp.path(), "one.mp4", &[1], 90, 30);
+    let mut bytes = fs::read(&video).unwrap();
+    let middle = bytes.len() / 2;
+    for (index, byte) in bytes[middle..middle + 4000].iter_mut().enumerate() {
+        *byte = ((index * 37) >> 3) as u8;
+    }
+    fs::write(&video, bytes).unwrap();
+    let out = temp.path().join("out");
+    curate_video(&video, &out, &lenient(), &Silent).unwrap();
+    let analysis: omnilife_schemas::records::VideoAnalysis =
+        omnilife_schemas::store::read_record(&out.join("analysis.json")).unwrap();
+    assert!(analysis.damaged_frames > 0);
+}
+
+/// A name that is no UTF-8 is one row of the batch, and the rest goes on.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_name_that_is_no_utf8() {
+    use std::os::unix::ffi::OsStrExt;
+    let temp = tempfile::tempdir().unwrap();
+    let good = erp_clip(temp.path(), "one.mp4", &[1], 40, 30);
+    let strange = temp
+        .path()
+        .join(std::ffi::OsStr::from_bytes(b"walk-\xff.mp4"));
+    fs::copy(&good, &strange).unwrap();
+    let bytes = [
+        fs::read(&strange).unwrap(),
+        vec![0, 0, 0, 8, b'f', b'r', b'e', b'e'],
+    ]
+    .concat();
+    fs::write(&strange, bytes).unwrap();
+    let curated = omnilife_curate::curate_dataset(
+        &[strange, good],
+        &temp.path().join("out"),
+        &lenient(),
+        &Silent,
+    )
+    .unwrap();
+    assert_eq!(curated.errors.len(), 1);
+    assert!(curated.errors[0].1.to_string().contains("not valid UTF-8"));
+    assert!(matches!(
+        curated.record.videos[1].status,
+        omnilife_schemas::records::VideoStatus::Curated { .. }
+    ));
+}

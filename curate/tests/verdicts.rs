@@ -22,8 +22,10 @@ fn probe(width: u32, height: u32) -> Probe {
         duration_seconds: 10.0,
         decoded_frames: None,
         variable_frame_rate: None,
+        longest_interval_seconds: None,
         rotation_degrees: 0.0,
         pixel_aspect_ratio: 1.0,
+        transfer: "bt709".to_owned(),
         spherical: None,
     }
 }
@@ -138,6 +140,9 @@ fn metadata_is_heard_and_contradicted() {
         spherical: Some(SphericalMetadata {
             projection: projection.to_owned(),
             stereo: stereo.map(str::to_owned),
+            is_cropped: false,
+            origin: "v2".to_owned(),
+            conflict: None,
         }),
         ..probe(1920, 960)
     };

@@ -30,6 +30,7 @@ fn dataset() -> Dataset {
             VideoEntry {
                 file: "a \"quoted\" näme.mp4".to_owned(),
                 sha256: None,
+                duration_seconds: Some(1.5),
                 status: VideoStatus::Failed {
                     reason: "zero bytes".to_owned(),
                 },
@@ -37,6 +38,7 @@ fn dataset() -> Dataset {
             VideoEntry {
                 file: "b.mp4".to_owned(),
                 sha256: Some(store::sha256_bytes(b"b")),
+                duration_seconds: Some(1.5),
                 status: VideoStatus::Curated {
                     sequences: vec!["b/seq-000".to_owned()],
                 },

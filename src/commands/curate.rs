@@ -112,8 +112,11 @@ fn summary(dataset: &Dataset) -> String {
                 format!("{}: {} sequences\n", video.file, sequences.len())
             }
             // Their messages begin with the file.
-            VideoStatus::Rejected { reason } | VideoStatus::Failed { reason } => {
+            VideoStatus::Rejected { reason, .. } | VideoStatus::Failed { reason } => {
                 format!("{reason}\n")
+            }
+            VideoStatus::Duplicate { of } => {
+                format!("{}: the same content as {of}\n", video.file)
             }
             VideoStatus::Pending => format!("{}: not reached\n", video.file),
         })

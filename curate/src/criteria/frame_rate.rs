@@ -9,10 +9,23 @@ pub(super) const CHECK: Check = Check {
     evaluate: |thresholds, candidate| {
         let least = thresholds.least_frames_per_second?;
         let rate = candidate.probe.frames_per_second;
+        // A header may leave it open; the analysis measures it.
+        if rate <= 0.0 && candidate.verdict.is_none() {
+            return None;
+        }
+        let value = match (
+            candidate.probe.variable_frame_rate,
+            candidate.probe.longest_interval_seconds,
+        ) {
+            (Some(true), Some(longest)) => {
+                format!("{rate:.3} fps on average, variable, with gaps of up to {longest:.3} s")
+            }
+            _ => format!("{rate:.3} fps"),
+        };
         Some(outcome(
             &CHECK,
             rate >= least,
-            format!("{rate:.3} fps"),
+            value,
             format!("at least {least:.3} fps"),
         ))
     },

@@ -6,12 +6,13 @@
 mod duration;
 mod frame_rate;
 mod native_erp;
+mod overlays;
 mod resolution;
 mod undamaged;
 
 use std::path::Path;
 
-use omnilife_schemas::records::{Admission, CheckOutcome, ErpVerdict, Probe};
+use omnilife_schemas::records::{Admission, CheckOutcome, ErpVerdict, OverlayReport, Probe};
 
 use crate::error::CurateError;
 
@@ -24,6 +25,8 @@ pub struct Candidate<'a> {
     pub verdict: Option<&'a ErpVerdict>,
     /// Damaged frames.
     pub damaged_frames: Option<u64>,
+    /// What stays in the picture.
+    pub overlays: Option<&'a OverlayReport>,
 }
 
 /// The thresholds of a profile. A check whose threshold is `None` is not asked for.
@@ -39,6 +42,8 @@ pub struct Thresholds {
     pub longer_than_seconds: Option<f64>,
     /// Every frame decodes without damage.
     pub undamaged: bool,
+    /// Largest artificial overlay, steradians.
+    pub largest_overlay_steradians: Option<f64>,
 }
 
 /// A named set of thresholds.
@@ -53,8 +58,9 @@ pub struct Profile {
 }
 
 /// The criteria of the OmniLife360 dataset (section 3.1 of its paper: native ERP, at least 4K, at
-/// least 30 fps, raw duration over 30 s). 4K is 3840 pixels of width, the narrowest that carries
-/// the name. That the video decodes undamaged is ours.
+/// least 30 fps, raw duration over 30 s, no prominent artificial overlays). 4K is 3840 pixels of
+/// width, the narrowest that carries the name. What size of overlay is prominent, and that the
+/// video decodes undamaged, is ours.
 pub const OMNILIFE360: Profile = Profile {
     id: "omnilife360",
     summary: "The OmniLife360 dataset, section 3.1 of its paper: native ERP, 4K, 30 fps, over 30 s.",
@@ -65,6 +71,8 @@ pub const OMNILIFE360: Profile = Profile {
         least_frames_per_second: Some(29.97 - 1e-3),
         longer_than_seconds: Some(30.0),
         undamaged: true,
+        // 180 x 47 pixels at the equator of 4096 x 2048.
+        largest_overlay_steradians: Some(0.02),
     },
 };
 
@@ -78,6 +86,7 @@ pub const NONE: Profile = Profile {
         least_frames_per_second: None,
         longer_than_seconds: None,
         undamaged: false,
+        largest_overlay_steradians: None,
     },
 };
 
@@ -102,6 +111,7 @@ pub static CHECKS: &[Check] = &[
     frame_rate::CHECK,
     duration::CHECK,
     undamaged::CHECK,
+    overlays::CHECK,
 ];
 
 /// The profile with this name. `video` is named in the error.
@@ -138,12 +148,14 @@ pub fn admit(profile: &Profile, candidate: &Candidate<'_>, enforced: bool) -> Ad
     }
 }
 
+/// The checks that failed.
+pub fn failed(admission: &Admission) -> impl Iterator<Item = &CheckOutcome> {
+    admission.checks.iter().filter(|check| !check.passed)
+}
+
 /// The failed checks in one line; `None` where all passed.
 pub fn failures(admission: &Admission) -> Option<String> {
-    let failed: Vec<String> = admission
-        .checks
-        .iter()
-        .filter(|check| !check.passed)
+    let failed: Vec<String> = failed(admission)
         .map(|check| {
             format!(
                 "{} is {}, asked for {}",

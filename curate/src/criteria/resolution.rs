@@ -8,11 +8,11 @@ pub(super) const CHECK: Check = Check {
     summary: "The picture is wide enough.",
     evaluate: |thresholds, candidate| {
         let least = thresholds.least_width_pixels?;
-        let width = candidate.probe.width;
+        let (width, height) = candidate.probe.upright_size();
         Some(outcome(
             &CHECK,
             width >= least,
-            format!("{width}x{} pixels", candidate.probe.height),
+            format!("{width}x{height} pixels"),
             format!("a width of at least {least} pixels"),
         ))
     },

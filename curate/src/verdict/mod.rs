@@ -8,6 +8,8 @@
 
 pub(crate) mod aspect;
 mod black_border;
+mod cube_faces;
+mod fisheye_circles;
 mod pole_rows;
 mod samples;
 mod stereo_halves;
@@ -39,21 +41,33 @@ pub struct VerdictTest {
 pub static TESTS: &[VerdictTest] = &[
     aspect::TEST,
     black_border::SIDES,
-    black_border::CORNERS,
+    black_border::ROWS,
+    fisheye_circles::BLACK_AROUND,
+    fisheye_circles::COMMON_RIM,
     wrap_seam::WHOLE,
     wrap_seam::LEFT_HALF,
     pole_rows::TOP,
     pole_rows::BOTTOM,
-    pole_rows::MIDDLE,
     stereo_halves::TOP_BOTTOM,
     stereo_halves::LEFT_RIGHT,
+    cube_faces::OUTER_EDGES,
+    cube_faces::FACE_BREAKS,
 ];
 
 /// Judges a video by its probe and frames spread over it.
+///
+/// Where the frames have a black border, what is inside of it is judged: a whole sphere in there is
+/// still no ERP as it is stored, and the verdict is `unsure` with the border as its evidence.
 pub fn judge(probe: &Probe, samples: &[Rgb8Picture]) -> ErpVerdict {
+    let samples = &spread_over(samples);
+    let inside = black_border::without_border(samples);
     let mut evidence = Vec::new();
     for test in TESTS {
-        if let Some(value) = (test.measure)(probe, samples) {
+        let looked_at = match &inside {
+            Some(inside) if !LOOK_AT_BORDERS.contains(&test.id) => inside,
+            _ => samples,
+        };
+        if let Some(value) = (test.measure)(probe, looked_at) {
             evidence.push(Evidence {
                 test: test.id.to_owned(),
                 value,
@@ -68,29 +82,42 @@ pub fn judge(probe: &Probe, samples: &[Rgb8Picture]) -> ErpVerdict {
         }
     }
     let pixels = Readings::of(&evidence).decide();
-    let metadata = by_metadata(probe);
-    let (verdict, disagreement) = match metadata {
-        Some((stated, words)) if pixels == Verdict::Unsure => (
-            stated,
-            Some(format!(
+    let mut disagreements = Vec::new();
+    let mut verdict = pixels;
+    match by_metadata(probe) {
+        Some((stated, words)) if pixels == Verdict::Unsure && stated != Verdict::Unsure => {
+            verdict = stated;
+            disagreements.push(format!(
                 "the pixels do not decide; taken from the metadata ({words})"
-            )),
-        ),
-        Some((stated, words)) if !agree(stated, pixels) => (
-            pixels,
-            Some(format!(
-                "the metadata says {words}, the pixels say {}",
-                pixels.name()
-            )),
-        ),
-        _ => (pixels, None),
-    };
+            ));
+        }
+        Some((stated, words)) if !agree(stated, pixels) => disagreements.push(format!(
+            "the metadata says {words}, the pixels say {}",
+            pixels.name()
+        )),
+        _ => {}
+    }
+    let conflict = probe
+        .spherical
+        .as_ref()
+        .and_then(|found| found.conflict.as_ref());
+    if let Some(conflict) = conflict {
+        disagreements.push(format!(
+            "the metadata's version 1 says {conflict}, its version 2, which wins, says otherwise"
+        ));
+    }
     ErpVerdict {
         verdict,
         overridden: None,
         evidence,
-        disagreement,
+        disagreement: (!disagreements.is_empty()).then(|| disagreements.join("; ")),
     }
+}
+
+/// Some of the samples, evenly.
+fn spread_over(samples: &[Rgb8Picture]) -> Vec<Rgb8Picture> {
+    let step = samples.len().div_ceil(MOST_SAMPLES).max(1);
+    samples.iter().step_by(step).cloned().collect()
 }
 
 fn agree(stated: Verdict, pixels: Verdict) -> bool {
@@ -101,12 +128,18 @@ fn agree(stated: Verdict, pixels: Verdict) -> bool {
 fn by_metadata(probe: &Probe) -> Option<(Verdict, String)> {
     let metadata = probe.spherical.as_ref()?;
     let stereo = metadata.stereo.as_deref().unwrap_or("2D");
+    if metadata.is_cropped {
+        let words = format!("a part of the sphere, {}, {stereo}", metadata.projection);
+        return Some((Verdict::Unsure, words));
+    }
     let verdict = match (metadata.projection.as_str(), stereo) {
         ("equirectangular", "top and bottom") => Verdict::ErpStereoTb,
         ("equirectangular", "side by side") => Verdict::ErpStereoLr,
         ("equirectangular", _) if aspect::is_two_to_one(probe) => Verdict::Erp,
         ("equirectangular", _) => Verdict::ErpSqueezed,
-        ("cubemap", _) => Verdict::Eac,
+        ("cubemap" | "equiangular cubemap", _) => Verdict::Eac,
+        ("fisheye", _) => Verdict::Fisheye,
+        ("rectilinear", _) => Verdict::Rectilinear,
         _ => return None,
     };
     Some((verdict, format!("{}, {stereo}", metadata.projection)))
@@ -142,21 +175,31 @@ impl<'a> Readings<'a> {
     }
 
     fn decide(&self) -> Verdict {
-        let wraps = self.holds(&wrap_seam::WHOLE);
-        let has_caps = self.holds(&pole_rows::TOP) && self.holds(&pole_rows::BOTTOM);
-        if self.exceeds(&black_border::SIDES) {
-            // A pillarbox, or half a sphere: its left and right edge agree in being black.
+        if self.exceeds(&fisheye_circles::BLACK_AROUND) {
+            return Verdict::Fisheye;
+        }
+        let projection = self.projection();
+        let has_border = self.exceeds(&black_border::SIDES) || self.exceeds(&black_border::ROWS);
+        if has_border && projection != Verdict::Rectilinear {
             return Verdict::Unsure;
         }
-        if self.exceeds(&stereo_halves::LEFT_RIGHT) && self.holds(&wrap_seam::LEFT_HALF) && has_caps
+        projection
+    }
+
+    /// The projection of the picture without its border.
+    fn projection(&self) -> Verdict {
+        let wraps = self.holds(&wrap_seam::WHOLE);
+        let has_caps = self.holds(&pole_rows::TOP) && self.holds(&pole_rows::BOTTOM);
+        // Halves that show the same scene leave little doubt, so poles may be blurred.
+        let may_have_caps =
+            !self.far_exceeds(&pole_rows::TOP) && !self.far_exceeds(&pole_rows::BOTTOM);
+        if self.exceeds(&stereo_halves::LEFT_RIGHT)
+            && self.holds(&wrap_seam::LEFT_HALF)
+            && may_have_caps
         {
             return Verdict::ErpStereoLr;
         }
-        if self.exceeds(&stereo_halves::TOP_BOTTOM)
-            && wraps
-            && has_caps
-            && self.holds(&pole_rows::MIDDLE)
-        {
+        if self.exceeds(&stereo_halves::TOP_BOTTOM) && wraps && may_have_caps {
             return Verdict::ErpStereoTb;
         }
         if wraps && has_caps {
@@ -167,14 +210,33 @@ impl<'a> Readings<'a> {
             };
         }
         let has_no_caps = self.exceeds(&pole_rows::TOP) || self.exceeds(&pole_rows::BOTTOM);
-        if self.far_exceeds(&wrap_seam::WHOLE) && has_no_caps && self.holds(&black_border::CORNERS)
-        {
+        if wraps || !has_no_caps {
+            // A panorama that is cropped in one direction, or too plain to tell.
+            return Verdict::Unsure;
+        }
+        if self.holds(&cube_faces::OUTER_EDGES) && self.exceeds(&cube_faces::FACE_BREAKS) {
+            return Verdict::Eac;
+        }
+        if self.exceeds(&fisheye_circles::COMMON_RIM) {
+            return Verdict::Fisheye;
+        }
+        if self.far_exceeds(&wrap_seam::WHOLE) {
             return Verdict::Rectilinear;
         }
         Verdict::Unsure
     }
 }
 
+/// Tests that look at the whole picture where the others look inside of its border.
+const LOOK_AT_BORDERS: &[&str] = &[
+    aspect::TEST.id,
+    black_border::SIDES.id,
+    black_border::ROWS.id,
+    fisheye_circles::BLACK_AROUND.id,
+];
+
+/// Frames that are looked at: a median over more says the same.
+const MOST_SAMPLES: usize = 8;
 /// How many times its limit a value must reach to prove the opposite.
 const CLEARLY: f64 = 1.5;
 

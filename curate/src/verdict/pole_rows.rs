@@ -12,12 +12,12 @@ const LIMIT: f64 = 0.4;
 /// The north pole.
 pub(super) const TOP: VerdictTest = VerdictTest {
     id: "pole-row-top",
-    summary: "Spread of colours along the top row over that of the middle rows: at a pole the \
-              whole row is one point.",
+    summary: "Spread of colours along the top row and their change from pixel to pixel, over \
+              those of the middle rows: at a pole the whole row is one point.",
     limit: LIMIT,
     at_most: "the top row is nearly one colour, as at a pole",
     above: "the top row is no pole",
-    measure: |_, samples| median_over(samples, |picture| relative_spread(picture, &[0])),
+    measure: |_, samples| median_over(samples, |picture| relative_spread(picture, 0)),
 };
 
 /// The south pole.
@@ -29,44 +29,46 @@ pub(super) const BOTTOM: VerdictTest = VerdictTest {
     above: "the bottom row is no pole",
     measure: |_, samples| {
         median_over(samples, |picture| {
-            relative_spread(picture, &[picture.height - 1])
+            relative_spread(picture, picture.height - 1)
         })
     },
 };
 
-/// The poles in the middle of top-bottom stereo.
-pub(super) const MIDDLE: VerdictTest = VerdictTest {
-    id: "pole-rows-middle",
-    summary: "The same for the two middle rows: in top-bottom stereo the upper picture's south \
-              pole meets the lower picture's north pole there.",
-    limit: LIMIT,
-    at_most: "the middle rows are nearly one colour each, as where two pictures meet",
-    above: "the middle rows are no poles",
-    measure: |_, samples| {
-        median_over(samples, |picture| {
-            let half = picture.height / 2;
-            // One row further out each: scaling mixes the two that touch.
-            relative_spread(picture, &[half.checked_sub(2)?, half + 1])
-        })
-    },
-};
-
-/// Largest spread of `rows` over the median spread of all rows away from them and from the edges.
-fn relative_spread(picture: &Rgb8Picture, rows: &[usize]) -> Option<f64> {
+/// How little like a pole a row is: the geometric mean of its spread and of its detail, each over
+/// the median of the rows away from the edges. Near a pole a row is stretched, so that its pixels
+/// differ little from their neighbours; at the pole itself they do not differ at all.
+fn relative_spread(picture: &Rgb8Picture, row: usize) -> Option<f64> {
     if picture.height < 16 {
         return None;
     }
     let eighth = picture.height / 8;
-    let others: Vec<f64> = (eighth..picture.height - eighth)
-        .filter(|y| rows.iter().all(|row| row.abs_diff(*y) >= eighth))
-        .map(|y| spread(picture, y))
-        .collect();
-    let reference = statistics::median(&others)?;
-    let largest = rows
-        .iter()
-        .map(|&row| spread(picture, row))
-        .fold(0.0, f64::max);
-    (reference >= LEAST_SPREAD_LEVELS).then_some(largest / reference)
+    let others = eighth..picture.height - eighth;
+    let spreads: Vec<f64> = others.clone().map(|y| spread(picture, y)).collect();
+    let details: Vec<f64> = others.map(|y| detail(picture, y)).collect();
+    let reference = statistics::median(&spreads)?;
+    let detail_reference = statistics::median(&details)?;
+    if reference < LEAST_SPREAD_LEVELS || detail_reference <= 0.0 {
+        return None;
+    }
+    let product = spread(picture, row) / reference * detail(picture, row) / detail_reference;
+    Some(product.sqrt())
+}
+
+/// Mean absolute difference of neighbouring pixels of a row in 8-bit levels.
+fn detail(picture: &Rgb8Picture, y: usize) -> f64 {
+    let mut sum = 0_u64;
+    for x in 0..picture.width {
+        let (one, next) = (
+            picture.pixel(x, y),
+            picture.pixel((x + 1) % picture.width, y),
+        );
+        sum += one
+            .iter()
+            .zip(next)
+            .map(|(&p, q)| u64::from(p.abs_diff(q)))
+            .sum::<u64>();
+    }
+    sum as f64 / (3 * picture.width) as f64
 }
 
 /// Mean absolute deviation from the row's mean colour in 8-bit levels.

@@ -1,14 +1,7 @@
 //! The few frames of a video that the ERP verdict looks at.
 
-use std::path::Path;
+use crate::video::Rgb8Picture;
 
-use crate::{
-    error::CurateError,
-    video::{Converter, Rgb8Picture, Scaling, decode::Frame},
-};
-
-/// Width in pixels at which the verdict looks at frames.
-const WIDTH_PIXELS: u32 = 512;
 /// At this many frames every other one is let go.
 const MOST: usize = 24;
 /// Distance of the first frames, seconds.
@@ -22,7 +15,6 @@ pub struct FrameSamples {
     pictures: Vec<Rgb8Picture>,
     interval_seconds: f64,
     next_seconds: Option<f64>,
-    converter: Converter,
 }
 
 impl Default for FrameSamples {
@@ -31,7 +23,6 @@ impl Default for FrameSamples {
             pictures: Vec::new(),
             interval_seconds: FIRST_INTERVAL_SECONDS,
             next_seconds: None,
-            converter: Converter::new(Scaling::MaxWidth(WIDTH_PIXELS)),
         }
     }
 }
@@ -47,21 +38,17 @@ impl std::fmt::Debug for FrameSamples {
 }
 
 impl FrameSamples {
-    /// Takes the frame if its time has come; it is turned by `turns` quarter turns.
-    pub(crate) fn offer(
-        &mut self,
-        video: &Path,
-        frame: &Frame,
-        turns: u32,
-    ) -> Result<(), CurateError> {
-        if self
-            .next_seconds
-            .is_some_and(|next| frame.time_seconds < next)
-        {
-            return Ok(());
+    /// Whether the time of a frame has come.
+    pub(crate) fn wants(&self, time_seconds: f64) -> bool {
+        self.next_seconds.is_none_or(|next| time_seconds >= next)
+    }
+
+    /// Takes the picture of a frame, 512 pixels wide at most, if its time has come.
+    pub(crate) fn offer(&mut self, time_seconds: f64, picture: Rgb8Picture) {
+        if !self.wants(time_seconds) {
+            return;
         }
-        let picture = self.converter.convert(video, &frame.picture)?;
-        self.pictures.push(picture.turned(turns));
+        self.pictures.push(picture);
         if self.pictures.len() == MOST {
             let mut index = 0;
             self.pictures.retain(|_| {
@@ -70,8 +57,7 @@ impl FrameSamples {
             });
             self.interval_seconds *= 2.0;
         }
-        self.next_seconds = Some(frame.time_seconds + self.interval_seconds);
-        Ok(())
+        self.next_seconds = Some(time_seconds + self.interval_seconds);
     }
 
     /// The frames in order of time.

@@ -59,12 +59,17 @@ impl Rgb8Picture {
     }
 }
 
+/// Rows of a large frame that are averaged into one row of a small picture, at least.
+const ROWS_AVERAGED: u32 = 8;
+
 /// How a [`Converter`] treats size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scaling {
     /// The decoded size; chroma is interpolated to it.
     Native,
-    /// At most this many pixels wide, aspect kept, by area averaging.
+    /// At most this many pixels wide, aspect kept, by area averaging. Where more than
+    /// [`ROWS_AVERAGED`] rows would go into one, rows in between are left out: a detector sees no
+    /// difference, and the time goes with the pixels that are read.
     MaxWidth(u32),
     /// This size whatever the aspect, bicubic, and BT.601 where the stream states no matrix: as the
     /// `ffmpeg` program does it that TransNetV2 reads its pictures from.
@@ -138,13 +143,48 @@ impl Converter {
         let Some(context) = self.context.as_mut() else {
             return Err(CurateError::internal(path, "no scaler"));
         };
-        let mut rgb = ffmpeg::frame::Video::empty();
-        context.run(picture, &mut rgb).map_err(unsupported)?;
-        Ok(packed(&rgb))
+        let row_step = configuration.row_step(self.scaling);
+        if row_step == 1 {
+            let mut rgb = ffmpeg::frame::Video::empty();
+            context.run(picture, &mut rgb).map_err(unsupported)?;
+            return Ok(packed(&rgb));
+        }
+        Ok(packed(&every_nth_row(context, picture, row_step)))
     }
 }
 
 impl Configuration {
+    /// Of how many rows one is read.
+    fn row_step(&self, scaling: Scaling) -> u32 {
+        let Scaling::MaxWidth(limit) = scaling else {
+            return 1;
+        };
+        // Formats whose planes are rows of samples and nothing else.
+        let is_plain = matches!(
+            self.format,
+            Pixel::YUV420P
+                | Pixel::YUVJ420P
+                | Pixel::YUV422P
+                | Pixel::YUV444P
+                | Pixel::YUV420P10LE
+                | Pixel::NV12
+                | Pixel::P010LE
+        );
+        if is_plain {
+            (self.width / limit / ROWS_AVERAGED).max(1)
+        } else {
+            1
+        }
+    }
+
+    /// Rows that are read. Two rows may share their chroma.
+    fn rows_read(&self, scaling: Scaling) -> u32 {
+        match self.row_step(scaling) {
+            1 => self.height,
+            step => (self.height / step) & !1,
+        }
+    }
+
     fn context(&self, scaling: Scaling) -> Result<scaling::Context, ffmpeg::Error> {
         let (width, height, filter) = match scaling {
             Scaling::MaxWidth(limit) if self.width > limit => {
@@ -166,7 +206,7 @@ impl Configuration {
         let mut context = scaling::Context::get(
             self.format,
             self.width,
-            self.height,
+            self.rows_read(scaling),
             Pixel::RGB24,
             width,
             height,
@@ -215,6 +255,34 @@ impl Configuration {
                 Pixel::YUVJ420P | Pixel::YUVJ422P | Pixel::YUVJ444P | Pixel::YUVJ440P
             )
     }
+}
+
+/// Scales a frame of which one row in `step` is read; the context is for a frame of that height.
+fn every_nth_row(
+    context: &mut scaling::Context,
+    picture: &ffmpeg::frame::Video,
+    step: u32,
+) -> ffmpeg::frame::Video {
+    let (input, output) = (*context.input(), *context.output());
+    let mut rgb = ffmpeg::frame::Video::new(output.format, output.width, output.height);
+    // SAFETY: the context was made for the frame's format, its width and at most `height / step`
+    // rows, so that with `step` times its strides every row read is one of its own; the target was
+    // allocated for the context's output. Neither is kept after the call.
+    unsafe {
+        let source = picture.as_ptr();
+        let target = rgb.as_mut_ptr();
+        let strides = (*source).linesize.map(|stride| stride * step as i32);
+        ffi::sws_scale(
+            context.as_mut_ptr(),
+            (*source).data.as_ptr().cast(),
+            strides.as_ptr(),
+            0,
+            input.height as i32,
+            (*target).data.as_ptr(),
+            (*target).linesize.as_ptr(),
+        );
+    }
+    rgb
 }
 
 enum Matrix {

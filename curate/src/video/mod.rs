@@ -4,6 +4,7 @@
 pub mod convert;
 pub mod decode;
 pub mod probe;
+mod spherical_boxes;
 
 pub use convert::{Converter, Rgb8Picture, Scaling};
 pub use decode::VideoReader;

@@ -4,9 +4,15 @@ use std::{ffi::CStr, path::Path};
 
 use ffmpeg::{codec::packet::side_data, ffi};
 use ffmpeg_next as ffmpeg;
-use omnilife_schemas::records::{Probe, SphericalMetadata};
+use omnilife_schemas::{
+    records::{Probe, SphericalMetadata},
+    store::StoreError,
+};
 
-use super::decode::VideoReader;
+use super::{
+    decode::VideoReader,
+    spherical_boxes::{self, SphericalBoxes, Statement},
+};
 use crate::error::CurateError;
 
 /// Probes a video: its container and the parameters of its best video stream.
@@ -56,9 +62,15 @@ pub(crate) fn describe(reader: &VideoReader) -> Result<Probe, CurateError> {
         duration_seconds: duration_seconds(reader, &stream),
         decoded_frames: None,
         variable_frame_rate: None,
+        longest_interval_seconds: None,
         rotation_degrees,
         pixel_aspect_ratio: pixel_aspect_ratio(decoder),
-        spherical: spherical(&stream),
+        transfer: decoder
+            .color_transfer_characteristic()
+            .name()
+            .unwrap_or("unknown")
+            .to_owned(),
+        spherical: spherical(path, reader.input().format().name(), &stream)?,
     })
 }
 
@@ -111,8 +123,54 @@ fn rotation_degrees(stream: &ffmpeg::Stream<'_>) -> f64 {
     0.0
 }
 
-/// Spherical and stereo side data (Google's Spherical Video V1/V2 boxes, as FFmpeg parses them).
-fn spherical(stream: &ffmpeg::Stream<'_>) -> Option<SphericalMetadata> {
+/// Spherical metadata: the file's own boxes where it has such, else what FFmpeg finds.
+fn spherical(
+    path: &Path,
+    container: &str,
+    stream: &ffmpeg::Stream<'_>,
+) -> Result<Option<SphericalMetadata>, CurateError> {
+    if container.split(',').any(|name| name == "mp4") {
+        let track = u32::try_from(stream.id()).unwrap_or(0);
+        let boxes =
+            spherical_boxes::read(path, track).map_err(|error| StoreError::read(path, error))?;
+        if let Some(metadata) = resolved(boxes) {
+            return Ok(Some(metadata));
+        }
+    }
+    Ok(side_data_of(stream))
+}
+
+/// Version 2 wins, entry by entry.
+fn resolved(SphericalBoxes { v1, v2 }: SphericalBoxes) -> Option<SphericalMetadata> {
+    let words = |statement: &Statement| {
+        format!(
+            "{}{}, {}",
+            if statement.is_cropped { "cropped " } else { "" },
+            statement.projection.as_deref().unwrap_or("no projection"),
+            statement.stereo.as_deref().unwrap_or("2D")
+        )
+    };
+    let older = v1.clone().unwrap_or_default();
+    let newer = v2.clone().unwrap_or_default();
+    let conflict = match (&v1, &v2) {
+        (Some(older), Some(newer)) if words(older) != words(newer) => Some(words(older)),
+        _ => None,
+    };
+    Some(SphericalMetadata {
+        is_cropped: if newer.projection.is_some() {
+            newer.is_cropped
+        } else {
+            older.is_cropped
+        },
+        origin: if v2.is_some() { "v2" } else { "v1" }.to_owned(),
+        projection: newer.projection.or(older.projection)?,
+        stereo: newer.stereo.or(older.stereo),
+        conflict,
+    })
+}
+
+/// Spherical and stereo side data as FFmpeg parses them.
+fn side_data_of(stream: &ffmpeg::Stream<'_>) -> Option<SphericalMetadata> {
     let mut projection = None;
     let mut stereo = None;
     for data in stream.side_data() {
@@ -137,7 +195,13 @@ fn spherical(stream: &ffmpeg::Stream<'_>) -> Option<SphericalMetadata> {
             _ => {}
         }
     }
-    projection.map(|projection| SphericalMetadata { projection, stereo })
+    projection.map(|projection: String| SphericalMetadata {
+        is_cropped: projection == "tiled equirectangular",
+        projection,
+        stereo,
+        origin: "container".to_owned(),
+        conflict: None,
+    })
 }
 
 /// A name from one of FFmpeg's static tables.

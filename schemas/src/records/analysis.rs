@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::overlays::OverlayReport;
 use super::sequence::{ErpVerdict, Probe, SourceVideo, TimeRange};
 use crate::store::Record;
 
@@ -17,6 +18,9 @@ pub struct VideoAnalysis {
     pub probe: Probe,
     /// What the pixels and the metadata said, before any override.
     pub verdict: ErpVerdict,
+    /// What is painted over the picture or always in it; `None` where the picture is no single
+    /// sphere.
+    pub overlays: Option<OverlayReport>,
     /// Frames and packets that the decoder found damaged and patched up or left out.
     pub damaged_frames: u64,
     /// Parquet table of the per-frame signals: `time_seconds` and the detector's columns.

@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::sequence::CheckOutcome;
 use crate::store::Record;
 
 /// `dataset.json`.
@@ -23,6 +24,8 @@ pub struct VideoEntry {
     pub file: String,
     /// SHA-256, where the file could be read.
     pub sha256: Option<String>,
+    /// Length in seconds: of its frames where they were decoded, else as its header states it.
+    pub duration_seconds: Option<f64>,
     /// Outcome.
     pub status: VideoStatus,
 }
@@ -42,6 +45,13 @@ pub enum VideoStatus {
     Rejected {
         /// One line: the check, the value, the threshold.
         reason: String,
+        /// Every check that it failed; the first one counts.
+        failed: Vec<CheckOutcome>,
+    },
+    /// Its content is that of a video before it.
+    Duplicate {
+        /// That video's path as given on the command line.
+        of: String,
     },
     /// It could not be read or processed.
     Failed {

@@ -83,15 +83,24 @@ pub struct Probe {
     pub decoded_frames: Option<u64>,
     /// Whether the distance between frames varies by more than half a percent of its median.
     pub variable_frame_rate: Option<bool>,
+    /// Largest distance between two frames, seconds, where the video was decoded to its end.
+    pub longest_interval_seconds: Option<f64>,
     /// Display rotation in degrees.
     pub rotation_degrees: f64,
     /// Width of a pixel over its height.
     pub pixel_aspect_ratio: f64,
+    /// Transfer characteristic, FFmpeg's name: bt709, smpte2084 (PQ), arib-std-b67 (HLG), unknown ...
+    pub transfer: String,
     /// Spherical metadata, where there is any.
     pub spherical: Option<SphericalMetadata>,
 }
 
 impl Probe {
+    /// Whether levels are coded for high dynamic range. They are used as coded, not tone-mapped.
+    pub fn is_hdr(&self) -> bool {
+        matches!(self.transfer.as_str(), "smpte2084" | "arib-std-b67")
+    }
+
     /// Quarter turns clockwise that bring the coded picture upright, 0 to 3.
     pub fn clockwise_quarter_turns(&self) -> u32 {
         (self.rotation_degrees / 90.0).round().rem_euclid(4.0) as u32
@@ -114,6 +123,12 @@ pub struct SphericalMetadata {
     pub projection: String,
     /// Stereo layout, FFmpeg's name, where it is stated.
     pub stereo: Option<String>,
+    /// Whether the picture is stated to cover only a part of the sphere.
+    pub is_cropped: bool,
+    /// Where it stands: `v2` (boxes `st3d` and `sv3d`), `v1` (XML in a `uuid` box) or `container`.
+    pub origin: String,
+    /// What version 1 says where version 2, which wins, says something else.
+    pub conflict: Option<String>,
 }
 
 /// What kind of picture a video shows.

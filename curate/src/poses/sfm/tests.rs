@@ -44,8 +44,10 @@ pub(in crate::poses) fn sequence_of(entries: Vec<FrameEntry>) -> Sequence {
             duration_seconds: 1.0,
             decoded_frames: None,
             variable_frame_rate: None,
+            longest_interval_seconds: None,
             rotation_degrees: 0.0,
             pixel_aspect_ratio: 1.0,
+            transfer: "bt709".to_owned(),
             spherical: None,
         },
         verdict: ErpVerdict {

@@ -1,0 +1,291 @@
+//! Accounts for every second that goes in: what each rejected video or stretch was rejected for
+//! (`attrition.csv`), and how much each step leaves (`funnel.csv`).
+
+use std::path::Path;
+
+use omnilife_schemas::{
+    records::{BoundaryLedger, Dataset, Sequence, TimeRange, VideoEntry, VideoStatus},
+    store::{self, Record, StoreError},
+};
+use serde::Serialize;
+
+use crate::{
+    criteria::CHECKS,
+    error::CurateError,
+    pipeline::{BOUNDARIES_FILE, SEQUENCE_FILE},
+};
+
+/// Table of everything that was rejected, in a dataset's folder.
+pub const ATTRITION_FILE: &str = "attrition.csv";
+/// Table of what each step leaves, in a dataset's folder.
+pub const FUNNEL_FILE: &str = "funnel.csv";
+
+/// Steps of the funnel that are no admission check, in their order around those.
+const RAW: &str = "raw";
+const DUPLICATE: &str = "duplicate";
+const READABLE: &str = "readable";
+/// The picture is no monoscopic ERP, whatever the criteria ask for.
+pub const PROJECTION: &str = "projection";
+/// No shot of the video is long enough.
+pub const SHOT_LENGTH: &str = "shot-length";
+const TRANSITION: &str = "transition";
+const KEPT: &str = "kept";
+
+/// One reason for which a video or a stretch of one was rejected.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Reject {
+    /// The video as given.
+    pub video: String,
+    /// Id of the check.
+    pub check: String,
+    /// What was found.
+    pub value: String,
+    /// What was asked for.
+    pub threshold: String,
+    /// The stretch; empty for a whole video.
+    pub begin_seconds: Option<f64>,
+    /// End of the stretch.
+    pub end_seconds: Option<f64>,
+    /// What is lost, seconds; empty where a broken file does not tell.
+    pub seconds: Option<f64>,
+    /// Whether the funnel counts it here: a video fails once, by its first failed check.
+    pub counted: bool,
+}
+
+/// One step of the funnel.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FunnelStep {
+    /// The step.
+    pub step: String,
+    /// Videos and seconds that this step takes out.
+    pub removed_videos: usize,
+    /// Seconds that this step takes out.
+    pub removed_seconds: f64,
+    /// Videos that are left after it.
+    pub left_videos: usize,
+    /// Seconds that are left after it.
+    pub left_seconds: f64,
+    /// Hours that are left after it.
+    pub left_hours: f64,
+}
+
+/// Where every second of a dataset's videos went.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Attrition {
+    /// Every reject, in order of the videos.
+    pub rejects: Vec<Reject>,
+    /// From raw to kept.
+    pub funnel: Vec<FunnelStep>,
+    /// Seconds in sequences, as their records say.
+    pub kept_seconds: f64,
+    /// Sequences.
+    pub kept_sequences: usize,
+}
+
+impl Attrition {
+    /// Works it out from the records of the dataset in `out`.
+    ///
+    /// # Errors
+    /// When a record cannot be read, or what is kept and what was rejected do not add up to what
+    /// went in.
+    pub fn of(dataset: &Dataset, out: &Path) -> Result<Self, CurateError> {
+        let mut rejects = Vec::new();
+        let mut kept_seconds = 0.0;
+        let mut kept_sequences = 0;
+        for video in &dataset.videos {
+            match &video.status {
+                VideoStatus::Curated { sequences } => {
+                    let kept = kept_ranges(out, sequences)?;
+                    kept_sequences += kept.len();
+                    kept_seconds += kept.iter().map(TimeRange::duration_seconds).sum::<f64>();
+                    rejects.extend(lost_stretches(video, out, sequences, &kept)?);
+                }
+                status => rejects.extend(whole_video(video, status)),
+            }
+        }
+        let funnel = funnel(dataset, &rejects);
+        let left = funnel.last().map_or(0.0, |step| step.left_seconds);
+        // A microsecond per video covers the rounding of sums.
+        if (left - kept_seconds).abs() > 1e-6 * (dataset.videos.len() + 1) as f64 {
+            return Err(CurateError::internal(
+                out,
+                format!("rejects leave {left} s, sequences hold {kept_seconds} s"),
+            ));
+        }
+        Ok(Self {
+            rejects,
+            funnel,
+            kept_seconds,
+            kept_sequences,
+        })
+    }
+
+    /// Writes both tables into the dataset's folder.
+    ///
+    /// # Errors
+    /// When they cannot be written.
+    pub fn write(&self, out: &Path) -> Result<(), CurateError> {
+        write_csv(&out.join(ATTRITION_FILE), &self.rejects, REJECT_COLUMNS)?;
+        Ok(write_csv(&out.join(FUNNEL_FILE), &self.funnel, &[])?)
+    }
+}
+
+/// Columns of a table without rows.
+const REJECT_COLUMNS: &[&str] = &[
+    "video",
+    "check",
+    "value",
+    "threshold",
+    "begin_seconds",
+    "end_seconds",
+    "seconds",
+    "counted",
+];
+
+fn write_csv(path: &Path, rows: &[impl Serialize], columns: &[&str]) -> Result<(), StoreError> {
+    store::write_with(path, |writer| {
+        let mut table = csv::Writer::from_writer(writer);
+        if rows.is_empty() {
+            table.write_record(columns).map_err(std::io::Error::other)?;
+        }
+        for row in rows {
+            table.serialize(row).map_err(std::io::Error::other)?;
+        }
+        table.flush()
+    })
+}
+
+fn read<T: Record>(out: &Path, folder: &str, file: &str) -> Result<T, CurateError> {
+    Ok(store::read_record(&out.join(folder).join(file))?)
+}
+
+fn kept_ranges(out: &Path, sequences: &[String]) -> Result<Vec<TimeRange>, CurateError> {
+    sequences
+        .iter()
+        .map(|folder| Ok(read::<Sequence>(out, folder, SEQUENCE_FILE)?.range))
+        .collect()
+}
+
+/// What a curated video loses: shots that are too short, and the insides of transitions.
+fn lost_stretches(
+    video: &VideoEntry,
+    out: &Path,
+    sequences: &[String],
+    kept: &[TimeRange],
+) -> Result<Vec<Reject>, CurateError> {
+    let Some((folder, _)) = sequences.first().and_then(|first| first.rsplit_once('/')) else {
+        return Ok(Vec::new());
+    };
+    let ledger: BoundaryLedger = read(out, folder, BOUNDARIES_FILE)?;
+    let lost = |range: TimeRange, check: &str, value: String, threshold: &str| Reject {
+        video: video.file.clone(),
+        check: check.to_owned(),
+        value,
+        threshold: threshold.to_owned(),
+        begin_seconds: Some(range.begin_seconds),
+        end_seconds: Some(range.end_seconds),
+        seconds: Some(range.duration_seconds()),
+        counted: true,
+    };
+    let mut rejects: Vec<Reject> = ledger
+        .dropped
+        .iter()
+        .map(|range| {
+            let value = format!("{:.3} s", range.duration_seconds());
+            lost(*range, SHOT_LENGTH, value, "the shortest shot asked for")
+        })
+        .collect();
+    let mut shots: Vec<TimeRange> = kept.iter().chain(&ledger.dropped).copied().collect();
+    shots.sort_by(|a, b| a.begin_seconds.total_cmp(&b.begin_seconds));
+    let mut at = ledger.range.begin_seconds;
+    let end = TimeRange {
+        begin_seconds: ledger.range.end_seconds,
+        end_seconds: ledger.range.end_seconds,
+    };
+    for shot in shots.iter().chain([&end]) {
+        if shot.begin_seconds > at {
+            let range = TimeRange {
+                begin_seconds: at,
+                end_seconds: shot.begin_seconds,
+            };
+            let value = format!("{:.3} s between two shots", range.duration_seconds());
+            rejects.push(lost(range, TRANSITION, value, "frames of one shot alone"));
+        }
+        at = shot.end_seconds.max(at);
+    }
+    rejects.sort_by(|a, b| {
+        a.begin_seconds
+            .partial_cmp(&b.begin_seconds)
+            .unwrap_or(std::cmp::Ordering::Equal)
+    });
+    Ok(rejects)
+}
+
+/// Why a whole video was rejected.
+fn whole_video(video: &VideoEntry, status: &VideoStatus) -> Vec<Reject> {
+    let reject = |check: &str, value: &str, threshold: &str| Reject {
+        video: video.file.clone(),
+        check: check.to_owned(),
+        value: value.to_owned(),
+        threshold: threshold.to_owned(),
+        begin_seconds: None,
+        end_seconds: None,
+        seconds: video.duration_seconds,
+        counted: true,
+    };
+    match status {
+        VideoStatus::Curated { .. } => Vec::new(),
+        VideoStatus::Pending => vec![reject(READABLE, "not reached", "curated")],
+        VideoStatus::Failed { reason } => vec![reject(READABLE, reason, "decodes to its end")],
+        VideoStatus::Duplicate { of } => vec![reject(
+            DUPLICATE,
+            &format!("the same content as {of}"),
+            "every content once",
+        )],
+        VideoStatus::Rejected { failed, .. } => failed
+            .iter()
+            .enumerate()
+            .map(|(index, outcome)| Reject {
+                counted: index == 0,
+                ..reject(&outcome.check, &outcome.value, &outcome.threshold)
+            })
+            .collect(),
+    }
+}
+
+fn funnel(dataset: &Dataset, rejects: &[Reject]) -> Vec<FunnelStep> {
+    let mut left_videos = dataset.videos.len();
+    let mut left_seconds: f64 = dataset
+        .videos
+        .iter()
+        .filter_map(|video| video.duration_seconds)
+        .sum();
+    let checks = CHECKS.iter().map(|check| check.id);
+    let names: Vec<&str> = [RAW, DUPLICATE, READABLE]
+        .into_iter()
+        .chain(checks)
+        .chain([PROJECTION, SHOT_LENGTH, TRANSITION, KEPT])
+        .collect();
+    names
+        .into_iter()
+        .map(|step| {
+            let counted = rejects
+                .iter()
+                .filter(|reject| reject.counted && reject.check == step);
+            let removed_seconds = counted.clone().filter_map(|reject| reject.seconds).sum();
+            let removed_videos = counted
+                .filter(|reject| reject.begin_seconds.is_none())
+                .count();
+            left_videos -= removed_videos;
+            left_seconds -= removed_seconds;
+            FunnelStep {
+                step: step.to_owned(),
+                removed_videos,
+                removed_seconds,
+                left_videos,
+                left_seconds,
+                left_hours: left_seconds / 3600.0,
+            }
+        })
+        .collect()
+}

@@ -1,0 +1,204 @@
+//! What stays in the picture while the scene moves, per pixel.
+
+use crate::video::Rgb8Picture;
+
+/// Distance of the frames that are looked at, seconds: long enough for a walking camera to move the
+/// picture, short enough for a caption to last.
+const STEP_SECONDS: f64 = 0.4;
+/// Gradient, in 8-bit levels per pixel, from which a pixel has detail.
+const DETAIL_LEVELS: f32 = 6.0;
+/// A gradient has stayed when it changed by less than this share of its length.
+const STAYED_SHARE: f32 = 0.35;
+/// The scene moved between two frames when at most this share of the detail stayed.
+const STILL_SHARE: f64 = 0.5;
+
+/// Accumulates over a video; memory does not grow with its length.
+#[derive(Debug, Default)]
+pub struct OverlayPass {
+    width: usize,
+    height: usize,
+    next_seconds: Option<f64>,
+    last: Vec<Sample>,
+    sums: Vec<Sums>,
+    steps: u32,
+    moving_steps: u32,
+}
+
+/// One pixel of one frame.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sample {
+    level: f32,
+    /// Differences to the pixels to the right and below.
+    gradient: [f32; 2],
+}
+
+impl Sample {
+    fn strength(&self) -> f32 {
+        self.gradient[0].hypot(self.gradient[1])
+    }
+}
+
+/// One pixel over the frames before and after which the scene moved.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums {
+    gradient: [f32; 2],
+    strength: f32,
+    absolute: [f32; 2],
+    level: f32,
+    level_squared: f32,
+    /// Steps at which there was detail, and those of them at which it stayed.
+    detailed: u16,
+    stayed: u16,
+}
+
+/// What a pass gives, per pixel of a picture of this size.
+pub(super) struct Stability {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    pub(super) pixels: Vec<PixelStability>,
+}
+
+/// How a pixel behaves over time.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PixelStability {
+    /// Length of the mean gradient over the mean length of the gradient: 1 where it never changes.
+    pub(super) constancy: f32,
+    /// Mean length of the gradient, 8-bit levels per pixel.
+    pub(super) strength: f32,
+    /// Share of the steps with detail at which the detail stayed; 0 where most have none.
+    pub(super) stayed: f32,
+    /// Mean absolute differences to the pixels to the right and below.
+    pub(super) absolute: [f32; 2],
+    /// Standard deviation of the luminance over time.
+    pub(super) variation: f32,
+    /// Mean luminance.
+    pub(super) level: f32,
+}
+
+impl OverlayPass {
+    /// Whether the frame at this time is one to be looked at.
+    pub(crate) fn wants(&self, time_seconds: f64) -> bool {
+        self.next_seconds.is_none_or(|next| time_seconds >= next)
+    }
+
+    /// Looks at a frame, about 512 pixels wide.
+    pub(crate) fn observe(&mut self, time_seconds: f64, picture: &Rgb8Picture) {
+        self.next_seconds = Some(time_seconds + STEP_SECONDS);
+        let samples = samples(picture);
+        // A change of size begins anew.
+        if (picture.width, picture.height) != (self.width, self.height) {
+            *self = Self {
+                width: picture.width,
+                height: picture.height,
+                next_seconds: self.next_seconds,
+                sums: vec![Sums::default(); samples.len()],
+                last: samples,
+                ..Self::default()
+            };
+            return;
+        }
+        self.steps += 1;
+        let mut detailed = 0_u64;
+        let mut stayed = 0_u64;
+        for (before, now) in self.last.iter().zip(&samples) {
+            let strength = before.strength().max(now.strength());
+            if strength >= DETAIL_LEVELS {
+                detailed += 1;
+                stayed += u64::from(has_stayed(before, now, strength));
+            }
+        }
+        if (stayed as f64) <= STILL_SHARE * detailed as f64 && detailed > 0 {
+            self.moving_steps += 1;
+            for ((sums, before), now) in self.sums.iter_mut().zip(&self.last).zip(&samples) {
+                sums.add(before, now);
+            }
+        }
+        self.last = samples;
+    }
+
+    /// Pairs of frames that were compared.
+    pub(super) fn steps(&self) -> u32 {
+        self.steps
+    }
+
+    /// Those of them between which the scene moved.
+    pub(super) fn moving_steps(&self) -> u32 {
+        self.moving_steps
+    }
+
+    /// `None` before the scene has moved.
+    pub(super) fn stability(&self) -> Option<Stability> {
+        let count = self.moving_steps as f32;
+        (self.moving_steps > 0).then(|| Stability {
+            width: self.width,
+            height: self.height,
+            pixels: self.sums.iter().map(|sums| sums.stability(count)).collect(),
+        })
+    }
+}
+
+impl Sums {
+    fn add(&mut self, before: &Sample, now: &Sample) {
+        for axis in 0..2 {
+            self.gradient[axis] += now.gradient[axis];
+            self.absolute[axis] += now.gradient[axis].abs();
+        }
+        self.strength += now.strength();
+        self.level += now.level;
+        self.level_squared += now.level * now.level;
+        let strength = before.strength().max(now.strength());
+        if strength >= DETAIL_LEVELS {
+            self.detailed = self.detailed.saturating_add(1);
+            if has_stayed(before, now, strength) {
+                self.stayed = self.stayed.saturating_add(1);
+            }
+        }
+    }
+
+    fn stability(&self, count: f32) -> PixelStability {
+        let mean = self.level / count;
+        PixelStability {
+            constancy: self.gradient[0].hypot(self.gradient[1]) / self.strength.max(1e-3),
+            strength: self.strength / count,
+            // Detail that is there now and then is no part of an overlay.
+            stayed: if 2.0 * f32::from(self.detailed) >= count {
+                f32::from(self.stayed) / f32::from(self.detailed.max(1))
+            } else {
+                0.0
+            },
+            absolute: self.absolute.map(|sum| sum / count),
+            variation: (self.level_squared / count - mean * mean).max(0.0).sqrt(),
+            level: mean,
+        }
+    }
+}
+
+fn has_stayed(before: &Sample, now: &Sample, strength: f32) -> bool {
+    let change = (now.gradient[0] - before.gradient[0]).hypot(now.gradient[1] - before.gradient[1]);
+    change <= STAYED_SHARE * strength
+}
+
+fn samples(picture: &Rgb8Picture) -> Vec<Sample> {
+    let (width, height) = (picture.width, picture.height);
+    let levels: Vec<f32> = picture
+        .data
+        .as_chunks::<3>()
+        .0
+        .iter()
+        .map(|&[red, green, blue]| {
+            0.299 * f32::from(red) + 0.587 * f32::from(green) + 0.114 * f32::from(blue)
+        })
+        .collect();
+    (0..width * height)
+        .map(|at| {
+            let (x, y) = (at % width, at / width);
+            // The sphere goes on over the seam and ends at the poles.
+            let right = y * width + (x + 1) % width;
+            let below = if y + 1 < height { at + width } else { at };
+            Sample {
+                level: levels[at],
+                gradient: [levels[right] - levels[at], levels[below] - levels[at]],
+            }
+        })
+        .collect()
+}

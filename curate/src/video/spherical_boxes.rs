@@ -1,0 +1,352 @@
+//! Google's spherical metadata in MP4 and MOV files, as it stands in the file.
+//!
+//! Version 1 is an XML document in a `uuid` box of the track, version 2 the boxes `st3d` and `sv3d`
+//! in the sample description (<https://github.com/google/spatial-media/tree/master/docs>). A file
+//! may hold both, and they may differ; FFmpeg hands on one without saying which.
+
+use std::{
+    fs::File,
+    io::{self, BufReader, Read, Seek, SeekFrom},
+    path::Path,
+};
+
+/// Identifies the version 1 box.
+const V1_UUID: [u8; 16] = [
+    0xff, 0xcc, 0x82, 0x63, 0xf8, 0x55, 0x4a, 0x93, 0x88, 0x14, 0x58, 0x7a, 0x02, 0x52, 0x1f, 0xdd,
+];
+/// Length of the fields of a visual sample entry before the boxes in it, bytes.
+const SAMPLE_ENTRY_BYTES: u64 = 78;
+/// An XML document longer than this is not read.
+const MOST_XML_BYTES: u64 = 1 << 20;
+/// A folder of more boxes than this is not searched to its end.
+const MOST_BOXES: usize = 10_000;
+
+/// What one version of the metadata says, in FFmpeg's names.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub(super) struct Statement {
+    /// Projection, where it is stated.
+    pub(super) projection: Option<String>,
+    /// Stereo layout, where it is stated.
+    pub(super) stereo: Option<String>,
+    /// Whether the picture covers a part of the sphere only.
+    pub(super) is_cropped: bool,
+}
+
+/// Both versions, as far as the file holds them.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub(super) struct SphericalBoxes {
+    pub(super) v1: Option<Statement>,
+    pub(super) v2: Option<Statement>,
+}
+
+/// Reads the boxes of the track with this id, or of any track where no id fits. A malformed file
+/// gives what comes before the fault.
+pub(super) fn read(path: &Path, track_id: u32) -> io::Result<SphericalBoxes> {
+    let mut file = BufReader::new(File::open(path)?);
+    let end = file.seek(SeekFrom::End(0))?;
+    let whole = Span { begin: 0, end };
+    let mut found = SphericalBoxes::default();
+    for moov in children(&mut file, whole, b"moov")? {
+        for track in children(&mut file, moov, b"trak")? {
+            if self::track_id(&mut file, track)?.is_none_or(|id| id == track_id) {
+                found.v1 = v1(&mut file, track)?.or(found.v1);
+                found.v2 = v2(&mut file, track)?.or(found.v2);
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// A stretch of the file, in bytes.
+#[derive(Debug, Clone, Copy)]
+struct Span {
+    begin: u64,
+    end: u64,
+}
+
+/// The payloads of the boxes of one kind directly in a stretch.
+fn children(file: &mut (impl Read + Seek), span: Span, kind: &[u8; 4]) -> io::Result<Vec<Span>> {
+    Ok(boxes(file, span)?
+        .into_iter()
+        .filter(|(found, _)| found == kind)
+        .map(|(_, payload)| payload)
+        .collect())
+}
+
+/// Kinds and payloads of the boxes directly in a stretch.
+fn boxes(file: &mut (impl Read + Seek), span: Span) -> io::Result<Vec<([u8; 4], Span)>> {
+    let mut found = Vec::new();
+    let mut at = span.begin;
+    while at + 8 <= span.end && found.len() < MOST_BOXES {
+        file.seek(SeekFrom::Start(at))?;
+        let short = u64::from(u32::from_be_bytes(array(file)?));
+        let kind = array(file)?;
+        let (header, size) = match short {
+            0 => (8, span.end - at),
+            1 if at + 16 <= span.end => (16, u64::from_be_bytes(array(file)?)),
+            size => (8, size),
+        };
+        let Some(end) = at.checked_add(size).filter(|&end| end <= span.end) else {
+            break;
+        };
+        if size < header {
+            break;
+        }
+        let begin = at + header;
+        found.push((kind, Span { begin, end }));
+        at = end;
+    }
+    Ok(found)
+}
+
+fn array<const N: usize>(file: &mut impl Read) -> io::Result<[u8; N]> {
+    let mut bytes = [0; N];
+    file.read_exact(&mut bytes)?;
+    Ok(bytes)
+}
+
+/// `N` bytes of a stretch from an offset, where it is that long.
+fn bytes_at<const N: usize>(
+    file: &mut (impl Read + Seek),
+    span: Span,
+    offset: u64,
+) -> io::Result<Option<[u8; N]>> {
+    if span.begin + offset + N as u64 > span.end {
+        return Ok(None);
+    }
+    file.seek(SeekFrom::Start(span.begin + offset))?;
+    array(file).map(Some)
+}
+
+fn track_id(file: &mut (impl Read + Seek), track: Span) -> io::Result<Option<u32>> {
+    let Some(&header) = children(file, track, b"tkhd")?.first() else {
+        return Ok(None);
+    };
+    // Version 1 has times of eight bytes.
+    let offset = match bytes_at::<1>(file, header, 0)? {
+        Some([1]) => 20,
+        _ => 12,
+    };
+    Ok(bytes_at(file, header, offset)?.map(u32::from_be_bytes))
+}
+
+fn v1(file: &mut (impl Read + Seek), track: Span) -> io::Result<Option<Statement>> {
+    for span in children(file, track, b"uuid")? {
+        if bytes_at(file, span, 0)? != Some(V1_UUID) {
+            continue;
+        }
+        file.seek(SeekFrom::Start(span.begin + 16))?;
+        let mut xml = Vec::new();
+        file.take((span.end - span.begin - 16).min(MOST_XML_BYTES))
+            .read_to_end(&mut xml)?;
+        return Ok(v1_statement(&String::from_utf8_lossy(&xml)));
+    }
+    Ok(None)
+}
+
+fn v1_statement(xml: &str) -> Option<Statement> {
+    let entry = |name: &str| {
+        let open = format!("<GSpherical:{name}>");
+        let begin = xml.find(&open)? + open.len();
+        let length = xml[begin..].find('<')?;
+        Some(xml[begin..begin + length].trim())
+    };
+    if entry("Spherical").is_some_and(|value| value != "true") {
+        return None;
+    }
+    let number = |name: &str| entry(name)?.parse::<u32>().ok();
+    let is_less = |part: Option<u32>, whole: Option<u32>| {
+        part.zip(whole).is_some_and(|(part, whole)| part < whole)
+    };
+    Some(Statement {
+        projection: entry("ProjectionType").map(str::to_owned),
+        stereo: entry("StereoMode").map(|mode| {
+            match mode {
+                "mono" => "2D",
+                "top-bottom" => "top and bottom",
+                "left-right" => "side by side",
+                other => other,
+            }
+            .to_owned()
+        }),
+        is_cropped: is_less(
+            number("CroppedAreaImageWidthPixels"),
+            number("FullPanoWidthPixels"),
+        ) || is_less(
+            number("CroppedAreaImageHeightPixels"),
+            number("FullPanoHeightPixels"),
+        ),
+    })
+}
+
+fn v2(file: &mut (impl Read + Seek), track: Span) -> io::Result<Option<Statement>> {
+    let mut spans = vec![track];
+    for kind in [b"mdia", b"minf", b"stbl", b"stsd"] {
+        let mut inner = Vec::new();
+        for span in spans {
+            inner.extend(children(file, span, kind)?);
+        }
+        spans = inner;
+    }
+    let mut statement = None;
+    for description in spans {
+        // Version, flags and the number of entries come first.
+        let entries = Span {
+            begin: description.begin + 8,
+            ..description
+        };
+        for (_, entry) in boxes(file, entries)? {
+            let inside = Span {
+                begin: entry.begin + SAMPLE_ENTRY_BYTES,
+                ..entry
+            };
+            for (kind, span) in boxes(file, inside)? {
+                let found = match &kind {
+                    b"st3d" | b"sv3d" => statement.get_or_insert_with(Statement::default),
+                    _ => continue,
+                };
+                if kind == *b"st3d" {
+                    found.stereo = stereo_mode(bytes_at(file, span, 4)?);
+                } else {
+                    (found.projection, found.is_cropped) = projection(file, span)?;
+                }
+            }
+        }
+    }
+    Ok(statement)
+}
+
+fn stereo_mode(mode: Option<[u8; 1]>) -> Option<String> {
+    let name = match mode?[0] {
+        0 => "2D",
+        1 => "top and bottom",
+        2 => "side by side",
+        _ => "other stereo layout",
+    };
+    Some(name.to_owned())
+}
+
+/// Projection of an `sv3d` box, and whether its bounds cut something off.
+fn projection(file: &mut (impl Read + Seek), sv3d: Span) -> io::Result<(Option<String>, bool)> {
+    for projection in children(file, sv3d, b"proj")? {
+        for (kind, span) in boxes(file, projection)? {
+            match &kind {
+                b"equi" => {
+                    // Version and flags, then four bounds as shares of the picture in 0.32.
+                    let bounds: Option<[u8; 16]> = bytes_at(file, span, 4)?;
+                    let is_cropped = bounds.is_some_and(|bounds| bounds != [0; 16]);
+                    return Ok((Some("equirectangular".to_owned()), is_cropped));
+                }
+                b"cbmp" => return Ok((Some("cubemap".to_owned()), false)),
+                b"mshp" => return Ok((Some("mesh".to_owned()), false)),
+                _ => {}
+            }
+        }
+    }
+    Ok((None, false))
+}
+
+#[cfg(test)]
+mod tests {
+    #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+    use super::*;
+
+    fn bx(kind: &[u8; 4], payload: &[u8]) -> Vec<u8> {
+        let mut bytes = (payload.len() as u32 + 8).to_be_bytes().to_vec();
+        bytes.extend_from_slice(kind);
+        bytes.extend_from_slice(payload);
+        bytes
+    }
+
+    fn track(id: u32, extra: &[u8], entry_boxes: &[u8]) -> Vec<u8> {
+        let mut header = vec![0; 84];
+        header[12..16].copy_from_slice(&id.to_be_bytes());
+        let mut entry = vec![0; SAMPLE_ENTRY_BYTES as usize];
+        entry.extend_from_slice(entry_boxes);
+        let mut description = vec![0, 0, 0, 0, 0, 0, 0, 1];
+        description.extend(bx(b"avc1", &entry));
+        let table = bx(b"stbl", &bx(b"stsd", &description));
+        let media = bx(b"mdia", &bx(b"minf", &table));
+        bx(
+            b"trak",
+            &[bx(b"tkhd", &header), media, extra.to_vec()].concat(),
+        )
+    }
+
+    fn written(tracks: &[u8]) -> (tempfile::TempDir, std::path::PathBuf) {
+        let temp = tempfile::tempdir().unwrap();
+        let path = temp.path().join("clip.mp4");
+        let file = [
+            bx(b"ftyp", b"isom"),
+            bx(b"moov", tracks),
+            bx(b"mdat", &[1, 2, 3]),
+        ]
+        .concat();
+        std::fs::write(&path, file).unwrap();
+        (temp, path)
+    }
+
+    #[test]
+    fn both_versions_of_the_track_asked_for() {
+        let xml = "<rdf:SphericalVideo><GSpherical:Spherical>true</GSpherical:Spherical>\
+                   <GSpherical:ProjectionType>equirectangular</GSpherical:ProjectionType>\
+                   <GSpherical:StereoMode>top-bottom</GSpherical:StereoMode>\
+                   <GSpherical:CroppedAreaImageWidthPixels>900</GSpherical:CroppedAreaImageWidthPixels>\
+                   <GSpherical:FullPanoWidthPixels>1000</GSpherical:FullPanoWidthPixels>";
+        let uuid = bx(b"uuid", &[&V1_UUID, xml.as_bytes()].concat());
+        let equi = bx(b"equi", &[0; 20]);
+        let sv3d = bx(
+            b"sv3d",
+            &bx(b"proj", &[bx(b"prhd", &[0; 16]), equi].concat()),
+        );
+        let st3d = bx(b"st3d", &[0, 0, 0, 0, 2]);
+        let tracks = [
+            track(7, &[], &bx(b"sv3d", &bx(b"proj", &bx(b"cbmp", &[0; 12])))),
+            track(2, &uuid, &[st3d, sv3d].concat()),
+        ]
+        .concat();
+        let (_temp, path) = written(&tracks);
+        let found = read(&path, 2).unwrap();
+        assert_eq!(
+            found.v1,
+            Some(Statement {
+                projection: Some("equirectangular".to_owned()),
+                stereo: Some("top and bottom".to_owned()),
+                is_cropped: true,
+            })
+        );
+        assert_eq!(
+            found.v2,
+            Some(Statement {
+                projection: Some("equirectangular".to_owned()),
+                stereo: Some("side by side".to_owned()),
+                is_cropped: false,
+            })
+        );
+        let other = read(&path, 7).unwrap();
+        assert_eq!(other.v2.unwrap().projection.as_deref(), Some("cubemap"));
+        assert_eq!(other.v1, None);
+    }
+
+    /// Whatever the bytes are, reading ends.
+    #[test]
+    fn malformed_files_give_nothing() {
+        for file in [
+            vec![],
+            vec![0; 7],
+            vec![0; 4096],
+            vec![255; 64],
+            bx(
+                b"moov",
+                &[0, 0, 0, 1, b't', b'r', b'a', b'k', 255, 255, 255, 255],
+            ),
+            bx(b"moov", &bx(b"trak", &bx(b"uuid", &V1_UUID[..7]))),
+        ] {
+            let temp = tempfile::tempdir().unwrap();
+            let path = temp.path().join("clip.mp4");
+            std::fs::write(&path, &file).unwrap();
+            assert_eq!(read(&path, 1).unwrap(), SphericalBoxes::default());
+        }
+    }
+}

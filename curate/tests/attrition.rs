@@ -1,0 +1,129 @@
+//! Every second that goes in is kept or accounted for.
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod support;
+
+use std::fs;
+
+use omnilife_curate::{CurateSettings, attrition::Attrition, curate_dataset};
+use omnilife_schemas::{progress::Silent, records::VideoStatus};
+use support::{Clip, Notes, erp_clip, erp_direction, world_colour};
+
+#[test]
+fn rejects_and_sequences_add_up_to_what_went_in() {
+    let temp = tempfile::tempdir().unwrap();
+    let walk = erp_clip(temp.path(), "walk.mp4", &[1, 3], 40, 20);
+    let copy = temp.path().join("copy.mp4");
+    fs::copy(&walk, &copy).unwrap();
+    let text = temp.path().join("text.mp4");
+    fs::write(&text, "dear diary").unwrap();
+    let flat = temp.path().join("flat.mp4");
+    Clip::steady(320, 180, 40, 20).write(&flat, |frame, x, y| {
+        let (u, v) = (x as f64 / 160.0 - 1.0, y as f64 / 160.0 - 0.56);
+        world_colour(1, [1.7 * u, 2.3 * v, 0.3 * u * v + 0.01 * frame as f64])
+    });
+    let short = temp.path().join("short.mp4");
+    Clip::steady(256, 128, 60, 20).write(&short, |frame, x, y| {
+        let world = if frame < 48 { 1 } else { 3 };
+        world_colour(world, erp_direction(x, y, 256, 128, 0.01 * frame as f64))
+    });
+    let videos = [walk, copy, text, flat, short];
+    let out = temp.path().join("out");
+    let settings = CurateSettings {
+        profile: "none".to_owned(),
+        ..CurateSettings::default()
+    };
+    let notes = Notes::default();
+    let curated = curate_dataset(&videos, &out, &settings, &notes).unwrap();
+    assert!(
+        matches!(&curated.record.videos[1].status, VideoStatus::Duplicate { of } if of.ends_with("walk.mp4"))
+    );
+    let said = notes.take().join("|");
+    assert!(said.contains("copy.mp4: the same content as"), "{said}");
+    assert!(
+        said.contains("2 of 5 videos give 3 sequences with 6.4 of 13.0 s"),
+        "{said}"
+    );
+
+    let attrition = Attrition::of(&curated.record, &out).unwrap();
+    let counted: Vec<(&str, f64)> = attrition
+        .rejects
+        .iter()
+        .map(|reject| (reject.check.as_str(), reject.seconds.unwrap_or(0.0)))
+        .collect();
+    assert_eq!(
+        counted.iter().map(|(check, _)| *check).collect::<Vec<_>>(),
+        ["duplicate", "readable", "projection", "shot-length"]
+    );
+    for ((_, seconds), expected) in counted.iter().zip([4.0, 0.0, 2.0, 0.6]) {
+        assert!((seconds - expected).abs() < 1e-3, "{counted:?}");
+    }
+    let removed: f64 = attrition
+        .funnel
+        .iter()
+        .map(|step| step.removed_seconds)
+        .sum();
+    let raw = attrition.funnel[0].left_seconds;
+    assert!((raw - 13.0).abs() < 1e-3 && (raw - removed - attrition.kept_seconds).abs() < 1e-9);
+    let kept = attrition.funnel.last().unwrap();
+    assert_eq!((kept.step.as_str(), kept.left_videos), ("kept", 2));
+
+    // The tables say the same, and the same again.
+    let table = fs::read_to_string(out.join("attrition.csv")).unwrap();
+    assert!(
+        table
+            .starts_with("video,check,value,threshold,begin_seconds,end_seconds,seconds,counted\n")
+    );
+    assert!(
+        table.contains("projection,rectilinear,erp or erp-squeezed,,,2"),
+        "{table}"
+    );
+    let funnel = fs::read_to_string(out.join("funnel.csv")).unwrap();
+    assert!(
+        funnel.starts_with("step,removed_videos,removed_seconds,"),
+        "{funnel}"
+    );
+    curate_dataset(&videos, &out, &settings, &Silent).unwrap();
+    assert_eq!(
+        fs::read_to_string(out.join("attrition.csv")).unwrap(),
+        table
+    );
+}
+
+/// The paper's criteria: every failed check with value and threshold, the first one counted.
+#[test]
+fn the_default_criteria_reject_with_value_and_threshold() {
+    let temp = tempfile::tempdir().unwrap();
+    let video = erp_clip(temp.path(), "walk.mp4", &[1], 40, 20);
+    let out = temp.path().join("out");
+    let settings = CurateSettings::default();
+    let curated = curate_dataset(&[video], &out, &settings, &Silent).unwrap();
+    let attrition = Attrition::of(&curated.record, &out).unwrap();
+    let rows: Vec<_> = attrition
+        .rejects
+        .iter()
+        .map(|row| {
+            (
+                row.check.as_str(),
+                row.value.as_str(),
+                row.threshold.as_str(),
+                row.counted,
+            )
+        })
+        .collect();
+    assert_eq!(
+        rows,
+        [
+            (
+                "resolution",
+                "256x128 pixels",
+                "a width of at least 3840 pixels",
+                true
+            ),
+            ("frame-rate", "20.000 fps", "at least 29.969 fps", false),
+            ("duration", "2.00 s", "more than 30 s", false),
+        ]
+    );
+    assert_eq!(attrition.kept_sequences, 0);
+    assert!(attrition.funnel.last().unwrap().left_seconds.abs() < 1e-9);
+}

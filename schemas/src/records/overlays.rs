@@ -1,0 +1,78 @@
+//! Overlays of a video: what stays in the picture while the scene moves. Part of `analysis`.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// All overlays of a video.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct OverlayReport {
+    /// Why nothing could be told, where that is so.
+    pub unjudged: Option<String>,
+    /// Looked-at pairs of frames between which the scene moved.
+    pub moving_steps: u32,
+    /// Overlays, the largest first.
+    pub overlays: Vec<Overlay>,
+}
+
+/// A region of the sphere that stays.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Overlay {
+    /// What it is.
+    pub class: OverlayClass,
+    /// Longitude of its centre, degrees from the picture's middle, positive to the right.
+    pub longitude_degrees: f64,
+    /// Latitude of its centre, degrees, positive upwards.
+    pub latitude_degrees: f64,
+    /// Its size; the whole sphere has 4 pi.
+    pub solid_angle_steradians: f64,
+    /// Length of the mean gradient over the mean length of the gradient: 1 where nothing changes.
+    pub constancy: f64,
+    /// Share of its details that stay from one look to the next.
+    pub stayed: f64,
+    /// Mean gradient on its edges, 8-bit levels per pixel.
+    pub strength_levels: f64,
+    /// Standard deviation of its luminance over time, 8-bit levels.
+    pub variation_levels: f64,
+    /// Share of it that is nearly black or nearly white.
+    pub saturated_share: f64,
+}
+
+/// What an overlay is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum OverlayClass {
+    /// A sign or logo that stays over the whole video.
+    Watermark,
+    /// Lines of text that change.
+    Caption,
+    /// A painted disc over the nadir.
+    NadirPatch,
+    /// A grid of blocks in place of the picture.
+    Mosaic,
+    /// Part of the camera or its bearer: a tripod, a helmet, a vehicle.
+    Rig,
+}
+
+impl OverlayClass {
+    /// Whether it was put over the picture afterwards.
+    pub fn is_artificial(self) -> bool {
+        self != Self::Rig
+    }
+
+    /// Whether it hides what could be reconstructed or puts patterns where there are none. What
+    /// covers the nadir hides the tripod.
+    pub fn spoils_geometry(self) -> bool {
+        matches!(self, Self::Watermark | Self::Caption | Self::Mosaic)
+    }
+
+    /// The name used in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Watermark => "watermark",
+            Self::Caption => "caption",
+            Self::NadirPatch => "nadir-patch",
+            Self::Mosaic => "mosaic",
+            Self::Rig => "rig",
+        }
+    }
+}
