@@ -100,9 +100,13 @@ impl<'a> Counts<'a> {
                     counts.failed += 1;
                     counts.lost.push((&video.file, "failed", reason));
                 }
-                VideoStatus::Rejected { reason } => {
+                VideoStatus::Rejected { reason, .. } => {
                     counts.rejected += 1;
                     counts.lost.push((&video.file, "rejected", reason));
+                }
+                VideoStatus::Duplicate { of } => {
+                    counts.rejected += 1;
+                    counts.lost.push((&video.file, "duplicate of", of));
                 }
                 VideoStatus::Curated { sequences } => {
                     counts.sequences += sequences.len();

@@ -106,6 +106,7 @@ fn dataset(folder: &Path) -> PathBuf {
     let video = |file: &str, status: VideoStatus| VideoEntry {
         file: file.to_owned(),
         sha256: None,
+        duration_seconds: None,
         status,
     };
     let curated = |sequences: &[&str]| VideoStatus::Curated {
@@ -119,6 +120,7 @@ fn dataset(folder: &Path) -> PathBuf {
                 "<b>short</b>.mp4",
                 VideoStatus::Rejected {
                     reason: "duration 12.0 s is below 30 s".to_owned(),
+                    failed: Vec::new(),
                 },
             ),
             video(
