@@ -181,8 +181,10 @@ fn rendered(data: &Path, folder: &Path, frames: std::ops::Range<usize>) {
             duration_seconds: 2.0,
             decoded_frames: None,
             variable_frame_rate: None,
+            longest_interval_seconds: None,
             rotation_degrees: 0.0,
             pixel_aspect_ratio: 1.0,
+            transfer: "bt709".to_owned(),
             spherical: None,
         },
         verdict: ErpVerdict {

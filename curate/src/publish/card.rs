@@ -112,8 +112,9 @@ fn sources(text: &mut String, dataset: &Dataset) {
     for video in &dataset.videos {
         let outcome = match &video.status {
             VideoStatus::Curated { sequences } => format!("{} sequences", sequences.len()),
-            VideoStatus::Rejected { reason } => format!("rejected: {}", cell(reason)),
+            VideoStatus::Rejected { reason, .. } => format!("rejected: {}", cell(reason)),
             VideoStatus::Failed { reason } => format!("failed: {}", cell(reason)),
+            VideoStatus::Duplicate { of } => format!("the same content as {}", cell(of)),
             VideoStatus::Pending => "not reached".to_owned(),
         };
         let sha256 = video.sha256.as_deref().unwrap_or("unreadable");

@@ -40,7 +40,9 @@ pub fn verify(folder: &Path, progress: &dyn Progress) -> Result<Vec<String>, Cur
                 check_video(folder, sequences, video.sha256.as_deref(), &mut faults);
             }
             VideoStatus::Pending => faults.add(format!("{}: was never curated", video.file)),
-            VideoStatus::Rejected { .. } | VideoStatus::Failed { .. } => {}
+            VideoStatus::Rejected { .. }
+            | VideoStatus::Failed { .. }
+            | VideoStatus::Duplicate { .. } => {}
         }
     }
     // Without sound records the statistics cannot be made again, and that is known by now.
