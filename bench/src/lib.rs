@@ -2,6 +2,7 @@
 //!
 //! * [`protocols`]: what is scored; [`mod@split`]: which frames a method is given and which it predicts.
 //! * [`metrics`]: what a score is, one file each.
+//! * [`external`]: anyone's method, run by its own commands;
 //! * [`mod@score`]: folders of predictions against a scene's images, with every failure in the
 //!   record.
 //!
@@ -9,6 +10,7 @@
 //! metrics are written apart from every training loss: a bug in a loss must not hide in the score.
 
 pub mod error;
+pub mod external;
 pub mod metrics;
 pub mod protocols;
 pub mod score;
@@ -17,12 +19,14 @@ pub mod split;
 mod comparison;
 mod frames_table;
 mod prediction;
+mod run_facts;
 mod scene_identity;
 mod scoring_job;
 mod summary;
 mod truth;
 
 pub use error::BenchError;
+pub use external::{ExternalRequest, run_external};
 pub use metrics::{METRICS, Metric, ViewPair};
 pub use protocols::{PROTOCOLS, ProtocolEntry};
 pub use score::{Predictions, ScoreRequest, score};

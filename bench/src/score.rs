@@ -9,11 +9,7 @@ use std::{
     time::Instant,
 };
 
-use omnilife_schemas::{
-    progress::Progress,
-    records::{ResultRecord, RunRecord},
-    store,
-};
+use omnilife_schemas::{progress::Progress, records::ResultRecord, store};
 use rayon::prelude::*;
 
 use crate::{
@@ -22,6 +18,7 @@ use crate::{
     frames_table::{self, FRAMES_TABLE},
     metrics::ViewPair,
     prediction,
+    run_facts::RunFacts,
     scoring_job::{ScoringJob, View, ViewKind},
     summary, truth,
 };
@@ -41,8 +38,8 @@ pub enum Predictions {
         /// Predictions of the novel views.
         novel_views: Option<PathBuf>,
     },
-    /// The `run.json` of a run, which names both folders; its training time, Gaussians,
-    /// iterations and warnings go into the result.
+    /// The `run.json` or `external-run.json` of a run, which names the folders; its training time,
+    /// Gaussians, iterations and warnings go into the result.
     Run(PathBuf),
 }
 
@@ -67,12 +64,12 @@ impl ScoreRequest {
     /// # Errors
     /// When `run` cannot be read.
     pub fn of_run(scene: &Path, split: &Path, run: &Path, out: &Path) -> Result<Self, BenchError> {
-        let record: RunRecord = store::read_record(run)?;
+        let method = RunFacts::read(run)?.method;
         Ok(Self {
             scene: scene.to_owned(),
             split: split.to_owned(),
             predictions: Predictions::Run(run.to_owned()),
-            method: record.method,
+            method,
             out: out.to_owned(),
         })
     }

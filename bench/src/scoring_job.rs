@@ -6,7 +6,7 @@ use std::{
 };
 
 use omnilife_schemas::{
-    records::{Resampling, RunRecord, Scene, Split, ValidationStatus},
+    records::{Resampling, Scene, Split, ValidationStatus},
     stage::StagePlan,
     store::{self, StoreError},
 };
@@ -15,6 +15,7 @@ use crate::{
     error::BenchError,
     metrics::{self, Metric},
     protocols,
+    run_facts::RunFacts,
     scene_identity::SceneIdentity,
     score::{Predictions, ScoreRequest},
     split,
@@ -53,7 +54,7 @@ pub(crate) struct ScoringJob {
     pub(crate) identity: SceneIdentity,
     /// Width and height of the scored images in pixels.
     pub(crate) size: [u32; 2],
-    pub(crate) run: Option<RunRecord>,
+    pub(crate) run: Option<RunFacts>,
     scene_file: PathBuf,
     split_file: PathBuf,
     run_file: Option<PathBuf>,
@@ -68,18 +69,17 @@ impl ScoringJob {
     pub(crate) fn prepare(request: &ScoreRequest) -> Result<Self, BenchError> {
         let scene: Scene = store::read_record(&request.scene)?;
         let split: Split = store::read_record(&request.split)?;
-        check_split(&request.split, &split, &scene)?;
+        split::check_split(&request.split, &split, &scene)?;
         let (run_file, run, input_folder, novel_folder) = match &request.predictions {
             Predictions::Folders {
                 input_views,
                 novel_views,
             } => (None, None, input_views.clone(), novel_views.clone()),
             Predictions::Run(file) => {
-                let run: RunRecord = store::read_record(file)?;
+                let run = RunFacts::read(file)?;
                 check_run(file, &run, request, &split)?;
-                let input = file.with_file_name(&run.predictions.input_views);
-                let novel = file.with_file_name(&run.predictions.novel_views);
-                (Some(file.clone()), Some(run), Some(input), Some(novel))
+                let (input, novel) = (run.input_folder.clone(), run.novel_folder.clone());
+                (Some(file.clone()), Some(run), input, Some(novel))
             }
         };
         if input_folder.is_none() && novel_folder.is_none() {
@@ -185,6 +185,11 @@ impl ScoringJob {
             }
         }
         if let Some(run) = &self.run {
+            warnings.extend(
+                run.failure
+                    .iter()
+                    .map(|failure| format!("the run failed: {failure}")),
+            );
             warnings.extend(run.warnings.iter().cloned());
         }
         warnings
@@ -232,7 +237,8 @@ fn count_strays(folder: Option<&Path>, frames: &[u32]) -> Result<usize, StoreErr
     Ok(strays)
 }
 
-fn prediction_name(frame: u32) -> String {
+/// File name of a frame's prediction.
+pub(crate) fn prediction_name(frame: u32) -> String {
     format!("{frame:06}.png")
 }
 
@@ -245,36 +251,9 @@ fn fingerprint(file: &Path) -> String {
     }
 }
 
-fn check_split(file: &Path, split: &Split, scene: &Scene) -> Result<(), BenchError> {
-    if split.scene != scene.id {
-        return Err(BenchError::mismatch(
-            file,
-            format!("is of scene {}, not {}", split.scene, scene.id),
-        ));
-    }
-    // A split is a function of scene and protocol, so an edited or outdated one is found out.
-    if *split != split::split(scene, &split.protocol)? {
-        return Err(BenchError::mismatch(
-            file,
-            format!(
-                "is not the split of scene {} under protocol {}: make it again",
-                scene.id,
-                protocols::title(&split.protocol)
-            ),
-        ));
-    }
-    if split.protocol.mask_rule != "none" {
-        return Err(BenchError::mismatch(
-            file,
-            format!("mask rule {} is not known", split.protocol.mask_rule),
-        ));
-    }
-    Ok(())
-}
-
 fn check_run(
     file: &Path,
-    run: &RunRecord,
+    run: &RunFacts,
     request: &ScoreRequest,
     split: &Split,
 ) -> Result<(), BenchError> {

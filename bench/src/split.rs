@@ -74,6 +74,37 @@ pub fn split_scene(scene: &Path, protocol_id: &str, out: &Path) -> Result<Split,
     Ok(split)
 }
 
+/// Checks that a split is the one that this program makes of a scene, by rules that it can score.
+///
+/// # Errors
+/// When it is of another scene, was edited, is outdated or asks for an unknown mask rule.
+pub(crate) fn check_split(file: &Path, split: &Split, scene: &Scene) -> Result<(), BenchError> {
+    if split.scene != scene.id {
+        return Err(BenchError::mismatch(
+            file,
+            format!("is of scene {}, not {}", split.scene, scene.id),
+        ));
+    }
+    // A split is a function of scene and protocol, so an edited or outdated one is found out.
+    if *split != self::split(scene, &split.protocol)? {
+        return Err(BenchError::mismatch(
+            file,
+            format!(
+                "is not the split of scene {} under protocol {}: make it again",
+                scene.id,
+                protocols::title(&split.protocol)
+            ),
+        ));
+    }
+    if split.protocol.mask_rule != "none" {
+        return Err(BenchError::mismatch(
+            file,
+            format!("mask rule {} is not known", split.protocol.mask_rule),
+        ));
+    }
+    Ok(())
+}
+
 fn check_frames(scene: &Scene) -> Result<(), BenchError> {
     let broken = |reason: String| BenchError::Scene {
         scene: scene.id.clone(),

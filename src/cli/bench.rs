@@ -18,6 +18,23 @@ pub(crate) enum BenchCommand {
         #[arg(long, default_value = PROTOCOLS[0].id)]
         protocol: String,
     },
+    /// Runs anyone's method by the commands of its method.toml, and gathers its views for scoring.
+    External {
+        /// The method.toml.
+        method: PathBuf,
+        /// The scene.json.
+        #[arg(long)]
+        scene: PathBuf,
+        /// The split.json.
+        #[arg(long)]
+        split: PathBuf,
+        /// Folder of the run.
+        #[arg(long)]
+        out: PathBuf,
+        /// Seed that is handed to the method.
+        #[arg(long, default_value_t = 0)]
+        seed: u64,
+    },
     /// Scores predictions: a run, or folders of PNG files named by frame (000004.png).
     Score {
         /// The scene.json.
@@ -29,7 +46,7 @@ pub(crate) enum BenchCommand {
         /// Folder for the scores.
         #[arg(long)]
         out: PathBuf,
-        /// The run.json of a run of ours.
+        /// The run.json of a run of ours, or the external-run.json of anyone's.
         #[arg(long, conflicts_with_all = ["novel_views", "input_views"])]
         run: Option<PathBuf>,
         /// Folder of predicted novel views.

@@ -1,7 +1,13 @@
 //! `omnilife bench`.
 
-use omnilife_bench::{METRICS, PROTOCOLS, Predictions, ScoreRequest, score, split_scene};
-use omnilife_schemas::{progress::Progress, records::ResultRecord};
+use omnilife_bench::{
+    ExternalRequest, METRICS, PROTOCOLS, Predictions, ScoreRequest, run_external, score,
+    split_scene,
+};
+use omnilife_schemas::{
+    progress::Progress,
+    records::{ExternalRun, ResultRecord},
+};
 
 use crate::{
     cli::BenchCommand,
@@ -24,6 +30,25 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
                 split.unposed.len(),
                 split.protocol_hash
             ))
+        }
+        BenchCommand::External {
+            method,
+            scene,
+            split,
+            out,
+            seed,
+        } => {
+            let run = run_external(
+                &ExternalRequest {
+                    manifest: method.clone(),
+                    scene: scene.clone(),
+                    split: split.clone(),
+                    seed: *seed,
+                    out: out.clone(),
+                },
+                progress,
+            )?;
+            exit::print(&external_summary(&run))
         }
         BenchCommand::Score {
             scene,
@@ -58,6 +83,22 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
         }
         BenchCommand::List => exit::print(&list()),
     }
+}
+
+fn external_summary(run: &ExternalRun) -> String {
+    let mut text = format!("{} on {}, seed {}\n", run.method, run.scene, run.seed);
+    for phase in &run.phases {
+        text += &format!(
+            "{}: {} after {:.1} s\n",
+            phase.name.name(),
+            phase.ending,
+            phase.wall_seconds
+        );
+    }
+    for failure in &run.failure {
+        text += &format!("failed: {failure}\n");
+    }
+    text
 }
 
 fn summary(result: &ResultRecord) -> String {

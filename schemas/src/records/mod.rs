@@ -8,6 +8,7 @@ pub mod analysis;
 pub mod annotation;
 pub mod boundaries;
 pub mod dataset;
+pub mod external_run;
 pub mod ledger;
 pub mod masks;
 pub mod overlays;
@@ -28,6 +29,7 @@ pub use annotation::{
 };
 pub use boundaries::{Boundary, BoundaryKind, BoundaryLedger};
 pub use dataset::{Dataset, VideoEntry, VideoStatus};
+pub use external_run::{ExternalRun, Phase, PhaseName};
 pub use ledger::{AuditDecision, AuditDecisions, Author, LedgerAction, LedgerEntry};
 pub use masks::{MaskEntry, Masks};
 pub use overlays::{Overlay, OverlayClass, OverlayReport};
@@ -98,6 +100,7 @@ pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<Protocol>(),
     entry::<Split>(),
     entry::<RunRecord>(),
+    entry::<ExternalRun>(),
     entry::<ResultRecord>(),
     entry::<Done>(),
 ];

@@ -1,0 +1,74 @@
+//! From where a method left its views to where scoring looks for them.
+
+use std::path::Path;
+
+use omnilife_schemas::{
+    records::{Scene, Split},
+    store::{self, StoreError},
+};
+
+use super::{
+    INPUT_FOLDER, NOVEL_FOLDER,
+    manifest::Manifest,
+    placeholders::{Places, ViewName},
+};
+use crate::scoring_job::prediction_name;
+
+/// The views that were found.
+pub(super) struct Gathered {
+    /// Relative to the run's folder.
+    pub(super) files: Vec<String>,
+    pub(super) warnings: Vec<String>,
+}
+
+/// Copies every view that the method left, byte for byte, to `predictions/<kind>/<frame>.png`.
+/// Whether a file is a usable image is for scoring to say; one that is missing is not made up.
+pub(super) fn gather(
+    manifest: &Manifest,
+    places: &Places,
+    scene: &Scene,
+    split: &Split,
+    out: &Path,
+) -> Result<Gathered, StoreError> {
+    let mut gathered = Gathered {
+        files: Vec::new(),
+        warnings: Vec::new(),
+    };
+    let kinds = [
+        (
+            INPUT_FOLDER,
+            &split.input_views,
+            manifest.predictions.input.as_ref(),
+        ),
+        (
+            NOVEL_FOLDER,
+            &split.novel_views,
+            Some(&manifest.predictions.novel),
+        ),
+    ];
+    for (folder, frames, pattern) in kinds {
+        let Some(pattern) = pattern else {
+            continue;
+        };
+        for (index, &frame) in frames.iter().enumerate() {
+            let image = Path::new(&scene.frames[frame as usize].image);
+            let view = ViewName {
+                frame,
+                index,
+                stem: &image.file_stem().unwrap_or_default().to_string_lossy(),
+            };
+            let source = places.fill_pattern(pattern, &view);
+            if !source.is_file() {
+                continue;
+            }
+            let file = format!("{folder}/{}", prediction_name(frame));
+            let bytes = std::fs::read(&source).map_err(|error| StoreError::read(&source, error))?;
+            store::write_bytes(&out.join(&file), &bytes)?;
+            gathered.files.push(file);
+        }
+    }
+    if let Some(notes) = &manifest.notes {
+        gathered.warnings.push(notes.clone());
+    }
+    Ok(gathered)
+}

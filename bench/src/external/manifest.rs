@@ -1,0 +1,233 @@
+//! `method.toml`: what a method is and how it is run.
+//!
+//! ```toml
+//! id = "mine"                        # its name in the tables
+//! source = "https://example.org/mine"    # optional
+//! licence = "MIT"                    # optional
+//! time_limit_seconds = 86400         # per command, optional
+//!
+//! [environment]                      # optional
+//! kind = "venv"                      # plain, venv, conda or container
+//! path = "/opt/mine/venv"
+//!
+//! [prepare]                          # optional
+//! command = ["{omnilife}", "curate", "export", "{scene}", "--format", "openmvg", "--out", "{work}/data"]
+//! [train]                            # left out by feed-forward methods
+//! command = ["python", "{folder}/train.py", "--scene", "{scene}", "--split", "{split}"]
+//! [render]
+//! command = ["python", "{folder}/render.py", "--out", "{work}/views", "--seed", "{seed}"]
+//!
+//! [predictions]                      # where [render] leaves its views
+//! novel = "{work}/views/{frame:06}.png"
+//! input = "{work}/views/{frame:06}.png"  # optional
+//! ```
+//!
+//! The texts in braces are those of [`super::placeholders`].
+
+use std::{collections::BTreeMap, fs, path::Path, time::Duration};
+
+use omnilife_schemas::{records::PhaseName, store::StoreError};
+use serde::Deserialize;
+
+use super::placeholders::{self, Places};
+use crate::error::BenchError;
+
+/// A `method.toml`, checked.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Manifest {
+    /// Its name in the tables: lower-case letters, digits, `-`, `_` and `.`.
+    pub id: String,
+    /// Where its code is.
+    pub source: Option<String>,
+    /// Its licence.
+    pub licence: Option<String>,
+    /// What a reader should know: conventions, resolution, how its views are converted.
+    pub notes: Option<String>,
+    /// Limit of each command, seconds; positive.
+    pub time_limit_seconds: Option<f64>,
+    /// Where its commands run.
+    #[serde(default)]
+    pub environment: Environment,
+    prepare: Option<Command>,
+    train: Option<Command>,
+    render: Command,
+    /// Where its views are.
+    pub predictions: PredictionFiles,
+}
+
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Command {
+    command: Vec<String>,
+}
+
+/// Patterns of the files that hold a method's views.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PredictionFiles {
+    /// Of a novel view.
+    pub novel: String,
+    /// Of an input view, where the method renders them.
+    pub input: Option<String>,
+}
+
+/// Where a method's commands run.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Environment {
+    /// As they are.
+    #[default]
+    Plain,
+    /// In a Python virtual environment.
+    Venv {
+        /// Its folder.
+        path: String,
+    },
+    /// In a conda environment, through `conda run`.
+    Conda {
+        /// Its name.
+        name: String,
+    },
+    /// In a container that sees the scene, the split and the manifest's folder for reading and the
+    /// work folder for writing, under their own paths.
+    Container {
+        /// The image.
+        image: String,
+        /// `docker` or a program with the same options.
+        #[serde(default = "docker")]
+        runtime: String,
+        /// Further options, such as those for GPUs.
+        #[serde(default)]
+        options: Vec<String>,
+    },
+}
+
+fn docker() -> String {
+    "docker".to_owned()
+}
+
+impl Manifest {
+    /// Reads and checks a `method.toml`.
+    ///
+    /// # Errors
+    /// When it cannot be read, is not TOML, holds an unknown entry or placeholder, or a pattern
+    /// cannot tell two views apart.
+    pub fn read(path: &Path) -> Result<Self, BenchError> {
+        let text = fs::read_to_string(path).map_err(|source| StoreError::read(path, source))?;
+        let manifest: Self = toml::from_str(&text).map_err(|error| {
+            let message = error.message().lines().next().unwrap_or("").to_owned();
+            let line = error
+                .span()
+                .map(|span| 1 + text[..span.start].matches('\n').count());
+            let place = line.map_or(String::new(), |line| format!("line {line}: "));
+            BenchError::mismatch(path, format!("{place}{message}"))
+        })?;
+        manifest
+            .check()
+            .map_err(|reason| BenchError::mismatch(path, reason))?;
+        Ok(manifest)
+    }
+
+    fn check(&self) -> Result<(), String> {
+        let good = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "-_.".contains(c);
+        if self.id.is_empty() || !self.id.chars().all(good) || self.id.starts_with('.') {
+            return Err(format!(
+                "id {:?} is not lower-case letters, digits, -, _ and .",
+                self.id
+            ));
+        }
+        if let Some(limit) = self.time_limit_seconds
+            && !(limit > 0.0 && limit < Duration::MAX.as_secs_f64())
+        {
+            return Err(format!("a time limit of {limit} seconds is none"));
+        }
+        for (name, command) in self.phases() {
+            if command.is_empty() {
+                return Err(format!("the command of [{}] is empty", name.name()));
+            }
+            for word in command {
+                placeholders::check_command(word)
+                    .map_err(|reason| format!("[{}] {reason}", name.name()))?;
+            }
+        }
+        for pattern in [
+            Some(&self.predictions.novel),
+            self.predictions.input.as_ref(),
+        ]
+        .into_iter()
+        .flatten()
+        {
+            placeholders::check_pattern(pattern)
+                .map_err(|reason| format!("[predictions] {reason}"))?;
+        }
+        Ok(())
+    }
+
+    /// Its commands in the order in which they run.
+    pub(super) fn phases(&self) -> impl Iterator<Item = (PhaseName, &Vec<String>)> {
+        [
+            (PhaseName::Prepare, self.prepare.as_ref()),
+            (PhaseName::Train, self.train.as_ref()),
+            (PhaseName::Render, Some(&self.render)),
+        ]
+        .into_iter()
+        .filter_map(|(name, command)| Some((name, &command?.command)))
+    }
+
+    pub(super) fn time_limit(&self) -> Option<Duration> {
+        self.time_limit_seconds.map(Duration::from_secs_f64)
+    }
+}
+
+impl Environment {
+    pub(super) fn describe(&self) -> String {
+        match self {
+            Self::Plain => "plain".to_owned(),
+            Self::Venv { path } => format!("venv {path}"),
+            Self::Conda { name } => format!("conda {name}"),
+            Self::Container { image, runtime, .. } => format!("container {image} ({runtime})"),
+        }
+    }
+
+    /// The command that runs `command` in this environment.
+    pub(super) fn wrap(&self, command: Vec<String>, places: &Places) -> Vec<String> {
+        let mut words: Vec<String> = match self {
+            Self::Plain | Self::Venv { .. } => Vec::new(),
+            Self::Conda { name } => ["conda", "run", "--no-capture-output", "-n", name]
+                .map(str::to_owned)
+                .into(),
+            Self::Container {
+                image,
+                runtime,
+                options,
+            } => {
+                let work = places.work.display();
+                let mut words = vec![runtime.clone(), "run".to_owned(), "--rm".to_owned()];
+                for readable in places.readable_folders() {
+                    words.extend(["-v".to_owned(), format!("{0}:{0}:ro", readable.display())]);
+                }
+                words.extend(["-v".to_owned(), format!("{work}:{work}")]);
+                words.extend(["-w".to_owned(), work.to_string()]);
+                words.extend(options.iter().cloned());
+                words.push(image.clone());
+                words
+            }
+        };
+        words.extend(command);
+        words
+    }
+
+    /// Environment variables that are set for the commands.
+    pub(super) fn variables(&self) -> BTreeMap<String, String> {
+        let Self::Venv { path } = self else {
+            return BTreeMap::new();
+        };
+        // Only the program search needs the old value; one that is not Unicode is left out.
+        let old = std::env::var("PATH").unwrap_or_default();
+        BTreeMap::from([
+            ("VIRTUAL_ENV".to_owned(), path.clone()),
+            ("PATH".to_owned(), format!("{path}/bin:{old}")),
+        ])
+    }
+}

@@ -1,0 +1,184 @@
+//! Anyone's method: the commands of a `method.toml`, run on a scene and measured.
+//!
+//! [`manifest`] says what a `method.toml` holds, [`placeholders`] what its texts may refer to,
+//! [`process`] runs a command, [`gather`] brings the views from where the method left them to
+//! where scoring looks for them. A method that fails is no error: the record says why, and its
+//! missing views become failures in the result.
+
+mod gather;
+pub mod manifest;
+mod placeholders;
+mod process;
+
+use std::{
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use omnilife_schemas::{
+    progress::Progress,
+    records::{ExternalRun, Phase, PhaseName, Scene, Split},
+    stage::StagePlan,
+    store,
+};
+
+use crate::{error::BenchError, scene_identity::SceneIdentity, split};
+use manifest::Manifest;
+use placeholders::Places;
+
+/// Name of the record in the run's folder.
+pub const EXTERNAL_RUN_FILE: &str = "external-run.json";
+/// Folder that a method may fill as it likes, relative to the run's folder.
+const WORK_FOLDER: &str = "work";
+const LOG_FOLDER: &str = "logs";
+const INPUT_FOLDER: &str = "predictions/input";
+const NOVEL_FOLDER: &str = "predictions/novel";
+
+/// What to run, on what, and where to.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ExternalRequest {
+    /// The `method.toml`.
+    pub manifest: PathBuf,
+    /// The `scene.json`.
+    pub scene: PathBuf,
+    /// The `split.json` of that scene.
+    pub split: PathBuf,
+    /// Seed that is handed to the method.
+    pub seed: u64,
+    /// Folder of the run; made where it is missing.
+    pub out: PathBuf,
+}
+
+/// Runs a method's commands on a scene and gathers its views, or returns the stored record when
+/// nothing has changed. A run that failed is tried again.
+///
+/// Writes into `request.out`: `external-run.json`, `logs/<phase>.log`, `predictions/`, and the
+/// method's own `work/`.
+///
+/// # Errors
+/// When manifest, scene and split are unusable or do not belong together, or a file cannot be
+/// written. A command that fails, or that does not exist, is told in the record instead.
+pub fn run_external(
+    request: &ExternalRequest,
+    progress: &dyn Progress,
+) -> Result<ExternalRun, BenchError> {
+    let manifest = Manifest::read(&request.manifest)?;
+    let scene: Scene = store::read_record(&request.scene)?;
+    let split: Split = store::read_record(&request.split)?;
+    split::check_split(&request.split, &split, &scene)?;
+    store::create_folder(&request.out)?;
+    let places = Places::new(request)?;
+    let identity = SceneIdentity::of_split(&request.scene, &scene, &split)?;
+    let plan = StagePlan::new(&request.out, "external")
+        .with_text("seed", &request.seed.to_string())
+        .with_file(&request.manifest)?
+        .with_file(&request.scene)?
+        .with_file(&request.split)?
+        .with_hash("frames of the split", identity.sha256);
+    let plan = with_own_files(plan, &manifest, &places)?;
+    let record_file = request.out.join(EXTERNAL_RUN_FILE);
+    let label = format!("{} on {}", manifest.id, scene.id);
+    if plan.is_done() {
+        progress.note(&format!("{label}: skipped, nothing has changed"));
+        return Ok(store::read_record(&record_file)?);
+    }
+    let begun = Instant::now();
+    plan.begin()?;
+    // What an earlier run left must not be taken for the views of this one.
+    for old in [EXTERNAL_RUN_FILE, WORK_FOLDER, LOG_FOLDER, "predictions"] {
+        store::remove(&request.out.join(old))?;
+    }
+    for folder in [WORK_FOLDER, LOG_FOLDER, INPUT_FOLDER, NOVEL_FOLDER] {
+        store::create_folder(&request.out.join(folder))?;
+    }
+    let (phases, failure) = run_phases(&manifest, &places, &request.out, &label, progress)?;
+    let gathered = gather::gather(&manifest, &places, &scene, &split, &request.out)?;
+    let record = ExternalRun {
+        method: manifest.id.clone(),
+        source: manifest.source.clone(),
+        licence: manifest.licence.clone(),
+        manifest_sha256: store::sha256_file(&request.manifest)?,
+        scene: scene.id,
+        protocol_hash: split.protocol_hash,
+        seed: request.seed,
+        environment: manifest.environment.describe(),
+        phases,
+        failure,
+        novel_views: NOVEL_FOLDER.to_owned(),
+        input_views: manifest
+            .predictions
+            .input
+            .is_some()
+            .then(|| INPUT_FOLDER.to_owned()),
+        warnings: gathered.warnings,
+    };
+    store::write_record(&record_file, &record)?;
+    if record.failure.is_none() {
+        let mut outputs = gathered.files;
+        outputs.push(EXTERNAL_RUN_FILE.to_owned());
+        plan.finish(outputs, begun.elapsed().as_secs_f64())?;
+    }
+    Ok(record)
+}
+
+/// Adds the files beside the manifest that its commands name: the method's own scripts.
+fn with_own_files(
+    mut plan: StagePlan,
+    manifest: &Manifest,
+    places: &Places,
+) -> Result<StagePlan, BenchError> {
+    let words = manifest.phases().flat_map(|(_, command)| command.iter());
+    for word in words.filter(|word| word.contains("{folder}")) {
+        let path = PathBuf::from(places.fill(word));
+        if path.is_file() {
+            plan = plan.with_file(&path)?;
+        }
+    }
+    Ok(plan)
+}
+
+/// Runs the commands one after another until one fails; tells why it did.
+fn run_phases(
+    manifest: &Manifest,
+    places: &Places,
+    out: &Path,
+    label: &str,
+    progress: &dyn Progress,
+) -> Result<(Vec<Phase>, Option<String>), BenchError> {
+    let mut phases = Vec::new();
+    for (name, template) in manifest.phases() {
+        progress.begin(&format!("{label}: {}", name.name()), None);
+        let command = template.iter().map(|word| places.fill(word)).collect();
+        let outcome = process::run(&process::Job {
+            command: manifest.environment.wrap(command, places),
+            variables: manifest.environment.variables(),
+            folder: places.work.clone(),
+            log: out.join(LOG_FOLDER).join(format!("{}.log", name.name())),
+            time_limit: manifest.time_limit(),
+        });
+        progress.end();
+        let outcome = outcome?;
+        let failed = (!outcome.succeeded).then(|| failure(name, &outcome));
+        phases.push(Phase {
+            name,
+            command: outcome.command,
+            log: format!("{LOG_FOLDER}/{}.log", name.name()),
+            ending: outcome.ending,
+            wall_seconds: outcome.wall_seconds,
+            cpu_seconds: outcome.cpu_seconds,
+            peak_memory_bytes: outcome.peak_memory_bytes,
+        });
+        if failed.is_some() {
+            return Ok((phases, failed));
+        }
+    }
+    Ok((phases, None))
+}
+
+fn failure(name: PhaseName, outcome: &process::Outcome) -> String {
+    let mut text = format!("{} ended with {}", name.name(), outcome.ending);
+    if let Some(line) = &outcome.last_line {
+        text += &format!(": {line}");
+    }
+    text
+}

@@ -1,0 +1,233 @@
+//! What the texts of a `method.toml` may refer to.
+//!
+//! In commands: `{scene}` (the `scene.json`), `{split}` (the `split.json`), `{work}` (an empty
+//! folder for the method, also its working directory), `{seed}`, `{folder}` (the manifest's
+//! folder) and `{omnilife}` (this program). In patterns of predictions also `{frame}` (number in
+//! the scene), `{index}` (place among the split's views of that kind, from 0) and `{stem}` (name of
+//! the scene's image without its extension); `{frame:06}` pads with zeros to 6 digits. All paths
+//! are absolute.
+
+use std::path::{Path, PathBuf};
+
+use omnilife_schemas::store::StoreError;
+
+use super::{ExternalRequest, WORK_FOLDER};
+
+/// The paths and values behind the placeholders of one run.
+pub(super) struct Places {
+    pub(super) scene: PathBuf,
+    pub(super) split: PathBuf,
+    pub(super) work: PathBuf,
+    pub(super) folder: PathBuf,
+    seed: u64,
+}
+
+/// A view as a pattern may refer to it.
+pub(super) struct ViewName<'a> {
+    pub(super) frame: u32,
+    pub(super) index: usize,
+    pub(super) stem: &'a str,
+}
+
+const IN_COMMANDS: [&str; 6] = ["scene", "split", "work", "seed", "folder", "omnilife"];
+/// Those that tell views apart, and whether they are numbers.
+const OF_VIEWS: [(&str, bool); 3] = [("frame", true), ("index", true), ("stem", false)];
+
+impl Places {
+    pub(super) fn new(request: &ExternalRequest) -> Result<Self, StoreError> {
+        let absolute = |path: &Path| {
+            std::path::absolute(path).map_err(|source| StoreError::read(path, source))
+        };
+        let manifest = absolute(&request.manifest)?;
+        Ok(Self {
+            scene: absolute(&request.scene)?,
+            split: absolute(&request.split)?,
+            work: absolute(&request.out.join(WORK_FOLDER))?,
+            folder: manifest.parent().unwrap_or(Path::new("/")).to_owned(),
+            seed: request.seed,
+        })
+    }
+
+    /// Folders that a method reads from.
+    pub(super) fn readable_folders(&self) -> Vec<&Path> {
+        let mut folders: Vec<&Path> = [self.scene.parent(), self.split.parent()]
+            .into_iter()
+            .flatten()
+            .chain([self.folder.as_path()])
+            .collect();
+        folders.sort();
+        folders.dedup();
+        folders
+    }
+
+    /// A word of a command with its placeholders filled in.
+    pub(super) fn fill(&self, word: &str) -> String {
+        replace(word, |name, _| self.value(name))
+    }
+
+    /// The file of a view.
+    pub(super) fn fill_pattern(&self, pattern: &str, view: &ViewName<'_>) -> PathBuf {
+        PathBuf::from(replace(pattern, |name, digits| match name {
+            "frame" => Some(format!("{:0digits$}", view.frame)),
+            "index" => Some(format!("{:0digits$}", view.index)),
+            "stem" => Some(view.stem.to_owned()),
+            _ => self.value(name),
+        }))
+    }
+
+    fn value(&self, name: &str) -> Option<String> {
+        Some(match name {
+            "scene" => self.scene.display().to_string(),
+            "split" => self.split.display().to_string(),
+            "work" => self.work.display().to_string(),
+            "folder" => self.folder.display().to_string(),
+            "seed" => self.seed.to_string(),
+            // Where the system does not tell, the program is looked up by its name.
+            "omnilife" => std::env::current_exe()
+                .map_or_else(|_| "omnilife".to_owned(), |path| path.display().to_string()),
+            _ => return None,
+        })
+    }
+}
+
+/// Refuses placeholders that a command does not know.
+pub(super) fn check_command(word: &str) -> Result<(), String> {
+    check(word, &IN_COMMANDS, &[])
+}
+
+/// Refuses placeholders that a pattern does not know, and patterns that name one file for all views
+/// or that are relative to nobody knows what.
+pub(super) fn check_pattern(pattern: &str) -> Result<(), String> {
+    check(pattern, &IN_COMMANDS, &OF_VIEWS)?;
+    let tells_apart = names(pattern)?
+        .iter()
+        .any(|(name, _)| OF_VIEWS.iter().any(|(view, _)| view == name));
+    if !tells_apart {
+        return Err(format!(
+            "{pattern:?} is the same file for every view: it needs {{frame}}, {{index}} or {{stem}}"
+        ));
+    }
+    if !pattern.starts_with('{') && !Path::new(pattern).is_absolute() {
+        return Err(format!("{pattern:?} should begin with {{work}}"));
+    }
+    Ok(())
+}
+
+fn check(text: &str, plain: &[&str], of_views: &[(&str, bool)]) -> Result<(), String> {
+    for (name, digits) in names(text)? {
+        let numeric = of_views
+            .iter()
+            .find(|(view, _)| *view == name)
+            .map(|(_, numeric)| *numeric);
+        let known = numeric.is_some() || plain.contains(&name.as_str());
+        if !known {
+            let all: Vec<String> = plain
+                .iter()
+                .copied()
+                .chain(of_views.iter().map(|(view, _)| *view))
+                .map(|name| format!("{{{name}}}"))
+                .collect();
+            return Err(format!(
+                "{text:?}: {{{name}}} is not known; there are {}",
+                all.join(", ")
+            ));
+        }
+        if digits > 0 && numeric != Some(true) {
+            return Err(format!("{text:?}: {{{name}}} is no number to pad"));
+        }
+    }
+    Ok(())
+}
+
+/// The placeholders in a text with the digits they are padded to (0 without padding).
+fn names(text: &str) -> Result<Vec<(String, usize)>, String> {
+    let mut found = Vec::new();
+    let mut rest = text;
+    while let Some(open) = rest.find('{') {
+        let Some(length) = rest[open..].find('}') else {
+            return Err(format!("{text:?}: a brace is not closed"));
+        };
+        found.push(
+            parse(&rest[open + 1..open + length])
+                .ok_or_else(|| format!("{text:?}: padding is written {{frame:06}}"))?,
+        );
+        rest = &rest[open + length + 1..];
+    }
+    Ok(found)
+}
+
+/// Name and digits of `frame:06`.
+fn parse(inside: &str) -> Option<(String, usize)> {
+    let Some((name, padding)) = inside.split_once(':') else {
+        return Some((inside.to_owned(), 0));
+    };
+    let digits: usize = padding.strip_prefix('0')?.parse().ok()?;
+    (1..=20)
+        .contains(&digits)
+        .then(|| (name.to_owned(), digits))
+}
+
+/// Replaces every placeholder that `value` knows, in one pass: a value's own braces stay.
+fn replace(text: &str, value: impl Fn(&str, usize) -> Option<String>) -> String {
+    let mut result = String::new();
+    let mut rest = text;
+    while let Some(open) = rest.find('{') {
+        let Some(length) = rest[open..].find('}') else {
+            break;
+        };
+        result += &rest[..open];
+        let whole = &rest[open..=open + length];
+        let filled =
+            parse(&rest[open + 1..open + length]).and_then(|(name, digits)| value(&name, digits));
+        result += filled.as_deref().unwrap_or(whole);
+        rest = &rest[open + length + 1..];
+    }
+    result + rest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn patterns_are_filled_and_padded() {
+        let places = Places {
+            scene: "/data/{frame}/scene.json".into(),
+            split: "/data/split.json".into(),
+            work: "/out/work".into(),
+            folder: "/method".into(),
+            seed: 7,
+        };
+        let view = ViewName {
+            frame: 42,
+            index: 3,
+            stem: "img_0042",
+        };
+        let fill = |pattern| places.fill_pattern(pattern, &view).display().to_string();
+        assert_eq!(fill("{work}/{frame:06}.png"), "/out/work/000042.png");
+        assert_eq!(
+            fill("{work}/{index}-{stem}.png"),
+            "/out/work/3-img_0042.png"
+        );
+        assert_eq!(places.fill("--seed={seed}"), "--seed=7");
+        // Braces in a path are no placeholders.
+        assert_eq!(places.fill("{scene}"), "/data/{frame}/scene.json");
+    }
+
+    #[test]
+    fn mistakes_are_named() {
+        for (pattern, expected) in [
+            ("{work}/view.png", "the same file for every view"),
+            ("views/{frame}.png", "should begin with {work}"),
+            ("{work}/{fram}.png", "{fram} is not known"),
+            ("{work}/{frame:6x}.png", "padding is written"),
+            ("{work}/{stem:04}.png", "no number to pad"),
+            ("{work}/{frame", "not closed"),
+        ] {
+            let message = check_pattern(pattern).err().unwrap_or_default();
+            assert!(message.contains(expected), "{pattern}: {message}");
+        }
+        assert!(check_command("{frame}").is_err());
+        assert!(check_command("{work}/{seed}").is_ok());
+    }
+}

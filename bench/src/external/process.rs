@@ -1,0 +1,176 @@
+//! One command, run to its end or its time limit, and what it cost.
+
+use std::{
+    collections::BTreeMap,
+    fs::{self, File},
+    io,
+    path::PathBuf,
+    process::{Child, Command, ExitStatus, Stdio},
+    thread,
+    time::{Duration, Instant},
+};
+
+use omnilife_schemas::store::StoreError;
+
+use crate::error::BenchError;
+
+/// What to run.
+pub(super) struct Job {
+    /// Program and arguments.
+    pub(super) command: Vec<String>,
+    /// Variables set beside those of this process.
+    pub(super) variables: BTreeMap<String, String>,
+    /// Working directory.
+    pub(super) folder: PathBuf,
+    /// File for everything it prints.
+    pub(super) log: PathBuf,
+    /// After this long it is killed.
+    pub(super) time_limit: Option<Duration>,
+}
+
+/// How it went.
+pub(super) struct Outcome {
+    pub(super) command: Vec<String>,
+    pub(super) succeeded: bool,
+    /// In words.
+    pub(super) ending: String,
+    /// The last line that it printed, where it printed any.
+    pub(super) last_line: Option<String>,
+    pub(super) wall_seconds: f64,
+    pub(super) cpu_seconds: Option<f64>,
+    pub(super) peak_memory_bytes: Option<u64>,
+}
+
+/// How often a running command is looked at. Its end is seen this late, which is added to its
+/// time at most once.
+const LOOK_EVERY: Duration = Duration::from_millis(20);
+
+/// Runs a command with no standard input and both outputs in the log.
+///
+/// # Errors
+/// When the log cannot be written. A command that cannot be started is an outcome.
+pub(super) fn run(job: &Job) -> Result<Outcome, BenchError> {
+    let unwritable = |source| BenchError::Store(StoreError::write(&job.log, source));
+    let log = File::create(&job.log).map_err(unwritable)?;
+    let errors = log.try_clone().map_err(unwritable)?;
+    let before = Usage::of_children();
+    let begun = Instant::now();
+    let spawned = Command::new(&job.command[0])
+        .args(&job.command[1..])
+        .envs(&job.variables)
+        .current_dir(&job.folder)
+        .stdin(Stdio::null())
+        .stdout(log)
+        .stderr(errors)
+        .spawn();
+    let (succeeded, ending) = match spawned {
+        Err(error) => (
+            false,
+            format!("{} could not be started: {error}", job.command[0]),
+        ),
+        Ok(child) => wait(child, job.time_limit, begun),
+    };
+    let wall_seconds = begun.elapsed().as_secs_f64();
+    let (cpu_seconds, peak_memory_bytes) = Usage::spent_since(before.as_ref());
+    Ok(Outcome {
+        command: job.command.clone(),
+        succeeded,
+        ending,
+        last_line: last_line(&job.log),
+        wall_seconds,
+        cpu_seconds,
+        peak_memory_bytes,
+    })
+}
+
+/// Whether it succeeded, and how it ended in words.
+fn wait(mut child: Child, limit: Option<Duration>, begun: Instant) -> (bool, String) {
+    loop {
+        match child.try_wait() {
+            Ok(Some(status)) => return (status.success(), describe(status)),
+            Ok(None) if limit.is_some_and(|limit| begun.elapsed() > limit) => {
+                let seconds = limit.unwrap_or_default().as_secs_f64();
+                let killed = child.kill().and_then(|()| child.wait());
+                return (false, over_limit(seconds, killed));
+            }
+            Ok(None) => thread::sleep(LOOK_EVERY),
+            Err(error) => return (false, format!("an end that the system lost: {error}")),
+        }
+    }
+}
+
+fn over_limit(seconds: f64, killed: io::Result<ExitStatus>) -> String {
+    match killed {
+        Ok(_) => format!("the time limit of {seconds} s"),
+        Err(error) => format!("the time limit of {seconds} s, and could not be killed: {error}"),
+    }
+}
+
+fn describe(status: ExitStatus) -> String {
+    #[cfg(unix)]
+    {
+        use std::os::unix::process::ExitStatusExt;
+        if let Some(signal) = status.signal() {
+            return format!("signal {signal}");
+        }
+    }
+    status
+        .code()
+        .map_or_else(|| "no exit code".to_owned(), |code| format!("exit {code}"))
+}
+
+/// The last line of a log, shortened; logs of other programs need not be UTF-8.
+fn last_line(log: &PathBuf) -> Option<String> {
+    const LONGEST: usize = 200;
+    let bytes = fs::read(log).ok()?;
+    let text = String::from_utf8_lossy(&bytes);
+    let line = text
+        .lines()
+        .rev()
+        .map(str::trim)
+        .find(|line| !line.is_empty())?;
+    Some(line.chars().take(LONGEST).collect())
+}
+
+/// What all finished children of this process have used so far.
+struct Usage {
+    cpu_seconds: f64,
+    peak_memory_bytes: u64,
+}
+
+impl Usage {
+    #[cfg(unix)]
+    fn of_children() -> Option<Self> {
+        use nix::sys::{
+            resource::{UsageWho, getrusage},
+            time::TimeValLike,
+        };
+        let usage = getrusage(UsageWho::RUSAGE_CHILDREN).ok()?;
+        let microseconds =
+            usage.user_time().num_microseconds() + usage.system_time().num_microseconds();
+        // Linux counts kibibytes, macOS bytes.
+        let unit = if cfg!(target_os = "macos") { 1 } else { 1024 };
+        Some(Self {
+            cpu_seconds: microseconds as f64 * 1e-6,
+            peak_memory_bytes: u64::try_from(usage.max_rss()).ok()? * unit,
+        })
+    }
+
+    #[cfg(not(unix))]
+    fn of_children() -> Option<Self> {
+        None
+    }
+
+    /// Processor time since `before`, and the peak memory where it is a new one: the system keeps
+    /// only the highest of all children, so a lower one cannot be told.
+    fn spent_since(before: Option<&Self>) -> (Option<f64>, Option<u64>) {
+        let (Some(before), Some(now)) = (before, Self::of_children()) else {
+            return (None, None);
+        };
+        let is_new = now.peak_memory_bytes > before.peak_memory_bytes;
+        (
+            Some(now.cpu_seconds - before.cpu_seconds),
+            is_new.then_some(now.peak_memory_bytes),
+        )
+    }
+}

@@ -1,0 +1,96 @@
+//! What a run's record says that belongs beside its scores, whoever's run it was.
+
+use std::path::{Path, PathBuf};
+
+use omnilife_schemas::{
+    records::{Backend, ExternalRun, PhaseName, RunRecord},
+    store::{self, Record, StoreError},
+};
+
+use crate::error::BenchError;
+
+/// The record of a run of ours (`run.json`) or of anyone's method (`external-run.json`).
+pub(crate) struct RunFacts {
+    pub(crate) method: String,
+    pub(crate) scene: String,
+    pub(crate) protocol_hash: String,
+    pub(crate) training_seconds: Option<f64>,
+    pub(crate) gaussians: Option<u64>,
+    pub(crate) iterations: Option<u64>,
+    pub(crate) seed: u64,
+    pub(crate) backend: Option<Backend>,
+    pub(crate) rendering_seconds: Option<f64>,
+    pub(crate) peak_memory_bytes: Option<u64>,
+    pub(crate) warnings: Vec<String>,
+    /// Why views may be missing.
+    pub(crate) failure: Option<String>,
+    pub(crate) input_folder: Option<PathBuf>,
+    pub(crate) novel_folder: PathBuf,
+}
+
+impl RunFacts {
+    /// Reads either record.
+    ///
+    /// # Errors
+    /// When the file is neither.
+    pub(crate) fn read(file: &Path) -> Result<Self, BenchError> {
+        let schema = store::schema_of(file)?;
+        if schema == RunRecord::SCHEMA {
+            Ok(Self::of_ours(file, store::read_record(file)?))
+        } else if schema == ExternalRun::SCHEMA {
+            Ok(Self::of_external(file, store::read_record(file)?))
+        } else {
+            let (ours, external) = (RunRecord::SCHEMA, ExternalRun::SCHEMA);
+            Err(StoreError::malformed(
+                file,
+                format!("is of schema {schema}, expected {ours} or {external}"),
+            )
+            .into())
+        }
+    }
+
+    fn of_ours(file: &Path, run: RunRecord) -> Self {
+        Self {
+            input_folder: Some(file.with_file_name(&run.predictions.input_views)),
+            novel_folder: file.with_file_name(&run.predictions.novel_views),
+            method: run.method,
+            scene: run.scene,
+            protocol_hash: run.protocol_hash,
+            training_seconds: Some(run.training_seconds),
+            gaussians: Some(run.gaussians),
+            iterations: Some(run.iterations),
+            seed: run.seed,
+            backend: Some(run.backend),
+            rendering_seconds: Some(run.rendering_seconds),
+            peak_memory_bytes: run.peak_memory_bytes,
+            warnings: run.warnings,
+            failure: None,
+        }
+    }
+
+    fn of_external(file: &Path, run: ExternalRun) -> Self {
+        let wall_seconds = |name| {
+            let mut phases = run.phases.iter();
+            phases
+                .find(|phase| phase.name == name)
+                .map(|phase| phase.wall_seconds)
+        };
+        Self {
+            input_folder: run.input_views.map(|folder| file.with_file_name(folder)),
+            novel_folder: file.with_file_name(&run.novel_views),
+            method: run.method,
+            scene: run.scene,
+            protocol_hash: run.protocol_hash,
+            training_seconds: wall_seconds(PhaseName::Train),
+            gaussians: None,
+            iterations: None,
+            seed: run.seed,
+            // Which hardware a method of others uses is its own affair.
+            backend: None,
+            rendering_seconds: wall_seconds(PhaseName::Render),
+            peak_memory_bytes: run.phases.iter().filter_map(|p| p.peak_memory_bytes).max(),
+            warnings: run.warnings,
+            failure: run.failure,
+        }
+    }
+}

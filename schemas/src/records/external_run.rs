@@ -1,0 +1,85 @@
+//! `external-run`: how a method that is not ours was run on one scene.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::store::Record;
+
+/// `external-run.json`. Files are relative to its folder.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ExternalRun {
+    /// Id of the method.
+    pub method: String,
+    /// Where its code is, as its manifest says.
+    pub source: Option<String>,
+    /// Its licence, as its manifest says.
+    pub licence: Option<String>,
+    /// SHA-256 of the manifest.
+    pub manifest_sha256: String,
+    /// Id of the scene.
+    pub scene: String,
+    /// Hash of the split's protocol.
+    pub protocol_hash: String,
+    /// Random seed that was handed to the method.
+    pub seed: u64,
+    /// Where its commands ran, in words: `plain`, `venv ...`, `conda ...`, `container ...`.
+    pub environment: String,
+    /// Its commands in the order in which they ran; the last one is the one that failed, if any.
+    pub phases: Vec<Phase>,
+    /// Why there may be no predictions. A run that failed is scored all the same: its missing
+    /// views are failures in the result.
+    pub failure: Option<String>,
+    /// Folder of predicted novel views, gathered from where the method left them.
+    pub novel_views: String,
+    /// Folder of predicted input views, where the method renders them.
+    pub input_views: Option<String>,
+    /// Remarks that a reader of the scores should know.
+    pub warnings: Vec<String>,
+}
+
+impl Record for ExternalRun {
+    const SCHEMA: &'static str = "omnilife/external-run/1";
+}
+
+/// One command of a method.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Phase {
+    /// What the command is for.
+    pub name: PhaseName,
+    /// Program and arguments as they ran.
+    pub command: Vec<String>,
+    /// Everything it printed.
+    pub log: String,
+    /// How it ended, in words: `exit 0`, `exit 3`, `killed by signal 9`, `time limit of 60 s`.
+    pub ending: String,
+    /// Wall-clock time, seconds.
+    pub wall_seconds: f64,
+    /// Time on all processors, user and system, of the command and the children it waited for,
+    /// seconds, where the system tells.
+    pub cpu_seconds: Option<f64>,
+    /// Highest resident memory of one of its processes, bytes, where the system tells.
+    pub peak_memory_bytes: Option<u64>,
+}
+
+/// What a command is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum PhaseName {
+    /// Brings the scene into the form the method reads.
+    Prepare,
+    /// Trains; its time is the training time in the tables.
+    Train,
+    /// Renders the views.
+    Render,
+}
+
+impl PhaseName {
+    /// As it is written in records and file names.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Prepare => "prepare",
+            Self::Train => "train",
+            Self::Render => "render",
+        }
+    }
+}
