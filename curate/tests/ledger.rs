@@ -308,6 +308,8 @@ fn other_tools_files_are_read() {
     for (text, reason) in [
         ("0 99\n100 2000\n0 1", "frame"),
         ("0 4000\n4001 4005\n", "outside the video"),
+        ("0 99\n100 99999\n", "outside the video"),
+        ("0 99\n100 90\n", "has no frames"),
         ("begin_seconds\n99.0\n", "outside the video"),
         ("begin_seconds\nsoon\n", "row 1"),
         ("begin_seconds,kind\n1.0,explosion\n", "not known"),

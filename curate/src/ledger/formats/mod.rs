@@ -164,8 +164,15 @@ impl Frames<'_> {
         Ok(shots)
     }
 
-    /// Boundaries between consecutive shots, given by their first and last frames.
+    /// Boundaries between consecutive shots, given by their first and last frames. Other tools may
+    /// count one frame more than the video has.
     fn boundaries(&self, shots: &[(usize, usize)]) -> Result<Vec<Boundary>, String> {
+        for &(first, last) in shots {
+            if last < first {
+                return Err(format!("a shot from frame {first} to {last} has no frames"));
+            }
+            self.time(last.saturating_sub(1))?;
+        }
         shots
             .windows(2)
             .map(|pair| self.between(pair[0].1, pair[1].0))
