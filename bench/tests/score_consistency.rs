@@ -31,6 +31,8 @@ fn run_record(bench: &Bench) -> RunRecord {
         iterations: 300,
         gaussians: 4000,
         training_seconds: 12.5,
+        training_cpu_seconds: None,
+        evaluation_seconds: 0.0,
         rendering_seconds: 1.0,
         peak_memory_bytes: None,
         normalization: Similarity {

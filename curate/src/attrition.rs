@@ -272,7 +272,12 @@ fn funnel(dataset: &Dataset, rejects: &[Reject]) -> Vec<FunnelStep> {
             let counted = rejects
                 .iter()
                 .filter(|reject| reject.counted && reject.check == step);
-            let removed_seconds = counted.clone().filter_map(|reject| reject.seconds).sum();
+            // The sum of nothing is -0, which prints its sign.
+            let removed_seconds = counted
+                .clone()
+                .filter_map(|reject| reject.seconds)
+                .sum::<f64>()
+                + 0.0;
             let removed_videos = counted
                 .filter(|reject| reject.begin_seconds.is_none())
                 .count();

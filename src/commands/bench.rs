@@ -95,7 +95,7 @@ fn external_summary(run: &ExternalRun) -> String {
             phase.wall_seconds
         );
     }
-    for failure in &run.failure {
+    if let Some(failure) = &run.failure {
         text += &format!("failed: {failure}\n");
     }
     text

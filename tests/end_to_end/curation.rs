@@ -110,6 +110,8 @@ fn a_curated_dataset_is_sound_until_something_changes() {
     one(broken, "missing field `range`");
     let gap = faults_after(&|_| edit(slices, "\"begin_seconds\": 0.0", "\"begin_seconds\": 0.5"));
     one(gap, "does not follow");
+    let funnel = faults_after(&|_| edit("funnel.csv", "kept,0,0.0,1,2.0", "kept,0,0.0,1,1.5"));
+    one(funnel, "kept does not leave");
     let stale = faults_after(&|out| {
         edit("about.json", "\"set\"", "\"other\"");
         omnilife(["curate", "verify", out.to_str().unwrap()]);

@@ -65,9 +65,16 @@ fn the_table_says_what_the_records_say() {
 fn the_documented_files_are_there_and_no_others() {
     let out = &small_run().out;
     assert_all_whole(out);
-    let mut expected: Vec<String> = ["dataset.json", "outcomes.csv", "table.csv", "table.md"]
-        .map(str::to_owned)
-        .into();
+    let mut expected: Vec<String> = [
+        "attrition.csv",
+        "dataset.json",
+        "funnel.csv",
+        "outcomes.csv",
+        "table.csv",
+        "table.md",
+    ]
+    .map(str::to_owned)
+    .into();
     let mut expect = |folder: &str, names: &[&str]| {
         expected.extend(names.iter().map(|name| format!("{folder}/{name}")));
     };

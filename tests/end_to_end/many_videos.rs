@@ -17,12 +17,18 @@ use omnilife_schemas::{
 
 use crate::support::{Ended, SMALL, SMALL_SIZE, assert_all_whole, sample, scratch};
 
+/// The sample with some empty boxes at its end: the same pictures in files that are no duplicates.
+fn write_sample(file: &Path, boxes: usize) {
+    let mut video = fs::read(sample("street.mp4")).unwrap();
+    video.extend(b"\0\0\0\x08free".repeat(boxes));
+    fs::write(file, video).unwrap();
+}
+
 /// Three videos, of which the second is empty.
 fn three_videos(folder: &Path) {
     fs::create_dir(folder).unwrap();
-    for name in ["a.mp4", "c.mp4"] {
-        fs::copy(sample("street.mp4"), folder.join(name)).unwrap();
-    }
+    write_sample(&folder.join("a.mp4"), 0);
+    write_sample(&folder.join("c.mp4"), 1);
     fs::write(folder.join("b.mp4"), []).unwrap();
 }
 
@@ -110,7 +116,7 @@ fn the_others_are_scored_and_the_bad_one_can_be_repaired() {
     ));
     assert!(!out.join("videos/b").exists());
 
-    fs::copy(sample("street.mp4"), videos.join("b.mp4")).unwrap();
+    write_sample(&videos.join("b.mp4"), 2);
     let ended = run_all(&videos, &out, &python).succeeded();
     assert_eq!(ended.stdout.matches("scored  ").count(), 3);
 

@@ -1,6 +1,6 @@
 //! Gaussians of a run rendered along poses.
 
-use std::{fs, process::Command};
+use std::{ffi::OsStr, fs, process::Command};
 
 use crate::support::{METHOD, SEQUENCE, SMALL_SIZE, omnilife, picture, sample, scratch, small_run};
 
@@ -47,8 +47,8 @@ fn a_pinhole_camera_sees_what_its_field_of_view_holds() {
     let mut arguments = vec!["reconstruct".as_ref(), "render".as_ref(), run.as_os_str()];
     arguments.extend(["--poses".as_ref(), poses.as_os_str(), "--out".as_ref()]);
     arguments.push(views.as_os_str());
-    arguments.extend(["--size", "31x20", "--camera", "pinhole"].map(AsRef::as_ref));
-    arguments.extend(["--fov-degrees", "60"].map(AsRef::as_ref));
+    arguments.extend(["--size", "31x20", "--camera", "pinhole"].map(OsStr::new));
+    arguments.extend(["--fov-degrees", "60"].map(OsStr::new));
     if with_ffmpeg {
         arguments.extend(["--video".as_ref(), video.as_os_str()]);
     } else {
@@ -84,7 +84,7 @@ fn what_cannot_be_rendered_is_refused_in_one_line() {
             .to_vec();
         arguments.extend([gaussians.as_os_str(), "--poses".as_ref(), poses.as_os_str()]);
         arguments.extend(["--out".as_ref(), out.as_os_str()]);
-        arguments.extend(more.iter().map(std::ffi::OsStr::new));
+        arguments.extend(more.iter().map(OsStr::new));
         omnilife(arguments).failed_quietly(2).to_owned()
     };
     let message = refused(&points, &poses, &[]);

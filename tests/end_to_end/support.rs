@@ -10,12 +10,8 @@ use std::{
 use assert_cmd::cargo::cargo_bin_cmd;
 use image::RgbImage;
 use omnilife_schemas::{
-    records::{
-        BoundaryLedger, Dataset, ResultRecord, RunRecord, Scene, Sequence, Slices, Split,
-        VideoAnalysis,
-    },
-    stage::Done,
-    store::{self, Record, StoreError},
+    records::{ResultRecord, check_file},
+    store,
 };
 use tempfile::TempDir;
 
@@ -188,11 +184,18 @@ pub(crate) fn assert_all_whole(folder: &Path) {
         let path = folder.join(&file);
         let extension = path.extension().unwrap_or_default().to_str().unwrap();
         match extension {
-            "json" => check_record(&path).unwrap(),
+            "json" => check_file(&path).unwrap(),
             "png" => drop(image::open(&path).unwrap()),
             "parquet" => assert!(fs::read(&path).unwrap().ends_with(b"PAR1"), "{file}"),
             "ply" => assert!(fs::read(&path).unwrap().starts_with(b"ply\n"), "{file}"),
-            "csv" | "md" => assert!(fs::read_to_string(&path).unwrap().ends_with('\n'), "{file}"),
+            "csv" | "md" | "svg" | "tex" | "txt" | "css" | "js" => {
+                assert!(fs::read_to_string(&path).unwrap().ends_with('\n'), "{file}");
+            }
+            "html" => {
+                let page = fs::read_to_string(&path).unwrap();
+                assert!(page.trim_end().ends_with("</html>"), "{file}");
+            }
+            _ if file.ends_with("SHA256SUMS") => assert!(path.is_file()),
             _ => panic!("{file} is of no kind that is documented"),
         }
     }
@@ -212,27 +215,6 @@ fn temporary_left(folder: &Path) -> bool {
         }
     }
     false
-}
-
-fn check_record(path: &Path) -> Result<(), StoreError> {
-    fn parses<T: Record>(path: &Path) -> Result<(), StoreError> {
-        store::read_record::<T>(path).map(drop)
-    }
-    if path.parent().unwrap().ends_with(".done") {
-        return parses::<Done>(path);
-    }
-    match path.file_name().unwrap().to_str().unwrap() {
-        "dataset.json" => parses::<Dataset>(path),
-        "analysis.json" => parses::<VideoAnalysis>(path),
-        "boundaries.json" => parses::<BoundaryLedger>(path),
-        "slices.json" => parses::<Slices>(path),
-        "sequence.json" => parses::<Sequence>(path),
-        "scene.json" => parses::<Scene>(path),
-        "split.json" => parses::<Split>(path),
-        "run.json" => parses::<RunRecord>(path),
-        "result.json" => parses::<ResultRecord>(path),
-        name => panic!("{name} is no record that is documented"),
-    }
 }
 
 /// The scores in an output folder of the sample.

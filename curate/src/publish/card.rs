@@ -54,6 +54,7 @@ const FILES: &str = "\
 | file | what |
 |---|---|
 | `dataset.json` | every video with its outcome and the folders of its sequences |
+| `attrition.csv`, `funnel.csv` | every reject with its reason, and what each step leaves |
 | `videos/*/analysis.json` | probe and ERP verdict, with evidence |
 | `videos/*/boundaries.json` | shot boundaries |
 | `videos/*/slices.json` | what became of every second of the video |

@@ -7,21 +7,26 @@ use omnilife_schemas::{
     records::{About, Dataset, Sequence, SliceFile, Slices, StretchFate, VideoStatus, check_file},
     store,
 };
+use serde::Deserialize;
 
 use super::{ABOUT_FILE, CHECKSUMS_FILE, Statistics, checksums, derived_files};
 use crate::{
-    dataset::DATASET_FILE, error::CurateError, pipeline::SEQUENCE_FILE, slicing::SLICES_FILE, video,
+    attrition::FUNNEL_FILE, dataset::DATASET_FILE, error::CurateError, pipeline::SEQUENCE_FILE,
+    slicing::SLICES_FILE, video,
 };
 
 /// Stretches meet where they differ by no more than this, seconds: they are the same numbers,
 /// written and read once.
 const TIME_TOLERANCE_SECONDS: f64 = 1e-9;
 
+/// Sums of durations agree to this, seconds: they are added in another order.
+const FUNNEL_TOLERANCE_SECONDS: f64 = 1e-6;
+
 /// Checks a published dataset and returns one line per fault; none means that it is sound.
 ///
 /// Checked are: a checksum of every file, no file missing and none too many; every record against
 /// its schema; sequences and frames that the records name; that the stretches of every video add up
-/// to its duration; that every slice lasts as long as its stretch; and that statistics and card say
+/// to its duration and the funnel to the sequences; that every slice lasts as long as its stretch; and that statistics and card say
 /// what the records say.
 ///
 /// # Errors
@@ -44,6 +49,9 @@ pub fn verify(folder: &Path, progress: &dyn Progress) -> Result<Vec<String>, Cur
             | VideoStatus::Failed { .. }
             | VideoStatus::Duplicate { .. } => {}
         }
+    }
+    if let Some(rows) = faults.note(read_funnel(folder)) {
+        check_funnel(folder, &dataset, &rows, &mut faults);
     }
     // Without sound records the statistics cannot be made again, and that is known by now.
     if faults.lines.is_empty() {
@@ -169,6 +177,52 @@ fn check_video(folder: &Path, sequences: &[String], sha256: Option<&str>, faults
         faults.add(format!(
             "{shown}: keeps {count} stretches for {} sequences",
             kept.len()
+        ));
+    }
+}
+
+/// What is read of a row of the funnel.
+#[derive(Deserialize)]
+struct FunnelRow {
+    step: String,
+    removed_videos: u64,
+    removed_seconds: f64,
+    left_videos: u64,
+    left_seconds: f64,
+}
+
+fn read_funnel(folder: &Path) -> Result<Vec<FunnelRow>, store::StoreError> {
+    let path = folder.join(FUNNEL_FILE);
+    let text = std::fs::read(&path).map_err(|error| store::StoreError::read(&path, error))?;
+    csv::Reader::from_reader(text.as_slice())
+        .deserialize()
+        .collect::<Result<_, _>>()
+        .map_err(|error: csv::Error| store::StoreError::malformed(&path, error.to_string()))
+}
+
+/// Each step has to leave what the one before left less what it removed, and the last one what the
+/// sequences last.
+fn check_funnel(folder: &Path, dataset: &Dataset, rows: &[FunnelRow], faults: &mut Faults) {
+    for pair in rows.windows(2) {
+        let (before, after) = (&pair[0], &pair[1]);
+        let videos = before.left_videos == after.left_videos + after.removed_videos;
+        let seconds = before.left_seconds - after.removed_seconds - after.left_seconds;
+        if !videos || seconds.abs() > FUNNEL_TOLERANCE_SECONDS {
+            faults.add(format!(
+                "{FUNNEL_FILE}: {} does not leave what {} left less what it removed",
+                after.step, before.step
+            ));
+        }
+    }
+    let Ok(statistics) = Statistics::collect(folder, dataset) else {
+        // The records that it failed on are faults already.
+        return;
+    };
+    let kept = rows.last().map_or(0.0, |row| row.left_seconds);
+    if (kept - statistics.seconds()).abs() > FUNNEL_TOLERANCE_SECONDS {
+        faults.add(format!(
+            "{FUNNEL_FILE}: keeps {kept:.3} s, the sequences last {:.3} s",
+            statistics.seconds()
         ));
     }
 }
