@@ -22,7 +22,7 @@
 //! input = "{work}/views/{frame:06}.png"  # optional
 //! ```
 //!
-//! The texts in braces are those of [`super::placeholders`].
+//! The texts in braces are those of `placeholders.rs`.
 
 use std::{collections::BTreeMap, fs, path::Path, time::Duration};
 

@@ -1,7 +1,7 @@
 //! Anyone's method: the commands of a `method.toml`, run on a scene and measured.
 //!
-//! [`manifest`] says what a `method.toml` holds, [`placeholders`] what its texts may refer to,
-//! [`process`] runs a command, [`gather`] brings the views from where the method left them to
+//! [`manifest`] says what a `method.toml` holds, `placeholders` what its texts may refer to,
+//! `process` runs a command, `gather` brings the views from where the method left them to
 //! where scoring looks for them. A method that fails is no error: the record says why, and its
 //! missing views become failures in the result.
 

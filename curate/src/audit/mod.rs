@@ -1,9 +1,9 @@
 //! The audit page: one self-contained HTML file on which an expert sees the frames around each
 //! boundary of a video and accepts, rejects, moves or adds.
 //!
-//! The page needs no network and saves an [`AuditDecisions`](omnilife_schemas::records::AuditDecisions)
+//! The page needs no network and saves an [`AuditDecisions`]
 //! file, which `ledger::merge` takes. Its script is `page.js`; what it shows is in one JSON object
-//! in the page, see [`PageData`].
+//! in the page, see `PageData`.
 
 mod filmstrip;
 

@@ -1,6 +1,6 @@
 //! The boundary ledger: who said what about the boundaries of a video, and what follows.
 //!
-//! `ledger.jsonl` in a video's folder holds one [`LedgerEntry`] per line and only ever grows.
+//! `ledger.jsonl` in a video's folder holds one [`omnilife_schemas::records::LedgerEntry`] per line and only ever grows.
 //! Detectors and annotators propose boundaries, experts accept, reject, move and add
 //! ([`Ledger::append`]); [`resolve()`] says which boundaries hold, and [`agreement`] how far the
 //! authors agree. [`formats`] reads and writes what other tools use.

@@ -68,7 +68,7 @@ pub enum Scaling {
     /// The decoded size; chroma is interpolated to it.
     Native,
     /// At most this many pixels wide, aspect kept, by area averaging. Where more than
-    /// [`ROWS_AVERAGED`] rows would go into one, rows in between are left out: a detector sees no
+    /// `ROWS_AVERAGED` rows would go into one, rows in between are left out: a detector sees no
     /// difference, and the time goes with the pixels that are read.
     MaxWidth(u32),
     /// This size whatever the aspect, bicubic, and BT.601 where the stream states no matrix: as the

@@ -14,7 +14,7 @@
 //! * **One entry of the derivative of the Jacobian**, `dJ02/dz`, lacks its division by `rho^4`.
 //! * Colours have SH degree 0.
 //!
-//! [`project`] holds all of it. Sorting, tiles and compositing are those of the other renderer, for a
+//! `project` holds all of it. Sorting, tiles and compositing are those of the other renderer, for a
 //! camera whose columns do not wrap. Not reproduced: a footprint ends where its opacity falls below
 //! 1/255, at up to 3.33 standard deviations, not with the tiles that a square of 3 touches.
 
