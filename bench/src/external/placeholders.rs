@@ -194,7 +194,7 @@ mod tests {
         let places = Places {
             scene: "/data/{frame}/scene.json".into(),
             split: "/data/split.json".into(),
-            work: "/out/work".into(),
+            work: "/out/w".into(),
             folder: "/method".into(),
             seed: 7,
         };
@@ -204,11 +204,8 @@ mod tests {
             stem: "img_0042",
         };
         let fill = |pattern| places.fill_pattern(pattern, &view).display().to_string();
-        assert_eq!(fill("{work}/{frame:06}.png"), "/out/work/000042.png");
-        assert_eq!(
-            fill("{work}/{index}-{stem}.png"),
-            "/out/work/3-img_0042.png"
-        );
+        assert_eq!(fill("{work}/{frame:06}.png"), "/out/w/000042.png");
+        assert_eq!(fill("{work}/{index}-{stem}.png"), "/out/w/3-img_0042.png");
         assert_eq!(places.fill("--seed={seed}"), "--seed=7");
         // Braces in a path are no placeholders.
         assert_eq!(places.fill("{scene}"), "/data/{frame}/scene.json");
