@@ -7,7 +7,8 @@ use std::path::Path;
 
 use omnilife_curate::{
     slicing::{
-        ErpVideoWriter, SliceRequest, SliceSettings, SliceSource, shots, slice_video, write_slices,
+        Projection, SliceRequest, SliceSettings, SliceSource, ViewVideoWriter, shots, slice_video,
+        write_slices,
     },
     verdict,
     video::{Converter, Scaling, VideoReader, probe},
@@ -215,7 +216,8 @@ fn rendered_video_is_written_as_it_was_pushed() {
             })
             .collect()
     };
-    let mut writer = ErpVideoWriter::create(&path, width as u32, height as u32).unwrap();
+    let size = [width as u32, height as u32];
+    let mut writer = ViewVideoWriter::create(&path, size, Projection::Equirectangular).unwrap();
     for frame in 0..10 {
         writer
             .push(&picture(0.1 * f64::from(frame)), f64::from(frame) / 25.0)
@@ -238,12 +240,33 @@ fn rendered_video_is_written_as_it_was_pushed() {
     assert_eq!(probe.spherical.unwrap().projection, "equirectangular");
     assert!((probe.duration_seconds - 0.4).abs() < 1e-3);
     // A video that is given up leaves nothing.
-    let mut writer = ErpVideoWriter::create(&folder.path().join("b.mp4"), 128, 64).unwrap();
+    let given_up = folder.path().join("b.mp4");
+    let mut writer = ViewVideoWriter::create(&given_up, size, Projection::Equirectangular).unwrap();
     writer.push(&picture(0.0), 0.0).unwrap();
     assert!(writer.push(&[0; 7], 1.0).is_err());
     drop(writer);
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
-    assert!(ErpVideoWriter::create(&path, 127, 64).is_err());
+    assert!(ViewVideoWriter::create(&path, [0, 64], Projection::Flat).is_err());
+}
+
+#[test]
+fn flat_video_of_an_odd_size_is_widened_and_not_spherical() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("views.mp4");
+    let mut writer = ViewVideoWriter::create(&path, [31, 21], Projection::Flat).unwrap();
+    for frame in 0..3_u8 {
+        writer
+            .push(&[60 * frame + 40; 31 * 21 * 3], f64::from(frame) / 25.0)
+            .unwrap();
+    }
+    writer.finish(0.12).unwrap();
+    let probe = probe(&path).unwrap();
+    assert_eq!((probe.width, probe.height), (32, 22));
+    assert!(probe.spherical.is_none());
+    for (frame, (_, pixels)) in frames(&path).iter().enumerate() {
+        let expected = vec![60 * frame as u8 + 40; 32 * 22 * 3];
+        assert!(mean_difference(pixels, &expected) < 3.0);
+    }
 }
 
 /// Real footage with B-frames, sound and a cut inside a group of pictures.

@@ -1,5 +1,5 @@
 //! The graphics backend, on whatever adapter there is: images against the f64 reference, gradients
-//! against those of the processor, which the reference judges in `renderer.rs`.
+//! against those of the processor, which the reference judges in `renderer/`.
 #![expect(
     clippy::unwrap_used,
     reason = "a device that fails or a test scene that cannot be built is a failed test"

@@ -15,7 +15,7 @@ pub(crate) use dataset::{
     SliceArguments,
 };
 pub(crate) use leaderboard::LeaderboardCommand;
-pub(crate) use reconstruct::{ReconstructCommand, RenderArguments};
+pub(crate) use reconstruct::{CameraArgument, ReconstructCommand, RenderArguments};
 pub(crate) use run::RunArguments;
 
 /// Curate 360-degree video, reconstruct it and score it against the OmniLife360 protocol.

@@ -134,7 +134,7 @@ pub(crate) struct RenderArguments {
     /// Horizontal field of view of a pinhole camera.
     #[arg(long, value_name = "DEGREES", default_value_t = 90.0)]
     pub(crate) fov_degrees: f64,
-    /// Makes a video of the images too, with the program `ffmpeg`.
+    /// Makes a video of the images too; players show views of the whole sphere as 360-degree video.
     #[arg(long, value_name = "FILE.mp4")]
     pub(crate) video: Option<PathBuf>,
 }

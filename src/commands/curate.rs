@@ -3,7 +3,9 @@
 use std::path::Path;
 
 use omnilife_curate::{
-    analysis, audit, boundaries, curate_dataset, expand_inputs, pose_sequence,
+    analysis, audit,
+    boundaries::{self, suspicion},
+    curate_dataset, expand_inputs, pose_sequence,
     publish::{self, PublishSettings},
     verdict, video,
 };
@@ -31,7 +33,14 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
         CurateCommand::Boundaries {
             video,
             detector,
+            fast: true,
+            ..
+        } => suspicious_boundaries(video, &detector.detector, progress),
+        CurateCommand::Boundaries {
+            video,
+            detector,
             signals,
+            fast: false,
         } => {
             let analysis = analyse(video, &detector.detector, progress)?;
             if let Some(path) = signals {
@@ -86,6 +95,20 @@ fn build(arguments: &BuildArguments, progress: &dyn Progress) -> anyhow::Result<
     }
     outcomes.verdict()?;
     printed
+}
+
+fn suspicious_boundaries(
+    video: &Path,
+    detector: &str,
+    progress: &dyn Progress,
+) -> anyhow::Result<()> {
+    let detector = boundaries::detector(detector, video)?;
+    let search = suspicion::search(video, detector, progress)?;
+    progress.note(&format!(
+        "{} of {} stretches between key frames are suspicious; {} frames were decoded for {}",
+        search.suspicious, search.stretches, search.decoded_frames, search.frames
+    ));
+    print_json(&search.boundaries)
 }
 
 fn analyse(

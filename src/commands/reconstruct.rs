@@ -1,5 +1,6 @@
 //! `omnilife reconstruct`.
 
+use omnilife_curate::slicing::Projection;
 use omnilife_reconstruct::{
     job::{self, ReconstructRequest},
     methods::{METHODS, Method},
@@ -9,7 +10,7 @@ use omnilife_schemas::progress::Progress;
 
 use super::video;
 use crate::{
-    cli::{ReconstructCommand, RenderArguments},
+    cli::{CameraArgument, ReconstructCommand, RenderArguments},
     exit,
 };
 
@@ -82,7 +83,12 @@ fn render(arguments: &RenderArguments, progress: &dyn Progress) -> anyhow::Resul
         );
     }
     if let Some(file) = &arguments.video {
-        let rate = video::encode(&rendered.files, &rendered.times_seconds, file)?;
+        let projection = match arguments.camera {
+            CameraArgument::Erp => Projection::Equirectangular,
+            CameraArgument::Pinhole => Projection::Flat,
+        };
+        let (images, times) = (&rendered.files, &rendered.times_seconds);
+        let rate = video::encode(images, times, projection, file)?;
         text += &format!("{} at {rate:.3} frames per second\n", file.display());
     }
     exit::print(&text)

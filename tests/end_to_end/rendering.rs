@@ -1,6 +1,6 @@
 //! Gaussians of a run rendered along poses.
 
-use std::{ffi::OsStr, fs, process::Command};
+use std::{ffi::OsStr, fs};
 
 use crate::support::{METHOD, SEQUENCE, SMALL_SIZE, omnilife, picture, sample, scratch, small_run};
 
@@ -42,18 +42,13 @@ fn a_pinhole_camera_sees_what_its_field_of_view_holds() {
     let run = small_run().out.join(METHOD).join("run");
     let folder = scratch();
     let (views, video) = (folder.path().join("views"), folder.path().join("a.mp4"));
-    let with_ffmpeg = Command::new("ffmpeg").arg("-version").output().is_ok();
     let poses = sample("poses.json");
     let mut arguments = vec!["reconstruct".as_ref(), "render".as_ref(), run.as_os_str()];
     arguments.extend(["--poses".as_ref(), poses.as_os_str(), "--out".as_ref()]);
     arguments.push(views.as_os_str());
     arguments.extend(["--size", "31x20", "--camera", "pinhole"].map(OsStr::new));
     arguments.extend(["--fov-degrees", "60"].map(OsStr::new));
-    if with_ffmpeg {
-        arguments.extend(["--video".as_ref(), video.as_os_str()]);
-    } else {
-        println!("the video is skipped: the program ffmpeg is not installed");
-    }
+    arguments.extend(["--video".as_ref(), video.as_os_str()]);
     let ended = omnilife(arguments).succeeded();
     assert!(ended.stdout.contains("60 views"), "{}", ended.stdout);
     let image = picture(&views.join("000000.png"));
@@ -65,10 +60,8 @@ fn a_pinhole_camera_sees_what_its_field_of_view_holds() {
     for (a, b) in centre.iter().zip(middle) {
         assert!(a.abs_diff(b) < 60, "{centre:?} and {middle:?}");
     }
-    if with_ffmpeg {
-        assert!(ended.stdout.contains("30.000 frames per second"));
-        assert!(fs::metadata(&video).unwrap().len() > 1_000);
-    }
+    assert!(ended.stdout.contains("30.000 frames per second"));
+    assert!(fs::metadata(&video).unwrap().len() > 1_000);
 }
 
 #[test]

@@ -10,6 +10,7 @@
 mod descriptor;
 pub mod histogram;
 pub mod signals;
+pub mod suspicion;
 pub mod transnetv2;
 
 pub use signals::{MissingSignal, Signals};

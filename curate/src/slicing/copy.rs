@@ -10,7 +10,7 @@ use super::{
     SliceRequest, SliceSettings, SliceSource,
     audio::{AudioCopy, AudioTrack, clear_codec_tag},
     encode::audio_for,
-    mp4::{close_output, create_output, unwritable},
+    mp4::{Projection, close_output, create_output, unwritable},
     packets::{PacketTable, Run},
 };
 use crate::{error::CurateError, video::open_container};
@@ -162,6 +162,12 @@ impl CopiedSlice {
         if let Some(audio) = &mut self.audio {
             audio.write_until(f64::INFINITY, &mut self.output)?;
         }
-        close_output(self.output, &self.temporary, &self.path, quarter_turns)
+        close_output(
+            self.output,
+            &self.temporary,
+            &self.path,
+            Projection::Equirectangular,
+            quarter_turns,
+        )
     }
 }

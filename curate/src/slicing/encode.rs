@@ -7,7 +7,7 @@ use omnilife_schemas::progress::Progress;
 use super::{
     SliceRequest, SliceSettings, SliceSource,
     audio::AudioTrack,
-    mp4::{Colour, Mp4Encoder, VideoFormat},
+    mp4::{Colour, Mp4Encoder, Projection, VideoFormat},
 };
 use crate::{error::CurateError, video::VideoReader};
 
@@ -84,6 +84,7 @@ fn format_of(source: &SliceSource<'_>, first: &frame::Video, time_base: Rational
         pixel_aspect: first.aspect_ratio(),
         colour: Colour::of(first),
         quarter_turns: source.quarter_turns,
+        projection: Projection::Equirectangular,
     }
 }
 

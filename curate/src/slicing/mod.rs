@@ -12,12 +12,12 @@
 mod audio;
 mod copy;
 mod encode;
-pub mod erp_video;
 pub mod mp4;
 pub mod packets;
 pub mod partition;
 pub mod spherical_boxes;
 mod stage;
+pub mod view_video;
 
 use std::path::{Path, PathBuf};
 
@@ -27,9 +27,10 @@ use omnilife_schemas::{
     store,
 };
 
-pub use erp_video::ErpVideoWriter;
+pub use mp4::Projection;
 pub use partition::{Shots, shots, stretches};
 pub use stage::{SLICES_FILE, SliceSettings, write_slices};
+pub use view_video::ViewVideoWriter;
 
 use crate::{error::CurateError, video::VideoReader};
 use packets::PacketTable;

@@ -2,7 +2,8 @@
 
 use std::{
     collections::VecDeque,
-    fs, io,
+    fs::{self, File},
+    io,
     path::{Path, PathBuf},
 };
 
@@ -46,6 +47,17 @@ pub struct VideoFormat {
     pub colour: Colour,
     /// Clockwise quarter turns by which players turn the frames.
     pub quarter_turns: u32,
+    /// What the frames are pictures of.
+    pub projection: Projection,
+}
+
+/// What frames are pictures of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Projection {
+    /// The whole sphere, equirectangular: the file says so in its spherical metadata.
+    Equirectangular,
+    /// A part of the scene through a lens.
+    Flat,
 }
 
 /// Colour description of a stream.
@@ -221,6 +233,7 @@ impl Mp4Encoder {
             output,
             &self.temporary,
             &self.path,
+            self.video.projection,
             self.video.quarter_turns,
         )
     }
@@ -307,17 +320,26 @@ pub(super) fn create_output(path: &Path) -> Result<Output, CurateError> {
     format::output_as(&format!("file:{text}"), "mp4").map_err(|error| unwritable(path, error))
 }
 
-/// Ends an mp4 file, marks it as spherical and gives it its final name.
+fn mark(path: &Path, projection: Projection, quarter_turns: u32) -> io::Result<()> {
+    match projection {
+        Projection::Equirectangular => spherical_boxes::mark_equirectangular(path, quarter_turns),
+        Projection::Flat => Ok(()),
+    }
+}
+
+/// Ends an mp4 file, marks a picture of the whole sphere as such and gives the file its final name.
 pub(super) fn close_output(
     mut output: Output,
     temporary: &Path,
     path: &Path,
+    projection: Projection,
     quarter_turns: u32,
 ) -> Result<(), CurateError> {
     let ended = output.write_trailer();
     drop(output);
     let published = match ended {
-        Ok(()) => spherical_boxes::mark_equirectangular(temporary, quarter_turns)
+        Ok(()) => mark(temporary, projection, quarter_turns)
+            .and_then(|()| File::open(temporary)?.sync_all())
             .and_then(|()| fs::rename(temporary, path)),
         Err(error) => Err(io::Error::other(error)),
     };

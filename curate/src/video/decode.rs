@@ -1,6 +1,9 @@
 //! Decoding as a stream: one frame in memory at a time, with the source's timestamps.
 
-use std::path::{Path, PathBuf};
+use std::{
+    ops::Range,
+    path::{Path, PathBuf},
+};
 
 use ffmpeg::{codec::threading, format::context, media, util::error::EAGAIN};
 use ffmpeg_next as ffmpeg;
@@ -22,6 +25,35 @@ pub struct VideoReader {
     damaged: u64,
     last_packet_is_partial: bool,
     draining: bool,
+    choice: PacketChoice,
+    /// Packets of the stream that were read.
+    packets: usize,
+}
+
+/// Which packets of the stream are decoded.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum PacketChoice {
+    /// All.
+    All,
+    /// Key frames, which decode by themselves.
+    KeyFrames,
+    /// Those with these numbers, counted from 0 in order of decoding; the first is a key frame.
+    Run(Range<usize>),
+}
+
+impl PacketChoice {
+    fn takes(&self, number: usize, is_key: bool) -> bool {
+        match self {
+            Self::All => true,
+            Self::KeyFrames => is_key,
+            Self::Run(run) => run.contains(&number),
+        }
+    }
+
+    /// Whether nothing follows after this many packets.
+    fn is_over(&self, packets: usize) -> bool {
+        matches!(self, Self::Run(run) if packets >= run.end)
+    }
 }
 
 /// A decoded frame in the source's pixel format.
@@ -71,8 +103,16 @@ impl VideoReader {
             damaged: 0,
             last_packet_is_partial: false,
             draining: false,
+            choice: PacketChoice::All,
+            packets: 0,
             input,
         })
+    }
+
+    /// Leaves out packets from here on. What is decoded is no longer the whole video: its damage and
+    /// its end mean nothing.
+    pub fn choose(&mut self, choice: PacketChoice) {
+        self.choice = choice;
     }
 
     /// The container, for [`probe`](mod@super::probe).
@@ -139,18 +179,23 @@ impl VideoReader {
     /// Hands the decoder its next packet, or the end of the stream.
     fn feed(&mut self) -> Result<(), CurateError> {
         let packet = loop {
+            if self.choice.is_over(self.packets) && !self.draining {
+                return self.drain();
+            }
             // A new one every time: reading into a filled packet would leak what it holds.
             let mut packet = ffmpeg::Packet::empty();
             match packet.read(&mut self.input) {
-                Ok(()) if packet.stream() == self.stream_index => break packet,
+                Ok(()) if packet.stream() == self.stream_index => {
+                    self.packets += 1;
+                    if self.choice.takes(self.packets - 1, packet.is_key()) {
+                        break packet;
+                    }
+                }
                 Ok(()) => {}
                 Err(ffmpeg::Error::Eof) if self.draining => {
                     return Err(self.broken(&ffmpeg::Error::Eof));
                 }
-                Err(ffmpeg::Error::Eof) => {
-                    self.draining = true;
-                    return self.decoder.send_eof().map_err(|error| self.broken(&error));
-                }
+                Err(ffmpeg::Error::Eof) => return self.drain(),
                 Err(error) => return Err(self.broken(&error)),
             }
         };
@@ -163,6 +208,12 @@ impl VideoReader {
             }
             Err(error) => Err(self.broken(&error)),
         }
+    }
+
+    /// Has the decoder give what it still holds.
+    fn drain(&mut self) -> Result<(), CurateError> {
+        self.draining = true;
+        self.decoder.send_eof().map_err(|error| self.broken(&error))
     }
 
     /// The timestamp of a frame in seconds; frames without an increasing one are counted as damaged

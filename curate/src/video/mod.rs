@@ -7,6 +7,6 @@ pub mod probe;
 mod spherical_boxes;
 
 pub use convert::{Converter, Rgb8Picture, Scaling};
-pub use decode::VideoReader;
 pub(crate) use decode::open_container;
+pub use decode::{PacketChoice, VideoReader};
 pub use probe::probe;

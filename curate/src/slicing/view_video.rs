@@ -1,4 +1,4 @@
-//! Writing an equirectangular video from RGB pictures, for rendered views.
+//! Writing a video from RGB pictures, for rendered views.
 
 use std::path::Path;
 
@@ -10,43 +10,47 @@ use ffmpeg::{
 };
 use ffmpeg_next as ffmpeg;
 
-use super::mp4::{Colour, Mp4Encoder, VideoFormat};
+use super::mp4::{Colour, Mp4Encoder, Projection, VideoFormat};
 use crate::error::CurateError;
 
 /// Ticks per second of written videos, the usual clock of video.
 const TICKS_PER_SECOND: i32 = 90_000;
 
-/// Writes pictures of the whole sphere as an H.264 mp4 that players show as 360-degree video.
+/// Writes pictures as an H.264 mp4. Players show pictures of the whole sphere as 360-degree video.
+///
+/// An odd side is widened by repeating its last pixels: video has half as many colours as pixels.
 ///
 /// ```no_run
 /// # fn main() -> Result<(), omnilife_curate::CurateError> {
-/// use omnilife_curate::slicing::ErpVideoWriter;
-/// let mut video = ErpVideoWriter::create("views.mp4".as_ref(), 1024, 512)?;
+/// use omnilife_curate::slicing::{Projection, ViewVideoWriter};
+/// let mut video = ViewVideoWriter::create("views.mp4".as_ref(), [1024, 512], Projection::Equirectangular)?;
 /// for frame in 0..30 {
 ///     video.push(&vec![128; 1024 * 512 * 3], f64::from(frame) / 30.0)?;
 /// }
 /// video.finish(1.0)
 /// # }
 /// ```
-pub struct ErpVideoWriter {
+pub struct ViewVideoWriter {
     encoder: Mp4Encoder,
     scaler: scaling::Context,
-    size: (u32, u32),
+    size: [u32; 2],
     path: std::path::PathBuf,
 }
 
-impl ErpVideoWriter {
-    /// Begins a video of `width` x `height` pixels, both even.
+impl ViewVideoWriter {
+    /// Begins a video of pictures of `size` pixels (width and height).
     ///
     /// # Errors
-    /// When a size is odd or zero, FFmpeg has no H.264 encoder, or the file cannot be created.
-    pub fn create(path: &Path, width: u32, height: u32) -> Result<Self, CurateError> {
-        if width == 0 || height == 0 || width % 2 == 1 || height % 2 == 1 {
-            return Err(CurateError::input(
-                path,
-                format!("a video of {width}x{height} pixels: both have to be even"),
-            ));
+    /// When a side is zero, FFmpeg has no H.264 encoder, or the file cannot be created.
+    pub fn create(
+        path: &Path,
+        size: [u32; 2],
+        projection: Projection,
+    ) -> Result<Self, CurateError> {
+        if size.contains(&0) {
+            return Err(CurateError::internal(path, "a video of empty pictures"));
         }
+        let [width, height] = size.map(|side| side.next_multiple_of(2));
         let encoder = Mp4Encoder::create(
             path,
             VideoFormat {
@@ -62,13 +66,14 @@ impl ErpVideoWriter {
                     transfer: color::TransferCharacteristic::BT709,
                 },
                 quarter_turns: 0,
+                projection,
             },
             None,
         )?;
         Ok(Self {
             encoder,
             scaler: to_bt709(width, height).map_err(|error| CurateError::internal(path, error))?,
-            size: (width, height),
+            size,
             path: path.to_owned(),
         })
     }
@@ -78,7 +83,7 @@ impl ErpVideoWriter {
     /// # Errors
     /// When the picture has another size, time does not increase, or the file cannot be written.
     pub fn push(&mut self, rgb: &[u8], seconds: f64) -> Result<(), CurateError> {
-        let (width, height) = self.size;
+        let [width, height] = self.size;
         let row = width as usize * 3;
         if rgb.len() != row * height as usize {
             return Err(CurateError::internal(
@@ -89,10 +94,16 @@ impl ErpVideoWriter {
                 ),
             ));
         }
-        let mut picture = frame::Video::new(Pixel::RGB24, width, height);
+        let [even_width, even_height] = self.size.map(|side| side.next_multiple_of(2));
+        let mut picture = frame::Video::new(Pixel::RGB24, even_width, even_height);
         let stride = picture.stride(0);
-        for (to, from) in picture.data_mut(0).chunks_mut(stride).zip(rgb.chunks(row)) {
+        let rows = (0..even_height as usize).map(|at| at.min(height as usize - 1));
+        for (to, at) in picture.data_mut(0).chunks_mut(stride).zip(rows) {
+            let from = &rgb[at * row..(at + 1) * row];
             to[..row].copy_from_slice(from);
+            if even_width > width {
+                to[row..row + 3].copy_from_slice(&from[row - 3..]);
+            }
         }
         let mut yuv = frame::Video::empty();
         self.scaler
