@@ -65,6 +65,22 @@ impl Weights {
         Ok(Self { path, bytes })
     }
 
+    /// Reads the published weights of this name, known by the SHA-256 of their file.
+    ///
+    /// # Errors
+    /// Those of [`Self::load`], and [`WeightsError::Malformed`] where the file is another.
+    pub fn load_published(name: &str, sha256: &str) -> Result<Self, WeightsError> {
+        let weights = Self::load(name)?;
+        let found = weights.sha256();
+        if found == sha256 {
+            return Ok(weights);
+        }
+        Err(WeightsError::Malformed {
+            path: weights.path,
+            reason: format!("has SHA-256 {found}, not {sha256}"),
+        })
+    }
+
     /// The file.
     pub fn path(&self) -> &Path {
         &self.path

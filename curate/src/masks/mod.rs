@@ -1,9 +1,10 @@
-//! Masks of what moves in a sequence: from files, or from motion that the camera's own does not
-//! explain ([`residual`]).
+//! Masks of what moves in a sequence: from files, from what things are ([`deeplab`]), or from motion
+//! that the camera's own does not explain ([`residual`]).
 //!
 //! They are written as `dynamic-masks/NNNNNN.png` with a `masks.json`, which
 //! `omnilife curate poses --masks` takes. A method is one entry in [`METHODS`].
 
+pub mod deeplab;
 pub mod residual;
 
 use std::path::{Path, PathBuf};
@@ -50,7 +51,7 @@ pub struct MaskMethod {
 }
 
 /// All methods.
-pub const METHODS: &[MaskMethod] = &[residual::METHOD];
+pub const METHODS: &[MaskMethod] = &[residual::METHOD, deeplab::METHOD];
 
 /// Writes the masks of a sequence; skipped, with a note, while frames and source have not changed.
 ///

@@ -1,0 +1,138 @@
+//! Perspective views of a panorama: what a network for photographs looks at, and how its answers
+//! come back to the sphere.
+//!
+//! Views overlap, so that nothing is cut by the seam, a pole or the edge of a view: near its edge a
+//! view counts for little, where another has it in its middle.
+
+use glam::{DMat3, DQuat, DVec3, dvec2, dvec3};
+use omnilife_schemas::{
+    RgbImage,
+    camera::{CameraModel, ErpCamera},
+};
+
+/// Half the field of view of every crop, as a slope: 90 degrees in all.
+const REACH: f64 = 1.0;
+/// Crops around the horizon.
+const AROUND: usize = 6;
+
+/// Views from the camera's frame to the view's.
+pub(super) fn views() -> Vec<DMat3> {
+    let around = (0..AROUND).map(|index| {
+        let yaw = index as f64 / AROUND as f64 * std::f64::consts::TAU;
+        DQuat::from_rotation_y(-yaw)
+    });
+    // Up and down, and between those and the horizon, which the crops above and below meet at 45
+    // degrees.
+    let poles = [1.0, -1.0].map(|side| DQuat::from_rotation_x(side * std::f64::consts::FRAC_PI_2));
+    around.chain(poles).map(DMat3::from_quat).collect()
+}
+
+/// Where a direction in a view's frame stands in its picture, in [0, 1] from the left and the top;
+/// `None` outside.
+pub(super) fn place(direction: DVec3) -> Option<[f64; 2]> {
+    let DVec3 { x, y, z } = direction;
+    let reach = REACH * z;
+    (z > 0.0 && x.abs() <= reach && y.abs() <= reach)
+        .then(|| [x / reach, y / reach].map(|at| 0.5 * (at + 1.0)))
+}
+
+/// How much a view counts at a place: 1 in its middle, 0 at its edge.
+pub(super) fn weight([x, y]: [f64; 2]) -> f64 {
+    let from_edge = [x, y].map(|at| 1.0 - (2.0 * at - 1.0).abs());
+    from_edge[0] * from_edge[1]
+}
+
+/// The picture of a view, `side` pixels square, interleaved RGB. The corners of the picture are
+/// centres of pixels, as the network's grid has it.
+pub(super) fn picture(panorama: &RgbImage, view: &DMat3, side: usize) -> Vec<u8> {
+    let camera = ErpCamera {
+        width: panorama.width as u32,
+        height: panorama.height as u32,
+    };
+    let to_panorama = view.transpose();
+    let slope = |at: usize| (2.0 * at as f64 / (side - 1) as f64 - 1.0) * REACH;
+    let mut out = Vec::with_capacity(side * side * 3);
+    for row in 0..side {
+        for column in 0..side {
+            let direction = to_panorama * dvec3(slope(column), slope(row), 1.0);
+            let colour = match camera.project(direction) {
+                Some(place) => sample(panorama, place - dvec2(0.5, 0.5)),
+                None => [0.0; 3],
+            };
+            out.extend(colour.map(|value| (value.clamp(0.0, 1.0) * 255.0).round() as u8));
+        }
+    }
+    out
+}
+
+/// Bilinear between pixel centres, around the seam; rows beyond a pole repeat the last.
+fn sample(image: &RgbImage, place: glam::DVec2) -> [f32; 3] {
+    let (width, height) = (image.width as i64, image.height as i64);
+    let first = place.floor();
+    let share = (place - first).as_vec2();
+    let pixel = |dx: i64, dy: i64| {
+        let column = (first.x as i64 + dx).rem_euclid(width);
+        let row = (first.y as i64 + dy).clamp(0, height - 1);
+        let at = (row * width + column) as usize * 3;
+        [image.data[at], image.data[at + 1], image.data[at + 2]]
+    };
+    let [[a, b], [c, d]] = [[pixel(0, 0), pixel(1, 0)], [pixel(0, 1), pixel(1, 1)]];
+    [0, 1, 2].map(|channel| {
+        let upper = a[channel] + (b[channel] - a[channel]) * share.x;
+        let lower = c[channel] + (d[channel] - c[channel]) * share.x;
+        upper + (lower - upper) * share.y
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_direction_is_well_inside_some_view() {
+        let views = views();
+        let camera = ErpCamera {
+            width: 180,
+            height: 90,
+        };
+        for pixel in 0..180 * 90 {
+            let centre = dvec2(f64::from(pixel % 180) + 0.5, f64::from(pixel / 180) + 0.5);
+            let direction = camera.unproject(centre);
+            let best = views
+                .iter()
+                .filter_map(|view| place(*view * direction))
+                .map(weight)
+                .fold(0.0, f64::max);
+            assert!(best > 0.05, "{direction} counts {best}");
+        }
+    }
+
+    /// The colour of a pixel is its direction.
+    #[test]
+    fn pictures_show_what_lies_in_their_direction() {
+        let camera = ErpCamera {
+            width: 256,
+            height: 128,
+        };
+        let mut panorama = RgbImage::black(256, 128);
+        for (at, pixel) in panorama.data.chunks_exact_mut(3).enumerate() {
+            let centre = dvec2((at % 256) as f64 + 0.5, (at / 256) as f64 + 0.5);
+            let direction = camera.unproject(centre) * 0.5 + 0.5;
+            pixel.copy_from_slice(&direction.as_vec3().to_array());
+        }
+        for view in views() {
+            let picture = picture(&panorama, &view, 33);
+            for (at, pixel) in picture.chunks_exact(3).enumerate() {
+                let slope = |at: usize| at as f64 / 16.0 - 1.0;
+                let inside = dvec3(slope(at % 33), slope(at / 33), 1.0);
+                let expected = (view.transpose() * inside.normalize()) * 0.5 + 0.5;
+                for (value, expected) in pixel.iter().zip(expected.to_array()) {
+                    let error = f64::from(*value) / 255.0 - expected;
+                    assert!(error.abs() < 0.02, "{pixel:?} for {expected}");
+                }
+                let back = place(inside).unwrap_or_default();
+                assert!((back[0] - (at % 33) as f64 / 32.0).abs() < 1e-9);
+            }
+        }
+    }
+}
