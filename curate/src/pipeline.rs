@@ -37,7 +37,7 @@ pub const SEQUENCE_FILE: &str = "sequence.json";
 /// What the user decides about curation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CurateSettings {
-    /// Name of the admission criteria, see [`criteria::PROFILES`].
+    /// Name of the admission criteria, see [`criteria::PROFILES`], or a `.toml` file of them.
     pub profile: String,
     /// Whether a video that misses them is rejected; otherwise they are evaluated and recorded.
     pub enforce: bool,
@@ -75,7 +75,7 @@ impl CurateSettings {
     /// error.
     pub(crate) fn check(&self, video: &Path) -> Result<(), CurateError> {
         boundaries::detector(&self.detector, video)?;
-        criteria::profile(&self.profile, video)?;
+        criteria::criteria(&self.profile, video)?;
         let sampling_is_positive = match self.sampling {
             Sampling::MaxFrames(most) => most > 0,
             Sampling::FramesPerSecond(rate) => rate.is_finite() && rate > 0.0,
@@ -128,7 +128,7 @@ pub(crate) fn curate_source(
     progress: &dyn Progress,
 ) -> Result<Vec<String>, CurateError> {
     let detector = boundaries::detector(&settings.detector, video)?;
-    let profile = criteria::profile(&settings.profile, video)?;
+    let criteria = criteria::criteria(&settings.profile, video)?;
     let probe = video::probe(video)?;
     let size = frames::frame_size(video, &probe, settings.width)?;
     // What the header shows already need not be found out by decoding gigabytes.
@@ -138,7 +138,7 @@ pub(crate) fn curate_source(
         damaged_frames: None,
         overlays: None,
     };
-    admission::enforce(video, &criteria::admit(profile, &early, settings.enforce))?;
+    admission::enforce(video, &criteria::admit(&criteria, &early, settings.enforce))?;
 
     claim(video, folder, source)?;
     let analysis = analysed(video, folder, source, detector, progress)?;
@@ -149,13 +149,13 @@ pub(crate) fn curate_source(
         damaged_frames: Some(analysis.damaged_frames),
         overlays: analysis.overlays.as_ref(),
     };
-    let admission = criteria::admit(profile, &candidate, settings.enforce);
+    let admission = criteria::admit(&criteria, &candidate, settings.enforce);
     admission::enforce(video, &admission)?;
     if let Some(failures) = criteria::failures(&admission) {
         progress.note(&format!(
             "{}: would not be admitted by {}: {failures}",
             video.display(),
-            profile.id
+            criteria.name
         ));
     }
     let work = Sequencing {

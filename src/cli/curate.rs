@@ -239,7 +239,7 @@ pub(crate) struct BuildArguments {
     pub(crate) out: PathBuf,
     #[command(flatten)]
     pub(crate) curation: CurationArguments,
-    /// Criteria that every video must meet: omnilife360 or none.
+    /// Criteria that every video must meet: omnilife360, none, or a .toml file of thresholds.
     #[arg(long, default_value = "omnilife360")]
     pub(crate) criteria: String,
     /// Also writes every sequence as mp4.

@@ -1,9 +1,10 @@
 //! Admission criteria: which videos a dataset takes, as named profiles.
 //!
 //! To add a check: one file, and one line in [`CHECKS`]. A [`Profile`] names the checks it asks
-//! for with their thresholds.
+//! for with their thresholds; a file can do so too ([`criteria`]).
 
 mod duration;
+mod file;
 mod frame_rate;
 mod native_erp;
 mod overlays;
@@ -13,6 +14,7 @@ mod undamaged;
 use std::path::Path;
 
 use omnilife_schemas::records::{Admission, CheckOutcome, ErpVerdict, OverlayReport, Probe};
+use serde::Deserialize;
 
 use crate::error::CurateError;
 
@@ -30,7 +32,8 @@ pub struct Candidate<'a> {
 }
 
 /// The thresholds of a profile. A check whose threshold is `None` is not asked for.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Thresholds {
     /// The video is stored as monoscopic 2:1 ERP.
     pub native_erp: bool,
@@ -114,34 +117,54 @@ pub static CHECKS: &[Check] = &[
     overlays::CHECK,
 ];
 
-/// The profile with this name. `video` is named in the error.
+/// The criteria that a video is held against.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Criteria {
+    /// Name for the records.
+    pub name: String,
+    /// The thresholds.
+    pub thresholds: Thresholds,
+}
+
+/// The profile of this name, or the criteria in this `.toml` file. `video` is named in the error.
 ///
 /// # Errors
-/// [`CurateError::Input`] that lists the known names.
-pub fn profile(id: &str, video: &Path) -> Result<&'static Profile, CurateError> {
-    PROFILES
+/// [`CurateError::Input`] that lists the known names, or says what is wrong with the file.
+pub fn criteria(name: &str, video: &Path) -> Result<Criteria, CurateError> {
+    let path = Path::new(name);
+    if path
+        .extension()
+        .is_some_and(|extension| extension == "toml")
+    {
+        return file::read(path);
+    }
+    let profile = PROFILES
         .iter()
-        .find(|profile| profile.id == id)
+        .find(|profile| profile.id == name)
         .ok_or_else(|| {
             let known: Vec<_> = PROFILES.iter().map(|profile| profile.id).collect();
             CurateError::input(
                 video,
                 format!(
-                    "criteria {id} are not known; there are {}",
+                    "criteria {name} are not known; there are {}, and .toml files",
                     known.join(", ")
                 ),
             )
-        })
+        })?;
+    Ok(Criteria {
+        name: profile.id.to_owned(),
+        thresholds: profile.thresholds,
+    })
 }
 
-/// Evaluates every check of a profile that can be evaluated.
-pub fn admit(profile: &Profile, candidate: &Candidate<'_>, enforced: bool) -> Admission {
+/// Evaluates every check that is asked for and can be evaluated.
+pub fn admit(criteria: &Criteria, candidate: &Candidate<'_>, enforced: bool) -> Admission {
     let checks: Vec<CheckOutcome> = CHECKS
         .iter()
-        .filter_map(|check| (check.evaluate)(&profile.thresholds, candidate))
+        .filter_map(|check| (check.evaluate)(&criteria.thresholds, candidate))
         .collect();
     Admission {
-        profile: profile.id.to_owned(),
+        profile: criteria.name.clone(),
         admitted: checks.iter().all(|check| check.passed),
         checks,
         enforced,
