@@ -127,7 +127,8 @@ pub(crate) struct MasksArguments {
     /// Takes the masks from this folder: images named as the frames, white is what moves.
     #[arg(long, value_name = "FOLDER", conflicts_with = "method")]
     pub(crate) from: Option<PathBuf>,
-    /// Finds them: residual (motion that the camera's own does not explain).
+    /// Finds them: residual (motion that the camera's own does not explain), or deeplab (people,
+    /// animals and vehicles by what they are; scripts/setup --models).
     #[arg(long, default_value = "residual")]
     pub(crate) method: String,
 }
