@@ -7,7 +7,7 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-use crate::scoring_job::View;
+use crate::{metrics::ViewPair, scoring_job::View};
 
 /// Folder of the pictures in the output folder.
 const FOLDER: &str = "comparisons";
@@ -32,25 +32,17 @@ pub(crate) fn prepare_folder(out: &Path) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// Writes a view's picture; returns its file relative to `out`. Both images hold
-/// `height * width * 3` bytes.
-pub(crate) fn write(
-    out: &Path,
-    view: View,
-    width: u32,
-    height: u32,
-    prediction: &[u8],
-    truth: &[u8],
-) -> Result<String, StoreError> {
+/// Writes a view's picture; returns its file relative to `out`.
+pub(crate) fn write(out: &Path, view: View, pair: &ViewPair) -> Result<String, StoreError> {
     let file = format!("{FOLDER}/{}-{:06}.png", view.kind, view.frame);
-    let (width, height) = (width as usize, height as usize);
+    let [width, height] = pair.size();
     let wide = 2 * width + SEPARATOR;
     let mut bytes = Vec::with_capacity(wide * height * 3);
     for row in 0..height {
         let range = row * width * 3..(row + 1) * width * 3;
-        bytes.extend_from_slice(&prediction[range.clone()]);
+        bytes.extend_from_slice(&pair.prediction()[range.clone()]);
         bytes.extend(std::iter::repeat_n(255, SEPARATOR * 3));
-        bytes.extend_from_slice(&truth[range]);
+        bytes.extend_from_slice(&pair.truth()[range]);
     }
     rgb::write_rgb8_png(&out.join(&file), wide, height, &bytes)?;
     Ok(file)

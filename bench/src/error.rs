@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use omnilife_networks::WeightsError;
 use omnilife_schemas::{Blame, Blamed, store::StoreError};
 
 /// An error of this crate. Messages are one line that names the file or scene and the reason.
@@ -12,6 +13,9 @@ pub enum BenchError {
     /// A file could not be read or written.
     #[error(transparent)]
     Store(#[from] StoreError),
+    /// Weights of a network are unusable.
+    #[error(transparent)]
+    Weights(#[from] WeightsError),
     /// No protocol of this id.
     #[error("no protocol is called {id}; there are: {known}")]
     UnknownProtocol {
@@ -59,6 +63,14 @@ pub enum BenchError {
     /// The request gives nothing to score.
     #[error("nothing to score: neither predicted input views nor predicted novel views were given")]
     NothingToScore,
+    /// Two sides have no scene in common that both scored completely.
+    #[error("{methods}: nothing to compare: {reasons}")]
+    NothingToCompare {
+        /// Who was to be compared.
+        methods: String,
+        /// What was left out.
+        reasons: String,
+    },
     /// A metric gave a number that is not finite, or the table could not be encoded.
     #[error("{}: {reason}", path.display())]
     Internal {
@@ -91,13 +103,15 @@ impl Blamed for BenchError {
     fn blame(&self) -> Blame {
         match self {
             Self::Store(error) => error.blame(),
+            Self::Weights(error) => error.blame(),
             Self::Internal { .. } => Blame::Ours,
             Self::UnknownProtocol { .. }
             | Self::UnknownMetric { .. }
             | Self::Protocol { .. }
             | Self::Scene { .. }
             | Self::Mismatch { .. }
-            | Self::NothingToScore => Blame::Input,
+            | Self::NothingToScore
+            | Self::NothingToCompare { .. } => Blame::Input,
         }
     }
 }

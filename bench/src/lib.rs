@@ -1,8 +1,9 @@
 //! From rendered views and a manifest to scores.
 //!
 //! * [`protocols`]: what is scored; [`mod@split`]: which frames a method is given and which it predicts.
-//! * [`metrics`]: what a score is, one file each.
+//! * [`metrics`]: what a score is, one file each; [`lpips`]: the networks of some.
 //! * [`external`]: anyone's method, run by its own commands;
+//! * [`validate()`] and [`compare()`]: predictions before they are scored, and scores of two methods;
 //! * [`mod@score`]: folders of predictions against a scene's images, with every failure in the
 //!   record.
 //!
@@ -11,23 +12,31 @@
 
 pub mod error;
 pub mod external;
+pub mod lpips;
 pub mod metrics;
 pub mod protocols;
 pub mod score;
 pub mod split;
 
+mod availability;
+mod compare;
 mod comparison;
+mod evidence;
 mod frames_table;
+mod memory;
 mod prediction;
 mod run_facts;
 mod scene_identity;
 mod scoring_job;
 mod summary;
 mod truth;
+mod validate;
 
+pub use compare::{Difference, PairedComparison, StoredResult, WinsAndLosses, compare};
 pub use error::BenchError;
 pub use external::{ExternalRequest, run_external};
-pub use metrics::{METRICS, Metric, ViewPair};
+pub use metrics::{DepthPair, METRICS, Metric, Need, Sample, Undefined, ViewPair};
 pub use protocols::{PROTOCOLS, ProtocolEntry};
-pub use score::{Predictions, ScoreRequest, score};
+pub use score::{DEFAULT_MEMORY_BYTES, Predictions, ScoreRequest, score};
 pub use split::{split, split_scene};
+pub use validate::{Finding, ValidationReport, validate};

@@ -1,22 +1,133 @@
 //! Predicted views as methods leave them, read without any repair.
 
-use std::{fs, io, io::Cursor, path::Path};
+use std::{
+    collections::BTreeMap,
+    fs, io,
+    io::Cursor,
+    path::{Path, PathBuf},
+};
 
-use image::{ColorType, ImageDecoder, codecs::png::PngDecoder};
+use image::{ColorType, ImageDecoder, codecs::png::PngDecoder, metadata::Orientation};
+use omnilife_schemas::{
+    npy,
+    store::{self, StoreError},
+};
 
-/// Bytes of a prediction: an 8-bit RGB PNG of exactly `width` x `height` pixels. An alpha channel
-/// is accepted where every pixel is opaque.
-///
-/// # Errors
-/// The reason, in one line, why the prediction cannot be scored. It names the file without its
-/// folder, so that results do not depend on where predictions lie.
-pub(crate) fn read(file: &Path, width: u32, height: u32) -> Result<Vec<u8>, String> {
-    let name = file.file_name().unwrap_or_default().to_string_lossy();
-    let bytes = fs::read(file).map_err(|error| match error.kind() {
-        io::ErrorKind::NotFound => format!("{name} is missing"),
-        kind => format!("{name} cannot be read: {kind}"),
-    })?;
-    decode(&bytes, width, height).map_err(|reason| format!("{name} {reason}"))
+/// Folder of predicted distances in a folder of predictions.
+const DEPTH_FOLDER: &str = "depth";
+
+/// The files of a folder of predictions.
+#[derive(Debug)]
+pub(crate) struct PredictionFolder {
+    folder: PathBuf,
+    /// Names of PNG files that are read as the number of a frame in another way than its name.
+    other_names: BTreeMap<u32, String>,
+    /// PNG files that are no prediction of a frame that is scored.
+    pub(crate) strays: Vec<String>,
+}
+
+impl PredictionFolder {
+    /// Lists a folder in which predictions of `frames` are expected.
+    pub(crate) fn open(folder: &Path, frames: &[u32]) -> Result<Self, StoreError> {
+        let mut found = Self {
+            folder: folder.to_owned(),
+            other_names: BTreeMap::new(),
+            strays: Vec::new(),
+        };
+        for name in store::names_in(folder)? {
+            let Some(stem) = png_stem(&name) else {
+                continue;
+            };
+            if frames.iter().any(|&frame| name == file_name(frame)) {
+                continue;
+            }
+            if let Some(frame) = stem.parse().ok().filter(|frame| frames.contains(frame)) {
+                found.other_names.insert(frame, name.clone());
+            }
+            found.strays.push(name);
+        }
+        Ok(found)
+    }
+
+    /// The file that should hold a frame's prediction.
+    pub(crate) fn file(&self, frame: u32) -> PathBuf {
+        self.folder.join(file_name(frame))
+    }
+
+    /// The file that may hold a frame's predicted distances.
+    pub(crate) fn depth_file(&self, frame: u32) -> PathBuf {
+        self.folder
+            .join(DEPTH_FOLDER)
+            .join(format!("{frame:06}.npy"))
+    }
+
+    /// Whether distances were predicted.
+    pub(crate) fn has_depth(&self) -> bool {
+        self.folder.join(DEPTH_FOLDER).is_dir()
+    }
+
+    /// Bytes of a frame's prediction: an 8-bit RGB PNG of exactly `width` x `height` pixels. An
+    /// alpha channel is accepted where every pixel is opaque.
+    ///
+    /// # Errors
+    /// The reason, in one line, why the prediction cannot be scored. It names the file without its
+    /// folder, so that results do not depend on where predictions lie.
+    pub(crate) fn read(&self, frame: u32, width: u32, height: u32) -> Result<Vec<u8>, String> {
+        let name = file_name(frame);
+        let other = self.other_names.get(&frame);
+        let bytes = fs::read(self.file(frame)).map_err(|error| match (error.kind(), other) {
+            (io::ErrorKind::NotFound, Some(other)) => {
+                format!("{name} is missing; {other} is not its name")
+            }
+            (io::ErrorKind::NotFound, None) => format!("{name} is missing"),
+            (kind, _) => format!("{name} cannot be read: {kind}"),
+        })?;
+        if let Some(other) = other {
+            return Err(format!("{name} and {other} are both of frame {frame}"));
+        }
+        decode(&bytes, width, height).map_err(|reason| format!("{name} {reason}"))
+    }
+
+    /// Distances of a frame along the rays, in units of the world frame: a `NumPy` array of
+    /// `height` x `width` in f32 or f64.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub(crate) fn read_depth(
+        &self,
+        frame: u32,
+        width: u32,
+        height: u32,
+    ) -> Result<Vec<f32>, String> {
+        let file = self.depth_file(frame);
+        let name = format!("{DEPTH_FOLDER}/{frame:06}.npy");
+        if !file.exists() {
+            return Err(format!("{name} is missing"));
+        }
+        let array = npy::read(&file).map_err(|error| match error {
+            StoreError::Malformed { reason, .. } => format!("{name}: {reason}"),
+            _ => format!("{name} cannot be read"),
+        })?;
+        let expected = [height as usize, width as usize];
+        if array.shape != expected {
+            let shape = array.shape;
+            return Err(format!(
+                "{name} is of shape {shape:?}, expected {expected:?}"
+            ));
+        }
+        Ok(array.values.iter().map(|&value| value as f32).collect())
+    }
+}
+
+/// File name of a frame's prediction.
+pub(crate) fn file_name(frame: u32) -> String {
+    format!("{frame:06}.png")
+}
+
+/// The name without its ending, of visible PNG files.
+fn png_stem(name: &str) -> Option<&str> {
+    let (stem, ending) = name.rsplit_once('.')?;
+    (ending.eq_ignore_ascii_case("png") && !name.starts_with('.')).then_some(stem)
 }
 
 fn decode(bytes: &[u8], width: u32, height: u32) -> Result<Vec<u8>, String> {
@@ -24,7 +135,7 @@ fn decode(bytes: &[u8], width: u32, height: u32) -> Result<Vec<u8>, String> {
         let text = error.to_string();
         format!("is not a usable PNG: {}", text.lines().next().unwrap_or(""))
     };
-    let decoder = PngDecoder::new(Cursor::new(bytes)).map_err(undecodable)?;
+    let mut decoder = PngDecoder::new(Cursor::new(bytes)).map_err(undecodable)?;
     // Checked before decoding: a wrong header must not make us allocate its size.
     let (found_width, found_height) = decoder.dimensions();
     if (found_width, found_height) != (width, height) {
@@ -35,6 +146,10 @@ fn decode(bytes: &[u8], width: u32, height: u32) -> Result<Vec<u8>, String> {
     let colour = decoder.color_type();
     if !matches!(colour, ColorType::Rgb8 | ColorType::Rgba8) {
         return Err(format!("is {colour:?}, expected 8-bit RGB"));
+    }
+    // Some viewers would turn it and some would not: what the method meant is not for us to say.
+    if decoder.orientation().map_err(undecodable)? != Orientation::NoTransforms {
+        return Err("asks by its EXIF orientation to be turned or mirrored".to_owned());
     }
     let mut pixels = vec![0; decoder.total_bytes() as usize];
     decoder.read_image(&mut pixels).map_err(undecodable)?;

@@ -5,10 +5,12 @@ use std::path::Path;
 use omnilife_schemas::{
     Pose,
     camera::ErpCamera,
-    records::{Scene, Split},
+    records::{Scene, SceneFrame, Split},
     store::{self, StoreError},
 };
 use serde::Serialize;
+
+use crate::metrics::Need;
 
 /// The hash that a result carries for its scene.
 pub(crate) struct SceneIdentity {
@@ -27,11 +29,15 @@ struct FrameContent<'a> {
     image_sha256: String,
     time_seconds: f64,
     pose: &'a Option<Pose>,
+    /// Names and hashes of masks and depth, where scores depend on them.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    annotations: Vec<(String, String)>,
 }
 
 impl SceneIdentity {
-    /// Hashes camera, times, poses and ground truth of all frames of a split. Names of files, the
-    /// place of the scene and how long posing took do not count.
+    /// Hashes camera, times, poses and ground truth of all frames of a split, and the masks and
+    /// depth that metrics with these needs look at. Names of files, the place of the scene and how
+    /// long posing took do not count.
     ///
     /// # Errors
     /// When a ground truth image cannot be read.
@@ -39,6 +45,7 @@ impl SceneIdentity {
         scene_file: &Path,
         scene: &Scene,
         split: &Split,
+        needs: &[Need],
     ) -> Result<Self, StoreError> {
         let frames = split
             .input_views
@@ -50,6 +57,7 @@ impl SceneIdentity {
                     image_sha256: store::sha256_file(&scene_file.with_file_name(&frame.image))?,
                     time_seconds: frame.time_seconds,
                     pose: &frame.pose,
+                    annotations: annotations(scene_file, frame, needs)?,
                 })
             })
             .collect::<Result<_, StoreError>>()?;
@@ -63,4 +71,36 @@ impl SceneIdentity {
             sha256: store::sha256_bytes(&bytes),
         })
     }
+}
+
+/// Names and hashes of what metrics with these needs look at beside a frame's image.
+fn annotations(
+    scene_file: &Path,
+    frame: &SceneFrame,
+    needs: &[Need],
+) -> Result<Vec<(String, String)>, StoreError> {
+    let mut files: Vec<(String, &str)> = Vec::new();
+    if needs.contains(&Need::DynamicMask) {
+        files.extend(
+            frame
+                .mask
+                .iter()
+                .map(|file| ("mask".to_owned(), file.as_str())),
+        );
+    }
+    for (class, file) in &frame.classes {
+        let is_class = |need: &Need| matches!(need, Need::ClassMask(name) if name == class);
+        if needs.iter().any(is_class) {
+            files.push((format!("class {class}"), file));
+        }
+    }
+    if let Some(depth) = &frame.depth
+        && needs.contains(&Need::Depth)
+    {
+        files.push((format!("depth in {}", depth.unit), &depth.file));
+    }
+    files
+        .into_iter()
+        .map(|(name, file)| Ok((name, store::sha256_file(&scene_file.with_file_name(file))?)))
+        .collect()
 }

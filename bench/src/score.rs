@@ -15,12 +15,13 @@ use rayon::prelude::*;
 use crate::{
     comparison,
     error::BenchError,
+    evidence::Evidence,
     frames_table::{self, FRAMES_TABLE},
-    metrics::ViewPair,
-    prediction,
+    memory,
+    metrics::Undefined,
     run_facts::RunFacts,
     scoring_job::{ScoringJob, View, ViewKind},
-    summary, truth,
+    summary,
 };
 
 /// File name of the scores in the output folder.
@@ -56,7 +57,13 @@ pub struct ScoreRequest {
     pub method: String,
     /// Folder for `result.json`, `frames.parquet` and `comparisons/`; made where it is missing.
     pub out: PathBuf,
+    /// About how much memory views may take together, bytes. It decides how many are scored at
+    /// once, one at least, and changes no score.
+    pub memory_bytes: u64,
 }
+
+/// What scoring takes at most where nothing else is asked for: 2 GB.
+pub const DEFAULT_MEMORY_BYTES: u64 = 2_000_000_000;
 
 impl ScoreRequest {
     /// A request for a run, with the method's id from its record.
@@ -71,6 +78,7 @@ impl ScoreRequest {
             predictions: Predictions::Run(run.to_owned()),
             method,
             out: out.to_owned(),
+            memory_bytes: DEFAULT_MEMORY_BYTES,
         })
     }
 }
@@ -78,11 +86,14 @@ impl ScoreRequest {
 /// Scores predictions and writes into `request.out`:
 /// * `result.json`: means over the views and every failure;
 /// * `frames.parquet`: one row per view with columns `view`, `frame`, `time_seconds` and one per
-///   metric, which are null for a view that could not be scored;
+///   metric, which are null for a view that could not be scored or for which the metric is
+///   undefined;
 /// * `comparisons/novel-<frame>.png`: prediction left, ground truth right, of every novel view
 ///   whose prediction could be read.
 ///
-/// Frames are scored in parallel; the files are the same for every number of threads. Where
+/// Frames are scored in parallel; the files are the same for every number of threads. Metrics that
+/// cannot be computed (weights, masks or depth are missing) are listed in the result with the
+/// reason, and never stand as a number. Where
 /// scene, split, predictions and ground truth have not changed since the last time, nothing is
 /// computed, a note says so and the stored result is returned.
 ///
@@ -108,17 +119,8 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
 
     let views = job.views();
     progress.begin(&label, Some(views.len() as u64));
-    let outcomes: Vec<Result<ViewOutcome, BenchError>> = views
-        .into_par_iter()
-        .map(|view| {
-            let outcome = score_view(&job, view, &request.out);
-            progress.advance(1);
-            outcome
-        })
-        .collect();
+    let outcomes = score_views(&job, &views, request, progress)?;
     progress.end();
-    // The first error in the order of views, whichever thread met one first.
-    let outcomes = outcomes.into_iter().collect::<Result<Vec<_>, _>>()?;
 
     frames_table::write(&request.out.join(FRAMES_TABLE), &job, &outcomes)?;
     let result = summary::result_record(&job, &outcomes);
@@ -137,57 +139,90 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
 pub(crate) struct ViewOutcome {
     /// The view.
     pub(crate) view: View,
-    /// One value per metric of the protocol, or why there are none.
-    pub(crate) scores: Result<Vec<f64>, String>,
+    /// One value per available metric of the protocol, or why there are none.
+    pub(crate) scores: Result<Vec<Result<f64, Undefined>>, String>,
+    /// Whether the prediction is the ground truth, byte for byte.
+    pub(crate) is_identical: bool,
     /// Comparison image relative to the output folder.
     comparison: Option<String>,
 }
 
-fn score_view(job: &ScoringJob, view: View, out: &Path) -> Result<ViewOutcome, BenchError> {
-    let truth_bytes = truth::read(job, view.frame)?;
-    let [width, height] = job.size;
-    let file = job.prediction_file(view);
-    let predicted = match prediction::read(&file, width, height) {
-        Ok(predicted) => predicted,
+/// Scores views in their order, as many at once as the memory allows.
+fn score_views(
+    job: &ScoringJob,
+    views: &[View],
+    request: &ScoreRequest,
+    progress: &dyn Progress,
+) -> Result<Vec<ViewOutcome>, BenchError> {
+    let together = memory::views_together(job, request.memory_bytes);
+    let mut outcomes = Vec::with_capacity(views.len());
+    let mut previous: Option<Evidence> = None;
+    for views in views.chunks(together) {
+        let evidence: Vec<Result<Evidence, BenchError>> = views
+            .par_iter()
+            .map(|&view| Evidence::read(job, view))
+            .collect();
+        // The first error in the order of views, whichever thread met one first.
+        let mut evidence = evidence.into_iter().collect::<Result<Vec<_>, _>>()?;
+        let scored: Vec<Result<ViewOutcome, BenchError>> = evidence
+            .par_iter()
+            .enumerate()
+            .map(|(index, view)| {
+                let before = match index {
+                    0 => previous.as_ref(),
+                    index => evidence.get(index - 1),
+                };
+                let outcome = score_view(job, view, before, &request.out);
+                progress.advance(1);
+                outcome
+            })
+            .collect();
+        outcomes.extend(scored.into_iter().collect::<Result<Vec<_>, _>>()?);
+        previous = evidence.pop();
+    }
+    Ok(outcomes)
+}
+
+fn score_view(
+    job: &ScoringJob,
+    evidence: &Evidence,
+    previous: Option<&Evidence>,
+    out: &Path,
+) -> Result<ViewOutcome, BenchError> {
+    let view = evidence.view;
+    let pair = match &evidence.pair {
+        Ok(pair) => pair,
         Err(reason) => {
             return Ok(ViewOutcome {
                 view,
-                scores: Err(reason),
+                scores: Err(reason.clone()),
+                is_identical: false,
                 comparison: None,
             });
         }
     };
     let comparison = match view.kind {
         ViewKind::Input => None,
-        ViewKind::Novel => Some(comparison::write(
-            out,
-            view,
-            width,
-            height,
-            &predicted,
-            &truth_bytes,
-        )?),
+        ViewKind::Novel => Some(comparison::write(out, view, pair)?),
     };
-    let pair = ViewPair::new(width as usize, height as usize, predicted, truth_bytes)
-        .ok_or_else(|| BenchError::internal(&file, "image buffers differ in size"))?;
+    let sample = evidence.sample(pair, previous);
     let scores = job
-        .metrics
-        .iter()
-        .map(|metric| {
-            let value = (metric.function)(&pair);
-            if value.is_finite() {
-                Ok(value)
-            } else {
-                Err(BenchError::internal(
-                    &file,
-                    format!("{} is {value}", metric.id),
-                ))
-            }
+        .computed()
+        .map(|metric| match (metric.function)(&sample) {
+            Ok(value) if !value.is_finite() => Err(BenchError::internal(
+                out,
+                format!(
+                    "{} of {} view {} is {value}",
+                    metric.id, view.kind, view.frame
+                ),
+            )),
+            value => Ok(value),
         })
         .collect::<Result<_, _>>()?;
     Ok(ViewOutcome {
         view,
         scores: Ok(scores),
+        is_identical: pair.prediction() == pair.truth(),
         comparison,
     })
 }

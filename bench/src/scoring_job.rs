@@ -1,7 +1,7 @@
 //! A scoring request with its files read and checked against each other.
 
 use std::{
-    fmt, fs,
+    fmt,
     path::{Path, PathBuf},
 };
 
@@ -12,8 +12,10 @@ use omnilife_schemas::{
 };
 
 use crate::{
+    availability,
     error::BenchError,
-    metrics::{self, Metric},
+    metrics::{self, Metric, Need},
+    prediction::{self, PredictionFolder},
     protocols,
     run_facts::RunFacts,
     scene_identity::SceneIdentity,
@@ -45,12 +47,20 @@ pub(crate) struct View {
     pub(crate) frame: u32,
 }
 
+impl View {
+    /// File name of its prediction.
+    pub(crate) fn file_name(self) -> String {
+        prediction::file_name(self.frame)
+    }
+}
+
 /// Everything that scoring needs, consistent.
 pub(crate) struct ScoringJob {
     pub(crate) method: String,
     pub(crate) scene: Scene,
     pub(crate) split: Split,
-    pub(crate) metrics: Vec<&'static Metric>,
+    /// The metrics of the protocol, in its order.
+    pub(crate) metrics: Vec<JobMetric>,
     pub(crate) identity: SceneIdentity,
     /// Width and height of the scored images in pixels.
     pub(crate) size: [u32; 2],
@@ -58,10 +68,15 @@ pub(crate) struct ScoringJob {
     scene_file: PathBuf,
     split_file: PathBuf,
     run_file: Option<PathBuf>,
-    input_folder: Option<PathBuf>,
-    novel_folder: Option<PathBuf>,
-    /// PNG files in either folder that are no prediction of the split.
-    strays: usize,
+    input_folder: Option<PredictionFolder>,
+    novel_folder: Option<PredictionFolder>,
+}
+
+/// A metric of the protocol.
+pub(crate) struct JobMetric {
+    pub(crate) metric: &'static Metric,
+    /// Why it cannot be computed for any view.
+    pub(crate) unavailable: Option<String>,
 }
 
 impl ScoringJob {
@@ -93,14 +108,38 @@ impl ScoringJob {
                 ));
             }
         }
-        let strays = count_strays(input_folder.as_deref(), &split.input_views)?
-            + count_strays(novel_folder.as_deref(), &split.novel_views)?;
+        let open = |folder: Option<PathBuf>, frames: &[u32]| {
+            folder
+                .map(|folder| PredictionFolder::open(&folder, frames))
+                .transpose()
+        };
+        let input_folder = open(input_folder, &split.input_views)?;
+        let novel_folder = open(novel_folder, &split.novel_views)?;
+        let asked = metrics::of_protocol(&split.protocol)?;
+        let needs: Vec<Need> = asked
+            .iter()
+            .flat_map(|metric| metric.needs)
+            .copied()
+            .collect();
+        let has_depth = [&input_folder, &novel_folder]
+            .into_iter()
+            .flatten()
+            .any(PredictionFolder::has_depth);
+        let metrics = asked
+            .into_iter()
+            .map(|metric| {
+                let unavailable = availability::why_not(metric, &scene, &split, has_depth)?;
+                Ok(JobMetric {
+                    metric,
+                    unavailable,
+                })
+            })
+            .collect::<Result<_, BenchError>>()?;
         Ok(Self {
-            strays,
             method: request.method.clone(),
-            metrics: metrics::of_protocol(&split.protocol)?,
+            metrics,
             size: scored_size(&scene, &split)?,
-            identity: SceneIdentity::of_split(&request.scene, &scene, &split)?,
+            identity: SceneIdentity::of_split(&request.scene, &scene, &split, &needs)?,
             scene,
             split,
             run,
@@ -112,9 +151,29 @@ impl ScoringJob {
         })
     }
 
+    /// Whether any metric that is computed needs this.
+    pub(crate) fn needs(&self, need: Need) -> bool {
+        self.computed().any(|metric| metric.needs.contains(&need))
+    }
+
+    /// Whether any metric that is computed needs masks of this class.
+    pub(crate) fn needs_class(&self, class: &str) -> bool {
+        self.computed()
+            .flat_map(|metric| metric.needs)
+            .any(|need| matches!(need, Need::ClassMask(name) if *name == class))
+    }
+
+    /// The metrics that are available.
+    pub(crate) fn computed(&self) -> impl Iterator<Item = &'static Metric> {
+        let metrics = self.metrics.iter();
+        metrics
+            .filter(|metric| metric.unavailable.is_none())
+            .map(|metric| metric.metric)
+    }
+
     /// The views to score: input views, then novel views, in the split's order.
     pub(crate) fn views(&self) -> Vec<View> {
-        let of = |kind, frames: &[u32], folder: &Option<PathBuf>| {
+        let of = |kind, frames: &[u32], folder: &Option<PredictionFolder>| {
             let count = if folder.is_some() { frames.len() } else { 0 };
             frames[..count]
                 .iter()
@@ -130,22 +189,25 @@ impl ScoringJob {
         views
     }
 
-    /// The file that should hold a view's prediction.
-    pub(crate) fn prediction_file(&self, view: View) -> PathBuf {
-        let folder = match view.kind {
-            ViewKind::Input => &self.input_folder,
-            ViewKind::Novel => &self.novel_folder,
-        };
-        folder
-            .as_deref()
-            .unwrap_or(Path::new(""))
-            .join(prediction_name(view.frame))
+    /// The folder of the predictions of a kind that is scored.
+    pub(crate) fn folder(&self, kind: ViewKind) -> Option<&PredictionFolder> {
+        match kind {
+            ViewKind::Input => self.input_folder.as_ref(),
+            ViewKind::Novel => self.novel_folder.as_ref(),
+        }
     }
 
-    /// The file that holds a frame's ground truth.
-    pub(crate) fn truth_file(&self, frame: u32) -> PathBuf {
-        self.scene_file
-            .with_file_name(&self.scene.frames[frame as usize].image)
+    /// PNG files among the predictions that are of no view that is scored.
+    pub(crate) fn strays(&self) -> impl Iterator<Item = &str> {
+        let folders = [&self.input_folder, &self.novel_folder]
+            .into_iter()
+            .flatten();
+        folders.flat_map(|folder| folder.strays.iter().map(String::as_str))
+    }
+
+    /// A file of the scene.
+    pub(crate) fn scene_file(&self, name: &str) -> PathBuf {
+        self.scene_file.with_file_name(name)
     }
 
     /// What a reader of the scores should know beside the numbers.
@@ -161,10 +223,10 @@ impl ScoringJob {
                 ));
             }
         }
-        if self.strays > 0 {
+        let strays = self.strays().count();
+        if strays > 0 {
             warnings.push(format!(
-                "{} PNG files among the predictions belong to no view that was scored",
-                self.strays
+                "{strays} PNG files among the predictions belong to no view that was scored"
             ));
         }
         if !self.split.unposed.is_empty() {
@@ -199,7 +261,10 @@ impl ScoringJob {
     pub(crate) fn stage(&self, out: &Path) -> Result<StagePlan, BenchError> {
         let mut plan = StagePlan::new(out, "score")
             .with_text("method", &self.method)
-            .with_text("stray predictions", &self.strays.to_string())
+            .with_text(
+                "stray predictions",
+                &self.strays().collect::<Vec<_>>().join(", "),
+            )
             .with_file(&self.scene_file)?
             .with_hash("frames of the split", self.identity.sha256.clone())
             .with_file(&self.split_file)?;
@@ -207,39 +272,29 @@ impl ScoringJob {
             Some(file) => plan.with_file(file)?,
             None => plan.with_text("run record", "none"),
         };
+        for JobMetric {
+            metric,
+            unavailable,
+        } in &self.metrics
+        {
+            let state = unavailable.as_deref().unwrap_or("available");
+            plan = plan.with_text(&format!("metric {}", metric.id), state);
+        }
+        let with_depth = self.needs(Need::Depth);
         for view in self.views() {
+            let Some(folder) = self.folder(view.kind) else {
+                continue;
+            };
             let name = format!("{} view {:06}", view.kind, view.frame);
-            plan = plan.with_text(
-                &format!("{name}, prediction"),
-                &fingerprint(&self.prediction_file(view)),
-            );
+            let file = folder.file(view.frame);
+            plan = plan.with_text(&format!("{name}, prediction"), &fingerprint(&file));
+            if with_depth {
+                let file = folder.depth_file(view.frame);
+                plan = plan.with_text(&format!("{name}, depth"), &fingerprint(&file));
+            }
         }
         Ok(plan)
     }
-}
-
-/// Counts PNG files that are no prediction of `frames`: a method that numbers its frames in
-/// another way should hear of it.
-fn count_strays(folder: Option<&Path>, frames: &[u32]) -> Result<usize, StoreError> {
-    let Some(folder) = folder else {
-        return Ok(0);
-    };
-    let failed = |source| StoreError::read(folder, source);
-    let mut strays = 0;
-    for entry in fs::read_dir(folder).map_err(failed)? {
-        let name = entry.map_err(failed)?.file_name();
-        let name = name.to_string_lossy();
-        let is_png = name.ends_with(".png") && !name.starts_with('.');
-        if is_png && !frames.iter().any(|&frame| name == prediction_name(frame)) {
-            strays += 1;
-        }
-    }
-    Ok(strays)
-}
-
-/// File name of a frame's prediction.
-pub(crate) fn prediction_name(frame: u32) -> String {
-    format!("{frame:06}.png")
 }
 
 /// A prediction's hash, or why it has none: a missing prediction is a state like any other.

@@ -1,14 +1,15 @@
-//! The result record: means over views, and what failed.
+//! The result record: means over views, what failed and what is unavailable.
 
 use std::collections::BTreeMap;
 
-use omnilife_schemas::records::{Failure, ResultRecord, Summary};
+use omnilife_schemas::records::{Failure, ResultRecord, Summary, Unavailable};
 
 use crate::{
     frames_table::FRAMES_TABLE,
+    metrics::{Metric, Need, Undefined},
     protocols,
     score::ViewOutcome,
-    scoring_job::{ScoringJob, ViewKind},
+    scoring_job::{JobMetric, ScoringJob, ViewKind},
 };
 
 /// Summarizes the outcomes of all views of a job.
@@ -23,6 +24,8 @@ pub(crate) fn result_record(job: &ScoringJob, outcomes: &[ViewOutcome]) -> Resul
             })
         })
         .collect();
+    let [input, novel] =
+        [ViewKind::Input, ViewKind::Novel].map(|kind| summaries(job, outcomes, kind));
     ResultRecord {
         method: job.method.clone(),
         scene: job.scene.id.clone(),
@@ -30,9 +33,10 @@ pub(crate) fn result_record(job: &ScoringJob, outcomes: &[ViewOutcome]) -> Resul
         protocol: protocols::title(&job.split.protocol),
         protocol_hash: job.split.protocol_hash.clone(),
         scored_size: job.size,
-        input_views: means(job, outcomes, ViewKind::Input),
-        novel_views: means(job, outcomes, ViewKind::Novel),
+        input_views: input.0,
+        novel_views: novel.0,
         failures,
+        unavailable: [input.1, novel.1].concat(),
         frames_table: FRAMES_TABLE.to_owned(),
         training_seconds: job.run.as_ref().and_then(|run| run.training_seconds),
         gaussians: job.run.as_ref().and_then(|run| run.gaussians),
@@ -41,29 +45,99 @@ pub(crate) fn result_record(job: &ScoringJob, outcomes: &[ViewOutcome]) -> Resul
         backend: job.run.as_ref().and_then(|run| run.backend.clone()),
         rendering_seconds: job.run.as_ref().and_then(|run| run.rendering_seconds),
         peak_memory_bytes: job.run.as_ref().and_then(|run| run.peak_memory_bytes),
-        warnings: job.warnings(),
+        warnings: [job.warnings(), identical_views(outcomes)].concat(),
+        versions: versions(job),
     }
 }
 
-/// Mean of every metric over the scored views of one kind, in the order of views; no entries
-/// without scored views.
-fn means(job: &ScoringJob, outcomes: &[ViewOutcome], kind: ViewKind) -> BTreeMap<String, Summary> {
-    let scored: Vec<&Vec<f64>> = outcomes
+/// Summaries of every metric over the scored views of one kind, in the order of views, and the
+/// metrics that have none; neither without scored views.
+fn summaries(
+    job: &ScoringJob,
+    outcomes: &[ViewOutcome],
+    kind: ViewKind,
+) -> (BTreeMap<String, Summary>, Vec<Unavailable>) {
+    let scored: Vec<&Vec<Result<f64, Undefined>>> = outcomes
         .iter()
         .filter(|outcome| outcome.view.kind == kind)
         .filter_map(|outcome| outcome.scores.as_ref().ok())
         .collect();
+    let (mut summaries, mut unavailable) = (BTreeMap::new(), Vec::new());
     if scored.is_empty() {
-        return BTreeMap::new();
+        return (summaries, unavailable);
     }
-    let summaries = job.metrics.iter().enumerate().map(|(index, metric)| {
-        let sum: f64 = scored.iter().map(|scores| scores[index]).sum();
-        let summary = Summary {
-            mean: sum / scored.len() as f64,
-            views: scored.len() as u32,
-            direction: metric.direction,
+    let mut computed = 0;
+    for JobMetric {
+        metric,
+        unavailable: reason,
+    } in &job.metrics
+    {
+        let summary = match reason {
+            Some(reason) => Err(reason.clone()),
+            None => {
+                let values: Vec<_> = scored.iter().map(|scores| scores[computed]).collect();
+                computed += 1;
+                summary(metric, &values)
+            }
         };
-        (metric.id.to_owned(), summary)
-    });
-    summaries.collect()
+        match summary {
+            Ok(summary) => {
+                summaries.insert(metric.id.to_owned(), summary);
+            }
+            Err(reason) => unavailable.push(Unavailable {
+                view: kind.to_string(),
+                metric: metric.id.to_owned(),
+                reason,
+            }),
+        }
+    }
+    (summaries, unavailable)
+}
+
+/// The summary of a metric's values, of which there is at least one, or why there is none.
+fn summary(metric: &Metric, values: &[Result<f64, Undefined>]) -> Result<Summary, String> {
+    let defined: Vec<f64> = values.iter().filter_map(|value| value.ok()).collect();
+    if let (true, Some(Err(reason))) = (defined.is_empty(), values.last()) {
+        return Err(format!("undefined for every view: {reason}"));
+    }
+    let count = defined.len() as f64;
+    let mean = defined.iter().sum::<f64>() / count;
+    let squares: f64 = defined.iter().map(|value| (value - mean).powi(2)).sum();
+    Ok(Summary {
+        mean,
+        standard_deviation: (defined.len() > 1).then(|| (squares / (count - 1.0)).sqrt()),
+        views: defined.len() as u32,
+        undefined_views: (values.len() - defined.len()) as u32,
+        direction: metric.direction,
+    })
+}
+
+/// Equal images have no error, so their PSNR is infinite; they count with the best value that the
+/// metrics state, and a reader should know.
+fn identical_views(outcomes: &[ViewOutcome]) -> Vec<String> {
+    let count = outcomes
+        .iter()
+        .filter(|outcome| outcome.is_identical)
+        .count();
+    if count == 0 {
+        return Vec::new();
+    }
+    vec![format!(
+        "{count} of {} predictions are the ground truth, byte for byte: their PSNR is infinite and \
+         counts as 100 dB",
+        outcomes.len()
+    )]
+}
+
+/// Programs and networks that scored.
+fn versions(job: &ScoringJob) -> BTreeMap<String, String> {
+    let mut versions =
+        BTreeMap::from([("omnilife".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]);
+    for need in job.computed().flat_map(|metric| metric.needs) {
+        if let Need::Network(backbone) = need {
+            let sha256 = format!("sha256:{}", backbone.weights_sha256());
+            versions.insert(backbone.weights().to_owned(), sha256);
+        }
+    }
+    versions
 }

@@ -1,6 +1,13 @@
-//! Ground truth: the scene's images at the scored size, in 8 bits.
+//! Ground truth: the scene's images, masks and depth at the scored size.
 
-use omnilife_schemas::RgbImage;
+use std::path::Path;
+
+use omnilife_schemas::{
+    RgbImage,
+    records::DepthImage,
+    rgb::{self, Mask},
+    store::StoreError,
+};
 
 use crate::{error::BenchError, scoring_job::ScoringJob};
 
@@ -10,20 +17,68 @@ use crate::{error::BenchError, scoring_job::ScoringJob};
 /// # Errors
 /// When the image is unusable or not of the size that the scene states.
 pub(crate) fn read(job: &ScoringJob, frame: u32) -> Result<Vec<u8>, BenchError> {
-    let file = job.truth_file(frame);
+    let file = job.scene_file(&job.scene.frames[frame as usize].image);
     let image = RgbImage::read(&file)?;
-    let camera = job.scene.camera;
-    if (image.width, image.height) != (camera.width as usize, camera.height as usize) {
-        return Err(BenchError::mismatch(
-            &file,
-            format!(
-                "is {}x{} pixels, scene {} says {}x{}",
-                image.width, image.height, job.scene.id, camera.width, camera.height
-            ),
-        ));
-    }
+    check_size(job, &file, [image.width, image.height])?;
     let [width, height] = job.size;
     Ok(image
         .resized_by_area(width as usize, height as usize)
         .to_rgb8())
+}
+
+/// A mask of a scene at the scored size, every pixel that of the nearest one.
+///
+/// # Errors
+/// As [`read`].
+pub(crate) fn read_mask(job: &ScoringJob, name: &str) -> Result<Mask, BenchError> {
+    let file = job.scene_file(name);
+    let mask = Mask::read(&file)?;
+    check_size(job, &file, [mask.width, mask.height])?;
+    let [width, height] = job.size;
+    Ok(mask.resized_to_nearest(width as usize, height as usize))
+}
+
+/// Distances along the rays at the scored size, in units of the world frame, every pixel that of
+/// the nearest one (a mean over an edge would be the distance of nothing); 0 where it is not known.
+///
+/// # Errors
+/// As [`read`], and when the image is not 16-bit grey or its unit is not positive.
+pub(crate) fn read_depth(job: &ScoringJob, depth: &DepthImage) -> Result<Vec<f32>, BenchError> {
+    let file = job.scene_file(&depth.file);
+    let malformed = |reason: String| StoreError::malformed(&file, reason);
+    let bytes = std::fs::read(&file).map_err(|source| StoreError::read(&file, source))?;
+    let image = image::load_from_memory(&bytes)
+        .map_err(|error| malformed(format!("not a usable image: {error}")))?;
+    let image::DynamicImage::ImageLuma16(image) = image else {
+        return Err(malformed(format!("is {:?}, expected 16-bit grey", image.color())).into());
+    };
+    if !(depth.unit.is_finite() && depth.unit > 0.0) {
+        return Err(malformed(format!("has the unit {}, not a positive one", depth.unit)).into());
+    }
+    let size = [image.width() as usize, image.height() as usize];
+    check_size(job, &file, size)?;
+    let values = image.as_raw();
+    let nearest = rgb::nearest_pixels(size, job.size.map(|side| side as usize));
+    Ok(nearest
+        .map(|index| (f64::from(values[index]) * depth.unit) as f32)
+        .collect())
+}
+
+/// Everything of a frame has the size of the scene's camera.
+fn check_size(
+    job: &ScoringJob,
+    file: &Path,
+    [width, height]: [usize; 2],
+) -> Result<(), BenchError> {
+    let camera = job.scene.camera;
+    if (width, height) == (camera.width as usize, camera.height as usize) {
+        return Ok(());
+    }
+    let (scene, expected_width, expected_height) = (&job.scene.id, camera.width, camera.height);
+    Err(BenchError::mismatch(
+        file,
+        format!(
+            "is {width}x{height} pixels, scene {scene} says {expected_width}x{expected_height}"
+        ),
+    ))
 }

@@ -6,11 +6,12 @@ mod scoring;
 
 use std::{fs, path::Path, sync::Mutex};
 
-use omnilife_bench::{METRICS, Predictions, ViewPair, score};
+use omnilife_bench::{METRICS, Metric, Predictions, Sample, ViewPair, score};
 use omnilife_schemas::{
-    RgbImage,
+    RgbImage, npy,
     progress::Progress,
-    records::{ResultRecord, Scene, ValidationStatus},
+    records::{DepthImage, ResultRecord, Scene, ValidationStatus},
+    rgb::Mask,
     store,
 };
 use polars::prelude::{ParquetReader, SerReader};
@@ -189,6 +190,216 @@ fn faults_of_predictions_are_rows_of_failures() {
 }
 
 #[test]
+fn frames_with_two_predictions_or_another_name_are_failures() {
+    let bench = Bench::new();
+    let at = |name: &str| bench.at("input").join(name);
+    fs::copy(at("000001.png"), at("1.png")).unwrap();
+    fs::rename(at("000002.png"), at("0002.PNG")).unwrap();
+    let result = bench.score().unwrap();
+    let reasons: Vec<_> = result.failures.iter().map(|f| f.reason.as_str()).collect();
+    assert_eq!(
+        reasons,
+        [
+            "000001.png and 1.png are both of frame 1",
+            "000002.png is missing; 0002.PNG is not its name"
+        ]
+    );
+}
+
+/// 16 bits, floats, and a PNG that asks to be turned.
+#[test]
+fn other_depths_and_orientations_are_failures() {
+    let bench = Bench::new();
+    let file = |frame: u32| bench.at("novel").join(format!("{frame:06}.png"));
+    let deep = image::ImageBuffer::<image::Rgb<u16>, _>::new(WIDTH as u32, HEIGHT as u32);
+    deep.save(file(4)).unwrap();
+    let mut turned = fs::read(file(9)).unwrap();
+    // An eXIf chunk behind the header, which is 33 bytes into the file: orientation 6.
+    let exif: &[u8] = b"eXIfMM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0";
+    let mut chunk = (exif.len() as u32 - 4).to_be_bytes().to_vec();
+    chunk.extend(exif);
+    chunk.extend(crc32(exif).to_be_bytes());
+    turned.splice(33..33, chunk);
+    fs::write(file(9), turned).unwrap();
+    let result = bench.score().unwrap();
+    let reasons: Vec<_> = result.failures.iter().map(|f| f.reason.as_str()).collect();
+    assert_eq!(
+        reasons,
+        [
+            "000004.png is Rgb16, expected 8-bit RGB",
+            "000009.png asks by its EXIF orientation to be turned or mirrored"
+        ]
+    );
+}
+
+/// The check sum of PNG chunks, bit by bit.
+fn crc32(bytes: &[u8]) -> u32 {
+    !bytes.iter().fold(u32::MAX, |sum, &byte| {
+        (0..8).fold(sum ^ u32::from(byte), |sum, _| {
+            (sum >> 1) ^ (0xEDB8_8320 * (sum & 1))
+        })
+    })
+}
+
+/// A protocol with these metrics in place of its own, for the scene and predictions of `bench`.
+fn with_metrics(bench: &Bench, metrics: &[&str]) {
+    let mut protocol = omnilife_bench::protocols::protocol("per-scene").unwrap();
+    protocol.metrics = metrics.iter().map(|&id| id.to_owned()).collect();
+    let scene: Scene = store::read_record(&bench.request.scene).unwrap();
+    let split = omnilife_bench::split(&scene, &protocol).unwrap();
+    store::write_record(&bench.request.split, &split).unwrap();
+}
+
+#[test]
+fn equal_images_are_told() {
+    let bench = Bench::new();
+    image(4, 0)
+        .write_png(&bench.at("novel/000004.png"))
+        .unwrap();
+    let result = bench.score().unwrap();
+    assert_eq!(
+        result.warnings,
+        [
+            "1 of 10 predictions are the ground truth, byte for byte: their PSNR is infinite and \
+          counts as 100 dB"
+        ]
+    );
+    let summary = result.novel_views["psnr"];
+    let (low, high) = (flat_psnr(2.0), 100.0);
+    assert!((summary.mean - (low + high) / 2.0).abs() < 1e-9);
+    let deviation = (high - low) / 2.0_f64.sqrt();
+    assert!((summary.standard_deviation.unwrap() - deviation).abs() < 1e-9);
+}
+
+/// Masks of what moves: one frame has none, one an empty one.
+#[test]
+fn masked_scores_are_means_over_the_frames_that_have_them() {
+    let mut masked = scene(10, &[]);
+    masked.frames[4].mask = Some("masks/4.png".to_owned());
+    masked.frames[3].mask = Some("masks/3.png".to_owned());
+    let bench = Bench::of(&masked);
+    fs::create_dir(bench.at("scene/masks")).unwrap();
+    let mask = |data: Vec<u8>| Mask {
+        width: WIDTH,
+        height: HEIGHT,
+        data,
+    };
+    let left_half = (0..WIDTH * HEIGHT).map(|at| 255 * u8::from(at % WIDTH < WIDTH / 2));
+    mask(left_half.collect())
+        .write_png(&bench.at("scene/masks/4.png"))
+        .unwrap();
+    mask(vec![0; WIDTH * HEIGHT])
+        .write_png(&bench.at("scene/masks/3.png"))
+        .unwrap();
+    with_metrics(
+        &bench,
+        &["psnr-dynamic", "psnr-static", "psnr-human", "depth-delta"],
+    );
+    let result = bench.score().unwrap();
+    let novel = result.novel_views["psnr-dynamic"];
+    assert_eq!((novel.views, novel.undefined_views), (1, 1));
+    assert_eq!(novel.standard_deviation, None);
+    assert!((novel.mean - flat_psnr(2.0)).abs() < 1e-9);
+    assert_eq!(result.input_views["psnr-static"].views, 1);
+    let unavailable: Vec<_> = result
+        .unavailable
+        .iter()
+        .map(|u| format!("{} {}: {}", u.view, u.metric, u.reason))
+        .collect();
+    assert_eq!(
+        unavailable,
+        [
+            "input psnr-dynamic: undefined for every view: the frame has no mask",
+            "input psnr-human: the scene has no masks of class human",
+            "input depth-delta: the depth of the scene is not known",
+            "novel psnr-human: the scene has no masks of class human",
+            "novel depth-delta: the depth of the scene is not known",
+        ]
+    );
+    // Another mask is another scene to these metrics.
+    let before = result.scene_sha256;
+    mask(vec![255; WIDTH * HEIGHT])
+        .write_png(&bench.at("scene/masks/4.png"))
+        .unwrap();
+    assert_ne!(bench.score().unwrap().scene_sha256, before);
+    // A mask of another size is no mask of the frame.
+    mask(vec![255; WIDTH * HEIGHT])
+        .resized_to_nearest(5, 3)
+        .write_png(&bench.at("scene/masks/4.png"))
+        .unwrap();
+    assert!(bench.refusal().contains("is 5x3 pixels, scene"));
+}
+
+#[test]
+fn predicted_depth_is_scored_where_the_scene_knows_it() {
+    let mut deep = scene(10, &[]);
+    for (number, frame) in deep.frames.iter_mut().enumerate() {
+        frame.depth = Some(DepthImage {
+            file: format!("depth/{number}.png"),
+            unit: 0.01,
+        });
+    }
+    let bench = Bench::of(&deep);
+    fs::create_dir(bench.at("scene/depth")).unwrap();
+    for number in 0..10 {
+        let depth = image::ImageBuffer::<image::Luma<u16>, _>::from_pixel(
+            WIDTH as u32,
+            HEIGHT as u32,
+            image::Luma([200]),
+        );
+        depth
+            .save(bench.at(&format!("scene/depth/{number}.png")))
+            .unwrap();
+    }
+    with_metrics(&bench, &["psnr", "depth-abs-rel", "depth-delta"]);
+    let result = bench.score().unwrap();
+    assert!(
+        result.unavailable[0]
+            .reason
+            .starts_with("no depth was predicted")
+    );
+    // 2.2 m in place of 2 m, and one frame without depth.
+    fs::create_dir(bench.at("novel/depth")).unwrap();
+    npy::write_f32(
+        &bench.at("novel/depth/000004.npy"),
+        &[HEIGHT, WIDTH],
+        &[2.2; WIDTH * HEIGHT],
+    )
+    .unwrap();
+    let result = bench.score().unwrap();
+    let abs_rel = result.novel_views["depth-abs-rel"];
+    assert!((abs_rel.mean - 0.1).abs() < 1e-6, "{}", abs_rel.mean);
+    assert_eq!(result.novel_views["depth-delta"].mean, 1.0);
+    assert_eq!(result.failures.len(), 1);
+    assert_eq!(result.failures[0].reason, "depth/000009.npy is missing");
+    npy::write_f32(&bench.at("novel/depth/000009.npy"), &[2, 3], &[1.0; 6]).unwrap();
+    let reason = &bench.score().unwrap().failures[0].reason;
+    assert_eq!(
+        reason,
+        "depth/000009.npy is of shape [2, 3], expected [16, 32]"
+    );
+}
+
+/// Temporal LPIPS looks at the view before, whatever number of views is in memory.
+#[test]
+fn memory_changes_no_score() {
+    let mut bench = Bench::new();
+    with_metrics(
+        &bench,
+        &["psnr", "ssim", "lpips-vgg", "temporal-lpips", "cube-psnr"],
+    );
+    let bytes = |bench: &Bench| {
+        bench.score().unwrap();
+        ["result.json", "frames.parquet"]
+            .map(|name| fs::read(bench.request.out.join(name)).unwrap())
+    };
+    let plenty = bytes(&bench);
+    bench.request.memory_bytes = 1;
+    bench.request.out = bench.at("again");
+    assert!(bytes(&bench) == plenty);
+}
+
+#[test]
 fn opaque_alpha_is_ignored() {
     let bench = Bench::new();
     let rgb = image(4, 2).to_rgb8();
@@ -297,7 +508,8 @@ fn ground_truth_is_brought_to_the_protocols_width_by_area() {
     let mut bench = Bench::new();
     let mut protocol = omnilife_bench::protocols::protocol("per-scene").unwrap();
     protocol.width = Some(12);
-    protocol.metrics = METRICS.iter().map(|metric| metric.id.to_owned()).collect();
+    let plain: Vec<&Metric> = METRICS.iter().filter(|m| m.needs.is_empty()).collect();
+    protocol.metrics = plain.iter().map(|metric| metric.id.to_owned()).collect();
     let scene: Scene = store::read_record(&bench.request.scene).unwrap();
     let split = omnilife_bench::split(&scene, &protocol).unwrap();
     store::write_record(&bench.request.split, &split).unwrap();
@@ -317,14 +529,21 @@ fn ground_truth_is_brought_to_the_protocols_width_by_area() {
     assert_eq!(result.scored_size, [12, 6]);
     let resized = |error| image(4, error).resized_by_area(12, 6).to_rgb8();
     let pair = ViewPair::new(12, 6, resized(2), resized(0)).unwrap();
-    assert_eq!(result.novel_views.len(), METRICS.len());
+    // Images of 12x6 pixels are too small for two of them.
+    let undefined: Vec<&str> = result
+        .unavailable
+        .iter()
+        .map(|u| u.metric.as_str())
+        .collect();
+    assert_eq!(undefined, ["ssim-skimage", "cube-ssim"]);
+    assert_eq!(result.novel_views.len() + undefined.len(), plain.len());
     let file = fs::File::open(bench.at("out/frames.parquet")).unwrap();
     let table = ParquetReader::new(file).finish().unwrap();
-    for metric in METRICS {
+    for metric in plain {
         let column = table.column(metric.id).unwrap().f64().unwrap();
         assert_eq!(
             column.get(0),
-            Some((metric.function)(&pair)),
+            (metric.function)(&Sample::new(&pair)).ok(),
             "{}",
             metric.id
         );

@@ -64,6 +64,8 @@ fn scene() -> (TempDir, Scene) {
                 centre: [0.3 * t, -0.7 + 0.05 * t * t, 1.0 / (1.0 + t)],
             }),
             mask,
+            classes: [].into(),
+            depth: None,
         }
     });
     let scene = Scene {

@@ -5,13 +5,13 @@ use std::{
     path::PathBuf,
 };
 
-use omnilife_schemas::records::{Direction, ResultRecord, Summary};
-
-use crate::{
+pub(crate) use omnilife_schemas::bootstrap::place;
+use omnilife_schemas::{
     bootstrap::{self, Confidence},
-    error::LeaderboardError,
-    validate,
+    records::{Direction, ResultRecord, Summary},
 };
+
+use crate::{error::LeaderboardError, validate};
 
 /// The two kinds of view, in the order of the columns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -73,6 +73,35 @@ impl Group<'_> {
         quantities.any(|(quantity, _)| quantity.kind == kind)
     }
 
+    /// Metrics that results could not have, with the reason and how many results that are.
+    pub(crate) fn unavailable(&self) -> Vec<String> {
+        let results: Vec<&ResultRecord> = self
+            .scene_rows
+            .iter()
+            .flat_map(|row| row.results.iter().copied())
+            .collect();
+        let mut by_reason: BTreeMap<&str, (BTreeSet<&str>, BTreeSet<usize>)> = BTreeMap::new();
+        for (index, result) in results.iter().enumerate() {
+            for unavailable in &result.unavailable {
+                let (metrics, of) = by_reason.entry(&unavailable.reason).or_default();
+                metrics.insert(&unavailable.metric);
+                of.insert(index);
+            }
+        }
+        by_reason
+            .into_iter()
+            .map(|(reason, (metrics, of))| {
+                let metrics: Vec<&str> = metrics.into_iter().collect();
+                format!(
+                    "Unavailable in {} of {} results: {} ({reason}).",
+                    of.len(),
+                    results.len(),
+                    metrics.join(", ")
+                )
+            })
+            .collect()
+    }
+
     /// The first digits of the protocol's hash, as printed.
     pub(crate) fn short_hash(&self) -> String {
         self.protocol_hash.chars().take(HASH_DIGITS).collect()
@@ -123,12 +152,6 @@ pub(crate) struct MethodRow<'a> {
 
 /// Between a method's id and the component that a variant of it leaves out.
 pub(crate) const WITHOUT: &str = "-without-";
-
-/// What a scene's id says about its place: scenes cut from one video share it, so they are neither
-/// independent nor, in tables by scene, separate columns.
-pub(crate) fn place(scene: &str) -> &str {
-    scene.rsplit_once('/').map_or(scene, |(place, _)| place)
-}
 
 /// Groups results by protocol, ordered by protocol and hash.
 ///
@@ -186,7 +209,10 @@ fn quantities(results: &[&ResultRecord]) -> Vec<(Quantity, Direction)> {
     for result in results {
         for kind in ViewKind::ALL {
             for (metric, summary) in kind.scores(result) {
-                found.insert((kind, metric), summary.direction);
+                // Numbers that are only to be read beside others are in the results, not in tables.
+                if let Some(direction) = summary.direction {
+                    found.insert((kind, metric), direction);
+                }
             }
         }
     }

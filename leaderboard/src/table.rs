@@ -1,9 +1,8 @@
 //! A table as data: what layouts make and renderers print.
 
-use omnilife_schemas::records::Direction;
+use omnilife_schemas::{bootstrap::Confidence, records::Direction};
 
 use crate::{
-    bootstrap::Confidence,
     format::{self, decimals},
     group::{Group, MethodRow, Numbers, Quantity},
 };

@@ -104,7 +104,7 @@ fn refuse_different_scenes(results: &Results) -> Result<(), LeaderboardError> {
 }
 
 fn refuse_contradicting_directions(results: &Results) -> Result<(), LeaderboardError> {
-    let mut known: BTreeMap<(&str, &str), Direction> = BTreeMap::new();
+    let mut known: BTreeMap<(&str, &str), Option<Direction>> = BTreeMap::new();
     for (path, result) in results {
         for (metric, summary) in result.input_views.iter().chain(&result.novel_views) {
             let first = *known
@@ -115,8 +115,9 @@ fn refuse_contradicting_directions(results: &Results) -> Result<(), LeaderboardE
                     path: path.clone(),
                     metric: metric.clone(),
                     found: match summary.direction {
-                        Direction::HigherIsBetter => "better when higher",
-                        Direction::LowerIsBetter => "better when lower",
+                        Some(Direction::HigherIsBetter) => "better when higher",
+                        Some(Direction::LowerIsBetter) => "better when lower",
+                        None => "neither better when higher nor when lower",
                     },
                 });
             }

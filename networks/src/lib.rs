@@ -1,14 +1,18 @@
 //! What the networks of curation and scoring are built from, on the CPU, without a framework.
 //!
 //! [`weights`] finds and reads published weights, [`matrix`] multiplies matrices, [`winograd`]
-//! turns 3x3 convolutions into matrix products. A network itself lies where it is used, as
-//! a composition of these.
+//! turns 3x3 convolutions into matrix products, [`convolution`] convolves pictures of
+//! [`features`]. A network itself lies where it is used, as a composition of these.
 //!
 //! Why no inference runtime: `docs/results/boundaries.md` has the measurements.
 
+pub mod convolution;
+pub mod features;
 pub mod matrix;
 pub mod weights;
 pub mod winograd;
 
+pub use convolution::{Convolution, Kernel};
+pub use features::Features;
 pub use matrix::Matrix;
 pub use weights::{Weights, WeightsError};

@@ -3,7 +3,8 @@
 //! Every other crate of the workspace depends on this one and on no sibling, so whatever two of
 //! them must agree about lives here: [`camera`] (which pixel is which direction), [`pose`],
 //! [`records`] (the JSON files), [`points`] and [`rgb`] (clouds and images), [`store`] (how a file
-//! reaches the disk), [`stage`] (when work can be skipped), [`progress`] and [`blame`].
+//! reaches the disk), [`npy`] (arrays), [`stage`] (when work can be skipped), [`bootstrap`] (how far
+//! scores can be trusted), [`progress`] and [`blame`].
 //!
 //! # Conventions
 //! * Camera frame: x right, y down, z forward. World to camera: `x_c = R x_w + t`; poses store the
@@ -13,7 +14,9 @@
 //! * Images are `[0, 1]` f32, row-major, three interleaved channels, as decoded (sRGB).
 
 pub mod blame;
+pub mod bootstrap;
 pub mod camera;
+pub mod npy;
 pub mod points;
 pub mod pose;
 pub mod progress;

@@ -158,6 +158,16 @@ fn write_png(
     })
 }
 
+/// For every pixel of a picture of the size (width, height) `new`, row by row, the index of the
+/// nearest pixel of one of the size `old`.
+pub fn nearest_pixels(old: [usize; 2], new: [usize; 2]) -> impl Iterator<Item = usize> {
+    let nearest = move |index: usize, axis: usize| (2 * index + 1) * old[axis] / (2 * new[axis]);
+    (0..new[1]).flat_map(move |y| {
+        let row = nearest(y, 1) * old[0];
+        (0..new[0]).map(move |x| row + nearest(x, 0))
+    })
+}
+
 /// A mask of one byte per pixel, row-major; non-zero marks a dynamic object.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mask {
@@ -205,17 +215,11 @@ impl Mask {
     /// When `width` or `height` is zero.
     pub fn resized_to_nearest(&self, width: usize, height: usize) -> Self {
         assert!(width > 0 && height > 0, "a mask has at least one pixel");
-        let mut data = Vec::with_capacity(width * height);
-        for y in 0..height {
-            let row = (2 * y + 1) * self.height / (2 * height);
-            for x in 0..width {
-                data.push(self.data[row * self.width + (2 * x + 1) * self.width / (2 * width)]);
-            }
-        }
+        let nearest = nearest_pixels([self.width, self.height], [width, height]);
         Self {
             width,
             height,
-            data,
+            data: nearest.map(|index| self.data[index]).collect(),
         }
     }
 

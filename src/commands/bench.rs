@@ -1,14 +1,15 @@
 //! `omnilife bench`.
 
 use omnilife_bench::{
-    ExternalRequest, METRICS, PROTOCOLS, Predictions, ScoreRequest, run_external, score,
-    split_scene,
+    DEFAULT_MEMORY_BYTES, ExternalRequest, METRICS, PROTOCOLS, Predictions, ScoreRequest,
+    run_external, score, split_scene,
 };
 use omnilife_schemas::{
     progress::Progress,
     records::{ExternalRun, ResultRecord},
 };
 
+use super::bench_scores;
 use crate::{
     cli::BenchCommand,
     exit::{self, BadRequest},
@@ -58,8 +59,9 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             novel_views,
             input_views,
             method,
+            memory,
         } => {
-            let request = match (run, method) {
+            let mut request = match (run, method) {
                 (Some(run), None) => ScoreRequest::of_run(scene, split, run, out)?,
                 (run, Some(method)) => ScoreRequest {
                     scene: scene.clone(),
@@ -73,14 +75,33 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
                     ),
                     method: method.clone(),
                     out: out.clone(),
+                    memory_bytes: DEFAULT_MEMORY_BYTES,
                 },
                 (None, None) => {
                     return Err(BadRequest("predictions need a --method name".to_owned()).into());
                 }
             };
+            request.memory_bytes = (memory * 1e9).max(0.0) as u64;
             let result = score(&request, progress)?;
             exit::print(&summary(&result))
         }
+        BenchCommand::Validate {
+            novel_views,
+            scene,
+            split,
+            run,
+            input_views,
+        } => {
+            let predictions = match run {
+                Some(run) => Predictions::Run(run.clone()),
+                None => Predictions::Folders {
+                    input_views: input_views.clone(),
+                    novel_views: novel_views.clone(),
+                },
+            };
+            bench_scores::validate(scene, split, &predictions, progress)
+        }
+        BenchCommand::Compare { a, b } => bench_scores::compare(a, b),
         BenchCommand::List => exit::print(&list()),
     }
 }
@@ -112,10 +133,20 @@ fn summary(result: &ResultRecord) -> String {
     ] {
         for (metric, summary) in scores {
             text += &format!(
-                "{view} {metric} {:.4} over {} views\n",
+                "{view} {metric} {:.4} over {} views",
                 summary.mean, summary.views
             );
+            if summary.undefined_views > 0 {
+                text += &format!(", undefined for {}", summary.undefined_views);
+            }
+            text.push('\n');
         }
+    }
+    for unavailable in &result.unavailable {
+        text += &format!(
+            "{} {} unavailable: {}\n",
+            unavailable.view, unavailable.metric, unavailable.reason
+        );
     }
     for failure in &result.failures {
         text += &format!(

@@ -1,6 +1,7 @@
 //! The stages of the main job as commands of their own.
 
 pub(crate) mod bench;
+mod bench_scores;
 pub(crate) mod curate;
 pub(crate) mod dataset;
 pub(crate) mod leaderboard;

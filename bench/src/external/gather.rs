@@ -12,7 +12,7 @@ use super::{
     manifest::Manifest,
     placeholders::{Places, ViewName},
 };
-use crate::scoring_job::prediction_name;
+use crate::prediction;
 
 /// The views that were found.
 pub(super) struct Gathered {
@@ -61,7 +61,7 @@ pub(super) fn gather(
             if !source.is_file() {
                 continue;
             }
-            let file = format!("{folder}/{}", prediction_name(frame));
+            let file = format!("{folder}/{}", prediction::file_name(frame));
             let bytes = std::fs::read(&source).map_err(|error| StoreError::read(&source, error))?;
             store::write_bytes(&out.join(&file), &bytes)?;
             gathered.files.push(file);

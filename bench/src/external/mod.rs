@@ -68,7 +68,7 @@ pub fn run_external(
     split::check_split(&request.split, &split, &scene)?;
     store::create_folder(&request.out)?;
     let places = Places::new(request)?;
-    let identity = SceneIdentity::of_split(&request.scene, &scene, &split)?;
+    let identity = SceneIdentity::of_split(&request.scene, &scene, &split, &[])?;
     let plan = StagePlan::new(&request.out, "external")
         .with_text("seed", &request.seed.to_string())
         .with_file(&request.manifest)?

@@ -7,84 +7,34 @@
 //! captured views back from PNG files: prediction and ground truth are both quantized. Against
 //! scores of unquantized renderings (ODGS and PVG during training) this matters above about 45 dB.
 //! Values are `byte / 255` in f64 and sums are taken in a fixed order, so that a score is the same
-//! on every machine and for every number of threads.
+//! on every machine and for every number of threads; for LPIPS see [`crate::lpips`].
+//!
+//! A metric is given a [`Sample`], everything that is known of a view, declares what it needs of
+//! it ([`Need`]), and may be [`Undefined`] for a view.
 
+mod cube;
+mod cube_faces;
+mod depth;
+mod latitude;
+mod lpips;
+mod masked;
 mod psnr;
 mod psnr_channels;
+mod sample;
 mod ssim;
+mod ssim_map;
+mod ssim_skimage;
+mod temporal_lpips;
+mod view_pair;
 mod ws_psnr;
+mod ws_ssim;
+
+pub use sample::{DepthPair, Sample, Undefined};
+pub use view_pair::ViewPair;
 
 use omnilife_schemas::records::{Direction, Protocol};
 
-use crate::{error::BenchError, protocols};
-
-/// A predicted view and its ground truth: two 8-bit RGB images of the same size.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ViewPair {
-    width: usize,
-    height: usize,
-    prediction: Vec<u8>,
-    truth: Vec<u8>,
-}
-
-impl ViewPair {
-    /// Two images of `width` x `height` pixels, row-major, three interleaved channels.
-    ///
-    /// `None` when an image does not hold `width * height * 3` bytes or holds none.
-    pub fn new(width: usize, height: usize, prediction: Vec<u8>, truth: Vec<u8>) -> Option<Self> {
-        let bytes = width.checked_mul(height)?.checked_mul(3)?;
-        (bytes > 0 && prediction.len() == bytes && truth.len() == bytes).then_some(Self {
-            width,
-            height,
-            prediction,
-            truth,
-        })
-    }
-
-    /// Pixels per row, at least 1.
-    pub fn width(&self) -> usize {
-        self.width
-    }
-
-    /// Rows, at least 1.
-    pub fn height(&self) -> usize {
-        self.height
-    }
-
-    /// `height * width * 3` bytes of the prediction.
-    pub fn prediction(&self) -> &[u8] {
-        &self.prediction
-    }
-
-    /// `height * width * 3` bytes of the ground truth.
-    pub fn truth(&self) -> &[u8] {
-        &self.truth
-    }
-
-    /// Sum over one row (0 at the top) of the squared byte differences of channels 0, 1 and 2:
-    /// exact integers, so that no order of summation can change a score.
-    pub(crate) fn row_squared_errors(&self, row: usize) -> [u64; 3] {
-        let range = row * self.width * 3..(row + 1) * self.width * 3;
-        let mut sums = [0_u64; 3];
-        for (predicted, true_value) in self.prediction[range.clone()]
-            .chunks_exact(3)
-            .zip(self.truth[range].chunks_exact(3))
-        {
-            for channel in 0..3 {
-                let difference = u64::from(predicted[channel].abs_diff(true_value[channel]));
-                sums[channel] += difference * difference;
-            }
-        }
-        sums
-    }
-
-    /// Sum over the whole image of the squared byte differences of channels 0, 1 and 2.
-    pub(crate) fn squared_errors(&self) -> [u64; 3] {
-        (0..self.height)
-            .map(|row| self.row_squared_errors(row))
-            .fold([0; 3], |sums, row| [0, 1, 2].map(|c| sums[c] + row[c]))
-    }
-}
+use crate::{error::BenchError, lpips::Backbone, protocols};
 
 /// A metric: a number for a predicted view beside its ground truth.
 #[derive(Debug, Clone, Copy)]
@@ -95,14 +45,34 @@ pub struct Metric {
     pub title: &'static str,
     /// Unit; empty for plain numbers.
     pub unit: &'static str,
-    /// Which of two scores is the better one.
-    pub direction: Direction,
+    /// Which of two scores is the better one; `None` for a number that is only to be read beside
+    /// another.
+    pub direction: Option<Direction>,
     /// Lowest and highest possible value.
     pub range: [f64; 2],
     /// The definition: formula, conventions and where they are published.
     pub source: &'static str,
-    /// Computes it; deterministic, finite for every pair.
-    pub function: fn(&ViewPair) -> f64,
+    /// What it needs beside prediction and ground truth. Where that is missing altogether the
+    /// metric is unavailable, where it is missing for a view it is undefined.
+    pub needs: &'static [Need],
+    /// Computes it; deterministic, finite where it is defined.
+    pub function: Function,
+}
+
+/// Computes a metric of a view.
+pub type Function = fn(&Sample<'_>) -> Result<f64, Undefined>;
+
+/// What a metric needs beside a predicted view and its ground truth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Need {
+    /// The weights of a network.
+    Network(Backbone),
+    /// Masks of what moves.
+    DynamicMask,
+    /// Masks of the objects of a class.
+    ClassMask(&'static str),
+    /// Predicted and true depth.
+    Depth,
 }
 
 /// Every metric.
@@ -110,7 +80,28 @@ pub static METRICS: &[Metric] = &[
     psnr::METRIC,
     psnr_channels::METRIC,
     ssim::METRIC,
+    ssim_skimage::METRIC,
+    lpips::VGG,
+    lpips::ALEX,
+    lpips::VGG_UNSCALED,
+    lpips::ALEX_UNSCALED,
     ws_psnr::METRIC,
+    ws_ssim::METRIC,
+    cube::PSNR,
+    cube::SSIM,
+    masked::PSNR_STATIC,
+    masked::SSIM_STATIC,
+    masked::PSNR_DYNAMIC,
+    masked::SSIM_DYNAMIC,
+    masked::PSNR_HUMAN,
+    masked::SSIM_HUMAN,
+    masked::PSNR_VEHICLE,
+    masked::SSIM_VEHICLE,
+    temporal_lpips::PREDICTION,
+    temporal_lpips::TRUTH,
+    temporal_lpips::ERROR,
+    depth::ABS_REL,
+    depth::DELTA,
 ];
 
 /// The metrics that a protocol asks for, in its order.

@@ -27,6 +27,8 @@ pub(crate) fn scene(frames: usize, unposed: &[usize]) -> Scene {
                     centre: [frame as f64, 0.0, 0.0],
                 }),
                 mask: None,
+                classes: [].into(),
+                depth: None,
             })
             .collect(),
         points: None,

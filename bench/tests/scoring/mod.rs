@@ -74,6 +74,7 @@ impl Bench {
             },
             method: "stripes".to_owned(),
             out: at("out"),
+            memory_bytes: omnilife_bench::DEFAULT_MEMORY_BYTES,
         };
         Self {
             folder,

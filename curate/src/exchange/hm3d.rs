@@ -20,11 +20,12 @@ use glam::{DMat3, DVec3};
 use omnilife_schemas::{
     Pose, RgbImage,
     camera::ErpCamera,
+    npy,
     points::PointCloud,
     store::{self, StoreError},
 };
 
-use super::{ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, npy};
+use super::{ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format};
 use crate::error::CurateError;
 
 /// The format.

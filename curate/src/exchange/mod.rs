@@ -8,7 +8,6 @@
 pub mod colmap;
 pub mod hm3d;
 pub mod nerfstudio;
-pub mod npy;
 pub mod openmvg;
 mod scene_folder;
 mod times;

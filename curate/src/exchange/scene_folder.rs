@@ -70,6 +70,8 @@ fn write(
             time_seconds: *time_seconds,
             pose: frame.pose,
             mask: import_mask(foreign, frame, out)?,
+            classes: [].into(),
+            depth: None,
         });
     }
     frames.sort_by(|a, b| a.time_seconds.total_cmp(&b.time_seconds));

@@ -178,6 +178,8 @@ fn write_scene(
             time_seconds: entry.time_seconds,
             pose,
             mask: mask.clone(),
+            classes: [].into(),
+            depth: None,
         })
         .collect();
     let scene = Scene {

@@ -133,6 +133,7 @@ fn notes(group: &Group<'_>) -> Vec<String> {
                 .to_owned(),
         );
     }
+    lines.extend(group.unavailable());
     lines.extend(group.scene_rows.iter().flat_map(remarks));
     lines
 }

@@ -112,7 +112,7 @@ fn common_notes(group: &Group<'_>) -> Vec<String> {
         format!(
             "In brackets: 95 % interval of the mean, and of the rank among complete methods, from \
              {} draws of videos with replacement.{few}",
-            crate::bootstrap::RESAMPLES
+            omnilife_schemas::bootstrap::RESAMPLES
         )
     });
     notes

@@ -36,7 +36,8 @@ fn study() -> Vec<ResultRecord> {
             let lpips = Summary {
                 mean: 0.4 - 0.05 * gain,
                 views: 12,
-                direction: Direction::LowerIsBetter,
+                direction: Some(Direction::LowerIsBetter),
+                ..summary(0.0, 1)
             };
             result.novel_views.insert("lpips-vgg".to_owned(), lpips);
             result.peak_memory_bytes = Some(1_250_000_000);

@@ -19,7 +19,9 @@ pub(crate) fn summary(mean: f64, views: u32) -> Summary {
     Summary {
         mean,
         views,
-        direction: Direction::HigherIsBetter,
+        direction: Some(Direction::HigherIsBetter),
+        standard_deviation: None,
+        undefined_views: 0,
     }
 }
 
@@ -43,6 +45,7 @@ pub(crate) fn result(scene: &str, method: &str, psnr: f64, ssim: f64) -> ResultR
         ]
         .into(),
         failures: Vec::new(),
+        unavailable: Vec::new(),
         frames_table: "frames.parquet".to_owned(),
         training_seconds: Some(61.25),
         seed: None,
@@ -52,6 +55,7 @@ pub(crate) fn result(scene: &str, method: &str, psnr: f64, ssim: f64) -> ResultR
         gaussians: Some(123_456),
         iterations: Some(3000),
         warnings: Vec::new(),
+        versions: [].into(),
     }
 }
 

@@ -85,7 +85,8 @@ fn protocols_never_share_a_table() {
     let lower = Summary {
         mean: 0.25,
         views: 12,
-        direction: Direction::LowerIsBetter,
+        direction: Some(Direction::LowerIsBetter),
+        ..summary(0.0, 1)
     };
     results[2].novel_views.insert("lpips-vgg".to_owned(), lower);
     insta::assert_snapshot!(tables(results));

@@ -35,9 +35,11 @@ pub use masks::{MaskEntry, Masks};
 pub use overlays::{Overlay, OverlayClass, OverlayReport};
 pub use poses::{PosedFrame, Poses};
 pub use protocol::{Protocol, Resampling, SplitRule};
-pub use result::{Direction, Failure, ResultRecord, Summary};
+pub use result::{Direction, Failure, ResultRecord, Summary, Unavailable};
 pub use run::{Backend, ComponentDecision, RunRecord, ViewPredictions};
-pub use scene::{PoseSource, PoseValidation, Scale, Scene, SceneFrame, ValidationStatus};
+pub use scene::{
+    DepthImage, PoseSource, PoseValidation, Scale, Scene, SceneFrame, ValidationStatus,
+};
 pub use sequence::{
     Admission, CheckOutcome, ErpVerdict, Evidence, FrameEntry, FrameSet, Probe, Sampling, Sequence,
     SourceVideo, SphericalMetadata, TimeRange, Verdict,

@@ -30,6 +30,9 @@ pub struct ResultRecord {
     pub novel_views: BTreeMap<String, Summary>,
     /// Views that could not be scored. A result with failures is not complete.
     pub failures: Vec<Failure>,
+    /// Metrics of the protocol that no view has a value of, and why.
+    #[serde(default)]
+    pub unavailable: Vec<Unavailable>,
     /// Parquet file of per-frame values: view, frame, `time_seconds`, one column per metric.
     pub frames_table: String,
     /// Training time in seconds, where the predictions came with a run record.
@@ -49,6 +52,9 @@ pub struct ResultRecord {
     pub peak_memory_bytes: Option<u64>,
     /// Remarks that a reader of the scores should know.
     pub warnings: Vec<String>,
+    /// Names and versions of the programs that scored, and SHA-256 of the networks' weights.
+    #[serde(default)]
+    pub versions: BTreeMap<String, String>,
 }
 
 impl Record for ResultRecord {
@@ -58,12 +64,32 @@ impl Record for ResultRecord {
 /// A metric over the views of one kind.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Summary {
-    /// Arithmetic mean over the scored views.
+    /// Arithmetic mean over the views that have a value.
     pub mean: f64,
-    /// Scored views, at least 1: a metric without scored views has no summary.
+    /// Sample standard deviation over these views, the inter-frame standard deviation; `None` for
+    /// a single one.
+    #[serde(default)]
+    pub standard_deviation: Option<f64>,
+    /// Views that have a value, at least 1: a metric without values has no summary.
     pub views: u32,
-    /// Which of two scores is the better one.
-    pub direction: Direction,
+    /// Views that were scored and for which the metric is undefined, such as masked scores where
+    /// the mask is empty.
+    #[serde(default)]
+    pub undefined_views: u32,
+    /// Which of two scores is the better one; `None` for a number that is only to be read beside
+    /// another.
+    pub direction: Option<Direction>,
+}
+
+/// A metric that no view of a kind has a value of.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Unavailable {
+    /// `input` or `novel`.
+    pub view: String,
+    /// Id of the metric.
+    pub metric: String,
+    /// One line.
+    pub reason: String,
 }
 
 /// Which of two scores of a metric is the better one.

@@ -41,6 +41,21 @@ pub struct SceneFrame {
     pub pose: Option<Pose>,
     /// Mask image of dynamic objects (white).
     pub mask: Option<String>,
+    /// Mask images of the objects of a class (white), by its name, such as `human` and `vehicle`.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub classes: BTreeMap<String, String>,
+    /// True distances, where they are known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub depth: Option<DepthImage>,
+}
+
+/// Distances from the camera along the rays of the pixels.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct DepthImage {
+    /// 16-bit grey PNG of the camera's size; 0 where the distance is not known.
+    pub file: String,
+    /// What a step of 1 in the image means, in units of the world frame.
+    pub unit: f64,
 }
 
 /// Unit of the world frame.

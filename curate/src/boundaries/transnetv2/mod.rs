@@ -57,15 +57,7 @@ fn start() -> Result<Box<dyn SignalPass>, CurateError> {
 /// # Errors
 /// Where they are missing or others.
 pub fn published_weights() -> Result<Weights, WeightsError> {
-    let weights = Weights::load(WEIGHTS)?;
-    let sha256 = weights.sha256();
-    if sha256 == WEIGHTS_SHA256 {
-        return Ok(weights);
-    }
-    Err(WeightsError::Malformed {
-        path: weights.path().to_owned(),
-        reason: format!("has SHA-256 {sha256}, not {WEIGHTS_SHA256}"),
-    })
+    Weights::load_published(WEIGHTS, WEIGHTS_SHA256)
 }
 
 /// Keeps the pictures of one window.

@@ -1,4 +1,4 @@
-//! `NumPy`'s array files, as far as poses need them: f32 and f64, little-endian, C order
+//! `NumPy`'s array files, as far as poses and depth need them: f32 and f64, little-endian, C order
 //! (<https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>).
 //!
 //! The crates for this bring a parser for Python literals along; a header of three known entries
@@ -6,7 +6,7 @@
 
 use std::{fs, io::Write, path::Path};
 
-use omnilife_schemas::store::{self, StoreError};
+use crate::store::{self, StoreError};
 
 /// An array with its shape, row-major.
 #[derive(Debug, Clone, PartialEq)]

@@ -6,12 +6,13 @@
 
 use std::collections::BTreeMap;
 
-use omnilife_schemas::records::Direction;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
+use crate::records::Direction;
+
 /// Draws.
-pub(crate) const RESAMPLES: usize = 1000;
+pub const RESAMPLES: usize = 1000;
 
 /// Seed of the draws: the same results give the same intervals.
 const SEED: u64 = 360;
@@ -21,25 +22,32 @@ const TAILS: [f64; 2] = [0.025, 0.975];
 
 /// A score's interval, and its rank with the interval of that.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(crate) struct Confidence {
+pub struct Confidence {
     /// 95 % interval of the mean; `None` with fewer than two clusters.
-    pub(crate) mean: Option<[f64; 2]>,
+    pub mean: Option<[f64; 2]>,
     /// Rank among the ranked methods, from 1; equals share the better rank.
-    pub(crate) rank: Option<usize>,
+    pub rank: Option<usize>,
     /// 95 % interval of the rank.
-    pub(crate) rank_interval: Option<[usize; 2]>,
+    pub rank_interval: Option<[usize; 2]>,
 }
 
 /// One method's scores.
-pub(crate) struct Scores {
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scores {
     /// Scene (index into the clusters) and score.
-    pub(crate) by_scene: Vec<(usize, f64)>,
+    pub by_scene: Vec<(usize, f64)>,
     /// Whether the method is ranked.
-    pub(crate) ranked: bool,
+    pub ranked: bool,
+}
+
+/// What a scene's id says about its place: scenes cut from one video share it, so they are neither
+/// independent nor, in tables by scene, separate columns.
+pub fn place(scene: &str) -> &str {
+    scene.rsplit_once('/').map_or(scene, |(place, _)| place)
 }
 
 /// Number of every scene's cluster, from 0, given the scenes' places in order.
-pub(crate) fn clusters<'a>(places: impl Iterator<Item = &'a str>) -> Vec<usize> {
+pub fn clusters<'a>(places: impl Iterator<Item = &'a str>) -> Vec<usize> {
     let mut numbers: BTreeMap<&str, usize> = BTreeMap::new();
     places
         .map(|place| {
@@ -50,7 +58,7 @@ pub(crate) fn clusters<'a>(places: impl Iterator<Item = &'a str>) -> Vec<usize> 
 }
 
 /// How often every cluster is drawn in every resample; none with fewer than two clusters.
-pub(crate) fn resamples(clusters: &[usize]) -> Vec<Vec<u32>> {
+pub fn resamples(clusters: &[usize]) -> Vec<Vec<u32>> {
     let count = clusters.iter().max().map_or(0, |last| last + 1);
     if count < 2 {
         return Vec::new();
@@ -68,7 +76,7 @@ pub(crate) fn resamples(clusters: &[usize]) -> Vec<Vec<u32>> {
 }
 
 /// Intervals and ranks of one quantity, in the order of the methods.
-pub(crate) fn confidence(
+pub fn confidence(
     methods: &[Scores],
     clusters: &[usize],
     resamples: &[Vec<u32>],

@@ -1,0 +1,53 @@
+//! Whether a metric can be computed at all for a scene and its predictions.
+
+use omnilife_networks::WeightsError;
+use omnilife_schemas::records::{Scene, SceneFrame, Split};
+
+use crate::{
+    error::BenchError,
+    lpips::Lpips,
+    metrics::{Metric, Need},
+};
+
+/// Why a metric has a value for no view; `None` where nothing of the kind is known beforehand. The
+/// reason names no places of this machine, so that results are the same everywhere.
+///
+/// # Errors
+/// When weights are there and unusable.
+pub(crate) fn why_not(
+    metric: &Metric,
+    scene: &Scene,
+    split: &Split,
+    depth_is_predicted: bool,
+) -> Result<Option<String>, BenchError> {
+    let any_frame = |has: &dyn Fn(&SceneFrame) -> bool| {
+        let mut frames = split.input_views.iter().chain(&split.novel_views);
+        frames.any(|&frame| has(&scene.frames[frame as usize]))
+    };
+    for need in metric.needs {
+        let reason = match need {
+            Need::Network(backbone) => match Lpips::published(*backbone) {
+                Ok(_) => continue,
+                Err(WeightsError::Unavailable { name, .. }) => format!(
+                    "the weights of {name} are not there; scripts/setup --models fetches them"
+                ),
+                Err(error) => return Err(error.into()),
+            },
+            Need::DynamicMask if any_frame(&|frame| frame.mask.is_some()) => continue,
+            Need::DynamicMask => "the scene has no masks of what moves".to_owned(),
+            Need::ClassMask(class) if any_frame(&|frame| frame.classes.contains_key(*class)) => {
+                continue;
+            }
+            Need::ClassMask(class) => format!("the scene has no masks of class {class}"),
+            Need::Depth if !any_frame(&|frame| frame.depth.is_some()) => {
+                "the depth of the scene is not known".to_owned()
+            }
+            Need::Depth if !depth_is_predicted => {
+                "no depth was predicted: there is no folder depth/ among the predictions".to_owned()
+            }
+            Need::Depth => continue,
+        };
+        return Ok(Some(reason));
+    }
+    Ok(None)
+}

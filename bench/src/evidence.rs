@@ -1,0 +1,105 @@
+//! Everything that is read for one view, each file once.
+
+use std::collections::BTreeMap;
+
+use omnilife_schemas::rgb::Mask;
+
+use crate::{
+    error::BenchError,
+    metrics::{DepthPair, Need, Sample, ViewPair},
+    prediction::PredictionFolder,
+    scoring_job::{ScoringJob, View},
+    truth,
+};
+
+/// A view with what its metrics need.
+pub(crate) struct Evidence {
+    pub(crate) view: View,
+    /// Prediction and ground truth, or why the prediction cannot be scored.
+    pub(crate) pair: Result<ViewPair, String>,
+    dynamic: Option<Mask>,
+    classes: BTreeMap<String, Mask>,
+    depth: Option<DepthPair>,
+}
+
+impl Evidence {
+    /// Reads a view.
+    ///
+    /// # Errors
+    /// When the scene's files are unusable; a prediction that is, is a fact about the view.
+    pub(crate) fn read(job: &ScoringJob, view: View) -> Result<Self, BenchError> {
+        let truth = truth::read(job, view.frame)?;
+        let frame = &job.scene.frames[view.frame as usize];
+        let mask = |name: &String| truth::read_mask(job, name);
+        let dynamic = if job.needs(Need::DynamicMask) {
+            frame.mask.as_ref().map(mask).transpose()?
+        } else {
+            None
+        };
+        let classes = frame
+            .classes
+            .iter()
+            .filter(|(class, _)| job.needs_class(class))
+            .map(|(class, name)| Ok((class.clone(), mask(name)?)))
+            .collect::<Result<_, BenchError>>()?;
+        let true_depth = match &frame.depth {
+            Some(depth)
+                if job.needs(Need::Depth)
+                    && job
+                        .folder(view.kind)
+                        .is_some_and(PredictionFolder::has_depth) =>
+            {
+                Some(truth::read_depth(job, depth)?)
+            }
+            _ => None,
+        };
+        let mut evidence = Self {
+            view,
+            pair: Err(String::new()),
+            dynamic,
+            classes,
+            depth: None,
+        };
+        evidence.pair = evidence.read_prediction(job, truth, true_depth);
+        Ok(evidence)
+    }
+
+    fn read_prediction(
+        &mut self,
+        job: &ScoringJob,
+        truth: Vec<u8>,
+        true_depth: Option<Vec<f32>>,
+    ) -> Result<ViewPair, String> {
+        let [width, height] = job.size;
+        let folder = job
+            .folder(self.view.kind)
+            .ok_or_else(|| "no predictions given".to_owned())?;
+        let prediction = folder.read(self.view.frame, width, height)?;
+        if let Some(truth) = true_depth {
+            let prediction = folder.read_depth(self.view.frame, width, height)?;
+            self.depth = Some(DepthPair { prediction, truth });
+        }
+        ViewPair::new(width as usize, height as usize, prediction, truth)
+            .ok_or_else(|| "images differ in size".to_owned())
+    }
+
+    /// What metrics are given; `previous` is the view scored before it.
+    pub(crate) fn sample<'a>(
+        &'a self,
+        pair: &'a ViewPair,
+        previous: Option<&'a Self>,
+    ) -> Sample<'a> {
+        let mut sample = Sample::new(pair);
+        sample.previous = previous
+            .filter(|previous| previous.view.kind == self.view.kind)
+            .and_then(|previous| previous.pair.as_ref().ok());
+        sample.dynamic = self.dynamic.as_ref();
+        sample.classes = self
+            .classes
+            .iter()
+            .map(|(name, mask)| (name.as_str(), mask))
+            .collect();
+        sample.depth = self.depth.as_ref();
+        sample
+    }
+}

@@ -1,0 +1,179 @@
+//! LPIPS: how different two pictures look to a network that was trained to recognize things
+//! (Zhang, Isola, Efros, Shechtman and Wang, "The unreasonable effectiveness of deep features as a
+//! perceptual metric", 2018; version 0.1 of the linear layers).
+//!
+//! Both pictures go through a backbone; after each of its five stages the features of every pixel
+//! are scaled to unit length, their squared differences weighted by channel and averaged over the
+//! picture. The distance is the sum over the stages.
+//!
+//! Convolutions are in f32 and round differently on processors with other vector instructions:
+//! between machines the sixth decimal may differ. On one machine a distance is the same number for
+//! every number of threads.
+
+mod backbone;
+mod distance;
+
+use std::sync::OnceLock;
+
+use omnilife_networks::{Features, Weights, WeightsError};
+
+pub use backbone::Backbone;
+use backbone::Stage;
+
+/// Which numbers a network is given for bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum InputRange {
+    /// [-1, 1], for which the constants of the network are made: `lpips` by its authors.
+    Signed,
+    /// [0, 1], as the codes of 3DGS and ODGS pass their pictures (3DGS issue 1239).
+    Unsigned,
+}
+
+/// Mean and deviation of red, green and blue in [-1, 1] over the pictures that the backbones were
+/// trained with (`ScalingLayer` of the authors' code).
+const SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
+const SCALE: [f32; 3] = [0.458, 0.448, 0.450];
+
+/// Rows of a stage that are worked on together, where the stage keeps the size of its input. A
+/// multiple of what a tile of the convolutions and a window of the pooling cover.
+const STRIP: usize = 64;
+/// Rows above and below a strip that its convolutions look at: one for each, brought to whole
+/// tiles.
+const HALO: usize = 4;
+
+/// A backbone with its linear layers.
+#[derive(Debug)]
+pub struct Lpips {
+    backbone: Backbone,
+    stages: Vec<Stage>,
+}
+
+impl Lpips {
+    /// The network with its published weights, read once per process.
+    ///
+    /// # Errors
+    /// Where the weights were not fetched or are others.
+    pub fn published(backbone: Backbone) -> Result<&'static Self, WeightsError> {
+        static LOADED: [OnceLock<Lpips>; 2] = [const { OnceLock::new() }; 2];
+        let slot = &LOADED[backbone as usize];
+        if let Some(network) = slot.get() {
+            return Ok(network);
+        }
+        let weights = Weights::load_published(backbone.weights(), backbone.weights_sha256())?;
+        let network = Self {
+            backbone,
+            stages: backbone.stages(&weights)?,
+        };
+        Ok(slot.get_or_init(|| network))
+    }
+
+    /// The distance of two 8-bit RGB pictures, 0 for equal ones; `None` where they are smaller than
+    /// [`Backbone::smallest_side`].
+    ///
+    /// # Panics
+    /// When a picture does not hold `width * height * 3` bytes.
+    pub fn distance(
+        &self,
+        [width, height]: [usize; 2],
+        pictures: [&[u8]; 2],
+        range: InputRange,
+    ) -> Option<f64> {
+        if width.min(height) < self.backbone.smallest_side() {
+            return None;
+        }
+        let mut features = input([width, height], pictures, range);
+        let mut sum = 0.0;
+        for (stage, next) in self.stages.iter().zip(1..) {
+            let (distance, output) = apply(stage, &features, self.backbone.pooling(next));
+            sum += distance;
+            features = output;
+        }
+        Some(sum)
+    }
+
+    /// About how much memory a distance takes, bytes.
+    pub fn memory_bytes(&self, [width, height]: [usize; 2]) -> usize {
+        let pixels = width * height;
+        match self.backbone {
+            // Colours, stage one at a quarter of the rows and columns, its pooled features.
+            Backbone::Alex => pixels * (24 + 60),
+            // Colours, pooled features of two stages, and what a strip needs.
+            Backbone::Vgg => pixels * (24 + 128 + 64) + (STRIP + 2 * HALO) * width * 64 * 4 * 5,
+        }
+    }
+}
+
+/// Both pictures as the backbones expect their colours.
+fn input([width, height]: [usize; 2], pictures: [&[u8]; 2], range: InputRange) -> Features {
+    let mut features = Features::zeros(2, height, width, 3);
+    let picture_len = features.picture_len();
+    let (gain, offset) = match range {
+        InputRange::Signed => (2.0, -1.0),
+        InputRange::Unsigned => (1.0, 0.0),
+    };
+    for (values, bytes) in features.data.chunks_exact_mut(picture_len).zip(pictures) {
+        assert_eq!(bytes.len(), picture_len, "bytes of a picture");
+        for (index, (value, &byte)) in values.iter_mut().zip(bytes).enumerate() {
+            let signed = gain * (f32::from(byte) / 255.0) + offset;
+            *value = (signed - SHIFT[index % 3]) / SCALE[index % 3];
+        }
+    }
+    features
+}
+
+/// A stage's distance and its output, pooled for the next stage.
+///
+/// Stages that keep the size of their input are worked through in strips of rows, so that memory
+/// is that of the pooled features.
+fn apply(stage: &Stage, input: &Features, pooling: Option<[usize; 2]>) -> (f64, Features) {
+    let strip = if stage.keeps_size() {
+        STRIP
+    } else {
+        input.height
+    };
+    let mut distance = 0.0;
+    let mut pixels = 0;
+    let mut strips = Vec::new();
+    for top in (0..input.height).step_by(strip) {
+        let bottom = (top + strip).min(input.height);
+        let begin = top.saturating_sub(HALO);
+        let mut features = input.rows(begin..(bottom + HALO).min(input.height));
+        for convolution in &stage.convolutions {
+            features = convolution.apply_rectified(&features);
+        }
+        if stage.keeps_size() {
+            features = features.rows(top - begin..bottom - begin);
+        }
+        distance += distance::weighted(&features, &stage.linear);
+        pixels += features.height * features.width;
+        match pooling {
+            None => strips.push(features),
+            // An odd row at the end has no partner.
+            Some([side, _]) if features.height < side => {}
+            Some([side, stride]) => strips.push(features.max_pool(side, stride)),
+        }
+    }
+    (distance / pixels as f64, joined(strips))
+}
+
+/// Strips below each other.
+fn joined(mut strips: Vec<Features>) -> Features {
+    if strips.len() == 1 {
+        return strips.remove(0);
+    }
+    let Some(first) = strips.first() else {
+        return Features::zeros(0, 0, 0, 0);
+    };
+    let height = strips.iter().map(|strip| strip.height).sum();
+    let mut whole = Features::zeros(first.pictures, height, first.width, first.channels);
+    let picture_len = whole.picture_len();
+    for (picture, values) in whole.data.chunks_exact_mut(picture_len).enumerate() {
+        let mut at = 0;
+        for strip in &strips {
+            let rows = strip.picture(picture);
+            values[at..at + rows.len()].copy_from_slice(rows);
+            at += rows.len();
+        }
+    }
+    whole
+}

@@ -1,0 +1,27 @@
+//! How many views are scored at once.
+
+use crate::{lpips::Lpips, metrics::Need, scoring_job::ScoringJob};
+
+/// Bytes per pixel of what is kept of a view beside networks: prediction, ground truth and the view
+/// before it in 8 bits, both images in f64, the map of SSIM, cube faces, masks and depth.
+const BYTES_PER_PIXEL: usize = 12 + 48 + 8 + 36 + 12;
+
+/// As many views as fit into `memory_bytes`, at least one and at most one per thread.
+pub(crate) fn views_together(job: &ScoringJob, memory_bytes: u64) -> usize {
+    let size = job.size.map(|side| side as usize);
+    let mut of_view = size[0] * size[1] * BYTES_PER_PIXEL;
+    let mut of_networks = 0;
+    for need in job.computed().flat_map(|metric| metric.needs) {
+        // Networks of a view run one after the other.
+        if let Need::Network(backbone) = need
+            && let Ok(network) = Lpips::published(*backbone)
+        {
+            of_networks = of_networks.max(network.memory_bytes(size));
+        }
+    }
+    of_view += of_networks;
+    let fitting = memory_bytes / (of_view.max(1) as u64);
+    usize::try_from(fitting)
+        .unwrap_or(usize::MAX)
+        .clamp(1, rayon::current_num_threads())
+}

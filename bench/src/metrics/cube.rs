@@ -1,0 +1,58 @@
+//! `cube-psnr` and `cube-ssim`: scores of the six faces of the cube.
+
+use omnilife_schemas::records::Direction;
+
+use super::{Metric, Sample, Undefined, decibels, ssim_map::SsimMap};
+
+/// PSNR on cube faces.
+pub(super) const PSNR: Metric = Metric {
+    id: "cube-psnr",
+    title: "PSNR (cube faces)",
+    unit: "dB",
+    direction: Some(Direction::HigherIsBetter),
+    range: [0.0, 100.0],
+    source: "mean over the six 90-degree faces of -10 log10(MSE), faces half as wide as the ERP \
+             image is high, by bilinear interpolation of both 8-bit images without rounding \
+             (Splatter-360 and PanoSplatt3R score faces of 256 pixels that they render directly, \
+             src/model/model_wrapper_erp.py). The MSE of each face is floored at 1e-10",
+    needs: &[],
+    function: psnr,
+};
+
+/// SSIM on cube faces.
+pub(super) const SSIM: Metric = Metric {
+    id: "cube-ssim",
+    title: "SSIM (cube faces)",
+    unit: "",
+    direction: Some(Direction::HigherIsBetter),
+    range: [-1.0, 1.0],
+    source: "mean over the six 90-degree faces of cube-psnr of scikit-image's SSIM as in \
+             ssim-skimage (Splatter-360 src/evaluation/metrics.py); undefined for faces of less \
+             than 11 pixels",
+    needs: &[],
+    function: ssim,
+};
+
+fn psnr(sample: &Sample<'_>) -> Result<f64, Undefined> {
+    let faces = sample.cube_faces();
+    let sum: f64 = faces
+        .iter()
+        .map(|face| {
+            let errors = face.prediction.iter().zip(&face.truth);
+            let sum: f64 = errors.map(|(p, t)| (p - t) * (p - t)).sum();
+            decibels(sum / face.truth.len() as f64)
+        })
+        .sum();
+    Ok(sum / faces.len() as f64)
+}
+
+fn ssim(sample: &Sample<'_>) -> Result<f64, Undefined> {
+    let faces = sample.cube_faces();
+    let mut sum = 0.0;
+    for face in faces {
+        let map = SsimMap::new([face.side; 2], &face.prediction, &face.truth);
+        let mean = map.valid_mean;
+        sum += mean.ok_or(Undefined("cube faces are smaller than 11x11 pixels"))?;
+    }
+    Ok(sum / faces.len() as f64)
+}

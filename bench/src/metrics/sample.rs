@@ -1,0 +1,125 @@
+//! Everything that is known of one predicted view.
+
+use std::{collections::BTreeMap, sync::OnceLock};
+
+use omnilife_schemas::rgb::Mask;
+
+use super::{
+    ViewPair,
+    cube_faces::{self, Face},
+    lpips::lpips,
+    ssim_map::SsimMap,
+};
+use crate::lpips::{Backbone, InputRange};
+
+/// Predicted and true distance along the ray, in units of the world frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DepthPair {
+    /// One value per pixel, row-major; without depth: 0.
+    pub prediction: Vec<f32>,
+    /// One value per pixel, row-major; unknown: 0.
+    pub truth: Vec<f32>,
+}
+
+/// What a metric is given: a predicted view beside its ground truth, with what else is known of
+/// it. What several metrics need is computed once.
+///
+/// Masks and depth have the size of the images.
+#[derive(Debug)]
+pub struct Sample<'a> {
+    /// The view.
+    pub pair: &'a ViewPair,
+    /// The view of the same kind before it in time.
+    pub previous: Option<&'a ViewPair>,
+    /// Marks what moves.
+    pub dynamic: Option<&'a Mask>,
+    /// Marks the objects of a class, by its name.
+    pub classes: BTreeMap<&'a str, &'a Mask>,
+    /// Depth.
+    pub depth: Option<&'a DepthPair>,
+    ssim_map: OnceLock<SsimMap>,
+    cube_faces: OnceLock<Vec<Face>>,
+    temporal_lpips: OnceLock<Result<TemporalLpips, Undefined>>,
+}
+
+/// How far a view is from the one before it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct TemporalLpips {
+    /// As predicted.
+    pub(super) prediction: f64,
+    /// In truth.
+    pub(super) truth: f64,
+}
+
+/// Why a metric has no value for a view. Neither 0 nor infinity would be true, so the view does not
+/// count in its mean.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct Undefined(pub &'static str);
+
+impl<'a> Sample<'a> {
+    /// A view of which nothing else is known.
+    pub fn new(pair: &'a ViewPair) -> Self {
+        Self {
+            pair,
+            previous: None,
+            dynamic: None,
+            classes: BTreeMap::new(),
+            depth: None,
+            ssim_map: OnceLock::new(),
+            cube_faces: OnceLock::new(),
+            temporal_lpips: OnceLock::new(),
+        }
+    }
+
+    /// The mask of what moves.
+    pub(super) fn dynamic(&self) -> Result<&'a Mask, Undefined> {
+        self.dynamic.ok_or(Undefined("the frame has no mask"))
+    }
+
+    /// The mask of a class.
+    pub(super) fn class(&self, name: &str) -> Result<&'a Mask, Undefined> {
+        let mask = self.classes.get(name).copied();
+        mask.ok_or(Undefined("the frame has no mask of the class"))
+    }
+
+    /// The depth.
+    pub(super) fn depth(&self) -> Result<&'a DepthPair, Undefined> {
+        self.depth.ok_or(Undefined("the frame has no depth"))
+    }
+
+    /// SSIM of every pixel.
+    pub(super) fn ssim_map(&self) -> &SsimMap {
+        self.ssim_map.get_or_init(|| {
+            let [prediction, truth] = self.pair.unit_values();
+            SsimMap::new(self.pair.size(), &prediction, &truth)
+        })
+    }
+
+    /// The six faces of the cube around the camera.
+    pub(super) fn cube_faces(&self) -> &[Face] {
+        self.cube_faces
+            .get_or_init(|| cube_faces::render(self.pair))
+    }
+
+    /// LPIPS from the view before it.
+    pub(super) fn temporal_lpips(&self) -> Result<TemporalLpips, Undefined> {
+        *self.temporal_lpips.get_or_init(|| {
+            let before = self
+                .previous
+                .ok_or(Undefined("no scored view comes before it"))?;
+            let change = |before: &[u8], now: &[u8]| {
+                lpips(
+                    Backbone::Alex,
+                    self.pair.size(),
+                    [before, now],
+                    InputRange::Signed,
+                )
+            };
+            Ok(TemporalLpips {
+                prediction: change(before.prediction(), self.pair.prediction())?,
+                truth: change(before.truth(), self.pair.truth())?,
+            })
+        })
+    }
+}

@@ -1,0 +1,106 @@
+//! A predicted view beside its ground truth.
+
+/// A predicted view and its ground truth: two 8-bit RGB images of the same size.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ViewPair {
+    width: usize,
+    height: usize,
+    prediction: Vec<u8>,
+    truth: Vec<u8>,
+}
+
+impl ViewPair {
+    /// Two images of `width` x `height` pixels, row-major, three interleaved channels.
+    ///
+    /// `None` when an image does not hold `width * height * 3` bytes or holds none.
+    pub fn new(width: usize, height: usize, prediction: Vec<u8>, truth: Vec<u8>) -> Option<Self> {
+        let bytes = width.checked_mul(height)?.checked_mul(3)?;
+        (bytes > 0 && prediction.len() == bytes && truth.len() == bytes).then_some(Self {
+            width,
+            height,
+            prediction,
+            truth,
+        })
+    }
+
+    /// Pixels per row, at least 1.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows, at least 1.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// Pixels per row, and rows.
+    pub fn size(&self) -> [usize; 2] {
+        [self.width, self.height]
+    }
+
+    /// `height * width * 3` bytes of the prediction.
+    pub fn prediction(&self) -> &[u8] {
+        &self.prediction
+    }
+
+    /// `height * width * 3` bytes of the ground truth.
+    pub fn truth(&self) -> &[u8] {
+        &self.truth
+    }
+
+    /// Prediction and ground truth in `[0, 1]`.
+    pub(super) fn unit_values(&self) -> [Vec<f64>; 2] {
+        [&self.prediction, &self.truth].map(|bytes| {
+            let values = bytes.iter().map(|&byte| f64::from(byte) / 255.0);
+            values.collect()
+        })
+    }
+
+    /// Sum over one row (0 at the top) of the squared byte differences of channels 0, 1 and 2:
+    /// exact integers, so that no order of summation can change a score.
+    pub(super) fn row_squared_errors(&self, row: usize) -> [u64; 3] {
+        let range = row * self.width * 3..(row + 1) * self.width * 3;
+        let mut sums = [0_u64; 3];
+        for (predicted, true_value) in self.prediction[range.clone()]
+            .chunks_exact(3)
+            .zip(self.truth[range].chunks_exact(3))
+        {
+            for (sum, error) in sums.iter_mut().zip(squared_errors(predicted, true_value)) {
+                *sum += error;
+            }
+        }
+        sums
+    }
+
+    /// Sum over the whole image of the squared byte differences of channels 0, 1 and 2.
+    pub(super) fn squared_errors(&self) -> [u64; 3] {
+        (0..self.height)
+            .map(|row| self.row_squared_errors(row))
+            .fold([0; 3], |sums, row| [0, 1, 2].map(|c| sums[c] + row[c]))
+    }
+
+    /// Sum of the squared byte differences of all channels over the pixels that `mask` marks (not
+    /// zero), and how many there are.
+    pub(super) fn squared_errors_inside(&self, mask: impl Iterator<Item = bool>) -> (u64, u64) {
+        let pixels = self
+            .prediction
+            .chunks_exact(3)
+            .zip(self.truth.chunks_exact(3))
+            .zip(mask);
+        pixels.filter(|&(_, is_inside)| is_inside).fold(
+            (0, 0),
+            |(sum, count), ((predicted, true_value), _)| {
+                let errors = squared_errors(predicted, true_value);
+                (sum + errors.iter().sum::<u64>(), count + 1)
+            },
+        )
+    }
+}
+
+/// Squared byte differences of a pixel.
+fn squared_errors(predicted: &[u8], true_value: &[u8]) -> [u64; 3] {
+    [0, 1, 2].map(|channel| {
+        let difference = u64::from(predicted[channel].abs_diff(true_value[channel]));
+        difference * difference
+    })
+}

@@ -1,0 +1,369 @@
+//! Convolutions of pictures, followed by a bias and a rectifier.
+//!
+//! 3x3 kernels of stride one go through Winograd's transform, everything else (and inputs of a few
+//! channels, such as colours) through products of patches with one matrix.
+
+use rayon::prelude::*;
+
+use crate::{
+    Features, Weights, WeightsError, matrix,
+    winograd::{self, PATCH, POSITIONS, TILE},
+};
+
+/// Sizes of a convolution.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Kernel {
+    /// Rows and columns of the kernel.
+    pub side: usize,
+    /// Pixels from one output to the next.
+    pub stride: usize,
+    /// Rows and columns of zeros around the picture.
+    pub padding: usize,
+    /// Channels of the input.
+    pub inputs: usize,
+    /// Channels of the output.
+    pub outputs: usize,
+}
+
+/// A convolution with a bias and a rectifier.
+#[derive(Debug)]
+pub struct Convolution {
+    kernel: Kernel,
+    bias: Vec<f32>,
+    matrices: Matrices,
+}
+
+#[derive(Debug)]
+enum Matrices {
+    /// Rows are (row, column, input) of the kernel, columns the outputs.
+    Direct(Vec<f32>),
+    /// One matrix of inputs by outputs for each position of Winograd's transform.
+    Winograd(Vec<Vec<f32>>),
+}
+
+/// Channels come in eights for Winograd's transform.
+const LANES: usize = 8;
+/// Pixels whose patches are multiplied at once.
+const PIXELS_TOGETHER: usize = 256;
+
+impl Convolution {
+    /// Reads `<name>.kernel` (row, column, input, output) and `<name>.bias`.
+    ///
+    /// # Errors
+    /// When the weights hold no such tensors.
+    pub fn load(weights: &Weights, name: &str, kernel: Kernel) -> Result<Self, WeightsError> {
+        let Kernel {
+            side,
+            inputs,
+            outputs,
+            ..
+        } = kernel;
+        let shape = [side, side, inputs, outputs];
+        Ok(Self::new(
+            kernel,
+            weights.tensor(&format!("{name}.kernel"), &shape)?,
+            weights.tensor(&format!("{name}.bias"), &[outputs])?,
+        ))
+    }
+
+    /// From values in the order (row, column, input, output).
+    ///
+    /// # Panics
+    /// When there are not as many values as the sizes ask for.
+    pub fn new(kernel: Kernel, values: Vec<f32>, bias: Vec<f32>) -> Self {
+        let Kernel {
+            side,
+            inputs,
+            outputs,
+            ..
+        } = kernel;
+        assert_eq!(values.len(), side * side * inputs * outputs, "kernel");
+        assert_eq!(bias.len(), outputs, "bias");
+        let is_winograd = (side, kernel.stride, kernel.padding) == (3, 1, 1)
+            && inputs.is_multiple_of(LANES)
+            && outputs.is_multiple_of(LANES);
+        Self {
+            kernel,
+            bias,
+            matrices: if is_winograd {
+                Matrices::Winograd(winograd_matrices(&values, inputs * outputs))
+            } else {
+                Matrices::Direct(values)
+            },
+        }
+    }
+
+    /// The convolution of all pictures; what is negative becomes zero.
+    ///
+    /// # Panics
+    /// When the pictures have other channels, or are smaller than the kernel with its padding.
+    pub fn apply_rectified(&self, input: &Features) -> Features {
+        assert_eq!(input.channels, self.kernel.inputs, "channels of the input");
+        let Kernel {
+            side,
+            stride,
+            padding,
+            outputs,
+            ..
+        } = self.kernel;
+        let length = |length: usize| (length + 2 * padding - side) / stride + 1;
+        let (height, width) = (length(input.height), length(input.width));
+        let mut output = Features::zeros(input.pictures, height, width, outputs);
+        match &self.matrices {
+            Matrices::Direct(matrix) => self.direct(matrix, input, &mut output),
+            Matrices::Winograd(matrices) => self.winograd(matrices, input, &mut output),
+        }
+        output
+    }
+
+    fn direct(&self, matrix: &[f32], input: &Features, output: &mut Features) {
+        let Kernel {
+            side,
+            stride,
+            padding,
+            inputs,
+            outputs,
+        } = self.kernel;
+        let depth = side * side * inputs;
+        let (width, pixels) = (output.width, output.width * output.height);
+        output
+            .data
+            .par_chunks_mut(PIXELS_TOGETHER * outputs)
+            .enumerate()
+            .for_each_init(Vec::new, |patches, (chunk, values)| {
+                let count = values.len() / outputs;
+                patches.clear();
+                patches.resize(count * depth, 0.0);
+                for (at, patch) in patches.chunks_exact_mut(depth).enumerate() {
+                    let index = chunk * PIXELS_TOGETHER + at;
+                    let (picture, y, x) = (index / pixels, index % pixels / width, index % width);
+                    for (neighbour, values) in patch.chunks_exact_mut(inputs).enumerate() {
+                        let (dy, dx) = (neighbour / side, neighbour % side);
+                        let source = input.pixel(
+                            picture,
+                            (y * stride + dy) as isize - padding as isize,
+                            (x * stride + dx) as isize - padding as isize,
+                        );
+                        if let Some(source) = source {
+                            values.copy_from_slice(source);
+                        }
+                    }
+                }
+                matrix::multiply(patches, matrix, values, [count, depth, outputs]);
+                for pixel in values.chunks_exact_mut(outputs) {
+                    for (value, bias) in pixel.iter_mut().zip(&self.bias) {
+                        *value = (*value + bias).max(0.0);
+                    }
+                }
+            });
+    }
+
+    fn winograd(&self, matrices: &[Vec<f32>], input: &Features, output: &mut Features) {
+        let (height, width, row_len) = (output.height, output.width, output.row_len());
+        if height * row_len == 0 {
+            return;
+        }
+        let columns = width.div_ceil(TILE);
+        let mut rows: Vec<TileRow<'_>> = Vec::new();
+        for (picture, values) in output.data.chunks_exact_mut(height * row_len).enumerate() {
+            let tile_rows = values.chunks_mut(TILE * row_len).enumerate();
+            rows.extend(tile_rows.map(|(index, values)| TileRow {
+                picture,
+                top: index * TILE,
+                lines: values.chunks_exact_mut(row_len).collect(),
+            }));
+        }
+        let together = tiles_together(self.kernel);
+        rows.par_chunks_mut(together.div_ceil(columns))
+            .for_each_init(Buffers::default, |buffers, rows| {
+                let tiles = rows.len() * columns;
+                for first in (0..tiles).step_by(together) {
+                    let tiles = first..tiles.min(first + together);
+                    self.winograd_tiles(matrices, input, rows, tiles, buffers);
+                }
+            });
+    }
+
+    /// The tiles `tiles`, counted along the rows of tiles.
+    fn winograd_tiles(
+        &self,
+        matrices: &[Vec<f32>],
+        input: &Features,
+        rows: &mut [TileRow<'_>],
+        tiles: std::ops::Range<usize>,
+        buffers: &mut Buffers,
+    ) {
+        let Kernel {
+            inputs, outputs, ..
+        } = self.kernel;
+        let columns = input.width.div_ceil(TILE);
+        let count = tiles.len();
+        let Buffers { patches, products } = buffers;
+        patches.resize(POSITIONS * count * inputs, 0.0);
+        products.resize(POSITIONS * count * outputs, 0.0);
+        let mut positions: Vec<_> = patches
+            .chunks_exact_mut(count * inputs)
+            .map(|position| position.chunks_exact_mut(inputs))
+            .collect();
+        for tile in tiles.clone() {
+            let row = &rows[tile / columns];
+            let left = tile % columns * TILE;
+            let patch: [Option<&[f32]>; POSITIONS] = std::array::from_fn(|at| {
+                input.pixel(
+                    row.picture,
+                    (row.top + at / PATCH) as isize - 1,
+                    (left + at % PATCH) as isize - 1,
+                )
+            });
+            let mut transformed: Vec<&mut [f32]> =
+                positions.iter_mut().filter_map(Iterator::next).collect();
+            winograd::transform_patches(&patch, &mut transformed);
+        }
+        for ((patches, products), matrix) in patches
+            .chunks_exact(count * inputs)
+            .zip(products.chunks_exact_mut(count * outputs))
+            .zip(matrices)
+        {
+            matrix::multiply(patches, matrix, products, [count, inputs, outputs]);
+        }
+        for (at, tile) in tiles.enumerate() {
+            let values: [&[f32]; POSITIONS] = std::array::from_fn(|position| {
+                &products[(position * count + at) * outputs..][..outputs]
+            });
+            let left = tile % columns * TILE;
+            let mut pixels: [Option<&mut [f32]>; TILE * TILE] = std::array::from_fn(|_| None);
+            for (y, line) in rows[tile / columns].lines.iter_mut().enumerate() {
+                let line = line.chunks_exact_mut(outputs).skip(left).take(TILE);
+                for (x, pixel) in line.enumerate() {
+                    pixels[y * TILE + x] = Some(pixel);
+                }
+            }
+            winograd::transform_products_rectified(&values, &self.bias, &mut pixels);
+        }
+    }
+}
+
+/// Rows of outputs that one row of tiles gives.
+struct TileRow<'a> {
+    picture: usize,
+    /// The first of the rows.
+    top: usize,
+    /// Four rows, or what the picture has left.
+    lines: Vec<&'a mut [f32]>,
+}
+
+/// Transformed values of the tiles that are worked on together, by position.
+#[derive(Default)]
+struct Buffers {
+    patches: Vec<f32>,
+    products: Vec<f32>,
+}
+
+/// Few enough tiles for the cache, and enough for the matrices to be worth fetching.
+fn tiles_together(kernel: Kernel) -> usize {
+    (kernel.inputs / 2).clamp(64, 192)
+}
+
+fn winograd_matrices(values: &[f32], pairs: usize) -> Vec<Vec<f32>> {
+    let transformed: Vec<[f64; POSITIONS]> = (0..pairs)
+        .into_par_iter()
+        .map(|pair| {
+            let kernel = std::array::from_fn(|at| f64::from(values[at * pairs + pair]));
+            winograd::transform_kernel(kernel)
+        })
+        .collect();
+    (0..POSITIONS)
+        .map(|position| {
+            let values = transformed.iter();
+            values.map(|kernel| kernel[position] as f32).collect()
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn value(at: usize) -> f32 {
+        ((at * 37 + 11) % 101) as f32 / 50.0 - 1.0
+    }
+
+    fn features(pictures: usize, height: usize, width: usize, channels: usize) -> Features {
+        let mut features = Features::zeros(pictures, height, width, channels);
+        for (at, entry) in features.data.iter_mut().enumerate() {
+            *entry = value(at);
+        }
+        features
+    }
+
+    /// The definition, one loop per index, in f64.
+    fn direct(kernel: Kernel, values: &[f32], bias: &[f32], input: &Features) -> Vec<f64> {
+        let Kernel {
+            side,
+            stride,
+            padding,
+            inputs,
+            outputs,
+        } = kernel;
+        let length = |length: usize| (length + 2 * padding - side) / stride + 1;
+        let mut expected = Vec::new();
+        for picture in 0..input.pictures {
+            for y in 0..length(input.height) {
+                for x in 0..length(input.width) {
+                    for output in 0..outputs {
+                        let mut sum = f64::from(bias[output]);
+                        for (dy, dx) in (0..side * side).map(|at| (at / side, at % side)) {
+                            let (row, column) = (y * stride + dy, x * stride + dx);
+                            let pixel = input.pixel(
+                                picture,
+                                row as isize - padding as isize,
+                                column as isize - padding as isize,
+                            );
+                            for (channel, &entry) in pixel.into_iter().flatten().enumerate() {
+                                let at = ((dy * side + dx) * inputs + channel) * outputs + output;
+                                sum += f64::from(entry) * f64::from(values[at]);
+                            }
+                        }
+                        expected.push(sum.max(0.0));
+                    }
+                }
+            }
+        }
+        expected
+    }
+
+    /// Both ways of computing, strides, paddings, odd sizes, pictures of less than a tile.
+    #[test]
+    fn convolutions_are_what_plain_loops_give() {
+        let kernel = |side, stride, padding, inputs, outputs| Kernel {
+            side,
+            stride,
+            padding,
+            inputs,
+            outputs,
+        };
+        for (kernel, [pictures, height, width]) in [
+            (kernel(3, 1, 1, 8, 16), [2, 9, 14]),
+            (kernel(3, 1, 1, 16, 8), [1, 2, 3]),
+            (kernel(3, 1, 1, 24, 8), [1, 70, 40]),
+            (kernel(3, 1, 1, 3, 8), [2, 7, 5]),
+            (kernel(11, 4, 2, 3, 8), [2, 31, 40]),
+            (kernel(5, 1, 2, 8, 4), [1, 6, 9]),
+        ] {
+            let count = kernel.side * kernel.side * kernel.inputs * kernel.outputs;
+            let values: Vec<f32> = (0..count).map(|at| value(3 * at + 5)).collect();
+            let bias: Vec<f32> = (0..kernel.outputs).map(|at| value(at + 700)).collect();
+            let input = features(pictures, height, width, kernel.inputs);
+            let expected = direct(kernel, &values, &bias, &input);
+            let found = Convolution::new(kernel, values, bias).apply_rectified(&input);
+            assert_eq!(found.data.len(), expected.len());
+            for (found, expected) in found.data.iter().zip(expected) {
+                let tolerance = 1e-4 * (1.0 + expected);
+                assert!(
+                    (f64::from(*found) - expected).abs() < tolerance,
+                    "{kernel:?}: {found}, expected {expected}"
+                );
+            }
+        }
+    }
+}
