@@ -2,6 +2,7 @@
 
 use std::{fmt, path::Path, process::Command, thread};
 
+use omnilife_bench::lpips::Backbone;
 use omnilife_curate::{boundaries::transnetv2, poses::sfm};
 use omnilife_reconstruct::backend;
 
@@ -59,7 +60,7 @@ pub(crate) static CHECKS: &[Check] = &[
     },
     Check {
         id: "models",
-        enables: "learned shot boundaries (TransNetV2)",
+        enables: "learned shot boundaries (TransNetV2), perceptual scores (LPIPS)",
         needed: false,
         probe: network_weights,
     },
@@ -169,13 +170,22 @@ fn structure_from_motion() -> Finding {
 }
 
 fn network_weights() -> Finding {
-    match transnetv2::published_weights() {
-        Ok(weights) => Finding::Present(vec![weights.path().display().to_string()]),
-        Err(error) => Finding::Missing {
+    let networks = [
+        transnetv2::published_weights(),
+        Backbone::Alex.published_weights(),
+        Backbone::Vgg.published_weights(),
+    ];
+    let files: Result<Vec<String>, _> = networks
+        .into_iter()
+        .map(|weights| weights.map(|weights| weights.path().display().to_string()))
+        .collect();
+    files.map_or_else(
+        |error| Finding::Missing {
             reason: error.to_string(),
             remedy: None,
         },
-    }
+        Finding::Present,
+    )
 }
 
 fn graphics_adapters() -> Finding {

@@ -8,10 +8,11 @@ use std::{
 };
 
 use glam::{DQuat, DVec3, dvec3};
-use omnilife_curate::exchange::{FORMATS, ImportRequest, export, import, npy};
+use omnilife_curate::exchange::{FORMATS, ImportRequest, export, import};
 use omnilife_schemas::{
     Pose,
     camera::{CameraModel, ErpCamera},
+    npy,
     points::PointCloud,
     progress::Silent,
     records::{PoseSource, PoseValidation, Scale, Scene, SceneFrame, ValidationStatus},

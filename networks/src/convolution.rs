@@ -310,8 +310,8 @@ mod tests {
         for picture in 0..input.pictures {
             for y in 0..length(input.height) {
                 for x in 0..length(input.width) {
-                    for output in 0..outputs {
-                        let mut sum = f64::from(bias[output]);
+                    for (output, &bias) in bias.iter().enumerate() {
+                        let mut sum = f64::from(bias);
                         for (dy, dx) in (0..side * side).map(|at| (at / side, at % side)) {
                             let (row, column) = (y * stride + dy, x * stride + dx);
                             let pixel = input.pixel(

@@ -67,6 +67,14 @@ impl Backbone {
         }
     }
 
+    /// The published weights, as `scripts/setup --models` leaves them.
+    ///
+    /// # Errors
+    /// Where they are missing or others.
+    pub fn published_weights(self) -> Result<Weights, WeightsError> {
+        Weights::load_published(self.weights(), self.weights_sha256())
+    }
+
     /// The least rows and columns for which every stage has a pixel.
     pub fn smallest_side(self) -> usize {
         match self {

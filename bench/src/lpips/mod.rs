@@ -15,7 +15,7 @@ mod distance;
 
 use std::sync::OnceLock;
 
-use omnilife_networks::{Features, Weights, WeightsError};
+use omnilife_networks::{Features, WeightsError};
 
 pub use backbone::Backbone;
 use backbone::Stage;
@@ -59,7 +59,7 @@ impl Lpips {
         if let Some(network) = slot.get() {
             return Ok(network);
         }
-        let weights = Weights::load_published(backbone.weights(), backbone.weights_sha256())?;
+        let weights = backbone.published_weights()?;
         let network = Self {
             backbone,
             stages: backbone.stages(&weights)?,

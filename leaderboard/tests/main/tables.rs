@@ -4,7 +4,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use crate::support::result;
+use crate::support::{result, summary};
 use omnilife_leaderboard::{LeaderboardError, build, collect};
 use omnilife_schemas::{
     Blame, Blamed,
@@ -144,7 +144,7 @@ fn one_name_for_two_scenes_is_refused() {
 fn contradicting_directions_are_refused() {
     let mut results = two_methods();
     let psnr = results[1].novel_views.get_mut("psnr").unwrap();
-    psnr.direction = Direction::LowerIsBetter;
+    psnr.direction = Some(Direction::LowerIsBetter);
     assert!(refusal(results).contains("says that psnr is better when"));
 }
 
