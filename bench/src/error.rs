@@ -34,6 +34,14 @@ pub enum BenchError {
         /// The known ids, comma-separated.
         known: String,
     },
+    /// No adapter of this id.
+    #[error("there is no adapter of {id}; there are: {known}")]
+    UnknownAdapter {
+        /// The id asked for.
+        id: String,
+        /// The known ids, comma-separated.
+        known: String,
+    },
     /// A protocol cannot be followed on a scene.
     #[error("scene {scene}: protocol {protocol} cannot be followed: {reason}")]
     Protocol {
@@ -61,7 +69,7 @@ pub enum BenchError {
         reason: String,
     },
     /// The request gives nothing to score.
-    #[error("nothing to score: neither predicted input views nor predicted novel views were given")]
+    #[error("nothing to score: no predictions were given of views that the protocol scores")]
     NothingToScore,
     /// Two sides have no scene in common that both scored completely.
     #[error("{methods}: nothing to compare: {reasons}")]
@@ -107,6 +115,7 @@ impl Blamed for BenchError {
             Self::Internal { .. } => Blame::Ours,
             Self::UnknownProtocol { .. }
             | Self::UnknownMetric { .. }
+            | Self::UnknownAdapter { .. }
             | Self::Protocol { .. }
             | Self::Scene { .. }
             | Self::Mismatch { .. }

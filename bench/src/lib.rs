@@ -2,14 +2,20 @@
 //!
 //! * [`protocols`]: what is scored; [`mod@split`]: which frames a method is given and which it predicts.
 //! * [`metrics`]: what a score is, one file each; [`lpips`]: the networks of some.
-//! * [`external`]: anyone's method, run by its own commands;
 //! * [`validate()`] and [`compare()`]: predictions before they are scored, and scores of two methods;
+//! * [`external`]: anyone's method, run by its own commands; [`adapters`]: those of published ones;
+//! * [`diagnosis`]: whether views are bad because their camera convention is another one;
+//! * [`curve`]: error against run time, from the traces of runs;
+//! * [`stability_report`]: how stiff and extreme cases come out, for people;
 //! * [`mod@score`]: folders of predictions against a scene's images, with every failure in the
 //!   record.
 //!
 //! Everybody's predictions are scored, so this crate knows no method and no renderer, and its
 //! metrics are written apart from every training loss: a bug in a loss must not hide in the score.
 
+pub mod adapters;
+pub mod curve;
+pub mod diagnosis;
 pub mod error;
 pub mod external;
 pub mod lpips;
@@ -17,8 +23,10 @@ pub mod metrics;
 pub mod protocols;
 pub mod score;
 pub mod split;
+pub mod stability_report;
 
 mod availability;
+mod chart;
 mod compare;
 mod comparison;
 mod evidence;
@@ -32,11 +40,15 @@ mod summary;
 mod truth;
 mod validate;
 
+pub use adapters::{ADAPTERS, write_adapter};
 pub use compare::{Difference, PairedComparison, StoredResult, WinsAndLosses, compare};
+pub use curve::{curves, curves_table};
+pub use diagnosis::{Diagnosis, diagnose};
 pub use error::BenchError;
 pub use external::{ExternalRequest, run_external};
 pub use metrics::{DepthPair, METRICS, Metric, Need, Sample, Undefined, ViewPair};
 pub use protocols::{PROTOCOLS, ProtocolEntry};
 pub use score::{DEFAULT_MEMORY_BYTES, Predictions, ScoreRequest, score};
 pub use split::{split, split_scene};
+pub use stability_report::{failed_rows, stability_table, write_stability};
 pub use validate::{Finding, ValidationReport, validate};

@@ -51,7 +51,11 @@ impl RunFacts {
 
     fn of_ours(file: &Path, run: RunRecord) -> Self {
         Self {
-            input_folder: Some(file.with_file_name(&run.predictions.input_views)),
+            input_folder: run
+                .predictions
+                .input_views
+                .as_ref()
+                .map(|folder| file.with_file_name(folder)),
             novel_folder: file.with_file_name(&run.predictions.novel_views),
             method: run.method,
             scene: run.scene,

@@ -13,7 +13,7 @@ use omnilife_schemas::{progress::Progress, records::ResultRecord, store};
 use rayon::prelude::*;
 
 use crate::{
-    comparison,
+    comparison, diagnosis,
     error::BenchError,
     evidence::Evidence,
     frames_table::{self, FRAMES_TABLE},
@@ -123,7 +123,8 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
     progress.end();
 
     frames_table::write(&request.out.join(FRAMES_TABLE), &job, &outcomes)?;
-    let result = summary::result_record(&job, &outcomes);
+    let mut result = summary::result_record(&job, &outcomes);
+    result.warnings.extend(diagnosis::of_job(&job)?.remark());
     store::write_record(&result_file, &result)?;
     let mut outputs = vec![RESULT_FILE.to_owned(), FRAMES_TABLE.to_owned()];
     outputs.extend(

@@ -97,6 +97,9 @@ impl ScoringJob {
                 (Some(file.clone()), Some(run), input, Some(novel))
             }
         };
+        let scored = split.protocol.scored;
+        let input_folder = input_folder.filter(|_| scored.has_input());
+        let novel_folder = novel_folder.filter(|_| scored.has_novel());
         if input_folder.is_none() && novel_folder.is_none() {
             return Err(BenchError::NothingToScore);
         }
@@ -171,7 +174,8 @@ impl ScoringJob {
             .map(|metric| metric.metric)
     }
 
-    /// The views to score: input views, then novel views, in the split's order.
+    /// The views to score: input views, then novel views, in the split's order. Those that the
+    /// protocol does not score are left out, whatever predictions there are.
     pub(crate) fn views(&self) -> Vec<View> {
         let of = |kind, frames: &[u32], folder: &Option<PredictionFolder>| {
             let count = if folder.is_some() { frames.len() } else { 0 };
@@ -213,11 +217,12 @@ impl ScoringJob {
     /// What a reader of the scores should know beside the numbers.
     pub(crate) fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
-        for (kind, folder) in [
-            (ViewKind::Input, &self.input_folder),
-            (ViewKind::Novel, &self.novel_folder),
+        let scored = self.split.protocol.scored;
+        for (kind, folder, is_scored) in [
+            (ViewKind::Input, &self.input_folder, scored.has_input()),
+            (ViewKind::Novel, &self.novel_folder, scored.has_novel()),
         ] {
-            if folder.is_none() {
+            if is_scored && folder.is_none() {
                 warnings.push(format!(
                     "{kind} views were not scored: no predictions given"
                 ));
@@ -234,6 +239,12 @@ impl ScoringJob {
                 "{} of {} frames have no pose and are not scored",
                 self.split.unposed.len(),
                 self.scene.frames.len()
+            ));
+        }
+        if !self.split.incomplete.is_empty() {
+            warnings.push(format!(
+                "{} incomplete groups of frames are left out",
+                self.split.incomplete.len()
             ));
         }
         match self.scene.validation.status {

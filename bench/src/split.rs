@@ -3,58 +3,139 @@
 use std::path::Path;
 
 use omnilife_schemas::{
-    records::{Protocol, Scene, Split, SplitRule},
+    records::{IncompleteGroup, Protocol, Scene, Split, SplitRule, ViewGroup},
     store,
 };
 
 use crate::{error::BenchError, protocols};
 
-/// Applies a protocol's split rule to a scene's posed frames.
-///
-/// Frames are counted among the posed ones only, in the scene's order, so that an unposed frame
-/// changes neither the shares nor the rule. The numbers in the split count all frames of the scene.
+/// Applies a protocol's split rule to a scene's frames. The numbers in the split count all frames of
+/// the scene, in its order.
 ///
 /// # Errors
-/// When fewer frames than one cycle of the rule have a pose, when a pose is not usable (zero
-/// quaternion, non-finite entries) or when frames are not in order of time.
+/// When the rule makes no sense, no frame is left to give or to score by it, a pose is not usable
+/// (zero quaternion, non-finite entries) or frames are not in order of time.
 pub fn split(scene: &Scene, protocol: &Protocol) -> Result<Split, BenchError> {
     check_frames(scene)?;
-    let SplitRule::EveryNth { period, offset } = protocol.split;
-    let cannot = |reason: String| BenchError::Protocol {
+    let shares = match protocol.split {
+        SplitRule::EveryNth { period, offset } => every_nth(scene, period, offset),
+        SplitRule::Groups { length } => groups(scene, length),
+        SplitRule::AllGiven => all_given(scene),
+    }
+    .map_err(|reason| BenchError::Protocol {
         scene: scene.id.clone(),
         protocol: protocols::title(protocol),
         reason,
-    };
-    if period < 2 || offset >= period {
-        return Err(cannot(format!(
-            "its split rule holds out offset {offset} of every {period} frames"
-        )));
-    }
-    let (posed, unposed): (Vec<u32>, Vec<u32>) = (0..scene.frames.len() as u32)
-        .partition(|&frame| scene.frames[frame as usize].pose.is_some());
-    if posed.len() < period as usize {
-        return Err(cannot(format!(
-            "{} of {} frames have a pose, at least {period} are needed",
-            posed.len(),
-            scene.frames.len()
-        )));
-    }
-    let mut input_views = Vec::new();
-    let mut novel_views = Vec::new();
-    for (position, &frame) in posed.iter().enumerate() {
-        if position % period as usize == offset as usize {
-            novel_views.push(frame);
-        } else {
-            input_views.push(frame);
-        }
-    }
+    })?;
     Ok(Split {
         scene: scene.id.clone(),
         protocol: protocol.clone(),
         protocol_hash: protocol.hash(),
+        input_views: shares.input_views,
+        novel_views: shares.novel_views,
+        unposed: posed_and_unposed(scene).1,
+        groups: shares.groups,
+        incomplete: shares.incomplete,
+    })
+}
+
+/// What a rule makes of a scene's frames.
+#[derive(Default)]
+struct Shares {
+    input_views: Vec<u32>,
+    novel_views: Vec<u32>,
+    groups: Vec<ViewGroup>,
+    incomplete: Vec<IncompleteGroup>,
+}
+
+fn posed_and_unposed(scene: &Scene) -> (Vec<u32>, Vec<u32>) {
+    (0..scene.frames.len() as u32).partition(|&frame| scene.frames[frame as usize].pose.is_some())
+}
+
+/// Frames are counted among the posed ones only, so that an unposed frame changes neither the
+/// shares nor the rule.
+fn every_nth(scene: &Scene, period: u32, offset: u32) -> Result<Shares, String> {
+    if period < 2 || offset >= period {
+        return Err(format!(
+            "its split rule holds out offset {offset} of every {period} frames"
+        ));
+    }
+    let (posed, _) = posed_and_unposed(scene);
+    if posed.len() < period as usize {
+        return Err(format!(
+            "{} of {} frames have a pose, at least {period} are needed",
+            posed.len(),
+            scene.frames.len()
+        ));
+    }
+    let mut shares = Shares::default();
+    for (position, &frame) in posed.iter().enumerate() {
+        if position % period as usize == offset as usize {
+            shares.novel_views.push(frame);
+        } else {
+            shares.input_views.push(frame);
+        }
+    }
+    Ok(shares)
+}
+
+/// Groups are cut among all frames, so that those of a group follow each other in time.
+fn groups(scene: &Scene, length: u32) -> Result<Shares, String> {
+    if length < 3 {
+        return Err(format!(
+            "a group of {length} frames has none between its first and its last"
+        ));
+    }
+    let frames: Vec<u32> = (0..scene.frames.len() as u32).collect();
+    let mut shares = Shares::default();
+    for frames in frames.chunks(length as usize) {
+        match incompleteness(scene, frames, length) {
+            Some(reason) => shares.incomplete.push(IncompleteGroup {
+                frames: frames.to_vec(),
+                reason,
+            }),
+            None => {
+                let (first, last) = (frames[0], frames[frames.len() - 1]);
+                let between = frames[1..frames.len() - 1].to_vec();
+                shares.input_views.extend([first, last]);
+                shares.novel_views.extend(&between);
+                shares.groups.push(ViewGroup {
+                    context: vec![first, last],
+                    novel_views: between,
+                });
+            }
+        }
+    }
+    if shares.groups.is_empty() {
+        return Err(format!(
+            "none of its {} frames belong to a complete group of {length}",
+            scene.frames.len()
+        ));
+    }
+    Ok(shares)
+}
+
+/// What a group lacks.
+fn incompleteness(scene: &Scene, frames: &[u32], length: u32) -> Option<String> {
+    if frames.len() < length as usize {
+        return Some(format!("{} of {length} frames", frames.len()));
+    }
+    let unposed: Vec<String> = frames
+        .iter()
+        .filter(|&&frame| scene.frames[frame as usize].pose.is_none())
+        .map(u32::to_string)
+        .collect();
+    (!unposed.is_empty()).then(|| format!("no pose for {}", unposed.join(", ")))
+}
+
+fn all_given(scene: &Scene) -> Result<Shares, String> {
+    let (input_views, _) = posed_and_unposed(scene);
+    if input_views.is_empty() {
+        return Err("no frame has a pose".to_owned());
+    }
+    Ok(Shares {
         input_views,
-        novel_views,
-        unposed,
+        ..Shares::default()
     })
 }
 

@@ -61,7 +61,7 @@ fn views_are_scored_and_written() {
         (result.method.as_str(), result.scene.as_str()),
         ("stripes", "stripes/seq-000")
     );
-    assert_eq!(result.protocol, "per-scene/1");
+    assert_eq!(result.protocol, "per-scene/2");
     assert_eq!(result.protocol_hash, bench.split.protocol_hash);
     assert_eq!(result.scored_size, [WIDTH as u32, HEIGHT as u32]);
     assert_eq!((result.failures.len(), result.warnings.len()), (0, 0));
@@ -507,7 +507,7 @@ fn stray_predictions_unposed_frames_and_doubtful_poses_are_told() {
 fn ground_truth_is_brought_to_the_protocols_width_by_area() {
     let mut bench = Bench::new();
     let mut protocol = omnilife_bench::protocols::protocol("per-scene").unwrap();
-    protocol.width = Some(12);
+    protocol.largest_width = Some(12);
     let plain: Vec<&Metric> = METRICS.iter().filter(|m| m.needs.is_empty()).collect();
     protocol.metrics = plain.iter().map(|metric| metric.id.to_owned()).collect();
     let scene: Scene = store::read_record(&bench.request.scene).unwrap();
@@ -548,8 +548,54 @@ fn ground_truth_is_brought_to_the_protocols_width_by_area() {
             metric.id
         );
     }
-    protocol.width = Some(64);
+    // Nothing is enlarged: a smaller scene is scored at its own size.
+    protocol.largest_width = Some(64);
+    let split = omnilife_bench::split(&scene, &protocol).unwrap();
+    assert_eq!(
+        split.protocol.scored_size(&scene.camera),
+        Ok([WIDTH as u32, HEIGHT as u32])
+    );
+}
+
+/// Predictions of context frames are there, and are not looked at.
+#[test]
+fn context_frames_are_never_scored() {
+    let scene = scene(20, &[]);
+    let mut bench = Bench::of(&scene);
+    let protocol = omnilife_bench::protocols::protocol("sparse-interpolation").unwrap();
     let split = omnilife_bench::split(&scene, &protocol).unwrap();
     store::write_record(&bench.request.split, &split).unwrap();
-    assert!(bench.refusal().contains("ground truth is never enlarged"));
+    for frame in 0..20 {
+        let file = bench.at("novel").join(format!("{frame:06}.png"));
+        image(frame, 2).write_png(&file).unwrap();
+    }
+    let result = bench.score().unwrap();
+    assert!(result.input_views.is_empty());
+    assert_eq!(result.novel_views["psnr"].views, 16);
+    // The four context frames among the novel views are strays; the input folder is not opened.
+    assert_eq!(
+        result.warnings,
+        ["4 PNG files among the predictions belong to no view that was scored"]
+    );
+    bench.request.predictions = Predictions::Folders {
+        input_views: Some(bench.at("input")),
+        novel_views: None,
+    };
+    assert!(bench.refusal().starts_with("nothing to score"));
+}
+
+#[test]
+fn input_views_alone_are_scored_where_the_protocol_says_so() {
+    let bench = Bench::of(&scene(10, &[]));
+    let scene: Scene = store::read_record(&bench.request.scene).unwrap();
+    let protocol = omnilife_bench::protocols::protocol("input-view").unwrap();
+    let split = omnilife_bench::split(&scene, &protocol).unwrap();
+    store::write_record(&bench.request.split, &split).unwrap();
+    for frame in [4, 9] {
+        let file = bench.at("input").join(format!("{frame:06}.png"));
+        image(frame, 1).write_png(&file).unwrap();
+    }
+    let result = bench.score().unwrap();
+    assert!(result.novel_views.is_empty() && result.failures.is_empty());
+    assert_eq!(result.input_views["psnr"].views, 10);
 }

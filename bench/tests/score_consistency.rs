@@ -34,6 +34,7 @@ fn run_record(bench: &Bench) -> RunRecord {
         training_cpu_seconds: None,
         evaluation_seconds: 0.0,
         rendering_seconds: 1.0,
+        seconds_per_group: None,
         peak_memory_bytes: None,
         normalization: Similarity {
             offset: [0.0; 3],
@@ -41,7 +42,7 @@ fn run_record(bench: &Bench) -> RunRecord {
         },
         trace: None,
         predictions: ViewPredictions {
-            input_views: "input".to_owned(),
+            input_views: Some("input".to_owned()),
             novel_views: "novel".to_owned(),
         },
         warnings: vec!["stopped early".to_owned()],
@@ -117,7 +118,7 @@ fn scenes_splits_and_folders_that_do_not_fit_are_refused() {
     };
     assert!(edited(|split| split.scene = "reef".to_owned()).contains("is of scene reef"));
     assert!(edited(|split| split.novel_views = vec![9]).contains("is not the split"));
-    assert!(edited(|split| split.protocol.version = 2).contains("is not the split"));
+    assert!(edited(|split| split.protocol.version = 9).contains("is not the split"));
     assert!(
         edited(|split| {
             split.protocol.metrics = vec!["vmaf".to_owned()];
@@ -195,7 +196,7 @@ fn real_frames_are_scored() {
     }
     store::write_record(&bench.request.scene, &scene).unwrap();
     let mut protocol = omnilife_bench::protocols::protocol("per-scene").unwrap();
-    protocol.width = Some(256);
+    protocol.largest_width = Some(256);
     let split = omnilife_bench::split(&scene, &protocol).unwrap();
     store::write_record(&bench.request.split, &split).unwrap();
     for (frame, shown) in [(4, 3), (9, 9)] {

@@ -45,7 +45,7 @@ fn refusal(result: Result<Split, BenchError>) -> String {
 fn too_few_poses_are_refused() {
     assert_eq!(
         refusal(split(&scene(6, &[1, 3]), &per_scene())),
-        "scene stripes/seq-000: protocol per-scene/1 cannot be followed: 4 of 6 frames have a \
+        "scene stripes/seq-000: protocol per-scene/2 cannot be followed: 4 of 6 frames have a \
          pose, at least 5 are needed"
     );
     refusal(split(&scene(0, &[]), &per_scene()));
@@ -84,6 +84,60 @@ fn impossible_rules_are_refused() {
     }
 }
 
+fn sparse() -> omnilife_schemas::records::Protocol {
+    protocols::protocol("sparse-interpolation").unwrap()
+}
+
+#[test]
+fn groups_of_ten_give_their_ends_and_predict_the_rest() {
+    let split = split(&scene(34, &[15]), &sparse()).unwrap();
+    assert_eq!(split.groups.len(), 2);
+    assert_eq!(split.groups[0].context, [0, 9]);
+    assert_eq!(split.groups[1].context, [20, 29]);
+    assert_eq!(
+        split.groups[1].novel_views,
+        [21, 22, 23, 24, 25, 26, 27, 28]
+    );
+    assert_eq!(split.input_views, [0, 9, 20, 29]);
+    let all: Vec<u32> = split
+        .groups
+        .iter()
+        .flat_map(|group| group.novel_views.clone())
+        .collect();
+    assert_eq!(split.novel_views, all);
+    let incomplete: Vec<_> = split
+        .incomplete
+        .iter()
+        .map(|group| (group.frames[0], group.frames.len(), group.reason.as_str()))
+        .collect();
+    assert_eq!(
+        incomplete,
+        [(10, 10, "no pose for 15"), (30, 4, "4 of 10 frames")]
+    );
+}
+
+#[test]
+fn a_scene_without_a_complete_group_is_refused() {
+    let message = refusal(split(&scene(9, &[]), &sparse()));
+    assert_eq!(
+        message,
+        "scene stripes/seq-000: protocol sparse-interpolation/1 cannot be followed: none of its 9 \
+         frames belong to a complete group of 10"
+    );
+    let mut protocol = sparse();
+    protocol.split = SplitRule::Groups { length: 2 };
+    refusal(split(&scene(20, &[]), &protocol));
+}
+
+#[test]
+fn every_posed_frame_is_given_where_fidelity_is_scored() {
+    let protocol = protocols::protocol("input-view").unwrap();
+    let split = split(&scene(6, &[2]), &protocol).unwrap();
+    assert_eq!(split.input_views, [0, 1, 3, 4, 5]);
+    assert!(split.novel_views.is_empty());
+    refusal(omnilife_bench::split(&scene(2, &[0, 1]), &protocol));
+}
+
 #[test]
 fn the_file_depends_on_scene_and_protocol_alone() {
     let folder = tempfile::tempdir().unwrap();
@@ -97,6 +151,10 @@ fn the_file_depends_on_scene_and_protocol_alone() {
     assert_eq!(bytes, fs::read(&second).unwrap());
     assert_eq!(store::read_record::<Split>(&first).unwrap(), split);
     insta::assert_snapshot!(String::from_utf8(bytes).unwrap());
+    let scene_file = folder.path().join("longer.json");
+    store::write_record(&scene_file, &scene(22, &[])).unwrap();
+    split_scene(&scene_file, "sparse-interpolation", &first).unwrap();
+    insta::assert_snapshot!(fs::read_to_string(&first).unwrap());
 }
 
 #[test]
@@ -111,6 +169,22 @@ fn unknown_protocols_and_scenes_are_refused() {
 }
 
 proptest! {
+    #[test]
+    fn groups_hold_every_frame_once(posed in prop::collection::vec(any::<bool>(), 0..120), length in 3_u32..12) {
+        let unposed: Vec<usize> = (0..posed.len()).filter(|&frame| !posed[frame]).collect();
+        let mut protocol = sparse();
+        protocol.split = SplitRule::Groups { length };
+        if let Ok(split) = split(&scene(posed.len(), &unposed), &protocol) {
+            prop_assert_eq!(split.novel_views.len(), split.groups.len() * (length as usize - 2));
+            prop_assert!(split.novel_views.iter().all(|&frame| posed[frame as usize]));
+            let left_out = split.incomplete.iter().flat_map(|group| group.frames.clone());
+            let mut all = [split.input_views, split.novel_views].concat();
+            all.extend(left_out);
+            all.sort_unstable();
+            prop_assert!(all.into_iter().eq(0..posed.len() as u32));
+        }
+    }
+
     #[test]
     fn posed_frames_are_shared_out(posed in prop::collection::vec(any::<bool>(), 5..200)) {
         let unposed: Vec<usize> = (0..posed.len()).filter(|&frame| !posed[frame]).collect();

@@ -18,6 +18,7 @@ use omnilife_schemas::{
 use crate::{
     error::ReconstructError,
     gaussians::ply,
+    interpolation,
     methods::{self, MethodOutcome, MethodRequest},
     process,
     scene::{SceneView, TrainingScene},
@@ -32,7 +33,7 @@ pub const GAUSSIANS_FILE: &str = "gaussians.ply";
 pub const CHECKPOINT_FILE: &str = "checkpoint.bin";
 const TRACE_FILE: &str = "trace.csv";
 const INPUT_FOLDER: &str = "predictions/input";
-const NOVEL_FOLDER: &str = "predictions/novel";
+pub(crate) const NOVEL_FOLDER: &str = "predictions/novel";
 
 /// What to reconstruct, how, and where to.
 #[derive(Debug, Clone, PartialEq)]
@@ -53,8 +54,24 @@ pub struct ReconstructRequest {
     pub out: PathBuf,
 }
 
+/// Checks that there is such a method, and that what is asked of it makes sense.
+///
+/// # Errors
+/// When there is none, or it has no such component or backend.
+pub fn check(
+    method: &str,
+    settings: &MethodRequest,
+    backend: BackendChoice,
+) -> Result<(), ReconstructError> {
+    match interpolation::find(method) {
+        Some(interpolator) => interpolation::job::check(interpolator, settings, backend),
+        None => methods::find(method)?.check(settings),
+    }
+}
+
 /// Runs one method on one scene, or returns the stored record when nothing has changed. A run that
-/// was interrupted goes on from its checkpoint.
+/// was interrupted goes on from its checkpoint. Interpolators learn nothing and leave no Gaussians,
+/// trace or input views.
 ///
 /// # Errors
 /// When the scene cannot be loaded, the request makes no sense for the method, training diverges,
@@ -63,6 +80,9 @@ pub fn reconstruct(
     request: &ReconstructRequest,
     progress: &dyn Progress,
 ) -> Result<RunRecord, ReconstructError> {
+    if let Some(interpolator) = interpolation::find(&request.method) {
+        return interpolation::job::interpolate(interpolator, request, progress);
+    }
     let method = methods::find(&request.method)?;
     method.check(&request.settings)?;
     store::create_folder(&request.out)?;
@@ -111,13 +131,13 @@ pub fn reconstruct(
     let record = RunRecord {
         method: method.id.to_owned(),
         scene: scene.id.clone(),
-        protocol_hash: split.protocol_hash,
+        protocol_hash: split.protocol_hash.clone(),
         seed: request.settings.seed,
         backend: trained.stepper.backend(),
         configuration: serde_json::to_value(&outcome.settings)
             .map_err(|error| StoreError::write(&record_path, std::io::Error::other(error)))?,
         plan: outcome.plan.clone(),
-        versions: BTreeMap::from([("omnilife".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
+        versions: versions(),
         inputs,
         iterations: trained.state.iteration,
         gaussians,
@@ -125,14 +145,15 @@ pub fn reconstruct(
         training_cpu_seconds: trained.state.training_cpu.map(|time| time.as_secs_f64()),
         evaluation_seconds: trained.state.evaluation.as_secs_f64(),
         rendering_seconds,
+        seconds_per_group: None,
         peak_memory_bytes: process::peak_memory_bytes(),
         normalization: scene.normalization,
         trace: Some(TRACE_FILE.to_owned()),
         predictions: ViewPredictions {
-            input_views: INPUT_FOLDER.to_owned(),
+            input_views: Some(INPUT_FOLDER.to_owned()),
             novel_views: NOVEL_FOLDER.to_owned(),
         },
-        warnings: warnings(&scene, &outcome, gaussians),
+        warnings: warnings(&scene, &split, &outcome, gaussians),
     };
     store::write_record(&record_path, &record)?;
     outputs.extend([RUN_FILE, TRACE_FILE, GAUSSIANS_FILE].map(str::to_owned));
@@ -141,8 +162,13 @@ pub fn reconstruct(
     Ok(record)
 }
 
+/// Names and versions of the programs involved in a run.
+pub(crate) fn versions() -> BTreeMap<String, String> {
+    BTreeMap::from([("omnilife".to_owned(), env!("CARGO_PKG_VERSION").to_owned())])
+}
+
 /// The stage with its inputs, and the inputs' hashes by name for the record.
-fn plan_stage(
+pub(crate) fn plan_stage(
     request: &ReconstructRequest,
 ) -> Result<(StagePlan, BTreeMap<String, String>), ReconstructError> {
     let scene: Scene = store::read_record(&request.scene)?;
@@ -181,8 +207,7 @@ fn render_predictions(
     let mut files = Vec::with_capacity(total);
     let mut render = |views: &[SceneView], name: &str| -> Result<(), ReconstructError> {
         let folder = out.join(name);
-        store::create_folder(&folder)?;
-        remove_predictions(&folder)?;
+        prepare_predictions(&folder)?;
         for view in views {
             let file = format!("{name}/{:06}.png", view.frame);
             let image = trained.stepper.image(&view.view, trained.sh_degree)?;
@@ -198,9 +223,10 @@ fn render_predictions(
     outcome.map(|()| files)
 }
 
-/// Removes the views of an earlier run, which another split would score by mistake, and nothing
-/// else.
-fn remove_predictions(folder: &Path) -> Result<(), StoreError> {
+/// Makes the folder, and removes the views of an earlier run, which another split would score by
+/// mistake, and nothing else.
+pub(crate) fn prepare_predictions(folder: &Path) -> Result<(), StoreError> {
+    store::create_folder(folder)?;
     let is_prediction = |name: &str| {
         name.strip_suffix(".png")
             .is_some_and(|stem| stem.len() == 6 && stem.bytes().all(|byte| byte.is_ascii_digit()))
@@ -215,9 +241,20 @@ fn remove_predictions(folder: &Path) -> Result<(), StoreError> {
     Ok(())
 }
 
-fn warnings(scene: &TrainingScene, outcome: &MethodOutcome<'_>, gaussians: u64) -> Vec<String> {
+fn warnings(
+    scene: &TrainingScene,
+    split: &Split,
+    outcome: &MethodOutcome<'_>,
+    gaussians: u64,
+) -> Vec<String> {
     let trained = &outcome.trained;
     let mut warnings = trained.remarks.clone();
+    if split.groups.len() > 1 {
+        warnings.push(format!(
+            "one model was trained on the given views of all {} groups at once",
+            split.groups.len()
+        ));
+    }
     if scene.points.is_empty() {
         warnings
             .push("the scene has no points; training began from the sky shell alone".to_owned());

@@ -4,8 +4,11 @@
 //! * [`kernels`]: project, sort, bin, raster, loss, adam; [`render`] chains them.
 //! * [`densify`], [`optim`]: when Gaussians are added and removed, and how fast they move.
 //! * [`methods`]: one file per published method; [`train`] orders the calls.
+//! * [`interpolation`]: methods that learn nothing: a spherical sweep, and baselines;
 //! * [`job`]: one method on one scene, from `scene.json` and `split.json` to `run.json` and images;
-//!   [`render_job`]: Gaussians along given poses.
+//!   [`render_job`]: Gaussians along given poses;
+//! * [`mod@reference`]: the renderer's definition in f64, the judge; [`stability`]: stiff and extreme
+//!   cases, judged by it.
 
 pub mod backend;
 pub mod camera;
@@ -14,15 +17,18 @@ pub mod error;
 pub mod gaussians;
 pub mod gpu;
 pub mod initialize;
+pub mod interpolation;
 pub mod job;
 pub mod kernels;
 pub mod memory;
 pub mod methods;
 pub mod optim;
 pub mod process;
+pub mod reference;
 pub mod render;
 pub mod render_job;
 pub mod scene;
+pub mod stability;
 pub mod train;
 
 pub use error::ReconstructError;

@@ -63,14 +63,8 @@ impl TrainingScene {
     pub fn load(scene_path: &Path, split_path: &Path) -> Result<Self, ReconstructError> {
         let scene: Scene = store::read_record(scene_path)?;
         let split: Split = store::read_record(split_path)?;
-        if split.scene != scene.id {
-            return Err(ReconstructError::scene(
-                split_path,
-                format!("is the split of {}, not of {}", split.scene, scene.id),
-            ));
-        }
         let folder = scene_path.parent().unwrap_or(Path::new("."));
-        let camera = training_camera(&scene, &split, split_path)?;
+        let camera = checked_camera(&scene, &split, split_path)?;
         let centres: Vec<DVec3> = split
             .input_views
             .iter()
@@ -140,11 +134,19 @@ fn median(mut values: Vec<f32>) -> f32 {
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
-fn training_camera(
+/// Size of the images that a method works on, after a check that the split is of this scene and
+/// whole.
+pub(crate) fn checked_camera(
     scene: &Scene,
     split: &Split,
     split_path: &Path,
 ) -> Result<ErpCamera, ReconstructError> {
+    if split.scene != scene.id {
+        return Err(ReconstructError::scene(
+            split_path,
+            format!("is the split of {}, not of {}", split.scene, scene.id),
+        ));
+    }
     if split.protocol.hash() != split.protocol_hash {
         return Err(ReconstructError::scene(
             split_path,
@@ -178,24 +180,32 @@ fn load_view(
                 format!("frame {frame} of the split has no usable pose"),
             )
         })?;
-    let path = folder.join(&entry.image);
-    let image = RgbImage::read(&path)?;
+    let image = read_image(&folder.join(&entry.image), scene, camera)?;
+    Ok(SceneView {
+        frame,
+        view,
+        pixels: image.to_rgb8(),
+    })
+}
+
+/// Reads a frame's image and brings it to the size of `camera` by area averaging.
+pub(crate) fn read_image(
+    path: &Path,
+    scene: &Scene,
+    camera: ErpCamera,
+) -> Result<RgbImage, ReconstructError> {
+    let image = RgbImage::read(path)?;
     let expected = (scene.camera.width as usize, scene.camera.height as usize);
     if (image.width, image.height) != expected {
         return Err(ReconstructError::scene(
-            &path,
+            path,
             format!(
                 "is {}x{}, the scene's camera is {}x{}",
                 image.width, image.height, expected.0, expected.1
             ),
         ));
     }
-    let image = image.resized_by_area(camera.width as usize, camera.height as usize);
-    Ok(SceneView {
-        frame,
-        view,
-        pixels: image.to_rgb8(),
-    })
+    Ok(image.resized_by_area(camera.width as usize, camera.height as usize))
 }
 
 /// Median distance of the points from the mean camera, in camera radii, above which the cameras do

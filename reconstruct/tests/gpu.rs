@@ -7,10 +7,6 @@
 
 #[path = "support/device.rs"]
 mod device;
-#[expect(
-    dead_code,
-    reason = "the reference's gradients judge the processor's, which judge the device's"
-)]
 mod support;
 
 use std::sync::Arc;

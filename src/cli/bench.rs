@@ -5,6 +5,8 @@ use std::path::PathBuf;
 use clap::Subcommand;
 use omnilife_bench::{DEFAULT_MEMORY_BYTES, PROTOCOLS};
 
+use super::{bench_run::BenchRunArguments, reconstruct::BackendArgument};
+
 #[derive(Debug, Subcommand)]
 pub(crate) enum BenchCommand {
     /// Writes the split of a scene.
@@ -88,6 +90,53 @@ pub(crate) enum BenchCommand {
         /// Folder with results of the other.
         b: PathBuf,
     },
-    /// Lists the protocols and the metrics.
+    /// Runs methods on scenes under protocols, scores them and makes the tables, with intervals.
+    Run(BenchRunArguments),
+    /// Tells whether views would be better mirrored, turned, upside down or half a pixel beside.
+    ///
+    /// `bench score` says so too, in the warnings of a result. No score is of a changed view.
+    Diagnose {
+        /// The scene.json.
+        #[arg(long)]
+        scene: PathBuf,
+        /// The split.json.
+        #[arg(long)]
+        split: PathBuf,
+        /// Folder of predicted novel views.
+        #[arg(long, required_unless_present = "input_views")]
+        novel_views: Option<PathBuf>,
+        /// Folder of predicted input views.
+        #[arg(long)]
+        input_views: Option<PathBuf>,
+    },
+    /// Writes the method.toml of a published method, to be put into a checkout of its code.
+    Adapter {
+        /// The method; `bench list` lists them.
+        method: String,
+        /// The folder of the checkout.
+        #[arg(long)]
+        out: PathBuf,
+    },
+    /// Runs stiff and extreme cases and judges images and gradients by an f64 reference.
+    ///
+    /// Exit code 1 where a case is not as good as it has to be.
+    Stability {
+        /// Folder for stability.json, stability.md and the drawings.
+        #[arg(long)]
+        out: Option<PathBuf>,
+        /// What computes; both by default, where there is a graphics adapter.
+        #[arg(long, value_enum)]
+        backend: Option<BackendArgument>,
+    },
+    /// Error against run time: time to quality, quality after a time, area, Pareto front.
+    Curve {
+        /// Folders of runs, or their run.json.
+        #[arg(required = true)]
+        runs: Vec<PathBuf>,
+        /// Folder for curves.csv, points.csv and the drawings.
+        #[arg(long)]
+        out: PathBuf,
+    },
+    /// Lists the protocols, the metrics and the adapters.
     List,
 }

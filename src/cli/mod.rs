@@ -1,6 +1,7 @@
 //! The command line: one file per command group.
 
 mod bench;
+mod bench_run;
 mod curate;
 mod dataset;
 mod leaderboard;
@@ -8,6 +9,7 @@ mod reconstruct;
 mod run;
 
 pub(crate) use bench::BenchCommand;
+pub(crate) use bench_run::BenchRunArguments;
 use clap::{Parser, Subcommand};
 pub(crate) use curate::{BuildArguments, CurateArguments, CurateCommand, LedgerCommand};
 pub(crate) use dataset::{
@@ -15,7 +17,9 @@ pub(crate) use dataset::{
     SliceArguments,
 };
 pub(crate) use leaderboard::LeaderboardCommand;
-pub(crate) use reconstruct::{CameraArgument, ReconstructCommand, RenderArguments};
+pub(crate) use reconstruct::{
+    BackendArgument, CameraArgument, ReconstructCommand, RenderArguments,
+};
 pub(crate) use run::RunArguments;
 
 /// Curate 360-degree video, reconstruct it and score it against the OmniLife360 protocol.

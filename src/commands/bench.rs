@@ -1,15 +1,17 @@
 //! `omnilife bench`.
 
+use std::path::PathBuf;
+
 use omnilife_bench::{
-    DEFAULT_MEMORY_BYTES, ExternalRequest, METRICS, PROTOCOLS, Predictions, ScoreRequest,
-    run_external, score, split_scene,
+    ADAPTERS, DEFAULT_MEMORY_BYTES, Diagnosis, ExternalRequest, METRICS, PROTOCOLS, Predictions,
+    ScoreRequest, curves, curves_table, diagnose, run_external, score, split_scene, write_adapter,
 };
 use omnilife_schemas::{
     progress::Progress,
     records::{ExternalRun, ResultRecord},
 };
 
-use super::bench_scores;
+use super::{bench_run, bench_scores, bench_stability};
 use crate::{
     cli::BenchCommand,
     exit::{self, BadRequest},
@@ -102,8 +104,54 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             bench_scores::validate(scene, split, &predictions, progress)
         }
         BenchCommand::Compare { a, b } => bench_scores::compare(a, b),
+        BenchCommand::Run(arguments) => bench_run::execute(arguments, progress),
+        BenchCommand::Diagnose {
+            scene,
+            split,
+            novel_views,
+            input_views,
+        } => {
+            let diagnosis = diagnose(&ScoreRequest {
+                scene: scene.clone(),
+                split: split.clone(),
+                predictions: Predictions::Folders {
+                    input_views: input_views.clone(),
+                    novel_views: novel_views.clone(),
+                },
+                method: String::new(),
+                out: PathBuf::new(),
+                memory_bytes: DEFAULT_MEMORY_BYTES,
+            })?;
+            exit::print(&diagnosis_text(&diagnosis))
+        }
+        BenchCommand::Adapter { method, out } => {
+            let adapter = write_adapter(method, out)?;
+            exit::print(&format!(
+                "{}: {}\n{}\n",
+                adapter.id,
+                adapter.about,
+                out.join("method.toml").display()
+            ))
+        }
+        BenchCommand::Stability { out, backend } => {
+            bench_stability::execute(out.as_deref(), *backend, progress)
+        }
+        BenchCommand::Curve { runs, out } => exit::print(&curves_table(&curves(runs, out)?)),
         BenchCommand::List => exit::print(&list()),
     }
+}
+
+/// The best changes, and what they mean.
+fn diagnosis_text(diagnosis: &Diagnosis) -> String {
+    const SHOWN: usize = 5;
+    let mut text = format!("{} views were looked at\n", diagnosis.views);
+    for (change, psnr) in diagnosis.changes.iter().take(SHOWN) {
+        text += &format!("{psnr:7.3} dB {change}\n");
+    }
+    text += &diagnosis.remark().unwrap_or_else(|| {
+        "no change of camera convention would make the views much better".to_owned()
+    });
+    text + "\n"
 }
 
 fn external_summary(run: &ExternalRun) -> String {
@@ -161,6 +209,10 @@ fn list() -> String {
     let mut text = "Protocols\n".to_owned();
     for protocol in PROTOCOLS {
         text += &format!("  {}: {}\n", protocol.id, protocol.description);
+    }
+    text += "Adapters\n";
+    for adapter in ADAPTERS {
+        text += &format!("  {}: {}\n", adapter.id, adapter.about);
     }
     text += "Metrics\n";
     for metric in METRICS {

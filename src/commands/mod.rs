@@ -1,7 +1,9 @@
 //! The stages of the main job as commands of their own.
 
 pub(crate) mod bench;
+mod bench_run;
 mod bench_scores;
+mod bench_stability;
 pub(crate) mod curate;
 pub(crate) mod dataset;
 pub(crate) mod leaderboard;

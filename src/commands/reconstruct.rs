@@ -2,6 +2,7 @@
 
 use omnilife_curate::slicing::Projection;
 use omnilife_reconstruct::{
+    interpolation::INTERPOLATORS,
     job::{self, ReconstructRequest},
     methods::{METHODS, Method},
     render_job,
@@ -47,8 +48,14 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
         }
         ReconstructCommand::Render(arguments) => render(arguments, progress),
         ReconstructCommand::Methods => {
-            let lines: String = METHODS.iter().map(description).collect();
-            exit::print(&lines)
+            let learned = METHODS.iter().map(description);
+            let interpolators = INTERPOLATORS.iter().map(|one| {
+                format!(
+                    "{}\n  {}\n  {}\n  {}\n",
+                    one.id, one.title, one.source, one.description
+                )
+            });
+            exit::print(&learned.chain(interpolators).collect::<String>())
         }
     }
 }

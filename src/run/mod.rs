@@ -23,7 +23,7 @@ use omnilife_curate::{
 };
 use omnilife_reconstruct::{
     job::{self, ReconstructRequest},
-    methods::{self, MethodRequest},
+    methods::MethodRequest,
     train::BackendChoice,
 };
 use omnilife_schemas::{
@@ -58,7 +58,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
         progress,
     };
     // What is wrong with the request should not be found out after an hour of work.
-    methods::find(&job.method)?.check(&job.settings)?;
+    job::check(&job.method, &job.settings, job.backend)?;
     omnilife_bench::protocols::protocol(&job.protocol)?;
     if job.poses_are_given() && videos.len() > 1 {
         return Err(BadRequest(format!(

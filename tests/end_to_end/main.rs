@@ -1,7 +1,11 @@
 //! The binary from outside: what it prints, what it leaves on disk, and how it fails.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
+#[cfg(unix)]
+mod adapters;
 mod bad_input;
+#[cfg(unix)]
+mod benchmark;
 #[cfg(unix)]
 mod curation;
 mod full_disk;

@@ -55,6 +55,7 @@ pub(super) fn gather(
             let view = ViewName {
                 frame,
                 index,
+                group: group_of(split, frame),
                 stem: &image.file_stem().unwrap_or_default().to_string_lossy(),
             };
             let source = places.fill_pattern(pattern, &view);
@@ -71,4 +72,12 @@ pub(super) fn gather(
         gathered.warnings.push(notes.clone());
     }
     Ok(gathered)
+}
+
+/// Number of the first group that has a frame; 0 where none has.
+fn group_of(split: &Split, frame: u32) -> usize {
+    let mut groups = split.groups.iter();
+    groups
+        .position(|group| group.context.contains(&frame) || group.novel_views.contains(&frame))
+        .unwrap_or(0)
 }

@@ -1,10 +1,12 @@
 //! What the texts of a `method.toml` may refer to.
 //!
-//! In commands: `{scene}` (the `scene.json`), `{split}` (the `split.json`), `{work}` (an empty
+//! In commands: `{scene}` (the `scene.json`), `{scene_folder}` (its folder), `{split}` (the
+//! `split.json`), `{work}` (an empty
 //! folder for the method, also its working directory), `{seed}`, `{folder}` (the manifest's
 //! folder) and `{omnilife}` (this program). In patterns of predictions also `{frame}` (number in
-//! the scene), `{index}` (place among the split's views of that kind, from 0) and `{stem}` (name of
-//! the scene's image without its extension); `{frame:06}` pads with zeros to 6 digits. All paths
+//! the scene), `{index}` (place among the split's views of that kind, from 0), `{group}` (number of
+//! the first group that has the view, from 0; 0 in splits without groups) and `{stem}` (name of the
+//! scene's image without its extension); `{frame:06}` pads with zeros to 6 digits. All paths
 //! are absolute.
 
 use std::path::{Path, PathBuf};
@@ -26,12 +28,26 @@ pub(super) struct Places {
 pub(super) struct ViewName<'a> {
     pub(super) frame: u32,
     pub(super) index: usize,
+    pub(super) group: usize,
     pub(super) stem: &'a str,
 }
 
-const IN_COMMANDS: [&str; 6] = ["scene", "split", "work", "seed", "folder", "omnilife"];
+const IN_COMMANDS: [&str; 7] = [
+    "scene",
+    "scene_folder",
+    "split",
+    "work",
+    "seed",
+    "folder",
+    "omnilife",
+];
 /// Those that tell views apart, and whether they are numbers.
-const OF_VIEWS: [(&str, bool); 3] = [("frame", true), ("index", true), ("stem", false)];
+const OF_VIEWS: [(&str, bool); 4] = [
+    ("frame", true),
+    ("index", true),
+    ("group", true),
+    ("stem", false),
+];
 
 impl Places {
     pub(super) fn new(request: &ExternalRequest) -> Result<Self, StoreError> {
@@ -70,6 +86,7 @@ impl Places {
         PathBuf::from(replace(pattern, |name, digits| match name {
             "frame" => Some(format!("{:0digits$}", view.frame)),
             "index" => Some(format!("{:0digits$}", view.index)),
+            "group" => Some(format!("{:0digits$}", view.group)),
             "stem" => Some(view.stem.to_owned()),
             _ => self.value(name),
         }))
@@ -78,6 +95,10 @@ impl Places {
     fn value(&self, name: &str) -> Option<String> {
         Some(match name {
             "scene" => self.scene.display().to_string(),
+            "scene_folder" => {
+                let folder = self.scene.parent().unwrap_or(Path::new("/"));
+                folder.display().to_string()
+            }
             "split" => self.split.display().to_string(),
             "work" => self.work.display().to_string(),
             "folder" => self.folder.display().to_string(),
@@ -101,7 +122,7 @@ pub(super) fn check_pattern(pattern: &str) -> Result<(), String> {
     check(pattern, &IN_COMMANDS, &OF_VIEWS)?;
     let tells_apart = names(pattern)?
         .iter()
-        .any(|(name, _)| OF_VIEWS.iter().any(|(view, _)| view == name));
+        .any(|(name, _)| name != "group" && OF_VIEWS.iter().any(|(view, _)| view == name));
     if !tells_apart {
         return Err(format!(
             "{pattern:?} is the same file for every view: it needs {{frame}}, {{index}} or {{stem}}"
@@ -201,11 +222,14 @@ mod tests {
         let view = ViewName {
             frame: 42,
             index: 3,
+            group: 2,
             stem: "img_0042",
         };
         let fill = |pattern| places.fill_pattern(pattern, &view).display().to_string();
         assert_eq!(fill("{work}/{frame:06}.png"), "/out/w/000042.png");
         assert_eq!(fill("{work}/{index}-{stem}.png"), "/out/w/3-img_0042.png");
+        assert_eq!(fill("{work}/{group:03}/{frame}"), "/out/w/002/42");
+        assert_eq!(places.fill("{scene_folder}/x"), "/data/{frame}/x");
         assert_eq!(places.fill("--seed={seed}"), "--seed=7");
         // Braces in a path are no placeholders.
         assert_eq!(places.fill("{scene}"), "/data/{frame}/scene.json");
@@ -215,6 +239,7 @@ mod tests {
     fn mistakes_are_named() {
         for (pattern, expected) in [
             ("{work}/view.png", "the same file for every view"),
+            ("{work}/{group}.png", "the same file for every view"),
             ("views/{frame}.png", "should begin with {work}"),
             ("{work}/{fram}.png", "{fram} is not known"),
             ("{work}/{frame:6x}.png", "padding is written"),

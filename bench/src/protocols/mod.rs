@@ -3,7 +3,9 @@
 //! To add one: a file with a [`ProtocolEntry`] and a line in [`PROTOCOLS`]. A protocol's hash
 //! covers all of its rules and is pinned by a test: whoever changes a rule raises the version.
 
+mod input_view;
 mod per_scene;
+mod sparse_interpolation;
 
 use omnilife_schemas::records::Protocol;
 
@@ -21,7 +23,11 @@ pub struct ProtocolEntry {
 }
 
 /// Every known protocol.
-pub static PROTOCOLS: &[ProtocolEntry] = &[per_scene::ENTRY];
+pub static PROTOCOLS: &[ProtocolEntry] = &[
+    per_scene::ENTRY,
+    sparse_interpolation::ENTRY,
+    input_view::ENTRY,
+];
 
 /// The protocol of this id.
 ///
@@ -55,11 +61,23 @@ mod tests {
     use crate::metrics;
 
     /// Raise a protocol's version when its hash changes, then pin the new hash here.
-    const HASHES: &[(&str, u32, &str)] = &[(
-        "per-scene",
-        1,
-        "a34df006b285d6dd90c37a7a75910de4bca28811a4d187874bfe778ee099e3bd",
-    )];
+    const HASHES: &[(&str, u32, &str)] = &[
+        (
+            "per-scene",
+            2,
+            "1de41295594741e9e60fa8a93ccdcfc975bdba732b932b22029071683cf98b01",
+        ),
+        (
+            "sparse-interpolation",
+            1,
+            "46c86c18321bbec21a6fe589db4fbd71e2fdb3018e29713ef2fe507ef4286260",
+        ),
+        (
+            "input-view",
+            1,
+            "676cc678562e202dbbc81cf07c2703d8b4cdf6cf2baaf06b4d452d13d30e489a",
+        ),
+    ];
 
     #[test]
     fn ids_are_unique_and_described() {
@@ -102,7 +120,9 @@ mod tests {
         let message = protocol("per-sence").err().map(|error| error.to_string());
         assert_eq!(
             message.as_deref(),
-            Some("no protocol is called per-sence; there are: per-scene")
+            Some(
+                "no protocol is called per-sence; there are: per-scene, sparse-interpolation, input-view"
+            )
         );
     }
 }

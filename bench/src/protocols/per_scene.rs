@@ -1,6 +1,6 @@
 //! `per-scene`: a method is trained on one scene and predicts that scene's held-out views.
 
-use omnilife_schemas::records::{Protocol, Resampling, SplitRule};
+use omnilife_schemas::records::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
 
 use super::ProtocolEntry;
 
@@ -17,13 +17,16 @@ pub(super) const ENTRY: ProtocolEntry = ProtocolEntry {
 fn protocol() -> Protocol {
     Protocol {
         id: ENTRY.id.to_owned(),
-        version: 1,
+        version: 2,
         split: SplitRule::EveryNth {
             period: 5,
             offset: 4,
         },
-        width: None,
+        scored: ScoredViews::InputAndNovel,
+        largest_width: None,
         resampling: Resampling::Area,
+        padding: Padding::None,
+        colour: Colour::Srgb8,
         metrics: vec!["psnr".to_owned(), "ssim".to_owned()],
         mask_rule: "none".to_owned(),
     }

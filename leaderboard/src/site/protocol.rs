@@ -2,7 +2,7 @@
 
 use maud::{Markup, html};
 
-use omnilife_schemas::records::{Protocol, Resampling, SplitRule};
+use omnilife_schemas::records::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
 
 pub(super) fn explained(protocol: Option<&Protocol>) -> Markup {
     let Some(protocol) = protocol else {
@@ -10,27 +10,36 @@ pub(super) fn explained(protocol: Option<&Protocol>) -> Markup {
             p { "The rules of this protocol were not among the results: no split.json has its hash." }
         };
     };
-    let SplitRule::EveryNth { period, offset } = protocol.split;
     let Resampling::Area = protocol.resampling;
+    let Padding::None = protocol.padding;
+    let Colour::Srgb8 = protocol.colour;
     html! {
         details open {
             summary { "What is scored" }
             dl {
                 dt { "Split" }
+                dd { (split_in_words(protocol.split)) }
+                dt { "Scored" }
                 dd {
-                    "Of every " (period) " posed frames in order of time, frame " (offset + 1)
-                    " is a novel view that the method must predict; the others are input views, \
-                     which it is given."
+                    @match protocol.scored {
+                        ScoredViews::InputAndNovel => "Input views and novel views, apart.",
+                        ScoredViews::Novel => "Novel views alone.",
+                        ScoredViews::Input => "Input views alone.",
+                    }
                 }
                 dt { "Size" }
                 dd {
-                    @match protocol.width {
+                    @match protocol.largest_width {
                         Some(width) => {
-                            (width) " pixels wide; ground truth is brought there by area averaging \
-                             and never enlarged."
+                            "At most " (width) " pixels wide; larger ground truth is brought there \
+                             by area averaging, nothing is enlarged or padded."
                         },
-                        None => "The scene's own size.",
+                        None => "The scene's own size, without padding.",
                     }
+                }
+                dt { "Colour" }
+                dd {
+                    "Red, green and blue as decoded (sRGB), of 8 bits."
                 }
                 dt { "Metrics" }
                 dd { (protocol.metrics.join(", ")) }
@@ -52,5 +61,24 @@ pub(super) fn explained(protocol: Option<&Protocol>) -> Markup {
                 dd { code { (protocol.hash()) } }
             }
         }
+    }
+}
+
+fn split_in_words(rule: SplitRule) -> String {
+    match rule {
+        SplitRule::EveryNth { period, offset } => format!(
+            "Of every {period} posed frames in order of time, frame {} is a novel view that the \
+             method must predict; the others are input views, which it is given.",
+            offset + 1
+        ),
+        SplitRule::Groups { length } => format!(
+            "Groups of {length} consecutive frames that share none: the first and the last of a \
+             group are given, the {} between them are novel views that the method must predict. \
+             Incomplete groups are left out.",
+            length.saturating_sub(2)
+        ),
+        SplitRule::AllGiven => "Every posed frame is an input view, which the method is given; \
+                                nothing is held out."
+            .to_owned(),
     }
 }

@@ -8,7 +8,10 @@ use std::{
 use crate::support::{request, result, summary, write};
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard};
 use omnilife_schemas::{
-    records::{Dataset, Protocol, Resampling, Split, SplitRule, VideoEntry, VideoStatus},
+    records::{
+        Colour, Dataset, Padding, Protocol, Resampling, ScoredViews, Split, SplitRule, VideoEntry,
+        VideoStatus,
+    },
     rgb, store,
 };
 
@@ -51,8 +54,11 @@ fn small_site(folder: &Path) -> LeaderboardRequest {
             period: 5,
             offset: 4,
         },
-        width: Some(512),
+        scored: ScoredViews::InputAndNovel,
+        largest_width: Some(512),
         resampling: Resampling::Area,
+        padding: Padding::None,
+        colour: Colour::Srgb8,
         metrics: ["psnr", "ssim"].map(str::to_owned).to_vec(),
         mask_rule: "none".to_owned(),
     };
@@ -93,6 +99,8 @@ fn small_site(folder: &Path) -> LeaderboardRequest {
             input_views: vec![0],
             novel_views: vec![4],
             unposed: Vec::new(),
+            groups: Vec::new(),
+            incomplete: Vec::new(),
         };
         store::write_record(&input.join(scene).join("split.json"), &split).unwrap();
     }

@@ -25,8 +25,9 @@ pub const SH_REST: usize = 5;
 
 /// Bounds of the raw logarithmic scale: neither `exp` nor its square overflows or vanishes.
 const LOG_SCALE_RANGE: (f32, f32) = (-30.0, 20.0);
-/// Added to a quaternion's length, so that a zero quaternion gives the identity, not NaN.
-const QUATERNION_EPSILON: f32 = 1e-12;
+/// Least length that a quaternion is divided by, so that a zero quaternion gives the identity, not
+/// NaN. A short one is not made longer by it: its rotation would not be one.
+const LEAST_QUATERNION_LENGTH: f32 = 1e-12;
 
 /// Initial values of static Gaussians, one entry per Gaussian in each array.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -154,7 +155,8 @@ pub fn instantiate(table: &GaussianTable, out: &mut InstantGaussians) {
 }
 
 fn quaternion_length(raw: &[f32; 4]) -> f32 {
-    raw.iter().map(|q| q * q).sum::<f32>().sqrt() + QUATERNION_EPSILON
+    let length = raw.iter().map(|q| q * q).sum::<f32>().sqrt();
+    length.max(LEAST_QUATERNION_LENGTH)
 }
 
 /// VJP of [`instantiate`]: overwrites the table's gradients from gradients by the activated

@@ -7,7 +7,7 @@
 //! ```
 //!
 //! What a render is, without tiles and tricks, is written down as plain f64 loops in
-//! `tests/support/reference.rs`; the kernels are judged by it.
+//! [`crate::reference`]; the kernels are judged by it.
 
 pub mod adam;
 pub mod bin;

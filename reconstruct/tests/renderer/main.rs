@@ -1,7 +1,6 @@
 //! The kernels against the f64 reference: images, gradients, seam, poles, threads.
 #![expect(
     clippy::unwrap_used,
-    clippy::expect_used,
     reason = "a failure to build a test scene is a failed test"
 )]
 

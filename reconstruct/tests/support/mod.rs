@@ -1,4 +1,5 @@
 //! What the integration tests of this crate share.
 
-pub(crate) mod reference;
+pub(crate) use omnilife_reconstruct::reference;
+
 pub(crate) mod scenes;

@@ -21,6 +21,7 @@ pub mod sequence;
 pub mod sfm;
 pub mod slices;
 pub mod split;
+pub mod stability;
 
 pub use about::About;
 pub use analysis::VideoAnalysis;
@@ -34,7 +35,7 @@ pub use ledger::{AuditDecision, AuditDecisions, Author, LedgerAction, LedgerEntr
 pub use masks::{MaskEntry, Masks};
 pub use overlays::{Overlay, OverlayClass, OverlayReport};
 pub use poses::{PosedFrame, Poses};
-pub use protocol::{Protocol, Resampling, SplitRule};
+pub use protocol::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
 pub use result::{Direction, Failure, ResultRecord, Summary, Unavailable};
 pub use run::{Backend, ComponentDecision, RunRecord, ViewPredictions};
 pub use scene::{
@@ -46,7 +47,11 @@ pub use sequence::{
 };
 pub use sfm::{SfmAttempt, SfmReport};
 pub use slices::{SliceFile, SliceMethod, Slices, Stretch, StretchFate};
-pub use split::Split;
+pub use split::{IncompleteGroup, Split, ViewGroup};
+pub use stability::{
+    StabilityMeasures, StabilityPoint, StabilityReport, StabilityRow, StabilitySweep,
+    StabilityVerdict,
+};
 
 use std::path::Path;
 
@@ -104,6 +109,7 @@ pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<RunRecord>(),
     entry::<ExternalRun>(),
     entry::<ResultRecord>(),
+    entry::<StabilityReport>(),
     entry::<Done>(),
 ];
 

@@ -17,10 +17,17 @@ pub struct Protocol {
     pub version: u32,
     /// Which frames are given and which are predicted.
     pub split: SplitRule,
-    /// Width of the scored images in pixels; `None` scores at the scene's own size.
-    pub width: Option<u32>,
-    /// How ground truth is brought to that size.
+    /// Which of them are scored.
+    pub scored: ScoredViews,
+    /// Images that are wider than this many pixels are scored at this width, their height in
+    /// proportion; nothing is enlarged. `None` scores at the scene's own size.
+    pub largest_width: Option<u32>,
+    /// How images are brought to that size.
     pub resampling: Resampling,
+    /// What is put around images whose sides have another ratio than the scored ones.
+    pub padding: Padding,
+    /// What the numbers of a scored pixel are.
+    pub colour: Colour,
     /// Ids of the metrics, with their variants.
     pub metrics: Vec<String>,
     /// What masks do to a score: `none` (whole images) in this version.
@@ -28,27 +35,25 @@ pub struct Protocol {
 }
 
 impl Record for Protocol {
-    const SCHEMA: &'static str = "omnilife/protocol/1";
+    const SCHEMA: &'static str = "omnilife/protocol/2";
 }
 
 impl Protocol {
-    /// Width and height of the scored images of a scene, in pixels: the scene's own, or the
-    /// protocol's width with the height in proportion (rounded to nearest).
+    /// Width and height of the scored images of a scene, in pixels: the scene's own, or where that
+    /// is wider than [`Protocol::largest_width`], that width with the height in proportion (rounded
+    /// to nearest).
     ///
     /// # Errors
     /// When nothing could be scored at that size; says why.
     pub fn scored_size(&self, camera: &ErpCamera) -> Result<[u32; 2], String> {
         let [width, height] = [camera.width, camera.height];
-        match self.width {
+        match self.largest_width {
             _ if width == 0 || height == 0 => {
                 Err(format!("its images are {width}x{height} pixels"))
             }
-            None => Ok([width, height]),
             Some(0) => Err("scored images would have no pixels".to_owned()),
-            Some(scored) if scored > width => Err(format!(
-                "it scores images {scored} pixels wide, the scene has {width}, and ground truth is \
-                 never enlarged"
-            )),
+            None => Ok([width, height]),
+            Some(largest) if largest >= width => Ok([width, height]),
             Some(scored) => {
                 let ratio = f64::from(height) / f64::from(width);
                 let scored_height = (f64::from(scored) * ratio).round().max(1.0) as u32;
@@ -77,6 +82,57 @@ pub enum SplitRule {
         /// Position of the novel view in the cycle, below `period`.
         offset: u32,
     },
+    /// Groups of consecutive frames without overlap, from the first frame on. The first and the last
+    /// frame of a group are its context and are given; those between them are its novel views. A
+    /// group without all of its frames, or with one that has no pose, is left out.
+    Groups {
+        /// Frames of a group, at least 3.
+        length: u32,
+    },
+    /// Every posed frame is an input view; nothing is held out.
+    AllGiven,
+}
+
+/// Which views of a split are scored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum ScoredViews {
+    /// Input views and novel views, apart.
+    InputAndNovel,
+    /// Novel views alone.
+    Novel,
+    /// Input views alone.
+    Input,
+}
+
+impl ScoredViews {
+    /// Whether input views are scored.
+    pub fn has_input(self) -> bool {
+        self != Self::Novel
+    }
+
+    /// Whether novel views are scored.
+    pub fn has_novel(self) -> bool {
+        self != Self::Input
+    }
+}
+
+/// What is put around images whose sides have another ratio than the scored ones.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Padding {
+    /// Nothing: a scored image is the whole sphere. Video that is stored squeezed was widened when
+    /// its frames were taken, and video that shows less than the sphere makes no scene.
+    None,
+}
+
+/// What the numbers of a scored pixel are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Colour {
+    /// Red, green and blue as decoded (sRGB, not linearized), of 8 bits, prediction and ground truth
+    /// alike; resized before they are rounded.
+    Srgb8,
 }
 
 /// Resampling kernels.

@@ -43,6 +43,10 @@ pub struct RunRecord {
     pub evaluation_seconds: f64,
     /// Rendering time of all predictions in wall-clock seconds.
     pub rendering_seconds: f64,
+    /// Mean time of a group from its given views to its novel ones, rendering included, seconds;
+    /// of methods that work group by group.
+    #[serde(default)]
+    pub seconds_per_group: Option<f64>,
     /// Highest resident memory of the process since it began, bytes, where the system tells. In a
     /// process that did more than this run, that of all its work.
     pub peak_memory_bytes: Option<u64>,
@@ -99,8 +103,8 @@ pub struct ComponentDecision {
 /// Where predictions are: `<folder>/<frame, 6 digits>.png`, frame numbers as in the split.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct ViewPredictions {
-    /// Folder of predicted input views.
-    pub input_views: String,
+    /// Folder of predicted input views, where the method renders them.
+    pub input_views: Option<String>,
     /// Folder of predicted novel views.
     pub novel_views: String,
 }

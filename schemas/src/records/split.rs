@@ -21,8 +21,32 @@ pub struct Split {
     pub novel_views: Vec<u32>,
     /// Frames left out because they have no pose.
     pub unposed: Vec<u32>,
+    /// The groups of a protocol that has groups, in order of time.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub groups: Vec<ViewGroup>,
+    /// Groups left out because they are not complete.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub incomplete: Vec<IncompleteGroup>,
+}
+
+/// Frames that a method sees together, and the frames that it predicts from them.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct ViewGroup {
+    /// Given.
+    pub context: Vec<u32>,
+    /// Predicted.
+    pub novel_views: Vec<u32>,
+}
+
+/// A group that is left out.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct IncompleteGroup {
+    /// Its frames.
+    pub frames: Vec<u32>,
+    /// What it lacks.
+    pub reason: String,
 }
 
 impl Record for Split {
-    const SCHEMA: &'static str = "omnilife/split/1";
+    const SCHEMA: &'static str = "omnilife/split/2";
 }

@@ -1,7 +1,7 @@
 //! The static parameterization on a graphics device.
 
 use super::{
-    LOG_SCALE_RANGE, LOG_SCALES, OPACITY_LOGITS, POSITIONS, QUATERNION_EPSILON, QUATERNIONS,
+    LEAST_QUATERNION_LENGTH, LOG_SCALE_RANGE, LOG_SCALES, OPACITY_LOGITS, POSITIONS, QUATERNIONS,
     SH_CONSTANT, SH_REST,
 };
 use crate::gpu::{
@@ -30,7 +30,7 @@ pub(crate) fn shader() -> Shader {
         constants: format!(
             "const LOG_SCALE_MIN: f32 = {low:e};\n\
              const LOG_SCALE_MAX: f32 = {high:e};\n\
-             const QUATERNION_EPSILON: f32 = {QUATERNION_EPSILON:e};\n"
+             const LEAST_QUATERNION_LENGTH: f32 = {LEAST_QUATERNION_LENGTH:e};\n"
         ),
         parts: &[
             include_str!("../../gpu/common.wgsl"),

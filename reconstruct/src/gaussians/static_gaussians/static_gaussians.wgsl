@@ -33,7 +33,7 @@ fn raw_rotation(index: u32) -> vec4<f32> {
 }
 
 fn quaternion_length(raw: vec4<f32>) -> f32 {
-    return sqrt(dot(raw, raw)) + QUATERNION_EPSILON;
+    return max(sqrt(dot(raw, raw)), LEAST_QUATERNION_LENGTH);
 }
 
 fn scale_of(raw: f32) -> f32 {

@@ -1,31 +1,38 @@
 //! The renderer's definition in plain f64 loops: no tiles, no extents, no culling beyond the
-//! definition in `kernels/project/mod.rs` and `kernels/raster/mod.rs`. It judges the kernels.
+//! definition in `kernels/project/mod.rs` and `kernels/raster/mod.rs`. It judges the kernels, in tests
+//! and in [`crate::stability`].
 
 use std::f64::consts::{PI, TAU};
 
-use glam::{DMat2, DMat3, DQuat, DVec2, DVec3, dvec2, dvec3};
-use omnilife_reconstruct::{
+use crate::{
     camera::{Camera, View},
     gaussians::{InstantGaussians, MAX_SH_DEGREE, sh_rest_count},
     kernels::{Footprint, RenderSettings},
 };
+use glam::{DMat2, DMat3, DQuat, DVec2, DVec3, dvec2, dvec3};
 use omnilife_schemas::camera::CameraModel;
 
 /// One activated Gaussian.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Gaussian {
-    pub(crate) position: [f64; 3],
-    pub(crate) scale: [f64; 3],
-    /// Need not have length 1: the definition normalizes it.
-    pub(crate) quaternion: [f64; 4],
-    pub(crate) opacity: f64,
-    /// The constant coefficients first, then those of [`InstantGaussians::sh_rest`].
-    pub(crate) sh: Vec<[f64; 3]>,
-    pub(crate) features: Vec<f64>,
+pub struct Gaussian {
+    /// Centre in normalized world units.
+    pub position: [f64; 3],
+    /// Standard deviations along the axes.
+    pub scale: [f64; 3],
+    /// (w, x, y, z), axes to world. Need not have length 1: the definition normalizes
+    /// it, and takes zero for the identity.
+    pub quaternion: [f64; 4],
+    /// In [0, 1].
+    pub opacity: f64,
+    /// Harmonics of colour: the constant coefficients first, then those of
+    /// [`InstantGaussians::sh_rest`].
+    pub sh: Vec<[f64; 3]>,
+    /// Feature channels.
+    pub features: Vec<f64>,
 }
 
 /// Names and lengths of a Gaussian's parameter arrays, in the order of [`Gaussian::parameters`].
-pub(crate) fn parameter_arrays(gaussian: &Gaussian) -> Vec<(&'static str, usize)> {
+pub fn parameter_arrays(gaussian: &Gaussian) -> Vec<(&'static str, usize)> {
     vec![
         ("positions", 3),
         ("scales", 3),
@@ -39,7 +46,7 @@ pub(crate) fn parameter_arrays(gaussian: &Gaussian) -> Vec<(&'static str, usize)
 
 impl Gaussian {
     /// All parameters, array by array.
-    pub(crate) fn parameters(&self) -> Vec<f64> {
+    pub fn parameters(&self) -> Vec<f64> {
         let mut all = Vec::new();
         all.extend(self.position);
         all.extend(self.scale);
@@ -51,7 +58,7 @@ impl Gaussian {
     }
 
     /// A Gaussian of the same shape with other parameters.
-    pub(crate) fn with_parameters(&self, all: &[f64]) -> Self {
+    pub fn with_parameters(&self, all: &[f64]) -> Self {
         let sh = self.sh.len() * 3;
         Self {
             position: [all[0], all[1], all[2]],
@@ -64,7 +71,7 @@ impl Gaussian {
     }
 
     /// With parameters that f32 can hold: the reference must see what the kernels see.
-    pub(crate) fn rounded(&self) -> Self {
+    pub fn rounded(&self) -> Self {
         let rounded: Vec<f64> = self
             .parameters()
             .iter()
@@ -75,10 +82,10 @@ impl Gaussian {
 }
 
 /// The same Gaussians as the kernels take them; quaternions are normalized.
-pub(crate) fn instant(gaussians: &[Gaussian]) -> InstantGaussians {
+pub fn instant(gaussians: &[Gaussian]) -> InstantGaussians {
     let degree = (0..=MAX_SH_DEGREE)
         .find(|&degree| sh_rest_count(degree) + 1 == gaussians[0].sh.len())
-        .expect("a whole degree of harmonics");
+        .unwrap_or(MAX_SH_DEGREE);
     let narrow = |values: &[f64; 3]| values.map(|value| value as f32);
     InstantGaussians {
         positions: gaussians.iter().map(|g| narrow(&g.position)).collect(),
@@ -106,16 +113,21 @@ pub(crate) fn instant(gaussians: &[Gaussian]) -> InstantGaussians {
 }
 
 /// A view and its settings in f64, rounded as the kernels' are.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct RefView {
-    pub(crate) camera: Camera,
-    pub(crate) rotation: DMat3,
-    pub(crate) centre: DVec3,
-    pub(crate) settings: RenderSettings,
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RefView {
+    /// Image size and model.
+    pub camera: Camera,
+    /// World-to-camera rotation.
+    pub rotation: DMat3,
+    /// Camera centre in normalized world units.
+    pub centre: DVec3,
+    /// What is drawn and how.
+    pub settings: RenderSettings,
 }
 
 impl RefView {
-    pub(crate) fn new(
+    /// A view whose rotation and centre f32 can hold.
+    pub fn new(
         camera: impl Into<Camera>,
         rotation: DQuat,
         centre: DVec3,
@@ -129,7 +141,8 @@ impl RefView {
         }
     }
 
-    pub(crate) fn view(&self) -> View {
+    /// The same view as the kernels take it.
+    pub fn view(&self) -> View {
         View {
             camera: self.camera,
             rotation: self.rotation.as_mat3(),
@@ -149,19 +162,25 @@ impl RefView {
 /// The discrete decisions of a render: shapes, order and which Gaussians contribute to which pixel.
 /// Finite differences keep them fixed, because the definition jumps where they change.
 #[derive(Debug, Clone)]
-pub(crate) struct Decisions {
-    pub(crate) order: Vec<usize>,
-    pub(crate) is_cone: Vec<bool>,
-    pub(crate) contributes: Vec<bool>,
+pub struct Decisions {
+    /// Indices of the Gaussians that are drawn, from near to far.
+    pub order: Vec<usize>,
+    /// For each Gaussian, whether its footprint is a cone.
+    pub is_cone: Vec<bool>,
+    /// For each pixel and each of `order`, whether it contributes.
+    pub contributes: Vec<bool>,
+    /// For each pixel and each of `order`, by how much the opacity is above its clamp: the gradient
+    /// ignores the clamp, so the opacity moves freely about it.
+    pub excess: Vec<f64>,
 }
 
 /// A rendered view.
 #[derive(Debug, Clone)]
-pub(crate) struct Image {
+pub struct Image {
     /// HWC.
-    pub(crate) colour: Vec<f64>,
+    pub colour: Vec<f64>,
     /// Plane after plane.
-    pub(crate) features: Vec<f64>,
+    pub features: Vec<f64>,
 }
 
 enum Shape {
@@ -218,7 +237,7 @@ fn shape(
         let widened = covariance + DMat3::from_diagonal(DVec3::splat(low_pass_angle * d * d));
         return Some((Shape::Ray(p, widened.inverse()), true));
     }
-    if largest >= d {
+    if largest >= d && is_cone.is_none() {
         return None;
     }
     let jacobian = match &view.camera {
@@ -285,12 +304,19 @@ fn footprint(
     let p = view.rotation * offset;
     let distance = p.length();
     let near = f64::from(view.settings.near);
-    if distance <= near || (matches!(view.camera, Camera::Pinhole(_)) && p.z <= near) {
+    let is_near = distance <= near || (matches!(view.camera, Camera::Pinhole(_)) && p.z <= near);
+    // Decided already: a step of a difference moves nothing across the limit.
+    if is_near && is_cone.is_none() {
         return None;
     }
     let largest = gaussian.scale.iter().copied().fold(0.0, f64::max);
     let [w, x, y, z] = gaussian.quaternion;
-    let rotation = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+    let quaternion = DQuat::from_xyzw(x, y, z, w);
+    let rotation = if quaternion.length() > 0.0 {
+        DMat3::from_quat(quaternion.normalize())
+    } else {
+        DMat3::IDENTITY
+    };
     let axes = view.rotation * rotation * DMat3::from_diagonal(DVec3::from_array(gaussian.scale));
     let (shape, is_cone) = shape(view, p, axes * axes.transpose(), largest, is_cone)?;
     let stored = (1..=4)
@@ -342,7 +368,7 @@ fn exponent(view: &RefView, shape: &Shape, pixel: DVec2) -> f64 {
 }
 
 /// Renders a view. With `decisions`, those are used instead of made.
-pub(crate) fn render(
+pub fn render(
     view: &RefView,
     gaussians: &[Gaussian],
     decisions: Option<&Decisions>,
@@ -378,6 +404,7 @@ pub(crate) fn render(
         features: vec![0.0; width * height * feature_count],
     };
     let mut contributes = vec![false; width * height * order.len()];
+    let mut excess = vec![0.0; width * height * order.len()];
     for pixel in 0..width * height {
         let place = dvec2((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
         let mut transmittance = 1.0;
@@ -390,7 +417,9 @@ pub(crate) fn render(
                 continue;
             };
             let q = exponent(view, &footprint.shape, place);
-            let alpha = (gaussians[index].opacity * (-0.5 * q).exp()).min(0.99);
+            let unclamped = gaussians[index].opacity * (-0.5 * q).exp();
+            let above = decisions.map_or((unclamped - 0.99).max(0.0), |d| d.excess[slot]);
+            let alpha = unclamped - above;
             if decisions.is_none() {
                 if alpha < 1.0 / 255.0 {
                     continue;
@@ -400,6 +429,7 @@ pub(crate) fn render(
                 }
             }
             contributes[slot] = true;
+            excess[slot] = above;
             let weight = transmittance * alpha;
             for channel in 0..3 {
                 image.colour[pixel * 3 + channel] += weight * footprint.colour[channel];
@@ -422,13 +452,14 @@ pub(crate) fn render(
         order,
         is_cone,
         contributes,
+        excess,
     };
     (image, decisions)
 }
 
 /// Central differences of `loss` by every parameter of every Gaussian, with the decisions of the
 /// unchanged render: `[gaussian][parameter]` in the order of [`Gaussian::parameters`].
-pub(crate) fn gradients(
+pub fn gradients(
     view: &RefView,
     gaussians: &[Gaussian],
     loss: impl Fn(&Image) -> f64,

@@ -1,0 +1,143 @@
+//! Adapters: a `method.toml` for each published method of the paper's tables.
+//!
+//! An adapter says how a scene is brought into the form that the method's own code reads, how that
+//! code is called, where it leaves its views, and in which axes, resolution and pixel convention it
+//! works. It is put into a checkout of that code. To add one: a file in `bench/adapters/` and a line
+//! in [`ADAPTERS`].
+//!
+//! The templates are written from the authors' repositories. None of these programs is part of this
+//! project's tests, which need no GPU and no weights: what is tested is that views in the layout of
+//! an adapter reach the right frames.
+
+use std::path::Path;
+
+use omnilife_schemas::store;
+
+use crate::error::BenchError;
+
+/// A way to run a published method.
+#[derive(Debug, Clone, Copy)]
+pub struct Adapter {
+    /// Name on the command line.
+    pub id: &'static str,
+    /// Whose method it is, and under which protocol it runs.
+    pub about: &'static str,
+    /// The `method.toml`, conventions in its head.
+    pub manifest: &'static str,
+    /// Further files, by name.
+    pub files: &'static [(&'static str, &'static str)],
+}
+
+const GROUPS: &[(&str, &str)] = &[("groups.py", include_str!("../adapters/groups.py"))];
+
+/// All of them.
+pub const ADAPTERS: &[Adapter] = &[
+    Adapter {
+        id: "odgs",
+        about: "ODGS by its authors' code, per-scene",
+        manifest: include_str!("../adapters/odgs.toml"),
+        files: &[],
+    },
+    Adapter {
+        id: "deformable-gs",
+        about: "Deformable 3D Gaussians with a panoramic projection, per-scene",
+        manifest: include_str!("../adapters/deformable-gs.toml"),
+        files: &[],
+    },
+    Adapter {
+        id: "pvg",
+        about: "Periodic Vibration Gaussian with a panoramic projection, per-scene",
+        manifest: include_str!("../adapters/pvg.toml"),
+        files: &[],
+    },
+    Adapter {
+        id: "pansplat",
+        about: "PanSplat, sparse-interpolation",
+        manifest: include_str!("../adapters/pansplat.toml"),
+        files: GROUPS,
+    },
+    Adapter {
+        id: "splatter-360",
+        about: "Splatter-360, its cube faces put together, sparse-interpolation",
+        manifest: include_str!("../adapters/splatter-360.toml"),
+        files: GROUPS,
+    },
+    Adapter {
+        id: "omnisplat",
+        about: "OmniSplat, sparse-interpolation",
+        manifest: include_str!("../adapters/omnisplat.toml"),
+        files: GROUPS,
+    },
+    Adapter {
+        id: "panosplatt3r",
+        about: "PanoSplatt3R, its scale aligned, sparse-interpolation",
+        manifest: include_str!("../adapters/panosplatt3r.toml"),
+        files: GROUPS,
+    },
+];
+
+/// Writes an adapter's `method.toml`, and the files beside it, into a folder, which is made where it
+/// is missing.
+///
+/// # Errors
+/// When there is no adapter of this name, the folder has a `method.toml` of something else, or a
+/// file cannot be written.
+pub fn write_adapter(id: &str, folder: &Path) -> Result<&'static Adapter, BenchError> {
+    let adapter = ADAPTERS
+        .iter()
+        .find(|adapter| adapter.id == id)
+        .ok_or_else(|| BenchError::UnknownAdapter {
+            id: id.to_owned(),
+            known: ADAPTERS
+                .iter()
+                .map(|adapter| adapter.id)
+                .collect::<Vec<_>>()
+                .join(", "),
+        })?;
+    let manifest = folder.join("method.toml");
+    if std::fs::read_to_string(&manifest).is_ok_and(|text| text != adapter.manifest) {
+        return Err(BenchError::mismatch(
+            &manifest,
+            "is there already and is another one",
+        ));
+    }
+    store::create_folder(folder)?;
+    for (name, text) in adapter.files {
+        store::write_bytes(&folder.join(name), text.as_bytes())?;
+    }
+    store::write_bytes(&manifest, adapter.manifest.as_bytes())?;
+    Ok(adapter)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::external::manifest::Manifest;
+
+    #[test]
+    fn every_adapter_is_a_valid_manifest_with_its_conventions() -> Result<(), BenchError> {
+        let folder = tempfile::tempdir()
+            .map_err(|source| store::StoreError::write(Path::new("temporary"), source))?;
+        for adapter in ADAPTERS {
+            let folder = folder.path().join(adapter.id);
+            write_adapter(adapter.id, &folder)?;
+            let manifest = Manifest::read(&folder.join("method.toml"))?;
+            assert!(manifest.source.is_some() && manifest.notes.is_some());
+            let head: String = adapter
+                .manifest
+                .lines()
+                .filter(|line| line.starts_with('#'))
+                .collect();
+            for convention in ["Data:", "Resolution:"] {
+                assert!(head.contains(convention), "{}: {convention}", adapter.id);
+            }
+            // Written again, it stays; another one is not overwritten.
+            write_adapter(adapter.id, &folder)?;
+        }
+        let message = write_adapter("pvg", &folder.path().join("odgs"))
+            .err()
+            .map(|error| error.to_string());
+        assert!(message.is_some_and(|message| message.ends_with("is another one")));
+        Ok(())
+    }
+}

@@ -1,0 +1,168 @@
+//! Line charts as SVG.
+
+use std::ops::Range;
+
+use plotters::prelude::*;
+
+/// Size of a chart in its own units.
+const SIZE: (u32, u32) = (760, 420);
+/// Colours of series, one after another; they can be told apart without seeing red and green.
+const COLOURS: [RGBColor; 7] = [
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(86, 180, 233),
+    RGBColor(230, 159, 0),
+    RGBColor(60, 60, 60),
+];
+
+macro_rules! mesh {
+    ($chart:ident, $titles:ident, $label:expr) => {
+        $chart
+            .configure_mesh()
+            .x_desc($titles.x)
+            .y_desc($titles.y)
+            .x_labels(8)
+            .y_labels(8)
+            .x_label_formatter(&|value: &f64| short(*value))
+            .y_label_formatter(&$label)
+            .label_style(("sans-serif", 13))
+            .axis_desc_style(("sans-serif", 14))
+            .light_line_style(TRANSPARENT)
+            .draw()
+            .map_err(|error| error.to_string())?;
+    };
+}
+macro_rules! lines {
+    ($chart:ident, $series:ident) => {
+        for (index, series) in $series.iter().enumerate() {
+            let colour = COLOURS[index % COLOURS.len()];
+            $chart
+                .draw_series(LineSeries::new(
+                    series.points.iter().copied(),
+                    colour.stroke_width(2),
+                ))
+                .map_err(|error| error.to_string())?
+                .label(series.name.as_str())
+                .legend(move |(x, y)| {
+                    PathElement::new(vec![(x, y), (x + 18, y)], colour.stroke_width(2))
+                });
+            $chart
+                .draw_series(
+                    series
+                        .points
+                        .iter()
+                        .map(|&point| Circle::new(point, 3, colour.filled())),
+                )
+                .map_err(|error| error.to_string())?;
+        }
+        $chart
+            .configure_series_labels()
+            .background_style(WHITE.mix(0.8))
+            .border_style(BLACK.mix(0.3))
+            .label_font(("sans-serif", 13))
+            .draw()
+            .map_err(|error| error.to_string())?;
+    };
+}
+/// A line with its name.
+pub(crate) struct Series {
+    pub(crate) name: String,
+    /// Finite; x is positive, and y where the axis is logarithmic.
+    pub(crate) points: Vec<(f64, f64)>,
+}
+
+/// What is written at the axes.
+pub(crate) struct Titles<'a> {
+    pub(crate) chart: &'a str,
+    pub(crate) x: &'a str,
+    pub(crate) y: &'a str,
+}
+
+/// Lines over a logarithmic axis, `y` on a linear one.
+pub(crate) fn over_log_x(titles: &Titles<'_>, series: &[Series]) -> Result<String, String> {
+    let (x, y) = ranges(series);
+    let margin = (0.08 * (y.end - y.start)).max(0.25);
+    draw(titles, series, |builder| {
+        let y = y.start - margin..y.end + margin;
+        let mut chart = builder
+            .build_cartesian_2d(decades(&x).log_scale(), y)
+            .map_err(|error| error.to_string())?;
+        mesh!(chart, titles, |value: &f64| format!("{value:.1}"));
+        lines!(chart, series);
+        Ok(())
+    })
+}
+
+/// Lines over a logarithmic axis, `y` on another.
+pub(crate) fn log_log(titles: &Titles<'_>, series: &[Series]) -> Result<String, String> {
+    let (x, y) = ranges(series);
+    draw(titles, series, |builder| {
+        let mut chart = builder
+            .build_cartesian_2d(decades(&x).log_scale(), decades(&y).log_scale())
+            .map_err(|error| error.to_string())?;
+        mesh!(chart, titles, |value: &f64| format!("{value:.0e}"));
+        lines!(chart, series);
+        Ok(())
+    })
+}
+
+fn draw(
+    titles: &Titles<'_>,
+    series: &[Series],
+    body: impl FnOnce(&mut ChartBuilder<'_, '_, SVGBackend<'_>>) -> Result<(), String>,
+) -> Result<String, String> {
+    if series.iter().all(|series| series.points.is_empty()) {
+        return Err("there is nothing to draw".to_owned());
+    }
+    let mut text = String::new();
+    {
+        let area = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
+        area.fill(&WHITE).map_err(|error| error.to_string())?;
+        let mut builder = ChartBuilder::on(&area);
+        builder
+            .caption(titles.chart, ("sans-serif", 17))
+            .margin(10)
+            .margin_right(24)
+            .x_label_area_size(46)
+            .y_label_area_size(62);
+        body(&mut builder)?;
+        area.present().map_err(|error| error.to_string())?;
+    }
+    Ok(text)
+}
+
+/// Ranges of both coordinates over all series.
+fn ranges(series: &[Series]) -> (Range<f64>, Range<f64>) {
+    let range = |values: Vec<f64>| {
+        let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        low..high
+    };
+    let points = || series.iter().flat_map(|series| &series.points);
+    (
+        range(points().map(|point| point.0).collect()),
+        range(points().map(|point| point.1).collect()),
+    )
+}
+
+/// Whole decades around a range of positive numbers.
+fn decades(range: &Range<f64>) -> Range<f64> {
+    let low = 10_f64.powf(range.start.log10().floor());
+    let high = 10_f64.powf(range.end.log10().ceil());
+    if high > low {
+        low..high
+    } else {
+        low..10.0 * low
+    }
+}
+
+/// A number as short as it gets.
+fn short(value: f64) -> String {
+    if (0.01..10_000.0).contains(&value) {
+        format!("{value}")
+    } else {
+        format!("{value:.0e}")
+    }
+}

@@ -1,0 +1,238 @@
+//! Error against run time: from the traces of training runs to time-to-quality tables, curves and
+//! the Pareto front.
+//!
+//! Time is that of the training steps alone; what the trace rendered to score itself, and how long
+//! that took, is reported beside it. Quality is the mean PSNR of the novel views in the trace. Runs
+//! are compared where scene and protocol are the same.
+
+mod measures;
+mod trace;
+
+use std::{
+    fmt::Write,
+    path::{Path, PathBuf},
+};
+
+use omnilife_schemas::store;
+use serde::Serialize;
+
+use crate::{
+    chart::{self, Series, Titles},
+    error::BenchError,
+};
+pub use measures::{MOMENTS_SECONDS, QUALITIES_DB, RunCurve, curve_of};
+pub use trace::{TraceRow, TracedRun, read_run};
+
+/// One row per run: time to quality, quality after a time, area under the curve.
+pub const CURVES_FILE: &str = "curves.csv";
+/// One row per row of a trace.
+pub const POINTS_FILE: &str = "points.csv";
+
+/// Runs of one scene and protocol, measured.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Comparison {
+    /// Id of the scene.
+    pub scene: String,
+    /// Hash of the protocol.
+    pub protocol_hash: String,
+    /// The runs in the order in which they were given.
+    pub curves: Vec<RunCurve>,
+}
+
+/// Reads runs (their folders or `run.json`), compares those of one scene and protocol, and writes
+/// `curves.csv`, `points.csv` and one `curve-<n>.svg` per comparison into `out`.
+///
+/// # Errors
+/// When a run has no trace or no scores of novel views in it, or a file cannot be read or written.
+pub fn curves(runs: &[PathBuf], out: &Path) -> Result<Vec<Comparison>, BenchError> {
+    let mut groups: Vec<((String, String), Vec<TracedRun>)> = Vec::new();
+    for path in runs {
+        let run = read_run(path)?;
+        let key = (run.scene.clone(), run.protocol_hash.clone());
+        match groups.iter_mut().find(|(other, _)| *other == key) {
+            Some((_, runs)) => runs.push(run),
+            None => groups.push((key, vec![run])),
+        }
+    }
+    store::create_folder(out)?;
+    let mut comparisons = Vec::new();
+    for (number, ((scene, protocol_hash), runs)) in groups.iter().enumerate() {
+        let path = out.join(format!("curve-{number}.svg"));
+        let drawing = drawing(scene, runs).map_err(|reason| BenchError::internal(&path, reason))?;
+        store::write_bytes(&path, drawing.as_bytes())?;
+        comparisons.push(Comparison {
+            scene: scene.clone(),
+            protocol_hash: protocol_hash.clone(),
+            curves: measures::measured(runs),
+        });
+    }
+    write_curves(&out.join(CURVES_FILE), &comparisons)?;
+    write_points(&out.join(POINTS_FILE), &groups)?;
+    Ok(comparisons)
+}
+
+fn drawing(scene: &str, runs: &[TracedRun]) -> Result<String, String> {
+    let series: Vec<Series> = runs
+        .iter()
+        .map(|run| Series {
+            name: run.name(),
+            points: run
+                .rows
+                .iter()
+                .filter(|row| row.wall_seconds > 0.0)
+                .map(|row| (row.wall_seconds, row.psnr_db))
+                .collect(),
+        })
+        .collect();
+    let titles = Titles {
+        chart: scene,
+        x: "training time, s",
+        y: "PSNR of novel views, dB",
+    };
+    chart::over_log_x(&titles, &series)
+}
+
+fn cell(value: Option<f64>) -> String {
+    value.map_or(String::new(), |value| format!("{value}"))
+}
+
+fn write_curves(path: &Path, comparisons: &[Comparison]) -> Result<(), BenchError> {
+    store::write_with(path, |writer| {
+        let mut table = csv::Writer::from_writer(writer);
+        let mut header: Vec<String> = [
+            "scene",
+            "protocol_hash",
+            "method",
+            "seed",
+            "training_seconds",
+            "evaluation_seconds",
+            "iterations",
+            "gaussians",
+            "peak_memory_bytes",
+            "final_psnr_db",
+            "on_pareto_front",
+            "area_seconds",
+            "area_db",
+            "seconds_to_95_percent",
+            "iterations_to_95_percent",
+        ]
+        .map(str::to_owned)
+        .into();
+        for quality in QUALITIES_DB {
+            header.push(format!("seconds_to_{quality}_db"));
+            header.push(format!("iterations_to_{quality}_db"));
+        }
+        header.extend(MOMENTS_SECONDS.map(|seconds| format!("psnr_db_at_{seconds}_s")));
+        table.write_record(&header)?;
+        for comparison in comparisons {
+            for curve in &comparison.curves {
+                let run = &curve.run;
+                let mut row = vec![
+                    comparison.scene.clone(),
+                    comparison.protocol_hash.clone(),
+                    run.method.clone(),
+                    run.seed.to_string(),
+                    run.training_seconds.to_string(),
+                    run.evaluation_seconds.to_string(),
+                    run.iterations.to_string(),
+                    run.gaussians.to_string(),
+                    run.peak_memory_bytes
+                        .map_or(String::new(), |bytes| bytes.to_string()),
+                    curve.final_db.to_string(),
+                    curve.on_front.to_string(),
+                    curve.area_seconds.to_string(),
+                    cell(curve.area_db),
+                ];
+                for reached in std::iter::once(&curve.to_95_percent).chain(&curve.to_quality) {
+                    row.push(cell(reached.map(|reached| reached.seconds)));
+                    row.push(reached.map_or(String::new(), |r| r.iteration.to_string()));
+                }
+                row.extend(curve.at_moment.iter().map(|&value| cell(value)));
+                table.write_record(&row)?;
+            }
+        }
+        table.flush()
+    })?;
+    Ok(())
+}
+
+#[derive(Serialize)]
+struct PointRow<'a> {
+    scene: &'a str,
+    protocol_hash: &'a str,
+    method: &'a str,
+    seed: u64,
+    wall_seconds: f64,
+    evaluation_seconds: f64,
+    iteration: u64,
+    gaussians: u64,
+    psnr_db: f64,
+    ssim: Option<f64>,
+}
+
+fn write_points(
+    path: &Path,
+    groups: &[((String, String), Vec<TracedRun>)],
+) -> Result<(), BenchError> {
+    store::write_with(path, |writer| {
+        let mut table = csv::Writer::from_writer(writer);
+        for run in groups.iter().flat_map(|(_, runs)| runs) {
+            for row in &run.rows {
+                let row = PointRow {
+                    scene: &run.scene,
+                    protocol_hash: &run.protocol_hash,
+                    method: &run.method,
+                    seed: run.seed,
+                    wall_seconds: row.wall_seconds,
+                    evaluation_seconds: row.evaluation_seconds,
+                    iteration: row.iteration,
+                    gaussians: row.gaussians,
+                    psnr_db: row.psnr_db,
+                    ssim: row.ssim,
+                };
+                table.serialize(row).map_err(std::io::Error::other)?;
+            }
+        }
+        table.flush()
+    })?;
+    Ok(())
+}
+
+/// The comparisons as Markdown tables.
+pub fn curves_table(comparisons: &[Comparison]) -> String {
+    let mut text = String::new();
+    for comparison in comparisons {
+        let _ = writeln!(
+            text,
+            "{}, protocol {:.12}\n\n| Run | Final dB | 95 % after s | {} | {} | Area dB | GiB | \
+             Front |\n| --- | ---: | ---: | {} ---: | ---: | --- |",
+            comparison.scene,
+            comparison.protocol_hash,
+            QUALITIES_DB
+                .map(|db| format!("{db} dB after s"))
+                .join(" | "),
+            MOMENTS_SECONDS.map(|s| format!("dB at {s} s")).join(" | "),
+            "---: | ".repeat(QUALITIES_DB.len() + MOMENTS_SECONDS.len()),
+        );
+        for curve in &comparison.curves {
+            let number = |value: Option<f64>, digits: usize| {
+                value.map_or("-".to_owned(), |value| format!("{value:.digits$}"))
+            };
+            let mut cells = vec![
+                curve.run.name(),
+                number(Some(curve.final_db), 3),
+                number(curve.to_95_percent.map(|reached| reached.seconds), 1),
+            ];
+            let seconds = |reached: &Option<measures::Reached>| reached.map(|r| r.seconds);
+            cells.extend(curve.to_quality.iter().map(|r| number(seconds(r), 1)));
+            cells.extend(curve.at_moment.iter().map(|&db| number(db, 3)));
+            cells.push(number(curve.area_db, 3));
+            let bytes = curve.run.peak_memory_bytes;
+            cells.push(number(bytes.map(|b| b as f64 / f64::from(1 << 30)), 2));
+            cells.push(if curve.on_front { "yes" } else { "" }.to_owned());
+            let _ = writeln!(text, "| {} |", cells.join(" | "));
+        }
+        text.push('\n');
+    }
+    text
+}

@@ -1,0 +1,30 @@
+//! `input-view`: a method reproduces the views that it was given.
+
+use omnilife_schemas::records::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
+
+use super::ProtocolEntry;
+
+/// What the papers on UAV video and on neural atlases score: how faithfully training views come
+/// back. It says nothing about views that a method has not seen.
+pub(super) const ENTRY: ProtocolEntry = ProtocolEntry {
+    id: "input-view",
+    description: "Fidelity to what was given: every posed frame is given and every one is scored, \
+                  whole ERP images at the scene's own size; nothing is held out (the training-view \
+                  scores of dynamic urban UAV scenes and of neural atlas graphs)",
+    protocol,
+};
+
+fn protocol() -> Protocol {
+    Protocol {
+        id: ENTRY.id.to_owned(),
+        version: 1,
+        split: SplitRule::AllGiven,
+        scored: ScoredViews::Input,
+        largest_width: None,
+        resampling: Resampling::Area,
+        padding: Padding::None,
+        colour: Colour::Srgb8,
+        metrics: vec!["psnr".to_owned(), "ssim".to_owned()],
+        mask_rule: "none".to_owned(),
+    }
+}

@@ -1,0 +1,31 @@
+//! `sparse-interpolation`: from two views, those between them.
+
+use omnilife_schemas::records::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
+
+use super::ProtocolEntry;
+
+/// The sparse-view protocol of OmniLife360's feed-forward tables. The paper says "groups of 10";
+/// that groups share no frame, and that a group with a frame without pose is left out whole, is this
+/// project's reading. At most 1024x512 is what the published feed-forward methods are run at.
+pub(super) const ENTRY: ProtocolEntry = ProtocolEntry {
+    id: "sparse-interpolation",
+    description: "Feed-forward reconstruction: of every group of ten consecutive frames the first \
+                  and the last are given and the eight between them are predicted; the novel views \
+                  alone are scored, whole ERP images at most 1024 pixels wide (OmniLife360, Table 3)",
+    protocol,
+};
+
+fn protocol() -> Protocol {
+    Protocol {
+        id: ENTRY.id.to_owned(),
+        version: 1,
+        split: SplitRule::Groups { length: 10 },
+        scored: ScoredViews::Novel,
+        largest_width: Some(1024),
+        resampling: Resampling::Area,
+        padding: Padding::None,
+        colour: Colour::Srgb8,
+        metrics: vec!["psnr".to_owned(), "ssim".to_owned()],
+        mask_rule: "none".to_owned(),
+    }
+}

@@ -1,0 +1,255 @@
+//! The stability report for people: a table, and the errors of stiff cases over their condition
+//! number.
+//!
+//! This crate only reports; the cases are run where the kernels are.
+
+use std::{fmt::Write, path::Path};
+
+use omnilife_schemas::{
+    records::{StabilityMeasures, StabilityReport, StabilityRow, StabilitySweep, StabilityVerdict},
+    store,
+};
+
+use crate::{
+    chart::{self, Series, Titles},
+    error::BenchError,
+};
+
+/// The whole report.
+pub const STABILITY_FILE: &str = "stability.json";
+/// The table for people.
+pub const STABILITY_TABLE: &str = "stability.md";
+
+/// Errors below this are drawn here: 0 has no place on a logarithmic axis.
+const SMALLEST_ERROR: f64 = 1e-9;
+
+/// Writes `stability.json`, `stability.md` and `stability-<sweep>.svg` into a folder, which is made
+/// where it is missing.
+///
+/// # Errors
+/// When a file cannot be written.
+pub fn write_stability(report: &StabilityReport, out: &Path) -> Result<(), BenchError> {
+    store::create_folder(out)?;
+    store::write_record(&out.join(STABILITY_FILE), report)?;
+    store::write_bytes(
+        &out.join(STABILITY_TABLE),
+        stability_table(report).as_bytes(),
+    )?;
+    for sweep in report
+        .sweeps
+        .iter()
+        .filter(|sweep| !sweep.points.is_empty())
+    {
+        let path = out.join(format!("stability-{}.svg", sweep.id));
+        let drawing = drawing(sweep).map_err(|reason| BenchError::internal(&path, reason))?;
+        store::write_bytes(&path, drawing.as_bytes())?;
+    }
+    Ok(())
+}
+
+/// Rows that are not as good as their case asks.
+pub fn failed_rows(report: &StabilityReport) -> impl Iterator<Item = &StabilityRow> {
+    report
+        .rows
+        .iter()
+        .filter(|row| row.verdict == StabilityVerdict::Fail)
+}
+
+/// The report as Markdown.
+pub fn stability_table(report: &StabilityReport) -> String {
+    let mut text = String::from(
+        "| Case | Gaussians | Backend | Image | Gradient | Finite | What the code does | Verdict |\n\
+         | --- | --- | --- | ---: | ---: | --- | --- | --- |\n",
+    );
+    let (ran, missing): (Vec<_>, Vec<_>) = report
+        .rows
+        .iter()
+        .partition(|row| row.verdict != StabilityVerdict::NotRun);
+    for row in ran {
+        let measured = row.measured.as_ref();
+        let verdict = match row.verdict {
+            StabilityVerdict::Fail => format!("**fail**: {}", row.reason),
+            _ => "pass".to_owned(),
+        };
+        let cells = [
+            format!("`{}`: {}", row.case, row.title),
+            row.parameterization.clone(),
+            row.backend.clone(),
+            error(measured.and_then(|m| m.forward_error)),
+            error(measured.and_then(|m| m.gradient_error)),
+            measured
+                .map_or("", |m| if m.is_finite { "yes" } else { "no" })
+                .to_owned(),
+            row.action.clone(),
+            verdict,
+        ];
+        line(&mut text, &cells);
+    }
+    for sweep in &report.sweeps {
+        sweep_table(&mut text, sweep);
+    }
+    if !missing.is_empty() {
+        text += "\nNot run:\n\n";
+        for (backend, reason, cases) in by_reason(&missing) {
+            text += &format!("- {backend}: {} ({reason})\n", cases.join(", "));
+        }
+    }
+    text += "\nBackends:\n\n";
+    for (backend, description) in &report.backends {
+        text += &format!("- {backend}: {description}\n");
+    }
+    text
+}
+
+fn sweep_table(text: &mut String, sweep: &StabilitySweep) {
+    let mut backends: Vec<&str> = sweep.points.iter().map(|p| p.backend.as_str()).collect();
+    backends.dedup();
+    if backends.is_empty() {
+        return;
+    }
+    *text += &format!("\n{}, {}:\n\n| Condition |", sweep.title, sweep.condition);
+    for backend in &backends {
+        *text += &format!(" Image, {backend} | Gradient, {backend} |");
+    }
+    *text += "\n| ---: |";
+    *text += &" ---: | ---: |".repeat(backends.len());
+    *text += "\n";
+    let of_first = sweep.points.iter().filter(|p| p.backend == backends[0]);
+    for condition in of_first.map(|point| point.condition) {
+        let mut cells = vec![format!("{condition:.0e}")];
+        for backend in &backends {
+            let point = sweep
+                .points
+                .iter()
+                .find(|p| p.backend == *backend && p.condition == condition);
+            cells.push(error(point.and_then(|p| p.measured.forward_error)));
+            cells.push(error(point.and_then(|p| p.measured.gradient_error)));
+        }
+        line(text, &cells);
+    }
+}
+
+fn line(text: &mut String, cells: &[String]) {
+    // Writing to a string cannot fail.
+    let _ = writeln!(text, "| {} |", cells.join(" | "));
+}
+
+fn error(value: Option<f64>) -> String {
+    value.map_or(String::new(), |value| format!("{value:.1e}"))
+}
+
+/// Cases that did not run, by backend and reason, in order.
+fn by_reason<'a>(rows: &[&'a StabilityRow]) -> Vec<(&'a str, &'a str, Vec<&'a str>)> {
+    let mut groups: Vec<(&str, &str, Vec<&str>)> = Vec::new();
+    for row in rows {
+        let found = groups
+            .iter_mut()
+            .find(|(backend, reason, _)| *backend == row.backend && *reason == row.reason);
+        match found {
+            Some((_, _, cases)) => cases.push(&row.case),
+            None => groups.push((&row.backend, &row.reason, vec![&row.case])),
+        }
+    }
+    groups
+}
+
+fn drawing(sweep: &StabilitySweep) -> Result<String, String> {
+    type Measure = fn(&StabilityMeasures) -> Option<f64>;
+    let measures: [(&str, Measure); 2] = [
+        ("image", |measured| measured.forward_error),
+        ("gradient", |measured| measured.gradient_error),
+    ];
+    let mut backends: Vec<&str> = sweep.points.iter().map(|p| p.backend.as_str()).collect();
+    backends.dedup();
+    let mut series = Vec::new();
+    for backend in backends {
+        for (name, measure) in measures {
+            let points = sweep
+                .points
+                .iter()
+                .filter(|point| point.backend == backend)
+                .filter_map(|point| {
+                    let error = measure(&point.measured)?;
+                    Some((point.condition, error.max(SMALLEST_ERROR)))
+                })
+                .collect();
+            series.push(Series {
+                name: format!("{name}, {backend}"),
+                points,
+            });
+        }
+    }
+    let titles = Titles {
+        chart: &sweep.title,
+        x: &sweep.condition,
+        y: "largest error against f64",
+    };
+    chart::log_log(&titles, &series)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn report() -> StabilityReport {
+        let measured = StabilityMeasures {
+            forward_error: Some(1.5e-6),
+            forward_share: Some(0.0),
+            gradient_error: Some(2e-4),
+            is_finite: true,
+            drawn: 3,
+            gaussians: 4,
+        };
+        let row = |case: &str, backend: &str, verdict, reason: &str| StabilityRow {
+            case: case.to_owned(),
+            title: "in words".to_owned(),
+            parameterization: "static".to_owned(),
+            backend: backend.to_owned(),
+            measured: (verdict != StabilityVerdict::NotRun).then_some(measured),
+            action: "drew 3 of 4".to_owned(),
+            verdict,
+            reason: reason.to_owned(),
+        };
+        StabilityReport {
+            versions: [].into(),
+            wall_seconds: 1.0,
+            backends: [("cpu".to_owned(), "a processor".to_owned())].into(),
+            parameterizations: vec!["static".to_owned()],
+            rows: vec![
+                row("poles", "cpu", StabilityVerdict::Pass, "fine"),
+                row("seam", "cpu", StabilityVerdict::Fail, "the image is off"),
+                row("poles", "gpu", StabilityVerdict::NotRun, "no adapter"),
+                row("seam", "gpu", StabilityVerdict::NotRun, "no adapter"),
+            ],
+            sweeps: vec![StabilitySweep {
+                id: "needle".to_owned(),
+                title: "Needles".to_owned(),
+                condition: "length over thickness".to_owned(),
+                points: [1.0, 10.0, 1e3]
+                    .map(|condition| omnilife_schemas::records::StabilityPoint {
+                        backend: "cpu".to_owned(),
+                        condition,
+                        measured,
+                    })
+                    .into(),
+            }],
+        }
+    }
+
+    #[test]
+    fn the_report_is_a_table_a_record_and_a_drawing() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let report = report();
+        write_stability(&report, folder.path())?;
+        let record: StabilityReport = store::read_record(&folder.path().join(STABILITY_FILE))?;
+        assert_eq!(record, report);
+        insta::assert_snapshot!(std::fs::read_to_string(
+            folder.path().join(STABILITY_TABLE)
+        )?);
+        let drawing = std::fs::read_to_string(folder.path().join("stability-needle.svg"))?;
+        assert!(drawing.starts_with("<svg") && drawing.contains("length over thickness"));
+        let failed: Vec<&str> = failed_rows(&report).map(|row| row.case.as_str()).collect();
+        assert_eq!(failed, ["seam"]);
+        Ok(())
+    }
+}

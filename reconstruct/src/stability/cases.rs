@@ -1,0 +1,468 @@
+//! The catalogue: cases that make rendering and its gradient hard.
+
+use glam::{DQuat, DVec3, dvec3};
+use omnilife_schemas::Similarity;
+
+use super::{
+    Limits,
+    devices::DeviceKind,
+    setup::{Motion, RawGaussian, Setup, TIME_SECONDS, mild},
+};
+use crate::kernels::Footprint;
+
+/// A case.
+#[derive(Debug, Clone, Copy)]
+pub struct Case {
+    /// Id, unique among all cases.
+    pub id: &'static str,
+    /// What it is, in words.
+    pub title: &'static str,
+    /// What the code does about it, in words; empty where it needs to do nothing.
+    pub action: &'static str,
+    /// Whether it is about time.
+    pub needs_time: bool,
+    /// What there is.
+    pub setup: fn() -> Setup,
+    /// What has to come out.
+    pub expectation: Expectation,
+}
+
+/// What has to come out of a case.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Expectation {
+    /// Image and gradient are those of the reference.
+    Agrees,
+    /// The image is that of the reference; the gradient is not defined there, and finite.
+    ImageAgrees,
+    /// The last Gaussians are left out, and the image is to the last bit the one without them.
+    LeavesOut {
+        /// How many.
+        hopeless: usize,
+    },
+}
+
+impl Expectation {
+    /// The limits that were kept, in words.
+    pub(super) fn in_words(self, limits: &Limits) -> String {
+        match self {
+            Self::Agrees => format!(
+                "image within {:.0e}, gradient within {:.0e}",
+                limits.forward, limits.gradient
+            ),
+            Self::ImageAgrees => format!(
+                "image within {:.0e}, gradient finite: it is not defined here",
+                limits.forward
+            ),
+            Self::LeavesOut { .. } => "the image is the one without them, bit by bit".to_owned(),
+        }
+    }
+}
+
+impl Case {
+    /// What it may be off by on a device.
+    pub fn limits(&self, kind: DeviceKind) -> Limits {
+        // WGSL allows its functions errors that are larger than a processor's.
+        match kind {
+            DeviceKind::Cpu => Limits {
+                forward: 1e-4,
+                gradient: 5e-3,
+            },
+            DeviceKind::Gpu => Limits {
+                forward: 1e-3,
+                gradient: 1e-2,
+            },
+        }
+    }
+}
+
+const PLAIN: Case = Case {
+    id: "",
+    title: "",
+    action: "",
+    needs_time: false,
+    setup: || Setup::new(mild()),
+    expectation: Expectation::Agrees,
+};
+
+/// All cases that are rendered.
+pub const CASES: &[Case] = &[
+    Case {
+        id: "mild",
+        title: "nothing difficult, for comparison",
+        ..PLAIN
+    },
+    Case {
+        id: "poles",
+        title: "on both poles, over them, and 1e-6 rad beside them",
+        action: "footprints near a pole are cones on the tangent plane",
+        setup: poles,
+        ..PLAIN
+    },
+    Case {
+        id: "seam",
+        title: "across the seam, also at the poles",
+        action: "columns wrap",
+        setup: seam,
+        ..PLAIN
+    },
+    Case {
+        id: "camera-inside",
+        title: "the camera stands inside a Gaussian, projected footprint",
+        action: "a Gaussian longer than its distance is left out",
+        setup: || camera_inside(Footprint::Projected),
+        ..PLAIN
+    },
+    Case {
+        id: "camera-inside-ray",
+        title: "the camera stands inside a Gaussian, footprint along the ray",
+        action: "drawn in every pixel",
+        setup: || camera_inside(Footprint::Ray),
+        ..PLAIN
+    },
+    Case {
+        id: "needle-1e6",
+        title: "needles a million times as long as thick",
+        action: "determinants by Lagrange's identity, without cancellation",
+        setup: || needles(1e6),
+        ..PLAIN
+    },
+    Case {
+        id: "disc-1e6",
+        title: "discs a million times as wide as thick, seen from the edge too",
+        setup: || discs(1e6),
+        ..PLAIN
+    },
+    Case {
+        id: "dust",
+        title: "a millionth of a pixel in size",
+        action: "widened to a pixel by the low-pass filter",
+        setup: || sized(1e-6),
+        ..PLAIN
+    },
+    Case {
+        id: "wide",
+        title: "standard deviations of 90 % of the distance",
+        action: "footprints too wide for the image's plane are cones",
+        setup: || sized(0.9),
+        ..PLAIN
+    },
+    Case {
+        id: "near-limit",
+        title: "a millionth before and behind the nearest distance that is drawn",
+        action: "nearer ones are left out",
+        setup: near_limit,
+        ..PLAIN
+    },
+    Case {
+        id: "far",
+        title: "1e5 units away",
+        setup: || shifted_out(1e5),
+        ..PLAIN
+    },
+    Case {
+        id: "layers-10000",
+        title: "10,000 translucent layers in one direction",
+        action: "compositing ends at a transmittance of 1e-4",
+        setup: || layers(10_000),
+        ..PLAIN
+    },
+    Case {
+        id: "scene-1e-6",
+        title: "a scene a micrometre across",
+        action: "normalized in f64 on loading",
+        setup: || in_world([0.0; 3], 1e6),
+        ..PLAIN
+    },
+    Case {
+        id: "scene-1e6",
+        title: "a scene a thousand kilometres across",
+        action: "normalized in f64 on loading",
+        setup: || in_world([0.0; 3], 1e-6),
+        ..PLAIN
+    },
+    Case {
+        id: "origin-1e6",
+        title: "a scene 1e6 m from the world's origin",
+        action: "normalized in f64 on loading",
+        setup: || in_world([1e6, -1e6, 1e6], 1.0),
+        ..PLAIN
+    },
+    Case {
+        id: "zero-quaternion",
+        title: "quaternions of length zero",
+        action: "length floored at 1e-12: the identity",
+        setup: || quaternions([0.0; 4]),
+        expectation: Expectation::ImageAgrees,
+        ..PLAIN
+    },
+    Case {
+        id: "tiny-quaternion",
+        title: "quaternions of length 1e-9",
+        setup: || quaternions([0.8e-9, 0.3e-9, -0.4e-9, 0.33e-9]),
+        ..PLAIN
+    },
+    Case {
+        id: "saturated-opacity",
+        title: "logits of opacity of -100, -20, 20 and 100",
+        action: "opacity clamped to 0.99 in a pixel; the gradient ignores the clamp",
+        setup: saturated,
+        ..PLAIN
+    },
+    Case {
+        id: "extreme-scale",
+        title: "logarithms of scales of -100 and 100",
+        action: "clamped to [-30, 20]",
+        setup: extreme_scales,
+        ..PLAIN
+    },
+    Case {
+        id: "non-finite",
+        title: "parameters that are NaN or infinite",
+        action: "left out; their own gradients are refused by Adam",
+        setup: non_finite,
+        expectation: Expectation::LeavesOut { hopeless: 4 },
+        ..PLAIN
+    },
+    Case {
+        id: "at-the-camera",
+        title: "a Gaussian exactly where the camera is",
+        action: "left out",
+        setup: at_the_camera,
+        expectation: Expectation::LeavesOut { hopeless: 1 },
+        ..PLAIN
+    },
+    Case {
+        id: "lifespan-0",
+        title: "lifespans of a nanosecond, at and beside their moment",
+        needs_time: true,
+        setup: || timed(TIME_SECONDS, 1e-9, 0.05),
+        ..PLAIN
+    },
+    Case {
+        id: "lifespan-endless",
+        title: "lifespans of a million seconds",
+        needs_time: true,
+        setup: || timed(0.4, 1e6, 0.05),
+        ..PLAIN
+    },
+    Case {
+        id: "time-outside",
+        title: "moments 1e5 seconds before and after the clip",
+        needs_time: true,
+        setup: || timed(1e5, 1e5, 0.05),
+        ..PLAIN
+    },
+    Case {
+        id: "fast",
+        title: "1,000 units per second",
+        needs_time: true,
+        setup: || timed(TIME_SECONDS, 1.0, 1e3),
+        ..PLAIN
+    },
+];
+
+fn straight(special: impl IntoIterator<Item = RawGaussian>) -> Setup {
+    let mut gaussians: Vec<RawGaussian> = special.into_iter().collect();
+    gaussians.extend(mild());
+    Setup::straight(gaussians)
+}
+
+fn poles() -> Setup {
+    straight([
+        RawGaussian::new(dvec3(0.0, -1.0, 0.0), 2.0, [0.2, 0.1, 0.3], 0.6, 1),
+        RawGaussian::new(dvec3(0.0, 1.0, 0.0), 1.5, [0.1, 0.2, 0.15], 0.5, 2),
+        RawGaussian::new(dvec3(1e-6, -1.0, 0.0), 3.0, [0.5, 0.2, 0.25], 0.4, 3),
+        RawGaussian::new(dvec3(0.0, 1.0, -1e-6), 2.5, [0.05, 0.6, 0.02], 0.6, 4),
+        RawGaussian::new(dvec3(0.05, -1.0, 0.02), 2.2, [0.4, 0.3, 0.2], 0.5, 5),
+    ])
+}
+
+fn seam() -> Setup {
+    straight([
+        RawGaussian::new(dvec3(0.0, 0.1, -1.0), 2.0, [0.2, 0.3, 0.25], 0.6, 1),
+        RawGaussian::new(dvec3(1e-7, -0.2, -1.0), 3.0, [0.5, 0.1, 0.2], 0.5, 2),
+        RawGaussian::new(dvec3(-1e-7, 0.4, -1.0), 2.5, [0.3, 0.6, 0.2], 0.5, 3),
+        RawGaussian::new(dvec3(0.0, -3.0, -1.0), 2.7, [0.3, 0.4, 0.2], 0.5, 4),
+    ])
+}
+
+fn camera_inside(footprint: Footprint) -> Setup {
+    straight([RawGaussian::new(
+        dvec3(0.3, 0.2, 1.0),
+        0.7,
+        [1.5, 0.9, 1.2],
+        0.3,
+        1,
+    )])
+    .with_footprint(footprint)
+}
+
+/// Needles with the longest axis a third of the distance.
+pub(super) fn needles(ratio: f64) -> Setup {
+    let thin = 0.9 / ratio;
+    straight([
+        RawGaussian::new(dvec3(-1.0, 0.2, 0.7), 3.0, [0.9, thin, thin], 0.7, 1),
+        RawGaussian::new(dvec3(0.3, 0.6, 1.0), 2.7, [thin, 0.9, thin], 0.6, 2),
+        RawGaussian::new(dvec3(0.5, -0.8, -0.6), 2.8, [thin, thin, 0.9], 0.6, 3),
+    ])
+}
+
+fn discs(ratio: f64) -> Setup {
+    let thin = 0.6 / ratio;
+    let mut edge_on = RawGaussian::new(dvec3(0.0, 0.0, 1.0), 2.4, [0.6, thin, 0.6], 0.7, 3);
+    edge_on.quaternion = [1.0, 0.0, 0.0, 0.0];
+    straight([
+        RawGaussian::new(dvec3(-1.0, 0.2, 0.7), 3.0, [0.6, 0.6, thin], 0.7, 1),
+        RawGaussian::new(dvec3(0.3, 0.6, 1.0), 2.7, [thin, 0.6, 0.6], 0.6, 2),
+        edge_on,
+    ])
+}
+
+/// Standard deviations of a share of the distance; small ones of a share of a pixel.
+fn sized(share: f64) -> Setup {
+    let pixel = std::f64::consts::PI / 24.0;
+    let unit = if share < 0.1 { pixel } else { 1.0 };
+    straight([
+        RawGaussian::new(dvec3(-1.0, 0.2, 0.7), 3.0, [3.0 * unit * share; 3], 0.7, 1),
+        RawGaussian::new(dvec3(0.3, 0.6, 1.0), 1.7, [1.7 * unit * share; 3], 0.6, 2),
+        RawGaussian::new(dvec3(0.1, -2.0, -0.6), 2.8, [2.8 * unit * share; 3], 0.6, 3),
+    ])
+}
+
+fn near_limit() -> Setup {
+    straight([
+        RawGaussian::new(
+            dvec3(0.3, 0.2, 1.0),
+            0.01 * (1.0 + 1e-6),
+            [0.002; 3],
+            0.5,
+            1,
+        ),
+        RawGaussian::new(
+            dvec3(-0.6, 0.1, -0.4),
+            0.01 * (1.0 - 1e-6),
+            [0.002; 3],
+            0.5,
+            2,
+        ),
+    ])
+}
+
+fn shifted_out(distance: f64) -> Setup {
+    straight([
+        RawGaussian::new(dvec3(-1.0, 0.2, 0.7), distance, [0.1 * distance; 3], 0.7, 1),
+        RawGaussian::new(dvec3(0.4, -0.7, 0.3), distance, [0.2 * distance; 3], 0.5, 2),
+    ])
+}
+
+/// Layers with an opacity of about 1/64, one behind the other; the gradients of some are judged.
+pub(super) fn layers(count: usize) -> Setup {
+    let gaussians = (0..count)
+        .map(|index| {
+            let distance = 2.0 + 3.0 * index as f64 / count as f64;
+            let jitter = 0.02 * (index as f64 * 0.7).sin();
+            RawGaussian::new(
+                dvec3(0.3 + jitter, 0.2 - jitter, 1.0),
+                distance,
+                [0.3 * distance; 3],
+                1.0 / 64.0,
+                index,
+            )
+        })
+        .collect();
+    let mut setup = Setup::seen(gaussians, DQuat::IDENTITY, DVec3::ZERO, 12);
+    setup.judged = vec![0, count / 100, count / 20];
+    setup.judged.dedup();
+    setup
+}
+
+/// The mild Gaussians in a world far away, or of another size: `scale` makes it normalized.
+pub(super) fn in_world(offset: [f64; 3], scale: f64) -> Setup {
+    let turn = DQuat::from_euler(glam::EulerRot::XYZ, 0.3, -1.1, 0.2);
+    let similarity = Similarity { offset, scale };
+    Setup::in_world(mild(), turn, dvec3(0.05, -0.02, 0.04), 48, similarity)
+}
+
+fn quaternions(quaternion: [f64; 4]) -> Setup {
+    let mut gaussians = mild();
+    for gaussian in gaussians.iter_mut().take(3) {
+        gaussian.quaternion = quaternion;
+    }
+    Setup::new(gaussians)
+}
+
+fn saturated() -> Setup {
+    let mut gaussians = mild();
+    for (gaussian, logit) in gaussians.iter_mut().zip([-100.0, -20.0, 20.0, 100.0]) {
+        gaussian.opacity_logit = logit;
+    }
+    Setup::new(gaussians)
+}
+
+fn extreme_scales() -> Setup {
+    let mut gaussians = mild();
+    gaussians[0].log_scale = [-100.0; 3];
+    gaussians[1].log_scale = [100.0; 3];
+    gaussians[2].log_scale = [-100.0, -1.0, -2.0];
+    Setup::new(gaussians)
+}
+
+fn non_finite() -> Setup {
+    let mut gaussians = mild();
+    let good = gaussians.len();
+    let hopeless = RawGaussian::new(dvec3(0.2, 0.1, 1.0), 2.0, [0.3; 3], 0.5, 1);
+    gaussians.extend([hopeless; 4]);
+    gaussians[good].position[0] = f64::NAN;
+    gaussians[good + 1].position[2] = f64::INFINITY;
+    gaussians[good + 2].log_scale[1] = f64::NAN;
+    gaussians[good + 3].quaternion[3] = f64::NAN;
+    Setup::new(gaussians)
+}
+
+fn at_the_camera() -> Setup {
+    let mut gaussians = mild();
+    let mut there = gaussians[0];
+    there.position = [0.0; 3];
+    gaussians.push(there);
+    Setup::straight(gaussians)
+}
+
+/// Half of the Gaussians at their moment, half a lifespan beside it.
+fn timed(peak_seconds: f64, lifespan_seconds: f64, speed: f64) -> Setup {
+    let mut gaussians = mild();
+    for (index, gaussian) in gaussians.iter_mut().enumerate() {
+        let beside = if index % 2 == 0 {
+            0.0
+        } else {
+            0.5 * lifespan_seconds
+        };
+        let sign = if index % 3 == 0 { -1.0 } else { 1.0 };
+        gaussian.motion = Motion {
+            peak_seconds: peak_seconds + sign * beside,
+            lifespan_seconds,
+            velocity: [speed, -0.4 * speed, 0.6 * speed],
+        };
+    }
+    Setup::new(gaussians)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+    use crate::stability::special::SPECIAL_CASES;
+
+    #[test]
+    fn ids_are_unique_and_titles_say_something() {
+        let rendered = CASES.iter().map(|case| (case.id, case.title));
+        let special = SPECIAL_CASES.iter().map(|case| (case.id, case.title));
+        let all: Vec<_> = rendered.chain(special).collect();
+        let ids: BTreeSet<_> = all.iter().map(|(id, _)| id).collect();
+        assert_eq!(ids.len(), all.len());
+        assert!(
+            all.iter()
+                .all(|(id, title)| !id.is_empty() && title.len() > 10)
+        );
+    }
+}

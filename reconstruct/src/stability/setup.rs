@@ -1,0 +1,171 @@
+//! What a case consists of: raw Gaussians and a view, in f64.
+
+use glam::{DMat3, DQuat, DVec3, dvec3};
+use omnilife_schemas::{Pose, Similarity, camera::ErpCamera};
+
+use crate::{
+    camera::{Camera, View},
+    kernels::{Footprint, RenderSettings},
+    reference::RefView,
+};
+
+/// Raw parameters of a Gaussian, before any parameterization has rounded them to f32.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RawGaussian {
+    /// Centre, normalized units.
+    pub position: [f64; 3],
+    /// Natural logarithms of the standard deviations.
+    pub log_scale: [f64; 3],
+    /// (w, x, y, z), of any length.
+    pub quaternion: [f64; 4],
+    /// Logit of the opacity.
+    pub opacity_logit: f64,
+    /// Constant coefficients of colour.
+    pub sh: [f64; 3],
+    /// How it moves and how long it lives; parameterizations without time ignore it.
+    pub motion: Motion,
+}
+
+/// A Gaussian in time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Motion {
+    /// When it is most opaque, seconds.
+    pub peak_seconds: f64,
+    /// Standard deviation of its opacity over time, seconds.
+    pub lifespan_seconds: f64,
+    /// Normalized units per second.
+    pub velocity: [f64; 3],
+}
+
+impl Motion {
+    /// Hardly moves and lives about as long as a clip.
+    pub const MILD: Self = Self {
+        peak_seconds: 0.4,
+        lifespan_seconds: 2.0,
+        velocity: [0.05, -0.02, 0.03],
+    };
+}
+
+impl RawGaussian {
+    /// A Gaussian in a direction from the origin, turned somehow; the colour depends on `number`.
+    pub fn new(
+        direction: DVec3,
+        distance: f64,
+        scale: [f64; 3],
+        opacity: f64,
+        number: usize,
+    ) -> Self {
+        let hue = number as f64;
+        Self {
+            position: (direction.normalize() * distance).to_array(),
+            log_scale: scale.map(f64::ln),
+            quaternion: [0.8, 0.3, -0.4, 0.33],
+            opacity_logit: (opacity / (1.0 - opacity)).ln(),
+            sh: [hue, hue + 1.0, hue + 2.0].map(|phase| 0.9 * (1.7 * phase).sin() + 0.2),
+            motion: Motion::MILD,
+        }
+    }
+}
+
+/// A case before anything has been computed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Setup {
+    /// What there is.
+    pub gaussians: Vec<RawGaussian>,
+    /// Those of them whose gradients are judged.
+    pub judged: Vec<usize>,
+    /// The view as it really is.
+    pub exact: RefView,
+    /// The view as it comes out of the loader, for the kernels.
+    pub view: View,
+}
+
+/// Instant of the view, seconds.
+pub const TIME_SECONDS: f64 = 0.5;
+
+impl Setup {
+    /// These Gaussians from a camera that is not straight.
+    pub fn new(gaussians: Vec<RawGaussian>) -> Self {
+        let turned = DQuat::from_euler(glam::EulerRot::XYZ, 0.3, -1.1, 0.2);
+        Self::seen(gaussians, turned, dvec3(0.05, -0.02, 0.04), 48)
+    }
+
+    /// These Gaussians from a straight camera at the origin.
+    pub fn straight(gaussians: Vec<RawGaussian>) -> Self {
+        Self::seen(gaussians, DQuat::IDENTITY, DVec3::ZERO, 48)
+    }
+
+    /// These Gaussians from a camera with this camera-to-world rotation, in an image of this width.
+    pub fn seen(gaussians: Vec<RawGaussian>, turn: DQuat, centre: DVec3, width: u32) -> Self {
+        let identity = Similarity {
+            offset: [0.0; 3],
+            scale: 1.0,
+        };
+        Self::in_world(gaussians, turn, centre, width, identity)
+    }
+
+    /// The same in a world of which `similarity` makes the normalized scene: the loader sees the
+    /// world's numbers.
+    pub fn in_world(
+        gaussians: Vec<RawGaussian>,
+        turn: DQuat,
+        centre: DVec3,
+        width: u32,
+        similarity: Similarity,
+    ) -> Self {
+        let camera = Camera::Erp(ErpCamera {
+            width,
+            height: width / 2,
+        });
+        let settings = RenderSettings {
+            background: [0.1, 0.3, 0.2],
+            sh_degree: 0,
+            ..RenderSettings::new(0.01)
+        };
+        let pose = Pose {
+            rotation_wxyz: [turn.w, turn.x, turn.y, turn.z],
+            centre: similarity.restore(centre).to_array(),
+        };
+        let exact = RefView {
+            camera,
+            rotation: DMat3::from_quat(turn).transpose(),
+            centre,
+            settings,
+        };
+        let view = View::new(camera, &pose, &similarity, TIME_SECONDS).unwrap_or(View {
+            time_seconds: TIME_SECONDS,
+            ..exact.view()
+        });
+        Self {
+            judged: (0..gaussians.len()).collect(),
+            gaussians,
+            exact,
+            view,
+        }
+    }
+
+    /// With another definition of the falloff.
+    pub fn with_footprint(mut self, footprint: Footprint) -> Self {
+        self.exact.settings.footprint = footprint;
+        self
+    }
+}
+
+/// Gaussians all around the origin, none of them difficult.
+pub fn mild() -> Vec<RawGaussian> {
+    (0..10)
+        .map(|index| {
+            let y = 1.0 - (f64::from(index) + 0.5) / 5.0;
+            let (sin, cos) = (2.399_963 * f64::from(index)).sin_cos();
+            let rho = (1.0 - y * y).sqrt();
+            let distance = 2.0 + 0.3 * f64::from(index);
+            RawGaussian::new(
+                dvec3(rho * cos, 0.8 * y, rho * sin),
+                distance,
+                [0.2, 0.3, 0.25],
+                0.5,
+                index as usize,
+            )
+        })
+        .collect()
+}

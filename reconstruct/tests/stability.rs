@@ -1,0 +1,44 @@
+//! The stability catalogue on the processor: every case is as good as it has to be.
+#![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+use omnilife_reconstruct::stability::{self, devices::DeviceKind};
+use omnilife_schemas::{progress::Silent, records::StabilityVerdict};
+
+#[test]
+fn every_case_passes_on_the_processor() {
+    let report = stability::run(&[DeviceKind::Cpu], &Silent).unwrap();
+    for row in &report.rows {
+        let measured = row.measured;
+        println!(
+            "{:20} {:10} image {:?} share {:?} gradient {:?} {} {:?} {}",
+            row.case,
+            row.parameterization,
+            measured.and_then(|m| m.forward_error),
+            measured.and_then(|m| m.forward_share),
+            measured.and_then(|m| m.gradient_error),
+            row.action,
+            row.verdict,
+            row.reason
+        );
+    }
+    for sweep in &report.sweeps {
+        for point in &sweep.points {
+            println!(
+                "{:10} {:8.0e} image {:?} gradient {:?}",
+                sweep.id,
+                point.condition,
+                point.measured.forward_error,
+                point.measured.gradient_error
+            );
+        }
+        assert!(!sweep.points.is_empty(), "{}", sweep.id);
+    }
+    println!("{:.1} s", report.wall_seconds);
+    let failed: Vec<&str> = report
+        .rows
+        .iter()
+        .filter(|row| row.verdict == StabilityVerdict::Fail)
+        .map(|row| row.case.as_str())
+        .collect();
+    assert!(failed.is_empty(), "{failed:?}");
+}

@@ -1,0 +1,45 @@
+//! `omnilife bench run`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::reconstruct::BackendArgument;
+
+#[derive(Debug, Args)]
+pub(crate) struct BenchRunArguments {
+    /// The scenes: scene.json files, or folders that hold one.
+    #[arg(required = true)]
+    pub(crate) scenes: Vec<PathBuf>,
+    /// Folder for everything that is made.
+    #[arg(long)]
+    pub(crate) out: PathBuf,
+    /// Methods by name (`reconstruct methods` lists them), and method.toml files of others.
+    #[arg(
+        long,
+        value_name = "METHOD",
+        value_delimiter = ',',
+        default_value = "odgs,sphere-sweep,infinity-homography,cross-fade,nearest-input"
+    )]
+    pub(crate) methods: Vec<String>,
+    /// Protocols by name (`bench list` lists them).
+    #[arg(
+        long,
+        value_name = "PROTOCOL",
+        value_delimiter = ',',
+        default_value = "per-scene,sparse-interpolation"
+    )]
+    pub(crate) protocols: Vec<String>,
+    /// Seeds; repetitions of methods that learn nothing are left out.
+    #[arg(long, value_name = "SEED", value_delimiter = ',', default_value = "0")]
+    pub(crate) seeds: Vec<u64>,
+    /// Optimizer steps of our methods that train; the published protocol is 30000.
+    #[arg(long, default_value_t = 1500)]
+    pub(crate) iterations: u64,
+    /// Ends a training after this many seconds.
+    #[arg(long, value_name = "SECONDS")]
+    pub(crate) budget: Option<f64>,
+    /// What trains.
+    #[arg(long, value_enum, default_value_t = BackendArgument::Cpu)]
+    pub(crate) backend: BackendArgument,
+}

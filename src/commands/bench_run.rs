@@ -1,0 +1,394 @@
+//! `omnilife bench run`: scenes x protocols x methods x seeds, run, scored and tabulated.
+//!
+//! ```text
+//! OUT/outcomes.csv                                 every unit with its outcome
+//! OUT/leaderboard/                                 tables with intervals, and the site
+//! OUT/scenes/<scene>/<protocol>/split.json
+//! OUT/scenes/<scene>/<protocol>/<method>/seed-<n>/run/, score/
+//! ```
+//!
+//! A unit that fails is a row of the outcomes, and the others go on. Methods of ours are trained by
+//! a process of their own, so that the memory in a record is that of one run.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+use omnilife_bench::{
+    ExternalRequest, ScoreRequest, external::EXTERNAL_RUN_FILE, external::manifest::Manifest,
+    protocols, run_external, score, split_scene,
+};
+use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard};
+use omnilife_reconstruct::{
+    interpolation,
+    job::{self, RUN_FILE},
+    methods::MethodRequest,
+};
+use omnilife_schemas::{
+    Blame,
+    progress::Progress,
+    records::{ExternalRun, Scene},
+    store::{self, StoreError},
+};
+use serde::Serialize;
+
+use crate::{
+    cli::{BackendArgument, BenchRunArguments},
+    exit::{self, BadRequest, PartialFailure},
+};
+
+/// File of the summary.
+const OUTCOMES_FILE: &str = "outcomes.csv";
+/// Rendered views that the site shows per scene and method.
+const SITE_VIEWS: usize = 4;
+
+/// What is benchmarked.
+enum Candidate {
+    /// A method of ours, by name.
+    Ours(String),
+    /// Anyone's method.
+    External { id: String, manifest: PathBuf },
+}
+
+impl Candidate {
+    fn read(text: &str) -> anyhow::Result<Self> {
+        let manifest = PathBuf::from(text);
+        if manifest
+            .extension()
+            .is_some_and(|extension| extension == "toml")
+        {
+            let id = Manifest::read(&manifest)?.id;
+            return Ok(Self::External { id, manifest });
+        }
+        Ok(Self::Ours(text.to_owned()))
+    }
+
+    fn id(&self) -> &str {
+        match self {
+            Self::Ours(id) | Self::External { id, .. } => id,
+        }
+    }
+
+    /// Whether another seed would give the same views.
+    fn has_no_seed(&self) -> bool {
+        matches!(self, Self::Ours(id) if interpolation::find(id).is_some())
+    }
+}
+
+/// One row of the summary.
+#[derive(Debug, Clone, Serialize)]
+struct Unit {
+    scene: String,
+    protocol: String,
+    method: String,
+    seed: u64,
+    /// `scored` or `failed`.
+    outcome: &'static str,
+    /// One line for what failed, or for the views that could not be scored.
+    reason: String,
+    #[serde(skip)]
+    blame: Option<Blame>,
+}
+
+/// Runs everything and prints the tables.
+///
+/// # Errors
+/// When the request makes no sense, nothing could be scored, or something failed beside what was
+/// scored.
+pub(crate) fn execute(
+    arguments: &BenchRunArguments,
+    progress: &dyn Progress,
+) -> anyhow::Result<()> {
+    let scenes = scenes(&arguments.scenes)?;
+    let candidates = candidates(arguments)?;
+    for protocol in &arguments.protocols {
+        protocols::protocol(protocol)?;
+    }
+    let mut units = Vec::new();
+    for (id, scene) in &scenes {
+        for protocol in &arguments.protocols {
+            let folder = arguments.out.join("scenes").join(id).join(protocol);
+            let split = folder.join("split.json");
+            let has_split = split_scene(scene, protocol, &split).map_err(anyhow::Error::from);
+            for candidate in &candidates {
+                let seeds = if candidate.has_no_seed() {
+                    &arguments.seeds[..1]
+                } else {
+                    &arguments.seeds
+                };
+                for &seed in seeds {
+                    let job = Job {
+                        arguments,
+                        candidate,
+                        seed,
+                        scene,
+                        split: &split,
+                        folder: folder.join(candidate.id()).join(format!("seed-{seed}")),
+                        progress,
+                    };
+                    let outcome = match &has_split {
+                        Ok(_) => job.run(),
+                        Err(error) => Err(Failure {
+                            reason: error.to_string(),
+                            blame: exit::blame(error),
+                        }),
+                    };
+                    units.push(unit(id, protocol, candidate.id(), seed, outcome, progress));
+                }
+            }
+        }
+    }
+    write_outcomes(&arguments.out.join(OUTCOMES_FILE), &units)?;
+    if units.iter().any(|unit| unit.outcome == "scored") {
+        let leaderboard = build_leaderboard(&LeaderboardRequest {
+            results: arguments.out.join("scenes"),
+            out: arguments.out.join("leaderboard"),
+            dataset: None,
+            page: None,
+            site: true,
+            views: SITE_VIEWS,
+        })?;
+        exit::print(&format!(
+            "{}\nTables with intervals: {}\n",
+            leaderboard.markdown,
+            arguments.out.join("leaderboard/tables").display()
+        ))?;
+    }
+    verdict(&units)
+}
+
+/// Scene files by id.
+fn scenes(paths: &[PathBuf]) -> anyhow::Result<BTreeMap<String, PathBuf>> {
+    let mut scenes = BTreeMap::new();
+    for path in paths {
+        let file = if path.is_dir() {
+            path.join("scene.json")
+        } else {
+            path.clone()
+        };
+        let scene: Scene = store::read_record(&file)?;
+        // Ids have the form of relative paths; others would leave the folder.
+        let is_path = Path::new(&scene.id)
+            .components()
+            .all(|part| matches!(part, std::path::Component::Normal(_)));
+        if scene.id.is_empty() || !is_path {
+            return Err(StoreError::malformed(&file, format!("id {:?} is none", scene.id)).into());
+        }
+        if let Some(other) = scenes.insert(scene.id.clone(), file) {
+            return Err(BadRequest(format!(
+                "{}: scene {} is given twice",
+                other.display(),
+                scene.id
+            ))
+            .into());
+        }
+    }
+    Ok(scenes)
+}
+
+fn candidates(arguments: &BenchRunArguments) -> anyhow::Result<Vec<Candidate>> {
+    let mut candidates: Vec<Candidate> = Vec::new();
+    for text in &arguments.methods {
+        let candidate = Candidate::read(text)?;
+        if let Candidate::Ours(id) = &candidate {
+            let backend = backend_of(id, arguments.backend);
+            job::check(id, &request(arguments, 0), backend.into())?;
+        }
+        if candidates.iter().any(|other| other.id() == candidate.id()) {
+            return Err(BadRequest(format!("method {} is given twice", candidate.id())).into());
+        }
+        candidates.push(candidate);
+    }
+    Ok(candidates)
+}
+
+fn request(arguments: &BenchRunArguments, seed: u64) -> MethodRequest {
+    MethodRequest {
+        budget_seconds: arguments.budget,
+        ..MethodRequest::new(arguments.iterations, seed)
+    }
+}
+
+/// Methods that learn nothing run on the processor whatever trains the others.
+fn backend_of(method: &str, asked: BackendArgument) -> BackendArgument {
+    match interpolation::find(method) {
+        Some(_) => BackendArgument::Cpu,
+        None => asked,
+    }
+}
+
+/// Why a unit failed.
+struct Failure {
+    reason: String,
+    blame: Blame,
+}
+
+impl<E: std::error::Error + Send + Sync + 'static> From<E> for Failure {
+    fn from(error: E) -> Self {
+        let error = anyhow::Error::new(error);
+        Self {
+            reason: error.to_string(),
+            blame: exit::blame(&error),
+        }
+    }
+}
+
+/// One unit of work.
+struct Job<'a> {
+    arguments: &'a BenchRunArguments,
+    candidate: &'a Candidate,
+    seed: u64,
+    scene: &'a Path,
+    split: &'a Path,
+    folder: PathBuf,
+    progress: &'a dyn Progress,
+}
+
+impl Job<'_> {
+    /// Runs and scores; tells how many views could not be scored.
+    fn run(&self) -> Result<usize, Failure> {
+        let run = self.folder.join("run");
+        let record = match self.candidate {
+            Candidate::Ours(method) => {
+                self.train(method, &run)?;
+                run.join(RUN_FILE)
+            }
+            Candidate::External { manifest, .. } => {
+                let record: ExternalRun = run_external(
+                    &ExternalRequest {
+                        manifest: manifest.clone(),
+                        scene: self.scene.to_owned(),
+                        split: self.split.to_owned(),
+                        seed: self.seed,
+                        out: run.clone(),
+                    },
+                    self.progress,
+                )?;
+                if let Some(failure) = &record.failure {
+                    self.progress.note(&format!("{}: {failure}", record.method));
+                }
+                run.join(EXTERNAL_RUN_FILE)
+            }
+        };
+        let score_folder = self.folder.join("score");
+        let request = ScoreRequest::of_run(self.scene, self.split, &record, &score_folder)?;
+        Ok(score(&request, self.progress)?.failures.len())
+    }
+
+    /// Trains in a process of its own.
+    fn train(&self, method: &str, run: &Path) -> Result<(), Failure> {
+        let label = format!("{method} on {}", self.scene.display());
+        self.progress.begin(&label, None);
+        let mut command = Command::new(std::env::current_exe()?);
+        command
+            .args(["--quiet", "reconstruct", "train"])
+            .arg(self.scene)
+            .arg("--split")
+            .arg(self.split)
+            .arg("--out")
+            .arg(run)
+            .args(["--method", method])
+            .args(["--seed", &self.seed.to_string()])
+            .args(["--iterations", &self.arguments.iterations.to_string()]);
+        if let Some(budget) = self.arguments.budget {
+            command.args(["--budget", &budget.to_string()]);
+        }
+        let backend = backend_of(method, self.arguments.backend);
+        command.args([
+            "--backend",
+            match backend {
+                BackendArgument::Cpu => "cpu",
+                BackendArgument::Gpu => "gpu",
+            },
+        ]);
+        let output = command.output();
+        self.progress.end();
+        let output = output?;
+        if output.status.success() {
+            return Ok(());
+        }
+        let text = String::from_utf8_lossy(&output.stderr);
+        let last = text.lines().last().unwrap_or_default();
+        let reason = match last.strip_prefix("omnilife: ") {
+            Some(reason) => reason.to_owned(),
+            None => format!("the training ended with {}: {last}", output.status),
+        };
+        Err(Failure {
+            reason,
+            blame: match output.status.code() {
+                Some(2) => Blame::Input,
+                _ => Blame::Ours,
+            },
+        })
+    }
+}
+
+fn unit(
+    scene: &str,
+    protocol: &str,
+    method: &str,
+    seed: u64,
+    outcome: Result<usize, Failure>,
+    progress: &dyn Progress,
+) -> Unit {
+    let name = format!("{scene}, {protocol}, {method}, seed {seed}");
+    let (outcome, reason, blame) = match outcome {
+        Ok(0) => ("scored", String::new(), None),
+        Ok(views) => {
+            let reason = format!("{views} views could not be scored");
+            ("scored", reason, Some(Blame::Input))
+        }
+        Err(failure) => ("failed", failure.reason, Some(failure.blame)),
+    };
+    if !reason.is_empty() {
+        progress.note(&format!("{name}: {reason}"));
+    }
+    Unit {
+        scene: scene.to_owned(),
+        protocol: protocol.to_owned(),
+        method: method.to_owned(),
+        seed,
+        outcome,
+        reason,
+        blame,
+    }
+}
+
+fn write_outcomes(path: &Path, units: &[Unit]) -> anyhow::Result<()> {
+    store::write_with(path, |writer| {
+        let mut table = csv::Writer::from_writer(writer);
+        for unit in units {
+            table.serialize(unit).map_err(std::io::Error::other)?;
+        }
+        table.flush()
+    })?;
+    Ok(())
+}
+
+/// An error where anything failed, views that could not be scored included.
+fn verdict(units: &[Unit]) -> anyhow::Result<()> {
+    let faulty: Vec<&Unit> = units.iter().filter(|unit| unit.blame.is_some()).collect();
+    let Some(first) = faulty.first() else {
+        return Ok(());
+    };
+    let blame = if faulty.iter().any(|unit| unit.blame == Some(Blame::Ours)) {
+        Blame::Ours
+    } else {
+        Blame::Input
+    };
+    Err(PartialFailure {
+        message: format!(
+            "{} of {} runs failed or left views out, the first: {} on {} under {}: {}",
+            faulty.len(),
+            units.len(),
+            first.method,
+            first.scene,
+            first.protocol,
+            first.reason
+        ),
+        blame,
+    }
+    .into())
+}

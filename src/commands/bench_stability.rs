@@ -1,0 +1,48 @@
+//! `omnilife bench stability`.
+
+use std::path::Path;
+
+use omnilife_bench::{failed_rows, stability_table, write_stability};
+use omnilife_reconstruct::stability::{
+    self,
+    devices::{Device, DeviceKind},
+};
+use omnilife_schemas::{Blame, progress::Progress};
+
+use crate::{
+    cli::BackendArgument,
+    exit::{self, BadRequest, PartialFailure},
+};
+
+/// Runs the catalogue, prints the table, and fails where a case fails. A backend that was asked for
+/// and is not there is a bad request; one that was not asked for is told in the report.
+pub(crate) fn execute(
+    out: Option<&Path>,
+    backend: Option<BackendArgument>,
+    progress: &dyn Progress,
+) -> anyhow::Result<()> {
+    let kinds = match backend {
+        None => DeviceKind::ALL.to_vec(),
+        Some(BackendArgument::Cpu) => vec![DeviceKind::Cpu],
+        Some(BackendArgument::Gpu) => {
+            Device::open(DeviceKind::Gpu).map_err(BadRequest)?;
+            vec![DeviceKind::Gpu]
+        }
+    };
+    let report = stability::run(&kinds, progress)?;
+    if let Some(out) = out {
+        write_stability(&report, out)?;
+    }
+    exit::print(&stability_table(&report))?;
+    let failed: Vec<String> = failed_rows(&report)
+        .map(|row| format!("{} ({}, {})", row.case, row.parameterization, row.backend))
+        .collect();
+    if failed.is_empty() {
+        return Ok(());
+    }
+    Err(PartialFailure {
+        message: format!("{} cases failed: {}", failed.len(), failed.join(", ")),
+        blame: Blame::Ours,
+    }
+    .into())
+}

@@ -1,0 +1,113 @@
+//! `bench run`: scenes, protocols and methods to tables; twice, the same scores.
+
+use std::{fs, path::Path};
+
+use omnilife_schemas::{records::ResultRecord, store};
+
+use crate::support::{self, SEQUENCE, omnilife, scratch, small_run};
+
+/// A stand-in for anyone's method: it copies the image of an input view to every novel view.
+const COPIER: &str = r#"
+id = "copier"
+[render]
+command = ["sh", "{folder}/copy.sh", "{scene}", "{work}"]
+[predictions]
+novel = "{work}/{index}.png"
+"#;
+
+fn bench_run(methods: &str, out: &Path) -> support::Ended {
+    let scene = small_run().out.join(SEQUENCE);
+    let mut arguments: Vec<&std::ffi::OsStr> = vec!["bench".as_ref(), "run".as_ref()];
+    arguments.extend([scene.as_os_str(), "--out".as_ref(), out.as_os_str()]);
+    let further = ["--methods", methods, "--iterations", "10"];
+    arguments.extend(further.iter().map(std::ffi::OsStr::new));
+    omnilife(arguments)
+}
+
+/// All scores below a folder by the place of their result.
+fn scores(out: &Path) -> Vec<(String, ResultRecord)> {
+    support::files(out)
+        .into_iter()
+        .filter(|file| file.ends_with("result.json"))
+        .map(|file| {
+            let mut result: ResultRecord = store::read_record(&out.join(&file)).unwrap();
+            // What depends on the moment.
+            result.training_seconds = None;
+            result.rendering_seconds = None;
+            result.peak_memory_bytes = None;
+            (file, result)
+        })
+        .collect()
+}
+
+#[test]
+fn two_runs_of_a_benchmark_have_the_same_scores() {
+    let folder = scratch();
+    let manifest = folder.path().join("method.toml");
+    fs::write(&manifest, COPIER).unwrap();
+    let script =
+        "for i in 0 1 2 3 4 5 6 7; do cp \"${1%/*}/frames/000000.png\" \"$2/$i.png\"; done";
+    fs::write(folder.path().join("copy.sh"), script).unwrap();
+    let methods = format!("odgs,sphere-sweep,nearest-input,{}", manifest.display());
+    let [first, second] = ["first", "second"].map(|name| folder.path().join(name));
+    let ended = bench_run(&methods, &first).succeeded();
+    assert!(ended.stdout.contains("| sphere-sweep"), "{}", ended.stdout);
+    bench_run(&methods, &second).succeeded();
+    let scores_of_first = scores(&first);
+    // Four methods under two protocols.
+    assert_eq!(scores_of_first.len(), 8);
+    assert_eq!(scores_of_first, scores(&second));
+    for (file, result) in &scores_of_first {
+        let views = if file.contains("sparse-interpolation") {
+            8
+        } else {
+            2
+        };
+        assert_eq!(result.novel_views["psnr"].views, views, "{file}");
+        assert!(result.failures.is_empty());
+    }
+    let tables = first.join("leaderboard/tables");
+    assert_eq!(fs::read_dir(tables).unwrap().count(), 2);
+    let outcomes = fs::read_to_string(first.join("outcomes.csv")).unwrap();
+    assert_eq!(outcomes.matches(",scored,").count(), 8);
+}
+
+#[test]
+fn a_method_that_fails_is_a_row_and_the_others_go_on() {
+    let folder = scratch();
+    let manifest = folder.path().join("method.toml");
+    fs::write(&manifest, COPIER).unwrap();
+    fs::write(folder.path().join("copy.sh"), "echo no weights >&2; exit 3").unwrap();
+    let out = folder.path().join("out");
+    let methods = format!("nearest-input,{}", manifest.display());
+    let ended = bench_run(&methods, &out);
+    assert_eq!(ended.code, Some(2), "{}", ended.stderr);
+    assert!(ended.stdout.contains("nearest-input"));
+    let outcomes = fs::read_to_string(out.join("outcomes.csv")).unwrap();
+    assert!(outcomes.contains("copier,0,scored,8 views could not be scored"));
+    let results = scores(&out);
+    let failed = results
+        .iter()
+        .find(|(file, _)| file.contains("sparse-interpolation/copier"));
+    let warnings = &failed.unwrap().1.warnings;
+    assert!(
+        warnings.iter().any(|line| line.contains("no weights")),
+        "{warnings:?}"
+    );
+}
+
+#[test]
+fn methods_and_scenes_that_do_not_exist_are_refused_at_once() {
+    let folder = scratch();
+    let out = folder.path().join("out");
+    for (methods, expected) in [
+        ("nerf", "there is no method \"nerf\""),
+        ("odgs,odgs", "method odgs is given twice"),
+        ("missing.toml", "missing.toml"),
+    ] {
+        let ended = bench_run(methods, &out);
+        assert_eq!(ended.code, Some(2));
+        assert!(ended.stderr.contains(expected), "{}", ended.stderr);
+        assert!(!out.exists());
+    }
+}
