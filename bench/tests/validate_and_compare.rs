@@ -166,7 +166,7 @@ fn scores_of_other_rules_or_scenes_are_refused_with_the_difference() {
 
     let stored: Scene = store::read_record(&bench.request.scene).unwrap();
     let mut protocol = bench.split.protocol.clone();
-    protocol.width = Some(16);
+    protocol.largest_width = Some(16);
     let rules = split(&stored, &protocol).unwrap();
     store::write_record(&bench.request.split, &rules).unwrap();
     for kind in ["input", "novel"] {
@@ -182,7 +182,7 @@ fn scores_of_other_rules_or_scenes_are_refused_with_the_difference() {
     }
     fs::remove_dir_all(&bench.request.out).unwrap();
     let message = refusal(&bench.stored());
-    assert!(message.ends_with(": width is 16, not null"), "{message}");
+    assert!(message.ends_with(": largest_width is 16, not null"), "{message}");
 }
 
 #[test]
