@@ -182,7 +182,10 @@ fn scores_of_other_rules_or_scenes_are_refused_with_the_difference() {
     }
     fs::remove_dir_all(&bench.request.out).unwrap();
     let message = refusal(&bench.stored());
-    assert!(message.ends_with(": largest_width is 16, not null"), "{message}");
+    assert!(
+        message.ends_with(": largest_width is 16, not null"),
+        "{message}"
+    );
 }
 
 #[test]
