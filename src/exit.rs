@@ -1,4 +1,5 @@
-//! From errors to exit codes: 2 for bad input, 1 for a failure of ours.
+//! From errors to exit codes: 2 for bad input, 1 for a failure of ours, 75 for work that was
+//! interrupted and goes on when it is begun again.
 
 use std::{
     io::{self, Write},
@@ -10,6 +11,10 @@ use omnilife_curate::CurateError;
 use omnilife_leaderboard::LeaderboardError;
 use omnilife_reconstruct::ReconstructError;
 use omnilife_schemas::{Blame, Blamed, store::StoreError};
+use omnilife_sweep::SweepError;
+
+/// `EX_TEMPFAIL` of sysexits.h: begin it again.
+const INTERRUPTED: u8 = 75;
 
 /// Some work failed, and the rest went on: each failure has been reported already.
 #[derive(Debug, thiserror::Error)]
@@ -46,12 +51,26 @@ pub(crate) fn code(outcome: anyhow::Result<()>) -> ExitCode {
         Err(error) => {
             // When stderr is closed too there is nobody left to tell.
             drop(writeln!(io::stderr(), "omnilife: {}", one_line(&error)));
+            if is_interruption(&error) {
+                return ExitCode::from(INTERRUPTED);
+            }
             match blame(&error) {
                 Blame::Input => ExitCode::from(2),
                 Blame::Ours => ExitCode::from(1),
             }
         }
     }
+}
+
+/// Whether the process was told to end, and what it did goes on when it is begun again.
+pub(crate) fn is_interruption(error: &anyhow::Error) -> bool {
+    matches!(
+        error.downcast_ref::<ReconstructError>(),
+        Some(ReconstructError::Interrupted { .. })
+    ) || matches!(
+        error.downcast_ref::<SweepError>(),
+        Some(SweepError::Interrupted)
+    )
 }
 
 /// Prints a result to standard output.
@@ -71,6 +90,7 @@ pub(crate) fn blame(error: &anyhow::Error) -> Blame {
         .or_else(|| of::<ReconstructError>(error))
         .or_else(|| of::<BenchError>(error))
         .or_else(|| of::<LeaderboardError>(error))
+        .or_else(|| of::<SweepError>(error))
         .or_else(|| of::<StoreError>(error))
         .or_else(|| of::<PartialFailure>(error))
         .or_else(|| of::<BadRequest>(error))

@@ -4,8 +4,10 @@ mod cli;
 mod commands;
 mod doctor;
 mod exit;
+mod plans;
 mod progress;
 mod run;
+mod termination;
 
 use std::process::ExitCode;
 
@@ -22,7 +24,8 @@ fn main() -> ExitCode {
         Command::Curate(arguments) => commands::curate::execute(&arguments.command, &terminal),
         Command::Reconstruct(command) => commands::reconstruct::execute(&command, &terminal),
         Command::Bench(command) => commands::bench::execute(&command, &terminal),
-        Command::Leaderboard(command) => commands::leaderboard::execute(&command),
+        Command::Leaderboard(command) => commands::leaderboard::execute(&command, &terminal),
+        Command::Sweep(command) => commands::sweep::execute(&command, &terminal),
         Command::Doctor => commands::doctor(),
     };
     drop(terminal);

@@ -1,5 +1,5 @@
 //! The direction of dependencies: `schemas` <- `networks` <- {`curate`, `reconstruct`, `bench`,
-//! `leaderboard`} <- the binary, without sideways edges; `networks` is for those that run networks.
+//! `leaderboard`, `sweep`} <- the binary, without sideways edges; `networks` is for those that run networks.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
 use std::{
@@ -12,11 +12,12 @@ use serde_json::Value;
 const SCHEMAS: &str = "omnilife-schemas";
 const NETWORKS: &str = "omnilife-networks";
 const BINARY: &str = "omnilife";
-const CRATES: [&str; 4] = [
+const CRATES: [&str; 5] = [
     "omnilife-bench",
     "omnilife-curate",
     "omnilife-leaderboard",
     "omnilife-reconstruct",
+    "omnilife-sweep",
 ];
 
 /// Direct dependencies of every workspace member, those of tests and build scripts included.
@@ -74,7 +75,8 @@ fn crates_depend_on_what_they_share_alone() {
     let dependencies = dependencies();
     assert_eq!(ours(&dependencies[NETWORKS]), BTreeSet::from([SCHEMAS]));
     for name in CRATES {
-        let expected = if name == "omnilife-curate" {
+        let runs_networks = ["omnilife-curate", "omnilife-bench"].contains(&name);
+        let expected = if runs_networks {
             BTreeSet::from([SCHEMAS, NETWORKS])
         } else {
             BTreeSet::from([SCHEMAS])
@@ -93,7 +95,12 @@ fn the_binary_depends_on_all() {
 #[test]
 fn scores_and_tables_need_no_graphics() {
     let dependencies = dependencies();
-    for name in ["omnilife-bench", "omnilife-leaderboard", SCHEMAS] {
+    for name in [
+        "omnilife-bench",
+        "omnilife-leaderboard",
+        "omnilife-sweep",
+        SCHEMAS,
+    ] {
         for graphics in ["wgpu", "pollster", "naga"] {
             assert!(
                 !dependencies[name].contains(graphics),

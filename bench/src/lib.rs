@@ -45,7 +45,7 @@ pub use compare::{Difference, PairedComparison, StoredResult, WinsAndLosses, com
 pub use curve::{curves, curves_table};
 pub use diagnosis::{Diagnosis, diagnose};
 pub use error::BenchError;
-pub use external::{ExternalRequest, run_external};
+pub use external::{ExternalRequest, FailureRequest, record_failure, run_external};
 pub use metrics::{DepthPair, METRICS, Metric, Need, Sample, Undefined, ViewPair};
 pub use protocols::{PROTOCOLS, ProtocolEntry};
 pub use score::{DEFAULT_MEMORY_BYTES, Predictions, ScoreRequest, score};

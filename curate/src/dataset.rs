@@ -166,8 +166,9 @@ fn pending(video: &Path, source: Option<&SourceVideo>) -> VideoEntry {
     }
 }
 
-/// Folder names of the videos: the file's stem, with a number where two videos share one.
-fn folder_names(videos: &[PathBuf]) -> Vec<String> {
+/// Names of the videos' folders in [`VIDEOS_FOLDER`]: the file's stem, with a number where two videos
+/// share one.
+pub fn folder_names(videos: &[PathBuf]) -> Vec<String> {
     let mut taken = BTreeSet::new();
     videos
         .iter()
@@ -224,8 +225,9 @@ fn claim(out: &Path, record: &Dataset) -> Result<(), CurateError> {
             ));
         }
     } else if out.is_dir() {
-        // A killed process leaves hidden files.
-        let is_foreign = |name: &String| !name.starts_with('.');
+        // A killed process leaves hidden files; the units of a sweep fill the videos' folders before
+        // there is a dataset, and each of those is checked when its turn comes.
+        let is_foreign = |name: &String| !name.starts_with('.') && name != VIDEOS_FOLDER;
         if store::names_in(out)?.iter().any(is_foreign) {
             return Err(CurateError::input(
                 out,

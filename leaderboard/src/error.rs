@@ -24,6 +24,14 @@ pub enum LeaderboardError {
         /// What cannot be.
         reason: String,
     },
+    /// A submission, or what should become one, is not in order.
+    #[error("{}: {reason}", path.display())]
+    Submission {
+        /// The file or folder.
+        path: PathBuf,
+        /// One line.
+        reason: String,
+    },
     /// Two results claim the same row.
     #[error(
         "{}: method {method} on scene {scene} under protocol {protocol} is also scored in {}, with \
@@ -108,6 +116,7 @@ impl Blamed for LeaderboardError {
             Self::Store(error) => error.blame(),
             Self::NoResults { .. }
             | Self::Impossible { .. }
+            | Self::Submission { .. }
             | Self::Duplicate { .. }
             | Self::SceneDiffers { .. }
             | Self::Direction { .. }

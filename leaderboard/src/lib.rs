@@ -17,6 +17,7 @@ mod readme;
 mod render;
 mod results_csv;
 mod site;
+pub mod submission;
 mod table;
 mod tables;
 mod validate;

@@ -50,6 +50,17 @@ pub enum ReconstructError {
         /// What is left.
         available_gibibytes: f64,
     },
+    /// The process was told to end.
+    #[error(
+        "scene {scene}: training was interrupted at iteration {iteration}; begun again, it goes on \
+         from its last checkpoint"
+    )]
+    Interrupted {
+        /// The scene.
+        scene: String,
+        /// Iterations done.
+        iteration: u64,
+    },
     /// A request that makes no sense.
     #[error("{reason}")]
     Request {
@@ -97,7 +108,7 @@ impl Blamed for ReconstructError {
             | Self::Memory { .. }
             | Self::Request { .. }
             | Self::Backend { .. } => Blame::Input,
-            Self::Diverged { .. } => Blame::Ours,
+            Self::Diverged { .. } | Self::Interrupted { .. } => Blame::Ours,
         }
     }
 }

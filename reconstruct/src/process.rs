@@ -1,6 +1,51 @@
-//! What the system says about this process: time on the processor, and memory.
+//! What the system says about this process: time on the processor, memory, and that it shall end.
 
-use std::{fs, path::Path, time::Duration};
+use std::{
+    fs,
+    path::Path,
+    sync::{
+        Arc, LazyLock,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::Duration,
+};
+
+/// What the program's signal handlers and training tell each other. This crate installs no handler.
+pub static TERMINATION: LazyLock<Termination> = LazyLock::new(|| Termination {
+    requested: Arc::default(),
+    at_once: Arc::new(AtomicBool::new(true)),
+});
+
+/// Flags for signal handlers.
+#[derive(Debug)]
+pub struct Termination {
+    /// To be set when the process was told to end: training writes a checkpoint and returns.
+    pub requested: Arc<AtomicBool>,
+    /// While it is set nobody looks at `requested`, and the process had better end at once.
+    pub at_once: Arc<AtomicBool>,
+}
+
+impl Termination {
+    /// Promises to look at `requested` until the returned value is dropped.
+    pub(crate) fn heed(&self) -> Heeding<'_> {
+        self.at_once.store(false, Ordering::SeqCst);
+        Heeding(self)
+    }
+
+    /// Whether the process was told to end.
+    pub(crate) fn is_requested(&self) -> bool {
+        self.requested.load(Ordering::Relaxed)
+    }
+}
+
+/// Somebody looks at [`Termination::requested`].
+pub(crate) struct Heeding<'a>(&'a Termination);
+
+impl Drop for Heeding<'_> {
+    fn drop(&mut self) {
+        self.0.at_once.store(true, Ordering::SeqCst);
+    }
+}
 
 /// User and system time of all threads of this process so far, where the system tells (Unix).
 pub fn cpu_time() -> Option<Duration> {

@@ -123,7 +123,9 @@ pub fn train<'a>(
     let mut trainer = Trainer::begin(scene, table, settings, session)?;
     let left = settings.iterations - trainer.state.iteration.min(settings.iterations);
     session.progress.begin("training", Some(left));
+    let heeding = process::TERMINATION.heed();
     let outcome = trainer.run();
+    drop(heeding);
     session.progress.end();
     outcome.map(|()| trainer.finish())
 }
@@ -232,7 +234,14 @@ impl<'a, 's> Trainer<'a, 's> {
             if last || iteration.is_multiple_of(self.settings.trace_every.max(1)) {
                 self.record()?;
             }
-            self.save_checkpoint()?;
+            let interrupted = process::TERMINATION.is_requested() && !last;
+            self.save_checkpoint(interrupted)?;
+            if interrupted {
+                return Err(ReconstructError::Interrupted {
+                    scene: self.scene.id.clone(),
+                    iteration,
+                });
+            }
         }
         Ok(())
     }
@@ -333,12 +342,13 @@ impl<'a, 's> Trainer<'a, 's> {
         Ok((!views.is_empty()).then(|| sum.map(|sum| sum / views.len() as f64)))
     }
 
-    fn save_checkpoint(&mut self) -> Result<(), ReconstructError> {
+    /// Writes a checkpoint where one is due, or `now`.
+    fn save_checkpoint(&mut self, now: bool) -> Result<(), ReconstructError> {
         let Some(files) = &self.session.files else {
             return Ok(());
         };
         let every = files.checkpoint_every;
-        if every == 0 || !self.state.iteration.is_multiple_of(every) {
+        if every == 0 || !(now || self.state.iteration.is_multiple_of(every)) {
             return Ok(());
         }
         self.check()?;

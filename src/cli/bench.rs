@@ -37,6 +37,26 @@ pub(crate) enum BenchCommand {
         #[arg(long, default_value_t = 0)]
         seed: u64,
     },
+    /// Records that a method failed on a scene; scored, the record is a row of failures.
+    Failed {
+        /// Name of the method in the tables.
+        method: String,
+        /// The scene.json.
+        #[arg(long)]
+        scene: PathBuf,
+        /// The split.json.
+        #[arg(long)]
+        split: PathBuf,
+        /// Seed of the run.
+        #[arg(long, default_value_t = 0)]
+        seed: u64,
+        /// Why, in one line.
+        #[arg(long, allow_hyphen_values = true)]
+        reason: String,
+        /// Folder of the record.
+        #[arg(long)]
+        out: PathBuf,
+    },
     /// Scores predictions: a run, or folders of PNG files named by frame (000004.png).
     Score {
         /// The scene.json.

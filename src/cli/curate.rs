@@ -203,6 +203,17 @@ pub(crate) enum CurateCommand {
     /// Probe, verdict, boundaries, slices and sampled frames of many videos: a dataset. The same as
     /// `omnilife curate VIDEOS`.
     Build(BuildArguments),
+    /// Curates one video into its folder in a dataset, as a unit of a sweep does; `omnilife curate`
+    /// makes a dataset of such folders.
+    Video {
+        /// The video.
+        video: PathBuf,
+        /// Its folder: DATASET/videos/NAME.
+        #[arg(long)]
+        folder: PathBuf,
+        #[command(flatten)]
+        settings: CurationSettingsArguments,
+    },
     /// Writes one stretch of a video as mp4, frame-accurately and marked as 360-degree video.
     Slice(SliceArguments),
     /// Enters tags and captions of people or programs, and measures how sequences move.
@@ -238,6 +249,13 @@ pub(crate) struct BuildArguments {
     #[arg(long)]
     pub(crate) out: PathBuf,
     #[command(flatten)]
+    pub(crate) settings: CurationSettingsArguments,
+}
+
+/// What holds for every video of a dataset.
+#[derive(Debug, Args)]
+pub(crate) struct CurationSettingsArguments {
+    #[command(flatten)]
     pub(crate) curation: CurationArguments,
     /// Criteria that every video must meet: omnilife360, none, or a .toml file of thresholds.
     #[arg(long, default_value = "omnilife360")]
@@ -250,13 +268,49 @@ pub(crate) struct BuildArguments {
     pub(crate) audio: bool,
 }
 
-impl BuildArguments {
+impl CurationSettingsArguments {
     /// The settings of the curation.
     pub(crate) fn settings(&self) -> CurateSettings {
         CurateSettings {
             slices: self.slices.then_some(SliceSettings { audio: self.audio }),
             ..self.curation.settings(&self.criteria, true)
         }
+    }
+
+    /// The arguments of a command line that says the same.
+    pub(crate) fn words(&self) -> Vec<String> {
+        let CurationArguments {
+            fps,
+            max_frames,
+            width,
+            accept,
+            min_shot,
+            detector,
+        } = &self.curation;
+        let sampling = match fps {
+            Some(fps) => ("--fps", fps.to_string()),
+            None => ("--max-frames", max_frames.to_string()),
+        };
+        let mut words = Vec::new();
+        let options = [
+            Some(sampling),
+            width.map(|width| ("--width", width.to_string())),
+            accept.map(|verdict| ("--accept", verdict.name().to_owned())),
+            Some(("--min-shot", min_shot.to_string())),
+            Some(("--detector", detector.detector.clone())),
+            Some(("--criteria", self.criteria.clone())),
+        ];
+        for (option, value) in options.into_iter().flatten() {
+            words.extend([option.to_owned(), value]);
+        }
+        let flags = [("--slices", self.slices), ("--audio", self.audio)];
+        words.extend(
+            flags
+                .iter()
+                .filter(|flag| flag.1)
+                .map(|flag| flag.0.to_owned()),
+        );
+        words
     }
 }
 

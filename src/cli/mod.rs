@@ -7,20 +7,29 @@ mod dataset;
 mod leaderboard;
 mod reconstruct;
 mod run;
+mod sweep;
 
 pub(crate) use bench::BenchCommand;
 pub(crate) use bench_run::BenchRunArguments;
 use clap::{Parser, Subcommand};
-pub(crate) use curate::{BuildArguments, CurateArguments, CurateCommand, LedgerCommand};
+pub(crate) use curate::{
+    BuildArguments, CurateArguments, CurateCommand, CurationSettingsArguments, LedgerCommand,
+};
 pub(crate) use dataset::{
     AnnotateArguments, ExportArguments, ImportArguments, MasksArguments, PublishArguments,
     SliceArguments,
 };
-pub(crate) use leaderboard::LeaderboardCommand;
+pub(crate) use leaderboard::{
+    AddArguments, LeaderboardBuildArguments, LeaderboardCommand, SubmitResultsArguments,
+};
 pub(crate) use reconstruct::{
     BackendArgument, CameraArgument, ReconstructCommand, RenderArguments,
 };
 pub(crate) use run::RunArguments;
+pub(crate) use sweep::{
+    BenchPlanArguments, PlanArguments, PlanCommand, SubmitArguments, SweepCommand,
+    SweepRunArguments,
+};
 
 /// Curate 360-degree video, reconstruct it and score it against the OmniLife360 protocol.
 #[derive(Debug, Parser)]
@@ -50,6 +59,9 @@ pub(crate) enum Command {
     /// Scores to tables.
     #[command(subcommand)]
     Leaderboard(LeaderboardCommand),
+    /// Many videos, or many methods, scenes and seeds: on this machine, or on a Slurm cluster.
+    #[command(subcommand)]
+    Sweep(SweepCommand),
     /// What is installed, and what each missing thing would enable.
     Doctor,
 }
@@ -79,7 +91,7 @@ mod tests {
         ] {
             let build = parse(words);
             assert!(
-                matches!(&build, Ok(CurateCommand::Build(build)) if build.criteria == "none"),
+                matches!(&build, Ok(CurateCommand::Build(build)) if build.settings.criteria == "none"),
                 "{words}: {build:?}"
             );
         }

@@ -3,8 +3,9 @@
 use std::path::PathBuf;
 
 use omnilife_bench::{
-    ADAPTERS, DEFAULT_MEMORY_BYTES, Diagnosis, ExternalRequest, METRICS, PROTOCOLS, Predictions,
-    ScoreRequest, curves, curves_table, diagnose, run_external, score, split_scene, write_adapter,
+    ADAPTERS, DEFAULT_MEMORY_BYTES, Diagnosis, ExternalRequest, FailureRequest, METRICS, PROTOCOLS,
+    Predictions, ScoreRequest, curves, curves_table, diagnose, record_failure, run_external, score,
+    split_scene, write_adapter,
 };
 use omnilife_schemas::{
     progress::Progress,
@@ -52,6 +53,24 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
                 progress,
             )?;
             exit::print(&external_summary(&run))
+        }
+        BenchCommand::Failed {
+            method,
+            scene,
+            split,
+            seed,
+            reason,
+            out,
+        } => {
+            let record = record_failure(&FailureRequest {
+                method: method.clone(),
+                scene: scene.clone(),
+                split: split.clone(),
+                seed: *seed,
+                reason: reason.clone(),
+                out: out.clone(),
+            })?;
+            exit::print(&format!("{}\n", record.display()))
         }
         BenchCommand::Score {
             scene,

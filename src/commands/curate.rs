@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use omnilife_curate::{
-    analysis, audit,
+    CurateSettings, analysis, audit,
     boundaries::{self, suspicion},
-    curate_dataset, expand_inputs, pose_sequence,
+    curate_dataset, curate_video, expand_inputs, pose_sequence,
     publish::{self, PublishSettings},
     verdict, video,
 };
@@ -55,6 +55,11 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
             exit::print(&format!("{}: {count} boundaries\n", out.display()))
         }
         CurateCommand::Build(arguments) => build(arguments, progress),
+        CurateCommand::Video {
+            video,
+            folder,
+            settings,
+        } => curate_one(video, folder, &settings.settings(), progress),
         CurateCommand::Slice(arguments) => dataset::slice(arguments, progress),
         CurateCommand::Annotate(arguments) => dataset::annotate(arguments, progress),
         CurateCommand::Masks(arguments) => dataset::masks(arguments, progress),
@@ -78,7 +83,12 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
 /// Curates and publishes. Videos that are kept out or fail are reported when all is done.
 fn build(arguments: &BuildArguments, progress: &dyn Progress) -> anyhow::Result<()> {
     let videos = expand_inputs(&arguments.videos)?;
-    let curated = curate_dataset(&videos, &arguments.out, &arguments.settings(), progress)?;
+    let curated = curate_dataset(
+        &videos,
+        &arguments.out,
+        &arguments.settings.settings(),
+        progress,
+    )?;
     publish::publish(&arguments.out, &PublishSettings::default(), progress)?;
     let printed = exit::print(&summary(&curated.record));
     let mut outcomes = Outcomes::default();
@@ -109,6 +119,25 @@ fn suspicious_boundaries(
         search.suspicious, search.stretches, search.decoded_frames, search.frames
     ));
     print_json(&search.boundaries)
+}
+
+/// Curates one video. One that the criteria keep out is an outcome and no failure: the dataset says
+/// why it gave nothing.
+fn curate_one(
+    video: &Path,
+    folder: &Path,
+    settings: &CurateSettings,
+    progress: &dyn Progress,
+) -> anyhow::Result<()> {
+    match curate_video(video, folder, settings, progress) {
+        Ok(sequences) => exit::print(&format!(
+            "{}: {} sequences\n",
+            folder.display(),
+            sequences.len()
+        )),
+        Err(error) if error.failed_checks().is_some() => exit::print(&format!("{error}\n")),
+        Err(error) => Err(error.into()),
+    }
 }
 
 fn analyse(

@@ -1,11 +1,23 @@
 //! `omnilife leaderboard`.
 
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard, check_leaderboard};
+use omnilife_schemas::progress::Progress;
 
-use crate::{cli::LeaderboardCommand, exit};
+use super::submission;
+use crate::{
+    cli::{LeaderboardBuildArguments, LeaderboardCommand},
+    exit,
+};
 
-pub(crate) fn execute(command: &LeaderboardCommand) -> anyhow::Result<()> {
-    let LeaderboardCommand::Build(arguments) = command;
+pub(crate) fn execute(command: &LeaderboardCommand, progress: &dyn Progress) -> anyhow::Result<()> {
+    match command {
+        LeaderboardCommand::Build(arguments) => build(arguments),
+        LeaderboardCommand::Submit(arguments) => submission::submit(arguments),
+        LeaderboardCommand::Add(arguments) => submission::add(arguments, progress),
+    }
+}
+
+fn build(arguments: &LeaderboardBuildArguments) -> anyhow::Result<()> {
     let request = LeaderboardRequest {
         results: arguments.results.clone(),
         out: arguments.out.clone(),

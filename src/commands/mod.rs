@@ -9,6 +9,8 @@ pub(crate) mod dataset;
 pub(crate) mod leaderboard;
 mod ledger;
 pub(crate) mod reconstruct;
+mod submission;
+pub(crate) mod sweep;
 mod video;
 
 use anyhow::bail;

@@ -12,7 +12,7 @@ use omnilife_schemas::progress::Progress;
 use super::video;
 use crate::{
     cli::{CameraArgument, ReconstructCommand, RenderArguments},
-    exit,
+    exit, termination,
 };
 
 pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> anyhow::Result<()> {
@@ -24,6 +24,7 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
             method,
             iterations,
         } => {
+            termination::heed_in_training()?;
             let record = job::reconstruct(
                 &ReconstructRequest {
                     scene: scene.clone(),

@@ -36,6 +36,7 @@ use omnilife_schemas::{
 use crate::{
     cli::RunArguments,
     exit::{self, BadRequest},
+    termination,
 };
 use outcome::{Outcome, Outcomes};
 
@@ -47,6 +48,7 @@ const OUTCOMES_FILE: &str = "outcomes.csv";
 /// # Errors
 /// When nothing could be scored, or something failed beside what was scored.
 pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> anyhow::Result<()> {
+    termination::heed_in_training()?;
     let videos = expand_inputs(&arguments.videos)?;
     let job = Job {
         poses: arguments.poses.request(),
@@ -80,6 +82,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
                 let id = sequence.strip_prefix("videos/").unwrap_or(sequence);
                 outcomes.push(match job.score_sequence(&folder) {
                     Ok(()) => Outcome::scored(&video.file, id),
+                    Err(error) if exit::is_interruption(&error) => return Err(error),
                     Err(error) => {
                         progress.note(&format!("{id}: {error}"));
                         failed.push(job.method_folder(&folder));

@@ -5,7 +5,7 @@ use std::{
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
     thread,
-    time::{Duration, Instant},
+    time::{Duration, Instant, SystemTime},
 };
 
 use assert_cmd::cargo::cargo_bin;
@@ -35,10 +35,23 @@ fn start(out: &Path) -> Child {
         .unwrap()
 }
 
-/// Waits until a checkpoint stands, and some time more.
-fn wait_for_checkpoint(out: &Path, child: &mut Child, longer: Duration) {
+/// When the checkpoint was written; `None` while there is none.
+fn written(out: &Path) -> Option<SystemTime> {
+    fs::metadata(out.join("checkpoint.bin"))
+        .ok()?
+        .modified()
+        .ok()
+}
+
+/// Waits until a checkpoint stands that is not of `before`, and some time more.
+fn wait_for_checkpoint(
+    out: &Path,
+    child: &mut Child,
+    before: Option<SystemTime>,
+    longer: Duration,
+) {
     let deadline = Instant::now() + Duration::from_secs(120);
-    while !out.join("checkpoint.bin").exists() {
+    while written(out) == before {
         assert!(Instant::now() < deadline, "no checkpoint in two minutes");
         assert!(child.try_wait().unwrap().is_none(), "it ended early");
         thread::sleep(Duration::from_millis(2));
@@ -54,16 +67,17 @@ fn killed_twice_it_gives_the_gaussians_of_a_run_that_was_not() {
     omnilife(arguments(&whole)).succeeded();
 
     let killed = folder.path().join("killed");
-    for (signal, longer) in [("-KILL", 13), ("-TERM", 31)] {
+    // Told to end, it writes a checkpoint of where it is and says so; killed, it falls back to the last.
+    for (signal, longer, code) in [("-KILL", 13, None), ("-TERM", 31, Some(75))] {
+        let before = written(&killed);
         let mut child = start(&killed);
-        wait_for_checkpoint(&killed, &mut child, Duration::from_millis(longer));
+        wait_for_checkpoint(&killed, &mut child, before, Duration::from_millis(longer));
         let id = child.id().to_string();
         let sent = Command::new("kill").args([signal, &id]).status().unwrap();
         assert!(sent.success());
-        assert!(
-            !child.wait().unwrap().success(),
-            "it was over before {signal}"
-        );
+        let ended = child.wait().unwrap();
+        assert!(!ended.success(), "it was over before {signal}");
+        assert_eq!(ended.code(), code, "{signal}");
         assert!(!killed.join("run.json").exists(), "no record of half a run");
     }
     let ended = omnilife(arguments(&killed)).succeeded();

@@ -18,4 +18,7 @@ mod many_videos;
 mod output;
 mod rendering;
 mod stages;
+mod submissions;
 mod support;
+#[cfg(unix)]
+mod sweeps;

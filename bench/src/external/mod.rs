@@ -5,6 +5,7 @@
 //! where scoring looks for them. A method that fails is no error: the record says why, and its
 //! missing views become failures in the result.
 
+mod failure;
 mod gather;
 pub mod manifest;
 mod placeholders;
@@ -23,6 +24,7 @@ use omnilife_schemas::{
 };
 
 use crate::{error::BenchError, scene_identity::SceneIdentity, split};
+pub use failure::{FailureRequest, record_failure};
 use manifest::Manifest;
 use placeholders::Places;
 

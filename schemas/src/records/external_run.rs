@@ -14,7 +14,7 @@ pub struct ExternalRun {
     pub source: Option<String>,
     /// Its licence, as its manifest says.
     pub licence: Option<String>,
-    /// SHA-256 of the manifest.
+    /// SHA-256 of the manifest; empty in the record of a run that left none itself.
     pub manifest_sha256: String,
     /// Id of the scene.
     pub scene: String,

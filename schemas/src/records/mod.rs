@@ -22,6 +22,8 @@ pub mod sfm;
 pub mod slices;
 pub mod split;
 pub mod stability;
+pub mod submission;
+pub mod sweep;
 
 pub use about::About;
 pub use analysis::VideoAnalysis;
@@ -52,6 +54,8 @@ pub use stability::{
     StabilityMeasures, StabilityPoint, StabilityReport, StabilityRow, StabilitySweep,
     StabilityVerdict,
 };
+pub use submission::{MethodCard, Submission, SubmittedFile, SubmittedResult};
+pub use sweep::{SweepPlan, SweepUnit, UnitClaim, UnitInput, UnitNeeds, UnitOutcome, UnitRunner};
 
 use std::path::Path;
 
@@ -111,6 +115,10 @@ pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<ResultRecord>(),
     entry::<StabilityReport>(),
     entry::<Done>(),
+    entry::<SweepPlan>(),
+    entry::<UnitOutcome>(),
+    entry::<UnitClaim>(),
+    entry::<Submission>(),
 ];
 
 const fn entry<T: Record>() -> SchemaEntry {

@@ -1,0 +1,52 @@
+//! Takes a submission in.
+
+use std::path::{Path, PathBuf};
+
+use omnilife_schemas::store::{self, StoreError};
+
+use super::{RESULT_FILE, SUBMISSION_FILE, copy, pack::submission_error, verify::Verified};
+use crate::{collect, error::LeaderboardError, format::slug, validate};
+
+/// Copies the results of a verified submission, without its predictions, into a folder of results,
+/// and returns where they are. They appear there at once or not at all.
+///
+/// # Errors
+/// When the folder holds results that they contradict, or that claim the same rows, or a file
+/// cannot be written.
+pub fn add(verified: &Verified, results: &Path) -> Result<PathBuf, LeaderboardError> {
+    let record = verified.folder.join(SUBMISSION_FILE);
+    let name = format!(
+        "{}-{:.12}",
+        slug(&verified.submission.card.method),
+        store::sha256_file(&record)?
+    );
+    let target = results.join(&name);
+    if target.exists() {
+        return Err(submission_error(
+            &record,
+            format!("was added before, as {}", target.display()),
+        ));
+    }
+    store::create_folder(results)?;
+    let mut all = match collect(results) {
+        Ok(held) => held,
+        Err(LeaderboardError::NoResults { .. }) => Vec::new(),
+        Err(error) => return Err(error),
+    };
+    all.extend(verified.results.iter().cloned());
+    validate::validate(&all)?;
+    // Hidden folders hold no results.
+    let beside = results.join(format!(".adding-{name}"));
+    store::remove(&beside)?;
+    for (entry, (file, result)) in verified.submission.results.iter().zip(&verified.results) {
+        let folder = beside.join(&entry.folder);
+        copy(file, &folder.join(RESULT_FILE))?;
+        copy(
+            &file.with_file_name(&result.frames_table),
+            &folder.join(&result.frames_table),
+        )?;
+    }
+    copy(&record, &beside.join(SUBMISSION_FILE))?;
+    std::fs::rename(&beside, &target).map_err(|source| StoreError::write(&target, source))?;
+    Ok(target)
+}

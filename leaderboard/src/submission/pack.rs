@@ -1,0 +1,160 @@
+//! Packs a method's results for handing in.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use omnilife_schemas::{
+    records::{ExternalRun, MethodCard, ResultRecord, RunRecord, Submission, SubmittedResult},
+    store::{self, StoreError},
+};
+
+use super::{RESULT_FILE, SUBMISSION_FILE, copy, described, files_below};
+use crate::{collect, error::LeaderboardError, validate};
+
+/// What to pack.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PackRequest {
+    /// Folder that is searched for results of the card's method.
+    pub results: PathBuf,
+    /// The card, TOML.
+    pub card: PathBuf,
+    /// Folder of the submission; made, or empty.
+    pub out: PathBuf,
+}
+
+/// Packs all results of a method with their predictions, which are found through the record of the
+/// run beside the scores (`../run/run.json` or `../run/external-run.json`).
+///
+/// # Errors
+/// When the card cannot be read, there are no results of its method, a result or its predictions
+/// are missing or impossible, or the folder is not empty.
+pub fn pack(request: &PackRequest) -> Result<Submission, LeaderboardError> {
+    let card = read_card(&request.card)?;
+    let mut results = collect(&request.results)?;
+    results.retain(|(_, result)| result.method == card.method);
+    if results.is_empty() {
+        return Err(submission_error(
+            &request.results,
+            format!("holds no results of the card's method {}", card.method),
+        ));
+    }
+    validate::validate(&results)?;
+    results.sort_by(|(_, a), (_, b)| {
+        let key = |result: &ResultRecord| {
+            (
+                result.scene.clone(),
+                result.protocol_hash.clone(),
+                result.seed,
+            )
+        };
+        key(a).cmp(&key(b))
+    });
+    store::create_folder(&request.out)?;
+    if !store::names_in(&request.out)?.is_empty() {
+        return Err(submission_error(
+            &request.out,
+            "is not empty; choose another folder".to_owned(),
+        ));
+    }
+    let mut packed = Vec::new();
+    for (number, (file, result)) in results.iter().enumerate() {
+        packed.push(pack_result(&request.out, number, file, result)?);
+    }
+    let submission = Submission {
+        card,
+        results: packed,
+    };
+    // Last: a folder with the record is whole.
+    store::write_record(&request.out.join(SUBMISSION_FILE), &submission)?;
+    Ok(submission)
+}
+
+fn read_card(path: &Path) -> Result<MethodCard, LeaderboardError> {
+    let text = fs::read_to_string(path).map_err(|source| StoreError::read(path, source))?;
+    toml::from_str(&text).map_err(|error| {
+        let message = error.message().lines().next().unwrap_or_default();
+        submission_error(path, message.to_owned())
+    })
+}
+
+fn pack_result(
+    out: &Path,
+    number: usize,
+    file: &Path,
+    result: &ResultRecord,
+) -> Result<SubmittedResult, LeaderboardError> {
+    let name = format!("results/{number:04}");
+    let folder = out.join(&name);
+    copy(file, &folder.join(RESULT_FILE))?;
+    copy(
+        &file.with_file_name(&result.frames_table),
+        &folder.join(&result.frames_table),
+    )?;
+    let mut views = [None, None];
+    for ((folder_name, source), views) in ["input", "novel"]
+        .into_iter()
+        .zip(predictions(file)?)
+        .zip(&mut views)
+    {
+        let Some(source) = source else { continue };
+        let target = format!("predictions/{folder_name}");
+        for picture in store::names_in(&source)? {
+            if picture.ends_with(".png") && !picture.starts_with('.') {
+                copy(&source.join(&picture), &folder.join(&target).join(&picture))?;
+            }
+        }
+        *views = Some(target);
+    }
+    let [input_views, novel_views] = views;
+    let files = files_below(&folder)?;
+    Ok(SubmittedResult {
+        folder: name,
+        scene: result.scene.clone(),
+        protocol: result.protocol.clone(),
+        protocol_hash: result.protocol_hash.clone(),
+        seed: result.seed,
+        input_views,
+        novel_views,
+        files: files
+            .iter()
+            .map(|file| described(&folder, file))
+            .collect::<Result<_, _>>()?,
+    })
+}
+
+/// Folders of the predicted input and novel views that a result was made from.
+fn predictions(result: &Path) -> Result<[Option<PathBuf>; 2], LeaderboardError> {
+    let run = result
+        .parent()
+        .and_then(Path::parent)
+        .unwrap_or(Path::new("."))
+        .join("run");
+    let (ours, external) = (run.join("run.json"), run.join("external-run.json"));
+    if ours.is_file() {
+        let record: RunRecord = store::read_record(&ours)?;
+        let views = record.predictions;
+        let input = views.input_views.map(|folder| run.join(folder));
+        return Ok([input, Some(run.join(views.novel_views))]);
+    }
+    if external.is_file() {
+        let record: ExternalRun = store::read_record(&external)?;
+        let input = record.input_views.map(|folder| run.join(folder));
+        return Ok([input, Some(run.join(record.novel_views))]);
+    }
+    Err(submission_error(
+        result,
+        format!(
+            "its predictions are not known: {} has neither run.json nor external-run.json",
+            run.display()
+        ),
+    ))
+}
+
+pub(super) fn submission_error(path: &Path, reason: String) -> LeaderboardError {
+    LeaderboardError::Submission {
+        path: path.to_owned(),
+        reason,
+    }
+}

@@ -1,0 +1,164 @@
+//! What can be said of a submission without ground truth: its files are those that were packed, its
+//! numbers are possible, and its means are those of its views.
+
+use std::{
+    fs::File,
+    path::{Component, Path, PathBuf},
+};
+
+use omnilife_schemas::{
+    records::{ResultRecord, Submission, SubmittedResult, Summary},
+    store::{self, StoreError},
+};
+use polars::prelude::{DataFrame, ParquetReader, SerReader};
+
+use super::{RESULT_FILE, SUBMISSION_FILE, described, files_below, pack::submission_error};
+use crate::{error::LeaderboardError, group::ViewKind, validate};
+
+/// How far a mean may be from that of its views: both are f64 sums, in whatever order.
+const TOLERANCE: f64 = 1e-9;
+
+/// A submission whose files and numbers agree.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Verified {
+    /// Its folder.
+    pub folder: PathBuf,
+    /// Its record.
+    pub submission: Submission,
+    /// Its results, in the record's order, with their files.
+    pub results: Vec<(PathBuf, ResultRecord)>,
+}
+
+/// Checks a submission's files against its record, and its results against themselves.
+///
+/// # Errors
+/// When a file is missing, changed or beside what was packed, a result is impossible or of another
+/// method, or a mean is not that of the views.
+pub fn verify(folder: &Path) -> Result<Verified, LeaderboardError> {
+    let file = folder.join(SUBMISSION_FILE);
+    let submission: Submission = store::read_record(&file)?;
+    let mut results = Vec::new();
+    for entry in &submission.results {
+        let refuse = |reason: String| Err(submission_error(&file, reason));
+        for name in [&entry.folder]
+            .into_iter()
+            .chain(&entry.input_views)
+            .chain(&entry.novel_views)
+            .chain(entry.files.iter().map(|file| &file.file))
+        {
+            if !is_inside(name) {
+                return refuse(format!("{name}: leads out of the submission"));
+            }
+        }
+        check_files(&folder.join(&entry.folder), entry)?;
+        let path = folder.join(&entry.folder).join(RESULT_FILE);
+        let result: ResultRecord = store::read_record(&path)?;
+        let stated = (
+            &entry.scene,
+            &entry.protocol,
+            &entry.protocol_hash,
+            entry.seed,
+        );
+        let found = (
+            &result.scene,
+            &result.protocol,
+            &result.protocol_hash,
+            result.seed,
+        );
+        if result.method != submission.card.method || stated != found {
+            return refuse(format!(
+                "{}: its result is of another method, scene, protocol or seed",
+                entry.folder
+            ));
+        }
+        check_means(&path, &result)?;
+        results.push((path, result));
+    }
+    validate::validate(&results)?;
+    Ok(Verified {
+        folder: folder.to_owned(),
+        submission,
+        results,
+    })
+}
+
+fn is_inside(name: &str) -> bool {
+    let mut parts = Path::new(name).components();
+    parts.all(|part| matches!(part, Component::Normal(_)))
+}
+
+fn check_files(folder: &Path, entry: &SubmittedResult) -> Result<(), LeaderboardError> {
+    let there = files_below(folder)?;
+    if let Some(stray) = there
+        .iter()
+        .find(|name| entry.files.iter().all(|file| file.file != **name))
+    {
+        return Err(submission_error(
+            &folder.join(stray),
+            "was not packed".to_owned(),
+        ));
+    }
+    for packed in &entry.files {
+        if described(folder, &packed.file)? != *packed {
+            return Err(submission_error(
+                &folder.join(&packed.file),
+                "is not what was packed".to_owned(),
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Compares every mean with that of its column in the table of views.
+fn check_means(path: &Path, result: &ResultRecord) -> Result<(), LeaderboardError> {
+    if !is_inside(&result.frames_table) {
+        return Err(submission_error(
+            path,
+            "its table of views lies elsewhere".to_owned(),
+        ));
+    }
+    let table_path = path.with_file_name(&result.frames_table);
+    let malformed = |error: polars::prelude::PolarsError| {
+        StoreError::malformed(&table_path, format!("is no table of views: {error}"))
+    };
+    let file = File::open(&table_path).map_err(|source| StoreError::read(&table_path, source))?;
+    let table = ParquetReader::new(file).finish().map_err(malformed)?;
+    for kind in ViewKind::ALL {
+        for (metric, summary) in kind.scores(result) {
+            let scores = scores(&table, kind, metric).map_err(malformed)?;
+            if let Some(reason) = difference(&scores, summary) {
+                return Err(submission_error(
+                    path,
+                    format!("{metric} of the {} views {reason}", kind.name()),
+                ));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The scores of one kind of view, those that are there.
+fn scores(
+    table: &DataFrame,
+    kind: ViewKind,
+    metric: &str,
+) -> Result<Vec<f64>, polars::prelude::PolarsError> {
+    let views = table.column("view")?.str()?;
+    let scores = table.column(metric)?.f64()?;
+    let rows = views.iter().zip(scores.iter());
+    Ok(rows
+        .filter_map(|(view, score)| score.filter(|_| view == Some(kind.name())))
+        .collect())
+}
+
+fn difference(scores: &[f64], summary: &Summary) -> Option<String> {
+    if scores.len() != summary.views as usize {
+        let (count, views) = (scores.len(), summary.views);
+        return Some(format!("is a mean of {views}, its table has {count}"));
+    }
+    let mean = scores.iter().sum::<f64>() / scores.len() as f64;
+    let off = (mean - summary.mean).abs();
+    // Not "above": what is not a number is wrong too.
+    let agrees = off <= TOLERANCE * summary.mean.abs().max(1.0);
+    (!agrees).then(|| format!("is {}, its table gives {mean}", summary.mean))
+}

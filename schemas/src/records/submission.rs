@@ -1,0 +1,71 @@
+//! `submission`: results that somebody hands in, with what a reader should know of the method.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::store::Record;
+
+/// `submission.json`. Files are relative to its folder.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Submission {
+    /// The method.
+    pub card: MethodCard,
+    /// Its results, sorted by scene, protocol and seed.
+    pub results: Vec<SubmittedResult>,
+}
+
+impl Record for Submission {
+    const SCHEMA: &'static str = "omnilife/submission/1";
+}
+
+/// Who made a method, and what it ran on.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MethodCard {
+    /// Its name in the tables, as its results have it.
+    pub method: String,
+    /// Its full name.
+    pub title: String,
+    /// Its authors.
+    pub authors: Vec<String>,
+    /// Where its code is, where it is public.
+    pub code: Option<String>,
+    /// Licence of the code, as an SPDX identifier where there is one.
+    pub licence: Option<String>,
+    /// What it ran on: processors, graphics adapters, memory.
+    pub hardware: String,
+    /// What else a reader should know: training data, settings, conventions.
+    pub notes: Option<String>,
+}
+
+/// One result of a submission.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct SubmittedResult {
+    /// Folder of its files.
+    pub folder: String,
+    /// Id of the scene.
+    pub scene: String,
+    /// Id and version of the protocol.
+    pub protocol: String,
+    /// Hash of the protocol.
+    pub protocol_hash: String,
+    /// Random seed, where it is known.
+    pub seed: Option<u64>,
+    /// Folder of the predicted input views in `folder`, where there are any.
+    pub input_views: Option<String>,
+    /// Folder of the predicted novel views in `folder`, where there are any.
+    pub novel_views: Option<String>,
+    /// Everything in `folder`, sorted by name.
+    pub files: Vec<SubmittedFile>,
+}
+
+/// A file of a submission.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct SubmittedFile {
+    /// Relative to the result's folder, with `/` between folders.
+    pub file: String,
+    /// Size in bytes.
+    pub bytes: u64,
+    /// SHA-256 of its content.
+    pub sha256: String,
+}

@@ -1,0 +1,171 @@
+//! `omnilife sweep`.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+use omnilife_bench::PROTOCOLS;
+
+use super::curate::CurationSettingsArguments;
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum SweepCommand {
+    /// Writes the list of all units of work, which does not change any more.
+    #[command(subcommand)]
+    Plan(PlanCommand),
+    /// Runs missing units on this machine until none is left; any number of runners may.
+    Run(SweepRunArguments),
+    /// Prints what is done, failed, running and missing, why, and what the units cost.
+    Status {
+        /// Folder of the sweep.
+        sweep: PathBuf,
+        /// Prints every unit.
+        #[arg(long)]
+        units: bool,
+    },
+    /// Makes failed units missing again.
+    Retry {
+        /// Folder of the sweep.
+        sweep: PathBuf,
+        /// Ids of failed units [default: all].
+        units: Vec<String>,
+    },
+    /// Makes one whole of what the units have left: tables, a dataset. Failures are rows.
+    Reduce {
+        /// Folder of the sweep.
+        sweep: PathBuf,
+    },
+    /// Hands missing units to a cluster's engine.
+    Submit(SubmitArguments),
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum PlanCommand {
+    /// One unit per video: `omnilife curate`; reduced to a dataset.
+    Curate {
+        /// Videos, or folders of videos.
+        #[arg(required = true)]
+        videos: Vec<PathBuf>,
+        /// Folder of the dataset.
+        #[arg(long)]
+        dataset: PathBuf,
+        #[command(flatten)]
+        plan: PlanArguments,
+        #[command(flatten)]
+        settings: CurationSettingsArguments,
+    },
+    /// One unit per method, scene, seed and protocol: split, training, scores; reduced to tables.
+    Bench(BenchPlanArguments),
+    /// One unit per line of a file: a command of the shell.
+    Commands {
+        /// The file; empty lines and lines that begin with # are left out.
+        file: PathBuf,
+        #[command(flatten)]
+        plan: PlanArguments,
+        /// A command of the shell that makes one whole of what the units leave.
+        #[arg(long, value_name = "COMMAND")]
+        reduce: Option<String>,
+    },
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct PlanArguments {
+    /// Folder of the sweep.
+    #[arg(long)]
+    pub(crate) out: PathBuf,
+    /// Cores of a unit, and threads that it is told to use.
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    pub(crate) unit_cores: u32,
+    /// Memory of a unit in GiB, until some were measured.
+    #[arg(long, default_value_t = 2.0, value_name = "GIB")]
+    pub(crate) unit_memory: f64,
+    /// Graphics processors of a unit.
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    pub(crate) unit_gpus: u32,
+    /// Ends a unit after this many seconds; it has failed then.
+    #[arg(long, value_name = "SECONDS")]
+    pub(crate) unit_limit: Option<f64>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct BenchPlanArguments {
+    /// Scenes: scene.json files, or folders that are searched for them.
+    #[arg(required = true)]
+    pub(crate) scenes: Vec<PathBuf>,
+    /// Methods: names that `reconstruct methods` lists, or method.toml files.
+    #[arg(long, required = true, value_delimiter = ',', value_name = "METHOD")]
+    pub(crate) methods: Vec<String>,
+    /// Seeds; all scenes with the first seed come before any with the second.
+    #[arg(long, default_value = "0", value_delimiter = ',', value_name = "SEED")]
+    pub(crate) seeds: Vec<u64>,
+    /// The rules of splitting and scoring.
+    #[arg(long, default_value = PROTOCOLS[0].id, value_delimiter = ',', value_name = "PROTOCOL")]
+    pub(crate) protocols: Vec<String>,
+    /// Folder of the results.
+    #[arg(long)]
+    pub(crate) results: PathBuf,
+    #[command(flatten)]
+    pub(crate) plan: PlanArguments,
+    /// Options of `reconstruct train` for all units, after `--`.
+    #[arg(last = true, value_name = "TRAIN OPTIONS")]
+    pub(crate) train: Vec<String>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct SweepRunArguments {
+    /// Folder of the sweep.
+    pub(crate) sweep: PathBuf,
+    /// Cores that all units together may use [default: all].
+    #[arg(long, value_name = "N")]
+    pub(crate) cores: Option<u32>,
+    /// Memory that all units together may use, GiB [default: nine tenths of what is free].
+    #[arg(long, value_name = "GIB")]
+    pub(crate) memory: Option<f64>,
+    /// Graphics processors; units are told theirs by `CUDA_VISIBLE_DEVICES`.
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    pub(crate) gpus: u32,
+    /// Does not wait for units that other runners work on.
+    #[arg(long)]
+    pub(crate) no_wait: bool,
+    /// How long a runner's claims hold on other machines after its last sign of life, seconds.
+    #[arg(long, default_value_t = 120.0, value_name = "SECONDS")]
+    pub(crate) expiry: f64,
+    /// How long units have to write their checkpoints when the runner is told to end, seconds.
+    #[arg(long, default_value_t = 60.0, value_name = "SECONDS")]
+    pub(crate) grace: f64,
+    /// Runs one unit: the one at --line of this list, as a task of a job array does.
+    #[arg(long, requires = "line", value_name = "FILE")]
+    pub(crate) list: Option<PathBuf>,
+    /// Line of the list, counted from 0.
+    #[arg(long, requires = "list", value_name = "N")]
+    pub(crate) line: Option<usize>,
+    /// Told by SIGUSR1 that its time is up, puts its Slurm job back into the queue.
+    #[arg(long, requires = "list")]
+    pub(crate) requeue: bool,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct SubmitArguments {
+    /// Folder of the sweep; every node must see it under the same path.
+    pub(crate) sweep: PathBuf,
+    /// To Slurm, as job arrays.
+    #[arg(long, required = true)]
+    pub(crate) slurm: bool,
+    /// Tasks that run at a time.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) throttle: Option<u32>,
+    /// Time asked for a unit while none of its group was measured, minutes.
+    #[arg(long, default_value_t = 720, value_name = "MINUTES")]
+    pub(crate) minutes: u64,
+    /// How long before its end a job is told to write its checkpoint, seconds.
+    #[arg(long, default_value_t = 120, value_name = "SECONDS")]
+    pub(crate) signal_before: u64,
+    /// An option of every sbatch, such as --sbatch=--partition=gpu; may be repeated.
+    #[arg(long, value_name = "OPTION", allow_hyphen_values = true)]
+    pub(crate) sbatch: Vec<String>,
+    /// Submits no job that reduces.
+    #[arg(long)]
+    pub(crate) no_reduce: bool,
+    /// Prints what would be submitted.
+    #[arg(long)]
+    pub(crate) dry_run: bool,
+}

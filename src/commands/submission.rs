@@ -1,0 +1,207 @@
+//! `omnilife leaderboard submit` and `add`: results that others hand in, and scoring a sample of them
+//! again.
+
+use std::{
+    env,
+    path::{Path, PathBuf},
+    process,
+    time::{SystemTime, UNIX_EPOCH},
+};
+
+use omnilife_bench::{
+    DEFAULT_MEMORY_BYTES, Predictions, ScoreRequest, score, split_scene, validate,
+};
+use omnilife_leaderboard::submission::{self, PackRequest, Verified};
+use omnilife_schemas::{
+    progress::Progress,
+    records::{ResultRecord, SubmittedResult},
+    store,
+};
+
+use crate::{
+    cli::{AddArguments, SubmitResultsArguments},
+    exit::{self, BadRequest},
+    plans,
+};
+
+/// How far a score may be from the one that is handed in: processors round sums differently.
+const TOLERANCE: f64 = 1e-6;
+
+pub(crate) fn submit(arguments: &SubmitResultsArguments) -> anyhow::Result<()> {
+    let packed = submission::pack(&PackRequest {
+        results: arguments.results.clone(),
+        card: arguments.card.clone(),
+        out: arguments.out.clone(),
+    })?;
+    let files: usize = packed.results.iter().map(|result| result.files.len()).sum();
+    exit::print(&format!(
+        "{}: {} results of {}, {files} files\n",
+        arguments.out.display(),
+        packed.results.len(),
+        packed.card.method
+    ))
+}
+
+pub(crate) fn add(arguments: &AddArguments, progress: &dyn Progress) -> anyhow::Result<()> {
+    let verified = submission::verify(&arguments.submission)?;
+    if arguments.audit > 0 {
+        let Some(scenes) = &arguments.scenes else {
+            return Err(BadRequest("--audit needs the --scenes".to_owned()).into());
+        };
+        let seed = arguments.audit_seed.unwrap_or_else(|| {
+            let now = SystemTime::now().duration_since(UNIX_EPOCH);
+            now.map_or(0, |time| u64::from(time.subsec_nanos()))
+        });
+        audit(&verified, scenes, arguments.audit, seed, progress)?;
+    }
+    let target = submission::add(&verified, &arguments.results)?;
+    exit::print(&format!(
+        "{}: {} results of {} added, {} of them scored again\n",
+        target.display(),
+        verified.results.len(),
+        verified.submission.card.method,
+        arguments.audit.min(verified.results.len())
+    ))
+}
+
+/// Scores a sample of a submission's predictions again. Whoever hands in cannot know the sample,
+/// because they do not know the seed.
+fn audit(
+    verified: &Verified,
+    scenes: &Path,
+    count: usize,
+    seed: u64,
+    progress: &dyn Progress,
+) -> anyhow::Result<()> {
+    let scenes = plans::benchmark::scenes(&[scenes.to_owned()])?;
+    let entries = verified.submission.results.iter();
+    let mut order: Vec<(String, &SubmittedResult, &ResultRecord)> = entries
+        .zip(&verified.results)
+        .map(|(entry, (_, result))| {
+            let draw = store::sha256_bytes(format!("{seed} {}", entry.folder).as_bytes());
+            (draw, entry, result)
+        })
+        .collect();
+    order.sort_by(|a, b| a.0.cmp(&b.0));
+    progress.note(&format!(
+        "auditing {} of {} results, audit seed {seed}",
+        count.min(order.len()),
+        order.len()
+    ));
+    for (_, entry, result) in order.into_iter().take(count) {
+        let scene = scenes
+            .iter()
+            .find(|(id, _)| *id == entry.scene)
+            .map(|(_, file)| file)
+            .ok_or_else(|| {
+                BadRequest(format!("scene {}: is not among the --scenes", entry.scene))
+            })?;
+        let work = Scratch::new(&entry.folder)?;
+        let again = score_again(verified, entry, scene, &work.0, progress)?;
+        if let Some(reason) = difference(result, &again) {
+            let folder = verified.folder.join(&entry.folder);
+            return Err(BadRequest(format!("{}: {reason}", folder.display())).into());
+        }
+    }
+    Ok(())
+}
+
+fn score_again(
+    verified: &Verified,
+    entry: &SubmittedResult,
+    scene: &Path,
+    work: &Path,
+    progress: &dyn Progress,
+) -> anyhow::Result<ResultRecord> {
+    let split = work.join("split.json");
+    let protocol = entry.protocol.split('/').next().unwrap_or_default();
+    let made = split_scene(scene, protocol, &split)?;
+    if made.protocol_hash != entry.protocol_hash {
+        let (id, folder) = (&entry.protocol, &entry.folder);
+        return Err(BadRequest(format!(
+            "{folder}: protocol {id} has other rules here than where it was scored"
+        ))
+        .into());
+    }
+    let folder = verified.folder.join(&entry.folder);
+    let views = |name: &Option<String>| name.as_ref().map(|name| folder.join(name));
+    let predictions = Predictions::Folders {
+        input_views: views(&entry.input_views),
+        novel_views: views(&entry.novel_views),
+    };
+    // What scoring would not notice, such as ground truth that is handed in as a prediction.
+    for finding in validate(scene, &split, &predictions, progress)?.findings {
+        progress.note(&format!("{}: {}", entry.folder, finding.reason));
+    }
+    Ok(score(
+        &ScoreRequest {
+            scene: scene.to_owned(),
+            split,
+            predictions,
+            method: verified.submission.card.method.clone(),
+            out: work.join("score"),
+            memory_bytes: DEFAULT_MEMORY_BYTES,
+        },
+        progress,
+    )?)
+}
+
+/// What in a result is not what scoring its predictions gives.
+fn difference(stated: &ResultRecord, again: &ResultRecord) -> Option<String> {
+    if stated.scene_sha256 != again.scene_sha256 {
+        return Some("was scored on other frames or poses".to_owned());
+    }
+    if stated.failures.len() != again.failures.len() {
+        let (stated, again) = (stated.failures.len(), again.failures.len());
+        return Some(format!("states {stated} failures, scoring gives {again}"));
+    }
+    // A metric whose weights are not installed here says nothing against the one who had them.
+    let is_judged = |kind: &str, metric: &str| {
+        let mut missing = again.unavailable.iter();
+        !missing.any(|missing| missing.view == kind && missing.metric == metric)
+    };
+    let kinds = [
+        ("input", &stated.input_views, &again.input_views),
+        ("novel", &stated.novel_views, &again.novel_views),
+    ];
+    kinds.into_iter().find_map(|(kind, stated, again)| {
+        let metrics = stated.keys().chain(again.keys());
+        let mut judged = metrics.filter(|metric| is_judged(kind, metric));
+        judged.find_map(|metric| {
+            let means = [stated, again].map(|scores| scores.get(metric).map(|score| score.mean));
+            let agree = match means {
+                [Some(a), Some(b)] => (a - b).abs() <= TOLERANCE * b.abs().max(1.0),
+                _ => false,
+            };
+            let word = |mean: Option<f64>| mean.map_or("nothing".to_owned(), |m| m.to_string());
+            (!agree).then(|| {
+                let [stated, again] = means.map(word);
+                format!("states {stated} for {metric} of the {kind} views, scoring gives {again}")
+            })
+        })
+    })
+}
+
+/// A folder that goes with its value.
+struct Scratch(PathBuf);
+
+impl Scratch {
+    fn new(name: &str) -> anyhow::Result<Self> {
+        let name = format!(
+            "omnilife-audit-{}-{}",
+            process::id(),
+            name.replace('/', "-")
+        );
+        let folder = env::temp_dir().join(name);
+        store::remove(&folder)?;
+        store::create_folder(&folder)?;
+        Ok(Self(folder))
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        // A folder that cannot be removed stays in the system's temporary one.
+        drop(store::remove(&self.0));
+    }
+}

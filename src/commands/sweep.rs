@@ -1,0 +1,310 @@
+//! `omnilife sweep`.
+
+use std::{
+    collections::BTreeSet,
+    env,
+    path::{Path, PathBuf},
+    thread,
+    time::Duration,
+};
+
+use anyhow::Context;
+use omnilife_reconstruct::process;
+use omnilife_schemas::{Blame, progress::Progress, records::SweepUnit};
+use omnilife_sweep::{
+    PoolLimits, RunRequest, RunSummary, Sweep, SweepError, UnitState,
+    history::GroupCost,
+    plan, reduce, run, slurm,
+    status::{self, Counts, Status},
+};
+
+use crate::{
+    cli::{PlanCommand, SubmitArguments, SweepCommand, SweepRunArguments},
+    exit::{self, BadRequest, PartialFailure},
+    plans, termination,
+};
+
+pub(crate) fn execute(command: &SweepCommand, progress: &dyn Progress) -> anyhow::Result<()> {
+    match command {
+        SweepCommand::Plan(command) => make_plan(command),
+        SweepCommand::Run(arguments) => run_units(arguments, progress),
+        SweepCommand::Status { sweep, units } => print_status(sweep, *units),
+        SweepCommand::Retry { sweep, units } => retry(sweep, units),
+        SweepCommand::Reduce { sweep } => {
+            let counts = reduce::reduce(sweep, &own_program()?, progress)?;
+            exit::print(&format!("{}\n", count_words(&counts)))
+        }
+        SweepCommand::Submit(arguments) => submit(arguments),
+    }
+}
+
+fn own_program() -> anyhow::Result<PathBuf> {
+    env::current_exe().context("this program cannot be located")
+}
+
+fn make_plan(command: &PlanCommand) -> anyhow::Result<()> {
+    let (out, units, reduce) = match command {
+        PlanCommand::Curate {
+            videos,
+            dataset,
+            plan,
+            settings,
+        } => {
+            let (units, reduce) = plans::curation::units(videos, dataset, settings, plan)?;
+            (&plan.out, units, vec![reduce])
+        }
+        PlanCommand::Bench(arguments) => {
+            let (units, reduce) = plans::benchmark::units(arguments)?;
+            (&arguments.plan.out, units, vec![reduce])
+        }
+        PlanCommand::Commands { file, plan, reduce } => {
+            let units = plans::lines::units(file, plan)?;
+            let reduce = reduce.iter().map(|line| plans::lines::shell(line));
+            (&plan.out, units, reduce.collect())
+        }
+    };
+    let here = env::current_dir().context("the working directory cannot be located")?;
+    let made = plan::plan(&here, units, reduce)?;
+    plan::write(out, &made)?;
+    exit::print(&format!(
+        "{}: {} units\n",
+        out.join(plan::PLAN_FILE).display(),
+        made.units.len()
+    ))
+}
+
+fn run_units(arguments: &SweepRunArguments, progress: &dyn Progress) -> anyhow::Result<()> {
+    let only = match (&arguments.list, arguments.line) {
+        (Some(list), Some(line)) => Some(BTreeSet::from([slurm::unit_in_list(list, line)?])),
+        _ => None,
+    };
+    let limits = if only.is_some() {
+        // What the unit needs was asked of the cluster's engine, which has given it.
+        PoolLimits {
+            cores: u32::MAX,
+            memory_bytes: u64::MAX,
+            gpus: u32::MAX,
+        }
+    } else {
+        limits(arguments)?
+    };
+    let request = RunRequest {
+        folder: arguments.sweep.clone(),
+        program: own_program()?,
+        assign_gpus: only.is_none(),
+        only,
+        limits,
+        expiry: seconds(arguments.expiry)?,
+        grace: seconds(arguments.grace)?,
+        wait: !arguments.no_wait,
+        stop: termination::requested()?,
+    };
+    let summary = match run(&request, progress) {
+        Err(SweepError::Interrupted) if arguments.requeue && termination::time_is_up() => {
+            let job = slurm::requeue()?;
+            progress.note(&format!("{job}: is back in the queue"));
+            return Err(SweepError::Interrupted.into());
+        }
+        summary => summary?,
+    };
+    exit::print(&summary_words(&summary))?;
+    verdict(&summary)
+}
+
+fn limits(arguments: &SweepRunArguments) -> anyhow::Result<PoolLimits> {
+    let cores = match arguments.cores {
+        Some(cores) => cores,
+        None => u32::try_from(thread::available_parallelism()?.get())?,
+    };
+    let memory_bytes = match arguments.memory {
+        Some(gibibytes) => plans::gibibytes(gibibytes)?,
+        None => process::available_memory_bytes().map_or(u64::MAX, |bytes| bytes / 10 * 9),
+    };
+    if cores == 0 {
+        return Err(BadRequest("a pool needs at least one core".to_owned()).into());
+    }
+    Ok(PoolLimits {
+        cores,
+        memory_bytes,
+        gpus: arguments.gpus,
+    })
+}
+
+fn seconds(value: f64) -> anyhow::Result<Duration> {
+    Duration::try_from_secs_f64(value)
+        .map_err(|_| BadRequest(format!("{value}: is no number of seconds")).into())
+}
+
+fn summary_words(summary: &RunSummary) -> String {
+    let mut text = format!(
+        "{} done ({} here), {} failed",
+        summary.done,
+        summary.done_here,
+        summary.failed.len()
+    );
+    if summary.elsewhere > 0 {
+        text += &format!(", {} by other runners", summary.elsewhere);
+    }
+    text.push('\n');
+    for outcome in &summary.failed {
+        let reason = outcome.failure.as_deref().unwrap_or_default();
+        text += &format!("failed: {}: {reason}\n", outcome.unit);
+    }
+    for (unit, reason) in &summary.too_big {
+        text += &format!("not begun: {unit}: {reason}\n");
+    }
+    text
+}
+
+/// An error when anything failed or was too big.
+fn verdict(summary: &RunSummary) -> anyhow::Result<()> {
+    let failed = summary.failed.len() + summary.too_big.len();
+    let first = (summary.failed.iter())
+        .map(|outcome| {
+            (
+                &outcome.unit,
+                outcome.failure.as_deref().unwrap_or_default(),
+            )
+        })
+        .chain(
+            summary
+                .too_big
+                .iter()
+                .map(|(unit, why)| (unit, why.as_str())),
+        )
+        .next();
+    let Some((unit, reason)) = first else {
+        return Ok(());
+    };
+    let all = summary.done + failed + summary.elsewhere;
+    let ours = summary
+        .failed
+        .iter()
+        .any(|outcome| outcome.exit_code != Some(2));
+    Err(PartialFailure {
+        message: format!("{failed} of {all} units failed, the first: {unit}: {reason}"),
+        blame: if ours { Blame::Ours } else { Blame::Input },
+    }
+    .into())
+}
+
+fn count_words(counts: &Counts) -> String {
+    let Counts {
+        done,
+        failed,
+        running,
+        missing,
+    } = counts;
+    format!("{done} done, {failed} failed, {running} running, {missing} missing")
+}
+
+fn print_status(folder: &Path, every: bool) -> anyhow::Result<()> {
+    let status = Status::of(Sweep::open(folder)?)?;
+    let table = status.write_csv()?;
+    let mut text = format!("{}\n", count_words(&status.counts()));
+    for (unit, state) in status.units() {
+        let reason = status::reason(state);
+        if every || !reason.is_empty() {
+            let reason = if reason.is_empty() {
+                reason
+            } else {
+                format!(": {reason}")
+            };
+            text += &format!("{:<7} {}{reason}\n", state.name(), unit.id);
+        }
+    }
+    let history = status.history();
+    for (name, cost) in history.groups().filter(|(_, cost)| cost.done > 0) {
+        let left = status
+            .units()
+            .filter(|(unit, state)| unit.group == name && !matches!(state, UnitState::Done(_)));
+        let left: Vec<&SweepUnit> = left.map(|(unit, _)| unit).collect();
+        text += &cost_words(name, cost, &left);
+    }
+    text += &format!("Table: {}\n", table.display());
+    exit::print(&text)
+}
+
+/// What a group has cost per unit, and what is left of it would cost at that.
+fn cost_words(name: &str, cost: &GroupCost, left: &[&SweepUnit]) -> String {
+    let done = f64::from(cost.done);
+    let mean = cost.wall_seconds / done;
+    let memory = cost.peak_memory_bytes.map_or_else(String::new, |bytes| {
+        format!(", {:.2} GiB at most", bytes as f64 / (1_u64 << 30) as f64)
+    });
+    let mut text = format!(
+        "{name}: {mean:.1} s and {:.1} core-seconds per unit{memory}",
+        cost.cpu_seconds / done
+    );
+    let core_hours: f64 = left
+        .iter()
+        .map(|unit| mean * f64::from(unit.needs.cores) / 3600.0)
+        .sum();
+    if !left.is_empty() {
+        text += &format!(
+            "; {} left would take {core_hours:.1} core-hours",
+            left.len()
+        );
+    }
+    text.push('\n');
+    text
+}
+
+fn retry(folder: &Path, ids: &[String]) -> anyhow::Result<()> {
+    let sweep = Sweep::open(folder)?;
+    let units: Vec<&SweepUnit> = if ids.is_empty() {
+        sweep.plan.units.iter().collect()
+    } else {
+        ids.iter()
+            .map(|id| sweep.unit(id))
+            .collect::<Result<_, _>>()?
+    };
+    let mut count = 0;
+    for unit in units {
+        if sweep.retry(unit)? {
+            count += 1;
+        } else if !ids.is_empty() {
+            return Err(BadRequest(format!("{}: has not failed", unit.id)).into());
+        }
+    }
+    exit::print(&format!("{count} units are to be done again\n"))
+}
+
+fn submit(arguments: &SubmitArguments) -> anyhow::Result<()> {
+    let submission = slurm::submit(&slurm::SubmitRequest {
+        folder: arguments.sweep.clone(),
+        program: own_program()?,
+        throttle: arguments.throttle.map(|most| most as usize),
+        unmeasured: Duration::from_secs(60 * arguments.minutes),
+        signal_before: Duration::from_secs(arguments.signal_before),
+        options: arguments.sbatch.clone(),
+        reduce: !arguments.no_reduce,
+        submit: !arguments.dry_run,
+    })?;
+    let mut text = String::new();
+    for (array, id) in &submission.arrays {
+        let needs = &array.needs;
+        text += &format!(
+            "{}: {} units, each {} cores, {} MiB, {} minutes",
+            id.as_deref().unwrap_or("array"),
+            array.units.len(),
+            needs.cores,
+            needs.memory_mebibytes,
+            needs.minutes
+        );
+        if needs.gpus > 0 {
+            text += &format!(", {} GPUs", needs.gpus);
+        }
+        text.push('\n');
+    }
+    if submission.queued > 0 {
+        text += &format!("{} units are in the queue already\n", submission.queued);
+    }
+    if submission.arrays.is_empty() {
+        text += "nothing to submit\n";
+    }
+    if let Some(id) = &submission.reduce {
+        text += &format!("{id}: reduces when all is over\n");
+    }
+    exit::print(&text)
+}

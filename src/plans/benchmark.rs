@@ -1,0 +1,258 @@
+//! One unit per method, scene, seed and protocol: split, training, scores.
+//!
+//! ```text
+//! RESULTS/<scene>/<protocol>/split.json
+//! RESULTS/<scene>/<protocol>/<method>/seed-<n>/run/      what `reconstruct train` leaves
+//! RESULTS/<scene>/<protocol>/<method>/seed-<n>/score/    result.json, of failures too
+//! RESULTS/leaderboard/                                   tables and site of all of them
+//! ```
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+use omnilife_bench::{
+    external::{EXTERNAL_RUN_FILE, manifest::Manifest},
+    protocols,
+};
+use omnilife_curate::poses::SCENE_FILE;
+use omnilife_reconstruct::{job::RUN_FILE, methods};
+use omnilife_schemas::{
+    records::{Scene, SweepUnit, UnitNeeds},
+    store,
+};
+use omnilife_sweep::plan;
+
+use super::{absolute, argument, needs, own_command, words};
+use crate::{cli::BenchPlanArguments, exit::BadRequest};
+
+/// Units that score one method each, and the command that makes tables of their results.
+///
+/// # Errors
+/// When a scene, method or protocol is not known, or the options are not understood.
+pub(crate) fn units(
+    arguments: &BenchPlanArguments,
+) -> anyhow::Result<(Vec<SweepUnit>, Vec<String>)> {
+    let results = absolute(&arguments.results)?;
+    let scenes = scenes(&arguments.scenes)?;
+    let methods: Vec<Method> = (arguments.methods.iter())
+        .map(|name| Method::find(name))
+        .collect::<Result<_, _>>()?;
+    for protocol in &arguments.protocols {
+        protocols::protocol(protocol)?;
+    }
+    let needs = needs(&arguments.plan)?;
+    let mut units = Vec::new();
+    // What is cut short has whole repetitions, not whole scenes.
+    for seed in &arguments.seeds {
+        for (id, file) in &scenes {
+            for protocol in &arguments.protocols {
+                for method in &methods {
+                    let work = Work {
+                        results: &results,
+                        scene: (id, file),
+                        protocol,
+                        method,
+                        seed: *seed,
+                        train: &arguments.train,
+                        needs,
+                    };
+                    units.push(work.unit()?);
+                }
+            }
+        }
+    }
+    let board = argument(&results.join("leaderboard"))?;
+    let reduce = words(&[
+        "leaderboard",
+        "build",
+        &argument(&results)?,
+        "--out",
+        &board,
+    ]);
+    Ok((units, own_command(reduce)?))
+}
+
+/// Ids and files of scenes, sorted by id.
+///
+/// # Errors
+/// When one cannot be read, a folder holds none, or two have one id.
+pub(crate) fn scenes(paths: &[PathBuf]) -> anyhow::Result<Vec<(String, PathBuf)>> {
+    let mut files = Vec::new();
+    for path in paths {
+        if path.is_dir() {
+            let before = files.len();
+            search(path, &mut files)?;
+            if files.len() == before {
+                let path = path.display();
+                return Err(BadRequest(format!("{path}: no {SCENE_FILE} below it")).into());
+            }
+        } else {
+            files.push(path.clone());
+        }
+    }
+    files.sort();
+    files.dedup();
+    let mut scenes: BTreeMap<String, PathBuf> = BTreeMap::new();
+    for file in files {
+        let scene: Scene = store::read_record(&file)?;
+        let file = absolute(&file)?;
+        if let Some(other) = scenes.get(&scene.id) {
+            let (id, file, other) = (&scene.id, file.display(), other.display());
+            return Err(BadRequest(format!("{file}: is of scene {id}, as {other} is")).into());
+        }
+        scenes.insert(scene.id, file);
+    }
+    Ok(scenes.into_iter().collect())
+}
+
+fn search(folder: &Path, found: &mut Vec<PathBuf>) -> anyhow::Result<()> {
+    for path in store::paths_in(folder)? {
+        let name = path.file_name().unwrap_or_default();
+        if path.is_dir() && !name.as_encoded_bytes().starts_with(b".") {
+            search(&path, found)?;
+        } else if name == SCENE_FILE {
+            found.push(path);
+        }
+    }
+    Ok(())
+}
+
+/// A method of this program, or anyone's.
+struct Method {
+    id: String,
+    manifest: Option<PathBuf>,
+}
+
+impl Method {
+    fn find(name: &str) -> anyhow::Result<Self> {
+        if name.ends_with(".toml") {
+            let manifest = absolute(Path::new(name))?;
+            return Ok(Self {
+                id: Manifest::read(&manifest)?.id,
+                manifest: Some(manifest),
+            });
+        }
+        Ok(Self {
+            id: methods::find(name)?.id.to_owned(),
+            manifest: None,
+        })
+    }
+}
+
+/// One unit in the making.
+struct Work<'a> {
+    results: &'a Path,
+    /// Id and file.
+    scene: (&'a str, &'a Path),
+    protocol: &'a str,
+    method: &'a Method,
+    seed: u64,
+    train: &'a [String],
+    needs: UnitNeeds,
+}
+
+impl Work<'_> {
+    fn unit(&self) -> anyhow::Result<SweepUnit> {
+        let (id, file) = self.scene;
+        let scene_folder = id.split('/').map(plan::file_name);
+        let folder = self
+            .results
+            .join(scene_folder.collect::<PathBuf>())
+            .join(self.protocol);
+        let split = argument(&folder.join("split.json"))?;
+        let seed = self.seed.to_string();
+        let folder = folder.join(&self.method.id).join(format!("seed-{seed}"));
+        let run = folder.join("run");
+        let score = argument(&folder.join("score"))?;
+        let scene = argument(file)?;
+        let make_split = own_command(words(&[
+            "bench",
+            "split",
+            &scene,
+            "--protocol",
+            self.protocol,
+            "--out",
+            &split,
+        ]))?;
+        let scored = |record: &Path| -> anyhow::Result<Vec<String>> {
+            let record = argument(record)?;
+            own_command(words(&[
+                "bench", "score", "--scene", &scene, "--split", &split, "--run", &record, "--out",
+                &score,
+            ]))
+        };
+        let record = run.join(match self.method.manifest {
+            Some(_) => EXTERNAL_RUN_FILE,
+            None => RUN_FILE,
+        });
+        let failed = folder.join("failed");
+        let record_failure = own_command(words(&[
+            "bench",
+            "failed",
+            &self.method.id,
+            "--scene",
+            &scene,
+            "--split",
+            &split,
+            "--seed",
+            &seed,
+            "--reason",
+            "{reason}",
+            "--out",
+            &argument(&failed)?,
+        ]))?;
+        let mut inputs = vec![scene.clone()];
+        if let Some(manifest) = &self.method.manifest {
+            inputs.push(argument(manifest)?);
+        }
+        Ok(SweepUnit {
+            id: plan::file_name(&format!(
+                "{id}.{}.{}.seed-{seed}",
+                self.protocol, self.method.id
+            )),
+            group: format!("{} {}", self.protocol, self.method.id),
+            labels: [
+                ("scene", id),
+                ("protocol", self.protocol),
+                ("method", &self.method.id),
+                ("seed", &seed),
+            ]
+            .map(|(label, value)| (label.to_owned(), value.to_owned()))
+            .into(),
+            commands: vec![
+                make_split.clone(),
+                self.training(&scene, &split, &seed, &argument(&run)?)?,
+                scored(&record)?,
+            ],
+            on_failure: vec![
+                make_split,
+                record_failure,
+                scored(&failed.join(EXTERNAL_RUN_FILE))?,
+            ],
+            inputs,
+            outputs: vec![argument(&folder.join("score/result.json"))?],
+            needs: self.needs,
+        })
+    }
+
+    fn training(
+        &self,
+        scene: &str,
+        split: &str,
+        seed: &str,
+        run: &str,
+    ) -> anyhow::Result<Vec<String>> {
+        let common = ["--split", split, "--seed", seed, "--out", run];
+        let mut command = match &self.method.manifest {
+            Some(manifest) => words(&["bench", "external", &argument(manifest)?, "--scene", scene]),
+            None => words(&["reconstruct", "train", scene, "--method", &self.method.id]),
+        };
+        command.extend(words(&common));
+        if self.method.manifest.is_none() {
+            command.extend(self.train.iter().cloned());
+        }
+        own_command(command)
+    }
+}

@@ -1,0 +1,37 @@
+//! One unit per line of a file.
+
+use std::{collections::BTreeMap, fs, path::Path};
+
+use omnilife_schemas::{records::SweepUnit, store::StoreError};
+use omnilife_sweep::plan;
+
+use super::{needs, words};
+use crate::cli::PlanArguments;
+
+/// Units that run the lines of a file with `sh`.
+///
+/// # Errors
+/// When the file cannot be read.
+pub(crate) fn units(file: &Path, arguments: &PlanArguments) -> anyhow::Result<Vec<SweepUnit>> {
+    let text = fs::read_to_string(file).map_err(|source| StoreError::read(file, source))?;
+    let needs = needs(arguments)?;
+    let lines = text.lines().enumerate();
+    Ok(lines
+        .filter(|(_, line)| !line.trim().is_empty() && !line.trim_start().starts_with('#'))
+        .map(|(number, line)| SweepUnit {
+            id: plan::file_name(&format!("line-{:05}", number + 1)),
+            group: "line".to_owned(),
+            labels: BTreeMap::new(),
+            commands: vec![shell(line)],
+            on_failure: Vec::new(),
+            inputs: Vec::new(),
+            outputs: Vec::new(),
+            needs,
+        })
+        .collect())
+}
+
+/// A line of the shell as a command.
+pub(crate) fn shell(line: &str) -> Vec<String> {
+    words(&["sh", "-c", line])
+}

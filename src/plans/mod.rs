@@ -1,0 +1,72 @@
+//! What the units of a sweep are: which commands, which inputs, which outputs.
+
+pub(crate) mod benchmark;
+pub(crate) mod curation;
+pub(crate) mod lines;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use clap::Parser;
+use omnilife_schemas::records::UnitNeeds;
+
+use crate::{
+    cli::{Cli, PlanArguments},
+    exit::BadRequest,
+};
+
+const GIBIBYTE: f64 = (1_u64 << 30) as f64;
+
+/// What every unit of a plan needs, as asked for.
+fn needs(arguments: &PlanArguments) -> anyhow::Result<UnitNeeds> {
+    Ok(UnitNeeds {
+        cores: arguments.unit_cores,
+        memory_bytes: gibibytes(arguments.unit_memory)?,
+        gpus: arguments.unit_gpus,
+        limit_seconds: arguments.unit_limit,
+    })
+}
+
+/// GiB as bytes.
+pub(crate) fn gibibytes(value: f64) -> anyhow::Result<u64> {
+    if value > 0.0 && value < 1e9 {
+        Ok((value * GIBIBYTE) as u64)
+    } else {
+        Err(BadRequest(format!("{value}: is no size of a memory in GiB")).into())
+    }
+}
+
+/// A path as commands in any folder find it.
+fn absolute(path: &Path) -> anyhow::Result<PathBuf> {
+    std::path::absolute(path).with_context(|| format!("{}: cannot be located", path.display()))
+}
+
+/// A path as an argument of a command.
+///
+/// # Errors
+/// When it is not UTF-8, which a plan could not hold.
+fn argument(path: &Path) -> anyhow::Result<String> {
+    let text = path.to_str().map(str::to_owned);
+    text.ok_or_else(|| BadRequest(format!("{}: is not UTF-8", path.display())).into())
+}
+
+/// The words of a command of this program, which must be one that it understands: what is wrong
+/// with a command should not be found out by a thousand units.
+fn own_command(words: Vec<String>) -> anyhow::Result<Vec<String>> {
+    let mut command = vec!["omnilife".to_owned()];
+    command.extend(words);
+    match Cli::try_parse_from(&command) {
+        Ok(_) => Ok(command),
+        Err(error) => {
+            let message = error.to_string();
+            let line = message.lines().next().unwrap_or_default();
+            let line = line.strip_prefix("error: ").unwrap_or(line);
+            Err(BadRequest(format!("{}: {line}", command[1..3].join(" "))).into())
+        }
+    }
+}
+
+/// Words as a command holds them.
+fn words(list: &[&str]) -> Vec<String> {
+    list.iter().map(|&word| word.to_owned()).collect()
+}

@@ -1,0 +1,62 @@
+//! Being told to end: by Ctrl-C, by `kill`, by a cluster's engine before a job's time is up.
+
+use std::sync::{
+    Arc, LazyLock,
+    atomic::{AtomicBool, Ordering},
+};
+
+use anyhow::Context;
+use omnilife_reconstruct::process::TERMINATION;
+
+/// Set when this process has been told to end.
+static REQUESTED: LazyLock<Arc<AtomicBool>> = LazyLock::new(Arc::default);
+
+/// Set when it was told so by SIGUSR1: its time here is up, and it may go on elsewhere.
+static TIME_IS_UP: LazyLock<Arc<AtomicBool>> = LazyLock::new(Arc::default);
+
+/// Lets training end with a checkpoint when the process is told to end; at any other time, and when
+/// told a second time, the process ends at once.
+///
+/// # Errors
+/// When the system refuses the handlers.
+pub(crate) fn heed_in_training() -> anyhow::Result<()> {
+    #[cfg(unix)]
+    for signal in signals() {
+        use signal_hook::flag::{register, register_conditional_default};
+        let at_once = Arc::clone(&TERMINATION.at_once);
+        register_conditional_default(signal, Arc::clone(&at_once))
+            .and_then(|_| register(signal, Arc::clone(&TERMINATION.requested)))
+            .and_then(|_| register(signal, at_once))
+            .context("signals cannot be handled")?;
+    }
+    Ok(())
+}
+
+/// A flag that is set when the process is told to end; told a second time, it ends at once.
+///
+/// # Errors
+/// When the system refuses the handlers.
+pub(crate) fn requested() -> anyhow::Result<&'static AtomicBool> {
+    #[cfg(unix)]
+    for signal in signals() {
+        use signal_hook::flag::{register, register_conditional_default};
+        register_conditional_default(signal, Arc::clone(&REQUESTED))
+            .and_then(|_| register(signal, Arc::clone(&REQUESTED)))
+            .context("signals cannot be handled")?;
+    }
+    #[cfg(unix)]
+    signal_hook::flag::register(signal_hook::consts::SIGUSR1, Arc::clone(&TIME_IS_UP))
+        .context("signals cannot be handled")?;
+    Ok(&REQUESTED)
+}
+
+/// Whether the process was told that its time here is up, by SIGUSR1, rather than to end for good.
+pub(crate) fn time_is_up() -> bool {
+    TIME_IS_UP.load(Ordering::Relaxed)
+}
+
+#[cfg(unix)]
+fn signals() -> [i32; 3] {
+    use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
+    [SIGTERM, SIGINT, SIGUSR1]
+}

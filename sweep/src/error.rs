@@ -1,0 +1,64 @@
+//! Why a sweep could not be planned, run or submitted.
+
+use std::path::PathBuf;
+
+use omnilife_schemas::{Blame, Blamed, store::StoreError};
+
+/// An error of this crate. Messages are one line that names the file or unit and the reason.
+///
+/// A unit that fails is no error but a row in the sweep's table.
+#[derive(Debug, thiserror::Error)]
+pub enum SweepError {
+    /// A file could not be read or written.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The units given make no plan.
+    #[error("{reason}")]
+    Plan {
+        /// One line.
+        reason: String,
+    },
+    /// The folder holds the plan of other work, or a plan that was changed.
+    #[error("{}: {reason}", path.display())]
+    OtherPlan {
+        /// The plan.
+        path: PathBuf,
+        /// One line.
+        reason: String,
+    },
+    /// No unit of this id.
+    #[error("no unit is called {id}; `omnilife sweep status --units` lists them")]
+    UnknownUnit {
+        /// The id asked for.
+        id: String,
+    },
+    /// The runner was asked to end and has done so.
+    #[error("ended as asked to; units that were under way go on from their checkpoints")]
+    Interrupted,
+    /// Slurm did not do what it was asked for.
+    #[error("{command}: {reason}")]
+    Slurm {
+        /// The program of Slurm.
+        command: String,
+        /// One line.
+        reason: String,
+    },
+    /// A command of the plan's reduction failed.
+    #[error("{command}: {reason}")]
+    Reduce {
+        /// The command.
+        command: String,
+        /// How it ended, and the last line that it printed.
+        reason: String,
+    },
+}
+
+impl Blamed for SweepError {
+    fn blame(&self) -> Blame {
+        match self {
+            Self::Store(error) => error.blame(),
+            Self::Plan { .. } | Self::OtherPlan { .. } | Self::UnknownUnit { .. } => Blame::Input,
+            Self::Interrupted | Self::Slurm { .. } | Self::Reduce { .. } => Blame::Ours,
+        }
+    }
+}

@@ -1,0 +1,296 @@
+//! A sweep's folder: the plan, and what became of every unit.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    time::{Duration, SystemTime, UNIX_EPOCH},
+};
+
+use omnilife_schemas::{
+    records::{SweepPlan, SweepUnit, UnitClaim, UnitInput, UnitOutcome},
+    stage::StageOutput,
+    store::{self, StoreError},
+};
+
+use crate::{
+    claim::{self, Claimed},
+    error::SweepError,
+    host, plan,
+};
+
+/// Folder of the units.
+const UNITS_FOLDER: &str = "units";
+/// Outcome of a unit that is done.
+const DONE_FILE: &str = "done.json";
+/// Outcome of a unit whose last attempt failed.
+const FAILED_FILE: &str = "failed.json";
+/// How long the claim of a runner on another machine holds after it was renewed last.
+pub const DEFAULT_EXPIRY: Duration = Duration::from_secs(120);
+
+/// A sweep: its folder and its plan.
+#[derive(Debug, Clone)]
+pub struct Sweep {
+    /// The folder, absolute.
+    pub folder: PathBuf,
+    /// The plan.
+    pub plan: SweepPlan,
+}
+
+/// What became of a unit.
+#[derive(Debug, Clone, PartialEq)]
+pub enum UnitState {
+    /// It is done, with the inputs that there are now.
+    Done(Box<UnitOutcome>),
+    /// Its last attempt failed.
+    Failed(Box<UnitOutcome>),
+    /// A runner that lives works on it.
+    Running(Box<UnitClaim>),
+    /// It is to be done.
+    Missing {
+        /// Why, where there is more to say than that nobody has done it.
+        reason: Option<String>,
+        /// Number of the claim that a lost runner has left; 0 without one.
+        lost: u32,
+    },
+}
+
+/// Whether a unit is finished.
+pub(crate) enum Finished {
+    /// It is done, or failed.
+    As(UnitState),
+    /// It is not.
+    Not {
+        /// It was, and this differs since.
+        changed: Option<String>,
+    },
+}
+
+impl UnitState {
+    /// `done`, `failed`, `running` or `missing`.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Done(_) => "done",
+            Self::Failed(_) => "failed",
+            Self::Running(_) => "running",
+            Self::Missing { .. } => "missing",
+        }
+    }
+}
+
+impl Sweep {
+    /// Opens a sweep.
+    ///
+    /// # Errors
+    /// When its plan cannot be read or was changed.
+    pub fn open(folder: &Path) -> Result<Self, SweepError> {
+        let plan = plan::read(folder)?;
+        let folder = fs::canonicalize(folder).map_err(|source| StoreError::read(folder, source))?;
+        Ok(Self { folder, plan })
+    }
+
+    /// The unit of an id.
+    ///
+    /// # Errors
+    /// When there is none.
+    pub fn unit(&self, id: &str) -> Result<&SweepUnit, SweepError> {
+        let mut units = self.plan.units.iter();
+        units
+            .find(|unit| unit.id == id)
+            .ok_or_else(|| SweepError::UnknownUnit { id: id.to_owned() })
+    }
+
+    /// The folder of a unit's claims, logs and outcome.
+    pub fn unit_folder(&self, unit: &SweepUnit) -> PathBuf {
+        self.folder.join(UNITS_FOLDER).join(&unit.id)
+    }
+
+    /// What time it is for the file system of the sweep.
+    ///
+    /// # Errors
+    /// When its folder cannot be written.
+    pub fn now(&self) -> Result<SystemTime, SweepError> {
+        Ok(host::file_system_time(&self.folder)?)
+    }
+
+    /// States of all units, in the order of the plan.
+    ///
+    /// # Errors
+    /// When an outcome or a folder cannot be read.
+    pub fn states(&self) -> Result<Vec<UnitState>, SweepError> {
+        let now = self.now()?;
+        let units = self.plan.units.iter();
+        Ok(units
+            .map(|unit| self.state(unit, now))
+            .collect::<Result<_, StoreError>>()?)
+    }
+
+    /// The state of a unit at a time of the file system.
+    ///
+    /// # Errors
+    /// When its outcome or its folder cannot be read.
+    pub fn state(&self, unit: &SweepUnit, now: SystemTime) -> Result<UnitState, StoreError> {
+        let changed = match self.outcome(unit)? {
+            Finished::As(state) => return Ok(state),
+            Finished::Not { changed } => changed,
+        };
+        let folder = self.unit_folder(unit);
+        Ok(match claim::look(&folder, now, DEFAULT_EXPIRY)? {
+            Claimed::Held(claim) => UnitState::Running(claim),
+            Claimed::No => UnitState::Missing {
+                reason: changed,
+                lost: 0,
+            },
+            Claimed::Lost(number, claim) => UnitState::Missing {
+                reason: Some(lost_runner(claim.as_deref())),
+                lost: number,
+            },
+        })
+    }
+
+    /// Whether a unit is finished, whatever is claimed.
+    pub(crate) fn outcome(&self, unit: &SweepUnit) -> Result<Finished, StoreError> {
+        let folder = self.unit_folder(unit);
+        if let Some(outcome) = outcome_in(&folder.join(DONE_FILE))? {
+            let changed = self.what_changed(unit, &outcome);
+            return Ok(match changed {
+                None => Finished::As(UnitState::Done(Box::new(outcome))),
+                Some(_) => Finished::Not { changed },
+            });
+        }
+        let failed = outcome_in(&folder.join(FAILED_FILE))?;
+        Ok(failed.map_or(Finished::Not { changed: None }, |outcome| {
+            Finished::As(UnitState::Failed(Box::new(outcome)))
+        }))
+    }
+
+    /// What differs between a finished unit and what it would be now.
+    fn what_changed(&self, unit: &SweepUnit, outcome: &UnitOutcome) -> Option<String> {
+        if outcome.unit_sha256 != plan::unit_hash(unit) {
+            return Some("it was done by another version".to_owned());
+        }
+        let mut inputs = outcome.inputs.iter();
+        if let Some(input) = inputs.find(|input| !self.is_unchanged(input)) {
+            return Some(format!("{}: has changed since", input.file));
+        }
+        let mut outputs = outcome.outputs.iter();
+        let missing = outputs.find(|output| {
+            !fs::metadata(self.path(&output.file)).is_ok_and(|held| held.len() == output.bytes)
+        });
+        missing.map(|output| format!("{}: is not there as it was left", output.file))
+    }
+
+    fn is_unchanged(&self, input: &UnitInput) -> bool {
+        let path = self.path(&input.file);
+        let Ok((bytes, modified_nanoseconds)) = size_and_time(&path) else {
+            return false;
+        };
+        bytes == input.bytes
+            && (modified_nanoseconds == input.modified_nanoseconds
+                || store::sha256_file(&path).is_ok_and(|sha256| sha256 == input.sha256))
+    }
+
+    /// A path of the plan, from the folder in which its commands run.
+    pub(crate) fn path(&self, file: &str) -> PathBuf {
+        Path::new(&self.plan.folder).join(file)
+    }
+
+    /// The inputs of a unit as they are now.
+    ///
+    /// # Errors
+    /// When one cannot be read.
+    pub(crate) fn inputs(&self, unit: &SweepUnit) -> Result<Vec<UnitInput>, StoreError> {
+        unit.inputs
+            .iter()
+            .map(|file| {
+                let path = self.path(file);
+                // Looked at before it is hashed: a later change shows.
+                let (bytes, modified_nanoseconds) =
+                    size_and_time(&path).map_err(|source| StoreError::read(&path, source))?;
+                Ok(UnitInput {
+                    file: file.clone(),
+                    bytes,
+                    modified_nanoseconds,
+                    sha256: store::sha256_file(&path)?,
+                })
+            })
+            .collect()
+    }
+
+    /// The outputs of a unit with their sizes; the first one that is missing otherwise.
+    pub(crate) fn outputs(&self, unit: &SweepUnit) -> Result<Vec<StageOutput>, String> {
+        unit.outputs
+            .iter()
+            .map(|file| match fs::metadata(self.path(file)) {
+                Ok(held) => Ok(StageOutput {
+                    file: file.clone(),
+                    bytes: held.len(),
+                }),
+                Err(_) => Err(format!("{file}: its commands succeeded without leaving it")),
+            })
+            .collect()
+    }
+
+    /// Writes a unit's outcome, and removes one of the other kind.
+    ///
+    /// # Errors
+    /// When a file cannot be written or removed.
+    pub(crate) fn write_outcome(
+        &self,
+        unit: &SweepUnit,
+        outcome: &UnitOutcome,
+    ) -> Result<(), StoreError> {
+        let folder = self.unit_folder(unit);
+        let [mine, other] = match outcome.failure {
+            None => [DONE_FILE, FAILED_FILE],
+            Some(_) => [FAILED_FILE, DONE_FILE],
+        };
+        store::write_record(&folder.join(mine), outcome)?;
+        store::remove(&folder.join(other))
+    }
+
+    /// Makes a failed unit missing again, its lost runners forgotten; false where it did not fail.
+    ///
+    /// # Errors
+    /// When a file cannot be removed.
+    pub fn retry(&self, unit: &SweepUnit) -> Result<bool, SweepError> {
+        let folder = self.unit_folder(unit);
+        let failed = folder.join(FAILED_FILE);
+        if !failed.exists() {
+            return Ok(false);
+        }
+        claim::remove_all(&folder)?;
+        store::remove(&failed)?;
+        Ok(true)
+    }
+}
+
+fn lost_runner(claim: Option<&UnitClaim>) -> String {
+    match claim {
+        Some(UnitClaim { runner, .. }) => {
+            let job = runner.slurm_job.as_ref();
+            let job = job.map_or_else(String::new, |job| format!(", Slurm job {job}"));
+            format!(
+                "its runner went away (process {} on {}{job})",
+                runner.process, runner.host
+            )
+        }
+        None => "its runner went away".to_owned(),
+    }
+}
+
+/// The outcome in a file; `None` where there is none.
+fn outcome_in(path: &Path) -> Result<Option<UnitOutcome>, StoreError> {
+    match path.try_exists() {
+        Ok(true) => store::read_record(path).map(Some),
+        Ok(false) => Ok(None),
+        Err(source) => Err(StoreError::read(path, source)),
+    }
+}
+
+/// Bytes, and nanoseconds since 1970 at the last change.
+fn size_and_time(path: &Path) -> std::io::Result<(u64, u64)> {
+    let metadata = fs::metadata(path)?;
+    let since = metadata.modified()?.duration_since(UNIX_EPOCH);
+    let nanoseconds = since.map_or(0, |time| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX));
+    Ok((metadata.len(), nanoseconds))
+}

@@ -1,0 +1,466 @@
+//! Runs a sweep's missing units on this machine, as many at once as its cores and memory allow.
+//!
+//! One thread waits for each running unit; the pool's own thread begins units, renews their claims,
+//! and ends those that have to end. Several pools, on one machine or on many, may work on one sweep.
+
+use std::{
+    collections::{BTreeMap, BTreeSet, VecDeque},
+    path::PathBuf,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+        mpsc::{self, RecvTimeoutError, Sender},
+    },
+    thread::{self, Scope},
+    time::{Duration, Instant, SystemTime},
+};
+
+use omnilife_schemas::{
+    progress::Progress,
+    records::{SweepUnit, UnitOutcome},
+    store::{self, StoreError},
+};
+
+use crate::{
+    claim::{Claim, MOST_LOST_RUNNERS},
+    error::SweepError,
+    folder::{Finished, Sweep, UnitState},
+    history::History,
+    process::{EndReason, Running},
+    unit::{self, Ending},
+};
+
+/// How often the pool looks at what nobody tells it: time limits, being asked to end.
+const TICK: Duration = Duration::from_millis(100);
+/// How often units of other runners are looked at.
+const LOOK_ELSEWHERE: Duration = Duration::from_secs(1);
+
+/// What a pool may use of its machine.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PoolLimits {
+    /// Processor cores.
+    pub cores: u32,
+    /// Resident memory of all units together, bytes.
+    pub memory_bytes: u64,
+    /// Graphics processors.
+    pub gpus: u32,
+}
+
+/// What to run, and how.
+pub struct RunRequest<'a> {
+    /// The sweep's folder.
+    pub folder: PathBuf,
+    /// This program, which units call `omnilife`.
+    pub program: PathBuf,
+    /// What may be used.
+    pub limits: PoolLimits,
+    /// Ids of the units to run; `None` stands for all.
+    pub only: Option<BTreeSet<String>>,
+    /// How long a claim holds on other machines after it was renewed last.
+    pub expiry: Duration,
+    /// How long units have to write their checkpoints when the pool is asked to end.
+    pub grace: Duration,
+    /// Whether to wait for units of other runners, and to do them where those runners go away.
+    pub wait: bool,
+    /// Whether units are told which graphics processors are theirs. A cluster's engine does that
+    /// itself.
+    pub assign_gpus: bool,
+    /// Set when the pool shall end.
+    pub stop: &'a AtomicBool,
+}
+
+/// What became of the units asked for.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RunSummary {
+    /// Units that are done, whoever did them.
+    pub done: usize,
+    /// Units that this pool has done.
+    pub done_here: usize,
+    /// Units that failed, whoever ran them, with their outcomes.
+    pub failed: Vec<UnitOutcome>,
+    /// Units that other runners work on.
+    pub elsewhere: usize,
+    /// Units that need more than there is, with the reason.
+    pub too_big: Vec<(String, String)>,
+}
+
+/// Runs the missing units. Returns when none is left that this pool could do.
+///
+/// # Errors
+/// When the sweep cannot be read or written, and [`SweepError::Interrupted`] when it was asked to
+/// end before all was done. Units that fail are in the summary.
+pub fn run(request: &RunRequest<'_>, progress: &dyn Progress) -> Result<RunSummary, SweepError> {
+    let sweep = Sweep::open(&request.folder)?;
+    if let Some(only) = &request.only {
+        only.iter().try_for_each(|id| sweep.unit(id).map(drop))?;
+    }
+    let mut pool = Pool::new(&sweep, request)?;
+    progress.begin("units", Some(pool.waiting.len() as u64));
+    let outcome = pool.run(progress);
+    progress.end();
+    outcome.map(|()| pool.summary())
+}
+
+/// A unit that runs.
+struct Active {
+    claim: Arc<Claim>,
+    running: Arc<Running>,
+    deadline: Option<Instant>,
+    reserved: Reserved,
+}
+
+/// What is set aside for a unit.
+#[derive(Debug, Clone, Default)]
+struct Reserved {
+    cores: u32,
+    memory_bytes: u64,
+    gpus: Vec<u32>,
+}
+
+enum Fit {
+    Now,
+    Later,
+    Never(String),
+}
+
+struct Pool<'a> {
+    sweep: &'a Sweep,
+    request: &'a RunRequest<'a>,
+    history: History,
+    /// Time of the sweep's file system, as it was looked at last.
+    now: SystemTime,
+    /// Indices of units.
+    waiting: VecDeque<usize>,
+    elsewhere: Vec<usize>,
+    active: BTreeMap<usize, Active>,
+    done: usize,
+    done_here: usize,
+    failed: Vec<UnitOutcome>,
+    too_big: Vec<(String, String)>,
+    interrupted: usize,
+    /// What broke, and ends the pool.
+    broken: Option<StoreError>,
+}
+
+type Message = (usize, Result<Ending, StoreError>);
+
+impl<'a> Pool<'a> {
+    fn new(sweep: &'a Sweep, request: &'a RunRequest<'a>) -> Result<Self, SweepError> {
+        let states = sweep.states()?;
+        let mut pool = Self {
+            sweep,
+            request,
+            history: History::of(sweep.plan.units.iter().zip(&states)),
+            now: sweep.now()?,
+            waiting: VecDeque::new(),
+            elsewhere: Vec::new(),
+            active: BTreeMap::new(),
+            done: 0,
+            done_here: 0,
+            failed: Vec::new(),
+            too_big: Vec::new(),
+            interrupted: 0,
+            broken: None,
+        };
+        for (index, state) in states.into_iter().enumerate() {
+            let id = &sweep.plan.units[index].id;
+            if request.only.as_ref().is_none_or(|only| only.contains(id)) {
+                pool.sort_in(index, state);
+            }
+        }
+        Ok(pool)
+    }
+
+    fn sort_in(&mut self, index: usize, state: UnitState) {
+        match state {
+            UnitState::Done(_) => self.done += 1,
+            UnitState::Failed(outcome) => self.failed.push(*outcome),
+            UnitState::Running(_) => self.elsewhere.push(index),
+            UnitState::Missing { .. } => self.waiting.push_back(index),
+        }
+    }
+
+    fn unit(&self, index: usize) -> &'a SweepUnit {
+        &self.sweep.plan.units[index]
+    }
+
+    fn run(&mut self, progress: &dyn Progress) -> Result<(), SweepError> {
+        let (sender, receiver) = mpsc::channel::<Message>();
+        let mut renewed = Instant::now();
+        let mut looked = Instant::now();
+        let mut asked_to_end: Option<Instant> = None;
+        thread::scope(|scope| -> Result<(), SweepError> {
+            loop {
+                let ending = self.broken.is_some() || self.request.stop.load(Ordering::Relaxed);
+                if ending {
+                    let asked = *asked_to_end.get_or_insert_with(Instant::now);
+                    self.end_all(asked.elapsed() > self.request.grace);
+                } else if let Err(error) = self.begin_units(scope, &sender, progress) {
+                    self.broken = Some(error);
+                    continue;
+                }
+                if self.active.is_empty() && (ending || self.is_over()) {
+                    return Ok(());
+                }
+                match receiver.recv_timeout(TICK) {
+                    Ok((index, ended)) => self.take_in(index, ended, progress),
+                    Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {}
+                }
+                self.end_overdue();
+                if renewed.elapsed() > self.request.expiry / 4 {
+                    self.renew();
+                    renewed = Instant::now();
+                }
+                if looked.elapsed() > LOOK_ELSEWHERE && !self.elsewhere.is_empty() {
+                    self.look_elsewhere()?;
+                    looked = Instant::now();
+                }
+            }
+        })?;
+        if let Some(error) = self.broken.take() {
+            return Err(error.into());
+        }
+        let left = self.interrupted + self.waiting.len();
+        if asked_to_end.is_some() && left > 0 {
+            return Err(SweepError::Interrupted);
+        }
+        Ok(())
+    }
+
+    fn is_over(&self) -> bool {
+        self.waiting.is_empty() && (self.elsewhere.is_empty() || !self.request.wait)
+    }
+
+    fn summary(self) -> RunSummary {
+        RunSummary {
+            done: self.done,
+            done_here: self.done_here,
+            failed: self.failed,
+            elsewhere: self.elsewhere.len(),
+            too_big: self.too_big,
+        }
+    }
+
+    /// Begins every unit that fits, in the order of the plan.
+    fn begin_units<'scope>(
+        &mut self,
+        scope: &'scope Scope<'scope, '_>,
+        sender: &Sender<Message>,
+        progress: &dyn Progress,
+    ) -> Result<(), StoreError>
+    where
+        'a: 'scope,
+    {
+        let mut position = 0;
+        while position < self.waiting.len() && self.free_cores() > 0 {
+            let index = self.waiting[position];
+            match self.fit(self.unit(index)) {
+                Fit::Later => position += 1,
+                Fit::Never(reason) => {
+                    self.waiting.remove(position);
+                    let id = self.unit(index).id.clone();
+                    progress.note(&format!("{id}: {reason}"));
+                    self.too_big.push((id, reason));
+                    progress.advance(1);
+                }
+                Fit::Now => {
+                    self.waiting.remove(position);
+                    match self.claim(index)? {
+                        Some(claim) => self.begin(index, claim, scope, sender),
+                        None => progress.advance(1),
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn free_cores(&self) -> u32 {
+        let used = self.active.values().map(|active| active.reserved.cores);
+        self.request.limits.cores.saturating_sub(used.sum())
+    }
+
+    fn fit(&self, unit: &SweepUnit) -> Fit {
+        let limits = &self.request.limits;
+        let needs = &unit.needs;
+        if self.active.is_empty() {
+            // Alone it needs no room above what was measured.
+            let memory = self.history.measured_memory_bytes(unit);
+            let memory = memory.unwrap_or(needs.memory_bytes);
+            let missing = [
+                ("cores", u64::from(needs.cores), u64::from(limits.cores)),
+                ("bytes of memory", memory, limits.memory_bytes),
+                ("GPUs", u64::from(needs.gpus), u64::from(limits.gpus)),
+            ];
+            let missing = missing.iter().find(|(_, needed, there)| needed > there);
+            return match missing {
+                None => Fit::Now,
+                Some((what, needed, there)) => {
+                    Fit::Never(format!("needs {needed} {what}, this pool has {there}"))
+                }
+            };
+        }
+        let used = |of: fn(&Reserved) -> u64| -> u64 {
+            self.active
+                .values()
+                .map(|active| of(&active.reserved))
+                .sum()
+        };
+        let memory = self.history.memory_bytes(unit);
+        let fits = needs.cores <= self.free_cores()
+            && memory.saturating_add(used(|of| of.memory_bytes)) <= limits.memory_bytes
+            && u64::from(needs.gpus) + used(|of| of.gpus.len() as u64) <= u64::from(limits.gpus);
+        if fits { Fit::Now } else { Fit::Later }
+    }
+
+    /// Claims a unit; `None` where it is no more to be done by this pool.
+    fn claim(&mut self, index: usize) -> Result<Option<Claim>, StoreError> {
+        let unit = self.unit(index);
+        let folder = self.sweep.unit_folder(unit);
+        store::create_folder(&folder)?;
+        let state = self.sweep.state(unit, self.now)?;
+        let UnitState::Missing { reason, lost } = state else {
+            self.sort_in(index, state);
+            return Ok(None);
+        };
+        let Some(claim) = Claim::take(&folder, lost, self.request.expiry)? else {
+            self.elsewhere.push(index);
+            return Ok(None);
+        };
+        // Since it was looked at, another runner may have finished it and let go.
+        if let Finished::As(state) = self.sweep.outcome(unit)? {
+            claim.release()?;
+            self.sort_in(index, state);
+            return Ok(None);
+        }
+        if lost >= MOST_LOST_RUNNERS {
+            let last = reason.unwrap_or_default();
+            let outcome = unit::give_up(self.sweep, unit, &claim, &last)?;
+            self.failed.push(outcome);
+            return Ok(None);
+        }
+        Ok(Some(claim))
+    }
+
+    fn begin<'scope>(
+        &mut self,
+        index: usize,
+        claim: Claim,
+        scope: &'scope Scope<'scope, '_>,
+        sender: &Sender<Message>,
+    ) where
+        'a: 'scope,
+    {
+        let unit = self.unit(index);
+        let reserved = self.reserve(unit);
+        let threads = unit.needs.cores.to_string();
+        let mut variables: Vec<(String, String)> = ["RAYON_NUM_THREADS", "OMP_NUM_THREADS"]
+            .map(|name| (name.to_owned(), threads.clone()))
+            .into();
+        if self.request.assign_gpus {
+            let devices: Vec<String> = reserved.gpus.iter().map(u32::to_string).collect();
+            variables.push(("CUDA_VISIBLE_DEVICES".to_owned(), devices.join(",")));
+        }
+        let active = Active {
+            claim: Arc::new(claim),
+            running: Arc::default(),
+            deadline: (unit.needs.limit_seconds)
+                .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
+                .and_then(|limit| Instant::now().checked_add(limit)),
+            reserved,
+        };
+        let (claim, running) = (Arc::clone(&active.claim), Arc::clone(&active.running));
+        let (sweep, program, stop) = (self.sweep, &self.request.program, self.request.stop);
+        let sender = sender.clone();
+        scope.spawn(move || {
+            let ended = unit::run(sweep, unit, &claim, program, &variables, &running, stop);
+            // The pool waits for every unit it has begun.
+            drop(sender.send((index, ended)));
+        });
+        self.active.insert(index, active);
+    }
+
+    fn reserve(&self, unit: &SweepUnit) -> Reserved {
+        let taken: BTreeSet<u32> = (self.active.values())
+            .flat_map(|active| active.reserved.gpus.iter().copied())
+            .collect();
+        Reserved {
+            cores: unit.needs.cores,
+            memory_bytes: self.history.memory_bytes(unit),
+            gpus: (0..self.request.limits.gpus)
+                .filter(|gpu| !taken.contains(gpu))
+                .take(unit.needs.gpus as usize)
+                .collect(),
+        }
+    }
+
+    fn take_in(
+        &mut self,
+        index: usize,
+        ended: Result<Ending, StoreError>,
+        progress: &dyn Progress,
+    ) {
+        self.active.remove(&index);
+        let unit = self.unit(index);
+        match ended {
+            Ok(Ending::Over(outcome)) => {
+                progress.advance(1);
+                self.history.add(&unit.group, &outcome);
+                if let Some(failure) = &outcome.failure {
+                    progress.note(&format!("{}: {failure}", unit.id));
+                    self.failed.push(*outcome);
+                } else {
+                    self.done += 1;
+                    self.done_here += 1;
+                }
+            }
+            Ok(Ending::Interrupted) => self.interrupted += 1,
+            Ok(Ending::TakenOver) => {
+                progress.note(&format!("{}: was taken over by another runner", unit.id));
+                self.elsewhere.push(index);
+            }
+            Err(error) => self.broken = Some(error),
+        }
+    }
+
+    fn end_all(&self, kill: bool) {
+        for active in self.active.values() {
+            if kill {
+                active.running.kill();
+            } else if active.running.reason().is_none() {
+                active.running.end(EndReason::Stop);
+            }
+        }
+    }
+
+    fn end_overdue(&self) {
+        for active in self.active.values() {
+            let overdue = active.deadline.map(|deadline| deadline.elapsed());
+            match overdue {
+                Some(over) if over > self.request.grace => active.running.kill(),
+                Some(over) if over > Duration::ZERO && active.running.reason().is_none() => {
+                    active.running.end(EndReason::Limit);
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// Dates the claims, and lets go of units that others have taken over.
+    fn renew(&self) {
+        for active in self.active.values() {
+            if !active.claim.renew() {
+                active.running.end(EndReason::TakenOver);
+            }
+        }
+    }
+
+    fn look_elsewhere(&mut self) -> Result<(), SweepError> {
+        self.now = self.sweep.now()?;
+        for index in std::mem::take(&mut self.elsewhere) {
+            let state = self.sweep.state(self.unit(index), self.now)?;
+            self.sort_in(index, state);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,220 @@
+//! One command, run to its end or until somebody ends it, and what it cost.
+
+use std::{
+    fs::{self, File},
+    io,
+    path::{Path, PathBuf},
+    process::{Command, ExitStatus, Stdio},
+    sync::{Mutex, MutexGuard, PoisonError},
+};
+
+use wait4::Wait4;
+
+/// What to run, and where.
+pub(crate) struct Job<'a> {
+    /// Program and arguments; the program `omnilife` is `program`.
+    pub(crate) command: &'a [String],
+    /// This program.
+    pub(crate) program: &'a Path,
+    /// Working directory.
+    pub(crate) folder: &'a Path,
+    /// Variables set beside those of this process.
+    pub(crate) variables: &'a [(String, String)],
+    /// Everything it prints is added to this file.
+    pub(crate) log: &'a Path,
+}
+
+/// How it went.
+pub(crate) struct Ended {
+    pub(crate) succeeded: bool,
+    pub(crate) exit_code: Option<i32>,
+    /// In words: `exit 3`, `signal 9`.
+    pub(crate) ending: String,
+    pub(crate) cpu_seconds: Option<f64>,
+    pub(crate) peak_memory_bytes: Option<u64>,
+}
+
+/// Why a command is ended before its time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum EndReason {
+    /// The runner was asked to end.
+    Stop,
+    /// The unit has used up its time.
+    Limit,
+    /// Another runner has taken the unit over.
+    TakenOver,
+}
+
+/// The running command of a unit, for whoever wants to end it.
+#[derive(Debug, Default)]
+pub(crate) struct Running {
+    state: Mutex<RunningState>,
+}
+
+#[derive(Debug, Default)]
+struct RunningState {
+    /// Process group of the command while it runs.
+    group: Option<i32>,
+    /// The first reason that was given.
+    reason: Option<EndReason>,
+}
+
+impl Running {
+    fn state(&self) -> MutexGuard<'_, RunningState> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Why the unit is being ended, if it is.
+    pub(crate) fn reason(&self) -> Option<EndReason> {
+        self.state().reason
+    }
+
+    /// Asks the command and all its children to end; no further one of the unit begins.
+    pub(crate) fn end(&self, reason: EndReason) {
+        let mut state = self.state();
+        state.reason.get_or_insert(reason);
+        if let Some(group) = state.group {
+            signal_group(group, reason == EndReason::TakenOver);
+        }
+    }
+
+    /// Kills the command and all its children.
+    pub(crate) fn kill(&self) {
+        if let Some(group) = self.state().group {
+            signal_group(group, true);
+        }
+    }
+}
+
+#[cfg(unix)]
+fn signal_group(group: i32, kill: bool) {
+    use nix::{
+        sys::signal::{Signal, killpg},
+        unistd::Pid,
+    };
+    let signal = if kill {
+        Signal::SIGKILL
+    } else {
+        Signal::SIGTERM
+    };
+    // It may have ended by itself since.
+    let _ = killpg(Pid::from_raw(group), signal);
+}
+
+#[cfg(not(unix))]
+fn signal_group(_: i32, _: bool) {}
+
+/// Runs a command with no standard input and both outputs in the log. It does not outlive this
+/// process (Linux).
+///
+/// # Errors
+/// When the log cannot be written or the command cannot be started, with the file in words.
+pub(crate) fn run(job: &Job<'_>, running: &Running) -> io::Result<Ended> {
+    let log = File::options().create(true).append(true).open(job.log)?;
+    let errors = log.try_clone()?;
+    let program = resolved(job);
+    let mut command = Command::new(&program);
+    command
+        .args(&job.command[1..])
+        .envs(job.variables.iter().map(|(name, value)| (name, value)))
+        .current_dir(job.folder)
+        .stdin(Stdio::null())
+        .stdout(log)
+        .stderr(errors);
+    in_group_of_its_own(&mut command);
+    let child = {
+        // Under the lock: whoever wants to end the unit either comes before, or finds the group.
+        let mut state = running.state();
+        if state.reason.is_some() {
+            return Ok(not_begun());
+        }
+        let child = command.spawn().map_err(|error| {
+            let program = program.display();
+            io::Error::new(
+                error.kind(),
+                format!("{program}: cannot be started: {error}"),
+            )
+        })?;
+        state.group = i32::try_from(child.id()).ok();
+        child
+    };
+    let waited = child.wait4();
+    running.state().group = None;
+    let used = waited?;
+    let time = used.rusage.utime + used.rusage.stime;
+    Ok(Ended {
+        succeeded: used.status.success(),
+        exit_code: used.status.code(),
+        ending: describe(used.status),
+        cpu_seconds: Some(time.as_secs_f64()),
+        peak_memory_bytes: (used.rusage.maxrss > 0).then_some(used.rusage.maxrss),
+    })
+}
+
+fn resolved(job: &Job<'_>) -> PathBuf {
+    match job.command[0].as_str() {
+        "omnilife" => job.program.to_owned(),
+        other => PathBuf::from(other),
+    }
+}
+
+fn not_begun() -> Ended {
+    Ended {
+        succeeded: false,
+        exit_code: None,
+        ending: "not begun".to_owned(),
+        cpu_seconds: None,
+        peak_memory_bytes: None,
+    }
+}
+
+/// Its children can be reached through its group, and it dies with the thread that started it, which
+/// waits for it.
+fn in_group_of_its_own(command: &mut Command) {
+    #[cfg(unix)]
+    {
+        use std::os::unix::process::CommandExt;
+        command.process_group(0);
+        #[cfg(target_os = "linux")]
+        {
+            let parent = nix::unistd::getpid();
+            let die_with_parent = move || {
+                nix::sys::prctl::set_pdeathsig(nix::sys::signal::Signal::SIGKILL)?;
+                // A parent that died before the call above sends no signal any more.
+                if nix::unistd::getppid() == parent {
+                    Ok(())
+                } else {
+                    Err(io::Error::from(io::ErrorKind::BrokenPipe))
+                }
+            };
+            // SAFETY: between fork and exec the closure makes two system calls and allocates
+            // nothing.
+            unsafe { command.pre_exec(die_with_parent) };
+        }
+    }
+    #[cfg(not(unix))]
+    let _ = command;
+}
+
+fn describe(status: ExitStatus) -> String {
+    #[cfg(unix)]
+    {
+        use std::os::unix::process::ExitStatusExt;
+        if let Some(signal) = status.signal() {
+            return format!("signal {signal}");
+        }
+    }
+    status
+        .code()
+        .map_or_else(|| "no exit code".to_owned(), |code| format!("exit {code}"))
+}
+
+/// The last line of a log, shortened; logs of other programs need not be UTF-8.
+pub(crate) fn last_line(log: &Path) -> Option<String> {
+    const LONGEST: usize = 300;
+    let bytes = fs::read(log).ok()?;
+    let text = String::from_utf8_lossy(&bytes);
+    let mut lines = text.lines().rev().map(str::trim);
+    let line = lines.find(|line| !line.is_empty())?;
+    Some(line.chars().take(LONGEST).collect())
+}

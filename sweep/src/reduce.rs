@@ -1,0 +1,71 @@
+//! Makes one whole of what the units have left: tables, a dataset.
+
+use std::path::Path;
+
+use omnilife_schemas::progress::Progress;
+
+use crate::{
+    error::SweepError,
+    folder::{Sweep, UnitState},
+    process::{self, Ended, Job, Running},
+    status::{self, Counts, Status},
+};
+
+/// Everything that the reduction printed, in the sweep's folder.
+const LOG_FILE: &str = "reduce.log";
+
+/// Writes the table of units, leaves a record of every failure, and runs the plan's reduction.
+///
+/// # Errors
+/// When the sweep cannot be read or written, or a command fails. Failed units are no error.
+pub fn reduce(
+    folder: &Path,
+    program: &Path,
+    progress: &dyn Progress,
+) -> Result<Counts, SweepError> {
+    let status = Status::of(Sweep::open(folder)?)?;
+    status.write_csv()?;
+    let log = status.sweep.folder.join(LOG_FILE);
+    omnilife_schemas::store::remove(&log)?;
+    for (unit, state) in status.units() {
+        if matches!(state, UnitState::Failed(_)) {
+            let reason = status::reason(state);
+            for command in &unit.on_failure {
+                let filled: Vec<String> = command
+                    .iter()
+                    .map(|word| word.replace("{reason}", &reason))
+                    .collect();
+                run(&status.sweep, &filled, program, &log)?;
+            }
+        }
+    }
+    for command in &status.sweep.plan.reduce {
+        progress.note(&format!("reducing: {}", command.join(" ")));
+        run(&status.sweep, command, program, &log)?;
+    }
+    Ok(status.counts())
+}
+
+fn run(sweep: &Sweep, command: &[String], program: &Path, log: &Path) -> Result<(), SweepError> {
+    let job = Job {
+        command,
+        program,
+        folder: Path::new(&sweep.plan.folder),
+        variables: &[],
+        log,
+    };
+    let reason = match process::run(&job, &Running::default()) {
+        Ok(Ended {
+            succeeded: true, ..
+        }) => return Ok(()),
+        Ok(ended) => match process::last_line(log) {
+            Some(line) => format!("{}: {line}", ended.ending),
+            None => ended.ending,
+        },
+        Err(error) => error.to_string(),
+    };
+    Err(SweepError::Reduce {
+        command: command.join(" "),
+        reason,
+    })
+}

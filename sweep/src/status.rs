@@ -1,0 +1,150 @@
+//! What became of the units, for people and for tables.
+
+use std::{collections::BTreeSet, io, path::PathBuf};
+
+use omnilife_schemas::{
+    records::{SweepUnit, UnitOutcome},
+    store::{self, StoreError},
+};
+
+use crate::{
+    error::SweepError,
+    folder::{Sweep, UnitState},
+    history::History,
+};
+
+/// The table of all units in a sweep's folder.
+pub const UNITS_FILE: &str = "units.csv";
+
+/// How many units are in each state.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Done.
+    pub done: usize,
+    /// Failed.
+    pub failed: usize,
+    /// Being worked on.
+    pub running: usize,
+    /// To be done.
+    pub missing: usize,
+}
+
+/// Every unit with its state.
+#[derive(Debug, Clone)]
+pub struct Status {
+    /// The sweep.
+    pub sweep: Sweep,
+    /// In the order of the plan.
+    pub states: Vec<UnitState>,
+}
+
+impl Status {
+    /// Looks at all units of a sweep.
+    ///
+    /// # Errors
+    /// When the sweep or an outcome cannot be read.
+    pub fn of(sweep: Sweep) -> Result<Self, SweepError> {
+        let states = sweep.states()?;
+        Ok(Self { sweep, states })
+    }
+
+    /// Units with their states.
+    pub fn units(&self) -> impl Iterator<Item = (&SweepUnit, &UnitState)> {
+        self.sweep.plan.units.iter().zip(&self.states)
+    }
+
+    /// How many units are in each state.
+    pub fn counts(&self) -> Counts {
+        let mut counts = Counts::default();
+        for state in &self.states {
+            *match state {
+                UnitState::Done(_) => &mut counts.done,
+                UnitState::Failed(_) => &mut counts.failed,
+                UnitState::Running(_) => &mut counts.running,
+                UnitState::Missing { .. } => &mut counts.missing,
+            } += 1;
+        }
+        counts
+    }
+
+    /// What the units have cost so far, by group.
+    pub fn history(&self) -> History {
+        History::of(self.units())
+    }
+
+    /// Writes [`UNITS_FILE`]: one row per unit with state, reason, cost and its labels; whatever
+    /// failed or is missing is a row too.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn write_csv(&self) -> Result<PathBuf, StoreError> {
+        let labels: BTreeSet<&str> = self
+            .units()
+            .flat_map(|(unit, _)| unit.labels.keys().map(String::as_str))
+            .collect();
+        let path = self.sweep.folder.join(UNITS_FILE);
+        store::write_with(&path, |writer| {
+            let mut table = csv::Writer::from_writer(writer);
+            let header = COLUMNS.iter().copied().chain(labels.iter().copied());
+            table.write_record(header).map_err(io::Error::other)?;
+            for (unit, state) in self.units() {
+                let mut row = row(unit, state);
+                row.extend(
+                    labels
+                        .iter()
+                        .map(|label| unit.labels.get(*label).cloned().unwrap_or_default()),
+                );
+                table.write_record(row).map_err(io::Error::other)?;
+            }
+            table.flush()
+        })?;
+        Ok(path)
+    }
+}
+
+const COLUMNS: [&str; 10] = [
+    "unit",
+    "group",
+    "state",
+    "reason",
+    "attempt",
+    "host",
+    "slurm_job",
+    "wall_seconds",
+    "cpu_seconds",
+    "peak_memory_bytes",
+];
+
+/// Why a unit failed or is missing; empty where it is done or running.
+pub fn reason(state: &UnitState) -> String {
+    match state {
+        UnitState::Failed(outcome) => outcome.failure.clone().unwrap_or_default(),
+        UnitState::Missing { reason, .. } => reason.clone().unwrap_or_default(),
+        UnitState::Done(_) | UnitState::Running(_) => String::new(),
+    }
+}
+
+fn row(unit: &SweepUnit, state: &UnitState) -> Vec<String> {
+    let seconds = |value: f64| format!("{value:.3}");
+    let text = |value: Option<String>| value.unwrap_or_default();
+    let outcome: Option<&UnitOutcome> = match state {
+        UnitState::Done(outcome) | UnitState::Failed(outcome) => Some(outcome),
+        UnitState::Running(_) | UnitState::Missing { .. } => None,
+    };
+    let runner = match state {
+        UnitState::Running(claim) => Some(&claim.runner),
+        _ => outcome.map(|outcome| &outcome.runner),
+    };
+    vec![
+        unit.id.clone(),
+        unit.group.clone(),
+        state.name().to_owned(),
+        reason(state),
+        text(outcome.map(|outcome| outcome.attempt.to_string())),
+        text(runner.map(|runner| runner.host.clone())),
+        text(runner.and_then(|runner| runner.slurm_job.clone())),
+        text(outcome.map(|outcome| seconds(outcome.wall_seconds))),
+        text(outcome.and_then(|outcome| outcome.cpu_seconds.map(seconds))),
+        text(outcome.and_then(|outcome| Some(outcome.peak_memory_bytes?.to_string()))),
+    ]
+}

@@ -1,0 +1,267 @@
+//! One claimed unit, from its first command to its outcome.
+
+use std::{
+    path::Path,
+    sync::atomic::{AtomicBool, Ordering},
+    thread,
+    time::{Duration, Instant},
+};
+
+use omnilife_schemas::{
+    records::{SweepUnit, UnitInput, UnitOutcome},
+    stage::StageOutput,
+    store::{self, StoreError},
+};
+
+use crate::{
+    claim::{Claim, MOST_LOST_RUNNERS},
+    folder::Sweep,
+    host, plan,
+    process::{self, EndReason, Job, Running},
+};
+
+/// Exit code of a command that was told to end and goes on when it is begun again: `EX_TEMPFAIL` of
+/// sysexits.h.
+const INTERRUPTED: i32 = 75;
+
+/// How an attempt ended.
+pub(crate) enum Ending {
+    /// Done or failed, as its outcome says.
+    Over(Box<UnitOutcome>),
+    /// The runner was asked to end; the unit is missing again.
+    Interrupted,
+    /// Another runner has taken it over.
+    TakenOver,
+}
+
+/// Runs a unit whose claim is held, writes its outcome and lets the claim go.
+///
+/// # Errors
+/// When a file of the sweep cannot be written. A unit that fails is an outcome.
+pub(crate) fn run(
+    sweep: &Sweep,
+    unit: &SweepUnit,
+    claim: &Claim,
+    program: &Path,
+    variables: &[(String, String)],
+    running: &Running,
+    stop: &AtomicBool,
+) -> Result<Ending, StoreError> {
+    let attempt = Attempt::begin(sweep, unit)?;
+    let mut variables = variables.to_vec();
+    variables.push((host::TOKEN_VARIABLE.to_owned(), claim.token.clone()));
+    let mut cost = Cost::default();
+    let result = attempt.work(program, &variables, running, &mut cost);
+    if let Err(failure) = &result
+        && failure.may_be_interruption
+    {
+        wait_for_own_signal(running, stop);
+    }
+    match running.reason() {
+        Some(EndReason::TakenOver) => return Ok(Ending::TakenOver),
+        // A unit that ended well in spite of it is done.
+        Some(EndReason::Stop) if result.is_err() => {
+            claim.release()?;
+            return Ok(Ending::Interrupted);
+        }
+        _ => {}
+    }
+    if !claim.is_held() {
+        return Ok(Ending::TakenOver);
+    }
+    let outcome = attempt.outcome(result, &cost);
+    sweep.write_outcome(unit, &outcome)?;
+    claim.close()?;
+    Ok(Ending::Over(Box::new(outcome)))
+}
+
+/// A cluster's engine signals all processes of a job at about the same time: what ended the unit may
+/// be about to reach this process, and then the unit has not failed.
+fn wait_for_own_signal(running: &Running, stop: &AtomicBool) {
+    const LONGEST: Duration = Duration::from_millis(500);
+    let begun = Instant::now();
+    while running.reason().is_none() && begun.elapsed() < LONGEST {
+        if stop.load(Ordering::Relaxed) {
+            running.end(EndReason::Stop);
+        } else {
+            thread::sleep(Duration::from_millis(10));
+        }
+    }
+}
+
+/// Writes the failure of a unit that has lost too many runners.
+///
+/// # Errors
+/// When a file of the sweep cannot be written.
+pub(crate) fn give_up(
+    sweep: &Sweep,
+    unit: &SweepUnit,
+    claim: &Claim,
+    last: &str,
+) -> Result<UnitOutcome, StoreError> {
+    let attempt = Attempt::begin(sweep, unit)?;
+    let reason = format!("given up after {MOST_LOST_RUNNERS} runners: {last}");
+    let outcome = attempt.outcome(Err(Failure::of(reason)), &Cost::default());
+    sweep.write_outcome(unit, &outcome)?;
+    claim.close()?;
+    Ok(outcome)
+}
+
+#[derive(Default)]
+struct Cost {
+    cpu_seconds: Option<f64>,
+    peak_memory_bytes: Option<u64>,
+}
+
+struct Failure {
+    reason: String,
+    exit_code: Option<i32>,
+    /// Whether it may have been told to end, and by whom is not known.
+    may_be_interruption: bool,
+    inputs: Vec<UnitInput>,
+}
+
+impl Failure {
+    fn of(reason: String) -> Self {
+        Self {
+            reason,
+            exit_code: None,
+            may_be_interruption: false,
+            inputs: Vec::new(),
+        }
+    }
+}
+
+type WorkResult = Result<(Vec<UnitInput>, Vec<StageOutput>), Failure>;
+
+struct Attempt<'a> {
+    sweep: &'a Sweep,
+    unit: &'a SweepUnit,
+    number: u32,
+    log: String,
+    begun: Instant,
+    begun_unix_seconds: f64,
+}
+
+impl<'a> Attempt<'a> {
+    fn begin(sweep: &'a Sweep, unit: &'a SweepUnit) -> Result<Self, StoreError> {
+        let logs = store::names_in(&sweep.unit_folder(unit))?;
+        let numbers = logs.iter().filter_map(|name| {
+            let number = name.strip_prefix("attempt-")?.strip_suffix(".log")?;
+            number.parse::<u32>().ok()
+        });
+        let number = numbers.max().unwrap_or(0) + 1;
+        Ok(Self {
+            sweep,
+            unit,
+            number,
+            log: format!("attempt-{number}.log"),
+            begun: Instant::now(),
+            begun_unix_seconds: host::unix_seconds(),
+        })
+    }
+
+    fn work(
+        &self,
+        program: &Path,
+        variables: &[(String, String)],
+        running: &Running,
+        cost: &mut Cost,
+    ) -> WorkResult {
+        let log = self.sweep.unit_folder(self.unit).join(&self.log);
+        let inputs = match self.sweep.inputs(self.unit) {
+            Ok(inputs) => inputs,
+            Err(error) => {
+                return Err(Failure {
+                    // What is wrong with an input is the input's fault.
+                    exit_code: Some(2),
+                    ..Failure::of(error.to_string())
+                });
+            }
+        };
+        for command in &self.unit.commands {
+            let job = Job {
+                command,
+                program,
+                folder: Path::new(&self.sweep.plan.folder),
+                variables,
+                log: &log,
+            };
+            let ended = match process::run(&job, running) {
+                Ok(ended) => ended,
+                Err(error) => return Err(Failure::of(error.to_string())),
+            };
+            if let Some(seconds) = ended.cpu_seconds {
+                *cost.cpu_seconds.get_or_insert(0.0) += seconds;
+            }
+            cost.peak_memory_bytes = cost.peak_memory_bytes.max(ended.peak_memory_bytes);
+            if !ended.succeeded {
+                return Err(Failure {
+                    reason: self.reason(command, &ended, running, &log),
+                    exit_code: ended.exit_code,
+                    // A signal, or the exit code of those that have written a checkpoint.
+                    may_be_interruption: matches!(ended.exit_code, None | Some(INTERRUPTED)),
+                    inputs,
+                });
+            }
+        }
+        match self.sweep.outputs(self.unit) {
+            Ok(outputs) => Ok((inputs, outputs)),
+            Err(reason) => Err(Failure {
+                inputs,
+                ..Failure::of(reason)
+            }),
+        }
+    }
+
+    fn reason(
+        &self,
+        command: &[String],
+        ended: &process::Ended,
+        running: &Running,
+        log: &Path,
+    ) -> String {
+        if running.reason() == Some(EndReason::Limit) {
+            let limit = self.unit.needs.limit_seconds.unwrap_or_default();
+            return format!("ended at its time limit of {limit} s");
+        }
+        // The program and what it was told to do, without files and options.
+        let is_word = |word: &&String| !word.starts_with('-') && !word.contains(['/', '.']);
+        let program = Path::new(&command[0]).file_name().unwrap_or_default();
+        let words = command[1..].iter().take_while(is_word).take(2).cloned();
+        let mut name = vec![program.to_string_lossy().into_owned()];
+        name.extend(words);
+        let mut reason = format!("{}: {}", name.join(" "), ended.ending);
+        if let Some(line) = process::last_line(log) {
+            reason += &format!(": {line}");
+        }
+        reason
+    }
+
+    fn outcome(&self, result: WorkResult, cost: &Cost) -> UnitOutcome {
+        let (failure, exit_code, inputs, outputs) = match result {
+            Ok((inputs, outputs)) => (None, None, inputs, outputs),
+            Err(failure) => (
+                Some(failure.reason),
+                failure.exit_code,
+                failure.inputs,
+                Vec::new(),
+            ),
+        };
+        UnitOutcome {
+            unit: self.unit.id.clone(),
+            failure,
+            exit_code,
+            unit_sha256: plan::unit_hash(self.unit),
+            inputs,
+            outputs,
+            attempt: self.number,
+            runner: host::runner(),
+            begun_unix_seconds: self.begun_unix_seconds,
+            wall_seconds: self.begun.elapsed().as_secs_f64(),
+            cpu_seconds: cost.cpu_seconds,
+            peak_memory_bytes: cost.peak_memory_bytes,
+            log: self.log.clone(),
+        }
+    }
+}

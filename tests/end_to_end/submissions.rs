@@ -1,0 +1,168 @@
+//! Results that others hand in: packed, checked, scored again, and found out where they were changed.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use omnilife_schemas::{
+    records::{ResultRecord, Submission},
+    store,
+};
+use tempfile::TempDir;
+
+use crate::support::{Ended, METHOD, omnilife, scratch, small_run};
+
+const CARD: &str = "method = \"odgs\"\ntitle = \"ODGS\"\nauthors = [\"A. Author\", \"B. Author\"]\n\
+                    licence = \"MIT\"\nhardware = \"two cores\"\n";
+
+fn submit(card: &str, out: &Path) -> Ended {
+    let file = out.with_extension("toml");
+    fs::write(&file, card).unwrap();
+    omnilife([
+        "--quiet".as_ref(),
+        "leaderboard".as_ref(),
+        "submit".as_ref(),
+        small_run().out.as_os_str(),
+        "--card".as_ref(),
+        file.as_os_str(),
+        "--out".as_ref(),
+        out.as_os_str(),
+    ])
+}
+
+fn add(submission: &Path, results: &Path, audit: &str) -> Ended {
+    omnilife([
+        "--quiet".as_ref(),
+        "leaderboard".as_ref(),
+        "add".as_ref(),
+        submission.as_os_str(),
+        "--results".as_ref(),
+        results.as_os_str(),
+        "--audit".as_ref(),
+        audit.as_ref(),
+        "--scenes".as_ref(),
+        small_run().out.as_os_str(),
+    ])
+}
+
+fn submitted() -> (TempDir, PathBuf) {
+    let folder = scratch();
+    let submission = folder.path().join("submission");
+    submit(CARD, &submission).succeeded();
+    (folder, submission)
+}
+
+/// What somebody does who changes a file and knows about hashes.
+fn repack(submission: &Path, file: &str) {
+    let path = submission.join("submission.json");
+    let mut record: Submission = store::read_record(&path).unwrap();
+    let folder = submission.join(&record.results[0].folder);
+    let packed = record.results[0].files.iter_mut();
+    let entry = packed.into_iter().find(|entry| entry.file == file).unwrap();
+    entry.sha256 = store::sha256_file(&folder.join(file)).unwrap();
+    entry.bytes = fs::metadata(folder.join(file)).unwrap().len();
+    store::write_record(&path, &record).unwrap();
+}
+
+#[test]
+fn an_honest_submission_is_added_once() {
+    let (folder, submission) = submitted();
+    let results = folder.path().join("results");
+    let added = add(&submission, &results, "1").succeeded();
+    assert!(
+        added
+            .stdout
+            .contains("1 results of odgs added, 1 of them scored again")
+    );
+    let files = crate::support::files(&results);
+    assert_eq!(
+        files
+            .iter()
+            .filter(|name| name.ends_with("result.json"))
+            .count(),
+        1
+    );
+    assert!(
+        !files.iter().any(|name| name.ends_with(".png")),
+        "{files:?}"
+    );
+    let board = folder.path().join("board");
+    omnilife([
+        "leaderboard".as_ref(),
+        "build".as_ref(),
+        results.as_os_str(),
+        "--out".as_ref(),
+        board.as_os_str(),
+    ])
+    .succeeded();
+    let message = add(&submission, &results, "0").failed_quietly(2).to_owned();
+    assert!(message.contains("was added before"), "{message}");
+
+    // The same rows from elsewhere.
+    let again = scratch();
+    let other = again.path().join("other");
+    submit(&CARD.replace("two cores", "three cores"), &other).succeeded();
+    let message = add(&other, &results, "0").failed_quietly(2).to_owned();
+    assert!(message.contains("is also scored in"), "{message}");
+}
+
+#[test]
+fn a_changed_number_is_found() {
+    let (folder, submission) = submitted();
+    let results = folder.path().join("results");
+    let path = submission.join("results/0000/result.json");
+    let mut record: ResultRecord = store::read_record(&path).unwrap();
+    record.novel_views.get_mut("psnr").unwrap().mean += 1.0;
+    store::write_record(&path, &record).unwrap();
+    let message = add(&submission, &results, "0").failed_quietly(2).to_owned();
+    assert!(
+        message.contains("result.json: is not what was packed"),
+        "{message}"
+    );
+    repack(&submission, "result.json");
+    let message = add(&submission, &results, "0").failed_quietly(2).to_owned();
+    assert!(
+        message.contains("psnr of the novel views is") && message.contains("its table gives"),
+        "{message}"
+    );
+    assert!(!results.exists() || store::names_in(&results).unwrap().is_empty());
+}
+
+/// Numbers that agree with each other, and not with the pictures.
+#[test]
+fn scores_of_other_pictures_are_found_by_scoring_again() {
+    let (folder, submission) = submitted();
+    let results = folder.path().join("results");
+    let picture = "predictions/novel/000004.png";
+    let path = submission.join("results/0000").join(picture);
+    let other = small_run()
+        .out
+        .join(METHOD)
+        .join("run/predictions/novel/000009.png");
+    fs::copy(other, &path).unwrap();
+    repack(&submission, picture);
+    let message = add(&submission, &results, "1").failed_quietly(2).to_owned();
+    assert!(
+        message.contains("of the novel views, scoring gives"),
+        "{message}"
+    );
+    // Without an audit nobody notices.
+    add(&submission, &results, "0").succeeded();
+}
+
+#[test]
+fn a_card_that_says_too_little_is_refused() {
+    let folder = scratch();
+    let out = folder.path().join("submission");
+    let message = submit("method = \"odgs\"\n", &out)
+        .failed_quietly(2)
+        .to_owned();
+    assert!(message.contains("missing field"), "{message}");
+    let message = submit(&CARD.replace("\"odgs\"", "\"other\""), &out);
+    let message = message.failed_quietly(2);
+    assert!(
+        message.contains("no results of the card's method other"),
+        "{message}"
+    );
+}

@@ -1,0 +1,142 @@
+//! Sweeps of curation and of the benchmark: what their units leave is what the commands for one
+//! machine leave.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use omnilife_schemas::{
+    records::{Dataset, ResultRecord},
+    store,
+};
+
+use crate::support::{Ended, SEQUENCE, omnilife, sample, scratch, small_run};
+
+/// `omnilife sweep <command> SWEEP <options>`.
+fn sweep(command: &str, folder: &Path, options: &[&str]) -> Ended {
+    let mut arguments = vec!["--quiet", "sweep", command, folder.to_str().unwrap()];
+    arguments.extend(options);
+    omnilife(arguments)
+}
+
+fn plan(arguments: &[&str]) -> Ended {
+    let mut all = vec!["--quiet", "sweep", "plan"];
+    all.extend(arguments);
+    omnilife(all)
+}
+
+#[test]
+fn videos_one_by_one_give_the_dataset_of_all_at_once() {
+    let folder = scratch();
+    let videos = folder.path().join("videos");
+    fs::create_dir(&videos).unwrap();
+    fs::copy(sample("street.mp4"), videos.join("street.mp4")).unwrap();
+    fs::write(videos.join("broken.mp4"), "no video").unwrap();
+    let options = ["--criteria", "none", "--max-frames", "4", "--width", "64"];
+    let (whole, parts) = (folder.path().join("whole"), folder.path().join("parts"));
+    let mut at_once = vec!["--quiet", "curate", videos.to_str().unwrap(), "--out"];
+    at_once.push(whole.to_str().unwrap());
+    at_once.extend(options);
+    assert_eq!(omnilife(at_once).code, Some(2), "one video is broken");
+
+    let work = folder.path().join("sweep");
+    let mut arguments = vec!["curate", videos.to_str().unwrap(), "--dataset"];
+    arguments.extend([parts.to_str().unwrap(), "--out", work.to_str().unwrap()]);
+    arguments.extend(options);
+    plan(&arguments).succeeded();
+    let ran = sweep("run", &work, &[]);
+    let message = ran.failed_quietly(2);
+    assert!(
+        message.starts_with("1 of 2 units failed, the first: broken: "),
+        "{message}"
+    );
+    // The broken video is a row of the dataset, and makes the command fail that builds it.
+    let reduced = sweep("reduce", &work, &[]);
+    assert!(
+        reduced.failed_quietly(1).contains("broken.mp4"),
+        "{}",
+        reduced.stderr
+    );
+    let datasets = [&whole, &parts]
+        .map(|out| -> Dataset { store::read_record(&out.join("dataset.json")).unwrap() });
+    assert_eq!(datasets[0], datasets[1]);
+    let files = [&whole, &parts].map(|out| crate::support::files(out));
+    assert_eq!(files[0], files[1]);
+}
+
+#[test]
+fn methods_scenes_and_seeds_become_one_table() {
+    let folder = scratch();
+    let results = folder.path().join("results");
+    let work = folder.path().join("sweep");
+    let method = folder.path().join("method.toml");
+    // A method of others that fails.
+    fs::write(
+        &method,
+        "id = \"mine\"\n[render]\ncommand = [\"sh\", \"-c\", \"echo no GPU; exit 3\"]\n\
+         [predictions]\nnovel = \"{work}/{frame:06}.png\"\n",
+    )
+    .unwrap();
+    let scene: PathBuf = small_run().out.join(SEQUENCE);
+    let methods = format!("odgs,{}", method.display());
+    let mut arguments = vec!["bench", scene.to_str().unwrap(), "--methods", &methods];
+    arguments.extend(["--seeds", "0,1", "--results", results.to_str().unwrap()]);
+    arguments.extend(["--out", work.to_str().unwrap()]);
+    let refused = plan(&[&arguments[..], &["--", "--iterations", "many"]].concat());
+    assert!(
+        refused.failed_quietly(2).contains("many"),
+        "{}",
+        refused.stderr
+    );
+    assert!(!work.exists());
+    let planned = plan(&[&arguments[..], &["--", "--iterations", "3"]].concat()).succeeded();
+    assert!(
+        planned.stdout.ends_with("plan.json: 4 units\n"),
+        "{}",
+        planned.stdout
+    );
+
+    // A method that fails is scored as having failed: the unit is done.
+    sweep("run", &work, &["--cores", "2"]).succeeded();
+    sweep("reduce", &work, &[]).succeeded();
+    let record = |method: &str, seed: u32| -> ResultRecord {
+        let file = format!("street/seq-000/per-scene/{method}/seed-{seed}/score/result.json");
+        store::read_record(&results.join(file)).unwrap()
+    };
+    assert_eq!(record("odgs", 1).seed, Some(1));
+    assert!(record("odgs", 0).failures.is_empty());
+    assert_eq!(record("mine", 0).failures.len(), 2);
+    let table = fs::read_to_string(results.join("leaderboard/table.md")).unwrap();
+    assert!(
+        table.contains("| odgs ") && table.contains("| mine †"),
+        "{table}"
+    );
+
+    // A unit that fails itself becomes a row of failures too, and a result once it succeeds.
+    let other = folder.path().join("other");
+    let out = folder.path().join("other-results");
+    let mut arguments = vec!["bench", scene.to_str().unwrap(), "--methods", "odgs"];
+    arguments.extend([
+        "--results",
+        out.to_str().unwrap(),
+        "--out",
+        other.to_str().unwrap(),
+    ]);
+    arguments.extend(["--unit-limit", "0.2", "--", "--iterations", "100000"]);
+    plan(&arguments).succeeded();
+    let message = sweep("run", &other, &[]).failed_quietly(1).to_owned();
+    assert!(message.contains("ended at its time limit"), "{message}");
+    sweep("reduce", &other, &[]).succeeded();
+    let file = out.join("street/seq-000/per-scene/odgs/seed-0/score/result.json");
+    let failed: ResultRecord = store::read_record(&file).unwrap();
+    assert_eq!(failed.failures.len(), 10);
+    assert!(
+        failed
+            .warnings
+            .iter()
+            .any(|line| line.contains("ended at its time limit")),
+        "{:?}",
+        failed.warnings
+    );
+}

@@ -1,0 +1,7 @@
+//! Sweeps: plans, pools of runners that are killed, and job arrays on a real Slurm.
+#![cfg(target_os = "linux")]
+#![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+mod pool;
+mod slurm;
+mod support;

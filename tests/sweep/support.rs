@@ -1,0 +1,122 @@
+//! Sweeps of shell commands, and running the binary on them.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::{Child, Command, Output, Stdio},
+    thread,
+    time::{Duration, Instant},
+};
+
+use assert_cmd::cargo::cargo_bin;
+use tempfile::TempDir;
+
+/// The binary with arguments.
+pub(crate) fn omnilife(arguments: &[&str]) -> Command {
+    let mut command = Command::new(cargo_bin!("omnilife"));
+    command.args(arguments);
+    command
+}
+
+/// A sweep of shell commands in a folder of its own.
+pub(crate) struct Shell {
+    folder: TempDir,
+}
+
+impl Shell {
+    /// Plans one unit per line.
+    pub(crate) fn planned(lines: &[String], options: &[&str]) -> Self {
+        Self::planned_in(tempfile::tempdir().unwrap(), lines, options)
+    }
+
+    /// The same in a folder that is there.
+    pub(crate) fn planned_in(folder: TempDir, lines: &[String], options: &[&str]) -> Self {
+        let shell = Self { folder };
+        let file = shell.path("lines.txt");
+        fs::write(&file, lines.join("\n") + "\n").unwrap();
+        let mut arguments = vec!["sweep", "plan", "commands", file.to_str().unwrap()];
+        let sweep = shell.sweep();
+        arguments.extend(["--out", &sweep]);
+        arguments.extend(options);
+        succeeded(shell.command(&arguments).output().unwrap());
+        shell
+    }
+
+    /// The binary, run in the folder.
+    pub(crate) fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = omnilife(arguments);
+        command.current_dir(self.folder.path());
+        command
+    }
+
+    /// A path in the folder.
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// The sweep's folder.
+    pub(crate) fn sweep(&self) -> String {
+        self.path("sweep").to_str().unwrap().to_owned()
+    }
+
+    /// `omnilife sweep <command> SWEEP <options>`, run to its end.
+    pub(crate) fn run(&self, command: &str, options: &[&str]) -> Output {
+        let sweep = self.sweep();
+        let mut arguments = vec!["sweep", command, sweep.as_str()];
+        arguments.extend(options);
+        self.command(&arguments).output().unwrap()
+    }
+
+    /// A runner in the background.
+    pub(crate) fn runner(&self, options: &[&str]) -> Child {
+        let sweep = self.sweep();
+        let mut arguments = vec!["--quiet", "sweep", "run", sweep.as_str()];
+        arguments.extend(options);
+        self.command(&arguments)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap()
+    }
+
+    /// The rows of `units.csv` as unit, state, reason.
+    pub(crate) fn rows(&self) -> Vec<[String; 3]> {
+        succeeded(self.run("status", &[]));
+        let mut table = csv::Reader::from_path(self.path("sweep/units.csv")).unwrap();
+        let rows = table.records().map(|row| {
+            let row = row.unwrap();
+            [0, 2, 3].map(|column| row[column].to_owned())
+        });
+        rows.collect()
+    }
+
+    /// How many units are in a state.
+    pub(crate) fn count(&self, state: &str) -> usize {
+        self.rows().iter().filter(|row| row[1] == state).count()
+    }
+}
+
+/// Checks that a command went well, and returns what it printed.
+#[track_caller]
+pub(crate) fn succeeded(output: Output) -> String {
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    let (stdout, stderr) = (text(&output.stdout), text(&output.stderr));
+    assert!(output.status.success(), "{stdout}\n{stderr}");
+    stdout
+}
+
+/// Waits for something to become true.
+#[track_caller]
+pub(crate) fn wait_for(what: &str, limit: Duration, mut is_true: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !is_true() {
+        assert!(begun.elapsed() < limit, "{what}: not in {limit:?}");
+        thread::sleep(Duration::from_millis(20));
+    }
+}
+
+/// Lines of a file; none where it is missing.
+pub(crate) fn lines(path: &Path) -> Vec<String> {
+    let text = fs::read_to_string(path).unwrap_or_default();
+    text.lines().map(str::to_owned).collect()
+}
