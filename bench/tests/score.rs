@@ -65,8 +65,18 @@ fn views_are_scored_and_written() {
     assert_eq!(result.protocol_hash, bench.split.protocol_hash);
     assert_eq!(result.scored_size, [WIDTH as u32, HEIGHT as u32]);
     assert_eq!((result.failures.len(), result.warnings.len()), (0, 0));
-    for (views, error, count) in [(&result.input_views, 1.0, 8), (&result.novel_views, 2.0, 2)] {
-        assert_eq!(views.keys().collect::<Vec<_>>(), ["psnr", "ssim"]);
+    for (kind, views, error, count) in [
+        ("input", &result.input_views, 1.0, 8),
+        ("novel", &result.novel_views, 2.0, 2),
+    ] {
+        // Every metric that is asked for has a value or a reason.
+        let unavailable = result.unavailable.iter().filter(|u| u.view == kind);
+        let mut told: Vec<&str> = unavailable.map(|u| u.metric.as_str()).collect();
+        told.extend(views.keys().map(String::as_str));
+        told.sort_unstable();
+        let mut asked = bench.split.protocol.metrics.clone();
+        asked.sort_unstable();
+        assert_eq!(told, asked);
         assert_eq!(views["psnr"].views, count);
         assert!((views["psnr"].mean - flat_psnr(error)).abs() < 1e-9);
         assert!(views["ssim"].mean < 1.0 && views["ssim"].mean > 0.9);
@@ -115,7 +125,8 @@ fn the_table_has_a_row_for_every_view() {
         .iter()
         .map(|name| name.as_str())
         .collect();
-    assert_eq!(names, ["view", "frame", "time_seconds", "psnr", "ssim"]);
+    assert_eq!(names[..3], ["view", "frame", "time_seconds"]);
+    assert_eq!(names[3..], bench.split.protocol.metrics);
     let frames: Vec<_> = table
         .column("frame")
         .unwrap()

@@ -2,7 +2,7 @@
 
 use omnilife_schemas::records::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
 
-use super::ProtocolEntry;
+use super::{ProtocolEntry, metric_list};
 
 /// What the papers on UAV video and on neural atlases score: how faithfully training views come
 /// back. It says nothing about views that a method has not seen.
@@ -24,7 +24,7 @@ fn protocol() -> Protocol {
         resampling: Resampling::Area,
         padding: Padding::None,
         colour: Colour::Srgb8,
-        metrics: vec!["psnr".to_owned(), "ssim".to_owned()],
+        metrics: metric_list::all(),
         mask_rule: "none".to_owned(),
     }
 }

@@ -2,7 +2,7 @@
 
 use omnilife_schemas::records::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
 
-use super::ProtocolEntry;
+use super::{ProtocolEntry, metric_list};
 
 /// The 0.8/0.2 split of OmniLife360's per-scene tables. The paper does not say which frames are
 /// held out; every fifth, at offset 4, is this project's reading.
@@ -27,7 +27,7 @@ fn protocol() -> Protocol {
         resampling: Resampling::Area,
         padding: Padding::None,
         colour: Colour::Srgb8,
-        metrics: vec!["psnr".to_owned(), "ssim".to_owned()],
+        metrics: metric_list::all(),
         mask_rule: "none".to_owned(),
     }
 }

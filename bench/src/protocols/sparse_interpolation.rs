@@ -2,7 +2,7 @@
 
 use omnilife_schemas::records::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
 
-use super::ProtocolEntry;
+use super::{ProtocolEntry, metric_list};
 
 /// The sparse-view protocol of OmniLife360's feed-forward tables. The paper says "groups of 10";
 /// that groups share no frame, and that a group with a frame without pose is left out whole, is this
@@ -25,7 +25,7 @@ fn protocol() -> Protocol {
         resampling: Resampling::Area,
         padding: Padding::None,
         colour: Colour::Srgb8,
-        metrics: vec!["psnr".to_owned(), "ssim".to_owned()],
+        metrics: metric_list::all(),
         mask_rule: "none".to_owned(),
     }
 }

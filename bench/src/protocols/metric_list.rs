@@ -1,0 +1,36 @@
+//! The metrics that the protocols ask for.
+
+/// All that a table of OmniLife360 or of the papers beside it needs. What a scene or a machine
+/// cannot give (masks, depth, weights) is unavailable in the result, with the reason.
+const METRICS: [&str; 25] = [
+    "psnr",
+    "psnr-channels",
+    "ssim",
+    "ssim-skimage",
+    "lpips-vgg",
+    "lpips-alex",
+    "lpips-vgg-unscaled",
+    "lpips-alex-unscaled",
+    "ws-psnr",
+    "ws-ssim",
+    "cube-psnr",
+    "cube-ssim",
+    "psnr-static",
+    "ssim-static",
+    "psnr-dynamic",
+    "ssim-dynamic",
+    "psnr-human",
+    "ssim-human",
+    "psnr-vehicle",
+    "ssim-vehicle",
+    "temporal-lpips",
+    "temporal-lpips-truth",
+    "temporal-lpips-error",
+    "depth-abs-rel",
+    "depth-delta",
+];
+
+/// Their ids, as a protocol holds them.
+pub(super) fn all() -> Vec<String> {
+    METRICS.map(str::to_owned).to_vec()
+}
