@@ -197,6 +197,7 @@ fn real_frames_are_scored() {
     store::write_record(&bench.request.scene, &scene).unwrap();
     let mut protocol = omnilife_bench::protocols::protocol("per-scene").unwrap();
     protocol.largest_width = Some(256);
+    protocol.metrics = ["psnr", "ssim"].map(str::to_owned).to_vec();
     let split = omnilife_bench::split(&scene, &protocol).unwrap();
     store::write_record(&bench.request.split, &split).unwrap();
     for (frame, shown) in [(4, 3), (9, 9)] {

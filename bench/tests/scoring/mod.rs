@@ -5,7 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use omnilife_bench::{BenchError, Predictions, ScoreRequest, score, split_scene};
+use omnilife_bench::{BenchError, Predictions, ScoreRequest, protocols, score, split};
 use omnilife_schemas::{
     Blame, Blamed, RgbImage,
     progress::Silent,
@@ -54,7 +54,11 @@ impl Bench {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
         let scene_file = write_scene(&at("scene"), scene);
-        let split = split_scene(&scene_file, "per-scene", &at("split.json")).unwrap();
+        // Two metrics of the many: networks would take most of a test's time.
+        let mut protocol = protocols::protocol("per-scene").unwrap();
+        protocol.metrics = ["psnr", "ssim"].map(str::to_owned).to_vec();
+        let split = split(scene, &protocol).unwrap();
+        store::write_record(&at("split.json"), &split).unwrap();
         for (kind, frames, error) in [
             ("input", &split.input_views, 1),
             ("novel", &split.novel_views, 2),
