@@ -17,7 +17,7 @@ use omnilife_schemas::{
 
 use crate::{
     error::ReconstructError,
-    gaussians::ply,
+    gaussians::{moving_ply, ply},
     interpolation,
     methods::{self, MethodOutcome, MethodRequest},
     process,
@@ -29,6 +29,8 @@ use crate::{
 pub const RUN_FILE: &str = "run.json";
 /// Name of the Gaussians in the run's folder.
 pub const GAUSSIANS_FILE: &str = "gaussians.ply";
+/// Name of the Gaussians that depend on time in the run's folder; static methods have none.
+pub const MOVING_GAUSSIANS_FILE: &str = "gaussians-moving.ply";
 /// Name of the checkpoint in the run's folder; it is there while a run is not over.
 pub const CHECKPOINT_FILE: &str = "checkpoint.bin";
 const TRACE_FILE: &str = "trace.csv";
@@ -115,17 +117,31 @@ pub fn reconstruct(
         }),
         backend: request.backend,
     };
-    let mut outcome = (method.train)(&scene, &request.settings, &session)?;
+    let mut outcome = method.train(&scene, &request.settings, &session)?;
     let rendering = Instant::now();
     let mut outputs = render_predictions(&scene, &mut outcome, &request.out, progress)?;
     let rendering_seconds = rendering.elapsed().as_secs_f64();
     let trained = &mut outcome.trained;
     let gaussians = trained.stepper.gaussians() as u64;
+    let model = trained.stepper.model()?;
     ply::write(
         &request.out.join(GAUSSIANS_FILE),
-        &trained.stepper.model()?.table,
+        &model.table,
         &scene.normalization,
     )?;
+    let moving_path = request.out.join(MOVING_GAUSSIANS_FILE);
+    store::remove(&moving_path)?;
+    if let (Some(moving), Some(dynamics)) = (&model.moving, &outcome.settings.dynamics) {
+        let (time, clock) = (&dynamics.time, &dynamics.clock);
+        moving_ply::write(
+            &moving_path,
+            &moving.table,
+            time,
+            &scene.normalization,
+            clock,
+        )?;
+        outputs.push(MOVING_GAUSSIANS_FILE.to_owned());
+    }
     trace::write_csv(&trace_path, &trained.state.trace)?;
     let split: Split = store::read_record(&request.split)?;
     let record = RunRecord {
@@ -190,6 +206,9 @@ pub(crate) fn plan_stage(
     }
     for frame in &scene.frames {
         stage = add(stage, &frame.image, &folder.join(&frame.image))?;
+        if let Some(mask) = &frame.mask {
+            stage = add(stage, mask, &folder.join(mask))?;
+        }
     }
     Ok((stage, inputs))
 }
@@ -253,6 +272,18 @@ fn warnings(
         warnings.push(format!(
             "one model was trained on the given views of all {} groups at once",
             split.groups.len()
+        ));
+    }
+    let masked = scene
+        .input_views
+        .iter()
+        .filter(|view| view.mask.is_some())
+        .count();
+    if masked > 0 && masked < scene.input_views.len() && outcome.settings.dynamics.is_some() {
+        warnings.push(format!(
+            "{} of {} input views have no mask; nothing is known of what moves in them",
+            scene.input_views.len() - masked,
+            scene.input_views.len()
         ));
     }
     if scene.points.is_empty() {

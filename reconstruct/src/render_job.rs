@@ -1,4 +1,4 @@
-//! Rendering Gaussians, ours or anyone's, along given poses.
+//! Rendering Gaussians, ours or anyone's, along given poses; a model of ours in layers.
 
 use std::path::{Path, PathBuf};
 
@@ -15,12 +15,15 @@ use serde::Deserialize;
 use crate::{
     camera::{Camera, View},
     error::ReconstructError,
-    gaussians::{InstantGaussians, ply, static_gaussians},
-    job::{GAUSSIANS_FILE, RUN_FILE},
+    gaussians::{InstantGaussians, moving_ply, ply, static_gaussians},
+    job::{GAUSSIANS_FILE, MOVING_GAUSSIANS_FILE, RUN_FILE},
+    kernels::odgs_published::PublishedRenderer,
     render::RenderSettings,
+    render_layers::{Layer, LayerRenderer},
     train::{
-        cpu_renderer::CpuRenderer,
+        dynamic_settings::DynamicSettings,
         settings::{RendererChoice, TrainSettings},
+        step::Model,
     },
 };
 
@@ -35,6 +38,8 @@ pub struct RenderRequest {
     pub size: Option<[u32; 2]>,
     /// Horizontal field of view of a pinhole camera in degrees; an ERP camera where none is given.
     pub pinhole_degrees: Option<f64>,
+    /// What of them is shown.
+    pub layer: Layer,
     /// Folder of the images.
     pub out: PathBuf,
 }
@@ -48,6 +53,8 @@ pub struct RenderedViews {
     pub times_seconds: Vec<f64>,
     /// Frames without a usable pose; they are left out.
     pub unposed: usize,
+    /// What a velocity map shows at most, world units per second; `None` for other layers.
+    pub largest_speed: Option<f64>,
 }
 
 /// Size of ERP images where neither the request nor the poses say one.
@@ -76,29 +83,40 @@ pub fn render_poses(
         .ok_or_else(|| ReconstructError::scene(&request.poses, "has no usable pose"))?;
     let camera = camera(request, path.camera)?;
     let source = Source::open(&request.gaussians, of_cameras)?;
-    if source.renderer == RendererChoice::OdgsPublished && request.pinhole_degrees.is_some() {
+    if source.renderer == RendererChoice::OdgsPublished
+        && (request.pinhole_degrees.is_some() || request.layer != Layer::All)
+    {
         return Err(ReconstructError::Request {
-            reason: "the published renderer of ODGS draws ERP views only".to_owned(),
+            reason: "the published renderer of ODGS draws whole ERP views only".to_owned(),
         });
     }
-    let table = ply::read(&source.file, &source.normalization)?;
-    let mut gaussians = InstantGaussians::default();
-    static_gaussians::instantiate(&table, &mut gaussians);
-    let mut renderer = CpuRenderer::new(source.renderer, source.settings);
-    let degree = source.settings.sh_degree;
+    let model = source.model()?;
+    let dynamics = source.dynamics.as_ref();
+    let mut layers = LayerRenderer::new(&model, dynamics, source.settings);
+    let mut published = (source.renderer == RendererChoice::OdgsPublished).then(|| {
+        let mut gaussians = InstantGaussians::default();
+        static_gaussians::instantiate(&model.table, &mut gaussians);
+        (PublishedRenderer::new(source.settings), gaussians)
+    });
     store::create_folder(&request.out)?;
     progress.begin("rendering", Some(posed.len() as u64));
     let mut rendered = RenderedViews {
         files: Vec::with_capacity(posed.len()),
         times_seconds: Vec::with_capacity(posed.len()),
         unposed: path.frames.len() - posed.len(),
+        largest_speed: (request.layer == Layer::Velocity)
+            .then(|| source.world_speed(layers.largest_speed())),
     };
     let mut render = |number: usize, time: f64, pose: &Pose| -> Result<(), ReconstructError> {
         let view = View::new(camera, pose, &source.normalization, time).ok_or_else(|| {
             ReconstructError::scene(&request.poses, format!("frame {number} has no usable pose"))
         })?;
         let file = request.out.join(format!("{number:06}.png"));
-        renderer.image(&view, &gaussians, degree).write_png(&file)?;
+        let image = match &mut published {
+            Some((renderer, gaussians)) => renderer.image(&view, gaussians),
+            None => layers.image(&view, request.layer),
+        };
+        image.write_png(&file)?;
         rendered.files.push(file);
         rendered.times_seconds.push(time);
         progress.advance(1);
@@ -117,6 +135,9 @@ struct Source {
     normalization: Similarity,
     renderer: RendererChoice,
     settings: RenderSettings,
+    /// Gaussians that depend on time, and what is known of it.
+    moving_file: PathBuf,
+    dynamics: Option<DynamicSettings>,
 }
 
 impl Source {
@@ -129,6 +150,8 @@ impl Source {
                 normalization: of_cameras,
                 renderer: RendererChoice::Exact,
                 settings: RenderSettings::new(1e-3),
+                moving_file: PathBuf::new(),
+                dynamics: None,
             });
         }
         let record_path = path.join(RUN_FILE);
@@ -142,7 +165,28 @@ impl Source {
             normalization: record.normalization,
             renderer: settings.renderer,
             settings: settings.rendering,
+            moving_file: path.join(MOVING_GAUSSIANS_FILE),
+            dynamics: settings.dynamics,
         })
+    }
+
+    fn model(&self) -> Result<Model, ReconstructError> {
+        let table = ply::read(&self.file, &self.normalization)?;
+        let Some(dynamics) = &self.dynamics else {
+            return Ok(Model::new(table));
+        };
+        let (time, clock) = (&dynamics.time, &dynamics.clock);
+        let moving = moving_ply::read(&self.moving_file, time, &self.normalization, clock)?;
+        Ok(Model::with_moving(table, moving))
+    }
+
+    /// World units per second of normalized ones per frame.
+    fn world_speed(&self, speed: f32) -> f64 {
+        let seconds = self
+            .dynamics
+            .as_ref()
+            .map_or(1.0, |dynamics| dynamics.clock.frame_seconds);
+        f64::from(speed) / self.normalization.scale / seconds
     }
 }
 

@@ -8,6 +8,7 @@ use omnilife_schemas::{
     camera::ErpCamera,
     points::PointCloud,
     records::{Scene, Split},
+    rgb::Mask,
     store,
 };
 use rayon::prelude::*;
@@ -23,6 +24,9 @@ pub struct SceneView {
     pub view: View,
     /// 8-bit RGB, HWC.
     pub pixels: Vec<u8>,
+    /// Share of each pixel that dynamic objects cover, 255 for all of it; `None` where the frame has
+    /// no mask.
+    pub mask: Option<Vec<u8>>,
 }
 
 impl SceneView {
@@ -30,6 +34,15 @@ impl SceneView {
     pub fn write_image(&self, out: &mut Vec<f32>) {
         out.clear();
         out.extend(self.pixels.iter().map(|&byte| f32::from(byte) / 255.0));
+    }
+
+    /// The mask as `[0, 1]` f32, written into `out`; 0 everywhere where the frame has none.
+    pub fn write_mask(&self, out: &mut Vec<f32>) {
+        out.clear();
+        match &self.mask {
+            Some(mask) => out.extend(mask.iter().map(|&byte| f32::from(byte) / 255.0)),
+            None => out.resize(self.pixels.len() / 3, 0.0),
+        }
     }
 }
 
@@ -103,6 +116,26 @@ impl TrainingScene {
             normalization,
             points,
         })
+    }
+
+    /// Mean share of the input views' masks that is marked, over the sphere (rows weighted by the
+    /// cosine of their latitude); `None` when no input view has a mask.
+    pub fn mask_coverage(&self) -> Option<f64> {
+        let (width, height) = (self.camera.width as usize, self.camera.height as usize);
+        let (mut marked, mut all) = (0.0, 0.0);
+        for mask in self
+            .input_views
+            .iter()
+            .filter_map(|view| view.mask.as_ref())
+        {
+            for (row, pixels) in mask.chunks(width).enumerate() {
+                let latitude = (0.5 - (row as f64 + 0.5) / height as f64) * std::f64::consts::PI;
+                let sum: u64 = pixels.iter().map(|&byte| u64::from(byte)).sum();
+                marked += latitude.cos() * sum as f64 / 255.0;
+                all += latitude.cos() * width as f64;
+            }
+        }
+        (all > 0.0).then(|| marked / all)
     }
 
     /// Median distance between input views that follow each other, in normalized units; 0 for a
@@ -181,10 +214,17 @@ fn load_view(
             )
         })?;
     let image = read_image(&folder.join(&entry.image), scene, camera)?;
+    let expected = (scene.camera.width as usize, scene.camera.height as usize);
+    let mask = entry
+        .mask
+        .as_ref()
+        .map(|mask| load_mask(&folder.join(mask), expected, camera))
+        .transpose()?;
     Ok(SceneView {
         frame,
         view,
         pixels: image.to_rgb8(),
+        mask,
     })
 }
 
@@ -206,6 +246,29 @@ pub(crate) fn read_image(
         ));
     }
     Ok(image.resized_by_area(camera.width as usize, camera.height as usize))
+}
+
+/// A mask of the scene's images, `expected` wide and high, brought to the size of `camera` by area
+/// averaging.
+fn load_mask(
+    path: &Path,
+    expected: (usize, usize),
+    camera: ErpCamera,
+) -> Result<Vec<u8>, ReconstructError> {
+    let mask = Mask::read(path)?;
+    if (mask.width, mask.height) != expected {
+        return Err(ReconstructError::scene(
+            path,
+            format!(
+                "is {}x{}, the images that it masks are {}x{}",
+                mask.width, mask.height, expected.0, expected.1
+            ),
+        ));
+    }
+    let grey: Vec<u8> = mask.data.iter().flat_map(|&value| [value; 3]).collect();
+    let resized = RgbImage::from_rgb8(mask.width, mask.height, &grey)
+        .resized_by_area(camera.width as usize, camera.height as usize);
+    Ok(resized.to_rgb8().into_iter().step_by(3).collect())
 }
 
 /// Median distance of the points from the mean camera, in camera radii, above which the cameras do

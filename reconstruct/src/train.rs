@@ -1,14 +1,18 @@
 //! The training loop: it orders calls and holds no mathematics.
 //!
 //! * [`settings`]: what to do, and where in its schedule a run stands.
-//! * [`step`]: what a backend does; [`cpu_step`]: the processor.
-//! * [`trace`]: error against run time; [`checkpoint`]: how a run survives an interruption.
+//! * [`step`]: what a backend does; [`cpu_step`]: the processor; [`dynamic_step`]: the processor where
+//!   Gaussians depend on time, as [`dynamic_settings`] say.
+//! * [`timing`]: what a step takes; [`trace`]: error against run time; [`checkpoint`]: how a run survives an interruption.
 
 pub mod checkpoint;
 pub(crate) mod cpu_renderer;
 pub mod cpu_step;
+pub mod dynamic_settings;
+pub mod dynamic_step;
 pub mod settings;
 pub mod step;
+pub mod timing;
 pub mod trace;
 
 use std::{
@@ -18,13 +22,14 @@ use std::{
 };
 
 use omnilife_schemas::progress::Progress;
-use rand::{SeedableRng, seq::SliceRandom};
+use rand::{RngExt, SeedableRng, seq::SliceRandom};
 use rand_pcg::Pcg64Mcg;
 use serde::Serialize;
 
 use self::{
     checkpoint::{LoopState, Refusal},
     cpu_step::CpuStepper,
+    dynamic_step::DynamicStepper,
     settings::{Position, RendererChoice, TrainSettings},
     step::{Model, StepSchedule, StepSums, Stepper},
     trace::TracePoint,
@@ -32,9 +37,10 @@ use self::{
 use crate::{
     densify::{self, DensityContext},
     error::ReconstructError,
-    gaussians::{ArrayShape, GaussianTable},
+    gaussians::ArrayShape,
     gpu::{Gpu, GpuStepper},
     kernels::loss::cpu::Loss,
+    memory,
     optim::Decay,
     process,
     scene::TrainingScene,
@@ -106,7 +112,7 @@ pub struct Trained<'a> {
     pub remarks: Vec<String>,
 }
 
-/// Trains `table` on the scene's input views, from the session's checkpoint where there is one.
+/// Trains `model` on the scene's input views, from the session's checkpoint where there is one.
 ///
 /// On the processor the result depends on the settings and the scene alone, not on the number of
 /// threads or on interruptions - unless a time budget stops it.
@@ -116,11 +122,11 @@ pub struct Trained<'a> {
 /// a file cannot be written or the backend fails.
 pub fn train<'a>(
     scene: &'a TrainingScene,
-    table: GaussianTable,
+    model: impl Into<Model>,
     settings: &TrainSettings,
     session: &Session<'_>,
 ) -> Result<Trained<'a>, ReconstructError> {
-    let mut trainer = Trainer::begin(scene, table, settings, session)?;
+    let mut trainer = Trainer::begin(scene, model.into(), settings, session)?;
     let left = settings.iterations - trainer.state.iteration.min(settings.iterations);
     session.progress.begin("training", Some(left));
     let heeding = process::TERMINATION.heed();
@@ -137,9 +143,18 @@ fn new_stepper<'a>(
     settings: &TrainSettings,
     backend: BackendChoice,
 ) -> Result<Box<dyn Stepper + 'a>, ReconstructError> {
-    match backend {
-        BackendChoice::Cpu => Ok(Box::new(CpuStepper::new(scene, model, settings))),
-        BackendChoice::Gpu => {
+    match (backend, &settings.dynamics) {
+        (BackendChoice::Cpu, Some(dynamics)) => {
+            let stepper = DynamicStepper::new(scene, model, settings, dynamics);
+            Ok(Box::new(stepper))
+        }
+        (BackendChoice::Cpu, None) => Ok(Box::new(CpuStepper::new(scene, model, settings))),
+        (BackendChoice::Gpu, Some(_)) => Err(ReconstructError::Backend {
+            reason: "Gaussians that depend on time are trained on the processor only; use the \
+                     backend cpu"
+                .to_owned(),
+        }),
+        (BackendChoice::Gpu, None) => {
             if settings.renderer != RendererChoice::Exact {
                 return Err(ReconstructError::Backend {
                     reason: "the graphics backend has no renderer with the published quirks; use \
@@ -160,9 +175,12 @@ struct Trainer<'a, 's> {
     settings: &'s TrainSettings,
     session: &'s Session<'s>,
     stepper: Box<dyn Stepper + 'a>,
-    /// One decay per array of the table.
+    /// One decay per array.
     decays: Vec<Decay>,
+    /// Of the model; those that only moving Gaussians have at the end.
     arrays: Vec<ArrayShape>,
+    /// How many of them static Gaussians have.
+    static_arrays: usize,
     state: LoopState,
     schedule: StepSchedule,
     /// The view rendered last.
@@ -177,18 +195,18 @@ struct Trainer<'a, 's> {
 impl<'a, 's> Trainer<'a, 's> {
     fn begin(
         scene: &'a TrainingScene,
-        table: GaussianTable,
+        model: Model,
         settings: &'s TrainSettings,
         session: &'s Session<'s>,
     ) -> Result<Self, ReconstructError> {
-        let arrays = table.shapes();
+        let (arrays, static_arrays) = (model.shapes(), model.table.arrays.len());
         let decays = arrays
             .iter()
             .map(|array| settings.learning_rates.get(array.name).copied())
             .collect::<Option<Vec<Decay>>>()
             .unwrap_or_else(|| unreachable!("every array of {arrays:?} has a learning rate"));
         let mut remarks = Vec::new();
-        let (state, model) = resume(table, settings, session, &mut remarks)?;
+        let (state, model) = resume(model, settings, session, &mut remarks)?;
         let position = Position::new(settings, state.iteration, state.training.as_secs_f64());
         let size = (scene.camera.width as usize, scene.camera.height as usize);
         Ok(Self {
@@ -200,9 +218,11 @@ impl<'a, 's> Trainer<'a, 's> {
                 iteration: state.iteration,
                 sh_degree: settings.active_sh_degree(&position),
                 learning_rates: vec![0.0; decays.len()],
+                ..StepSchedule::default()
             },
             decays,
             arrays,
+            static_arrays,
             state,
             last_view: 0,
             stopped_by_budget: false,
@@ -254,6 +274,8 @@ impl<'a, 's> Trainer<'a, 's> {
     fn step(&mut self, position: &Position) -> Result<(), ReconstructError> {
         self.last_view = self.next_view();
         self.schedule.iteration = position.iteration;
+        self.schedule.scheduled = position.scheduled;
+        self.schedule.shift_frames = self.next_shift();
         self.schedule.sh_degree = self.settings.active_sh_degree(position);
         for (rate, decay) in self.schedule.learning_rates.iter_mut().zip(&self.decays) {
             *rate = decay.at(position.share as f32);
@@ -270,12 +292,27 @@ impl<'a, 's> Trainer<'a, 's> {
         self.state.queue.pop().unwrap_or(0)
     }
 
+    /// How early the next step's state is: temporal smoothing, or 0.
+    fn next_shift(&mut self) -> f32 {
+        let dynamics = self.settings.dynamics.as_ref();
+        let Some(smoothing) = dynamics.and_then(|dynamics| dynamics.smoothing) else {
+            return 0.0;
+        };
+        let random = &mut self.state.random;
+        if random.random_bool(smoothing.probability) {
+            random.random_range(-smoothing.reach_frames..=smoothing.reach_frames)
+        } else {
+            0.0
+        }
+    }
+
     fn control_density(&mut self, position: &Position) -> Result<(), ReconstructError> {
         let settings = &self.settings.densify;
         if settings.is_due(position) {
             let context = DensityContext {
                 scene: self.scene,
                 last_view: self.last_view,
+                dynamics: self.settings.dynamics.as_ref(),
             };
             let model = self.stepper.model_mut()?;
             densify::densify(
@@ -288,7 +325,7 @@ impl<'a, 's> Trainer<'a, 's> {
         }
         if settings.resets_opacities(position, self.state.last_reset) {
             self.state.last_reset = position.scheduled;
-            densify::reset_opacities(&mut self.stepper.model_mut()?.table);
+            densify::reset_opacities(self.stepper.model_mut()?);
         }
         Ok(())
     }
@@ -296,7 +333,15 @@ impl<'a, 's> Trainer<'a, 's> {
     /// Takes the backend's sums, and stops a run whose gradients are not worth following.
     fn check(&mut self) -> Result<(), ReconstructError> {
         let sums = self.stepper.take_sums()?;
-        if let Some(what) = too_much_refused(&self.arrays, self.stepper.gaussians(), &sums) {
+        let (all, moving) = (self.stepper.gaussians(), self.stepper.moving_gaussians());
+        let rows = |array: usize| {
+            if array < self.static_arrays {
+                all
+            } else {
+                moving
+            }
+        };
+        if let Some(what) = too_much_refused(&self.arrays, rows, &sums) {
             return Err(ReconstructError::Diverged {
                 scene: self.scene.id.clone(),
                 iteration: self.state.iteration,
@@ -318,14 +363,22 @@ impl<'a, 's> Trainer<'a, 's> {
         for (total, refused) in self.state.refused.iter_mut().zip(&sums.refused) {
             *total += refused;
         }
-        let gaussians = self.stepper.gaussians();
-        let point = TracePoint::new(&self.state, &sums, gaussians, &self.arrays, novel);
+        let size = (self.stepper.gaussians(), self.table_bytes());
+        let point = TracePoint::new(&self.state, &sums, size, &self.arrays, novel);
         self.session.progress.remark(&point.text());
         self.state.trace.push(point);
         if let Some(files) = &self.session.files {
             trace::write_csv(&files.trace, &self.state.trace)?;
         }
         Ok(())
+    }
+
+    /// Bytes of both tables.
+    fn table_bytes(&self) -> u64 {
+        let moving = self.stepper.moving_gaussians();
+        let fixed = self.stepper.gaussians() - moving;
+        memory::table_bytes(fixed as u64, &self.arrays[..self.static_arrays])
+            + memory::table_bytes(moving as u64, &self.arrays)
     }
 
     /// Mean PSNR and SSIM of the novel views.
@@ -353,7 +406,7 @@ impl<'a, 's> Trainer<'a, 's> {
         }
         self.check()?;
         let model = self.stepper.model()?;
-        if let Some(what) = checkpoint::not_finite(&model.table) {
+        if let Some(what) = checkpoint::not_finite(model) {
             return Err(ReconstructError::Diverged {
                 scene: self.scene.id.clone(),
                 iteration: self.state.iteration,
@@ -383,7 +436,7 @@ impl<'a, 's> Trainer<'a, 's> {
 
 /// The beginning, or where the session's checkpoint left off.
 fn resume(
-    table: GaussianTable,
+    model: Model,
     settings: &TrainSettings,
     session: &Session<'_>,
     remarks: &mut Vec<String>,
@@ -396,7 +449,7 @@ fn resume(
         && files.checkpoint.exists()
     {
         let path = &files.checkpoint;
-        match checkpoint::read(path, &files.inputs_sha256, settings, &table) {
+        match checkpoint::read(path, &files.inputs_sha256, settings, &model) {
             Ok(mut checkpoint) => {
                 say(format!(
                     "continued from the checkpoint at iteration {} of {}",
@@ -425,16 +478,22 @@ fn resume(
         trace: Vec::new(),
         resumed: 0,
     };
-    Ok((state, Model::new(table)))
+    Ok((state, model))
 }
 
-/// The first array of which more than [`REFUSED_SHARE`] of the gradients were not finite, in words.
-fn too_much_refused(arrays: &[ArrayShape], gaussians: usize, sums: &StepSums) -> Option<String> {
+/// The first array of which more than [`REFUSED_SHARE`] of the gradients were not finite, in words;
+/// `gaussians` says how many have an array.
+fn too_much_refused(
+    arrays: &[ArrayShape],
+    gaussians: impl Fn(usize) -> usize,
+    sums: &StepSums,
+) -> Option<String> {
     arrays
         .iter()
         .zip(&sums.refused)
-        .find_map(|(array, &refused)| {
-            let all = (array.width * gaussians) as f64 * sums.steps as f64;
+        .enumerate()
+        .find_map(|(number, (array, &refused))| {
+            let all = (array.width * gaussians(number)) as f64 * sums.steps as f64;
             (refused as f64 > REFUSED_SHARE * all).then(|| {
                 let percent = 100.0 * refused as f64 / all.max(1.0);
                 let name = array.name;
@@ -462,8 +521,8 @@ mod tests {
             ..StepSums::default()
         };
         // One percent of 100 steps of 50 Gaussians is 150 positions and 50 opacities.
-        assert_eq!(too_much_refused(&arrays, 50, &sums([150, 50])), None);
-        let what = too_much_refused(&arrays, 50, &sums([150, 51])).expect("too many");
+        assert_eq!(too_much_refused(&arrays, |_| 50, &sums([150, 50])), None);
+        let what = too_much_refused(&arrays, |_| 50, &sums([150, 51])).expect("too many");
         assert!(
             what.contains("opacity_logits") && what.contains("1.0 %"),
             "{what}"

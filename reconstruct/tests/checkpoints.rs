@@ -52,7 +52,9 @@ fn train<'a>(
         files: Some(files),
         backend: BackendChoice::Cpu,
     };
-    (methods::find("odgs").unwrap().train)(scene, request, &session)
+    methods::find("odgs")
+        .unwrap()
+        .train(scene, request, &session)
 }
 
 /// Keeps a copy of the checkpoint that stands when an iteration ends.

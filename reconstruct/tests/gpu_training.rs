@@ -66,6 +66,7 @@ fn schedule(iteration: u64, sh_degree: usize, rates: &[f32]) -> StepSchedule {
         iteration,
         sh_degree,
         learning_rates: rates.to_vec(),
+        ..StepSchedule::default()
     }
 }
 
@@ -137,7 +138,10 @@ fn a_method_learns_as_on_the_processor() {
             maximum_gaussians: Some(180),
             ..MethodRequest::new(20, 7)
         };
-        let outcome = (methods::find("odgs").unwrap().train)(&scene, &request, &session).unwrap();
+        let outcome = methods::find("odgs")
+            .unwrap()
+            .train(&scene, &request, &session)
+            .unwrap();
         let trace = &outcome.trained.state.trace;
         let (first, last) = (trace.first().unwrap(), trace.last().unwrap());
         (

@@ -16,7 +16,9 @@ use omnilife_reconstruct::{
 use omnilife_schemas::{points::PointCloud, progress::Silent};
 
 fn train_as<'a>(scene: &'a TrainingScene, request: &MethodRequest) -> MethodOutcome<'a> {
-    (methods::find("odgs").unwrap().train)(scene, request, &Session::without_files(&Silent))
+    methods::find("odgs")
+        .unwrap()
+        .train(scene, request, &Session::without_files(&Silent))
         .unwrap()
 }
 
@@ -110,7 +112,9 @@ fn more_gaussians_than_memory_holds_are_refused_with_the_figure() {
     };
     let scene = scene();
     let refused =
-        (methods::find("odgs").unwrap().train)(&scene, &request, &Session::without_files(&Silent));
+        methods::find("odgs")
+            .unwrap()
+            .train(&scene, &request, &Session::without_files(&Silent));
     let message = refused.map(drop).unwrap_err().to_string();
     assert!(
         message.contains("100000000000 Gaussians") && message.contains("GiB"),

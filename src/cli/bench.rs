@@ -5,7 +5,10 @@ use std::path::PathBuf;
 use clap::Subcommand;
 use omnilife_bench::{DEFAULT_MEMORY_BYTES, PROTOCOLS};
 
-use super::{bench_run::BenchRunArguments, reconstruct::BackendArgument};
+use super::{
+    bench_run::BenchRunArguments,
+    reconstruct::{BackendArgument, MethodArguments},
+};
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum BenchCommand {
@@ -156,6 +159,23 @@ pub(crate) enum BenchCommand {
         /// Folder for curves.csv, points.csv and the drawings.
         #[arg(long)]
         out: PathBuf,
+    },
+    /// Trains a method for dynamic scenes with all components and without one after the other, and
+    /// scores each: the rows of the ablation of Omni4DGS.
+    Ablate {
+        /// The scene.json.
+        scene: PathBuf,
+        /// Folder of the runs, their scores and the table.
+        #[arg(long)]
+        out: PathBuf,
+        /// The rules of splitting and scoring.
+        #[arg(long, default_value = PROTOCOLS[0].id)]
+        protocol: String,
+        #[command(flatten)]
+        method: Box<MethodArguments>,
+        /// Optimizer steps of every run; schedules scale with them.
+        #[arg(long, default_value_t = 30_000)]
+        iterations: u64,
     },
     /// Lists the protocols, the metrics and the adapters.
     List,

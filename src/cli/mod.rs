@@ -23,7 +23,7 @@ pub(crate) use leaderboard::{
     AddArguments, LeaderboardBuildArguments, LeaderboardCommand, SubmitResultsArguments,
 };
 pub(crate) use reconstruct::{
-    BackendArgument, CameraArgument, ReconstructCommand, RenderArguments,
+    BackendArgument, CameraArgument, MethodArguments, ReconstructCommand, RenderArguments,
 };
 pub(crate) use run::RunArguments;
 pub(crate) use sweep::{

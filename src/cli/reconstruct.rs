@@ -5,9 +5,10 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand, ValueEnum};
 use omnilife_reconstruct::{
     gaussians::MAX_SH_DEGREE,
-    methods::{METHODS, MethodRequest},
+    methods::{METHODS, MethodRequest, PlanChoice},
     render::Footprint,
     render_job::RenderRequest,
+    render_layers::Layer,
     train::BackendChoice,
 };
 
@@ -41,6 +42,10 @@ pub(crate) struct MethodArguments {
     /// Leaves out components of the method; `reconstruct methods` lists them.
     #[arg(long, value_name = "COMPONENT", value_delimiter = ',')]
     pub(crate) without: Vec<String>,
+    /// Components of a method for dynamic scenes: those that the scene gives reason for, all of them
+    /// as published, or a list.
+    #[arg(long, value_name = "auto|full|COMPONENT,...", default_value = "auto", value_parser = plan)]
+    pub(crate) plan: PlanChoice,
     /// What computes: the processor, or a graphics adapter.
     #[arg(long, value_enum, default_value_t = BackendArgument::Cpu)]
     pub(crate) backend: BackendArgument,
@@ -109,6 +114,7 @@ impl MethodArguments {
             footprint: self.footprint.into(),
             densify_threshold: self.densify_threshold,
             without: self.without.clone(),
+            plan: self.plan.clone(),
             trace_every: self.trace,
             ..MethodRequest::new(iterations, self.seed)
         })
@@ -134,6 +140,9 @@ pub(crate) struct RenderArguments {
     /// Horizontal field of view of a pinhole camera.
     #[arg(long, value_name = "DEGREES", default_value_t = 90.0)]
     pub(crate) fov_degrees: f64,
+    /// What is shown: everything, the static or the dynamic Gaussians alone, velocities, or depth.
+    #[arg(long, value_enum, default_value_t = LayerArgument::All)]
+    pub(crate) layer: LayerArgument,
     /// Makes a video of the images too; players show views of the whole sphere as 360-degree video.
     #[arg(long, value_name = "FILE.mp4")]
     pub(crate) video: Option<PathBuf>,
@@ -143,6 +152,27 @@ pub(crate) struct RenderArguments {
 pub(crate) enum CameraArgument {
     Erp,
     Pinhole,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum LayerArgument {
+    All,
+    Static,
+    Dynamic,
+    Velocity,
+    Depth,
+}
+
+impl From<LayerArgument> for Layer {
+    fn from(argument: LayerArgument) -> Self {
+        match argument {
+            LayerArgument::All => Self::All,
+            LayerArgument::Static => Self::Static,
+            LayerArgument::Dynamic => Self::Dynamic,
+            LayerArgument::Velocity => Self::Velocity,
+            LayerArgument::Depth => Self::Depth,
+        }
+    }
 }
 
 impl RenderArguments {
@@ -156,6 +186,7 @@ impl RenderArguments {
                 CameraArgument::Erp => None,
                 CameraArgument::Pinhole => Some(self.fov_degrees),
             },
+            layer: self.layer.into(),
             out: self.out.clone(),
         }
     }
@@ -168,6 +199,20 @@ fn thresholds(text: &str) -> Result<[f32; 2], String> {
     match (equator.parse(), pole.parse()) {
         (Ok(equator), Ok(pole)) if is_usable(equator) && is_usable(pole) => Ok([equator, pole]),
         _ => Err("expected one or two positive numbers such as 2e-4 or 1e-4,2e-4".to_owned()),
+    }
+}
+
+fn plan(text: &str) -> Result<PlanChoice, String> {
+    match text {
+        "" => Err("expected auto, full or names of components".to_owned()),
+        "auto" => Ok(PlanChoice::Auto),
+        "full" => Ok(PlanChoice::Full),
+        names => Ok(PlanChoice::Only(
+            names
+                .split(',')
+                .map(|name| name.trim().to_owned())
+                .collect(),
+        )),
     }
 }
 
@@ -193,6 +238,19 @@ pub(crate) enum ReconstructCommand {
         #[command(flatten)]
         method: MethodArguments,
         /// Optimizer steps; schedules scale with them.
+        #[arg(long, default_value_t = 30_000)]
+        iterations: u64,
+    },
+    /// Prints which components a method has on a scene, on what evidence, and what that saves.
+    Plan {
+        /// The scene.json.
+        scene: PathBuf,
+        /// The split.json.
+        #[arg(long)]
+        split: PathBuf,
+        #[command(flatten)]
+        method: MethodArguments,
+        /// Optimizer steps that the run would have.
         #[arg(long, default_value_t = 30_000)]
         iterations: u64,
     },

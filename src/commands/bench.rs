@@ -12,7 +12,7 @@ use omnilife_schemas::{
     records::{ExternalRun, ResultRecord},
 };
 
-use super::{bench_run, bench_scores, bench_stability};
+use super::{ablate, bench_run, bench_scores, bench_stability};
 use crate::{
     cli::BenchCommand,
     exit::{self, BadRequest},
@@ -156,6 +156,13 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             bench_stability::execute(out.as_deref(), *backend, progress)
         }
         BenchCommand::Curve { runs, out } => exit::print(&curves_table(&curves(runs, out)?)),
+        BenchCommand::Ablate {
+            scene,
+            out,
+            protocol,
+            method,
+            iterations,
+        } => ablate::execute(scene, out, protocol, (method, *iterations), progress),
         BenchCommand::List => exit::print(&list()),
     }
 }

@@ -1,5 +1,6 @@
 //! The stages of the main job as commands of their own.
 
+mod ablate;
 pub(crate) mod bench;
 mod bench_run;
 mod bench_scores;

@@ -5,7 +5,7 @@ use omnilife_reconstruct::{
     interpolation::INTERPOLATORS,
     job::{self, ReconstructRequest},
     methods::{METHODS, Method},
-    render_job,
+    plan, render_job,
 };
 use omnilife_schemas::progress::Progress;
 
@@ -46,6 +46,16 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
                 record.training_seconds,
                 out.join(job::RUN_FILE).display()
             ))
+        }
+        ReconstructCommand::Plan {
+            scene,
+            split,
+            method,
+            iterations,
+        } => {
+            let request = method.request(*iterations)?;
+            let plan = plan::plan(scene, split, &method.method, &request)?;
+            exit::print(&plan.text())
         }
         ReconstructCommand::Render(arguments) => render(arguments, progress),
         ReconstructCommand::Methods => {
@@ -88,6 +98,11 @@ fn render(arguments: &RenderArguments, progress: &dyn Progress) -> anyhow::Resul
         text += &format!(
             "{} frames have no usable pose and are left out\n",
             rendered.unposed
+        );
+    }
+    if let Some(speed) = rendered.largest_speed {
+        text += &format!(
+            "grey is still; 0 and 1 are {speed:.3} world units per second along the axes x, y, z\n"
         );
     }
     if let Some(file) = &arguments.video {

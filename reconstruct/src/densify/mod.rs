@@ -1,8 +1,10 @@
 //! Adaptive density control of 3DGS: clone, split, prune, reset opacities.
 //!
 //! Source: 3DGS `scene/gaussian_model.py`, `train.py`. The screen-size prune is left out: it is dead
-//! code upstream. When any of it happens is in [`settings`].
+//! code upstream. When any of it happens is in [`settings`]; what is different for Gaussians that
+//! depend on time is in [`moving`].
 
+mod moving;
 pub mod settings;
 
 use glam::{Mat3, Quat, Vec3};
@@ -18,7 +20,7 @@ use crate::{
     },
     render::Visible,
     scene::TrainingScene,
-    train::step::Model,
+    train::{dynamic_settings::DynamicSettings, step::Model},
 };
 
 /// A split's children are smaller than their parent by this factor (0.8 times 2 children).
@@ -78,10 +80,13 @@ pub struct DensityContext<'a> {
     pub scene: &'a TrainingScene,
     /// Number of the input view that was rendered last.
     pub last_view: usize,
+    /// What is known of time.
+    pub dynamics: Option<&'a DynamicSettings>,
 }
 
 /// Clones, splits and prunes the model's Gaussians and begins its statistics anew. `scheduled` is
-/// the iteration of the schedule.
+/// the iteration of the schedule. Where there is no room for all, those that depend on time come
+/// first.
 pub fn densify(
     model: &mut Model,
     settings: &DensifySettings,
@@ -89,9 +94,28 @@ pub fn densify(
     context: &DensityContext<'_>,
     random: &mut Pcg64Mcg,
 ) -> Densified {
-    let Model { table, statistics } = model;
+    let maximum = usize::try_from(settings.maximum_gaussians).unwrap_or(usize::MAX);
+    let mut done = Densified::default();
+    let fixed = model.table.len();
+    let mut others = 0;
+    if let (Some(moving), Some(dynamics)) = (&mut model.moving, context.dynamics) {
+        let room = maximum.saturating_sub(fixed + moving.table.len());
+        let control = moving::MovingControl {
+            settings,
+            dynamics,
+            scheduled,
+            context,
+            room,
+        };
+        done = control.densify(moving, random);
+        others = moving.table.len();
+    }
+    let Model {
+        table, statistics, ..
+    } = model;
+    let room = maximum.saturating_sub(others + table.len());
     let (mut clones, mut parents) = (Vec::new(), Vec::new());
-    for index in candidates(table, statistics, settings, context) {
+    for index in candidates(table, statistics, settings, context, room) {
         if relative_size(table, index, settings.size_unit) <= settings.clone_size {
             clones.push(index);
         } else {
@@ -107,25 +131,37 @@ pub fn densify(
     table.append_copies(&children);
     for child in first_child..table.len() {
         scatter_child(table, child, random);
+        shrink(table, child);
     }
+    let pruned = remove(table, &parents, |table, index| {
+        is_useful(table, index, settings, scheduled)
+    });
+    *statistics = Statistics::new(table.len());
+    done.cloned += clones.len();
+    done.split += parents.len();
+    done.pruned += pruned;
+    done
+}
+
+/// Removes `parents` and what is of no use; returns the number of the latter.
+fn remove(
+    table: &mut GaussianTable,
+    parents: &[usize],
+    is_useful: impl Fn(&GaussianTable, usize) -> bool,
+) -> usize {
     let mut keep = vec![true; table.len()];
-    for &parent in &parents {
+    for &parent in parents {
         keep[parent] = false;
     }
     let mut pruned = 0;
     for (index, keep) in keep.iter_mut().enumerate() {
-        if *keep && !is_useful(table, index, settings, scheduled) {
+        if *keep && !is_useful(table, index) {
             *keep = false;
             pruned += 1;
         }
     }
     table.retain(&keep);
-    *statistics = Statistics::new(table.len());
-    Densified {
-        cloned: clones.len(),
-        split: parents.len(),
-        pruned,
-    }
+    pruned
 }
 
 /// Written so that a NaN opacity or size is pruned.
@@ -140,29 +176,32 @@ fn is_useful(
             || relative_size(table, index, settings.size_unit) <= settings.prune_size)
 }
 
-/// The Gaussians to clone or split, in order of their index. Where there is no room for all, those
+/// The Gaussians to clone or split, in order of their index. Where there is no `room` for all, those
 /// whose gradients exceed their threshold by the largest factor.
 fn candidates(
     table: &GaussianTable,
     statistics: &Statistics,
     settings: &DensifySettings,
     context: &DensityContext<'_>,
+    room: usize,
 ) -> Vec<usize> {
     let len = table.len();
-    let room = usize::try_from(settings.maximum_gaussians)
-        .unwrap_or(usize::MAX)
-        .saturating_sub(len);
     let positions = table.arrays[POSITIONS].values.as_chunks::<3>().0;
     let excess = |index: usize| {
         let threshold = threshold(positions[index], &settings.gradient_threshold, context);
         statistics.mean(index) / threshold
     };
     // A NaN statistic fails the comparison and changes nothing.
-    let mut candidates: Vec<(usize, f32)> = (0..len)
+    let candidates: Vec<(usize, f32)> = (0..len)
         .filter(|&index| statistics.views[index] > 0)
         .map(|index| (index, excess(index)))
         .filter(|&(_, excess)| excess >= 1.0)
         .collect();
+    strongest(candidates, room)
+}
+
+/// The `room` candidates whose excess over their threshold is the largest, in order of their index.
+fn strongest(mut candidates: Vec<(usize, f32)>, room: usize) -> Vec<usize> {
     if candidates.len() > room {
         candidates.sort_by(|a, b| b.1.total_cmp(&a.1));
         candidates.truncate(room);
@@ -197,14 +236,17 @@ fn cos_latitude(position: [f32; 3], view: &View) -> f32 {
 }
 
 /// Sets all opacities down to 0.01 and forgets their moments.
-pub fn reset_opacities(table: &mut GaussianTable) {
-    let array = &mut table.arrays[OPACITY_LOGITS];
-    let limit = logit(RESET_OPACITY);
-    for value in &mut array.values {
-        *value = value.min(limit);
+pub fn reset_opacities(model: &mut Model) {
+    let moving = model.moving.as_mut().map(|moving| &mut moving.table);
+    for table in std::iter::once(&mut model.table).chain(moving) {
+        let array = &mut table.arrays[OPACITY_LOGITS];
+        let limit = logit(RESET_OPACITY);
+        for value in &mut array.values {
+            *value = value.min(limit);
+        }
+        array.first_moments.fill(0.0);
+        array.second_moments.fill(0.0);
     }
-    array.first_moments.fill(0.0);
-    array.second_moments.fill(0.0);
 }
 
 fn row<const N: usize>(table: &GaussianTable, array: usize, index: usize) -> [f32; N] {
@@ -224,7 +266,7 @@ fn relative_size(table: &GaussianTable, index: usize, unit: SizeUnit) -> f32 {
     }
 }
 
-/// Moves a child to a random place inside its parent's ellipsoid and shrinks it.
+/// Moves a child to a random place inside its parent's ellipsoid.
 fn scatter_child(table: &mut GaussianTable, child: usize, random: &mut Pcg64Mcg) {
     let log_scales: [f32; 3] = row(table, LOG_SCALES, child);
     let [w, x, y, z]: [f32; 4] = row(table, QUATERNIONS, child);
@@ -241,8 +283,13 @@ fn scatter_child(table: &mut GaussianTable, child: usize, random: &mut Pcg64Mcg)
     let offset = rotation * Vec3::from_array(offset);
     let position = &mut table.arrays[POSITIONS].values.as_chunks_mut::<3>().0[child];
     *position = (Vec3::from_array(*position) + offset).to_array();
-    let scales = &mut table.arrays[LOG_SCALES].values.as_chunks_mut::<3>().0[child];
-    *scales = log_scales.map(|log_scale| log_scale - SPLIT_SHRINK.ln());
+}
+
+/// Makes a child smaller than its parent.
+fn shrink(table: &mut GaussianTable, child: usize) {
+    for log_scale in &mut table.arrays[LOG_SCALES].values.as_chunks_mut::<3>().0[child] {
+        *log_scale -= SPLIT_SHRINK.ln();
+    }
 }
 
 #[cfg(test)]
@@ -258,7 +305,7 @@ mod tests {
         scene::SceneView,
     };
 
-    fn settings() -> DensifySettings {
+    pub(super) fn settings() -> DensifySettings {
         DensifySettings {
             gradient_threshold: Threshold::constant(1.0),
             size_unit: SizeUnit::Distance,
@@ -271,7 +318,7 @@ mod tests {
     }
 
     /// Two upright views, one unit below and one above the origin.
-    fn scene() -> TrainingScene {
+    pub(super) fn scene() -> TrainingScene {
         let camera = ErpCamera {
             width: 8,
             height: 4,
@@ -285,6 +332,7 @@ mod tests {
                 time_seconds: 0.0,
             },
             pixels: vec![0; 96],
+            mask: None,
         };
         TrainingScene {
             id: String::new(),
@@ -317,6 +365,7 @@ mod tests {
                 sums: sums.into(),
                 views: views.into(),
             },
+            moving: None,
         }
     }
 
@@ -325,6 +374,7 @@ mod tests {
         let context = DensityContext {
             scene: &scene,
             last_view: 0,
+            dynamics: None,
         };
         let mut random = Pcg64Mcg::seed_from_u64(0);
         densify(model, settings, scheduled, &context, &mut random)
@@ -373,6 +423,7 @@ mod tests {
         let context = |last_view| DensityContext {
             scene: &scene,
             last_view,
+            dynamics: None,
         };
         let by = |latitude| Threshold {
             equator: 1.0,
@@ -399,15 +450,12 @@ mod tests {
         let context = DensityContext {
             scene: &scene,
             last_view: 0,
+            dynamics: None,
         };
         let found = |maximum| {
             let model = four(sums, [1; 4]);
-            candidates(
-                &model.table,
-                &model.statistics,
-                &with_room(maximum),
-                &context,
-            )
+            let room = maximum - model.table.len();
+            candidates(&model.table, &model.statistics, &settings(), &context, room)
         };
         assert_eq!(found(4), [0; 0]);
         assert_eq!(found(5), [1]);
@@ -418,9 +466,10 @@ mod tests {
 
     #[test]
     fn reset_lowers_opacities_and_keeps_lower_ones() {
-        let mut table = four([0.0; 4], [0; 4]).table;
-        table.arrays[OPACITY_LOGITS].first_moments.fill(1.0);
-        reset_opacities(&mut table);
+        let mut model = four([0.0; 4], [0; 4]);
+        model.table.arrays[OPACITY_LOGITS].first_moments.fill(1.0);
+        reset_opacities(&mut model);
+        let table = model.table;
         let opacities: Vec<f32> = table.arrays[OPACITY_LOGITS]
             .values
             .iter()

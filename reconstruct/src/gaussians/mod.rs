@@ -3,9 +3,18 @@
 //!
 //! A parameterization reads raw (unconstrained) parameters and gives [`InstantGaussians`]; its VJP
 //! writes the gradients of the raw parameters. Renderers know neither time nor method.
+//!
+//! * [`static_gaussians`]: nothing depends on time. [`subset`]: some Gaussians alone.
+//! * [`temporal`]: a static table with the arrays of a motion, at one moment. The motion itself is in
+//!   [`periodic`] (PVG), the velocity of Omni4DGS in [`omni4dgs`].
 
+pub mod moving_ply;
+pub mod omni4dgs;
+pub mod periodic;
 pub mod ply;
 pub mod static_gaussians;
+pub mod subset;
+pub mod temporal;
 
 /// Value of the constant spherical harmonic, `1 / (2 sqrt(pi))`.
 pub const SH_C0: f32 = 0.282_094_8;
@@ -128,6 +137,11 @@ impl GaussianTable {
             array.second_moments.resize(total, 0.0);
         }
         self.len += sources.len();
+    }
+
+    /// Where the array of this name is in [`GaussianTable::arrays`].
+    pub fn position(&self, name: &str) -> Option<usize> {
+        self.arrays.iter().position(|array| array.name == name)
     }
 
     /// Names and widths of all arrays.

@@ -48,6 +48,17 @@ pub fn write(
     table: &GaussianTable,
     normalization: &Similarity,
 ) -> Result<(), StoreError> {
+    write_with(path, table, normalization, &[], |_, _| {})
+}
+
+/// [`write()`] with `further` properties at the end, whose values `push` adds for each Gaussian.
+pub(super) fn write_with(
+    path: &Path,
+    table: &GaussianTable,
+    normalization: &Similarity,
+    further: &[String],
+    push: impl Fn(usize, &mut Vec<f32>),
+) -> Result<(), StoreError> {
     let degree = static_gaussians::sh_degree(table);
     let log_unit = normalization.scale.ln() as f32;
     store::write_with(path, |writer| {
@@ -56,7 +67,7 @@ pub fn write(
             "ply\nformat binary_little_endian 1.0\nelement vertex {}\n",
             table.len()
         )?;
-        for property in properties(degree) {
+        for property in properties(degree).iter().chain(further) {
             writeln!(writer, "property float {property}")?;
         }
         writeln!(writer, "end_header")?;
@@ -64,6 +75,7 @@ pub fn write(
         for index in 0..table.len() {
             row.clear();
             push_row(table, index, normalization, log_unit, &mut row);
+            push(index, &mut row);
             for value in &row {
                 writer.write_all(&value.to_le_bytes())?;
             }
@@ -85,7 +97,7 @@ fn push_row(
     row.extend(normalization.restore(position).as_vec3().to_array());
     row.extend([0.0; 3]);
     row.extend(values(SH_CONSTANT));
-    if table.arrays.len() > SH_REST {
+    if static_gaussians::sh_degree(table) > 0 {
         let coefficients = values(SH_REST).as_chunks::<3>().0;
         for channel in 0..3 {
             row.extend(coefficients.iter().map(|rgb| rgb[channel]));
@@ -103,6 +115,15 @@ fn push_row(
 /// When the file is missing, malformed or truncated, lacks a property, holds a value that is not
 /// finite, or would not fit into memory.
 pub fn read(path: &Path, normalization: &Similarity) -> Result<GaussianTable, ReconstructError> {
+    read_with(path, normalization, &[]).map(|(table, _)| table)
+}
+
+/// [`read`] with `further` properties, one column each.
+pub(super) fn read_with(
+    path: &Path,
+    normalization: &Similarity,
+    further: &[String],
+) -> Result<(GaussianTable, Vec<Vec<f32>>), ReconstructError> {
     let bytes = fs::read(path).map_err(|source| StoreError::read(path, source))?;
     let malformed = |reason: String| StoreError::malformed(path, reason);
     let ply = PlyTable::parse(&bytes).map_err(malformed)?;
@@ -115,6 +136,7 @@ pub fn read(path: &Path, normalization: &Similarity) -> Result<GaussianTable, Re
     let columns = properties(degree)
         .iter()
         .filter(|name| !name.starts_with('n'))
+        .chain(further)
         .map(|name| {
             let missing = || format!("has no property {name}: not Gaussians of 3DGS");
             ply.column(name).ok_or_else(missing)
@@ -127,6 +149,7 @@ pub fn read(path: &Path, normalization: &Similarity) -> Result<GaussianTable, Re
         .iter()
         .map(|shape| Vec::with_capacity(shape.width * ply.len()))
         .collect();
+    let mut columns_of_further = vec![Vec::with_capacity(ply.len()); further.len()];
     ply.for_each_row(|index, row| {
         let row: Vec<f64> = columns.iter().map(|&column| row[column]).collect();
         if let Some(bad) = row.iter().position(|value| !value.is_finite()) {
@@ -147,6 +170,9 @@ pub fn read(path: &Path, normalization: &Similarity) -> Result<GaussianTable, Re
         let log_scales = others[1..4].iter().map(|value| (value + log_unit) as f32);
         arrays[LOG_SCALES].extend(log_scales);
         arrays[QUATERNIONS].extend(others[4..8].iter().map(float));
+        for (column, value) in columns_of_further.iter_mut().zip(&others[8..]) {
+            column.push(*value as f32);
+        }
         Ok(())
     })
     .map_err(malformed)?;
@@ -154,7 +180,7 @@ pub fn read(path: &Path, normalization: &Similarity) -> Result<GaussianTable, Re
     for (shape, values) in shapes.iter().zip(arrays) {
         table.add(shape.name, shape.width, values, 0.0);
     }
-    Ok(table)
+    Ok((table, columns_of_further))
 }
 
 /// Degree of the harmonics by the number of `f_rest_*` properties.

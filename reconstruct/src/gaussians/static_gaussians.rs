@@ -7,7 +7,9 @@ pub(crate) mod gpu;
 
 use rayon::prelude::*;
 
-use super::{ArrayShape, GaussianTable, InstantGaussians, MAX_SH_DEGREE, sh_rest_count};
+use super::{
+    ArrayShape, GaussianTable, InstantGaussians, MAX_SH_DEGREE, ParameterArray, sh_rest_count,
+};
 
 /// Position of `positions` (3 values) in the table.
 pub const POSITIONS: usize = 0;
@@ -22,6 +24,7 @@ pub const SH_CONSTANT: usize = 4;
 /// Position of `sh_rest` in the table of Gaussians of a degree above 0: 3 values for each of the
 /// degree's [`sh_rest_count`] further coefficients.
 pub const SH_REST: usize = 5;
+const SH_REST_NAME: &str = "sh_rest";
 
 /// Bounds of the raw logarithmic scale: neither `exp` nor its square overflows or vanishes.
 const LOG_SCALE_RANGE: (f32, f32) = (-30.0, 20.0);
@@ -65,14 +68,21 @@ pub fn shapes(sh_degree: usize) -> Vec<ArrayShape> {
         shape("sh_constant", 3),
     ];
     if sh_degree > 0 {
-        shapes.push(shape("sh_rest", 3 * sh_rest_count(sh_degree)));
+        shapes.push(shape(SH_REST_NAME, 3 * sh_rest_count(sh_degree)));
     }
     shapes
 }
 
-/// Degree of the spherical harmonics that a table of this parameterization stores.
+/// The array of the coefficients beside the constant ones, where the table stores any: tables of
+/// other parameterizations have their own arrays after those of this one.
+fn sh_rest(table: &GaussianTable) -> Option<&ParameterArray> {
+    let array = table.arrays.get(SH_REST)?;
+    (array.name == SH_REST_NAME).then_some(array)
+}
+
+/// Degree of the spherical harmonics that a table with this parameterization's arrays stores.
 pub fn sh_degree(table: &GaussianTable) -> usize {
-    let width = table.arrays.get(SH_REST).map_or(0, |array| array.width);
+    let width = sh_rest(table).map_or(0, |array| array.width);
     (0..MAX_SH_DEGREE)
         .find(|&degree| 3 * sh_rest_count(degree) >= width)
         .unwrap_or(MAX_SH_DEGREE)
@@ -121,13 +131,20 @@ pub fn sigmoid(raw: f32) -> f32 {
 /// Activates the table's parameters.
 pub fn instantiate(table: &GaussianTable, out: &mut InstantGaussians) {
     out.reshape(table.len(), sh_degree(table), 0);
+    instantiate_from(table, 0, out);
+}
+
+/// Activates the table's parameters into the entries of `out` that begin with number `first`; `out`
+/// has room for them and harmonics of the table's degree.
+pub fn instantiate_from(table: &GaussianTable, first: usize, out: &mut InstantGaussians) {
     let arrays = &table.arrays;
-    out.positions
-        .copy_from_slice(arrays[POSITIONS].values.as_chunks().0);
-    out.sh_constant
-        .copy_from_slice(arrays[SH_CONSTANT].values.as_chunks().0);
-    if let Some(rest) = arrays.get(SH_REST) {
-        out.sh_rest.copy_from_slice(rest.values.as_chunks().0);
+    let entries = first..first + table.len();
+    out.positions[entries.clone()].copy_from_slice(arrays[POSITIONS].values.as_chunks().0);
+    out.sh_constant[entries.clone()].copy_from_slice(arrays[SH_CONSTANT].values.as_chunks().0);
+    if let Some(rest) = sh_rest(table) {
+        let count = sh_rest_count(out.sh_degree);
+        out.sh_rest[entries.start * count..entries.end * count]
+            .copy_from_slice(rest.values.as_chunks().0);
     }
     let (scales, quaternions) = (
         arrays[LOG_SCALES].values.as_chunks::<3>().0,
@@ -135,9 +152,9 @@ pub fn instantiate(table: &GaussianTable, out: &mut InstantGaussians) {
     );
     let logits = &arrays[OPACITY_LOGITS].values;
     (
-        out.scales.par_iter_mut(),
-        out.rotations.par_iter_mut(),
-        out.opacities.par_iter_mut(),
+        out.scales[entries.clone()].par_iter_mut(),
+        out.rotations[entries.clone()].par_iter_mut(),
+        out.opacities[entries].par_iter_mut(),
         scales.par_iter(),
         quaternions.par_iter(),
         logits.par_iter(),
@@ -166,30 +183,42 @@ pub fn instantiate_vjp(
     instant: &InstantGaussians,
     gradient: &InstantGaussians,
 ) {
+    instantiate_from_vjp(table, 0, instant, gradient);
+}
+
+/// VJP of [`instantiate_from`].
+pub fn instantiate_from_vjp(
+    table: &mut GaussianTable,
+    first: usize,
+    instant: &InstantGaussians,
+    gradient: &InstantGaussians,
+) {
+    let entries = first..first + table.len();
     let [positions, log_scales, quaternions, logits, sh, rest @ ..] = table.arrays.as_mut_slice()
     else {
         unreachable!("a table of static Gaussians has five arrays at least");
     };
     positions
         .gradients
-        .copy_from_slice(gradient.positions.as_flattened());
+        .copy_from_slice(gradient.positions[entries.clone()].as_flattened());
     sh.gradients
-        .copy_from_slice(gradient.sh_constant.as_flattened());
-    for rest in rest {
-        let gradient = gradient.sh_rest.as_flattened();
-        rest.gradients.copy_from_slice(gradient);
+        .copy_from_slice(gradient.sh_constant[entries.clone()].as_flattened());
+    if let Some(rest) = rest.first_mut().filter(|array| array.name == SH_REST_NAME) {
+        let count = sh_rest_count(gradient.sh_degree);
+        let gradient = &gradient.sh_rest[entries.start * count..entries.end * count];
+        rest.gradients.copy_from_slice(gradient.as_flattened());
     }
     (
         log_scales.gradients.as_chunks_mut::<3>().0.par_iter_mut(),
         quaternions.gradients.as_chunks_mut::<4>().0.par_iter_mut(),
         logits.gradients.par_iter_mut(),
         quaternions.values.as_chunks::<4>().0.par_iter(),
-        instant.scales.par_iter(),
-        instant.rotations.par_iter(),
-        instant.opacities.par_iter(),
-        gradient.scales.par_iter(),
-        gradient.rotations.par_iter(),
-        gradient.opacities.par_iter(),
+        instant.scales[entries.clone()].par_iter(),
+        instant.rotations[entries.clone()].par_iter(),
+        instant.opacities[entries.clone()].par_iter(),
+        gradient.scales[entries.clone()].par_iter(),
+        gradient.rotations[entries.clone()].par_iter(),
+        gradient.opacities[entries].par_iter(),
     )
         .into_par_iter()
         .with_min_len(1024)

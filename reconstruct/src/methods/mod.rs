@@ -1,7 +1,14 @@
 //! Reconstruction methods: one file each, one line in [`METHODS`].
 
+mod components;
+mod dynamic;
 pub mod odgs;
 pub mod odgs_published;
+pub mod omni4dgs;
+pub mod omni4dgs_plus;
+pub mod periodic;
+
+pub use components::PlanChoice;
 
 use omnilife_schemas::records::ComponentDecision;
 use serde::Serialize;
@@ -10,7 +17,7 @@ use crate::{
     error::ReconstructError,
     render::Footprint,
     scene::TrainingScene,
-    train::{Session, Trained, settings::TrainSettings},
+    train::{self, BackendChoice, Session, Trained, settings::TrainSettings, step::Model},
 };
 
 /// What a user asks of a method.
@@ -33,6 +40,8 @@ pub struct MethodRequest {
     pub densify_threshold: Option<[f32; 2]>,
     /// Components to leave out whatever the scene says.
     pub without: Vec<String>,
+    /// How the others are decided.
+    pub plan: PlanChoice,
     /// Iterations from one row of the trace to the next; ten rows where none is given.
     pub trace_every: Option<u64>,
 }
@@ -49,6 +58,7 @@ impl MethodRequest {
             footprint: Footprint::default(),
             densify_threshold: None,
             without: Vec::new(),
+            plan: PlanChoice::Auto,
             trace_every: None,
         }
     }
@@ -65,12 +75,22 @@ pub struct MethodOutcome<'a> {
     pub plan: Vec<ComponentDecision>,
 }
 
-/// Trains a method on a scene.
-pub type TrainMethod = for<'a> fn(
-    &'a TrainingScene,
-    &MethodRequest,
-    &Session<'_>,
-) -> Result<MethodOutcome<'a>, ReconstructError>;
+/// What a method begins with on a scene.
+#[derive(Debug)]
+pub struct Prepared {
+    /// The first Gaussians.
+    pub model: Model,
+    /// Every setting as resolved.
+    pub settings: TrainSettings,
+    /// Components used and left out, with reasons.
+    pub plan: Vec<ComponentDecision>,
+    /// Lines that a reader of the scores should know.
+    pub remarks: Vec<String>,
+}
+
+/// Decides a method's settings and components on a scene and makes its first Gaussians.
+pub type PrepareMethod =
+    fn(&TrainingScene, &MethodRequest, BackendChoice) -> Result<Prepared, ReconstructError>;
 
 /// A method that can be asked for by name.
 #[derive(Debug, Clone, Copy)]
@@ -85,18 +105,52 @@ pub struct Method {
     pub description: &'static str,
     /// Components that can be left out by name.
     pub components: &'static [&'static str],
-    /// Trains it.
-    pub train: TrainMethod,
+    /// Prepares its training.
+    pub prepare: PrepareMethod,
 }
 
 impl Method {
+    /// Trains it on a scene.
+    ///
+    /// # Errors
+    /// When the request makes no sense for the method, the scene is not one for it, or training
+    /// fails.
+    pub fn train<'a>(
+        &self,
+        scene: &'a TrainingScene,
+        request: &MethodRequest,
+        session: &Session<'_>,
+    ) -> Result<MethodOutcome<'a>, ReconstructError> {
+        let Prepared {
+            model,
+            settings,
+            plan,
+            remarks,
+        } = (self.prepare)(scene, request, session.backend)?;
+        for remark in &remarks {
+            session.progress.note(remark);
+        }
+        let mut trained = train::train(scene, model, &settings, session)?;
+        trained.remarks.extend(remarks);
+        Ok(MethodOutcome {
+            trained,
+            settings,
+            plan,
+        })
+    }
+
     /// Whether the request makes sense for this method.
     ///
     /// # Errors
     /// When it names a component that the method does not have.
     pub fn check(&self, request: &MethodRequest) -> Result<(), ReconstructError> {
         let known = |name: &String| self.components.contains(&name.as_str());
-        match request.without.iter().find(|name| !known(name)) {
+        let named = match &request.plan {
+            PlanChoice::Only(names) => &names[..],
+            PlanChoice::Auto | PlanChoice::Full => &[],
+        };
+        let mut names = request.without.iter().chain(named);
+        match names.find(|name| !known(name)) {
             None => Ok(()),
             Some(name) => Err(ReconstructError::UnknownComponent {
                 method: self.id.to_owned(),
@@ -108,7 +162,13 @@ impl Method {
 }
 
 /// All methods.
-pub const METHODS: &[Method] = &[odgs::METHOD, odgs_published::METHOD];
+pub const METHODS: &[Method] = &[
+    odgs::METHOD,
+    odgs_published::METHOD,
+    periodic::METHOD,
+    omni4dgs::METHOD,
+    omni4dgs_plus::METHOD,
+];
 
 /// The method of this name.
 ///

@@ -7,18 +7,21 @@ use std::collections::BTreeMap;
 
 use omnilife_schemas::records::ComponentDecision;
 
-use super::{Method, MethodOutcome, MethodRequest};
+use super::{Method, MethodRequest, Prepared};
 use crate::{
     densify::{DensifySettings, LatitudeOf, SizeUnit, Threshold},
     error::ReconstructError,
-    gaussians::static_gaussians::{self, InitialGaussians},
+    gaussians::{
+        ArrayShape,
+        static_gaussians::{self, InitialGaussians},
+    },
     initialize::{self, SkyShell},
     memory,
     optim::Decay,
     render::RenderSettings,
     scene::TrainingScene,
     train::{
-        self, Session,
+        BackendChoice,
         settings::{RendererChoice, TrainSettings},
     },
 };
@@ -36,16 +39,16 @@ pub const METHOD: Method = Method {
                   densification threshold is that of 3DGS (2e-4); the number of Gaussians is \
                   limited; open sky gets a shell of Gaussians.",
     components: &[SKY_SHELL, OPACITY_RESET],
-    train,
+    prepare,
 };
 
 /// Component: a shell of Gaussians in directions without points.
-const SKY_SHELL: &str = "sky-shell";
+pub(super) const SKY_SHELL: &str = "sky-shell";
 /// Component: opacities are set down now and then.
-const OPACITY_RESET: &str = "opacity-reset";
+pub(super) const OPACITY_RESET: &str = "opacity-reset";
 
 /// Length of the published schedule, iterations.
-const PUBLISHED_ITERATIONS: f64 = 30_000.0;
+pub(super) const PUBLISHED_ITERATIONS: f64 = 30_000.0;
 /// Directions in which open sky is looked for, where the number of Gaussians allows as many.
 const SKY_DIRECTIONS: usize = 8_000;
 /// Share of the sphere that must be open for a shell to be added.
@@ -101,6 +104,7 @@ pub fn published_settings(iterations: u64) -> TrainSettings {
             prune_opacity: 0.005,
             maximum_gaussians: u64::MAX,
         },
+        dynamics: None,
         trace_every: (iterations / TRACE_ROWS).max(1),
     }
 }
@@ -124,13 +128,11 @@ fn learning_rates(extent: f32) -> BTreeMap<String, Decay> {
 }
 
 /// The published settings with what this implementation does otherwise.
-fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainSettings {
+pub(super) fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainSettings {
     let published = published_settings(request.iterations);
     // Statistics over less than one epoch would miss views.
     let epoch = scene.input_views.len() as u64;
-    // 3DGS scales steps by the cameras' radius, which is its scene's size. A video's cameras stand
-    // close together in a scene many times as large: there it is the distance of the points.
-    let extent = scene.median_point_distance().max(CAMERA_EXTENT);
+    let extent = scene_extent(scene);
     let without_resets = is_left_out(request, OPACITY_RESET)
         || published.densify.opacity_reset_iterations < RESET_RECOVERY_ITERATIONS;
     TrainSettings {
@@ -172,6 +174,13 @@ fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainSettings {
     }
 }
 
+/// What position steps are relative to, normalized units. 3DGS scales them by the cameras' radius,
+/// which is its scene's size. A video's cameras stand close together in a scene many times as large:
+/// there it is the distance of the points.
+pub(super) fn scene_extent(scene: &TrainingScene) -> f32 {
+    scene.median_point_distance().max(CAMERA_EXTENT)
+}
+
 fn is_left_out(request: &MethodRequest, component: &str) -> bool {
     request.without.iter().any(|name| name == component)
 }
@@ -183,27 +192,67 @@ pub(super) fn default_maximum(scene: &TrainingScene) -> u64 {
     ((GAUSSIANS_PER_PIXEL * pixels) as u64).max(points)
 }
 
-fn train<'a>(
-    scene: &'a TrainingScene,
+/// Static Gaussians at the points and in the sky.
+pub(super) fn prepare(
+    scene: &TrainingScene,
     request: &MethodRequest,
-    session: &Session<'_>,
-) -> Result<MethodOutcome<'a>, ReconstructError> {
+    _: BackendChoice,
+) -> Result<Prepared, ReconstructError> {
     let settings = settings(scene, request);
+    let shapes = static_gaussians::shapes(settings.rendering.sh_degree);
+    require_memory(request, &settings, &shapes)?;
+    let first = first_gaussians(scene, &settings, request, 0);
+    let initial = initialize::join(first.points, first.shell);
+    let table = static_gaussians::table(&initial, settings.rendering.sh_degree);
+    Ok(Prepared {
+        model: table.into(),
+        settings,
+        plan: first.plan,
+        remarks: Vec::new(),
+    })
+}
+
+/// Checks the user's limit on the Gaussians at once: the default is a few per pixel.
+pub(super) fn require_memory(
+    request: &MethodRequest,
+    settings: &TrainSettings,
+    shapes: &[ArrayShape],
+) -> Result<(), ReconstructError> {
     let maximum = settings.densify.maximum_gaussians;
-    // The user's limit is checked at once: the default is a few per pixel.
     if request.maximum_gaussians.is_some() {
-        let bytes = memory::training_bytes(
-            maximum,
-            &static_gaussians::shapes(settings.rendering.sh_degree),
-        );
+        let bytes = memory::training_bytes(maximum, shapes);
         memory::require(bytes, &format!("training {maximum} Gaussians"))?;
     }
+    Ok(())
+}
+
+/// What a scene's training begins with, and why.
+pub(super) struct FirstGaussians {
+    /// At the scene's points, thinned where there is no room for all.
+    pub(super) points: InitialGaussians,
+    /// In the open sky.
+    pub(super) shell: InitialGaussians,
+    pub(super) plan: Vec<ComponentDecision>,
+}
+
+/// Gaussians at the points and in the sky of a scene; of the largest number, `reserved` are for
+/// others.
+pub(super) fn first_gaussians(
+    scene: &TrainingScene,
+    settings: &TrainSettings,
+    request: &MethodRequest,
+    reserved: usize,
+) -> FirstGaussians {
+    let maximum = settings
+        .densify
+        .maximum_gaussians
+        .saturating_sub(reserved as u64);
     let directions = SKY_DIRECTIONS.min((maximum / SKY_PART) as usize).max(1);
     let shell = initialize::sky_shell(scene, directions);
     let with_shell = shell.open_share() >= SKY_SHARE && !is_left_out(request, SKY_SHELL);
     let mut plan = vec![
         sky_decision(&shell, with_shell, request),
-        reset_decision(&settings, request),
+        reset_decision(settings, request),
     ];
     let shell = if with_shell {
         shell.gaussians
@@ -223,14 +272,11 @@ fn train<'a>(
             ),
         });
     }
-    let initial = initialize::join(initialize::from_points(&points, SCALE_SPREAD), shell);
-    let table = static_gaussians::table(&initial, settings.rendering.sh_degree);
-    let trained = train::train(scene, table, &settings, session)?;
-    Ok(MethodOutcome {
-        trained,
-        settings,
+    FirstGaussians {
+        points: initialize::from_points(&points, SCALE_SPREAD),
+        shell,
         plan,
-    })
+    }
 }
 
 fn sky_decision(shell: &SkyShell, used: bool, request: &MethodRequest) -> ComponentDecision {

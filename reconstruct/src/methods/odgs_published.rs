@@ -5,7 +5,7 @@
 
 use omnilife_schemas::records::ComponentDecision;
 
-use super::{Method, MethodOutcome, MethodRequest, odgs};
+use super::{Method, MethodRequest, Prepared, odgs};
 use crate::{
     densify::{DensifySettings, LatitudeOf, SizeUnit, Threshold},
     error::ReconstructError,
@@ -14,7 +14,7 @@ use crate::{
     render::RenderSettings,
     scene::TrainingScene,
     train::{
-        self, Session,
+        BackendChoice,
         settings::{RendererChoice, TrainSettings},
     },
 };
@@ -32,7 +32,7 @@ pub const METHOD: Method = Method {
                   standard deviations, an SSIM window that ends at the seam, and growth without a \
                   limit (that of odgs holds).",
     components: &[],
-    train,
+    prepare,
 };
 
 /// Threshold of ODGS `arguments/__init__.py`, the same at equator and poles.
@@ -75,11 +75,11 @@ fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainSettings {
     }
 }
 
-fn train<'a>(
-    scene: &'a TrainingScene,
+fn prepare(
+    scene: &TrainingScene,
     request: &MethodRequest,
-    session: &Session<'_>,
-) -> Result<MethodOutcome<'a>, ReconstructError> {
+    backend: BackendChoice,
+) -> Result<Prepared, ReconstructError> {
     let refuse = |reason: &str| {
         Err(ReconstructError::Request {
             reason: format!("{}: {reason}", METHOD.id),
@@ -91,7 +91,7 @@ fn train<'a>(
     if request.footprint != crate::render::Footprint::Projected {
         return refuse("was published with projected footprints");
     }
-    if session.backend != train::BackendChoice::Cpu {
+    if backend != BackendChoice::Cpu {
         return refuse("runs on the processor only");
     }
     if scene.points.is_empty() {
@@ -110,15 +110,10 @@ fn train<'a>(
         used: points.len() == scene.points.len(),
         reason: format!("{} of {} points", points.len(), scene.points.len()),
     }];
-    let trained = train::train(
-        scene,
-        static_gaussians::table(&initial, 0),
-        &settings,
-        session,
-    )?;
-    Ok(MethodOutcome {
-        trained,
+    Ok(Prepared {
+        model: static_gaussians::table(&initial, 0).into(),
         settings,
         plan,
+        remarks: Vec::new(),
     })
 }

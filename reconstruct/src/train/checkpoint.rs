@@ -1,10 +1,11 @@
 //! Checkpoints: everything that training needs to go on as if it had never stopped.
 //!
 //! ```text
-//! omnilife/checkpoint/1\n
-//! {"inputs_sha256": ..., "settings": ..., "state": ..., "arrays": ..., "body_sha256": ...}\n
-//! body: f32, little-endian; for each array its values, first and second moments; then the sums
-//!       of the density statistics, and their views as u32
+//! omnilife/checkpoint/2\n
+//! {"inputs_sha256": ..., "settings": ..., "state": ..., "tables": ..., "body_sha256": ...}\n
+//! body: f32, little-endian; for each array of the static Gaussians its values, first and second
+//!       moments; then the sums of their density statistics, and their views as u32; then the same
+//!       of moving Gaussians, where there are any, and the sums of their time gradients
 //! ```
 //!
 //! Gradients are not kept: every step overwrites them. On the processor a run that is continued
@@ -18,7 +19,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     settings::TrainSettings,
-    step::{Model, StepSums},
+    step::{Model, MovingGaussians, StepSums},
     trace::TracePoint,
 };
 use crate::{
@@ -27,7 +28,7 @@ use crate::{
 };
 
 const MAGIC: &str = "omnilife/checkpoint/";
-const VERSION: &str = "1";
+const VERSION: &str = "2";
 
 /// Where the loop stands.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -70,9 +71,15 @@ struct Header {
     inputs_sha256: String,
     settings: TrainSettings,
     state: LoopState,
+    /// The static Gaussians, and the moving ones where there are any.
+    tables: Vec<TableHeader>,
+    body_sha256: String,
+}
+
+#[derive(Serialize, Deserialize)]
+struct TableHeader {
     gaussians: usize,
     arrays: Vec<ArrayHeader>,
-    body_sha256: String,
 }
 
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
@@ -102,7 +109,7 @@ pub fn write(
     model: &Model,
 ) -> Result<(), StoreError> {
     let failed = |reason: String| StoreError::write(path, std::io::Error::other(reason));
-    if let Some(reason) = not_finite(&model.table) {
+    if let Some(reason) = not_finite(model) {
         return Err(failed(reason));
     }
     let body = body(model);
@@ -110,8 +117,7 @@ pub fn write(
         inputs_sha256: inputs_sha256.to_owned(),
         settings: settings.clone(),
         state: state.clone(),
-        gaussians: model.table.len(),
-        arrays: model.table.arrays.iter().map(array_header).collect(),
+        tables: tables(model).map(table_header).collect(),
         body_sha256: store::sha256_bytes(&body),
     };
     let header = serde_json::to_string(&header).map_err(|error| failed(error.to_string()))?;
@@ -122,8 +128,8 @@ pub fn write(
     })
 }
 
-/// Reads the checkpoint of a run with these inputs and settings. `template` is the table with which
-/// the run began: it says which arrays there must be.
+/// Reads the checkpoint of a run with these inputs and settings. `template` is the model with which
+/// the run began: it says which tables and arrays there must be.
 ///
 /// # Errors
 /// When it is not the run's, or truncated, damaged or not finite.
@@ -131,7 +137,7 @@ pub fn read(
     path: &Path,
     inputs_sha256: &str,
     settings: &TrainSettings,
-    template: &GaussianTable,
+    template: &Model,
 ) -> Result<Checkpoint, Refusal> {
     let bytes =
         fs::read(path).map_err(|source| Refusal::Damaged(StoreError::read(path, source)))?;
@@ -149,13 +155,14 @@ pub fn read(
             "it is of another scene, split or request".to_owned(),
         ));
     }
-    let arrays: Vec<ArrayHeader> = template.arrays.iter().map(array_header).collect();
-    if header.settings != *settings || header.arrays != arrays {
+    let is_alike = header.tables.len() == tables(template).count()
+        && tables(template)
+            .zip(&header.tables)
+            .all(|(table, header)| table_header(table).arrays == header.arrays);
+    if header.settings != *settings || !is_alike {
         return Err(Refusal::OtherRun("its settings differ".to_owned()));
     }
-    let values: usize = header.arrays.iter().map(|array| array.width).sum();
-    let expected = (header.gaussians)
-        .checked_mul((3 * values + 2) * size_of::<f32>())
+    let expected = body_bytes(&header.tables)
         .ok_or_else(|| damaged("its header is not possible".to_owned()))?;
     if body.len() != expected {
         return Err(damaged(format!(
@@ -168,8 +175,8 @@ pub fn read(
             "is damaged: its content is not what was written".to_owned(),
         ));
     }
-    let model = parse_body(body, header.gaussians, template);
-    if let Some(reason) = not_finite(&model.table) {
+    let model = parse_body(body, &header.tables, template);
+    if let Some(reason) = not_finite(&model) {
         return Err(damaged(reason));
     }
     Ok(Checkpoint {
@@ -206,62 +213,121 @@ fn array_header(array: &ParameterArray) -> ArrayHeader {
     }
 }
 
-fn body(model: &Model) -> Vec<u8> {
-    let arrays = &model.table.arrays;
-    let values: usize = arrays.iter().map(|array| 3 * array.values.len()).sum();
-    let mut body = Vec::with_capacity((values + 2 * model.table.len()) * size_of::<f32>());
-    for array in arrays {
-        for column in [&array.values, &array.first_moments, &array.second_moments] {
-            body.extend(column.iter().flat_map(|value| value.to_le_bytes()));
-        }
+fn table_header(table: &GaussianTable) -> TableHeader {
+    TableHeader {
+        gaussians: table.len(),
+        arrays: table.arrays.iter().map(array_header).collect(),
     }
-    let statistics = &model.statistics;
-    body.extend(statistics.sums.iter().flat_map(|sum| sum.to_le_bytes()));
-    body.extend(
-        statistics
-            .views
-            .iter()
-            .flat_map(|views| views.to_le_bytes()),
-    );
+}
+
+/// The static Gaussians, then the moving ones.
+fn tables(model: &Model) -> impl Iterator<Item = &GaussianTable> {
+    let moving = model.moving.iter().map(|moving| &moving.table);
+    std::iter::once(&model.table).chain(moving)
+}
+
+/// Length of the body; `None` where no memory could hold it.
+fn body_bytes(tables: &[TableHeader]) -> Option<usize> {
+    let mut words = 0_usize;
+    for (number, table) in tables.iter().enumerate() {
+        let values: usize = table.arrays.iter().map(|array| array.width).sum();
+        // Sums and views; the time gradients of moving Gaussians too.
+        let statistics = if number == 0 { 2 } else { 3 };
+        let of_table = table.gaussians.checked_mul(3 * values + statistics)?;
+        words = words.checked_add(of_table)?;
+    }
+    words.checked_mul(size_of::<f32>())
+}
+
+fn body(model: &Model) -> Vec<u8> {
+    let mut body = Vec::new();
+    push_table(&mut body, &model.table, &model.statistics);
+    if let Some(moving) = &model.moving {
+        push_table(&mut body, &moving.table, &moving.statistics);
+        push_floats(&mut body, &moving.time_gradients);
+    }
     body
 }
 
-/// `body` has the length that `gaussians` and `template` ask for.
-fn parse_body(body: &[u8], gaussians: usize, template: &GaussianTable) -> Model {
-    let mut words = body.as_chunks::<4>().0.iter();
-    let mut floats = |count: usize| -> Vec<f32> {
-        let column = words.by_ref().take(count);
-        column.map(|&word| f32::from_le_bytes(word)).collect()
-    };
-    let mut table = GaussianTable::new(gaussians);
-    for array in &template.arrays {
-        let count = gaussians * array.width;
-        let added = table.add(array.name, array.width, floats(count), 0.0);
-        table.arrays[added].first_moments = floats(count);
-        table.arrays[added].second_moments = floats(count);
+fn push_table(body: &mut Vec<u8>, table: &GaussianTable, statistics: &Statistics) {
+    for array in &table.arrays {
+        for column in [&array.values, &array.first_moments, &array.second_moments] {
+            push_floats(body, column);
+        }
     }
-    let sums = floats(gaussians);
-    let views = words.map(|&word| u32::from_le_bytes(word)).collect();
+    push_floats(body, &statistics.sums);
+    let views = statistics.views.iter();
+    body.extend(views.flat_map(|views| views.to_le_bytes()));
+}
+
+fn push_floats(body: &mut Vec<u8>, values: &[f32]) {
+    body.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+}
+
+/// `body` has the length that `headers` ask for, and its tables have the arrays of `template`.
+fn parse_body(body: &[u8], headers: &[TableHeader], template: &Model) -> Model {
+    let mut words = Words(body.as_chunks::<4>().0.iter());
+    let mut parts = tables(template).zip(headers).map(|(table, header)| {
+        let gaussians = header.gaussians;
+        let table = words.table(gaussians, table);
+        let sums = words.floats(gaussians);
+        let views = words.take(gaussians).map(u32::from_le_bytes).collect();
+        (table, Statistics { sums, views })
+    });
+    let (table, statistics) = parts.next().unwrap_or_default();
+    let moving = parts.next();
+    drop(parts);
     Model {
         table,
-        statistics: Statistics { sums, views },
+        statistics,
+        moving: moving.map(|(table, statistics)| MovingGaussians {
+            time_gradients: words.floats(table.len()),
+            table,
+            statistics,
+        }),
+    }
+}
+
+/// What is left of a body.
+struct Words<'a>(std::slice::Iter<'a, [u8; 4]>);
+
+impl Words<'_> {
+    fn take(&mut self, count: usize) -> impl Iterator<Item = [u8; 4]> {
+        self.0.by_ref().take(count).copied()
+    }
+
+    fn floats(&mut self, count: usize) -> Vec<f32> {
+        self.take(count).map(f32::from_le_bytes).collect()
+    }
+
+    fn table(&mut self, gaussians: usize, template: &GaussianTable) -> GaussianTable {
+        let mut table = GaussianTable::new(gaussians);
+        for array in &template.arrays {
+            let count = gaussians * array.width;
+            let added = table.add(array.name, array.width, self.floats(count), 0.0);
+            table.arrays[added].first_moments = self.floats(count);
+            table.arrays[added].second_moments = self.floats(count);
+        }
+        table
     }
 }
 
 /// The first value that is not finite, in words.
-pub(super) fn not_finite(table: &GaussianTable) -> Option<String> {
-    table.arrays.iter().find_map(|array| {
-        [&array.values, &array.first_moments, &array.second_moments]
-            .into_iter()
-            .find_map(|column| column.iter().position(|value| !value.is_finite()))
-            .map(|index| {
-                format!(
-                    "{} of Gaussian {} is not finite",
-                    array.name,
-                    index / array.width
-                )
-            })
-    })
+pub(super) fn not_finite(model: &Model) -> Option<String> {
+    tables(model)
+        .flat_map(|table| &table.arrays)
+        .find_map(|array| {
+            [&array.values, &array.first_moments, &array.second_moments]
+                .into_iter()
+                .find_map(|column| column.iter().position(|value| !value.is_finite()))
+                .map(|index| {
+                    format!(
+                        "{} of Gaussian {} is not finite",
+                        array.name,
+                        index / array.width
+                    )
+                })
+        })
 }
 
 #[cfg(test)]
@@ -313,10 +379,19 @@ mod tests {
         let path = folder.path().join("checkpoint.bin");
         let settings = odgs::published_settings(30_000);
         let mut written = model();
+        let mut moving = model().table;
+        moving.add("peak_times", 1, vec![0.5; 4], 0.0);
+        written.moving = Some(MovingGaussians::new(moving));
+        let template = written.clone();
         written.table.arrays[2].second_moments[5] = f32::MIN_POSITIVE / 3.0;
         written.statistics.views[1] = u32::MAX;
+        if let Some(moving) = &mut written.moving {
+            moving.table.retain(&[true, false, true, true]);
+            moving.forget_statistics();
+            moving.time_gradients[2] = 0.25;
+        }
         write(&path, "inputs", &settings, &state(), &written)?;
-        let read = read(&path, "inputs", &settings, &model().table);
+        let read = read(&path, "inputs", &settings, &template);
         let Ok(read) = read else {
             panic!("{:?}", read.map(drop));
         };
@@ -350,7 +425,7 @@ mod tests {
             &path,
             [format!("{MAGIC}{VERSION}\n{header}\n").as_bytes(), &sick].concat(),
         )?;
-        match read(&path, "inputs", &settings, &model().table) {
+        match read(&path, "inputs", &settings, &model()) {
             Err(Refusal::Damaged(error)) => {
                 let message = error.to_string();
                 assert!(message.contains("positions of Gaussian 3"), "{message}");

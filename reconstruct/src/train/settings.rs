@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::dynamic_settings::DynamicSettings;
 use crate::{densify::DensifySettings, optim::Decay, render::RenderSettings};
 
 /// Settings of a run as resolved; they stand in its record.
@@ -29,6 +30,9 @@ pub struct TrainSettings {
     pub learning_rates: BTreeMap<String, Decay>,
     /// Density control.
     pub densify: DensifySettings,
+    /// What is known of time; static methods have none of it.
+    #[serde(default)]
+    pub dynamics: Option<DynamicSettings>,
     /// Iterations from one row of the trace to the next; the last iteration has a row too.
     pub trace_every: u64,
 }

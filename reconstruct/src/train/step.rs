@@ -5,15 +5,33 @@ use std::fmt;
 use omnilife_schemas::{RgbImage, records::Backend};
 use serde::{Deserialize, Serialize};
 
-use crate::{camera::View, densify::Statistics, error::ReconstructError, gaussians::GaussianTable};
+use crate::{
+    camera::View,
+    densify::Statistics,
+    error::ReconstructError,
+    gaussians::{ArrayShape, GaussianTable},
+};
 
 /// What training changes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Model {
+    /// Parameters of the static Gaussians with their moments.
+    pub table: GaussianTable,
+    /// What their density control goes by.
+    pub statistics: Statistics,
+    /// Gaussians that depend on time; static methods have none.
+    pub moving: Option<MovingGaussians>,
+}
+
+/// Gaussians that depend on time. Their table has the static ones' arrays first.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MovingGaussians {
     /// Parameters with their moments.
     pub table: GaussianTable,
-    /// What density control goes by.
+    /// What density control in space goes by.
     pub statistics: Statistics,
+    /// What density control in time goes by: sums of `|dL/dtau|` over the views that saw a Gaussian.
+    pub time_gradients: Vec<f32>,
 }
 
 impl Model {
@@ -22,7 +40,59 @@ impl Model {
         Self {
             statistics: Statistics::new(table.len()),
             table,
+            moving: None,
         }
+    }
+
+    /// A model with Gaussians that depend on time, at the beginning of its training.
+    pub fn with_moving(table: GaussianTable, moving: GaussianTable) -> Self {
+        Self {
+            moving: Some(MovingGaussians::new(moving)),
+            ..Self::new(table)
+        }
+    }
+
+    /// Number of Gaussians, static and moving.
+    pub fn len(&self) -> usize {
+        let moving = self.moving.as_ref().map_or(0, |moving| moving.table.len());
+        self.table.len() + moving
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Names and widths of all arrays, those that only moving Gaussians have at the end.
+    pub fn shapes(&self) -> Vec<ArrayShape> {
+        let widest = self
+            .moving
+            .as_ref()
+            .map_or(&self.table, |moving| &moving.table);
+        widest.shapes()
+    }
+}
+
+impl MovingGaussians {
+    /// At the beginning of training.
+    pub fn new(table: GaussianTable) -> Self {
+        Self {
+            statistics: Statistics::new(table.len()),
+            time_gradients: vec![0.0; table.len()],
+            table,
+        }
+    }
+
+    /// Begins the statistics anew.
+    pub fn forget_statistics(&mut self) {
+        self.statistics = Statistics::new(self.table.len());
+        self.time_gradients = vec![0.0; self.table.len()];
+    }
+}
+
+impl From<GaussianTable> for Model {
+    fn from(table: GaussianTable) -> Self {
+        Self::new(table)
     }
 }
 
@@ -33,8 +103,13 @@ pub struct StepSchedule {
     pub iteration: u64,
     /// Degree of the spherical harmonics in use.
     pub sh_degree: usize,
-    /// Step size of each array of the table, in the table's order.
+    /// Step size of each array, in the order of [`Model::shapes`].
     pub learning_rates: Vec<f32>,
+    /// The iteration of the schedule that the step stands for.
+    pub scheduled: u64,
+    /// How many frames before the view's moment the drawn state is (temporal smoothing); 0 in static
+    /// methods.
+    pub shift_frames: f32,
 }
 
 /// Sums over some steps.
@@ -46,7 +121,7 @@ pub struct StepSums {
     pub loss: f64,
     /// Of the mean squared error.
     pub squared_error: f64,
-    /// Gradient values that were not finite and were not applied, for each array of the table.
+    /// Gradient values that were not finite and were not applied, for each array.
     pub refused: Vec<u64>,
 }
 
@@ -75,6 +150,11 @@ pub trait Stepper: fmt::Debug {
 
     /// Number of Gaussians at the moment.
     fn gaussians(&self) -> usize;
+
+    /// How many of them depend on time.
+    fn moving_gaussians(&self) -> usize {
+        0
+    }
 
     /// One step on input view number `view` of the scene.
     ///

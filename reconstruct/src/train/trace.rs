@@ -6,7 +6,7 @@ use omnilife_schemas::store::{self, StoreError};
 use serde::{Deserialize, Serialize};
 
 use super::{checkpoint::LoopState, step::StepSums};
-use crate::{gaussians::ArrayShape, memory, process};
+use crate::{gaussians::ArrayShape, process};
 
 /// One row of error against run time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -54,12 +54,12 @@ const COLUMNS: [&str; 11] = [
 ];
 
 impl TracePoint {
-    /// A row from where the loop stands, the sums since the row before, the table's arrays and the
-    /// scores (PSNR in dB, SSIM) of the novel views.
+    /// A row from where the loop stands, the sums since the row before, the number of Gaussians and
+    /// the bytes of their tables, the arrays and the scores (PSNR in dB, SSIM) of the novel views.
     pub(super) fn new(
         state: &LoopState,
         sums: &StepSums,
-        gaussians: usize,
+        (gaussians, table_bytes): (usize, u64),
         arrays: &[ArrayShape],
         novel: Option<[f64; 2]>,
     ) -> Self {
@@ -71,7 +71,7 @@ impl TracePoint {
             cpu_seconds: state.training_cpu.map(|time| time.as_secs_f64()),
             iteration: state.iteration,
             gaussians: gaussians as u64,
-            table_bytes: memory::table_bytes(gaussians as u64, arrays),
+            table_bytes,
             peak_memory_bytes: process::peak_memory_bytes(),
             train_loss: sums.loss / steps,
             train_psnr_db: -10.0 * (sums.squared_error / steps).max(1e-10).log10(),

@@ -68,6 +68,7 @@ pub(crate) fn scene() -> TrainingScene {
             frame,
             view,
             pixels,
+            mask: None,
         });
     }
     TrainingScene {

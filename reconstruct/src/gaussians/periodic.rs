@@ -1,0 +1,287 @@
+//! The motion of PVG: a Gaussian that appears around its peak time and swings about its centre.
+//!
+//! Source: Chen et al., "Periodic Vibration Gaussian", 2023, and its repository (fudan-zvg/PVG,
+//! `scene/gaussian_model.py`); Omni4DGS Eqs. 1 and 2 are the same. With the time `t`, the peak time
+//! `tau`, the lifespan `beta`, the velocity `v` and the cycle `l`, all times in frames:
+//!
+//! ```text
+//! d = t - tau                              alpha(d) = l/(2 pi) sin(2 pi d / l)
+//! mu(t) = mu + alpha(d) v                  (1)
+//! o(t)  = o m(d),   m = exp(-(d/beta)^2/2) (2)
+//! rho   = beta / l                         staticness: small for what appears shortly
+//! vbar  = v exp(-rho/2)                    mean velocity
+//! ```
+//!
+//! PVG's temporal smoothing draws the state of the time `t - s`, moved on by `s vbar`, against the
+//! image of `t`: [`Moment::shift`] is `s`.
+//!
+//! A Gaussian whose opacity does not depend on time has an infinite lifespan: `m = 1`, `rho` is
+//! infinite, `vbar = 0`.
+
+use std::f32::consts::TAU;
+
+use glam::Vec3;
+
+/// When Gaussians are looked at.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Moment {
+    /// The image's time, frames.
+    pub frame: f32,
+    /// How much earlier the drawn state is, frames; 0 outside temporal smoothing.
+    pub shift: f32,
+}
+
+impl Moment {
+    /// The state at a time itself.
+    pub fn at(frame: f32) -> Self {
+        Self { frame, shift: 0.0 }
+    }
+}
+
+/// The temporal parameters of one Gaussian, activated.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pulse {
+    /// Time of the highest opacity, frames.
+    pub peak: f32,
+    /// Standard deviation of the opacity over time, frames, positive; infinite where it is constant.
+    pub lifespan: f32,
+    /// Velocity at the peak, units per frame.
+    pub velocity: Vec3,
+}
+
+/// What a [`Pulse`] is at one moment.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PulseState {
+    /// Added to the centre.
+    pub displacement: Vec3,
+    /// Multiplied with the opacity.
+    pub marginal: f32,
+    /// `vbar`, units per frame.
+    pub mean_velocity: Vec3,
+}
+
+/// Gradients by the parameters of a [`Pulse`].
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct PulseGradient {
+    /// By the peak time.
+    pub peak: f32,
+    /// By the logarithm of the lifespan.
+    pub log_lifespan: f32,
+    /// By the velocity.
+    pub velocity: Vec3,
+}
+
+/// `l/(2 pi) sin(2 pi d / l)` and its derivative. Whole cycles are removed first, so that times far
+/// from the peak lose no more than their own rounding.
+fn swing(distance: f32, cycle: f32) -> (f32, f32) {
+    let cycles = distance / cycle;
+    let angle = TAU * (cycles - cycles.round());
+    (cycle / TAU * angle.sin(), angle.cos())
+}
+
+impl Pulse {
+    /// `rho`, the staticness.
+    pub fn staticness(&self, cycle: f32) -> f32 {
+        self.lifespan / cycle
+    }
+
+    /// `m` after `distance` frames from the peak.
+    pub fn marginal(&self, distance: f32) -> f32 {
+        let ratio = distance / self.lifespan;
+        (-0.5 * ratio * ratio).exp()
+    }
+
+    /// `exp(-rho/2)`: what is left of the velocity on average.
+    pub fn steadiness(&self, cycle: f32) -> f32 {
+        (-0.5 * self.staticness(cycle)).exp()
+    }
+
+    /// The state at a moment; `cycle` is `l` in frames.
+    pub fn at(&self, moment: Moment, cycle: f32) -> PulseState {
+        let distance = moment.frame - moment.shift - self.peak;
+        let mean_velocity = self.velocity * self.steadiness(cycle);
+        PulseState {
+            displacement: self.velocity * swing(distance, cycle).0 + mean_velocity * moment.shift,
+            marginal: self.marginal(distance),
+            mean_velocity,
+        }
+    }
+
+    /// VJP of [`Pulse::at`] from the gradient by the state.
+    pub fn at_vjp(&self, moment: Moment, cycle: f32, upstream: &PulseState) -> PulseGradient {
+        let distance = moment.frame - moment.shift - self.peak;
+        let (amplitude, slope) = swing(distance, cycle);
+        let ratio = distance / self.lifespan;
+        let marginal = self.marginal(distance);
+        let steadiness = self.steadiness(cycle);
+        let by_mean = upstream.mean_velocity + upstream.displacement * moment.shift;
+        // d exp(-rho/2) / d ln beta; written so that an infinite lifespan gives 0.
+        let by_log_steadiness = if steadiness > 0.0 {
+            -0.5 * self.staticness(cycle) * steadiness
+        } else {
+            0.0
+        };
+        // Where the exponential is 0 so are its derivatives, whatever the ratio has grown to.
+        let (by_distance, by_log_ratio) = if marginal > 0.0 {
+            (
+                upstream.marginal * marginal * ratio / self.lifespan,
+                upstream.marginal * marginal * ratio * ratio,
+            )
+        } else {
+            (0.0, 0.0)
+        };
+        PulseGradient {
+            peak: by_distance - slope * self.velocity.dot(upstream.displacement),
+            log_lifespan: by_log_ratio + by_log_steadiness * self.velocity.dot(by_mean),
+            velocity: upstream.displacement * amplitude + by_mean * steadiness,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// The definition in f64: displacement, marginal, mean velocity.
+    fn reference(
+        [peak, log_lifespan]: [f64; 2],
+        v: [f64; 3],
+        cycle: f64,
+        t: f64,
+        s: f64,
+    ) -> [f64; 7] {
+        let tau = std::f64::consts::TAU;
+        let (d, beta) = (t - s - peak, log_lifespan.exp());
+        let alpha = cycle / tau * (tau * d / cycle).sin();
+        let mean = v.map(|v| v * (-0.5 * beta / cycle).exp());
+        let m = (-0.5 * (d / beta).powi(2)).exp();
+        let at = |axis: usize| alpha * v[axis] + s * mean[axis];
+        [at(0), at(1), at(2), m, mean[0], mean[1], mean[2]]
+    }
+
+    fn values(state: &PulseState) -> [f32; 7] {
+        let ([a, b, c], [x, y, z]) = (
+            state.displacement.to_array(),
+            state.mean_velocity.to_array(),
+        );
+        [a, b, c, state.marginal, x, y, z]
+    }
+
+    proptest! {
+        #[test]
+        fn state_and_gradient_are_those_of_the_definition(
+            peak in -30.0..30.0_f64,
+            log_lifespan in -0.5..4.0_f64,
+            v in prop::array::uniform3(-0.5..0.5_f64),
+            cycle in 3.0..80.0_f64,
+            t in -30.0..30.0_f64,
+            s in -1.5..1.5_f64,
+            upstream in prop::array::uniform7(-1.0..1.0_f64),
+        ) {
+            let pulse = Pulse {
+                peak: peak as f32,
+                lifespan: log_lifespan.exp() as f32,
+                velocity: glam::DVec3::from_array(v).as_vec3(),
+            };
+            let moment = Moment { frame: t as f32, shift: s as f32 };
+            let state = pulse.at(moment, cycle as f32);
+            let expected = reference([peak, log_lifespan], v, cycle, t, s);
+            for (value, expected) in values(&state).iter().zip(expected) {
+                prop_assert!((f64::from(*value) - expected).abs() < 2e-5, "{value} {expected}");
+            }
+            let g = upstream.map(|value| value as f32);
+            let gradient = pulse.at_vjp(moment, cycle as f32, &PulseState {
+                displacement: Vec3::new(g[0], g[1], g[2]),
+                marginal: g[3],
+                mean_velocity: Vec3::new(g[4], g[5], g[6]),
+            });
+            let found = [
+                gradient.peak,
+                gradient.log_lifespan,
+                gradient.velocity.x,
+                gradient.velocity.y,
+                gradient.velocity.z,
+            ];
+            let loss = |parameters: [f64; 5]| -> f64 {
+                let [peak, log_lifespan, x, y, z] = parameters;
+                reference([peak, log_lifespan], [x, y, z], cycle, t, s)
+                    .iter()
+                    .zip(upstream)
+                    .map(|(value, weight)| value * weight)
+                    .sum()
+            };
+            let parameters = [peak, log_lifespan, v[0], v[1], v[2]];
+            for (index, found) in found.iter().enumerate() {
+                let h = 1e-5;
+                let shifted = |step: f64| {
+                    let mut shifted = parameters;
+                    shifted[index] += step;
+                    loss(shifted)
+                };
+                let expected = (shifted(h) - shifted(-h)) / (2.0 * h);
+                prop_assert!(
+                    (f64::from(*found) - expected).abs() < 1e-4 * (1.0 + expected.abs()),
+                    "parameter {index}: {found} {expected}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn extremes_stay_finite_and_within_bounds() {
+        let gradient = PulseState {
+            displacement: Vec3::ONE,
+            marginal: 1.0,
+            mean_velocity: Vec3::ONE,
+        };
+        for lifespan in [0.25, 1.0, 1e6, f32::INFINITY] {
+            for cycle in [1e-3, 10.0, 1e9] {
+                for peak in [0.0, -5e3, 1e4, 1e7] {
+                    for frame in [-5e3, 0.0, 0.5, 5e3] {
+                        let pulse = Pulse {
+                            peak,
+                            lifespan,
+                            velocity: Vec3::new(0.2, -0.1, 0.3),
+                        };
+                        let moment = Moment { frame, shift: 1.5 };
+                        let state = pulse.at(moment, cycle);
+                        assert!((0.0..=1.0).contains(&state.marginal), "{pulse:?}");
+                        let reach = (cycle / TAU).min((frame - peak).abs() + 2.0) + 1.5;
+                        assert!(
+                            state.displacement.length() <= 0.4 * reach,
+                            "{pulse:?} {cycle} {frame}: {state:?}"
+                        );
+                        let back = pulse.at_vjp(moment, cycle, &gradient);
+                        assert!(
+                            back.peak.is_finite()
+                                && back.log_lifespan.is_finite()
+                                && back.velocity.is_finite(),
+                            "{pulse:?} {cycle} {frame}: {back:?}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_constant_opacity_is_the_limit_of_long_lifespans() {
+        let pulse = |lifespan| Pulse {
+            peak: 3.0,
+            lifespan,
+            velocity: Vec3::X,
+        };
+        let moment = Moment::at(-20.0);
+        let (long, constant) = (
+            pulse(1e7).at(moment, 10.0),
+            pulse(f32::INFINITY).at(moment, 10.0),
+        );
+        assert_eq!(long, constant);
+        assert_eq!(
+            (constant.marginal, constant.mean_velocity),
+            (1.0, Vec3::ZERO)
+        );
+    }
+}

@@ -1,0 +1,165 @@
+//! Motion regularization of static Gaussians (Omni4DGS Eqs. 10 and 11): the direction in which a
+//! static Gaussian is seen may not change from one moment to the next.
+//!
+//! ```text
+//! d(t) = (mu(t) - c) / |mu(t) - c|         L_m = mean over G_s of |d(t + Dt) - d(t)|^2 / Dt^2
+//! ```
+//!
+//! with `Dt` = 1 frame: radians per frame, squared. The paper sums over nothing and divides by
+//! nothing; a mean of rates does not depend on the number of Gaussians or on the frame rate. `c` is
+//! the same at both moments.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use crate::gaussians::{
+    periodic::{Moment, Pulse, PulseGradient, PulseState},
+    temporal::{CentreGradient, Pulses},
+};
+
+/// `Dt`, frames.
+const STEP_FRAMES: f32 = 1.0;
+/// Directions to centres nearer than this to the observer are not defined and not constrained.
+const LEAST_DISTANCE: f32 = 1e-6;
+
+/// Value, and the gradients times `weight` by raw parameters and centres of those `members` that
+/// have any.
+pub fn motion(
+    pulses: &Pulses<'_>,
+    members: &[usize],
+    frame: f32,
+    cycle: f32,
+    weight: f32,
+) -> (f64, Vec<CentreGradient>) {
+    let scale = weight / members.len().max(1) as f32;
+    let origin = pulses.observer().centre;
+    let parts: Vec<(f32, Option<CentreGradient>)> = members
+        .par_iter()
+        .with_min_len(1024)
+        .map(|&index| {
+            let (pulse, centre) = (pulses.pulse(index), pulses.centre(index) - origin);
+            let Some((value, by_pulse, by_centre)) = one(&pulse, centre, frame, cycle) else {
+                return (0.0, None);
+            };
+            let by_pulse = PulseGradient {
+                peak: scale * by_pulse.peak,
+                log_lifespan: scale * by_pulse.log_lifespan,
+                velocity: by_pulse.velocity * scale,
+            };
+            let raw = pulses.raw_vjp(index, &by_pulse);
+            (value, Some((index, raw, by_centre * scale)))
+        })
+        .collect();
+    let sum: f64 = parts.iter().map(|(value, _)| f64::from(*value)).sum();
+    let gradients = parts.into_iter().filter_map(|(_, gradient)| gradient);
+    (sum / members.len().max(1) as f64, gradients.collect())
+}
+
+/// One Gaussian's `|d(t + Dt) - d(t)|^2 / Dt^2` and its gradients by pulse and centre; `None` where
+/// no direction is defined.
+fn one(pulse: &Pulse, centre: Vec3, frame: f32, cycle: f32) -> Option<(f32, PulseGradient, Vec3)> {
+    let moments = [frame, frame + STEP_FRAMES].map(Moment::at);
+    let [before, after] = moments.map(|moment| centre + pulse.at(moment, cycle).displacement);
+    let [near, far] = [before.length(), after.length()];
+    let is_defined = near > LEAST_DISTANCE && far > LEAST_DISTANCE;
+    if !is_defined {
+        return None;
+    }
+    let (d_before, d_after) = (before / near, after / far);
+    let change = (d_after - d_before) / (STEP_FRAMES * STEP_FRAMES);
+    let value = change.dot(d_after - d_before);
+    // d(p/|p|): remove the part along p, divide by the length.
+    let across = |direction: Vec3, gradient: Vec3| gradient - direction * direction.dot(gradient);
+    let by_after = across(d_after, change * 2.0) / far;
+    let by_before = across(d_before, change * -2.0) / near;
+    let mut gradient = PulseGradient::default();
+    for (moment, by_position) in moments.into_iter().zip([by_before, by_after]) {
+        let upstream = PulseState {
+            displacement: by_position,
+            marginal: 0.0,
+            mean_velocity: Vec3::ZERO,
+        };
+        let part = pulse.at_vjp(moment, cycle, &upstream);
+        gradient.peak += part.peak;
+        gradient.log_lifespan += part.log_lifespan;
+        gradient.velocity += part.velocity;
+    }
+    Some((value, gradient, by_before + by_after))
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+
+    const CYCLE: f64 = 10.0;
+
+    /// The definition in f64 from centre, velocity and peak.
+    fn reference(parameters: [f64; 7], frame: f64) -> f64 {
+        let [x, y, z, vx, vy, vz, peak] = parameters;
+        let direction = |t: f64| {
+            let tau = std::f64::consts::TAU;
+            let alpha = CYCLE / tau * (tau * (t - peak) / CYCLE).sin();
+            (DVec3::new(x, y, z) + DVec3::new(vx, vy, vz) * alpha).normalize()
+        };
+        (direction(frame + 1.0) - direction(frame)).length_squared()
+    }
+
+    #[test]
+    fn value_and_gradients_are_those_of_the_definition() {
+        let cases = [
+            [1.0, 2.0, -1.5, 0.2, -0.1, 0.3, 1.3],
+            [0.1, -4.0, 0.2, -0.3, 0.3, 0.1, -2.0],
+            [0.0, 3.0, 0.0, 0.5, 0.0, 0.2, 0.0],
+        ];
+        for (case, frame) in cases.into_iter().zip([0.4, 3.0, -7.0]) {
+            let [x, y, z, vx, vy, vz, peak] = case.map(|value| value as f32);
+            let pulse = Pulse {
+                peak,
+                lifespan: 40.0,
+                velocity: Vec3::new(vx, vy, vz),
+            };
+            let found = one(&pulse, Vec3::new(x, y, z), frame as f32, CYCLE as f32);
+            let (value, by_pulse, by_centre) = found.expect("defined");
+            let expected = reference(case, frame);
+            assert!((f64::from(value) - expected).abs() < 1e-5 * (1.0 + expected));
+            let gradient = [by_centre.to_array(), by_pulse.velocity.to_array()].concat();
+            for (index, found) in gradient.into_iter().chain([by_pulse.peak]).enumerate() {
+                let shifted = |step: f64| {
+                    let mut shifted = case;
+                    shifted[index] += step;
+                    reference(shifted, frame)
+                };
+                let expected = (shifted(1e-5) - shifted(-1e-5)) / 2e-5;
+                let error = (f64::from(found) - expected).abs();
+                assert!(
+                    error < 2e-4 * (1.0 + expected.abs()),
+                    "{index}: {found} {expected}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn the_observer_itself_and_what_does_not_move_pay_nothing() {
+        let still = Pulse {
+            peak: 0.0,
+            lifespan: f32::INFINITY,
+            velocity: Vec3::ZERO,
+        };
+        assert!(one(&still, Vec3::ZERO, 0.0, 10.0).is_none());
+        let (value, by_pulse, by_centre) = one(&still, Vec3::X, 3.0, 10.0).expect("defined");
+        assert_eq!(
+            (value, by_pulse.velocity, by_centre),
+            (0.0, Vec3::ZERO, Vec3::ZERO)
+        );
+        // Towards the observer and back: the direction does not change.
+        let radial = Pulse {
+            velocity: Vec3::X * 0.5,
+            ..still
+        };
+        let (value, ..) = one(&radial, Vec3::X * 4.0, 0.3, 10.0).expect("defined");
+        assert_eq!(value, 0.0);
+    }
+}

@@ -1,0 +1,284 @@
+//! What the methods for dynamic scenes have in common: defaults, first Gaussians, components.
+
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+use super::{MethodRequest, PlanChoice, Prepared, components::Components, odgs};
+use crate::{
+    clock::Clock,
+    error::ReconstructError,
+    gaussians::{
+        GaussianTable,
+        static_gaussians::{self, InitialGaussians},
+        temporal::{InitialTimes, LifespanFeature, LifespanRange, TimeModel},
+    },
+    initialize,
+    mask_seeds::{MaskSeeds, SeedVelocity, mask_seeds},
+    motion_evidence::motion_evidence,
+    optim::Decay,
+    scene::TrainingScene,
+    train::{
+        BackendChoice,
+        dynamic_settings::{TemporalDensity, TemporalSmoothing, mean_vertical},
+        settings::TrainSettings,
+        step::Model,
+    },
+};
+
+/// Component: opacities rise and fall with time; without it no Gaussian has a lifespan, and none
+/// counts as dynamic.
+pub(super) const TEMPORAL_OPACITY: &str = "temporal-opacity";
+/// Component: Gaussians move.
+pub(super) const TEMPORAL_MOTION: &str = "temporal-motion";
+/// Component: renders of neighbouring moments, moved on, are held against an image.
+pub(super) const TEMPORAL_SMOOTHING: &str = "temporal-smoothing";
+/// Component: short lives cost (PVG).
+pub(super) const LIFESPAN_LOSS: &str = "lifespan-loss";
+/// The lifespan as that loss sees it, in PVG's unit; what lives for 2 units is not told apart from
+/// what lives longer (PVG `train.py`).
+pub(super) const LIFESPAN_FEATURE: LifespanFeature = LifespanFeature {
+    unit_frames: FRAMES_PER_UNIT,
+    largest_frames: 2.0 * FRAMES_PER_UNIT,
+};
+/// Weight of that loss (PVG `configs/kitti_reconstruction.yaml`; Waymo has none): here as there a
+/// moving camera sees most things for a short time.
+pub(super) const LIFESPAN_WEIGHT: f32 = 0.01;
+/// First lifespans in PVG's base configuration are the square root of this share of the clip.
+pub(super) const FIRST_LIFESPAN_SHARE: f32 = 0.2;
+/// Temporal smoothing of PVG (`train.py`).
+pub(super) const SMOOTHING: TemporalSmoothing = TemporalSmoothing {
+    probability: 0.5,
+    reach_frames: 1.5,
+};
+/// Component: density control in time.
+pub(super) const TEMPORAL_DENSITY: &str = "temporal-density";
+
+/// Frames of PVG's time unit: its data sets have 0.02 from frame to frame
+/// (`scene/waymo_loader.py`). Published times, velocities and thresholds are in this unit.
+pub(super) const FRAMES_PER_UNIT: f32 = 50.0;
+/// Cycle length: 0.2 units (PVG `configs/`).
+pub(super) const CYCLE_FRAMES: f32 = 0.2 * FRAMES_PER_UNIT;
+/// Least lifespan: a Gaussian that lives shorter is seen at one frame at most, and its gradients grow
+/// with the inverse square.
+const LEAST_LIFESPAN_FRAMES: f32 = 0.25;
+/// Largest lifespan: opacities are constant over any clip to a part in a million.
+const LARGEST_LIFESPAN_FRAMES: f32 = 1e6;
+/// First peak times are drawn from this many times the clip (PVG `scene/waymo_loader.py`).
+const PEAK_RANGE: f32 = 1.2;
+/// Seeds of dynamic Gaussians take at most one of this many Gaussians: what they take, the static
+/// region goes without.
+const SEEDS_PART: u64 = 8;
+
+/// Bounds of lifespans, from `least` frames.
+pub(super) fn lifespans(least: Option<f32>) -> LifespanRange {
+    LifespanRange {
+        least_frames: least.unwrap_or(LEAST_LIFESPAN_FRAMES),
+        largest_frames: LARGEST_LIFESPAN_FRAMES,
+    }
+}
+
+/// PVG's density control in time, for a schedule as long as `settings` has it: a threshold of 2e-3
+/// per unit, clones up to 0.01 units, shorter lives from half of the densification on (PVG
+/// `arguments/__init__.py`, `no_time_split`).
+pub(super) fn temporal_density(settings: &TrainSettings) -> TemporalDensity {
+    TemporalDensity {
+        gradient_threshold: 2e-3 / FRAMES_PER_UNIT,
+        clone_lifespan_frames: 0.01 * FRAMES_PER_UNIT,
+        shorten_from_iteration: settings.densify.end_iteration / 2,
+    }
+}
+
+/// Adds PVG's step sizes of temporal parameters (`arguments/__init__.py`): peak times 8e-4 falling
+/// like those of positions, lifespans 2e-3, velocities 1e-3 for a scene of the size of a unit cube.
+pub(super) fn add_learning_rates(settings: &mut TrainSettings, extent: f32) {
+    let velocity = Decay::constant(1e-3 / FRAMES_PER_UNIT * extent);
+    let peaks = Decay {
+        begin: 8e-4 * FRAMES_PER_UNIT,
+        end: 8e-6 * FRAMES_PER_UNIT,
+    };
+    settings.learning_rates.extend(
+        [
+            ("peak_times", peaks),
+            ("log_lifespans", Decay::constant(2e-3)),
+            ("velocities", velocity),
+            ("radial_velocities", velocity),
+            ("tangential_velocities", velocity),
+        ]
+        .map(|(array, decay)| (array.to_owned(), decay)),
+    );
+}
+
+/// What a velocity is measured in where it is rendered: PVG's, whose scenes have an extent of 1.
+pub(super) fn velocity_unit(extent: f32) -> f32 {
+    extent / FRAMES_PER_UNIT
+}
+
+/// `sqrt(share * duration)` in PVG's unit, in frames: first lifespans (PVG
+/// `scene/gaussian_model.py`).
+pub(super) fn first_lifespan(clock: &Clock, share: f32) -> f32 {
+    (share * clock.duration_frames.max(1.0) * FRAMES_PER_UNIT).sqrt()
+}
+
+/// Peak times drawn evenly from the clip and a tenth of it on both sides.
+pub(super) fn scattered_times(clock: &Clock, len: usize, lifespan: f32, seed: u64) -> InitialTimes {
+    let mut random = Pcg64Mcg::seed_from_u64(seed);
+    let half = 0.5 * PEAK_RANGE * clock.duration_frames;
+    let mut times = InitialTimes::constant(len, 0.0, lifespan);
+    times
+        .peaks
+        .fill_with(|| half * random.random_range(-1.0..=1.0_f32));
+    times
+}
+
+/// Seeds of dynamic Gaussians within the limit on all of them.
+pub(super) fn seeds(
+    scene: &TrainingScene,
+    settings: &TrainSettings,
+    clock: &Clock,
+    lifespan: f32,
+    velocity: SeedVelocity,
+) -> MaskSeeds {
+    let room = settings.densify.maximum_gaussians / SEEDS_PART;
+    let room = usize::try_from(room).unwrap_or(usize::MAX);
+    mask_seeds(scene, clock, lifespan, velocity, room)
+}
+
+/// What a run begins with: Gaussians that never move and those that may.
+#[derive(Debug, Default)]
+pub(super) struct Beginning {
+    pub(super) fixed: InitialGaussians,
+    pub(super) moving: InitialGaussians,
+    pub(super) times: InitialTimes,
+}
+
+impl Beginning {
+    /// Adds Gaussians that may move.
+    pub(super) fn add_moving(&mut self, gaussians: InitialGaussians, times: InitialTimes) {
+        self.moving = initialize::join(std::mem::take(&mut self.moving), gaussians);
+        self.times.extend(times);
+    }
+
+    /// The tables of a model.
+    pub(super) fn model(&self, time: &TimeModel, sh_degree: usize) -> Model {
+        let fixed: GaussianTable = static_gaussians::table(&self.fixed, sh_degree);
+        Model::with_moving(fixed, time.table(&self.moving, &self.times, sh_degree))
+    }
+}
+
+/// Refuses what the processor's dynamic steps cannot do, before anything is made.
+pub(super) fn check(
+    method: &str,
+    scene: &TrainingScene,
+    backend: BackendChoice,
+) -> Result<Clock, ReconstructError> {
+    if backend != BackendChoice::Cpu {
+        return Err(ReconstructError::Backend {
+            reason: format!("{method}: this method runs on the cpu backend"),
+        });
+    }
+    Clock::of(scene)
+}
+
+/// Coverage above which masks look as if they marked what does not move.
+const INVERTED_COVERAGE: f64 = 0.5;
+
+/// What a scene says about motion.
+#[derive(Debug, Clone)]
+pub(super) struct Evidence {
+    /// Whether something moves, or may.
+    pub(super) moves: bool,
+    /// Whether masks show what.
+    pub(super) has_masks: bool,
+    /// The evidence in words.
+    pub(super) reason: String,
+}
+
+impl Evidence {
+    /// Masks say what moves. Without any, residuals after a static warm-up tell whether something
+    /// does, where the plan asks for evidence.
+    pub(super) fn of(
+        scene: &TrainingScene,
+        request: &MethodRequest,
+    ) -> Result<Self, ReconstructError> {
+        let views = scene.input_views.len();
+        let masked = scene
+            .input_views
+            .iter()
+            .filter(|view| view.mask.is_some())
+            .count();
+        let Some(coverage) = scene.mask_coverage() else {
+            let mut evidence = Self {
+                moves: true,
+                has_masks: false,
+                reason: "no input view has a mask".to_owned(),
+            };
+            if request.plan == PlanChoice::Auto {
+                let found = motion_evidence(scene, request.seed)?;
+                evidence.moves = found.moves();
+                evidence.reason += &format!("; {}", found.text());
+            }
+            return Ok(evidence);
+        };
+        let mut reason = format!(
+            "{masked} of {views} input views have masks, which cover {:.2} % of the sphere",
+            100.0 * coverage
+        );
+        if coverage > INVERTED_COVERAGE {
+            reason += "; they look inverted: white is what moves";
+        }
+        Ok(Self {
+            moves: coverage > 0.0,
+            has_masks: coverage > 0.0,
+            reason,
+        })
+    }
+
+    /// The evidence for a component that only makes sense where something moves.
+    pub(super) fn of_motion(&self) -> (bool, String) {
+        (self.moves, self.reason.clone())
+    }
+}
+
+/// A line for the run's warnings where masks look inverted.
+pub(super) fn mask_warning(scene: &TrainingScene) -> Option<String> {
+    let coverage = scene.mask_coverage()?;
+    (coverage > INVERTED_COVERAGE).then(|| {
+        format!(
+            "the masks cover {:.0} % of the sphere: they look inverted (white is what moves)",
+            100.0 * coverage
+        )
+    })
+}
+
+/// A model whose settings and components are decided. Where nothing depends on time it is a static
+/// one, and training knows nothing of time.
+pub(super) fn prepared(
+    scene: &TrainingScene,
+    request: &MethodRequest,
+    mut settings: TrainSettings,
+    beginning: &Beginning,
+    components: Components<'_>,
+) -> Result<Prepared, ReconstructError> {
+    let sh_degree = settings.rendering.sh_degree;
+    let time = settings.dynamics.as_ref().map(|dynamics| dynamics.time);
+    let model = match time.filter(|time| !time.shapes().is_empty()) {
+        Some(time) => beginning.model(&time, sh_degree),
+        None => {
+            settings.dynamics = None;
+            let all = initialize::join(beginning.fixed.clone(), beginning.moving.clone());
+            static_gaussians::table(&all, sh_degree).into()
+        }
+    };
+    odgs::require_memory(request, &settings, &model.shapes())?;
+    Ok(Prepared {
+        model,
+        settings,
+        plan: components.plan,
+        remarks: mask_warning(scene).into_iter().collect(),
+    })
+}
+
+/// The mean vertical of the input cameras.
+pub(super) fn down(scene: &TrainingScene) -> [f32; 3] {
+    mean_vertical(scene.input_views.iter().map(|view| &view.view))
+}

@@ -1,0 +1,257 @@
+//! Whether anything moves in a scene without masks: what static Gaussians cannot explain.
+//!
+//! After a short static warm-up every input view is compared with its render at the images of the
+//! same scene points, those that the warm-up's depth shows to be visible. What a static scene leaves
+//! unexplained at a point - too little texture, a wrong colour - is the same in all views: only the
+//! deviation `d` of a residual from its point's median counts, channel by channel. Photometric noise is the median of
+//! `|d|`; what passes in front of a point deviates by many times as much, in a few views.
+
+use glam::Vec3;
+use omnilife_schemas::progress::Silent;
+use rayon::prelude::*;
+
+use crate::{
+    camera::{View, erp},
+    error::ReconstructError,
+    gaussians::{InstantGaussians, static_gaussians},
+    initialize,
+    methods::{MethodRequest, odgs},
+    render::Renderer,
+    scene::{SceneView, TrainingScene},
+    train::Session,
+};
+
+/// Iterations of the warm-up: enough for colours and coarse shapes.
+pub const WARM_UP_ITERATIONS: u64 = 150;
+/// Gaussians of the warm-up, at most.
+const WARM_UP_GAUSSIANS: u64 = 12_000;
+/// Points and views that are looked at, evenly from all.
+const POINTS: usize = 4_000;
+const VIEWS: usize = 30;
+/// A point is visible when it is no farther than this over the rendered depth,
+const DEPTH_SLACK: f32 = 1.05;
+/// where at least this much of the pixel is covered.
+const LEAST_OPACITY: f32 = 0.5;
+/// Points seen by fewer views have no median to speak of.
+const LEAST_VIEWS: usize = 6;
+/// A deviation is transient above this many times the noise, and above this in grey levels of 1.
+const NOISE_FACTOR: f32 = 8.0;
+const LEAST_DEVIATION: f32 = 0.1;
+/// Share of transient samples from which a scene is taken to move.
+const TRANSIENT_SHARE: f64 = 0.002;
+/// Standard deviation of a normal distribution over its median absolute deviation.
+const PER_MEDIAN: f32 = 1.4826;
+
+/// What was found.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct MotionEvidence {
+    /// Points in views that were compared, channel by channel.
+    pub samples: usize,
+    /// Photometric noise: standard deviation, grey levels in `[0, 1]`.
+    pub noise: f32,
+    /// Share of the samples that deviate by far more.
+    pub transient_share: f64,
+}
+
+impl MotionEvidence {
+    /// Whether something moves. Without samples nothing is known, and it may.
+    pub fn moves(&self) -> bool {
+        self.samples == 0 || self.transient_share >= TRANSIENT_SHARE
+    }
+
+    /// In words.
+    pub fn text(&self) -> String {
+        if self.samples == 0 {
+            return "no scene point is seen by enough views to tell whether something moves"
+                .to_owned();
+        }
+        format!(
+            "after {WARM_UP_ITERATIONS} static iterations {:.2} % of {} samples at scene points \
+             deviate from their point's median by {NOISE_FACTOR} times the noise of {:.4} or more \
+             (limit {:.2} %)",
+            100.0 * self.transient_share,
+            self.samples,
+            self.noise,
+            100.0 * TRANSIENT_SHARE
+        )
+    }
+}
+
+/// Looks for motion.
+///
+/// # Errors
+/// When the warm-up diverges.
+pub fn motion_evidence(
+    scene: &TrainingScene,
+    seed: u64,
+) -> Result<MotionEvidence, ReconstructError> {
+    let request = MethodRequest {
+        maximum_gaussians: Some(WARM_UP_GAUSSIANS),
+        trace_every: Some(WARM_UP_ITERATIONS),
+        ..MethodRequest::new(WARM_UP_ITERATIONS, seed)
+    };
+    let session = Session::without_files(&Silent);
+    let mut outcome = odgs::METHOD.train(scene, &request, &session)?;
+    let mut gaussians = InstantGaussians::default();
+    static_gaussians::instantiate(&outcome.trained.stepper.model()?.table, &mut gaussians);
+    let mut renderer = Renderer::new(outcome.settings.rendering);
+    let points = initialize::thinned(&scene.points, POINTS).positions;
+    // One series per point and channel.
+    let mut residuals: Vec<Vec<f32>> = vec![Vec::new(); 3 * points.len()];
+    let views = scene.input_views.len();
+    for step in 0..views.min(VIEWS) {
+        let view = &scene.input_views[step * views / views.min(VIEWS)];
+        let compared = Compared::new(view, &mut gaussians, &mut renderer);
+        let of_view: Vec<Option<[f32; 3]>> = points
+            .par_iter()
+            .map(|&point| compared.residual(scene, &view.view, Vec3::from_array(point)))
+            .collect();
+        for (point, residual) in of_view.into_iter().enumerate() {
+            for (channel, residual) in residual.into_iter().flatten().enumerate() {
+                residuals[3 * point + channel].push(residual);
+            }
+        }
+    }
+    Ok(transients(residuals))
+}
+
+/// A view beside its render.
+struct Compared {
+    width: usize,
+    height: usize,
+    /// Image minus render.
+    difference: Vec<[f32; 3]>,
+    /// Radial depth, infinite where little is rendered.
+    depth: Vec<f32>,
+}
+
+impl Compared {
+    fn new(view: &SceneView, gaussians: &mut InstantGaussians, renderer: &mut Renderer) -> Self {
+        let centre = view.view.centre;
+        gaussians.feature_count = 1;
+        gaussians.features = gaussians
+            .positions
+            .iter()
+            .map(|&position| (Vec3::from_array(position) - centre).length())
+            .collect();
+        let raster = renderer.forward(&view.view, gaussians);
+        let mut image = Vec::new();
+        view.write_image(&mut image);
+        let pixels = image
+            .as_chunks::<3>()
+            .0
+            .iter()
+            .zip(raster.colour.as_chunks::<3>().0);
+        Self {
+            width: raster.width,
+            height: raster.height,
+            difference: pixels
+                .map(|(truth, render)| [0, 1, 2].map(|channel| truth[channel] - render[channel]))
+                .collect(),
+            depth: raster
+                .features
+                .iter()
+                .zip(&raster.transmittance)
+                .map(|(depth, transmittance)| {
+                    let opacity = 1.0 - transmittance;
+                    if opacity > LEAST_OPACITY {
+                        depth / opacity
+                    } else {
+                        f32::INFINITY
+                    }
+                })
+                .collect(),
+        }
+    }
+
+    /// Mean residual of the 3x3 pixels at a point's image: a pixel alone has the error of every edge
+    /// that it lies on. `None` where the point is hidden.
+    fn residual(&self, scene: &TrainingScene, view: &View, point: Vec3) -> Option<[f32; 3]> {
+        let point = view.rotation * (point - view.centre);
+        let distance = point.length();
+        if distance <= 0.0 {
+            return None;
+        }
+        let pixel = erp::project(&scene.camera, point, distance).pixel;
+        let column = (pixel.x as usize).min(self.width - 1);
+        let row = (pixel.y as usize).clamp(1, self.height.saturating_sub(2).max(1));
+        let is_visible = distance <= DEPTH_SLACK * self.depth[row * self.width + column];
+        if !is_visible || self.height < 3 {
+            return None;
+        }
+        let mut sum = [0.0; 3];
+        for row in row - 1..=row + 1 {
+            for step in [self.width - 1, 0, 1] {
+                let pixel = row * self.width + (column + step) % self.width;
+                for (sum, value) in sum.iter_mut().zip(self.difference[pixel]) {
+                    *sum += value;
+                }
+            }
+        }
+        Some(sum.map(|sum| sum / 9.0))
+    }
+}
+
+/// Evidence from the residuals of every point.
+fn transients(residuals: Vec<Vec<f32>>) -> MotionEvidence {
+    let mut deviations: Vec<f32> = residuals
+        .into_par_iter()
+        .filter(|residuals| residuals.len() >= LEAST_VIEWS)
+        .flat_map_iter(|mut residuals| {
+            residuals.sort_by(f32::total_cmp);
+            let median = residuals[residuals.len() / 2];
+            residuals
+                .into_iter()
+                .map(move |residual| (residual - median).abs())
+        })
+        .collect();
+    if deviations.is_empty() {
+        return MotionEvidence::default();
+    }
+    deviations.sort_by(f32::total_cmp);
+    let noise = PER_MEDIAN * deviations[deviations.len() / 2];
+    let limit = (NOISE_FACTOR * noise).max(LEAST_DEVIATION);
+    let below = deviations.partition_point(|&deviation| deviation < limit);
+    MotionEvidence {
+        samples: deviations.len(),
+        noise,
+        transient_share: (deviations.len() - below) as f64 / deviations.len() as f64,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_wrong_in_every_view_is_no_motion() {
+        // Every point has an error of its own, and one in twenty something passing for one view.
+        let point = |number: usize, passes: bool| -> Vec<f32> {
+            let own = 0.3 * ((number % 7) as f32 - 3.0);
+            let noise = |view: usize| 0.01 * ((view * 5 + number) % 3) as f32;
+            (0..10)
+                .map(|view| own + noise(view) + if passes && view == 4 { 0.5 } else { 0.0 })
+                .collect()
+        };
+        let all = |share: usize| {
+            (0..200)
+                .map(|n| point(n, share > 0 && n % share == 0))
+                .collect()
+        };
+        let still = transients(all(0));
+        assert_eq!((still.samples, still.transient_share), (2_000, 0.0));
+        assert!(!still.moves() && still.noise < 0.03);
+        let moving = transients(all(20));
+        assert!(
+            (moving.transient_share - 0.005).abs() < 1e-9 && moving.moves(),
+            "{moving:?}"
+        );
+    }
+
+    #[test]
+    fn without_samples_it_may_move() {
+        let nothing = transients(vec![vec![0.1; 3]; 5]);
+        assert!(nothing.samples == 0 && nothing.moves());
+        assert!(nothing.text().contains("no scene point"));
+    }
+}

@@ -1,0 +1,361 @@
+//! Methods for dynamic scenes as a whole: a ball that passes, its masks, and every awkward clip.
+#![expect(
+    clippy::unwrap_used,
+    reason = "a failure to build a test scene is a failed test"
+)]
+
+#[path = "support/balls.rs"]
+mod balls;
+#[path = "support/moving_ball.rs"]
+mod moving_ball;
+
+use std::fs;
+
+use omnilife_reconstruct::{
+    methods::{self, MethodOutcome, MethodRequest, PlanChoice},
+    render_layers::{Layer, LayerRenderer},
+    scene::{SceneView, TrainingScene},
+    train::{BackendChoice, Session, TrainingFiles},
+};
+use omnilife_schemas::{points::PointCloud, progress::Silent};
+
+fn request(iterations: u64) -> MethodRequest {
+    MethodRequest::new(iterations, 7)
+}
+
+fn train<'a>(scene: &'a TrainingScene, method: &str, request: &MethodRequest) -> MethodOutcome<'a> {
+    methods::find(method)
+        .unwrap()
+        .train(scene, request, &Session::without_files(&Silent))
+        .unwrap()
+}
+
+/// PSNR of the novel views' masked pixels.
+fn dynamic_psnr(scene: &TrainingScene, outcome: &mut MethodOutcome<'_>) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for view in &scene.novel_views {
+        let degree = outcome.trained.sh_degree;
+        let image = outcome.trained.stepper.image(&view.view, degree).unwrap();
+        let mut truth = Vec::new();
+        view.write_image(&mut truth);
+        let pixels = image
+            .data
+            .as_chunks::<3>()
+            .0
+            .iter()
+            .zip(truth.as_chunks::<3>().0);
+        for ((rgb, truth), covered) in pixels.zip(view.mask.as_ref().unwrap()) {
+            if *covered > 127 {
+                let errors = rgb.iter().zip(truth).map(|(a, b)| f64::from(a - b).powi(2));
+                sum += errors.sum::<f64>();
+                count += 3.0;
+            }
+        }
+    }
+    -10.0 * (sum / count).log10()
+}
+
+/// Mean colour of a view's layer inside and outside its mask.
+fn colours(image: &[f32], view: &SceneView) -> [[f32; 3]; 2] {
+    let (mut sums, mut counts) = ([[0.0; 3]; 2], [0.0_f32; 2]);
+    for (rgb, covered) in image
+        .as_chunks::<3>()
+        .0
+        .iter()
+        .zip(view.mask.as_ref().unwrap())
+    {
+        let side = usize::from(*covered < 128);
+        counts[side] += 1.0;
+        for (sum, value) in sums[side].iter_mut().zip(rgb) {
+            *sum += value;
+        }
+    }
+    [0, 1].map(|side| sums[side].map(|sum| sum / counts[side]))
+}
+
+#[test]
+fn a_passing_ball_is_dynamic_and_predicted_better_than_by_static_gaussians() {
+    let scene = moving_ball::scene();
+    let mut still = train(&scene, "odgs", &request(200));
+    let mut moving = train(&scene, "omni4dgs", &request(200));
+    let (without, with) = (
+        dynamic_psnr(&scene, &mut still),
+        dynamic_psnr(&scene, &mut moving),
+    );
+    assert!(
+        with > without + 2.0 && with > 15.0,
+        "odgs {without:.2} dB, omni4dgs {with:.2} dB"
+    );
+
+    let settings = moving.settings.clone();
+    let model = moving.trained.stepper.model().unwrap();
+    let mut layers = LayerRenderer::new(model, settings.dynamics.as_ref(), settings.rendering);
+    let view = &scene.input_views[5];
+    let mut layer = |layer| layers.image(&view.view, layer).data;
+    let [inside, outside] = colours(&layer(Layer::Dynamic), view);
+    assert!(inside[0] > 0.5 && inside[1] < 0.3, "{inside:?}");
+    assert!(outside.iter().all(|&value| value < 0.05), "{outside:?}");
+    let [inside, outside] = colours(&layer(Layer::Static), view);
+    assert!(
+        inside[0] < 0.7 && outside[1] > 0.2,
+        "{inside:?} {outside:?}"
+    );
+    // The ball is nearer than what is behind it.
+    let [inside, outside] = colours(&layer(Layer::Depth), view);
+    assert!(inside[0] > outside[0], "{inside:?} {outside:?}");
+    let velocities = layer(Layer::Velocity);
+    assert!(velocities.iter().all(|value| value.is_finite()));
+}
+
+/// Everything that a row of the ablation leaves out, and the arrays that it has then.
+#[test]
+fn what_is_left_out_has_no_arrays() {
+    let scene = moving_ball::scene();
+    let cases: [(&[&str], &[&str]); 4] = [
+        (
+            &[],
+            &[
+                "peak_times",
+                "log_lifespans",
+                "radial_velocities",
+                "tangential_velocities",
+            ],
+        ),
+        (
+            &["velocity-decomposition"],
+            &["peak_times", "log_lifespans", "velocities"],
+        ),
+        (&["temporal-motion"], &["peak_times", "log_lifespans"]),
+        (
+            &["temporal-opacity"],
+            &["peak_times", "radial_velocities", "tangential_velocities"],
+        ),
+    ];
+    for (without, arrays) in cases {
+        let request = MethodRequest {
+            without: without.iter().map(|&name| name.to_owned()).collect(),
+            ..request(6)
+        };
+        let mut outcome = train(&scene, "omni4dgs", &request);
+        let model = outcome.trained.stepper.model().unwrap();
+        let moving = &model.moving.as_ref().unwrap().table;
+        let found: Vec<&str> = moving.arrays[5..].iter().map(|array| array.name).collect();
+        assert_eq!(found, arrays, "{without:?}");
+        assert_eq!(model.table.arrays.len(), 5);
+        for name in without {
+            let decision = outcome
+                .plan
+                .iter()
+                .find(|part| part.component == *name)
+                .unwrap();
+            assert!(
+                !decision.used && decision.reason.contains("left out"),
+                "{decision:?}"
+            );
+        }
+    }
+    for name in [
+        "dynamic-mask",
+        "motion-regularization",
+        "velocity-regularization",
+        "static-table",
+    ] {
+        let request = MethodRequest {
+            without: vec![name.to_owned()],
+            ..request(6)
+        };
+        let last = train(&scene, "omni4dgs", &request)
+            .trained
+            .state
+            .trace
+            .pop()
+            .unwrap();
+        assert!(last.train_loss.is_finite(), "{name}");
+    }
+}
+
+#[test]
+fn a_plan_that_names_the_static_table_has_points_without_a_time() {
+    let scene = moving_ball::scene();
+    let only =
+        |names: &[&str]| PlanChoice::Only(names.iter().map(|&name| name.to_owned()).collect());
+    let separate = only(&[
+        "temporal-opacity",
+        "temporal-motion",
+        "dynamic-mask",
+        "static-table",
+    ]);
+    let sizes = [PlanChoice::Full, PlanChoice::Auto, separate].map(|plan| {
+        let request = MethodRequest { plan, ..request(6) };
+        let mut outcome = train(&scene, "omni4dgs", &request);
+        let model = outcome.trained.stepper.model().unwrap();
+        (
+            model.table.len(),
+            model.moving.as_ref().unwrap().table.len(),
+        )
+    });
+    let [full, auto, separate] = sizes;
+    assert!(full.0 == 0 && full.1 > 900 && auto == full, "{sizes:?}");
+    assert_eq!(separate, (900, full.1 - 900));
+}
+
+/// A name, and what makes the scene awkward.
+type Variant = (&'static str, fn(&mut TrainingScene));
+
+#[test]
+fn awkward_clips_train_without_a_panic_or_a_nan() {
+    let variants: [Variant; 8] = [
+        ("no masks", |scene| {
+            for view in &mut scene.input_views {
+                view.mask = None;
+            }
+        }),
+        ("empty masks", |scene| {
+            for mask in scene
+                .input_views
+                .iter_mut()
+                .filter_map(|view| view.mask.as_mut())
+            {
+                mask.fill(0);
+            }
+        }),
+        ("masks of everything", |scene| {
+            for mask in scene
+                .input_views
+                .iter_mut()
+                .filter_map(|view| view.mask.as_mut())
+            {
+                mask.fill(255);
+            }
+        }),
+        ("one frame", |scene| {
+            scene.input_views.truncate(1);
+            scene.novel_views.clear();
+        }),
+        ("two frames", |scene| {
+            scene.input_views.truncate(2);
+            scene.novel_views.clear();
+        }),
+        ("ten thousand frames", |scene| {
+            for view in scene.input_views.iter_mut().chain(&mut scene.novel_views) {
+                let step = if view.frame < 8 { 0.0 } else { 9_990.0 };
+                view.view.time_seconds = (f64::from(view.frame) + step) / 30.0 + 1e6;
+            }
+        }),
+        ("no points", |scene| scene.points = PointCloud::default()),
+        ("some masks", |scene| scene.input_views[0].mask = None),
+    ];
+    for (name, change) in variants {
+        let mut scene = moving_ball::scene();
+        change(&mut scene);
+        for method in ["periodic", "omni4dgs", "omni4dgs-plus"] {
+            for plan in [PlanChoice::Auto, PlanChoice::Full] {
+                let request = MethodRequest {
+                    plan,
+                    ..request(12)
+                };
+                let mut outcome = train(&scene, method, &request);
+                let state = &outcome.trained.state;
+                assert!(
+                    state.refused.iter().all(|&refused| refused == 0),
+                    "{name}, {method}"
+                );
+                assert!(
+                    state.trace.iter().all(|point| point.train_loss.is_finite()),
+                    "{name}"
+                );
+                let model = outcome.trained.stepper.model().unwrap();
+                let moving = model.moving.iter().flat_map(|moving| &moving.table.arrays);
+                for array in model.table.arrays.iter().chain(moving) {
+                    let finite = array.values.iter().all(|value| value.is_finite());
+                    assert!(finite, "{name}, {method}: {}", array.name);
+                }
+            }
+        }
+        if name == "masks of everything" {
+            let outcome = train(&scene, "omni4dgs", &request(2));
+            assert!(
+                outcome
+                    .trained
+                    .remarks
+                    .iter()
+                    .any(|remark| remark.contains("inverted"))
+            );
+        }
+    }
+}
+
+#[test]
+fn times_that_do_not_increase_and_the_graphics_backend_are_refused() {
+    let mut scene = moving_ball::scene();
+    let gpu = Session {
+        backend: BackendChoice::Gpu,
+        ..Session::without_files(&Silent)
+    };
+    for method in ["periodic", "omni4dgs"] {
+        let method = methods::find(method).unwrap();
+        let refused = method
+            .train(&scene, &request(2), &gpu)
+            .map(drop)
+            .unwrap_err();
+        assert!(refused.to_string().contains("cpu backend"), "{refused}");
+    }
+    scene.input_views[3].view.time_seconds = 1.0;
+    let method = methods::find("omni4dgs").unwrap();
+    let refused = method.train(&scene, &request(2), &Session::without_files(&Silent));
+    let message = refused.map(drop).unwrap_err().to_string();
+    assert!(message.contains("frame 3 is at 1 s"), "{message}");
+}
+
+#[test]
+fn an_interrupted_run_goes_on_to_the_bit() {
+    let scene = moving_ball::scene();
+    let folder = tempfile::tempdir().unwrap();
+    let files = |name: &str, every: u64| {
+        fs::create_dir_all(folder.path().join(name)).unwrap();
+        TrainingFiles {
+            trace: folder.path().join(name).join("trace.csv"),
+            checkpoint: folder.path().join(name).join("checkpoint.bin"),
+            checkpoint_every: every,
+            inputs_sha256: "these".to_owned(),
+        }
+    };
+    // The first run's only checkpoint is the one that the second begins from.
+    let [whole, resumed] = [("whole", 25), ("resumed", 0)].map(|(name, every)| {
+        let files = files(name, every);
+        if name == "resumed" {
+            fs::copy(
+                folder.path().join("whole/checkpoint.bin"),
+                &files.checkpoint,
+            )
+            .unwrap();
+        }
+        let session = Session {
+            files: Some(files),
+            ..Session::without_files(&Silent)
+        };
+        let method = methods::find("periodic").unwrap();
+        let mut outcome = method.train(&scene, &request(40), &session).unwrap();
+        assert_eq!(outcome.trained.state.resumed, u64::from(name == "resumed"));
+        outcome.trained.stepper.model().unwrap().clone()
+    });
+    assert!(whole == resumed);
+}
+
+#[test]
+fn without_masks_residuals_tell_whether_something_moves() {
+    let still = balls::scene();
+    let mut moving = moving_ball::scene();
+    for view in &mut moving.input_views {
+        view.mask = None;
+    }
+    for (scene, moves) in [(&still, false), (&moving, true)] {
+        let outcome = train(scene, "omni4dgs", &request(2));
+        let decision = outcome
+            .plan
+            .iter()
+            .find(|part| part.component == "temporal-motion");
+        assert_eq!(decision.unwrap().used, moves, "{:?}", decision.unwrap());
+        assert_eq!(outcome.settings.dynamics.is_some(), moves);
+    }
+}
