@@ -3,7 +3,7 @@
 use std::{fmt, path::Path, process::Command, thread};
 
 use omnilife_bench::lpips::Backbone;
-use omnilife_curate::{boundaries::transnetv2, poses::sfm};
+use omnilife_curate::{boundaries::transnetv2, masks::deeplab, poses::sfm};
 use omnilife_reconstruct::backend;
 
 /// One thing that is looked for.
@@ -174,6 +174,7 @@ fn network_weights() -> Finding {
         transnetv2::published_weights(),
         Backbone::Alex.published_weights(),
         Backbone::Vgg.published_weights(),
+        deeplab::published_weights(),
     ];
     let files: Result<Vec<String>, _> = networks
         .into_iter()
