@@ -10,8 +10,9 @@ use omnilife_schemas::{
     camera::{CameraModel, ErpCamera},
 };
 
-/// Half the field of view of every crop, as a slope: 90 degrees in all.
-const REACH: f64 = 1.0;
+/// Half the field of view of every crop, as a slope: 103 degrees in all, so that the six around the
+/// horizon and the two at the poles leave no hole between them.
+const REACH: f64 = 1.25;
 /// Crops around the horizon.
 const AROUND: usize = 6;
 
@@ -21,8 +22,6 @@ pub(super) fn views() -> Vec<DMat3> {
         let yaw = index as f64 / AROUND as f64 * std::f64::consts::TAU;
         DQuat::from_rotation_y(-yaw)
     });
-    // Up and down, and between those and the horizon, which the crops above and below meet at 45
-    // degrees.
     let poles = [1.0, -1.0].map(|side| DQuat::from_rotation_x(side * std::f64::consts::FRAC_PI_2));
     around.chain(poles).map(DMat3::from_quat).collect()
 }
@@ -123,7 +122,7 @@ mod tests {
         for view in views() {
             let picture = picture(&panorama, &view, 33);
             for (at, pixel) in picture.chunks_exact(3).enumerate() {
-                let slope = |at: usize| at as f64 / 16.0 - 1.0;
+                let slope = |at: usize| (at as f64 / 16.0 - 1.0) * REACH;
                 let inside = dvec3(slope(at % 33), slope(at / 33), 1.0);
                 let expected = (view.transpose() * inside.normalize()) * 0.5 + 0.5;
                 for (value, expected) in pixel.iter().zip(expected.to_array()) {

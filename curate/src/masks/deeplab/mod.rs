@@ -43,7 +43,7 @@ const MOVABLE: [usize; 14] = [1, 2, 3, 4, 6, 7, 8, 10, 12, 13, 14, 15, 17, 19];
 const PROBABILITY: f32 = 0.5;
 
 fn settings() -> String {
-    format!("probability {PROBABILITY} in 8 views of 90 degrees, weights {WEIGHTS_SHA256}")
+    format!("probability {PROBABILITY} in 8 views of 103 degrees, weights {WEIGHTS_SHA256}")
 }
 
 fn find(
