@@ -132,7 +132,19 @@ fn killed_runners_cost_no_more_than_their_running_units() {
         *runner = shell.runner(&["--cores", "2"]);
     }
     for mut runner in runners {
-        assert!(runner.wait().unwrap().success());
+        runner.wait().unwrap();
+    }
+    // A unit that was running at three of the kills is given up until somebody says otherwise;
+    // which those are, if any, is up to the clock.
+    let rows = shell.rows();
+    let failed: Vec<_> = rows.iter().filter(|row| row[1] == "failed").collect();
+    assert_eq!(shell.count("done") + failed.len(), UNITS);
+    for row in &failed {
+        assert!(row[2].contains("given up after 3 runners"), "{row:?}");
+    }
+    if !failed.is_empty() {
+        succeeded(shell.run("retry", &[]));
+        succeeded(shell.run("run", &["--cores", "2"]));
     }
     assert_eq!(shell.count("done"), UNITS);
     assert_eq!(lines(&shell.path("clashes")), Vec::<String>::new());
