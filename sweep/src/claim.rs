@@ -124,6 +124,9 @@ impl Claim {
                 host::end_leftovers(&claim);
             }
         }
+        if lost > 0 {
+            store::remove_abandoned(folder)?;
+        }
         Ok(Some(Self {
             folder: folder.to_owned(),
             number,

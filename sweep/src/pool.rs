@@ -22,7 +22,7 @@ use omnilife_schemas::{
 };
 
 use crate::{
-    claim::{Claim, MOST_LOST_RUNNERS},
+    claim::{self, Claim, MOST_LOST_RUNNERS},
     error::SweepError,
     folder::{Finished, Sweep, UnitState},
     history::History,
@@ -165,19 +165,25 @@ impl<'a> Pool<'a> {
         for (index, state) in states.into_iter().enumerate() {
             let id = &sweep.plan.units[index].id;
             if request.only.as_ref().is_none_or(|only| only.contains(id)) {
-                pool.sort_in(index, state);
+                pool.sort_in(index, state)?;
             }
         }
         Ok(pool)
     }
 
-    fn sort_in(&mut self, index: usize, state: UnitState) {
+    /// Puts a unit where its state says. A runner that was killed between writing an outcome and
+    /// letting go has left a claim that means nothing any more.
+    fn sort_in(&mut self, index: usize, state: UnitState) -> Result<(), StoreError> {
+        if matches!(state, UnitState::Done(_) | UnitState::Failed(_)) {
+            claim::remove_all(&self.sweep.unit_folder(self.unit(index)))?;
+        }
         match state {
             UnitState::Done(_) => self.done += 1,
             UnitState::Failed(outcome) => self.failed.push(*outcome),
             UnitState::Running(_) => self.elsewhere.push(index),
             UnitState::Missing { .. } => self.waiting.push_back(index),
         }
+        Ok(())
     }
 
     fn unit(&self, index: usize) -> &'a SweepUnit {
@@ -320,7 +326,7 @@ impl<'a> Pool<'a> {
         store::create_folder(&folder)?;
         let state = self.sweep.state(unit, self.now)?;
         let UnitState::Missing { reason, lost } = state else {
-            self.sort_in(index, state);
+            self.sort_in(index, state)?;
             return Ok(None);
         };
         let Some(claim) = Claim::take(&folder, lost, self.request.expiry)? else {
@@ -330,7 +336,7 @@ impl<'a> Pool<'a> {
         // Since it was looked at, another runner may have finished it and let go.
         if let Finished::As(state) = self.sweep.outcome(unit)? {
             claim.release()?;
-            self.sort_in(index, state);
+            self.sort_in(index, state)?;
             return Ok(None);
         }
         if lost >= MOST_LOST_RUNNERS {
@@ -459,7 +465,7 @@ impl<'a> Pool<'a> {
         self.now = self.sweep.now()?;
         for index in std::mem::take(&mut self.elsewhere) {
             let state = self.sweep.state(self.unit(index), self.now)?;
-            self.sort_in(index, state);
+            self.sort_in(index, state)?;
         }
         Ok(())
     }
