@@ -2,7 +2,7 @@
 //!
 //! Source: 3DGS `scene/gaussian_model.py`, `train.py`. The screen-size prune is left out: it is dead
 //! code upstream. When any of it happens is in [`settings`]; what is different for Gaussians that
-//! depend on time is in [`moving`].
+//! depend on time is in `moving.rs`.
 
 mod moving;
 pub mod settings;

@@ -1,10 +1,10 @@
 //! Stiff and extreme cases on every backend and parameterization, judged by the f64 reference.
 //!
 //! * [`setup`]: what a case consists of;
-//! * [`cases`]: the catalogue, [`CASES`](cases::CASES); [`special`]: those of it that render nothing;
+//! * [`cases`]: the catalogue, [`CASES`]; [`special`]: those of it that render nothing;
 //! * [`sweeps`]: families of cases whose condition number grows;
 //! * [`parameterizations`], [`devices`]: what they are tried on;
-//! * [`measure`]: errors of image and gradient against [`crate::reference`].
+//! * [`mod@measure`]: errors of image and gradient against [`crate::reference`].
 //!
 //! To add a case: a function and a line in its slice.
 
