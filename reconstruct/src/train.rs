@@ -233,13 +233,9 @@ impl<'a, 's> Trainer<'a, 's> {
 
     fn run(&mut self) -> Result<(), ReconstructError> {
         while self.state.iteration < self.settings.iterations && !self.stopped_by_budget {
-            let (begun, cpu_begun) = (Instant::now(), process::cpu_time());
             self.state.iteration += 1;
             let position = self.position();
-            self.step(&position)?;
-            self.control_density(&position)?;
-            self.state.training += begun.elapsed();
-            self.state.training_cpu = sum_of_cpu_time(self.state.training_cpu, cpu_begun);
+            self.timed(|trainer| trainer.step(&position))?;
             self.stopped_by_budget = self
                 .settings
                 .budget_seconds
@@ -250,8 +246,12 @@ impl<'a, 's> Trainer<'a, 's> {
             if last || iteration.is_multiple_of(CHECK_INTERVAL) {
                 self.check()?;
             }
+            // Before density control: a row right after an opacity reset says nothing of the scene.
             if last || iteration.is_multiple_of(self.settings.trace_every.max(1)) {
                 self.record()?;
+            }
+            if !last {
+                self.timed(|trainer| trainer.control_density(&position))?;
             }
             let interrupted = process::TERMINATION.is_requested() && !last;
             self.save_checkpoint(interrupted)?;
@@ -262,6 +262,18 @@ impl<'a, 's> Trainer<'a, 's> {
                 });
             }
         }
+        Ok(())
+    }
+
+    /// Counts a part of training into the run's time; evaluation is not training.
+    fn timed(
+        &mut self,
+        part: impl FnOnce(&mut Self) -> Result<(), ReconstructError>,
+    ) -> Result<(), ReconstructError> {
+        let (begun, cpu_begun) = (Instant::now(), process::cpu_time());
+        part(self)?;
+        self.state.training += begun.elapsed();
+        self.state.training_cpu = sum_of_cpu_time(self.state.training_cpu, cpu_begun);
         Ok(())
     }
 
