@@ -18,6 +18,9 @@ use crate::{
 /// Gaussians per parallel piece of work.
 const BATCH: usize = 512;
 
+/// Gaussians whose entries are summed one after another, so that their cache misses overlap.
+const GATHER: usize = 16;
+
 /// Distance of a Gaussian that is not drawn.
 pub const NOT_DRAWN: f32 = f32::INFINITY;
 
@@ -301,25 +304,20 @@ pub fn backward(
                 batch,
                 (positions, scales, rotations, opacities, constants, centres, rest, by_feature),
             )| {
+                let mut sums = [SplatGradient::default(); GATHER];
                 for at in 0..positions.len() {
                     let index = batch * BATCH + at;
-                    let by_feature = &mut by_feature[at * features..(at + 1) * features];
+                    if at % GATHER == 0 {
+                        let end = positions.len().min(at + GATHER);
+                        let ranks = &drawn.ranks[index..batch * BATCH + end];
+                        let by_feature = &mut by_feature[at * features..end * features];
+                        sum_entries(drawn.lists, entries, ranks, &mut sums, by_feature);
+                    }
                     let rest = &mut rest[at * stored..(at + 1) * stored];
-                    by_feature.fill(0.0);
-                    let gradient = match drawn.ranks[index] {
-                        u32::MAX => OneGradient::default(),
-                        rank => {
-                            let mut sum = SplatGradient::default();
-                            for &place in drawn.lists.places(rank) {
-                                sum.accumulate(&entries.splats[place as usize]);
-                                let from = place as usize * features;
-                                let entry = &entries.features[from..from + features];
-                                for (sum, value) in by_feature.iter_mut().zip(entry) {
-                                    *sum += value;
-                                }
-                            }
-                            one.backward(index, &drawn.splats[index], &sum)
-                        }
+                    let gradient = if drawn.ranks[index] == u32::MAX {
+                        OneGradient::default()
+                    } else {
+                        one.backward(index, &drawn.splats[index], &sums[at % GATHER])
                     };
                     positions[at] = gradient.position;
                     scales[at] = gradient.scale;
@@ -337,6 +335,35 @@ pub fn backward(
                 }
             },
         );
+}
+
+/// Sums the entries' gradients of Gaussians with the places `ranks` in the order, each in the order
+/// of its entries; features of Gaussians that were not drawn are 0.
+fn sum_entries(
+    lists: &TileLists,
+    entries: &EntryGradients,
+    ranks: &[u32],
+    sums: &mut [SplatGradient; GATHER],
+    by_feature: &mut [f32],
+) {
+    let features = by_feature.len() / ranks.len();
+    by_feature.fill(0.0);
+    for (at, (&rank, sum)) in ranks.iter().zip(sums).enumerate() {
+        if rank == u32::MAX {
+            continue;
+        }
+        let by_feature = &mut by_feature[at * features..(at + 1) * features];
+        let mut total = SplatGradient::default();
+        for &place in lists.places(rank) {
+            total.accumulate(&entries.splats[place as usize]);
+            let from = place as usize * features;
+            let entry = &entries.features[from..from + features];
+            for (sum, value) in by_feature.iter_mut().zip(entry) {
+                *sum += value;
+            }
+        }
+        *sum = total;
+    }
 }
 
 /// Pieces of [`BATCH`] rows of `width` values; empty pieces where the width is 0.

@@ -5,6 +5,7 @@ use fearless_simd::{Simd, prelude::*};
 use super::{
     lanes::{alpha, blend, load, store},
     shapes::Walk,
+    spans::Spans,
     tile::{Batch, Plane, STRIDE, Scene, Tile, has_stopped},
 };
 use crate::kernels::{
@@ -32,7 +33,7 @@ pub(super) fn composite<S: Simd>(
         transmittance: tile.full_transmittance(),
     };
     let mut places = scene.lists.tile(tile.index);
-    let mut batch = Batch::new();
+    let (mut batch, mut spans) = (Batch::new(), Spans::new());
     while !places.is_empty() && !has_stopped(&state.transmittance) {
         batch.fill(scene, &mut places);
         for (index, splat) in batch.iter() {
@@ -40,12 +41,12 @@ pub(super) fn composite<S: Simd>(
             match &splat.shape {
                 Shape::Ellipse(shape) => {
                     add_splat(
-                        simd, scene, tile, shape, splat, values, &mut state, features,
+                        simd, scene, tile, shape, splat, values, &mut spans, &mut state, features,
                     );
                 }
                 Shape::Cone(shape) => {
                     add_splat(
-                        simd, scene, tile, shape, splat, values, &mut state, features,
+                        simd, scene, tile, shape, splat, values, &mut spans, &mut state, features,
                     );
                 }
             }
@@ -66,6 +67,7 @@ fn add_splat<S: Simd>(
     shape: &impl Walk<S>,
     splat: &Splat,
     values: &[f32],
+    spans: &mut Spans,
     state: &mut Composited,
     features: &mut [Plane],
 ) {
@@ -74,6 +76,7 @@ fn add_splat<S: Simd>(
         tile,
         scene.rays,
         splat,
+        spans,
         #[inline(always)]
         |block| {
             let transmittance = load(simd, &state.transmittance, block.at);

@@ -6,6 +6,7 @@ use super::{
     Raster, RasterGradient,
     lanes::{LANES, alpha, blend, load, store},
     shapes::Walk,
+    spans::Spans,
     tile::{Batch, Plane, STRIDE, Scene, Tile, has_stopped},
 };
 use crate::kernels::{
@@ -95,7 +96,7 @@ pub(super) fn tile_gradients<S: Simd>(
 ) {
     let mut upstream = Upstream::new(scene, tile, raster, gradient, scratch);
     let mut places = scene.lists.tile(tile.index);
-    let mut batch = Batch::new();
+    let (mut batch, mut spans) = (Batch::new(), Spans::new());
     let mut done = 0;
     while !places.is_empty() && !has_stopped(&upstream.transmittance) {
         batch.fill(scene, &mut places);
@@ -109,6 +110,7 @@ pub(super) fn tile_gradients<S: Simd>(
                     shape,
                     splat,
                     values,
+                    &mut spans,
                     &mut upstream,
                     scratch,
                 ),
@@ -119,6 +121,7 @@ pub(super) fn tile_gradients<S: Simd>(
                     shape,
                     splat,
                     values,
+                    &mut spans,
                     &mut upstream,
                     scratch,
                 ),
@@ -152,6 +155,7 @@ fn one_splat<S: Simd, W: Walk<S>>(
     shape: &W,
     splat: &Splat,
     values: &[f32],
+    spans: &mut Spans,
     upstream: &mut Upstream,
     features: &mut FeatureScratch,
 ) -> SplatGradient {
@@ -165,6 +169,7 @@ fn one_splat<S: Simd, W: Walk<S>>(
         tile,
         scene.rays,
         splat,
+        spans,
         #[inline(always)]
         |block| {
             let transmittance = load(simd, &upstream.transmittance, block.at);

@@ -33,6 +33,7 @@ pub(crate) mod gpu;
 mod gradient;
 mod lanes;
 mod shapes;
+mod spans;
 mod tile;
 
 use omnilife_schemas::RgbImage;

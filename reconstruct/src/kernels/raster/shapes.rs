@@ -7,15 +7,19 @@ use fearless_simd::{Simd, f32x8, prelude::*};
 
 use super::{
     lanes::{LANES, load, steps},
-    tile::{MARGIN, STRIDE, Tile},
+    spans::Spans,
+    tile::{MARGIN, STRIDE, Tile, rows_of},
 };
 use crate::{
     camera::rays::Rays,
-    kernels::project::{Cone, Ellipse, Splat, largest_q},
+    kernels::{
+        TILE,
+        project::{Cone, Ellipse, Splat, largest_q},
+    },
 };
 
 /// `log2(exp(-q/2)) / q`.
-const LOG2_PER_Q: f32 = -0.5 * std::f32::consts::LOG2_E;
+pub(super) const LOG2_PER_Q: f32 = -0.5 * std::f32::consts::LOG2_E;
 
 /// Eight pixels of a footprint, and where their plane entries begin.
 #[derive(Clone, Copy)]
@@ -33,13 +37,15 @@ pub(super) trait Walk<S: Simd> {
     /// Sums over blocks, per lane.
     type Sums;
 
-    /// Calls `visit` with the blocks that may hold pixels of the footprint.
+    /// Calls `visit` with the blocks that may hold pixels of the footprint. `spans` is memory to
+    /// work in.
     fn walk(
         &self,
         simd: S,
         tile: &Tile,
         rays: &Rays,
         splat: &Splat,
+        spans: &mut Spans,
         visit: impl FnMut(Block<S, Self::Geometry>),
     );
 
@@ -50,16 +56,6 @@ pub(super) trait Walk<S: Simd> {
 
     /// The gradient by the shape ([`crate::kernels::project::SplatGradient::shape`]).
     fn gradient(&self, sums: &Self::Sums) -> [f32; 10];
-}
-
-#[inline(always)]
-fn rows_of(tile: &Tile, splat: &Splat) -> Range<usize> {
-    // Row centres are at row + 1/2.
-    let reach = splat.extent[1] + MARGIN;
-    let centre = splat.centre[1] - tile.top as f32 - 0.5;
-    let first = (centre - reach).ceil().max(0.0) as usize;
-    let end = ((centre + reach).floor() + 1.0).max(0.0) as usize;
-    first..end.min(tile.rows)
 }
 
 /// Columns of the tile with centres between two offsets.
@@ -97,30 +93,22 @@ impl<S: Simd> Walk<S> for Ellipse {
         tile: &Tile,
         _rays: &Rays,
         splat: &Splat,
+        spans: &mut Spans,
         mut visit: impl FnMut(Block<S, Self::Geometry>),
     ) {
-        let centre_column = tile.column(splat.centre[0]);
-        let centre_row = splat.centre[1] - tile.top as f32 - 0.5;
-        let q_max = largest_q(splat.log2_opacity);
+        spans.find(simd, tile, self, splat);
         let steps = steps(simd);
-        for row in rows_of(tile, splat) {
-            let y = row as f32 - centre_row;
-            let row_q = y * y * self.inverse_row_variance;
-            let half = ((q_max - row_q).max(0.0) * self.variance).sqrt();
-            let middle = centre_column + self.slope * y;
-            let columns = columns_of(tile, middle - half, middle + half);
-            let row_log2 = f32x8::splat(simd, splat.log2_opacity + row_q * LOG2_PER_Q);
-            let per_square = f32x8::splat(simd, self.inverse_variance * LOG2_PER_Q);
-            let mut column = columns.start;
-            while column < columns.end {
-                let x = steps + (column as f32 - middle);
-                visit(Block {
-                    at: row * STRIDE + column,
-                    log2_alpha: (x * x).mul_add(per_square, row_log2),
-                    geometry: EllipsePixels { x, y },
-                });
-                column += LANES;
-            }
+        let per_square = f32x8::splat(simd, self.inverse_variance * LOG2_PER_Q);
+        for span in &spans.all[..spans.len] {
+            let row = usize::from(span.row) % TILE;
+            let row_log2 = f32x8::splat(simd, spans.log2[row]);
+            let x = steps + span.x;
+            visit(Block {
+                // The smaller of the two is the first; the compiler sees that it is in the plane.
+                at: usize::from(span.at).min(TILE * STRIDE - LANES),
+                log2_alpha: (x * x).mul_add(per_square, row_log2),
+                geometry: EllipsePixels { x, y: spans.y[row] },
+            });
         }
     }
 
@@ -195,6 +183,7 @@ impl<S: Simd> Walk<S> for Cone {
         tile: &Tile,
         rays: &Rays,
         splat: &Splat,
+        _spans: &mut Spans,
         mut visit: impl FnMut(Block<S, Self::Geometry>),
     ) {
         let columns = if tile.is_surrounded(splat.extent[0]) {

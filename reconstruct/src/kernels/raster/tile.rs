@@ -108,6 +108,17 @@ impl Tile {
     }
 }
 
+/// Rows of the tile with pixel centres in a splat's rectangle.
+#[inline(always)]
+pub(super) fn rows_of(tile: &Tile, splat: &Splat) -> Range<usize> {
+    // Row centres are at row + 1/2.
+    let reach = splat.extent[1] + MARGIN;
+    let centre = splat.centre[1] - tile.top as f32 - 0.5;
+    let first = (centre - reach).ceil().max(0.0) as usize;
+    let end = ((centre + reach).floor() + 1.0).max(0.0) as usize;
+    first..end.min(tile.rows)
+}
+
 /// Whether every pixel has stopped.
 pub(super) fn has_stopped(transmittance: &Plane) -> bool {
     transmittance.iter().all(|&value| value < 0.0)
