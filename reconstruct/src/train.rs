@@ -333,6 +333,7 @@ impl<'a, 's> Trainer<'a, 's> {
                 &context,
                 &mut self.state.random,
             );
+            densify::order::along_sphere(model, self.scene);
         }
         if settings.resets_opacities(position, self.state.last_reset) {
             self.state.last_reset = position.scheduled;

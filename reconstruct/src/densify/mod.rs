@@ -2,9 +2,10 @@
 //!
 //! Source: 3DGS `scene/gaussian_model.py`, `train.py`. The screen-size prune is left out: it is dead
 //! code upstream. When any of it happens is in [`settings`]; what is different for Gaussians that
-//! depend on time is in `moving.rs`.
+//! depend on time is in `moving.rs`; where Gaussians lie in memory afterwards is in [`order`].
 
 mod moving;
+pub mod order;
 pub mod settings;
 
 use glam::{Mat3, Quat, Vec3};

@@ -139,6 +139,24 @@ impl GaussianTable {
         self.len += sources.len();
     }
 
+    /// Brings the Gaussians, with their moments, into another order: row `i` becomes what row
+    /// `order[i]` was.
+    pub fn permute(&mut self, order: &[usize]) {
+        debug_assert_eq!(order.len(), self.len);
+        for array in &mut self.arrays {
+            let width = array.width;
+            for column in [
+                &mut array.values,
+                &mut array.gradients,
+                &mut array.first_moments,
+                &mut array.second_moments,
+            ] {
+                let rows = order.iter().map(|&row| row * width..(row + 1) * width);
+                *column = rows.flat_map(|row| column[row].iter().copied()).collect();
+            }
+        }
+    }
+
     /// Where the array of this name is in [`GaussianTable::arrays`].
     pub fn position(&self, name: &str) -> Option<usize> {
         self.arrays.iter().position(|array| array.name == name)

@@ -13,6 +13,8 @@ use crate::{camera::rays::Rays, kernels::project::Splat};
 const CHUNKS: usize = 32;
 /// Splats in a piece at least.
 const CHUNK_MIN: usize = 1024;
+/// Splats that are copied one after another before they are looked at: their cache misses overlap.
+const GATHER: usize = 16;
 
 /// Finds the tiles of splats for one camera.
 #[derive(Debug)]
@@ -72,12 +74,18 @@ impl Binner {
         chunk.entries.clear();
         chunk.next.clear();
         chunk.next.resize(tiles, 0);
-        for &splat in order {
-            chunk.starts.push(chunk.entries.len() as u32);
-            self.grid.for_each_tile(&splats[splat as usize], |tile| {
-                chunk.entries.push(tile);
-                chunk.next[tile as usize] += 1;
-            });
+        let mut copies = [Splat::default(); GATHER];
+        for order in order.chunks(GATHER) {
+            for (copy, &splat) in copies.iter_mut().zip(order) {
+                *copy = splats[splat as usize];
+            }
+            for splat in &copies[..order.len()] {
+                chunk.starts.push(chunk.entries.len() as u32);
+                self.grid.for_each_tile(splat, |tile| {
+                    chunk.entries.push(tile);
+                    chunk.next[tile as usize] += 1;
+                });
+            }
         }
         chunk.starts.push(chunk.entries.len() as u32);
     }
