@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from PIL import Image
 
-STEPS = 600
+STEPS = 200
 BATCH = 4096
 FREQUENCIES = 6
 
