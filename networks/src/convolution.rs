@@ -98,6 +98,17 @@ impl Convolution {
     /// # Panics
     /// When the pictures have other channels, or are smaller than the kernel with its padding.
     pub fn apply_rectified(&self, input: &Features) -> Features {
+        let mut output = Features::zeros(0, 0, 0, 0);
+        self.apply_rectified_into(input, &mut output);
+        output
+    }
+
+    /// The same into pictures that are there already, whatever they hold: their memory is used
+    /// again.
+    ///
+    /// # Panics
+    /// As [`Self::apply_rectified`].
+    pub fn apply_rectified_into(&self, input: &Features, output: &mut Features) {
         assert_eq!(input.channels, self.kernel.inputs, "channels of the input");
         let Kernel {
             side,
@@ -108,12 +119,11 @@ impl Convolution {
         } = self.kernel;
         let length = |length: usize| (length + 2 * padding - side) / stride + 1;
         let (height, width) = (length(input.height), length(input.width));
-        let mut output = Features::zeros(input.pictures, height, width, outputs);
+        output.reshape(input.pictures, height, width, outputs);
         match &self.matrices {
-            Matrices::Direct(matrix) => self.direct(matrix, input, &mut output),
-            Matrices::Winograd(matrices) => self.winograd(matrices, input, &mut output),
+            Matrices::Direct(matrix) => self.direct(matrix, input, output),
+            Matrices::Winograd(matrices) => self.winograd(matrices, input, output),
         }
-        output
     }
 
     fn direct(&self, matrix: &[f32], input: &Features, output: &mut Features) {
@@ -137,16 +147,10 @@ impl Convolution {
                 for (at, patch) in patches.chunks_exact_mut(depth).enumerate() {
                     let index = chunk * PIXELS_TOGETHER + at;
                     let (picture, y, x) = (index / pixels, index % pixels / width, index % width);
-                    for (neighbour, values) in patch.chunks_exact_mut(inputs).enumerate() {
-                        let (dy, dx) = (neighbour / side, neighbour % side);
-                        let source = input.pixel(
-                            picture,
-                            (y * stride + dy) as isize - padding as isize,
-                            (x * stride + dx) as isize - padding as isize,
-                        );
-                        if let Some(source) = source {
-                            values.copy_from_slice(source);
-                        }
+                    let left = (x * stride) as isize - padding as isize;
+                    for (dy, values) in patch.chunks_exact_mut(side * inputs).enumerate() {
+                        let row = (y * stride + dy) as isize - padding as isize;
+                        input.copy_row(picture, row, left, values);
                     }
                 }
                 matrix::multiply(patches, matrix, values, [count, depth, outputs]);
@@ -198,50 +202,64 @@ impl Convolution {
         } = self.kernel;
         let columns = input.width.div_ceil(TILE);
         let count = tiles.len();
-        let Buffers { patches, products } = buffers;
-        patches.resize(POSITIONS * count * inputs, 0.0);
-        products.resize(POSITIONS * count * outputs, 0.0);
-        let mut positions: Vec<_> = patches
-            .chunks_exact_mut(count * inputs)
-            .map(|position| position.chunks_exact_mut(inputs))
-            .collect();
-        for tile in tiles.clone() {
+        let Buffers {
+            patches,
+            products,
+            border,
+        } = buffers;
+        let patches_spacing = count * inputs + SET_SHIFT;
+        let products_spacing = count * outputs + SET_SHIFT;
+        patches.resize(POSITIONS * patches_spacing, 0.0);
+        products.resize(POSITIONS * products_spacing, 0.0);
+        for (at, tile) in tiles.clone().enumerate() {
             let row = &rows[tile / columns];
-            let left = tile % columns * TILE;
-            let patch: [Option<&[f32]>; POSITIONS] = std::array::from_fn(|at| {
-                input.pixel(
-                    row.picture,
-                    (row.top + at / PATCH) as isize - 1,
-                    (left + at % PATCH) as isize - 1,
-                )
-            });
-            let mut transformed: Vec<&mut [f32]> =
-                positions.iter_mut().filter_map(Iterator::next).collect();
-            winograd::transform_patches(&patch, &mut transformed);
+            let transformed = &mut patches[at * inputs..];
+            let (top, left) = (row.top, tile % columns * TILE);
+            match inside(input, row.picture, top, left) {
+                Some(values) => {
+                    let layout = [input.row_len(), inputs];
+                    winograd::transform_patch(values, layout, transformed, patches_spacing);
+                }
+                None => {
+                    border.resize(POSITIONS * inputs, 0.0);
+                    for (dy, values) in border.chunks_exact_mut(PATCH * inputs).enumerate() {
+                        let (row_of, left) = ((top + dy) as isize - 1, left as isize - 1);
+                        input.copy_row(row.picture, row_of, left, values);
+                    }
+                    let layout = [PATCH * inputs, inputs];
+                    winograd::transform_patch(border, layout, transformed, patches_spacing);
+                }
+            }
         }
         for ((patches, products), matrix) in patches
-            .chunks_exact(count * inputs)
-            .zip(products.chunks_exact_mut(count * outputs))
+            .chunks_exact(patches_spacing)
+            .zip(products.chunks_exact_mut(products_spacing))
             .zip(matrices)
         {
+            let (patches, products) =
+                (&patches[..count * inputs], &mut products[..count * outputs]);
             matrix::multiply(patches, matrix, products, [count, inputs, outputs]);
         }
         for (at, tile) in tiles.enumerate() {
-            let values: [&[f32]; POSITIONS] = std::array::from_fn(|position| {
-                &products[(position * count + at) * outputs..][..outputs]
-            });
-            let left = tile % columns * TILE;
-            let mut pixels: [Option<&mut [f32]>; TILE * TILE] = std::array::from_fn(|_| None);
-            for (y, line) in rows[tile / columns].lines.iter_mut().enumerate() {
-                let line = line.chunks_exact_mut(outputs).skip(left).take(TILE);
-                for (x, pixel) in line.enumerate() {
-                    pixels[y * TILE + x] = Some(pixel);
-                }
-            }
-            winograd::transform_products_rectified(&values, &self.bias, &mut pixels);
+            let lines = &mut rows[tile / columns].lines;
+            let left = tile % columns * TILE * outputs;
+            let products = &products[at * outputs..];
+            winograd::transform_tile_rectified(products, products_spacing, &self.bias, lines, left);
         }
     }
 }
+
+/// Values from the first pixel of the patch around the tile at `top` and `left`; `None` where the
+/// patch leaves the picture.
+fn inside(input: &Features, picture: usize, top: usize, left: usize) -> Option<&[f32]> {
+    let (top, left) = (top.checked_sub(1)?, left.checked_sub(1)?);
+    let is_inside = top + PATCH <= input.height && left + PATCH <= input.width;
+    is_inside.then(|| &input.picture(picture)[top * input.row_len() + left * input.channels..])
+}
+
+/// Values by which positions are shifted against each other: with a power of two between them, all
+/// would compete for the same places in the cache.
+const SET_SHIFT: usize = 16;
 
 /// Rows of outputs that one row of tiles gives.
 struct TileRow<'a> {
@@ -257,6 +275,8 @@ struct TileRow<'a> {
 struct Buffers {
     patches: Vec<f32>,
     products: Vec<f32>,
+    /// A patch that leaves the picture, with the zeros around it.
+    border: Vec<f32>,
 }
 
 /// Few enough tiles for the cache, and enough for the matrices to be worth fetching.

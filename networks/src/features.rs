@@ -54,6 +54,31 @@ impl Features {
         Some(&self.data[at..at + self.channels])
     }
 
+    /// Other sizes. What the values are is left open; the memory is used again.
+    pub fn reshape(&mut self, pictures: usize, height: usize, width: usize, channels: usize) {
+        self.data.resize(pictures * height * width * channels, 0.0);
+        (self.pictures, self.height, self.width, self.channels) =
+            (pictures, height, width, channels);
+    }
+
+    /// Copies pixels of a row, from column `left` on, as many as `values` holds; those outside the
+    /// picture are zero.
+    pub(crate) fn copy_row(&self, picture: usize, y: isize, left: isize, values: &mut [f32]) {
+        let channels = self.channels as isize;
+        let (begin, row_len) = (left * channels, self.row_len() as isize);
+        let end = begin + values.len() as isize;
+        if !(0..self.height as isize).contains(&y) || end <= 0 || begin >= row_len {
+            values.fill(0.0);
+            return;
+        }
+        let row = &self.picture(picture)[y as usize * self.row_len()..][..self.row_len()];
+        let (from, to) = (begin.max(0), end.min(row_len));
+        let (before, inside) = ((from - begin) as usize, (to - from) as usize);
+        values[..before].fill(0.0);
+        values[before..before + inside].copy_from_slice(&row[from as usize..to as usize]);
+        values[before + inside..].fill(0.0);
+    }
+
     /// The rows `rows` of every picture.
     ///
     /// # Panics
@@ -83,32 +108,58 @@ impl Features {
             self.width,
             self.height
         );
-        let height = (self.height - side) / stride + 1;
-        let width = (self.width - side) / stride + 1;
+        let [height, width] = [self.height, self.width].map(|length| (length - side) / stride + 1);
         let mut pooled = Self::zeros(self.pictures, height, width, self.channels);
-        let row_len = pooled.row_len();
+        self.max_pool_rows(0..self.height, [side, stride], &mut pooled, 0);
         pooled
-            .data
-            .par_chunks_mut(row_len)
-            .enumerate()
-            .for_each(|(index, row)| {
-                let (picture, y) = (index / height, index % height);
-                for (x, pixel) in row.chunks_exact_mut(self.channels).enumerate() {
-                    pixel.fill(f32::NEG_INFINITY);
-                    for (dy, dx) in (0..side * side).map(|at| (at / side, at % side)) {
-                        let source = self.pixel(
-                            picture,
-                            (y * stride + dy) as isize,
-                            (x * stride + dx) as isize,
-                        );
-                        for (largest, &value) in pixel.iter_mut().zip(source.into_iter().flatten())
-                        {
-                            *largest = largest.max(value);
+    }
+
+    /// [`Self::max_pool`] of the rows `rows` alone, into the rows of `pooled` from `first` on.
+    ///
+    /// # Panics
+    /// When there are fewer rows, or `pooled` does not have the width, the channels and the rows
+    /// for it.
+    pub fn max_pool_rows(
+        &self,
+        rows: std::ops::Range<usize>,
+        [side, stride]: [usize; 2],
+        pooled: &mut Self,
+        first: usize,
+    ) {
+        assert_eq!(
+            [pooled.pictures, pooled.width, pooled.channels],
+            [
+                self.pictures,
+                (self.width - side) / stride + 1,
+                self.channels
+            ],
+            "sizes of what is pooled"
+        );
+        // Windows that would leave the rows are left out.
+        let height = (rows.len() + stride).saturating_sub(side) / stride;
+        let (row_len, pooled_len) = (pooled.row_len(), pooled.picture_len());
+        if height * row_len == 0 {
+            return;
+        }
+        for (picture, values) in pooled.data.chunks_exact_mut(pooled_len).enumerate() {
+            let source = self.picture(picture);
+            values[first * row_len..][..height * row_len]
+                .par_chunks_exact_mut(row_len)
+                .enumerate()
+                .for_each(|(y, row)| {
+                    for (x, pixel) in row.chunks_exact_mut(self.channels).enumerate() {
+                        pixel.fill(f32::NEG_INFINITY);
+                        for (dy, dx) in (0..side * side).map(|at| (at / side, at % side)) {
+                            let row = rows.start + y * stride + dy;
+                            let at = row * self.row_len() + (x * stride + dx) * self.channels;
+                            let values = &source[at..at + self.channels];
+                            for (largest, &value) in pixel.iter_mut().zip(values) {
+                                *largest = largest.max(value);
+                            }
                         }
                     }
-                }
-            });
-        pooled
+                });
+        }
     }
 }
 
@@ -125,6 +176,36 @@ mod tests {
         let pooled = features.max_pool(3, 2);
         assert_eq!((pooled.height, pooled.width), (1, 2));
         assert_eq!(pooled.data, [-16.0, -14.0, 8.0, 10.0]);
+    }
+
+    #[test]
+    fn rows_are_pooled_as_if_they_were_all() {
+        let mut features = Features::zeros(2, 7, 6, 3);
+        for (index, value) in features.data.iter_mut().enumerate() {
+            *value = (index * 31 % 97) as f32 - 50.0;
+        }
+        for (rows, side, stride) in [
+            (2..6, 2, 2),
+            (1..6, 2, 2),
+            (0..7, 3, 2),
+            (3..5, 1, 1),
+            (6..7, 2, 2),
+        ] {
+            let alone = features.rows(rows.clone());
+            let mut pooled = Features::zeros(2, 9, (6 - side) / stride + 1, 3);
+            features.max_pool_rows(rows.clone(), [side, stride], &mut pooled, 1);
+            let expected = if alone.height < side {
+                0
+            } else {
+                (alone.height - side) / stride + 1
+            };
+            let found = pooled.rows(1..1 + expected);
+            if expected > 0 {
+                assert_eq!(found, alone.max_pool(side, stride), "{rows:?}");
+            }
+            let untouched = pooled.rows(1 + expected..9);
+            assert!(untouched.data.iter().all(|&value| value == 0.0), "{rows:?}");
+        }
     }
 
     #[test]

@@ -125,6 +125,89 @@ pub fn transform_products_rectified(
     }
 }
 
+/// [`transform_patches`] of one patch whose pixels all lie in `values`: rows `row_len` apart, pixels
+/// of `channels` values one behind the other. Position p goes to `transformed[p * spacing..]`.
+///
+/// # Panics
+/// When channels do not come in eights, or a slice is too short.
+#[multiversion::multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+pub(crate) fn transform_patch(
+    values: &[f32],
+    [row_len, channels]: [usize; 2],
+    transformed: &mut [f32],
+    spacing: usize,
+) {
+    let pixel = |at: usize| &values[at / PATCH * row_len + at % PATCH * channels..][..channels];
+    let mut pixels: [&[Lanes]; POSITIONS] = [&[]; POSITIONS];
+    for (at, blocks) in pixels.iter_mut().enumerate() {
+        let (whole, rest) = pixel(at).as_chunks();
+        assert!(rest.is_empty(), "channels come in eights");
+        *blocks = whole;
+    }
+    for (block, _) in pixels[0].iter().enumerate() {
+        let mut rows = [[[0.0; LANES]; PATCH]; PATCH];
+        for y in 0..PATCH {
+            let mut line = [[0.0; LANES]; PATCH];
+            for x in 0..PATCH {
+                line[x] = pixels[y * PATCH + x][block];
+            }
+            rows[y] = transform_inputs(&line);
+        }
+        for x in 0..PATCH {
+            let column = transform_inputs(&rows.map(|row| row[x]));
+            for (y, values) in column.iter().enumerate() {
+                let at = (y * PATCH + x) * spacing + block * LANES;
+                transformed[at..at + LANES].copy_from_slice(values);
+            }
+        }
+    }
+}
+
+/// [`transform_products_rectified`] of one tile: position p of a pixel's channels is at
+/// `products[p * spacing..]`. The tile begins at value `left` of every line of `lines`; what lines
+/// or their values end before is left out.
+///
+/// # Panics
+/// When channels do not come in eights, or `products` is too short.
+#[multiversion::multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+pub(crate) fn transform_tile_rectified(
+    products: &[f32],
+    spacing: usize,
+    bias: &[f32],
+    lines: &mut [&mut [f32]],
+    left: usize,
+) {
+    let channels = bias.len();
+    let mut positions: [&[Lanes]; POSITIONS] = [&[]; POSITIONS];
+    for (at, blocks) in positions.iter_mut().enumerate() {
+        let (whole, rest) = products[at * spacing..][..channels].as_chunks();
+        assert!(rest.is_empty(), "channels come in eights");
+        *blocks = whole;
+    }
+    let (offsets, _) = bias.as_chunks::<LANES>();
+    for (block, offsets) in offsets.iter().enumerate() {
+        let mut rows = [[[0.0; LANES]; TILE]; PATCH];
+        for y in 0..PATCH {
+            let mut line = [[0.0; LANES]; PATCH];
+            for x in 0..PATCH {
+                line[x] = positions[y * PATCH + x][block];
+            }
+            rows[y] = transform_outputs(&line);
+        }
+        for x in 0..TILE {
+            let column = transform_outputs(&rows.map(|row| row[x]));
+            let at = left + x * channels + block * LANES;
+            for (line, values) in lines.iter_mut().zip(&column) {
+                if let Some(pixel) = line.get_mut(at..at + LANES) {
+                    for lane in 0..LANES {
+                        pixel[lane] = (values[lane] + offsets[lane]).max(0.0);
+                    }
+                }
+            }
+        }
+    }
+}
+
 #[inline(always)]
 fn load(values: &[f32], lanes: &mut Lanes) {
     for (lane, value) in lanes.iter_mut().zip(values) {

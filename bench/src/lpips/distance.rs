@@ -1,5 +1,7 @@
 //! How far the features of two pictures are apart.
 
+use std::ops::Range;
+
 use omnilife_networks::Features;
 use rayon::prelude::*;
 
@@ -8,10 +10,11 @@ const EPSILON: f32 = 1e-10;
 /// Channels that are added up side by side; every stage has a multiple of them.
 const LANES: usize = 8;
 
-/// Sum over the pixels of the weighted squared differences of features of unit length.
-pub(super) fn weighted(features: &Features, weights: &[f32]) -> f64 {
-    let (left, right) = (features.picture(0), features.picture(1));
+/// Sum over the pixels of some rows of the weighted squared differences of features of unit length.
+pub(super) fn weighted(features: &Features, rows: Range<usize>, weights: &[f32]) -> f64 {
     let row_len = features.row_len();
+    let [left, right] =
+        [0, 1].map(|picture| &features.picture(picture)[rows.start * row_len..rows.end * row_len]);
     let rows: Vec<f64> = left
         .par_chunks_exact(row_len)
         .zip(right.par_chunks_exact(row_len))
@@ -78,7 +81,7 @@ mod tests {
                 expected += f64::from(weights[channel]) * (l - r) * (l - r);
             }
         }
-        let found = weighted(&features, &weights);
+        let found = weighted(&features, 0..3, &weights);
         assert!(
             (found - expected).abs() < 1e-5 * expected,
             "{found} {expected}"

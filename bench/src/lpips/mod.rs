@@ -82,11 +82,14 @@ impl Lpips {
             return None;
         }
         let mut features = input([width, height], pictures, range);
+        let mut pooled = Features::zeros(0, 0, 0, 0);
+        let mut buffers = [pooled.clone(), pooled.clone()];
         let mut sum = 0.0;
         for (stage, next) in self.stages.iter().zip(1..) {
-            let (distance, output) = apply(stage, &features, self.backbone.pooling(next));
-            sum += distance;
-            features = output;
+            // Windows of one pixel are the pixels themselves.
+            let pooling = self.backbone.pooling(next).unwrap_or([1, 1]);
+            sum += apply(stage, &features, pooling, &mut buffers, &mut pooled);
+            std::mem::swap(&mut features, &mut pooled);
         }
         Some(sum)
     }
@@ -121,11 +124,17 @@ fn input([width, height]: [usize; 2], pictures: [&[u8]; 2], range: InputRange) -
     features
 }
 
-/// A stage's distance and its output, pooled for the next stage.
+/// A stage's distance, and its output pooled for the next stage into `pooled`.
 ///
 /// Stages that keep the size of their input are worked through in strips of rows, so that memory
 /// is that of the pooled features.
-fn apply(stage: &Stage, input: &Features, pooling: Option<[usize; 2]>) -> (f64, Features) {
+fn apply(
+    stage: &Stage,
+    input: &Features,
+    pooling: [usize; 2],
+    [features, next]: &mut [Features; 2],
+    pooled: &mut Features,
+) -> f64 {
     let strip = if stage.keeps_size() {
         STRIP
     } else {
@@ -133,47 +142,35 @@ fn apply(stage: &Stage, input: &Features, pooling: Option<[usize; 2]>) -> (f64, 
     };
     let mut distance = 0.0;
     let mut pixels = 0;
-    let mut strips = Vec::new();
     for top in (0..input.height).step_by(strip) {
         let bottom = (top + strip).min(input.height);
         let begin = top.saturating_sub(HALO);
-        let mut features = input.rows(begin..(bottom + HALO).min(input.height));
+        let mut source = &input.rows(begin..(bottom + HALO).min(input.height));
         for convolution in &stage.convolutions {
-            features = convolution.apply_rectified(&features);
+            convolution.apply_rectified_into(source, next);
+            std::mem::swap(features, next);
+            source = features;
         }
-        if stage.keeps_size() {
-            features = features.rows(top - begin..bottom - begin);
+        let rows = if stage.keeps_size() {
+            top - begin..bottom - begin
+        } else {
+            0..features.height
+        };
+        distance += distance::weighted(features, rows.clone(), &stage.linear);
+        pixels += rows.len() * features.width;
+        if top == 0 {
+            // Of a stage without strips the height is known now.
+            let height = if stage.keeps_size() {
+                input.height
+            } else {
+                features.height
+            };
+            let [side, stride] = pooling;
+            let length = |length: usize| (length - side) / stride + 1;
+            let (height, width) = (length(height), length(features.width));
+            pooled.reshape(features.pictures, height, width, features.channels);
         }
-        distance += distance::weighted(&features, &stage.linear);
-        pixels += features.height * features.width;
-        match pooling {
-            None => strips.push(features),
-            // An odd row at the end has no partner.
-            Some([side, _]) if features.height < side => {}
-            Some([side, stride]) => strips.push(features.max_pool(side, stride)),
-        }
+        features.max_pool_rows(rows, pooling, pooled, top / pooling[1]);
     }
-    (distance / pixels as f64, joined(strips))
-}
-
-/// Strips below each other.
-fn joined(mut strips: Vec<Features>) -> Features {
-    if strips.len() == 1 {
-        return strips.remove(0);
-    }
-    let Some(first) = strips.first() else {
-        return Features::zeros(0, 0, 0, 0);
-    };
-    let height = strips.iter().map(|strip| strip.height).sum();
-    let mut whole = Features::zeros(first.pictures, height, first.width, first.channels);
-    let picture_len = whole.picture_len();
-    for (picture, values) in whole.data.chunks_exact_mut(picture_len).enumerate() {
-        let mut at = 0;
-        for strip in &strips {
-            let rows = strip.picture(picture);
-            values[at..at + rows.len()].copy_from_slice(rows);
-            at += rows.len();
-        }
-    }
-    whole
+    distance / pixels as f64
 }
