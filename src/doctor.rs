@@ -105,7 +105,8 @@ impl Report {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "omnilife {}", env!("CARGO_PKG_VERSION"))?;
+        let commit = omnilife_schemas::provenance::commit();
+        writeln!(f, "omnilife {}, commit {commit}", env!("CARGO_PKG_VERSION"))?;
         for (check, finding) in &self.entries {
             let (state, lines) = match finding {
                 Finding::Present(lines) => ("ok", lines.clone()),

@@ -17,6 +17,7 @@ use cli::{Cli, Command};
 use progress::Terminal;
 
 fn main() -> ExitCode {
+    omnilife_schemas::provenance::state_commit(env!("OMNILIFE_COMMIT"));
     let cli = Cli::parse();
     let terminal = Terminal::new(cli.quiet);
     let outcome = match cli.command {

@@ -15,6 +15,8 @@ use crate::{
 /// A view with what its metrics need.
 pub(crate) struct Evidence {
     pub(crate) view: View,
+    /// Name of the prediction's file.
+    pub(crate) name: String,
     /// Prediction and ground truth, or why the prediction cannot be scored.
     pub(crate) pair: Result<ViewPair, String>,
     dynamic: Option<Mask>,
@@ -55,6 +57,8 @@ impl Evidence {
         };
         let mut evidence = Self {
             view,
+            name: (job.folder(view.kind))
+                .map_or_else(String::new, |folder| folder.name(view.frame)),
             pair: Err(String::new()),
             dynamic,
             classes,

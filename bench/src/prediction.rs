@@ -1,7 +1,7 @@
 //! Predicted views as methods leave them, read without any repair.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     fs, io,
     io::Cursor,
     path::{Path, PathBuf},
@@ -13,6 +13,8 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
+mod arrays;
+
 /// Folder of predicted distances in a folder of predictions.
 const DEPTH_FOLDER: &str = "depth";
 
@@ -20,9 +22,11 @@ const DEPTH_FOLDER: &str = "depth";
 #[derive(Debug)]
 pub(crate) struct PredictionFolder {
     folder: PathBuf,
-    /// Names of PNG files that are read as the number of a frame in another way than its name.
+    /// Frames that are predicted as arrays of values.
+    arrays: BTreeSet<u32>,
+    /// Names of images that are read as the number of a frame in another way than its name.
     other_names: BTreeMap<u32, String>,
-    /// PNG files that are no prediction of a frame that is scored.
+    /// Images that are no prediction of a frame that is scored.
     pub(crate) strays: Vec<String>,
 }
 
@@ -31,14 +35,19 @@ impl PredictionFolder {
     pub(crate) fn open(folder: &Path, frames: &[u32]) -> Result<Self, StoreError> {
         let mut found = Self {
             folder: folder.to_owned(),
+            arrays: BTreeSet::new(),
             other_names: BTreeMap::new(),
             strays: Vec::new(),
         };
         for name in store::names_in(folder)? {
-            let Some(stem) = png_stem(&name) else {
+            let Some(stem) = image_stem(&name) else {
                 continue;
             };
             if frames.iter().any(|&frame| name == file_name(frame)) {
+                continue;
+            }
+            if let Some(&frame) = frames.iter().find(|&&frame| name == array_name(frame)) {
+                found.arrays.insert(frame);
                 continue;
             }
             if let Some(frame) = stem.parse().ok().filter(|frame| frames.contains(frame)) {
@@ -49,9 +58,18 @@ impl PredictionFolder {
         Ok(found)
     }
 
-    /// The file that should hold a frame's prediction.
-    pub(crate) fn file(&self, frame: u32) -> PathBuf {
-        self.folder.join(file_name(frame))
+    /// Name of the file that holds a frame's prediction, or should.
+    pub(crate) fn name(&self, frame: u32) -> String {
+        if self.arrays.contains(&frame) {
+            array_name(frame)
+        } else {
+            file_name(frame)
+        }
+    }
+
+    /// The files that may hold a frame's prediction; one of them should.
+    pub(crate) fn files(&self, frame: u32) -> [PathBuf; 2] {
+        [file_name(frame), array_name(frame)].map(|name| self.folder.join(name))
     }
 
     /// The file that may hold a frame's predicted distances.
@@ -66,8 +84,9 @@ impl PredictionFolder {
         self.folder.join(DEPTH_FOLDER).is_dir()
     }
 
-    /// Bytes of a frame's prediction: an 8-bit RGB PNG of exactly `width` x `height` pixels. An
-    /// alpha channel is accepted where every pixel is opaque.
+    /// Bytes of a frame's prediction: an 8-bit RGB PNG of exactly `width` x `height` pixels, or an
+    /// array of values, rounded as [`arrays::bytes`] says. An alpha channel is accepted where every
+    /// pixel is opaque.
     ///
     /// # Errors
     /// The reason, in one line, why the prediction cannot be scored. It names the file without its
@@ -75,17 +94,33 @@ impl PredictionFolder {
     pub(crate) fn read(&self, frame: u32, width: u32, height: u32) -> Result<Vec<u8>, String> {
         let name = file_name(frame);
         let other = self.other_names.get(&frame);
-        let bytes = fs::read(self.file(frame)).map_err(|error| match (error.kind(), other) {
-            (io::ErrorKind::NotFound, Some(other)) => {
-                format!("{name} is missing; {other} is not its name")
-            }
-            (io::ErrorKind::NotFound, None) => format!("{name} is missing"),
-            (kind, _) => format!("{name} cannot be read: {kind}"),
-        })?;
+        if self.arrays.contains(&frame) {
+            return self.read_array(frame, width, height);
+        }
+        let bytes =
+            fs::read(self.folder.join(&name)).map_err(|error| match (error.kind(), other) {
+                (io::ErrorKind::NotFound, Some(other)) => {
+                    format!("{name} is missing; {other} is not its name")
+                }
+                (io::ErrorKind::NotFound, None) => format!("{name} is missing"),
+                (kind, _) => format!("{name} cannot be read: {kind}"),
+            })?;
         if let Some(other) = other {
             return Err(format!("{name} and {other} are both of frame {frame}"));
         }
         decode(&bytes, width, height).map_err(|reason| format!("{name} {reason}"))
+    }
+
+    fn read_array(&self, frame: u32, width: u32, height: u32) -> Result<Vec<u8>, String> {
+        let name = array_name(frame);
+        let png = file_name(frame);
+        let other = self.other_names.get(&frame);
+        let exists = self.folder.join(&png).exists();
+        if let Some(other) = other.or(exists.then_some(&png)) {
+            return Err(format!("{name} and {other} are both of frame {frame}"));
+        }
+        let array = read_npy(&self.folder.join(&name), &name)?;
+        arrays::bytes(&array, width, height).map_err(|reason| format!("{name} {reason}"))
     }
 
     /// Distances of a frame along the rays, in units of the world frame: a `NumPy` array of
@@ -104,10 +139,7 @@ impl PredictionFolder {
         if !file.exists() {
             return Err(format!("{name} is missing"));
         }
-        let array = npy::read(&file).map_err(|error| match error {
-            StoreError::Malformed { reason, .. } => format!("{name}: {reason}"),
-            _ => format!("{name} cannot be read"),
-        })?;
+        let array = read_npy(&file, &name)?;
         let expected = [height as usize, width as usize];
         if array.shape != expected {
             let shape = array.shape;
@@ -120,14 +152,37 @@ impl PredictionFolder {
 }
 
 /// File name of a frame's prediction.
-pub(crate) fn file_name(frame: u32) -> String {
+fn file_name(frame: u32) -> String {
     format!("{frame:06}.png")
 }
 
-/// The name without its ending, of visible PNG files.
-fn png_stem(name: &str) -> Option<&str> {
+/// The name under which a prediction that a method wrote as `source` is looked for.
+pub(crate) fn name_for(frame: u32, source: &Path) -> String {
+    let is_array = source.extension().is_some_and(|ending| ending == "npy");
+    if is_array {
+        array_name(frame)
+    } else {
+        file_name(frame)
+    }
+}
+
+/// File name of a frame's prediction as an array of values.
+fn array_name(frame: u32) -> String {
+    format!("{frame:06}.npy")
+}
+
+/// The name without its ending, of visible images and arrays.
+fn image_stem(name: &str) -> Option<&str> {
     let (stem, ending) = name.rsplit_once('.')?;
-    (ending.eq_ignore_ascii_case("png") && !name.starts_with('.')).then_some(stem)
+    let is_image = ["png", "npy"].map(|known| ending.eq_ignore_ascii_case(known));
+    (is_image.contains(&true) && !name.starts_with('.')).then_some(stem)
+}
+
+fn read_npy(file: &Path, name: &str) -> Result<npy::Array, String> {
+    npy::read(file).map_err(|error| match error {
+        StoreError::Malformed { reason, .. } => format!("{name}: {reason}"),
+        _ => format!("{name} cannot be read"),
+    })
 }
 
 fn decode(bytes: &[u8], width: u32, height: u32) -> Result<Vec<u8>, String> {

@@ -1,8 +1,12 @@
 //! What a run's record says that belongs beside its scores, whoever's run it was.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use omnilife_schemas::{
+    provenance::Hardware,
     records::{Backend, ExternalRun, PhaseName, RunRecord},
     store::{self, Record, StoreError},
 };
@@ -19,6 +23,8 @@ pub(crate) struct RunFacts {
     pub(crate) iterations: Option<u64>,
     pub(crate) seed: u64,
     pub(crate) backend: Option<Backend>,
+    pub(crate) hardware: Option<Hardware>,
+    pub(crate) versions: BTreeMap<String, String>,
     pub(crate) rendering_seconds: Option<f64>,
     pub(crate) peak_memory_bytes: Option<u64>,
     pub(crate) warnings: Vec<String>,
@@ -65,6 +71,8 @@ impl RunFacts {
             iterations: Some(run.iterations),
             seed: run.seed,
             backend: Some(run.backend),
+            hardware: run.hardware,
+            versions: run.versions,
             rendering_seconds: Some(run.rendering_seconds),
             peak_memory_bytes: run.peak_memory_bytes,
             warnings: run.warnings,
@@ -89,8 +97,10 @@ impl RunFacts {
             gaussians: None,
             iterations: None,
             seed: run.seed,
-            // Which hardware a method of others uses is its own affair.
+            // Whether a method of others computes on a processor is its own affair.
             backend: None,
+            hardware: run.hardware,
+            versions: run.versions,
             rendering_seconds: wall_seconds(PhaseName::Render),
             peak_memory_bytes: run.phases.iter().filter_map(|p| p.peak_memory_bytes).max(),
             warnings: run.warnings,

@@ -9,7 +9,12 @@ use std::{
     time::Instant,
 };
 
-use omnilife_schemas::{progress::Progress, records::ResultRecord, store};
+use omnilife_schemas::{
+    progress::Progress,
+    provenance,
+    records::{ResultRecord, ScoringRecord},
+    store,
+};
 use rayon::prelude::*;
 
 use crate::{
@@ -27,8 +32,12 @@ use crate::{
 /// File name of the scores in the output folder.
 pub const RESULT_FILE: &str = "result.json";
 
+/// File name of how the scores were computed, in the output folder.
+pub const SCORING_FILE: &str = "scoring.json";
+
 /// Where the predictions are: `<folder>/<frame, 6 digits>.png`, 8-bit RGB at the protocol's size,
-/// frame numbers as in the split.
+/// or the same name with `.npy` for values in [0, 1] of shape (height, width, 3); frame numbers as
+/// in the split.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Predictions {
     /// Folders from any method. A kind of view without a folder is not scored, and the result
@@ -55,7 +64,8 @@ pub struct ScoreRequest {
     pub predictions: Predictions,
     /// Id of the method, as it will stand in the tables.
     pub method: String,
-    /// Folder for `result.json`, `frames.parquet` and `comparisons/`; made where it is missing.
+    /// Folder for `result.json`, `scoring.json`, `frames.parquet` and `comparisons/`; made where it
+    /// is missing.
     pub out: PathBuf,
     /// About how much memory views may take together, bytes. It decides how many are scored at
     /// once, one at least, and changes no score.
@@ -85,6 +95,7 @@ impl ScoreRequest {
 
 /// Scores predictions and writes into `request.out`:
 /// * `result.json`: means over the views and every failure;
+/// * `scoring.json`: machine, time and memory of scoring;
 /// * `frames.parquet`: one row per view with columns `view`, `frame`, `time_seconds` and one per
 ///   metric, which are null for a view that could not be scored or for which the metric is
 ///   undefined;
@@ -126,7 +137,10 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
     let mut result = summary::result_record(&job, &outcomes);
     result.warnings.extend(diagnosis::of_job(&job)?.remark());
     store::write_record(&result_file, &result)?;
-    let mut outputs = vec![RESULT_FILE.to_owned(), FRAMES_TABLE.to_owned()];
+    write_scoring_record(&request.out, &result_file, started)?;
+    let mut outputs = [RESULT_FILE, SCORING_FILE, FRAMES_TABLE]
+        .map(str::to_owned)
+        .to_vec();
     outputs.extend(
         outcomes
             .iter()
@@ -134,6 +148,23 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
     );
     plan.finish(outputs, started.elapsed().as_secs_f64())?;
     Ok(result)
+}
+
+/// Writes what differs from one computation of the same scores to the next.
+fn write_scoring_record(
+    out: &Path,
+    result_file: &Path,
+    started: Instant,
+) -> Result<(), BenchError> {
+    let record = ScoringRecord {
+        result_sha256: store::sha256_file(result_file)?,
+        versions: provenance::versions(),
+        hardware: provenance::Hardware::here(),
+        threads: rayon::current_num_threads() as u32,
+        wall_seconds: started.elapsed().as_secs_f64(),
+        peak_memory_bytes: provenance::peak_memory_bytes(),
+    };
+    Ok(store::write_record(&out.join(SCORING_FILE), &record)?)
 }
 
 /// What became of one view.

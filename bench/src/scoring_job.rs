@@ -15,7 +15,7 @@ use crate::{
     availability,
     error::BenchError,
     metrics::{self, Metric, Need},
-    prediction::{self, PredictionFolder},
+    prediction::PredictionFolder,
     protocols,
     run_facts::RunFacts,
     scene_identity::SceneIdentity,
@@ -45,13 +45,6 @@ pub(crate) struct View {
     pub(crate) kind: ViewKind,
     /// Frame of the scene.
     pub(crate) frame: u32,
-}
-
-impl View {
-    /// File name of its prediction.
-    pub(crate) fn file_name(self) -> String {
-        prediction::file_name(self.frame)
-    }
 }
 
 /// Everything that scoring needs, consistent.
@@ -201,7 +194,7 @@ impl ScoringJob {
         }
     }
 
-    /// PNG files among the predictions that are of no view that is scored.
+    /// Images among the predictions that are of no view that is scored.
     pub(crate) fn strays(&self) -> impl Iterator<Item = &str> {
         let folders = [&self.input_folder, &self.novel_folder]
             .into_iter()
@@ -231,7 +224,7 @@ impl ScoringJob {
         let strays = self.strays().count();
         if strays > 0 {
             warnings.push(format!(
-                "{strays} PNG files among the predictions belong to no view that was scored"
+                "{strays} images among the predictions belong to no view that was scored"
             ));
         }
         if !self.split.unposed.is_empty() {
@@ -297,8 +290,8 @@ impl ScoringJob {
                 continue;
             };
             let name = format!("{} view {:06}", view.kind, view.frame);
-            let file = folder.file(view.frame);
-            plan = plan.with_text(&format!("{name}, prediction"), &fingerprint(&file));
+            let files = folder.files(view.frame).map(|file| fingerprint(&file));
+            plan = plan.with_text(&format!("{name}, prediction"), &files.join(", "));
             if with_depth {
                 let file = folder.depth_file(view.frame);
                 plan = plan.with_text(&format!("{name}, depth"), &fingerprint(&file));

@@ -2,7 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use omnilife_schemas::records::{Failure, ResultRecord, Summary, Unavailable};
+use omnilife_schemas::{
+    provenance,
+    records::{Failure, ResultRecord, Summary, Unavailable},
+};
 
 use crate::{
     frames_table::FRAMES_TABLE,
@@ -43,10 +46,14 @@ pub(crate) fn result_record(job: &ScoringJob, outcomes: &[ViewOutcome]) -> Resul
         iterations: job.run.as_ref().and_then(|run| run.iterations),
         seed: job.run.as_ref().map(|run| run.seed),
         backend: job.run.as_ref().and_then(|run| run.backend.clone()),
+        hardware: job.run.as_ref().and_then(|run| run.hardware.clone()),
         rendering_seconds: job.run.as_ref().and_then(|run| run.rendering_seconds),
         peak_memory_bytes: job.run.as_ref().and_then(|run| run.peak_memory_bytes),
         warnings: [job.warnings(), identical_views(outcomes)].concat(),
         versions: versions(job),
+        run_versions: (job.run.as_ref())
+            .map(|run| run.versions.clone())
+            .unwrap_or_default(),
     }
 }
 
@@ -131,8 +138,7 @@ fn identical_views(outcomes: &[ViewOutcome]) -> Vec<String> {
 
 /// Programs and networks that scored.
 fn versions(job: &ScoringJob) -> BTreeMap<String, String> {
-    let mut versions =
-        BTreeMap::from([("omnilife".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]);
+    let mut versions = provenance::versions();
     for need in job.computed().flat_map(|metric| metric.needs) {
         if let Need::Network(backbone) = need {
             let sha256 = format!("sha256:{}", backbone.weights_sha256());

@@ -92,6 +92,8 @@ pub fn validate(
 /// What is remembered of a view.
 struct Checked {
     view: View,
+    /// Name of its prediction.
+    name: String,
     problem: Option<String>,
     /// SHA-256 of the pixels of prediction and ground truth.
     pixels: Option<[String; 2]>,
@@ -102,7 +104,7 @@ impl Checked {
         let (problem, pixels) = match &evidence.pair {
             Err(reason) => (Some(reason.clone()), None),
             Ok(pair) => {
-                let name = evidence.view.file_name();
+                let name = &evidence.name;
                 let problem = if pair.prediction().iter().all(|&byte| byte == 0) {
                     Some(format!("{name} is black"))
                 } else if pair.prediction() == pair.truth() {
@@ -116,6 +118,7 @@ impl Checked {
         };
         Self {
             view: evidence.view,
+            name: evidence.name.clone(),
             problem,
             pixels,
         }
@@ -133,7 +136,10 @@ fn finding(view: View, reason: String) -> Finding {
 fn repetitions(checked: &[Checked]) -> Vec<Finding> {
     let mut first: BTreeMap<&str, (&View, &str)> = BTreeMap::new();
     let mut findings = Vec::new();
-    for Checked { view, pixels, .. } in checked {
+    for Checked {
+        view, name, pixels, ..
+    } in checked
+    {
         let Some([prediction, truth]) = pixels else {
             continue;
         };
@@ -144,10 +150,8 @@ fn repetitions(checked: &[Checked]) -> Vec<Finding> {
             findings.push(finding(
                 *view,
                 format!(
-                    "{} is the same image as that of {} view {}",
-                    view.file_name(),
-                    earlier.kind,
-                    earlier.frame
+                    "{name} is the same image as that of {} view {}",
+                    earlier.kind, earlier.frame
                 ),
             ));
         }

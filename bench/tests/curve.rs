@@ -20,6 +20,7 @@ fn write_run(folder: &Path, method: &str, scene: &str, trace: Option<&str>) -> P
         scene: scene.to_owned(),
         protocol_hash: "0123456789abcdef".to_owned(),
         seed: 3,
+        hardware: None,
         backend: Backend::Cpu { threads: 2 },
         configuration: serde_json::json!({}),
         plan: Vec::new(),

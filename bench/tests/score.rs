@@ -74,7 +74,13 @@ fn views_are_scored_and_written() {
     let out = bench.at("out");
     assert_eq!(
         files(&out),
-        [".done", "comparisons", "frames.parquet", "result.json"]
+        [
+            ".done",
+            "comparisons",
+            "frames.parquet",
+            "result.json",
+            "scoring.json"
+        ]
     );
     assert_eq!(
         files(&out.join("comparisons")),
@@ -133,113 +139,6 @@ fn the_table_has_a_row_for_every_view() {
     let psnr = table.column("psnr").unwrap().f64().unwrap();
     assert_eq!(psnr.get(8), None, "a failed view is a row without scores");
     assert!((psnr.get(9).unwrap() - flat_psnr(2.0)).abs() < 1e-9);
-}
-
-#[test]
-fn faults_of_predictions_are_rows_of_failures() {
-    let bench = Bench::new();
-    let file = |frame: u32| bench.at("input").join(format!("{frame:06}.png"));
-    fs::remove_file(file(0)).unwrap();
-    fs::write(file(1), b"").unwrap();
-    let whole = fs::read(file(2)).unwrap();
-    fs::write(file(2), &whole[..whole.len() / 2]).unwrap();
-    image(3, 0)
-        .resized_by_area(WIDTH / 2, HEIGHT / 2)
-        .write_png(&file(3))
-        .unwrap();
-    image::GrayImage::new(WIDTH as u32, HEIGHT as u32)
-        .save(file(5))
-        .unwrap();
-    let clear = image::RgbaImage::new(WIDTH as u32, HEIGHT as u32);
-    clear.save(file(6)).unwrap();
-    let jpeg = image::RgbImage::new(WIDTH as u32, HEIGHT as u32);
-    jpeg.save_with_format(file(7), image::ImageFormat::Jpeg)
-        .unwrap();
-    fs::create_dir(bench.at("x")).unwrap();
-    fs::remove_file(file(8)).unwrap();
-    fs::create_dir(file(8)).unwrap();
-
-    let result = bench.score().unwrap();
-    let reasons: Vec<_> = result
-        .failures
-        .iter()
-        .map(|f| (f.frame, f.reason.as_str()))
-        .collect();
-    for ((frame, reason), (expected_frame, expected)) in reasons.iter().zip([
-        (0, "000000.png is missing"),
-        (1, "000001.png is not a usable PNG"),
-        (2, "000002.png is not a usable PNG"),
-        (3, "000003.png is 16x8 pixels, expected 32x16"),
-        (5, "000005.png is L8, expected 8-bit RGB"),
-        (6, "000006.png is transparent in places"),
-        (7, "000007.png is not a usable PNG"),
-        (8, "000008.png cannot be read"),
-    ]) {
-        assert_eq!(*frame, expected_frame);
-        assert!(reason.starts_with(expected), "{reason}");
-        assert!(!reason.contains('\n') && !reason.contains(bench.folder.path().to_str().unwrap()));
-    }
-    assert_eq!(reasons.len(), 8);
-    assert!(
-        result
-            .failures
-            .iter()
-            .all(|failure| failure.view == "input")
-    );
-    assert!(result.input_views.is_empty(), "no view, no mean");
-    assert_eq!(result.novel_views["psnr"].views, 2);
-}
-
-#[test]
-fn frames_with_two_predictions_or_another_name_are_failures() {
-    let bench = Bench::new();
-    let at = |name: &str| bench.at("input").join(name);
-    fs::copy(at("000001.png"), at("1.png")).unwrap();
-    fs::rename(at("000002.png"), at("0002.PNG")).unwrap();
-    let result = bench.score().unwrap();
-    let reasons: Vec<_> = result.failures.iter().map(|f| f.reason.as_str()).collect();
-    assert_eq!(
-        reasons,
-        [
-            "000001.png and 1.png are both of frame 1",
-            "000002.png is missing; 0002.PNG is not its name"
-        ]
-    );
-}
-
-/// 16 bits, floats, and a PNG that asks to be turned.
-#[test]
-fn other_depths_and_orientations_are_failures() {
-    let bench = Bench::new();
-    let file = |frame: u32| bench.at("novel").join(format!("{frame:06}.png"));
-    let deep = image::ImageBuffer::<image::Rgb<u16>, _>::new(WIDTH as u32, HEIGHT as u32);
-    deep.save(file(4)).unwrap();
-    let mut turned = fs::read(file(9)).unwrap();
-    // An eXIf chunk behind the header, which is 33 bytes into the file: orientation 6.
-    let exif: &[u8] = b"eXIfMM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0";
-    let mut chunk = (exif.len() as u32 - 4).to_be_bytes().to_vec();
-    chunk.extend(exif);
-    chunk.extend(crc32(exif).to_be_bytes());
-    turned.splice(33..33, chunk);
-    fs::write(file(9), turned).unwrap();
-    let result = bench.score().unwrap();
-    let reasons: Vec<_> = result.failures.iter().map(|f| f.reason.as_str()).collect();
-    assert_eq!(
-        reasons,
-        [
-            "000004.png is Rgb16, expected 8-bit RGB",
-            "000009.png asks by its EXIF orientation to be turned or mirrored"
-        ]
-    );
-}
-
-/// The check sum of PNG chunks, bit by bit.
-fn crc32(bytes: &[u8]) -> u32 {
-    !bytes.iter().fold(u32::MAX, |sum, &byte| {
-        (0..8).fold(sum ^ u32::from(byte), |sum, _| {
-            (sum >> 1) ^ (0xEDB8_8320 * (sum & 1))
-        })
-    })
 }
 
 /// A protocol with these metrics in place of its own, for the scene and predictions of `bench`.
@@ -424,20 +323,6 @@ fn memory_changes_no_score() {
 }
 
 #[test]
-fn opaque_alpha_is_ignored() {
-    let bench = Bench::new();
-    let rgb = image(4, 2).to_rgb8();
-    let rgba: Vec<u8> = rgb
-        .chunks_exact(3)
-        .flat_map(|p| [p[0], p[1], p[2], 255])
-        .collect();
-    let image = image::RgbaImage::from_raw(WIDTH as u32, HEIGHT as u32, rgba).unwrap();
-    image.save(bench.at("novel/000004.png")).unwrap();
-    let result = bench.score().unwrap();
-    assert!((result.novel_views["psnr"].mean - flat_psnr(2.0)).abs() < 1e-9);
-}
-
-#[test]
 fn unchanged_inputs_are_skipped_and_changed_ones_scored_again() {
     let bench = Bench::new();
     let first = bench.score().unwrap();
@@ -520,7 +405,7 @@ fn stray_predictions_unposed_frames_and_doubtful_poses_are_told() {
     assert_eq!(
         bench.score().unwrap().warnings,
         [
-            "1 PNG files among the predictions belong to no view that was scored",
+            "1 images among the predictions belong to no view that was scored",
             "2 of 12 frames have no pose and are not scored",
             "the scene's poses are unstable: too few points; jumps",
         ]
@@ -599,7 +484,7 @@ fn context_frames_are_never_scored() {
     // The four context frames among the novel views are strays; the input folder is not opened.
     assert_eq!(
         result.warnings,
-        ["4 PNG files among the predictions belong to no view that was scored"]
+        ["4 images among the predictions belong to no view that was scored"]
     );
     bench.request.predictions = Predictions::Folders {
         input_views: Some(bench.at("input")),

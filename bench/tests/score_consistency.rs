@@ -23,6 +23,7 @@ fn run_record(bench: &Bench) -> RunRecord {
         scene: bench.split.scene.clone(),
         protocol_hash: bench.split.protocol_hash.clone(),
         seed: 0,
+        hardware: None,
         backend: Backend::Cpu { threads: 1 },
         configuration: serde_json::json!({}),
         plan: Vec::new(),

@@ -7,12 +7,12 @@ use std::{
 };
 
 use omnilife_schemas::{
-    records::{Protocol, ResultRecord, Split},
+    records::{MethodCard, Protocol, ResultRecord, Split, Submission},
     store::{self, StoreError},
 };
 use rayon::prelude::*;
 
-use crate::error::LeaderboardError;
+use crate::{error::LeaderboardError, submission::SUBMISSION_FILE};
 
 /// Name of the files of scores.
 const RESULT_FILE: &str = "result.json";
@@ -38,6 +38,8 @@ pub(crate) struct RecordFiles {
     results: Vec<PathBuf>,
     /// Sorted.
     splits: Vec<PathBuf>,
+    /// Records of what others handed in, sorted.
+    submissions: Vec<PathBuf>,
 }
 
 impl RecordFiles {
@@ -47,12 +49,14 @@ impl RecordFiles {
             folder: folder.to_owned(),
             results: Vec::new(),
             splits: Vec::new(),
+            submissions: Vec::new(),
         };
         let failed = |source| StoreError::read(folder, source);
         let real = fs::canonicalize(folder).map_err(failed)?;
         files.search(folder, real, &mut BTreeSet::new())?;
         files.results.sort();
         files.splits.sort();
+        files.submissions.sort();
         Ok(files)
     }
 
@@ -87,6 +91,18 @@ impl RecordFiles {
             }
         }
         Ok(protocols)
+    }
+
+    /// The cards of the methods that others handed in, sorted by method. A method that was handed
+    /// in several times has as many cards as differ.
+    pub(crate) fn cards(&self) -> Result<Vec<MethodCard>, LeaderboardError> {
+        let mut cards = Vec::new();
+        for file in &self.submissions {
+            cards.push(store::read_record::<Submission>(file)?.card);
+        }
+        cards.sort_by(|a, b| (&a.method, &a.title).cmp(&(&b.method, &b.title)));
+        cards.dedup();
+        Ok(cards)
     }
 
     /// Searches `folder`, whose path without links is `real`.
@@ -125,6 +141,8 @@ impl RecordFiles {
                 self.results.push(path);
             } else if name == SPLIT_FILE {
                 self.splits.push(path);
+            } else if name == SUBMISSION_FILE {
+                self.submissions.push(path);
             }
         }
         Ok(())

@@ -1,6 +1,9 @@
 //! Numbers and names as tables print them.
 
-use omnilife_schemas::records::{Backend, Direction};
+use omnilife_schemas::{
+    provenance::Hardware,
+    records::{Backend, Direction},
+};
 
 use crate::{
     group::ViewKind,
@@ -46,6 +49,30 @@ pub(crate) fn backend(backend: &Backend) -> String {
     match backend {
         Backend::Cpu { threads } => format!("CPU, {threads} threads"),
         Backend::Gpu { adapter, .. } => adapter.clone(),
+    }
+}
+
+/// The machine that computed a run.
+pub(crate) fn machine(hardware: &Hardware) -> String {
+    let processor = hardware.processor.as_deref().unwrap_or(&hardware.system);
+    let threads = hardware.threads;
+    hardware.memory_bytes.map_or_else(
+        || format!("{processor}, {threads} threads"),
+        |bytes| {
+            format!(
+                "{processor}, {threads} threads, {:.0} GB",
+                bytes as f64 / 1e9
+            )
+        },
+    )
+}
+
+/// The first digits of a commit, with what was changed since.
+pub(crate) fn short_commit(commit: &str) -> String {
+    const DIGITS: usize = 10;
+    match commit.split_once('-') {
+        Some((hash, change)) => format!("{hash:.DIGITS$}-{change}"),
+        None => format!("{commit:.DIGITS$}"),
     }
 }
 

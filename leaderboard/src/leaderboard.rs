@@ -107,6 +107,7 @@ fn prepare<'a>(
     tables::add_layouts(&mut outputs, &groups, &papers, &request.out)?;
     if with_site {
         let protocols = files.protocols()?;
+        let cards = files.cards()?;
         let dataset = request
             .dataset
             .as_deref()
@@ -119,6 +120,7 @@ fn prepare<'a>(
                 files: results,
                 papers: &papers,
                 protocols: &protocols,
+                cards: &cards,
                 dataset: dataset.as_ref(),
                 views: request.views,
             },

@@ -10,6 +10,7 @@ use std::{
 
 use omnilife_schemas::{
     progress::Progress,
+    provenance,
     records::{RunRecord, Scene, Split, ViewPredictions},
     stage::StagePlan,
     store::{self, StoreError},
@@ -153,7 +154,8 @@ pub fn reconstruct(
         configuration: serde_json::to_value(&outcome.settings)
             .map_err(|error| StoreError::write(&record_path, std::io::Error::other(error)))?,
         plan: outcome.plan.clone(),
-        versions: versions(),
+        hardware: Some(provenance::Hardware::here()),
+        versions: provenance::versions(),
         inputs,
         iterations: trained.state.iteration,
         gaussians,
@@ -176,11 +178,6 @@ pub fn reconstruct(
     stage.finish(outputs, begun.elapsed().as_secs_f64())?;
     store::remove(&checkpoint)?;
     Ok(record)
-}
-
-/// Names and versions of the programs involved in a run.
-pub(crate) fn versions() -> BTreeMap<String, String> {
-    BTreeMap::from([("omnilife".to_owned(), env!("CARGO_PKG_VERSION").to_owned())])
 }
 
 /// The stage with its inputs, and the inputs' hashes by name for the record.

@@ -10,6 +10,9 @@ use std::{
     time::Duration,
 };
 
+use omnilife_schemas::provenance::kibibytes;
+pub use omnilife_schemas::provenance::peak_memory_bytes;
+
 /// What the program's signal handlers and training tell each other. This crate installs no handler.
 pub static TERMINATION: LazyLock<Termination> = LazyLock::new(|| Termination {
     requested: Arc::default(),
@@ -58,23 +61,11 @@ pub fn cpu_time() -> Option<Duration> {
     None
 }
 
-/// Highest resident memory of this process, bytes, where the system tells (Linux).
-pub fn peak_memory_bytes() -> Option<u64> {
-    kibibytes(Path::new("/proc/self/status"), "VmHWM:")
-}
-
 /// Memory that this process could still take without swapping, bytes, where the system tells
 /// (Linux): the less of what the machine and what its control group have left.
 pub fn available_memory_bytes() -> Option<u64> {
     let machine = kibibytes(Path::new("/proc/meminfo"), "MemAvailable:");
     [machine, control_group_bytes()].into_iter().flatten().min()
-}
-
-fn kibibytes(file: &Path, key: &str) -> Option<u64> {
-    let text = fs::read_to_string(file).ok()?;
-    let rest = text.lines().find_map(|line| line.strip_prefix(key))?;
-    let kibibytes: u64 = rest.trim().strip_suffix("kB")?.trim().parse().ok()?;
-    Some(kibibytes * 1024)
 }
 
 /// What is left below the limit of a container's control group (version 2).
@@ -100,8 +91,6 @@ mod tests {
             sum = std::hint::black_box(sum + 1);
         }
         assert!(sum > 0);
-        let peak = peak_memory_bytes().expect("Linux tells the peak");
-        assert!((1 << 20..1 << 40).contains(&peak), "{peak}");
         let available = available_memory_bytes().expect("Linux tells what is left");
         assert!(available > 1 << 20, "{available}");
     }

@@ -4,7 +4,8 @@
 //! them must agree about lives here: [`camera`] (which pixel is which direction), [`pose`],
 //! [`records`] (the JSON files), [`points`] and [`rgb`] (clouds and images), [`store`] (how a file
 //! reaches the disk), [`npy`] (arrays), [`stage`] (when work can be skipped), [`bootstrap`] (how far
-//! scores can be trusted), [`progress`] and [`blame`].
+//! scores can be trusted), [`provenance`] (what made a record), [`process`], [`progress`] and
+//! [`blame`].
 //!
 //! # Conventions
 //! * Camera frame: x right, y down, z forward. World to camera: `x_c = R x_w + t`; poses store the
@@ -19,7 +20,9 @@ pub mod camera;
 pub mod npy;
 pub mod points;
 pub mod pose;
+pub mod process;
 pub mod progress;
+pub mod provenance;
 pub mod records;
 pub mod rgb;
 pub mod stage;

@@ -76,6 +76,8 @@ fn result(mean: f64) -> ResultRecord {
         iterations: Some(u64::MAX),
         seed: Some(7),
         backend: Some(Backend::Cpu { threads: 2 }),
+        hardware: None,
+        run_versions: [].into(),
         rendering_seconds: Some(0.3),
         peak_memory_bytes: None,
         warnings: Vec::new(),

@@ -60,7 +60,8 @@ pub(crate) enum BenchCommand {
         #[arg(long)]
         out: PathBuf,
     },
-    /// Scores predictions: a run, or folders of PNG files named by frame (000004.png).
+    /// Scores predictions: a run, or folders of files named by frame: 8-bit images
+    /// (000004.png), or arrays of values in [0, 1] (000004.npy).
     Score {
         /// The scene.json.
         #[arg(long)]

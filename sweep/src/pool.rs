@@ -27,7 +27,7 @@ use crate::{
     folder::{Finished, Sweep, UnitState},
     history::History,
     process::{EndReason, Running},
-    unit::{self, Ending},
+    unit::{self, Ending, Launch},
 };
 
 /// How often the pool looks at what nobody tells it: time limits, being asked to end.
@@ -142,7 +142,13 @@ struct Pool<'a> {
     broken: Option<StoreError>,
 }
 
-type Message = (usize, Result<Ending, StoreError>);
+/// What the thread of a unit, given by its index, tells the pool.
+enum Message {
+    /// The commands have ended, so that others may begin; the outcome is being written.
+    Idle(usize),
+    /// It is over.
+    Ended(usize, Result<Ending, StoreError>),
+}
 
 impl<'a> Pool<'a> {
     fn new(sweep: &'a Sweep, request: &'a RunRequest<'a>) -> Result<Self, SweepError> {
@@ -209,7 +215,8 @@ impl<'a> Pool<'a> {
                     return Ok(());
                 }
                 match receiver.recv_timeout(TICK) {
-                    Ok((index, ended)) => self.take_in(index, ended, progress),
+                    Ok(Message::Idle(index)) => self.set_free(index),
+                    Ok(Message::Ended(index, ended)) => self.take_in(index, ended, progress),
                     Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {}
                 }
                 self.end_overdue();
@@ -379,9 +386,11 @@ impl<'a> Pool<'a> {
         let (sweep, program, stop) = (self.sweep, &self.request.program, self.request.stop);
         let sender = sender.clone();
         scope.spawn(move || {
-            let ended = unit::run(sweep, unit, &claim, program, &variables, &running, stop);
-            // The pool waits for every unit it has begun.
-            drop(sender.send((index, ended)));
+            // The pool waits for every unit it has begun, so that every message is taken.
+            let idle = || drop(sender.send(Message::Idle(index)));
+            let launch = Launch { program, variables };
+            let ended = unit::run(sweep, unit, &claim, launch, &running, stop, idle);
+            drop(sender.send(Message::Ended(index, ended)));
         });
         self.active.insert(index, active);
     }
@@ -397,6 +406,13 @@ impl<'a> Pool<'a> {
                 .filter(|gpu| !taken.contains(gpu))
                 .take(unit.needs.gpus as usize)
                 .collect(),
+        }
+    }
+
+    /// Gives others what a unit has used; its claim is still held.
+    fn set_free(&mut self, index: usize) {
+        if let Some(active) = self.active.get_mut(&index) {
+            active.reserved = Reserved::default();
         }
     }
 

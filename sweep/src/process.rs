@@ -1,10 +1,10 @@
 //! One command, run to its end or until somebody ends it, and what it cost.
 
 use std::{
-    fs::{self, File},
+    fs::File,
     io,
     path::{Path, PathBuf},
-    process::{Command, ExitStatus, Stdio},
+    process::{Command, Stdio},
     sync::{Mutex, MutexGuard, PoisonError},
 };
 
@@ -145,7 +145,7 @@ pub(crate) fn run(job: &Job<'_>, running: &Running) -> io::Result<Ended> {
     Ok(Ended {
         succeeded: used.status.success(),
         exit_code: used.status.code(),
-        ending: describe(used.status),
+        ending: omnilife_schemas::process::ending(used.status),
         cpu_seconds: Some(time.as_secs_f64()),
         peak_memory_bytes: (used.rusage.maxrss > 0).then_some(used.rusage.maxrss),
     })
@@ -194,27 +194,4 @@ fn in_group_of_its_own(command: &mut Command) {
     }
     #[cfg(not(unix))]
     let _ = command;
-}
-
-fn describe(status: ExitStatus) -> String {
-    #[cfg(unix)]
-    {
-        use std::os::unix::process::ExitStatusExt;
-        if let Some(signal) = status.signal() {
-            return format!("signal {signal}");
-        }
-    }
-    status
-        .code()
-        .map_or_else(|| "no exit code".to_owned(), |code| format!("exit {code}"))
-}
-
-/// The last line of a log, shortened; logs of other programs need not be UTF-8.
-pub(crate) fn last_line(log: &Path) -> Option<String> {
-    const LONGEST: usize = 300;
-    let bytes = fs::read(log).ok()?;
-    let text = String::from_utf8_lossy(&bytes);
-    let mut lines = text.lines().rev().map(str::trim);
-    let line = lines.find(|line| !line.is_empty())?;
-    Some(line.chars().take(LONGEST).collect())
 }

@@ -58,7 +58,7 @@ fn run(sweep: &Sweep, command: &[String], program: &Path, log: &Path) -> Result<
         Ok(Ended {
             succeeded: true, ..
         }) => return Ok(()),
-        Ok(ended) => match process::last_line(log) {
+        Ok(ended) => match omnilife_schemas::process::last_line(log) {
             Some(line) => format!("{}: {line}", ended.ending),
             None => ended.ending,
         },

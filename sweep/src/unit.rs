@@ -34,7 +34,16 @@ pub(crate) enum Ending {
     TakenOver,
 }
 
-/// Runs a unit whose claim is held, writes its outcome and lets the claim go.
+/// What the commands of a unit are given.
+pub(crate) struct Launch<'a> {
+    /// This program, which they call `omnilife`.
+    pub(crate) program: &'a Path,
+    /// Variables set beside those of this process.
+    pub(crate) variables: Vec<(String, String)>,
+}
+
+/// Runs a unit whose claim is held, writes its outcome and lets the claim go. `idle` is called when
+/// the commands have ended: what is left takes no core, but has to wait for the disk.
 ///
 /// # Errors
 /// When a file of the sweep cannot be written. A unit that fails is an outcome.
@@ -42,13 +51,16 @@ pub(crate) fn run(
     sweep: &Sweep,
     unit: &SweepUnit,
     claim: &Claim,
-    program: &Path,
-    variables: &[(String, String)],
+    launch: Launch<'_>,
     running: &Running,
     stop: &AtomicBool,
+    idle: impl FnOnce(),
 ) -> Result<Ending, StoreError> {
     let attempt = Attempt::begin(sweep, unit)?;
-    let mut variables = variables.to_vec();
+    let Launch {
+        program,
+        mut variables,
+    } = launch;
     variables.push((host::TOKEN_VARIABLE.to_owned(), claim.token.clone()));
     let mut cost = Cost::default();
     let result = attempt.work(program, &variables, running, &mut cost);
@@ -66,6 +78,7 @@ pub(crate) fn run(
         }
         _ => {}
     }
+    idle();
     if !claim.is_held() {
         return Ok(Ending::TakenOver);
     }
@@ -232,7 +245,7 @@ impl<'a> Attempt<'a> {
         let mut name = vec![program.to_string_lossy().into_owned()];
         name.extend(words);
         let mut reason = format!("{}: {}", name.join(" "), ended.ending);
-        if let Some(line) = process::last_line(log) {
+        if let Some(line) = omnilife_schemas::process::last_line(log) {
             reason += &format!(": {line}");
         }
         reason

@@ -132,6 +132,8 @@ fn result(scene: usize) -> ResultRecord {
         iterations: Some(3000),
         seed: Some(0),
         backend: None,
+        hardware: None,
+        run_versions: [].into(),
         rendering_seconds: None,
         peak_memory_bytes: None,
         warnings: Vec::new(),

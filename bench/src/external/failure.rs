@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
+    provenance,
     records::{ExternalRun, Scene, Split},
     store,
 };
@@ -48,6 +49,8 @@ pub fn record_failure(request: &FailureRequest) -> Result<PathBuf, BenchError> {
         protocol_hash: split.protocol_hash,
         seed: request.seed,
         environment: "none".to_owned(),
+        hardware: Some(provenance::Hardware::here()),
+        versions: provenance::versions(),
         phases: Vec::new(),
         failure: Some(request.reason.clone()),
         novel_views: NOVEL_FOLDER.to_owned(),

@@ -21,7 +21,8 @@ pub(super) struct Gathered {
     pub(super) warnings: Vec<String>,
 }
 
-/// Copies every view that the method left, byte for byte, to `predictions/<kind>/<frame>.png`.
+/// Copies every view that the method left, byte for byte, to `predictions/<kind>/<frame>.png`,
+/// or `.npy` where it wrote an array.
 /// Whether a file is a usable image is for scoring to say; one that is missing is not made up.
 pub(super) fn gather(
     manifest: &Manifest,
@@ -62,7 +63,7 @@ pub(super) fn gather(
             if !source.is_file() {
                 continue;
             }
-            let file = format!("{folder}/{}", prediction::file_name(frame));
+            let file = format!("{folder}/{}", prediction::name_for(frame, &source));
             let bytes = std::fs::read(&source).map_err(|error| StoreError::read(&source, error))?;
             store::write_bytes(&out.join(&file), &bytes)?;
             gathered.files.push(file);

@@ -18,6 +18,7 @@ use std::{
 
 use omnilife_schemas::{
     progress::Progress,
+    provenance,
     records::{ExternalRun, Phase, PhaseName, Scene, Split},
     stage::StagePlan,
     store,
@@ -104,6 +105,8 @@ pub fn run_external(
         protocol_hash: split.protocol_hash,
         seed: request.seed,
         environment: manifest.environment.describe(),
+        hardware: Some(provenance::Hardware::here()),
+        versions: provenance::versions(),
         phases,
         failure,
         novel_views: NOVEL_FOLDER.to_owned(),

@@ -2,7 +2,7 @@
 
 use std::{
     collections::BTreeMap,
-    fs::{self, File},
+    fs::File,
     io,
     path::PathBuf,
     process::{Child, Command, ExitStatus, Stdio},
@@ -10,7 +10,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use omnilife_schemas::store::StoreError;
+use omnilife_schemas::{process, store::StoreError};
 
 use crate::error::BenchError;
 
@@ -76,7 +76,7 @@ pub(super) fn run(job: &Job) -> Result<Outcome, BenchError> {
         command: job.command.clone(),
         succeeded,
         ending,
-        last_line: last_line(&job.log),
+        last_line: process::last_line(&job.log),
         wall_seconds,
         cpu_seconds,
         peak_memory_bytes,
@@ -87,7 +87,7 @@ pub(super) fn run(job: &Job) -> Result<Outcome, BenchError> {
 fn wait(mut child: Child, limit: Option<Duration>, begun: Instant) -> (bool, String) {
     loop {
         match child.try_wait() {
-            Ok(Some(status)) => return (status.success(), describe(status)),
+            Ok(Some(status)) => return (status.success(), process::ending(status)),
             Ok(None) if limit.is_some_and(|limit| begun.elapsed() > limit) => {
                 let seconds = limit.unwrap_or_default().as_secs_f64();
                 let killed = child.kill().and_then(|()| child.wait());
@@ -104,32 +104,6 @@ fn over_limit(seconds: f64, killed: io::Result<ExitStatus>) -> String {
         Ok(_) => format!("the time limit of {seconds} s"),
         Err(error) => format!("the time limit of {seconds} s, and could not be killed: {error}"),
     }
-}
-
-fn describe(status: ExitStatus) -> String {
-    #[cfg(unix)]
-    {
-        use std::os::unix::process::ExitStatusExt;
-        if let Some(signal) = status.signal() {
-            return format!("signal {signal}");
-        }
-    }
-    status
-        .code()
-        .map_or_else(|| "no exit code".to_owned(), |code| format!("exit {code}"))
-}
-
-/// The last line of a log, shortened; logs of other programs need not be UTF-8.
-fn last_line(log: &PathBuf) -> Option<String> {
-    const LONGEST: usize = 200;
-    let bytes = fs::read(log).ok()?;
-    let text = String::from_utf8_lossy(&bytes);
-    let line = text
-        .lines()
-        .rev()
-        .map(str::trim)
-        .find(|line| !line.is_empty())?;
-    Some(line.chars().take(LONGEST).collect())
 }
 
 /// What all finished children of this process have used so far.

@@ -5,8 +5,8 @@ use maud::{Markup, html};
 use omnilife_schemas::records::Direction;
 
 use super::{
-    SiteRequest, chart, chart::Point, html_table, layout, layout::Place, methods, protocol,
-    scene_file,
+    SiteRequest, chart, chart::Point, html_table, layout, layout::Place, method_cards, methods,
+    protocol, scene_file,
 };
 use crate::{
     error::LeaderboardError,
@@ -41,6 +41,7 @@ pub(super) fn render(request: &SiteRequest<'_>) -> Result<Markup, LeaderboardErr
             } }
         }
         @for section in &sections { (section) }
+        (method_cards::render(request.cards))
     };
     Ok(layout::page(
         Place::Index,

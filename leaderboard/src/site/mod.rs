@@ -6,6 +6,7 @@ mod dataset_page;
 mod html_table;
 mod index_page;
 mod layout;
+mod method_cards;
 mod protocol;
 mod published_page;
 mod scene_page;
@@ -16,7 +17,7 @@ use std::{
 };
 
 use omnilife_schemas::{
-    records::{Dataset, Protocol, ResultRecord},
+    records::{Dataset, MethodCard, Protocol, ResultRecord},
     store,
 };
 
@@ -42,6 +43,8 @@ pub(crate) struct SiteRequest<'a> {
     pub(crate) papers: &'a [Paper],
     /// Protocols by hash, as far as they are known.
     pub(crate) protocols: &'a BTreeMap<String, Protocol>,
+    /// Of the methods that others handed in.
+    pub(crate) cards: &'a [MethodCard],
     pub(crate) dataset: Option<&'a Dataset>,
     /// Rendered views per scene and method, at most.
     pub(crate) views: usize,

@@ -1,6 +1,7 @@
 //! One scene: its scores, what failed, and rendered views beside their ground truth.
 
 use maud::{Markup, html};
+use omnilife_schemas::{provenance, records::ResultRecord};
 
 use super::{
     SiteRequest,
@@ -46,7 +47,16 @@ fn table(rows: &[(&Group<'_>, &SceneRow<'_>)]) -> Table {
         .map(|index| Column::of_score(group, index, true))
         .collect();
     columns.extend(crate::table::cost_columns());
-    columns.extend(["Rendering (s)", "Computed by", "Failures"].map(Column::plain));
+    columns.extend(
+        [
+            "Rendering (s)",
+            "Computed by",
+            "Machine",
+            "Commit",
+            "Failures",
+        ]
+        .map(Column::plain),
+    );
     let mut table_rows = Vec::new();
     let mut complete = Vec::new();
     for (_, row) in rows {
@@ -65,9 +75,9 @@ fn table(rows: &[(&Group<'_>, &SceneRow<'_>)]) -> Table {
                 Cell::number(result.gaussians.map(|count| count as f64), 0),
                 Cell::number(result.iterations.map(|count| count as f64), 0),
                 Cell::number(result.rendering_seconds, 1),
-                result.backend.as_ref().map_or(Cell::Missing, |backend| {
-                    Cell::Text(format::backend(backend))
-                }),
+                text(result.backend.as_ref().map(format::backend)),
+                text(result.hardware.as_ref().map(format::machine)),
+                text(commit(result).map(format::short_commit)),
                 Cell::count(result.failures.len()),
             ]);
             table_rows.push(Row {
@@ -97,6 +107,16 @@ fn table(rows: &[(&Group<'_>, &SceneRow<'_>)]) -> Table {
                 .to_owned(),
         ],
     }
+}
+
+fn text(text: Option<String>) -> Cell {
+    text.map_or(Cell::Missing, Cell::Text)
+}
+
+/// The commit of the program that made the predictions, or else of the one that scored them.
+fn commit(result: &ResultRecord) -> Option<&str> {
+    let versions = [&result.run_versions, &result.versions];
+    versions.into_iter().find_map(provenance::commit_in)
 }
 
 fn pictures(comparisons: &Comparisons) -> Markup {

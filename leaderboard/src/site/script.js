@@ -4,71 +4,86 @@
 
 const collator = new Intl.Collator("en", { numeric: true });
 
-// Missing values stay at the end, whichever way a column is sorted.
-function compare(left, right, sign) {
-  if (left.missing || right.missing) return left.missing - right.missing;
-  if (left.number !== null && right.number !== null) return sign * (left.number - right.number);
-  return sign * collator.compare(left.text, right.text);
-}
-
-function keyOf(row, column) {
-  const text = row.cells[column].dataset.value ?? row.cells[column].textContent;
-  const number = text === "" ? NaN : Number(text);
-  return { row, text, missing: text === "" ? 1 : 0, number: Number.isNaN(number) ? null : number };
-}
-
-function sortBy(table, heading) {
-  const first = heading.dataset.first;
-  const other = first === "ascending" ? "descending" : "ascending";
-  const order = heading.getAttribute("aria-sort") === first ? other : first;
-  for (const each of heading.parentElement.cells) each.setAttribute("aria-sort", "none");
-  heading.setAttribute("aria-sort", order);
-  const sign = order === "ascending" ? 1 : -1;
-  const body = table.querySelector("tbody.measured");
-  const keys = Array.from(body.rows, (row) => keyOf(row, heading.cellIndex));
-  keys.sort((left, right) => compare(left, right, sign));
-  body.append(...keys.map((key) => key.row));
-  arrange(table);
-}
-
 // Of a long table the first rows are shown, which keeps sorting quick; a button shows all.
 const SHOWN_ROWS = 200;
 
-// A row stays when it contains every word of the filter, in whatever order.
-function arrange(table) {
-  const tools = toolsOf(table);
-  const words = tools.filter.value.toLowerCase().split(/\s+/).filter(Boolean);
-  const limit = table.dataset.all ? Infinity : SHOWN_ROWS;
-  const rows = table.querySelector("tbody.measured").rows;
-  let found = 0;
-  for (const row of rows) {
-    const matches = !words.length || words.every((word) => row.textContent.toLowerCase().includes(word));
-    found += matches ? 1 : 0;
-    row.hidden = !matches || found > limit;
+// A table that sorts and filters. Rows that are not shown are kept here and not in the page, so that
+// the browser lays out no more than what is seen.
+class SortableTable {
+  constructor(table) {
+    const tool = (attribute) => document.querySelector(`[data-${attribute}="${table.id}"]`);
+    [this.filter, this.count, this.all] = ["filter", "count", "all"].map(tool);
+    this.body = table.querySelector("tbody.measured");
+    this.entries = Array.from(this.body.rows, (row, index) => ({ row, index, text: null }));
+    this.keys = new Map();
+    this.limit = SHOWN_ROWS;
+    table.tHead.addEventListener("click", (event) => {
+      const button = event.target.closest("button");
+      if (button) this.sortBy(button.closest("th"));
+    });
+    this.filter.addEventListener("input", () => this.arrange());
+    this.all.addEventListener("click", () => {
+      this.limit = Infinity;
+      this.arrange();
+    });
+    this.arrange();
   }
-  const count = words.length ? `${found} of ${rows.length} rows` : `${rows.length} rows`;
-  tools.count.value = found > limit ? `${count}, ${limit} of them shown` : count;
-  tools.all.hidden = found <= limit;
+
+  sortBy(heading) {
+    const first = heading.dataset.first;
+    const other = first === "ascending" ? "descending" : "ascending";
+    const order = heading.getAttribute("aria-sort") === first ? other : first;
+    for (const each of heading.parentElement.cells) each.setAttribute("aria-sort", "none");
+    heading.setAttribute("aria-sort", order);
+    const sign = order === "ascending" ? 1 : -1;
+    const keys = this.keysOf(heading.cellIndex);
+    // Missing values stay at the end, whichever way a column is sorted.
+    this.entries.sort((left, right) => {
+      const [a, b] = [keys[left.index], keys[right.index]];
+      if (a === null || b === null) return (a === null) - (b === null);
+      return sign * (a - b);
+    });
+    this.arrange();
+  }
+
+  // One number for every row by its place in the page as it was loaded; null where it has no value.
+  keysOf(column) {
+    let keys = this.keys.get(column);
+    if (keys) return keys;
+    const texts = [];
+    for (const { row, index } of this.entries) {
+      const cell = row.cells[column];
+      texts[index] = cell.dataset.value ?? cell.textContent;
+    }
+    keys = texts.map((text) => (text === "" ? null : Number(text)));
+    if (keys.some(Number.isNaN)) {
+      const order = [...new Set(texts)].sort(collator.compare);
+      const ranks = new Map(order.map((text, rank) => [text, rank]));
+      keys = texts.map((text) => (text === "" ? null : ranks.get(text)));
+    }
+    this.keys.set(column, keys);
+    return keys;
+  }
+
+  // A row stays when it contains every word of the filter, in whatever order.
+  arrange() {
+    const words = this.filter.value.toLowerCase().split(/\s+/).filter(Boolean);
+    const matches = (entry) => {
+      entry.text ??= entry.row.textContent.toLowerCase();
+      return words.every((word) => entry.text.includes(word));
+    };
+    const found = words.length ? this.entries.filter(matches) : this.entries;
+    const shown = found.slice(0, this.limit);
+    this.body.replaceChildren(...shown.map((entry) => entry.row));
+    const total = this.entries.length;
+    const count = words.length ? `${found.length} of ${total} rows` : `${total} rows`;
+    const isCut = shown.length < found.length;
+    this.count.value = isCut ? `${count}, ${this.limit} of them shown` : count;
+    this.all.hidden = !isCut;
+  }
 }
 
-function toolsOf(table) {
-  const tool = (attribute) => document.querySelector(`[data-${attribute}="${table.id}"]`);
-  return { filter: tool("filter"), count: tool("count"), all: tool("all") };
-}
-
-for (const table of document.querySelectorAll("table.sortable")) {
-  table.tHead.addEventListener("click", (event) => {
-    const button = event.target.closest("button");
-    if (button) sortBy(table, button.closest("th"));
-  });
-  const tools = toolsOf(table);
-  tools.filter.addEventListener("input", () => arrange(table));
-  tools.all.addEventListener("click", () => {
-    table.dataset.all = "yes";
-    arrange(table);
-  });
-  arrange(table);
-}
+for (const table of document.querySelectorAll("table.sortable")) new SortableTable(table);
 
 for (const figure of document.querySelectorAll("figure.compare")) {
   const slider = figure.querySelector("input.split");

@@ -2,6 +2,7 @@
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
 mod leaderboard;
+mod refusals;
 mod site;
 mod support;
 mod tables;

@@ -20,7 +20,7 @@ ENTER, SPACE, RIGHT = "\ue007", " ", "\ue014"
 
 # Names of methods in the order of a table's rows.
 NAMES = """return [...document.querySelectorAll(`#${arguments[0]} tbody.measured tr`)]
-    .filter(row => !row.hidden).map(row => row.cells[0].dataset.value)"""
+    .map(row => row.cells[0].dataset.value)"""
 
 # Elements that a screen reader could not name.
 NAMELESS = """return [...document.querySelectorAll('a,button,input,img,svg,circle,[role=region]')]

@@ -50,6 +50,8 @@ pub(crate) fn result(scene: &str, method: &str, psnr: f64, ssim: f64) -> ResultR
         training_seconds: Some(61.25),
         seed: None,
         backend: None,
+        hardware: None,
+        run_versions: [].into(),
         rendering_seconds: None,
         peak_memory_bytes: None,
         gaussians: Some(123_456),

@@ -6,6 +6,7 @@ use omnilife_schemas::{
     RgbImage,
     camera::ErpCamera,
     progress::Progress,
+    provenance,
     records::{Backend, RunRecord, Scene, Split, ViewPredictions},
     store,
 };
@@ -14,7 +15,7 @@ use serde::Serialize;
 use super::{ContextView, Group, GroupFrames, Interpolator, Station, groups};
 use crate::{
     error::ReconstructError,
-    job::{NOVEL_FOLDER, RUN_FILE, ReconstructRequest, plan_stage, prepare_predictions, versions},
+    job::{NOVEL_FOLDER, RUN_FILE, ReconstructRequest, plan_stage, prepare_predictions},
     methods::MethodRequest,
     process,
     train::BackendChoice,
@@ -110,7 +111,8 @@ pub fn interpolate(
         },
         configuration: (interpolator.settings)(),
         plan: Vec::new(),
-        versions: versions(),
+        hardware: Some(provenance::Hardware::here()),
+        versions: provenance::versions(),
         inputs,
         iterations: 0,
         gaussians: rows.iter().map(|row| row.gaussians).max().unwrap_or(0),

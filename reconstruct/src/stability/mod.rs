@@ -20,10 +20,11 @@ use std::{collections::BTreeMap, time::Instant};
 
 use omnilife_schemas::{
     progress::Progress,
+    provenance,
     records::{StabilityMeasures, StabilityReport, StabilityRow, StabilityVerdict},
 };
 
-use crate::{error::ReconstructError, job};
+use crate::error::ReconstructError;
 use cases::{CASES, Case, Expectation};
 use devices::{Device, DeviceKind};
 use measure::{Measured, measure};
@@ -49,7 +50,7 @@ pub fn run(
 ) -> Result<StabilityReport, ReconstructError> {
     let begun = Instant::now();
     let mut report = StabilityReport {
-        versions: job::versions(),
+        versions: provenance::versions(),
         wall_seconds: 0.0,
         backends: BTreeMap::new(),
         parameterizations: PARAMETERIZATIONS.iter().map(|p| p.id.to_owned()).collect(),

@@ -1,9 +1,11 @@
 //! `external-run`: how a method that is not ours was run on one scene.
 
+use std::collections::BTreeMap;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::store::Record;
+use crate::{provenance::Hardware, store::Record};
 
 /// `external-run.json`. Files are relative to its folder.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -24,6 +26,13 @@ pub struct ExternalRun {
     pub seed: u64,
     /// Where its commands ran, in words: `plain`, `venv ...`, `conda ...`, `container ...`.
     pub environment: String,
+    /// The machine on which its commands ran; records of older versions do not say.
+    #[serde(default)]
+    pub hardware: Option<Hardware>,
+    /// Name and version of the program that ran them, with the commit. What the method itself is
+    /// made of is for its manifest to say.
+    #[serde(default)]
+    pub versions: BTreeMap<String, String>,
     /// Its commands in the order in which they ran; the last one is the one that failed, if any.
     pub phases: Vec<Phase>,
     /// Why there may be no predictions. A run that failed is scored all the same: its missing

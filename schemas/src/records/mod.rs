@@ -17,6 +17,7 @@ pub mod protocol;
 pub mod result;
 pub mod run;
 pub mod scene;
+pub mod scoring;
 pub mod sequence;
 pub mod sfm;
 pub mod slices;
@@ -43,6 +44,7 @@ pub use run::{Backend, ComponentDecision, RunRecord, ViewPredictions};
 pub use scene::{
     DepthImage, PoseSource, PoseValidation, Scale, Scene, SceneFrame, ValidationStatus,
 };
+pub use scoring::ScoringRecord;
 pub use sequence::{
     Admission, CheckOutcome, ErpVerdict, Evidence, FrameEntry, FrameSet, Probe, Sampling, Sequence,
     SourceVideo, SphericalMetadata, TimeRange, Verdict,
@@ -113,6 +115,7 @@ pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<RunRecord>(),
     entry::<ExternalRun>(),
     entry::<ResultRecord>(),
+    entry::<ScoringRecord>(),
     entry::<StabilityReport>(),
     entry::<Done>(),
     entry::<SweepPlan>(),

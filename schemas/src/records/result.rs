@@ -6,9 +6,13 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::run::Backend;
-use crate::store::Record;
+use crate::{provenance::Hardware, store::Record};
 
 /// `result.json`. Per-frame values are in the Parquet table beside it.
+///
+/// It is a function of the predictions, their run record, the scene, the protocol and the program:
+/// scored again it is the same file. What differs each time, the machine, time and memory of
+/// scoring, is in the `scoring.json` beside it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ResultRecord {
     /// Id of the method.
@@ -46,15 +50,23 @@ pub struct ResultRecord {
     pub seed: Option<u64>,
     /// What computed the predictions, where they came with a run record.
     pub backend: Option<Backend>,
+    /// The machine that computed the predictions, where they came with a run record that says.
+    #[serde(default)]
+    pub hardware: Option<Hardware>,
     /// Time to render all predictions in seconds, where they came with a run record.
     pub rendering_seconds: Option<f64>,
     /// Highest resident memory of the training process in bytes, where known.
     pub peak_memory_bytes: Option<u64>,
     /// Remarks that a reader of the scores should know.
     pub warnings: Vec<String>,
-    /// Names and versions of the programs that scored, and SHA-256 of the networks' weights.
+    /// Names and versions of the programs that scored, with the commit, and SHA-256 of the
+    /// networks' weights.
     #[serde(default)]
     pub versions: BTreeMap<String, String>,
+    /// Names and versions of the programs that made the predictions, where they came with a run
+    /// record that says.
+    #[serde(default)]
+    pub run_versions: BTreeMap<String, String>,
 }
 
 impl Record for ResultRecord {

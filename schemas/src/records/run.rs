@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::{pose::Similarity, store::Record};
+use crate::{pose::Similarity, provenance::Hardware, store::Record};
 
 /// `run.json`. Files are relative to its folder.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -20,11 +20,14 @@ pub struct RunRecord {
     pub seed: u64,
     /// What computed it.
     pub backend: Backend,
+    /// The machine that computed it; records of older versions do not say.
+    #[serde(default)]
+    pub hardware: Option<Hardware>,
     /// Every setting as resolved, defaults included.
     pub configuration: serde_json::Value,
     /// Which components the scene was given, and why.
     pub plan: Vec<ComponentDecision>,
-    /// Names and versions of the programs involved.
+    /// Names and versions of the programs involved, with the commit.
     pub versions: BTreeMap<String, String>,
     /// SHA-256 of every input by name.
     pub inputs: BTreeMap<String, String>,

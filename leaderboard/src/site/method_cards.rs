@@ -1,0 +1,78 @@
+//! Who made the methods that others handed in, and what they ran on.
+
+use maud::{Markup, html};
+use omnilife_schemas::records::MethodCard;
+
+/// One block per card; nothing where nobody handed anything in.
+pub(super) fn render(cards: &[MethodCard]) -> Markup {
+    html! {
+        @if !cards.is_empty() {
+            h2 #methods { "Methods that were handed in" }
+            p { "As their authors describe them." }
+            @for card in cards { (block(card)) }
+        }
+    }
+}
+
+fn block(card: &MethodCard) -> Markup {
+    html! {
+        details.card {
+            summary { (card.method) ": " (card.title) }
+            dl {
+                dt { "Authors" }
+                dd { (card.authors.join(", ")) }
+                dt { "Code" }
+                dd { (code(card.code.as_deref())) }
+                dt { "Licence" }
+                dd { (card.licence.as_deref().unwrap_or("not stated")) }
+                dt { "Hardware" }
+                dd { (card.hardware) }
+                @if let Some(notes) = &card.notes {
+                    dt { "Notes" }
+                    dd { (notes) }
+                }
+            }
+        }
+    }
+}
+
+/// A link where it is an address of the web; other schemes could run scripts.
+fn code(address: Option<&str>) -> Markup {
+    match address {
+        None => html! { "not public" },
+        Some(address) if address.starts_with("https://") || address.starts_with("http://") => {
+            html! { a href=(address) rel="noopener noreferrer" { (address) } }
+        }
+        Some(other) => html! { (other) },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cards_are_text_and_link_to_the_web_alone() {
+        let card = |code: &str| MethodCard {
+            method: "<script>alert(1)</script>".to_owned(),
+            title: "A method".to_owned(),
+            authors: vec!["A. Author".to_owned(), "B. Author".to_owned()],
+            code: Some(code.to_owned()),
+            licence: None,
+            hardware: "one processor".to_owned(),
+            notes: None,
+        };
+        let page = render(&[
+            card("https://example.org/code"),
+            card("javascript:alert(1)"),
+        ]);
+        let page = page.into_string();
+        assert!(page.contains("A. Author, B. Author") && page.contains("not stated"));
+        assert!(
+            page.contains("&lt;script&gt;") && !page.contains("<script>"),
+            "{page}"
+        );
+        assert_eq!(page.matches("href=").count(), 1, "{page}");
+        assert_eq!(render(&[]).into_string(), "");
+    }
+}

@@ -1,0 +1,80 @@
+//! Results that no table is made of.
+use std::{fs, path::PathBuf};
+
+use crate::{
+    leaderboard::{Place, study},
+    support::{summary, write},
+};
+use omnilife_leaderboard::{build, build_leaderboard};
+use omnilife_schemas::{Blame, Blamed, records::ResultRecord};
+
+fn refusal(change: impl Fn(&mut ResultRecord)) -> String {
+    let mut results = study();
+    change(&mut results[3]);
+    let results: Vec<(PathBuf, ResultRecord)> = results
+        .into_iter()
+        .enumerate()
+        .map(|(number, result)| (PathBuf::from(format!("{number}/result.json")), result))
+        .collect();
+    let out = tempfile::tempdir().unwrap();
+    let error = build(&results, out.path()).unwrap_err();
+    assert_eq!(error.blame(), Blame::Input);
+    let message = error.to_string();
+    assert!(
+        message.starts_with("3/result.json: ") && !message.contains('\n'),
+        "{message}"
+    );
+    message
+}
+
+#[test]
+fn impossible_numbers_are_refused() {
+    for (value, printed) in [(f64::NAN, "NaN"), (f64::INFINITY, "inf")] {
+        let message = refusal(|result| {
+            result
+                .novel_views
+                .insert("psnr".to_owned(), summary(value, 12));
+        });
+        assert!(
+            message.contains(&format!("psnr of the novel views is {printed}")),
+            "{message}"
+        );
+    }
+    let message = refusal(|result| result.training_seconds = Some(-1.0));
+    assert!(
+        message.contains("the training time is -1 seconds"),
+        "{message}"
+    );
+    let message = refusal(|result| result.rendering_seconds = Some(f64::NAN));
+    assert!(
+        message.contains("the rendering time is NaN seconds"),
+        "{message}"
+    );
+    let message = refusal(|result| {
+        result
+            .novel_views
+            .insert("psnr".to_owned(), summary(20.0, 0));
+    });
+    assert!(message.contains("is a mean of no views"), "{message}");
+    let message = refusal(|result| result.method = " ".to_owned());
+    assert!(message.contains("the method has no name"), "{message}");
+}
+
+#[test]
+fn a_newer_schema_is_refused_by_name() {
+    let place = Place::with(&study());
+    let folder = write(&place.request.results, &study()[0]);
+    let file = folder.join("result.json");
+    let text = fs::read_to_string(&file).unwrap();
+    fs::write(
+        &file,
+        text.replace("omnilife/result/2", "omnilife/result/3"),
+    )
+    .unwrap();
+    let message = build_leaderboard(&place.request).unwrap_err().to_string();
+    assert!(
+        message.contains("is of schema omnilife/result/3, expected omnilife/result/2"),
+        "{message}"
+    );
+    assert!(!place.request.out.exists(), "nothing is written");
+}

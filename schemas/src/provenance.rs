@@ -1,0 +1,111 @@
+//! What made a record: the program with its commit, and the machine.
+
+use std::{collections::BTreeMap, fs, path::Path, sync::OnceLock};
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Entry of the program's version in a record's versions.
+const PROGRAM: &str = "omnilife";
+/// Entry of the commit that the program was built from.
+const COMMIT: &str = "omnilife commit";
+/// Stands for a commit that nobody knows.
+const UNKNOWN: &str = "unknown";
+
+static BUILT_FROM: OnceLock<&'static str> = OnceLock::new();
+
+/// States once what the program was built from. A library does not know; the binary does, because
+/// its build script asks git, and says so here before anything else. An empty text says nothing.
+pub fn state_commit(commit: &'static str) {
+    if !commit.is_empty() {
+        // A second statement changes nothing: a process has been built once.
+        let _ = BUILT_FROM.set(commit);
+    }
+}
+
+/// The commit that the program was built from, 40 hexadecimal digits, with `-changed` after them
+/// where files differed from it; `unknown` where it was built without git, or is a library's test.
+pub fn commit() -> &'static str {
+    BUILT_FROM.get().copied().unwrap_or(UNKNOWN)
+}
+
+/// Name, version and commit of this program, as records carry them.
+pub fn versions() -> BTreeMap<String, String> {
+    BTreeMap::from([
+        (PROGRAM.to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
+        (COMMIT.to_owned(), commit().to_owned()),
+    ])
+}
+
+/// The commit among a record's versions; `None` where nobody knew it.
+pub fn commit_in(versions: &BTreeMap<String, String>) -> Option<&str> {
+    let commit = versions.get(COMMIT).map(String::as_str);
+    commit.filter(|&commit| commit != UNKNOWN)
+}
+
+/// The machine that computed something.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Hardware {
+    /// The processor as it calls itself, where the system tells (Linux).
+    pub processor: Option<String>,
+    /// Threads that this process may run at once.
+    pub threads: u32,
+    /// Memory of the machine in bytes, where the system tells (Linux).
+    pub memory_bytes: Option<u64>,
+    /// Operating system and instruction set, `linux x86_64`.
+    pub system: String,
+}
+
+impl Hardware {
+    /// The machine that this process runs on.
+    pub fn here() -> Self {
+        let threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        Self {
+            processor: processor(),
+            threads: u32::try_from(threads).unwrap_or(u32::MAX),
+            memory_bytes: kibibytes(Path::new("/proc/meminfo"), "MemTotal:"),
+            system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
+        }
+    }
+}
+
+fn processor() -> Option<String> {
+    let text = fs::read_to_string("/proc/cpuinfo").ok()?;
+    let mut lines = text.lines().filter_map(|line| line.split_once(':'));
+    let (_, name) = lines.find(|(key, _)| key.trim() == "model name")?;
+    Some(name.trim().to_owned())
+}
+
+/// Highest resident memory of this process so far, bytes, where the system tells (Linux).
+pub fn peak_memory_bytes() -> Option<u64> {
+    kibibytes(Path::new("/proc/self/status"), "VmHWM:")
+}
+
+/// An entry of one of Linux's tables of sizes, such as `/proc/meminfo`, in bytes.
+pub fn kibibytes(file: &Path, key: &str) -> Option<u64> {
+    let text = fs::read_to_string(file).ok()?;
+    let rest = text.lines().find_map(|line| line.strip_prefix(key))?;
+    let kibibytes: u64 = rest.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kibibytes * 1024)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nobody_has_said_what_this_test_was_built_from() {
+        state_commit("");
+        assert_eq!(versions()[COMMIT], UNKNOWN);
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn linux_tells_what_it_runs_on() {
+        let here = Hardware::here();
+        assert!(here.threads > 0 && here.system.starts_with("linux "));
+        assert!(here.memory_bytes.expect("a size") > 1 << 24, "{here:?}");
+        let peak = peak_memory_bytes().expect("a peak");
+        assert!((1 << 20..1 << 40).contains(&peak), "{peak}");
+    }
+}
