@@ -46,7 +46,7 @@ pub(super) fn explained(protocol: Option<&Protocol>) -> Markup {
                 dt { "Masks" }
                 dd {
                     @if protocol.mask_rule == "none" {
-                        "None: whole images are scored."
+                        "Whole images are scored, but for the metrics that name a part of them."
                     } @else {
                         (protocol.mask_rule)
                     }

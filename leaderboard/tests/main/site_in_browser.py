@@ -150,15 +150,15 @@ def compare_views(page):
 
 
 def long_table(page):
-    """Of 1,000 rows the first 200 are shown, and all when asked for."""
+    """Of 1,000 rows the first 100 are shown, and all when asked for."""
     table = "p0-views-0"
     count = f"return document.querySelector('output[data-count={table}]').value"
-    expect("rows shown", len(page.script(NAMES, table)), 200)
-    expect("count", page.script(count), "1000 rows, 200 of them shown")
+    expect("rows shown", len(page.script(NAMES, table)), 100)
+    expect("count", page.script(count), "1000 rows, 100 of them shown")
     slowest = sorting_time(page)
     print(f"sorting 1,000 rows: {slowest:.0f} ms")
     # The target is 100 ms on an idle machine; tests share theirs.
-    expect("1,000 rows are sorted soon", slowest < 1000, True)
+    expect("1,000 rows are sorted soon", slowest < 600, True)
     page.script(f"document.querySelector('button[data-all={table}]').click()")
     expect("all rows shown", len(page.script(NAMES, table)), 1000)
     expect("count", page.script(count), "1000 rows")
