@@ -141,10 +141,7 @@ impl Loss {
         // Row by row: the same on any number of threads.
         let mut sum = RowSums::default();
         for row in &self.sums {
-            sum.l1 += row.l1;
-            sum.squares += row.squares;
-            sum.similarity += row.similarity;
-            sum.weight += row.weight;
+            sum.add(row);
         }
         if sum.weight == 0.0 {
             let value = LossValue {
@@ -239,7 +236,8 @@ mod tests {
     #[test]
     fn value_is_that_of_the_reference() {
         let mut rng = Pcg64Mcg::seed_from_u64(1);
-        for (width, height) in [(16, 8), (17, 9), (4, 2), (20, 70)] {
+        // The last is more than one strip wide.
+        for (width, height) in [(16, 8), (17, 9), (4, 2), (20, 70), (259, 6)] {
             let (x, y) = (
                 random_image(&mut rng, width * height * 3),
                 random_image(&mut rng, width * height * 3),
@@ -261,8 +259,19 @@ mod tests {
 
     #[test]
     fn gradient_is_that_of_the_reference() {
+        check_gradient((14, 7), |index| index % 5 == 0);
+    }
+
+    #[test]
+    fn gradient_is_that_of_the_reference_across_strips_and_seam() {
+        check_gradient((259, 2), |index| {
+            [1, 255, 256, 258].contains(&(index / 3 % 259))
+        });
+    }
+
+    fn check_gradient((width, height): (usize, usize), is_checked: impl Fn(usize) -> bool) {
+        let lambda = 0.4;
         let mut rng = Pcg64Mcg::seed_from_u64(2);
-        let (width, height, lambda) = (14, 7, 0.4);
         let (x, y) = (
             random_image(&mut rng, width * height * 3),
             random_image(&mut rng, width * height * 3),
@@ -277,7 +286,7 @@ mod tests {
             let mask = widen(if mask.is_empty() { &all } else { &mask });
             let (x, y) = (widen(&x), widen(&y));
             let largest = gradient.iter().fold(0.0_f32, |m, g| m.max(g.abs()));
-            for index in (0..x.len()).step_by(5) {
+            for index in (0..x.len()).filter(|&index| is_checked(index)) {
                 let h = 1e-6;
                 let shifted = |step: f64| {
                     let mut shifted = x.clone();

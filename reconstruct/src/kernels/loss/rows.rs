@@ -1,5 +1,7 @@
 //! Rows of the loss in vectors: the separable window over a band of rows, keeping the last 11
-//! filtered rows.
+//! filtered rows. Bands are worked on in strips, so that what is kept stays in the cache.
+
+use std::ops::Range;
 
 use fearless_simd::{Simd, f32x8, f64x4, prelude::*};
 
@@ -9,6 +11,11 @@ pub(super) const C1: f32 = 0.01 * 0.01;
 pub(super) const C2: f32 = 0.03 * 0.03;
 const LANES: usize = 8;
 const CHANNELS: usize = 3;
+/// Pixels across a strip. Whole vectors, whatever is left of the image: strips begin where the rows
+/// of the maps have vectors.
+const STRIP: usize = 256;
+
+const _: () = assert!(STRIP.is_multiple_of(LANES));
 
 /// Rows of one size, as long as whole vectors.
 #[derive(Debug, Clone, Copy)]
@@ -30,19 +37,59 @@ impl RowShape {
         self.values().next_multiple_of(LANES)
     }
 
-    /// Copies a row with [`RADIUS`] wrapped pixels on either side, and something beyond.
+    /// The strips of a row, from left to right.
+    fn strips(self) -> impl Iterator<Item = Strip> {
+        (0..self.width).step_by(STRIP).map(move |first| Strip {
+            shape: self,
+            first,
+            width: STRIP.min(self.width - first),
+        })
+    }
+}
+
+/// Neighbouring columns of an image.
+#[derive(Debug, Clone, Copy)]
+struct Strip {
+    shape: RowShape,
+    /// First column.
+    first: usize,
+    /// Columns.
+    width: usize,
+}
+
+impl Strip {
+    /// The strip's values in a row.
+    fn values(&self) -> Range<usize> {
+        self.first * CHANNELS..(self.first + self.width) * CHANNELS
+    }
+
+    /// Values per row with padding to whole vectors.
+    fn stride(&self) -> usize {
+        self.values().len().next_multiple_of(LANES)
+    }
+
+    /// The strip's values in a row of [`RowShape::stride`], padding included.
+    fn padded(&self) -> Range<usize> {
+        let begin = self.first * CHANNELS;
+        begin..begin + self.stride()
+    }
+
+    /// Copies the strip of a row with [`RADIUS`] pixels on either side, wrapped at the image's edges,
+    /// and something beyond.
     fn wrap(&self, row: &[f32], padded: &mut Vec<f32>) {
         const MARGIN: usize = RADIUS * CHANNELS;
+        let image_width = self.shape.width;
         padded.resize(self.stride() + 2 * MARGIN, 0.0);
         let values = self.values();
-        padded[MARGIN..MARGIN + values].copy_from_slice(&row[..values]);
+        let right_margin = MARGIN + values.len();
+        padded[MARGIN..right_margin].copy_from_slice(&row[values]);
         for position in 0..RADIUS {
-            let left = (self.width * RADIUS + position - RADIUS) % self.width * CHANNELS;
-            let right = position % self.width * CHANNELS;
+            let left = (image_width * RADIUS + self.first + position - RADIUS) % image_width;
+            let right = (self.first + self.width + position) % image_width;
             let to = position * CHANNELS;
-            padded[to..to + CHANNELS].copy_from_slice(&row[left..left + CHANNELS]);
-            let to = MARGIN + values + to;
-            padded[to..to + CHANNELS].copy_from_slice(&row[right..right + CHANNELS]);
+            padded[to..to + CHANNELS].copy_from_slice(&row[left * CHANNELS..][..CHANNELS]);
+            padded[right_margin + to..][..CHANNELS]
+                .copy_from_slice(&row[right * CHANNELS..][..CHANNELS]);
         }
     }
 }
@@ -118,25 +165,28 @@ pub(super) struct Pair<'a> {
 }
 
 impl Pair<'_> {
-    /// Copies a row of both images, padded with zeros, and the weight of every value, padded with 0.
+    /// Copies a row of both images in a strip, padded with zeros, and the weight of every value,
+    /// padded with 0.
     #[inline(always)]
-    fn copy_row(&self, shape: RowShape, row: usize, lines: &mut Lines) {
-        let values = row * shape.values()..(row + 1) * shape.values();
+    fn copy_row(&self, strip: Strip, row: usize, lines: &mut Lines) {
+        let begin = row * strip.shape.values();
+        let values = begin + strip.values().start..begin + strip.values().end;
         for line in [&mut lines.render, &mut lines.target, &mut lines.weights] {
             line.clear();
         }
         lines.render.extend_from_slice(&self.render[values.clone()]);
-        lines.target.extend_from_slice(&self.target[values]);
+        lines.target.extend_from_slice(&self.target[values.clone()]);
         if self.mask.is_empty() {
-            lines.weights.resize(shape.values(), 1.0);
+            lines.weights.resize(values.len(), 1.0);
         } else {
-            let mask = &self.mask[row * shape.width..(row + 1) * shape.width];
+            let first = row * strip.shape.width + strip.first;
+            let mask = &self.mask[first..first + strip.width];
             lines
                 .weights
                 .extend(mask.iter().flat_map(|&weight| [weight; CHANNELS]));
         }
         for line in [&mut lines.render, &mut lines.target, &mut lines.weights] {
-            line.resize(shape.stride(), 0.0);
+            line.resize(strip.stride(), 0.0);
         }
     }
 }
@@ -167,12 +217,36 @@ pub(super) struct RowSums {
     pub(super) weight: f64,
 }
 
+impl RowSums {
+    pub(super) fn add(&mut self, other: &Self) {
+        self.l1 += other.l1;
+        self.squares += other.squares;
+        self.similarity += other.similarity;
+        self.weight += other.weight;
+    }
+}
+
 /// SSIM of the rows of a band. `derivatives` receives, row by row with [`RowShape::stride`], the
 /// weighted `ds/dmx`, `ds/dE[x^2]`, `ds/dE[xy]` one after another.
 #[inline(always)]
 pub(super) fn similarity_band<S: Simd>(
     simd: S,
     band: Band<'_>,
+    derivatives: &mut [f32],
+    sums: &mut [RowSums],
+    scratch: &mut Scratch,
+) {
+    sums.fill(RowSums::default());
+    for strip in band.shape.strips() {
+        similarity_strip(simd, band, strip, derivatives, sums, scratch);
+    }
+}
+
+#[inline(always)]
+fn similarity_strip<S: Simd>(
+    simd: S,
+    band: Band<'_>,
+    strip: Strip,
     derivatives: &mut [f32],
     sums: &mut [RowSums],
     scratch: &mut Scratch,
@@ -184,27 +258,28 @@ pub(super) fn similarity_band<S: Simd>(
         first_row,
     } = band;
     let stride = shape.stride();
-    scratch.moments.reset(stride);
-    scratch.similarity.resize(stride, 0.0);
-    let rows = sums.len();
-    for shifted in 0..rows + 2 * RADIUS {
+    scratch.moments.reset(strip.stride());
+    scratch.similarity.resize(strip.stride(), 0.0);
+    for shifted in 0..sums.len() + 2 * RADIUS {
         // Row `first_row + shifted - RADIUS` of the image.
         match (first_row + shifted).checked_sub(RADIUS) {
             Some(row) if row < shape.height => {
-                moments_of_row(simd, &band, row, shifted, scratch);
+                moments_of_row(simd, &band, strip, row, shifted, scratch);
             }
             _ => scratch.moments.clear(shifted),
         }
         let Some(out) = shifted.checked_sub(2 * RADIUS) else {
             continue;
         };
-        let row = first_row + out;
-        let maps = &mut derivatives[out * 3 * stride..(out + 1) * 3 * stride];
-        similarity_row(simd, window, out, maps, scratch);
-        pair.copy_row(shape, row, &mut scratch.lines);
-        sums[out] = row_sums(simd, &scratch.lines, &scratch.similarity);
+        let mut maps = derivatives[out * 3 * stride..(out + 1) * 3 * stride]
+            .chunks_exact_mut(stride)
+            .map(|map| &mut map[strip.padded()]);
+        let mut maps: [&mut [f32]; 3] = std::array::from_fn(|_| maps.next().unwrap_or_default());
+        similarity_row(simd, window, out, &mut maps, scratch);
+        pair.copy_row(strip, first_row + out, &mut scratch.lines);
+        sums[out].add(&row_sums(simd, &scratch.lines, &scratch.similarity));
         if !pair.mask.is_empty() {
-            for map in maps.chunks_exact_mut(stride) {
+            for map in maps {
                 for (derivative, weight) in map.iter_mut().zip(&scratch.lines.weights) {
                     *derivative *= weight;
                 }
@@ -243,6 +318,7 @@ fn row_sums<S: Simd>(simd: S, lines: &Lines, similarity: &[f32]) -> RowSums {
 fn moments_of_row<S: Simd>(
     simd: S,
     band: &Band<'_>,
+    strip: Strip,
     row: usize,
     shifted: usize,
     scratch: &mut Scratch,
@@ -255,9 +331,9 @@ fn moments_of_row<S: Simd>(
     } = *band;
     let values = row * shape.values()..(row + 1) * shape.values();
     let [x, y, _] = &mut scratch.padded;
-    shape.wrap(&pair.render[values.clone()], x);
-    shape.wrap(&pair.target[values], y);
-    let stride = shape.stride();
+    strip.wrap(&pair.render[values.clone()], x);
+    strip.wrap(&pair.target[values], y);
+    let stride = strip.stride();
     let begin = scratch.moments.at(shifted, 0);
     let out = &mut scratch.moments.rows[begin..begin + 5 * stride];
     for at in (0..stride).step_by(LANES) {
@@ -284,14 +360,11 @@ fn similarity_row<S: Simd>(
     simd: S,
     window: &[f32; WINDOW],
     first: usize,
-    maps: &mut [f32],
+    [by_mean, by_square, by_product]: &mut [&mut [f32]; 3],
     scratch: &mut Scratch,
 ) {
-    let stride = scratch.moments.stride;
     let starts = scratch.moments.starts(first);
-    let (by_mean, rest) = maps.split_at_mut(stride);
-    let (by_square, by_product) = rest.split_at_mut(stride);
-    for at in (0..stride).step_by(LANES) {
+    for at in (0..scratch.moments.stride).step_by(LANES) {
         let [x, y, xx, yy, xy] = scratch.moments.filtered(simd, &starts, window, at);
         let mean_product = x * y;
         let mean_squares = x * x + y * y;
@@ -330,6 +403,21 @@ pub(super) fn gradient_band<S: Simd>(
     gradient: &mut [f32],
     scratch: &mut Scratch,
 ) {
+    for strip in band.shape.strips() {
+        gradient_strip(simd, band, strip, weights, derivatives, gradient, scratch);
+    }
+}
+
+#[inline(always)]
+fn gradient_strip<S: Simd>(
+    simd: S,
+    band: Band<'_>,
+    strip: Strip,
+    weights: Weights,
+    derivatives: &[f32],
+    gradient: &mut [f32],
+    scratch: &mut Scratch,
+) {
     let Band {
         shape,
         window,
@@ -337,15 +425,15 @@ pub(super) fn gradient_band<S: Simd>(
         first_row,
     } = band;
     let (stride, values) = (shape.stride(), shape.values());
-    scratch.derivatives.reset(stride);
-    scratch.similarity.resize(stride, 0.0);
+    scratch.derivatives.reset(strip.stride());
+    scratch.similarity.resize(strip.stride(), 0.0);
     let rows = gradient.len() / values;
     for shifted in 0..rows + 2 * RADIUS {
         match (first_row + shifted).checked_sub(RADIUS) {
             Some(row) if row < shape.height => {
                 let maps = &derivatives[row * 3 * stride..(row + 1) * 3 * stride];
                 for (map, padded) in maps.chunks_exact(stride).zip(&mut scratch.padded) {
-                    shape.wrap(map, padded);
+                    strip.wrap(map, padded);
                 }
                 filter_row(simd, window, shifted, scratch);
             }
@@ -354,25 +442,38 @@ pub(super) fn gradient_band<S: Simd>(
         let Some(out) = shifted.checked_sub(2 * RADIUS) else {
             continue;
         };
-        let row = first_row + out;
-        let starts = scratch.derivatives.starts(out);
-        pair.copy_row(shape, row, &mut scratch.lines);
-        let lines = &scratch.lines;
-        let zero = f32x8::splat(simd, 0.0);
-        for at in (0..stride).step_by(LANES) {
-            let [by_mean, by_square, by_product] =
-                scratch.derivatives.filtered(simd, &starts, window, at);
-            let (x, y) = (load(simd, &lines.render, at), load(simd, &lines.target, at));
-            let difference = x - y;
-            let l1 = load(simd, &lines.weights, at) * weights.l1;
-            let by_l1 = difference
-                .simd_gt(0.0)
-                .select(l1, difference.simd_lt(0.0).select(-l1, zero));
-            let similarity = y.mul_add(by_product, (x * by_square).mul_add(2.0, by_mean));
-            let sum = similarity.mul_add(weights.similarity, by_l1);
-            sum.store_slice(&mut scratch.similarity[at..at + LANES]);
-        }
-        gradient[out * values..(out + 1) * values].copy_from_slice(&scratch.similarity[..values]);
+        pair.copy_row(strip, first_row + out, &mut scratch.lines);
+        gradient_row(simd, window, out, weights, scratch);
+        let begin = out * values;
+        let row = &mut gradient[begin + strip.values().start..begin + strip.values().end];
+        row.copy_from_slice(&scratch.similarity[..row.len()]);
+    }
+}
+
+/// One row of the gradient.
+#[inline(always)]
+fn gradient_row<S: Simd>(
+    simd: S,
+    window: &[f32; WINDOW],
+    first: usize,
+    weights: Weights,
+    scratch: &mut Scratch,
+) {
+    let starts = scratch.derivatives.starts(first);
+    let lines = &scratch.lines;
+    let zero = f32x8::splat(simd, 0.0);
+    for at in (0..scratch.derivatives.stride).step_by(LANES) {
+        let [by_mean, by_square, by_product] =
+            scratch.derivatives.filtered(simd, &starts, window, at);
+        let (x, y) = (load(simd, &lines.render, at), load(simd, &lines.target, at));
+        let difference = x - y;
+        let l1 = load(simd, &lines.weights, at) * weights.l1;
+        let by_l1 = difference
+            .simd_gt(0.0)
+            .select(l1, difference.simd_lt(0.0).select(-l1, zero));
+        let similarity = y.mul_add(by_product, (x * by_square).mul_add(2.0, by_mean));
+        let sum = similarity.mul_add(weights.similarity, by_l1);
+        sum.store_slice(&mut scratch.similarity[at..at + LANES]);
     }
 }
 
