@@ -12,6 +12,8 @@ mod full_disk;
 mod geometry;
 mod help;
 mod interruption;
+#[cfg(unix)]
+mod ledger;
 mod main_job;
 #[cfg(unix)]
 mod many_videos;

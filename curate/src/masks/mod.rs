@@ -5,6 +5,7 @@
 //! `omnilife curate poses --masks` takes. A method is one entry in [`METHODS`].
 
 pub mod deeplab;
+mod field;
 pub mod residual;
 
 use std::path::{Path, PathBuf};

@@ -1,13 +1,21 @@
-//! What moves, from the flow that the camera's own motion does not explain.
+//! What moves: what no still scene explains.
 //!
-//! Each frame is compared with one a little before and one a little after. What moves along the
-//! camera's own way, with it, is not told from a nearer or farther still thing: overtaken and
-//! overtaking vehicles are missed for the time that they are in line. It needs no weights and knows
-//! no classes; where there are masks of a segmentation network, those are better.
+//! The motion of the camera between a frame and others a little before and after it is found first
+//! (`motion`). It leaves each point of a still scene one unknown, its distance, and so one arc along
+//! which it can have gone. The frame's pictures are compared with those along the arc, at all
+//! distances ("plane sweep", Collins, "A space-sweep approach to true multi-image matching", 1996);
+//! where even the best one does not fit, before and after, something moves. Being hidden in one of
+//! the two is no motion, and neither thin things nor repeated patterns are: they fit somewhere.
+//!
+//! What moves along its own arc as a still thing at another distance would is not told from one. A
+//! person at eye level who walks in the same plane as the camera does so; what gives them away is
+//! that they come nearer and that their limbs move. Both take time to show, hence
+//! [`LEAST_GAP_SECONDS`]. It needs no weights and knows no classes; where there are masks of a
+//! segmentation network, those are better.
 
 use std::path::Path;
 
-use glam::Vec3;
+use glam::{Quat, Vec3};
 use omnilife_schemas::{
     RgbImage,
     camera::{CameraModel, ErpCamera},
@@ -15,38 +23,46 @@ use omnilife_schemas::{
     records::Sequence,
     rgb::Mask,
 };
+use rayon::prelude::*;
 
-use super::MaskMethod;
+use super::{MaskMethod, field::Field};
 use crate::{
     error::CurateError,
-    motion::{GreySphere, align, explain, flow},
+    motion::{CameraMotion, GreySphere, camera_motion},
 };
 
 /// The method.
 pub const METHOD: MaskMethod = MaskMethod {
     id: "residual",
-    about: "flow that the camera's own motion does not explain; no weights needed",
+    about: "what a still scene at no distance explains; no weights needed",
     settings,
     find,
 };
 
 /// Columns of the pictures that are compared.
 const PICTURE_WIDTH: usize = 512;
-/// The grid on which motion is decided.
-const GRID: ErpCamera = ErpCamera {
-    width: 192,
-    height: 96,
-};
+/// They are smoothed by this much, pixels: what is finer differs by how it is sampled.
+const SMOOTHING_PIXELS: f32 = 0.7;
 /// Frames are compared over at least this long, seconds: slow motion needs time to show.
-const LEAST_GAP_SECONDS: f64 = 0.1;
-/// Of the 9 grid points around one, so many have to move for it to count.
-const LEAST_NEIGHBOURS: usize = 5;
+const LEAST_GAP_SECONDS: f64 = 0.2;
+/// Pictures are compared in squares that reach this far, pixels.
+const REACH_PIXELS: usize = 2;
+/// A difference of grey values, of [0, 1], above this counts as this.
+const LARGEST_DIFFERENCE: f32 = 0.25;
+/// What does not fit is looked at over this radius: limbs and the torso between them, radians.
+const EXTENT_RADIANS: f32 = 0.055;
+/// What a still scene differs by: this much anywhere, of [0, 1] ...
+const NOISE: f32 = 0.01;
+/// ... and as the slope of the picture times this many pixels.
+const MISPLACED_PIXELS: f32 = 0.3;
+/// What fits this many times worse than half of the sphere moves.
+const OVER_MEDIAN: f32 = 2.5;
 
 fn settings() -> String {
     format!(
-        "{PICTURE_WIDTH} px, grid {}x{}, {LEAST_GAP_SECONDS} s before and after, {LEAST_NEIGHBOURS} \
-         of 9",
-        GRID.width, GRID.height
+        "{PICTURE_WIDTH} px, {LEAST_GAP_SECONDS} s before and after, squares of {} px, {OVER_MEDIAN} \
+         times the median over {EXTENT_RADIANS} radians",
+        2 * REACH_PIXELS + 1
     )
 }
 
@@ -63,7 +79,6 @@ fn find(
         ));
     }
     let times: Vec<f64> = entries.iter().map(|entry| entry.time_seconds).collect();
-    let directions = grid_directions();
     let size = (
         sequence.frames.width as usize,
         sequence.frames.height as usize,
@@ -72,17 +87,17 @@ fn find(
     let mut held = Pictures::new(folder, sequence);
     let masks = (0..entries.len())
         .map(|index| {
-            let mut votes = Votes::new();
-            for other in compared_with(&times, index) {
-                held.load(index)?;
+            let others = compared_with(&times, index);
+            held.load(index)?;
+            for &other in &others {
                 held.load(other)?;
-                if let (Some(this), Some(that)) = (held.get(index), held.get(other)) {
-                    votes.add(this, that, &directions);
-                }
             }
+            let others: Vec<&GreySphere> = others.iter().filter_map(|&i| held.get(i)).collect();
+            let mask = held.get(index).map(|this| moving(this, &others));
+            let mask = mask.ok_or_else(|| CurateError::internal(folder, "a frame is gone"))?;
             held.forget_before(&times, index);
             progress.advance(1);
-            Ok(votes.mask().resized_to_nearest(size.0, size.1))
+            Ok(mask.resized_to_nearest(size.0, size.1))
         })
         .collect();
     progress.end();
@@ -102,16 +117,6 @@ fn compared_with(times: &[f64], index: usize) -> Vec<usize> {
         others.push(if index == 0 { times.len() - 1 } else { 0 });
     }
     others
-}
-
-fn grid_directions() -> Vec<Vec3> {
-    (0..GRID.height)
-        .flat_map(|row| (0..GRID.width).map(move |column| (column, row)))
-        .map(|(column, row)| {
-            let pixel = glam::dvec2(f64::from(column) + 0.5, f64::from(row) + 0.5);
-            GRID.unproject(pixel).as_vec3()
-        })
-        .collect()
 }
 
 /// Pictures of the frames that are being compared.
@@ -135,7 +140,7 @@ impl<'a> Pictures<'a> {
             let file = &self.sequence.frames.entries[index].file;
             let image = RgbImage::read(&self.folder.join(file))?;
             let width = PICTURE_WIDTH.min(image.width);
-            self.held[index] = Some(GreySphere::new(&image, width));
+            self.held[index] = Some(smoothed(&GreySphere::new(&image, width)));
         }
         Ok(())
     }
@@ -154,61 +159,124 @@ impl<'a> Pictures<'a> {
     }
 }
 
-/// How often each grid point was seen to move.
-struct Votes {
-    moving: Vec<u8>,
-    seen: Vec<u8>,
+fn smoothed(picture: &GreySphere) -> GreySphere {
+    GreySphere::of_luma(
+        picture.width(0),
+        luma(picture).blurred(SMOOTHING_PIXELS).values,
+    )
 }
 
-impl Votes {
-    fn new() -> Self {
-        let count = (GRID.width * GRID.height) as usize;
-        Self {
-            moving: vec![0; count],
-            seen: vec![0; count],
-        }
+fn luma(picture: &GreySphere) -> Field {
+    Field {
+        width: picture.width(0),
+        height: picture.width(0) / 2,
+        values: picture.luma().to_vec(),
     }
+}
 
-    fn add(&mut self, this: &GreySphere, that: &GreySphere, directions: &[Vec3]) {
-        let rotation = align(this, that);
-        let flow = flow(this, that, rotation, directions);
-        let motion = explain(&flow, this.pixel_radians(0));
-        for index in 0..directions.len() {
-            if let Some(moves) = motion.is_dynamic(index) {
-                self.seen[index] += 1;
-                self.moving[index] += u8::from(moves);
-            }
-        }
-    }
-
-    /// Points that moved whenever they were seen, less those without neighbours that did.
-    fn mask(&self) -> Mask {
-        let (width, height) = (GRID.width as usize, GRID.height as usize);
-        let moves = |x: usize, y: usize| {
-            let at = y * width + x;
-            self.seen[at] > 0 && self.moving[at] == self.seen[at]
-        };
-        let mut data = Vec::with_capacity(width * height);
-        for y in 0..height {
-            for x in 0..width {
-                let neighbours = (0..9)
-                    .filter(|index| {
-                        let column = (x + width + index % 3 - 1) % width;
-                        let row = (y + index / 3).saturating_sub(1).min(height - 1);
-                        moves(column, row)
-                    })
-                    .count();
-                data.push(if neighbours >= LEAST_NEIGHBOURS {
-                    255
-                } else {
-                    0
-                });
-            }
-        }
-        Mask {
+/// What moves in a picture, compared with others of the same scene.
+fn moving(this: &GreySphere, others: &[&GreySphere]) -> Mask {
+    let directions = directions(this.width(0));
+    let misfit = others
+        .iter()
+        .map(|other| still_misfit(this, other, &camera_motion(this, other), &directions))
+        .reduce(|a, b| a.smaller(&b));
+    let (width, height) = (this.width(0), this.width(0) / 2);
+    let Some(misfit) = misfit else {
+        return Mask {
             width,
             height,
-            data,
-        }
+            data: vec![0; width * height],
+        };
+    };
+    let extent = EXTENT_RADIANS / this.pixel_radians(0);
+    let slopes = luma(this).slopes().blurred(extent);
+    let mut ratio = misfit.blurred(extent);
+    for (value, slope) in ratio.values.iter_mut().zip(&slopes.values) {
+        *value /= NOISE + MISPLACED_PIXELS * slope;
+    }
+    let limit = OVER_MEDIAN * ratio.median_on_sphere();
+    Mask {
+        width,
+        height,
+        data: ratio
+            .values
+            .iter()
+            .map(|&value| if value > limit { 255 } else { 0 })
+            .collect(),
+    }
+}
+
+fn directions(width: usize) -> Vec<Vec3> {
+    let camera = ErpCamera {
+        width: width as u32,
+        height: width as u32 / 2,
+    };
+    (0..camera.height)
+        .flat_map(|row| (0..camera.width).map(move |column| (column, row)))
+        .map(|(column, row)| {
+            let pixel = glam::dvec2(f64::from(column) + 0.5, f64::from(row) + 0.5);
+            camera.unproject(pixel).as_vec3()
+        })
+        .collect()
+}
+
+/// Mean difference of grey values around each pixel at the distance at which it fits best.
+///
+/// A still point in direction `d` at distance `z` is seen in direction `d - t b / z` after the camera
+/// went by `b` towards `t`; the sweep is over `b / z`, in steps of a pixel.
+fn still_misfit(
+    this: &GreySphere,
+    that: &GreySphere,
+    motion: &CameraMotion,
+    directions: &[Vec3],
+) -> Field {
+    let width = this.width(0);
+    let step = this.pixel_radians(0);
+    let (heading, steps) = match motion.heading {
+        Some(heading) => (
+            heading,
+            (motion.largest_parallax / step).ceil() as usize + 1,
+        ),
+        None => (Vec3::ZERO, 0),
+    };
+    (0..=steps)
+        .map(|index| {
+            let shift = index as f32 * step * heading;
+            difference(this, that, motion.rotation, shift, directions).box_mean(REACH_PIXELS)
+        })
+        .reduce(|a, b| a.smaller(&b))
+        .unwrap_or_else(|| Field {
+            width,
+            height: width / 2,
+            values: vec![0.0; directions.len()],
+        })
+}
+
+/// Differences of grey values if every point were as far away as makes it shift by `shift`.
+fn difference(
+    this: &GreySphere,
+    that: &GreySphere,
+    rotation: Quat,
+    shift: Vec3,
+    directions: &[Vec3],
+) -> Field {
+    let width = this.width(0);
+    let luma = this.luma();
+    let mut values = vec![0.0; directions.len()];
+    values
+        .par_chunks_mut(width)
+        .zip(directions.par_chunks(width))
+        .zip(luma.par_chunks(width))
+        .for_each(|((values, directions), luma)| {
+            for ((value, &direction), &here) in values.iter_mut().zip(directions).zip(luma) {
+                let there = that.sample(0, rotation * (direction - shift));
+                *value = (there - here).abs().min(LARGEST_DIFFERENCE);
+            }
+        });
+    Field {
+        width,
+        height: width / 2,
+        values,
     }
 }

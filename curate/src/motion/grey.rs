@@ -27,16 +27,26 @@ impl GreySphere {
         let luma = pixels
             .iter()
             .map(|[r, g, b]| 0.2126 * r + 0.7152 * g + 0.0722 * b);
+        Self::of_luma(width, luma.collect())
+    }
+
+    /// The same of grey values, row-major, `width / 2` rows of them.
+    pub fn of_luma(width: usize, luma: Vec<f32>) -> Self {
         let mut levels = vec![Level {
             width,
             height: width / 2,
-            data: luma.collect(),
+            data: luma,
         }];
         while let Some(last) = levels.last().filter(|level| level.width >= 64) {
             let halved = last.halved();
             levels.push(halved);
         }
         Self { levels }
+    }
+
+    /// The grey values of the largest level, row-major.
+    pub fn luma(&self) -> &[f32] {
+        &self.levels[0].data
     }
 
     /// Number of levels, the largest first.

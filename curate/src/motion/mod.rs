@@ -4,11 +4,13 @@
 //! Everything works with directions instead of pixels, so there is no seam and no pole: pictures
 //! are sampled on tangent planes wherever a point lies.
 
+pub mod camera;
 pub mod flow;
 pub mod grey;
 pub mod residual;
 pub mod rotation;
 
+pub use camera::{CameraMotion, camera_motion};
 pub use flow::{Flow, flow};
 pub use grey::GreySphere;
 pub use residual::{PairMotion, explain};

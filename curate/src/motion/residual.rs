@@ -14,7 +14,7 @@ use crate::statistics;
 const ROUNDS: usize = 12;
 /// Where the camera goes to or comes from (sine of the angle to it), still points hardly move at
 /// all, and every direction of flow is across.
-const NEAR_EPIPOLE: f32 = 0.15;
+pub(super) const NEAR_EPIPOLE: f32 = 0.15;
 /// A residual this many times the usual one is motion.
 const OUTLIER_RATIO: f64 = 4.0;
 /// A camera whose median flow is below this many pixels does not move.

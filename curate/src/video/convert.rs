@@ -9,6 +9,7 @@ use ffmpeg::{
 };
 use ffmpeg_next as ffmpeg;
 
+use super::reduce::Reduction;
 use crate::error::CurateError;
 
 /// 8-bit interleaved RGB, row-major.
@@ -59,17 +60,13 @@ impl Rgb8Picture {
     }
 }
 
-/// Rows of a large frame that are averaged into one row of a small picture, at least.
-const ROWS_AVERAGED: u32 = 8;
-
 /// How a [`Converter`] treats size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scaling {
     /// The decoded size; chroma is interpolated to it.
     Native,
-    /// At most this many pixels wide, aspect kept, by area averaging. Where more than
-    /// `ROWS_AVERAGED` rows would go into one, rows in between are left out: a detector sees no
-    /// difference, and the time goes with the pixels that are read.
+    /// At most this many pixels wide, aspect kept, by area averaging; of large frames not every row
+    /// is read (`reduce.rs`).
     MaxWidth(u32),
     /// This size whatever the aspect, bicubic, and BT.601 where the stream states no matrix: as the
     /// `ffmpeg` program does it that TransNetV2 reads its pictures from.
@@ -88,6 +85,7 @@ pub enum Scaling {
 pub struct Converter {
     scaling: Scaling,
     context: Option<scaling::Context>,
+    reduction: Option<Reduction>,
     configured: Option<Configuration>,
 }
 
@@ -106,6 +104,7 @@ impl Converter {
         Self {
             scaling,
             context: None,
+            reduction: None,
             configured: None,
         }
     }
@@ -137,55 +136,38 @@ impl Converter {
         };
         // A stream may change its size or colours on the way.
         if self.configured != Some(configuration) {
-            self.context = Some(configuration.context(self.scaling).map_err(unsupported)?);
+            self.reduction = configuration.reduction(self.scaling);
+            let context = configuration.context(self.scaling, self.reduction.as_ref());
+            self.context = Some(context.map_err(unsupported)?);
             self.configured = Some(configuration);
         }
         let Some(context) = self.context.as_mut() else {
             return Err(CurateError::internal(path, "no scaler"));
         };
-        let row_step = configuration.row_step(self.scaling);
-        if row_step == 1 {
-            let mut rgb = ffmpeg::frame::Video::empty();
-            context.run(picture, &mut rgb).map_err(unsupported)?;
-            return Ok(packed(&rgb));
+        let mut rgb = ffmpeg::frame::Video::empty();
+        match &self.reduction {
+            Some(reduction) => context.run(&reduction.apply(picture), &mut rgb),
+            None => context.run(picture, &mut rgb),
         }
-        Ok(packed(&every_nth_row(context, picture, row_step)))
+        .map_err(unsupported)?;
+        Ok(packed(&rgb))
     }
 }
 
 impl Configuration {
-    /// Of how many rows one is read.
-    fn row_step(&self, scaling: Scaling) -> u32 {
-        let Scaling::MaxWidth(limit) = scaling else {
-            return 1;
-        };
-        // Formats whose planes are rows of samples and nothing else.
-        let is_plain = matches!(
-            self.format,
-            Pixel::YUV420P
-                | Pixel::YUVJ420P
-                | Pixel::YUV422P
-                | Pixel::YUV444P
-                | Pixel::YUV420P10LE
-                | Pixel::NV12
-                | Pixel::P010LE
-        );
-        if is_plain {
-            (self.width / limit / ROWS_AVERAGED).max(1)
-        } else {
-            1
+    /// How frames are made smaller before they are scaled to size and converted.
+    fn reduction(&self, scaling: Scaling) -> Option<Reduction> {
+        match scaling {
+            Scaling::MaxWidth(limit) => Reduction::new(self.format, self.width, self.height, limit),
+            Scaling::Native | Scaling::Exactly { .. } => None,
         }
     }
 
-    /// Rows that are read. Two rows may share their chroma.
-    fn rows_read(&self, scaling: Scaling) -> u32 {
-        match self.row_step(scaling) {
-            1 => self.height,
-            step => (self.height / step) & !1,
-        }
-    }
-
-    fn context(&self, scaling: Scaling) -> Result<scaling::Context, ffmpeg::Error> {
+    fn context(
+        &self,
+        scaling: Scaling,
+        reduction: Option<&Reduction>,
+    ) -> Result<scaling::Context, ffmpeg::Error> {
         let (width, height, filter) = match scaling {
             Scaling::MaxWidth(limit) if self.width > limit => {
                 let height = (f64::from(self.height) * f64::from(limit) / f64::from(self.width))
@@ -203,10 +185,14 @@ impl Configuration {
                     | Flags::ACCURATE_RND,
             ),
         };
+        let (source_format, source_width, source_height) = match reduction {
+            Some(reduced) => (reduced.format, reduced.width, reduced.height),
+            None => (self.format, self.width, self.height),
+        };
         let mut context = scaling::Context::get(
-            self.format,
-            self.width,
-            self.rows_read(scaling),
+            source_format,
+            source_width,
+            source_height,
             Pixel::RGB24,
             width,
             height,
@@ -255,34 +241,6 @@ impl Configuration {
                 Pixel::YUVJ420P | Pixel::YUVJ422P | Pixel::YUVJ444P | Pixel::YUVJ440P
             )
     }
-}
-
-/// Scales a frame of which one row in `step` is read; the context is for a frame of that height.
-fn every_nth_row(
-    context: &mut scaling::Context,
-    picture: &ffmpeg::frame::Video,
-    step: u32,
-) -> ffmpeg::frame::Video {
-    let (input, output) = (*context.input(), *context.output());
-    let mut rgb = ffmpeg::frame::Video::new(output.format, output.width, output.height);
-    // SAFETY: the context was made for the frame's format, its width and at most `height / step`
-    // rows, so that with `step` times its strides every row read is one of its own; the target was
-    // allocated for the context's output. Neither is kept after the call.
-    unsafe {
-        let source = picture.as_ptr();
-        let target = rgb.as_mut_ptr();
-        let strides = (*source).linesize.map(|stride| stride * step as i32);
-        ffi::sws_scale(
-            context.as_mut_ptr(),
-            (*source).data.as_ptr().cast(),
-            strides.as_ptr(),
-            0,
-            input.height as i32,
-            (*target).data.as_ptr(),
-            (*target).linesize.as_ptr(),
-        );
-    }
-    rgb
 }
 
 enum Matrix {

@@ -1,14 +1,19 @@
 //! Decoding as a stream: one frame in memory at a time, with the source's timestamps.
 
 use std::{
+    num::NonZero,
     ops::Range,
     path::{Path, PathBuf},
+    thread,
 };
 
 use ffmpeg::{codec::threading, format::context, media, util::error::EAGAIN};
 use ffmpeg_next as ffmpeg;
 
 use crate::error::CurateError;
+
+/// Every thread holds frames; beyond this many, decoding is no faster.
+const MOST_THREADS: usize = 16;
 
 /// Reads the best video stream of a file from its first frame to its last.
 ///
@@ -78,10 +83,12 @@ impl VideoReader {
             .ok_or_else(|| CurateError::video(path, "has no video stream"))?;
         let mut codec = ffmpeg::codec::Context::from_parameters(stream.parameters())
             .map_err(|error| CurateError::internal(path, error))?;
-        // Zero threads lets FFmpeg take one per core.
+        // One per core. Left to itself FFmpeg takes one more, which costs memory and gains nothing:
+        // the frames are looked at in this thread.
+        let cores = thread::available_parallelism().map_or(1, NonZero::get);
         codec.set_threading(threading::Config {
             kind: threading::Type::Frame,
-            count: 0,
+            count: cores.min(MOST_THREADS),
             ..threading::Config::default()
         });
         let decoder = codec.decoder().video().map_err(|error| {

@@ -4,6 +4,7 @@
 pub mod convert;
 pub mod decode;
 pub mod probe;
+mod reduce;
 mod spherical_boxes;
 
 pub use convert::{Converter, Rgb8Picture, Scaling};

@@ -1,0 +1,144 @@
+//! Numbers on the pixels of an equirectangular picture, smoothed around the seam.
+
+use std::f64::consts::PI;
+
+/// One value per pixel, row-major. Columns wrap around, rows end at the poles.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Field {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    pub(super) values: Vec<f32>,
+}
+
+impl Field {
+    /// The weighted mean of each value's neighbours along its row and column, by a Gaussian of this
+    /// standard deviation in pixels.
+    pub(super) fn blurred(&self, sigma_pixels: f32) -> Self {
+        let reach = (3.0 * sigma_pixels).ceil() as i32;
+        let gauss = |offset: i32| (-0.5 * (offset as f32 / sigma_pixels).powi(2)).exp();
+        self.filtered(&(-reach..=reach).map(gauss).collect::<Vec<f32>>())
+    }
+
+    /// Means over squares of `2 * reach + 1` pixels.
+    pub(super) fn box_mean(&self, reach: usize) -> Self {
+        self.filtered(&vec![1.0; 2 * reach + 1])
+    }
+
+    /// The field filtered along rows and along columns by weights around their middle.
+    fn filtered(&self, weights: &[f32]) -> Self {
+        let total: f32 = weights.iter().sum();
+        let weights: Vec<f32> = weights.iter().map(|weight| weight / total).collect();
+        let reach = weights.len() / 2;
+        let mut along = vec![0.0; self.values.len()];
+        let mut padded = vec![0.0; self.width + 2 * reach];
+        for (row, out) in self
+            .values
+            .chunks_exact(self.width)
+            .zip(along.chunks_exact_mut(self.width))
+        {
+            for (index, value) in padded.iter_mut().enumerate() {
+                // `reach` may be wider than the picture.
+                let turns = reach.div_ceil(self.width) * self.width;
+                *value = row[(index + turns - reach) % self.width];
+            }
+            for (x, value) in out.iter_mut().enumerate() {
+                *value = weights.iter().zip(&padded[x..]).map(|(w, v)| w * v).sum();
+            }
+        }
+        let mut values = vec![0.0; self.values.len()];
+        for (y, out) in values.chunks_exact_mut(self.width).enumerate() {
+            for (index, weight) in weights.iter().enumerate() {
+                let from = (y + index).saturating_sub(reach).min(self.height - 1);
+                let row = &along[from * self.width..(from + 1) * self.width];
+                for (value, other) in out.iter_mut().zip(row) {
+                    *value += weight * other;
+                }
+            }
+        }
+        Self { values, ..*self }
+    }
+
+    /// Lengths of the differences between the neighbours on both sides, halved.
+    pub(super) fn slopes(&self) -> Self {
+        let (width, height) = (self.width, self.height);
+        let at = |x: usize, y: usize| self.values[y * width + x];
+        let mut values = Vec::with_capacity(self.values.len());
+        for y in 0..height {
+            for x in 0..width {
+                let along = at((x + 1) % width, y) - at((x + width - 1) % width, y);
+                let across = at(x, (y + 1).min(height - 1)) - at(x, y.saturating_sub(1));
+                values.push(0.5 * (along * along + across * across).sqrt());
+            }
+        }
+        Self { values, ..*self }
+    }
+
+    /// The smaller of two fields of one size, everywhere.
+    pub(super) fn smaller(mut self, other: &Self) -> Self {
+        for (value, other) in self.values.iter_mut().zip(&other.values) {
+            *value = value.min(*other);
+        }
+        self
+    }
+
+    /// The value that half of the sphere's area is below; 0 for an empty field.
+    pub(super) fn median_on_sphere(&self) -> f32 {
+        let mut weighted: Vec<(f32, f64)> = self
+            .values
+            .iter()
+            .enumerate()
+            .map(|(index, &value)| {
+                let row = (index / self.width) as f64 + 0.5;
+                (value, (PI * row / self.height as f64).sin())
+            })
+            .collect();
+        weighted.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let half = 0.5 * weighted.iter().map(|(_, weight)| weight).sum::<f64>();
+        let mut below = 0.0;
+        for (value, weight) in weighted {
+            below += weight;
+            if below >= half {
+                return value;
+            }
+        }
+        0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn field(width: usize, height: usize, value: impl Fn(usize, usize) -> f32) -> Field {
+        let values = (0..width * height)
+            .map(|index| value(index % width, index / width))
+            .collect();
+        Field {
+            width,
+            height,
+            values,
+        }
+    }
+
+    #[test]
+    fn smoothing_goes_on_over_the_seam_and_keeps_what_is_even() {
+        let even = field(16, 8, |_, _| 0.3).blurred(2.0);
+        assert!(even.values.iter().all(|value| (value - 0.3).abs() < 1e-6));
+        let spot = field(16, 8, |x, y| f32::from(u8::from(x == 0 && y == 4))).box_mean(1);
+        let at = |x: usize, y: usize| spot.values[y * 16 + x];
+        for (x, y) in [(15, 3), (15, 5), (0, 4), (1, 4)] {
+            assert!((at(x, y) - 1.0 / 9.0).abs() < 1e-6, "{x} {y}");
+        }
+        assert_eq!(at(14, 4), 0.0);
+    }
+
+    #[test]
+    fn the_median_is_of_the_area_of_the_sphere() {
+        // Rows around the poles: half of the pixels, 0.29 of the area.
+        let caps = field(8, 64, |_, y| if (16..48).contains(&y) { 1.0 } else { 5.0 });
+        assert_eq!(caps.median_on_sphere(), 1.0);
+        let ramp = field(8, 64, |_, y| y as f32);
+        assert!((ramp.median_on_sphere() - 31.5).abs() <= 0.5);
+        assert_eq!(ramp.slopes().values[8 * 20], 1.0);
+    }
+}

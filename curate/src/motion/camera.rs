@@ -1,0 +1,62 @@
+//! The whole motion of the camera between two pictures: turn, heading, and how far still things
+//! shift.
+
+use glam::{Quat, Vec3};
+
+use super::{
+    align, explain, flow,
+    grey::{GreySphere, even_directions},
+    residual::NEAR_EPIPOLE,
+};
+
+/// Directions at which flow is looked for.
+const POINTS: usize = 4000;
+/// The nearest things that are looked for shift this many times as far as those that a flow was
+/// found for.
+const BEYOND_SEEN: f32 = 1.25;
+/// Share of the flow that is taken for that of still things, from the shortest.
+const STILL_SHARE: f64 = 0.98;
+/// However near, nothing is taken to shift by more, radians.
+const MOST_PARALLAX_RADIANS: f32 = 0.6;
+
+/// How the camera moved.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CameraMotion {
+    /// Takes directions of the first camera to the second.
+    pub rotation: Quat,
+    /// Where the camera went, a unit direction in the first camera's frame; `None` where it did not
+    /// move.
+    pub heading: Option<Vec3>,
+    /// How far the nearest still things at right angles to the heading shift: the way of the camera
+    /// over their distance.
+    pub largest_parallax: f32,
+}
+
+/// The motion of the camera from one picture to another.
+pub fn camera_motion(from: &GreySphere, to: &GreySphere) -> CameraMotion {
+    let aligned = align(from, to);
+    let directions: Vec<Vec3> = even_directions(POINTS).collect();
+    let flow = flow(from, to, aligned, &directions);
+    let motion = explain(&flow, from.pixel_radians(0));
+    let mut shifts: Vec<f32> = motion.heading.map_or_else(Vec::new, |heading| {
+        flow.iter()
+            .enumerate()
+            .filter(|&(index, _)| motion.is_dynamic(index) == Some(false))
+            .filter_map(|(_, flow)| {
+                let along = heading - heading.dot(flow.direction) * flow.direction;
+                let left = flow.moved? + motion.turn.cross(flow.direction);
+                (along.length() > NEAR_EPIPOLE).then(|| -left.dot(along) / along.length_squared())
+            })
+            .collect()
+    });
+    shifts.sort_by(f32::total_cmp);
+    let nearest = (shifts.len() as f64 * STILL_SHARE) as usize;
+    CameraMotion {
+        rotation: Quat::from_scaled_axis(-motion.turn) * aligned,
+        heading: motion.heading,
+        largest_parallax: shifts
+            .get(nearest)
+            .map_or(0.0, |shift| BEYOND_SEEN * shift)
+            .clamp(0.0, MOST_PARALLAX_RADIANS),
+    }
+}
