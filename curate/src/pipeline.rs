@@ -20,7 +20,7 @@ use crate::{
     criteria,
     error::CurateError,
     frames, overlays,
-    sequences::Sequencing,
+    sequences::{self, Sequencing},
     slicing::SliceSettings,
     verdict, video,
 };
@@ -121,6 +121,34 @@ pub fn curate_video(
 
 /// [`curate_video`] with settings that are checked and a video that is hashed already.
 pub(crate) fn curate_source(
+    video: &Path,
+    source: &SourceVideo,
+    folder: &Path,
+    settings: &CurateSettings,
+    progress: &dyn Progress,
+) -> Result<Vec<String>, CurateError> {
+    let outcome = sequences_of(video, source, folder, settings, progress);
+    if let Err(error) = &outcome
+        && let Some(failed) = error.failed_checks()
+        && is_of(folder, source)?
+    {
+        sequences::withdraw(folder, failed, progress)?;
+    }
+    outcome
+}
+
+/// Whether a folder holds what an earlier run made of this video.
+fn is_of(folder: &Path, source: &SourceVideo) -> Result<bool, CurateError> {
+    let record = folder.join(ANALYSIS_FILE);
+    if !record.is_file() {
+        return Ok(false);
+    }
+    let held: VideoAnalysis = store::read_record(&record)?;
+    Ok(held.source.sha256 == source.sha256)
+}
+
+/// The stages from the header to the sequences.
+fn sequences_of(
     video: &Path,
     source: &SourceVideo,
     folder: &Path,

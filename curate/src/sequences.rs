@@ -78,7 +78,7 @@ impl Sequencing<'_> {
         }
         for folder in sequence_folders(self.folder)? {
             if !planned.iter().any(|sequence| sequence.name == folder) {
-                self.clear(&folder, progress)?;
+                clear(self.folder, &folder, progress)?;
             }
         }
         if !missing.is_empty() {
@@ -222,37 +222,11 @@ impl Sequencing<'_> {
             let files = (0..sequence.times.len()).map(frames::file_name);
             self.plan(sequence, &selection.folder)
                 .finish(files, wall_seconds)?;
-            self.clear(&sequence.name, progress)?;
+            clear(self.folder, &sequence.name, progress)?;
             let target = self.folder.join(&sequence.name);
             fs::rename(&selection.folder, &target)
                 .map_err(|error| StoreError::write(&target, error))?;
         }
-        Ok(())
-    }
-
-    /// Makes way for a sequence folder of this name. What is there already is removed where only
-    /// this stage has written into it, and set aside where others have.
-    fn clear(&self, name: &str, progress: &dyn Progress) -> Result<(), CurateError> {
-        let folder = self.folder.join(name);
-        if !folder.exists() {
-            return Ok(());
-        }
-        let Some(foreign) = foreign_entry(&folder)? else {
-            return Ok(store::remove(&folder)?);
-        };
-        let aside = self.folder.join(SUPERSEDED_FOLDER);
-        store::create_folder(&aside)?;
-        let target = (1_u32..)
-            .map(|number| aside.join(format!("{name}-{number}")))
-            .find(|target| !target.exists())
-            .unwrap_or_else(|| aside.join(name));
-        fs::rename(&folder, &target).map_err(|error| StoreError::write(&target, error))?;
-        progress.note(&format!(
-            "{}: its frames are no longer these; set aside with what was made from them ({foreign}) \
-             as {}",
-            folder.display(),
-            target.display()
-        ));
         Ok(())
     }
 
@@ -288,6 +262,57 @@ impl Sequencing<'_> {
         let name = self.folder.file_name().unwrap_or_default();
         name.to_string_lossy().into_owned()
     }
+}
+
+/// Takes back what earlier runs made of a video that is now kept out, so that its folder holds what
+/// it would hold if it had been kept out from the beginning. What others made from its sequences is
+/// set aside.
+///
+/// # Errors
+/// When something cannot be moved or removed.
+pub(crate) fn withdraw(
+    video_folder: &Path,
+    failed: &[CheckOutcome],
+    progress: &dyn Progress,
+) -> Result<(), CurateError> {
+    for name in sequence_folders(video_folder)? {
+        clear(video_folder, &name, progress)?;
+    }
+    slicing::remove_slices(video_folder)?;
+    // Where no shot is long enough, its boundaries are why.
+    if !failed
+        .iter()
+        .any(|check| check.check == attrition::SHOT_LENGTH)
+    {
+        store::remove(&video_folder.join(BOUNDARIES_FILE))?;
+    }
+    Ok(())
+}
+
+/// Makes way for a sequence folder of this name. What is there already is removed where only
+/// this stage has written into it, and set aside where others have.
+fn clear(video_folder: &Path, name: &str, progress: &dyn Progress) -> Result<(), CurateError> {
+    let folder = video_folder.join(name);
+    if !folder.exists() {
+        return Ok(());
+    }
+    let Some(foreign) = foreign_entry(&folder)? else {
+        return Ok(store::remove(&folder)?);
+    };
+    let aside = video_folder.join(SUPERSEDED_FOLDER);
+    store::create_folder(&aside)?;
+    let target = (1_u32..)
+        .map(|number| aside.join(format!("{name}-{number}")))
+        .find(|target| !target.exists())
+        .unwrap_or_else(|| aside.join(name));
+    fs::rename(&folder, &target).map_err(|error| StoreError::write(&target, error))?;
+    progress.note(&format!(
+        "{}: its frames are no longer these; set aside with what was made from them ({foreign}) \
+         as {}",
+        folder.display(),
+        target.display()
+    ));
+    Ok(())
 }
 
 /// The first entry of a sequence folder that another stage made, or the user.

@@ -7,6 +7,7 @@ use std::{fs, path::Path};
 
 use omnilife_curate::{
     CurateError, CurateSettings, curate_video,
+    slicing::SliceSettings,
     video::{VideoReader, probe},
 };
 use omnilife_schemas::{
@@ -194,6 +195,42 @@ fn what_was_made_from_frames_is_never_deleted() {
     curate_video(&renamed, &out, &settings, &Silent).unwrap();
     assert_eq!(fs::read_dir(out.join(".superseded")).unwrap().count(), 1);
     assert_eq!(sequence(&out, "seq-000").frames.entries.len(), 40);
+}
+
+/// A video that newer criteria keep out leaves what it would have left had they always done so; work
+/// of others is set aside.
+#[test]
+fn a_video_that_is_kept_out_later_takes_its_sequences_back() {
+    let temp = tempfile::tempdir().unwrap();
+    let video = erp_clip(temp.path(), "walk.mp4", &[1, 3], 40, 20);
+    let out = temp.path().join("walk");
+    let sliced = CurateSettings {
+        slices: Some(SliceSettings { audio: false }),
+        ..lenient()
+    };
+    curate_video(&video, &out, &sliced, &Silent).unwrap();
+    assert!(out.join("slices/seq-001.mp4").exists());
+    fs::write(out.join("seq-001/scene.json"), "poses").unwrap();
+    let strict = CurateSettings {
+        profile: "omnilife360".to_owned(),
+        enforce: true,
+        ..sliced.clone()
+    };
+    let error = curate_video(&video, &out, &strict, &Silent).unwrap_err();
+    assert!(error.failed_checks().is_some(), "{error}");
+    assert_eq!(
+        store::names_in(&out).unwrap(),
+        [".done", ".superseded", "analysis.json", "signals.parquet"]
+    );
+    let kept = fs::read(out.join(".superseded/seq-001-1/scene.json")).unwrap();
+    assert_eq!(kept, b"poses");
+    assert!(!out.join(".superseded/seq-000-1").exists());
+
+    // Another video's folder is not touched.
+    let other = erp_clip(temp.path(), "other.mp4", &[2], 40, 20);
+    curate_video(&video, &out, &sliced, &Silent).unwrap();
+    curate_video(&other, &out, &strict, &Silent).unwrap_err();
+    assert!(out.join("seq-000/sequence.json").exists());
 }
 
 /// A sequence that is no longer cut goes; the ones around it stay as they are.

@@ -3,7 +3,7 @@
 
 mod support;
 
-use std::path::Path;
+use std::{path::Path, process::Command};
 
 use omnilife_curate::{
     slicing::{
@@ -313,4 +313,109 @@ fn real_footage_is_sliced_with_its_sound() {
             assert_eq!(file.audio, name == "congo_stereo.mp4");
         }
     }
+}
+
+/// Runs the program ffmpeg; `false` where it fails.
+fn ffmpeg(words: &[&str]) -> bool {
+    Command::new("ffmpeg")
+        .args(["-nostdin", "-v", "error", "-y"])
+        .args(words)
+        .status()
+        .is_ok_and(|status| status.success())
+}
+
+/// Slices 10 to 22 of 30 frames, which has to be encoded, and 0 to 12, which may be copied, and holds
+/// both against the source.
+fn assert_sliced_like_the_source(video: &Path) {
+    let before = probe(video).unwrap();
+    let source = frames(video);
+    let times: Vec<f64> = source.iter().map(|(time, _)| *time).collect();
+    let whole = SliceSource {
+        video,
+        times: &times,
+        quarter_turns: (before.rotation_degrees / 90.0).round() as u32,
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let stretches = [(0, 12), (10, 22)];
+    let requests = stretches.map(|(first, end)| SliceRequest {
+        range: range(times[first], times[end]),
+        path: folder.path().join(format!("{first}.mp4")),
+        name: format!("{first}.mp4"),
+    });
+    for (request, (first, end)) in requests.iter().zip(stretches) {
+        let settings = SliceSettings { audio: false };
+        let one = std::slice::from_ref(request);
+        slice_video(&whole, one, settings, &Silent).unwrap();
+        let after = probe(&request.path).unwrap();
+        assert_eq!(after.rotation_degrees, before.rotation_degrees);
+        assert_eq!(after.bit_depth, before.bit_depth);
+        assert_eq!(after.transfer, before.transfer);
+        assert_eq!((after.width, after.height), (before.width, before.height));
+        assert!(after.spherical.is_some());
+        let slice = frames(&request.path);
+        assert_eq!(slice.len(), end - first);
+        for (offset, (_, picture)) in slice.iter().enumerate() {
+            let difference = mean_difference(picture, &source[first + offset].1);
+            assert!(
+                difference < 1.5,
+                "{} frame {offset}: {difference}",
+                request.name
+            );
+        }
+    }
+}
+
+#[test]
+fn a_turned_video_stays_turned() {
+    let folder = tempfile::tempdir().unwrap();
+    let upright = folder.path().join("upright.mp4");
+    yawing(&upright, (0..30).map(|i| i * 2000).collect());
+    let (from, to) = (upright.to_str().unwrap(), folder.path().join("turned.mp4"));
+    let out = to.to_str().unwrap();
+    // Older versions of the program take the angle as metadata, newer ones as an option.
+    let turned = ffmpeg(&[
+        "-display_rotation:v:0",
+        "-90",
+        "-i",
+        from,
+        "-c",
+        "copy",
+        out,
+    ]) || ffmpeg(&[
+        "-i",
+        from,
+        "-c",
+        "copy",
+        "-metadata:s:v:0",
+        "rotate=90",
+        out,
+    ]);
+    if !turned || probe(&to).unwrap().rotation_degrees == 0.0 {
+        println!("skipped: this ffmpeg writes no rotation");
+        return;
+    }
+    assert_sliced_like_the_source(&to);
+}
+
+#[test]
+fn ten_bits_stay_ten_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let eight = folder.path().join("eight.mp4");
+    yawing(&eight, (0..30).map(|i| i * 2000).collect());
+    let deep = folder.path().join("deep.mp4");
+    let words = "-c:v libx264 -preset ultrafast -crf 10 -g 12 -bf 0 -pix_fmt yuv420p10le -color_trc \
+                 smpte2084 -color_primaries bt2020 -colorspace bt2020nc";
+    let mut all = vec!["-i", eight.to_str().unwrap()];
+    all.extend(words.split_whitespace());
+    all.push(deep.to_str().unwrap());
+    if !ffmpeg(&all) {
+        println!("skipped: this ffmpeg has no 10-bit encoder");
+        return;
+    }
+    let found = probe(&deep).unwrap();
+    assert_eq!(
+        (found.bit_depth, found.transfer.as_str()),
+        (10, "smpte2084")
+    );
+    assert_sliced_like_the_source(&deep);
 }

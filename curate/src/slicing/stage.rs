@@ -25,6 +25,12 @@ pub struct SliceSettings {
     pub audio: bool,
 }
 
+/// Removes the slices of a video and their record.
+pub(crate) fn remove_slices(folder: &Path) -> Result<(), CurateError> {
+    store::remove(&folder.join(SLICES_FOLDER))?;
+    Ok(store::remove(&folder.join(SLICES_FILE))?)
+}
+
 /// Writes `slices.json` into a video's folder, and an mp4 per kept shot where `settings` asks for
 /// them; skipped, with a note, while the video, its shots and the settings have not changed.
 ///
