@@ -72,7 +72,8 @@ fn black_around(picture: &Rgb8Picture) -> Option<f64> {
             let v = (at / picture.width) as f64 + 0.5;
             let across = (u / picture.width as f64) % (2.0 * half) / half - 1.0;
             let down = 2.0 * v / picture.height as f64 - 1.0;
-            let ring = ((across.hypot(down) * 100.0) as usize).min(127);
+            let radius = (across * across + down * down).sqrt();
+            let ring = ((radius * 100.0) as usize).min(127);
             rings[ring].0 += u32::from(black);
             rings[ring].1 += 1;
         }

@@ -38,13 +38,15 @@ fn seam(picture: &Rgb8Picture, width: usize) -> Option<f64> {
     if width < 16 {
         return None;
     }
+    let shares = row_shares(picture.height);
+    let column_difference = |a, b| column_difference(picture, &shares, a, b);
     let neighbours: Vec<f64> = (0..width - 1)
-        .map(|x| column_difference(picture, x, x + 1))
+        .map(|x| column_difference(x, x + 1))
         .collect();
     let distant: Vec<f64> = (0..width)
         .step_by(4)
         .flat_map(|x| [width / 4, width / 3, width / 2].map(|shift| (x, (x + shift) % width)))
-        .map(|(a, b)| column_difference(picture, a, b))
+        .map(|(a, b)| column_difference(a, b))
         .collect();
     // Detail happens to be rich or poor at the edges; a real seam continues what is there.
     let at_edges: Vec<f64> = neighbours[..EDGE_PAIRS]
@@ -55,24 +57,30 @@ fn seam(picture: &Rgb8Picture, width: usize) -> Option<f64> {
     let near = statistics::median(&neighbours)?.max(statistics::median(&at_edges)?);
     let far = statistics::median(&distant)?;
     (far - near >= LEAST_CONTRAST_LEVELS)
-        .then(|| ((column_difference(picture, width - 1, 0) - near) / (far - near)).max(0.0))
+        .then(|| ((column_difference(width - 1, 0) - near) / (far - near)).max(0.0))
 }
 
-/// Mean absolute difference of two columns in 8-bit levels, rows weighted by the cosine of their
-/// latitude so that the poles, where everything agrees, do not drown the rest.
-fn column_difference(picture: &Rgb8Picture, a: usize, b: usize) -> f64 {
-    let mut sum = 0.0;
-    let mut weights = 0.0;
-    for y in 0..picture.height {
-        let weight = ((0.5 - (y as f64 + 0.5) / picture.height as f64) * PI).cos();
-        let (one, other) = (picture.pixel(a, y), picture.pixel(b, y));
-        let difference: f64 = one
-            .iter()
-            .zip(other)
-            .map(|(&p, q)| f64::from(p.abs_diff(q)))
-            .sum();
-        sum += weight * difference / 3.0;
-        weights += weight;
-    }
-    sum / weights
+/// Shares of the rows: the cosine of their latitude, so that the poles, where everything agrees, do
+/// not drown the rest.
+fn row_shares(height: usize) -> Vec<f64> {
+    let cosine = |y: usize| ((0.5 - (y as f64 + 0.5) / height as f64) * PI).cos();
+    let total: f64 = (0..height).map(cosine).sum();
+    (0..height).map(|y| cosine(y) / total).collect()
+}
+
+/// Mean absolute difference of two columns in 8-bit levels.
+fn column_difference(picture: &Rgb8Picture, shares: &[f64], a: usize, b: usize) -> f64 {
+    shares
+        .iter()
+        .enumerate()
+        .map(|(y, share)| {
+            let (one, other) = (picture.pixel(a, y), picture.pixel(b, y));
+            let difference: u32 = one
+                .iter()
+                .zip(other)
+                .map(|(&p, q)| u32::from(p.abs_diff(q)))
+                .sum();
+            share * f64::from(difference) / 3.0
+        })
+        .sum()
 }

@@ -25,6 +25,7 @@ pub struct Rgb8Picture {
 
 impl Rgb8Picture {
     /// The pixel in column `x` and row `y`.
+    #[inline]
     pub fn pixel(&self, x: usize, y: usize) -> [u8; 3] {
         let at = (y * self.width + x) * 3;
         [self.data[at], self.data[at + 1], self.data[at + 2]]

@@ -8,7 +8,7 @@ use ffmpeg::format::Pixel;
 use ffmpeg_next as ffmpeg;
 
 /// Rows of samples that are averaged into one, at least, where there are that many.
-const ROWS_AVERAGED: u32 = 8;
+const ROWS_AVERAGED: u32 = 4;
 
 /// How frames of one format and size are made smaller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -169,7 +169,7 @@ impl Blocks {
     }
 
     /// Has `add_row` add the rows of a row of blocks that are read to `sums`, and counts them. At
-    /// most 15 rows of 10 bits are: 16 bits hold their sum.
+    /// most 7 rows of 10 bits are: 16 bits hold their sum.
     fn sum_rows(
         &self,
         row: usize,
@@ -275,7 +275,7 @@ mod tests {
         let odd = assert_means(Pixel::YUVJ420P, (192, 108), 64, 256);
         assert_eq!((odd.format, odd.factor), (Pixel::YUVJ420P, 3));
         let deep = assert_means(Pixel::YUV420P10LE, (256, 64), 16, 1024);
-        assert_eq!((deep.format, deep.row_step), (Pixel::YUV444P10LE, 2));
+        assert_eq!((deep.format, deep.row_step), (Pixel::YUV444P10LE, 4));
         let _ = assert_means(Pixel::YUV422P, (256, 128), 60, 256);
         let _ = assert_means(Pixel::YUV444P, (256, 128), 100, 256);
     }
