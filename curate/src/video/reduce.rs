@@ -69,15 +69,18 @@ impl Reduction {
         let (chroma_width, chroma_height) = (width.div_ceil(across), height.div_ceil(down));
         (2..=width / width_limit.max(1)).rev().find_map(|factor| {
             // With an even factor every pixel gets chroma of its own, else as many as before.
-            let (format, chroma_factor) = if factor % across == 0 && factor % down == 0 {
-                (source.full, [factor / across, factor / down])
-            } else {
-                (source.same, [factor, factor])
-            };
-            let fits = width % factor == 0
-                && height % factor == 0
-                && chroma_width % chroma_factor[0] == 0
-                && chroma_height % chroma_factor[1] == 0;
+            let (format, chroma_factor) =
+                if factor.is_multiple_of(across) && factor.is_multiple_of(down) {
+                    (source.full, [factor / across, factor / down])
+                } else {
+                    (source.same, [factor, factor])
+                };
+            let sizes = [width, height, chroma_width, chroma_height];
+            let factors = [factor, factor, chroma_factor[0], chroma_factor[1]];
+            let fits = sizes
+                .iter()
+                .zip(factors)
+                .all(|(size, factor)| size.is_multiple_of(factor));
             fits.then_some(Self {
                 source,
                 format,
