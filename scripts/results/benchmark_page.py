@@ -23,7 +23,8 @@ scripts/setup --sfm --models --example
 scripts/results/benchmark RENDERED_HALL TUNNEL_VIDEO
 ```
 
-`street` is the sample in the repository, `hall` a rendering of the same kind (poses and masks given for both), `tunnel` real footage with poses from structure from motion and without masks. Three videos are far too few for intervals, which stand here because the tables have them. Training times are wall-clock seconds; on a machine that has other work to do they say nothing."""
+`street` is the sample in the repository, `hall` a rendering of the same kind (poses and masks given for both), `tunnel` real footage with poses from structure from motion and without masks. Three videos are far too few for intervals, which stand here because the tables have them. Training times are wall-clock seconds; on a machine that has other work to do they say nothing.
+"""
 
 
 def scores(result):
