@@ -103,7 +103,12 @@ fn the_documented_files_are_there_and_no_others() {
     let score = format!("{METHOD}/score");
     expect(
         &score,
-        &["result.json", "frames.parquet", ".done/score.json"],
+        &[
+            "result.json",
+            "scoring.json",
+            "frames.parquet",
+            ".done/score.json",
+        ],
     );
     for frame in 0..10 {
         expect(SEQUENCE, &[&format!("frames/{frame:06}.png")]);
