@@ -18,7 +18,7 @@ use omnilife_schemas::{
 
 use crate::{
     error::ReconstructError,
-    gaussians::{moving_ply, ply},
+    gaussians::{deformation_file, moving_ply, ply},
     interpolation,
     methods::{self, MethodOutcome, MethodRequest},
     process,
@@ -32,6 +32,8 @@ pub const RUN_FILE: &str = "run.json";
 pub const GAUSSIANS_FILE: &str = "gaussians.ply";
 /// Name of the Gaussians that depend on time in the run's folder; static methods have none.
 pub const MOVING_GAUSSIANS_FILE: &str = "gaussians-moving.ply";
+/// Name of the network that deforms Gaussians in the run's folder; most methods have none.
+pub const DEFORMATION_FILE: &str = "deformation.safetensors";
 /// Name of the checkpoint in the run's folder; it is there while a run is not over.
 pub const CHECKPOINT_FILE: &str = "checkpoint.bin";
 const TRACE_FILE: &str = "trace.csv";
@@ -142,6 +144,12 @@ pub fn reconstruct(
             clock,
         )?;
         outputs.push(MOVING_GAUSSIANS_FILE.to_owned());
+    }
+    let deformation_path = request.out.join(DEFORMATION_FILE);
+    store::remove(&deformation_path)?;
+    if let (Some(weights), Some(settings)) = (&model.deformation, &outcome.settings.deformation) {
+        deformation_file::write(&deformation_path, &settings.model, weights)?;
+        outputs.push(DEFORMATION_FILE.to_owned());
     }
     trace::write_csv(&trace_path, &trained.state.trace)?;
     let split: Split = store::read_record(&request.split)?;

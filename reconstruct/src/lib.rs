@@ -2,7 +2,8 @@
 //!
 //! * [`gaussians`]: parameter tables and parameterizations; [`camera`]: Jacobians and VJPs.
 //! * [`kernels`]: project, sort, bin, raster, loss, adam; [`render`] chains them.
-//! * [`clock`]: time in frames; [`losses`]: what dynamic scenes are held to beside their images.
+//! * [`clock`]: time in frames; [`losses`]: what dynamic scenes are held to beside their images;
+//!   [`mlp`]: the network that deforms Gaussians.
 //! * [`densify`], [`optim`]: when Gaussians are added and removed, and how fast they move.
 //! * [`methods`]: one file per published method; [`train`] orders the calls.
 //! * [`plan`]: what a scene gives a method reason for; [`motion_evidence`]: whether anything moves.
@@ -27,6 +28,7 @@ pub mod losses;
 pub mod mask_seeds;
 pub mod memory;
 pub mod methods;
+pub mod mlp;
 pub mod motion_evidence;
 pub mod optim;
 pub mod plan;

@@ -40,11 +40,11 @@ pub struct PlanCost {
     pub moving_gaussians: u64,
     /// Bytes of parameters, gradients and moments.
     pub table_bytes: u64,
-    /// Median wall-clock time of a training step, seconds.
+    /// Least wall-clock time of a training step, seconds.
     pub step_seconds: f64,
 }
 
-/// Steps whose median time is taken.
+/// Steps of each model that are timed.
 const TIMED_STEPS: usize = 9;
 
 /// Decides a method's components on a scene, and measures them against all of them.
@@ -65,30 +65,33 @@ pub fn plan(
         without: Vec::new(),
         ..request.clone()
     };
-    let cost = |request: &MethodRequest| -> Result<_, ReconstructError> {
-        let prepared = (method.prepare)(&scene, request, BackendChoice::Cpu)?;
-        let (fixed, moving, table_bytes) = size(&prepared.model);
-        let step_seconds =
-            timing::step_seconds(&scene, prepared.model, &prepared.settings, TIMED_STEPS)?;
-        let cost = PlanCost {
-            static_gaussians: fixed,
-            moving_gaussians: moving,
+    let prepare = |request: &MethodRequest| (method.prepare)(&scene, request, BackendChoice::Cpu);
+    let (planned, full) = (prepare(request)?, prepare(&full)?);
+    let sizes = [size(&planned.model), size(&full.model)];
+    let models = [
+        (planned.model, &planned.settings),
+        (full.model, &full.settings),
+    ];
+    let seconds = timing::step_seconds(&scene, models, TIMED_STEPS)?;
+    let cost = |index: usize| {
+        let (static_gaussians, moving_gaussians, table_bytes) = sizes[index];
+        PlanCost {
+            static_gaussians,
+            moving_gaussians,
             table_bytes,
-            step_seconds,
-        };
-        Ok((prepared.plan, cost))
+            step_seconds: seconds[index],
+        }
     };
-    let (decisions, planned) = cost(request)?;
     Ok(ScenePlan {
         method: method.id.to_owned(),
         scene: scene.id.clone(),
-        decisions,
-        planned,
-        full: cost(&full)?.1,
+        decisions: planned.plan,
+        planned: cost(0),
+        full: cost(1),
     })
 }
 
-/// Static and moving Gaussians of a model, and the bytes of their tables.
+/// Static and moving Gaussians of a model, and the bytes of their tables and of a network.
 fn size(model: &Model) -> (u64, u64, u64) {
     let fixed = model.table.len() as u64;
     let mut bytes = memory::table_bytes(fixed, &model.table.shapes());
@@ -96,6 +99,9 @@ fn size(model: &Model) -> (u64, u64, u64) {
     if let Some(gaussians) = &model.moving {
         moving = gaussians.table.len() as u64;
         bytes += memory::table_bytes(moving, &gaussians.table.shapes());
+    }
+    if let Some(weights) = &model.deformation {
+        bytes += weights.array.bytes();
     }
     (fixed, moving, bytes)
 }

@@ -15,12 +15,13 @@ use serde::Deserialize;
 use crate::{
     camera::{Camera, View},
     error::ReconstructError,
-    gaussians::{InstantGaussians, moving_ply, ply, static_gaussians},
-    job::{GAUSSIANS_FILE, MOVING_GAUSSIANS_FILE, RUN_FILE},
+    gaussians::{InstantGaussians, deformation_file, moving_ply, ply, static_gaussians},
+    job::{DEFORMATION_FILE, GAUSSIANS_FILE, MOVING_GAUSSIANS_FILE, RUN_FILE},
     kernels::odgs_published::PublishedRenderer,
     render::RenderSettings,
-    render_layers::{Layer, LayerRenderer},
+    render_layers::{Layer, LayerRenderer, TimeSettings},
     train::{
+        deformation_settings::DeformationSettings,
         dynamic_settings::DynamicSettings,
         settings::{RendererChoice, TrainSettings},
         step::Model,
@@ -90,9 +91,17 @@ pub fn render_poses(
             reason: "the published renderer of ODGS draws whole ERP views only".to_owned(),
         });
     }
+    if source.deformation.is_some() && request.layer.is_of_time() {
+        return Err(ReconstructError::Request {
+            reason:
+                "a network deforms these Gaussians: none of them is static or dynamic by itself, \
+                     and none has a velocity; render all or depth"
+                    .to_owned(),
+        });
+    }
     let model = source.model()?;
-    let dynamics = source.dynamics.as_ref();
-    let mut layers = LayerRenderer::new(&model, dynamics, source.settings);
+    let time = TimeSettings::new(source.dynamics.as_ref(), source.deformation.as_ref());
+    let mut layers = LayerRenderer::new(&model, time, source.settings);
     let mut published = (source.renderer == RendererChoice::OdgsPublished).then(|| {
         let mut gaussians = InstantGaussians::default();
         static_gaussians::instantiate(&model.table, &mut gaussians);
@@ -138,6 +147,9 @@ struct Source {
     /// Gaussians that depend on time, and what is known of it.
     moving_file: PathBuf,
     dynamics: Option<DynamicSettings>,
+    /// A network that deforms the Gaussians.
+    deformation_file: PathBuf,
+    deformation: Option<DeformationSettings>,
 }
 
 impl Source {
@@ -152,6 +164,8 @@ impl Source {
                 settings: RenderSettings::new(1e-3),
                 moving_file: PathBuf::new(),
                 dynamics: None,
+                deformation_file: PathBuf::new(),
+                deformation: None,
             });
         }
         let record_path = path.join(RUN_FILE);
@@ -167,13 +181,23 @@ impl Source {
             settings: settings.rendering,
             moving_file: path.join(MOVING_GAUSSIANS_FILE),
             dynamics: settings.dynamics,
+            deformation_file: path.join(DEFORMATION_FILE),
+            deformation: settings.deformation,
         })
     }
 
     fn model(&self) -> Result<Model, ReconstructError> {
         let table = ply::read(&self.file, &self.normalization)?;
         let Some(dynamics) = &self.dynamics else {
-            return Ok(Model::new(table));
+            let mut model = Model::new(table);
+            model.deformation = match &self.deformation {
+                Some(settings) => {
+                    let file = &self.deformation_file;
+                    Some(deformation_file::read(file, &settings.model)?)
+                }
+                None => None,
+            };
+            return Ok(model);
         };
         let (time, clock) = (&dynamics.time, &dynamics.clock);
         let moving = moving_ply::read(&self.moving_file, time, &self.normalization, clock)?;

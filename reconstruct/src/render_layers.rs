@@ -5,9 +5,15 @@ use omnilife_schemas::RgbImage;
 
 use crate::{
     camera::View,
-    gaussians::{InstantGaussians, static_gaussians, subset, temporal::TemporalFeatures},
+    gaussians::{
+        InstantGaussians, deformable::Deformation, static_gaussians, subset,
+        temporal::TemporalFeatures,
+    },
     render::{RenderSettings, Renderer},
-    train::{dynamic_settings::DynamicSettings, dynamic_step, step::Model},
+    train::{
+        deformation_settings::DeformationSettings, dynamic_settings::DynamicSettings, dynamic_step,
+        step::Model,
+    },
 };
 
 /// What of a model is shown.
@@ -34,11 +40,52 @@ const OPACITY_EPSILON: f32 = 1e-5;
 /// Share of the dynamic Gaussians that are not faster than what velocity maps show at most.
 const SLOWER_SHARE: f32 = 0.99;
 
+impl Layer {
+    /// Whether it tells Gaussians by their temporal parameters, which deformed ones do not have.
+    pub fn is_of_time(self) -> bool {
+        matches!(self, Self::Static | Self::Dynamic | Self::Velocity)
+    }
+}
+
+/// What a model was trained with of time.
+#[derive(Debug, Clone, Copy, Default)]
+pub enum TimeSettings<'a> {
+    /// Nothing.
+    #[default]
+    None,
+    /// Gaussians of its own parameters.
+    Dynamic(&'a DynamicSettings),
+    /// A network.
+    Deformation(&'a DeformationSettings),
+}
+
+impl<'a> TimeSettings<'a> {
+    /// Those of a run's settings.
+    pub fn new(
+        dynamics: Option<&'a DynamicSettings>,
+        deformation: Option<&'a DeformationSettings>,
+    ) -> Self {
+        match (dynamics, deformation) {
+            (Some(dynamics), _) => Self::Dynamic(dynamics),
+            (None, Some(deformation)) => Self::Deformation(deformation),
+            (None, None) => Self::None,
+        }
+    }
+
+    fn dynamics(&self) -> Option<&'a DynamicSettings> {
+        match self {
+            Self::Dynamic(dynamics) => Some(dynamics),
+            _ => None,
+        }
+    }
+}
+
 /// Renders layers of one model.
 #[derive(Debug)]
 pub struct LayerRenderer<'a> {
     model: &'a Model,
-    dynamics: Option<&'a DynamicSettings>,
+    time: TimeSettings<'a>,
+    deformation: Deformation,
     renderer: Renderer,
     all: InstantGaussians,
     part: InstantGaussians,
@@ -47,12 +94,8 @@ pub struct LayerRenderer<'a> {
 }
 
 impl<'a> LayerRenderer<'a> {
-    /// For a model; `dynamics` are those that it was trained with.
-    pub fn new(
-        model: &'a Model,
-        dynamics: Option<&'a DynamicSettings>,
-        settings: RenderSettings,
-    ) -> Self {
+    /// For a model, with what it was trained with.
+    pub fn new(model: &'a Model, time: TimeSettings<'a>, settings: RenderSettings) -> Self {
         let mut distances: Vec<f32> = (0..model.table.len())
             .map(|index| Vec3::from_slice(model.table.row(static_gaussians::POSITIONS, index)))
             .map(Vec3::length)
@@ -61,12 +104,13 @@ impl<'a> LayerRenderer<'a> {
         let median = distances.get(distances.len() / 2).copied();
         Self {
             model,
-            dynamics,
+            time,
+            deformation: Deformation::without_gradients(),
             renderer: Renderer::new(settings),
             all: InstantGaussians::default(),
             part: InstantGaussians::default(),
             median_distance: median.unwrap_or(1.0).max(f32::MIN_POSITIVE),
-            largest_speed: largest_speed(model, dynamics),
+            largest_speed: largest_speed(model, time.dynamics()),
         }
     }
 
@@ -121,17 +165,23 @@ impl<'a> LayerRenderer<'a> {
     }
 
     fn instantiate(&mut self, view: &View, features: &TemporalFeatures) {
-        match self.dynamics {
-            Some(dynamics) => {
+        let (table, all) = (&self.model.table, &mut self.all);
+        match (self.time, &self.model.deformation) {
+            (TimeSettings::Dynamic(dynamics), _) => {
                 let look = dynamics.look(view, 0.0);
-                dynamic_step::instantiate(self.model, dynamics, &look, features, &mut self.all);
+                dynamic_step::instantiate(self.model, dynamics, &look, features, all);
+                return;
             }
-            None => {
-                static_gaussians::instantiate(&self.model.table, &mut self.all);
-                self.all.feature_count = features.count();
-                self.all.features = vec![0.0; features.count() * self.all.len()];
+            (TimeSettings::Deformation(settings), Some(weights)) => {
+                let time = settings.unit_time(view.time_seconds, 0.0);
+                let weights = &weights.array.values;
+                self.deformation
+                    .instantiate(&settings.model, weights, table, time, all);
             }
+            _ => static_gaussians::instantiate(table, all),
         }
+        all.feature_count = features.count();
+        all.features = vec![0.0; features.count() * all.len()];
     }
 
     /// The dynamic or the static Gaussians.
@@ -142,7 +192,7 @@ impl<'a> LayerRenderer<'a> {
         } else {
             (0..fixed).collect()
         };
-        if let (Some(moving), Some(dynamics)) = (&self.model.moving, self.dynamics) {
+        if let (Some(moving), Some(dynamics)) = (&self.model.moving, self.time.dynamics()) {
             let observer = dynamics.look(view, 0.0).observer;
             let pulses = dynamics.time.pulses(&moving.table, observer);
             let threshold = dynamics.dynamic_below_staticness;

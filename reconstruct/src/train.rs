@@ -3,11 +3,13 @@
 //! * [`settings`]: what to do, and where in its schedule a run stands.
 //! * [`step`]: what a backend does; [`cpu_step`]: the processor; [`dynamic_step`]: the processor where
 //!   Gaussians depend on time, as [`dynamic_settings`] say.
+//! * [`deformation_settings`]: what a network that deforms static Gaussians adds to a step.
 //! * [`timing`]: what a step takes; [`trace`]: error against run time; [`checkpoint`]: how a run survives an interruption.
 
 pub mod checkpoint;
 pub(crate) mod cpu_renderer;
 pub mod cpu_step;
+pub mod deformation_settings;
 pub mod dynamic_settings;
 pub mod dynamic_step;
 mod refusal;
@@ -24,6 +26,7 @@ use std::{
 
 use omnilife_schemas::progress::Progress;
 use rand::{RngExt, SeedableRng, seq::SliceRandom};
+use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 use serde::Serialize;
 
@@ -39,7 +42,7 @@ use self::{
 use crate::{
     densify::{self, DensityContext},
     error::ReconstructError,
-    gaussians::ArrayShape,
+    gaussians::{ArrayShape, deformable::DEFORMATION_WEIGHTS},
     gpu::{Gpu, GpuStepper},
     kernels::loss::cpu::Loss,
     memory,
@@ -142,18 +145,19 @@ fn new_stepper<'a>(
     settings: &TrainSettings,
     backend: BackendChoice,
 ) -> Result<Box<dyn Stepper + 'a>, ReconstructError> {
+    let depends_on_time = settings.dynamics.is_some() || settings.deformation.is_some();
     match (backend, &settings.dynamics) {
         (BackendChoice::Cpu, Some(dynamics)) => {
             let stepper = DynamicStepper::new(scene, model, settings, dynamics);
             Ok(Box::new(stepper))
         }
         (BackendChoice::Cpu, None) => Ok(Box::new(CpuStepper::new(scene, model, settings))),
-        (BackendChoice::Gpu, Some(_)) => Err(ReconstructError::Backend {
+        (BackendChoice::Gpu, _) if depends_on_time => Err(ReconstructError::Backend {
             reason: "Gaussians that depend on time are trained on the processor only; use the \
                      backend cpu"
                 .to_owned(),
         }),
-        (BackendChoice::Gpu, None) => {
+        (BackendChoice::Gpu, _) => {
             if settings.renderer != RendererChoice::Exact {
                 return Err(ReconstructError::Backend {
                     reason: "the graphics backend has no renderer with the published quirks; use \
@@ -176,7 +180,7 @@ struct Trainer<'a, 's> {
     stepper: Box<dyn Stepper + 'a>,
     /// One decay per array.
     decays: Vec<Decay>,
-    /// Of the model; those that only moving Gaussians have at the end.
+    /// Of the model; those that only moving Gaussians have, or the weights of a network, at the end.
     arrays: Vec<ArrayShape>,
     /// How many of them static Gaussians have.
     static_arrays: usize,
@@ -286,7 +290,7 @@ impl<'a, 's> Trainer<'a, 's> {
         self.last_view = self.next_view();
         self.schedule.iteration = position.iteration;
         self.schedule.scheduled = position.scheduled;
-        self.schedule.shift_frames = self.next_shift();
+        self.schedule.shift_frames = self.next_shift(position.scheduled);
         self.schedule.sh_degree = self.settings.active_sh_degree(position);
         for (rate, decay) in self.schedule.learning_rates.iter_mut().zip(&self.decays) {
             *rate = decay.at(position.share as f32);
@@ -303,8 +307,13 @@ impl<'a, 's> Trainer<'a, 's> {
         self.state.queue.pop().unwrap_or(0)
     }
 
-    /// How early the next step's state is: temporal smoothing, or 0.
-    fn next_shift(&mut self) -> f32 {
+    /// How early the next step's state is: temporal smoothing, noise on the time, or 0.
+    fn next_shift(&mut self, scheduled: u64) -> f32 {
+        let deformation = self.settings.deformation.as_ref();
+        if let Some(noise) = deformation.and_then(|deformation| deformation.time_noise) {
+            let normal: f32 = StandardNormal.sample(&mut self.state.random);
+            return normal * noise.frames_at(scheduled);
+        }
         let dynamics = self.settings.dynamics.as_ref();
         let Some(smoothing) = dynamics.and_then(|dynamics| dynamics.smoothing) else {
             return 0.0;
@@ -346,12 +355,10 @@ impl<'a, 's> Trainer<'a, 's> {
     fn check(&mut self) -> Result<(), ReconstructError> {
         let sums = self.stepper.take_sums()?;
         let (all, moving) = (self.stepper.gaussians(), self.stepper.moving_gaussians());
-        let rows = |array: usize| {
-            if array < self.static_arrays {
-                all
-            } else {
-                moving
-            }
+        let rows = |array: usize| match self.arrays[array].name {
+            DEFORMATION_WEIGHTS => 1,
+            _ if array < self.static_arrays => all,
+            _ => moving,
         };
         if let Some(what) = too_much_refused(&self.arrays, rows, &sums) {
             return Err(ReconstructError::Diverged {
@@ -385,12 +392,20 @@ impl<'a, 's> Trainer<'a, 's> {
         Ok(())
     }
 
-    /// Bytes of both tables.
+    /// Bytes of both tables, and of a network's weights.
     fn table_bytes(&self) -> u64 {
         let moving = self.stepper.moving_gaussians();
         let fixed = self.stepper.gaussians() - moving;
         memory::table_bytes(fixed as u64, &self.arrays[..self.static_arrays])
             + memory::table_bytes(moving as u64, &self.arrays)
+            + self.network_bytes()
+    }
+
+    fn network_bytes(&self) -> u64 {
+        match self.arrays.last() {
+            Some(array) if array.name == DEFORMATION_WEIGHTS => memory::table_bytes(1, &[*array]),
+            _ => 0,
+        }
     }
 
     /// Mean PSNR and SSIM of the novel views.

@@ -13,14 +13,22 @@ use std::fs;
 
 use omnilife_reconstruct::{
     methods::{self, MethodOutcome, MethodRequest, PlanChoice},
-    render_layers::{Layer, LayerRenderer},
+    render_layers::{Layer, LayerRenderer, TimeSettings},
     scene::{SceneView, TrainingScene},
-    train::{BackendChoice, Session, TrainingFiles},
+    train::{BackendChoice, Session, TrainingFiles, step::Model},
 };
 use omnilife_schemas::{points::PointCloud, progress::Silent};
 
 fn request(iterations: u64) -> MethodRequest {
     MethodRequest::new(iterations, 7)
+}
+
+/// A request for a network's sake: it takes time for every Gaussian.
+fn few_gaussians(iterations: u64) -> MethodRequest {
+    MethodRequest {
+        maximum_gaussians: Some(600),
+        ..request(iterations)
+    }
 }
 
 fn train<'a>(scene: &'a TrainingScene, method: &str, request: &MethodRequest) -> MethodOutcome<'a> {
@@ -89,7 +97,8 @@ fn a_passing_ball_is_dynamic_and_predicted_better_than_by_static_gaussians() {
 
     let settings = moving.settings.clone();
     let model = moving.trained.stepper.model().unwrap();
-    let mut layers = LayerRenderer::new(model, settings.dynamics.as_ref(), settings.rendering);
+    let time = TimeSettings::new(settings.dynamics.as_ref(), None);
+    let mut layers = LayerRenderer::new(model, time, settings.rendering);
     let view = &scene.input_views[5];
     let mut layer = |layer| layers.image(&view.view, layer).data;
     let [inside, outside] = colours(&layer(Layer::Dynamic), view);
@@ -248,11 +257,11 @@ fn awkward_clips_train_without_a_panic_or_a_nan() {
     for (name, change) in variants {
         let mut scene = moving_ball::scene();
         change(&mut scene);
-        for method in ["periodic", "omni4dgs", "omni4dgs-plus"] {
+        for method in ["deformable", "periodic", "omni4dgs", "omni4dgs-plus"] {
             for plan in [PlanChoice::Auto, PlanChoice::Full] {
                 let request = MethodRequest {
                     plan,
-                    ..request(12)
+                    ..few_gaussians(12)
                 };
                 let mut outcome = train(&scene, method, &request);
                 let state = &outcome.trained.state;
@@ -292,7 +301,7 @@ fn times_that_do_not_increase_and_the_graphics_backend_are_refused() {
         backend: BackendChoice::Gpu,
         ..Session::without_files(&Silent)
     };
-    for method in ["periodic", "omni4dgs"] {
+    for method in ["deformable", "periodic", "omni4dgs"] {
         let method = methods::find(method).unwrap();
         let refused = method
             .train(&scene, &request(2), &gpu)
@@ -307,8 +316,8 @@ fn times_that_do_not_increase_and_the_graphics_backend_are_refused() {
     assert!(message.contains("frame 3 is at 1 s"), "{message}");
 }
 
-#[test]
-fn an_interrupted_run_goes_on_to_the_bit() {
+/// The model of a whole run of 40 iterations, and of one that goes on from its checkpoint at 25.
+fn whole_and_resumed(method: &str) -> [Model; 2] {
     let scene = moving_ball::scene();
     let folder = tempfile::tempdir().unwrap();
     let files = |name: &str, every: u64| {
@@ -321,7 +330,7 @@ fn an_interrupted_run_goes_on_to_the_bit() {
         }
     };
     // The first run's only checkpoint is the one that the second begins from.
-    let [whole, resumed] = [("whole", 25), ("resumed", 0)].map(|(name, every)| {
+    [("whole", 25), ("resumed", 0)].map(|(name, every)| {
         let files = files(name, every);
         if name == "resumed" {
             fs::copy(
@@ -334,12 +343,53 @@ fn an_interrupted_run_goes_on_to_the_bit() {
             files: Some(files),
             ..Session::without_files(&Silent)
         };
-        let method = methods::find("periodic").unwrap();
-        let mut outcome = method.train(&scene, &request(40), &session).unwrap();
+        let method = methods::find(method).unwrap();
+        let mut outcome = method.train(&scene, &few_gaussians(40), &session).unwrap();
         assert_eq!(outcome.trained.state.resumed, u64::from(name == "resumed"));
         outcome.trained.stepper.model().unwrap().clone()
+    })
+}
+
+#[test]
+fn an_interrupted_run_goes_on_to_the_bit() {
+    for method in ["periodic", "deformable"] {
+        let [whole, resumed] = whole_and_resumed(method);
+        assert!(whole == resumed, "{method}");
+        if let Some(weights) = &whole.deformation {
+            // Warm-up takes 3 of 40 iterations.
+            assert_eq!(weights.steps, 37);
+        }
+    }
+}
+
+#[test]
+fn a_network_moves_gaussians_after_a_warm_up_and_without_it_they_are_those_of_odgs() {
+    let scene = moving_ball::scene();
+    let few = |without: &[&str]| MethodRequest {
+        without: without.iter().map(|&name| name.to_owned()).collect(),
+        ..few_gaussians(120)
+    };
+    let mut still = train(&scene, "odgs", &few(&[]));
+    let mut deformed = train(&scene, "deformable", &few(&[]));
+    let (without, with) = (
+        dynamic_psnr(&scene, &mut still),
+        dynamic_psnr(&scene, &mut deformed),
+    );
+    assert!(
+        with > without + 1.0,
+        "odgs {without:.2} dB, deformable {with:.2} dB"
+    );
+    let model = deformed.trained.stepper.model().unwrap();
+    let array = &model.deformation.as_ref().unwrap().array;
+    assert!(array.values.iter().all(|value| value.is_finite()));
+
+    let mut outcome = train(&scene, "deformable", &few(&["deformation"]));
+    assert!(outcome.settings.deformation.is_none());
+    let tables = [&mut still, &mut outcome].map(|outcome| {
+        let model = outcome.trained.stepper.model().unwrap();
+        (model.table.clone(), model.deformation.is_some())
     });
-    assert!(whole == resumed);
+    assert!(tables[0] == tables[1]);
 }
 
 #[test]

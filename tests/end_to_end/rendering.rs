@@ -37,6 +37,57 @@ fn a_run_rendered_along_its_scene_gives_its_predictions() {
     }
 }
 
+/// The canonical Gaussians, and the network beside them.
+#[test]
+fn deformed_gaussians_are_rendered_at_the_times_of_their_frames() {
+    let sequence = small_run().out.join(SEQUENCE);
+    let (scene, split) = (
+        sequence.join("scene.json"),
+        sequence.join("per-scene/split.json"),
+    );
+    let folder = scratch();
+    let (run, out) = (folder.path().join("run"), folder.path().join("views"));
+    let mut arguments = vec!["reconstruct".as_ref(), "train".as_ref(), scene.as_os_str()];
+    arguments.extend([
+        "--split".as_ref(),
+        split.as_os_str(),
+        "--out".as_ref(),
+        run.as_os_str(),
+    ]);
+    let settings = [
+        "--method",
+        "deformable",
+        "--iterations",
+        "30",
+        "--max-gaussians",
+        "400",
+    ];
+    arguments.extend(settings.map(OsStr::new));
+    omnilife(arguments).succeeded();
+    let render = |layer: &str| {
+        let mut arguments = ["--quiet", "reconstruct", "render"]
+            .map(OsStr::new)
+            .to_vec();
+        arguments.extend([run.as_os_str(), "--poses".as_ref(), scene.as_os_str()]);
+        arguments.extend(["--layer", layer, "--out"].map(OsStr::new));
+        arguments.push(out.as_os_str());
+        omnilife(arguments)
+    };
+    let message = render("dynamic").failed_quietly(2).to_owned();
+    assert!(message.contains("a network deforms these"), "{message}");
+    render("all").succeeded();
+    for (kind, frame) in [("input", "000008.png"), ("novel", "000004.png")] {
+        let predicted = picture(&run.join("predictions").join(kind).join(frame));
+        let rendered = picture(&out.join(frame));
+        let pairs = predicted.iter().zip(rendered.iter());
+        let largest = pairs.map(|(a, b)| a.abs_diff(*b)).max();
+        assert!(largest <= Some(2), "{frame}: {largest:?}");
+    }
+    fs::remove_file(run.join("deformation.safetensors")).unwrap();
+    let message = render("all").failed_quietly(2).to_owned();
+    assert!(message.contains("deformation.safetensors"), "{message}");
+}
+
 #[test]
 fn a_pinhole_camera_sees_what_its_field_of_view_holds() {
     let run = small_run().out.join(METHOD).join("run");

@@ -367,6 +367,7 @@ mod tests {
                 views: views.into(),
             },
             moving: None,
+            deformation: None,
         }
     }
 

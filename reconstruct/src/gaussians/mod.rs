@@ -7,7 +7,10 @@
 //! * [`static_gaussians`]: nothing depends on time. [`subset`]: some Gaussians alone.
 //! * [`temporal`]: a static table with the arrays of a motion, at one moment. The motion itself is in
 //!   [`periodic`] (PVG), the velocity of Omni4DGS in [`omni4dgs`].
+//! * [`deformable`]: a static table, and a network that moves it.
 
+pub mod deformable;
+pub mod deformation_file;
 pub mod moving_ply;
 pub mod omni4dgs;
 pub mod periodic;
@@ -19,7 +22,8 @@ pub mod temporal;
 /// Value of the constant spherical harmonic, `1 / (2 sqrt(pi))`.
 pub const SH_C0: f32 = 0.282_094_8;
 
-/// One raw parameter of every Gaussian, with what its optimization needs.
+/// One raw parameter of every Gaussian, with what its optimization needs. The weights of a network are
+/// one, too: a single row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParameterArray {
     /// Name, unique in its table.
@@ -36,6 +40,13 @@ pub struct ParameterArray {
     pub second_moments: Vec<f32>,
     /// Step size of the next update.
     pub learning_rate: f32,
+}
+
+impl ParameterArray {
+    /// Bytes of values, gradients and moments.
+    pub fn bytes(&self) -> u64 {
+        (4 * size_of::<f32>() * self.values.len()) as u64
+    }
 }
 
 /// What a parameter array is, whatever the number of Gaussians.

@@ -269,7 +269,7 @@ pub(super) fn prepared(
             static_gaussians::table(&all, sh_degree).into()
         }
     };
-    odgs::require_memory(request, &settings, &model.shapes())?;
+    odgs::require_memory(request, &settings, &model.shapes(), 0)?;
     Ok(Prepared {
         model,
         settings,

@@ -1,6 +1,7 @@
 //! Reconstruction methods: one file each, one line in [`METHODS`].
 
 mod components;
+pub mod deformable;
 mod dynamic;
 pub mod odgs;
 pub mod odgs_published;
@@ -165,6 +166,7 @@ impl Method {
 pub const METHODS: &[Method] = &[
     odgs::METHOD,
     odgs_published::METHOD,
+    deformable::METHOD,
     periodic::METHOD,
     omni4dgs::METHOD,
     omni4dgs_plus::METHOD,

@@ -105,6 +105,7 @@ pub fn published_settings(iterations: u64) -> TrainSettings {
             maximum_gaussians: u64::MAX,
         },
         dynamics: None,
+        deformation: None,
         trace_every: (iterations / TRACE_ROWS).max(1),
     }
 }
@@ -200,7 +201,7 @@ pub(super) fn prepare(
 ) -> Result<Prepared, ReconstructError> {
     let settings = settings(scene, request);
     let shapes = static_gaussians::shapes(settings.rendering.sh_degree);
-    require_memory(request, &settings, &shapes)?;
+    require_memory(request, &settings, &shapes, 0)?;
     let first = first_gaussians(scene, &settings, request, 0);
     let initial = initialize::join(first.points, first.shell);
     let table = static_gaussians::table(&initial, settings.rendering.sh_degree);
@@ -212,15 +213,17 @@ pub(super) fn prepare(
     })
 }
 
-/// Checks the user's limit on the Gaussians at once: the default is a few per pixel.
+/// Checks the user's limit on the Gaussians at once: the default is a few per pixel. `other_bytes` are
+/// what training needs beside them.
 pub(super) fn require_memory(
     request: &MethodRequest,
     settings: &TrainSettings,
     shapes: &[ArrayShape],
+    other_bytes: u64,
 ) -> Result<(), ReconstructError> {
     let maximum = settings.densify.maximum_gaussians;
     if request.maximum_gaussians.is_some() {
-        let bytes = memory::training_bytes(maximum, shapes);
+        let bytes = memory::training_bytes(maximum, shapes).saturating_add(other_bytes);
         memory::require(bytes, &format!("training {maximum} Gaussians"))?;
     }
     Ok(())

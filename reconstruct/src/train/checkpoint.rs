@@ -5,7 +5,8 @@
 //! {"inputs_sha256": ..., "settings": ..., "state": ..., "tables": ..., "body_sha256": ...}\n
 //! body: f32, little-endian; for each array of the static Gaussians its values, first and second
 //!       moments; then the sums of their density statistics, and their views as u32; then the same
-//!       of moving Gaussians, where there are any, and the sums of their time gradients
+//!       of moving Gaussians, where there are any, and the sums of their time gradients; then the
+//!       weights of a network with their moments, where there is one
 //! ```
 //!
 //! Gradients are not kept: every step overwrites them. On the processor a run that is continued
@@ -24,7 +25,7 @@ use super::{
 };
 use crate::{
     densify::Statistics,
-    gaussians::{GaussianTable, ParameterArray},
+    gaussians::{GaussianTable, ParameterArray, deformable::DeformationWeights},
 };
 
 const MAGIC: &str = "omnilife/checkpoint/";
@@ -73,7 +74,15 @@ struct Header {
     state: LoopState,
     /// The static Gaussians, and the moving ones where there are any.
     tables: Vec<TableHeader>,
+    #[serde(default)]
+    deformation: Option<DeformationHeader>,
     body_sha256: String,
+}
+
+#[derive(Clone, Copy, Serialize, Deserialize)]
+struct DeformationHeader {
+    weights: usize,
+    steps: u64,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -118,6 +127,10 @@ pub fn write(
         settings: settings.clone(),
         state: state.clone(),
         tables: tables(model).map(table_header).collect(),
+        deformation: model.deformation.as_ref().map(|weights| DeformationHeader {
+            weights: weights.array.width,
+            steps: weights.steps,
+        }),
         body_sha256: store::sha256_bytes(&body),
     };
     let header = serde_json::to_string(&header).map_err(|error| failed(error.to_string()))?;
@@ -158,12 +171,17 @@ pub fn read(
     let is_alike = header.tables.len() == tables(template).count()
         && tables(template)
             .zip(&header.tables)
-            .all(|(table, header)| table_header(table).arrays == header.arrays);
+            .all(|(table, header)| table_header(table).arrays == header.arrays)
+        && header.deformation.map(|header| header.weights)
+            == template
+                .deformation
+                .as_ref()
+                .map(|weights| weights.array.width);
     if header.settings != *settings || !is_alike {
         return Err(Refusal::OtherRun("its settings differ".to_owned()));
     }
-    let expected = body_bytes(&header.tables)
-        .ok_or_else(|| damaged("its header is not possible".to_owned()))?;
+    let expected =
+        body_bytes(&header).ok_or_else(|| damaged("its header is not possible".to_owned()))?;
     if body.len() != expected {
         return Err(damaged(format!(
             "is truncated: {} of {expected} bytes of Gaussians",
@@ -175,7 +193,7 @@ pub fn read(
             "is damaged: its content is not what was written".to_owned(),
         ));
     }
-    let model = parse_body(body, &header.tables, template);
+    let model = parse_body(body, &header, template);
     if let Some(reason) = not_finite(&model) {
         return Err(damaged(reason));
     }
@@ -227,9 +245,10 @@ fn tables(model: &Model) -> impl Iterator<Item = &GaussianTable> {
 }
 
 /// Length of the body; `None` where no memory could hold it.
-fn body_bytes(tables: &[TableHeader]) -> Option<usize> {
-    let mut words = 0_usize;
-    for (number, table) in tables.iter().enumerate() {
+fn body_bytes(header: &Header) -> Option<usize> {
+    let weights = header.deformation.map_or(0, |header| header.weights);
+    let mut words = weights.checked_mul(3)?;
+    for (number, table) in header.tables.iter().enumerate() {
         let values: usize = table.arrays.iter().map(|array| array.width).sum();
         // Sums and views; the time gradients of moving Gaussians too.
         let statistics = if number == 0 { 2 } else { 3 };
@@ -246,28 +265,35 @@ fn body(model: &Model) -> Vec<u8> {
         push_table(&mut body, &moving.table, &moving.statistics);
         push_floats(&mut body, &moving.time_gradients);
     }
+    if let Some(weights) = &model.deformation {
+        push_array(&mut body, &weights.array);
+    }
     body
 }
 
 fn push_table(body: &mut Vec<u8>, table: &GaussianTable, statistics: &Statistics) {
     for array in &table.arrays {
-        for column in [&array.values, &array.first_moments, &array.second_moments] {
-            push_floats(body, column);
-        }
+        push_array(body, array);
     }
     push_floats(body, &statistics.sums);
     let views = statistics.views.iter();
     body.extend(views.flat_map(|views| views.to_le_bytes()));
 }
 
+fn push_array(body: &mut Vec<u8>, array: &ParameterArray) {
+    for column in [&array.values, &array.first_moments, &array.second_moments] {
+        push_floats(body, column);
+    }
+}
+
 fn push_floats(body: &mut Vec<u8>, values: &[f32]) {
     body.extend(values.iter().flat_map(|value| value.to_le_bytes()));
 }
 
-/// `body` has the length that `headers` ask for, and its tables have the arrays of `template`.
-fn parse_body(body: &[u8], headers: &[TableHeader], template: &Model) -> Model {
+/// `body` has the length that `header` asks for, and its tables have the arrays of `template`.
+fn parse_body(body: &[u8], header: &Header, template: &Model) -> Model {
     let mut words = Words(body.as_chunks::<4>().0.iter());
-    let mut parts = tables(template).zip(headers).map(|(table, header)| {
+    let mut parts = tables(template).zip(&header.tables).map(|(table, header)| {
         let gaussians = header.gaussians;
         let table = words.table(gaussians, table);
         let sums = words.floats(gaussians);
@@ -277,14 +303,16 @@ fn parse_body(body: &[u8], headers: &[TableHeader], template: &Model) -> Model {
     let (table, statistics) = parts.next().unwrap_or_default();
     let moving = parts.next();
     drop(parts);
+    let moving = moving.map(|(table, statistics)| MovingGaussians {
+        time_gradients: words.floats(table.len()),
+        table,
+        statistics,
+    });
     Model {
         table,
         statistics,
-        moving: moving.map(|(table, statistics)| MovingGaussians {
-            time_gradients: words.floats(table.len()),
-            table,
-            statistics,
-        }),
+        moving,
+        deformation: header.deformation.map(|header| words.deformation(header)),
     }
 }
 
@@ -298,6 +326,14 @@ impl Words<'_> {
 
     fn floats(&mut self, count: usize) -> Vec<f32> {
         self.take(count).map(f32::from_le_bytes).collect()
+    }
+
+    fn deformation(&mut self, header: DeformationHeader) -> DeformationWeights {
+        let mut weights = DeformationWeights::new(self.floats(header.weights));
+        weights.array.first_moments = self.floats(header.weights);
+        weights.array.second_moments = self.floats(header.weights);
+        weights.steps = header.steps;
+        weights
     }
 
     fn table(&mut self, gaussians: usize, template: &GaussianTable) -> GaussianTable {
@@ -314,20 +350,25 @@ impl Words<'_> {
 
 /// The first value that is not finite, in words.
 pub(super) fn not_finite(model: &Model) -> Option<String> {
-    tables(model)
+    let first = |array: &ParameterArray| {
+        [&array.values, &array.first_moments, &array.second_moments]
+            .into_iter()
+            .find_map(|column| column.iter().position(|value| !value.is_finite()))
+    };
+    let of_gaussians = tables(model)
         .flat_map(|table| &table.arrays)
         .find_map(|array| {
-            [&array.values, &array.first_moments, &array.second_moments]
-                .into_iter()
-                .find_map(|column| column.iter().position(|value| !value.is_finite()))
-                .map(|index| {
-                    format!(
-                        "{} of Gaussian {} is not finite",
-                        array.name,
-                        index / array.width
-                    )
-                })
-        })
+            let gaussian = first(array)? / array.width;
+            Some(format!(
+                "{} of Gaussian {gaussian} is not finite",
+                array.name
+            ))
+        });
+    of_gaussians.or_else(|| {
+        let array = &model.deformation.as_ref()?.array;
+        let number = first(array)?;
+        Some(format!("number {number} of {} is not finite", array.name))
+    })
 }
 
 #[cfg(test)]
@@ -382,6 +423,7 @@ mod tests {
         let mut moving = model().table;
         moving.add("peak_times", 1, vec![0.5; 4], 0.0);
         written.moving = Some(MovingGaussians::new(moving));
+        written.deformation = Some(DeformationWeights::new(vec![0.5; 9]));
         let template = written.clone();
         written.table.arrays[2].second_moments[5] = f32::MIN_POSITIVE / 3.0;
         written.statistics.views[1] = u32::MAX;
@@ -389,6 +431,10 @@ mod tests {
             moving.table.retain(&[true, false, true, true]);
             moving.forget_statistics();
             moving.time_gradients[2] = 0.25;
+        }
+        if let Some(weights) = &mut written.deformation {
+            weights.array.second_moments[8] = 0.125;
+            weights.steps = 6;
         }
         write(&path, "inputs", &settings, &state(), &written)?;
         let read = read(&path, "inputs", &settings, &template);

@@ -1,16 +1,17 @@
-//! Training steps on the processor.
+//! Training steps on the processor: static Gaussians, where they stand or where a network puts them.
 
 use omnilife_schemas::{RgbImage, records::Backend};
 
 use super::{
     cpu_renderer::CpuRenderer,
+    deformation_settings::DeformationSettings,
     settings::TrainSettings,
     step::{Model, StepSchedule, StepSums, Stepper},
 };
 use crate::{
     camera::View,
     error::ReconstructError,
-    gaussians::{InstantGaussians, static_gaussians as parameterization},
+    gaussians::{InstantGaussians, deformable::Deformation, static_gaussians},
     kernels::{adam, loss::cpu::Loss},
     scene::TrainingScene,
 };
@@ -22,6 +23,7 @@ pub struct CpuStepper<'a> {
     ssim_weight: f32,
     model: Model,
     renderer: CpuRenderer,
+    deformation: Option<(DeformationSettings, Deformation)>,
     instant: InstantGaussians,
     gradient: InstantGaussians,
     loss: Loss,
@@ -37,11 +39,67 @@ impl<'a> CpuStepper<'a> {
             ssim_weight: settings.ssim_weight,
             model,
             renderer: CpuRenderer::new(settings.renderer, settings.rendering),
+            deformation: settings
+                .deformation
+                .map(|settings| (settings, Deformation::default())),
             instant: InstantGaussians::default(),
             gradient: InstantGaussians::default(),
             loss: Loss::new(scene.camera.width as usize, scene.camera.height as usize),
             target: Vec::new(),
             sums: StepSums::default(),
+        }
+    }
+
+    /// The network's time of a view, where the network takes part in a step.
+    fn step_time(&self, view: &View, schedule: &StepSchedule) -> Option<f32> {
+        let (settings, _) = self.deformation.as_ref()?;
+        (schedule.scheduled > settings.warm_up_iterations)
+            .then(|| settings.unit_time(view.time_seconds, schedule.shift_frames))
+    }
+
+    /// The network's time of a view, where it has learnt anything.
+    fn image_time(&self, view: &View) -> Option<f32> {
+        let (settings, _) = self.deformation.as_ref()?;
+        let weights = self.model.deformation.as_ref()?;
+        (weights.steps > 0).then(|| settings.unit_time(view.time_seconds, 0.0))
+    }
+
+    fn instantiate(&mut self, time: Option<f32>) {
+        let (table, out) = (&self.model.table, &mut self.instant);
+        match (time, &mut self.deformation, &self.model.deformation) {
+            (Some(time), Some((settings, deformation)), Some(weights)) => {
+                let weights = &weights.array.values;
+                deformation.instantiate(&settings.model, weights, table, time, out);
+            }
+            _ => static_gaussians::instantiate(table, out),
+        }
+    }
+
+    fn instantiate_vjp(&mut self, time: Option<f32>) {
+        let table = &mut self.model.table;
+        let (instant, gradient) = (&mut self.instant, &mut self.gradient);
+        match (time, &mut self.deformation, &mut self.model.deformation) {
+            (Some(time), Some((settings, deformation)), Some(weights)) => {
+                let (model, weights) = (&settings.model, &mut weights.array);
+                deformation.instantiate_vjp(model, weights, table, time, (instant, gradient));
+            }
+            _ => static_gaussians::instantiate_vjp(table, instant, gradient),
+        }
+    }
+
+    /// One step of Adam on the Gaussians, and on the network where it took part.
+    fn update(&mut self, schedule: &StepSchedule, with_network: bool) {
+        let Self { model, sums, .. } = self;
+        sums.refused.resize(schedule.learning_rates.len(), 0);
+        for (index, array) in model.table.arrays.iter_mut().enumerate() {
+            array.learning_rate = schedule.learning_rates[index];
+            sums.refused[index] += adam::cpu::step(array, schedule.iteration) as u64;
+        }
+        if let Some(weights) = model.deformation.as_mut().filter(|_| with_network) {
+            let index = model.table.arrays.len();
+            weights.steps += 1;
+            weights.array.learning_rate = schedule.learning_rates[index];
+            sums.refused[index] += adam::cpu::step(&mut weights.array, weights.steps) as u64;
         }
     }
 }
@@ -59,8 +117,8 @@ impl Stepper for CpuStepper<'_> {
 
     fn step(&mut self, view: usize, schedule: &StepSchedule) -> Result<(), ReconstructError> {
         let view = &self.scene.input_views[view];
-        let table = &mut self.model.table;
-        parameterization::instantiate(table, &mut self.instant);
+        let time = self.step_time(&view.view, schedule);
+        self.instantiate(time);
         let raster = self
             .renderer
             .forward(&view.view, &self.instant, schedule.sh_degree);
@@ -81,7 +139,7 @@ impl Stepper for CpuStepper<'_> {
             image_gradient,
             &mut self.gradient,
         );
-        parameterization::instantiate_vjp(table, &self.instant, &self.gradient);
+        self.instantiate_vjp(time);
         let half_size = [
             0.5 * self.scene.camera.width as f32,
             0.5 * self.scene.camera.height as f32,
@@ -90,11 +148,7 @@ impl Stepper for CpuStepper<'_> {
         self.sums.steps += 1;
         self.sums.loss += value.total;
         self.sums.squared_error += value.mse;
-        self.sums.refused.resize(table.arrays.len(), 0);
-        for (index, array) in table.arrays.iter_mut().enumerate() {
-            array.learning_rate = schedule.learning_rates[index];
-            self.sums.refused[index] += adam::cpu::step(array, schedule.iteration) as u64;
-        }
+        self.update(schedule, time.is_some());
         Ok(())
     }
 
@@ -111,7 +165,8 @@ impl Stepper for CpuStepper<'_> {
     }
 
     fn image(&mut self, view: &View, sh_degree: usize) -> Result<RgbImage, ReconstructError> {
-        parameterization::instantiate(&self.model.table, &mut self.instant);
+        let time = self.image_time(view);
+        self.instantiate(time);
         Ok(self.renderer.image(view, &self.instant, sh_degree))
     }
 }

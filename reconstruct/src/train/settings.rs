@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::dynamic_settings::DynamicSettings;
+use super::{deformation_settings::DeformationSettings, dynamic_settings::DynamicSettings};
 use crate::{densify::DensifySettings, optim::Decay, render::RenderSettings};
 
 /// Settings of a run as resolved; they stand in its record.
@@ -33,6 +33,9 @@ pub struct TrainSettings {
     /// What is known of time; static methods have none of it.
     #[serde(default)]
     pub dynamics: Option<DynamicSettings>,
+    /// A network that deforms Gaussians; other methods have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub deformation: Option<DeformationSettings>,
     /// Iterations from one row of the trace to the next; the last iteration has a row too.
     pub trace_every: u64,
 }

@@ -9,7 +9,7 @@ use crate::{
     camera::View,
     densify::Statistics,
     error::ReconstructError,
-    gaussians::{ArrayShape, GaussianTable},
+    gaussians::{ArrayShape, GaussianTable, deformable::DeformationWeights},
 };
 
 /// What training changes.
@@ -21,6 +21,8 @@ pub struct Model {
     pub statistics: Statistics,
     /// Gaussians that depend on time; static methods have none.
     pub moving: Option<MovingGaussians>,
+    /// A network that deforms the static Gaussians; most methods have none.
+    pub deformation: Option<DeformationWeights>,
 }
 
 /// Gaussians that depend on time. Their table has the static ones' arrays first.
@@ -41,6 +43,7 @@ impl Model {
             statistics: Statistics::new(table.len()),
             table,
             moving: None,
+            deformation: None,
         }
     }
 
@@ -63,13 +66,19 @@ impl Model {
         self.len() == 0
     }
 
-    /// Names and widths of all arrays, those that only moving Gaussians have at the end.
+    /// Names and widths of all arrays, those that only moving Gaussians have at the end; the weights of
+    /// a network, a single row, come last.
     pub fn shapes(&self) -> Vec<ArrayShape> {
         let widest = self
             .moving
             .as_ref()
             .map_or(&self.table, |moving| &moving.table);
-        widest.shapes()
+        let mut shapes = widest.shapes();
+        shapes.extend(self.deformation.as_ref().map(|weights| ArrayShape {
+            name: weights.array.name,
+            width: weights.array.width,
+        }));
+        shapes
     }
 }
 
