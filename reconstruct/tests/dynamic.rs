@@ -444,10 +444,9 @@ fn a_network_learns_which_gaussians_move_and_when() {
         deformation.instantiate(&model, &weights.array.values, &table, time, &mut instant);
         gradient.clear_to_zero(&instant);
         for (index, position) in initial.positions.iter().enumerate() {
-            let target = moved(*position, time);
-            for axis in 0..3 {
-                gradient.positions[index][axis] = instant.positions[index][axis] - target[axis];
-            }
+            let target = Vec3::from_array(moved(*position, time));
+            let by_position = Vec3::from_array(instant.positions[index]) - target;
+            gradient.positions[index] = by_position.to_array();
         }
         let both = (&mut instant, &mut gradient);
         deformation.instantiate_vjp(&model, &mut weights.array, &mut table, time, both);

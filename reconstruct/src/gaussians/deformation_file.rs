@@ -1,5 +1,5 @@
 //! The network of deformable Gaussians as a safetensors file, under the names and in the layout that
-//! Deformable-3D-Gaussians has in PyTorch: `linear.<i>.weight`, `gaussian_warp.weight`, ..., each with
+//! Deformable-3D-Gaussians has in `PyTorch`: `linear.<i>.weight`, `gaussian_warp.weight`, ..., each with
 //! a row per output; inputs are the encoded position, the encoded time and the layer before.
 
 use std::{fs, path::Path};

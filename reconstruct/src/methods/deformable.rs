@@ -60,7 +60,7 @@ const LEARNING_RATE: Decay = Decay {
     end: 1.6e-6,
 };
 /// Noise on the time at first, training intervals, and the iteration at which it has gone
-/// (`train.py`). The scale is PyTorch's standard deviation.
+/// (`train.py`). The scale is `PyTorch`'s standard deviation.
 const NOISE_INTERVALS: f32 = 0.1;
 const NOISE_ITERATIONS: f64 = 20_000.0;
 

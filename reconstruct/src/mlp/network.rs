@@ -103,7 +103,7 @@ impl NetworkShape {
         self.layers().last().map_or(0, |layer| layer.biases().end)
     }
 
-    /// First weights: evenly from `+-1/sqrt(inputs)`, as PyTorch draws those of linear layers; 0 in the
+    /// First weights: evenly from `+-1/sqrt(inputs)`, as `PyTorch` draws those of linear layers; 0 in the
     /// output layer, so that the network says 0 until it is trained.
     pub fn initial_weights(&self, seed: u64) -> Vec<f32> {
         let mut random = Pcg64Mcg::seed_from_u64(seed);

@@ -183,17 +183,14 @@ fn gradients_of_every_parameter_are_those_of_the_definition() {
     let close = |found: f32, expected: f64| {
         (f64::from(found) - expected).abs() < 2e-4 * (1.0 + expected.abs())
     };
-    for index in 0..LEN {
+    for (index, by_seen) in by_seen.iter().enumerate() {
         let raw = raw(&table, index);
         for (array, values) in raw.iter().enumerate() {
             for column in 0..values.len() {
                 let shifted = |step: f64| {
                     let mut raw = raw.clone();
                     raw[array][column] += step;
-                    dot(
-                        &definition(&wide, &raw, centre(&table, index)),
-                        &by_seen[index],
-                    )
+                    dot(&definition(&wide, &raw, centre(&table, index)), by_seen)
                 };
                 let expected = (shifted(1e-5) - shifted(-1e-5)) / 2e-5;
                 let array = &table.arrays[array];
