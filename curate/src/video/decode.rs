@@ -83,12 +83,12 @@ impl VideoReader {
             .ok_or_else(|| CurateError::video(path, "has no video stream"))?;
         let mut codec = ffmpeg::codec::Context::from_parameters(stream.parameters())
             .map_err(|error| CurateError::internal(path, error))?;
-        // One per core. Left to itself FFmpeg takes one more, which costs memory and gains nothing:
-        // the frames are looked at in this thread.
+        // One more than there are cores, as FFmpeg does by itself: threads wait for rows of the frames
+        // that theirs lean on.
         let cores = thread::available_parallelism().map_or(1, NonZero::get);
         codec.set_threading(threading::Config {
             kind: threading::Type::Frame,
-            count: cores.min(MOST_THREADS),
+            count: (cores + 1).min(MOST_THREADS),
             ..threading::Config::default()
         });
         let decoder = codec.decoder().video().map_err(|error| {
@@ -220,7 +220,14 @@ impl VideoReader {
     /// Has the decoder give what it still holds.
     fn drain(&mut self) -> Result<(), CurateError> {
         self.draining = true;
-        self.decoder.send_eof().map_err(|error| self.broken(&error))
+        match self.decoder.send_eof() {
+            // The end has been taken; what is told is a packet before it, when it is decoded only now.
+            Err(ffmpeg::Error::InvalidData) => {
+                self.damaged += 1;
+                Ok(())
+            }
+            ended => ended.map_err(|error| self.broken(&error)),
+        }
     }
 
     /// The timestamp of a frame in seconds; frames without an increasing one are counted as damaged
