@@ -9,9 +9,9 @@
 //!
 //! What moves along its own arc as a still thing at another distance would is not told from one. A
 //! person at eye level who walks in the same plane as the camera does so; what gives them away is
-//! that they come nearer and that their limbs move. Both take time to show, hence
-//! [`LEAST_GAP_SECONDS`]. It needs no weights and knows no classes; where there are masks of a
-//! segmentation network, those are better.
+//! that they come nearer and that their limbs move. Both take time to show: frames are compared
+//! that are a fifth of a second apart at least. It needs no weights and knows no classes; where there
+//! are masks of a segmentation network, those are better.
 
 use std::path::Path;
 
