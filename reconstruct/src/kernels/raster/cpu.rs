@@ -1,6 +1,7 @@
 //! Rasterization on the processor: one tile per task, 8 pixels of a row per vector step.
 //!
-//! A row of a footprint is walked in vectors that begin at its first pixel, wherever that is.
+//! A row of a footprint is walked in vectors that begin at its first pixel, wherever that is; which
+//! those are is found for 8 rows at once (`spans.rs`).
 
 use std::{cell::RefCell, ops::Range};
 

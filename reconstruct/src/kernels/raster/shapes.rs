@@ -104,7 +104,7 @@ impl<S: Simd> Walk<S> for Ellipse {
             let row_log2 = f32x8::splat(simd, spans.log2[row]);
             let x = steps + span.x;
             visit(Block {
-                // The smaller of the two is the first; the compiler sees that it is in the plane.
+                // Never more than that; written out, the compiler leaves out checks of bounds.
                 at: usize::from(span.at).min(TILE * STRIDE - LANES),
                 log2_alpha: (x * x).mul_add(per_square, row_log2),
                 geometry: EllipsePixels { x, y: spans.y[row] },
