@@ -113,7 +113,7 @@ pub(crate) fn run(job: &Job<'_>, running: &Running) -> io::Result<Ended> {
     let log = File::options().create(true).append(true).open(job.log)?;
     let errors = log.try_clone()?;
     let program = resolved(job);
-    let mut command = Command::new(&program);
+    let mut command = dying_with_its_runner(&program);
     command
         .args(&job.command[1..])
         .envs(job.variables.iter().map(|(name, value)| (name, value)))
@@ -121,7 +121,9 @@ pub(crate) fn run(job: &Job<'_>, running: &Running) -> io::Result<Ended> {
         .stdin(Stdio::null())
         .stdout(log)
         .stderr(errors);
-    in_group_of_its_own(&mut command);
+    // Its children can be reached through its group.
+    #[cfg(unix)]
+    std::os::unix::process::CommandExt::process_group(&mut command, 0);
     let child = {
         // Under the lock: whoever wants to end the unit either comes before, or finds the group.
         let mut state = running.state();
@@ -168,30 +170,48 @@ fn not_begun() -> Ended {
     }
 }
 
-/// Its children can be reached through its group, and it dies with the thread that started it, which
-/// waits for it.
-fn in_group_of_its_own(command: &mut Command) {
-    #[cfg(unix)]
+/// A command that dies with the thread that started it, which waits for it (Linux).
+///
+/// Asking for that between fork and exec means that all of this program's address space, with its
+/// many libraries, is copied for every command. `setpriv` of util-linux asks for it afterwards, in a
+/// small process of its own; where it is missing, the copy does. A runner that is killed before it
+/// asked leaves a command behind, which is ended by whoever takes the unit over.
+fn dying_with_its_runner(program: &Path) -> Command {
+    #[cfg(target_os = "linux")]
     {
-        use std::os::unix::process::CommandExt;
-        command.process_group(0);
-        #[cfg(target_os = "linux")]
-        {
-            let parent = nix::unistd::getpid();
-            let die_with_parent = move || {
-                nix::sys::prctl::set_pdeathsig(nix::sys::signal::Signal::SIGKILL)?;
-                // A parent that died before the call above sends no signal any more.
-                if nix::unistd::getppid() == parent {
-                    Ok(())
-                } else {
-                    Err(io::Error::from(io::ErrorKind::BrokenPipe))
-                }
-            };
-            // SAFETY: between fork and exec the closure makes two system calls and allocates
-            // nothing.
-            unsafe { command.pre_exec(die_with_parent) };
+        const ARGUMENTS: [&str; 3] = ["--pdeathsig", "KILL", "--"];
+        static HAS_SETPRIV: std::sync::LazyLock<bool> = std::sync::LazyLock::new(|| {
+            let mut probe = Command::new("setpriv");
+            probe.args(ARGUMENTS).arg("true").stdin(Stdio::null());
+            let status = probe.stdout(Stdio::null()).stderr(Stdio::null()).status();
+            status.is_ok_and(|status| status.success())
+        });
+        if *HAS_SETPRIV {
+            let mut command = Command::new("setpriv");
+            command.args(ARGUMENTS).arg(program);
+            return command;
         }
+        let mut command = Command::new(program);
+        die_with_parent(&mut command);
+        command
     }
-    #[cfg(not(unix))]
-    let _ = command;
+    #[cfg(not(target_os = "linux"))]
+    Command::new(program)
+}
+
+#[cfg(target_os = "linux")]
+fn die_with_parent(command: &mut Command) {
+    use std::os::unix::process::CommandExt;
+    let parent = nix::unistd::getpid();
+    let ask = move || {
+        nix::sys::prctl::set_pdeathsig(nix::sys::signal::Signal::SIGKILL)?;
+        // A parent that died before the call above sends no signal any more.
+        if nix::unistd::getppid() == parent {
+            Ok(())
+        } else {
+            Err(io::Error::from(io::ErrorKind::BrokenPipe))
+        }
+    };
+    // SAFETY: between fork and exec the closure makes two system calls and allocates nothing.
+    unsafe { command.pre_exec(ask) };
 }
