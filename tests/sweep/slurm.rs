@@ -259,22 +259,19 @@ fn job_arrays_do_what_a_local_run_does() {
     told_to_end_a_task_goes_on_later(&cluster);
 }
 
-/// The signal that Slurm sends before a job's time is up, sent by hand.
+/// Slurm's own signal before a job's time is up: here 90 s before the end of 2 minutes.
 fn told_to_end_a_task_goes_on_later(cluster: &Cluster) {
     let unit = "if test -e saved; then cp saved result; exit; fi; \
                 trap 'echo half > saved; exit 75' TERM; touch begun; \
                 while :; do sleep 0.05; done";
     let shell = Shell::planned(&[unit.to_owned()], &["--unit-memory", "0.25"]);
-    let submitted = cluster.submit(&shell, &["--no-reduce"]);
-    let (job, _) = submitted.split_once(':').unwrap();
+    let limit = ["--sbatch=--time=2", "--sbatch=--signal=B:USR1@90"];
+    cluster.submit(&shell, &["--no-reduce", limit[0], limit[1]]);
     wait_for("the unit", Duration::from_secs(60), || {
         shell.path("begun").exists()
     });
-    cluster.says(
-        "scancel",
-        &["--signal=USR1", "--batch", &format!("{job}_0")],
-    );
-    wait_for("its checkpoint", Duration::from_secs(60), || {
+    // Slurm looks at time limits every half minute.
+    wait_for("its checkpoint", Duration::from_secs(120), || {
         shell.path("saved").exists()
     });
     cluster.drain();
