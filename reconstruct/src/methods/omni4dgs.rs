@@ -111,6 +111,11 @@ pub(super) struct Variant {
     pub(super) seed_velocity: SeedVelocity,
     /// Whether density control in time is a component.
     pub(super) splits_in_time: bool,
+    /// Whether lifespans go as far in a short schedule as in a long one
+    /// ([`dynamic::quicken_lifespans`]).
+    pub(super) quickens_lifespans: bool,
+    /// First opacity of scene points; that of static methods where there is none.
+    pub(super) first_opacity: Option<f32>,
 }
 
 const PUBLISHED: Variant = Variant {
@@ -122,6 +127,8 @@ const PUBLISHED: Variant = Variant {
     lifespan_weight: 0.0,
     seed_velocity: SeedVelocity::None,
     splits_in_time: true,
+    quickens_lifespans: false,
+    first_opacity: None,
 };
 
 /// What is decided for a scene.
@@ -266,6 +273,9 @@ pub(super) fn prepare_variant(
     let clock = dynamic::check(variant.id, scene, backend)?;
     let mut settings = odgs::settings(scene, request);
     dynamic::add_learning_rates(&mut settings, odgs::scene_extent(scene));
+    if variant.quickens_lifespans {
+        dynamic::quicken_lifespans(&mut settings);
+    }
     let evidence = Evidence::of(scene, request)?;
     let mut components = Components::new(request, Vec::new());
     let decided = Decided::new(&evidence, request, variant, &mut components);
@@ -275,7 +285,7 @@ pub(super) fn prepare_variant(
     } else {
         MaskSeeds::default()
     };
-    let first = odgs::first_gaussians(scene, &settings, request, seeds.gaussians.len());
+    let mut first = odgs::first_gaussians(scene, &settings, request, seeds.gaussians.len());
     components.plan.extend(first.plan);
     let mut beginning = Beginning {
         fixed: first.shell,
@@ -288,6 +298,9 @@ pub(super) fn prepare_variant(
         let least = LEAST_FIRST_STATICNESS * CYCLE_FRAMES;
         let lifespan = dynamic::first_lifespan(&clock, variant.first_lifespan_share).max(least);
         let times = dynamic::scattered_times(&clock, first.points.len(), lifespan, request.seed);
+        if let Some(opacity) = variant.first_opacity {
+            first.points.opacities.fill(opacity);
+        }
         beginning.add_moving(first.points, times);
     }
     beginning.add_moving(seeds.gaussians, seeds.times);
