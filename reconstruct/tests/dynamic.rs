@@ -219,21 +219,13 @@ fn a_plan_that_names_the_static_table_has_points_without_a_time() {
 /// A name, and what makes the scene awkward.
 type Variant = (&'static str, fn(&mut TrainingScene));
 
+/// More of them, of one frame to ten thousand, are in the catalogue of stability.
 #[test]
 fn awkward_clips_train_without_a_panic_or_a_nan() {
-    let variants: [Variant; 8] = [
+    let variants: [Variant; 4] = [
         ("no masks", |scene| {
             for view in &mut scene.input_views {
                 view.mask = None;
-            }
-        }),
-        ("empty masks", |scene| {
-            for mask in scene
-                .input_views
-                .iter_mut()
-                .filter_map(|view| view.mask.as_mut())
-            {
-                mask.fill(0);
             }
         }),
         ("masks of everything", |scene| {
@@ -243,20 +235,6 @@ fn awkward_clips_train_without_a_panic_or_a_nan() {
                 .filter_map(|view| view.mask.as_mut())
             {
                 mask.fill(255);
-            }
-        }),
-        ("one frame", |scene| {
-            scene.input_views.truncate(1);
-            scene.novel_views.clear();
-        }),
-        ("two frames", |scene| {
-            scene.input_views.truncate(2);
-            scene.novel_views.clear();
-        }),
-        ("ten thousand frames", |scene| {
-            for view in scene.input_views.iter_mut().chain(&mut scene.novel_views) {
-                let step = if view.frame < 8 { 0.0 } else { 9_990.0 };
-                view.view.time_seconds = (f64::from(view.frame) + step) / 30.0 + 1e6;
             }
         }),
         ("no points", |scene| scene.points = PointCloud::default()),

@@ -194,7 +194,11 @@ impl Deformation {
             .for_each(|(output, position, scale, rotation)| {
                 for axis in 0..3 {
                     position[axis] += unit * output[axis];
-                    scale[axis] = (scale[axis] + unit * output[7 + axis]).max(unit * LEAST_SCALE);
+                    scale[axis] += unit * output[7 + axis];
+                    // `max` would make a scale that is NaN the least one, and draw it.
+                    if scale[axis] < unit * LEAST_SCALE {
+                        scale[axis] = unit * LEAST_SCALE;
+                    }
                 }
                 let (sum, length) = deformed_quaternion(rotation, output);
                 *rotation = sum.map(|value| value / length);

@@ -71,11 +71,11 @@ pub struct PulseGradient {
     pub velocity: Vec3,
 }
 
-/// `l/(2 pi) sin(2 pi d / l)` and its derivative. Whole cycles are removed first, so that times far
-/// from the peak lose no more than their own rounding.
-fn swing(distance: f32, cycle: f32) -> (f32, f32) {
-    let cycles = distance / cycle;
-    let angle = TAU * (cycles - cycles.round());
+/// `l/(2 pi) sin(2 pi d / l)` and its derivative. Whole cycles are taken off in f64: with thousands of
+/// them between peak and moment, nothing would be left of the angle in f32.
+fn swing(distance: f64, cycle: f32) -> (f32, f32) {
+    let cycles = distance / f64::from(cycle);
+    let angle = TAU * (cycles - cycles.round()) as f32;
     (cycle / TAU * angle.sin(), angle.cos())
 }
 
@@ -83,6 +83,11 @@ impl Pulse {
     /// `rho`, the staticness.
     pub fn staticness(&self, cycle: f32) -> f32 {
         self.lifespan / cycle
+    }
+
+    /// `d`, frames from the peak to what is drawn.
+    fn distance(&self, moment: Moment) -> f64 {
+        f64::from(moment.frame) - f64::from(moment.shift) - f64::from(self.peak)
     }
 
     /// `m` after `distance` frames from the peak.
@@ -98,19 +103,20 @@ impl Pulse {
 
     /// The state at a moment; `cycle` is `l` in frames.
     pub fn at(&self, moment: Moment, cycle: f32) -> PulseState {
-        let distance = moment.frame - moment.shift - self.peak;
+        let distance = self.distance(moment);
         let mean_velocity = self.velocity * self.steadiness(cycle);
         PulseState {
             displacement: self.velocity * swing(distance, cycle).0 + mean_velocity * moment.shift,
-            marginal: self.marginal(distance),
+            marginal: self.marginal(distance as f32),
             mean_velocity,
         }
     }
 
     /// VJP of [`Pulse::at`] from the gradient by the state.
     pub fn at_vjp(&self, moment: Moment, cycle: f32, upstream: &PulseState) -> PulseGradient {
-        let distance = moment.frame - moment.shift - self.peak;
+        let distance = self.distance(moment);
         let (amplitude, slope) = swing(distance, cycle);
+        let distance = distance as f32;
         let ratio = distance / self.lifespan;
         let marginal = self.marginal(distance);
         let steadiness = self.steadiness(cycle);
@@ -263,6 +269,43 @@ mod tests {
                     }
                 }
             }
+        }
+    }
+
+    /// In f32 a peak a million frames away leaves the angle three hundredths of a frame's worth of
+    /// error, and a cycle of a thousandth of a frame a ten-thousandth of a turn.
+    #[test]
+    fn many_cycles_between_peak_and_moment_leave_the_angle_exact() {
+        for (peak, cycle, frame) in [
+            (1e6, 10.0, 0.37),
+            (-1e6, 7.3, 12.1),
+            (4_321.7, 1e-3, -4_000.3),
+            (0.3, 1e-6, 1.1),
+        ] {
+            let pulse = Pulse {
+                peak,
+                lifespan: f32::INFINITY,
+                velocity: Vec3::X,
+            };
+            let distance = f64::from(frame) - f64::from(peak);
+            let cycles = distance / f64::from(cycle);
+            let angle = std::f64::consts::TAU * (cycles - cycles.round());
+            let upstream = PulseState {
+                displacement: Vec3::X,
+                marginal: 0.0,
+                mean_velocity: Vec3::ZERO,
+            };
+            let moment = Moment::at(frame);
+            let turn = pulse.at(moment, cycle).displacement.x * TAU / cycle;
+            let back = pulse.at_vjp(moment, cycle, &upstream);
+            assert!(
+                (f64::from(turn) - angle.sin()).abs() < 1e-6,
+                "{peak} {cycle}"
+            );
+            assert!(
+                (f64::from(back.peak) + angle.cos()).abs() < 1e-6,
+                "{peak} {cycle}"
+            );
         }
     }
 

@@ -6,7 +6,9 @@ use omnilife_schemas::Similarity;
 use super::{
     Limits,
     devices::DeviceKind,
-    setup::{Motion, RawGaussian, Setup, TIME_SECONDS, mild},
+    in_time,
+    parameterizations::InTime,
+    setup::{RawGaussian, Setup, mild},
 };
 use crate::kernels::Footprint;
 
@@ -19,8 +21,8 @@ pub struct Case {
     pub title: &'static str,
     /// What the code does about it, in words; empty where it needs to do nothing.
     pub action: &'static str,
-    /// Whether it is about time.
-    pub needs_time: bool,
+    /// The parameterizations that the case is about.
+    pub about: &'static [InTime],
     /// What there is.
     pub setup: fn() -> Setup,
     /// What has to come out.
@@ -75,17 +77,22 @@ impl Case {
     }
 }
 
-const PLAIN: Case = Case {
+pub(super) const PLAIN: Case = Case {
     id: "",
     title: "",
     action: "",
-    needs_time: false,
+    about: &[InTime::Still, InTime::Deformed, InTime::Moving],
     setup: || Setup::new(mild()),
     expectation: Expectation::Agrees,
 };
 
 /// All cases that are rendered.
-pub const CASES: &[Case] = &[
+pub fn all() -> impl Iterator<Item = &'static Case> {
+    CASES.iter().chain(in_time::CASES)
+}
+
+/// Those that are not about time.
+const CASES: &[Case] = &[
     Case {
         id: "mild",
         title: "nothing difficult, for comparison",
@@ -228,36 +235,9 @@ pub const CASES: &[Case] = &[
         title: "a Gaussian exactly where the camera is",
         action: "left out",
         setup: at_the_camera,
+        // A network would move it away.
+        about: &[InTime::Still, InTime::Moving],
         expectation: Expectation::LeavesOut { hopeless: 1 },
-        ..PLAIN
-    },
-    Case {
-        id: "lifespan-0",
-        title: "lifespans of a nanosecond, at and beside their moment",
-        needs_time: true,
-        setup: || timed(TIME_SECONDS, 1e-9, 0.05),
-        ..PLAIN
-    },
-    Case {
-        id: "lifespan-endless",
-        title: "lifespans of a million seconds",
-        needs_time: true,
-        setup: || timed(0.4, 1e6, 0.05),
-        ..PLAIN
-    },
-    Case {
-        id: "time-outside",
-        title: "moments 1e5 seconds before and after the clip",
-        needs_time: true,
-        setup: || timed(1e5, 1e5, 0.05),
-        ..PLAIN
-    },
-    Case {
-        id: "fast",
-        title: "1,000 units per second",
-        needs_time: true,
-        setup: || timed(TIME_SECONDS, 1.0, 1e3),
-        ..PLAIN
     },
 ];
 
@@ -427,36 +407,17 @@ fn at_the_camera() -> Setup {
     Setup::straight(gaussians)
 }
 
-/// Half of the Gaussians at their moment, half a lifespan beside it.
-fn timed(peak_seconds: f64, lifespan_seconds: f64, speed: f64) -> Setup {
-    let mut gaussians = mild();
-    for (index, gaussian) in gaussians.iter_mut().enumerate() {
-        let beside = if index % 2 == 0 {
-            0.0
-        } else {
-            0.5 * lifespan_seconds
-        };
-        let sign = if index % 3 == 0 { -1.0 } else { 1.0 };
-        gaussian.motion = Motion {
-            peak_seconds: peak_seconds + sign * beside,
-            lifespan_seconds,
-            velocity: [speed, -0.4 * speed, 0.6 * speed],
-        };
-    }
-    Setup::new(gaussians)
-}
-
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeSet;
 
     use super::*;
-    use crate::stability::special::SPECIAL_CASES;
+    use crate::stability::special;
 
     #[test]
     fn ids_are_unique_and_titles_say_something() {
-        let rendered = CASES.iter().map(|case| (case.id, case.title));
-        let special = SPECIAL_CASES.iter().map(|case| (case.id, case.title));
+        let rendered = all().map(|case| (case.id, case.title));
+        let special = special::all().map(|case| (case.id, case.title));
         let all: Vec<_> = rendered.chain(special).collect();
         let ids: BTreeSet<_> = all.iter().map(|(id, _)| id).collect();
         assert_eq!(ids.len(), all.len());

@@ -5,10 +5,7 @@ use std::sync::Arc;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use super::{
-    parameterizations::Parameterization,
-    setup::{Setup, TIME_SECONDS},
-};
+use super::{parameterizations::Parameterization, setup::Setup};
 use crate::{
     error::ReconstructError,
     gaussians::{GaussianTable, InstantGaussians},
@@ -134,7 +131,7 @@ impl Device {
             features: &[],
         };
         let mut instant = InstantGaussians::default();
-        (parameterization.instantiate)(&table, TIME_SECONDS, &mut instant);
+        (parameterization.instantiate)(&table, setup, &mut instant);
         let mut gradient = InstantGaussians::default();
         let (colour, drawn) = match &self.gpu {
             None => {
@@ -150,7 +147,7 @@ impl Device {
                 (raster.colour, renderer.visible()?.len())
             }
         };
-        (parameterization.instantiate_vjp)(&mut table, &instant, &gradient, TIME_SECONDS);
+        (parameterization.instantiate_vjp)(&mut table, &instant, &gradient, setup);
         Ok(RoundTrip {
             colour,
             table,

@@ -4,8 +4,8 @@ use omnilife_schemas::records::StabilityMeasures;
 
 use super::{
     devices::Device,
-    parameterizations::Parameterization,
-    setup::{Setup, TIME_SECONDS},
+    parameterizations::{Parameterization, STATIC_VALUES},
+    setup::Setup,
 };
 use crate::{
     camera::Camera,
@@ -40,7 +40,7 @@ pub fn measure(
     hopeless: usize,
     forward_limit: f64,
 ) -> Result<Measured, ReconstructError> {
-    let table = (parameterization.table)(&setup.gaussians);
+    let table = (parameterization.table)(setup);
     let sound = setup.gaussians.len() - hopeless;
     let reference = Reference::new(setup, parameterization, &table, sound);
     let (image, decisions) = reference::render(&setup.exact, &reference.gaussians(), None);
@@ -110,12 +110,14 @@ impl<'a> Reference<'a> {
         }
     }
 
-    fn gaussian(&self, row: &[f64]) -> Gaussian {
-        (self.parameterization.definition)(row, TIME_SECONDS)
+    /// The Gaussian of a row that differs from the table's row `index`.
+    fn gaussian(&self, row: &[f64], index: usize) -> Gaussian {
+        (self.parameterization.definition)(row, &self.rows[index], self.setup)
     }
 
     fn gaussians(&self) -> Vec<Gaussian> {
-        self.rows.iter().map(|row| self.gaussian(row)).collect()
+        let rows = self.rows.iter().enumerate();
+        rows.map(|(index, row)| self.gaussian(row, index)).collect()
     }
 
     /// The largest error of a gradient value of the judged Gaussians, relative to its size or to the
@@ -164,7 +166,7 @@ impl<'a> Reference<'a> {
         let mut at = |steps: f64| {
             let mut row = self.rows[index].clone();
             row[parameter] += steps * step;
-            gaussians[index] = self.gaussian(&row);
+            gaussians[index] = self.gaussian(&row, index);
             let (image, _) = reference::render(&self.setup.exact, gaussians, Some(decisions));
             let weighted = image.colour.iter().zip(&self.weights);
             weighted
@@ -174,26 +176,36 @@ impl<'a> Reference<'a> {
         let near = at(1.0) - at(-1.0);
         let far = at(2.0) - at(-2.0);
         gaussians[index] = unchanged;
-        (8.0 * near - far) / (12.0 * step)
+        let derivative = (8.0 * near - far) / (12.0 * step);
+        match parameter.checked_sub(STATIC_VALUES) {
+            None => derivative,
+            Some(further) => {
+                let scale = self.parameterization.gradient_scale;
+                derivative * scale(&self.rows[index], further, self.setup)
+            }
+        }
     }
 
     /// How far to step: positions (the first three values of every parameterization) by a share of
-    /// how wide the Gaussian looks, its smallest axis or a pixel; everything else has a unit of 1, a
-    /// quaternion its length.
+    /// how wide the Gaussian looks, its smallest axis or a pixel; a quaternion by one of its length,
+    /// what only some parameterizations have by one of its unit, everything else has a unit of 1.
     fn step(&self, gaussian: &Gaussian, row: &[f64], parameter: usize) -> f64 {
-        if parameter < 3 {
-            let offset = glam::DVec3::from_array(gaussian.position) - self.setup.exact.centre;
-            let pixel = match self.setup.exact.camera {
-                Camera::Erp(camera) => std::f64::consts::PI / f64::from(camera.height),
-                Camera::Pinhole(camera) => 1.0 / camera.fy,
-            };
-            let smallest = gaussian.scale.iter().copied().fold(f64::INFINITY, f64::min);
-            return STEP * smallest.max(0.5 * pixel * offset.length());
-        }
-        if (6..10).contains(&parameter) {
-            let length = row[6..10].iter().map(|q| q * q).sum::<f64>().sqrt();
-            return STEP * length.max(1e-12);
-        }
-        STEP
+        let offset = glam::DVec3::from_array(gaussian.position) - self.setup.exact.centre;
+        let pixel = match self.setup.exact.camera {
+            Camera::Erp(camera) => std::f64::consts::PI / f64::from(camera.height),
+            Camera::Pinhole(camera) => 1.0 / camera.fy,
+        };
+        let smallest = gaussian.scale.iter().copied().fold(f64::INFINITY, f64::min);
+        let size = smallest.max(0.5 * pixel * offset.length());
+        let unit = match parameter {
+            0..3 => size,
+            6..10 => {
+                let length = row[6..10].iter().map(|q| q * q).sum::<f64>().sqrt();
+                length.max(1e-12)
+            }
+            _ if parameter < STATIC_VALUES => 1.0,
+            _ => (self.parameterization.unit)(row, parameter - STATIC_VALUES, size, self.setup),
+        };
+        STEP * unit
     }
 }

@@ -1,7 +1,8 @@
 //! Stiff and extreme cases on every backend and parameterization, judged by the f64 reference.
 //!
 //! * [`setup`]: what a case consists of;
-//! * [`cases`]: the catalogue, [`CASES`]; [`special`]: those of it that render nothing;
+//! * [`cases`]: the catalogue, and `in_time` what of it is about time; [`special`]: what renders
+//!   nothing, and `clips`, on which methods are trained;
 //! * [`sweeps`]: families of cases whose condition number grows;
 //! * [`parameterizations`], [`devices`]: what they are tried on;
 //! * [`mod@measure`]: errors of image and gradient against [`crate::reference`].
@@ -9,7 +10,9 @@
 //! To add a case: a function and a line in its slice.
 
 pub mod cases;
+mod clips;
 pub mod devices;
+mod in_time;
 pub mod measure;
 pub mod parameterizations;
 pub mod setup;
@@ -25,15 +28,16 @@ use omnilife_schemas::{
 };
 
 use crate::error::ReconstructError;
-use cases::{CASES, Case, Expectation};
+use cases::{Case, Expectation};
 use devices::{Device, DeviceKind};
 use measure::{Measured, measure};
-use parameterizations::{PARAMETERIZATIONS, Parameterization};
-use special::SPECIAL_CASES;
+use parameterizations::{InTime, PARAMETERIZATIONS, Parameterization};
 use sweeps::SWEEPS;
 
 /// Where the case is not about a parameterization.
 const NO_PARAMETERIZATION: &str = "none";
+/// Why a graphics adapter is not asked about time.
+const STILL_DEVICE: &str = "what depends on time is activated on the processor";
 /// Largest difference of a colour value where a Gaussian's edge, or the end of compositing, falls on
 /// one side in f32 and on the other in f64: two steps of 1/255.
 const LARGEST_SWITCH: f64 = 8e-3;
@@ -57,8 +61,10 @@ pub fn run(
         rows: Vec::new(),
         sweeps: SWEEPS.iter().map(sweeps::Sweep::record).collect(),
     };
-    let per_device = CASES.len() + SPECIAL_CASES.len() + SWEEPS.len();
-    progress.begin("stability", Some((kinds.len() * per_device) as u64));
+    progress.begin(
+        "stability",
+        Some((kinds.len() * steps_of_a_device()) as u64),
+    );
     let outcome = kinds
         .iter()
         .try_for_each(|&kind| on_device(kind, &mut report, progress));
@@ -66,6 +72,10 @@ pub fn run(
     outcome?;
     report.wall_seconds = begun.elapsed().as_secs_f64();
     Ok(report)
+}
+
+fn steps_of_a_device() -> usize {
+    cases::all().count() + special::all().count() + SWEEPS.len()
 }
 
 fn on_device(
@@ -77,60 +87,50 @@ fn on_device(
         Ok(device) => device,
         Err(reason) => {
             report.backends.insert(kind.id().to_owned(), reason.clone());
-            report.rows.extend(
-                CASES
-                    .iter()
-                    .map(|case| not_run(case.id, case.title, NO_PARAMETERIZATION, kind, &reason)),
-            );
-            progress.advance((CASES.len() + SPECIAL_CASES.len() + SWEEPS.len()) as u64);
+            let rows = cases::all().map(|case| not_run(case, kind, &reason));
+            report.rows.extend(rows);
+            progress.advance(steps_of_a_device() as u64);
             return Ok(());
         }
     };
     report
         .backends
         .insert(kind.id().to_owned(), device.describe());
-    for case in CASES {
-        let fitting: Vec<&Parameterization> = PARAMETERIZATIONS
-            .iter()
-            .filter(|parameterization| parameterization.has_time || !case.needs_time)
-            .collect();
-        if fitting.is_empty() {
-            let reason = "no parameterization of this version depends on time";
-            report.rows.push(not_run(
-                case.id,
-                case.title,
-                NO_PARAMETERIZATION,
-                kind,
-                reason,
-            ));
+    for case in cases::all() {
+        if !case.about.iter().any(|&in_time| knows(kind, in_time)) {
+            report.rows.push(not_run(case, kind, STILL_DEVICE));
         }
-        for parameterization in fitting {
-            report.rows.push(row(case, parameterization, &mut device)?);
+        for parameterization in PARAMETERIZATIONS {
+            let in_time = parameterization.in_time;
+            if case.about.contains(&in_time) && knows(kind, in_time) {
+                report.rows.push(row(case, parameterization, &mut device)?);
+            }
         }
         progress.advance(1);
     }
-    for case in SPECIAL_CASES {
+    for case in special::all() {
         report.rows.push(case.row(kind));
         progress.advance(1);
     }
     for (sweep, record) in SWEEPS.iter().zip(&mut report.sweeps) {
-        record.points.extend(sweep.points(&mut device)?);
+        if knows(kind, sweep.parameterization.in_time) {
+            record.points.extend(sweep.points(&mut device)?);
+        }
         progress.advance(1);
     }
     Ok(())
 }
 
-fn not_run(
-    case: &str,
-    title: &str,
-    parameterization: &str,
-    kind: DeviceKind,
-    reason: &str,
-) -> StabilityRow {
+/// Whether a device's training knows of this.
+fn knows(kind: DeviceKind, in_time: InTime) -> bool {
+    kind == DeviceKind::Cpu || in_time == InTime::Still
+}
+
+fn not_run(case: &Case, kind: DeviceKind, reason: &str) -> StabilityRow {
     StabilityRow {
-        case: case.to_owned(),
-        title: title.to_owned(),
-        parameterization: parameterization.to_owned(),
+        case: case.id.to_owned(),
+        title: case.title.to_owned(),
+        parameterization: NO_PARAMETERIZATION.to_owned(),
         backend: kind.id().to_owned(),
         measured: None,
         action: String::new(),
@@ -224,7 +224,7 @@ fn harm_of(
 ) -> Result<Option<String>, ReconstructError> {
     let mut clean = setup.clone();
     clean.gaussians.truncate(setup.gaussians.len() - hopeless);
-    let table = (parameterization.table)(&clean.gaussians);
+    let table = (parameterization.table)(&clean);
     let without = device.round_trip(&clean, parameterization, table)?;
     Ok(
         (with.colour != without.colour)

@@ -5,6 +5,7 @@ use omnilife_schemas::{Pose, Similarity, camera::ErpCamera};
 
 use crate::{
     camera::{Camera, View},
+    clock::Clock,
     kernels::{Footprint, RenderSettings},
     reference::RefView,
 };
@@ -67,6 +68,30 @@ impl RawGaussian {
     }
 }
 
+/// What time is measured by.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Timing {
+    /// From seconds to frames.
+    pub clock: Clock,
+    /// Cycle of periodic motions, frames.
+    pub cycle_frames: f32,
+    /// How much earlier the drawn state is, frames (temporal smoothing).
+    pub shift_frames: f32,
+}
+
+impl Timing {
+    /// A clip of ten frames in a second, which begins a little before 0.
+    pub const MILD: Self = Self {
+        clock: Clock {
+            origin_seconds: 0.45,
+            frame_seconds: 0.1,
+            duration_frames: 10.0,
+        },
+        cycle_frames: 10.0,
+        shift_frames: 0.0,
+    };
+}
+
 /// A case before anything has been computed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Setup {
@@ -78,6 +103,8 @@ pub struct Setup {
     pub exact: RefView,
     /// The view as it comes out of the loader, for the kernels.
     pub view: View,
+    /// What its time is measured by.
+    pub timing: Timing,
 }
 
 /// Instant of the view, seconds.
@@ -141,12 +168,26 @@ impl Setup {
             gaussians,
             exact,
             view,
+            timing: Timing::MILD,
         }
     }
 
     /// With another definition of the falloff.
     pub fn with_footprint(mut self, footprint: Footprint) -> Self {
         self.exact.settings.footprint = footprint;
+        self
+    }
+
+    /// With another cycle of periodic motions, frames.
+    pub fn with_cycle(mut self, frames: f64) -> Self {
+        self.timing.cycle_frames = frames as f32;
+        self
+    }
+
+    /// At another time of another clip.
+    pub fn at(mut self, seconds: f64, clock: Clock) -> Self {
+        self.view.time_seconds = seconds;
+        self.timing.clock = clock;
         self
     }
 }

@@ -4,13 +4,13 @@
 use omnilife_schemas::records::{StabilityMeasures, StabilityRow, StabilityVerdict};
 
 use super::{
-    NO_PARAMETERIZATION,
+    NO_PARAMETERIZATION, clips,
     devices::{Device, DeviceKind},
-    parameterizations::PARAMETERIZATIONS,
+    parameterizations::{self, DEFORMABLE, STATIC},
     setup::{Setup, mild},
 };
 use crate::{
-    gaussians::GaussianTable,
+    gaussians::{GaussianTable, InstantGaussians},
     kernels::{adam, loss::cpu::Loss},
 };
 
@@ -21,20 +21,37 @@ pub struct SpecialCase {
     pub id: &'static str,
     /// What it is, in words.
     pub title: &'static str,
-    judge: fn() -> Judgement,
+    pub(super) judge: fn() -> Judgement,
 }
 
-struct Judgement {
-    action: String,
+/// What a case came to.
+pub(super) struct Judgement {
+    pub(super) action: String,
     /// `None` passes.
-    fault: Option<String>,
-    measured: Option<StabilityMeasures>,
+    pub(super) fault: Option<String>,
+    pub(super) measured: Option<StabilityMeasures>,
     /// Why nothing ran.
-    missing: Option<&'static str>,
+    pub(super) missing: Option<&'static str>,
 }
 
-/// All of them.
-pub const SPECIAL_CASES: &[SpecialCase] = &[
+impl Judgement {
+    /// A case that could not be tried.
+    pub(super) fn failed(reason: String) -> Self {
+        Self {
+            action: String::new(),
+            fault: Some(reason),
+            measured: None,
+            missing: None,
+        }
+    }
+}
+
+/// All cases that render nothing.
+pub fn all() -> impl Iterator<Item = &'static SpecialCase> {
+    SPECIAL_CASES.iter().chain(clips::CASES)
+}
+
+const SPECIAL_CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "non-finite-pixels",
         title: "pixels of a training image that are NaN or infinite",
@@ -54,6 +71,11 @@ pub const SPECIAL_CASES: &[SpecialCase] = &[
         id: "tiny-gradients",
         title: "gradients whose squares f32 cannot hold",
         judge: tiny_gradients,
+    },
+    SpecialCase {
+        id: "network-weights",
+        title: "Gaussians and gradients that are not finite, deformed by a network",
+        judge: network_weights,
     },
     SpecialCase {
         id: "trajectory-fit",
@@ -138,8 +160,8 @@ fn non_finite_gradient() -> Judgement {
     weights[0] = f32::NAN;
     weights[values / 2] = f32::INFINITY;
     weights[values - 1] = f32::NEG_INFINITY;
-    let parameterization = &PARAMETERIZATIONS[0];
-    let table = (parameterization.table)(&setup.gaussians);
+    let parameterization = &STATIC;
+    let table = (parameterization.table)(&setup);
     let made = Device::open(DeviceKind::Cpu)
         .map_err(|reason| reason.clone())
         .and_then(|device| {
@@ -149,14 +171,7 @@ fn non_finite_gradient() -> Judgement {
         });
     let mut table: GaussianTable = match made {
         Ok(made) => made.table,
-        Err(reason) => {
-            return Judgement {
-                action: String::new(),
-                fault: Some(reason),
-                measured: None,
-                missing: None,
-            };
-        }
+        Err(reason) => return Judgement::failed(reason),
     };
     let all: usize = table.arrays.iter().map(|array| array.gradients.len()).sum();
     let mut refused = 0;
@@ -226,6 +241,48 @@ fn tiny_gradients() -> Judgement {
             .to_owned(),
         fault: (!is_finite || largest > 0.01)
             .then(|| format!("a step of {largest} where the rate is 0.01")),
+        measured: None,
+        missing: None,
+    }
+}
+
+/// One bad Gaussian must not reach the weights that all Gaussians share.
+fn network_weights() -> Judgement {
+    let mut setup = Setup::new(mild());
+    let good = setup.gaussians.len();
+    for number in 0..4 {
+        setup.gaussians.push(setup.gaussians[number]);
+    }
+    let weights = |setup: &Setup, bad: &[usize]| {
+        let mut table = (DEFORMABLE.table)(setup);
+        let mut instant = InstantGaussians::default();
+        (DEFORMABLE.instantiate)(&table, setup, &mut instant);
+        let mut gradient = InstantGaussians::default();
+        gradient.clear_to_zero(&instant);
+        for (index, row) in gradient.positions.iter_mut().enumerate().take(good) {
+            *row = [1.0, 0.1 * index as f32, -0.5];
+        }
+        for &index in bad {
+            gradient.positions[index] = [f32::NAN, 1.0, 1.0];
+            gradient.scales[index] = [f32::INFINITY; 3];
+        }
+        parameterizations::deformation(&mut table, &instant, &gradient, setup)
+    };
+    let expected = weights(&setup, &[]);
+    setup.gaussians[good].position[0] = f64::NAN;
+    setup.gaussians[good + 1].position[2] = f64::INFINITY;
+    setup.gaussians[good + 2].quaternion[1] = f64::NAN;
+    let found = weights(&setup, &[good, good + 1, good + 2, good + 3]);
+    let fault = if expected.iter().all(|&value| value == 0.0) {
+        Some("the weights have no gradient at all".to_owned())
+    } else if found != expected {
+        Some("the gradients by the weights are others than without them".to_owned())
+    } else {
+        None
+    };
+    Judgement {
+        action: "such a Gaussian takes no part in the gradient by the weights".to_owned(),
+        fault,
         measured: None,
         missing: None,
     }

@@ -1,45 +1,31 @@
-//! The parameterizations that cases are tried on, and their definitions in f64.
+//! Static Gaussians (3DGS).
 
-use super::setup::RawGaussian;
+use super::{InTime, Parameterization};
 use crate::{
-    gaussians::{GaussianTable, InstantGaussians, static_gaussians},
+    gaussians::{GaussianTable, static_gaussians},
     reference::Gaussian,
+    stability::setup::RawGaussian,
 };
 
-/// A parameterization of Gaussians with its definition.
-#[derive(Debug, Clone, Copy)]
-pub struct Parameterization {
-    /// Id.
-    pub id: &'static str,
-    /// Whether it depends on time.
-    pub has_time: bool,
-    /// A table of raw parameters.
-    pub table: fn(&[RawGaussian]) -> GaussianTable,
-    /// Activates it at an instant (seconds).
-    pub instantiate: fn(&GaussianTable, f64, &mut InstantGaussians),
-    /// The VJP of that: from the table, what was activated, the gradients by it and the instant to
-    /// the table's gradients.
-    pub instantiate_vjp: fn(&mut GaussianTable, &InstantGaussians, &InstantGaussians, f64),
-    /// The definition: a Gaussian of a table, all of its values array by array, at an instant.
-    pub definition: fn(&[f64], f64) -> Gaussian,
-}
+/// Values of a static Gaussian: centre, scales, quaternion, opacity, constant harmonics.
+pub const STATIC_VALUES: usize = 14;
 
-/// All of them.
-pub const PARAMETERIZATIONS: &[Parameterization] = &[STATIC];
-
-const STATIC: Parameterization = Parameterization {
+/// Nothing depends on time.
+pub const STATIC: Parameterization = Parameterization {
     id: "static",
-    has_time: false,
-    table: static_table,
+    in_time: InTime::Still,
+    table: |setup| table(&setup.gaussians),
     instantiate: |table, _, out| static_gaussians::instantiate(table, out),
     instantiate_vjp: |table, instant, gradient, _| {
         static_gaussians::instantiate_vjp(table, instant, gradient);
     },
-    definition: |row, _| static_definition(row),
+    definition: |row, _, _| definition(row),
+    unit: |_, _, _, _| 1.0,
+    gradient_scale: |_, _, _| 1.0,
 };
 
 /// Raw values in the arrays of the static parameterization.
-fn static_table(gaussians: &[RawGaussian]) -> GaussianTable {
+pub(super) fn table(gaussians: &[RawGaussian]) -> GaussianTable {
     let mut table = GaussianTable::new(gaussians.len());
     let columns: [fn(&RawGaussian) -> Vec<f64>; 5] = [
         |g| g.position.to_vec(),
@@ -60,7 +46,7 @@ fn static_table(gaussians: &[RawGaussian]) -> GaussianTable {
 }
 
 /// `scale = exp(raw)` within bounds, `rotation = raw / max(|raw|, 1e-12)`, `opacity = sigmoid(raw)`.
-fn static_definition(row: &[f64]) -> Gaussian {
+pub(super) fn definition(row: &[f64]) -> Gaussian {
     let length = row[6..10].iter().map(|q| q * q).sum::<f64>().sqrt();
     let length = length.max(1e-12);
     Gaussian {

@@ -1,0 +1,160 @@
+//! Static Gaussians that a network moves (Deformable-GS).
+//!
+//! The definition, with `u` a length, `t` the time in [0, 1] over the clip, `PE` sines and cosines of
+//! ten octaves and `f` layers with rectifiers, the input put in again after the second:
+//!
+//! ```text
+//! (dx, dq, ds) = f(PE(sg(mu)/u), PE(t))
+//! mu + u dx        q/|q| + dq, normalized        max(exp(s) + u ds, 1e-7 u)
+//! ```
+
+use std::sync::OnceLock;
+
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+use super::{InTime, Parameterization, still};
+use crate::{
+    gaussians::{
+        GaussianTable, InstantGaussians,
+        deformable::{Deformation, DeformationModel, DeformationWeights},
+    },
+    reference::Gaussian,
+    stability::setup::Setup,
+};
+
+/// The published octaves, and layers narrow enough for plain loops.
+pub const DEFORMABLE: Parameterization = Parameterization {
+    id: "deformable",
+    in_time: InTime::Deformed,
+    table: |setup| still::table(&setup.gaussians),
+    instantiate: |table, setup, out| {
+        Deformation::without_gradients().instantiate(
+            &MODEL,
+            weights(),
+            table,
+            unit_time(setup),
+            out,
+        );
+    },
+    instantiate_vjp: |table, instant, gradient, setup| {
+        deformation(table, instant, gradient, setup);
+    },
+    definition,
+    unit: |_, _, _, _| 1.0,
+    gradient_scale: |_, _, _| 1.0,
+};
+
+const MODEL: DeformationModel = DeformationModel {
+    position_octaves: 10,
+    time_octaves: 10,
+    depth: 4,
+    width: 24,
+    skip_after: 1,
+    length_unit: 3.0,
+};
+
+/// Weights whose output layer says something.
+fn weights() -> &'static [f32] {
+    static WEIGHTS: OnceLock<Vec<f32>> = OnceLock::new();
+    WEIGHTS.get_or_init(|| {
+        let network = MODEL.network();
+        let mut values = network.initial_weights(5);
+        let heads = network.layers()[MODEL.depth].hidden_weights().start;
+        let mut random = Pcg64Mcg::seed_from_u64(6);
+        values[heads..].fill_with(|| random.random_range(-0.05..0.05));
+        values
+    })
+}
+
+fn unit_time(setup: &Setup) -> f32 {
+    let clock = setup.timing.clock;
+    clock.frame(setup.view.time_seconds) / clock.duration_frames + 0.5
+}
+
+/// The VJP: gradients of a table, and those by the network's weights.
+pub fn deformation(
+    table: &mut GaussianTable,
+    instant: &InstantGaussians,
+    gradient: &InstantGaussians,
+    setup: &Setup,
+) -> Vec<f32> {
+    let mut deformation = Deformation::default();
+    let (mut instant, mut gradient) = (instant.clone(), gradient.clone());
+    let time = unit_time(setup);
+    deformation.instantiate(&MODEL, weights(), table, time, &mut instant);
+    let mut weights = DeformationWeights::new(weights().to_vec());
+    deformation.instantiate_vjp(
+        &MODEL,
+        &mut weights.array,
+        table,
+        time,
+        (&mut instant, &mut gradient),
+    );
+    weights.array.gradients
+}
+
+fn encoded(values: &[f64], octaves: usize) -> Vec<f64> {
+    let mut out = values.to_vec();
+    for octave in 0..octaves {
+        let angles = values.iter().map(|value| value * f64::from(1 << octave));
+        out.extend(angles.clone().map(f64::sin));
+        out.extend(angles.map(f64::cos));
+    }
+    out
+}
+
+/// The network's ten outputs for a centre.
+fn outputs(centre: &[f64], setup: &Setup) -> Vec<f64> {
+    let clock = setup.timing.clock;
+    let frame = (setup.view.time_seconds - clock.origin_seconds) / clock.frame_seconds;
+    let time = frame / f64::from(clock.duration_frames) + 0.5;
+    let unit = f64::from(MODEL.length_unit);
+    let centre: Vec<f64> = centre.iter().map(|value| value / unit).collect();
+    let row = encoded(&centre, MODEL.position_octaves);
+    let shared = encoded(&[time], MODEL.time_octaves);
+    let network = MODEL.network();
+    let weights = weights();
+    let mut hidden: Vec<f64> = Vec::new();
+    for (index, layer) in network.layers().iter().enumerate() {
+        let biases = &weights[layer.biases()];
+        let mut out: Vec<f64> = biases.iter().map(|&bias| f64::from(bias)).collect();
+        for (inputs, range) in [
+            (&hidden, layer.hidden_weights()),
+            (&row, layer.row_weights()),
+            (&shared, layer.shared_weights()),
+        ] {
+            let rows = weights[range].chunks_exact(layer.outputs);
+            for (input, row) in inputs.iter().zip(rows) {
+                for (sum, weight) in out.iter_mut().zip(row) {
+                    *sum += input * f64::from(*weight);
+                }
+            }
+        }
+        if index < network.depth {
+            out.iter_mut().for_each(|value| *value = value.max(0.0));
+        }
+        hidden = out;
+    }
+    hidden
+}
+
+fn definition(row: &[f64], frozen: &[f64], setup: &Setup) -> Gaussian {
+    let unit = f64::from(MODEL.length_unit);
+    let output = outputs(&frozen[..3], setup);
+    let (still, unmoved) = (still::definition(row), still::definition(frozen));
+    let three = [0, 1, 2];
+    Gaussian {
+        position: three.map(|axis| still.position[axis] + unit * output[axis]),
+        scale: three.map(|axis| {
+            let added = unit * output[7 + axis];
+            if unmoved.scale[axis] + added < 1e-7 * unit {
+                1e-7 * unit
+            } else {
+                still.scale[axis] + added
+            }
+        }),
+        quaternion: [0, 1, 2, 3].map(|axis| still.quaternion[axis] + output[3 + axis]),
+        ..still
+    }
+}
