@@ -10,7 +10,7 @@ use omnilife_schemas::{
 use crate::{
     boundaries::{Detector, Signals},
     error::CurateError,
-    overlays::OverlayPass,
+    overlays::{MosaicPass, OverlayPass},
     verdict::FrameSamples,
     video::{Converter, Scaling, VideoReader, probe},
 };
@@ -36,6 +36,8 @@ pub struct Analysis {
     pub samples: FrameSamples,
     /// What stays while the scene moves.
     pub overlays: OverlayPass,
+    /// Mosaics that single frames show.
+    pub mosaics: MosaicPass,
     /// Frames and packets that were damaged.
     pub damaged_frames: u64,
 }
@@ -63,6 +65,7 @@ pub fn analyse(
     let mut medium = Converter::new(Scaling::MaxWidth(SAMPLE_WIDTH_PIXELS));
     let mut samples = FrameSamples::default();
     let mut overlays = OverlayPass::default();
+    let mut mosaics = MosaicPass::default();
     let mut times = Vec::new();
     let mut size = None;
     let outcome: Result<(), CurateError> = (|| {
@@ -88,6 +91,9 @@ pub fn analyse(
                     overlays.observe(frame.time_seconds, &picture);
                 }
                 samples.offer(frame.time_seconds, picture);
+            }
+            if mosaics.wants(frame.time_seconds) {
+                mosaics.observe(video, frame.time_seconds, &frame.picture, turns)?;
             }
             progress.advance(1);
         }
@@ -130,6 +136,7 @@ pub fn analyse(
         signals: pass.finish(),
         samples,
         overlays,
+        mosaics,
         damaged_frames: reader.damaged(),
     })
 }

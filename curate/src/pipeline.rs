@@ -286,6 +286,7 @@ fn analysed(
         signals,
         samples,
         overlays,
+        mosaics,
         damaged_frames,
     } = analysis::analyse(video, detector, progress)?;
     if damaged_frames > 0 {
@@ -308,7 +309,7 @@ fn analysed(
         overlays: verdict
             .verdict
             .is_monoscopic_erp()
-            .then(|| overlays::report(&overlays)),
+            .then(|| overlays::report(&overlays, &mosaics)),
         verdict,
         probe,
         damaged_frames,

@@ -10,6 +10,7 @@
 //! longer_than_seconds = 10.0
 //! undamaged = true
 //! largest_overlay_steradians = 0.05
+//! largest_mosaic_share = 0.1
 //! ```
 //!
 //! What is not named is not asked for.
@@ -53,12 +54,14 @@ pub(super) fn read(path: &Path) -> Result<Criteria, CurateError> {
         least_frames_per_second,
         longer_than_seconds,
         largest_overlay_steradians,
+        largest_mosaic_share,
         ..
     } = file.thresholds;
     let numbers = [
         ("least_frames_per_second", least_frames_per_second),
         ("longer_than_seconds", longer_than_seconds),
         ("largest_overlay_steradians", largest_overlay_steradians),
+        ("largest_mosaic_share", largest_mosaic_share),
     ];
     for (key, number) in numbers {
         if number.is_some_and(|number| !(number.is_finite() && number >= 0.0)) {

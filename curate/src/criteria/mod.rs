@@ -47,6 +47,9 @@ pub struct Thresholds {
     pub undamaged: bool,
     /// Largest artificial overlay, steradians.
     pub largest_overlay_steradians: Option<f64>,
+    /// Share of the looked-at frames in which a larger mosaic may be seen that moves; none where it is
+    /// not named.
+    pub largest_mosaic_share: Option<f64>,
 }
 
 /// A named set of thresholds.
@@ -62,8 +65,8 @@ pub struct Profile {
 
 /// The criteria of the OmniLife360 dataset (section 3.1 of its paper: native ERP, at least 4K, at
 /// least 30 fps, raw duration over 30 s, no prominent artificial overlays). 4K is 3840 pixels of
-/// width, the narrowest that carries the name. What size of overlay is prominent, and that the
-/// video decodes undamaged, is ours.
+/// width, the narrowest that carries the name. What size of overlay is prominent, for how long a
+/// mosaic may show, and that the video decodes undamaged, is ours.
 pub const OMNILIFE360: Profile = Profile {
     id: "omnilife360",
     summary: "The OmniLife360 dataset, section 3.1 of its paper: native ERP, 4K, 30 fps, over 30 s.",
@@ -76,6 +79,8 @@ pub const OMNILIFE360: Profile = Profile {
         undamaged: true,
         // 180 x 47 pixels at the equator of 4096 x 2048.
         largest_overlay_steradians: Some(0.02),
+        // Three seconds of a minute.
+        largest_mosaic_share: Some(0.05),
     },
 };
 
@@ -90,6 +95,7 @@ pub const NONE: Profile = Profile {
         longer_than_seconds: None,
         undamaged: false,
         largest_overlay_steradians: None,
+        largest_mosaic_share: None,
     },
 };
 

@@ -1,39 +1,128 @@
 //! Is it free of prominent artificial overlays?
 
-use super::{Check, outcome};
+use omnilife_schemas::records::{Overlay, OverlayReport};
+
+use super::{Check, Thresholds, outcome};
 
 /// No watermark, caption or mosaic of some size.
 pub(super) const CHECK: Check = Check {
     id: "overlays",
-    summary: "Nothing artificial of a prominent size is painted over the picture. A patch over the \
-              tripod and the rig itself hide nothing that could be reconstructed.",
+    summary: "Nothing artificial of a prominent size is painted over the picture, and no mosaic of \
+              that size moves through it for long. A patch over the tripod and the rig itself hide \
+              nothing that could be reconstructed.",
     evaluate: |thresholds, candidate| {
         let most = thresholds.largest_overlay_steradians?;
-        let report = candidate.overlays?;
-        let largest = report
-            .overlays
-            .iter()
-            .filter(|overlay| overlay.class.spoils_geometry())
-            .max_by(|a, b| {
-                a.solid_angle_steradians
-                    .total_cmp(&b.solid_angle_steradians)
+        let (passed, value) = judged(candidate.overlays?, thresholds, most);
+        let lasting = thresholds
+            .largest_mosaic_share
+            .map_or_else(String::new, |share| {
+                format!(", or a moving mosaic in at most {share} of the frames")
             });
-        let value = match (largest, &report.unjudged) {
-            (_, Some(reason)) => format!("not judged: {reason}"),
-            (None, None) => "none".to_owned(),
-            (Some(overlay), None) => format!(
-                "{} of {:.4} sr at longitude {:.0}, latitude {:.0} degrees",
-                overlay.class.name(),
-                overlay.solid_angle_steradians,
-                overlay.longitude_degrees,
-                overlay.latitude_degrees
-            ),
-        };
         Some(outcome(
             &CHECK,
-            largest.is_none_or(|overlay| overlay.solid_angle_steradians <= most),
+            passed,
             value,
-            format!("at most {most} sr"),
+            format!("at most {most} sr{lasting}"),
         ))
     },
 };
+
+/// Whether a video passes, and what was found in it.
+fn judged(report: &OverlayReport, thresholds: &Thresholds, most_steradians: f64) -> (bool, String) {
+    let largest = report
+        .overlays
+        .iter()
+        .filter(|overlay| spoils(overlay, thresholds))
+        .max_by(|a, b| {
+            a.solid_angle_steradians
+                .total_cmp(&b.solid_angle_steradians)
+        });
+    let value = match (largest, &report.unjudged) {
+        (Some(overlay), _) => described(overlay),
+        (None, Some(reason)) => format!("not judged: {reason}"),
+        (None, None) => "none".to_owned(),
+    };
+    let passed = largest.is_none_or(|overlay| overlay.solid_angle_steradians <= most_steradians);
+    (passed, value)
+}
+
+/// Whether an overlay hides what could be reconstructed, for long enough.
+fn spoils(overlay: &Overlay, thresholds: &Thresholds) -> bool {
+    let most_share = thresholds.largest_mosaic_share.unwrap_or(0.0);
+    let lasts = overlay
+        .sightings
+        .as_ref()
+        .is_none_or(|sightings| sightings.share() > most_share);
+    overlay.class.spoils_geometry() && lasts
+}
+
+fn described(overlay: &Overlay) -> String {
+    let seen = overlay
+        .sightings
+        .as_ref()
+        .map_or_else(String::new, |sightings| {
+            format!(
+                ", seen in {} of {} frames",
+                sightings.seen_frames, sightings.looked_at_frames
+            )
+        });
+    format!(
+        "{} of {:.4} sr at longitude {:.0}, latitude {:.0} degrees{seen}",
+        overlay.class.name(),
+        overlay.solid_angle_steradians,
+        overlay.longitude_degrees,
+        overlay.latitude_degrees
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use omnilife_schemas::records::{OverlayClass, Sightings};
+
+    use super::*;
+    use crate::criteria::OMNILIFE360;
+
+    fn moving_mosaic(steradians: f64, seen_frames: u32) -> Overlay {
+        Overlay {
+            class: OverlayClass::Mosaic,
+            longitude_degrees: 30.0,
+            latitude_degrees: 0.0,
+            solid_angle_steradians: steradians,
+            constancy: 0.0,
+            stayed: 0.0,
+            strength_levels: 20.0,
+            variation_levels: 5.0,
+            saturated_share: 0.0,
+            sightings: Some(Sightings {
+                seen_frames,
+                looked_at_frames: 100,
+                reach_degrees: 10.0,
+                block_pixels: 16.0,
+            }),
+        }
+    }
+
+    /// Size and time both count, and a video whose scene does not move is judged by its mosaics too.
+    #[test]
+    fn a_moving_mosaic_is_rejected_when_it_is_large_and_lasts() {
+        for (steradians, seen_frames, passes) in [
+            (0.03, 4, true),
+            (0.03, 6, false),
+            (0.01, 90, true),
+            (0.03, 90, false),
+        ] {
+            let report = OverlayReport {
+                unjudged: Some("nothing moved".to_owned()),
+                moving_steps: 0,
+                overlays: vec![moving_mosaic(steradians, seen_frames)],
+            };
+            let (passed, value) = judged(&report, &OMNILIFE360.thresholds, 0.02);
+            assert_eq!(passed, passes, "{steradians} sr, {seen_frames} frames");
+            let told = format!("seen in {seen_frames} of 100 frames");
+            assert_eq!(value.ends_with(&told), seen_frames > 5, "{value}");
+        }
+        // Who names no share takes none.
+        let anywhere = Thresholds::default();
+        assert!(spoils(&moving_mosaic(0.03, 3), &anywhere));
+    }
+}

@@ -5,19 +5,44 @@
 //! the picture's gradients stays; `regions` gathers what stays into regions of the sphere and
 //! says what each of them is. A tripod or the wearer's helmet (class `rig`) stays too, and is part
 //! of the scene.
+//!
+//! A mosaic that follows a face stays nowhere, but shows in single frames: `pixelation` finds its
+//! grid in one, `moving_mosaics` gathers what many show.
 
+mod blocks;
+mod line_profiles;
+mod moving_mosaics;
+mod pixelation;
 mod regions;
 mod stability;
 
+pub use moving_mosaics::MosaicPass;
 pub use stability::OverlayPass;
 
-use omnilife_schemas::records::OverlayReport;
+use omnilife_schemas::records::{Overlay, OverlayReport};
 
 /// Frames between which the scene moved that are needed for a judgement.
 const LEAST_MOVING_STEPS: u32 = 5;
 
-/// Says which overlays a pass over an equirectangular video has found.
-pub fn report(pass: &OverlayPass) -> OverlayReport {
+/// Says which overlays the passes over an equirectangular video have found.
+pub fn report(pass: &OverlayPass, mosaics: &MosaicPass) -> OverlayReport {
+    let mut report = what_stays(pass);
+    let is_known = |seen: &Overlay| {
+        report
+            .overlays
+            .iter()
+            .any(|standing| moving_mosaics::is_same(standing, seen))
+    };
+    let moving = mosaics.overlay().filter(|seen| !is_known(seen));
+    report.overlays.extend(moving);
+    report.overlays.sort_by(|a, b| {
+        b.solid_angle_steradians
+            .total_cmp(&a.solid_angle_steradians)
+    });
+    report
+}
+
+fn what_stays(pass: &OverlayPass) -> OverlayReport {
     let moving_steps = pass.moving_steps();
     let Some(stability) = pass
         .stability()

@@ -41,7 +41,7 @@ const CAPTION_ASPECT: f64 = 3.0;
 /// A region as large as this below the horizon is a body and no sign, steradians.
 const BODY_STERADIANS: f64 = 0.25;
 
-/// Everything that stays, largest first.
+/// Everything that stays.
 pub(super) fn find(stability: &Stability) -> Vec<Overlay> {
     let grid = Grid {
         width: stability.width,
@@ -75,10 +75,6 @@ pub(super) fn find(stability: &Stability) -> Vec<Overlay> {
                 region.overlay(&grid, stability, &lines, Some(OverlayClass::Mosaic))
             }),
     );
-    found.sort_by(|a, b| {
-        b.solid_angle_steradians
-            .total_cmp(&a.solid_angle_steradians)
-    });
     found
 }
 
@@ -136,6 +132,7 @@ fn nadir_patch(grid: &Grid, stability: &Stability) -> Option<(Overlay, f64)> {
             .sum::<f64>()
             / area,
         saturated_share: extreme / area,
+        sightings: None,
     };
     Some((overlay, grid.latitude(top).to_degrees()))
 }
@@ -334,6 +331,7 @@ impl Region {
             strength_levels: strength / marked,
             variation_levels: variation / area,
             saturated_share: extreme / area,
+            sightings: None,
         })
     }
 }

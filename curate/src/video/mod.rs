@@ -3,6 +3,7 @@
 
 pub mod convert;
 pub mod decode;
+mod luma;
 pub mod probe;
 mod reduce;
 mod spherical_boxes;
@@ -10,4 +11,5 @@ mod spherical_boxes;
 pub use convert::{Converter, Rgb8Picture, Scaling};
 pub(crate) use decode::open_container;
 pub use decode::{PacketChoice, VideoReader};
+pub(crate) use luma::LumaPicture;
 pub use probe::probe;

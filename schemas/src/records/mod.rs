@@ -36,7 +36,7 @@ pub use dataset::{Dataset, VideoEntry, VideoStatus};
 pub use external_run::{ExternalRun, Phase, PhaseName};
 pub use ledger::{AuditDecision, AuditDecisions, Author, LedgerAction, LedgerEntry};
 pub use masks::{MaskEntry, Masks};
-pub use overlays::{Overlay, OverlayClass, OverlayReport};
+pub use overlays::{Overlay, OverlayClass, OverlayReport, Sightings};
 pub use poses::{PosedFrame, Poses};
 pub use protocol::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
 pub use result::{Direction, Failure, ResultRecord, Summary, Unavailable};

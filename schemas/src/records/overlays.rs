@@ -1,4 +1,5 @@
-//! Overlays of a video: what stays in the picture while the scene moves. Part of `analysis`.
+//! Overlays of a video: what stays in the picture while the scene moves, and mosaics that move with
+//! what they hide. Part of `analysis`.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -14,7 +15,7 @@ pub struct OverlayReport {
     pub overlays: Vec<Overlay>,
 }
 
-/// A region of the sphere that stays.
+/// A region of the sphere that stays, or a mosaic that moves.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Overlay {
     /// What it is.
@@ -25,9 +26,10 @@ pub struct Overlay {
     pub latitude_degrees: f64,
     /// Its size; the whole sphere has 4 pi.
     pub solid_angle_steradians: f64,
-    /// Length of the mean gradient over the mean length of the gradient: 1 where nothing changes.
+    /// Length of the mean gradient over the mean length of the gradient: 1 where nothing changes, 0
+    /// of what moves.
     pub constancy: f64,
-    /// Share of its details that stay from one look to the next.
+    /// Share of its details that stay from one look to the next; 0 of what moves.
     pub stayed: f64,
     /// Mean gradient on its edges, 8-bit levels per pixel.
     pub strength_levels: f64,
@@ -35,6 +37,29 @@ pub struct Overlay {
     pub variation_levels: f64,
     /// Share of it that is nearly black or nearly white.
     pub saturated_share: f64,
+    /// Where it moves: the single frames in which it was seen. Position and size are then means over
+    /// those.
+    pub sightings: Option<Sightings>,
+}
+
+/// The frames in which a moving mosaic was seen.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Sightings {
+    /// Frames in which it was seen.
+    pub seen_frames: u32,
+    /// Frames that were looked at, spread over the video.
+    pub looked_at_frames: u32,
+    /// Greatest angle between its centre in a frame and its mean centre, degrees.
+    pub reach_degrees: f64,
+    /// Side of its blocks in pixels of the video, the median over frames.
+    pub block_pixels: f64,
+}
+
+impl Sightings {
+    /// Share of the looked-at frames in which it was seen.
+    pub fn share(&self) -> f64 {
+        f64::from(self.seen_frames) / f64::from(self.looked_at_frames.max(1))
+    }
 }
 
 /// What an overlay is.

@@ -1,0 +1,160 @@
+//! Luminance of frames at the size they are decoded at, for what scaling would blur away.
+
+use std::path::Path;
+
+use ffmpeg::format::Pixel;
+use ffmpeg_next as ffmpeg;
+
+use super::{Converter, Scaling};
+use crate::error::CurateError;
+
+/// Luminance of a frame: 8 bits as they are stored, in the stream's own range. Its first columns stand
+/// once more at the right of its last: what lies across the seam is whole there.
+#[derive(Debug, Default)]
+pub(crate) struct LumaPicture {
+    /// Pixels per row, without those that are repeated.
+    pub(crate) width: usize,
+    /// Rows.
+    pub(crate) height: usize,
+    margin: usize,
+    levels: Vec<u8>,
+}
+
+/// How luminance lies in a plane.
+enum Samples {
+    Bytes,
+    /// 10 bits in two bytes, the lower first.
+    Words,
+}
+
+impl Samples {
+    /// `None` where the first plane is no luminance.
+    fn of(format: Pixel) -> Option<Self> {
+        match format {
+            Pixel::GRAY8
+            | Pixel::NV12
+            | Pixel::YUV420P
+            | Pixel::YUVJ420P
+            | Pixel::YUV422P
+            | Pixel::YUVJ422P
+            | Pixel::YUV444P
+            | Pixel::YUVJ444P => Some(Self::Bytes),
+            Pixel::YUV420P10LE | Pixel::YUV422P10LE | Pixel::YUV444P10LE => Some(Self::Words),
+            _ => None,
+        }
+    }
+}
+
+impl LumaPicture {
+    /// Pixels per row, with those that are repeated.
+    pub(crate) fn stride(&self) -> usize {
+        self.width + self.margin
+    }
+
+    /// A row, with the pixels that are repeated.
+    pub(crate) fn row(&self, y: usize) -> &[u8] {
+        &self.levels[y * self.stride()..(y + 1) * self.stride()]
+    }
+
+    /// Takes a picture of other levels; `margin` says how many columns of one of that width are
+    /// repeated. What is allocated is used again.
+    pub(crate) fn fill<'a>(
+        &mut self,
+        (width, height): (usize, usize),
+        margin: fn(usize) -> usize,
+        rows: impl Iterator<Item = &'a [u8]>,
+    ) {
+        (self.width, self.height) = (width, height);
+        self.margin = margin(width).min(width);
+        self.levels.clear();
+        self.levels.reserve(self.stride() * height);
+        for row in rows {
+            self.levels.extend_from_slice(row);
+            self.levels.extend_from_slice(&row[..self.margin]);
+        }
+    }
+
+    /// Takes a decoded frame of the video at `path`, turned clockwise by quarter turns.
+    ///
+    /// # Errors
+    /// [`CurateError::Video`] when the pixel format cannot be converted.
+    pub(crate) fn read(
+        &mut self,
+        path: &Path,
+        frame: &ffmpeg::frame::Video,
+        quarter_turns: u32,
+        margin: fn(usize) -> usize,
+    ) -> Result<(), CurateError> {
+        let size = (frame.width() as usize, frame.height() as usize);
+        let samples = Samples::of(frame.format()).filter(|_| quarter_turns.is_multiple_of(4));
+        match samples {
+            Some(Samples::Bytes) => {
+                let rows = frame.data(0).chunks(frame.stride(0)).take(size.1);
+                self.fill(size, margin, rows.map(|row| &row[..size.0]));
+            }
+            Some(Samples::Words) => {
+                let rows = frame.data(0).chunks(frame.stride(0)).take(size.1);
+                let levels: Vec<u8> = rows
+                    .flat_map(|row| row[..2 * size.0].as_chunks::<2>().0)
+                    .map(|&bytes| (u16::from_le_bytes(bytes) >> 2) as u8)
+                    .collect();
+                self.fill(size, margin, levels.chunks(size.0));
+            }
+            None => {
+                let picture = Converter::new(Scaling::Native)
+                    .convert(path, frame)?
+                    .turned(quarter_turns);
+                let levels: Vec<u8> = picture
+                    .data
+                    .as_chunks::<3>()
+                    .0
+                    .iter()
+                    .map(|&rgb| {
+                        let [red, green, blue] = rgb.map(u32::from);
+                        ((299 * red + 587 * green + 114 * blue + 500) / 1000) as u8
+                    })
+                    .collect();
+                let size = (picture.width, picture.height);
+                self.fill(size, margin, levels.chunks(size.0));
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ten_bits_become_eight_and_the_left_border_is_repeated() {
+        let mut frame = ffmpeg::frame::Video::new(Pixel::YUV420P10LE, 32, 4);
+        let stride = frame.stride(0);
+        for y in 0..4 {
+            for x in 0..32 {
+                let sample = ((x * 8 + y) as u16 * 4 + 3).to_le_bytes();
+                frame.data_mut(0)[y * stride + 2 * x..][..2].copy_from_slice(&sample);
+            }
+        }
+        let mut luma = LumaPicture::default();
+        luma.read(Path::new("deep.mp4"), &frame, 0, |_| 2)
+            .expect("read");
+        assert_eq!((luma.width, luma.height, luma.stride()), (32, 4, 34));
+        assert_eq!(luma.row(3)[..3], [3, 11, 19]);
+        assert_eq!(luma.row(3)[31..], [251, 3, 11]);
+    }
+
+    #[test]
+    fn frames_without_a_plane_of_luminance_are_converted_and_turned() {
+        let mut frame = ffmpeg::frame::Video::new(Pixel::RGB24, 32, 16);
+        let stride = frame.stride(0);
+        frame.data_mut(0).fill(0);
+        frame.data_mut(0)[15 * stride..][..3].fill(255);
+        let mut luma = LumaPicture::default();
+        luma.read(Path::new("rgb.mp4"), &frame, 1, |_| 0)
+            .expect("read");
+        assert_eq!((luma.width, luma.height), (16, 32));
+        // The lower left corner goes to the upper left.
+        assert_eq!(luma.row(0)[..2], [255, 0]);
+    }
+}
