@@ -14,8 +14,11 @@ use super::{
 };
 use crate::{error::CurateError, video::LumaPicture};
 
-/// Distance of the frames that are looked at, at their full size, seconds.
+/// Distance of the frames that are looked at, at their full size, seconds. A look costs by its
+/// pixels: above two million of them looks are rarer.
 const STEP_SECONDS: f64 = 0.8;
+const MOST_STEP_SECONDS: f64 = 2.4;
+const PIXELS_OF_STEP: f64 = 2048.0 * 1024.0;
 /// A mosaic is told of when it was seen in this many frames; chance does not repeat itself so often.
 const LEAST_SEEN_FRAMES: usize = 3;
 
@@ -42,6 +45,12 @@ struct SeenFrame {
     saturated_share: f64,
 }
 
+/// Distance of looks at pictures of this size.
+fn step_seconds(width: u32, height: u32) -> f64 {
+    let pixels = f64::from(width) * f64::from(height);
+    (STEP_SECONDS * pixels / PIXELS_OF_STEP).clamp(STEP_SECONDS, MOST_STEP_SECONDS)
+}
+
 impl MosaicPass {
     /// Whether the frame at this time is one to be looked at.
     pub(crate) fn wants(&self, time_seconds: f64) -> bool {
@@ -59,7 +68,7 @@ impl MosaicPass {
         frame: &frame::Video,
         quarter_turns: u32,
     ) -> Result<(), CurateError> {
-        self.next_seconds = Some(time_seconds + STEP_SECONDS);
+        self.next_seconds = Some(time_seconds + step_seconds(frame.width(), frame.height()));
         self.picture
             .read(path, frame, quarter_turns, margin_pixels)?;
         self.look();
@@ -212,6 +221,14 @@ mod tests {
 
     const WIDTH: usize = 512;
     const HEIGHT: usize = 256;
+
+    #[test]
+    fn large_pictures_are_looked_at_more_rarely() {
+        let steps = [(1024, 512), (2048, 1024), (2880, 1440), (8192, 4096)]
+            .map(|(width, height)| step_seconds(width, height));
+        assert_eq!([steps[0], steps[1], steps[3]], [0.8, 0.8, 2.4]);
+        assert!((steps[2] - 1.582).abs() < 1e-3);
+    }
 
     /// A box of 8-pixel blocks goes over the seam; every frame has another texture around it.
     #[test]
