@@ -143,7 +143,8 @@ pub fn mask_seeds(
             .colours
             .push([0, 1, 2].map(|channel| f32::from(rgb[channel]) / 255.0));
         gaussians.opacities.push(SEED_OPACITY);
-        seeds.times.peaks.push(clock.frame(view.view.time_seconds));
+        let peak = clock.frame(view.view.time_seconds) as f32;
+        seeds.times.peaks.push(peak);
         seeds.times.lifespans.push(lifespan);
         let velocity = velocities[at.view][at.piece];
         seeds.times.velocities.push(velocity.to_array());
@@ -174,7 +175,7 @@ fn tracked_velocities(
             if let [Some(first), Some(last)] = found {
                 let [from, to] = [(views[0], first), (views[1], last)]
                     .map(|(view, other)| view.centre + other.direction * piece.distance);
-                let velocity = (to - from) / (end - begin);
+                let velocity = (to - from) / (end - begin) as f32;
                 let radial = piece.direction * piece.direction.dot(velocity);
                 velocities[now][number] = velocity - radial;
             }

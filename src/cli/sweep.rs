@@ -94,7 +94,8 @@ pub(crate) struct BenchPlanArguments {
     /// Methods: names that `reconstruct methods` lists, or method.toml files.
     #[arg(long, required = true, value_delimiter = ',', value_name = "METHOD")]
     pub(crate) methods: Vec<String>,
-    /// Seeds; all scenes with the first seed come before any with the second.
+    /// Seeds; all scenes with the first seed come before any with the second. What interpolates
+    /// between views has none and is run once.
     #[arg(long, default_value = "0", value_delimiter = ',', value_name = "SEED")]
     pub(crate) seeds: Vec<u64>,
     /// The rules of splitting and scoring.
@@ -105,7 +106,7 @@ pub(crate) struct BenchPlanArguments {
     pub(crate) results: PathBuf,
     #[command(flatten)]
     pub(crate) plan: PlanArguments,
-    /// Options of `reconstruct train` for all units, after `--`.
+    /// Options of `reconstruct train` for all methods that are trained, after `--`.
     #[arg(last = true, value_name = "TRAIN OPTIONS")]
     pub(crate) train: Vec<String>,
 }

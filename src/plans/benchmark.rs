@@ -17,7 +17,7 @@ use omnilife_bench::{
     protocols,
 };
 use omnilife_curate::poses::SCENE_FILE;
-use omnilife_reconstruct::{job::RUN_FILE, methods};
+use omnilife_reconstruct::{interpolation, job::RUN_FILE, methods};
 use omnilife_schemas::{
     records::{Scene, SweepUnit, UnitNeeds},
     store,
@@ -42,13 +42,23 @@ pub(crate) fn units(
     for protocol in &arguments.protocols {
         protocols::protocol(protocol)?;
     }
+    let is_trained = |method: &Method| matches!(method.kind, MethodKind::Trained);
+    if !arguments.train.is_empty() && !methods.iter().any(is_trained) {
+        let options = arguments.train.join(" ");
+        let reason =
+            format!("{options}: options of a training, and none of the methods is trained");
+        return Err(BadRequest(reason).into());
+    }
     let needs = needs(&arguments.plan)?;
     let mut units = Vec::new();
     // What is cut short has whole repetitions, not whole scenes.
-    for seed in &arguments.seeds {
+    for (repetition, seed) in arguments.seeds.iter().enumerate() {
         for (id, file) in &scenes {
             for protocol in &arguments.protocols {
                 for method in &methods {
+                    if repetition > 0 && matches!(method.kind, MethodKind::Interpolator) {
+                        continue;
+                    }
                     let work = Work {
                         results: &results,
                         scene: (id, file),
@@ -119,10 +129,19 @@ fn search(folder: &Path, found: &mut Vec<PathBuf>) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// A method of this program, or anyone's.
+/// A method and how it is run.
 struct Method {
     id: String,
-    manifest: Option<PathBuf>,
+    kind: MethodKind,
+}
+
+enum MethodKind {
+    /// Trained by this program.
+    Trained,
+    /// Interpolates between given views by this program: learns nothing, and has no seed.
+    Interpolator,
+    /// Anyone's, by its method.toml.
+    External(PathBuf),
 }
 
 impl Method {
@@ -131,12 +150,18 @@ impl Method {
             let manifest = absolute(Path::new(name))?;
             return Ok(Self {
                 id: Manifest::read(&manifest)?.id,
-                manifest: Some(manifest),
+                kind: MethodKind::External(manifest),
+            });
+        }
+        if let Some(interpolator) = interpolation::find(name) {
+            return Ok(Self {
+                id: interpolator.id.to_owned(),
+                kind: MethodKind::Interpolator,
             });
         }
         Ok(Self {
             id: methods::find(name)?.id.to_owned(),
-            manifest: None,
+            kind: MethodKind::Trained,
         })
     }
 }
@@ -183,9 +208,9 @@ impl Work<'_> {
                 &score,
             ]))
         };
-        let record = run.join(match self.method.manifest {
-            Some(_) => EXTERNAL_RUN_FILE,
-            None => RUN_FILE,
+        let record = run.join(match self.method.kind {
+            MethodKind::External(_) => EXTERNAL_RUN_FILE,
+            MethodKind::Trained | MethodKind::Interpolator => RUN_FILE,
         });
         let failed = folder.join("failed");
         let record_failure = own_command(words(&[
@@ -204,7 +229,7 @@ impl Work<'_> {
             &argument(&failed)?,
         ]))?;
         let mut inputs = vec![scene.clone()];
-        if let Some(manifest) = &self.method.manifest {
+        if let MethodKind::External(manifest) = &self.method.kind {
             inputs.push(argument(manifest)?);
         }
         Ok(SweepUnit {
@@ -245,12 +270,16 @@ impl Work<'_> {
         run: &str,
     ) -> anyhow::Result<Vec<String>> {
         let common = ["--split", split, "--seed", seed, "--out", run];
-        let mut command = match &self.method.manifest {
-            Some(manifest) => words(&["bench", "external", &argument(manifest)?, "--scene", scene]),
-            None => words(&["reconstruct", "train", scene, "--method", &self.method.id]),
+        let mut command = match &self.method.kind {
+            MethodKind::External(manifest) => {
+                words(&["bench", "external", &argument(manifest)?, "--scene", scene])
+            }
+            MethodKind::Trained | MethodKind::Interpolator => {
+                words(&["reconstruct", "train", scene, "--method", &self.method.id])
+            }
         };
         command.extend(words(&common));
-        if self.method.manifest.is_none() {
+        if matches!(self.method.kind, MethodKind::Trained) {
             command.extend(self.train.iter().cloned());
         }
         own_command(command)

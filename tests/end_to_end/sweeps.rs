@@ -66,6 +66,24 @@ fn videos_one_by_one_give_the_dataset_of_all_at_once() {
 }
 
 #[test]
+fn options_of_a_training_need_a_method_that_is_trained() {
+    let folder = scratch();
+    let scene: PathBuf = small_run().out.join(SEQUENCE);
+    let [results, work] = ["results", "sweep"].map(|name| folder.path().join(name));
+    let mut arguments = vec!["bench", scene.to_str().unwrap(), "--methods", "cross-fade"];
+    arguments.extend(["--results", results.to_str().unwrap()]);
+    arguments.extend(["--out", work.to_str().unwrap(), "--", "--iterations", "3"]);
+    let refused = plan(&arguments);
+    assert!(
+        refused
+            .failed_quietly(2)
+            .contains("none of the methods is trained"),
+        "{}",
+        refused.stderr
+    );
+}
+
+#[test]
 fn methods_scenes_and_seeds_become_one_table() {
     let folder = scratch();
     let results = folder.path().join("results");
@@ -79,7 +97,7 @@ fn methods_scenes_and_seeds_become_one_table() {
     )
     .unwrap();
     let scene: PathBuf = small_run().out.join(SEQUENCE);
-    let methods = format!("odgs,{}", method.display());
+    let methods = format!("odgs,sphere-sweep,nearest-input,{}", method.display());
     let mut arguments = vec!["bench", scene.to_str().unwrap(), "--methods", &methods];
     arguments.extend(["--seeds", "0,1", "--results", results.to_str().unwrap()]);
     arguments.extend(["--out", work.to_str().unwrap()]);
@@ -91,8 +109,9 @@ fn methods_scenes_and_seeds_become_one_table() {
     );
     assert!(!work.exists());
     let planned = plan(&[&arguments[..], &["--", "--iterations", "3"]].concat()).succeeded();
+    // What is not trained has no seeds.
     assert!(
-        planned.stdout.ends_with("plan.json: 4 units\n"),
+        planned.stdout.ends_with("plan.json: 6 units\n"),
         "{}",
         planned.stdout
     );
@@ -107,6 +126,9 @@ fn methods_scenes_and_seeds_become_one_table() {
     assert_eq!(record("odgs", 1).seed, Some(1));
     assert!(record("odgs", 0).failures.is_empty());
     assert_eq!(record("mine", 0).failures.len(), 2);
+    for method in ["sphere-sweep", "nearest-input"] {
+        assert!(record(method, 0).failures.is_empty(), "{method}");
+    }
     let table = fs::read_to_string(results.join("leaderboard/table.md")).unwrap();
     assert!(
         table.contains("| odgs ") && table.contains("| mine †"),

@@ -26,14 +26,14 @@ use glam::Vec3;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Moment {
     /// The image's time, frames.
-    pub frame: f32,
+    pub frame: f64,
     /// How much earlier the drawn state is, frames; 0 outside temporal smoothing.
     pub shift: f32,
 }
 
 impl Moment {
     /// The state at a time itself.
-    pub fn at(frame: f32) -> Self {
+    pub fn at(frame: f64) -> Self {
         Self { frame, shift: 0.0 }
     }
 }
@@ -87,7 +87,7 @@ impl Pulse {
 
     /// `d`, frames from the peak to what is drawn.
     fn distance(&self, moment: Moment) -> f64 {
-        f64::from(moment.frame) - f64::from(moment.shift) - f64::from(self.peak)
+        moment.frame - f64::from(moment.shift) - f64::from(self.peak)
     }
 
     /// `m` after `distance` frames from the peak.
@@ -191,7 +191,7 @@ mod tests {
                 lifespan: log_lifespan.exp() as f32,
                 velocity: glam::DVec3::from_array(v).as_vec3(),
             };
-            let moment = Moment { frame: t as f32, shift: s as f32 };
+            let moment = Moment { frame: t, shift: s as f32 };
             let state = pulse.at(moment, cycle as f32);
             let expected = reference([peak, log_lifespan], v, cycle, t, s);
             for (value, expected) in values(&state).iter().zip(expected) {
@@ -254,7 +254,7 @@ mod tests {
                         let moment = Moment { frame, shift: 1.5 };
                         let state = pulse.at(moment, cycle);
                         assert!((0.0..=1.0).contains(&state.marginal), "{pulse:?}");
-                        let reach = (cycle / TAU).min((frame - peak).abs() + 2.0) + 1.5;
+                        let reach = (cycle / TAU).min((frame as f32 - peak).abs() + 2.0) + 1.5;
                         assert!(
                             state.displacement.length() <= 0.4 * reach,
                             "{pulse:?} {cycle} {frame}: {state:?}"

@@ -27,7 +27,7 @@ const LEAST_DISTANCE: f32 = 1e-6;
 pub fn motion(
     pulses: &Pulses<'_>,
     members: &[usize],
-    frame: f32,
+    frame: f64,
     cycle: f32,
     weight: f32,
 ) -> (f64, Vec<CentreGradient>) {
@@ -57,8 +57,8 @@ pub fn motion(
 
 /// One Gaussian's `|d(t + Dt) - d(t)|^2 / Dt^2` and its gradients by pulse and centre; `None` where
 /// no direction is defined.
-fn one(pulse: &Pulse, centre: Vec3, frame: f32, cycle: f32) -> Option<(f32, PulseGradient, Vec3)> {
-    let moments = [frame, frame + STEP_FRAMES].map(Moment::at);
+fn one(pulse: &Pulse, centre: Vec3, frame: f64, cycle: f32) -> Option<(f32, PulseGradient, Vec3)> {
+    let moments = [frame, frame + f64::from(STEP_FRAMES)].map(Moment::at);
     let [before, after] = moments.map(|moment| centre + pulse.at(moment, cycle).displacement);
     let [near, far] = [before.length(), after.length()];
     let is_defined = near > LEAST_DISTANCE && far > LEAST_DISTANCE;
@@ -120,7 +120,7 @@ mod tests {
                 lifespan: 40.0,
                 velocity: Vec3::new(vx, vy, vz),
             };
-            let found = one(&pulse, Vec3::new(x, y, z), frame as f32, CYCLE as f32);
+            let found = one(&pulse, Vec3::new(x, y, z), frame, CYCLE as f32);
             let (value, by_pulse, by_centre) = found.expect("defined");
             let expected = reference(case, frame);
             assert!((f64::from(value) - expected).abs() < 1e-5 * (1.0 + expected));

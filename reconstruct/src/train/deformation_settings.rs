@@ -38,8 +38,8 @@ impl TimeNoise {
 impl DeformationSettings {
     /// The network's time, 0 at the clip's first frame and 1 at its last, `shift` frames before a moment.
     pub fn unit_time(&self, seconds: f64, shift_frames: f32) -> f32 {
-        let frames = self.clock.frame(seconds) - shift_frames;
-        frames / self.clock.duration_frames.max(1.0) + 0.5
+        let frames = self.clock.frame(seconds) - f64::from(shift_frames);
+        (frames / f64::from(self.clock.duration_frames.max(1.0)) + 0.5) as f32
     }
 }
 

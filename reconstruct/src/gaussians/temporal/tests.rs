@@ -101,7 +101,7 @@ fn loss(
     };
     let (l, s) = (f64::from(model.cycle_frames), f64::from(LOOK.moment.shift));
     let peak = raw(PEAK_TIMES).first().copied().unwrap_or(0.0);
-    let d = f64::from(LOOK.moment.frame) - s - peak;
+    let d = LOOK.moment.frame - s - peak;
     let beta = match model.lifespans {
         Some(_) => raw(LOG_LIFESPANS)[0].exp(),
         None => f64::INFINITY,

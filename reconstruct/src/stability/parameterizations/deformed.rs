@@ -69,7 +69,8 @@ fn weights() -> &'static [f32] {
 
 fn unit_time(setup: &Setup) -> f32 {
     let clock = setup.timing.clock;
-    clock.frame(setup.view.time_seconds) / clock.duration_frames + 0.5
+    let frame = clock.frame(setup.view.time_seconds);
+    (frame / f64::from(clock.duration_frames) + 0.5) as f32
 }
 
 /// The VJP: gradients of a table, and those by the network's weights.

@@ -130,7 +130,7 @@ fn table(setup: &Setup, model: &TimeModel) -> GaussianTable {
                 let motion = gaussian.motion;
                 let [x, y, z] = motion.velocity.map(|v| (v * clock.frame_seconds) as f32);
                 match shape.name {
-                    PEAK_TIMES => vec![clock.frame(motion.peak_seconds)],
+                    PEAK_TIMES => vec![clock.frame(motion.peak_seconds) as f32],
                     LOG_LIFESPANS => {
                         vec![(motion.lifespan_seconds / clock.frame_seconds).ln() as f32]
                     }
