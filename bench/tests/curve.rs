@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use omnilife_bench::curve::{self, CURVES_FILE, POINTS_FILE};
+use omnilife_bench::curve::{self, CURVES_FILE, Clock, POINTS_FILE};
 use omnilife_schemas::{
     Blame, Blamed, Similarity,
     records::{Backend, RunRecord, ViewPredictions},
@@ -68,7 +68,7 @@ fn runs_become_tables_and_drawings() {
         write_run(&at("b"), "pvg", "street", Some(&slow)).join("run.json"),
         write_run(&at("c"), "odgs", "hall", Some(TRACE)),
     ];
-    let comparisons = curve::curves(&runs, &at("out")).unwrap();
+    let comparisons = curve::curves(&runs, Clock::Wall, &at("out")).unwrap();
     assert_eq!(comparisons.len(), 2);
     insta::assert_snapshot!("table", curve::curves_table(&comparisons));
     insta::assert_snapshot!(
@@ -82,6 +82,35 @@ fn runs_become_tables_and_drawings() {
         let drawing = fs::read_to_string(at("out").join(format!("curve-{number}.svg"))).unwrap();
         assert!(drawing.contains("training time, s"));
     }
+}
+
+#[test]
+fn processor_time_is_a_clock_of_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let run = write_run(
+        &at("a"),
+        "odgs",
+        "street",
+        Some(&TRACE.replace("90,900", "180,900")),
+    );
+    let comparisons = curve::curves(&[run], Clock::Cpu, &at("out")).unwrap();
+    let measured = &comparisons[0].curves[0];
+    assert_eq!(measured.run.training_seconds, 180.0);
+    let drawing = fs::read_to_string(at("out/curve-0.svg")).unwrap();
+    assert!(drawing.contains("processor seconds"));
+    assert!(curve::curves_table(&comparisons).contains(", processor seconds\n"));
+
+    let unknown = TRACE.replace(",9,100,", ",,100,");
+    let run = write_run(&at("b"), "odgs", "street", Some(&unknown));
+    let error = curve::curves(&[run], Clock::Cpu, &at("out")).unwrap_err();
+    assert_eq!(error.blame(), Blame::Input);
+    assert!(
+        error
+            .to_string()
+            .contains("does not know the processor time"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -101,7 +130,7 @@ fn runs_without_a_usable_trace_are_refused() {
     ];
     for (number, (trace, expected)) in cases.into_iter().enumerate() {
         let run = write_run(&folder.path().join(number.to_string()), "m", "s", trace);
-        let error = curve::curves(&[run], &folder.path().join("out")).unwrap_err();
+        let error = curve::curves(&[run], Clock::Wall, &folder.path().join("out")).unwrap_err();
         assert_eq!(error.blame(), Blame::Input);
         assert!(error.to_string().contains(expected), "{error}");
     }

@@ -210,6 +210,25 @@ pub fn join(mut first: InitialGaussians, second: InitialGaussians) -> InitialGau
     first
 }
 
+/// Those that are `chosen`, and the others.
+pub fn partition(
+    gaussians: &InitialGaussians,
+    chosen: &[bool],
+) -> (InitialGaussians, InitialGaussians) {
+    let part = |wanted: bool| {
+        let indices = (0..gaussians.len()).filter(|&index| chosen[index] == wanted);
+        let mut part = InitialGaussians::default();
+        for index in indices {
+            part.positions.push(gaussians.positions[index]);
+            part.scales.push(gaussians.scales[index]);
+            part.colours.push(gaussians.colours[index]);
+            part.opacities.push(gaussians.opacities[index]);
+        }
+        part
+    };
+    (part(true), part(false))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

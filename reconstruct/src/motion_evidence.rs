@@ -1,10 +1,12 @@
-//! Whether anything moves in a scene without masks: what static Gaussians cannot explain.
+//! What static Gaussians cannot explain: whether anything moves in a scene without masks, and at
+//! which points something changes outside of them, such as the shadow of what moves.
 //!
 //! After a short static warm-up every input view is compared with its render at the images of the
-//! same scene points, those that the warm-up's depth shows to be visible. What a static scene leaves
-//! unexplained at a point - too little texture, a wrong colour - is the same in all views: only the
-//! deviation `d` of a residual from its point's median counts, channel by channel. Photometric noise is the median of
-//! `|d|`; what passes in front of a point deviates by many times as much, in a few views.
+//! same scene points, those that the warm-up's depth shows to be visible and no mask covers. What a
+//! static scene leaves unexplained at a point - too little texture, a wrong colour - is the same in
+//! all views: only the deviation `d` of a residual from its point's median counts, channel by
+//! channel. Photometric noise is the median of `|d|`; what passes in front of a point, or shades it,
+//! deviates by many times as much, in a few views.
 
 use glam::Vec3;
 use omnilife_schemas::progress::Silent;
@@ -25,6 +27,8 @@ use crate::{
 pub const WARM_UP_ITERATIONS: u64 = 150;
 /// Gaussians of the warm-up, at most.
 const WARM_UP_GAUSSIANS: u64 = 12_000;
+/// Views of the warm-up are no wider than they have to be to show what moves, pixels.
+const WARM_UP_WIDTH: u32 = 256;
 /// Points and views that are looked at, evenly from all.
 const POINTS: usize = 4_000;
 const VIEWS: usize = 30;
@@ -37,6 +41,8 @@ const LEAST_VIEWS: usize = 6;
 /// A deviation is transient above this many times the noise, and above this in grey levels of 1.
 const NOISE_FACTOR: f32 = 8.0;
 const LEAST_DEVIATION: f32 = 0.1;
+/// Views in which a point deviates, from which on it changes: one alone may be an edge.
+const LEAST_DEVIATING_VIEWS: usize = 2;
 /// Share of transient samples from which a scene is taken to move.
 const TRANSIENT_SHARE: f64 = 0.002;
 /// Standard deviation of a normal distribution over its median absolute deviation.
@@ -57,6 +63,11 @@ impl MotionEvidence {
     /// Whether something moves. Without samples nothing is known, and it may.
     pub fn moves(&self) -> bool {
         self.samples == 0 || self.transient_share >= TRANSIENT_SHARE
+    }
+
+    /// Deviation from which a sample is transient.
+    fn limit(&self) -> f32 {
+        (NOISE_FACTOR * self.noise).max(LEAST_DEVIATION)
     }
 
     /// In words.
@@ -85,6 +96,65 @@ pub fn motion_evidence(
     scene: &TrainingScene,
     seed: u64,
 ) -> Result<MotionEvidence, ReconstructError> {
+    let points = initialize::thinned(&scene.points, POINTS).positions;
+    Ok(transients(&residuals(scene, seed, &points)?))
+}
+
+/// Points at which something changes, and how that was found out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ChangingPoints {
+    /// What is known of all of them.
+    pub evidence: MotionEvidence,
+    /// Per point, whether it changes. Points that too few views see do not.
+    pub changes: Vec<bool>,
+}
+
+impl ChangingPoints {
+    /// In words.
+    pub fn text(&self) -> String {
+        let changing = self.changes.iter().filter(|&&changes| changes).count();
+        format!(
+            "{changing} of {} scene points change outside the masks: after {WARM_UP_ITERATIONS} \
+             static iterations their residuals deviate in {LEAST_DEVIATING_VIEWS} views or more \
+             from the point's median by {NOISE_FACTOR} times the noise of {:.4}, or by \
+             {LEAST_DEVIATION}, whichever is more",
+            self.changes.len(),
+            self.evidence.noise
+        )
+    }
+}
+
+/// Tells at which points something changes outside the masks.
+///
+/// # Errors
+/// When the warm-up diverges.
+pub fn changing_points(
+    scene: &TrainingScene,
+    seed: u64,
+    points: &[[f32; 3]],
+) -> Result<ChangingPoints, ReconstructError> {
+    let residuals = residuals(scene, seed, points)?;
+    let evidence = transients(&residuals);
+    let limit = evidence.limit();
+    let changes = residuals
+        .chunks_exact(3)
+        .map(|channels| {
+            channels.iter().any(|residuals| {
+                let deviating = deviations(residuals).filter(|deviation| *deviation >= limit);
+                deviating.count() >= LEAST_DEVIATING_VIEWS
+            })
+        })
+        .collect();
+    Ok(ChangingPoints { evidence, changes })
+}
+
+/// Residuals of the views in which a point is seen: one series per point and channel.
+fn residuals(
+    scene: &TrainingScene,
+    seed: u64,
+    points: &[[f32; 3]],
+) -> Result<Vec<Vec<f32>>, ReconstructError> {
+    let scene = &scene.reduced(WARM_UP_WIDTH);
     let request = MethodRequest {
         maximum_gaussians: Some(WARM_UP_GAUSSIANS),
         trace_every: Some(WARM_UP_ITERATIONS),
@@ -95,8 +165,6 @@ pub fn motion_evidence(
     let mut gaussians = InstantGaussians::default();
     static_gaussians::instantiate(&outcome.trained.stepper.model()?.table, &mut gaussians);
     let mut renderer = Renderer::new(outcome.settings.rendering);
-    let points = initialize::thinned(&scene.points, POINTS).positions;
-    // One series per point and channel.
     let mut residuals: Vec<Vec<f32>> = vec![Vec::new(); 3 * points.len()];
     let views = scene.input_views.len();
     for step in 0..views.min(VIEWS) {
@@ -112,14 +180,14 @@ pub fn motion_evidence(
             }
         }
     }
-    Ok(transients(residuals))
+    Ok(residuals)
 }
 
 /// A view beside its render.
 struct Compared {
     width: usize,
     height: usize,
-    /// Image minus render.
+    /// Image minus render; not a number where a mask says that something else is seen.
     difference: Vec<[f32; 3]>,
     /// Radial depth, infinite where little is rendered.
     depth: Vec<f32>,
@@ -135,8 +203,9 @@ impl Compared {
             .map(|&position| (Vec3::from_array(position) - centre).length())
             .collect();
         let raster = renderer.forward(&view.view, gaussians);
-        let mut image = Vec::new();
+        let (mut image, mut mask) = (Vec::new(), Vec::new());
         view.write_image(&mut image);
+        view.write_mask(&mut mask);
         let pixels = image
             .as_chunks::<3>()
             .0
@@ -146,7 +215,11 @@ impl Compared {
             width: raster.width,
             height: raster.height,
             difference: pixels
-                .map(|(truth, render)| [0, 1, 2].map(|channel| truth[channel] - render[channel]))
+                .zip(&mask)
+                .map(|((truth, render), &masked)| {
+                    let hole = if masked > 0.0 { f32::NAN } else { 0.0 };
+                    [0, 1, 2].map(|channel| truth[channel] - render[channel] + hole)
+                })
                 .collect(),
             depth: raster
                 .features
@@ -165,7 +238,7 @@ impl Compared {
     }
 
     /// Mean residual of the 3x3 pixels at a point's image: a pixel alone has the error of every edge
-    /// that it lies on. `None` where the point is hidden.
+    /// that it lies on. `None` where the point is hidden, or masked.
     fn residual(&self, scene: &TrainingScene, view: &View, point: Vec3) -> Option<[f32; 3]> {
         let point = view.rotation * (point - view.centre);
         let distance = point.length();
@@ -188,35 +261,43 @@ impl Compared {
                 }
             }
         }
-        Some(sum.map(|sum| sum / 9.0))
+        (!sum[0].is_nan()).then(|| sum.map(|sum| sum / 9.0))
     }
 }
 
 /// Evidence from the residuals of every point.
-fn transients(residuals: Vec<Vec<f32>>) -> MotionEvidence {
+fn transients(residuals: &[Vec<f32>]) -> MotionEvidence {
     let mut deviations: Vec<f32> = residuals
-        .into_par_iter()
-        .filter(|residuals| residuals.len() >= LEAST_VIEWS)
-        .flat_map_iter(|mut residuals| {
-            residuals.sort_by(f32::total_cmp);
-            let median = residuals[residuals.len() / 2];
-            residuals
-                .into_iter()
-                .map(move |residual| (residual - median).abs())
-        })
+        .par_iter()
+        .flat_map_iter(|residuals| deviations(residuals))
         .collect();
     if deviations.is_empty() {
         return MotionEvidence::default();
     }
     deviations.sort_by(f32::total_cmp);
     let noise = PER_MEDIAN * deviations[deviations.len() / 2];
-    let limit = (NOISE_FACTOR * noise).max(LEAST_DEVIATION);
-    let below = deviations.partition_point(|&deviation| deviation < limit);
-    MotionEvidence {
+    let mut evidence = MotionEvidence {
         samples: deviations.len(),
         noise,
-        transient_share: (deviations.len() - below) as f64 / deviations.len() as f64,
-    }
+        transient_share: 0.0,
+    };
+    let below = deviations.partition_point(|&deviation| deviation < evidence.limit());
+    evidence.transient_share = (deviations.len() - below) as f64 / deviations.len() as f64;
+    evidence
+}
+
+/// Deviations from a point's median; none where too few views see it.
+fn deviations(residuals: &[f32]) -> impl Iterator<Item = f32> {
+    let mut sorted = if residuals.len() >= LEAST_VIEWS {
+        residuals.to_vec()
+    } else {
+        Vec::new()
+    };
+    sorted.sort_by(f32::total_cmp);
+    let median = sorted.get(sorted.len() / 2).copied().unwrap_or_default();
+    sorted
+        .into_iter()
+        .map(move |residual| (residual - median).abs())
 }
 
 #[cfg(test)]
@@ -233,15 +314,15 @@ mod tests {
                 .map(|view| own + noise(view) + if passes && view == 4 { 0.5 } else { 0.0 })
                 .collect()
         };
-        let all = |share: usize| {
+        let all = |share: usize| -> Vec<Vec<f32>> {
             (0..200)
                 .map(|n| point(n, share > 0 && n % share == 0))
                 .collect()
         };
-        let still = transients(all(0));
+        let still = transients(&all(0));
         assert_eq!((still.samples, still.transient_share), (2_000, 0.0));
         assert!(!still.moves() && still.noise < 0.03);
-        let moving = transients(all(20));
+        let moving = transients(&all(20));
         assert!(
             (moving.transient_share - 0.005).abs() < 1e-9 && moving.moves(),
             "{moving:?}"
@@ -250,7 +331,7 @@ mod tests {
 
     #[test]
     fn without_samples_it_may_move() {
-        let nothing = transients(vec![vec![0.1; 3]; 5]);
+        let nothing = transients(&[vec![0.1; 3], vec![0.2; 5]]);
         assert!(nothing.samples == 0 && nothing.moves());
         assert!(nothing.text().contains("no scene point"));
     }

@@ -138,6 +138,33 @@ impl TrainingScene {
         (all > 0.0).then(|| marked / all)
     }
 
+    /// The scene with images and masks averaged over whole squares of pixels: as small as they get
+    /// without becoming narrower than `least_width`.
+    pub fn reduced(&self, least_width: u32) -> Self {
+        let ErpCamera { width, height } = self.camera;
+        let fits = |factor: &u32| width.is_multiple_of(*factor) && height.is_multiple_of(*factor);
+        let factor = (1..=width / least_width.max(1))
+            .rev()
+            .find(fits)
+            .unwrap_or(1);
+        let mut reduced = self.clone();
+        reduced.camera = ErpCamera {
+            width: width / factor,
+            height: height / factor,
+        };
+        for view in reduced
+            .input_views
+            .iter_mut()
+            .chain(&mut reduced.novel_views)
+        {
+            view.view.camera = reduced.camera.into();
+            view.pixels = averaged::<3>(&view.pixels, width as usize, factor as usize);
+            let mask = view.mask.as_ref();
+            view.mask = mask.map(|mask| averaged::<1>(mask, width as usize, factor as usize));
+        }
+        reduced
+    }
+
     /// Median distance between input views that follow each other, in normalized units; 0 for a
     /// camera that does not move.
     pub fn median_camera_step(&self) -> f32 {
@@ -159,6 +186,26 @@ impl TrainingScene {
                 .collect(),
         )
     }
+}
+
+/// Means over squares of `factor` pixels of an image with `C` channels.
+fn averaged<const C: usize>(pixels: &[u8], width: usize, factor: usize) -> Vec<u8> {
+    let rows = pixels.len() / (width * C);
+    let mut means = Vec::with_capacity(pixels.len() / (factor * factor));
+    for row in 0..rows / factor {
+        for column in 0..width / factor {
+            for channel in 0..C {
+                let sum: usize = (0..factor * factor)
+                    .map(|at| {
+                        let (y, x) = (row * factor + at / factor, column * factor + at % factor);
+                        usize::from(pixels[(y * width + x) * C + channel])
+                    })
+                    .sum();
+                means.push(((sum + factor * factor / 2) / (factor * factor)) as u8);
+            }
+        }
+    }
+    means
 }
 
 /// Median of some values; 0 for none.

@@ -11,7 +11,7 @@ mod moving_ball;
 
 use std::fs;
 
-use glam::Vec3;
+use glam::{DVec2, Vec3};
 use omnilife_reconstruct::{
     camera::View,
     gaussians::{
@@ -21,11 +21,12 @@ use omnilife_reconstruct::{
     },
     kernels::adam,
     methods::{self, MethodOutcome, MethodRequest, PlanChoice},
+    motion_evidence::changing_points,
     render_layers::{Layer, LayerRenderer, TimeSettings},
     scene::{SceneView, TrainingScene},
     train::{BackendChoice, Session, TrainingFiles, step::Model},
 };
-use omnilife_schemas::{points::PointCloud, progress::Silent};
+use omnilife_schemas::{camera::CameraModel, points::PointCloud, progress::Silent};
 
 fn request(iterations: u64) -> MethodRequest {
     MethodRequest::new(iterations, 7)
@@ -192,7 +193,7 @@ fn what_is_left_out_has_no_arrays() {
 }
 
 #[test]
-fn a_plan_that_names_the_static_table_has_points_without_a_time() {
+fn points_that_do_not_change_have_no_time_unless_the_plan_is_full() {
     let scene = moving_ball::scene();
     let only =
         |names: &[&str]| PlanChoice::Only(names.iter().map(|&name| name.to_owned()).collect());
@@ -212,8 +213,45 @@ fn a_plan_that_names_the_static_table_has_points_without_a_time() {
         )
     });
     let [full, auto, separate] = sizes;
-    assert!(full.0 == 0 && full.1 > 900 && auto == full, "{sizes:?}");
-    assert_eq!(separate, (900, full.1 - 900));
+    assert!(full.0 == 0 && full.1 > 900 && auto == separate, "{sizes:?}");
+    // What moves hides points; it changes none.
+    assert!(auto.0 > 800 && auto.0 + auto.1 == full.1, "{sizes:?}");
+}
+
+#[test]
+fn points_in_a_shadow_that_no_mask_shows_change() {
+    let mut scene = moving_ball::scene();
+    // Behind the cameras, in every third view.
+    let is_shaded = |point: Vec3| point.z < -1.0 && point.x.abs() < 0.5 * -point.z;
+    let width = scene.camera.width as usize;
+    for (number, view) in scene.input_views.iter_mut().enumerate() {
+        if number % 3 != 0 {
+            continue;
+        }
+        for (pixel, rgb) in view.pixels.as_chunks_mut::<3>().0.iter_mut().enumerate() {
+            let at = DVec2::new((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
+            let direction = scene.camera.unproject(at).as_vec3();
+            if is_shaded(view.view.rotation.transpose() * direction * 4.0) {
+                *rgb = rgb.map(|value| value / 3);
+            }
+        }
+    }
+    let found = changing_points(&scene, 7, &scene.points.positions).unwrap();
+    let changing = |shaded: bool| {
+        let points = scene.points.positions.iter().zip(&found.changes);
+        let of_kind: Vec<bool> = points
+            .filter(|(point, _)| is_shaded(Vec3::from_array(**point)) == shaded)
+            .map(|(_, changes)| *changes)
+            .collect();
+        of_kind.iter().filter(|&&changes| changes).count() as f64 / of_kind.len() as f64
+    };
+    let shares = [changing(true), changing(false)];
+    // Most balls are hidden by others.
+    assert!(
+        shares[0] > 0.25 && shares[1] < 0.02,
+        "{shares:?} {}",
+        found.text()
+    );
 }
 
 /// A name, and what makes the scene awkward.

@@ -2,13 +2,28 @@
 
 use std::path::PathBuf;
 
-use clap::Subcommand;
-use omnilife_bench::{DEFAULT_MEMORY_BYTES, PROTOCOLS};
+use clap::{Subcommand, ValueEnum};
+use omnilife_bench::{DEFAULT_MEMORY_BYTES, PROTOCOLS, curve::Clock};
 
 use super::{
     bench_run::BenchRunArguments,
     reconstruct::{BackendArgument, MethodArguments},
 };
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum ClockArgument {
+    Wall,
+    Cpu,
+}
+
+impl From<ClockArgument> for Clock {
+    fn from(argument: ClockArgument) -> Self {
+        match argument {
+            ClockArgument::Wall => Self::Wall,
+            ClockArgument::Cpu => Self::Cpu,
+        }
+    }
+}
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum BenchCommand {
@@ -157,6 +172,10 @@ pub(crate) enum BenchCommand {
         /// Folders of runs, or their run.json.
         #[arg(required = true)]
         runs: Vec<PathBuf>,
+        /// The time that counts: on the wall's clock, or of the processor, which compares runs of a
+        /// machine that has other work too.
+        #[arg(long, value_enum, default_value_t = ClockArgument::Wall)]
+        clock: ClockArgument,
         /// Folder for curves.csv, points.csv and the drawings.
         #[arg(long)]
         out: PathBuf,

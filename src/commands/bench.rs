@@ -155,7 +155,9 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
         BenchCommand::Stability { out, backend } => {
             bench_stability::execute(out.as_deref(), *backend, progress)
         }
-        BenchCommand::Curve { runs, out } => exit::print(&curves_table(&curves(runs, out)?)),
+        BenchCommand::Curve { runs, clock, out } => {
+            exit::print(&curves_table(&curves(runs, (*clock).into(), out)?))
+        }
         BenchCommand::Ablate {
             scene,
             out,

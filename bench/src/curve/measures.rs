@@ -45,7 +45,7 @@ pub struct Reached {
 
 /// Measures runs of one scene and protocol against each other.
 pub(super) fn measured(runs: &[TracedRun]) -> Vec<RunCurve> {
-    let end = |run: &TracedRun| run.rows.last().map_or(0.0, |row| row.wall_seconds);
+    let end = |run: &TracedRun| run.rows.last().map_or(0.0, |row| row.seconds);
     let shortest = runs.iter().map(end).fold(f64::INFINITY, f64::min);
     runs.iter()
         .map(|run| RunCurve {
@@ -83,14 +83,14 @@ fn reached(run: &TracedRun, quality_db: f64) -> Option<Reached> {
         .iter()
         .find(|row| row.psnr_db >= quality_db)
         .map(|row| Reached {
-            seconds: row.wall_seconds,
+            seconds: row.seconds,
             iteration: row.iteration,
         })
 }
 
 fn quality_at(run: &TracedRun, seconds: f64) -> Option<f64> {
     let rows = run.rows.iter().rev();
-    let mut before = rows.skip_while(|row| row.wall_seconds > seconds);
+    let mut before = rows.skip_while(|row| row.seconds > seconds);
     before.next().map(|row| row.psnr_db)
 }
 
@@ -98,13 +98,13 @@ fn area(run: &TracedRun, seconds: f64) -> Option<f64> {
     if !(seconds > 0.0 && seconds.is_finite()) {
         return None;
     }
-    let ends = run.rows.iter().skip(1).map(|row| row.wall_seconds);
+    let ends = run.rows.iter().skip(1).map(|row| row.seconds);
     let ends = ends.chain(std::iter::once(f64::INFINITY));
     let sum: f64 = run
         .rows
         .iter()
         .zip(ends)
-        .map(|(row, end)| row.psnr_db * (end.min(seconds) - row.wall_seconds).max(0.0))
+        .map(|(row, end)| row.psnr_db * (end.min(seconds) - row.seconds).max(0.0))
         .sum();
     Some(sum / seconds)
 }
@@ -129,10 +129,10 @@ mod tests {
     use crate::curve::TraceRow;
 
     fn run(points: &[(f64, f64)], memory: u64) -> TracedRun {
-        let row = |&(wall_seconds, psnr_db): &(f64, f64)| TraceRow {
-            wall_seconds,
+        let row = |&(seconds, psnr_db): &(f64, f64)| TraceRow {
+            seconds,
             evaluation_seconds: 0.0,
-            iteration: (10.0 * wall_seconds) as u64,
+            iteration: (10.0 * seconds) as u64,
             gaussians: 5,
             psnr_db,
             ssim: None,

@@ -1,7 +1,7 @@
 //! Error against run time: from the traces of training runs to time-to-quality tables, curves and
 //! the Pareto front.
 //!
-//! Time is that of the training steps alone; what the trace rendered to score itself, and how long
+//! Time, on the wall's clock or the processor's, is that of the training steps alone; what the trace rendered to score itself, and how long
 //! that took, is reported beside it. Quality is the mean PSNR of the novel views in the trace. Runs
 //! are compared where scene and protocol are the same.
 
@@ -21,7 +21,7 @@ use crate::{
     error::BenchError,
 };
 pub use measures::{MOMENTS_SECONDS, QUALITIES_DB, RunCurve, curve_of};
-pub use trace::{TraceRow, TracedRun, read_run};
+pub use trace::{Clock, TraceRow, TracedRun, read_run};
 
 /// One row per run: time to quality, quality after a time, area under the curve.
 pub const CURVES_FILE: &str = "curves.csv";
@@ -44,10 +44,10 @@ pub struct Comparison {
 ///
 /// # Errors
 /// When a run has no trace or no scores of novel views in it, or a file cannot be read or written.
-pub fn curves(runs: &[PathBuf], out: &Path) -> Result<Vec<Comparison>, BenchError> {
+pub fn curves(runs: &[PathBuf], clock: Clock, out: &Path) -> Result<Vec<Comparison>, BenchError> {
     let mut groups: Vec<((String, String), Vec<TracedRun>)> = Vec::new();
     for path in runs {
-        let run = read_run(path)?;
+        let run = read_run(path, clock)?;
         let key = (run.scene.clone(), run.protocol_hash.clone());
         match groups.iter_mut().find(|(other, _)| *other == key) {
             Some((_, runs)) => runs.push(run),
@@ -58,7 +58,8 @@ pub fn curves(runs: &[PathBuf], out: &Path) -> Result<Vec<Comparison>, BenchErro
     let mut comparisons = Vec::new();
     for (number, ((scene, protocol_hash), runs)) in groups.iter().enumerate() {
         let path = out.join(format!("curve-{number}.svg"));
-        let drawing = drawing(scene, runs).map_err(|reason| BenchError::internal(&path, reason))?;
+        let drawing =
+            drawing(scene, clock, runs).map_err(|reason| BenchError::internal(&path, reason))?;
         store::write_bytes(&path, drawing.as_bytes())?;
         comparisons.push(Comparison {
             scene: scene.clone(),
@@ -71,7 +72,7 @@ pub fn curves(runs: &[PathBuf], out: &Path) -> Result<Vec<Comparison>, BenchErro
     Ok(comparisons)
 }
 
-fn drawing(scene: &str, runs: &[TracedRun]) -> Result<String, String> {
+fn drawing(scene: &str, clock: Clock, runs: &[TracedRun]) -> Result<String, String> {
     let series: Vec<Series> = runs
         .iter()
         .map(|run| Series {
@@ -79,14 +80,17 @@ fn drawing(scene: &str, runs: &[TracedRun]) -> Result<String, String> {
             points: run
                 .rows
                 .iter()
-                .filter(|row| row.wall_seconds > 0.0)
-                .map(|row| (row.wall_seconds, row.psnr_db))
+                .filter(|row| row.seconds > 0.0)
+                .map(|row| (row.seconds, row.psnr_db))
                 .collect(),
         })
         .collect();
     let titles = Titles {
         chart: scene,
-        x: "training time, s",
+        x: match clock {
+            Clock::Wall => "training time, s",
+            Clock::Cpu => "training time, processor seconds",
+        },
         y: "PSNR of novel views, dB",
     };
     chart::over_log_x(&titles, &series)
@@ -104,6 +108,7 @@ fn write_curves(path: &Path, comparisons: &[Comparison]) -> Result<(), BenchErro
             "protocol_hash",
             "method",
             "seed",
+            "clock",
             "training_seconds",
             "evaluation_seconds",
             "iterations",
@@ -132,6 +137,7 @@ fn write_curves(path: &Path, comparisons: &[Comparison]) -> Result<(), BenchErro
                     comparison.protocol_hash.clone(),
                     run.method.clone(),
                     run.seed.to_string(),
+                    run.clock.name().to_owned(),
                     run.training_seconds.to_string(),
                     run.evaluation_seconds.to_string(),
                     run.iterations.to_string(),
@@ -162,7 +168,8 @@ struct PointRow<'a> {
     protocol_hash: &'a str,
     method: &'a str,
     seed: u64,
-    wall_seconds: f64,
+    clock: &'a str,
+    seconds: f64,
     evaluation_seconds: f64,
     iteration: u64,
     gaussians: u64,
@@ -183,7 +190,8 @@ fn write_points(
                     protocol_hash: &run.protocol_hash,
                     method: &run.method,
                     seed: run.seed,
-                    wall_seconds: row.wall_seconds,
+                    clock: run.clock.name(),
+                    seconds: row.seconds,
                     evaluation_seconds: row.evaluation_seconds,
                     iteration: row.iteration,
                     gaussians: row.gaussians,
@@ -204,10 +212,14 @@ pub fn curves_table(comparisons: &[Comparison]) -> String {
     for comparison in comparisons {
         let _ = writeln!(
             text,
-            "{}, protocol {:.12}\n\n| Run | Final dB | 95 % after s | {} | {} | Area dB | GiB | \
+            "{}, protocol {:.12}{}\n\n| Run | Final dB | 95 % after s | {} | {} | Area dB | GiB | \
              Front |\n| --- | ---: | ---: | {} ---: | ---: | --- |",
             comparison.scene,
             comparison.protocol_hash,
+            match comparison.curves.first().map(|curve| curve.run.clock) {
+                Some(Clock::Cpu) => ", processor seconds",
+                _ => "",
+            },
             QUALITIES_DB
                 .map(|db| format!("{db} dB after s"))
                 .join(" | "),

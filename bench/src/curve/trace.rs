@@ -10,6 +10,26 @@ use serde::Deserialize;
 
 use crate::error::BenchError;
 
+/// Which time counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Clock {
+    /// Wall-clock time: what a user waits.
+    #[default]
+    Wall,
+    /// Processor time of all threads: what compares runs of a machine that has other work too.
+    Cpu,
+}
+
+impl Clock {
+    /// As it stands in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Wall => "wall",
+            Self::Cpu => "cpu",
+        }
+    }
+}
+
 /// A run with its trace.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TracedRun {
@@ -21,9 +41,11 @@ pub struct TracedRun {
     pub protocol_hash: String,
     /// Random seed.
     pub seed: u64,
+    /// The clock of its times.
+    pub clock: Clock,
     /// Time of all training steps, seconds.
     pub training_seconds: f64,
-    /// Time of the trace's own scores, seconds; the training time is without it.
+    /// Wall-clock time of the trace's own scores, seconds; the training time is without it.
     pub evaluation_seconds: f64,
     /// Iterations done.
     pub iterations: u64,
@@ -39,8 +61,8 @@ pub struct TracedRun {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TraceRow {
     /// Time of the training steps so far, seconds.
-    pub wall_seconds: f64,
-    /// Time of scoring so far, seconds.
+    pub seconds: f64,
+    /// Wall-clock time of scoring so far, seconds.
     pub evaluation_seconds: f64,
     /// Iterations done.
     pub iteration: u64,
@@ -64,6 +86,8 @@ impl TracedRun {
 struct Columns {
     wall_seconds: f64,
     #[serde(default)]
+    cpu_seconds: Option<f64>,
+    #[serde(default)]
     evaluation_seconds: f64,
     iteration: u64,
     #[serde(default)]
@@ -76,8 +100,9 @@ struct Columns {
 /// Reads a run from its folder or its `run.json`.
 ///
 /// # Errors
-/// When it has no trace, or the trace is malformed, goes back in time or never scored novel views.
-pub fn read_run(path: &Path) -> Result<TracedRun, BenchError> {
+/// When it has no trace, or the trace is malformed, goes back in time, never scored novel views, or
+/// does not know the time that is asked for.
+pub fn read_run(path: &Path, clock: Clock) -> Result<TracedRun, BenchError> {
     let file = if path.is_dir() {
         path.join("run.json")
     } else {
@@ -101,14 +126,20 @@ pub fn read_run(path: &Path) -> Result<TracedRun, BenchError> {
         let Some(psnr_db) = row.novel_psnr_db else {
             continue;
         };
-        if !(row.wall_seconds.is_finite() && psnr_db.is_finite()) {
+        let seconds = match clock {
+            Clock::Wall => row.wall_seconds,
+            Clock::Cpu => row.cpu_seconds.ok_or_else(|| {
+                BenchError::mismatch(&trace, "does not know the processor time of the training")
+            })?,
+        };
+        if !(seconds.is_finite() && psnr_db.is_finite()) {
             return Err(BenchError::mismatch(
                 &trace,
                 format!("iteration {} has a value that is not finite", row.iteration),
             ));
         }
         rows.push(TraceRow {
-            wall_seconds: row.wall_seconds,
+            seconds,
             evaluation_seconds: row.evaluation_seconds,
             iteration: row.iteration,
             gaussians: row.gaussians,
@@ -119,15 +150,21 @@ pub fn read_run(path: &Path) -> Result<TracedRun, BenchError> {
     if rows.is_empty() {
         return Err(BenchError::mismatch(&trace, "scores no novel views"));
     }
-    if !rows.is_sorted_by_key(|row| row.wall_seconds) {
+    if !rows.is_sorted_by_key(|row| row.seconds) {
         return Err(BenchError::mismatch(&trace, "goes back in time"));
     }
+    let training_seconds = match (clock, record.training_cpu_seconds) {
+        (Clock::Cpu, Some(seconds)) => seconds,
+        (Clock::Cpu, None) => rows.last().map_or(0.0, |row| row.seconds),
+        (Clock::Wall, _) => record.training_seconds,
+    };
     Ok(TracedRun {
+        clock,
         method: record.method,
         scene: record.scene,
         protocol_hash: record.protocol_hash,
         seed: record.seed,
-        training_seconds: record.training_seconds,
+        training_seconds,
         evaluation_seconds: record.evaluation_seconds,
         iterations: record.iterations,
         gaussians: record.gaussians,

@@ -69,6 +69,15 @@ impl<'r> Components<'r> {
         }
     }
 
+    /// Adds what was found out about a component later on.
+    pub(super) fn add_reason(&mut self, component: &str, reason: &str) {
+        for decision in &mut self.plan {
+            if decision.component == component {
+                decision.reason += &format!("; {reason}");
+            }
+        }
+    }
+
     fn record(&mut self, component: &str, used: bool, reason: String) {
         self.plan.push(ComponentDecision {
             component: component.to_owned(),

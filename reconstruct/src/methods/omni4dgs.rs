@@ -21,6 +21,7 @@ use crate::{
     },
     initialize,
     mask_seeds::{MaskSeeds, SeedVelocity},
+    motion_evidence::changing_points,
     scene::TrainingScene,
     train::{
         BackendChoice,
@@ -37,8 +38,8 @@ pub const METHOD: Method = Method {
     description: "Gaussians that appear, move and vanish, with velocities of a radial and a \
                   tangential part; masks supervise the dynamic ones rendered alone; velocities \
                   are kept out of the static region and static Gaussians in their place. Dynamic \
-                  Gaussians begin on masked pixels; the component static-table, which only a plan \
-                  that names it has, gives scene points no temporal parameters. Readings of what \
+                  Gaussians begin on masked pixels; with the component static-table, which is ours, \
+                  scene points that do not change carry no temporal parameters. Readings of what \
                   the paper leaves open are named in the source.",
     components: &[
         TEMPORAL_OPACITY,
@@ -63,7 +64,8 @@ pub(super) const DYNAMIC_MASK: &str = "dynamic-mask";
 pub(super) const MOTION_REGULARIZATION: &str = "motion-regularization";
 /// Component: no velocities outside the masks (Eq. 9).
 pub(super) const VELOCITY_REGULARIZATION: &str = "velocity-regularization";
-/// Component: scene points become Gaussians without temporal parameters. Not of the paper.
+/// Component: scene points at which nothing changes outside the masks become Gaussians without
+/// temporal parameters. Not of the paper.
 pub(super) const STATIC_TABLE: &str = "static-table";
 
 /// Velocities (Eq. 3). `gamma`: weights "increase more smoothly in the equatorial region and decay
@@ -186,10 +188,9 @@ impl Decided {
             // Any point may move where nothing tells them apart.
             _ => (!supervises).then_some(DYNAMIC_MASK),
         };
-        // It saves memory and time and loses quality: opacities that vary in time serve what depends
-        // on direction and distance too, in the static region (docs/results/dynamic.md).
-        let reason = "opacities that vary in time help the static region too";
-        let separates = components.decide_with(STATIC_TABLE, missing, (false, reason.to_owned()));
+        // What always is there is not missing at other times; what changes outside the masks, such as
+        // shadows, needs to (docs/results/dynamic.md).
+        let separates = components.decide_with(STATIC_TABLE, missing, (true, masks));
         Self {
             fades,
             moves,
@@ -292,8 +293,13 @@ pub(super) fn prepare_variant(
         ..Beginning::default()
     };
     if decided.separates {
-        beginning.fixed = initialize::join(first.points, beginning.fixed);
-    } else {
+        let found = changing_points(scene, request.seed, &first.points.positions)?;
+        components.add_reason(STATIC_TABLE, &found.text());
+        let (changing, lasting) = initialize::partition(&first.points, &found.changes);
+        beginning.fixed = initialize::join(lasting, beginning.fixed);
+        first.points = changing;
+    }
+    if !first.points.is_empty() {
         // In a short clip too, points begin static: masks show what is dynamic.
         let least = LEAST_FIRST_STATICNESS * CYCLE_FRAMES;
         let lifespan = dynamic::first_lifespan(&clock, variant.first_lifespan_share).max(least);
