@@ -65,9 +65,12 @@ const LEAST_LIFESPAN_FRAMES: f32 = 0.25;
 const LARGEST_LIFESPAN_FRAMES: f32 = 1e6;
 /// First peak times are drawn from this many times the clip (PVG `scene/waymo_loader.py`).
 const PEAK_RANGE: f32 = 1.2;
-/// Seeds of dynamic Gaussians take at most one of this many Gaussians: what they take, the static
-/// region goes without.
-const SEEDS_PART: u64 = 8;
+/// Seeds of dynamic Gaussians take at most this share of all: what they take, the static region goes
+/// without.
+const LARGEST_SEEDS_SHARE: f64 = 0.125;
+/// A seed is seen while it has a quarter of its opacity: for this many of its lifespans,
+/// `2 sqrt(2 ln 4)`.
+const SEEN_LIFESPANS: f32 = 3.33;
 
 /// Bounds of lifespans, from `least` frames.
 pub(super) fn lifespans(least: Option<f32>) -> LifespanRange {
@@ -139,6 +142,13 @@ pub(super) fn scattered_times(clock: &Clock, len: usize, lifespan: f32, seed: u6
     times
 }
 
+/// The share of all Gaussians with which the masked region is as dense as the others at any moment:
+/// its share of the sphere, times the number of sets that follow each other in the clip.
+fn seeds_share(coverage: f64, clock: &Clock, lifespan: f32) -> f64 {
+    let sets = (clock.duration_frames / (SEEN_LIFESPANS * lifespan)).max(1.0);
+    (coverage * f64::from(sets)).min(LARGEST_SEEDS_SHARE)
+}
+
 /// Seeds of dynamic Gaussians within the limit on all of them.
 pub(super) fn seeds(
     scene: &TrainingScene,
@@ -147,9 +157,9 @@ pub(super) fn seeds(
     lifespan: f32,
     velocity: SeedVelocity,
 ) -> MaskSeeds {
-    let room = settings.densify.maximum_gaussians / SEEDS_PART;
-    let room = usize::try_from(room).unwrap_or(usize::MAX);
-    mask_seeds(scene, clock, lifespan, velocity, room)
+    let share = seeds_share(scene.mask_coverage().unwrap_or(0.0), clock, lifespan);
+    let room = settings.densify.maximum_gaussians as f64 * share;
+    mask_seeds(scene, clock, lifespan, velocity, room.ceil() as usize)
 }
 
 /// What a run begins with: Gaussians that never move and those that may.
@@ -295,6 +305,25 @@ pub(super) fn down(scene: &TrainingScene) -> [f32; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn seeds_are_as_dense_as_the_rest() {
+        let clock = Clock {
+            origin_seconds: 0.0,
+            frame_seconds: 0.1,
+            duration_frames: 66.6,
+        };
+        let share = |coverage, lifespan| seeds_share(coverage, &clock, lifespan);
+        // Five sets of one in a hundred; one set that lives longer than the clip; a limit.
+        for (found, expected) in [
+            (share(0.01, 4.0), 0.05),
+            (share(0.01, 400.0), 0.01),
+            (share(0.6, 4.0), 0.125),
+            (share(0.0, 4.0), 0.0),
+        ] {
+            assert!((found - expected).abs() < 1e-6, "{found} {expected}");
+        }
+    }
 
     #[test]
     fn lifespans_go_as_far_in_a_short_schedule() {

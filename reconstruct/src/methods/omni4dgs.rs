@@ -83,7 +83,7 @@ const DYNAMIC_BELOW_STATICNESS: f32 = 1.0;
 /// Staticness of seeds in masks: well below the threshold, but alive for some frames.
 const SEED_STATICNESS: f32 = 0.4;
 /// First lifespans elsewhere are the square root of this share of the clip (PVG on Waymo).
-const FIRST_LIFESPAN_SHARE: f32 = 0.1;
+pub(super) const FIRST_LIFESPAN_SHARE: f32 = 0.1;
 /// Staticness of scene points at first, at least.
 const LEAST_FIRST_STATICNESS: f32 = 1.5 * DYNAMIC_BELOW_STATICNESS;
 /// `lambda_dyn`: the dynamic region is small; more than the photometric loss pulls the dynamic
@@ -292,6 +292,9 @@ pub(super) fn prepare_variant(
         fixed: first.shell,
         ..Beginning::default()
     };
+    if let Some(opacity) = variant.first_opacity {
+        first.points.opacities.fill(opacity);
+    }
     if decided.separates {
         let found = changing_points(scene, request.seed, &first.points.positions)?;
         components.add_reason(STATIC_TABLE, &found.text());
@@ -304,9 +307,6 @@ pub(super) fn prepare_variant(
         let least = LEAST_FIRST_STATICNESS * CYCLE_FRAMES;
         let lifespan = dynamic::first_lifespan(&clock, variant.first_lifespan_share).max(least);
         let times = dynamic::scattered_times(&clock, first.points.len(), lifespan, request.seed);
-        if let Some(opacity) = variant.first_opacity {
-            first.points.opacities.fill(opacity);
-        }
         beginning.add_moving(first.points, times);
     }
     beginning.add_moving(seeds.gaussians, seeds.times);

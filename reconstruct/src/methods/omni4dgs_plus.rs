@@ -50,14 +50,15 @@ const OURS: Variant = Variant {
     // its opacity.
     least_lifespan_frames: Some(2.0),
     smoothing: Some(dynamic::SMOOTHING),
-    // Long lives, as PVG has them: what lives longer is seen by more views.
-    first_lifespan_share: dynamic::FIRST_LIFESPAN_SHARE,
+    // What changes outside the masks, such as shadows, does so within a few frames; lifespans find
+    // their length from there.
+    first_lifespan_share: omni4dgs::FIRST_LIFESPAN_SHARE,
     lifespan_weight: dynamic::LIFESPAN_WEIGHT,
     seed_velocity: SeedVelocity::Tracked,
     splits_in_time: false,
     quickens_lifespans: true,
-    // Most points are away from their peak at any moment: with the 0.1 of static methods the first
-    // images are half empty.
+    // Points that change are away from their peak at most moments: with the 0.1 of static methods the
+    // first images are half empty. The others gain by it too, in short schedules.
     first_opacity: Some(0.25),
 };
 
