@@ -7,7 +7,7 @@ use super::{
     Method, MethodRequest, PlanChoice, Prepared,
     components::Components,
     dynamic::{
-        self, Beginning, CYCLE_FRAMES, Evidence, LIFESPAN_LOSS, TEMPORAL_DENSITY, TEMPORAL_MOTION,
+        self, Beginning, CYCLE_FRAMES, Evidence, TEMPORAL_DENSITY, TEMPORAL_MOTION,
         TEMPORAL_OPACITY, TEMPORAL_SMOOTHING,
     },
     odgs::{self, OPACITY_RESET, SKY_SHELL},
@@ -107,8 +107,6 @@ pub(super) struct Variant {
     pub(super) smoothing: Option<TemporalSmoothing>,
     /// First lifespans of scene points are the square root of this share of the clip.
     pub(super) first_lifespan_share: f32,
-    /// Weight of PVG's lifespan loss, a component where it is above 0.
-    pub(super) lifespan_weight: f32,
     /// First velocities of the seeds.
     pub(super) seed_velocity: SeedVelocity,
     /// Whether density control in time is a component.
@@ -126,7 +124,6 @@ const PUBLISHED: Variant = Variant {
     // The paper does not mention it.
     smoothing: None,
     first_lifespan_share: FIRST_LIFESPAN_SHARE,
-    lifespan_weight: 0.0,
     seed_velocity: SeedVelocity::None,
     splits_in_time: true,
     quickens_lifespans: false,
@@ -144,7 +141,6 @@ struct Decided {
     splits: bool,
     separates: bool,
     smooths: bool,
-    prolongs: bool,
 }
 
 impl Decided {
@@ -176,13 +172,6 @@ impl Decided {
                 without_motion,
                 (true, "as PVG".to_owned()),
             );
-        let without_lifespans = (!fades).then_some(TEMPORAL_OPACITY);
-        let prolongs = variant.lifespan_weight > 0.0
-            && components.decide_with(
-                LIFESPAN_LOSS,
-                without_lifespans,
-                (true, "as PVG".to_owned()),
-            );
         let missing = match request.plan {
             PlanChoice::Full => Some("leaving out parameters, which the plan full does not"),
             // Any point may move where nothing tells them apart.
@@ -201,7 +190,6 @@ impl Decided {
             splits,
             separates,
             smooths,
-            prolongs,
         }
     }
 
@@ -240,14 +228,10 @@ impl Decided {
                 weight: VELOCITY_WEIGHT,
                 outside_masks: true,
             }),
-            lifespan_weight: if self.prolongs {
-                variant.lifespan_weight
-            } else {
-                0.0
-            },
+            lifespan_weight: 0.0,
             features: TemporalFeatures {
                 velocity_unit: self.slows.then_some(unit),
-                lifespan: self.prolongs.then_some(dynamic::LIFESPAN_FEATURE),
+                lifespan: None,
             },
             motion_weight: if self.steadies { MOTION_WEIGHT } else { 0.0 },
             smoothing: variant.smoothing.filter(|_| self.smooths),

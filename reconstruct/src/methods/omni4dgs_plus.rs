@@ -8,7 +8,7 @@
 
 use super::{
     Method, MethodRequest, Prepared,
-    dynamic::{self, LIFESPAN_LOSS, TEMPORAL_MOTION, TEMPORAL_OPACITY, TEMPORAL_SMOOTHING},
+    dynamic::{self, TEMPORAL_MOTION, TEMPORAL_OPACITY, TEMPORAL_SMOOTHING},
     odgs::{OPACITY_RESET, SKY_SHELL},
     omni4dgs::{
         self, DYNAMIC_MASK, MOTION_REGULARIZATION, STATIC_TABLE, VELOCITY_DECOMPOSITION,
@@ -25,7 +25,7 @@ pub const METHOD: Method = Method {
     title: "Omni4DGS, ours",
     source: "this project; after OmniLife360, section 4",
     description: "omni4dgs with lifespans of two frames at least, first velocities from the masks' \
-                  pieces, temporal smoothing and lifespan loss as in PVG, lifespans that find their \
+                  pieces, temporal smoothing as in PVG, lifespans that find their \
                   length in short schedules too, and no density control in time: dynamic \
                   Gaussians are there at the moments between input views too.",
     components: &[
@@ -37,7 +37,6 @@ pub const METHOD: Method = Method {
         VELOCITY_REGULARIZATION,
         STATIC_TABLE,
         TEMPORAL_SMOOTHING,
-        LIFESPAN_LOSS,
         SKY_SHELL,
         OPACITY_RESET,
     ],
@@ -53,7 +52,6 @@ const OURS: Variant = Variant {
     // What changes outside the masks, such as shadows, does so within a few frames; lifespans find
     // their length from there.
     first_lifespan_share: omni4dgs::FIRST_LIFESPAN_SHARE,
-    lifespan_weight: dynamic::LIFESPAN_WEIGHT,
     seed_velocity: SeedVelocity::Tracked,
     splits_in_time: false,
     quickens_lifespans: true,
