@@ -36,4 +36,6 @@ pub use error::CurateError;
 pub use inputs::expand_inputs;
 pub use libraries::libraries;
 pub use pipeline::{CurateSettings, curate_video};
-pub use poses::{PoseRequest, SfmSettings, pose_sequence};
+pub use poses::{
+    GivenDepth, GivenTruth, PoseRequest, SfmSettings, pose_sequence, pose_sequence_with,
+};

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{ArgMatches, Args, FromArgMatches, Subcommand};
 use omnilife_curate::{
-    CurateSettings, SfmSettings,
+    CurateSettings, GivenDepth, GivenTruth, SfmSettings,
     ledger::{self, Role},
     slicing::SliceSettings,
 };
@@ -14,6 +14,7 @@ use super::dataset::{
     AnnotateArguments, ExportArguments, ImportArguments, MasksArguments, PublishArguments,
     SliceArguments,
 };
+use crate::exit::BadRequest;
 
 #[derive(Debug, Args)]
 pub(crate) struct CurationArguments {
@@ -86,6 +87,47 @@ impl PoseArguments {
             omnilife_curate::PoseRequest::Given,
         )
     }
+}
+
+/// What is known of the frames beside their cameras, for the metrics that ask for it.
+#[derive(Debug, Args)]
+pub(crate) struct TruthArguments {
+    /// Folder of distances along the rays: 16-bit grey PNG files named like the frames, 0 where the
+    /// distance is not known.
+    #[arg(long, value_name = "FOLDER", requires = "depth_unit")]
+    pub(crate) depth: Option<PathBuf>,
+    /// What a step of 1 in the files of --depth means, in units of the world.
+    #[arg(long, value_name = "UNITS", requires = "depth")]
+    pub(crate) depth_unit: Option<f64>,
+    /// Masks of the objects of a class, such as human or vehicle: images named like the frames, white
+    /// where they are; may be repeated.
+    #[arg(long = "class", value_name = "NAME=FOLDER", value_parser = parse_class)]
+    pub(crate) classes: Vec<(String, PathBuf)>,
+}
+
+impl TruthArguments {
+    /// What is given.
+    ///
+    /// # Errors
+    /// When a class is given twice.
+    pub(crate) fn given(&self) -> anyhow::Result<GivenTruth> {
+        let mut truth = GivenTruth::default();
+        let depth = self.depth.clone().zip(self.depth_unit);
+        truth.depth = depth.map(|(folder, unit)| GivenDepth { folder, unit });
+        for (name, folder) in &self.classes {
+            if truth.classes.insert(name.clone(), folder.clone()).is_some() {
+                return Err(BadRequest(format!("class {name} is given twice")).into());
+            }
+        }
+        Ok(truth)
+    }
+}
+
+fn parse_class(text: &str) -> Result<(String, PathBuf), String> {
+    let (name, folder) = text
+        .split_once('=')
+        .ok_or_else(|| "expected a name and a folder, such as human=masks/human".to_owned())?;
+    Ok((name.to_owned(), PathBuf::from(folder)))
 }
 
 #[derive(Debug, Args)]
@@ -224,6 +266,8 @@ pub(crate) enum CurateCommand {
         sequence: PathBuf,
         #[command(flatten)]
         poses: PoseArguments,
+        #[command(flatten)]
+        truth: TruthArguments,
     },
     /// Masks what moves in a sequence; `omnilife curate poses --masks` takes the result.
     Masks(MasksArguments),

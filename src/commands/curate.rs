@@ -5,7 +5,7 @@ use std::path::Path;
 use omnilife_curate::{
     CurateSettings, analysis, audit,
     boundaries::{self, suspicion},
-    curate_dataset, curate_video, expand_inputs, pose_sequence,
+    curate_dataset, curate_video, expand_inputs, pose_sequence_with,
     publish::{self, PublishSettings},
     verdict, video,
 };
@@ -67,8 +67,12 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
         CurateCommand::Import(arguments) => dataset::import(arguments),
         CurateCommand::Publish(arguments) => dataset::publish_dataset(arguments, progress),
         CurateCommand::Verify { dataset } => dataset::verify(dataset, progress),
-        CurateCommand::Poses { sequence, poses } => {
-            let scene = pose_sequence(sequence, &poses.request(), progress)?;
+        CurateCommand::Poses {
+            sequence,
+            poses,
+            truth,
+        } => {
+            let scene = pose_sequence_with(sequence, &poses.request(), &truth.given()?, progress)?;
             exit::print(&format!(
                 "{}: {} of {} frames posed, {:?}\n",
                 scene.id,

@@ -2,7 +2,10 @@
 
 use std::{fs, path::Path};
 
-use omnilife_schemas::{records::ResultRecord, store};
+use omnilife_schemas::{
+    records::{ResultRecord, Scene},
+    store,
+};
 
 use crate::support::{
     Ended, METHOD, SEQUENCE, assert_all_whole, omnilife, result, sample, scratch, small_run,
@@ -15,6 +18,88 @@ fn stage(words: &str, paths: &[&Path]) -> Ended {
         "@" => paths.next().unwrap().as_os_str().to_owned(),
         word => word.into(),
     }))
+}
+
+/// A 16-bit image of one value, and a mask of its left half, for every frame.
+fn write_truth(depth: &Path, class: &Path, frames: u32) {
+    fs::create_dir_all(depth).unwrap();
+    fs::create_dir_all(class).unwrap();
+    for frame in 0..frames {
+        let name = format!("{frame:06}.png");
+        let distances = image::ImageBuffer::from_pixel(256, 128, image::Luma([800_u16]));
+        distances.save(depth.join(&name)).unwrap();
+        let marked = |x: u32, _| image::Luma([if x < 128 { 255_u8 } else { 0 }]);
+        let mask = image::GrayImage::from_fn(256, 128, marked);
+        mask.save(class.join(&name)).unwrap();
+    }
+}
+
+#[test]
+fn distances_and_classes_are_given_with_the_poses_and_scored() {
+    let folder = scratch();
+    let out = folder.path().join("dataset");
+    let build = "curate build @ --out @ --criteria none --max-frames 10 --width 64";
+    stage(build, &[&sample("street.mp4"), &out]).succeeded();
+    let sequence = out.join(SEQUENCE);
+    let [depth, human] = ["depth", "human"].map(|name| folder.path().join(name));
+    write_truth(&depth, &human, 9);
+    let class = format!("human={}", human.display());
+    let pose = |depth: &Path, class: &str| {
+        let words = "curate poses @ --poses @ --depth @ --depth-unit 0.0025 --class @";
+        let paths = [&sequence, &sample("poses.json"), depth, Path::new(class)];
+        stage(words, &paths)
+    };
+    let message = pose(&depth, &class).failed_quietly(2).to_owned();
+    assert!(message.contains("images for 9 of 10 frames"), "{message}");
+    write_truth(&depth, &human, 10);
+    pose(&depth, &class).succeeded();
+    let again = pose(&depth, &class).succeeded();
+    assert!(again.stderr.contains("unchanged"), "{}", again.stderr);
+    // The sequence's own files are no source: they would be replaced by themselves.
+    let message = pose(&sequence.join("depth"), &class)
+        .failed_quietly(2)
+        .to_owned();
+    assert!(message.contains("keep it elsewhere"), "{message}");
+    pose(&depth, &class).succeeded();
+
+    let scene: Scene = store::read_record(&sequence.join("scene.json")).unwrap();
+    let frame = &scene.frames[9];
+    assert_eq!(frame.depth.as_ref().unwrap().unit, 0.0025);
+    let own = image::open(sequence.join(&frame.depth.as_ref().unwrap().file)).unwrap();
+    assert_eq!(
+        (own.width(), own.into_luma16().get_pixel(63, 31).0),
+        (64, [800])
+    );
+    let mask = image::open(sequence.join(&frame.classes["human"])).unwrap();
+    assert_eq!(
+        mask.into_luma8()
+            .pixels()
+            .filter(|pixel| pixel.0[0] > 0)
+            .count(),
+        32 * 32
+    );
+
+    let [split, run, score] = ["split.json", "run", "score"].map(|name| folder.path().join(name));
+    let scene = sequence.join("scene.json");
+    stage("bench split @ --out @", &[&scene, &split]).succeeded();
+    let train = "reconstruct train @ --split @ --out @ --method nearest-input";
+    stage(train, &[&scene, &split, &run]).succeeded();
+    stage(
+        "bench score --scene @ --split @ --run @ --out @",
+        &[&scene, &split, &run.join("run.json"), &score],
+    )
+    .succeeded();
+    let result: ResultRecord = store::read_record(&score.join("result.json")).unwrap();
+    assert!(
+        result.novel_views.contains_key("psnr-human"),
+        "{:?}",
+        result.unavailable
+    );
+    let depth = result
+        .unavailable
+        .iter()
+        .find(|one| one.metric == "depth-abs-rel");
+    assert!(depth.is_some_and(|one| one.reason.contains("no depth was predicted")));
 }
 
 #[test]

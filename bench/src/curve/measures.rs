@@ -138,6 +138,7 @@ mod tests {
             ssim: None,
         };
         TracedRun {
+            clock: crate::curve::Clock::Wall,
             method: "m".to_owned(),
             scene: "s".to_owned(),
             protocol_hash: "h".to_owned(),

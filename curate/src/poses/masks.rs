@@ -38,10 +38,10 @@ pub(super) fn files(folder: &Path) -> Result<Vec<PathBuf>, CurateError> {
         .collect())
 }
 
-/// For every frame of a sequence, the file in `folder` with its name or stem.
+/// For every frame of a sequence, the image in `folder` with its name or stem.
 ///
 /// # Errors
-/// When the folder cannot be read, lacks the mask of some frame, or has two for one.
+/// When the folder cannot be read, lacks the image of some frame, or has two for one.
 pub(crate) fn find(folder: &Path, sequence: &Sequence) -> Result<Vec<PathBuf>, CurateError> {
     let mut by_stem: BTreeMap<OsString, PathBuf> = BTreeMap::new();
     for file in files(folder)? {
@@ -49,7 +49,7 @@ pub(crate) fn find(folder: &Path, sequence: &Sequence) -> Result<Vec<PathBuf>, C
         if let Some(other) = by_stem.insert(stem, file.clone()) {
             return Err(CurateError::input(
                 &file,
-                format!("and {} are masks of one frame", other.display()),
+                format!("and {} are of one frame", other.display()),
             ));
         }
     }
@@ -74,8 +74,8 @@ pub(crate) fn find(folder: &Path, sequence: &Sequence) -> Result<Vec<PathBuf>, C
     Err(CurateError::input(
         folder,
         format!(
-            "has masks for {} of {} frames; the first without one is {first_missing} (masks are \
-             named like their frames)",
+            "has images for {} of {} frames; the first without one is {first_missing} (they are \
+             named like the frames)",
             found.len(),
             frames.len()
         ),
@@ -247,7 +247,7 @@ mod tests {
         }
         let message = find(temp.path(), &sequence).unwrap_err().to_string();
         assert!(
-            message.contains("masks for 2 of 3 frames") && message.contains("000002.png"),
+            message.contains("images for 2 of 3 frames") && message.contains("000002.png"),
             "{message}"
         );
         fs::write(temp.path().join("000002.Jpeg"), "").unwrap();

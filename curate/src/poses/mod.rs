@@ -1,13 +1,14 @@
 //! Camera poses of a sequence: given by the user, or found by structure from motion.
 //!
-//! [`pose_sequence`] turns `sequence.json` into `scene.json`, with `points.ply` and `masks/` where
-//! there are points and masks.
+//! [`pose_sequence`] turns `sequence.json` into `scene.json`, with `points.ply`, `masks/`, `depth/` and
+//! `classes/` where there are points, masks, distances and masks of classes.
 
 pub mod colmap;
 pub mod given;
 pub mod level;
 pub(crate) mod masks;
 pub mod sfm;
+mod truth;
 pub mod validate;
 
 use std::{
@@ -27,6 +28,7 @@ use omnilife_schemas::{
 
 use crate::{error::CurateError, pipeline::SEQUENCE_FILE};
 pub use sfm::SfmSettings;
+pub use truth::{GivenDepth, GivenTruth};
 pub use validate::ValidationLimits;
 
 /// File of the scene record in a sequence's folder.
@@ -67,9 +69,23 @@ pub fn pose_sequence(
     request: &PoseRequest,
     progress: &dyn Progress,
 ) -> Result<Scene, CurateError> {
+    pose_sequence_with(sequence_folder, request, &GivenTruth::default(), progress)
+}
+
+/// [`pose_sequence`] with what is known of the frames beside their cameras.
+///
+/// # Errors
+/// As there, and when a file of the truth is missing or not usable.
+pub fn pose_sequence_with(
+    sequence_folder: &Path,
+    request: &PoseRequest,
+    truth: &GivenTruth,
+    progress: &dyn Progress,
+) -> Result<Scene, CurateError> {
     let sequence_path = sequence_folder.join(SEQUENCE_FILE);
     let sequence: Sequence = store::read_record(&sequence_path)?;
-    let plan = plan(sequence_folder, &sequence, request, progress)?;
+    let truth = truth.find(&sequence)?;
+    let plan = truth.add_inputs(plan(sequence_folder, &sequence, request, progress)?)?;
     let scene_path = sequence_folder.join(SCENE_FILE);
     if plan.is_done() {
         progress.note(&format!("{}: poses unchanged, skipped", sequence.id));
@@ -86,7 +102,9 @@ pub fn pose_sequence(
     for problem in &posed.validation.problems {
         progress.note(&format!("{}: poses: {problem}", sequence.id));
     }
-    let (scene, outputs) = write_scene(sequence_folder, &sequence, posed)?;
+    let (mut scene, mut outputs) = write_scene(sequence_folder, &sequence, posed)?;
+    let size = [scene.camera.width as usize, scene.camera.height as usize];
+    outputs.extend(truth.write(sequence_folder, size, &mut scene.frames)?);
     store::write_record(&scene_path, &scene)?;
     plan.finish(outputs, started.elapsed().as_secs_f64())?;
     Ok(scene)

@@ -25,8 +25,8 @@ pub const METHOD: Method = Method {
     title: "Omni4DGS, ours",
     source: "this project; after OmniLife360, section 4",
     description: "omni4dgs with lifespans of two frames at least, first velocities from the masks' \
-                  pieces, temporal smoothing as in PVG, lifespans that find their \
-                  length in short schedules too, and no density control in time: dynamic \
+                  pieces, temporal smoothing as in PVG, lifespans that find their length in short \
+                  schedules too, and no density control in time: dynamic \
                   Gaussians are there at the moments between input views too.",
     components: &[
         TEMPORAL_OPACITY,

@@ -1,0 +1,210 @@
+//! What is known of a sequence's frames beside their cameras: distances, and masks of classes.
+//!
+//! Metrics ask for them: errors of depth, and scores within the masks of a class.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use image::{DynamicImage, ImageBuffer, Luma};
+use omnilife_schemas::{
+    records::{DepthImage, SceneFrame, Sequence},
+    rgb,
+    stage::StagePlan,
+    store::{self, StoreError},
+};
+
+use super::masks;
+use crate::error::CurateError;
+
+/// Folder of depth images in a sequence's folder.
+const DEPTH_FOLDER: &str = "depth";
+/// Folder of the masks of classes, one folder each, in a sequence's folder.
+const CLASSES_FOLDER: &str = "classes";
+
+/// Files that a user has of a sequence's frames, named like the frames.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct GivenTruth {
+    /// Distances.
+    pub depth: Option<GivenDepth>,
+    /// Folder of masks by the name of the class: white where its objects are.
+    pub classes: BTreeMap<String, PathBuf>,
+}
+
+/// Images of distances along the rays.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GivenDepth {
+    /// Folder of 16-bit grey PNG files; 0 where the distance is not known.
+    pub folder: PathBuf,
+    /// What a step of 1 in the images means, in units of the world frame.
+    pub unit: f64,
+}
+
+/// [`GivenTruth`] with the file of every frame.
+pub(super) struct TruthFiles {
+    depth: Option<(Vec<PathBuf>, f64)>,
+    classes: BTreeMap<String, Vec<PathBuf>>,
+}
+
+impl GivenTruth {
+    /// Finds the files.
+    ///
+    /// # Errors
+    /// When a frame has none, a class has a name that is no plain word, or the unit is not positive.
+    pub(super) fn find(&self, sequence: &Sequence) -> Result<TruthFiles, CurateError> {
+        let depth = match &self.depth {
+            Some(depth) if !(depth.unit.is_finite() && depth.unit > 0.0) => {
+                let reason = format!("{}: is no unit of distances", depth.unit);
+                return Err(CurateError::input(&depth.folder, reason));
+            }
+            Some(depth) => Some((masks::find(&depth.folder, sequence)?, depth.unit)),
+            None => None,
+        };
+        let mut classes = BTreeMap::new();
+        for (name, folder) in &self.classes {
+            let is_word = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit();
+            if name.is_empty() || !name.bytes().all(|byte| is_word(byte) || byte == b'-') {
+                let reason = format!(
+                    "{name:?}: names of classes are lower-case letters, digits and hyphens"
+                );
+                return Err(CurateError::input(folder, reason));
+            }
+            classes.insert(name.clone(), masks::find(folder, sequence)?);
+        }
+        Ok(TruthFiles { depth, classes })
+    }
+}
+
+impl TruthFiles {
+    /// Adds what they depend on to a plan.
+    pub(super) fn add_inputs(&self, mut plan: StagePlan) -> Result<StagePlan, CurateError> {
+        if let Some((files, unit)) = &self.depth {
+            plan = plan.with_settings("depth unit", unit);
+            for file in files {
+                plan = plan.with_file(file)?;
+            }
+        }
+        for (name, files) in &self.classes {
+            plan = plan.with_text("class", name);
+            for file in files {
+                plan = plan.with_file(file)?;
+            }
+        }
+        Ok(plan)
+    }
+
+    /// Writes them at the size of the frames, every pixel that of the nearest one, and enters them in
+    /// the frames of a scene. What was there before goes. Returns the files.
+    ///
+    /// # Errors
+    /// When an image is not usable, or a file cannot be written.
+    pub(super) fn write(
+        &self,
+        sequence_folder: &Path,
+        size: [usize; 2],
+        frames: &mut [SceneFrame],
+    ) -> Result<Vec<String>, CurateError> {
+        let mut outputs = Vec::new();
+        let depth = self.depth.as_ref();
+        let depth_files = depth.iter().flat_map(|(files, _)| files);
+        refuse_own(depth_files, &sequence_folder.join(DEPTH_FOLDER))?;
+        let class_files = self.classes.values().flatten();
+        refuse_own(class_files, &sequence_folder.join(CLASSES_FOLDER))?;
+        write_folder(sequence_folder, DEPTH_FOLDER, |staged| {
+            let Some((files, unit)) = depth else {
+                return Ok(false);
+            };
+            for ((number, source), frame) in files.iter().enumerate().zip(frames.iter_mut()) {
+                let name = format!("{number:06}.png");
+                write_depth(source, size, &staged.join(&name))?;
+                let file = format!("{DEPTH_FOLDER}/{name}");
+                outputs.push(file.clone());
+                frame.depth = Some(DepthImage { file, unit: *unit });
+            }
+            Ok(true)
+        })?;
+        write_folder(sequence_folder, CLASSES_FOLDER, |staged| {
+            for (class, files) in &self.classes {
+                store::create_folder(&staged.join(class))?;
+                for ((number, source), frame) in files.iter().enumerate().zip(frames.iter_mut()) {
+                    let name = format!("{class}/{number:06}.png");
+                    let mask = rgb::Mask::read(source)?.resized_to_nearest(size[0], size[1]);
+                    mask.write_png(&staged.join(&name))?;
+                    let file = format!("{CLASSES_FOLDER}/{name}");
+                    outputs.push(file.clone());
+                    frame.classes.insert(class.clone(), file);
+                }
+            }
+            Ok(!self.classes.is_empty())
+        })?;
+        Ok(outputs)
+    }
+}
+
+/// Refuses files that lie in the very folder that is replaced: they would be lost.
+fn refuse_own<'a>(
+    files: impl Iterator<Item = &'a PathBuf>,
+    folder: &Path,
+) -> Result<(), CurateError> {
+    let Ok(folder) = fs::canonicalize(folder) else {
+        return Ok(());
+    };
+    for file in files {
+        if fs::canonicalize(file).is_ok_and(|file| file.starts_with(&folder)) {
+            let reason =
+                "lies in the folder that the sequence's own files go to; keep it elsewhere";
+            return Err(CurateError::input(file, reason.to_owned()));
+        }
+    }
+    Ok(())
+}
+
+/// Replaces a folder by what `fill` writes into a hidden one beside it; removes it where that is
+/// nothing.
+fn write_folder(
+    sequence_folder: &Path,
+    name: &str,
+    fill: impl FnOnce(&Path) -> Result<bool, CurateError>,
+) -> Result<(), CurateError> {
+    let folder = sequence_folder.join(name);
+    let staged = store::temporary_beside(&folder);
+    store::remove(&staged)?;
+    store::create_folder(&staged)?;
+    let filled = fill(&staged);
+    if !matches!(filled, Ok(true)) {
+        store::remove(&staged)?;
+    }
+    if filled? {
+        store::remove(&folder)?;
+        fs::rename(&staged, &folder).map_err(|error| StoreError::write(&folder, error))?;
+    } else {
+        store::remove(&folder)?;
+    }
+    Ok(())
+}
+
+fn write_depth(source: &Path, size: [usize; 2], path: &Path) -> Result<(), CurateError> {
+    let bytes = fs::read(source).map_err(|error| StoreError::read(source, error))?;
+    let malformed = |reason: String| CurateError::input(source, reason);
+    let image = image::load_from_memory(&bytes)
+        .map_err(|error| malformed(format!("not a usable image: {error}")))?;
+    let DynamicImage::ImageLuma16(image) = image else {
+        return Err(malformed(format!(
+            "is {:?}, expected 16-bit grey",
+            image.color()
+        )));
+    };
+    let given = [image.width() as usize, image.height() as usize];
+    let values = image.as_raw();
+    let nearest = rgb::nearest_pixels(given, size).map(|index| values[index]);
+    let resized: Option<ImageBuffer<Luma<u16>, Vec<u16>>> =
+        ImageBuffer::from_raw(size[0] as u32, size[1] as u32, nearest.collect());
+    let resized = resized.ok_or_else(|| malformed("has no pixels".to_owned()))?;
+    let mut png = std::io::Cursor::new(Vec::new());
+    resized
+        .write_to(&mut png, image::ImageFormat::Png)
+        .map_err(|error| malformed(format!("cannot be written as PNG: {error}")))?;
+    Ok(store::write_bytes(path, png.get_ref())?)
+}
