@@ -2,6 +2,7 @@
 
     python3 metrics_scene.py make RGB_FOLDER OUT VIEWS   # OUT/scene.json, OUT/frames, OUT/novel
     python3 metrics_scene.py ask SPLIT METRIC...         # the split with these metrics, to stdout
+    python3 metrics_scene.py ask-novel SPLIT METRIC...   # and novel views alone
 
 With Pillow alone. The poses are made up: metrics do not look at them.
 """
@@ -50,8 +51,9 @@ def make(rgb, out, views):
     (out / "scene.json").write_text(json.dumps(scene))
 
 
-def ask(split, metrics):
+def ask(split, metrics, scored=None):
     split = json.loads(Path(split).read_text())
+    split["protocol"]["scored"] = scored or split["protocol"]["scored"]
     split["protocol"]["metrics"] = metrics
     text = json.dumps(split["protocol"], separators=(",", ":"))
     split["protocol_hash"] = hashlib.sha256(text.encode()).hexdigest()
@@ -64,6 +66,8 @@ def main():
             make(rgb, Path(out), int(views))
         case ["ask", split, *metrics]:
             ask(split, metrics)
+        case ["ask-novel", split, *metrics]:
+            ask(split, metrics, "novel")
         case _:
             sys.exit(__doc__)
 
