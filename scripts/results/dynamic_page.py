@@ -1,19 +1,19 @@
 """Puts the tables of scripts/results/dynamic into docs/results/dynamic.md, between its two markers.
 
-    python3 dynamic_page.py FOLDER PAGE
+    python3 dynamic_page.py FOLDER PAGE SCENE...
 
-FOLDER is what scripts/results/dynamic filled. Curves go beside the page and into docs/images.
+FOLDER is what scripts/results/dynamic filled, with a folder per SCENE. Curves go beside the page and
+into docs/images.
 """
 
 import json
 import shutil
 import sys
-from collections import defaultdict
 from pathlib import Path
 
 BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
-ORDER = ["odgs", "deformable", "periodic", "omni4dgs", "omni4dgs, plan full", "omni4dgs-plus",
-         "omni4dgs-plus, plan full"]
+METHODS = ["odgs", "deformable", "periodic", "omni4dgs", "omni4dgs-full", "omni4dgs-plus"]
+ABLATED = ["temporal-opacity", "temporal-motion", "velocity-decomposition", "dynamic-mask", "motion-regularization"]
 # Heading, views, metric, digits.
 SCORES = [("Input PSNR", "input_views", "psnr", 3), ("Input SSIM", "input_views", "ssim", 4),
           ("PSNR", "novel_views", "psnr", 3), ("SSIM", "novel_views", "ssim", 4),
@@ -22,26 +22,27 @@ SCORES = [("Input PSNR", "input_views", "psnr", 3), ("Input SSIM", "input_views"
 
 
 class Run:
+    """A run with its scores."""
+
     def __init__(self, folder):
+        self.folder = folder
         self.result = json.loads((folder / "score/result.json").read_text())
-        self.run = json.loads((folder / "run/run.json").read_text())
+        self.perceptual = json.loads((folder / "lpips/result.json").read_text())
+        self.record = json.loads((folder / "run/run.json").read_text())
+        self.seconds = sum(map(float, (folder / "time").read_text().split()))
 
     def score(self, views, metric):
-        return (self.result[views].get(metric) or {}).get("mean")
+        record = self.perceptual if metric.startswith("lpips") else self.result
+        return (record[views].get(metric) or {}).get("mean")
 
 
-def runs_of(results, suffix=""):
-    """Runs by scene and method, one per seed."""
-    found = defaultdict(lambda: defaultdict(list))
-    for record in sorted(results.glob("**/score/result.json")):
-        if (record.parent.parent / "run/run.json").exists():
-            run = Run(record.parent.parent)
-            found[run.result["scene"]][run.result["method"] + suffix].append(run)
-    return found
+def runs(folder, name):
+    """The runs of a name, one per seed."""
+    return [Run(path) for path in sorted(folder.glob(f"{name}.*")) if (path / "lpips/result.json").exists()]
 
 
 def spread(values, digits):
-    """The mean, and half of the range where there is one."""
+    """The mean, and half of the range where there are several."""
     values = [value for value in values if value is not None]
     if not values:
         return "-"
@@ -50,36 +51,35 @@ def spread(values, digits):
     return f"{mean:.{digits}f}" + (f" ± {half:.{digits}f}" if len(values) > 1 else "")
 
 
-def scene_table(methods):
-    names = [name for name in ORDER if name in methods]
-    headings = [heading for heading, *_ in SCORES] + ["Gaussians", "Training, CPU s", "Memory, MB"]
+def table(rows):
+    """A table of names with their runs."""
+    headings = [heading for heading, *_ in SCORES]
+    headings += ["Iterations", "Gaussians", "Training, CPU s", "Memory, MB"]
     lines = ["| Method | " + " | ".join(headings) + " |", "|---" + "|---:" * len(headings) + "|"]
-    for name in names:
-        runs = methods[name]
-        cells = [spread([run.score(views, metric) for run in runs], digits)
-                 for _, views, metric, digits in SCORES]
-        cells += [spread([run.result["gaussians"] for run in runs], 0),
-                  spread([run.run["training_cpu_seconds"] for run in runs], 0),
-                  spread([run.run["peak_memory_bytes"] / 1e6 for run in runs], 0)]
+    for name, found in rows:
+        if not found:
+            continue
+        cells = [spread([run.score(views, metric) for run in found], digits) for _, views, metric, digits in SCORES]
+        cells += [spread([run.record[key] for run in found[:1]], 0) for key in ("iterations", "gaussians")]
+        cells += [spread([run.record["training_cpu_seconds"] for run in found], 0),
+                  spread([run.record["peak_memory_bytes"] / 1e6 for run in found], 0)]
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
-def still_table(folder):
-    """A scene in which nothing moves: scores, and processor time of the whole command."""
-    seconds = {}
-    for method in ("odgs", "omni4dgs-plus"):
-        times = sorted((folder / "still-runs").glob(f"{method}.*/time"))
-        seconds[method] = [sum(map(float, time.read_text().split())) for time in times]
-    lines = ["| Method | PSNR | SSIM | Whole command, CPU s, per seed |", "|---|---:|---:|---:|"]
-    for method in seconds:
-        runs = [Run(path) for path in sorted((folder / "still-runs").glob(f"{method}.*"))]
-        times = ", ".join(f"{value:.1f}" for value in seconds[method])
-        lines.append(f"| {method} | {spread([run.score('novel_views', 'psnr') for run in runs], 3)} | "
-                     f"{spread([run.score('novel_views', 'ssim') for run in runs], 4)} | {times} |")
-    plain, planned = seconds.values()
-    ratios = sorted(second / first for first, second in zip(plain, planned))
-    lines.append("\nTime over that of `odgs`, seed by seed: " + ", ".join(f"{ratio:.3f}" for ratio in ratios) + ".")
+def still(folder):
+    """A scene in which nothing moves, with the processor time of whole commands."""
+    methods = {name: runs(folder, name) for name in ("odgs", "omni4dgs-plus")}
+    lines = ["| Method | PSNR | SSIM | Whole command, CPU s, seed by seed |", "|---|---:|---:|---:|"]
+    for name, found in methods.items():
+        times = ", ".join(f"{run.seconds:.1f}" for run in found)
+        lines.append(f"| {name} | {spread([run.score('novel_views', 'psnr') for run in found], 3)} | "
+                     f"{spread([run.score('novel_views', 'ssim') for run in found], 4)} | {times} |")
+    ratios = [planned.seconds / plain.seconds for plain, planned in zip(*methods.values())]
+    evidence = next(part["reason"] for part in methods["omni4dgs-plus"][0].record["plan"]
+                    if part["component"] == "temporal-opacity")
+    lines.append("\nTime over that of `odgs`, seed by seed: " + ", ".join(f"{ratio:.3f}" for ratio in ratios) +
+                 f". What the plan says: {evidence}.")
     return "\n".join(lines)
 
 
@@ -102,20 +102,22 @@ def curves(folder, page):
 
 
 def main():
-    folder, page = Path(sys.argv[1]), Path(sys.argv[2])
-    found = runs_of(folder / "results")
-    for scene, methods in runs_of(folder / "full", ", plan full").items():
-        found[scene].update(methods)
-    any_run = next(run for methods in found.values() for runs in methods.values() for run in runs)
-    parts = [BEGIN, f"{any_run.run['iterations']} iterations, images of "
-             f"{'x'.join(map(str, any_run.result['scored_size']))}, one thread per run, {machine()}, shared with other "
-             "work: processor seconds compare the rows of a table. Where a method has several seeds, the mean and "
-             "half of the range stand here.\n"]
-    for scene in sorted(found):
-        parts += [f"**{scene.split('/')[0]}**, PSNR and SSIM of novel views unless it says input\n",
-                  scene_table(found[scene]), ""]
-    parts += ["### Where nothing moves\n", still_table(folder), ""]
-    parts += ["### Ablation\n", (folder / "ablation/ablation.md").read_text().strip(), ""]
+    folder, page, scenes = Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3:]
+    first = runs(folder / scenes[0], "odgs")[0]
+    parts = [BEGIN, f"{first.record['iterations']} iterations, images of "
+             f"{'x'.join(map(str, first.result['scored_size']))}, one thread per run, {machine()}, shared with other "
+             "work: processor seconds compare the rows of a table, roughly. Where a method was run with several seeds, "
+             "the mean and half of the range stand here. Scores are of novel views unless it says input.\n"]
+    for scene in scenes:
+        rows = [(name, runs(folder / scene, name)) for name in METHODS]
+        parts += [f"**{scene}**\n", table(rows), ""]
+    parts += ["### Where nothing moves\n", f"`{scenes[0]}` with what moves replaced by the static Gaussians of a run "
+              "(`scripts/results/still_scene.py`), without masks: the plan has to find out.\n",
+              still(folder / "still"), ""]
+    rows = [("full", runs(folder / scenes[0], "omni4dgs-full"))]
+    rows += [(f"without {name}", runs(folder / scenes[0], f"omni4dgs-without-{name}")) for name in ABLATED]
+    parts += ["### Ablation\n", f"`omni4dgs --plan full` on `{scenes[0]}`, one component less at a time, as "
+              "`omnilife bench ablate` does it.\n", table(rows), ""]
     parts += ["### Error against run time\n", curves(folder, page), END]
     text = page.read_text()
     before, rest = text.split(BEGIN, 1)
