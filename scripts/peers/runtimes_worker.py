@@ -1,6 +1,6 @@
-"""LPIPS's VGG through a runtime that Python has: OpenCV's dnn module, or PyTorch.
+"""LPIPS's VGG through a runtime that Python has: OpenCV's dnn module, tract, or PyTorch.
 
-    runtimes_worker.py opencv|torch MODEL.onnx INPUT.f32 WIDTH HEIGHT SAMPLES THREADS
+    runtimes_worker.py opencv|tract|torch MODEL.onnx INPUT.f32 WIDTH HEIGHT SAMPLES THREADS
 
 Loads everything and prints its name, then answers every line of its input as `compare-runtimes` does.
 """
@@ -31,6 +31,13 @@ def opencv(model, threads):
     return run
 
 
+def tract(model, _):
+    import tract
+
+    plan = tract.onnx().load(model).into_model().into_runnable()
+    return lambda picture: [features.to_numpy() for features in plan.run([picture])]
+
+
 def torch(_, threads):
     import torch
     from torch.nn import functional
@@ -58,7 +65,7 @@ def torch(_, threads):
 def main():
     name, model, source, width, height, folder, threads = sys.argv[1:]
     picture = np.fromfile(source, np.float32).reshape(1, 3, int(height), int(width))
-    run = {"opencv": opencv, "torch": torch}[name](model, int(threads))
+    run = {"opencv": opencv, "tract": tract, "torch": torch}[name](model, int(threads))
     print(name, flush=True)
     for _ in sys.stdin:
         begun, before = time.perf_counter(), time.process_time()

@@ -1,10 +1,10 @@
 //! LPIPS's VGG, five stages of convolutions, through several runtimes: what they give, and how long
 //! they take.
 //!
-//! `compare-runtimes MODEL.onnx INPUT.f32 WIDTH HEIGHT SAMPLES` loads everything and prints a line with
-//! the names of the runtimes; then it answers each line of its input, one of these names, with a line of
-//! JSON: wall seconds and processor seconds of one run. Samples of the five feature maps are written to `SAMPLES/<runtime>.f32`. The number of
-//! threads is that of rayon, `RAYON_NUM_THREADS`.
+//! `compare-runtimes MODEL.onnx INPUT.f32 WIDTH HEIGHT SAMPLES` loads everything and prints a line
+//! with the names of the runtimes; then it answers each line of its input, one of these names, with a
+//! line of JSON: wall seconds and processor seconds of one run. Samples of the five feature maps are
+//! written to `SAMPLES/<runtime>.f32`. The number of threads is that of rayon, `RAYON_NUM_THREADS`.
 //!
 //! `scripts/peers/runtimes_report.py` starts it and makes the files.
 
@@ -13,8 +13,6 @@ mod candle;
 mod ours;
 #[cfg(feature = "rten")]
 mod rten;
-#[cfg(feature = "tract")]
-mod tract;
 
 use std::{
     env, fs,
@@ -88,8 +86,6 @@ fn main() -> Result<()> {
         ("omnilife", ours::network()?),
         #[cfg(feature = "candle")]
         ("candle", candle::network()?),
-        #[cfg(feature = "tract")]
-        ("tract", tract::network(model, threads)?),
         #[cfg(feature = "rten")]
         ("rten", rten::network(model, threads)?),
     ];

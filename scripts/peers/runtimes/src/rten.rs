@@ -18,10 +18,7 @@ pub fn network(model: &str, threads: usize) -> Result<Network> {
     Ok(Box::new(move |picture| {
         let shape = [1, 3, picture.height, picture.width];
         let image = Tensor::from_data(shape.as_slice(), picture.values.clone());
-        let options = RunOptions {
-            thread_pool: Some(pool.clone()),
-            ..RunOptions::default()
-        };
+        let options = RunOptions::default().with_thread_pool(Some(pool.clone()));
         let maps = model.run(vec![(input, image.view().into())], &outputs, Some(options))?;
         let mut found = Vec::new();
         for map in &maps {
