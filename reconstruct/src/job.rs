@@ -225,7 +225,7 @@ fn render_predictions(
     out: &Path,
     progress: &dyn Progress,
 ) -> Result<Vec<String>, ReconstructError> {
-    let trained = &mut outcome.trained;
+    let (trained, settings) = (&mut outcome.trained, &outcome.settings);
     let total = scene.input_views.len() + scene.novel_views.len();
     progress.begin("rendering", Some(total as u64));
     let mut files = Vec::with_capacity(total);
@@ -234,7 +234,8 @@ fn render_predictions(
         prepare_predictions(&folder)?;
         for view in views {
             let file = format!("{name}/{:06}.png", view.frame);
-            let image = trained.stepper.image(&view.view, trained.sh_degree)?;
+            let mut image = trained.stepper.image(&view.view, trained.sh_degree)?;
+            settings.expose(&mut image, view.view.time_seconds);
             image.write_png(&out.join(&file))?;
             files.push(file);
             progress.advance(1);

@@ -6,7 +6,8 @@
 //!   [`mlp`]: the network that deforms Gaussians.
 //! * [`densify`], [`optim`]: when Gaussians are added and removed, and how fast they move.
 //! * [`methods`]: one file per published method; [`train`] orders the calls.
-//! * [`plan`]: what a scene gives a method reason for; [`motion_evidence`]: whether anything moves.
+//! * [`plan`]: what a scene gives a method reason for; [`motion_evidence`]: whether anything moves;
+//!   [`exposure`]: how bright the views are.
 //! * [`interpolation`]: methods that learn nothing: a spherical sweep, and baselines;
 //! * [`job`]: one method on one scene, from `scene.json` and `split.json` to `run.json` and images;
 //!   [`render_job`]: Gaussians along given poses, whole or in the layers of [`render_layers`];
@@ -18,6 +19,7 @@ pub mod camera;
 pub mod clock;
 pub mod densify;
 pub mod error;
+pub mod exposure;
 pub mod gaussians;
 pub mod gpu;
 pub mod initialize;

@@ -1,7 +1,7 @@
 //! What static Gaussians cannot explain: whether anything moves in a scene without masks, and at
 //! which points something changes outside of them, such as the shadow of what moves.
 //!
-//! After a short static warm-up every input view is compared with its render at the images of the
+//! After a short static warm-up input views are compared with their renders at the images of the
 //! same scene points, those that the warm-up's depth shows to be visible and no mask covers. What a
 //! static scene leaves unexplained at a point - too little texture, a wrong colour - is the same in
 //! all views: only the deviation `d` of a residual from its point's median counts, channel by
@@ -15,6 +15,7 @@ use rayon::prelude::*;
 use crate::{
     camera::{View, erp},
     error::ReconstructError,
+    exposure::Exposure,
     gaussians::{InstantGaussians, static_gaussians},
     initialize,
     methods::{MethodRequest, odgs},
@@ -88,16 +89,143 @@ impl MotionEvidence {
     }
 }
 
-/// Looks for motion.
-///
-/// # Errors
-/// When the warm-up diverges.
-pub fn motion_evidence(
-    scene: &TrainingScene,
-    seed: u64,
-) -> Result<MotionEvidence, ReconstructError> {
-    let points = initialize::thinned(&scene.points, POINTS).positions;
-    Ok(transients(&residuals(scene, seed, &points)?))
+/// Input views beside the renders of a short static training.
+#[derive(Debug)]
+pub struct WarmUp {
+    /// The scene at the size that it was looked at.
+    scene: TrainingScene,
+    views: Vec<Compared>,
+    exposure: Option<Exposure>,
+    is_normalized: bool,
+}
+
+impl WarmUp {
+    /// Trains static Gaussians for a short while and renders views.
+    ///
+    /// # Errors
+    /// When the training diverges.
+    pub fn of(scene: &TrainingScene, seed: u64) -> Result<Self, ReconstructError> {
+        let scene = scene.reduced(WARM_UP_WIDTH);
+        let request = MethodRequest {
+            maximum_gaussians: Some(WARM_UP_GAUSSIANS),
+            trace_every: Some(WARM_UP_ITERATIONS),
+            ..MethodRequest::new(WARM_UP_ITERATIONS, seed)
+        };
+        let session = Session::without_files(&Silent);
+        let mut gaussians = InstantGaussians::default();
+        let mut outcome = odgs::METHOD.train(&scene, &request, &session)?;
+        static_gaussians::instantiate(&outcome.trained.stepper.model()?.table, &mut gaussians);
+        let mut renderer = Renderer::new(outcome.settings.rendering);
+        drop(outcome);
+        let all = scene.input_views.len();
+        let views = (0..all.min(VIEWS))
+            .map(|step| {
+                let number = step * all / all.min(VIEWS);
+                let view = &scene.input_views[number];
+                Compared::new(number, view, &mut gaussians, &mut renderer)
+            })
+            .collect();
+        let mut warm_up = Self {
+            scene,
+            views,
+            exposure: None,
+            is_normalized: false,
+        };
+        warm_up.exposure = warm_up.estimated_exposure();
+        Ok(warm_up)
+    }
+
+    /// Whether anything moves, by some of the scene's points.
+    pub fn motion(&self) -> MotionEvidence {
+        let points = initialize::thinned(&self.scene.points, POINTS).positions;
+        transients(&self.residuals(&points))
+    }
+
+    /// Tells at which points something changes outside the masks.
+    pub fn changing(&self, points: &[[f32; 3]]) -> ChangingPoints {
+        let residuals = self.residuals(points);
+        let evidence = transients(&residuals);
+        let limit = evidence.limit();
+        let changes = residuals
+            .chunks_exact(3)
+            .map(|channels| {
+                channels.iter().any(|residuals| {
+                    let deviating = deviations(residuals).filter(|deviation| *deviation >= limit);
+                    deviating.count() >= LEAST_DEVIATING_VIEWS
+                })
+            })
+            .collect();
+        ChangingPoints { evidence, changes }
+    }
+
+    /// How bright the views are; `None` where too few points are seen.
+    pub fn exposure(&self) -> Option<&Exposure> {
+        self.exposure.as_ref()
+    }
+
+    fn estimated_exposure(&self) -> Option<Exposure> {
+        let points = initialize::thinned(&self.scene.points, POINTS).positions;
+        let views: Vec<(f64, Vec<[[f32; 3]; 2]>)> = self
+            .views
+            .iter()
+            .map(|compared| {
+                let pairs = self.samples(compared, &points).into_iter().flatten();
+                let pairs = pairs.map(|sample| [sample.shown, sample.rendered()]);
+                (self.view(compared).time_seconds, pairs.collect())
+            })
+            .collect();
+        Exposure::estimate(&views)
+    }
+
+    /// Takes the gains out of what the views show, once.
+    pub fn normalize(&mut self) {
+        if let Some(exposure) = self.exposure.as_ref().filter(|_| !self.is_normalized) {
+            for compared in &mut self.views {
+                let view = &self.scene.input_views[compared.number].view;
+                compared.normalize(exposure, view.time_seconds);
+            }
+            self.is_normalized = true;
+        }
+    }
+
+    fn view(&self, compared: &Compared) -> &View {
+        &self.scene.input_views[compared.number].view
+    }
+
+    fn samples(&self, compared: &Compared, points: &[[f32; 3]]) -> Vec<Option<Sample>> {
+        let view = self.view(compared);
+        points
+            .par_iter()
+            .map(|&point| compared.sample(&self.scene, view, Vec3::from_array(point)))
+            .collect()
+    }
+
+    /// Residuals of the views in which a point is seen: one series per point and channel.
+    fn residuals(&self, points: &[[f32; 3]]) -> Vec<Vec<f32>> {
+        let mut residuals: Vec<Vec<f32>> = vec![Vec::new(); 3 * points.len()];
+        for compared in &self.views {
+            for (point, sample) in self.samples(compared, points).into_iter().enumerate() {
+                for (channel, residual) in sample.iter().flat_map(|s| s.residual).enumerate() {
+                    residuals[3 * point + channel].push(residual);
+                }
+            }
+        }
+        residuals
+    }
+}
+
+/// What a view shows at a point: means over 3x3 pixels.
+#[derive(Debug, Clone, Copy)]
+struct Sample {
+    shown: [f32; 3],
+    /// Shown minus rendered.
+    residual: [f32; 3],
+}
+
+impl Sample {
+    fn rendered(&self) -> [f32; 3] {
+        [0, 1, 2].map(|channel| self.shown[channel] - self.residual[channel])
+    }
 }
 
 /// Points at which something changes, and how that was found out.
@@ -124,69 +252,15 @@ impl ChangingPoints {
     }
 }
 
-/// Tells at which points something changes outside the masks.
-///
-/// # Errors
-/// When the warm-up diverges.
-pub fn changing_points(
-    scene: &TrainingScene,
-    seed: u64,
-    points: &[[f32; 3]],
-) -> Result<ChangingPoints, ReconstructError> {
-    let residuals = residuals(scene, seed, points)?;
-    let evidence = transients(&residuals);
-    let limit = evidence.limit();
-    let changes = residuals
-        .chunks_exact(3)
-        .map(|channels| {
-            channels.iter().any(|residuals| {
-                let deviating = deviations(residuals).filter(|deviation| *deviation >= limit);
-                deviating.count() >= LEAST_DEVIATING_VIEWS
-            })
-        })
-        .collect();
-    Ok(ChangingPoints { evidence, changes })
-}
-
-/// Residuals of the views in which a point is seen: one series per point and channel.
-fn residuals(
-    scene: &TrainingScene,
-    seed: u64,
-    points: &[[f32; 3]],
-) -> Result<Vec<Vec<f32>>, ReconstructError> {
-    let scene = &scene.reduced(WARM_UP_WIDTH);
-    let request = MethodRequest {
-        maximum_gaussians: Some(WARM_UP_GAUSSIANS),
-        trace_every: Some(WARM_UP_ITERATIONS),
-        ..MethodRequest::new(WARM_UP_ITERATIONS, seed)
-    };
-    let session = Session::without_files(&Silent);
-    let mut outcome = odgs::METHOD.train(scene, &request, &session)?;
-    let mut gaussians = InstantGaussians::default();
-    static_gaussians::instantiate(&outcome.trained.stepper.model()?.table, &mut gaussians);
-    let mut renderer = Renderer::new(outcome.settings.rendering);
-    let mut residuals: Vec<Vec<f32>> = vec![Vec::new(); 3 * points.len()];
-    let views = scene.input_views.len();
-    for step in 0..views.min(VIEWS) {
-        let view = &scene.input_views[step * views / views.min(VIEWS)];
-        let compared = Compared::new(view, &mut gaussians, &mut renderer);
-        let of_view: Vec<Option<[f32; 3]>> = points
-            .par_iter()
-            .map(|&point| compared.residual(scene, &view.view, Vec3::from_array(point)))
-            .collect();
-        for (point, residual) in of_view.into_iter().enumerate() {
-            for (channel, residual) in residual.into_iter().flatten().enumerate() {
-                residuals[3 * point + channel].push(residual);
-            }
-        }
-    }
-    Ok(residuals)
-}
-
 /// A view beside its render.
+#[derive(Debug)]
 struct Compared {
+    /// Its number among the input views.
+    number: usize,
     width: usize,
     height: usize,
+    /// The image.
+    shown: Vec<[f32; 3]>,
     /// Image minus render; not a number where a mask says that something else is seen.
     difference: Vec<[f32; 3]>,
     /// Radial depth, infinite where little is rendered.
@@ -194,7 +268,12 @@ struct Compared {
 }
 
 impl Compared {
-    fn new(view: &SceneView, gaussians: &mut InstantGaussians, renderer: &mut Renderer) -> Self {
+    fn new(
+        number: usize,
+        view: &SceneView,
+        gaussians: &mut InstantGaussians,
+        renderer: &mut Renderer,
+    ) -> Self {
         let centre = view.view.centre;
         gaussians.feature_count = 1;
         gaussians.features = gaussians
@@ -212,6 +291,8 @@ impl Compared {
             .iter()
             .zip(raster.colour.as_chunks::<3>().0);
         Self {
+            number,
+            shown: image.as_chunks::<3>().0.to_vec(),
             width: raster.width,
             height: raster.height,
             difference: pixels
@@ -237,9 +318,21 @@ impl Compared {
         }
     }
 
-    /// Mean residual of the 3x3 pixels at a point's image: a pixel alone has the error of every edge
-    /// that it lies on. `None` where the point is hidden, or masked.
-    fn residual(&self, scene: &TrainingScene, view: &View, point: Vec3) -> Option<[f32; 3]> {
+    /// Takes a gain out of the image.
+    fn normalize(&mut self, exposure: &Exposure, seconds: f64) {
+        let gain = exposure.gain(seconds);
+        for (shown, difference) in self.shown.iter_mut().zip(&mut self.difference) {
+            for channel in 0..3 {
+                let normalized = shown[channel] / gain[channel];
+                difference[channel] += normalized - shown[channel];
+                shown[channel] = normalized;
+            }
+        }
+    }
+
+    /// Means of the 3x3 pixels at a point's image: a pixel alone has the error of every edge that it
+    /// lies on. `None` where the point is hidden, or masked.
+    fn sample(&self, scene: &TrainingScene, view: &View, point: Vec3) -> Option<Sample> {
         let point = view.rotation * (point - view.centre);
         let distance = point.length();
         if distance <= 0.0 {
@@ -252,16 +345,20 @@ impl Compared {
         if !is_visible || self.height < 3 {
             return None;
         }
-        let mut sum = [0.0; 3];
+        let (mut shown, mut residual) = ([0.0; 3], [0.0; 3]);
         for row in row - 1..=row + 1 {
             for step in [self.width - 1, 0, 1] {
                 let pixel = row * self.width + (column + step) % self.width;
-                for (sum, value) in sum.iter_mut().zip(self.difference[pixel]) {
-                    *sum += value;
+                for channel in 0..3 {
+                    shown[channel] += self.shown[pixel][channel];
+                    residual[channel] += self.difference[pixel][channel];
                 }
             }
         }
-        (!sum[0].is_nan()).then(|| sum.map(|sum| sum / 9.0))
+        (!residual[0].is_nan()).then(|| Sample {
+            shown: shown.map(|sum| sum / 9.0),
+            residual: residual.map(|sum| sum / 9.0),
+        })
     }
 }
 

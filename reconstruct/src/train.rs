@@ -413,7 +413,8 @@ impl<'a, 's> Trainer<'a, 's> {
         let views = &self.scene.novel_views;
         let mut sum = [0.0; 2];
         for view in views {
-            let image = self.stepper.image(&view.view, self.schedule.sh_degree)?;
+            let mut image = self.stepper.image(&view.view, self.schedule.sh_degree)?;
+            self.settings.expose(&mut image, view.view.time_seconds);
             view.write_image(&mut self.target);
             let value = self.loss.value(&image.data, &self.target, 0.0);
             sum[0] += value.psnr();

@@ -21,7 +21,7 @@ use omnilife_reconstruct::{
     },
     kernels::adam,
     methods::{self, MethodOutcome, MethodRequest, PlanChoice},
-    motion_evidence::changing_points,
+    motion_evidence::WarmUp,
     render_layers::{Layer, LayerRenderer, TimeSettings},
     scene::{SceneView, TrainingScene},
     train::{BackendChoice, Session, TrainingFiles, step::Model},
@@ -236,7 +236,8 @@ fn points_in_a_shadow_that_no_mask_shows_change() {
             }
         }
     }
-    let found = changing_points(&scene, 7, &scene.points.positions).unwrap();
+    let warm_up = WarmUp::of(&scene, 7).unwrap();
+    let found = warm_up.changing(&scene.points.positions);
     let changing = |shaded: bool| {
         let points = scene.points.positions.iter().zip(&found.changes);
         let of_kind: Vec<bool> = points
@@ -252,6 +253,61 @@ fn points_in_a_shadow_that_no_mask_shows_change() {
         "{shares:?} {}",
         found.text()
     );
+}
+
+#[test]
+fn gains_of_the_camera_are_found_and_compensated() {
+    let mut scene = moving_ball::scene();
+    let gain = |frame: u32| 1.0 - 0.25 * (f64::from(frame) / 14.0);
+    for view in scene.input_views.iter_mut().chain(&mut scene.novel_views) {
+        let gain = gain(view.frame);
+        for value in &mut view.pixels {
+            *value = (f64::from(*value) * gain).round() as u8;
+        }
+    }
+    let trained = |without: &[&str]| {
+        let without = without.iter().map(|&name| name.to_owned()).collect();
+        train(
+            &scene,
+            "omni4dgs-plus",
+            &MethodRequest {
+                without,
+                ..request(150)
+            },
+        )
+    };
+    let (compensated, plain) = (trained(&[]), trained(&["exposure-compensation"]));
+    let exposure = compensated.settings.exposure.as_ref().unwrap();
+    // Relative to the middle view, at novel views too; the last one is after all input views.
+    for view in &scene.novel_views {
+        let expected = (gain(view.frame.min(13)) / gain(6)) as f32;
+        let found = exposure.gain(view.view.time_seconds)[1];
+        assert!(
+            (found / expected - 1.0).abs() < 0.02,
+            "{}: {found} {expected}",
+            view.frame
+        );
+    }
+    assert!(plain.settings.exposure.is_none());
+    let psnr = |outcome: &MethodOutcome<'_>| {
+        outcome
+            .trained
+            .state
+            .trace
+            .last()
+            .unwrap()
+            .novel_psnr_db
+            .unwrap()
+    };
+    let [with, without] = [&compensated, &plain].map(psnr);
+    assert!(with > without + 1.0, "{with} {without}");
+
+    let still = moving_ball::scene();
+    let decisions = train(&still, "omni4dgs-plus", &request(6)).plan;
+    let decision = decisions
+        .iter()
+        .find(|part| part.component == "exposure-compensation");
+    assert!(decision.is_some_and(|part| !part.used && part.reason.contains("limit 2 %")));
 }
 
 /// A name, and what makes the scene awkward.

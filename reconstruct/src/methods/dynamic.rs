@@ -7,6 +7,7 @@ use super::{MethodRequest, PlanChoice, Prepared, components::Components, odgs};
 use crate::{
     clock::Clock,
     error::ReconstructError,
+    exposure::Exposure,
     gaussians::{
         GaussianTable,
         static_gaussians::{self, InitialGaussians},
@@ -14,7 +15,7 @@ use crate::{
     },
     initialize,
     mask_seeds::{MaskSeeds, SeedVelocity, mask_seeds},
-    motion_evidence::motion_evidence,
+    motion_evidence::WarmUp,
     optim::Decay,
     scene::TrainingScene,
     train::{
@@ -202,7 +203,7 @@ pub(super) fn check(
 const INVERTED_COVERAGE: f64 = 0.5;
 
 /// What a scene says about motion.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(super) struct Evidence {
     /// Whether something moves, or may.
     pub(super) moves: bool,
@@ -210,6 +211,8 @@ pub(super) struct Evidence {
     pub(super) has_masks: bool,
     /// The evidence in words.
     pub(super) reason: String,
+    /// What was looked at for it, where it was more than the masks.
+    pub(super) warm_up: Option<WarmUp>,
 }
 
 impl Evidence {
@@ -230,11 +233,18 @@ impl Evidence {
                 moves: true,
                 has_masks: false,
                 reason: "no input view has a mask".to_owned(),
+                warm_up: None,
             };
             if request.plan == PlanChoice::Auto {
-                let found = motion_evidence(scene, request.seed)?;
+                let mut warm_up = WarmUp::of(scene, request.seed)?;
+                // A camera's automatic exposure is no motion.
+                if warm_up.exposure().is_some_and(Exposure::drifts) {
+                    warm_up.normalize();
+                }
+                let found = warm_up.motion();
                 evidence.moves = found.moves();
                 evidence.reason += &format!("; {}", found.text());
+                evidence.warm_up = Some(warm_up);
             }
             return Ok(evidence);
         };
@@ -249,6 +259,7 @@ impl Evidence {
             moves: coverage > 0.0,
             has_masks: coverage > 0.0,
             reason,
+            warm_up: None,
         })
     }
 

@@ -106,6 +106,7 @@ pub fn published_settings(iterations: u64) -> TrainSettings {
         },
         dynamics: None,
         deformation: None,
+        exposure: None,
         trace_every: (iterations / TRACE_ROWS).max(1),
     }
 }

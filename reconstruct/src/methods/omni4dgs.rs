@@ -15,13 +15,14 @@ use super::{
 use crate::{
     clock::Clock,
     error::ReconstructError,
+    exposure::Exposure,
     gaussians::{
         omni4dgs::{Decomposition, DirectionOrigin, VelocityForm},
         temporal::{TemporalFeatures, TimeModel, VelocityModel},
     },
     initialize,
     mask_seeds::{MaskSeeds, SeedVelocity},
-    motion_evidence::changing_points,
+    motion_evidence::WarmUp,
     scene::TrainingScene,
     train::{
         BackendChoice,
@@ -67,6 +68,9 @@ pub(super) const VELOCITY_REGULARIZATION: &str = "velocity-regularization";
 /// Component: scene points at which nothing changes outside the masks become Gaussians without
 /// temporal parameters. Not of the paper.
 pub(super) const STATIC_TABLE: &str = "static-table";
+
+/// Component: images are compared at one exposure. Not of the paper.
+pub(super) const EXPOSURE_COMPENSATION: &str = "exposure-compensation";
 
 /// Velocities (Eq. 3). `gamma`: weights "increase more smoothly in the equatorial region and decay
 /// more rapidly in the polar regions", a flat top, so below 1. Literal: with projections and weights
@@ -114,6 +118,8 @@ pub(super) struct Variant {
     /// Whether lifespans go as far in a short schedule as in a long one
     /// ([`dynamic::quicken_lifespans`]).
     pub(super) quickens_lifespans: bool,
+    /// Whether gains of the views are compensated, a component then.
+    pub(super) compensates_exposure: bool,
     /// First opacity of scene points; that of static methods where there is none.
     pub(super) first_opacity: Option<f32>,
 }
@@ -127,6 +133,7 @@ const PUBLISHED: Variant = Variant {
     seed_velocity: SeedVelocity::None,
     splits_in_time: true,
     quickens_lifespans: false,
+    compensates_exposure: false,
     first_opacity: None,
 };
 
@@ -248,6 +255,40 @@ fn prepare(
     prepare_variant(&PUBLISHED, scene, request, backend)
 }
 
+/// The warm-up of the evidence, made where it was not needed before.
+fn warm_up<'e>(
+    evidence: &'e mut Evidence,
+    scene: &TrainingScene,
+    request: &MethodRequest,
+) -> Result<&'e mut WarmUp, ReconstructError> {
+    let made = match evidence.warm_up.take() {
+        Some(made) => made,
+        None => WarmUp::of(scene, request.seed)?,
+    };
+    Ok(evidence.warm_up.insert(made))
+}
+
+/// Decides by the drift of the exposure whether its gains are compensated; what changes is then looked
+/// for without them.
+fn exposure(
+    evidence: &mut Evidence,
+    scene: &TrainingScene,
+    request: &MethodRequest,
+    components: &mut Components<'_>,
+) -> Result<Option<Exposure>, ReconstructError> {
+    let warm_up = warm_up(evidence, scene, request)?;
+    let Some(found) = warm_up.exposure().cloned() else {
+        let missing = Some("enough scene points that are seen");
+        components.decide_with(EXPOSURE_COMPENSATION, missing, (false, String::new()));
+        return Ok(None);
+    };
+    let is_used = components.decide(EXPOSURE_COMPENSATION, (found.drifts(), found.text()));
+    if is_used {
+        warm_up.normalize();
+    }
+    Ok(is_used.then_some(found))
+}
+
 /// Decides components and first Gaussians of a variant.
 pub(super) fn prepare_variant(
     variant: &Variant,
@@ -261,7 +302,7 @@ pub(super) fn prepare_variant(
     if variant.quickens_lifespans {
         dynamic::quicken_lifespans(&mut settings);
     }
-    let evidence = Evidence::of(scene, request)?;
+    let mut evidence = Evidence::of(scene, request)?;
     let mut components = Components::new(request, Vec::new());
     let decided = Decided::new(&evidence, request, variant, &mut components);
     let seeds = if decided.supervises {
@@ -270,6 +311,9 @@ pub(super) fn prepare_variant(
     } else {
         MaskSeeds::default()
     };
+    if variant.compensates_exposure {
+        settings.exposure = exposure(&mut evidence, scene, request, &mut components)?;
+    }
     let mut first = odgs::first_gaussians(scene, &settings, request, seeds.gaussians.len());
     components.plan.extend(first.plan);
     let mut beginning = Beginning {
@@ -280,7 +324,7 @@ pub(super) fn prepare_variant(
         first.points.opacities.fill(opacity);
     }
     if decided.separates {
-        let found = changing_points(scene, request.seed, &first.points.positions)?;
+        let found = warm_up(&mut evidence, scene, request)?.changing(&first.points.positions);
         components.add_reason(STATIC_TABLE, &found.text());
         let (changing, lasting) = initialize::partition(&first.points, &found.changes);
         beginning.fixed = initialize::join(lasting, beginning.fixed);

@@ -11,8 +11,8 @@ use super::{
     dynamic::{self, TEMPORAL_MOTION, TEMPORAL_OPACITY, TEMPORAL_SMOOTHING},
     odgs::{OPACITY_RESET, SKY_SHELL},
     omni4dgs::{
-        self, DYNAMIC_MASK, MOTION_REGULARIZATION, STATIC_TABLE, VELOCITY_DECOMPOSITION,
-        VELOCITY_REGULARIZATION, Variant,
+        self, DYNAMIC_MASK, EXPOSURE_COMPENSATION, MOTION_REGULARIZATION, STATIC_TABLE,
+        VELOCITY_DECOMPOSITION, VELOCITY_REGULARIZATION, Variant,
     },
 };
 use crate::{
@@ -26,7 +26,8 @@ pub const METHOD: Method = Method {
     source: "this project; after OmniLife360, section 4",
     description: "omni4dgs with lifespans of two frames at least, first velocities from the masks' \
                   pieces, temporal smoothing as in PVG, lifespans that find their length in short \
-                  schedules too, and no density control in time: dynamic \
+                  schedules too, gains of a camera's automatic exposure taken out, and no density \
+                  control in time: dynamic \
                   Gaussians are there at the moments between input views too.",
     components: &[
         TEMPORAL_OPACITY,
@@ -37,6 +38,7 @@ pub const METHOD: Method = Method {
         VELOCITY_REGULARIZATION,
         STATIC_TABLE,
         TEMPORAL_SMOOTHING,
+        EXPOSURE_COMPENSATION,
         SKY_SHELL,
         OPACITY_RESET,
     ],
@@ -55,6 +57,7 @@ const OURS: Variant = Variant {
     seed_velocity: SeedVelocity::Tracked,
     splits_in_time: false,
     quickens_lifespans: true,
+    compensates_exposure: true,
     // Points that change are away from their peak at most moments: with the 0.1 of static methods the
     // first images are half empty. The others gain by it too, in short schedules.
     first_opacity: Some(0.25),

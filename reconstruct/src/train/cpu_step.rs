@@ -11,6 +11,7 @@ use super::{
 use crate::{
     camera::View,
     error::ReconstructError,
+    exposure::Exposure,
     gaussians::{InstantGaussians, deformable::Deformation, static_gaussians},
     kernels::{adam, loss::cpu::Loss},
     scene::TrainingScene,
@@ -27,6 +28,7 @@ pub struct CpuStepper<'a> {
     instant: InstantGaussians,
     gradient: InstantGaussians,
     loss: Loss,
+    exposure: Option<Exposure>,
     target: Vec<f32>,
     sums: StepSums,
 }
@@ -45,6 +47,7 @@ impl<'a> CpuStepper<'a> {
             instant: InstantGaussians::default(),
             gradient: InstantGaussians::default(),
             loss: Loss::new(scene.camera.width as usize, scene.camera.height as usize),
+            exposure: settings.exposure.clone(),
             target: Vec::new(),
             sums: StepSums::default(),
         }
@@ -123,6 +126,9 @@ impl Stepper for CpuStepper<'_> {
             .renderer
             .forward(&view.view, &self.instant, schedule.sh_degree);
         view.write_image(&mut self.target);
+        if let Some(exposure) = &self.exposure {
+            exposure.normalize(&mut self.target, view.view.time_seconds);
+        }
         let (value, image_gradient) =
             self.loss
                 .forward_backward(&raster.colour, &self.target, self.ssim_weight);

@@ -14,6 +14,7 @@ use super::{
 use crate::{
     camera::View,
     error::ReconstructError,
+    exposure::Exposure,
     gaussians::{
         InstantGaussians, static_gaussians, subset,
         temporal::{self, Look, PEAK_TIMES, TemporalFeatures},
@@ -36,6 +37,7 @@ pub struct DynamicStepper<'a> {
     gradient: InstantGaussians,
     alone: DynamicAlone,
     loss: Loss,
+    exposure: Option<Exposure>,
     target: Vec<f32>,
     mask: Vec<f32>,
     /// By the feature maps.
@@ -81,6 +83,7 @@ impl<'a> DynamicStepper<'a> {
                 opacity_gradient: Vec::new(),
             },
             loss: Loss::new(scene.camera.width as usize, scene.camera.height as usize),
+            exposure: settings.exposure.clone(),
             target: Vec::new(),
             mask: Vec::new(),
             feature_gradient: Vec::new(),
@@ -100,6 +103,9 @@ impl<'a> DynamicStepper<'a> {
         self.renderer.settings.sh_degree = schedule.sh_degree;
         let raster = self.renderer.forward(&view.view, &self.instant);
         view.write_image(&mut self.target);
+        if let Some(exposure) = &self.exposure {
+            exposure.normalize(&mut self.target, view.view.time_seconds);
+        }
         view.write_mask(&mut self.mask);
         let (value, image_gradient) =
             self.loss

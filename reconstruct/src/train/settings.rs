@@ -2,10 +2,11 @@
 
 use std::collections::BTreeMap;
 
+use omnilife_schemas::RgbImage;
 use serde::{Deserialize, Serialize};
 
 use super::{deformation_settings::DeformationSettings, dynamic_settings::DynamicSettings};
-use crate::{densify::DensifySettings, optim::Decay, render::RenderSettings};
+use crate::{densify::DensifySettings, exposure::Exposure, optim::Decay, render::RenderSettings};
 
 /// Settings of a run as resolved; they stand in its record.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -36,6 +37,9 @@ pub struct TrainSettings {
     /// A network that deforms Gaussians; other methods have none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub deformation: Option<DeformationSettings>,
+    /// Gains of the views, where they are compensated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub exposure: Option<Exposure>,
     /// Iterations from one row of the trace to the next; the last iteration has a row too.
     pub trace_every: u64,
 }
@@ -94,6 +98,13 @@ impl Position {
 }
 
 impl TrainSettings {
+    /// Puts the gain of a view's time onto its render, where gains are compensated.
+    pub fn expose(&self, image: &mut RgbImage, seconds: f64) {
+        if let Some(exposure) = &self.exposure {
+            exposure.apply(&mut image.data, seconds);
+        }
+    }
+
     /// Degree of the spherical harmonics in use.
     pub fn active_sh_degree(&self, position: &Position) -> usize {
         let steps = position.scheduled / self.sh_interval_iterations.max(1);

@@ -1,0 +1,169 @@
+//! How bright each view of a camera with automatic exposure is: gains over time.
+//!
+//! A view's gain is the median, over scene points that are visible in it, of its image over a static
+//! render of the same pixels, channel by channel. A gain of light is a gain of gamma-coded values too.
+//! Images are divided by the gain of their time before they are compared with Gaussians, and renders
+//! are multiplied with it before they are shown: what the Gaussians hold is the scene as the middle of
+//! all views has it. Between the views that were looked at, and for novel views, the logarithm of the
+//! gain is interpolated in time.
+
+use serde::{Deserialize, Serialize};
+
+/// Values below this are as much noise as signal, levels in `[0, 1]`.
+const LEAST_LEVEL: f32 = 0.05;
+/// Standard deviation of the gains from which they are worth compensating: below it errors of other
+/// kinds are larger.
+const LEAST_DRIFT: f64 = 0.02;
+/// Fewer points say little about a view.
+const LEAST_POINTS: usize = 50;
+
+/// Gains over time.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Exposure {
+    /// Times of the views that were looked at, seconds, increasing.
+    times_seconds: Vec<f64>,
+    /// Natural logarithms of their gains, channel by channel; their median is 0.
+    log_gains: Vec<[f32; 3]>,
+}
+
+impl Exposure {
+    /// Gains from what each view shows and what a static render has at the same points: time and pairs
+    /// of colours per view. Views with too few points have no say. `None` where none has.
+    pub fn estimate(views: &[(f64, Vec<[[f32; 3]; 2]>)]) -> Option<Self> {
+        let mut found: Vec<(f64, [f32; 3])> = views
+            .iter()
+            .filter_map(|(time, pairs)| Some((*time, log_gain(pairs)?)))
+            .collect();
+        found.sort_by(|left, right| left.0.total_cmp(&right.0));
+        let middle =
+            [0, 1, 2].map(|channel| median(found.iter().map(|(_, gain)| gain[channel]).collect()));
+        let middle = [middle[0]?, middle[1]?, middle[2]?];
+        let relative = |gain: [f32; 3]| [0, 1, 2].map(|channel| gain[channel] - middle[channel]);
+        Some(Self {
+            times_seconds: found.iter().map(|(time, _)| *time).collect(),
+            log_gains: found.iter().map(|(_, gain)| relative(*gain)).collect(),
+        })
+    }
+
+    /// Standard deviation of the gains, as a share: 0.02 are two in a hundred.
+    pub fn drift(&self) -> f64 {
+        let squares = self.log_gains.iter().flatten();
+        let sum: f64 = squares.map(|&log| f64::from(log).powi(2)).sum();
+        (sum / (3 * self.log_gains.len()).max(1) as f64).sqrt()
+    }
+
+    /// Whether the gains are worth compensating.
+    pub fn drifts(&self) -> bool {
+        self.drift() >= LEAST_DRIFT
+    }
+
+    /// In words.
+    pub fn text(&self) -> String {
+        format!(
+            "gains of {} views deviate by {:.2} % (limit {:.0} %)",
+            self.times_seconds.len(),
+            100.0 * self.drift(),
+            100.0 * LEAST_DRIFT
+        )
+    }
+
+    /// The gain of each channel at a time.
+    pub fn gain(&self, seconds: f64) -> [f32; 3] {
+        let after = self.times_seconds.partition_point(|&time| time < seconds);
+        let last = self.times_seconds.len() - 1;
+        let (left, right) = (after.saturating_sub(1).min(last), after.min(last));
+        let span = self.times_seconds[right] - self.times_seconds[left];
+        let share = if span > 0.0 {
+            ((seconds - self.times_seconds[left]) / span).clamp(0.0, 1.0) as f32
+        } else {
+            0.0
+        };
+        let (from, to) = (self.log_gains[left], self.log_gains[right]);
+        [0, 1, 2].map(|channel| (from[channel] + share * (to[channel] - from[channel])).exp())
+    }
+
+    /// Takes the gain of a time out of an image, RGB after RGB.
+    pub fn normalize(&self, image: &mut [f32], seconds: f64) {
+        let gain = self.gain(seconds);
+        for rgb in image.as_chunks_mut::<3>().0 {
+            *rgb = [0, 1, 2].map(|channel| rgb[channel] / gain[channel]);
+        }
+    }
+
+    /// Puts the gain of a time onto a render, RGB after RGB.
+    pub fn apply(&self, image: &mut [f32], seconds: f64) {
+        let gain = self.gain(seconds);
+        for rgb in image.as_chunks_mut::<3>().0 {
+            *rgb = [0, 1, 2].map(|channel| (rgb[channel] * gain[channel]).min(1.0));
+        }
+    }
+}
+
+/// The medians of `ln(shown / rendered)`; clipped and dark values are left out.
+fn log_gain(pairs: &[[[f32; 3]; 2]]) -> Option<[f32; 3]> {
+    let of_channel = |channel: usize| {
+        let is_usable = |value: f32| (LEAST_LEVEL..0.98).contains(&value);
+        let ratios: Vec<f32> = pairs
+            .iter()
+            .map(|[shown, rendered]| [shown[channel], rendered[channel]])
+            .filter(|pair| pair.iter().all(|&value| is_usable(value)))
+            .map(|[shown, rendered]| (shown / rendered).ln())
+            .collect();
+        (ratios.len() >= LEAST_POINTS)
+            .then(|| median(ratios))
+            .flatten()
+    };
+    Some([of_channel(0)?, of_channel(1)?, of_channel(2)?])
+}
+
+fn median(mut values: Vec<f32>) -> Option<f32> {
+    values.sort_by(f32::total_cmp);
+    values.get(values.len() / 2).copied()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A view at a time whose light is a gain times that of the render.
+    fn view(time: f64, gain: f32) -> (f64, Vec<[[f32; 3]; 2]>) {
+        let level = |point: usize| 0.1 + 0.004 * point as f32;
+        let pair = |point: usize| [[level(point) * gain; 3], [level(point); 3]];
+        (time, (0..100).map(pair).collect())
+    }
+
+    #[test]
+    fn gains_are_found_and_interpolated() -> Result<(), &'static str> {
+        let views = [view(4.0, 1.25), view(0.0, 0.8), view(2.0, 1.0)];
+        let exposure = Exposure::estimate(&views).ok_or("no gains")?;
+        for (time, expected) in [
+            (-1.0, 0.8),
+            (0.0, 0.8),
+            (2.0, 1.0),
+            (3.0, 1.25_f32.sqrt()),
+            (4.0, 1.25),
+            (9.0, 1.25),
+        ] {
+            let gain = exposure.gain(time);
+            assert!((gain[1] - expected).abs() < 1e-4, "{time}: {gain:?}");
+        }
+        let expected = (2.0 * 0.8_f64.ln().powi(2) / 3.0).sqrt();
+        assert!((exposure.drift() - expected).abs() < 1e-3);
+        let mut image = vec![0.4, 0.2, 0.9];
+        exposure.apply(&mut image, 4.0);
+        assert!((image[0] - 0.5).abs() < 1e-5 && image[2] == 1.0);
+        exposure.normalize(&mut image, 4.0);
+        assert!((image[1] - 0.2).abs() < 1e-5);
+        Ok(())
+    }
+
+    #[test]
+    fn views_with_too_little_to_see_have_no_say() {
+        let mut dark = view(1.0, 0.01);
+        let mut few = view(2.0, 1.0);
+        few.1.truncate(20);
+        dark.1.truncate(90);
+        assert_eq!(Exposure::estimate(&[dark, few]), None);
+        assert_eq!(Exposure::estimate(&[]), None);
+    }
+}
