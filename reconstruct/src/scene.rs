@@ -147,22 +147,32 @@ impl TrainingScene {
             .rev()
             .find(fits)
             .unwrap_or(1);
-        let mut reduced = self.clone();
-        reduced.camera = ErpCamera {
+        let camera = ErpCamera {
             width: width / factor,
             height: height / factor,
         };
-        for view in reduced
-            .input_views
-            .iter_mut()
-            .chain(&mut reduced.novel_views)
-        {
-            view.view.camera = reduced.camera.into();
-            view.pixels = averaged::<3>(&view.pixels, width as usize, factor as usize);
-            let mask = view.mask.as_ref();
-            view.mask = mask.map(|mask| averaged::<1>(mask, width as usize, factor as usize));
+        let (width, factor) = (width as usize, factor as usize);
+        let reduce = |view: &SceneView| SceneView {
+            frame: view.frame,
+            view: View {
+                camera: camera.into(),
+                ..view.view.clone()
+            },
+            pixels: averaged::<3>(&view.pixels, width, factor),
+            mask: view
+                .mask
+                .as_ref()
+                .map(|mask| averaged::<1>(mask, width, factor)),
+        };
+        Self {
+            id: self.id.clone(),
+            camera,
+            input_views: self.input_views.iter().map(reduce).collect(),
+            novel_views: self.novel_views.iter().map(reduce).collect(),
+            normalization: self.normalization,
+            is_normalized_by_points: self.is_normalized_by_points,
+            points: self.points.clone(),
         }
-        reduced
     }
 
     /// Median distance between input views that follow each other, in normalized units; 0 for a
