@@ -44,8 +44,12 @@ const NOISE_FACTOR: f32 = 8.0;
 const LEAST_DEVIATION: f32 = 0.1;
 /// Views in which a point deviates, from which on it changes: one alone may be an edge.
 const LEAST_DEVIATING_VIEWS: usize = 2;
-/// Share of transient samples from which a scene is taken to move.
-const TRANSIENT_SHARE: f64 = 0.002;
+/// Share of transient samples from which a scene is taken to move: three times what a clip in which
+/// nothing moves has, a third of what two people who walk through it make (docs/results/dynamic.md).
+const TRANSIENT_SHARE: f64 = 0.0004;
+/// Half of the window, in turns, over which a sample is averaged to tell whether anything moves: what
+/// moves is wrong all over, an edge that the warm-up blurs is wrong on both sides, with both signs.
+const MOTION_REACH_TURNS: f32 = 4.0 / 256.0;
 /// Standard deviation of a normal distribution over its median absolute deviation.
 const PER_MEDIAN: f32 = 1.4826;
 
@@ -138,12 +142,13 @@ impl WarmUp {
     /// Whether anything moves, by some of the scene's points.
     pub fn motion(&self) -> MotionEvidence {
         let points = initialize::thinned(&self.scene.points, POINTS).positions;
-        transients(&self.residuals(&points))
+        let reach = (self.scene.camera.width as f32 * MOTION_REACH_TURNS).round() as usize;
+        transients(&self.residuals(&points, reach.max(1)))
     }
 
     /// Tells at which points something changes outside the masks.
     pub fn changing(&self, points: &[[f32; 3]]) -> ChangingPoints {
-        let residuals = self.residuals(points);
+        let residuals = self.residuals(points, 1);
         let evidence = transients(&residuals);
         let limit = evidence.limit();
         let changes = residuals
@@ -169,7 +174,7 @@ impl WarmUp {
             .views
             .iter()
             .map(|compared| {
-                let pairs = self.samples(compared, &points).into_iter().flatten();
+                let pairs = self.samples(compared, &points, 1).into_iter().flatten();
                 let pairs = pairs.map(|sample| [sample.shown, sample.rendered()]);
                 (self.view(compared).time_seconds, pairs.collect())
             })
@@ -192,19 +197,25 @@ impl WarmUp {
         &self.scene.input_views[compared.number].view
     }
 
-    fn samples(&self, compared: &Compared, points: &[[f32; 3]]) -> Vec<Option<Sample>> {
+    fn samples(
+        &self,
+        compared: &Compared,
+        points: &[[f32; 3]],
+        reach: usize,
+    ) -> Vec<Option<Sample>> {
         let view = self.view(compared);
         points
             .par_iter()
-            .map(|&point| compared.sample(&self.scene, view, Vec3::from_array(point)))
+            .map(|&point| compared.sample(&self.scene, view, Vec3::from_array(point), reach))
             .collect()
     }
 
     /// Residuals of the views in which a point is seen: one series per point and channel.
-    fn residuals(&self, points: &[[f32; 3]]) -> Vec<Vec<f32>> {
+    fn residuals(&self, points: &[[f32; 3]], reach: usize) -> Vec<Vec<f32>> {
         let mut residuals: Vec<Vec<f32>> = vec![Vec::new(); 3 * points.len()];
         for compared in &self.views {
-            for (point, sample) in self.samples(compared, points).into_iter().enumerate() {
+            let samples = self.samples(compared, points, reach).into_iter();
+            for (point, sample) in samples.enumerate() {
                 for (channel, residual) in sample.iter().flat_map(|s| s.residual).enumerate() {
                     residuals[3 * point + channel].push(residual);
                 }
@@ -214,7 +225,7 @@ impl WarmUp {
     }
 }
 
-/// What a view shows at a point: means over 3x3 pixels.
+/// What a view shows at a point: means over a window.
 #[derive(Debug, Clone, Copy)]
 struct Sample {
     shown: [f32; 3],
@@ -330,9 +341,15 @@ impl Compared {
         }
     }
 
-    /// Means of the 3x3 pixels at a point's image: a pixel alone has the error of every edge that it
-    /// lies on. `None` where the point is hidden, or masked.
-    fn sample(&self, scene: &TrainingScene, view: &View, point: Vec3) -> Option<Sample> {
+    /// Means of the pixels within `reach` of a point's image: a pixel alone has the error of every edge
+    /// that it lies on. `None` where the point is hidden, or masked.
+    fn sample(
+        &self,
+        scene: &TrainingScene,
+        view: &View,
+        point: Vec3,
+        reach: usize,
+    ) -> Option<Sample> {
         let point = view.rotation * (point - view.centre);
         let distance = point.length();
         if distance <= 0.0 {
@@ -340,14 +357,15 @@ impl Compared {
         }
         let pixel = erp::project(&scene.camera, point, distance).pixel;
         let column = (pixel.x as usize).min(self.width - 1);
-        let row = (pixel.y as usize).clamp(1, self.height.saturating_sub(2).max(1));
+        let lowest = self.height.saturating_sub(1 + reach).max(reach);
+        let row = (pixel.y as usize).clamp(reach, lowest);
         let is_visible = distance <= DEPTH_SLACK * self.depth[row * self.width + column];
-        if !is_visible || self.height < 3 {
+        if !is_visible || self.height <= 2 * reach || self.width <= reach {
             return None;
         }
         let (mut shown, mut residual) = ([0.0; 3], [0.0; 3]);
-        for row in row - 1..=row + 1 {
-            for step in [self.width - 1, 0, 1] {
+        for row in row - reach..=row + reach {
+            for step in self.width - reach..=self.width + reach {
                 let pixel = row * self.width + (column + step) % self.width;
                 for channel in 0..3 {
                     shown[channel] += self.shown[pixel][channel];
@@ -355,9 +373,10 @@ impl Compared {
                 }
             }
         }
+        let pixels = ((2 * reach + 1) * (2 * reach + 1)) as f32;
         (!residual[0].is_nan()).then(|| Sample {
-            shown: shown.map(|sum| sum / 9.0),
-            residual: residual.map(|sum| sum / 9.0),
+            shown: shown.map(|sum| sum / pixels),
+            residual: residual.map(|sum| sum / pixels),
         })
     }
 }

@@ -111,7 +111,7 @@ def main():
     for scene in scenes:
         rows = [(name, runs(folder / scene, name)) for name in METHODS]
         parts += [f"**{scene}**\n", table(rows), ""]
-    parts += ["### Where nothing moves\n", f"The cameras and points of `{scenes[0]}`, every frame a render of the static Gaussians of a run "
+    parts += ["### Where nothing moves\n", f"The cameras and points of `{scenes[-1]}`, every frame a render of the static Gaussians of a run "
               "(`scripts/results/still_scene.py`), without masks: the plan has to find out.\n",
               still(folder / "still"), ""]
     rows = [("full", runs(folder / scenes[0], "omni4dgs-full"))]
