@@ -259,6 +259,6 @@ mod tests {
         assert_eq!(names, ["000000.PNG", "000001.jpg", "000002.Jpeg"]);
         fs::write(temp.path().join("000002.png"), "").unwrap();
         let message = find(temp.path(), &sequence).unwrap_err().to_string();
-        assert!(message.contains("masks of one frame"), "{message}");
+        assert!(message.contains("of one frame"), "{message}");
     }
 }
