@@ -156,7 +156,7 @@ impl TrainingScene {
             frame: view.frame,
             view: View {
                 camera: camera.into(),
-                ..view.view.clone()
+                ..view.view
             },
             pixels: averaged::<3>(&view.pixels, width, factor),
             mask: view

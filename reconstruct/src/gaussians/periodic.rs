@@ -287,7 +287,7 @@ mod tests {
                 lifespan: f32::INFINITY,
                 velocity: Vec3::X,
             };
-            let distance = f64::from(frame) - f64::from(peak);
+            let distance = frame - f64::from(peak);
             let cycles = distance / f64::from(cycle);
             let angle = std::f64::consts::TAU * (cycles - cycles.round());
             let upstream = PulseState {
