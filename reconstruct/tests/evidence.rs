@@ -1,0 +1,157 @@
+//! What a plan goes by: what changes at scene points, whether anything moves, how bright the views are.
+#![expect(
+    clippy::unwrap_used,
+    reason = "a failure to build a test scene is a failed test"
+)]
+
+#[path = "support/balls.rs"]
+mod balls;
+#[path = "support/moving_ball.rs"]
+mod moving_ball;
+#[path = "support/methods.rs"]
+mod trained;
+
+use glam::{DVec2, Vec3};
+use omnilife_reconstruct::{
+    methods::{MethodOutcome, MethodRequest, PlanChoice},
+    motion_evidence::WarmUp,
+};
+use omnilife_schemas::camera::CameraModel;
+
+use crate::trained::{request, train};
+
+#[test]
+fn points_that_do_not_change_have_no_time_unless_the_plan_is_full() {
+    let scene = moving_ball::scene();
+    let only =
+        |names: &[&str]| PlanChoice::Only(names.iter().map(|&name| name.to_owned()).collect());
+    let separate = only(&[
+        "temporal-opacity",
+        "temporal-motion",
+        "dynamic-mask",
+        "static-table",
+    ]);
+    let sizes = [PlanChoice::Full, PlanChoice::Auto, separate].map(|plan| {
+        let request = MethodRequest { plan, ..request(6) };
+        let mut outcome = train(&scene, "omni4dgs", &request);
+        let model = outcome.trained.stepper.model().unwrap();
+        (
+            model.table.len(),
+            model.moving.as_ref().unwrap().table.len(),
+        )
+    });
+    let [full, auto, separate] = sizes;
+    assert!(full.0 == 0 && full.1 > 900 && auto == separate, "{sizes:?}");
+    // What moves hides points; it changes none.
+    assert!(auto.0 > 800 && auto.0 + auto.1 == full.1, "{sizes:?}");
+}
+
+#[test]
+fn points_in_a_shadow_that_no_mask_shows_change() {
+    let mut scene = moving_ball::scene();
+    // Behind the cameras, in every third view.
+    let is_shaded = |point: Vec3| point.z < -1.0 && point.x.abs() < 0.5 * -point.z;
+    let width = scene.camera.width as usize;
+    for (number, view) in scene.input_views.iter_mut().enumerate() {
+        if number % 3 != 0 {
+            continue;
+        }
+        for (pixel, rgb) in view.pixels.as_chunks_mut::<3>().0.iter_mut().enumerate() {
+            let at = DVec2::new((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
+            let direction = scene.camera.unproject(at).as_vec3();
+            if is_shaded(view.view.rotation.transpose() * direction * 4.0) {
+                *rgb = rgb.map(|value| value / 3);
+            }
+        }
+    }
+    let warm_up = WarmUp::of(&scene, 7).unwrap();
+    let found = warm_up.changing(&scene.points.positions);
+    let changing = |shaded: bool| {
+        let points = scene.points.positions.iter().zip(&found.changes);
+        let of_kind: Vec<bool> = points
+            .filter(|(point, _)| is_shaded(Vec3::from_array(**point)) == shaded)
+            .map(|(_, changes)| *changes)
+            .collect();
+        of_kind.iter().filter(|&&changes| changes).count() as f64 / of_kind.len() as f64
+    };
+    let shares = [changing(true), changing(false)];
+    // Most balls are hidden by others.
+    assert!(
+        shares[0] > 0.25 && shares[1] < 0.02,
+        "{shares:?} {}",
+        found.text()
+    );
+}
+
+#[test]
+fn gains_of_the_camera_are_found_and_compensated() {
+    let mut scene = moving_ball::scene();
+    let gain = |frame: u32| 1.0 - 0.25 * (f64::from(frame) / 14.0);
+    for view in scene.input_views.iter_mut().chain(&mut scene.novel_views) {
+        let gain = gain(view.frame);
+        for value in &mut view.pixels {
+            *value = (f64::from(*value) * gain).round() as u8;
+        }
+    }
+    let trained = |without: &[&str]| {
+        let without = without.iter().map(|&name| name.to_owned()).collect();
+        train(
+            &scene,
+            "omni4dgs-plus",
+            &MethodRequest {
+                without,
+                ..request(150)
+            },
+        )
+    };
+    let (compensated, plain) = (trained(&[]), trained(&["exposure-compensation"]));
+    let exposure = compensated.settings.exposure.as_ref().unwrap();
+    // Relative to the middle view, at novel views too; the last one is after all input views.
+    for view in &scene.novel_views {
+        let expected = (gain(view.frame.min(13)) / gain(6)) as f32;
+        let found = exposure.gain(view.view.time_seconds)[1];
+        assert!(
+            (found / expected - 1.0).abs() < 0.02,
+            "{}: {found} {expected}",
+            view.frame
+        );
+    }
+    assert!(plain.settings.exposure.is_none());
+    let psnr = |outcome: &MethodOutcome<'_>| {
+        outcome
+            .trained
+            .state
+            .trace
+            .last()
+            .unwrap()
+            .novel_psnr_db
+            .unwrap()
+    };
+    let [with, without] = [&compensated, &plain].map(psnr);
+    assert!(with > without + 1.0, "{with} {without}");
+
+    let still = moving_ball::scene();
+    let decisions = train(&still, "omni4dgs-plus", &request(6)).plan;
+    let decision = decisions
+        .iter()
+        .find(|part| part.component == "exposure-compensation");
+    assert!(decision.is_some_and(|part| !part.used && part.reason.contains("limit 2 %")));
+}
+
+#[test]
+fn without_masks_residuals_tell_whether_something_moves() {
+    let still = balls::scene();
+    let mut moving = moving_ball::scene();
+    for view in &mut moving.input_views {
+        view.mask = None;
+    }
+    for (scene, moves) in [(&still, false), (&moving, true)] {
+        let outcome = train(scene, "omni4dgs", &request(2));
+        let decision = outcome
+            .plan
+            .iter()
+            .find(|part| part.component == "temporal-motion");
+        assert_eq!(decision.unwrap().used, moves, "{:?}", decision.unwrap());
+        assert_eq!(outcome.settings.dynamics.is_some(), moves);
+    }
+}

@@ -1,0 +1,25 @@
+//! Methods trained for a few steps, without files.
+
+use omnilife_reconstruct::{
+    methods::{self, MethodOutcome, MethodRequest},
+    scene::TrainingScene,
+    train::Session,
+};
+use omnilife_schemas::progress::Silent;
+
+/// All defaults, one seed.
+pub(crate) fn request(iterations: u64) -> MethodRequest {
+    MethodRequest::new(iterations, 7)
+}
+
+/// The outcome of a training that has to succeed.
+pub(crate) fn train<'a>(
+    scene: &'a TrainingScene,
+    method: &str,
+    request: &MethodRequest,
+) -> MethodOutcome<'a> {
+    methods::find(method)
+        .unwrap()
+        .train(scene, request, &Session::without_files(&Silent))
+        .unwrap()
+}
