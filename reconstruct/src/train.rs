@@ -145,19 +145,18 @@ fn new_stepper<'a>(
     settings: &TrainSettings,
     backend: BackendChoice,
 ) -> Result<Box<dyn Stepper + 'a>, ReconstructError> {
-    let depends_on_time = settings.dynamics.is_some() || settings.deformation.is_some();
     match (backend, &settings.dynamics) {
         (BackendChoice::Cpu, Some(dynamics)) => {
             let stepper = DynamicStepper::new(scene, model, settings, dynamics);
             Ok(Box::new(stepper))
         }
         (BackendChoice::Cpu, None) => Ok(Box::new(CpuStepper::new(scene, model, settings))),
-        (BackendChoice::Gpu, _) if depends_on_time => Err(ReconstructError::Backend {
-            reason: "Gaussians that depend on time are trained on the processor only; use the \
+        (BackendChoice::Gpu, Some(_)) => Err(ReconstructError::Backend {
+            reason: "Gaussians with times of their own are trained on the processor only; use the \
                      backend cpu"
                 .to_owned(),
         }),
-        (BackendChoice::Gpu, _) => {
+        (BackendChoice::Gpu, None) => {
             if settings.renderer != RendererChoice::Exact {
                 return Err(ReconstructError::Backend {
                     reason: "the graphics backend has no renderer with the published quirks; use \
@@ -166,9 +165,7 @@ fn new_stepper<'a>(
                 });
             }
             let gpu = Arc::new(Gpu::open()?);
-            let (rendering, weight) = (settings.rendering, settings.ssim_weight);
-            let stepper = GpuStepper::new(gpu, scene, model, rendering, weight)?;
-            Ok(Box::new(stepper))
+            Ok(Box::new(GpuStepper::new(gpu, scene, model, settings)?))
         }
     }
 }

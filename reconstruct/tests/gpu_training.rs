@@ -15,20 +15,28 @@ use balls::scene;
 use device::{assert_gradients_agree, device};
 use omnilife_reconstruct::{
     ReconstructError,
-    gaussians::static_gaussians,
+    camera::View,
+    clock::Clock,
+    gaussians::{
+        deformable::{DeformationModel, DeformationWeights},
+        static_gaussians,
+    },
     gpu::{Gpu, GpuError, GpuStepper},
     initialize,
-    methods::{self, MethodRequest},
+    methods::{self, MethodRequest, PlanChoice},
     render::RenderSettings,
     scene::TrainingScene,
     train::{
         BackendChoice, Session,
         cpu_step::CpuStepper,
+        deformation_settings::DeformationSettings,
         settings::TrainSettings,
         step::{Model, StepSchedule, Stepper},
     },
 };
-use omnilife_schemas::{points::PointCloud, progress::Silent, records::Backend};
+use omnilife_schemas::{
+    RgbImage, camera::ErpCamera, points::PointCloud, progress::Silent, records::Backend,
+};
 
 /// Every fifth point of the scene as a model with harmonics up to a degree. Each Gaussian is turned
 /// and longer one way than the other: no gradient vanishes.
@@ -51,14 +59,15 @@ fn model(scene: &TrainingScene, sh_degree: usize) -> Model {
 }
 
 fn on_device<'a>(gpu: &Arc<Gpu>, scene: &'a TrainingScene, model: Model) -> GpuStepper<'a> {
-    GpuStepper::new(
-        Arc::clone(gpu),
-        scene,
-        model,
-        RenderSettings::new(0.01),
-        0.2,
-    )
-    .unwrap()
+    GpuStepper::new(Arc::clone(gpu), scene, model, &settings()).unwrap()
+}
+
+fn settings() -> TrainSettings {
+    TrainSettings {
+        rendering: RenderSettings::new(0.01),
+        ssim_weight: 0.2,
+        ..methods::odgs::published_settings(100)
+    }
 }
 
 fn schedule(iteration: u64, sh_degree: usize, rates: &[f32]) -> StepSchedule {
@@ -76,13 +85,8 @@ const RATES: [f32; 6] = [2e-3, 5e-3, 1e-3, 0.05, 2.5e-3, 1.25e-4];
 fn steps_are_those_of_the_processor() {
     let Some(gpu) = device() else { return };
     let scene = scene();
-    let settings = TrainSettings {
-        rendering: RenderSettings::new(0.01),
-        ssim_weight: 0.2,
-        ..methods::odgs::published_settings(100)
-    };
     let mut on_gpu = on_device(&gpu, &scene, model(&scene, 1));
-    let mut on_cpu = CpuStepper::new(&scene, model(&scene, 1), &settings);
+    let mut on_cpu = CpuStepper::new(&scene, model(&scene, 1), &settings());
     assert!(matches!(on_gpu.backend(), Backend::Gpu { .. }));
     for iteration in 1..=3 {
         let schedule = schedule(iteration, 1, &RATES);
@@ -113,21 +117,104 @@ fn steps_are_those_of_the_processor() {
         on_gpu.image(view, 1).unwrap(),
         on_cpu.image(view, 1).unwrap(),
     );
-    // Where a gradient is next to nothing, Adam's first steps go one way here, the other there.
-    let error: f32 = gpu
-        .data
-        .iter()
-        .zip(&cpu.data)
-        .map(|(a, b)| (a - b).abs())
-        .sum();
-    assert!(error < 1e-3 * gpu.data.len() as f32, "{error}");
+    assert_images_agree(&gpu, &cpu);
+}
+
+/// Where a gradient is next to nothing, Adam's first steps go one way here, the other there.
+fn assert_images_agree(of_gpu: &RgbImage, of_cpu: &RgbImage) {
+    let pairs = of_gpu.data.iter().zip(&of_cpu.data);
+    let error: f32 = pairs.map(|(a, b)| (a - b).abs()).sum();
+    assert!(error < 1e-3 * of_gpu.data.len() as f32, "{error}");
+}
+
+/// A network that takes part from the second step on and says something from the beginning.
+fn deformation(scene: &TrainingScene) -> (DeformationSettings, DeformationWeights) {
+    let model = DeformationModel {
+        depth: 3,
+        width: 70,
+        skip_after: 1,
+        ..DeformationModel::published(3.0)
+    };
+    let settings = DeformationSettings {
+        clock: Clock::of(scene).unwrap(),
+        model,
+        warm_up_iterations: 1,
+        time_noise: None,
+    };
+    let mut weights = model.network().initial_weights(5);
+    let heads = model.network().layers()[3].hidden_weights().start;
+    for (index, weight) in weights[heads..].iter_mut().enumerate() {
+        *weight = 0.02 * (2.3 * index as f32).sin();
+    }
+    (settings, DeformationWeights::new(weights))
 }
 
 #[test]
-fn a_method_learns_as_on_the_processor() {
+fn steps_with_a_network_are_those_of_the_processor() {
+    let Some(gpu) = device() else { return };
+    let scene = scene();
+    let (deformation, weights) = deformation(&scene);
+    let settings = TrainSettings {
+        deformation: Some(deformation),
+        ..settings()
+    };
+    let deformed = || Model {
+        deformation: Some(weights.clone()),
+        ..model(&scene, 1)
+    };
+    let mut on_gpu = GpuStepper::new(Arc::clone(&gpu), &scene, deformed(), &settings).unwrap();
+    let mut on_cpu = CpuStepper::new(&scene, deformed(), &settings);
+    let rates = [&RATES[..], &[1e-3]].concat();
+    for iteration in 1..=4 {
+        let schedule = StepSchedule {
+            scheduled: iteration,
+            ..schedule(iteration, 1, &rates)
+        };
+        on_gpu.step(iteration as usize, &schedule).unwrap();
+        on_cpu.step(iteration as usize, &schedule).unwrap();
+        let (of_gpu, of_cpu) = (on_gpu.model().unwrap(), on_cpu.model().unwrap());
+        let networks = [of_gpu, of_cpu].map(|model| model.deformation.as_ref().unwrap());
+        assert_eq!(networks.map(|network| network.steps), [iteration - 1; 2]);
+        if iteration == 2 {
+            for (gpu, cpu) in of_gpu.table.arrays.iter().zip(&of_cpu.table.arrays) {
+                assert_gradients_agree(gpu.name, &gpu.gradients, &cpu.gradients);
+            }
+            let [gpu, cpu] = networks.map(|network| &network.array);
+            assert_gradients_agree(gpu.name, &gpu.gradients, &cpu.gradients);
+            assert_gradients_agree(gpu.name, &gpu.first_moments, &cpu.first_moments);
+        }
+    }
+    assert!(matches!(on_gpu.backend(), Backend::Gpu { .. }));
+    assert_eq!(on_gpu.take_sums().unwrap().refused, [0; 7]);
+    let view = &scene.novel_views[0].view;
+    let small = View {
+        camera: ErpCamera {
+            width: 32,
+            height: 16,
+        }
+        .into(),
+        ..*view
+    };
+    for view in [view, &small] {
+        let images = (
+            on_gpu.image(view, 1).unwrap(),
+            on_cpu.image(view, 1).unwrap(),
+        );
+        assert_images_agree(&images.0, &images.1);
+    }
+}
+
+#[test]
+fn methods_learn_as_on_the_processor() {
     if device().is_none() {
         return;
     }
+    for (method, iterations) in [("odgs", 20), ("deformable", 6)] {
+        method_learns(method, iterations);
+    }
+}
+
+fn method_learns(method: &str, iterations: u64) {
     let scene = scene();
     let train = |backend| {
         let session = Session {
@@ -136,9 +223,10 @@ fn a_method_learns_as_on_the_processor() {
         };
         let request = MethodRequest {
             maximum_gaussians: Some(180),
-            ..MethodRequest::new(20, 7)
+            plan: PlanChoice::Full,
+            ..MethodRequest::new(iterations, 7)
         };
-        let outcome = methods::find("odgs")
+        let outcome = methods::find(method)
             .unwrap()
             .train(&scene, &request, &session)
             .unwrap();
@@ -160,7 +248,7 @@ fn a_method_learns_as_on_the_processor() {
         panic!("the run was made by {backend:?}");
     };
     assert!(!adapter.is_empty() && limits["max_buffer_size"] > 0);
-    assert_eq!(on_gpu.iteration, 20);
+    assert_eq!(on_gpu.iteration, iterations);
     assert!(on_gpu.train_loss < 0.9 * first_loss);
     let (gpu, cpu) = (on_gpu.novel_psnr_db.unwrap(), on_cpu.novel_psnr_db.unwrap());
     assert!((gpu - cpu).abs() < 0.3, "{gpu} against {cpu} dB");
@@ -180,8 +268,18 @@ fn steps_that_found_no_room_are_done_again() {
         }
         model
     };
+    let (deformation, weights) = deformation(&scene);
+    let settings = TrainSettings {
+        deformation: Some(deformation),
+        ..settings()
+    };
+    let rates = [&RATES[..5], &[1e-3]].concat();
     let run = |renders_first: bool| {
-        let mut stepper = on_device(&gpu, &scene, wide());
+        let model = Model {
+            deformation: Some(weights.clone()),
+            ..wide()
+        };
+        let mut stepper = GpuStepper::new(Arc::clone(&gpu), &scene, model, &settings).unwrap();
         let entries_at_first = stepper.room_for_entries();
         if renders_first {
             for view in &scene.input_views {
@@ -189,7 +287,10 @@ fn steps_that_found_no_room_are_done_again() {
             }
         }
         for iteration in 1..=4 {
-            let schedule = schedule(iteration, 0, &RATES[..5]);
+            let schedule = StepSchedule {
+                scheduled: iteration,
+                ..schedule(iteration, 0, &rates)
+            };
             stepper.step(iteration as usize, &schedule).unwrap();
         }
         let sums = stepper.take_sums().unwrap();
@@ -222,11 +323,14 @@ fn a_lost_device_ends_a_run_and_leaves_no_old_model() {
 fn a_loss_that_is_not_finite_ends_a_run_with_its_iteration() {
     let Some(gpu) = device() else { return };
     let scene = scene();
-    let settings = RenderSettings {
-        background: [f32::NAN; 3],
-        ..RenderSettings::new(0.01)
+    let settings = TrainSettings {
+        rendering: RenderSettings {
+            background: [f32::NAN; 3],
+            ..RenderSettings::new(0.01)
+        },
+        ..settings()
     };
-    let mut stepper = GpuStepper::new(gpu, &scene, model(&scene, 0), settings, 0.2).unwrap();
+    let mut stepper = GpuStepper::new(gpu, &scene, model(&scene, 0), &settings).unwrap();
     for iteration in 1..=3 {
         stepper
             .step(0, &schedule(iteration, 0, &RATES[..5]))

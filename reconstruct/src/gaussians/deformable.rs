@@ -15,6 +15,8 @@
 //! hundreds of units across; quaternions are made unit ones again and scales stay positive, as the
 //! renderer expects them; the output layer begins at 0, so that the network comes in without a jump.
 
+pub(crate) mod gpu;
+
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 

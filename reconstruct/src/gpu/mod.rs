@@ -4,6 +4,7 @@
 //! * `buffer`, `shader`, `program`: typed buffers, WGSL modules, and recorded chains of kernels.
 //! * `scan`: prefix sums.
 //! * [`GpuRenderer`]: the chain of kernels that renders a view and takes its gradient back.
+//! * `device_model`: a model's arrays on the device and the programs of a step on them.
 //! * [`GpuStepper`]: whole training steps that stay on the device.
 //!
 //! A stage's WGSL lies beside its twin for the processor, `kernels/<stage>/cpu.rs`, with the same
@@ -13,6 +14,7 @@
 
 mod buffer;
 mod device;
+pub(crate) mod device_model;
 mod error;
 mod program;
 mod render_buffers;
@@ -25,6 +27,7 @@ mod trainer;
 pub(crate) use buffer::{DeviceBuffer, Uniform};
 pub use device::Gpu;
 pub(crate) use device::WORKGROUP;
+pub(crate) use device_model::Parameterization;
 pub use error::GpuError;
 pub(crate) use program::{Kernel, Program};
 #[cfg(test)]
@@ -35,7 +38,6 @@ pub(crate) use scan::Scan;
 pub(crate) use shader::{Shader, wgsl_struct};
 pub(crate) use table::TableBuffers;
 pub use trainer::GpuStepper;
-pub(crate) use trainer::Parameterization;
 
 /// A device for a test, or nothing and a line why on a machine without any adapter.
 #[cfg(test)]

@@ -81,9 +81,10 @@ mod tests {
 
     use super::*;
     use crate::{
-        gaussians::static_gaussians,
-        gpu::{render_buffers, scan, trainer},
+        gaussians::{deformable, static_gaussians},
+        gpu::{device_model, render_buffers, scan},
         kernels::{adam, bin, loss, project, raster, sort},
+        mlp,
     };
 
     fn shaders() -> Vec<Shader> {
@@ -101,13 +102,16 @@ mod tests {
             loss::gpu::shader(),
             adam::gpu::shader(),
             static_gaussians::gpu::shader(),
+            deformable::gpu::shader(),
+            mlp::gpu::shader(),
+            mlp::product_gpu::shader(),
         ];
         for shape in &shapes {
             shaders.extend([
                 project::gpu::shader(shape),
                 bin::gpu::shader(shape),
                 raster::gpu::shader(shape),
-                trainer::shader(shape),
+                device_model::shader(shape),
             ]);
         }
         shaders
@@ -178,7 +182,12 @@ mod tests {
             compare::<loss::gpu::LossSettings>(&modules, "LossSettings"),
             compare::<adam::gpu::AdamStep>(&modules, "AdamStep"),
             compare::<static_gaussians::gpu::StaticArrays>(&modules, "StaticArrays"),
-            compare::<trainer::StepView>(&modules, "StepView"),
+            compare::<device_model::StepView>(&modules, "StepView"),
+            compare::<deformable::gpu::Canonical>(&modules, "Canonical"),
+            compare::<mlp::gpu::SharedInputs>(&modules, "SharedInputs"),
+            compare::<mlp::gpu::RowSums>(&modules, "RowSums"),
+            compare::<mlp::gpu::PartSums>(&modules, "PartSums"),
+            compare::<mlp::product_gpu::Product>(&modules, "Product"),
         ];
         assert!(found.iter().all(|&count| count > 0), "{found:?}");
     }

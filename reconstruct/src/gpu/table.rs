@@ -1,10 +1,7 @@
 //! A table of parameter arrays in the device's memory: array after array in four buffers.
 
 use super::{buffer::DeviceBuffer, device::Gpu, error::GpuError};
-use crate::{
-    gaussians::{GaussianTable, ParameterArray},
-    kernels::adam::gpu::MAX_ARRAYS,
-};
+use crate::{gaussians::ParameterArray, kernels::adam::gpu::MAX_ARRAYS};
 
 /// Values, gradients and moments of all arrays of a table.
 #[derive(Debug)]
@@ -18,12 +15,11 @@ pub(crate) struct TableBuffers {
 }
 
 impl TableBuffers {
-    /// A copy of the table.
-    pub(crate) fn new(gpu: &Gpu, table: &GaussianTable) -> Result<Self, GpuError> {
-        assert!(table.arrays.len() <= MAX_ARRAYS, "too many arrays");
+    /// A copy of a table's arrays.
+    pub(crate) fn new(gpu: &Gpu, arrays: &[ParameterArray]) -> Result<Self, GpuError> {
+        assert!(arrays.len() <= MAX_ARRAYS, "too many arrays");
         let mut len = 0;
-        let ends = table
-            .arrays
+        let ends = arrays
             .iter()
             .map(|array| {
                 len += array.values.len();
@@ -44,7 +40,7 @@ impl TableBuffers {
             ends,
         };
         let mut first = 0;
-        for array in &table.arrays {
+        for array in arrays {
             buffers.values.write(gpu, first, &array.values);
             buffers
                 .first_moments
@@ -62,8 +58,8 @@ impl TableBuffers {
         if array == 0 { 0 } else { self.ends[array - 1] }
     }
 
-    /// Copies values, gradients and moments back into a table of the same arrays.
-    pub(crate) fn read(&self, gpu: &Gpu, table: &mut GaussianTable) -> Result<(), GpuError> {
+    /// Copies values, gradients and moments back into arrays of the same sizes.
+    pub(crate) fn read(&self, gpu: &Gpu, arrays: &mut [ParameterArray]) -> Result<(), GpuError> {
         type Column = fn(&mut ParameterArray) -> &mut Vec<f32>;
         let columns: [(&DeviceBuffer<f32>, Column); 4] = [
             (&self.values, |array| &mut array.values),
@@ -74,7 +70,7 @@ impl TableBuffers {
         for (buffer, column) in columns {
             let all = buffer.read(gpu)?;
             let mut rest = all.as_slice();
-            for array in &mut table.arrays {
+            for array in &mut *arrays {
                 let column = column(array);
                 let (mine, others) = rest.split_at(column.len());
                 column.copy_from_slice(mine);

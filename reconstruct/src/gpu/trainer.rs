@@ -10,94 +10,31 @@ use std::{collections::VecDeque, sync::Arc};
 use omnilife_schemas::{RgbImage, records::Backend};
 
 use super::{
-    buffer::{DeviceBuffer, Uniform},
+    buffer::DeviceBuffer,
     device::Gpu,
+    device_model::{DeviceArrays, DeviceModel, NetworkStep, StepKernels},
     error::GpuError,
-    program::{Kernel, Program},
-    render_buffers::{DeviceStatus, HALTED_FULL, HALTED_RUNNING, RenderBuffers, RenderShape},
-    renderer::{Chain, Chains, with_slack},
-    shader::{Shader, wgsl_struct},
-    table::TableBuffers,
+    render_buffers::{DeviceStatus, HALTED_FULL, HALTED_RUNNING, RenderShape},
+    renderer::with_slack,
 };
 use crate::{
     camera::View,
     error::ReconstructError,
-    gaussians::static_gaussians::{self, gpu::StaticGaussians},
+    gaussians::{InstantGaussians, deformable::Deformation, static_gaussians},
     kernels::{
         RenderSettings,
-        adam::gpu::Adam,
-        loss::gpu::{Loss, loss_value, pack_pixels},
+        loss::gpu::{loss_value, pack_pixels},
     },
     scene::TrainingScene,
-    train::step::{Model, StepSchedule, StepSums, Stepper},
+    train::{
+        deformation_settings::DeformationSettings,
+        settings::TrainSettings,
+        step::{Model, StepSchedule, StepSums, Stepper},
+    },
 };
 
 /// Steps that the device may be given before the host looks what became of them.
 const LOOK_INTERVAL: u64 = 50;
-
-/// From the arrays of a table to Gaussians at one instant and back with gradients, on the device.
-/// One implementation per parameterization, in its folder beside the WGSL.
-pub(crate) trait Parameterization: std::fmt::Debug {
-    /// Fills `buffers.gaussians` and `buffers.harmonics`.
-    fn instantiate(
-        &self,
-        gpu: &Gpu,
-        program: &mut Program,
-        table: &TableBuffers,
-        buffers: &RenderBuffers,
-    ) -> Result<(), GpuError>;
-
-    /// Fills `table.gradients`.
-    fn instantiate_vjp(
-        &self,
-        gpu: &Gpu,
-        program: &mut Program,
-        table: &TableBuffers,
-        buffers: &RenderBuffers,
-    ) -> Result<(), GpuError>;
-}
-
-wgsl_struct! {
-    /// What the statistics depend on.
-    pub(crate) struct StepView {
-        gaussians: u32,
-        pad: u32,
-        half_size: [f32; 2],
-    }
-}
-
-pub(crate) fn shader(shape: &RenderShape) -> Shader {
-    Shader {
-        file: "step.wgsl",
-        constants: shape.constants(),
-        parts: &[
-            include_str!("common.wgsl"),
-            include_str!("status.wgsl"),
-            include_str!("step.wgsl"),
-        ],
-    }
-}
-
-/// Kernels that do not depend on the number of Gaussians.
-#[derive(Debug)]
-struct Kernels {
-    parameterization: StaticGaussians,
-    loss: Loss,
-    adam: Adam,
-    judge_loss: Kernel,
-    add_statistics: Kernel,
-}
-
-/// The model on the device, and the program of a step on it.
-#[derive(Debug)]
-struct DeviceModel {
-    table: TableBuffers,
-    gradient_sums: DeviceBuffer<f32>,
-    view_counts: DeviceBuffer<u32>,
-    chain: Chain,
-    instantiate: Program,
-    step: Program,
-}
 
 /// Which copy of the model is the newest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -107,25 +44,30 @@ enum Newest {
     Both,
 }
 
+/// A step that the device was given and the host has not looked after.
+#[derive(Debug, Clone, PartialEq, Default)]
+struct Pending {
+    view: usize,
+    schedule: StepSchedule,
+    network: Option<NetworkStep>,
+}
+
 /// Training steps on a graphics device; the twin of [`crate::train::cpu_step::CpuStepper`].
 #[derive(Debug)]
 pub struct GpuStepper<'a> {
     gpu: Arc<Gpu>,
     scene: &'a TrainingScene,
     settings: RenderSettings,
-    chains: Chains,
-    kernels: Kernels,
+    deformation: Option<DeformationSettings>,
+    kernels: StepKernels,
     /// Images of the input views.
     targets: Vec<DeviceBuffer<u32>>,
-    target: DeviceBuffer<u32>,
-    losses: DeviceBuffer<[f32; 4]>,
     model: Model,
     newest: Newest,
     on_device: Option<DeviceModel>,
     /// Room for tile entries.
     entries: usize,
-    /// Steps that the device was given and the host has not looked after.
-    pending: VecDeque<(usize, StepSchedule)>,
+    pending: VecDeque<Pending>,
     sums: StepSums,
 }
 
@@ -138,28 +80,17 @@ impl<'a> GpuStepper<'a> {
         gpu: Arc<Gpu>,
         scene: &'a TrainingScene,
         model: Model,
-        settings: RenderSettings,
-        ssim_weight: f32,
+        settings: &TrainSettings,
     ) -> Result<Self, GpuError> {
         let size = (scene.camera.width, scene.camera.height);
-        let pixels = size.0 as usize * size.1 as usize;
-        let shape = RenderShape {
-            gaussians: 0,
-            sh_degree: 0,
-            features: 0,
-            width: size.0 as usize,
-            height: size.1 as usize,
-            entries: 0,
-        };
-        let [judge_loss, add_statistics] =
-            Kernel::compile(&gpu, &shader(&shape), ["judge_loss", "add_statistics"])?;
-        let kernels = Kernels {
-            parameterization: StaticGaussians::new(&gpu)?,
-            loss: Loss::new(&gpu, size, true, ssim_weight)?,
-            adam: Adam::new(&gpu)?,
-            judge_loss,
-            add_statistics,
-        };
+        let network = settings.deformation.map(|deformation| deformation.model);
+        let kernels = StepKernels::new(
+            Arc::clone(&gpu),
+            size,
+            settings.ssim_weight,
+            (&model, network),
+            LOOK_INTERVAL as usize,
+        )?;
         let targets = scene
             .input_views
             .iter()
@@ -167,12 +98,10 @@ impl<'a> GpuStepper<'a> {
             .collect::<Result<_, GpuError>>()?;
         Ok(Self {
             scene,
-            settings,
-            chains: Chains::default(),
+            settings: settings.rendering,
+            deformation: settings.deformation,
             kernels,
             targets,
-            target: DeviceBuffer::zeros(&gpu, "image of the view", pixels)?,
-            losses: DeviceBuffer::zeros(&gpu, "losses", LOOK_INTERVAL as usize)?,
             model,
             newest: Newest::Host,
             on_device: None,
@@ -207,84 +136,17 @@ impl<'a> GpuStepper<'a> {
         }
         // Before the new one is made: both may not fit.
         self.on_device = None;
-        let gpu = &*self.gpu;
-        let statistics = &self.model.statistics;
-        let model = self.device_model(
-            TableBuffers::new(gpu, &self.model.table)?,
-            DeviceBuffer::of(gpu, "gradient statistics", &statistics.sums)?,
-            DeviceBuffer::of(gpu, "view statistics", &statistics.views)?,
-        )?;
-        self.on_device = Some(model);
+        let arrays = DeviceArrays::upload(&self.gpu, &self.model)?;
+        self.on_device = Some(self.device_model(arrays)?);
         self.newest = Newest::Both;
         Ok(())
     }
 
-    /// Records the programs of a step on a model.
-    fn device_model(
-        &mut self,
-        table: TableBuffers,
-        gradient_sums: DeviceBuffer<f32>,
-        view_counts: DeviceBuffer<u32>,
-    ) -> Result<DeviceModel, GpuError> {
+    /// The model with the programs of a step on it.
+    fn device_model(&mut self, arrays: DeviceArrays) -> Result<DeviceModel, GpuError> {
         let shape = self.shape();
         self.entries = shape.entries;
-        let gpu = &*self.gpu;
-        let Kernels {
-            parameterization,
-            loss,
-            adam,
-            judge_loss,
-            add_statistics,
-        } = &self.kernels;
-        let chain = self.chains.chain(gpu, shape)?;
-        let buffers = &chain.buffers;
-        let status = &buffers.status.raw;
-        let mut instantiate = Program::default();
-        parameterization.instantiate(gpu, &mut instantiate, &table, buffers)?;
-        let mut step = Program::default();
-        step.append(&instantiate);
-        step.append(&chain.forward);
-        loss.record(gpu, &mut step, &buffers.image, &self.target);
-        step.run_workgroups(
-            gpu,
-            judge_loss,
-            1,
-            &[&loss.value.raw, status, &self.losses.raw],
-        );
-        self.chains
-            .backward(gpu, &mut step, buffers, &loss.gradient)?;
-        parameterization.instantiate_vjp(gpu, &mut step, &table, buffers)?;
-        let half_size = [0.5 * shape.width as f32, 0.5 * shape.height as f32];
-        let view = Uniform::of(
-            gpu,
-            "statistics",
-            &StepView {
-                gaussians: shape.gaussians as u32,
-                pad: 0,
-                half_size,
-            },
-        )?;
-        step.run(
-            gpu,
-            add_statistics,
-            shape.gaussians,
-            &[
-                &view.raw,
-                status,
-                &buffers.splat_gradients.raw,
-                &gradient_sums.raw,
-                &view_counts.raw,
-            ],
-        );
-        adam.record(gpu, &mut step, &table, status);
-        Ok(DeviceModel {
-            table,
-            gradient_sums,
-            view_counts,
-            chain,
-            instantiate,
-            step,
-        })
+        self.kernels.device_model(arrays, shape)
     }
 
     /// The model on the device; whoever takes it puts it back, unless the device has failed. Then
@@ -297,13 +159,14 @@ impl<'a> GpuStepper<'a> {
     }
 
     /// Gives one step to the device.
-    fn submit(&self, model: &DeviceModel, view: usize, schedule: &StepSchedule) {
+    fn submit(&self, model: &DeviceModel, step: &Pending) {
         let gpu = &*self.gpu;
+        let schedule = &step.schedule;
         let settings = RenderSettings {
             sh_degree: schedule.sh_degree,
             ..self.settings
         };
-        let scene_view = &self.scene.input_views[view].view;
+        let scene_view = &self.scene.input_views[step.view].view;
         model.chain.buffers.set_view(gpu, scene_view, &settings);
         self.kernels.adam.set_step(
             gpu,
@@ -311,10 +174,14 @@ impl<'a> GpuStepper<'a> {
             schedule.iteration,
             &schedule.learning_rates,
         );
+        if let Some(network) = &step.network {
+            self.kernels.set_network_step(model, network);
+        }
+        let programs = model.programs(gpu, step.network.map(|network| network.time));
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        let image = &self.targets[view].raw;
-        encoder.copy_buffer_to_buffer(image, 0, &self.target.raw, 0, image.size());
-        model.step.encode(&mut encoder);
+        let image = &self.targets[step.view].raw;
+        encoder.copy_buffer_to_buffer(image, 0, &self.kernels.target.raw, 0, image.size());
+        programs.step.encode(&mut encoder);
         gpu.queue.submit([encoder.finish()]);
     }
 
@@ -324,7 +191,7 @@ impl<'a> GpuStepper<'a> {
             let model = self.take_model()?;
             let gpu = &*self.gpu;
             let status = model.chain.buffers.status.read(gpu)?[0];
-            let losses = self.losses.read(gpu)?;
+            let losses = self.kernels.losses.read(gpu)?;
             for value in &losses[..status.steps as usize] {
                 let value = loss_value(*value);
                 self.sums.steps += 1;
@@ -332,7 +199,8 @@ impl<'a> GpuStepper<'a> {
                 self.sums.squared_error += value.mse;
             }
             self.pending.drain(..status.steps as usize);
-            let arrays = model.table.ends.len();
+            let networks = usize::from(self.model.deformation.is_some());
+            let arrays = model.table.ends.len() + networks;
             self.sums.refused.resize(arrays, 0);
             for (sum, &refused) in self.sums.refused.iter_mut().zip(&status.refused) {
                 *sum += u64::from(refused);
@@ -342,8 +210,8 @@ impl<'a> GpuStepper<'a> {
             match (status.halted, self.pending.front()) {
                 (HALTED_FULL, Some(_)) => {
                     let model = self.make_room(model, status.entries)?;
-                    for (view, schedule) in &self.pending {
-                        self.submit(&model, *view, schedule);
+                    for step in &self.pending {
+                        self.submit(&model, step);
                     }
                     self.on_device = Some(model);
                 }
@@ -354,7 +222,7 @@ impl<'a> GpuStepper<'a> {
                         .into());
                 }
                 (_, front) => {
-                    let (view, schedule) = front.cloned().unwrap_or_default();
+                    let Pending { view, schedule, .. } = front.cloned().unwrap_or_default();
                     return Err(ReconstructError::Diverged {
                         scene: self.scene.id.clone(),
                         iteration: schedule.iteration,
@@ -369,19 +237,51 @@ impl<'a> GpuStepper<'a> {
         Ok(())
     }
 
+    /// The network's part in the next step, where it has one.
+    fn network_step(&mut self, view: usize, schedule: &StepSchedule) -> Option<NetworkStep> {
+        let view = &self.scene.input_views[view].view;
+        let time = self.deformation.as_ref()?.step_time(view, schedule)?;
+        let weights = self.model.deformation.as_mut()?;
+        weights.steps += 1;
+        Some(NetworkStep {
+            time,
+            number: weights.steps,
+            learning_rate: schedule.learning_rates.last().copied().unwrap_or_default(),
+        })
+    }
+
+    /// The network's time of a view, where it has learnt anything.
+    fn image_time(&self, view: &View) -> Option<f32> {
+        let settings = self.deformation.as_ref()?;
+        settings.image_time(view, self.model.deformation.as_ref()?)
+    }
+
+    /// What the host's model looks like, where the network takes part at a time.
+    fn instant(&self, network_time: Option<f32>) -> InstantGaussians {
+        let mut instant = InstantGaussians::default();
+        let table = &self.model.table;
+        match (network_time, &self.deformation, &self.model.deformation) {
+            (Some(time), Some(settings), Some(weights)) => {
+                let weights = &weights.array.values;
+                Deformation::without_gradients().instantiate(
+                    &settings.model,
+                    weights,
+                    table,
+                    time,
+                    &mut instant,
+                );
+            }
+            _ => static_gaussians::instantiate(table, &mut instant),
+        }
+        instant
+    }
+
     /// The same model with room for at least `entries`.
     fn make_room(&mut self, model: DeviceModel, entries: u32) -> Result<DeviceModel, GpuError> {
-        let DeviceModel {
-            table,
-            gradient_sums,
-            view_counts,
-            chain,
-            ..
-        } = model;
-        // Before the larger one is made: both may not fit.
-        drop(chain);
+        // The renderer's buffers go before the larger ones are made: both may not fit.
+        let arrays = model.into_arrays();
         self.entries = with_slack(entries);
-        self.device_model(table, gradient_sums, view_counts)
+        self.device_model(arrays)
     }
 
     /// Brings the host's copy of the model up to date.
@@ -390,7 +290,11 @@ impl<'a> GpuStepper<'a> {
         if self.newest == Newest::Device {
             let on_device = self.take_model()?;
             let gpu = &*self.gpu;
-            on_device.table.read(gpu, &mut self.model.table)?;
+            on_device.table.read(gpu, &mut self.model.table.arrays)?;
+            let of_network = self.model.deformation.as_mut().zip(on_device.weights());
+            if let Some((weights, on_device)) = of_network {
+                on_device.read(gpu, std::slice::from_mut(&mut weights.array))?;
+            }
             self.model.statistics.sums = on_device.gradient_sums.read(gpu)?;
             self.model.statistics.views = on_device.view_counts.read(gpu)?;
             self.on_device = Some(on_device);
@@ -400,12 +304,17 @@ impl<'a> GpuStepper<'a> {
     }
 
     /// Renders with the buffers of the training steps, which fit the size of the input views.
-    fn render(&mut self, view: &View, settings: &RenderSettings) -> Result<Vec<f32>, GpuError> {
+    fn render(
+        &mut self,
+        view: &View,
+        network_time: Option<f32>,
+        settings: &RenderSettings,
+    ) -> Result<Vec<f32>, GpuError> {
         loop {
             let model = self.take_model()?;
             let gpu = &*self.gpu;
             model.chain.buffers.set_view(gpu, view, settings);
-            model.instantiate.submit(gpu);
+            model.programs(gpu, network_time).instantiate.submit(gpu);
             model.chain.forward.submit(gpu);
             let status = model.chain.buffers.status.read(gpu)?[0];
             let fresh = [DeviceStatus::default()];
@@ -432,11 +341,16 @@ impl Stepper for GpuStepper<'_> {
 
     fn step(&mut self, view: usize, schedule: &StepSchedule) -> Result<(), ReconstructError> {
         self.upload()?;
+        let step = Pending {
+            view,
+            network: self.network_step(view, schedule),
+            schedule: schedule.clone(),
+        };
         let model = self.take_model()?;
-        self.submit(&model, view, schedule);
+        self.submit(&model, &step);
         self.on_device = Some(model);
         self.newest = Newest::Device;
-        self.pending.push_back((view, schedule.clone()));
+        self.pending.push_back(step);
         let look = schedule.iteration.is_multiple_of(LOOK_INTERVAL);
         if look || self.pending.len() as u64 == LOOK_INTERVAL {
             self.settle()?;
@@ -470,11 +384,10 @@ impl Stepper for GpuStepper<'_> {
         let (width, height) = (view.camera.width() as usize, view.camera.height() as usize);
         let camera = &self.scene.camera;
         let image = if (camera.width as usize, camera.height as usize) == (width, height) {
-            self.render(view, &settings)?
+            self.render(view, self.image_time(view), &settings)?
         } else {
             self.download()?;
-            let mut instant = Default::default();
-            static_gaussians::instantiate(&self.model.table, &mut instant);
+            let instant = self.instant(self.image_time(view));
             let mut renderer = super::GpuRenderer::new(Arc::clone(&self.gpu), settings);
             renderer.forward(view, &instant)?.colour
         };

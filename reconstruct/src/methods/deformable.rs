@@ -87,9 +87,9 @@ fn deformation_settings(
 fn prepare(
     scene: &TrainingScene,
     request: &MethodRequest,
-    backend: BackendChoice,
+    _: BackendChoice,
 ) -> Result<Prepared, ReconstructError> {
-    let clock = dynamic::check(METHOD.id, scene, backend)?;
+    let clock = Clock::of(scene)?;
     let mut settings = odgs::settings(scene, request);
     let first = odgs::first_gaussians(scene, &settings, request, 0);
     let mut components = Components::new(request, first.plan);

@@ -3,8 +3,11 @@
 //! * [`encoding`]: positional encoding of its inputs.
 //! * [`network`]: its layers and their weights; [`passes`]: forward and backward, block by block.
 //! * `product`: matrix products.
+//! * `gpu`, `product_gpu`: the same on a graphics device.
 
 pub mod encoding;
+pub(crate) mod gpu;
 pub mod network;
 pub mod passes;
 mod product;
+pub(crate) mod product_gpu;

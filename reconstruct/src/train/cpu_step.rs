@@ -53,20 +53,6 @@ impl<'a> CpuStepper<'a> {
         }
     }
 
-    /// The network's time of a view, where the network takes part in a step.
-    fn step_time(&self, view: &View, schedule: &StepSchedule) -> Option<f32> {
-        let (settings, _) = self.deformation.as_ref()?;
-        (schedule.scheduled > settings.warm_up_iterations)
-            .then(|| settings.unit_time(view.time_seconds, schedule.shift_frames))
-    }
-
-    /// The network's time of a view, where it has learnt anything.
-    fn image_time(&self, view: &View) -> Option<f32> {
-        let (settings, _) = self.deformation.as_ref()?;
-        let weights = self.model.deformation.as_ref()?;
-        (weights.steps > 0).then(|| settings.unit_time(view.time_seconds, 0.0))
-    }
-
     fn instantiate(&mut self, time: Option<f32>) {
         let (table, out) = (&self.model.table, &mut self.instant);
         match (time, &mut self.deformation, &self.model.deformation) {
@@ -120,7 +106,8 @@ impl Stepper for CpuStepper<'_> {
 
     fn step(&mut self, view: usize, schedule: &StepSchedule) -> Result<(), ReconstructError> {
         let view = &self.scene.input_views[view];
-        let time = self.step_time(&view.view, schedule);
+        let deformation = self.deformation.as_ref();
+        let time = deformation.and_then(|(settings, _)| settings.step_time(&view.view, schedule));
         self.instantiate(time);
         let raster = self
             .renderer
@@ -171,7 +158,11 @@ impl Stepper for CpuStepper<'_> {
     }
 
     fn image(&mut self, view: &View, sh_degree: usize) -> Result<RgbImage, ReconstructError> {
-        let time = self.image_time(view);
+        let network = self
+            .deformation
+            .as_ref()
+            .zip(self.model.deformation.as_ref());
+        let time = network.and_then(|((settings, _), weights)| settings.image_time(view, weights));
         self.instantiate(time);
         Ok(self.renderer.image(view, &self.instant, sh_degree))
     }

@@ -6,6 +6,8 @@ struct AdamStep {
     arrays: u32,
     // 1 / sqrt(1 - beta2^t)
     inverse_root: f32,
+    // Number of the table's first array among those that refused gradients are counted for.
+    first_array: u32,
     // Where each array ends, counted in values from the beginning of the first.
     ends: array<vec4<u32>, 4>,
     // Step size of each array, over 1 - beta1^t.
@@ -39,7 +41,7 @@ fn update(
     var g = gradients[index];
     // A gradient that is not finite counts as zero.
     if !is_finite(g) {
-        atomicAdd(&status.refused[array_number], 1u);
+        atomicAdd(&status.refused[adam_step.first_array + array_number], 1u);
         g = 0.0;
     }
     let m = BETA_1 * first_moments[index] + (1.0 - BETA_1) * g;
