@@ -9,9 +9,10 @@ use std::{
 };
 
 use omnilife_schemas::{
+    Pose,
     progress::Progress,
     provenance,
-    records::{RunRecord, Scene, Split, ViewPredictions},
+    records::{PosedFrame, Poses, RunRecord, Scale, Scene, Split, ViewPredictions},
     stage::StagePlan,
     store::{self, StoreError},
 };
@@ -23,7 +24,7 @@ use crate::{
     methods::{self, MethodOutcome, MethodRequest},
     process,
     scene::{SceneView, TrainingScene},
-    train::{BackendChoice, Session, TrainingFiles, trace},
+    train::{BackendChoice, Session, TrainingFiles, step::Model, trace},
 };
 
 /// Name of the record in the run's folder.
@@ -34,6 +35,9 @@ pub const GAUSSIANS_FILE: &str = "gaussians.ply";
 pub const MOVING_GAUSSIANS_FILE: &str = "gaussians-moving.ply";
 /// Name of the network that deforms Gaussians in the run's folder; most methods have none.
 pub const DEFORMATION_FILE: &str = "deformation.safetensors";
+/// Name of the refined poses in the run's folder, where they were refined: those of the input views,
+/// and what is taken for those of the novel views.
+pub const REFINED_POSES_FILE: &str = "refined-poses.json";
 /// Name of the checkpoint in the run's folder; it is there while a run is not over.
 pub const CHECKPOINT_FILE: &str = "checkpoint.bin";
 const TRACE_FILE: &str = "trace.csv";
@@ -151,6 +155,14 @@ pub fn reconstruct(
         deformation_file::write(&deformation_path, &settings.model, weights)?;
         outputs.push(DEFORMATION_FILE.to_owned());
     }
+    let poses_path = request.out.join(REFINED_POSES_FILE);
+    store::remove(&poses_path)?;
+    if model.poses.is_some() {
+        let of_scene: Scene = store::read_record(&request.scene)?;
+        let poses = refined_poses(&scene, model, of_scene.scale);
+        store::write_record(&poses_path, &poses)?;
+        outputs.push(REFINED_POSES_FILE.to_owned());
+    }
     trace::write_csv(&trace_path, &trained.state.trace)?;
     let split: Split = store::read_record(&request.split)?;
     let record = RunRecord {
@@ -246,6 +258,29 @@ fn render_predictions(
         .and_then(|()| render(&scene.novel_views, NOVEL_FOLDER));
     progress.end();
     outcome.map(|()| files)
+}
+
+/// The poses of all views of the split as the model has them, in world units and in order of time.
+fn refined_poses(scene: &TrainingScene, model: &Model, scale: Scale) -> Poses {
+    let views = scene.input_views.iter().chain(&scene.novel_views);
+    let mut frames: Vec<PosedFrame> = views
+        .filter_map(|view| {
+            let view = model.corrected(&view.view);
+            let centre = scene.normalization.restore(view.centre.as_dvec3());
+            let pose = Pose::from_matrix(view.rotation.transpose().as_dmat3(), centre)?;
+            Some(PosedFrame {
+                time_seconds: view.time_seconds,
+                pose,
+                mask: None,
+            })
+        })
+        .collect();
+    frames.sort_by(|one, other| one.time_seconds.total_cmp(&other.time_seconds));
+    Poses {
+        scale,
+        frames,
+        points: None,
+    }
 }
 
 /// Makes the folder, and removes the views of an earlier run, which another split would score by

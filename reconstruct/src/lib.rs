@@ -6,8 +6,9 @@
 //!   [`mlp`]: the network that deforms Gaussians.
 //! * [`densify`], [`optim`]: when Gaussians are added and removed, and how fast they move.
 //! * [`methods`]: one file per published method; [`train`] orders the calls.
-//! * [`plan`]: what a scene gives a method reason for; [`motion_evidence`]: whether anything moves;
-//!   [`exposure`]: how bright the views are.
+//! * [`plan`]: what a scene gives a method reason for; [`warm_up`]: a short static training, and what
+//!   is seen in it: [`motion_evidence`]: whether anything moves; [`exposure`]: how bright the views are;
+//!   [`pose_evidence`]: how far their poses are off.
 //! * [`interpolation`]: methods that learn nothing: a spherical sweep, and baselines;
 //! * [`job`]: one method on one scene, from `scene.json` and `split.json` to `run.json` and images;
 //!   [`render_job`]: Gaussians along given poses, whole or in the layers of [`render_layers`];
@@ -34,6 +35,7 @@ pub mod mlp;
 pub mod motion_evidence;
 pub mod optim;
 pub mod plan;
+pub mod pose_evidence;
 pub mod process;
 pub mod reference;
 pub mod render;
@@ -42,5 +44,6 @@ pub mod render_layers;
 pub mod scene;
 pub mod stability;
 pub mod train;
+pub mod warm_up;
 
 pub use error::ReconstructError;

@@ -91,7 +91,7 @@ pub fn plan(
     })
 }
 
-/// Static and moving Gaussians of a model, and the bytes of their tables and of a network.
+/// Static and moving Gaussians of a model, and the bytes of their tables, of a network and of poses.
 fn size(model: &Model) -> (u64, u64, u64) {
     let fixed = model.table.len() as u64;
     let mut bytes = memory::table_bytes(fixed, &model.table.shapes());
@@ -102,6 +102,9 @@ fn size(model: &Model) -> (u64, u64, u64) {
     }
     if let Some(weights) = &model.deformation {
         bytes += weights.array.bytes();
+    }
+    if let Some(poses) = &model.poses {
+        bytes += memory::table_bytes(poses.steps.len() as u64, &poses.table.shapes());
     }
     (fixed, moving, bytes)
 }

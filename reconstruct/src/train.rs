@@ -3,7 +3,8 @@
 //! * [`settings`]: what to do, and where in its schedule a run stands.
 //! * [`step`]: what a backend does; [`cpu_step`]: the processor; [`dynamic_step`]: the processor where
 //!   Gaussians depend on time, as [`dynamic_settings`] say.
-//! * [`deformation_settings`]: what a network that deforms static Gaussians adds to a step.
+//! * [`deformation_settings`]: what a network that deforms static Gaussians adds to a step;
+//!   [`pose_refinement`]: what is done with the pose of the view that is drawn.
 //! * [`timing`]: what a step takes; [`trace`]: error against run time; [`checkpoint`]: how a run survives an interruption.
 
 pub mod checkpoint;
@@ -12,6 +13,7 @@ pub mod cpu_step;
 pub mod deformation_settings;
 pub mod dynamic_settings;
 pub mod dynamic_step;
+pub mod pose_refinement;
 mod refusal;
 pub mod settings;
 pub mod step;
@@ -40,6 +42,7 @@ use self::{
     trace::TracePoint,
 };
 use crate::{
+    camera::corrections::{CAMERA_CENTRES, CAMERA_ROTATIONS},
     densify::{self, DensityContext},
     error::ReconstructError,
     gaussians::{ArrayShape, deformable::DEFORMATION_WEIGHTS},
@@ -351,11 +354,10 @@ impl<'a, 's> Trainer<'a, 's> {
     /// Takes the backend's sums, and stops a run whose gradients are not worth following.
     fn check(&mut self) -> Result<(), ReconstructError> {
         let sums = self.stepper.take_sums()?;
-        let (all, moving) = (self.stepper.gaussians(), self.stepper.moving_gaussians());
         let rows = |array: usize| match self.arrays[array].name {
-            DEFORMATION_WEIGHTS => 1,
-            _ if array < self.static_arrays => all,
-            _ => moving,
+            // A step moves the pose of one view.
+            CAMERA_ROTATIONS | CAMERA_CENTRES => 1,
+            _ => self.rows(array),
         };
         if let Some(what) = too_much_refused(&self.arrays, rows, &sums) {
             return Err(ReconstructError::Diverged {
@@ -389,20 +391,22 @@ impl<'a, 's> Trainer<'a, 's> {
         Ok(())
     }
 
-    /// Bytes of both tables, and of a network's weights.
-    fn table_bytes(&self) -> u64 {
-        let moving = self.stepper.moving_gaussians();
-        let fixed = self.stepper.gaussians() - moving;
-        memory::table_bytes(fixed as u64, &self.arrays[..self.static_arrays])
-            + memory::table_bytes(moving as u64, &self.arrays)
-            + self.network_bytes()
+    /// How many rows an array has.
+    fn rows(&self, array: usize) -> usize {
+        match self.arrays[array].name {
+            DEFORMATION_WEIGHTS => 1,
+            CAMERA_ROTATIONS | CAMERA_CENTRES => self.scene.input_views.len(),
+            _ if array < self.static_arrays => self.stepper.gaussians(),
+            _ => self.stepper.moving_gaussians(),
+        }
     }
 
-    fn network_bytes(&self) -> u64 {
-        match self.arrays.last() {
-            Some(array) if array.name == DEFORMATION_WEIGHTS => memory::table_bytes(1, &[*array]),
-            _ => 0,
-        }
+    /// Bytes of everything that is trained.
+    fn table_bytes(&self) -> u64 {
+        let arrays = self.arrays.iter().enumerate();
+        arrays
+            .map(|(number, array)| memory::table_bytes(self.rows(number) as u64, &[*array]))
+            .sum()
     }
 
     /// Mean PSNR and SSIM of the novel views.

@@ -14,7 +14,7 @@ mod trained;
 use glam::{DVec2, Vec3};
 use omnilife_reconstruct::{
     methods::{MethodOutcome, MethodRequest, PlanChoice},
-    motion_evidence::WarmUp,
+    warm_up::WarmUp,
 };
 use omnilife_schemas::camera::CameraModel;
 

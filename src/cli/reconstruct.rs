@@ -125,7 +125,8 @@ impl MethodArguments {
 pub(crate) struct RenderArguments {
     /// A run's folder, or a PLY of Gaussians as 3DGS writes it.
     pub(crate) gaussians: PathBuf,
-    /// A poses.json or scene.json.
+    /// A poses.json or scene.json, whose poses are used as they stand; a run that refined poses leaves
+    /// them in refined-poses.json.
     #[arg(long)]
     pub(crate) poses: PathBuf,
     /// Folder of the images.

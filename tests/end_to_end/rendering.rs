@@ -1,6 +1,6 @@
 //! Gaussians of a run rendered along poses.
 
-use std::{ffi::OsStr, fs};
+use std::{ffi::OsStr, fs, path::Path};
 
 use crate::support::{METHOD, SEQUENCE, SMALL_SIZE, omnilife, picture, sample, scratch, small_run};
 
@@ -88,6 +88,47 @@ fn deformed_gaussians_are_rendered_at_the_times_of_their_frames() {
     assert!(message.contains("deformation.safetensors"), "{message}");
 }
 
+/// What a run that refines poses predicts is what its Gaussians show from the poses that it leaves.
+#[test]
+fn refined_poses_show_what_the_run_predicts() {
+    let sequence = small_run().out.join(SEQUENCE);
+    let (scene, split) = (
+        sequence.join("scene.json"),
+        sequence.join("per-scene/split.json"),
+    );
+    let folder = scratch();
+    let (run, out) = (folder.path().join("run"), folder.path().join("views"));
+    let mut arguments = vec!["reconstruct".as_ref(), "train".as_ref(), scene.as_os_str()];
+    arguments.extend(["--split".as_ref(), split.as_os_str()]);
+    arguments.extend(["--out".as_ref(), run.as_os_str()]);
+    let settings = ["--method", "omni4dgs-plus", "--plan", "pose-refinement"];
+    arguments.extend(settings.map(OsStr::new));
+    arguments.extend(["--iterations", "30", "--max-gaussians", "400"].map(OsStr::new));
+    omnilife(arguments).succeeded();
+    let size = format!("{}x{}", SMALL_SIZE.0, SMALL_SIZE.1);
+    let render = |poses: &Path| {
+        let mut arguments = ["--quiet", "reconstruct", "render"]
+            .map(OsStr::new)
+            .to_vec();
+        arguments.extend([run.as_os_str(), "--poses".as_ref(), poses.as_os_str()]);
+        arguments.extend(["--size", &size, "--out"].map(OsStr::new));
+        arguments.push(out.as_os_str());
+        omnilife(arguments).succeeded();
+    };
+    let largest_difference = |kind: &str, frame: &str| {
+        let predicted = picture(&run.join("predictions").join(kind).join(frame));
+        let rendered = picture(&out.join(frame));
+        let pairs = predicted.iter().zip(rendered.iter());
+        pairs.map(|(a, b)| a.abs_diff(*b)).max()
+    };
+    render(&run.join("refined-poses.json"));
+    for (kind, frame) in [("input", "000008.png"), ("novel", "000004.png")] {
+        assert!(largest_difference(kind, frame) <= Some(2), "{frame}");
+    }
+    render(&scene);
+    assert!(largest_difference("input", "000008.png") > Some(2));
+}
+
 #[test]
 fn a_pinhole_camera_sees_what_its_field_of_view_holds() {
     let run = small_run().out.join(METHOD).join("run");
@@ -122,7 +163,7 @@ fn what_cannot_be_rendered_is_refused_in_one_line() {
     let points = sample("points.ply");
     let (poses, scene) = (sample("poses.json"), run.join("run.json"));
     let out = folder.path().join("views");
-    let refused = |gaussians: &std::path::Path, poses: &std::path::Path, more: &[&str]| {
+    let refused = |gaussians: &Path, poses: &Path, more: &[&str]| {
         let mut arguments = ["--quiet", "reconstruct", "render"]
             .map(AsRef::as_ref)
             .to_vec();

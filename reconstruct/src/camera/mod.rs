@@ -3,6 +3,7 @@
 //! The models themselves are defined in f64 in [`omnilife_schemas::camera`]; tests hold each file
 //! here against its definition by finite differences.
 
+pub mod corrections;
 pub mod erp;
 pub mod pinhole;
 pub mod rays;

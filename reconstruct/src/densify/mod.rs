@@ -368,6 +368,7 @@ mod tests {
             },
             moving: None,
             deformation: None,
+            poses: None,
         }
     }
 

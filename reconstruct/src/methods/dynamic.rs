@@ -5,6 +5,7 @@ use rand_pcg::Pcg64Mcg;
 
 use super::{MethodRequest, PlanChoice, Prepared, components::Components, odgs};
 use crate::{
+    camera::corrections::PoseCorrections,
     clock::Clock,
     error::ReconstructError,
     exposure::Exposure,
@@ -15,7 +16,6 @@ use crate::{
     },
     initialize,
     mask_seeds::{MaskSeeds, SeedVelocity, mask_seeds},
-    motion_evidence::WarmUp,
     optim::Decay,
     scene::TrainingScene,
     train::{
@@ -24,6 +24,7 @@ use crate::{
         settings::TrainSettings,
         step::Model,
     },
+    warm_up::WarmUp,
 };
 
 /// Component: opacities rise and fall with time; without it no Gaussian has a lifespan, and none
@@ -291,7 +292,7 @@ pub(super) fn prepared(
 ) -> Result<Prepared, ReconstructError> {
     let sh_degree = settings.rendering.sh_degree;
     let time = settings.dynamics.as_ref().map(|dynamics| dynamics.time);
-    let model = match time.filter(|time| !time.shapes().is_empty()) {
+    let mut model = match time.filter(|time| !time.shapes().is_empty()) {
         Some(time) => beginning.model(&time, sh_degree),
         None => {
             settings.dynamics = None;
@@ -300,6 +301,10 @@ pub(super) fn prepared(
         }
     };
     odgs::require_memory(request, &settings, &model.shapes(), 0)?;
+    if settings.pose_refinement.is_some() {
+        let times = scene.input_views.iter().map(|view| view.view.time_seconds);
+        model.poses = Some(PoseCorrections::new(times.collect()));
+    }
     Ok(Prepared {
         model,
         settings,

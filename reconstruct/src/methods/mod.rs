@@ -8,6 +8,7 @@ pub mod odgs_published;
 pub mod omni4dgs;
 pub mod omni4dgs_plus;
 pub mod periodic;
+mod pose_refinement;
 
 pub use components::PlanChoice;
 

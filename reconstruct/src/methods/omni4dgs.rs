@@ -11,6 +11,7 @@ use super::{
         TEMPORAL_OPACITY, TEMPORAL_SMOOTHING,
     },
     odgs::{self, OPACITY_RESET, SKY_SHELL},
+    pose_refinement,
 };
 use crate::{
     clock::Clock,
@@ -22,13 +23,13 @@ use crate::{
     },
     initialize,
     mask_seeds::{MaskSeeds, SeedVelocity},
-    motion_evidence::WarmUp,
     scene::TrainingScene,
     train::{
         BackendChoice,
         dynamic_settings::{DynamicLoss, DynamicSettings, TemporalSmoothing, VelocityLoss},
         settings::TrainSettings,
     },
+    warm_up::WarmUp,
 };
 
 /// Omni4DGS.
@@ -120,6 +121,8 @@ pub(super) struct Variant {
     pub(super) quickens_lifespans: bool,
     /// Whether gains of the views are compensated, a component then.
     pub(super) compensates_exposure: bool,
+    /// Whether poses are refined, a component then.
+    pub(super) refines_poses: bool,
     /// First opacity of scene points; that of static methods where there is none.
     pub(super) first_opacity: Option<f32>,
 }
@@ -134,6 +137,7 @@ const PUBLISHED: Variant = Variant {
     splits_in_time: true,
     quickens_lifespans: false,
     compensates_exposure: false,
+    refines_poses: false,
     first_opacity: None,
 };
 
@@ -313,6 +317,13 @@ pub(super) fn prepare_variant(
     };
     if variant.compensates_exposure {
         settings.exposure = exposure(&mut evidence, scene, request, &mut components)?;
+    }
+    if variant.refines_poses {
+        // With what exposure was taken out of the views.
+        let found = warm_up(&mut evidence, scene, request)?.poses();
+        if pose_refinement::decide(&found, &mut components) {
+            pose_refinement::add(&mut settings, scene, &found);
+        }
     }
     let mut first = odgs::first_gaussians(scene, &settings, request, seeds.gaussians.len());
     components.plan.extend(first.plan);

@@ -14,6 +14,7 @@ use super::{
         self, DYNAMIC_MASK, EXPOSURE_COMPENSATION, MOTION_REGULARIZATION, STATIC_TABLE,
         VELOCITY_DECOMPOSITION, VELOCITY_REGULARIZATION, Variant,
     },
+    pose_refinement::POSE_REFINEMENT,
 };
 use crate::{
     error::ReconstructError, mask_seeds::SeedVelocity, scene::TrainingScene, train::BackendChoice,
@@ -26,9 +27,9 @@ pub const METHOD: Method = Method {
     source: "this project; after OmniLife360, section 4",
     description: "omni4dgs with lifespans of two frames at least, first velocities from the masks' \
                   pieces, temporal smoothing as in PVG, lifespans that find their length in short \
-                  schedules too, gains of a camera's automatic exposure taken out, and no density \
-                  control in time: dynamic \
-                  Gaussians are there at the moments between input views too.",
+                  schedules too, gains of a camera's automatic exposure taken out, poses refined \
+                  where they are off, and no density control in time: dynamic Gaussians \
+                  are there at the moments between input views too.",
     components: &[
         TEMPORAL_OPACITY,
         TEMPORAL_MOTION,
@@ -39,6 +40,7 @@ pub const METHOD: Method = Method {
         STATIC_TABLE,
         TEMPORAL_SMOOTHING,
         EXPOSURE_COMPENSATION,
+        POSE_REFINEMENT,
         SKY_SHELL,
         OPACITY_RESET,
     ],
@@ -58,6 +60,7 @@ const OURS: Variant = Variant {
     splits_in_time: false,
     quickens_lifespans: true,
     compensates_exposure: true,
+    refines_poses: true,
     // Points that change are away from their peak at most moments: with the 0.1 of static methods the
     // first images are half empty. The others gain by it too, in short schedules.
     first_opacity: Some(0.25),

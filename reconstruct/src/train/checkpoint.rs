@@ -6,7 +6,8 @@
 //! body: f32, little-endian; for each array of the static Gaussians its values, first and second
 //!       moments; then the sums of their density statistics, and their views as u32; then the same
 //!       of moving Gaussians, where there are any, and the sums of their time gradients; then the
-//!       weights of a network with their moments, where there is one
+//!       weights of a network with their moments, where there is one; then the corrections of poses
+//!       with theirs, array by array, where poses are refined
 //! ```
 //!
 //! Gradients are not kept: every step overwrites them. On the processor a run that is continued
@@ -76,6 +77,9 @@ struct Header {
     tables: Vec<TableHeader>,
     #[serde(default)]
     deformation: Option<DeformationHeader>,
+    /// Steps of each input view's pose.
+    #[serde(default)]
+    pose_steps: Option<Vec<u64>>,
     body_sha256: String,
 }
 
@@ -131,6 +135,7 @@ pub fn write(
             weights: weights.array.width,
             steps: weights.steps,
         }),
+        pose_steps: model.poses.as_ref().map(|poses| poses.steps.clone()),
         body_sha256: store::sha256_bytes(&body),
     };
     let header = serde_json::to_string(&header).map_err(|error| failed(error.to_string()))?;
@@ -176,7 +181,9 @@ pub fn read(
             == template
                 .deformation
                 .as_ref()
-                .map(|weights| weights.array.width);
+                .map(|weights| weights.array.width)
+        && header.pose_steps.as_ref().map(Vec::len)
+            == template.poses.as_ref().map(|poses| poses.steps.len());
     if header.settings != *settings || !is_alike {
         return Err(Refusal::OtherRun("its settings differ".to_owned()));
     }
@@ -247,7 +254,9 @@ fn tables(model: &Model) -> impl Iterator<Item = &GaussianTable> {
 /// Length of the body; `None` where no memory could hold it.
 fn body_bytes(header: &Header) -> Option<usize> {
     let weights = header.deformation.map_or(0, |header| header.weights);
-    let mut words = weights.checked_mul(3)?;
+    let poses = header.pose_steps.as_ref().map_or(0, Vec::len);
+    // Values and two moments each.
+    let mut words = weights.checked_add(poses.checked_mul(6)?)?.checked_mul(3)?;
     for (number, table) in header.tables.iter().enumerate() {
         let values: usize = table.arrays.iter().map(|array| array.width).sum();
         // Sums and views; the time gradients of moving Gaussians too.
@@ -267,6 +276,9 @@ fn body(model: &Model) -> Vec<u8> {
     }
     if let Some(weights) = &model.deformation {
         push_array(&mut body, &weights.array);
+    }
+    for array in model.poses.iter().flat_map(|poses| &poses.table.arrays) {
+        push_array(&mut body, array);
     }
     body
 }
@@ -308,11 +320,16 @@ fn parse_body(body: &[u8], header: &Header, template: &Model) -> Model {
         table,
         statistics,
     });
+    let deformation = header.deformation.map(|header| words.deformation(header));
+    let poses = template.poses.as_ref().zip(header.pose_steps.as_ref());
     Model {
         table,
         statistics,
         moving,
-        deformation: header.deformation.map(|header| words.deformation(header)),
+        deformation,
+        poses: poses.map(|(poses, steps)| {
+            poses.with_values(words.table(steps.len(), &poses.table), steps.clone())
+        }),
     }
 }
 
@@ -364,10 +381,13 @@ pub(super) fn not_finite(model: &Model) -> Option<String> {
                 array.name
             ))
         });
+    let of_weights = model.deformation.iter().map(|weights| &weights.array);
+    let of_poses = model.poses.iter().flat_map(|poses| &poses.table.arrays);
     of_gaussians.or_else(|| {
-        let array = &model.deformation.as_ref()?.array;
-        let number = first(array)?;
-        Some(format!("number {number} of {} is not finite", array.name))
+        of_weights.chain(of_poses).find_map(|array| {
+            let number = first(array)?;
+            Some(format!("number {number} of {} is not finite", array.name))
+        })
     })
 }
 
@@ -377,6 +397,7 @@ mod tests {
 
     use super::*;
     use crate::{
+        camera::corrections::PoseCorrections,
         gaussians::static_gaussians::{self, InitialGaussians, POSITIONS},
         methods::odgs,
     };
@@ -424,6 +445,7 @@ mod tests {
         moving.add("peak_times", 1, vec![0.5; 4], 0.0);
         written.moving = Some(MovingGaussians::new(moving));
         written.deformation = Some(DeformationWeights::new(vec![0.5; 9]));
+        written.poses = Some(PoseCorrections::new(vec![0.5, 0.0]));
         let template = written.clone();
         written.table.arrays[2].second_moments[5] = f32::MIN_POSITIVE / 3.0;
         written.statistics.views[1] = u32::MAX;
@@ -435,6 +457,10 @@ mod tests {
         if let Some(weights) = &mut written.deformation {
             weights.array.second_moments[8] = 0.125;
             weights.steps = 6;
+        }
+        if let Some(poses) = &mut written.poses {
+            poses.table.arrays[1].values[4] = -1e-7;
+            poses.steps[1] = 3;
         }
         write(&path, "inputs", &settings, &state(), &written)?;
         let read = read(&path, "inputs", &settings, &template);

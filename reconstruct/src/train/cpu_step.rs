@@ -5,6 +5,7 @@ use omnilife_schemas::{RgbImage, records::Backend};
 use super::{
     cpu_renderer::CpuRenderer,
     deformation_settings::DeformationSettings,
+    pose_refinement::{self, PoseRefinement},
     settings::TrainSettings,
     step::{Model, StepSchedule, StepSums, Stepper},
 };
@@ -29,6 +30,7 @@ pub struct CpuStepper<'a> {
     gradient: InstantGaussians,
     loss: Loss,
     exposure: Option<Exposure>,
+    pose_refinement: Option<PoseRefinement>,
     target: Vec<f32>,
     sums: StepSums,
 }
@@ -48,6 +50,7 @@ impl<'a> CpuStepper<'a> {
             gradient: InstantGaussians::default(),
             loss: Loss::new(scene.camera.width as usize, scene.camera.height as usize),
             exposure: settings.exposure.clone(),
+            pose_refinement: settings.pose_refinement,
             target: Vec::new(),
             sums: StepSums::default(),
         }
@@ -104,14 +107,15 @@ impl Stepper for CpuStepper<'_> {
         self.model.table.len()
     }
 
-    fn step(&mut self, view: usize, schedule: &StepSchedule) -> Result<(), ReconstructError> {
-        let view = &self.scene.input_views[view];
+    fn step(&mut self, number: usize, schedule: &StepSchedule) -> Result<(), ReconstructError> {
+        let view = &self.scene.input_views[number];
+        let drawn = self.model.corrected(&view.view);
         let deformation = self.deformation.as_ref();
         let time = deformation.and_then(|(settings, _)| settings.step_time(&view.view, schedule));
         self.instantiate(time);
         let raster = self
             .renderer
-            .forward(&view.view, &self.instant, schedule.sh_degree);
+            .forward(&drawn, &self.instant, schedule.sh_degree);
         view.write_image(&mut self.target);
         if let Some(exposure) = &self.exposure {
             exposure.normalize(&mut self.target, view.view.time_seconds);
@@ -126,11 +130,14 @@ impl Stepper for CpuStepper<'_> {
                 what: format!("the loss of frame {} is {}", view.frame, value.total),
             });
         }
-        self.renderer.backward(
-            &view.view,
+        self.renderer
+            .backward(&drawn, &self.instant, image_gradient, &mut self.gradient);
+        let by_pose = PoseRefinement::gradient(
+            self.pose_refinement,
+            schedule,
+            &drawn,
             &self.instant,
-            image_gradient,
-            &mut self.gradient,
+            &self.gradient,
         );
         self.instantiate_vjp(time);
         let half_size = [
@@ -142,6 +149,8 @@ impl Stepper for CpuStepper<'_> {
         self.sums.loss += value.total;
         self.sums.squared_error += value.mse;
         self.update(schedule, time.is_some());
+        let Self { model, sums, .. } = self;
+        pose_refinement::move_pose(model, number, by_pose.as_ref(), schedule, sums);
         Ok(())
     }
 
@@ -164,6 +173,7 @@ impl Stepper for CpuStepper<'_> {
             .zip(self.model.deformation.as_ref());
         let time = network.and_then(|((settings, _), weights)| settings.image_time(view, weights));
         self.instantiate(time);
-        Ok(self.renderer.image(view, &self.instant, sh_degree))
+        let drawn = self.model.corrected(view);
+        Ok(self.renderer.image(&drawn, &self.instant, sh_degree))
     }
 }

@@ -8,6 +8,7 @@ use omnilife_schemas::{RgbImage, records::Backend};
 
 use super::{
     dynamic_settings::DynamicSettings,
+    pose_refinement::{self, PoseRefinement},
     settings::TrainSettings,
     step::{Model, MovingGaussians, StepSchedule, StepSums, Stepper},
 };
@@ -38,6 +39,7 @@ pub struct DynamicStepper<'a> {
     alone: DynamicAlone,
     loss: Loss,
     exposure: Option<Exposure>,
+    pose_refinement: Option<PoseRefinement>,
     target: Vec<f32>,
     mask: Vec<f32>,
     /// By the feature maps.
@@ -84,6 +86,7 @@ impl<'a> DynamicStepper<'a> {
             },
             loss: Loss::new(scene.camera.width as usize, scene.camera.height as usize),
             exposure: settings.exposure.clone(),
+            pose_refinement: settings.pose_refinement,
             target: Vec::new(),
             mask: Vec::new(),
             feature_gradient: Vec::new(),
@@ -91,17 +94,18 @@ impl<'a> DynamicStepper<'a> {
         }
     }
 
-    /// Takes the gradient of all losses by all Gaussians as they are drawn; returns the loss and the
-    /// mean squared error.
+    /// Takes the gradient of all losses by all Gaussians as they are drawn, with the camera `drawn`;
+    /// returns the loss and the mean squared error.
     fn differentiate(
         &mut self,
         view: &SceneView,
+        drawn: &View,
         look: &Look,
         schedule: &StepSchedule,
     ) -> (f64, f64) {
         let features = self.settings.features;
         self.renderer.settings.sh_degree = schedule.sh_degree;
-        let raster = self.renderer.forward(&view.view, &self.instant);
+        let raster = self.renderer.forward(drawn, &self.instant);
         view.write_image(&mut self.target);
         if let Some(exposure) = &self.exposure {
             exposure.normalize(&mut self.target, view.view.time_seconds);
@@ -126,14 +130,20 @@ impl<'a> DynamicStepper<'a> {
             features: &self.feature_gradient,
         };
         self.renderer
-            .backward(&view.view, &self.instant, &upstream, &mut self.gradient);
-        total += self.supervise_dynamic(view, look, schedule);
+            .backward(drawn, &self.instant, &upstream, &mut self.gradient);
+        total += self.supervise_dynamic(view, drawn, look, schedule);
         (total, value.mse)
     }
 
     /// `L_dynamic`: adds its gradient to that by all Gaussians. An empty dynamic set has none, and
     /// counts as a loss of 0.
-    fn supervise_dynamic(&mut self, view: &SceneView, look: &Look, schedule: &StepSchedule) -> f64 {
+    fn supervise_dynamic(
+        &mut self,
+        view: &SceneView,
+        drawn: &View,
+        look: &Look,
+        schedule: &StepSchedule,
+    ) -> f64 {
         let (Some(dynamic), Some(_), Some(moving)) =
             (self.settings.dynamic_loss, &view.mask, &self.model.moving)
         else {
@@ -158,7 +168,7 @@ impl<'a> DynamicStepper<'a> {
         }
         subset::gather(&self.instant, &alone.members, &mut alone.instant);
         alone.renderer.settings.sh_degree = schedule.sh_degree;
-        let raster = alone.renderer.forward(&view.view, &alone.instant);
+        let raster = alone.renderer.forward(drawn, &alone.instant);
         alone.target.clear();
         let masked = self.target.as_chunks::<3>().0.iter().zip(&self.mask);
         alone
@@ -185,7 +195,7 @@ impl<'a> DynamicStepper<'a> {
         };
         alone
             .renderer
-            .backward(&view.view, &alone.instant, &upstream, &mut alone.gradient);
+            .backward(drawn, &alone.instant, &upstream, &mut alone.gradient);
         subset::gather_vjp(&alone.gradient, &alone.members, &mut self.gradient);
         f64::from(dynamic.weight) * (value.total + opacity)
     }
@@ -332,9 +342,10 @@ impl Stepper for DynamicStepper<'_> {
         self.model.len() - self.model.table.len()
     }
 
-    fn step(&mut self, view: usize, schedule: &StepSchedule) -> Result<(), ReconstructError> {
-        let view = &self.scene.input_views[view];
-        let look = self.settings.look(&view.view, schedule.shift_frames);
+    fn step(&mut self, number: usize, schedule: &StepSchedule) -> Result<(), ReconstructError> {
+        let view = &self.scene.input_views[number];
+        let drawn = self.model.corrected(&view.view);
+        let look = self.settings.look(&drawn, schedule.shift_frames);
         let features = self.settings.features;
         instantiate(
             &self.model,
@@ -343,7 +354,14 @@ impl Stepper for DynamicStepper<'_> {
             &features,
             &mut self.instant,
         );
-        let (mut total, squared_error) = self.differentiate(view, &look, schedule);
+        let (mut total, squared_error) = self.differentiate(view, &drawn, &look, schedule);
+        let by_pose = PoseRefinement::gradient(
+            self.pose_refinement,
+            schedule,
+            &drawn,
+            &self.instant,
+            &self.gradient,
+        );
         let fixed = self.model.table.len();
         static_gaussians::instantiate_vjp(&mut self.model.table, &self.instant, &self.gradient);
         if let Some(moving) = &mut self.model.moving {
@@ -369,6 +387,8 @@ impl Stepper for DynamicStepper<'_> {
         self.sums.loss += total;
         self.sums.squared_error += squared_error;
         self.update(schedule);
+        let Self { model, sums, .. } = self;
+        pose_refinement::move_pose(model, number, by_pose.as_ref(), schedule, sums);
         Ok(())
     }
 
@@ -385,10 +405,11 @@ impl Stepper for DynamicStepper<'_> {
     }
 
     fn image(&mut self, view: &View, sh_degree: usize) -> Result<RgbImage, ReconstructError> {
-        let look = self.settings.look(view, 0.0);
+        let drawn = self.model.corrected(view);
+        let look = self.settings.look(&drawn, 0.0);
         let none = TemporalFeatures::default();
         instantiate(&self.model, &self.settings, &look, &none, &mut self.instant);
         self.renderer.settings.sh_degree = sh_degree;
-        Ok(self.renderer.image(view, &self.instant))
+        Ok(self.renderer.image(&drawn, &self.instant))
     }
 }

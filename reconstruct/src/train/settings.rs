@@ -5,7 +5,10 @@ use std::collections::BTreeMap;
 use omnilife_schemas::RgbImage;
 use serde::{Deserialize, Serialize};
 
-use super::{deformation_settings::DeformationSettings, dynamic_settings::DynamicSettings};
+use super::{
+    deformation_settings::DeformationSettings, dynamic_settings::DynamicSettings,
+    pose_refinement::PoseRefinement,
+};
 use crate::{densify::DensifySettings, exposure::Exposure, optim::Decay, render::RenderSettings};
 
 /// Settings of a run as resolved; they stand in its record.
@@ -40,6 +43,9 @@ pub struct TrainSettings {
     /// Gains of the views, where they are compensated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exposure: Option<Exposure>,
+    /// When poses are refined, where they are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pose_refinement: Option<PoseRefinement>,
     /// Iterations from one row of the trace to the next; the last iteration has a row too.
     pub trace_every: u64,
 }

@@ -6,7 +6,7 @@ use omnilife_schemas::{RgbImage, records::Backend};
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    camera::View,
+    camera::{View, corrections::PoseCorrections},
     densify::Statistics,
     error::ReconstructError,
     gaussians::{ArrayShape, GaussianTable, deformable::DeformationWeights},
@@ -23,6 +23,8 @@ pub struct Model {
     pub moving: Option<MovingGaussians>,
     /// A network that deforms the static Gaussians; most methods have none.
     pub deformation: Option<DeformationWeights>,
+    /// Corrections of the input views' poses, where they are refined.
+    pub poses: Option<PoseCorrections>,
 }
 
 /// Gaussians that depend on time. Their table has the static ones' arrays first.
@@ -44,6 +46,7 @@ impl Model {
             table,
             moving: None,
             deformation: None,
+            poses: None,
         }
     }
 
@@ -66,8 +69,16 @@ impl Model {
         self.len() == 0
     }
 
-    /// Names and widths of all arrays, those that only moving Gaussians have at the end; the weights of
-    /// a network, a single row, come last.
+    /// A view of the scene with the pose that it is trained and shown with.
+    pub fn corrected(&self, view: &View) -> View {
+        match &self.poses {
+            Some(poses) => poses.apply(view),
+            None => *view,
+        }
+    }
+
+    /// Names and widths of all arrays: those of static Gaussians, those that only moving ones have,
+    /// the weights of a network, a single row, and the corrections of poses.
     pub fn shapes(&self) -> Vec<ArrayShape> {
         let widest = self
             .moving
@@ -78,6 +89,7 @@ impl Model {
             name: weights.array.name,
             width: weights.array.width,
         }));
+        shapes.extend(self.poses.iter().flat_map(|poses| poses.table.shapes()));
         shapes
     }
 }
@@ -189,7 +201,8 @@ pub trait Stepper: fmt::Debug {
     /// When the backend fails.
     fn model_mut(&mut self) -> Result<&mut Model, ReconstructError>;
 
-    /// Renders a view at a degree of spherical harmonics, clamped to `[0, 1]`.
+    /// Renders a view of the scene at a degree of spherical harmonics, clamped to `[0, 1]`; with its pose
+    /// corrected, where poses are refined.
     ///
     /// # Errors
     /// When the backend fails.

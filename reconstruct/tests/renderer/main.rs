@@ -4,6 +4,7 @@
     reason = "a failure to build a test scene is a failed test"
 )]
 
+mod pose;
 mod sphere;
 #[path = "../support/mod.rs"]
 mod support;

@@ -20,18 +20,29 @@ pub fn step(array: &mut ParameterArray, step: u64) -> usize {
     )
         .into_par_iter()
         .map(|(values, first, second, gradients)| {
-            let mut refused = 0;
-            for (((value, m), v), &g) in values.iter_mut().zip(first).zip(second).zip(gradients) {
-                let finite = g.is_finite();
-                refused += usize::from(!finite);
-                let g = if finite { g } else { 0.0 };
-                *m = BETA_1 * *m + (1.0 - BETA_1) * g;
-                *v = BETA_2 * *v + (1.0 - BETA_2) * g * g;
-                *value -= rate * *m / (v.sqrt() * inverse_root + EPSILON);
-            }
-            refused
+            step_values([values, first, second], gradients, rate, inverse_root)
         })
         .sum()
+}
+
+/// The step of some values with their first and second moments, for a rate and an inverse root of
+/// [`super::corrections`]. Returns how many gradients were not finite.
+pub(crate) fn step_values(
+    [values, first, second]: [&mut [f32]; 3],
+    gradients: &[f32],
+    rate: f32,
+    inverse_root: f32,
+) -> usize {
+    let mut refused = 0;
+    for (((value, m), v), &g) in values.iter_mut().zip(first).zip(second).zip(gradients) {
+        let finite = g.is_finite();
+        refused += usize::from(!finite);
+        let g = if finite { g } else { 0.0 };
+        *m = BETA_1 * *m + (1.0 - BETA_1) * g;
+        *v = BETA_2 * *v + (1.0 - BETA_2) * g * g;
+        *value -= rate * *m / (v.sqrt() * inverse_root + EPSILON);
+    }
+    refused
 }
 
 #[cfg(test)]

@@ -209,10 +209,8 @@ impl Projector<'_> {
                 0.0
             }
         });
-        let by_direction = self.direction_gradient(index, direction, colour);
-        // d(p/|p|): remove the part along p, divide by the length.
-        let along = by_direction.dot(direction);
-        let through_colour = (by_direction - direction * along) / placed.distance;
+        let offset = direction * placed.distance;
+        let through_colour = sh::position_vjp(self.degree(), offset, self.rest(index), colour);
         OneGradient {
             position: (self.view.rotation.transpose() * shape.point + through_colour).to_array(),
             scale: by_scale,
@@ -222,21 +220,6 @@ impl Projector<'_> {
             direction,
             centre: shape.centre,
         }
-    }
-
-    fn direction_gradient(&self, index: usize, direction: Vec3, colour: [f32; 3]) -> Vec3 {
-        let degree = self.degree();
-        if degree == 0 {
-            return Vec3::ZERO;
-        }
-        let mut by_value = [0.0; 15];
-        for (by_value, coefficient) in by_value[..sh_rest_count(degree)]
-            .iter_mut()
-            .zip(self.rest(index))
-        {
-            *by_value = colour.iter().zip(coefficient).map(|(a, b)| a * b).sum();
-        }
-        sh::basis_vjp(degree, direction, &by_value)
     }
 }
 

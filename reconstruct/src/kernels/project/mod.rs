@@ -54,6 +54,7 @@
 //!   means nothing there.
 //! * [`Footprint::Ray`](super::Footprint): exact cones for all.
 
+pub mod by_camera;
 mod cone;
 pub mod cpu;
 mod ellipse;

@@ -48,7 +48,7 @@ pub(super) fn basis(degree: usize, direction: Vec3) -> [f32; 15] {
 }
 
 /// VJP of [`basis`]: the gradient by the direction (as a free vector) from gradients by the values.
-pub(super) fn basis_vjp(degree: usize, direction: Vec3, g: &[f32; 15]) -> Vec3 {
+fn basis_vjp(degree: usize, direction: Vec3, g: &[f32; 15]) -> Vec3 {
     let [x, y, z] = direction.to_array();
     let mut gradient = Vec3::ZERO;
     if degree >= 1 {
@@ -75,6 +75,28 @@ pub(super) fn basis_vjp(degree: usize, direction: Vec3, g: &[f32; 15]) -> Vec3 {
         gradient -= C3[0] * g[14] * vec3(3.0 * (xx - yy), -6.0 * x * y, 0.0);
     }
     gradient
+}
+
+/// The gradient by a point, relative to the camera, from that by the colour which the harmonics have
+/// in its direction. `rest` holds at least `sh_rest_count(degree)` coefficients.
+pub(super) fn position_vjp(
+    degree: usize,
+    point: Vec3,
+    rest: &[[f32; 3]],
+    colour: [f32; 3],
+) -> Vec3 {
+    if degree == 0 {
+        return Vec3::ZERO;
+    }
+    let distance = point.length();
+    let direction = point / distance;
+    let mut by_value = [0.0; 15];
+    for (by_value, coefficient) in by_value[..sh_rest_count(degree)].iter_mut().zip(rest) {
+        *by_value = colour.iter().zip(coefficient).map(|(a, b)| a * b).sum();
+    }
+    let by_direction = basis_vjp(degree, direction, &by_value);
+    // d(p/|p|): remove the part along p, divide by the length.
+    (by_direction - direction * by_direction.dot(direction)) / distance
 }
 
 /// Colour of harmonics in a unit direction: `max(1/2 + sum_k Y_k c_k, 0)`. `rest` holds at least

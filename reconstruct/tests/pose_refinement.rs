@@ -1,0 +1,205 @@
+//! Poses that are off: found out, refined, and left alone where they are not.
+#![expect(
+    clippy::unwrap_used,
+    reason = "a failure to build a test scene is a failed test"
+)]
+
+#[path = "support/balls.rs"]
+mod balls;
+#[path = "support/moving_ball.rs"]
+mod moving_ball;
+#[path = "support/methods.rs"]
+mod trained;
+
+use std::fs;
+
+use glam::{Vec3, vec3};
+use omnilife_reconstruct::{
+    camera::{
+        View,
+        corrections::{CAMERA_CENTRES, PoseCorrection},
+    },
+    methods::{self, MethodOutcome, MethodRequest, PlanChoice},
+    scene::{SceneView, TrainingScene},
+    train::{Session, TrainingFiles, step::Model},
+};
+use omnilife_schemas::progress::Silent;
+
+use crate::trained::{request, train};
+
+/// What is wrong with the pose of a frame: a drift of two degrees, most of it.
+fn error(frame: u32) -> PoseCorrection {
+    let along = 0.45 * frame as f32;
+    let jitter = 0.004 * vec3((frame % 3) as f32 - 1.0, (frame % 2) as f32 - 0.5, 0.0);
+    PoseCorrection {
+        rotation: 0.03 * vec3(along.sin(), along.cos(), -(0.8 * along).sin()) + jitter,
+        centre: 0.05 * vec3(along.cos(), 0.0, along.sin()),
+    }
+}
+
+fn disturbed(mut scene: TrainingScene) -> TrainingScene {
+    for view in scene.input_views.iter_mut().chain(&mut scene.novel_views) {
+        view.view = error(view.frame).apply(&view.view);
+    }
+    scene
+}
+
+/// By how much the directions of points at a distance of 5 are wrong in these views, root mean square,
+/// beyond what is the same in all of them: radians.
+fn remaining(views: &[SceneView], exact: &[SceneView], model: &Model) -> f32 {
+    let errors: Vec<[Vec3; 2]> = views
+        .iter()
+        .zip(exact)
+        .map(|(view, exact)| {
+            let found = model.corrected(&view.view);
+            let turn = found.rotation.transpose() * exact.view.rotation;
+            let turn = glam::Quat::from_mat3(&turn).to_scaled_axis();
+            [turn, (found.centre - exact.view.centre) / 5.0]
+        })
+        .collect();
+    let count = errors.len() as f32;
+    let squares = [0, 1].map(|kind| {
+        let mean = errors.iter().map(|error| error[kind]).sum::<Vec3>() / count;
+        let squares = errors
+            .iter()
+            .map(|error| (error[kind] - mean).length_squared());
+        squares.sum::<f32>() / count
+    });
+    squares.iter().sum::<f32>().sqrt()
+}
+
+fn novel_psnr(outcome: &MethodOutcome<'_>) -> f64 {
+    let trace = &outcome.trained.state.trace;
+    trace.last().unwrap().novel_psnr_db.unwrap()
+}
+
+/// Whether poses are refined, and why.
+fn decision(outcome: &MethodOutcome<'_>) -> (bool, String) {
+    let decision = outcome
+        .plan
+        .iter()
+        .find(|part| part.component == "pose-refinement");
+    let decision = decision.unwrap();
+    (decision.used, decision.reason.clone())
+}
+
+fn refined<'a>(scene: &'a TrainingScene, without: &[&str]) -> MethodOutcome<'a> {
+    let request = MethodRequest {
+        without: without.iter().map(|&name| name.to_owned()).collect(),
+        maximum_gaussians: Some(1_000),
+        ..request(150)
+    };
+    train(scene, "omni4dgs-plus", &request)
+}
+
+/// That most of the error is gone, in novel views too, and that the scene stayed where it was.
+fn assert_refined(outcome: &mut MethodOutcome<'_>, scene: &TrainingScene, exact: &TrainingScene) {
+    assert!(decision(outcome).0, "{}", decision(outcome).1);
+    let model = outcome.trained.stepper.model().unwrap();
+    let none = Model::new(model.table.clone());
+    for (views, exact, most) in [
+        (&scene.input_views, &exact.input_views, 0.3),
+        (&scene.novel_views, &exact.novel_views, 0.5),
+    ] {
+        let [left, before] = [model, &none].map(|model| remaining(views, exact, model));
+        assert!(left < most * before, "{left} of {before}");
+    }
+    let poses = model.poses.as_ref().unwrap();
+    for array in &poses.table.arrays {
+        let rows = array.values.as_chunks::<3>().0;
+        let sum: Vec3 = rows.iter().map(|&row| Vec3::from_array(row)).sum();
+        assert!(sum.length() < 1e-4, "{}", array.name);
+    }
+}
+
+#[test]
+fn poses_that_are_off_are_refined() {
+    let exact = moving_ball::scene();
+    let scene = disturbed(exact.clone());
+    let mut with = refined(&scene, &[]);
+    let without = refined(&scene, &["pose-refinement"]);
+    assert!(without.settings.pose_refinement.is_none());
+    let psnr = [&with, &without].map(novel_psnr);
+    assert!(psnr[0] > psnr[1] + 2.0, "{psnr:?}");
+    assert_refined(&mut with, &scene, &exact);
+
+    // An input view is drawn with its own correction, any other camera with that of its moment.
+    let model = with.trained.stepper.model().unwrap();
+    let poses = model.poses.as_ref().unwrap();
+    let view = &scene.input_views[3].view;
+    assert_eq!(model.corrected(view), poses.of_view(3).apply(view));
+    let elsewhere = View {
+        centre: Vec3::ONE,
+        ..*view
+    };
+    let corrected = model.corrected(&elsewhere);
+    assert_eq!(corrected.centre, Vec3::ONE + poses.of_view(3).centre);
+}
+
+#[test]
+fn poses_are_refined_where_nothing_moves_too() {
+    let exact = balls::scene();
+    let scene = disturbed(exact.clone());
+    let mut outcome = refined(&scene, &[]);
+    assert!(outcome.settings.dynamics.is_none());
+    assert_refined(&mut outcome, &scene, &exact);
+}
+
+#[test]
+fn exact_poses_are_left_alone() {
+    let scene = moving_ball::scene();
+    let mut outcome = train(&scene, "omni4dgs-plus", &request(6));
+    let (is_used, reason) = decision(&outcome);
+    assert!(!is_used && reason.contains("limit 0.05"), "{reason}");
+    assert!(outcome.trained.stepper.model().unwrap().poses.is_none());
+    assert!(!outcome.settings.learning_rates.contains_key(CAMERA_CENTRES));
+
+    // Under the plan full they are refined, which makes little of them.
+    let full = MethodRequest {
+        plan: PlanChoice::Full,
+        ..request(30)
+    };
+    let mut outcome = train(&scene, "omni4dgs-plus", &full);
+    assert!(decision(&outcome).0);
+    let model = outcome.trained.stepper.model().unwrap();
+    let left = remaining(&scene.input_views, &scene.input_views, model);
+    assert!(left > 0.0 && left < 0.01, "{left}");
+}
+
+#[test]
+fn a_run_that_refines_poses_goes_on_to_the_bit() {
+    let scenes = [moving_ball::scene(), balls::scene()].map(disturbed);
+    for scene in &scenes {
+        let folder = tempfile::tempdir().unwrap();
+        let run = |name: &str, every: u64| {
+            let folder = folder.path().join(name);
+            fs::create_dir_all(&folder).unwrap();
+            let files = TrainingFiles {
+                trace: folder.join("trace.csv"),
+                checkpoint: folder.join("checkpoint.bin"),
+                checkpoint_every: every,
+                inputs_sha256: "these".to_owned(),
+            };
+            if every == 0 {
+                let of_whole = folder.with_file_name("whole").join("checkpoint.bin");
+                fs::copy(of_whole, &files.checkpoint).unwrap();
+            }
+            let session = Session {
+                files: Some(files),
+                ..Session::without_files(&Silent)
+            };
+            let method = methods::find("omni4dgs-plus").unwrap();
+            let mut outcome = method.train(scene, &request(40), &session).unwrap();
+            assert_eq!(outcome.trained.state.resumed, u64::from(every == 0));
+            let scores = outcome.trained.state.trace.iter();
+            let scores: Vec<Option<f64>> = scores.map(|point| point.novel_psnr_db).collect();
+            (outcome.trained.stepper.model().unwrap().clone(), scores)
+        };
+        // The first run's only checkpoint is the one that the second begins from.
+        let [whole, resumed] = [run("whole", 25), run("resumed", 0)];
+        let steps: u64 = whole.0.poses.as_ref().unwrap().steps.iter().sum();
+        // From iteration 2 of 40.
+        assert_eq!(steps, 39);
+        assert!(whole == resumed);
+    }
+}
