@@ -159,6 +159,15 @@ fn new_stepper<'a>(
                      backend cpu"
                 .to_owned(),
         }),
+        (BackendChoice::Gpu, None)
+            if settings.exposure.is_some() || settings.pose_refinement.is_some() =>
+        {
+            Err(ReconstructError::Backend {
+                reason: "exposure is compensated and poses are refined on the processor only; use \
+                         the backend cpu, or leave both components out"
+                    .to_owned(),
+            })
+        }
         (BackendChoice::Gpu, None) => {
             if settings.renderer != RendererChoice::Exact {
                 return Err(ReconstructError::Backend {

@@ -255,7 +255,7 @@ fn times_that_do_not_increase_and_the_graphics_backend_are_refused() {
         backend: BackendChoice::Gpu,
         ..Session::without_files(&Silent)
     };
-    for method in ["deformable", "periodic", "omni4dgs"] {
+    for method in ["periodic", "omni4dgs"] {
         let method = methods::find(method).unwrap();
         let refused = method
             .train(&scene, &request(2), &gpu)
