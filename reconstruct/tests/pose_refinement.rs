@@ -86,7 +86,7 @@ fn decision(outcome: &MethodOutcome<'_>) -> (bool, String) {
 fn refined<'a>(scene: &'a TrainingScene, iterations: u64, without: &[&str]) -> MethodOutcome<'a> {
     let request = MethodRequest {
         without: without.iter().map(|&name| name.to_owned()).collect(),
-        maximum_gaussians: Some(1_000),
+        maximum_gaussians: Some(3_000),
         ..request(iterations)
     };
     train(scene, "omni4dgs-plus", &request)
