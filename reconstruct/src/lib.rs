@@ -44,6 +44,7 @@ pub mod render_layers;
 pub mod scene;
 pub mod stability;
 pub mod train;
+pub mod view_dependence;
 pub mod warm_up;
 
 pub use error::ReconstructError;

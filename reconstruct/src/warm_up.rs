@@ -1,10 +1,11 @@
 //! A short static training, and input views beside its renders: what a plan's evidence is found in.
 //!
 //! [`crate::motion_evidence`]: whether anything moves; [`crate::exposure`]: how bright the views are;
-//! [`crate::pose_evidence`]: how far their poses are off.
+//! [`crate::pose_evidence`]: how far their poses are off; [`crate::view_dependence`]: whether colours
+//! depend on the direction.
 
-use glam::{Vec3, vec2};
-use omnilife_schemas::progress::Silent;
+use glam::{Vec3, dvec2, vec2};
+use omnilife_schemas::{camera::CameraModel, progress::Silent};
 use rayon::prelude::*;
 
 use crate::{
@@ -19,6 +20,7 @@ use crate::{
     render::Renderer,
     scene::{SceneView, TrainingScene},
     train::Session,
+    view_dependence::{FLAT, Seen, ViewDependence},
 };
 
 /// Iterations of the warm-up: enough for colours and coarse shapes.
@@ -30,6 +32,8 @@ const WARM_UP_WIDTH: u32 = 256;
 /// Points and views that are looked at, evenly from all.
 const POINTS: usize = 4_000;
 const VIEWS: usize = 30;
+/// Pixels between those at which flat surfaces are looked for.
+const GRID_STEP: usize = 8;
 /// A point is visible when it is no farther than this over the rendered depth,
 const DEPTH_SLACK: f32 = 1.05;
 /// where at least this much of the pixel is covered.
@@ -97,6 +101,43 @@ impl WarmUp {
     /// Tells at which points something changes outside the masks.
     pub fn changing(&self, points: &[[f32; 3]]) -> ChangingPoints {
         ChangingPoints::of(&self.residuals(points, 1))
+    }
+
+    /// Whether colours depend on the direction from which they are seen.
+    pub fn view_dependence(&self) -> ViewDependence {
+        let surfaces = self.flat_surfaces();
+        let mut series: Vec<Vec<Seen>> = vec![Vec::new(); surfaces.len()];
+        for compared in &self.views {
+            let view = self.view(compared);
+            let seen: Vec<Option<Seen>> = surfaces
+                .par_iter()
+                .map(|&surface| compared.flat_colour(&self.scene, view, surface))
+                .collect();
+            for (series, seen) in series.iter_mut().zip(seen) {
+                series.extend(seen);
+            }
+        }
+        ViewDependence::of(&series)
+    }
+
+    /// Where every other view shows something flat, on a grid of its pixels.
+    fn flat_surfaces(&self) -> Vec<Vec3> {
+        let mut surfaces = Vec::new();
+        for compared in self.views.iter().step_by(2) {
+            let view = self.view(compared);
+            for row in (GRID_STEP..compared.height.saturating_sub(GRID_STEP)).step_by(GRID_STEP) {
+                for column in (0..compared.width).step_by(GRID_STEP) {
+                    let depth = compared.depth[row * compared.width + column];
+                    if depth.is_finite() && compared.is_flat([column, row]) {
+                        let middle = dvec2(column as f64 + 0.5, row as f64 + 0.5);
+                        let direction = self.scene.camera.unproject(middle).as_vec3();
+                        let offset = view.rotation.transpose() * direction * depth;
+                        surfaces.push(view.centre + offset);
+                    }
+                }
+            }
+        }
+        surfaces
     }
 
     /// How bright the views are; `None` where too few points are seen.
@@ -319,6 +360,32 @@ impl Compared {
         let pixel = self.visible_pixel(scene, offset, reach)?;
         let sample = self.mean(pixel, reach);
         (!sample.residual[0].is_nan()).then_some(sample)
+    }
+
+    /// Whether next to one colour is shown around a pixel.
+    fn is_flat(&self, [column, row]: [usize; 2]) -> bool {
+        let (mut least, mut largest) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+        for row in row - 1..=row + 1 {
+            for step in self.width - 1..=self.width + 1 {
+                let shown = self.shown[row * self.width + (column + step) % self.width];
+                for channel in 0..3 {
+                    least[channel] = least[channel].min(shown[channel]);
+                    largest[channel] = largest[channel].max(shown[channel]);
+                }
+            }
+        }
+        (0..3).all(|channel| largest[channel] - least[channel] < FLAT)
+    }
+
+    /// The colour of a surface, where it is seen and looks flat.
+    fn flat_colour(&self, scene: &TrainingScene, view: &View, surface: Vec3) -> Option<Seen> {
+        let offset = surface - view.centre;
+        let pixel = self.visible_pixel(scene, view.rotation * offset, 1)?;
+        let sample = self.mean(pixel, 1);
+        (!sample.residual[0].is_nan() && self.is_flat(pixel)).then(|| Seen {
+            direction: offset.normalize_or_zero(),
+            colour: sample.shown,
+        })
     }
 
     /// What a point says of the view's pose. `None` where it is hidden, masked, or near a pole.

@@ -11,12 +11,13 @@ mod moving_ball;
 #[path = "support/methods.rs"]
 mod trained;
 
-use glam::{DVec2, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 use omnilife_reconstruct::{
     methods::{MethodOutcome, MethodRequest, PlanChoice},
     warm_up::WarmUp,
 };
 use omnilife_schemas::camera::CameraModel;
+use rand_pcg::Pcg64Mcg;
 
 use crate::trained::{request, train};
 
@@ -154,4 +155,34 @@ fn without_masks_residuals_tell_whether_something_moves() {
         assert_eq!(decision.unwrap().used, moves, "{:?}", decision.unwrap());
         assert_eq!(outcome.settings.dynamics.is_some(), moves);
     }
+}
+
+#[test]
+fn gloss_is_found_and_drawn() {
+    let smooth = |_: &mut Pcg64Mcg, direction: DVec3| (0.2 * direction + 0.5).as_vec3().to_array();
+    // Whether harmonics are used, why, and how good the novel views are.
+    let trained = |gloss: f32, without: &[&str]| {
+        let scene = balls::scene_with(smooth, 0.5, gloss);
+        let request = MethodRequest {
+            without: without.iter().map(|&name| name.to_owned()).collect(),
+            ..request(150)
+        };
+        let mut outcome = train(&scene, "omni4dgs-plus", &request);
+        let decision = outcome
+            .plan
+            .iter()
+            .find(|part| part.component == "view-dependent-colour")
+            .unwrap()
+            .clone();
+        let table = &outcome.trained.stepper.model().unwrap().table;
+        assert_eq!(table.position("sh_rest").is_some(), decision.used);
+        let last = outcome.trained.state.trace.last().unwrap();
+        (decision.used, decision.reason, last.novel_psnr_db.unwrap())
+    };
+    let (used, reason, with) = trained(0.6, &[]);
+    assert!(used && reason.contains("flat surfaces"), "{reason}");
+    let (used, _, without) = trained(0.6, &["view-dependent-colour"]);
+    assert!(!used && with > without + 0.3, "{with} {without}");
+    let (used, reason, _) = trained(0.0, &[]);
+    assert!(!used && reason.contains("limit 0.012"), "{reason}");
 }

@@ -78,7 +78,8 @@ impl<'r> Components<'r> {
         }
     }
 
-    fn record(&mut self, component: &str, used: bool, reason: String) {
+    /// Writes a decision down that was made elsewhere.
+    pub(super) fn record(&mut self, component: &str, used: bool, reason: String) {
         self.plan.push(ComponentDecision {
             component: component.to_owned(),
             used,

@@ -29,6 +29,7 @@ use crate::{
         dynamic_settings::{DynamicLoss, DynamicSettings, TemporalSmoothing, VelocityLoss},
         settings::TrainSettings,
     },
+    view_dependence::SH_DEGREE,
     warm_up::WarmUp,
 };
 
@@ -72,6 +73,8 @@ pub(super) const STATIC_TABLE: &str = "static-table";
 
 /// Component: images are compared at one exposure. Not of the paper.
 pub(super) const EXPOSURE_COMPENSATION: &str = "exposure-compensation";
+/// Component: colours are spherical harmonics of [`SH_DEGREE`]. Not of the paper.
+pub(super) const VIEW_DEPENDENT_COLOUR: &str = "view-dependent-colour";
 
 /// Velocities (Eq. 3). `gamma`: weights "increase more smoothly in the equatorial region and decay
 /// more rapidly in the polar regions", a flat top, so below 1. Literal: with projections and weights
@@ -123,6 +126,8 @@ pub(super) struct Variant {
     pub(super) compensates_exposure: bool,
     /// Whether poses are refined, a component then.
     pub(super) refines_poses: bool,
+    /// Whether colours depend on the direction where the scene's do, a component then.
+    pub(super) colours_by_direction: bool,
     /// First opacity of scene points; that of static methods where there is none.
     pub(super) first_opacity: Option<f32>,
 }
@@ -137,6 +142,7 @@ const PUBLISHED: Variant = Variant {
     splits_in_time: true,
     quickens_lifespans: false,
     compensates_exposure: false,
+    colours_by_direction: false,
     refines_poses: false,
     first_opacity: None,
 };
@@ -293,6 +299,24 @@ fn exposure(
     Ok(is_used.then_some(found))
 }
 
+/// Degree of the spherical harmonics: on request, or by what directions predict of colours.
+fn sh_degree(
+    evidence: &mut Evidence,
+    scene: &TrainingScene,
+    request: &MethodRequest,
+    components: &mut Components<'_>,
+) -> Result<usize, ReconstructError> {
+    if let Some(degree) = request.sh_degree {
+        let reason = format!("spherical harmonics of degree {degree} on request");
+        components.record(VIEW_DEPENDENT_COLOUR, degree > 0, reason);
+        return Ok(degree);
+    }
+    let found = warm_up(evidence, scene, request)?.view_dependence();
+    let decision = (found.is_worth_harmonics(), found.text());
+    let is_used = components.decide(VIEW_DEPENDENT_COLOUR, decision);
+    Ok(if is_used { SH_DEGREE } else { 0 })
+}
+
 /// Decides components and first Gaussians of a variant.
 pub(super) fn prepare_variant(
     variant: &Variant,
@@ -317,6 +341,9 @@ pub(super) fn prepare_variant(
     };
     if variant.compensates_exposure {
         settings.exposure = exposure(&mut evidence, scene, request, &mut components)?;
+    }
+    if variant.colours_by_direction {
+        settings.rendering.sh_degree = sh_degree(&mut evidence, scene, request, &mut components)?;
     }
     if variant.refines_poses {
         // With what exposure was taken out of the views.

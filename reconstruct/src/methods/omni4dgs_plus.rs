@@ -12,7 +12,7 @@ use super::{
     odgs::{OPACITY_RESET, SKY_SHELL},
     omni4dgs::{
         self, DYNAMIC_MASK, EXPOSURE_COMPENSATION, MOTION_REGULARIZATION, STATIC_TABLE,
-        VELOCITY_DECOMPOSITION, VELOCITY_REGULARIZATION, Variant,
+        VELOCITY_DECOMPOSITION, VELOCITY_REGULARIZATION, VIEW_DEPENDENT_COLOUR, Variant,
     },
     pose_refinement::POSE_REFINEMENT,
 };
@@ -27,9 +27,10 @@ pub const METHOD: Method = Method {
     source: "this project; after OmniLife360, section 4",
     description: "omni4dgs with lifespans of two frames at least, first velocities from the masks' \
                   pieces, temporal smoothing as in PVG, lifespans that find their length in short \
-                  schedules too, gains of a camera's automatic exposure taken out, poses refined \
-                  where they are off, and no density control in time: dynamic Gaussians \
-                  are there at the moments between input views too.",
+                  schedules too, gains of a camera's automatic exposure taken out, colours that \
+                  depend on the direction where the scene's do, poses refined where they are off, \
+                  and no density control in time: dynamic Gaussians are there at the moments \
+                  between input views too.",
     components: &[
         TEMPORAL_OPACITY,
         TEMPORAL_MOTION,
@@ -40,6 +41,7 @@ pub const METHOD: Method = Method {
         STATIC_TABLE,
         TEMPORAL_SMOOTHING,
         EXPOSURE_COMPENSATION,
+        VIEW_DEPENDENT_COLOUR,
         POSE_REFINEMENT,
         SKY_SHELL,
         OPACITY_RESET,
@@ -60,6 +62,7 @@ const OURS: Variant = Variant {
     splits_in_time: false,
     quickens_lifespans: true,
     compensates_exposure: true,
+    colours_by_direction: true,
     refines_poses: true,
     // Points that change are away from their peak at most moments: with the 0.1 of static methods the
     // first images are half empty. The others gain by it too, in short schedules.

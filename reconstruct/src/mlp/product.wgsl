@@ -1,4 +1,5 @@
-// Products of matrices: a workgroup has 64 by 64 outputs, a thread 4 by 4 of them.
+// Products of matrices: a workgroup of 256 threads makes a square of the product, a thread 4 by 4 of
+// its values.
 
 struct Product {
     rows: u32,
@@ -38,43 +39,66 @@ const FINISH_MASK: u32 = 3u;
 
 // Steps of the inner dimension that are loaded at once.
 const STEPS: u32 = 16u;
-// Values between steps: not a multiple of the memory's banks.
-const PITCH: u32 = SIDE + 1u;
+// Rows, or columns, come in groups of four.
+const GROUPS: u32 = SIDE / 4u;
 
 // Step by step, the values of the workgroup's rows, and of its columns.
-var<workgroup> left_tile: array<f32, STEPS * PITCH>;
-var<workgroup> right_tile: array<f32, STEPS * PITCH>;
+var<workgroup> left_tile: array<vec4<f32>, STEPS * GROUPS>;
+var<workgroup> right_tile: array<vec4<f32>, STEPS * GROUPS>;
 
-// Number `value` of a tile's 64 by 16 values as (line, step), such that neighbours lie side by side.
-fn place(value: u32, step_stride: u32) -> vec2<u32> {
+// The group and the step of a tile that a thread loads, such that neighbours read side by side.
+fn place(thread: u32, step_stride: u32) -> vec2<u32> {
     if step_stride == 1u {
-        return vec2(value / STEPS, value % STEPS);
+        return vec2(thread / STEPS, thread % STEPS);
     }
-    return vec2(value % SIDE, value / SIDE);
+    return vec2(thread % GROUPS, thread / GROUPS);
 }
 
-fn load_tiles(first: vec2<u32>, step: u32, end: u32, thread: u32) {
-    for (var value = thread; value < SIDE * STEPS; value += WORKGROUP) {
-        let of_left = place(value, product.left_inner_stride);
-        let row = first.y + of_left.x;
-        let left_step = step + of_left.y;
-        var loaded = 0.0;
-        if row < product.rows && left_step < end {
-            loaded = left[product.left_begin + row * product.left_row_stride
-                + left_step * product.left_inner_stride];
-        }
-        left_tile[of_left.y * PITCH + of_left.x] = loaded;
-
-        let of_right = place(value, product.right_inner_stride);
-        let column = first.x + of_right.x;
-        let right_step = step + of_right.y;
-        loaded = 0.0;
-        if column < product.columns && right_step < end {
-            loaded = right[product.right_begin + column * product.right_column_stride
-                + right_step * product.right_inner_stride];
-        }
-        right_tile[of_right.y * PITCH + of_right.x] = loaded;
+fn load_left(row: u32, step: u32) -> f32 {
+    if row >= product.rows {
+        return 0.0;
     }
+    return left[product.left_begin + row * product.left_row_stride
+        + step * product.left_inner_stride];
+}
+
+fn load_right(step: u32, column: u32) -> f32 {
+    if column >= product.columns {
+        return 0.0;
+    }
+    return right[product.right_begin + column * product.right_column_stride
+        + step * product.right_inner_stride];
+}
+
+// Of the steps from `step` to `end`; one vector of each tile per thread.
+fn load_tiles(first: vec2<u32>, step: u32, end: u32, thread: u32) {
+    let of_left = place(thread, product.left_inner_stride);
+    let row = first.y + 4u * of_left.x;
+    let left_step = step + of_left.y;
+    var loaded = vec4<f32>();
+    if left_step < end {
+        loaded = vec4(
+            load_left(row, left_step),
+            load_left(row + 1u, left_step),
+            load_left(row + 2u, left_step),
+            load_left(row + 3u, left_step),
+        );
+    }
+    left_tile[of_left.y * GROUPS + of_left.x] = loaded;
+
+    let of_right = place(thread, product.right_inner_stride);
+    let column = first.x + 4u * of_right.x;
+    let right_step = step + of_right.y;
+    loaded = vec4<f32>();
+    if right_step < end {
+        loaded = vec4(
+            load_right(right_step, column),
+            load_right(right_step, column + 1u),
+            load_right(right_step, column + 2u),
+            load_right(right_step, column + 3u),
+        );
+    }
+    right_tile[of_right.y * GROUPS + of_right.x] = loaded;
 }
 
 fn write(row: u32, column: u32, part: u32, sum: f32) {
@@ -104,9 +128,9 @@ fn write(row: u32, column: u32, part: u32, sum: f32) {
 
 fn write_row(row: u32, first_column: u32, part: u32, sums: vec4<f32>) {
     write(row, first_column, part, sums.x);
-    write(row, first_column + QUARTER, part, sums.y);
-    write(row, first_column + 2u * QUARTER, part, sums.z);
-    write(row, first_column + 3u * QUARTER, part, sums.w);
+    write(row, first_column + 1u, part, sums.y);
+    write(row, first_column + 2u, part, sums.z);
+    write(row, first_column + 3u, part, sums.w);
 }
 
 @compute @workgroup_size(256)
@@ -126,9 +150,8 @@ fn multiply(
     let per_part = (product.inner + product.parts - 1u) / product.parts;
     let end = min(product.inner, (part + 1u) * per_part);
 
-    // A thread's rows and columns are a quarter of the tile apart.
-    let row = thread / QUARTER;
-    let column = thread % QUARTER;
+    let row_group = thread / GROUPS;
+    let column_group = thread % GROUPS;
     var sums_0 = vec4<f32>();
     var sums_1 = vec4<f32>();
     var sums_2 = vec4<f32>();
@@ -137,23 +160,19 @@ fn multiply(
         load_tiles(first, step, end, thread);
         workgroupBarrier();
         for (var i = 0u; i < STEPS; i++) {
-            let l = i * PITCH + row;
-            let r = i * PITCH + column;
-            let values = vec4(
-                right_tile[r],
-                right_tile[r + QUARTER],
-                right_tile[r + 2u * QUARTER],
-                right_tile[r + 3u * QUARTER],
-            );
-            sums_0 += left_tile[l] * values;
-            sums_1 += left_tile[l + QUARTER] * values;
-            sums_2 += left_tile[l + 2u * QUARTER] * values;
-            sums_3 += left_tile[l + 3u * QUARTER] * values;
+            let of_rows = left_tile[i * GROUPS + row_group];
+            let of_columns = right_tile[i * GROUPS + column_group];
+            sums_0 += of_rows.x * of_columns;
+            sums_1 += of_rows.y * of_columns;
+            sums_2 += of_rows.z * of_columns;
+            sums_3 += of_rows.w * of_columns;
         }
         workgroupBarrier();
     }
-    write_row(first.y + row, first.x + column, part, sums_0);
-    write_row(first.y + row + QUARTER, first.x + column, part, sums_1);
-    write_row(first.y + row + 2u * QUARTER, first.x + column, part, sums_2);
-    write_row(first.y + row + 3u * QUARTER, first.x + column, part, sums_3);
+    let row = first.y + 4u * row_group;
+    let column = first.x + 4u * column_group;
+    write_row(row, column, part, sums_0);
+    write_row(row + 1u, column, part, sums_1);
+    write_row(row + 2u, column, part, sums_2);
+    write_row(row + 3u, column, part, sums_3);
 }

@@ -2,10 +2,9 @@
 
 use crate::gpu::{Gpu, GpuError, Kernel, Program, Shader, Uniform, wgsl_struct};
 
-/// Rows, and columns, of the part of a product that a workgroup makes.
+/// Rows, and columns, of the part of a product that a workgroup makes: 256 threads have 4 by 4 values
+/// each.
 const SIDE: u32 = 64;
-/// A thread has four of each, as far apart as this.
-const QUARTER: u32 = SIDE / 4;
 
 wgsl_struct! {
     /// Sizes and places of a product; see `product.wgsl`.
@@ -29,7 +28,7 @@ wgsl_struct! {
 pub(crate) fn shader() -> Shader {
     Shader {
         file: "product.wgsl",
-        constants: format!("const SIDE: u32 = {SIDE}u;\nconst QUARTER: u32 = {QUARTER}u;\n"),
+        constants: format!("const SIDE: u32 = {SIDE}u;\n"),
         parts: &[
             include_str!("../gpu/common.wgsl"),
             include_str!("product.wgsl"),

@@ -6,7 +6,7 @@ use omnilife_reconstruct::{
     camera::View,
     gaussians::{
         InstantGaussians,
-        static_gaussians::{self, InitialGaussians},
+        static_gaussians::{self, InitialGaussians, SH_REST},
     },
     render::{RenderSettings, Renderer},
     scene::{SceneView, TrainingScene},
@@ -15,13 +15,27 @@ use omnilife_schemas::{Pose, Similarity, camera::ErpCamera, points::PointCloud};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
+/// The spherical harmonics of degree 1 over the coordinates of a direction.
+const SH_C1: f32 = 0.488_602_5;
+
 const CAMERA: ErpCamera = ErpCamera {
     width: 96,
     height: 48,
 };
 
-/// The scene.
+/// The scene: every ball has a colour of its own, the same from everywhere.
 pub(crate) fn scene() -> TrainingScene {
+    let colour = |random: &mut Pcg64Mcg, _| [0; 3].map(|_| random.random_range(0.1..0.9));
+    scene_with(colour, 0.25, 0.0)
+}
+
+/// The scene with balls of this standard deviation and with colours by the direction of a ball, which
+/// change by `gloss` times the `z` of the direction from which it is seen.
+pub(crate) fn scene_with(
+    mut colour: impl FnMut(&mut Pcg64Mcg, DVec3) -> [f32; 3],
+    scale: f32,
+    gloss: f32,
+) -> TrainingScene {
     let mut random = Pcg64Mcg::seed_from_u64(21);
     let mut truth = InitialGaussians::default();
     let mut points = PointCloud::default();
@@ -30,10 +44,11 @@ pub(crate) fn scene() -> TrainingScene {
         let angle = 2.399_963 * f64::from(direction);
         let rho = (1.0 - y * y).sqrt();
         let distance = random.random_range(4.0..6.0);
-        let position = DVec3::new(rho * angle.cos(), y, rho * angle.sin()) * distance;
-        let colour: [f32; 3] = [0; 3].map(|_| random.random_range(0.1..0.9));
+        let direction = DVec3::new(rho * angle.cos(), y, rho * angle.sin());
+        let position = direction * distance;
+        let colour = colour(&mut random, direction);
         truth.positions.push(position.as_vec3().to_array());
-        truth.scales.push(0.25);
+        truth.scales.push(scale);
         truth.colours.push(colour);
         truth.opacities.push(0.95);
         let jitter = DVec3::from_array([0; 3].map(|_| random.random_range(-0.1..0.1)));
@@ -43,7 +58,12 @@ pub(crate) fn scene() -> TrainingScene {
         points.colours.push([128; 3]);
     }
     let mut instant = InstantGaussians::default();
-    static_gaussians::instantiate(&static_gaussians::table(&truth, 0), &mut instant);
+    let mut table = static_gaussians::table(&truth, 1);
+    for harmonics in table.arrays[SH_REST].values.as_chunks_mut::<9>().0 {
+        // That of `z` is the second one of degree 1.
+        harmonics[3..6].fill(gloss / SH_C1);
+    }
+    static_gaussians::instantiate(&table, &mut instant);
     let mut renderer = Renderer::new(RenderSettings::new(0.01));
     let normalization = Similarity {
         offset: [0.0; 3],
