@@ -65,11 +65,10 @@ impl ViewDependence {
                 let fit = Fit::of(of_fold(false), noise);
                 for seen in of_fold(true) {
                     let by_direction = fit.at(seen.direction);
-                    for channel in 0..3 {
-                        let colour = seen.colour[channel];
+                    let by_mean = fit.colour.iter().zip(&by_direction);
+                    for (colour, (mean, predicted_colour)) in seen.colour.iter().zip(by_mean) {
                         samples += 1;
-                        predicted += square(colour - fit.colour[channel])
-                            - square(colour - by_direction[channel]);
+                        predicted += square(colour - mean) - square(colour - predicted_colour);
                     }
                 }
             }
