@@ -1,6 +1,6 @@
 """Puts the tables of scripts/results/dynamic into docs/results/dynamic.md, between its two markers.
 
-    python3 dynamic_page.py FOLDER PAGE SCENE...
+    python3 dynamic_page.py FOLDER PAGE SCENE... --real SCENE...
 
 FOLDER is what scripts/results/dynamic filled, with a folder per SCENE. Curves go beside the page and
 into docs/images.
@@ -104,12 +104,23 @@ def curves(folder, page):
 
 def main():
     folder, page, scenes = Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3:]
+    real = scenes.index("--real")
+    scenes, real = scenes[:real], scenes[real + 1:]
     first = runs(folder / scenes[0], "odgs")[0]
     parts = [BEGIN, f"{first.record['iterations']} iterations, images of "
              f"{'x'.join(map(str, first.result['scored_size']))}, one thread per run, {machine()}, shared with other "
              "work: processor seconds compare the rows of a table, roughly. Where a method was run with several seeds, "
              "the mean and half of the range stand here. Scores are of novel views unless it says input.\n"]
     for scene in scenes:
+        rows = [(name, runs(folder / scene, name)) for name in METHODS]
+        parts += [f"**{scene}**\n", table(rows), ""]
+    for wide in runs(folder / "wide", "odgs"):
+        rows = [(name, runs(folder / "wide", name)) for name in METHODS]
+        parts += ["### Twice the width\n", f"`{scenes[-1]}` at {'x'.join(map(str, wide.result['scored_size']))}, at "
+                  "most twice as many Gaussians.\n", table(rows), ""]
+    if real:
+        parts += ["### Real footage\n"]
+    for scene in real:
         rows = [(name, runs(folder / scene, name)) for name in METHODS]
         parts += [f"**{scene}**\n", table(rows), ""]
     parts += ["### Where nothing moves\n", f"The cameras and points of `{scenes[-1]}`, every frame a render of the static Gaussians of a run "
