@@ -5,7 +5,7 @@
 //!   Gaussians depend on time, as [`dynamic_settings`] say.
 //! * [`deformation_settings`]: what a network that deforms static Gaussians adds to a step;
 //!   [`pose_refinement`]: what is done with the pose of the view that is drawn.
-//! * [`timing`]: what a step takes; [`trace`]: error against run time; [`checkpoint`]: how a run survives an interruption.
+//! * [`timing`]: what a step takes; [`trace`]: error against run time; [`checkpoint`]: how a run survives an interruption; `resume`: how it goes on.
 
 pub mod checkpoint;
 pub(crate) mod cpu_renderer;
@@ -15,6 +15,7 @@ pub mod dynamic_settings;
 pub mod dynamic_step;
 pub mod pose_refinement;
 mod refusal;
+mod resume;
 pub mod settings;
 pub mod step;
 pub mod timing;
@@ -27,18 +28,18 @@ use std::{
 };
 
 use omnilife_schemas::progress::Progress;
-use rand::{RngExt, SeedableRng, seq::SliceRandom};
+use rand::{RngExt, seq::SliceRandom};
 use rand_distr::{Distribution, StandardNormal};
-use rand_pcg::Pcg64Mcg;
 use serde::Serialize;
 
 use self::{
-    checkpoint::{LoopState, Refusal},
+    checkpoint::LoopState,
     cpu_step::CpuStepper,
     dynamic_step::DynamicStepper,
     refusal::too_much_refused,
+    resume::resume,
     settings::{Position, RendererChoice, TrainSettings},
-    step::{Model, StepSchedule, StepSums, Stepper},
+    step::{Model, StepSchedule, Stepper},
     trace::TracePoint,
 };
 use crate::{
@@ -470,53 +471,6 @@ impl<'a, 's> Trainer<'a, 's> {
             remarks: self.remarks,
         }
     }
-}
-
-/// The beginning, or where the session's checkpoint left off.
-fn resume(
-    model: Model,
-    settings: &TrainSettings,
-    session: &Session<'_>,
-    remarks: &mut Vec<String>,
-) -> Result<(LoopState, Model), ReconstructError> {
-    let mut say = |line: String| {
-        session.progress.note(&line);
-        remarks.push(line);
-    };
-    if let Some(files) = &session.files
-        && files.checkpoint.exists()
-    {
-        let path = &files.checkpoint;
-        match checkpoint::read(path, &files.inputs_sha256, settings, &model) {
-            Ok(mut checkpoint) => {
-                say(format!(
-                    "continued from the checkpoint at iteration {} of {}",
-                    checkpoint.state.iteration, settings.iterations
-                ));
-                checkpoint.state.resumed += 1;
-                return Ok((checkpoint.state, checkpoint.model));
-            }
-            Err(Refusal::OtherRun(reason)) => say(format!(
-                "{}: not continued, {reason}; training begins anew",
-                path.display()
-            )),
-            Err(Refusal::Damaged(error)) => return Err(error.into()),
-        }
-    }
-    let state = LoopState {
-        iteration: 0,
-        random: Pcg64Mcg::seed_from_u64(settings.seed),
-        queue: Vec::new(),
-        last_reset: 0,
-        training: Duration::ZERO,
-        evaluation: Duration::ZERO,
-        training_cpu: process::cpu_time().map(|_| Duration::ZERO),
-        since_trace: StepSums::default(),
-        refused: Vec::new(),
-        trace: Vec::new(),
-        resumed: 0,
-    };
-    Ok((state, model))
 }
 
 /// `sum` and the processor time since `begun`.

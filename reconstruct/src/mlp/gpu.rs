@@ -95,6 +95,11 @@ pub(crate) struct Block {
 }
 
 impl Block {
+    /// All of so many rows.
+    pub(crate) fn all(rows: usize) -> Self {
+        Self { first: 0, rows }
+    }
+
     fn parts(&self) -> usize {
         self.rows.div_ceil(PART_ROWS).clamp(1, PARTS)
     }

@@ -5,6 +5,8 @@
 //! * `product`: matrix products.
 //! * `gpu`, `product_gpu`: the same on a graphics device.
 
+#[cfg(test)]
+mod cases;
 pub mod encoding;
 pub(crate) mod gpu;
 pub mod network;

@@ -171,11 +171,7 @@ impl Parameterization for DeformableGaussians<'_> {
         self.pass(gpu, program, (table, len), |recording| {
             self.kernels.passes.forward(recording, network)
         })?;
-        let all = Block {
-            first: 0,
-            rows: len,
-        };
-        let canonical = self.canonical(gpu, table, len, all)?;
+        let canonical = self.canonical(gpu, table, len, Block::all(len))?;
         program.run(
             gpu,
             &self.kernels.deform,
@@ -197,11 +193,7 @@ impl Parameterization for DeformableGaussians<'_> {
         // Activated once more: `deform` has written over the canonical ones.
         self.canonical.instantiate(gpu, program, table, buffers)?;
         let network = &self.buffers.network;
-        let all = Block {
-            first: 0,
-            rows: len,
-        };
-        let canonical = self.canonical(gpu, table, len, all)?;
+        let canonical = self.canonical(gpu, table, len, Block::all(len))?;
         program.run(
             gpu,
             &self.kernels.deform_vjp,

@@ -1,24 +1,9 @@
 //! Outputs and gradients against the network written out in f64.
 
-use rand::{RngExt, SeedableRng};
-use rand_pcg::Pcg64Mcg;
-
 use super::*;
+use crate::mlp::cases::{Case, SMALL as SHAPE};
 
-const SHAPE: NetworkShape = NetworkShape {
-    row_inputs: 5,
-    shared_inputs: 3,
-    depth: 4,
-    width: 8,
-    skip_after: 1,
-    outputs: 4,
-};
 const UNLIMITED: usize = usize::MAX;
-
-fn values(len: usize, seed: u64) -> Vec<f32> {
-    let mut random = Pcg64Mcg::seed_from_u64(seed);
-    (0..len).map(|_| random.random_range(-1.0..1.0)).collect()
-}
 
 /// The outputs of one row.
 fn reference(weights: &[f64], shared: &[f32], row: &[f32]) -> Vec<f64> {
@@ -47,57 +32,10 @@ fn reference(weights: &[f64], shared: &[f32], row: &[f32]) -> Vec<f64> {
     hidden
 }
 
-struct Case {
-    rows: usize,
-    weights: Vec<f32>,
-    shared: Vec<f32>,
-    inputs: Vec<f32>,
-    upstream: Vec<f32>,
-}
-
-impl Case {
-    fn new(rows: usize) -> Self {
-        let mut weights = SHAPE.initial_weights(3);
-        let heads = SHAPE.layers()[SHAPE.depth].hidden_weights().start;
-        let count = weights.len() - heads;
-        weights[heads..].copy_from_slice(&values(count, 4));
-        Self {
-            rows,
-            weights,
-            shared: values(SHAPE.shared_inputs, 5),
-            inputs: values(rows * SHAPE.row_inputs, 6),
-            upstream: values(rows * SHAPE.outputs, 7),
-        }
-    }
-
-    fn input(&self, row: usize) -> &[f32] {
-        &self.inputs[row * SHAPE.row_inputs..(row + 1) * SHAPE.row_inputs]
-    }
-
-    /// Outputs and gradients by the weights.
-    fn run(&self, limit_bytes: usize) -> (Vec<f32>, Vec<f32>) {
-        let encode = |row: usize, out: &mut [f32]| out.copy_from_slice(self.input(row));
-        let mut activations = Activations::new(limit_bytes);
-        let mut out = vec![0.0; self.rows * SHAPE.outputs];
-        let (weights, shared) = (&self.weights, &self.shared);
-        SHAPE.forward(weights, shared, &encode, &mut activations, &mut out);
-        let mut gradients = vec![f32::NAN; weights.len()];
-        SHAPE.backward(
-            weights,
-            shared,
-            &encode,
-            &activations,
-            &self.upstream,
-            &mut gradients,
-        );
-        (out, gradients)
-    }
-}
-
 #[test]
 fn outputs_and_gradients_are_those_of_the_definition() {
-    let case = Case::new(11);
-    let (out, gradients) = case.run(UNLIMITED);
+    let case = Case::new(SHAPE, 11);
+    let (out, gradients) = case.on_processor(UNLIMITED);
     let wide: Vec<f64> = case.weights.iter().map(|&w| f64::from(w)).collect();
     let loss = |weights: &[f64]| -> f64 {
         let row = |row: usize| {
@@ -136,15 +74,15 @@ fn outputs_and_gradients_are_those_of_the_definition() {
 
 #[test]
 fn memory_and_rows_without_a_gradient_change_nothing() {
-    let mut case = Case::new(3 * BLOCK + 17);
+    let mut case = Case::new(SHAPE, 3 * BLOCK + 17);
     // Some rows of one block, all of another.
     for row in (5..40).chain(BLOCK..2 * BLOCK) {
         case.upstream[row * SHAPE.outputs..(row + 1) * SHAPE.outputs].fill(0.0);
     }
-    let (out, gradients) = case.run(UNLIMITED);
+    let (out, gradients) = case.on_processor(UNLIMITED);
     let one_block = SHAPE.activation_bytes(BLOCK, UNLIMITED);
     for limit in [0, one_block, 2 * one_block + 1] {
-        let (other_out, other) = case.run(limit);
+        let (other_out, other) = case.on_processor(limit);
         assert!(out == other_out && gradients == other, "{limit}");
     }
     // Without leaving rows out: a row of zeros that is just above 0 is not left out.
@@ -153,7 +91,7 @@ fn memory_and_rows_without_a_gradient_change_nothing() {
             *value = f32::MIN_POSITIVE;
         }
     }
-    let (_, all) = case.run(UNLIMITED);
+    let (_, all) = case.on_processor(UNLIMITED);
     let largest = all.iter().fold(0.0_f32, |largest, g| largest.max(g.abs()));
     for (a, b) in gradients.iter().zip(&all) {
         assert!((a - b).abs() < 1e-5 * largest, "{a} {b}");
@@ -162,18 +100,18 @@ fn memory_and_rows_without_a_gradient_change_nothing() {
 
 #[test]
 fn gradients_do_not_depend_on_the_number_of_threads() {
-    let case = Case::new(9 * BLOCK + 1);
+    let case = Case::new(SHAPE, 9 * BLOCK + 1);
     let with = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
         let pool = pool.build().expect("threads");
-        pool.install(|| case.run(UNLIMITED))
+        pool.install(|| case.on_processor(UNLIMITED))
     };
     assert!(with(1) == with(3));
 }
 
 #[test]
 fn nothing_goes_through() {
-    let case = Case::new(0);
-    let (out, gradients) = case.run(UNLIMITED);
+    let case = Case::new(SHAPE, 0);
+    let (out, gradients) = case.on_processor(UNLIMITED);
     assert!(out.is_empty() && gradients.iter().all(|&g| g == 0.0));
 }
