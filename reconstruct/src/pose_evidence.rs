@@ -1,7 +1,7 @@
 //! How far the poses of some views are off, by what scene points show beside where they should.
 //!
 //! A camera whose pose is slightly wrong sees every point a little beside its place. To first order the
-//! difference of image and render at a point is the slope of the render times that displacement, and
+//! difference of image and render at a point is minus the slope of the render times that displacement, and
 //! the displacement is that of a camera which turns by `w` and moves by `t` (world frame): for a point
 //! in the unit direction `n` at the distance `d`
 //!
@@ -24,6 +24,7 @@ use std::f64::consts::TAU;
 use glam::{DVec3, Vec3};
 
 use crate::{
+    camera::corrections::PoseCorrection,
     motion_evidence::{LEAST_VIEWS, PER_MEDIAN},
     warm_up::WARM_UP_ITERATIONS,
 };
@@ -60,13 +61,15 @@ pub struct Clue {
 }
 
 impl Clue {
-    /// Of a point at `offset` from the camera (world frame), how the channels of the render at its place
-    /// change as it moves in the world, and the differences of image and render.
+    /// Of a point at `offset` from the camera (world frame), how the channels of the render change from
+    /// its place to where it would be seen if it moved in the world, and the differences of image and
+    /// render at its place. What is seen there when the point moves comes from the other side: the sign
+    /// of the displacement turns around.
     pub fn new(offset: Vec3, by_point: [Vec3; 3], residual: [f32; 3]) -> Self {
         let offset = offset.as_dvec3();
         let slopes = by_point.map(|by_point| {
             let by_point = by_point.as_dvec3();
-            let (turn, shift) = (-offset.cross(by_point), -by_point);
+            let (turn, shift) = (offset.cross(by_point), by_point);
             [turn.x, turn.y, turn.z, shift.x, shift.y, shift.z]
         });
         Self {
@@ -95,7 +98,7 @@ impl Clue {
 }
 
 /// How far poses are off.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct PoseEvidence {
     /// Views that said something.
     pub views: usize,
@@ -108,20 +111,27 @@ pub struct PoseEvidence {
     pub distance: f64,
     /// Width of the images that were looked at, pixels.
     pub width: u32,
+    /// What would correct the pose of each view that was given; `None` where too little was seen.
+    pub corrections: Vec<Option<PoseCorrection>>,
 }
 
 impl PoseEvidence {
     /// From what every view, a camera at a centre, shows at the same points, in images of this width.
     pub fn of(mut views: Vec<(Vec3, Vec<Option<Clue>>)>, width: u32) -> Self {
         subtract_medians(&mut views);
-        let (centres, mut found): (Vec<DVec3>, Vec<Estimate>) = views
+        let mut found: Vec<Option<Estimate>> = views
             .iter()
-            .filter_map(|(centre, clues)| {
-                let estimate = Estimate::of(&clues.iter().flatten().collect::<Vec<_>>())?;
-                Some((centre.as_dvec3(), estimate))
-            })
-            .unzip();
-        let taken_out = subtract_trend(&centres, &mut found);
+            .map(|(_, clues)| Estimate::of(&clues.iter().flatten().collect::<Vec<_>>()))
+            .collect();
+        let seen = views
+            .iter()
+            .zip(&found)
+            .filter(|(_, found)| found.is_some());
+        let centres: Vec<DVec3> = seen.map(|((centre, _), _)| centre.as_dvec3()).collect();
+        let taken_out = subtract_trend(&centres, found.iter_mut().flatten().collect());
+        let corrections = found.iter().map(|one| Some(one.as_ref()?.correction()));
+        let corrections = corrections.collect();
+        let found: Vec<Estimate> = found.into_iter().flatten().collect();
         let left = found.len() as f64 - taken_out;
         // Written so that NaN is refused.
         let says_something = left >= 1.0;
@@ -140,6 +150,7 @@ impl PoseEvidence {
             shift_radians: (moved / left).sqrt(),
             explained_radians: (explained / found.len() as f64).sqrt(),
             width,
+            corrections,
         }
     }
 
@@ -174,7 +185,7 @@ impl PoseEvidence {
 /// Takes out of the twists what is the same in all views, and what changes in proportion to the place of
 /// the camera: a scene that is turned, moved, scaled or sheared a little explains both. Returns how
 /// many views' worth of freedom that was.
-fn subtract_trend(centres: &[DVec3], found: &mut [Estimate]) -> f64 {
+fn subtract_trend(centres: &[DVec3], mut found: Vec<&mut Estimate>) -> f64 {
     let count = found.len().max(1) as f64;
     let mean = centres.iter().sum::<DVec3>() / count;
     let mut normal = [[0.0; 3]; 3];
@@ -240,8 +251,11 @@ fn subtract_medians(views: &mut [(Vec3, Vec<Option<Clue>>)]) {
 }
 
 fn middle(values: &mut [f32]) -> f32 {
-    values.sort_by(f32::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
+    if values.is_empty() {
+        return 0.0;
+    }
+    let place = values.len() / 2;
+    *values.select_nth_unstable_by(place, f32::total_cmp).1
 }
 
 /// A view's correction and what is known of it.
@@ -310,6 +324,14 @@ impl Estimate {
             covariance,
             displacement: mean_displacement(clues),
         })
+    }
+
+    fn correction(&self) -> PoseCorrection {
+        let [x, y, z, along_x, along_y, along_z] = self.twist.map(|value| value as f32);
+        PoseCorrection {
+            rotation: Vec3::new(x, y, z),
+            centre: Vec3::new(along_x, along_y, along_z),
+        }
     }
 
     /// Mean squared displacement of the points by a twist, radians squared.

@@ -51,8 +51,13 @@ pub struct WarmUp {
     /// The scene at the size that it was looked at.
     scene: TrainingScene,
     views: Vec<Compared>,
+    /// What the views are compared with.
+    gaussians: InstantGaussians,
+    renderer: Renderer,
     exposure: Option<Exposure>,
     is_normalized: bool,
+    poses: Option<PoseEvidence>,
+    is_corrected: bool,
 }
 
 impl WarmUp {
@@ -84,8 +89,12 @@ impl WarmUp {
         let mut warm_up = Self {
             scene,
             views,
+            gaussians,
+            renderer,
             exposure: None,
             is_normalized: false,
+            poses: None,
+            is_corrected: false,
         };
         warm_up.exposure = warm_up.estimated_exposure();
         Ok(warm_up)
@@ -160,8 +169,11 @@ impl WarmUp {
     }
 
     /// How far the views' poses are off, by what some of the scene's points show beside where they
-    /// should.
-    pub fn poses(&self) -> PoseEvidence {
+    /// should; as it was when they were looked at first.
+    pub fn poses(&mut self) -> PoseEvidence {
+        if let Some(found) = &self.poses {
+            return found.clone();
+        }
         let points = initialize::thinned(&self.scene.points, POINTS).positions;
         let views = self.views.iter().map(|compared| {
             let view = self.view(compared);
@@ -170,7 +182,30 @@ impl WarmUp {
                 .map(|&point| compared.clue(&self.scene, view, Vec3::from_array(point)));
             (view.centre, clues.collect())
         });
-        PoseEvidence::of(views.collect(), self.scene.camera.width)
+        let found = PoseEvidence::of(views.collect(), self.scene.camera.width);
+        self.poses.insert(found).clone()
+    }
+
+    /// Compares the views with renders from where they were taken, where their poses are off, once: an
+    /// edge beside its place is no change of the scene.
+    pub fn correct_poses(&mut self) {
+        let found = self.poses();
+        if self.is_corrected || !found.are_off() {
+            return;
+        }
+        self.is_corrected = true;
+        for (compared, correction) in self.views.iter_mut().zip(found.corrections) {
+            let Some(correction) = correction else {
+                continue;
+            };
+            let view = &mut self.scene.input_views[compared.number];
+            view.view = correction.apply(&view.view);
+            let (gaussians, renderer) = (&mut self.gaussians, &mut self.renderer);
+            *compared = Compared::new(compared.number, view, gaussians, renderer);
+            if let Some(exposure) = self.exposure.as_ref().filter(|_| self.is_normalized) {
+                compared.normalize(exposure, view.view.time_seconds);
+            }
+        }
     }
 
     /// Takes the gains out of what the views show, once.
@@ -412,7 +447,7 @@ impl Compared {
         let residual = self.mean([column, row], 1).residual;
         let projection = erp::project(&scene.camera, offset, distance);
         let to_world = view.rotation.transpose();
-        // How each channel changes as the point moves in the world.
+        // How each channel changes towards where the point would be seen if it moved in the world.
         let by_point = [0, 1, 2].map(|channel| {
             let slope = 0.5 * vec2(right[channel] - left[channel], down[channel] - up[channel]);
             to_world * (projection.jacobian_u * slope.x + projection.jacobian_v * slope.y)

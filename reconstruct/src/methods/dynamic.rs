@@ -242,6 +242,8 @@ impl Evidence {
                 if warm_up.exposure().is_some_and(Exposure::drifts) {
                     warm_up.normalize();
                 }
+                // Nor is an edge that lies beside its place because a pose is off.
+                warm_up.correct_poses();
                 let found = warm_up.motion();
                 evidence.moves = found.moves();
                 evidence.reason += &format!("; {}", found.text());

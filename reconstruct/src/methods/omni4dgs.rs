@@ -347,9 +347,11 @@ pub(super) fn prepare_variant(
     }
     if variant.refines_poses {
         // With what exposure was taken out of the views.
-        let found = warm_up(&mut evidence, scene, request)?.poses();
+        let warm_up = warm_up(&mut evidence, scene, request)?;
+        let found = warm_up.poses();
         if pose_refinement::decide(&found, &mut components) {
             pose_refinement::add(&mut settings, scene, &found);
+            warm_up.correct_poses();
         }
     }
     let mut first = odgs::first_gaussians(scene, &settings, request, seeds.gaussians.len());
