@@ -66,7 +66,9 @@ impl WarmUp {
     /// # Errors
     /// When the training diverges.
     pub fn of(scene: &TrainingScene, seed: u64) -> Result<Self, ReconstructError> {
-        let scene = scene.reduced(WARM_UP_WIDTH);
+        let mut scene = scene.reduced(WARM_UP_WIDTH);
+        // Nobody asks how they look.
+        scene.novel_views.clear();
         let request = MethodRequest {
             maximum_gaussians: Some(WARM_UP_GAUSSIANS),
             trace_every: Some(WARM_UP_ITERATIONS),
