@@ -1,7 +1,7 @@
 //! Whether colours depend on the direction from which they are seen.
 //!
 //! Residuals of a short static warm-up always do: what it blurs shows another neighbour from another
-//! side, and harmonics on its Gaussians predict views that were left out 0.7 dB better in scenes without
+//! side, and harmonics on its Gaussians predict views that were left out better in scenes without
 //! any gloss. So the question is put to the images, where neighbours do not matter: at surfaces around
 //! which every view shows next to one colour. Each surface's colours are fitted by a linear function of
 //! the viewing direction - spherical harmonics of degree 1 - from every other view that shows it, and

@@ -177,9 +177,10 @@ fn what_is_seen_beside_its_place_tells_how_poses_are_off() {
         together += (expected - mean[0]).dot(found - mean[1]);
         alone += (expected - mean[0]).length_squared();
     }
-    // Edges of the render are blurred: with slopes too small corrections come out too large.
+    // Slopes are those of the render, whose edges are blurred and too flat: corrections come out a
+    // quarter too large (with the mean of its slopes and the image's, a seventh).
     let share = together / alone;
-    assert!((0.5..1.5).contains(&share), "{share}");
+    assert!((0.5..1.3).contains(&share), "{share}");
     warm_up.correct_poses();
     let after = warm_up.motion();
     assert!(after.noise < 0.9 * before.noise, "{before:?} {after:?}");
