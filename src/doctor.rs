@@ -4,7 +4,7 @@ use std::{fmt, path::Path, process::Command, thread};
 
 use omnilife_bench::lpips::Backbone;
 use omnilife_curate::{boundaries::transnetv2, masks::deeplab, poses::sfm};
-use omnilife_reconstruct::backend;
+use omnilife_engine::device::adapters;
 
 /// One thing that is looked for.
 pub(crate) struct Check {
@@ -191,7 +191,7 @@ fn network_weights() -> Finding {
 }
 
 fn graphics_adapters() -> Finding {
-    let found = backend::adapters();
+    let found = adapters::adapters();
     if found.is_empty() {
         return Finding::Missing {
             reason: "no Vulkan, Metal or DX12 adapter".to_owned(),

@@ -1,5 +1,6 @@
-//! The direction of dependencies: `schemas` <- `networks` <- {`curate`, `reconstruct`, `bench`,
-//! `leaderboard`, `sweep`} <- the binary, without sideways edges; `networks` is for those that run networks.
+//! The direction of dependencies: `schemas` <- {`networks`, `engine`} <- {`curate`, `reconstruct`, `bench`,
+//! `leaderboard`, `sweep`} <- the binary, without sideways edges; `networks` is for those that run networks,
+//! `engine` for `reconstruct`.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
 use std::{
@@ -11,6 +12,7 @@ use serde_json::Value;
 
 const SCHEMAS: &str = "omnilife-schemas";
 const NETWORKS: &str = "omnilife-networks";
+const ENGINE: &str = "omnilife-engine";
 const BINARY: &str = "omnilife";
 const CRATES: [&str; 5] = [
     "omnilife-bench",
@@ -59,7 +61,7 @@ fn ours(dependencies: &BTreeSet<String>) -> BTreeSet<&str> {
 #[test]
 fn every_member_has_its_place() {
     let mut known = BTreeSet::from(CRATES);
-    known.extend([SCHEMAS, NETWORKS, BINARY]);
+    known.extend([SCHEMAS, NETWORKS, ENGINE, BINARY]);
     let dependencies = dependencies();
     let members: BTreeSet<_> = dependencies.keys().map(String::as_str).collect();
     assert_eq!(members, known, "a new crate needs its edges in this test");
@@ -73,13 +75,18 @@ fn schemas_depends_on_no_sibling() {
 #[test]
 fn crates_depend_on_what_they_share_alone() {
     let dependencies = dependencies();
-    assert_eq!(ours(&dependencies[NETWORKS]), BTreeSet::from([SCHEMAS]));
+    for name in [NETWORKS, ENGINE] {
+        assert_eq!(
+            ours(&dependencies[name]),
+            BTreeSet::from([SCHEMAS]),
+            "{name}"
+        );
+    }
     for name in CRATES {
-        let runs_networks = ["omnilife-curate", "omnilife-bench"].contains(&name);
-        let expected = if runs_networks {
-            BTreeSet::from([SCHEMAS, NETWORKS])
-        } else {
-            BTreeSet::from([SCHEMAS])
+        let expected = match name {
+            "omnilife-curate" | "omnilife-bench" => BTreeSet::from([SCHEMAS, NETWORKS]),
+            "omnilife-reconstruct" => BTreeSet::from([SCHEMAS, ENGINE]),
+            _ => BTreeSet::from([SCHEMAS]),
         };
         assert_eq!(ours(&dependencies[name]), expected, "{name}");
     }
@@ -88,7 +95,7 @@ fn crates_depend_on_what_they_share_alone() {
 #[test]
 fn the_binary_depends_on_all() {
     let mut expected = BTreeSet::from(CRATES);
-    expected.insert(SCHEMAS);
+    expected.extend([SCHEMAS, ENGINE]);
     assert_eq!(ours(&dependencies()[BINARY]), expected);
 }
 

@@ -8,13 +8,13 @@ mod support;
 use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use omnilife_reconstruct::{
+use omnilife_engine::{
     gaussians::{
         InstantGaussians,
         deformable::{Deformation, DeformationModel, DeformationWeights},
     },
-    kernels::adam,
-    render::RenderSettings,
+    parameters::adam,
+    render::settings::RenderSettings,
 };
 use support::{Iteration, cpu_seconds};
 

@@ -17,16 +17,15 @@ mod support;
 use std::{hint::black_box, time::Instant};
 
 use fearless_simd::{Level, Simd, dispatch, f32x8, prelude::*};
-use omnilife_reconstruct::{
+use omnilife_engine::{
     camera::rays::Rays,
     gaussians::static_gaussians,
-    kernels::{
-        ALPHA_MAX, ALPHA_MIN, TILE, TRANSMITTANCE_MIN,
+    render::{
         bin::{TileLists, cpu::Binner},
         project::{self, Shape, Splat},
+        settings::{ALPHA_MAX, ALPHA_MIN, RenderSettings, TILE, TRANSMITTANCE_MIN},
         sort::{self, cpu::SortScratch},
     },
-    render::RenderSettings,
 };
 use support::Iteration;
 

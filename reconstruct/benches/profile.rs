@@ -10,7 +10,7 @@ mod support;
 
 use std::{fs, path::Path, time::Instant};
 
-use omnilife_reconstruct::render::{Footprint, RenderSettings};
+use omnilife_engine::render::settings::{Footprint, RenderSettings};
 use support::{Iteration, cpu_seconds};
 
 const NEAR: f32 = 0.01;

@@ -12,7 +12,7 @@ mod support;
 
 use std::{error::Error, fs, path::Path};
 
-use omnilife_reconstruct::render::RenderSettings;
+use omnilife_engine::render::settings::RenderSettings;
 use plotters::prelude::*;
 use support::Iteration;
 

@@ -7,7 +7,7 @@ mod support;
 use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use omnilife_reconstruct::render::RenderSettings;
+use omnilife_engine::render::settings::RenderSettings;
 use support::Iteration;
 
 const WIDTHS: [u32; 2] = [512, 1024];

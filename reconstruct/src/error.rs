@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use omnilife_schemas::{Blame, Blamed, store::StoreError};
 
-use crate::gpu::GpuError;
+use omnilife_engine::{EngineError, device::GpuError};
 
 /// Errors of this crate; messages are one line.
 #[derive(Debug, thiserror::Error)]
@@ -67,15 +67,9 @@ pub enum ReconstructError {
         /// Why not.
         reason: String,
     },
-    /// The backend asked for cannot do the work.
-    #[error("{reason}")]
-    Backend {
-        /// Why not.
-        reason: String,
-    },
-    /// The graphics backend failed.
+    /// The engine failed.
     #[error(transparent)]
-    Gpu(#[from] GpuError),
+    Engine(#[from] EngineError),
     /// Training went numerically wrong.
     #[error("training of {scene} diverged at iteration {iteration}: {what}")]
     Diverged {
@@ -89,6 +83,18 @@ pub enum ReconstructError {
 }
 
 impl ReconstructError {
+    /// What the engine says, with the scene's name where training went wrong.
+    pub(crate) fn of_engine(scene: &str, error: EngineError) -> Self {
+        match error {
+            EngineError::Diverged { iteration, what } => Self::Diverged {
+                scene: scene.to_owned(),
+                iteration,
+                what,
+            },
+            other => Self::Engine(other),
+        }
+    }
+
     pub(crate) fn scene(path: &std::path::Path, reason: impl Into<String>) -> Self {
         Self::Scene {
             path: path.to_owned(),
@@ -97,17 +103,22 @@ impl ReconstructError {
     }
 }
 
+impl From<GpuError> for ReconstructError {
+    fn from(error: GpuError) -> Self {
+        Self::Engine(error.into())
+    }
+}
+
 impl Blamed for ReconstructError {
     fn blame(&self) -> Blame {
         match self {
             Self::Store(error) => error.blame(),
-            Self::Gpu(error) => error.blame(),
+            Self::Engine(error) => error.blame(),
             Self::Scene { .. }
             | Self::UnknownMethod { .. }
             | Self::UnknownComponent { .. }
             | Self::Memory { .. }
-            | Self::Request { .. }
-            | Self::Backend { .. } => Blame::Input,
+            | Self::Request { .. } => Blame::Input,
             Self::Diverged { .. } | Self::Interrupted { .. } => Blame::Ours,
         }
     }

@@ -10,6 +10,7 @@ use std::{
     time::Duration,
 };
 
+use crate::error::ReconstructError;
 use omnilife_schemas::provenance::kibibytes;
 pub use omnilife_schemas::provenance::peak_memory_bytes;
 
@@ -78,6 +79,27 @@ fn control_group_bytes() -> Option<u64> {
     Some(read("memory.max")?.saturating_sub(read("memory.current")?))
 }
 
+/// Refuses work that does not fit. `purpose` says what would be made.
+///
+/// Where the system does not say what it has left (elsewhere than on Linux) nothing is refused.
+///
+/// # Errors
+/// With both figures, when `bytes` is more than what is left.
+pub fn require(bytes: u64, purpose: &str) -> Result<(), ReconstructError> {
+    match available_memory_bytes() {
+        Some(available) if bytes > available => Err(ReconstructError::Memory {
+            purpose: purpose.to_owned(),
+            gibibytes: gibibytes(bytes),
+            available_gibibytes: gibibytes(available),
+        }),
+        _ => Ok(()),
+    }
+}
+
+fn gibibytes(bytes: u64) -> f64 {
+    bytes as f64 / f64::from(1 << 30)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -93,5 +115,17 @@ mod tests {
         assert!(sum > 0);
         let available = available_memory_bytes().expect("Linux tells what is left");
         assert!(available > 1 << 20, "{available}");
+    }
+
+    #[test]
+    fn work_that_does_not_fit_is_refused_with_the_figure() {
+        let message = require(u64::MAX, "100,000,000 Gaussians")
+            .expect_err("no machine has that much")
+            .to_string();
+        assert!(
+            message.contains("100,000,000 Gaussians") && message.contains("GiB"),
+            "{message}"
+        );
+        require(1 << 20, "a few Gaussians").expect("a mebibyte is left");
     }
 }

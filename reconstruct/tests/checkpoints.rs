@@ -14,11 +14,13 @@ use std::{
     sync::atomic::{AtomicU64, Ordering},
 };
 
+use omnilife_engine::model::Model;
 use omnilife_reconstruct::{
     ReconstructError,
-    methods::{self, MethodOutcome, MethodRequest},
+    methods::{self, MethodOutcome},
+    request::{BackendChoice, MethodRequest},
     scene::TrainingScene,
-    train::{BackendChoice, Session, TrainingFiles, step::Model},
+    train::{Session, TrainingFiles},
 };
 use omnilife_schemas::progress::{Progress, Silent};
 

@@ -14,18 +14,25 @@ mod trained;
 use std::fs;
 
 use glam::Vec3;
-use omnilife_reconstruct::{
+use omnilife_engine::{
     camera::View,
     gaussians::{
         InstantGaussians,
         deformable::{Deformation, DeformationModel, DeformationWeights},
         static_gaussians::{self, InitialGaussians},
     },
-    kernels::adam,
-    methods::{self, MethodOutcome, MethodRequest, PlanChoice},
-    render_layers::{Layer, LayerRenderer, TimeSettings},
-    scene::{SceneView, TrainingScene},
-    train::{BackendChoice, Session, TrainingFiles, step::Model},
+    model::{
+        Model,
+        layers::{Layer, LayerRenderer, TimeSettings},
+    },
+    parameters::adam,
+    training_view::TrainingView,
+};
+use omnilife_reconstruct::{
+    methods::{self, MethodOutcome},
+    request::{BackendChoice, MethodRequest, PlanChoice},
+    scene::TrainingScene,
+    train::{Session, TrainingFiles},
 };
 use omnilife_schemas::{points::PointCloud, progress::Silent};
 
@@ -65,7 +72,7 @@ fn dynamic_psnr(scene: &TrainingScene, outcome: &mut MethodOutcome<'_>) -> f64 {
 }
 
 /// Mean colour of a view's layer inside and outside its mask.
-fn colours(image: &[f32], view: &SceneView) -> [[f32; 3]; 2] {
+fn colours(image: &[f32], view: &TrainingView) -> [[f32; 3]; 2] {
     let (mut sums, mut counts) = ([[0.0; 3]; 2], [0.0_f32; 2]);
     for (rgb, covered) in image
         .as_chunks::<3>()

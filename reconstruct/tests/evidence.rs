@@ -13,8 +13,9 @@ mod trained;
 
 use glam::{DVec2, DVec3, Vec3};
 use omnilife_reconstruct::{
-    methods::{MethodOutcome, MethodRequest, PlanChoice},
-    warm_up::WarmUp,
+    evidence::pilot::WarmUp,
+    methods::MethodOutcome,
+    request::{MethodRequest, PlanChoice},
 };
 use omnilife_schemas::camera::CameraModel;
 use rand_pcg::Pcg64Mcg;

@@ -13,12 +13,17 @@ use std::sync::Arc;
 
 use device::{assert_gradients_agree, device};
 use glam::{DQuat, dvec3};
-use omnilife_reconstruct::{
+use omnilife_engine::{
     camera::Camera,
+    device::GpuError,
     gaussians::InstantGaussians,
-    gpu::{GpuError, GpuRenderer},
-    kernels::raster::{Raster, RasterGradient},
-    render::{Footprint, RenderSettings, Renderer, Visible},
+    render::{
+        Visible,
+        cpu::Renderer,
+        gpu::GpuRenderer,
+        raster::{Raster, RasterGradient},
+        settings::{Footprint, RenderSettings},
+    },
 };
 use omnilife_schemas::camera::{ErpCamera, PinholeCamera};
 use rand::{RngExt, SeedableRng};

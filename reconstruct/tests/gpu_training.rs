@@ -13,26 +13,25 @@ use std::sync::Arc;
 
 use balls::scene;
 use device::{assert_gradients_agree, device};
-use omnilife_reconstruct::{
-    ReconstructError,
+use omnilife_engine::{
+    EngineError,
     camera::View,
-    clock::Clock,
+    device::{Gpu, GpuError},
     gaussians::{
         deformable::{DeformationModel, DeformationWeights},
         static_gaussians,
     },
-    gpu::{Gpu, GpuError, GpuStepper},
-    initialize,
-    methods::{self, MethodRequest, PlanChoice},
-    render::RenderSettings,
+    model::{Model, deformation_settings::DeformationSettings},
+    render::settings::RenderSettings,
+    schedule::StepSchedule,
+    step::{Stepper, cpu::CpuStepper, gpu::GpuStepper, settings::TrainSettings},
+};
+use omnilife_reconstruct::{
+    baseline, methods,
+    request::{BackendChoice, MethodRequest, PlanChoice},
     scene::TrainingScene,
-    train::{
-        BackendChoice, Session,
-        cpu_step::CpuStepper,
-        deformation_settings::DeformationSettings,
-        settings::TrainSettings,
-        step::{Model, StepSchedule, Stepper},
-    },
+    seeds::points,
+    train::Session,
 };
 use omnilife_schemas::{
     RgbImage, camera::ErpCamera, points::PointCloud, progress::Silent, records::Backend,
@@ -45,7 +44,7 @@ fn model(scene: &TrainingScene, sh_degree: usize) -> Model {
         positions: scene.points.positions.iter().step_by(5).copied().collect(),
         colours: scene.points.colours.iter().step_by(5).copied().collect(),
     };
-    let initial = initialize::from_points(&points, 3.0);
+    let initial = points::from_points(&points, 3.0);
     let mut table = static_gaussians::table(&initial, sh_degree);
     for (array, offset) in [
         (static_gaussians::LOG_SCALES, 0.4_f32),
@@ -59,14 +58,14 @@ fn model(scene: &TrainingScene, sh_degree: usize) -> Model {
 }
 
 fn on_device<'a>(gpu: &Arc<Gpu>, scene: &'a TrainingScene, model: Model) -> GpuStepper<'a> {
-    GpuStepper::new(Arc::clone(gpu), scene, model, &settings()).unwrap()
+    GpuStepper::new(Arc::clone(gpu), scene.inputs(), model, &settings()).unwrap()
 }
 
 fn settings() -> TrainSettings {
     TrainSettings {
         rendering: RenderSettings::new(0.01),
         ssim_weight: 0.2,
-        ..methods::odgs::published_settings(100)
+        ..baseline::published_settings(100)
     }
 }
 
@@ -86,7 +85,7 @@ fn steps_are_those_of_the_processor() {
     let Some(gpu) = device() else { return };
     let scene = scene();
     let mut on_gpu = on_device(&gpu, &scene, model(&scene, 1));
-    let mut on_cpu = CpuStepper::new(&scene, model(&scene, 1), &settings());
+    let mut on_cpu = CpuStepper::new(scene.inputs(), model(&scene, 1), &settings());
     assert!(matches!(on_gpu.backend(), Backend::Gpu { .. }));
     for iteration in 1..=3 {
         let schedule = schedule(iteration, 1, &RATES);
@@ -136,7 +135,7 @@ fn deformation(scene: &TrainingScene) -> (DeformationSettings, DeformationWeight
         ..DeformationModel::published(3.0)
     };
     let settings = DeformationSettings {
-        clock: Clock::of(scene).unwrap(),
+        clock: scene.clock().unwrap(),
         model,
         warm_up_iterations: 1,
         time_noise: None,
@@ -162,8 +161,9 @@ fn steps_with_a_network_are_those_of_the_processor() {
         deformation: Some(weights.clone()),
         ..model(&scene, 1)
     };
-    let mut on_gpu = GpuStepper::new(Arc::clone(&gpu), &scene, deformed(), &settings).unwrap();
-    let mut on_cpu = CpuStepper::new(&scene, deformed(), &settings);
+    let mut on_gpu =
+        GpuStepper::new(Arc::clone(&gpu), scene.inputs(), deformed(), &settings).unwrap();
+    let mut on_cpu = CpuStepper::new(scene.inputs(), deformed(), &settings);
     let rates = [&RATES[..], &[1e-3]].concat();
     for iteration in 1..=4 {
         let schedule = StepSchedule {
@@ -279,7 +279,8 @@ fn steps_that_found_no_room_are_done_again() {
             deformation: Some(weights.clone()),
             ..wide()
         };
-        let mut stepper = GpuStepper::new(Arc::clone(&gpu), &scene, model, &settings).unwrap();
+        let mut stepper =
+            GpuStepper::new(Arc::clone(&gpu), scene.inputs(), model, &settings).unwrap();
         let entries_at_first = stepper.room_for_entries();
         if renders_first {
             for view in &scene.input_views {
@@ -309,8 +310,8 @@ fn a_lost_device_ends_a_run_and_leaves_no_old_model() {
     let mut stepper = on_device(&gpu, &scene, model(&scene, 0));
     stepper.step(0, &schedule(1, 0, &RATES[..5])).unwrap();
     gpu.destroy();
-    let lost = |error: ReconstructError| match error {
-        ReconstructError::Gpu(error) => error,
+    let lost = |error: EngineError| match error {
+        EngineError::Gpu(error) => error,
         other => panic!("{other}"),
     };
     let error = lost(stepper.take_sums().unwrap_err());
@@ -330,7 +331,7 @@ fn a_loss_that_is_not_finite_ends_a_run_with_its_iteration() {
         },
         ..settings()
     };
-    let mut stepper = GpuStepper::new(gpu, &scene, model(&scene, 0), &settings).unwrap();
+    let mut stepper = GpuStepper::new(gpu, scene.inputs(), model(&scene, 0), &settings).unwrap();
     for iteration in 1..=3 {
         stepper
             .step(0, &schedule(iteration, 0, &RATES[..5]))

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DQuat, DVec3, dvec3};
-use omnilife_reconstruct::interpolation::{
+use omnilife_reconstruct::methods::feed_forward::{
     ContextView, Group, INTERPOLATORS, Station, find, groups,
     sweep::{SweepSettings, SweptDepth, depths},
 };

@@ -14,15 +14,17 @@ mod trained;
 use std::fs;
 
 use glam::{Vec3, vec3};
+use omnilife_engine::{
+    camera::{View, pose::PoseCorrection},
+    model::{Model, pose_corrections::CAMERA_CENTRES},
+    training_view::TrainingView,
+};
 use omnilife_reconstruct::{
-    camera::{
-        View,
-        corrections::{CAMERA_CENTRES, PoseCorrection},
-    },
-    methods::{self, MethodOutcome, MethodRequest, PlanChoice},
-    scene::{SceneView, TrainingScene},
-    train::{Session, TrainingFiles, step::Model},
-    warm_up::WarmUp,
+    evidence::pilot::WarmUp,
+    methods::{self, MethodOutcome},
+    request::{MethodRequest, PlanChoice},
+    scene::TrainingScene,
+    train::{Session, TrainingFiles},
 };
 use omnilife_schemas::progress::Silent;
 
@@ -47,7 +49,7 @@ fn disturbed(mut scene: TrainingScene) -> TrainingScene {
 
 /// By how much the directions of points at a distance of 5 are wrong in these views, root mean square,
 /// beyond what is the same in all of them: radians.
-fn remaining(views: &[SceneView], exact: &[SceneView], model: &Model) -> f32 {
+fn remaining(views: &[TrainingView], exact: &[TrainingView], model: &Model) -> f32 {
     let errors: Vec<[Vec3; 2]> = views
         .iter()
         .zip(exact)

@@ -9,7 +9,8 @@ mod balls;
 
 use balls::scene;
 use omnilife_reconstruct::{
-    methods::{self, MethodOutcome, MethodRequest},
+    methods::{self, MethodOutcome},
+    request::MethodRequest,
     scene::TrainingScene,
     train::Session,
 };

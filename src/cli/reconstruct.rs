@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand, ValueEnum};
+use omnilife_engine::{
+    gaussians::MAX_SH_DEGREE, model::layers::Layer, render::settings::Footprint,
+};
 use omnilife_reconstruct::{
-    gaussians::MAX_SH_DEGREE,
-    methods::{METHODS, MethodRequest, PlanChoice},
-    render::Footprint,
-    render_job::RenderRequest,
-    render_layers::Layer,
-    train::BackendChoice,
+    jobs::render::RenderRequest,
+    methods::METHODS,
+    request::{BackendChoice, MethodRequest, PlanChoice},
 };
 
 use crate::exit::BadRequest;

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use omnilife_bench::{ScoreRequest, score, split_scene};
 use omnilife_reconstruct::{
-    job::{self, ReconstructRequest},
+    jobs::reconstruct::{self, ReconstructRequest},
     methods::{self, Method},
 };
 use omnilife_schemas::{progress::Progress, records::ResultRecord, store};
@@ -63,7 +63,7 @@ pub(crate) fn execute(
         settings.without.extend(without.map(str::to_owned));
         let folder = out.join(&name);
         let run = folder.join("run");
-        job::reconstruct(
+        reconstruct::reconstruct(
             &ReconstructRequest {
                 scene: scene.to_owned(),
                 split: split.clone(),
@@ -75,7 +75,7 @@ pub(crate) fn execute(
             },
             progress,
         )?;
-        let record = run.join(job::RUN_FILE);
+        let record = run.join(reconstruct::RUN_FILE);
         let mut request = ScoreRequest::of_run(scene, &split, &record, &folder.join("score"))?;
         request.method.clone_from(&name);
         let result = score(&request, progress)?;

@@ -22,9 +22,9 @@ use omnilife_bench::{
 };
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard};
 use omnilife_reconstruct::{
-    interpolation,
-    job::{self, RUN_FILE},
-    methods::MethodRequest,
+    jobs::reconstruct::{self, RUN_FILE},
+    methods::feed_forward,
+    request::MethodRequest,
 };
 use omnilife_schemas::{
     Blame,
@@ -73,7 +73,7 @@ impl Candidate {
 
     /// Whether another seed would give the same views.
     fn has_no_seed(&self) -> bool {
-        matches!(self, Self::Ours(id) if interpolation::find(id).is_some())
+        matches!(self, Self::Ours(id) if feed_forward::find(id).is_some())
     }
 }
 
@@ -194,7 +194,7 @@ fn candidates(arguments: &BenchRunArguments) -> anyhow::Result<Vec<Candidate>> {
         let candidate = Candidate::read(text)?;
         if let Candidate::Ours(id) = &candidate {
             let backend = backend_of(id, arguments.backend);
-            job::check(id, &request(arguments, 0), backend.into())?;
+            reconstruct::check(id, &request(arguments, 0), backend.into())?;
         }
         if candidates.iter().any(|other| other.id() == candidate.id()) {
             return Err(BadRequest(format!("method {} is given twice", candidate.id())).into());
@@ -213,7 +213,7 @@ fn request(arguments: &BenchRunArguments, seed: u64) -> MethodRequest {
 
 /// Methods that learn nothing run on the processor whatever trains the others.
 fn backend_of(method: &str, asked: BackendArgument) -> BackendArgument {
-    match interpolation::find(method) {
+    match feed_forward::find(method) {
         Some(_) => BackendArgument::Cpu,
         None => asked,
     }

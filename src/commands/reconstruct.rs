@@ -2,10 +2,12 @@
 
 use omnilife_curate::slicing::Projection;
 use omnilife_reconstruct::{
-    interpolation::INTERPOLATORS,
-    job::{self, ReconstructRequest},
-    methods::{METHODS, Method},
-    plan, render_job,
+    jobs::{
+        plan_cost,
+        reconstruct::{self, ReconstructRequest},
+        render,
+    },
+    methods::{METHODS, Method, feed_forward::INTERPOLATORS},
 };
 use omnilife_schemas::progress::Progress;
 
@@ -25,7 +27,7 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
             iterations,
         } => {
             termination::heed_in_training()?;
-            let record = job::reconstruct(
+            let record = reconstruct::reconstruct(
                 &ReconstructRequest {
                     scene: scene.clone(),
                     split: split.clone(),
@@ -44,7 +46,7 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
                 record.iterations,
                 record.gaussians,
                 record.training_seconds,
-                out.join(job::RUN_FILE).display()
+                out.join(reconstruct::RUN_FILE).display()
             ))
         }
         ReconstructCommand::Plan {
@@ -54,7 +56,7 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
             iterations,
         } => {
             let request = method.request(*iterations)?;
-            let plan = plan::plan(scene, split, &method.method, &request)?;
+            let plan = plan_cost::plan(scene, split, &method.method, &request)?;
             exit::print(&plan.text())
         }
         ReconstructCommand::Render(arguments) => render(arguments, progress),
@@ -88,7 +90,7 @@ fn render(arguments: &RenderArguments, progress: &dyn Progress) -> anyhow::Resul
         // Found out before the rendering, not after it.
         video::check(file)?;
     }
-    let rendered = render_job::render_poses(&arguments.request(), progress)?;
+    let rendered = render::render_poses(&arguments.request(), progress)?;
     let mut text = format!(
         "{} views in {}\n",
         rendered.files.len(),

@@ -17,7 +17,10 @@ use omnilife_bench::{
     protocols,
 };
 use omnilife_curate::poses::SCENE_FILE;
-use omnilife_reconstruct::{interpolation, job::RUN_FILE, methods};
+use omnilife_reconstruct::{
+    jobs::reconstruct::RUN_FILE,
+    methods::{self, feed_forward},
+};
 use omnilife_schemas::{
     records::{Scene, SweepUnit, UnitNeeds},
     store,
@@ -153,7 +156,7 @@ impl Method {
                 kind: MethodKind::External(manifest),
             });
         }
-        if let Some(interpolator) = interpolation::find(name) {
+        if let Some(interpolator) = feed_forward::find(name) {
             return Ok(Self {
                 id: interpolator.id.to_owned(),
                 kind: MethodKind::Interpolator,

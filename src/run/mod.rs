@@ -22,9 +22,8 @@ use omnilife_curate::{
     PoseRequest, curate_dataset, expand_inputs, pose_sequence, poses::SCENE_FILE,
 };
 use omnilife_reconstruct::{
-    job::{self, ReconstructRequest},
-    methods::MethodRequest,
-    train::BackendChoice,
+    jobs::reconstruct::{self, ReconstructRequest},
+    request::{BackendChoice, MethodRequest},
 };
 use omnilife_schemas::{
     Blamed,
@@ -60,7 +59,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
         progress,
     };
     // What is wrong with the request should not be found out after an hour of work.
-    job::check(&job.method, &job.settings, job.backend)?;
+    reconstruct::check(&job.method, &job.settings, job.backend)?;
     omnilife_bench::protocols::protocol(&job.protocol)?;
     if job.poses_are_given() && videos.len() > 1 {
         return Err(BadRequest(format!(
@@ -199,7 +198,7 @@ impl Job<'_> {
         split_scene(&scene, &self.protocol, &split)?;
         let method_folder = self.method_folder(folder);
         let run = method_folder.join("run");
-        job::reconstruct(
+        reconstruct::reconstruct(
             &ReconstructRequest {
                 scene: scene.clone(),
                 split: split.clone(),
@@ -214,7 +213,7 @@ impl Job<'_> {
         let request = ScoreRequest::of_run(
             &scene,
             &split,
-            &run.join(job::RUN_FILE),
+            &run.join(reconstruct::RUN_FILE),
             &method_folder.join("score"),
         )?;
         score(&request, self.progress)?;

@@ -3,11 +3,12 @@
 use std::f64::consts::PI;
 
 use glam::{DQuat, Mat3, Vec3, dvec3};
-use omnilife_reconstruct::{
+use omnilife_engine::{
     camera::View,
-    gaussians::{GaussianTable, InstantGaussians, static_gaussians},
-    kernels::{adam, loss::cpu::Loss, raster::RasterGradient},
-    render::{RenderSettings, Renderer},
+    gaussians::{InstantGaussians, static_gaussians},
+    losses::photometric::cpu::Loss,
+    parameters::{ParameterTable, adam},
+    render::{cpu::Renderer, raster::RasterGradient, settings::RenderSettings},
 };
 use omnilife_schemas::camera::ErpCamera;
 use rand::{RngExt, SeedableRng};
@@ -16,7 +17,7 @@ use rand_pcg::Pcg64Mcg;
 
 /// Gaussians all around the camera as training leaves them: as wide as the distance to their
 /// neighbours, more or less, flattened and turned at random, 1 to 10 units away.
-pub(crate) fn scene(count: usize) -> GaussianTable {
+pub(crate) fn scene(count: usize) -> ParameterTable {
     let mut random = Pcg64Mcg::seed_from_u64(1);
     let mut initial = static_gaussians::InitialGaussians::default();
     let spacing = (4.0 * PI / count as f64).sqrt();
@@ -62,7 +63,7 @@ pub(crate) fn view(width: u32) -> View {
 /// Everything that one training iteration touches.
 pub(crate) struct Iteration {
     pub(crate) view: View,
-    pub(crate) table: GaussianTable,
+    pub(crate) table: ParameterTable,
     pub(crate) instant: InstantGaussians,
     pub(crate) gradient: InstantGaussians,
     pub(crate) renderer: Renderer,

@@ -3,27 +3,27 @@
 //! Source: Z. Yang et al., "Deformable 3D Gaussians for High-Fidelity Monocular Dynamic Scene
 //! Reconstruction", CVPR 2024, and its repository (ingra14m/Deformable-3D-Gaussians).
 
-use super::{
-    Method, MethodRequest, Prepared,
-    components::Components,
-    dynamic::{self, Evidence},
-    odgs::{self, OPACITY_RESET, SKY_SHELL},
-};
 use crate::{
+    baseline::{OPACITY_RESET, SKY_SHELL},
+    components::Components,
+    methods::{
+        Method, Prepared,
+        dynamic::{self, Evidence},
+    },
+    request::MethodRequest,
+};
+use crate::{error::ReconstructError, request::BackendChoice, scene::TrainingScene, seeds::points};
+use omnilife_engine::{
     clock::Clock,
-    error::ReconstructError,
     gaussians::{
         deformable::{DEFORMATION_WEIGHTS, DeformationModel, DeformationWeights},
         static_gaussians,
     },
-    initialize,
-    optim::Decay,
-    scene::TrainingScene,
-    train::{
-        BackendChoice,
+    model::{
+        Model,
         deformation_settings::{DeformationSettings, TimeNoise},
-        step::Model,
     },
+    parameters::decay::Decay,
 };
 
 /// Deformable-GS.
@@ -75,7 +75,7 @@ fn deformation_settings(
     let views = scene.input_views.len().max(1) as f32;
     DeformationSettings {
         clock,
-        model: DeformationModel::published(odgs::scene_extent(scene)),
+        model: DeformationModel::published(crate::baseline::scene_extent(scene)),
         warm_up_iterations: scaled(WARM_UP_ITERATIONS),
         time_noise: with_noise.then(|| TimeNoise {
             begin_frames: NOISE_INTERVALS * clock.duration_frames / views,
@@ -89,16 +89,16 @@ fn prepare(
     request: &MethodRequest,
     _: BackendChoice,
 ) -> Result<Prepared, ReconstructError> {
-    let clock = Clock::of(scene)?;
-    let mut settings = odgs::settings(scene, request);
-    let first = odgs::first_gaussians(scene, &settings, request, 0);
+    let clock = scene.clock()?;
+    let mut settings = crate::baseline::settings(scene, request);
+    let first = crate::baseline::first_gaussians(scene, &settings, request, 0);
     let mut components = Components::new(request, first.plan);
     let evidence = Evidence::of(scene, request)?;
     let deforms = components.decide(DEFORMATION, evidence.of_motion());
     let missing = (!deforms).then_some(DEFORMATION);
     let published = (true, "as published for real scenes".to_owned());
     let with_noise = components.decide_with(TIME_NOISE, missing, published);
-    let initial = initialize::join(first.points, first.shell);
+    let initial = points::join(first.points, first.shell);
     let table = static_gaussians::table(&initial, settings.rendering.sh_degree);
     let shapes = table.shapes();
     let mut model = Model::new(table);
@@ -115,7 +115,7 @@ fn prepare(
             .learning_rates
             .insert(DEFORMATION_WEIGHTS.to_owned(), LEARNING_RATE);
     }
-    odgs::require_memory(request, &settings, &shapes, network_bytes)?;
+    crate::baseline::require_memory(request, &settings, &shapes, network_bytes)?;
     Ok(Prepared {
         model,
         settings,

@@ -3,28 +3,36 @@
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use super::{MethodRequest, PlanChoice, Prepared, components::Components, odgs};
 use crate::{
-    camera::corrections::PoseCorrections,
-    clock::Clock,
+    components::Components,
+    methods::Prepared,
+    request::{MethodRequest, PlanChoice},
+};
+use crate::{
     error::ReconstructError,
-    exposure::Exposure,
+    evidence::pilot::WarmUp,
+    request::BackendChoice,
+    scene::TrainingScene,
+    seeds::{
+        masks::{MaskSeeds, SeedVelocity, mask_seeds},
+        points,
+    },
+};
+use omnilife_engine::EngineError;
+use omnilife_engine::{
+    clock::Clock,
     gaussians::{
-        GaussianTable,
         static_gaussians::{self, InitialGaussians},
         temporal::{InitialTimes, LifespanFeature, LifespanRange, TimeModel},
     },
-    initialize,
-    mask_seeds::{MaskSeeds, SeedVelocity, mask_seeds},
-    optim::Decay,
-    scene::TrainingScene,
-    train::{
-        BackendChoice,
+    model::{
+        Model,
         dynamic_settings::{TemporalDensity, TemporalSmoothing, mean_vertical},
-        settings::TrainSettings,
-        step::Model,
+        exposure::Exposure,
+        pose_corrections::PoseCorrections,
     },
-    warm_up::WarmUp,
+    parameters::{ParameterTable, decay::Decay},
+    step::settings::TrainSettings,
 };
 
 /// Component: opacities rise and fall with time; without it no Gaussian has a lifespan, and none
@@ -116,7 +124,7 @@ pub(super) fn add_learning_rates(settings: &mut TrainSettings, extent: f32) {
 /// Larger steps of lifespans in schedules shorter than the published one, with the square root, as a
 /// random walk would go: 600 published steps change no lifespan by more than a factor of 3.
 pub(super) fn quicken_lifespans(settings: &mut TrainSettings) {
-    let shorter = odgs::PUBLISHED_ITERATIONS / settings.iterations.max(1) as f64;
+    let shorter = crate::baseline::PUBLISHED_ITERATIONS / settings.iterations.max(1) as f64;
     if let Some(rate) = settings.learning_rates.get_mut("log_lifespans") {
         *rate = Decay::constant(rate.begin * shorter.max(1.0).sqrt() as f32);
     }
@@ -175,13 +183,13 @@ pub(super) struct Beginning {
 impl Beginning {
     /// Adds Gaussians that may move.
     pub(super) fn add_moving(&mut self, gaussians: InitialGaussians, times: InitialTimes) {
-        self.moving = initialize::join(std::mem::take(&mut self.moving), gaussians);
+        self.moving = points::join(std::mem::take(&mut self.moving), gaussians);
         self.times.extend(times);
     }
 
     /// The tables of a model.
     pub(super) fn model(&self, time: &TimeModel, sh_degree: usize) -> Model {
-        let fixed: GaussianTable = static_gaussians::table(&self.fixed, sh_degree);
+        let fixed: ParameterTable = static_gaussians::table(&self.fixed, sh_degree);
         Model::with_moving(fixed, time.table(&self.moving, &self.times, sh_degree))
     }
 }
@@ -193,11 +201,12 @@ pub(super) fn check(
     backend: BackendChoice,
 ) -> Result<Clock, ReconstructError> {
     if backend != BackendChoice::Cpu {
-        return Err(ReconstructError::Backend {
+        return Err(EngineError::Backend {
             reason: format!("{method}: this method runs on the cpu backend"),
-        });
+        }
+        .into());
     }
-    Clock::of(scene)
+    scene.clock()
 }
 
 /// Coverage above which masks look as if they marked what does not move.
@@ -298,11 +307,11 @@ pub(super) fn prepared(
         Some(time) => beginning.model(&time, sh_degree),
         None => {
             settings.dynamics = None;
-            let all = initialize::join(beginning.fixed.clone(), beginning.moving.clone());
+            let all = points::join(beginning.fixed.clone(), beginning.moving.clone());
             static_gaussians::table(&all, sh_degree).into()
         }
     };
-    odgs::require_memory(request, &settings, &model.shapes(), 0)?;
+    crate::baseline::require_memory(request, &settings, &model.shapes(), 0)?;
     if settings.pose_refinement.is_some() {
         let times = scene.input_views.iter().map(|view| view.view.time_seconds);
         model.poses = Some(PoseCorrections::new(times.collect()));
@@ -346,7 +355,7 @@ mod tests {
     #[test]
     fn lifespans_go_as_far_in_a_short_schedule() {
         let rate = |iterations| {
-            let mut settings = odgs::published_settings(iterations);
+            let mut settings = crate::baseline::published_settings(iterations);
             add_learning_rates(&mut settings, 1.0);
             quicken_lifespans(&mut settings);
             settings.learning_rates["log_lifespans"].at(0.3)

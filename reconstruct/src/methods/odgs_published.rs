@@ -1,22 +1,20 @@
 //! ODGS as its authors published it, defects included: to compare with, and for nothing else.
 //!
 //! Source: <https://github.com/esw0116/ODGS>, `train.py`, `arguments/__init__.py`,
-//! `scene/gaussian_model.py` and its rasterizer (see [`crate::kernels::odgs_published`]).
+//! `scene/gaussian_model.py` and its rasterizer (see [`omnilife_engine::render::published`]).
 
 use omnilife_schemas::records::ComponentDecision;
 
-use super::{Method, MethodRequest, Prepared, odgs};
+use crate::{error::ReconstructError, request::BackendChoice, scene::TrainingScene, seeds::points};
 use crate::{
-    densify::{DensifySettings, LatitudeOf, SizeUnit, Threshold},
-    error::ReconstructError,
+    methods::{Method, Prepared, odgs},
+    request::MethodRequest,
+};
+use omnilife_engine::{
+    density::{DensifySettings, LatitudeOf, SizeUnit, Threshold},
     gaussians::static_gaussians,
-    initialize,
-    render::RenderSettings,
-    scene::TrainingScene,
-    train::{
-        BackendChoice,
-        settings::{RendererChoice, TrainSettings},
-    },
+    render::settings::{RenderSettings, RendererChoice},
+    step::settings::TrainSettings,
 };
 
 /// ODGS as published.
@@ -46,7 +44,7 @@ const NEAR: f64 = 0.2;
 const LEAST_SQUARED_DISTANCE: f64 = 1e-7;
 
 fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainSettings {
-    let published = odgs::published_settings(request.iterations);
+    let published = crate::baseline::published_settings(request.iterations);
     let unit = scene.normalization.scale;
     let [equator, pole] = request.densify_threshold.unwrap_or([GRADIENT_THRESHOLD; 2]);
     TrainSettings {
@@ -64,10 +62,12 @@ fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainSettings {
                 latitude: LatitudeOf::LastView,
             },
             opacity_recovery_iterations: 0,
-            size_unit: SizeUnit::Length(odgs::CAMERA_EXTENT + (ADDED_EXTENT * unit) as f32),
+            size_unit: SizeUnit::Length(
+                crate::baseline::CAMERA_EXTENT + (ADDED_EXTENT * unit) as f32,
+            ),
             maximum_gaussians: request
                 .maximum_gaussians
-                .unwrap_or_else(|| odgs::default_maximum(scene)),
+                .unwrap_or_else(|| crate::baseline::default_maximum(scene)),
             ..published.densify
         },
         trace_every: request.trace_every.unwrap_or(published.trace_every),
@@ -88,7 +88,7 @@ fn prepare(
     if request.sh_degree.is_some_and(|degree| degree > 0) {
         return refuse("was published with spherical harmonics of degree 0");
     }
-    if request.footprint != crate::render::Footprint::Projected {
+    if request.footprint != omnilife_engine::render::settings::Footprint::Projected {
         return refuse("was published with projected footprints");
     }
     if backend != BackendChoice::Cpu {
@@ -99,8 +99,8 @@ fn prepare(
     }
     let settings = settings(scene, request);
     let maximum = settings.densify.maximum_gaussians;
-    let points = initialize::thinned(&scene.points, maximum as usize);
-    let mut initial = initialize::from_points(&points, f32::INFINITY);
+    let points = points::thinned(&scene.points, maximum as usize);
+    let mut initial = points::from_points(&points, f32::INFINITY);
     let least = (LEAST_SQUARED_DISTANCE.sqrt() * scene.normalization.scale) as f32;
     for scale in &mut initial.scales {
         *scale = scale.max(least);

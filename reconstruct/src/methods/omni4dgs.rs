@@ -3,34 +3,39 @@
 //! Source: "OmniLife360", section 4, Eqs. 1 to 12. The paper gives neither weights nor first values
 //! nor rules of density; every such setting is named here with the reason for its value.
 
-use super::{
-    Method, MethodRequest, PlanChoice, Prepared,
-    components::Components,
-    dynamic::{
-        self, Beginning, CYCLE_FRAMES, Evidence, TEMPORAL_DENSITY, TEMPORAL_MOTION,
-        TEMPORAL_OPACITY, TEMPORAL_SMOOTHING,
+use crate::{
+    baseline::{OPACITY_RESET, SKY_SHELL},
+    components::{Components, pose_refinement},
+    methods::{
+        Method, Prepared,
+        dynamic::{
+            self, Beginning, CYCLE_FRAMES, Evidence, TEMPORAL_DENSITY, TEMPORAL_MOTION,
+            TEMPORAL_OPACITY, TEMPORAL_SMOOTHING,
+        },
     },
-    odgs::{self, OPACITY_RESET, SKY_SHELL},
-    pose_refinement,
+    request::{MethodRequest, PlanChoice},
 };
 use crate::{
-    clock::Clock,
     error::ReconstructError,
-    exposure::Exposure,
+    evidence::{pilot::WarmUp, view_dependence::SH_DEGREE},
+    request::BackendChoice,
+    scene::TrainingScene,
+    seeds::{
+        masks::{MaskSeeds, SeedVelocity},
+        points,
+    },
+};
+use omnilife_engine::{
+    clock::Clock,
     gaussians::{
         omni4dgs::{Decomposition, DirectionOrigin, VelocityForm},
         temporal::{TemporalFeatures, TimeModel, VelocityModel},
     },
-    initialize,
-    mask_seeds::{MaskSeeds, SeedVelocity},
-    scene::TrainingScene,
-    train::{
-        BackendChoice,
+    model::{
         dynamic_settings::{DynamicLoss, DynamicSettings, TemporalSmoothing, VelocityLoss},
-        settings::TrainSettings,
+        exposure::Exposure,
     },
-    view_dependence::SH_DEGREE,
-    warm_up::WarmUp,
+    step::settings::TrainSettings,
 };
 
 /// Omni4DGS.
@@ -223,7 +228,7 @@ impl Decided {
             (true, false) => VelocityModel::Free,
             (true, true) => VelocityModel::Decomposed(DECOMPOSITION),
         };
-        let unit = dynamic::velocity_unit(odgs::scene_extent(scene));
+        let unit = dynamic::velocity_unit(crate::baseline::scene_extent(scene));
         DynamicSettings {
             clock,
             time: TimeModel {
@@ -325,8 +330,8 @@ pub(super) fn prepare_variant(
     backend: BackendChoice,
 ) -> Result<Prepared, ReconstructError> {
     let clock = dynamic::check(variant.id, scene, backend)?;
-    let mut settings = odgs::settings(scene, request);
-    dynamic::add_learning_rates(&mut settings, odgs::scene_extent(scene));
+    let mut settings = crate::baseline::settings(scene, request);
+    dynamic::add_learning_rates(&mut settings, crate::baseline::scene_extent(scene));
     if variant.quickens_lifespans {
         dynamic::quicken_lifespans(&mut settings);
     }
@@ -354,7 +359,8 @@ pub(super) fn prepare_variant(
             warm_up.correct_poses();
         }
     }
-    let mut first = odgs::first_gaussians(scene, &settings, request, seeds.gaussians.len());
+    let mut first =
+        crate::baseline::first_gaussians(scene, &settings, request, seeds.gaussians.len());
     components.plan.extend(first.plan);
     let mut beginning = Beginning {
         fixed: first.shell,
@@ -366,8 +372,8 @@ pub(super) fn prepare_variant(
     if decided.separates {
         let found = warm_up(&mut evidence, scene, request)?.changing(&first.points.positions);
         components.add_reason(STATIC_TABLE, &found.text());
-        let (changing, lasting) = initialize::partition(&first.points, &found.changes);
-        beginning.fixed = initialize::join(lasting, beginning.fixed);
+        let (changing, lasting) = points::partition(&first.points, &found.changes);
+        beginning.fixed = points::join(lasting, beginning.fixed);
         first.points = changing;
     }
     if !first.points.is_empty() {

@@ -6,18 +6,22 @@
 //! velocity of their mask's piece, and are held against images of neighbouring moments; nothing splits
 //! them in time.
 
-use super::{
-    Method, MethodRequest, Prepared,
-    dynamic::{self, TEMPORAL_MOTION, TEMPORAL_OPACITY, TEMPORAL_SMOOTHING},
-    odgs::{OPACITY_RESET, SKY_SHELL},
-    omni4dgs::{
-        self, DYNAMIC_MASK, EXPOSURE_COMPENSATION, MOTION_REGULARIZATION, STATIC_TABLE,
-        VELOCITY_DECOMPOSITION, VELOCITY_REGULARIZATION, VIEW_DEPENDENT_COLOUR, Variant,
+use crate::{
+    baseline::{OPACITY_RESET, SKY_SHELL},
+    components::pose_refinement::POSE_REFINEMENT,
+    methods::{
+        Method, Prepared,
+        dynamic::{self, TEMPORAL_MOTION, TEMPORAL_OPACITY, TEMPORAL_SMOOTHING},
+        omni4dgs::{
+            self, DYNAMIC_MASK, EXPOSURE_COMPENSATION, MOTION_REGULARIZATION, STATIC_TABLE,
+            VELOCITY_DECOMPOSITION, VELOCITY_REGULARIZATION, VIEW_DEPENDENT_COLOUR, Variant,
+        },
     },
-    pose_refinement::POSE_REFINEMENT,
+    request::MethodRequest,
 };
 use crate::{
-    error::ReconstructError, mask_seeds::SeedVelocity, scene::TrainingScene, train::BackendChoice,
+    error::ReconstructError, request::BackendChoice, scene::TrainingScene,
+    seeds::masks::SeedVelocity,
 };
 
 /// Ours.

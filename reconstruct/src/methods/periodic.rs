@@ -3,23 +3,22 @@
 //! Source: Chen et al., "Periodic Vibration Gaussian: Dynamic Urban Scene Reconstruction and
 //! Real-time Rendering", 2023, and its repository (fudan-zvg/PVG).
 
-use super::{
-    Method, MethodRequest, Prepared,
-    components::Components,
-    dynamic::{
-        self, Beginning, CYCLE_FRAMES, Evidence, LIFESPAN_LOSS, TEMPORAL_DENSITY, TEMPORAL_MOTION,
-        TEMPORAL_OPACITY, TEMPORAL_SMOOTHING,
-    },
-    odgs::{self, OPACITY_RESET, SKY_SHELL},
-};
 use crate::{
-    error::ReconstructError,
-    gaussians::temporal::{TemporalFeatures, TimeModel, VelocityModel},
-    scene::TrainingScene,
-    train::{
-        BackendChoice,
-        dynamic_settings::{DynamicSettings, VelocityLoss},
+    baseline::{OPACITY_RESET, SKY_SHELL},
+    components::Components,
+    methods::{
+        Method, Prepared,
+        dynamic::{
+            self, Beginning, CYCLE_FRAMES, Evidence, LIFESPAN_LOSS, TEMPORAL_DENSITY,
+            TEMPORAL_MOTION, TEMPORAL_OPACITY, TEMPORAL_SMOOTHING,
+        },
     },
+    request::MethodRequest,
+};
+use crate::{error::ReconstructError, request::BackendChoice, scene::TrainingScene};
+use omnilife_engine::{
+    gaussians::temporal::{TemporalFeatures, TimeModel, VelocityModel},
+    model::dynamic_settings::{DynamicSettings, VelocityLoss},
 };
 
 /// PVG.
@@ -59,10 +58,10 @@ fn prepare(
     backend: BackendChoice,
 ) -> Result<Prepared, ReconstructError> {
     let clock = dynamic::check(METHOD.id, scene, backend)?;
-    let mut settings = odgs::settings(scene, request);
-    let extent = odgs::scene_extent(scene);
+    let mut settings = crate::baseline::settings(scene, request);
+    let extent = crate::baseline::scene_extent(scene);
     dynamic::add_learning_rates(&mut settings, extent);
-    let first = odgs::first_gaussians(scene, &settings, request, 0);
+    let first = crate::baseline::first_gaussians(scene, &settings, request, 0);
     let mut components = Components::new(request, first.plan);
     let evidence = Evidence::of(scene, request)?;
     let published = || (true, "as published".to_owned());

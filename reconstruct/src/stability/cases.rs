@@ -3,14 +3,14 @@
 use glam::{DQuat, DVec3, dvec3};
 use omnilife_schemas::Similarity;
 
-use super::{
+use crate::stability::{
     Limits,
     devices::DeviceKind,
     in_time,
     parameterizations::InTime,
     setup::{RawGaussian, Setup, mild},
 };
-use crate::kernels::Footprint;
+use omnilife_engine::render::settings::Footprint;
 
 /// A case.
 #[derive(Debug, Clone, Copy)]

@@ -6,13 +6,14 @@ use omnilife_schemas::{
     Pose, Similarity, camera::CameraModel, camera::ErpCamera, points::PointCloud, progress::Silent,
 };
 
-use super::special::{Judgement, SpecialCase};
+use crate::stability::special::{Judgement, SpecialCase};
 use crate::{
-    camera::View,
-    methods::{self, MethodOutcome, MethodRequest, PlanChoice},
-    scene::{SceneView, TrainingScene},
+    methods::{self, MethodOutcome},
+    request::{MethodRequest, PlanChoice},
+    scene::TrainingScene,
     train::Session,
 };
+use omnilife_engine::{camera::View, training_view::TrainingView};
 
 const METHODS: [&str; 4] = ["deformable", "periodic", "omni4dgs", "omni4dgs-plus"];
 const ITERATIONS: u64 = 12;
@@ -173,7 +174,7 @@ fn scene() -> Option<TrainingScene> {
                     .map(|phase| (128.0 + 100.0 * phase.sin()) as u8)
             });
         }
-        input_views.push(SceneView {
+        input_views.push(TrainingView {
             frame,
             view,
             pixels,

@@ -5,13 +5,13 @@ use std::sync::Arc;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use super::{parameterizations::Parameterization, setup::Setup};
-use crate::{
-    error::ReconstructError,
-    gaussians::{GaussianTable, InstantGaussians},
-    gpu::{Gpu, GpuRenderer},
-    kernels::raster::RasterGradient,
-    render::{RenderSettings, Renderer},
+use crate::error::ReconstructError;
+use crate::stability::{parameterizations::Parameterization, setup::Setup};
+use omnilife_engine::{
+    device::Gpu,
+    gaussians::InstantGaussians,
+    parameters::ParameterTable,
+    render::{cpu::Renderer, gpu::GpuRenderer, raster::RasterGradient, settings::RenderSettings},
 };
 
 /// Kinds of devices.
@@ -48,7 +48,7 @@ pub struct RoundTrip {
     /// HWC.
     pub colour: Vec<f32>,
     /// Gradients of [`Device::weights`] times colour, by the raw parameters.
-    pub table: GaussianTable,
+    pub table: ParameterTable,
     /// Gaussians that were drawn.
     pub drawn: usize,
 }
@@ -107,7 +107,7 @@ impl Device {
         &self,
         setup: &Setup,
         parameterization: &Parameterization,
-        table: GaussianTable,
+        table: ParameterTable,
     ) -> Result<RoundTrip, ReconstructError> {
         let camera = setup.view.camera;
         let values = camera.width() as usize * camera.height() as usize * 3;
@@ -122,7 +122,7 @@ impl Device {
         &self,
         setup: &Setup,
         parameterization: &Parameterization,
-        mut table: GaussianTable,
+        mut table: ParameterTable,
         weights: &[f32],
     ) -> Result<RoundTrip, ReconstructError> {
         let settings: RenderSettings = setup.exact.settings;

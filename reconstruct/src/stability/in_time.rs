@@ -3,12 +3,12 @@
 
 use glam::dvec3;
 
-use super::{
+use crate::stability::{
     cases::{Case, Expectation, PLAIN},
     parameterizations::InTime,
     setup::{Motion, RawGaussian, Setup, TIME_SECONDS, Timing, mild},
 };
-use crate::clock::Clock;
+use omnilife_engine::clock::Clock;
 
 /// About peak times, lifespans and velocities.
 const OF_MOTION: Case = Case {

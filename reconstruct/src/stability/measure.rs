@@ -2,16 +2,16 @@
 
 use omnilife_schemas::records::StabilityMeasures;
 
-use super::{
+use crate::error::ReconstructError;
+use crate::stability::{
     devices::Device,
     parameterizations::{Parameterization, STATIC_VALUES},
     setup::Setup,
 };
-use crate::{
+use omnilife_engine::{
     camera::Camera,
-    error::ReconstructError,
-    gaussians::GaussianTable,
-    reference::{self, Decisions, Gaussian},
+    parameters::ParameterTable,
+    render::reference::{self, Decisions, Gaussian},
 };
 
 /// A case as a device made it, and how far it is from the reference.
@@ -89,7 +89,7 @@ impl<'a> Reference<'a> {
     fn new(
         setup: &'a Setup,
         parameterization: &'a Parameterization,
-        table: &GaussianTable,
+        table: &ParameterTable,
         sound: usize,
     ) -> Self {
         let rows = (0..sound)
@@ -122,7 +122,7 @@ impl<'a> Reference<'a> {
 
     /// The largest error of a gradient value of the judged Gaussians, relative to its size or to the
     /// root mean square of its array.
-    fn gradient_error(&self, table: &GaussianTable, decisions: &Decisions) -> f64 {
+    fn gradient_error(&self, table: &ParameterTable, decisions: &Decisions) -> f64 {
         let mut gaussians = self.gaussians();
         let mut worst = 0.0_f64;
         let mut begin = 0;

@@ -5,7 +5,7 @@
 //!   nothing, and `clips`, on which methods are trained;
 //! * [`sweeps`]: families of cases whose condition number grows;
 //! * [`parameterizations`], [`devices`]: what they are tried on;
-//! * [`mod@measure`]: errors of image and gradient against [`crate::reference`].
+//! * [`mod@measure`]: errors of image and gradient against [`omnilife_engine::render::reference`].
 //!
 //! To add a case: a function and a line in its slice.
 

@@ -3,11 +3,13 @@
 use glam::{DMat3, DQuat, DVec3, dvec3};
 use omnilife_schemas::{Pose, Similarity, camera::ErpCamera};
 
-use crate::{
+use omnilife_engine::{
     camera::{Camera, View},
     clock::Clock,
-    kernels::{Footprint, RenderSettings},
-    reference::RefView,
+    render::{
+        reference::RefView,
+        settings::{Footprint, RenderSettings},
+    },
 };
 
 /// Raw parameters of a Gaussian, before any parameterization has rounded them to f32.

@@ -3,15 +3,16 @@
 
 use omnilife_schemas::records::{StabilityMeasures, StabilityRow, StabilityVerdict};
 
-use super::{
+use crate::stability::{
     NO_PARAMETERIZATION, clips,
     devices::{Device, DeviceKind},
     parameterizations::{self, DEFORMABLE, STATIC},
     setup::{Setup, mild},
 };
-use crate::{
-    gaussians::{GaussianTable, InstantGaussians},
-    kernels::{adam, loss::cpu::Loss},
+use omnilife_engine::{
+    gaussians::InstantGaussians,
+    losses::photometric::cpu::Loss,
+    parameters::{ParameterTable, adam},
 };
 
 /// A case with a judgement of its own, on the processor.
@@ -169,7 +170,7 @@ fn non_finite_gradient() -> Judgement {
                 .round_trip_with(&setup, parameterization, table, &weights)
                 .map_err(|error| error.to_string())
         });
-    let mut table: GaussianTable = match made {
+    let mut table: ParameterTable = match made {
         Ok(made) => made.table,
         Err(reason) => return Judgement::failed(reason),
     };
@@ -225,7 +226,7 @@ fn flat_images() -> Judgement {
 
 /// Adam's second moment of a gradient of 1e-25 is zero in f32: the step must shrink, not explode.
 fn tiny_gradients() -> Judgement {
-    let mut table = GaussianTable::new(3);
+    let mut table = ParameterTable::new(3);
     table.add("values", 1, vec![1.0; 3], 0.01);
     let array = &mut table.arrays[0];
     array.gradients = vec![1e-25, -1e-30, 1e-40];

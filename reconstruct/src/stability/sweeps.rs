@@ -3,7 +3,8 @@
 use glam::dvec3;
 use omnilife_schemas::records::{StabilityPoint, StabilitySweep};
 
-use super::{
+use crate::error::ReconstructError;
+use crate::stability::{
     cases::{in_world, layers, needles},
     devices::Device,
     in_time::beside_the_poles,
@@ -11,7 +12,7 @@ use super::{
     parameterizations::{DEFORMABLE, OMNI4DGS, PERIODIC, Parameterization, STATIC},
     setup::{RawGaussian, Setup, TIME_SECONDS, Timing, mild},
 };
-use crate::{clock::Clock, error::ReconstructError};
+use omnilife_engine::clock::Clock;
 
 /// A family of setups.
 #[derive(Debug, Clone, Copy)]

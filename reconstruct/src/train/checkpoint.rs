@@ -19,14 +19,15 @@ use omnilife_schemas::store::{self, StoreError};
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
-use super::{
-    settings::TrainSettings,
-    step::{Model, MovingGaussians, StepSums},
-    trace::TracePoint,
+use crate::train::trace::TracePoint;
+use omnilife_engine::{
+    gaussians::deformable::DeformationWeights,
+    model::Statistics,
+    parameters::{ParameterArray, ParameterTable},
 };
-use crate::{
-    densify::Statistics,
-    gaussians::{GaussianTable, ParameterArray, deformable::DeformationWeights},
+use omnilife_engine::{
+    model::{Model, MovingGaussians},
+    step::{StepSums, settings::TrainSettings},
 };
 
 const MAGIC: &str = "omnilife/checkpoint/";
@@ -238,7 +239,7 @@ fn array_header(array: &ParameterArray) -> ArrayHeader {
     }
 }
 
-fn table_header(table: &GaussianTable) -> TableHeader {
+fn table_header(table: &ParameterTable) -> TableHeader {
     TableHeader {
         gaussians: table.len(),
         arrays: table.arrays.iter().map(array_header).collect(),
@@ -246,7 +247,7 @@ fn table_header(table: &GaussianTable) -> TableHeader {
 }
 
 /// The static Gaussians, then the moving ones.
-fn tables(model: &Model) -> impl Iterator<Item = &GaussianTable> {
+fn tables(model: &Model) -> impl Iterator<Item = &ParameterTable> {
     let moving = model.moving.iter().map(|moving| &moving.table);
     std::iter::once(&model.table).chain(moving)
 }
@@ -283,7 +284,7 @@ fn body(model: &Model) -> Vec<u8> {
     body
 }
 
-fn push_table(body: &mut Vec<u8>, table: &GaussianTable, statistics: &Statistics) {
+fn push_table(body: &mut Vec<u8>, table: &ParameterTable, statistics: &Statistics) {
     for array in &table.arrays {
         push_array(body, array);
     }
@@ -353,8 +354,8 @@ impl Words<'_> {
         weights
     }
 
-    fn table(&mut self, gaussians: usize, template: &GaussianTable) -> GaussianTable {
-        let mut table = GaussianTable::new(gaussians);
+    fn table(&mut self, gaussians: usize, template: &ParameterTable) -> ParameterTable {
+        let mut table = ParameterTable::new(gaussians);
         for array in &template.arrays {
             let count = gaussians * array.width;
             let added = table.add(array.name, array.width, self.floats(count), 0.0);

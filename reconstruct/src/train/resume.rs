@@ -5,13 +5,15 @@ use std::time::Duration;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
-use super::{
+use crate::train::{
     Session,
     checkpoint::{self, LoopState, Refusal},
-    settings::TrainSettings,
-    step::{Model, StepSums},
 };
 use crate::{error::ReconstructError, process};
+use omnilife_engine::{
+    model::Model,
+    step::{StepSums, settings::TrainSettings},
+};
 
 /// The beginning, or where the session's checkpoint left off.
 pub(super) fn resume(

@@ -2,12 +2,13 @@
 
 use std::time::Instant;
 
-use super::{
-    BackendChoice, new_stepper,
-    settings::TrainSettings,
-    step::{Model, StepSchedule, Stepper},
-};
 use crate::{error::ReconstructError, scene::TrainingScene};
+use crate::{request::BackendChoice, train::new_stepper};
+use omnilife_engine::{
+    model::Model,
+    schedule::StepSchedule,
+    step::{Stepper, settings::TrainSettings},
+};
 
 /// A model at the beginning of its training, ready for steps that move nothing.
 struct Timed<'a> {

@@ -5,8 +5,10 @@ use std::path::Path;
 use omnilife_schemas::store::{self, StoreError};
 use serde::{Deserialize, Serialize};
 
-use super::{checkpoint::LoopState, step::StepSums};
-use crate::{gaussians::ArrayShape, process};
+use crate::process;
+use crate::train::checkpoint::LoopState;
+use omnilife_engine::parameters::ArrayShape;
+use omnilife_engine::step::StepSums;
 
 /// One row of error against run time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

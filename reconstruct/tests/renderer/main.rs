@@ -10,11 +10,14 @@ mod sphere;
 mod support;
 
 use glam::{DQuat, DVec3, dvec3};
-use omnilife_reconstruct::{
+use omnilife_engine::{
     camera::Camera,
     gaussians::InstantGaussians,
-    kernels::raster::RasterGradient,
-    render::{Footprint, RenderSettings, Renderer},
+    render::{
+        cpu::Renderer,
+        raster::RasterGradient,
+        settings::{Footprint, RenderSettings},
+    },
 };
 use omnilife_schemas::camera::{ErpCamera, PinholeCamera};
 use rand::{RngExt, SeedableRng};

@@ -1,11 +1,10 @@
 //! The gradient by a camera's pose against finite differences of the f64 reference.
 
 use glam::{DMat3, DQuat, DVec3, dvec3};
-use omnilife_reconstruct::{
+use omnilife_engine::{
     camera::Camera,
     gaussians::InstantGaussians,
-    kernels::{project::by_camera, raster::RasterGradient},
-    render::{Footprint, Renderer},
+    render::{cpu::Renderer, project::by_camera, raster::RasterGradient, settings::Footprint},
 };
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;

@@ -1,9 +1,9 @@
 //! The seam is nowhere and the poles are like everything else.
 
 use glam::{DQuat, DVec3, dvec2, dvec3};
-use omnilife_reconstruct::{
+use omnilife_engine::{
     gaussians::InstantGaussians,
-    render::{Footprint, Renderer},
+    render::{cpu::Renderer, settings::Footprint},
 };
 use omnilife_schemas::camera::{CameraModel, ErpCamera};
 use rand::{RngExt, SeedableRng};

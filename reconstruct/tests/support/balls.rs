@@ -2,15 +2,16 @@
 //! them; every fifth view is a novel one.
 
 use glam::{DQuat, DVec3};
-use omnilife_reconstruct::{
+use omnilife_engine::{
     camera::View,
     gaussians::{
         InstantGaussians,
         static_gaussians::{self, InitialGaussians, SH_REST},
     },
-    render::{RenderSettings, Renderer},
-    scene::{SceneView, TrainingScene},
+    render::{cpu::Renderer, settings::RenderSettings},
+    training_view::TrainingView,
 };
+use omnilife_reconstruct::scene::TrainingScene;
 use omnilife_schemas::{Pose, Similarity, camera::ErpCamera, points::PointCloud};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -84,7 +85,7 @@ pub(crate) fn scene_with(
         } else {
             &mut input_views
         };
-        views.push(SceneView {
+        views.push(TrainingView {
             frame,
             view,
             pixels,

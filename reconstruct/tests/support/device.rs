@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use omnilife_reconstruct::gpu::{Gpu, GpuError};
+use omnilife_engine::device::{Gpu, GpuError};
 
 /// A device, or nothing and a line why on a machine without any adapter.
 pub(crate) fn device() -> Option<Arc<Gpu>> {

@@ -1,7 +1,8 @@
 //! Methods trained for a few steps, without files.
 
 use omnilife_reconstruct::{
-    methods::{self, MethodOutcome, MethodRequest},
+    methods::{self, MethodOutcome},
+    request::MethodRequest,
     scene::TrainingScene,
     train::Session,
 };

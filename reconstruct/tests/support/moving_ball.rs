@@ -1,7 +1,8 @@
 //! The balls of `balls.rs` with a red one that passes in front of them, and masks of it.
 
 use glam::{DVec2, Vec3};
-use omnilife_reconstruct::scene::{SceneView, TrainingScene};
+use omnilife_engine::training_view::TrainingView;
+use omnilife_reconstruct::scene::TrainingScene;
 use omnilife_schemas::camera::CameraModel;
 
 use crate::balls;
@@ -26,7 +27,7 @@ pub(crate) fn scene() -> TrainingScene {
 }
 
 /// Draws a ball onto the image, and its mask.
-fn paint(view: &mut SceneView, camera: omnilife_schemas::camera::ErpCamera, centre: Vec3) {
+fn paint(view: &mut TrainingView, camera: omnilife_schemas::camera::ErpCamera, centre: Vec3) {
     let width = camera.width as usize;
     let to_centre = view.view.rotation * (centre - view.view.centre);
     let cosine = (1.0 - (RADIUS / to_centre.length()).powi(2)).sqrt();

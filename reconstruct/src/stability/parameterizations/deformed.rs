@@ -13,14 +13,15 @@ use std::sync::OnceLock;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use super::{InTime, Parameterization, still};
-use crate::{
+use crate::stability::parameterizations::{InTime, Parameterization, still};
+use crate::stability::setup::Setup;
+use omnilife_engine::{
     gaussians::{
-        GaussianTable, InstantGaussians,
+        InstantGaussians,
         deformable::{Deformation, DeformationModel, DeformationWeights},
     },
-    reference::Gaussian,
-    stability::setup::Setup,
+    parameters::ParameterTable,
+    render::reference::Gaussian,
 };
 
 /// The published octaves, and layers narrow enough for plain loops.
@@ -75,7 +76,7 @@ fn unit_time(setup: &Setup) -> f32 {
 
 /// The VJP: gradients of a table, and those by the network's weights.
 pub fn deformation(
-    table: &mut GaussianTable,
+    table: &mut ParameterTable,
     instant: &InstantGaussians,
     gradient: &InstantGaussians,
     setup: &Setup,

@@ -8,10 +8,9 @@ mod deformed;
 mod moving;
 mod still;
 
-use super::setup::Setup;
-use crate::{
-    gaussians::{GaussianTable, InstantGaussians},
-    reference::Gaussian,
+use crate::stability::setup::Setup;
+use omnilife_engine::{
+    gaussians::InstantGaussians, parameters::ParameterTable, render::reference::Gaussian,
 };
 
 pub use deformed::{DEFORMABLE, deformation};
@@ -37,12 +36,12 @@ pub struct Parameterization {
     /// What of it depends on time.
     pub in_time: InTime,
     /// A table of a setup's raw parameters; those of static Gaussians come first.
-    pub table: fn(&Setup) -> GaussianTable,
+    pub table: fn(&Setup) -> ParameterTable,
     /// Activates it at the setup's instant.
-    pub instantiate: fn(&GaussianTable, &Setup, &mut InstantGaussians),
+    pub instantiate: fn(&ParameterTable, &Setup, &mut InstantGaussians),
     /// The VJP of that: from the table, what was activated and the gradients by it to the table's
     /// gradients.
-    pub instantiate_vjp: fn(&mut GaussianTable, &InstantGaussians, &InstantGaussians, &Setup),
+    pub instantiate_vjp: fn(&mut ParameterTable, &InstantGaussians, &InstantGaussians, &Setup),
     /// The definition: a Gaussian of a table, all of its values array by array, at the setup's
     /// instant. What no gradient flows through, and every decision, is taken from the second row: the
     /// Gaussian before a difference moved it.

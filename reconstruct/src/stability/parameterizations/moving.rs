@@ -15,10 +15,11 @@ use std::f64::consts::TAU;
 
 use glam::{DVec3, Vec3};
 
-use super::{InTime, Parameterization, still};
-use crate::{
+use crate::stability::parameterizations::{InTime, Parameterization, still};
+use crate::stability::setup::Setup;
+use omnilife_engine::{
     gaussians::{
-        GaussianTable, InstantGaussians,
+        InstantGaussians,
         omni4dgs::{Decomposition, DirectionOrigin, Observer, VelocityForm},
         periodic::Moment,
         temporal::{
@@ -26,8 +27,8 @@ use crate::{
             TANGENTIAL_VELOCITIES, TemporalFeatures, TimeModel, VelocityModel,
         },
     },
-    reference::Gaussian,
-    stability::setup::Setup,
+    parameters::ParameterTable,
+    render::reference::Gaussian,
 };
 
 /// PVG: one free velocity; faint Gaussians are left out.
@@ -119,7 +120,7 @@ fn projected(setup: &Setup) -> TimeModel {
 
 /// The static arrays, then those of the model. Lifespans may lie outside their bounds: what training
 /// would put back, reading has to bear.
-fn table(setup: &Setup, model: &TimeModel) -> GaussianTable {
+fn table(setup: &Setup, model: &TimeModel) -> ParameterTable {
     let mut table = still::table(&setup.gaussians);
     let clock = setup.timing.clock;
     for shape in model.shapes() {
@@ -170,7 +171,7 @@ fn look(setup: &Setup, model: &TimeModel) -> Look {
 }
 
 fn instantiate(
-    table: &GaussianTable,
+    table: &ParameterTable,
     setup: &Setup,
     model: &TimeModel,
     out: &mut InstantGaussians,
@@ -181,7 +182,7 @@ fn instantiate(
 }
 
 fn instantiate_vjp(
-    table: &mut GaussianTable,
+    table: &mut ParameterTable,
     instant: &InstantGaussians,
     gradient: &InstantGaussians,
     setup: &Setup,

@@ -1,10 +1,9 @@
 //! Static Gaussians (3DGS).
 
-use super::{InTime, Parameterization};
-use crate::{
-    gaussians::{GaussianTable, static_gaussians},
-    reference::Gaussian,
-    stability::setup::RawGaussian,
+use crate::stability::parameterizations::{InTime, Parameterization};
+use crate::stability::setup::RawGaussian;
+use omnilife_engine::{
+    gaussians::static_gaussians, parameters::ParameterTable, render::reference::Gaussian,
 };
 
 /// Values of a static Gaussian: centre, scales, quaternion, opacity, constant harmonics.
@@ -25,8 +24,8 @@ pub const STATIC: Parameterization = Parameterization {
 };
 
 /// Raw values in the arrays of the static parameterization.
-pub(super) fn table(gaussians: &[RawGaussian]) -> GaussianTable {
-    let mut table = GaussianTable::new(gaussians.len());
+pub(super) fn table(gaussians: &[RawGaussian]) -> ParameterTable {
+    let mut table = ParameterTable::new(gaussians.len());
     let columns: [fn(&RawGaussian) -> Vec<f64>; 5] = [
         |g| g.position.to_vec(),
         |g| g.log_scale.to_vec(),

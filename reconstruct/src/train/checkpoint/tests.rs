@@ -2,11 +2,10 @@
 
 use rand::SeedableRng;
 
-use super::*;
-use crate::{
-    camera::corrections::PoseCorrections,
+use crate::train::checkpoint::*;
+use omnilife_engine::{
     gaussians::static_gaussians::{self, InitialGaussians, POSITIONS},
-    methods::odgs,
+    model::pose_corrections::PoseCorrections,
 };
 
 fn model() -> Model {
@@ -46,7 +45,7 @@ fn state() -> LoopState {
 fn what_is_written_is_read_back_to_the_bit() -> Result<(), Box<dyn std::error::Error>> {
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("checkpoint.bin");
-    let settings = odgs::published_settings(30_000);
+    let settings = crate::baseline::published_settings(30_000);
     let mut written = model();
     let mut moving = model().table;
     moving.add("peak_times", 1, vec![0.5; 4], 0.0);
@@ -83,7 +82,7 @@ fn a_value_that_is_not_finite_is_neither_written_nor_read() -> Result<(), Box<dy
 {
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("checkpoint.bin");
-    let settings = odgs::published_settings(30_000);
+    let settings = crate::baseline::published_settings(30_000);
     let mut poisoned = model();
     poisoned.table.arrays[POSITIONS].first_moments[10] = f32::NAN;
     let refused = write(&path, "inputs", &settings, &state(), &poisoned);

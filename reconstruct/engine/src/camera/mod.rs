@@ -1,0 +1,277 @@
+//! Jacobians and vector-Jacobian products (VJPs) of the camera models, in f32.
+//!
+//! The models themselves are defined in f64 in [`omnilife_schemas::camera`]; tests hold each file
+//! here against its definition by finite differences.
+
+pub mod erp;
+pub mod pinhole;
+pub mod pose;
+pub mod rays;
+
+use std::f32::consts::{PI, TAU};
+
+use glam::{DMat3, DVec3, Mat3, Vec2, Vec3, vec3};
+use omnilife_schemas::{
+    Pose, Similarity,
+    camera::{ErpCamera, PinholeCamera},
+};
+
+/// Added to the diagonal of the projected covariance, square pixels (3DGS `forward.cu`).
+pub const LOW_PASS: f32 = 0.3;
+/// `cos(85 degrees)`: nearer to a pole of an ERP image than this (`hypot(x, z) < CONE_RHO d`) the
+/// ellipse in the image means nothing, and the footprint is a cone.
+pub const CONE_RHO: f32 = 0.087_155_744;
+/// An ellipse whose standard deviation along the columns of an ERP image is more than this share of
+/// the width (six of them cover a quarter turn) is too wide for the image's plane: a cone.
+pub const CONE_WIDTH: f32 = 1.0 / 24.0;
+
+/// The camera models that the kernels draw.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Camera {
+    /// The whole sphere; columns wrap.
+    Erp(ErpCamera),
+    /// A perspective image.
+    Pinhole(PinholeCamera),
+}
+
+/// A point's image and the two rows of the Jacobian of `(u, v)` by the point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Projection {
+    /// Pixels; for an ERP camera `u` is in [0, W].
+    pub pixel: Vec2,
+    /// `du/dp`, pixels per unit.
+    pub jacobian_u: Vec3,
+    /// `dv/dp`, pixels per unit.
+    pub jacobian_v: Vec3,
+}
+
+impl Camera {
+    /// Pixels per row.
+    pub fn width(&self) -> u32 {
+        match self {
+            Self::Erp(camera) => camera.width,
+            Self::Pinhole(camera) => camera.width,
+        }
+    }
+
+    /// Rows of pixels.
+    pub fn height(&self) -> u32 {
+        match self {
+            Self::Erp(camera) => camera.height,
+            Self::Pinhole(camera) => camera.height,
+        }
+    }
+
+    /// Whether the first column follows the last.
+    pub fn wraps(&self) -> bool {
+        matches!(self, Self::Erp(_))
+    }
+
+    /// Whether a point of the camera frame is drawn: its `distance` (radial) is beyond `near`, and
+    /// for a pinhole so is its depth `z`. False for NaN.
+    pub fn sees(&self, point: Vec3, distance: f32, near: f32) -> bool {
+        distance > near
+            && distance < f32::MAX
+            && match self {
+                Self::Erp(_) => true,
+                Self::Pinhole(_) => point.z > near,
+            }
+    }
+
+    /// Projects a point of the camera frame that [`Camera::sees`]; `distance` is `|point|`.
+    pub fn project(&self, point: Vec3, distance: f32) -> Projection {
+        match self {
+            Self::Erp(camera) => erp::project(camera, point, distance),
+            Self::Pinhole(camera) => pinhole::project(camera, point),
+        }
+    }
+
+    /// VJP of [`Camera::project`]: the gradient by the point from gradients by the pixel and by the
+    /// two rows of the Jacobian.
+    pub fn project_vjp(
+        &self,
+        point: Vec3,
+        distance: f32,
+        pixel: Vec2,
+        jacobian_u: Vec3,
+        jacobian_v: Vec3,
+    ) -> Vec3 {
+        match self {
+            Self::Erp(camera) => {
+                erp::project_vjp(camera, point, distance, pixel, jacobian_u, jacobian_v)
+            }
+            Self::Pinhole(camera) => {
+                pinhole::project_vjp(camera, point, pixel, jacobian_u, jacobian_v)
+            }
+        }
+    }
+}
+
+/// Distance from the vertical axis. Directions and distances are in ranges where squares neither
+/// overflow nor vanish: `hypot` is not needed, and several times slower.
+pub fn horizontal(point: Vec3) -> f32 {
+    (point.x * point.x + point.z * point.z).sqrt()
+}
+
+/// Two directions orthogonal to the unit direction `n` and to each other, `[e_1, e_2]` with
+/// `e_1 x e_2 = n`: `e_1` is horizontal (towards growing longitude), `e_2` points down.
+pub fn tangent_frame(n: Vec3) -> [Vec3; 2] {
+    let rho = horizontal(n);
+    // At an exact pole longitude is arbitrary: `atan2(0, 0)` is 0, so is this frame's.
+    let (sin, cos) = if rho > 0.0 {
+        (n.x / rho, n.z / rho)
+    } else {
+        (0.0, 1.0)
+    };
+    [vec3(cos, 0.0, -sin), vec3(-n.y * sin, rho, -n.y * cos)]
+}
+
+/// A rectangle of the image in pixels; columns of an ERP image count on beyond both sides.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PixelBox {
+    /// Middle.
+    pub centre: [f32; 2],
+    /// Half width and half height.
+    pub extent: [f32; 2],
+}
+
+impl PixelBox {
+    /// More than any image.
+    pub const EVERYTHING: Self = Self {
+        centre: [0.0; 2],
+        extent: [1e9; 2],
+    };
+}
+
+/// What the cones of [`crate::render::project`] need to know of a camera.
+impl Camera {
+    /// Square of the low-pass filter's standard deviation as an angle, radians squared: the
+    /// [`LOW_PASS`] of a pixel at the image centre.
+    pub fn angular_low_pass(&self) -> f32 {
+        match self {
+            Self::Erp(camera) => LOW_PASS * (PI / camera.height as f32).powi(2),
+            Self::Pinhole(camera) => LOW_PASS / (camera.fx * camera.fy) as f32,
+        }
+    }
+
+    /// How a unit direction moves with its image: `dn/du` and `dn/dv`, radians per pixel. Within
+    /// [`CONE_RHO`] of a pole of an ERP image, `dn/du` stops shrinking.
+    pub fn pixel_step(&self, n: Vec3) -> [Vec3; 2] {
+        match self {
+            Self::Erp(camera) => {
+                let [east, down] = tangent_frame(n);
+                let rho = horizontal(n).max(CONE_RHO);
+                [
+                    east * (rho * TAU / camera.width as f32),
+                    down * (PI / camera.height as f32),
+                ]
+            }
+            Self::Pinhole(camera) => [
+                (Vec3::X - n * n.x) * (n.z / camera.fx as f32),
+                (Vec3::Y - n * n.y) * (n.z / camera.fy as f32),
+            ],
+        }
+    }
+
+    /// A rectangle around the cap of `radius` radians around the unit direction `n`, whose image is
+    /// `pixel`. NaN gives everything.
+    pub fn cap_box(&self, n: Vec3, pixel: Vec2, radius: f32) -> PixelBox {
+        let is_less_than_half = radius < 0.5 * PI;
+        if !is_less_than_half {
+            return PixelBox::EVERYTHING;
+        }
+        let (sin, pixel) = (radius.sin(), pixel.to_array());
+        match self {
+            Self::Erp(camera) => {
+                let rho = horizontal(n);
+                let half_height = radius / PI * camera.height as f32;
+                // The widest point of a cap that holds no pole; one that does is everywhere.
+                let half_width = if sin < rho {
+                    (sin / rho).asin() / TAU * camera.width as f32
+                } else {
+                    PixelBox::EVERYTHING.extent[0]
+                };
+                PixelBox {
+                    centre: pixel,
+                    extent: [half_width, half_height],
+                }
+            }
+            Self::Pinhole(camera) => {
+                let (Some(columns), Some(rows)) =
+                    (slopes_of_cap(n.x, n.z, sin), slopes_of_cap(n.y, n.z, sin))
+                else {
+                    return PixelBox::EVERYTHING;
+                };
+                let pixels = |slopes: (f32, f32), focal: f64, centre: f64| {
+                    let (focal, centre) = (focal as f32, centre as f32);
+                    (
+                        0.5 * (slopes.0 + slopes.1) * focal + centre,
+                        0.5 * (slopes.1 - slopes.0) * focal,
+                    )
+                };
+                let (u, half_width) = pixels(columns, camera.fx, camera.cx);
+                let (v, half_height) = pixels(rows, camera.fy, camera.cy);
+                PixelBox {
+                    centre: [u, v],
+                    extent: [half_width, half_height],
+                }
+            }
+        }
+    }
+}
+
+/// Range of `x / z` over a cap around a unit direction with the coordinates `x`, `z`, from the
+/// planes through the centre that touch the cap: `(x - u z)^2 = (1 + u^2) sin^2`. `None` where the
+/// cap reaches `z = 0`.
+fn slopes_of_cap(x: f32, z: f32, sin: f32) -> Option<(f32, f32)> {
+    let denominator = z * z - sin * sin;
+    if z <= 0.0 || denominator <= 0.0 {
+        return None;
+    }
+    let root = sin * (x * x + denominator).max(0.0).sqrt();
+    Some(((x * z - root) / denominator, (x * z + root) / denominator))
+}
+
+impl From<ErpCamera> for Camera {
+    fn from(camera: ErpCamera) -> Self {
+        Self::Erp(camera)
+    }
+}
+
+impl From<PinholeCamera> for Camera {
+    fn from(camera: PinholeCamera) -> Self {
+        Self::Pinhole(camera)
+    }
+}
+
+/// A camera in a normalized scene, ready for the kernels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct View {
+    /// Image size and model.
+    pub camera: Camera,
+    /// World-to-camera rotation.
+    pub rotation: Mat3,
+    /// Camera centre in normalized world units.
+    pub centre: Vec3,
+    /// Presentation timestamp in seconds.
+    pub time_seconds: f64,
+}
+
+impl View {
+    /// A view of the normalized scene. `None` when the pose is not usable.
+    pub fn new(
+        camera: impl Into<Camera>,
+        pose: &Pose,
+        normalization: &Similarity,
+        time_seconds: f64,
+    ) -> Option<Self> {
+        let camera_to_world = DMat3::from_quat(pose.rotation()?);
+        let centre: DVec3 = normalization.normalize(pose.centre());
+        centre.is_finite().then(|| Self {
+            camera: camera.into(),
+            rotation: camera_to_world.transpose().as_mat3(),
+            centre: centre.as_vec3(),
+            time_seconds,
+        })
+    }
+}

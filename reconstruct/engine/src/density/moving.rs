@@ -1,0 +1,363 @@
+//! Density control of Gaussians that depend on time (PVG `scene/gaussian_model.py`).
+//!
+//! Beside the rules of space, a Gaussian is cloned or split when its peak time is pulled about:
+//! `|dL/dtau|` is large. The children of a split lie elsewhere in time too: `tau'` is drawn from
+//! `N(tau, beta)`, and they are moved by `vbar (tau' - tau)` to where their parent would be then. In
+//! the second half of densification there are three of them, with shorter lives.
+//!
+//! Departures: `|dL/dtau|` instead of the signed mean; peak times stay within the clip and a tenth of
+//! it on both sides; what is too faint at all times of the clip is pruned, because it would never get
+//! a gradient again.
+
+use glam::Vec3;
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64Mcg;
+
+use crate::density::{
+    Densified, DensifySettings, DensityContext, candidates, is_useful, relative_size, remove,
+    scatter_child, shrink, strongest,
+};
+use crate::{
+    gaussians::{
+        periodic::Pulse,
+        static_gaussians::{OPACITY_LOGITS, POSITIONS, sigmoid},
+        temporal::{LOG_LIFESPANS, PEAK_TIMES},
+    },
+    model::{
+        MovingGaussians,
+        dynamic_settings::{DynamicSettings, TemporalDensity},
+    },
+    parameters::ParameterTable,
+};
+
+/// A split's children live shorter than their parent by this factor (PVG: 0.8 times 2 children).
+const LIFESPAN_SHRINK: f32 = 1.6;
+/// Peak times may lie outside the clip by this share of it on both sides (PVG draws first ones from
+/// 1.2 times the clip).
+const PEAK_MARGIN: f32 = 0.1;
+
+/// What density control of moving Gaussians goes by.
+pub(super) struct MovingControl<'a> {
+    pub(super) settings: &'a DensifySettings,
+    pub(super) dynamics: &'a DynamicSettings,
+    pub(super) scheduled: u64,
+    pub(super) context: &'a DensityContext<'a>,
+    /// How many Gaussians may be added.
+    pub(super) room: usize,
+}
+
+/// What happens to a Gaussian.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Growth {
+    Clone,
+    Split,
+}
+
+impl MovingControl<'_> {
+    /// Clones, splits and prunes, and begins the statistics anew.
+    pub(super) fn densify(&self, moving: &mut MovingGaussians, random: &mut Pcg64Mcg) -> Densified {
+        let (mut clones, mut parents) = (Vec::new(), Vec::new());
+        for (index, growth) in self.growing(moving) {
+            match growth {
+                Growth::Clone => clones.push(index),
+                Growth::Split => parents.push(index),
+            }
+        }
+        let table = &mut moving.table;
+        table.append_copies(&clones);
+        let shortens = self.shortens();
+        let siblings = if shortens { 3 } else { 2 };
+        let children: Vec<usize> = parents
+            .iter()
+            .flat_map(|&parent| std::iter::repeat_n(parent, siblings))
+            .collect();
+        let first_child = table.len();
+        table.append_copies(&children);
+        for child in first_child..table.len() {
+            self.place_child(table, child, shortens, random);
+        }
+        let pruned = remove(table, &parents, |table, index| {
+            is_useful(table, index, self.settings, self.scheduled) && self.is_seen(table, index)
+        });
+        moving.forget_statistics();
+        Densified {
+            cloned: clones.len(),
+            split: parents.len(),
+            pruned,
+        }
+    }
+
+    /// Whether splits shorten lifespans by now.
+    fn shortens(&self) -> bool {
+        let density = &self.dynamics.density;
+        density.is_some_and(|density| self.scheduled >= density.shorten_from_iteration)
+    }
+
+    /// Which Gaussians grow and how, in order of their index.
+    fn growing(&self, moving: &MovingGaussians) -> Vec<(usize, Growth)> {
+        let MovingGaussians {
+            table, statistics, ..
+        } = moving;
+        // A split into three adds two.
+        let room = if self.shortens() {
+            self.room / 2
+        } else {
+            self.room
+        };
+        let in_space = candidates(table, statistics, self.settings, self.context, room);
+        let mut growth: Vec<Option<Growth>> = vec![None; table.len()];
+        for &index in &in_space {
+            let is_small =
+                relative_size(table, index, self.settings.size_unit) <= self.settings.clone_size;
+            growth[index] = Some(if is_small {
+                Growth::Clone
+            } else {
+                Growth::Split
+            });
+        }
+        if let Some(density) = &self.dynamics.density {
+            let room = room - in_space.len();
+            for index in self.restless(moving, density, room) {
+                let lifespan = self.pulse(table, index).lifespan;
+                let in_time = if lifespan <= density.clone_lifespan_frames {
+                    Growth::Clone
+                } else {
+                    Growth::Split
+                };
+                let grows = &mut growth[index];
+                if *grows != Some(Growth::Split) {
+                    *grows = Some(in_time);
+                }
+            }
+        }
+        let numbered = growth.into_iter().enumerate();
+        numbered
+            .filter_map(|(index, growth)| Some((index, growth?)))
+            .collect()
+    }
+
+    /// Gaussians whose peak time is pulled about.
+    fn restless(
+        &self,
+        moving: &MovingGaussians,
+        density: &TemporalDensity,
+        room: usize,
+    ) -> Vec<usize> {
+        let views = &moving.statistics.views;
+        let candidates = (0..moving.table.len())
+            .filter(|&index| views[index] > 0)
+            .map(|index| {
+                let mean = moving.time_gradients[index] / views[index] as f32;
+                (index, mean / density.gradient_threshold)
+            })
+            .filter(|&(_, excess)| excess >= 1.0);
+        strongest(candidates.collect(), room)
+    }
+
+    fn pulse(&self, table: &ParameterTable, index: usize) -> Pulse {
+        // Who looks hardly matters for where a child is put.
+        let view = &self.context.views[self.context.last_view].view;
+        let look = self.dynamics.look(view, 0.0);
+        self.dynamics.time.pulses(table, look.observer).pulse(index)
+    }
+
+    /// Moves a child in space and time.
+    fn place_child(
+        &self,
+        table: &mut ParameterTable,
+        child: usize,
+        shortens: bool,
+        random: &mut Pcg64Mcg,
+    ) {
+        let pulse = self.pulse(table, child);
+        let is_large =
+            relative_size(table, child, self.settings.size_unit) > self.settings.clone_size;
+        scatter_child(table, child, random);
+        if is_large {
+            shrink(table, child);
+        }
+        let Some(peaks) = table.position(PEAK_TIMES) else {
+            return;
+        };
+        if pulse.lifespan.is_finite() {
+            let normal: f32 = StandardNormal.sample(random);
+            let half = (0.5 + PEAK_MARGIN) * self.dynamics.clock.duration_frames;
+            let peak = (pulse.peak + normal * pulse.lifespan).clamp(-half, half);
+            let mean = pulse.velocity * pulse.steadiness(self.dynamics.time.cycle_frames);
+            let moved = mean * (peak - pulse.peak);
+            let position = &mut table.arrays[POSITIONS].values.as_chunks_mut::<3>().0[child];
+            *position = (Vec3::from_array(*position) + moved).to_array();
+            table.arrays[peaks].values[child] = peak;
+        }
+        if let Some(density) = self.dynamics.density.filter(|_| shortens)
+            && pulse.lifespan >= density.clone_lifespan_frames
+            && let Some(lifespans) = table.position(LOG_LIFESPANS)
+        {
+            table.arrays[lifespans].values[child] -= LIFESPAN_SHRINK.ln();
+            self.dynamics.time.keep_within_bounds(table);
+        }
+    }
+
+    /// Whether a Gaussian is opaque enough at some time of the clip.
+    fn is_seen(&self, table: &ParameterTable, index: usize) -> bool {
+        let pulse = self.pulse(table, index);
+        let half = 0.5 * self.dynamics.clock.duration_frames;
+        let distance = (pulse.peak.abs() - half).max(0.0);
+        let opacity = sigmoid(table.arrays[OPACITY_LOGITS].values[index]);
+        opacity * pulse.marginal(distance) >= self.settings.prune_opacity
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+
+    use super::*;
+    use crate::{
+        clock::Clock,
+        density::{
+            Threshold,
+            tests::{settings, views},
+        },
+        gaussians::{
+            static_gaussians::InitialGaussians,
+            temporal::{InitialTimes, LifespanRange, TemporalFeatures, TimeModel, VelocityModel},
+        },
+        model::Statistics,
+    };
+
+    const SHORTEN_FROM: u64 = 100;
+
+    fn dynamics() -> DynamicSettings {
+        DynamicSettings {
+            clock: Clock {
+                origin_seconds: 0.0,
+                frame_seconds: 1.0,
+                duration_frames: 40.0,
+            },
+            time: TimeModel {
+                cycle_frames: 10.0,
+                lifespans: Some(LifespanRange {
+                    least_frames: 0.25,
+                    largest_frames: 1e6,
+                }),
+                velocity: VelocityModel::Free,
+                least_marginal: 0.0,
+            },
+            down: [0.0, 1.0, 0.0],
+            dynamic_below_staticness: 1.0,
+            dynamic_loss: None,
+            velocity_loss: None,
+            lifespan_weight: 0.0,
+            features: TemporalFeatures::default(),
+            motion_weight: 0.0,
+            smoothing: None,
+            density: Some(TemporalDensity {
+                gradient_threshold: 1.0,
+                clone_lifespan_frames: 0.5,
+                shorten_from_iteration: SHORTEN_FROM,
+            }),
+        }
+    }
+
+    /// One per lifespan, all seen by two views, with sums of time gradients.
+    fn moving(peaks: &[f32], lifespans: &[f32], time_gradients: &[f32]) -> MovingGaussians {
+        let len = peaks.len();
+        let initial = InitialGaussians {
+            positions: vec![[3.0, 0.0, 0.0]; len],
+            scales: vec![0.01; len],
+            colours: vec![[0.5; 3]; len],
+            opacities: vec![0.5; len],
+        };
+        let times = InitialTimes {
+            peaks: peaks.into(),
+            lifespans: lifespans.into(),
+            velocities: vec![[0.0, 0.0, 1.0]; len],
+        };
+        let mut moving = MovingGaussians::new(dynamics().time.table(&initial, &times, 0));
+        moving.statistics = Statistics {
+            sums: vec![0.0; len],
+            views: vec![2; len],
+        };
+        moving.time_gradients = time_gradients.into();
+        moving
+    }
+
+    fn densified(moving: &mut MovingGaussians, scheduled: u64, room: usize) -> Densified {
+        let (views, settings, dynamics) = (views(), settings(), dynamics());
+        assert_eq!(settings.gradient_threshold, Threshold::constant(1.0));
+        let context = DensityContext {
+            views: &views,
+            last_view: 0,
+            dynamics: Some(&dynamics),
+        };
+        let control = MovingControl {
+            settings: &settings,
+            dynamics: &dynamics,
+            scheduled,
+            context: &context,
+            room,
+        };
+        control.densify(moving, &mut Pcg64Mcg::seed_from_u64(1))
+    }
+
+    fn column(moving: &MovingGaussians, name: &str) -> Vec<f32> {
+        let array = moving.table.position(name).expect("there");
+        moving.table.arrays[array].values.clone()
+    }
+
+    #[test]
+    fn restless_gaussians_are_cloned_when_short_and_split_when_long() {
+        let mut model = moving(&[0.0; 3], &[0.4, 4.0, 4.0], &[3.0, 3.0, 1.0]);
+        let done = densified(&mut model, 1, 10);
+        assert_eq!((done.cloned, done.split, done.pruned), (1, 1, 0));
+        // The short one, the calm one, the copy, two children that live as long as their parent.
+        let lifespans = column(&model, LOG_LIFESPANS);
+        assert_eq!(lifespans.len(), 5);
+        assert!((lifespans[3].exp() - 4.0).abs() < 1e-5);
+        // They lie where their parent was at their own times.
+        let peaks = column(&model, PEAK_TIMES);
+        assert!(peaks[3] != peaks[4] && peaks[3] != 0.0);
+        let steadiness = (-0.5_f32 * 0.4).exp();
+        for child in [3, 4] {
+            let position = model.table.row(POSITIONS, child);
+            let expected = steadiness * peaks[child];
+            assert!(
+                (position[2] - expected).abs() < 0.05,
+                "{position:?} {expected}"
+            );
+        }
+        assert_eq!(model.time_gradients, [0.0; 5]);
+    }
+
+    #[test]
+    fn later_splits_have_three_children_with_shorter_lives() {
+        let mut model = moving(&[0.0], &[4.0], &[3.0]);
+        assert_eq!(densified(&mut model.clone(), SHORTEN_FROM, 1).split, 0);
+        let done = densified(&mut model, SHORTEN_FROM, 10);
+        assert_eq!((done.split, model.table.len()), (1, 3));
+        for lifespan in column(&model, LOG_LIFESPANS) {
+            assert!((lifespan.exp() - 2.5).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn endless_lives_keep_their_children_near_the_clip_and_the_unseen_are_pruned() {
+        let mut model = moving(&[0.0, 60.0, 22.0], &[1e6, 2.0, 2.0], &[3.0, 0.0, 0.0]);
+        let done = densified(&mut model, 1, 10);
+        // 40 frames after the clip's end is 20 lifespans; 2 frames is one.
+        assert_eq!((done.split, done.pruned, model.table.len()), (1, 1, 3));
+        for peak in column(&model, PEAK_TIMES) {
+            assert!(peak.abs() <= 24.0, "{peak}");
+        }
+    }
+
+    #[test]
+    fn there_is_no_growth_without_room() {
+        let mut model = moving(&[0.0; 2], &[0.4, 4.0], &[3.0, 4.0]);
+        let done = densified(&mut model, 1, 0);
+        assert_eq!((done.cloned, done.split, model.table.len()), (0, 0, 2));
+        let mut model = moving(&[0.0; 2], &[0.4, 4.0], &[3.0, 4.0]);
+        assert_eq!(densified(&mut model, 1, 1).split, 1);
+    }
+}

@@ -1,0 +1,108 @@
+//! The order of Gaussians in memory: neighbours in the image are neighbours in the table, so that
+//! what the renderer gathers for a tile, and what it sums from a tile, lies together.
+//!
+//! Images do not depend on it but for Gaussians at exactly the same distance.
+
+use std::f32::consts::PI;
+
+use glam::Vec3;
+
+use crate::training_view::TrainingView;
+use crate::{gaussians::static_gaussians::POSITIONS, model::Model, parameters::ParameterTable};
+
+/// Sorts the Gaussians of both tables along a Z-order curve over the sphere around the mean of the
+/// input views' centres. Statistics do not move along: this belongs where they begin anew.
+pub fn along_sphere(model: &mut Model, views: &[TrainingView]) {
+    let sum: Vec3 = views.iter().map(|view| view.view.centre).sum();
+    let centre = sum / views.len().max(1) as f32;
+    sort(&mut model.table, centre);
+    if let Some(moving) = &mut model.moving {
+        sort(&mut moving.table, centre);
+    }
+}
+
+fn sort(table: &mut ParameterTable, centre: Vec3) {
+    let positions = table.arrays[POSITIONS].values.as_chunks::<3>().0;
+    let keys: Vec<u32> = positions
+        .iter()
+        .map(|&position| z_order(Vec3::from_array(position) - centre))
+        .collect();
+    let mut order: Vec<usize> = (0..keys.len()).collect();
+    // Stable: the same on every machine.
+    order.sort_by_key(|&index| keys[index]);
+    table.permute(&order);
+}
+
+/// Place of a direction, of any length, on a Z-order curve over longitude and latitude.
+fn z_order(direction: Vec3) -> u32 {
+    let across = direction.x.atan2(direction.z) / (2.0 * PI) + 0.5;
+    let down = direction.y.atan2(direction.x.hypot(direction.z)) / PI + 0.5;
+    let [across, down] = [across, down].map(|share| spread((share * 65535.0) as u16));
+    across | down << 1
+}
+
+/// The bits of a number at the even places.
+fn spread(bits: u16) -> u32 {
+    let mut spread = u32::from(bits);
+    for (shift, mask) in [
+        (8, 0x00ff_00ff),
+        (4, 0x0f0f_0f0f),
+        (2, 0x3333_3333),
+        (1, 0x5555_5555),
+    ] {
+        spread = (spread | spread << shift) & mask;
+    }
+    spread
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        density::tests::views,
+        gaussians::static_gaussians::{self, InitialGaussians, LOG_SCALES},
+    };
+
+    #[test]
+    fn bits_are_spread() {
+        assert_eq!(spread(0b1011), 0b100_0101);
+        assert_eq!(spread(u16::MAX), 0x5555_5555);
+    }
+
+    #[test]
+    fn neighbours_on_the_sphere_come_together_and_rows_stay_whole() {
+        let directions = [[1.0, 0.1, 1.0], [-1.0, 0.1, -1.0]];
+        let positions: Vec<[f32; 3]> = (0..6)
+            .map(|index| directions[index % 2].map(|value: f32| value * (1.0 + index as f32)))
+            .collect();
+        let mut model = Model::new(static_gaussians::table(
+            &InitialGaussians {
+                scales: (1..=6).map(|scale| scale as f32).collect(),
+                colours: vec![[0.5; 3]; 6],
+                opacities: vec![0.5; 6],
+                positions: positions.clone(),
+            },
+            0,
+        ));
+        let first_moments = model.table.arrays[LOG_SCALES].values.clone();
+        model.table.arrays[LOG_SCALES].first_moments = first_moments;
+        along_sphere(&mut model, &views());
+        let table = &model.table;
+        let order: Vec<usize> = (0..6)
+            .map(|row| table.row(LOG_SCALES, row)[0].exp().round() as usize - 1)
+            .collect();
+        assert_eq!(order, [1, 3, 5, 0, 2, 4]);
+        for (row, &index) in order.iter().enumerate() {
+            assert_eq!(table.row(POSITIONS, row), positions[index]);
+        }
+        let scales = &table.arrays[LOG_SCALES];
+        assert_eq!(scales.values, scales.first_moments);
+    }
+
+    #[test]
+    fn what_is_no_direction_has_a_place() {
+        for direction in [Vec3::ZERO, Vec3::NAN, Vec3::Y, Vec3::NEG_Y] {
+            z_order(direction);
+        }
+    }
+}

@@ -1,0 +1,264 @@
+//! Opening an adapter, and what becomes of its errors.
+//!
+//! wgpu reports errors beside the calls that cause them, and by default panics. Here they are
+//! caught: the first one is kept and every later wait for the device returns it.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use omnilife_schemas::records::Backend;
+
+use crate::device::adapters::AdapterSummary;
+use crate::device::error::GpuError;
+
+/// Threads of every workgroup: one per pixel of a tile.
+pub(crate) const WORKGROUP: u32 = 256;
+/// Workgroup memory that the kernels use at most, bytes; what every WebGPU adapter has.
+const WORKGROUP_MEMORY: u32 = 16 * 1024;
+/// Storage buffers that a kernel binds at most; what every WebGPU adapter has.
+const STORAGE_BUFFERS: u32 = 8;
+
+/// An open graphics device.
+#[derive(Debug)]
+pub struct Gpu {
+    pub(crate) device: wgpu::Device,
+    pub(crate) queue: wgpu::Queue,
+    summary: AdapterSummary,
+    limits: wgpu::Limits,
+    faults: Arc<Mutex<Faults>>,
+}
+
+/// What went wrong on a device since it was opened.
+#[derive(Debug, Default)]
+struct Faults {
+    lost: Option<String>,
+    first: Option<String>,
+}
+
+fn lock(faults: &Mutex<Faults>) -> MutexGuard<'_, Faults> {
+    // A panic elsewhere leaves two strings behind, which are as good as before.
+    faults.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Gpu {
+    /// Opens the first adapter, hardware before software.
+    ///
+    /// # Errors
+    /// When there is none, it is too small, or its driver gives no device.
+    pub fn open() -> Result<Self, GpuError> {
+        let adapter = crate::device::adapters::wgpu_adapters()
+            .into_iter()
+            .next()
+            .ok_or(GpuError::NoAdapter)?;
+        let summary = AdapterSummary::of(&adapter);
+        let limits = required_limits(&summary.name, &adapter.limits())?;
+        let request = wgpu::DeviceDescriptor {
+            label: Some("omnilife"),
+            required_limits: limits.clone(),
+            ..wgpu::DeviceDescriptor::default()
+        };
+        let (device, queue) =
+            pollster::block_on(adapter.request_device(&request)).map_err(|error| {
+                GpuError::Open {
+                    adapter: summary.name.clone(),
+                    reason: on_one_line(&error.to_string()),
+                }
+            })?;
+        let faults = Arc::new(Mutex::new(Faults::default()));
+        let of_errors = Arc::clone(&faults);
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+            lock(&of_errors)
+                .first
+                .get_or_insert_with(|| on_one_line(&error.to_string()));
+        }));
+        let of_loss = Arc::clone(&faults);
+        device.set_device_lost_callback(move |reason, message| {
+            lock(&of_loss)
+                .lost
+                .get_or_insert_with(|| format!("{reason:?} {message}").trim().to_owned());
+        });
+        Ok(Self {
+            device,
+            queue,
+            summary,
+            limits,
+            faults,
+        })
+    }
+
+    /// The adapter behind the device.
+    pub fn adapter(&self) -> &AdapterSummary {
+        &self.summary
+    }
+
+    /// The limits that the kernels live within, by name, for the run record.
+    fn limits(&self) -> [(&'static str, u64); 4] {
+        let limits = &self.limits;
+        [
+            (
+                "max_storage_buffer_binding_size",
+                limits.max_storage_buffer_binding_size,
+            ),
+            ("max_buffer_size", limits.max_buffer_size),
+            (
+                "max_compute_workgroup_storage_size",
+                u64::from(limits.max_compute_workgroup_storage_size),
+            ),
+            (
+                "max_compute_invocations_per_workgroup",
+                u64::from(limits.max_compute_invocations_per_workgroup),
+            ),
+        ]
+    }
+
+    /// This device in a run's record.
+    pub fn record(&self) -> Backend {
+        Backend::Gpu {
+            adapter: self.summary.name.clone(),
+            interface: self.summary.backend.clone(),
+            device: self.summary.kind.to_string(),
+            driver: self.summary.driver.clone(),
+            limits: self
+                .limits()
+                .map(|(name, limit)| (name.to_owned(), limit))
+                .into(),
+        }
+    }
+
+    /// Largest storage buffer that a kernel can see, bytes.
+    pub(crate) fn largest_buffer(&self) -> u64 {
+        self.limits
+            .max_storage_buffer_binding_size
+            .min(self.limits.max_buffer_size)
+    }
+
+    /// Gives the device up; every later use of it is an error. For tests of a lost device.
+    pub fn destroy(&self) {
+        self.device.destroy();
+    }
+
+    /// Waits until the device has done everything it was given.
+    ///
+    /// # Errors
+    /// When the device is lost, or anything it was given has failed.
+    pub(crate) fn wait(&self) -> Result<(), GpuError> {
+        let polled = self.device.poll(wgpu::PollType::wait_indefinitely());
+        self.check()?;
+        polled
+            .map(|_| ())
+            .map_err(|error| self.failed(&error.to_string()))
+    }
+
+    /// The first thing that went wrong, if anything did.
+    pub(crate) fn check(&self) -> Result<(), GpuError> {
+        let faults = lock(&self.faults);
+        let adapter = || self.summary.name.clone();
+        if let Some(reason) = &faults.lost {
+            return Err(GpuError::Lost {
+                adapter: adapter(),
+                reason: reason.clone(),
+            });
+        }
+        faults.first.as_ref().map_or(Ok(()), |reason| {
+            Err(GpuError::Failed {
+                adapter: adapter(),
+                reason: reason.clone(),
+            })
+        })
+    }
+
+    pub(crate) fn failed(&self, reason: &str) -> GpuError {
+        GpuError::Failed {
+            adapter: self.summary.name.clone(),
+            reason: on_one_line(reason),
+        }
+    }
+
+    /// Runs calls that may fail for want of memory or by wgpu's validation, and returns its error.
+    pub(crate) fn guarded<T>(&self, calls: impl FnOnce() -> T) -> Result<T, wgpu::Error> {
+        let memory = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
+        let validation = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
+        let made = calls();
+        let errors = [validation, memory].map(|scope| pollster::block_on(scope.pop()));
+        errors.into_iter().flatten().next().map_or(Ok(made), Err)
+    }
+}
+
+/// The limits of every WebGPU adapter, with buffers as large as this adapter allows.
+fn required_limits(adapter: &str, offered: &wgpu::Limits) -> Result<wgpu::Limits, GpuError> {
+    let needs = [
+        (
+            "a kernel's storage buffers",
+            STORAGE_BUFFERS,
+            offered.max_storage_buffers_per_shader_stage,
+        ),
+        (
+            "a workgroup's memory",
+            WORKGROUP_MEMORY,
+            offered.max_compute_workgroup_storage_size,
+        ),
+        (
+            "a workgroup",
+            WORKGROUP,
+            offered
+                .max_compute_invocations_per_workgroup
+                .min(offered.max_compute_workgroup_size_x),
+        ),
+    ];
+    for (what, needed, offered) in needs {
+        if offered < needed {
+            return Err(GpuError::TooSmall {
+                adapter: adapter.to_owned(),
+                what: what.to_owned(),
+                needed: u64::from(needed),
+                offered: u64::from(offered),
+            });
+        }
+    }
+    Ok(wgpu::Limits {
+        max_storage_buffers_per_shader_stage: STORAGE_BUFFERS,
+        max_compute_workgroup_storage_size: WORKGROUP_MEMORY,
+        max_compute_invocations_per_workgroup: WORKGROUP,
+        max_compute_workgroup_size_x: WORKGROUP,
+        max_storage_buffer_binding_size: offered.max_storage_buffer_binding_size,
+        max_buffer_size: offered.max_buffer_size,
+        ..wgpu::Limits::downlevel_defaults()
+    })
+}
+
+/// The beginning of a message on one line: wgpu's go from the general to the cause, line by line.
+fn on_one_line(message: &str) -> String {
+    const LONGEST: usize = 400;
+    let lines: Vec<&str> = message
+        .lines()
+        .map(str::trim)
+        .filter(|line| !line.is_empty())
+        .collect();
+    lines.join(" ").chars().take(LONGEST).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_small_adapter_is_refused_with_the_figure() {
+        let small = wgpu::Limits {
+            max_storage_buffers_per_shader_stage: 4,
+            ..wgpu::Limits::default()
+        };
+        let message = required_limits("tiny", &small)
+            .map(|_| ())
+            .expect_err("too small")
+            .to_string();
+        assert!(
+            message.contains("tiny") && message.contains("needs 8, it offers 4"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn default_limits_are_enough() {
+        let limits = required_limits("plain", &wgpu::Limits::default()).expect("large enough");
+        assert_eq!(limits.max_storage_buffers_per_shader_stage, 8);
+    }
+}

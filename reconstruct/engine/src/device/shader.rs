@@ -1,0 +1,197 @@
+//! WGSL files put together, and structures that both sides read.
+
+use crate::{
+    camera::{CONE_RHO, CONE_WIDTH, LOW_PASS, pinhole::SLOPE_MARGIN},
+    render::settings::{ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN},
+};
+
+/// Side of a tile on the device, pixels: one thread per pixel.
+pub(crate) const TILE: usize = 16;
+
+/// The source of a WGSL module: constants, then the files.
+#[derive(Debug, Clone)]
+pub(crate) struct Shader {
+    /// The kernel's file, for messages.
+    pub(crate) file: &'static str,
+    /// Further constants.
+    pub(crate) constants: String,
+    /// Files that the kernel's file needs, and it as the last.
+    pub(crate) parts: &'static [&'static str],
+}
+
+impl Shader {
+    /// Constants of the Rust kernels, so that no number stands twice.
+    fn shared_constants() -> String {
+        format!(
+            "const ALPHA_MIN: f32 = {ALPHA_MIN:e};\n\
+             const ALPHA_MAX: f32 = {ALPHA_MAX:e};\n\
+             const TRANSMITTANCE_MIN: f32 = {TRANSMITTANCE_MIN:e};\n\
+             const LOW_PASS: f32 = {LOW_PASS:e};\n\
+             const CONE_RHO: f32 = {CONE_RHO:e};\n\
+             const CONE_WIDTH: f32 = {CONE_WIDTH:e};\n\
+             const SLOPE_MARGIN: f32 = {SLOPE_MARGIN:e};\n\
+             const TILE: u32 = {TILE}u;\n"
+        )
+    }
+
+    /// The whole module.
+    pub(crate) fn text(&self) -> String {
+        let mut text = Self::shared_constants() + &self.constants;
+        for part in self.parts {
+            text += part;
+        }
+        text
+    }
+}
+
+/// A structure that stands in Rust and in WGSL; a test compares the layouts.
+#[cfg_attr(not(test), expect(dead_code, reason = "the layout is read by a test"))]
+pub(crate) trait WgslStruct: bytemuck::Pod {
+    /// Names of the members with their offsets in bytes.
+    const MEMBERS: &'static [(&'static str, usize)];
+}
+
+/// Declares structures with [`WgslStruct`]. Members named `pad...` are padding.
+macro_rules! wgsl_struct {
+    ($($(#[$meta:meta])* pub(crate) struct $name:ident {
+        $($(#[$field_meta:meta])* $field:ident: $kind:ty,)*
+    })*) => {$(
+        $(#[$meta])*
+        #[derive(Debug, Clone, Copy, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+        #[repr(C)]
+        pub(crate) struct $name {
+            $($(#[$field_meta])* pub(crate) $field: $kind,)*
+        }
+
+        impl $crate::device::shader::WgslStruct for $name {
+            const MEMBERS: &'static [(&'static str, usize)] =
+                &[$((stringify!($field), std::mem::offset_of!($name, $field)),)*];
+        }
+    )*};
+}
+pub(crate) use wgsl_struct;
+
+#[cfg(test)]
+mod tests {
+    use naga::{
+        Module, TypeInner,
+        front::wgsl,
+        valid::{Capabilities, ValidationFlags, Validator},
+    };
+
+    use super::*;
+    use crate::{
+        device::scan,
+        fields::mlp,
+        gaussians::{deformable, static_gaussians},
+        losses::photometric,
+        parameters::adam,
+        render::{bin, buffers, project, raster, sort},
+        step::device_model,
+    };
+
+    fn shaders() -> Vec<Shader> {
+        let shapes = [0, 3].map(|features| buffers::RenderShape {
+            gaussians: 1,
+            sh_degree: 3,
+            features,
+            width: 16,
+            height: 8,
+            entries: 1,
+        });
+        let mut shaders = vec![
+            scan::shader(),
+            sort::gpu::shader(),
+            photometric::gpu::shader(),
+            adam::gpu::shader(),
+            static_gaussians::gpu::shader(),
+            deformable::gpu::shader(),
+            mlp::gpu::shader(),
+            mlp::product_gpu::shader(),
+        ];
+        for shape in &shapes {
+            shaders.extend([
+                project::gpu::shader(shape),
+                bin::gpu::shader(shape),
+                raster::gpu::shader(shape),
+                device_model::shader(shape),
+            ]);
+        }
+        shaders
+    }
+
+    fn parse(shader: &Shader) -> Module {
+        let text = shader.text();
+        wgsl::parse_str(&text)
+            .unwrap_or_else(|error| panic!("{}: {}", shader.file, error.emit_to_string(&text)))
+    }
+
+    #[test]
+    fn every_module_is_valid_without_optional_features() {
+        for shader in shaders() {
+            let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
+            if let Err(error) = validator.validate(&parse(&shader)) {
+                panic!("{}: {}", shader.file, error.emit_to_string(&shader.text()));
+            }
+        }
+    }
+
+    /// Compares every structure `T` in the modules with Rust's; returns how many there were.
+    fn compare<T: WgslStruct>(modules: &[(&'static str, Module)], name: &str) -> usize {
+        let mut found = 0;
+        for (file, module) in modules {
+            for (_, kind) in module.types.iter() {
+                let TypeInner::Struct { members, span } = &kind.inner else {
+                    continue;
+                };
+                if kind.name.as_deref() != Some(name) {
+                    continue;
+                }
+                found += 1;
+                let of_wgsl: Vec<(String, usize)> = members
+                    .iter()
+                    .map(|member| {
+                        (
+                            member.name.clone().unwrap_or_default(),
+                            member.offset as usize,
+                        )
+                    })
+                    .collect();
+                let of_rust: Vec<(String, usize)> = T::MEMBERS
+                    .iter()
+                    .filter(|(member, _)| !member.starts_with("pad"))
+                    .map(|&(member, offset)| (member.to_owned(), offset))
+                    .collect();
+                assert_eq!(of_wgsl, of_rust, "members of {name} in {file}");
+                assert_eq!(*span as usize, size_of::<T>(), "size of {name} in {file}");
+            }
+        }
+        found
+    }
+
+    #[test]
+    fn structures_have_the_same_layout_on_both_sides() {
+        let modules: Vec<(&'static str, Module)> = shaders()
+            .iter()
+            .map(|shader| (shader.file, parse(shader)))
+            .collect();
+        let found = [
+            compare::<buffers::ViewUniform>(&modules, "View"),
+            compare::<buffers::DeviceGaussian>(&modules, "Gaussian"),
+            compare::<buffers::DeviceSplat>(&modules, "Splat"),
+            compare::<buffers::DeviceStatus>(&modules, "Status"),
+            compare::<scan::ScanLevel>(&modules, "ScanLevel"),
+            compare::<sort::gpu::SortPass>(&modules, "SortPass"),
+            compare::<photometric::gpu::LossSettings>(&modules, "LossSettings"),
+            compare::<adam::gpu::AdamStep>(&modules, "AdamStep"),
+            compare::<static_gaussians::gpu::StaticArrays>(&modules, "StaticArrays"),
+            compare::<device_model::StepView>(&modules, "StepView"),
+            compare::<deformable::gpu::Canonical>(&modules, "Canonical"),
+            compare::<mlp::gpu::SharedInputs>(&modules, "SharedInputs"),
+            compare::<mlp::gpu::RowSums>(&modules, "RowSums"),
+            compare::<mlp::gpu::PartSums>(&modules, "PartSums"),
+            compare::<mlp::product_gpu::Product>(&modules, "Product"),
+        ];
+        assert!(found.iter().all(|&count| count > 0), "{found:?}");
+    }
+}

@@ -1,0 +1,426 @@
+//! A network's passes on a graphics device; the twin of `passes.rs`.
+//!
+//! Rows go through the layers in blocks that bound the memory of activations. With one block they are
+//! kept for the backward pass; with more every block is evaluated once more. Sums over rows are made in
+//! parts whose number depends on the rows alone, one after another: a device gives the same bits again.
+
+use crate::device::{DeviceBuffer, Gpu, GpuError, Kernel, Program, Shader, Uniform, wgsl_struct};
+use crate::fields::mlp::{
+    network::{Layer, NetworkShape},
+    product_gpu::{Destination, Finish, Matrix, Products},
+};
+
+/// Rows of a block: 64 MiB of activations per layer of 256.
+const BLOCK: usize = 1 << 16;
+/// Rows of a part of a sum over rows, at least, and how many parts there are, at most.
+const PART_ROWS: usize = 1024;
+const PARTS: usize = 32;
+
+wgsl_struct! {
+    /// Where a layer's weights of shared inputs are.
+    pub(crate) struct SharedInputs {
+        inputs: u32,
+        outputs: u32,
+        weights: u32,
+        biases: u32,
+    }
+
+    /// Rows whose columns are summed up.
+    pub(crate) struct RowSums {
+        rows: u32,
+        columns: u32,
+        begin: u32,
+        parts: u32,
+    }
+
+    /// Parts that are summed up.
+    pub(crate) struct PartSums {
+        len: u32,
+        parts: u32,
+        out_begin: u32,
+        is_added: u32,
+    }
+}
+
+pub(crate) fn shader() -> Shader {
+    Shader {
+        file: "passes.wgsl",
+        constants: String::new(),
+        parts: &[
+            include_str!("../../device/common.wgsl"),
+            include_str!("passes.wgsl"),
+        ],
+    }
+}
+
+/// The kernels of both passes.
+#[derive(Debug)]
+pub(crate) struct Passes {
+    products: Products,
+    add_shared: Kernel,
+    shared_gradients: Kernel,
+    sum_rows: Kernel,
+    sum_parts: Kernel,
+}
+
+/// What the passes of a network work on.
+#[derive(Debug)]
+pub(crate) struct NetworkBuffers {
+    shape: NetworkShape,
+    layers: Vec<Layer>,
+    rows: usize,
+    block_rows: usize,
+    /// Inputs that all rows share; the host sets them.
+    pub(crate) shared: DeviceBuffer<f32>,
+    /// Of all rows.
+    pub(crate) outputs: DeviceBuffer<f32>,
+    /// Gradients by the outputs.
+    pub(crate) upstream: DeviceBuffer<f32>,
+    /// Inputs of a block's rows.
+    inputs: DeviceBuffer<f32>,
+    /// What layers with an activation put out, for a block.
+    hidden: Vec<DeviceBuffer<f32>>,
+    /// What biases and shared inputs add, layer by layer.
+    offsets: Vec<DeviceBuffer<f32>>,
+    /// Gradients by a layer's outputs and by those of the layer before, for a block.
+    by_output: [DeviceBuffer<f32>; 2],
+    parts: DeviceBuffer<f32>,
+}
+
+/// Rows that go through the layers together.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Block {
+    pub(crate) first: usize,
+    pub(crate) rows: usize,
+}
+
+impl Block {
+    /// All of so many rows.
+    pub(crate) fn all(rows: usize) -> Self {
+        Self { first: 0, rows }
+    }
+
+    fn parts(&self) -> usize {
+        self.rows.div_ceil(PART_ROWS).clamp(1, PARTS)
+    }
+}
+
+impl NetworkBuffers {
+    /// Buffers for so many rows.
+    pub(crate) fn new(gpu: &Gpu, shape: NetworkShape, rows: usize) -> Result<Self, GpuError> {
+        Self::with_blocks(gpu, shape, rows, BLOCK)
+    }
+
+    fn with_blocks(
+        gpu: &Gpu,
+        shape: NetworkShape,
+        rows: usize,
+        largest_block: usize,
+    ) -> Result<Self, GpuError> {
+        let layers = shape.layers();
+        let block_rows = rows.min(largest_block);
+        let zeros = |label, len| DeviceBuffer::zeros(gpu, label, len);
+        let layer = |label| zeros(label, block_rows * shape.width);
+        let matrix = |layer: &Layer| {
+            layer
+                .hidden_weights()
+                .len()
+                .max(layer.row_weights().len())
+                .max(layer.outputs)
+        };
+        let largest = layers.iter().map(matrix).max().unwrap_or(0);
+        Ok(Self {
+            rows,
+            block_rows,
+            shared: zeros("shared inputs", shape.shared_inputs)?,
+            outputs: zeros("outputs of the network", rows * shape.outputs)?,
+            upstream: zeros("gradients by the network's outputs", rows * shape.outputs)?,
+            inputs: zeros("inputs of rows", block_rows * shape.row_inputs)?,
+            hidden: (0..shape.depth)
+                .map(|_| layer("outputs of a layer"))
+                .collect::<Result<_, GpuError>>()?,
+            offsets: layers
+                .iter()
+                .map(|layer| zeros("offsets of a layer", layer.outputs))
+                .collect::<Result<_, GpuError>>()?,
+            by_output: [
+                layer("gradients by a layer's outputs")?,
+                layer("gradients by a layer's inputs")?,
+            ],
+            parts: zeros("parts of gradients", PARTS * largest)?,
+            shape,
+            layers,
+        })
+    }
+
+    fn blocks(&self) -> impl Iterator<Item = Block> {
+        let (rows, step) = (self.rows, self.block_rows.max(1));
+        (0..rows).step_by(step).map(move |first| Block {
+            first,
+            rows: step.min(rows - first),
+        })
+    }
+
+    fn hidden(&self, index: usize, block: Block) -> Matrix<'_> {
+        Matrix::new(&self.hidden[index].raw, 0, block.rows, self.shape.width)
+    }
+
+    fn inputs(&self, block: Block) -> Matrix<'_> {
+        Matrix::new(&self.inputs.raw, 0, block.rows, self.shape.row_inputs)
+    }
+}
+
+/// What the commands of a pass are recorded with.
+pub(crate) struct Recording<'a> {
+    pub(crate) gpu: &'a Gpu,
+    pub(crate) program: &'a mut Program,
+    pub(crate) weights: &'a wgpu::Buffer,
+    /// Records what writes the inputs of a block's rows into a buffer, from its beginning.
+    pub(crate) encode: &'a dyn Fn(&mut Program, Block, &wgpu::Buffer) -> Result<(), GpuError>,
+}
+
+impl Passes {
+    pub(crate) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
+        let [add_shared, shared_gradients, sum_rows, sum_parts] = Kernel::compile(
+            gpu,
+            &shader(),
+            ["add_shared", "shared_gradients", "sum_rows", "sum_parts"],
+        )?;
+        Ok(Self {
+            products: Products::new(gpu)?,
+            add_shared,
+            shared_gradients,
+            sum_rows,
+            sum_parts,
+        })
+    }
+
+    /// Records the evaluation of all rows.
+    pub(crate) fn forward(
+        &self,
+        to: &mut Recording<'_>,
+        buffers: &NetworkBuffers,
+    ) -> Result<(), GpuError> {
+        for (layer, offsets) in buffers.layers.iter().zip(&buffers.offsets) {
+            let uniform = shared_inputs(to.gpu, layer)?;
+            to.program.run(
+                to.gpu,
+                &self.add_shared,
+                layer.outputs,
+                &[&uniform.raw, &buffers.shared.raw, to.weights, &offsets.raw],
+            );
+        }
+        for block in buffers.blocks() {
+            self.forward_block(to, buffers, block)?;
+        }
+        Ok(())
+    }
+
+    fn forward_block(
+        &self,
+        to: &mut Recording<'_>,
+        buffers: &NetworkBuffers,
+        block: Block,
+    ) -> Result<(), GpuError> {
+        (to.encode)(to.program, block, &buffers.inputs.raw)?;
+        for (index, layer) in buffers.layers.iter().enumerate() {
+            let offsets = &buffers.offsets[index].raw;
+            let out = match buffers.hidden.get(index) {
+                Some(hidden) => Destination {
+                    finish: Finish::OffsetAndClip(offsets),
+                    ..Destination::new(&hidden.raw, 0)
+                },
+                None => Destination {
+                    finish: Finish::Offset(offsets),
+                    ..Destination::new(&buffers.outputs.raw, block.first * layer.outputs)
+                },
+            };
+            let weights = |begin, rows| Matrix::new(to.weights, begin, rows, layer.outputs);
+            let of_hidden = weights(layer.hidden_weights().start, layer.hidden_inputs);
+            let of_rows = weights(layer.row_weights().start, layer.row_inputs);
+            let inputs = (buffers.inputs(block), of_rows);
+            let Some(before) = index.checked_sub(1) else {
+                self.products.record(to.gpu, to.program, inputs, out)?;
+                continue;
+            };
+            let hidden = (buffers.hidden(before, block), of_hidden);
+            if layer.row_inputs == 0 {
+                self.products.record(to.gpu, to.program, hidden, out)?;
+                continue;
+            }
+            let unfinished = Destination {
+                finish: Finish::Plain,
+                ..out
+            };
+            self.products
+                .record(to.gpu, to.program, hidden, unfinished)?;
+            let rest = Destination {
+                is_added: true,
+                ..out
+            };
+            self.products.record(to.gpu, to.program, inputs, rest)?;
+        }
+        Ok(())
+    }
+
+    /// Records the gradients by the weights, after [`Passes::forward`]: overwrites `gradients`. None
+    /// are taken by the inputs.
+    pub(crate) fn backward(
+        &self,
+        to: &mut Recording<'_>,
+        buffers: &NetworkBuffers,
+        gradients: &wgpu::Buffer,
+    ) -> Result<(), GpuError> {
+        if buffers.rows == 0 {
+            to.program.clear(gradients);
+            return Ok(());
+        }
+        let is_kept = buffers.block_rows == buffers.rows;
+        for block in buffers.blocks() {
+            if !is_kept {
+                self.forward_block(to, buffers, block)?;
+            }
+            self.backward_block(to, buffers, block, gradients)?;
+        }
+        for layer in buffers
+            .layers
+            .iter()
+            .filter(|layer| layer.shared_inputs > 0)
+        {
+            let uniform = shared_inputs(to.gpu, layer)?;
+            to.program.run(
+                to.gpu,
+                &self.shared_gradients,
+                layer.shared_inputs * layer.outputs,
+                &[&uniform.raw, &buffers.shared.raw, gradients],
+            );
+        }
+        Ok(())
+    }
+
+    fn backward_block(
+        &self,
+        to: &mut Recording<'_>,
+        buffers: &NetworkBuffers,
+        block: Block,
+        gradients: &wgpu::Buffer,
+    ) -> Result<(), GpuError> {
+        let depth = buffers.shape.depth;
+        let [mut by_output, mut by_input] = [&buffers.by_output[0].raw, &buffers.by_output[1].raw];
+        for (index, layer) in buffers.layers.iter().enumerate().rev() {
+            let (buffer, begin) = if index == depth {
+                (&buffers.upstream.raw, block.first * layer.outputs)
+            } else {
+                (by_output, 0)
+            };
+            let gradient = Matrix::new(buffer, begin, block.rows, layer.outputs);
+            self.sum_rows(to, buffers, block, (buffer, begin), (gradients, layer))?;
+            if layer.row_inputs > 0 {
+                let factors = (buffers.inputs(block).transposed(), gradient);
+                let begin = layer.row_weights().start;
+                self.sum_products(to, buffers, block, factors, (gradients, begin))?;
+            }
+            let Some(before) = index.checked_sub(1) else {
+                break;
+            };
+            let hidden = buffers.hidden(before, block);
+            let begin = layer.hidden_weights().start;
+            let factors = (hidden.transposed(), gradient);
+            self.sum_products(to, buffers, block, factors, (gradients, begin))?;
+            let weights = Matrix::new(to.weights, begin, layer.hidden_inputs, layer.outputs);
+            let out = if index == depth { by_output } else { by_input };
+            let masked = Destination {
+                finish: Finish::Mask(&buffers.hidden[before].raw),
+                ..Destination::new(out, 0)
+            };
+            let factors = (gradient, weights.transposed());
+            self.products.record(to.gpu, to.program, factors, masked)?;
+            if index < depth {
+                std::mem::swap(&mut by_output, &mut by_input);
+            }
+        }
+        Ok(())
+    }
+
+    /// Gradients by a layer's biases.
+    fn sum_rows(
+        &self,
+        to: &mut Recording<'_>,
+        buffers: &NetworkBuffers,
+        block: Block,
+        (rows, begin): (&wgpu::Buffer, usize),
+        (gradients, layer): (&wgpu::Buffer, &Layer),
+    ) -> Result<(), GpuError> {
+        let parts = block.parts();
+        let sums = RowSums {
+            rows: block.rows as u32,
+            columns: layer.outputs as u32,
+            begin: begin as u32,
+            parts: parts as u32,
+        };
+        let sums = Uniform::of(to.gpu, "sums over rows", &sums)?;
+        to.program.run(
+            to.gpu,
+            &self.sum_rows,
+            parts * layer.outputs,
+            &[&sums.raw, rows, &buffers.parts.raw],
+        );
+        let gradients = (gradients, layer.biases().start);
+        self.sum_parts(to, buffers, block, layer.outputs, gradients)
+    }
+
+    /// A product over a block's rows, as a sum of parts.
+    fn sum_products(
+        &self,
+        to: &mut Recording<'_>,
+        buffers: &NetworkBuffers,
+        block: Block,
+        factors: (Matrix<'_>, Matrix<'_>),
+        gradients: (&wgpu::Buffer, usize),
+    ) -> Result<(), GpuError> {
+        let len = factors.0.product_len(factors.1);
+        let parts = Destination {
+            parts: block.parts(),
+            ..Destination::new(&buffers.parts.raw, 0)
+        };
+        self.products.record(to.gpu, to.program, factors, parts)?;
+        self.sum_parts(to, buffers, block, len, gradients)
+    }
+
+    fn sum_parts(
+        &self,
+        to: &mut Recording<'_>,
+        buffers: &NetworkBuffers,
+        block: Block,
+        len: usize,
+        (gradients, begin): (&wgpu::Buffer, usize),
+    ) -> Result<(), GpuError> {
+        let sums = PartSums {
+            len: len as u32,
+            parts: block.parts() as u32,
+            out_begin: begin as u32,
+            is_added: (block.first > 0).into(),
+        };
+        let sums = Uniform::of(to.gpu, "sums of parts", &sums)?;
+        to.program.run(
+            to.gpu,
+            &self.sum_parts,
+            len,
+            &[&sums.raw, &buffers.parts.raw, gradients],
+        );
+        Ok(())
+    }
+}
+
+fn shared_inputs(gpu: &Gpu, layer: &Layer) -> Result<Uniform<SharedInputs>, GpuError> {
+    let shared = SharedInputs {
+        inputs: layer.shared_inputs as u32,
+        outputs: layer.outputs as u32,
+        weights: layer.shared_weights().start as u32,
+        biases: layer.biases().start as u32,
+    };
+    Uniform::of(gpu, "shared inputs of a layer", &shared)
+}
+
+#[cfg(test)]
+mod tests;

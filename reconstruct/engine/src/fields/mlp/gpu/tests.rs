@@ -1,0 +1,96 @@
+//! Outputs and gradients against those of the processor, which are held against the definition.
+
+use crate::fields::mlp::gpu::*;
+use crate::{
+    device::test_device,
+    fields::mlp::cases::{Case, SMALL},
+};
+
+const PUBLISHED: NetworkShape = NetworkShape {
+    row_inputs: 63,
+    shared_inputs: 21,
+    depth: 8,
+    width: 256,
+    skip_after: 4,
+    outputs: 10,
+};
+
+fn on_device(case: &Case, gpu: &Gpu, block: usize) -> (Vec<f32>, Vec<f32>) {
+    let passes = Passes::new(gpu).expect("compiles");
+    let buffers = NetworkBuffers::with_blocks(gpu, case.shape, case.rows, block).expect("fits");
+    let buffer = |values: &[f32]| DeviceBuffer::of(gpu, "of a test", values).expect("fits");
+    let weights = buffer(&case.weights);
+    let gradients = buffer(&vec![7.0; case.weights.len()]);
+    buffers.shared.write(gpu, 0, &case.shared);
+    buffers.upstream.write(gpu, 0, &case.upstream);
+    // Inputs come in as a product with the identity.
+    let width = case.shape.row_inputs;
+    let inputs = buffer(&case.inputs);
+    let identity: Vec<f32> = (0..width * width)
+        .map(|at| f32::from(at % width == at / width))
+        .collect();
+    let identity = buffer(&identity);
+    let encode = |program: &mut Program, block: Block, out: &wgpu::Buffer| {
+        let rows = Matrix::new(&inputs.raw, block.first * width, block.rows, width);
+        let factors = (rows, Matrix::new(&identity.raw, 0, width, width));
+        passes
+            .products
+            .record(gpu, program, factors, Destination::new(out, 0))
+    };
+    let mut program = Program::default();
+    let mut recording = Recording {
+        gpu,
+        program: &mut program,
+        weights: &weights.raw,
+        encode: &encode,
+    };
+    passes.forward(&mut recording, &buffers).expect("records");
+    passes
+        .backward(&mut recording, &buffers, &gradients.raw)
+        .expect("records");
+    program.submit(gpu);
+    (
+        buffers.outputs.read(gpu).expect("reads"),
+        gradients.read(gpu).expect("reads"),
+    )
+}
+
+fn assert_close(found: &[f32], expected: &[f32], what: &str) {
+    assert_eq!(found.len(), expected.len(), "{what}");
+    let largest = expected
+        .iter()
+        .fold(0.0_f32, |largest, v| largest.max(v.abs()));
+    for (index, (found, expected)) in found.iter().zip(expected).enumerate() {
+        let error = (found - expected).abs();
+        assert!(
+            error <= 1e-5 * largest,
+            "{what} {index}: {found} {expected}"
+        );
+    }
+}
+
+#[test]
+fn outputs_and_gradients_are_those_of_the_processor() {
+    let Some(gpu) = test_device() else { return };
+    for (shape, rows, block) in [
+        (SMALL, 1, 64),
+        (SMALL, 300, 4096),
+        (SMALL, 300, 128),
+        // More parts than one.
+        (SMALL, 5000, 4096),
+        (PUBLISHED, 150, 4096),
+    ] {
+        let case = Case::new(shape, rows);
+        let (out, gradients) = on_device(&case, &gpu, block);
+        let (expected_out, expected) = case.on_processor(usize::MAX);
+        assert_close(&out, &expected_out, "output");
+        assert_close(&gradients, &expected, "gradient");
+    }
+}
+
+#[test]
+fn nothing_goes_through() {
+    let Some(gpu) = test_device() else { return };
+    let (out, gradients) = on_device(&Case::new(SMALL, 0), &gpu, 64);
+    assert!(out.is_empty() && gradients.iter().all(|&gradient| gradient == 0.0));
+}

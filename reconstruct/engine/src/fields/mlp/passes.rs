@@ -1,0 +1,451 @@
+//! Forward and backward passes of a network over many rows.
+//!
+//! Rows go through all layers in blocks, so that a block's activations stay in the cache between one
+//! layer and the next. The backward pass needs them again: as many blocks as a limit of memory allows
+//! keep them, the others are evaluated once more. Gradients of the weights are summed up in a number
+//! of parts that does not depend on the number of threads, and so do not depend on it either.
+
+use rayon::prelude::*;
+
+use crate::fields::mlp::{
+    network::{Layer, NetworkShape},
+    product::{Factor, multiply, multiply_add},
+};
+
+/// Rows of a block: its activations are a quarter of a mebibyte per layer of 256, and a layer's
+/// weights are used for as many rows.
+const BLOCK: usize = 256;
+/// Parts in which gradients are summed up.
+const PARTS: usize = 16;
+
+/// What the backward pass needs of the forward one.
+#[derive(Debug)]
+pub struct Activations {
+    limit_bytes: usize,
+    /// Block by block: the inputs of its rows, then the outputs of each layer.
+    kept: Vec<f32>,
+}
+
+impl Activations {
+    /// Room for activations of at most this size.
+    pub fn new(limit_bytes: usize) -> Self {
+        Self {
+            limit_bytes,
+            kept: Vec::new(),
+        }
+    }
+}
+
+/// A network with its weights at some shared inputs.
+struct Evaluated<'a> {
+    shape: NetworkShape,
+    layers: Vec<Layer>,
+    weights: &'a [f32],
+    /// What biases and shared inputs add to each layer.
+    offsets: Vec<Vec<f32>>,
+}
+
+impl NetworkShape {
+    /// Values that a block keeps.
+    fn block_len(&self) -> usize {
+        BLOCK * (self.row_inputs + self.depth * self.width)
+    }
+
+    /// Bytes of the activations of so many rows, at most `limit`.
+    pub fn activation_bytes(&self, rows: usize, limit: usize) -> usize {
+        let blocks = rows.div_ceil(BLOCK);
+        blocks
+            .saturating_mul(self.block_len() * size_of::<f32>())
+            .min(limit)
+    }
+
+    /// The outputs of `out.len() / outputs` rows. `encode` writes the inputs of a row.
+    pub fn forward(
+        &self,
+        weights: &[f32],
+        shared: &[f32],
+        encode: &(impl Fn(usize, &mut [f32]) + Sync),
+        activations: &mut Activations,
+        out: &mut [f32],
+    ) {
+        let network = Evaluated::new(*self, weights, shared);
+        let per_block = BLOCK * self.outputs;
+        let blocks = out.len().div_ceil(per_block);
+        let block_bytes = self.block_len() * size_of::<f32>();
+        let kept = blocks.min(activations.limit_bytes / block_bytes);
+        activations.kept.resize(kept * self.block_len(), 0.0);
+        let (first, rest) = out.split_at_mut((kept * per_block).min(out.len()));
+        first
+            .par_chunks_mut(per_block)
+            .zip(activations.kept.par_chunks_mut(self.block_len()))
+            .enumerate()
+            .for_each(|(block, (out, activations))| {
+                network.forward_block(block * BLOCK, encode, activations, out);
+            });
+        rest.par_chunks_mut(per_block).enumerate().for_each_init(
+            || vec![0.0; self.block_len()],
+            |activations, (block, out)| {
+                network.forward_block((kept + block) * BLOCK, encode, activations, out);
+            },
+        );
+    }
+
+    /// Gradients by the weights from those by the outputs, after [`NetworkShape::forward`] with the
+    /// same arguments: overwrites `gradients`. None are taken by the inputs.
+    pub fn backward(
+        &self,
+        weights: &[f32],
+        shared: &[f32],
+        encode: &(impl Fn(usize, &mut [f32]) + Sync),
+        activations: &Activations,
+        upstream: &[f32],
+        gradients: &mut [f32],
+    ) {
+        let network = Evaluated::new(*self, weights, shared);
+        let blocks: Vec<&[f32]> = upstream.chunks(BLOCK * self.outputs).collect();
+        let kept: Vec<&[f32]> = activations.kept.chunks(self.block_len()).collect();
+        let per_part = blocks.len().div_ceil(PARTS).max(1);
+        let parts: Vec<Vec<f32>> = blocks
+            .par_chunks(per_part)
+            .enumerate()
+            .map(|(part, blocks)| {
+                let mut sums = vec![0.0; gradients.len()];
+                let mut scratch = Scratch::new(self);
+                for (index, upstream) in blocks.iter().enumerate() {
+                    let block = part * per_part + index;
+                    let kept = kept.get(block).copied();
+                    network.backward_block(
+                        block * BLOCK,
+                        encode,
+                        kept,
+                        upstream,
+                        &mut scratch,
+                        &mut sums,
+                    );
+                }
+                sums
+            })
+            .collect();
+        const CHUNK: usize = 1 << 14;
+        gradients
+            .par_chunks_mut(CHUNK)
+            .enumerate()
+            .for_each(|(chunk, gradients)| {
+                gradients.fill(0.0);
+                for part in &parts {
+                    add(gradients, &part[chunk * CHUNK..]);
+                }
+            });
+        network.gradients_by_shared_weights(shared, gradients);
+    }
+}
+
+fn add(sums: &mut [f32], values: &[f32]) {
+    for (sum, value) in sums.iter_mut().zip(values) {
+        *sum += value;
+    }
+}
+
+/// Buffers of one part of a backward pass.
+struct Scratch {
+    /// Activations that were not kept, or those of the rows that have a gradient.
+    activations: Vec<f32>,
+    gathered: Vec<f32>,
+    upstream: Vec<f32>,
+    by_output: Vec<f32>,
+    by_input: Vec<f32>,
+    outputs: Vec<f32>,
+}
+
+impl Scratch {
+    fn new(shape: &NetworkShape) -> Self {
+        let layer = || vec![0.0; BLOCK * shape.width];
+        Self {
+            activations: Vec::new(),
+            gathered: Vec::new(),
+            upstream: Vec::new(),
+            by_output: layer(),
+            by_input: layer(),
+            outputs: vec![0.0; BLOCK * shape.outputs],
+        }
+    }
+}
+
+impl<'a> Evaluated<'a> {
+    fn new(shape: NetworkShape, weights: &'a [f32], shared: &[f32]) -> Self {
+        assert_eq!(
+            weights.len(),
+            shape.weight_count(),
+            "weights of the network"
+        );
+        let layers = shape.layers();
+        let offsets = layers
+            .iter()
+            .map(|layer| {
+                let mut offset = weights[layer.biases()].to_vec();
+                let rows = weights[layer.shared_weights()].chunks_exact(layer.outputs);
+                for (row, input) in rows.zip(shared) {
+                    for (sum, weight) in offset.iter_mut().zip(row) {
+                        *sum += input * weight;
+                    }
+                }
+                offset
+            })
+            .collect();
+        Self {
+            shape,
+            layers,
+            weights,
+            offsets,
+        }
+    }
+
+    /// The inputs of a block's rows, and the outputs of each layer.
+    fn split<'b>(&self, block: &'b [f32], rows: usize) -> (&'b [f32], Vec<&'b [f32]>) {
+        let (inputs, hidden) = block.split_at(BLOCK * self.shape.row_inputs);
+        let layers = hidden.chunks_exact(BLOCK * self.shape.width);
+        (
+            &inputs[..rows * self.shape.row_inputs],
+            layers
+                .map(|layer| &layer[..rows * self.shape.width])
+                .collect(),
+        )
+    }
+
+    fn forward_block(
+        &self,
+        first_row: usize,
+        encode: &impl Fn(usize, &mut [f32]),
+        activations: &mut [f32],
+        out: &mut [f32],
+    ) {
+        let NetworkShape {
+            row_inputs,
+            depth,
+            width,
+            outputs,
+            ..
+        } = self.shape;
+        let rows = out.len() / outputs;
+        let (inputs, hidden) = activations.split_at_mut(BLOCK * row_inputs);
+        let inputs = &mut inputs[..rows * row_inputs];
+        for (row, inputs) in inputs.chunks_exact_mut(row_inputs).enumerate() {
+            encode(first_row + row, inputs);
+        }
+        for (index, layer) in self.layers.iter().enumerate() {
+            let (before, rest) = hidden.split_at_mut(index * BLOCK * width);
+            let previous = before.rchunks_exact(BLOCK * width).next();
+            let previous = previous.map(|layer| &layer[..rows * width]);
+            let is_output = index == depth;
+            let to = if is_output {
+                &mut *out
+            } else {
+                &mut rest[..rows * width]
+            };
+            self.weigh(layer, previous, inputs, to);
+            if is_output {
+                add_offset(to, &self.offsets[index]);
+            } else {
+                add_offset_and_clip(to, &self.offsets[index]);
+            }
+        }
+    }
+
+    /// The weighted inputs of a layer, without what is the same for all rows.
+    fn weigh(&self, layer: &Layer, previous: Option<&[f32]>, inputs: &[f32], out: &mut [f32]) {
+        let row_weights = || Factor::new(&self.weights[layer.row_weights()], layer.outputs);
+        let inputs = || Factor::new(inputs, layer.row_inputs);
+        match previous {
+            Some(previous) => {
+                let weights = Factor::new(&self.weights[layer.hidden_weights()], layer.outputs);
+                multiply(Factor::new(previous, layer.hidden_inputs), weights, out);
+                if layer.row_inputs > 0 {
+                    multiply_add(inputs(), row_weights(), out);
+                }
+            }
+            None => multiply(inputs(), row_weights(), out),
+        }
+    }
+
+    /// Adds a block's gradients to `sums`; those by weights of shared inputs come later. Rows without
+    /// a gradient, those of Gaussians that nobody saw, are left out.
+    fn backward_block(
+        &self,
+        first_row: usize,
+        encode: &impl Fn(usize, &mut [f32]),
+        kept: Option<&[f32]>,
+        upstream: &[f32],
+        scratch: &mut Scratch,
+        sums: &mut [f32],
+    ) {
+        let shape = &self.shape;
+        let rows = upstream.len() / shape.outputs;
+        let all = upstream.chunks_exact(shape.outputs);
+        let seen: Vec<usize> = all
+            .enumerate()
+            .filter(|(_, row)| row.iter().any(|&value| value != 0.0))
+            .map(|(row, _)| row)
+            .collect();
+        if seen.is_empty() {
+            return;
+        }
+        let Scratch {
+            activations,
+            gathered,
+            upstream: seen_upstream,
+            by_output,
+            by_input,
+            outputs,
+        } = scratch;
+        let block = kept.unwrap_or_else(|| {
+            activations.resize(shape.block_len(), 0.0);
+            self.forward_block(
+                first_row,
+                encode,
+                activations,
+                &mut outputs[..upstream.len()],
+            );
+            activations
+        });
+        if seen.len() == rows {
+            self.backward_rows(block, upstream, [by_output, by_input], sums);
+            return;
+        }
+        seen_upstream.clear();
+        for &row in &seen {
+            let from = &upstream[row * shape.outputs..(row + 1) * shape.outputs];
+            seen_upstream.extend_from_slice(from);
+        }
+        self.gather(block, &seen, gathered);
+        self.backward_rows(gathered, seen_upstream, [by_output, by_input], sums);
+    }
+
+    /// Copies the activations of some rows of a block, in the order of a block.
+    fn gather(&self, block: &[f32], rows: &[usize], out: &mut Vec<f32>) {
+        let NetworkShape {
+            row_inputs, width, ..
+        } = self.shape;
+        out.resize(self.shape.block_len(), 0.0);
+        let copy = |from: &[f32], to: &mut [f32], width: usize| {
+            for (to, &row) in to.chunks_exact_mut(width).zip(rows) {
+                to.copy_from_slice(&from[row * width..(row + 1) * width]);
+            }
+        };
+        let (from_inputs, from_hidden) = block.split_at(BLOCK * row_inputs);
+        let (to_inputs, to_hidden) = out.split_at_mut(BLOCK * row_inputs);
+        copy(from_inputs, to_inputs, row_inputs);
+        let layers = from_hidden.chunks_exact(BLOCK * width);
+        for (from, to) in layers.zip(to_hidden.chunks_exact_mut(BLOCK * width)) {
+            copy(from, to, width);
+        }
+    }
+
+    fn backward_rows(
+        &self,
+        block: &[f32],
+        upstream: &[f32],
+        [by_output, by_input]: [&mut Vec<f32>; 2],
+        sums: &mut [f32],
+    ) {
+        let width = self.shape.width;
+        let rows = upstream.len() / self.shape.outputs;
+        let (inputs, hidden) = self.split(block, rows);
+        let Some((last, trunk)) = self.layers.split_last() else {
+            return;
+        };
+        sum_columns(upstream, &mut sums[last.biases()]);
+        let by_outputs = Factor::new(upstream, last.outputs);
+        let last_hidden = Factor::new(hidden[trunk.len() - 1], width);
+        multiply_add(
+            last_hidden.transposed(),
+            by_outputs,
+            &mut sums[last.hidden_weights()],
+        );
+        let weights = Factor::new(&self.weights[last.hidden_weights()], last.outputs);
+        multiply(
+            by_outputs,
+            weights.transposed(),
+            &mut by_output[..rows * width],
+        );
+        for (index, layer) in trunk.iter().enumerate().rev() {
+            let gradient = &mut by_output[..rows * width];
+            clip_and_sum_columns(gradient, hidden[index], &mut sums[layer.biases()]);
+            let by_layer = Factor::new(gradient, width);
+            if layer.row_inputs > 0 {
+                let inputs = Factor::new(inputs, layer.row_inputs);
+                multiply_add(
+                    inputs.transposed(),
+                    by_layer,
+                    &mut sums[layer.row_weights()],
+                );
+            }
+            if layer.hidden_inputs > 0 {
+                let previous = Factor::new(hidden[index - 1], width);
+                multiply_add(
+                    previous.transposed(),
+                    by_layer,
+                    &mut sums[layer.hidden_weights()],
+                );
+                let weights = Factor::new(&self.weights[layer.hidden_weights()], width);
+                multiply(
+                    by_layer,
+                    weights.transposed(),
+                    &mut by_input[..rows * width],
+                );
+                std::mem::swap(by_output, by_input);
+            }
+        }
+    }
+
+    /// A shared input is the same for all rows: its weights have the gradient of the bias times it.
+    fn gradients_by_shared_weights(&self, shared: &[f32], gradients: &mut [f32]) {
+        for layer in self.layers.iter().filter(|layer| layer.shared_inputs > 0) {
+            let by_bias = gradients[layer.biases()].to_vec();
+            let rows = gradients[layer.shared_weights()].chunks_exact_mut(layer.outputs);
+            for (row, input) in rows.zip(shared) {
+                for (gradient, by_bias) in row.iter_mut().zip(&by_bias) {
+                    *gradient = input * by_bias;
+                }
+            }
+        }
+    }
+}
+
+fn add_offset(values: &mut [f32], offset: &[f32]) {
+    for row in values.chunks_exact_mut(offset.len()) {
+        add(row, offset);
+    }
+}
+
+/// `max(x + offset, 0)`.
+fn add_offset_and_clip(values: &mut [f32], offset: &[f32]) {
+    for row in values.chunks_exact_mut(offset.len()) {
+        for (value, offset) in row.iter_mut().zip(offset) {
+            *value = (*value + offset).max(0.0);
+        }
+    }
+}
+
+/// Adds the sums of columns.
+fn sum_columns(values: &[f32], sums: &mut [f32]) {
+    for row in values.chunks_exact(sums.len()) {
+        add(sums, row);
+    }
+}
+
+/// The gradient before the activation, and the sums of its columns, in one pass.
+fn clip_and_sum_columns(gradient: &mut [f32], outputs: &[f32], sums: &mut [f32]) {
+    let width = sums.len();
+    for (gradient, outputs) in gradient
+        .chunks_exact_mut(width)
+        .zip(outputs.chunks_exact(width))
+    {
+        for ((gradient, output), sum) in gradient.iter_mut().zip(outputs).zip(&mut *sums) {
+            *gradient = if *output > 0.0 { *gradient } else { 0.0 };
+            *sum += *gradient;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

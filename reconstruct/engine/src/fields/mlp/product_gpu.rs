@@ -1,0 +1,290 @@
+//! Products of matrices on a graphics device.
+
+use crate::device::{Gpu, GpuError, Kernel, Program, Shader, Uniform, wgsl_struct};
+
+/// Rows, and columns, of the part of a product that a workgroup makes: 256 threads have 4 by 4 values
+/// each.
+const SIDE: u32 = 64;
+
+wgsl_struct! {
+    /// Sizes and places of a product; see `product.wgsl`.
+    pub(crate) struct Product {
+        rows: u32,
+        inner: u32,
+        columns: u32,
+        parts: u32,
+        left_begin: u32,
+        left_row_stride: u32,
+        left_inner_stride: u32,
+        right_begin: u32,
+        right_inner_stride: u32,
+        right_column_stride: u32,
+        out_begin: u32,
+        is_added: u32,
+        finish: u32,
+    }
+}
+
+pub(crate) fn shader() -> Shader {
+    Shader {
+        file: "product.wgsl",
+        constants: format!("const SIDE: u32 = {SIDE}u;\n"),
+        parts: &[
+            include_str!("../../device/common.wgsl"),
+            include_str!("product.wgsl"),
+        ],
+    }
+}
+
+/// A matrix in a buffer, row-major or transposed.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Matrix<'a> {
+    buffer: &'a wgpu::Buffer,
+    begin: usize,
+    rows: usize,
+    columns: usize,
+    row_stride: usize,
+    column_stride: usize,
+}
+
+impl<'a> Matrix<'a> {
+    /// Row-major, from value number `begin` on.
+    pub(super) fn new(buffer: &'a wgpu::Buffer, begin: usize, rows: usize, columns: usize) -> Self {
+        Self {
+            buffer,
+            begin,
+            rows,
+            columns,
+            row_stride: columns,
+            column_stride: 1,
+        }
+    }
+
+    /// The transpose; nothing is copied.
+    pub(super) fn transposed(self) -> Self {
+        Self {
+            rows: self.columns,
+            columns: self.rows,
+            row_stride: self.column_stride,
+            column_stride: self.row_stride,
+            ..self
+        }
+    }
+
+    /// Values of the product with `right`.
+    pub(super) fn product_len(self, right: Self) -> usize {
+        self.rows * right.columns
+    }
+}
+
+/// What happens to the values of a product.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Finish<'a> {
+    /// Nothing.
+    Plain,
+    /// A value per column is added.
+    Offset(&'a wgpu::Buffer),
+    /// The same, and what is below 0 becomes 0.
+    OffsetAndClip(&'a wgpu::Buffer),
+    /// 0 where a matrix of the product's size, from the beginning of its buffer, is not above 0.
+    Mask(&'a wgpu::Buffer),
+}
+
+/// Where a product goes: a row-major matrix, or as many of them as it has parts, one after another.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Destination<'a> {
+    pub(super) buffer: &'a wgpu::Buffer,
+    pub(super) begin: usize,
+    /// Whether it is added to what is there.
+    pub(super) is_added: bool,
+    /// The inner dimension is dealt out to as many products.
+    pub(super) parts: usize,
+    pub(super) finish: Finish<'a>,
+}
+
+impl<'a> Destination<'a> {
+    /// One matrix, as it is.
+    pub(super) fn new(buffer: &'a wgpu::Buffer, begin: usize) -> Self {
+        Self {
+            buffer,
+            begin,
+            is_added: false,
+            parts: 1,
+            finish: Finish::Plain,
+        }
+    }
+}
+
+/// The kernel.
+#[derive(Debug)]
+pub(super) struct Products {
+    multiply: Kernel,
+}
+
+impl Products {
+    pub(super) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
+        let [multiply] = Kernel::compile(gpu, &shader(), ["multiply"])?;
+        Ok(Self { multiply })
+    }
+
+    /// Adds `out = left * right` to a program.
+    pub(super) fn record(
+        &self,
+        gpu: &Gpu,
+        program: &mut Program,
+        (left, right): (Matrix<'_>, Matrix<'_>),
+        out: Destination<'_>,
+    ) -> Result<(), GpuError> {
+        assert_eq!(left.columns, right.rows, "inner sizes");
+        // A kernel's bindings are all taken: what has nothing beside it binds a factor once more.
+        let (finish, beside) = match out.finish {
+            Finish::Plain => (0, left.buffer),
+            Finish::Offset(beside) => (1, beside),
+            Finish::OffsetAndClip(beside) => (2, beside),
+            Finish::Mask(beside) => (3, beside),
+        };
+        let product = Product {
+            rows: left.rows as u32,
+            inner: left.columns as u32,
+            columns: right.columns as u32,
+            parts: out.parts as u32,
+            left_begin: left.begin as u32,
+            left_row_stride: left.row_stride as u32,
+            left_inner_stride: left.column_stride as u32,
+            right_begin: right.begin as u32,
+            right_inner_stride: right.row_stride as u32,
+            right_column_stride: right.column_stride as u32,
+            out_begin: out.begin as u32,
+            is_added: out.is_added.into(),
+            finish,
+        };
+        let sides = |len: usize| len.div_ceil(SIDE as usize);
+        let product_uniform = Uniform::of(gpu, "product", &product)?;
+        program.run_workgroups(
+            gpu,
+            &self.multiply,
+            sides(left.rows) * sides(right.columns) * out.parts,
+            &[
+                &product_uniform.raw,
+                left.buffer,
+                right.buffer,
+                beside,
+                out.buffer,
+            ],
+        );
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::{DeviceBuffer, test_device};
+
+    fn values(len: usize, step: usize) -> Vec<f32> {
+        (0..len)
+            .map(|at| ((at * step) % 29) as f32 / 14.0 - 1.0)
+            .collect()
+    }
+
+    /// The product by its definition, both factors row-major.
+    fn expected(left: &[f32], right: &[f32], [rows, inner, columns]: [usize; 3]) -> Vec<f64> {
+        let term = |i: usize, k: usize, j: usize| {
+            f64::from(left[i * inner + k]) * f64::from(right[k * columns + j])
+        };
+        (0..rows * columns)
+            .map(|at| {
+                (0..inner)
+                    .map(|k| term(at / columns, k, at % columns))
+                    .sum()
+            })
+            .collect()
+    }
+
+    fn transposed(values: &[f32], columns: usize) -> Vec<f32> {
+        let rows = values.len() / columns;
+        (0..values.len())
+            .map(|at| values[at % rows * columns + at / rows])
+            .collect()
+    }
+
+    #[test]
+    fn products_are_those_of_the_definition() {
+        let Some(gpu) = test_device() else { return };
+        let products = Products::new(&gpu).expect("compiles");
+        for size @ [rows, inner, columns] in [[130, 37, 70], [3, 200, 65], [64, 64, 64], [1, 1, 1]]
+        {
+            let (left, right) = (values(rows * inner, 7), values(inner * columns, 11));
+            let expected = expected(&left, &right, size);
+            let beside: Vec<f32> = values(rows * columns, 5);
+            let buffer = |values: &[f32]| DeviceBuffer::of(&gpu, "matrix", values).expect("fits");
+            for (parts, is_transposed) in
+                [(1, [false, false]), (3, [true, false]), (2, [false, true])]
+            {
+                let [a, b] = [
+                    (&left, inner, is_transposed[0]),
+                    (&right, columns, is_transposed[1]),
+                ]
+                .map(|(values, columns, flip)| {
+                    let values = if flip {
+                        transposed(values, columns)
+                    } else {
+                        values.clone()
+                    };
+                    // Matrices need not begin with their buffer.
+                    buffer(&[vec![9.0; 5], values].concat())
+                });
+                let matrix = |buffer, rows, columns, flip: bool| {
+                    if flip {
+                        Matrix::new(buffer, 5, columns, rows).transposed()
+                    } else {
+                        Matrix::new(buffer, 5, rows, columns)
+                    }
+                };
+                let a = matrix(&a.raw, rows, inner, is_transposed[0]);
+                let b = matrix(&b.raw, inner, columns, is_transposed[1]);
+                let out = buffer(&vec![0.5; parts * rows * columns + 2]);
+                let beside_buffer = buffer(&beside);
+                let mut program = Program::default();
+                let mut run = |is_added, finish| {
+                    let to = Destination {
+                        is_added,
+                        parts,
+                        finish,
+                        ..Destination::new(&out.raw, 2)
+                    };
+                    products
+                        .record(&gpu, &mut program, (a, b), to)
+                        .expect("records");
+                };
+                run(false, Finish::Plain);
+                if parts == 1 {
+                    run(true, Finish::OffsetAndClip(&beside_buffer.raw));
+                    run(true, Finish::Mask(&beside_buffer.raw));
+                    run(true, Finish::Offset(&beside_buffer.raw));
+                }
+                program.submit(&gpu);
+                let found = out.read(&gpu).expect("reads");
+                assert_eq!(found[..2], [0.5, 0.5], "what is before the product");
+                for (at, &product) in expected.iter().enumerate() {
+                    let sum: f64 = (0..parts)
+                        .map(|part| f64::from(found[2 + part * rows * columns + at]))
+                        .sum();
+                    let expected = if parts == 1 {
+                        let offset = f64::from(beside[at % columns]);
+                        let clipped = (2.0 * product + offset).max(0.0);
+                        let masked = if beside[at] > 0.0 {
+                            clipped + product
+                        } else {
+                            0.0
+                        };
+                        masked + product + offset
+                    } else {
+                        product
+                    };
+                    assert!((sum - expected).abs() < 1e-4, "{at}: {sum} {expected}");
+                }
+            }
+        }
+    }
+}

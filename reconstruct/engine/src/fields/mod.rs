@@ -1,0 +1,3 @@
+//! Functions of position and time that are learnt: networks.
+
+pub mod mlp;

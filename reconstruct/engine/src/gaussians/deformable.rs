@@ -1,0 +1,285 @@
+//! Canonical Gaussians and a network that says where they are at a time (Deformable-GS).
+//!
+//! Source: Yang et al., "Deformable 3D Gaussians for High-Fidelity Monocular Dynamic Scene
+//! Reconstruction", 2024, and its repository (ingra14m/Deformable-3D-Gaussians,
+//! `utils/time_utils.py`, `scene/deform_model.py`, `gaussian_renderer/__init__.py`). With the
+//! positional encodings `PE`, a length `u` and the time `t` in [0, 1]:
+//!
+//! ```text
+//! (dx, dq, ds) = f(PE(sg(mu) / u), PE(t))
+//! mu(t) = mu + u dx        q(t) = normalize(q/|q| + dq)        s(t) = max(exp(s) + u ds, least)
+//! ```
+//!
+//! `sg`: no gradient flows through the encoded position. Opacities and colours do not depend on time.
+//! Departures: lengths are relative to `u`, because octaves up to `2^9 mu` say nothing in a scene
+//! hundreds of units across; quaternions are made unit ones again and scales stay positive, as the
+//! renderer expects them; the output layer begins at 0, so that the network comes in without a jump.
+
+pub(crate) mod gpu;
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::fields::mlp::{encoding, network::NetworkShape, passes::Activations};
+use crate::{
+    gaussians::{
+        InstantGaussians,
+        static_gaussians::{self, POSITIONS},
+    },
+    parameters::{ParameterArray, ParameterTable},
+};
+
+/// Name of the network's weights among the arrays of a model.
+pub const DEFORMATION_WEIGHTS: &str = "deformation_weights";
+
+/// Outputs: added to the centre, to the quaternion, to the scales.
+const OUTPUTS: usize = 10;
+/// Least scale, relative to the length unit.
+const LEAST_SCALE: f32 = 1e-7;
+/// Least length of a quaternion that is made a unit one.
+const LEAST_QUATERNION_LENGTH: f32 = 1e-6;
+/// Activations are kept for the backward pass up to this size, which is that of about 130,000
+/// Gaussians; those of the others are computed twice.
+const LARGEST_ACTIVATIONS_BYTES: usize = 1 << 30;
+
+/// The network's sizes and its unit of length.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct DeformationModel {
+    /// Octaves that encode a position.
+    pub position_octaves: usize,
+    /// Octaves that encode the time.
+    pub time_octaves: usize,
+    /// Layers beside the output layer.
+    pub depth: usize,
+    /// Outputs of each of them.
+    pub width: usize,
+    /// Number of the layer, from 0, after which the inputs come in again.
+    pub skip_after: usize,
+    /// The length that counts as 1, normalized units: positions are divided by it, what is added to
+    /// positions and scales is multiplied by it.
+    pub length_unit: f32,
+}
+
+impl DeformationModel {
+    /// The published sizes for real scenes.
+    pub fn published(length_unit: f32) -> Self {
+        Self {
+            position_octaves: 10,
+            time_octaves: 10,
+            depth: 8,
+            width: 256,
+            skip_after: 4,
+            length_unit,
+        }
+    }
+
+    /// The network.
+    pub fn network(&self) -> NetworkShape {
+        NetworkShape {
+            row_inputs: encoding::width(3, self.position_octaves),
+            shared_inputs: encoding::width(1, self.time_octaves),
+            depth: self.depth,
+            width: self.width,
+            skip_after: self.skip_after,
+            outputs: OUTPUTS,
+        }
+    }
+
+    /// Bytes of training beside the Gaussians: weights with gradients, moments and partial sums, and
+    /// the activations of so many Gaussians.
+    pub fn training_bytes(&self, gaussians: u64) -> u64 {
+        let network = self.network();
+        let rows = usize::try_from(gaussians).unwrap_or(usize::MAX);
+        let activations = network.activation_bytes(rows, LARGEST_ACTIVATIONS_BYTES);
+        (20 * 4 * network.weight_count() + activations) as u64
+    }
+
+    fn encoded_time(&self, time: f32) -> Vec<f32> {
+        let mut encoded = vec![0.0; encoding::width(1, self.time_octaves)];
+        encoding::encode(&[time], self.time_octaves, &mut encoded);
+        encoded
+    }
+
+    fn encode_position(&self, positions: &[[f32; 3]], index: usize, out: &mut [f32]) {
+        let position = positions[index].map(|value| value / self.length_unit);
+        encoding::encode(&position, self.position_octaves, out);
+    }
+}
+
+/// The network's weights with what their optimization needs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DeformationWeights {
+    /// All weights, as [`NetworkShape`] orders them.
+    pub array: ParameterArray,
+    /// Steps that the optimizer has made on them: fewer than on the Gaussians, which begin alone.
+    pub steps: u64,
+}
+
+impl DeformationWeights {
+    /// Weights that nothing was done with.
+    pub fn new(values: Vec<f32>) -> Self {
+        let zeros = vec![0.0; values.len()];
+        Self {
+            array: ParameterArray {
+                name: DEFORMATION_WEIGHTS,
+                width: values.len(),
+                gradients: zeros.clone(),
+                first_moments: zeros.clone(),
+                second_moments: zeros,
+                values,
+                learning_rate: 0.0,
+            },
+            steps: 0,
+        }
+    }
+}
+
+/// What an evaluation fills anew: the network's outputs, and what their gradients need.
+#[derive(Debug)]
+pub struct Deformation {
+    activations: Activations,
+    outputs: Vec<f32>,
+    upstream: Vec<f32>,
+    /// Of the canonical Gaussians, activated.
+    scales: Vec<[f32; 3]>,
+    rotations: Vec<[f32; 4]>,
+}
+
+impl Default for Deformation {
+    fn default() -> Self {
+        Self {
+            activations: Activations::new(LARGEST_ACTIVATIONS_BYTES),
+            outputs: Vec::new(),
+            upstream: Vec::new(),
+            scales: Vec::new(),
+            rotations: Vec::new(),
+        }
+    }
+}
+
+impl Deformation {
+    /// For pictures alone: nothing is kept for gradients.
+    pub fn without_gradients() -> Self {
+        Self {
+            activations: Activations::new(0),
+            ..Self::default()
+        }
+    }
+
+    /// Activates canonical Gaussians and deforms them to a time in [0, 1].
+    pub fn instantiate(
+        &mut self,
+        model: &DeformationModel,
+        weights: &[f32],
+        table: &ParameterTable,
+        time: f32,
+        out: &mut InstantGaussians,
+    ) {
+        static_gaussians::instantiate(table, out);
+        let positions = table.arrays[POSITIONS].values.as_chunks::<3>().0;
+        self.outputs.resize(OUTPUTS * table.len(), 0.0);
+        model.network().forward(
+            weights,
+            &model.encoded_time(time),
+            &|index, out| model.encode_position(positions, index, out),
+            &mut self.activations,
+            &mut self.outputs,
+        );
+        self.scales.clone_from(&out.scales);
+        self.rotations.clone_from(&out.rotations);
+        let unit = model.length_unit;
+        (
+            self.outputs.as_chunks::<OUTPUTS>().0.par_iter(),
+            out.positions.par_iter_mut(),
+            out.scales.par_iter_mut(),
+            out.rotations.par_iter_mut(),
+        )
+            .into_par_iter()
+            .with_min_len(1024)
+            .for_each(|(output, position, scale, rotation)| {
+                for axis in 0..3 {
+                    position[axis] += unit * output[axis];
+                    scale[axis] += unit * output[7 + axis];
+                    // `max` would make a scale that is NaN the least one, and draw it.
+                    if scale[axis] < unit * LEAST_SCALE {
+                        scale[axis] = unit * LEAST_SCALE;
+                    }
+                }
+                let (sum, length) = deformed_quaternion(rotation, output);
+                *rotation = sum.map(|value| value / length);
+            });
+    }
+
+    /// VJP of [`Deformation::instantiate`] with the same arguments: overwrites the gradients of the
+    /// table and of the weights. `instant` and `gradient` are used up.
+    ///
+    /// A Gaussian whose gradient is not finite does not take part in that of the weights.
+    pub fn instantiate_vjp(
+        &mut self,
+        model: &DeformationModel,
+        weights: &mut ParameterArray,
+        table: &mut ParameterTable,
+        time: f32,
+        (instant, gradient): (&mut InstantGaussians, &mut InstantGaussians),
+    ) {
+        let unit = model.length_unit;
+        self.upstream.resize(self.outputs.len(), 0.0);
+        (
+            self.upstream.as_chunks_mut::<OUTPUTS>().0.par_iter_mut(),
+            self.outputs.as_chunks::<OUTPUTS>().0.par_iter(),
+            self.scales.par_iter(),
+            self.rotations.par_iter(),
+            gradient.positions.par_iter(),
+            gradient.scales.par_iter_mut(),
+            gradient.rotations.par_iter_mut(),
+        )
+            .into_par_iter()
+            .with_min_len(1024)
+            .for_each(
+                |(upstream, output, scale, rotation, by_position, by_scale, by_rotation)| {
+                    for axis in 0..3 {
+                        if scale[axis] + unit * output[7 + axis] < unit * LEAST_SCALE {
+                            by_scale[axis] = 0.0;
+                        }
+                        upstream[axis] = unit * by_position[axis];
+                        upstream[7 + axis] = unit * by_scale[axis];
+                    }
+                    // d(p/|p|): remove the part along p, divide by the length.
+                    let (sum, length) = deformed_quaternion(rotation, output);
+                    let along = (0..4)
+                        .map(|axis| sum[axis] / length * by_rotation[axis])
+                        .sum::<f32>();
+                    for axis in 0..4 {
+                        by_rotation[axis] =
+                            (by_rotation[axis] - sum[axis] / length * along) / length;
+                        upstream[3 + axis] = by_rotation[axis];
+                    }
+                    if !upstream.iter().all(|value| value.is_finite()) {
+                        upstream.fill(0.0);
+                    }
+                },
+            );
+        let positions = table.arrays[POSITIONS].values.as_chunks::<3>().0;
+        model.network().backward(
+            &weights.values,
+            &model.encoded_time(time),
+            &|index, out| model.encode_position(positions, index, out),
+            &self.activations,
+            &self.upstream,
+            &mut weights.gradients,
+        );
+        std::mem::swap(&mut instant.scales, &mut self.scales);
+        std::mem::swap(&mut instant.rotations, &mut self.rotations);
+        static_gaussians::instantiate_vjp(table, instant, gradient);
+    }
+}
+
+/// `q/|q| + dq` and its length.
+fn deformed_quaternion(rotation: &[f32; 4], output: &[f32; OUTPUTS]) -> ([f32; 4], f32) {
+    let sum = [0, 1, 2, 3].map(|axis| rotation[axis] + output[3 + axis]);
+    let length = sum.iter().map(|value| value * value).sum::<f32>().sqrt();
+    (sum, length.max(LEAST_QUATERNION_LENGTH))
+}
+
+#[cfg(test)]
+mod tests;

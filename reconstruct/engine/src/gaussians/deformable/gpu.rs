@@ -1,0 +1,274 @@
+//! Canonical Gaussians and their network on a graphics device.
+
+use crate::gaussians::deformable::{
+    DeformationModel, DeformationWeights, LEAST_QUATERNION_LENGTH, LEAST_SCALE, OUTPUTS, POSITIONS,
+};
+use crate::{
+    device::{Gpu, GpuError, Kernel, Program, Shader, Uniform, wgsl_struct},
+    fields::mlp::gpu::{Block, NetworkBuffers, Passes, Recording},
+    gaussians::{parameterization::Parameterization, static_gaussians::gpu::StaticGaussians},
+    parameters::device_table::TableBuffers,
+    render::buffers::RenderBuffers,
+};
+
+wgsl_struct! {
+    /// Where canonical positions are, and the network's unit.
+    pub(crate) struct Canonical {
+        len: u32,
+        positions: u32,
+        first: u32,
+        rows: u32,
+        octaves: u32,
+        length_unit: f32,
+    }
+}
+
+pub(crate) fn shader() -> Shader {
+    Shader {
+        file: "deformable.wgsl",
+        constants: format!(
+            "const OUTPUTS: u32 = {OUTPUTS}u;\n\
+             const LEAST_SCALE: f32 = {LEAST_SCALE:e};\n\
+             const LEAST_QUATERNION_LENGTH: f32 = {LEAST_QUATERNION_LENGTH:e};\n"
+        ),
+        parts: &[
+            include_str!("../../device/common.wgsl"),
+            include_str!("../gaussians.wgsl"),
+            include_str!("../../fields/mlp/encoding.wgsl"),
+            include_str!("deformable.wgsl"),
+        ],
+    }
+}
+
+/// What deforms Gaussians; does not depend on their number.
+#[derive(Debug)]
+pub(crate) struct DeformationKernels {
+    passes: Passes,
+    encode_positions: Kernel,
+    deform: Kernel,
+    deform_vjp: Kernel,
+}
+
+impl DeformationKernels {
+    pub(crate) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
+        let [encode_positions, deform, deform_vjp] =
+            Kernel::compile(gpu, &shader(), ["encode_positions", "deform", "deform_vjp"])?;
+        Ok(Self {
+            passes: Passes::new(gpu)?,
+            encode_positions,
+            deform,
+            deform_vjp,
+        })
+    }
+}
+
+/// The network's weights on the device, and what its passes work on.
+#[derive(Debug)]
+pub(crate) struct DeformationBuffers {
+    model: DeformationModel,
+    /// The weights as a table of one array.
+    pub(crate) weights: TableBuffers,
+    network: NetworkBuffers,
+}
+
+impl DeformationBuffers {
+    /// For so many Gaussians.
+    pub(crate) fn new(
+        gpu: &Gpu,
+        model: DeformationModel,
+        weights: TableBuffers,
+        gaussians: usize,
+    ) -> Result<Self, GpuError> {
+        Ok(Self {
+            network: NetworkBuffers::new(gpu, model.network(), gaussians)?,
+            model,
+            weights,
+        })
+    }
+
+    /// A copy of the host's weights on the device.
+    pub(crate) fn upload(
+        gpu: &Gpu,
+        weights: &DeformationWeights,
+    ) -> Result<TableBuffers, GpuError> {
+        TableBuffers::new(gpu, std::slice::from_ref(&weights.array))
+    }
+
+    /// Sets the time in [0, 1] for everything that is submitted later.
+    pub(crate) fn set_time(&self, gpu: &Gpu, time: f32) {
+        let encoded = self.model.encoded_time(time);
+        self.network.shared.write(gpu, 0, &encoded);
+    }
+}
+
+/// Canonical Gaussians with the network that deforms them.
+#[derive(Debug)]
+pub(crate) struct DeformableGaussians<'a> {
+    pub(crate) canonical: &'a StaticGaussians,
+    pub(crate) kernels: &'a DeformationKernels,
+    pub(crate) buffers: &'a DeformationBuffers,
+}
+
+impl DeformableGaussians<'_> {
+    fn canonical(
+        &self,
+        gpu: &Gpu,
+        table: &TableBuffers,
+        gaussians: usize,
+        block: Block,
+    ) -> Result<Uniform<Canonical>, GpuError> {
+        let canonical = Canonical {
+            len: gaussians as u32,
+            positions: table.begin(POSITIONS),
+            first: block.first as u32,
+            rows: block.rows as u32,
+            octaves: self.buffers.model.position_octaves as u32,
+            length_unit: self.buffers.model.length_unit,
+        };
+        Uniform::of(gpu, "canonical Gaussians", &canonical)
+    }
+
+    /// Records a pass of the network over all Gaussians.
+    fn pass(
+        &self,
+        gpu: &Gpu,
+        program: &mut Program,
+        (table, gaussians): (&TableBuffers, usize),
+        record: impl FnOnce(&mut Recording<'_>) -> Result<(), GpuError>,
+    ) -> Result<(), GpuError> {
+        let octaves = self.buffers.model.position_octaves;
+        let encode = |program: &mut Program, block: Block, inputs: &wgpu::Buffer| {
+            let canonical = self.canonical(gpu, table, gaussians, block)?;
+            program.run(
+                gpu,
+                &self.kernels.encode_positions,
+                block.rows * (octaves + 1),
+                &[&canonical.raw, &table.values.raw, inputs],
+            );
+            Ok(())
+        };
+        record(&mut Recording {
+            gpu,
+            program,
+            weights: &self.buffers.weights.values.raw,
+            encode: &encode,
+        })
+    }
+}
+
+impl Parameterization for DeformableGaussians<'_> {
+    fn instantiate(
+        &self,
+        gpu: &Gpu,
+        program: &mut Program,
+        table: &TableBuffers,
+        buffers: &RenderBuffers,
+    ) -> Result<(), GpuError> {
+        let len = buffers.shape.gaussians;
+        self.canonical.instantiate(gpu, program, table, buffers)?;
+        let network = &self.buffers.network;
+        self.pass(gpu, program, (table, len), |recording| {
+            self.kernels.passes.forward(recording, network)
+        })?;
+        let canonical = self.canonical(gpu, table, len, Block::all(len))?;
+        program.run(
+            gpu,
+            &self.kernels.deform,
+            len,
+            &[&canonical.raw, &network.outputs.raw, &buffers.gaussians.raw],
+        );
+        Ok(())
+    }
+
+    /// Fills the gradients by the weights, too.
+    fn instantiate_vjp(
+        &self,
+        gpu: &Gpu,
+        program: &mut Program,
+        table: &TableBuffers,
+        buffers: &RenderBuffers,
+    ) -> Result<(), GpuError> {
+        let len = buffers.shape.gaussians;
+        // Activated once more: `deform` has written over the canonical ones.
+        self.canonical.instantiate(gpu, program, table, buffers)?;
+        let network = &self.buffers.network;
+        let canonical = self.canonical(gpu, table, len, Block::all(len))?;
+        program.run(
+            gpu,
+            &self.kernels.deform_vjp,
+            len,
+            &[
+                &canonical.raw,
+                &network.outputs.raw,
+                &buffers.gaussians.raw,
+                &buffers.gaussian_gradients.raw,
+                &network.upstream.raw,
+            ],
+        );
+        let gradients = &self.buffers.weights.gradients.raw;
+        self.pass(gpu, program, (table, len), |recording| {
+            self.kernels.passes.backward(recording, network, gradients)
+        })?;
+        self.canonical.instantiate_vjp(gpu, program, table, buffers)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        device::{DeviceBuffer, test_device},
+        gaussians::static_gaussians::{self, InitialGaussians},
+    };
+
+    /// Built-in sines would be off here by a multiple of this.
+    #[test]
+    fn encodings_are_right_far_away_and_in_the_highest_octaves() {
+        let Some(gpu) = test_device() else { return };
+        let model = DeformationModel::published(0.5);
+        let initial = InitialGaussians {
+            positions: (0..400)
+                .map(|index| {
+                    let index = index as f32;
+                    [0.1 * index, -0.037 * index, 1e-4 * (index - 200.0)]
+                })
+                .collect(),
+            scales: vec![1.0; 400],
+            colours: vec![[0.5; 3]; 400],
+            opacities: vec![0.5; 400],
+        };
+        let table = static_gaussians::table(&initial, 0);
+        let on_device = TableBuffers::new(&gpu, &table.arrays).expect("fits");
+        let weights = DeformationWeights::new(vec![0.0; model.network().weight_count()]);
+        let weights = DeformationBuffers::upload(&gpu, &weights).expect("fits");
+        let buffers = DeformationBuffers::new(&gpu, model, weights, 400).expect("fits");
+        let gaussians = DeformableGaussians {
+            canonical: &StaticGaussians::new(&gpu).expect("compiles"),
+            kernels: &DeformationKernels::new(&gpu).expect("compiles"),
+            buffers: &buffers,
+        };
+        let (first, rows) = (37, 300);
+        let width = model.network().row_inputs;
+        let inputs: DeviceBuffer<f32> =
+            DeviceBuffer::zeros(&gpu, "inputs", rows * width).expect("fits");
+        let mut program = Program::default();
+        gaussians
+            .pass(&gpu, &mut program, (&on_device, 400), |recording| {
+                (recording.encode)(recording.program, Block { first, rows }, &inputs.raw)
+            })
+            .expect("records");
+        program.submit(&gpu);
+        let found = inputs.read(&gpu).expect("reads");
+        let mut expected = vec![0.0; width];
+        for (row, found) in found.chunks_exact(width).enumerate() {
+            model.encode_position(&initial.positions, first + row, &mut expected);
+            for (found, expected) in found.iter().zip(&expected) {
+                let error = (found - expected).abs();
+                assert!(
+                    error < 2e-6 * expected.abs().max(1.0),
+                    "{row}: {found} {expected}"
+                );
+            }
+        }
+    }
+}

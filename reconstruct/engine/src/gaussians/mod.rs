@@ -1,0 +1,98 @@
+//! Gaussians: a table of named parameter arrays, and parameterizations that turn it into what a
+//! renderer sees.
+//!
+//! A parameterization reads raw (unconstrained) parameters and gives [`InstantGaussians`]; its VJP
+//! writes the gradients of the raw parameters. Renderers know neither time nor method.
+//!
+//! * [`static_gaussians`]: nothing depends on time. [`subset`]: some Gaussians alone.
+//! * [`temporal`]: a static table with the arrays of a motion, at one moment. The motion itself is in
+//!   [`periodic`] (PVG), the velocity of Omni4DGS in [`omni4dgs`].
+//! * [`deformable`]: a static table, and a network that moves it.
+
+pub mod deformable;
+pub mod omni4dgs;
+pub(crate) mod parameterization;
+pub mod periodic;
+pub mod static_gaussians;
+pub mod subset;
+pub mod temporal;
+
+/// Value of the constant spherical harmonic, `1 / (2 sqrt(pi))`.
+pub const SH_C0: f32 = 0.282_094_8;
+
+/// Highest degree of spherical harmonics.
+pub const MAX_SH_DEGREE: usize = 3;
+
+/// Coefficients beside the constant one up to `degree`: `(degree + 1)^2 - 1`.
+pub const fn sh_rest_count(degree: usize) -> usize {
+    (degree + 1) * (degree + 1) - 1
+}
+
+/// What a renderer sees: activated Gaussians at one instant, one entry per Gaussian in each array
+/// (a run of entries in `sh_rest` and `features`).
+///
+/// Colour towards a Gaussian in the world direction `d` (unit, from the camera to its centre):
+/// `max(1/2 + sum_k Y_k(d) c_k, 0)` with the real spherical harmonics `Y_k` of 3DGS (see
+/// [`crate::render::project`]).
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct InstantGaussians {
+    /// Centres in normalized world units.
+    pub positions: Vec<[f32; 3]>,
+    /// Standard deviations along the axes, positive.
+    pub scales: Vec<[f32; 3]>,
+    /// Unit quaternions (w, x, y, z), axes to world.
+    pub rotations: Vec<[f32; 4]>,
+    /// Opacities in (0, 1).
+    pub opacities: Vec<f32>,
+    /// Coefficients of the constant harmonic for red, green, blue.
+    pub sh_constant: Vec<[f32; 3]>,
+    /// Degree of the stored harmonics, 0 to [`MAX_SH_DEGREE`].
+    pub sh_degree: usize,
+    /// The other coefficients: [`sh_rest_count`] entries per Gaussian, by degree and then by order
+    /// (-l to l), each for red, green, blue.
+    pub sh_rest: Vec<[f32; 3]>,
+    /// Feature channels per Gaussian.
+    pub feature_count: usize,
+    /// `feature_count` values per Gaussian, rendered like colours over a background of 0. A feature
+    /// of 1 renders the opacity map, one of the distance from the camera the radial depth.
+    pub features: Vec<f32>,
+}
+
+impl InstantGaussians {
+    /// Number of Gaussians.
+    pub fn len(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.positions.is_empty()
+    }
+
+    /// Makes room for `len` Gaussians with harmonics up to `sh_degree` and `feature_count`
+    /// features. Entries that were there before keep arbitrary values.
+    pub fn reshape(&mut self, len: usize, sh_degree: usize, feature_count: usize) {
+        self.positions.resize(len, [0.0; 3]);
+        self.scales.resize(len, [0.0; 3]);
+        self.rotations.resize(len, [0.0; 4]);
+        self.opacities.resize(len, 0.0);
+        self.sh_constant.resize(len, [0.0; 3]);
+        self.sh_degree = sh_degree;
+        self.sh_rest
+            .resize(len * sh_rest_count(sh_degree), [0.0; 3]);
+        self.feature_count = feature_count;
+        self.features.resize(len * feature_count, 0.0);
+    }
+
+    /// The shape of `other` with every entry zero: how a gradient begins.
+    pub fn clear_to_zero(&mut self, other: &Self) {
+        self.positions.clear();
+        self.scales.clear();
+        self.rotations.clear();
+        self.opacities.clear();
+        self.sh_constant.clear();
+        self.sh_rest.clear();
+        self.features.clear();
+        self.reshape(other.len(), other.sh_degree, other.feature_count);
+    }
+}

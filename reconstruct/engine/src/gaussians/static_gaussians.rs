@@ -1,0 +1,240 @@
+//! The static parameterization of 3DGS: nothing depends on time.
+//!
+//! `scale = exp(raw)`, `opacity = sigmoid(raw)`, `rotation = raw / |raw|`
+//! (3DGS `scene/gaussian_model.py`).
+
+pub(crate) mod gpu;
+
+use rayon::prelude::*;
+
+use crate::{
+    gaussians::{InstantGaussians, MAX_SH_DEGREE, sh_rest_count},
+    parameters::{ArrayShape, ParameterArray, ParameterTable},
+};
+
+/// Position of `positions` (3 values) in the table.
+pub const POSITIONS: usize = 0;
+/// Position of `log_scales` (3 values) in the table.
+pub const LOG_SCALES: usize = 1;
+/// Position of `quaternions` (4 values, not normalized) in the table.
+pub const QUATERNIONS: usize = 2;
+/// Position of `opacity_logits` (1 value) in the table.
+pub const OPACITY_LOGITS: usize = 3;
+/// Position of `sh_constant` (3 values) in the table.
+pub const SH_CONSTANT: usize = 4;
+/// Position of `sh_rest` in the table of Gaussians of a degree above 0: 3 values for each of the
+/// degree's [`sh_rest_count`] further coefficients.
+pub const SH_REST: usize = 5;
+const SH_REST_NAME: &str = "sh_rest";
+
+/// Bounds of the raw logarithmic scale: neither `exp` nor its square overflows or vanishes.
+const LOG_SCALE_RANGE: (f32, f32) = (-30.0, 20.0);
+/// Least length that a quaternion is divided by, so that a zero quaternion gives the identity, not
+/// NaN. A short one is not made longer by it: its rotation would not be one.
+const LEAST_QUATERNION_LENGTH: f32 = 1e-12;
+
+/// Initial values of static Gaussians, one entry per Gaussian in each array.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct InitialGaussians {
+    /// Centres in normalized units.
+    pub positions: Vec<[f32; 3]>,
+    /// Isotropic standard deviations, positive.
+    pub scales: Vec<f32>,
+    /// Colours in [0, 1].
+    pub colours: Vec<[f32; 3]>,
+    /// Opacities in (0, 1).
+    pub opacities: Vec<f32>,
+}
+
+impl InitialGaussians {
+    /// Number of Gaussians.
+    pub fn len(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.positions.is_empty()
+    }
+}
+
+/// The arrays of this parameterization with spherical harmonics up to `sh_degree`, in their order.
+pub fn shapes(sh_degree: usize) -> Vec<ArrayShape> {
+    let shape = |name, width| ArrayShape { name, width };
+    let mut shapes = vec![
+        shape("positions", 3),
+        shape("log_scales", 3),
+        shape("quaternions", 4),
+        shape("opacity_logits", 1),
+        shape("sh_constant", 3),
+    ];
+    if sh_degree > 0 {
+        shapes.push(shape(SH_REST_NAME, 3 * sh_rest_count(sh_degree)));
+    }
+    shapes
+}
+
+/// The array of the coefficients beside the constant ones, where the table stores any: tables of
+/// other parameterizations have their own arrays after those of this one.
+fn sh_rest(table: &ParameterTable) -> Option<&ParameterArray> {
+    let array = table.arrays.get(SH_REST)?;
+    (array.name == SH_REST_NAME).then_some(array)
+}
+
+/// Degree of the spherical harmonics that a table with this parameterization's arrays stores.
+pub fn sh_degree(table: &ParameterTable) -> usize {
+    let width = sh_rest(table).map_or(0, |array| array.width);
+    (0..MAX_SH_DEGREE)
+        .find(|&degree| 3 * sh_rest_count(degree) >= width)
+        .unwrap_or(MAX_SH_DEGREE)
+}
+
+/// A table with this parameterization's arrays; the colour of a Gaussian does not depend on the
+/// direction at first. Learning rates are zero until a schedule sets them.
+pub fn table(initial: &InitialGaussians, sh_degree: usize) -> ParameterTable {
+    let len = initial.len();
+    let columns = [
+        initial.positions.iter().flatten().copied().collect(),
+        initial
+            .scales
+            .iter()
+            .flat_map(|scale| [scale.ln(); 3])
+            .collect(),
+        (0..len).flat_map(|_| [1.0, 0.0, 0.0, 0.0]).collect(),
+        initial.opacities.iter().map(|&o| logit(o)).collect(),
+        initial
+            .colours
+            .iter()
+            .flatten()
+            .map(|colour| (colour - 0.5) / super::SH_C0)
+            .collect(),
+    ];
+    let mut table = ParameterTable::new(len);
+    let mut columns = columns.into_iter();
+    for ArrayShape { name, width } in shapes(sh_degree) {
+        let values: Vec<f32> = columns.next().unwrap_or_else(|| vec![0.0; len * width]);
+        table.add(name, width, values, 0.0);
+    }
+    table
+}
+
+/// Inverse of the sigmoid; the opacity is clamped to [1e-6, 1 - 1e-6] first.
+pub fn logit(opacity: f32) -> f32 {
+    let opacity = opacity.clamp(1e-6, 1.0 - 1e-6);
+    (opacity / (1.0 - opacity)).ln()
+}
+
+/// The logistic function, without overflow.
+pub fn sigmoid(raw: f32) -> f32 {
+    1.0 / (1.0 + (-raw).exp())
+}
+
+/// Activates the table's parameters.
+pub fn instantiate(table: &ParameterTable, out: &mut InstantGaussians) {
+    out.reshape(table.len(), sh_degree(table), 0);
+    instantiate_from(table, 0, out);
+}
+
+/// Activates the table's parameters into the entries of `out` that begin with number `first`; `out`
+/// has room for them and harmonics of the table's degree.
+pub fn instantiate_from(table: &ParameterTable, first: usize, out: &mut InstantGaussians) {
+    let arrays = &table.arrays;
+    let entries = first..first + table.len();
+    out.positions[entries.clone()].copy_from_slice(arrays[POSITIONS].values.as_chunks().0);
+    out.sh_constant[entries.clone()].copy_from_slice(arrays[SH_CONSTANT].values.as_chunks().0);
+    if let Some(rest) = sh_rest(table) {
+        let count = sh_rest_count(out.sh_degree);
+        out.sh_rest[entries.start * count..entries.end * count]
+            .copy_from_slice(rest.values.as_chunks().0);
+    }
+    let (scales, quaternions) = (
+        arrays[LOG_SCALES].values.as_chunks::<3>().0,
+        arrays[QUATERNIONS].values.as_chunks::<4>().0,
+    );
+    let logits = &arrays[OPACITY_LOGITS].values;
+    (
+        out.scales[entries.clone()].par_iter_mut(),
+        out.rotations[entries.clone()].par_iter_mut(),
+        out.opacities[entries].par_iter_mut(),
+        scales.par_iter(),
+        quaternions.par_iter(),
+        logits.par_iter(),
+    )
+        .into_par_iter()
+        .with_min_len(1024)
+        .for_each(
+            |(scale, rotation, opacity, raw_scale, raw_rotation, raw_opacity)| {
+                *scale = raw_scale.map(|raw| raw.clamp(LOG_SCALE_RANGE.0, LOG_SCALE_RANGE.1).exp());
+                let length = quaternion_length(raw_rotation);
+                *rotation = raw_rotation.map(|raw| raw / length);
+                *opacity = sigmoid(*raw_opacity);
+            },
+        );
+}
+
+fn quaternion_length(raw: &[f32; 4]) -> f32 {
+    let length = raw.iter().map(|q| q * q).sum::<f32>().sqrt();
+    length.max(LEAST_QUATERNION_LENGTH)
+}
+
+/// VJP of [`instantiate`]: overwrites the table's gradients from gradients by the activated
+/// Gaussians. `instant` is what [`instantiate`] gave.
+pub fn instantiate_vjp(
+    table: &mut ParameterTable,
+    instant: &InstantGaussians,
+    gradient: &InstantGaussians,
+) {
+    instantiate_from_vjp(table, 0, instant, gradient);
+}
+
+/// VJP of [`instantiate_from`].
+pub fn instantiate_from_vjp(
+    table: &mut ParameterTable,
+    first: usize,
+    instant: &InstantGaussians,
+    gradient: &InstantGaussians,
+) {
+    let entries = first..first + table.len();
+    let [positions, log_scales, quaternions, logits, sh, rest @ ..] = table.arrays.as_mut_slice()
+    else {
+        unreachable!("a table of static Gaussians has five arrays at least");
+    };
+    positions
+        .gradients
+        .copy_from_slice(gradient.positions[entries.clone()].as_flattened());
+    sh.gradients
+        .copy_from_slice(gradient.sh_constant[entries.clone()].as_flattened());
+    if let Some(rest) = rest.first_mut().filter(|array| array.name == SH_REST_NAME) {
+        let count = sh_rest_count(gradient.sh_degree);
+        let gradient = &gradient.sh_rest[entries.start * count..entries.end * count];
+        rest.gradients.copy_from_slice(gradient.as_flattened());
+    }
+    (
+        log_scales.gradients.as_chunks_mut::<3>().0.par_iter_mut(),
+        quaternions.gradients.as_chunks_mut::<4>().0.par_iter_mut(),
+        logits.gradients.par_iter_mut(),
+        quaternions.values.as_chunks::<4>().0.par_iter(),
+        instant.scales[entries.clone()].par_iter(),
+        instant.rotations[entries.clone()].par_iter(),
+        instant.opacities[entries.clone()].par_iter(),
+        gradient.scales[entries.clone()].par_iter(),
+        gradient.rotations[entries.clone()].par_iter(),
+        gradient.opacities[entries].par_iter(),
+    )
+        .into_par_iter()
+        .with_min_len(1024)
+        .for_each(
+            |(to_scale, to_rotation, to_opacity, raw, scale, unit, opacity, gs, gr, go)| {
+                for axis in 0..3 {
+                    to_scale[axis] = gs[axis] * scale[axis];
+                }
+                // d(q/|q|): remove the part along q, divide by the length.
+                let along: f32 = unit.iter().zip(gr).map(|(u, g)| u * g).sum();
+                let length = quaternion_length(raw);
+                for axis in 0..4 {
+                    to_rotation[axis] = (gr[axis] - unit[axis] * along) / length;
+                }
+                *to_opacity = go * opacity * (1.0 - opacity);
+            },
+        );
+}

@@ -1,0 +1,128 @@
+//! The static parameterization on a graphics device.
+
+use crate::gaussians::static_gaussians::{
+    LEAST_QUATERNION_LENGTH, LOG_SCALE_RANGE, LOG_SCALES, OPACITY_LOGITS, POSITIONS, QUATERNIONS,
+    SH_CONSTANT, SH_REST,
+};
+use crate::{
+    device::{Gpu, GpuError, Kernel, Program, Shader, Uniform, wgsl_struct},
+    gaussians::parameterization::Parameterization,
+    parameters::device_table::TableBuffers,
+    render::buffers::RenderBuffers,
+};
+
+wgsl_struct! {
+    /// Where the arrays are.
+    pub(crate) struct StaticArrays {
+        len: u32,
+        rest: u32,
+        positions: u32,
+        log_scales: u32,
+        quaternions: u32,
+        opacity_logits: u32,
+        sh_constant: u32,
+        sh_rest: u32,
+    }
+}
+
+pub(crate) fn shader() -> Shader {
+    let (low, high) = LOG_SCALE_RANGE;
+    Shader {
+        file: "static_gaussians.wgsl",
+        constants: format!(
+            "const LOG_SCALE_MIN: f32 = {low:e};\n\
+             const LOG_SCALE_MAX: f32 = {high:e};\n\
+             const LEAST_QUATERNION_LENGTH: f32 = {LEAST_QUATERNION_LENGTH:e};\n"
+        ),
+        parts: &[
+            include_str!("../../device/common.wgsl"),
+            include_str!("../gaussians.wgsl"),
+            include_str!("static_gaussians.wgsl"),
+        ],
+    }
+}
+
+/// Activation and its VJP.
+#[derive(Debug)]
+pub(crate) struct StaticGaussians {
+    instantiate: Kernel,
+    instantiate_vjp: Kernel,
+}
+
+impl StaticGaussians {
+    pub(crate) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
+        let [instantiate, instantiate_vjp] =
+            Kernel::compile(gpu, &shader(), ["instantiate", "instantiate_vjp"])?;
+        Ok(Self {
+            instantiate,
+            instantiate_vjp,
+        })
+    }
+
+    fn arrays(
+        gpu: &Gpu,
+        table: &TableBuffers,
+        buffers: &RenderBuffers,
+    ) -> Result<Uniform<StaticArrays>, GpuError> {
+        let arrays = StaticArrays {
+            len: buffers.shape.gaussians as u32,
+            rest: buffers.shape.harmonics() as u32 - 1,
+            positions: table.begin(POSITIONS),
+            log_scales: table.begin(LOG_SCALES),
+            quaternions: table.begin(QUATERNIONS),
+            opacity_logits: table.begin(OPACITY_LOGITS),
+            sh_constant: table.begin(SH_CONSTANT),
+            // At the end of the table where there are none.
+            sh_rest: table.begin(SH_REST),
+        };
+        Uniform::of(gpu, "static arrays", &arrays)
+    }
+}
+
+impl Parameterization for StaticGaussians {
+    fn instantiate(
+        &self,
+        gpu: &Gpu,
+        program: &mut Program,
+        table: &TableBuffers,
+        buffers: &RenderBuffers,
+    ) -> Result<(), GpuError> {
+        let arrays = Self::arrays(gpu, table, buffers)?;
+        program.run(
+            gpu,
+            &self.instantiate,
+            buffers.shape.gaussians,
+            &[
+                &arrays.raw,
+                &table.values.raw,
+                &buffers.gaussians.raw,
+                &buffers.harmonics.raw,
+            ],
+        );
+        Ok(())
+    }
+
+    fn instantiate_vjp(
+        &self,
+        gpu: &Gpu,
+        program: &mut Program,
+        table: &TableBuffers,
+        buffers: &RenderBuffers,
+    ) -> Result<(), GpuError> {
+        let arrays = Self::arrays(gpu, table, buffers)?;
+        program.run(
+            gpu,
+            &self.instantiate_vjp,
+            buffers.shape.gaussians,
+            &[
+                &arrays.raw,
+                &table.values.raw,
+                &buffers.gaussians.raw,
+                &buffers.gaussian_gradients.raw,
+                &buffers.harmonic_gradients.raw,
+                &table.gradients.raw,
+            ],
+        );
+        Ok(())
+    }
+}

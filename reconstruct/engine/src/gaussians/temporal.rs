@@ -1,0 +1,485 @@
+//! Gaussians that depend on time: the arrays of [`static_gaussians`] and those of a motion.
+//!
+//! The motion is that of [`periodic`](super::periodic), its velocity free (PVG) or composed as in
+//! [`omni4dgs`](super::omni4dgs). What a model leaves out has no array: without temporal opacity there
+//! are no lifespans, without motion no velocities, without both no peak times, and the table is that
+//! of static Gaussians.
+
+use glam::Vec3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    gaussians::{
+        InstantGaussians,
+        omni4dgs::{Decomposition, Observer},
+        periodic::{Moment, Pulse, PulseGradient, PulseState},
+        static_gaussians::{self, InitialGaussians, OPACITY_LOGITS, POSITIONS, sigmoid},
+    },
+    parameters::{ArrayShape, ParameterTable},
+};
+
+/// Name of the array of peak times, frames (1 value).
+pub const PEAK_TIMES: &str = "peak_times";
+/// Name of the array of logarithms of lifespans in frames (1 value).
+pub const LOG_LIFESPANS: &str = "log_lifespans";
+/// Name of the array of velocities, units per frame (3 values).
+pub const VELOCITIES: &str = "velocities";
+/// Name of the array of radial velocities, units per frame (3 values).
+pub const RADIAL_VELOCITIES: &str = "radial_velocities";
+/// Name of the array of tangential velocities, units per frame (3 values).
+pub const TANGENTIAL_VELOCITIES: &str = "tangential_velocities";
+
+/// How Gaussians depend on time.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct TimeModel {
+    /// Cycle length `l`, frames.
+    pub cycle_frames: f32,
+    /// Bounds of the lifespans; opacities do not depend on time where there are none.
+    pub lifespans: Option<LifespanRange>,
+    /// Where velocities come from.
+    pub velocity: VelocityModel,
+    /// A Gaussian is not drawn where its opacity has fallen to this share of its peak's or less.
+    pub least_marginal: f32,
+}
+
+/// Bounds of lifespans, frames.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct LifespanRange {
+    /// Least lifespan, positive: below it gradients grow with the inverse square.
+    pub least_frames: f32,
+    /// Largest lifespan: beyond it opacities do not change over any clip.
+    pub largest_frames: f32,
+}
+
+/// Where velocities come from.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum VelocityModel {
+    /// Nothing moves.
+    None,
+    /// One free vector (PVG).
+    Free,
+    /// A radial and a tangential one (Omni4DGS).
+    Decomposed(Decomposition),
+}
+
+/// When Gaussians are looked at, and by whom.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Look {
+    /// When.
+    pub moment: Moment,
+    /// Who; matters where velocities are decomposed.
+    pub observer: Observer,
+}
+
+/// Feature channels that temporal parameters are rendered into, in this order.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct TemporalFeatures {
+    /// Three channels: the mean velocity over this, units per frame.
+    pub velocity_unit: Option<f32>,
+    /// One channel: the lifespan.
+    pub lifespan: Option<LifespanFeature>,
+}
+
+/// A lifespan as a feature: `min(beta, largest) / unit`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct LifespanFeature {
+    /// Frames that give 1.
+    pub unit_frames: f32,
+    /// Longer ones count as this, frames.
+    pub largest_frames: f32,
+}
+
+impl LifespanFeature {
+    /// The channel's value.
+    pub fn value(&self, lifespan: f32) -> f32 {
+        lifespan.min(self.largest_frames) / self.unit_frames
+    }
+}
+
+impl TemporalFeatures {
+    /// Number of channels.
+    pub fn count(&self) -> usize {
+        3 * usize::from(self.velocity_unit.is_some()) + usize::from(self.lifespan.is_some())
+    }
+
+    /// Writes the channels of a Gaussian.
+    pub fn write(&self, mean_velocity: Vec3, lifespan: f32, out: &mut [f32]) {
+        let mut at = 0;
+        if let Some(unit) = self.velocity_unit {
+            out[..3].copy_from_slice(&(mean_velocity / unit).to_array());
+            at = 3;
+        }
+        if let Some(feature) = self.lifespan {
+            out[at] = feature.value(lifespan);
+        }
+    }
+
+    /// Gradients by the mean velocity and by the logarithm of the lifespan from those by the channels.
+    fn vjp(&self, lifespan: f32, gradient: &[f32]) -> (Vec3, f32) {
+        let (mut by_velocity, mut by_log_lifespan, mut at) = (Vec3::ZERO, 0.0, 0);
+        if let Some(unit) = self.velocity_unit {
+            by_velocity = Vec3::from_slice(gradient) / unit;
+            at = 3;
+        }
+        if let Some(feature) = self.lifespan
+            && lifespan < feature.largest_frames
+        {
+            by_log_lifespan = gradient[at] * lifespan / feature.unit_frames;
+        }
+        (by_velocity, by_log_lifespan)
+    }
+}
+
+/// First temporal parameters, one entry per Gaussian in each array.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct InitialTimes {
+    /// Peak times, frames.
+    pub peaks: Vec<f32>,
+    /// Lifespans, frames.
+    pub lifespans: Vec<f32>,
+    /// Velocities, units per frame.
+    pub velocities: Vec<[f32; 3]>,
+}
+
+impl InitialTimes {
+    /// The same for `len` Gaussians that do not move.
+    pub fn constant(len: usize, peak: f32, lifespan: f32) -> Self {
+        Self {
+            peaks: vec![peak; len],
+            lifespans: vec![lifespan; len],
+            velocities: vec![[0.0; 3]; len],
+        }
+    }
+
+    /// Adds others.
+    pub fn extend(&mut self, others: Self) {
+        self.peaks.extend(others.peaks);
+        self.lifespans.extend(others.lifespans);
+        self.velocities.extend(others.velocities);
+    }
+}
+
+impl TimeModel {
+    /// The arrays beside those of static Gaussians, in their order.
+    pub fn shapes(&self) -> Vec<ArrayShape> {
+        let mut shapes = Vec::new();
+        let mut add = |name, width| shapes.push(ArrayShape { name, width });
+        if self.lifespans.is_some() || self.velocity != VelocityModel::None {
+            add(PEAK_TIMES, 1);
+        }
+        if self.lifespans.is_some() {
+            add(LOG_LIFESPANS, 1);
+        }
+        match self.velocity {
+            VelocityModel::None => {}
+            VelocityModel::Free => add(VELOCITIES, 3),
+            VelocityModel::Decomposed(_) => {
+                add(RADIAL_VELOCITIES, 3);
+                add(TANGENTIAL_VELOCITIES, 3);
+            }
+        }
+        shapes
+    }
+
+    /// A table with all arrays; what the model leaves out of `times` is passed over.
+    pub fn table(
+        &self,
+        initial: &InitialGaussians,
+        times: &InitialTimes,
+        sh_degree: usize,
+    ) -> ParameterTable {
+        let mut table = static_gaussians::table(initial, sh_degree);
+        let velocities: Vec<f32> = times.velocities.as_flattened().to_vec();
+        for ArrayShape { name, width } in self.shapes() {
+            let values = match name {
+                PEAK_TIMES => times.peaks.clone(),
+                LOG_LIFESPANS => times.lifespans.iter().map(|beta| beta.ln()).collect(),
+                _ => velocities.clone(),
+            };
+            table.add(name, width, values, 0.0);
+        }
+        self.keep_within_bounds(&mut table);
+        table
+    }
+
+    /// Puts lifespans that left their bounds back onto them.
+    pub fn keep_within_bounds(&self, table: &mut ParameterTable) {
+        if let Some(range) = self.lifespans
+            && let Some(array) = table.position(LOG_LIFESPANS)
+        {
+            let (low, high) = range.logarithms();
+            for value in &mut table.arrays[array].values {
+                *value = value.clamp(low, high);
+            }
+        }
+    }
+
+    /// Reads the temporal parameters of a table of this model.
+    pub fn pulses<'a>(&'a self, table: &'a ParameterTable, observer: Observer) -> Pulses<'a> {
+        Pulses {
+            model: self,
+            table,
+            columns: Columns::of(table),
+            observer,
+        }
+    }
+
+    /// Activates a table at a moment into the entries of `out` that begin with number `first`.
+    pub fn instantiate_from(
+        &self,
+        table: &ParameterTable,
+        look: &Look,
+        features: &TemporalFeatures,
+        first: usize,
+        out: &mut InstantGaussians,
+    ) {
+        static_gaussians::instantiate_from(table, first, out);
+        let pulses = self.pulses(table, look.observer);
+        let (entries, channels) = (first..first + table.len(), out.feature_count);
+        let positions = out.positions[entries.clone()].par_iter_mut();
+        let opacities = out.opacities[entries.clone()].par_iter_mut();
+        let each = |index: usize, position: &mut [f32; 3], opacity: &mut f32, row: &mut [f32]| {
+            let pulse = pulses.pulse(index);
+            let state = pulse.at(look.moment, self.cycle_frames);
+            *position = (Vec3::from_array(*position) + state.displacement).to_array();
+            *opacity *= self.drawn_marginal(state.marginal);
+            features.write(state.mean_velocity, pulse.lifespan, row);
+        };
+        let both = positions.zip(opacities).enumerate().with_min_len(1024);
+        if channels == 0 {
+            both.for_each(|(index, (position, opacity))| each(index, position, opacity, &mut []));
+        } else {
+            both.zip(
+                out.features[entries.start * channels..entries.end * channels]
+                    .par_chunks_mut(channels),
+            )
+            .for_each(|((index, (position, opacity)), row)| each(index, position, opacity, row));
+        }
+    }
+
+    /// VJP of [`TimeModel::instantiate_from`]: overwrites the table's gradients.
+    pub fn instantiate_from_vjp(
+        &self,
+        table: &mut ParameterTable,
+        look: &Look,
+        features: &TemporalFeatures,
+        first: usize,
+        instant: &InstantGaussians,
+        gradient: &InstantGaussians,
+    ) {
+        static_gaussians::instantiate_from_vjp(table, first, instant, gradient);
+        let channels = gradient.feature_count;
+        let pulses = self.pulses(table, look.observer);
+        let each = |index: usize| {
+            let entry = first + index;
+            let pulse = pulses.pulse(index);
+            let marginal = self.drawn_marginal(pulse.at(look.moment, self.cycle_frames).marginal);
+            let opacity = sigmoid(pulses.table.arrays[OPACITY_LOGITS].values[index]);
+            let by_opacity = gradient.opacities[entry];
+            let (by_velocity, by_log_lifespan) = features.vjp(
+                pulse.lifespan,
+                &gradient.features[entry * channels..(entry + 1) * channels],
+            );
+            let upstream = PulseState {
+                displacement: Vec3::from_array(gradient.positions[entry]),
+                marginal: if marginal > 0.0 {
+                    by_opacity * opacity
+                } else {
+                    0.0
+                },
+                mean_velocity: by_velocity,
+            };
+            let mut by_pulse = pulse.at_vjp(look.moment, self.cycle_frames, &upstream);
+            by_pulse.log_lifespan += by_log_lifespan;
+            (
+                by_opacity * marginal * opacity * (1.0 - opacity),
+                pulses.raw_vjp(index, &by_pulse),
+            )
+        };
+        let gradients: Vec<(f32, RawGradient)> = (0..pulses.table.len())
+            .into_par_iter()
+            .with_min_len(1024)
+            .map(each)
+            .collect();
+        let columns = pulses.columns;
+        columns.clear_gradients(table);
+        for (index, (by_logit, raw)) in gradients.iter().enumerate() {
+            table.arrays[OPACITY_LOGITS].gradients[index] = *by_logit;
+            columns.add(table, index, raw);
+        }
+    }
+
+    fn drawn_marginal(&self, marginal: f32) -> f32 {
+        if marginal > self.least_marginal {
+            marginal
+        } else {
+            0.0
+        }
+    }
+}
+
+impl LifespanRange {
+    fn logarithms(&self) -> (f32, f32) {
+        (self.least_frames.ln(), self.largest_frames.ln())
+    }
+}
+
+/// Where the temporal arrays of a table are.
+#[derive(Debug, Clone, Copy)]
+struct Columns {
+    peaks: Option<usize>,
+    log_lifespans: Option<usize>,
+    velocities: Option<usize>,
+    /// Radial and tangential.
+    decomposed: Option<[usize; 2]>,
+}
+
+impl Columns {
+    fn of(table: &ParameterTable) -> Self {
+        let radial = table.position(RADIAL_VELOCITIES);
+        Self {
+            peaks: table.position(PEAK_TIMES),
+            log_lifespans: table.position(LOG_LIFESPANS),
+            velocities: table.position(VELOCITIES),
+            decomposed: radial
+                .zip(table.position(TANGENTIAL_VELOCITIES))
+                .map(<[usize; 2]>::from),
+        }
+    }
+
+    fn clear_gradients(&self, table: &mut ParameterTable) {
+        let decomposed = self.decomposed.into_iter().flatten();
+        let others = [self.peaks, self.log_lifespans, self.velocities];
+        for array in others.into_iter().flatten().chain(decomposed) {
+            table.arrays[array].gradients.fill(0.0);
+        }
+    }
+
+    fn add(&self, table: &mut ParameterTable, index: usize, raw: &RawGradient) {
+        let mut add_three = |array: usize, by: Vec3| {
+            let row = &mut table.arrays[array].gradients[3 * index..3 * index + 3];
+            for (sum, value) in row.iter_mut().zip(by.to_array()) {
+                *sum += value;
+            }
+        };
+        if let Some(array) = self.velocities {
+            add_three(array, raw.velocities[0]);
+        }
+        if let Some([radial, tangential]) = self.decomposed {
+            add_three(radial, raw.velocities[0]);
+            add_three(tangential, raw.velocities[1]);
+        }
+        if let Some(array) = self.peaks {
+            table.arrays[array].gradients[index] += raw.peak;
+        }
+        if let Some(array) = self.log_lifespans {
+            table.arrays[array].gradients[index] += raw.log_lifespan;
+        }
+    }
+}
+
+/// Gradients by the raw temporal parameters of one Gaussian.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct RawGradient {
+    peak: f32,
+    log_lifespan: f32,
+    /// The free one, or the radial and the tangential one.
+    velocities: [Vec3; 2],
+}
+
+/// The temporal parameters of a table, as an observer has them.
+#[derive(Debug, Clone, Copy)]
+pub struct Pulses<'a> {
+    model: &'a TimeModel,
+    table: &'a ParameterTable,
+    columns: Columns,
+    observer: Observer,
+}
+
+impl Pulses<'_> {
+    /// Those of one Gaussian.
+    pub fn pulse(&self, index: usize) -> Pulse {
+        let scalar = |array: usize| self.table.arrays[array].values[index];
+        let vector = |array: usize| Vec3::from_slice(self.table.row(array, index));
+        let lifespan = match (self.model.lifespans, self.columns.log_lifespans) {
+            (Some(range), Some(array)) => {
+                let (low, high) = range.logarithms();
+                scalar(array).clamp(low, high).exp()
+            }
+            _ => f32::INFINITY,
+        };
+        let velocity = match (self.model.velocity, self.columns.decomposed) {
+            (VelocityModel::Decomposed(decomposition), Some([radial, tangential])) => decomposition
+                .at(&self.observer, self.centre(index))
+                .combine(vector(radial), vector(tangential)),
+            _ => self.columns.velocities.map_or(Vec3::ZERO, vector),
+        };
+        Pulse {
+            peak: self.columns.peaks.map_or(0.0, scalar),
+            lifespan,
+            velocity,
+        }
+    }
+
+    /// Who looks.
+    pub fn observer(&self) -> &Observer {
+        &self.observer
+    }
+
+    /// The centre at the peak time.
+    pub fn centre(&self, index: usize) -> Vec3 {
+        Vec3::from_slice(self.table.row(POSITIONS, index))
+    }
+
+    /// `rho` of one Gaussian.
+    pub fn staticness(&self, index: usize) -> f32 {
+        self.pulse(index).staticness(self.model.cycle_frames)
+    }
+
+    /// Gradients by raw parameters from those by [`Pulses::pulse`].
+    pub fn raw_vjp(&self, index: usize, gradient: &PulseGradient) -> RawGradient {
+        let is_within = match (self.model.lifespans, self.columns.log_lifespans) {
+            (Some(range), Some(array)) => {
+                let (low, high) = range.logarithms();
+                (low..=high).contains(&self.table.arrays[array].values[index])
+            }
+            _ => false,
+        };
+        let velocities = match self.model.velocity {
+            VelocityModel::None => [Vec3::ZERO; 2],
+            VelocityModel::Free => [gradient.velocity, Vec3::ZERO],
+            VelocityModel::Decomposed(decomposition) => decomposition
+                .at(&self.observer, self.centre(index))
+                .combine_vjp(gradient.velocity),
+        };
+        RawGradient {
+            peak: gradient.peak,
+            log_lifespan: if is_within {
+                gradient.log_lifespan
+            } else {
+                0.0
+            },
+            velocities,
+        }
+    }
+}
+
+/// Number of a Gaussian, and gradients by its raw temporal parameters and by its centre.
+pub type CentreGradient = (usize, RawGradient, Vec3);
+
+/// Adds gradients by raw temporal parameters and by the centre to a table's.
+pub fn add_gradients(table: &mut ParameterTable, gradients: &[CentreGradient]) {
+    let columns = Columns::of(table);
+    for (index, raw, by_centre) in gradients {
+        columns.add(table, *index, raw);
+        let row = &mut table.arrays[POSITIONS].gradients[3 * index..3 * index + 3];
+        for (sum, value) in row.iter_mut().zip(by_centre.to_array()) {
+            *sum += value;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

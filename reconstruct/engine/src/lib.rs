@@ -1,0 +1,29 @@
+//! Renders Gaussians, differentiates the renders and optimizes what made them.
+//!
+//! This crate knows no scene file, no method, no plan and no report. Its rooms, from the top down (a
+//! room imports only from those below it; a test holds that):
+//!
+//! * [`step`]: one training step on one view, on the CPU or a GPU.
+//! * [`density`]: when Gaussians are cloned, split, pruned and reordered.
+//! * [`model`]: what training changes, and its layers.
+//! * [`render`]: project, sort, bin, raster; [`losses`]: what renders are held to.
+//! * [`gaussians`]: one file per parameterization, from raw parameters to what a renderer sees.
+//! * [`fields`]: networks. [`parameters`]: tables, Adam.
+//! * [`camera`]: Jacobians and VJPs. [`device`]: a GPU. [`clock`], [`schedule`], [`training_view`].
+
+pub mod camera;
+pub mod clock;
+pub mod density;
+pub mod device;
+pub mod error;
+pub mod fields;
+pub mod gaussians;
+pub mod losses;
+pub mod model;
+pub mod parameters;
+pub mod render;
+pub mod schedule;
+pub mod step;
+pub mod training_view;
+
+pub use error::EngineError;

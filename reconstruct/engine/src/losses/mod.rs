@@ -1,0 +1,9 @@
+//! What renders are held to.
+//!
+//! * [`photometric`]: L1 and SSIM against an image, the seam joined.
+//! * [`maps`]: velocities, opacities and lifespans rendered as maps. [`motion`]: velocities of
+//!   Gaussians themselves.
+
+pub mod maps;
+pub mod motion;
+pub mod photometric;

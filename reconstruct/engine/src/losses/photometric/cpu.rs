@@ -1,0 +1,326 @@
+//! The loss on the processor: bands of rows in parallel.
+
+use std::cell::RefCell;
+
+use fearless_simd::{Level, dispatch};
+use rayon::prelude::*;
+
+use crate::losses::photometric::{
+    LossValue,
+    rows::{
+        Band, Pair, RADIUS, RowShape, RowSums, Scratch, WINDOW, Weights, gradient_band,
+        similarity_band,
+    },
+};
+
+const SIGMA: f64 = 1.5;
+/// Rows per task, whatever the number of threads.
+const ROWS_PER_BAND: usize = 32;
+
+thread_local! {
+    static SCRATCH: RefCell<Scratch> = RefCell::default();
+}
+
+/// Working memory for one image size, reused over iterations.
+#[derive(Debug)]
+pub struct Loss {
+    shape: RowShape,
+    window: [f32; WINDOW],
+    /// `ds/dmx`, `ds/dE[x^2]`, `ds/dE[xy]` of every row.
+    derivatives: Vec<f32>,
+    sums: Vec<RowSums>,
+    gradient: Vec<f32>,
+}
+
+impl Loss {
+    /// For images of `width` x `height`.
+    pub fn new(width: usize, height: usize) -> Self {
+        let shape = RowShape { width, height };
+        Self {
+            shape,
+            window: gaussian_window(),
+            derivatives: vec![0.0; shape.stride() * 3 * height],
+            sums: vec![RowSums::default(); height],
+            gradient: vec![0.0; shape.values() * height],
+        }
+    }
+
+    /// Value of the loss and its gradient by `render`; both images are HWC.
+    pub fn forward_backward(
+        &mut self,
+        render: &[f32],
+        target: &[f32],
+        lambda: f32,
+    ) -> (LossValue, &[f32]) {
+        self.masked_forward_backward(render, target, &[], lambda)
+    }
+
+    /// [`Loss::forward_backward`] with a weight in [0, 1] for every pixel: L1, SSIM and their
+    /// gradients become weighted means. An empty mask weighs all pixels alike; one without any
+    /// weight gives a loss of 0.
+    pub fn masked_forward_backward(
+        &mut self,
+        render: &[f32],
+        target: &[f32],
+        mask: &[f32],
+        lambda: f32,
+    ) -> (LossValue, &[f32]) {
+        let pair = Pair {
+            render,
+            target,
+            mask,
+        };
+        let (value, weight) = self.similarity(pair, lambda);
+        let per_value = if weight > 0.0 { 1.0 / weight } else { 0.0 } as f32;
+        // Minus: the loss holds 1 - SSIM.
+        let weights = Weights {
+            l1: (1.0 - lambda) * per_value,
+            similarity: -lambda * per_value,
+        };
+        let (shape, window, derivatives) = (self.shape, &self.window, &self.derivatives);
+        let level = Level::new();
+        self.gradient
+            .par_chunks_mut(ROWS_PER_BAND * shape.values())
+            .enumerate()
+            .with_max_len(1)
+            .for_each(|(number, gradient)| {
+                let band = Band {
+                    shape,
+                    window,
+                    pair,
+                    first_row: number * ROWS_PER_BAND,
+                };
+                SCRATCH.with_borrow_mut(|scratch| {
+                    dispatch!(level, simd => {
+                        gradient_band(simd, band, weights, derivatives, gradient, scratch);
+                    });
+                });
+            });
+        (value, &self.gradient)
+    }
+
+    /// Value of the loss alone.
+    pub fn value(&mut self, render: &[f32], target: &[f32], lambda: f32) -> LossValue {
+        let pair = Pair {
+            render,
+            target,
+            mask: &[],
+        };
+        self.similarity(pair, lambda).0
+    }
+
+    /// The value and the sum of weights; leaves the derivatives of the similarity.
+    fn similarity(&mut self, pair: Pair<'_>, lambda: f32) -> (LossValue, f64) {
+        let shape = self.shape;
+        let (pixels, values) = (shape.width * shape.height, shape.values() * shape.height);
+        assert_eq!(pair.render.len(), values, "image size");
+        assert_eq!(pair.target.len(), values, "image size");
+        assert!(
+            pair.mask.is_empty() || pair.mask.len() == pixels,
+            "mask size"
+        );
+        let (window, level) = (&self.window, Level::new());
+        self.derivatives
+            .par_chunks_mut(ROWS_PER_BAND * 3 * shape.stride())
+            .zip(self.sums.par_chunks_mut(ROWS_PER_BAND))
+            .enumerate()
+            .with_max_len(1)
+            .for_each(|(number, (derivatives, sums))| {
+                let band = Band {
+                    shape,
+                    window,
+                    pair,
+                    first_row: number * ROWS_PER_BAND,
+                };
+                SCRATCH.with_borrow_mut(|scratch| {
+                    dispatch!(level, simd => {
+                        similarity_band(simd, band, derivatives, sums, scratch);
+                    });
+                });
+            });
+        // Row by row: the same on any number of threads.
+        let mut sum = RowSums::default();
+        for row in &self.sums {
+            sum.add(row);
+        }
+        if sum.weight == 0.0 {
+            let value = LossValue {
+                ssim: 1.0,
+                ..LossValue::default()
+            };
+            return (value, 0.0);
+        }
+        let (l1, ssim) = (sum.l1 / sum.weight, sum.similarity / sum.weight);
+        let lambda = f64::from(lambda);
+        let value = LossValue {
+            total: (1.0 - lambda) * l1 + lambda * (1.0 - ssim),
+            l1,
+            ssim,
+            mse: sum.squares / sum.weight,
+        };
+        (value, sum.weight)
+    }
+}
+
+pub(super) fn gaussian_window() -> [f32; WINDOW] {
+    let value = |index: usize| {
+        let distance = index as f64 - RADIUS as f64;
+        (-distance * distance / (2.0 * SIGMA * SIGMA)).exp()
+    };
+    let total: f64 = (0..WINDOW).map(value).sum();
+    std::array::from_fn(|index| (value(index) / total) as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64Mcg;
+
+    use super::{
+        super::rows::{C1, C2},
+        *,
+    };
+
+    /// The loss as plain f64 loops over the definition.
+    fn reference(
+        (width, height): (usize, usize),
+        x: &[f64],
+        y: &[f64],
+        mask: &[f64],
+        lambda: f64,
+    ) -> f64 {
+        let weight = |offset: isize| (-(offset as f64).powi(2) / (2.0 * SIGMA * SIGMA)).exp();
+        let total: f64 = (-5..=5).map(weight).sum();
+        let (mut l1, mut ssim, mut weights) = (0.0, 0.0, 0.0);
+        for row in 0..height as isize {
+            for column in 0..width as isize {
+                let pixel = row as usize * width + column as usize;
+                for channel in 0..3 {
+                    let here = pixel * 3 + channel;
+                    l1 += mask[pixel] * (x[here] - y[here]).abs();
+                    weights += mask[pixel];
+                    let mut m = [0.0; 5];
+                    for dy in -5..=5_isize {
+                        for dx in -5..=5_isize {
+                            if row + dy < 0 || row + dy >= height as isize {
+                                continue;
+                            }
+                            let wrapped = (column + dx).rem_euclid(width as isize);
+                            let index =
+                                ((row + dy) as usize * width + wrapped as usize) * 3 + channel;
+                            let w = weight(dx) * weight(dy) / (total * total);
+                            let (a, b) = (x[index], y[index]);
+                            for (moment, value) in m.iter_mut().zip([a, b, a * a, b * b, a * b]) {
+                                *moment += w * value;
+                            }
+                        }
+                    }
+                    let [mx, my, xx, yy, xy] = m;
+                    let (c1, c2) = (f64::from(C1), f64::from(C2));
+                    ssim += mask[pixel] * (2.0 * mx * my + c1) * (2.0 * (xy - mx * my) + c2)
+                        / ((mx * mx + my * my + c1) * (xx - mx * mx + yy - my * my + c2));
+                }
+            }
+        }
+        (1.0 - lambda) * l1 / weights + lambda * (1.0 - ssim / weights)
+    }
+
+    fn random_image(rng: &mut Pcg64Mcg, len: usize) -> Vec<f32> {
+        (0..len).map(|_| rng.random_range(0.0..1.0)).collect()
+    }
+
+    fn widen(image: &[f32]) -> Vec<f64> {
+        image.iter().copied().map(f64::from).collect()
+    }
+
+    #[test]
+    fn value_is_that_of_the_reference() {
+        let mut rng = Pcg64Mcg::seed_from_u64(1);
+        // The last is more than one strip wide.
+        for (width, height) in [(16, 8), (17, 9), (4, 2), (20, 70), (259, 6)] {
+            let (x, y) = (
+                random_image(&mut rng, width * height * 3),
+                random_image(&mut rng, width * height * 3),
+            );
+            let value = Loss::new(width, height).value(&x, &y, 0.2);
+            let expected = reference(
+                (width, height),
+                &widen(&x),
+                &widen(&y),
+                &vec![1.0; width * height],
+                0.2,
+            );
+            assert!(
+                (value.total - expected).abs() < 1e-6,
+                "{value:?} {expected}"
+            );
+        }
+    }
+
+    #[test]
+    fn gradient_is_that_of_the_reference() {
+        check_gradient((14, 7), |index| index % 5 == 0);
+    }
+
+    #[test]
+    fn gradient_is_that_of_the_reference_across_strips_and_seam() {
+        check_gradient((259, 2), |index| {
+            [1, 255, 256, 258].contains(&(index / 3 % 259))
+        });
+    }
+
+    fn check_gradient((width, height): (usize, usize), is_checked: impl Fn(usize) -> bool) {
+        let lambda = 0.4;
+        let mut rng = Pcg64Mcg::seed_from_u64(2);
+        let (x, y) = (
+            random_image(&mut rng, width * height * 3),
+            random_image(&mut rng, width * height * 3),
+        );
+        let mask: Vec<f32> = (0..width * height)
+            .map(|pixel| [0.0, 0.3, 1.0][pixel % 3])
+            .collect();
+        for mask in [Vec::new(), mask] {
+            let mut loss = Loss::new(width, height);
+            let (_, gradient) = loss.masked_forward_backward(&x, &y, &mask, lambda);
+            let all = vec![1.0; width * height];
+            let mask = widen(if mask.is_empty() { &all } else { &mask });
+            let (x, y) = (widen(&x), widen(&y));
+            let largest = gradient.iter().fold(0.0_f32, |m, g| m.max(g.abs()));
+            for index in (0..x.len()).filter(|&index| is_checked(index)) {
+                let h = 1e-6;
+                let shifted = |step: f64| {
+                    let mut shifted = x.clone();
+                    shifted[index] += step;
+                    reference((width, height), &shifted, &y, &mask, f64::from(lambda))
+                };
+                let expected = (shifted(h) - shifted(-h)) / (2.0 * h);
+                let error = (f64::from(gradient[index]) - expected).abs();
+                assert!(
+                    error < 1e-3 * f64::from(largest),
+                    "{index}: {} {expected}",
+                    gradient[index]
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn an_empty_mask_has_no_loss() {
+        let mut loss = Loss::new(12, 6);
+        let (x, y) = (vec![0.1; 216], vec![0.7; 216]);
+        let (value, gradient) = loss.masked_forward_backward(&x, &y, &[0.0; 72], 0.2);
+        assert_eq!(value.total, 0.0);
+        assert!(gradient.iter().all(|&g| g == 0.0));
+    }
+
+    #[test]
+    fn equal_images_have_no_loss() {
+        let mut rng = Pcg64Mcg::seed_from_u64(3);
+        let x = random_image(&mut rng, 12 * 6 * 3);
+        let value = Loss::new(12, 6).value(&x, &x, 0.2);
+        assert!(
+            value.total.abs() < 1e-6 && value.psnr() == 100.0,
+            "{value:?}"
+        );
+    }
+}

@@ -1,0 +1,200 @@
+//! The loss on a graphics device.
+
+use crate::device::{
+    DeviceBuffer, Gpu, GpuError, Kernel, Program, Shader, Uniform, WORKGROUP, wgsl_struct,
+};
+use crate::losses::photometric::LossValue;
+
+wgsl_struct! {
+    /// Size of the image and weights.
+    pub(crate) struct LossSettings {
+        width: u32,
+        height: u32,
+        /// 1 when the first column follows the last.
+        wraps: u32,
+        /// Weight of `1 - SSIM`.
+        lambda: f32,
+        /// Weights of the window's taps from the middle outwards.
+        taps: [[f32; 4]; 2],
+    }
+}
+
+pub(crate) fn shader() -> Shader {
+    Shader {
+        file: "loss.wgsl",
+        constants: String::new(),
+        parts: &[
+            include_str!("../../device/common.wgsl"),
+            include_str!("loss.wgsl"),
+        ],
+    }
+}
+
+/// An image as the loss takes it: 8 bits per channel, red in the lowest byte.
+pub(crate) fn pack_pixels(rgb: &[u8]) -> Vec<u32> {
+    rgb.as_chunks::<3>()
+        .0
+        .iter()
+        .map(|&[red, green, blue]| u32::from_le_bytes([red, green, blue, 255]))
+        .collect()
+}
+
+/// The loss of images of one size. Its buffers are reused over iterations.
+#[derive(Debug)]
+pub(crate) struct Loss {
+    blur_rows: Kernel,
+    structural_similarity: Kernel,
+    blur_derivative_rows: Kernel,
+    image_gradient: Kernel,
+    loss_value: Kernel,
+    settings: Uniform<LossSettings>,
+    pixels: usize,
+    rows: DeviceBuffer<f32>,
+    derivatives: DeviceBuffer<f32>,
+    partials: DeviceBuffer<[f32; 4]>,
+    /// By the render, HWC.
+    pub(crate) gradient: DeviceBuffer<f32>,
+    /// See [`loss_value`].
+    pub(crate) value: DeviceBuffer<[f32; 4]>,
+}
+
+impl Loss {
+    /// For images of this size, with the weight of `1 - SSIM`.
+    pub(crate) fn new(
+        gpu: &Gpu,
+        size: (u32, u32),
+        wraps: bool,
+        lambda: f32,
+    ) -> Result<Self, GpuError> {
+        let [
+            blur_rows,
+            structural_similarity,
+            blur_derivative_rows,
+            image_gradient,
+            loss_value,
+        ] = Kernel::compile(
+            gpu,
+            &shader(),
+            [
+                "blur_rows",
+                "structural_similarity",
+                "blur_derivative_rows",
+                "image_gradient",
+                "loss_value",
+            ],
+        )?;
+        let pixels = size.0 as usize * size.1 as usize;
+        let window = super::cpu::gaussian_window();
+        let middle = &window[window.len() / 2..];
+        let settings = LossSettings {
+            width: size.0,
+            height: size.1,
+            wraps: u32::from(wraps),
+            lambda,
+            taps: std::array::from_fn(|four| {
+                std::array::from_fn(|tap| middle.get(four * 4 + tap).copied().unwrap_or(0.0))
+            }),
+        };
+        Ok(Self {
+            blur_rows,
+            structural_similarity,
+            blur_derivative_rows,
+            image_gradient,
+            loss_value,
+            settings: Uniform::of(gpu, "loss settings", &settings)?,
+            pixels,
+            rows: DeviceBuffer::zeros(gpu, "blurred rows", pixels * 5 * 3)?,
+            derivatives: DeviceBuffer::zeros(gpu, "derivatives of SSIM", pixels * 3 * 3)?,
+            partials: DeviceBuffer::zeros(gpu, "sums", pixels.div_ceil(WORKGROUP as usize))?,
+            gradient: DeviceBuffer::zeros(gpu, "gradient by the image", pixels * 3)?,
+            value: DeviceBuffer::zeros(gpu, "loss", 1)?,
+        })
+    }
+
+    /// Value and gradient of the loss of `render` (HWC) against `target` ([`pack_pixels`]).
+    pub(crate) fn record(
+        &self,
+        gpu: &Gpu,
+        program: &mut Program,
+        render: &DeviceBuffer<f32>,
+        target: &DeviceBuffer<u32>,
+    ) {
+        let settings = &self.settings.raw;
+        let (rows, derivatives) = (&self.rows.raw, &self.derivatives.raw);
+        let images = [settings, &render.raw, &target.raw, rows];
+        program.run(gpu, &self.blur_rows, self.pixels, &images);
+        let [a, b, c, d] = images;
+        let buffers = [a, b, c, d, derivatives, &self.partials.raw];
+        program.run(gpu, &self.structural_similarity, self.pixels, &buffers);
+        let buffers = [settings, derivatives, rows];
+        program.run(gpu, &self.blur_derivative_rows, self.pixels, &buffers);
+        let buffers = [a, b, c, d, &self.gradient.raw];
+        program.run(gpu, &self.image_gradient, self.pixels, &buffers);
+        let buffers = [settings, &self.partials.raw, &self.value.raw];
+        program.run_workgroups(gpu, &self.loss_value, 1, &buffers);
+    }
+}
+
+/// What the kernel `loss_value` wrote: mean |x - y|, mean (x - y)^2, mean SSIM, and the loss.
+pub(crate) fn loss_value(value: [f32; 4]) -> LossValue {
+    let [l1, mse, ssim, total] = value.map(f64::from);
+    LossValue {
+        total,
+        l1,
+        ssim,
+        mse,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64Mcg;
+
+    use super::*;
+    use crate::{device::test_device, losses::photometric::cpu};
+
+    #[test]
+    fn value_and_gradient_are_those_of_the_processor() {
+        let Some(gpu) = test_device() else { return };
+        let mut random = Pcg64Mcg::seed_from_u64(1);
+        for (width, height, lambda) in [(64_u32, 32_u32, 0.2), (37, 19, 0.7), (4, 3, 1.0)] {
+            let len = (width * height * 3) as usize;
+            let render: Vec<f32> = (0..len).map(|_| random.random_range(-0.2..1.2)).collect();
+            let target: Vec<u8> = (0..len).map(|_| random.random()).collect();
+            let loss = Loss::new(&gpu, (width, height), true, lambda).expect("fits");
+            let render_buffer = DeviceBuffer::of(&gpu, "render", &render).expect("fits");
+            let target_buffer =
+                DeviceBuffer::of(&gpu, "target", &pack_pixels(&target)).expect("fits");
+            let mut program = Program::default();
+            loss.record(&gpu, &mut program, &render_buffer, &target_buffer);
+            program.submit(&gpu);
+            let value = loss_value(loss.value.read(&gpu).expect("reads")[0]);
+            let gradient = loss.gradient.read(&gpu).expect("reads");
+
+            let target: Vec<f32> = target.iter().map(|&byte| f32::from(byte) / 255.0).collect();
+            let mut on_cpu = cpu::Loss::new(width as usize, height as usize);
+            let (expected, expected_gradient) = on_cpu.forward_backward(&render, &target, lambda);
+            for (value, expected) in [
+                (value.total, expected.total),
+                (value.l1, expected.l1),
+                (value.ssim, expected.ssim),
+                (value.mse, expected.mse),
+            ] {
+                assert!(
+                    (value - expected).abs() < 1e-5,
+                    "{value} against {expected}"
+                );
+            }
+            let largest = expected_gradient
+                .iter()
+                .fold(0.0_f32, |m, g| m.max(g.abs()));
+            for (value, expected) in gradient.iter().zip(expected_gradient) {
+                assert!(
+                    (value - expected).abs() < 1e-4 * largest,
+                    "{value} against {expected}"
+                );
+            }
+        }
+    }
+}

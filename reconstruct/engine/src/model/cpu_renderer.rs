@@ -1,0 +1,90 @@
+//! The processor's renderers behind one face.
+
+use omnilife_schemas::RgbImage;
+
+use crate::render::settings::RendererChoice;
+use crate::{
+    camera::View,
+    gaussians::InstantGaussians,
+    model::Statistics,
+    render::{
+        cpu::Renderer,
+        published::PublishedRenderer,
+        raster::{Raster, RasterGradient},
+        settings::RenderSettings,
+    },
+};
+
+/// The renderer of the run's choice.
+#[derive(Debug)]
+pub(crate) enum CpuRenderer {
+    Exact(Box<Renderer>),
+    Published(Box<PublishedRenderer>),
+}
+
+impl CpuRenderer {
+    pub(crate) fn new(choice: RendererChoice, settings: RenderSettings) -> Self {
+        match choice {
+            RendererChoice::Exact => Self::Exact(Box::new(Renderer::new(settings))),
+            RendererChoice::OdgsPublished => {
+                Self::Published(Box::new(PublishedRenderer::new(settings)))
+            }
+        }
+    }
+
+    pub(crate) fn forward(
+        &mut self,
+        view: &View,
+        instant: &InstantGaussians,
+        sh_degree: usize,
+    ) -> &Raster {
+        match self {
+            Self::Exact(renderer) => {
+                renderer.settings.sh_degree = sh_degree;
+                renderer.forward(view, instant)
+            }
+            Self::Published(renderer) => renderer.forward(view, instant),
+        }
+    }
+
+    pub(crate) fn backward(
+        &mut self,
+        view: &View,
+        instant: &InstantGaussians,
+        image_gradient: &[f32],
+        out: &mut InstantGaussians,
+    ) {
+        match self {
+            Self::Exact(renderer) => {
+                let upstream = RasterGradient {
+                    colour: image_gradient,
+                    features: &[],
+                };
+                renderer.backward(view, instant, &upstream, out);
+            }
+            Self::Published(renderer) => renderer.backward(view, instant, image_gradient, out),
+        }
+    }
+
+    pub(crate) fn add_to(&self, statistics: &mut Statistics, half_size: [f32; 2]) {
+        match self {
+            Self::Exact(renderer) => statistics.add(renderer.visible(), half_size),
+            Self::Published(renderer) => statistics.add(renderer.visible(), half_size),
+        }
+    }
+
+    pub(crate) fn image(
+        &mut self,
+        view: &View,
+        instant: &InstantGaussians,
+        sh_degree: usize,
+    ) -> RgbImage {
+        match self {
+            Self::Exact(renderer) => {
+                renderer.settings.sh_degree = sh_degree;
+                renderer.image(view, instant)
+            }
+            Self::Published(renderer) => renderer.image(view, instant),
+        }
+    }
+}

@@ -1,0 +1,99 @@
+//! What training knows of a deformation; methods without a network have none of it.
+
+use serde::{Deserialize, Serialize};
+
+use crate::schedule::StepSchedule;
+use crate::{
+    camera::View,
+    clock::Clock,
+    gaussians::deformable::{DeformationModel, DeformationWeights},
+};
+
+/// The network, when it comes in, and how its time is blurred.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct DeformationSettings {
+    /// From seconds to frames.
+    pub clock: Clock,
+    /// The network.
+    pub model: DeformationModel,
+    /// Iterations of the schedule that train the canonical Gaussians alone.
+    pub warm_up_iterations: u64,
+    /// Noise on the time of training views.
+    pub time_noise: Option<TimeNoise>,
+}
+
+/// Annealed smoothing: the time that the network is asked for is off by a normal deviate, whose scale
+/// falls to nothing while the network learns.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct TimeNoise {
+    /// Standard deviation at the beginning, frames.
+    pub begin_frames: f32,
+    /// Iteration of the schedule from which there is none.
+    pub end_iteration: u64,
+}
+
+impl TimeNoise {
+    /// Standard deviation at an iteration of the schedule, frames.
+    pub fn frames_at(&self, scheduled: u64) -> f32 {
+        let over = scheduled as f32 / self.end_iteration.max(1) as f32;
+        self.begin_frames * (1.0 - over).max(0.0)
+    }
+}
+
+impl DeformationSettings {
+    /// The network's time, 0 at the clip's first frame and 1 at its last, `shift` frames before a moment.
+    pub fn unit_time(&self, seconds: f64, shift_frames: f32) -> f32 {
+        let frames = self.clock.frame(seconds) - f64::from(shift_frames);
+        (frames / f64::from(self.clock.duration_frames.max(1.0)) + 0.5) as f32
+    }
+
+    /// The network's time of a view, where the network takes part in a step.
+    pub fn step_time(&self, view: &View, schedule: &StepSchedule) -> Option<f32> {
+        (schedule.scheduled > self.warm_up_iterations)
+            .then(|| self.unit_time(view.time_seconds, schedule.shift_frames))
+    }
+
+    /// The network's time of a view, where the network has learnt anything.
+    pub fn image_time(&self, view: &View, weights: &DeformationWeights) -> Option<f32> {
+        (weights.steps > 0).then(|| self.unit_time(view.time_seconds, 0.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn time_runs_from_0_to_1_and_its_noise_ends() {
+        let settings = DeformationSettings {
+            clock: Clock {
+                origin_seconds: 12.0,
+                frame_seconds: 0.1,
+                duration_frames: 40.0,
+            },
+            model: DeformationModel::published(1.0),
+            warm_up_iterations: 10,
+            time_noise: None,
+        };
+        for (seconds, expected) in [(10.0, 0.0), (12.0, 0.5), (14.0, 1.0)] {
+            assert!((settings.unit_time(seconds, 0.0) - expected).abs() < 1e-6);
+        }
+        assert!((settings.unit_time(12.0, 4.0) - 0.4).abs() < 1e-6);
+        let noise = TimeNoise {
+            begin_frames: 0.2,
+            end_iteration: 100,
+        };
+        assert_eq!(noise.frames_at(0), 0.2);
+        assert!((noise.frames_at(50) - 0.1).abs() < 1e-7);
+        assert_eq!([noise.frames_at(100), noise.frames_at(1_000)], [0.0; 2]);
+        let one_frame = Clock {
+            duration_frames: 0.0,
+            ..settings.clock
+        };
+        let settings = DeformationSettings {
+            clock: one_frame,
+            ..settings
+        };
+        assert_eq!(settings.unit_time(12.0, 0.0), 0.5);
+    }
+}

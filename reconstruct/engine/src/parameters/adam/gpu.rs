@@ -1,0 +1,173 @@
+//! Adam on a graphics device.
+
+use crate::parameters::adam::{BETA_1, BETA_2, EPSILON, corrections};
+use crate::{
+    device::{Gpu, GpuError, Kernel, Program, Shader, Uniform, wgsl_struct},
+    parameters::device_table::TableBuffers,
+};
+
+/// Arrays that a table may have: the kernel's settings have this many places.
+pub(crate) const MAX_ARRAYS: usize = 16;
+
+wgsl_struct! {
+    /// What one step of all arrays depends on.
+    pub(crate) struct AdamStep {
+        len: u32,
+        arrays: u32,
+        inverse_root: f32,
+        first_array: u32,
+        ends: [[u32; 4]; 4],
+        rates: [[f32; 4]; 4],
+    }
+}
+
+pub(crate) fn shader() -> Shader {
+    Shader {
+        file: "adam.wgsl",
+        constants: format!(
+            "const BETA_1: f32 = {BETA_1:e};\n\
+             const BETA_2: f32 = {BETA_2:e};\n\
+             const EPSILON: f32 = {EPSILON:e};\n"
+        ),
+        parts: &[
+            include_str!("../../device/common.wgsl"),
+            include_str!("../../device/status.wgsl"),
+            include_str!("adam.wgsl"),
+        ],
+    }
+}
+
+/// One step on all values of a table.
+#[derive(Debug)]
+pub(crate) struct Adam {
+    update: Kernel,
+    settings: Uniform<AdamStep>,
+    first_array: usize,
+}
+
+impl Adam {
+    /// For a table whose first array has this number among those that refused gradients are counted
+    /// for.
+    pub(crate) fn new(gpu: &Gpu, first_array: usize) -> Result<Self, GpuError> {
+        let [update] = Kernel::compile(gpu, &shader(), ["update"])?;
+        Ok(Self {
+            update,
+            settings: Uniform::of(gpu, "Adam step", &AdamStep::default())?,
+            first_array,
+        })
+    }
+
+    /// Sets step number `step` (from 1) with a learning rate per array, for everything that is
+    /// submitted later.
+    pub(crate) fn set_step(&self, gpu: &Gpu, table: &TableBuffers, step: u64, rates: &[f32]) {
+        let corrections = corrections(step);
+        let mut settings = AdamStep {
+            len: table.values.len() as u32,
+            arrays: table.ends.len() as u32,
+            inverse_root: corrections.inverse_root,
+            first_array: self.first_array as u32,
+            ..AdamStep::default()
+        };
+        for (index, (&end, &rate)) in table.ends.iter().zip(rates).enumerate() {
+            settings.ends[index / 4][index % 4] = end;
+            settings.rates[index / 4][index % 4] = corrections.rate(rate);
+        }
+        self.settings.write(gpu, &settings);
+    }
+
+    pub(crate) fn record(
+        &self,
+        gpu: &Gpu,
+        program: &mut Program,
+        table: &TableBuffers,
+        status: &wgpu::Buffer,
+    ) {
+        program.run(
+            gpu,
+            &self.update,
+            table.values.len(),
+            &[
+                &self.settings.raw,
+                &table.values.raw,
+                &table.gradients.raw,
+                &table.first_moments.raw,
+                &table.second_moments.raw,
+                status,
+            ],
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64Mcg;
+
+    use super::*;
+    use crate::{
+        device::{DeviceBuffer, test_device},
+        parameters::{ParameterTable, adam::cpu},
+        render::buffers::DeviceStatus,
+    };
+
+    #[test]
+    fn steps_are_those_of_the_processor_and_nan_is_refused() {
+        let Some(gpu) = test_device() else { return };
+        let mut random = Pcg64Mcg::seed_from_u64(1);
+        let mut table = ParameterTable::new(300);
+        for (name, width) in [("a", 3), ("b", 1), ("c", 4)] {
+            let values = (0..300 * width).map(|_| random.random_range(-1.0..1.0));
+            table.add(name, width, values.collect(), 0.01 * width as f32);
+        }
+        let rates: Vec<f32> = table
+            .arrays
+            .iter()
+            .map(|array| array.learning_rate)
+            .collect();
+        let status = DeviceBuffer::of(&gpu, "status", &[DeviceStatus::default()]).expect("fits");
+        let on_device = TableBuffers::new(&gpu, &table.arrays).expect("fits");
+        let adam = Adam::new(&gpu, 0).expect("compiles");
+        let mut program = Program::default();
+        adam.record(&gpu, &mut program, &on_device, &status.raw);
+        let mut refused = [0; 3];
+        for step in 1..=4 {
+            let mut all = Vec::new();
+            for (index, array) in table.arrays.iter_mut().enumerate() {
+                for gradient in &mut array.gradients {
+                    *gradient = random.random_range(-1.0..1.0);
+                }
+                array.gradients[step as usize] = f32::NAN;
+                array.gradients[17] = f32::INFINITY;
+                all.extend_from_slice(&array.gradients);
+                refused[index] += cpu::step(array, step) as u32;
+            }
+            on_device.gradients.write(&gpu, 0, &all);
+            adam.set_step(&gpu, &on_device, step, &rates);
+            program.submit(&gpu);
+        }
+        let mut read = table.clone();
+        on_device.read(&gpu, &mut read.arrays).expect("reads");
+        for (of_gpu, of_cpu) in read.arrays.iter().zip(&table.arrays) {
+            for (gpu, cpu) in of_gpu.values.iter().zip(&of_cpu.values) {
+                assert!((gpu - cpu).abs() < 1e-6, "{}: {gpu} and {cpu}", of_gpu.name);
+            }
+        }
+        let status = status.read(&gpu).expect("reads")[0];
+        assert_eq!((&status.refused[..3], status.refused[3]), (&refused[..], 0));
+
+        // A halted device changes nothing.
+        let halted = DeviceStatus {
+            halted: 1,
+            ..DeviceStatus::default()
+        };
+        let status = DeviceBuffer::of(&gpu, "status", &[halted]).expect("fits");
+        let mut program = Program::default();
+        adam.record(&gpu, &mut program, &on_device, &status.raw);
+        program.submit(&gpu);
+        let mut after = read.clone();
+        on_device.read(&gpu, &mut after.arrays).expect("reads");
+        for (after, before) in after.arrays.iter().zip(&read.arrays) {
+            assert!(after.values == before.values && after.first_moments == before.first_moments);
+        }
+    }
+}

@@ -1,0 +1,82 @@
+//! A table of parameter arrays in the device's memory: array after array in four buffers.
+
+use crate::device::{DeviceBuffer, Gpu, GpuError};
+use crate::parameters::{ParameterArray, adam::gpu::MAX_ARRAYS};
+
+/// Values, gradients and moments of all arrays of a table.
+#[derive(Debug)]
+pub(crate) struct TableBuffers {
+    pub(crate) values: DeviceBuffer<f32>,
+    pub(crate) gradients: DeviceBuffer<f32>,
+    pub(crate) first_moments: DeviceBuffer<f32>,
+    pub(crate) second_moments: DeviceBuffer<f32>,
+    /// Where each array ends, in values from the beginning of the first.
+    pub(crate) ends: Vec<u32>,
+}
+
+impl TableBuffers {
+    /// A copy of a table's arrays.
+    pub(crate) fn new(gpu: &Gpu, arrays: &[ParameterArray]) -> Result<Self, GpuError> {
+        assert!(arrays.len() <= MAX_ARRAYS, "too many arrays");
+        let mut len = 0;
+        let ends = arrays
+            .iter()
+            .map(|array| {
+                len += array.values.len();
+                u32::try_from(len).map_err(|_| GpuError::TooSmall {
+                    adapter: gpu.adapter().name.clone(),
+                    what: "the parameters of all Gaussians (values)".to_owned(),
+                    needed: len as u64,
+                    offered: u64::from(u32::MAX),
+                })
+            })
+            .collect::<Result<Vec<u32>, GpuError>>()?;
+        let zeros = |label| DeviceBuffer::zeros(gpu, label, len);
+        let buffers = Self {
+            values: zeros("parameters")?,
+            gradients: zeros("gradients by parameters")?,
+            first_moments: zeros("first moments")?,
+            second_moments: zeros("second moments")?,
+            ends,
+        };
+        let mut first = 0;
+        for array in arrays {
+            buffers.values.write(gpu, first, &array.values);
+            buffers
+                .first_moments
+                .write(gpu, first, &array.first_moments);
+            buffers
+                .second_moments
+                .write(gpu, first, &array.second_moments);
+            first += array.values.len();
+        }
+        Ok(buffers)
+    }
+
+    /// Where array number `array` begins.
+    pub(crate) fn begin(&self, array: usize) -> u32 {
+        if array == 0 { 0 } else { self.ends[array - 1] }
+    }
+
+    /// Copies values, gradients and moments back into arrays of the same sizes.
+    pub(crate) fn read(&self, gpu: &Gpu, arrays: &mut [ParameterArray]) -> Result<(), GpuError> {
+        type Column = fn(&mut ParameterArray) -> &mut Vec<f32>;
+        let columns: [(&DeviceBuffer<f32>, Column); 4] = [
+            (&self.values, |array| &mut array.values),
+            (&self.gradients, |array| &mut array.gradients),
+            (&self.first_moments, |array| &mut array.first_moments),
+            (&self.second_moments, |array| &mut array.second_moments),
+        ];
+        for (buffer, column) in columns {
+            let all = buffer.read(gpu)?;
+            let mut rest = all.as_slice();
+            for array in &mut *arrays {
+                let column = column(array);
+                let (mine, others) = rest.split_at(column.len());
+                column.copy_from_slice(mine);
+                rest = others;
+            }
+        }
+        Ok(())
+    }
+}

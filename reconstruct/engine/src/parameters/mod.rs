@@ -1,0 +1,204 @@
+//! Tables of named parameter arrays, and what optimizes them.
+//!
+//! * [`adam`]: the optimizer; [`decay`]: how its step sizes fall. [`memory`]: what tables take.
+//! * `device_table`: a table in the memory of a GPU.
+
+pub mod adam;
+pub mod decay;
+pub(crate) mod device_table;
+pub mod memory;
+
+/// One raw parameter of every Gaussian, with what its optimization needs. The weights of a network are
+/// one, too: a single row.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ParameterArray {
+    /// Name, unique in its table.
+    pub name: &'static str,
+    /// Values per Gaussian.
+    pub width: usize,
+    /// `len * width` values.
+    pub values: Vec<f32>,
+    /// `len * width` gradients of the loss.
+    pub gradients: Vec<f32>,
+    /// Adam's first moments.
+    pub first_moments: Vec<f32>,
+    /// Adam's second moments.
+    pub second_moments: Vec<f32>,
+    /// Step size of the next update.
+    pub learning_rate: f32,
+}
+
+impl ParameterArray {
+    /// Bytes of values, gradients and moments.
+    pub fn bytes(&self) -> u64 {
+        (4 * size_of::<f32>() * self.values.len()) as u64
+    }
+}
+
+/// What a parameter array is, whatever the number of Gaussians.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ArrayShape {
+    /// Name, unique in its table.
+    pub name: &'static str,
+    /// Values per Gaussian.
+    pub width: usize,
+}
+
+/// Parameter arrays of equal length.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ParameterTable {
+    /// The arrays, in the order in which the parameterization added them.
+    pub arrays: Vec<ParameterArray>,
+    len: usize,
+}
+
+impl ParameterTable {
+    /// A table of `len` Gaussians without parameters.
+    pub fn new(len: usize) -> Self {
+        Self {
+            arrays: Vec::new(),
+            len,
+        }
+    }
+
+    /// Number of Gaussians.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Adds an array and returns its position in [`ParameterTable::arrays`].
+    ///
+    /// # Panics
+    /// When `values` does not hold `len * width` values.
+    pub fn add(
+        &mut self,
+        name: &'static str,
+        width: usize,
+        values: Vec<f32>,
+        learning_rate: f32,
+    ) -> usize {
+        assert_eq!(values.len(), self.len * width, "array {name}");
+        let zeros = vec![0.0; values.len()];
+        self.arrays.push(ParameterArray {
+            name,
+            width,
+            values,
+            gradients: zeros.clone(),
+            first_moments: zeros.clone(),
+            second_moments: zeros,
+            learning_rate,
+        });
+        self.arrays.len() - 1
+    }
+
+    /// Values of one Gaussian in one array.
+    pub fn row(&self, array: usize, index: usize) -> &[f32] {
+        let array = &self.arrays[array];
+        &array.values[index * array.width..(index + 1) * array.width]
+    }
+
+    /// Keeps the Gaussians whose flag is set, with their moments, in order.
+    pub fn retain(&mut self, keep: &[bool]) {
+        debug_assert_eq!(keep.len(), self.len);
+        for array in &mut self.arrays {
+            for column in [
+                &mut array.values,
+                &mut array.gradients,
+                &mut array.first_moments,
+                &mut array.second_moments,
+            ] {
+                retain_rows(column, array.width, keep);
+            }
+        }
+        self.len = keep.iter().filter(|&&flag| flag).count();
+    }
+
+    /// Appends copies of the Gaussians `sources`, with zero moments and gradients (3DGS
+    /// `densification_postfix`).
+    pub fn append_copies(&mut self, sources: &[usize]) {
+        for array in &mut self.arrays {
+            let width = array.width;
+            for &source in sources {
+                array
+                    .values
+                    .extend_from_within(source * width..(source + 1) * width);
+            }
+            let total = array.values.len();
+            array.gradients.resize(total, 0.0);
+            array.first_moments.resize(total, 0.0);
+            array.second_moments.resize(total, 0.0);
+        }
+        self.len += sources.len();
+    }
+
+    /// Brings the Gaussians, with their moments, into another order: row `i` becomes what row
+    /// `order[i]` was.
+    pub fn permute(&mut self, order: &[usize]) {
+        debug_assert_eq!(order.len(), self.len);
+        for array in &mut self.arrays {
+            let width = array.width;
+            for column in [
+                &mut array.values,
+                &mut array.gradients,
+                &mut array.first_moments,
+                &mut array.second_moments,
+            ] {
+                let rows = order.iter().map(|&row| row * width..(row + 1) * width);
+                *column = rows.flat_map(|row| column[row].iter().copied()).collect();
+            }
+        }
+    }
+
+    /// Where the array of this name is in [`ParameterTable::arrays`].
+    pub fn position(&self, name: &str) -> Option<usize> {
+        self.arrays.iter().position(|array| array.name == name)
+    }
+
+    /// Names and widths of all arrays.
+    pub fn shapes(&self) -> Vec<ArrayShape> {
+        self.arrays
+            .iter()
+            .map(|array| ArrayShape {
+                name: array.name,
+                width: array.width,
+            })
+            .collect()
+    }
+}
+
+fn retain_rows(column: &mut Vec<f32>, width: usize, keep: &[bool]) {
+    let mut write = 0;
+    for (read, &flag) in keep.iter().enumerate() {
+        if flag {
+            column.copy_within(read * width..(read + 1) * width, write * width);
+            write += 1;
+        }
+    }
+    column.truncate(write * width);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn retain_and_append_keep_rows_together() {
+        let mut table = ParameterTable::new(3);
+        table.add("a", 2, vec![0.0, 1.0, 2.0, 3.0, 4.0, 5.0], 0.1);
+        table.arrays[0].first_moments = vec![1.0; 6];
+        table.retain(&[true, false, true]);
+        assert_eq!(table.arrays[0].values, [0.0, 1.0, 4.0, 5.0]);
+        table.append_copies(&[1]);
+        assert_eq!(table.len(), 3);
+        assert_eq!(table.arrays[0].values, [0.0, 1.0, 4.0, 5.0, 4.0, 5.0]);
+        assert_eq!(
+            table.arrays[0].first_moments,
+            [1.0, 1.0, 1.0, 1.0, 0.0, 0.0]
+        );
+    }
+}

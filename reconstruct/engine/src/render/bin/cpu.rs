@@ -1,0 +1,103 @@
+//! Binning on the processor: every piece of the order counts its entries per tile, the counts give
+//! the places, every piece fills in its own. Splats are walked near to far, so the lists come out
+//! sorted.
+
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use rayon::prelude::*;
+
+use crate::render::bin::{Chunk, TileLists, span::Grid};
+use crate::{camera::rays::Rays, render::project::Splat};
+
+/// Pieces into which the order is cut, whatever the number of threads.
+const CHUNKS: usize = 32;
+/// Splats in a piece at least.
+const CHUNK_MIN: usize = 1024;
+/// Splats that are copied one after another before they are looked at: their cache misses overlap.
+const GATHER: usize = 16;
+
+/// Finds the tiles of splats for one camera.
+#[derive(Debug)]
+pub struct Binner {
+    grid: Grid,
+}
+
+impl Binner {
+    /// For the camera of `rays`.
+    pub fn new(rays: &Rays) -> Self {
+        Self {
+            grid: Grid::new(rays),
+        }
+    }
+
+    /// Fills `lists` for the splats in `order` (near to far).
+    pub fn forward(&self, splats: &[Splat], order: &[u32], lists: &mut TileLists) {
+        let tiles = self.grid.columns * self.grid.rows;
+        lists.columns = self.grid.columns;
+        lists.rows = self.grid.rows;
+        lists.chunk_len = order.len().div_ceil(CHUNKS).max(CHUNK_MIN);
+        let count = order.len().div_ceil(lists.chunk_len);
+        lists.chunks.resize_with(count, Chunk::default);
+        lists
+            .chunks
+            .par_iter_mut()
+            .zip(order.par_chunks(lists.chunk_len))
+            .with_max_len(1)
+            .for_each(|(chunk, order)| self.count(splats, order, tiles, chunk));
+
+        lists.tile_starts.clear();
+        let mut total = 0;
+        for tile in 0..tiles {
+            lists.tile_starts.push(total);
+            for chunk in &mut lists.chunks {
+                total += std::mem::replace(&mut chunk.next[tile], total);
+            }
+        }
+        lists.tile_starts.push(total);
+
+        if lists.items.len() < total as usize {
+            lists
+                .items
+                .resize_with(total as usize, || AtomicU32::new(0));
+        }
+        let items = &lists.items;
+        lists
+            .chunks
+            .par_iter_mut()
+            .zip(order.par_chunks(lists.chunk_len))
+            .with_max_len(1)
+            .for_each(|(chunk, order)| fill(order, items, chunk));
+    }
+
+    fn count(&self, splats: &[Splat], order: &[u32], tiles: usize, chunk: &mut Chunk) {
+        chunk.starts.clear();
+        chunk.entries.clear();
+        chunk.next.clear();
+        chunk.next.resize(tiles, 0);
+        let mut copies = [Splat::default(); GATHER];
+        for order in order.chunks(GATHER) {
+            for (copy, &splat) in copies.iter_mut().zip(order) {
+                *copy = splats[splat as usize];
+            }
+            for splat in &copies[..order.len()] {
+                chunk.starts.push(chunk.entries.len() as u32);
+                self.grid.for_each_tile(splat, |tile| {
+                    chunk.entries.push(tile);
+                    chunk.next[tile as usize] += 1;
+                });
+            }
+        }
+        chunk.starts.push(chunk.entries.len() as u32);
+    }
+}
+
+fn fill(order: &[u32], items: &[AtomicU32], chunk: &mut Chunk) {
+    for (&splat, range) in order.iter().zip(chunk.starts.windows(2)) {
+        for entry in &mut chunk.entries[range[0] as usize..range[1] as usize] {
+            let next = &mut chunk.next[*entry as usize];
+            *entry = *next;
+            items[*next as usize].store(splat, Ordering::Relaxed);
+            *next += 1;
+        }
+    }
+}

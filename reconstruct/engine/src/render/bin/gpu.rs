@@ -1,0 +1,118 @@
+//! Binning on a graphics device.
+
+use crate::{
+    device::{Gpu, GpuError, Kernel, Program, Scan, Shader},
+    render::{
+        buffers::{RenderBuffers, RenderShape},
+        sort::gpu::RadixSort,
+    },
+};
+
+pub(crate) fn shader(shape: &RenderShape) -> Shader {
+    Shader {
+        file: "bin.wgsl",
+        constants: shape.constants(),
+        parts: &[
+            include_str!("../../device/common.wgsl"),
+            include_str!("../../device/status.wgsl"),
+            include_str!("../../camera/camera.wgsl"),
+            include_str!("../../camera/erp.wgsl"),
+            include_str!("../../camera/pinhole.wgsl"),
+            include_str!("../../camera/rays.wgsl"),
+            include_str!("../project/splat.wgsl"),
+            include_str!("bin.wgsl"),
+        ],
+    }
+}
+
+/// From splats to tile lists.
+#[derive(Debug)]
+pub(crate) struct Binning {
+    count_entries: Kernel,
+    check_room: Kernel,
+    write_entries: Kernel,
+    find_tiles: Kernel,
+    scan: Scan,
+    sort: RadixSort,
+}
+
+impl Binning {
+    pub(crate) fn new(gpu: &Gpu, shape: &RenderShape) -> Result<Self, GpuError> {
+        let [count_entries, check_room, write_entries, find_tiles] = Kernel::compile(
+            gpu,
+            &shader(shape),
+            ["count_entries", "check_room", "write_entries", "find_tiles"],
+        )?;
+        Ok(Self {
+            count_entries,
+            check_room,
+            write_entries,
+            find_tiles,
+            scan: Scan::new(gpu)?,
+            sort: RadixSort::new(gpu)?,
+        })
+    }
+
+    /// Sorts the splats by distance and makes the tile lists.
+    pub(crate) fn forward(
+        &self,
+        gpu: &Gpu,
+        program: &mut Program,
+        buffers: &RenderBuffers,
+    ) -> Result<(), GpuError> {
+        let shape = &buffers.shape;
+        let (view, by_distance, by_tile) =
+            (&buffers.view.raw, &buffers.by_distance, &buffers.by_tile);
+        self.sort
+            .record(gpu, program, by_distance, &buffers.gaussian_count, 32)?;
+        let by_rank = [
+            view,
+            &by_distance.keys.raw,
+            &by_distance.items.raw,
+            &buffers.splats.raw,
+            &buffers.entry_starts.raw,
+            &buffers.rays.raw,
+            &by_tile.keys.raw,
+            &by_tile.items.raw,
+            &buffers.entry_splats.raw,
+        ];
+        program.clear(&buffers.entry_starts.raw);
+        program.run(gpu, &self.count_entries, shape.gaussians, &by_rank[..6]);
+        self.scan.record(gpu, program, &buffers.entry_starts)?;
+        program.run_workgroups(
+            gpu,
+            &self.check_room,
+            1,
+            &[
+                view,
+                &buffers.entry_starts.raw,
+                &buffers.status.raw,
+                &buffers.entry_count.raw,
+            ],
+        );
+        program.run(gpu, &self.write_entries, shape.gaussians, &by_rank);
+        let tile_bits = usize::BITS - (shape.tiles() - 1).leading_zeros();
+        self.sort.record(
+            gpu,
+            program,
+            by_tile,
+            &buffers.entry_count,
+            tile_bits.max(1),
+        )?;
+        program.clear(&buffers.tile_ranges.raw);
+        program.run(
+            gpu,
+            &self.find_tiles,
+            shape.entries,
+            &[
+                &buffers.entry_count.raw,
+                &by_tile.keys.raw,
+                &by_tile.items.raw,
+                &buffers.entry_splats.raw,
+                &buffers.tile_ranges.raw,
+                &buffers.items.raw,
+            ],
+        );
+        Ok(())
+    }
+}

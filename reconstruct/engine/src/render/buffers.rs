@@ -1,0 +1,309 @@
+//! What the stages of a render hand to each other, in the device's memory.
+
+use std::cell::Cell;
+
+use crate::device::{
+    DeviceBuffer, Gpu, GpuError, Uniform,
+    shader::{TILE, wgsl_struct},
+};
+use crate::{
+    camera::{Camera, View, rays::Rays},
+    gaussians::InstantGaussians,
+    render::{
+        settings::{Footprint, RenderSettings},
+        sort::gpu::Pairs,
+    },
+};
+
+wgsl_struct! {
+    /// The camera of a view and everything else that a render depends on; `View` in WGSL.
+    pub(crate) struct ViewUniform {
+        rotation: [[f32; 4]; 3],
+        centre: [f32; 3],
+        near: f32,
+        focal: [f32; 2],
+        principal: [f32; 2],
+        width: u32,
+        height: u32,
+        camera: u32,
+        stored_sh_degree: u32,
+        sh_degree: u32,
+        gaussians: u32,
+        entry_capacity: u32,
+        footprint: u32,
+        background: [f32; 3],
+        angular_low_pass: f32,
+    }
+
+    /// An activated Gaussian, or the gradient by one; `Gaussian` in WGSL.
+    pub(crate) struct DeviceGaussian {
+        position: [f32; 3],
+        opacity: f32,
+        scale: [f32; 3],
+        pad: f32,
+        rotation: [f32; 4],
+    }
+
+    /// A Gaussian in image coordinates; `Splat` in WGSL.
+    pub(crate) struct DeviceSplat {
+        centre: [f32; 2],
+        extent: [f32; 2],
+        first: [f32; 3],
+        opacity: f32,
+        second: [f32; 3],
+        depth_variance: f32,
+        third: [f32; 3],
+        shape: u32,
+    }
+
+    /// What a device tells about its steps; `Status` in WGSL.
+    pub(crate) struct DeviceStatus {
+        halted: u32,
+        steps: u32,
+        entries: u32,
+        refused: [u32; 16],
+    }
+}
+
+/// Steps are taken; see `status.wgsl`.
+pub(crate) const HALTED_RUNNING: u32 = 0;
+/// A view has more tile entries than there is room for.
+pub(crate) const HALTED_FULL: u32 = 1;
+
+/// Room for tile entries per Gaussian at the beginning.
+const ENTRIES_PER_GAUSSIAN: usize = 8;
+
+/// Numbers that sizes of buffers follow from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct RenderShape {
+    /// Gaussians.
+    pub(crate) gaussians: usize,
+    /// Degree of the stored harmonics.
+    pub(crate) sh_degree: usize,
+    /// Feature channels.
+    pub(crate) features: usize,
+    /// Pixels per row.
+    pub(crate) width: usize,
+    /// Rows of pixels.
+    pub(crate) height: usize,
+    /// (Splat, tile) pairs.
+    pub(crate) entries: usize,
+}
+
+impl RenderShape {
+    /// Room for entries to begin with.
+    pub(crate) fn first_entries(gaussians: usize) -> usize {
+        gaussians * ENTRIES_PER_GAUSSIAN
+    }
+
+    pub(crate) fn channels(&self) -> usize {
+        3 + self.features
+    }
+
+    /// Coefficients per Gaussian, the constant one included.
+    pub(crate) fn harmonics(&self) -> usize {
+        (self.sh_degree + 1) * (self.sh_degree + 1)
+    }
+
+    pub(crate) fn pixels(&self) -> usize {
+        self.width * self.height
+    }
+
+    pub(crate) fn tiles(&self) -> usize {
+        self.width.div_ceil(TILE) * self.height.div_ceil(TILE)
+    }
+
+    /// Values of an image on the device: colour, transmittance, features.
+    pub(crate) fn image_values(&self) -> usize {
+        self.pixels() * (1 + self.channels())
+    }
+
+    /// Values that an entry sums up over its pixels: eleven moments and the channels.
+    pub(crate) fn entry_sums(&self) -> usize {
+        11 + self.channels()
+    }
+
+    /// Values of a splat's gradient: a flag, shape (10), opacity, image of the centre (2), channels.
+    pub(crate) fn splat_sums(&self) -> usize {
+        14 + self.channels()
+    }
+
+    /// Constants of the kernels that depend on the number of channels.
+    pub(crate) fn constants(&self) -> String {
+        format!(
+            "const CHANNELS: u32 = {}u;\nconst ENTRY_SUMS: u32 = {}u;\nconst SUMS: u32 = {}u;\n",
+            self.channels(),
+            self.entry_sums(),
+            self.splat_sums()
+        )
+    }
+}
+
+/// The buffers of a render and its gradient.
+#[derive(Debug)]
+pub(crate) struct RenderBuffers {
+    pub(crate) shape: RenderShape,
+    pub(crate) view: Uniform<ViewUniform>,
+    pub(crate) status: DeviceBuffer<DeviceStatus>,
+    pub(crate) gaussians: DeviceBuffer<DeviceGaussian>,
+    pub(crate) harmonics: DeviceBuffer<f32>,
+    pub(crate) features: DeviceBuffer<f32>,
+    pub(crate) splats: DeviceBuffer<DeviceSplat>,
+    pub(crate) channels: DeviceBuffer<f32>,
+    /// Distances and numbers of the splats; near to far after the sort.
+    pub(crate) by_distance: Pairs,
+    /// One number: the Gaussians.
+    pub(crate) gaussian_count: DeviceBuffer<u32>,
+    pub(crate) entry_starts: DeviceBuffer<u32>,
+    /// One number: the entries.
+    pub(crate) entry_count: DeviceBuffer<u32>,
+    /// Tiles and numbers of the entries; tile by tile after the sort.
+    pub(crate) by_tile: Pairs,
+    pub(crate) entry_splats: DeviceBuffer<u32>,
+    pub(crate) tile_ranges: DeviceBuffer<[u32; 2]>,
+    /// Splats and numbers of the entries, tile by tile.
+    pub(crate) items: DeviceBuffer<[u32; 2]>,
+    /// See `rays.wgsl`.
+    pub(crate) rays: DeviceBuffer<[f32; 2]>,
+    rays_of: Cell<Option<Camera>>,
+    pub(crate) image: DeviceBuffer<f32>,
+    pub(crate) entry_sums: DeviceBuffer<f32>,
+    pub(crate) splat_gradients: DeviceBuffer<f32>,
+    pub(crate) gaussian_gradients: DeviceBuffer<DeviceGaussian>,
+    pub(crate) harmonic_gradients: DeviceBuffer<f32>,
+    pub(crate) feature_gradients: DeviceBuffer<f32>,
+}
+
+impl RenderBuffers {
+    pub(crate) fn new(gpu: &Gpu, shape: RenderShape) -> Result<Self, GpuError> {
+        let len = shape.gaussians;
+        let harmonics = len * shape.harmonics() * 3;
+        let splat_sums = len * shape.splat_sums();
+        let entry_sums = shape.entries * shape.entry_sums();
+        let features = len * shape.features;
+        Ok(Self {
+            shape,
+            view: Uniform::of(gpu, "view", &ViewUniform::default())?,
+            status: DeviceBuffer::zeros(gpu, "status", 1)?,
+            gaussians: DeviceBuffer::zeros(gpu, "Gaussians", len)?,
+            harmonics: DeviceBuffer::zeros(gpu, "harmonics", harmonics)?,
+            features: DeviceBuffer::zeros(gpu, "features", features)?,
+            splats: DeviceBuffer::zeros(gpu, "splats", len)?,
+            channels: DeviceBuffer::zeros(gpu, "channels", len * shape.channels())?,
+            by_distance: Pairs::new(gpu, len)?,
+            gaussian_count: DeviceBuffer::of(gpu, "count of Gaussians", &[len as u32])?,
+            entry_starts: DeviceBuffer::zeros(gpu, "entry starts", len + 1)?,
+            entry_count: DeviceBuffer::zeros(gpu, "count of entries", 1)?,
+            by_tile: Pairs::new(gpu, shape.entries)?,
+            entry_splats: DeviceBuffer::zeros(gpu, "splats of entries", shape.entries)?,
+            tile_ranges: DeviceBuffer::zeros(gpu, "tile ranges", shape.tiles())?,
+            items: DeviceBuffer::zeros(gpu, "tile lists", shape.entries)?,
+            rays: DeviceBuffer::zeros(gpu, "rays", shape.width + shape.height)?,
+            rays_of: Cell::new(None),
+            image: DeviceBuffer::zeros(gpu, "image", shape.image_values())?,
+            entry_sums: DeviceBuffer::zeros(gpu, "entry sums", entry_sums)?,
+            splat_gradients: DeviceBuffer::zeros(gpu, "gradients by splats", splat_sums)?,
+            gaussian_gradients: DeviceBuffer::zeros(gpu, "gradients by Gaussians", len)?,
+            harmonic_gradients: DeviceBuffer::zeros(gpu, "gradients by harmonics", harmonics)?,
+            feature_gradients: DeviceBuffer::zeros(gpu, "gradients by features", features)?,
+        })
+    }
+
+    /// Sets the view for everything that is submitted later.
+    pub(crate) fn set_view(&self, gpu: &Gpu, view: &View, settings: &RenderSettings) {
+        let rows = view.rotation.transpose().to_cols_array_2d();
+        let (camera, focal, principal) = match view.camera {
+            Camera::Erp(_) => (0, [0.0; 2], [0.0; 2]),
+            Camera::Pinhole(camera) => (
+                1,
+                [camera.fx as f32, camera.fy as f32],
+                [camera.cx as f32, camera.cy as f32],
+            ),
+        };
+        if self.rays_of.replace(Some(view.camera)) != Some(view.camera) {
+            self.rays.write(gpu, 0, &packed_rays(view.camera));
+        }
+        let shape = &self.shape;
+        self.view.write(
+            gpu,
+            &ViewUniform {
+                rotation: rows.map(|[x, y, z]| [x, y, z, 0.0]),
+                centre: view.centre.to_array(),
+                near: settings.near,
+                focal,
+                principal,
+                width: view.camera.width(),
+                height: view.camera.height(),
+                camera,
+                stored_sh_degree: shape.sh_degree as u32,
+                sh_degree: settings.sh_degree.min(shape.sh_degree) as u32,
+                gaussians: shape.gaussians as u32,
+                entry_capacity: shape.entries as u32,
+                footprint: match settings.footprint {
+                    Footprint::Projected => 0,
+                    Footprint::Ray => 1,
+                },
+                background: settings.background,
+                angular_low_pass: view.camera.angular_low_pass(),
+            },
+        );
+    }
+
+    /// Sets the Gaussians for everything that is submitted later.
+    pub(crate) fn set_gaussians(&self, gpu: &Gpu, instant: &InstantGaussians) {
+        let packed: Vec<DeviceGaussian> = (0..instant.len())
+            .map(|index| DeviceGaussian {
+                position: instant.positions[index],
+                opacity: instant.opacities[index],
+                scale: instant.scales[index],
+                pad: 0.0,
+                rotation: instant.rotations[index],
+            })
+            .collect();
+        self.gaussians.write(gpu, 0, &packed);
+        let rest = self.shape.harmonics() - 1;
+        let harmonics: Vec<f32> = instant
+            .sh_constant
+            .iter()
+            .enumerate()
+            .flat_map(|(index, constant)| {
+                let rest = &instant.sh_rest[index * rest..(index + 1) * rest];
+                std::iter::once(constant).chain(rest).flatten().copied()
+            })
+            .collect();
+        self.harmonics.write(gpu, 0, &harmonics);
+        self.features.write(gpu, 0, &instant.features);
+    }
+
+    /// Reads the gradient by the Gaussians back into `out`.
+    pub(crate) fn read_gradient(
+        &self,
+        gpu: &Gpu,
+        out: &mut InstantGaussians,
+    ) -> Result<(), GpuError> {
+        let shape = &self.shape;
+        out.reshape(shape.gaussians, shape.sh_degree, shape.features);
+        let gradients = self.gaussian_gradients.read(gpu)?;
+        let harmonics = self.harmonic_gradients.read(gpu)?;
+        out.features = self.feature_gradients.read(gpu)?;
+        let rest = shape.harmonics() - 1;
+        let per_gaussian = harmonics.as_chunks::<3>().0.chunks(shape.harmonics());
+        for (index, (gradient, harmonics)) in gradients.iter().zip(per_gaussian).enumerate() {
+            out.positions[index] = gradient.position;
+            out.opacities[index] = gradient.opacity;
+            out.scales[index] = gradient.scale;
+            out.rotations[index] = gradient.rotation;
+            out.sh_constant[index] = harmonics[0];
+            out.sh_rest[index * rest..(index + 1) * rest].copy_from_slice(&harmonics[1..]);
+        }
+        Ok(())
+    }
+}
+
+/// `(x, z)` of every column, then `(scale, y)` of every row.
+fn packed_rays(camera: Camera) -> Vec<[f32; 2]> {
+    let rays = Rays::new(camera);
+    let columns = rays.x.iter().zip(&rays.z).take(camera.width() as usize);
+    let rows = rays.scale.iter().zip(&rays.y);
+    columns.chain(rows).map(|(&a, &b)| [a, b]).collect()
+}

@@ -1,0 +1,176 @@
+//! The chain of kernels that renders a view and takes its gradient back.
+
+use omnilife_schemas::RgbImage;
+
+use crate::render::Visible;
+pub use crate::render::settings::{Footprint, RenderSettings};
+use crate::{
+    camera::{View, rays::Rays},
+    gaussians::InstantGaussians,
+    render::{
+        bin::{TileLists, cpu::Binner},
+        project::{self, Splat, cpu::Drawn},
+        raster::{self, EntryGradients, Raster, RasterGradient},
+        sort::{self, cpu::SortScratch},
+    },
+};
+
+/// Renders views on the processor, keeping what the backward pass needs and its memory.
+#[derive(Debug)]
+pub struct Renderer {
+    /// What is drawn and how; may be changed from view to view.
+    pub settings: RenderSettings,
+    /// Of the camera drawn last.
+    tables: Option<(Rays, Binner)>,
+    splats: Vec<Splat>,
+    distances: Vec<f32>,
+    order: Vec<u32>,
+    ranks: Vec<u32>,
+    scratch: SortScratch,
+    lists: TileLists,
+    raster: Raster,
+    entries: EntryGradients,
+    centres: Vec<[f32; 2]>,
+}
+
+impl Renderer {
+    /// A renderer without memory yet.
+    pub fn new(settings: RenderSettings) -> Self {
+        Self {
+            settings,
+            tables: None,
+            splats: Vec::new(),
+            distances: Vec::new(),
+            order: Vec::new(),
+            ranks: Vec::new(),
+            scratch: SortScratch::default(),
+            lists: TileLists::default(),
+            raster: Raster::default(),
+            entries: EntryGradients::default(),
+            centres: Vec::new(),
+        }
+    }
+
+    /// Renders one view.
+    pub fn forward(&mut self, view: &View, gaussians: &InstantGaussians) -> &Raster {
+        self.forward_timed(view, gaussians, |_| {})
+    }
+
+    /// [`Renderer::forward`], calling `done` with the name of each stage at its end.
+    pub fn forward_timed(
+        &mut self,
+        view: &View,
+        gaussians: &InstantGaussians,
+        mut done: impl FnMut(&'static str),
+    ) -> &Raster {
+        let tables = self.tables.take();
+        let (rays, binner) = match tables {
+            Some((rays, binner)) if rays.camera == view.camera => (rays, binner),
+            _ => {
+                let rays = Rays::new(view.camera);
+                let binner = Binner::new(&rays);
+                (rays, binner)
+            }
+        };
+        project::cpu::forward(
+            view,
+            gaussians,
+            &self.settings,
+            &mut self.splats,
+            &mut self.distances,
+        );
+        done("project");
+        sort::cpu::by_distance(
+            &self.distances,
+            &mut self.order,
+            &mut self.ranks,
+            &mut self.scratch,
+        );
+        done("sort");
+        binner.forward(&self.splats, &self.order, &mut self.lists);
+        done("bin");
+        let input = raster::cpu::Input {
+            splats: &self.splats,
+            gaussians,
+            lists: &self.lists,
+            rays: &rays,
+            background: self.settings.background,
+        };
+        raster::cpu::forward(input, &mut self.raster);
+        done("raster");
+        self.tables = Some((rays, binner));
+        &self.raster
+    }
+
+    /// Gradients by the Gaussians of the view rendered last, from the gradient by its raster.
+    /// `out` is overwritten.
+    ///
+    /// # Panics
+    /// When nothing was rendered before.
+    pub fn backward(
+        &mut self,
+        view: &View,
+        gaussians: &InstantGaussians,
+        upstream: &RasterGradient<'_>,
+        out: &mut InstantGaussians,
+    ) {
+        self.backward_timed(view, gaussians, upstream, out, |_| {});
+    }
+
+    /// [`Renderer::backward`], calling `done` with the name of each stage at its end.
+    ///
+    /// # Panics
+    /// When nothing was rendered before.
+    pub fn backward_timed(
+        &mut self,
+        view: &View,
+        gaussians: &InstantGaussians,
+        upstream: &RasterGradient<'_>,
+        out: &mut InstantGaussians,
+        mut done: impl FnMut(&'static str),
+    ) {
+        let Some((rays, _)) = &self.tables else {
+            panic!("the backward pass follows a forward pass");
+        };
+        let input = raster::cpu::Input {
+            splats: &self.splats,
+            gaussians,
+            lists: &self.lists,
+            rays,
+            background: self.settings.background,
+        };
+        raster::cpu::backward(input, &self.raster, upstream, &mut self.entries);
+        done("raster backward");
+        let drawn = Drawn {
+            splats: &self.splats,
+            ranks: &self.ranks,
+            lists: &self.lists,
+        };
+        project::cpu::backward(
+            view,
+            gaussians,
+            &self.settings,
+            drawn,
+            &self.entries,
+            &mut self.centres,
+            out,
+        );
+        done("project backward");
+    }
+
+    /// What was drawn in the view rendered last, with the gradients of its last backward pass.
+    pub fn visible(&self) -> impl Iterator<Item = Visible> {
+        (0..)
+            .zip(self.ranks.iter().zip(&self.centres))
+            .filter(|(_, (rank, _))| **rank != u32::MAX)
+            .map(|(gaussian, (_, &centre_gradient))| Visible {
+                gaussian,
+                centre_gradient,
+            })
+    }
+
+    /// Renders one view as an image clamped to `[0, 1]`.
+    pub fn image(&mut self, view: &View, gaussians: &InstantGaussians) -> RgbImage {
+        self.forward(view, gaussians).image()
+    }
+}

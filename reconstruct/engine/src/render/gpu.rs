@@ -1,0 +1,271 @@
+//! The chain of kernels that renders a view and takes its gradient back, on a graphics device.
+
+use std::sync::Arc;
+
+use omnilife_schemas::RgbImage;
+
+use crate::{
+    camera::View,
+    gaussians::InstantGaussians,
+    render::{
+        Visible,
+        bin::gpu::Binning,
+        project::gpu::Projection,
+        raster::{Raster, RasterGradient, gpu::Rasterization},
+        settings::RenderSettings,
+    },
+};
+use crate::{
+    device::{DeviceBuffer, Gpu, GpuError, Program},
+    render::buffers::{DeviceStatus, HALTED_RUNNING, RenderBuffers, RenderShape},
+};
+
+/// Room for entries beyond what was found to be needed, so that growing is rare.
+const ENTRY_SLACK: f64 = 1.5;
+
+/// The kernels of a render for a number of channels.
+#[derive(Debug)]
+struct Stages {
+    channels: usize,
+    projection: Projection,
+    binning: Binning,
+    rasterization: Rasterization,
+}
+
+impl Stages {
+    fn new(gpu: &Gpu, shape: &RenderShape) -> Result<Self, GpuError> {
+        Ok(Self {
+            channels: shape.channels(),
+            projection: Projection::new(gpu, shape)?,
+            binning: Binning::new(gpu, shape)?,
+            rasterization: Rasterization::new(gpu, shape)?,
+        })
+    }
+}
+
+/// Buffers of one shape, and the program that renders with them.
+#[derive(Debug)]
+pub(crate) struct Chain {
+    pub(crate) buffers: RenderBuffers,
+    pub(crate) forward: Program,
+}
+
+/// Makes chains, compiling each kernel once.
+#[derive(Debug, Default)]
+pub(crate) struct Chains {
+    stages: Option<Stages>,
+}
+
+impl Chains {
+    fn stages(&mut self, gpu: &Gpu, shape: &RenderShape) -> Result<&Stages, GpuError> {
+        let stages = match self.stages.take() {
+            Some(stages) if stages.channels == shape.channels() => stages,
+            _ => Stages::new(gpu, shape)?,
+        };
+        Ok(self.stages.insert(stages))
+    }
+
+    /// A chain for buffers of this shape.
+    pub(crate) fn chain(&mut self, gpu: &Gpu, shape: RenderShape) -> Result<Chain, GpuError> {
+        let stages = self.stages(gpu, &shape)?;
+        let buffers = RenderBuffers::new(gpu, shape)?;
+        let mut forward = Program::default();
+        stages.projection.forward(gpu, &mut forward, &buffers);
+        stages.binning.forward(gpu, &mut forward, &buffers)?;
+        stages.rasterization.forward(gpu, &mut forward, &buffers);
+        Ok(Chain { buffers, forward })
+    }
+
+    /// Adds the way back from `upstream`, the gradient by the image, to the Gaussians.
+    pub(crate) fn backward(
+        &mut self,
+        gpu: &Gpu,
+        program: &mut Program,
+        buffers: &RenderBuffers,
+        upstream: &DeviceBuffer<f32>,
+    ) -> Result<(), GpuError> {
+        let stages = self.stages(gpu, &buffers.shape)?;
+        stages
+            .rasterization
+            .backward(gpu, program, buffers, upstream);
+        stages.projection.backward(gpu, program, buffers);
+        Ok(())
+    }
+}
+
+/// A chain with its way back.
+#[derive(Debug)]
+struct RoundTrip {
+    chain: Chain,
+    upstream: DeviceBuffer<f32>,
+    backward: Program,
+}
+
+/// Renders views on a graphics device; the twin of [`crate::render::cpu::Renderer`].
+#[derive(Debug)]
+pub struct GpuRenderer {
+    /// What is drawn and how; may be changed from view to view.
+    pub settings: RenderSettings,
+    gpu: Arc<Gpu>,
+    chains: Chains,
+    round_trip: Option<RoundTrip>,
+}
+
+impl GpuRenderer {
+    /// A renderer without memory yet.
+    pub fn new(gpu: Arc<Gpu>, settings: RenderSettings) -> Self {
+        Self {
+            settings,
+            gpu,
+            chains: Chains::default(),
+            round_trip: None,
+        }
+    }
+
+    /// Renders one view.
+    ///
+    /// # Errors
+    /// When the device fails or its memory does not suffice.
+    pub fn forward(
+        &mut self,
+        view: &View,
+        gaussians: &InstantGaussians,
+    ) -> Result<Raster, GpuError> {
+        let mut shape = RenderShape {
+            gaussians: gaussians.len(),
+            sh_degree: gaussians.sh_degree,
+            features: gaussians.feature_count,
+            width: view.camera.width() as usize,
+            height: view.camera.height() as usize,
+            entries: RenderShape::first_entries(gaussians.len()),
+        };
+        if let Some(last) = &self.round_trip {
+            shape.entries = shape.entries.max(last.chain.buffers.shape.entries);
+        }
+        loop {
+            self.fit(shape)?;
+            let Some(RoundTrip { chain, .. }) = &self.round_trip else {
+                unreachable!("a chain of this shape was made");
+            };
+            let (gpu, buffers) = (&*self.gpu, &chain.buffers);
+            buffers.status.write(gpu, 0, &[DeviceStatus::default()]);
+            buffers.set_view(gpu, view, &self.settings);
+            buffers.set_gaussians(gpu, gaussians);
+            chain.forward.submit(gpu);
+            let status = buffers.status.read(gpu)?[0];
+            if status.halted == HALTED_RUNNING {
+                return Ok(split_image(&shape, &buffers.image.read(gpu)?));
+            }
+            shape.entries = with_slack(status.entries);
+        }
+    }
+
+    /// Makes buffers and programs of this shape, unless they are there.
+    fn fit(&mut self, shape: RenderShape) -> Result<(), GpuError> {
+        let is_there = self
+            .round_trip
+            .as_ref()
+            .is_some_and(|last| last.chain.buffers.shape == shape);
+        if is_there {
+            return Ok(());
+        }
+        // Before the new one is made: both may not fit.
+        self.round_trip = None;
+        let gpu = &*self.gpu;
+        let chain = self.chains.chain(gpu, shape)?;
+        let upstream = DeviceBuffer::zeros(gpu, "gradient by the image", shape.image_values())?;
+        let mut backward = Program::default();
+        self.chains
+            .backward(gpu, &mut backward, &chain.buffers, &upstream)?;
+        self.round_trip = Some(RoundTrip {
+            chain,
+            upstream,
+            backward,
+        });
+        Ok(())
+    }
+
+    /// Gradients by the Gaussians of the view rendered last, from the gradient by its raster.
+    /// `out` is overwritten.
+    ///
+    /// # Errors
+    /// When the device fails.
+    ///
+    /// # Panics
+    /// When no view was rendered before.
+    pub fn backward(
+        &mut self,
+        upstream: &RasterGradient<'_>,
+        out: &mut InstantGaussians,
+    ) -> Result<(), GpuError> {
+        let gpu = &*self.gpu;
+        let Some(last) = &self.round_trip else {
+            panic!("a backward pass follows a forward pass");
+        };
+        let pixels = last.chain.buffers.shape.pixels();
+        let mut values = vec![0.0; last.upstream.len()];
+        values[..pixels * 3].copy_from_slice(upstream.colour);
+        // Empty where the loss does not look at the features.
+        values[pixels * 4..][..upstream.features.len()].copy_from_slice(upstream.features);
+        last.upstream.write(gpu, 0, &values);
+        last.backward.submit(gpu);
+        last.chain.buffers.read_gradient(gpu, out)
+    }
+
+    /// What was drawn in the view rendered last, with the gradients of its last backward pass.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn visible(&self) -> Result<Vec<Visible>, GpuError> {
+        let Some(RoundTrip { chain, .. }) = &self.round_trip else {
+            return Ok(Vec::new());
+        };
+        let sums = chain.buffers.splat_gradients.read(&self.gpu)?;
+        Ok(sums
+            .chunks(chain.buffers.shape.splat_sums())
+            .enumerate()
+            .filter(|(_, sums)| sums[0] > 0.0)
+            .map(|(gaussian, sums)| Visible {
+                gaussian,
+                centre_gradient: [sums[12], sums[13]],
+            })
+            .collect())
+    }
+
+    /// Renders one view as an image clamped to `[0, 1]`.
+    ///
+    /// # Errors
+    /// When the device fails or its memory does not suffice.
+    pub fn image(
+        &mut self,
+        view: &View,
+        gaussians: &InstantGaussians,
+    ) -> Result<RgbImage, GpuError> {
+        let raster = self.forward(view, gaussians)?;
+        Ok(RgbImage {
+            width: raster.width,
+            height: raster.height,
+            data: raster
+                .colour
+                .iter()
+                .map(|value| value.clamp(0.0, 1.0))
+                .collect(),
+        })
+    }
+}
+
+/// Room for this many entries and some more.
+pub(crate) fn with_slack(entries: u32) -> usize {
+    (f64::from(entries) * ENTRY_SLACK) as usize
+}
+
+fn split_image(shape: &RenderShape, values: &[f32]) -> Raster {
+    let pixels = shape.pixels();
+    Raster {
+        width: shape.width,
+        height: shape.height,
+        colour: values[..pixels * 3].to_vec(),
+        transmittance: values[pixels * 3..pixels * 4].to_vec(),
+        features: values[pixels * 4..].to_vec(),
+    }
+}

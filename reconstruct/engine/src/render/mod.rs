@@ -1,0 +1,32 @@
+//! The stages of rendering, one folder each: the contract in `mod.rs`, the CPU implementation in
+//! `cpu.rs`, its GPU twin in a `.wgsl` file of the same names in the same order, bound in `gpu.rs`.
+//!
+//! ```text
+//! forward   project -> sort -> bin -> raster        then the losses
+//! backward  raster -> project                       then Adam
+//! ```
+//!
+//! [`cpu::Renderer`] and [`gpu::GpuRenderer`] chain them. What a render is, without tiles and tricks, is
+//! written down as plain f64 loops in [`mod@reference`]; the stages are judged by it. [`published`] is the
+//! renderer of ODGS with its defects.
+
+pub mod bin;
+pub(crate) mod buffers;
+pub mod cpu;
+pub mod gpu;
+pub mod project;
+pub mod published;
+pub mod raster;
+pub mod reference;
+pub mod settings;
+pub mod sort;
+
+/// A Gaussian that was drawn in the view rendered last.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Visible {
+    /// Its index.
+    pub gaussian: usize,
+    /// Gradient of the loss by the centre's image with the shape of the footprint fixed, per pixel
+    /// along columns and rows.
+    pub centre_gradient: [f32; 2],
+}

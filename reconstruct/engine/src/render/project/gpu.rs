@@ -1,0 +1,96 @@
+//! The projection on a graphics device.
+
+use crate::{
+    device::{Gpu, GpuError, Kernel, Program, Shader},
+    render::buffers::{RenderBuffers, RenderShape},
+};
+
+pub(crate) fn shader(shape: &RenderShape) -> Shader {
+    Shader {
+        file: "project.wgsl",
+        constants: shape.constants(),
+        parts: &[
+            include_str!("../../device/common.wgsl"),
+            include_str!("../../camera/camera.wgsl"),
+            include_str!("../../camera/erp.wgsl"),
+            include_str!("../../camera/pinhole.wgsl"),
+            include_str!("../../gaussians/gaussians.wgsl"),
+            include_str!("sh.wgsl"),
+            include_str!("splat.wgsl"),
+            include_str!("ellipse.wgsl"),
+            include_str!("cone.wgsl"),
+            include_str!("project.wgsl"),
+        ],
+    }
+}
+
+/// From Gaussians to splats, and back with gradients.
+#[derive(Debug)]
+pub(crate) struct Projection {
+    project_gaussians: Kernel,
+    project_gaussians_vjp: Kernel,
+    feature_vjp: Kernel,
+}
+
+impl Projection {
+    pub(crate) fn new(gpu: &Gpu, shape: &RenderShape) -> Result<Self, GpuError> {
+        let [project_gaussians, project_gaussians_vjp, feature_vjp] = Kernel::compile(
+            gpu,
+            &shader(shape),
+            ["project_gaussians", "project_gaussians_vjp", "feature_vjp"],
+        )?;
+        Ok(Self {
+            project_gaussians,
+            project_gaussians_vjp,
+            feature_vjp,
+        })
+    }
+
+    pub(crate) fn forward(&self, gpu: &Gpu, program: &mut Program, buffers: &RenderBuffers) {
+        program.run(
+            gpu,
+            &self.project_gaussians,
+            buffers.shape.gaussians,
+            &[
+                &buffers.view.raw,
+                &buffers.gaussians.raw,
+                &buffers.harmonics.raw,
+                &buffers.features.raw,
+                &buffers.splats.raw,
+                &buffers.channels.raw,
+                &buffers.by_distance.keys.raw,
+                &buffers.by_distance.items.raw,
+            ],
+        );
+    }
+
+    pub(crate) fn backward(&self, gpu: &Gpu, program: &mut Program, buffers: &RenderBuffers) {
+        program.run(
+            gpu,
+            &self.project_gaussians_vjp,
+            buffers.shape.gaussians,
+            &[
+                &buffers.view.raw,
+                &buffers.gaussians.raw,
+                &buffers.harmonics.raw,
+                &buffers.splats.raw,
+                &buffers.channels.raw,
+                &buffers.splat_gradients.raw,
+                &buffers.gaussian_gradients.raw,
+                &buffers.harmonic_gradients.raw,
+            ],
+        );
+        if buffers.shape.features > 0 {
+            program.run(
+                gpu,
+                &self.feature_vjp,
+                buffers.shape.gaussians,
+                &[
+                    &buffers.view.raw,
+                    &buffers.splat_gradients.raw,
+                    &buffers.feature_gradients.raw,
+                ],
+            );
+        }
+    }
+}

@@ -1,0 +1,199 @@
+//! Rasterization on the processor: one tile per task, 8 pixels of a row per vector step.
+//!
+//! A row of a footprint is walked in vectors that begin at its first pixel, wherever that is; which
+//! those are is found for 8 rows at once (`spans.rs`).
+
+use std::{cell::RefCell, ops::Range};
+
+use fearless_simd::{Level, dispatch};
+use rayon::prelude::*;
+
+use crate::render::raster::{
+    EntryGradients, Raster, RasterGradient,
+    composite::{Composited, composite},
+    gradient::{FeatureScratch, TileEntries, tile_gradients},
+    tile::{Plane, STRIDE, Scene, Tile},
+};
+use crate::{
+    camera::rays::Rays,
+    gaussians::InstantGaussians,
+    render::{
+        bin::TileLists,
+        project::{Splat, SplatGradient},
+        settings::TILE,
+    },
+};
+
+thread_local! {
+    static FEATURE_PLANES: RefCell<Vec<Plane>> = const { RefCell::new(Vec::new()) };
+    static FEATURE_SCRATCH: RefCell<FeatureScratch> = RefCell::default();
+}
+
+/// What the rasterizer reads of a projected view.
+#[derive(Debug, Clone, Copy)]
+pub struct Input<'a> {
+    /// Splats, one per Gaussian.
+    pub splats: &'a [Splat],
+    /// The Gaussians, for their features.
+    pub gaussians: &'a InstantGaussians,
+    /// The tiles' splats.
+    pub lists: &'a TileLists,
+    /// Rays of the pixels.
+    pub rays: &'a Rays,
+    /// Colour behind everything.
+    pub background: [f32; 3],
+}
+
+impl<'a> Input<'a> {
+    fn scene(&self) -> Scene<'a> {
+        Scene {
+            splats: self.splats,
+            features: &self.gaussians.features,
+            feature_count: self.gaussians.feature_count,
+            lists: self.lists,
+            rays: self.rays,
+            background: self.background,
+        }
+    }
+}
+
+/// Renders colours and features.
+pub fn forward(input: Input<'_>, out: &mut Raster) {
+    let scene = input.scene();
+    let (width, height) = (scene.width(), scene.height());
+    out.width = width;
+    out.height = height;
+    out.colour.resize(width * height * 3, 0.0);
+    out.transmittance.resize(width * height, 0.0);
+    out.features
+        .resize(width * height * scene.feature_count, 0.0);
+    let level = Level::new();
+    // A row of tiles owns a contiguous stretch of every image.
+    let mut bands = Vec::with_capacity(scene.lists.rows);
+    let mut planes: Vec<_> = out
+        .features
+        .chunks_mut((width * height).max(1))
+        .map(|plane| plane.chunks_mut(TILE * width))
+        .collect();
+    for (colour, transmittance) in out
+        .colour
+        .chunks_mut(TILE * width * 3)
+        .zip(out.transmittance.chunks_mut(TILE * width))
+    {
+        bands.push(Band {
+            colour,
+            transmittance,
+            features: planes.iter_mut().filter_map(Iterator::next).collect(),
+        });
+    }
+    bands
+        .into_par_iter()
+        .enumerate()
+        .with_max_len(1)
+        .for_each(|(row, mut band)| {
+            FEATURE_PLANES.with_borrow_mut(|features| {
+                for column in 0..scene.lists.columns {
+                    let tile = Tile::new(&scene, row * scene.lists.columns + column);
+                    features.clear();
+                    features.resize(scene.feature_count, [0.0; TILE * STRIDE]);
+                    let state = dispatch!(level, simd => composite(simd, &scene, &tile, features));
+                    band.write(&scene, &tile, &state, features);
+                }
+            });
+        });
+}
+
+/// A row of tiles in the images.
+struct Band<'a> {
+    colour: &'a mut [f32],
+    transmittance: &'a mut [f32],
+    features: Vec<&'a mut [f32]>,
+}
+
+impl Band<'_> {
+    fn write(&mut self, scene: &Scene<'_>, tile: &Tile, state: &Composited, features: &[Plane]) {
+        for row in 0..tile.rows {
+            let first = row * scene.width() + tile.left;
+            let pixels = first..first + tile.columns;
+            let colour = &mut self.colour[first * 3..(first + tile.columns) * 3];
+            let rows = colour
+                .as_chunks_mut::<3>()
+                .0
+                .iter_mut()
+                .zip(&mut self.transmittance[pixels.clone()]);
+            for (column, (rgb, transmittance)) in rows.enumerate() {
+                let at = row * STRIDE + column;
+                *transmittance = state.transmittance[at].abs();
+                for (channel, value) in rgb.iter_mut().enumerate() {
+                    *value = state.colour[channel][at] + *transmittance * scene.background[channel];
+                }
+            }
+            for (image, plane) in self.features.iter_mut().zip(features) {
+                image[pixels.clone()].copy_from_slice(&plane[row * STRIDE..][..tile.columns]);
+            }
+        }
+    }
+}
+
+/// Gradients by the splats of all entries, from the gradient by the images. `raster` is what
+/// [`forward`] gave for the same input.
+pub fn backward(
+    input: Input<'_>,
+    raster: &Raster,
+    gradient: &RasterGradient<'_>,
+    out: &mut EntryGradients,
+) {
+    let scene = input.scene();
+    let entries = scene.lists.len();
+    out.splats.resize(entries, SplatGradient::default());
+    out.features.resize(entries * scene.feature_count, 0.0);
+    let level = Level::new();
+    let all = TileEntries {
+        splats: &mut out.splats,
+        features: &mut out.features,
+    };
+    let tiles = 0..scene.lists.columns * scene.lists.rows;
+    for_each_tile(&scene, tiles, all, &|index, mut out| {
+        let tile = Tile::new(&scene, index);
+        FEATURE_SCRATCH.with_borrow_mut(|scratch| {
+            dispatch!(level, simd => {
+                tile_gradients(simd, &scene, &tile, raster, gradient, &mut out, scratch);
+            });
+        });
+    });
+}
+
+/// Calls `work` for every tile with its part of `out`, in parallel.
+fn for_each_tile<F>(scene: &Scene<'_>, tiles: Range<usize>, out: TileEntries<'_>, work: &F)
+where
+    F: Fn(usize, TileEntries<'_>) + Sync,
+{
+    match tiles.len() {
+        0 => {}
+        1 => work(tiles.start, out),
+        _ => {
+            let middle = usize::midpoint(tiles.start, tiles.end);
+            let begin = scene.lists.tile(tiles.start).start;
+            let count = scene.lists.tile(middle).start - begin;
+            let (left, right) = out.splats.split_at_mut(count);
+            let (left_features, right_features) =
+                out.features.split_at_mut(count * scene.feature_count);
+            rayon::join(
+                || {
+                    let out = TileEntries {
+                        splats: left,
+                        features: left_features,
+                    };
+                    for_each_tile(scene, tiles.start..middle, out, work);
+                },
+                || {
+                    let out = TileEntries {
+                        splats: right,
+                        features: right_features,
+                    };
+                    for_each_tile(scene, middle..tiles.end, out, work);
+                },
+            );
+        }
+    }
+}

@@ -1,0 +1,215 @@
+//! The backward pass over one tile.
+
+use fearless_simd::{Simd, f32x8, prelude::*};
+
+use crate::render::raster::{
+    Raster, RasterGradient,
+    lanes::{LANES, alpha, blend, load, store},
+    shapes::Walk,
+    spans::Spans,
+    tile::{Batch, Plane, STRIDE, Scene, Tile, has_stopped},
+};
+use crate::render::{
+    project::{Shape, Splat, SplatGradient},
+    settings::TILE,
+};
+
+/// Memory for the features of one tile, reused from tile to tile.
+#[derive(Default)]
+pub(super) struct FeatureScratch {
+    /// dL/d(feature image), one plane per feature.
+    upstream: Vec<Plane>,
+    /// dL/d(feature), per lane.
+    sums: Vec<[f32; LANES]>,
+}
+
+/// The gradient by a tile's pixels, and what is still behind.
+struct Upstream {
+    /// dL/dC by channel.
+    colour: [Plane; 3],
+    /// `S - P_i`: what the splats behind and the background contribute to `g . C`.
+    behind: Plane,
+    transmittance: Plane,
+}
+
+impl Upstream {
+    fn new(
+        scene: &Scene<'_>,
+        tile: &Tile,
+        raster: &Raster,
+        gradient: &RasterGradient<'_>,
+        features: &mut FeatureScratch,
+    ) -> Self {
+        let mut upstream = Self {
+            colour: [[0.0; TILE * STRIDE]; 3],
+            behind: [0.0; TILE * STRIDE],
+            transmittance: tile.full_transmittance(),
+        };
+        let has_features = !gradient.features.is_empty();
+        let planes = if has_features { scene.feature_count } else { 0 };
+        features.upstream.clear();
+        features.upstream.resize(planes, [0.0; TILE * STRIDE]);
+        features.sums.resize(planes, [0.0; LANES]);
+        for row in 0..tile.rows {
+            let first = (tile.top + row) * raster.width + tile.left;
+            let pixels = first * 3..(first + tile.columns) * 3;
+            let rgb = raster.colour[pixels.clone()].as_chunks::<3>().0;
+            let by_rgb = gradient.colour[pixels].as_chunks::<3>().0;
+            for (column, (rgb, by_rgb)) in rgb.iter().zip(by_rgb).enumerate() {
+                let at = row * STRIDE + column;
+                for channel in 0..3 {
+                    upstream.colour[channel][at] = by_rgb[channel];
+                    upstream.behind[at] += by_rgb[channel] * rgb[channel];
+                }
+            }
+            for (feature, plane) in features.upstream.iter_mut().enumerate() {
+                let first = feature * raster.width * raster.height + first;
+                for column in 0..tile.columns {
+                    let (at, by_value) = (row * STRIDE + column, gradient.features[first + column]);
+                    plane[at] = by_value;
+                    upstream.behind[at] += by_value * raster.features[first + column];
+                }
+            }
+        }
+        upstream
+    }
+}
+
+/// Where the gradients of a tile's entries go.
+pub(super) struct TileEntries<'a> {
+    /// One per entry.
+    pub(super) splats: &'a mut [SplatGradient],
+    /// `feature_count` per entry.
+    pub(super) features: &'a mut [f32],
+}
+
+/// Writes the gradients of a tile's entries.
+#[inline(always)]
+pub(super) fn tile_gradients<S: Simd>(
+    simd: S,
+    scene: &Scene<'_>,
+    tile: &Tile,
+    raster: &Raster,
+    gradient: &RasterGradient<'_>,
+    out: &mut TileEntries<'_>,
+    scratch: &mut FeatureScratch,
+) {
+    let mut upstream = Upstream::new(scene, tile, raster, gradient, scratch);
+    let mut places = scene.lists.tile(tile.index);
+    let (mut batch, mut spans) = (Batch::new(), Spans::new());
+    let mut done = 0;
+    while !places.is_empty() && !has_stopped(&upstream.transmittance) {
+        batch.fill(scene, &mut places);
+        for (index, splat) in batch.iter() {
+            let values = scene.features_of(index);
+            out.splats[done] = match &splat.shape {
+                Shape::Ellipse(shape) => one_splat(
+                    simd,
+                    scene,
+                    tile,
+                    shape,
+                    splat,
+                    values,
+                    &mut spans,
+                    &mut upstream,
+                    scratch,
+                ),
+                Shape::Cone(shape) => one_splat(
+                    simd,
+                    scene,
+                    tile,
+                    shape,
+                    splat,
+                    values,
+                    &mut spans,
+                    &mut upstream,
+                    scratch,
+                ),
+            };
+            let features = &mut out.features[done * scene.feature_count..];
+            for (feature, sum) in features.iter_mut().zip(&mut scratch.sums) {
+                *feature = sum.iter().sum();
+                *sum = [0.0; LANES];
+            }
+            done += 1;
+        }
+    }
+    out.splats[done..].fill(SplatGradient::default());
+    let first_feature = if scratch.sums.is_empty() {
+        0
+    } else {
+        done * scene.feature_count
+    };
+    out.features[first_feature..].fill(0.0);
+}
+
+#[inline(always)]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "the innermost loop takes its operands one by one"
+)]
+fn one_splat<S: Simd, W: Walk<S>>(
+    simd: S,
+    scene: &Scene<'_>,
+    tile: &Tile,
+    shape: &W,
+    splat: &Splat,
+    values: &[f32],
+    spans: &mut Spans,
+    upstream: &mut Upstream,
+    features: &mut FeatureScratch,
+) -> SplatGradient {
+    let zero = f32x8::splat(simd, 0.0);
+    let mut shape_sums = W::zero(simd);
+    let mut by_log_sum = zero;
+    let mut colour_sums = [zero; 3];
+    let colour = splat.colour.map(|value| f32x8::splat(simd, value));
+    shape.walk(
+        simd,
+        tile,
+        scene.rays,
+        splat,
+        spans,
+        #[inline(always)]
+        |block| {
+            let transmittance = load(simd, &upstream.transmittance, block.at);
+            if !transmittance.simd_gt(0.0).any_true() {
+                return;
+            }
+            let alpha = alpha(simd, block.log2_alpha);
+            let blend = blend(simd, alpha.value, transmittance);
+            let g = [
+                load(simd, &upstream.colour[0], block.at),
+                load(simd, &upstream.colour[1], block.at),
+                load(simd, &upstream.colour[2], block.at),
+            ];
+            let mut along = g[0] * colour[0];
+            along = g[1].mul_add(colour[1], along);
+            along = g[2].mul_add(colour[2], along);
+            for (sum, g) in colour_sums.iter_mut().zip(g) {
+                *sum = blend.weights.mul_add(g, *sum);
+            }
+            for ((plane, sum), &value) in
+                features.upstream.iter().zip(&mut features.sums).zip(values)
+            {
+                let g = load(simd, plane, block.at);
+                along = g.mul_add(value, along);
+                let added = blend.weights.mul_add(g, load(simd, sum, 0));
+                store(added, sum, 0);
+            }
+            let behind = load(simd, &upstream.behind, block.at) - blend.weights * along;
+            store(behind, &mut upstream.behind, block.at);
+            store(blend.transmittance, &mut upstream.transmittance, block.at);
+            let by_alpha = transmittance * along - behind / (-alpha.value + 1.0);
+            let counts = blend.weights.simd_gt(0.0);
+            let by_log = counts.select(by_alpha * alpha.unclamped, zero);
+            by_log_sum += by_log;
+            shape.add(&mut shape_sums, &block.geometry, by_log);
+        },
+    );
+    SplatGradient {
+        shape: shape.gradient(&shape_sums),
+        log_opacity: by_log_sum.reduce_sum(),
+        colour: colour_sums.map(f32x8::reduce_sum),
+    }
+}

@@ -1,0 +1,200 @@
+//! The radix sort on a graphics device, for distances and for tile numbers.
+
+use crate::device::{
+    DeviceBuffer, Gpu, GpuError, Kernel, Program, Scan, Shader, Uniform, wgsl_struct,
+};
+
+/// Pairs that one workgroup moves.
+const BLOCK: usize = 2048;
+/// Bits of the key that one pass sorts by.
+const DIGIT_BITS: u32 = 4;
+
+wgsl_struct! {
+    /// One pass of the sort.
+    pub(crate) struct SortPass {
+        /// Where the digit begins in the key.
+        shift: u32,
+        /// Pairs that the buffers hold.
+        capacity: u32,
+        /// Blocks of the whole capacity.
+        blocks: u32,
+    }
+}
+
+pub(crate) fn shader() -> Shader {
+    Shader {
+        file: "sort.wgsl",
+        constants: String::new(),
+        parts: &[
+            include_str!("../../device/common.wgsl"),
+            include_str!("sort.wgsl"),
+        ],
+    }
+}
+
+/// Keys with their items, and room to move them about.
+#[derive(Debug)]
+pub(crate) struct Pairs {
+    pub(crate) keys: DeviceBuffer<u32>,
+    pub(crate) items: DeviceBuffer<u32>,
+    other_keys: DeviceBuffer<u32>,
+    other_items: DeviceBuffer<u32>,
+}
+
+impl Pairs {
+    pub(crate) fn new(gpu: &Gpu, capacity: usize) -> Result<Self, GpuError> {
+        let zeros = |label| DeviceBuffer::zeros(gpu, label, capacity);
+        Ok(Self {
+            keys: zeros("sort keys")?,
+            items: zeros("sort items")?,
+            other_keys: zeros("sort keys, other half")?,
+            other_items: zeros("sort items, other half")?,
+        })
+    }
+}
+
+/// A stable sort of pairs by the low bits of their keys.
+#[derive(Debug)]
+pub(crate) struct RadixSort {
+    count_digits: Kernel,
+    move_pairs: Kernel,
+    scan: Scan,
+}
+
+impl RadixSort {
+    pub(crate) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
+        let [count_digits, move_pairs] =
+            Kernel::compile(gpu, &shader(), ["count_digits", "move_pairs"])?;
+        Ok(Self {
+            count_digits,
+            move_pairs,
+            scan: Scan::new(gpu)?,
+        })
+    }
+
+    /// Sorts the first `count[0]` pairs by the lowest `bits` of their keys, in place. The number of
+    /// passes is even, so that the result is where the pairs were.
+    pub(crate) fn record(
+        &self,
+        gpu: &Gpu,
+        program: &mut Program,
+        pairs: &Pairs,
+        count: &DeviceBuffer<u32>,
+        bits: u32,
+    ) -> Result<(), GpuError> {
+        let capacity = pairs.keys.len();
+        let blocks = capacity.div_ceil(BLOCK);
+        let places = DeviceBuffer::zeros(gpu, "sort places", blocks << DIGIT_BITS)?;
+        let passes = bits.div_ceil(DIGIT_BITS).next_multiple_of(2);
+        let (mut from, mut to) = (
+            (&pairs.keys, &pairs.items),
+            (&pairs.other_keys, &pairs.other_items),
+        );
+        for pass in 0..passes {
+            let uniform = Uniform::of(
+                gpu,
+                "sort pass",
+                &SortPass {
+                    shift: pass * DIGIT_BITS,
+                    capacity: capacity as u32,
+                    blocks: blocks as u32,
+                },
+            )?;
+            let buffers = [
+                &uniform.raw,
+                &count.raw,
+                &from.0.raw,
+                &places.raw,
+                &from.1.raw,
+                &to.0.raw,
+                &to.1.raw,
+            ];
+            program.run_workgroups(gpu, &self.count_digits, blocks, &buffers[..4]);
+            self.scan.record(gpu, program, &places)?;
+            program.run_workgroups(gpu, &self.move_pairs, blocks, &buffers);
+            std::mem::swap(&mut from, &mut to);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64Mcg;
+
+    use super::*;
+    use crate::device::test_device;
+
+    /// Sorts with the standard library's stable sort.
+    fn expected(keys: &[u32], count: usize, bits: u32) -> (Vec<u32>, Vec<u32>) {
+        let mask = u32::MAX >> (32 - bits);
+        let mut pairs: Vec<(u32, u32)> = keys[..count].iter().copied().zip(0..).collect();
+        pairs.sort_by_key(|pair| pair.0 & mask);
+        pairs.into_iter().unzip()
+    }
+
+    #[test]
+    fn sorts_as_the_standard_library_does() {
+        let Some(gpu) = test_device() else { return };
+        let sort = RadixSort::new(&gpu).expect("compiles");
+        let mut random = Pcg64Mcg::seed_from_u64(1);
+        // Less than a thread, one block, several blocks; many ties; and fewer pairs than room.
+        for (capacity, count, bits, range) in [
+            (3, 3, 32, 9),
+            (2048, 2048, 32, u32::MAX),
+            (5000, 5000, 32, u32::MAX),
+            (5000, 4100, 16, 900),
+            (300_000, 280_000, 12, 4096),
+        ] {
+            let keys: Vec<u32> = (0..capacity)
+                .map(|_| random.random_range(0..range))
+                .collect();
+            let pairs = Pairs::new(&gpu, capacity).expect("fits");
+            pairs.keys.write(&gpu, 0, &keys);
+            let numbers: Vec<u32> = (0..capacity as u32).collect();
+            pairs.items.write(&gpu, 0, &numbers);
+            let counted = DeviceBuffer::of(&gpu, "count", &[count as u32]).expect("fits");
+            let mut program = Program::default();
+            sort.record(&gpu, &mut program, &pairs, &counted, bits)
+                .expect("fits");
+            program.submit(&gpu);
+            let (keys_out, items_out) = expected(&keys, count, bits);
+            assert_eq!(pairs.keys.read(&gpu).expect("reads")[..count], keys_out);
+            assert_eq!(pairs.items.read(&gpu).expect("reads")[..count], items_out);
+        }
+    }
+
+    #[test]
+    fn prefix_sums_saturate() {
+        let Some(gpu) = test_device() else { return };
+        let scan = Scan::new(&gpu).expect("compiles");
+        for len in [1, 7, 1024, 1025, 1_100_000] {
+            let values: Vec<u32> = (0..len as u32).map(|index| index % 7).collect();
+            let buffer = DeviceBuffer::of(&gpu, "values", &values).expect("fits");
+            let mut program = Program::default();
+            scan.record(&gpu, &mut program, &buffer).expect("fits");
+            program.submit(&gpu);
+            let mut sum = 0;
+            let expected: Vec<u32> = values
+                .iter()
+                .map(|value| {
+                    sum += value;
+                    sum - value
+                })
+                .collect();
+            assert!(
+                buffer.read(&gpu).expect("reads") == expected,
+                "{len} values"
+            );
+        }
+        let buffer = DeviceBuffer::of(&gpu, "values", &[u32::MAX - 1, 1, 1, 5]).expect("fits");
+        let mut program = Program::default();
+        scan.record(&gpu, &mut program, &buffer).expect("fits");
+        program.submit(&gpu);
+        assert_eq!(
+            buffer.read(&gpu).expect("reads"),
+            [0, u32::MAX - 1, u32::MAX, u32::MAX]
+        );
+    }
+}

@@ -1,0 +1,91 @@
+//! What a backend does for the training loop: one step on one view.
+
+pub mod cpu;
+pub(crate) mod device_model;
+pub mod dynamic_cpu;
+pub mod gpu;
+pub mod pose_refinement;
+pub mod settings;
+
+use std::fmt;
+
+use omnilife_schemas::{RgbImage, records::Backend};
+use serde::{Deserialize, Serialize};
+
+use crate::{EngineError, camera::View, model::Model, schedule::StepSchedule};
+
+/// Sums over some steps.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct StepSums {
+    /// Steps.
+    pub steps: u64,
+    /// Of the training loss.
+    pub loss: f64,
+    /// Of the mean squared error.
+    pub squared_error: f64,
+    /// Gradient values that were not finite and were not applied, for each array.
+    pub refused: Vec<u64>,
+}
+
+impl StepSums {
+    /// Adds further steps.
+    pub fn add(&mut self, other: &Self) {
+        self.steps += other.steps;
+        self.loss += other.loss;
+        self.squared_error += other.squared_error;
+        self.refused
+            .resize(other.refused.len().max(self.refused.len()), 0);
+        for (sum, refused) in self.refused.iter_mut().zip(&other.refused) {
+            *sum += refused;
+        }
+    }
+}
+
+/// Carries out training steps and keeps the model where they need it: in memory, or on a device.
+///
+/// One implementation per backend. A step renders an input view, takes the loss and its gradients,
+/// adds to the density statistics and lets Adam move every parameter. It need not be over when
+/// [`Stepper::step`] returns; all other calls wait for it.
+pub trait Stepper: fmt::Debug {
+    /// What computes, for the run's record.
+    fn backend(&self) -> Backend;
+
+    /// Number of Gaussians at the moment.
+    fn gaussians(&self) -> usize;
+
+    /// How many of them depend on time.
+    fn moving_gaussians(&self) -> usize {
+        0
+    }
+
+    /// One step on input view number `view` of the scene.
+    ///
+    /// # Errors
+    /// When the loss is found not to be finite, or the backend fails.
+    fn step(&mut self, view: usize, schedule: &StepSchedule) -> Result<(), EngineError>;
+
+    /// Sums over the steps since the last call.
+    ///
+    /// # Errors
+    /// When a loss was not finite, or the backend fails.
+    fn take_sums(&mut self) -> Result<StepSums, EngineError>;
+
+    /// The model as it stands, read back where it lives on a device.
+    ///
+    /// # Errors
+    /// When the backend fails.
+    fn model(&mut self) -> Result<&Model, EngineError>;
+
+    /// The model as it stands, to be changed: the next step goes on from the change.
+    ///
+    /// # Errors
+    /// When the backend fails.
+    fn model_mut(&mut self) -> Result<&mut Model, EngineError>;
+
+    /// Renders a view of the scene at a degree of spherical harmonics, clamped to `[0, 1]`; with its pose
+    /// corrected, where poses are refined.
+    ///
+    /// # Errors
+    /// When the backend fails.
+    fn image(&mut self, view: &View, sh_degree: usize) -> Result<RgbImage, EngineError>;
+}

@@ -1,0 +1,53 @@
+//! What training does with the pose of the view that it draws.
+
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    camera::View,
+    gaussians::InstantGaussians,
+    render::project::by_camera::{self, PoseGradient},
+};
+use crate::{model::Model, schedule::StepSchedule, step::StepSums};
+
+/// When poses are refined.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PoseRefinement {
+    /// First iteration of the schedule that moves them.
+    pub begin_iteration: u64,
+}
+
+impl PoseRefinement {
+    /// The gradient by the pose of the view that a step drew, where the step moves it.
+    pub(super) fn gradient(
+        settings: Option<Self>,
+        schedule: &StepSchedule,
+        drawn: &View,
+        gaussians: &InstantGaussians,
+        by_gaussians: &InstantGaussians,
+    ) -> Option<PoseGradient> {
+        let takes_part = schedule.scheduled >= settings?.begin_iteration;
+        takes_part.then(|| by_camera::gradient(drawn, gaussians, schedule.sh_degree, by_gaussians))
+    }
+}
+
+/// Moves the pose of input view number `view`.
+pub(super) fn move_pose(
+    model: &mut Model,
+    view: usize,
+    gradient: Option<&PoseGradient>,
+    schedule: &StepSchedule,
+    sums: &mut StepSums,
+) {
+    let (Some(poses), Some(gradient)) = (&mut model.poses, gradient) else {
+        return;
+    };
+    // Their arrays are the last ones of the model.
+    let [.., of_rotation, of_centre] = schedule.learning_rates[..] else {
+        return;
+    };
+    let refused = poses.step(view, gradient, [of_rotation, of_centre]);
+    let first = schedule.learning_rates.len() - refused.len();
+    for (sum, refused) in sums.refused[first..].iter_mut().zip(refused) {
+        *sum += refused as u64;
+    }
+}

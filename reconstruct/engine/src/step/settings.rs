@@ -1,0 +1,127 @@
+//! Everything the training loop needs to know, and where in its schedule a run stands.
+
+use std::collections::BTreeMap;
+
+use omnilife_schemas::RgbImage;
+use serde::{Deserialize, Serialize};
+
+use crate::render::settings::RendererChoice;
+use crate::schedule::Position;
+use crate::{
+    density::DensifySettings, model::exposure::Exposure, parameters::decay::Decay,
+    render::settings::RenderSettings,
+};
+use crate::{
+    model::{deformation_settings::DeformationSettings, dynamic_settings::DynamicSettings},
+    step::pose_refinement::PoseRefinement,
+};
+
+/// Settings of a run as resolved; they stand in its record.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TrainSettings {
+    /// Steps of the optimizer.
+    pub iterations: u64,
+    /// Stops after this time in training steps, seconds of wall clock, whatever the iterations; what
+    /// the trace renders does not count.
+    pub budget_seconds: Option<f64>,
+    /// Seed of view order and split noise.
+    pub seed: u64,
+    /// Weight of `1 - SSIM` against L1.
+    pub ssim_weight: f32,
+    /// Which renderer makes images from Gaussians.
+    pub renderer: RendererChoice,
+    /// How it does; its degree of spherical harmonics is that at the end of
+    /// their ramp.
+    pub rendering: RenderSettings,
+    /// Iterations after which the degree in use rises by one.
+    pub sh_interval_iterations: u64,
+    /// Step sizes by name of the parameter array.
+    pub learning_rates: BTreeMap<String, Decay>,
+    /// Density control.
+    pub densify: DensifySettings,
+    /// What is known of time; static methods have none of it.
+    #[serde(default)]
+    pub dynamics: Option<DynamicSettings>,
+    /// A network that deforms Gaussians; other methods have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub deformation: Option<DeformationSettings>,
+    /// Gains of the views, where they are compensated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub exposure: Option<Exposure>,
+    /// When poses are refined, where they are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pose_refinement: Option<PoseRefinement>,
+    /// Iterations from one row of the trace to the next; the last iteration has a row too.
+    pub trace_every: u64,
+}
+
+impl TrainSettings {
+    /// Puts the gain of a view's time onto its render, where gains are compensated.
+    pub fn expose(&self, image: &mut RgbImage, seconds: f64) {
+        if let Some(exposure) = &self.exposure {
+            exposure.apply(&mut image.data, seconds);
+        }
+    }
+
+    /// Where in the schedule `iteration` stands after `training_seconds` of training.
+    pub fn position(&self, iteration: u64, training_seconds: f64) -> Position {
+        Position::new(
+            self.iterations,
+            self.budget_seconds,
+            iteration,
+            training_seconds,
+        )
+    }
+
+    /// Degree of the spherical harmonics in use.
+    pub fn active_sh_degree(&self, position: &Position) -> usize {
+        let steps = position.scheduled / self.sh_interval_iterations.max(1);
+        usize::try_from(steps)
+            .unwrap_or(usize::MAX)
+            .min(self.rendering.sh_degree)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::density::settings::tests::published;
+
+    fn settings(budget_seconds: Option<f64>) -> TrainSettings {
+        TrainSettings {
+            iterations: 30_000,
+            budget_seconds,
+            seed: 0,
+            ssim_weight: 0.2,
+            renderer: RendererChoice::Exact,
+            rendering: RenderSettings::new(0.2),
+            sh_interval_iterations: 1_000,
+            learning_rates: BTreeMap::new(),
+            densify: published(),
+            dynamics: None,
+            deformation: None,
+            exposure: None,
+            pose_refinement: None,
+            trace_every: 3_000,
+        }
+    }
+
+    #[test]
+    fn a_schedule_follows_the_iterations_or_the_time_whichever_is_further() {
+        let by_iterations = settings(None).position(3_000, 1e9);
+        assert_eq!((by_iterations.scheduled, by_iterations.share), (3_000, 0.1));
+        let by_time = settings(Some(100.0)).position(300, 50.0);
+        assert_eq!((by_time.scheduled, by_time.share), (15_000, 0.5));
+        // 300 iterations took half of the time: 3,000 of the schedule are 60 real ones.
+        assert_eq!(by_time.real_iterations(3_000), 60);
+        assert_eq!(by_iterations.real_iterations(3_000), 3_000);
+    }
+
+    #[test]
+    fn the_degree_rises_by_one_every_thousand_iterations() {
+        let settings = settings(None);
+        let degrees = [1, 999, 1_000, 2_500, 3_000, 30_000]
+            .map(|iteration| settings.active_sh_degree(&settings.position(iteration, 0.0)));
+        assert_eq!(degrees, [0, 0, 1, 2, 3, 3]);
+    }
+}

@@ -1,0 +1,179 @@
+//! What static Gaussians cannot explain: whether anything moves in a scene without masks, and at
+//! which points something changes outside of them, such as the shadow of what moves.
+//!
+//! After a [short static warm-up](crate::evidence::pilot) input views are compared with their renders at the
+//! images of the same scene points, those that the warm-up's depth shows to be visible and no mask
+//! covers. What a static scene leaves unexplained at a point - too little texture, a wrong colour - is
+//! the same in all views: only the deviation `d` of a residual from its point's median counts, channel
+//! by channel. Photometric noise is the median of `|d|`; what passes in front of a point, or shades it,
+//! deviates by many times as much, in a few views.
+
+use rayon::prelude::*;
+
+use crate::evidence::pilot::WARM_UP_ITERATIONS;
+
+/// Points seen by fewer views have no median to speak of.
+pub(crate) const LEAST_VIEWS: usize = 6;
+/// A deviation is transient above this many times the noise, and above this in grey levels of 1.
+const NOISE_FACTOR: f32 = 8.0;
+const LEAST_DEVIATION: f32 = 0.1;
+/// Views in which a point deviates, from which on it changes: one alone may be an edge.
+const LEAST_DEVIATING_VIEWS: usize = 2;
+/// Share of transient samples from which a scene is taken to move: three times what a clip in which
+/// nothing moves has, a third of what two people who walk through it make (docs/results/dynamic.md).
+const TRANSIENT_SHARE: f64 = 0.0004;
+/// Standard deviation of a normal distribution over its median absolute deviation.
+pub(crate) const PER_MEDIAN: f32 = 1.4826;
+
+/// What was found.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct MotionEvidence {
+    /// Points in views that were compared, channel by channel.
+    pub samples: usize,
+    /// Photometric noise: standard deviation, grey levels in `[0, 1]`.
+    pub noise: f32,
+    /// Share of the samples that deviate by far more.
+    pub transient_share: f64,
+}
+
+impl MotionEvidence {
+    /// Whether something moves. Without samples nothing is known, and it may.
+    pub fn moves(&self) -> bool {
+        self.samples == 0 || self.transient_share >= TRANSIENT_SHARE
+    }
+
+    /// Deviation from which a sample is transient.
+    fn limit(&self) -> f32 {
+        (NOISE_FACTOR * self.noise).max(LEAST_DEVIATION)
+    }
+
+    /// In words.
+    pub fn text(&self) -> String {
+        if self.samples == 0 {
+            return "no scene point is seen by enough views to tell whether something moves"
+                .to_owned();
+        }
+        format!(
+            "after {WARM_UP_ITERATIONS} static iterations {:.2} % of {} samples at scene points \
+             deviate from their point's median by {NOISE_FACTOR} times the noise of {:.4} or more \
+             (limit {:.2} %)",
+            100.0 * self.transient_share,
+            self.samples,
+            self.noise,
+            100.0 * TRANSIENT_SHARE
+        )
+    }
+}
+
+/// Points at which something changes, and how that was found out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ChangingPoints {
+    /// What is known of all of them.
+    pub evidence: MotionEvidence,
+    /// Per point, whether it changes. Points that too few views see do not.
+    pub changes: Vec<bool>,
+}
+
+impl ChangingPoints {
+    /// Which points change, from the residuals of each in the views that see it: one series per point
+    /// and channel.
+    pub(crate) fn of(residuals: &[Vec<f32>]) -> Self {
+        let evidence = transients(residuals);
+        let limit = evidence.limit();
+        let changes = residuals
+            .chunks_exact(3)
+            .map(|channels| {
+                channels.iter().any(|residuals| {
+                    let deviating = deviations(residuals).filter(|deviation| *deviation >= limit);
+                    deviating.count() >= LEAST_DEVIATING_VIEWS
+                })
+            })
+            .collect();
+        Self { evidence, changes }
+    }
+
+    /// In words.
+    pub fn text(&self) -> String {
+        let changing = self.changes.iter().filter(|&&changes| changes).count();
+        format!(
+            "{changing} of {} scene points change outside the masks: after {WARM_UP_ITERATIONS} \
+             static iterations their residuals deviate in {LEAST_DEVIATING_VIEWS} views or more \
+             from the point's median by {NOISE_FACTOR} times the noise of {:.4}, or by \
+             {LEAST_DEVIATION}, whichever is more",
+            self.changes.len(),
+            self.evidence.noise
+        )
+    }
+}
+
+/// Evidence from the residuals of every point.
+pub(crate) fn transients(residuals: &[Vec<f32>]) -> MotionEvidence {
+    let mut deviations: Vec<f32> = residuals
+        .par_iter()
+        .flat_map_iter(|residuals| deviations(residuals))
+        .collect();
+    if deviations.is_empty() {
+        return MotionEvidence::default();
+    }
+    deviations.sort_by(f32::total_cmp);
+    let noise = PER_MEDIAN * deviations[deviations.len() / 2];
+    let mut evidence = MotionEvidence {
+        samples: deviations.len(),
+        noise,
+        transient_share: 0.0,
+    };
+    let below = deviations.partition_point(|&deviation| deviation < evidence.limit());
+    evidence.transient_share = (deviations.len() - below) as f64 / deviations.len() as f64;
+    evidence
+}
+
+/// Deviations from a point's median; none where too few views see it.
+fn deviations(residuals: &[f32]) -> impl Iterator<Item = f32> {
+    let mut sorted = if residuals.len() >= LEAST_VIEWS {
+        residuals.to_vec()
+    } else {
+        Vec::new()
+    };
+    sorted.sort_by(f32::total_cmp);
+    let median = sorted.get(sorted.len() / 2).copied().unwrap_or_default();
+    sorted
+        .into_iter()
+        .map(move |residual| (residual - median).abs())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_wrong_in_every_view_is_no_motion() {
+        // Every point has an error of its own, and one in twenty something passing for one view.
+        let point = |number: usize, passes: bool| -> Vec<f32> {
+            let own = 0.3 * ((number % 7) as f32 - 3.0);
+            let noise = |view: usize| 0.01 * ((view * 5 + number) % 3) as f32;
+            (0..10)
+                .map(|view| own + noise(view) + if passes && view == 4 { 0.5 } else { 0.0 })
+                .collect()
+        };
+        let all = |share: usize| -> Vec<Vec<f32>> {
+            (0..200)
+                .map(|n| point(n, share > 0 && n % share == 0))
+                .collect()
+        };
+        let still = transients(&all(0));
+        assert_eq!((still.samples, still.transient_share), (2_000, 0.0));
+        assert!(!still.moves() && still.noise < 0.03);
+        let moving = transients(&all(20));
+        assert!(
+            (moving.transient_share - 0.005).abs() < 1e-9 && moving.moves(),
+            "{moving:?}"
+        );
+    }
+
+    #[test]
+    fn without_samples_it_may_move() {
+        let nothing = transients(&[vec![0.1; 3], vec![0.2; 5]]);
+        assert!(nothing.samples == 0 && nothing.moves());
+        assert!(nothing.text().contains("no scene point"));
+    }
+}

@@ -1,0 +1,404 @@
+//! How far the poses of some views are off, by what scene points show beside where they should.
+//!
+//! A camera whose pose is slightly wrong sees every point a little beside its place. To first order the
+//! difference of image and render at a point is minus the slope of the render times that displacement, and
+//! the displacement is that of a camera which turns by `w` and moves by `t` (world frame): for a point
+//! in the unit direction `n` at the distance `d`
+//!
+//! ```text
+//! dn = -w x n - (t - n (n.t)) / d
+//! ```
+//!
+//! Six numbers per view explain the differences at thousands of points: robust least squares finds
+//! them, iteratively reweighted with Cauchy's weights, which leave what moves, and what hides a point,
+//! without much say. What is wrong with a point in all views - a blurred edge, a colour - says nothing
+//! of a pose: medians over views are taken out first. Corrections that are the same in all views, or
+//! change in proportion to the place of the camera, say nothing either: a scene that the warm-up has
+//! a percent too near looks like a path that is a percent too long.
+//!
+//! The evidence is the root mean square displacement of the points that the corrections predict, beyond
+//! what their covariance explains.
+
+use std::f64::consts::TAU;
+
+use glam::{DVec3, Vec3};
+
+use crate::evidence::{
+    motion::{LEAST_VIEWS, PER_MEDIAN},
+    pilot::WARM_UP_ITERATIONS,
+};
+use omnilife_engine::camera::pose::PoseCorrection;
+
+/// Displacement from which poses are worth refining, pixels of the images that were looked at: exact
+/// poses have 0.01 and 0.02, poses that are off by 0.1 degrees 0.09 to 0.13 (docs/results/dynamic.md).
+const LEAST_SHIFT_PIXELS: f64 = 0.05;
+/// Points with fewer clues do not say six numbers.
+const LEAST_CLUES: usize = 50;
+/// Rounds of reweighting.
+const ROUNDS: usize = 8;
+/// Residuals of this many standard deviations have half their weight (Cauchy's: 95 % efficiency on
+/// normal residuals).
+const CAUCHY: f64 = 2.385;
+/// Weight of no trend beside the cameras' path, over their mean square distance from its middle.
+const PATH_RIDGE: f64 = 1e-3;
+/// Residuals of a render without any noise still differ by rounding, grey levels of 1.
+const LEAST_NOISE: f64 = 1e-6;
+/// Colour channels of a pixel err alike: they count as one.
+const CHANNELS: f64 = 3.0;
+
+/// Turn (3, radians) and shift (3, normalized units) of a camera in the world.
+type Twist = [f64; 6];
+
+/// What a point says of the pose of a view that sees it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Clue {
+    /// From the camera to the point, normalized units, world frame.
+    offset: DVec3,
+    /// How each channel of the render changes with the pose.
+    slopes: [Twist; 3],
+    /// Image minus render, by channel.
+    residual: [f32; 3],
+}
+
+impl Clue {
+    /// Of a point at `offset` from the camera (world frame), how the channels of the render change from
+    /// its place to where it would be seen if it moved in the world, and the differences of image and
+    /// render at its place. What is seen there when the point moves comes from the other side: the sign
+    /// of the displacement turns around.
+    pub fn new(offset: Vec3, by_point: [Vec3; 3], residual: [f32; 3]) -> Self {
+        let offset = offset.as_dvec3();
+        let slopes = by_point.map(|by_point| {
+            let by_point = by_point.as_dvec3();
+            let (turn, shift) = (offset.cross(by_point), by_point);
+            [turn.x, turn.y, turn.z, shift.x, shift.y, shift.z]
+        });
+        Self {
+            offset,
+            slopes,
+            residual,
+        }
+    }
+
+    /// By how much the point's direction changes with each of the pose's numbers.
+    fn displacements(&self) -> [DVec3; 6] {
+        let distance = self.offset.length();
+        let direction = self.offset / distance;
+        let turned = |axis: DVec3| -axis.cross(direction);
+        let moved = |axis: DVec3| -(axis - direction * direction.dot(axis)) / distance;
+        let [x, y, z] = [DVec3::X, DVec3::Y, DVec3::Z];
+        [
+            turned(x),
+            turned(y),
+            turned(z),
+            moved(x),
+            moved(y),
+            moved(z),
+        ]
+    }
+}
+
+/// How far poses are off.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct PoseEvidence {
+    /// Views that said something.
+    pub views: usize,
+    /// Root mean square displacement of the points, radians.
+    pub shift_radians: f64,
+    /// What the corrections' covariance explains of it, radians.
+    pub explained_radians: f64,
+    /// A shift of the camera by this times an angle displaces the points as a turn by the angle does, root
+    /// mean square; normalized units.
+    pub distance: f64,
+    /// Width of the images that were looked at, pixels.
+    pub width: u32,
+    /// What would correct the pose of each view that was given; `None` where too little was seen.
+    pub corrections: Vec<Option<PoseCorrection>>,
+}
+
+impl PoseEvidence {
+    /// From what every view, a camera at a centre, shows at the same points, in images of this width.
+    pub fn of(mut views: Vec<(Vec3, Vec<Option<Clue>>)>, width: u32) -> Self {
+        subtract_medians(&mut views);
+        let mut found: Vec<Option<Estimate>> = views
+            .iter()
+            .map(|(_, clues)| Estimate::of(&clues.iter().flatten().collect::<Vec<_>>()))
+            .collect();
+        let seen = views
+            .iter()
+            .zip(&found)
+            .filter(|(_, found)| found.is_some());
+        let centres: Vec<DVec3> = seen.map(|((centre, _), _)| centre.as_dvec3()).collect();
+        let taken_out = subtract_trend(&centres, found.iter_mut().flatten().collect());
+        let corrections = found.iter().map(|one| Some(one.as_ref()?.correction()));
+        let corrections = corrections.collect();
+        let found: Vec<Estimate> = found.into_iter().flatten().collect();
+        let left = found.len() as f64 - taken_out;
+        // Written so that NaN is refused.
+        let says_something = left >= 1.0;
+        if !says_something {
+            return Self::default();
+        }
+        let moved: f64 = found.iter().map(|one| one.mean_square(&one.twist)).sum();
+        let explained: f64 = found.iter().map(Estimate::expected_mean_square).sum();
+        let displaced = |by: [usize; 3]| -> f64 {
+            let squares = |one: &Estimate| by.map(|k| one.displacement[k][k]).iter().sum::<f64>();
+            found.iter().map(squares).sum()
+        };
+        Self {
+            views: found.len(),
+            distance: (displaced([0, 1, 2]) / displaced([3, 4, 5])).sqrt(),
+            shift_radians: (moved / left).sqrt(),
+            explained_radians: (explained / found.len() as f64).sqrt(),
+            width,
+            corrections,
+        }
+    }
+
+    /// Root mean square displacement beyond what chance explains, pixels at the images' centre.
+    pub fn unexplained_pixels(&self) -> f64 {
+        let square = self.shift_radians.powi(2) - self.explained_radians.powi(2);
+        self.pixels(square.max(0.0).sqrt())
+    }
+
+    fn pixels(&self, radians: f64) -> f64 {
+        radians / TAU * f64::from(self.width)
+    }
+
+    /// Whether the poses are worth refining.
+    pub fn are_off(&self) -> bool {
+        self.unexplained_pixels() >= LEAST_SHIFT_PIXELS
+    }
+
+    /// In words.
+    pub fn text(&self) -> String {
+        format!(
+            "after {WARM_UP_ITERATIONS} static iterations, in images {} pixels wide, points of {} \
+             views lie {:.2} pixels from where they should by their poses, beyond what chance \
+             explains (limit {LEAST_SHIFT_PIXELS})",
+            self.width,
+            self.views,
+            self.unexplained_pixels()
+        )
+    }
+}
+
+/// Takes out of the twists what is the same in all views, and what changes in proportion to the place of
+/// the camera: a scene that is turned, moved, scaled or sheared a little explains both. Returns how
+/// many views' worth of freedom that was.
+fn subtract_trend(centres: &[DVec3], mut found: Vec<&mut Estimate>) -> f64 {
+    let count = found.len().max(1) as f64;
+    let mean = centres.iter().sum::<DVec3>() / count;
+    let mut normal = [[0.0; 3]; 3];
+    for &centre in centres {
+        let from = (centre - mean).to_array();
+        for (row, one) in normal.iter_mut().zip(from) {
+            for (value, other) in row.iter_mut().zip(from) {
+                *value += one * other;
+            }
+        }
+    }
+    // Cameras on a line say nothing of what changes beside it.
+    let ridge = PATH_RIDGE * (normal[0][0] + normal[1][1] + normal[2][2]);
+    for (k, row) in normal.iter_mut().enumerate() {
+        row[k] += ridge;
+    }
+    let inverse = inverted(&normal);
+    let mut trend = [(0.0, DVec3::ZERO); 6];
+    for (k, (constant, slope)) in trend.iter_mut().enumerate() {
+        *constant = found.iter().map(|one| one.twist[k]).sum::<f64>() / count;
+        if let Some(inverse) = &inverse {
+            let pairs = centres.iter().zip(found.iter());
+            let along: DVec3 = pairs
+                .map(|(&centre, one)| (centre - mean) * (one.twist[k] - *constant))
+                .sum();
+            *slope = DVec3::from_array(inverse.map(|row| DVec3::from_array(row).dot(along)));
+        }
+    }
+    for (&centre, one) in centres.iter().zip(found.iter_mut()) {
+        for (value, (constant, slope)) in one.twist.iter_mut().zip(trend) {
+            *value -= constant + slope.dot(centre - mean);
+        }
+    }
+    1.0 + inverse.map_or(0.0, |inverse| {
+        3.0 - ridge * (inverse[0][0] + inverse[1][1] + inverse[2][2])
+    })
+}
+
+/// Takes out of each residual what it is over all views; points that few views see have no say.
+fn subtract_medians(views: &mut [(Vec3, Vec<Option<Clue>>)]) {
+    let points = views.first().map_or(0, |(_, clues)| clues.len());
+    for point in 0..points {
+        let mut medians = [f32::NAN; 3];
+        for (channel, median) in medians.iter_mut().enumerate() {
+            let mut residuals: Vec<f32> = views
+                .iter()
+                .filter_map(|(_, clues)| Some(clues[point].as_ref()?.residual[channel]))
+                .collect();
+            if residuals.len() >= LEAST_VIEWS {
+                *median = middle(&mut residuals);
+            }
+        }
+        for (_, clues) in views.iter_mut() {
+            if medians[0].is_nan() {
+                clues[point] = None;
+            } else if let Some(clue) = &mut clues[point] {
+                for (residual, median) in clue.residual.iter_mut().zip(medians) {
+                    *residual -= median;
+                }
+            }
+        }
+    }
+}
+
+fn middle(values: &mut [f32]) -> f32 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    let place = values.len() / 2;
+    *values.select_nth_unstable_by(place, f32::total_cmp).1
+}
+
+/// A view's correction and what is known of it.
+struct Estimate {
+    twist: Twist,
+    covariance: [Twist; 6],
+    /// The mean of the squared displacement is a quadratic form of the twist: this.
+    displacement: [Twist; 6],
+}
+
+/// How a channel of the render changes with the pose, and by how much the image differs.
+type Row<'a> = (&'a Twist, f64);
+
+/// Normal equations under Cauchy's weights.
+#[derive(Default)]
+struct NormalEquations {
+    matrix: [Twist; 6],
+    right: Twist,
+    squares: f64,
+    weights: f64,
+}
+
+impl NormalEquations {
+    /// Weighted by what `twist` leaves of the residuals.
+    fn of(rows: &[Row<'_>], twist: &Twist) -> Self {
+        let left = |row: &Row<'_>| row.1 - dot(row.0, twist);
+        let mut sizes: Vec<f32> = rows.iter().map(|row| left(row).abs() as f32).collect();
+        let scale = f64::from(PER_MEDIAN * middle(&mut sizes)).max(LEAST_NOISE);
+        let mut sums = Self::default();
+        for row in rows {
+            let residual = left(row);
+            let weight = 1.0 / (1.0 + (residual / (CAUCHY * scale)).powi(2));
+            sums.squares += weight * residual * residual;
+            sums.weights += weight;
+            for (i, slope) in row.0.iter().enumerate() {
+                sums.right[i] += weight * slope * row.1;
+                for (value, other) in sums.matrix[i].iter_mut().zip(row.0) {
+                    *value += weight * slope * other;
+                }
+            }
+        }
+        sums
+    }
+}
+
+impl Estimate {
+    fn of(clues: &[&Clue]) -> Option<Self> {
+        if clues.len() < LEAST_CLUES {
+            return None;
+        }
+        let rows: Vec<Row<'_>> = clues
+            .iter()
+            .flat_map(|clue| clue.slopes.iter().zip(clue.residual.map(f64::from)))
+            .collect();
+        let mut twist = [0.0; 6];
+        let mut covariance = [[0.0; 6]; 6];
+        for _ in 0..ROUNDS {
+            let equations = NormalEquations::of(&rows, &twist);
+            let inverse = inverted(&equations.matrix)?;
+            twist = std::array::from_fn(|i| dot(&inverse[i], &equations.right));
+            let variance = CHANNELS * equations.squares / equations.weights;
+            covariance = inverse.map(|row| row.map(|value| variance * value));
+        }
+        Some(Self {
+            twist,
+            covariance,
+            displacement: mean_displacement(clues),
+        })
+    }
+
+    fn correction(&self) -> PoseCorrection {
+        let [x, y, z, along_x, along_y, along_z] = self.twist.map(|value| value as f32);
+        PoseCorrection {
+            rotation: Vec3::new(x, y, z),
+            centre: Vec3::new(along_x, along_y, along_z),
+        }
+    }
+
+    /// Mean squared displacement of the points by a twist, radians squared.
+    fn mean_square(&self, twist: &Twist) -> f64 {
+        (0..6)
+            .map(|i| twist[i] * dot(&self.displacement[i], twist))
+            .sum()
+    }
+
+    /// What chance makes of it.
+    fn expected_mean_square(&self) -> f64 {
+        (0..6)
+            .map(|i| dot(&self.displacement[i], &self.covariance[i]))
+            .sum()
+    }
+}
+
+fn mean_displacement(clues: &[&Clue]) -> [Twist; 6] {
+    let mut mean = [[0.0; 6]; 6];
+    for clue in clues {
+        let by = clue.displacements();
+        for (row, one) in mean.iter_mut().zip(by) {
+            for (value, other) in row.iter_mut().zip(by) {
+                *value += one.dot(other) / clues.len() as f64;
+            }
+        }
+    }
+    mean
+}
+
+fn dot(one: &Twist, other: &Twist) -> f64 {
+    one.iter().zip(other).map(|(a, b)| a * b).sum()
+}
+
+/// The inverse of a symmetric matrix by Gauss and Jordan, which needs no pivots where it is positive
+/// definite; `None` where it is not, or nearly not.
+fn inverted<const N: usize>(matrix: &[[f64; N]; N]) -> Option<[[f64; N]; N]> {
+    let of = |value: &dyn Fn(usize, usize) -> f64| -> [[f64; N]; N] {
+        std::array::from_fn(|row| std::array::from_fn(|column| value(row, column)))
+    };
+    let scale: [f64; N] = std::array::from_fn(|k| matrix[k][k].sqrt().recip());
+    let mut left = of(&|row, column| matrix[row][column] * scale[row] * scale[column]);
+    let mut right = of(&|row, column| if row == column { 1.0 } else { 0.0 });
+    for pivot in 0..N {
+        let size = left[pivot][pivot];
+        // With a diagonal of 1; written so that NaN is refused.
+        let is_definite = size > 1e-9;
+        if !is_definite {
+            return None;
+        }
+        for side in [&mut left, &mut right] {
+            side[pivot] = side[pivot].map(|value| value / size);
+        }
+        for row in (0..N).filter(|&row| row != pivot) {
+            let factor = left[row][pivot];
+            for side in [&mut left, &mut right] {
+                let pivots = side[pivot];
+                for (value, of_pivot) in side[row].iter_mut().zip(pivots) {
+                    *value -= factor * of_pivot;
+                }
+            }
+        }
+    }
+    Some(of(&|row, column| {
+        right[row][column] * scale[row] * scale[column]
+    }))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,113 @@
+//! Poses that are known to be off, and what is not their fault.
+
+use glam::vec3;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+use crate::evidence::poses::*;
+
+/// Clues of points all around cameras on a path, whose images are displaced as the twists say, with
+/// noise and some things that move.
+fn views(twists: &[Twist], noise: f32) -> Vec<(Vec3, Vec<Option<Clue>>)> {
+    let mut random = Pcg64Mcg::seed_from_u64(5);
+    let mut vector = |size: f32| Vec3::from_array([0; 3].map(|_| random.random_range(-size..size)));
+    let points: Vec<(Vec3, [Vec3; 3])> = (0..200)
+        .map(|_| {
+            (
+                vector(1.0).normalize() * 5.0,
+                [vector(1.0), vector(1.0), vector(1.0)],
+            )
+        })
+        .collect();
+    let middle = 0.5 * twists.len() as f32;
+    let view = |(number, twist): (usize, &Twist)| {
+        let centre = vec3(0.0, 0.02, 0.1) * (number as f32 - middle);
+        let clue = |(point, (at, slopes)): (usize, &(Vec3, [Vec3; 3]))| {
+            let mut clue = Clue::new(*at - centre, *slopes, [0.0; 3]);
+            let moves = if (point + number).is_multiple_of(15) {
+                2.0
+            } else {
+                0.0
+            };
+            clue.residual = std::array::from_fn(|channel| {
+                let chance = noise * ((point * 7 + number * 3 + channel) as f32).sin();
+                dot(&clue.slopes[channel], twist) as f32 + chance + moves + 0.1 * channel as f32
+            });
+            (!(point + number).is_multiple_of(9)).then_some(clue)
+        };
+        (centre, points.iter().enumerate().map(clue).collect())
+    };
+    twists.iter().enumerate().map(view).collect()
+}
+
+#[test]
+fn wrong_poses_are_told_from_noise_and_from_a_bent_scene() {
+    let size = 0.01;
+    let jitter: Vec<Twist> = (0..20)
+        .map(|view| {
+            let along = f64::from(view * view);
+            [along.sin(), 0.0, along.cos(), 0.0, 0.0, 0.0].map(|value| size * value)
+        })
+        .collect();
+    let found = PoseEvidence::of(views(&jitter, 0.01), 256);
+    assert_eq!(found.views, 20);
+    // A rotation of 0.01 about an axis displaces points all around by `sqrt(2/3)` of it.
+    let expected = (2.0_f64 / 3.0).sqrt() * size;
+    assert!(
+        (found.shift_radians / expected - 1.0).abs() < 0.15,
+        "{found:?}"
+    );
+    assert!(
+        found.explained_radians < 0.1 * expected && found.are_off(),
+        "{found:?}"
+    );
+    assert!(
+        found.text().contains("20 views lie 0.3"),
+        "{}",
+        found.text()
+    );
+    assert!((4.5..5.5).contains(&found.distance), "{found:?}");
+
+    let still = vec![[0.0; 6]; 20];
+    // A path that is too long, and a scene that is turned.
+    let bent: Vec<Twist> = (0..20)
+        .map(|view| [0.02, 0.0, 0.0, 0.0, 0.0, 0.005 * f64::from(view)])
+        .collect();
+    for twists in [still, bent] {
+        let found = PoseEvidence::of(views(&twists, 0.01), 256);
+        assert!(
+            !found.are_off() && found.unexplained_pixels() < 0.02,
+            "{found:?}"
+        );
+    }
+}
+
+#[test]
+fn too_little_to_see_says_nothing() {
+    let mut few = views(&[[0.0; 6]; 12], 0.01);
+    for (_, clues) in &mut few {
+        clues.truncate(40);
+    }
+    // Fewer views than it takes to tell a point's own error.
+    let short = views(&[[0.0; 6]; 4], 0.01);
+    for views in [few, short, Vec::new()] {
+        assert_eq!(PoseEvidence::of(views, 256), PoseEvidence::default());
+    }
+}
+
+#[test]
+fn inverses_are_inverses_and_of_definite_matrices_alone() {
+    let matrix = [[4.0, 1.0, 0.01], [1.0, 3e4, -2.0], [0.01, -2.0, 1e-3]];
+    let inverse = inverted(&matrix).expect("definite");
+    for (row, expected) in matrix
+        .iter()
+        .zip([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    {
+        for column in 0..3 {
+            let value: f64 = (0..3).map(|k| row[k] * inverse[k][column]).sum();
+            assert!((value - expected[column]).abs() < 1e-9);
+        }
+    }
+    assert!(inverted(&[[1.0, 2.0], [2.0, 1.0]]).is_none());
+    assert!(inverted(&[[f64::NAN; 2]; 2]).is_none());
+}

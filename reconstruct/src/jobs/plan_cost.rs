@@ -1,0 +1,148 @@
+//! What a scene gives a method reason for, and what leaving out the rest saves.
+//!
+//! The decisions are the method's own (`methods/`), as a run makes them and its record keeps them.
+//! Here they stand beside the cost of the same method under the plan full: first Gaussians, bytes of
+//! their tables, and the time of a step, measured.
+
+use std::path::Path;
+
+use omnilife_schemas::records::ComponentDecision;
+
+use crate::{
+    error::ReconstructError,
+    methods,
+    request::{BackendChoice, MethodRequest, PlanChoice},
+    scene::TrainingScene,
+    train::timing,
+};
+use omnilife_engine::{model::Model, parameters::memory};
+
+/// The decisions on a scene and their cost.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScenePlan {
+    /// The method.
+    pub method: String,
+    /// The scene.
+    pub scene: String,
+    /// What is used and what is left out, with the evidence.
+    pub decisions: Vec<ComponentDecision>,
+    /// Cost of what is used.
+    pub planned: PlanCost,
+    /// Cost of the same method under the plan full.
+    pub full: PlanCost,
+}
+
+/// What a model costs at the beginning of its training.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlanCost {
+    /// Gaussians that carry no temporal parameters.
+    pub static_gaussians: u64,
+    /// Gaussians that do.
+    pub moving_gaussians: u64,
+    /// Bytes of parameters, gradients and moments.
+    pub table_bytes: u64,
+    /// Least wall-clock time of a training step, seconds.
+    pub step_seconds: f64,
+}
+
+/// Steps of each model that are timed.
+const TIMED_STEPS: usize = 9;
+
+/// Decides a method's components on a scene, and measures them against all of them.
+///
+/// # Errors
+/// When the scene cannot be loaded, or the request makes no sense for the method.
+pub fn plan(
+    scene: &Path,
+    split: &Path,
+    method: &str,
+    request: &MethodRequest,
+) -> Result<ScenePlan, ReconstructError> {
+    let method = methods::find(method)?;
+    method.check(request)?;
+    let scene = TrainingScene::load(scene, split)?;
+    let full = MethodRequest {
+        plan: PlanChoice::Full,
+        without: Vec::new(),
+        ..request.clone()
+    };
+    let prepare = |request: &MethodRequest| (method.prepare)(&scene, request, BackendChoice::Cpu);
+    let (planned, full) = (prepare(request)?, prepare(&full)?);
+    let sizes = [size(&planned.model), size(&full.model)];
+    let models = [
+        (planned.model, &planned.settings),
+        (full.model, &full.settings),
+    ];
+    let seconds = timing::step_seconds(&scene, models, TIMED_STEPS)?;
+    let cost = |index: usize| {
+        let (static_gaussians, moving_gaussians, table_bytes) = sizes[index];
+        PlanCost {
+            static_gaussians,
+            moving_gaussians,
+            table_bytes,
+            step_seconds: seconds[index],
+        }
+    };
+    Ok(ScenePlan {
+        method: method.id.to_owned(),
+        scene: scene.id.clone(),
+        decisions: planned.plan,
+        planned: cost(0),
+        full: cost(1),
+    })
+}
+
+/// Static and moving Gaussians of a model, and the bytes of their tables, of a network and of poses.
+fn size(model: &Model) -> (u64, u64, u64) {
+    let fixed = model.table.len() as u64;
+    let mut bytes = memory::table_bytes(fixed, &model.table.shapes());
+    let mut moving = 0;
+    if let Some(gaussians) = &model.moving {
+        moving = gaussians.table.len() as u64;
+        bytes += memory::table_bytes(moving, &gaussians.table.shapes());
+    }
+    if let Some(weights) = &model.deformation {
+        bytes += weights.array.bytes();
+    }
+    if let Some(poses) = &model.poses {
+        bytes += memory::table_bytes(poses.steps.len() as u64, &poses.table.shapes());
+    }
+    (fixed, moving, bytes)
+}
+
+impl ScenePlan {
+    /// The decisions as a Markdown table, and the cost.
+    pub fn text(&self) -> String {
+        let mut text = format!("{} on {}\n\n", self.method, self.scene);
+        text += "| Component | Used | Evidence |\n|---|---|---|\n";
+        for decision in &self.decisions {
+            text += &format!(
+                "| {} | {} | {} |\n",
+                decision.component,
+                if decision.used { "yes" } else { "no" },
+                decision.reason
+            );
+        }
+        text += "\n| Plan | Static Gaussians | Moving Gaussians | Tables, MB | Step, ms |\n";
+        text += "|---|---:|---:|---:|---:|\n";
+        for (name, cost) in [("this", &self.planned), ("full", &self.full)] {
+            text += &format!(
+                "| {name} | {} | {} | {:.1} | {:.1} |\n",
+                cost.static_gaussians,
+                cost.moving_gaussians,
+                cost.table_bytes as f64 / 1e6,
+                1e3 * cost.step_seconds
+            );
+        }
+        let saved = |this: f64, full: f64| 100.0 * (1.0 - this / full.max(f64::MIN_POSITIVE));
+        text += &format!(
+            "\nLeft out: {:.0} % of the tables, {:.0} % of the time of a step\n",
+            saved(
+                self.planned.table_bytes as f64,
+                self.full.table_bytes as f64
+            ),
+            saved(self.planned.step_seconds, self.full.step_seconds)
+        );
+        text
+    }
+}

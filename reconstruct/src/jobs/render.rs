@@ -1,0 +1,274 @@
+//! Rendering Gaussians, ours or anyone's, along given poses; a model of ours in layers.
+
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+use omnilife_schemas::{
+    Pose, Similarity,
+    camera::{ErpCamera, PinholeCamera},
+    progress::Progress,
+    records::{Poses, RunRecord, Scene},
+    store::{self, Record, StoreError},
+};
+use serde::Deserialize;
+
+use crate::{
+    error::ReconstructError,
+    formats::{deformation, moving_ply, ply},
+    jobs::reconstruct::{DEFORMATION_FILE, GAUSSIANS_FILE, MOVING_GAUSSIANS_FILE, RUN_FILE},
+};
+use omnilife_engine::{
+    camera::{Camera, View},
+    gaussians::{InstantGaussians, static_gaussians},
+    model::{
+        Model,
+        deformation_settings::DeformationSettings,
+        dynamic_settings::DynamicSettings,
+        layers::{Layer, LayerRenderer, TimeSettings},
+    },
+    render::{
+        published::PublishedRenderer,
+        settings::{RenderSettings, RendererChoice},
+    },
+    step::settings::TrainSettings,
+};
+
+/// What to render, from where, and where to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RenderRequest {
+    /// A run's folder, or a PLY of Gaussians.
+    pub gaussians: PathBuf,
+    /// A `poses.json` or `scene.json`.
+    pub poses: PathBuf,
+    /// Width and height in pixels; the scene's, or 1024x512, where none is given.
+    pub size: Option<[u32; 2]>,
+    /// Horizontal field of view of a pinhole camera in degrees; an ERP camera where none is given.
+    pub pinhole_degrees: Option<f64>,
+    /// What of them is shown.
+    pub layer: Layer,
+    /// Folder of the images.
+    pub out: PathBuf,
+}
+
+/// What was rendered.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RenderedViews {
+    /// PNG files `<number of the frame, 6 digits>.png`, in order.
+    pub files: Vec<PathBuf>,
+    /// Presentation timestamps in seconds, one per file.
+    pub times_seconds: Vec<f64>,
+    /// Frames without a usable pose; they are left out.
+    pub unposed: usize,
+    /// What a velocity map shows at most, world units per second; `None` for other layers.
+    pub largest_speed: Option<f64>,
+}
+
+/// Size of ERP images where neither the request nor the poses say one.
+const DEFAULT_SIZE: [u32; 2] = [1024, 512];
+/// Sides of images are at most this, pixels.
+const LARGEST_SIDE: u32 = 1 << 15;
+
+/// Renders every posed frame.
+///
+/// # Errors
+/// When a file is missing or malformed, nothing is posed, or an image cannot be written.
+pub fn render_poses(
+    request: &RenderRequest,
+    progress: &dyn Progress,
+) -> Result<RenderedViews, ReconstructError> {
+    let path = read_path(&request.poses)?;
+    let posed: Vec<(usize, f64, Pose)> = path
+        .frames
+        .iter()
+        .enumerate()
+        .filter_map(|(number, &(time, pose))| Some((number, time, pose?)))
+        .filter(|(_, _, pose)| pose.is_valid())
+        .collect();
+    let centres: Vec<DVec3> = posed.iter().map(|(_, _, pose)| pose.centre()).collect();
+    let of_cameras = Similarity::from_cameras(&centres)
+        .ok_or_else(|| ReconstructError::scene(&request.poses, "has no usable pose"))?;
+    let camera = camera(request, path.camera)?;
+    let source = Source::open(&request.gaussians, of_cameras)?;
+    if source.renderer == RendererChoice::OdgsPublished
+        && (request.pinhole_degrees.is_some() || request.layer != Layer::All)
+    {
+        return Err(ReconstructError::Request {
+            reason: "the published renderer of ODGS draws whole ERP views only".to_owned(),
+        });
+    }
+    if source.deformation.is_some() && request.layer.is_of_time() {
+        return Err(ReconstructError::Request {
+            reason:
+                "a network deforms these Gaussians: none of them is static or dynamic by itself, \
+                     and none has a velocity; render all or depth"
+                    .to_owned(),
+        });
+    }
+    let model = source.model()?;
+    let time = TimeSettings::new(source.dynamics.as_ref(), source.deformation.as_ref());
+    let mut layers = LayerRenderer::new(&model, time, source.settings);
+    let mut published = (source.renderer == RendererChoice::OdgsPublished).then(|| {
+        let mut gaussians = InstantGaussians::default();
+        static_gaussians::instantiate(&model.table, &mut gaussians);
+        (PublishedRenderer::new(source.settings), gaussians)
+    });
+    store::create_folder(&request.out)?;
+    progress.begin("rendering", Some(posed.len() as u64));
+    let mut rendered = RenderedViews {
+        files: Vec::with_capacity(posed.len()),
+        times_seconds: Vec::with_capacity(posed.len()),
+        unposed: path.frames.len() - posed.len(),
+        largest_speed: (request.layer == Layer::Velocity)
+            .then(|| source.world_speed(layers.largest_speed())),
+    };
+    let mut render = |number: usize, time: f64, pose: &Pose| -> Result<(), ReconstructError> {
+        let view = View::new(camera, pose, &source.normalization, time).ok_or_else(|| {
+            ReconstructError::scene(&request.poses, format!("frame {number} has no usable pose"))
+        })?;
+        let file = request.out.join(format!("{number:06}.png"));
+        let image = match &mut published {
+            Some((renderer, gaussians)) => renderer.image(&view, gaussians),
+            None => layers.image(&view, request.layer),
+        };
+        image.write_png(&file)?;
+        rendered.files.push(file);
+        rendered.times_seconds.push(time);
+        progress.advance(1);
+        Ok(())
+    };
+    let outcome = posed
+        .iter()
+        .try_for_each(|(number, time, pose)| render(*number, *time, pose));
+    progress.end();
+    outcome.map(|()| rendered)
+}
+
+/// Gaussians with what a renderer has to know about them.
+struct Source {
+    file: PathBuf,
+    normalization: Similarity,
+    renderer: RendererChoice,
+    settings: RenderSettings,
+    /// Gaussians that depend on time, and what is known of it.
+    moving_file: PathBuf,
+    dynamics: Option<DynamicSettings>,
+    /// A network that deforms the Gaussians.
+    deformation_file: PathBuf,
+    deformation: Option<DeformationSettings>,
+}
+
+impl Source {
+    /// A run's Gaussians under the run's settings. A PLY alone says neither: it is normalized by the
+    /// cameras, and what is nearer than a thousandth of their radius is not drawn.
+    fn open(path: &Path, of_cameras: Similarity) -> Result<Self, ReconstructError> {
+        if !path.is_dir() {
+            return Ok(Self {
+                file: path.to_owned(),
+                normalization: of_cameras,
+                renderer: RendererChoice::Exact,
+                settings: RenderSettings::new(1e-3),
+                moving_file: PathBuf::new(),
+                dynamics: None,
+                deformation_file: PathBuf::new(),
+                deformation: None,
+            });
+        }
+        let record_path = path.join(RUN_FILE);
+        let record: RunRecord = store::read_record(&record_path)?;
+        let settings: TrainSettings =
+            serde_json::from_value(record.configuration).map_err(|error| {
+                StoreError::malformed(&record_path, format!("its configuration: {error}"))
+            })?;
+        Ok(Self {
+            file: path.join(GAUSSIANS_FILE),
+            normalization: record.normalization,
+            renderer: settings.renderer,
+            settings: settings.rendering,
+            moving_file: path.join(MOVING_GAUSSIANS_FILE),
+            dynamics: settings.dynamics,
+            deformation_file: path.join(DEFORMATION_FILE),
+            deformation: settings.deformation,
+        })
+    }
+
+    fn model(&self) -> Result<Model, ReconstructError> {
+        let table = ply::read(&self.file, &self.normalization)?;
+        let Some(dynamics) = &self.dynamics else {
+            let mut model = Model::new(table);
+            model.deformation = match &self.deformation {
+                Some(settings) => {
+                    let file = &self.deformation_file;
+                    Some(deformation::read(file, &settings.model)?)
+                }
+                None => None,
+            };
+            return Ok(model);
+        };
+        let (time, clock) = (&dynamics.time, &dynamics.clock);
+        let moving = moving_ply::read(&self.moving_file, time, &self.normalization, clock)?;
+        Ok(Model::with_moving(table, moving))
+    }
+
+    /// World units per second of normalized ones per frame.
+    fn world_speed(&self, speed: f32) -> f64 {
+        let seconds = self
+            .dynamics
+            .as_ref()
+            .map_or(1.0, |dynamics| dynamics.clock.frame_seconds);
+        f64::from(speed) / self.normalization.scale / seconds
+    }
+}
+
+/// Frames with their times and poses, and the camera where the file has one.
+struct CameraPath {
+    camera: Option<ErpCamera>,
+    frames: Vec<(f64, Option<Pose>)>,
+}
+
+#[derive(Deserialize)]
+struct Tag {
+    schema: Option<String>,
+}
+
+fn read_path(path: &Path) -> Result<CameraPath, StoreError> {
+    let text = std::fs::read_to_string(path).map_err(|source| StoreError::read(path, source))?;
+    let tag = serde_json::from_str::<Tag>(&text).ok();
+    if tag.and_then(|tag| tag.schema).as_deref() == Some(Scene::SCHEMA) {
+        let scene: Scene = store::read_record(path)?;
+        let frames = scene.frames.iter();
+        return Ok(CameraPath {
+            camera: Some(scene.camera),
+            frames: frames
+                .map(|frame| (frame.time_seconds, frame.pose))
+                .collect(),
+        });
+    }
+    let poses: Poses = store::read_record(path)?;
+    let frames = poses.frames.iter();
+    Ok(CameraPath {
+        camera: None,
+        frames: frames
+            .map(|frame| (frame.time_seconds, Some(frame.pose)))
+            .collect(),
+    })
+}
+
+fn camera(request: &RenderRequest, scene: Option<ErpCamera>) -> Result<Camera, ReconstructError> {
+    let of_scene = scene.map(|camera| [camera.width, camera.height]);
+    let [width, height] = request.size.or(of_scene).unwrap_or(DEFAULT_SIZE);
+    if !(1..=LARGEST_SIDE).contains(&width) || !(1..=LARGEST_SIDE).contains(&height) {
+        return Err(ReconstructError::Request {
+            reason: format!("images are 1 to {LARGEST_SIDE} pixels wide and high"),
+        });
+    }
+    match request.pinhole_degrees {
+        None => Ok(ErpCamera { width, height }.into()),
+        Some(degrees) if degrees > 0.0 && degrees < 180.0 => {
+            let radians = degrees.to_radians();
+            Ok(PinholeCamera::with_horizontal_field_of_view(width, height, radians).into())
+        }
+        Some(_) => Err(ReconstructError::Request {
+            reason: "a pinhole camera's field of view is between 0 and 180 degrees".to_owned(),
+        }),
+    }
+}

@@ -1,0 +1,36 @@
+//! `nearest-input`: the given view that is nearest in time, as it is.
+
+use std::time::Instant;
+
+use crate::error::ReconstructError;
+use crate::methods::feed_forward::{Group, Interpolated, Interpolator};
+
+/// The baseline that knows nothing at all.
+pub(super) const INTERPOLATOR: Interpolator = Interpolator {
+    id: "nearest-input",
+    title: "Nearest input view",
+    source: "baseline of this project",
+    description: "Baseline: every novel view is the given view nearest in time, unchanged (the \
+                  earlier one of two as near). No pose is used.",
+    settings: || serde_json::json!({}),
+    interpolate,
+};
+
+fn interpolate(group: &Group) -> Result<Interpolated, ReconstructError> {
+    let begun = Instant::now();
+    let images = group
+        .targets
+        .iter()
+        .map(|target| {
+            let nearest = usize::from(group.share_of_second(target) > 0.5);
+            group.context[nearest].image.clone()
+        })
+        .collect();
+    Ok(Interpolated {
+        images,
+        gaussians: 0,
+        analysis_seconds: 0.0,
+        rendering_seconds: begun.elapsed().as_secs_f64(),
+        remarks: Vec::new(),
+    })
+}

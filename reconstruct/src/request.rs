@@ -1,0 +1,72 @@
+//! What a user asks of a method.
+
+use omnilife_engine::render::settings::Footprint;
+use serde::{Deserialize, Serialize};
+
+/// What a user asks of a method.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct MethodRequest {
+    /// Steps of the optimizer; schedules are scaled to it.
+    pub iterations: u64,
+    /// Wall-clock limit in seconds.
+    pub budget_seconds: Option<f64>,
+    /// Random seed.
+    pub seed: u64,
+    /// The number of Gaussians never grows above this; the method decides where none is given.
+    pub maximum_gaussians: Option<u64>,
+    /// Degree of the spherical harmonics, 0 to 3; the method decides where none is given.
+    pub sh_degree: Option<usize>,
+    /// How a Gaussian's falloff in a pixel is defined.
+    pub footprint: Footprint,
+    /// Densification thresholds at the equator and at the poles; the method decides where none are
+    /// given.
+    pub densify_threshold: Option<[f32; 2]>,
+    /// Components to leave out whatever the scene says.
+    pub without: Vec<String>,
+    /// How the others are decided.
+    pub plan: PlanChoice,
+    /// Iterations from one row of the trace to the next; ten rows where none is given.
+    pub trace_every: Option<u64>,
+}
+
+impl MethodRequest {
+    /// A request that leaves everything else to the method.
+    pub fn new(iterations: u64, seed: u64) -> Self {
+        Self {
+            iterations,
+            budget_seconds: None,
+            seed,
+            maximum_gaussians: None,
+            sh_degree: None,
+            footprint: Footprint::default(),
+            densify_threshold: None,
+            without: Vec::new(),
+            plan: PlanChoice::Auto,
+            trace_every: None,
+        }
+    }
+}
+
+/// What computes training steps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum BackendChoice {
+    /// The processor.
+    #[default]
+    Cpu,
+    /// A graphics adapter.
+    Gpu,
+}
+
+/// How components that were not left out by name are decided.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PlanChoice {
+    /// The scene's evidence decides.
+    #[default]
+    Auto,
+    /// All of the method's components, and every Gaussian carries every parameter, as published.
+    Full,
+    /// These alone.
+    Only(Vec<String>),
+}

@@ -1,0 +1,415 @@
+//! A scene in memory: normalized cameras, images and points of one split.
+
+use std::path::Path;
+
+use glam::{DVec3, Vec3};
+use omnilife_schemas::{
+    RgbImage, Similarity,
+    camera::ErpCamera,
+    points::PointCloud,
+    records::{Scene, Split},
+    rgb::Mask,
+    store,
+};
+use rayon::prelude::*;
+
+use crate::error::ReconstructError;
+use omnilife_engine::camera::View;
+use omnilife_engine::clock::Clock;
+use omnilife_engine::training_view::InputViews;
+use omnilife_engine::training_view::TrainingView;
+
+/// A scene ready for training: cameras are recentred and scaled so that the farthest one is one
+/// unit from their mean.
+#[derive(Debug, Clone)]
+pub struct TrainingScene {
+    /// Id of the scene.
+    pub id: String,
+    /// Size and model of all images.
+    pub camera: ErpCamera,
+    /// Views to train on.
+    pub input_views: Vec<TrainingView>,
+    /// Views to predict. Their images serve the trace alone.
+    pub novel_views: Vec<TrainingView>,
+    /// World to normalized coordinates.
+    pub normalization: Similarity,
+    /// Whether the cameras stand too close together to give the scene its scale.
+    pub is_normalized_by_points: bool,
+    /// Points in normalized coordinates with their colours; may be empty.
+    pub points: PointCloud,
+}
+
+impl TrainingScene {
+    /// Loads `scene.json` and `split.json`. Images are brought to the protocol's width by area
+    /// averaging where they are larger.
+    ///
+    /// # Errors
+    /// When a file is missing or malformed, a split's frame has no pose, image sizes differ from
+    /// the scene's camera, or no input view is left.
+    pub fn load(scene_path: &Path, split_path: &Path) -> Result<Self, ReconstructError> {
+        let scene: Scene = store::read_record(scene_path)?;
+        let split: Split = store::read_record(split_path)?;
+        let folder = scene_path.parent().unwrap_or(Path::new("."));
+        let camera = checked_camera(&scene, &split, split_path)?;
+        let centres: Vec<DVec3> = split
+            .input_views
+            .iter()
+            .filter_map(|&frame| Some(scene.frames.get(frame as usize)?.pose?.centre()))
+            .collect();
+        let cameras = Similarity::from_cameras(&centres).ok_or_else(|| {
+            ReconstructError::scene(split_path, "has no input view with a usable pose")
+        })?;
+        let mut points = match &scene.points {
+            Some(file) => PointCloud::read_ply(&folder.join(file))?,
+            None => PointCloud::default(),
+        };
+        let normalization = normalization(cameras, &points);
+        normalize(&mut points, &normalization);
+        if !points.is_empty() && !any_point_away_from_cameras(&points, &normalization, &centres) {
+            return Err(ReconstructError::scene(
+                scene_path,
+                format!(
+                    "all of its {} points are where the cameras are; none can be seen",
+                    points.len()
+                ),
+            ));
+        }
+        let load = |frames: &[u32]| -> Result<Vec<TrainingView>, ReconstructError> {
+            frames
+                .par_iter()
+                .map(|&frame| load_view(&scene, scene_path, folder, camera, &normalization, frame))
+                .collect()
+        };
+        Ok(Self {
+            id: scene.id.clone(),
+            camera,
+            input_views: load(&split.input_views)?,
+            novel_views: load(&split.novel_views)?,
+            is_normalized_by_points: normalization != cameras,
+            normalization,
+            points,
+        })
+    }
+
+    /// Mean share of the input views' masks that is marked, over the sphere (rows weighted by the
+    /// cosine of their latitude); `None` when no input view has a mask.
+    pub fn mask_coverage(&self) -> Option<f64> {
+        let (width, height) = (self.camera.width as usize, self.camera.height as usize);
+        let (mut marked, mut all) = (0.0, 0.0);
+        for mask in self
+            .input_views
+            .iter()
+            .filter_map(|view| view.mask.as_ref())
+        {
+            for (row, pixels) in mask.chunks(width).enumerate() {
+                let latitude = (0.5 - (row as f64 + 0.5) / height as f64) * std::f64::consts::PI;
+                let sum: u64 = pixels.iter().map(|&byte| u64::from(byte)).sum();
+                marked += latitude.cos() * sum as f64 / 255.0;
+                all += latitude.cos() * width as f64;
+            }
+        }
+        (all > 0.0).then(|| marked / all)
+    }
+
+    /// The scene with images and masks averaged over whole squares of pixels: as small as they get
+    /// without becoming narrower than `least_width`.
+    pub fn reduced(&self, least_width: u32) -> Self {
+        let ErpCamera { width, height } = self.camera;
+        let fits = |factor: &u32| width.is_multiple_of(*factor) && height.is_multiple_of(*factor);
+        let factor = (1..=width / least_width.max(1))
+            .rev()
+            .find(fits)
+            .unwrap_or(1);
+        let camera = ErpCamera {
+            width: width / factor,
+            height: height / factor,
+        };
+        let (width, factor) = (width as usize, factor as usize);
+        let reduce = |view: &TrainingView| TrainingView {
+            frame: view.frame,
+            view: View {
+                camera: camera.into(),
+                ..view.view
+            },
+            pixels: averaged::<3>(&view.pixels, width, factor),
+            mask: view
+                .mask
+                .as_ref()
+                .map(|mask| averaged::<1>(mask, width, factor)),
+        };
+        Self {
+            id: self.id.clone(),
+            camera,
+            input_views: self.input_views.iter().map(reduce).collect(),
+            novel_views: self.novel_views.iter().map(reduce).collect(),
+            normalization: self.normalization,
+            is_normalized_by_points: self.is_normalized_by_points,
+            points: self.points.clone(),
+        }
+    }
+
+    /// The clock of a scene's views, input and novel ones.
+    ///
+    /// # Errors
+    /// When the timestamps do not increase with the frames' numbers.
+    pub fn clock(&self) -> Result<Clock, ReconstructError> {
+        let mut times: Vec<(u32, f64)> = self
+            .input_views
+            .iter()
+            .chain(&self.novel_views)
+            .map(|view| (view.frame, view.view.time_seconds))
+            .collect();
+        times.sort_by_key(|&(frame, _)| frame);
+        let not_later = |pair: &&[(u32, f64)]| {
+            pair[1]
+                .1
+                .partial_cmp(&pair[0].1)
+                .is_none_or(std::cmp::Ordering::is_le)
+        };
+        if let Some(pair) = times.windows(2).find(not_later) {
+            return Err(ReconstructError::Request {
+                reason: format!(
+                    "{}: frame {} is at {} s, frame {} before it at {} s: time must increase from \
+                     frame to frame",
+                    self.id, pair[1].0, pair[1].1, pair[0].0, pair[0].1
+                ),
+            });
+        }
+        let times: Vec<f64> = times.into_iter().map(|(_, time)| time).collect();
+        Ok(Clock::from_times(&times))
+    }
+
+    /// What training sees of the input views.
+    pub fn inputs(&self) -> InputViews<'_> {
+        InputViews {
+            camera: self.camera.into(),
+            views: &self.input_views,
+        }
+    }
+
+    /// Median distance between input views that follow each other, in normalized units; 0 for a
+    /// camera that does not move.
+    pub fn median_camera_step(&self) -> f32 {
+        median(
+            self.input_views
+                .windows(2)
+                .map(|pair| pair[0].view.centre.distance(pair[1].view.centre))
+                .collect(),
+        )
+    }
+
+    /// Median distance of the points from the mean camera, in normalized units; 0 without points.
+    pub fn median_point_distance(&self) -> f32 {
+        median(
+            self.points
+                .positions
+                .iter()
+                .map(|&position| Vec3::from_array(position).length())
+                .collect(),
+        )
+    }
+}
+
+/// Means over squares of `factor` pixels of an image with `C` channels.
+fn averaged<const C: usize>(pixels: &[u8], width: usize, factor: usize) -> Vec<u8> {
+    let rows = pixels.len() / (width * C);
+    let mut means = Vec::with_capacity(pixels.len() / (factor * factor));
+    for row in 0..rows / factor {
+        for column in 0..width / factor {
+            for channel in 0..C {
+                let sum: usize = (0..factor * factor)
+                    .map(|at| {
+                        let (y, x) = (row * factor + at / factor, column * factor + at % factor);
+                        usize::from(pixels[(y * width + x) * C + channel])
+                    })
+                    .sum();
+                means.push(((sum + factor * factor / 2) / (factor * factor)) as u8);
+            }
+        }
+    }
+    means
+}
+
+/// Median of some values; 0 for none.
+fn median(mut values: Vec<f32>) -> f32 {
+    values.sort_by(f32::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// Size of the images that a method works on, after a check that the split is of this scene and
+/// whole.
+pub(crate) fn checked_camera(
+    scene: &Scene,
+    split: &Split,
+    split_path: &Path,
+) -> Result<ErpCamera, ReconstructError> {
+    if split.scene != scene.id {
+        return Err(ReconstructError::scene(
+            split_path,
+            format!("is the split of {}, not of {}", split.scene, scene.id),
+        ));
+    }
+    if split.protocol.hash() != split.protocol_hash {
+        return Err(ReconstructError::scene(
+            split_path,
+            "its protocol does not have the hash that it states",
+        ));
+    }
+    let [width, height] = split
+        .protocol
+        .scored_size(&scene.camera)
+        .map_err(|reason| ReconstructError::scene(split_path, reason))?;
+    Ok(ErpCamera { width, height })
+}
+
+fn load_view(
+    scene: &Scene,
+    scene_path: &Path,
+    folder: &Path,
+    camera: ErpCamera,
+    normalization: &Similarity,
+    frame: u32,
+) -> Result<TrainingView, ReconstructError> {
+    let entry = scene.frames.get(frame as usize).ok_or_else(|| {
+        ReconstructError::scene(scene_path, format!("has no frame {frame} of the split"))
+    })?;
+    let view = entry
+        .pose
+        .and_then(|pose| View::new(camera, &pose, normalization, entry.time_seconds))
+        .ok_or_else(|| {
+            ReconstructError::scene(
+                scene_path,
+                format!("frame {frame} of the split has no usable pose"),
+            )
+        })?;
+    let image = read_image(&folder.join(&entry.image), scene, camera)?;
+    let expected = (scene.camera.width as usize, scene.camera.height as usize);
+    let mask = entry
+        .mask
+        .as_ref()
+        .map(|mask| load_mask(&folder.join(mask), expected, camera))
+        .transpose()?;
+    Ok(TrainingView {
+        frame,
+        view,
+        pixels: image.to_rgb8(),
+        mask,
+    })
+}
+
+/// Reads a frame's image and brings it to the size of `camera` by area averaging.
+pub(crate) fn read_image(
+    path: &Path,
+    scene: &Scene,
+    camera: ErpCamera,
+) -> Result<RgbImage, ReconstructError> {
+    let image = RgbImage::read(path)?;
+    let expected = (scene.camera.width as usize, scene.camera.height as usize);
+    if (image.width, image.height) != expected {
+        return Err(ReconstructError::scene(
+            path,
+            format!(
+                "is {}x{}, the scene's camera is {}x{}",
+                image.width, image.height, expected.0, expected.1
+            ),
+        ));
+    }
+    Ok(image.resized_by_area(camera.width as usize, camera.height as usize))
+}
+
+/// A mask of the scene's images, `expected` wide and high, brought to the size of `camera` by area
+/// averaging.
+fn load_mask(
+    path: &Path,
+    expected: (usize, usize),
+    camera: ErpCamera,
+) -> Result<Vec<u8>, ReconstructError> {
+    let mask = Mask::read(path)?;
+    if (mask.width, mask.height) != expected {
+        return Err(ReconstructError::scene(
+            path,
+            format!(
+                "is {}x{}, the images that it masks are {}x{}",
+                mask.width, mask.height, expected.0, expected.1
+            ),
+        ));
+    }
+    let grey: Vec<u8> = mask.data.iter().flat_map(|&value| [value; 3]).collect();
+    let resized = RgbImage::from_rgb8(mask.width, mask.height, &grey)
+        .resized_by_area(camera.width as usize, camera.height as usize);
+    Ok(resized.to_rgb8().into_iter().step_by(3).collect())
+}
+
+/// Median distance of the points from the mean camera, in camera radii, above which the cameras do
+/// not give the scale.
+const FARTHEST_MEDIAN_POINT: f64 = 1000.0;
+
+/// The cameras' similarity; where they hardly move (a tripod), one that puts the median point at
+/// [`FARTHEST_MEDIAN_POINT`].
+fn normalization(cameras: Similarity, points: &PointCloud) -> Similarity {
+    let mut distances: Vec<f64> = points
+        .positions
+        .iter()
+        .map(|&position| {
+            cameras
+                .normalize(DVec3::from_array(position.map(f64::from)))
+                .length()
+        })
+        .collect();
+    distances.sort_by(f64::total_cmp);
+    match distances.get(distances.len() / 2) {
+        Some(&median) if median > FARTHEST_MEDIAN_POINT => Similarity {
+            scale: cameras.scale * FARTHEST_MEDIAN_POINT / median,
+            ..cameras
+        },
+        _ => cameras,
+    }
+}
+
+/// Whether a point (normalized) is farther from some camera (world) than rounding puts it.
+fn any_point_away_from_cameras(
+    points: &PointCloud,
+    normalization: &Similarity,
+    centres: &[DVec3],
+) -> bool {
+    let centres: Vec<Vec3> = centres
+        .iter()
+        .map(|&centre| normalization.normalize(centre).as_vec3())
+        .collect();
+    points.positions.iter().any(|&position| {
+        let position = Vec3::from_array(position);
+        centres
+            .iter()
+            .all(|centre| centre.distance(position) > 1e-5)
+    })
+}
+
+fn normalize(points: &mut PointCloud, normalization: &Similarity) {
+    for position in &mut points.positions {
+        let world = DVec3::from_array(position.map(f64::from));
+        *position = normalization.normalize(world).as_vec3().to_array();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_still_camera_takes_its_scale_from_the_points() {
+        let centre = DVec3::new(3.0, 4.0, 5.0);
+        let points = PointCloud {
+            positions: vec![[8.0, 4.0, 5.0]; 3],
+            colours: vec![[0; 3]; 3],
+        };
+        let still = Similarity::from_cameras(&[centre; 4]).expect("cameras");
+        let similarity = normalization(still, &points);
+        let point = similarity.normalize(DVec3::new(8.0, 4.0, 5.0));
+        assert!(
+            (point.length() - FARTHEST_MEDIAN_POINT).abs() < 1e-6,
+            "{point}"
+        );
+        let moving = Similarity::from_cameras(&[centre, centre + DVec3::X]).expect("cameras");
+        assert_eq!(normalization(moving, &points), moving);
+    }
+}
