@@ -11,9 +11,9 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use omnilife_engine::{
     gaussians::{
         InstantGaussians,
-        deformable::{Deformation, DeformationModel, DeformationWeights},
+        deformable::{DEFORMATION_WEIGHTS, Deformation, DeformationModel},
     },
-    parameters::adam,
+    parameters::{SharedParameters, adam},
     render::settings::RenderSettings,
 };
 use support::{Iteration, cpu_seconds};
@@ -26,7 +26,7 @@ const UNIT: f32 = 10.0;
 /// One evaluation, its gradients and the optimizer's step on the weights.
 struct Network {
     model: DeformationModel,
-    weights: DeformationWeights,
+    weights: SharedParameters,
     deformation: Deformation,
     instant: InstantGaussians,
 }
@@ -36,7 +36,7 @@ impl Network {
         let model = DeformationModel::published(UNIT);
         Self {
             model,
-            weights: DeformationWeights::new(model.network().initial_weights(0)),
+            weights: SharedParameters::new(DEFORMATION_WEIGHTS, model.network().initial_weights(0)),
             deformation: Deformation::default(),
             instant: InstantGaussians::default(),
         }

@@ -9,7 +9,7 @@
 //! * [`methods`]: one file or folder for each, trained and feed-forward.
 //! * [`components`]: what a scene may give a method reason for, decided by [`evidence`].
 //! * [`baseline`]: the schedule and first Gaussians that every Gaussian method starts from.
-//! * [`train`]: the loop, its checkpoint and trace. [`seeds`]: first Gaussians. [`formats`]: files of a
+//! * [`train`]: the loop, its checkpoint and trace. [`learner`]: all that the loop knows of a model. [`seeds`]: first Gaussians. [`formats`]: files of a
 //!   model. [`scene`]: a scene in memory. [`request`]: what a user asks of a method.
 
 pub mod baseline;
@@ -18,8 +18,10 @@ pub mod error;
 pub mod evidence;
 pub mod formats;
 pub mod jobs;
+pub mod learner;
 pub mod methods;
 pub mod process;
+pub mod random;
 pub mod request;
 pub mod scene;
 pub mod seeds;

@@ -1,6 +1,7 @@
 //! What a user asks of a method.
 
 use omnilife_engine::render::settings::Footprint;
+pub use omnilife_engine::step::BackendChoice;
 use serde::{Deserialize, Serialize};
 
 /// What a user asks of a method.
@@ -45,17 +46,6 @@ impl MethodRequest {
             trace_every: None,
         }
     }
-}
-
-/// What computes training steps.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum BackendChoice {
-    /// The processor.
-    #[default]
-    Cpu,
-    /// A graphics adapter.
-    Gpu,
 }
 
 /// How components that were not left out by name are decided.

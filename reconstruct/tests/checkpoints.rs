@@ -91,12 +91,12 @@ fn whole_run(scene: &TrainingScene, folder: &Path) -> (Model, Vec<[f64; 2]>, Pat
     };
     let mut whole = train(scene, &request(), files(folder), &copy).unwrap();
     let trace = losses(&whole);
-    let model = whole.trained.stepper.model().unwrap().clone();
+    let model = whole.learner.gaussians().unwrap().unwrap().clone();
     (model, trace, interrupted)
 }
 
 fn losses(outcome: &MethodOutcome<'_>) -> Vec<[f64; 2]> {
-    let trace = outcome.trained.state.trace.iter();
+    let trace = outcome.training.state.trace.iter();
     trace
         .map(|point| [point.train_loss, point.novel_psnr_db.unwrap()])
         .collect()
@@ -108,13 +108,18 @@ fn a_continued_run_gives_the_same_bits() {
     let folder = tempfile::tempdir().unwrap();
     let (whole, trace, interrupted) = whole_run(&scene, folder.path());
     let mut continued = train(&scene, &request(), files(&interrupted), &Silent).unwrap();
-    assert_eq!(continued.trained.state.resumed, 1);
-    let remark = &continued.trained.remarks[0];
+    assert_eq!(continued.training.state.resumed, 1);
+    let remark = &continued.training.remarks[0];
     assert!(remark.contains("iteration 50 of 120"), "{remark}");
     assert_eq!(losses(&continued), trace);
-    let model = continued.trained.stepper.model().unwrap();
-    assert_eq!(model.statistics, whole.statistics);
-    for (one, other) in model.table.arrays.iter().zip(&whole.table.arrays) {
+    let model = continued.learner.gaussians().unwrap().unwrap();
+    assert_eq!(model.parts[0].statistics, whole.parts[0].statistics);
+    for (one, other) in model.parts[0]
+        .table
+        .arrays
+        .iter()
+        .zip(&whole.parts[0].table.arrays)
+    {
         assert!(
             one.values == other.values
                 && one.first_moments == other.first_moments
@@ -138,12 +143,12 @@ fn a_checkpoint_of_another_run_is_not_continued_and_that_is_said() {
         ..files(&interrupted)
     };
     let outcome = train(&scene, &request(), other_inputs, &Silent).unwrap();
-    let remark = &outcome.trained.remarks[0];
+    let remark = &outcome.training.remarks[0];
     assert!(
         remark.contains("another scene") && remark.contains("begins anew"),
         "{remark}"
     );
-    assert_eq!(outcome.trained.state.resumed, 0);
+    assert_eq!(outcome.training.state.resumed, 0);
 }
 
 #[test]

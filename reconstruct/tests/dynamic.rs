@@ -18,14 +18,14 @@ use omnilife_engine::{
     camera::View,
     gaussians::{
         InstantGaussians,
-        deformable::{Deformation, DeformationModel, DeformationWeights},
+        deformable::{DEFORMATION_WEIGHTS, Deformation, DeformationModel},
         static_gaussians::{self, InitialGaussians},
     },
     model::{
         Model,
-        layers::{Layer, LayerRenderer, TimeSettings},
+        layers::{Layer, LayerRenderer},
     },
-    parameters::adam,
+    parameters::{SharedParameters, adam},
     training_view::TrainingView,
 };
 use omnilife_reconstruct::{
@@ -36,7 +36,7 @@ use omnilife_reconstruct::{
 };
 use omnilife_schemas::{points::PointCloud, progress::Silent};
 
-use crate::trained::{request, train};
+use crate::trained::{request, settings, train};
 
 /// A request for a network's sake: it takes time for every Gaussian.
 fn few_gaussians(iterations: u64) -> MethodRequest {
@@ -50,8 +50,7 @@ fn few_gaussians(iterations: u64) -> MethodRequest {
 fn dynamic_psnr(scene: &TrainingScene, outcome: &mut MethodOutcome<'_>) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for view in &scene.novel_views {
-        let degree = outcome.trained.sh_degree;
-        let image = outcome.trained.stepper.image(&view.view, degree).unwrap();
+        let image = outcome.learner.image(&view.view).unwrap();
         let mut truth = Vec::new();
         view.write_image(&mut truth);
         let pixels = image
@@ -103,10 +102,9 @@ fn a_passing_ball_is_dynamic_and_predicted_better_than_by_static_gaussians() {
         "odgs {without:.2} dB, omni4dgs {with:.2} dB"
     );
 
-    let settings = moving.settings.clone();
-    let model = moving.trained.stepper.model().unwrap();
-    let time = TimeSettings::new(settings.dynamics.as_ref(), None);
-    let mut layers = LayerRenderer::new(model, time, settings.rendering);
+    let rendering = settings(&moving).rendering;
+    let model = moving.learner.gaussians().unwrap().unwrap();
+    let mut layers = LayerRenderer::new(model.clone(), rendering);
     let view = &scene.input_views[5];
     let mut layer = |layer| layers.image(&view.view, layer).data;
     let [inside, outside] = colours(&layer(Layer::Dynamic), view);
@@ -154,11 +152,11 @@ fn what_is_left_out_has_no_arrays() {
             ..request(6)
         };
         let mut outcome = train(&scene, "omni4dgs", &request);
-        let model = outcome.trained.stepper.model().unwrap();
-        let moving = &model.moving.as_ref().unwrap().table;
+        let model = outcome.learner.gaussians().unwrap().unwrap();
+        let moving = &model.parts[1].table;
         let found: Vec<&str> = moving.arrays[5..].iter().map(|array| array.name).collect();
         assert_eq!(found, arrays, "{without:?}");
-        assert_eq!(model.table.arrays.len(), 5);
+        assert_eq!(model.parts[0].table.arrays.len(), 5);
         for name in without {
             let decision = outcome
                 .plan
@@ -182,7 +180,7 @@ fn what_is_left_out_has_no_arrays() {
             ..request(6)
         };
         let last = train(&scene, "omni4dgs", &request)
-            .trained
+            .training
             .state
             .trace
             .pop()
@@ -225,7 +223,7 @@ fn awkward_clips_train_without_a_panic_or_a_nan() {
                     ..few_gaussians(12)
                 };
                 let mut outcome = train(&scene, method, &request);
-                let state = &outcome.trained.state;
+                let state = &outcome.training.state;
                 assert!(
                     state.refused.iter().all(|&refused| refused == 0),
                     "{name}, {method}"
@@ -234,19 +232,15 @@ fn awkward_clips_train_without_a_panic_or_a_nan() {
                     state.trace.iter().all(|point| point.train_loss.is_finite()),
                     "{name}"
                 );
-                let model = outcome.trained.stepper.model().unwrap();
-                let moving = model.moving.iter().flat_map(|moving| &moving.table.arrays);
-                for array in model.table.arrays.iter().chain(moving) {
-                    let finite = array.values.iter().all(|value| value.is_finite());
-                    assert!(finite, "{name}, {method}: {}", array.name);
-                }
+                let model = outcome.learner.gaussians().unwrap().unwrap();
+                assert_eq!(model.not_finite(), None, "{name}, {method}");
             }
         }
         if name == "masks of everything" {
             let outcome = train(&scene, "omni4dgs", &request(2));
             assert!(
                 outcome
-                    .trained
+                    .training
                     .remarks
                     .iter()
                     .any(|remark| remark.contains("inverted"))
@@ -306,8 +300,8 @@ fn whole_and_resumed(method: &str) -> [Model; 2] {
         };
         let method = methods::find(method).unwrap();
         let mut outcome = method.train(&scene, &few_gaussians(40), &session).unwrap();
-        assert_eq!(outcome.trained.state.resumed, u64::from(name == "resumed"));
-        outcome.trained.stepper.model().unwrap().clone()
+        assert_eq!(outcome.training.state.resumed, u64::from(name == "resumed"));
+        outcome.learner.gaussians().unwrap().unwrap().clone()
     })
 }
 
@@ -316,7 +310,7 @@ fn an_interrupted_run_goes_on_to_the_bit() {
     for method in ["periodic", "deformable"] {
         let [whole, resumed] = whole_and_resumed(method);
         assert!(whole == resumed, "{method}");
-        if let Some(weights) = &whole.deformation {
+        if let Some(weights) = whole.parts[0].parameterization.shared() {
             // Warm-up takes 3 of 40 iterations.
             assert_eq!(weights.steps, 37);
         }
@@ -337,23 +331,26 @@ fn a_network_takes_part_after_a_warm_up_and_without_it_gaussians_are_those_of_od
     ]
     .map(|(method, request)| {
         let mut outcome = train(&scene, method, &request);
-        let model = outcome.trained.stepper.model().unwrap().clone();
+        let model = outcome.learner.gaussians().unwrap().unwrap().clone();
         let [first, last] = [0, scene.input_views.len() - 1].map(|view| {
             let view = &scene.input_views[view].view;
             let pose_of_one_time = View {
                 time_seconds: view.time_seconds,
                 ..scene.input_views[0].view
             };
-            outcome.trained.stepper.image(&pose_of_one_time, 0).unwrap()
+            outcome.learner.image(&pose_of_one_time).unwrap()
         });
         (model, first == last)
     });
     assert!(still.0 == undeformed.0 && still.1 && undeformed.1);
     // One place at two times: only a network knows the difference.
     let (model, is_same) = deformed;
-    let weights = &model.deformation.as_ref().unwrap();
+    let weights = model.parts[0].parameterization.shared().unwrap();
     assert!(!is_same && weights.array.values.iter().all(|value| value.is_finite()));
-    assert_eq!(model.table.arrays.len(), still.0.table.arrays.len());
+    assert_eq!(
+        model.parts[0].table.arrays.len(),
+        still.0.parts[0].table.arrays.len()
+    );
 }
 
 /// Half of some Gaussians moves: what the network learns at some times holds at another one between
@@ -385,7 +382,8 @@ fn a_network_learns_which_gaussians_move_and_when() {
         opacities: vec![0.5; 24],
     };
     let mut table = static_gaussians::table(&initial, 0);
-    let mut weights = DeformationWeights::new(model.network().initial_weights(2));
+    let mut weights =
+        SharedParameters::new(DEFORMATION_WEIGHTS, model.network().initial_weights(2));
     let mut deformation = Deformation::default();
     let (mut instant, mut gradient) = (InstantGaussians::default(), InstantGaussians::default());
     let moved = |position: [f32; 3], time: f32| {

@@ -20,7 +20,7 @@ use omnilife_reconstruct::{
 use omnilife_schemas::camera::CameraModel;
 use rand_pcg::Pcg64Mcg;
 
-use crate::trained::{request, train};
+use crate::trained::{request, settings, train};
 
 #[test]
 fn points_that_do_not_change_have_no_time_unless_the_plan_is_full() {
@@ -36,11 +36,8 @@ fn points_that_do_not_change_have_no_time_unless_the_plan_is_full() {
     let sizes = [PlanChoice::Full, PlanChoice::Auto, separate].map(|plan| {
         let request = MethodRequest { plan, ..request(6) };
         let mut outcome = train(&scene, "omni4dgs", &request);
-        let model = outcome.trained.stepper.model().unwrap();
-        (
-            model.table.len(),
-            model.moving.as_ref().unwrap().table.len(),
-        )
+        let model = outcome.learner.gaussians().unwrap().unwrap();
+        (model.parts[0].table.len(), model.parts[1].table.len())
     });
     let [full, auto, separate] = sizes;
     assert!(full.0 == 0 && full.1 > 900 && auto == separate, "{sizes:?}");
@@ -107,7 +104,7 @@ fn gains_of_the_camera_are_found_and_compensated() {
         )
     };
     let (compensated, plain) = (trained(&[]), trained(&["exposure-compensation"]));
-    let exposure = compensated.settings.exposure.as_ref().unwrap();
+    let exposure = settings(&compensated).exposure.unwrap();
     // Relative to the middle view, at novel views too; the last one is after all input views.
     for view in &scene.novel_views {
         let expected = (gain(view.frame.min(13)) / gain(6)) as f32;
@@ -118,10 +115,10 @@ fn gains_of_the_camera_are_found_and_compensated() {
             view.frame
         );
     }
-    assert!(plain.settings.exposure.is_none());
+    assert!(settings(&plain).exposure.is_none());
     let psnr = |outcome: &MethodOutcome<'_>| {
         outcome
-            .trained
+            .training
             .state
             .trace
             .last()
@@ -154,7 +151,7 @@ fn without_masks_residuals_tell_whether_something_moves() {
             .iter()
             .find(|part| part.component == "temporal-motion");
         assert_eq!(decision.unwrap().used, moves, "{:?}", decision.unwrap());
-        assert_eq!(outcome.settings.dynamics.is_some(), moves);
+        assert_eq!(settings(&outcome).dynamics.is_some(), moves);
     }
 }
 
@@ -175,9 +172,10 @@ fn gloss_is_found_and_drawn() {
             .find(|part| part.component == "view-dependent-colour")
             .unwrap()
             .clone();
-        let table = &outcome.trained.stepper.model().unwrap().table;
+        let model = outcome.learner.gaussians().unwrap().unwrap();
+        let table = &model.parts[0].table;
         assert_eq!(table.position("sh_rest").is_some(), decision.used);
-        let last = outcome.trained.state.trace.last().unwrap();
+        let last = outcome.training.state.trace.last().unwrap();
         (decision.used, decision.reason, last.novel_psnr_db.unwrap())
     };
     let (used, reason, with) = trained(0.6, &[]);

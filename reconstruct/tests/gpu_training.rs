@@ -18,10 +18,11 @@ use omnilife_engine::{
     camera::View,
     device::{Gpu, GpuError},
     gaussians::{
-        deformable::{DeformationModel, DeformationWeights},
+        deformable::{Deformable, DeformationModel, settings::DeformationSettings},
         static_gaussians,
     },
-    model::{Model, deformation_settings::DeformationSettings},
+    model::{Model, Part},
+    parameters::ParameterTable,
     render::settings::RenderSettings,
     schedule::StepSchedule,
     step::{Stepper, cpu::CpuStepper, gpu::GpuStepper, settings::TrainSettings},
@@ -40,6 +41,11 @@ use omnilife_schemas::{
 /// Every fifth point of the scene as a model with harmonics up to a degree. Each Gaussian is turned
 /// and longer one way than the other: no gradient vanishes.
 fn model(scene: &TrainingScene, sh_degree: usize) -> Model {
+    Model::of_static(table(scene, sh_degree))
+}
+
+/// Its parameters.
+fn table(scene: &TrainingScene, sh_degree: usize) -> ParameterTable {
     let points = PointCloud {
         positions: scene.points.positions.iter().step_by(5).copied().collect(),
         colours: scene.points.colours.iter().step_by(5).copied().collect(),
@@ -54,7 +60,7 @@ fn model(scene: &TrainingScene, sh_degree: usize) -> Model {
             *value += offset * (1.7 * index as f32).sin();
         }
     }
-    Model::new(table)
+    table
 }
 
 fn on_device<'a>(gpu: &Arc<Gpu>, scene: &'a TrainingScene, model: Model) -> GpuStepper<'a> {
@@ -93,16 +99,24 @@ fn steps_are_those_of_the_processor() {
         on_cpu.step(iteration as usize, &schedule).unwrap();
         if iteration == 1 {
             let (of_gpu, of_cpu) = (on_gpu.model().unwrap(), on_cpu.model().unwrap());
-            for (gpu, cpu) in of_gpu.table.arrays.iter().zip(&of_cpu.table.arrays) {
+            for (gpu, cpu) in of_gpu.parts[0]
+                .table
+                .arrays
+                .iter()
+                .zip(&of_cpu.parts[0].table.arrays)
+            {
                 assert_gradients_agree(gpu.name, &gpu.gradients, &cpu.gradients);
                 assert_gradients_agree(gpu.name, &gpu.first_moments, &cpu.first_moments);
             }
-            let (of_gpu, of_cpu) = (&of_gpu.statistics, &of_cpu.statistics);
+            let (of_gpu, of_cpu) = (&of_gpu.parts[0].statistics, &of_cpu.parts[0].statistics);
             assert_eq!(of_gpu.views, of_cpu.views);
             assert_gradients_agree("statistics", &of_gpu.sums, &of_cpu.sums);
         }
     }
-    let (of_gpu, of_cpu) = (on_gpu.take_sums().unwrap(), on_cpu.take_sums().unwrap());
+    let (of_gpu, of_cpu) = (
+        on_gpu.take_statistics().unwrap(),
+        on_cpu.take_statistics().unwrap(),
+    );
     assert_eq!((of_gpu.steps, of_cpu.steps), (3, 3));
     for (gpu, cpu) in [
         (of_gpu.loss, of_cpu.loss),
@@ -127,7 +141,7 @@ fn assert_images_agree(of_gpu: &RgbImage, of_cpu: &RgbImage) {
 }
 
 /// A network that takes part from the second step on and says something from the beginning.
-fn deformation(scene: &TrainingScene) -> (DeformationSettings, DeformationWeights) {
+fn deformation(scene: &TrainingScene) -> Deformable {
     let model = DeformationModel {
         depth: 3,
         width: 70,
@@ -145,22 +159,15 @@ fn deformation(scene: &TrainingScene) -> (DeformationSettings, DeformationWeight
     for (index, weight) in weights[heads..].iter_mut().enumerate() {
         *weight = 0.02 * (2.3 * index as f32).sin();
     }
-    (settings, DeformationWeights::new(weights))
+    Deformable::new(settings, weights)
 }
 
 #[test]
 fn steps_with_a_network_are_those_of_the_processor() {
     let Some(gpu) = device() else { return };
     let scene = scene();
-    let (deformation, weights) = deformation(&scene);
-    let settings = TrainSettings {
-        deformation: Some(deformation),
-        ..settings()
-    };
-    let deformed = || Model {
-        deformation: Some(weights.clone()),
-        ..model(&scene, 1)
-    };
+    let settings = settings();
+    let deformed = || Model::new(vec![Part::new(deformation(&scene), table(&scene, 1))]);
     let mut on_gpu =
         GpuStepper::new(Arc::clone(&gpu), scene.inputs(), deformed(), &settings).unwrap();
     let mut on_cpu = CpuStepper::new(scene.inputs(), deformed(), &settings);
@@ -173,10 +180,16 @@ fn steps_with_a_network_are_those_of_the_processor() {
         on_gpu.step(iteration as usize, &schedule).unwrap();
         on_cpu.step(iteration as usize, &schedule).unwrap();
         let (of_gpu, of_cpu) = (on_gpu.model().unwrap(), on_cpu.model().unwrap());
-        let networks = [of_gpu, of_cpu].map(|model| model.deformation.as_ref().unwrap());
+        let networks =
+            [of_gpu, of_cpu].map(|model| model.parts[0].parameterization.shared().unwrap());
         assert_eq!(networks.map(|network| network.steps), [iteration - 1; 2]);
         if iteration == 2 {
-            for (gpu, cpu) in of_gpu.table.arrays.iter().zip(&of_cpu.table.arrays) {
+            for (gpu, cpu) in of_gpu.parts[0]
+                .table
+                .arrays
+                .iter()
+                .zip(&of_cpu.parts[0].table.arrays)
+            {
                 assert_gradients_agree(gpu.name, &gpu.gradients, &cpu.gradients);
             }
             let [gpu, cpu] = networks.map(|network| &network.array);
@@ -185,7 +198,7 @@ fn steps_with_a_network_are_those_of_the_processor() {
         }
     }
     assert!(matches!(on_gpu.backend(), Backend::Gpu { .. }));
-    assert_eq!(on_gpu.take_sums().unwrap().refused, [0; 7]);
+    assert_eq!(on_gpu.take_statistics().unwrap().refused, [0; 7]);
     let view = &scene.novel_views[0].view;
     let small = View {
         camera: ErpCamera {
@@ -230,13 +243,9 @@ fn method_learns(method: &str, iterations: u64) {
             .unwrap()
             .train(&scene, &request, &session)
             .unwrap();
-        let trace = &outcome.trained.state.trace;
+        let trace = &outcome.training.state.trace;
         let (first, last) = (trace.first().unwrap(), trace.last().unwrap());
-        (
-            outcome.trained.stepper.backend(),
-            first.train_loss,
-            last.clone(),
-        )
+        (outcome.learner.backend(), first.train_loss, last.clone())
     };
     let (backend, _, on_cpu) = train(BackendChoice::Cpu);
     assert!(matches!(backend, Backend::Cpu { .. }));
@@ -262,23 +271,16 @@ fn steps_that_found_no_room_are_done_again() {
     let scene = scene();
     // Wide footprints: more entries than there is room for at first.
     let wide = || {
-        let mut model = model(&scene, 0);
-        for value in &mut model.table.arrays[static_gaussians::LOG_SCALES].values {
+        let mut wide = table(&scene, 0);
+        for value in &mut wide.arrays[static_gaussians::LOG_SCALES].values {
             *value = 2.4_f32.ln();
         }
-        model
+        wide
     };
-    let (deformation, weights) = deformation(&scene);
-    let settings = TrainSettings {
-        deformation: Some(deformation),
-        ..settings()
-    };
+    let settings = settings();
     let rates = [&RATES[..5], &[1e-3]].concat();
     let run = |renders_first: bool| {
-        let model = Model {
-            deformation: Some(weights.clone()),
-            ..wide()
-        };
+        let model = Model::new(vec![Part::new(deformation(&scene), wide())]);
         let mut stepper =
             GpuStepper::new(Arc::clone(&gpu), scene.inputs(), model, &settings).unwrap();
         let entries_at_first = stepper.room_for_entries();
@@ -294,7 +296,7 @@ fn steps_that_found_no_room_are_done_again() {
             };
             stepper.step(iteration as usize, &schedule).unwrap();
         }
-        let sums = stepper.take_sums().unwrap();
+        let sums = stepper.take_statistics().unwrap();
         assert!(stepper.room_for_entries() > entries_at_first);
         (stepper.model().unwrap().clone(), sums)
     };
@@ -314,7 +316,7 @@ fn a_lost_device_ends_a_run_and_leaves_no_old_model() {
         EngineError::Gpu(error) => error,
         other => panic!("{other}"),
     };
-    let error = lost(stepper.take_sums().unwrap_err());
+    let error = lost(stepper.take_statistics().unwrap_err());
     assert!(matches!(error, GpuError::Lost { .. }), "{error}");
     lost(stepper.model().map(drop).unwrap_err());
     lost(stepper.step(0, &schedule(2, 0, &RATES[..5])).unwrap_err());
@@ -337,6 +339,6 @@ fn a_loss_that_is_not_finite_ends_a_run_with_its_iteration() {
             .step(0, &schedule(iteration, 0, &RATES[..5]))
             .unwrap();
     }
-    let message = stepper.take_sums().unwrap_err().to_string();
+    let message = stepper.take_statistics().unwrap_err().to_string();
     assert!(message.contains("iteration 1"), "{message}");
 }

@@ -28,7 +28,7 @@ use omnilife_reconstruct::{
 };
 use omnilife_schemas::progress::Silent;
 
-use crate::trained::{request, train};
+use crate::trained::{request, settings, train};
 
 /// What is wrong with the pose of a frame: a drift of two degrees, most of it.
 fn error(frame: u32) -> PoseCorrection {
@@ -72,7 +72,7 @@ fn remaining(views: &[TrainingView], exact: &[TrainingView], model: &Model) -> f
 }
 
 fn novel_psnr(outcome: &MethodOutcome<'_>) -> f64 {
-    let trace = &outcome.trained.state.trace;
+    let trace = &outcome.training.state.trace;
     trace.last().unwrap().novel_psnr_db.unwrap()
 }
 
@@ -98,8 +98,11 @@ fn refined<'a>(scene: &'a TrainingScene, iterations: u64, without: &[&str]) -> M
 /// That most of the error is gone, in novel views too, and that the scene stayed where it was.
 fn assert_refined(outcome: &mut MethodOutcome<'_>, scene: &TrainingScene, exact: &TrainingScene) {
     assert!(decision(outcome).0, "{}", decision(outcome).1);
-    let model = outcome.trained.stepper.model().unwrap();
-    let none = Model::new(model.table.clone());
+    let model = outcome.learner.gaussians().unwrap().unwrap();
+    let none = Model {
+        poses: None,
+        ..model.clone()
+    };
     for (views, exact, most) in [
         (&scene.input_views, &exact.input_views, 0.3),
         (&scene.novel_views, &exact.novel_views, 0.5),
@@ -121,13 +124,13 @@ fn poses_that_are_off_are_refined() {
     let scene = disturbed(exact.clone());
     let mut with = refined(&scene, 300, &[]);
     let without = refined(&scene, 300, &["pose-refinement"]);
-    assert!(without.settings.pose_refinement.is_none());
+    assert!(settings(&without).pose_refinement.is_none());
     let psnr = [&with, &without].map(novel_psnr);
     assert!(psnr[0] > psnr[1] + 1.5, "{psnr:?}");
     assert_refined(&mut with, &scene, &exact);
 
     // An input view is drawn with its own correction, any other camera with that of its moment.
-    let model = with.trained.stepper.model().unwrap();
+    let model = with.learner.gaussians().unwrap().unwrap();
     let poses = model.poses.as_ref().unwrap();
     let view = &scene.input_views[3].view;
     assert_eq!(model.corrected(view), poses.of_view(3).apply(view));
@@ -144,7 +147,7 @@ fn poses_are_refined_where_nothing_moves_too() {
     let exact = balls::scene();
     let scene = disturbed(exact.clone());
     let mut outcome = refined(&scene, 150, &[]);
-    assert!(outcome.settings.dynamics.is_none());
+    assert!(settings(&outcome).dynamics.is_none());
     assert_refined(&mut outcome, &scene, &exact);
 }
 
@@ -195,8 +198,20 @@ fn exact_poses_are_left_alone() {
     let mut outcome = train(&scene, "omni4dgs-plus", &request(6));
     let (is_used, reason) = decision(&outcome);
     assert!(!is_used && reason.contains("limit 0.05"), "{reason}");
-    assert!(outcome.trained.stepper.model().unwrap().poses.is_none());
-    assert!(!outcome.settings.learning_rates.contains_key(CAMERA_CENTRES));
+    assert!(
+        outcome
+            .learner
+            .gaussians()
+            .unwrap()
+            .unwrap()
+            .poses
+            .is_none()
+    );
+    assert!(
+        !settings(&outcome)
+            .learning_rates
+            .contains_key(CAMERA_CENTRES)
+    );
 
     // Under the plan full they are refined, which makes little of them.
     let full = MethodRequest {
@@ -205,7 +220,7 @@ fn exact_poses_are_left_alone() {
     };
     let mut outcome = train(&scene, "omni4dgs-plus", &full);
     assert!(decision(&outcome).0);
-    let model = outcome.trained.stepper.model().unwrap();
+    let model = outcome.learner.gaussians().unwrap().unwrap();
     let left = remaining(&scene.input_views, &scene.input_views, model);
     assert!(left > 0.0 && left < 0.01, "{left}");
 }
@@ -234,10 +249,13 @@ fn a_run_that_refines_poses_goes_on_to_the_bit() {
             };
             let method = methods::find("omni4dgs-plus").unwrap();
             let mut outcome = method.train(scene, &request(40), &session).unwrap();
-            assert_eq!(outcome.trained.state.resumed, u64::from(every == 0));
-            let scores = outcome.trained.state.trace.iter();
+            assert_eq!(outcome.training.state.resumed, u64::from(every == 0));
+            let scores = outcome.training.state.trace.iter();
             let scores: Vec<Option<f64>> = scores.map(|point| point.novel_psnr_db).collect();
-            (outcome.trained.stepper.model().unwrap().clone(), scores)
+            (
+                outcome.learner.gaussians().unwrap().unwrap().clone(),
+                scores,
+            )
         };
         // The first run's only checkpoint is the one that the second begins from.
         let [whole, resumed] = [run("whole", 25), run("resumed", 0)];

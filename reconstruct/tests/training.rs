@@ -31,7 +31,7 @@ fn train(scene: &TrainingScene, iterations: u64) -> MethodOutcome<'_> {
 fn grey_points_become_the_scene() {
     let scene = scene();
     let outcome = train(&scene, 300);
-    let trace = &outcome.trained.state.trace;
+    let trace = &outcome.training.state.trace;
     let (first, last) = (trace.first().unwrap(), trace.last().unwrap());
     let (before, after) = (first.novel_psnr_db.unwrap(), last.novel_psnr_db.unwrap());
     assert!(
@@ -45,7 +45,7 @@ fn grey_points_become_the_scene() {
             .all(|pair| pair[0].wall_seconds <= pair[1].wall_seconds)
     );
     assert_eq!(last.iteration, 300);
-    assert_eq!(outcome.trained.state.refused, [0; 5]);
+    assert_eq!(outcome.training.state.refused, [0; 5]);
     // Points in every direction: there is no sky.
     assert!(!outcome.plan[0].used, "{:?}", outcome.plan[0]);
 }
@@ -56,13 +56,9 @@ fn training_does_not_depend_on_the_number_of_threads() {
     let tables = [1, 3].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
         pool.build().unwrap().install(|| {
-            train(&scene, 40)
-                .trained
-                .stepper
-                .model()
-                .unwrap()
-                .table
-                .clone()
+            let mut outcome = train(&scene, 40);
+            let model = outcome.learner.gaussians().unwrap().unwrap();
+            model.parts[0].table.clone()
         })
     });
     assert_eq!(tables[0].len(), tables[1].len());
@@ -78,7 +74,7 @@ fn a_scene_without_points_gets_a_shell_of_sky() {
     let outcome = train(&scene, 60);
     assert!(outcome.plan[0].used, "{:?}", outcome.plan[0]);
     let psnr = outcome
-        .trained
+        .training
         .state
         .trace
         .last()
@@ -102,7 +98,7 @@ fn a_limit_on_the_gaussians_thins_the_points() {
         .find(|part| part.component == "all-points");
     let reason = &thinned.unwrap().reason;
     assert!(reason.starts_with("300 of 900 points"), "{reason}");
-    assert!(outcome.trained.stepper.gaussians() <= 300);
+    assert!(outcome.learner.size().primitives <= 300);
 }
 
 #[test]
@@ -137,7 +133,7 @@ fn few_and_odd_points_train_without_a_panic() {
             positions,
         };
         let outcome = train(&scene, 30);
-        let last = outcome.trained.state.trace.last().unwrap().clone();
+        let last = outcome.training.state.trace.last().unwrap().clone();
         assert!(
             last.train_loss.is_finite() && last.gaussians > 1_000,
             "{last:?}"
@@ -153,14 +149,13 @@ fn what_a_gaussian_looks_like_may_depend_on_the_direction() {
         ..MethodRequest::new(90, 7)
     };
     let mut outcome = train_as(&scene, &request);
-    // 90 iterations hold the ramp to degree 3 that 30,000 have.
-    assert_eq!(outcome.trained.sh_degree, 2);
-    let table = &outcome.trained.stepper.model().unwrap().table;
+    let model = outcome.learner.gaussians().unwrap().unwrap();
+    let table = &model.parts[0].table;
     let rest = table.arrays.last().unwrap();
     assert_eq!((rest.name, rest.width), ("sh_rest", 24));
     assert!(rest.values.iter().any(|&value| value.abs() > 1e-4));
     let constant = train(&scene, 30);
-    assert_eq!(constant.trained.state.trace[0].refused.len(), 5);
+    assert_eq!(constant.training.state.trace[0].refused.len(), 5);
 }
 
 #[test]
@@ -171,10 +166,10 @@ fn a_budget_ends_training() {
     };
     let scene = scene();
     let outcome = train_as(&scene, &request);
-    assert!(outcome.trained.stopped_by_budget);
-    assert!(outcome.trained.state.iteration < 1_000_000);
+    assert!(outcome.training.stopped_by_budget);
+    assert!(outcome.training.state.iteration < 1_000_000);
     assert_eq!(
-        outcome.trained.state.trace.last().unwrap().iteration,
-        outcome.trained.state.iteration
+        outcome.training.state.trace.last().unwrap().iteration,
+        outcome.training.state.iteration
     );
 }

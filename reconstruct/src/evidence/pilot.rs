@@ -15,11 +15,12 @@ use crate::{
         poses::{Clue, PoseEvidence},
         view_dependence::{FLAT, Seen, ViewDependence},
     },
+    learner::{Learner, gaussians::GaussianLearner},
     methods::odgs,
-    request::MethodRequest,
+    request::{BackendChoice, MethodRequest},
     scene::TrainingScene,
     seeds::points,
-    train::Session,
+    train::{self, Session},
 };
 use omnilife_engine::{
     camera::{View, erp, horizontal},
@@ -82,10 +83,16 @@ impl WarmUp {
         };
         let session = Session::without_files(&Silent);
         let mut gaussians = InstantGaussians::default();
-        let mut outcome = odgs::METHOD.train(&scene, &request, &session)?;
-        static_gaussians::instantiate(&outcome.trained.stepper.model()?.table, &mut gaussians);
-        let mut renderer = Renderer::new(outcome.settings.rendering);
-        drop(outcome);
+        let prepared = odgs::prepare(&scene, &request, BackendChoice::Cpu)?;
+        let (settings, length) = (prepared.settings.clone(), (&prepared.settings).into());
+        let mut renderer = Renderer::new(settings.rendering);
+        let mut learner =
+            GaussianLearner::new(&scene, prepared.model, settings, BackendChoice::Cpu)?;
+        train::train(&scene, &mut learner, length, &session)?;
+        for part in learner.gaussians()?.iter().flat_map(|model| &model.parts) {
+            static_gaussians::instantiate(&part.table, &mut gaussians);
+        }
+        drop(learner);
         let all = scene.input_views.len();
         let views = (0..all.min(VIEWS))
             .map(|step| {

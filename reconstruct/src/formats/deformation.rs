@@ -8,7 +8,8 @@ use omnilife_schemas::store::{self, StoreError};
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 
 use omnilife_engine::fields::mlp::network::Layer;
-use omnilife_engine::gaussians::deformable::{DeformationModel, DeformationWeights};
+use omnilife_engine::gaussians::deformable::{DEFORMATION_WEIGHTS, DeformationModel};
+use omnilife_engine::parameters::SharedParameters;
 
 /// The output layer's parts and their columns.
 const HEADS: [(&str, std::ops::Range<usize>); 3] = [
@@ -86,7 +87,7 @@ impl Part {
 pub fn write(
     path: &Path,
     model: &DeformationModel,
-    weights: &DeformationWeights,
+    weights: &SharedParameters,
 ) -> Result<(), StoreError> {
     let failed =
         |error: safetensors::SafeTensorError| StoreError::write(path, std::io::Error::other(error));
@@ -117,7 +118,7 @@ pub fn write(
 ///
 /// # Errors
 /// When the file is missing, is not of this network or holds a value that is not finite.
-pub fn read(path: &Path, model: &DeformationModel) -> Result<DeformationWeights, StoreError> {
+pub fn read(path: &Path, model: &DeformationModel) -> Result<SharedParameters, StoreError> {
     let bytes = fs::read(path).map_err(|source| StoreError::read(path, source))?;
     let malformed = |reason: String| StoreError::malformed(path, reason);
     let file = SafeTensors::deserialize(&bytes).map_err(|error| malformed(error.to_string()))?;
@@ -141,7 +142,7 @@ pub fn read(path: &Path, model: &DeformationModel) -> Result<DeformationWeights,
             values[place] = value;
         }
     }
-    Ok(DeformationWeights::new(values))
+    Ok(SharedParameters::new(DEFORMATION_WEIGHTS, values))
 }
 
 #[cfg(test)]
@@ -164,7 +165,11 @@ mod tests {
         let values: Vec<f32> = (0..count).map(|index| index as f32).collect();
         let folder = tempfile::tempdir()?;
         let path = folder.path().join("deformation.safetensors");
-        write(&path, &MODEL, &DeformationWeights::new(values.clone()))?;
+        write(
+            &path,
+            &MODEL,
+            &SharedParameters::new(DEFORMATION_WEIGHTS, values.clone()),
+        )?;
         assert_eq!(read(&path, &MODEL)?.array.values, values);
 
         let bytes = fs::read(&path)?;

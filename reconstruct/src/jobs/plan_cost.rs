@@ -10,12 +10,12 @@ use omnilife_schemas::records::ComponentDecision;
 
 use crate::{
     error::ReconstructError,
+    learner::ModelSize,
     methods,
     request::{BackendChoice, MethodRequest, PlanChoice},
     scene::TrainingScene,
     train::timing,
 };
-use omnilife_engine::{model::Model, parameters::memory};
 
 /// The decisions on a scene and their cost.
 #[derive(Debug, Clone, PartialEq)]
@@ -35,12 +35,8 @@ pub struct ScenePlan {
 /// What a model costs at the beginning of its training.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlanCost {
-    /// Gaussians that carry no temporal parameters.
-    pub static_gaussians: u64,
-    /// Gaussians that do.
-    pub moving_gaussians: u64,
-    /// Bytes of parameters, gradients and moments.
-    pub table_bytes: u64,
+    /// What it is made of, with the bytes of everything that is trained.
+    pub size: ModelSize,
     /// Least wall-clock time of a training step, seconds.
     pub step_seconds: f64,
 }
@@ -67,21 +63,16 @@ pub fn plan(
         ..request.clone()
     };
     let prepare = |request: &MethodRequest| (method.prepare)(&scene, request, BackendChoice::Cpu);
-    let (planned, full) = (prepare(request)?, prepare(&full)?);
-    let sizes = [size(&planned.model), size(&full.model)];
-    let models = [
-        (planned.model, &planned.settings),
-        (full.model, &full.settings),
-    ];
-    let seconds = timing::step_seconds(&scene, models, TIMED_STEPS)?;
-    let cost = |index: usize| {
-        let (static_gaussians, moving_gaussians, table_bytes) = sizes[index];
-        PlanCost {
-            static_gaussians,
-            moving_gaussians,
-            table_bytes,
-            step_seconds: seconds[index],
-        }
+    let (mut planned, mut full) = (prepare(request)?, prepare(&full)?);
+    let sizes = [planned.learner.size(), full.learner.size()];
+    let seconds = timing::step_seconds(
+        [&mut *planned.learner, &mut *full.learner],
+        (scene.input_views.len(), request.iterations),
+        TIMED_STEPS,
+    )?;
+    let cost = |index: usize| PlanCost {
+        size: sizes[index],
+        step_seconds: seconds[index],
     };
     Ok(ScenePlan {
         method: method.id.to_owned(),
@@ -90,24 +81,6 @@ pub fn plan(
         planned: cost(0),
         full: cost(1),
     })
-}
-
-/// Static and moving Gaussians of a model, and the bytes of their tables, of a network and of poses.
-fn size(model: &Model) -> (u64, u64, u64) {
-    let fixed = model.table.len() as u64;
-    let mut bytes = memory::table_bytes(fixed, &model.table.shapes());
-    let mut moving = 0;
-    if let Some(gaussians) = &model.moving {
-        moving = gaussians.table.len() as u64;
-        bytes += memory::table_bytes(moving, &gaussians.table.shapes());
-    }
-    if let Some(weights) = &model.deformation {
-        bytes += weights.array.bytes();
-    }
-    if let Some(poses) = &model.poses {
-        bytes += memory::table_bytes(poses.steps.len() as u64, &poses.table.shapes());
-    }
-    (fixed, moving, bytes)
 }
 
 impl ScenePlan {
@@ -128,19 +101,16 @@ impl ScenePlan {
         for (name, cost) in [("this", &self.planned), ("full", &self.full)] {
             text += &format!(
                 "| {name} | {} | {} | {:.1} | {:.1} |\n",
-                cost.static_gaussians,
-                cost.moving_gaussians,
-                cost.table_bytes as f64 / 1e6,
+                cost.size.primitives - cost.size.with_times,
+                cost.size.with_times,
+                cost.size.bytes as f64 / 1e6,
                 1e3 * cost.step_seconds
             );
         }
         let saved = |this: f64, full: f64| 100.0 * (1.0 - this / full.max(f64::MIN_POSITIVE));
         text += &format!(
             "\nLeft out: {:.0} % of the tables, {:.0} % of the time of a step\n",
-            saved(
-                self.planned.table_bytes as f64,
-                self.full.table_bytes as f64
-            ),
+            saved(self.planned.size.bytes as f64, self.full.size.bytes as f64),
             saved(self.planned.step_seconds, self.full.step_seconds)
         );
         text

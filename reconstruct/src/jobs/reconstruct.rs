@@ -9,36 +9,25 @@ use std::{
 };
 
 use omnilife_schemas::{
-    Pose,
     progress::Progress,
     provenance,
-    records::{PosedFrame, Poses, RunRecord, Scale, Scene, Split, ViewPredictions},
+    records::{RunRecord, Scene, Split, ViewPredictions},
     stage::StagePlan,
     store::{self, StoreError},
 };
 
 use crate::{
     error::ReconstructError,
-    formats::{deformation, moving_ply, ply},
     methods::{self, MethodOutcome, feed_forward},
     process,
     request::{BackendChoice, MethodRequest},
     scene::TrainingScene,
     train::{Session, TrainingFiles, trace},
 };
-use omnilife_engine::{model::Model, training_view::TrainingView};
+use omnilife_engine::training_view::TrainingView;
 
 /// Name of the record in the run's folder.
 pub const RUN_FILE: &str = "run.json";
-/// Name of the Gaussians in the run's folder.
-pub const GAUSSIANS_FILE: &str = "gaussians.ply";
-/// Name of the Gaussians that depend on time in the run's folder; static methods have none.
-pub const MOVING_GAUSSIANS_FILE: &str = "gaussians-moving.ply";
-/// Name of the network that deforms Gaussians in the run's folder; most methods have none.
-pub const DEFORMATION_FILE: &str = "deformation.safetensors";
-/// Name of the refined poses in the run's folder, where they were refined: those of the input views,
-/// and what is taken for those of the novel views.
-pub const REFINED_POSES_FILE: &str = "refined-poses.json";
 /// Name of the checkpoint in the run's folder; it is there while a run is not over.
 pub const CHECKPOINT_FILE: &str = "checkpoint.bin";
 const TRACE_FILE: &str = "trace.csv";
@@ -129,60 +118,28 @@ pub fn reconstruct(
     let rendering = Instant::now();
     let mut outputs = render_predictions(&scene, &mut outcome, &request.out, progress)?;
     let rendering_seconds = rendering.elapsed().as_secs_f64();
-    let trained = &mut outcome.trained;
-    let gaussians = trained.stepper.gaussians() as u64;
-    let model = trained.stepper.model()?;
-    ply::write(
-        &request.out.join(GAUSSIANS_FILE),
-        &model.table,
-        &scene.normalization,
-    )?;
-    let moving_path = request.out.join(MOVING_GAUSSIANS_FILE);
-    store::remove(&moving_path)?;
-    if let (Some(moving), Some(dynamics)) = (&model.moving, &outcome.settings.dynamics) {
-        let (time, clock) = (&dynamics.time, &dynamics.clock);
-        moving_ply::write(
-            &moving_path,
-            &moving.table,
-            time,
-            &scene.normalization,
-            clock,
-        )?;
-        outputs.push(MOVING_GAUSSIANS_FILE.to_owned());
-    }
-    let deformation_path = request.out.join(DEFORMATION_FILE);
-    store::remove(&deformation_path)?;
-    if let (Some(weights), Some(settings)) = (&model.deformation, &outcome.settings.deformation) {
-        deformation::write(&deformation_path, &settings.model, weights)?;
-        outputs.push(DEFORMATION_FILE.to_owned());
-    }
-    let poses_path = request.out.join(REFINED_POSES_FILE);
-    store::remove(&poses_path)?;
-    if model.poses.is_some() {
-        let of_scene: Scene = store::read_record(&request.scene)?;
-        let poses = refined_poses(&scene, model, of_scene.scale);
-        store::write_record(&poses_path, &poses)?;
-        outputs.push(REFINED_POSES_FILE.to_owned());
-    }
-    trace::write_csv(&trace_path, &trained.state.trace)?;
+    let training = &outcome.training;
+    let learner = &mut outcome.learner;
+    let gaussians = learner.size().primitives;
+    outputs.extend(learner.export(&request.out)?);
+    trace::write_csv(&trace_path, &training.state.trace)?;
     let split: Split = store::read_record(&request.split)?;
     let record = RunRecord {
         method: method.id.to_owned(),
         scene: scene.id.clone(),
         protocol_hash: split.protocol_hash.clone(),
         seed: request.settings.seed,
-        backend: trained.stepper.backend(),
-        configuration: serde_json::to_value(&outcome.settings)
-            .map_err(|error| StoreError::write(&record_path, std::io::Error::other(error)))?,
+        backend: learner.backend(),
+        configuration: outcome.configuration.clone(),
         plan: outcome.plan.clone(),
         hardware: Some(provenance::Hardware::here()),
         versions: provenance::versions(),
         inputs,
-        iterations: trained.state.iteration,
+        iterations: training.state.iteration,
         gaussians,
-        training_seconds: trained.state.training.as_secs_f64(),
-        training_cpu_seconds: trained.state.training_cpu.map(|time| time.as_secs_f64()),
-        evaluation_seconds: trained.state.evaluation.as_secs_f64(),
+        training_seconds: training.state.training.as_secs_f64(),
+        training_cpu_seconds: training.state.training_cpu.map(|time| time.as_secs_f64()),
+        evaluation_seconds: training.state.evaluation.as_secs_f64(),
         rendering_seconds,
         seconds_per_group: None,
         peak_memory_bytes: process::peak_memory_bytes(),
@@ -192,10 +149,10 @@ pub fn reconstruct(
             input_views: Some(INPUT_FOLDER.to_owned()),
             novel_views: NOVEL_FOLDER.to_owned(),
         },
-        warnings: warnings(&scene, &split, &outcome, gaussians),
+        warnings: warnings(&scene, &split, &outcome),
     };
     store::write_record(&record_path, &record)?;
-    outputs.extend([RUN_FILE, TRACE_FILE, GAUSSIANS_FILE].map(str::to_owned));
+    outputs.extend([RUN_FILE, TRACE_FILE].map(str::to_owned));
     stage.finish(outputs, begun.elapsed().as_secs_f64())?;
     store::remove(&checkpoint)?;
     Ok(record)
@@ -238,7 +195,7 @@ fn render_predictions(
     out: &Path,
     progress: &dyn Progress,
 ) -> Result<Vec<String>, ReconstructError> {
-    let (trained, settings) = (&mut outcome.trained, &outcome.settings);
+    let learner = &mut outcome.learner;
     let total = scene.input_views.len() + scene.novel_views.len();
     progress.begin("rendering", Some(total as u64));
     let mut files = Vec::with_capacity(total);
@@ -247,8 +204,7 @@ fn render_predictions(
         prepare_predictions(&folder)?;
         for view in views {
             let file = format!("{name}/{:06}.png", view.frame);
-            let mut image = trained.stepper.image(&view.view, trained.sh_degree)?;
-            settings.expose(&mut image, view.view.time_seconds);
+            let image = learner.image(&view.view)?;
             image.write_png(&out.join(&file))?;
             files.push(file);
             progress.advance(1);
@@ -259,29 +215,6 @@ fn render_predictions(
         .and_then(|()| render(&scene.novel_views, NOVEL_FOLDER));
     progress.end();
     outcome.map(|()| files)
-}
-
-/// The poses of all views of the split as the model has them, in world units and in order of time.
-fn refined_poses(scene: &TrainingScene, model: &Model, scale: Scale) -> Poses {
-    let views = scene.input_views.iter().chain(&scene.novel_views);
-    let mut frames: Vec<PosedFrame> = views
-        .filter_map(|view| {
-            let view = model.corrected(&view.view);
-            let centre = scene.normalization.restore(view.centre.as_dvec3());
-            let pose = Pose::from_matrix(view.rotation.transpose().as_dmat3(), centre)?;
-            Some(PosedFrame {
-                time_seconds: view.time_seconds,
-                pose,
-                mask: None,
-            })
-        })
-        .collect();
-    frames.sort_by(|one, other| one.time_seconds.total_cmp(&other.time_seconds));
-    Poses {
-        scale,
-        frames,
-        points: None,
-    }
 }
 
 /// Makes the folder, and removes the views of an earlier run, which another split would score by
@@ -302,14 +235,9 @@ pub(crate) fn prepare_predictions(folder: &Path) -> Result<(), StoreError> {
     Ok(())
 }
 
-fn warnings(
-    scene: &TrainingScene,
-    split: &Split,
-    outcome: &MethodOutcome<'_>,
-    gaussians: u64,
-) -> Vec<String> {
-    let trained = &outcome.trained;
-    let mut warnings = trained.remarks.clone();
+fn warnings(scene: &TrainingScene, split: &Split, outcome: &MethodOutcome<'_>) -> Vec<String> {
+    let training = &outcome.training;
+    let mut warnings = training.remarks.clone();
     if split.groups.len() > 1 {
         warnings.push(format!(
             "one model was trained on the given views of all {} groups at once",
@@ -321,7 +249,7 @@ fn warnings(
         .iter()
         .filter(|view| view.mask.is_some())
         .count();
-    if masked > 0 && masked < scene.input_views.len() && outcome.settings.dynamics.is_some() {
+    if masked > 0 && masked < scene.input_views.len() && outcome.learner.size().with_times > 0 {
         warnings.push(format!(
             "{} of {} input views have no mask; nothing is known of what moves in them",
             scene.input_views.len() - masked,
@@ -332,26 +260,24 @@ fn warnings(
         warnings
             .push("the scene has no points; training began from the sky shell alone".to_owned());
     }
-    if gaussians == 0 {
-        warnings.push("no Gaussian is left; the views show the background".to_owned());
-    }
+    warnings.extend(outcome.learner.warnings());
     if scene.is_normalized_by_points {
         warnings.push(
             "the cameras hardly move in a scene of this size; it is normalized by its points"
                 .to_owned(),
         );
     }
-    let refused: u64 = trained.state.refused.iter().sum();
+    let refused: u64 = training.state.refused.iter().sum();
     if refused > 0 {
         warnings.push(format!(
             "{refused} gradient values were not finite and were not applied; the trace counts them \
              by array"
         ));
     }
-    if trained.stopped_by_budget {
+    if training.stopped_by_budget {
         warnings.push(format!(
             "the time budget ended training after {} of {} iterations",
-            trained.state.iteration, outcome.settings.iterations
+            training.state.iteration, outcome.iterations
         ));
     }
     warnings

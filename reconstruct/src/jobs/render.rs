@@ -12,19 +12,12 @@ use omnilife_schemas::{
 };
 use serde::Deserialize;
 
-use crate::{
-    error::ReconstructError,
-    formats::{deformation, moving_ply, ply},
-    jobs::reconstruct::{DEFORMATION_FILE, GAUSSIANS_FILE, MOVING_GAUSSIANS_FILE, RUN_FILE},
-};
 use omnilife_engine::{
     camera::{Camera, View},
     gaussians::{InstantGaussians, static_gaussians},
     model::{
         Model,
-        deformation_settings::DeformationSettings,
-        dynamic_settings::DynamicSettings,
-        layers::{Layer, LayerRenderer, TimeSettings},
+        layers::{Layer, LayerRenderer},
     },
     render::{
         published::PublishedRenderer,
@@ -32,6 +25,8 @@ use omnilife_engine::{
     },
     step::settings::TrainSettings,
 };
+
+use crate::{error::ReconstructError, formats, jobs::reconstruct::RUN_FILE};
 
 /// What to render, from where, and where to.
 #[derive(Debug, Clone, PartialEq)]
@@ -96,22 +91,20 @@ pub fn render_poses(
             reason: "the published renderer of ODGS draws whole ERP views only".to_owned(),
         });
     }
-    if source.deformation.is_some() && request.layer.is_of_time() {
+    let mut published = None;
+    let mut layers = LayerRenderer::new(source.model()?, source.settings);
+    if let Some(reason) = layers.refusal(request.layer) {
         return Err(ReconstructError::Request {
-            reason:
-                "a network deforms these Gaussians: none of them is static or dynamic by itself, \
-                     and none has a velocity; render all or depth"
-                    .to_owned(),
+            reason: reason.to_owned(),
         });
     }
-    let model = source.model()?;
-    let time = TimeSettings::new(source.dynamics.as_ref(), source.deformation.as_ref());
-    let mut layers = LayerRenderer::new(&model, time, source.settings);
-    let mut published = (source.renderer == RendererChoice::OdgsPublished).then(|| {
+    if source.renderer == RendererChoice::OdgsPublished {
         let mut gaussians = InstantGaussians::default();
-        static_gaussians::instantiate(&model.table, &mut gaussians);
-        (PublishedRenderer::new(source.settings), gaussians)
-    });
+        for part in &layers.model().parts {
+            static_gaussians::instantiate(&part.table, &mut gaussians);
+        }
+        published = Some((PublishedRenderer::new(source.settings), gaussians));
+    }
     store::create_folder(&request.out)?;
     progress.begin("rendering", Some(posed.len() as u64));
     let mut rendered = RenderedViews {
@@ -145,16 +138,13 @@ pub fn render_poses(
 
 /// Gaussians with what a renderer has to know about them.
 struct Source {
-    file: PathBuf,
+    /// A run's folder, or a PLY.
+    path: PathBuf,
     normalization: Similarity,
     renderer: RendererChoice,
     settings: RenderSettings,
-    /// Gaussians that depend on time, and what is known of it.
-    moving_file: PathBuf,
-    dynamics: Option<DynamicSettings>,
-    /// A network that deforms the Gaussians.
-    deformation_file: PathBuf,
-    deformation: Option<DeformationSettings>,
+    /// What a run's Gaussians were trained under; a PLY has none of it.
+    trained: Option<TrainSettings>,
 }
 
 impl Source {
@@ -163,14 +153,11 @@ impl Source {
     fn open(path: &Path, of_cameras: Similarity) -> Result<Self, ReconstructError> {
         if !path.is_dir() {
             return Ok(Self {
-                file: path.to_owned(),
+                path: path.to_owned(),
                 normalization: of_cameras,
                 renderer: RendererChoice::Exact,
                 settings: RenderSettings::new(1e-3),
-                moving_file: PathBuf::new(),
-                dynamics: None,
-                deformation_file: PathBuf::new(),
-                deformation: None,
+                trained: None,
             });
         }
         let record_path = path.join(RUN_FILE);
@@ -180,41 +167,28 @@ impl Source {
                 StoreError::malformed(&record_path, format!("its configuration: {error}"))
             })?;
         Ok(Self {
-            file: path.join(GAUSSIANS_FILE),
+            path: path.to_owned(),
             normalization: record.normalization,
             renderer: settings.renderer,
             settings: settings.rendering,
-            moving_file: path.join(MOVING_GAUSSIANS_FILE),
-            dynamics: settings.dynamics,
-            deformation_file: path.join(DEFORMATION_FILE),
-            deformation: settings.deformation,
+            trained: Some(settings),
         })
     }
 
     fn model(&self) -> Result<Model, ReconstructError> {
-        let table = ply::read(&self.file, &self.normalization)?;
-        let Some(dynamics) = &self.dynamics else {
-            let mut model = Model::new(table);
-            model.deformation = match &self.deformation {
-                Some(settings) => {
-                    let file = &self.deformation_file;
-                    Some(deformation::read(file, &settings.model)?)
-                }
-                None => None,
-            };
-            return Ok(model);
-        };
-        let (time, clock) = (&dynamics.time, &dynamics.clock);
-        let moving = moving_ply::read(&self.moving_file, time, &self.normalization, clock)?;
-        Ok(Model::with_moving(table, moving))
+        match &self.trained {
+            Some(settings) => formats::read_model(&self.path, settings, &self.normalization),
+            None => {
+                let part = formats::read_static(&self.path, &self.normalization)?;
+                Ok(Model::new(vec![part]))
+            }
+        }
     }
 
     /// World units per second of normalized ones per frame.
     fn world_speed(&self, speed: f32) -> f64 {
-        let seconds = self
-            .dynamics
-            .as_ref()
-            .map_or(1.0, |dynamics| dynamics.clock.frame_seconds);
+        let dynamics = self.trained.as_ref().and_then(|run| run.dynamics.as_ref());
+        let seconds = dynamics.map_or(1.0, |dynamics| dynamics.clock.frame_seconds);
         f64::from(speed) / self.normalization.scale / seconds
     }
 }

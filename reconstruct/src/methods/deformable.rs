@@ -7,7 +7,7 @@ use crate::{
     baseline::{OPACITY_RESET, SKY_SHELL},
     components::Components,
     methods::{
-        Method, Prepared,
+        Method, PreparedGaussians,
         dynamic::{self, Evidence},
     },
     request::MethodRequest,
@@ -16,13 +16,13 @@ use crate::{error::ReconstructError, request::BackendChoice, scene::TrainingScen
 use omnilife_engine::{
     clock::Clock,
     gaussians::{
-        deformable::{DEFORMATION_WEIGHTS, DeformationModel, DeformationWeights},
-        static_gaussians,
+        deformable::{
+            DEFORMATION_WEIGHTS, Deformable, DeformationModel,
+            settings::{DeformationSettings, TimeNoise},
+        },
+        static_gaussians::{self, StaticGaussians},
     },
-    model::{
-        Model,
-        deformation_settings::{DeformationSettings, TimeNoise},
-    },
+    model::{Model, Part},
     parameters::decay::Decay,
 };
 
@@ -40,7 +40,7 @@ pub const METHOD: Method = Method {
                   positive after the deformation; the noise's unit is one training interval \
                   throughout, not one that grows within an epoch.",
     components: &[DEFORMATION, TIME_NOISE, SKY_SHELL, OPACITY_RESET],
-    prepare,
+    prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
 };
 
 /// Component: Gaussians are deformed; without it there is no network, and the method is odgs.
@@ -88,7 +88,7 @@ fn prepare(
     scene: &TrainingScene,
     request: &MethodRequest,
     _: BackendChoice,
-) -> Result<Prepared, ReconstructError> {
+) -> Result<PreparedGaussians, ReconstructError> {
     let clock = scene.clock()?;
     let mut settings = crate::baseline::settings(scene, request);
     let first = crate::baseline::first_gaussians(scene, &settings, request, 0);
@@ -101,12 +101,10 @@ fn prepare(
     let initial = points::join(first.points, first.shell);
     let table = static_gaussians::table(&initial, settings.rendering.sh_degree);
     let shapes = table.shapes();
-    let mut model = Model::new(table);
     let mut network_bytes = 0;
-    if deforms {
+    let part = if deforms {
         let deformation = deformation_settings(scene, request, clock, with_noise);
         let weights = deformation.model.network().initial_weights(request.seed);
-        model.deformation = Some(DeformationWeights::new(weights));
         network_bytes = deformation
             .model
             .training_bytes(settings.densify.maximum_gaussians);
@@ -114,10 +112,13 @@ fn prepare(
         settings
             .learning_rates
             .insert(DEFORMATION_WEIGHTS.to_owned(), LEARNING_RATE);
-    }
+        Part::new(Deformable::new(deformation, weights), table)
+    } else {
+        Part::new(StaticGaussians, table)
+    };
     crate::baseline::require_memory(request, &settings, &shapes, network_bytes)?;
-    Ok(Prepared {
-        model,
+    Ok(PreparedGaussians {
+        model: Model::new(vec![part]),
         settings,
         plan: components.plan,
         remarks: dynamic::mask_warning(scene).into_iter().collect(),

@@ -5,7 +5,7 @@ use rand_pcg::Pcg64Mcg;
 
 use crate::{
     components::Components,
-    methods::Prepared,
+    methods::PreparedGaussians,
     request::{MethodRequest, PlanChoice},
 };
 use crate::{
@@ -22,16 +22,16 @@ use omnilife_engine::EngineError;
 use omnilife_engine::{
     clock::Clock,
     gaussians::{
-        static_gaussians::{self, InitialGaussians},
-        temporal::{InitialTimes, LifespanFeature, LifespanRange, TimeModel},
+        static_gaussians::{self, InitialGaussians, StaticGaussians},
+        temporal::{InitialTimes, LifespanFeature, LifespanRange},
     },
     model::{
-        Model,
-        dynamic_settings::{TemporalDensity, TemporalSmoothing, mean_vertical},
+        Model, Part,
+        dynamic_settings::{DynamicSettings, TemporalDensity, TemporalSmoothing, mean_vertical},
         exposure::Exposure,
         pose_corrections::PoseCorrections,
     },
-    parameters::{ParameterTable, decay::Decay},
+    parameters::decay::Decay,
     step::settings::TrainSettings,
 };
 
@@ -187,10 +187,14 @@ impl Beginning {
         self.times.extend(times);
     }
 
-    /// The tables of a model.
-    pub(super) fn model(&self, time: &TimeModel, sh_degree: usize) -> Model {
-        let fixed: ParameterTable = static_gaussians::table(&self.fixed, sh_degree);
-        Model::with_moving(fixed, time.table(&self.moving, &self.times, sh_degree))
+    /// A model of both.
+    pub(super) fn model(&self, dynamics: &DynamicSettings, sh_degree: usize) -> Model {
+        let fixed = static_gaussians::table(&self.fixed, sh_degree);
+        let moving = dynamics.time.table(&self.moving, &self.times, sh_degree);
+        Model::new(vec![
+            Part::new(StaticGaussians, fixed),
+            Part::new(dynamics.parameterization(), moving),
+        ])
     }
 }
 
@@ -300,11 +304,11 @@ pub(super) fn prepared(
     mut settings: TrainSettings,
     beginning: &Beginning,
     components: Components<'_>,
-) -> Result<Prepared, ReconstructError> {
+) -> Result<PreparedGaussians, ReconstructError> {
     let sh_degree = settings.rendering.sh_degree;
-    let time = settings.dynamics.as_ref().map(|dynamics| dynamics.time);
-    let mut model = match time.filter(|time| !time.shapes().is_empty()) {
-        Some(time) => beginning.model(&time, sh_degree),
+    let dynamics = settings.dynamics.as_ref();
+    let mut model = match dynamics.filter(|dynamics| !dynamics.time.shapes().is_empty()) {
+        Some(dynamics) => beginning.model(dynamics, sh_degree),
         None => {
             settings.dynamics = None;
             let all = points::join(beginning.fixed.clone(), beginning.moving.clone());
@@ -316,7 +320,7 @@ pub(super) fn prepared(
         let times = scene.input_views.iter().map(|view| view.view.time_seconds);
         model.poses = Some(PoseCorrections::new(times.collect()));
     }
-    Ok(Prepared {
+    Ok(PreparedGaussians {
         model,
         settings,
         plan: components.plan,

@@ -15,26 +15,46 @@ use crate::request::MethodRequest;
 use crate::request::PlanChoice;
 use crate::{
     error::ReconstructError,
+    learner::{Learner, gaussians::GaussianLearner},
     request::BackendChoice,
     scene::TrainingScene,
-    train::{self, Session, Trained},
+    train::{self, LoopSettings, Session, TrainingOutcome},
 };
 use omnilife_engine::{model::Model, step::settings::TrainSettings};
 
 /// What a method gives back.
 #[derive(Debug)]
 pub struct MethodOutcome<'a> {
-    /// The trained model.
-    pub trained: Trained<'a>,
+    /// The trained model, ready to render.
+    pub learner: Box<dyn Learner + 'a>,
+    /// How its training ended.
+    pub training: TrainingOutcome,
+    /// Iterations of the schedule.
+    pub iterations: u64,
     /// Every setting as resolved.
-    pub settings: TrainSettings,
+    pub configuration: serde_json::Value,
     /// Components used and left out, with reasons.
     pub plan: Vec<ComponentDecision>,
 }
 
 /// What a method begins with on a scene.
 #[derive(Debug)]
-pub struct Prepared {
+pub struct Prepared<'a> {
+    /// The model before its first step.
+    pub learner: Box<dyn Learner + 'a>,
+    /// How long it is trained.
+    pub length: LoopSettings,
+    /// Every setting as resolved, for the run's record.
+    pub configuration: serde_json::Value,
+    /// Components used and left out, with reasons.
+    pub plan: Vec<ComponentDecision>,
+    /// Lines that a reader of the scores should know.
+    pub remarks: Vec<String>,
+}
+
+/// What a method of Gaussians begins with on a scene.
+#[derive(Debug)]
+pub struct PreparedGaussians {
     /// The first Gaussians.
     pub model: Model,
     /// Every setting as resolved.
@@ -45,9 +65,41 @@ pub struct Prepared {
     pub remarks: Vec<String>,
 }
 
+impl PreparedGaussians {
+    /// Lets them learn on a backend.
+    ///
+    /// # Errors
+    /// When the backend cannot train them.
+    pub fn on(
+        self,
+        scene: &TrainingScene,
+        backend: BackendChoice,
+    ) -> Result<Prepared<'_>, ReconstructError> {
+        let configuration =
+            serde_json::to_value(&self.settings).map_err(|error| ReconstructError::Request {
+                reason: format!("settings that cannot be recorded: {error}"),
+            })?;
+        Ok(Prepared {
+            length: LoopSettings::from(&self.settings),
+            learner: Box::new(GaussianLearner::new(
+                scene,
+                self.model,
+                self.settings,
+                backend,
+            )?),
+            configuration,
+            plan: self.plan,
+            remarks: self.remarks,
+        })
+    }
+}
+
 /// Decides a method's settings and components on a scene and makes its first Gaussians.
-pub type PrepareMethod =
-    fn(&TrainingScene, &MethodRequest, BackendChoice) -> Result<Prepared, ReconstructError>;
+pub type PrepareMethod = for<'a> fn(
+    &'a TrainingScene,
+    &MethodRequest,
+    BackendChoice,
+) -> Result<Prepared<'a>, ReconstructError>;
 
 /// A method that can be asked for by name.
 #[derive(Debug, Clone, Copy)]
@@ -79,19 +131,22 @@ impl Method {
         session: &Session<'_>,
     ) -> Result<MethodOutcome<'a>, ReconstructError> {
         let Prepared {
-            model,
-            settings,
+            mut learner,
+            length,
+            configuration,
             plan,
             remarks,
         } = (self.prepare)(scene, request, session.backend)?;
         for remark in &remarks {
             session.progress.note(remark);
         }
-        let mut trained = train::train(scene, model, &settings, session)?;
-        trained.remarks.extend(remarks);
+        let mut training = train::train(scene, &mut *learner, length, session)?;
+        training.remarks.extend(remarks);
         Ok(MethodOutcome {
-            trained,
-            settings,
+            learner,
+            training,
+            iterations: length.iterations,
+            configuration,
             plan,
         })
     }

@@ -8,7 +8,7 @@ use omnilife_engine::gaussians::static_gaussians;
 use crate::{
     baseline::{OPACITY_RESET, SKY_SHELL, first_gaussians, require_memory, settings},
     error::ReconstructError,
-    methods::{Method, Prepared},
+    methods::{Method, PreparedGaussians},
     request::{BackendChoice, MethodRequest},
     scene::TrainingScene,
     seeds::points,
@@ -27,22 +27,22 @@ pub const METHOD: Method = Method {
                   densification threshold is that of 3DGS (2e-4); the number of Gaussians is \
                   limited; open sky gets a shell of Gaussians.",
     components: &[SKY_SHELL, OPACITY_RESET],
-    prepare,
+    prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
 };
 
 /// Static Gaussians at the points and in the sky.
-pub(super) fn prepare(
+pub(crate) fn prepare(
     scene: &TrainingScene,
     request: &MethodRequest,
     _: BackendChoice,
-) -> Result<Prepared, ReconstructError> {
+) -> Result<PreparedGaussians, ReconstructError> {
     let settings = settings(scene, request);
     let shapes = static_gaussians::shapes(settings.rendering.sh_degree);
     require_memory(request, &settings, &shapes, 0)?;
     let first = first_gaussians(scene, &settings, request, 0);
     let initial = points::join(first.points, first.shell);
     let table = static_gaussians::table(&initial, settings.rendering.sh_degree);
-    Ok(Prepared {
+    Ok(PreparedGaussians {
         model: table.into(),
         settings,
         plan: first.plan,

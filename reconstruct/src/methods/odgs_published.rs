@@ -7,7 +7,7 @@ use omnilife_schemas::records::ComponentDecision;
 
 use crate::{error::ReconstructError, request::BackendChoice, scene::TrainingScene, seeds::points};
 use crate::{
-    methods::{Method, Prepared, odgs},
+    methods::{Method, PreparedGaussians, odgs},
     request::MethodRequest,
 };
 use omnilife_engine::{
@@ -30,7 +30,7 @@ pub const METHOD: Method = Method {
                   standard deviations, an SSIM window that ends at the seam, and growth without a \
                   limit (that of odgs holds).",
     components: &[],
-    prepare,
+    prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
 };
 
 /// Threshold of ODGS `arguments/__init__.py`, the same at equator and poles.
@@ -79,7 +79,7 @@ fn prepare(
     scene: &TrainingScene,
     request: &MethodRequest,
     backend: BackendChoice,
-) -> Result<Prepared, ReconstructError> {
+) -> Result<PreparedGaussians, ReconstructError> {
     let refuse = |reason: &str| {
         Err(ReconstructError::Request {
             reason: format!("{}: {reason}", METHOD.id),
@@ -110,7 +110,7 @@ fn prepare(
         used: points.len() == scene.points.len(),
         reason: format!("{} of {} points", points.len(), scene.points.len()),
     }];
-    Ok(Prepared {
+    Ok(PreparedGaussians {
         model: static_gaussians::table(&initial, 0).into(),
         settings,
         plan,

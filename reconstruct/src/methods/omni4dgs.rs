@@ -7,7 +7,7 @@ use crate::{
     baseline::{OPACITY_RESET, SKY_SHELL},
     components::{Components, pose_refinement},
     methods::{
-        Method, Prepared,
+        Method, PreparedGaussians,
         dynamic::{
             self, Beginning, CYCLE_FRAMES, Evidence, TEMPORAL_DENSITY, TEMPORAL_MOTION,
             TEMPORAL_OPACITY, TEMPORAL_SMOOTHING,
@@ -61,7 +61,7 @@ pub const METHOD: Method = Method {
         SKY_SHELL,
         OPACITY_RESET,
     ],
-    prepare,
+    prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
 };
 
 /// Component: velocities have a radial and a tangential part (Eq. 3).
@@ -266,7 +266,7 @@ fn prepare(
     scene: &TrainingScene,
     request: &MethodRequest,
     backend: BackendChoice,
-) -> Result<Prepared, ReconstructError> {
+) -> Result<PreparedGaussians, ReconstructError> {
     prepare_variant(&PUBLISHED, scene, request, backend)
 }
 
@@ -328,7 +328,7 @@ pub(super) fn prepare_variant(
     scene: &TrainingScene,
     request: &MethodRequest,
     backend: BackendChoice,
-) -> Result<Prepared, ReconstructError> {
+) -> Result<PreparedGaussians, ReconstructError> {
     let clock = dynamic::check(variant.id, scene, backend)?;
     let mut settings = crate::baseline::settings(scene, request);
     dynamic::add_learning_rates(&mut settings, crate::baseline::scene_extent(scene));

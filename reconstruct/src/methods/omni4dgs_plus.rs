@@ -10,7 +10,7 @@ use crate::{
     baseline::{OPACITY_RESET, SKY_SHELL},
     components::pose_refinement::POSE_REFINEMENT,
     methods::{
-        Method, Prepared,
+        Method, PreparedGaussians,
         dynamic::{self, TEMPORAL_MOTION, TEMPORAL_OPACITY, TEMPORAL_SMOOTHING},
         omni4dgs::{
             self, DYNAMIC_MASK, EXPOSURE_COMPENSATION, MOTION_REGULARIZATION, STATIC_TABLE,
@@ -50,7 +50,7 @@ pub const METHOD: Method = Method {
         SKY_SHELL,
         OPACITY_RESET,
     ],
-    prepare,
+    prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
 };
 
 const OURS: Variant = Variant {
@@ -77,6 +77,6 @@ fn prepare(
     scene: &TrainingScene,
     request: &MethodRequest,
     backend: BackendChoice,
-) -> Result<Prepared, ReconstructError> {
+) -> Result<PreparedGaussians, ReconstructError> {
     omni4dgs::prepare_variant(&OURS, scene, request, backend)
 }

@@ -7,7 +7,7 @@ use crate::{
     baseline::{OPACITY_RESET, SKY_SHELL},
     components::Components,
     methods::{
-        Method, Prepared,
+        Method, PreparedGaussians,
         dynamic::{
             self, Beginning, CYCLE_FRAMES, Evidence, LIFESPAN_LOSS, TEMPORAL_DENSITY,
             TEMPORAL_MOTION, TEMPORAL_OPACITY, TEMPORAL_SMOOTHING,
@@ -43,7 +43,7 @@ pub const METHOD: Method = Method {
         SKY_SHELL,
         OPACITY_RESET,
     ],
-    prepare,
+    prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
 };
 
 /// Component: velocities cost.
@@ -56,7 +56,7 @@ fn prepare(
     scene: &TrainingScene,
     request: &MethodRequest,
     backend: BackendChoice,
-) -> Result<Prepared, ReconstructError> {
+) -> Result<PreparedGaussians, ReconstructError> {
     let clock = dynamic::check(METHOD.id, scene, backend)?;
     let mut settings = crate::baseline::settings(scene, request);
     let extent = crate::baseline::scene_extent(scene);

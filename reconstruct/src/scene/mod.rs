@@ -7,7 +7,7 @@ use omnilife_schemas::{
     RgbImage, Similarity,
     camera::ErpCamera,
     points::PointCloud,
-    records::{Scene, Split},
+    records::{Scale, Scene, Split},
     rgb::Mask,
     store,
 };
@@ -33,6 +33,8 @@ pub struct TrainingScene {
     pub novel_views: Vec<TrainingView>,
     /// World to normalized coordinates.
     pub normalization: Similarity,
+    /// What a unit of the world is.
+    pub scale: Scale,
     /// Whether the cameras stand too close together to give the scene its scale.
     pub is_normalized_by_points: bool,
     /// Points in normalized coordinates with their colours; may be empty.
@@ -87,6 +89,7 @@ impl TrainingScene {
             novel_views: load(&split.novel_views)?,
             is_normalized_by_points: normalization != cameras,
             normalization,
+            scale: scene.scale,
             points,
         })
     }
@@ -143,6 +146,7 @@ impl TrainingScene {
             input_views: self.input_views.iter().map(reduce).collect(),
             novel_views: self.novel_views.iter().map(reduce).collect(),
             normalization: self.normalization,
+            scale: self.scale,
             is_normalized_by_points: self.is_normalized_by_points,
             points: self.points.clone(),
         }

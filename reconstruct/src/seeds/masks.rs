@@ -343,6 +343,7 @@ mod tests {
                 offset: [0.0; 3],
                 scale: 1.0,
             },
+            scale: omnilife_schemas::records::Scale::Arbitrary,
             is_normalized_by_points: false,
             points: PointCloud {
                 colours: vec![[0; 3]; positions.len()],

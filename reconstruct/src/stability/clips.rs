@@ -4,6 +4,7 @@
 use glam::{DQuat, DVec3};
 use omnilife_schemas::{
     Pose, Similarity, camera::CameraModel, camera::ErpCamera, points::PointCloud, progress::Silent,
+    records::Scale,
 };
 
 use crate::stability::special::{Judgement, SpecialCase};
@@ -13,7 +14,7 @@ use crate::{
     scene::TrainingScene,
     train::Session,
 };
-use omnilife_engine::{camera::View, training_view::TrainingView};
+use omnilife_engine::{camera::View, model::Part, training_view::TrainingView};
 
 const METHODS: [&str; 4] = ["deformable", "periodic", "omni4dgs", "omni4dgs-plus"];
 const ITERATIONS: u64 = 12;
@@ -110,7 +111,7 @@ fn fault_of(scene: &TrainingScene, id: &str, plan: PlanChoice) -> Option<String>
 }
 
 fn fault_in(mut outcome: MethodOutcome<'_>) -> Option<String> {
-    let state = &outcome.trained.state;
+    let state = &outcome.training.state;
     let refused: u64 = state.refused.iter().sum();
     if refused > 0 {
         return Some(format!("{refused} gradient values were refused"));
@@ -118,19 +119,20 @@ fn fault_in(mut outcome: MethodOutcome<'_>) -> Option<String> {
     if state.trace.iter().any(|row| !row.train_loss.is_finite()) {
         return Some("a loss is not finite".to_owned());
     }
-    let model = match outcome.trained.stepper.model() {
-        Ok(model) => model,
+    let model = match outcome.learner.gaussians() {
+        Ok(model) => model?,
         Err(error) => return Some(error.to_string()),
     };
-    let moving = model.moving.iter().flat_map(|moving| &moving.table.arrays);
-    let network = model.deformation.iter().map(|weights| &weights.array);
-    for array in model.table.arrays.iter().chain(moving).chain(network) {
-        if array.values.iter().any(|value| !value.is_finite()) {
-            return Some(format!("{} are not finite", array.name));
-        }
+    if let Some(fault) = model.not_finite() {
+        return Some(fault);
     }
-    let bounds = outcome.settings.dynamics.as_ref()?.time.lifespans?;
-    let table = &model.moving.as_ref()?.table;
+    let with_times = |part: &&Part| part.parameterization.temporal().is_some();
+    let Part {
+        parameterization,
+        table,
+        ..
+    } = model.parts.iter().find(with_times)?;
+    let bounds = parameterization.temporal()?.time.lifespans?;
     let lifespans = &table.arrays[table.position("log_lifespans")?].values;
     let range = bounds.least_frames.ln()..=bounds.largest_frames.ln();
     lifespans
@@ -196,6 +198,7 @@ fn scene() -> Option<TrainingScene> {
         input_views,
         novel_views: Vec::new(),
         normalization,
+        scale: Scale::Arbitrary,
         is_normalized_by_points: false,
         points,
     })

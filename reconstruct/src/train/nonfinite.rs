@@ -1,31 +1,25 @@
 //! When gradients that are not finite stop a run.
 
-use omnilife_engine::parameters::ArrayShape;
-use omnilife_engine::step::StepSums;
+use omnilife_engine::{model::TrainedArray, step::StepStatistics};
 
 /// Share of an array's gradient values that may be not finite between two looks. Above it a run is
 /// not worth its time: something is wrong that leaving values out does not mend.
-const REFUSED_SHARE: f64 = 0.01;
+const NONFINITE_SHARE: f64 = 0.01;
 
-/// The first array of which more than [`REFUSED_SHARE`] of the gradients were not finite, in words;
-/// `gaussians` says how many have an array.
-pub(super) fn too_much_refused(
-    arrays: &[ArrayShape],
-    gaussians: impl Fn(usize) -> usize,
-    sums: &StepSums,
+/// The first array of which more than [`NONFINITE_SHARE`] of the gradients were not finite, described.
+pub(super) fn too_many_nonfinite(
+    arrays: &[TrainedArray],
+    statistics: &StepStatistics,
 ) -> Option<String> {
-    arrays
-        .iter()
-        .zip(&sums.refused)
-        .enumerate()
-        .find_map(|(number, (array, &refused))| {
-            let all = (array.width * gaussians(number)) as f64 * sums.steps as f64;
-            (refused as f64 > REFUSED_SHARE * all).then(|| {
-                let percent = 100.0 * refused as f64 / all.max(1.0);
-                let name = array.name;
-                format!("{percent:.1} % of the gradients of {name} are not finite")
-            })
+    let each = arrays.iter().zip(&statistics.refused);
+    each.into_iter().find_map(|(array, &refused)| {
+        let all = array.values as f64 * statistics.steps as f64;
+        (refused as f64 > NONFINITE_SHARE * all).then(|| {
+            let percent = 100.0 * refused as f64 / all.max(1.0);
+            let name = array.name;
+            format!("{percent:.1} % of the gradients of {name} are not finite")
         })
+    })
 }
 
 #[cfg(test)]
@@ -34,16 +28,16 @@ mod tests {
 
     #[test]
     fn a_run_stops_when_many_gradients_of_an_array_are_not_finite() {
-        let arrays = [("positions", 3), ("opacity_logits", 1)]
-            .map(|(name, width)| ArrayShape { name, width });
-        let sums = |refused: [u64; 2]| StepSums {
+        let arrays = [("positions", 150), ("opacity_logits", 50)]
+            .map(|(name, values)| TrainedArray { name, values });
+        let statistics = |refused: [u64; 2]| StepStatistics {
             steps: 100,
             refused: refused.into(),
-            ..StepSums::default()
+            ..StepStatistics::default()
         };
         // One percent of 100 steps of 50 Gaussians is 150 positions and 50 opacities.
-        assert_eq!(too_much_refused(&arrays, |_| 50, &sums([150, 50])), None);
-        let what = too_much_refused(&arrays, |_| 50, &sums([150, 51])).expect("too many");
+        assert_eq!(too_many_nonfinite(&arrays, &statistics([150, 50])), None);
+        let what = too_many_nonfinite(&arrays, &statistics([150, 51])).expect("too many");
         assert!(
             what.contains("opacity_logits") && what.contains("1.0 %"),
             "{what}"

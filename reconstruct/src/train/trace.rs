@@ -5,10 +5,11 @@ use std::path::Path;
 use omnilife_schemas::store::{self, StoreError};
 use serde::{Deserialize, Serialize};
 
+use omnilife_engine::{model::TrainedArray, step::StepStatistics};
+
+use crate::learner::ModelSize;
 use crate::process;
 use crate::train::checkpoint::LoopState;
-use omnilife_engine::parameters::ArrayShape;
-use omnilife_engine::step::StepSums;
 
 /// One row of error against run time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -60,23 +61,23 @@ impl TracePoint {
     /// the bytes of their tables, the arrays and the scores (PSNR in dB, SSIM) of the novel views.
     pub(super) fn new(
         state: &LoopState,
-        sums: &StepSums,
-        (gaussians, table_bytes): (usize, u64),
-        arrays: &[ArrayShape],
+        statistics: &StepStatistics,
+        size: ModelSize,
+        arrays: &[TrainedArray],
         novel: Option<[f64; 2]>,
     ) -> Self {
-        let steps = sums.steps.max(1) as f64;
-        let refused = sums.refused.iter().chain(std::iter::repeat(&0));
+        let steps = statistics.steps.max(1) as f64;
+        let refused = statistics.refused.iter().chain(std::iter::repeat(&0));
         Self {
             wall_seconds: state.training.as_secs_f64(),
             evaluation_seconds: state.evaluation.as_secs_f64(),
             cpu_seconds: state.training_cpu.map(|time| time.as_secs_f64()),
             iteration: state.iteration,
-            gaussians: gaussians as u64,
-            table_bytes,
+            gaussians: size.primitives,
+            table_bytes: size.bytes,
             peak_memory_bytes: process::peak_memory_bytes(),
-            train_loss: sums.loss / steps,
-            train_psnr_db: -10.0 * (sums.squared_error / steps).max(1e-10).log10(),
+            train_loss: statistics.loss / steps,
+            train_psnr_db: -10.0 * (statistics.squared_error / steps).max(1e-10).log10(),
             novel_psnr_db: novel.map(|[psnr, _]| psnr),
             novel_ssim: novel.map(|[_, ssim]| ssim),
             refused: arrays

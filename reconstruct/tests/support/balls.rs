@@ -98,6 +98,7 @@ pub(crate) fn scene_with(
         input_views,
         novel_views,
         normalization,
+        scale: omnilife_schemas::records::Scale::Arbitrary,
         is_normalized_by_points: false,
         points,
     }

@@ -1,5 +1,6 @@
 //! Methods trained for a few steps, without files.
 
+use omnilife_engine::step::settings::TrainSettings;
 use omnilife_reconstruct::{
     methods::{self, MethodOutcome},
     request::MethodRequest,
@@ -23,4 +24,9 @@ pub(crate) fn train<'a>(
         .unwrap()
         .train(scene, request, &Session::without_files(&Silent))
         .unwrap()
+}
+
+/// The settings of a training as its record has them.
+pub(crate) fn settings(outcome: &MethodOutcome<'_>) -> TrainSettings {
+    serde_json::from_value(outcome.configuration.clone()).unwrap()
 }

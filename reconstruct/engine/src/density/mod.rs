@@ -18,7 +18,7 @@ use crate::training_view::TrainingView;
 use crate::{
     camera::View,
     gaussians::static_gaussians::{LOG_SCALES, OPACITY_LOGITS, POSITIONS, QUATERNIONS, logit},
-    model::{Model, dynamic_settings::DynamicSettings},
+    model::{Model, Part, dynamic_settings::TemporalDensity},
     parameters::ParameterTable,
 };
 
@@ -45,8 +45,8 @@ pub struct DensityContext<'a> {
     pub views: &'a [TrainingView],
     /// Number of the input view that was rendered last.
     pub last_view: usize,
-    /// What is known of time.
-    pub dynamics: Option<&'a DynamicSettings>,
+    /// Density control in time.
+    pub temporal: Option<TemporalDensity>,
 }
 
 /// Clones, splits and prunes the model's Gaussians and begins its statistics anew. `scheduled` is
@@ -61,24 +61,44 @@ pub fn densify(
 ) -> Densified {
     let maximum = usize::try_from(settings.maximum_gaussians).unwrap_or(usize::MAX);
     let mut done = Densified::default();
-    let fixed = model.table.len();
-    let mut others = 0;
-    if let (Some(moving), Some(dynamics)) = (&mut model.moving, context.dynamics) {
-        let room = maximum.saturating_sub(fixed + moving.table.len());
-        let control = moving::MovingControl {
-            settings,
-            dynamics,
-            scheduled,
-            context,
-            room,
+    let is_temporal = |part: &Part| part.parameterization.temporal().is_some();
+    let (first, last): (Vec<usize>, Vec<usize>) =
+        (0..model.parts.len()).partition(|&number| is_temporal(&model.parts[number]));
+    for number in first.into_iter().chain(last) {
+        let room = maximum.saturating_sub(model.len());
+        let part = &mut model.parts[number];
+        let of_part = match part.parameterization.temporal().copied() {
+            Some(temporal) => {
+                let control = moving::MovingControl {
+                    settings,
+                    temporal,
+                    scheduled,
+                    context,
+                    room,
+                };
+                control.densify(part, random)
+            }
+            None => densify_static(part, settings, scheduled, context, room, random),
         };
-        done = control.densify(moving, random);
-        others = moving.table.len();
+        done.cloned += of_part.cloned;
+        done.split += of_part.split;
+        done.pruned += of_part.pruned;
     }
-    let Model {
+    done
+}
+
+/// Density control in space alone.
+fn densify_static(
+    part: &mut Part,
+    settings: &DensifySettings,
+    scheduled: u64,
+    context: &DensityContext<'_>,
+    room: usize,
+    random: &mut Pcg64Mcg,
+) -> Densified {
+    let Part {
         table, statistics, ..
-    } = model;
-    let room = maximum.saturating_sub(others + table.len());
+    } = part;
     let (mut clones, mut parents) = (Vec::new(), Vec::new());
     for index in candidates(table, statistics, settings, context, room) {
         if relative_size(table, index, settings.size_unit) <= settings.clone_size {
@@ -101,11 +121,12 @@ pub fn densify(
     let pruned = remove(table, &parents, |table, index| {
         is_useful(table, index, settings, scheduled)
     });
-    *statistics = Statistics::new(table.len());
-    done.cloned += clones.len();
-    done.split += parents.len();
-    done.pruned += pruned;
-    done
+    part.forget_statistics();
+    Densified {
+        cloned: clones.len(),
+        split: parents.len(),
+        pruned,
+    }
 }
 
 /// Removes `parents` and what is of no use; returns the number of the latter.
@@ -202,9 +223,8 @@ fn cos_latitude(position: [f32; 3], view: &View) -> f32 {
 
 /// Sets all opacities down to 0.01 and forgets their moments.
 pub fn reset_opacities(model: &mut Model) {
-    let moving = model.moving.as_mut().map(|moving| &mut moving.table);
-    for table in std::iter::once(&mut model.table).chain(moving) {
-        let array = &mut table.arrays[OPACITY_LOGITS];
+    for part in &mut model.parts {
+        let array = &mut part.table.arrays[OPACITY_LOGITS];
         let limit = logit(RESET_OPACITY);
         for value in &mut array.values {
             *value = value.min(limit);
@@ -312,16 +332,13 @@ mod tests {
             },
             0,
         );
-        Model {
-            table,
-            statistics: Statistics {
-                sums: sums.into(),
-                views: views.into(),
-            },
-            moving: None,
-            deformation: None,
-            poses: None,
-        }
+        let mut model = Model::of_static(table);
+        model.parts[0].statistics = Statistics {
+            sums: sums.into(),
+            views: views.into(),
+            time_gradients: Vec::new(),
+        };
+        model
     }
 
     fn densified(model: &mut Model, settings: &DensifySettings, scheduled: u64) -> Densified {
@@ -329,7 +346,7 @@ mod tests {
         let context = DensityContext {
             views: &views,
             last_view: 0,
-            dynamics: None,
+            temporal: None,
         };
         let mut random = Pcg64Mcg::seed_from_u64(0);
         densify(model, settings, scheduled, &context, &mut random)
@@ -348,8 +365,10 @@ mod tests {
             }
         );
         // The small one, its copy and two children.
-        let table = &model.table;
-        assert_eq!((table.len(), model.statistics.views.len()), (4, 4));
+        let Part {
+            table, statistics, ..
+        } = &model.parts[0];
+        assert_eq!((table.len(), statistics.views.len()), (4, 4));
         let child: [f32; 3] = row(table, LOG_SCALES, 3);
         assert!((child[0].exp() - 1.0 / 1.6).abs() < 1e-6);
         let [a, b]: [[f32; 3]; 2] = [row(table, POSITIONS, 2), row(table, POSITIONS, 3)];
@@ -378,7 +397,7 @@ mod tests {
         let context = |last_view| DensityContext {
             views: &views,
             last_view,
-            dynamics: None,
+            temporal: None,
         };
         let by = |latitude| Threshold {
             equator: 1.0,
@@ -405,12 +424,13 @@ mod tests {
         let context = DensityContext {
             views: &views,
             last_view: 0,
-            dynamics: None,
+            temporal: None,
         };
         let found = |maximum| {
             let model = four(sums, [1; 4]);
-            let room = maximum - model.table.len();
-            candidates(&model.table, &model.statistics, &settings(), &context, room)
+            let part = &model.parts[0];
+            let room = maximum - part.table.len();
+            candidates(&part.table, &part.statistics, &settings(), &context, room)
         };
         assert_eq!(found(4), [0; 0]);
         assert_eq!(found(5), [1]);
@@ -422,9 +442,11 @@ mod tests {
     #[test]
     fn reset_lowers_opacities_and_keeps_lower_ones() {
         let mut model = four([0.0; 4], [0; 4]);
-        model.table.arrays[OPACITY_LOGITS].first_moments.fill(1.0);
+        model.parts[0].table.arrays[OPACITY_LOGITS]
+            .first_moments
+            .fill(1.0);
         reset_opacities(&mut model);
-        let table = model.table;
+        let table = &model.parts[0].table;
         let opacities: Vec<f32> = table.arrays[OPACITY_LOGITS]
             .values
             .iter()

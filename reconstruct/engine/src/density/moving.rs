@@ -19,14 +19,13 @@ use crate::density::{
 };
 use crate::{
     gaussians::{
+        parameterization::Viewpoint,
         periodic::Pulse,
         static_gaussians::{OPACITY_LOGITS, POSITIONS, sigmoid},
         temporal::{LOG_LIFESPANS, PEAK_TIMES},
+        temporal_gaussians::TemporalGaussians,
     },
-    model::{
-        MovingGaussians,
-        dynamic_settings::{DynamicSettings, TemporalDensity},
-    },
+    model::{Part, Statistics, dynamic_settings::TemporalDensity},
     parameters::ParameterTable,
 };
 
@@ -39,7 +38,7 @@ const PEAK_MARGIN: f32 = 0.1;
 /// What density control of moving Gaussians goes by.
 pub(super) struct MovingControl<'a> {
     pub(super) settings: &'a DensifySettings,
-    pub(super) dynamics: &'a DynamicSettings,
+    pub(super) temporal: TemporalGaussians,
     pub(super) scheduled: u64,
     pub(super) context: &'a DensityContext<'a>,
     /// How many Gaussians may be added.
@@ -55,15 +54,15 @@ enum Growth {
 
 impl MovingControl<'_> {
     /// Clones, splits and prunes, and begins the statistics anew.
-    pub(super) fn densify(&self, moving: &mut MovingGaussians, random: &mut Pcg64Mcg) -> Densified {
+    pub(super) fn densify(&self, part: &mut Part, random: &mut Pcg64Mcg) -> Densified {
         let (mut clones, mut parents) = (Vec::new(), Vec::new());
-        for (index, growth) in self.growing(moving) {
+        for (index, growth) in self.growing(part) {
             match growth {
                 Growth::Clone => clones.push(index),
                 Growth::Split => parents.push(index),
             }
         }
-        let table = &mut moving.table;
+        let table = &mut part.table;
         table.append_copies(&clones);
         let shortens = self.shortens();
         let siblings = if shortens { 3 } else { 2 };
@@ -79,7 +78,7 @@ impl MovingControl<'_> {
         let pruned = remove(table, &parents, |table, index| {
             is_useful(table, index, self.settings, self.scheduled) && self.is_seen(table, index)
         });
-        moving.forget_statistics();
+        part.forget_statistics();
         Densified {
             cloned: clones.len(),
             split: parents.len(),
@@ -89,15 +88,16 @@ impl MovingControl<'_> {
 
     /// Whether splits shorten lifespans by now.
     fn shortens(&self) -> bool {
-        let density = &self.dynamics.density;
-        density.is_some_and(|density| self.scheduled >= density.shorten_from_iteration)
+        self.context
+            .temporal
+            .is_some_and(|density| self.scheduled >= density.shorten_from_iteration)
     }
 
     /// Which Gaussians grow and how, in order of their index.
-    fn growing(&self, moving: &MovingGaussians) -> Vec<(usize, Growth)> {
-        let MovingGaussians {
+    fn growing(&self, part: &Part) -> Vec<(usize, Growth)> {
+        let Part {
             table, statistics, ..
-        } = moving;
+        } = part;
         // A split into three adds two.
         let room = if self.shortens() {
             self.room / 2
@@ -115,9 +115,9 @@ impl MovingControl<'_> {
                 Growth::Split
             });
         }
-        if let Some(density) = &self.dynamics.density {
+        if let Some(density) = &self.context.temporal {
             let room = room - in_space.len();
-            for index in self.restless(moving, density, room) {
+            for index in self.restless(part, density, room) {
                 let lifespan = self.pulse(table, index).lifespan;
                 let in_time = if lifespan <= density.clone_lifespan_frames {
                     Growth::Clone
@@ -137,17 +137,16 @@ impl MovingControl<'_> {
     }
 
     /// Gaussians whose peak time is pulled about.
-    fn restless(
-        &self,
-        moving: &MovingGaussians,
-        density: &TemporalDensity,
-        room: usize,
-    ) -> Vec<usize> {
-        let views = &moving.statistics.views;
-        let candidates = (0..moving.table.len())
+    fn restless(&self, part: &Part, density: &TemporalDensity, room: usize) -> Vec<usize> {
+        let Statistics {
+            views,
+            time_gradients,
+            ..
+        } = &part.statistics;
+        let candidates = (0..part.table.len())
             .filter(|&index| views[index] > 0)
             .map(|index| {
-                let mean = moving.time_gradients[index] / views[index] as f32;
+                let mean = time_gradients[index] / views[index] as f32;
                 (index, mean / density.gradient_threshold)
             })
             .filter(|&(_, excess)| excess >= 1.0);
@@ -157,8 +156,8 @@ impl MovingControl<'_> {
     fn pulse(&self, table: &ParameterTable, index: usize) -> Pulse {
         // Who looks hardly matters for where a child is put.
         let view = &self.context.views[self.context.last_view].view;
-        let look = self.dynamics.look(view, 0.0);
-        self.dynamics.time.pulses(table, look.observer).pulse(index)
+        let look = self.temporal.look(&Viewpoint::of_image(view));
+        self.temporal.time.pulses(table, look.observer).pulse(index)
     }
 
     /// Moves a child in space and time.
@@ -181,27 +180,27 @@ impl MovingControl<'_> {
         };
         if pulse.lifespan.is_finite() {
             let normal: f32 = StandardNormal.sample(random);
-            let half = (0.5 + PEAK_MARGIN) * self.dynamics.clock.duration_frames;
+            let half = (0.5 + PEAK_MARGIN) * self.temporal.clock.duration_frames;
             let peak = (pulse.peak + normal * pulse.lifespan).clamp(-half, half);
-            let mean = pulse.velocity * pulse.steadiness(self.dynamics.time.cycle_frames);
+            let mean = pulse.velocity * pulse.steadiness(self.temporal.time.cycle_frames);
             let moved = mean * (peak - pulse.peak);
             let position = &mut table.arrays[POSITIONS].values.as_chunks_mut::<3>().0[child];
             *position = (Vec3::from_array(*position) + moved).to_array();
             table.arrays[peaks].values[child] = peak;
         }
-        if let Some(density) = self.dynamics.density.filter(|_| shortens)
+        if let Some(density) = self.context.temporal.filter(|_| shortens)
             && pulse.lifespan >= density.clone_lifespan_frames
             && let Some(lifespans) = table.position(LOG_LIFESPANS)
         {
             table.arrays[lifespans].values[child] -= LIFESPAN_SHRINK.ln();
-            self.dynamics.time.keep_within_bounds(table);
+            self.temporal.time.keep_within_bounds(table);
         }
     }
 
     /// Whether a Gaussian is opaque enough at some time of the clip.
     fn is_seen(&self, table: &ParameterTable, index: usize) -> bool {
         let pulse = self.pulse(table, index);
-        let half = 0.5 * self.dynamics.clock.duration_frames;
+        let half = 0.5 * self.temporal.clock.duration_frames;
         let distance = (pulse.peak.abs() - half).max(0.0);
         let opacity = sigmoid(table.arrays[OPACITY_LOGITS].values[index]);
         opacity * pulse.marginal(distance) >= self.settings.prune_opacity
@@ -221,15 +220,14 @@ mod tests {
         },
         gaussians::{
             static_gaussians::InitialGaussians,
-            temporal::{InitialTimes, LifespanRange, TemporalFeatures, TimeModel, VelocityModel},
+            temporal::{InitialTimes, LifespanRange, TimeModel, VelocityModel},
         },
-        model::Statistics,
     };
 
     const SHORTEN_FROM: u64 = 100;
 
-    fn dynamics() -> DynamicSettings {
-        DynamicSettings {
+    fn temporal() -> TemporalGaussians {
+        TemporalGaussians {
             clock: Clock {
                 origin_seconds: 0.0,
                 frame_seconds: 1.0,
@@ -246,22 +244,11 @@ mod tests {
             },
             down: [0.0, 1.0, 0.0],
             dynamic_below_staticness: 1.0,
-            dynamic_loss: None,
-            velocity_loss: None,
-            lifespan_weight: 0.0,
-            features: TemporalFeatures::default(),
-            motion_weight: 0.0,
-            smoothing: None,
-            density: Some(TemporalDensity {
-                gradient_threshold: 1.0,
-                clone_lifespan_frames: 0.5,
-                shorten_from_iteration: SHORTEN_FROM,
-            }),
         }
     }
 
     /// One per lifespan, all seen by two views, with sums of time gradients.
-    fn moving(peaks: &[f32], lifespans: &[f32], time_gradients: &[f32]) -> MovingGaussians {
+    fn moving(peaks: &[f32], lifespans: &[f32], time_gradients: &[f32]) -> Part {
         let len = peaks.len();
         let initial = InitialGaussians {
             positions: vec![[3.0, 0.0, 0.0]; len],
@@ -274,36 +261,40 @@ mod tests {
             lifespans: lifespans.into(),
             velocities: vec![[0.0, 0.0, 1.0]; len],
         };
-        let mut moving = MovingGaussians::new(dynamics().time.table(&initial, &times, 0));
-        moving.statistics = Statistics {
+        let mut part = Part::new(temporal(), temporal().time.table(&initial, &times, 0));
+        part.statistics = Statistics {
             sums: vec![0.0; len],
             views: vec![2; len],
+            time_gradients: time_gradients.into(),
         };
-        moving.time_gradients = time_gradients.into();
-        moving
+        part
     }
 
-    fn densified(moving: &mut MovingGaussians, scheduled: u64, room: usize) -> Densified {
-        let (views, settings, dynamics) = (views(), settings(), dynamics());
+    fn densified(part: &mut Part, scheduled: u64, room: usize) -> Densified {
+        let (views, settings) = (views(), settings());
         assert_eq!(settings.gradient_threshold, Threshold::constant(1.0));
         let context = DensityContext {
             views: &views,
             last_view: 0,
-            dynamics: Some(&dynamics),
+            temporal: Some(TemporalDensity {
+                gradient_threshold: 1.0,
+                clone_lifespan_frames: 0.5,
+                shorten_from_iteration: SHORTEN_FROM,
+            }),
         };
         let control = MovingControl {
             settings: &settings,
-            dynamics: &dynamics,
+            temporal: temporal(),
             scheduled,
             context: &context,
             room,
         };
-        control.densify(moving, &mut Pcg64Mcg::seed_from_u64(1))
+        control.densify(part, &mut Pcg64Mcg::seed_from_u64(1))
     }
 
-    fn column(moving: &MovingGaussians, name: &str) -> Vec<f32> {
-        let array = moving.table.position(name).expect("there");
-        moving.table.arrays[array].values.clone()
+    fn column(part: &Part, name: &str) -> Vec<f32> {
+        let array = part.table.position(name).expect("there");
+        part.table.arrays[array].values.clone()
     }
 
     #[test]
@@ -327,7 +318,7 @@ mod tests {
                 "{position:?} {expected}"
             );
         }
-        assert_eq!(model.time_gradients, [0.0; 5]);
+        assert_eq!(model.statistics.time_gradients, [0.0; 5]);
     }
 
     #[test]

@@ -10,14 +10,13 @@ use glam::Vec3;
 use crate::training_view::TrainingView;
 use crate::{gaussians::static_gaussians::POSITIONS, model::Model, parameters::ParameterTable};
 
-/// Sorts the Gaussians of both tables along a Z-order curve over the sphere around the mean of the
+/// Sorts the Gaussians of all parts along a Z-order curve over the sphere around the mean of the
 /// input views' centres. Statistics do not move along: this belongs where they begin anew.
 pub fn along_sphere(model: &mut Model, views: &[TrainingView]) {
     let sum: Vec3 = views.iter().map(|view| view.view.centre).sum();
     let centre = sum / views.len().max(1) as f32;
-    sort(&mut model.table, centre);
-    if let Some(moving) = &mut model.moving {
-        sort(&mut moving.table, centre);
+    for part in &mut model.parts {
+        sort(&mut part.table, centre);
     }
 }
 
@@ -75,7 +74,7 @@ mod tests {
         let positions: Vec<[f32; 3]> = (0..6)
             .map(|index| directions[index % 2].map(|value: f32| value * (1.0 + index as f32)))
             .collect();
-        let mut model = Model::new(static_gaussians::table(
+        let mut model = Model::of_static(static_gaussians::table(
             &InitialGaussians {
                 scales: (1..=6).map(|scale| scale as f32).collect(),
                 colours: vec![[0.5; 3]; 6],
@@ -84,10 +83,11 @@ mod tests {
             },
             0,
         ));
-        let first_moments = model.table.arrays[LOG_SCALES].values.clone();
-        model.table.arrays[LOG_SCALES].first_moments = first_moments;
+        let table = &mut model.parts[0].table;
+        let first_moments = table.arrays[LOG_SCALES].values.clone();
+        table.arrays[LOG_SCALES].first_moments = first_moments;
         along_sphere(&mut model, &views());
-        let table = &model.table;
+        let table = &model.parts[0].table;
         let order: Vec<usize> = (0..6)
             .map(|row| table.row(LOG_SCALES, row)[0].exp().round() as usize - 1)
             .collect();
@@ -100,9 +100,12 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_direction_has_a_place() {
-        for direction in [Vec3::ZERO, Vec3::NAN, Vec3::Y, Vec3::NEG_Y] {
-            z_order(direction);
-        }
+    fn poles_and_what_is_no_direction_have_a_place() {
+        // The nadir comes after every direction of the upper half, the zenith before any of the lower.
+        assert!(z_order(Vec3::NEG_Y) < z_order(Vec3::new(1.0, 0.1, 1.0)));
+        assert!(z_order(Vec3::Y) > z_order(Vec3::new(-1.0, -0.1, -1.0)));
+        assert_eq!(z_order(Vec3::ZERO), z_order(Vec3::Z));
+        // A NaN casts to 0: the first cell of all.
+        assert_eq!(z_order(Vec3::NAN), 0);
     }
 }

@@ -1,42 +1,20 @@
 //! WGSL files put together, and structures that both sides read.
 
-use crate::{
-    camera::{CONE_RHO, CONE_WIDTH, LOW_PASS, pinhole::SLOPE_MARGIN},
-    render::settings::{ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN},
-};
-
-/// Side of a tile on the device, pixels: one thread per pixel.
-pub(crate) const TILE: usize = 16;
-
 /// The source of a WGSL module: constants, then the files.
 #[derive(Debug, Clone)]
 pub(crate) struct Shader {
     /// The kernel's file, for messages.
     pub(crate) file: &'static str,
-    /// Further constants.
+    /// Its constants.
     pub(crate) constants: String,
     /// Files that the kernel's file needs, and it as the last.
     pub(crate) parts: &'static [&'static str],
 }
 
 impl Shader {
-    /// Constants of the Rust kernels, so that no number stands twice.
-    fn shared_constants() -> String {
-        format!(
-            "const ALPHA_MIN: f32 = {ALPHA_MIN:e};\n\
-             const ALPHA_MAX: f32 = {ALPHA_MAX:e};\n\
-             const TRANSMITTANCE_MIN: f32 = {TRANSMITTANCE_MIN:e};\n\
-             const LOW_PASS: f32 = {LOW_PASS:e};\n\
-             const CONE_RHO: f32 = {CONE_RHO:e};\n\
-             const CONE_WIDTH: f32 = {CONE_WIDTH:e};\n\
-             const SLOPE_MARGIN: f32 = {SLOPE_MARGIN:e};\n\
-             const TILE: u32 = {TILE}u;\n"
-        )
-    }
-
     /// The whole module.
     pub(crate) fn text(&self) -> String {
-        let mut text = Self::shared_constants() + &self.constants;
+        let mut text = self.constants.clone();
         for part in self.parts {
             text += part;
         }
@@ -83,7 +61,7 @@ mod tests {
     use crate::{
         device::scan,
         fields::mlp,
-        gaussians::{deformable, static_gaussians},
+        gaussians::{activated_buffers, deformable, static_gaussians},
         losses::photometric,
         parameters::adam,
         render::{bin, buffers, project, raster, sort},
@@ -177,7 +155,7 @@ mod tests {
             .collect();
         let found = [
             compare::<buffers::ViewUniform>(&modules, "View"),
-            compare::<buffers::DeviceGaussian>(&modules, "Gaussian"),
+            compare::<activated_buffers::DeviceGaussian>(&modules, "Gaussian"),
             compare::<buffers::DeviceSplat>(&modules, "Splat"),
             compare::<buffers::DeviceStatus>(&modules, "Status"),
             compare::<scan::ScanLevel>(&modules, "ScanLevel"),

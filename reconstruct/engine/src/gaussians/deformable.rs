@@ -16,11 +16,18 @@
 //! renderer expects them; the output layer begins at 0, so that the network comes in without a jump.
 
 pub(crate) mod gpu;
+pub mod settings;
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use self::settings::DeformationSettings;
 use crate::fields::mlp::{encoding, network::NetworkShape, passes::Activations};
+use crate::gaussians::{
+    parameterization::{DeviceKind, DeviceTwin, Parameterization, Viewpoint},
+    temporal::TemporalFeatures,
+};
+use crate::parameters::SharedParameters;
 use crate::{
     gaussians::{
         InstantGaussians,
@@ -106,31 +113,110 @@ impl DeformationModel {
     }
 }
 
-/// The network's weights with what their optimization needs.
-#[derive(Debug, Clone, PartialEq)]
-pub struct DeformationWeights {
-    /// All weights, as [`NetworkShape`] orders them.
-    pub array: ParameterArray,
-    /// Steps that the optimizer has made on them: fewer than on the Gaussians, which begin alone.
-    pub steps: u64,
+/// Canonical Gaussians that a network deforms.
+#[derive(Debug)]
+pub struct Deformable {
+    /// The network, when it comes in, and the clip's clock.
+    pub settings: DeformationSettings,
+    /// The network's weights.
+    pub weights: SharedParameters,
+    evaluation: Deformation,
+    /// Whether the network took part in what was activated last.
+    took_part: bool,
 }
 
-impl DeformationWeights {
-    /// Weights that nothing was done with.
-    pub fn new(values: Vec<f32>) -> Self {
-        let zeros = vec![0.0; values.len()];
+impl Deformable {
+    /// With weights, as [`NetworkShape`] orders them.
+    pub fn new(settings: DeformationSettings, weights: Vec<f32>) -> Self {
         Self {
-            array: ParameterArray {
-                name: DEFORMATION_WEIGHTS,
-                width: values.len(),
-                gradients: zeros.clone(),
-                first_moments: zeros.clone(),
-                second_moments: zeros,
-                values,
-                learning_rate: 0.0,
-            },
-            steps: 0,
+            settings,
+            weights: SharedParameters::new(DEFORMATION_WEIGHTS, weights),
+            evaluation: Deformation::default(),
+            took_part: false,
         }
+    }
+
+    /// The network's time of a viewpoint, where the network takes part: in training after its warm-up,
+    /// in images once it has learnt anything.
+    pub fn network_time(&self, at: &Viewpoint) -> Option<f32> {
+        let takes_part = match at.scheduled {
+            Some(scheduled) => scheduled > self.settings.warm_up_iterations,
+            None => self.weights.steps > 0,
+        };
+        takes_part.then(|| self.settings.unit_time(at.seconds, at.shift_frames))
+    }
+}
+
+impl Parameterization for Deformable {
+    fn id(&self) -> &'static str {
+        "deformable"
+    }
+
+    fn activate(
+        &mut self,
+        table: &ParameterTable,
+        at: &Viewpoint,
+        features: &TemporalFeatures,
+        first: usize,
+        out: &mut InstantGaussians,
+    ) {
+        let time = self.network_time(at);
+        self.took_part = time.is_some();
+        static_gaussians::instantiate_from(table, first, out);
+        static_gaussians::write_static_features(features, first, table.len(), out);
+        if let Some(time) = time {
+            // Images alone need no activations for a way back.
+            self.evaluation.keep_activations(at.scheduled.is_some());
+            let (model, weights) = (&self.settings.model, &self.weights.array.values);
+            self.evaluation
+                .deform(model, weights, table, time, first, out);
+        }
+    }
+
+    fn activate_backward(
+        &mut self,
+        table: &mut ParameterTable,
+        at: &Viewpoint,
+        _: &TemporalFeatures,
+        first: usize,
+        activated: &mut InstantGaussians,
+        gradient: &mut InstantGaussians,
+    ) {
+        if let Some(time) = self.network_time(at) {
+            let (model, weights) = (&self.settings.model, &mut self.weights.array);
+            self.evaluation
+                .deform_vjp(model, weights, table, time, first, (activated, gradient));
+        }
+        static_gaussians::instantiate_from_vjp(table, first, activated, gradient);
+    }
+
+    fn shared(&self) -> Option<&SharedParameters> {
+        Some(&self.weights)
+    }
+
+    fn shared_mut(&mut self) -> Option<&mut SharedParameters> {
+        Some(&mut self.weights)
+    }
+
+    fn stepped_shared(&mut self) -> Option<&mut SharedParameters> {
+        self.took_part.then_some(&mut self.weights)
+    }
+
+    fn tells_static_from_dynamic(&self) -> bool {
+        false
+    }
+
+    fn device_twin(&self) -> Option<DeviceTwin<'_>> {
+        Some(DeviceTwin(DeviceKind::Deformable(self)))
+    }
+
+    fn boxed(&self) -> Box<dyn Parameterization> {
+        Box::new(Self {
+            settings: self.settings,
+            weights: self.weights.clone(),
+            evaluation: Deformation::default(),
+            took_part: false,
+        })
     }
 }
 
@@ -158,12 +244,18 @@ impl Default for Deformation {
 }
 
 impl Deformation {
-    /// For pictures alone: nothing is kept for gradients.
+    /// For images alone: nothing is kept for gradients.
     pub fn without_gradients() -> Self {
         Self {
             activations: Activations::new(0),
             ..Self::default()
         }
+    }
+
+    /// Sets whether the next evaluation keeps what a way back needs.
+    fn keep_activations(&mut self, keeps: bool) {
+        let bytes = if keeps { LARGEST_ACTIVATIONS_BYTES } else { 0 };
+        self.activations.set_limit_bytes(bytes);
     }
 
     /// Activates canonical Gaussians and deforms them to a time in [0, 1].
@@ -176,6 +268,20 @@ impl Deformation {
         out: &mut InstantGaussians,
     ) {
         static_gaussians::instantiate(table, out);
+        self.deform(model, weights, table, time, 0, out);
+    }
+
+    /// Deforms the activated canonical Gaussians that begin with entry `first`.
+    fn deform(
+        &mut self,
+        model: &DeformationModel,
+        weights: &[f32],
+        table: &ParameterTable,
+        time: f32,
+        first: usize,
+        out: &mut InstantGaussians,
+    ) {
+        let entries = first..first + table.len();
         let positions = table.arrays[POSITIONS].values.as_chunks::<3>().0;
         self.outputs.resize(OUTPUTS * table.len(), 0.0);
         model.network().forward(
@@ -185,14 +291,17 @@ impl Deformation {
             &mut self.activations,
             &mut self.outputs,
         );
-        self.scales.clone_from(&out.scales);
-        self.rotations.clone_from(&out.rotations);
+        self.scales.clear();
+        self.scales.extend_from_slice(&out.scales[entries.clone()]);
+        self.rotations.clear();
+        self.rotations
+            .extend_from_slice(&out.rotations[entries.clone()]);
         let unit = model.length_unit;
         (
             self.outputs.as_chunks::<OUTPUTS>().0.par_iter(),
-            out.positions.par_iter_mut(),
-            out.scales.par_iter_mut(),
-            out.rotations.par_iter_mut(),
+            out.positions[entries.clone()].par_iter_mut(),
+            out.scales[entries.clone()].par_iter_mut(),
+            out.rotations[entries].par_iter_mut(),
         )
             .into_par_iter()
             .with_min_len(1024)
@@ -222,6 +331,22 @@ impl Deformation {
         time: f32,
         (instant, gradient): (&mut InstantGaussians, &mut InstantGaussians),
     ) {
+        self.deform_vjp(model, weights, table, time, 0, (instant, gradient));
+        static_gaussians::instantiate_vjp(table, instant, gradient);
+    }
+
+    /// VJP of [`Deformation::deform`]: leaves the canonical Gaussians, and the gradients by them, in the
+    /// entries of `instant` and `gradient`.
+    fn deform_vjp(
+        &mut self,
+        model: &DeformationModel,
+        weights: &mut ParameterArray,
+        table: &ParameterTable,
+        time: f32,
+        first: usize,
+        (instant, gradient): (&mut InstantGaussians, &mut InstantGaussians),
+    ) {
+        let entries = first..first + table.len();
         let unit = model.length_unit;
         self.upstream.resize(self.outputs.len(), 0.0);
         (
@@ -229,9 +354,9 @@ impl Deformation {
             self.outputs.as_chunks::<OUTPUTS>().0.par_iter(),
             self.scales.par_iter(),
             self.rotations.par_iter(),
-            gradient.positions.par_iter(),
-            gradient.scales.par_iter_mut(),
-            gradient.rotations.par_iter_mut(),
+            gradient.positions[entries.clone()].par_iter(),
+            gradient.scales[entries.clone()].par_iter_mut(),
+            gradient.rotations[entries.clone()].par_iter_mut(),
         )
             .into_par_iter()
             .with_min_len(1024)
@@ -268,9 +393,8 @@ impl Deformation {
             &self.upstream,
             &mut weights.gradients,
         );
-        std::mem::swap(&mut instant.scales, &mut self.scales);
-        std::mem::swap(&mut instant.rotations, &mut self.rotations);
-        static_gaussians::instantiate_vjp(table, instant, gradient);
+        instant.scales[entries.clone()].copy_from_slice(&self.scales);
+        instant.rotations[entries].copy_from_slice(&self.rotations);
     }
 }
 

@@ -4,18 +4,21 @@
 //! A parameterization reads raw (unconstrained) parameters and gives [`InstantGaussians`]; its VJP
 //! writes the gradients of the raw parameters. Renderers know neither time nor method.
 //!
+//! * [`parameterization`]: the trait that each implements, and how to add one.
 //! * [`static_gaussians`]: nothing depends on time. [`subset`]: some Gaussians alone.
 //! * [`temporal`]: a static table with the arrays of a motion, at one moment. The motion itself is in
 //!   [`periodic`] (PVG), the velocity of Omni4DGS in [`omni4dgs`].
 //! * [`deformable`]: a static table, and a network that moves it.
 
+pub(crate) mod activated_buffers;
 pub mod deformable;
 pub mod omni4dgs;
-pub(crate) mod parameterization;
+pub mod parameterization;
 pub mod periodic;
 pub mod static_gaussians;
 pub mod subset;
 pub mod temporal;
+pub mod temporal_gaussians;
 
 /// Value of the constant spherical harmonic, `1 / (2 sqrt(pi))`.
 pub const SH_C0: f32 = 0.282_094_8;

@@ -1,21 +1,156 @@
-//! What a parameterization does on a GPU.
+//! What a parameterization is: from raw parameters to Gaussians as a renderer sees them, and back
+//! with gradients.
+//!
+//! To add one: a type with the parameters' meaning in a file of its own that implements
+//! [`Parameterization`]; whoever builds a [`crate::model::Part`] with it trains it. Its GPU twin, where
+//! there is one, implements [`DeviceParameterization`] in a `gpu.rs` of its folder.
 
+use std::fmt;
+
+use glam::Vec3;
+
+use super::{
+    InstantGaussians, deformable::Deformable, temporal::TemporalFeatures,
+    temporal_gaussians::TemporalGaussians,
+};
 use crate::{
+    camera::View,
     device::{Gpu, GpuError, Program},
-    parameters::device_table::TableBuffers,
-    render::buffers::RenderBuffers,
+    gaussians::activated_buffers::ActivatedBuffers,
+    parameters::{ParameterTable, SharedParameters, device_table::TableBuffers},
 };
 
-/// From the arrays of a table to Gaussians at one instant and back with gradients, on the device.
-/// One implementation per parameterization, in its folder beside the WGSL.
-pub(crate) trait Parameterization: std::fmt::Debug {
+/// When and from where Gaussians are looked at.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Viewpoint {
+    /// Presentation time of the view, seconds.
+    pub seconds: f64,
+    /// How many frames before it the Gaussians are shown.
+    pub shift_frames: f32,
+    /// Centre of the camera, normalized units.
+    pub centre: Vec3,
+    /// The camera's vertical in the world, from zenith to nadir; a unit vector.
+    pub down: Vec3,
+    /// The iteration of the schedule, in training; images that nobody learns from have none.
+    pub scheduled: Option<u64>,
+}
+
+impl Viewpoint {
+    /// Of an image that nobody learns from.
+    pub fn of_image(view: &View) -> Self {
+        Self {
+            seconds: view.time_seconds,
+            shift_frames: 0.0,
+            centre: view.centre,
+            down: view.rotation.transpose() * Vec3::Y,
+            scheduled: None,
+        }
+    }
+
+    /// Of a training step.
+    pub fn of_step(view: &View, shift_frames: f32, scheduled: u64) -> Self {
+        Self {
+            shift_frames,
+            scheduled: Some(scheduled),
+            ..Self::of_image(view)
+        }
+    }
+}
+
+/// From the raw parameters of a table, and those that all its Gaussians share, to activated Gaussians.
+pub trait Parameterization: fmt::Debug + Send {
+    /// Name in messages and checkpoints.
+    fn id(&self) -> &'static str;
+
+    /// Activates a table into the entries of `out` that begin with number `first`; `out` has room for
+    /// them, and its feature channels are `features`.
+    fn activate(
+        &mut self,
+        table: &ParameterTable,
+        at: &Viewpoint,
+        features: &TemporalFeatures,
+        first: usize,
+        out: &mut InstantGaussians,
+    );
+
+    /// VJP of [`Parameterization::activate`], which was called last with the same arguments: overwrites
+    /// the gradients of the table and of the shared parameters. The entries of `activated` and
+    /// `gradient` are used up.
+    fn activate_backward(
+        &mut self,
+        table: &mut ParameterTable,
+        at: &Viewpoint,
+        features: &TemporalFeatures,
+        first: usize,
+        activated: &mut InstantGaussians,
+        gradient: &mut InstantGaussians,
+    );
+
+    /// Puts values that a step moved out of their bounds back onto them.
+    fn keep_within_bounds(&self, _table: &mut ParameterTable) {}
+
+    /// Parameters that all Gaussians of a table share: the weights of a network.
+    fn shared(&self) -> Option<&SharedParameters> {
+        None
+    }
+
+    /// The same, to be read from a file.
+    fn shared_mut(&mut self) -> Option<&mut SharedParameters> {
+        None
+    }
+
+    /// The same, where the last step gave them gradients.
+    fn stepped_shared(&mut self) -> Option<&mut SharedParameters> {
+        None
+    }
+
+    /// What is known of time, where Gaussians have times of their own: density control in time, the
+    /// losses on velocities and lifespans and the layers static and dynamic ask for it.
+    fn temporal(&self) -> Option<&TemporalGaussians> {
+        None
+    }
+
+    /// Whether each Gaussian by itself is static or dynamic: a network that moves all says nothing
+    /// about one.
+    fn tells_static_from_dynamic(&self) -> bool {
+        true
+    }
+
+    /// Its kernels on a GPU; `None` where it has none.
+    fn device_twin(&self) -> Option<DeviceTwin<'_>> {
+        None
+    }
+
+    /// A copy.
+    fn boxed(&self) -> Box<dyn Parameterization>;
+}
+
+impl Clone for Box<dyn Parameterization> {
+    fn clone(&self) -> Self {
+        self.boxed()
+    }
+}
+
+/// What a parameterization is on a GPU. Only those of this crate are anything there.
+#[derive(Debug, Clone, Copy)]
+pub struct DeviceTwin<'a>(pub(crate) DeviceKind<'a>);
+
+/// The kernels that there are.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum DeviceKind<'a> {
+    Static,
+    Deformable(&'a Deformable),
+}
+
+/// A parameterization on a GPU. One implementation each, in its folder beside the WGSL.
+pub(crate) trait DeviceParameterization: fmt::Debug {
     /// Fills `buffers.gaussians` and `buffers.harmonics`.
     fn instantiate(
         &self,
         gpu: &Gpu,
         program: &mut Program,
         table: &TableBuffers,
-        buffers: &RenderBuffers,
+        buffers: &ActivatedBuffers,
     ) -> Result<(), GpuError>;
 
     /// Fills `table.gradients`.
@@ -24,6 +159,6 @@ pub(crate) trait Parameterization: std::fmt::Debug {
         gpu: &Gpu,
         program: &mut Program,
         table: &TableBuffers,
-        buffers: &RenderBuffers,
+        buffers: &ActivatedBuffers,
     ) -> Result<(), GpuError>;
 }

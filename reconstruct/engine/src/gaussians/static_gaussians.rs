@@ -7,6 +7,12 @@ pub(crate) mod gpu;
 
 use rayon::prelude::*;
 
+use glam::Vec3;
+
+use crate::gaussians::{
+    parameterization::{DeviceKind, DeviceTwin, Parameterization, Viewpoint},
+    temporal::TemporalFeatures,
+};
 use crate::{
     gaussians::{InstantGaussians, MAX_SH_DEGREE, sh_rest_count},
     parameters::{ArrayShape, ParameterArray, ParameterTable},
@@ -116,6 +122,63 @@ pub fn table(initial: &InitialGaussians, sh_degree: usize) -> ParameterTable {
         table.add(name, width, values, 0.0);
     }
     table
+}
+
+/// Gaussians of which nothing depends on time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct StaticGaussians;
+
+impl Parameterization for StaticGaussians {
+    fn id(&self) -> &'static str {
+        "static"
+    }
+
+    fn activate(
+        &mut self,
+        table: &ParameterTable,
+        _: &Viewpoint,
+        features: &TemporalFeatures,
+        first: usize,
+        out: &mut InstantGaussians,
+    ) {
+        instantiate_from(table, first, out);
+        write_static_features(features, first, table.len(), out);
+    }
+
+    fn activate_backward(
+        &mut self,
+        table: &mut ParameterTable,
+        _: &Viewpoint,
+        _: &TemporalFeatures,
+        first: usize,
+        activated: &mut InstantGaussians,
+        gradient: &mut InstantGaussians,
+    ) {
+        instantiate_from_vjp(table, first, activated, gradient);
+    }
+
+    fn device_twin(&self) -> Option<DeviceTwin<'_>> {
+        Some(DeviceTwin(DeviceKind::Static))
+    }
+
+    fn boxed(&self) -> Box<dyn Parameterization> {
+        Box::new(*self)
+    }
+}
+
+/// The feature channels of `len` Gaussians from number `first` on that rest and last for ever.
+pub(super) fn write_static_features(
+    features: &TemporalFeatures,
+    first: usize,
+    len: usize,
+    out: &mut InstantGaussians,
+) {
+    let count = features.count();
+    if count > 0 {
+        for row in out.features[first * count..(first + len) * count].chunks_mut(count) {
+            features.write(Vec3::ZERO, f32::INFINITY, row);
+        }
+    }
 }
 
 /// Inverse of the sigmoid; the opacity is clamped to [1e-6, 1 - 1e-6] first.

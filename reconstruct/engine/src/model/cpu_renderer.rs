@@ -6,8 +6,8 @@ use crate::render::settings::RendererChoice;
 use crate::{
     camera::View,
     gaussians::InstantGaussians,
-    model::Statistics,
     render::{
+        Visible,
         cpu::Renderer,
         published::PublishedRenderer,
         raster::{Raster, RasterGradient},
@@ -52,13 +52,14 @@ impl CpuRenderer {
         view: &View,
         instant: &InstantGaussians,
         image_gradient: &[f32],
+        feature_gradient: &[f32],
         out: &mut InstantGaussians,
     ) {
         match self {
             Self::Exact(renderer) => {
                 let upstream = RasterGradient {
                     colour: image_gradient,
-                    features: &[],
+                    features: feature_gradient,
                 };
                 renderer.backward(view, instant, &upstream, out);
             }
@@ -66,10 +67,11 @@ impl CpuRenderer {
         }
     }
 
-    pub(crate) fn add_to(&self, statistics: &mut Statistics, half_size: [f32; 2]) {
+    /// Calls `each` for the Gaussians that the view rendered last shows.
+    pub(crate) fn for_each_visible(&self, each: impl FnMut(Visible)) {
         match self {
-            Self::Exact(renderer) => statistics.add(renderer.visible(), half_size),
-            Self::Published(renderer) => statistics.add(renderer.visible(), half_size),
+            Self::Exact(renderer) => renderer.visible().for_each(each),
+            Self::Published(renderer) => renderer.visible().for_each(each),
         }
     }
 

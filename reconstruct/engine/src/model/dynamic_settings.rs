@@ -7,9 +7,8 @@ use crate::{
     camera::View,
     clock::Clock,
     gaussians::{
-        omni4dgs::{DirectionOrigin, Observer},
-        periodic::Moment,
-        temporal::{Look, TemporalFeatures, TimeModel, VelocityModel},
+        temporal::{TemporalFeatures, TimeModel},
+        temporal_gaussians::TemporalGaussians,
     },
 };
 
@@ -82,27 +81,13 @@ pub struct TemporalDensity {
 }
 
 impl DynamicSettings {
-    /// How a view looks at Gaussians, `shift` frames early.
-    pub fn look(&self, view: &View, shift: f32) -> Look {
-        let origin = match self.time.velocity {
-            VelocityModel::Decomposed(decomposition) => decomposition.origin,
-            _ => DirectionOrigin::World,
-        };
-        Look {
-            moment: Moment {
-                frame: self.clock.frame(view.time_seconds),
-                shift,
-            },
-            observer: match origin {
-                DirectionOrigin::World => Observer {
-                    centre: Vec3::ZERO,
-                    down: Vec3::from_array(self.down),
-                },
-                DirectionOrigin::Camera => Observer {
-                    centre: view.centre,
-                    down: view.rotation.transpose() * Vec3::Y,
-                },
-            },
+    /// The parameterization of the Gaussians that these settings are of.
+    pub fn parameterization(&self) -> TemporalGaussians {
+        TemporalGaussians {
+            clock: self.clock,
+            time: self.time,
+            down: self.down,
+            dynamic_below_staticness: self.dynamic_below_staticness,
         }
     }
 }

@@ -6,10 +6,10 @@ use omnilife_schemas::RgbImage;
 use crate::{
     camera::View,
     gaussians::{
-        InstantGaussians, deformable::Deformation, static_gaussians, subset,
+        InstantGaussians, parameterization::Viewpoint, static_gaussians, subset,
         temporal::TemporalFeatures,
     },
-    model::{Model, deformation_settings::DeformationSettings, dynamic_settings::DynamicSettings},
+    model::{Model, Part},
     render::{cpu::Renderer, settings::RenderSettings},
 };
 
@@ -44,45 +44,10 @@ impl Layer {
     }
 }
 
-/// What a model was trained with of time.
-#[derive(Debug, Clone, Copy, Default)]
-pub enum TimeSettings<'a> {
-    /// Nothing.
-    #[default]
-    None,
-    /// Gaussians of its own parameters.
-    Dynamic(&'a DynamicSettings),
-    /// A network.
-    Deformation(&'a DeformationSettings),
-}
-
-impl<'a> TimeSettings<'a> {
-    /// Those of a run's settings.
-    pub fn new(
-        dynamics: Option<&'a DynamicSettings>,
-        deformation: Option<&'a DeformationSettings>,
-    ) -> Self {
-        match (dynamics, deformation) {
-            (Some(dynamics), _) => Self::Dynamic(dynamics),
-            (None, Some(deformation)) => Self::Deformation(deformation),
-            (None, None) => Self::None,
-        }
-    }
-
-    fn dynamics(&self) -> Option<&'a DynamicSettings> {
-        match self {
-            Self::Dynamic(dynamics) => Some(dynamics),
-            _ => None,
-        }
-    }
-}
-
 /// Renders layers of one model.
 #[derive(Debug)]
-pub struct LayerRenderer<'a> {
-    model: &'a Model,
-    time: TimeSettings<'a>,
-    deformation: Deformation,
+pub struct LayerRenderer {
+    model: Model,
     renderer: Renderer,
     all: InstantGaussians,
     part: InstantGaussians,
@@ -90,25 +55,35 @@ pub struct LayerRenderer<'a> {
     largest_speed: f32,
 }
 
-impl<'a> LayerRenderer<'a> {
+impl LayerRenderer {
     /// For a model, with what it was trained with.
-    pub fn new(model: &'a Model, time: TimeSettings<'a>, settings: RenderSettings) -> Self {
-        let mut distances: Vec<f32> = (0..model.table.len())
-            .map(|index| Vec3::from_slice(model.table.row(static_gaussians::POSITIONS, index)))
-            .map(Vec3::length)
+    pub fn new(model: Model, settings: RenderSettings) -> Self {
+        let of_static = model
+            .parts
+            .iter()
+            .filter(|part| part.parameterization.temporal().is_none());
+        let mut distances: Vec<f32> = of_static
+            .flat_map(|part| {
+                (0..part.table.len()).map(|index| {
+                    Vec3::from_slice(part.table.row(static_gaussians::POSITIONS, index)).length()
+                })
+            })
             .collect();
         distances.sort_by(f32::total_cmp);
         let median = distances.get(distances.len() / 2).copied();
         Self {
-            model,
-            time,
-            deformation: Deformation::without_gradients(),
             renderer: Renderer::new(settings),
             all: InstantGaussians::default(),
             part: InstantGaussians::default(),
             median_distance: median.unwrap_or(1.0).max(f32::MIN_POSITIVE),
-            largest_speed: largest_speed(model, time.dynamics()),
+            largest_speed: largest_speed(&model),
+            model,
         }
+    }
+
+    /// The model.
+    pub fn model(&self) -> &Model {
+        &self.model
     }
 
     /// What velocity maps show at most, normalized units per frame; 1 where nothing moves.
@@ -120,17 +95,17 @@ impl<'a> LayerRenderer<'a> {
     pub fn image(&mut self, view: &View, layer: Layer) -> RgbImage {
         match layer {
             Layer::All => {
-                self.instantiate(view, &TemporalFeatures::default());
+                self.activate(view, &TemporalFeatures::default());
                 self.renderer.image(view, &self.all)
             }
             Layer::Static | Layer::Dynamic => {
-                self.instantiate(view, &TemporalFeatures::default());
+                self.activate(view, &TemporalFeatures::default());
                 let members = self.members(view, layer == Layer::Dynamic);
                 subset::gather(&self.all, &members, &mut self.part);
                 self.renderer.image(view, &self.part)
             }
             Layer::Velocity => {
-                self.instantiate(
+                self.activate(
                     view,
                     &TemporalFeatures {
                         velocity_unit: Some(self.largest_speed),
@@ -144,7 +119,7 @@ impl<'a> LayerRenderer<'a> {
                 self.encode(view, data.collect())
             }
             Layer::Depth => {
-                self.instantiate(view, &TemporalFeatures::default());
+                self.activate(view, &TemporalFeatures::default());
                 let positions = &self.all.positions;
                 self.all.feature_count = 1;
                 self.all.features = positions
@@ -161,43 +136,34 @@ impl<'a> LayerRenderer<'a> {
         }
     }
 
-    fn instantiate(&mut self, view: &View, features: &TemporalFeatures) {
-        let (table, all) = (&self.model.table, &mut self.all);
-        match (self.time, &self.model.deformation) {
-            (TimeSettings::Dynamic(dynamics), _) => {
-                let look = dynamics.look(view, 0.0);
-                super::instantiate(self.model, dynamics, &look, features, all);
-                return;
-            }
-            (TimeSettings::Deformation(settings), Some(weights)) => {
-                let time = settings.unit_time(view.time_seconds, 0.0);
-                let weights = &weights.array.values;
-                self.deformation
-                    .instantiate(&settings.model, weights, table, time, all);
-            }
-            _ => static_gaussians::instantiate(table, all),
-        }
-        all.feature_count = features.count();
-        all.features = vec![0.0; features.count() * all.len()];
+    /// Why a layer means nothing in this model; `None` where it does.
+    pub fn refusal(&self, layer: Layer) -> Option<&'static str> {
+        let of_all = |part: &Part| !part.parameterization.tells_static_from_dynamic();
+        (layer.is_of_time() && self.model.parts.iter().any(of_all)).then_some(
+            "a network deforms these Gaussians: none of them is static or dynamic by itself, and none \
+             has a velocity; render all or depth",
+        )
+    }
+
+    fn activate(&mut self, view: &View, features: &TemporalFeatures) {
+        let at = Viewpoint::of_image(view);
+        self.model.activate(&at, features, &mut self.all);
     }
 
     /// The dynamic or the static Gaussians.
     fn members(&self, view: &View, dynamic: bool) -> Vec<usize> {
-        let fixed = self.model.table.len();
-        let mut members: Vec<usize> = if dynamic {
-            Vec::new()
-        } else {
-            (0..fixed).collect()
-        };
-        if let (Some(moving), Some(dynamics)) = (&self.model.moving, self.time.dynamics()) {
-            let observer = dynamics.look(view, 0.0).observer;
-            let pulses = dynamics.time.pulses(&moving.table, observer);
-            let threshold = dynamics.dynamic_below_staticness;
-            members.extend(
-                (0..moving.table.len())
-                    .filter(|&index| (pulses.staticness(index) < threshold) == dynamic)
-                    .map(|index| fixed + index),
-            );
+        let (mut members, mut first) = (Vec::new(), 0);
+        for part in &self.model.parts {
+            let of_part = match part.parameterization.temporal() {
+                Some(temporal) => {
+                    let look = temporal.look(&Viewpoint::of_image(view));
+                    temporal.members(&part.table, &look, dynamic)
+                }
+                None if dynamic => Vec::new(),
+                None => (0..part.table.len()).collect(),
+            };
+            members.extend(of_part.into_iter().map(|index| first + index));
+            first += part.table.len();
         }
         members
     }
@@ -227,20 +193,19 @@ impl<'a> LayerRenderer<'a> {
     }
 }
 
-/// The speed below which [`SLOWER_SHARE`] of the moving Gaussians are; 1 where nothing moves.
-fn largest_speed(model: &Model, dynamics: Option<&DynamicSettings>) -> f32 {
-    let (Some(moving), Some(dynamics)) = (&model.moving, dynamics) else {
-        return 1.0;
-    };
-    let observer = crate::gaussians::omni4dgs::Observer {
-        centre: Vec3::ZERO,
-        down: Vec3::from_array(dynamics.down),
-    };
-    let pulses = dynamics.time.pulses(&moving.table, observer);
-    let mut speeds: Vec<f32> = (0..moving.table.len())
-        .map(|index| pulses.pulse(index))
-        .map(|pulse| pulse.velocity.length() * pulse.steadiness(dynamics.time.cycle_frames))
-        .collect();
+/// The speed below which [`SLOWER_SHARE`] of the Gaussians with times of their own are; 1 where there
+/// are none.
+fn largest_speed(model: &Model) -> f32 {
+    let mut speeds = Vec::new();
+    for part in &model.parts {
+        if let Some(temporal) = part.parameterization.temporal() {
+            let pulses = temporal.time.pulses(&part.table, temporal.world_observer());
+            speeds.extend((0..part.table.len()).map(|index| {
+                let pulse = pulses.pulse(index);
+                pulse.velocity.length() * pulse.steadiness(temporal.time.cycle_frames)
+            }));
+        }
+    }
     speeds.sort_by(f32::total_cmp);
     let fast = speeds.get((SLOWER_SHARE * speeds.len() as f32) as usize);
     fast.copied().filter(|&speed| speed > 0.0).unwrap_or(1.0)

@@ -1,82 +1,117 @@
-//! What training changes: tables of Gaussians, a network, corrections of poses.
+//! What training changes: parts, each a table of Gaussians with the parameterization that activates
+//! them, and corrections of poses.
+//!
+//! * [`exposure`]: gains of the views. [`pose_corrections`]: of the input views' poses.
+//! * [`layers`]: a model taken apart for people. [`saved`]: a model in a checkpoint.
+//! * [`dynamic_settings`]: what training knows of time.
 
-pub mod cpu_renderer;
-pub mod deformation_settings;
+pub(crate) mod cpu_renderer;
 pub mod dynamic_settings;
 pub mod exposure;
 pub mod layers;
 pub mod pose_corrections;
+pub mod saved;
 
-use glam::Vec3;
-
-use self::{dynamic_settings::DynamicSettings, pose_corrections::PoseCorrections};
+use self::pose_corrections::PoseCorrections;
 use crate::{
     camera::View,
     gaussians::{
         InstantGaussians,
-        deformable::DeformationWeights,
-        static_gaussians,
-        temporal::{Look, TemporalFeatures},
+        parameterization::{Parameterization, Viewpoint},
+        static_gaussians::{self, StaticGaussians},
+        temporal::TemporalFeatures,
     },
-    parameters::{ArrayShape, ParameterTable},
+    parameters::{ArrayShape, ParameterArray, ParameterTable},
     render::Visible,
 };
 
-/// What training changes.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Model {
-    /// Parameters of the static Gaussians with their moments.
+/// Gaussians of one kind.
+#[derive(Debug, Clone)]
+pub struct Part {
+    /// What their parameters mean.
+    pub parameterization: Box<dyn Parameterization>,
+    /// Parameters with their moments.
     pub table: ParameterTable,
     /// What their density control goes by.
     pub statistics: Statistics,
-    /// Gaussians that depend on time; static methods have none.
-    pub moving: Option<MovingGaussians>,
-    /// A network that deforms the static Gaussians; most methods have none.
-    pub deformation: Option<DeformationWeights>,
+}
+
+impl Part {
+    /// Gaussians at the beginning of their training.
+    pub fn new(parameterization: impl Parameterization + 'static, table: ParameterTable) -> Self {
+        let statistics = Statistics::new(table.len(), parameterization.temporal().is_some());
+        Self {
+            parameterization: Box::new(parameterization),
+            table,
+            statistics,
+        }
+    }
+
+    /// Begins the statistics anew.
+    pub fn forget_statistics(&mut self) {
+        let with_times = self.parameterization.temporal().is_some();
+        self.statistics = Statistics::new(self.table.len(), with_times);
+    }
+
+    fn shared_array(&self) -> Option<&ParameterArray> {
+        Some(&self.parameterization.shared()?.array)
+    }
+}
+
+/// Equal where the same would be trained on in the same way.
+impl PartialEq for Part {
+    fn eq(&self, other: &Self) -> bool {
+        self.parameterization.id() == other.parameterization.id()
+            && self.parameterization.shared() == other.parameterization.shared()
+            && self.table == other.table
+            && self.statistics == other.statistics
+    }
+}
+
+/// What training changes.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Model {
+    /// Gaussians by kind; in an activated model they follow each other in this order.
+    pub parts: Vec<Part>,
     /// Corrections of the input views' poses, where they are refined.
     pub poses: Option<PoseCorrections>,
 }
 
-/// Gaussians that depend on time. Their table has the static ones' arrays first.
-#[derive(Debug, Clone, PartialEq)]
-pub struct MovingGaussians {
-    /// Parameters with their moments.
-    pub table: ParameterTable,
-    /// What density control in space goes by.
-    pub statistics: Statistics,
-    /// What density control in time goes by: sums of `|dL/dtau|` over the views that saw a Gaussian.
-    pub time_gradients: Vec<f32>,
+/// Everything of one name that is trained.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TrainedArray {
+    /// Name, unique in a model.
+    pub name: &'static str,
+    /// How many values there are of it at the moment.
+    pub values: usize,
 }
 
 impl Model {
-    /// A model at the beginning of its training.
-    pub fn new(table: ParameterTable) -> Self {
-        Self {
-            statistics: Statistics::new(table.len()),
-            table,
-            moving: None,
-            deformation: None,
-            poses: None,
-        }
+    /// A model of these parts.
+    pub fn new(parts: Vec<Part>) -> Self {
+        Self { parts, poses: None }
     }
 
-    /// A model with Gaussians that depend on time, at the beginning of its training.
-    pub fn with_moving(table: ParameterTable, moving: ParameterTable) -> Self {
-        Self {
-            moving: Some(MovingGaussians::new(moving)),
-            ..Self::new(table)
-        }
+    /// A model of static Gaussians.
+    pub fn of_static(table: ParameterTable) -> Self {
+        Self::new(vec![Part::new(StaticGaussians, table)])
     }
 
-    /// Number of Gaussians, static and moving.
+    /// Number of Gaussians.
     pub fn len(&self) -> usize {
-        let moving = self.moving.as_ref().map_or(0, |moving| moving.table.len());
-        self.table.len() + moving
+        self.parts.iter().map(|part| part.table.len()).sum()
     }
 
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+
+    /// How many of them have times of their own.
+    pub fn len_with_times(&self) -> usize {
+        let with_times = |part: &&Part| part.parameterization.temporal().is_some();
+        let parts = self.parts.iter().filter(with_times);
+        parts.map(|part| part.table.len()).sum()
     }
 
     /// A view of the scene with the pose that it is trained and shown with.
@@ -87,43 +122,105 @@ impl Model {
         }
     }
 
-    /// Names and widths of all arrays: those of static Gaussians, those that only moving ones have,
-    /// the weights of a network, a single row, and the corrections of poses.
+    /// Every array of a model with the rows that it has: tables of the parts, what their Gaussians
+    /// share, corrections of poses.
+    fn arrays(&self) -> impl Iterator<Item = &ParameterArray> {
+        let tables = self.parts.iter().flat_map(|part| &part.table.arrays);
+        let shared = self.parts.iter().filter_map(Part::shared_array);
+        let poses = self.poses.iter().flat_map(|poses| &poses.table.arrays);
+        tables.chain(shared).chain(poses)
+    }
+
+    /// All arrays by name, in a fixed order; arrays of one name in several parts count together.
+    pub fn trained_arrays(&self) -> Vec<TrainedArray> {
+        let mut trained: Vec<TrainedArray> = Vec::new();
+        for array in self.arrays() {
+            match trained.iter_mut().find(|known| known.name == array.name) {
+                Some(known) => known.values += array.values.len(),
+                None => trained.push(TrainedArray {
+                    name: array.name,
+                    values: array.values.len(),
+                }),
+            }
+        }
+        trained
+    }
+
+    /// Names and widths of all arrays, in the order of [`Model::trained_arrays`].
     pub fn shapes(&self) -> Vec<ArrayShape> {
-        let widest = self
-            .moving
-            .as_ref()
-            .map_or(&self.table, |moving| &moving.table);
-        let mut shapes = widest.shapes();
-        shapes.extend(self.deformation.as_ref().map(|weights| ArrayShape {
-            name: weights.array.name,
-            width: weights.array.width,
-        }));
-        shapes.extend(self.poses.iter().flat_map(|poses| poses.table.shapes()));
+        let mut shapes: Vec<ArrayShape> = Vec::new();
+        for ParameterArray { name, width, .. } in self.arrays() {
+            if shapes.iter().all(|known| known.name != *name) {
+                shapes.push(ArrayShape {
+                    name,
+                    width: *width,
+                });
+            }
+        }
         shapes
     }
-}
 
-impl MovingGaussians {
-    /// At the beginning of training.
-    pub fn new(table: ParameterTable) -> Self {
-        Self {
-            statistics: Statistics::new(table.len()),
-            time_gradients: vec![0.0; table.len()],
-            table,
+    /// Bytes of parameters, gradients and moments.
+    pub fn bytes(&self) -> u64 {
+        self.arrays().map(ParameterArray::bytes).sum()
+    }
+
+    /// The first value that is not finite, described.
+    pub fn not_finite(&self) -> Option<String> {
+        self.arrays().find_map(|array| {
+            let columns = [&array.values, &array.first_moments, &array.second_moments];
+            let bad = |column: &&Vec<f32>| column.iter().position(|value| !value.is_finite());
+            let at = columns.iter().find_map(bad)?;
+            Some(format!(
+                "row {} of {} is not finite",
+                at / array.width.max(1),
+                array.name
+            ))
+        })
+    }
+
+    /// All Gaussians as they are seen from a viewpoint, part after part.
+    pub fn activate(
+        &mut self,
+        at: &Viewpoint,
+        features: &TemporalFeatures,
+        out: &mut InstantGaussians,
+    ) {
+        let degrees = self
+            .parts
+            .iter()
+            .map(|part| static_gaussians::sh_degree(&part.table));
+        out.reshape(self.len(), degrees.max().unwrap_or(0), features.count());
+        let mut first = 0;
+        for part in &mut self.parts {
+            part.parameterization
+                .activate(&part.table, at, features, first, out);
+            first += part.table.len();
         }
     }
 
-    /// Begins the statistics anew.
-    pub fn forget_statistics(&mut self) {
-        self.statistics = Statistics::new(self.table.len());
-        self.time_gradients = vec![0.0; self.table.len()];
+    /// VJP of [`Model::activate`], which was called last with the same arguments: overwrites the gradients
+    /// of all tables and of what their Gaussians share. `activated` and `gradient` are used up.
+    pub fn activate_backward(
+        &mut self,
+        at: &Viewpoint,
+        features: &TemporalFeatures,
+        activated: &mut InstantGaussians,
+        gradient: &mut InstantGaussians,
+    ) {
+        let mut first = 0;
+        for part in &mut self.parts {
+            let table = &mut part.table;
+            part.parameterization
+                .activate_backward(table, at, features, first, activated, gradient);
+            first += part.table.len();
+        }
     }
 }
 
 impl From<ParameterTable> for Model {
     fn from(table: ParameterTable) -> Self {
-        Self::new(table)
+        Self::of_static(table)
     }
 }
 
@@ -135,14 +232,17 @@ pub struct Statistics {
     pub sums: Vec<f32>,
     /// How many views saw it.
     pub views: Vec<u32>,
+    /// Sum of `|dL/dtau|` over these views, where Gaussians have peak times `tau`; empty elsewhere.
+    pub time_gradients: Vec<f32>,
 }
 
 impl Statistics {
     /// Nothing seen yet, for `len` Gaussians.
-    pub fn new(len: usize) -> Self {
+    pub fn new(len: usize, with_times: bool) -> Self {
         Self {
             sums: vec![0.0; len],
             views: vec![0; len],
+            time_gradients: vec![0.0; if with_times { len } else { 0 }],
         }
     }
 
@@ -158,29 +258,5 @@ impl Statistics {
 
     pub(crate) fn mean(&self, index: usize) -> f32 {
         self.sums[index] / self.views[index].max(1) as f32
-    }
-}
-
-/// All Gaussians of a model at one moment: the static ones, then the moving ones.
-pub fn instantiate(
-    model: &Model,
-    settings: &DynamicSettings,
-    look: &Look,
-    features: &TemporalFeatures,
-    out: &mut InstantGaussians,
-) {
-    let fixed = model.table.len();
-    let moving = model.moving.as_ref().map_or(0, |moving| moving.table.len());
-    let degree = static_gaussians::sh_degree(&model.table);
-    out.reshape(fixed + moving, degree, features.count());
-    static_gaussians::instantiate_from(&model.table, 0, out);
-    if features.count() > 0 {
-        for row in out.features.chunks_mut(features.count()).take(fixed) {
-            features.write(Vec3::ZERO, f32::INFINITY, row);
-        }
-    }
-    if let Some(moving) = &model.moving {
-        let time = &settings.time;
-        time.instantiate_from(&moving.table, look, features, fixed, out);
     }
 }

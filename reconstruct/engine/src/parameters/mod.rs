@@ -35,6 +35,35 @@ impl ParameterArray {
     }
 }
 
+/// Parameters that all Gaussians of a table share, the weights of a network, with what their
+/// optimization needs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SharedParameters {
+    /// All of them, as a single row.
+    pub array: ParameterArray,
+    /// Steps that the optimizer has made on them: they may begin later than the Gaussians.
+    pub steps: u64,
+}
+
+impl SharedParameters {
+    /// Values that nothing was done with.
+    pub fn new(name: &'static str, values: Vec<f32>) -> Self {
+        let zeros = vec![0.0; values.len()];
+        Self {
+            array: ParameterArray {
+                name,
+                width: values.len(),
+                gradients: zeros.clone(),
+                first_moments: zeros.clone(),
+                second_moments: zeros,
+                values,
+                learning_rate: 0.0,
+            },
+            steps: 0,
+        }
+    }
+}
+
 /// What a parameter array is, whatever the number of Gaussians.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ArrayShape {

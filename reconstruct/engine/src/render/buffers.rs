@@ -2,13 +2,12 @@
 
 use std::cell::Cell;
 
-use crate::device::{
-    DeviceBuffer, Gpu, GpuError, Uniform,
-    shader::{TILE, wgsl_struct},
-};
+use crate::camera::{CONE_RHO, CONE_WIDTH, LOW_PASS, pinhole::SLOPE_MARGIN};
+use crate::device::{DeviceBuffer, Gpu, GpuError, Uniform, wgsl_struct};
+use crate::render::settings::{ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN};
 use crate::{
     camera::{Camera, View, rays::Rays},
-    gaussians::InstantGaussians,
+    gaussians::activated_buffers::ActivatedBuffers,
     render::{
         settings::{Footprint, RenderSettings},
         sort::gpu::Pairs,
@@ -35,15 +34,6 @@ wgsl_struct! {
         angular_low_pass: f32,
     }
 
-    /// An activated Gaussian, or the gradient by one; `Gaussian` in WGSL.
-    pub(crate) struct DeviceGaussian {
-        position: [f32; 3],
-        opacity: f32,
-        scale: [f32; 3],
-        pad: f32,
-        rotation: [f32; 4],
-    }
-
     /// A Gaussian in image coordinates; `Splat` in WGSL.
     pub(crate) struct DeviceSplat {
         centre: [f32; 2],
@@ -64,6 +54,9 @@ wgsl_struct! {
         refused: [u32; 16],
     }
 }
+
+/// Side of a tile on the device, pixels: one thread per pixel.
+pub(crate) const TILE: usize = 16;
 
 /// Steps are taken; see `status.wgsl`.
 pub(crate) const HALTED_RUNNING: u32 = 0;
@@ -100,11 +93,6 @@ impl RenderShape {
         3 + self.features
     }
 
-    /// Coefficients per Gaussian, the constant one included.
-    pub(crate) fn harmonics(&self) -> usize {
-        (self.sh_degree + 1) * (self.sh_degree + 1)
-    }
-
     pub(crate) fn pixels(&self) -> usize {
         self.width * self.height
     }
@@ -128,14 +116,25 @@ impl RenderShape {
         14 + self.channels()
     }
 
-    /// Constants of the kernels that depend on the number of channels.
+    /// Constants of the render kernels, so that no number stands twice.
     pub(crate) fn constants(&self) -> String {
-        format!(
-            "const CHANNELS: u32 = {}u;\nconst ENTRY_SUMS: u32 = {}u;\nconst SUMS: u32 = {}u;\n",
-            self.channels(),
-            self.entry_sums(),
-            self.splat_sums()
-        )
+        let shared = format!(
+            "const ALPHA_MIN: f32 = {ALPHA_MIN:e};\n\
+             const ALPHA_MAX: f32 = {ALPHA_MAX:e};\n\
+             const TRANSMITTANCE_MIN: f32 = {TRANSMITTANCE_MIN:e};\n\
+             const LOW_PASS: f32 = {LOW_PASS:e};\n\
+             const CONE_RHO: f32 = {CONE_RHO:e};\n\
+             const CONE_WIDTH: f32 = {CONE_WIDTH:e};\n\
+             const SLOPE_MARGIN: f32 = {SLOPE_MARGIN:e};\n\
+             const TILE: u32 = {TILE}u;\n"
+        );
+        shared
+            + &format!(
+                "const CHANNELS: u32 = {}u;\nconst ENTRY_SUMS: u32 = {}u;\nconst SUMS: u32 = {}u;\n",
+                self.channels(),
+                self.entry_sums(),
+                self.splat_sums()
+            )
     }
 }
 
@@ -145,9 +144,7 @@ pub(crate) struct RenderBuffers {
     pub(crate) shape: RenderShape,
     pub(crate) view: Uniform<ViewUniform>,
     pub(crate) status: DeviceBuffer<DeviceStatus>,
-    pub(crate) gaussians: DeviceBuffer<DeviceGaussian>,
-    pub(crate) harmonics: DeviceBuffer<f32>,
-    pub(crate) features: DeviceBuffer<f32>,
+    pub(crate) activated: ActivatedBuffers,
     pub(crate) splats: DeviceBuffer<DeviceSplat>,
     pub(crate) channels: DeviceBuffer<f32>,
     /// Distances and numbers of the splats; near to far after the sort.
@@ -169,25 +166,18 @@ pub(crate) struct RenderBuffers {
     pub(crate) image: DeviceBuffer<f32>,
     pub(crate) entry_sums: DeviceBuffer<f32>,
     pub(crate) splat_gradients: DeviceBuffer<f32>,
-    pub(crate) gaussian_gradients: DeviceBuffer<DeviceGaussian>,
-    pub(crate) harmonic_gradients: DeviceBuffer<f32>,
-    pub(crate) feature_gradients: DeviceBuffer<f32>,
 }
 
 impl RenderBuffers {
     pub(crate) fn new(gpu: &Gpu, shape: RenderShape) -> Result<Self, GpuError> {
         let len = shape.gaussians;
-        let harmonics = len * shape.harmonics() * 3;
         let splat_sums = len * shape.splat_sums();
         let entry_sums = shape.entries * shape.entry_sums();
-        let features = len * shape.features;
         Ok(Self {
             shape,
             view: Uniform::of(gpu, "view", &ViewUniform::default())?,
             status: DeviceBuffer::zeros(gpu, "status", 1)?,
-            gaussians: DeviceBuffer::zeros(gpu, "Gaussians", len)?,
-            harmonics: DeviceBuffer::zeros(gpu, "harmonics", harmonics)?,
-            features: DeviceBuffer::zeros(gpu, "features", features)?,
+            activated: ActivatedBuffers::new(gpu, len, shape.sh_degree, shape.features)?,
             splats: DeviceBuffer::zeros(gpu, "splats", len)?,
             channels: DeviceBuffer::zeros(gpu, "channels", len * shape.channels())?,
             by_distance: Pairs::new(gpu, len)?,
@@ -203,9 +193,6 @@ impl RenderBuffers {
             image: DeviceBuffer::zeros(gpu, "image", shape.image_values())?,
             entry_sums: DeviceBuffer::zeros(gpu, "entry sums", entry_sums)?,
             splat_gradients: DeviceBuffer::zeros(gpu, "gradients by splats", splat_sums)?,
-            gaussian_gradients: DeviceBuffer::zeros(gpu, "gradients by Gaussians", len)?,
-            harmonic_gradients: DeviceBuffer::zeros(gpu, "gradients by harmonics", harmonics)?,
-            feature_gradients: DeviceBuffer::zeros(gpu, "gradients by features", features)?,
         })
     }
 
@@ -247,56 +234,6 @@ impl RenderBuffers {
                 angular_low_pass: view.camera.angular_low_pass(),
             },
         );
-    }
-
-    /// Sets the Gaussians for everything that is submitted later.
-    pub(crate) fn set_gaussians(&self, gpu: &Gpu, instant: &InstantGaussians) {
-        let packed: Vec<DeviceGaussian> = (0..instant.len())
-            .map(|index| DeviceGaussian {
-                position: instant.positions[index],
-                opacity: instant.opacities[index],
-                scale: instant.scales[index],
-                pad: 0.0,
-                rotation: instant.rotations[index],
-            })
-            .collect();
-        self.gaussians.write(gpu, 0, &packed);
-        let rest = self.shape.harmonics() - 1;
-        let harmonics: Vec<f32> = instant
-            .sh_constant
-            .iter()
-            .enumerate()
-            .flat_map(|(index, constant)| {
-                let rest = &instant.sh_rest[index * rest..(index + 1) * rest];
-                std::iter::once(constant).chain(rest).flatten().copied()
-            })
-            .collect();
-        self.harmonics.write(gpu, 0, &harmonics);
-        self.features.write(gpu, 0, &instant.features);
-    }
-
-    /// Reads the gradient by the Gaussians back into `out`.
-    pub(crate) fn read_gradient(
-        &self,
-        gpu: &Gpu,
-        out: &mut InstantGaussians,
-    ) -> Result<(), GpuError> {
-        let shape = &self.shape;
-        out.reshape(shape.gaussians, shape.sh_degree, shape.features);
-        let gradients = self.gaussian_gradients.read(gpu)?;
-        let harmonics = self.harmonic_gradients.read(gpu)?;
-        out.features = self.feature_gradients.read(gpu)?;
-        let rest = shape.harmonics() - 1;
-        let per_gaussian = harmonics.as_chunks::<3>().0.chunks(shape.harmonics());
-        for (index, (gradient, harmonics)) in gradients.iter().zip(per_gaussian).enumerate() {
-            out.positions[index] = gradient.position;
-            out.opacities[index] = gradient.opacity;
-            out.scales[index] = gradient.scale;
-            out.rotations[index] = gradient.rotation;
-            out.sh_constant[index] = harmonics[0];
-            out.sh_rest[index * rest..(index + 1) * rest].copy_from_slice(&harmonics[1..]);
-        }
-        Ok(())
     }
 }
 

@@ -150,7 +150,7 @@ impl GpuRenderer {
             let (gpu, buffers) = (&*self.gpu, &chain.buffers);
             buffers.status.write(gpu, 0, &[DeviceStatus::default()]);
             buffers.set_view(gpu, view, &self.settings);
-            buffers.set_gaussians(gpu, gaussians);
+            buffers.activated.write(gpu, gaussians);
             chain.forward.submit(gpu);
             let status = buffers.status.read(gpu)?[0];
             if status.halted == HALTED_RUNNING {
@@ -209,7 +209,7 @@ impl GpuRenderer {
         values[pixels * 4..][..upstream.features.len()].copy_from_slice(upstream.features);
         last.upstream.write(gpu, 0, &values);
         last.backward.submit(gpu);
-        last.chain.buffers.read_gradient(gpu, out)
+        last.chain.buffers.activated.read_gradient(gpu, out)
     }
 
     /// What was drawn in the view rendered last, with the gradients of its last backward pass.

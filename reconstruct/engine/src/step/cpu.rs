@@ -1,24 +1,29 @@
-//! Training steps on the processor: static Gaussians, where they stand or where a network puts them.
+//! Training steps on the CPU.
+//!
+//! A step renders all Gaussians as the view sees them, takes the losses and their gradients, and lets
+//! Adam move every part of the model. What only dynamic methods have is in [`super::dynamic_losses`].
 
 use omnilife_schemas::{RgbImage, records::Backend};
 
-use crate::error::EngineError;
-use crate::training_view::InputViews;
-use crate::{
-    camera::View,
-    gaussians::{InstantGaussians, deformable::Deformation, static_gaussians},
-    losses::photometric::cpu::Loss,
-    model::exposure::Exposure,
-    parameters::adam,
+use super::{
+    StepStatistics, Stepper,
+    dynamic_losses::{DynamicLosses, StepView},
+    pose_refinement::{self, PoseRefinement},
+    settings::TrainSettings,
 };
 use crate::{
-    model::{Model, cpu_renderer::CpuRenderer, deformation_settings::DeformationSettings},
-    schedule::StepSchedule,
-    step::{
-        StepSums, Stepper,
-        pose_refinement::{self, PoseRefinement},
-        settings::TrainSettings,
+    EngineError,
+    camera::View,
+    gaussians::{
+        InstantGaussians,
+        parameterization::Viewpoint,
+        temporal::{PEAK_TIMES, TemporalFeatures},
     },
+    losses::photometric::cpu::Loss,
+    model::{Model, TrainedArray, cpu_renderer::CpuRenderer, exposure::Exposure},
+    parameters::{ParameterArray, adam},
+    schedule::StepSchedule,
+    training_view::InputViews,
 };
 
 /// The model in memory, and every buffer that a step fills anew.
@@ -27,74 +32,157 @@ pub struct CpuStepper<'a> {
     inputs: InputViews<'a>,
     ssim_weight: f32,
     model: Model,
+    /// Of the model; learning rates and statistics are in this order.
+    arrays: Vec<TrainedArray>,
     renderer: CpuRenderer,
-    deformation: Option<(DeformationSettings, Deformation)>,
-    instant: InstantGaussians,
+    activated: InstantGaussians,
     gradient: InstantGaussians,
     loss: Loss,
+    dynamic: Option<DynamicLosses>,
     exposure: Option<Exposure>,
     pose_refinement: Option<PoseRefinement>,
     target: Vec<f32>,
-    sums: StepSums,
+    mask: Vec<f32>,
+    statistics: StepStatistics,
 }
 
 impl<'a> CpuStepper<'a> {
     /// Ready for the first step.
     pub fn new(inputs: InputViews<'a>, model: Model, settings: &TrainSettings) -> Self {
+        let [width, height] = inputs.size();
         Self {
             inputs,
             ssim_weight: settings.ssim_weight,
+            arrays: model.trained_arrays(),
             model,
             renderer: CpuRenderer::new(settings.renderer, settings.rendering),
-            deformation: settings
-                .deformation
-                .map(|settings| (settings, Deformation::default())),
-            instant: InstantGaussians::default(),
+            activated: InstantGaussians::default(),
             gradient: InstantGaussians::default(),
-            loss: Loss::new(inputs.size()[0], inputs.size()[1]),
+            loss: Loss::new(width, height),
+            dynamic: settings
+                .dynamics
+                .as_ref()
+                .map(|dynamics| DynamicLosses::new(dynamics, settings.rendering)),
             exposure: settings.exposure.clone(),
             pose_refinement: settings.pose_refinement,
             target: Vec::new(),
-            sums: StepSums::default(),
+            mask: Vec::new(),
+            statistics: StepStatistics::default(),
         }
     }
 
-    fn instantiate(&mut self, time: Option<f32>) {
-        let (table, out) = (&self.model.table, &mut self.instant);
-        match (time, &mut self.deformation, &self.model.deformation) {
-            (Some(time), Some((settings, deformation)), Some(weights)) => {
-                let weights = &weights.array.values;
-                deformation.instantiate(&settings.model, weights, table, time, out);
+    fn features(&self) -> TemporalFeatures {
+        self.dynamic
+            .as_ref()
+            .map_or_else(TemporalFeatures::default, DynamicLosses::features)
+    }
+
+    /// Takes the gradient of all losses by all Gaussians as they are drawn from `at`; returns the loss
+    /// and the mean squared error.
+    fn differentiate(
+        &mut self,
+        number: usize,
+        drawn: &View,
+        at: &Viewpoint,
+        schedule: &StepSchedule,
+    ) -> (f64, f64) {
+        let view = &self.inputs.views[number];
+        view.write_image(&mut self.target);
+        if let Some(exposure) = &self.exposure {
+            exposure.normalize(&mut self.target, view.view.time_seconds);
+        }
+        let raster = self
+            .renderer
+            .forward(drawn, &self.activated, schedule.sh_degree);
+        let (value, image_gradient) =
+            self.loss
+                .forward_backward(&raster.colour, &self.target, self.ssim_weight);
+        let mut total = value.total;
+        let Some(dynamic) = &mut self.dynamic else {
+            self.renderer.backward(
+                drawn,
+                &self.activated,
+                image_gradient,
+                &[],
+                &mut self.gradient,
+            );
+            return (total, value.mse);
+        };
+        view.write_mask(&mut self.mask);
+        let step = StepView {
+            drawn,
+            at,
+            schedule,
+            target: &self.target,
+            mask: view.mask.as_ref().map(|_| &self.mask[..]),
+        };
+        let (maps, feature_gradient) = dynamic.maps(raster, step.mask);
+        total += maps;
+        self.renderer.backward(
+            drawn,
+            &self.activated,
+            image_gradient,
+            feature_gradient,
+            &mut self.gradient,
+        );
+        total += dynamic.supervise(
+            &step,
+            &self.model,
+            &self.activated,
+            &mut self.loss,
+            &mut self.gradient,
+        );
+        (total, value.mse)
+    }
+
+    fn add_statistics(&mut self) {
+        let half_size = self.inputs.half_size();
+        let mut first = 0;
+        for part in &mut self.model.parts {
+            let (table, statistics) = (&part.table, &mut part.statistics);
+            let len = table.len();
+            let of_times = table
+                .position(PEAK_TIMES)
+                .filter(|_| !statistics.time_gradients.is_empty());
+            self.renderer.for_each_visible(|mut visible| {
+                if (first..first + len).contains(&visible.gaussian) {
+                    visible.gaussian -= first;
+                    if let Some(peaks) = of_times {
+                        let by_peak = table.arrays[peaks].gradients[visible.gaussian];
+                        statistics.time_gradients[visible.gaussian] += by_peak.abs();
+                    }
+                    statistics.add(std::iter::once(visible), half_size);
+                }
+            });
+            first += len;
+        }
+    }
+
+    /// One step of Adam on all parts, whose arrays of one name have one step size.
+    fn update(&mut self, schedule: &StepSchedule) {
+        let Self {
+            model,
+            arrays,
+            statistics,
+            ..
+        } = self;
+        statistics.refused.resize(arrays.len(), 0);
+        let mut step = |array: &mut ParameterArray, number: u64| {
+            let known = arrays.iter().position(|known| known.name == array.name);
+            if let Some(index) = known {
+                array.learning_rate = schedule.learning_rates[index];
+                statistics.refused[index] += adam::cpu::step(array, number) as u64;
             }
-            _ => static_gaussians::instantiate(table, out),
-        }
-    }
-
-    fn instantiate_vjp(&mut self, time: Option<f32>) {
-        let table = &mut self.model.table;
-        let (instant, gradient) = (&mut self.instant, &mut self.gradient);
-        match (time, &mut self.deformation, &mut self.model.deformation) {
-            (Some(time), Some((settings, deformation)), Some(weights)) => {
-                let (model, weights) = (&settings.model, &mut weights.array);
-                deformation.instantiate_vjp(model, weights, table, time, (instant, gradient));
+        };
+        for part in &mut model.parts {
+            for array in &mut part.table.arrays {
+                step(array, schedule.iteration);
             }
-            _ => static_gaussians::instantiate_vjp(table, instant, gradient),
-        }
-    }
-
-    /// One step of Adam on the Gaussians, and on the network where it took part.
-    fn update(&mut self, schedule: &StepSchedule, with_network: bool) {
-        let Self { model, sums, .. } = self;
-        sums.refused.resize(schedule.learning_rates.len(), 0);
-        for (index, array) in model.table.arrays.iter_mut().enumerate() {
-            array.learning_rate = schedule.learning_rates[index];
-            sums.refused[index] += adam::cpu::step(array, schedule.iteration) as u64;
-        }
-        if let Some(weights) = model.deformation.as_mut().filter(|_| with_network) {
-            let index = model.table.arrays.len();
-            weights.steps += 1;
-            weights.array.learning_rate = schedule.learning_rates[index];
-            sums.refused[index] += adam::cpu::step(&mut weights.array, weights.steps) as u64;
+            if let Some(shared) = part.parameterization.stepped_shared() {
+                shared.steps += 1;
+                step(&mut shared.array, shared.steps);
+            }
+            part.parameterization.keep_within_bounds(&mut part.table);
         }
     }
 }
@@ -107,54 +195,56 @@ impl Stepper for CpuStepper<'_> {
     }
 
     fn gaussians(&self) -> usize {
-        self.model.table.len()
+        self.model.len()
+    }
+
+    fn gaussians_with_times(&self) -> usize {
+        self.model.len_with_times()
+    }
+
+    fn arrays(&self) -> Vec<TrainedArray> {
+        self.model.trained_arrays()
     }
 
     fn step(&mut self, number: usize, schedule: &StepSchedule) -> Result<(), EngineError> {
         let view = &self.inputs.views[number];
         let drawn = self.model.corrected(&view.view);
-        let deformation = self.deformation.as_ref();
-        let time = deformation.and_then(|(settings, _)| settings.step_time(&view.view, schedule));
-        self.instantiate(time);
-        let raster = self
-            .renderer
-            .forward(&drawn, &self.instant, schedule.sh_degree);
-        view.write_image(&mut self.target);
-        if let Some(exposure) = &self.exposure {
-            exposure.normalize(&mut self.target, view.view.time_seconds);
-        }
-        let (value, image_gradient) =
-            self.loss
-                .forward_backward(&raster.colour, &self.target, self.ssim_weight);
-        if !value.total.is_finite() {
-            return Err(EngineError::Diverged {
-                iteration: schedule.iteration,
-                what: format!("the loss of frame {} is {}", view.frame, value.total),
-            });
-        }
-        self.renderer
-            .backward(&drawn, &self.instant, image_gradient, &mut self.gradient);
+        let at = Viewpoint::of_step(&drawn, schedule.shift_frames, schedule.scheduled);
+        let features = self.features();
+        self.model.activate(&at, &features, &mut self.activated);
+        let (mut total, squared_error) = self.differentiate(number, &drawn, &at, schedule);
         let by_pose = PoseRefinement::gradient(
             self.pose_refinement,
             schedule,
             &drawn,
-            &self.instant,
+            &self.activated,
             &self.gradient,
         );
-        self.instantiate_vjp(time);
-        let half_size = self.inputs.half_size();
-        self.renderer.add_to(&mut self.model.statistics, half_size);
-        self.sums.steps += 1;
-        self.sums.loss += value.total;
-        self.sums.squared_error += value.mse;
-        self.update(schedule, time.is_some());
-        let Self { model, sums, .. } = self;
-        pose_refinement::move_pose(model, number, by_pose.as_ref(), schedule, sums);
+        self.model
+            .activate_backward(&at, &features, &mut self.activated, &mut self.gradient);
+        if let Some(dynamic) = &self.dynamic {
+            total += dynamic.regularize_motion(&at, &mut self.model);
+        }
+        if !total.is_finite() {
+            return Err(EngineError::Diverged {
+                iteration: schedule.iteration,
+                what: format!("the loss of frame {} is {total}", view.frame),
+            });
+        }
+        self.add_statistics();
+        self.statistics.steps += 1;
+        self.statistics.loss += total;
+        self.statistics.squared_error += squared_error;
+        self.update(schedule);
+        let Self {
+            model, statistics, ..
+        } = self;
+        pose_refinement::move_pose(model, number, by_pose.as_ref(), schedule, statistics);
         Ok(())
     }
 
-    fn take_sums(&mut self) -> Result<StepSums, EngineError> {
-        Ok(std::mem::take(&mut self.sums))
+    fn take_statistics(&mut self) -> Result<StepStatistics, EngineError> {
+        Ok(std::mem::take(&mut self.statistics))
     }
 
     fn model(&mut self) -> Result<&Model, EngineError> {
@@ -166,13 +256,10 @@ impl Stepper for CpuStepper<'_> {
     }
 
     fn image(&mut self, view: &View, sh_degree: usize) -> Result<RgbImage, EngineError> {
-        let network = self
-            .deformation
-            .as_ref()
-            .zip(self.model.deformation.as_ref());
-        let time = network.and_then(|((settings, _), weights)| settings.image_time(view, weights));
-        self.instantiate(time);
         let drawn = self.model.corrected(view);
-        Ok(self.renderer.image(&drawn, &self.instant, sh_degree))
+        let at = Viewpoint::of_image(&drawn);
+        let none = TemporalFeatures::default();
+        self.model.activate(&at, &none, &mut self.activated);
+        Ok(self.renderer.image(&drawn, &self.activated, sh_degree))
     }
 }

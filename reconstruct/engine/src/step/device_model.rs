@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::gaussians::parameterization::Parameterization;
+use crate::gaussians::parameterization::{DeviceKind, DeviceParameterization, DeviceTwin};
 use crate::{
     device::{
         DeviceBuffer, Gpu, GpuError, Kernel, Program, Uniform,
@@ -23,7 +23,7 @@ use crate::{
         static_gaussians::gpu::StaticGaussians,
     },
     losses::photometric::gpu::Loss,
-    model::Model,
+    model::Part,
     parameters::adam::gpu::Adam,
 };
 
@@ -84,12 +84,12 @@ pub(super) struct DeviceArrays {
 }
 
 impl DeviceArrays {
-    /// A copy of the host's model.
-    pub(super) fn upload(gpu: &Gpu, model: &Model) -> Result<Self, GpuError> {
-        let statistics = &model.statistics;
-        let weights = model.deformation.as_ref();
+    /// A copy of the host's.
+    pub(super) fn upload(gpu: &Gpu, part: &Part) -> Result<Self, GpuError> {
+        let statistics = &part.statistics;
+        let weights = part.parameterization.shared();
         Ok(Self {
-            table: TableBuffers::new(gpu, &model.table.arrays)?,
+            table: TableBuffers::new(gpu, &part.table.arrays)?,
             gradient_sums: DeviceBuffer::of(gpu, "gradient statistics", &statistics.sums)?,
             view_counts: DeviceBuffer::of(gpu, "view statistics", &statistics.views)?,
             weights: weights
@@ -173,7 +173,7 @@ impl StepKernels {
         gpu: Arc<Gpu>,
         size: (u32, u32),
         ssim_weight: f32,
-        (model, deformation): (&Model, Option<DeformationModel>),
+        part: &Part,
         look_interval: usize,
     ) -> Result<Self, GpuError> {
         let shape = RenderShape {
@@ -186,17 +186,18 @@ impl StepKernels {
         };
         let [judge_loss, add_statistics] =
             Kernel::compile(&gpu, &shader(&shape), ["judge_loss", "add_statistics"])?;
-        let network = |deformation| -> Result<NetworkKernels, GpuError> {
-            Ok(NetworkKernels {
-                model: deformation,
+        let network = match part.parameterization.device_twin() {
+            Some(DeviceTwin(DeviceKind::Deformable(deformable))) => Some(NetworkKernels {
+                model: deformable.settings.model,
                 deformation: DeformationKernels::new(&gpu)?,
-                adam: Adam::new(&gpu, model.table.arrays.len())?,
-            })
+                adam: Adam::new(&gpu, part.table.arrays.len())?,
+            }),
+            _ => None,
         };
         Ok(Self {
             chains: Chains::default(),
             static_gaussians: StaticGaussians::new(&gpu)?,
-            deformation: deformation.map(network).transpose()?,
+            deformation: network,
             loss: Loss::new(&gpu, size, true, ssim_weight)?,
             adam: Adam::new(&gpu, 0)?,
             judge_loss,
@@ -243,7 +244,7 @@ impl StepKernels {
         let gpu = Arc::clone(&self.gpu);
         let canonical = &self.static_gaussians;
         let deformable;
-        let (parameterization, network): (&dyn Parameterization, _) =
+        let (parameterization, network): (&dyn DeviceParameterization, _) =
             match (&self.deformation, network) {
                 (Some(kernels), Some(buffers)) => {
                     deformable = DeformableGaussians {
@@ -259,7 +260,7 @@ impl StepKernels {
         let buffers = &chain.buffers;
         let status = &buffers.status.raw;
         let mut instantiate = Program::default();
-        parameterization.instantiate(&gpu, &mut instantiate, table, buffers)?;
+        parameterization.instantiate(&gpu, &mut instantiate, table, &buffers.activated)?;
         let mut step = Program::default();
         step.append(&instantiate);
         step.append(&chain.forward);
@@ -269,7 +270,7 @@ impl StepKernels {
         step.run_workgroups(&gpu, &self.judge_loss, 1, &judged);
         self.chains
             .backward(&gpu, &mut step, buffers, &self.loss.gradient)?;
-        parameterization.instantiate_vjp(&gpu, &mut step, table, buffers)?;
+        parameterization.instantiate_vjp(&gpu, &mut step, table, &buffers.activated)?;
         self.record_statistics(&mut step, model)?;
         self.adam.record(&gpu, &mut step, table, status);
         if let Some((adam, weights)) = network {

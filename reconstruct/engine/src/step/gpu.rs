@@ -14,12 +14,17 @@ use crate::render::gpu::GpuRenderer;
 use crate::training_view::InputViews;
 use crate::{
     camera::View,
-    gaussians::{InstantGaussians, deformable::Deformation, static_gaussians},
+    gaussians::{
+        InstantGaussians,
+        parameterization::{DeviceKind, Viewpoint},
+        static_gaussians,
+        temporal::TemporalFeatures,
+    },
     losses::photometric::gpu::{loss_value, pack_pixels},
-    model::{Model, deformation_settings::DeformationSettings},
+    model::{Model, Part, TrainedArray},
     render::settings::RenderSettings,
     schedule::StepSchedule,
-    step::{StepSums, Stepper, settings::TrainSettings},
+    step::{StepStatistics, Stepper, settings::TrainSettings},
 };
 use crate::{
     device::{DeviceBuffer, Gpu, GpuError},
@@ -49,13 +54,32 @@ struct Pending {
     network: Option<NetworkStep>,
 }
 
+/// The only part of a model that a GPU can train.
+///
+/// # Errors
+/// With the name of the parameterization that has no kernels there, or where there are several parts.
+fn part(model: &Model) -> Result<&Part, EngineError> {
+    let refused = |reason: String| Err(EngineError::Backend { reason });
+    let without = |part: &&Part| part.parameterization.device_twin().is_none();
+    match (model.parts.iter().find(without), &model.parts[..]) {
+        (Some(part), _) => refused(format!(
+            "{} Gaussians have no GPU kernels yet; use the backend cpu",
+            part.parameterization.id()
+        )),
+        (None, [part]) => Ok(part),
+        (None, parts) => refused(format!(
+            "a model of {} parts is trained on the CPU only; use the backend cpu",
+            parts.len()
+        )),
+    }
+}
+
 /// Training steps on a graphics device; the twin of [`crate::step::cpu::CpuStepper`].
 #[derive(Debug)]
 pub struct GpuStepper<'a> {
     gpu: Arc<Gpu>,
     inputs: InputViews<'a>,
     settings: RenderSettings,
-    deformation: Option<DeformationSettings>,
     kernels: StepKernels,
     /// Images of the input views.
     targets: Vec<DeviceBuffer<u32>>,
@@ -65,7 +89,7 @@ pub struct GpuStepper<'a> {
     /// Room for tile entries.
     entries: usize,
     pending: VecDeque<Pending>,
-    sums: StepSums,
+    statistics: StepStatistics,
 }
 
 impl<'a> GpuStepper<'a> {
@@ -78,14 +102,13 @@ impl<'a> GpuStepper<'a> {
         inputs: InputViews<'a>,
         model: Model,
         settings: &TrainSettings,
-    ) -> Result<Self, GpuError> {
+    ) -> Result<Self, EngineError> {
         let size = (inputs.camera.width(), inputs.camera.height());
-        let network = settings.deformation.map(|deformation| deformation.model);
         let kernels = StepKernels::new(
             Arc::clone(&gpu),
             size,
             settings.ssim_weight,
-            (&model, network),
+            part(&model)?,
             LOOK_INTERVAL as usize,
         )?;
         let targets = inputs
@@ -96,7 +119,6 @@ impl<'a> GpuStepper<'a> {
         Ok(Self {
             inputs,
             settings: settings.rendering,
-            deformation: settings.deformation,
             kernels,
             targets,
             model,
@@ -104,7 +126,7 @@ impl<'a> GpuStepper<'a> {
             on_device: None,
             entries: 0,
             pending: VecDeque::new(),
-            sums: StepSums::default(),
+            statistics: StepStatistics::default(),
             gpu,
         })
     }
@@ -115,7 +137,7 @@ impl<'a> GpuStepper<'a> {
     }
 
     fn shape(&self) -> RenderShape {
-        let table = &self.model.table;
+        let table = &self.part().table;
         RenderShape {
             gaussians: table.len(),
             sh_degree: static_gaussians::sh_degree(table),
@@ -133,7 +155,7 @@ impl<'a> GpuStepper<'a> {
         }
         // Before the new one is made: both may not fit.
         self.on_device = None;
-        let arrays = DeviceArrays::upload(&self.gpu, &self.model)?;
+        let arrays = DeviceArrays::upload(&self.gpu, self.part())?;
         self.on_device = Some(self.device_model(arrays)?);
         self.newest = Newest::Both;
         Ok(())
@@ -191,15 +213,15 @@ impl<'a> GpuStepper<'a> {
             let losses = self.kernels.losses.read(gpu)?;
             for value in &losses[..status.steps as usize] {
                 let value = loss_value(*value);
-                self.sums.steps += 1;
-                self.sums.loss += value.total;
-                self.sums.squared_error += value.mse;
+                self.statistics.steps += 1;
+                self.statistics.loss += value.total;
+                self.statistics.squared_error += value.mse;
             }
             self.pending.drain(..status.steps as usize);
-            let networks = usize::from(self.model.deformation.is_some());
+            let networks = usize::from(self.part().parameterization.shared().is_some());
             let arrays = model.table.ends.len() + networks;
-            self.sums.refused.resize(arrays, 0);
-            for (sum, &refused) in self.sums.refused.iter_mut().zip(&status.refused) {
+            self.statistics.refused.resize(arrays, 0);
+            for (sum, &refused) in self.statistics.refused.iter_mut().zip(&status.refused) {
                 *sum += u64::from(refused);
             }
             let fresh = [DeviceStatus::default()];
@@ -233,11 +255,17 @@ impl<'a> GpuStepper<'a> {
         Ok(())
     }
 
+    /// The only part of the model.
+    fn part(&self) -> &Part {
+        &self.model.parts[0]
+    }
+
     /// The network's part in the next step, where it has one.
     fn network_step(&mut self, view: usize, schedule: &StepSchedule) -> Option<NetworkStep> {
         let view = &self.inputs.views[view].view;
-        let time = self.deformation.as_ref()?.step_time(view, schedule)?;
-        let weights = self.model.deformation.as_mut()?;
+        let at = Viewpoint::of_step(view, schedule.shift_frames, schedule.scheduled);
+        let time = self.network_time(&at)?;
+        let weights = self.model.parts[0].parameterization.shared_mut()?;
         weights.steps += 1;
         Some(NetworkStep {
             time,
@@ -246,30 +274,12 @@ impl<'a> GpuStepper<'a> {
         })
     }
 
-    /// The network's time of a view, where it has learnt anything.
-    fn image_time(&self, view: &View) -> Option<f32> {
-        let settings = self.deformation.as_ref()?;
-        settings.image_time(view, self.model.deformation.as_ref()?)
-    }
-
-    /// What the host's model looks like, where the network takes part at a time.
-    fn instant(&self, network_time: Option<f32>) -> InstantGaussians {
-        let mut instant = InstantGaussians::default();
-        let table = &self.model.table;
-        match (network_time, &self.deformation, &self.model.deformation) {
-            (Some(time), Some(settings), Some(weights)) => {
-                let weights = &weights.array.values;
-                Deformation::without_gradients().instantiate(
-                    &settings.model,
-                    weights,
-                    table,
-                    time,
-                    &mut instant,
-                );
-            }
-            _ => static_gaussians::instantiate(table, &mut instant),
+    /// The network's time of a viewpoint, where there is one and it takes part.
+    fn network_time(&self, at: &Viewpoint) -> Option<f32> {
+        match self.part().parameterization.device_twin()?.0 {
+            DeviceKind::Deformable(deformable) => deformable.network_time(at),
+            DeviceKind::Static => None,
         }
-        instant
     }
 
     /// The same model with room for at least `entries`.
@@ -286,13 +296,14 @@ impl<'a> GpuStepper<'a> {
         if self.newest == Newest::Device {
             let on_device = self.take_model()?;
             let gpu = &*self.gpu;
-            on_device.table.read(gpu, &mut self.model.table.arrays)?;
-            let of_network = self.model.deformation.as_mut().zip(on_device.weights());
+            let part = &mut self.model.parts[0];
+            on_device.table.read(gpu, &mut part.table.arrays)?;
+            let of_network = part.parameterization.shared_mut().zip(on_device.weights());
             if let Some((weights, on_device)) = of_network {
                 on_device.read(gpu, std::slice::from_mut(&mut weights.array))?;
             }
-            self.model.statistics.sums = on_device.gradient_sums.read(gpu)?;
-            self.model.statistics.views = on_device.view_counts.read(gpu)?;
+            part.statistics.sums = on_device.gradient_sums.read(gpu)?;
+            part.statistics.views = on_device.view_counts.read(gpu)?;
             self.on_device = Some(on_device);
             self.newest = Newest::Both;
         }
@@ -332,7 +343,15 @@ impl Stepper for GpuStepper<'_> {
     }
 
     fn gaussians(&self) -> usize {
-        self.model.table.len()
+        self.model.len()
+    }
+
+    fn gaussians_with_times(&self) -> usize {
+        self.model.len_with_times()
+    }
+
+    fn arrays(&self) -> Vec<TrainedArray> {
+        self.model.trained_arrays()
     }
 
     fn step(&mut self, view: usize, schedule: &StepSchedule) -> Result<(), EngineError> {
@@ -354,9 +373,9 @@ impl Stepper for GpuStepper<'_> {
         Ok(())
     }
 
-    fn take_sums(&mut self) -> Result<StepSums, EngineError> {
+    fn take_statistics(&mut self) -> Result<StepStatistics, EngineError> {
         self.settle()?;
-        Ok(std::mem::take(&mut self.sums))
+        Ok(std::mem::take(&mut self.statistics))
     }
 
     fn model(&mut self) -> Result<&Model, EngineError> {
@@ -377,14 +396,17 @@ impl Stepper for GpuStepper<'_> {
             sh_degree,
             ..self.settings
         };
+        let at = Viewpoint::of_image(view);
         let (width, height) = (view.camera.width() as usize, view.camera.height() as usize);
         let image = if self.inputs.size() == [width, height] {
-            self.render(view, self.image_time(view), &settings)?
+            self.render(view, self.network_time(&at), &settings)?
         } else {
             self.download()?;
-            let instant = self.instant(self.image_time(view));
+            let mut activated = InstantGaussians::default();
+            self.model
+                .activate(&at, &TemporalFeatures::default(), &mut activated);
             let mut renderer = GpuRenderer::new(Arc::clone(&self.gpu), settings);
-            renderer.forward(view, &instant)?.colour
+            renderer.forward(view, &activated)?.colour
         };
         Ok(RgbImage {
             width,

@@ -2,21 +2,81 @@
 
 pub mod cpu;
 pub(crate) mod device_model;
-pub mod dynamic_cpu;
+mod dynamic_losses;
 pub mod gpu;
 pub mod pose_refinement;
 pub mod settings;
 
-use std::fmt;
+use std::{fmt, sync::Arc};
 
 use omnilife_schemas::{RgbImage, records::Backend};
 use serde::{Deserialize, Serialize};
 
-use crate::{EngineError, camera::View, model::Model, schedule::StepSchedule};
+use self::{cpu::CpuStepper, gpu::GpuStepper, settings::TrainSettings};
+use crate::{
+    EngineError,
+    camera::View,
+    device::Gpu,
+    model::{Model, TrainedArray},
+    render::settings::RendererChoice,
+    schedule::StepSchedule,
+    training_view::InputViews,
+};
+
+/// What computes training steps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum BackendChoice {
+    /// The CPU.
+    #[default]
+    Cpu,
+    /// A GPU.
+    Gpu,
+}
+
+/// Training steps on a backend.
+///
+/// # Errors
+/// When the backend cannot train this model under these settings: it says which part or component of
+/// a model has no kernels there. When there is no GPU, or its memory does not suffice.
+pub fn stepper<'a>(
+    inputs: InputViews<'a>,
+    model: Model,
+    settings: &TrainSettings,
+    backend: BackendChoice,
+) -> Result<Box<dyn Stepper + 'a>, EngineError> {
+    match backend {
+        BackendChoice::Cpu => Ok(Box::new(CpuStepper::new(inputs, model, settings))),
+        BackendChoice::Gpu => {
+            check_gpu(settings)?;
+            let gpu = Arc::new(Gpu::open()?);
+            Ok(Box::new(GpuStepper::new(gpu, inputs, model, settings)?))
+        }
+    }
+}
+
+/// What a GPU has no kernels for beside parameterizations.
+fn check_gpu(settings: &TrainSettings) -> Result<(), EngineError> {
+    let missing = [
+        (settings.exposure.is_some(), "exposure compensation"),
+        (settings.pose_refinement.is_some(), "pose refinement"),
+        (settings.dynamics.is_some(), "the losses of dynamic scenes"),
+        (
+            settings.renderer != RendererChoice::Exact,
+            "the renderer with the published quirks",
+        ),
+    ];
+    match missing.iter().find(|(is_asked, _)| *is_asked) {
+        Some((_, what)) => Err(EngineError::Backend {
+            reason: format!("{what} has no GPU kernels yet; use the backend cpu, or leave it out"),
+        }),
+        None => Ok(()),
+    }
+}
 
 /// Sums over some steps.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub struct StepSums {
+pub struct StepStatistics {
     /// Steps.
     pub steps: u64,
     /// Of the training loss.
@@ -27,7 +87,7 @@ pub struct StepSums {
     pub refused: Vec<u64>,
 }
 
-impl StepSums {
+impl StepStatistics {
     /// Adds further steps.
     pub fn add(&mut self, other: &Self) {
         self.steps += other.steps;
@@ -53,10 +113,11 @@ pub trait Stepper: fmt::Debug {
     /// Number of Gaussians at the moment.
     fn gaussians(&self) -> usize;
 
-    /// How many of them depend on time.
-    fn moving_gaussians(&self) -> usize {
-        0
-    }
+    /// How many of them have times of their own.
+    fn gaussians_with_times(&self) -> usize;
+
+    /// All arrays of the model by name, with what there is of them at the moment.
+    fn arrays(&self) -> Vec<TrainedArray>;
 
     /// One step on input view number `view` of the scene.
     ///
@@ -68,7 +129,7 @@ pub trait Stepper: fmt::Debug {
     ///
     /// # Errors
     /// When a loss was not finite, or the backend fails.
-    fn take_sums(&mut self) -> Result<StepSums, EngineError>;
+    fn take_statistics(&mut self) -> Result<StepStatistics, EngineError>;
 
     /// The model as it stands, read back where it lives on a device.
     ///

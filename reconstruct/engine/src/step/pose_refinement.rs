@@ -7,7 +7,7 @@ use crate::{
     gaussians::InstantGaussians,
     render::project::by_camera::{self, PoseGradient},
 };
-use crate::{model::Model, schedule::StepSchedule, step::StepSums};
+use crate::{model::Model, schedule::StepSchedule, step::StepStatistics};
 
 /// When poses are refined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -36,7 +36,7 @@ pub(super) fn move_pose(
     view: usize,
     gradient: Option<&PoseGradient>,
     schedule: &StepSchedule,
-    sums: &mut StepSums,
+    statistics: &mut StepStatistics,
 ) {
     let (Some(poses), Some(gradient)) = (&mut model.poses, gradient) else {
         return;
@@ -47,7 +47,7 @@ pub(super) fn move_pose(
     };
     let refused = poses.step(view, gradient, [of_rotation, of_centre]);
     let first = schedule.learning_rates.len() - refused.len();
-    for (sum, refused) in sums.refused[first..].iter_mut().zip(refused) {
+    for (sum, refused) in statistics.refused[first..].iter_mut().zip(refused) {
         *sum += refused as u64;
     }
 }

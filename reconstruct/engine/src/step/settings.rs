@@ -12,7 +12,7 @@ use crate::{
     render::settings::RenderSettings,
 };
 use crate::{
-    model::{deformation_settings::DeformationSettings, dynamic_settings::DynamicSettings},
+    gaussians::deformable::settings::DeformationSettings, model::dynamic_settings::DynamicSettings,
     step::pose_refinement::PoseRefinement,
 };
 

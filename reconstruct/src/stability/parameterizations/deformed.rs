@@ -18,9 +18,9 @@ use crate::stability::setup::Setup;
 use omnilife_engine::{
     gaussians::{
         InstantGaussians,
-        deformable::{Deformation, DeformationModel, DeformationWeights},
+        deformable::{DEFORMATION_WEIGHTS, Deformation, DeformationModel},
     },
-    parameters::ParameterTable,
+    parameters::{ParameterTable, SharedParameters},
     render::reference::Gaussian,
 };
 
@@ -85,7 +85,7 @@ pub fn deformation(
     let (mut instant, mut gradient) = (instant.clone(), gradient.clone());
     let time = unit_time(setup);
     deformation.instantiate(&MODEL, weights(), table, time, &mut instant);
-    let mut weights = DeformationWeights::new(weights().to_vec());
+    let mut weights = SharedParameters::new(DEFORMATION_WEIGHTS, weights().to_vec());
     deformation.instantiate_vjp(
         &MODEL,
         &mut weights.array,

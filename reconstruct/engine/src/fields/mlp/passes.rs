@@ -34,6 +34,11 @@ impl Activations {
             kept: Vec::new(),
         }
     }
+
+    /// Sets what the next forward pass may keep.
+    pub fn set_limit_bytes(&mut self, limit_bytes: usize) {
+        self.limit_bytes = limit_bytes;
+    }
 }
 
 /// A network with its weights at some shared inputs.

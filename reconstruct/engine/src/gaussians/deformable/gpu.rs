@@ -1,14 +1,16 @@
 //! Canonical Gaussians and their network on a graphics device.
 
 use crate::gaussians::deformable::{
-    DeformationModel, DeformationWeights, LEAST_QUATERNION_LENGTH, LEAST_SCALE, OUTPUTS, POSITIONS,
+    DeformationModel, LEAST_QUATERNION_LENGTH, LEAST_SCALE, OUTPUTS, POSITIONS,
 };
 use crate::{
     device::{Gpu, GpuError, Kernel, Program, Shader, Uniform, wgsl_struct},
     fields::mlp::gpu::{Block, NetworkBuffers, Passes, Recording},
-    gaussians::{parameterization::Parameterization, static_gaussians::gpu::StaticGaussians},
-    parameters::device_table::TableBuffers,
-    render::buffers::RenderBuffers,
+    gaussians::{
+        activated_buffers::ActivatedBuffers, parameterization::DeviceParameterization,
+        static_gaussians::gpu::StaticGaussians,
+    },
+    parameters::{SharedParameters, device_table::TableBuffers},
 };
 
 wgsl_struct! {
@@ -87,10 +89,7 @@ impl DeformationBuffers {
     }
 
     /// A copy of the host's weights on the device.
-    pub(crate) fn upload(
-        gpu: &Gpu,
-        weights: &DeformationWeights,
-    ) -> Result<TableBuffers, GpuError> {
+    pub(crate) fn upload(gpu: &Gpu, weights: &SharedParameters) -> Result<TableBuffers, GpuError> {
         TableBuffers::new(gpu, std::slice::from_ref(&weights.array))
     }
 
@@ -156,15 +155,15 @@ impl DeformableGaussians<'_> {
     }
 }
 
-impl Parameterization for DeformableGaussians<'_> {
+impl DeviceParameterization for DeformableGaussians<'_> {
     fn instantiate(
         &self,
         gpu: &Gpu,
         program: &mut Program,
         table: &TableBuffers,
-        buffers: &RenderBuffers,
+        buffers: &ActivatedBuffers,
     ) -> Result<(), GpuError> {
-        let len = buffers.shape.gaussians;
+        let len = buffers.len;
         self.canonical.instantiate(gpu, program, table, buffers)?;
         let network = &self.buffers.network;
         self.pass(gpu, program, (table, len), |recording| {
@@ -186,9 +185,9 @@ impl Parameterization for DeformableGaussians<'_> {
         gpu: &Gpu,
         program: &mut Program,
         table: &TableBuffers,
-        buffers: &RenderBuffers,
+        buffers: &ActivatedBuffers,
     ) -> Result<(), GpuError> {
-        let len = buffers.shape.gaussians;
+        let len = buffers.len;
         // Activated once more: `deform` has written over the canonical ones.
         self.canonical.instantiate(gpu, program, table, buffers)?;
         let network = &self.buffers.network;
@@ -239,7 +238,10 @@ mod tests {
         };
         let table = static_gaussians::table(&initial, 0);
         let on_device = TableBuffers::new(&gpu, &table.arrays).expect("fits");
-        let weights = DeformationWeights::new(vec![0.0; model.network().weight_count()]);
+        let weights = SharedParameters::new(
+            crate::gaussians::deformable::DEFORMATION_WEIGHTS,
+            vec![0.0; model.network().weight_count()],
+        );
         let weights = DeformationBuffers::upload(&gpu, &weights).expect("fits");
         let buffers = DeformationBuffers::new(&gpu, model, weights, 400).expect("fits");
         let gaussians = DeformableGaussians {

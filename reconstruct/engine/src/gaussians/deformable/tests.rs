@@ -38,13 +38,13 @@ fn table() -> ParameterTable {
 }
 
 /// Weights whose output layer says something.
-fn weights() -> DeformationWeights {
+fn weights() -> SharedParameters {
     let network = MODEL.network();
     let mut values = network.initial_weights(5);
     let heads = network.layers()[MODEL.depth].hidden_weights().start;
     let count = values.len() - heads;
     values[heads..].copy_from_slice(&random(count, 6, -0.05, 0.05));
-    DeformationWeights::new(values)
+    SharedParameters::new(DEFORMATION_WEIGHTS, values)
 }
 
 fn encoded(values: &[f64], octaves: usize) -> Vec<f64> {
@@ -227,7 +227,8 @@ fn gradients_of_every_parameter_are_those_of_the_definition() {
 #[test]
 fn with_an_output_layer_of_zeros_gaussians_are_static_ones() {
     let mut table = table();
-    let mut weights = DeformationWeights::new(MODEL.network().initial_weights(8));
+    let mut weights =
+        SharedParameters::new(DEFORMATION_WEIGHTS, MODEL.network().initial_weights(8));
     let mut deformation = Deformation::default();
     let (mut instant, mut expected) = (InstantGaussians::default(), InstantGaussians::default());
     deformation.instantiate(&MODEL, &weights.array.values, &table, TIME, &mut instant);

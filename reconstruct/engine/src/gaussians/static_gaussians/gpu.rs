@@ -6,9 +6,8 @@ use crate::gaussians::static_gaussians::{
 };
 use crate::{
     device::{Gpu, GpuError, Kernel, Program, Shader, Uniform, wgsl_struct},
-    gaussians::parameterization::Parameterization,
+    gaussians::{activated_buffers::ActivatedBuffers, parameterization::DeviceParameterization},
     parameters::device_table::TableBuffers,
-    render::buffers::RenderBuffers,
 };
 
 wgsl_struct! {
@@ -62,11 +61,11 @@ impl StaticGaussians {
     fn arrays(
         gpu: &Gpu,
         table: &TableBuffers,
-        buffers: &RenderBuffers,
+        buffers: &ActivatedBuffers,
     ) -> Result<Uniform<StaticArrays>, GpuError> {
         let arrays = StaticArrays {
-            len: buffers.shape.gaussians as u32,
-            rest: buffers.shape.harmonics() as u32 - 1,
+            len: buffers.len as u32,
+            rest: buffers.harmonics_per_gaussian() as u32 - 1,
             positions: table.begin(POSITIONS),
             log_scales: table.begin(LOG_SCALES),
             quaternions: table.begin(QUATERNIONS),
@@ -79,19 +78,19 @@ impl StaticGaussians {
     }
 }
 
-impl Parameterization for StaticGaussians {
+impl DeviceParameterization for StaticGaussians {
     fn instantiate(
         &self,
         gpu: &Gpu,
         program: &mut Program,
         table: &TableBuffers,
-        buffers: &RenderBuffers,
+        buffers: &ActivatedBuffers,
     ) -> Result<(), GpuError> {
         let arrays = Self::arrays(gpu, table, buffers)?;
         program.run(
             gpu,
             &self.instantiate,
-            buffers.shape.gaussians,
+            buffers.len,
             &[
                 &arrays.raw,
                 &table.values.raw,
@@ -107,13 +106,13 @@ impl Parameterization for StaticGaussians {
         gpu: &Gpu,
         program: &mut Program,
         table: &TableBuffers,
-        buffers: &RenderBuffers,
+        buffers: &ActivatedBuffers,
     ) -> Result<(), GpuError> {
         let arrays = Self::arrays(gpu, table, buffers)?;
         program.run(
             gpu,
             &self.instantiate_vjp,
-            buffers.shape.gaussians,
+            buffers.len,
             &[
                 &arrays.raw,
                 &table.values.raw,

@@ -53,9 +53,9 @@ impl Projection {
             buffers.shape.gaussians,
             &[
                 &buffers.view.raw,
-                &buffers.gaussians.raw,
-                &buffers.harmonics.raw,
-                &buffers.features.raw,
+                &buffers.activated.gaussians.raw,
+                &buffers.activated.harmonics.raw,
+                &buffers.activated.features.raw,
                 &buffers.splats.raw,
                 &buffers.channels.raw,
                 &buffers.by_distance.keys.raw,
@@ -71,13 +71,13 @@ impl Projection {
             buffers.shape.gaussians,
             &[
                 &buffers.view.raw,
-                &buffers.gaussians.raw,
-                &buffers.harmonics.raw,
+                &buffers.activated.gaussians.raw,
+                &buffers.activated.harmonics.raw,
                 &buffers.splats.raw,
                 &buffers.channels.raw,
                 &buffers.splat_gradients.raw,
-                &buffers.gaussian_gradients.raw,
-                &buffers.harmonic_gradients.raw,
+                &buffers.activated.gaussian_gradients.raw,
+                &buffers.activated.harmonic_gradients.raw,
             ],
         );
         if buffers.shape.features > 0 {
@@ -88,7 +88,7 @@ impl Projection {
                 &[
                     &buffers.view.raw,
                     &buffers.splat_gradients.raw,
-                    &buffers.feature_gradients.raw,
+                    &buffers.activated.feature_gradients.raw,
                 ],
             );
         }

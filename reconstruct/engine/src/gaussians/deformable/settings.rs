@@ -2,12 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::schedule::StepSchedule;
-use crate::{
-    camera::View,
-    clock::Clock,
-    gaussians::deformable::{DeformationModel, DeformationWeights},
-};
+use crate::{clock::Clock, gaussians::deformable::DeformationModel};
 
 /// The network, when it comes in, and how its time is blurred.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -45,17 +40,6 @@ impl DeformationSettings {
     pub fn unit_time(&self, seconds: f64, shift_frames: f32) -> f32 {
         let frames = self.clock.frame(seconds) - f64::from(shift_frames);
         (frames / f64::from(self.clock.duration_frames.max(1.0)) + 0.5) as f32
-    }
-
-    /// The network's time of a view, where the network takes part in a step.
-    pub fn step_time(&self, view: &View, schedule: &StepSchedule) -> Option<f32> {
-        (schedule.scheduled > self.warm_up_iterations)
-            .then(|| self.unit_time(view.time_seconds, schedule.shift_frames))
-    }
-
-    /// The network's time of a view, where the network has learnt anything.
-    pub fn image_time(&self, view: &View, weights: &DeformationWeights) -> Option<f32> {
-        (weights.steps > 0).then(|| self.unit_time(view.time_seconds, 0.0))
     }
 }
 

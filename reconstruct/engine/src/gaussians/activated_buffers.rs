@@ -1,0 +1,114 @@
+//! Activated Gaussians and the gradients by them, in the memory of a GPU.
+
+use crate::device::{DeviceBuffer, Gpu, GpuError, wgsl_struct};
+
+use super::InstantGaussians;
+
+wgsl_struct! {
+    /// An activated Gaussian, or the gradient by one; `Gaussian` in WGSL.
+    pub(crate) struct DeviceGaussian {
+        position: [f32; 3],
+        opacity: f32,
+        scale: [f32; 3],
+        pad: f32,
+        rotation: [f32; 4],
+    }
+}
+
+/// What a parameterization fills, and what the renderer's gradient leaves for it.
+#[derive(Debug)]
+pub(crate) struct ActivatedBuffers {
+    /// Number of Gaussians.
+    pub(crate) len: usize,
+    /// Degree of the stored harmonics.
+    pub(crate) sh_degree: usize,
+    /// Feature channels.
+    pub(crate) feature_count: usize,
+    pub(crate) gaussians: DeviceBuffer<DeviceGaussian>,
+    pub(crate) harmonics: DeviceBuffer<f32>,
+    pub(crate) features: DeviceBuffer<f32>,
+    pub(crate) gaussian_gradients: DeviceBuffer<DeviceGaussian>,
+    pub(crate) harmonic_gradients: DeviceBuffer<f32>,
+    pub(crate) feature_gradients: DeviceBuffer<f32>,
+}
+
+impl ActivatedBuffers {
+    /// Room for `len` Gaussians.
+    pub(crate) fn new(
+        gpu: &Gpu,
+        len: usize,
+        sh_degree: usize,
+        feature_count: usize,
+    ) -> Result<Self, GpuError> {
+        let harmonics = len * (sh_degree + 1) * (sh_degree + 1) * 3;
+        let features = len * feature_count;
+        Ok(Self {
+            len,
+            sh_degree,
+            feature_count,
+            gaussians: DeviceBuffer::zeros(gpu, "Gaussians", len)?,
+            harmonics: DeviceBuffer::zeros(gpu, "harmonics", harmonics)?,
+            features: DeviceBuffer::zeros(gpu, "features", features)?,
+            gaussian_gradients: DeviceBuffer::zeros(gpu, "gradients by Gaussians", len)?,
+            harmonic_gradients: DeviceBuffer::zeros(gpu, "gradients by harmonics", harmonics)?,
+            feature_gradients: DeviceBuffer::zeros(gpu, "gradients by features", features)?,
+        })
+    }
+
+    /// Coefficients of each Gaussian, the constant one included.
+    pub(crate) fn harmonics_per_gaussian(&self) -> usize {
+        (self.sh_degree + 1) * (self.sh_degree + 1)
+    }
+
+    /// Sets the Gaussians for everything that is submitted later.
+    pub(crate) fn write(&self, gpu: &Gpu, instant: &InstantGaussians) {
+        let packed: Vec<DeviceGaussian> = (0..instant.len())
+            .map(|index| DeviceGaussian {
+                position: instant.positions[index],
+                opacity: instant.opacities[index],
+                scale: instant.scales[index],
+                pad: 0.0,
+                rotation: instant.rotations[index],
+            })
+            .collect();
+        self.gaussians.write(gpu, 0, &packed);
+        let rest = self.harmonics_per_gaussian() - 1;
+        let harmonics: Vec<f32> = instant
+            .sh_constant
+            .iter()
+            .enumerate()
+            .flat_map(|(index, constant)| {
+                let rest = &instant.sh_rest[index * rest..(index + 1) * rest];
+                std::iter::once(constant).chain(rest).flatten().copied()
+            })
+            .collect();
+        self.harmonics.write(gpu, 0, &harmonics);
+        self.features.write(gpu, 0, &instant.features);
+    }
+
+    /// Reads the gradient by the Gaussians back into `out`.
+    pub(crate) fn read_gradient(
+        &self,
+        gpu: &Gpu,
+        out: &mut InstantGaussians,
+    ) -> Result<(), GpuError> {
+        out.reshape(self.len, self.sh_degree, self.feature_count);
+        let gradients = self.gaussian_gradients.read(gpu)?;
+        let harmonics = self.harmonic_gradients.read(gpu)?;
+        out.features = self.feature_gradients.read(gpu)?;
+        let rest = self.harmonics_per_gaussian() - 1;
+        let per_gaussian = harmonics
+            .as_chunks::<3>()
+            .0
+            .chunks(self.harmonics_per_gaussian());
+        for (index, (gradient, harmonics)) in gradients.iter().zip(per_gaussian).enumerate() {
+            out.positions[index] = gradient.position;
+            out.opacities[index] = gradient.opacity;
+            out.scales[index] = gradient.scale;
+            out.rotations[index] = gradient.rotation;
+            out.sh_constant[index] = harmonics[0];
+            out.sh_rest[index * rest..(index + 1) * rest].copy_from_slice(&harmonics[1..]);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,109 @@
+//! The parameterization of Gaussians with times of their own (PVG, Omni4DGS).
+
+use glam::Vec3;
+
+use super::{
+    InstantGaussians,
+    omni4dgs::{DirectionOrigin, Observer},
+    parameterization::{Parameterization, Viewpoint},
+    periodic::Moment,
+    temporal::{Look, TemporalFeatures, TimeModel, VelocityModel},
+};
+use crate::{clock::Clock, parameters::ParameterTable};
+
+/// A table of [`super::temporal`] in a clip.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TemporalGaussians {
+    /// From seconds to frames.
+    pub clock: Clock,
+    /// How Gaussians depend on time.
+    pub time: TimeModel,
+    /// The mean vertical of the input cameras, from zenith to nadir.
+    pub down: [f32; 3],
+    /// `theta_dgm`: Gaussians whose staticness is below it are dynamic.
+    pub dynamic_below_staticness: f32,
+}
+
+impl TemporalGaussians {
+    /// When a viewpoint looks, and who is taken for the observer of decomposed velocities.
+    pub fn look(&self, at: &Viewpoint) -> Look {
+        let origin = match self.time.velocity {
+            VelocityModel::Decomposed(decomposition) => decomposition.origin,
+            _ => DirectionOrigin::World,
+        };
+        Look {
+            moment: Moment {
+                frame: self.clock.frame(at.seconds),
+                shift: at.shift_frames,
+            },
+            observer: match origin {
+                DirectionOrigin::World => self.world_observer(),
+                DirectionOrigin::Camera => Observer {
+                    centre: at.centre,
+                    down: at.down,
+                },
+            },
+        }
+    }
+
+    /// Who looks from the middle of the world.
+    pub fn world_observer(&self) -> Observer {
+        Observer {
+            centre: Vec3::ZERO,
+            down: Vec3::from_array(self.down),
+        }
+    }
+
+    /// Numbers of the Gaussians of a table whose staticness is below the threshold, or not below it.
+    pub fn members(&self, table: &ParameterTable, look: &Look, dynamic: bool) -> Vec<usize> {
+        let pulses = self.time.pulses(table, look.observer);
+        (0..table.len())
+            .filter(|&index| (pulses.staticness(index) < self.dynamic_below_staticness) == dynamic)
+            .collect()
+    }
+}
+
+impl Parameterization for TemporalGaussians {
+    fn id(&self) -> &'static str {
+        "temporal"
+    }
+
+    fn activate(
+        &mut self,
+        table: &ParameterTable,
+        at: &Viewpoint,
+        features: &TemporalFeatures,
+        first: usize,
+        out: &mut InstantGaussians,
+    ) {
+        let look = self.look(at);
+        self.time
+            .instantiate_from(table, &look, features, first, out);
+    }
+
+    fn activate_backward(
+        &mut self,
+        table: &mut ParameterTable,
+        at: &Viewpoint,
+        features: &TemporalFeatures,
+        first: usize,
+        activated: &mut InstantGaussians,
+        gradient: &mut InstantGaussians,
+    ) {
+        let look = self.look(at);
+        self.time
+            .instantiate_from_vjp(table, &look, features, first, activated, gradient);
+    }
+
+    fn keep_within_bounds(&self, table: &mut ParameterTable) {
+        self.time.keep_within_bounds(table);
+    }
+
+    fn temporal(&self) -> Option<&TemporalGaussians> {
+        Some(self)
+    }
+
+    fn boxed(&self) -> Box<dyn Parameterization> {
+        Box::new(*self)
+    }
+}

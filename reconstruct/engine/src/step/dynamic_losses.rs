@@ -1,0 +1,217 @@
+//! What dynamic methods hold renders to beside the image: the losses of Omni4DGS Eq. 12 or of PVG.
+//!
+//! Where masks supervise them, the dynamic Gaussians alone are rendered a second time.
+
+use crate::{
+    camera::View,
+    gaussians::{
+        InstantGaussians,
+        parameterization::Viewpoint,
+        subset,
+        temporal::{self, TemporalFeatures},
+    },
+    losses::{self, maps, photometric::cpu::Loss},
+    model::{Model, dynamic_settings::DynamicSettings},
+    render::{
+        cpu::Renderer,
+        raster::{Raster, RasterGradient},
+        settings::RenderSettings,
+    },
+    schedule::StepSchedule,
+};
+
+/// The losses of one method, and every buffer that a step fills anew.
+#[derive(Debug)]
+pub(super) struct DynamicLosses {
+    settings: DynamicSettings,
+    alone: DynamicAlone,
+    /// By the feature maps.
+    feature_gradient: Vec<f32>,
+}
+
+/// What a step is about.
+pub(super) struct StepView<'a> {
+    /// The camera, its pose corrected.
+    pub(super) drawn: &'a View,
+    pub(super) at: &'a Viewpoint,
+    pub(super) schedule: &'a StepSchedule,
+    /// The view's image, exposure taken out.
+    pub(super) target: &'a [f32],
+    /// Its mask, where it has one.
+    pub(super) mask: Option<&'a [f32]>,
+}
+
+/// What renders the dynamic Gaussians alone.
+#[derive(Debug)]
+struct DynamicAlone {
+    renderer: Renderer,
+    activated: InstantGaussians,
+    gradient: InstantGaussians,
+    /// Entries among all activated Gaussians.
+    members: Vec<usize>,
+    target: Vec<f32>,
+    opacity_gradient: Vec<f32>,
+}
+
+impl DynamicLosses {
+    pub(super) fn new(settings: &DynamicSettings, rendering: RenderSettings) -> Self {
+        Self {
+            settings: settings.clone(),
+            alone: DynamicAlone {
+                renderer: Renderer::new(rendering),
+                activated: InstantGaussians::default(),
+                gradient: InstantGaussians::default(),
+                members: Vec::new(),
+                target: Vec::new(),
+                opacity_gradient: Vec::new(),
+            },
+            feature_gradient: Vec::new(),
+        }
+    }
+
+    /// What has to be rendered beside colours.
+    pub(super) fn features(&self) -> TemporalFeatures {
+        self.settings.features
+    }
+
+    /// `L_v` and the lifespan loss on the feature maps of a render, and the gradient by the maps.
+    pub(super) fn maps(&mut self, raster: &Raster, mask: Option<&[f32]>) -> (f64, &[f32]) {
+        self.feature_gradient.clear();
+        let mut total = 0.0;
+        if self.settings.features.count() > 0 {
+            self.feature_gradient.resize(raster.features.len(), 0.0);
+            total = map_losses(
+                &self.settings,
+                (&raster.features, &raster.transmittance),
+                mask,
+                &mut self.feature_gradient,
+            );
+        }
+        (total, &self.feature_gradient)
+    }
+
+    /// `L_dynamic`: adds its gradient to that by all Gaussians. An empty dynamic set has none, and
+    /// counts as a loss of 0.
+    pub(super) fn supervise(
+        &mut self,
+        step: &StepView<'_>,
+        model: &Model,
+        activated: &InstantGaussians,
+        loss: &mut Loss,
+        gradient: &mut InstantGaussians,
+    ) -> f64 {
+        let (Some(dynamic), Some(mask)) = (self.settings.dynamic_loss, step.mask) else {
+            return 0.0;
+        };
+        if step.schedule.scheduled < dynamic.begin_iteration {
+            return 0.0;
+        }
+        let alone = &mut self.alone;
+        alone.find_members(model, step.at, activated);
+        if alone.members.is_empty() {
+            return 0.0;
+        }
+        subset::gather(activated, &alone.members, &mut alone.activated);
+        alone.renderer.settings.sh_degree = step.schedule.sh_degree;
+        let raster = alone.renderer.forward(step.drawn, &alone.activated);
+        alone.target.clear();
+        let masked = step.target.as_chunks::<3>().0.iter().zip(mask);
+        alone
+            .target
+            .extend(masked.flat_map(|(rgb, mask)| rgb.map(|value| value * mask)));
+        let (value, image_gradient) =
+            loss.forward_backward(&raster.colour, &alone.target, dynamic.ssim_weight);
+        let image_gradient: Vec<f32> = image_gradient
+            .iter()
+            .map(|value| dynamic.weight * value)
+            .collect();
+        alone.opacity_gradient.clear();
+        alone.opacity_gradient.resize(raster.features.len(), 0.0);
+        let opacity = maps::opacity_map(
+            &raster.features,
+            mask,
+            dynamic.weight,
+            &mut alone.opacity_gradient,
+        );
+        let upstream = RasterGradient {
+            colour: &image_gradient,
+            features: &alone.opacity_gradient,
+        };
+        alone
+            .renderer
+            .backward(step.drawn, &alone.activated, &upstream, &mut alone.gradient);
+        subset::gather_vjp(&alone.gradient, &alone.members, gradient);
+        f64::from(dynamic.weight) * (value.total + opacity)
+    }
+
+    /// `L_m`: adds its gradient to the raw ones of Gaussians with times of their own that are static.
+    pub(super) fn regularize_motion(&self, at: &Viewpoint, model: &mut Model) -> f64 {
+        let weight = self.settings.motion_weight;
+        let mut total = 0.0;
+        for part in model.parts.iter_mut().filter(|_| weight > 0.0) {
+            let Some(temporal) = part.parameterization.temporal() else {
+                continue;
+            };
+            let look = temporal.look(at);
+            let members = temporal.members(&part.table, &look, false);
+            let pulses = temporal.time.pulses(&part.table, look.observer);
+            let cycle = temporal.time.cycle_frames;
+            let (value, gradients) =
+                losses::motion::motion(&pulses, &members, look.moment.frame, cycle, weight);
+            temporal::add_gradients(&mut part.table, &gradients);
+            total += f64::from(weight) * value;
+        }
+        total
+    }
+}
+
+impl DynamicAlone {
+    /// The dynamic Gaussians that are drawn at all.
+    fn find_members(&mut self, model: &Model, at: &Viewpoint, activated: &InstantGaussians) {
+        self.members.clear();
+        let mut first = 0;
+        for part in &model.parts {
+            if let Some(temporal) = part.parameterization.temporal() {
+                let look = temporal.look(at);
+                let dynamic = temporal.members(&part.table, &look, true);
+                let entries = dynamic.into_iter().map(|index| first + index);
+                self.members
+                    .extend(entries.filter(|&entry| activated.opacities[entry] > 0.0));
+            }
+            first += part.table.len();
+        }
+    }
+}
+
+/// `L_v` and the lifespan loss on feature maps and what light they leave; adds the gradients by the
+/// maps.
+fn map_losses(
+    settings: &DynamicSettings,
+    (maps, transmittance): (&[f32], &[f32]),
+    mask: Option<&[f32]>,
+    gradient: &mut [f32],
+) -> f64 {
+    let mut total = 0.0;
+    let velocity_values = match settings.features.velocity_unit {
+        Some(_) => 3 * transmittance.len(),
+        None => 0,
+    };
+    if let Some(loss) = settings.velocity_loss {
+        let region = match (loss.outside_masks, mask) {
+            (false, _) => Some(&[][..]),
+            (true, mask) => mask,
+        };
+        if let Some(region) = region {
+            let maps = &maps[..velocity_values];
+            total += f64::from(loss.weight)
+                * maps::velocity_map(maps, transmittance, region, loss.weight, gradient);
+        }
+    }
+    if settings.features.lifespan.is_some() {
+        let weight = settings.lifespan_weight;
+        let plane = &maps[velocity_values..];
+        let gradient = &mut gradient[velocity_values..];
+        total += f64::from(weight) * maps::lifespan_map(plane, transmittance, weight, gradient);
+    }
+    total
+}

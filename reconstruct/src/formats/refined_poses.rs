@@ -1,0 +1,45 @@
+//! The poses of the views as a model has them.
+
+use std::path::Path;
+
+use omnilife_engine::model::Model;
+use omnilife_schemas::{
+    Pose,
+    records::{PosedFrame, Poses},
+    store::{self, StoreError},
+};
+
+use crate::scene::TrainingScene;
+
+/// Name of the refined poses in a run's folder, where they were refined: those of the input views,
+/// and what is taken for those of the novel views.
+pub const REFINED_POSES_FILE: &str = "refined-poses.json";
+
+/// Writes the poses of all views of the split, in world units and in order of time.
+pub(super) fn write(folder: &Path, scene: &TrainingScene, model: &Model) -> Result<(), StoreError> {
+    let path = folder.join(REFINED_POSES_FILE);
+    store::write_record(&path, &refined_poses(scene, model))
+}
+
+/// The poses of all views of the split as the model has them, in world units and in order of time.
+fn refined_poses(scene: &TrainingScene, model: &Model) -> Poses {
+    let views = scene.input_views.iter().chain(&scene.novel_views);
+    let mut frames: Vec<PosedFrame> = views
+        .filter_map(|view| {
+            let view = model.corrected(&view.view);
+            let centre = scene.normalization.restore(view.centre.as_dvec3());
+            let pose = Pose::from_matrix(view.rotation.transpose().as_dmat3(), centre)?;
+            Some(PosedFrame {
+                time_seconds: view.time_seconds,
+                pose,
+                mask: None,
+            })
+        })
+        .collect();
+    frames.sort_by(|one, other| one.time_seconds.total_cmp(&other.time_seconds));
+    Poses {
+        scale: scene.scale,
+        frames,
+        points: None,
+    }
+}

@@ -1,0 +1,238 @@
+//! Gaussians that learn: schedules, density control, and steps on a backend.
+
+use std::path::Path;
+
+use omnilife_engine::model::Model;
+use omnilife_engine::{
+    EngineError,
+    camera::View,
+    density::{self, DensityContext},
+    model::{
+        TrainedArray,
+        saved::{LoadError, SavedModel},
+    },
+    parameters::decay::Decay,
+    schedule::{Position, StepSchedule},
+    step::{BackendChoice, StepStatistics, Stepper, settings::TrainSettings, stepper},
+};
+use omnilife_schemas::{RgbImage, records::Backend};
+use rand::RngExt;
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64Mcg;
+use serde::{Deserialize, Serialize};
+
+use super::{Learner, ModelSize, SavedLearner};
+use crate::{
+    error::ReconstructError,
+    formats,
+    random::{Purpose, stream},
+    scene::TrainingScene,
+};
+
+/// A model of Gaussians under a method's settings.
+#[derive(Debug)]
+pub struct GaussianLearner<'a> {
+    scene: &'a TrainingScene,
+    settings: TrainSettings,
+    stepper: Box<dyn Stepper + 'a>,
+    /// One for each array.
+    decays: Vec<Decay>,
+    schedule: StepSchedule,
+    /// The view rendered last.
+    last_view: usize,
+    state: State,
+}
+
+/// Where schedules stand beside the iteration.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct State {
+    time_shift: Pcg64Mcg,
+    density: Pcg64Mcg,
+    /// The iteration of the schedule at which opacities were reset last.
+    last_reset: u64,
+    sh_degree: usize,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Header {
+    settings: TrainSettings,
+    state: State,
+    model: SavedModel,
+}
+
+impl<'a> GaussianLearner<'a> {
+    /// Ready for the first step.
+    ///
+    /// # Errors
+    /// When an array of the model has no learning rate in the settings, or the backend cannot train the
+    /// model.
+    pub fn new(
+        scene: &'a TrainingScene,
+        model: Model,
+        settings: TrainSettings,
+        backend: BackendChoice,
+    ) -> Result<Self, ReconstructError> {
+        let rate = |array: &TrainedArray| {
+            let known = settings.learning_rates.get(array.name).copied();
+            known.ok_or_else(|| ReconstructError::Request {
+                reason: format!(
+                    "the method's settings have no learning rate for {}",
+                    array.name
+                ),
+            })
+        };
+        let arrays = model.trained_arrays();
+        let decays = arrays.iter().map(rate).collect::<Result<Vec<_>, _>>()?;
+        let begin = settings.position(0, 0.0);
+        Ok(Self {
+            stepper: stepper(scene.inputs(), model, &settings, backend)?,
+            schedule: StepSchedule {
+                learning_rates: vec![0.0; decays.len()],
+                ..StepSchedule::default()
+            },
+            decays,
+            last_view: 0,
+            state: State {
+                time_shift: stream(settings.seed, Purpose::TimeShift),
+                density: stream(settings.seed, Purpose::Density),
+                last_reset: 0,
+                sh_degree: settings.active_sh_degree(&begin),
+            },
+            scene,
+            settings,
+        })
+    }
+
+    /// How early the next step's Gaussians are shown: temporal smoothing, noise on the time, or 0.
+    fn next_shift(&mut self, scheduled: u64) -> f32 {
+        let random = &mut self.state.time_shift;
+        let deformation = self.settings.deformation.as_ref();
+        if let Some(noise) = deformation.and_then(|deformation| deformation.time_noise) {
+            let normal: f32 = StandardNormal.sample(random);
+            return normal * noise.frames_at(scheduled);
+        }
+        let dynamics = self.settings.dynamics.as_ref();
+        match dynamics.and_then(|dynamics| dynamics.smoothing) {
+            Some(smoothing) if random.random_bool(smoothing.probability) => {
+                random.random_range(-smoothing.reach_frames..=smoothing.reach_frames)
+            }
+            _ => 0.0,
+        }
+    }
+}
+
+impl Learner for GaussianLearner<'_> {
+    fn backend(&self) -> Backend {
+        self.stepper.backend()
+    }
+
+    fn size(&self) -> ModelSize {
+        let bytes = |array: &TrainedArray| 16 * array.values as u64;
+        ModelSize {
+            primitives: self.stepper.gaussians() as u64,
+            with_times: self.stepper.gaussians_with_times() as u64,
+            bytes: self.stepper.arrays().iter().map(bytes).sum(),
+        }
+    }
+
+    fn arrays(&self) -> Vec<TrainedArray> {
+        self.stepper.arrays()
+    }
+
+    fn step(&mut self, view: usize, at: &Position) -> Result<(), EngineError> {
+        self.last_view = view;
+        self.state.sh_degree = self.settings.active_sh_degree(at);
+        self.schedule.iteration = at.iteration;
+        self.schedule.scheduled = at.scheduled;
+        self.schedule.shift_frames = self.next_shift(at.scheduled);
+        self.schedule.sh_degree = self.state.sh_degree;
+        for (rate, decay) in self.schedule.learning_rates.iter_mut().zip(&self.decays) {
+            *rate = decay.at(at.share as f32);
+        }
+        self.stepper.step(view, &self.schedule)
+    }
+
+    fn maintain(&mut self, at: &Position) -> Result<(), EngineError> {
+        let settings = &self.settings.densify;
+        if settings.is_due(at) {
+            let dynamics = self.settings.dynamics.as_ref();
+            let context = DensityContext {
+                views: &self.scene.input_views,
+                last_view: self.last_view,
+                temporal: dynamics.and_then(|dynamics| dynamics.density),
+            };
+            let model = self.stepper.model_mut()?;
+            let random = &mut self.state.density;
+            density::densify(model, settings, at.scheduled, &context, random);
+            density::order::along_sphere(model, &self.scene.input_views);
+        }
+        if settings.resets_opacities(at, self.state.last_reset) {
+            self.state.last_reset = at.scheduled;
+            density::reset_opacities(self.stepper.model_mut()?);
+        }
+        Ok(())
+    }
+
+    fn take_statistics(&mut self) -> Result<StepStatistics, EngineError> {
+        self.stepper.take_statistics()
+    }
+
+    fn image(&mut self, view: &View) -> Result<RgbImage, EngineError> {
+        let mut image = self.stepper.image(view, self.state.sh_degree)?;
+        if let Some(exposure) = &self.settings.exposure {
+            exposure.apply(&mut image.data, view.time_seconds);
+        }
+        Ok(image)
+    }
+
+    fn gaussians(&mut self) -> Result<Option<&Model>, EngineError> {
+        self.stepper.model().map(Some)
+    }
+
+    fn save(&mut self) -> Result<SavedLearner, EngineError> {
+        let model = self.stepper.model()?;
+        if let Some(what) = model.not_finite() {
+            return Err(EngineError::Diverged {
+                iteration: self.schedule.iteration,
+                what,
+            });
+        }
+        let (model, body) = SavedModel::of(model);
+        let header = Header {
+            settings: self.settings.clone(),
+            state: self.state.clone(),
+            model,
+        };
+        let header = serde_json::to_value(header).map_err(|error| EngineError::Backend {
+            reason: format!("the checkpoint's header: {error}"),
+        })?;
+        Ok(SavedLearner { header, body })
+    }
+
+    fn restore(&mut self, saved: &SavedLearner) -> Result<(), LoadError> {
+        let header: Header = serde_json::from_value(saved.header.clone())
+            .map_err(|error| LoadError::Damaged(format!("its header is not readable: {error}")))?;
+        if header.settings != self.settings {
+            return Err(LoadError::Other);
+        }
+        let model = self
+            .stepper
+            .model_mut()
+            .map_err(|error| LoadError::Damaged(error.to_string()))?;
+        header.model.restore(&saved.body, model)?;
+        self.state = header.state;
+        Ok(())
+    }
+
+    fn export(&mut self, folder: &Path) -> Result<Vec<String>, ReconstructError> {
+        let model = self.stepper.model()?;
+        formats::write_model(folder, model, &self.settings, self.scene)
+    }
+
+    fn warnings(&self) -> Vec<String> {
+        let none = self.stepper.gaussians() == 0;
+        none.then(|| "no Gaussian is left; the views show the background".to_owned())
+            .into_iter()
+            .collect()
+    }
+}
