@@ -118,7 +118,7 @@ fn learning_rates(extent: f32) -> BTreeMap<String, Decay> {
 }
 
 /// The published settings with what this implementation does otherwise.
-pub(crate) fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainSettings {
+pub fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainSettings {
     let published = published_settings(request.iterations);
     // Statistics over less than one epoch would miss views.
     let epoch = scene.input_views.len() as u64;
@@ -167,7 +167,7 @@ pub(crate) fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainS
 /// What position steps are relative to, normalized units. 3DGS scales them by the cameras' radius,
 /// which is its scene's size. A video's cameras stand close together in a scene many times as large:
 /// there it is the distance of the points.
-pub(crate) fn scene_extent(scene: &TrainingScene) -> f32 {
+pub fn scene_extent(scene: &TrainingScene) -> f32 {
     scene.median_point_distance().max(CAMERA_EXTENT)
 }
 

@@ -1,0 +1,204 @@
+//! Arrows within `omnilife-engine` and `omnilife-reconstruct` run down: a room (a top-level module) imports
+//! rooms of lower floors alone. Unit tests may look anywhere.
+#![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::{Component, Path, PathBuf},
+};
+
+/// Floors from the ground up; rooms of one floor do not import each other.
+const ENGINE: &[&[&str]] = &[
+    &["device"],
+    &["error"],
+    &["camera"],
+    &["clock", "schedule", "training_view"],
+    &["parameters"],
+    &["fields"],
+    &["gaussians"],
+    &["losses"],
+    &["render"],
+    &["model"],
+    &["density"],
+    &["step"],
+];
+const RECONSTRUCT: &[&[&str]] = &[
+    &["error", "random", "request"],
+    &["process"],
+    &["scene"],
+    &["formats", "seeds"],
+    &["learner"],
+    &["train"],
+    &["baseline"],
+    &["evidence"],
+    &["components"],
+    &["methods"],
+    &["stability"],
+    &["jobs"],
+];
+
+/// Rust files below a folder.
+fn sources(folder: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            found.extend(sources(&path));
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            found.push(path);
+        }
+    }
+    found
+}
+
+/// The room that a file below `root` is in; `None` for the root of the crate.
+fn room_of(root: &Path, file: &Path) -> Option<String> {
+    let first = file.strip_prefix(root).unwrap().components().next()?;
+    let Component::Normal(name) = first else {
+        return None;
+    };
+    let name = name.to_str().unwrap().trim_end_matches(".rs").to_owned();
+    (name != "lib").then_some(name)
+}
+
+/// The text without comments and without unit tests, which stand at the end.
+fn code(text: &str) -> String {
+    let is_comment = |line: &&str| line.trim_start().starts_with("//");
+    let lines: Vec<&str> = text.lines().collect();
+    let tests = lines
+        .windows(2)
+        .position(|pair| pair[0] == "#[cfg(test)]" && pair[1].contains("mod tests {"));
+    let lines = &lines[..tests.unwrap_or(lines.len())];
+    let kept: Vec<&str> = lines
+        .iter()
+        .copied()
+        .filter(|line| !is_comment(line))
+        .collect();
+    kept.join("\n")
+}
+
+/// The identifier that a text begins with.
+fn identifier(text: &str) -> &str {
+    let end = text.find(|letter: char| !(letter.is_alphanumeric() || letter == '_'));
+    &text[..end.unwrap_or(text.len())]
+}
+
+/// First names of the members of a `{...}` that `text` begins right behind the opening brace of.
+fn members(text: &str) -> Vec<String> {
+    let (mut depth, mut begins, mut found) = (0_usize, true, Vec::new());
+    for (at, letter) in text.char_indices() {
+        match letter {
+            '{' => depth += 1,
+            '}' if depth == 0 => break,
+            '}' => depth -= 1,
+            ',' if depth == 0 => begins = true,
+            _ if begins && !letter.is_whitespace() => {
+                found.push(identifier(&text[at..]).to_owned());
+                begins = false;
+            }
+            _ => {}
+        }
+    }
+    found
+}
+
+/// Rooms that a file's code names.
+fn imports(text: &str) -> BTreeSet<String> {
+    let mut found = BTreeSet::new();
+    for (at, prefix) in text.match_indices("crate::") {
+        let rest = &text[at + prefix.len()..];
+        match rest.strip_prefix('{') {
+            Some(group) => found.extend(members(group)),
+            None => {
+                found.insert(identifier(rest).to_owned());
+            }
+        }
+    }
+    found
+}
+
+/// Rooms of the WGSL that a file includes.
+fn included(root: &Path, file: &Path, text: &str) -> BTreeSet<String> {
+    let calls = text.split("include_str!(\"").skip(1);
+    calls
+        .map(|rest| {
+            let mut path = file.parent().unwrap().to_owned();
+            for part in rest.split('"').next().unwrap().split('/') {
+                match part {
+                    ".." => {
+                        path.pop();
+                    }
+                    name => path.push(name),
+                }
+            }
+            room_of(root, &path).unwrap()
+        })
+        .collect()
+}
+
+/// Every arrow of a crate that does not run down, as a line.
+fn wrong_arrows(root: &Path, floors: &[&[&str]]) -> Vec<String> {
+    let floor = |room: &str| floors.iter().position(|rooms| rooms.contains(&room));
+    let mut wrong = Vec::new();
+    for file in sources(root) {
+        let name = file.strip_prefix(root).unwrap().display().to_string();
+        if name.ends_with("tests.rs") {
+            continue;
+        }
+        let Some(room) = room_of(root, &file) else {
+            continue;
+        };
+        let Some(own) = floor(&room) else {
+            wrong.push(format!("{name}: the room {room} has no floor in this test"));
+            continue;
+        };
+        let text = code(&fs::read_to_string(&file).unwrap());
+        let mut rooms = imports(&text);
+        rooms.extend(included(root, &file, &text));
+        for other in rooms.iter().filter(|other| **other != room) {
+            if floor(other).is_some_and(|floor| floor >= own) {
+                wrong.push(format!("{name} imports {other}"));
+            }
+        }
+    }
+    wrong
+}
+
+fn root(folder: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(folder)
+}
+
+#[test]
+fn arrows_of_the_engine_run_down() {
+    let wrong = wrong_arrows(&root("reconstruct/engine/src"), ENGINE);
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn arrows_of_reconstruct_run_down() {
+    let wrong = wrong_arrows(&root("reconstruct/src"), RECONSTRUCT);
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn an_arrow_that_runs_up_is_found() {
+    let text = "use crate::{\n    camera::View,\n    step::{Stepper, settings::TrainSettings},\n};\n\
+                fn f() { crate::density::densify(); }\n// crate::model is only spoken of\n";
+    let found = imports(&code(text));
+    let expected = ["camera", "density", "step"].map(str::to_owned);
+    assert_eq!(found, BTreeSet::from(expected));
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("camera.rs"), text).unwrap();
+    fs::write(folder.path().join("attic.rs"), "").unwrap();
+    let mut wrong = wrong_arrows(folder.path(), ENGINE);
+    wrong.sort();
+    assert_eq!(
+        wrong,
+        [
+            "attic.rs: the room attic has no floor in this test",
+            "camera.rs imports density",
+            "camera.rs imports step",
+        ]
+    );
+}
