@@ -10,6 +10,7 @@ use std::{
 use ffmpeg::{codec::threading, format::context, media, util::error::EAGAIN};
 use ffmpeg_next as ffmpeg;
 
+use super::CodecId;
 use crate::error::CurateError;
 
 /// Every thread holds frames; beyond this many, decoding is no faster.
@@ -91,12 +92,17 @@ impl VideoReader {
             count: (cores + 1).min(MOST_THREADS),
             ..threading::Config::default()
         });
-        let decoder = codec.decoder().video().map_err(|error| {
+        let id = CodecId::of(&stream);
+        let opened = id
+            .decoder()
+            .ok_or(ffmpeg::Error::DecoderNotFound)
+            .and_then(|found| codec.decoder().open_as(found)?.video());
+        let decoder = opened.map_err(|error| {
             CurateError::video(
                 path,
                 format!(
                     "its video stream ({}) cannot be decoded: {error}",
-                    stream.parameters().id().name()
+                    id.name()
                 ),
             )
         })?;
