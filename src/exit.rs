@@ -3,14 +3,19 @@
 
 use std::{
     io::{self, Write},
+    panic::{self, AssertUnwindSafe},
+    path::Path,
     process::ExitCode,
+    sync::atomic::{AtomicBool, Ordering},
 };
 
 use omnilife_bench::BenchError;
 use omnilife_curate::CurateError;
 use omnilife_leaderboard::LeaderboardError;
 use omnilife_reconstruct::ReconstructError;
-use omnilife_schemas::{Blame, Blamed, store::StoreError};
+use omnilife_schemas::{
+    Blame, Blamed, blame::last_file, plain_text::for_terminal, store::StoreError,
+};
 use omnilife_sweep::SweepError;
 
 /// `EX_TEMPFAIL` of sysexits.h: begin it again.
@@ -44,7 +49,7 @@ impl Blamed for BadRequest {
 }
 
 /// Reports an error in one line and gives the exit code.
-pub(crate) fn code(outcome: anyhow::Result<()>) -> ExitCode {
+fn code(outcome: anyhow::Result<()>) -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if is_closed_pipe(&error) => ExitCode::SUCCESS,
@@ -73,10 +78,45 @@ pub(crate) fn is_interruption(error: &anyhow::Error) -> bool {
     )
 }
 
+/// Whether some thread has panicked, which has been reported.
+static PANICKED: AtomicBool = AtomicBool::new(false);
+
+/// Runs the program and gives its exit code. A panic, which is a mistake of ours, is reported in one
+/// line and gives 1, on whatever thread it is; what was begun is cleaned up on the way.
+pub(crate) fn code_of(program: impl FnOnce() -> anyhow::Result<()>) -> ExitCode {
+    panic::set_hook(Box::new(|panicked| {
+        // Others follow from the first one.
+        if PANICKED.swap(true, Ordering::SeqCst) {
+            return;
+        }
+        let reason = panicked
+            .payload_as_str()
+            .unwrap_or("the reason is not told");
+        let place = panicked.location().map(ToString::to_string);
+        let line = panic_line(last_file().as_deref(), reason, place.as_deref());
+        // When stderr is closed there is nobody left to tell.
+        drop(writeln!(io::stderr(), "{line}"));
+    }));
+    let outcome = panic::catch_unwind(AssertUnwindSafe(program));
+    match outcome {
+        Ok(outcome) if !PANICKED.load(Ordering::SeqCst) => code(outcome),
+        _ => ExitCode::from(1),
+    }
+}
+
+/// `file` is what the thread read last, `place` a line of the source.
+fn panic_line(file: Option<&Path>, reason: &str, place: Option<&str>) -> String {
+    let file = file.map_or_else(String::new, |file| format!("{}: ", file.display()));
+    let place = place.map_or_else(String::new, |place| format!(" ({place})"));
+    let line = format!("omnilife: {file}failed by a mistake of this program: {reason}{place}");
+    let words: Vec<&str> = line.split_whitespace().collect();
+    for_terminal(&words.join(" ")).into_owned()
+}
+
 /// Prints a result to standard output.
 pub(crate) fn print(text: &str) -> anyhow::Result<()> {
     let mut out = io::stdout().lock();
-    out.write_all(text.as_bytes())?;
+    out.write_all(for_terminal(text).as_bytes())?;
     out.flush()?;
     Ok(())
 }
@@ -99,11 +139,9 @@ pub(crate) fn blame(error: &anyhow::Error) -> Blame {
 
 /// The message alone: errors of this workspace say themselves what caused them.
 fn one_line(error: &anyhow::Error) -> String {
-    error
-        .to_string()
-        .split_whitespace()
-        .collect::<Vec<_>>()
-        .join(" ")
+    let words = error.to_string();
+    let line: Vec<&str> = words.split_whitespace().collect();
+    for_terminal(&line.join(" ")).into_owned()
 }
 
 /// The reader of our output has gone away (`omnilife ... | head`).
@@ -111,4 +149,27 @@ fn is_closed_pipe(error: &anyhow::Error) -> bool {
     error
         .downcast_ref::<io::Error>()
         .is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_is_one_line_and_the_exit_code_1() {
+        let line = panic_line(
+            Some(Path::new("a\u{1b}.png")),
+            "index out\nof bounds",
+            Some("src/x.rs:1:2"),
+        );
+        assert_eq!(
+            line,
+            "omnilife: a\\u{1b}.png: failed by a mistake of this program: index out of bounds \
+             (src/x.rs:1:2)"
+        );
+        let default = panic::take_hook();
+        let by_panic = code_of(|| panic!("on purpose"));
+        panic::set_hook(default);
+        assert_eq!(format!("{by_panic:?}"), format!("{:?}", ExitCode::from(1)));
+    }
 }

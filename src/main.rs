@@ -18,17 +18,17 @@ use progress::Terminal;
 
 fn main() -> ExitCode {
     omnilife_schemas::provenance::state_commit(env!("OMNILIFE_COMMIT"));
-    let cli = Cli::parse();
-    let terminal = Terminal::new(cli.quiet);
-    let outcome = match cli.command {
-        Command::Run(arguments) => run::main_job(&arguments, &terminal),
-        Command::Curate(arguments) => commands::curate::execute(&arguments.command, &terminal),
-        Command::Reconstruct(command) => commands::reconstruct::execute(&command, &terminal),
-        Command::Bench(command) => commands::bench::execute(&command, &terminal),
-        Command::Leaderboard(command) => commands::leaderboard::execute(&command, &terminal),
-        Command::Sweep(command) => commands::sweep::execute(&command, &terminal),
-        Command::Doctor => commands::doctor(),
-    };
-    drop(terminal);
-    exit::code(outcome)
+    exit::code_of(|| {
+        let cli = Cli::parse();
+        let terminal = Terminal::new(cli.quiet);
+        match cli.command {
+            Command::Run(arguments) => run::main_job(&arguments, &terminal),
+            Command::Curate(arguments) => commands::curate::execute(&arguments.command, &terminal),
+            Command::Reconstruct(command) => commands::reconstruct::execute(&command, &terminal),
+            Command::Bench(command) => commands::bench::execute(&command, &terminal),
+            Command::Leaderboard(command) => commands::leaderboard::execute(&command, &terminal),
+            Command::Sweep(command) => commands::sweep::execute(&command, &terminal),
+            Command::Doctor => commands::doctor(),
+        }
+    })
 }

@@ -12,7 +12,7 @@ use std::{
     time::Instant,
 };
 
-use omnilife_schemas::progress::Progress;
+use omnilife_schemas::{plain_text::for_terminal, progress::Progress};
 
 use bars::Bars;
 use plain::PlainLines;
@@ -57,6 +57,7 @@ impl Drop for Terminal {
 
 impl Progress for Terminal {
     fn begin(&self, label: &str, total: Option<u64>) {
+        let label = &for_terminal(label);
         match &self.output {
             Output::Quiet => {}
             Output::Plain(lines) => locked(lines).begin(label, total),
@@ -73,6 +74,7 @@ impl Progress for Terminal {
     }
 
     fn remark(&self, text: &str) {
+        let text = &for_terminal(text);
         match &self.output {
             Output::Quiet => {}
             Output::Plain(lines) => locked(lines).remark(text),
@@ -89,6 +91,7 @@ impl Progress for Terminal {
     }
 
     fn note(&self, line: &str) {
+        let line = &for_terminal(line);
         match &self.output {
             Output::Quiet => {}
             Output::Plain(lines) => locked(lines).line(line),
@@ -204,6 +207,14 @@ mod tests {
         clock.store(2_500, Ordering::Relaxed);
         terminal.end();
         assert_eq!(page.lines()[1], "decode: ended after 2.5 s, 2 of 8 (25 %)");
+    }
+
+    #[test]
+    fn control_characters_do_not_reach_the_terminal() {
+        let (terminal, page, _) = plain();
+        terminal.note("a\u{1b}[31mb");
+        terminal.begin("c\u{7}", None);
+        assert_eq!(page.lines(), ["a\\u{1b}[31mb", "c\\u{7} ..."]);
     }
 
     #[test]

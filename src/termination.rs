@@ -50,6 +50,31 @@ pub(crate) fn requested() -> anyhow::Result<&'static AtomicBool> {
     Ok(&REQUESTED)
 }
 
+/// Ends programs of others, with all that they have started, when this process is told to end.
+///
+/// # Errors
+/// When the system refuses the handlers.
+pub(crate) fn take_programs_along() -> anyhow::Result<()> {
+    #[cfg(unix)]
+    {
+        use signal_hook::{
+            consts::{SIGHUP, SIGINT, SIGTERM},
+            iterator::Signals,
+            low_level::emulate_default_handler,
+        };
+        let mut signals =
+            Signals::new([SIGTERM, SIGINT, SIGHUP]).context("signals cannot be handled")?;
+        std::thread::spawn(move || {
+            if let Some(signal) = signals.forever().next() {
+                omnilife_schemas::process_group::end_all();
+                // Ends this process, as the signal would have.
+                drop(emulate_default_handler(signal));
+            }
+        });
+    }
+    Ok(())
+}
+
 /// Whether the process was told that its time here is up, by SIGUSR1, rather than to end for good.
 pub(crate) fn time_is_up() -> bool {
     TIME_IS_UP.load(Ordering::Relaxed)

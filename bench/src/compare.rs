@@ -324,12 +324,42 @@ impl ScoreKey {
     }
 }
 
+/// Refuses a table that has not the scores that a result's means are of, such as a part of its lines.
+fn refuse_another_table(
+    table: &Path,
+    scores: &[(ScoreKey, f64)],
+    result: &ResultRecord,
+) -> Result<(), BenchError> {
+    for (view, summaries) in [
+        ("input", &result.input_views),
+        ("novel", &result.novel_views),
+    ] {
+        for (metric, summary) in summaries {
+            let scores = scores.iter().filter(|(key, _)| key.is_of(view, metric));
+            let (found, expected) = (scores.count(), summary.views as usize);
+            if found != expected {
+                return Err(BenchError::mismatch(
+                    table,
+                    format!(
+                        "has {found} scores of the {view} views by {metric}, the result is of \
+                         {expected}"
+                    ),
+                ));
+            }
+        }
+    }
+    Ok(())
+}
+
 /// Scores of the views of a scene, means over repetitions; views that one of them lacks are left
 /// out.
 fn view_scores(results: &Repetitions<'_>) -> Result<BTreeMap<ScoreKey, f64>, BenchError> {
     let mut sums: BTreeMap<ScoreKey, (f64, usize)> = BTreeMap::new();
     for (file, result) in results.iter().copied() {
-        for (key, score) in frames_table::read(&file.with_file_name(&result.frames_table))? {
+        let table = file.with_file_name(&result.frames_table);
+        let scores = frames_table::read(&table)?;
+        refuse_another_table(&table, &scores, result)?;
+        for (key, score) in scores {
             let (sum, count) = sums.entry(key).or_default();
             *sum += score;
             *count += 1;

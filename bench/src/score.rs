@@ -10,6 +10,7 @@ use std::{
 };
 
 use omnilife_schemas::{
+    frame_scores::FRAME_SCORES_FILE,
     progress::Progress,
     provenance,
     records::{ResultRecord, ScoringRecord},
@@ -21,8 +22,7 @@ use crate::{
     comparison, diagnosis,
     error::BenchError,
     evidence::Evidence,
-    frames_table::{self, FRAMES_TABLE},
-    memory,
+    frames_table, memory,
     metrics::Undefined,
     run_facts::RunFacts,
     scoring_job::{ScoringJob, View, ViewKind},
@@ -64,7 +64,7 @@ pub struct ScoreRequest {
     pub predictions: Predictions,
     /// Id of the method, as it will stand in the tables.
     pub method: String,
-    /// Folder for `result.json`, `scoring.json`, `frames.parquet` and `comparisons/`; made where it
+    /// Folder for `result.json`, `scoring.json`, `frames.csv` and `comparisons/`; made where it
     /// is missing.
     pub out: PathBuf,
     /// About how much memory views may take together, bytes. It decides how many are scored at
@@ -96,8 +96,8 @@ impl ScoreRequest {
 /// Scores predictions and writes into `request.out`:
 /// * `result.json`: means over the views and every failure;
 /// * `scoring.json`: machine, time and memory of scoring;
-/// * `frames.parquet`: one row per view with columns `view`, `frame`, `time_seconds` and one per
-///   metric, which are null for a view that could not be scored or for which the metric is
+/// * `frames.csv`: one row per view with columns `view`, `frame`, `time_seconds` and one per
+///   metric, which are empty for a view that could not be scored or for which the metric is
 ///   undefined;
 /// * `comparisons/novel-<frame>.png`: prediction left, ground truth right, of every novel view
 ///   whose prediction could be read.
@@ -133,12 +133,12 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
     let outcomes = score_views(&job, &views, request, progress)?;
     progress.end();
 
-    frames_table::write(&request.out.join(FRAMES_TABLE), &job, &outcomes)?;
+    frames_table::write(&request.out.join(FRAME_SCORES_FILE), &job, &outcomes)?;
     let mut result = summary::result_record(&job, &outcomes);
     result.warnings.extend(diagnosis::of_job(&job)?.remark());
     store::write_record(&result_file, &result)?;
     write_scoring_record(&request.out, &result_file, started)?;
-    let mut outputs = [RESULT_FILE, SCORING_FILE, FRAMES_TABLE]
+    let mut outputs = [RESULT_FILE, SCORING_FILE, FRAME_SCORES_FILE]
         .map(str::to_owned)
         .to_vec();
     outputs.extend(

@@ -3,12 +3,12 @@
 use std::collections::BTreeMap;
 
 use omnilife_schemas::{
+    frame_scores::FRAME_SCORES_FILE,
     provenance,
     records::{Failure, ResultRecord, Summary, Unavailable},
 };
 
 use crate::{
-    frames_table::FRAMES_TABLE,
     metrics::{Metric, Need, Undefined},
     protocols,
     score::ViewOutcome,
@@ -40,7 +40,7 @@ pub(crate) fn result_record(job: &ScoringJob, outcomes: &[ViewOutcome]) -> Resul
         novel_views: novel.0,
         failures,
         unavailable: [input.1, novel.1].concat(),
-        frames_table: FRAMES_TABLE.to_owned(),
+        frames_table: FRAME_SCORES_FILE.to_owned(),
         training_seconds: job.run.as_ref().and_then(|run| run.training_seconds),
         gaussians: job.run.as_ref().and_then(|run| run.gaussians),
         iterations: job.run.as_ref().and_then(|run| run.iterations),

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use omnilife_schemas::{
     RgbImage,
+    image_file::ImageFile,
     records::DepthImage,
     rgb::{self, Mask},
     store::StoreError,
@@ -18,8 +19,9 @@ use crate::{error::BenchError, scoring_job::ScoringJob};
 /// When the image is unusable or not of the size that the scene states.
 pub(crate) fn read(job: &ScoringJob, frame: u32) -> Result<Vec<u8>, BenchError> {
     let file = job.scene_file(&job.scene.frames[frame as usize].image);
-    let image = RgbImage::read(&file)?;
-    check_size(job, &file, [image.width, image.height])?;
+    let image = ImageFile::open(&file)?;
+    check_size(job, &file, image.size())?;
+    let image = RgbImage::decode(image)?;
     let [width, height] = job.size;
     Ok(image
         .resized_by_area(width as usize, height as usize)
@@ -32,8 +34,9 @@ pub(crate) fn read(job: &ScoringJob, frame: u32) -> Result<Vec<u8>, BenchError> 
 /// As [`read`].
 pub(crate) fn read_mask(job: &ScoringJob, name: &str) -> Result<Mask, BenchError> {
     let file = job.scene_file(name);
-    let mask = Mask::read(&file)?;
-    check_size(job, &file, [mask.width, mask.height])?;
+    let mask = ImageFile::open(&file)?;
+    check_size(job, &file, mask.size())?;
+    let mask = Mask::decode(mask)?;
     let [width, height] = job.size;
     Ok(mask.resized_to_nearest(width as usize, height as usize))
 }
@@ -46,18 +49,13 @@ pub(crate) fn read_mask(job: &ScoringJob, name: &str) -> Result<Mask, BenchError
 pub(crate) fn read_depth(job: &ScoringJob, depth: &DepthImage) -> Result<Vec<f32>, BenchError> {
     let file = job.scene_file(&depth.file);
     let malformed = |reason: String| StoreError::malformed(&file, reason);
-    let bytes = std::fs::read(&file).map_err(|source| StoreError::read(&file, source))?;
-    let image = image::load_from_memory(&bytes)
-        .map_err(|error| malformed(format!("not a usable image: {error}")))?;
-    let image::DynamicImage::ImageLuma16(image) = image else {
-        return Err(malformed(format!("is {:?}, expected 16-bit grey", image.color())).into());
-    };
+    let image = ImageFile::open(&file)?;
     if !(depth.unit.is_finite() && depth.unit > 0.0) {
         return Err(malformed(format!("has the unit {}, not a positive one", depth.unit)).into());
     }
-    let size = [image.width() as usize, image.height() as usize];
+    let size = image.size();
     check_size(job, &file, size)?;
-    let values = image.as_raw();
+    let values = image.decode_grey16()?;
     let nearest = rgb::nearest_pixels(size, job.size.map(|side| side as usize));
     Ok(nearest
         .map(|index| (f64::from(values[index]) * depth.unit) as f32)

@@ -162,6 +162,28 @@ novel = "{work}/{frame}.png"
     assert_eq!(stand.run().failure, None);
 }
 
+/// What a program has started ends with it, by the time limit and by itself: the next one has the
+/// machine for itself.
+#[test]
+fn children_of_a_program_end_with_it() {
+    for (rest, limit) in [("wait", "time_limit_seconds = 0.2"), ("exit 0", "")] {
+        let stand = Stand::new(&format!(
+            r#"
+id = "parent"
+{limit}
+[render]
+command = ["sh", "-c", "(sleep 1.2; touch {{work}}/late) & {rest}"]
+[predictions]
+novel = "{{work}}/{{frame}}.png"
+"#
+        ));
+        stand.run();
+        std::thread::sleep(std::time::Duration::from_millis(1600));
+        let late = stand.bench.at("run/work/late");
+        assert!(late.parent().unwrap().is_dir() && !late.exists(), "{rest}");
+    }
+}
+
 #[test]
 fn endless_and_missing_programs_end_with_a_reason() {
     let stand = Stand::new(

@@ -8,13 +8,14 @@ use std::{fs, path::Path, sync::Mutex};
 
 use omnilife_bench::{METRICS, Metric, Predictions, Sample, ViewPair, score};
 use omnilife_schemas::{
-    RgbImage, npy,
+    RgbImage,
+    frame_scores::FrameScores,
+    npy,
     progress::Progress,
     records::{DepthImage, ResultRecord, Scene, ValidationStatus},
     rgb::Mask,
     store,
 };
-use polars::prelude::{ParquetReader, SerReader};
 use scenes::{HEIGHT, WIDTH, scene};
 use scoring::{Bench, image};
 
@@ -77,7 +78,7 @@ fn views_are_scored_and_written() {
         [
             ".done",
             "comparisons",
-            "frames.parquet",
+            "frames.csv",
             "result.json",
             "scoring.json"
         ]
@@ -113,32 +114,20 @@ fn the_table_has_a_row_for_every_view() {
     let bench = Bench::new();
     fs::remove_file(bench.at("novel/000004.png")).unwrap();
     bench.score().unwrap();
-    let file = fs::File::open(bench.at("out/frames.parquet")).unwrap();
-    let table = ParquetReader::new(file).finish().unwrap();
-    assert_eq!(table.height(), 10);
-    let names: Vec<_> = table
-        .get_column_names()
-        .iter()
-        .map(|name| name.as_str())
-        .collect();
-    assert_eq!(names[..3], ["view", "frame", "time_seconds"]);
-    assert_eq!(names[3..], bench.split.protocol.metrics);
-    let frames: Vec<_> = table
-        .column("frame")
-        .unwrap()
-        .u32()
-        .unwrap()
-        .iter()
-        .flatten()
-        .collect();
+    let table = FrameScores::read(&bench.at("out/frames.csv")).unwrap();
+    assert_eq!(table.metrics, bench.split.protocol.metrics);
+    let frames: Vec<u32> = table.rows.iter().map(|row| row.frame).collect();
     assert_eq!(frames, [0, 1, 2, 3, 5, 6, 7, 8, 4, 9]);
-    let times = table.column("time_seconds").unwrap().f64().unwrap();
-    assert_eq!(times.get(9), Some(0.1 * 9.0));
-    let views = table.column("view").unwrap().str().unwrap();
-    assert_eq!((views.get(7), views.get(8)), (Some("input"), Some("novel")));
-    let psnr = table.column("psnr").unwrap().f64().unwrap();
-    assert_eq!(psnr.get(8), None, "a failed view is a row without scores");
-    assert!((psnr.get(9).unwrap() - flat_psnr(2.0)).abs() < 1e-9);
+    assert_eq!(table.rows[9].time_seconds, 0.1 * 9.0);
+    assert_eq!(
+        (&*table.rows[7].view, &*table.rows[8].view),
+        ("input", "novel")
+    );
+    // The first of the two novel views failed: it is a row without scores.
+    assert!(table.rows[8].scores.iter().all(Option::is_none));
+    let psnr: Vec<f64> = table.of("novel", "psnr").unwrap().collect();
+    assert_eq!(psnr.len(), 1);
+    assert!((psnr[0] - flat_psnr(2.0)).abs() < 1e-9);
 }
 
 /// A protocol with these metrics in place of its own, for the scene and predictions of `bench`.
@@ -313,8 +302,7 @@ fn memory_changes_no_score() {
     );
     let bytes = |bench: &Bench| {
         bench.score().unwrap();
-        ["result.json", "frames.parquet"]
-            .map(|name| fs::read(bench.request.out.join(name)).unwrap())
+        ["result.json", "frames.csv"].map(|name| fs::read(bench.request.out.join(name)).unwrap())
     };
     let plenty = bytes(&bench);
     bench.request.memory_bytes = 1;
@@ -349,9 +337,9 @@ fn unchanged_inputs_are_skipped_and_changed_ones_scored_again() {
     assert_eq!(bench.score().unwrap().failures.len(), 1);
     assert_eq!(files(&bench.at("out/comparisons")), ["novel-000009.png"]);
     // A lost output is made again.
-    fs::remove_file(bench.at("out/frames.parquet")).unwrap();
+    fs::remove_file(bench.at("out/frames.csv")).unwrap();
     bench.score().unwrap();
-    assert!(bench.at("out/frames.parquet").exists());
+    assert!(bench.at("out/frames.csv").exists());
 }
 
 #[test]
@@ -363,12 +351,8 @@ fn files_are_the_same_for_every_number_of_threads() {
             .build()
             .unwrap();
         pool.install(|| bench.score()).unwrap();
-        [
-            "result.json",
-            "frames.parquet",
-            "comparisons/novel-000004.png",
-        ]
-        .map(|name| fs::read(bench.at("out").join(name)).unwrap())
+        ["result.json", "frames.csv", "comparisons/novel-000004.png"]
+            .map(|name| fs::read(bench.at("out").join(name)).unwrap())
     };
     assert!(bytes(1) == bytes(4));
 }
@@ -446,12 +430,11 @@ fn ground_truth_is_brought_to_the_protocols_width_by_area() {
         .collect();
     assert_eq!(undefined, ["ssim-skimage", "cube-ssim"]);
     assert_eq!(result.novel_views.len() + undefined.len(), plain.len());
-    let file = fs::File::open(bench.at("out/frames.parquet")).unwrap();
-    let table = ParquetReader::new(file).finish().unwrap();
+    let table = FrameScores::read(&bench.at("out/frames.csv")).unwrap();
     for metric in plain {
-        let column = table.column(metric.id).unwrap().f64().unwrap();
+        let column = table.metrics.iter().position(|id| id == metric.id).unwrap();
         assert_eq!(
-            column.get(0),
+            table.rows[0].scores[column],
             (metric.function)(&Sample::new(&pair)).ok(),
             "{}",
             metric.id

@@ -203,3 +203,34 @@ fn failures_and_mixed_methods_are_not_compared() {
         "a and b: nothing to compare: one/seq-000: a could not be scored on 1 views"
     );
 }
+
+/// The table of others is read as it is, byte by byte: whatever it holds, the comparison is refused in
+/// one line.
+#[test]
+fn damaged_tables_of_views_are_refused() {
+    let (_a, a) = result("one/seq-000", "a", [1, 2]);
+    let (bench, b) = result("one/seq-000", "b", [1, 2]);
+    let file = bench.at("out/frames.csv");
+    let whole = fs::read(&file).unwrap();
+    for damaged in [
+        b"PAR1\x15\x04\x15\xff\xff\xff\x7fPAR1".to_vec(),
+        vec![0; 4096],
+        Vec::new(),
+        whole[..whole.len() / 2].to_vec(),
+    ] {
+        fs::write(&file, damaged).unwrap();
+        let error = compare(std::slice::from_ref(&a), std::slice::from_ref(&b)).unwrap_err();
+        assert_eq!(error.blame(), Blame::Input, "{error}");
+        let message = error.to_string();
+        assert!(
+            message.contains("frames.csv: is no table of views"),
+            "{message}"
+        );
+        assert!(!message.contains('\n'), "{message}");
+    }
+    // Whole lines, and not all of them.
+    let lines: Vec<&[u8]> = whole.split_inclusive(|&byte| byte == b'\n').collect();
+    fs::write(&file, lines[..lines.len() - 3].concat()).unwrap();
+    let error = compare(std::slice::from_ref(&a), std::slice::from_ref(&b)).unwrap_err();
+    assert!(error.to_string().contains("scores of the"), "{error}");
+}

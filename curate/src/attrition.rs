@@ -4,6 +4,7 @@
 use std::path::Path;
 
 use omnilife_schemas::{
+    plain_text::serialize_for_spreadsheet,
     records::{BoundaryLedger, Dataset, Sequence, TimeRange, VideoEntry, VideoStatus},
     store::{self, Record, StoreError},
 };
@@ -35,10 +36,12 @@ const KEPT: &str = "kept";
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Reject {
     /// The video as given.
+    #[serde(serialize_with = "serialize_for_spreadsheet")]
     pub video: String,
     /// Id of the check.
     pub check: String,
     /// What was found.
+    #[serde(serialize_with = "serialize_for_spreadsheet")]
     pub value: String,
     /// What was asked for.
     pub threshold: String,

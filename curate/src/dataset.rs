@@ -16,6 +16,7 @@ use crate::{
     error::CurateError,
     pipeline::{self, CurateSettings},
     video,
+    worker::{Curated, Worker},
 };
 
 /// File of the dataset record in a dataset's folder.
@@ -32,6 +33,50 @@ pub struct CuratedDataset {
     pub errors: Vec<(usize, CurateError)>,
 }
 
+/// Where videos are curated.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Place {
+    /// In this process: a file that crashes a decoder ends it.
+    ThisProcess,
+    /// Each in a process of its own: a file that crashes a decoder is a failed video.
+    ProcessEach(Worker),
+}
+
+impl Place {
+    fn curate(
+        &self,
+        video: &Path,
+        source: &SourceVideo,
+        folder: &Path,
+        settings: &CurateSettings,
+        progress: &dyn Progress,
+    ) -> Curated {
+        match self {
+            Self::ThisProcess => {
+                let curated = pipeline::curate_source(video, source, folder, settings, progress);
+                Curated {
+                    sequences: curated,
+                    duration_seconds: duration_seconds(video, folder),
+                }
+            }
+            Self::ProcessEach(worker) => worker.curate(video, source, folder, settings, progress),
+        }
+    }
+}
+
+/// [`curate_dataset_in`] this process.
+///
+/// # Errors
+/// As there.
+pub fn curate_dataset(
+    videos: &[PathBuf],
+    out: &Path,
+    settings: &CurateSettings,
+    progress: &dyn Progress,
+) -> Result<CuratedDataset, CurateError> {
+    curate_dataset_in(&Place::ThisProcess, videos, out, settings, progress)
+}
+
 /// Curates videos into `out`: `dataset.json` and one folder per video in `videos/`, named after the
 /// video's file.
 ///
@@ -39,7 +84,8 @@ pub struct CuratedDataset {
 /// When the settings make no sense, `out` holds something else or the dataset of other videos, or it
 /// cannot be written. What is wrong with a single video is in the record and in
 /// [`CuratedDataset::errors`].
-pub fn curate_dataset(
+pub fn curate_dataset_in(
+    place: &Place,
     videos: &[PathBuf],
     out: &Path,
     settings: &CurateSettings,
@@ -65,20 +111,25 @@ pub fn curate_dataset(
     for (index, (source, name)) in sources.into_iter().zip(&folders).enumerate() {
         let video = &videos[index];
         let folder = out.join(VIDEOS_FOLDER).join(name);
-        if let Some(of) = first_with_this_content(&record, index) {
+        if let Some(first) = first_with_this_content(&record, index) {
+            let of = record.videos[first].file.clone();
             progress.note(&format!(
                 "{}: the same content as {of}, skipped",
                 video.display()
             ));
-            record.videos[index].duration_seconds = duration_seconds(video, &folder);
+            record.videos[index].duration_seconds = record.videos[first].duration_seconds;
             record.videos[index].status = VideoStatus::Duplicate { of };
             store::write_record(&path, &record)?;
             continue;
         }
-        let curated = source.and_then(|source| {
-            pipeline::curate_source(video, &source, &folder, settings, progress)
-        });
-        let status = match curated {
+        let curated = match source {
+            Ok(source) => place.curate(video, &source, &folder, settings, progress),
+            Err(error) => Curated {
+                sequences: Err(error),
+                duration_seconds: None,
+            },
+        };
+        let status = match curated.sequences {
             Ok(sequences) => VideoStatus::Curated {
                 sequences: sequences
                     .iter()
@@ -98,7 +149,7 @@ pub fn curate_dataset(
                 status
             }
         };
-        record.videos[index].duration_seconds = duration_seconds(video, &folder);
+        record.videos[index].duration_seconds = curated.duration_seconds;
         record.videos[index].status = status;
         store::write_record(&path, &record)?;
     }
@@ -120,16 +171,15 @@ pub fn curate_dataset(
 }
 
 /// The first video before `index` that has the same content.
-fn first_with_this_content(record: &Dataset, index: usize) -> Option<String> {
+fn first_with_this_content(record: &Dataset, index: usize) -> Option<usize> {
     let sha256 = record.videos[index].sha256.as_ref()?;
     record.videos[..index]
         .iter()
-        .find(|video| video.sha256.as_ref() == Some(sha256))
-        .map(|video| video.file.clone())
+        .position(|video| video.sha256.as_ref() == Some(sha256))
 }
 
 /// Length of a video's frames where they were decoded into `folder`, else as its header states it.
-fn duration_seconds(video: &Path, folder: &Path) -> Option<f64> {
+pub(crate) fn duration_seconds(video: &Path, folder: &Path) -> Option<f64> {
     store::read_record::<VideoAnalysis>(&folder.join(pipeline::ANALYSIS_FILE))
         .map(|analysis| analysis.range.duration_seconds())
         .ok()

@@ -44,6 +44,16 @@ pub enum CurateError {
     /// A file could not be read or written.
     #[error(transparent)]
     Store(#[from] StoreError),
+    /// Curation failed in another process, which says so.
+    #[error("{message}")]
+    Elsewhere {
+        /// The message of the error there.
+        message: String,
+        /// Who has to act.
+        blame: Blame,
+        /// The checks that the video failed, where it is sound and only unwanted.
+        failed_checks: Option<Vec<CheckOutcome>>,
+    },
     /// A library failed on sound input.
     #[error("{}: {reason}", path.display())]
     Internal {
@@ -94,13 +104,14 @@ impl CurateError {
 
     /// Whether the video is sound and only unwanted.
     pub fn is_rejection(&self) -> bool {
-        matches!(self, Self::Rejected { .. })
+        self.failed_checks().is_some()
     }
 
     /// The checks that a sound but unwanted video failed.
     pub fn failed_checks(&self) -> Option<&[CheckOutcome]> {
         match self {
             Self::Rejected { failed, .. } => Some(failed),
+            Self::Elsewhere { failed_checks, .. } => failed_checks.as_deref(),
             _ => None,
         }
     }
@@ -113,6 +124,7 @@ impl Blamed for CurateError {
             Self::Sfm(error) => error.blame(),
             Self::Weights(error) => error.blame(),
             Self::Store(error) => error.blame(),
+            Self::Elsewhere { blame, .. } => *blame,
             Self::Internal { .. } => Blame::Ours,
         }
     }

@@ -55,11 +55,33 @@ pub fn choose(times: &[f64], shot: TimeRange, sampling: Sampling) -> Vec<f64> {
             stride * median
         }
     };
-    let count = ((end - begin) / interval + 1e-6).floor() as usize + 1;
-    let mut chosen: Vec<f64> = (0..count)
-        .map(|index| nearest(inside, begin + index as f64 * interval))
-        .collect();
-    chosen.dedup();
+    let last_instant = ((end - begin) / interval + 1e-6).floor() as u64;
+    nearest_to_instants(inside, interval, last_instant)
+}
+
+/// The values of sorted, non-empty `times` that are nearest to some of the instants 0 to
+/// `last_instant`, which begin with the first value and are `interval` apart.
+///
+/// Instants that cannot have another nearest value than the one before are stepped over: a gap in
+/// `times` may hold any number of them.
+fn nearest_to_instants(times: &[f64], interval: f64, last_instant: u64) -> Vec<f64> {
+    let begin = times[0];
+    let mut chosen = Vec::new();
+    let mut instant = 0;
+    while instant <= last_instant {
+        let time = nearest(times, begin + instant as f64 * interval);
+        if chosen.last() != Some(&time) {
+            chosen.push(time);
+        }
+        let following = times.partition_point(|&other| other <= time);
+        let Some(next) = times.get(following) else {
+            break;
+        };
+        // One less than the last instant that is not nearer to the next value: of two large numbers
+        // the quotient may be off by one.
+        let middle = (time + (next - time) / 2.0 - begin) / interval;
+        instant = (instant + 1).max((middle.floor() as u64).saturating_sub(1));
+    }
     chosen
 }
 
@@ -245,7 +267,37 @@ mod tests {
         assert_eq!(choose(&times, nowhere, Sampling::MaxFrames(3)), [0.0; 0]);
     }
 
+    #[test]
+    fn a_gap_costs_no_more_than_its_frames() {
+        let mut times: Vec<f64> = (0..20).map(|i| f64::from(i) / 10.0).collect();
+        times.extend((0..20).map(|i| 3e9 + f64::from(i) / 10.0));
+        let chosen = choose(&times, whole(&times), Sampling::FramesPerSecond(5.0));
+        assert!((20..=24).contains(&chosen.len()), "{}", chosen.len());
+        let distant = [0.0, 1e15];
+        let rate = Sampling::FramesPerSecond(1e9);
+        assert_eq!(choose(&distant, whole(&distant), rate), distant);
+    }
+
     proptest! {
+        /// Stepping over instants leaves out no frame that is nearest to one.
+        #[test]
+        fn the_frames_nearest_to_all_instants_are_found(
+            gaps in proptest::collection::vec(1e-3_f64..3.0, 1..60),
+            rate in 0.2_f64..40.0,
+        ) {
+            let mut times = vec![5.0];
+            for gap in gaps {
+                times.push(times[times.len() - 1] + gap);
+            }
+            let (interval, length) = (1.0 / rate, times[times.len() - 1] - 5.0);
+            let last = (length / interval).floor() as u64;
+            let mut all: Vec<f64> = (0..=last)
+                .map(|instant| nearest(&times, 5.0 + instant as f64 * interval))
+                .collect();
+            all.dedup();
+            prop_assert_eq!(nearest_to_instants(&times, interval, last), all);
+        }
+
         /// Samples are frames of the shot, in order, never more than asked for, and with a steady
         /// rate more than half of what is asked for.
         #[test]

@@ -30,8 +30,9 @@ pub mod slicing;
 pub mod statistics;
 pub mod verdict;
 pub mod video;
+pub mod worker;
 
-pub use dataset::{CuratedDataset, curate_dataset};
+pub use dataset::{CuratedDataset, Place, curate_dataset, curate_dataset_in};
 pub use error::CurateError;
 pub use inputs::expand_inputs;
 pub use libraries::libraries;
@@ -39,3 +40,4 @@ pub use pipeline::{CurateSettings, curate_video};
 pub use poses::{
     GivenDepth, GivenTruth, PoseRequest, SfmSettings, pose_sequence, pose_sequence_with,
 };
+pub use worker::Worker;

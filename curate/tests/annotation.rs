@@ -195,5 +195,17 @@ fn what_is_wrong_with_an_annotation_is_said_in_one_line() {
     let started = Instant::now();
     let said = with_command(slow);
     assert!(said.contains("took longer than 0.3 s"), "{said}");
+    // What it has started holds the pipes open, and ends with it.
+    let parent = CaptionCommand {
+        timeout: Duration::from_millis(300),
+        ..program(folder.path(), "parent", "sleep 30 & wait")
+    };
+    let said = with_command(parent);
+    assert!(said.contains("took longer than 0.3 s"), "{said}");
+    let endless = with_command(program(folder.path(), "endless", "exec yes"));
+    assert!(
+        endless.contains("answers more than 1048576 bytes"),
+        "{endless}"
+    );
     assert!(started.elapsed() < Duration::from_secs(20));
 }

@@ -2,7 +2,10 @@
 
 use std::{fs, path::Path};
 
-use omnilife_schemas::store::{self, StoreError};
+use omnilife_schemas::{
+    plain_text::for_markdown,
+    store::{self, StoreError},
+};
 
 use crate::{error::LeaderboardError, group::Group, layouts, render};
 
@@ -32,7 +35,7 @@ pub(crate) fn updated(
             lines.push(String::new());
             lines.push(format!(
                 "Protocol {} {}.",
-                render::markdown::escape(group.protocol),
+                for_markdown(group.protocol),
                 group.short_hash()
             ));
             lines.join("\n")

@@ -2,7 +2,7 @@
 
 use std::{io, path::Path};
 
-use omnilife_schemas::{records::ResultRecord, store::StoreError};
+use omnilife_schemas::{plain_text::for_spreadsheet, records::ResultRecord, store::StoreError};
 
 use crate::{
     group::{Group, MethodRow, Quantity, ViewKind},
@@ -133,7 +133,7 @@ fn mean_row(group: &Group<'_>, method: &MethodRow<'_>, quantities: &[&Quantity])
 
 fn leading(group: &Group<'_>, row: &str, scene: &str, method: &str) -> Vec<String> {
     [group.protocol, group.protocol_hash, row, scene, method]
-        .map(str::to_owned)
+        .map(|text| for_spreadsheet(text).into_owned())
         .to_vec()
 }
 

@@ -58,9 +58,10 @@ impl Matrix {
 /// # Panics
 /// When a slice does not have the length that the sizes ask for.
 pub fn multiply(left: &[f32], right: &[f32], product: &mut [f32], [m, k, n]: [usize; 3]) {
-    assert_eq!(left.len(), m * k, "left factor");
-    assert_eq!(right.len(), k * n, "right factor");
-    assert_eq!(product.len(), m * n, "product");
+    // Checked: sizes whose product wraps around would pass as those of short slices.
+    assert_eq!(Some(left.len()), m.checked_mul(k), "left factor");
+    assert_eq!(Some(right.len()), k.checked_mul(n), "right factor");
+    assert_eq!(Some(product.len()), m.checked_mul(n), "product");
     // SAFETY: the lengths were checked, strides are those of row-major matrices, and the product,
     // borrowed mutably, overlaps neither factor.
     unsafe {
@@ -86,6 +87,12 @@ pub fn multiply(left: &[f32], right: &[f32], product: &mut [f32], [m, k, n]: [us
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    #[should_panic(expected = "left factor")]
+    fn sizes_that_wrap_around_are_refused() {
+        multiply(&[], &[], &mut [], [1 << 32, 1 << 32, 0]);
+    }
 
     #[test]
     fn products_are_those_of_plain_loops() {

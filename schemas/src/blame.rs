@@ -1,5 +1,28 @@
 //! Whose fault an error is: the exit code of the binary follows from it.
 
+use std::{
+    cell::RefCell,
+    path::{Path, PathBuf},
+};
+
+thread_local! {
+    static LAST_FILE: RefCell<Option<PathBuf>> = const { RefCell::new(None) };
+}
+
+/// Remembers what this thread reads, in case that reading it shows a mistake of ours.
+pub fn reading(file: &Path) {
+    LAST_FILE.with_borrow_mut(|last| *last = Some(file.to_owned()));
+}
+
+/// The file that this thread was [`reading`] last.
+pub fn last_file() -> Option<PathBuf> {
+    // A thread that is ending has nothing to tell any more.
+    LAST_FILE
+        .try_with(|last| last.try_borrow().ok()?.clone())
+        .ok()
+        .flatten()
+}
+
 /// Who has to act for the error to go away.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Blame {

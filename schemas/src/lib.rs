@@ -3,8 +3,8 @@
 //! Every other crate of the workspace depends on this one and on no sibling, so whatever two of
 //! them must agree about lives here: [`camera`] (which pixel is which direction), [`pose`],
 //! [`records`] (the JSON files), [`points`] and [`rgb`] (clouds and images), [`store`] (how a file
-//! reaches the disk), [`npy`] (arrays), [`stage`] (when work can be skipped), [`bootstrap`] (how far
-//! scores can be trusted), [`provenance`] (what made a record), [`process`], [`progress`] and
+//! reaches the disk), [`npy`] (arrays), [`frame_scores`] (the scores of every view), [`image_file`] (images of others), [`stage`] (when work can be skipped), [`bootstrap`] (how far
+//! scores can be trusted), [`plain_text`] (text of others where it is shown), [`provenance`] (what made a record), [`process`], [`process_group`], [`progress`] and
 //! [`blame`].
 //!
 //! # Conventions
@@ -17,10 +17,14 @@
 pub mod blame;
 pub mod bootstrap;
 pub mod camera;
+pub mod frame_scores;
+pub mod image_file;
 pub mod npy;
+pub mod plain_text;
 pub mod points;
 pub mod pose;
 pub mod process;
+pub mod process_group;
 pub mod progress;
 pub mod provenance;
 pub mod records;

@@ -1,6 +1,11 @@
-//! How commands of others ended, in words for a record.
+//! Commands of others: how they ended, in words for a record, and what they may use.
 
-use std::{fs, path::Path, process::ExitStatus};
+use std::{
+    fs::File,
+    io::{self, Read, Seek, SeekFrom},
+    path::Path,
+    process::ExitStatus,
+};
 
 /// `exit 3`, `signal 9`.
 pub fn ending(status: ExitStatus) -> String {
@@ -20,18 +25,67 @@ pub fn ending(status: ExitStatus) -> String {
 /// need not be UTF-8.
 pub fn last_line(log: &Path) -> Option<String> {
     const LONGEST: usize = 300;
-    let bytes = fs::read(log).ok()?;
+    let bytes = tail(log).ok()?;
     let text = String::from_utf8_lossy(&bytes);
     let mut lines = text.lines().rev().map(str::trim);
     let line = lines.find(|line| !line.is_empty())?;
     Some(line.chars().take(LONGEST).collect())
 }
 
+/// The last bytes of a log, of whatever length it is.
+fn tail(log: &Path) -> io::Result<Vec<u8>> {
+    const BYTES: u64 = 64 << 10;
+    let mut file = File::open(log)?;
+    let begin = file.metadata()?.len().saturating_sub(BYTES);
+    file.seek(SeekFrom::Start(begin))?;
+    let mut bytes = Vec::new();
+    // It may grow while it is read.
+    file.take(BYTES).read_to_end(&mut bytes)?;
+    Ok(bytes)
+}
+
+/// The last bytes of a pipe, however much comes before them.
+pub fn read_tail(pipe: Option<impl Read>, most: usize) -> Vec<u8> {
+    let Some(mut pipe) = pipe else {
+        return Vec::new();
+    };
+    let mut tail = Vec::new();
+    let mut block = [0; 8 << 10];
+    // What came before a broken pipe is shown like any error.
+    while let Ok(read @ 1..) = pipe.read(&mut block) {
+        tail.extend_from_slice(&block[..read]);
+        let spare = tail.len().saturating_sub(most);
+        tail.drain(..spare);
+    }
+    tail
+}
+
+/// Limits the memory of this process that is its own and can be written, for good: where more is asked
+/// for, there is none. Systems without such a limit (all but Linux) are left as they are.
+///
+/// # Errors
+/// When the system refuses.
+pub fn limit_memory(bytes: u64) -> io::Result<()> {
+    #[cfg(target_os = "linux")]
+    {
+        use nix::sys::resource::{Resource, getrlimit, setrlimit};
+        let (soft, hard) = getrlimit(Resource::RLIMIT_DATA)?;
+        let bytes = bytes.min(soft).min(hard);
+        setrlimit(Resource::RLIMIT_DATA, bytes, bytes)?;
+    }
+    #[cfg(not(target_os = "linux"))]
+    let _ = bytes;
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     #[test]
+    #[cfg(unix)]
     fn the_last_line_is_what_a_program_had_to_say() -> Result<(), Box<dyn std::error::Error>> {
         let folder = tempfile::tempdir()?;
         let log = folder.path().join("log");
@@ -40,6 +94,11 @@ mod tests {
         assert_eq!(last_line(&log).as_deref(), Some("broken: \u{fffd}"));
         fs::write(&log, "x".repeat(1000))?;
         assert_eq!(last_line(&log).map(|line| line.len()), Some(300));
+        // A log of a terabyte, of which no byte but the last ones is there.
+        let file = File::create(&log)?;
+        file.set_len(1 << 40)?;
+        std::os::unix::fs::FileExt::write_all_at(&file, b"\nthe end\n", 1 << 40)?;
+        assert_eq!(last_line(&log).as_deref(), Some("the end"));
         Ok(())
     }
 

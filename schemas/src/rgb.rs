@@ -2,7 +2,10 @@
 
 use std::path::Path;
 
-use crate::store::{self, StoreError};
+use crate::{
+    image_file::ImageFile,
+    store::{self, StoreError},
+};
 
 /// An image of `[0, 1]` f32, row-major, three interleaved channels (HWC), as decoded (sRGB).
 #[derive(Debug, Clone, PartialEq)]
@@ -46,17 +49,20 @@ impl RgbImage {
     /// Reads a PNG or JPEG file; grey and alpha images are converted to RGB.
     ///
     /// # Errors
-    /// When the file is missing or not a decodable image.
+    /// When the file is missing, larger than [`MOST_PIXELS`](crate::image_file::MOST_PIXELS) or not a
+    /// decodable image.
     pub fn read(path: &Path) -> Result<Self, StoreError> {
-        let bytes = std::fs::read(path).map_err(|source| StoreError::read(path, source))?;
-        let decoded = image::load_from_memory(&bytes)
-            .map_err(|error| StoreError::malformed(path, format!("not a usable image: {error}")))?
-            .into_rgb8();
-        Ok(Self::from_rgb8(
-            decoded.width() as usize,
-            decoded.height() as usize,
-            decoded.as_raw(),
-        ))
+        Self::decode(ImageFile::open(path)?)
+    }
+
+    /// Decodes an image whose size has been looked at; as [`RgbImage::read`].
+    ///
+    /// # Errors
+    /// When it is damaged.
+    pub fn decode(file: ImageFile<'_>) -> Result<Self, StoreError> {
+        let [width, height] = file.size();
+        let decoded = file.decode()?.into_rgb8();
+        Ok(Self::from_rgb8(width, height, decoded.as_raw()))
     }
 
     /// Writes an 8-bit PNG, whole or not at all.
@@ -183,20 +189,25 @@ impl Mask {
     /// Reads a mask from any readable image: a pixel is marked when its grey value is above 127.
     ///
     /// # Errors
-    /// When the file is missing or not a decodable image.
+    /// As [`RgbImage::read`].
     pub fn read(path: &Path) -> Result<Self, StoreError> {
-        let bytes = std::fs::read(path).map_err(|source| StoreError::read(path, source))?;
-        let grey = image::load_from_memory(&bytes)
-            .map_err(|error| StoreError::malformed(path, format!("not a usable image: {error}")))?
-            .into_luma8();
+        Self::decode(ImageFile::open(path)?)
+    }
+
+    /// Decodes a mask whose size has been looked at; as [`Mask::read`].
+    ///
+    /// # Errors
+    /// When it is damaged.
+    pub fn decode(file: ImageFile<'_>) -> Result<Self, StoreError> {
+        let [width, height] = file.size();
+        let mut data = file.decode()?.into_luma8().into_raw();
+        for value in &mut data {
+            *value = if *value > 127 { 255 } else { 0 };
+        }
         Ok(Self {
-            width: grey.width() as usize,
-            height: grey.height() as usize,
-            data: grey
-                .as_raw()
-                .iter()
-                .map(|&v| if v > 127 { 255 } else { 0 })
-                .collect(),
+            width,
+            height,
+            data,
         })
     }
 

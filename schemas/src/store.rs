@@ -13,7 +13,7 @@ use std::{
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use sha2::{Digest, Sha256};
 
-use crate::blame::{Blame, Blamed};
+use crate::blame::{self, Blame, Blamed};
 
 /// A JSON file with a published schema.
 pub trait Record: Serialize + DeserializeOwned + schemars::JsonSchema {
@@ -184,6 +184,27 @@ pub fn write_with(
     })
 }
 
+/// The bytes of a file that holds at most `most_bytes`.
+///
+/// # Errors
+/// When the file is missing, cannot be read or is larger.
+pub fn read_limited(path: &Path, most_bytes: u64) -> Result<Vec<u8>, StoreError> {
+    blame::reading(path);
+    let failed = |source| StoreError::read(path, source);
+    let file = File::open(path).map_err(failed)?;
+    let mut bytes = Vec::new();
+    // One more, so that a file that is too large is told from one that just fits; of what has no
+    // stated length, such as a pipe, no more is read either.
+    file.take(most_bytes.saturating_add(1))
+        .read_to_end(&mut bytes)
+        .map_err(failed)?;
+    if bytes.len() as u64 > most_bytes {
+        let reason = format!("holds more than {most_bytes} bytes");
+        return Err(StoreError::malformed(path, reason));
+    }
+    Ok(bytes)
+}
+
 /// Writes bytes whole or not at all.
 pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
     write_with(path, |writer| writer.write_all(bytes))
@@ -289,6 +310,7 @@ fn tag(path: &Path, text: &str) -> Result<Option<String>, StoreError> {
 
 /// Reads a record and checks that it is of the schema asked for.
 pub fn read_record<T: Record>(path: &Path) -> Result<T, StoreError> {
+    blame::reading(path);
     let text = fs::read_to_string(path).map_err(|source| StoreError::read(path, source))?;
     match tag(path, &text)?.as_deref() {
         Some(schema) if schema == T::SCHEMA => {}

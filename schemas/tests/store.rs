@@ -70,7 +70,7 @@ fn result(mean: f64) -> ResultRecord {
             reason: "000004.png is missing".to_owned(),
         }],
         unavailable: Vec::new(),
-        frames_table: "frames.parquet".to_owned(),
+        frames_table: "frames.csv".to_owned(),
         training_seconds: Some(0.1 + 0.2),
         gaussians: None,
         iterations: Some(u64::MAX),

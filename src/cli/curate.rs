@@ -8,7 +8,10 @@ use omnilife_curate::{
     ledger::{self, Role},
     slicing::SliceSettings,
 };
-use omnilife_schemas::records::{Sampling, Verdict};
+use omnilife_schemas::{
+    provenance::Hardware,
+    records::{Sampling, Verdict},
+};
 
 use super::dataset::{
     AnnotateArguments, ExportArguments, ImportArguments, MasksArguments, PublishArguments,
@@ -256,6 +259,10 @@ pub(crate) enum CurateCommand {
         #[command(flatten)]
         settings: CurationSettingsArguments,
     },
+    /// Curates the video that is described on standard input: the process that `omnilife curate` and
+    /// `omnilife run` start for every video.
+    #[command(hide = true)]
+    Worker,
     /// Writes one stretch of a video as mp4, frame-accurately and marked as 360-degree video.
     Slice(SliceArguments),
     /// Enters tags and captions of people or programs, and measures how sequences move.
@@ -294,6 +301,34 @@ pub(crate) struct BuildArguments {
     pub(crate) out: PathBuf,
     #[command(flatten)]
     pub(crate) settings: CurationSettingsArguments,
+    #[command(flatten)]
+    pub(crate) limit: MemoryLimitArguments,
+}
+
+/// What the process that curates a video may use.
+#[derive(Debug, Args)]
+pub(crate) struct MemoryLimitArguments {
+    /// Memory that curating one video may take, GiB; a video that asks for more has failed, and the
+    /// others go on (Linux) [default: three quarters of the machine's].
+    #[arg(long, value_name = "GIB", value_parser = parse_memory)]
+    pub(crate) memory: Option<f64>,
+}
+
+impl MemoryLimitArguments {
+    /// In bytes; `None` where none is given and the machine does not tell how much it has.
+    pub(crate) fn bytes(&self) -> Option<u64> {
+        match self.memory {
+            Some(gibibytes) => Some((gibibytes * f64::from(1 << 30)) as u64),
+            None => Hardware::here().memory_bytes.map(|bytes| bytes / 4 * 3),
+        }
+    }
+}
+
+fn parse_memory(text: &str) -> Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|gibibytes: &f64| gibibytes.is_finite() && *gibibytes > 0.0)
+        .ok_or_else(|| "memory is a positive number of GiB".to_owned())
 }
 
 /// What holds for every video of a dataset.

@@ -14,6 +14,7 @@ pub(crate) use bench_run::BenchRunArguments;
 use clap::{Parser, Subcommand};
 pub(crate) use curate::{
     BuildArguments, CurateArguments, CurateCommand, CurationSettingsArguments, LedgerCommand,
+    MemoryLimitArguments,
 };
 pub(crate) use dataset::{
     AnnotateArguments, ExportArguments, ImportArguments, MasksArguments, PublishArguments,

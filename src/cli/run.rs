@@ -6,7 +6,7 @@ use clap::Args;
 use omnilife_bench::PROTOCOLS;
 
 use super::{
-    curate::{CurationArguments, PoseArguments},
+    curate::{CurationArguments, MemoryLimitArguments, PoseArguments},
     reconstruct::MethodArguments,
 };
 
@@ -20,6 +20,8 @@ pub(crate) struct RunArguments {
     pub(crate) out: PathBuf,
     #[command(flatten)]
     pub(crate) curation: CurationArguments,
+    #[command(flatten)]
+    pub(crate) limit: MemoryLimitArguments,
     /// Criteria that are evaluated and reported; nothing is rejected by them.
     #[arg(long, default_value = "omnilife360")]
     pub(crate) criteria: String,

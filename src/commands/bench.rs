@@ -16,6 +16,7 @@ use super::{ablate, bench_run, bench_scores, bench_stability};
 use crate::{
     cli::BenchCommand,
     exit::{self, BadRequest},
+    termination,
 };
 
 pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow::Result<()> {
@@ -42,6 +43,7 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             out,
             seed,
         } => {
+            termination::take_programs_along()?;
             let run = run_external(
                 &ExternalRequest {
                     manifest: method.clone(),

@@ -28,6 +28,7 @@ use omnilife_reconstruct::{
 };
 use omnilife_schemas::{
     Blame,
+    plain_text::serialize_for_spreadsheet,
     progress::Progress,
     records::{ExternalRun, Scene},
     store::{self, StoreError},
@@ -37,6 +38,7 @@ use serde::Serialize;
 use crate::{
     cli::{BackendArgument, BenchRunArguments},
     exit::{self, BadRequest, PartialFailure},
+    termination,
 };
 
 /// File of the summary.
@@ -80,13 +82,16 @@ impl Candidate {
 /// One row of the summary.
 #[derive(Debug, Clone, Serialize)]
 struct Unit {
+    #[serde(serialize_with = "serialize_for_spreadsheet")]
     scene: String,
     protocol: String,
+    #[serde(serialize_with = "serialize_for_spreadsheet")]
     method: String,
     seed: u64,
     /// `scored` or `failed`.
     outcome: &'static str,
     /// One line for what failed, or for the views that could not be scored.
+    #[serde(serialize_with = "serialize_for_spreadsheet")]
     reason: String,
     #[serde(skip)]
     blame: Option<Blame>,
@@ -101,6 +106,7 @@ pub(crate) fn execute(
     arguments: &BenchRunArguments,
     progress: &dyn Progress,
 ) -> anyhow::Result<()> {
+    termination::take_programs_along()?;
     let scenes = scenes(&arguments.scenes)?;
     let candidates = candidates(arguments)?;
     for protocol in &arguments.protocols {

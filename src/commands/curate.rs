@@ -3,18 +3,18 @@
 use std::path::Path;
 
 use omnilife_curate::{
-    CurateSettings, analysis, audit,
+    CurateSettings, Place, Worker, analysis, audit,
     boundaries::{self, suspicion},
-    curate_dataset, curate_video, expand_inputs, pose_sequence_with,
+    curate_dataset_in, curate_video, expand_inputs, pose_sequence_with,
     publish::{self, PublishSettings},
-    verdict, video,
+    verdict, video, worker,
 };
 use omnilife_schemas::{Blamed, progress::Progress, records::Dataset};
 use serde::Serialize;
 
 use super::ledger;
 use crate::{
-    cli::{BuildArguments, CurateCommand},
+    cli::{BuildArguments, CurateCommand, MemoryLimitArguments},
     commands::dataset,
     exit,
     run::outcome::{Outcome, Outcomes},
@@ -60,6 +60,7 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
             folder,
             settings,
         } => curate_one(video, folder, &settings.settings(), progress),
+        CurateCommand::Worker => Ok(worker::serve()?),
         CurateCommand::Slice(arguments) => dataset::slice(arguments, progress),
         CurateCommand::Annotate(arguments) => dataset::annotate(arguments, progress),
         CurateCommand::Masks(arguments) => dataset::masks(arguments, progress),
@@ -84,10 +85,23 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
     }
 }
 
+/// Every video in a process of its own: this program again.
+///
+/// # Errors
+/// When the system does not tell where this program is.
+pub(crate) fn place(limit: &MemoryLimitArguments) -> anyhow::Result<Place> {
+    Ok(Place::ProcessEach(Worker {
+        program: std::env::current_exe()?,
+        arguments: ["curate", "worker"].map(str::to_owned).to_vec(),
+        memory_bytes: limit.bytes(),
+    }))
+}
+
 /// Curates and publishes. Videos that are kept out or fail are reported when all is done.
 fn build(arguments: &BuildArguments, progress: &dyn Progress) -> anyhow::Result<()> {
     let videos = expand_inputs(&arguments.videos)?;
-    let curated = curate_dataset(
+    let curated = curate_dataset_in(
+        &place(&arguments.limit)?,
         &videos,
         &arguments.out,
         &arguments.settings.settings(),

@@ -16,6 +16,7 @@ use crate::{
         SliceArguments,
     },
     exit::{self, PartialFailure},
+    termination,
 };
 
 pub(crate) fn slice(arguments: &SliceArguments, progress: &dyn Progress) -> anyhow::Result<()> {
@@ -40,6 +41,7 @@ pub(crate) fn annotate(
     arguments: &AnnotateArguments,
     progress: &dyn Progress,
 ) -> anyhow::Result<()> {
+    termination::take_programs_along()?;
     let count = annotate_dataset(&arguments.dataset, &arguments.settings(), progress)?;
     exit::print(&format!(
         "{count} sequences annotated; `omnilife curate publish {}` brings statistics and checksums \

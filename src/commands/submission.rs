@@ -155,10 +155,14 @@ fn difference(stated: &ResultRecord, again: &ResultRecord) -> Option<String> {
         let (stated, again) = (stated.failures.len(), again.failures.len());
         return Some(format!("states {stated} failures, scoring gives {again}"));
     }
-    // A metric whose weights are not installed here says nothing against the one who had them.
-    let is_judged = |kind: &str, metric: &str| {
-        let mut missing = again.unavailable.iter();
-        !missing.any(|missing| missing.view == kind && missing.metric == metric)
+    // A metric whose weights are not installed here says nothing against the one who had them, nor
+    // one that was not available there against the one who says so.
+    let is_missing = |result: &ResultRecord, kind: &str, metric: &str| {
+        let mut missing = result.unavailable.iter();
+        missing.any(|missing| missing.view == kind && missing.metric == metric)
+    };
+    let is_judged = |kind: &str, metric: &str, is_stated: bool| {
+        !is_missing(again, kind, metric) && (is_stated || !is_missing(stated, kind, metric))
     };
     let kinds = [
         ("input", &stated.input_views, &again.input_views),
@@ -166,7 +170,8 @@ fn difference(stated: &ResultRecord, again: &ResultRecord) -> Option<String> {
     ];
     kinds.into_iter().find_map(|(kind, stated, again)| {
         let metrics = stated.keys().chain(again.keys());
-        let mut judged = metrics.filter(|metric| is_judged(kind, metric));
+        let mut judged =
+            metrics.filter(|&metric| is_judged(kind, metric, stated.contains_key(metric)));
         judged.find_map(|metric| {
             let means = [stated, again].map(|scores| scores.get(metric).map(|score| score.mean));
             let agree = match means {

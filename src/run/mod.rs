@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 
 use omnilife_bench::{ScoreRequest, score, split_scene};
 use omnilife_curate::{
-    PoseRequest, curate_dataset, expand_inputs, pose_sequence, poses::SCENE_FILE,
+    PoseRequest, curate_dataset_in, expand_inputs, pose_sequence, poses::SCENE_FILE,
 };
 use omnilife_reconstruct::{
     jobs::reconstruct::{self, ReconstructRequest},
@@ -34,6 +34,7 @@ use omnilife_schemas::{
 
 use crate::{
     cli::RunArguments,
+    commands,
     exit::{self, BadRequest},
     termination,
 };
@@ -70,7 +71,8 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
     }
 
     let settings = arguments.curation.settings(&arguments.criteria, false);
-    let curated = curate_dataset(&videos, &arguments.out, &settings, progress)?;
+    let place = commands::curate::place(&arguments.limit)?;
+    let curated = curate_dataset_in(&place, &videos, &arguments.out, &settings, progress)?;
     job.refuse_shared_masks(&curated.record)?;
     let mut outcomes = Outcomes::default();
     let mut failed = Vec::new();

@@ -4,6 +4,7 @@ use std::{fmt::Display, path::Path};
 
 use omnilife_schemas::{
     Blame,
+    plain_text::serialize_for_spreadsheet,
     store::{self, StoreError},
 };
 use serde::Serialize;
@@ -14,12 +15,15 @@ use crate::exit::PartialFailure;
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct Outcome {
     /// The video as given.
+    #[serde(serialize_with = "serialize_for_spreadsheet")]
     pub(crate) video: String,
     /// Id of the sequence; empty for a video without sequences.
+    #[serde(serialize_with = "serialize_for_spreadsheet")]
     pub(crate) sequence: String,
     /// `scored`, `curated`, `failed`.
     pub(crate) outcome: &'static str,
     /// One line for what failed.
+    #[serde(serialize_with = "serialize_for_spreadsheet")]
     pub(crate) reason: String,
     #[serde(skip)]
     blame: Option<Blame>,

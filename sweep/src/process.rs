@@ -8,6 +8,7 @@ use std::{
     sync::{Mutex, MutexGuard, PoisonError},
 };
 
+use omnilife_schemas::process_group::{self, GroupSignal};
 use wait4::Wait4;
 
 /// What to run, and where.
@@ -54,7 +55,7 @@ pub(crate) struct Running {
 #[derive(Debug, Default)]
 struct RunningState {
     /// Process group of the command while it runs.
-    group: Option<i32>,
+    group: Option<u32>,
     /// The first reason that was given.
     reason: Option<EndReason>,
 }
@@ -86,23 +87,16 @@ impl Running {
     }
 }
 
-#[cfg(unix)]
-fn signal_group(group: i32, kill: bool) {
-    use nix::{
-        sys::signal::{Signal, killpg},
-        unistd::Pid,
-    };
-    let signal = if kill {
-        Signal::SIGKILL
-    } else {
-        Signal::SIGTERM
-    };
-    // It may have ended by itself since.
-    let _ = killpg(Pid::from_raw(group), signal);
+fn signal_group(group: u32, kill: bool) {
+    process_group::signal(
+        group,
+        if kill {
+            GroupSignal::Kill
+        } else {
+            GroupSignal::Terminate
+        },
+    );
 }
-
-#[cfg(not(unix))]
-fn signal_group(_: i32, _: bool) {}
 
 /// Runs a command with no standard input and both outputs in the log. It does not outlive this
 /// process (Linux).
@@ -137,7 +131,7 @@ pub(crate) fn run(job: &Job<'_>, running: &Running) -> io::Result<Ended> {
                 format!("{program}: cannot be started: {error}"),
             )
         })?;
-        state.group = i32::try_from(child.id()).ok();
+        state.group = Some(child.id());
         child
     };
     let waited = child.wait4();

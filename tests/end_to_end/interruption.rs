@@ -95,3 +95,38 @@ fn killed_twice_it_gives_the_gaussians_of_a_run_that_was_not() {
     let record: RunRecord = store::read_record(&killed.join("run.json")).unwrap();
     assert!(record.warnings[0].contains("continued from the checkpoint"));
 }
+
+/// Told to end, a run of a method of others takes along what the method has started.
+#[test]
+#[cfg(unix)]
+fn programs_of_others_end_with_the_process() {
+    let folder = scratch();
+    let at = |name: &str| folder.path().join(name);
+    let manifest = "id = \"parent\"\n[render]\ncommand = [\"sh\", \"-c\", \
+                    \"(sleep 3; touch {work}/late) & touch {work}/begun; wait\"]\n\
+                    [predictions]\nnovel = \"{work}/{frame}.png\"\n";
+    fs::write(at("method.toml"), manifest).unwrap();
+    let sequence = small_run().out.join(SEQUENCE);
+    let mut child = Command::new(cargo_bin!("omnilife"))
+        .args(["--quiet", "bench", "external"])
+        .arg(at("method.toml"))
+        .arg("--scene")
+        .arg(sequence.join("scene.json"))
+        .arg("--split")
+        .arg(sequence.join("per-scene/split.json"))
+        .arg("--out")
+        .arg(at("run"))
+        .spawn()
+        .unwrap();
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while !at("run/work/begun").exists() {
+        assert!(Instant::now() < deadline, "it has not begun in a minute");
+        thread::sleep(Duration::from_millis(10));
+    }
+    let id = child.id().to_string();
+    let sent = Command::new("kill").args(["-TERM", &id]).status().unwrap();
+    assert!(sent.success());
+    assert!(!child.wait().unwrap().success());
+    thread::sleep(Duration::from_secs(4));
+    assert!(!at("run/work/late").exists());
+}

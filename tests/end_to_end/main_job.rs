@@ -106,7 +106,7 @@ fn the_documented_files_are_there_and_no_others() {
         &[
             "result.json",
             "scoring.json",
-            "frames.parquet",
+            "frames.csv",
             ".done/score.json",
         ],
     );

@@ -156,3 +156,57 @@ fn all_bad_ones_are_named() {
     assert_all_whole(&out);
     assert!(!out.join("table.md").exists());
 }
+
+/// Runs the `ffmpeg` program in a folder.
+fn ffmpeg(folder: &Path, arguments: &[&str]) {
+    let made = std::process::Command::new("ffmpeg")
+        .args(["-nostdin", "-loglevel", "error", "-y"])
+        .args(arguments)
+        .current_dir(folder)
+        .status()
+        .unwrap();
+    assert!(made.success(), "ffmpeg {arguments:?}");
+}
+
+/// A video that asks for more memory than it may use has failed; the ones before and after it give
+/// what they give by themselves.
+#[test]
+#[cfg(target_os = "linux")]
+fn a_video_that_takes_too_much_memory_stops_no_other() {
+    let folder = scratch();
+    let videos = folder.path().join("videos");
+    three_videos(&videos);
+    fs::remove_file(videos.join("b.mp4")).unwrap();
+    let huge = [
+        "-f",
+        "lavfi",
+        "-i",
+        "color=s=15360x7680:d=1:r=5",
+        "-c:v",
+        "mjpeg",
+        "b.mkv",
+    ];
+    ffmpeg(&videos, &huge);
+    let curate = |out: &Path, memory: &str| {
+        let mut command = cargo_bin_cmd!("omnilife");
+        command.args(["--quiet", "curate"]).arg(&videos);
+        command.args(["--criteria", "none", "--accept", "erp", "--memory", memory]);
+        command.args(&SMALL[..4]).arg("--out").arg(out);
+        let output = command.output().unwrap();
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        (output.status.code(), stderr)
+    };
+    let out = folder.path().join("out");
+    let (code, stderr) = curate(&out, "0.4");
+    assert!(matches!(code, Some(1 | 2)), "{code:?}: {stderr}");
+    assert_eq!(stderr.lines().count(), 1, "{stderr}");
+    assert!(
+        stderr.contains("1 of 3 videos") && stderr.contains("b.mkv"),
+        "{stderr}"
+    );
+    let dataset: Dataset = store::read_record(&out.join("dataset.json")).unwrap();
+    for (video, is_curated) in dataset.videos.iter().zip([true, false, true]) {
+        let found = matches!(video.status, VideoStatus::Curated { .. });
+        assert_eq!(found, is_curated, "{video:?}");
+    }
+}

@@ -85,6 +85,17 @@ fn deformed_gaussians_are_rendered_at_the_times_of_their_frames() {
         let largest = pairs.map(|(a, b)| a.abs_diff(*b)).max();
         assert!(largest <= Some(2), "{frame}: {largest:?}");
     }
+    // A record of others may state any network.
+    let record = run.join("run.json");
+    let whole = fs::read_to_string(&record).unwrap();
+    for (size, value) in [("width", 0_u64), ("width", u64::MAX), ("depth", 1 << 40)] {
+        let mut changed: Value = serde_json::from_str(&whole).unwrap();
+        changed["configuration"]["deformation"]["model"][size] = value.into();
+        fs::write(&record, changed.to_string()).unwrap();
+        let message = render("all").failed_quietly(2).to_owned();
+        assert!(message.contains(size), "{message}");
+    }
+    fs::write(&record, whole).unwrap();
     fs::remove_file(run.join("deformation.safetensors")).unwrap();
     let message = render("all").failed_quietly(2).to_owned();
     assert!(message.contains("deformation.safetensors"), "{message}");

@@ -6,7 +6,7 @@ use std::{
 };
 
 use omnilife_schemas::{
-    records::{ResultRecord, Submission},
+    records::{ResultRecord, Submission, Unavailable},
     store,
 };
 use tempfile::TempDir;
@@ -165,4 +165,77 @@ fn a_card_that_says_too_little_is_refused() {
         message.contains("no results of the card's method other"),
         "{message}"
     );
+}
+
+/// Two links to their own folder lead to 2^40 paths.
+#[test]
+#[cfg(unix)]
+fn links_are_refused_before_anything_is_read() {
+    let (folder, submission) = submitted();
+    let results = folder.path().join("results");
+    for (name, target) in [
+        ("results/0000/a", "."),
+        ("results/0000/b", "."),
+        ("stray", "/etc/passwd"),
+    ] {
+        let link = submission.join(name);
+        std::os::unix::fs::symlink(target, &link).unwrap();
+        let message = add(&submission, &results, "0").failed_quietly(2).to_owned();
+        assert!(message.contains("is a link"), "{message}");
+        fs::remove_file(link).unwrap();
+    }
+    add(&submission, &results, "0").succeeded();
+}
+
+#[test]
+fn a_submission_without_results_is_refused() {
+    let (folder, submission) = submitted();
+    let path = submission.join("submission.json");
+    let mut record: Submission = store::read_record(&path).unwrap();
+    record.results.clear();
+    store::write_record(&path, &record).unwrap();
+    let results = folder.path().join("results");
+    let message = add(&submission, &results, "0").failed_quietly(2).to_owned();
+    assert!(
+        message.contains("submission.json: holds no results"),
+        "{message}"
+    );
+}
+
+/// The table is read byte by byte: a changed one gives one line and no crash.
+#[test]
+fn a_damaged_table_of_views_is_refused() {
+    let (folder, submission) = submitted();
+    let results = folder.path().join("results");
+    let path = submission.join("results/0000/frames.csv");
+    fs::write(&path, b"PAR1\x15\x04\x15\xff\xff\xff\x7fPAR1").unwrap();
+    repack(&submission, "frames.csv");
+    let message = add(&submission, &results, "0").failed_quietly(2).to_owned();
+    assert!(
+        message.contains("frames.csv: is no table of views"),
+        "{message}"
+    );
+}
+
+/// Whoever hands in without the weights of a network says so, and is judged by what is stated.
+#[test]
+fn metrics_that_were_not_available_there_are_not_asked_for() {
+    let (folder, submission) = submitted();
+    let results = folder.path().join("results");
+    let path = submission.join("results/0000/result.json");
+    let mut record: ResultRecord = store::read_record(&path).unwrap();
+    // As if the metric needed weights: the judge can compute it, the one who hands in could not.
+    record.novel_views.remove("ssim").unwrap();
+    store::write_record(&path, &record).unwrap();
+    repack(&submission, "result.json");
+    let message = add(&submission, &results, "1").failed_quietly(2).to_owned();
+    assert!(message.contains("states nothing for ssim"), "{message}");
+    record.unavailable.push(Unavailable {
+        view: "novel".to_owned(),
+        metric: "ssim".to_owned(),
+        reason: "its weights are missing".to_owned(),
+    });
+    store::write_record(&path, &record).unwrap();
+    repack(&submission, "result.json");
+    add(&submission, &results, "1").succeeded();
 }

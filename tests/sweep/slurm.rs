@@ -126,7 +126,7 @@ fn result(scene: usize) -> ResultRecord {
         failures: Vec::new(),
         unavailable: Vec::new(),
         versions: [].into(),
-        frames_table: "frames.parquet".to_owned(),
+        frames_table: "frames.csv".to_owned(),
         training_seconds: Some(61.25),
         gaussians: Some(1000),
         iterations: Some(3000),

@@ -2,15 +2,15 @@
 
 use std::{
     collections::BTreeMap,
-    fs::File,
+    fs::{self, File},
     io,
-    path::PathBuf,
-    process::{Child, Command, ExitStatus, Stdio},
+    path::{Path, PathBuf},
+    process::{Command, ExitStatus, Stdio},
     thread,
     time::{Duration, Instant},
 };
 
-use omnilife_schemas::{process, store::StoreError};
+use omnilife_schemas::{process, process_group::ProcessGroup, store::StoreError};
 
 use crate::error::BenchError;
 
@@ -24,7 +24,7 @@ pub(super) struct Job {
     pub(super) folder: PathBuf,
     /// File for everything it prints.
     pub(super) log: PathBuf,
-    /// After this long it is killed.
+    /// After this long it is killed, with everything that it started.
     pub(super) time_limit: Option<Duration>,
 }
 
@@ -45,6 +45,9 @@ pub(super) struct Outcome {
 /// time at most once.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 
+/// A command that prints more than this is killed: it would fill the disk.
+const MOST_LOG_BYTES: u64 = 4 << 30;
+
 /// Runs a command with no standard input and both outputs in the log.
 ///
 /// # Errors
@@ -55,20 +58,20 @@ pub(super) fn run(job: &Job) -> Result<Outcome, BenchError> {
     let errors = log.try_clone().map_err(unwritable)?;
     let before = Usage::of_children();
     let begun = Instant::now();
-    let spawned = Command::new(&job.command[0])
+    let mut command = Command::new(&job.command[0]);
+    command
         .args(&job.command[1..])
         .envs(&job.variables)
         .current_dir(&job.folder)
         .stdin(Stdio::null())
         .stdout(log)
-        .stderr(errors)
-        .spawn();
-    let (succeeded, ending) = match spawned {
+        .stderr(errors);
+    let (succeeded, ending) = match ProcessGroup::spawn(&mut command) {
         Err(error) => (
             false,
             format!("{} could not be started: {error}", job.command[0]),
         ),
-        Ok(child) => wait(child, job.time_limit, begun),
+        Ok(group) => wait(group, job, begun),
     };
     let wall_seconds = begun.elapsed().as_secs_f64();
     let (cpu_seconds, peak_memory_bytes) = Usage::spent_since(before.as_ref());
@@ -84,25 +87,33 @@ pub(super) fn run(job: &Job) -> Result<Outcome, BenchError> {
 }
 
 /// Whether it succeeded, and how it ended in words.
-fn wait(mut child: Child, limit: Option<Duration>, begun: Instant) -> (bool, String) {
+fn wait(mut group: ProcessGroup, job: &Job, begun: Instant) -> (bool, String) {
     loop {
-        match child.try_wait() {
+        match group.try_wait() {
             Ok(Some(status)) => return (status.success(), process::ending(status)),
-            Ok(None) if limit.is_some_and(|limit| begun.elapsed() > limit) => {
-                let seconds = limit.unwrap_or_default().as_secs_f64();
-                let killed = child.kill().and_then(|()| child.wait());
-                return (false, over_limit(seconds, killed));
-            }
-            Ok(None) => thread::sleep(LOOK_EVERY),
+            Ok(None) => {}
             Err(error) => return (false, format!("an end that the system lost: {error}")),
         }
+        if let Some(limit) = job.time_limit.filter(|&limit| begun.elapsed() > limit) {
+            let limit = format!("the time limit of {} s", limit.as_secs_f64());
+            return (false, over_limit(&limit, group.kill()));
+        }
+        if log_bytes(&job.log) > MOST_LOG_BYTES {
+            let limit = format!("the limit of {MOST_LOG_BYTES} bytes of output");
+            return (false, over_limit(&limit, group.kill()));
+        }
+        thread::sleep(LOOK_EVERY);
     }
 }
 
-fn over_limit(seconds: f64, killed: io::Result<ExitStatus>) -> String {
+fn log_bytes(log: &Path) -> u64 {
+    fs::metadata(log).map_or(0, |metadata| metadata.len())
+}
+
+fn over_limit(limit: &str, killed: io::Result<ExitStatus>) -> String {
     match killed {
-        Ok(_) => format!("the time limit of {seconds} s"),
-        Err(error) => format!("the time limit of {seconds} s, and could not be killed: {error}"),
+        Ok(_) => limit.to_owned(),
+        Err(error) => format!("{limit}, and could not be killed: {error}"),
     }
 }
 

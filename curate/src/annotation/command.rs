@@ -20,17 +20,21 @@
 //! ```
 //!
 //! `scene` and `action` have to be among those listed. Exit code 0 means success; what it writes to
-//! standard error is shown when it fails. It is killed after the timeout.
+//! standard error is shown when it fails. It is killed after the timeout, and what it has started ends
+//! with it.
 
 use std::{
     io::{self, Read, Write},
     path::Path,
-    process::{Child, Command, ExitStatus, Stdio},
+    process::{Command, ExitStatus, Stdio},
+    sync::mpsc::{self, Receiver},
     thread,
     time::{Duration, Instant},
 };
 
 use omnilife_schemas::{
+    process,
+    process_group::ProcessGroup,
     progress::Progress,
     records::{NameGroup, Sequence, Taxonomy},
 };
@@ -43,6 +47,12 @@ use crate::error::CurateError;
 const SHOWN_FRAMES: usize = 8;
 /// How often a running program is looked at.
 const POLL: Duration = Duration::from_millis(20);
+/// A longer answer is no caption.
+const MOST_ANSWER_BYTES: usize = 1 << 20;
+/// How much of what a program says when it fails is looked at.
+const SHOWN_ERROR_BYTES: usize = 64 << 10;
+/// How long the pipes of a program that has ended are read on.
+const PIPE_GRACE: Duration = Duration::from_secs(1);
 
 /// A captioning program.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -101,7 +111,7 @@ impl CaptionCommand {
         };
         let request = request(folder, sequence, taxonomy).map_err(|e| failed(e.to_string()))?;
         progress.begin(&format!("captioning {}", sequence.id), None);
-        let answered = self.exchange(&request);
+        let answered = self.exchange(request);
         progress.end();
         let answer = answered.map_err(failed)?;
         let answer: Answer = serde_json::from_slice(&answer)
@@ -118,66 +128,81 @@ impl CaptionCommand {
     }
 
     /// Runs the program on a request and returns what it wrote.
-    fn exchange(&self, request: &[u8]) -> Result<Vec<u8>, String> {
-        let mut child = Command::new(&self.program)
+    fn exchange(&self, request: Vec<u8>) -> Result<Vec<u8>, String> {
+        let mut command = Command::new(&self.program);
+        command
             .args(&self.arguments)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .map_err(|error| format!("cannot be run: {error}"))?;
+            .stderr(Stdio::piped());
+        let mut group =
+            ProcessGroup::spawn(&mut command).map_err(|error| format!("cannot be run: {error}"))?;
+        let child = group.leader();
         let (input, output, errors) =
             (child.stdin.take(), child.stdout.take(), child.stderr.take());
-        thread::scope(|scope| {
-            // All three pipes at once: a program that fills one waits for its reader.
-            scope.spawn(move || {
-                // One that does not read its input has decided so; its answer counts.
-                let _ = input.map(|mut pipe| pipe.write_all(request));
-            });
-            let output = scope.spawn(move || read_all(output));
-            let errors = scope.spawn(move || read_all(errors));
-            let status = wait(&mut child, self.timeout);
-            let output = output.join().unwrap_or_default();
-            let errors = errors.join().unwrap_or_default();
-            match status {
-                Ok(Some(status)) if status.success() => Ok(output),
-                Ok(Some(status)) => {
-                    let said = String::from_utf8_lossy(&errors);
-                    let said = said
-                        .trim()
-                        .lines()
-                        .last()
-                        .unwrap_or("it says nothing")
-                        .to_owned();
-                    Err(format!("failed ({status}): {said}"))
-                }
-                Ok(None) => Err(format!(
-                    "took longer than {} s and was stopped",
-                    self.timeout.as_secs_f64()
-                )),
-                Err(error) => Err(error.to_string()),
+        // All three pipes at once: a program that fills one waits for its reader.
+        thread::spawn(move || {
+            // One that does not read its input has decided so; its answer counts.
+            let _ = input.map(|mut pipe| pipe.write_all(&request));
+        });
+        let output = in_background(move || read_at_most(output, MOST_ANSWER_BYTES + 1));
+        let errors = in_background(move || process::read_tail(errors, SHOWN_ERROR_BYTES));
+        let status = wait(&mut group, self.timeout);
+        // What a program starts dies with it, and with that the other ends of the pipes; those of a
+        // process that has left the group are not waited for.
+        let output = output.recv_timeout(PIPE_GRACE).unwrap_or_default();
+        let errors = errors.recv_timeout(PIPE_GRACE).unwrap_or_default();
+        if output.len() > MOST_ANSWER_BYTES {
+            return Err(format!("answers more than {MOST_ANSWER_BYTES} bytes"));
+        }
+        match status {
+            Ok(Some(status)) if status.success() => Ok(output),
+            Ok(Some(status)) => {
+                let said = String::from_utf8_lossy(&errors);
+                let said = said
+                    .trim()
+                    .lines()
+                    .last()
+                    .unwrap_or("it says nothing")
+                    .to_owned();
+                Err(format!("failed ({status}): {said}"))
             }
-        })
+            Ok(None) => Err(format!(
+                "took longer than {} s and was stopped",
+                self.timeout.as_secs_f64()
+            )),
+            Err(error) => Err(error.to_string()),
+        }
     }
 }
 
-fn read_all(pipe: Option<impl Read>) -> Vec<u8> {
+/// The result of a thread of its own.
+fn in_background<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Receiver<T> {
+    let (sender, receiver) = mpsc::channel();
+    thread::spawn(move || {
+        // Nobody may wait for it any more.
+        drop(sender.send(work()));
+    });
+    receiver
+}
+
+/// The first bytes of a pipe, which is closed behind them.
+fn read_at_most(pipe: Option<impl Read>, most: usize) -> Vec<u8> {
     let mut bytes = Vec::new();
     // What came before a broken pipe is judged like any answer.
-    let _ = pipe.map(|mut pipe| pipe.read_to_end(&mut bytes));
+    let _ = pipe.map(|pipe| pipe.take(most as u64).read_to_end(&mut bytes));
     bytes
 }
 
 /// Waits for a program to end; kills it after `timeout` and returns `None`.
-fn wait(child: &mut Child, timeout: Duration) -> io::Result<Option<ExitStatus>> {
+fn wait(group: &mut ProcessGroup, timeout: Duration) -> io::Result<Option<ExitStatus>> {
     let started = Instant::now();
     loop {
-        if let Some(status) = child.try_wait()? {
+        if let Some(status) = group.try_wait()? {
             return Ok(Some(status));
         }
         if started.elapsed() >= timeout {
-            child.kill()?;
-            child.wait()?;
+            group.kill()?;
             return Ok(None);
         }
         thread::sleep(POLL);

@@ -20,6 +20,7 @@ use glam::{DMat3, DVec3};
 use omnilife_schemas::{
     Pose, RgbImage,
     camera::ErpCamera,
+    image_file::ImageFile,
     npy,
     points::PointCloud,
     store::{self, StoreError},
@@ -116,11 +117,11 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             pose: Some(pose),
         });
     }
-    let first = RgbImage::read(&frames[0].image)?;
+    let [width, height] = ImageFile::open(&frames[0].image)?.size();
     Ok(ForeignScene {
         camera: ErpCamera {
-            width: first.width as u32,
-            height: first.height as u32,
+            width: width as u32,
+            height: height as u32,
         },
         frames,
         points: PointCloud::default(),

@@ -7,6 +7,7 @@ use std::{
 };
 
 use omnilife_schemas::{
+    image_file::ImageFile,
     records::{PoseSource, Scale, Scene, SceneFrame},
     rgb::Mask,
     store::{self, StoreError},
@@ -167,19 +168,22 @@ fn time_of(times: &BTreeMap<String, f64>, name: &str, index: usize) -> Option<f6
 }
 
 fn check_size(foreign: &ForeignScene, frame: &ForeignFrame) -> Result<(), CurateError> {
-    let size = image::image_dimensions(&frame.image).map_err(|error| {
-        StoreError::malformed(&frame.image, format!("not a usable image: {error}"))
-    })?;
-    if size == (foreign.camera.width, foreign.camera.height) {
+    let [width, height] = ImageFile::open(&frame.image)?.size();
+    if [width, height] == size_of(foreign) {
         return Ok(());
     }
     Err(CurateError::input(
         &frame.image,
         format!(
-            "is {}x{}, its scene says {}x{}",
-            size.0, size.1, foreign.camera.width, foreign.camera.height
+            "is {width}x{height}, its scene says {}x{}",
+            foreign.camera.width, foreign.camera.height
         ),
     ))
+}
+
+/// Width and height of a scene's images.
+fn size_of(foreign: &ForeignScene) -> [usize; 2] {
+    [foreign.camera.width, foreign.camera.height].map(|side| side as usize)
 }
 
 fn import_mask(
@@ -190,18 +194,14 @@ fn import_mask(
     let Some(found) = &frame.mask else {
         return Ok(None);
     };
-    let mut mask = Mask::read(&found.file)?;
-    if (mask.width, mask.height)
-        != (
-            foreign.camera.width as usize,
-            foreign.camera.height as usize,
-        )
-    {
+    let file = ImageFile::open(&found.file)?;
+    if file.size() != size_of(foreign) {
         return Err(CurateError::input(
             &found.file,
             "is not of its image's size",
         ));
     }
+    let mut mask = Mask::decode(file)?;
     if found.black_is_dynamic {
         mask = mask.inverted();
     }

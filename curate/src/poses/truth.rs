@@ -8,8 +8,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use image::{DynamicImage, ImageBuffer, Luma};
+use image::{ImageBuffer, Luma};
 use omnilife_schemas::{
+    image_file::ImageFile,
     records::{DepthImage, SceneFrame, Sequence},
     rgb,
     stage::StagePlan,
@@ -186,18 +187,10 @@ fn write_folder(
 }
 
 fn write_depth(source: &Path, size: [usize; 2], path: &Path) -> Result<(), CurateError> {
-    let bytes = fs::read(source).map_err(|error| StoreError::read(source, error))?;
     let malformed = |reason: String| CurateError::input(source, reason);
-    let image = image::load_from_memory(&bytes)
-        .map_err(|error| malformed(format!("not a usable image: {error}")))?;
-    let DynamicImage::ImageLuma16(image) = image else {
-        return Err(malformed(format!(
-            "is {:?}, expected 16-bit grey",
-            image.color()
-        )));
-    };
-    let given = [image.width() as usize, image.height() as usize];
-    let values = image.as_raw();
+    let image = ImageFile::open(source)?;
+    let given = image.size();
+    let values = image.decode_grey16()?;
     let nearest = rgb::nearest_pixels(given, size).map(|index| values[index]);
     let resized: Option<ImageBuffer<Luma<u16>, Vec<u16>>> =
         ImageBuffer::from_raw(size[0] as u32, size[1] as u32, nearest.collect());

@@ -2,7 +2,10 @@
 
 use std::fmt::Write;
 
-use omnilife_schemas::records::{About, Dataset, VideoStatus};
+use omnilife_schemas::{
+    plain_text::for_markdown,
+    records::{About, Dataset, VideoStatus},
+};
 
 use super::{
     STATISTICS_FOLDER,
@@ -94,7 +97,7 @@ fn distributions(text: &mut String, statistics: &Statistics) {
                 &format!(
                     "| {} | {} | {} | {:.1} % | {:.3} |",
                     distribution.id,
-                    cell(&class),
+                    for_markdown(&class),
                     tally.sequences,
                     100.0 * tally.sequences as f64 / statistics.rows.len() as f64,
                     tally.seconds / 3600.0
@@ -113,22 +116,17 @@ fn sources(text: &mut String, dataset: &Dataset) {
     for video in &dataset.videos {
         let outcome = match &video.status {
             VideoStatus::Curated { sequences } => format!("{} sequences", sequences.len()),
-            VideoStatus::Rejected { reason, .. } => format!("rejected: {}", cell(reason)),
-            VideoStatus::Failed { reason } => format!("failed: {}", cell(reason)),
-            VideoStatus::Duplicate { of } => format!("the same content as {}", cell(of)),
+            VideoStatus::Rejected { reason, .. } => format!("rejected: {}", for_markdown(reason)),
+            VideoStatus::Failed { reason } => format!("failed: {}", for_markdown(reason)),
+            VideoStatus::Duplicate { of } => format!("the same content as {}", for_markdown(of)),
             VideoStatus::Pending => "not reached".to_owned(),
         };
         let sha256 = video.sha256.as_deref().unwrap_or("unreadable");
         let name = video.file.rsplit(['/', '\\']).next().unwrap_or(&video.file);
         // Writing to a string does not fail.
-        let _ = writeln!(text, "| {} | `{sha256}` | {outcome} |", cell(name));
+        let _ = writeln!(text, "| {} | `{sha256}` | {outcome} |", for_markdown(name));
     }
     text.push('\n');
-}
-
-/// Text that cannot end a table cell.
-fn cell(text: &str) -> String {
-    text.replace('|', "\\|").replace(['\n', '\r'], " ")
 }
 
 /// A YAML string; JSON's quoting is a part of YAML's.

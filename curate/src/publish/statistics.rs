@@ -3,6 +3,7 @@
 use std::{collections::BTreeMap, path::Path};
 
 use omnilife_schemas::{
+    plain_text::serialize_for_spreadsheet,
     records::{Annotation, Dataset, Scene, Sequence, ValidationStatus, VideoStatus},
     store,
 };
@@ -21,10 +22,13 @@ const UNKNOWN: &str = "not annotated";
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SequenceRow {
     /// Id of the sequence.
+    #[serde(serialize_with = "serialize_for_spreadsheet")]
     pub sequence: String,
     /// Its folder in the dataset.
+    #[serde(serialize_with = "serialize_for_spreadsheet")]
     pub folder: String,
     /// File name of the source video.
+    #[serde(serialize_with = "serialize_for_spreadsheet")]
     pub source: String,
     /// Where it begins in the source, seconds.
     pub begin_seconds: f64,
@@ -39,10 +43,13 @@ pub struct SequenceRow {
     /// Sampled frames.
     pub frames: usize,
     /// Semantic group.
+    #[serde(serialize_with = "serialize_for_spreadsheet")]
     pub group: String,
     /// Scene category.
+    #[serde(serialize_with = "serialize_for_spreadsheet")]
     pub scene: String,
     /// Action class.
+    #[serde(serialize_with = "serialize_for_spreadsheet")]
     pub action: String,
     /// Ego-motion class.
     pub ego_motion: String,
@@ -139,6 +146,7 @@ struct SummaryRow {
 #[derive(Serialize)]
 struct DistributionRow<'a> {
     distribution: &'a str,
+    #[serde(serialize_with = "serialize_for_spreadsheet")]
     class: &'a str,
     sequences: usize,
     share: f64,

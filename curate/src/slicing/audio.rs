@@ -11,7 +11,10 @@ use ffmpeg_next as ffmpeg;
 use omnilife_schemas::records::TimeRange;
 
 use super::mp4::unwritable;
-use crate::{error::CurateError, video::open_container};
+use crate::{
+    error::CurateError,
+    video::{CodecId, open_container},
+};
 
 /// Codecs of sound that mp4 holds and players expect in it.
 const MP4_CODECS: &[codec::Id] = &[
@@ -52,8 +55,8 @@ impl AudioTrack {
         let Some(stream) = input.streams().best(media::Type::Audio) else {
             return Ok(Ok(None));
         };
-        let id = stream.parameters().id();
-        if !MP4_CODECS.contains(&id) {
+        let id = CodecId::of(&stream);
+        if !id.is_among(MP4_CODECS) {
             return Ok(Err(format!("mp4 holds no {} sound", id.name())));
         }
         let (index, time_base) = (stream.index(), stream.time_base());

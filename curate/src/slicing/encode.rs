@@ -7,9 +7,12 @@ use omnilife_schemas::progress::Progress;
 use super::{
     SliceRequest, SliceSettings, SliceSource,
     audio::AudioTrack,
-    mp4::{Colour, Mp4Encoder, Projection, VideoFormat},
+    mp4::{Mp4Encoder, Projection, VideoFormat},
 };
-use crate::{error::CurateError, video::VideoReader};
+use crate::{
+    error::CurateError,
+    video::{Colour, PixelFormat, VideoReader},
+};
 
 /// Encodes the requests named by `which` (in order of time), in one pass over the source.
 pub(super) fn encode_slices(
@@ -79,7 +82,7 @@ fn format_of(source: &SliceSource<'_>, first: &frame::Video, time_base: Rational
     VideoFormat {
         width: first.width(),
         height: first.height(),
-        pixel: first.format(),
+        pixel: PixelFormat::of(first),
         time_base,
         pixel_aspect: first.aspect_ratio(),
         colour: Colour::of(first),

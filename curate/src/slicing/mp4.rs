@@ -10,8 +10,8 @@ use std::{
 use ffmpeg::{
     Dictionary, Packet, Rational, codec, encoder,
     format::{self, Pixel, context::Output},
-    frame, picture,
-    software::scaling::{self, Flags},
+    frame,
+    software::scaling::Flags,
 };
 use ffmpeg_next as ffmpeg;
 use omnilife_schemas::store::{self, StoreError};
@@ -20,7 +20,10 @@ use super::{
     audio::{AudioCopy, AudioTrack},
     spherical_boxes,
 };
-use crate::error::CurateError;
+use crate::{
+    error::CurateError,
+    video::{Colour, FrameShape, PixelFormat, Scaler, clear_picture_kind},
+};
 
 /// FFmpeg's name of the encoder.
 const ENCODER: &str = "libx264";
@@ -38,7 +41,7 @@ pub struct VideoFormat {
     /// Rows.
     pub height: u32,
     /// Format of the frames that will be pushed.
-    pub pixel: Pixel,
+    pub pixel: PixelFormat,
     /// Seconds per tick of their timestamps.
     pub time_base: Rational,
     /// Width of a pixel over its height.
@@ -51,6 +54,16 @@ pub struct VideoFormat {
     pub projection: Projection,
 }
 
+impl VideoFormat {
+    fn shape(&self) -> FrameShape {
+        FrameShape {
+            format: self.pixel,
+            width: self.width,
+            height: self.height,
+        }
+    }
+}
+
 /// What frames are pictures of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Projection {
@@ -58,31 +71,6 @@ pub enum Projection {
     Equirectangular,
     /// A part of the scene through a lens.
     Flat,
-}
-
-/// Colour description of a stream.
-#[derive(Debug, Clone, Copy)]
-pub struct Colour {
-    /// Matrix.
-    pub space: ffmpeg::color::Space,
-    /// Limited or full range.
-    pub range: ffmpeg::color::Range,
-    /// Primaries.
-    pub primaries: ffmpeg::color::Primaries,
-    /// Transfer function.
-    pub transfer: ffmpeg::color::TransferCharacteristic,
-}
-
-impl Colour {
-    /// The description that a decoded frame carries.
-    pub fn of(frame: &frame::Video) -> Self {
-        Self {
-            space: frame.color_space(),
-            range: frame.color_range(),
-            primaries: frame.color_primaries(),
-            transfer: frame.color_transfer_characteristic(),
-        }
-    }
 }
 
 /// Writes one mp4 from frames with increasing timestamps.
@@ -96,7 +84,7 @@ pub struct Mp4Encoder {
     encoder: encoder::video::Encoder,
     video: VideoFormat,
     /// Brings frames into a pixel format that the encoder takes, where it does not take theirs.
-    scaler: Option<scaling::Context>,
+    scaler: Option<Scaler>,
     audio: Option<AudioCopy>,
     /// The frame pushed last, which waits for its duration to be known.
     waiting: Option<(frame::Video, i64)>,
@@ -164,11 +152,14 @@ impl Mp4Encoder {
         output
             .write_header()
             .map_err(|error| unwritable(path, error))?;
-        let scaler = (pixel != video.pixel)
+        let target = FrameShape {
+            format: pixel.into(),
+            ..video.shape()
+        };
+        let scaler = (target != video.shape())
             .then(|| {
-                let (width, height) = (video.width, video.height);
                 let flags = Flags::BICUBIC | Flags::ACCURATE_RND;
-                scaling::Context::get(video.pixel, width, height, pixel, width, height, flags)
+                Scaler::new(video.shape(), target, flags)
             })
             .transpose()
             .map_err(internal)?;
@@ -191,11 +182,11 @@ impl Mp4Encoder {
     /// When the frame has another size than the first, `ticks` does not increase, or the file
     /// cannot be written.
     pub fn push(&mut self, frame: frame::Video, ticks: i64) -> Result<(), CurateError> {
-        let size = (frame.width(), frame.height());
-        if size != (self.video.width, self.video.height) || frame.format() != self.video.pixel {
+        let shape = FrameShape::of(&frame);
+        if shape != self.video.shape() {
             return Err(CurateError::internal(
                 &self.path,
-                format!("its frames change to {}x{}", size.0, size.1),
+                format!("its frames change to {}x{}", shape.width, shape.height),
             ));
         }
         if let Some((waiting, since)) = self.waiting.take() {
@@ -247,15 +238,11 @@ impl Mp4Encoder {
         let internal = |error: ffmpeg::Error| CurateError::internal(&self.path, error);
         let mut frame = match &mut self.scaler {
             None => frame,
-            Some(scaler) => {
-                let mut scaled = frame::Video::empty();
-                scaler.run(&frame, &mut scaled).map_err(internal)?;
-                scaled
-            }
+            Some(scaler) => scaler.run(&frame).map_err(internal)?,
         };
         frame.set_pts(Some(ticks));
         // The encoder decides what becomes a key frame, not the source.
-        frame.set_kind(picture::Type::None);
+        clear_picture_kind(&mut frame);
         self.encoder.send_frame(&frame).map_err(internal)?;
         self.inside.push_back((ticks, duration));
         self.drain()
@@ -299,16 +286,11 @@ impl Drop for Mp4Encoder {
 }
 
 /// The frames' own format where the encoder takes it, else 8-bit 4:2:0.
-fn accepted_format(codec: ffmpeg::Codec, wanted: Pixel) -> Pixel {
-    let mut formats = codec.video().ok().and_then(|video| video.formats());
-    if formats
-        .as_mut()
-        .is_some_and(|formats| formats.any(|format| format == wanted))
-    {
-        wanted
-    } else {
-        Pixel::YUV420P
-    }
+fn accepted_format(codec: ffmpeg::Codec, wanted: PixelFormat) -> Pixel {
+    let formats = codec.video().ok().and_then(|video| video.formats());
+    formats
+        .and_then(|mut formats| formats.find(|&format| PixelFormat::from(format) == wanted))
+        .unwrap_or(Pixel::YUV420P)
 }
 
 /// Opens an mp4 file for writing.

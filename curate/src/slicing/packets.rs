@@ -6,7 +6,10 @@ use ffmpeg::{Packet, codec::packet::Ref, ffi, media};
 use ffmpeg_next as ffmpeg;
 use omnilife_schemas::records::TimeRange;
 
-use crate::{error::CurateError, video::open_container};
+use crate::{
+    error::CurateError,
+    video::{CodecId, open_container},
+};
 
 /// One packet of the video stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,7 +70,7 @@ impl PacketTable {
             .ok_or_else(|| CurateError::video(video, "has no video stream"))?;
         let index = stream.index();
         let seconds_per_tick = f64::from(stream.time_base());
-        let fits_mp4 = MP4_CODECS.contains(&stream.parameters().id());
+        let fits_mp4 = CodecId::of(&stream).is_among(MP4_CODECS);
         let mut packets = Vec::new();
         loop {
             let mut packet = Packet::empty();

@@ -2,16 +2,14 @@
 
 use std::path::Path;
 
-use ffmpeg::{
-    Rational, color, ffi,
-    format::Pixel,
-    frame,
-    software::scaling::{self, Flags},
-};
+use ffmpeg::{Rational, color, software::scaling::Flags};
 use ffmpeg_next as ffmpeg;
 
-use super::mp4::{Colour, Mp4Encoder, Projection, VideoFormat};
-use crate::error::CurateError;
+use super::mp4::{Mp4Encoder, Projection, VideoFormat};
+use crate::{
+    error::CurateError,
+    video::{Colour, FrameShape, Matrix, PixelFormat, Scaler, allocated, rows_mut},
+};
 
 /// Ticks per second of written videos, the usual clock of video.
 const TICKS_PER_SECOND: i32 = 90_000;
@@ -32,7 +30,7 @@ const TICKS_PER_SECOND: i32 = 90_000;
 /// ```
 pub struct ViewVideoWriter {
     encoder: Mp4Encoder,
-    scaler: scaling::Context,
+    scaler: Scaler,
     size: [u32; 2],
     path: std::path::PathBuf,
 }
@@ -56,7 +54,7 @@ impl ViewVideoWriter {
             VideoFormat {
                 width,
                 height,
-                pixel: Pixel::YUV420P,
+                pixel: PixelFormat::YUV420P,
                 time_base: Rational::new(1, TICKS_PER_SECOND),
                 pixel_aspect: Rational::new(1, 1),
                 colour: Colour {
@@ -95,20 +93,18 @@ impl ViewVideoWriter {
             ));
         }
         let [even_width, even_height] = self.size.map(|side| side.next_multiple_of(2));
-        let mut picture = frame::Video::new(Pixel::RGB24, even_width, even_height);
-        let stride = picture.stride(0);
+        let internal = |error: ffmpeg::Error| CurateError::internal(&self.path, error);
+        let mut picture =
+            allocated(PixelFormat::RGB24, even_width, even_height).map_err(internal)?;
         let rows = (0..even_height as usize).map(|at| at.min(height as usize - 1));
-        for (to, at) in picture.data_mut(0).chunks_mut(stride).zip(rows) {
+        for (to, at) in rows_mut(&mut picture, 0).map_err(internal)?.zip(rows) {
             let from = &rgb[at * row..(at + 1) * row];
             to[..row].copy_from_slice(from);
             if even_width > width {
                 to[row..row + 3].copy_from_slice(&from[row - 3..]);
             }
         }
-        let mut yuv = frame::Video::empty();
-        self.scaler
-            .run(&picture, &mut yuv)
-            .map_err(|error| CurateError::internal(&self.path, error))?;
+        let yuv = self.scaler.run(&picture).map_err(internal)?;
         self.encoder.push(yuv, ticks(seconds))
     }
 
@@ -126,31 +122,15 @@ fn ticks(seconds: f64) -> i64 {
 }
 
 /// RGB to limited-range BT.709, the matrix that players take for video of this size.
-fn to_bt709(width: u32, height: u32) -> Result<scaling::Context, ffmpeg::Error> {
-    let mut context = scaling::Context::get(
-        Pixel::RGB24,
+fn to_bt709(width: u32, height: u32) -> Result<Scaler, ffmpeg::Error> {
+    let shape = |format| FrameShape {
+        format,
         width,
         height,
-        Pixel::YUV420P,
-        width,
-        height,
-        Flags::BICUBIC | Flags::ACCURATE_RND,
-    )?;
-    // SAFETY: the context is live, and `sws_getCoefficients` returns a pointer to a static table of
-    // four integers, which is what `sws_setColorspaceDetails` reads. RGB is of full range (1), the
-    // video of limited range (0); the rest is neutral brightness, contrast and saturation in 16.16.
-    unsafe {
-        let matrix = ffi::sws_getCoefficients(ffi::SWS_CS_ITU709);
-        ffi::sws_setColorspaceDetails(
-            context.as_mut_ptr(),
-            matrix,
-            1,
-            matrix,
-            0,
-            0,
-            1 << 16,
-            1 << 16,
-        );
-    }
-    Ok(context)
+    };
+    let flags = Flags::BICUBIC | Flags::ACCURATE_RND;
+    let (source, target) = (shape(PixelFormat::RGB24), shape(PixelFormat::YUV420P));
+    let mut scaler = Scaler::new(source, target, flags)?;
+    scaler.set_colours(Matrix::Bt709, true, false);
+    Ok(scaler)
 }

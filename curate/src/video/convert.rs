@@ -2,14 +2,15 @@
 
 use std::path::Path;
 
-use ffmpeg::{
-    color, ffi,
-    format::Pixel,
-    software::scaling::{self, Flags},
-};
+use ffmpeg::{color, software::scaling::Flags};
 use ffmpeg_next as ffmpeg;
 
-use super::reduce::Reduction;
+use super::{
+    Colour, PixelFormat,
+    planes::Plane,
+    reduce::Reduction,
+    scaler::{FrameShape, Matrix, Scaler},
+};
 use crate::error::CurateError;
 
 /// 8-bit interleaved RGB, row-major.
@@ -85,16 +86,14 @@ pub enum Scaling {
 /// BT.709 is taken above 576 rows or 1024 columns and BT.601 below, as players do.
 pub struct Converter {
     scaling: Scaling,
-    context: Option<scaling::Context>,
+    scaler: Option<Scaler>,
     reduction: Option<Reduction>,
     configured: Option<Configuration>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Configuration {
-    format: Pixel,
-    width: u32,
-    height: u32,
+    shape: FrameShape,
     space: color::Space,
     range: color::Range,
 }
@@ -104,7 +103,7 @@ impl Converter {
     pub fn new(scaling: Scaling) -> Self {
         Self {
             scaling,
-            context: None,
+            scaler: None,
             reduction: None,
             configured: None,
         }
@@ -119,39 +118,38 @@ impl Converter {
         path: &Path,
         picture: &ffmpeg::frame::Video,
     ) -> Result<Rgb8Picture, CurateError> {
+        let colour = Colour::of(picture);
         let configuration = Configuration {
-            format: picture.format(),
-            width: picture.width(),
-            height: picture.height(),
-            space: picture.color_space(),
-            range: picture.color_range(),
+            shape: FrameShape::of(picture),
+            space: colour.space,
+            range: colour.range,
         };
         let unsupported = |error: ffmpeg::Error| {
             CurateError::video(
                 path,
                 format!(
-                    "pixel format {:?} cannot be converted: {error}",
-                    configuration.format
+                    "pixel format {} cannot be converted: {error}",
+                    configuration.shape.format.name()
                 ),
             )
         };
         // A stream may change its size or colours on the way.
         if self.configured != Some(configuration) {
             self.reduction = configuration.reduction(self.scaling);
-            let context = configuration.context(self.scaling, self.reduction.as_ref());
-            self.context = Some(context.map_err(unsupported)?);
+            let scaler = configuration.scaler(self.scaling, self.reduction.as_ref());
+            self.scaler = Some(scaler.map_err(unsupported)?);
             self.configured = Some(configuration);
         }
-        let Some(context) = self.context.as_mut() else {
+        let Some(scaler) = self.scaler.as_mut() else {
             return Err(CurateError::internal(path, "no scaler"));
         };
-        let mut rgb = ffmpeg::frame::Video::empty();
-        match &self.reduction {
-            Some(reduction) => context.run(&reduction.apply(picture), &mut rgb),
-            None => context.run(picture, &mut rgb),
-        }
-        .map_err(unsupported)?;
-        Ok(packed(&rgb))
+        let rgb = match &self.reduction {
+            Some(reduction) => reduction
+                .apply(picture)
+                .and_then(|reduced| scaler.run(&reduced)),
+            None => scaler.run(picture),
+        };
+        rgb.and_then(|rgb| packed(&rgb)).map_err(unsupported)
     }
 }
 
@@ -159,69 +157,43 @@ impl Configuration {
     /// How frames are made smaller before they are scaled to size and converted.
     fn reduction(&self, scaling: Scaling) -> Option<Reduction> {
         match scaling {
-            Scaling::MaxWidth(limit) => Reduction::new(self.format, self.width, self.height, limit),
+            Scaling::MaxWidth(limit) => Reduction::new(self.shape, limit),
             Scaling::Native | Scaling::Exactly { .. } => None,
         }
     }
 
-    fn context(
+    fn scaler(
         &self,
         scaling: Scaling,
         reduction: Option<&Reduction>,
-    ) -> Result<scaling::Context, ffmpeg::Error> {
+    ) -> Result<Scaler, ffmpeg::Error> {
+        let FrameShape { width, height, .. } = self.shape;
         let (width, height, filter) = match scaling {
-            Scaling::MaxWidth(limit) if self.width > limit => {
-                let height = (f64::from(self.height) * f64::from(limit) / f64::from(self.width))
+            Scaling::MaxWidth(limit) if width > limit => {
+                let height = (f64::from(height) * f64::from(limit) / f64::from(width))
                     .round()
                     .max(1.0);
                 (limit, height as u32, Flags::AREA | Flags::ACCURATE_RND)
             }
             Scaling::Exactly { width, height } => (width, height, Flags::BICUBIC),
             _ => (
-                self.width,
-                self.height,
+                width,
+                height,
                 Flags::BICUBIC
                     | Flags::FULL_CHR_H_INT
                     | Flags::FULL_CHR_H_INP
                     | Flags::ACCURATE_RND,
             ),
         };
-        let (source_format, source_width, source_height) = match reduction {
-            Some(reduced) => (reduced.format, reduced.width, reduced.height),
-            None => (self.format, self.width, self.height),
-        };
-        let mut context = scaling::Context::get(
-            source_format,
-            source_width,
-            source_height,
-            Pixel::RGB24,
+        let source = reduction.map_or(self.shape, |reduction| reduction.target);
+        let target = FrameShape {
+            format: PixelFormat::RGB24,
             width,
             height,
-            filter,
-        )?;
-        let matrix = match self.matrix(scaling) {
-            Matrix::Bt601 => ffi::SWS_CS_ITU601,
-            Matrix::Bt709 => ffi::SWS_CS_ITU709,
-            Matrix::Bt2020 => ffi::SWS_CS_BT2020,
         };
-        // SAFETY: the context is live, and `sws_getCoefficients` returns a pointer to a static
-        // table of four integers, which is what `sws_setColorspaceDetails` reads. The last three
-        // arguments are the neutral brightness, contrast and saturation in 16.16 fixed point.
-        // The call fails for formats without a matrix (RGB, grey), which then need none.
-        unsafe {
-            let coefficients = ffi::sws_getCoefficients(matrix);
-            ffi::sws_setColorspaceDetails(
-                context.as_mut_ptr(),
-                coefficients,
-                i32::from(self.is_full_range()),
-                coefficients,
-                1,
-                0,
-                1 << 16,
-                1 << 16,
-            );
-        }
-        Ok(context)
+        let mut scaler = Scaler::new(source, target, filter)?;
+        scaler.set_colours(self.matrix(scaling), self.is_full_range(), true);
+        Ok(scaler)
     }
 
     fn matrix(&self, scaling: Scaling) -> Matrix {
@@ -230,7 +202,7 @@ impl Configuration {
             color::Space::BT2020NCL | color::Space::BT2020CL => Matrix::Bt2020,
             color::Space::BT470BG | color::Space::SMPTE170M | color::Space::FCC => Matrix::Bt601,
             _ if matches!(scaling, Scaling::Exactly { .. }) => Matrix::Bt601,
-            _ if self.height > 576 || self.width > 1024 => Matrix::Bt709,
+            _ if self.shape.height > 576 || self.shape.width > 1024 => Matrix::Bt709,
             _ => Matrix::Bt601,
         }
     }
@@ -238,30 +210,26 @@ impl Configuration {
     fn is_full_range(&self) -> bool {
         self.range == color::Range::JPEG
             || matches!(
-                self.format,
-                Pixel::YUVJ420P | Pixel::YUVJ422P | Pixel::YUVJ444P | Pixel::YUVJ440P
+                self.shape.format,
+                PixelFormat::YUVJ420P
+                    | PixelFormat::YUVJ422P
+                    | PixelFormat::YUVJ444P
+                    | PixelFormat::YUVJ440P
             )
     }
 }
 
-enum Matrix {
-    Bt601,
-    Bt709,
-    Bt2020,
-}
-
 /// The rows of an RGB24 frame without the padding between them.
-fn packed(frame: &ffmpeg::frame::Video) -> Rgb8Picture {
-    let (width, height) = (frame.width() as usize, frame.height() as usize);
-    let stride = frame.stride(0);
-    let bytes = frame.data(0);
+fn packed(frame: &ffmpeg::frame::Video) -> Result<Rgb8Picture, ffmpeg::Error> {
+    let plane = Plane::of(frame, 0).ok_or(ffmpeg::Error::InvalidData)?;
+    let (width, height) = (frame.width() as usize, plane.rows());
     let mut data = Vec::with_capacity(width * height * 3);
     for y in 0..height {
-        data.extend_from_slice(&bytes[y * stride..y * stride + width * 3]);
+        data.extend_from_slice(plane.row(y));
     }
-    Rgb8Picture {
+    Ok(Rgb8Picture {
         width,
         height,
         data,
-    }
+    })
 }

@@ -10,6 +10,7 @@ use std::{
 use ffmpeg::{codec::threading, format::context, media, util::error::EAGAIN};
 use ffmpeg_next as ffmpeg;
 
+use super::CodecId;
 use crate::error::CurateError;
 
 /// Every thread holds frames; beyond this many, decoding is no faster.
@@ -91,12 +92,17 @@ impl VideoReader {
             count: (cores + 1).min(MOST_THREADS),
             ..threading::Config::default()
         });
-        let decoder = codec.decoder().video().map_err(|error| {
+        let id = CodecId::of(&stream);
+        let opened = id
+            .decoder()
+            .ok_or(ffmpeg::Error::DecoderNotFound)
+            .and_then(|found| codec.decoder().open_as(found)?.video());
+        let decoder = opened.map_err(|error| {
             CurateError::video(
                 path,
                 format!(
                     "its video stream ({}) cannot be decoded: {error}",
-                    stream.parameters().id().name()
+                    id.name()
                 ),
             )
         })?;
@@ -262,6 +268,7 @@ impl VideoReader {
 
 /// Opens a container of local data only, with FFmpeg's own log silenced.
 pub(crate) fn open_container(path: &Path) -> Result<context::Input, CurateError> {
+    omnilife_schemas::blame::reading(path);
     ffmpeg::init().map_err(|error| CurateError::internal(path, error))?;
     ffmpeg::log::set_level(ffmpeg::log::Level::Quiet);
     let metadata = std::fs::metadata(path)

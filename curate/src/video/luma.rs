@@ -2,10 +2,9 @@
 
 use std::path::Path;
 
-use ffmpeg::format::Pixel;
 use ffmpeg_next as ffmpeg;
 
-use super::{Converter, Scaling};
+use super::{Converter, PixelFormat, Scaling, planes::Plane};
 use crate::error::CurateError;
 
 /// Luminance of a frame: 8 bits as they are stored, in the stream's own range. Its first columns stand
@@ -29,17 +28,19 @@ enum Samples {
 
 impl Samples {
     /// `None` where the first plane is no luminance.
-    fn of(format: Pixel) -> Option<Self> {
+    fn of(format: PixelFormat) -> Option<Self> {
         match format {
-            Pixel::GRAY8
-            | Pixel::NV12
-            | Pixel::YUV420P
-            | Pixel::YUVJ420P
-            | Pixel::YUV422P
-            | Pixel::YUVJ422P
-            | Pixel::YUV444P
-            | Pixel::YUVJ444P => Some(Self::Bytes),
-            Pixel::YUV420P10LE | Pixel::YUV422P10LE | Pixel::YUV444P10LE => Some(Self::Words),
+            PixelFormat::GRAY8
+            | PixelFormat::NV12
+            | PixelFormat::YUV420P
+            | PixelFormat::YUVJ420P
+            | PixelFormat::YUV422P
+            | PixelFormat::YUVJ422P
+            | PixelFormat::YUV444P
+            | PixelFormat::YUVJ444P => Some(Self::Bytes),
+            PixelFormat::YUV420P10LE | PixelFormat::YUV422P10LE | PixelFormat::YUV444P10LE => {
+                Some(Self::Words)
+            }
             _ => None,
         }
     }
@@ -85,17 +86,24 @@ impl LumaPicture {
         quarter_turns: u32,
         margin: fn(usize) -> usize,
     ) -> Result<(), CurateError> {
-        let size = (frame.width() as usize, frame.height() as usize);
-        let samples = Samples::of(frame.format()).filter(|_| quarter_turns.is_multiple_of(4));
+        let plane = || {
+            Plane::of(frame, 0).ok_or_else(|| {
+                CurateError::video(path, "a frame holds no picture of the size that it states")
+            })
+        };
+        let samples =
+            Samples::of(PixelFormat::of(frame)).filter(|_| quarter_turns.is_multiple_of(4));
         match samples {
             Some(Samples::Bytes) => {
-                let rows = frame.data(0).chunks(frame.stride(0)).take(size.1);
-                self.fill(size, margin, rows.map(|row| &row[..size.0]));
+                let plane = plane()?;
+                let size = (plane.row(0).len(), plane.rows());
+                self.fill(size, margin, (0..size.1).map(|y| plane.row(y)));
             }
             Some(Samples::Words) => {
-                let rows = frame.data(0).chunks(frame.stride(0)).take(size.1);
-                let levels: Vec<u8> = rows
-                    .flat_map(|row| row[..2 * size.0].as_chunks::<2>().0)
+                let plane = plane()?;
+                let size = (plane.row(0).len() / 2, plane.rows());
+                let levels: Vec<u8> = (0..size.1)
+                    .flat_map(|y| plane.row(y).as_chunks::<2>().0)
                     .map(|&bytes| (u16::from_le_bytes(bytes) >> 2) as u8)
                     .collect();
                 self.fill(size, margin, levels.chunks(size.0));
@@ -124,6 +132,8 @@ impl LumaPicture {
 
 #[cfg(test)]
 mod tests {
+    use ffmpeg::format::Pixel;
+
     use super::*;
 
     #[test]

@@ -1,15 +1,27 @@
 //! Reading videos with FFmpeg: what a file says about itself ([`probe`](mod@probe)), its frames as
 //! a stream ([`decode`]) and their conversion to RGB ([`convert`]).
+//!
+//! What a file decides about FFmpeg's structures is read through three files: `raw_fields.rs`
+//! (numbers that C declares as enums), `planes.rs` (pixels) and `scaler.rs`.
 
 pub mod convert;
 pub mod decode;
 mod luma;
+mod pixel_format;
+mod planes;
 pub mod probe;
+mod raw_fields;
 mod reduce;
+mod scaler;
 mod spherical_boxes;
 
 pub use convert::{Converter, Rgb8Picture, Scaling};
 pub(crate) use decode::open_container;
 pub use decode::{PacketChoice, VideoReader};
 pub(crate) use luma::LumaPicture;
+pub use pixel_format::PixelFormat;
+pub(crate) use planes::{allocated, rows_mut};
 pub use probe::probe;
+pub use raw_fields::Colour;
+pub(crate) use raw_fields::{CodecId, clear_picture_kind};
+pub(crate) use scaler::{FrameShape, Matrix, Scaler};

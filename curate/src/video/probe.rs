@@ -1,8 +1,8 @@
 //! What a file says about itself.
 
-use std::{ffi::CStr, path::Path};
+use std::path::Path;
 
-use ffmpeg::{codec::packet::side_data, ffi};
+use ffmpeg::ffi;
 use ffmpeg_next as ffmpeg;
 use omnilife_schemas::{
     records::{Probe, SphericalMetadata},
@@ -11,6 +11,7 @@ use omnilife_schemas::{
 
 use super::{
     decode::VideoReader,
+    raw_fields::{self, CodecId, SideData},
     spherical_boxes::{self, SphericalBoxes, Statement},
 };
 use crate::error::CurateError;
@@ -37,7 +38,7 @@ pub(crate) fn describe(reader: &VideoReader) -> Result<Probe, CurateError> {
     if width == 0 || height == 0 {
         return Err(CurateError::video(path, "its video stream has no size"));
     }
-    let format = decoder.format();
+    let format = raw_fields::pixel_format(decoder);
     let rotation_degrees = rotation_degrees(&stream);
     if rotation_degrees.rem_euclid(90.0) != 0.0 {
         return Err(CurateError::video(
@@ -50,14 +51,11 @@ pub(crate) fn describe(reader: &VideoReader) -> Result<Probe, CurateError> {
         .find(|rate| rate.numerator() > 0 && rate.denominator() > 0);
     Ok(Probe {
         container: reader.input().format().name().to_owned(),
-        codec: stream.parameters().id().name().to_owned(),
+        codec: CodecId::of(&stream).name().to_owned(),
         width,
         height,
-        pixel_format: format
-            .descriptor()
-            .map_or("unknown", ffmpeg::format::pixel::Descriptor::name)
-            .to_owned(),
-        bit_depth: bit_depth(format),
+        pixel_format: format.name().to_owned(),
+        bit_depth: format.bit_depth(),
         frames_per_second: frame_rate.map_or(0.0, f64::from),
         duration_seconds: duration_seconds(reader, &stream),
         decoded_frames: None,
@@ -65,20 +63,8 @@ pub(crate) fn describe(reader: &VideoReader) -> Result<Probe, CurateError> {
         longest_interval_seconds: None,
         rotation_degrees,
         pixel_aspect_ratio: pixel_aspect_ratio(decoder),
-        transfer: decoder
-            .color_transfer_characteristic()
-            .name()
-            .unwrap_or("unknown")
-            .to_owned(),
+        transfer: raw_fields::transfer_name(decoder).to_owned(),
         spherical: spherical(path, reader.input().format().name(), &stream)?,
-    })
-}
-
-/// Bits of the first component; 0 for an unknown format.
-fn bit_depth(format: ffmpeg::format::Pixel) -> u32 {
-    format.descriptor().map_or(0, |descriptor| {
-        // SAFETY: a descriptor points into FFmpeg's static table of pixel formats.
-        unsafe { (*descriptor.as_ptr()).comp[0].depth as u32 }
     })
 }
 
@@ -105,22 +91,24 @@ fn pixel_aspect_ratio(decoder: &ffmpeg::decoder::Video) -> f64 {
 
 /// Clockwise display rotation in [0, 360), rounded to a hundredth of a degree.
 fn rotation_degrees(stream: &ffmpeg::Stream<'_>) -> f64 {
-    for data in stream.side_data() {
-        if data.kind() == side_data::Type::DisplayMatrix
-            && let Some(bytes) = data.data().get(..36)
-        {
-            let mut matrix = [0_i32; 9];
-            for (value, bytes) in matrix.iter_mut().zip(bytes.as_chunks::<4>().0) {
-                *value = i32::from_ne_bytes(*bytes);
-            }
-            // SAFETY: the function reads nine integers.
-            let counter_clockwise = unsafe { ffi::av_display_rotation_get(matrix.as_ptr()) };
-            if counter_clockwise.is_finite() {
-                return (-counter_clockwise * 100.0).round().rem_euclid(36000.0) / 100.0;
-            }
-        }
+    let Some(data) = raw_fields::side_data(stream, SideData::DisplayMatrix) else {
+        return 0.0;
+    };
+    let mut matrix = [0_i32; 9];
+    let values = data.as_chunks::<4>().0;
+    if values.len() < matrix.len() {
+        return 0.0;
     }
-    0.0
+    for (value, bytes) in matrix.iter_mut().zip(values) {
+        *value = i32::from_ne_bytes(*bytes);
+    }
+    // SAFETY: the function reads nine integers.
+    let counter_clockwise = unsafe { ffi::av_display_rotation_get(matrix.as_ptr()) };
+    if counter_clockwise.is_finite() {
+        (-counter_clockwise * 100.0).round().rem_euclid(36000.0) / 100.0
+    } else {
+        0.0
+    }
 }
 
 /// Spherical metadata: the file's own boxes where it has such, else what FFmpeg finds.
@@ -171,45 +159,15 @@ fn resolved(SphericalBoxes { v1, v2 }: SphericalBoxes) -> Option<SphericalMetada
 
 /// Spherical and stereo side data as FFmpeg parses them.
 fn side_data_of(stream: &ffmpeg::Stream<'_>) -> Option<SphericalMetadata> {
-    let mut projection = None;
-    let mut stereo = None;
-    for data in stream.side_data() {
-        match data.kind() {
-            side_data::Type::DataSpherical
-                if data.data().len() >= size_of::<ffi::AVSphericalMapping>() =>
-            {
-                // SAFETY: FFmpeg stores an `AVSphericalMapping` in side data of this type, the
-                // size was checked, and the projection is one of FFmpeg's own values.
-                projection = name(unsafe {
-                    let mapping = data.data().as_ptr().cast::<ffi::AVSphericalMapping>();
-                    ffi::av_spherical_projection_name((*mapping).projection)
-                });
-            }
-            side_data::Type::Stereo3d if data.data().len() >= size_of::<ffi::AVStereo3D>() => {
-                // SAFETY: as above, for `AVStereo3D`.
-                stereo = name(unsafe {
-                    let layout = data.data().as_ptr().cast::<ffi::AVStereo3D>();
-                    ffi::av_stereo3d_type_name((*layout).type_ as u32)
-                });
-            }
-            _ => {}
-        }
-    }
-    projection.map(|projection: String| SphericalMetadata {
+    let mapping = raw_fields::side_data(stream, SideData::Spherical)?;
+    let projection = raw_fields::projection_name(&mapping)?;
+    let stereo = raw_fields::side_data(stream, SideData::Stereo)
+        .and_then(|layout| raw_fields::stereo_name(&layout));
+    Some(SphericalMetadata {
         is_cropped: projection == "tiled equirectangular",
-        projection,
-        stereo,
+        projection: projection.to_owned(),
+        stereo: stereo.map(str::to_owned),
         origin: "container".to_owned(),
         conflict: None,
-    })
-}
-
-/// A name from one of FFmpeg's static tables.
-fn name(pointer: *const std::ffi::c_char) -> Option<String> {
-    // SAFETY: the callers pass what FFmpeg's name functions returned: null or a static string.
-    (!pointer.is_null()).then(|| {
-        unsafe { CStr::from_ptr(pointer) }
-            .to_string_lossy()
-            .into_owned()
     })
 }

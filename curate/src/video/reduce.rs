@@ -4,8 +4,13 @@
 //! are averaged plane by plane, in the source's own YUV; what is left for the general scaler is a
 //! small picture.
 
-use ffmpeg::format::Pixel;
 use ffmpeg_next as ffmpeg;
+
+use super::{
+    PixelFormat,
+    planes::{self, Plane},
+    scaler::FrameShape,
+};
 
 /// Rows of samples that are averaged into one, at least, where there are that many.
 const ROWS_AVERAGED: u32 = 4;
@@ -14,12 +19,8 @@ const ROWS_AVERAGED: u32 = 4;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Reduction {
     source: PlaneLayout,
-    /// Format of what comes out: of the source's depth.
-    pub(super) format: Pixel,
-    /// Pixels per row of what comes out.
-    pub(super) width: u32,
-    /// Rows of what comes out.
-    pub(super) height: u32,
+    /// What comes out: of the source's depth.
+    pub(super) target: FrameShape,
     /// Columns and rows of luma samples that become one.
     factor: u32,
     /// Columns and rows of chroma samples that become one.
@@ -37,18 +38,18 @@ struct PlaneLayout {
     /// Bytes of a sample.
     bytes: usize,
     /// The same format without subsampling, and as it is.
-    full: Pixel,
-    same: Pixel,
+    full: PixelFormat,
+    same: PixelFormat,
 }
 
 impl PlaneLayout {
-    fn of(format: Pixel) -> Option<Self> {
+    fn of(format: PixelFormat) -> Option<Self> {
         let (subsampling, bytes, full) = match format {
-            Pixel::YUV420P => ([2, 2], 1, Pixel::YUV444P),
-            Pixel::YUVJ420P => ([2, 2], 1, Pixel::YUVJ444P),
-            Pixel::YUV422P => ([2, 1], 1, Pixel::YUV444P),
-            Pixel::YUV444P => ([1, 1], 1, Pixel::YUV444P),
-            Pixel::YUV420P10LE => ([2, 2], 2, Pixel::YUV444P10LE),
+            PixelFormat::YUV420P => ([2, 2], 1, PixelFormat::YUV444P),
+            PixelFormat::YUVJ420P => ([2, 2], 1, PixelFormat::YUVJ444P),
+            PixelFormat::YUV422P => ([2, 1], 1, PixelFormat::YUV444P),
+            PixelFormat::YUV444P => ([1, 1], 1, PixelFormat::YUV444P),
+            PixelFormat::YUV420P10LE => ([2, 2], 2, PixelFormat::YUV444P10LE),
             _ => return None,
         };
         Some(Self {
@@ -63,8 +64,9 @@ impl PlaneLayout {
 impl Reduction {
     /// The largest whole factor that leaves at least `width_limit` pixels per row and no remainder;
     /// `None` where there is none above 1 or the format is none of plain planes.
-    pub(super) fn new(format: Pixel, width: u32, height: u32, width_limit: u32) -> Option<Self> {
-        let source = PlaneLayout::of(format)?;
+    pub(super) fn new(shape: FrameShape, width_limit: u32) -> Option<Self> {
+        let FrameShape { width, height, .. } = shape;
+        let source = PlaneLayout::of(shape.format)?;
         let [across, down] = source.subsampling;
         let (chroma_width, chroma_height) = (width.div_ceil(across), height.div_ceil(down));
         (2..=width / width_limit.max(1)).rev().find_map(|factor| {
@@ -83,9 +85,11 @@ impl Reduction {
                 .all(|(size, factor)| size.is_multiple_of(factor));
             fits.then_some(Self {
                 source,
-                format,
-                width: width / factor,
-                height: height / factor,
+                target: FrameShape {
+                    format,
+                    width: width / factor,
+                    height: height / factor,
+                },
                 factor,
                 chroma_factor,
                 row_step: (factor / ROWS_AVERAGED).max(1),
@@ -94,32 +98,44 @@ impl Reduction {
     }
 
     /// The smaller frame of one that has the format and size that this was made for.
-    pub(super) fn apply(&self, picture: &ffmpeg::frame::Video) -> ffmpeg::frame::Video {
-        let mut reduced = ffmpeg::frame::Video::new(self.format, self.width, self.height);
+    ///
+    /// # Errors
+    /// When the frame's planes are not those of its format, or there is not enough memory.
+    pub(super) fn apply(
+        &self,
+        picture: &ffmpeg::frame::Video,
+    ) -> Result<ffmpeg::frame::Video, ffmpeg::Error> {
+        let FrameShape {
+            format,
+            width,
+            height,
+        } = self.target;
+        let mut reduced = planes::allocated(format, width, height)?;
         for plane in 0..3 {
             let factors = if plane == 0 {
                 [self.factor; 2]
             } else {
                 self.chroma_factor
             };
-            let source = (picture.data(plane), picture.stride(plane));
-            let (columns, rows) = (reduced.plane_width(plane), reduced.plane_height(plane));
-            let stride = reduced.stride(plane);
+            let source = Plane::of(picture, plane).ok_or(ffmpeg::Error::InvalidData)?;
+            let columns = format
+                .row_bytes(plane, width as usize)
+                .ok_or(ffmpeg::Error::InvalidData)?
+                / self.source.bytes;
             let blocks = Blocks {
                 across: factors[0] as usize,
                 down: factors[1] as usize,
                 row_step: self.row_step as usize,
-                columns: columns as usize,
-                rows: rows as usize,
+                columns,
             };
-            let target = (reduced.data_mut(plane), stride);
+            let target = planes::rows_mut(&mut reduced, plane)?;
             if self.source.bytes == 1 {
                 blocks.average_bytes(source, target);
             } else {
                 blocks.average_words(source, target);
             }
         }
-        reduced
+        Ok(reduced)
     }
 }
 
@@ -133,18 +149,14 @@ struct Blocks {
     row_step: usize,
     /// Blocks per row.
     columns: usize,
-    /// Rows of blocks.
-    rows: usize,
 }
 
 impl Blocks {
-    /// Planes come with the bytes from one row to the next.
-    fn average_bytes(&self, (source, stride): (&[u8], usize), target: (&mut [u8], usize)) {
-        let (target, target_stride) = target;
+    fn average_bytes<'a>(&self, source: Plane<'_>, target: impl Iterator<Item = &'a mut [u8]>) {
         let mut sums = vec![0_u16; self.across * self.columns];
-        for (row, target) in target.chunks_mut(target_stride).take(self.rows).enumerate() {
+        for (row, target) in target.enumerate() {
             let count = self.sum_rows(row, &mut sums, |y, sums| {
-                let samples = &source[y * stride..][..sums.len()];
+                let samples = &source.row(y)[..sums.len()];
                 add(sums, samples.iter().map(|&sample| u16::from(sample)));
             });
             let means = means(&sums, self.across, count);
@@ -155,12 +167,11 @@ impl Blocks {
     }
 
     /// The same for samples of 10 bits in two bytes, the lower first.
-    fn average_words(&self, (source, stride): (&[u8], usize), target: (&mut [u8], usize)) {
-        let (target, target_stride) = target;
+    fn average_words<'a>(&self, source: Plane<'_>, target: impl Iterator<Item = &'a mut [u8]>) {
         let mut sums = vec![0_u16; self.across * self.columns];
-        for (row, target) in target.chunks_mut(target_stride).take(self.rows).enumerate() {
+        for (row, target) in target.enumerate() {
             let count = self.sum_rows(row, &mut sums, |y, sums| {
-                let samples = source[y * stride..][..2 * sums.len()].as_chunks::<2>().0;
+                let samples = source.row(y)[..2 * sums.len()].as_chunks::<2>().0;
                 add(sums, samples.iter().map(|&bytes| u16::from_le_bytes(bytes)));
             });
             let means = means(&sums, self.across, count);
@@ -207,7 +218,21 @@ fn means(sums: &[u16], across: usize, rows: u32) -> impl Iterator<Item = u32> {
 
 #[cfg(test)]
 mod tests {
+    use ffmpeg::format::Pixel;
+
     use super::*;
+
+    fn reduction(format: Pixel, (width, height): (u32, u32), limit: u32) -> Option<Reduction> {
+        let format = format.into();
+        Reduction::new(
+            FrameShape {
+                format,
+                width,
+                height,
+            },
+            limit,
+        )
+    }
 
     /// A frame whose samples are what `value` says of plane, column and row.
     fn frame(
@@ -216,7 +241,7 @@ mod tests {
         value: impl Fn(usize, usize, usize) -> u16,
     ) -> ffmpeg::frame::Video {
         let mut frame = ffmpeg::frame::Video::new(format, width, height);
-        let bytes = PlaneLayout::of(format).map_or(1, |layout| layout.bytes);
+        let bytes = PlaneLayout::of(format.into()).map_or(1, |layout| layout.bytes);
         for plane in 0..3 {
             let stride = frame.stride(plane);
             let (columns, rows) = (frame.plane_width(plane), frame.plane_height(plane));
@@ -236,9 +261,11 @@ mod tests {
         let value = |plane: usize, x: usize, y: usize| {
             ((x * 7 + y * 13 + x * y % 31 + plane * 50) % usize::from(levels)) as u16
         };
-        let reduction = Reduction::new(format, size.0, size.1, limit)
+        let reduction = reduction(format, size, limit)
             .unwrap_or_else(|| panic!("{format:?} {size:?} is not reduced"));
-        let reduced = reduction.apply(&frame(format, size, value));
+        let reduced = reduction
+            .apply(&frame(format, size, value))
+            .unwrap_or_else(|error| panic!("{format:?}: {error}"));
         let bytes = reduction.source.bytes;
         for plane in 0..3 {
             let [across, down] = if plane == 0 {
@@ -274,11 +301,17 @@ mod tests {
     fn samples_are_the_means_of_their_blocks() {
         // An even factor gives every pixel its own chroma.
         let halved = assert_means(Pixel::YUV420P, (256, 128), 32, 256);
-        assert_eq!((halved.format, halved.factor), (Pixel::YUV444P, 8));
+        assert_eq!(
+            (halved.target.format, halved.factor),
+            (PixelFormat::YUV444P, 8)
+        );
         let odd = assert_means(Pixel::YUVJ420P, (192, 108), 64, 256);
-        assert_eq!((odd.format, odd.factor), (Pixel::YUVJ420P, 3));
+        assert_eq!((odd.target.format, odd.factor), (PixelFormat::YUVJ420P, 3));
         let deep = assert_means(Pixel::YUV420P10LE, (256, 64), 16, 1024);
-        assert_eq!((deep.format, deep.row_step), (Pixel::YUV444P10LE, 4));
+        assert_eq!(
+            (deep.target.format, deep.row_step),
+            (PixelFormat::YUV444P10LE, 4)
+        );
         let _ = assert_means(Pixel::YUV422P, (256, 128), 60, 256);
         let _ = assert_means(Pixel::YUV444P, (256, 128), 100, 256);
     }
@@ -286,14 +319,14 @@ mod tests {
     #[test]
     fn what_leaves_a_remainder_takes_the_next_smaller_factor_or_none() {
         let factor = |width, height, limit| {
-            Reduction::new(Pixel::YUV420P, width, height, limit).map(|r| r.factor)
+            reduction(Pixel::YUV420P, (width, height), limit).map(|r| r.factor)
         };
         assert_eq!(factor(3840, 1920, 512), Some(6));
         assert_eq!(factor(1920, 1080, 512), Some(3));
         assert_eq!(factor(4096, 2048, 128), Some(32));
         assert_eq!(factor(1366, 683, 512), None);
         assert_eq!(factor(512, 256, 512), None);
-        assert_eq!(Reduction::new(Pixel::RGB24, 4096, 2048, 128), None);
+        assert_eq!(reduction(Pixel::RGB24, (4096, 2048), 128), None);
         assert_eq!(factor(4096, 2048, 0).map(|factor| factor > 1), Some(true));
     }
 }

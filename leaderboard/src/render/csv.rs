@@ -2,7 +2,7 @@
 
 use std::{io, path::Path};
 
-use omnilife_schemas::store::StoreError;
+use omnilife_schemas::{plain_text::for_spreadsheet, store::StoreError};
 
 use super::parquet::Kind;
 use crate::{
@@ -65,17 +65,20 @@ fn records(table: &Table, origin: &str, source: &str, row: &Row) -> Vec<[String;
     cells
         .filter_map(|(column, cell)| {
             let [value, low, high, standing, rank_low, rank_high, text] = fields(cell)?;
+            let safe = |text: &str| for_spreadsheet(text).into_owned();
             Some([
-                table.title.clone(),
+                safe(&table.title),
                 origin.to_owned(),
-                source.to_owned(),
-                row.names.join(" / "),
+                safe(source),
+                safe(&row.names.join(" / ")),
                 // The arrow is for people.
-                [column.group.as_deref(), Some(column.name.as_str())]
-                    .into_iter()
-                    .flatten()
-                    .collect::<Vec<_>>()
-                    .join(" "),
+                safe(
+                    &[column.group.as_deref(), Some(column.name.as_str())]
+                        .into_iter()
+                        .flatten()
+                        .collect::<Vec<_>>()
+                        .join(" "),
+                ),
                 value,
                 low,
                 high,
@@ -137,7 +140,7 @@ fn fields(cell: &Cell) -> Option<[String; 7]> {
             ]
         }
         Cell::Text(_) => {
-            let text = format::plain(cell);
+            let text = for_spreadsheet(&format::plain(cell)).into_owned();
             [empty(), empty(), empty(), empty(), empty(), empty(), text]
         }
     })

@@ -68,8 +68,15 @@ fn group_header(table: &Table) -> String {
     format!("{}    {rules}\n", line(&cells))
 }
 
+/// A row. After the end of the row above, a star or a bracket would be taken as its argument.
 fn line(cells: &[String]) -> String {
-    format!("    {} \\\\\n", cells.join(" & "))
+    let row = cells.join(" & ");
+    let guard = if row.starts_with(['[', '*']) {
+        "{}"
+    } else {
+        ""
+    };
+    format!("    {guard}{row} \\\\\n")
 }
 
 fn cells(row: &Row) -> Vec<String> {
@@ -121,4 +128,18 @@ fn escape(text: &str) -> String {
         }
     }
     escaped
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_row_is_no_argument_of_the_line_break_above() {
+        for name in ["[2cm]", "*"] {
+            let row = line(&[escape(name), "1".to_owned()]);
+            assert_eq!(row, format!("    {{}}{name} & 1 \\\\\n"));
+        }
+        assert_eq!(line(&[escape("a[1]")]), "    a[1] \\\\\n");
+    }
 }

@@ -1,5 +1,7 @@
 //! Markdown that reads well in a terminal too.
 
+use omnilife_schemas::plain_text::for_markdown;
+
 use super::{headings, marked_names};
 use crate::{
     format,
@@ -9,13 +11,13 @@ use crate::{
 /// A table under a heading of `level`, with its notes.
 pub(crate) fn render(table: &Table, level: usize) -> String {
     let mut lines = vec![
-        format!("{} {}", "#".repeat(level), escape(&table.title)),
+        format!("{} {}", "#".repeat(level), for_markdown(&table.title)),
         String::new(),
     ];
     lines.extend(body(table));
     for note in &table.notes {
         lines.push(String::new());
-        lines.push(escape(note));
+        lines.push(for_markdown(note));
     }
     lines.push(String::new());
     lines.join("\n")
@@ -23,11 +25,14 @@ pub(crate) fn render(table: &Table, level: usize) -> String {
 
 /// The lines of the table alone.
 pub(crate) fn body(table: &Table) -> Vec<String> {
-    let headings: Vec<String> = headings(table).iter().map(|text| escape(text)).collect();
+    let headings: Vec<String> = headings(table)
+        .iter()
+        .map(|text| for_markdown(text))
+        .collect();
     let mut rows = vec![headings];
     rows.extend(table.rows.iter().map(cells));
     for block in &table.published {
-        let mut separator = vec![format!("*{}*", escape(&block.source))];
+        let mut separator = vec![format!("*{}*", for_markdown(&block.source))];
         separator.resize(table.names.len() + table.columns.len(), String::new());
         rows.push(separator);
         rows.extend(block.rows.iter().map(cells));
@@ -36,7 +41,10 @@ pub(crate) fn body(table: &Table) -> Vec<String> {
 }
 
 fn cells(row: &Row) -> Vec<String> {
-    let names = marked_names(row).iter().map(|name| escape(name)).collect();
+    let names = marked_names(row)
+        .iter()
+        .map(|name| for_markdown(name))
+        .collect();
     let mut cells: Vec<String> = names;
     cells.extend(row.cells.iter().map(cell));
     cells
@@ -44,7 +52,7 @@ fn cells(row: &Row) -> Vec<String> {
 
 fn cell(cell: &Cell) -> String {
     let Cell::Score(score) = cell else {
-        return escape(&format::plain(cell));
+        return for_markdown(&format::plain(cell));
     };
     let (value, interval) = (format::value(score), format::interval(score));
     match score.standing {
@@ -85,20 +93,4 @@ fn aligned(rows: &[Vec<String>], text_columns: usize) -> Vec<String> {
     });
     lines.insert(1, line(rule.collect()));
     lines
-}
-
-/// Text that cannot break a Markdown table or its line: ids and reasons come from others.
-pub(crate) fn escape(text: &str) -> String {
-    let mut escaped = String::with_capacity(text.len());
-    for character in text.chars() {
-        match character {
-            '|' | '*' | '`' | '<' | '\\' => {
-                escaped.push('\\');
-                escaped.push(character);
-            }
-            character if character.is_control() => escaped.push(' '),
-            character => escaped.push(character),
-        }
-    }
-    escaped
 }

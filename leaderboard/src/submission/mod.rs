@@ -10,12 +10,15 @@ mod add;
 mod pack;
 mod verify;
 
-use std::path::{Path, PathBuf};
+use std::{fs, path::Path};
 
 use omnilife_schemas::{
     records::SubmittedFile,
     store::{self, StoreError},
 };
+
+use crate::error::LeaderboardError;
+use pack::submission_error;
 
 pub use add::add;
 pub use pack::{PackRequest, pack};
@@ -28,17 +31,31 @@ pub const SUBMISSION_FILE: &str = "submission.json";
 const RESULT_FILE: &str = "result.json";
 
 /// All files below a folder, relative to it, sorted.
-fn files_below(folder: &Path) -> Result<Vec<String>, StoreError> {
+///
+/// # Errors
+/// When a folder cannot be listed, or holds a link or something else that is no file: a submission is
+/// what it holds itself.
+fn files_below(folder: &Path) -> Result<Vec<String>, LeaderboardError> {
     let mut found = Vec::new();
     let mut folders = vec![(folder.to_owned(), String::new())];
     while let Some((next, prefix)) = folders.pop() {
         for name in store::names_in(&next)? {
             let path = next.join(&name);
             let relative = format!("{prefix}{name}");
-            if path.is_dir() {
+            let kind = fs::symlink_metadata(&path)
+                .map_err(|source| StoreError::read(&path, source))?
+                .file_type();
+            if kind.is_dir() {
                 folders.push((path, format!("{relative}/")));
-            } else {
+            } else if kind.is_file() {
                 found.push(relative);
+            } else {
+                let what = if kind.is_symlink() {
+                    "is a link; a submission holds the files themselves"
+                } else {
+                    "is no file"
+                };
+                return Err(submission_error(&path, what.to_owned()));
             }
         }
     }
@@ -46,14 +63,19 @@ fn files_below(folder: &Path) -> Result<Vec<String>, StoreError> {
     Ok(found)
 }
 
+/// Size of a file in bytes.
+fn size(folder: &Path, file: &str) -> Result<u64, StoreError> {
+    let path = folder.join(file);
+    let metadata = fs::metadata(&path).map_err(|source| StoreError::read(&path, source))?;
+    Ok(metadata.len())
+}
+
 /// A file as it is now.
 fn described(folder: &Path, file: &str) -> Result<SubmittedFile, StoreError> {
-    let path: PathBuf = folder.join(file);
-    let metadata = std::fs::metadata(&path).map_err(|source| StoreError::read(&path, source))?;
     Ok(SubmittedFile {
         file: file.to_owned(),
-        bytes: metadata.len(),
-        sha256: store::sha256_file(&path)?,
+        bytes: size(folder, file)?,
+        sha256: store::sha256_file(&folder.join(file))?,
     })
 }
 
@@ -62,6 +84,6 @@ fn copy(from: &Path, to: &Path) -> Result<(), StoreError> {
     if let Some(folder) = to.parent() {
         store::create_folder(folder)?;
     }
-    let mut source = std::fs::File::open(from).map_err(|error| StoreError::read(from, error))?;
+    let mut source = fs::File::open(from).map_err(|error| StoreError::read(from, error))?;
     store::write_with(to, |writer| std::io::copy(&mut source, writer).map(drop))
 }

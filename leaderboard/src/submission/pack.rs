@@ -120,7 +120,7 @@ fn pack_result(
         files: files
             .iter()
             .map(|file| described(&folder, file))
-            .collect::<Result<_, _>>()?,
+            .collect::<Result<_, StoreError>>()?,
     })
 }
 

@@ -1,18 +1,15 @@
 //! What can be said of a submission without ground truth: its files are those that were packed, its
 //! numbers are possible, and its means are those of its views.
 
-use std::{
-    fs::File,
-    path::{Component, Path, PathBuf},
-};
+use std::path::{Component, Path, PathBuf};
 
 use omnilife_schemas::{
+    frame_scores::FrameScores,
     records::{ResultRecord, Submission, SubmittedResult, Summary},
     store::{self, StoreError},
 };
-use polars::prelude::{DataFrame, ParquetReader, SerReader};
 
-use super::{RESULT_FILE, SUBMISSION_FILE, described, files_below, pack::submission_error};
+use super::{RESULT_FILE, SUBMISSION_FILE, described, files_below, pack::submission_error, size};
 use crate::{error::LeaderboardError, group::ViewKind, validate};
 
 /// How far a mean may be from that of its views: both are f64 sums, in whatever order.
@@ -32,11 +29,16 @@ pub struct Verified {
 /// Checks a submission's files against its record, and its results against themselves.
 ///
 /// # Errors
-/// When a file is missing, changed or beside what was packed, a result is impossible or of another
-/// method, or a mean is not that of the views.
+/// When it holds no results or a link, a file is missing, changed or beside what was packed, a result
+/// is impossible or of another method, or a mean is not that of the views.
 pub fn verify(folder: &Path) -> Result<Verified, LeaderboardError> {
     let file = folder.join(SUBMISSION_FILE);
+    // Nothing is opened before it is known that no link leads out of the folder, or round in it.
+    files_below(folder)?;
     let submission: Submission = store::read_record(&file)?;
+    if submission.results.is_empty() {
+        return Err(submission_error(&file, "holds no results".to_owned()));
+    }
     let mut results = Vec::new();
     for entry in &submission.results {
         let refuse = |reason: String| Err(submission_error(&file, reason));
@@ -99,7 +101,9 @@ fn check_files(folder: &Path, entry: &SubmittedResult) -> Result<(), Leaderboard
         ));
     }
     for packed in &entry.files {
-        if described(folder, &packed.file)? != *packed {
+        // A file of another size need not be hashed.
+        let has_size = size(folder, &packed.file)? == packed.bytes;
+        if !has_size || described(folder, &packed.file)? != *packed {
             return Err(submission_error(
                 &folder.join(&packed.file),
                 "is not what was packed".to_owned(),
@@ -118,14 +122,15 @@ fn check_means(path: &Path, result: &ResultRecord) -> Result<(), LeaderboardErro
         ));
     }
     let table_path = path.with_file_name(&result.frames_table);
-    let malformed = |error: polars::prelude::PolarsError| {
-        StoreError::malformed(&table_path, format!("is no table of views: {error}"))
-    };
-    let file = File::open(&table_path).map_err(|source| StoreError::read(&table_path, source))?;
-    let table = ParquetReader::new(file).finish().map_err(malformed)?;
+    let table = FrameScores::read(&table_path)?;
     for kind in ViewKind::ALL {
         for (metric, summary) in kind.scores(result) {
-            let scores = scores(&table, kind, metric).map_err(malformed)?;
+            let column = table.of(kind.name(), metric);
+            let scores: Vec<f64> = column
+                .ok_or_else(|| {
+                    StoreError::malformed(&table_path, format!("has no column {metric}"))
+                })?
+                .collect();
             if let Some(reason) = difference(&scores, summary) {
                 return Err(submission_error(
                     path,
@@ -135,20 +140,6 @@ fn check_means(path: &Path, result: &ResultRecord) -> Result<(), LeaderboardErro
         }
     }
     Ok(())
-}
-
-/// The scores of one kind of view, those that are there.
-fn scores(
-    table: &DataFrame,
-    kind: ViewKind,
-    metric: &str,
-) -> Result<Vec<f64>, polars::prelude::PolarsError> {
-    let views = table.column("view")?.str()?;
-    let scores = table.column(metric)?.f64()?;
-    let rows = views.iter().zip(scores.iter());
-    Ok(rows
-        .filter_map(|(view, score)| score.filter(|_| view == Some(kind.name())))
-        .collect())
 }
 
 fn difference(scores: &[f64], summary: &Summary) -> Option<String> {

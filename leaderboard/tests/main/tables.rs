@@ -204,3 +204,15 @@ fn broken_and_missing_results_are_told() {
     assert_eq!(error.blame(), Blame::Input);
     assert!(error.to_string().starts_with(path.to_str().unwrap()));
 }
+
+/// Names come from others: in a spreadsheet they are no formulas, on a page no pictures.
+#[test]
+fn names_of_methods_are_text_wherever_they_are_shown() {
+    let names = ["=cmd|' /C calc'!A0", "![](https://example.org/p.png)"];
+    let shown = tables(names.map(|name| result("street", name, 20.0, 0.5)).to_vec());
+    assert!(shown.contains("'=cmd|' /C calc'!A0"), "{shown}");
+    assert!(!shown.contains(",=cmd"), "{shown}");
+    let escaped = "\\!\\[\\](https://example.org/p.png)";
+    assert!(shown.contains(escaped), "{shown}");
+    assert!(!shown.contains("| ![]("), "{shown}");
+}

@@ -26,7 +26,7 @@ use omnilife_engine::{
     step::settings::TrainSettings,
 };
 
-use crate::{error::ReconstructError, formats, jobs::reconstruct::RUN_FILE};
+use crate::{error::ReconstructError, formats, jobs::reconstruct::RUN_FILE, process};
 
 /// What to render, from where, and where to.
 #[derive(Debug, Clone, PartialEq)]
@@ -60,6 +60,9 @@ pub struct RenderedViews {
 
 /// Size of ERP images where neither the request nor the poses say one.
 const DEFAULT_SIZE: [u32; 2] = [1024, 512];
+/// Memory that rendering takes per pixel, at least: colours, transmittance and depth in f32 as they
+/// are accumulated, the image of them, and its bytes as they are written.
+const BYTES_PER_PIXEL: u64 = 5 * 4 + 3 * 4 + 3;
 /// Sides of images are at most this, pixels.
 const LARGEST_SIDE: u32 = 1 << 15;
 
@@ -166,6 +169,9 @@ impl Source {
             serde_json::from_value(record.configuration).map_err(|error| {
                 StoreError::malformed(&record_path, format!("its configuration: {error}"))
             })?;
+        check(&settings).map_err(|reason| {
+            StoreError::malformed(&record_path, format!("its configuration: {reason}"))
+        })?;
         Ok(Self {
             path: path.to_owned(),
             normalization: record.normalization,
@@ -191,6 +197,17 @@ impl Source {
         let seconds = dynamics.map_or(1.0, |dynamics| dynamics.clock.frame_seconds);
         f64::from(speed) / self.normalization.scale / seconds
     }
+}
+
+/// Refuses sizes and bounds that no run has.
+fn check(settings: &TrainSettings) -> Result<(), String> {
+    if let Some(deformation) = &settings.deformation {
+        deformation.model.check()?;
+    }
+    if let Some(dynamics) = &settings.dynamics {
+        dynamics.time.check()?;
+    }
+    Ok(())
 }
 
 /// Frames with their times and poses, and the camera where the file has one.
@@ -235,6 +252,10 @@ fn camera(request: &RenderRequest, scene: Option<ErpCamera>) -> Result<Camera, R
             reason: format!("images are 1 to {LARGEST_SIDE} pixels wide and high"),
         });
     }
+    process::require(
+        u64::from(width) * u64::from(height) * BYTES_PER_PIXEL,
+        &format!("rendering images of {width}x{height} pixels"),
+    )?;
     match request.pinhole_degrees {
         None => Ok(ErpCamera { width, height }.into()),
         Some(degrees) if degrees > 0.0 && degrees < 180.0 => {

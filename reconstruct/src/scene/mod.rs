@@ -6,6 +6,7 @@ use glam::{DVec3, Vec3};
 use omnilife_schemas::{
     RgbImage, Similarity,
     camera::ErpCamera,
+    image_file::ImageFile,
     points::PointCloud,
     records::{Scale, Scene, Split},
     rgb::Mask,
@@ -307,17 +308,19 @@ pub(crate) fn read_image(
     scene: &Scene,
     camera: ErpCamera,
 ) -> Result<RgbImage, ReconstructError> {
-    let image = RgbImage::read(path)?;
+    let file = ImageFile::open(path)?;
+    let [width, height] = file.size();
     let expected = (scene.camera.width as usize, scene.camera.height as usize);
-    if (image.width, image.height) != expected {
+    if (width, height) != expected {
         return Err(ReconstructError::scene(
             path,
             format!(
-                "is {}x{}, the scene's camera is {}x{}",
-                image.width, image.height, expected.0, expected.1
+                "is {width}x{height}, the scene's camera is {}x{}",
+                expected.0, expected.1
             ),
         ));
     }
+    let image = RgbImage::decode(file)?;
     Ok(image.resized_by_area(camera.width as usize, camera.height as usize))
 }
 
@@ -328,16 +331,18 @@ fn load_mask(
     expected: (usize, usize),
     camera: ErpCamera,
 ) -> Result<Vec<u8>, ReconstructError> {
-    let mask = Mask::read(path)?;
-    if (mask.width, mask.height) != expected {
+    let file = ImageFile::open(path)?;
+    let [width, height] = file.size();
+    if (width, height) != expected {
         return Err(ReconstructError::scene(
             path,
             format!(
-                "is {}x{}, the images that it masks are {}x{}",
-                mask.width, mask.height, expected.0, expected.1
+                "is {width}x{height}, the images that it masks are {}x{}",
+                expected.0, expected.1
             ),
         ));
     }
+    let mask = Mask::decode(file)?;
     let grey: Vec<u8> = mask.data.iter().flat_map(|&value| [value; 3]).collect();
     let resized = RgbImage::from_rgb8(mask.width, mask.height, &grey)
         .resized_by_area(camera.width as usize, camera.height as usize);

@@ -37,7 +37,7 @@ pub struct ResultRecord {
     /// Metrics of the protocol that no view has a value of, and why.
     #[serde(default)]
     pub unavailable: Vec<Unavailable>,
-    /// Parquet file of per-frame values: view, frame, `time_seconds`, one column per metric.
+    /// CSV file of per-frame values: view, frame, `time_seconds`, one column per metric.
     pub frames_table: String,
     /// Training time in seconds, where the predictions came with a run record.
     pub training_seconds: Option<f64>,

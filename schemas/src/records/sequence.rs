@@ -1,7 +1,7 @@
 //! `sequence`: one continuous, verified stretch of a source video and its sampled frames.
 
 use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::store::Record;
 
@@ -236,12 +236,25 @@ pub enum Sampling {
     FramesPerSecond(f64),
 }
 
+/// Pixels of a side of an image, as far as images are read.
+fn side_pixels<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u32, D::Error> {
+    const MOST: u32 = 16_384;
+    let pixels = u32::deserialize(deserializer)?;
+    if (1..=MOST).contains(&pixels) {
+        return Ok(pixels);
+    }
+    let reason = format!("{pixels} pixels is no side of an image, expected 1 to {MOST}");
+    Err(serde::de::Error::custom(reason))
+}
+
 /// Sampled frames as images.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FrameSet {
     /// Width in pixels, twice the height.
+    #[serde(deserialize_with = "side_pixels")]
     pub width: u32,
     /// Height in pixels.
+    #[serde(deserialize_with = "side_pixels")]
     pub height: u32,
     /// How frames were chosen.
     pub sampling: Sampling,
@@ -258,4 +271,28 @@ pub struct FrameEntry {
     pub file: String,
     /// Presentation timestamp in the source, seconds.
     pub time_seconds: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_of_no_or_of_endless_sides_are_refused() {
+        let set = |width: u64| {
+            let text = format!(
+                r#"{{"width": {width}, "height": 8, "sampling": {{"max-frames": 3}},
+                    "resampling": "none", "entries": []}}"#
+            );
+            serde_json::from_str::<FrameSet>(&text)
+        };
+        assert!(set(16).is_ok());
+        for width in [0, 16_385, 4_294_967_295] {
+            let message = set(width).map_or_else(|error| error.to_string(), |_| String::new());
+            assert!(
+                message.contains("no side of an image"),
+                "{width}: {message}"
+            );
+        }
+    }
 }

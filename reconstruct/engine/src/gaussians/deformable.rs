@@ -80,6 +80,32 @@ impl DeformationModel {
         }
     }
 
+    /// Refuses sizes that no network has: they may come from a file.
+    ///
+    /// # Errors
+    /// Which one, and what it is, in one line.
+    pub fn check(&self) -> Result<(), String> {
+        let sizes = [
+            ("position_octaves", self.position_octaves, 0..=64),
+            ("time_octaves", self.time_octaves, 0..=64),
+            ("depth", self.depth, 1..=64),
+            ("width", self.width, 1..=4096),
+        ];
+        for (name, size, allowed) in sizes {
+            if !allowed.contains(&size) {
+                let (least, most) = allowed.into_inner();
+                return Err(format!(
+                    "{name} of the deformation is {size}, expected {least} to {most}"
+                ));
+            }
+        }
+        if !(self.length_unit.is_finite() && self.length_unit > 0.0) {
+            let unit = self.length_unit;
+            return Err(format!("length_unit of the deformation is {unit}"));
+        }
+        Ok(())
+    }
+
     /// The network.
     pub fn network(&self) -> NetworkShape {
         NetworkShape {

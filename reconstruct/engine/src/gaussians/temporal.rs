@@ -43,6 +43,31 @@ pub struct TimeModel {
     pub least_marginal: f32,
 }
 
+impl TimeModel {
+    /// Refuses numbers that no model has: they may come from a file.
+    ///
+    /// # Errors
+    /// Which one, and what it is, in one line.
+    pub fn check(&self) -> Result<(), String> {
+        if !(self.cycle_frames.is_finite() && self.cycle_frames > 0.0) {
+            return Err(format!("cycle_frames is {}", self.cycle_frames));
+        }
+        if let Some(LifespanRange {
+            least_frames,
+            largest_frames,
+        }) = self.lifespans
+        {
+            let is_range = least_frames > 0.0 && least_frames <= largest_frames;
+            if !is_range || !largest_frames.is_finite() {
+                return Err(format!(
+                    "lifespans are {least_frames} to {largest_frames} frames"
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
 /// Bounds of lifespans, frames.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct LifespanRange {

@@ -301,3 +301,31 @@ fn extremes_stay_finite_and_a_bad_gradient_stays_where_it_is() {
         assert!(positions[6].is_nan() && finite(&positions[..6]) && finite(&positions[7..]));
     }
 }
+
+#[test]
+fn sizes_that_no_network_has_are_refused() {
+    assert_eq!(MODEL.check(), Ok(()));
+    assert_eq!(DeformationModel::published(1.0).check(), Ok(()));
+    for model in [
+        DeformationModel { width: 0, ..MODEL },
+        DeformationModel {
+            width: u32::MAX as usize,
+            ..MODEL
+        },
+        DeformationModel { depth: 0, ..MODEL },
+        DeformationModel {
+            depth: 1 << 40,
+            ..MODEL
+        },
+        DeformationModel {
+            position_octaves: usize::MAX,
+            ..MODEL
+        },
+        DeformationModel {
+            length_unit: 0.0,
+            ..MODEL
+        },
+    ] {
+        assert!(model.check().is_err(), "{model:?}");
+    }
+}

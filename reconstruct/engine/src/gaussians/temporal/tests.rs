@@ -309,3 +309,29 @@ fn a_faded_gaussian_is_not_drawn_and_gets_no_gradient() {
         );
     }
 }
+
+#[test]
+fn bounds_that_no_lifespan_lies_between_are_refused() {
+    let sound = model(VelocityModel::Free, true);
+    assert_eq!(sound.check(), Ok(()));
+    for (least_frames, largest_frames) in [
+        (0.25, 0.0),
+        (0.0, 10.0),
+        (f32::NAN, 10.0),
+        (0.25, f32::INFINITY),
+    ] {
+        let model = TimeModel {
+            lifespans: Some(LifespanRange {
+                least_frames,
+                largest_frames,
+            }),
+            ..sound
+        };
+        assert!(model.check().is_err(), "{least_frames} to {largest_frames}");
+    }
+    let still = TimeModel {
+        cycle_frames: 0.0,
+        ..sound
+    };
+    assert!(still.check().is_err());
+}

@@ -1,0 +1,394 @@
+//! Curating each video in a process of its own: one that crashes its decoder, or asks for more memory
+//! than there is, is one failed video, and the others go on.
+//!
+//! The process is this program again, told to [`serve`]. It reads a request from standard input, one
+//! line of JSON, and writes to standard output what it reports and how it ended, one line each. It
+//! ends itself when its standard input is closed, so that it does not outlive who started it.
+
+use std::{
+    io::{self, BufRead, BufReader, Read, Write},
+    path::{Path, PathBuf},
+    process::{Child, Command, Stdio},
+    sync::{Mutex, PoisonError},
+    thread,
+};
+
+use omnilife_schemas::{
+    Blame, Blamed, process,
+    progress::Progress,
+    records::{CheckOutcome, SourceVideo},
+};
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    dataset::duration_seconds,
+    error::CurateError,
+    pipeline::{self, CurateSettings},
+};
+
+/// A longer line is none that [`serve`] writes.
+const MOST_LINE_BYTES: u64 = 16 << 20;
+/// How much of what a process says on standard error is kept.
+const STANDARD_ERROR_BYTES: usize = 64 << 10;
+
+/// The program that curates one video, and what it may use.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Worker {
+    /// The program; it has to call [`serve`] when it is started with `arguments`.
+    pub program: PathBuf,
+    /// Its arguments.
+    pub arguments: Vec<String>,
+    /// Memory that it may use, bytes.
+    pub memory_bytes: Option<u64>,
+}
+
+/// What became of one video.
+pub(crate) struct Curated {
+    /// Names of its sequences' folders.
+    pub(crate) sequences: Result<Vec<String>, CurateError>,
+    /// How long it is, seconds, as far as that is known.
+    pub(crate) duration_seconds: Option<f64>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Request {
+    video: PathBuf,
+    source: SourceVideo,
+    folder: PathBuf,
+    settings: CurateSettings,
+    memory_bytes: Option<u64>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum Message {
+    Begin {
+        label: String,
+        total: Option<u64>,
+    },
+    Advance(u64),
+    Remark(String),
+    End,
+    Note(String),
+    Curated {
+        sequences: Vec<String>,
+        duration_seconds: Option<f64>,
+    },
+    Failed {
+        message: String,
+        is_fault_of_input: bool,
+        failed_checks: Option<Vec<CheckOutcome>>,
+        duration_seconds: Option<f64>,
+    },
+}
+
+impl Worker {
+    /// Has one video curated, see [`pipeline::curate_video`].
+    pub(crate) fn curate(
+        &self,
+        video: &Path,
+        source: &SourceVideo,
+        folder: &Path,
+        settings: &CurateSettings,
+        progress: &dyn Progress,
+    ) -> Curated {
+        let request = Request {
+            video: video.to_owned(),
+            source: source.clone(),
+            folder: folder.to_owned(),
+            settings: settings.clone(),
+            memory_bytes: self.memory_bytes,
+        };
+        let failed = |error| Curated {
+            sequences: Err(error),
+            duration_seconds: None,
+        };
+        let Ok(request) = serde_json::to_string(&request) else {
+            return failed(CurateError::video(video, "its path is not valid UTF-8"));
+        };
+        let run = || -> io::Result<(Option<Curated>, String)> {
+            let mut child = Command::new(&self.program)
+                .args(&self.arguments)
+                .stdin(Stdio::piped())
+                .stdout(Stdio::piped())
+                .stderr(Stdio::piped())
+                .spawn()?;
+            let errors = child.stderr.take();
+            let errors = thread::spawn(move || process::read_tail(errors, STANDARD_ERROR_BYTES));
+            let curated = converse(&mut child, &request, progress);
+            // Closes what is left of the pipes and with that ends a process that still runs.
+            drop(child.stdin.take());
+            if curated.is_err() {
+                child.kill()?;
+            }
+            let ending = process::ending(child.wait()?);
+            let said = errors.join().unwrap_or_default();
+            let said = String::from_utf8_lossy(&said);
+            let last = said
+                .lines()
+                .rev()
+                .map(str::trim)
+                .find(|line| !line.is_empty());
+            let ending = last.map_or_else(|| ending.clone(), |line| format!("{ending}: {line}"));
+            Ok((curated?, ending))
+        };
+        match run() {
+            Ok((Some(curated), _)) => curated,
+            Ok((None, ending)) => failed(self.crashed(video, &ending)),
+            Err(error) => failed(CurateError::internal(
+                video,
+                format!("the process that curates it failed: {error}"),
+            )),
+        }
+    }
+
+    fn crashed(&self, video: &Path, ending: &str) -> CurateError {
+        let limit = self.memory_bytes.filter(|_| ending.contains("memory"));
+        let hint = limit.map_or_else(String::new, |bytes| {
+            let gibibytes = bytes as f64 / f64::from(1 << 30);
+            format!(" (it may use {gibibytes:.1} GiB, see --memory)")
+        });
+        CurateError::internal(
+            video,
+            format!("the process that read it ended with {ending}{hint}"),
+        )
+    }
+}
+
+/// Sends the request and passes on what the process reports, until it says how it ended; `None` where
+/// it never does.
+fn converse(
+    child: &mut Child,
+    request: &str,
+    progress: &dyn Progress,
+) -> io::Result<Option<Curated>> {
+    if let Some(input) = &mut child.stdin {
+        // One that has ended already is told by what it wrote.
+        let _ = input.write_all(format!("{request}\n").as_bytes());
+    }
+    let Some(output) = child.stdout.take() else {
+        return Ok(None);
+    };
+    let mut output = BufReader::new(output);
+    let mut open = 0_u64;
+    let mut curated = None;
+    while let Some(message) = next_message(&mut output)? {
+        match message {
+            Message::Begin { label, total } => {
+                open += 1;
+                progress.begin(&label, total);
+            }
+            Message::Advance(steps) => progress.advance(steps),
+            Message::Remark(text) => progress.remark(&text),
+            Message::End => {
+                open = open.saturating_sub(1);
+                progress.end();
+            }
+            Message::Note(line) => progress.note(&line),
+            Message::Curated {
+                sequences,
+                duration_seconds,
+            } => {
+                curated = Some(Curated {
+                    sequences: Ok(sequences),
+                    duration_seconds,
+                });
+            }
+            Message::Failed {
+                message,
+                is_fault_of_input,
+                failed_checks,
+                duration_seconds,
+            } => {
+                let blame = if is_fault_of_input {
+                    Blame::Input
+                } else {
+                    Blame::Ours
+                };
+                curated = Some(Curated {
+                    sequences: Err(CurateError::Elsewhere {
+                        message,
+                        blame,
+                        failed_checks,
+                    }),
+                    duration_seconds,
+                });
+            }
+        }
+    }
+    // What a crash has left begun.
+    for _ in 0..open {
+        progress.end();
+    }
+    Ok(curated)
+}
+
+/// The next message; `None` at the end, and at what is cut off by it.
+fn next_message(output: &mut impl BufRead) -> io::Result<Option<Message>> {
+    let mut line = Vec::new();
+    output.take(MOST_LINE_BYTES).read_until(b'\n', &mut line)?;
+    if line.last() != Some(&b'\n') {
+        return Ok(None);
+    }
+    serde_json::from_slice(&line)
+        .map(Some)
+        .map_err(io::Error::other)
+}
+
+/// Curates the video of the request on standard input, and ends the process when that is closed.
+///
+/// # Errors
+/// When there is no request, or nobody reads what is reported. What is wrong with the video is
+/// reported.
+pub fn serve() -> io::Result<()> {
+    let mut line = String::new();
+    io::stdin().lock().read_line(&mut line)?;
+    let request: Request = serde_json::from_str(&line)?;
+    if let Some(bytes) = request.memory_bytes {
+        process::limit_memory(bytes)?;
+    }
+    thread::spawn(|| {
+        // Nothing more is sent: this returns when whoever sent the request closes the pipe or ends.
+        let _ = io::stdin().lock().read(&mut [0]);
+        std::process::exit(1);
+    });
+    let relay = Relay {
+        output: Mutex::new(io::stdout()),
+    };
+    let Request {
+        video,
+        source,
+        folder,
+        settings,
+        ..
+    } = request;
+    let sequences = pipeline::curate_source(&video, &source, &folder, &settings, &relay);
+    let duration_seconds = duration_seconds(&video, &folder);
+    relay.send(&match sequences {
+        Ok(sequences) => Message::Curated {
+            sequences,
+            duration_seconds,
+        },
+        Err(error) => Message::Failed {
+            message: error.to_string(),
+            is_fault_of_input: error.blame() == Blame::Input,
+            failed_checks: error.failed_checks().map(<[_]>::to_vec),
+            duration_seconds,
+        },
+    })
+}
+
+/// Passes progress on to whoever started this process.
+struct Relay {
+    output: Mutex<io::Stdout>,
+}
+
+impl Relay {
+    fn send(&self, message: &Message) -> io::Result<()> {
+        let mut line = serde_json::to_string(message)?;
+        line.push('\n');
+        let mut output = self.output.lock().unwrap_or_else(PoisonError::into_inner);
+        output.write_all(line.as_bytes())?;
+        output.flush()
+    }
+
+    fn report(&self, message: &Message) {
+        // Nobody is left to report to; the closed input ends this process.
+        drop(self.send(message));
+    }
+}
+
+impl Progress for Relay {
+    fn begin(&self, label: &str, total: Option<u64>) {
+        let label = label.to_owned();
+        self.report(&Message::Begin { label, total });
+    }
+
+    fn advance(&self, steps: u64) {
+        self.report(&Message::Advance(steps));
+    }
+
+    fn remark(&self, text: &str) {
+        self.report(&Message::Remark(text.to_owned()));
+    }
+
+    fn end(&self) {
+        self.report(&Message::End);
+    }
+
+    fn note(&self, line: &str) {
+        self.report(&Message::Note(line.to_owned()));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+    use omnilife_schemas::progress::Silent;
+
+    use super::*;
+
+    /// What a worker of a shell script gives for a video.
+    fn curated_by(script: &str, memory_bytes: Option<u64>) -> Curated {
+        let worker = Worker {
+            program: "sh".into(),
+            arguments: vec!["-c".to_owned(), script.to_owned()],
+            memory_bytes,
+        };
+        let source = SourceVideo {
+            file_name: "a.mp4".to_owned(),
+            sha256: String::new(),
+            bytes: 0,
+        };
+        let settings = CurateSettings::default();
+        let (video, folder) = (Path::new("a.mp4"), Path::new("out"));
+        worker.curate(video, &source, folder, &settings, &Silent)
+    }
+
+    #[test]
+    fn however_a_process_ends_there_is_one_error_that_names_the_video() {
+        for (script, reason) in [
+            ("kill -SEGV $$", "signal 11"),
+            (
+                "echo 'panicked somewhere' >&2; exit 1",
+                "exit 1: panicked somewhere",
+            ),
+            ("exit 0", "exit 0"),
+            ("printf '{\"end\"'", "exit 0"),
+            ("echo hello; exec sleep 60", "expected"),
+        ] {
+            let curated = curated_by(script, None);
+            let error = curated.sequences.unwrap_err();
+            let message = error.to_string();
+            assert!(message.starts_with("a.mp4: "), "{script}: {message}");
+            assert!(message.contains(reason), "{script}: {message}");
+            assert_eq!(error.blame(), Blame::Ours, "{script}");
+        }
+        let script = "echo 'memory allocation of 9 bytes failed' >&2; kill -ABRT $$";
+        let message = curated_by(script, Some(1 << 30))
+            .sequences
+            .unwrap_err()
+            .to_string();
+        assert!(
+            message.contains("may use 1.0 GiB, see --memory"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn what_a_process_says_of_its_end_is_passed_on() {
+        let script =
+            r#"echo '"end"'; echo '{"curated":{"sequences":["seq-000"],"duration_seconds":2.5}}'"#;
+        let curated = curated_by(script, None);
+        assert_eq!(curated.sequences.unwrap(), ["seq-000"]);
+        assert_eq!(curated.duration_seconds, Some(2.5));
+        let script = r#"echo '{"failed":{"message":"a.mp4: is empty","is_fault_of_input":true,"failed_checks":null,"duration_seconds":null}}'"#;
+        let error = curated_by(script, None).sequences.unwrap_err();
+        assert_eq!(
+            (error.to_string().as_str(), error.blame()),
+            ("a.mp4: is empty", Blame::Input)
+        );
+        assert!(!error.is_rejection());
+    }
+}

@@ -1,0 +1,184 @@
+//! `frames.csv`: the scores of every view, beside a result.
+//!
+//! ```text
+//! view,frame,time_seconds,psnr,ssim
+//! input,0,0,31.25,0.91
+//! novel,5,0.5,,
+//! ```
+//!
+//! `view` is `input` or `novel`; an empty field is a score that there is none of. Results are handed
+//! in by others, so that the table is text, of which every byte is looked at here.
+
+use std::path::Path;
+
+use crate::store::{self, StoreError};
+
+/// File name of the table in the folder of a result.
+pub const FRAME_SCORES_FILE: &str = "frames.csv";
+
+/// Columns before those of the metrics.
+const LEADING: [&str; 3] = ["view", "frame", "time_seconds"];
+/// A file of more bytes than this is no table of views: a million of them with ten scores take less.
+const MOST_BYTES: u64 = 256 << 20;
+
+/// The scores of every view.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct FrameScores {
+    /// Ids of the metrics.
+    pub metrics: Vec<String>,
+    /// One row per view.
+    pub rows: Vec<FrameRow>,
+}
+
+/// The scores of one view.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FrameRow {
+    /// Kind of view: `input` or `novel`.
+    pub view: String,
+    /// Number of the frame in its scene.
+    pub frame: u32,
+    /// Time of the frame, seconds.
+    pub time_seconds: f64,
+    /// One for every metric, in their order; `None` where the view could not be scored, or the metric
+    /// is not defined or not available.
+    pub scores: Vec<Option<f64>>,
+}
+
+impl FrameScores {
+    /// Reads a table.
+    ///
+    /// # Errors
+    /// When the file cannot be read or is no such table.
+    pub fn read(path: &Path) -> Result<Self, StoreError> {
+        let bytes = store::read_limited(path, MOST_BYTES)?;
+        let malformed =
+            |reason| StoreError::malformed(path, format!("is no table of views: {reason}"));
+        Self::from_bytes(&bytes).map_err(malformed)
+    }
+
+    /// Reads a table from the bytes of its file.
+    ///
+    /// # Errors
+    /// The reason in one line.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, String> {
+        if bytes.last().is_some_and(|&last| last != b'\n') {
+            return Err("its last line is cut off".to_owned());
+        }
+        let mut reader = csv::Reader::from_reader(bytes);
+        let header = reader.headers().map_err(|error| error.to_string())?.clone();
+        if header.iter().take(LEADING.len()).ne(LEADING) {
+            return Err(format!("its first columns are not {}", LEADING.join(", ")));
+        }
+        let metrics = header.iter().skip(LEADING.len()).map(str::to_owned);
+        let mut table = Self {
+            metrics: metrics.collect(),
+            rows: Vec::new(),
+        };
+        for record in reader.records() {
+            let record = record.map_err(|error| error.to_string())?;
+            let line = record.position().map_or(0, csv::Position::line);
+            let row = row(&record)
+                .ok_or_else(|| format!("line {line} holds something else than numbers"))?;
+            table.rows.push(row);
+        }
+        Ok(table)
+    }
+
+    /// Writes the table, whole or not at all.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<(), StoreError> {
+        store::write_with(path, |writer| {
+            let mut table = csv::Writer::from_writer(writer);
+            let metrics = self.metrics.iter().map(String::as_str);
+            table.write_record(LEADING.into_iter().chain(metrics))?;
+            for row in &self.rows {
+                let leading = [
+                    row.view.clone(),
+                    row.frame.to_string(),
+                    row.time_seconds.to_string(),
+                ];
+                let text = |score: &Option<f64>| score.map_or_else(String::new, |s| s.to_string());
+                table.write_record(leading.into_iter().chain(row.scores.iter().map(text)))?;
+            }
+            table.flush()
+        })
+    }
+
+    /// The scores of one kind of view by one metric, those that are there; `None` without a column
+    /// of the metric.
+    pub fn of<'a>(&'a self, view: &'a str, metric: &str) -> Option<impl Iterator<Item = f64> + 'a> {
+        let column = self.metrics.iter().position(|id| id == metric)?;
+        let rows = self.rows.iter().filter(move |row| row.view == view);
+        Some(rows.filter_map(move |row| row.scores.get(column).copied().flatten()))
+    }
+}
+
+fn row(record: &csv::StringRecord) -> Option<FrameRow> {
+    let score = |field: &str| match field {
+        "" => Some(None),
+        field => field.parse().ok().map(Some),
+    };
+    Some(FrameRow {
+        view: record.get(0)?.to_owned(),
+        frame: record.get(1)?.parse().ok()?,
+        time_seconds: record.get(2)?.parse().ok()?,
+        scores: record
+            .iter()
+            .skip(LEADING.len())
+            .map(score)
+            .collect::<Option<_>>()?,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+    use super::*;
+
+    #[test]
+    fn scores_come_back_as_they_were() {
+        let row = |view: &str, frame, scores: &[Option<f64>]| FrameRow {
+            view: view.to_owned(),
+            frame,
+            time_seconds: 0.1 * f64::from(frame),
+            scores: scores.to_vec(),
+        };
+        let table = FrameScores {
+            metrics: ["psnr", "ssim"].map(str::to_owned).to_vec(),
+            rows: vec![
+                row("input", 0, &[Some(1.0 / 3.0), Some(f64::INFINITY)]),
+                row("novel", 7, &[None, Some(f64::MIN_POSITIVE)]),
+            ],
+        };
+        let temp = tempfile::tempdir().unwrap();
+        let path = temp.path().join(FRAME_SCORES_FILE);
+        table.write(&path).unwrap();
+        assert_eq!(FrameScores::read(&path).unwrap(), table);
+        let ssim: Vec<f64> = table.of("novel", "ssim").unwrap().collect();
+        assert_eq!(ssim, [f64::MIN_POSITIVE]);
+        assert_eq!(table.of("novel", "psnr").unwrap().count(), 0);
+        assert!(table.of("novel", "lpips-vgg").is_none());
+    }
+
+    #[test]
+    fn what_is_no_such_table_is_refused_with_the_place() {
+        for (text, reason) in [
+            ("", "first columns"),
+            ("frame,view,time_seconds\n", "first columns"),
+            ("view,frame,time_seconds,psnr\ninput,0,0\n", "3 fields"),
+            ("view,frame,time_seconds,psnr\ninput,-1,0,1\n", "line 2"),
+            (
+                "view,frame,time_seconds,psnr\ninput,0,0,1\ninput,1,0,x\n",
+                "line 3",
+            ),
+            ("PAR1\u{0}\u{15}\n", "first columns"),
+            ("view,frame,time_seconds,psnr\ninput,0,0,3", "cut off"),
+        ] {
+            let error = FrameScores::from_bytes(text.as_bytes()).unwrap_err();
+            assert!(error.contains(reason), "{text:?}: {error}");
+        }
+    }
+}

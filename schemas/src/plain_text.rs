@@ -1,0 +1,97 @@
+//! Text of others, such as names, ids and reasons, made harmless where it is shown.
+
+use std::borrow::Cow;
+
+use serde::Serializer;
+
+/// Text for a terminal: control characters, and those that turn the direction of writing, are spelled
+/// out; line breaks stay.
+pub fn for_terminal(text: &str) -> Cow<'_, str> {
+    let is_harmful = |character: char| {
+        (character.is_control() && character != '\n') || turns_direction(character)
+    };
+    if !text.contains(is_harmful) {
+        return Cow::Borrowed(text);
+    }
+    let mut shown = String::with_capacity(text.len() + 16);
+    for character in text.chars() {
+        if is_harmful(character) {
+            shown.extend(character.escape_default());
+        } else {
+            shown.push(character);
+        }
+    }
+    Cow::Owned(shown)
+}
+
+/// Whether what follows a character may be shown in another order than it is written in.
+fn turns_direction(character: char) -> bool {
+    matches!(character, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+}
+
+/// Text within a line or a table cell of Markdown: nothing of it is a link, a picture, markup or the
+/// end of the cell.
+pub fn for_markdown(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for character in text.chars() {
+        match character {
+            '|' | '*' | '_' | '`' | '<' | '[' | ']' | '!' | '&' | '~' | '\\' => {
+                escaped.push('\\');
+                escaped.push(character);
+            }
+            character if character.is_control() => escaped.push(' '),
+            character => escaped.push(character),
+        }
+    }
+    escaped
+}
+
+/// Text in a cell of a table that spreadsheets open: they take what begins with one of `= + - @` as a
+/// formula, and an apostrophe before it as the sign that it is text.
+pub fn for_spreadsheet(text: &str) -> Cow<'_, str> {
+    if text.starts_with(['=', '+', '-', '@', '\t', '\r']) {
+        Cow::Owned(format!("'{text}"))
+    } else {
+        Cow::Borrowed(text)
+    }
+}
+
+/// [`for_spreadsheet`] for `#[serde(serialize_with = "...")]` on a field of a row.
+///
+/// # Errors
+/// Those of the serializer.
+pub fn serialize_for_spreadsheet<S: Serializer>(
+    text: &str,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(&for_spreadsheet(text))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn control_characters_are_spelled_out() {
+        assert_eq!(for_terminal("plain ü\nline"), "plain ü\nline");
+        assert_eq!(for_terminal("\u{1b}[31mred\r"), "\\u{1b}[31mred\\r");
+        assert_eq!(for_terminal("a\u{9b}b\u{202e}c"), "a\\u{9b}b\\u{202e}c");
+    }
+
+    #[test]
+    fn a_picture_in_a_name_is_no_picture() {
+        assert_eq!(
+            for_markdown("![](https://e.org/p.png) a_b & <b>|"),
+            "\\!\\[\\](https://e.org/p.png) a\\_b \\& \\<b>\\|"
+        );
+        assert_eq!(for_markdown("two\nlines"), "two lines");
+    }
+
+    #[test]
+    fn formulas_are_text() {
+        for formula in ["=cmd|' /C calc'!A0", "+1", "-1", "@SUM(A1)", "\t=1"] {
+            assert_eq!(for_spreadsheet(formula), format!("'{formula}"));
+        }
+        assert_eq!(for_spreadsheet("odgs=1"), "odgs=1");
+    }
+}
