@@ -8,8 +8,8 @@ use std::fmt;
 
 use crate::{
     error::BenchError,
-    score::ScoreRequest,
-    scoring_job::{ScoringJob, View},
+    scoring::ScoreRequest,
+    scoring::job::{ScoringJob, View},
     truth,
 };
 

@@ -8,7 +8,7 @@ use polars::prelude::{
     SerReader, Series,
 };
 
-use crate::{compare::ScoreKey, error::BenchError, score::ViewOutcome, scoring_job::ScoringJob};
+use crate::{error::BenchError, paired::ScoreKey, scoring::ViewOutcome, scoring::job::ScoringJob};
 
 /// File name of the table in the output folder.
 pub(crate) const FRAMES_TABLE: &str = "frames.parquet";

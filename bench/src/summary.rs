@@ -11,8 +11,8 @@ use crate::{
     frames_table::FRAMES_TABLE,
     metrics::{Metric, Need, Undefined},
     protocols,
-    score::ViewOutcome,
-    scoring_job::{JobMetric, ScoringJob, ViewKind},
+    scoring::ViewOutcome,
+    scoring::job::{JobMetric, ScoringJob, ViewKind},
 };
 
 /// Summarizes the outcomes of all views of a job.

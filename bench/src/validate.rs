@@ -10,9 +10,9 @@ use rayon::prelude::*;
 
 use crate::{
     error::BenchError,
-    evidence::Evidence,
-    score::{DEFAULT_MEMORY_BYTES, Predictions, ScoreRequest},
-    scoring_job::{ScoringJob, View},
+    loaded_view::LoadedView,
+    scoring::job::{ScoringJob, View},
+    scoring::{DEFAULT_MEMORY_BYTES, Predictions, ScoreRequest},
 };
 
 /// What a check found.
@@ -64,7 +64,7 @@ pub fn validate(
     let checked: Vec<Result<Checked, BenchError>> = views
         .par_iter()
         .map(|&view| {
-            let checked = Evidence::read(&job, view).map(|evidence| Checked::of(&evidence));
+            let checked = LoadedView::read(&job, view).map(|evidence| Checked::of(&evidence));
             progress.advance(1);
             checked
         })
@@ -100,7 +100,7 @@ struct Checked {
 }
 
 impl Checked {
-    fn of(evidence: &Evidence) -> Self {
+    fn of(evidence: &LoadedView) -> Self {
         let (problem, pixels) = match &evidence.pair {
             Err(reason) => (Some(reason.clone()), None),
             Ok(pair) => {

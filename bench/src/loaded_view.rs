@@ -8,12 +8,12 @@ use crate::{
     error::BenchError,
     metrics::{DepthPair, Need, Sample, ViewPair},
     prediction::PredictionFolder,
-    scoring_job::{ScoringJob, View},
+    scoring::job::{ScoringJob, View},
     truth,
 };
 
 /// A view with what its metrics need.
-pub(crate) struct Evidence {
+pub(crate) struct LoadedView {
     pub(crate) view: View,
     /// Name of the prediction's file.
     pub(crate) name: String,
@@ -24,7 +24,7 @@ pub(crate) struct Evidence {
     depth: Option<DepthPair>,
 }
 
-impl Evidence {
+impl LoadedView {
     /// Reads a view.
     ///
     /// # Errors

@@ -4,6 +4,8 @@
 //! PNG) becomes a row in the result's failures; everything wrong with the scene, the split or the
 //! disk is an error. Nothing is resized, skipped or replaced to make a score come out.
 
+pub(crate) mod job;
+
 use std::{
     path::{Path, PathBuf},
     time::Instant,
@@ -18,15 +20,15 @@ use omnilife_schemas::{
 use rayon::prelude::*;
 
 use crate::{
-    comparison, diagnosis,
+    diagnosis,
     error::BenchError,
-    evidence::Evidence,
     frames_table::{self, FRAMES_TABLE},
+    loaded_view::LoadedView,
     memory,
     metrics::Undefined,
     run_facts::RunFacts,
-    scoring_job::{ScoringJob, View, ViewKind},
-    summary,
+    scoring::job::{ScoringJob, View, ViewKind},
+    side_by_side, summary,
 };
 
 /// File name of the scores in the output folder.
@@ -126,7 +128,7 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
     plan.begin()?;
     // A result whose inputs have changed must not be found by a leaderboard if scoring fails now.
     store::remove(&result_file)?;
-    comparison::prepare_folder(&request.out)?;
+    side_by_side::prepare_folder(&request.out)?;
 
     let views = job.views();
     progress.begin(&label, Some(views.len() as u64));
@@ -188,11 +190,11 @@ fn score_views(
 ) -> Result<Vec<ViewOutcome>, BenchError> {
     let together = memory::views_together(job, request.memory_bytes);
     let mut outcomes = Vec::with_capacity(views.len());
-    let mut previous: Option<Evidence> = None;
+    let mut previous: Option<LoadedView> = None;
     for views in views.chunks(together) {
-        let evidence: Vec<Result<Evidence, BenchError>> = views
+        let evidence: Vec<Result<LoadedView, BenchError>> = views
             .par_iter()
-            .map(|&view| Evidence::read(job, view))
+            .map(|&view| LoadedView::read(job, view))
             .collect();
         // The first error in the order of views, whichever thread met one first.
         let mut evidence = evidence.into_iter().collect::<Result<Vec<_>, _>>()?;
@@ -217,8 +219,8 @@ fn score_views(
 
 fn score_view(
     job: &ScoringJob,
-    evidence: &Evidence,
-    previous: Option<&Evidence>,
+    evidence: &LoadedView,
+    previous: Option<&LoadedView>,
     out: &Path,
 ) -> Result<ViewOutcome, BenchError> {
     let view = evidence.view;
@@ -235,7 +237,7 @@ fn score_view(
     };
     let comparison = match view.kind {
         ViewKind::Input => None,
-        ViewKind::Novel => Some(comparison::write(out, view, pair)?),
+        ViewKind::Novel => Some(side_by_side::write(out, view, pair)?),
     };
     let sample = evidence.sample(pair, previous);
     let scores = job

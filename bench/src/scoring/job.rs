@@ -19,7 +19,7 @@ use crate::{
     protocols,
     run_facts::RunFacts,
     scene_identity::SceneIdentity,
-    score::{Predictions, ScoreRequest},
+    scoring::{Predictions, ScoreRequest},
     split,
 };
 
