@@ -8,8 +8,7 @@ use std::fmt;
 
 use crate::{
     error::BenchError,
-    scoring::ScoreRequest,
-    scoring::job::{ScoringJob, View},
+    scoring::job::{ScoreRequest, ScoringJob, View},
     truth,
 };
 

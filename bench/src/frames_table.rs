@@ -8,7 +8,10 @@ use polars::prelude::{
     SerReader, Series,
 };
 
-use crate::{error::BenchError, paired::ScoreKey, scoring::ViewOutcome, scoring::job::ScoringJob};
+use crate::{
+    error::BenchError,
+    scoring::job::{ScoreKey, ScoringJob, ViewOutcome},
+};
 
 /// File name of the table in the output folder.
 pub(crate) const FRAMES_TABLE: &str = "frames.parquet";

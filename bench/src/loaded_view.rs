@@ -55,7 +55,7 @@ impl LoadedView {
             }
             _ => None,
         };
-        let mut evidence = Self {
+        let mut loaded = Self {
             view,
             name: (job.folder(view.kind))
                 .map_or_else(String::new, |folder| folder.name(view.frame)),
@@ -64,8 +64,8 @@ impl LoadedView {
             classes,
             depth: None,
         };
-        evidence.pair = evidence.read_prediction(job, truth, true_depth);
-        Ok(evidence)
+        loaded.pair = loaded.read_prediction(job, truth, true_depth);
+        Ok(loaded)
     }
 
     fn read_prediction(

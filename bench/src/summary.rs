@@ -11,8 +11,7 @@ use crate::{
     frames_table::FRAMES_TABLE,
     metrics::{Metric, Need, Undefined},
     protocols,
-    scoring::ViewOutcome,
-    scoring::job::{JobMetric, ScoringJob, ViewKind},
+    scoring::job::{JobMetric, ScoringJob, ViewKind, ViewOutcome},
 };
 
 /// Summarizes the outcomes of all views of a job.

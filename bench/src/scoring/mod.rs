@@ -6,12 +6,10 @@
 
 pub(crate) mod job;
 
-use std::{
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::{path::Path, time::Instant};
 
 use omnilife_schemas::{
+    layout::RESULT_FILE,
     progress::Progress,
     provenance,
     records::{ResultRecord, ScoringRecord},
@@ -25,75 +23,14 @@ use crate::{
     frames_table::{self, FRAMES_TABLE},
     loaded_view::LoadedView,
     memory,
-    metrics::Undefined,
-    run_facts::RunFacts,
-    scoring::job::{ScoringJob, View, ViewKind},
+    scoring::job::{ScoringJob, View, ViewKind, ViewOutcome},
     side_by_side, summary,
 };
 
-/// File name of the scores in the output folder.
-pub const RESULT_FILE: &str = "result.json";
+pub use job::{DEFAULT_MEMORY_BYTES, Predictions, ScoreRequest};
 
 /// File name of how the scores were computed, in the output folder.
 pub const SCORING_FILE: &str = "scoring.json";
-
-/// Where the predictions are: `<folder>/<frame, 6 digits>.png`, 8-bit RGB at the protocol's size,
-/// or the same name with `.npy` for values in [0, 1] of shape (height, width, 3); frame numbers as
-/// in the split.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Predictions {
-    /// Folders from any method. A kind of view without a folder is not scored, and the result
-    /// says so; at least one is needed.
-    Folders {
-        /// Predictions of the input views.
-        input_views: Option<PathBuf>,
-        /// Predictions of the novel views.
-        novel_views: Option<PathBuf>,
-    },
-    /// The `run.json` or `external-run.json` of a run, which names the folders; its training time,
-    /// Gaussians, iterations and warnings go into the result.
-    Run(PathBuf),
-}
-
-/// What to score.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ScoreRequest {
-    /// The `scene.json` with the ground truth.
-    pub scene: PathBuf,
-    /// The `split.json` of that scene; it holds the protocol.
-    pub split: PathBuf,
-    /// The predictions.
-    pub predictions: Predictions,
-    /// Id of the method, as it will stand in the tables.
-    pub method: String,
-    /// Folder for `result.json`, `scoring.json`, `frames.parquet` and `comparisons/`; made where it
-    /// is missing.
-    pub out: PathBuf,
-    /// About how much memory views may take together, bytes. It decides how many are scored at
-    /// once, one at least, and changes no score.
-    pub memory_bytes: u64,
-}
-
-/// What scoring takes at most where nothing else is asked for: 2 GB.
-pub const DEFAULT_MEMORY_BYTES: u64 = 2_000_000_000;
-
-impl ScoreRequest {
-    /// A request for a run, with the method's id from its record.
-    ///
-    /// # Errors
-    /// When `run` cannot be read.
-    pub fn of_run(scene: &Path, split: &Path, run: &Path, out: &Path) -> Result<Self, BenchError> {
-        let method = RunFacts::read(run)?.method;
-        Ok(Self {
-            scene: scene.to_owned(),
-            split: split.to_owned(),
-            predictions: Predictions::Run(run.to_owned()),
-            method,
-            out: out.to_owned(),
-            memory_bytes: DEFAULT_MEMORY_BYTES,
-        })
-    }
-}
 
 /// Scores predictions and writes into `request.out`:
 /// * `result.json`: means over the views and every failure;
@@ -169,18 +106,6 @@ fn write_scoring_record(
     Ok(store::write_record(&out.join(SCORING_FILE), &record)?)
 }
 
-/// What became of one view.
-pub(crate) struct ViewOutcome {
-    /// The view.
-    pub(crate) view: View,
-    /// One value per available metric of the protocol, or why there are none.
-    pub(crate) scores: Result<Vec<Result<f64, Undefined>>, String>,
-    /// Whether the prediction is the ground truth, byte for byte.
-    pub(crate) is_identical: bool,
-    /// Comparison image relative to the output folder.
-    comparison: Option<String>,
-}
-
 /// Scores views in their order, as many at once as the memory allows.
 fn score_views(
     job: &ScoringJob,
@@ -192,19 +117,19 @@ fn score_views(
     let mut outcomes = Vec::with_capacity(views.len());
     let mut previous: Option<LoadedView> = None;
     for views in views.chunks(together) {
-        let evidence: Vec<Result<LoadedView, BenchError>> = views
+        let loaded: Vec<Result<LoadedView, BenchError>> = views
             .par_iter()
             .map(|&view| LoadedView::read(job, view))
             .collect();
         // The first error in the order of views, whichever thread met one first.
-        let mut evidence = evidence.into_iter().collect::<Result<Vec<_>, _>>()?;
-        let scored: Vec<Result<ViewOutcome, BenchError>> = evidence
+        let mut loaded = loaded.into_iter().collect::<Result<Vec<_>, _>>()?;
+        let scored: Vec<Result<ViewOutcome, BenchError>> = loaded
             .par_iter()
             .enumerate()
             .map(|(index, view)| {
                 let before = match index {
                     0 => previous.as_ref(),
-                    index => evidence.get(index - 1),
+                    index => loaded.get(index - 1),
                 };
                 let outcome = score_view(job, view, before, &request.out);
                 progress.advance(1);
@@ -212,19 +137,19 @@ fn score_views(
             })
             .collect();
         outcomes.extend(scored.into_iter().collect::<Result<Vec<_>, _>>()?);
-        previous = evidence.pop();
+        previous = loaded.pop();
     }
     Ok(outcomes)
 }
 
 fn score_view(
     job: &ScoringJob,
-    evidence: &LoadedView,
+    loaded: &LoadedView,
     previous: Option<&LoadedView>,
     out: &Path,
 ) -> Result<ViewOutcome, BenchError> {
-    let view = evidence.view;
-    let pair = match &evidence.pair {
+    let view = loaded.view;
+    let pair = match &loaded.pair {
         Ok(pair) => pair,
         Err(reason) => {
             return Ok(ViewOutcome {
@@ -239,7 +164,7 @@ fn score_view(
         ViewKind::Input => None,
         ViewKind::Novel => Some(side_by_side::write(out, view, pair)?),
     };
-    let sample = evidence.sample(pair, previous);
+    let sample = loaded.sample(pair, previous);
     let scores = job
         .computed()
         .map(|metric| match (metric.function)(&sample) {
