@@ -4,21 +4,13 @@
 use std::path::Path;
 
 use omnilife_schemas::{
+    layout::{ATTRITION_FILE, BOUNDARIES_FILE, FUNNEL_FILE, SEQUENCE_FILE},
     records::{BoundaryLedger, Dataset, Sequence, TimeRange, VideoEntry, VideoStatus},
     store::{self, Record, StoreError},
 };
 use serde::Serialize;
 
-use crate::{
-    criteria::CHECKS,
-    error::CurateError,
-    pipeline::{BOUNDARIES_FILE, SEQUENCE_FILE},
-};
-
-/// Table of everything that was rejected, in a dataset's folder.
-pub const ATTRITION_FILE: &str = "attrition.csv";
-/// Table of what each step leaves, in a dataset's folder.
-pub const FUNNEL_FILE: &str = "funnel.csv";
+use crate::{criteria::CHECKS, error::CurateError};
 
 /// Steps of the funnel that are no admission check, in their order around those.
 const RAW: &str = "raw";

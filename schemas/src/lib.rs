@@ -2,9 +2,9 @@
 //!
 //! Every other crate of the workspace depends on this one and on no sibling, so whatever two of
 //! them must agree about lives here: [`camera`] (which pixel is which direction), [`pose`],
-//! [`records`] (the JSON files), [`points`] and [`rgb`] (clouds and images), [`store`] (how a file
-//! reaches the disk), [`npy`] (arrays), [`stage`] (when work can be skipped), [`bootstrap`] (how far
-//! scores can be trusted), [`provenance`] (what made a record), [`process`], [`progress`] and
+//! [`records`] (the JSON files), [`layout`] (their names), [`points`] and [`rgb`] (clouds and images), [`store`] (how a file
+//! reaches the disk), [`npy`] (arrays), [`stage`] (when work can be skipped), [`statistics`] (medians), [`bootstrap`]
+//! (how far scores can be trusted), [`provenance`] (what made a record), [`process`], [`progress`] and
 //! [`blame`].
 //!
 //! # Conventions
@@ -17,6 +17,7 @@
 pub mod blame;
 pub mod bootstrap;
 pub mod camera;
+pub mod layout;
 pub mod npy;
 pub mod points;
 pub mod pose;
@@ -26,6 +27,7 @@ pub mod provenance;
 pub mod records;
 pub mod rgb;
 pub mod stage;
+pub mod statistics;
 pub mod store;
 
 pub use blame::{Blame, Blamed};

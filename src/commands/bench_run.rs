@@ -28,6 +28,7 @@ use omnilife_reconstruct::{
 };
 use omnilife_schemas::{
     Blame,
+    layout::{SCENE_FILE, SPLIT_FILE},
     progress::Progress,
     records::{ExternalRun, Scene},
     store::{self, StoreError},
@@ -110,7 +111,7 @@ pub(crate) fn execute(
     for (id, scene) in &scenes {
         for protocol in &arguments.protocols {
             let folder = arguments.out.join("scenes").join(id).join(protocol);
-            let split = folder.join("split.json");
+            let split = folder.join(SPLIT_FILE);
             let has_split = split_scene(scene, protocol, &split).map_err(anyhow::Error::from);
             for candidate in &candidates {
                 let seeds = if candidate.has_no_seed() {
@@ -164,7 +165,7 @@ fn scenes(paths: &[PathBuf]) -> anyhow::Result<BTreeMap<String, PathBuf>> {
     let mut scenes = BTreeMap::new();
     for path in paths {
         let file = if path.is_dir() {
-            path.join("scene.json")
+            path.join(SCENE_FILE)
         } else {
             path.clone()
         };

@@ -2,10 +2,12 @@
 
 use std::fmt::Write;
 
-use omnilife_schemas::records::{About, Dataset, VideoStatus};
+use omnilife_schemas::{
+    layout::STATISTICS_FOLDER,
+    records::{About, Dataset, VideoStatus},
+};
 
 use super::{
-    STATISTICS_FOLDER,
     figures::FIGURES,
     statistics::{DISTRIBUTIONS, Statistics},
 };

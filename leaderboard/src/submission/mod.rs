@@ -13,6 +13,7 @@ mod verify;
 use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
+    layout::RESULT_FILE,
     records::SubmittedFile,
     store::{self, StoreError},
 };
@@ -23,9 +24,6 @@ pub use verify::{Verified, verify};
 
 /// Name of the record in a submission's folder.
 pub const SUBMISSION_FILE: &str = "submission.json";
-
-/// Name of a result in its folder.
-const RESULT_FILE: &str = "result.json";
 
 /// All files below a folder, relative to it, sorted.
 fn files_below(folder: &Path) -> Result<Vec<String>, StoreError> {
