@@ -4,8 +4,8 @@
 //! them must agree about lives here: [`camera`] (which pixel is which direction), [`pose`],
 //! [`records`] (the JSON files), [`layout`] (their names), [`points`] and [`rgb`] (clouds and images), [`store`] (how a file
 //! reaches the disk), [`npy`] (arrays), [`stage`] (when work can be skipped), [`statistics`] (medians), [`bootstrap`]
-//! (how far scores can be trusted), [`provenance`] (what made a record), [`process`], [`progress`] and
-//! [`blame`].
+//! (how far scores can be trusted), [`provenance`] (what made a record), [`process`], [`progress`],
+//! [`blame`], and [`testing`] (skipped tests).
 //!
 //! # Conventions
 //! * Camera frame: x right, y down, z forward. World to camera: `x_c = R x_w + t`; poses store the
@@ -29,6 +29,7 @@ pub mod rgb;
 pub mod stage;
 pub mod statistics;
 pub mod store;
+pub mod testing;
 
 pub use blame::{Blame, Blamed};
 pub use pose::{Pose, Similarity};

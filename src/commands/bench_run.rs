@@ -141,7 +141,7 @@ pub(crate) fn execute(
             }
         }
     }
-    write_outcomes(&arguments.out.join(OUTCOMES_FILE), &units)?;
+    store::write_csv_rows(&arguments.out.join(OUTCOMES_FILE), &units)?;
     if units.iter().any(|unit| unit.outcome == "scored") {
         let leaderboard = build_leaderboard(&LeaderboardRequest {
             results: arguments.out.join("scenes"),
@@ -355,17 +355,6 @@ fn unit(
         reason,
         blame,
     }
-}
-
-fn write_outcomes(path: &Path, units: &[Unit]) -> anyhow::Result<()> {
-    store::write_with(path, |writer| {
-        let mut table = csv::Writer::from_writer(writer);
-        for unit in units {
-            table.serialize(unit).map_err(std::io::Error::other)?;
-        }
-        table.flush()
-    })?;
-    Ok(())
 }
 
 /// An error where anything failed, views that could not be scored included.
