@@ -215,9 +215,10 @@ fn rendered(data: &Path, folder: &Path, frames: &[usize]) {
 #[test]
 fn motion_masks_mark_what_moves() {
     let all = std::env::var_os("OMNILIFE_ALL_FRAMES").is_some();
-    for name in ["street", "hall"] {
+    // A tenth below what was measured: 0.178 and 0.217.
+    for (name, least_overlap) in [("street", 0.16), ("hall", 0.195)] {
         let Some(data) = shared_data(name) else {
-            return;
+            continue;
         };
         let folder = tempfile::tempdir().unwrap();
         let frames: Vec<usize> = (12..=36).step_by(6).collect();
@@ -260,7 +261,7 @@ fn motion_masks_mark_what_moves() {
                 std::fs::copy(from, keep.join(&entry.file)).unwrap();
             }
         }
-        assert!(mean > 0.05, "{name}: mean IoU {mean}");
+        assert!(mean > least_overlap, "{name}: mean IoU {mean}");
         let base = there / overlaps.len() as f64;
         let precision = found / share;
         assert!(

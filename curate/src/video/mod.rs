@@ -4,6 +4,7 @@
 pub mod convert;
 pub mod decode;
 mod luma;
+pub(crate) mod mp4_boxes;
 pub mod probe;
 mod reduce;
 mod spherical_boxes;
