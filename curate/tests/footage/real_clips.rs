@@ -61,7 +61,7 @@ fn frames(analysis: &Analysis, boundary: &Boundary) -> (usize, usize) {
 fn verdicts_and_boundaries() {
     for expected in CLIPS {
         of_real_clip(expected.file, |_, analysis| {
-            assert_as_expected(expected, analysis)
+            assert_as_expected(expected, analysis);
         });
     }
 }
