@@ -65,7 +65,7 @@ pub(crate) fn clear(folder: &Path) -> Result<(), StoreError> {
     if !folder.join(LOCK_FILE).exists() {
         return Ok(());
     }
-    match FolderLock::take(folder)? {
+    match HeldLock::take(folder)? {
         Some(lock) => lock.release(),
         None => Ok(()),
     }
@@ -73,7 +73,7 @@ pub(crate) fn clear(folder: &Path) -> Result<(), StoreError> {
 
 /// The lock of this process on a folder.
 #[derive(Debug)]
-pub(crate) struct FolderLock {
+pub(crate) struct HeldLock {
     path: PathBuf,
     /// Holds the lock; so does every process that has a copy.
     pub(crate) file: File,
@@ -81,7 +81,7 @@ pub(crate) struct FolderLock {
     pub(crate) lost_runners: u32,
 }
 
-impl FolderLock {
+impl HeldLock {
     /// Locks a folder that is there; `None` where somebody else has.
     ///
     /// # Errors
@@ -197,9 +197,9 @@ mod tests {
     fn one_of_many_takes_it() -> Outcome {
         let folder = tempfile::tempdir()?;
         for _ in 0..20 {
-            let taken: Vec<FolderLock> = thread::scope(|scope| {
+            let taken: Vec<HeldLock> = thread::scope(|scope| {
                 let all: Vec<_> = (0..8)
-                    .map(|_| scope.spawn(|| FolderLock::take(folder.path())))
+                    .map(|_| scope.spawn(|| HeldLock::take(folder.path())))
                     .collect();
                 let taken = all.into_iter().filter_map(|one| one.join().ok());
                 taken.filter_map(Result::ok).flatten().collect()
@@ -216,7 +216,7 @@ mod tests {
     fn runners_that_went_away_are_counted() -> Outcome {
         let folder = tempfile::tempdir()?;
         for lost in 0..4 {
-            let lock = FolderLock::take(folder.path())?.ok_or("held")?;
+            let lock = HeldLock::take(folder.path())?.ok_or("held")?;
             assert_eq!(lock.lost_runners, lost);
             drop(lock);
             assert_eq!(
@@ -238,7 +238,7 @@ mod tests {
         let file = File::options().write(true).open(&path)?;
         file.set_modified(SystemTime::now() + Duration::from_secs(1_000_000_000))?;
         assert_eq!(holder(folder.path())?, Holder::Lost(None));
-        let lock = FolderLock::take(folder.path())?.ok_or("held")?;
+        let lock = HeldLock::take(folder.path())?.ok_or("held")?;
         assert_eq!(lock.lost_runners, 1);
         Ok(())
     }

@@ -27,7 +27,7 @@ use crate::{
     folder::{self, Finished, Sweep, UnitState},
     history::History,
     host,
-    lock::{self, FolderLock, Holder},
+    lock::{self, HeldLock, Holder},
     process::{EndReason, Running},
     status::Status,
     unit::{self, Ending, Launch, MOST_LOST_RUNNERS},
@@ -105,15 +105,24 @@ pub fn run(request: &RunRequest<'_>, progress: &dyn Progress) -> Result<RunSumma
     progress.begin("units", Some(pool.waiting.len() as u64));
     let outcome = pool.run(progress);
     progress.end();
-    if let Some(lock) = lock {
-        Status::of(sweep.clone())?.write_csv()?;
-        lock.release()?;
-    }
-    outcome.map(|()| pool.summary())
+    let table = match lock {
+        Some(lock) => write_table(&sweep, &lock),
+        None => Ok(()),
+    };
+    // What ended the units comes before what became of the table.
+    outcome?;
+    table?;
+    Ok(pool.summary())
 }
 
-fn lock_sweep(folder: &Path) -> Result<FolderLock, SweepError> {
-    if let Some(lock) = FolderLock::take(folder)? {
+fn write_table(sweep: &Sweep, lock: &HeldLock) -> Result<(), SweepError> {
+    let written = Status::of(sweep.clone()).and_then(|status| Ok(status.write_csv()?));
+    lock.release()?;
+    written
+}
+
+fn lock_sweep(folder: &Path) -> Result<HeldLock, SweepError> {
+    if let Some(lock) = HeldLock::take(folder)? {
         return Ok(lock);
     }
     let by = match lock::holder(folder)? {
@@ -341,12 +350,12 @@ impl<'a> Pool<'a> {
     }
 
     /// Locks a unit; `None` where it is no more to be done by this pool.
-    fn lock(&mut self, index: usize) -> Result<Option<FolderLock>, StoreError> {
+    fn lock(&mut self, index: usize) -> Result<Option<HeldLock>, StoreError> {
         let unit = self.unit(index);
         let folder = self.sweep.unit_folder(unit);
         store::create_folder(&folder)?;
         let before = lock::holder(&folder)?;
-        let Some(lock) = FolderLock::take(&folder)? else {
+        let Some(lock) = HeldLock::take(&folder)? else {
             self.elsewhere.push(index);
             return Ok(None);
         };
@@ -371,7 +380,7 @@ impl<'a> Pool<'a> {
     fn begin<'scope>(
         &mut self,
         index: usize,
-        lock: FolderLock,
+        lock: HeldLock,
         scope: &'scope Scope<'scope, '_>,
         sender: &Sender<Message>,
     ) where

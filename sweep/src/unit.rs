@@ -16,7 +16,7 @@ use omnilife_schemas::{
 use crate::{
     folder::Sweep,
     host,
-    lock::FolderLock,
+    lock::HeldLock,
     plan,
     process::{self, EndReason, Job, Running},
 };
@@ -51,7 +51,7 @@ pub(crate) struct Launch<'a> {
 pub(crate) fn run(
     sweep: &Sweep,
     unit: &SweepUnit,
-    lock: &FolderLock,
+    lock: &HeldLock,
     launch: Launch<'_>,
     running: &Running,
     stop: &AtomicBool,
@@ -98,7 +98,7 @@ fn wait_for_own_signal(running: &Running, stop: &AtomicBool) {
 pub(crate) fn give_up(
     sweep: &Sweep,
     unit: &SweepUnit,
-    lock: &FolderLock,
+    lock: &HeldLock,
     last: &str,
 ) -> Result<UnitOutcome, StoreError> {
     let attempt = Attempt::begin(sweep, unit)?;
@@ -166,7 +166,7 @@ impl<'a> Attempt<'a> {
     fn work(
         &self,
         launch: &Launch<'_>,
-        lock: &FolderLock,
+        lock: &HeldLock,
         running: &Running,
         cost: &mut Cost,
     ) -> WorkResult {
