@@ -54,13 +54,14 @@ pub(crate) static CHECKS: &[Check] = &[
     },
     Check {
         id: "adapters",
-        enables: "nothing yet: this version trains and renders on the CPU",
+        enables: "training and rendering on the GPU (--backend gpu)",
         needed: false,
         probe: graphics_adapters,
     },
     Check {
         id: "models",
-        enables: "learned shot boundaries (TransNetV2), perceptual scores (LPIPS)",
+        enables: "learned shot boundaries (TransNetV2), perceptual scores (LPIPS), masks of people and \
+                  vehicles (DeepLab)",
         needed: false,
         probe: network_weights,
     },

@@ -8,8 +8,7 @@ use std::fmt;
 
 use crate::{
     error::BenchError,
-    score::ScoreRequest,
-    scoring_job::{ScoringJob, View},
+    scoring::job::{ScoreRequest, ScoringJob, View},
     truth,
 };
 

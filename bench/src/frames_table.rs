@@ -4,7 +4,10 @@ use std::path::Path;
 
 use omnilife_schemas::frame_scores::{FrameRow, FrameScores};
 
-use crate::{compare::ScoreKey, error::BenchError, score::ViewOutcome, scoring_job::ScoringJob};
+use crate::{
+    error::BenchError,
+    scoring::job::{ScoreKey, ScoringJob, ViewOutcome},
+};
 
 /// Writes one row per view. A view that could not be scored has no scores; neither have metrics that
 /// are undefined or unavailable.

@@ -7,7 +7,7 @@
 //! * [`diagnosis`]: whether views are bad because their camera convention is another one;
 //! * [`curve`]: error against run time, from the traces of runs;
 //! * [`stability_report`]: how stiff and extreme cases come out, for people;
-//! * [`mod@score`]: folders of predictions against a scene's images, with every failure in the
+//! * [`scoring`]: folders of predictions against a scene's images, with every failure in the
 //!   record.
 //!
 //! Everybody's predictions are scored, so this crate knows no method and no renderer, and its
@@ -21,34 +21,33 @@ pub mod external;
 pub mod lpips;
 pub mod metrics;
 pub mod protocols;
-pub mod score;
+pub mod scoring;
 pub mod split;
 pub mod stability_report;
 
 mod availability;
 mod chart;
-mod compare;
-mod comparison;
-mod evidence;
 mod frames_table;
+mod loaded_view;
 mod memory;
+mod paired;
 mod prediction;
 mod run_facts;
 mod scene_identity;
-mod scoring_job;
+mod side_by_side;
 mod summary;
 mod truth;
 mod validate;
 
 pub use adapters::{ADAPTERS, write_adapter};
-pub use compare::{Difference, PairedComparison, StoredResult, WinsAndLosses, compare};
 pub use curve::{curves, curves_table};
 pub use diagnosis::{Diagnosis, diagnose};
 pub use error::BenchError;
 pub use external::{ExternalRequest, FailureRequest, record_failure, run_external};
 pub use metrics::{DepthPair, METRICS, Metric, Need, Sample, Undefined, ViewPair};
+pub use paired::{Difference, PairedComparison, StoredResult, WinsAndLosses, compare};
 pub use protocols::{PROTOCOLS, ProtocolEntry};
-pub use score::{DEFAULT_MEMORY_BYTES, Predictions, ScoreRequest, score};
+pub use scoring::{DEFAULT_MEMORY_BYTES, Predictions, ScoreRequest, score};
 pub use split::{split, split_scene};
 pub use stability_report::{failed_rows, stability_table, write_stability};
 pub use validate::{Finding, ValidationReport, validate};

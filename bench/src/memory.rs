@@ -1,6 +1,6 @@
 //! How many views are scored at once.
 
-use crate::{lpips::Lpips, metrics::Need, scoring_job::ScoringJob};
+use crate::{lpips::Lpips, metrics::Need, scoring::job::ScoringJob};
 
 /// Bytes per pixel of what is kept of a view beside networks: prediction, ground truth and the view
 /// before it in 8 bits, both images in f64, the map of SSIM, cube faces, masks and depth.

@@ -11,8 +11,7 @@ use omnilife_schemas::{
 use crate::{
     metrics::{Metric, Need, Undefined},
     protocols,
-    score::ViewOutcome,
-    scoring_job::{JobMetric, ScoringJob, ViewKind},
+    scoring::job::{JobMetric, ScoringJob, ViewKind, ViewOutcome},
 };
 
 /// Summarizes the outcomes of all views of a job.

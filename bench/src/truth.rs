@@ -10,7 +10,7 @@ use omnilife_schemas::{
     store::StoreError,
 };
 
-use crate::{error::BenchError, scoring_job::ScoringJob};
+use crate::{error::BenchError, scoring::job::ScoringJob};
 
 /// Bytes of a frame's ground truth at the scored size, resized by area averaging where the
 /// protocol asks for it and rounded to 8 bits, as predictions are.

@@ -10,9 +10,9 @@ use rayon::prelude::*;
 
 use crate::{
     error::BenchError,
-    evidence::Evidence,
-    score::{DEFAULT_MEMORY_BYTES, Predictions, ScoreRequest},
-    scoring_job::{ScoringJob, View},
+    loaded_view::LoadedView,
+    scoring::job::{ScoringJob, View},
+    scoring::{DEFAULT_MEMORY_BYTES, Predictions, ScoreRequest},
 };
 
 /// What a check found.
@@ -64,7 +64,7 @@ pub fn validate(
     let checked: Vec<Result<Checked, BenchError>> = views
         .par_iter()
         .map(|&view| {
-            let checked = Evidence::read(&job, view).map(|evidence| Checked::of(&evidence));
+            let checked = LoadedView::read(&job, view).map(|loaded| Checked::of(&loaded));
             progress.advance(1);
             checked
         })
@@ -100,11 +100,11 @@ struct Checked {
 }
 
 impl Checked {
-    fn of(evidence: &Evidence) -> Self {
-        let (problem, pixels) = match &evidence.pair {
+    fn of(loaded: &LoadedView) -> Self {
+        let (problem, pixels) = match &loaded.pair {
             Err(reason) => (Some(reason.clone()), None),
             Ok(pair) => {
-                let name = &evidence.name;
+                let name = &loaded.name;
                 let problem = if pair.prediction().iter().all(|&byte| byte == 0) {
                     Some(format!("{name} is black"))
                 } else if pair.prediction() == pair.truth() {
@@ -117,8 +117,8 @@ impl Checked {
             }
         };
         Self {
-            view: evidence.view,
-            name: evidence.name.clone(),
+            view: loaded.view,
+            name: loaded.name.clone(),
             problem,
             pixels,
         }

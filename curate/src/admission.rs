@@ -7,7 +7,7 @@ use omnilife_schemas::{
     records::{Admission, CheckOutcome, ErpVerdict, Verdict, VideoAnalysis},
 };
 
-use crate::{attrition, criteria, error::CurateError, pipeline::CurateSettings, verdict};
+use crate::{attrition, criteria, error::CurateError, settings::CurateSettings, verdict};
 
 /// Rejects a video that misses enforced criteria.
 pub(crate) fn enforce(video: &Path, admission: &Admission) -> Result<(), CurateError> {

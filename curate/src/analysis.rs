@@ -5,6 +5,7 @@ use std::path::Path;
 use omnilife_schemas::{
     progress::Progress,
     records::{Probe, TimeRange},
+    statistics::frame_interval,
 };
 
 use crate::{
@@ -108,7 +109,7 @@ pub fn analyse(
             "none of its frames can be decoded",
         ));
     };
-    let interval = median_interval(&times).unwrap_or(if probe.frames_per_second > 0.0 {
+    let interval = frame_interval(&times).unwrap_or(if probe.frames_per_second > 0.0 {
         1.0 / probe.frames_per_second
     } else {
         0.0
@@ -168,13 +169,6 @@ fn refuse_truncated(
     Ok(())
 }
 
-/// Median distance between consecutive timestamps, seconds; `None` below two of them.
-pub fn median_interval(times: &[f64]) -> Option<f64> {
-    let mut intervals: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    intervals.sort_by(f64::total_cmp);
-    intervals.get(intervals.len() / 2).copied()
-}
-
 /// Whether some interval leaves the median by more than half a percent and by more than the
 /// rounding of the source's clock explains.
 fn is_variable(times: &[f64], median: f64, seconds_per_tick: f64) -> bool {
@@ -200,6 +194,5 @@ mod tests {
         assert!(!is_variable(&steady, 1.0 / 30.0, 1.0 / 90_000.0));
         assert!(!is_variable(&rounded, 0.033, 0.001));
         assert!(is_variable(&dropped, 1.0 / 30.0, 1.0 / 90_000.0));
-        assert_eq!(median_interval(&[1.0]), None);
     }
 }

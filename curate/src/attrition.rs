@@ -4,22 +4,14 @@
 use std::path::Path;
 
 use omnilife_schemas::{
+    layout::{ATTRITION_FILE, BOUNDARIES_FILE, FUNNEL_FILE, SEQUENCE_FILE},
     plain_text::serialize_for_spreadsheet,
     records::{BoundaryLedger, Dataset, Sequence, TimeRange, VideoEntry, VideoStatus},
-    store::{self, Record, StoreError},
+    store::{self, Record},
 };
 use serde::Serialize;
 
-use crate::{
-    criteria::CHECKS,
-    error::CurateError,
-    pipeline::{BOUNDARIES_FILE, SEQUENCE_FILE},
-};
-
-/// Table of everything that was rejected, in a dataset's folder.
-pub const ATTRITION_FILE: &str = "attrition.csv";
-/// Table of what each step leaves, in a dataset's folder.
-pub const FUNNEL_FILE: &str = "funnel.csv";
+use crate::{criteria::CHECKS, error::CurateError};
 
 /// Steps of the funnel that are no admission check, in their order around those.
 const RAW: &str = "raw";
@@ -128,8 +120,13 @@ impl Attrition {
     /// # Errors
     /// When they cannot be written.
     pub fn write(&self, out: &Path) -> Result<(), CurateError> {
-        write_csv(&out.join(ATTRITION_FILE), &self.rejects, REJECT_COLUMNS)?;
-        Ok(write_csv(&out.join(FUNNEL_FILE), &self.funnel, &[])?)
+        store::write_csv(&out.join(ATTRITION_FILE), |table| {
+            if self.rejects.is_empty() {
+                table.write_record(REJECT_COLUMNS)?;
+            }
+            self.rejects.iter().try_for_each(|row| table.serialize(row))
+        })?;
+        Ok(store::write_csv_rows(&out.join(FUNNEL_FILE), &self.funnel)?)
     }
 }
 
@@ -144,19 +141,6 @@ const REJECT_COLUMNS: &[&str] = &[
     "seconds",
     "counted",
 ];
-
-fn write_csv(path: &Path, rows: &[impl Serialize], columns: &[&str]) -> Result<(), StoreError> {
-    store::write_with(path, |writer| {
-        let mut table = csv::Writer::from_writer(writer);
-        if rows.is_empty() {
-            table.write_record(columns).map_err(std::io::Error::other)?;
-        }
-        for row in rows {
-            table.serialize(row).map_err(std::io::Error::other)?;
-        }
-        table.flush()
-    })
-}
 
 fn read<T: Record>(out: &Path, folder: &str, file: &str) -> Result<T, CurateError> {
     Ok(store::read_record(&out.join(folder).join(file))?)

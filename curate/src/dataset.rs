@@ -6,23 +6,20 @@ use std::{
 };
 
 use omnilife_schemas::{
+    layout::{ANALYSIS_FILE, ATTRITION_FILE, DATASET_FILE, VIDEOS_FOLDER},
     progress::Progress,
     records::{Dataset, SourceVideo, VideoAnalysis, VideoEntry, VideoStatus},
     store,
 };
 
 use crate::{
-    attrition::{self, Attrition},
+    attrition::Attrition,
     error::CurateError,
-    pipeline::{self, CurateSettings},
+    pipeline,
+    settings::CurateSettings,
     video,
     worker::{Curated, Worker},
 };
-
-/// File of the dataset record in a dataset's folder.
-pub const DATASET_FILE: &str = "dataset.json";
-/// Folder of the videos in a dataset's folder; one folder per video.
-pub const VIDEOS_FOLDER: &str = "videos";
 
 /// A dataset and the errors behind its rejected and failed videos.
 #[derive(Debug)]
@@ -165,7 +162,7 @@ pub fn curate_dataset_in(
         record.videos.len(),
         attrition.kept_sequences,
         attrition.kept_seconds,
-        out.join(attrition::ATTRITION_FILE).display()
+        out.join(ATTRITION_FILE).display()
     ));
     Ok(CuratedDataset { record, errors })
 }
@@ -180,7 +177,7 @@ fn first_with_this_content(record: &Dataset, index: usize) -> Option<usize> {
 
 /// Length of a video's frames where they were decoded into `folder`, else as its header states it.
 pub(crate) fn duration_seconds(video: &Path, folder: &Path) -> Option<f64> {
-    store::read_record::<VideoAnalysis>(&folder.join(pipeline::ANALYSIS_FILE))
+    store::read_record::<VideoAnalysis>(&folder.join(ANALYSIS_FILE))
         .map(|analysis| analysis.range.duration_seconds())
         .ok()
         .or_else(|| {

@@ -37,7 +37,7 @@ pub enum CurateError {
     },
     /// Structure from motion is missing or failed.
     #[error("{0}")]
-    Sfm(#[from] crate::poses::sfm::SfmError),
+    Sfm(#[from] crate::poses::error::SfmError),
     /// The weights of a network are missing or wrong.
     #[error(transparent)]
     Weights(#[from] WeightsError),

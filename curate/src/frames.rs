@@ -4,13 +4,15 @@ use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
     RgbImage,
+    layout::FRAMES_FOLDER,
     progress::Progress,
     records::{Probe, Sampling, TimeRange},
-    rgb, store,
+    rgb,
+    statistics::frame_interval,
+    store,
 };
 
 use crate::{
-    analysis::median_interval,
     error::CurateError,
     video::{Converter, Rgb8Picture, Scaling, VideoReader},
 };
@@ -19,8 +21,6 @@ use crate::{
 pub const DEFAULT_WIDTH_PIXELS: u32 = 1024;
 /// Timestamps closer than this are one.
 const SAME_INSTANT_SECONDS: f64 = 1e-9;
-/// Folder of a sequence's frames, relative to the sequence.
-pub const FRAMES_FOLDER: &str = "frames";
 
 /// Timestamps of the frames to sample from a shot, evenly in time.
 ///
@@ -46,7 +46,7 @@ pub fn choose(times: &[f64], shot: TimeRange, sampling: Sampling) -> Vec<f64> {
         Sampling::FramesPerSecond(rate) => 1.0 / rate,
         Sampling::MaxFrames(most) if inside.len() <= most as usize => return inside.to_vec(),
         Sampling::MaxFrames(most) => {
-            let Some(median) = median_interval(inside) else {
+            let Some(median) = frame_interval(inside) else {
                 return inside.to_vec();
             };
             // Over `gaps` median intervals, every stride-th frame makes floor(gaps / stride) + 1.

@@ -26,8 +26,8 @@ pub mod pipeline;
 pub mod poses;
 pub mod publish;
 mod sequences;
+mod settings;
 pub mod slicing;
-pub mod statistics;
 pub mod verdict;
 pub mod video;
 pub mod worker;
@@ -36,8 +36,9 @@ pub use dataset::{CuratedDataset, Place, curate_dataset, curate_dataset_in};
 pub use error::CurateError;
 pub use inputs::expand_inputs;
 pub use libraries::libraries;
-pub use pipeline::{CurateSettings, curate_video};
+pub use pipeline::curate_video;
 pub use poses::{
     GivenDepth, GivenTruth, PoseRequest, SfmSettings, pose_sequence, pose_sequence_with,
 };
+pub use settings::CurateSettings;
 pub use worker::Worker;

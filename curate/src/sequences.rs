@@ -12,6 +12,7 @@ use std::{
 };
 
 use omnilife_schemas::{
+    layout::{BOUNDARIES_FILE, FRAMES_FOLDER, SEQUENCE_FILE, SIGNALS_FILE, sequence_name},
     progress::Progress,
     records::{
         Admission, Boundary, BoundaryLedger, CheckOutcome, ErpVerdict, FrameEntry, FrameSet,
@@ -25,9 +26,9 @@ use crate::{
     attrition,
     boundaries::{Detector, Signals},
     error::CurateError,
-    frames::{self, FRAMES_FOLDER, Selection},
+    frames::{self, Selection},
     ledger,
-    pipeline::{BOUNDARIES_FILE, CurateSettings, SEQUENCE_FILE, SIGNALS_FILE},
+    settings::CurateSettings,
     slicing::{self, Shots, SliceSource},
 };
 
@@ -352,11 +353,6 @@ impl Drop for Staging {
         // Nothing depends on it any more; what cannot be removed is hidden and harmless.
         drop(fs::remove_dir_all(&self.folder));
     }
-}
-
-/// Name of the folder of a video's sequence with this number.
-pub(crate) fn sequence_name(index: usize) -> String {
-    format!("seq-{index:03}")
 }
 
 /// Names of the sequence folders in a video's folder, in order.

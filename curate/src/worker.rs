@@ -20,11 +20,7 @@ use omnilife_schemas::{
 };
 use serde::{Deserialize, Serialize};
 
-use crate::{
-    dataset::duration_seconds,
-    error::CurateError,
-    pipeline::{self, CurateSettings},
-};
+use crate::{dataset::duration_seconds, error::CurateError, pipeline, settings::CurateSettings};
 
 /// A longer line is none that [`serve`] writes.
 const MOST_LINE_BYTES: u64 = 16 << 20;

@@ -13,11 +13,12 @@ use std::{
 
 use omnilife_curate::{
     CurateSettings,
-    annotation::{ANNOTATION_FILE, AnnotateSettings, CaptionCommand, annotate_dataset},
+    annotation::{AnnotateSettings, CaptionCommand, annotate_dataset},
     curate_dataset,
     publish::{PublishSettings, publish, verify},
 };
 use omnilife_schemas::{
+    layout::ANNOTATION_FILE,
     progress::Silent,
     records::{Annotation, Sampling},
     store,

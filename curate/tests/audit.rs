@@ -69,7 +69,9 @@ fn the_page_holds_all_it_needs() {
 fn an_expert_audits_in_a_browser() {
     let found = |program: &str| Command::new(program).arg("--version").output().is_ok();
     if !(found("chromium") && found("chromedriver") && found("python3")) {
-        println!("skipped: no Chromium with its driver, scripts/setup --browser installs them");
+        omnilife_schemas::testing::skip(
+            "no Chromium with its driver, scripts/setup --browser installs them",
+        );
         return;
     }
     let temp = tempfile::tempdir().unwrap();

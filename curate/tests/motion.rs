@@ -8,12 +8,13 @@ use std::path::Path;
 
 use glam::{DMat3, DQuat, DVec3, Quat, Vec3, dvec2, dvec3};
 use omnilife_curate::{
-    masks::{self, MASKS_FOLDER, MaskSource, dynamic_share, intersection_over_union},
+    masks::{self, MaskSource, dynamic_share, intersection_over_union},
     motion::{GreySphere, align, explain, flow},
 };
 use omnilife_schemas::{
     RgbImage,
     camera::{CameraModel, ErpCamera},
+    layout::DYNAMIC_MASKS_FOLDER,
     progress::Silent,
     records::{
         Admission, ErpVerdict, FrameEntry, FrameSet, Probe, Sampling, Sequence, SourceVideo,
@@ -214,9 +215,10 @@ fn rendered(data: &Path, folder: &Path, frames: &[usize]) {
 #[test]
 fn motion_masks_mark_what_moves() {
     let all = std::env::var_os("OMNILIFE_ALL_FRAMES").is_some();
-    for name in ["street", "hall"] {
+    // A tenth below what was measured: 0.178 and 0.217.
+    for (name, least_overlap) in [("street", 0.16), ("hall", 0.195)] {
         let Some(data) = shared_data(name) else {
-            return;
+            continue;
         };
         let folder = tempfile::tempdir().unwrap();
         let frames: Vec<usize> = (12..=36).step_by(6).collect();
@@ -227,7 +229,8 @@ fn motion_masks_mark_what_moves() {
         let mut overlaps = Vec::new();
         let (mut found, mut there) = (0.0, 0.0);
         for (entry, index) in record.frames.iter().zip(frames) {
-            let mask = Mask::read(&folder.path().join(MASKS_FOLDER).join(&entry.file)).unwrap();
+            let mask =
+                Mask::read(&folder.path().join(DYNAMIC_MASKS_FOLDER).join(&entry.file)).unwrap();
             let truth = Mask::read(&data.join(format!("mask/{index:04}.png"))).unwrap();
             overlaps.push(intersection_over_union(&mask, &truth));
             let both = Mask {
@@ -254,11 +257,11 @@ fn motion_masks_mark_what_moves() {
             let keep = Path::new(&keep).join(name);
             std::fs::create_dir_all(&keep).unwrap();
             for entry in &record.frames {
-                let from = folder.path().join(MASKS_FOLDER).join(&entry.file);
+                let from = folder.path().join(DYNAMIC_MASKS_FOLDER).join(&entry.file);
                 std::fs::copy(from, keep.join(&entry.file)).unwrap();
             }
         }
-        assert!(mean > 0.05, "{name}: mean IoU {mean}");
+        assert!(mean > least_overlap, "{name}: mean IoU {mean}");
         let base = there / overlaps.len() as f64;
         let precision = found / share;
         assert!(

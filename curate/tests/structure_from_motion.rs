@@ -19,7 +19,7 @@ use omnilife_schemas::{
 #[test]
 fn the_sample_clip_is_posed_to_a_tenth_of_a_degree() {
     if let Err(reason) = sfm::installation() {
-        eprintln!("skipped: {reason}");
+        omnilife_schemas::testing::skip(reason);
         return;
     }
     let sample = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data/street");

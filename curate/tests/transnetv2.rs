@@ -38,7 +38,7 @@ fn signals(video: &Path) -> Option<Signals> {
     match analyse(video, detector, &Silent) {
         Ok(analysis) => Some(analysis.signals),
         Err(error @ CurateError::Weights(_)) => {
-            println!("skipped: {error}");
+            omnilife_schemas::testing::skip(error);
             None
         }
         Err(error) => panic!("{error}"),

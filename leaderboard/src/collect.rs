@@ -7,18 +7,13 @@ use std::{
 };
 
 use omnilife_schemas::{
+    layout::{RESULT_FILE, SPLIT_FILE},
     records::{MethodCard, Protocol, ResultRecord, Split, Submission},
     store::{self, StoreError},
 };
 use rayon::prelude::*;
 
 use crate::{error::LeaderboardError, submission::SUBMISSION_FILE};
-
-/// Name of the files of scores.
-const RESULT_FILE: &str = "result.json";
-
-/// Name of the files that hold a protocol whole.
-const SPLIT_FILE: &str = "split.json";
 
 /// Reads every `result.json` in `folder` and below, sorted by path. Links to folders are followed,
 /// each folder is visited once. Hidden folders hold what is half-written or superseded, and no

@@ -13,10 +13,8 @@ use crate::{
     group,
     outputs::Outputs,
     published, readme,
-    render::parquet,
-    results_csv,
     site::{self, SiteRequest},
-    tables::{self, CSV_FILE, MARKDOWN_FILE, PARQUET_FILE},
+    tables::{self, CSV_FILE, MARKDOWN_FILE},
 };
 
 /// What to build.
@@ -100,9 +98,6 @@ fn prepare<'a>(
     let all = tables::all_results(&groups, &request.out)?;
     let mut outputs = Outputs::default();
     outputs.add(MARKDOWN_FILE, all.markdown.clone());
-    let parquet_file = request.out.join(PARQUET_FILE);
-    let parquet = parquet::of_csv(&all.csv, results_csv::kind, &parquet_file)?;
-    outputs.add(PARQUET_FILE, parquet);
     outputs.add(CSV_FILE, all.csv);
     tables::add_layouts(&mut outputs, &groups, &papers, &request.out)?;
     if with_site {

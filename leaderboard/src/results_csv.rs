@@ -6,7 +6,7 @@ use omnilife_schemas::{plain_text::for_spreadsheet, records::ResultRecord, store
 
 use crate::{
     group::{Group, MethodRow, Quantity, ViewKind},
-    render::{csv::number, parquet::Kind},
+    render::csv::number,
 };
 
 /// Columns before the scores. `row` is `scene`, or `mean` for a method's mean over scenes, whose
@@ -31,15 +31,6 @@ const TRAILING: [&str; 8] = [
     "novel_views_scored",
     "failures",
 ];
-
-/// What a column holds.
-pub(crate) fn kind(column: &str) -> Kind {
-    match column {
-        "protocol" | "protocol_hash" | "row" | "scene" | "method" => Kind::Text,
-        "seed" | "input_views_scored" | "novel_views_scored" | "failures" => Kind::Count,
-        _ => Kind::Number,
-    }
-}
 
 /// All groups; columns of scores are the union of all metrics, `<view>_<metric>`, empty where a
 /// result lacks one. `path` is named in errors.

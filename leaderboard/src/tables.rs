@@ -20,9 +20,6 @@ pub const MARKDOWN_FILE: &str = "table.md";
 /// File name of the table of all results in CSV.
 pub const CSV_FILE: &str = "table.csv";
 
-/// File name of the table of all results in Parquet.
-pub(crate) const PARQUET_FILE: &str = "table.parquet";
-
 /// Folder of the tables in the layouts of the paper.
 pub(crate) const LAYOUT_FOLDER: &str = "tables";
 
@@ -78,7 +75,7 @@ pub(crate) fn all_results(groups: &[Group<'_>], out: &Path) -> Result<Tables, Le
 }
 
 /// The tables in the layouts of the paper,
-/// `tables/<protocol>-<hash>/<layout>.{md,tex,csv,parquet}`.
+/// `tables/<protocol>-<hash>/<layout>.{md,tex,csv}`.
 pub(crate) fn add_layouts(
     outputs: &mut Outputs,
     groups: &[Group<'_>],
@@ -106,10 +103,7 @@ pub(crate) fn add_layouts(
             );
             outputs.add(path("tex"), join(&render::latex::render));
             let csv = render::csv::render(&tables, &out.join(path("csv")))?;
-            let file = out.join(path("parquet"));
-            let parquet = render::parquet::of_csv(&csv, render::csv::kind, &file)?;
             outputs.add(path("csv"), csv);
-            outputs.add(path("parquet"), parquet);
         }
     }
     Ok(())

@@ -2,10 +2,12 @@
 //!
 //! Every other crate of the workspace depends on this one and on no sibling, so whatever two of
 //! them must agree about lives here: [`camera`] (which pixel is which direction), [`pose`],
-//! [`records`] (the JSON files), [`points`] and [`rgb`] (clouds and images), [`store`] (how a file
-//! reaches the disk), [`npy`] (arrays), [`frame_scores`] (the scores of every view), [`image_file`] (images of others), [`stage`] (when work can be skipped), [`bootstrap`] (how far
-//! scores can be trusted), [`plain_text`] (text of others where it is shown), [`provenance`] (what made a record), [`process`], [`process_group`], [`progress`] and
-//! [`blame`].
+//! [`records`] (the JSON files), [`layout`] (their names), [`points`] and [`rgb`] (clouds and images),
+//! [`image_file`] (images of others), [`store`] (how a file reaches the disk), [`npy`] (arrays),
+//! [`frame_scores`] (the scores of every view), [`stage`] (when work can be skipped), [`statistics`]
+//! (medians), [`bootstrap`] (how far scores can be trusted), [`plain_text`] (text of others where it is
+//! shown), [`provenance`] (what made a record), [`process`], [`process_group`], [`progress`],
+//! [`blame`], and [`testing`] (skipped tests).
 //!
 //! # Conventions
 //! * Camera frame: x right, y down, z forward. World to camera: `x_c = R x_w + t`; poses store the
@@ -19,6 +21,7 @@ pub mod bootstrap;
 pub mod camera;
 pub mod frame_scores;
 pub mod image_file;
+pub mod layout;
 pub mod npy;
 pub mod plain_text;
 pub mod points;
@@ -30,7 +33,9 @@ pub mod provenance;
 pub mod records;
 pub mod rgb;
 pub mod stage;
+pub mod statistics;
 pub mod store;
+pub mod testing;
 
 pub use blame::{Blame, Blamed};
 pub use pose::{Pose, Similarity};

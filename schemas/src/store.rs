@@ -210,6 +210,29 @@ pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
     write_with(path, |writer| writer.write_all(bytes))
 }
 
+/// Writes a CSV table through `fill`, whole or not at all.
+pub fn write_csv(
+    path: &Path,
+    fill: impl FnOnce(&mut csv::Writer<&mut BufWriter<File>>) -> csv::Result<()>,
+) -> Result<(), StoreError> {
+    write_with(path, |writer| {
+        let mut table = csv::Writer::from_writer(writer);
+        fill(&mut table).map_err(io::Error::other)?;
+        table.flush()
+    })
+}
+
+/// Writes rows as a CSV table whose columns are their fields, whole or not at all. Without rows the
+/// file is empty.
+pub fn write_csv_rows(
+    path: &Path,
+    rows: impl IntoIterator<Item = impl Serialize>,
+) -> Result<(), StoreError> {
+    write_csv(path, |table| {
+        rows.into_iter().try_for_each(|row| table.serialize(row))
+    })
+}
+
 /// Removes what processes that were killed left in a folder: entries named by
 /// [`temporary_beside`] in another process. A folder is written by one process at a time.
 ///

@@ -8,8 +8,8 @@ use clap::{Args, Subcommand};
 pub(crate) enum LeaderboardCommand {
     /// Makes tables and a static site from all results in a folder.
     ///
-    /// OUT/table.md, table.csv and table.parquet hold all results; OUT/tables/ the layouts of the
-    /// paper (Markdown, LaTeX, CSV, Parquet), one folder per protocol; OUT/site/index.html opens without a network.
+    /// OUT/table.md and table.csv hold all results; OUT/tables/ the layouts of the paper (Markdown, LaTeX,
+    /// CSV), one folder per protocol; OUT/site/index.html opens without a network.
     Build(LeaderboardBuildArguments),
     /// Packs a method's results, its predictions and its card for handing in.
     Submit(SubmitResultsArguments),

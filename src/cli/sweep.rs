@@ -12,7 +12,7 @@ pub(crate) enum SweepCommand {
     /// Writes the list of all units of work, which does not change any more.
     #[command(subcommand)]
     Plan(PlanCommand),
-    /// Runs missing units on this machine until none is left; any number of runners may.
+    /// Runs missing units on this machine until none is left, and writes SWEEP/units.csv.
     Run(SweepRunArguments),
     /// Prints what is done, failed, running and missing, why, and what the units cost.
     Status {
@@ -21,6 +21,9 @@ pub(crate) enum SweepCommand {
         /// Prints every unit.
         #[arg(long)]
         units: bool,
+        /// Prints the table of all units (CSV) and nothing else.
+        #[arg(long, conflicts_with = "units")]
+        csv: bool,
     },
     /// Makes failed units missing again.
     Retry {
@@ -124,12 +127,9 @@ pub(crate) struct SweepRunArguments {
     /// Graphics processors; units are told theirs by `CUDA_VISIBLE_DEVICES`.
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub(crate) gpus: u32,
-    /// Does not wait for units that other runners work on.
+    /// Does not wait for units that tasks of Slurm work on.
     #[arg(long)]
     pub(crate) no_wait: bool,
-    /// How long a runner's claims hold on other machines after its last sign of life, seconds.
-    #[arg(long, default_value_t = 120.0, value_name = "SECONDS")]
-    pub(crate) expiry: f64,
     /// How long units have to write their checkpoints when the runner is told to end, seconds.
     #[arg(long, default_value_t = 60.0, value_name = "SECONDS")]
     pub(crate) grace: f64,

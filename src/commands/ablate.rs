@@ -9,7 +9,7 @@ use omnilife_reconstruct::{
     jobs::reconstruct::{self, ReconstructRequest},
     methods::{self, Method},
 };
-use omnilife_schemas::{progress::Progress, records::ResultRecord, store};
+use omnilife_schemas::{layout::SPLIT_FILE, progress::Progress, records::ResultRecord, store};
 
 use crate::{
     cli::MethodArguments,
@@ -49,7 +49,7 @@ pub(crate) fn execute(
         .into());
     }
     store::create_folder(out)?;
-    let split = out.join("split.json");
+    let split = out.join(SPLIT_FILE);
     split_scene(scene, protocol, &split)?;
     let mut table = String::new();
     for without in rows {

@@ -28,6 +28,7 @@ use omnilife_reconstruct::{
 };
 use omnilife_schemas::{
     Blame,
+    layout::{SCENE_FILE, SPLIT_FILE},
     plain_text::serialize_for_spreadsheet,
     progress::Progress,
     records::{ExternalRun, Scene},
@@ -116,7 +117,7 @@ pub(crate) fn execute(
     for (id, scene) in &scenes {
         for protocol in &arguments.protocols {
             let folder = arguments.out.join("scenes").join(id).join(protocol);
-            let split = folder.join("split.json");
+            let split = folder.join(SPLIT_FILE);
             let has_split = split_scene(scene, protocol, &split).map_err(anyhow::Error::from);
             for candidate in &candidates {
                 let seeds = if candidate.has_no_seed() {
@@ -146,7 +147,7 @@ pub(crate) fn execute(
             }
         }
     }
-    write_outcomes(&arguments.out.join(OUTCOMES_FILE), &units)?;
+    store::write_csv_rows(&arguments.out.join(OUTCOMES_FILE), &units)?;
     if units.iter().any(|unit| unit.outcome == "scored") {
         let leaderboard = build_leaderboard(&LeaderboardRequest {
             results: arguments.out.join("scenes"),
@@ -170,7 +171,7 @@ fn scenes(paths: &[PathBuf]) -> anyhow::Result<BTreeMap<String, PathBuf>> {
     let mut scenes = BTreeMap::new();
     for path in paths {
         let file = if path.is_dir() {
-            path.join("scene.json")
+            path.join(SCENE_FILE)
         } else {
             path.clone()
         };
@@ -360,17 +361,6 @@ fn unit(
         reason,
         blame,
     }
-}
-
-fn write_outcomes(path: &Path, units: &[Unit]) -> anyhow::Result<()> {
-    store::write_with(path, |writer| {
-        let mut table = csv::Writer::from_writer(writer);
-        for unit in units {
-            table.serialize(unit).map_err(std::io::Error::other)?;
-        }
-        table.flush()
-    })?;
-    Ok(())
 }
 
 /// An error where anything failed, views that could not be scored included.

@@ -5,10 +5,10 @@ use std::path::Path;
 use omnilife_curate::{
     annotation::annotate_dataset,
     exchange::{self, ImportRequest},
-    masks::{MASKS_FOLDER, write_masks},
+    masks::write_masks,
     publish, slicing, video,
 };
-use omnilife_schemas::{Blame, progress::Progress};
+use omnilife_schemas::{Blame, layout::DYNAMIC_MASKS_FOLDER, progress::Progress};
 
 use crate::{
     cli::{
@@ -58,7 +58,7 @@ pub(crate) fn masks(arguments: &MasksArguments, progress: &dyn Progress) -> anyh
         "{}: {} masks in {}, {:.2} % of the sphere moves\n",
         record.sequence,
         record.frames.len(),
-        arguments.sequence.join(MASKS_FOLDER).display(),
+        arguments.sequence.join(DYNAMIC_MASKS_FOLDER).display(),
         100.0 * mean
     ))
 }

@@ -3,7 +3,7 @@
 use omnilife_curate::ledger::{
     self, Evidence, MergeRequest, agreement, candidates, resolve, resolve::MERGE_SECONDS,
 };
-use omnilife_schemas::progress::Progress;
+use omnilife_schemas::{layout::LEDGER_FILE, progress::Progress};
 
 use super::curate::print_json;
 use crate::{cli::LedgerCommand, exit};
@@ -26,7 +26,7 @@ pub(crate) fn execute(command: &LedgerCommand, progress: &dyn Progress) -> anyho
             let merged = ledger::merge(folder, files, request.as_ref(), progress)?;
             exit::print(&format!(
                 "{}: {} lines, {} boundaries hold\n",
-                folder.join(ledger::LEDGER_FILE).display(),
+                folder.join(LEDGER_FILE).display(),
                 merged.entries().len(),
                 resolve(merged.entries()).len()
             ))

@@ -13,6 +13,7 @@ use omnilife_bench::{
 };
 use omnilife_leaderboard::submission::{self, PackRequest, Verified};
 use omnilife_schemas::{
+    layout::SPLIT_FILE,
     progress::Progress,
     records::{ResultRecord, SubmittedResult},
     store,
@@ -113,7 +114,7 @@ fn score_again(
     work: &Path,
     progress: &dyn Progress,
 ) -> anyhow::Result<ResultRecord> {
-    let split = work.join("split.json");
+    let split = work.join(SPLIT_FILE);
     let protocol = entry.protocol.split('/').next().unwrap_or_default();
     let made = split_scene(scene, protocol, &split)?;
     if made.protocol_hash != entry.protocol_hash {

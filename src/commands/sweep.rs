@@ -24,11 +24,17 @@ use crate::{
     plans, termination,
 };
 
+/// A job is asked for no longer than this: a year.
+const LONGEST_JOB_MINUTES: u64 = 365 * 24 * 60;
+
 pub(crate) fn execute(command: &SweepCommand, progress: &dyn Progress) -> anyhow::Result<()> {
     match command {
         SweepCommand::Plan(command) => make_plan(command),
         SweepCommand::Run(arguments) => run_units(arguments, progress),
-        SweepCommand::Status { sweep, units } => print_status(sweep, *units),
+        SweepCommand::Status {
+            sweep, csv: true, ..
+        } => print_table(sweep),
+        SweepCommand::Status { sweep, units, .. } => print_status(sweep, *units),
         SweepCommand::Retry { sweep, units } => retry(sweep, units),
         SweepCommand::Reduce { sweep } => {
             let counts = reduce::reduce(sweep, &own_program()?, progress)?;
@@ -94,7 +100,6 @@ fn run_units(arguments: &SweepRunArguments, progress: &dyn Progress) -> anyhow::
         assign_gpus: only.is_none(),
         only,
         limits,
-        expiry: seconds(arguments.expiry)?,
         grace: seconds(arguments.grace)?,
         wait: !arguments.no_wait,
         stop: termination::requested()?,
@@ -143,7 +148,7 @@ fn summary_words(summary: &RunSummary) -> String {
         summary.failed.len()
     );
     if summary.elsewhere > 0 {
-        text += &format!(", {} by other runners", summary.elsewhere);
+        text += &format!(", {} by others", summary.elsewhere);
     }
     text.push('\n');
     for outcome in &summary.failed {
@@ -198,9 +203,15 @@ fn count_words(counts: &Counts) -> String {
     format!("{done} done, {failed} failed, {running} running, {missing} missing")
 }
 
+fn print_table(folder: &Path) -> anyhow::Result<()> {
+    let status = Status::of(Sweep::open(folder)?)?;
+    let mut table = csv::Writer::from_writer(Vec::new());
+    status.fill(&mut table)?;
+    exit::print(&String::from_utf8(table.into_inner()?)?)
+}
+
 fn print_status(folder: &Path, every: bool) -> anyhow::Result<()> {
     let status = Status::of(Sweep::open(folder)?)?;
-    let table = status.write_csv()?;
     let mut text = format!("{}\n", count_words(&status.counts()));
     for (unit, state) in status.units() {
         let reason = status::reason(state);
@@ -221,7 +232,6 @@ fn print_status(folder: &Path, every: bool) -> anyhow::Result<()> {
         let left: Vec<&SweepUnit> = left.map(|(unit, _)| unit).collect();
         text += &cost_words(name, cost, &left);
     }
-    text += &format!("Table: {}\n", table.display());
     exit::print(&text)
 }
 
@@ -270,13 +280,30 @@ fn retry(folder: &Path, ids: &[String]) -> anyhow::Result<()> {
     exit::print(&format!("{count} units are to be done again\n"))
 }
 
+/// `--minutes` and `--signal-before`, which together make the time that a job is given.
+fn job_times(arguments: &SubmitArguments) -> anyhow::Result<[Duration; 2]> {
+    let (minutes, signal_before) = (arguments.minutes, arguments.signal_before);
+    if minutes > LONGEST_JOB_MINUTES || signal_before > 60 * LONGEST_JOB_MINUTES {
+        let reason = format!(
+            "--minutes {minutes}, --signal-before {signal_before}: a job lasts a year \
+             ({LONGEST_JOB_MINUTES} minutes) at most"
+        );
+        return Err(BadRequest(reason).into());
+    }
+    Ok([
+        Duration::from_secs(60 * minutes),
+        Duration::from_secs(signal_before),
+    ])
+}
+
 fn submit(arguments: &SubmitArguments) -> anyhow::Result<()> {
+    let [unmeasured, signal_before] = job_times(arguments)?;
     let submission = slurm::submit(&slurm::SubmitRequest {
         folder: arguments.sweep.clone(),
         program: own_program()?,
         throttle: arguments.throttle.map(|most| most as usize),
-        unmeasured: Duration::from_secs(60 * arguments.minutes),
-        signal_before: Duration::from_secs(arguments.signal_before),
+        unmeasured,
+        signal_before,
         options: arguments.sbatch.clone(),
         reduce: !arguments.no_reduce,
         submit: !arguments.dry_run,

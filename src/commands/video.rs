@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use omnilife_curate::slicing::{Projection, ViewVideoWriter};
-use omnilife_schemas::RgbImage;
+use omnilife_schemas::{RgbImage, statistics::frame_interval};
 
 use crate::exit::BadRequest;
 
@@ -45,13 +45,8 @@ pub(crate) fn encode(
 }
 
 fn frames_per_second(times_seconds: &[f64]) -> f64 {
-    let mut steps: Vec<f64> = times_seconds
-        .windows(2)
-        .map(|pair| pair[1] - pair[0])
-        .collect();
-    steps.sort_by(f64::total_cmp);
-    match steps.get(steps.len() / 2) {
-        Some(&median) if median > 1e-3 => 1.0 / median,
+    match frame_interval(times_seconds) {
+        Some(seconds) if seconds > 1e-3 => 1.0 / seconds,
         _ => DEFAULT_RATE,
     }
 }

@@ -16,12 +16,12 @@ use omnilife_bench::{
     external::{EXTERNAL_RUN_FILE, manifest::Manifest},
     protocols,
 };
-use omnilife_curate::poses::SCENE_FILE;
 use omnilife_reconstruct::{
     jobs::reconstruct::RUN_FILE,
     methods::{self, feed_forward},
 };
 use omnilife_schemas::{
+    layout::{SCENE_FILE, SPLIT_FILE},
     records::{Scene, SweepUnit, UnitNeeds},
     store,
 };
@@ -189,7 +189,7 @@ impl Work<'_> {
             .results
             .join(scene_folder.collect::<PathBuf>())
             .join(self.protocol);
-        let split = argument(&folder.join("split.json"))?;
+        let split = argument(&folder.join(SPLIT_FILE))?;
         let seed = self.seed.to_string();
         let folder = folder.join(&self.method.id).join(format!("seed-{seed}"));
         let run = folder.join("run");

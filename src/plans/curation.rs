@@ -5,11 +5,8 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use omnilife_curate::{
-    dataset::{VIDEOS_FOLDER, folder_names},
-    expand_inputs,
-};
-use omnilife_schemas::records::SweepUnit;
+use omnilife_curate::{dataset::folder_names, expand_inputs};
+use omnilife_schemas::{layout::VIDEOS_FOLDER, records::SweepUnit};
 use omnilife_sweep::plan;
 
 use super::{absolute, argument, needs, own_command, words};

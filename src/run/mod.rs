@@ -18,15 +18,14 @@ pub(crate) mod outcome;
 use std::path::{Path, PathBuf};
 
 use omnilife_bench::{ScoreRequest, score, split_scene};
-use omnilife_curate::{
-    PoseRequest, curate_dataset_in, expand_inputs, pose_sequence, poses::SCENE_FILE,
-};
+use omnilife_curate::{PoseRequest, curate_dataset_in, expand_inputs, pose_sequence};
 use omnilife_reconstruct::{
     jobs::reconstruct::{self, ReconstructRequest},
     request::{BackendChoice, MethodRequest},
 };
 use omnilife_schemas::{
     Blamed,
+    layout::{SCENE_FILE, SPLIT_FILE},
     progress::Progress,
     records::{Dataset, VideoStatus},
     store,
@@ -196,7 +195,7 @@ impl Job<'_> {
         pose_sequence(folder, &self.poses, self.progress)?;
         let scene = folder.join(SCENE_FILE);
         let protocol_folder = folder.join(&self.protocol);
-        let split = protocol_folder.join("split.json");
+        let split = protocol_folder.join(SPLIT_FILE);
         split_scene(&scene, &self.protocol, &split)?;
         let method_folder = self.method_folder(folder);
         let run = method_folder.join("run");

@@ -110,13 +110,7 @@ impl Outcomes {
 
     /// Writes the rows as CSV, whole or not at all.
     pub(crate) fn write_csv(&self, path: &Path) -> Result<(), StoreError> {
-        store::write_with(path, |writer| {
-            let mut table = csv::Writer::from_writer(writer);
-            for row in &self.list {
-                table.serialize(row).map_err(std::io::Error::other)?;
-            }
-            table.flush()
-        })
+        store::write_csv_rows(path, &self.list)
     }
 
     /// An error when anything failed.

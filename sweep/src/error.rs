@@ -32,6 +32,14 @@ pub enum SweepError {
         /// The id asked for.
         id: String,
     },
+    /// Another pool runs the sweep.
+    #[error("{}: is run by {by} already", folder.display())]
+    Busy {
+        /// The sweep.
+        folder: PathBuf,
+        /// Who runs it.
+        by: String,
+    },
     /// The runner was asked to end and has done so.
     #[error("ended as asked to; units that were under way go on from their checkpoints")]
     Interrupted,
@@ -57,7 +65,10 @@ impl Blamed for SweepError {
     fn blame(&self) -> Blame {
         match self {
             Self::Store(error) => error.blame(),
-            Self::Plan { .. } | Self::OtherPlan { .. } | Self::UnknownUnit { .. } => Blame::Input,
+            Self::Plan { .. }
+            | Self::OtherPlan { .. }
+            | Self::UnknownUnit { .. }
+            | Self::Busy { .. } => Blame::Input,
             Self::Interrupted | Self::Slurm { .. } | Self::Reduce { .. } => Blame::Ours,
         }
     }

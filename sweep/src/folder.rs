@@ -3,19 +3,20 @@
 use std::{
     fs,
     path::{Path, PathBuf},
-    time::{Duration, SystemTime, UNIX_EPOCH},
+    time::UNIX_EPOCH,
 };
 
 use omnilife_schemas::{
-    records::{SweepPlan, SweepUnit, UnitClaim, UnitInput, UnitOutcome},
+    records::{SweepPlan, SweepUnit, UnitInput, UnitOutcome, UnitRunner},
     stage::StageOutput,
     store::{self, StoreError},
 };
 
 use crate::{
-    claim::{self, Claimed},
     error::SweepError,
-    host, plan,
+    host,
+    lock::{self, Holder},
+    plan,
 };
 
 /// Folder of the units.
@@ -24,8 +25,6 @@ const UNITS_FOLDER: &str = "units";
 const DONE_FILE: &str = "done.json";
 /// Outcome of a unit whose last attempt failed.
 const FAILED_FILE: &str = "failed.json";
-/// How long the claim of a runner on another machine holds after it was renewed last.
-pub const DEFAULT_EXPIRY: Duration = Duration::from_secs(120);
 
 /// A sweep: its folder and its plan.
 #[derive(Debug, Clone)]
@@ -41,16 +40,14 @@ pub struct Sweep {
 pub enum UnitState {
     /// It is done, with the inputs that there are now.
     Done(Box<UnitOutcome>),
-    /// Its last attempt failed.
+    /// Its last attempt failed, or its record is no record any more.
     Failed(Box<UnitOutcome>),
     /// A runner that lives works on it.
-    Running(Box<UnitClaim>),
+    Running(Box<UnitRunner>),
     /// It is to be done.
     Missing {
         /// Why, where there is more to say than that nobody has done it.
         reason: Option<String>,
-        /// Number of the claim that a lost runner has left; 0 without one.
-        lost: u32,
     },
 }
 
@@ -99,65 +96,54 @@ impl Sweep {
             .ok_or_else(|| SweepError::UnknownUnit { id: id.to_owned() })
     }
 
-    /// The folder of a unit's claims, logs and outcome.
+    /// The folder of a unit's lock, logs and outcome.
     pub fn unit_folder(&self, unit: &SweepUnit) -> PathBuf {
         self.folder.join(UNITS_FOLDER).join(&unit.id)
     }
 
-    /// What time it is for the file system of the sweep.
+    /// States of all units, in the order of the plan. Nothing is written.
     ///
     /// # Errors
-    /// When its folder cannot be written.
-    pub fn now(&self) -> Result<SystemTime, SweepError> {
-        Ok(host::file_system_time(&self.folder)?)
-    }
-
-    /// States of all units, in the order of the plan.
-    ///
-    /// # Errors
-    /// When an outcome or a folder cannot be read.
+    /// When a folder cannot be read.
     pub fn states(&self) -> Result<Vec<UnitState>, SweepError> {
-        let now = self.now()?;
         let units = self.plan.units.iter();
         Ok(units
-            .map(|unit| self.state(unit, now))
+            .map(|unit| self.state(unit))
             .collect::<Result<_, StoreError>>()?)
     }
 
-    /// The state of a unit at a time of the file system.
+    /// The state of a unit.
     ///
     /// # Errors
-    /// When its outcome or its folder cannot be read.
-    pub fn state(&self, unit: &SweepUnit, now: SystemTime) -> Result<UnitState, StoreError> {
+    /// When its folder cannot be read.
+    pub fn state(&self, unit: &SweepUnit) -> Result<UnitState, StoreError> {
         let changed = match self.outcome(unit)? {
             Finished::As(state) => return Ok(state),
             Finished::Not { changed } => changed,
         };
-        let folder = self.unit_folder(unit);
-        Ok(match claim::look(&folder, now, DEFAULT_EXPIRY)? {
-            Claimed::Held(claim) => UnitState::Running(claim),
-            Claimed::No => UnitState::Missing {
-                reason: changed,
-                lost: 0,
-            },
-            Claimed::Lost(number, claim) => UnitState::Missing {
-                reason: Some(lost_runner(claim.as_deref())),
-                lost: number,
+        Ok(match lock::holder(&self.unit_folder(unit))? {
+            Holder::Runner(runner) => UnitState::Running(runner),
+            Holder::Nobody => UnitState::Missing { reason: changed },
+            Holder::Lost(runner) => UnitState::Missing {
+                reason: Some(lost_runner(runner.as_deref())),
             },
         })
     }
 
-    /// Whether a unit is finished, whatever is claimed.
+    /// Whether a unit is finished, whoever holds its lock.
     pub(crate) fn outcome(&self, unit: &SweepUnit) -> Result<Finished, StoreError> {
         let folder = self.unit_folder(unit);
-        if let Some(outcome) = outcome_in(&folder.join(DONE_FILE))? {
+        if let Some(outcome) = outcome_in(unit, &folder.join(DONE_FILE))? {
+            if outcome.failure.is_some() {
+                return Ok(Finished::As(UnitState::Failed(Box::new(outcome))));
+            }
             let changed = self.what_changed(unit, &outcome);
             return Ok(match changed {
                 None => Finished::As(UnitState::Done(Box::new(outcome))),
                 Some(_) => Finished::Not { changed },
             });
         }
-        let failed = outcome_in(&folder.join(FAILED_FILE))?;
+        let failed = outcome_in(unit, &folder.join(FAILED_FILE))?;
         Ok(failed.map_or(Finished::Not { changed: None }, |outcome| {
             Finished::As(UnitState::Failed(Box::new(outcome)))
         }))
@@ -253,35 +239,49 @@ impl Sweep {
     /// # Errors
     /// When a file cannot be removed.
     pub fn retry(&self, unit: &SweepUnit) -> Result<bool, SweepError> {
-        let folder = self.unit_folder(unit);
-        let failed = folder.join(FAILED_FILE);
-        if !failed.exists() {
+        if !matches!(self.outcome(unit)?, Finished::As(UnitState::Failed(_))) {
             return Ok(false);
         }
-        claim::remove_all(&folder)?;
-        store::remove(&failed)?;
+        let folder = self.unit_folder(unit);
+        lock::clear(&folder)?;
+        store::remove(&folder.join(DONE_FILE))?;
+        store::remove(&folder.join(FAILED_FILE))?;
         Ok(true)
     }
 }
 
-fn lost_runner(claim: Option<&UnitClaim>) -> String {
-    match claim {
-        Some(UnitClaim { runner, .. }) => {
-            let job = runner.slurm_job.as_ref();
-            let job = job.map_or_else(String::new, |job| format!(", Slurm job {job}"));
-            format!(
-                "its runner went away (process {} on {}{job})",
-                runner.process, runner.host
-            )
-        }
+pub(crate) fn lost_runner(runner: Option<&UnitRunner>) -> String {
+    match runner {
+        Some(runner) => format!("its runner went away ({})", host::described(runner)),
         None => "its runner went away".to_owned(),
     }
 }
 
+/// An outcome that cannot be read: the unit has failed, until it is done again.
+fn unreadable(unit: &SweepUnit, error: &StoreError) -> UnitOutcome {
+    UnitOutcome {
+        unit: unit.id.clone(),
+        failure: Some(error.to_string()),
+        exit_code: None,
+        unit_sha256: plan::unit_hash(unit),
+        inputs: Vec::new(),
+        outputs: Vec::new(),
+        attempt: 0,
+        runner: lock::unknown(),
+        begun_unix_seconds: 0.0,
+        wall_seconds: 0.0,
+        cpu_seconds: None,
+        peak_memory_bytes: None,
+        log: String::new(),
+    }
+}
+
 /// The outcome in a file; `None` where there is none.
-fn outcome_in(path: &Path) -> Result<Option<UnitOutcome>, StoreError> {
+fn outcome_in(unit: &SweepUnit, path: &Path) -> Result<Option<UnitOutcome>, StoreError> {
     match path.try_exists() {
-        Ok(true) => store::read_record(path).map(Some),
+        Ok(true) => Ok(Some(
+            store::read_record(path).unwrap_or_else(|error| unreadable(unit, &error)),
+        )),
         Ok(false) => Ok(None),
         Err(source) => Err(StoreError::read(path, source)),
     }

@@ -4,7 +4,8 @@
 //!
 //! ```text
 //! plan.json                     every unit, written once ([`plan`])
-//! units/<id>/claim-<n>.json     who works on it ([`claim`])
+//! running.json                  who runs it, and has this file locked
+//! units/<id>/running.json       who works on the unit, the same
 //! units/<id>/attempt-<n>.log    what its commands printed
 //! units/<id>/done.json          how it ended ([`folder`]): this or
 //! units/<id>/failed.json        this, or neither while it is missing
@@ -12,14 +13,15 @@
 //! submissions/<n>/              lists of units that were handed to Slurm ([`slurm`])
 //! ```
 //!
-//! What is true is in these files alone: runners ([`pool`]) hold nothing in memory that is lost with
-//! them, and any number of them may work on one sweep.
+//! What is true is in these files alone: a runner ([`pool`]) holds nothing in memory that is lost with
+//! it, and its locks end with it. One runner works on a sweep, or the tasks of Slurm do, each on the
+//! unit that it was given.
 
-pub mod claim;
 pub mod error;
 pub mod folder;
 pub mod history;
 mod host;
+mod lock;
 pub mod plan;
 pub mod pool;
 mod process;

@@ -1,18 +1,19 @@
 //! Runs a sweep's missing units on this machine, as many at once as its cores and memory allow.
 //!
-//! One thread waits for each running unit; the pool's own thread begins units, renews their claims,
-//! and ends those that have to end. Several pools, on one machine or on many, may work on one sweep.
+//! One thread waits for each running unit; the pool's own thread begins units and ends those that
+//! have to end. One pool at a time runs a sweep. Tasks of Slurm, which has given each its unit, run
+//! one unit alone; a unit's own lock keeps them and a pool from doing one twice.
 
 use std::{
     collections::{BTreeMap, BTreeSet, VecDeque},
-    path::PathBuf,
+    path::{Path, PathBuf},
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
         mpsc::{self, RecvTimeoutError, Sender},
     },
     thread::{self, Scope},
-    time::{Duration, Instant, SystemTime},
+    time::{Duration, Instant},
 };
 
 use omnilife_schemas::{
@@ -22,12 +23,14 @@ use omnilife_schemas::{
 };
 
 use crate::{
-    claim::{self, Claim, MOST_LOST_RUNNERS},
     error::SweepError,
-    folder::{Finished, Sweep, UnitState},
+    folder::{self, Finished, Sweep, UnitState},
     history::History,
+    host,
+    lock::{self, HeldLock, Holder},
     process::{EndReason, Running},
-    unit::{self, Ending, Launch},
+    status::Status,
+    unit::{self, Ending, Launch, MOST_LOST_RUNNERS},
 };
 
 /// How often the pool looks at what nobody tells it: time limits, being asked to end.
@@ -54,13 +57,12 @@ pub struct RunRequest<'a> {
     pub program: PathBuf,
     /// What may be used.
     pub limits: PoolLimits,
-    /// Ids of the units to run; `None` stands for all.
+    /// Ids of the units to run; `None` stands for all, and locks the sweep.
     pub only: Option<BTreeSet<String>>,
-    /// How long a claim holds on other machines after it was renewed last.
-    pub expiry: Duration,
     /// How long units have to write their checkpoints when the pool is asked to end.
     pub grace: Duration,
-    /// Whether to wait for units of other runners, and to do them where those runners go away.
+    /// Whether to wait for units that tasks of Slurm run, or that a killed runner has left running,
+    /// and to do them where they come to no end.
     pub wait: bool,
     /// Whether units are told which graphics processors are theirs. A cluster's engine does that
     /// itself.
@@ -87,23 +89,52 @@ pub struct RunSummary {
 /// Runs the missing units. Returns when none is left that this pool could do.
 ///
 /// # Errors
-/// When the sweep cannot be read or written, and [`SweepError::Interrupted`] when it was asked to
-/// end before all was done. Units that fail are in the summary.
+/// When the sweep cannot be read or written, [`SweepError::Busy`] when another pool runs it, and
+/// [`SweepError::Interrupted`] when it was asked to end before all was done. Units that fail are in
+/// the summary.
 pub fn run(request: &RunRequest<'_>, progress: &dyn Progress) -> Result<RunSummary, SweepError> {
     let sweep = Sweep::open(&request.folder)?;
     if let Some(only) = &request.only {
         only.iter().try_for_each(|id| sweep.unit(id).map(drop))?;
     }
+    let lock = match request.only {
+        Some(_) => None,
+        None => Some(lock_sweep(&sweep.folder)?),
+    };
     let mut pool = Pool::new(&sweep, request)?;
     progress.begin("units", Some(pool.waiting.len() as u64));
     let outcome = pool.run(progress);
     progress.end();
-    outcome.map(|()| pool.summary())
+    let table = match lock {
+        Some(lock) => write_table(&sweep, &lock),
+        None => Ok(()),
+    };
+    // What ended the units comes before what became of the table.
+    outcome?;
+    table?;
+    Ok(pool.summary())
+}
+
+fn write_table(sweep: &Sweep, lock: &HeldLock) -> Result<(), SweepError> {
+    let written = Status::of(sweep.clone()).and_then(|status| Ok(status.write_csv()?));
+    lock.release()?;
+    written
+}
+
+fn lock_sweep(folder: &Path) -> Result<HeldLock, SweepError> {
+    if let Some(lock) = HeldLock::take(folder)? {
+        return Ok(lock);
+    }
+    let by = match lock::holder(folder)? {
+        Holder::Runner(runner) => host::described(&runner),
+        Holder::Nobody | Holder::Lost(_) => "another process".to_owned(),
+    };
+    let folder = folder.to_owned();
+    Err(SweepError::Busy { folder, by })
 }
 
 /// A unit that runs.
 struct Active {
-    claim: Arc<Claim>,
     running: Arc<Running>,
     deadline: Option<Instant>,
     reserved: Reserved,
@@ -127,8 +158,6 @@ struct Pool<'a> {
     sweep: &'a Sweep,
     request: &'a RunRequest<'a>,
     history: History,
-    /// Time of the sweep's file system, as it was looked at last.
-    now: SystemTime,
     /// Indices of units.
     waiting: VecDeque<usize>,
     elsewhere: Vec<usize>,
@@ -157,7 +186,6 @@ impl<'a> Pool<'a> {
             sweep,
             request,
             history: History::of(sweep.plan.units.iter().zip(&states)),
-            now: sweep.now()?,
             waiting: VecDeque::new(),
             elsewhere: Vec::new(),
             active: BTreeMap::new(),
@@ -178,10 +206,10 @@ impl<'a> Pool<'a> {
     }
 
     /// Puts a unit where its state says. A runner that was killed between writing an outcome and
-    /// letting go has left a claim that means nothing any more.
+    /// letting go has left a file that means nothing any more.
     fn sort_in(&mut self, index: usize, state: UnitState) -> Result<(), StoreError> {
         if matches!(state, UnitState::Done(_) | UnitState::Failed(_)) {
-            claim::remove_all(&self.sweep.unit_folder(self.unit(index)))?;
+            lock::clear(&self.sweep.unit_folder(self.unit(index)))?;
         }
         match state {
             UnitState::Done(_) => self.done += 1,
@@ -198,7 +226,6 @@ impl<'a> Pool<'a> {
 
     fn run(&mut self, progress: &dyn Progress) -> Result<(), SweepError> {
         let (sender, receiver) = mpsc::channel::<Message>();
-        let mut renewed = Instant::now();
         let mut looked = Instant::now();
         let mut asked_to_end: Option<Instant> = None;
         thread::scope(|scope| -> Result<(), SweepError> {
@@ -220,10 +247,6 @@ impl<'a> Pool<'a> {
                     Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {}
                 }
                 self.end_overdue();
-                if renewed.elapsed() > self.request.expiry / 4 {
-                    self.renew();
-                    renewed = Instant::now();
-                }
                 if looked.elapsed() > LOOK_ELSEWHERE && !self.elsewhere.is_empty() {
                     self.look_elsewhere()?;
                     looked = Instant::now();
@@ -278,8 +301,8 @@ impl<'a> Pool<'a> {
                 }
                 Fit::Now => {
                     self.waiting.remove(position);
-                    match self.claim(index)? {
-                        Some(claim) => self.begin(index, claim, scope, sender),
+                    match self.lock(index)? {
+                        Some(lock) => self.begin(index, lock, scope, sender),
                         None => progress.advance(1),
                     }
                 }
@@ -326,39 +349,38 @@ impl<'a> Pool<'a> {
         if fits { Fit::Now } else { Fit::Later }
     }
 
-    /// Claims a unit; `None` where it is no more to be done by this pool.
-    fn claim(&mut self, index: usize) -> Result<Option<Claim>, StoreError> {
+    /// Locks a unit; `None` where it is no more to be done by this pool.
+    fn lock(&mut self, index: usize) -> Result<Option<HeldLock>, StoreError> {
         let unit = self.unit(index);
         let folder = self.sweep.unit_folder(unit);
         store::create_folder(&folder)?;
-        let state = self.sweep.state(unit, self.now)?;
-        let UnitState::Missing { reason, lost } = state else {
-            self.sort_in(index, state)?;
-            return Ok(None);
-        };
-        let Some(claim) = Claim::take(&folder, lost, self.request.expiry)? else {
+        let before = lock::holder(&folder)?;
+        let Some(lock) = HeldLock::take(&folder)? else {
             self.elsewhere.push(index);
             return Ok(None);
         };
-        // Since it was looked at, another runner may have finished it and let go.
+        // Since it was looked at, somebody else may have finished it and let go.
         if let Finished::As(state) = self.sweep.outcome(unit)? {
-            claim.release()?;
+            lock.release()?;
             self.sort_in(index, state)?;
             return Ok(None);
         }
-        if lost >= MOST_LOST_RUNNERS {
-            let last = reason.unwrap_or_default();
-            let outcome = unit::give_up(self.sweep, unit, &claim, &last)?;
+        if lock.lost_runners >= MOST_LOST_RUNNERS {
+            let last = match &before {
+                Holder::Lost(runner) => folder::lost_runner(runner.as_deref()),
+                Holder::Nobody | Holder::Runner(_) => folder::lost_runner(None),
+            };
+            let outcome = unit::give_up(self.sweep, unit, &lock, &last)?;
             self.failed.push(outcome);
             return Ok(None);
         }
-        Ok(Some(claim))
+        Ok(Some(lock))
     }
 
     fn begin<'scope>(
         &mut self,
         index: usize,
-        claim: Claim,
+        lock: HeldLock,
         scope: &'scope Scope<'scope, '_>,
         sender: &Sender<Message>,
     ) where
@@ -375,21 +397,20 @@ impl<'a> Pool<'a> {
             variables.push(("CUDA_VISIBLE_DEVICES".to_owned(), devices.join(",")));
         }
         let active = Active {
-            claim: Arc::new(claim),
             running: Arc::default(),
             deadline: (unit.needs.limit_seconds)
                 .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
                 .and_then(|limit| Instant::now().checked_add(limit)),
             reserved,
         };
-        let (claim, running) = (Arc::clone(&active.claim), Arc::clone(&active.running));
+        let running = Arc::clone(&active.running);
         let (sweep, program, stop) = (self.sweep, &self.request.program, self.request.stop);
         let sender = sender.clone();
         scope.spawn(move || {
             // The pool waits for every unit it has begun, so that every message is taken.
             let idle = || drop(sender.send(Message::Idle(index)));
             let launch = Launch { program, variables };
-            let ended = unit::run(sweep, unit, &claim, launch, &running, stop, idle);
+            let ended = unit::run(sweep, unit, &lock, launch, &running, stop, idle);
             drop(sender.send(Message::Ended(index, ended)));
         });
         self.active.insert(index, active);
@@ -409,7 +430,7 @@ impl<'a> Pool<'a> {
         }
     }
 
-    /// Gives others what a unit has used; its claim is still held.
+    /// Gives others what a unit has used; its lock is still held.
     fn set_free(&mut self, index: usize) {
         if let Some(active) = self.active.get_mut(&index) {
             active.reserved = Reserved::default();
@@ -437,10 +458,6 @@ impl<'a> Pool<'a> {
                 }
             }
             Ok(Ending::Interrupted) => self.interrupted += 1,
-            Ok(Ending::TakenOver) => {
-                progress.note(&format!("{}: was taken over by another runner", unit.id));
-                self.elsewhere.push(index);
-            }
             Err(error) => self.broken = Some(error),
         }
     }
@@ -468,19 +485,9 @@ impl<'a> Pool<'a> {
         }
     }
 
-    /// Dates the claims, and lets go of units that others have taken over.
-    fn renew(&self) {
-        for active in self.active.values() {
-            if !active.claim.renew() {
-                active.running.end(EndReason::TakenOver);
-            }
-        }
-    }
-
     fn look_elsewhere(&mut self) -> Result<(), SweepError> {
-        self.now = self.sweep.now()?;
         for index in std::mem::take(&mut self.elsewhere) {
-            let state = self.sweep.state(self.unit(index), self.now)?;
+            let state = self.sweep.state(self.unit(index))?;
             self.sort_in(index, state)?;
         }
         Ok(())

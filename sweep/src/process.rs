@@ -23,6 +23,8 @@ pub(crate) struct Job<'a> {
     pub(crate) variables: &'a [(String, String)],
     /// Everything it prints is added to this file.
     pub(crate) log: &'a Path,
+    /// A locked file that the command and its children hold open, and with it the lock.
+    pub(crate) lock: Option<&'a File>,
 }
 
 /// How it went.
@@ -42,8 +44,6 @@ pub(crate) enum EndReason {
     Stop,
     /// The unit has used up its time.
     Limit,
-    /// Another runner has taken the unit over.
-    TakenOver,
 }
 
 /// The running command of a unit, for whoever wants to end it.
@@ -75,7 +75,7 @@ impl Running {
         let mut state = self.state();
         state.reason.get_or_insert(reason);
         if let Some(group) = state.group {
-            signal_group(group, reason == EndReason::TakenOver);
+            signal_group(group, false);
         }
     }
 
@@ -124,6 +124,7 @@ pub(crate) fn run(job: &Job<'_>, running: &Running) -> io::Result<Ended> {
         if state.reason.is_some() {
             return Ok(not_begun());
         }
+        let _handed_down = job.lock.map(inheritable).transpose()?;
         let child = command.spawn().map_err(|error| {
             let program = program.display();
             io::Error::new(
@@ -147,6 +148,15 @@ pub(crate) fn run(job: &Job<'_>, running: &Running) -> io::Result<Ended> {
     })
 }
 
+/// A copy of an open file that programs which are started while it is there inherit. One that is
+/// started for another unit at the same moment does too; the lock is let go for all of them.
+fn inheritable(file: &File) -> io::Result<File> {
+    let copy = file.try_clone()?;
+    #[cfg(unix)]
+    rustix::io::fcntl_setfd(&copy, rustix::io::FdFlags::empty())?;
+    Ok(copy)
+}
+
 fn resolved(job: &Job<'_>) -> PathBuf {
     match job.command[0].as_str() {
         "omnilife" => job.program.to_owned(),
@@ -168,8 +178,8 @@ fn not_begun() -> Ended {
 ///
 /// Asking for that between fork and exec means that all of this program's address space, with its
 /// many libraries, is copied for every command. `setpriv` of util-linux asks for it afterwards, in a
-/// small process of its own; where it is missing, the copy does. A runner that is killed before it
-/// asked leaves a command behind, which is ended by whoever takes the unit over.
+/// small process of its own; where it is missing, the copy does. What a killed runner leaves behind
+/// all the same holds the unit's lock, and is waited for.
 fn dying_with_its_runner(program: &Path) -> Command {
     #[cfg(target_os = "linux")]
     {

@@ -53,6 +53,7 @@ fn run(sweep: &Sweep, command: &[String], program: &Path, log: &Path) -> Result<
         folder: Path::new(&sweep.plan.folder),
         variables: &[],
         log,
+        lock: None,
     };
     let reason = match process::run(&job, &Running::default()) {
         Ok(Ended {

@@ -1,6 +1,6 @@
 //! What became of the units, for people and for tables.
 
-use std::{collections::BTreeSet, io, path::PathBuf};
+use std::{collections::BTreeSet, io};
 
 use omnilife_schemas::{
     records::{SweepUnit, UnitOutcome},
@@ -39,10 +39,10 @@ pub struct Status {
 }
 
 impl Status {
-    /// Looks at all units of a sweep.
+    /// Looks at all units of a sweep and writes nothing.
     ///
     /// # Errors
-    /// When the sweep or an outcome cannot be read.
+    /// When the sweep cannot be read.
     pub fn of(sweep: Sweep) -> Result<Self, SweepError> {
         let states = sweep.states()?;
         Ok(Self { sweep, states })
@@ -72,33 +72,34 @@ impl Status {
         History::of(self.units())
     }
 
-    /// Writes [`UNITS_FILE`]: one row per unit with state, reason, cost and its labels; whatever
-    /// failed or is missing is a row too.
+    /// Writes [`UNITS_FILE`].
     ///
     /// # Errors
     /// When it cannot be written.
-    pub fn write_csv(&self) -> Result<PathBuf, StoreError> {
+    pub fn write_csv(&self) -> Result<(), StoreError> {
+        store::write_csv(&self.sweep.folder.join(UNITS_FILE), |table| {
+            self.fill(table)
+        })
+    }
+
+    /// One row per unit with state, reason, cost and its labels; whatever failed or is missing is a
+    /// row too.
+    ///
+    /// # Errors
+    /// When the table cannot be written.
+    pub fn fill(&self, table: &mut csv::Writer<impl io::Write>) -> csv::Result<()> {
         let labels: BTreeSet<&str> = self
             .units()
             .flat_map(|(unit, _)| unit.labels.keys().map(String::as_str))
             .collect();
-        let path = self.sweep.folder.join(UNITS_FILE);
-        store::write_with(&path, |writer| {
-            let mut table = csv::Writer::from_writer(writer);
-            let header = COLUMNS.iter().copied().chain(labels.iter().copied());
-            table.write_record(header).map_err(io::Error::other)?;
-            for (unit, state) in self.units() {
-                let mut row = row(unit, state);
-                row.extend(
-                    labels
-                        .iter()
-                        .map(|label| unit.labels.get(*label).cloned().unwrap_or_default()),
-                );
-                table.write_record(row).map_err(io::Error::other)?;
-            }
-            table.flush()
-        })?;
-        Ok(path)
+        table.write_record(COLUMNS.iter().chain(&labels))?;
+        for (unit, state) in self.units() {
+            let mut row = row(unit, state);
+            let labels = labels.iter();
+            row.extend(labels.map(|label| unit.labels.get(*label).cloned().unwrap_or_default()));
+            table.write_record(row)?;
+        }
+        Ok(())
     }
 }
 
@@ -132,7 +133,7 @@ fn row(unit: &SweepUnit, state: &UnitState) -> Vec<String> {
         UnitState::Running(_) | UnitState::Missing { .. } => None,
     };
     let runner = match state {
-        UnitState::Running(claim) => Some(&claim.runner),
+        UnitState::Running(runner) => Some(runner.as_ref()),
         _ => outcome.map(|outcome| &outcome.runner),
     };
     vec![

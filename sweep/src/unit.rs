@@ -1,4 +1,4 @@
-//! One claimed unit, from its first command to its outcome.
+//! One locked unit, from its first command to its outcome.
 
 use std::{
     path::Path,
@@ -14,12 +14,15 @@ use omnilife_schemas::{
 };
 
 use crate::{
-    claim::{Claim, MOST_LOST_RUNNERS},
     folder::Sweep,
-    host, plan,
+    host,
+    lock::HeldLock,
+    plan,
     process::{self, EndReason, Job, Running},
 };
 
+/// A unit whose runner went away this often has failed.
+pub(crate) const MOST_LOST_RUNNERS: u32 = 3;
 /// Exit code of a command that was told to end and goes on when it is begun again: `EX_TEMPFAIL` of
 /// sysexits.h.
 const INTERRUPTED: i32 = 75;
@@ -30,8 +33,6 @@ pub(crate) enum Ending {
     Over(Box<UnitOutcome>),
     /// The runner was asked to end; the unit is missing again.
     Interrupted,
-    /// Another runner has taken it over.
-    TakenOver,
 }
 
 /// What the commands of a unit are given.
@@ -42,7 +43,7 @@ pub(crate) struct Launch<'a> {
     pub(crate) variables: Vec<(String, String)>,
 }
 
-/// Runs a unit whose claim is held, writes its outcome and lets the claim go. `idle` is called when
+/// Runs a unit whose folder is locked, writes its outcome and lets the lock go. `idle` is called when
 /// the commands have ended: what is left takes no core, but has to wait for the disk.
 ///
 /// # Errors
@@ -50,41 +51,29 @@ pub(crate) struct Launch<'a> {
 pub(crate) fn run(
     sweep: &Sweep,
     unit: &SweepUnit,
-    claim: &Claim,
+    lock: &HeldLock,
     launch: Launch<'_>,
     running: &Running,
     stop: &AtomicBool,
     idle: impl FnOnce(),
 ) -> Result<Ending, StoreError> {
     let attempt = Attempt::begin(sweep, unit)?;
-    let Launch {
-        program,
-        mut variables,
-    } = launch;
-    variables.push((host::TOKEN_VARIABLE.to_owned(), claim.token.clone()));
     let mut cost = Cost::default();
-    let result = attempt.work(program, &variables, running, &mut cost);
+    let result = attempt.work(&launch, lock, running, &mut cost);
     if let Err(failure) = &result
         && failure.may_be_interruption
     {
         wait_for_own_signal(running, stop);
     }
-    match running.reason() {
-        Some(EndReason::TakenOver) => return Ok(Ending::TakenOver),
-        // A unit that ended well in spite of it is done.
-        Some(EndReason::Stop) if result.is_err() => {
-            claim.release()?;
-            return Ok(Ending::Interrupted);
-        }
-        _ => {}
+    // A unit that ended well in spite of it is done.
+    if running.reason() == Some(EndReason::Stop) && result.is_err() {
+        lock.release()?;
+        return Ok(Ending::Interrupted);
     }
     idle();
-    if !claim.is_held() {
-        return Ok(Ending::TakenOver);
-    }
     let outcome = attempt.outcome(result, &cost);
     sweep.write_outcome(unit, &outcome)?;
-    claim.close()?;
+    lock.release()?;
     Ok(Ending::Over(Box::new(outcome)))
 }
 
@@ -109,14 +98,14 @@ fn wait_for_own_signal(running: &Running, stop: &AtomicBool) {
 pub(crate) fn give_up(
     sweep: &Sweep,
     unit: &SweepUnit,
-    claim: &Claim,
+    lock: &HeldLock,
     last: &str,
 ) -> Result<UnitOutcome, StoreError> {
     let attempt = Attempt::begin(sweep, unit)?;
     let reason = format!("given up after {MOST_LOST_RUNNERS} runners: {last}");
     let outcome = attempt.outcome(Err(Failure::of(reason)), &Cost::default());
     sweep.write_outcome(unit, &outcome)?;
-    claim.close()?;
+    lock.release()?;
     Ok(outcome)
 }
 
@@ -176,8 +165,8 @@ impl<'a> Attempt<'a> {
 
     fn work(
         &self,
-        program: &Path,
-        variables: &[(String, String)],
+        launch: &Launch<'_>,
+        lock: &HeldLock,
         running: &Running,
         cost: &mut Cost,
     ) -> WorkResult {
@@ -195,10 +184,11 @@ impl<'a> Attempt<'a> {
         for command in &self.unit.commands {
             let job = Job {
                 command,
-                program,
+                program: launch.program,
                 folder: Path::new(&self.sweep.plan.folder),
-                variables,
+                variables: &launch.variables,
                 log: &log,
+                lock: Some(&lock.file),
             };
             let ended = match process::run(&job, running) {
                 Ok(ended) => ended,

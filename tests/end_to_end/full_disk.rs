@@ -55,7 +55,7 @@ fn whatever_stage_it_hits() {
     // From a disk on which the first record does not fit to one that lacks room for the Gaussians.
     for kibibytes in [8, 60, 400, 1000] {
         let Some(disk) = SmallDisk::mount(kibibytes) else {
-            println!("skipped: a small disk cannot be mounted here");
+            omnilife_schemas::testing::skip("a small disk cannot be mounted here");
             return;
         };
         let ended = run(&sample("street.mp4"), &disk.out(), &quiet);

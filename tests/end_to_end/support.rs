@@ -43,7 +43,7 @@ pub(crate) fn footage(file: &str) -> Option<PathBuf> {
     if path.is_file() {
         return Some(path);
     }
-    println!("skipped: {} is not here", path.display());
+    omnilife_schemas::testing::skip(format_args!("{} is not here", path.display()));
     None
 }
 

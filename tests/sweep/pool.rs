@@ -108,8 +108,8 @@ fn no_more_run_at_once_than_cores_and_memory_allow() {
     assert_eq!(shell.count("missing"), 1);
 }
 
-/// Two runners, killed and begun again at scattered moments: no unit is lost, and none runs twice at
-/// a time or is done twice.
+/// A runner, killed and begun again at scattered moments: no unit is lost, and none runs twice at a
+/// time or is done twice.
 #[test]
 fn killed_runners_cost_no_more_than_their_running_units() {
     const UNITS: usize = 60;
@@ -123,17 +123,14 @@ fn killed_runners_cost_no_more_than_their_running_units() {
         })
         .collect();
     let shell = Shell::planned(&commands, &[]);
-    let mut runners: Vec<Child> = (0..2).map(|_| shell.runner(&["--cores", "2"])).collect();
-    for (turn, number) in scattered(14).enumerate() {
+    let mut runner = shell.runner(&["--cores", "4"]);
+    for number in scattered(14) {
         thread::sleep(Duration::from_millis(20 + number % 180));
-        let runner = &mut runners[turn % 2];
-        signal(runner, "-KILL");
+        signal(&runner, "-KILL");
         runner.wait().unwrap();
-        *runner = shell.runner(&["--cores", "2"]);
+        runner = shell.runner(&["--cores", "4"]);
     }
-    for mut runner in runners {
-        runner.wait().unwrap();
-    }
+    runner.wait().unwrap();
     // A unit that was running at three of the kills is given up until somebody says otherwise;
     // which those are, if any, is up to the clock.
     let rows = shell.rows();
@@ -151,13 +148,12 @@ fn killed_runners_cost_no_more_than_their_running_units() {
     // A unit that was killed after its last command and before its record runs again: at most one
     // per core and kill.
     let finished = lines(&shell.path("finished")).len();
-    assert!((UNITS..=UNITS + 14 * 2).contains(&finished), "{finished}");
-    let claims = fs::read_dir(shell.path("sweep/units")).unwrap();
-    for unit in claims {
+    assert!((UNITS..=UNITS + 14 * 4).contains(&finished), "{finished}");
+    for unit in fs::read_dir(shell.path("sweep/units")).unwrap() {
         let names = fs::read_dir(unit.unwrap().path()).unwrap();
         let names = names.map(|entry| entry.unwrap().file_name().into_string().unwrap());
         let left: Vec<String> = names
-            .filter(|name| name.starts_with("claim") || name.starts_with('.'))
+            .filter(|name| name == "running.json" || name.starts_with('.'))
             .collect();
         assert_eq!(left, Vec::<String>::new());
     }
@@ -206,9 +202,9 @@ fn told_to_end_a_runner_lets_units_save_their_work() {
 
 /// What a killed runner's unit has started does not go on beside the next attempt.
 #[test]
-fn grandchildren_of_a_killed_runner_are_ended() {
-    let unit = "if test -e begun; then exit; fi; setsid sh -c 'touch begun; sleep 2; touch late' & \
-                wait; sleep 30";
+fn what_a_killed_runner_has_left_is_waited_for() {
+    let unit = "if test -e begun; then test -e late && touch after; exit; fi; \
+                setsid sh -c 'touch begun; sleep 1; touch late' & wait; sleep 30";
     let shell = Shell::planned(&[unit.to_owned()], &[]);
     let mut runner = shell.runner(&[]);
     wait_for("the unit", Duration::from_secs(20), || {
@@ -216,9 +212,104 @@ fn grandchildren_of_a_killed_runner_are_ended() {
     });
     signal(&runner, "-KILL");
     runner.wait().unwrap();
+    assert_eq!(shell.count("running"), 1, "its grandchild is there");
     succeeded(shell.run("run", &[]));
-    thread::sleep(Duration::from_millis(2200));
-    assert!(!shell.path("late").exists());
+    assert!(shell.path("after").exists());
+}
+
+#[test]
+fn a_second_runner_is_told_who_runs_the_sweep() {
+    let unit = "touch begun; while ! test -e enough; do sleep 0.05; done";
+    let shell = Shell::planned(&[unit.to_owned()], &[]);
+    let mut runner = shell.runner(&[]);
+    wait_for("the unit", Duration::from_secs(20), || {
+        shell.path("begun").exists()
+    });
+    let second = shell.run("run", &[]);
+    assert_eq!(second.status.code(), Some(2));
+    let said = String::from_utf8(second.stderr).unwrap();
+    let by = format!("is run by process {} on ", runner.id());
+    assert!(said.contains(&by) && said.lines().count() == 1, "{said}");
+    fs::write(shell.path("enough"), "").unwrap();
+    assert!(runner.wait().unwrap().success());
+    assert_eq!(shell.count("done"), 1);
+}
+
+/// A task of a job array leaves a unit alone that a pool runs, and finds it done afterwards.
+#[test]
+fn a_task_waits_for_a_unit_that_is_run() {
+    let unit = "echo once >> runs; touch begun; while ! test -e enough; do sleep 0.05; done";
+    let shell = Shell::planned(&[unit.to_owned()], &[]);
+    let mut runner = shell.runner(&[]);
+    wait_for("the unit", Duration::from_secs(20), || {
+        shell.path("begun").exists()
+    });
+    fs::write(shell.path("list"), "line-00001\n").unwrap();
+    let list = shell.path("list");
+    let task = ["--list", list.to_str().unwrap(), "--line", "0"];
+    let early = succeeded(shell.run("run", &[&task[..], &["--no-wait"]].concat()));
+    assert!(early.contains("1 by others"), "{early}");
+    let mut waiting = shell.runner(&task);
+    fs::write(shell.path("enough"), "").unwrap();
+    assert!(runner.wait().unwrap().success() && waiting.wait().unwrap().success());
+    assert_eq!(lines(&shell.path("runs")), ["once"]);
+}
+
+#[test]
+fn a_record_that_cannot_be_read_is_one_bad_unit() {
+    let shell = Shell::planned(&["true".to_owned(), "true".to_owned()], &[]);
+    succeeded(shell.run("run", &[]));
+    let record = shell.path("sweep/units/line-00001/done.json");
+    fs::write(&record, "").unwrap();
+    let rows = shell.rows();
+    assert_eq!(rows[0][1], "failed");
+    assert!(rows[0][2].contains("done.json"), "{}", rows[0][2]);
+    assert_eq!(rows[1][1], "done");
+    let again = shell.run("run", &[]);
+    assert_eq!(again.status.code(), Some(1), "it says so");
+    succeeded(shell.run("retry", &["line-00001"]));
+    succeeded(shell.run("run", &[]));
+    assert_eq!(shell.count("done"), 2);
+}
+
+#[test]
+fn status_writes_nothing() {
+    let shell = Shell::planned(&["true".to_owned(), "false".to_owned()], &[]);
+    assert_eq!(shell.run("run", &[]).status.code(), Some(1));
+    assert!(shell.path("sweep/units.csv").exists(), "the run leaves it");
+    fs::remove_file(shell.path("sweep/units.csv")).unwrap();
+    let state = || {
+        let mut all = Vec::new();
+        let mut folders = vec![shell.path("sweep")];
+        while let Some(folder) = folders.pop() {
+            for entry in fs::read_dir(&folder).unwrap() {
+                let entry = entry.unwrap();
+                let modified = entry.metadata().unwrap().modified().unwrap();
+                all.push((entry.path(), modified));
+                if entry.path().is_dir() {
+                    folders.push(entry.path());
+                }
+            }
+        }
+        all.sort();
+        all
+    };
+    let before = state();
+    succeeded(shell.run("status", &["--units"]));
+    assert_eq!(shell.count("failed"), 1);
+    assert_eq!(state(), before);
+}
+
+#[test]
+fn times_that_no_job_has_are_refused_in_one_line() {
+    let shell = Shell::planned(&["true".to_owned()], &[]);
+    for option in ["--minutes", "--signal-before"] {
+        let number = u64::MAX.to_string();
+        let ended = shell.run("submit", &["--slurm", "--dry-run", option, &number]);
+        assert_eq!(ended.status.code(), Some(2));
+        let said = String::from_utf8(ended.stderr).unwrap();
+        assert!(said.contains(option) && said.lines().count() == 1, "{said}");
+    }
 }
 
 #[test]

@@ -35,7 +35,7 @@ impl Cluster {
         let folder = tempfile::tempdir().unwrap();
         let check = cluster_script("check", folder.path());
         if !check.status.success() {
-            println!("skipped: {}", String::from_utf8_lossy(&check.stderr).trim());
+            omnilife_schemas::testing::skip(String::from_utf8_lossy(&check.stderr).trim());
             return None;
         }
         let cluster = Self(folder);

@@ -79,10 +79,10 @@ impl Shell {
             .unwrap()
     }
 
-    /// The rows of `units.csv` as unit, state, reason.
+    /// The rows of the table of units as unit, state, reason.
     pub(crate) fn rows(&self) -> Vec<[String; 3]> {
-        succeeded(self.run("status", &[]));
-        let mut table = csv::Reader::from_path(self.path("sweep/units.csv")).unwrap();
+        let printed = succeeded(self.run("status", &["--csv"]));
+        let mut table = csv::Reader::from_reader(printed.as_bytes());
         let rows = table.records().map(|row| {
             let row = row.unwrap();
             [0, 2, 3].map(|column| row[column].to_owned())

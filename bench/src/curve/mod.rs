@@ -101,8 +101,7 @@ fn cell(value: Option<f64>) -> String {
 }
 
 fn write_curves(path: &Path, comparisons: &[Comparison]) -> Result<(), BenchError> {
-    store::write_with(path, |writer| {
-        let mut table = csv::Writer::from_writer(writer);
+    store::write_csv(path, |table| {
         let mut header: Vec<String> = [
             "scene",
             "protocol_hash",
@@ -157,7 +156,7 @@ fn write_curves(path: &Path, comparisons: &[Comparison]) -> Result<(), BenchErro
                 table.write_record(&row)?;
             }
         }
-        table.flush()
+        Ok(())
     })?;
     Ok(())
 }
@@ -181,8 +180,7 @@ fn write_points(
     path: &Path,
     groups: &[((String, String), Vec<TracedRun>)],
 ) -> Result<(), BenchError> {
-    store::write_with(path, |writer| {
-        let mut table = csv::Writer::from_writer(writer);
+    store::write_csv(path, |table| {
         for run in groups.iter().flat_map(|(_, runs)| runs) {
             for row in &run.rows {
                 let row = PointRow {
@@ -198,10 +196,10 @@ fn write_points(
                     psnr_db: row.psnr_db,
                     ssim: row.ssim,
                 };
-                table.serialize(row).map_err(std::io::Error::other)?;
+                table.serialize(row)?;
             }
         }
-        table.flush()
+        Ok(())
     })?;
     Ok(())
 }

@@ -11,18 +11,17 @@ use std::path::Path;
 use omnilife_schemas::{
     RgbImage,
     camera::{CameraModel, ErpCamera},
+    layout::{DYNAMIC_MASKS_FILE, DYNAMIC_MASKS_FOLDER, SCENE_FILE},
     points::PointCloud,
     progress::Progress,
     records::{Dynamics, Evidence, Masks, Measured, Scale, Scene, Sequence},
+    statistics::{median, quantile},
     store,
 };
 
 use crate::{
     error::CurateError,
-    masks::{MASKS_FILE, MASKS_FOLDER},
     motion::{GreySphere, align, explain, flow},
-    poses::SCENE_FILE,
-    statistics::{median, quantile},
 };
 
 /// Where one class of motion ends and the next begins.
@@ -294,7 +293,7 @@ fn ego_motion(values: &Values, speed: Option<Speed>) -> Option<Measured> {
 
 /// From the masks of the sequence where there are some, else from the flow that is left over.
 fn dynamics(folder: &Path, values: &Values) -> Result<Option<Dynamics>, CurateError> {
-    let record = folder.join(MASKS_FOLDER).join(MASKS_FILE);
+    let record = folder.join(DYNAMIC_MASKS_FOLDER).join(DYNAMIC_MASKS_FILE);
     let (shares, from) = if record.is_file() {
         let masks: Masks = store::read_record(&record)?;
         (

@@ -13,6 +13,7 @@ pub mod taxonomy;
 use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
+    layout::{ANNOTATION_FILE, DATASET_FILE, SEQUENCE_FILE},
     progress::Progress,
     records::{Annotation, Caption, Dataset, Sequence, Tag, Taxonomy, VideoStatus},
     store,
@@ -21,10 +22,7 @@ use omnilife_schemas::{
 pub use command::CaptionCommand;
 pub use tags::TagRow;
 
-use crate::{dataset::DATASET_FILE, error::CurateError, pipeline::SEQUENCE_FILE};
-
-/// File of the annotation in a sequence's folder.
-pub const ANNOTATION_FILE: &str = "annotation.json";
+use crate::error::CurateError;
 
 /// Where annotations come from.
 #[derive(Debug, Clone, Default)]

@@ -11,16 +11,16 @@
 
 use std::collections::VecDeque;
 
-use omnilife_schemas::records::{Boundary, BoundaryKind};
+use omnilife_schemas::{
+    records::{Boundary, BoundaryKind},
+    statistics,
+};
 
 use super::{
     Detector, MissingSignal, SignalPass, Signals,
     descriptor::{Descriptor, HISTOGRAM_BINS, correlation, distance},
 };
-use crate::{
-    statistics,
-    video::{Rgb8Picture, Scaling},
-};
+use crate::video::{Rgb8Picture, Scaling};
 
 /// The detector.
 pub const DETECTOR: Detector = Detector {

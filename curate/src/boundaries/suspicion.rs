@@ -15,7 +15,7 @@
 
 use std::{ops::Range, path::Path};
 
-use omnilife_schemas::{progress::Progress, records::Boundary};
+use omnilife_schemas::{progress::Progress, records::Boundary, statistics};
 
 use super::{
     Detector,
@@ -24,7 +24,6 @@ use super::{
 use crate::{
     error::CurateError,
     slicing::packets::PacketTable,
-    statistics,
     video::{Converter, PacketChoice, Scaling, VideoReader, probe::probe},
 };
 

@@ -20,6 +20,7 @@ use std::{
 use omnilife_schemas::{
     Pose,
     camera::ErpCamera,
+    layout::SCENE_FILE,
     points::PointCloud,
     progress::Progress,
     records::{Scene, Split},
@@ -206,7 +207,7 @@ fn collect(
     split: Option<&Path>,
     progress: &dyn Progress,
 ) -> Result<ExportScene, CurateError> {
-    let path = folder.join(crate::poses::SCENE_FILE);
+    let path = folder.join(SCENE_FILE);
     let scene: Scene = store::read_record(&path)?;
     let split: Option<(&Path, Split)> = match split {
         Some(file) => Some((file, store::read_record(file)?)),

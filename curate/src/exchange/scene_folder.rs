@@ -8,16 +8,14 @@ use std::{
 
 use omnilife_schemas::{
     image_file::ImageFile,
+    layout::{FRAMES_FOLDER, POINTS_FILE, SCENE_FILE, SCENE_MASKS_FOLDER},
     records::{PoseSource, Scale, Scene, SceneFrame},
     rgb::Mask,
     store::{self, StoreError},
 };
 
 use super::{ForeignFrame, ForeignScene, format, times};
-use crate::{
-    error::CurateError,
-    poses::{POINTS_FILE, SCENE_FILE, given},
-};
+use crate::{error::CurateError, poses::given};
 
 /// What to import.
 #[derive(Debug, Clone)]
@@ -59,11 +57,11 @@ fn write(
     times: &[f64],
     out: &Path,
 ) -> Result<Scene, CurateError> {
-    store::create_folder(&out.join("frames"))?;
+    store::create_folder(&out.join(FRAMES_FOLDER))?;
     let mut frames = Vec::new();
     for (frame, time_seconds) in foreign.frames.iter().zip(times) {
         let name = image_name(frame);
-        let image = format!("frames/{name}");
+        let image = format!("{FRAMES_FOLDER}/{name}");
         check_size(foreign, frame)?;
         super::copy(&frame.image, &out.join(&image))?;
         frames.push(SceneFrame {
@@ -205,8 +203,11 @@ fn import_mask(
     if found.black_is_dynamic {
         mask = mask.inverted();
     }
-    store::create_folder(&out.join("masks"))?;
-    let name = format!("masks/{}.png", super::stem(&image_name(frame)));
+    store::create_folder(&out.join(SCENE_MASKS_FOLDER))?;
+    let name = format!(
+        "{SCENE_MASKS_FOLDER}/{}.png",
+        super::stem(&image_name(frame))
+    );
     mask.write_png(&out.join(&name))?;
     Ok(Some(name))
 }

@@ -18,18 +18,11 @@ struct Row {
 
 /// Writes the table of an export.
 pub(super) fn write(frames: &[ExportFrame], folder: &Path) -> Result<(), StoreError> {
-    store::write_with(&folder.join(TIMES_FILE), |writer| {
-        let mut table = csv::Writer::from_writer(writer);
-        for frame in frames {
-            table
-                .serialize(Row {
-                    image: frame.name.clone(),
-                    time_seconds: frame.time_seconds,
-                })
-                .map_err(std::io::Error::other)?;
-        }
-        table.flush()
-    })
+    let rows = frames.iter().map(|frame| Row {
+        image: frame.name.clone(),
+        time_seconds: frame.time_seconds,
+    });
+    store::write_csv_rows(&folder.join(TIMES_FILE), rows)
 }
 
 /// Timestamps by image name, where the folder has the table.

@@ -15,9 +15,6 @@ use omnilife_schemas::{
 use super::check;
 use crate::error::CurateError;
 
-/// File of the ledger in a video's folder.
-pub const LEDGER_FILE: &str = "ledger.jsonl";
-
 /// What an author adds to a ledger: a [`LedgerEntry`] without what the ledger knows itself.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Statement {

@@ -3,20 +3,20 @@
 use std::{fs, path::Path};
 
 use omnilife_schemas::{
+    layout::{ANALYSIS_FILE, LEDGER_FILE, SIGNALS_FILE},
     progress::Progress,
     records::{AuditDecisions, Author, Boundary, VideoAnalysis},
     store::{self, Record, StoreError},
 };
 
 use super::{
-    LEDGER_FILE, Ledger,
+    Ledger,
     formats::{self, Frames},
     resolve,
 };
 use crate::{
     boundaries::{self, Signals},
     error::CurateError,
-    pipeline::{ANALYSIS_FILE, SIGNALS_FILE},
 };
 
 /// In which role an author speaks.

@@ -12,7 +12,7 @@ pub mod formats;
 pub mod merge;
 pub mod resolve;
 
-pub use file::{LEDGER_FILE, Ledger, Statement};
+pub use file::{Ledger, Statement};
 pub use merge::{Evidence, MergeRequest, Role, effective, export, merge};
 pub use resolve::{Candidate, Status, candidates, resolve};
 

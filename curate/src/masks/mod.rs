@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
     camera::ErpCamera,
+    layout::{DYNAMIC_MASKS_FILE, DYNAMIC_MASKS_FOLDER, SEQUENCE_FILE},
     progress::Progress,
     records::{MaskEntry, Masks, Sequence},
     rgb::Mask,
@@ -19,12 +20,7 @@ use omnilife_schemas::{
     store,
 };
 
-use crate::{error::CurateError, pipeline::SEQUENCE_FILE, poses};
-
-/// Folder of the masks in a sequence's folder.
-pub const MASKS_FOLDER: &str = "dynamic-masks";
-/// File of the record in that folder.
-pub const MASKS_FILE: &str = "masks.json";
+use crate::{error::CurateError, poses};
 
 /// Where masks come from.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -78,10 +74,10 @@ pub fn write_masks(
     for file in files.iter().flatten() {
         plan = plan.with_file(file)?;
     }
-    let out = folder.join(MASKS_FOLDER);
+    let out = folder.join(DYNAMIC_MASKS_FOLDER);
     if plan.is_done() {
         progress.note(&format!("{}: masks unchanged, skipped", sequence.id));
-        return Ok(store::read_record(&out.join(MASKS_FILE))?);
+        return Ok(store::read_record(&out.join(DYNAMIC_MASKS_FILE))?);
     }
     let started = std::time::Instant::now();
     let masks = match (&files, source) {
@@ -94,12 +90,12 @@ pub fn write_masks(
     plan.begin()?;
     store::remove(&out)?;
     store::create_folder(&out)?;
-    let mut outputs = vec![format!("{MASKS_FOLDER}/{MASKS_FILE}")];
+    let mut outputs = vec![format!("{DYNAMIC_MASKS_FOLDER}/{DYNAMIC_MASKS_FILE}")];
     let mut entries = Vec::new();
     for (frame, mask) in sequence.frames.entries.iter().zip(&masks) {
         let file = format!("{}.png", stem(&frame.file));
         mask.write_png(&out.join(&file))?;
-        outputs.push(format!("{MASKS_FOLDER}/{file}"));
+        outputs.push(format!("{DYNAMIC_MASKS_FOLDER}/{file}"));
         entries.push(MaskEntry {
             file,
             dynamic_share: dynamic_share(mask),
@@ -111,7 +107,7 @@ pub fn write_masks(
         settings,
         frames: entries,
     };
-    store::write_record(&out.join(MASKS_FILE), &record)?;
+    store::write_record(&out.join(DYNAMIC_MASKS_FILE), &record)?;
     plan.finish(outputs, started.elapsed().as_secs_f64())?;
     Ok(record)
 }

@@ -6,9 +6,9 @@
 //! camera goes. What lies across that circle, or points the other way, moves by itself.
 
 use glam::{Mat3, Vec3};
+use omnilife_schemas::statistics;
 
 use super::flow::Flow;
-use crate::statistics;
 
 /// Rounds of re-weighting.
 const ROUNDS: usize = 12;

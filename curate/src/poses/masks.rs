@@ -8,6 +8,7 @@ use std::{
 };
 
 use omnilife_schemas::{
+    layout::SCENE_MASKS_FOLDER,
     records::{FrameEntry, Sequence},
     rgb::Mask,
     store::{self, StoreError},
@@ -15,8 +16,6 @@ use omnilife_schemas::{
 
 use crate::error::CurateError;
 
-/// Folder of a sequence's masks, relative to the sequence.
-const FOLDER: &str = "masks";
 /// Radius in pixels by which masks grow before features are left out under them: outlines of
 /// moving objects give features too.
 const GROWTH_PIXELS: usize = 4;
@@ -103,7 +102,7 @@ pub(super) fn stage(
     masks: &[Option<PathBuf>],
     (width, height): (usize, usize),
 ) -> Result<StagedMasks, CurateError> {
-    let folder = sequence_folder.join(FOLDER);
+    let folder = sequence_folder.join(SCENE_MASKS_FOLDER);
     let mut staging = StagedMasks {
         files: vec![None; masks.len()],
         staged: None,
@@ -135,7 +134,7 @@ pub(super) fn stage(
             ));
         }
         mask.write_png(&staged.join(&name))?;
-        staging.files[index] = Some(format!("{FOLDER}/{name}"));
+        staging.files[index] = Some(format!("{SCENE_MASKS_FOLDER}/{name}"));
     }
     Ok(staging)
 }

@@ -4,6 +4,7 @@
 //! `classes/` where there are points, masks, distances and masks of classes.
 
 pub mod colmap;
+pub mod error;
 pub mod given;
 pub mod level;
 pub(crate) mod masks;
@@ -19,6 +20,7 @@ use std::{
 use omnilife_schemas::{
     Pose,
     camera::ErpCamera,
+    layout::{POINTS_FILE, SCENE_FILE, SEQUENCE_FILE},
     points::PointCloud,
     progress::Progress,
     records::{PoseSource, PoseValidation, Scale, Scene, SceneFrame, Sequence},
@@ -26,15 +28,10 @@ use omnilife_schemas::{
     store,
 };
 
-use crate::{error::CurateError, pipeline::SEQUENCE_FILE};
+use crate::error::CurateError;
 pub use sfm::SfmSettings;
 pub use truth::{GivenDepth, GivenTruth};
 pub use validate::ValidationLimits;
-
-/// File of the scene record in a sequence's folder.
-pub const SCENE_FILE: &str = "scene.json";
-/// File of the world points in a sequence's folder.
-pub const POINTS_FILE: &str = "points.ply";
 
 /// Where the poses of a sequence come from.
 #[derive(Debug, Clone, PartialEq)]

@@ -11,6 +11,7 @@ use std::{
 use image::{ImageBuffer, Luma};
 use omnilife_schemas::{
     image_file::ImageFile,
+    layout::{CLASSES_FOLDER, DEPTH_FOLDER},
     records::{DepthImage, SceneFrame, Sequence},
     rgb,
     stage::StagePlan,
@@ -19,11 +20,6 @@ use omnilife_schemas::{
 
 use super::masks;
 use crate::error::CurateError;
-
-/// Folder of depth images in a sequence's folder.
-const DEPTH_FOLDER: &str = "depth";
-/// Folder of the masks of classes, one folder each, in a sequence's folder.
-const CLASSES_FOLDER: &str = "classes";
 
 /// Files that a user has of a sequence's frames, named like the frames.
 #[derive(Debug, Clone, PartialEq, Default)]

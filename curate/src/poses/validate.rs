@@ -7,11 +7,11 @@ use glam::{DQuat, DVec3};
 use omnilife_schemas::{
     camera::CameraModel,
     records::{PoseValidation, ValidationStatus},
+    statistics,
 };
 use serde::{Deserialize, Serialize};
 
 use super::colmap::{ColmapImage, ColmapModel};
-use crate::statistics;
 
 /// What valid poses keep to. The defaults were set on rendered scenes with known poses: of 18
 /// degraded runs they flag 14, and the other four were accurate.

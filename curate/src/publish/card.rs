@@ -3,12 +3,12 @@
 use std::fmt::Write;
 
 use omnilife_schemas::{
+    layout::STATISTICS_FOLDER,
     plain_text::for_markdown,
     records::{About, Dataset, VideoStatus},
 };
 
 use super::{
-    STATISTICS_FOLDER,
     figures::FIGURES,
     statistics::{DISTRIBUTIONS, Statistics},
 };

@@ -3,11 +3,11 @@
 use std::{collections::BTreeMap, fs, path::Path};
 
 use omnilife_schemas::{
+    layout::CHECKSUMS_FILE,
     progress::Progress,
     store::{self, StoreError},
 };
 
-use super::CHECKSUMS_FILE;
 use crate::error::CurateError;
 
 /// Writes the checksums of all files of a dataset.

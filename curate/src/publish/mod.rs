@@ -23,6 +23,7 @@ mod verify;
 use std::path::Path;
 
 use omnilife_schemas::{
+    layout::{ABOUT_FILE, CARD_FILE, CHECKSUMS_FILE, DATASET_FILE, STATISTICS_FOLDER},
     progress::Progress,
     records::{About, Dataset},
     store,
@@ -31,16 +32,7 @@ use omnilife_schemas::{
 pub use statistics::{SequenceRow, Statistics, Tally};
 pub use verify::verify;
 
-use crate::{dataset::DATASET_FILE, error::CurateError};
-
-/// File of what the makers say of their dataset.
-pub const ABOUT_FILE: &str = "about.json";
-/// File of the dataset card.
-pub const CARD_FILE: &str = "README.md";
-/// File of the checksums.
-pub const CHECKSUMS_FILE: &str = "SHA256SUMS";
-/// Folder of the statistics.
-const STATISTICS_FOLDER: &str = "statistics";
+use crate::error::CurateError;
 
 /// What is said of a dataset beside what is measured; `None` keeps what was said before.
 #[derive(Debug, Clone, Default)]

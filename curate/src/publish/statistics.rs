@@ -3,15 +3,14 @@
 use std::{collections::BTreeMap, path::Path};
 
 use omnilife_schemas::{
+    layout::{ANNOTATION_FILE, SCENE_FILE, SEQUENCE_FILE},
     plain_text::serialize_for_spreadsheet,
     records::{Annotation, Dataset, Scene, Sequence, ValidationStatus, VideoStatus},
     store,
 };
 use serde::Serialize;
 
-use crate::{
-    annotation::ANNOTATION_FILE, error::CurateError, pipeline::SEQUENCE_FILE, poses::SCENE_FILE,
-};
+use crate::error::CurateError;
 
 /// Sequences longer than this are counted apart, seconds (the paper's "two minutes").
 const LONG_SECONDS: f64 = 120.0;

@@ -3,17 +3,15 @@
 use std::path::Path;
 
 use omnilife_schemas::{
+    layout::{ABOUT_FILE, CHECKSUMS_FILE, DATASET_FILE, FUNNEL_FILE, SEQUENCE_FILE, SLICES_FILE},
     progress::Progress,
     records::{About, Dataset, Sequence, SliceFile, Slices, StretchFate, VideoStatus, check_file},
     store,
 };
 use serde::Deserialize;
 
-use super::{ABOUT_FILE, CHECKSUMS_FILE, Statistics, checksums, derived_files};
-use crate::{
-    attrition::FUNNEL_FILE, dataset::DATASET_FILE, error::CurateError, pipeline::SEQUENCE_FILE,
-    slicing::SLICES_FILE, video,
-};
+use super::{Statistics, checksums, derived_files};
+use crate::{error::CurateError, video};
 
 /// Stretches meet where they differ by no more than this, seconds: they are the same numbers,
 /// written and read once.

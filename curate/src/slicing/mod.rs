@@ -30,7 +30,7 @@ use omnilife_schemas::{
 pub use mp4::Projection;
 pub use partition::{Shots, shots, stretches};
 pub(crate) use stage::remove_slices;
-pub use stage::{SLICES_FILE, SliceSettings, write_slices};
+pub use stage::{SliceSettings, write_slices};
 pub use view_video::ViewVideoWriter;
 
 use crate::{error::CurateError, video::VideoReader};

@@ -11,14 +11,14 @@ use std::{
     path::Path,
 };
 
+use crate::video::mp4_boxes::{Span, VISUAL_ENTRY_BYTES, boxed, boxes, in_bytes};
+
 /// Boxes on the way to the sample descriptions.
 const CONTAINERS: [&[u8; 4]; 5] = [b"moov", b"trak", b"mdia", b"minf", b"stbl"];
 /// Sample entries of video codecs.
 const VIDEO_ENTRIES: [&[u8; 4]; 8] = [
     b"avc1", b"avc3", b"hvc1", b"hev1", b"vp09", b"av01", b"mp4v", b"vp08",
 ];
-/// Bytes of a visual sample entry before its child boxes, header included (ISO 14496-12, 12.1.3).
-const VISUAL_ENTRY_BYTES: usize = 86;
 /// Who says so, in the `svhd` box.
 const METADATA_SOURCE: &str = "omnilife";
 
@@ -49,29 +49,16 @@ pub fn mark_equirectangular(path: &Path, quarter_turns: u32) -> io::Result<()> {
 fn find_index(file: &mut std::fs::File) -> io::Result<(u64, usize)> {
     let end = file.seek(SeekFrom::End(0))?;
     let mut offset = 0;
-    while offset + 8 <= end {
-        let mut header = [0; 16];
-        file.seek(SeekFrom::Start(offset))?;
-        file.read_exact(&mut header[..8])?;
-        let size = match u32::from_be_bytes([header[0], header[1], header[2], header[3]]) {
-            0 => end - offset,
-            1 => {
-                file.read_exact(&mut header[8..])?;
-                u64::from_be_bytes(header[8..].try_into().map_err(|_| broken("no size"))?)
-            }
-            size => u64::from(size),
-        };
-        if size < 8 || offset + size > end {
-            return Err(broken("a box is longer than the file"));
+    for (kind, payload) in boxes(file, Span { begin: 0, end })? {
+        if &kind != b"moov" {
+            offset = payload.end;
+            continue;
         }
-        if &header[4..8] == b"moov" {
-            if offset + size != end {
-                return Err(broken("its index is not at its end"));
-            }
-            let length = usize::try_from(size).map_err(io::Error::other)?;
-            return Ok((offset, length));
+        if payload.end != end {
+            return Err(broken("its index is not at its end"));
         }
-        offset += size;
+        let length = usize::try_from(end - offset).map_err(io::Error::other)?;
+        return Ok((offset, length));
     }
     Err(broken("it has no index"))
 }
@@ -83,10 +70,7 @@ fn broken(reason: &str) -> io::Error {
 /// The boxes in `bytes`, with the metadata added in all video tracks.
 fn rewritten(bytes: &[u8], quarter_turns: u32, marked: &mut usize) -> io::Result<Vec<u8>> {
     let mut out = Vec::with_capacity(bytes.len() + 256);
-    let mut rest = bytes;
-    while !rest.is_empty() {
-        let (name, content, after) = split_box(rest)?;
-        rest = after;
+    for (name, content) in in_bytes(bytes)? {
         match name {
             name if CONTAINERS.contains(&&name) => {
                 // Track headers come before the media, so the track's kind is looked up first.
@@ -108,27 +92,6 @@ fn rewritten(bytes: &[u8], quarter_turns: u32, marked: &mut usize) -> io::Result
         }
     }
     Ok(out)
-}
-
-/// Name and content of the first box, and the bytes after it.
-fn split_box(bytes: &[u8]) -> io::Result<([u8; 4], &[u8], &[u8])> {
-    let header = bytes
-        .first_chunk::<8>()
-        .ok_or_else(|| broken("half a box"))?;
-    let [a, b, c, d, name @ ..] = *header;
-    let size = u32::from_be_bytes([a, b, c, d]) as usize;
-    if size < 8 || size > bytes.len() {
-        return Err(broken("a box is longer than what holds it"));
-    }
-    Ok((name, &bytes[8..size], &bytes[size..]))
-}
-
-fn boxed(name: [u8; 4], content: &[u8]) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(content.len() + 8);
-    bytes.extend((content.len() as u32 + 8).to_be_bytes());
-    bytes.extend(name);
-    bytes.extend(content);
-    bytes
 }
 
 /// Whether the handler of a track is for video.
@@ -164,13 +127,11 @@ fn turned_header(content: &[u8], quarter_turns: u32) -> io::Result<Vec<u8>> {
 
 /// Sample descriptions with the spherical boxes at the end of every video entry.
 fn marked_descriptions(content: &[u8], marked: &mut usize) -> io::Result<Vec<u8>> {
-    let (head, mut entries) = content
+    let (head, entries) = content
         .split_at_checked(8)
         .ok_or_else(|| broken("sample descriptions are too short"))?;
     let mut out = head.to_vec();
-    while !entries.is_empty() {
-        let (name, entry, rest) = split_box(entries)?;
-        entries = rest;
+    for (name, entry) in in_bytes(entries)? {
         if VIDEO_ENTRIES.contains(&&name) {
             let mut entry = without_spherical_boxes(entry)?;
             entry.extend(spherical_boxes());
@@ -185,13 +146,11 @@ fn marked_descriptions(content: &[u8], marked: &mut usize) -> io::Result<Vec<u8>
 
 /// A visual sample entry's content less any spherical boxes that a copy brought along.
 fn without_spherical_boxes(entry: &[u8]) -> io::Result<Vec<u8>> {
-    let (fixed, mut children) = entry
-        .split_at_checked(VISUAL_ENTRY_BYTES - 8)
+    let (fixed, children) = entry
+        .split_at_checked(VISUAL_ENTRY_BYTES)
         .ok_or_else(|| broken("a video sample entry is too short"))?;
     let mut out = fixed.to_vec();
-    while children.len() >= 8 {
-        let (name, content, rest) = split_box(children)?;
-        children = rest;
+    for (name, content) in in_bytes(children)? {
         if &name != b"st3d" && &name != b"sv3d" {
             out.extend(boxed(name, content));
         }

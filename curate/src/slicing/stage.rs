@@ -3,6 +3,7 @@
 use std::{path::Path, time::Instant};
 
 use omnilife_schemas::{
+    layout::{SLICES_FILE, SLICES_FOLDER, sequence_name},
     progress::Progress,
     records::{Slices, StretchFate, VideoAnalysis},
     stage::StagePlan,
@@ -11,12 +12,7 @@ use omnilife_schemas::{
 use serde::{Deserialize, Serialize};
 
 use super::{Shots, SliceRequest, SliceSource, slice_video, stretches};
-use crate::{error::CurateError, sequences::sequence_name};
-
-/// File of the record in a video's folder.
-pub const SLICES_FILE: &str = "slices.json";
-/// Folder of the slices in a video's folder.
-const SLICES_FOLDER: &str = "slices";
+use crate::error::CurateError;
 
 /// How slices are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

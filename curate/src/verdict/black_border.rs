@@ -1,7 +1,8 @@
 //! Black borders: letterboxes, pillarboxes and half spheres.
 
 use super::{VerdictTest, median_over};
-use crate::{statistics, video::Rgb8Picture};
+use crate::video::Rgb8Picture;
+use omnilife_schemas::statistics;
 
 /// 8-bit level up to which a pixel counts as black: limited-range black with compression noise.
 const BLACK_LEVEL: u8 = 24;

@@ -6,7 +6,8 @@
 //! picture's border is continued by some edge of another face.
 
 use super::{VerdictTest, median_over};
-use crate::{statistics, video::Rgb8Picture};
+use crate::video::Rgb8Picture;
+use omnilife_schemas::statistics;
 
 /// Columns and rows of the layouts that are tried. 3x2 is that of EAC and of most cube maps.
 const LAYOUTS: [(usize, usize); 4] = [(3, 2), (6, 1), (1, 6), (2, 3)];

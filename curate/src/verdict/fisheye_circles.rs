@@ -1,9 +1,10 @@
 //! Fisheye circles: black around them, or two of them that see the same rim.
 
+use omnilife_schemas::statistics;
 use std::f64::consts::TAU;
 
 use super::{VerdictTest, black_border::is_black, median_over};
-use crate::{statistics, video::Rgb8Picture};
+use crate::video::Rgb8Picture;
 
 /// Radii that are tried, as shares of half the picture (of half of each half for two circles): from
 /// this to 1 in so many steps.

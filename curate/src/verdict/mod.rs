@@ -17,9 +17,12 @@ mod wrap_seam;
 
 pub use samples::FrameSamples;
 
-use omnilife_schemas::records::{ErpVerdict, Evidence, Probe, Verdict};
+use omnilife_schemas::{
+    records::{ErpVerdict, Evidence, Probe, Verdict},
+    statistics,
+};
 
-use crate::{statistics, video::Rgb8Picture};
+use crate::video::Rgb8Picture;
 
 /// One measurement for the verdict.
 pub struct VerdictTest {

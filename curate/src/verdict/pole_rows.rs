@@ -1,7 +1,8 @@
 //! Are the outermost rows a single point of the sphere?
 
 use super::{VerdictTest, median_over};
-use crate::{statistics, video::Rgb8Picture};
+use crate::video::Rgb8Picture;
+use omnilife_schemas::statistics;
 
 /// Spread, in 8-bit levels, of the middle rows below which a picture is too plain to compare with.
 const LEAST_SPREAD_LEVELS: f64 = 1.5;

@@ -1,7 +1,8 @@
 //! Do two halves of the picture show the same scene?
 
 use super::{VerdictTest, median_over};
-use crate::{statistics, video::Rgb8Picture};
+use crate::video::Rgb8Picture;
+use omnilife_schemas::statistics;
 
 /// Size of the compared blocks in pixels.
 const BLOCK_WIDTH: usize = 32;

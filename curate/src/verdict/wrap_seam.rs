@@ -1,9 +1,10 @@
 //! Does the picture go on over its left and right edge?
 
+use omnilife_schemas::statistics;
 use std::f64::consts::PI;
 
 use super::{VerdictTest, median_over};
-use crate::{statistics, video::Rgb8Picture};
+use crate::video::Rgb8Picture;
 
 /// Differences, in 8-bit levels, between far and neighbouring columns below which a picture is too
 /// plain to tell whether it wraps.

@@ -7,6 +7,7 @@
 pub mod convert;
 pub mod decode;
 mod luma;
+pub(crate) mod mp4_boxes;
 mod pixel_format;
 mod planes;
 pub mod probe;

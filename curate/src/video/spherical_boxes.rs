@@ -10,16 +10,14 @@ use std::{
     path::Path,
 };
 
+use super::mp4_boxes::{Span, VISUAL_ENTRY_BYTES, boxes, bytes_at, children};
+
 /// Identifies the version 1 box.
 const V1_UUID: [u8; 16] = [
     0xff, 0xcc, 0x82, 0x63, 0xf8, 0x55, 0x4a, 0x93, 0x88, 0x14, 0x58, 0x7a, 0x02, 0x52, 0x1f, 0xdd,
 ];
-/// Length of the fields of a visual sample entry before the boxes in it, bytes.
-const SAMPLE_ENTRY_BYTES: u64 = 78;
 /// An XML document longer than this is not read.
 const MOST_XML_BYTES: u64 = 1 << 20;
-/// A folder of more boxes than this is not searched to its end.
-const MOST_BOXES: usize = 10_000;
 
 /// What one version of the metadata says, in FFmpeg's names.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -55,67 +53,6 @@ pub(super) fn read(path: &Path, track_id: u32) -> io::Result<SphericalBoxes> {
         }
     }
     Ok(found)
-}
-
-/// A stretch of the file, in bytes.
-#[derive(Debug, Clone, Copy)]
-struct Span {
-    begin: u64,
-    end: u64,
-}
-
-/// The payloads of the boxes of one kind directly in a stretch.
-fn children(file: &mut (impl Read + Seek), span: Span, kind: &[u8; 4]) -> io::Result<Vec<Span>> {
-    Ok(boxes(file, span)?
-        .into_iter()
-        .filter(|(found, _)| found == kind)
-        .map(|(_, payload)| payload)
-        .collect())
-}
-
-/// Kinds and payloads of the boxes directly in a stretch.
-fn boxes(file: &mut (impl Read + Seek), span: Span) -> io::Result<Vec<([u8; 4], Span)>> {
-    let mut found = Vec::new();
-    let mut at = span.begin;
-    while at + 8 <= span.end && found.len() < MOST_BOXES {
-        file.seek(SeekFrom::Start(at))?;
-        let short = u64::from(u32::from_be_bytes(array(file)?));
-        let kind = array(file)?;
-        let (header, size) = match short {
-            0 => (8, span.end - at),
-            1 if at + 16 <= span.end => (16, u64::from_be_bytes(array(file)?)),
-            size => (8, size),
-        };
-        let Some(end) = at.checked_add(size).filter(|&end| end <= span.end) else {
-            break;
-        };
-        if size < header {
-            break;
-        }
-        let begin = at + header;
-        found.push((kind, Span { begin, end }));
-        at = end;
-    }
-    Ok(found)
-}
-
-fn array<const N: usize>(file: &mut impl Read) -> io::Result<[u8; N]> {
-    let mut bytes = [0; N];
-    file.read_exact(&mut bytes)?;
-    Ok(bytes)
-}
-
-/// `N` bytes of a stretch from an offset, where it is that long.
-fn bytes_at<const N: usize>(
-    file: &mut (impl Read + Seek),
-    span: Span,
-    offset: u64,
-) -> io::Result<Option<[u8; N]>> {
-    if span.begin + offset + N as u64 > span.end {
-        return Ok(None);
-    }
-    file.seek(SeekFrom::Start(span.begin + offset))?;
-    array(file).map(Some)
 }
 
 fn track_id(file: &mut (impl Read + Seek), track: Span) -> io::Result<Option<u32>> {
@@ -197,7 +134,7 @@ fn v2(file: &mut (impl Read + Seek), track: Span) -> io::Result<Option<Statement
         };
         for (_, entry) in boxes(file, entries)? {
             let inside = Span {
-                begin: entry.begin + SAMPLE_ENTRY_BYTES,
+                begin: entry.begin + VISUAL_ENTRY_BYTES as u64,
                 ..entry
             };
             for (kind, span) in boxes(file, inside)? {
@@ -251,26 +188,20 @@ mod tests {
     #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
     use super::*;
-
-    fn bx(kind: &[u8; 4], payload: &[u8]) -> Vec<u8> {
-        let mut bytes = (payload.len() as u32 + 8).to_be_bytes().to_vec();
-        bytes.extend_from_slice(kind);
-        bytes.extend_from_slice(payload);
-        bytes
-    }
+    use crate::video::mp4_boxes::boxed;
 
     fn track(id: u32, extra: &[u8], entry_boxes: &[u8]) -> Vec<u8> {
         let mut header = vec![0; 84];
         header[12..16].copy_from_slice(&id.to_be_bytes());
-        let mut entry = vec![0; SAMPLE_ENTRY_BYTES as usize];
+        let mut entry = vec![0; VISUAL_ENTRY_BYTES];
         entry.extend_from_slice(entry_boxes);
         let mut description = vec![0, 0, 0, 0, 0, 0, 0, 1];
-        description.extend(bx(b"avc1", &entry));
-        let table = bx(b"stbl", &bx(b"stsd", &description));
-        let media = bx(b"mdia", &bx(b"minf", &table));
-        bx(
-            b"trak",
-            &[bx(b"tkhd", &header), media, extra.to_vec()].concat(),
+        description.extend(boxed(*b"avc1", &entry));
+        let table = boxed(*b"stbl", &boxed(*b"stsd", &description));
+        let media = boxed(*b"mdia", &boxed(*b"minf", &table));
+        boxed(
+            *b"trak",
+            &[boxed(*b"tkhd", &header), media, extra.to_vec()].concat(),
         )
     }
 
@@ -278,9 +209,9 @@ mod tests {
         let temp = tempfile::tempdir().unwrap();
         let path = temp.path().join("clip.mp4");
         let file = [
-            bx(b"ftyp", b"isom"),
-            bx(b"moov", tracks),
-            bx(b"mdat", &[1, 2, 3]),
+            boxed(*b"ftyp", b"isom"),
+            boxed(*b"moov", tracks),
+            boxed(*b"mdat", &[1, 2, 3]),
         ]
         .concat();
         std::fs::write(&path, file).unwrap();
@@ -294,15 +225,19 @@ mod tests {
                    <GSpherical:StereoMode>top-bottom</GSpherical:StereoMode>\
                    <GSpherical:CroppedAreaImageWidthPixels>900</GSpherical:CroppedAreaImageWidthPixels>\
                    <GSpherical:FullPanoWidthPixels>1000</GSpherical:FullPanoWidthPixels>";
-        let uuid = bx(b"uuid", &[&V1_UUID, xml.as_bytes()].concat());
-        let equi = bx(b"equi", &[0; 20]);
-        let sv3d = bx(
-            b"sv3d",
-            &bx(b"proj", &[bx(b"prhd", &[0; 16]), equi].concat()),
+        let uuid = boxed(*b"uuid", &[&V1_UUID, xml.as_bytes()].concat());
+        let equi = boxed(*b"equi", &[0; 20]);
+        let sv3d = boxed(
+            *b"sv3d",
+            &boxed(*b"proj", &[boxed(*b"prhd", &[0; 16]), equi].concat()),
         );
-        let st3d = bx(b"st3d", &[0, 0, 0, 0, 2]);
+        let st3d = boxed(*b"st3d", &[0, 0, 0, 0, 2]);
         let tracks = [
-            track(7, &[], &bx(b"sv3d", &bx(b"proj", &bx(b"cbmp", &[0; 12])))),
+            track(
+                7,
+                &[],
+                &boxed(*b"sv3d", &boxed(*b"proj", &boxed(*b"cbmp", &[0; 12]))),
+            ),
             track(2, &uuid, &[st3d, sv3d].concat()),
         ]
         .concat();
@@ -337,11 +272,11 @@ mod tests {
             vec![0; 7],
             vec![0; 4096],
             vec![255; 64],
-            bx(
-                b"moov",
+            boxed(
+                *b"moov",
                 &[0, 0, 0, 1, b't', b'r', b'a', b'k', 255, 255, 255, 255],
             ),
-            bx(b"moov", &bx(b"trak", &bx(b"uuid", &V1_UUID[..7]))),
+            boxed(*b"moov", &boxed(*b"trak", &boxed(*b"uuid", &V1_UUID[..7]))),
         ] {
             let temp = tempfile::tempdir().unwrap();
             let path = temp.path().join("clip.mp4");

@@ -199,6 +199,6 @@ pub fn shared_data(name: &str) -> Option<PathBuf> {
     if path.exists() {
         return Some(path);
     }
-    println!("skipped: {} is not there", path.display());
+    omnilife_schemas::testing::skip(format_args!("{} is not there", path.display()));
     None
 }

@@ -2,18 +2,16 @@
 //!
 //! `published/*.json` holds them as printed: every row names the line of the paper's text version
 //! that it was taken from. They are shown beside measured scores and never ranked with them.
+//! `published/findings.json` says what adds up in them and what does not; `scripts/published-tables`
+//! checks both.
 
-mod check;
 mod comparison;
-mod report;
 
-use serde::Deserialize;
+use serde::{Deserialize, de::DeserializeOwned};
 
 use omnilife_schemas::records::Direction;
 
-pub use check::{Finding, findings};
 pub(crate) use comparison::{PublishedLayout, published_rows};
-pub use report::inconsistencies_markdown;
 
 use crate::error::LeaderboardError;
 
@@ -33,6 +31,8 @@ const FILES: [(&str, &str); 4] = [
         include_str!("../../published/neural-atlas-graphs.json"),
     ),
 ];
+
+const FINDINGS: &str = include_str!("../../published/findings.json");
 
 /// The tables of one paper.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -198,6 +198,21 @@ impl PublishedRow {
     }
 }
 
+/// Something that was checked in the tables of a paper.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct Finding {
+    /// Id of the paper.
+    pub paper: String,
+    /// Where, such as `Table 4`.
+    pub place: String,
+    /// Whether the paper is consistent here.
+    pub holds: bool,
+    /// What was found, with the numbers.
+    pub text: String,
+    /// What the paper says, to the letter.
+    pub quotes: Vec<String>,
+}
+
 /// All papers.
 ///
 /// # Errors
@@ -205,11 +220,21 @@ impl PublishedRow {
 pub fn papers() -> Result<Vec<Paper>, LeaderboardError> {
     FILES
         .into_iter()
-        .map(|(file, text)| {
-            serde_json::from_str(text).map_err(|error| LeaderboardError::Published {
-                file,
-                reason: error.to_string(),
-            })
-        })
+        .map(|(file, text)| parsed(file, text))
         .collect()
+}
+
+/// The findings about all papers, in order of the papers.
+///
+/// # Errors
+/// As [`papers`].
+pub fn findings() -> Result<Vec<Finding>, LeaderboardError> {
+    parsed("findings.json", FINDINGS)
+}
+
+fn parsed<T: DeserializeOwned>(file: &'static str, text: &str) -> Result<T, LeaderboardError> {
+    serde_json::from_str(text).map_err(|error| LeaderboardError::Published {
+        file,
+        reason: error.to_string(),
+    })
 }

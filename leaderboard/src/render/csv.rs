@@ -4,7 +4,6 @@ use std::{io, path::Path};
 
 use omnilife_schemas::{plain_text::for_spreadsheet, store::StoreError};
 
-use super::parquet::Kind;
 use crate::{
     format,
     table::{Cell, Row, Score, Standing, Table},
@@ -26,15 +25,6 @@ const HEADER: [&str; 13] = [
     "failures",
     "text",
 ];
-
-/// What a column holds.
-pub(crate) fn kind(column: &str) -> Kind {
-    match column {
-        "value" | "interval_low" | "interval_high" => Kind::Number,
-        "rank_low" | "rank_high" | "failures" => Kind::Count,
-        _ => Kind::Text,
-    }
-}
 
 /// All tables of a layout, one row per cell. `path` is named in errors.
 pub(crate) fn render(tables: &[Table], path: &Path) -> Result<Vec<u8>, StoreError> {

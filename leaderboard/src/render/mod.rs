@@ -3,7 +3,6 @@
 pub(crate) mod csv;
 pub(crate) mod latex;
 pub(crate) mod markdown;
-pub(crate) mod parquet;
 
 use crate::table::{Row, Table};
 

@@ -64,7 +64,7 @@ pub(crate) fn add(
         outputs.add(format!("{FOLDER}/{name}"), markup.into_string());
     };
     page("index.html", index_page::render(request)?);
-    page("published.html", published_page::render(request));
+    page("published.html", published_page::render(request)?);
     if let Some(dataset) = request.dataset {
         page("dataset.html", dataset_page::render(request, dataset)?);
     }

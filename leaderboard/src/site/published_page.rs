@@ -3,10 +3,13 @@
 use maud::{Markup, html};
 
 use super::{SiteRequest, layout, layout::Place};
-use crate::published::{Paper, PublishedTable, findings};
+use crate::{
+    error::LeaderboardError,
+    published::{Paper, PublishedTable, findings},
+};
 
-pub(super) fn render(request: &SiteRequest<'_>) -> Markup {
-    let findings = findings(request.papers);
+pub(super) fn render(request: &SiteRequest<'_>) -> Result<Markup, LeaderboardError> {
+    let findings = findings()?;
     let content = html! {
         p.lead {
             "As printed by their authors, on their scenes and with their variants of the metrics. \
@@ -34,12 +37,12 @@ pub(super) fn render(request: &SiteRequest<'_>) -> Markup {
             }
         }
     };
-    layout::page(
+    Ok(layout::page(
         Place::Published,
         "Published figures",
         request.dataset.is_some(),
         content,
-    )
+    ))
 }
 
 fn published(paper: &Paper, table: &PublishedTable) -> Markup {

@@ -13,6 +13,7 @@ mod verify;
 use std::{fs, path::Path};
 
 use omnilife_schemas::{
+    layout::RESULT_FILE,
     records::SubmittedFile,
     store::{self, StoreError},
 };
@@ -26,9 +27,6 @@ pub use verify::{Verified, verify};
 
 /// Name of the record in a submission's folder.
 pub const SUBMISSION_FILE: &str = "submission.json";
-
-/// Name of a result in its folder.
-const RESULT_FILE: &str = "result.json";
 
 /// All files below a folder, relative to it, sorted.
 ///

@@ -13,7 +13,6 @@ use omnilife_schemas::{
     Blame, Blamed,
     records::{Direction, Failure, ResultRecord, Summary},
 };
-use polars::prelude::{ParquetReader, SerReader};
 
 /// Three methods and two variants on four scenes of three videos, two seeds of one of them.
 pub(crate) fn study() -> Vec<ResultRecord> {
@@ -150,48 +149,6 @@ fn the_same_results_give_the_same_bytes() {
     assert!(left == right);
 }
 
-/// Every CSV has a Parquet file beside it with the same columns and cells.
-#[test]
-fn parquet_says_what_csv_says() {
-    let place = Place::with(&study());
-    place.build();
-    let csv: Vec<_> = files(&place.request.out)
-        .into_iter()
-        .filter(|(path, _)| path.extension().is_some_and(|extension| extension == "csv"))
-        .collect();
-    assert!(csv.len() >= 5, "{}", csv.len());
-    for (path, bytes) in csv {
-        let parquet = fs::File::open(place.request.out.join(&path).with_extension("parquet"));
-        let table = ParquetReader::new(parquet.unwrap()).finish().unwrap();
-        let mut reader = csv::Reader::from_reader(bytes.as_slice());
-        let names: Vec<String> = reader
-            .headers()
-            .unwrap()
-            .iter()
-            .map(str::to_owned)
-            .collect();
-        let found: Vec<&str> = table
-            .get_column_names()
-            .iter()
-            .map(|name| name.as_str())
-            .collect();
-        assert_eq!(found, names, "{}", path.display());
-        let rows: Vec<_> = reader.records().collect::<Result<_, _>>().unwrap();
-        assert_eq!(table.height(), rows.len());
-        for (row, record) in rows.iter().enumerate() {
-            for (column, field) in table.columns().iter().zip(record) {
-                let value = column.get(row).unwrap();
-                let same = match value.get_str() {
-                    Some(text) => text == field,
-                    None if field.is_empty() => value.is_null(),
-                    None => value.extract::<f64>() == field.parse().ok(),
-                };
-                assert!(same, "{}: {value} is not {field}", path.display());
-            }
-        }
-    }
-}
-
 #[test]
 fn the_site_asks_the_network_for_nothing() {
     let place = Place::with(&study());
@@ -232,9 +189,6 @@ fn names_are_text_and_never_markup() {
     let mut escaped = 0;
     for (path, bytes) in files(&out) {
         let name = path.to_string_lossy();
-        if name.ends_with(".parquet") {
-            continue;
-        }
         let text = String::from_utf8(bytes).unwrap();
         assert!(
             name.is_ascii() && !name.contains(['<', '"', '\'', '&']),
@@ -326,12 +280,6 @@ fn check_finds_what_is_out_of_date() {
 fn the_readme_shows_its_results() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let results = root.join("docs/leaderboard/results");
-    if !results.exists() {
-        println!(
-            "skipped: scripts/readme-table has put no results into docs/leaderboard/results yet"
-        );
-        return;
-    }
     check_leaderboard(&LeaderboardRequest {
         page: Some(root.join("README.md")),
         ..request(&results, &root.join("docs/leaderboard"))

@@ -197,7 +197,9 @@ fn the_pages_say_what_the_results_say() {
 fn readers_sort_filter_and_compare_in_a_browser() {
     let found = |program: &str| Command::new(program).arg("--version").output().is_ok();
     if !(found("chromium") && found("chromedriver") && found("python3")) {
-        println!("skipped: no Chromium with its driver, scripts/setup --browser installs them");
+        omnilife_schemas::testing::skip(
+            "no Chromium with its driver, scripts/setup --browser installs them",
+        );
         return;
     }
     let folder = tempfile::tempdir().unwrap();

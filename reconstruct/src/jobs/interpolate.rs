@@ -104,7 +104,7 @@ pub fn interpolate(
     progress.end();
     let made = made?;
     let rows: Vec<&GroupRow> = made.iter().map(|group| &group.row).collect();
-    write_rows(&request.out.join(GROUPS_FILE), &rows)?;
+    store::write_csv_rows(&request.out.join(GROUPS_FILE), &rows)?;
     let analysis_seconds: f64 = rows.iter().map(|row| row.analysis_seconds).sum();
     let rendering_seconds: f64 = rows.iter().map(|row| row.rendering_seconds).sum();
     let record = RunRecord {
@@ -245,15 +245,4 @@ fn make_group(
         files,
         remarks: interpolated.remarks,
     })
-}
-
-fn write_rows(path: &Path, rows: &[&GroupRow]) -> Result<(), ReconstructError> {
-    store::write_with(path, |writer| {
-        let mut table = csv::Writer::from_writer(writer);
-        for row in rows {
-            table.serialize(row).map_err(std::io::Error::other)?;
-        }
-        table.flush()
-    })?;
-    Ok(())
 }

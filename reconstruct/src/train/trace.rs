@@ -126,8 +126,7 @@ impl TracePoint {
 /// # Errors
 /// When the file cannot be written.
 pub fn write_csv(path: &Path, trace: &[TracePoint]) -> Result<(), StoreError> {
-    store::write_with(path, |writer| {
-        let mut table = csv::Writer::from_writer(writer);
+    store::write_csv(path, |table| {
         let refused = trace.first().map_or(&[][..], |point| &point.refused);
         let header = COLUMNS
             .map(str::to_owned)
@@ -137,6 +136,6 @@ pub fn write_csv(path: &Path, trace: &[TracePoint]) -> Result<(), StoreError> {
         for point in trace {
             table.write_record(point.cells())?;
         }
-        table.flush()
+        Ok(())
     })
 }

@@ -12,7 +12,7 @@ pub(crate) fn device() -> Option<Arc<Gpu>> {
             Some(Arc::new(gpu))
         }
         Err(GpuError::NoAdapter) => {
-            println!("skipped: {}", GpuError::NoAdapter);
+            omnilife_schemas::testing::skip(GpuError::NoAdapter);
             None
         }
         Err(error) => panic!("{error}"),

@@ -57,7 +57,7 @@ pub use stability::{
     StabilityVerdict,
 };
 pub use submission::{MethodCard, Submission, SubmittedFile, SubmittedResult};
-pub use sweep::{SweepPlan, SweepUnit, UnitClaim, UnitInput, UnitNeeds, UnitOutcome, UnitRunner};
+pub use sweep::{RunnerLock, SweepPlan, SweepUnit, UnitInput, UnitNeeds, UnitOutcome, UnitRunner};
 
 use std::path::Path;
 
@@ -120,7 +120,7 @@ pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<Done>(),
     entry::<SweepPlan>(),
     entry::<UnitOutcome>(),
-    entry::<UnitClaim>(),
+    entry::<RunnerLock>(),
     entry::<Submission>(),
 ];
 

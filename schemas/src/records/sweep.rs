@@ -1,4 +1,4 @@
-//! `sweep-plan`, `unit-outcome`, `unit-claim`: many pieces of work, and what became of each.
+//! `sweep-plan`, `unit-outcome`, `runner-lock`: many pieces of work, and what became of each.
 
 use std::collections::BTreeMap;
 
@@ -121,23 +121,16 @@ pub struct UnitRunner {
     pub slurm_job: Option<String>,
 }
 
-/// `claim-<number>.json` in a unit's folder: who works on it. The highest number counts.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct UnitClaim {
+/// `running.json` in the folder of a unit or of a sweep: who holds the lock on this file, or held it
+/// last and went away.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct RunnerLock {
     /// Who.
     pub runner: UnitRunner,
-    /// Unique to this claim; every process of the unit has it in its environment.
-    pub token: String,
-    /// What a process id means something within: the running kernel and its process namespace;
-    /// `None` where the system does not tell.
-    pub kernel: Option<String>,
-    /// When the runner began, in ticks of that kernel's clock: another process of the same id began
-    /// at another time.
-    pub process_begun_ticks: Option<u64>,
-    /// The claim holds for this long after its file was written last.
-    pub expiry_seconds: f64,
+    /// Runners that held it before, one after another, and went away.
+    pub lost_runners: u32,
 }
 
-impl Record for UnitClaim {
-    const SCHEMA: &'static str = "omnilife/unit-claim/1";
+impl Record for RunnerLock {
+    const SCHEMA: &'static str = "omnilife/runner-lock/1";
 }

@@ -2,8 +2,7 @@
 //!
 //! Slurm queues and places; what is done is in the sweep's records alone, so neither accounting nor
 //! a database is needed. An array task runs `omnilife sweep run SWEEP --list FILE --line TASK`: it
-//! claims its unit as every runner does, so that a task that Slurm starts twice, or that was
-//! submitted twice, does no unit twice. Some time before a job's limit Slurm signals the runner;
+//! locks its unit, so that one that was submitted twice is not done twice at a time. Some time before a job's limit Slurm signals the runner;
 //! the unit writes its checkpoint, and the task goes back into the queue.
 
 mod arrays;
@@ -81,7 +80,7 @@ pub fn submit(request: &SubmitRequest) -> Result<Submission, SweepError> {
     let arrays = arrays::arrays(
         &wanted,
         &history,
-        request.unmeasured + request.signal_before,
+        request.unmeasured.saturating_add(request.signal_before),
         cluster::max_array_size()?,
     );
     let mut submission = Submission {

@@ -7,7 +7,7 @@ use std::{
 
 use omnilife_schemas::store;
 
-use super::SfmError;
+use crate::poses::error::SfmError;
 
 /// Names the Python interpreter that has pycolmap.
 pub const PYTHON_VARIABLE: &str = "OMNILIFE_SFM_PYTHON";

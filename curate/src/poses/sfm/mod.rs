@@ -10,7 +10,8 @@ mod workshop;
 use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
-    Blame, Blamed, Pose,
+    Pose,
+    layout::ATTEMPTS_FILE,
     progress::Progress,
     records::{
         PoseSource, PoseValidation, Scale, Sequence, SfmAttempt, SfmReport, ValidationStatus,
@@ -24,59 +25,10 @@ pub use installation::{PYTHON_VARIABLE, SfmInstallation, installation};
 use workshop::{Attempted, Workshop};
 
 use super::{
-    PosedSequence, colmap::ColmapModel, given::frame_names, level, masks,
+    PosedSequence, colmap::ColmapModel, error::SfmError, given::frame_names, level, masks,
     validate::ValidationLimits,
 };
 use crate::error::CurateError;
-
-/// Folder of everything structure from motion leaves, relative to the sequence.
-pub const SFM_FOLDER: &str = "sfm";
-/// File of the record of all attempts, relative to [`SFM_FOLDER`].
-pub const ATTEMPTS_FILE: &str = "attempts.json";
-
-/// What goes wrong with structure from motion.
-#[derive(Debug, thiserror::Error)]
-pub enum SfmError {
-    /// There is no interpreter with pycolmap.
-    #[error("structure from motion is not installed; run scripts/setup --sfm ({reason})")]
-    NotInstalled {
-        /// What was looked for, and what was found.
-        reason: String,
-    },
-    /// No attempt registered two frames, and one of them did not come to its end.
-    #[error("{sequence}: structure from motion broke: {reason}")]
-    Broken {
-        /// Id of the sequence.
-        sequence: String,
-        /// The failures of all attempts.
-        reason: String,
-    },
-    /// No attempt registered two frames.
-    #[error("{sequence}: structure from motion found no poses: {reason}")]
-    NoPoses {
-        /// Id of the sequence.
-        sequence: String,
-        /// The failures of all attempts.
-        reason: String,
-    },
-    /// The interpreter could not be run.
-    #[error("{}: cannot be run: {source}", python.display())]
-    Run {
-        /// The interpreter.
-        python: PathBuf,
-        /// The system's reason.
-        source: std::io::Error,
-    },
-}
-
-impl Blamed for SfmError {
-    fn blame(&self) -> Blame {
-        match self {
-            Self::NotInstalled { .. } | Self::Broken { .. } | Self::Run { .. } => Blame::Ours,
-            Self::NoPoses { .. } => Blame::Input,
-        }
-    }
-}
 
 /// Name of the program in records, before its version.
 pub(super) const TOOL: &str = "pycolmap";

@@ -10,6 +10,8 @@ use omnilife_schemas::{
     },
 };
 
+use omnilife_schemas::{Blame, Blamed};
+
 use super::*;
 
 fn sequence(frames: usize) -> Sequence {

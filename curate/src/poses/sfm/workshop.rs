@@ -9,16 +9,16 @@ use std::{
 };
 
 use omnilife_schemas::{
+    layout::{FRAMES_FOLDER, SFM_FOLDER},
     progress::Progress,
     records::{PoseValidation, Sequence, SfmAttempt},
     store,
 };
 
-use super::{Configuration, SFM_FOLDER, SfmError, SfmInstallation, SfmSettings};
+use super::{Configuration, SfmInstallation, SfmSettings};
 use crate::{
     error::CurateError,
-    frames::FRAMES_FOLDER,
-    poses::{colmap::ColmapModel, given::frame_names, masks, validate::validate},
+    poses::{colmap::ColmapModel, error::SfmError, given::frame_names, masks, validate::validate},
 };
 
 pub(super) const SCRIPT: &str = include_str!("../erp_sfm.py");

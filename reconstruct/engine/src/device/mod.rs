@@ -34,7 +34,7 @@ pub(crate) fn test_device() -> Option<Gpu> {
     match Gpu::open() {
         Ok(gpu) => Some(gpu),
         Err(GpuError::NoAdapter) => {
-            println!("skipped: {}", GpuError::NoAdapter);
+            omnilife_schemas::testing::skip(GpuError::NoAdapter);
             None
         }
         Err(error) => panic!("{error}"),

@@ -1,17 +1,9 @@
 //! Real footage beside the checkout; skipped with a reason where it is not there.
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-mod support;
+use omnilife_curate::{analysis::Analysis, boundaries::DETECTORS, verdict};
+use omnilife_schemas::records::{Boundary, BoundaryKind, Verdict};
 
-use omnilife_curate::{
-    analysis::{Analysis, analyse},
-    boundaries::DETECTORS,
-    verdict,
-};
-use omnilife_schemas::{
-    progress::Silent,
-    records::{Boundary, BoundaryKind, Verdict},
-};
+use crate::{of_real_clip, support};
 
 /// A clip with the verdict it must get and the frames at which its shots begin; a transition is
 /// given by its first and last frame.
@@ -49,11 +41,6 @@ const CLIPS: &[Expectation] = &[
     },
 ];
 
-fn analysed(file: &str) -> Option<Analysis> {
-    let path = support::shared_data(file)?;
-    Some(analyse(&path, &DETECTORS[0], &Silent).unwrap())
-}
-
 /// Frames from the first that is not of the old shot alone to the first of the new shot alone.
 fn frames(analysis: &Analysis, boundary: &Boundary) -> (usize, usize) {
     let index = |seconds: f64| {
@@ -73,46 +60,49 @@ fn frames(analysis: &Analysis, boundary: &Boundary) -> (usize, usize) {
 #[test]
 fn verdicts_and_boundaries() {
     for expected in CLIPS {
-        let Some(analysis) = analysed(expected.file) else {
-            continue;
-        };
-        let verdict = verdict::judge(&analysis.probe, analysis.samples.pictures());
-        println!("{}: {}", expected.file, verdict.verdict.name());
-        for evidence in &verdict.evidence {
-            println!(
-                "  {:20} {:.3} (limit {})",
-                evidence.test, evidence.value, evidence.limit
-            );
-        }
-        assert_eq!(verdict.verdict, expected.verdict, "{}", expected.file);
-        assert_eq!(verdict.disagreement, None, "{}", expected.file);
+        of_real_clip(expected.file, |_, analysis| {
+            assert_as_expected(expected, analysis);
+        });
+    }
+}
 
-        let found = (DETECTORS[0].decide)(&analysis.signals).unwrap();
-        let spans: Vec<_> = found
-            .iter()
-            .map(|boundary| frames(&analysis, boundary))
-            .collect();
-        println!("  boundaries {spans:?}");
-        assert_eq!(
-            spans.len(),
-            expected.boundaries.len(),
-            "{}: {spans:?}",
-            expected.file
+fn assert_as_expected(expected: &Expectation, analysis: &Analysis) {
+    let verdict = verdict::judge(&analysis.probe, analysis.samples.pictures());
+    println!("{}: {}", expected.file, verdict.verdict.name());
+    for evidence in &verdict.evidence {
+        println!(
+            "  {:20} {:.3} (limit {})",
+            evidence.test, evidence.value, evidence.limit
         );
-        for ((first, last), boundary) in spans.iter().zip(&found) {
-            let hit = expected
-                .boundaries
-                .iter()
-                .find(|(begin, end)| first <= begin && end <= last)
-                .unwrap();
-            // No more than a few frames of fast motion around a transition go with it.
-            assert!(
-                begin_slack(*first, hit.0) && begin_slack(hit.1, *last),
-                "{spans:?}"
-            );
-            let is_cut = hit.0 == hit.1;
-            assert_eq!(boundary.kind == BoundaryKind::Cut, is_cut);
-        }
+    }
+    assert_eq!(verdict.verdict, expected.verdict, "{}", expected.file);
+    assert_eq!(verdict.disagreement, None, "{}", expected.file);
+
+    let found = (DETECTORS[0].decide)(&analysis.signals).unwrap();
+    let spans: Vec<_> = found
+        .iter()
+        .map(|boundary| frames(analysis, boundary))
+        .collect();
+    println!("  boundaries {spans:?}");
+    assert_eq!(
+        spans.len(),
+        expected.boundaries.len(),
+        "{}: {spans:?}",
+        expected.file
+    );
+    for ((first, last), boundary) in spans.iter().zip(&found) {
+        let hit = expected
+            .boundaries
+            .iter()
+            .find(|(begin, end)| first <= begin && end <= last)
+            .unwrap();
+        // No more than a few frames of fast motion around a transition go with it.
+        assert!(
+            begin_slack(*first, hit.0) && begin_slack(hit.1, *last),
+            "{spans:?}"
+        );
+        let is_cut = hit.0 == hit.1;
+        assert_eq!(boundary.kind == BoundaryKind::Cut, is_cut);
     }
 }
 

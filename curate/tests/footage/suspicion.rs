@@ -1,23 +1,23 @@
 //! Searching only what the compressed stream makes suspicious finds what the whole search finds.
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
-mod support;
 
 use std::path::Path;
 
 use omnilife_curate::{
-    analysis::analyse,
+    analysis::{Analysis, analyse},
     boundaries::{
         DETECTORS,
         suspicion::{self, SuspicionSearch},
     },
 };
 use omnilife_schemas::{progress::Silent, records::Boundary};
-use support::{Clip, erp_direction, shared_data, world_colour};
 
-fn both(path: &Path) -> (Vec<Boundary>, SuspicionSearch) {
-    let whole = analyse(path, &DETECTORS[0], &Silent).unwrap();
-    let whole = (DETECTORS[0].decide)(&whole.signals).unwrap();
+use crate::{
+    of_real_clip,
+    support::{Clip, erp_direction, world_colour},
+};
+
+fn both(path: &Path, analysis: &Analysis) -> (Vec<Boundary>, SuspicionSearch) {
+    let whole = (DETECTORS[0].decide)(&analysis.signals).unwrap();
     (
         whole,
         suspicion::search(path, &DETECTORS[0], &Silent).unwrap(),
@@ -46,7 +46,7 @@ fn cuts_are_found_in_a_third_of_the_frames() {
         let yaw = 0.01 * frame as f64;
         world_colour(world, erp_direction(x, y, width, height, yaw))
     });
-    let (whole, fast) = both(&path);
+    let (whole, fast) = both(&path, &analyse(&path, &DETECTORS[0], &Silent).unwrap());
     assert_eq!(whole.len(), cuts.len());
     assert_same("shots", &whole, &fast.boundaries, 1e-9);
     assert_eq!((fast.stretches, fast.frames), (30, 360));
@@ -65,7 +65,7 @@ fn a_flash_between_two_key_frames_is_looked_at_and_is_no_boundary() {
         let light = if frame == 101 { 0.9 } else { 0.0 };
         colour.map(|value| value + (1.0 - value) * light)
     });
-    let (whole, fast) = both(&path);
+    let (whole, fast) = both(&path, &analyse(&path, &DETECTORS[0], &Silent).unwrap());
     assert_eq!(whole, []);
     assert_eq!(fast.boundaries, []);
     // The flash and the last stretch, and at most one beside the flash.
@@ -75,14 +75,13 @@ fn a_flash_between_two_key_frames_is_looked_at_and_is_no_boundary() {
 #[test]
 fn real_clips_give_the_same_boundaries() {
     for name in ["bikes.mp4", "tunnel.mp4"] {
-        let Some(path) = shared_data(name) else {
-            continue;
-        };
-        let (whole, fast) = both(&path);
-        println!(
-            "{name}: {} of {} stretches, {} frames decoded for {}",
-            fast.suspicious, fast.stretches, fast.decoded_frames, fast.frames
-        );
-        assert_same(name, &whole, &fast.boundaries, 0.1);
+        of_real_clip(name, |path, analysis| {
+            let (whole, fast) = both(path, analysis);
+            println!(
+                "{name}: {} of {} stretches, {} frames decoded for {}",
+                fast.suspicious, fast.stretches, fast.decoded_frames, fast.frames
+            );
+            assert_same(name, &whole, &fast.boundaries, 0.1);
+        });
     }
 }

@@ -14,14 +14,71 @@ use omnilife_schemas::{
 use crate::{
     availability,
     error::BenchError,
-    metrics::{self, Metric, Need},
+    metrics::{self, Metric, Need, Undefined},
     prediction::PredictionFolder,
     protocols,
     run_facts::RunFacts,
     scene_identity::SceneIdentity,
-    score::{Predictions, ScoreRequest},
     split,
 };
+
+/// Where the predictions are: `<folder>/<frame, 6 digits>.png`, 8-bit RGB at the protocol's size,
+/// or the same name with `.npy` for values in [0, 1] of shape (height, width, 3); frame numbers as
+/// in the split.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Predictions {
+    /// Folders from any method. A kind of view without a folder is not scored, and the result
+    /// says so; at least one is needed.
+    Folders {
+        /// Predictions of the input views.
+        input_views: Option<PathBuf>,
+        /// Predictions of the novel views.
+        novel_views: Option<PathBuf>,
+    },
+    /// The `run.json` or `external-run.json` of a run, which names the folders; its training time,
+    /// Gaussians, iterations and warnings go into the result.
+    Run(PathBuf),
+}
+
+/// What to score.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ScoreRequest {
+    /// The `scene.json` with the ground truth.
+    pub scene: PathBuf,
+    /// The `split.json` of that scene; it holds the protocol.
+    pub split: PathBuf,
+    /// The predictions.
+    pub predictions: Predictions,
+    /// Id of the method, as it will stand in the tables.
+    pub method: String,
+    /// Folder for `result.json`, `scoring.json`, `frames.csv` and `comparisons/`; made where it
+    /// is missing.
+    pub out: PathBuf,
+    /// About how much memory views may take together, bytes. It decides how many are scored at
+    /// once, one at least, and changes no score.
+    pub memory_bytes: u64,
+}
+
+/// What scoring takes at most where nothing else is asked for: 2 GB.
+pub const DEFAULT_MEMORY_BYTES: u64 = 2_000_000_000;
+
+impl ScoreRequest {
+    /// A request for a run, with the method's id from its record.
+    ///
+    /// # Errors
+    /// When `run` cannot be read.
+    pub fn of_run(scene: &Path, split: &Path, run: &Path, out: &Path) -> Result<Self, BenchError> {
+        let method = RunFacts::read(run)?.method;
+        Ok(Self {
+            scene: scene.to_owned(),
+            split: split.to_owned(),
+            predictions: Predictions::Run(run.to_owned()),
+            method,
+            out: out.to_owned(),
+            memory_bytes: DEFAULT_MEMORY_BYTES,
+        })
+    }
+}
 
 /// Whether a method was given a view or had to predict it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,6 +102,33 @@ pub(crate) struct View {
     pub(crate) kind: ViewKind,
     /// Frame of the scene.
     pub(crate) frame: u32,
+}
+
+/// Outcome of scoring one view.
+pub(crate) struct ViewOutcome {
+    /// The view.
+    pub(crate) view: View,
+    /// One value per available metric of the protocol, or why there are none.
+    pub(crate) scores: Result<Vec<Result<f64, Undefined>>, String>,
+    /// Whether the prediction is the ground truth, byte for byte.
+    pub(crate) is_identical: bool,
+    /// Comparison image relative to the output folder.
+    pub(crate) comparison: Option<String>,
+}
+
+/// Identity of a score: kind of view, metric id and frame.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct ScoreKey {
+    pub(crate) view: String,
+    pub(crate) metric: String,
+    pub(crate) frame: u32,
+}
+
+impl ScoreKey {
+    /// Whether it is of this kind of view and metric.
+    pub(crate) fn is_of(&self, view: &str, metric: &str) -> bool {
+        self.view == view && self.metric == metric
+    }
 }
 
 /// Everything that scoring needs, consistent.

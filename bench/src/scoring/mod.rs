@@ -4,13 +4,13 @@
 //! PNG) becomes a row in the result's failures; everything wrong with the scene, the split or the
 //! disk is an error. Nothing is resized, skipped or replaced to make a score come out.
 
-use std::{
-    path::{Path, PathBuf},
-    time::Instant,
-};
+pub(crate) mod job;
+
+use std::{path::Path, time::Instant};
 
 use omnilife_schemas::{
     frame_scores::FRAME_SCORES_FILE,
+    layout::RESULT_FILE,
     progress::Progress,
     provenance,
     records::{ResultRecord, ScoringRecord},
@@ -19,79 +19,19 @@ use omnilife_schemas::{
 use rayon::prelude::*;
 
 use crate::{
-    comparison, diagnosis,
+    diagnosis,
     error::BenchError,
-    evidence::Evidence,
-    frames_table, memory,
-    metrics::Undefined,
-    run_facts::RunFacts,
-    scoring_job::{ScoringJob, View, ViewKind},
-    summary,
+    frames_table,
+    loaded_view::LoadedView,
+    memory,
+    scoring::job::{ScoringJob, View, ViewKind, ViewOutcome},
+    side_by_side, summary,
 };
 
-/// File name of the scores in the output folder.
-pub const RESULT_FILE: &str = "result.json";
+pub use job::{DEFAULT_MEMORY_BYTES, Predictions, ScoreRequest};
 
 /// File name of how the scores were computed, in the output folder.
 pub const SCORING_FILE: &str = "scoring.json";
-
-/// Where the predictions are: `<folder>/<frame, 6 digits>.png`, 8-bit RGB at the protocol's size,
-/// or the same name with `.npy` for values in [0, 1] of shape (height, width, 3); frame numbers as
-/// in the split.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Predictions {
-    /// Folders from any method. A kind of view without a folder is not scored, and the result
-    /// says so; at least one is needed.
-    Folders {
-        /// Predictions of the input views.
-        input_views: Option<PathBuf>,
-        /// Predictions of the novel views.
-        novel_views: Option<PathBuf>,
-    },
-    /// The `run.json` or `external-run.json` of a run, which names the folders; its training time,
-    /// Gaussians, iterations and warnings go into the result.
-    Run(PathBuf),
-}
-
-/// What to score.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ScoreRequest {
-    /// The `scene.json` with the ground truth.
-    pub scene: PathBuf,
-    /// The `split.json` of that scene; it holds the protocol.
-    pub split: PathBuf,
-    /// The predictions.
-    pub predictions: Predictions,
-    /// Id of the method, as it will stand in the tables.
-    pub method: String,
-    /// Folder for `result.json`, `scoring.json`, `frames.csv` and `comparisons/`; made where it
-    /// is missing.
-    pub out: PathBuf,
-    /// About how much memory views may take together, bytes. It decides how many are scored at
-    /// once, one at least, and changes no score.
-    pub memory_bytes: u64,
-}
-
-/// What scoring takes at most where nothing else is asked for: 2 GB.
-pub const DEFAULT_MEMORY_BYTES: u64 = 2_000_000_000;
-
-impl ScoreRequest {
-    /// A request for a run, with the method's id from its record.
-    ///
-    /// # Errors
-    /// When `run` cannot be read.
-    pub fn of_run(scene: &Path, split: &Path, run: &Path, out: &Path) -> Result<Self, BenchError> {
-        let method = RunFacts::read(run)?.method;
-        Ok(Self {
-            scene: scene.to_owned(),
-            split: split.to_owned(),
-            predictions: Predictions::Run(run.to_owned()),
-            method,
-            out: out.to_owned(),
-            memory_bytes: DEFAULT_MEMORY_BYTES,
-        })
-    }
-}
 
 /// Scores predictions and writes into `request.out`:
 /// * `result.json`: means over the views and every failure;
@@ -126,7 +66,7 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
     plan.begin()?;
     // A result whose inputs have changed must not be found by a leaderboard if scoring fails now.
     store::remove(&result_file)?;
-    comparison::prepare_folder(&request.out)?;
+    side_by_side::prepare_folder(&request.out)?;
 
     let views = job.views();
     progress.begin(&label, Some(views.len() as u64));
@@ -167,18 +107,6 @@ fn write_scoring_record(
     Ok(store::write_record(&out.join(SCORING_FILE), &record)?)
 }
 
-/// What became of one view.
-pub(crate) struct ViewOutcome {
-    /// The view.
-    pub(crate) view: View,
-    /// One value per available metric of the protocol, or why there are none.
-    pub(crate) scores: Result<Vec<Result<f64, Undefined>>, String>,
-    /// Whether the prediction is the ground truth, byte for byte.
-    pub(crate) is_identical: bool,
-    /// Comparison image relative to the output folder.
-    comparison: Option<String>,
-}
-
 /// Scores views in their order, as many at once as the memory allows.
 fn score_views(
     job: &ScoringJob,
@@ -188,21 +116,21 @@ fn score_views(
 ) -> Result<Vec<ViewOutcome>, BenchError> {
     let together = memory::views_together(job, request.memory_bytes);
     let mut outcomes = Vec::with_capacity(views.len());
-    let mut previous: Option<Evidence> = None;
+    let mut previous: Option<LoadedView> = None;
     for views in views.chunks(together) {
-        let evidence: Vec<Result<Evidence, BenchError>> = views
+        let loaded: Vec<Result<LoadedView, BenchError>> = views
             .par_iter()
-            .map(|&view| Evidence::read(job, view))
+            .map(|&view| LoadedView::read(job, view))
             .collect();
         // The first error in the order of views, whichever thread met one first.
-        let mut evidence = evidence.into_iter().collect::<Result<Vec<_>, _>>()?;
-        let scored: Vec<Result<ViewOutcome, BenchError>> = evidence
+        let mut loaded = loaded.into_iter().collect::<Result<Vec<_>, _>>()?;
+        let scored: Vec<Result<ViewOutcome, BenchError>> = loaded
             .par_iter()
             .enumerate()
             .map(|(index, view)| {
                 let before = match index {
                     0 => previous.as_ref(),
-                    index => evidence.get(index - 1),
+                    index => loaded.get(index - 1),
                 };
                 let outcome = score_view(job, view, before, &request.out);
                 progress.advance(1);
@@ -210,19 +138,19 @@ fn score_views(
             })
             .collect();
         outcomes.extend(scored.into_iter().collect::<Result<Vec<_>, _>>()?);
-        previous = evidence.pop();
+        previous = loaded.pop();
     }
     Ok(outcomes)
 }
 
 fn score_view(
     job: &ScoringJob,
-    evidence: &Evidence,
-    previous: Option<&Evidence>,
+    loaded: &LoadedView,
+    previous: Option<&LoadedView>,
     out: &Path,
 ) -> Result<ViewOutcome, BenchError> {
-    let view = evidence.view;
-    let pair = match &evidence.pair {
+    let view = loaded.view;
+    let pair = match &loaded.pair {
         Ok(pair) => pair,
         Err(reason) => {
             return Ok(ViewOutcome {
@@ -235,9 +163,9 @@ fn score_view(
     };
     let comparison = match view.kind {
         ViewKind::Input => None,
-        ViewKind::Novel => Some(comparison::write(out, view, pair)?),
+        ViewKind::Novel => Some(side_by_side::write(out, view, pair)?),
     };
-    let sample = evidence.sample(pair, previous);
+    let sample = loaded.sample(pair, previous);
     let scores = job
         .computed()
         .map(|metric| match (metric.function)(&sample) {

@@ -1,20 +1,22 @@
 //! What is painted over footage is found, and what belongs to it is not taken for paint. Versions
 //! are made by `scripts/fixtures/overlays`.
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
-mod support;
 
 use std::{path::Path, process::Command};
 
-use omnilife_curate::{analysis::analyse, boundaries::DETECTORS, overlays::report};
+use omnilife_curate::{
+    analysis::{Analysis, analyse},
+    boundaries::DETECTORS,
+    overlays::report,
+};
 use omnilife_schemas::{
     progress::Silent,
     records::{Overlay, OverlayClass, OverlayReport},
     store::paths_in,
 };
 
-fn looked_at(video: &Path) -> OverlayReport {
-    let analysis = analyse(video, &DETECTORS[0], &Silent).unwrap();
+use crate::{of_real_clip, support};
+
+fn reported(analysis: &Analysis) -> OverlayReport {
     report(&analysis.overlays, &analysis.mosaics)
 }
 
@@ -57,7 +59,7 @@ fn painted_overlays_are_found_and_named() {
     for folder in paths_in(temp.path()).unwrap() {
         let expected = folder.file_name().unwrap().to_string_lossy().into_owned();
         for video in paths_in(&folder).unwrap() {
-            let report = looked_at(&video);
+            let report = reported(&analyse(&video, &DETECTORS[0], &Silent).unwrap());
             let found = match expected.as_str() {
                 "mosaic" | "no-mosaic" => largest_mosaic(&report),
                 _ => prominent(&report).map_or("none", OverlayClass::name),
@@ -74,10 +76,9 @@ fn painted_overlays_are_found_and_named() {
 #[test]
 fn real_footage_has_nothing_painted_over_it() {
     for name in ["tunnel.mp4", "reef.mp4", "city4k.mp4"] {
-        let Some(video) = support::shared_data(name) else {
-            continue;
-        };
-        let report = looked_at(&video);
-        assert_eq!(prominent(&report), None, "{name}: {report:#?}");
+        of_real_clip(name, |_, analysis| {
+            let report = reported(analysis);
+            assert_eq!(prominent(&report), None, "{name}: {report:#?}");
+        });
     }
 }

@@ -7,11 +7,12 @@ use std::{
 
 use omnilife_schemas::{
     bootstrap::{self, Scores},
+    layout::SPLIT_FILE,
     records::{Direction, ResultRecord, Split, Summary},
     store,
 };
 
-use crate::{error::BenchError, frames_table};
+use crate::{error::BenchError, frames_table, scoring::job::ScoreKey};
 
 /// A result and the file that it was read from.
 pub type StoredResult = (PathBuf, ResultRecord);
@@ -225,7 +226,7 @@ fn differing_rules(left: (&Path, &ResultRecord), right: (&Path, &ResultRecord)) 
 /// The split with this protocol in a folder above a result.
 fn split_of(file: &Path, protocol_hash: &str) -> Option<Split> {
     file.ancestors().skip(1).find_map(|folder| {
-        let split: Split = store::read_record(&folder.join("split.json")).ok()?;
+        let split: Split = store::read_record(&folder.join(SPLIT_FILE)).ok()?;
         (split.protocol_hash == protocol_hash).then_some(split)
     })
 }
@@ -308,20 +309,6 @@ fn mean<'a>(
         .map(|(_, result)| summary(result).map(|summary| summary.mean))
         .sum();
     sum.map(|sum| sum / results.len() as f64)
-}
-
-/// Which score a number is.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) struct ScoreKey {
-    pub(crate) view: String,
-    pub(crate) metric: String,
-    pub(crate) frame: u32,
-}
-
-impl ScoreKey {
-    fn is_of(&self, view: &str, metric: &str) -> bool {
-        self.view == view && self.metric == metric
-    }
 }
 
 /// Refuses a table that has not the scores that a result's means are of, such as a part of its lines.

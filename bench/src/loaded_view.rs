@@ -8,12 +8,12 @@ use crate::{
     error::BenchError,
     metrics::{DepthPair, Need, Sample, ViewPair},
     prediction::PredictionFolder,
-    scoring_job::{ScoringJob, View},
+    scoring::job::{ScoringJob, View},
     truth,
 };
 
 /// A view with what its metrics need.
-pub(crate) struct Evidence {
+pub(crate) struct LoadedView {
     pub(crate) view: View,
     /// Name of the prediction's file.
     pub(crate) name: String,
@@ -24,7 +24,7 @@ pub(crate) struct Evidence {
     depth: Option<DepthPair>,
 }
 
-impl Evidence {
+impl LoadedView {
     /// Reads a view.
     ///
     /// # Errors
@@ -55,7 +55,7 @@ impl Evidence {
             }
             _ => None,
         };
-        let mut evidence = Self {
+        let mut loaded = Self {
             view,
             name: (job.folder(view.kind))
                 .map_or_else(String::new, |folder| folder.name(view.frame)),
@@ -64,8 +64,8 @@ impl Evidence {
             classes,
             depth: None,
         };
-        evidence.pair = evidence.read_prediction(job, truth, true_depth);
-        Ok(evidence)
+        loaded.pair = loaded.read_prediction(job, truth, true_depth);
+        Ok(loaded)
     }
 
     fn read_prediction(

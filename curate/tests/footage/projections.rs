@@ -1,8 +1,5 @@
 //! The ERP verdict on versions of real and rendered footage in other projections and layouts, made
 //! by `scripts/fixtures/projections`.
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
-mod support;
 
 use std::{
     path::{Path, PathBuf},
@@ -11,6 +8,8 @@ use std::{
 
 use omnilife_curate::{analysis::analyse, boundaries::DETECTORS, verdict::judge};
 use omnilife_schemas::{progress::Silent, store::paths_in};
+
+use crate::support;
 
 fn repository(file: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(file)

@@ -7,7 +7,7 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-use crate::{metrics::ViewPair, scoring_job::View};
+use crate::{metrics::ViewPair, scoring::job::View};
 
 /// Folder of the pictures in the output folder.
 const FOLDER: &str = "comparisons";

@@ -1,0 +1,75 @@
+//! What the user decides about curation.
+
+use std::path::Path;
+
+use omnilife_schemas::records::{Sampling, Verdict};
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    boundaries::{self, DEFAULT_DETECTOR},
+    criteria,
+    error::CurateError,
+    slicing::SliceSettings,
+};
+
+/// Settings of curation; whatever they change is made again.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CurateSettings {
+    /// Name of the admission criteria, see [`criteria::PROFILES`], or a `.toml` file of them.
+    pub profile: String,
+    /// Whether a video that misses them is rejected; otherwise they are evaluated and recorded.
+    pub enforce: bool,
+    /// How frames are sampled.
+    pub sampling: Sampling,
+    /// Width of sampled frames in pixels; at most 1024 where none is given.
+    pub width: Option<u32>,
+    /// Takes the video as `erp` or `erp-squeezed` whatever the evidence says.
+    pub accept: Option<Verdict>,
+    /// Shorter shots are dropped, seconds.
+    pub minimum_shot_seconds: f64,
+    /// Id of the boundary detector, see [`boundaries::DETECTORS`].
+    pub detector: String,
+    /// How the sequences are written as video, where they are.
+    pub slices: Option<SliceSettings>,
+}
+
+impl Default for CurateSettings {
+    fn default() -> Self {
+        Self {
+            profile: criteria::OMNILIFE360.id.to_owned(),
+            enforce: true,
+            sampling: Sampling::MaxFrames(120),
+            width: None,
+            accept: None,
+            minimum_shot_seconds: 1.0,
+            detector: DEFAULT_DETECTOR.to_owned(),
+            slices: None,
+        }
+    }
+}
+
+impl CurateSettings {
+    /// Refuses settings that make no sense and names that are not known; `video` is named in the
+    /// error.
+    pub(crate) fn check(&self, video: &Path) -> Result<(), CurateError> {
+        boundaries::detector(&self.detector, video)?;
+        criteria::criteria(&self.profile, video)?;
+        let sampling_is_positive = match self.sampling {
+            Sampling::MaxFrames(most) => most > 0,
+            Sampling::FramesPerSecond(rate) => rate.is_finite() && rate > 0.0,
+        };
+        let reason = if !sampling_is_positive {
+            "frames are sampled by a positive number"
+        } else if !self.minimum_shot_seconds.is_finite() || self.minimum_shot_seconds < 0.0 {
+            "the minimum shot length is not a number of seconds from 0 on"
+        } else if self
+            .accept
+            .is_some_and(|verdict| !verdict.is_monoscopic_erp())
+        {
+            "only erp and erp-squeezed can be accepted, nothing else can be reconstructed"
+        } else {
+            return Ok(());
+        };
+        Err(CurateError::input(video, reason))
+    }
+}

@@ -1,0 +1,79 @@
+//! Names of the files and folders of a dataset, and of the scores.
+//!
+//! ```text
+//! dataset.json, attrition.csv, funnel.csv
+//! videos/NAME/
+//!   analysis.json, signals.parquet, boundaries.json, ledger.jsonl, slices.json, slices/
+//!   seq-NNN/
+//!     sequence.json, frames/NNNNNN.png, annotation.json
+//!     scene.json, points.ply, masks/, depth/, classes/NAME/, sfm/attempts.json
+//!     dynamic-masks/masks.json, dynamic-masks/NNNNNN.png
+//!     PROTOCOL/split.json
+//! about.json, README.md, SHA256SUMS, statistics/
+//! ```
+
+/// The dataset's record.
+pub const DATASET_FILE: &str = "dataset.json";
+/// Table of everything that was rejected, beside [`DATASET_FILE`].
+pub const ATTRITION_FILE: &str = "attrition.csv";
+/// Table of what each step of curation leaves, beside [`DATASET_FILE`].
+pub const FUNNEL_FILE: &str = "funnel.csv";
+/// Folder of the videos' folders.
+pub const VIDEOS_FOLDER: &str = "videos";
+
+/// What a published dataset says about itself.
+pub const ABOUT_FILE: &str = "about.json";
+/// The dataset card.
+pub const CARD_FILE: &str = "README.md";
+/// SHA-256 of every published file, in the format of `sha256sum`.
+pub const CHECKSUMS_FILE: &str = "SHA256SUMS";
+/// Folder of the statistics and their figures.
+pub const STATISTICS_FOLDER: &str = "statistics";
+
+/// The analysis, in a video's folder.
+pub const ANALYSIS_FILE: &str = "analysis.json";
+/// The per-frame signals of the boundary detector, in a video's folder.
+pub const SIGNALS_FILE: &str = "signals.parquet";
+/// The boundaries that a video was cut at, in its folder.
+pub const BOUNDARIES_FILE: &str = "boundaries.json";
+/// What detectors and people have said about boundaries, in a video's folder.
+pub const LEDGER_FILE: &str = "ledger.jsonl";
+/// The record of the sequences that were written as video, in a video's folder.
+pub const SLICES_FILE: &str = "slices.json";
+/// Folder of those videos, in a video's folder.
+pub const SLICES_FOLDER: &str = "slices";
+
+/// Name of the folder of a video's sequence with this number, in the video's folder.
+pub fn sequence_name(index: usize) -> String {
+    format!("seq-{index:03}")
+}
+
+/// The sequence's record, in its folder.
+pub const SEQUENCE_FILE: &str = "sequence.json";
+/// Folder of the sampled frames, in a sequence's folder.
+pub const FRAMES_FOLDER: &str = "frames";
+/// Tags and captions, in a sequence's folder.
+pub const ANNOTATION_FILE: &str = "annotation.json";
+/// Cameras, poses and points, in a sequence's folder.
+pub const SCENE_FILE: &str = "scene.json";
+/// Points of a scene, beside [`SCENE_FILE`].
+pub const POINTS_FILE: &str = "points.ply";
+/// Folder of the masks that came with the poses, beside [`SCENE_FILE`].
+pub const SCENE_MASKS_FOLDER: &str = "masks";
+/// Folder of depth images, beside [`SCENE_FILE`].
+pub const DEPTH_FOLDER: &str = "depth";
+/// Folder of the folders of class masks, beside [`SCENE_FILE`].
+pub const CLASSES_FOLDER: &str = "classes";
+/// Folder of everything that structure from motion leaves, in a sequence's folder.
+pub const SFM_FOLDER: &str = "sfm";
+/// Record of all attempts of structure from motion, in [`SFM_FOLDER`].
+pub const ATTEMPTS_FILE: &str = "attempts.json";
+/// Folder of the masks that `curate masks` computes, in a sequence's folder.
+pub const DYNAMIC_MASKS_FOLDER: &str = "dynamic-masks";
+/// Record of the computed masks, in [`DYNAMIC_MASKS_FOLDER`].
+pub const DYNAMIC_MASKS_FILE: &str = "masks.json";
+
+/// The views of a scene that a protocol gives and scores.
+pub const SPLIT_FILE: &str = "split.json";
+/// The scores of one method on a split, in the folder of the scores.
+pub const RESULT_FILE: &str = "result.json";

@@ -1,0 +1,28 @@
+//! For tests of all crates: saying that one was skipped.
+
+use std::{fmt::Display, fs::File, io::Write};
+
+/// Names the file in which skipped tests are counted; `scripts/test` sets it and prints it.
+const LIST_VARIABLE: &str = "OMNILIFE_SKIPPED_TESTS";
+
+/// Says that the running test, or a part of it, cannot be done here and why, in one line: on standard
+/// output and, where the variable `OMNILIFE_SKIPPED_TESTS` names a file, as a line at its end.
+pub fn skip(reason: impl Display) {
+    println!("skipped: {reason}");
+    let Some(list) = std::env::var_os(LIST_VARIABLE) else {
+        return;
+    };
+    let package = std::env::var("CARGO_PKG_NAME").unwrap_or_default();
+    let thread = std::thread::current();
+    let test = thread.name().unwrap_or("a thread");
+    // One write, so that lines of tests that run at a time do not mix.
+    let line = format!("{package} {test}: {reason}\n");
+    let written = File::options()
+        .append(true)
+        .create(true)
+        .open(&list)
+        .and_then(|mut file| file.write_all(line.as_bytes()));
+    if let Err(error) = written {
+        println!("{}: {error}", list.display());
+    }
+}

@@ -1,0 +1,245 @@
+//! Who works on a unit, and who runs a whole sweep.
+//!
+//! `running.json` says who it is, and the system's lock on that file whether they still do. The lock
+//! of a unit is handed down to its commands, so that it ends when they and everything that they have
+//! started are gone, however that came about: no clock and no list of processes has to be asked. A
+//! file without a lock was left by a runner that went away.
+
+use std::{
+    fs::{File, OpenOptions, TryLockError},
+    io::{self, ErrorKind, Read, Seek, Write},
+    path::{Path, PathBuf},
+};
+
+use omnilife_schemas::{
+    records::{RunnerLock, UnitRunner},
+    store::{self, StoreError},
+};
+
+use crate::host;
+
+/// Name of the file in the folder of a unit or a sweep.
+pub(crate) const LOCK_FILE: &str = "running.json";
+
+/// What a folder's lock says.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Holder {
+    /// Nobody is there.
+    Nobody,
+    /// This runner, or what its commands have left running.
+    Runner(Box<UnitRunner>),
+    /// A runner that went away, where it had time to say which.
+    Lost(Option<Box<UnitRunner>>),
+}
+
+/// Looks at a folder's lock and writes nothing.
+///
+/// # Errors
+/// When the file cannot be read, or its file system has no locks.
+pub(crate) fn holder(folder: &Path) -> Result<Holder, StoreError> {
+    let path = folder.join(LOCK_FILE);
+    let mut file = match File::open(&path) {
+        Ok(file) => file,
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Holder::Nobody),
+        Err(error) => return Err(StoreError::read(&path, error)),
+    };
+    let held = match file.try_lock_shared() {
+        Ok(()) => false,
+        Err(TryLockError::WouldBlock) => true,
+        Err(TryLockError::Error(error)) => return Err(StoreError::read(&path, no_locks(error))),
+    };
+    let record = content(&mut file).map_err(|error| StoreError::read(&path, error))?;
+    let runner = record.flatten().map(|record| Box::new(record.runner));
+    Ok(if held {
+        Holder::Runner(runner.unwrap_or_else(|| Box::new(unknown())))
+    } else {
+        Holder::Lost(runner)
+    })
+}
+
+/// Removes what a lost runner has left, unless somebody holds it.
+///
+/// # Errors
+/// When it cannot be locked or removed.
+pub(crate) fn clear(folder: &Path) -> Result<(), StoreError> {
+    if !folder.join(LOCK_FILE).exists() {
+        return Ok(());
+    }
+    match HeldLock::take(folder)? {
+        Some(lock) => lock.release(),
+        None => Ok(()),
+    }
+}
+
+/// The lock of this process on a folder.
+#[derive(Debug)]
+pub(crate) struct HeldLock {
+    path: PathBuf,
+    /// Holds the lock; so does every process that has a copy.
+    pub(crate) file: File,
+    /// Runners that held it before, one after another, and went away.
+    pub(crate) lost_runners: u32,
+}
+
+impl HeldLock {
+    /// Locks a folder that is there; `None` where somebody else has.
+    ///
+    /// # Errors
+    /// When the file cannot be written, or its file system has no locks.
+    pub(crate) fn take(folder: &Path) -> Result<Option<Self>, StoreError> {
+        let path = folder.join(LOCK_FILE);
+        let failed = |error| StoreError::write(&path, error);
+        loop {
+            let mut options = OpenOptions::new();
+            options.read(true).write(true).create(true).truncate(false);
+            let mut file = options.open(&path).map_err(failed)?;
+            match file.try_lock() {
+                Ok(()) => {}
+                Err(TryLockError::WouldBlock) => return Ok(None),
+                Err(TryLockError::Error(error)) => return Err(failed(no_locks(error))),
+            }
+            // The holder before may have removed it between opening and locking.
+            if !is_still_there(&file, &path).map_err(failed)? {
+                continue;
+            }
+            let lost_runners = match content(&mut file).map_err(failed)? {
+                None => 0,
+                Some(None) => 1,
+                Some(Some(record)) => record.lost_runners.saturating_add(1),
+            };
+            if lost_runners > 0 {
+                store::remove_abandoned(folder)?;
+            }
+            let record = RunnerLock {
+                runner: host::runner(),
+                lost_runners,
+            };
+            let bytes =
+                store::record_bytes(&record).map_err(|error| failed(io::Error::other(error)))?;
+            file.set_len(0)
+                .and_then(|()| file.rewind())
+                .and_then(|()| file.write_all(&bytes))
+                .map_err(failed)?;
+            return Ok(Some(Self {
+                path,
+                file,
+                lost_runners,
+            }));
+        }
+    }
+
+    /// Lets go, whatever a command has left running.
+    ///
+    /// # Errors
+    /// When the file cannot be removed.
+    pub(crate) fn release(&self) -> Result<(), StoreError> {
+        // Removed before it is let go: whoever locks a removed file finds that out.
+        store::remove(&self.path)?;
+        self.file
+            .unlock()
+            .map_err(|error| StoreError::write(&self.path, error))
+    }
+}
+
+/// What stands in the file: `None` where it is empty, `Some(None)` where it is not whole.
+fn content(file: &mut File) -> io::Result<Option<Option<RunnerLock>>> {
+    let mut bytes = Vec::new();
+    file.rewind()?;
+    file.read_to_end(&mut bytes)?;
+    Ok((!bytes.is_empty()).then(|| serde_json::from_slice(&bytes).ok()))
+}
+
+/// A runner of which nothing is known.
+pub(crate) fn unknown() -> UnitRunner {
+    UnitRunner {
+        host: "unknown".to_owned(),
+        process: 0,
+        slurm_job: None,
+    }
+}
+
+fn no_locks(error: io::Error) -> io::Error {
+    io::Error::new(
+        error.kind(),
+        format!("cannot be locked ({error}); a sweep needs a file system with locks"),
+    )
+}
+
+#[cfg(unix)]
+fn is_still_there(file: &File, path: &Path) -> io::Result<bool> {
+    use std::os::unix::fs::MetadataExt;
+    let held = file.metadata()?;
+    match std::fs::symlink_metadata(path) {
+        Ok(there) => Ok((there.dev(), there.ino()) == (held.dev(), held.ino())),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(false),
+        Err(error) => Err(error),
+    }
+}
+
+/// Open files cannot be removed there.
+#[cfg(not(unix))]
+fn is_still_there(_: &File, path: &Path) -> io::Result<bool> {
+    Ok(path.is_file())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{
+        fs, thread,
+        time::{Duration, SystemTime},
+    };
+
+    use super::*;
+
+    type Outcome = Result<(), Box<dyn std::error::Error>>;
+
+    #[test]
+    fn one_of_many_takes_it() -> Outcome {
+        let folder = tempfile::tempdir()?;
+        for _ in 0..20 {
+            let taken: Vec<HeldLock> = thread::scope(|scope| {
+                let all: Vec<_> = (0..8)
+                    .map(|_| scope.spawn(|| HeldLock::take(folder.path())))
+                    .collect();
+                let taken = all.into_iter().filter_map(|one| one.join().ok());
+                taken.filter_map(Result::ok).flatten().collect()
+            });
+            assert_eq!(taken.len(), 1);
+            assert!(matches!(holder(folder.path())?, Holder::Runner(_)));
+            taken[0].release()?;
+            assert_eq!(holder(folder.path())?, Holder::Nobody);
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn runners_that_went_away_are_counted() -> Outcome {
+        let folder = tempfile::tempdir()?;
+        for lost in 0..4 {
+            let lock = HeldLock::take(folder.path())?.ok_or("held")?;
+            assert_eq!(lock.lost_runners, lost);
+            drop(lock);
+            assert_eq!(
+                holder(folder.path())?,
+                Holder::Lost(Some(Box::new(host::runner())))
+            );
+        }
+        clear(folder.path())?;
+        assert_eq!(holder(folder.path())?, Holder::Nobody);
+        Ok(())
+    }
+
+    /// A file alone holds nothing: half-written, of the future, or of whatever process.
+    #[test]
+    fn a_file_without_a_lock_holds_nothing() -> Outcome {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join(LOCK_FILE);
+        fs::write(&path, "{\"sch")?;
+        let file = File::options().write(true).open(&path)?;
+        file.set_modified(SystemTime::now() + Duration::from_secs(1_000_000_000))?;
+        assert_eq!(holder(folder.path())?, Holder::Lost(None));
+        let lock = HeldLock::take(folder.path())?.ok_or("held")?;
+        assert_eq!(lock.lost_runners, 1);
+        Ok(())
+    }
+}
