@@ -10,6 +10,7 @@ use std::{
 };
 
 use omnilife_schemas::{
+    lock::FolderLock,
     progress::Progress,
     provenance,
     records::{ResultRecord, ScoringRecord},
@@ -111,7 +112,7 @@ impl ScoreRequest {
 /// # Errors
 /// When scene, split or run do not belong together, a ground truth image is unusable, a folder of
 /// predictions is not there, the output folder holds the result of another method, scene or
-/// protocol, or a file cannot be written.
+/// protocol, or files that scoring has not made, or a file cannot be written.
 pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRecord, BenchError> {
     let job = ScoringJob::prepare(request)?;
     let result_file = request.out.join(RESULT_FILE);
@@ -122,13 +123,14 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
         progress.note(&format!("{label}: skipped, nothing has changed"));
         return Ok(store::read_record(&result_file)?);
     }
+    let _lock = FolderLock::take(&request.out, progress)?;
     let started = Instant::now();
-    plan.begin()?;
+    let views = job.views();
+    plan.claim(planned_files(&views))?;
     // A result whose inputs have changed must not be found by a leaderboard if scoring fails now.
     store::remove(&result_file)?;
-    comparison::prepare_folder(&request.out)?;
+    comparison::prepare_folder(&request.out, &plan.own_files())?;
 
-    let views = job.views();
     progress.begin(&label, Some(views.len() as u64));
     let outcomes = score_views(&job, &views, request, progress)?;
     progress.end();
@@ -148,6 +150,18 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
     );
     plan.finish(outputs, started.elapsed().as_secs_f64())?;
     Ok(result)
+}
+
+/// What scoring may write, relative to the output folder.
+fn planned_files(views: &[View]) -> impl Iterator<Item = String> {
+    let pictures = views
+        .iter()
+        .filter(|view| view.kind == ViewKind::Novel)
+        .map(|&view| comparison::file(view));
+    [RESULT_FILE, SCORING_FILE, FRAMES_TABLE]
+        .map(str::to_owned)
+        .into_iter()
+        .chain(pictures)
 }
 
 /// Writes what differs from one computation of the same scores to the next.

@@ -6,6 +6,7 @@ use std::{
 };
 
 use omnilife_schemas::{
+    lock::FolderLock,
     progress::Progress,
     records::{Dataset, SourceVideo, VideoAnalysis, VideoEntry, VideoStatus},
     store,
@@ -59,6 +60,8 @@ pub fn curate_dataset(
             .collect(),
     };
     claim(out, &record)?;
+    let _lock = FolderLock::take(out, progress)?;
+    store::remove_abandoned(out)?;
     let path = out.join(DATASET_FILE);
     store::write_record(&path, &record)?;
     let mut errors = Vec::new();
@@ -235,13 +238,28 @@ fn claim(out: &Path, record: &Dataset) -> Result<(), CurateError> {
             ));
         }
     }
-    store::create_folder(out)?;
-    Ok(store::remove_abandoned(out)?)
+    Ok(store::create_folder(out)?)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Whatever a video is called, its folder is one visible folder in its dataset.
+    #[test]
+    fn dotted_and_broken_names_give_plain_folders() {
+        let videos = [
+            "...mp4",
+            "..mp4",
+            ".mp4",
+            ".hidden.mp4",
+            "a\nb.mp4",
+            "..",
+            "a.b.mp4",
+        ];
+        let names = folder_names(&videos.map(PathBuf::from));
+        assert_eq!(names, ["__", "_", "_mp4", "_hidden", "a_b", "video", "a.b"]);
+    }
 
     #[test]
     fn videos_of_one_name_get_folders_of_their_own() {

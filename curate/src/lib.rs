@@ -27,6 +27,7 @@ pub mod poses;
 pub mod publish;
 mod sequences;
 pub mod slicing;
+mod staging;
 pub mod statistics;
 pub mod verdict;
 pub mod video;

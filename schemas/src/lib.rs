@@ -2,8 +2,9 @@
 //!
 //! Every other crate of the workspace depends on this one and on no sibling, so whatever two of
 //! them must agree about lives here: [`camera`] (which pixel is which direction), [`pose`],
-//! [`records`] (the JSON files), [`points`] and [`rgb`] (clouds and images), [`store`] (how a file
-//! reaches the disk), [`npy`] (arrays), [`stage`] (when work can be skipped), [`bootstrap`] (how far
+//! [`records`] (the JSON files), [`points`] and [`rgb`] (clouds and images), [`split_rules`] (what methods are given), [`store`] (how a file
+//! reaches the disk), [`npy`] (arrays), [`stage`] (when work can be skipped), [`ownership`] (whose a file is),
+//! [`lock`] (who writes into a folder), [`bootstrap`] (how far
 //! scores can be trusted), [`provenance`] (what made a record), [`process`], [`progress`] and
 //! [`blame`].
 //!
@@ -17,7 +18,9 @@
 pub mod blame;
 pub mod bootstrap;
 pub mod camera;
+pub mod lock;
 pub mod npy;
+pub mod ownership;
 pub mod points;
 pub mod pose;
 pub mod process;
@@ -25,8 +28,10 @@ pub mod progress;
 pub mod provenance;
 pub mod records;
 pub mod rgb;
+pub mod split_rules;
 pub mod stage;
 pub mod store;
+mod temporary;
 
 pub use blame::{Blame, Blamed};
 pub use pose::{Pose, Similarity};

@@ -14,6 +14,7 @@ use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
     process::Command,
+    time::Instant,
 };
 
 use omnilife_bench::{
@@ -28,8 +29,10 @@ use omnilife_reconstruct::{
 };
 use omnilife_schemas::{
     Blame,
+    lock::FolderLock,
     progress::Progress,
     records::{ExternalRun, Scene},
+    stage::StagePlan,
     store::{self, StoreError},
 };
 use serde::Serialize;
@@ -106,6 +109,10 @@ pub(crate) fn execute(
     for protocol in &arguments.protocols {
         protocols::protocol(protocol)?;
     }
+    let _lock = FolderLock::take(&arguments.out, progress)?;
+    let begun = Instant::now();
+    let summary = StagePlan::new(&arguments.out, "summary");
+    summary.claim([OUTCOMES_FILE])?;
     let mut units = Vec::new();
     for (id, scene) in &scenes {
         for protocol in &arguments.protocols {
@@ -141,6 +148,7 @@ pub(crate) fn execute(
         }
     }
     write_outcomes(&arguments.out.join(OUTCOMES_FILE), &units)?;
+    summary.finish([OUTCOMES_FILE], begun.elapsed().as_secs_f64())?;
     if units.iter().any(|unit| unit.outcome == "scored") {
         let leaderboard = build_leaderboard(&LeaderboardRequest {
             results: arguments.out.join("scenes"),

@@ -8,7 +8,7 @@ use omnilife_curate::{
     masks::{MASKS_FOLDER, write_masks},
     publish, slicing, video,
 };
-use omnilife_schemas::{Blame, progress::Progress};
+use omnilife_schemas::{Blame, lock::FolderLock, progress::Progress};
 
 use crate::{
     cli::{
@@ -40,6 +40,7 @@ pub(crate) fn annotate(
     arguments: &AnnotateArguments,
     progress: &dyn Progress,
 ) -> anyhow::Result<()> {
+    let _lock = FolderLock::take_existing(&arguments.dataset, progress)?;
     let count = annotate_dataset(&arguments.dataset, &arguments.settings(), progress)?;
     exit::print(&format!(
         "{count} sequences annotated; `omnilife curate publish {}` brings statistics and checksums \

@@ -37,6 +37,11 @@ pub fn record_failure(request: &FailureRequest) -> Result<PathBuf, BenchError> {
     let scene: Scene = store::read_record(&request.scene)?;
     let split: Split = store::read_record(&request.split)?;
     split::check_split(&request.split, &split, &scene)?;
+    let file: &Path = &request.out.join(EXTERNAL_RUN_FILE);
+    if file.exists() {
+        // The record of a run may be replaced by that of its failure, nothing else may.
+        store::read_record::<ExternalRun>(file)?;
+    }
     for folder in [NOVEL_FOLDER, INPUT_FOLDER] {
         store::create_folder(&request.out.join(folder))?;
     }
@@ -57,7 +62,6 @@ pub fn record_failure(request: &FailureRequest) -> Result<PathBuf, BenchError> {
         input_views: Some(INPUT_FOLDER.to_owned()),
         warnings: Vec::new(),
     };
-    let file: &Path = &request.out.join(EXTERNAL_RUN_FILE);
     store::write_record(file, &record)?;
     Ok(file.to_owned())
 }

@@ -17,11 +17,13 @@ use std::{
 };
 
 use omnilife_schemas::{
+    lock::FolderLock,
+    ownership::path_inside,
     progress::Progress,
     provenance,
     records::{ExternalRun, Phase, PhaseName, Scene, Split},
     stage::StagePlan,
-    store,
+    store::{self, Record, StoreError},
 };
 
 use crate::{error::BenchError, scene_identity::SceneIdentity, split};
@@ -34,6 +36,7 @@ pub const EXTERNAL_RUN_FILE: &str = "external-run.json";
 /// Folder that a method may fill as it likes, relative to the run's folder.
 const WORK_FOLDER: &str = "work";
 const LOG_FOLDER: &str = "logs";
+const PREDICTIONS_FOLDER: &str = "predictions";
 const INPUT_FOLDER: &str = "predictions/input";
 const NOVEL_FOLDER: &str = "predictions/novel";
 
@@ -86,9 +89,16 @@ pub fn run_external(
         return Ok(store::read_record(&record_file)?);
     }
     let begun = Instant::now();
-    plan.begin()?;
+    let _lock = FolderLock::take(&request.out, progress)?;
+    refuse_foreign_folders(&request.out, &plan)?;
+    plan.claim([EXTERNAL_RUN_FILE])?;
     // What an earlier run left must not be taken for the views of this one.
-    for old in [EXTERNAL_RUN_FILE, WORK_FOLDER, LOG_FOLDER, "predictions"] {
+    for old in [
+        EXTERNAL_RUN_FILE,
+        WORK_FOLDER,
+        LOG_FOLDER,
+        PREDICTIONS_FOLDER,
+    ] {
         store::remove(&request.out.join(old))?;
     }
     for folder in [WORK_FOLDER, LOG_FOLDER, INPUT_FOLDER, NOVEL_FOLDER] {
@@ -124,6 +134,29 @@ pub fn run_external(
         plan.finish(outputs, begun.elapsed().as_secs_f64())?;
     }
     Ok(record)
+}
+
+/// Refuses a folder that holds what a run would clear away, and no run of ours.
+fn refuse_foreign_folders(out: &Path, plan: &StagePlan) -> Result<(), BenchError> {
+    let record = out.join(EXTERNAL_RUN_FILE);
+    let is_ours = plan.has_begun()
+        || store::schema_of(&record).is_ok_and(|schema| schema == ExternalRun::SCHEMA);
+    for name in [WORK_FOLDER, LOG_FOLDER, PREDICTIONS_FOLDER] {
+        let path = path_inside(out, name)?;
+        let is_filled = path.exists() && !(path.is_dir() && store::names_in(&path)?.is_empty());
+        if is_filled && !is_ours {
+            return Err(StoreError::refused(
+                &path,
+                format!(
+                    "is there, and {} holds no run of ours; a run would clear it away: choose \
+                     another output",
+                    out.display()
+                ),
+            )
+            .into());
+        }
+    }
+    Ok(())
 }
 
 /// Adds the files beside the manifest that its commands name: the method's own scripts.

@@ -48,10 +48,41 @@ pub fn read(path: &Path) -> Result<Vec<TagRow>, CurateError> {
     let rows: Vec<TagRow> = if is_json {
         serde_json::from_str(&text).map_err(|error| malformed(error.to_string()))?
     } else {
-        csv::Reader::from_reader(text.as_bytes())
+        let mut table = csv::Reader::from_reader(text.as_bytes());
+        // Without a row nothing else would look at the head.
+        let head = table
+            .headers()
+            .map_err(|error| malformed(error.to_string()))?;
+        if let Some(missing) = ["sequence", "author"]
+            .iter()
+            .find(|name| !head.iter().any(|column| column == **name))
+        {
+            return Err(malformed(format!("has no column {missing}")).into());
+        }
+        table
             .deserialize()
             .collect::<Result<_, _>>()
             .map_err(|error: csv::Error| malformed(error.to_string()))?
     };
     Ok(rows)
+}
+
+#[cfg(test)]
+mod tests {
+    #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+    use super::*;
+
+    #[test]
+    fn a_table_without_its_columns_is_refused_even_without_rows() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("tags.csv");
+        for text in ["", "garbage", "sequence,scene\n"] {
+            std::fs::write(&file, text).unwrap();
+            let message = read(&file).unwrap_err().to_string();
+            assert!(message.contains("has no column"), "{text:?}: {message}");
+        }
+        std::fs::write(&file, "sequence,author\n").unwrap();
+        assert!(read(&file).unwrap().is_empty());
+    }
 }

@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
     camera::ErpCamera,
+    lock::FolderLock,
     progress::Progress,
     records::{MaskEntry, Masks, Sequence},
     rgb::Mask,
@@ -19,7 +20,7 @@ use omnilife_schemas::{
     store,
 };
 
-use crate::{error::CurateError, pipeline::SEQUENCE_FILE, poses};
+use crate::{error::CurateError, pipeline::SEQUENCE_FILE, poses, staging::Staging};
 
 /// Folder of the masks in a sequence's folder.
 pub const MASKS_FOLDER: &str = "dynamic-masks";
@@ -91,15 +92,14 @@ pub fn write_masks(
         }
         (None, MaskSource::Files(_)) => Vec::new(),
     };
-    plan.begin()?;
-    store::remove(&out)?;
-    store::create_folder(&out)?;
-    let mut outputs = vec![format!("{MASKS_FOLDER}/{MASKS_FILE}")];
+    let _lock = FolderLock::take(folder, progress)?;
+    let record_file = format!("{MASKS_FOLDER}/{MASKS_FILE}");
+    plan.claim([&record_file])?;
+    let mut staging = Staging::new(folder, MASKS_FOLDER)?;
     let mut entries = Vec::new();
     for (frame, mask) in sequence.frames.entries.iter().zip(&masks) {
         let file = format!("{}.png", stem(&frame.file));
-        mask.write_png(&out.join(&file))?;
-        outputs.push(format!("{MASKS_FOLDER}/{file}"));
+        mask.write_png(&staging.begin(&format!("{MASKS_FOLDER}/{file}"))?)?;
         entries.push(MaskEntry {
             file,
             dynamic_share: dynamic_share(mask),
@@ -111,7 +111,11 @@ pub fn write_masks(
         settings,
         frames: entries,
     };
+    let mut outputs = plan.publish(&staging.folder, &staging.files)?;
+    plan.own_files()
+        .remove(|file| *file != record_file && !staging.files.iter().any(|new| new == file))?;
     store::write_record(&out.join(MASKS_FILE), &record)?;
+    outputs.push(record_file);
     plan.finish(outputs, started.elapsed().as_secs_f64())?;
     Ok(record)
 }

@@ -3,10 +3,11 @@
 
 use std::{
     fs::File,
-    path::{Component, Path, PathBuf},
+    path::{Path, PathBuf},
 };
 
 use omnilife_schemas::{
+    ownership::is_inside,
     records::{ResultRecord, Submission, SubmittedResult, Summary},
     store::{self, StoreError},
 };
@@ -80,11 +81,6 @@ pub fn verify(folder: &Path) -> Result<Verified, LeaderboardError> {
         submission,
         results,
     })
-}
-
-fn is_inside(name: &str) -> bool {
-    let mut parts = Path::new(name).components();
-    parts.all(|part| matches!(part, Component::Normal(_)))
 }
 
 fn check_files(folder: &Path, entry: &SubmittedResult) -> Result<(), LeaderboardError> {
