@@ -287,3 +287,21 @@ fn a_folder_with_anothers_logs_is_not_cleared() {
     stand.request.seed += 1;
     assert_eq!(stand.run().failure, None);
 }
+
+/// A sweep records the failure of a unit and tries it again.
+#[test]
+fn a_run_may_follow_a_recorded_failure_and_the_other_way_round() {
+    let stand = copying_stand();
+    let failure = omnilife_bench::FailureRequest {
+        method: "copier".to_owned(),
+        scene: stand.request.scene.clone(),
+        split: stand.request.split.clone(),
+        seed: 7,
+        reason: "killed".to_owned(),
+        out: stand.request.out.clone(),
+    };
+    for _ in 0..2 {
+        omnilife_bench::record_failure(&failure).unwrap();
+        assert_eq!(stand.run().failure, None);
+    }
+}

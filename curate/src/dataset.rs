@@ -31,6 +31,8 @@ pub struct CuratedDataset {
     pub record: Dataset,
     /// Number of the video in the record, and what was wrong with it.
     pub errors: Vec<(usize, CurateError)>,
+    /// Keeps other processes out of the dataset for as long as somebody works on with it.
+    pub lock: FolderLock,
 }
 
 /// Curates videos into `out`: `dataset.json` and one folder per video in `videos/`, named after the
@@ -60,7 +62,7 @@ pub fn curate_dataset(
             .collect(),
     };
     claim(out, &record)?;
-    let _lock = FolderLock::take(out, progress)?;
+    let lock = FolderLock::take(out, progress)?;
     store::remove_abandoned(out)?;
     let path = out.join(DATASET_FILE);
     store::write_record(&path, &record)?;
@@ -119,7 +121,11 @@ pub fn curate_dataset(
         attrition.kept_seconds,
         out.join(attrition::ATTRITION_FILE).display()
     ));
-    Ok(CuratedDataset { record, errors })
+    Ok(CuratedDataset {
+        record,
+        errors,
+        lock,
+    })
 }
 
 /// The first video before `index` that has the same content.

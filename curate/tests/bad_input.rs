@@ -187,9 +187,8 @@ fn output_folders_that_belong_to_something_else() {
     let file = temp.path().join("file");
     fs::write(&file, "mine").unwrap();
     refused(&one, &file, &file, Blame::Input);
-    // A folder that cannot be made is no fault of the video.
     let below = file.join("out");
-    refused(&one, &below, &below, Blame::Ours);
+    refused(&one, &below, &below, Blame::Input);
 }
 
 /// The device accepts no byte, as a full disk: what cannot be written whole is not there at all.

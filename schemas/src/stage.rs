@@ -211,14 +211,6 @@ impl StagePlan {
             .try_for_each(|folder| store::remove_abandoned(folder))
     }
 
-    /// Claims nothing: [`StagePlan::claim`] for a stage whose outputs are not known beforehand.
-    ///
-    /// # Errors
-    /// As there.
-    pub fn begin(&self) -> Result<(), StoreError> {
-        self.claim::<&str>([])
-    }
-
     /// Moves files from a folder beside to their places in the stage's folder, all of them or, when
     /// one is refused, none. No file is ever missing on the way. Returns those that are the stage's
     /// own afterwards: a file of the user's that has the same content already stays the user's.

@@ -110,6 +110,7 @@ fn is_bad_path(kind: io::ErrorKind) -> bool {
         io::ErrorKind::NotADirectory
             | io::ErrorKind::IsADirectory
             | io::ErrorKind::AlreadyExists
+            | io::ErrorKind::DirectoryNotEmpty
             | io::ErrorKind::InvalidFilename
     )
 }

@@ -19,15 +19,14 @@ fn finished() -> (tempfile::TempDir, std::path::PathBuf) {
     let input = folder.path().join("input.txt");
     fs::write(&input, "input").unwrap();
     fs::create_dir(folder.path().join("views")).unwrap();
-    for output in ["model.ply", "views/000004.png"] {
-        fs::write(folder.path().join(output), "output").unwrap();
-    }
+    let outputs = ["model.ply", "views/000004.png"];
     let stage = plan(folder.path(), &input, 7);
     assert!(!stage.is_done());
-    stage.begin().unwrap();
-    stage
-        .finish(["model.ply", "views/000004.png"], 1.5)
-        .unwrap();
+    stage.claim(outputs).unwrap();
+    for output in outputs {
+        fs::write(folder.path().join(output), "output").unwrap();
+    }
+    stage.finish(outputs, 1.5).unwrap();
     (folder, input)
 }
 
@@ -103,9 +102,9 @@ fn lost_or_cut_outputs_run_again() {
 fn a_stage_that_began_is_not_done() {
     let (folder, input) = finished();
     let stage = plan(folder.path(), &input, 7);
-    stage.begin().unwrap();
+    stage.claim(["model.ply"]).unwrap();
     assert!(!stage.is_done());
-    stage.begin().unwrap();
+    stage.claim(["model.ply"]).unwrap();
 }
 
 #[test]

@@ -30,7 +30,6 @@ use omnilife_reconstruct::{
 };
 use omnilife_schemas::{
     Blame, Blamed,
-    lock::FolderLock,
     progress::Progress,
     records::{Dataset, ResultRecord, VideoStatus},
     stage::StagePlan,
@@ -81,7 +80,6 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
     }
 
     let settings = arguments.curation.settings(&arguments.criteria, false);
-    let _lock = FolderLock::take(&arguments.out, progress)?;
     let curated = curate_dataset(&videos, &arguments.out, &settings, progress)?;
     job.refuse_shared_masks(&curated.record)?;
     let summary = StagePlan::new(&arguments.out, "summary");

@@ -9,21 +9,13 @@ use std::{
 };
 
 use omnilife_schemas::{
+    process::host_name,
     records::{UnitClaim, UnitRunner},
     store::StoreError,
 };
 
 /// Variable by which every process of a unit can be told.
 pub(crate) const TOKEN_VARIABLE: &str = "OMNILIFE_SWEEP_CLAIM";
-
-/// Name of the machine.
-fn host_name() -> String {
-    #[cfg(unix)]
-    if let Ok(name) = nix::unistd::gethostname() {
-        return name.to_string_lossy().into_owned();
-    }
-    "unknown".to_owned()
-}
 
 /// The Slurm job that this process is part of.
 fn slurm_job() -> Option<String> {

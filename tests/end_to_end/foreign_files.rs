@@ -290,3 +290,24 @@ fn a_changed_card_of_a_dataset_is_not_overwritten() {
     assert!(ended.failed_quietly(2).contains("README.md: is in the way"));
     assert_eq!(fs::read_to_string(card).unwrap(), "my own words");
 }
+
+/// Rendered views have the names of frames.
+#[test]
+fn ground_truth_is_not_rendered_over() {
+    let folder = copy_of_small_run();
+    let frames = folder.path().join(SEQUENCE).join("frames");
+    let before = fs::read(frames.join("000004.png")).unwrap();
+    let scene = folder.path().join(SEQUENCE).join("scene.json");
+    let run = folder.path().join(METHOD).join("run");
+    let mut arguments = vec![
+        "--quiet".as_ref(),
+        "reconstruct".as_ref(),
+        "render".as_ref(),
+    ];
+    arguments.extend([run.as_os_str(), "--poses".as_ref(), scene.as_os_str()]);
+    arguments.extend(["--out".as_ref(), frames.as_os_str()]);
+    let ended = omnilife(arguments);
+    assert!(ended.failed_quietly(2).contains("is in the way"));
+    assert_eq!(fs::read(frames.join("000004.png")).unwrap(), before);
+    assert_eq!(files(&frames).len(), 10);
+}

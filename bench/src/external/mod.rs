@@ -23,7 +23,7 @@ use omnilife_schemas::{
     provenance,
     records::{ExternalRun, Phase, PhaseName, Scene, Split},
     stage::StagePlan,
-    store::{self, Record, StoreError},
+    store::{self, StoreError},
 };
 
 use crate::{error::BenchError, scene_identity::SceneIdentity, split};
@@ -33,6 +33,8 @@ use placeholders::Places;
 
 /// Name of the record in the run's folder.
 pub const EXTERNAL_RUN_FILE: &str = "external-run.json";
+/// Name of the stage in the run's folder.
+const STAGE: &str = "external";
 /// Folder that a method may fill as it likes, relative to the run's folder.
 const WORK_FOLDER: &str = "work";
 const LOG_FOLDER: &str = "logs";
@@ -75,7 +77,7 @@ pub fn run_external(
     store::create_folder(&request.out)?;
     let places = Places::new(request)?;
     let identity = SceneIdentity::of_split(&request.scene, &scene, &split, &[])?;
-    let plan = StagePlan::new(&request.out, "external")
+    let plan = StagePlan::new(&request.out, STAGE)
         .with_text("seed", &request.seed.to_string())
         .with_file(&request.manifest)?
         .with_file(&request.scene)?
@@ -138,13 +140,10 @@ pub fn run_external(
 
 /// Refuses a folder that holds what a run would clear away, and no run of ours.
 fn refuse_foreign_folders(out: &Path, plan: &StagePlan) -> Result<(), BenchError> {
-    let record = out.join(EXTERNAL_RUN_FILE);
-    let is_ours = plan.has_begun()
-        || store::schema_of(&record).is_ok_and(|schema| schema == ExternalRun::SCHEMA);
     for name in [WORK_FOLDER, LOG_FOLDER, PREDICTIONS_FOLDER] {
         let path = path_inside(out, name)?;
         let is_filled = path.exists() && !(path.is_dir() && store::names_in(&path)?.is_empty());
-        if is_filled && !is_ours {
+        if is_filled && !plan.has_begun() {
             return Err(StoreError::refused(
                 &path,
                 format!(

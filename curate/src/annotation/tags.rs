@@ -49,20 +49,18 @@ pub fn read(path: &Path) -> Result<Vec<TagRow>, CurateError> {
         serde_json::from_str(&text).map_err(|error| malformed(error.to_string()))?
     } else {
         let mut table = csv::Reader::from_reader(text.as_bytes());
-        // Without a row nothing else would look at the head.
-        let head = table
-            .headers()
-            .map_err(|error| malformed(error.to_string()))?;
-        if let Some(missing) = ["sequence", "author"]
-            .iter()
-            .find(|name| !head.iter().any(|column| column == **name))
-        {
-            return Err(malformed(format!("has no column {missing}")).into());
-        }
-        table
+        let unreadable = |error: csv::Error| malformed(error.to_string());
+        let head = table.headers().map_err(unreadable)?.clone();
+        let rows: Vec<TagRow> = table
             .deserialize()
             .collect::<Result<_, _>>()
-            .map_err(|error: csv::Error| malformed(error.to_string()))?
+            .map_err(unreadable)?;
+        // Without a row nothing else has looked at the head.
+        let lacks = |name: &&&str| !head.iter().any(|column| column == **name);
+        if let Some(missing) = ["sequence", "author"].iter().find(lacks) {
+            return Err(malformed(format!("has no column {missing}")).into());
+        }
+        rows
     };
     Ok(rows)
 }

@@ -58,6 +58,9 @@ pub fn write_slices(
         stretches: stretches(analysis.range, shots, sequence_name),
     };
     let path = folder.join(SLICES_FILE);
+    if path.exists() {
+        store::read_record::<Slices>(&path)?;
+    }
     let Some(settings) = settings else {
         // Slices of an earlier run would belong to no record.
         remove_files(folder)?;
@@ -75,7 +78,8 @@ pub fn write_slices(
         ));
         return Ok(store::read_record(&path)?);
     }
-    plan.claim([SLICES_FILE])?;
+    // The record is written without slices too, and is no mark of theirs.
+    plan.claim::<&str>([])?;
     let started = Instant::now();
     let mut staging = Staging::new(folder, SLICES_FOLDER)?;
     let mut requests = Vec::new();
