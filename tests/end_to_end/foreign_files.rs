@@ -57,11 +57,12 @@ fn row(words: &str, code: i32) -> Row {
         ("POSES", sample("poses.json")),
     ];
     let fill = |word: &str| {
-        let place = places.iter().find(|(name, _)| *name == word);
-        place.map_or_else(
-            || word.to_owned(),
-            |(_, path)| path.to_str().unwrap().to_owned(),
-        )
+        let (name, rest) = word.split_once('/').unwrap_or((word, ""));
+        match places.iter().find(|(place, _)| *place == name) {
+            Some((_, path)) if rest.is_empty() => path.to_str().unwrap().to_owned(),
+            Some((_, path)) => path.join(rest).to_str().unwrap().to_owned(),
+            None => word.to_owned(),
+        }
     };
     Row {
         words: words.split_whitespace().map(fill).collect(),
@@ -89,10 +90,7 @@ fn commands(extra: &Path) -> Vec<Row> {
             "curate video VIDEO --criteria none --width 64 --folder OUT",
             2,
         ),
-        row(
-            &format!("curate export SEQUENCE --format colmap --out OUT"),
-            2,
-        ),
+        row("curate export SEQUENCE --format colmap --out OUT", 2),
         row(
             &format!("curate import {extra}/colmap --format colmap --out OUT"),
             2,
@@ -129,14 +127,14 @@ fn commands(extra: &Path) -> Vec<Row> {
             "bench failed m --scene SCENE --split SPLIT --reason no --out OUT",
             0,
         ),
-        row("bench curve RUN --out OUT", 0),
+        row(&format!("bench curve {extra}/traced --out OUT"), 0),
         row("bench adapter pvg --out OUT", 0),
         row(
             "bench run SCENE --methods nearest-input,cross-fade --protocols per-scene --out OUT",
             0,
         ),
         row(
-            "bench ablate SCENE --method periodic --iterations 5 --out OUT",
+            "bench ablate SCENE --method periodic --iterations 30 --out OUT",
             0,
         ),
         row(
@@ -179,6 +177,13 @@ fn prepare(extra: &Path) {
     .unwrap();
     let at = |name: &str| extra.join(name).to_str().unwrap().to_owned();
     for words in [
+        row(
+            &format!(
+                "reconstruct train SCENE --split SPLIT --iterations 10 --trace 5 --out {}",
+                at("traced")
+            ),
+            0,
+        ),
         row(
             &format!(
                 "curate export SEQUENCE --format colmap --out {}",
@@ -235,9 +240,14 @@ fn walk(row: &Row, extra: &Path, in_the_way: &[&str]) -> Option<String> {
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         fs::write(path, format!("my {file}")).unwrap();
     }
-    let words = row.words.iter().map(|word| {
-        let word = word.replace("MOVED", extra.join("moved.json").to_str().unwrap());
-        word.replace("OUT", out.to_str().unwrap())
+    let moved = extra.join("moved.json");
+    let words = row.words.iter().map(|word| match word.as_str() {
+        "MOVED" => moved.to_str().unwrap().to_owned(),
+        "OUT" => out.to_str().unwrap().to_owned(),
+        word => word.strip_prefix("OUT/").map_or_else(
+            || word.to_owned(),
+            |rest| out.join(rest).to_str().unwrap().to_owned(),
+        ),
     });
     let ended = omnilife(std::iter::once("--quiet".to_owned()).chain(words));
     let lines = ended.stderr.lines().count();
