@@ -134,10 +134,6 @@ fn commands(extra: &Path) -> Vec<Row> {
             0,
         ),
         row(
-            "bench ablate SCENE --method periodic --iterations 30 --out OUT",
-            0,
-        ),
-        row(
             "reconstruct train SCENE --split SPLIT --iterations 5 --out OUT",
             0,
         ),
