@@ -11,7 +11,7 @@
 
 use std::path::Path;
 
-use omnilife_schemas::store;
+use omnilife_schemas::{ownership::OwnFiles, store};
 
 use crate::error::BenchError;
 
@@ -95,11 +95,13 @@ pub fn write_adapter(id: &str, folder: &Path) -> Result<&'static Adapter, BenchE
                 .join(", "),
         })?;
     let manifest = folder.join("method.toml");
-    if std::fs::read_to_string(&manifest).is_ok_and(|text| text != adapter.manifest) {
-        return Err(BenchError::mismatch(
-            &manifest,
-            "is there already and is another one",
-        ));
+    let own = OwnFiles::new(folder, []);
+    for (name, text) in adapter
+        .files
+        .iter()
+        .chain([&("method.toml", adapter.manifest)])
+    {
+        own.refuse_changed(name, &store::sha256_bytes(text.as_bytes()))?;
     }
     store::create_folder(folder)?;
     for (name, text) in adapter.files {

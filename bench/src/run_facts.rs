@@ -32,6 +32,8 @@ pub(crate) struct RunFacts {
     pub(crate) failure: Option<String>,
     pub(crate) input_folder: Option<PathBuf>,
     pub(crate) novel_folder: PathBuf,
+    /// Hash of the split that it was made by, where the record says.
+    pub(crate) split_sha256: Option<String>,
 }
 
 impl RunFacts {
@@ -63,6 +65,7 @@ impl RunFacts {
                 .as_ref()
                 .map(|folder| file.with_file_name(folder)),
             novel_folder: file.with_file_name(&run.predictions.novel_views),
+            split_sha256: run.inputs.get("split.json").cloned(),
             method: run.method,
             scene: run.scene,
             protocol_hash: run.protocol_hash,
@@ -90,6 +93,7 @@ impl RunFacts {
         Self {
             input_folder: run.input_views.map(|folder| file.with_file_name(folder)),
             novel_folder: file.with_file_name(&run.novel_views),
+            split_sha256: None,
             method: run.method,
             scene: run.scene,
             protocol_hash: run.protocol_hash,

@@ -3,11 +3,15 @@
 use std::path::Path;
 
 use omnilife_schemas::{
-    records::{IncompleteGroup, Protocol, Scene, Split, SplitRule, ViewGroup},
-    store,
+    records::{Protocol, Scene, Split},
+    split_rules::{self, SplitError},
+    store::{self, StoreError},
 };
 
 use crate::{error::BenchError, protocols};
+
+/// Splits of all versions are of such a schema.
+const ANY_SPLIT: &str = "omnilife/split/";
 
 /// Applies a protocol's split rule to a scene's frames. The numbers in the split count all frames of
 /// the scene, in its order.
@@ -16,126 +20,16 @@ use crate::{error::BenchError, protocols};
 /// When the rule makes no sense, no frame is left to give or to score by it, a pose is not usable
 /// (zero quaternion, non-finite entries) or frames are not in order of time.
 pub fn split(scene: &Scene, protocol: &Protocol) -> Result<Split, BenchError> {
-    check_frames(scene)?;
-    let shares = match protocol.split {
-        SplitRule::EveryNth { period, offset } => every_nth(scene, period, offset),
-        SplitRule::Groups { length } => groups(scene, length),
-        SplitRule::AllGiven => all_given(scene),
-    }
-    .map_err(|reason| BenchError::Protocol {
-        scene: scene.id.clone(),
-        protocol: protocols::title(protocol),
-        reason,
-    })?;
-    Ok(Split {
-        scene: scene.id.clone(),
-        protocol: protocol.clone(),
-        protocol_hash: protocol.hash(),
-        input_views: shares.input_views,
-        novel_views: shares.novel_views,
-        unposed: posed_and_unposed(scene).1,
-        groups: shares.groups,
-        incomplete: shares.incomplete,
-    })
-}
-
-/// What a rule makes of a scene's frames.
-#[derive(Default)]
-struct Shares {
-    input_views: Vec<u32>,
-    novel_views: Vec<u32>,
-    groups: Vec<ViewGroup>,
-    incomplete: Vec<IncompleteGroup>,
-}
-
-fn posed_and_unposed(scene: &Scene) -> (Vec<u32>, Vec<u32>) {
-    (0..scene.frames.len() as u32).partition(|&frame| scene.frames[frame as usize].pose.is_some())
-}
-
-/// Frames are counted among the posed ones only, so that an unposed frame changes neither the
-/// shares nor the rule.
-fn every_nth(scene: &Scene, period: u32, offset: u32) -> Result<Shares, String> {
-    if period < 2 || offset >= period {
-        return Err(format!(
-            "its split rule holds out offset {offset} of every {period} frames"
-        ));
-    }
-    let (posed, _) = posed_and_unposed(scene);
-    if posed.len() < period as usize {
-        return Err(format!(
-            "{} of {} frames have a pose, at least {period} are needed",
-            posed.len(),
-            scene.frames.len()
-        ));
-    }
-    let mut shares = Shares::default();
-    for (position, &frame) in posed.iter().enumerate() {
-        if position % period as usize == offset as usize {
-            shares.novel_views.push(frame);
-        } else {
-            shares.input_views.push(frame);
-        }
-    }
-    Ok(shares)
-}
-
-/// Groups are cut among all frames, so that those of a group follow each other in time.
-fn groups(scene: &Scene, length: u32) -> Result<Shares, String> {
-    if length < 3 {
-        return Err(format!(
-            "a group of {length} frames has none between its first and its last"
-        ));
-    }
-    let frames: Vec<u32> = (0..scene.frames.len() as u32).collect();
-    let mut shares = Shares::default();
-    for frames in frames.chunks(length as usize) {
-        match incompleteness(scene, frames, length) {
-            Some(reason) => shares.incomplete.push(IncompleteGroup {
-                frames: frames.to_vec(),
+    split_rules::split(scene, protocol).map_err(|error| {
+        let scene = scene.id.clone();
+        match error {
+            SplitError::Frames { reason } => BenchError::Scene { scene, reason },
+            SplitError::Rule { reason } => BenchError::Protocol {
+                scene,
+                protocol: protocols::title(protocol),
                 reason,
-            }),
-            None => {
-                let (first, last) = (frames[0], frames[frames.len() - 1]);
-                let between = frames[1..frames.len() - 1].to_vec();
-                shares.input_views.extend([first, last]);
-                shares.novel_views.extend(&between);
-                shares.groups.push(ViewGroup {
-                    context: vec![first, last],
-                    novel_views: between,
-                });
-            }
+            },
         }
-    }
-    if shares.groups.is_empty() {
-        return Err(format!(
-            "none of its {} frames belong to a complete group of {length}",
-            scene.frames.len()
-        ));
-    }
-    Ok(shares)
-}
-
-/// What a group lacks.
-fn incompleteness(scene: &Scene, frames: &[u32], length: u32) -> Option<String> {
-    if frames.len() < length as usize {
-        return Some(format!("{} of {length} frames", frames.len()));
-    }
-    let unposed: Vec<String> = frames
-        .iter()
-        .filter(|&&frame| scene.frames[frame as usize].pose.is_none())
-        .map(u32::to_string)
-        .collect();
-    (!unposed.is_empty()).then(|| format!("no pose for {}", unposed.join(", ")))
-}
-
-fn all_given(scene: &Scene) -> Result<Shares, String> {
-    let (input_views, _) = posed_and_unposed(scene);
-    if input_views.is_empty() {
-        return Err("no frame has a pose".to_owned());
-    }
-    Ok(Shares {
-        input_views,
-        ..Shares::default()
     })
 }
 
@@ -148,6 +42,13 @@ fn all_given(scene: &Scene) -> Result<Shares, String> {
 pub fn split_scene(scene: &Path, protocol_id: &str, out: &Path) -> Result<Split, BenchError> {
     let protocol = protocols::protocol(protocol_id)?;
     let split = split(&store::read_record(scene)?, &protocol)?;
+    if out.exists() && !store::schema_of(out).is_ok_and(|schema| schema.starts_with(ANY_SPLIT)) {
+        return Err(StoreError::refused(
+            out,
+            "holds something else than a split; choose another name",
+        )
+        .into());
+    }
     if let Some(folder) = out.parent() {
         store::create_folder(folder)?;
     }
@@ -160,52 +61,12 @@ pub fn split_scene(scene: &Path, protocol_id: &str, out: &Path) -> Result<Split,
 /// # Errors
 /// When it is of another scene, was edited, is outdated or asks for an unknown mask rule.
 pub(crate) fn check_split(file: &Path, split: &Split, scene: &Scene) -> Result<(), BenchError> {
-    if split.scene != scene.id {
-        return Err(BenchError::mismatch(
-            file,
-            format!("is of scene {}, not {}", split.scene, scene.id),
-        ));
-    }
-    // A split is a function of scene and protocol, so an edited or outdated one is found out.
-    if *split != self::split(scene, &split.protocol)? {
-        return Err(BenchError::mismatch(
-            file,
-            format!(
-                "is not the split of scene {} under protocol {}: make it again",
-                scene.id,
-                protocols::title(&split.protocol)
-            ),
-        ));
-    }
+    split_rules::check(split, scene).map_err(|reason| BenchError::mismatch(file, reason))?;
     if split.protocol.mask_rule != "none" {
         return Err(BenchError::mismatch(
             file,
             format!("mask rule {} is not known", split.protocol.mask_rule),
         ));
-    }
-    Ok(())
-}
-
-fn check_frames(scene: &Scene) -> Result<(), BenchError> {
-    let broken = |reason: String| BenchError::Scene {
-        scene: scene.id.clone(),
-        reason,
-    };
-    for (number, frame) in scene.frames.iter().enumerate() {
-        if frame.pose.is_some_and(|pose| !pose.is_valid()) {
-            return Err(broken(format!("frame {number} has an unusable pose")));
-        }
-        if !frame.time_seconds.is_finite() {
-            return Err(broken(format!("frame {number} has no finite time")));
-        }
-    }
-    for (number, pair) in scene.frames.windows(2).enumerate() {
-        if pair[1].time_seconds < pair[0].time_seconds {
-            return Err(broken(format!(
-                "frame {} is earlier than frame {number}",
-                number + 1
-            )));
-        }
     }
     Ok(())
 }

@@ -3,10 +3,11 @@
 //!
 //! This crate only reports; the cases are run where the kernels are.
 
-use std::{fmt::Write, path::Path};
+use std::{fmt::Write, path::Path, time::Instant};
 
 use omnilife_schemas::{
     records::{StabilityMeasures, StabilityReport, StabilityRow, StabilitySweep, StabilityVerdict},
+    stage::StagePlan,
     store,
 };
 
@@ -27,24 +28,38 @@ const SMALLEST_ERROR: f64 = 1e-9;
 /// where it is missing.
 ///
 /// # Errors
-/// When a file cannot be written.
+/// When a file that is not ours is in the way, or one cannot be written.
 pub fn write_stability(report: &StabilityReport, out: &Path) -> Result<(), BenchError> {
+    let drawn: Vec<&StabilitySweep> = report
+        .sweeps
+        .iter()
+        .filter(|sweep| !sweep.points.is_empty())
+        .collect();
+    let drawings = drawn.iter().map(|sweep| drawing_file(sweep));
+    let files: Vec<String> = [STABILITY_FILE, STABILITY_TABLE]
+        .map(str::to_owned)
+        .into_iter()
+        .chain(drawings)
+        .collect();
     store::create_folder(out)?;
+    let stage = StagePlan::new(out, "stability");
+    stage.claim(&files)?;
+    let begun = Instant::now();
     store::write_record(&out.join(STABILITY_FILE), report)?;
     store::write_bytes(
         &out.join(STABILITY_TABLE),
         stability_table(report).as_bytes(),
     )?;
-    for sweep in report
-        .sweeps
-        .iter()
-        .filter(|sweep| !sweep.points.is_empty())
-    {
-        let path = out.join(format!("stability-{}.svg", sweep.id));
+    for sweep in drawn {
+        let path = out.join(drawing_file(sweep));
         let drawing = drawing(sweep).map_err(|reason| BenchError::internal(&path, reason))?;
         store::write_bytes(&path, drawing.as_bytes())?;
     }
-    Ok(())
+    Ok(stage.finish(&files, begun.elapsed().as_secs_f64())?)
+}
+
+fn drawing_file(sweep: &StabilitySweep) -> String {
+    format!("stability-{}.svg", sweep.id)
 }
 
 /// Rows that are not as good as their case asks.

@@ -279,3 +279,51 @@ fn a_split_of_another_scene_is_refused() {
     assert!(stand.refusal().contains("is of scene"));
     assert!(stand.bench.refusal().contains("is of scene"));
 }
+
+/// The natural mistake is the method's own checkout as the folder of the run.
+#[test]
+fn a_folder_with_anothers_logs_is_not_cleared() {
+    let mut stand = copying_stand();
+    stand.request.out = stand.bench.at("method");
+    for name in ["work", "logs", "predictions"] {
+        let folder = stand.request.out.join(name);
+        fs::create_dir(&folder).unwrap();
+        let precious = folder.join("precious");
+        fs::write(&precious, "mine").unwrap();
+        let message = stand.refusal();
+        assert!(
+            message.contains(name) && message.contains("no run of ours"),
+            "{message}"
+        );
+        assert_eq!(fs::read_to_string(&precious).unwrap(), "mine");
+        fs::remove_dir_all(&folder).unwrap();
+        // An empty folder holds nothing that could be lost.
+        fs::create_dir(&folder).unwrap();
+    }
+    let record = stand.request.out.join("external-run.json");
+    fs::write(&record, "mine").unwrap();
+    assert!(stand.refusal().contains("external-run.json: is in the way"));
+    fs::remove_file(&record).unwrap();
+    assert_eq!(stand.run().failure, None);
+    // From now on the folder is the run's.
+    stand.request.seed += 1;
+    assert_eq!(stand.run().failure, None);
+}
+
+/// A sweep records the failure of a unit and tries it again.
+#[test]
+fn a_run_may_follow_a_recorded_failure_and_the_other_way_round() {
+    let stand = copying_stand();
+    let failure = omnilife_bench::FailureRequest {
+        method: "copier".to_owned(),
+        scene: stand.request.scene.clone(),
+        split: stand.request.split.clone(),
+        seed: 7,
+        reason: "killed".to_owned(),
+        out: stand.request.out.clone(),
+    };
+    for _ in 0..2 {
+        omnilife_bench::record_failure(&failure).unwrap();
+        assert_eq!(stand.run().failure, None);
+    }
+}

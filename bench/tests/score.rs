@@ -491,3 +491,39 @@ fn input_views_alone_are_scored_where_the_protocol_says_so() {
     assert!(result.novel_views.is_empty() && result.failures.is_empty());
     assert_eq!(result.input_views["psnr"].views, 10);
 }
+
+/// Scoring overwrites and clears away what scoring made, and nothing else.
+#[test]
+fn files_of_others_in_the_folder_of_scores_stay() {
+    let bench = Bench::new();
+    let out = bench.at("out");
+    fs::create_dir_all(out.join("comparisons")).unwrap();
+    for name in ["notes.txt", "comparisons/novel-000007.png"] {
+        fs::write(out.join(name), "mine").unwrap();
+    }
+    fs::write(out.join("frames.parquet"), "mine").unwrap();
+    let message = bench.refusal();
+    assert!(
+        message.contains("frames.parquet: is in the way"),
+        "{message}"
+    );
+    fs::remove_file(out.join("frames.parquet")).unwrap();
+    bench.score().unwrap();
+    for name in ["notes.txt", "comparisons/novel-000007.png"] {
+        assert_eq!(fs::read_to_string(out.join(name)).unwrap(), "mine");
+    }
+}
+
+/// One bit of a table: the size is the same.
+#[test]
+fn a_flipped_bit_in_the_scores_is_noticed() {
+    let bench = Bench::new();
+    bench.score().unwrap();
+    let table = bench.at("out/frames.parquet");
+    let good = fs::read(&table).unwrap();
+    let mut bad = good.clone();
+    bad[good.len() / 2] ^= 1;
+    fs::write(&table, &bad).unwrap();
+    bench.score().unwrap();
+    assert_eq!(fs::read(&table).unwrap(), good);
+}

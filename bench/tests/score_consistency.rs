@@ -96,9 +96,16 @@ fn runs_of_something_else_are_refused() {
         (
             RunRecord {
                 protocol_hash: "00".to_owned(),
-                ..good
+                ..good.clone()
             },
             "is of protocol hash 00",
+        ),
+        (
+            RunRecord {
+                inputs: [("split.json".to_owned(), "00".to_owned())].into(),
+                ..good
+            },
+            "was made by another split (sha256 00)",
         ),
     ] {
         store::write_record(&run, &record).unwrap();

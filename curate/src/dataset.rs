@@ -7,6 +7,7 @@ use std::{
 
 use omnilife_schemas::{
     layout::{ANALYSIS_FILE, ATTRITION_FILE, DATASET_FILE, VIDEOS_FOLDER},
+    lock::FolderLock,
     progress::Progress,
     records::{Dataset, SourceVideo, VideoAnalysis, VideoEntry, VideoStatus},
     store,
@@ -28,6 +29,8 @@ pub struct CuratedDataset {
     pub record: Dataset,
     /// Number of the video in the record, and what was wrong with it.
     pub errors: Vec<(usize, CurateError)>,
+    /// Keeps other processes out of the dataset for as long as somebody works on with it.
+    pub lock: FolderLock,
 }
 
 /// Where videos are curated.
@@ -102,6 +105,8 @@ pub fn curate_dataset_in(
             .collect(),
     };
     claim(out, &record)?;
+    let lock = FolderLock::take(out, progress)?;
+    store::remove_abandoned(out)?;
     let path = out.join(DATASET_FILE);
     store::write_record(&path, &record)?;
     let mut errors = Vec::new();
@@ -164,7 +169,11 @@ pub fn curate_dataset_in(
         attrition.kept_seconds,
         out.join(ATTRITION_FILE).display()
     ));
-    Ok(CuratedDataset { record, errors })
+    Ok(CuratedDataset {
+        record,
+        errors,
+        lock,
+    })
 }
 
 /// The first video before `index` that has the same content.
@@ -282,13 +291,28 @@ fn claim(out: &Path, record: &Dataset) -> Result<(), CurateError> {
             ));
         }
     }
-    store::create_folder(out)?;
-    Ok(store::remove_abandoned(out)?)
+    Ok(store::create_folder(out)?)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Whatever a video is called, its folder is one visible folder in its dataset.
+    #[test]
+    fn dotted_and_broken_names_give_plain_folders() {
+        let videos = [
+            "...mp4",
+            "..mp4",
+            ".mp4",
+            ".hidden.mp4",
+            "a\nb.mp4",
+            "..",
+            "a.b.mp4",
+        ];
+        let names = folder_names(&videos.map(PathBuf::from));
+        assert_eq!(names, ["__", "_", "_mp4", "_hidden", "a_b", "video", "a.b"]);
+    }
 
     #[test]
     fn videos_of_one_name_get_folders_of_their_own() {

@@ -28,6 +28,7 @@ pub mod publish;
 mod sequences;
 mod settings;
 pub mod slicing;
+mod staging;
 pub mod verdict;
 pub mod video;
 pub mod worker;

@@ -7,6 +7,7 @@ use std::{fs, path::Path, time::Instant};
 
 use omnilife_schemas::{
     layout::{ANALYSIS_FILE, SIGNALS_FILE},
+    lock::FolderLock,
     progress::Progress,
     records::{SourceVideo, VideoAnalysis},
     stage::StagePlan,
@@ -61,6 +62,7 @@ pub(crate) fn curate_source(
         && let Some(failed) = error.failed_checks()
         && is_of(folder, source)?
     {
+        let _lock = FolderLock::take(folder, progress)?;
         sequences::withdraw(folder, failed, progress)?;
     }
     outcome
@@ -98,6 +100,7 @@ fn sequences_of(
     admission::enforce(video, &criteria::admit(&criteria, &early, settings.enforce))?;
 
     claim(video, folder, source)?;
+    let _lock = FolderLock::take(folder, progress)?;
     let analysis = analysed(video, folder, source, detector, progress)?;
     let verdict = admission::effective_verdict(video, &analysis, settings, progress)?;
     let candidate = criteria::Candidate {
@@ -207,7 +210,7 @@ fn analysed(
         plan.finish([ANALYSIS_FILE, SIGNALS_FILE], 0.0)?;
         return Ok(renamed);
     }
-    plan.begin()?;
+    plan.claim([ANALYSIS_FILE, SIGNALS_FILE])?;
     let started = Instant::now();
     let Analysis {
         probe,
@@ -253,11 +256,15 @@ fn analysed(
     Ok(record)
 }
 
-/// File name without its extension: the name of the video's folder in a dataset.
+/// File name without its extension, the name of the video's folder in a dataset: never hidden, on
+/// one line and no step to another folder, whatever the file is called.
 pub fn stem(video: &Path) -> String {
-    video
-        .file_stem()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .into_owned()
+    let stem = video.file_stem().unwrap_or_default().to_string_lossy();
+    let is_broken = |character: char| character.is_control() || character == '\\';
+    let rest = stem.trim_start_matches('.');
+    let dots = stem.len() - rest.len();
+    match "_".repeat(dots) + &rest.replace(is_broken, "_") {
+        empty if empty.is_empty() => "video".to_owned(),
+        name => name,
+    }
 }

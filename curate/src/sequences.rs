@@ -5,14 +5,11 @@
 //! only rewrite `sequence.json`. Folders are made beside and renamed, so that a killed process
 //! leaves whole sequences only.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::{fs, path::Path, time::Instant};
 
 use omnilife_schemas::{
     layout::{BOUNDARIES_FILE, FRAMES_FOLDER, SEQUENCE_FILE, SIGNALS_FILE, sequence_name},
+    ownership::Standing,
     progress::Progress,
     records::{
         Admission, Boundary, BoundaryLedger, CheckOutcome, ErpVerdict, FrameEntry, FrameSet,
@@ -30,6 +27,7 @@ use crate::{
     ledger,
     settings::CurateSettings,
     slicing::{self, Shots, SliceSource},
+    staging::Staging,
 };
 
 /// Where sequences go that hold poses or scores of frames that are no longer chosen, relative to
@@ -199,7 +197,7 @@ impl Sequencing<'_> {
     /// Extracts the frames of some sequences in one decode and puts them in place.
     fn extract(&self, missing: &[&Planned], progress: &dyn Progress) -> Result<(), CurateError> {
         let started = Instant::now();
-        let staging = Staging::new(self.folder)?;
+        let staging = Staging::new(self.folder, "sequences")?;
         let selections: Vec<Selection> = missing
             .iter()
             .map(|sequence| Selection {
@@ -320,7 +318,8 @@ fn clear(video_folder: &Path, name: &str, progress: &dyn Progress) -> Result<(),
 fn foreign_entry(folder: &Path) -> Result<Option<String>, CurateError> {
     for name in store::names_in(folder)? {
         let is_ours = match name.as_str() {
-            SEQUENCE_FILE | FRAMES_FOLDER => true,
+            SEQUENCE_FILE => true,
+            FRAMES_FOLDER => frames_are_ours(folder)?,
             ".done" => store::names_in(&folder.join(".done"))?
                 .iter()
                 .all(|record| *record == format!("{STAGE}.json")),
@@ -333,26 +332,18 @@ fn foreign_entry(folder: &Path) -> Result<Option<String>, CurateError> {
     Ok(None)
 }
 
-/// A hidden folder beside the final ones; removed with what is left in it.
-struct Staging {
-    folder: PathBuf,
-}
-
-impl Staging {
-    fn new(parent: &Path) -> Result<Self, CurateError> {
-        store::remove_abandoned(parent)?;
-        let folder = store::temporary_beside(&parent.join("sequences"));
-        store::remove(&folder)?;
-        store::create_folder(&folder)?;
-        Ok(Self { folder })
+/// Whether the frames are as this stage made them, and nothing lies beside them.
+fn frames_are_ours(folder: &Path) -> Result<bool, CurateError> {
+    let own = StagePlan::new(folder, STAGE).own_files();
+    for name in store::names_in(&folder.join(FRAMES_FOLDER))? {
+        if !matches!(
+            own.standing(&format!("{FRAMES_FOLDER}/{name}")),
+            Ok(Standing::Ours)
+        ) {
+            return Ok(false);
+        }
     }
-}
-
-impl Drop for Staging {
-    fn drop(&mut self) {
-        // Nothing depends on it any more; what cannot be removed is hidden and harmless.
-        drop(fs::remove_dir_all(&self.folder));
-    }
+    Ok(true)
 }
 
 /// Names of the sequence folders in a video's folder, in order.
@@ -404,6 +395,12 @@ mod tests {
             Some(".done")
         );
         fs::remove_file(path(".done/poses.json")).unwrap();
+        fs::write(path("frames/notes.txt"), "").unwrap();
+        assert_eq!(
+            foreign_entry(temp.path()).unwrap().as_deref(),
+            Some("frames")
+        );
+        fs::remove_file(path("frames/notes.txt")).unwrap();
         fs::write(path("notes.txt"), "").unwrap();
         assert_eq!(
             foreign_entry(temp.path()).unwrap().as_deref(),

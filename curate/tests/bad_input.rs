@@ -66,12 +66,16 @@ fn a_playlist_named_mp4_is_refused() {
     let temp = tempfile::tempdir().unwrap();
     let clip = erp_clip(temp.path(), "clip.mp4", &[1], 10, 30);
     let list = temp.path().join("list.mp4");
-    let text = format!(
-        "#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nhttp://127.0.0.1:9/{}\n#EXT-X-ENDLIST\n",
+    let hls = format!(
+        "#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\n{}\n#EXT-X-ENDLIST\n",
         clip.display()
     );
-    fs::write(&list, text).unwrap();
-    refused(&list, &temp.path().join("out"), &list, Blame::Input);
+    let concat = "ffconcat version 1.0\nfile clip.mp4\n";
+    for text in [&hls, concat] {
+        fs::write(&list, text).unwrap();
+        let message = refused(&list, &temp.path().join("out"), &list, Blame::Input);
+        assert!(message.contains("is not a video"), "{message}");
+    }
 }
 
 #[test]
@@ -91,7 +95,7 @@ fn sound_without_pictures() {
     wav.extend_from_slice(&samples);
     fs::write(&video, wav).unwrap();
     let message = refused(&video, &temp.path().join("out"), &video, Blame::Input);
-    assert!(message.contains("no video stream"), "{message}");
+    assert!(message.contains("is not a video"), "{message}");
 }
 
 fn cut_off(whole: &Path, name: &str, share: f64) -> PathBuf {
@@ -183,9 +187,8 @@ fn output_folders_that_belong_to_something_else() {
     let file = temp.path().join("file");
     fs::write(&file, "mine").unwrap();
     refused(&one, &file, &file, Blame::Input);
-    // A folder that cannot be made is no fault of the video.
     let below = file.join("out");
-    refused(&one, &below, &below, Blame::Ours);
+    refused(&one, &below, &below, Blame::Input);
 }
 
 /// The device accepts no byte, as a full disk: what cannot be written whole is not there at all.

@@ -178,8 +178,12 @@ fn what_was_made_from_frames_is_never_deleted() {
     };
     let notes = Notes::default();
     // What a killed process has left goes without a word.
-    let abandoned = out.join(format!(".tmp-{}-sequences", std::process::id() + 1));
-    fs::create_dir(&abandoned).unwrap();
+    let own = store::temporary_beside(&out.join("sequences"));
+    let own = own.to_str().unwrap();
+    // An id that no process has.
+    let abandoned = own.replacen(&format!("-{}-", std::process::id()), "-8388608-", 1);
+    let abandoned = Path::new(&abandoned);
+    fs::create_dir(abandoned).unwrap();
     curate_video(&renamed, &out, &fewer, &notes).unwrap();
     let said = notes.take().join("|");
     assert!(

@@ -306,8 +306,27 @@ fn colmap_models_are_read_by_their_format() {
         ("1 0 0 2 0 1 2 3 1 a.png\n\n", "no unit quaternion"),
         ("1 0 0 1 0 1 2 nan 1 a.png\n\n", "line 1: no image pose"),
         ("1 0 0 1 0 1 2 3 1 a.png\n5 5\n", "line 2: features"),
+        (
+            "1 0 0 1 0 1 2 3 1 a.png\n\n1 0 0 1 0 1 2 3 1 b.png\n\n",
+            "line 3: a second image has the id 1",
+        ),
     ] {
         write_model(&folder, images);
+        let message = ColmapModel::read(&folder).unwrap_err().to_string();
+        assert!(message.contains(reason), "{message}");
+    }
+    for (points, reason) in [
+        (
+            "3 1e39 1 2 255 0 9 0.2 1 0\n",
+            "line 1: the point is too far",
+        ),
+        (
+            "3 1 1 2 255 0 9 0.2 1 0\n3 0 1 2 255 0 9 0.2 1 0\n",
+            "line 2: a second point has the id 3",
+        ),
+    ] {
+        write_model(&folder, "1 0 0 1 0 1 2 3 1 a.png\n\n");
+        fs::write(folder.join("points3D.txt"), points).unwrap();
         let message = ColmapModel::read(&folder).unwrap_err().to_string();
         assert!(message.contains(reason), "{message}");
     }

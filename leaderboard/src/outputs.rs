@@ -1,17 +1,20 @@
 //! The files of a leaderboard: written, or compared with what is there.
 
 use std::{
-    collections::{BTreeMap, BTreeSet},
+    collections::BTreeMap,
     fs, io,
     path::{Path, PathBuf},
 };
 
-use omnilife_schemas::store::{self, StoreError};
+use omnilife_schemas::{
+    ownership::{FileList, OwnFile, OwnFiles},
+    store::{self, StoreError},
+};
 
 use crate::error::LeaderboardError;
 
-/// List of what the last build made, one path and SHA-256 per line.
-pub(crate) const MANIFEST: &str = "files.txt";
+/// List of what the last build made.
+const MANIFEST: &str = ".omnilife-leaderboard.json";
 
 /// Content of a file to be.
 #[derive(Debug)]
@@ -38,13 +41,28 @@ impl Outputs {
 
     /// Writes all files into `out`, removes those that an earlier build made and this one does
     /// not, and lists them in [`MANIFEST`].
+    ///
+    /// # Errors
+    /// When a file that no build has made, or that was changed since, is in the way: nothing is
+    /// written then.
     pub(crate) fn write(&self, out: &Path) -> Result<(), StoreError> {
-        for path in earlier_files(out)? {
-            if !self.files.contains_key(&path) {
-                store::remove(&out.join(path))?;
-            }
+        let earlier = earlier_files(out)?;
+        let mut files = Vec::new();
+        for (path, content) in &self.files {
+            let sha256 = store::sha256_bytes(&content.bytes()?);
+            earlier.refuse_changed(path, &sha256)?;
+            files.push(OwnFile {
+                file: path.clone(),
+                sha256: Some(sha256),
+            });
         }
-        let mut manifest = String::new();
+        let manifest = out.join(MANIFEST);
+        // Of a build that is killed, both the old and the new files are known as ours.
+        let mut list = FileList {
+            files: earlier.files().chain(files.iter().cloned()).collect(),
+        };
+        store::update_record(&manifest, &list)?;
+        earlier.remove(|path| !self.files.contains_key(path))?;
         for (path, content) in &self.files {
             let target = out.join(path);
             if let Some(folder) = target.parent() {
@@ -55,9 +73,9 @@ impl Outputs {
             if fs::read(&target).ok().as_deref() != Some(&*bytes) {
                 store::write_bytes(&target, &bytes)?;
             }
-            manifest.push_str(&format!("{}  {path}\n", store::sha256_bytes(&bytes)));
         }
-        store::write_bytes(&out.join(MANIFEST), manifest.as_bytes())
+        list.files = files;
+        store::update_record(&manifest, &list)
     }
 
     /// Compares all files with those in `out`, and asks of earlier files that `is_checked` accepts
@@ -88,7 +106,8 @@ impl Outputs {
             });
         }
         match earlier_files(out)?
-            .into_iter()
+            .files()
+            .map(|earlier| earlier.file)
             .find(|path| is_checked(path) && !self.files.contains_key(path))
         {
             Some(path) => Err(LeaderboardError::OutOfDate {
@@ -111,21 +130,13 @@ impl Content {
     }
 }
 
-/// Files that the manifest of an earlier build lists and that are inside `out`.
-fn earlier_files(out: &Path) -> Result<BTreeSet<String>, StoreError> {
+/// Files that the manifest of an earlier build lists.
+fn earlier_files(out: &Path) -> Result<OwnFiles, StoreError> {
     let path = out.join(MANIFEST);
-    let text = match fs::read_to_string(&path) {
-        Ok(text) => text,
-        Err(source) if source.kind() == io::ErrorKind::NotFound => return Ok(BTreeSet::new()),
-        Err(source) => return Err(StoreError::read(&path, source)),
+    let files = if path.is_file() {
+        store::read_record::<FileList>(&path)?.files
+    } else {
+        Vec::new()
     };
-    let paths = text.lines().filter_map(|line| line.split_once("  "));
-    Ok(paths
-        .map(|(_, path)| path.to_owned())
-        // Nobody's file outside the folder is removed, whatever the manifest says.
-        .filter(|path| {
-            let mut parts = Path::new(path).components();
-            parts.all(|part| matches!(part, std::path::Component::Normal(_)))
-        })
-        .collect())
+    Ok(OwnFiles::new(out, files))
 }

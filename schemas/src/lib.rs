@@ -3,7 +3,8 @@
 //! Every other crate of the workspace depends on this one and on no sibling, so whatever two of
 //! them must agree about lives here: [`camera`] (which pixel is which direction), [`pose`],
 //! [`records`] (the JSON files), [`layout`] (their names), [`points`] and [`rgb`] (clouds and images),
-//! [`image_file`] (images of others), [`store`] (how a file reaches the disk), [`npy`] (arrays),
+//! [`image_file`] (images of others), [`store`] (how a file reaches the disk), [`ownership`] (whose
+//! a file is), [`lock`] (who writes into a folder), [`split_rules`] (what methods are given), [`npy`] (arrays),
 //! [`frame_scores`] (the scores of every view), [`stage`] (when work can be skipped), [`statistics`]
 //! (medians), [`bootstrap`] (how far scores can be trusted), [`plain_text`] (text of others where it is
 //! shown), [`provenance`] (what made a record), [`process`], [`process_group`], [`progress`],
@@ -22,7 +23,9 @@ pub mod camera;
 pub mod frame_scores;
 pub mod image_file;
 pub mod layout;
+pub mod lock;
 pub mod npy;
+pub mod ownership;
 pub mod plain_text;
 pub mod points;
 pub mod pose;
@@ -32,9 +35,11 @@ pub mod progress;
 pub mod provenance;
 pub mod records;
 pub mod rgb;
+pub mod split_rules;
 pub mod stage;
 pub mod statistics;
 pub mod store;
+mod temporary;
 pub mod testing;
 
 pub use blame::{Blame, Blamed};

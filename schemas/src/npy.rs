@@ -72,13 +72,15 @@ fn parse(bytes: &[u8]) -> Result<Array, String> {
     }
     let shape = shape(header).ok_or_else(broken)?;
     let values: Vec<f64> = if header.contains("'<f4'") {
-        let (words, _) = data.as_chunks::<4>();
+        let (words, rest) = data.as_chunks::<4>();
+        no_rest(rest)?;
         words
             .iter()
             .map(|word| f64::from(f32::from_le_bytes(*word)))
             .collect()
     } else if header.contains("'<f8'") {
-        let (words, _) = data.as_chunks::<8>();
+        let (words, rest) = data.as_chunks::<8>();
+        no_rest(rest)?;
         words.iter().map(|word| f64::from_le_bytes(*word)).collect()
     } else {
         return Err("the array is not of little-endian f32 or f64".to_owned());
@@ -87,6 +89,13 @@ fn parse(bytes: &[u8]) -> Result<Array, String> {
         return Err(format!("{} values for shape {shape:?}", values.len()));
     }
     Ok(Array { shape, values })
+}
+
+fn no_rest(rest: &[u8]) -> Result<(), String> {
+    if rest.is_empty() {
+        return Ok(());
+    }
+    Err(format!("{} bytes behind its last value", rest.len()))
 }
 
 /// The tuple after `'shape':`.

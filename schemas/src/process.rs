@@ -1,4 +1,5 @@
-//! Commands of others: how they ended, in words for a record, and what they may use.
+//! Processes: whether they run, what commands of others may use, and how they ended, in words for a
+//! record.
 
 use std::{
     fs::File,
@@ -6,6 +7,29 @@ use std::{
     path::Path,
     process::ExitStatus,
 };
+
+/// Name of this machine; `unknown` where the system does not tell.
+pub fn host_name() -> String {
+    #[cfg(unix)]
+    if let Ok(name) = nix::unistd::gethostname() {
+        return name.to_string_lossy().into_owned();
+    }
+    "unknown".to_owned()
+}
+
+/// Whether a process with this id runs on this machine; where the system does not tell, it does.
+pub fn is_running(id: u32) -> bool {
+    #[cfg(unix)]
+    {
+        use nix::{errno::Errno, sys::signal::kill, unistd::Pid};
+        i32::try_from(id).is_ok_and(|id| kill(Pid::from_raw(id), None) != Err(Errno::ESRCH))
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = id;
+        true
+    }
+}
 
 /// `exit 3`, `signal 9`.
 pub fn ending(status: ExitStatus) -> String {

@@ -1,9 +1,15 @@
 //! Stages: idempotent pieces of work that are skipped while their inputs have not changed.
 //!
 //! A finished stage leaves a done-record beside its outputs with the hash of everything that went
-//! in. [`StagePlan::is_done`] compares hashes and checks that the outputs still stand.
+//! in and came out. [`StagePlan::is_done`] compares hashes and checks that the outputs still stand.
+//!
+//! The record also says which files are the stage's own. Before a stage writes anything it claims
+//! its outputs ([`StagePlan::claim`]): what stands in their way and was not made by it is refused. The
+//! claim is kept on disk until the stage is finished, so that a killed process leaves its successor
+//! what it made.
 
 use std::{
+    collections::BTreeSet,
     fs,
     path::{Path, PathBuf},
 };
@@ -11,7 +17,13 @@ use std::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::store::{self, Record, StoreError};
+use crate::{
+    ownership::{OwnFile, OwnFiles, Standing, path_inside},
+    store::{self, Record, StoreError},
+};
+
+/// Folder of the done-records in a stage's folder.
+const RECORDS_FOLDER: &str = ".done";
 
 /// The done-record of a stage, `.done/<stage>.json` in the stage's folder.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -24,7 +36,7 @@ pub struct Done {
     pub inputs_sha256: String,
     /// Every input with its hash, for people.
     pub inputs: Vec<StageInput>,
-    /// Outputs relative to the stage's folder, with their sizes.
+    /// Outputs relative to the stage's folder, with their sizes and hashes.
     pub outputs: Vec<StageOutput>,
     /// Wall-clock time the stage took, seconds.
     pub wall_seconds: f64,
@@ -50,6 +62,22 @@ pub struct StageOutput {
     pub file: String,
     /// Size in bytes.
     pub bytes: u64,
+    /// SHA-256 of the content; `None` where only the size was looked at.
+    #[serde(default)]
+    pub sha256: Option<String>,
+}
+
+/// A stage that has begun and not finished, `.done/<stage>.begun.json` in the stage's folder.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Begun {
+    /// Name of the stage.
+    pub stage: String,
+    /// The stage's own files: what it made earlier, and what it is about to make.
+    pub files: Vec<OwnFile>,
+}
+
+impl Record for Begun {
+    const SCHEMA: &'static str = "omnilife/begun/1";
 }
 
 /// A stage about to run (or to be skipped): its folder, name and inputs.
@@ -118,27 +146,101 @@ impl StagePlan {
         store::sha256_bytes(text.as_bytes())
     }
 
-    /// Whether a done-record with the same inputs exists and all its outputs stand with the
-    /// recorded sizes. An unreadable done-record means that the stage is not done.
+    /// Whether a done-record with the same inputs exists and all its outputs stand as they were
+    /// made. An unreadable done-record means that the stage is not done.
     pub fn is_done(&self) -> bool {
         let Ok(done) = store::read_record::<Done>(&self.record_path()) else {
             return false;
         };
         done.inputs_sha256 == self.inputs_sha256()
-            && done.outputs.iter().all(|output| {
-                fs::metadata(self.folder.join(&output.file))
-                    .is_ok_and(|metadata| metadata.len() == output.bytes)
-            })
+            && done.outputs.iter().all(|output| self.stands(output))
     }
 
-    /// Removes the done-record, because from here on the outputs may be half new, and what a
-    /// killed process left half-written.
+    fn stands(&self, output: &StageOutput) -> bool {
+        let path = self.folder.join(&output.file);
+        // Sizes first: they cost nothing.
+        fs::metadata(&path).is_ok_and(|metadata| metadata.len() == output.bytes)
+            && output
+                .sha256
+                .as_ref()
+                .is_none_or(|sha256| store::sha256_file(&path).is_ok_and(|found| found == *sha256))
+    }
+
+    /// Whether this stage has begun or finished in its folder before.
+    pub fn has_begun(&self) -> bool {
+        self.record_path().is_file() || self.begun_path().is_file()
+    }
+
+    /// The files of the folder that this stage made, finished or not.
+    pub fn own_files(&self) -> OwnFiles {
+        let done = store::read_record::<Done>(&self.record_path());
+        let begun = store::read_record::<Begun>(&self.begun_path());
+        let finished = done.into_iter().flat_map(|done| done.outputs);
+        let finished = finished.map(|StageOutput { file, sha256, .. }| OwnFile { file, sha256 });
+        let begun = begun.into_iter().flat_map(|begun| begun.files);
+        OwnFiles::new(&self.folder, finished.chain(begun))
+    }
+
+    /// Claims the files that the stage is about to write, relative to its folder. From here on it is
+    /// not done, because the outputs may be half new; what killed processes left half-written beside
+    /// the outputs is removed.
     ///
     /// # Errors
-    /// When something that is there cannot be removed.
-    pub fn begin(&self) -> Result<(), StoreError> {
+    /// [`StoreError::Refused`] where something that the stage has not made stands under a name, and
+    /// when a record cannot be written or removed.
+    pub fn claim<S: AsRef<str>>(
+        &self,
+        outputs: impl IntoIterator<Item = S>,
+    ) -> Result<(), StoreError> {
+        let own = self.own_files();
+        let mut folders = BTreeSet::from([self.folder.clone(), self.records_folder()]);
+        let mut planned = Vec::new();
+        for output in outputs {
+            let file = output.as_ref();
+            own.refuse_foreign(file)?;
+            folders.extend(self.folder.join(file).parent().map(Path::to_owned));
+            planned.push(OwnFile {
+                file: file.to_owned(),
+                sha256: None,
+            });
+        }
+        self.write_begun(own.files().chain(planned))?;
         store::remove(&self.record_path())?;
-        store::remove_abandoned(&self.folder)
+        folders
+            .iter()
+            .try_for_each(|folder| store::remove_abandoned(folder))
+    }
+
+    /// Moves files from a folder beside to their places in the stage's folder, all of them or, when
+    /// one is refused, none. No file is ever missing on the way. Returns those that are the stage's
+    /// own afterwards: a file of the user's that has the same content already stays the user's.
+    ///
+    /// # Errors
+    /// [`StoreError::Refused`] where a file that this stage has not made, or that was changed since,
+    /// would be lost, and when a file cannot be moved.
+    pub fn publish(&self, staged: &Path, files: &[String]) -> Result<Vec<String>, StoreError> {
+        let own = self.own_files();
+        let mut moved = Vec::new();
+        for file in files {
+            let sha256 = store::sha256_file(&staged.join(file))?;
+            own.refuse_changed(file, &sha256)?;
+            if matches!(own.standing(file)?, Standing::Nothing | Standing::Ours) {
+                moved.push(OwnFile {
+                    file: file.clone(),
+                    sha256: Some(sha256),
+                });
+            }
+        }
+        self.write_begun(own.files().chain(moved.iter().cloned()))?;
+        for OwnFile { file, .. } in &moved {
+            let target = self.folder.join(file);
+            if let Some(parent) = target.parent() {
+                store::create_folder(parent)?;
+            }
+            fs::rename(staged.join(file), &target)
+                .map_err(|error| StoreError::write(&target, error))?;
+        }
+        Ok(moved.into_iter().map(|moved| moved.file).collect())
     }
 
     /// Writes the done-record for outputs given relative to the stage's folder.
@@ -158,14 +260,12 @@ impl StagePlan {
             recorded.push(StageOutput {
                 file: output.as_ref().to_owned(),
                 bytes: metadata.len(),
+                sha256: Some(store::sha256_file(&path)?),
             });
         }
-        let path = self.record_path();
-        if let Some(parent) = path.parent() {
-            store::create_folder(parent)?;
-        }
+        store::create_folder(&self.records_folder())?;
         store::write_record(
-            &path,
+            &self.record_path(),
             &Done {
                 stage: self.stage.clone(),
                 inputs_sha256: self.inputs_sha256(),
@@ -173,12 +273,31 @@ impl StagePlan {
                 outputs: recorded,
                 wall_seconds,
             },
-        )
+        )?;
+        store::remove(&self.begun_path())
+    }
+
+    fn write_begun(&self, files: impl Iterator<Item = OwnFile>) -> Result<(), StoreError> {
+        path_inside(&self.folder, RECORDS_FOLDER)?;
+        store::create_folder(&self.records_folder())?;
+        let files: BTreeSet<OwnFile> = files.collect();
+        let begun = Begun {
+            stage: self.stage.clone(),
+            files: files.into_iter().collect(),
+        };
+        store::write_record(&self.begun_path(), &begun)
+    }
+
+    fn records_folder(&self) -> PathBuf {
+        self.folder.join(RECORDS_FOLDER)
     }
 
     fn record_path(&self) -> PathBuf {
-        self.folder
-            .join(".done")
-            .join(format!("{}.json", self.stage))
+        self.records_folder().join(format!("{}.json", self.stage))
+    }
+
+    fn begun_path(&self) -> PathBuf {
+        self.records_folder()
+            .join(format!("{}.begun.json", self.stage))
     }
 }

@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use sha2::{Digest, Sha256};
 
 use crate::blame::{self, Blame, Blamed};
+pub use crate::temporary::{remove_abandoned, temporary_beside};
 
 /// A JSON file with a published schema.
 pub trait Record: Serialize + DeserializeOwned + schemars::JsonSchema {
@@ -48,9 +49,25 @@ pub enum StoreError {
         /// What is wrong with it.
         reason: String,
     },
+    /// Something that is not ours is in the way, or another process is at work.
+    #[error("{}: {reason}", path.display())]
+    Refused {
+        /// The file or folder.
+        path: PathBuf,
+        /// What is in the way, and what can be done.
+        reason: String,
+    },
 }
 
 impl StoreError {
+    /// `path` is left as it is.
+    pub fn refused(path: &Path, reason: impl Into<String>) -> Self {
+        Self::Refused {
+            path: path.to_owned(),
+            reason: reason.into(),
+        }
+    }
+
     /// The content of `path` is not what its format asks for.
     pub fn malformed(path: &Path, reason: impl Into<String>) -> Self {
         Self::Malformed {
@@ -79,10 +96,23 @@ impl StoreError {
 impl Blamed for StoreError {
     fn blame(&self) -> Blame {
         match self {
-            Self::Read { .. } | Self::Malformed { .. } => Blame::Input,
+            Self::Read { .. } | Self::Malformed { .. } | Self::Refused { .. } => Blame::Input,
+            Self::Write { source, .. } if is_bad_path(source.kind()) => Blame::Input,
             Self::Write { .. } => Blame::Ours,
         }
     }
+}
+
+/// Whether nothing can be written because of the path that was asked for.
+fn is_bad_path(kind: io::ErrorKind) -> bool {
+    matches!(
+        kind,
+        io::ErrorKind::NotADirectory
+            | io::ErrorKind::IsADirectory
+            | io::ErrorKind::AlreadyExists
+            | io::ErrorKind::DirectoryNotEmpty
+            | io::ErrorKind::InvalidFilename
+    )
 }
 
 /// Creates a folder and its parents.
@@ -103,12 +133,12 @@ pub fn data_folder() -> Option<PathBuf> {
         .or_else(|| set("HOME").map(|home| home.join(".local/share/omnilife")))
 }
 
-/// Removes a file, or a folder with all it holds. What is not there needs no removing.
+/// Removes a file or a link, or a folder with all it holds. What is not there needs no removing.
 ///
 /// # Errors
 /// When it is there and cannot be removed.
 pub fn remove(path: &Path) -> Result<(), StoreError> {
-    let removed = if path.is_dir() {
+    let removed = if path.is_dir() && !path.is_symlink() {
         fs::remove_dir_all(path)
     } else {
         fs::remove_file(path)
@@ -149,14 +179,6 @@ pub fn paths_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
         .map_err(failed)?;
     paths.sort();
     Ok(paths)
-}
-
-/// Where a file is written before it gets its final name.
-///
-/// The final extension is kept last, because image encoders choose the format by it.
-pub fn temporary_beside(path: &Path) -> PathBuf {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    path.with_file_name(format!(".tmp-{}-{name}", std::process::id()))
 }
 
 /// Writes a file through `fill`: beside its final name, synced, then renamed.
@@ -231,34 +253,6 @@ pub fn write_csv_rows(
     write_csv(path, |table| {
         rows.into_iter().try_for_each(|row| table.serialize(row))
     })
-}
-
-/// Removes what processes that were killed left in a folder: entries named by
-/// [`temporary_beside`] in another process. A folder is written by one process at a time.
-///
-/// # Errors
-/// When the folder cannot be listed or an entry cannot be removed; a folder that is not there holds
-/// nothing.
-pub fn remove_abandoned(folder: &Path) -> Result<(), StoreError> {
-    let failed = |source| StoreError::read(folder, source);
-    let entries = match fs::read_dir(folder) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
-        entries => entries.map_err(failed)?,
-    };
-    let own = std::process::id().to_string();
-    for entry in entries {
-        let entry = entry.map_err(failed)?;
-        let name = entry.file_name();
-        let process = name
-            .to_str()
-            .and_then(|name| name.strip_prefix(".tmp-"))
-            .and_then(|rest| rest.split_once('-'))
-            .map(|(process, _)| process);
-        if process.is_some_and(|id| id != own && id.parse::<u32>().is_ok()) {
-            remove(&entry.path())?;
-        }
-    }
-    Ok(())
 }
 
 #[derive(Serialize)]

@@ -164,10 +164,20 @@ fn what_a_killed_process_left_is_removed() {
     for file in [&ours, &path("record.json"), &path(".tmp-notes")] {
         fs::write(file, b"kept").unwrap();
     }
-    let other = std::process::id() + 1;
-    fs::write(path(&format!(".tmp-{other}-record.json")), b"half").unwrap();
-    fs::create_dir(path(&format!(".tmp-{other}-sequences"))).unwrap();
-    fs::write(path(&format!(".tmp-{other}-sequences/0.png")), b"half").unwrap();
+    // An id that no process has.
+    let own_id = format!("-{}-", std::process::id());
+    let dead = |name: &str| {
+        let temporary = store::temporary_beside(&path(name));
+        let temporary = temporary
+            .file_name()
+            .unwrap()
+            .to_string_lossy()
+            .into_owned();
+        path(&temporary.replacen(&own_id, "-8388608-", 1))
+    };
+    fs::write(dead("record.json"), b"half").unwrap();
+    fs::create_dir(dead("sequences")).unwrap();
+    fs::write(dead("sequences").join("0.png"), b"half").unwrap();
     store::remove_abandoned(folder.path()).unwrap();
     let mut kept = names(folder.path());
     kept.sort();

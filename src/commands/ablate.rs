@@ -2,14 +2,17 @@
 //!
 //! It trains and scores, so it is here: `bench` knows no method.
 
-use std::path::Path;
+use std::{path::Path, time::Instant};
 
 use omnilife_bench::{ScoreRequest, score, split_scene};
 use omnilife_reconstruct::{
     jobs::reconstruct::{self, ReconstructRequest},
     methods::{self, Method},
 };
-use omnilife_schemas::{layout::SPLIT_FILE, progress::Progress, records::ResultRecord, store};
+use omnilife_schemas::{
+    layout::SPLIT_FILE, lock::FolderLock, progress::Progress, records::ResultRecord,
+    stage::StagePlan, store,
+};
 
 use crate::{
     cli::MethodArguments,
@@ -48,7 +51,10 @@ pub(crate) fn execute(
         ))
         .into());
     }
-    store::create_folder(out)?;
+    let _lock = FolderLock::take(out, progress)?;
+    let begun = Instant::now();
+    let summary = StagePlan::new(out, "ablation");
+    summary.claim([TABLE_FILE])?;
     let split = out.join(SPLIT_FILE);
     split_scene(scene, protocol, &split)?;
     let mut table = String::new();
@@ -86,6 +92,7 @@ pub(crate) fn execute(
     }
     let path = out.join(TABLE_FILE);
     store::write_bytes(&path, table.as_bytes())?;
+    summary.finish([TABLE_FILE], begun.elapsed().as_secs_f64())?;
     exit::print(&format!("{table}\n{}\n", path.display()))
 }
 

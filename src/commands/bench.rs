@@ -8,6 +8,7 @@ use omnilife_bench::{
     split_scene, write_adapter,
 };
 use omnilife_schemas::{
+    lock::FolderLock,
     progress::Progress,
     records::{ExternalRun, ResultRecord},
 };
@@ -64,6 +65,7 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             reason,
             out,
         } => {
+            let _lock = FolderLock::take(out, progress)?;
             let record = record_failure(&FailureRequest {
                 method: method.clone(),
                 scene: scene.clone(),
@@ -146,6 +148,7 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             exit::print(&diagnosis_text(&diagnosis))
         }
         BenchCommand::Adapter { method, out } => {
+            let _lock = FolderLock::take(out, progress)?;
             let adapter = write_adapter(method, out)?;
             exit::print(&format!(
                 "{}: {}\n{}\n",
@@ -158,6 +161,7 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             bench_stability::execute(out.as_deref(), *backend, progress)
         }
         BenchCommand::Curve { runs, clock, out } => {
+            let _lock = FolderLock::take(out, progress)?;
             exit::print(&curves_table(&curves(runs, (*clock).into(), out)?))
         }
         BenchCommand::Ablate {

@@ -14,6 +14,7 @@ use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
     process::Command,
+    time::Instant,
 };
 
 use omnilife_bench::{
@@ -29,9 +30,11 @@ use omnilife_reconstruct::{
 use omnilife_schemas::{
     Blame,
     layout::{SCENE_FILE, SPLIT_FILE},
+    lock::FolderLock,
     plain_text::serialize_for_spreadsheet,
     progress::Progress,
     records::{ExternalRun, Scene},
+    stage::StagePlan,
     store::{self, StoreError},
 };
 use serde::Serialize;
@@ -113,6 +116,10 @@ pub(crate) fn execute(
     for protocol in &arguments.protocols {
         protocols::protocol(protocol)?;
     }
+    let _lock = FolderLock::take(&arguments.out, progress)?;
+    let begun = Instant::now();
+    let summary = StagePlan::new(&arguments.out, "summary");
+    summary.claim([OUTCOMES_FILE])?;
     let mut units = Vec::new();
     for (id, scene) in &scenes {
         for protocol in &arguments.protocols {
@@ -148,6 +155,7 @@ pub(crate) fn execute(
         }
     }
     store::write_csv_rows(&arguments.out.join(OUTCOMES_FILE), &units)?;
+    summary.finish([OUTCOMES_FILE], begun.elapsed().as_secs_f64())?;
     if units.iter().any(|unit| unit.outcome == "scored") {
         let leaderboard = build_leaderboard(&LeaderboardRequest {
             results: arguments.out.join("scenes"),

@@ -7,7 +7,7 @@ use omnilife_reconstruct::stability::{
     self,
     devices::{Device, DeviceKind},
 };
-use omnilife_schemas::{Blame, progress::Progress};
+use omnilife_schemas::{Blame, lock::FolderLock, progress::Progress};
 
 use crate::{
     cli::BackendArgument,
@@ -31,6 +31,7 @@ pub(crate) fn execute(
     };
     let report = stability::run(&kinds, progress)?;
     if let Some(out) = out {
+        let _lock = FolderLock::take(out, progress)?;
         write_stability(&report, out)?;
     }
     exit::print(&stability_table(&report))?;

@@ -9,7 +9,9 @@ use omnilife_curate::{
     publish::{self, PublishSettings},
     verdict, video, worker,
 };
-use omnilife_schemas::{Blamed, progress::Progress, records::Dataset};
+use omnilife_schemas::{
+    Blamed, ownership::refuse_another_kind, progress::Progress, records::Dataset,
+};
 use serde::Serialize;
 
 use super::ledger;
@@ -19,6 +21,9 @@ use crate::{
     exit,
     run::outcome::{Outcome, Outcomes},
 };
+
+/// The bytes with which a Parquet file begins.
+const PARQUET_MAGIC: &[u8] = b"PAR1";
 
 pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyhow::Result<()> {
     match command {
@@ -42,6 +47,9 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
             signals,
             fast: false,
         } => {
+            if let Some(path) = signals {
+                refuse_another_kind(path, PARQUET_MAGIC)?;
+            }
             let analysis = analyse(video, &detector.detector, progress)?;
             if let Some(path) = signals {
                 analysis.signals.write_parquet(path)?;

@@ -8,7 +8,7 @@ use omnilife_curate::{
     masks::write_masks,
     publish, slicing, video,
 };
-use omnilife_schemas::{Blame, layout::DYNAMIC_MASKS_FOLDER, progress::Progress};
+use omnilife_schemas::{Blame, layout::DYNAMIC_MASKS_FOLDER, lock::FolderLock, progress::Progress};
 
 use crate::{
     cli::{
@@ -42,6 +42,7 @@ pub(crate) fn annotate(
     progress: &dyn Progress,
 ) -> anyhow::Result<()> {
     termination::take_programs_along()?;
+    let _lock = FolderLock::take_existing(&arguments.dataset, progress)?;
     let count = annotate_dataset(&arguments.dataset, &arguments.settings(), progress)?;
     exit::print(&format!(
         "{count} sequences annotated; `omnilife curate publish {}` brings statistics and checksums \

@@ -1,7 +1,7 @@
 //! `omnilife leaderboard`.
 
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard, check_leaderboard};
-use omnilife_schemas::progress::Progress;
+use omnilife_schemas::{lock::FolderLock, progress::Progress};
 
 use super::submission;
 use crate::{
@@ -11,13 +11,13 @@ use crate::{
 
 pub(crate) fn execute(command: &LeaderboardCommand, progress: &dyn Progress) -> anyhow::Result<()> {
     match command {
-        LeaderboardCommand::Build(arguments) => build(arguments),
-        LeaderboardCommand::Submit(arguments) => submission::submit(arguments),
+        LeaderboardCommand::Build(arguments) => build(arguments, progress),
+        LeaderboardCommand::Submit(arguments) => submission::submit(arguments, progress),
         LeaderboardCommand::Add(arguments) => submission::add(arguments, progress),
     }
 }
 
-fn build(arguments: &LeaderboardBuildArguments) -> anyhow::Result<()> {
+fn build(arguments: &LeaderboardBuildArguments, progress: &dyn Progress) -> anyhow::Result<()> {
     let request = LeaderboardRequest {
         results: arguments.results.clone(),
         out: arguments.out.clone(),
@@ -30,6 +30,7 @@ fn build(arguments: &LeaderboardBuildArguments) -> anyhow::Result<()> {
         check_leaderboard(&request)?;
         return exit::print("The tables are what the results give.\n");
     }
+    let _lock = FolderLock::take(&request.out, progress)?;
     let built = build_leaderboard(&request)?;
     let site = built
         .site

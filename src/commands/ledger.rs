@@ -3,7 +3,7 @@
 use omnilife_curate::ledger::{
     self, Evidence, MergeRequest, agreement, candidates, resolve, resolve::MERGE_SECONDS,
 };
-use omnilife_schemas::{layout::LEDGER_FILE, progress::Progress};
+use omnilife_schemas::{layout::LEDGER_FILE, lock::FolderLock, progress::Progress};
 
 use super::curate::print_json;
 use crate::{cli::LedgerCommand, exit};
@@ -23,6 +23,7 @@ pub(crate) fn execute(command: &LedgerCommand, progress: &dyn Progress) -> anyho
                 time: time.clone(),
                 reason: reason.clone(),
             });
+            let _lock = FolderLock::take_existing(folder, progress)?;
             let merged = ledger::merge(folder, files, request.as_ref(), progress)?;
             exit::print(&format!(
                 "{}: {} lines, {} boundaries hold\n",

@@ -14,6 +14,7 @@ use omnilife_bench::{
 use omnilife_leaderboard::submission::{self, PackRequest, Verified};
 use omnilife_schemas::{
     layout::SPLIT_FILE,
+    lock::FolderLock,
     progress::Progress,
     records::{ResultRecord, SubmittedResult},
     store,
@@ -28,7 +29,11 @@ use crate::{
 /// How far a score may be from the one that is handed in: processors round sums differently.
 const TOLERANCE: f64 = 1e-6;
 
-pub(crate) fn submit(arguments: &SubmitResultsArguments) -> anyhow::Result<()> {
+pub(crate) fn submit(
+    arguments: &SubmitResultsArguments,
+    progress: &dyn Progress,
+) -> anyhow::Result<()> {
+    let _lock = FolderLock::take(&arguments.out, progress)?;
     let packed = submission::pack(&PackRequest {
         results: arguments.results.clone(),
         card: arguments.card.clone(),
@@ -55,6 +60,7 @@ pub(crate) fn add(arguments: &AddArguments, progress: &dyn Progress) -> anyhow::
         });
         audit(&verified, scenes, arguments.audit, seed, progress)?;
     }
+    let _lock = FolderLock::take(&arguments.results, progress)?;
     let target = submission::add(&verified, &arguments.results)?;
     exit::print(&format!(
         "{}: {} results of {} added, {} of them scored again\n",

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use omnilife_curate::slicing::{Projection, ViewVideoWriter};
-use omnilife_schemas::{RgbImage, statistics::frame_interval};
+use omnilife_schemas::{RgbImage, ownership::refuse_existing, statistics::frame_interval};
 
 use crate::exit::BadRequest;
 
@@ -14,10 +14,10 @@ const DEFAULT_RATE: f64 = 30.0;
 /// Whether a video can be written to `file`.
 ///
 /// # Errors
-/// When the file is no `.mp4`.
+/// When the file is no `.mp4`, or there already.
 pub(crate) fn check(file: &Path) -> anyhow::Result<()> {
     if file.extension().is_some_and(|extension| extension == "mp4") {
-        return Ok(());
+        return Ok(refuse_existing(file)?);
     }
     Err(BadRequest(format!("{}: a video is an .mp4 file", file.display())).into())
 }

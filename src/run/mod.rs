@@ -15,7 +15,10 @@
 
 pub(crate) mod outcome;
 
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    time::Instant,
+};
 
 use omnilife_bench::{ScoreRequest, score, split_scene};
 use omnilife_curate::{PoseRequest, curate_dataset_in, expand_inputs, pose_sequence};
@@ -24,23 +27,30 @@ use omnilife_reconstruct::{
     request::{BackendChoice, MethodRequest},
 };
 use omnilife_schemas::{
-    Blamed,
+    Blame, Blamed,
     layout::{SCENE_FILE, SPLIT_FILE},
     progress::Progress,
-    records::{Dataset, VideoStatus},
+    records::{Dataset, ResultRecord, VideoStatus},
+    stage::StagePlan,
     store,
 };
 
 use crate::{
     cli::RunArguments,
     commands,
-    exit::{self, BadRequest},
+    exit::{self, BadRequest, PartialFailure},
     termination,
 };
 use outcome::{Outcome, Outcomes};
 
 /// File of the summary.
 const OUTCOMES_FILE: &str = "outcomes.csv";
+/// The files of the summary and of the table.
+const SUMMARY_FILES: [&str; 3] = [
+    OUTCOMES_FILE,
+    omnilife_leaderboard::MARKDOWN_FILE,
+    omnilife_leaderboard::CSV_FILE,
+];
 
 /// The main job. Prints the table to standard output.
 ///
@@ -73,6 +83,9 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
     let place = commands::curate::place(&arguments.limit)?;
     let curated = curate_dataset_in(&place, &videos, &arguments.out, &settings, progress)?;
     job.refuse_shared_masks(&curated.record)?;
+    let summary = StagePlan::new(&arguments.out, "summary");
+    summary.claim(SUMMARY_FILES)?;
+    let begun = Instant::now();
     let mut outcomes = Outcomes::default();
     let mut failed = Vec::new();
     for (index, video) in curated.record.videos.iter().enumerate() {
@@ -114,6 +127,10 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
             && !failed.iter().any(|folder| file.starts_with(folder))
     };
     let printed = report(&arguments.out, &outcomes, is_current);
+    let made = SUMMARY_FILES
+        .iter()
+        .filter(|file| arguments.out.join(file).is_file());
+    summary.finish(made, begun.elapsed().as_secs_f64())?;
     // A closed pipe must not turn a failure into a success.
     outcomes.verdict()?;
     printed
@@ -217,7 +234,26 @@ impl Job<'_> {
             &run.join(reconstruct::RUN_FILE),
             &method_folder.join("score"),
         )?;
-        score(&request, self.progress)?;
-        Ok(())
+        refuse_unscored(&score(&request, self.progress)?)
     }
+}
+
+/// A result without a number is a failure, whatever it says of its views.
+fn refuse_unscored(result: &ResultRecord) -> anyhow::Result<()> {
+    let summaries = result
+        .input_views
+        .values()
+        .chain(result.novel_views.values());
+    if summaries.map(|summary| summary.views).sum::<u32>() > 0 {
+        return Ok(());
+    }
+    let first = result.failures.first();
+    Err(PartialFailure {
+        message: format!(
+            "none of its views could be scored{}",
+            first.map_or(String::new(), |failure| format!(": {}", failure.reason))
+        ),
+        blame: Blame::Ours,
+    }
+    .into())
 }

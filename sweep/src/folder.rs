@@ -210,6 +210,7 @@ impl Sweep {
                 Ok(held) => Ok(StageOutput {
                     file: file.clone(),
                     bytes: held.len(),
+                    sha256: None,
                 }),
                 Err(_) => Err(format!("{file}: its commands succeeded without leaving it")),
             })

@@ -2,16 +2,7 @@
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use omnilife_schemas::records::UnitRunner;
-
-/// Name of the machine.
-fn host_name() -> String {
-    #[cfg(unix)]
-    if let Ok(name) = nix::unistd::gethostname() {
-        return name.to_string_lossy().into_owned();
-    }
-    "unknown".to_owned()
-}
+use omnilife_schemas::{process::host_name, records::UnitRunner};
 
 /// The Slurm job that this process is part of.
 fn slurm_job() -> Option<String> {

@@ -8,7 +8,7 @@ use std::{
 
 use crate::support::{
     SEQUENCE, SMALL, assert_all_whole, copy_of_small_run, files, footage, omnilife, run, sample,
-    scratch,
+    scratch, small_run,
 };
 
 /// `omnilife --quiet run` without poses.
@@ -395,4 +395,34 @@ fn an_image_of_another_size_than_its_camera_is_refused() {
         "{message}"
     );
     assert!(!out.join("run.json").exists());
+}
+
+/// A split that hands out views which are scored as held out.
+#[test]
+fn an_edited_split_trains_nothing() {
+    let folder = scratch();
+    let sequence = small_run().out.join(SEQUENCE);
+    let text = fs::read_to_string(sequence.join("per-scene/split.json")).unwrap();
+    let mut split: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let novel = split["novel_views"].as_array().unwrap().clone();
+    let input = split["input_views"].as_array_mut().unwrap();
+    input.extend(novel);
+    input.sort_by_key(serde_json::Value::as_u64);
+    let edited = folder.path().join("edited.json");
+    fs::write(&edited, split.to_string()).unwrap();
+    let (scene, out) = (sequence.join("scene.json"), folder.path().join("out"));
+    for method in ["odgs", "cross-fade"] {
+        let mut arguments = ["--quiet", "reconstruct", "train", "--method", method]
+            .map(std::ffi::OsStr::new)
+            .to_vec();
+        arguments.extend([scene.as_os_str(), "--split".as_ref(), edited.as_os_str()]);
+        arguments.extend(["--out".as_ref(), out.as_os_str()]);
+        let ended = omnilife(arguments);
+        let message = ended.failed_quietly(2);
+        assert!(
+            message.contains("edited.json: is not the split of scene"),
+            "{method}: {message}"
+        );
+        assert!(!out.join("run.json").exists());
+    }
 }

@@ -8,6 +8,8 @@ mod bad_input;
 mod benchmark;
 #[cfg(unix)]
 mod curation;
+#[cfg(unix)]
+mod foreign_files;
 mod full_disk;
 mod geometry;
 mod help;
@@ -24,3 +26,4 @@ mod submissions;
 mod support;
 #[cfg(unix)]
 mod sweeps;
+mod two_at_once;

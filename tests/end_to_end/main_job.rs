@@ -87,6 +87,7 @@ fn the_documented_files_are_there_and_no_others() {
             "slices.json",
         ],
     );
+    expect(".done", &["summary.json"]);
     expect("videos/street/.done", &["analysis.json"]);
     expect(SEQUENCE, &["sequence.json", "scene.json", "points.ply"]);
     expect(

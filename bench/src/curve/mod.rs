@@ -11,9 +11,10 @@ mod trace;
 use std::{
     fmt::Write,
     path::{Path, PathBuf},
+    time::Instant,
 };
 
-use omnilife_schemas::store;
+use omnilife_schemas::{stage::StagePlan, store};
 use serde::Serialize;
 
 use crate::{
@@ -43,7 +44,8 @@ pub struct Comparison {
 /// `curves.csv`, `points.csv` and one `curve-<n>.svg` per comparison into `out`.
 ///
 /// # Errors
-/// When a run has no trace or no scores of novel views in it, or a file cannot be read or written.
+/// When a run has no trace or no scores of novel views in it, a file that is not ours is in the way,
+/// or a file cannot be read or written.
 pub fn curves(runs: &[PathBuf], clock: Clock, out: &Path) -> Result<Vec<Comparison>, BenchError> {
     let mut groups: Vec<((String, String), Vec<TracedRun>)> = Vec::new();
     for path in runs {
@@ -54,10 +56,22 @@ pub fn curves(runs: &[PathBuf], clock: Clock, out: &Path) -> Result<Vec<Comparis
             None => groups.push((key, vec![run])),
         }
     }
+    let drawings = (0..groups.len()).map(drawing_file);
+    let files: Vec<String> = [CURVES_FILE, POINTS_FILE]
+        .map(str::to_owned)
+        .into_iter()
+        .chain(drawings)
+        .collect();
     store::create_folder(out)?;
+    let begun = Instant::now();
+    let stage = StagePlan::new(out, "curves");
+    stage.claim(&files)?;
+    stage
+        .own_files()
+        .remove(|file| !files.iter().any(|new| new == file))?;
     let mut comparisons = Vec::new();
     for (number, ((scene, protocol_hash), runs)) in groups.iter().enumerate() {
-        let path = out.join(format!("curve-{number}.svg"));
+        let path = out.join(drawing_file(number));
         let drawing =
             drawing(scene, clock, runs).map_err(|reason| BenchError::internal(&path, reason))?;
         store::write_bytes(&path, drawing.as_bytes())?;
@@ -69,7 +83,12 @@ pub fn curves(runs: &[PathBuf], clock: Clock, out: &Path) -> Result<Vec<Comparis
     }
     write_curves(&out.join(CURVES_FILE), &comparisons)?;
     write_points(&out.join(POINTS_FILE), &groups)?;
+    stage.finish(&files, begun.elapsed().as_secs_f64())?;
     Ok(comparisons)
+}
+
+fn drawing_file(number: usize) -> String {
+    format!("curve-{number}.svg")
 }
 
 fn drawing(scene: &str, clock: Clock, runs: &[TracedRun]) -> Result<String, String> {

@@ -1,14 +1,15 @@
 //! The record of a run that failed before it could leave one.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use omnilife_schemas::{
     provenance,
     records::{ExternalRun, Scene, Split},
+    stage::StagePlan,
     store,
 };
 
-use super::{EXTERNAL_RUN_FILE, INPUT_FOLDER, NOVEL_FOLDER};
+use super::{EXTERNAL_RUN_FILE, INPUT_FOLDER, NOVEL_FOLDER, STAGE};
 use crate::{error::BenchError, split};
 
 /// Which run failed, why, and where the record goes.
@@ -32,11 +33,16 @@ pub struct FailureRequest {
 /// the run is a row of the tables.
 ///
 /// # Errors
-/// When scene and split are unusable or do not belong together, or a file cannot be written.
+/// When scene and split are unusable or do not belong together, a file that is no record of ours is in
+/// the way, or a file cannot be written.
 pub fn record_failure(request: &FailureRequest) -> Result<PathBuf, BenchError> {
     let scene: Scene = store::read_record(&request.scene)?;
     let split: Split = store::read_record(&request.split)?;
     split::check_split(&request.split, &split, &scene)?;
+    let file = request.out.join(EXTERNAL_RUN_FILE);
+    // The record of a run may be replaced by that of its failure, nothing else may.
+    store::create_folder(&request.out)?;
+    StagePlan::new(&request.out, STAGE).claim([EXTERNAL_RUN_FILE])?;
     for folder in [NOVEL_FOLDER, INPUT_FOLDER] {
         store::create_folder(&request.out.join(folder))?;
     }
@@ -57,7 +63,6 @@ pub fn record_failure(request: &FailureRequest) -> Result<PathBuf, BenchError> {
         input_views: Some(INPUT_FOLDER.to_owned()),
         warnings: Vec::new(),
     };
-    let file: &Path = &request.out.join(EXTERNAL_RUN_FILE);
-    store::write_record(file, &record)?;
-    Ok(file.to_owned())
+    store::write_record(&file, &record)?;
+    Ok(file)
 }

@@ -17,11 +17,13 @@ use std::{
 };
 
 use omnilife_schemas::{
+    lock::FolderLock,
+    ownership::path_inside,
     progress::Progress,
     provenance,
     records::{ExternalRun, Phase, PhaseName, Scene, Split},
     stage::StagePlan,
-    store,
+    store::{self, StoreError},
 };
 
 use crate::{error::BenchError, scene_identity::SceneIdentity, split};
@@ -31,9 +33,12 @@ use placeholders::Places;
 
 /// Name of the record in the run's folder.
 pub const EXTERNAL_RUN_FILE: &str = "external-run.json";
+/// Name of the stage in the run's folder.
+const STAGE: &str = "external";
 /// Folder that a method may fill as it likes, relative to the run's folder.
 const WORK_FOLDER: &str = "work";
 const LOG_FOLDER: &str = "logs";
+const PREDICTIONS_FOLDER: &str = "predictions";
 const INPUT_FOLDER: &str = "predictions/input";
 const NOVEL_FOLDER: &str = "predictions/novel";
 
@@ -72,7 +77,7 @@ pub fn run_external(
     store::create_folder(&request.out)?;
     let places = Places::new(request)?;
     let identity = SceneIdentity::of_split(&request.scene, &scene, &split, &[])?;
-    let plan = StagePlan::new(&request.out, "external")
+    let plan = StagePlan::new(&request.out, STAGE)
         .with_text("seed", &request.seed.to_string())
         .with_file(&request.manifest)?
         .with_file(&request.scene)?
@@ -86,9 +91,16 @@ pub fn run_external(
         return Ok(store::read_record(&record_file)?);
     }
     let begun = Instant::now();
-    plan.begin()?;
+    let _lock = FolderLock::take(&request.out, progress)?;
+    refuse_foreign_folders(&request.out, &plan)?;
+    plan.claim([EXTERNAL_RUN_FILE])?;
     // What an earlier run left must not be taken for the views of this one.
-    for old in [EXTERNAL_RUN_FILE, WORK_FOLDER, LOG_FOLDER, "predictions"] {
+    for old in [
+        EXTERNAL_RUN_FILE,
+        WORK_FOLDER,
+        LOG_FOLDER,
+        PREDICTIONS_FOLDER,
+    ] {
         store::remove(&request.out.join(old))?;
     }
     for folder in [WORK_FOLDER, LOG_FOLDER, INPUT_FOLDER, NOVEL_FOLDER] {
@@ -124,6 +136,26 @@ pub fn run_external(
         plan.finish(outputs, begun.elapsed().as_secs_f64())?;
     }
     Ok(record)
+}
+
+/// Refuses a folder that holds what a run would clear away, and no run of ours.
+fn refuse_foreign_folders(out: &Path, plan: &StagePlan) -> Result<(), BenchError> {
+    for name in [WORK_FOLDER, LOG_FOLDER, PREDICTIONS_FOLDER] {
+        let path = path_inside(out, name)?;
+        let is_filled = path.exists() && !(path.is_dir() && store::names_in(&path)?.is_empty());
+        if is_filled && !plan.has_begun() {
+            return Err(StoreError::refused(
+                &path,
+                format!(
+                    "is there, and {} holds no run of ours; a run would clear it away: choose \
+                     another output",
+                    out.display()
+                ),
+            )
+            .into());
+        }
+    }
+    Ok(())
 }
 
 /// Adds the files beside the manifest that its commands name: the method's own scripts.

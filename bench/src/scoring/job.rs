@@ -412,6 +412,17 @@ fn check_run(
             ));
         }
     }
+    // What was held out in training must be what is scored as held out.
+    let given = store::sha256_file(&request.split)?;
+    if let Some(trained) = run.split_sha256.as_ref().filter(|sha256| **sha256 != given) {
+        return Err(BenchError::mismatch(
+            file,
+            format!(
+                "was made by another split (sha256 {trained:.12}) than {} ({given:.12})",
+                request.split.display()
+            ),
+        ));
+    }
     Ok(())
 }
 

@@ -11,6 +11,7 @@ use std::{path::Path, time::Instant};
 use omnilife_schemas::{
     frame_scores::FRAME_SCORES_FILE,
     layout::RESULT_FILE,
+    lock::FolderLock,
     progress::Progress,
     provenance,
     records::{ResultRecord, ScoringRecord},
@@ -51,7 +52,7 @@ pub const SCORING_FILE: &str = "scoring.json";
 /// # Errors
 /// When scene, split or run do not belong together, a ground truth image is unusable, a folder of
 /// predictions is not there, the output folder holds the result of another method, scene or
-/// protocol, or a file cannot be written.
+/// protocol, or files that scoring has not made, or a file cannot be written.
 pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRecord, BenchError> {
     let job = ScoringJob::prepare(request)?;
     let result_file = request.out.join(RESULT_FILE);
@@ -62,13 +63,14 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
         progress.note(&format!("{label}: skipped, nothing has changed"));
         return Ok(store::read_record(&result_file)?);
     }
+    let _lock = FolderLock::take(&request.out, progress)?;
     let started = Instant::now();
-    plan.begin()?;
+    let views = job.views();
+    plan.claim(planned_files(&views))?;
     // A result whose inputs have changed must not be found by a leaderboard if scoring fails now.
     store::remove(&result_file)?;
-    side_by_side::prepare_folder(&request.out)?;
+    side_by_side::prepare_folder(&request.out, &plan.own_files())?;
 
-    let views = job.views();
     progress.begin(&label, Some(views.len() as u64));
     let outcomes = score_views(&job, &views, request, progress)?;
     progress.end();
@@ -88,6 +90,18 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
     );
     plan.finish(outputs, started.elapsed().as_secs_f64())?;
     Ok(result)
+}
+
+/// What scoring may write, relative to the output folder.
+fn planned_files(views: &[View]) -> impl Iterator<Item = String> {
+    let pictures = views
+        .iter()
+        .filter(|view| view.kind == ViewKind::Novel)
+        .map(|&view| side_by_side::file(view));
+    [RESULT_FILE, SCORING_FILE, FRAME_SCORES_FILE]
+        .map(str::to_owned)
+        .into_iter()
+        .chain(pictures)
 }
 
 /// Writes what differs from one computation of the same scores to the next.

@@ -48,10 +48,39 @@ pub fn read(path: &Path) -> Result<Vec<TagRow>, CurateError> {
     let rows: Vec<TagRow> = if is_json {
         serde_json::from_str(&text).map_err(|error| malformed(error.to_string()))?
     } else {
-        csv::Reader::from_reader(text.as_bytes())
+        let mut table = csv::Reader::from_reader(text.as_bytes());
+        let unreadable = |error: csv::Error| malformed(error.to_string());
+        let head = table.headers().map_err(unreadable)?.clone();
+        let rows: Vec<TagRow> = table
             .deserialize()
             .collect::<Result<_, _>>()
-            .map_err(|error: csv::Error| malformed(error.to_string()))?
+            .map_err(unreadable)?;
+        // Without a row nothing else has looked at the head.
+        let lacks = |name: &&&str| !head.iter().any(|column| column == **name);
+        if let Some(missing) = ["sequence", "author"].iter().find(lacks) {
+            return Err(malformed(format!("has no column {missing}")).into());
+        }
+        rows
     };
     Ok(rows)
+}
+
+#[cfg(test)]
+mod tests {
+    #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+    use super::*;
+
+    #[test]
+    fn a_table_without_its_columns_is_refused_even_without_rows() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("tags.csv");
+        for text in ["", "garbage", "sequence,scene\n"] {
+            std::fs::write(&file, text).unwrap();
+            let message = read(&file).unwrap_err().to_string();
+            assert!(message.contains("has no column"), "{text:?}: {message}");
+        }
+        std::fs::write(&file, "sequence,author\n").unwrap();
+        assert!(read(&file).unwrap().is_empty());
+    }
 }

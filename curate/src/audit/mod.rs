@@ -10,6 +10,7 @@ mod filmstrip;
 use std::path::Path;
 
 use omnilife_schemas::{
+    ownership::refuse_another_kind,
     progress::Progress,
     records::{AuditDecisions, BoundaryKind, SourceVideo},
     store::{self, Record},
@@ -58,6 +59,9 @@ pub fn write_page(
     page: &Path,
     progress: &dyn Progress,
 ) -> Result<usize, CurateError> {
+    let template = include_str!("page.html");
+    let first_line = template.lines().next().unwrap_or_default();
+    refuse_another_kind(page, first_line.as_bytes())?;
     let evidence = Evidence::read(folder)?;
     let source = &evidence.analysis.source;
     progress.begin("hashing", None);
@@ -91,7 +95,7 @@ pub fn write_page(
     let json = serde_json::to_string(&data).map_err(|error| CurateError::internal(page, error))?;
     // Inside a script element only this could end it early.
     let json = json.replace('<', "\\u003c");
-    let html = include_str!("page.html")
+    let html = template
         .replace("/*STYLE*/", include_str!("page.css"))
         .replace("/*SCRIPT*/", include_str!("page.js"))
         .replace("/*DATA*/", &json);

@@ -16,7 +16,7 @@ use std::{io::Write, path::Path};
 
 use omnilife_schemas::store::{self, StoreError};
 
-use super::{ExportScene, ForeignFrame, ForeignScene, Format, black_mask};
+use super::{ExportScene, ForeignFrame, ForeignScene, Format, black_mask, file_of};
 use crate::{error::CurateError, poses::colmap::ColmapModel};
 
 /// The format.
@@ -79,17 +79,17 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         return Err(StoreError::malformed(&path, "has no images").into());
     }
     let (images, masks) = (folder.join("images"), folder.join("masks"));
+    let mut frames = Vec::new();
+    for image in model.images.values() {
+        frames.push(ForeignFrame {
+            image: file_of(&images, &image.name)?,
+            mask: black_mask(&masks, &mask_name(&image.name)),
+            pose: Some(image.pose()),
+        });
+    }
     Ok(ForeignScene {
         camera: model.camera,
-        frames: model
-            .images
-            .values()
-            .map(|image| ForeignFrame {
-                image: images.join(&image.name),
-                mask: black_mask(&masks, &mask_name(&image.name)),
-                pose: Some(image.pose()),
-            })
-            .collect(),
+        frames,
         points: model.cloud(),
     })
 }

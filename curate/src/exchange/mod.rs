@@ -13,6 +13,7 @@ mod scene_folder;
 mod times;
 
 use std::{
+    collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
 };
@@ -21,6 +22,7 @@ use omnilife_schemas::{
     Pose,
     camera::ErpCamera,
     layout::SCENE_FILE,
+    ownership::is_inside,
     points::PointCloud,
     progress::Progress,
     records::{Scene, Split},
@@ -226,6 +228,7 @@ fn collect(
             .as_ref()
             .is_none_or(|(_, split)| split.input_views.contains(&(index as u32)))
     };
+    refuse_unusable_names(&path, &scene)?;
     let frames: Vec<ExportFrame> = scene
         .frames
         .iter()
@@ -263,6 +266,54 @@ fn collect(
     })
 }
 
+/// Refuses files outside of the scene's folder, which are nobody's to hand on, and frames that would
+/// become one file: all images, and all masks, lie in one folder in an export.
+fn refuse_unusable_names(path: &Path, scene: &Scene) -> Result<(), CurateError> {
+    let mut stems = BTreeMap::new();
+    for (number, frame) in scene.frames.iter().enumerate() {
+        for file in [&frame.image].into_iter().chain(&frame.mask) {
+            if !is_inside(file) {
+                let reason = format!("{file:?} of frame {number} is no file in its folder");
+                return Err(CurateError::input(path, reason));
+            }
+        }
+        let name = file_name(&frame.image);
+        if let Some(other) = stems.insert(stem(&name).to_owned(), number) {
+            let reason = format!("frames {other} and {number} have one file name, {name}");
+            return Err(CurateError::input(path, reason));
+        }
+    }
+    match scene.points.iter().find(|file| !is_inside(file)) {
+        Some(file) => {
+            let reason = format!("{file:?} is no file in its folder");
+            Err(CurateError::input(path, reason))
+        }
+        None => Ok(()),
+    }
+}
+
+/// A file that another tool's record names, which must lie in the folder of the record.
+fn file_of(folder: &Path, file: &str) -> Result<PathBuf, CurateError> {
+    let path = folder.join(file);
+    let canonical = |path: &Path| fs::canonicalize(path).map_err(|e| StoreError::read(path, e));
+    if !canonical(&path)?.starts_with(canonical(folder)?) {
+        return Err(CurateError::input(
+            folder,
+            format!("{file:?} leads out of the folder"),
+        ));
+    }
+    Ok(path)
+}
+
+/// Refuses to write a second file of one name into an export.
+fn refuse_second(path: &Path) -> Result<(), CurateError> {
+    if path.exists() {
+        let reason = "two files of the export would have this name";
+        return Err(CurateError::input(path, reason));
+    }
+    Ok(())
+}
+
 /// The last part of a path in a record.
 fn file_name(path: &str) -> String {
     path.rsplit(['/', '\\']).next().unwrap_or(path).to_owned()
@@ -283,7 +334,9 @@ fn copy(from: &Path, to: &Path) -> Result<(), StoreError> {
 fn copy_images(scene: &ExportScene, folder: &Path) -> Result<(), CurateError> {
     store::create_folder(folder)?;
     for frame in &scene.frames {
-        copy(&frame.image, &folder.join(&frame.name))?;
+        let path = folder.join(&frame.name);
+        refuse_second(&path)?;
+        copy(&frame.image, &path)?;
     }
     Ok(())
 }
@@ -305,7 +358,9 @@ fn write_black_masks(
     }
     for (frame, mask) in masked {
         let mask = Mask::read(mask)?.inverted();
-        mask.write_png(&folder.join(name(&frame.name)))?;
+        let path = folder.join(name(&frame.name));
+        refuse_second(&path)?;
+        mask.write_png(&path)?;
     }
     Ok(())
 }

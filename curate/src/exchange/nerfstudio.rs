@@ -19,7 +19,7 @@ use glam::{DMat3, DMat4, DVec3, DVec4};
 use omnilife_schemas::{Pose, camera::ErpCamera, points::PointCloud, store::StoreError};
 use serde::{Deserialize, Serialize};
 
-use super::{ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, stem};
+use super::{ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, file_of, stem};
 use crate::error::CurateError;
 
 /// The format.
@@ -124,12 +124,16 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         let pose = Pose::from_matrix(rotation, matrix.w_axis.truncate())
             .filter(|_| matrix.row(3) == DVec4::W)
             .ok_or_else(|| malformed(format!("{} has no rigid transform", frame.file_path)))?;
-        frames.push(ForeignFrame {
-            image: folder.join(&frame.file_path),
-            mask: frame.mask_path.as_ref().map(|mask| ForeignMask {
-                file: folder.join(mask),
+        let mask = match &frame.mask_path {
+            Some(mask) => Some(ForeignMask {
+                file: file_of(folder, mask)?,
                 black_is_dynamic: true,
             }),
+            None => None,
+        };
+        frames.push(ForeignFrame {
+            image: file_of(folder, &frame.file_path)?,
+            mask,
             pose: Some(pose),
         });
     }
@@ -140,7 +144,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         },
         frames,
         points: match &transforms.ply_file_path {
-            Some(file) => PointCloud::read_ply(&folder.join(file))?,
+            Some(file) => PointCloud::read_ply(&file_of(folder, file)?)?,
             None => PointCloud::default(),
         },
     })

@@ -23,7 +23,7 @@ use omnilife_schemas::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::{ExportScene, ForeignFrame, ForeignScene, Format, black_mask, stem};
+use super::{ExportScene, ForeignFrame, ForeignScene, Format, black_mask, file_of, stem};
 use crate::error::CurateError;
 
 /// The format.
@@ -225,7 +225,10 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
                 format!("pose {key} is no rotation and centre"),
             )
         })?;
-        poses.insert(*key, pose);
+        if poses.insert(*key, pose).is_some() {
+            let reason = format!("has two poses with the key {key}");
+            return Err(StoreError::malformed(&extrinsics_path, reason).into());
+        }
     }
     let images = folder.join("images");
     let mut camera = None;
@@ -240,7 +243,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             return Err(StoreError::malformed(&views_path, "its views differ in size").into());
         }
         frames.push(ForeignFrame {
-            image: images.join(&view.filename),
+            image: file_of(&images, &view.filename)?,
             mask: black_mask(&images, &mask_name(&view.filename)),
             pose: poses.get(&view.id_pose).copied(),
         });

@@ -140,7 +140,12 @@ fn frame_times(
                 ),
             )
         })?;
-        return Ok((0..frames.len()).map(|index| index as f64 / rate).collect());
+        let times: Vec<f64> = (0..frames.len()).map(|index| index as f64 / rate).collect();
+        if times.last().is_some_and(|last| !last.is_finite()) {
+            let reason = format!("--fps {rate} gives times beyond all numbers");
+            return Err(CurateError::input(request.folder, reason));
+        }
+        return Ok(times);
     };
     frames
         .iter()

@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use omnilife_schemas::{
     camera::ErpCamera,
     layout::{DYNAMIC_MASKS_FILE, DYNAMIC_MASKS_FOLDER, SEQUENCE_FILE},
+    lock::FolderLock,
     progress::Progress,
     records::{MaskEntry, Masks, Sequence},
     rgb::Mask,
@@ -20,7 +21,7 @@ use omnilife_schemas::{
     store,
 };
 
-use crate::{error::CurateError, poses};
+use crate::{error::CurateError, poses, staging::Staging};
 
 /// Where masks come from.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -87,15 +88,14 @@ pub fn write_masks(
         }
         (None, MaskSource::Files(_)) => Vec::new(),
     };
-    plan.begin()?;
-    store::remove(&out)?;
-    store::create_folder(&out)?;
-    let mut outputs = vec![format!("{DYNAMIC_MASKS_FOLDER}/{DYNAMIC_MASKS_FILE}")];
+    let _lock = FolderLock::take(folder, progress)?;
+    let record_file = format!("{DYNAMIC_MASKS_FOLDER}/{DYNAMIC_MASKS_FILE}");
+    plan.claim([&record_file])?;
+    let mut staging = Staging::new(folder, DYNAMIC_MASKS_FOLDER)?;
     let mut entries = Vec::new();
     for (frame, mask) in sequence.frames.entries.iter().zip(&masks) {
         let file = format!("{}.png", stem(&frame.file));
-        mask.write_png(&out.join(&file))?;
-        outputs.push(format!("{DYNAMIC_MASKS_FOLDER}/{file}"));
+        mask.write_png(&staging.begin(&format!("{DYNAMIC_MASKS_FOLDER}/{file}"))?)?;
         entries.push(MaskEntry {
             file,
             dynamic_share: dynamic_share(mask),
@@ -107,7 +107,11 @@ pub fn write_masks(
         settings,
         frames: entries,
     };
+    let mut outputs = plan.publish(&staging.folder, &staging.files)?;
+    plan.own_files()
+        .remove(|file| *file != record_file && !staging.files.iter().any(|new| new == file))?;
     store::write_record(&out.join(DYNAMIC_MASKS_FILE), &record)?;
+    outputs.push(record_file);
     plan.finish(outputs, started.elapsed().as_secs_f64())?;
     Ok(record)
 }

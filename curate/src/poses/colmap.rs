@@ -194,15 +194,15 @@ fn read_images(path: &Path) -> Result<BTreeMap<u32, ColmapImage>, StoreError> {
             Some(features) => read_observations(&features)?,
             None => Vec::new(),
         };
-        images.insert(
-            id,
-            ColmapImage {
-                name: name.join(" "),
-                rotation,
-                centre: -(rotation * DVec3::new(tx, ty, tz)),
-                observations,
-            },
-        );
+        let image = ColmapImage {
+            name: name.join(" "),
+            rotation,
+            centre: -(rotation * DVec3::new(tx, ty, tz)),
+            observations,
+        };
+        if images.insert(id, image).is_some() {
+            return Err(line.malformed(&format!("a second image has the id {id}")));
+        }
     }
     Ok(images)
 }
@@ -245,14 +245,18 @@ fn read_points(path: &Path) -> Result<BTreeMap<u64, ColmapPoint>, StoreError> {
             .map(str::parse)
             .collect::<Result<_, _>>()
             .map_err(|_| line.malformed("point track is no list of image ids"))?;
-        points.insert(
-            id,
-            ColmapPoint {
-                position: DVec3::from_array(line.numbers(1, "point position")?),
-                colour,
-                track,
-            },
-        );
+        let point = ColmapPoint {
+            position: DVec3::from_array(line.numbers(1, "point position")?),
+            colour,
+            track,
+        };
+        // Clouds hold f32.
+        if !point.position.as_vec3().is_finite() {
+            return Err(line.malformed("the point is too far away for single precision"));
+        }
+        if points.insert(id, point).is_some() {
+            return Err(line.malformed(&format!("a second point has the id {id}")));
+        }
     }
     Ok(points)
 }

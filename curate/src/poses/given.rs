@@ -84,6 +84,16 @@ fn from_record(path: &Path, sequence: &Sequence) -> Result<PosedSequence, Curate
     }
     let mut given: Vec<&PosedFrame> = record.frames.iter().collect();
     given.sort_by(|a, b| a.time_seconds.total_cmp(&b.time_seconds));
+    if let Some([first, _]) = given
+        .array_windows()
+        .find(|[a, b]| a.time_seconds == b.time_seconds && a.pose != b.pose)
+    {
+        return Err(store::StoreError::malformed(
+            path,
+            format!("has two poses at {} s", first.time_seconds),
+        )
+        .into());
+    }
     let rate = sequence.probe.frames_per_second;
     let tolerance = if rate > 0.0 { 0.5 / rate } else { 1e-3 };
     let matched: Vec<Option<&PosedFrame>> = sequence

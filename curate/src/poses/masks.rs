@@ -11,10 +11,10 @@ use omnilife_schemas::{
     layout::SCENE_MASKS_FOLDER,
     records::{FrameEntry, Sequence},
     rgb::Mask,
-    store::{self, StoreError},
+    store,
 };
 
-use crate::error::CurateError;
+use crate::{error::CurateError, staging::Staging};
 
 /// Radius in pixels by which masks grow before features are left out under them: outlines of
 /// moving objects give features too.
@@ -81,83 +81,49 @@ pub(crate) fn find(folder: &Path, sequence: &Sequence) -> Result<Vec<PathBuf>, C
     ))
 }
 
-/// Masks of a sequence, read and at frame size, to be put in place by [`StagedMasks::publish`].
-pub(super) struct StagedMasks {
-    /// Final folder.
-    folder: PathBuf,
-    /// Hidden folder with the new masks; `None` where there are none.
-    staged: Option<PathBuf>,
-    /// Mask per frame, relative to the sequence's folder.
-    pub(super) files: Vec<Option<String>>,
-}
-
-/// Reads masks and writes them at frame size into a hidden folder; pixels are taken from the
-/// nearest of the given mask. Nothing that is there is touched yet.
+/// Reads masks and stages them at frame size; pixels are taken from the nearest of the given mask.
+/// Returns the mask of every frame, relative to the sequence's folder. A mask that has its place and
+/// size already is used as it lies there.
 ///
 /// # Errors
-/// When a mask cannot be read or written, or when one lies in the very folder that is replaced and
-/// would come out changed: the user's own file would be lost.
+/// When a mask cannot be read or written, or when one lies in the very folder that masks go to
+/// without having its place and size.
 pub(super) fn stage(
+    staging: &mut Staging,
     sequence_folder: &Path,
     masks: &[Option<PathBuf>],
     (width, height): (usize, usize),
-) -> Result<StagedMasks, CurateError> {
-    let folder = sequence_folder.join(SCENE_MASKS_FOLDER);
-    let mut staging = StagedMasks {
-        files: vec![None; masks.len()],
-        staged: None,
-        folder,
-    };
-    if masks.iter().all(Option::is_none) {
-        return Ok(staging);
-    }
-    let staged = store::temporary_beside(&staging.folder);
-    store::remove(&staged)?;
-    store::create_folder(&staged)?;
-    staging.staged = Some(staged.clone());
+) -> Result<Vec<Option<String>>, CurateError> {
+    let own_folder = fs::canonicalize(sequence_folder.join(SCENE_MASKS_FOLDER)).ok();
+    let mut files = vec![None; masks.len()];
     for (index, source) in masks.iter().enumerate() {
         let Some(source) = source else { continue };
         let name = format!("{index:06}.png");
         let given = Mask::read(source)?;
         let mask = given.resized_to_nearest(width, height);
-        let is_inside = fs::canonicalize(source).ok().is_some_and(|path| {
-            fs::canonicalize(&staging.folder).is_ok_and(|folder| path.starts_with(folder))
-        });
-        let is_itself = mask == given && source.file_name().is_some_and(|own| *own == *name);
-        if is_inside && !is_itself {
-            return Err(CurateError::input(
-                source,
-                format!(
-                    "lies in the folder that the sequence's own masks go to and is not named {name} \
-                     or not {width}x{height} pixels; keep it elsewhere"
-                ),
-            ));
+        let file = format!("{SCENE_MASKS_FOLDER}/{name}");
+        match relative_to(source, own_folder.as_deref()) {
+            Some(place) if place == Path::new(&name) && mask == given => {}
+            Some(_) => {
+                return Err(CurateError::input(
+                    source,
+                    format!(
+                        "lies in the folder that the sequence's own masks go to and is not named \
+                         {name} or not {width}x{height} pixels; keep it elsewhere"
+                    ),
+                ));
+            }
+            None => mask.write_png(&staging.begin(&file)?)?,
         }
-        mask.write_png(&staged.join(&name))?;
-        staging.files[index] = Some(format!("{SCENE_MASKS_FOLDER}/{name}"));
+        files[index] = Some(file);
     }
-    Ok(staging)
+    Ok(files)
 }
 
-impl StagedMasks {
-    /// Replaces the masks that are there.
-    pub(super) fn publish(&self) -> Result<(), CurateError> {
-        store::remove(&self.folder)?;
-        if let Some(staged) = &self.staged {
-            fs::rename(staged, &self.folder)
-                .map_err(|error| StoreError::write(&self.folder, error))?;
-        }
-        Ok(())
-    }
-}
-
-impl Drop for StagedMasks {
-    fn drop(&mut self) {
-        if let Some(staged) = &self.staged {
-            // Gone after publishing; else nothing depends on it, and it is hidden.
-            drop(fs::remove_dir_all(staged));
-        }
-    }
+/// The path of a file below a folder; `None` where it lies elsewhere.
+fn relative_to(file: &Path, folder: Option<&Path>) -> Option<PathBuf> {
+    let path = fs::canonicalize(file).ok()?;
+    path.strip_prefix(folder?).ok().map(Path::to_owned)
 }
 
 /// Writes masks as COLMAP reads them: `<image file name>.png`, black where features are ignored,

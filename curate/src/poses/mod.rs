@@ -13,6 +13,7 @@ mod truth;
 pub mod validate;
 
 use std::{
+    collections::BTreeSet,
     path::{Path, PathBuf},
     time::Instant,
 };
@@ -21,6 +22,8 @@ use omnilife_schemas::{
     Pose,
     camera::ErpCamera,
     layout::{POINTS_FILE, SCENE_FILE, SEQUENCE_FILE},
+    lock::FolderLock,
+    ownership::Standing,
     points::PointCloud,
     progress::Progress,
     records::{PoseSource, PoseValidation, Scale, Scene, SceneFrame, Sequence},
@@ -28,8 +31,9 @@ use omnilife_schemas::{
     store,
 };
 
-use crate::error::CurateError;
+use crate::{error::CurateError, staging::Staging};
 pub use sfm::SfmSettings;
+use truth::TruthFiles;
 pub use truth::{GivenDepth, GivenTruth};
 pub use validate::ValidationLimits;
 
@@ -60,7 +64,8 @@ pub(crate) struct PosedSequence {
 ///
 /// # Errors
 /// When the folder holds no sequence, the given poses are malformed or fit no frame, structure from
-/// motion is not installed or registers fewer than two frames, or a file cannot be written.
+/// motion is not installed or registers fewer than two frames, a file would have to be replaced that
+/// posing has not made, or one cannot be written.
 pub fn pose_sequence(
     sequence_folder: &Path,
     request: &PoseRequest,
@@ -88,7 +93,8 @@ pub fn pose_sequence_with(
         progress.note(&format!("{}: poses unchanged, skipped", sequence.id));
         return Ok(store::read_record(&scene_path)?);
     }
-    plan.begin()?;
+    let _lock = FolderLock::take(sequence_folder, progress)?;
+    plan.claim([SCENE_FILE])?;
     // If posing fails now, the scene of earlier poses must not be taken for these.
     store::remove(&scene_path)?;
     let started = Instant::now();
@@ -99,12 +105,41 @@ pub fn pose_sequence_with(
     for problem in &posed.validation.problems {
         progress.note(&format!("{}: poses: {problem}", sequence.id));
     }
-    let (mut scene, mut outputs) = write_scene(sequence_folder, &sequence, posed)?;
-    let size = [scene.camera.width as usize, scene.camera.height as usize];
-    outputs.extend(truth.write(sequence_folder, size, &mut scene.frames)?);
+    let mut staging = Staging::new(sequence_folder, "poses")?;
+    let scene = stage_scene(&mut staging, sequence_folder, &sequence, posed, &truth)?;
+    let outputs = put_in_place(&plan, &staging, &scene)?;
     store::write_record(&scene_path, &scene)?;
     plan.finish(outputs, started.elapsed().as_secs_f64())?;
     Ok(scene)
+}
+
+/// Moves what was staged to its places, and removes what earlier poses left of their own that the
+/// scene does not refer to. Returns the outputs of the stage.
+fn put_in_place(
+    plan: &StagePlan,
+    staging: &Staging,
+    scene: &Scene,
+) -> Result<Vec<String>, CurateError> {
+    let referred: BTreeSet<&String> = scene
+        .frames
+        .iter()
+        .flat_map(|frame| {
+            let depth = frame.depth.iter().map(|depth| &depth.file);
+            frame.mask.iter().chain(frame.classes.values()).chain(depth)
+        })
+        .chain(&scene.points)
+        .collect();
+    let mut outputs = plan.publish(&staging.folder, &staging.files)?;
+    let own = plan.own_files();
+    own.remove(|file| !referred.contains(&file.to_owned()))?;
+    // A mask of earlier poses that is given for these, in its place, is still ours.
+    for file in referred {
+        if !outputs.contains(file) && own.standing(file)? == Standing::Ours {
+            outputs.push(file.clone());
+        }
+    }
+    outputs.push(SCENE_FILE.to_owned());
+    Ok(outputs)
 }
 
 /// What the poses depend on. No path is part of it: a dataset may be moved.
@@ -156,58 +191,50 @@ fn pycolmap_version(
     }
 }
 
-/// Writes points and masks; returns the scene and the outputs of the stage.
-fn write_scene(
+/// Stages points, masks and what else is known of the frames; returns the scene.
+fn stage_scene(
+    staging: &mut Staging,
     folder: &Path,
     sequence: &Sequence,
     posed: PosedSequence,
-) -> Result<(Scene, Vec<String>), CurateError> {
-    let mut outputs = vec![SCENE_FILE.to_owned()];
-    let size = (
-        sequence.frames.width as usize,
-        sequence.frames.height as usize,
-    );
-    let masks = masks::stage(folder, &posed.masks, size)?;
-    masks.publish()?;
-    outputs.extend(masks.files.iter().flatten().cloned());
-    let points_path = folder.join(POINTS_FILE);
+    truth: &TruthFiles,
+) -> Result<Scene, CurateError> {
+    let camera = ErpCamera {
+        width: sequence.frames.width,
+        height: sequence.frames.height,
+    };
+    let size = [camera.width as usize, camera.height as usize];
+    let masks = masks::stage(staging, folder, &posed.masks, size.into())?;
     let points = match posed.points.filter(|cloud| !cloud.is_empty()) {
         Some(cloud) => {
-            cloud.write_ply(&points_path)?;
-            outputs.push(POINTS_FILE.to_owned());
+            cloud.write_ply(&staging.begin(POINTS_FILE)?)?;
             Some(POINTS_FILE.to_owned())
         }
-        None => {
-            store::remove(&points_path)?;
-            None
-        }
+        None => None,
     };
-    let frames = sequence
+    let mut frames: Vec<SceneFrame> = sequence
         .frames
         .entries
         .iter()
         .zip(posed.poses)
-        .zip(&masks.files)
+        .zip(masks)
         .map(|((entry, pose), mask)| SceneFrame {
             image: entry.file.clone(),
             time_seconds: entry.time_seconds,
             pose,
-            mask: mask.clone(),
+            mask,
             classes: [].into(),
             depth: None,
         })
         .collect();
-    let scene = Scene {
+    truth.stage(staging, folder, &mut frames, size)?;
+    Ok(Scene {
         id: sequence.id.clone(),
-        camera: ErpCamera {
-            width: sequence.frames.width,
-            height: sequence.frames.height,
-        },
+        camera,
         scale: posed.scale,
         frames,
         points,
         pose_source: posed.source,
         validation: posed.validation,
-    };
-    Ok((scene, outputs))
+    })
 }

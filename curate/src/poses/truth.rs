@@ -15,11 +15,11 @@ use omnilife_schemas::{
     records::{DepthImage, SceneFrame, Sequence},
     rgb,
     stage::StagePlan,
-    store::{self, StoreError},
+    store,
 };
 
 use super::masks;
-use crate::error::CurateError;
+use crate::{error::CurateError, staging::Staging};
 
 /// Files that a user has of a sequence's frames, named like the frames.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -92,55 +92,42 @@ impl TruthFiles {
         Ok(plan)
     }
 
-    /// Writes them at the size of the frames, every pixel that of the nearest one, and enters them in
-    /// the frames of a scene. What was there before goes. Returns the files.
+    /// Stages them at the size of the frames, every pixel that of the nearest one, and enters them in
+    /// the frames of a scene.
     ///
     /// # Errors
     /// When an image is not usable, or a file cannot be written.
-    pub(super) fn write(
+    pub(super) fn stage(
         &self,
+        staging: &mut Staging,
         sequence_folder: &Path,
-        size: [usize; 2],
         frames: &mut [SceneFrame],
-    ) -> Result<Vec<String>, CurateError> {
-        let mut outputs = Vec::new();
-        let depth = self.depth.as_ref();
-        let depth_files = depth.iter().flat_map(|(files, _)| files);
+        size: [usize; 2],
+    ) -> Result<(), CurateError> {
+        let depth_files = self.depth.iter().flat_map(|(files, _)| files);
         refuse_own(depth_files, &sequence_folder.join(DEPTH_FOLDER))?;
         let class_files = self.classes.values().flatten();
         refuse_own(class_files, &sequence_folder.join(CLASSES_FOLDER))?;
-        write_folder(sequence_folder, DEPTH_FOLDER, |staged| {
-            let Some((files, unit)) = depth else {
-                return Ok(false);
-            };
+        if let Some((files, unit)) = &self.depth {
             for ((number, source), frame) in files.iter().enumerate().zip(frames.iter_mut()) {
-                let name = format!("{number:06}.png");
-                write_depth(source, size, &staged.join(&name))?;
-                let file = format!("{DEPTH_FOLDER}/{name}");
-                outputs.push(file.clone());
+                let file = format!("{DEPTH_FOLDER}/{number:06}.png");
+                write_depth(source, size, &staging.begin(&file)?)?;
                 frame.depth = Some(DepthImage { file, unit: *unit });
             }
-            Ok(true)
-        })?;
-        write_folder(sequence_folder, CLASSES_FOLDER, |staged| {
-            for (class, files) in &self.classes {
-                store::create_folder(&staged.join(class))?;
-                for ((number, source), frame) in files.iter().enumerate().zip(frames.iter_mut()) {
-                    let name = format!("{class}/{number:06}.png");
-                    let mask = rgb::Mask::read(source)?.resized_to_nearest(size[0], size[1]);
-                    mask.write_png(&staged.join(&name))?;
-                    let file = format!("{CLASSES_FOLDER}/{name}");
-                    outputs.push(file.clone());
-                    frame.classes.insert(class.clone(), file);
-                }
+        }
+        for (class, files) in &self.classes {
+            for ((number, source), frame) in files.iter().enumerate().zip(frames.iter_mut()) {
+                let file = format!("{CLASSES_FOLDER}/{class}/{number:06}.png");
+                let mask = rgb::Mask::read(source)?.resized_to_nearest(size[0], size[1]);
+                mask.write_png(&staging.begin(&file)?)?;
+                frame.classes.insert(class.clone(), file);
             }
-            Ok(!self.classes.is_empty())
-        })?;
-        Ok(outputs)
+        }
+        Ok(())
     }
 }
 
-/// Refuses files that lie in the very folder that is replaced: they would be lost.
+/// Refuses files that lie in the very folder that the staged ones go to.
 fn refuse_own<'a>(
     files: impl Iterator<Item = &'a PathBuf>,
     folder: &Path,
@@ -154,30 +141,6 @@ fn refuse_own<'a>(
                 "lies in the folder that the sequence's own files go to; keep it elsewhere";
             return Err(CurateError::input(file, reason.to_owned()));
         }
-    }
-    Ok(())
-}
-
-/// Replaces a folder by what `fill` writes into a hidden one beside it; removes it where that is
-/// nothing.
-fn write_folder(
-    sequence_folder: &Path,
-    name: &str,
-    fill: impl FnOnce(&Path) -> Result<bool, CurateError>,
-) -> Result<(), CurateError> {
-    let folder = sequence_folder.join(name);
-    let staged = store::temporary_beside(&folder);
-    store::remove(&staged)?;
-    store::create_folder(&staged)?;
-    let filled = fill(&staged);
-    if !matches!(filled, Ok(true)) {
-        store::remove(&staged)?;
-    }
-    if filled? {
-        store::remove(&folder)?;
-        fs::rename(&staged, &folder).map_err(|error| StoreError::write(&folder, error))?;
-    } else {
-        store::remove(&folder)?;
     }
     Ok(())
 }

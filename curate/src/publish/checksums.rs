@@ -62,6 +62,13 @@ pub(super) fn files(folder: &Path) -> Result<Vec<String>, CurateError> {
                     "its name is not UTF-8; a dataset cannot hold it",
                 )
             })?;
+            // `sha256sum` would escape them, and half of its readers not understand that.
+            if name.contains(['\n', '\r', '\\']) {
+                return Err(CurateError::input(
+                    &entry.path(),
+                    "its name has a line break or backslash; checksums cannot hold it",
+                ));
+            }
             let relative = format!("{prefix}{name}");
             if name.starts_with('.') || relative == CHECKSUMS_FILE {
                 continue;

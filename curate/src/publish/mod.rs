@@ -20,12 +20,14 @@ mod figures;
 mod statistics;
 mod verify;
 
-use std::path::Path;
+use std::{path::Path, time::Instant};
 
 use omnilife_schemas::{
     layout::{ABOUT_FILE, CARD_FILE, CHECKSUMS_FILE, DATASET_FILE, STATISTICS_FOLDER},
+    lock::FolderLock,
     progress::Progress,
     records::{About, Dataset},
+    stage::StagePlan,
     store,
 };
 
@@ -48,25 +50,38 @@ pub struct PublishSettings {
 /// Writes statistics, figures, card and checksums of the dataset in `folder`.
 ///
 /// # Errors
-/// When the folder holds no dataset, a record of it is missing or malformed, or a file cannot be
-/// written.
+/// When the folder holds no dataset, a record of it is missing or malformed, a file that is not ours
+/// or was changed since is in the way, or a file cannot be written.
 pub fn publish(
     folder: &Path,
     settings: &PublishSettings,
     progress: &dyn Progress,
 ) -> Result<Statistics, CurateError> {
     let dataset: Dataset = store::read_record(&folder.join(DATASET_FILE))?;
+    let _lock = FolderLock::take(folder, progress)?;
+    let about = about(folder, settings)?;
+    let statistics = Statistics::collect(folder, &dataset)?;
+    let derived = derived_files(&about, &dataset, &statistics)?;
+    let started = Instant::now();
+    let stage = StagePlan::new(folder, "publish");
+    for (file, content) in &derived {
+        // The card is meant to be read, so somebody may have written into it.
+        let sha256 = store::sha256_bytes(content.as_bytes());
+        stage.own_files().refuse_changed(file, &sha256)?;
+    }
+    let files = derived.iter().map(|(file, _)| file.as_str());
+    let files: Vec<&str> = files.chain([CHECKSUMS_FILE]).collect();
+    stage.claim(&files)?;
     // From here on the old checksums may be wrong: none are better.
     store::remove(&folder.join(CHECKSUMS_FILE))?;
-    let about = about(folder, settings)?;
     store::write_record(&folder.join(ABOUT_FILE), &about)?;
-    let statistics = Statistics::collect(folder, &dataset)?;
-    store::remove(&folder.join(STATISTICS_FOLDER))?;
+    stage.own_files().remove(|file| !files.contains(&file))?;
     store::create_folder(&folder.join(STATISTICS_FOLDER))?;
-    for (file, content) in derived_files(&about, &dataset, &statistics)? {
+    for (file, content) in &derived {
         store::write_bytes(&folder.join(file), content.as_bytes())?;
     }
     checksums::write(folder, progress)?;
+    stage.finish(&files, started.elapsed().as_secs_f64())?;
     Ok(statistics)
 }
 

@@ -89,7 +89,8 @@ fn next_of_stream(input: &mut ffmpeg::format::context::Input, index: usize) -> O
 struct CopiedSlice {
     path: std::path::PathBuf,
     temporary: std::path::PathBuf,
-    output: Output,
+    /// Present until the file is ended.
+    output: Option<Output>,
     time_base: Rational,
     audio: Option<AudioCopy>,
 }
@@ -120,7 +121,7 @@ impl CopiedSlice {
         Ok(Self {
             path: path.to_owned(),
             temporary,
-            output,
+            output: Some(output),
             time_base,
             audio,
         })
@@ -133,6 +134,9 @@ impl CopiedSlice {
         run: Run,
         following: Option<i64>,
     ) -> Result<(), CurateError> {
+        let Some(output) = &mut self.output else {
+            return Ok(());
+        };
         let begin = run.begin_ticks;
         if let Some(pts) = packet.pts() {
             // The muxer takes the length of the last frame from its packet.
@@ -142,32 +146,42 @@ impl CopiedSlice {
             packet.set_pts(Some(pts - begin));
             if let Some(audio) = &mut self.audio {
                 let seconds = (pts - begin) as f64 * f64::from(self.time_base);
-                audio.write_until(seconds, &mut self.output)?;
+                audio.write_until(seconds, output)?;
             }
         }
         packet.set_dts(packet.dts().map(|dts| dts - begin));
-        let base = self
-            .output
+        let base = output
             .stream(0)
             .map_or(self.time_base, |stream| stream.time_base());
         packet.rescale_ts(self.time_base, base);
         packet.set_position(-1);
         packet.set_stream(0);
         packet
-            .write_interleaved(&mut self.output)
+            .write_interleaved(output)
             .map_err(|error| unwritable(&self.path, error))
     }
 
     fn close(mut self, quarter_turns: u32) -> Result<(), CurateError> {
+        let Some(mut output) = self.output.take() else {
+            return Ok(());
+        };
         if let Some(audio) = &mut self.audio {
-            audio.write_until(f64::INFINITY, &mut self.output)?;
+            audio.write_until(f64::INFINITY, &mut output)?;
         }
         close_output(
-            self.output,
+            output,
             &self.temporary,
             &self.path,
             Projection::Equirectangular,
             quarter_turns,
         )
+    }
+}
+
+impl Drop for CopiedSlice {
+    fn drop(&mut self) {
+        // Present only where the work was given up, on a full disk; a leftover is hidden.
+        drop(self.output.take());
+        drop(std::fs::remove_file(&self.temporary));
     }
 }

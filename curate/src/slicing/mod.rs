@@ -22,9 +22,10 @@ pub mod view_video;
 use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
+    ownership::refuse_existing,
     progress::Progress,
     records::{SliceFile, SliceMethod, TimeRange},
-    store,
+    store::{self, StoreError},
 };
 
 pub use mp4::Projection;
@@ -124,7 +125,8 @@ pub fn slice_video(
 /// the end of its last where no end is.
 ///
 /// # Errors
-/// As [`slice_video`], and [`CurateError::Input`] for a stretch without frames.
+/// As [`slice_video`], [`CurateError::Input`] for a stretch without frames, and when there is a file
+/// under this name.
 pub fn slice_stretch(
     video: &Path,
     begin_seconds: Option<f64>,
@@ -133,6 +135,7 @@ pub fn slice_stretch(
     settings: SliceSettings,
     progress: &dyn Progress,
 ) -> Result<SliceFile, CurateError> {
+    refuse_existing(out)?;
     let probe = crate::video::probe(video)?;
     let times = PacketTable::scan(video)?.times();
     let after_last = match times[..] {
@@ -165,17 +168,31 @@ pub fn slice_stretch(
             begin_seconds: first,
             end_seconds: next.unwrap_or(after_last),
         },
-        path: out.to_owned(),
+        path: store::temporary_beside(out),
         name: out.display().to_string(),
     };
+    // It gets its name when it has been read back.
+    let unchecked = Unchecked(&request.path);
     let source = SliceSource {
         video,
         times: &times,
         quarter_turns: (probe.rotation_degrees / 90.0).round() as u32,
     };
-    let files = slice_video(&source, &[request], settings, progress)?;
-    let file = files.into_iter().next();
-    file.ok_or_else(|| CurateError::internal(out, "no slice was written"))
+    let requests = std::slice::from_ref(&request);
+    let file = slice_video(&source, requests, settings, progress)?.pop();
+    let file = file.ok_or_else(|| CurateError::internal(out, "no slice was written"))?;
+    std::fs::rename(unchecked.0, out).map_err(|error| StoreError::write(out, error))?;
+    Ok(file)
+}
+
+/// A file that goes with its value unless it was renamed.
+struct Unchecked<'a>(&'a Path);
+
+impl Drop for Unchecked<'_> {
+    fn drop(&mut self) {
+        // One that cannot be removed is hidden.
+        drop(store::remove(self.0));
+    }
 }
 
 fn describe(

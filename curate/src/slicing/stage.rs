@@ -7,12 +7,15 @@ use omnilife_schemas::{
     progress::Progress,
     records::{Slices, StretchFate, VideoAnalysis},
     stage::StagePlan,
-    store,
+    store::{self, StoreError},
 };
 use serde::{Deserialize, Serialize};
 
 use super::{Shots, SliceRequest, SliceSource, slice_video, stretches};
-use crate::error::CurateError;
+use crate::{error::CurateError, staging::Staging};
+
+/// Name of the stage.
+const STAGE: &str = "slices";
 
 /// How slices are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -23,8 +26,14 @@ pub struct SliceSettings {
 
 /// Removes the slices of a video and their record.
 pub(crate) fn remove_slices(folder: &Path) -> Result<(), CurateError> {
-    store::remove(&folder.join(SLICES_FOLDER))?;
+    remove_files(folder)?;
     Ok(store::remove(&folder.join(SLICES_FILE))?)
+}
+
+/// Removes the slices that this stage has written, as long as they are as it wrote them.
+fn remove_files(folder: &Path) -> Result<(), StoreError> {
+    let own = StagePlan::new(folder, STAGE).own_files();
+    own.remove(|file| file != SLICES_FILE)
 }
 
 /// Writes `slices.json` into a video's folder, and an mp4 per kept shot where `settings` asks for
@@ -46,13 +55,16 @@ pub fn write_slices(
         stretches: stretches(analysis.range, shots, sequence_name),
     };
     let path = folder.join(SLICES_FILE);
+    if path.exists() {
+        store::read_record::<Slices>(&path)?;
+    }
     let Some(settings) = settings else {
         // Slices of an earlier run would belong to no record.
-        store::remove(&folder.join(SLICES_FOLDER))?;
+        remove_files(folder)?;
         store::update_record(&path, &record)?;
         return Ok(record);
     };
-    let plan = StagePlan::new(folder, "slices")
+    let plan = StagePlan::new(folder, STAGE)
         .with_hash("video", analysis.source.sha256.clone())
         .with_settings("stretches", &record)
         .with_settings("settings", &settings);
@@ -63,32 +75,29 @@ pub fn write_slices(
         ));
         return Ok(store::read_record(&path)?);
     }
-    plan.begin()?;
+    // The record is written without slices too, and is no mark of theirs.
+    plan.claim::<&str>([])?;
     let started = Instant::now();
-    let slices_folder = folder.join(SLICES_FOLDER);
-    store::remove(&slices_folder)?;
-    store::create_folder(&slices_folder)?;
-    let requests: Vec<SliceRequest> = shots
-        .kept
-        .iter()
-        .enumerate()
-        .map(|(index, &range)| {
-            let name = format!("{SLICES_FOLDER}/{}.mp4", sequence_name(index));
-            SliceRequest {
-                range,
-                path: folder.join(&name),
-                name,
-            }
-        })
-        .collect();
+    let mut staging = Staging::new(folder, SLICES_FOLDER)?;
+    let mut requests = Vec::new();
+    for (index, &range) in shots.kept.iter().enumerate() {
+        let name = format!("{SLICES_FOLDER}/{}.mp4", sequence_name(index));
+        requests.push(SliceRequest {
+            range,
+            path: staging.begin(&name)?,
+            name,
+        });
+    }
     let mut files = slice_video(video, &requests, settings, progress)?.into_iter();
-    let mut outputs = vec![SLICES_FILE.to_owned()];
     for stretch in &mut record.stretches {
         if let StretchFate::Kept { slice, .. } = &mut stretch.fate {
             *slice = files.next();
-            outputs.extend(slice.iter().map(|slice| slice.file.clone()));
         }
     }
+    let mut outputs = plan.publish(&staging.folder, &staging.files)?;
+    outputs.push(SLICES_FILE.to_owned());
+    plan.own_files()
+        .remove(|file| file != SLICES_FILE && !staging.files.iter().any(|new| new == file))?;
     store::write_record(&path, &record)?;
     plan.finish(outputs, started.elapsed().as_secs_f64())?;
     Ok(record)

@@ -7,7 +7,7 @@ use std::{
     thread,
 };
 
-use ffmpeg::{codec::threading, format::context, media, util::error::EAGAIN};
+use ffmpeg::{codec, codec::threading, format::context, media, util::error::EAGAIN};
 use ffmpeg_next as ffmpeg;
 
 use super::CodecId;
@@ -15,6 +15,44 @@ use crate::error::CurateError;
 
 /// Every thread holds frames; beyond this many, decoding is no faster.
 const MOST_THREADS: usize = 16;
+
+/// FFmpeg's names of the containers that are read. Nothing that refers to other files is among them:
+/// no playlist, no list of images, no device.
+const CONTAINERS: &str = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,mpegvideo,flv,ogg,asf,\
+                          mxf,ivf,yuv4mpegpipe,h264,hevc,av1,obu,nut,gif,dv,rm,swf,m4v,wtv";
+/// Codecs that are decoded: those in which video is made and passed on today.
+const CODECS: &[codec::Id] = &[
+    codec::Id::H264,
+    codec::Id::HEVC,
+    codec::Id::AV1,
+    codec::Id::VP8,
+    codec::Id::VP9,
+    codec::Id::MPEG1VIDEO,
+    codec::Id::MPEG2VIDEO,
+    codec::Id::MPEG4,
+    codec::Id::MSMPEG4V3,
+    codec::Id::H263,
+    codec::Id::FLV1,
+    codec::Id::WMV2,
+    codec::Id::WMV3,
+    codec::Id::VC1,
+    codec::Id::THEORA,
+    codec::Id::MJPEG,
+    codec::Id::JPEG2000,
+    codec::Id::PRORES,
+    codec::Id::DNXHD,
+    codec::Id::CFHD,
+    codec::Id::DVVIDEO,
+    codec::Id::FFV1,
+    codec::Id::HUFFYUV,
+    codec::Id::FFVHUFF,
+    codec::Id::UTVIDEO,
+    codec::Id::MAGICYUV,
+    codec::Id::QTRLE,
+    codec::Id::PNG,
+    codec::Id::GIF,
+    codec::Id::RAWVIDEO,
+];
 
 /// Reads the best video stream of a file from its first frame to its last.
 ///
@@ -82,7 +120,17 @@ impl VideoReader {
             .streams()
             .best(media::Type::Video)
             .ok_or_else(|| CurateError::video(path, "has no video stream"))?;
-        let mut codec = ffmpeg::codec::Context::from_parameters(stream.parameters())
+        let id = stream.parameters().id();
+        if !CODECS.contains(&id) {
+            return Err(CurateError::video(
+                path,
+                format!(
+                    "its video stream is {}, a codec that is not read",
+                    id.name()
+                ),
+            ));
+        }
+        let mut codec = codec::Context::from_parameters(stream.parameters())
             .map_err(|error| CurateError::internal(path, error))?;
         // One more than there are cores, as FFmpeg does by itself: threads wait for rows of the frames
         // that theirs lean on.
@@ -283,10 +331,11 @@ pub(crate) fn open_container(path: &Path) -> Result<context::Input, CurateError>
         .to_str()
         .filter(|text| !text.contains('\0'))
         .ok_or_else(|| CurateError::video(path, "its path is not valid UTF-8"))?;
-    // The prefix keeps FFmpeg from reading a protocol into the name, and the whitelist keeps a
-    // playlist in disguise from reaching anything but local files.
+    // The prefix keeps FFmpeg from reading a protocol into the name. The whitelists keep it from
+    // opening any other file: a playlist in disguise would be curated under the hash of the playlist.
     let mut options = ffmpeg::Dictionary::new();
     options.set("protocol_whitelist", "file");
+    options.set("format_whitelist", CONTAINERS);
     ffmpeg::format::input_with_dictionary(&format!("file:{text}"), options).map_err(|error| {
         CurateError::video(
             path,

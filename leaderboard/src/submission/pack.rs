@@ -6,6 +6,7 @@ use std::{
 };
 
 use omnilife_schemas::{
+    lock::LOCK_FILE,
     records::{ExternalRun, MethodCard, ResultRecord, RunRecord, Submission, SubmittedResult},
     store::{self, StoreError},
 };
@@ -52,7 +53,10 @@ pub fn pack(request: &PackRequest) -> Result<Submission, LeaderboardError> {
         key(a).cmp(&key(b))
     });
     store::create_folder(&request.out)?;
-    if !store::names_in(&request.out)?.is_empty() {
+    if store::names_in(&request.out)?
+        .iter()
+        .any(|name| name != LOCK_FILE)
+    {
         return Err(submission_error(
             &request.out,
             "is not empty; choose another folder".to_owned(),

@@ -1,10 +1,11 @@
 //! What can be said of a submission without ground truth: its files are those that were packed, its
 //! numbers are possible, and its means are those of its views.
 
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
     frame_scores::FrameScores,
+    ownership::is_inside,
     records::{ResultRecord, Submission, SubmittedResult, Summary},
     store::{self, StoreError},
 };
@@ -82,11 +83,6 @@ pub fn verify(folder: &Path) -> Result<Verified, LeaderboardError> {
         submission,
         results,
     })
-}
-
-fn is_inside(name: &str) -> bool {
-    let mut parts = Path::new(name).components();
-    parts.all(|part| matches!(part, Component::Normal(_)))
 }
 
 fn check_files(folder: &Path, entry: &SubmittedResult) -> Result<(), LeaderboardError> {

@@ -304,19 +304,57 @@ fn a_new_build_removes_its_old_files_and_no_others() {
     assert!(notes.exists());
 }
 
+/// Whatever the list says, nothing goes but unchanged files of an earlier build.
 #[test]
-fn a_rewritten_manifest_removes_nothing_outside() {
+#[cfg(unix)]
+fn a_rewritten_list_removes_nothing_of_the_users() {
     let place = Place::with(&study());
     place.build();
-    let outside = place.request.out.with_file_name("precious.txt");
-    fs::write(&outside, "mine").unwrap();
-    fs::write(
-        place.request.out.join("files.txt"),
-        format!("0  ../precious.txt\n0  {}\n", outside.display()),
-    )
-    .unwrap();
+    let out = &place.request.out;
+    let outside = out.with_file_name("precious");
+    for folder in [outside.clone(), out.join(".git"), out.join("src")] {
+        fs::create_dir(&folder).unwrap();
+        fs::write(folder.join("f"), "mine").unwrap();
+    }
+    std::os::unix::fs::symlink(&outside, out.join("link")).unwrap();
+    fs::write(out.join("thesis.tex"), "mine, and changed since").unwrap();
+    let mine = omnilife_schemas::store::sha256_bytes(b"mine");
+    let absolute = outside.join("f");
+    let files = [
+        "",
+        "../precious/f",
+        absolute.to_str().unwrap(),
+        ".git",
+        "src",
+        "link/f",
+        "thesis.tex",
+    ]
+    .map(|file| format!("{{\"file\": \"{file}\", \"sha256\": \"{mine}\"}}"));
+    let list = format!(
+        "{{\"schema\": \"omnilife/file-list/1\", \"files\": [{}]}}",
+        files.join(", ")
+    );
+    let manifest = out.join(".omnilife-leaderboard.json");
+    // Files of the build itself are no longer listed: the same content may stay.
+    fs::write(&manifest, list).unwrap();
     place.build();
-    assert!(outside.exists());
+    for file in [".git/f", "src/f", "link/f", "thesis.tex"] {
+        assert!(out.join(file).is_file(), "{file}");
+    }
+    assert!(absolute.is_file());
+    assert!(!fs::read_to_string(manifest).unwrap().contains("thesis"));
+}
+
+#[test]
+fn a_file_of_the_users_is_not_overwritten() {
+    let place = Place::with(&study());
+    fs::create_dir_all(&place.request.out).unwrap();
+    let table = place.request.out.join("table.md");
+    fs::write(&table, "my notes").unwrap();
+    let message = build_leaderboard(&place.request).unwrap_err().to_string();
+    assert!(message.contains("table.md: is in the way"), "{message}");
+    assert_eq!(fs::read_to_string(&table).unwrap(), "my notes");
+    assert_eq!(fs::read_dir(&place.request.out).unwrap().count(), 1);
 }
 
 /// A missing score, a failure, a missing scene: shown, and never ranked.

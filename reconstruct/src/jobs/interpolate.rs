@@ -5,6 +5,7 @@ use std::{path::Path, time::Instant};
 use omnilife_schemas::{
     RgbImage,
     camera::ErpCamera,
+    lock::FolderLock,
     progress::Progress,
     provenance,
     records::{Backend, RunRecord, Scene, Split, ViewPredictions},
@@ -20,7 +21,7 @@ use crate::methods::feed_forward::{
 use crate::{
     error::ReconstructError,
     jobs::reconstruct::{
-        NOVEL_FOLDER, RUN_FILE, ReconstructRequest, plan_stage, prepare_predictions,
+        NOVEL_FOLDER, RUN_FILE, ReconstructRequest, plan_stage, prepare_predictions, view_file,
     },
     process,
     request::{BackendChoice, MethodRequest},
@@ -76,8 +77,6 @@ pub fn interpolate(
     progress: &dyn Progress,
 ) -> Result<RunRecord, ReconstructError> {
     check(interpolator, &request.settings, request.backend)?;
-    store::create_folder(&request.out)?;
-    store::remove_abandoned(&request.out)?;
     let (stage, inputs) = plan_stage(request)?;
     let record_path = request.out.join(RUN_FILE);
     if stage.is_done() {
@@ -88,14 +87,18 @@ pub fn interpolate(
         ));
         return Ok(store::read_record(&record_path)?);
     }
-    stage.begin()?;
-    store::remove(&record_path)?;
+    let _lock = FolderLock::take(&request.out, progress)?;
     let begun = Instant::now();
     let frames = Frames::open(&request.scene, &request.split)?;
+    let views = frames.split.novel_views.iter();
+    let views = views.map(|&frame| view_file(NOVEL_FOLDER, frame));
+    let records = [RUN_FILE, GROUPS_FILE].map(str::to_owned);
+    stage.claim(views.chain(records))?;
+    store::remove(&record_path)?;
     let groups = groups(&frames.split).ok_or_else(|| {
         ReconstructError::scene(&request.split, "gives fewer than two views to predict from")
     })?;
-    prepare_predictions(&request.out.join(NOVEL_FOLDER))?;
+    prepare_predictions(&stage, &request.out, NOVEL_FOLDER)?;
     progress.begin(interpolator.id, Some(frames.split.novel_views.len() as u64));
     let made = groups
         .iter()
@@ -228,7 +231,7 @@ fn make_group(
     let interpolated = (interpolator.interpolate)(&frames.group(group)?)?;
     let mut files = Vec::new();
     for (frame, image) in group.novel_views.iter().zip(&interpolated.images) {
-        let file = format!("{NOVEL_FOLDER}/{frame:06}.png");
+        let file = view_file(NOVEL_FOLDER, *frame);
         RgbImage::write_png(image, &out.join(&file))?;
         files.push(file);
         progress.advance(1);

@@ -3,12 +3,12 @@
 
 use std::{
     collections::BTreeMap,
-    fs,
     path::{Path, PathBuf},
     time::Instant,
 };
 
 use omnilife_schemas::{
+    lock::FolderLock,
     progress::Progress,
     provenance,
     records::{RunRecord, Scene, Split, ViewPredictions},
@@ -18,6 +18,7 @@ use omnilife_schemas::{
 
 use crate::{
     error::ReconstructError,
+    formats::{DEFORMATION_FILE, GAUSSIANS_FILE, MOVING_GAUSSIANS_FILE, REFINED_POSES_FILE},
     methods::{self, MethodOutcome, feed_forward},
     process,
     request::{BackendChoice, MethodRequest},
@@ -74,7 +75,7 @@ pub fn check(
 ///
 /// # Errors
 /// When the scene cannot be loaded, the request makes no sense for the method, training diverges,
-/// the checkpoint is damaged or a file cannot be written.
+/// the checkpoint is damaged, a file that no run has made is in the way, or one cannot be written.
 pub fn reconstruct(
     request: &ReconstructRequest,
     progress: &dyn Progress,
@@ -84,8 +85,6 @@ pub fn reconstruct(
     }
     let method = methods::find(&request.method)?;
     method.check(&request.settings)?;
-    store::create_folder(&request.out)?;
-    store::remove_abandoned(&request.out)?;
     let (stage, inputs) = plan_stage(request)?;
     let record_path = request.out.join(RUN_FILE);
     if stage.is_done() {
@@ -96,7 +95,9 @@ pub fn reconstruct(
         ));
         return Ok(store::read_record(&record_path)?);
     }
-    stage.begin()?;
+    let _lock = FolderLock::take(&request.out, progress)?;
+    let split: Split = store::read_record(&request.split)?;
+    stage.claim(planned_files(&split))?;
     // A record or trace of an earlier run must not stand beside new predictions.
     store::remove(&record_path)?;
     let trace_path = request.out.join(TRACE_FILE);
@@ -116,14 +117,13 @@ pub fn reconstruct(
     };
     let mut outcome = method.train(&scene, &request.settings, &session)?;
     let rendering = Instant::now();
-    let mut outputs = render_predictions(&scene, &mut outcome, &request.out, progress)?;
+    let mut outputs = render_predictions(&scene, &mut outcome, &stage, &request.out, progress)?;
     let rendering_seconds = rendering.elapsed().as_secs_f64();
     let training = &outcome.training;
     let learner = &mut outcome.learner;
     let gaussians = learner.size().primitives;
     outputs.extend(learner.export(&request.out)?);
     trace::write_csv(&trace_path, &training.state.trace)?;
-    let split: Split = store::read_record(&request.split)?;
     let record = RunRecord {
         method: method.id.to_owned(),
         scene: scene.id.clone(),
@@ -156,6 +156,34 @@ pub fn reconstruct(
     stage.finish(outputs, begun.elapsed().as_secs_f64())?;
     store::remove(&checkpoint)?;
     Ok(record)
+}
+
+/// What a run may leave, relative to its folder; its checkpoint goes at the end.
+fn planned_files(split: &Split) -> impl Iterator<Item = String> + '_ {
+    let views = [
+        (INPUT_FOLDER, &split.input_views),
+        (NOVEL_FOLDER, &split.novel_views),
+    ];
+    let views = views
+        .into_iter()
+        .flat_map(|(folder, frames)| frames.iter().map(move |&frame| view_file(folder, frame)));
+    [
+        RUN_FILE,
+        TRACE_FILE,
+        GAUSSIANS_FILE,
+        MOVING_GAUSSIANS_FILE,
+        DEFORMATION_FILE,
+        REFINED_POSES_FILE,
+        CHECKPOINT_FILE,
+    ]
+    .map(str::to_owned)
+    .into_iter()
+    .chain(views)
+}
+
+/// The file of a predicted view, relative to the run's folder.
+pub(crate) fn view_file(folder: &str, frame: u32) -> String {
+    format!("{folder}/{frame:06}.png")
 }
 
 /// The stage with its inputs, and the inputs' hashes by name for the record.
@@ -192,6 +220,7 @@ pub(crate) fn plan_stage(
 fn render_predictions(
     scene: &TrainingScene,
     outcome: &mut MethodOutcome<'_>,
+    stage: &StagePlan,
     out: &Path,
     progress: &dyn Progress,
 ) -> Result<Vec<String>, ReconstructError> {
@@ -200,10 +229,9 @@ fn render_predictions(
     progress.begin("rendering", Some(total as u64));
     let mut files = Vec::with_capacity(total);
     let mut render = |views: &[TrainingView], name: &str| -> Result<(), ReconstructError> {
-        let folder = out.join(name);
-        prepare_predictions(&folder)?;
+        prepare_predictions(stage, out, name)?;
         for view in views {
-            let file = format!("{name}/{:06}.png", view.frame);
+            let file = view_file(name, view.frame);
             let image = learner.image(&view.view)?;
             image.write_png(&out.join(&file))?;
             files.push(file);
@@ -217,22 +245,16 @@ fn render_predictions(
     outcome.map(|()| files)
 }
 
-/// Makes the folder, and removes the views of an earlier run, which another split would score by
+/// Makes a folder of views, and removes those of an earlier run, which another split would score by
 /// mistake, and nothing else.
-pub(crate) fn prepare_predictions(folder: &Path) -> Result<(), StoreError> {
-    store::create_folder(folder)?;
-    let is_prediction = |name: &str| {
-        name.strip_suffix(".png")
-            .is_some_and(|stem| stem.len() == 6 && stem.bytes().all(|byte| byte.is_ascii_digit()))
-    };
-    let entries = fs::read_dir(folder).map_err(|source| StoreError::read(folder, source))?;
-    for entry in entries {
-        let entry = entry.map_err(|source| StoreError::read(folder, source))?;
-        if is_prediction(&entry.file_name().to_string_lossy()) {
-            store::remove(&entry.path())?;
-        }
-    }
-    Ok(())
+pub(crate) fn prepare_predictions(
+    stage: &StagePlan,
+    out: &Path,
+    folder: &str,
+) -> Result<(), StoreError> {
+    let is_view = |file: &str| file.rsplit_once('/').is_some_and(|(of, _)| of == folder);
+    stage.own_files().remove(is_view)?;
+    store::create_folder(&out.join(folder))
 }
 
 fn warnings(scene: &TrainingScene, split: &Split, outcome: &MethodOutcome<'_>) -> Vec<String> {

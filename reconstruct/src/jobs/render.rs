@@ -1,13 +1,20 @@
 //! Rendering Gaussians, ours or anyone's, along given poses; a model of ours in layers.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+    time::Instant,
+};
 
 use glam::DVec3;
 use omnilife_schemas::{
     Pose, Similarity,
     camera::{ErpCamera, PinholeCamera},
+    lock::FolderLock,
+    ownership::{OwnFile, Standing},
     progress::Progress,
     records::{Poses, RunRecord, Scene},
+    stage::StagePlan,
     store::{self, Record, StoreError},
 };
 use serde::Deserialize;
@@ -69,7 +76,8 @@ const LARGEST_SIDE: u32 = 1 << 15;
 /// Renders every posed frame.
 ///
 /// # Errors
-/// When a file is missing or malformed, nothing is posed, or an image cannot be written.
+/// When a file is missing or malformed, nothing is posed, an image that was not rendered here would
+/// be replaced, or one cannot be written.
 pub fn render_poses(
     request: &RenderRequest,
     progress: &dyn Progress,
@@ -108,7 +116,15 @@ pub fn render_poses(
         }
         published = Some((PublishedRenderer::new(source.settings), gaussians));
     }
-    store::create_folder(&request.out)?;
+    let _lock = FolderLock::take(&request.out, progress)?;
+    let begun = Instant::now();
+    let stage = StagePlan::new(&request.out, "render");
+    let mut images = posed
+        .iter()
+        .map(|(number, ..)| image_file(*number))
+        .collect::<BTreeSet<_>>();
+    // Ground truth has the same names.
+    stage.claim(&images)?;
     progress.begin("rendering", Some(posed.len() as u64));
     let mut rendered = RenderedViews {
         files: Vec::with_capacity(posed.len()),
@@ -121,7 +137,7 @@ pub fn render_poses(
         let view = View::new(camera, pose, &source.normalization, time).ok_or_else(|| {
             ReconstructError::scene(&request.poses, format!("frame {number} has no usable pose"))
         })?;
-        let file = request.out.join(format!("{number:06}.png"));
+        let file = request.out.join(image_file(number));
         let image = match &mut published {
             Some((renderer, gaussians)) => renderer.image(&view, gaussians),
             None => layers.image(&view, request.layer),
@@ -136,7 +152,20 @@ pub fn render_poses(
         .iter()
         .try_for_each(|(number, time, pose)| render(*number, *time, pose));
     progress.end();
-    outcome.map(|()| rendered)
+    outcome?;
+    // Images of earlier renderings stay, and stay ours.
+    let own = stage.own_files();
+    for OwnFile { file, .. } in own.files() {
+        if own.standing(&file)? == Standing::Ours {
+            images.insert(file);
+        }
+    }
+    stage.finish(&images, begun.elapsed().as_secs_f64())?;
+    Ok(rendered)
+}
+
+fn image_file(number: usize) -> String {
+    format!("{number:06}.png")
 }
 
 /// Gaussians with what a renderer has to know about them.

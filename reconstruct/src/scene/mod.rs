@@ -10,7 +10,7 @@ use omnilife_schemas::{
     points::PointCloud,
     records::{Scale, Scene, Split},
     rgb::Mask,
-    store,
+    split_rules, store,
 };
 use rayon::prelude::*;
 
@@ -241,25 +241,16 @@ fn median(mut values: Vec<f32>) -> f32 {
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// Size of the images that a method works on, after a check that the split is of this scene and
-/// whole.
+/// Size of the images that a method works on, after a check that the split is the one that its
+/// protocol makes of this scene.
 pub(crate) fn checked_camera(
     scene: &Scene,
     split: &Split,
     split_path: &Path,
 ) -> Result<ErpCamera, ReconstructError> {
-    if split.scene != scene.id {
-        return Err(ReconstructError::scene(
-            split_path,
-            format!("is the split of {}, not of {}", split.scene, scene.id),
-        ));
-    }
-    if split.protocol.hash() != split.protocol_hash {
-        return Err(ReconstructError::scene(
-            split_path,
-            "its protocol does not have the hash that it states",
-        ));
-    }
+    // An edited split would hand out views that are scored as held out.
+    split_rules::check(split, scene)
+        .map_err(|reason| ReconstructError::scene(split_path, reason))?;
     let [width, height] = split
         .protocol
         .scored_size(&scene.camera)

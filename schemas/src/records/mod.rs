@@ -64,7 +64,8 @@ use std::path::Path;
 use schemars::Schema;
 
 use crate::{
-    stage::Done,
+    ownership::FileList,
+    stage::{Begun, Done},
     store::{self, Record, StoreError},
 };
 
@@ -118,6 +119,8 @@ pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<ScoringRecord>(),
     entry::<StabilityReport>(),
     entry::<Done>(),
+    entry::<Begun>(),
+    entry::<FileList>(),
     entry::<SweepPlan>(),
     entry::<UnitOutcome>(),
     entry::<RunnerLock>(),

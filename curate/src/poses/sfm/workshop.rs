@@ -12,6 +12,7 @@ use omnilife_schemas::{
     layout::{FRAMES_FOLDER, SFM_FOLDER},
     progress::Progress,
     records::{PoseValidation, Sequence, SfmAttempt},
+    stage::StagePlan,
     store,
 };
 
@@ -22,6 +23,9 @@ use crate::{
 };
 
 pub(super) const SCRIPT: &str = include_str!("../erp_sfm.py");
+
+/// Folder of a text model.
+const MODEL_FOLDER: &str = "sparse";
 
 /// With this code the script says that the frames gave no model.
 const FAILED_EXIT_CODE: i32 = 4;
@@ -85,7 +89,7 @@ impl<'a> Workshop<'a> {
         store::create_folder(&out)?;
         let Conversation { models, ending } = self.converse(configuration, &out, progress)?;
         let model = match ending {
-            Ending::Success => match ColmapModel::read(&out.join("sparse")) {
+            Ending::Success => match ColmapModel::read(&out.join(MODEL_FOLDER)) {
                 Ok(model) if model.images.len() >= 2 => Ok(model),
                 Ok(_) => Err(Ending::Failed(
                     "fewer than two frames were registered".to_owned(),
@@ -196,13 +200,19 @@ impl<'a> Workshop<'a> {
 
     /// Keeps the text model of the chosen attempt as `sfm/sparse`.
     pub(super) fn publish(&self, configuration: &str) -> Result<(), CurateError> {
-        let target = self.folder.join("sparse");
-        let failed = |error| store::StoreError::write(&target, error);
-        if target.exists() {
-            fs::remove_dir_all(&target).map_err(failed)?;
-        }
-        fs::rename(self.scratch.join(configuration).join("sparse"), &target).map_err(failed)?;
-        Ok(())
+        let begun = Instant::now();
+        let made = self.scratch.join(configuration);
+        let names = store::names_in(&made.join(MODEL_FOLDER))?;
+        let files: Vec<String> = names
+            .iter()
+            .map(|name| format!("{MODEL_FOLDER}/{name}"))
+            .collect();
+        let stage = StagePlan::new(&self.folder, MODEL_FOLDER);
+        let own = stage.publish(&made, &files)?;
+        stage
+            .own_files()
+            .remove(|file| !files.iter().any(|new| new == file))?;
+        Ok(stage.finish(own, begun.elapsed().as_secs_f64())?)
     }
 }
 

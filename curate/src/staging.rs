@@ -1,0 +1,47 @@
+//! A hidden folder in which files are made before they get their places.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use omnilife_schemas::store::{self, StoreError};
+
+/// The folder; removed with what is left in it.
+pub(crate) struct Staging {
+    /// Where it is.
+    pub(crate) folder: PathBuf,
+    /// The files that were begun in it, relative to it.
+    pub(crate) files: Vec<String>,
+}
+
+impl Staging {
+    /// Makes one in `parent`, after removing those that killed processes left there.
+    pub(crate) fn new(parent: &Path, name: &str) -> Result<Self, StoreError> {
+        store::remove_abandoned(parent)?;
+        let folder = store::temporary_beside(&parent.join(name));
+        store::remove(&folder)?;
+        store::create_folder(&folder)?;
+        Ok(Self {
+            folder,
+            files: Vec::new(),
+        })
+    }
+
+    /// Where to write a file that will be called `file`.
+    pub(crate) fn begin(&mut self, file: &str) -> Result<PathBuf, StoreError> {
+        let path = self.folder.join(file);
+        if let Some(parent) = path.parent() {
+            store::create_folder(parent)?;
+        }
+        self.files.push(file.to_owned());
+        Ok(path)
+    }
+}
+
+impl Drop for Staging {
+    fn drop(&mut self) {
+        // Nothing depends on it any more; what cannot be removed is hidden and harmless.
+        drop(fs::remove_dir_all(&self.folder));
+    }
+}

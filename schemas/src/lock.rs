@@ -1,0 +1,293 @@
+//! One process at a time writes into a folder.
+//!
+//! The lock is the system's (`flock`), so it ends with its process however that ends; the file that
+//! carries it says who holds it, and goes when it is let go.
+
+use std::{
+    collections::BTreeMap,
+    fs::{self, File, OpenOptions, TryLockError},
+    io::{self, Read, Seek, Write},
+    path::{Path, PathBuf},
+    sync::{Arc, Mutex, MutexGuard, PoisonError, Weak},
+    time::{SystemTime, UNIX_EPOCH},
+};
+
+use crate::{
+    process,
+    progress::Progress,
+    store::{self, StoreError},
+};
+
+/// Name of the file in a locked folder.
+pub const LOCK_FILE: &str = ".omnilife.lock";
+/// With these words the file begins.
+const TAG: &str = "omnilife writes here: ";
+/// Characters of the file that a message repeats at most.
+const LONGEST_HOLDER: usize = 300;
+
+/// What this process holds. Stages of one job lock the folders that the job has locked already.
+static HELD: Mutex<BTreeMap<PathBuf, Weak<Held>>> = Mutex::new(BTreeMap::new());
+
+/// Keeps other processes from writing into a folder until it is dropped.
+#[derive(Debug)]
+pub struct FolderLock {
+    _held: Arc<Held>,
+}
+
+#[derive(Debug)]
+struct Held {
+    path: PathBuf,
+    /// `None` where the file system has no locks.
+    file: Option<File>,
+}
+
+impl FolderLock {
+    /// Makes the folder where it is missing, and locks it. On a file system without locks a note
+    /// says so and nothing is kept out.
+    ///
+    /// # Errors
+    /// [`StoreError::Refused`] that says which process holds the folder, and when it cannot be
+    /// written into.
+    pub fn take(folder: &Path, progress: &dyn Progress) -> Result<Self, StoreError> {
+        if folder.is_file() {
+            return Err(StoreError::refused(
+                folder,
+                "is a file; the output needs a folder",
+            ));
+        }
+        store::create_folder(folder)?;
+        let folder = fs::canonicalize(folder).map_err(|error| StoreError::read(folder, error))?;
+        let mut all = all_held();
+        if let Some(held) = all.get(&folder).and_then(Weak::upgrade) {
+            return Ok(Self { _held: held });
+        }
+        let path = folder.join(LOCK_FILE);
+        let file = lock(&folder, &path)?;
+        if file.is_none() {
+            progress.note(&format!(
+                "{}: its file system has no locks; let no other process write into it",
+                folder.display()
+            ));
+        }
+        let held = Arc::new(Held { path, file });
+        all.insert(folder, Arc::downgrade(&held));
+        Ok(Self { _held: held })
+    }
+
+    /// [`FolderLock::take`] of a folder that the command does not make: none where it is missing.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn take_existing(
+        folder: &Path,
+        progress: &dyn Progress,
+    ) -> Result<Option<Self>, StoreError> {
+        folder
+            .is_dir()
+            .then(|| Self::take(folder, progress))
+            .transpose()
+    }
+}
+
+impl Drop for Held {
+    fn drop(&mut self) {
+        // Another thread must not find the lock half gone.
+        let mut all = all_held();
+        if let Some(file) = self.file.take() {
+            // Removed before it is let go: whoever locks a removed file finds that out. One that
+            // cannot be removed is hidden and taken over by the next process.
+            drop(fs::remove_file(&self.path));
+            drop(file);
+        }
+        all.retain(|_, held| held.strong_count() > 0);
+    }
+}
+
+fn all_held() -> MutexGuard<'static, BTreeMap<PathBuf, Weak<Held>>> {
+    // The map is whole whatever a panicking thread was doing.
+    HELD.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Locks the file; `None` where the file system cannot.
+fn lock(folder: &Path, path: &Path) -> Result<Option<File>, StoreError> {
+    let failed = |error| StoreError::write(path, error);
+    loop {
+        if path.is_symlink() {
+            return Err(StoreError::refused(path, "is a link, not our lock"));
+        }
+        let mut file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .open(path)
+            .map_err(failed)?;
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => return Err(refusal(folder, &mut file)),
+            Err(TryLockError::Error(error)) if has_no_locks(&error) => {
+                return Ok(None);
+            }
+            Err(TryLockError::Error(error)) => return Err(failed(error)),
+        }
+        // The process before may have removed it between opening and locking.
+        if !is_still_there(&file, path).map_err(failed)? {
+            continue;
+        }
+        let mut text = String::new();
+        let read = (&file).take(TAG.len() as u64).read_to_string(&mut text);
+        if read.is_err() || !TAG.starts_with(text.as_str()) {
+            return Err(StoreError::refused(path, "is not our lock"));
+        }
+        let written = file
+            .set_len(0)
+            .and_then(|()| file.rewind())
+            .and_then(|()| file.write_all(holder().as_bytes()));
+        if let Err(error) = written {
+            drop(fs::remove_file(path));
+            return Err(failed(error));
+        }
+        return Ok(Some(file));
+    }
+}
+
+/// What another process says of itself.
+fn refusal(folder: &Path, file: &mut File) -> StoreError {
+    let mut text = String::new();
+    // What cannot be read says nothing.
+    let _ = file.take(4096).read_to_string(&mut text);
+    let holder: String = text
+        .strip_prefix(TAG)
+        .unwrap_or("another process")
+        .chars()
+        .filter(|character| !character.is_control())
+        .take(LONGEST_HOLDER)
+        .collect();
+    StoreError::refused(
+        folder,
+        format!("is being written by {holder}; wait for it or choose another output"),
+    )
+}
+
+/// Who holds the lock: process, machine, command, time.
+fn holder() -> String {
+    let words: Vec<String> = std::env::args_os()
+        .map(|word| word.to_string_lossy().into_owned())
+        .collect();
+    format!(
+        "{TAG}process {} on {} since {} (`{}`)\n",
+        std::process::id(),
+        process::host_name(),
+        utc(SystemTime::now()),
+        words.join(" ")
+    )
+}
+
+fn has_no_locks(error: &io::Error) -> bool {
+    #[cfg(unix)]
+    if error.raw_os_error() == Some(nix::errno::Errno::ENOLCK as i32) {
+        return true;
+    }
+    error.kind() == io::ErrorKind::Unsupported
+}
+
+#[cfg(unix)]
+fn is_still_there(file: &File, path: &Path) -> io::Result<bool> {
+    use std::os::unix::fs::MetadataExt;
+    let open = file.metadata()?;
+    match fs::symlink_metadata(path) {
+        Ok(there) => Ok((there.dev(), there.ino()) == (open.dev(), open.ino())),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
+        Err(error) => Err(error),
+    }
+}
+
+/// Open files cannot be removed there.
+#[cfg(not(unix))]
+fn is_still_there(_: &File, path: &Path) -> io::Result<bool> {
+    Ok(path.is_file())
+}
+
+/// `2026-01-31 23:59:59 UTC`.
+fn utc(time: SystemTime) -> String {
+    let seconds = time
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |time| time.as_secs());
+    let (mut days, second) = (seconds / 86_400, seconds % 86_400);
+    let is_leap = |year: u64| {
+        year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400))
+    };
+    let mut year = 1970;
+    while days >= 365 + u64::from(is_leap(year)) {
+        days -= 365 + u64::from(is_leap(year));
+        year += 1;
+    }
+    let february = 28 + u64::from(is_leap(year));
+    let mut month = 1;
+    for length in [31, february, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31] {
+        if days < length {
+            break;
+        }
+        days -= length;
+        month += 1;
+    }
+    let (hour, minute, second) = (second / 3600, second / 60 % 60, second % 60);
+    format!(
+        "{year}-{month:02}-{:02} {hour:02}:{minute:02}:{second:02} UTC",
+        days + 1
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+    use std::time::Duration;
+
+    use super::*;
+    use crate::progress::Silent;
+
+    #[test]
+    fn a_folder_is_locked_once_and_named_in_one_line() {
+        let temp = tempfile::tempdir().unwrap();
+        let folder = temp.path().join("out");
+        let lock = FolderLock::take(&folder, &Silent).unwrap();
+        let path = folder.join(LOCK_FILE);
+        // Another open file stands for another process.
+        let message = super::lock(&folder, &path).unwrap_err().to_string();
+        let own = format!("process {}", std::process::id());
+        assert!(
+            message.contains(&own) && message.lines().count() == 1,
+            "{message}"
+        );
+        assert!(message.contains(" UTC (`"), "{message}");
+        let again = FolderLock::take(&folder, &Silent).unwrap();
+        drop(lock);
+        assert!(super::lock(&folder, &path).is_err(), "one holder is left");
+        drop(again);
+        assert!(!path.exists());
+        drop(FolderLock::take(&folder, &Silent).unwrap());
+    }
+
+    #[test]
+    fn what_a_killed_process_left_is_taken_over_and_a_foreign_file_is_not() {
+        let temp = tempfile::tempdir().unwrap();
+        let path = temp.path().join(LOCK_FILE);
+        for left in ["", TAG, "omnilife writes here: process 1 on x"] {
+            fs::write(&path, left).unwrap();
+            drop(FolderLock::take(temp.path(), &Silent).unwrap());
+        }
+        fs::write(&path, "my notes").unwrap();
+        assert!(FolderLock::take(temp.path(), &Silent).is_err());
+        assert_eq!(fs::read_to_string(&path).unwrap(), "my notes");
+    }
+
+    #[test]
+    fn times_are_those_of_the_calendar() {
+        let at = |seconds| utc(UNIX_EPOCH + Duration::from_secs(seconds));
+        assert_eq!(at(0), "1970-01-01 00:00:00 UTC");
+        assert_eq!(at(951_782_399), "2000-02-28 23:59:59 UTC");
+        assert_eq!(at(951_782_400), "2000-02-29 00:00:00 UTC");
+        assert_eq!(at(1_735_689_599), "2024-12-31 23:59:59 UTC");
+    }
+}
