@@ -19,6 +19,7 @@ pub mod blame;
 pub mod bootstrap;
 pub mod camera;
 pub mod lock;
+pub mod names;
 pub mod npy;
 pub mod ownership;
 pub mod points;

@@ -7,7 +7,7 @@ use omnilife_reconstruct::{
         reconstruct::{self, ReconstructRequest},
         render,
     },
-    methods::{METHODS, Method, feed_forward::INTERPOLATORS},
+    methods::{METHODS, Method},
 };
 use omnilife_schemas::progress::Progress;
 
@@ -61,14 +61,7 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
         }
         ReconstructCommand::Render(arguments) => render(arguments, progress),
         ReconstructCommand::Methods => {
-            let learned = METHODS.iter().map(description);
-            let interpolators = INTERPOLATORS.iter().map(|one| {
-                format!(
-                    "{}\n  {}\n  {}\n  {}\n",
-                    one.id, one.title, one.source, one.description
-                )
-            });
-            exit::print(&learned.chain(interpolators).collect::<String>())
+            exit::print(&METHODS.iter().map(description).collect::<String>())
         }
     }
 }

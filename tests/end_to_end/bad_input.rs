@@ -367,7 +367,7 @@ fn requests_to_the_method_that_make_no_sense_are_refused() {
     assert_request_refused(&["--sh-degree", "4"], "0, 1, 2 or 3");
     assert_request_refused(
         &["--without", "sky"],
-        "no component \"sky\"; it has: sky-shell",
+        "there is no odgs component \"sky\"; known: sky-shell",
     );
     assert_request_refused(&["--trace", "0"], "at least 1");
 }

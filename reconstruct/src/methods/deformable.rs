@@ -7,7 +7,7 @@ use crate::{
     baseline::{OPACITY_RESET, SKY_SHELL},
     components::Components,
     methods::{
-        Method, PreparedGaussians,
+        Method, MethodKind, PreparedGaussians,
         dynamic::{self, Evidence},
     },
     request::MethodRequest,
@@ -40,7 +40,9 @@ pub const METHOD: Method = Method {
                   positive after the deformation; the noise's unit is one training interval \
                   throughout, not one that grows within an epoch.",
     components: &[DEFORMATION, TIME_NOISE, SKY_SHELL, OPACITY_RESET],
-    prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
+    kind: MethodKind::Trained {
+        prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
+    },
 };
 
 /// Component: Gaussians are deformed; without it there is no network, and the method is odgs.

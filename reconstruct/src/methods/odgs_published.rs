@@ -7,7 +7,7 @@ use omnilife_schemas::records::ComponentDecision;
 
 use crate::{error::ReconstructError, request::BackendChoice, scene::TrainingScene, seeds::points};
 use crate::{
-    methods::{Method, PreparedGaussians, odgs},
+    methods::{Method, MethodKind, PreparedGaussians, odgs},
     request::MethodRequest,
 };
 use omnilife_engine::{
@@ -30,7 +30,9 @@ pub const METHOD: Method = Method {
                   standard deviations, an SSIM window that ends at the seam, and growth without a \
                   limit (that of odgs holds).",
     components: &[],
-    prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
+    kind: MethodKind::Trained {
+        prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
+    },
 };
 
 /// Threshold of ODGS `arguments/__init__.py`, the same at equator and poles.

@@ -7,7 +7,7 @@ use crate::{
     baseline::{OPACITY_RESET, SKY_SHELL},
     components::{Components, pose_refinement},
     methods::{
-        Method, PreparedGaussians,
+        Method, MethodKind, PreparedGaussians,
         dynamic::{
             self, Beginning, CYCLE_FRAMES, Evidence, TEMPORAL_DENSITY, TEMPORAL_MOTION,
             TEMPORAL_OPACITY, TEMPORAL_SMOOTHING,
@@ -61,7 +61,9 @@ pub const METHOD: Method = Method {
         SKY_SHELL,
         OPACITY_RESET,
     ],
-    prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
+    kind: MethodKind::Trained {
+        prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
+    },
 };
 
 /// Component: velocities have a radial and a tangential part (Eq. 3).

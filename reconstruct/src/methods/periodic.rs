@@ -7,7 +7,7 @@ use crate::{
     baseline::{OPACITY_RESET, SKY_SHELL},
     components::Components,
     methods::{
-        Method, PreparedGaussians,
+        Method, MethodKind, PreparedGaussians,
         dynamic::{
             self, Beginning, CYCLE_FRAMES, Evidence, LIFESPAN_LOSS, TEMPORAL_DENSITY,
             TEMPORAL_MOTION, TEMPORAL_OPACITY, TEMPORAL_SMOOTHING,
@@ -43,7 +43,9 @@ pub const METHOD: Method = Method {
         SKY_SHELL,
         OPACITY_RESET,
     ],
-    prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
+    kind: MethodKind::Trained {
+        prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
+    },
 };
 
 /// Component: velocities cost.
