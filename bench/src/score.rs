@@ -19,7 +19,9 @@ use omnilife_schemas::{
 use rayon::prelude::*;
 
 use crate::{
-    comparison, diagnosis,
+    comparison,
+    curve::scored::{self, CURVE_FILE},
+    diagnosis,
     error::BenchError,
     evidence::Evidence,
     frames_table::{self, FRAMES_TABLE},
@@ -50,7 +52,7 @@ pub enum Predictions {
         novel_views: Option<PathBuf>,
     },
     /// The `run.json` or `external-run.json` of a run, which names the folders; its training time,
-    /// Gaussians, iterations and warnings go into the result.
+    /// primitives, iterations and warnings go into the result.
     Run(PathBuf),
 }
 
@@ -100,6 +102,7 @@ impl ScoreRequest {
 /// * `frames.parquet`: one row per view with columns `view`, `frame`, `time_seconds` and one per
 ///   metric, which are null for a view that could not be scored or for which the metric is
 ///   undefined;
+/// * `curve.csv`: PSNR and SSIM of the novel views along the training, for runs of ours that kept them;
 /// * `comparisons/novel-<frame>.png`: prediction left, ground truth right, of every novel view
 ///   whose prediction could be read.
 ///
@@ -129,6 +132,7 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
     plan.claim(planned_files(&views))?;
     // A result whose inputs have changed must not be found by a leaderboard if scoring fails now.
     store::remove(&result_file)?;
+    plan.own_files().remove(|file| file == CURVE_FILE)?;
     comparison::prepare_folder(&request.out, &plan.own_files())?;
 
     progress.begin(&label, Some(views.len() as u64));
@@ -138,11 +142,14 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
     frames_table::write(&request.out.join(FRAMES_TABLE), &job, &outcomes)?;
     let mut result = summary::result_record(&job, &outcomes);
     result.warnings.extend(diagnosis::of_job(&job)?.remark());
+    let unscored = scored::write_curve(&job, request.memory_bytes, &request.out)?;
+    result.warnings.extend(unscored.iter().flatten().cloned());
     store::write_record(&result_file, &result)?;
     write_scoring_record(&request.out, &result_file, started)?;
     let mut outputs = [RESULT_FILE, SCORING_FILE, FRAMES_TABLE]
         .map(str::to_owned)
         .to_vec();
+    outputs.extend(unscored.is_some().then(|| CURVE_FILE.to_owned()));
     outputs.extend(
         outcomes
             .iter()
@@ -158,7 +165,7 @@ fn planned_files(views: &[View]) -> impl Iterator<Item = String> {
         .iter()
         .filter(|view| view.kind == ViewKind::Novel)
         .map(|&view| comparison::file(view));
-    [RESULT_FILE, SCORING_FILE, FRAMES_TABLE]
+    [RESULT_FILE, SCORING_FILE, FRAMES_TABLE, CURVE_FILE]
         .map(str::to_owned)
         .into_iter()
         .chain(pictures)

@@ -13,6 +13,7 @@ use omnilife_schemas::{
 
 use crate::{
     availability,
+    curve::scored::Trace,
     error::BenchError,
     metrics::{self, Metric, Need},
     prediction::PredictionFolder,
@@ -283,6 +284,10 @@ impl ScoringJob {
         {
             let state = unavailable.as_deref().unwrap_or("available");
             plan = plan.with_text(&format!("metric {}", metric.id), state);
+        }
+        let trace = self.run.as_ref().and_then(|run| run.trace.as_ref());
+        for file in trace.into_iter().flat_map(Trace::files) {
+            plan = plan.with_text("view along the training", &fingerprint(&file));
         }
         let with_depth = self.needs(Need::Depth);
         for view in self.views() {

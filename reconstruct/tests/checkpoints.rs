@@ -38,6 +38,7 @@ fn files(folder: &Path) -> TrainingFiles {
     TrainingFiles {
         trace: folder.join("trace.csv"),
         checkpoint: folder.join("checkpoint.bin"),
+        trace_views: None,
         checkpoint_every: EVERY,
         inputs_sha256: "these inputs".to_owned(),
     }
@@ -98,7 +99,7 @@ fn whole_run(scene: &TrainingScene, folder: &Path) -> (Model, Vec<[f64; 2]>, Pat
 fn losses(outcome: &MethodOutcome<'_>) -> Vec<[f64; 2]> {
     let trace = outcome.training.state.trace.iter();
     trace
-        .map(|point| [point.train_loss, point.novel_psnr_db.unwrap()])
+        .map(|point| [point.train_loss, point.train_psnr_db])
         .collect()
 }
 

@@ -280,6 +280,7 @@ fn whole_and_resumed(method: &str) -> [Model; 2] {
         TrainingFiles {
             trace: folder.path().join(name).join("trace.csv"),
             checkpoint: folder.path().join(name).join("checkpoint.bin"),
+            trace_views: None,
             checkpoint_every: every,
             inputs_sha256: "these".to_owned(),
         }

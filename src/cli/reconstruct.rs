@@ -49,10 +49,14 @@ pub(crate) struct MethodArguments {
     /// What computes: the processor, or a graphics adapter.
     #[arg(long, value_enum, default_value_t = BackendArgument::Cpu)]
     pub(crate) backend: BackendArgument,
-    /// A row of error against run time, with the novel views scored, every so many iterations
-    /// [default: ten rows].
+    /// A row of the trace, with the novel views rendered for the curve of error against run time,
+    /// every so many iterations [default: ten rows].
     #[arg(long, value_name = "ITERATIONS")]
     pub(crate) trace: Option<u64>,
+    /// At each row of the trace renders this many novel views, evenly spread; 0 for none, and no
+    /// curve [default: all].
+    #[arg(long, value_name = "N")]
+    pub(crate) trace_views: Option<usize>,
     /// A checkpoint every so many iterations, from which an interrupted run goes on; 0 for none.
     #[arg(long, value_name = "ITERATIONS", default_value_t = 1_000)]
     pub(crate) checkpoint_every: u64,

@@ -35,16 +35,17 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
                     settings: method.request(*iterations)?,
                     backend: method.backend.into(),
                     checkpoint_every: method.checkpoint_every,
+                    trace_views: method.trace_views,
                     out: out.clone(),
                 },
                 progress,
             )?;
             exit::print(&format!(
-                "{} on {}: {} iterations, {} Gaussians, trained in {:.1} s; {}\n",
+                "{} on {}: {} iterations, {} primitives, trained in {:.1} s; {}\n",
                 record.method,
                 record.scene,
                 record.iterations,
-                record.gaussians,
+                record.primitives,
                 record.training_seconds,
                 out.join(reconstruct::RUN_FILE).display()
             ))

@@ -182,7 +182,7 @@ fn what_cannot_be_rendered_is_refused_in_one_line() {
         "{message}"
     );
     let message = refused(&run, &scene, &[]);
-    assert!(message.contains("omnilife/run/1"), "{message}");
+    assert!(message.contains("omnilife/run/2"), "{message}");
     let message = refused(
         &run,
         &poses,

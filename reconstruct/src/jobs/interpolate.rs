@@ -99,7 +99,7 @@ impl<'a> Frames<'a> {
             configuration,
             plan: Vec::new(),
             iterations: 0,
-            gaussians: rows.iter().map(|row| row.gaussians).max().unwrap_or(0),
+            primitives: rows.iter().map(|row| row.gaussians).max().unwrap_or(0),
             training_seconds: analysis_seconds,
             training_cpu_seconds: None,
             evaluation_seconds: 0.0,
@@ -111,6 +111,7 @@ impl<'a> Frames<'a> {
                 scale: 1.0,
             },
             trace: None,
+            trace_views: None,
             predictions: ViewPredictions {
                 input_views: None,
                 novel_views: NOVEL_FOLDER.to_owned(),

@@ -10,9 +10,13 @@ use std::{
 use omnilife_schemas::{
     Similarity,
     lock::FolderLock,
+    ownership::path_inside,
     progress::Progress,
     provenance,
-    records::{Backend, ComponentDecision, RunRecord, Scene, Split, ViewPredictions},
+    records::{
+        Backend, ComponentDecision, RunRecord, Scene, Split, TraceViews as KeptViews,
+        ViewPredictions,
+    },
     stage::StagePlan,
     store::{self, StoreError},
 };
@@ -25,7 +29,11 @@ use crate::{
     process,
     request::{BackendChoice, MethodRequest},
     scene::TrainingScene,
-    train::{Session, TrainingFiles, trace},
+    train::{
+        Session, TrainingFiles,
+        trace::{self, TracePoint},
+        trace_views::TraceViews,
+    },
 };
 use omnilife_engine::training_view::TrainingView;
 
@@ -34,6 +42,8 @@ pub const RUN_FILE: &str = "run.json";
 /// Name of the checkpoint in the run's folder; it is there while a run is not over.
 pub const CHECKPOINT_FILE: &str = "checkpoint.bin";
 const TRACE_FILE: &str = "trace.csv";
+/// Folder of the novel views at the rows of the trace.
+const TRACE_FOLDER: &str = "trace";
 /// What a training may leave beside views and the record.
 const TRAINING_FILES: [&str; 6] = [
     TRACE_FILE,
@@ -61,6 +71,8 @@ pub struct ReconstructRequest {
     pub backend: BackendChoice,
     /// Iterations between two checkpoints; 0 writes none.
     pub checkpoint_every: u64,
+    /// Novel views that are kept at each row of the trace, at most; all where none is given.
+    pub trace_views: Option<usize>,
     /// Folder of the run.
     pub out: PathBuf,
 }
@@ -84,7 +96,7 @@ pub(crate) struct MadeViews {
     pub(crate) configuration: serde_json::Value,
     pub(crate) plan: Vec<ComponentDecision>,
     pub(crate) iterations: u64,
-    pub(crate) gaussians: u64,
+    pub(crate) primitives: u64,
     pub(crate) training_seconds: f64,
     pub(crate) training_cpu_seconds: Option<f64>,
     pub(crate) evaluation_seconds: f64,
@@ -92,6 +104,7 @@ pub(crate) struct MadeViews {
     pub(crate) seconds_per_group: Option<f64>,
     pub(crate) normalization: Similarity,
     pub(crate) trace: Option<String>,
+    pub(crate) trace_views: Option<KeptViews>,
     pub(crate) predictions: ViewPredictions,
     pub(crate) warnings: Vec<String>,
     /// Files relative to the run's folder.
@@ -125,6 +138,7 @@ pub fn reconstruct(
     let _lock = FolderLock::take(&request.out, progress)?;
     let begun = Instant::now();
     let split: Split = store::read_record(&request.split)?;
+    refuse_foreign_trace(request, &stage)?;
     stage.claim(planned_files(method, &split))?;
     // A record or trace of an earlier run must not stand beside new predictions.
     store::remove(&record_path)?;
@@ -151,7 +165,7 @@ pub fn reconstruct(
         versions: provenance::versions(),
         inputs,
         iterations: made.iterations,
-        gaussians: made.gaussians,
+        primitives: made.primitives,
         training_seconds: made.training_seconds,
         training_cpu_seconds: made.training_cpu_seconds,
         evaluation_seconds: made.evaluation_seconds,
@@ -160,6 +174,7 @@ pub fn reconstruct(
         peak_memory_bytes: process::peak_memory_bytes(),
         normalization: made.normalization,
         trace: made.trace,
+        trace_views: made.trace_views,
         predictions: made.predictions,
         warnings: made.warnings,
     };
@@ -180,10 +195,16 @@ fn train(
 ) -> Result<MadeViews, ReconstructError> {
     let trace_path = request.out.join(TRACE_FILE);
     let scene = TrainingScene::load(&request.scene, &request.split)?;
+    let kept = TraceViews::new(
+        request.out.join(TRACE_FOLDER),
+        &split.novel_views,
+        request.trace_views,
+    );
     let session = Session {
         progress,
         files: Some(TrainingFiles {
             trace: trace_path.clone(),
+            trace_views: Some(kept.clone()),
             checkpoint: request.out.join(CHECKPOINT_FILE),
             checkpoint_every: request.checkpoint_every,
             inputs_sha256: stage.inputs_sha256(),
@@ -199,9 +220,14 @@ fn train(
     outputs.extend(learner.export(&request.out)?);
     trace::write_csv(&trace_path, &training.state.trace)?;
     outputs.push(TRACE_FILE.to_owned());
+    outputs.extend(trace_files(&training.state.trace, &kept.frames));
+    // Views of an earlier run's rows.
+    stage
+        .own_files()
+        .remove(|file| is_of_trace(file) && !outputs.iter().any(|new| new == file))?;
     Ok(MadeViews {
         backend: learner.backend(),
-        gaussians: learner.size().primitives,
+        primitives: learner.size().primitives,
         configuration: outcome.configuration,
         plan: outcome.plan,
         iterations: training.state.iteration,
@@ -212,6 +238,10 @@ fn train(
         seconds_per_group: None,
         normalization: scene.normalization,
         trace: Some(TRACE_FILE.to_owned()),
+        trace_views: Some(KeptViews {
+            folder: TRACE_FOLDER.to_owned(),
+            frames: kept.frames,
+        }),
         predictions: ViewPredictions {
             input_views: Some(INPUT_FOLDER.to_owned()),
             novel_views: NOVEL_FOLDER.to_owned(),
@@ -243,6 +273,36 @@ fn planned_files(method: &Method, split: &Split) -> Vec<String> {
     files
 }
 
+/// Refuses a folder of that name that no run has made: its rows are not known beforehand.
+fn refuse_foreign_trace(request: &ReconstructRequest, stage: &StagePlan) -> Result<(), StoreError> {
+    let folder = path_inside(&request.out, TRACE_FOLDER)?;
+    let is_filled = folder.exists() && !(folder.is_dir() && store::names_in(&folder)?.is_empty());
+    if is_filled && !stage.has_begun() {
+        return Err(StoreError::refused(
+            &folder,
+            "is there, and no run of ours made it; choose another output",
+        ));
+    }
+    Ok(())
+}
+
+fn is_of_trace(file: &str) -> bool {
+    let rest = file.strip_prefix(TRACE_FOLDER);
+    rest.is_some_and(|rest| rest.starts_with('/'))
+}
+
+/// The views that stand at the rows of a trace, relative to the run's folder.
+fn trace_files<'a>(
+    trace: &'a [TracePoint],
+    frames: &'a [u32],
+) -> impl Iterator<Item = String> + 'a {
+    let rows = trace.split_last().map_or(&[][..], |(_, before)| before);
+    rows.iter().flat_map(move |row| {
+        let file = |&frame| format!("{TRACE_FOLDER}/{}", TraceViews::file(row.iteration, frame));
+        frames.iter().map(file)
+    })
+}
+
 /// The file of a predicted view, relative to the run's folder.
 pub(crate) fn view_file(folder: &str, frame: u32) -> String {
     format!("{folder}/{frame:06}.png")
@@ -257,6 +317,7 @@ fn plan_stage(
     let mut stage = StagePlan::new(&request.out, "reconstruct")
         .with_text("method", &request.method)
         .with_settings("settings", &request.settings)
+        .with_settings("trace views", &request.trace_views)
         .with_settings("backend", &request.backend);
     let mut inputs = BTreeMap::new();
     let mut add = |stage: StagePlan, name: &str, path: &Path| -> Result<StagePlan, StoreError> {
