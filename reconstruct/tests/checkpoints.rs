@@ -18,6 +18,7 @@ use omnilife_engine::model::Model;
 use omnilife_reconstruct::{
     ReconstructError,
     methods::{self, MethodOutcome},
+    options::Options,
     request::{BackendChoice, MethodRequest},
     scene::TrainingScene,
     train::{Session, TrainingFiles},
@@ -29,7 +30,7 @@ const EVERY: u64 = 50;
 
 fn request() -> MethodRequest {
     MethodRequest {
-        sh_degree: Some(1),
+        options: Options::of_sh_degree(1),
         ..MethodRequest::new(ITERATIONS, 3)
     }
 }

@@ -30,6 +30,7 @@ use omnilife_engine::{
 };
 use omnilife_reconstruct::{
     methods::{self, MethodOutcome},
+    options::Options,
     request::{BackendChoice, MethodRequest, PlanChoice},
     scene::TrainingScene,
     train::{Session, TrainingFiles},
@@ -41,7 +42,7 @@ use crate::trained::{request, settings, train};
 /// A request for a network's sake: it takes time for every Gaussian.
 fn few_gaussians(iterations: u64) -> MethodRequest {
     MethodRequest {
-        maximum_gaussians: Some(600),
+        options: Options::at_most(600),
         ..request(iterations)
     }
 }

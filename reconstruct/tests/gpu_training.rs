@@ -32,6 +32,7 @@ use omnilife_engine::{
 };
 use omnilife_reconstruct::{
     baseline, methods,
+    options::Options,
     request::{BackendChoice, MethodRequest, PlanChoice},
     scene::TrainingScene,
     seeds::points,
@@ -238,7 +239,7 @@ fn method_learns(method: &str, iterations: u64) {
             ..Session::without_files(&Silent)
         };
         let request = MethodRequest {
-            maximum_gaussians: Some(180),
+            options: Options::at_most(180),
             plan: PlanChoice::Full,
             ..MethodRequest::new(iterations, 7)
         };

@@ -24,6 +24,7 @@ use omnilife_engine::{
 use omnilife_reconstruct::{
     evidence::pilot::WarmUp,
     methods::{self, MethodOutcome},
+    options::Options,
     request::{MethodRequest, PlanChoice},
     scene::TrainingScene,
     train::{Session, TrainingFiles},
@@ -89,7 +90,7 @@ fn decision(outcome: &MethodOutcome<'_>) -> (bool, String) {
 fn refined<'a>(scene: &'a TrainingScene, iterations: u64, without: &[&str]) -> MethodOutcome<'a> {
     let request = MethodRequest {
         without: without.iter().map(|&name| name.to_owned()).collect(),
-        maximum_gaussians: Some(3_000),
+        options: Options::at_most(3_000),
         ..request(iterations)
     };
     train(scene, "omni4dgs-plus", &request)

@@ -13,6 +13,7 @@ use balls::scene;
 use novel_views::novel_psnr;
 use omnilife_reconstruct::{
     methods::{self, MethodOutcome},
+    options::Options,
     request::MethodRequest,
     scene::TrainingScene,
     train::Session,
@@ -85,7 +86,7 @@ fn a_scene_without_points_gets_a_shell_of_sky() {
 fn a_limit_on_the_gaussians_thins_the_points() {
     let scene = scene();
     let request = MethodRequest {
-        maximum_gaussians: Some(300),
+        options: Options::at_most(300),
         ..MethodRequest::new(120, 7)
     };
     let outcome = train_as(&scene, &request);
@@ -101,7 +102,7 @@ fn a_limit_on_the_gaussians_thins_the_points() {
 #[test]
 fn more_gaussians_than_memory_holds_are_refused_with_the_figure() {
     let request = MethodRequest {
-        maximum_gaussians: Some(10_u64.pow(11)),
+        options: Options::at_most(10_u64.pow(11)),
         ..MethodRequest::new(10, 7)
     };
     let scene = scene();
@@ -142,7 +143,7 @@ fn few_and_odd_points_train_without_a_panic() {
 fn what_a_gaussian_looks_like_may_depend_on_the_direction() {
     let scene = scene();
     let request = MethodRequest {
-        sh_degree: Some(2),
+        options: Options::of_sh_degree(2),
         ..MethodRequest::new(90, 7)
     };
     let mut outcome = train_as(&scene, &request);

@@ -76,6 +76,18 @@ fn description(method: &Method) -> String {
     if !method.components.is_empty() {
         text += &format!("  Components: {}\n", method.components.join(", "));
     }
+    if !method.options.is_empty() {
+        text += "  Options (--set NAME=VALUE):\n";
+    }
+    for option in method.options {
+        text += &format!(
+            "    {}: {}; {} [default: {}]\n",
+            option.id,
+            option.doc,
+            option.values.text(),
+            option.default
+        );
+    }
     text
 }
 

@@ -10,6 +10,7 @@ use crate::{
         Method, MethodKind, PreparedGaussians,
         dynamic::{self, Evidence},
     },
+    options,
     request::MethodRequest,
 };
 use crate::{error::ReconstructError, request::BackendChoice, scene::TrainingScene, seeds::points};
@@ -40,6 +41,7 @@ pub const METHOD: Method = Method {
                   positive after the deformation; the noise's unit is one training interval \
                   throughout, not one that grows within an epoch.",
     components: &[DEFORMATION, TIME_NOISE, SKY_SHELL, OPACITY_RESET],
+    options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },

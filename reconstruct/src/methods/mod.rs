@@ -15,6 +15,7 @@ use crate::{
     error::ReconstructError,
     learner::{Learner, gaussians::GaussianLearner},
     methods::feed_forward::{Group, Interpolated},
+    options::MethodOption,
     request::{BackendChoice, MethodRequest, PlanChoice},
     scene::TrainingScene,
     train::{self, LoopSettings, Session, TrainingOutcome},
@@ -116,6 +117,8 @@ pub struct Method {
     pub description: &'static str,
     /// Components that can be left out by name.
     pub components: &'static [&'static str],
+    /// Options that it understands beside what all methods do.
+    pub options: &'static [MethodOption],
     /// How it comes to its views.
     pub kind: MethodKind,
 }
@@ -196,7 +199,7 @@ impl Method {
     /// Checks that a request makes sense for this method, before anything is computed.
     ///
     /// # Errors
-    /// When it names a component that the method does not have, or a backend that it never runs on.
+    /// When it names a component or option that the method does not have, or a backend that it never runs on.
     pub fn check(
         &self,
         request: &MethodRequest,
@@ -209,6 +212,10 @@ impl Method {
         let kind = format!("{} component", self.id);
         for name in request.without.iter().chain(named) {
             names::find(&kind, name, self.components, |component| component)?;
+        }
+        let kind = format!("{} option", self.id);
+        for name in request.options.names() {
+            names::find(&kind, name, self.options, |option| option.id)?;
         }
         if !self.is_trained() && backend != BackendChoice::Cpu {
             return Err(EngineError::Backend {
@@ -252,6 +259,7 @@ mod tests {
             assert!(METHODS[..index].iter().all(|other| other.id != method.id));
             assert!(!method.title.is_empty() && !method.source.is_empty());
             assert!(method.description.len() > 40, "{}", method.id);
+            assert!(method.options.iter().all(|option| option.doc.len() > 20));
             assert_eq!(find(method.id).map(|found| found.id).ok(), Some(method.id));
         }
         let message = find("nerf").map(|_| ()).expect_err("unknown").to_string();

@@ -13,6 +13,7 @@ use crate::{
             TEMPORAL_OPACITY, TEMPORAL_SMOOTHING,
         },
     },
+    options,
     request::{MethodRequest, PlanChoice},
 };
 use crate::{
@@ -61,6 +62,7 @@ pub const METHOD: Method = Method {
         SKY_SHELL,
         OPACITY_RESET,
     ],
+    options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
@@ -313,7 +315,7 @@ fn sh_degree(
     request: &MethodRequest,
     components: &mut Components<'_>,
 ) -> Result<usize, ReconstructError> {
-    if let Some(degree) = request.sh_degree {
+    if let Some(degree) = request.options.sh_degree() {
         let reason = format!("spherical harmonics of degree {degree} on request");
         components.record(VIEW_DEPENDENT_COLOUR, degree > 0, reason);
         return Ok(degree);

@@ -17,6 +17,7 @@ use crate::{
             VELOCITY_DECOMPOSITION, VELOCITY_REGULARIZATION, VIEW_DEPENDENT_COLOUR, Variant,
         },
     },
+    options,
     request::MethodRequest,
 };
 use crate::{
@@ -50,6 +51,7 @@ pub const METHOD: Method = Method {
         SKY_SHELL,
         OPACITY_RESET,
     ],
+    options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },

@@ -13,6 +13,7 @@ use crate::{
             TEMPORAL_MOTION, TEMPORAL_OPACITY, TEMPORAL_SMOOTHING,
         },
     },
+    options,
     request::MethodRequest,
 };
 use crate::{error::ReconstructError, request::BackendChoice, scene::TrainingScene};
@@ -43,6 +44,7 @@ pub const METHOD: Method = Method {
         SKY_SHELL,
         OPACITY_RESET,
     ],
+    options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
