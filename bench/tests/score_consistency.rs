@@ -184,6 +184,22 @@ fn runs_of_something_else_are_refused() {
 }
 
 #[test]
+fn a_run_without_a_component_is_scored_under_a_name_of_its_own() {
+    let mut bench = Bench::new();
+    let run = bench.at("run.json");
+    store::write_record(&run, &run_record(&bench)).unwrap();
+    bench.request.predictions = Predictions::Run(run);
+    bench.request.method = "stripes-without-motion".to_owned();
+    assert_eq!(bench.score().unwrap().method, "stripes-without-motion");
+    bench.request.method = "stripes-2".to_owned();
+    assert!(
+        bench
+            .refusal()
+            .contains("is of method stripes, not stripes-2")
+    );
+}
+
+#[test]
 fn scenes_splits_and_folders_that_do_not_fit_are_refused() {
     let edited = |edit: fn(&mut Split)| {
         let bench = Bench::new();
