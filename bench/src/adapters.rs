@@ -11,7 +11,7 @@
 
 use std::path::Path;
 
-use omnilife_schemas::{ownership::OwnFiles, store};
+use omnilife_schemas::{names, ownership::OwnFiles, store};
 
 use crate::error::BenchError;
 
@@ -83,17 +83,7 @@ pub const ADAPTERS: &[Adapter] = &[
 /// When there is no adapter of this name, the folder has a `method.toml` of something else, or a
 /// file cannot be written.
 pub fn write_adapter(id: &str, folder: &Path) -> Result<&'static Adapter, BenchError> {
-    let adapter = ADAPTERS
-        .iter()
-        .find(|adapter| adapter.id == id)
-        .ok_or_else(|| BenchError::UnknownAdapter {
-            id: id.to_owned(),
-            known: ADAPTERS
-                .iter()
-                .map(|adapter| adapter.id)
-                .collect::<Vec<_>>()
-                .join(", "),
-        })?;
+    let adapter = names::find("adapter", id, ADAPTERS, |adapter| adapter.id)?;
     let manifest = folder.join("method.toml");
     let own = OwnFiles::new(folder, []);
     for (name, text) in adapter

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use omnilife_networks::WeightsError;
-use omnilife_schemas::{Blame, Blamed, store::StoreError};
+use omnilife_schemas::{Blame, Blamed, names::UnknownName, store::StoreError};
 
 /// An error of this crate. Messages are one line that names the file or scene and the reason.
 ///
@@ -16,31 +16,16 @@ pub enum BenchError {
     /// Weights of a network are unusable.
     #[error(transparent)]
     Weights(#[from] WeightsError),
-    /// No protocol of this id.
-    #[error("no protocol is called {id}; there are: {known}")]
-    UnknownProtocol {
-        /// The id asked for.
-        id: String,
-        /// The known ids, comma-separated.
-        known: String,
-    },
+    /// No protocol or adapter of this id.
+    #[error(transparent)]
+    Unknown(#[from] UnknownName),
     /// A protocol names a metric that this program does not compute.
-    #[error("protocol {protocol} asks for metric {metric}, which is not known; there are: {known}")]
+    #[error("protocol {protocol}: {unknown}")]
     UnknownMetric {
         /// The protocol.
         protocol: String,
         /// The metric asked for.
-        metric: String,
-        /// The known ids, comma-separated.
-        known: String,
-    },
-    /// No adapter of this id.
-    #[error("there is no adapter of {id}; there are: {known}")]
-    UnknownAdapter {
-        /// The id asked for.
-        id: String,
-        /// The known ids, comma-separated.
-        known: String,
+        unknown: UnknownName,
     },
     /// A protocol cannot be followed on a scene.
     #[error("scene {scene}: protocol {protocol} cannot be followed: {reason}")]
@@ -113,9 +98,8 @@ impl Blamed for BenchError {
             Self::Store(error) => error.blame(),
             Self::Weights(error) => error.blame(),
             Self::Internal { .. } => Blame::Ours,
-            Self::UnknownProtocol { .. }
+            Self::Unknown(_)
             | Self::UnknownMetric { .. }
-            | Self::UnknownAdapter { .. }
             | Self::Protocol { .. }
             | Self::Scene { .. }
             | Self::Mismatch { .. }

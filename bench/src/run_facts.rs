@@ -11,7 +11,7 @@ use omnilife_schemas::{
     store::{self, Record, StoreError},
 };
 
-use crate::error::BenchError;
+use crate::{curve::scored::Trace, error::BenchError};
 
 /// The record of a run of ours (`run.json`) or of anyone's method (`external-run.json`).
 pub(crate) struct RunFacts {
@@ -19,7 +19,7 @@ pub(crate) struct RunFacts {
     pub(crate) scene: String,
     pub(crate) protocol_hash: String,
     pub(crate) training_seconds: Option<f64>,
-    pub(crate) gaussians: Option<u64>,
+    pub(crate) primitives: Option<u64>,
     pub(crate) iterations: Option<u64>,
     pub(crate) seed: u64,
     pub(crate) backend: Option<Backend>,
@@ -32,6 +32,8 @@ pub(crate) struct RunFacts {
     pub(crate) failure: Option<String>,
     pub(crate) input_folder: Option<PathBuf>,
     pub(crate) novel_folder: PathBuf,
+    /// Its trace with the novel views along it, where it left them.
+    pub(crate) trace: Option<Trace>,
     /// Hash of the split that it was made by, where the record says.
     pub(crate) split_sha256: Option<String>,
 }
@@ -43,9 +45,11 @@ impl RunFacts {
     /// When the file is neither.
     pub(crate) fn read(file: &Path) -> Result<Self, BenchError> {
         let schema = store::schema_of(file)?;
-        if schema == RunRecord::SCHEMA {
-            Ok(Self::of_ours(file, store::read_record(file)?))
-        } else if schema == ExternalRun::SCHEMA {
+        if store::is_read_as::<RunRecord>(&schema) {
+            let run = store::read_record(file)?;
+            let trace = Trace::of_run(file, &run)?;
+            Ok(Self::of_ours(file, run, trace))
+        } else if store::is_read_as::<ExternalRun>(&schema) {
             Ok(Self::of_external(file, store::read_record(file)?))
         } else {
             let (ours, external) = (RunRecord::SCHEMA, ExternalRun::SCHEMA);
@@ -57,8 +61,9 @@ impl RunFacts {
         }
     }
 
-    fn of_ours(file: &Path, run: RunRecord) -> Self {
+    fn of_ours(file: &Path, run: RunRecord, trace: Option<Trace>) -> Self {
         Self {
+            trace,
             input_folder: run
                 .predictions
                 .input_views
@@ -70,7 +75,7 @@ impl RunFacts {
             scene: run.scene,
             protocol_hash: run.protocol_hash,
             training_seconds: Some(run.training_seconds),
-            gaussians: Some(run.gaussians),
+            primitives: Some(run.primitives),
             iterations: Some(run.iterations),
             seed: run.seed,
             backend: Some(run.backend),
@@ -93,12 +98,13 @@ impl RunFacts {
         Self {
             input_folder: run.input_views.map(|folder| file.with_file_name(folder)),
             novel_folder: file.with_file_name(&run.novel_views),
+            trace: None,
             split_sha256: None,
             method: run.method,
             scene: run.scene,
             protocol_hash: run.protocol_hash,
             training_seconds: wall_seconds(PhaseName::Train),
-            gaussians: None,
+            primitives: None,
             iterations: None,
             seed: run.seed,
             // Whether a method of others computes on a processor is its own affair.

@@ -41,7 +41,7 @@ pub(crate) fn result_record(job: &ScoringJob, outcomes: &[ViewOutcome]) -> Resul
         unavailable: [input.1, novel.1].concat(),
         frames_table: FRAME_SCORES_FILE.to_owned(),
         training_seconds: job.run.as_ref().and_then(|run| run.training_seconds),
-        gaussians: job.run.as_ref().and_then(|run| run.gaussians),
+        primitives: job.run.as_ref().and_then(|run| run.primitives),
         iterations: job.run.as_ref().and_then(|run| run.iterations),
         seed: job.run.as_ref().map(|run| run.seed),
         backend: job.run.as_ref().and_then(|run| run.backend.clone()),
@@ -101,7 +101,10 @@ fn summaries(
 }
 
 /// The summary of a metric's values, of which there is at least one, or why there is none.
-fn summary(metric: &Metric, values: &[Result<f64, Undefined>]) -> Result<Summary, String> {
+pub(crate) fn summary(
+    metric: &Metric,
+    values: &[Result<f64, Undefined>],
+) -> Result<Summary, String> {
     let defined: Vec<f64> = values.iter().filter_map(|value| value.ok()).collect();
     if let (true, Some(Err(reason))) = (defined.is_empty(), values.last()) {
         return Err(format!("undefined for every view: {reason}"));

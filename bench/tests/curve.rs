@@ -1,4 +1,4 @@
-//! Curves of error against run time, from run folders to tables.
+//! Curves of error against run time, from folders of scores to tables.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
 use std::{
@@ -6,67 +6,61 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use omnilife_bench::curve::{self, CURVES_FILE, Clock, POINTS_FILE};
+use omnilife_bench::curve::{self, CURVE_FILE, CURVES_FILE, Clock, POINTS_FILE};
 use omnilife_schemas::{
-    Blame, Blamed, Similarity,
-    records::{Backend, RunRecord, ViewPredictions},
+    Blame, Blamed,
+    records::{Backend, ResultRecord},
     store,
 };
 
-fn write_run(folder: &Path, method: &str, scene: &str, trace: Option<&str>) -> PathBuf {
+fn write_scores(folder: &Path, method: &str, scene: &str, curve: Option<&str>) -> PathBuf {
     fs::create_dir_all(folder).unwrap();
-    let record = RunRecord {
+    let record = ResultRecord {
         method: method.to_owned(),
         scene: scene.to_owned(),
+        scene_sha256: String::new(),
+        protocol: "per-scene/2".to_owned(),
         protocol_hash: "0123456789abcdef".to_owned(),
-        seed: 3,
+        scored_size: [64, 32],
+        input_views: [].into(),
+        novel_views: [].into(),
+        failures: Vec::new(),
+        unavailable: Vec::new(),
+        frames_table: "frames.parquet".to_owned(),
+        training_seconds: Some(90.0),
+        primitives: Some(4000),
+        iterations: Some(900),
+        seed: Some(3),
+        backend: Some(Backend::Cpu { threads: 2 }),
         hardware: None,
-        backend: Backend::Cpu { threads: 2 },
-        configuration: serde_json::json!({}),
-        plan: Vec::new(),
-        versions: [].into(),
-        inputs: [].into(),
-        iterations: 900,
-        gaussians: 4000,
-        training_seconds: 90.0,
-        training_cpu_seconds: None,
-        evaluation_seconds: 7.5,
-        rendering_seconds: 1.0,
-        seconds_per_group: None,
+        rendering_seconds: Some(1.0),
         peak_memory_bytes: Some(3 << 29),
-        normalization: Similarity {
-            offset: [0.0; 3],
-            scale: 1.0,
-        },
-        trace: trace.map(|_| "trace.csv".to_owned()),
-        predictions: ViewPredictions {
-            input_views: None,
-            novel_views: "novel".to_owned(),
-        },
         warnings: Vec::new(),
+        versions: [].into(),
+        run_versions: [].into(),
     };
-    store::write_record(&folder.join("run.json"), &record).unwrap();
-    if let Some(trace) = trace {
-        fs::write(folder.join("trace.csv"), trace).unwrap();
+    store::write_record(&folder.join("result.json"), &record).unwrap();
+    if let Some(curve) = curve {
+        fs::write(folder.join(CURVE_FILE), curve).unwrap();
     }
     folder.to_owned()
 }
 
-const TRACE: &str = "wall_seconds,evaluation_seconds,cpu_seconds,iteration,gaussians,novel_psnr_db,novel_ssim,refused_positions\n\
-                     9,1,9,100,1000,19.5,0.5,0\n\
-                     30,2,,300,2000,,,0\n\
-                     45,5,45,450,3000,24.25,0.7,0\n\
-                     90,7.5,90,900,4000,24.5,0.75,0\n";
+const CURVE: &str = "wall_seconds,evaluation_seconds,cpu_seconds,iteration,primitives,novel_views,novel_psnr_db,novel_ssim\n\
+                     9,1,9,100,1000,2,19.5,0.5\n\
+                     30,2,,300,2000,0,,\n\
+                     45,5,45,450,3000,2,24.25,0.7\n\
+                     90,7.5,90,900,4000,2,24.5,0.75\n";
 
 #[test]
 fn runs_become_tables_and_drawings() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    let slow = TRACE.replace("24.5", "24").replace("\n90", "\n95");
+    let slow = CURVE.replace("24.5", "24").replace("\n90", "\n95");
     let runs = [
-        write_run(&at("a"), "odgs", "street", Some(TRACE)),
-        write_run(&at("b"), "pvg", "street", Some(&slow)).join("run.json"),
-        write_run(&at("c"), "odgs", "hall", Some(TRACE)),
+        write_scores(&at("a"), "odgs", "street", Some(CURVE)),
+        write_scores(&at("b"), "pvg", "street", Some(&slow)).join("result.json"),
+        write_scores(&at("c"), "odgs", "hall", Some(CURVE)),
     ];
     let comparisons = curve::curves(&runs, Clock::Wall, &at("out")).unwrap();
     assert_eq!(comparisons.len(), 2);
@@ -88,11 +82,11 @@ fn runs_become_tables_and_drawings() {
 fn processor_time_is_a_clock_of_its_own() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    let run = write_run(
+    let run = write_scores(
         &at("a"),
         "odgs",
         "street",
-        Some(&TRACE.replace("90,900", "180,900")),
+        Some(&CURVE.replace("90,900", "180,900")),
     );
     let comparisons = curve::curves(&[run], Clock::Cpu, &at("out")).unwrap();
     let measured = &comparisons[0].curves[0];
@@ -101,8 +95,8 @@ fn processor_time_is_a_clock_of_its_own() {
     assert!(drawing.contains("processor seconds"));
     assert!(curve::curves_table(&comparisons).contains(", processor seconds\n"));
 
-    let unknown = TRACE.replace(",9,100,", ",,100,");
-    let run = write_run(&at("b"), "odgs", "street", Some(&unknown));
+    let unknown = CURVE.replace(",9,100,", ",,100,");
+    let run = write_scores(&at("b"), "odgs", "street", Some(&unknown));
     let error = curve::curves(&[run], Clock::Cpu, &at("out")).unwrap_err();
     assert_eq!(error.blame(), Blame::Input);
     assert!(
@@ -114,24 +108,40 @@ fn processor_time_is_a_clock_of_its_own() {
 }
 
 #[test]
-fn runs_without_a_usable_trace_are_refused() {
+fn runs_without_a_usable_curve_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let cases = [
-        (None, "leaves no trace"),
-        (Some("wall_seconds,iteration\n1,2\n"), "trace.csv: "),
+        (None, "was scored without novel views along its training"),
+        (Some("wall_seconds,iteration\n1,2\n"), "curve.csv: "),
         (
-            Some("wall_seconds,iteration,novel_psnr_db\n1,2,\n"),
+            Some("wall_seconds,evaluation_seconds,iteration,primitives,novel_psnr_db\n1,0,2,5,\n"),
             "scores no novel views",
         ),
         (
-            Some("wall_seconds,iteration,novel_psnr_db\n2,2,20\n1,3,21\n"),
+            Some(
+                "wall_seconds,evaluation_seconds,iteration,primitives,novel_psnr_db\n2,0,2,5,20\n1,0,3,5,21\n",
+            ),
             "goes back in time",
         ),
     ];
-    for (number, (trace, expected)) in cases.into_iter().enumerate() {
-        let run = write_run(&folder.path().join(number.to_string()), "m", "s", trace);
+    for (number, (curve, expected)) in cases.into_iter().enumerate() {
+        let run = write_scores(&folder.path().join(number.to_string()), "m", "s", curve);
         let error = curve::curves(&[run], Clock::Wall, &folder.path().join("out")).unwrap_err();
         assert_eq!(error.blame(), Blame::Input);
         assert!(error.to_string().contains(expected), "{error}");
     }
+}
+
+#[test]
+fn the_folder_of_a_run_is_told_from_that_of_its_scores() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("run.json"), "{}").unwrap();
+    let runs = [folder.path().to_owned()];
+    let error = curve::curves(&runs, Clock::Wall, &folder.path().join("out")).unwrap_err();
+    assert!(
+        error
+            .to_string()
+            .ends_with("read from the folder of its scores"),
+        "{error}"
+    );
 }

@@ -6,12 +6,19 @@ mod scoring;
 
 use std::{fs, path::Path};
 
-use omnilife_bench::{Predictions, ScoreRequest, score};
+use omnilife_bench::{
+    Predictions, ScoreRequest,
+    curve::{self, Clock},
+    score,
+};
 use omnilife_schemas::{
     RgbImage, Similarity,
     camera::ErpCamera,
     progress::Silent,
-    records::{Backend, ResultRecord, RunRecord, Scene, Split, ValidationStatus, ViewPredictions},
+    records::{
+        Backend, ResultRecord, RunRecord, Scene, Split, TraceViews, ValidationStatus,
+        ViewPredictions,
+    },
     rgb, store,
 };
 use scenes::scene;
@@ -30,7 +37,7 @@ fn run_record(bench: &Bench) -> RunRecord {
         versions: [].into(),
         inputs: [].into(),
         iterations: 300,
-        gaussians: 4000,
+        primitives: 4000,
         training_seconds: 12.5,
         training_cpu_seconds: None,
         evaluation_seconds: 0.0,
@@ -42,6 +49,7 @@ fn run_record(bench: &Bench) -> RunRecord {
             scale: 1.0,
         },
         trace: None,
+        trace_views: None,
         predictions: ViewPredictions {
             input_views: Some("input".to_owned()),
             novel_views: "novel".to_owned(),
@@ -65,11 +73,71 @@ fn runs_bring_their_folders_and_costs() {
     let result = score(&request, &Silent).unwrap();
     assert_eq!(result.training_seconds, Some(12.5));
     assert_eq!(
-        (result.gaussians, result.iterations),
+        (result.primitives, result.iterations),
         (Some(4000), Some(300))
     );
     assert_eq!(result.warnings, ["stopped early"]);
     assert_eq!(result.novel_views["psnr"].views, 2);
+}
+
+/// A run with a trace of three rows, whose novel views get better by one byte from row to row.
+fn run_with_trace(bench: &Bench) -> RunRecord {
+    let rows = "wall_seconds,evaluation_seconds,cpu_seconds,iteration,primitives,refused_positions\n\
+                1,0.5,1,100,1000,0\n\
+                2,1,2,200,2000,0\n\
+                3,1,3,300,4000,0\n";
+    fs::write(bench.at("trace.csv"), rows).unwrap();
+    for (iteration, error) in [(100, 4), (200, 3)] {
+        let folder = bench.at(&format!("trace/{iteration:06}"));
+        fs::create_dir_all(&folder).unwrap();
+        for &frame in &bench.split.novel_views {
+            let file = folder.join(format!("{frame:06}.png"));
+            image(frame as usize, error).write_png(&file).unwrap();
+        }
+    }
+    RunRecord {
+        trace: Some("trace.csv".to_owned()),
+        trace_views: Some(TraceViews {
+            folder: "trace".to_owned(),
+            frames: bench.split.novel_views.clone(),
+        }),
+        ..run_record(bench)
+    }
+}
+
+#[test]
+fn a_curve_is_scored_as_the_predictions_are_and_ends_with_their_means() {
+    let mut bench = Bench::new();
+    let run = bench.at("run.json");
+    store::write_record(&run, &run_with_trace(&bench)).unwrap();
+    bench.request.predictions = Predictions::Run(run.clone());
+    let result = bench.score().unwrap();
+    let traced = curve::read_run(&bench.at("out"), Clock::Wall).unwrap();
+    let last = traced.rows.last().unwrap();
+    assert_eq!(last.psnr_db, result.novel_views["psnr"].mean);
+    assert_eq!(last.ssim, Some(result.novel_views["ssim"].mean));
+    assert!(traced.rows.is_sorted_by(|a, b| a.psnr_db < b.psnr_db));
+    // Every value of a view is off by 4 bytes.
+    let expected = -20.0 * (4.0_f64 / 255.0).log10();
+    assert!((traced.rows[0].psnr_db - expected).abs() < 1e-9);
+
+    // Nothing is computed again, until a view along the training changes.
+    let stored = fs::metadata(bench.at("out/curve.csv")).unwrap();
+    bench.score().unwrap();
+    let again = fs::metadata(bench.at("out/curve.csv")).unwrap();
+    assert_eq!(stored.modified().unwrap(), again.modified().unwrap());
+    fs::remove_file(bench.at("trace/000200/000004.png")).unwrap();
+    let result = bench.score().unwrap();
+    let warning = "the curve has no score at iteration 200: 000004.png is missing";
+    assert!(result.warnings.iter().any(|line| line == warning));
+    let traced = curve::read_run(&bench.at("out"), Clock::Wall).unwrap();
+    let iterations: Vec<u64> = traced.rows.iter().map(|row| row.iteration).collect();
+    assert_eq!(iterations, [100, 300]);
+
+    // A run without views along its training has no curve, and no older one stays.
+    store::write_record(&run, &run_record(&bench)).unwrap();
+    bench.score().unwrap();
+    assert!(!bench.at("out/curve.csv").exists());
 }
 
 #[test]
@@ -113,6 +181,22 @@ fn runs_of_something_else_are_refused() {
         assert!(message.contains(expected), "{message}");
         assert!(message.starts_with(run.to_str().unwrap()), "{message}");
     }
+}
+
+#[test]
+fn a_run_without_a_component_is_scored_under_a_name_of_its_own() {
+    let mut bench = Bench::new();
+    let run = bench.at("run.json");
+    store::write_record(&run, &run_record(&bench)).unwrap();
+    bench.request.predictions = Predictions::Run(run);
+    bench.request.method = "stripes-without-motion".to_owned();
+    assert_eq!(bench.score().unwrap().method, "stripes-without-motion");
+    bench.request.method = "stripes-2".to_owned();
+    assert!(
+        bench
+            .refusal()
+            .contains("is of method stripes, not stripes-2")
+    );
 }
 
 #[test]

@@ -120,7 +120,7 @@ pub(crate) struct Numbers {
     /// Means, where all results state them.
     pub(crate) training_seconds: Option<f64>,
     pub(crate) peak_memory_bytes: Option<f64>,
-    pub(crate) gaussians: Option<f64>,
+    pub(crate) primitives: Option<f64>,
     pub(crate) iterations: Option<f64>,
     /// Views that could not be scored, in all results together.
     pub(crate) failures: usize,
@@ -237,7 +237,7 @@ fn numbers_of(result: &ResultRecord, quantities: &[(Quantity, Direction)]) -> Nu
             .collect(),
         training_seconds: result.training_seconds,
         peak_memory_bytes: result.peak_memory_bytes.map(|bytes| bytes as f64),
-        gaussians: result.gaussians.map(|count| count as f64),
+        primitives: result.primitives.map(|count| count as f64),
         iterations: result.iterations.map(|count| count as f64),
         failures: result.failures.len(),
     }
@@ -256,7 +256,7 @@ fn mean_numbers(parts: &[&Numbers]) -> Numbers {
             .collect(),
         training_seconds: mean(&|part| part.training_seconds),
         peak_memory_bytes: mean(&|part| part.peak_memory_bytes),
-        gaussians: mean(&|part| part.gaussians),
+        primitives: mean(&|part| part.primitives),
         iterations: mean(&|part| part.iterations),
         failures: parts.iter().map(|part| part.failures).sum(),
     }

@@ -160,7 +160,7 @@ impl Column {
 
 /// Columns of cost that every table of methods ends with.
 pub(crate) fn cost_columns() -> Vec<Column> {
-    ["Training (s)", "Memory (GB)", "Gaussians", "Iterations"]
+    ["Training (s)", "Memory (GB)", "Primitives", "Iterations"]
         .map(Column::plain)
         .to_vec()
 }
@@ -170,7 +170,7 @@ pub(crate) fn cost_cells(numbers: &Numbers) -> Vec<Cell> {
     vec![
         Cell::number(numbers.training_seconds, 1),
         Cell::number(numbers.peak_memory_bytes.map(|bytes| bytes / 1e9), 2),
-        Cell::number(numbers.gaussians, 0),
+        Cell::number(numbers.primitives, 0),
         Cell::number(numbers.iterations, 0),
     ]
 }

@@ -131,8 +131,11 @@ pub fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainSettings
         rendering: RenderSettings {
             // The published 0.2 is in scene units; this is relative to the cameras' spacing.
             near: (0.01 * scene.median_camera_step()).clamp(1e-6, 0.2),
-            footprint: request.footprint,
-            sh_degree: request.sh_degree.unwrap_or(published.rendering.sh_degree),
+            footprint: request.options.footprint(),
+            sh_degree: request
+                .options
+                .sh_degree()
+                .unwrap_or(published.rendering.sh_degree),
             ..published.rendering
         },
         learning_rates: learning_rates(extent),
@@ -143,7 +146,7 @@ pub fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainSettings
             } else {
                 published.densify.opacity_reset_iterations
             },
-            gradient_threshold: request.densify_threshold.map_or(
+            gradient_threshold: request.options.densify_threshold().map_or(
                 published.densify.gradient_threshold,
                 |[equator, pole]| Threshold {
                     equator,
@@ -155,7 +158,8 @@ pub fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainSettings
             prune_size: 0.5,
             prune_size_begin_iteration: 0,
             maximum_gaussians: request
-                .maximum_gaussians
+                .options
+                .maximum_gaussians()
                 .unwrap_or_else(|| default_maximum(scene)),
             ..published.densify
         },
@@ -191,7 +195,7 @@ pub(crate) fn require_memory(
     other_bytes: u64,
 ) -> Result<(), ReconstructError> {
     let maximum = settings.densify.maximum_gaussians;
-    if request.maximum_gaussians.is_some() {
+    if request.options.maximum_gaussians().is_some() {
         let bytes = memory::training_bytes(maximum, shapes).saturating_add(other_bytes);
         process::require(bytes, &format!("training {maximum} Gaussians"))?;
     }

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use omnilife_schemas::{Blame, Blamed, store::StoreError};
+use omnilife_schemas::{Blame, Blamed, names::UnknownName, store::StoreError};
 
 use omnilife_engine::{EngineError, device::GpuError};
 
@@ -20,24 +20,9 @@ pub enum ReconstructError {
         /// Why not.
         reason: String,
     },
-    /// No method of this name.
-    #[error("there is no method {name:?}; known: {known}")]
-    UnknownMethod {
-        /// The name asked for.
-        name: String,
-        /// All names.
-        known: String,
-    },
-    /// The method has no component of this name.
-    #[error("{method} has no component {name:?}; it has: {known}")]
-    UnknownComponent {
-        /// The method.
-        method: String,
-        /// The name asked for.
-        name: String,
-        /// All names.
-        known: String,
-    },
+    /// No method, component or option of this name.
+    #[error(transparent)]
+    Unknown(#[from] UnknownName),
     /// The work does not fit into memory.
     #[error(
         "{purpose} would take {gibibytes:.1} GiB of memory, {available_gibibytes:.1} GiB are left"
@@ -114,11 +99,9 @@ impl Blamed for ReconstructError {
         match self {
             Self::Store(error) => error.blame(),
             Self::Engine(error) => error.blame(),
-            Self::Scene { .. }
-            | Self::UnknownMethod { .. }
-            | Self::UnknownComponent { .. }
-            | Self::Memory { .. }
-            | Self::Request { .. } => Blame::Input,
+            Self::Scene { .. } | Self::Unknown(_) | Self::Memory { .. } | Self::Request { .. } => {
+                Blame::Input
+            }
             Self::Diverged { .. } | Self::Interrupted { .. } => Blame::Ours,
         }
     }

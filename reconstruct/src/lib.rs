@@ -10,7 +10,8 @@
 //! * [`components`]: what a scene may give a method reason for, decided by [`evidence`].
 //! * [`baseline`]: the schedule and first Gaussians that every Gaussian method starts from.
 //! * [`train`]: the loop, its checkpoint and trace. [`learner`]: all that the loop knows of a model. [`seeds`]: first Gaussians. [`formats`]: files of a
-//!   model. [`scene`]: a scene in memory. [`request`]: what a user asks of a method.
+//!   model. [`scene`]: a scene in memory. [`request`]: what a user asks of a method;
+//!   [`options`]: what only some methods understand.
 
 pub mod baseline;
 pub mod components;
@@ -20,6 +21,7 @@ pub mod formats;
 pub mod jobs;
 pub mod learner;
 pub mod methods;
+pub mod options;
 pub mod process;
 pub mod random;
 pub mod request;

@@ -1,8 +1,9 @@
 //! What a user asks of a method.
 
-use omnilife_engine::render::settings::Footprint;
 pub use omnilife_engine::step::BackendChoice;
 use serde::{Deserialize, Serialize};
+
+use crate::options::Options;
 
 /// What a user asks of a method.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -13,21 +14,14 @@ pub struct MethodRequest {
     pub budget_seconds: Option<f64>,
     /// Random seed.
     pub seed: u64,
-    /// The number of Gaussians never grows above this; the method decides where none is given.
-    pub maximum_gaussians: Option<u64>,
-    /// Degree of the spherical harmonics, 0 to 3; the method decides where none is given.
-    pub sh_degree: Option<usize>,
-    /// How a Gaussian's falloff in a pixel is defined.
-    pub footprint: Footprint,
-    /// Densification thresholds at the equator and at the poles; the method decides where none are
-    /// given.
-    pub densify_threshold: Option<[f32; 2]>,
     /// Components to leave out whatever the scene says.
     pub without: Vec<String>,
     /// How the others are decided.
     pub plan: PlanChoice,
     /// Iterations from one row of the trace to the next; ten rows where none is given.
     pub trace_every: Option<u64>,
+    /// What the method alone understands.
+    pub options: Options,
 }
 
 impl MethodRequest {
@@ -37,13 +31,10 @@ impl MethodRequest {
             iterations,
             budget_seconds: None,
             seed,
-            maximum_gaussians: None,
-            sh_degree: None,
-            footprint: Footprint::default(),
-            densify_threshold: None,
             without: Vec::new(),
             plan: PlanChoice::Auto,
             trace_every: None,
+            options: Options::default(),
         }
     }
 }

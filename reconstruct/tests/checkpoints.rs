@@ -18,6 +18,7 @@ use omnilife_engine::model::Model;
 use omnilife_reconstruct::{
     ReconstructError,
     methods::{self, MethodOutcome},
+    options::Options,
     request::{BackendChoice, MethodRequest},
     scene::TrainingScene,
     train::{Session, TrainingFiles},
@@ -29,7 +30,7 @@ const EVERY: u64 = 50;
 
 fn request() -> MethodRequest {
     MethodRequest {
-        sh_degree: Some(1),
+        options: Options::of_sh_degree(1),
         ..MethodRequest::new(ITERATIONS, 3)
     }
 }
@@ -38,6 +39,7 @@ fn files(folder: &Path) -> TrainingFiles {
     TrainingFiles {
         trace: folder.join("trace.csv"),
         checkpoint: folder.join("checkpoint.bin"),
+        trace_views: None,
         checkpoint_every: EVERY,
         inputs_sha256: "these inputs".to_owned(),
     }
@@ -98,7 +100,7 @@ fn whole_run(scene: &TrainingScene, folder: &Path) -> (Model, Vec<[f64; 2]>, Pat
 fn losses(outcome: &MethodOutcome<'_>) -> Vec<[f64; 2]> {
     let trace = outcome.training.state.trace.iter();
     trace
-        .map(|point| [point.train_loss, point.novel_psnr_db.unwrap()])
+        .map(|point| [point.train_loss, point.train_psnr_db])
         .collect()
 }
 

@@ -30,6 +30,7 @@ use omnilife_engine::{
 };
 use omnilife_reconstruct::{
     methods::{self, MethodOutcome},
+    options::Options,
     request::{BackendChoice, MethodRequest, PlanChoice},
     scene::TrainingScene,
     train::{Session, TrainingFiles},
@@ -41,7 +42,7 @@ use crate::trained::{request, settings, train};
 /// A request for a network's sake: it takes time for every Gaussian.
 fn few_gaussians(iterations: u64) -> MethodRequest {
     MethodRequest {
-        maximum_gaussians: Some(600),
+        options: Options::at_most(600),
         ..request(iterations)
     }
 }
@@ -280,6 +281,7 @@ fn whole_and_resumed(method: &str) -> [Model; 2] {
         TrainingFiles {
             trace: folder.path().join(name).join("trace.csv"),
             checkpoint: folder.path().join(name).join("checkpoint.bin"),
+            trace_views: None,
             checkpoint_every: every,
             inputs_sha256: "these".to_owned(),
         }

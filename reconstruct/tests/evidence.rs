@@ -8,19 +8,23 @@
 mod balls;
 #[path = "support/moving_ball.rs"]
 mod moving_ball;
+#[path = "support/novel_views.rs"]
+mod novel_views;
 #[path = "support/methods.rs"]
 mod trained;
 
 use glam::{DVec2, DVec3, Vec3};
 use omnilife_reconstruct::{
     evidence::pilot::WarmUp,
-    methods::MethodOutcome,
     request::{MethodRequest, PlanChoice},
 };
 use omnilife_schemas::camera::CameraModel;
 use rand_pcg::Pcg64Mcg;
 
-use crate::trained::{request, settings, train};
+use crate::{
+    novel_views::novel_psnr,
+    trained::{request, settings, train},
+};
 
 #[test]
 fn points_that_do_not_change_have_no_time_unless_the_plan_is_full() {
@@ -103,7 +107,7 @@ fn gains_of_the_camera_are_found_and_compensated() {
             },
         )
     };
-    let (compensated, plain) = (trained(&[]), trained(&["exposure-compensation"]));
+    let (mut compensated, mut plain) = (trained(&[]), trained(&["exposure-compensation"]));
     let exposure = settings(&compensated).exposure.unwrap();
     // Relative to the middle view, at novel views too; the last one is after all input views.
     for view in &scene.novel_views {
@@ -116,17 +120,7 @@ fn gains_of_the_camera_are_found_and_compensated() {
         );
     }
     assert!(settings(&plain).exposure.is_none());
-    let psnr = |outcome: &MethodOutcome<'_>| {
-        outcome
-            .training
-            .state
-            .trace
-            .last()
-            .unwrap()
-            .novel_psnr_db
-            .unwrap()
-    };
-    let [with, without] = [&compensated, &plain].map(psnr);
+    let [with, without] = [&mut compensated, &mut plain].map(|outcome| novel_psnr(outcome, &scene));
     assert!(with > without + 1.0, "{with} {without}");
 
     let still = moving_ball::scene();
@@ -175,8 +169,8 @@ fn gloss_is_found_and_drawn() {
         let model = outcome.learner.gaussians().unwrap().unwrap();
         let table = &model.parts[0].table;
         assert_eq!(table.position("sh_rest").is_some(), decision.used);
-        let last = outcome.training.state.trace.last().unwrap();
-        (decision.used, decision.reason, last.novel_psnr_db.unwrap())
+        let psnr = novel_psnr(&mut outcome, &scene);
+        (decision.used, decision.reason, psnr)
     };
     let (used, reason, with) = trained(0.6, &[]);
     assert!(used && reason.contains("flat surfaces"), "{reason}");

@@ -4,9 +4,12 @@
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DQuat, DVec3, dvec3};
-use omnilife_reconstruct::methods::feed_forward::{
-    ContextView, Group, INTERPOLATORS, Station, find, groups,
-    sweep::{SweepSettings, SweptDepth, depths},
+use omnilife_reconstruct::methods::{
+    self, METHODS, MethodKind,
+    feed_forward::{
+        ContextView, Group, Interpolated, Station, groups,
+        sweep::{SweepSettings, SweptDepth, depths},
+    },
 };
 use omnilife_schemas::{
     RgbImage,
@@ -178,7 +181,7 @@ fn psnr(image: &RgbImage, truth: &RgbImage) -> f64 {
 fn knowing_more_gives_better_views() {
     let (group, _, truth) = room_group(192);
     let score = |id: &str| {
-        let made = (find(id).unwrap().interpolate)(&group).unwrap();
+        let made = interpolated(id, &group);
         assert_eq!(made.images.len(), truth.len());
         let scores = made.images.iter().zip(&truth).map(|(a, b)| psnr(a, b));
         scores.sum::<f64>() / truth.len() as f64
@@ -197,16 +200,26 @@ fn knowing_more_gives_better_views() {
     assert!(fade > nearest, "{fade} against {nearest}");
 }
 
+fn interpolated(method: &str, group: &Group) -> Interpolated {
+    let MethodKind::FeedForward { interpolate, .. } = methods::find(method).unwrap().kind else {
+        panic!("{method} is trained");
+    };
+    interpolate(group).unwrap()
+}
+
 #[test]
 fn views_are_the_same_every_time_and_for_every_number_of_threads() {
     let (group, _, _) = room_group(64);
-    for interpolator in INTERPOLATORS {
+    for method in METHODS {
+        let MethodKind::FeedForward { interpolate, .. } = method.kind else {
+            continue;
+        };
         let run = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
             let pool = pool.build().unwrap();
-            pool.install(|| (interpolator.interpolate)(&group).unwrap().images)
+            pool.install(|| interpolate(&group).unwrap().images)
         };
-        assert!(run(1) == run(3), "{}", interpolator.id);
+        assert!(run(1) == run(3), "{}", method.id);
     }
 }
 
@@ -215,10 +228,10 @@ fn a_camera_that_only_turns_has_no_depth_and_says_so() {
     let (mut group, _, _) = room_group(64);
     group.context[1].station.centre = group.context[0].station.centre;
     assert!(depths(&group, &SweepSettings::DEFAULT).is_none());
-    let made = (find("sphere-sweep").unwrap().interpolate)(&group).unwrap();
+    let made = interpolated("sphere-sweep", &group);
     assert_eq!(made.images.len(), 3);
     assert!(made.remarks[0].contains("taken from one place"));
-    let infinity = (find("infinity-homography").unwrap().interpolate)(&group).unwrap();
+    let infinity = interpolated("infinity-homography", &group);
     assert_eq!(made.images, infinity.images);
 }
 

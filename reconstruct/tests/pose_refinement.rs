@@ -8,6 +8,8 @@
 mod balls;
 #[path = "support/moving_ball.rs"]
 mod moving_ball;
+#[path = "support/novel_views.rs"]
+mod novel_views;
 #[path = "support/methods.rs"]
 mod trained;
 
@@ -22,13 +24,17 @@ use omnilife_engine::{
 use omnilife_reconstruct::{
     evidence::pilot::WarmUp,
     methods::{self, MethodOutcome},
+    options::Options,
     request::{MethodRequest, PlanChoice},
     scene::TrainingScene,
     train::{Session, TrainingFiles},
 };
 use omnilife_schemas::progress::Silent;
 
-use crate::trained::{request, settings, train};
+use crate::{
+    novel_views::novel_psnr,
+    trained::{request, settings, train},
+};
 
 /// What is wrong with the pose of a frame: a drift of two degrees, most of it.
 fn error(frame: u32) -> PoseCorrection {
@@ -71,11 +77,6 @@ fn remaining(views: &[TrainingView], exact: &[TrainingView], model: &Model) -> f
     squares.iter().sum::<f32>().sqrt()
 }
 
-fn novel_psnr(outcome: &MethodOutcome<'_>) -> f64 {
-    let trace = &outcome.training.state.trace;
-    trace.last().unwrap().novel_psnr_db.unwrap()
-}
-
 /// Whether poses are refined, and why.
 fn decision(outcome: &MethodOutcome<'_>) -> (bool, String) {
     let decision = outcome
@@ -89,7 +90,7 @@ fn decision(outcome: &MethodOutcome<'_>) -> (bool, String) {
 fn refined<'a>(scene: &'a TrainingScene, iterations: u64, without: &[&str]) -> MethodOutcome<'a> {
     let request = MethodRequest {
         without: without.iter().map(|&name| name.to_owned()).collect(),
-        maximum_gaussians: Some(3_000),
+        options: Options::at_most(3_000),
         ..request(iterations)
     };
     train(scene, "omni4dgs-plus", &request)
@@ -123,9 +124,9 @@ fn poses_that_are_off_are_refined() {
     let exact = moving_ball::scene();
     let scene = disturbed(exact.clone());
     let mut with = refined(&scene, 300, &[]);
-    let without = refined(&scene, 300, &["pose-refinement"]);
+    let mut without = refined(&scene, 300, &["pose-refinement"]);
     assert!(settings(&without).pose_refinement.is_none());
-    let psnr = [&with, &without].map(novel_psnr);
+    let psnr = [&mut with, &mut without].map(|outcome| novel_psnr(outcome, &scene));
     assert!(psnr[0] > psnr[1] + 1.5, "{psnr:?}");
     assert_refined(&mut with, &scene, &exact);
 
@@ -236,6 +237,7 @@ fn a_run_that_refines_poses_goes_on_to_the_bit() {
             let files = TrainingFiles {
                 trace: folder.join("trace.csv"),
                 checkpoint: folder.join("checkpoint.bin"),
+                trace_views: None,
                 checkpoint_every: every,
                 inputs_sha256: "these".to_owned(),
             };
@@ -251,7 +253,7 @@ fn a_run_that_refines_poses_goes_on_to_the_bit() {
             let mut outcome = method.train(scene, &request(40), &session).unwrap();
             assert_eq!(outcome.training.state.resumed, u64::from(every == 0));
             let scores = outcome.training.state.trace.iter();
-            let scores: Vec<Option<f64>> = scores.map(|point| point.novel_psnr_db).collect();
+            let scores: Vec<f64> = scores.map(|point| point.train_psnr_db).collect();
             (
                 outcome.learner.gaussians().unwrap().unwrap().clone(),
                 scores,

@@ -6,10 +6,14 @@
 
 #[path = "support/balls.rs"]
 mod balls;
+#[path = "support/novel_views.rs"]
+mod novel_views;
 
 use balls::scene;
+use novel_views::novel_psnr;
 use omnilife_reconstruct::{
     methods::{self, MethodOutcome},
+    options::Options,
     request::MethodRequest,
     scene::TrainingScene,
     train::Session,
@@ -30,10 +34,11 @@ fn train(scene: &TrainingScene, iterations: u64) -> MethodOutcome<'_> {
 #[test]
 fn grey_points_become_the_scene() {
     let scene = scene();
-    let outcome = train(&scene, 300);
+    let mut outcome = train(&scene, 300);
+    let before = novel_psnr(&mut train(&scene, 30), &scene);
+    let after = novel_psnr(&mut outcome, &scene);
     let trace = &outcome.training.state.trace;
     let (first, last) = (trace.first().unwrap(), trace.last().unwrap());
-    let (before, after) = (first.novel_psnr_db.unwrap(), last.novel_psnr_db.unwrap());
     assert!(
         after > 24.0 && after > before + 4.0,
         "novel views: {before} then {after} dB"
@@ -71,16 +76,9 @@ fn training_does_not_depend_on_the_number_of_threads() {
 fn a_scene_without_points_gets_a_shell_of_sky() {
     let mut scene = scene();
     scene.points = PointCloud::default();
-    let outcome = train(&scene, 60);
+    let mut outcome = train(&scene, 60);
     assert!(outcome.plan[0].used, "{:?}", outcome.plan[0]);
-    let psnr = outcome
-        .training
-        .state
-        .trace
-        .last()
-        .unwrap()
-        .novel_psnr_db
-        .unwrap();
+    let psnr = novel_psnr(&mut outcome, &scene);
     assert!(psnr > 14.0, "novel views at {psnr} dB");
 }
 
@@ -88,7 +86,7 @@ fn a_scene_without_points_gets_a_shell_of_sky() {
 fn a_limit_on_the_gaussians_thins_the_points() {
     let scene = scene();
     let request = MethodRequest {
-        maximum_gaussians: Some(300),
+        options: Options::at_most(300),
         ..MethodRequest::new(120, 7)
     };
     let outcome = train_as(&scene, &request);
@@ -104,7 +102,7 @@ fn a_limit_on_the_gaussians_thins_the_points() {
 #[test]
 fn more_gaussians_than_memory_holds_are_refused_with_the_figure() {
     let request = MethodRequest {
-        maximum_gaussians: Some(10_u64.pow(11)),
+        options: Options::at_most(10_u64.pow(11)),
         ..MethodRequest::new(10, 7)
     };
     let scene = scene();
@@ -135,7 +133,7 @@ fn few_and_odd_points_train_without_a_panic() {
         let outcome = train(&scene, 30);
         let last = outcome.training.state.trace.last().unwrap().clone();
         assert!(
-            last.train_loss.is_finite() && last.gaussians > 1_000,
+            last.train_loss.is_finite() && last.primitives > 1_000,
             "{last:?}"
         );
     }
@@ -145,7 +143,7 @@ fn few_and_odd_points_train_without_a_panic() {
 fn what_a_gaussian_looks_like_may_depend_on_the_direction() {
     let scene = scene();
     let request = MethodRequest {
-        sh_degree: Some(2),
+        options: Options::of_sh_degree(2),
         ..MethodRequest::new(90, 7)
     };
     let mut outcome = train_as(&scene, &request);

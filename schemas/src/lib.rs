@@ -24,6 +24,7 @@ pub mod frame_scores;
 pub mod image_file;
 pub mod layout;
 pub mod lock;
+pub mod names;
 pub mod npy;
 pub mod ownership;
 pub mod plain_text;

@@ -20,6 +20,8 @@ pub use crate::temporary::{remove_abandoned, temporary_beside};
 pub trait Record: Serialize + DeserializeOwned + schemars::JsonSchema {
     /// `omnilife/<name>/<version>`.
     const SCHEMA: &'static str;
+    /// Older versions that are read as this one.
+    const OLDER: &'static [&'static str] = &[];
 }
 
 /// Why a file could not be read or written. Messages name the file.
@@ -330,7 +332,7 @@ pub fn read_record<T: Record>(path: &Path) -> Result<T, StoreError> {
     blame::reading(path);
     let text = fs::read_to_string(path).map_err(|source| StoreError::read(path, source))?;
     match tag(path, &text)?.as_deref() {
-        Some(schema) if schema == T::SCHEMA => {}
+        Some(schema) if is_read_as::<T>(schema) => {}
         Some(schema) => {
             return Err(StoreError::malformed(
                 path,
@@ -346,6 +348,11 @@ pub fn read_record<T: Record>(path: &Path) -> Result<T, StoreError> {
     }
     serde_json::from_str(&text)
         .map_err(|error| StoreError::malformed(path, format!("not a {}: {error}", T::SCHEMA)))
+}
+
+/// Whether a file of this schema is read as a `T`.
+pub fn is_read_as<T: Record>(schema: &str) -> bool {
+    schema == T::SCHEMA || T::OLDER.contains(&schema)
 }
 
 /// SHA-256 of bytes in lower-case hexadecimal.

@@ -72,7 +72,7 @@ fn result(mean: f64) -> ResultRecord {
         unavailable: Vec::new(),
         frames_table: "frames.csv".to_owned(),
         training_seconds: Some(0.1 + 0.2),
-        gaussians: None,
+        primitives: None,
         iterations: Some(u64::MAX),
         seed: Some(7),
         backend: Some(Backend::Cpu { threads: 2 }),
@@ -240,7 +240,7 @@ fn another_schema_is_named_in_the_error() {
     assert_eq!(
         error.to_string(),
         format!(
-            "{}: is of schema omnilife/dataset/1, expected omnilife/result/2",
+            "{}: is of schema omnilife/dataset/1, expected omnilife/result/3",
             path.display()
         )
     );
@@ -297,4 +297,20 @@ fn hashes_are_sha256() {
         assert_eq!(store::sha256_file(&path).unwrap(), expected);
     }
     assert!(store::sha256_file(&folder.path().join("missing")).is_err());
+}
+
+#[test]
+fn a_result_of_the_version_before_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("result.json");
+    store::write_record(&path, &result(1.0)).unwrap();
+    let text = fs::read_to_string(&path).unwrap();
+    let older = text
+        .replace("omnilife/result/3", "omnilife/result/2")
+        .replace("\"primitives\": null", "\"gaussians\": 7");
+    assert_ne!(older, text);
+    fs::write(&path, older).unwrap();
+    let read: ResultRecord = store::read_record(&path).unwrap();
+    assert_eq!(read.primitives, Some(7));
+    omnilife_schemas::records::check_file(&path).unwrap();
 }

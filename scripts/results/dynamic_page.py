@@ -54,13 +54,13 @@ def spread(values, digits):
 def table(rows):
     """A table of names with their runs."""
     headings = [heading for heading, *_ in SCORES]
-    headings += ["Iterations", "Gaussians", "Training, CPU s", "Memory, MB"]
+    headings += ["Iterations", "Primitives", "Training, CPU s", "Memory, MB"]
     lines = ["| Method | " + " | ".join(headings) + " |", "|---" + "|---:" * len(headings) + "|"]
     for name, found in rows:
         if not found:
             continue
         cells = [spread([run.score(views, metric) for run in found], digits) for _, views, metric, digits in SCORES]
-        cells += [spread([run.record[key] for run in found[:1]], 0) for key in ("iterations", "gaussians")]
+        cells += [spread([run.record[key] for run in found[:1]], 0) for key in ("iterations", "primitives")]
         cells += [spread([run.record["training_cpu_seconds"] for run in found], 0),
                   spread([run.record["peak_memory_bytes"] / 1e6 for run in found], 0)]
         lines.append(f"| {name} | " + " | ".join(cells) + " |")

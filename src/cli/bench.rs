@@ -169,8 +169,8 @@ pub(crate) enum BenchCommand {
     },
     /// Error against run time: time to quality, quality after a time, area, Pareto front.
     Curve {
-        /// Folders of runs, or their run.json.
-        #[arg(required = true)]
+        /// Folders of scores, or the result.json there.
+        #[arg(required = true, value_name = "SCORES")]
         runs: Vec<PathBuf>,
         /// The time that counts: on the wall's clock, or of the processor, which compares runs of a
         /// machine that has other work too.

@@ -3,12 +3,11 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand, ValueEnum};
-use omnilife_engine::{
-    gaussians::MAX_SH_DEGREE, model::layers::Layer, render::settings::Footprint,
-};
+use omnilife_engine::model::layers::Layer;
 use omnilife_reconstruct::{
     jobs::render::RenderRequest,
-    methods::METHODS,
+    methods::{self, METHODS},
+    options::Options,
     request::{BackendChoice, MethodRequest, PlanChoice},
 };
 
@@ -25,20 +24,9 @@ pub(crate) struct MethodArguments {
     /// Seed of everything random.
     #[arg(long, default_value_t = 0)]
     pub(crate) seed: u64,
-    /// Never more Gaussians than this; more points are thinned out [default: half the pixels of a
-    /// view].
-    #[arg(long)]
-    pub(crate) max_gaussians: Option<u64>,
-    /// Degree of the spherical harmonics of colour, 0 to 3 [default: the method's].
-    #[arg(long, value_name = "DEGREE")]
-    pub(crate) sh_degree: Option<usize>,
-    /// Footprint of a Gaussian: linearized at its centre, or its largest value along the pixel's ray.
-    #[arg(long, value_enum, default_value_t = FootprintArgument::Projected)]
-    pub(crate) footprint: FootprintArgument,
-    /// Image gradient from which Gaussians are cloned or split; two values are those at the equator
-    /// and at the poles [default: the method's].
-    #[arg(long, value_name = "T[,POLE]", value_parser = thresholds)]
-    pub(crate) densify_threshold: Option<[f32; 2]>,
+    /// An option of the method; `reconstruct methods` lists them. May be repeated.
+    #[arg(long = "set", value_name = "NAME=VALUE")]
+    pub(crate) options: Vec<String>,
     /// Leaves out components of the method; `reconstruct methods` lists them.
     #[arg(long, value_name = "COMPONENT", value_delimiter = ',')]
     pub(crate) without: Vec<String>,
@@ -49,28 +37,17 @@ pub(crate) struct MethodArguments {
     /// What computes: the processor, or a graphics adapter.
     #[arg(long, value_enum, default_value_t = BackendArgument::Cpu)]
     pub(crate) backend: BackendArgument,
-    /// A row of error against run time, with the novel views scored, every so many iterations
-    /// [default: ten rows].
+    /// A row of the trace, with the novel views rendered for the curve of error against run time,
+    /// every so many iterations [default: ten rows].
     #[arg(long, value_name = "ITERATIONS")]
     pub(crate) trace: Option<u64>,
+    /// At each row of the trace renders this many novel views, evenly spread; 0 for none, and no
+    /// curve [default: all].
+    #[arg(long, value_name = "N")]
+    pub(crate) trace_views: Option<usize>,
     /// A checkpoint every so many iterations, from which an interrupted run goes on; 0 for none.
     #[arg(long, value_name = "ITERATIONS", default_value_t = 1_000)]
     pub(crate) checkpoint_every: u64,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub(crate) enum FootprintArgument {
-    Projected,
-    Ray,
-}
-
-impl From<FootprintArgument> for Footprint {
-    fn from(argument: FootprintArgument) -> Self {
-        match argument {
-            FootprintArgument::Projected => Self::Projected,
-            FootprintArgument::Ray => Self::Ray,
-        }
-    }
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -92,11 +69,14 @@ impl MethodArguments {
     /// What is asked of the method.
     ///
     /// # Errors
-    /// When a number makes no sense.
+    /// When a number makes no sense, or the method does not understand an option.
     pub(crate) fn request(&self, iterations: u64) -> anyhow::Result<MethodRequest> {
         let refuse = |reason: &str| Err(BadRequest(reason.to_owned()).into());
-        if iterations == 0 || self.max_gaussians == Some(0) || self.trace == Some(0) {
-            return refuse("iterations and Gaussians are at least 1");
+        if iterations == 0 {
+            return refuse("a training has at least 1 iteration");
+        }
+        if self.trace == Some(0) {
+            return refuse("there is at least 1 iteration from one row of the trace to the next");
         }
         if self
             .budget
@@ -104,15 +84,10 @@ impl MethodArguments {
         {
             return refuse("a budget is a positive number of seconds");
         }
-        if self.sh_degree.is_some_and(|degree| degree > MAX_SH_DEGREE) {
-            return refuse("the degree of spherical harmonics is 0, 1, 2 or 3");
-        }
+        let method = methods::find(&self.method)?;
         Ok(MethodRequest {
             budget_seconds: self.budget,
-            maximum_gaussians: self.max_gaussians,
-            sh_degree: self.sh_degree,
-            footprint: self.footprint.into(),
-            densify_threshold: self.densify_threshold,
+            options: Options::parse(method.id, method.options, &self.options)?,
             without: self.without.clone(),
             plan: self.plan.clone(),
             trace_every: self.trace,
@@ -190,16 +165,6 @@ impl RenderArguments {
             layer: self.layer.into(),
             out: self.out.clone(),
         }
-    }
-}
-
-/// One threshold, or those at the equator and at the poles.
-fn thresholds(text: &str) -> Result<[f32; 2], String> {
-    let (equator, pole) = text.split_once(',').unwrap_or((text, text));
-    let is_usable = |value: f32| value > 0.0 && value.is_finite();
-    match (equator.parse(), pole.parse()) {
-        (Ok(equator), Ok(pole)) if is_usable(equator) && is_usable(pole) => Ok([equator, pole]),
-        _ => Err("expected one or two positive numbers such as 2e-4 or 1e-4,2e-4".to_owned()),
     }
 }
 

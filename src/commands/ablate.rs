@@ -77,6 +77,7 @@ pub(crate) fn execute(
                 settings,
                 backend: arguments.backend.into(),
                 checkpoint_every: arguments.checkpoint_every,
+                trace_views: arguments.trace_views,
                 out: run.clone(),
             },
             progress,
@@ -115,7 +116,7 @@ fn header(method: &Method, result: &ResultRecord) -> String {
         }
     }
     format!(
-        "{} on {}, protocol {}\n\n| Components |{names} Gaussians | Training, s |\n|---|{line}---:|---:|\n",
+        "{} on {}, protocol {}\n\n| Components |{names} Primitives | Training, s |\n|---|{line}---:|---:|\n",
         method.title, result.scene, result.protocol
     )
 }
@@ -129,7 +130,7 @@ fn row(name: &str, result: &ResultRecord) -> String {
         .collect();
     format!(
         "| {name} |{scores} {} | {:.1} |\n",
-        result.gaussians.unwrap_or_default(),
+        result.primitives.unwrap_or_default(),
         result.training_seconds.unwrap_or_default()
     )
 }

@@ -24,7 +24,7 @@ use omnilife_bench::{
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard};
 use omnilife_reconstruct::{
     jobs::reconstruct::{self, RUN_FILE},
-    methods::feed_forward,
+    methods,
     request::MethodRequest,
 };
 use omnilife_schemas::{
@@ -79,7 +79,7 @@ impl Candidate {
 
     /// Whether another seed would give the same views.
     fn has_no_seed(&self) -> bool {
-        matches!(self, Self::Ours(id) if feed_forward::find(id).is_some())
+        matches!(self, Self::Ours(id) if methods::find(id).is_ok_and(|method| !method.is_trained()))
     }
 }
 
@@ -228,9 +228,9 @@ fn request(arguments: &BenchRunArguments, seed: u64) -> MethodRequest {
 
 /// Methods that learn nothing run on the processor whatever trains the others.
 fn backend_of(method: &str, asked: BackendArgument) -> BackendArgument {
-    match feed_forward::find(method) {
-        Some(_) => BackendArgument::Cpu,
-        None => asked,
+    match methods::find(method) {
+        Ok(method) if !method.is_trained() => BackendArgument::Cpu,
+        _ => asked,
     }
 }
 

@@ -7,7 +7,7 @@ use omnilife_reconstruct::{
         reconstruct::{self, ReconstructRequest},
         render,
     },
-    methods::{METHODS, Method, feed_forward::INTERPOLATORS},
+    methods::{METHODS, Method},
 };
 use omnilife_schemas::progress::Progress;
 
@@ -35,16 +35,17 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
                     settings: method.request(*iterations)?,
                     backend: method.backend.into(),
                     checkpoint_every: method.checkpoint_every,
+                    trace_views: method.trace_views,
                     out: out.clone(),
                 },
                 progress,
             )?;
             exit::print(&format!(
-                "{} on {}: {} iterations, {} Gaussians, trained in {:.1} s; {}\n",
+                "{} on {}: {} iterations, {} primitives, trained in {:.1} s; {}\n",
                 record.method,
                 record.scene,
                 record.iterations,
-                record.gaussians,
+                record.primitives,
                 record.training_seconds,
                 out.join(reconstruct::RUN_FILE).display()
             ))
@@ -61,14 +62,7 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
         }
         ReconstructCommand::Render(arguments) => render(arguments, progress),
         ReconstructCommand::Methods => {
-            let learned = METHODS.iter().map(description);
-            let interpolators = INTERPOLATORS.iter().map(|one| {
-                format!(
-                    "{}\n  {}\n  {}\n  {}\n",
-                    one.id, one.title, one.source, one.description
-                )
-            });
-            exit::print(&learned.chain(interpolators).collect::<String>())
+            exit::print(&METHODS.iter().map(description).collect::<String>())
         }
     }
 }
@@ -81,6 +75,18 @@ fn description(method: &Method) -> String {
     );
     if !method.components.is_empty() {
         text += &format!("  Components: {}\n", method.components.join(", "));
+    }
+    if !method.options.is_empty() {
+        text += "  Options (--set NAME=VALUE):\n";
+    }
+    for option in method.options {
+        text += &format!(
+            "    {}: {}; {} [default: {}]\n",
+            option.id,
+            option.doc,
+            option.values.text(),
+            option.default
+        );
     }
     text
 }

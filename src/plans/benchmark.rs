@@ -18,7 +18,7 @@ use omnilife_bench::{
 };
 use omnilife_reconstruct::{
     jobs::reconstruct::RUN_FILE,
-    methods::{self, feed_forward},
+    methods::{self, Method as OurMethod},
 };
 use omnilife_schemas::{
     layout::{SCENE_FILE, SPLIT_FILE},
@@ -45,8 +45,7 @@ pub(crate) fn units(
     for protocol in &arguments.protocols {
         protocols::protocol(protocol)?;
     }
-    let is_trained = |method: &Method| matches!(method.kind, MethodKind::Trained);
-    if !arguments.train.is_empty() && !methods.iter().any(is_trained) {
+    if !arguments.train.is_empty() && !methods.iter().any(Method::is_trained) {
         let options = arguments.train.join(" ");
         let reason =
             format!("{options}: options of a training, and none of the methods is trained");
@@ -59,7 +58,7 @@ pub(crate) fn units(
         for (id, file) in &scenes {
             for protocol in &arguments.protocols {
                 for method in &methods {
-                    if repetition > 0 && matches!(method.kind, MethodKind::Interpolator) {
+                    if repetition > 0 && method.has_no_seed() {
                         continue;
                     }
                     let work = Work {
@@ -139,10 +138,8 @@ struct Method {
 }
 
 enum MethodKind {
-    /// Trained by this program.
-    Trained,
-    /// Interpolates between given views by this program: learns nothing, and has no seed.
-    Interpolator,
+    /// Of this program.
+    Ours(&'static OurMethod),
     /// Anyone's, by its method.toml.
     External(PathBuf),
 }
@@ -156,16 +153,23 @@ impl Method {
                 kind: MethodKind::External(manifest),
             });
         }
-        if let Some(interpolator) = feed_forward::find(name) {
-            return Ok(Self {
-                id: interpolator.id.to_owned(),
-                kind: MethodKind::Interpolator,
-            });
-        }
+        let method = methods::find(name)?;
         Ok(Self {
-            id: methods::find(name)?.id.to_owned(),
-            kind: MethodKind::Trained,
+            id: method.id.to_owned(),
+            kind: MethodKind::Ours(method),
         })
+    }
+}
+
+impl Method {
+    /// Whether this program trains it.
+    fn is_trained(&self) -> bool {
+        matches!(self.kind, MethodKind::Ours(method) if method.is_trained())
+    }
+
+    /// Whether another seed would give the same views.
+    fn has_no_seed(&self) -> bool {
+        matches!(self.kind, MethodKind::Ours(method) if !method.is_trained())
     }
 }
 
@@ -213,7 +217,7 @@ impl Work<'_> {
         };
         let record = run.join(match self.method.kind {
             MethodKind::External(_) => EXTERNAL_RUN_FILE,
-            MethodKind::Trained | MethodKind::Interpolator => RUN_FILE,
+            MethodKind::Ours(_) => RUN_FILE,
         });
         let failed = folder.join("failed");
         let record_failure = own_command(words(&[
@@ -277,12 +281,12 @@ impl Work<'_> {
             MethodKind::External(manifest) => {
                 words(&["bench", "external", &argument(manifest)?, "--scene", scene])
             }
-            MethodKind::Trained | MethodKind::Interpolator => {
+            MethodKind::Ours(_) => {
                 words(&["reconstruct", "train", scene, "--method", &self.method.id])
             }
         };
         command.extend(words(&common));
-        if matches!(self.method.kind, MethodKind::Trained) {
+        if self.method.is_trained() {
             command.extend(self.train.iter().cloned());
         }
         own_command(command)

@@ -65,6 +65,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
         settings: arguments.method.request(arguments.iterations)?,
         backend: arguments.method.backend.into(),
         checkpoint_every: arguments.method.checkpoint_every,
+        trace_views: arguments.method.trace_views,
         protocol: arguments.protocol.clone(),
         progress,
     };
@@ -171,6 +172,7 @@ struct Job<'a> {
     settings: MethodRequest,
     backend: BackendChoice,
     checkpoint_every: u64,
+    trace_views: Option<usize>,
     protocol: String,
     progress: &'a dyn Progress,
 }
@@ -224,6 +226,7 @@ impl Job<'_> {
                 settings: self.settings.clone(),
                 backend: self.backend,
                 checkpoint_every: self.checkpoint_every,
+                trace_views: self.trace_views,
                 out: run.clone(),
             },
             self.progress,

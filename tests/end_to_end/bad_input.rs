@@ -277,7 +277,7 @@ fn names_that_are_not_known() {
 fn numbers_that_make_no_sense() {
     for (arguments, reason) in [
         (["--iterations", "0"], "at least 1"),
-        (["--max-gaussians", "0"], "at least 1"),
+        (["--set", "max-gaussians=0"], "1 at least"),
         (["--max-frames", "0"], "positive number"),
         (["--fps", "0"], "positive number"),
         (["--fps", "nan"], "positive number"),
@@ -364,10 +364,10 @@ fn stages_that_are_given_nothing() {
 
 #[test]
 fn requests_to_the_method_that_make_no_sense_are_refused() {
-    assert_request_refused(&["--sh-degree", "4"], "0, 1, 2 or 3");
+    assert_request_refused(&["--set", "sh-degree=4"], "a whole number, 0 to 3");
     assert_request_refused(
         &["--without", "sky"],
-        "no component \"sky\"; it has: sky-shell",
+        "there is no odgs component \"sky\"; known: sky-shell",
     );
     assert_request_refused(&["--trace", "0"], "at least 1");
 }

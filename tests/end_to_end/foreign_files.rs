@@ -127,7 +127,7 @@ fn commands(extra: &Path) -> Vec<Row> {
             "bench failed m --scene SCENE --split SPLIT --reason no --out OUT",
             0,
         ),
-        row(&format!("bench curve {extra}/traced --out OUT"), 0),
+        row(&format!("bench curve {extra}/traced-score --out OUT"), 0),
         row("bench adapter pvg --out OUT", 0),
         row(
             "bench run SCENE --methods nearest-input,cross-fade --protocols per-scene --out OUT",
@@ -177,6 +177,14 @@ fn prepare(extra: &Path) {
             &format!(
                 "reconstruct train SCENE --split SPLIT --iterations 10 --trace 5 --out {}",
                 at("traced")
+            ),
+            0,
+        ),
+        row(
+            &format!(
+                "bench score --scene SCENE --split SPLIT --run {}/run.json --out {}",
+                at("traced"),
+                at("traced-score")
             ),
             0,
         ),

@@ -2,6 +2,7 @@
 
 use std::{fs, path::Path, time::Instant};
 
+use omnilife_bench::curve::{Clock, read_run};
 use omnilife_schemas::{
     records::{Dataset, RunRecord, Scene, Sequence, Split, VideoStatus},
     store,
@@ -108,6 +109,7 @@ fn the_documented_files_are_there_and_no_others() {
             "result.json",
             "scoring.json",
             "frames.csv",
+            "curve.csv",
             ".done/score.json",
         ],
     );
@@ -115,12 +117,21 @@ fn the_documented_files_are_there_and_no_others() {
         expect(SEQUENCE, &[&format!("frames/{frame:06}.png")]);
         expect(SEQUENCE, &[&format!("masks/{frame:06}.png")]);
     }
+    let curve = read_run(&out.join(&score), Clock::Wall).unwrap();
+    assert_eq!(curve.rows.len(), 10);
     for frame in INPUT_VIEWS {
         expect(&run, &[&format!("predictions/input/{frame:06}.png")]);
     }
     for frame in NOVEL_VIEWS {
         expect(&run, &[&format!("predictions/novel/{frame:06}.png")]);
         expect(&score, &[&format!("comparisons/novel-{frame:06}.png")]);
+        // The views of the last row of the trace are the predictions.
+        for row in curve.rows.iter().rev().skip(1) {
+            expect(
+                &run,
+                &[&format!("trace/{:06}/{frame:06}.png", row.iteration)],
+            );
+        }
     }
     expected.sort();
     assert_eq!(files(out), expected);
@@ -151,11 +162,22 @@ fn the_records_agree_with_each_other() {
     let result = result(out);
     assert_eq!(record.iterations, 30);
     assert_eq!(result.iterations, Some(30));
-    assert_eq!(result.gaussians, Some(record.gaussians));
+    assert_eq!(result.primitives, Some(record.primitives));
     for hash in [record.protocol_hash, result.protocol_hash] {
         assert_eq!(hash, split.protocol_hash);
     }
     assert_eq!(result.failures, []);
+}
+
+#[test]
+fn the_curve_ends_with_the_means_of_the_novel_views() {
+    let out = &small_run().out;
+    let curve = read_run(&out.join(METHOD).join("score"), Clock::Wall).unwrap();
+    let (last, result) = (curve.rows.last().unwrap(), result(out));
+    assert_eq!(last.iteration, 30);
+    assert_eq!(last.psnr_db, result.novel_views["psnr"].mean);
+    assert_eq!(last.ssim, Some(result.novel_views["ssim"].mean));
+    assert!(last.psnr_db > curve.rows[0].psnr_db);
 }
 
 #[test]

@@ -61,8 +61,8 @@ fn deformed_gaussians_are_rendered_at_the_times_of_their_frames() {
         "deformable",
         "--iterations",
         "30",
-        "--max-gaussians",
-        "400",
+        "--set",
+        "max-gaussians=400",
     ];
     arguments.extend(settings.map(OsStr::new));
     omnilife(arguments).succeeded();
@@ -116,7 +116,7 @@ fn refined_poses_show_what_the_run_predicts() {
     arguments.extend(["--out".as_ref(), run.as_os_str()]);
     let settings = ["--method", "omni4dgs-plus", "--plan", "pose-refinement"];
     arguments.extend(settings.map(OsStr::new));
-    arguments.extend(["--iterations", "30", "--max-gaussians", "400"].map(OsStr::new));
+    arguments.extend(["--iterations", "30", "--set", "max-gaussians=400"].map(OsStr::new));
     omnilife(arguments).succeeded();
     let size = format!("{}x{}", SMALL_SIZE.0, SMALL_SIZE.1);
     let render = |poses: &Path| {
@@ -193,7 +193,7 @@ fn what_cannot_be_rendered_is_refused_in_one_line() {
         "{message}"
     );
     let message = refused(&run, &scene, &[]);
-    assert!(message.contains("omnilife/run/1"), "{message}");
+    assert!(message.contains("omnilife/run/2"), "{message}");
     let message = refused(
         &run,
         &poses,

@@ -128,7 +128,7 @@ fn result(scene: usize) -> ResultRecord {
         versions: [].into(),
         frames_table: "frames.csv".to_owned(),
         training_seconds: Some(61.25),
-        gaussians: Some(1000),
+        primitives: Some(1000),
         iterations: Some(3000),
         seed: Some(0),
         backend: None,

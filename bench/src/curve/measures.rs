@@ -133,7 +133,7 @@ mod tests {
             seconds,
             evaluation_seconds: 0.0,
             iteration: (10.0 * seconds) as u64,
-            gaussians: 5,
+            primitives: 5,
             psnr_db,
             ssim: None,
         };
@@ -146,7 +146,7 @@ mod tests {
             training_seconds: points.last().map_or(0.0, |point| point.0),
             evaluation_seconds: 1.0,
             iterations: 100,
-            gaussians: 5,
+            primitives: 5,
             peak_memory_bytes: Some(memory),
             rows: points.iter().map(row).collect(),
         }

@@ -1,11 +1,13 @@
-//! Error against run time: from the traces of training runs to time-to-quality tables, curves and
-//! the Pareto front.
+//! Error against run time: from the novel views along a training to its curve, and from curves to
+//! time-to-quality tables, drawings and the Pareto front.
 //!
-//! Time, on the wall's clock or the processor's, is that of the training steps alone; what the trace rendered to score itself, and how long
-//! that took, is reported beside it. Quality is the mean PSNR of the novel views in the trace. Runs
+//! Time, on the wall's clock or the processor's, is that of the training steps alone; how long the
+//! views along it took to render is reported beside it. Quality is the mean PSNR of the novel views at a
+//! row of the trace, by the metric that scores the predictions. Runs
 //! are compared where scene and protocol are the same.
 
 mod measures;
+pub(crate) mod scored;
 mod trace;
 
 use std::{
@@ -22,6 +24,7 @@ use crate::{
     error::BenchError,
 };
 pub use measures::{MOMENTS_SECONDS, QUALITIES_DB, RunCurve, curve_of};
+pub use scored::CURVE_FILE;
 pub use trace::{Clock, TraceRow, TracedRun, read_run};
 
 /// One row per run: time to quality, quality after a time, area under the curve.
@@ -40,11 +43,11 @@ pub struct Comparison {
     pub curves: Vec<RunCurve>,
 }
 
-/// Reads runs (their folders or `run.json`), compares those of one scene and protocol, and writes
+/// Reads runs (the folders of their scores, or the `result.json` there), compares those of one scene and protocol, and writes
 /// `curves.csv`, `points.csv` and one `curve-<n>.svg` per comparison into `out`.
 ///
 /// # Errors
-/// When a run has no trace or no scores of novel views in it, a file that is not ours is in the way,
+/// When a run has no curve or no scores of novel views in it, a file that is not ours is in the way,
 /// or a file cannot be read or written.
 pub fn curves(runs: &[PathBuf], clock: Clock, out: &Path) -> Result<Vec<Comparison>, BenchError> {
     let mut groups: Vec<((String, String), Vec<TracedRun>)> = Vec::new();
@@ -130,7 +133,7 @@ fn write_curves(path: &Path, comparisons: &[Comparison]) -> Result<(), BenchErro
             "training_seconds",
             "evaluation_seconds",
             "iterations",
-            "gaussians",
+            "primitives",
             "peak_memory_bytes",
             "final_psnr_db",
             "on_pareto_front",
@@ -159,7 +162,7 @@ fn write_curves(path: &Path, comparisons: &[Comparison]) -> Result<(), BenchErro
                     run.training_seconds.to_string(),
                     run.evaluation_seconds.to_string(),
                     run.iterations.to_string(),
-                    run.gaussians.to_string(),
+                    run.primitives.to_string(),
                     run.peak_memory_bytes
                         .map_or(String::new(), |bytes| bytes.to_string()),
                     curve.final_db.to_string(),
@@ -190,7 +193,7 @@ struct PointRow<'a> {
     seconds: f64,
     evaluation_seconds: f64,
     iteration: u64,
-    gaussians: u64,
+    primitives: u64,
     psnr_db: f64,
     ssim: Option<f64>,
 }
@@ -211,7 +214,7 @@ fn write_points(
                     seconds: row.seconds,
                     evaluation_seconds: row.evaluation_seconds,
                     iteration: row.iteration,
-                    gaussians: row.gaussians,
+                    primitives: row.primitives,
                     psnr_db: row.psnr_db,
                     ssim: row.ssim,
                 };

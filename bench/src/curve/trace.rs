@@ -1,14 +1,16 @@
-//! The trace of a training run, as its record and CSV tell it.
+//! The curve of a training run, as its scores tell it.
 
 use std::path::Path;
 
-use omnilife_schemas::{
-    records::RunRecord,
-    store::{self, StoreError},
-};
-use serde::Deserialize;
+use omnilife_schemas::{layout::RESULT_FILE, records::ResultRecord, store};
 
-use crate::error::BenchError;
+use crate::{
+    curve::scored::{CURVE_FILE, read_rows},
+    error::BenchError,
+};
+
+/// The record of a run of ours, in the run's folder.
+const RUN_FILE: &str = "run.json";
 
 /// Which time counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -45,12 +47,12 @@ pub struct TracedRun {
     pub clock: Clock,
     /// Time of all training steps, seconds.
     pub training_seconds: f64,
-    /// Wall-clock time of the trace's own scores, seconds; the training time is without it.
+    /// Wall-clock time of rendering the trace's views, seconds; the training time is without it.
     pub evaluation_seconds: f64,
     /// Iterations done.
     pub iterations: u64,
-    /// Gaussians at the end.
-    pub gaussians: u64,
+    /// Primitives of the model at the end.
+    pub primitives: u64,
     /// Highest resident memory, bytes.
     pub peak_memory_bytes: Option<u64>,
     /// Rows with a score, in order of time; at least one.
@@ -62,12 +64,12 @@ pub struct TracedRun {
 pub struct TraceRow {
     /// Time of the training steps so far, seconds.
     pub seconds: f64,
-    /// Wall-clock time of scoring so far, seconds.
+    /// Wall-clock time of rendering the trace's views so far, seconds.
     pub evaluation_seconds: f64,
     /// Iterations done.
     pub iteration: u64,
-    /// Gaussians.
-    pub gaussians: u64,
+    /// Primitives of the model.
+    pub primitives: u64,
     /// Mean PSNR of the novel views, dB.
     pub psnr_db: f64,
     /// Mean SSIM of the novel views.
@@ -81,60 +83,50 @@ impl TracedRun {
     }
 }
 
-/// The columns that are needed; a trace has more.
-#[derive(Deserialize)]
-struct Columns {
-    wall_seconds: f64,
-    #[serde(default)]
-    cpu_seconds: Option<f64>,
-    #[serde(default)]
-    evaluation_seconds: f64,
-    iteration: u64,
-    #[serde(default)]
-    gaussians: u64,
-    novel_psnr_db: Option<f64>,
-    #[serde(default)]
-    novel_ssim: Option<f64>,
-}
-
-/// Reads a run from its folder or its `run.json`.
+/// Reads a run from the folder of its scores or the `result.json` there.
 ///
 /// # Errors
-/// When it has no trace, or the trace is malformed, goes back in time, never scored novel views, or
-/// does not know the time that is asked for.
+/// When the scores have no curve, or the curve is malformed, goes back in time, scored no novel views,
+/// or does not know the time that is asked for.
 pub fn read_run(path: &Path, clock: Clock) -> Result<TracedRun, BenchError> {
+    if path.join(RUN_FILE).is_file() {
+        return Err(BenchError::mismatch(
+            path,
+            "is the folder of a run; a curve is read from the folder of its scores",
+        ));
+    }
     let file = if path.is_dir() {
-        path.join("run.json")
+        path.join(RESULT_FILE)
     } else {
         path.to_owned()
     };
-    let record: RunRecord = store::read_record(&file)?;
-    let Some(trace) = &record.trace else {
+    let record: ResultRecord = store::read_record(&file)?;
+    let curve = file.with_file_name(CURVE_FILE);
+    if !curve.exists() {
         return Err(BenchError::mismatch(
-            &file,
+            &curve,
             format!(
-                "{} leaves no trace of error against run time",
+                "is not there: {} was scored without novel views along its training",
                 record.method
             ),
         ));
-    };
-    let trace = file.with_file_name(trace);
-    let text = std::fs::read(&trace).map_err(|source| StoreError::read(&trace, source))?;
+    }
     let mut rows = Vec::new();
-    for row in csv::Reader::from_reader(text.as_slice()).deserialize::<Columns>() {
-        let row = row.map_err(|error| BenchError::mismatch(&trace, error.to_string()))?;
+    let mut evaluation_seconds = 0.0;
+    for row in read_rows(&curve)? {
+        evaluation_seconds = row.evaluation_seconds;
         let Some(psnr_db) = row.novel_psnr_db else {
             continue;
         };
         let seconds = match clock {
             Clock::Wall => row.wall_seconds,
             Clock::Cpu => row.cpu_seconds.ok_or_else(|| {
-                BenchError::mismatch(&trace, "does not know the processor time of the training")
+                BenchError::mismatch(&curve, "does not know the processor time of the training")
             })?,
         };
         if !(seconds.is_finite() && psnr_db.is_finite()) {
             return Err(BenchError::mismatch(
-                &trace,
+                &curve,
                 format!("iteration {} has a value that is not finite", row.iteration),
             ));
         }
@@ -142,32 +134,30 @@ pub fn read_run(path: &Path, clock: Clock) -> Result<TracedRun, BenchError> {
             seconds,
             evaluation_seconds: row.evaluation_seconds,
             iteration: row.iteration,
-            gaussians: row.gaussians,
+            primitives: row.primitives,
             psnr_db,
             ssim: row.novel_ssim,
         });
     }
-    if rows.is_empty() {
-        return Err(BenchError::mismatch(&trace, "scores no novel views"));
-    }
-    if !rows.is_sorted_by_key(|row| row.seconds) {
-        return Err(BenchError::mismatch(&trace, "goes back in time"));
-    }
-    let training_seconds = match (clock, record.training_cpu_seconds) {
-        (Clock::Cpu, Some(seconds)) => seconds,
-        (Clock::Cpu, None) => rows.last().map_or(0.0, |row| row.seconds),
-        (Clock::Wall, _) => record.training_seconds,
+    let Some(&last) = rows.last() else {
+        return Err(BenchError::mismatch(&curve, "scores no novel views"));
     };
+    if !rows.is_sorted_by_key(|row| row.seconds) {
+        return Err(BenchError::mismatch(&curve, "goes back in time"));
+    }
     Ok(TracedRun {
         clock,
         method: record.method,
         scene: record.scene,
         protocol_hash: record.protocol_hash,
-        seed: record.seed,
-        training_seconds,
-        evaluation_seconds: record.evaluation_seconds,
-        iterations: record.iterations,
-        gaussians: record.gaussians,
+        seed: record.seed.unwrap_or_default(),
+        training_seconds: match clock {
+            Clock::Wall => record.training_seconds.unwrap_or(last.seconds),
+            Clock::Cpu => last.seconds,
+        },
+        evaluation_seconds,
+        iterations: record.iterations.unwrap_or(last.iteration),
+        primitives: record.primitives.unwrap_or(last.primitives),
         peak_memory_bytes: record.peak_memory_bytes,
         rows,
     })

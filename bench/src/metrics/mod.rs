@@ -32,7 +32,10 @@ mod ws_ssim;
 pub use sample::{DepthPair, Sample, Undefined};
 pub use view_pair::ViewPair;
 
-use omnilife_schemas::records::{Direction, Protocol};
+use omnilife_schemas::{
+    names,
+    records::{Direction, Protocol},
+};
 
 use crate::{error::BenchError, lpips::Backbone, protocols};
 
@@ -113,18 +116,12 @@ pub fn of_protocol(protocol: &Protocol) -> Result<Vec<&'static Metric>, BenchErr
         .metrics
         .iter()
         .map(|id| {
-            METRICS
-                .iter()
-                .find(|metric| metric.id == id)
-                .ok_or_else(|| BenchError::UnknownMetric {
+            names::find("metric", id, METRICS, |metric| metric.id).map_err(|unknown| {
+                BenchError::UnknownMetric {
                     protocol: protocols::title(protocol),
-                    metric: id.clone(),
-                    known: METRICS
-                        .iter()
-                        .map(|metric| metric.id)
-                        .collect::<Vec<_>>()
-                        .join(", "),
-                })
+                    unknown,
+                }
+            })
         })
         .collect()
 }

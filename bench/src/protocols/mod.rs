@@ -8,7 +8,7 @@ mod metric_list;
 mod per_scene;
 mod sparse_interpolation;
 
-use omnilife_schemas::records::Protocol;
+use omnilife_schemas::{names, records::Protocol};
 
 use crate::error::BenchError;
 
@@ -33,20 +33,10 @@ pub static PROTOCOLS: &[ProtocolEntry] = &[
 /// The protocol of this id.
 ///
 /// # Errors
-/// [`BenchError::UnknownProtocol`], which lists the known ids.
+/// [`BenchError::Unknown`], which lists the known ids.
 pub fn protocol(id: &str) -> Result<Protocol, BenchError> {
-    PROTOCOLS
-        .iter()
-        .find(|entry| entry.id == id)
-        .map(|entry| (entry.protocol)())
-        .ok_or_else(|| BenchError::UnknownProtocol {
-            id: id.to_owned(),
-            known: PROTOCOLS
-                .iter()
-                .map(|entry| entry.id)
-                .collect::<Vec<_>>()
-                .join(", "),
-        })
+    let entry = names::find("protocol", id, PROTOCOLS, |entry| entry.id)?;
+    Ok((entry.protocol)())
 }
 
 /// `<id>/<version>`, as printed beside scores.
@@ -122,7 +112,8 @@ mod tests {
         assert_eq!(
             message.as_deref(),
             Some(
-                "no protocol is called per-sence; there are: per-scene, sparse-interpolation, input-view"
+                "there is no protocol \"per-sence\"; known: per-scene, sparse-interpolation, \
+                 input-view; did you mean \"per-scene\"?"
             )
         );
     }

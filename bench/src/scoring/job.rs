@@ -13,6 +13,7 @@ use omnilife_schemas::{
 
 use crate::{
     availability,
+    curve::scored::Trace,
     error::BenchError,
     metrics::{self, Metric, Need, Undefined},
     prediction::PredictionFolder,
@@ -368,6 +369,10 @@ impl ScoringJob {
             let state = unavailable.as_deref().unwrap_or("available");
             plan = plan.with_text(&format!("metric {}", metric.id), state);
         }
+        let trace = self.run.as_ref().and_then(|run| run.trace.as_ref());
+        for file in trace.into_iter().flat_map(Trace::files) {
+            plan = plan.with_text("view along the training", &fingerprint(&file));
+        }
         let with_depth = self.needs(Need::Depth);
         for view in self.views() {
             let Some(folder) = self.folder(view.kind) else {
@@ -385,6 +390,9 @@ impl ScoringJob {
     }
 }
 
+/// What a run of a method with components left out may be named: `omni4dgs-without-dynamic-mask`.
+const WITHOUT: &str = "-without-";
+
 /// A prediction's hash, or why it has none: a missing prediction is a state like any other.
 fn fingerprint(file: &Path) -> String {
     match store::sha256_file(file) {
@@ -400,8 +408,14 @@ fn check_run(
     request: &ScoreRequest,
     split: &Split,
 ) -> Result<(), BenchError> {
+    let variant = request.method.strip_prefix(&run.method);
+    if !variant.is_some_and(|rest| rest.is_empty() || rest.starts_with(WITHOUT)) {
+        return Err(BenchError::mismatch(
+            file,
+            format!("is of method {}, not {}", run.method, request.method),
+        ));
+    }
     for (what, found, expected) in [
-        ("method", &run.method, &request.method),
         ("scene", &run.scene, &split.scene),
         ("protocol hash", &run.protocol_hash, &split.protocol_hash),
     ] {

@@ -20,6 +20,7 @@ use omnilife_schemas::{
 use rayon::prelude::*;
 
 use crate::{
+    curve::scored::{self, CURVE_FILE},
     diagnosis,
     error::BenchError,
     frames_table,
@@ -40,6 +41,7 @@ pub const SCORING_FILE: &str = "scoring.json";
 /// * `frames.csv`: one row per view with columns `view`, `frame`, `time_seconds` and one per
 ///   metric, which are empty for a view that could not be scored or for which the metric is
 ///   undefined;
+/// * `curve.csv`: PSNR and SSIM of the novel views along the training, for runs of ours that kept them;
 /// * `comparisons/novel-<frame>.png`: prediction left, ground truth right, of every novel view
 ///   whose prediction could be read.
 ///
@@ -69,6 +71,7 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
     plan.claim(planned_files(&views))?;
     // A result whose inputs have changed must not be found by a leaderboard if scoring fails now.
     store::remove(&result_file)?;
+    plan.own_files().remove(|file| file == CURVE_FILE)?;
     side_by_side::prepare_folder(&request.out, &plan.own_files())?;
 
     progress.begin(&label, Some(views.len() as u64));
@@ -78,11 +81,14 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
     frames_table::write(&request.out.join(FRAME_SCORES_FILE), &job, &outcomes)?;
     let mut result = summary::result_record(&job, &outcomes);
     result.warnings.extend(diagnosis::of_job(&job)?.remark());
+    let unscored = scored::write_curve(&job, request.memory_bytes, &request.out)?;
+    result.warnings.extend(unscored.iter().flatten().cloned());
     store::write_record(&result_file, &result)?;
     write_scoring_record(&request.out, &result_file, started)?;
     let mut outputs = [RESULT_FILE, SCORING_FILE, FRAME_SCORES_FILE]
         .map(str::to_owned)
         .to_vec();
+    outputs.extend(unscored.is_some().then(|| CURVE_FILE.to_owned()));
     outputs.extend(
         outcomes
             .iter()
@@ -98,7 +104,7 @@ fn planned_files(views: &[View]) -> impl Iterator<Item = String> {
         .iter()
         .filter(|view| view.kind == ViewKind::Novel)
         .map(|&view| side_by_side::file(view));
-    [RESULT_FILE, SCORING_FILE, FRAME_SCORES_FILE]
+    [RESULT_FILE, SCORING_FILE, FRAME_SCORES_FILE, CURVE_FILE]
         .map(str::to_owned)
         .into_iter()
         .chain(pictures)

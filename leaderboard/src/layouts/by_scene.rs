@@ -21,7 +21,7 @@ pub(crate) fn table(group: &Group<'_>) -> Table {
         .iter()
         .map(|&index| Column::of_score(group, index, true))
         .collect();
-    columns.extend(["Training (s)", "Gaussians", "Iterations"].map(Column::plain));
+    columns.extend(["Training (s)", "Primitives", "Iterations"].map(Column::plain));
     columns.extend(seeds.then(|| Column::plain("Seeds")));
     columns.extend(["Views", "Failures"].map(Column::plain));
     let cells = |numbers: &Numbers, seeds_cell: Cell, views: Cell| {
@@ -32,7 +32,7 @@ pub(crate) fn table(group: &Group<'_>) -> Table {
         let mut cells: Vec<Cell> = metrics.collect();
         cells.extend([
             Cell::number(numbers.training_seconds, 1),
-            Cell::number(numbers.gaussians, 0),
+            Cell::number(numbers.primitives, 0),
             Cell::number(numbers.iterations, 0),
         ]);
         cells.extend(seeds.then_some(seeds_cell));

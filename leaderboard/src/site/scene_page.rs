@@ -72,7 +72,7 @@ fn table(rows: &[(&Group<'_>, &SceneRow<'_>)]) -> Table {
             cells.extend([
                 Cell::number(result.training_seconds, 1),
                 Cell::number(result.peak_memory_bytes.map(|bytes| bytes as f64 / 1e9), 2),
-                Cell::number(result.gaussians.map(|count| count as f64), 0),
+                Cell::number(result.primitives.map(|count| count as f64), 0),
                 Cell::number(result.iterations.map(|count| count as f64), 0),
                 Cell::number(result.rendering_seconds, 1),
                 text(result.backend.as_ref().map(format::backend)),

@@ -68,12 +68,12 @@ fn a_newer_schema_is_refused_by_name() {
     let text = fs::read_to_string(&file).unwrap();
     fs::write(
         &file,
-        text.replace("omnilife/result/2", "omnilife/result/3"),
+        text.replace("omnilife/result/3", "omnilife/result/4"),
     )
     .unwrap();
     let message = build_leaderboard(&place.request).unwrap_err().to_string();
     assert!(
-        message.contains("is of schema omnilife/result/3, expected omnilife/result/2"),
+        message.contains("is of schema omnilife/result/4, expected omnilife/result/3"),
         "{message}"
     );
     assert!(!place.request.out.exists(), "nothing is written");

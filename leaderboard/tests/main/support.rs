@@ -54,7 +54,7 @@ pub(crate) fn result(scene: &str, method: &str, psnr: f64, ssim: f64) -> ResultR
         run_versions: [].into(),
         rendering_seconds: None,
         peak_memory_bytes: None,
-        gaussians: Some(123_456),
+        primitives: Some(123_456),
         iterations: Some(3000),
         warnings: Vec::new(),
         versions: [].into(),

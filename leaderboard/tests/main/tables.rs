@@ -69,7 +69,7 @@ fn incomplete_results_are_marked_and_win_nothing() {
     results[3].input_views.clear();
     results[3].warnings = vec!["input views were not scored: no predictions given".to_owned()];
     results[3].training_seconds = None;
-    results[3].gaussians = None;
+    results[3].primitives = None;
     let mut third = result("hall", "mine|<b>", 40.0, 0.93);
     third.iterations = None;
     results.push(third);

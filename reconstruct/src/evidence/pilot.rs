@@ -17,6 +17,7 @@ use crate::{
     },
     learner::{Learner, gaussians::GaussianLearner},
     methods::odgs,
+    options::Options,
     request::{BackendChoice, MethodRequest},
     scene::TrainingScene,
     seeds::points,
@@ -77,7 +78,7 @@ impl WarmUp {
         // Nobody asks how they look.
         scene.novel_views.clear();
         let request = MethodRequest {
-            maximum_gaussians: Some(WARM_UP_GAUSSIANS),
+            options: Options::at_most(WARM_UP_GAUSSIANS),
             trace_every: Some(WARM_UP_ITERATIONS),
             ..MethodRequest::new(WARM_UP_ITERATIONS, seed)
         };

@@ -55,14 +55,14 @@ pub fn plan(
     request: &MethodRequest,
 ) -> Result<ScenePlan, ReconstructError> {
     let method = methods::find(method)?;
-    method.check(request)?;
+    method.check(request, BackendChoice::Cpu)?;
     let scene = TrainingScene::load(scene, split)?;
     let full = MethodRequest {
         plan: PlanChoice::Full,
         without: Vec::new(),
         ..request.clone()
     };
-    let prepare = |request: &MethodRequest| (method.prepare)(&scene, request, BackendChoice::Cpu);
+    let prepare = |request: &MethodRequest| method.prepare(&scene, request, BackendChoice::Cpu);
     let (mut planned, mut full) = (prepare(request)?, prepare(&full)?);
     let sizes = [planned.learner.size(), full.learner.size()];
     let seconds = timing::step_seconds(

@@ -8,10 +8,15 @@ use std::{
 };
 
 use omnilife_schemas::{
+    Similarity,
     lock::FolderLock,
+    ownership::path_inside,
     progress::Progress,
     provenance,
-    records::{RunRecord, Scene, Split, ViewPredictions},
+    records::{
+        Backend, ComponentDecision, RunRecord, Scene, Split, TraceViews as KeptViews,
+        ViewPredictions,
+    },
     stage::StagePlan,
     store::{self, StoreError},
 };
@@ -19,11 +24,16 @@ use omnilife_schemas::{
 use crate::{
     error::ReconstructError,
     formats::{DEFORMATION_FILE, GAUSSIANS_FILE, MOVING_GAUSSIANS_FILE, REFINED_POSES_FILE},
-    methods::{self, MethodOutcome, feed_forward},
+    jobs::interpolate::{Frames, GROUPS_FILE},
+    methods::{self, Method, MethodKind, MethodOutcome},
     process,
     request::{BackendChoice, MethodRequest},
     scene::TrainingScene,
-    train::{Session, TrainingFiles, trace},
+    train::{
+        Session, TrainingFiles,
+        trace::{self, TracePoint},
+        trace_views::TraceViews,
+    },
 };
 use omnilife_engine::training_view::TrainingView;
 
@@ -32,6 +42,17 @@ pub const RUN_FILE: &str = "run.json";
 /// Name of the checkpoint in the run's folder; it is there while a run is not over.
 pub const CHECKPOINT_FILE: &str = "checkpoint.bin";
 const TRACE_FILE: &str = "trace.csv";
+/// Folder of the novel views at the rows of the trace.
+const TRACE_FOLDER: &str = "trace";
+/// What a training may leave beside views and the record.
+const TRAINING_FILES: [&str; 6] = [
+    TRACE_FILE,
+    GAUSSIANS_FILE,
+    MOVING_GAUSSIANS_FILE,
+    DEFORMATION_FILE,
+    REFINED_POSES_FILE,
+    CHECKPOINT_FILE,
+];
 const INPUT_FOLDER: &str = "predictions/input";
 pub(crate) const NOVEL_FOLDER: &str = "predictions/novel";
 
@@ -50,6 +71,8 @@ pub struct ReconstructRequest {
     pub backend: BackendChoice,
     /// Iterations between two checkpoints; 0 writes none.
     pub checkpoint_every: u64,
+    /// Novel views that are kept at each row of the trace, at most; all where none is given.
+    pub trace_views: Option<usize>,
     /// Folder of the run.
     pub out: PathBuf,
 }
@@ -63,15 +86,34 @@ pub fn check(
     settings: &MethodRequest,
     backend: BackendChoice,
 ) -> Result<(), ReconstructError> {
-    match feed_forward::find(method) {
-        Some(interpolator) => crate::jobs::interpolate::check(interpolator, settings, backend),
-        None => methods::find(method)?.check(settings),
-    }
+    methods::find(method)?.check(settings, backend)
 }
 
-/// Runs one method on one scene, or returns the stored record when nothing has changed. A run that
-/// was interrupted goes on from its checkpoint. Interpolators learn nothing and leave no Gaussians,
-/// trace or input views.
+/// What a method made of a scene, as far as its kind decides it.
+pub(crate) struct MadeViews {
+    pub(crate) backend: Backend,
+    /// Every setting as resolved.
+    pub(crate) configuration: serde_json::Value,
+    pub(crate) plan: Vec<ComponentDecision>,
+    pub(crate) iterations: u64,
+    pub(crate) primitives: u64,
+    pub(crate) training_seconds: f64,
+    pub(crate) training_cpu_seconds: Option<f64>,
+    pub(crate) evaluation_seconds: f64,
+    pub(crate) rendering_seconds: f64,
+    pub(crate) seconds_per_group: Option<f64>,
+    pub(crate) normalization: Similarity,
+    pub(crate) trace: Option<String>,
+    pub(crate) trace_views: Option<KeptViews>,
+    pub(crate) predictions: ViewPredictions,
+    pub(crate) warnings: Vec<String>,
+    /// Files relative to the run's folder.
+    pub(crate) outputs: Vec<String>,
+}
+
+/// Runs one method on one scene, or returns the stored record when nothing has changed. A training
+/// that was interrupted goes on from its checkpoint. Feed-forward methods learn nothing and leave no
+/// model, trace or input views.
 ///
 /// # Errors
 /// When the scene cannot be loaded, the request makes no sense for the method, training diverges,
@@ -80,12 +122,10 @@ pub fn reconstruct(
     request: &ReconstructRequest,
     progress: &dyn Progress,
 ) -> Result<RunRecord, ReconstructError> {
-    if let Some(interpolator) = feed_forward::find(&request.method) {
-        return crate::jobs::interpolate::interpolate(interpolator, request, progress);
-    }
     let method = methods::find(&request.method)?;
-    method.check(&request.settings)?;
-    let (stage, inputs) = plan_stage(request)?;
+    method.check(&request.settings, request.backend)?;
+    let scene: Scene = store::read_record(&request.scene)?;
+    let (stage, inputs) = plan_stage(request, &scene)?;
     let record_path = request.out.join(RUN_FILE);
     if stage.is_done() {
         progress.note(&format!(
@@ -96,20 +136,76 @@ pub fn reconstruct(
         return Ok(store::read_record(&record_path)?);
     }
     let _lock = FolderLock::take(&request.out, progress)?;
+    let begun = Instant::now();
     let split: Split = store::read_record(&request.split)?;
-    stage.claim(planned_files(&split))?;
+    refuse_foreign_trace(request, &stage)?;
+    stage.claim(planned_files(method, &split))?;
     // A record or trace of an earlier run must not stand beside new predictions.
     store::remove(&record_path)?;
+    store::remove(&request.out.join(TRACE_FILE))?;
+    let made = match method.kind {
+        MethodKind::Trained { .. } => train(method, request, &split, &stage, progress)?,
+        MethodKind::FeedForward {
+            settings,
+            interpolate,
+        } => {
+            let frames = Frames::new(request, &scene, &split)?;
+            frames.make_views(method.id, settings(), interpolate, &stage, progress)?
+        }
+    };
+    let record = RunRecord {
+        method: method.id.to_owned(),
+        scene: scene.id,
+        protocol_hash: split.protocol_hash,
+        seed: request.settings.seed,
+        backend: made.backend,
+        configuration: made.configuration,
+        plan: made.plan,
+        hardware: Some(provenance::Hardware::here()),
+        versions: provenance::versions(),
+        inputs,
+        iterations: made.iterations,
+        primitives: made.primitives,
+        training_seconds: made.training_seconds,
+        training_cpu_seconds: made.training_cpu_seconds,
+        evaluation_seconds: made.evaluation_seconds,
+        rendering_seconds: made.rendering_seconds,
+        seconds_per_group: made.seconds_per_group,
+        peak_memory_bytes: process::peak_memory_bytes(),
+        normalization: made.normalization,
+        trace: made.trace,
+        trace_views: made.trace_views,
+        predictions: made.predictions,
+        warnings: made.warnings,
+    };
+    store::write_record(&record_path, &record)?;
+    let outputs = made.outputs.into_iter().chain([RUN_FILE.to_owned()]);
+    stage.finish(outputs, begun.elapsed().as_secs_f64())?;
+    store::remove(&request.out.join(CHECKPOINT_FILE))?;
+    Ok(record)
+}
+
+/// Trains a method, and leaves its model, views and trace in the run's folder.
+fn train(
+    method: &Method,
+    request: &ReconstructRequest,
+    split: &Split,
+    stage: &StagePlan,
+    progress: &dyn Progress,
+) -> Result<MadeViews, ReconstructError> {
     let trace_path = request.out.join(TRACE_FILE);
-    store::remove(&trace_path)?;
-    let begun = Instant::now();
     let scene = TrainingScene::load(&request.scene, &request.split)?;
-    let checkpoint = request.out.join(CHECKPOINT_FILE);
+    let kept = TraceViews::new(
+        request.out.join(TRACE_FOLDER),
+        &split.novel_views,
+        request.trace_views,
+    );
     let session = Session {
         progress,
         files: Some(TrainingFiles {
             trace: trace_path.clone(),
-            checkpoint: checkpoint.clone(),
+            trace_views: Some(kept.clone()),
+            checkpoint: request.out.join(CHECKPOINT_FILE),
             checkpoint_every: request.checkpoint_every,
             inputs_sha256: stage.inputs_sha256(),
         }),
@@ -117,68 +213,94 @@ pub fn reconstruct(
     };
     let mut outcome = method.train(&scene, &request.settings, &session)?;
     let rendering = Instant::now();
-    let mut outputs = render_predictions(&scene, &mut outcome, &stage, &request.out, progress)?;
+    let mut outputs = render_predictions(&scene, &mut outcome, stage, &request.out, progress)?;
     let rendering_seconds = rendering.elapsed().as_secs_f64();
-    let training = &outcome.training;
-    let learner = &mut outcome.learner;
-    let gaussians = learner.size().primitives;
+    let warnings = warnings(&scene, split, &outcome);
+    let (training, learner) = (&outcome.training, &mut outcome.learner);
     outputs.extend(learner.export(&request.out)?);
     trace::write_csv(&trace_path, &training.state.trace)?;
-    let record = RunRecord {
-        method: method.id.to_owned(),
-        scene: scene.id.clone(),
-        protocol_hash: split.protocol_hash.clone(),
-        seed: request.settings.seed,
+    outputs.push(TRACE_FILE.to_owned());
+    outputs.extend(trace_files(&training.state.trace, &kept.frames));
+    // Views of an earlier run's rows.
+    stage
+        .own_files()
+        .remove(|file| is_of_trace(file) && !outputs.iter().any(|new| new == file))?;
+    Ok(MadeViews {
         backend: learner.backend(),
-        configuration: outcome.configuration.clone(),
-        plan: outcome.plan.clone(),
-        hardware: Some(provenance::Hardware::here()),
-        versions: provenance::versions(),
-        inputs,
+        primitives: learner.size().primitives,
+        configuration: outcome.configuration,
+        plan: outcome.plan,
         iterations: training.state.iteration,
-        gaussians,
         training_seconds: training.state.training.as_secs_f64(),
         training_cpu_seconds: training.state.training_cpu.map(|time| time.as_secs_f64()),
         evaluation_seconds: training.state.evaluation.as_secs_f64(),
         rendering_seconds,
         seconds_per_group: None,
-        peak_memory_bytes: process::peak_memory_bytes(),
         normalization: scene.normalization,
         trace: Some(TRACE_FILE.to_owned()),
+        trace_views: Some(KeptViews {
+            folder: TRACE_FOLDER.to_owned(),
+            frames: kept.frames,
+        }),
         predictions: ViewPredictions {
             input_views: Some(INPUT_FOLDER.to_owned()),
             novel_views: NOVEL_FOLDER.to_owned(),
         },
-        warnings: warnings(&scene, &split, &outcome),
-    };
-    store::write_record(&record_path, &record)?;
-    outputs.extend([RUN_FILE, TRACE_FILE].map(str::to_owned));
-    stage.finish(outputs, begun.elapsed().as_secs_f64())?;
-    store::remove(&checkpoint)?;
-    Ok(record)
+        warnings,
+        outputs,
+    })
 }
 
 /// What a run may leave, relative to its folder; its checkpoint goes at the end.
-fn planned_files(split: &Split) -> impl Iterator<Item = String> + '_ {
-    let views = [
-        (INPUT_FOLDER, &split.input_views),
-        (NOVEL_FOLDER, &split.novel_views),
-    ];
-    let views = views
-        .into_iter()
-        .flat_map(|(folder, frames)| frames.iter().map(move |&frame| view_file(folder, frame)));
-    [
-        RUN_FILE,
-        TRACE_FILE,
-        GAUSSIANS_FILE,
-        MOVING_GAUSSIANS_FILE,
-        DEFORMATION_FILE,
-        REFINED_POSES_FILE,
-        CHECKPOINT_FILE,
-    ]
-    .map(str::to_owned)
-    .into_iter()
-    .chain(views)
+fn planned_files(method: &Method, split: &Split) -> Vec<String> {
+    let views = |folder: &'static str, frames: &[u32]| {
+        let files = frames.iter().map(|&frame| view_file(folder, frame));
+        files.collect::<Vec<_>>()
+    };
+    let mut files = views(NOVEL_FOLDER, &split.novel_views);
+    let others: &[&str] = if method.is_trained() {
+        files.extend(views(INPUT_FOLDER, &split.input_views));
+        &TRAINING_FILES
+    } else {
+        &[GROUPS_FILE]
+    };
+    files.extend(
+        others
+            .iter()
+            .chain(&[RUN_FILE])
+            .map(|&file| file.to_owned()),
+    );
+    files
+}
+
+/// Refuses a folder of that name that no run has made: its rows are not known beforehand.
+fn refuse_foreign_trace(request: &ReconstructRequest, stage: &StagePlan) -> Result<(), StoreError> {
+    let folder = path_inside(&request.out, TRACE_FOLDER)?;
+    let is_filled = folder.exists() && !(folder.is_dir() && store::names_in(&folder)?.is_empty());
+    if is_filled && !stage.has_begun() {
+        return Err(StoreError::refused(
+            &folder,
+            "is there, and no run of ours made it; choose another output",
+        ));
+    }
+    Ok(())
+}
+
+fn is_of_trace(file: &str) -> bool {
+    let rest = file.strip_prefix(TRACE_FOLDER);
+    rest.is_some_and(|rest| rest.starts_with('/'))
+}
+
+/// The views that stand at the rows of a trace, relative to the run's folder.
+fn trace_files<'a>(
+    trace: &'a [TracePoint],
+    frames: &'a [u32],
+) -> impl Iterator<Item = String> + 'a {
+    let rows = trace.split_last().map_or(&[][..], |(_, before)| before);
+    rows.iter().flat_map(move |row| {
+        let file = |&frame| format!("{TRACE_FOLDER}/{}", TraceViews::file(row.iteration, frame));
+        frames.iter().map(file)
+    })
 }
 
 /// The file of a predicted view, relative to the run's folder.
@@ -187,14 +309,15 @@ pub(crate) fn view_file(folder: &str, frame: u32) -> String {
 }
 
 /// The stage with its inputs, and the inputs' hashes by name for the record.
-pub(crate) fn plan_stage(
+fn plan_stage(
     request: &ReconstructRequest,
+    scene: &Scene,
 ) -> Result<(StagePlan, BTreeMap<String, String>), ReconstructError> {
-    let scene: Scene = store::read_record(&request.scene)?;
     let folder = request.scene.parent().unwrap_or(Path::new("."));
     let mut stage = StagePlan::new(&request.out, "reconstruct")
         .with_text("method", &request.method)
         .with_settings("settings", &request.settings)
+        .with_settings("trace views", &request.trace_views)
         .with_settings("backend", &request.backend);
     let mut inputs = BTreeMap::new();
     let mut add = |stage: StagePlan, name: &str, path: &Path| -> Result<StagePlan, StoreError> {

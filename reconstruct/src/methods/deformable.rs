@@ -7,9 +7,10 @@ use crate::{
     baseline::{OPACITY_RESET, SKY_SHELL},
     components::Components,
     methods::{
-        Method, PreparedGaussians,
+        Method, MethodKind, PreparedGaussians,
         dynamic::{self, Evidence},
     },
+    options,
     request::MethodRequest,
 };
 use crate::{error::ReconstructError, request::BackendChoice, scene::TrainingScene, seeds::points};
@@ -40,7 +41,10 @@ pub const METHOD: Method = Method {
                   positive after the deformation; the noise's unit is one training interval \
                   throughout, not one that grows within an epoch.",
     components: &[DEFORMATION, TIME_NOISE, SKY_SHELL, OPACITY_RESET],
-    prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
+    options: options::OF_GAUSSIANS,
+    kind: MethodKind::Trained {
+        prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
+    },
 };
 
 /// Component: Gaussians are deformed; without it there is no network, and the method is odgs.

@@ -9,18 +9,18 @@ pub mod omni4dgs;
 pub mod omni4dgs_plus;
 pub mod periodic;
 
-use omnilife_schemas::records::ComponentDecision;
+use omnilife_schemas::{names, records::ComponentDecision};
 
-use crate::request::MethodRequest;
-use crate::request::PlanChoice;
 use crate::{
     error::ReconstructError,
     learner::{Learner, gaussians::GaussianLearner},
-    request::BackendChoice,
+    methods::feed_forward::{Group, Interpolated},
+    options::MethodOption,
+    request::{BackendChoice, MethodRequest, PlanChoice},
     scene::TrainingScene,
     train::{self, LoopSettings, Session, TrainingOutcome},
 };
-use omnilife_engine::{model::Model, step::settings::TrainSettings};
+use omnilife_engine::{EngineError, model::Model, step::settings::TrainSettings};
 
 /// What a method gives back.
 #[derive(Debug)]
@@ -101,6 +101,9 @@ pub type PrepareMethod = for<'a> fn(
     BackendChoice,
 ) -> Result<Prepared<'a>, ReconstructError>;
 
+/// Makes the novel views of a group from its two given ones.
+pub type InterpolateGroup = fn(&Group) -> Result<Interpolated, ReconstructError>;
+
 /// A method that can be asked for by name.
 #[derive(Debug, Clone, Copy)]
 pub struct Method {
@@ -114,16 +117,58 @@ pub struct Method {
     pub description: &'static str,
     /// Components that can be left out by name.
     pub components: &'static [&'static str],
-    /// Prepares its training.
-    pub prepare: PrepareMethod,
+    /// Options that it understands beside what all methods do.
+    pub options: &'static [MethodOption],
+    /// How it comes to its views.
+    pub kind: MethodKind,
+}
+
+/// How a method comes to its views.
+#[derive(Debug, Clone, Copy)]
+pub enum MethodKind {
+    /// It learns a model of each scene.
+    Trained {
+        /// Prepares its training.
+        prepare: PrepareMethod,
+    },
+    /// It learns nothing of a scene: from two given views those between them. It has no seed.
+    FeedForward {
+        /// Its settings, for the run's record.
+        settings: fn() -> serde_json::Value,
+        /// Makes the views of a group.
+        interpolate: InterpolateGroup,
+    },
 }
 
 impl Method {
+    /// Whether it learns a model of each scene; another seed gives another one.
+    pub fn is_trained(&self) -> bool {
+        matches!(self.kind, MethodKind::Trained { .. })
+    }
+
+    /// Decides its settings and components on a scene and makes its first model.
+    ///
+    /// # Errors
+    /// When the request makes no sense for it, the scene is not one for it, or it is not trained.
+    pub fn prepare<'a>(
+        &self,
+        scene: &'a TrainingScene,
+        request: &MethodRequest,
+        backend: BackendChoice,
+    ) -> Result<Prepared<'a>, ReconstructError> {
+        match self.kind {
+            MethodKind::Trained { prepare } => prepare(scene, request, backend),
+            MethodKind::FeedForward { .. } => Err(ReconstructError::Request {
+                reason: format!("{} learns nothing of a scene: it has no training", self.id),
+            }),
+        }
+    }
+
     /// Trains it on a scene.
     ///
     /// # Errors
-    /// When the request makes no sense for the method, the scene is not one for it, or training
-    /// fails.
+    /// When the request makes no sense for the method, the scene is not one for it, it is not
+    /// trained, or training fails.
     pub fn train<'a>(
         &self,
         scene: &'a TrainingScene,
@@ -136,7 +181,7 @@ impl Method {
             configuration,
             plan,
             remarks,
-        } = (self.prepare)(scene, request, session.backend)?;
+        } = self.prepare(scene, request, session.backend)?;
         for remark in &remarks {
             session.progress.note(remark);
         }
@@ -151,25 +196,34 @@ impl Method {
         })
     }
 
-    /// Whether the request makes sense for this method.
+    /// Checks that a request makes sense for this method, before anything is computed.
     ///
     /// # Errors
-    /// When it names a component that the method does not have.
-    pub fn check(&self, request: &MethodRequest) -> Result<(), ReconstructError> {
-        let known = |name: &String| self.components.contains(&name.as_str());
+    /// When it names a component or option that the method does not have, or a backend that it never runs on.
+    pub fn check(
+        &self,
+        request: &MethodRequest,
+        backend: BackendChoice,
+    ) -> Result<(), ReconstructError> {
         let named = match &request.plan {
             PlanChoice::Only(names) => &names[..],
             PlanChoice::Auto | PlanChoice::Full => &[],
         };
-        let mut names = request.without.iter().chain(named);
-        match names.find(|name| !known(name)) {
-            None => Ok(()),
-            Some(name) => Err(ReconstructError::UnknownComponent {
-                method: self.id.to_owned(),
-                name: name.clone(),
-                known: self.components.join(", "),
-            }),
+        let kind = format!("{} component", self.id);
+        for name in request.without.iter().chain(named) {
+            names::find(&kind, name, self.components, |component| component)?;
         }
+        let kind = format!("{} option", self.id);
+        for name in request.options.names() {
+            names::find(&kind, name, self.options, |option| option.id)?;
+        }
+        if !self.is_trained() && backend != BackendChoice::Cpu {
+            return Err(EngineError::Backend {
+                reason: format!("{} runs on the CPU only", self.id),
+            }
+            .into());
+        }
+        Ok(())
     }
 }
 
@@ -181,6 +235,10 @@ pub const METHODS: &[Method] = &[
     periodic::METHOD,
     omni4dgs::METHOD,
     omni4dgs_plus::METHOD,
+    feed_forward::sweep::METHOD,
+    feed_forward::infinity::METHOD,
+    feed_forward::cross_fade::METHOD,
+    feed_forward::nearest::METHOD,
 ];
 
 /// The method of this name.
@@ -188,17 +246,7 @@ pub const METHODS: &[Method] = &[
 /// # Errors
 /// When there is none; the error lists all names.
 pub fn find(id: &str) -> Result<&'static Method, ReconstructError> {
-    METHODS
-        .iter()
-        .find(|method| method.id == id)
-        .ok_or_else(|| ReconstructError::UnknownMethod {
-            name: id.to_owned(),
-            known: METHODS
-                .iter()
-                .map(|method| method.id)
-                .collect::<Vec<_>>()
-                .join(", "),
-        })
+    Ok(names::find("method", id, METHODS, |method| method.id)?)
 }
 
 #[cfg(test)]
@@ -211,6 +259,7 @@ mod tests {
             assert!(METHODS[..index].iter().all(|other| other.id != method.id));
             assert!(!method.title.is_empty() && !method.source.is_empty());
             assert!(method.description.len() > 40, "{}", method.id);
+            assert!(method.options.iter().all(|option| option.doc.len() > 20));
             assert_eq!(find(method.id).map(|found| found.id).ok(), Some(method.id));
         }
         let message = find("nerf").map(|_| ()).expect_err("unknown").to_string();

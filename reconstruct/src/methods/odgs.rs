@@ -8,7 +8,8 @@ use omnilife_engine::gaussians::static_gaussians;
 use crate::{
     baseline::{OPACITY_RESET, SKY_SHELL, first_gaussians, require_memory, settings},
     error::ReconstructError,
-    methods::{Method, PreparedGaussians},
+    methods::{Method, MethodKind, PreparedGaussians},
+    options,
     request::{BackendChoice, MethodRequest},
     scene::TrainingScene,
     seeds::points,
@@ -27,7 +28,10 @@ pub const METHOD: Method = Method {
                   densification threshold is that of 3DGS (2e-4); the number of Gaussians is \
                   limited; open sky gets a shell of Gaussians.",
     components: &[SKY_SHELL, OPACITY_RESET],
-    prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
+    options: options::OF_GAUSSIANS,
+    kind: MethodKind::Trained {
+        prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
+    },
 };
 
 /// Static Gaussians at the points and in the sky.

@@ -7,7 +7,8 @@ use omnilife_schemas::records::ComponentDecision;
 
 use crate::{error::ReconstructError, request::BackendChoice, scene::TrainingScene, seeds::points};
 use crate::{
-    methods::{Method, PreparedGaussians, odgs},
+    methods::{Method, MethodKind, PreparedGaussians, odgs},
+    options,
     request::MethodRequest,
 };
 use omnilife_engine::{
@@ -30,7 +31,10 @@ pub const METHOD: Method = Method {
                   standard deviations, an SSIM window that ends at the seam, and growth without a \
                   limit (that of odgs holds).",
     components: &[],
-    prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
+    options: &[options::MAX_GAUSSIANS, options::DENSIFY_THRESHOLD],
+    kind: MethodKind::Trained {
+        prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
+    },
 };
 
 /// Threshold of ODGS `arguments/__init__.py`, the same at equator and poles.
@@ -46,7 +50,10 @@ const LEAST_SQUARED_DISTANCE: f64 = 1e-7;
 fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainSettings {
     let published = crate::baseline::published_settings(request.iterations);
     let unit = scene.normalization.scale;
-    let [equator, pole] = request.densify_threshold.unwrap_or([GRADIENT_THRESHOLD; 2]);
+    let [equator, pole] = request
+        .options
+        .densify_threshold()
+        .unwrap_or([GRADIENT_THRESHOLD; 2]);
     TrainSettings {
         budget_seconds: request.budget_seconds,
         seed: request.seed,
@@ -66,7 +73,8 @@ fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainSettings {
                 crate::baseline::CAMERA_EXTENT + (ADDED_EXTENT * unit) as f32,
             ),
             maximum_gaussians: request
-                .maximum_gaussians
+                .options
+                .maximum_gaussians()
                 .unwrap_or_else(|| crate::baseline::default_maximum(scene)),
             ..published.densify
         },
@@ -85,12 +93,6 @@ fn prepare(
             reason: format!("{}: {reason}", METHOD.id),
         })
     };
-    if request.sh_degree.is_some_and(|degree| degree > 0) {
-        return refuse("was published with spherical harmonics of degree 0");
-    }
-    if request.footprint != omnilife_engine::render::settings::Footprint::Projected {
-        return refuse("was published with projected footprints");
-    }
     if backend != BackendChoice::Cpu {
         return refuse("runs on the processor only");
     }

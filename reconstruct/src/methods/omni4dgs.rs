@@ -7,12 +7,13 @@ use crate::{
     baseline::{OPACITY_RESET, SKY_SHELL},
     components::{Components, pose_refinement},
     methods::{
-        Method, PreparedGaussians,
+        Method, MethodKind, PreparedGaussians,
         dynamic::{
             self, Beginning, CYCLE_FRAMES, Evidence, TEMPORAL_DENSITY, TEMPORAL_MOTION,
             TEMPORAL_OPACITY, TEMPORAL_SMOOTHING,
         },
     },
+    options,
     request::{MethodRequest, PlanChoice},
 };
 use crate::{
@@ -61,7 +62,10 @@ pub const METHOD: Method = Method {
         SKY_SHELL,
         OPACITY_RESET,
     ],
-    prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
+    options: options::OF_GAUSSIANS,
+    kind: MethodKind::Trained {
+        prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
+    },
 };
 
 /// Component: velocities have a radial and a tangential part (Eq. 3).
@@ -311,7 +315,7 @@ fn sh_degree(
     request: &MethodRequest,
     components: &mut Components<'_>,
 ) -> Result<usize, ReconstructError> {
-    if let Some(degree) = request.sh_degree {
+    if let Some(degree) = request.options.sh_degree() {
         let reason = format!("spherical harmonics of degree {degree} on request");
         components.record(VIEW_DEPENDENT_COLOUR, degree > 0, reason);
         return Ok(degree);

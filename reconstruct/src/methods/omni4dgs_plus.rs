@@ -10,13 +10,14 @@ use crate::{
     baseline::{OPACITY_RESET, SKY_SHELL},
     components::pose_refinement::POSE_REFINEMENT,
     methods::{
-        Method, PreparedGaussians,
+        Method, MethodKind, PreparedGaussians,
         dynamic::{self, TEMPORAL_MOTION, TEMPORAL_OPACITY, TEMPORAL_SMOOTHING},
         omni4dgs::{
             self, DYNAMIC_MASK, EXPOSURE_COMPENSATION, MOTION_REGULARIZATION, STATIC_TABLE,
             VELOCITY_DECOMPOSITION, VELOCITY_REGULARIZATION, VIEW_DEPENDENT_COLOUR, Variant,
         },
     },
+    options,
     request::MethodRequest,
 };
 use crate::{
@@ -50,7 +51,10 @@ pub const METHOD: Method = Method {
         SKY_SHELL,
         OPACITY_RESET,
     ],
-    prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
+    options: options::OF_GAUSSIANS,
+    kind: MethodKind::Trained {
+        prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
+    },
 };
 
 const OURS: Variant = Variant {

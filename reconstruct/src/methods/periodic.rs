@@ -7,12 +7,13 @@ use crate::{
     baseline::{OPACITY_RESET, SKY_SHELL},
     components::Components,
     methods::{
-        Method, PreparedGaussians,
+        Method, MethodKind, PreparedGaussians,
         dynamic::{
             self, Beginning, CYCLE_FRAMES, Evidence, LIFESPAN_LOSS, TEMPORAL_DENSITY,
             TEMPORAL_MOTION, TEMPORAL_OPACITY, TEMPORAL_SMOOTHING,
         },
     },
+    options,
     request::MethodRequest,
 };
 use crate::{error::ReconstructError, request::BackendChoice, scene::TrainingScene};
@@ -43,7 +44,10 @@ pub const METHOD: Method = Method {
         SKY_SHELL,
         OPACITY_RESET,
     ],
-    prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
+    options: options::OF_GAUSSIANS,
+    kind: MethodKind::Trained {
+        prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
+    },
 };
 
 /// Component: velocities cost.

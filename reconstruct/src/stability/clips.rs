@@ -10,6 +10,7 @@ use omnilife_schemas::{
 use crate::stability::special::{Judgement, SpecialCase};
 use crate::{
     methods::{self, MethodOutcome},
+    options::Options,
     request::{MethodRequest, PlanChoice},
     scene::TrainingScene,
     train::Session,
@@ -102,7 +103,7 @@ fn train_all(change: impl Fn(&mut TrainingScene)) -> Judgement {
 fn fault_of(scene: &TrainingScene, id: &str, plan: PlanChoice) -> Option<String> {
     let request = MethodRequest {
         plan,
-        maximum_gaussians: Some(400),
+        options: Options::at_most(400),
         ..MethodRequest::new(ITERATIONS, 7)
     };
     methods::find(id)

@@ -1,7 +1,8 @@
 //! The training loop: it orders calls and holds no mathematics. It knows a learner and nothing of what
 //! that is made of.
 //!
-//! * [`timing`]: what a step takes; [`trace`]: error against run time; [`checkpoint`]: how a run survives
+//! * [`timing`]: what a step takes; [`trace`]: where it stood, row by row; [`trace_views`]: the
+//!   novel views at these rows; [`checkpoint`]: how a run survives
 //!   an interruption; `resume`: how it goes on; `nonfinite`: when it stops for want of numbers.
 
 pub mod checkpoint;
@@ -9,21 +10,21 @@ mod nonfinite;
 mod resume;
 pub mod timing;
 pub mod trace;
+pub mod trace_views;
 
 use std::{
     path::PathBuf,
     time::{Duration, Instant},
 };
 
-use omnilife_engine::{
-    EngineError, losses::photometric::cpu::Loss, schedule::Position, step::settings::TrainSettings,
-};
+use omnilife_engine::{EngineError, schedule::Position, step::settings::TrainSettings};
 use omnilife_schemas::progress::Progress;
 use rand::seq::SliceRandom;
 use serde::{Deserialize, Serialize};
 
 use self::{
     checkpoint::LoopState, nonfinite::too_many_nonfinite, resume::resume, trace::TracePoint,
+    trace_views::TraceViews,
 };
 use crate::{
     error::ReconstructError, learner::Learner, process, request::BackendChoice,
@@ -48,6 +49,8 @@ pub struct Session<'a> {
 pub struct TrainingFiles {
     /// CSV of the trace.
     pub trace: PathBuf,
+    /// Novel views that are rendered at its rows.
+    pub trace_views: Option<TraceViews>,
     /// The checkpoint; read at the beginning when it is there.
     pub checkpoint: PathBuf,
     /// Iterations between two checkpoints; 0 writes none.
@@ -141,9 +144,6 @@ struct Trainer<'a> {
     state: LoopState,
     stopped_by_budget: bool,
     remarks: Vec<String>,
-    /// Judges the novel views for the trace.
-    loss: Loss,
-    target: Vec<f32>,
 }
 
 impl<'a> Trainer<'a> {
@@ -155,7 +155,6 @@ impl<'a> Trainer<'a> {
     ) -> Result<Self, ReconstructError> {
         let mut remarks = Vec::new();
         let state = resume(learner, &settings, session, &mut remarks)?;
-        let size = (scene.camera.width as usize, scene.camera.height as usize);
         Ok(Self {
             scene,
             settings,
@@ -164,8 +163,6 @@ impl<'a> Trainer<'a> {
             state,
             stopped_by_budget: false,
             remarks,
-            loss: Loss::new(size.0, size.1),
-            target: Vec::new(),
         })
     }
 
@@ -187,7 +184,7 @@ impl<'a> Trainer<'a> {
             }
             // Before density control: a row right after an opacity reset says nothing of the scene.
             if last || iteration.is_multiple_of(self.settings.trace_every.max(1)) {
-                self.record()?;
+                self.record(last)?;
             }
             if !last {
                 self.timed(|learner| learner.maintain(&position))?;
@@ -247,10 +244,13 @@ impl<'a> Trainer<'a> {
         }
     }
 
-    fn record(&mut self) -> Result<(), ReconstructError> {
+    /// Adds a row to the trace; the views of the last one are the run's predictions.
+    fn record(&mut self, last: bool) -> Result<(), ReconstructError> {
         self.check()?;
         let begun = Instant::now();
-        let novel = self.novel_scores()?;
+        if !last {
+            self.keep_novel_views()?;
+        }
         self.state.evaluation += begun.elapsed();
         let statistics = std::mem::take(&mut self.state.since_trace);
         let arrays = self.learner.arrays();
@@ -259,7 +259,7 @@ impl<'a> Trainer<'a> {
             *total += refused;
         }
         let size = self.learner.size();
-        let point = TracePoint::new(&self.state, &statistics, size, &arrays, novel);
+        let point = TracePoint::new(&self.state, &statistics, size, &arrays);
         self.session.progress.remark(&point.text());
         self.state.trace.push(point);
         if let Some(files) = &self.session.files {
@@ -268,18 +268,15 @@ impl<'a> Trainer<'a> {
         Ok(())
     }
 
-    /// Mean PSNR and SSIM of the novel views.
-    fn novel_scores(&mut self) -> Result<Option<[f64; 2]>, ReconstructError> {
-        let views = &self.scene.novel_views;
-        let mut sum = [0.0; 2];
-        for view in views {
-            let image = self.learner.image(&view.view)?;
-            view.write_image(&mut self.target);
-            let value = self.loss.value(&image.data, &self.target, 0.0);
-            sum[0] += value.psnr();
-            sum[1] += value.ssim;
-        }
-        Ok((!views.is_empty()).then(|| sum.map(|sum| sum / views.len() as f64)))
+    /// Leaves the novel views as they are now, for the benchmark to score.
+    fn keep_novel_views(&mut self) -> Result<(), ReconstructError> {
+        let files = self.session.files.as_ref();
+        let Some(kept) = files.and_then(|files| files.trace_views.as_ref()) else {
+            return Ok(());
+        };
+        kept.write(self.state.iteration, &self.scene.novel_views, |view| {
+            Ok(self.learner.image(&view.view)?)
+        })
     }
 
     /// Writes a checkpoint where one is due, or `now`.

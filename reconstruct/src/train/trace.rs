@@ -23,8 +23,9 @@ pub struct TracePoint {
     pub cpu_seconds: Option<f64>,
     /// Iterations done.
     pub iteration: u64,
-    /// Gaussians.
-    pub gaussians: u64,
+    /// Primitives of the model: Gaussians, or whatever else it is made of.
+    #[serde(alias = "gaussians")]
+    pub primitives: u64,
     /// Bytes of parameters, gradients and moments.
     pub table_bytes: u64,
     /// Highest resident memory of the process so far, where the system tells.
@@ -33,38 +34,31 @@ pub struct TracePoint {
     pub train_loss: f64,
     /// PSNR of the mean squared error over the training steps since the row before, dB.
     pub train_psnr_db: f64,
-    /// Mean PSNR of the novel views, dB; empty without novel views.
-    pub novel_psnr_db: Option<f64>,
-    /// Mean SSIM of the novel views (the loss's SSIM, which wraps at the seam).
-    pub novel_ssim: Option<f64>,
     /// Gradient values that were not finite and were not applied since the row before, by name of
     /// the parameter array.
     pub refused: Vec<(String, u64)>,
 }
 
-const COLUMNS: [&str; 11] = [
+const COLUMNS: [&str; 9] = [
     "wall_seconds",
     "evaluation_seconds",
     "cpu_seconds",
     "iteration",
-    "gaussians",
+    "primitives",
     "table_bytes",
     "peak_memory_bytes",
     "train_loss",
     "train_psnr_db",
-    "novel_psnr_db",
-    "novel_ssim",
 ];
 
 impl TracePoint {
-    /// A row from where the loop stands, the sums since the row before, the number of Gaussians and
-    /// the bytes of their tables, the arrays and the scores (PSNR in dB, SSIM) of the novel views.
+    /// A row from where the loop stands, the sums since the row before, the size of the model, and
+    /// the arrays.
     pub(super) fn new(
         state: &LoopState,
         statistics: &StepStatistics,
         size: ModelSize,
         arrays: &[TrainedArray],
-        novel: Option<[f64; 2]>,
     ) -> Self {
         let steps = statistics.steps.max(1) as f64;
         let refused = statistics.refused.iter().chain(std::iter::repeat(&0));
@@ -73,13 +67,11 @@ impl TracePoint {
             evaluation_seconds: state.evaluation.as_secs_f64(),
             cpu_seconds: state.training_cpu.map(|time| time.as_secs_f64()),
             iteration: state.iteration,
-            gaussians: size.primitives,
+            primitives: size.primitives,
             table_bytes: size.bytes,
             peak_memory_bytes: process::peak_memory_bytes(),
             train_loss: statistics.loss / steps,
             train_psnr_db: -10.0 * (statistics.squared_error / steps).max(1e-10).log10(),
-            novel_psnr_db: novel.map(|[psnr, _]| psnr),
-            novel_ssim: novel.map(|[_, ssim]| ssim),
             refused: arrays
                 .iter()
                 .zip(refused)
@@ -90,12 +82,9 @@ impl TracePoint {
 
     /// A short remark for people.
     pub(super) fn text(&self) -> String {
-        let novel = self
-            .novel_psnr_db
-            .map_or(String::new(), |psnr| format!(", novel views {psnr:.2} dB"));
         format!(
-            "{} Gaussians, input views {:.2} dB{novel}",
-            self.gaussians, self.train_psnr_db
+            "{} primitives, input views {:.2} dB",
+            self.primitives, self.train_psnr_db
         )
     }
 
@@ -108,13 +97,11 @@ impl TracePoint {
             self.evaluation_seconds.to_string(),
             or_empty(self.cpu_seconds),
             self.iteration.to_string(),
-            self.gaussians.to_string(),
+            self.primitives.to_string(),
             self.table_bytes.to_string(),
             or_empty(self.peak_memory_bytes),
             self.train_loss.to_string(),
             self.train_psnr_db.to_string(),
-            or_empty(self.novel_psnr_db),
-            or_empty(self.novel_ssim),
         ];
         let refused = self.refused.iter().map(|(_, count)| count.to_string());
         fixed.into_iter().chain(refused).collect()

@@ -40,7 +40,7 @@ pub use overlays::{Overlay, OverlayClass, OverlayReport, Sightings};
 pub use poses::{PosedFrame, Poses};
 pub use protocol::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
 pub use result::{Direction, Failure, ResultRecord, Summary, Unavailable};
-pub use run::{Backend, ComponentDecision, RunRecord, ViewPredictions};
+pub use run::{Backend, ComponentDecision, RunRecord, TraceViews, ViewPredictions};
 pub use scene::{
     DepthImage, PoseSource, PoseValidation, Scale, Scene, SceneFrame, ValidationStatus,
 };
@@ -74,6 +74,8 @@ use crate::{
 pub struct SchemaEntry {
     /// `omnilife/<name>/<version>`.
     pub id: &'static str,
+    /// Older versions that are read as this one.
+    pub older: &'static [&'static str],
     /// Makes the JSON Schema.
     pub generate: fn() -> Schema,
     /// Reads a file as this record.
@@ -86,7 +88,10 @@ pub struct SchemaEntry {
 /// When it is no record, of a schema that is not known, or not what its schema asks for.
 pub fn check_file(path: &Path) -> Result<(), StoreError> {
     let schema = store::schema_of(path)?;
-    match SCHEMAS.iter().find(|entry| entry.id == schema) {
+    match SCHEMAS
+        .iter()
+        .find(|entry| entry.id == schema || entry.older.contains(&schema.as_str()))
+    {
         Some(entry) => (entry.check)(path),
         None => Err(StoreError::malformed(
             path,
@@ -130,6 +135,7 @@ pub const SCHEMAS: &[SchemaEntry] = &[
 const fn entry<T: Record>() -> SchemaEntry {
     SchemaEntry {
         id: T::SCHEMA,
+        older: T::OLDER,
         generate: generate::<T>,
         check: check::<T>,
     }

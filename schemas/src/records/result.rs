@@ -41,8 +41,9 @@ pub struct ResultRecord {
     pub frames_table: String,
     /// Training time in seconds, where the predictions came with a run record.
     pub training_seconds: Option<f64>,
-    /// Gaussians, where known.
-    pub gaussians: Option<u64>,
+    /// Primitives of the model (Gaussians, or what else the method is made of), where known.
+    #[serde(alias = "gaussians")]
+    pub primitives: Option<u64>,
     /// Iterations, where known.
     pub iterations: Option<u64>,
     /// Random seed, where the predictions came with a run record. Results of one method on one
@@ -70,7 +71,8 @@ pub struct ResultRecord {
 }
 
 impl Record for ResultRecord {
-    const SCHEMA: &'static str = "omnilife/result/2";
+    const SCHEMA: &'static str = "omnilife/result/3";
+    const OLDER: &'static [&'static str] = &["omnilife/result/2"];
 }
 
 /// A metric over the views of one kind.

@@ -33,14 +33,15 @@ pub struct RunRecord {
     pub inputs: BTreeMap<String, String>,
     /// Iterations done.
     pub iterations: u64,
-    /// Gaussians at the end.
-    pub gaussians: u64,
+    /// Primitives of the model at the end: Gaussians, or what else the method is made of.
+    #[serde(alias = "gaussians")]
+    pub primitives: u64,
     /// Training time in wall-clock seconds, rendering of predictions not included.
     pub training_seconds: f64,
     /// Processor time of training (user and system, all threads), seconds, where the system tells.
     #[serde(default)]
     pub training_cpu_seconds: Option<f64>,
-    /// Wall-clock time that the trace's scores of novel views took, seconds; training time does not
+    /// Wall-clock time that rendering the trace's novel views took, seconds; training time does not
     /// include it.
     #[serde(default)]
     pub evaluation_seconds: f64,
@@ -55,8 +56,11 @@ pub struct RunRecord {
     pub peak_memory_bytes: Option<u64>,
     /// The similarity under which the scene was trained.
     pub normalization: Similarity,
-    /// CSV of error against run time.
+    /// CSV of where training stood, row by row.
     pub trace: Option<String>,
+    /// Novel views that were rendered at the rows of the trace.
+    #[serde(default)]
+    pub trace_views: Option<TraceViews>,
     /// Predicted views.
     pub predictions: ViewPredictions,
     /// Remarks that a reader of the scores should know.
@@ -64,7 +68,8 @@ pub struct RunRecord {
 }
 
 impl Record for RunRecord {
-    const SCHEMA: &'static str = "omnilife/run/1";
+    const SCHEMA: &'static str = "omnilife/run/2";
+    const OLDER: &'static [&'static str] = &["omnilife/run/1"];
 }
 
 /// What computed a run.
@@ -101,6 +106,16 @@ pub struct ComponentDecision {
     pub used: bool,
     /// The evidence or the setting that decided.
     pub reason: String,
+}
+
+/// Novel views along a trace: `<folder>/<iteration, 6 digits>/<frame, 6 digits>.png`. The views of the
+/// last iteration are the predictions.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct TraceViews {
+    /// Folder of the rows' folders.
+    pub folder: String,
+    /// The frames that are there at every row, as the split numbers them.
+    pub frames: Vec<u32>,
 }
 
 /// Where predictions are: `<folder>/<frame, 6 digits>.png`, frame numbers as in the split.

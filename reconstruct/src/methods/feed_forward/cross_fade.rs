@@ -3,17 +3,22 @@
 use std::time::Instant;
 
 use crate::error::ReconstructError;
-use crate::methods::feed_forward::{Group, Interpolated, Interpolator, warp::mixed};
+use crate::methods::feed_forward::{Group, Interpolated, warp::mixed};
+use crate::methods::{Method, MethodKind};
 
 /// The baseline that knows the time only.
-pub(super) const INTERPOLATOR: Interpolator = Interpolator {
+pub const METHOD: Method = Method {
     id: "cross-fade",
     title: "Cross-fade",
     source: "baseline of this project",
     description: "Baseline: every novel view is the mean of the two given views, weighted by how \
                   near they are in time. No pose is used.",
-    settings: || serde_json::json!({}),
-    interpolate,
+    components: &[],
+    options: &[],
+    kind: MethodKind::FeedForward {
+        settings: || serde_json::json!({}),
+        interpolate,
+    },
 };
 
 fn interpolate(group: &Group) -> Result<Interpolated, ReconstructError> {

@@ -7,12 +7,13 @@ use omnilife_schemas::RgbImage;
 
 use crate::error::ReconstructError;
 use crate::methods::feed_forward::{
-    Group, Interpolated, Interpolator, Station,
+    Group, Interpolated, Station,
     warp::{mixed, turned},
 };
+use crate::methods::{Method, MethodKind};
 
 /// The baseline that knows orientations, and no depth.
-pub(super) const INTERPOLATOR: Interpolator = Interpolator {
+pub const METHOD: Method = Method {
     id: "infinity-homography",
     title: "Homography at infinity",
     source: "R. Hartley and A. Zisserman, Multiple View Geometry in Computer Vision, 13.4 (the \
@@ -20,8 +21,12 @@ pub(super) const INTERPOLATOR: Interpolator = Interpolator {
     description: "Baseline: both given views are turned into the orientation of the novel view \
                   (bilinear), as if everything were infinitely far, and blended by how near they \
                   are in time. Orientations are used, positions and depth are not.",
-    settings: || serde_json::json!({}),
-    interpolate,
+    components: &[],
+    options: &[],
+    kind: MethodKind::FeedForward {
+        settings: || serde_json::json!({}),
+        interpolate,
+    },
 };
 
 fn interpolate(group: &Group) -> Result<Interpolated, ReconstructError> {

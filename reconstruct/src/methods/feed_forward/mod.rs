@@ -1,19 +1,17 @@
 //! Methods that learn nothing from a scene: from two views of a group, those between them.
 //!
-//! One file each, one line in [`INTERPOLATORS`]. They follow any split: a protocol with groups says
+//! One file each, one line in [`METHODS`](super::METHODS). They follow any split: a protocol with groups says
 //! which views belong together; under others every novel view is predicted from the input views
-//! before and after it. [`job`] runs them and leaves the same files as a training does.
+//! before and after it.
 
-mod cross_fade;
-mod infinity;
-mod nearest;
+pub mod cross_fade;
+pub mod infinity;
+pub mod nearest;
 pub mod sweep;
 pub mod warp;
 
 use glam::{DMat3, DVec3};
 use omnilife_schemas::{Pose, RgbImage, camera::ErpCamera, records::Split};
-
-use crate::error::ReconstructError;
 
 /// A view that is given.
 #[derive(Debug, Clone, PartialEq)]
@@ -73,7 +71,7 @@ impl Group {
     }
 }
 
-/// What an interpolator makes of a group.
+/// What a feed-forward method makes of a group.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Interpolated {
     /// One image per target.
@@ -86,38 +84,6 @@ pub struct Interpolated {
     pub rendering_seconds: f64,
     /// What a reader of the images should know; empty where nothing is out of the ordinary.
     pub remarks: Vec<String>,
-}
-
-/// A method that can be asked for by name.
-#[derive(Debug, Clone, Copy)]
-pub struct Interpolator {
-    /// Name on the command line and in tables.
-    pub id: &'static str,
-    /// Full name.
-    pub title: &'static str,
-    /// Where the idea is published.
-    pub source: &'static str,
-    /// What it does.
-    pub description: &'static str,
-    /// Its settings, for the run's record.
-    pub settings: fn() -> serde_json::Value,
-    /// Makes the views of a group.
-    pub interpolate: fn(&Group) -> Result<Interpolated, ReconstructError>,
-}
-
-/// All of them.
-pub const INTERPOLATORS: &[Interpolator] = &[
-    sweep::INTERPOLATOR,
-    infinity::INTERPOLATOR,
-    cross_fade::INTERPOLATOR,
-    nearest::INTERPOLATOR,
-];
-
-/// The interpolator of this name, where it is the name of one.
-pub fn find(id: &str) -> Option<&'static Interpolator> {
-    INTERPOLATORS
-        .iter()
-        .find(|interpolator| interpolator.id == id)
 }
 
 /// Numbers of frames: two given ones and those to predict from them.

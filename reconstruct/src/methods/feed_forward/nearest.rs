@@ -3,17 +3,22 @@
 use std::time::Instant;
 
 use crate::error::ReconstructError;
-use crate::methods::feed_forward::{Group, Interpolated, Interpolator};
+use crate::methods::feed_forward::{Group, Interpolated};
+use crate::methods::{Method, MethodKind};
 
 /// The baseline that knows nothing at all.
-pub(super) const INTERPOLATOR: Interpolator = Interpolator {
+pub const METHOD: Method = Method {
     id: "nearest-input",
     title: "Nearest input view",
     source: "baseline of this project",
     description: "Baseline: every novel view is the given view nearest in time, unchanged (the \
                   earlier one of two as near). No pose is used.",
-    settings: || serde_json::json!({}),
-    interpolate,
+    components: &[],
+    options: &[],
+    kind: MethodKind::FeedForward {
+        settings: || serde_json::json!({}),
+        interpolate,
+    },
 };
 
 fn interpolate(group: &Group) -> Result<Interpolated, ReconstructError> {

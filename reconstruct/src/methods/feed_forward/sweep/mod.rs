@@ -29,10 +29,11 @@ use serde::Serialize;
 pub use depth::SweptDepth;
 
 use crate::error::ReconstructError;
-use crate::methods::feed_forward::{Group, Interpolated, Interpolator, infinity::at_infinity};
+use crate::methods::feed_forward::{Group, Interpolated, infinity::at_infinity};
+use crate::methods::{Method, MethodKind};
 
 /// Feed-forward, without learned weights.
-pub(super) const INTERPOLATOR: Interpolator = Interpolator {
+pub const METHOD: Method = Method {
     id: "sphere-sweep",
     title: "Spherical plane sweep",
     source: "this project; after R. T. Collins, A Space-Sweep Approach to True Multi-Image \
@@ -43,8 +44,12 @@ pub(super) const INTERPOLATOR: Interpolator = Interpolator {
                   check) gives depth and confidence; each view becomes one Gaussian per direction \
                   of an area-uniform sampling of the sphere; both are rendered at the novel view \
                   and blended by confidence and nearness.",
-    settings: || serde_json::json!(SweepSettings::DEFAULT),
-    interpolate,
+    components: &[],
+    options: &[],
+    kind: MethodKind::FeedForward {
+        settings: || serde_json::json!(SweepSettings::DEFAULT),
+        interpolate,
+    },
 };
 
 /// What the sweep can be told.

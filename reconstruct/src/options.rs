@@ -1,0 +1,268 @@
+//! Options that only some methods understand: declared by the method, checked before anything is
+//! computed. `--set densify-threshold=2e-4` asks for one.
+
+use std::collections::BTreeMap;
+
+use omnilife_engine::{gaussians::MAX_SH_DEGREE, render::settings::Footprint};
+use omnilife_schemas::names;
+use serde::Serialize;
+
+use crate::error::ReconstructError;
+
+/// An option of a method.
+#[derive(Debug, Clone, Copy)]
+pub struct MethodOption {
+    /// Name on the command line.
+    pub id: &'static str,
+    /// What it decides.
+    pub doc: &'static str,
+    /// Which values there are.
+    pub values: OptionValues,
+    /// What holds where it is not given.
+    pub default: &'static str,
+}
+
+/// Values of an option.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum OptionValues {
+    /// Whole numbers.
+    Whole {
+        /// The least.
+        least: u64,
+        /// The greatest.
+        most: u64,
+    },
+    /// One positive number, or two: at the equator and at the poles.
+    ByLatitude,
+    /// One of some words.
+    Word(&'static [&'static str]),
+}
+
+/// The value of an option.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum OptionValue {
+    /// A whole number.
+    Whole(u64),
+    /// Values at the equator and at the poles.
+    ByLatitude([f32; 2]),
+    /// A word.
+    Word(String),
+}
+
+impl OptionValues {
+    /// As help shows them.
+    pub fn text(&self) -> String {
+        match self {
+            Self::Whole { least, most } if *most == u64::MAX => {
+                format!("a whole number, {least} at least")
+            }
+            Self::Whole { least, most } => format!("a whole number, {least} to {most}"),
+            Self::ByLatitude => "one or two positive numbers such as 2e-4 or 1e-4,2e-4".to_owned(),
+            Self::Word(words) => words.join(" or "),
+        }
+    }
+
+    fn parse(&self, text: &str) -> Option<OptionValue> {
+        match self {
+            Self::Whole { least, most } => {
+                let value = text.parse().ok()?;
+                (*least..=*most)
+                    .contains(&value)
+                    .then_some(OptionValue::Whole(value))
+            }
+            Self::ByLatitude => {
+                let (equator, pole) = text.split_once(',').unwrap_or((text, text));
+                let values = [equator.parse().ok()?, pole.parse().ok()?];
+                let is_usable = |value: &f32| *value > 0.0 && value.is_finite();
+                values
+                    .iter()
+                    .all(is_usable)
+                    .then_some(OptionValue::ByLatitude(values))
+            }
+            Self::Word(words) => words
+                .contains(&text)
+                .then(|| OptionValue::Word(text.to_owned())),
+        }
+    }
+}
+
+/// The number of Gaussians never grows above this.
+pub const MAX_GAUSSIANS: MethodOption = MethodOption {
+    id: "max-gaussians",
+    doc: "never more Gaussians than this; more points are thinned out",
+    values: OptionValues::Whole {
+        least: 1,
+        most: u64::MAX,
+    },
+    default: "half the pixels of a view",
+};
+/// Degree of the spherical harmonics of colour.
+pub const SH_DEGREE: MethodOption = MethodOption {
+    id: "sh-degree",
+    doc: "degree of the spherical harmonics of colour",
+    values: OptionValues::Whole {
+        least: 0,
+        most: MAX_SH_DEGREE as u64,
+    },
+    default: "0, or what the scene gives reason for",
+};
+/// How a Gaussian's falloff in a pixel is defined.
+pub const FOOTPRINT: MethodOption = MethodOption {
+    id: "footprint",
+    doc: "footprint of a Gaussian: linearized at its centre, or its largest value along the pixel's \
+          ray",
+    values: OptionValues::Word(&["projected", "ray"]),
+    default: "projected",
+};
+/// Image gradient from which Gaussians are cloned or split.
+pub const DENSIFY_THRESHOLD: MethodOption = MethodOption {
+    id: "densify-threshold",
+    doc: "image gradient from which Gaussians are cloned or split; two values are those at the \
+          equator and at the poles",
+    values: OptionValues::ByLatitude,
+    default: "that of the method",
+};
+
+/// Options of all methods whose model is Gaussians.
+pub const OF_GAUSSIANS: &[MethodOption] = &[MAX_GAUSSIANS, SH_DEGREE, FOOTPRINT, DENSIFY_THRESHOLD];
+
+/// What is asked of a method beyond what all methods understand, by the names of its options.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[serde(transparent)]
+pub struct Options(BTreeMap<&'static str, OptionValue>);
+
+impl Options {
+    /// Reads `NAME=VALUE` lines against what a method declares.
+    ///
+    /// # Errors
+    /// When the method has no such option, a value is none of its values, or one is given twice.
+    pub fn parse(
+        method: &str,
+        declared: &'static [MethodOption],
+        lines: &[String],
+    ) -> Result<Self, ReconstructError> {
+        let refuse = |reason: String| ReconstructError::Request { reason };
+        let mut options = Self::default();
+        for line in lines {
+            let (name, text) = line
+                .split_once('=')
+                .ok_or_else(|| refuse(format!("{line:?}: expected an option as NAME=VALUE")))?;
+            let kind = format!("{method} option");
+            let option = names::find(&kind, name, declared, |option| option.id)?;
+            let value = option.values.parse(text).ok_or_else(|| {
+                refuse(format!("{name}: {text:?} is not {}", option.values.text()))
+            })?;
+            if options.0.insert(option.id, value).is_some() {
+                return Err(refuse(format!("{name}: is given twice")));
+            }
+        }
+        Ok(options)
+    }
+
+    /// At most so many Gaussians.
+    pub fn at_most(gaussians: u64) -> Self {
+        Self([(MAX_GAUSSIANS.id, OptionValue::Whole(gaussians))].into())
+    }
+
+    /// Spherical harmonics of this degree.
+    pub fn of_sh_degree(degree: usize) -> Self {
+        Self([(SH_DEGREE.id, OptionValue::Whole(degree as u64))].into())
+    }
+
+    /// The names of what is asked for.
+    pub fn names(&self) -> impl Iterator<Item = &'static str> + '_ {
+        self.0.keys().copied()
+    }
+
+    fn whole(&self, option: &MethodOption) -> Option<u64> {
+        match self.0.get(option.id) {
+            Some(OptionValue::Whole(value)) => Some(*value),
+            _ => None,
+        }
+    }
+
+    /// [`MAX_GAUSSIANS`].
+    pub fn maximum_gaussians(&self) -> Option<u64> {
+        self.whole(&MAX_GAUSSIANS)
+    }
+
+    /// [`SH_DEGREE`].
+    pub fn sh_degree(&self) -> Option<usize> {
+        self.whole(&SH_DEGREE).map(|degree| degree as usize)
+    }
+
+    /// [`DENSIFY_THRESHOLD`] at the equator and at the poles.
+    pub fn densify_threshold(&self) -> Option<[f32; 2]> {
+        match self.0.get(DENSIFY_THRESHOLD.id) {
+            Some(OptionValue::ByLatitude(values)) => Some(*values),
+            _ => None,
+        }
+    }
+
+    /// [`FOOTPRINT`].
+    pub fn footprint(&self) -> Footprint {
+        match self.0.get(FOOTPRINT.id) {
+            Some(OptionValue::Word(word)) if word == "ray" => Footprint::Ray,
+            _ => Footprint::Projected,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(lines: &[&str]) -> Result<Options, String> {
+        let lines: Vec<String> = lines.iter().map(|&line| line.to_owned()).collect();
+        Options::parse("odgs", OF_GAUSSIANS, &lines).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn values_are_read_as_declared() {
+        let options = parse(&[
+            "max-gaussians=500",
+            "sh-degree=2",
+            "footprint=ray",
+            "densify-threshold=1e-4,2e-4",
+        ])
+        .expect("good options");
+        assert_eq!(options.maximum_gaussians(), Some(500));
+        assert_eq!(options.sh_degree(), Some(2));
+        assert_eq!(options.footprint(), Footprint::Ray);
+        assert_eq!(options.densify_threshold(), Some([1e-4, 2e-4]));
+        let none = Options::default();
+        assert_eq!((none.maximum_gaussians(), none.sh_degree()), (None, None));
+        assert_eq!(none.footprint(), Footprint::Projected);
+    }
+
+    #[test]
+    fn what_a_method_does_not_declare_is_refused_in_one_line() {
+        for (lines, expected) in [
+            (
+                &["sh-degree=4"][..],
+                "sh-degree: \"4\" is not a whole number, 0 to 3",
+            ),
+            (&["max-gaussians=0"], "is not a whole number, 1 at least"),
+            (
+                &["densify-threshold=-1"],
+                "is not one or two positive numbers",
+            ),
+            (
+                &["densify-threshold=inf"],
+                "is not one or two positive numbers",
+            ),
+            (&["footprint=round"], "is not projected or ray"),
+            (&["footprint"], "expected an option as NAME=VALUE"),
+            (&["sh-degree=1", "sh-degree=1"], "is given twice"),
+            (
+                &["sh-dgree=1"],
+                "there is no odgs option \"sh-dgree\"; known: max-gaussians, sh-degree, footprint, \
+                 densify-threshold; did you mean \"sh-degree\"?",
+            ),
+        ] {
+            let message = parse(lines).expect_err("refused");
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+}
