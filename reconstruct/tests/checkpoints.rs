@@ -18,7 +18,7 @@ use omnilife_engine::model::Model;
 use omnilife_reconstruct::{
     ReconstructError,
     methods::{self, MethodOutcome},
-    request::{BackendChoice, MethodRequest},
+    request::MethodRequest,
     scene::TrainingScene,
     train::{Session, TrainingFiles},
 };
@@ -50,9 +50,8 @@ fn train<'a>(
     progress: &dyn Progress,
 ) -> Result<MethodOutcome<'a>, ReconstructError> {
     let session = Session {
-        progress,
         files: Some(files),
-        backend: BackendChoice::Cpu,
+        ..Session::without_files(progress)
     };
     methods::find("odgs")
         .unwrap()

@@ -103,6 +103,7 @@ const TOY: Method = Method {
     source: "nowhere",
     description: "Static Gaussians that drift with one velocity, as the simplest thing that moves.",
     components: &[],
+    optional_components: &[],
     prepare: |scene, request, backend| prepare(scene, request)?.on(scene, backend),
 };
 
@@ -122,6 +123,7 @@ fn prepare(
         model: Model::new(vec![Part::new(drifting, table)]),
         settings,
         plan: Vec::new(),
+        evidence: None,
         remarks: Vec::new(),
     })
 }

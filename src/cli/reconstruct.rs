@@ -39,6 +39,10 @@ pub(crate) struct MethodArguments {
     /// and at the poles [default: the method's].
     #[arg(long, value_name = "T[,POLE]", value_parser = thresholds)]
     pub(crate) densify_threshold: Option<[f32; 2]>,
+    /// Uses components whatever the scene says, those too that the method does not have by itself;
+    /// `reconstruct methods` lists them.
+    #[arg(long, value_name = "COMPONENT", value_delimiter = ',')]
+    pub(crate) with: Vec<String>,
     /// Leaves out components of the method; `reconstruct methods` lists them.
     #[arg(long, value_name = "COMPONENT", value_delimiter = ',')]
     pub(crate) without: Vec<String>,
@@ -113,6 +117,7 @@ impl MethodArguments {
             sh_degree: self.sh_degree,
             footprint: self.footprint.into(),
             densify_threshold: self.densify_threshold,
+            with: self.with.clone(),
             without: self.without.clone(),
             plan: self.plan.clone(),
             trace_every: self.trace,

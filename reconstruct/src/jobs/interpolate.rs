@@ -39,7 +39,7 @@ pub fn check(
     settings: &MethodRequest,
     backend: BackendChoice,
 ) -> Result<(), ReconstructError> {
-    if let Some(name) = settings.without.first() {
+    if let Some(name) = settings.without.iter().chain(&settings.with).next() {
         return Err(ReconstructError::UnknownComponent {
             method: interpolator.id.to_owned(),
             name: name.clone(),
@@ -120,11 +120,14 @@ pub fn interpolate(
         },
         configuration: (interpolator.settings)(),
         plan: Vec::new(),
+        evidence: None,
         hardware: Some(provenance::Hardware::here()),
         versions: provenance::versions(),
         inputs,
         iterations: 0,
         gaussians: rows.iter().map(|row| row.gaussians).max().unwrap_or(0),
+        planning_seconds: 0.0,
+        planning_cpu_seconds: None,
         training_seconds: analysis_seconds,
         training_cpu_seconds: None,
         evaluation_seconds: 0.0,

@@ -20,7 +20,7 @@ use crate::{
     error::ReconstructError,
     formats::{DEFORMATION_FILE, GAUSSIANS_FILE, MOVING_GAUSSIANS_FILE, REFINED_POSES_FILE},
     methods::{self, MethodOutcome, feed_forward},
-    process,
+    process::{self, Elapsed},
     request::{BackendChoice, MethodRequest},
     scene::TrainingScene,
     train::{Session, TrainingFiles, trace},
@@ -114,6 +114,7 @@ pub fn reconstruct(
             inputs_sha256: stage.inputs_sha256(),
         }),
         backend: request.backend,
+        planning: Elapsed::default(),
     };
     let mut outcome = method.train(&scene, &request.settings, &session)?;
     let rendering = Instant::now();
@@ -124,6 +125,10 @@ pub fn reconstruct(
     let gaussians = learner.size().primitives;
     outputs.extend(learner.export(&request.out)?);
     trace::write_csv(&trace_path, &training.state.trace)?;
+    let evidence = outcome.evidence.as_ref().map(serde_json::to_value);
+    let evidence = evidence
+        .transpose()
+        .map_err(|error| StoreError::write(&record_path, std::io::Error::other(error)))?;
     let record = RunRecord {
         method: method.id.to_owned(),
         scene: scene.id.clone(),
@@ -132,11 +137,14 @@ pub fn reconstruct(
         backend: learner.backend(),
         configuration: outcome.configuration.clone(),
         plan: outcome.plan.clone(),
+        evidence,
         hardware: Some(provenance::Hardware::here()),
         versions: provenance::versions(),
         inputs,
         iterations: training.state.iteration,
         gaussians,
+        planning_seconds: outcome.planning.wall.as_secs_f64(),
+        planning_cpu_seconds: outcome.planning.cpu.map(|time| time.as_secs_f64()),
         training_seconds: training.state.training.as_secs_f64(),
         training_cpu_seconds: training.state.training_cpu.map(|time| time.as_secs_f64()),
         evaluation_seconds: training.state.evaluation.as_secs_f64(),

@@ -8,14 +8,18 @@ pub mod odgs_published;
 pub mod omni4dgs;
 pub mod omni4dgs_plus;
 pub mod periodic;
+mod prepared;
 
 use omnilife_schemas::records::ComponentDecision;
 
 use crate::request::MethodRequest;
 use crate::request::PlanChoice;
 use crate::{
+    components::Supported,
     error::ReconstructError,
+    evidence::SceneEvidence,
     learner::{Learner, gaussians::GaussianLearner},
+    process::{self, Elapsed},
     request::BackendChoice,
     scene::TrainingScene,
     train::{self, LoopSettings, Session, TrainingOutcome},
@@ -35,6 +39,11 @@ pub struct MethodOutcome<'a> {
     pub configuration: serde_json::Value,
     /// Components used and left out, with reasons.
     pub plan: Vec<ComponentDecision>,
+    /// What the scene shows of itself, where the method asks.
+    pub evidence: Option<SceneEvidence>,
+    /// What deciding and placing the first Gaussians took, the pilot fit included; training time
+    /// includes it.
+    pub planning: Elapsed,
 }
 
 /// What a method begins with on a scene.
@@ -48,6 +57,8 @@ pub struct Prepared<'a> {
     pub configuration: serde_json::Value,
     /// Components used and left out, with reasons.
     pub plan: Vec<ComponentDecision>,
+    /// What the scene shows of itself, where the method asks.
+    pub evidence: Option<SceneEvidence>,
     /// Lines that a reader of the scores should know.
     pub remarks: Vec<String>,
 }
@@ -61,6 +72,8 @@ pub struct PreparedGaussians {
     pub settings: TrainSettings,
     /// Components used and left out, with reasons.
     pub plan: Vec<ComponentDecision>,
+    /// What the scene shows of itself, where the method asks.
+    pub evidence: Option<SceneEvidence>,
     /// Lines that a reader of the scores should know.
     pub remarks: Vec<String>,
 }
@@ -89,6 +102,7 @@ impl PreparedGaussians {
             )?),
             configuration,
             plan: self.plan,
+            evidence: self.evidence,
             remarks: self.remarks,
         })
     }
@@ -112,8 +126,10 @@ pub struct Method {
     pub source: &'static str,
     /// What this implementation is, and where it departs from the source.
     pub description: &'static str,
-    /// Components that can be left out by name.
+    /// Components that it has by itself; they can be left out by name.
     pub components: &'static [&'static str],
+    /// Components that it can be asked for by name.
+    pub optional_components: &'static [&'static str],
     /// Prepares its training.
     pub prepare: PrepareMethod,
 }
@@ -130,17 +146,24 @@ impl Method {
         request: &MethodRequest,
         session: &Session<'_>,
     ) -> Result<MethodOutcome<'a>, ReconstructError> {
+        let (prepared, planning) =
+            process::measured(|| (self.prepare)(scene, request, session.backend));
         let Prepared {
             mut learner,
             length,
             configuration,
             plan,
+            evidence,
             remarks,
-        } = (self.prepare)(scene, request, session.backend)?;
+        } = prepared?;
         for remark in &remarks {
             session.progress.note(remark);
         }
-        let mut training = train::train(scene, &mut *learner, length, session)?;
+        let session = Session {
+            planning,
+            ..session.clone()
+        };
+        let mut training = train::train(scene, &mut *learner, length, &session)?;
         training.remarks.extend(remarks);
         Ok(MethodOutcome {
             learner,
@@ -148,26 +171,41 @@ impl Method {
             iterations: length.iterations,
             configuration,
             plan,
+            evidence,
+            planning,
         })
+    }
+
+    /// The components that it can have.
+    pub(crate) const fn supported(&self) -> Supported {
+        Supported {
+            default: self.components,
+            optional: self.optional_components,
+        }
     }
 
     /// Whether the request makes sense for this method.
     ///
     /// # Errors
-    /// When it names a component that the method does not have.
+    /// When it names a component that the method does not have, or one to use and to leave out.
     pub fn check(&self, request: &MethodRequest) -> Result<(), ReconstructError> {
-        let known = |name: &String| self.components.contains(&name.as_str());
-        let named = match &request.plan {
+        let in_plan = match &request.plan {
             PlanChoice::Only(names) => &names[..],
             PlanChoice::Auto | PlanChoice::Full => &[],
         };
-        let mut names = request.without.iter().chain(named);
-        match names.find(|name| !known(name)) {
-            None => Ok(()),
-            Some(name) => Err(ReconstructError::UnknownComponent {
+        let all = || self.components.iter().chain(self.optional_components);
+        let mut names = request.without.iter().chain(&request.with).chain(in_plan);
+        if let Some(name) = names.find(|name| !all().any(|known| known == name)) {
+            return Err(ReconstructError::UnknownComponent {
                 method: self.id.to_owned(),
                 name: name.clone(),
-                known: self.components.join(", "),
+                known: all().copied().collect::<Vec<_>>().join(", "),
+            });
+        }
+        match request.with.iter().find(|name| request.leaves_out(name)) {
+            None => Ok(()),
+            Some(name) => Err(ReconstructError::Request {
+                reason: format!("{}: {name} is asked for and left out", self.id),
             }),
         }
     }
@@ -204,6 +242,7 @@ pub fn find(id: &str) -> Result<&'static Method, ReconstructError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::components::COMPONENTS;
 
     #[test]
     fn methods_are_unique_and_described() {
@@ -213,10 +252,45 @@ mod tests {
             assert!(method.description.len() > 40, "{}", method.id);
             assert_eq!(find(method.id).map(|found| found.id).ok(), Some(method.id));
         }
+        let shared = |name: &&str| COMPONENTS.iter().any(|component| component.id == *name);
+        for method in METHODS {
+            let (own, optional) = (method.components, method.optional_components);
+            assert!(
+                optional
+                    .iter()
+                    .all(|name| shared(name) && !own.contains(name))
+            );
+        }
         let message = find("nerf").map(|_| ()).expect_err("unknown").to_string();
         assert!(
             message.contains("nerf") && message.contains("odgs"),
             "{message}"
         );
+    }
+
+    #[test]
+    fn components_that_a_method_lacks_and_contradictions_are_refused() {
+        let owned = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
+        let refusal = |method: &Method, with: &[&str], without: &[&str]| {
+            let request = MethodRequest {
+                with: owned(with),
+                without: owned(without),
+                ..MethodRequest::new(1, 0)
+            };
+            let refused = method.check(&request).err();
+            refused.map(|error| error.to_string())
+        };
+        let both = ["exposure-compensation", "pose-refinement"];
+        assert_eq!(refusal(&odgs::METHOD, &both, &["sky-shell"]), None);
+        let unknown = refusal(&odgs::METHOD, &["static-table"], &[]).unwrap_or_default();
+        assert!(unknown.contains("static-table") && unknown.contains("pose-refinement"));
+        let contradiction = refusal(&odgs::METHOD, &both, &both).unwrap_or_default();
+        assert!(
+            contradiction.contains("asked for and left out"),
+            "{contradiction}"
+        );
+        for name in both {
+            assert!(refusal(&odgs_published::METHOD, &[name], &[]).is_some());
+        }
     }
 }
