@@ -24,7 +24,9 @@ const ENGINE: &[&[&str]] = &[
     &["step"],
 ];
 const RECONSTRUCT: &[&[&str]] = &[
-    &["error", "random", "request"],
+    &["error", "random"],
+    &["options"],
+    &["request"],
     &["process"],
     &["scene"],
     &["formats", "seeds"],

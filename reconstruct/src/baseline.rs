@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 
 use omnilife_engine::{
     density::{DensifySettings, LatitudeOf, SizeUnit, Threshold},
-    gaussians::static_gaussians::InitialGaussians,
+    gaussians::static_gaussians::{self, InitialGaussians},
+    model::Model,
     parameters::{ArrayShape, decay::Decay, memory},
     render::settings::{RenderSettings, RendererChoice},
     step::settings::TrainSettings,
@@ -17,26 +18,17 @@ use crate::{
     process,
     request::MethodRequest,
     scene::TrainingScene,
-    seeds::points::{self, SkyShell},
+    seeds::{
+        points,
+        sky::{OpenSky, SKY_DIRECTIONS},
+    },
 };
-
-/// Component: a shell of Gaussians in directions without points.
-pub(crate) const SKY_SHELL: &str = "sky-shell";
 
 /// Component: opacities are set down now and then.
 pub(crate) const OPACITY_RESET: &str = "opacity-reset";
 
 /// Length of the published schedule, iterations.
 pub(crate) const PUBLISHED_ITERATIONS: f64 = 30_000.0;
-
-/// Directions in which open sky is looked for, where the number of Gaussians allows as many.
-const SKY_DIRECTIONS: usize = 8_000;
-
-/// Share of the sphere that must be open for a shell to be added.
-const SKY_SHARE: f32 = 0.02;
-
-/// The shell takes at most one of this many Gaussians.
-const SKY_PART: u64 = 4;
 
 /// Extent of the cameras in a normalized scene: 1.1 times their radius (3DGS `getNerfppNorm`).
 pub(crate) const CAMERA_EXTENT: f32 = 1.1;
@@ -123,7 +115,7 @@ pub fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainSettings
     // Statistics over less than one epoch would miss views.
     let epoch = scene.input_views.len() as u64;
     let extent = scene_extent(scene);
-    let without_resets = is_left_out(request, OPACITY_RESET)
+    let without_resets = request.leaves_out(OPACITY_RESET)
         || published.densify.opacity_reset_iterations < RESET_RECOVERY_ITERATIONS;
     TrainSettings {
         budget_seconds: request.budget_seconds,
@@ -175,10 +167,6 @@ pub fn scene_extent(scene: &TrainingScene) -> f32 {
     scene.median_point_distance().max(CAMERA_EXTENT)
 }
 
-fn is_left_out(request: &MethodRequest, component: &str) -> bool {
-    request.without.iter().any(|name| name == component)
-}
-
 /// The most Gaussians for a scene; never fewer than its points.
 pub(crate) fn default_maximum(scene: &TrainingScene) -> u64 {
     let pixels = f64::from(scene.camera.width) * f64::from(scene.camera.height);
@@ -202,85 +190,43 @@ pub(crate) fn require_memory(
     Ok(())
 }
 
-/// What a scene's training begins with, and why.
-pub(crate) struct FirstGaussians {
-    /// At the scene's points, thinned where there is no room for all.
-    pub(crate) points: InitialGaussians,
-    /// In the open sky.
-    pub(crate) shell: InitialGaussians,
-    pub(crate) plan: Vec<ComponentDecision>,
+/// Which of the scene's points there is room for, evenly spread, and Gaussians at them.
+pub(crate) fn gaussians_at_points(
+    scene: &TrainingScene,
+    room: usize,
+) -> (Vec<usize>, InitialGaussians) {
+    let indices = points::thinned_indices(&scene.points, room);
+    let taken = points::selected(&scene.points, &indices);
+    (indices, points::from_points(&taken, SCALE_SPREAD))
 }
 
-/// Gaussians at the points and in the sky of a scene; of the largest number, `reserved` are for
-/// others.
-pub(crate) fn first_gaussians(
-    scene: &TrainingScene,
-    settings: &TrainSettings,
-    request: &MethodRequest,
-    reserved: usize,
-) -> FirstGaussians {
-    let maximum = settings
-        .densify
-        .maximum_gaussians
-        .saturating_sub(reserved as u64);
-    let directions = SKY_DIRECTIONS.min((maximum / SKY_PART) as usize).max(1);
-    let shell = points::sky_shell(scene, directions);
-    let with_shell = shell.open_share() >= SKY_SHARE && !is_left_out(request, SKY_SHELL);
-    let mut plan = vec![
-        sky_decision(&shell, with_shell, request),
-        reset_decision(settings, request),
-    ];
-    let shell = if with_shell {
-        shell.gaussians
+/// The static model that every scene can be fitted with: Gaussians at its points and in its open sky.
+pub(crate) fn static_model(scene: &TrainingScene, settings: &TrainSettings) -> Model {
+    let maximum = settings.densify.maximum_gaussians;
+    let sky = OpenSky::of(scene, maximum);
+    let shell = if sky.is_worth_a_shell() {
+        sky.shell(scene, None)
     } else {
         InitialGaussians::default()
     };
     let room = maximum.saturating_sub(shell.len() as u64);
-    let points = points::thinned(&scene.points, room as usize);
-    if points.len() < scene.points.len() {
-        plan.push(ComponentDecision {
-            component: "all-points".to_owned(),
-            used: false,
-            reason: format!(
-                "{} of {} points, evenly spread: no more than {maximum} Gaussians are allowed",
-                points.len(),
-                scene.points.len()
-            ),
-        });
-    }
-    FirstGaussians {
-        points: points::from_points(&points, SCALE_SPREAD),
-        shell,
-        plan,
-    }
+    let (_, gaussians) = gaussians_at_points(scene, room as usize);
+    let initial = points::join(gaussians, shell);
+    static_gaussians::table(&initial, settings.rendering.sh_degree).into()
 }
 
-fn sky_decision(shell: &SkyShell, used: bool, request: &MethodRequest) -> ComponentDecision {
-    let evidence = format!(
-        "{:.1} % of {} directions have no point (limit {:.0} %)",
-        100.0 * shell.open_share(),
-        shell.directions,
-        100.0 * SKY_SHARE
-    );
-    ComponentDecision {
-        component: SKY_SHELL.to_owned(),
-        used,
-        reason: if is_left_out(request, SKY_SHELL) {
-            format!("left out on request; {evidence}")
-        } else {
-            evidence
-        },
-    }
-}
-
-fn reset_decision(settings: &TrainSettings, request: &MethodRequest) -> ComponentDecision {
+/// Whether opacities are set down, and why.
+pub(crate) fn reset_decision(
+    settings: &TrainSettings,
+    request: &MethodRequest,
+) -> ComponentDecision {
     let resets = settings.densify.opacity_reset_iterations;
     ComponentDecision {
         component: OPACITY_RESET.to_owned(),
         used: resets > 0,
         reason: if resets > 0 {
             format!("every {resets} iterations, as published for {PUBLISHED_ITERATIONS}")
-        } else if is_left_out(request, OPACITY_RESET) {
+        } else if request.leaves_out(OPACITY_RESET) {
             "left out on request".to_owned()
         } else {
             format!(

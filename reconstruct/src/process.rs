@@ -7,7 +7,7 @@ use std::{
         Arc, LazyLock,
         atomic::{AtomicBool, Ordering},
     },
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use crate::error::ReconstructError;
@@ -60,6 +60,26 @@ pub fn cpu_time() -> Option<Duration> {
     }
     #[cfg(not(unix))]
     None
+}
+
+/// Time that some work took.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Elapsed {
+    /// Wall clock.
+    pub wall: Duration,
+    /// User and system time of all threads of this process, where the system tells.
+    pub cpu: Option<Duration>,
+}
+
+/// Runs some work and says how long it took.
+pub(crate) fn measured<T>(work: impl FnOnce() -> T) -> (T, Elapsed) {
+    let (begun, cpu_begun) = (Instant::now(), cpu_time());
+    let done = work();
+    let cpu = cpu_time()
+        .zip(cpu_begun)
+        .map(|(now, begun)| now.saturating_sub(begun));
+    let wall = begun.elapsed();
+    (done, Elapsed { wall, cpu })
 }
 
 /// Memory that this process could still take without swapping, bytes, where the system tells

@@ -14,7 +14,11 @@ pub struct MethodRequest {
     pub budget_seconds: Option<f64>,
     /// Random seed.
     pub seed: u64,
-    /// Components to leave out whatever the scene says.
+    /// Components to use whatever the scene and the plan say; those too that the method does not have
+    /// by itself.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub with: Vec<String>,
+    /// Components to leave out whatever the scene and the plan say.
     pub without: Vec<String>,
     /// How the others are decided.
     pub plan: PlanChoice,
@@ -31,22 +35,49 @@ impl MethodRequest {
             iterations,
             budget_seconds: None,
             seed,
+            with: Vec::new(),
             without: Vec::new(),
             plan: PlanChoice::Auto,
             trace_every: None,
             options: Options::default(),
         }
     }
+
+    /// Whether a component is asked for by name.
+    pub fn asks_for(&self, component: &str) -> bool {
+        self.with.iter().any(|name| name == component)
+    }
+
+    /// Whether a component is left out by name.
+    pub fn leaves_out(&self, component: &str) -> bool {
+        self.without.iter().any(|name| name == component)
+    }
+
+    /// Whether a component may be used, whatever the evidence.
+    pub fn allows(&self, component: &str) -> bool {
+        !self.leaves_out(component)
+            && (self.asks_for(component)
+                || match &self.plan {
+                    PlanChoice::Auto | PlanChoice::Full => true,
+                    PlanChoice::Only(names) => names.iter().any(|name| name == component),
+                })
+    }
+
+    /// Whether the evidence decides on a component.
+    pub fn leaves_to_evidence(&self, component: &str) -> bool {
+        self.plan == PlanChoice::Auto && !self.leaves_out(component) && !self.asks_for(component)
+    }
 }
 
-/// How components that were not left out by name are decided.
+/// How components that were neither asked for nor left out by name are decided.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PlanChoice {
     /// The scene's evidence decides.
     #[default]
     Auto,
-    /// All of the method's components, and every Gaussian carries every parameter, as published.
+    /// All of the method's own components; every Gaussian at a scene point carries every parameter, as
+    /// published. Those of the sky shell stay static.
     Full,
     /// These alone.
     Only(Vec<String>),

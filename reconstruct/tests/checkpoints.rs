@@ -19,7 +19,7 @@ use omnilife_reconstruct::{
     ReconstructError,
     methods::{self, MethodOutcome},
     options::Options,
-    request::{BackendChoice, MethodRequest},
+    request::MethodRequest,
     scene::TrainingScene,
     train::{Session, TrainingFiles},
 };
@@ -52,9 +52,8 @@ fn train<'a>(
     progress: &dyn Progress,
 ) -> Result<MethodOutcome<'a>, ReconstructError> {
     let session = Session {
-        progress,
         files: Some(files),
-        backend: BackendChoice::Cpu,
+        ..Session::without_files(progress)
     };
     methods::find("odgs")
         .unwrap()

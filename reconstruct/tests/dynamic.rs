@@ -158,6 +158,12 @@ fn what_is_left_out_has_no_arrays() {
         let found: Vec<&str> = moving.arrays[5..].iter().map(|array| array.name).collect();
         assert_eq!(found, arrays, "{without:?}");
         assert_eq!(model.parts[0].table.arrays.len(), 5);
+        // Seeds that never vanish would stay for the whole clip.
+        let seeded = outcome
+            .plan
+            .iter()
+            .any(|part| part.component == "mask-seeds" && part.used);
+        assert_eq!(seeded, !without.contains(&"temporal-opacity"));
         for name in without {
             let decision = outcome
                 .plan
@@ -174,6 +180,7 @@ fn what_is_left_out_has_no_arrays() {
         "dynamic-mask",
         "motion-regularization",
         "velocity-regularization",
+        "mask-seeds",
         "static-table",
     ] {
         let request = MethodRequest {

@@ -15,7 +15,7 @@ mod trained;
 
 use glam::{DVec2, DVec3, Vec3};
 use omnilife_reconstruct::{
-    evidence::pilot::WarmUp,
+    evidence::pilot::PilotFit,
     request::{MethodRequest, PlanChoice},
 };
 use omnilife_schemas::camera::CameraModel;
@@ -35,6 +35,7 @@ fn points_that_do_not_change_have_no_time_unless_the_plan_is_full() {
         "temporal-opacity",
         "temporal-motion",
         "dynamic-mask",
+        "mask-seeds",
         "static-table",
     ]);
     let sizes = [PlanChoice::Full, PlanChoice::Auto, separate].map(|plan| {
@@ -67,8 +68,7 @@ fn points_in_a_shadow_that_no_mask_shows_change() {
             }
         }
     }
-    let warm_up = WarmUp::of(&scene, 7).unwrap();
-    let found = warm_up.changing(&scene.points.positions);
+    let found = PilotFit::of(&scene, 7).unwrap().changing();
     let changing = |shaded: bool| {
         let points = scene.points.positions.iter().zip(&found.changes);
         let of_kind: Vec<bool> = points
@@ -79,11 +79,7 @@ fn points_in_a_shadow_that_no_mask_shows_change() {
     };
     let shares = [changing(true), changing(false)];
     // Most balls are hidden by others.
-    assert!(
-        shares[0] > 0.25 && shares[1] < 0.02,
-        "{shares:?} {}",
-        found.text()
-    );
+    assert!(shares[0] > 0.25 && shares[1] < 0.02, "{shares:?} {}", found);
 }
 
 #[test]
@@ -147,6 +143,60 @@ fn without_masks_residuals_tell_whether_something_moves() {
         assert_eq!(decision.unwrap().used, moves, "{:?}", decision.unwrap());
         assert_eq!(settings(&outcome).dynamics.is_some(), moves);
     }
+}
+
+#[test]
+fn empty_masks_do_not_hide_what_moves() {
+    let mut scene = moving_ball::scene();
+    for mask in scene
+        .input_views
+        .iter_mut()
+        .filter_map(|view| view.mask.as_mut())
+    {
+        mask.fill(0);
+    }
+    let outcome = train(&scene, "omni4dgs", &request(2));
+    let used = |component: &str| {
+        let mut plan = outcome.plan.iter();
+        plan.any(|part| part.component == component && part.used)
+    };
+    assert!(used("temporal-motion") && !used("mask-seeds") && !used("static-table"));
+    let evidence = outcome.evidence.unwrap();
+    assert!(evidence.moves() && evidence.masks.coverage == Some(0.0));
+}
+
+#[test]
+fn every_method_has_the_same_evidence() {
+    let scene = moving_ball::scene();
+    let evidence = |method: &str, with: &[&str]| {
+        let with = with.iter().map(|&name| name.to_owned()).collect();
+        train(&scene, method, &MethodRequest { with, ..request(1) }).evidence
+    };
+    let of_plus = evidence("omni4dgs-plus", &[]).unwrap();
+    assert!(of_plus.pilot.is_some());
+    assert_eq!(evidence("omni4dgs", &[]).as_ref(), Some(&of_plus));
+    let of_odgs = evidence("odgs", &["exposure-compensation"]);
+    assert_eq!(of_odgs.as_ref(), Some(&of_plus));
+    let recorded = serde_json::to_value(&of_plus).unwrap();
+    let changing = &recorded["pilot"]["changing"];
+    assert_eq!(changing["changes"], serde_json::Value::Null);
+    assert!(changing["unknown"].is_u64() && recorded["masks"]["coverage"].is_f64());
+
+    // What is not needed is not looked for.
+    for method in ["odgs", "deformable", "periodic"] {
+        assert!(evidence(method, &[]).unwrap().pilot.is_none(), "{method}");
+    }
+    assert_eq!(evidence("odgs-published", &[]), None);
+}
+
+#[test]
+fn planning_counts_as_training() {
+    let scene = moving_ball::scene();
+    let outcome = train(&scene, "omni4dgs-plus", &request(2));
+    let (planning, state) = (outcome.planning, &outcome.training.state);
+    assert!(planning.wall.as_secs_f64() > 0.0 && planning.wall < state.training);
+    assert!(state.trace[0].wall_seconds > planning.wall.as_secs_f64());
+    assert!(state.training_cpu >= planning.cpu);
 }
 
 #[test]

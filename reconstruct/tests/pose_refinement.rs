@@ -22,7 +22,7 @@ use omnilife_engine::{
     training_view::TrainingView,
 };
 use omnilife_reconstruct::{
-    evidence::pilot::WarmUp,
+    evidence::pilot::PilotFit,
     methods::{self, MethodOutcome},
     options::Options,
     request::{MethodRequest, PlanChoice},
@@ -167,11 +167,11 @@ fn what_is_seen_beside_its_place_tells_how_poses_are_off() {
         };
         view.view = wrong.apply(&view.view);
     }
-    let mut warm_up = WarmUp::of(&scene, 7).unwrap();
-    let before = warm_up.motion();
+    let mut fit = PilotFit::of(&scene, 7).unwrap();
+    let before = fit.motion();
     // Every view is looked at here. Small corrections take errors back.
-    let found = warm_up.poses().corrections;
-    let views = scene.input_views.iter().zip(&found);
+    let found = fit.poses();
+    let views = scene.input_views.iter().zip(&found.corrections);
     let pairs: Vec<[Vec3; 2]> = views
         .filter_map(|(view, found)| Some([-error(view.frame), (*found)?.rotation]))
         .collect();
@@ -187,10 +187,9 @@ fn what_is_seen_beside_its_place_tells_how_poses_are_off() {
     // quarter too large (with the mean of its slopes and the image's, a seventh).
     let share = together / alone;
     assert!((0.5..1.3).contains(&share), "{share}");
-    warm_up.correct_poses();
-    let after = warm_up.motion();
+    fit.correct_poses(&found);
+    let after = fit.motion();
     assert!(after.noise < 0.9 * before.noise, "{before:?} {after:?}");
-    assert_eq!(warm_up.poses().corrections, found);
 }
 
 #[test]

@@ -20,7 +20,7 @@ use omnilife_engine::{
 };
 use omnilife_reconstruct::{
     ReconstructError, baseline,
-    methods::{Method, PreparedGaussians},
+    methods::{Method, MethodKind, PreparedGaussians},
     request::MethodRequest,
     scene::TrainingScene,
     seeds::points,
@@ -103,7 +103,11 @@ const TOY: Method = Method {
     source: "nowhere",
     description: "Static Gaussians that drift with one velocity, as the simplest thing that moves.",
     components: &[],
-    prepare: |scene, request, backend| prepare(scene, request)?.on(scene, backend),
+    optional_components: &[],
+    options: &[],
+    kind: MethodKind::Trained {
+        prepare: |scene, request, backend| prepare(scene, request)?.on(scene, backend),
+    },
 };
 
 fn prepare(
@@ -122,6 +126,7 @@ fn prepare(
         model: Model::new(vec![Part::new(drifting, table)]),
         settings,
         plan: Vec::new(),
+        evidence: None,
         remarks: Vec::new(),
     })
 }

@@ -27,6 +27,10 @@ pub(crate) struct MethodArguments {
     /// An option of the method; `reconstruct methods` lists them. May be repeated.
     #[arg(long = "set", value_name = "NAME=VALUE")]
     pub(crate) options: Vec<String>,
+    /// Uses components whatever the scene says, those too that the method does not have by itself;
+    /// `reconstruct methods` lists them.
+    #[arg(long, value_name = "COMPONENT", value_delimiter = ',')]
+    pub(crate) with: Vec<String>,
     /// Leaves out components of the method; `reconstruct methods` lists them.
     #[arg(long, value_name = "COMPONENT", value_delimiter = ',')]
     pub(crate) without: Vec<String>,
@@ -88,6 +92,7 @@ impl MethodArguments {
         Ok(MethodRequest {
             budget_seconds: self.budget,
             options: Options::parse(method.id, method.options, &self.options)?,
+            with: self.with.clone(),
             without: self.without.clone(),
             plan: self.plan.clone(),
             trace_every: self.trace,

@@ -73,8 +73,13 @@ fn description(method: &Method) -> String {
         "{}\n  {}\n  {}\n  {}\n",
         method.id, method.title, method.source, method.description
     );
-    if !method.components.is_empty() {
-        text += &format!("  Components: {}\n", method.components.join(", "));
+    for (label, components) in [
+        ("Components", method.components),
+        ("On request", method.optional_components),
+    ] {
+        if !components.is_empty() {
+            text += &format!("  {label}: {}\n", components.join(", "));
+        }
     }
     if !method.options.is_empty() {
         text += "  Options (--set NAME=VALUE):\n";

@@ -1,122 +1,102 @@
-//! Which components a run has: by request, by plan, by what the scene gives reason for.
+//! Components: parts of a run that any method may have, one file each, one line in [`COMPONENTS`].
+//!
+//! A component says by the [evidence](crate::evidence) whether a scene gives reason for it ([`Decision`]);
+//! the user's request and plan may overrule that. Where it is used, it changes the [`Draft`] of a run: its
+//! settings, or its first Gaussians. Every method names the components that it has by itself and those
+//! that it can be asked for ([`Supported`]).
+//!
+//! To add one: its file, a line in [`COMPONENTS`], and its id in the lists of the methods that can have it.
 
-use omnilife_schemas::records::ComponentDecision;
+mod decision;
+pub(crate) mod draft;
+pub mod exposure_compensation;
+pub mod mask_seeds;
+pub mod pose_refinement;
+pub mod sky_shell;
+pub mod static_table;
+pub mod view_dependent_colour;
 
-pub(crate) mod pose_refinement;
+pub use decision::Decision;
+pub use draft::Draft;
 
-use crate::request::MethodRequest;
-use crate::request::PlanChoice;
+use crate::{
+    evidence::{SceneEvidence, masks::MaskEvidence},
+    request::MethodRequest,
+};
 
-/// Decides components and writes the decisions down.
-#[derive(Debug)]
-pub(crate) struct Components<'r> {
-    request: &'r MethodRequest,
-    /// The decisions so far.
-    pub(crate) plan: Vec<ComponentDecision>,
+/// A part of a run that any method may have.
+#[derive(Debug, Clone, Copy)]
+pub struct Component {
+    /// Name on the command line and in records.
+    pub id: &'static str,
+    /// Full name.
+    pub title: &'static str,
+    /// What it does, and on what evidence.
+    pub description: &'static str,
+    /// When it takes its turn.
+    pub turn: Turn,
+    /// Whether a pilot fit is needed, to decide on it or to use it.
+    pub needs_pilot: fn(&MethodRequest, &MaskEvidence) -> bool,
+    /// What the evidence says of it for a run as drafted so far.
+    pub decide: fn(&SceneEvidence, &Draft<'_>) -> Decision,
+    /// Puts it into the run.
+    pub apply: fn(&mut Draft<'_>),
 }
 
-impl<'r> Components<'r> {
-    pub(crate) fn new(request: &'r MethodRequest, plan: Vec<ComponentDecision>) -> Self {
-        Self { request, plan }
-    }
-
-    /// Whether a component is used. Where neither request nor plan decide, `evidence` does; what it
-    /// says stands in the record either way.
-    pub(crate) fn decide(&mut self, component: &str, evidence: (bool, String)) -> bool {
-        let is_named = |names: &[String]| names.iter().any(|name| name == component);
-        let (by_evidence, reason) = evidence;
-        let (used, reason) = if is_named(&self.request.without) {
-            (false, format!("left out on request; {reason}"))
-        } else {
-            match &self.request.plan {
-                PlanChoice::Auto => (by_evidence, reason),
-                PlanChoice::Full => (true, format!("the plan is full; {reason}")),
-                PlanChoice::Only(names) if is_named(names) => {
-                    (true, format!("named in the plan; {reason}"))
-                }
-                PlanChoice::Only(_) => (false, format!("not named in the plan; {reason}")),
-            }
-        };
-        self.record(component, used, reason);
-        used
-    }
-
-    /// [`Components::decide`] for what cannot be without something else: `missing` says what, where it
-    /// is not there.
-    pub(crate) fn decide_with(
-        &mut self,
-        component: &str,
-        missing: Option<&str>,
-        evidence: (bool, String),
-    ) -> bool {
-        match missing {
-            None => self.decide(component, evidence),
-            Some(missing) => {
-                self.record(component, false, format!("cannot be without {missing}"));
-                false
-            }
-        }
-    }
-
-    /// Adds what was found out about a component later on.
-    pub(crate) fn add_reason(&mut self, component: &str, reason: &str) {
-        for decision in &mut self.plan {
-            if decision.component == component {
-                decision.reason += &format!("; {reason}");
-            }
-        }
-    }
-
-    /// Writes a decision down that was made elsewhere.
-    pub(crate) fn record(&mut self, component: &str, used: bool, reason: String) {
-        self.plan.push(ComponentDecision {
-            component: component.to_owned(),
-            used,
-            reason,
-        });
-    }
+/// When a component takes its turn in the making of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Turn {
+    /// Before there are Gaussians at the scene's points.
+    BeforePoints,
+    /// After that.
+    AfterPoints,
 }
+
+/// The components that a method can have, by id.
+#[derive(Debug, Clone, Copy)]
+pub struct Supported {
+    /// Those that it has by itself.
+    pub default: &'static [&'static str],
+    /// Those that it has where they are asked for.
+    pub optional: &'static [&'static str],
+}
+
+/// All components, in the order in which they take their turn: gains go before the colours of first
+/// Gaussians, and seeds before the sky, which takes its share of what they leave.
+pub const COMPONENTS: &[Component] = &[
+    exposure_compensation::COMPONENT,
+    view_dependent_colour::COMPONENT,
+    pose_refinement::COMPONENT,
+    mask_seeds::COMPONENT,
+    sky_shell::COMPONENT,
+    static_table::COMPONENT,
+];
+
+/// Components without an effect on what a Gaussian is: any trained method can be asked for them.
+pub const OF_VIEWS: &[&str] = &[
+    exposure_compensation::ID,
+    view_dependent_colour::ID,
+    pose_refinement::ID,
+];
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn decided(plan: PlanChoice, without: &[&str], evidence: bool) -> ComponentDecision {
-        let request = MethodRequest {
-            plan,
-            without: without.iter().map(|&name| name.to_owned()).collect(),
-            ..MethodRequest::new(1, 0)
-        };
-        let mut components = Components::new(&request, Vec::new());
-        let used = components.decide("masks", (evidence, "3 masks".to_owned()));
-        assert_eq!(components.plan[0].used, used);
-        components.plan.remove(0)
-    }
-
     #[test]
-    fn what_a_component_needs_goes_before_everything() {
-        let request = MethodRequest {
-            plan: PlanChoice::Full,
-            ..MethodRequest::new(1, 0)
-        };
-        let mut components = Components::new(&request, Vec::new());
-        let evidence = (true, "evidence".to_owned());
-        assert!(!components.decide_with("a", Some("masks"), evidence.clone()));
-        assert!(components.decide_with("b", None, evidence));
-        assert_eq!(components.plan[0].reason, "cannot be without masks");
-    }
-
-    #[test]
-    fn a_request_goes_before_the_plan_and_the_plan_before_the_evidence() {
-        for evidence in [true, false] {
-            assert_eq!(decided(PlanChoice::Auto, &[], evidence).used, evidence);
-            assert!(decided(PlanChoice::Full, &[], evidence).used);
-            assert!(!decided(PlanChoice::Full, &["masks"], evidence).used);
-            let only = |name: &str| PlanChoice::Only(vec![name.to_owned()]);
-            assert!(decided(only("masks"), &[], evidence).used);
-            assert!(!decided(only("others"), &[], evidence).used);
+    fn components_are_unique_and_described() {
+        for (index, component) in COMPONENTS.iter().enumerate() {
+            let earlier = &COMPONENTS[..index];
+            assert!(earlier.iter().all(|other| other.id != component.id));
+            assert!(component.title.len() > 4 && component.description.len() > 40);
+            let is_name = |c: char| c.is_ascii_lowercase() || c == '-';
+            assert!(component.id.chars().all(is_name), "{}", component.id);
         }
-        let decision = decided(PlanChoice::Auto, &["masks"], true);
-        assert_eq!(decision.reason, "left out on request; 3 masks");
+        let turns = COMPONENTS.iter().map(|component| component.turn);
+        let after = turns.skip_while(|turn| *turn == Turn::BeforePoints);
+        assert!(after.into_iter().all(|turn| turn == Turn::AfterPoints));
+        for id in OF_VIEWS {
+            assert!(COMPONENTS.iter().any(|component| component.id == *id));
+        }
     }
 }

@@ -1,15 +1,30 @@
 //! Component: the input views' poses are refined with the Gaussians.
 
-use crate::components::Components;
-use crate::{evidence::poses::PoseEvidence, scene::TrainingScene};
+use crate::{
+    components::{Component, Decision, Draft, Turn},
+    evidence::{SceneEvidence, poses::PoseEvidence},
+};
 use omnilife_engine::{
     model::pose_corrections::{CAMERA_CENTRES, CAMERA_ROTATIONS},
     parameters::decay::Decay,
     step::{pose_refinement::PoseRefinement, settings::TrainSettings},
 };
 
-/// Component: the poses of the input views are refined.
-pub(crate) const POSE_REFINEMENT: &str = "pose-refinement";
+/// Its name.
+pub const ID: &str = "pose-refinement";
+
+/// Pose refinement.
+pub(crate) const COMPONENT: Component = Component {
+    id: ID,
+    title: "Pose refinement",
+    description: "The poses of the input views move with the Gaussians, by the exact gradient; novel \
+                  views get what their neighbours in time say. Used where the poses are off by more \
+                  than chance explains.",
+    turn: Turn::BeforePoints,
+    needs_pilot: |request, _| request.allows(ID),
+    decide,
+    apply,
+};
 
 /// Share of the schedule before poses move: until then there is little of a scene to hold them
 /// against.
@@ -26,16 +41,24 @@ const LEAST_RATE: f64 = 1e-9;
 /// Fewer steps than this would have to be too long.
 const LEAST_STEPS: f64 = 6.0;
 
-/// Decides by how far the poses are off whether they are refined.
-pub(crate) fn decide(evidence: &PoseEvidence, components: &mut Components<'_>) -> bool {
-    let missing = (evidence.views == 0).then_some("enough scene points that are seen");
-    let by_evidence = (evidence.are_off(), evidence.text());
-    components.decide_with(POSE_REFINEMENT, missing, by_evidence)
+fn decide(evidence: &SceneEvidence, _: &Draft<'_>) -> Decision {
+    let Some(pilot) = &evidence.pilot else {
+        return Decision::not_looked_for();
+    };
+    let missing = (pilot.poses.views == 0).then_some("enough scene points that are seen");
+    Decision::new(pilot.poses.are_off(), pilot.poses.to_string()).unless(missing)
+}
+
+fn apply(draft: &mut Draft<'_>) {
+    let views = draft.scene.input_views.len();
+    if let Some(pilot) = &draft.evidence.pilot {
+        refine(&mut draft.settings, views, &pilot.poses);
+    }
 }
 
 /// Lets training refine poses that are off as the evidence says.
-pub(crate) fn add(settings: &mut TrainSettings, scene: &TrainingScene, evidence: &PoseEvidence) {
-    let views = scene.input_views.len().max(1) as f64;
+fn refine(settings: &mut TrainSettings, views: usize, evidence: &PoseEvidence) {
+    let views = views.max(1) as f64;
     let steps = (settings.iterations as f64 * (1.0 - BEGIN_SHARE) / views).max(LEAST_STEPS);
     // The mean of a rate that falls log-linearly, over the first.
     let mean = f64::from((1.0 - END_SHARE) / -END_SHARE.ln());

@@ -1,19 +1,20 @@
 //! What static Gaussians cannot explain: whether anything moves in a scene without masks, and at
 //! which points something changes outside of them, such as the shadow of what moves.
 //!
-//! After a [short static warm-up](crate::evidence::pilot) input views are compared with their renders at the
-//! images of the same scene points, those that the warm-up's depth shows to be visible and no mask
+//! After a [pilot fit](crate::evidence::pilot) input views are compared with their renders at the
+//! images of the same scene points, those that its depth shows to be visible and no mask
 //! covers. What a static scene leaves unexplained at a point - too little texture, a wrong colour - is
 //! the same in all views: only the deviation `d` of a residual from its point's median counts, channel
 //! by channel. Photometric noise is the median of `|d|`; what passes in front of a point, or shades it,
 //! deviates by many times as much, in a few views.
 
+use std::fmt;
+
 use rayon::prelude::*;
+use serde::Serialize;
 
-use crate::evidence::pilot::WARM_UP_ITERATIONS;
+use crate::evidence::{LEAST_VIEWS, PER_MEDIAN, PILOT_ITERATIONS};
 
-/// Points seen by fewer views have no median to speak of.
-pub(crate) const LEAST_VIEWS: usize = 6;
 /// A deviation is transient above this many times the noise, and above this in grey levels of 1.
 const NOISE_FACTOR: f32 = 8.0;
 const LEAST_DEVIATION: f32 = 0.1;
@@ -22,11 +23,9 @@ const LEAST_DEVIATING_VIEWS: usize = 2;
 /// Share of transient samples from which a scene is taken to move: three times what a clip in which
 /// nothing moves has, a third of what two people who walk through it make (docs/results/dynamic.md).
 const TRANSIENT_SHARE: f64 = 0.0004;
-/// Standard deviation of a normal distribution over its median absolute deviation.
-pub(crate) const PER_MEDIAN: f32 = 1.4826;
 
 /// What was found.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct MotionEvidence {
     /// Points in views that were compared, channel by channel.
     pub samples: usize,
@@ -46,15 +45,18 @@ impl MotionEvidence {
     fn limit(&self) -> f32 {
         (NOISE_FACTOR * self.noise).max(LEAST_DEVIATION)
     }
+}
 
-    /// In words.
-    pub fn text(&self) -> String {
+impl fmt::Display for MotionEvidence {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.samples == 0 {
-            return "no scene point is seen by enough views to tell whether something moves"
-                .to_owned();
+            return out.write_str(
+                "no scene point is seen by enough views to tell whether something moves",
+            );
         }
-        format!(
-            "after {WARM_UP_ITERATIONS} static iterations {:.2} % of {} samples at scene points \
+        write!(
+            out,
+            "after {PILOT_ITERATIONS} static iterations {:.2} % of {} samples at scene points \
              deviate from their point's median by {NOISE_FACTOR} times the noise of {:.4} or more \
              (limit {:.2} %)",
             100.0 * self.transient_share,
@@ -66,11 +68,16 @@ impl MotionEvidence {
 }
 
 /// Points at which something changes, and how that was found out.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ChangingPoints {
     /// What is known of all of them.
     pub evidence: MotionEvidence,
-    /// Per point, whether it changes. Points that too few views see do not.
+    /// Points that change.
+    pub changing: usize,
+    /// Points that too few views see to tell. They are taken not to change.
+    pub unknown: usize,
+    /// Per point, whether it changes.
+    #[serde(skip)]
     pub changes: Vec<bool>,
 }
 
@@ -80,7 +87,7 @@ impl ChangingPoints {
     pub(crate) fn of(residuals: &[Vec<f32>]) -> Self {
         let evidence = transients(residuals);
         let limit = evidence.limit();
-        let changes = residuals
+        let changes: Vec<bool> = residuals
             .chunks_exact(3)
             .map(|channels| {
                 channels.iter().any(|residuals| {
@@ -89,20 +96,36 @@ impl ChangingPoints {
                 })
             })
             .collect();
-        Self { evidence, changes }
+        let is_unknown = |channels: &&[Vec<f32>]| channels[0].len() < LEAST_VIEWS;
+        Self {
+            evidence,
+            changing: changes.iter().filter(|&&changes| changes).count(),
+            unknown: residuals.chunks_exact(3).filter(is_unknown).count(),
+            changes,
+        }
     }
+}
 
-    /// In words.
-    pub fn text(&self) -> String {
-        let changing = self.changes.iter().filter(|&&changes| changes).count();
-        format!(
-            "{changing} of {} scene points change outside the masks: after {WARM_UP_ITERATIONS} \
-             static iterations their residuals deviate in {LEAST_DEVIATING_VIEWS} views or more \
-             from the point's median by {NOISE_FACTOR} times the noise of {:.4}, or by \
-             {LEAST_DEVIATION}, whichever is more",
+impl fmt::Display for ChangingPoints {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            out,
+            "{} of {} scene points change outside the masks: after {PILOT_ITERATIONS} static \
+             iterations their residuals deviate in {LEAST_DEVIATING_VIEWS} views or more from the \
+             point's median by {NOISE_FACTOR} times the noise of {:.4}, or by {LEAST_DEVIATION}, \
+             whichever is more",
+            self.changing,
             self.changes.len(),
             self.evidence.noise
-        )
+        )?;
+        if self.unknown > 0 {
+            let unknown = self.unknown;
+            write!(
+                out,
+                "; {unknown} that fewer than {LEAST_VIEWS} views see are taken not to"
+            )?;
+        }
+        Ok(())
     }
 }
 
@@ -171,9 +194,22 @@ mod tests {
     }
 
     #[test]
+    fn points_that_few_views_see_are_counted() {
+        let seen = [vec![0.1; 8], vec![0.1; 8], vec![0.1; 8]];
+        let hidden = [vec![0.1; 5], vec![0.1; 5], vec![0.1; 5]];
+        let found = ChangingPoints::of(&[seen.as_slice(), &hidden, &hidden].concat());
+        assert_eq!(
+            (found.changing, found.unknown, found.changes.len()),
+            (0, 2, 3)
+        );
+        let text = found.to_string();
+        assert!(text.contains("; 2 that fewer than 6 views see"), "{text}");
+    }
+
+    #[test]
     fn without_samples_it_may_move() {
         let nothing = transients(&[vec![0.1; 3], vec![0.2; 5]]);
         assert!(nothing.samples == 0 && nothing.moves());
-        assert!(nothing.text().contains("no scene point"));
+        assert!(nothing.to_string().contains("no scene point"));
     }
 }

@@ -13,27 +13,25 @@
 //! them, iteratively reweighted with Cauchy's weights, which leave what moves, and what hides a point,
 //! without much say. What is wrong with a point in all views - a blurred edge, a colour - says nothing
 //! of a pose: medians over views are taken out first. Corrections that are the same in all views, or
-//! change in proportion to the place of the camera, say nothing either: a scene that the warm-up has
+//! change in proportion to the place of the camera, say nothing either: a scene that the pilot fit has
 //! a percent too near looks like a path that is a percent too long.
 //!
 //! The evidence is the root mean square displacement of the points that the corrections predict, beyond
 //! what their covariance explains.
 
-use std::f64::consts::TAU;
+use std::{f64::consts::TAU, fmt};
 
 use glam::{DVec3, Vec3};
+use serde::Serialize;
 
-use crate::evidence::{
-    motion::{LEAST_VIEWS, PER_MEDIAN},
-    pilot::WARM_UP_ITERATIONS,
-};
+use crate::evidence::{LEAST_VIEWS, PER_MEDIAN, PILOT_ITERATIONS};
 use omnilife_engine::camera::pose::PoseCorrection;
 
 /// Displacement from which poses are worth refining, pixels of the images that were looked at: exact
 /// poses have 0.01 and 0.02, poses that are off by 0.1 degrees 0.09 to 0.13 (docs/results/dynamic.md).
 const LEAST_SHIFT_PIXELS: f64 = 0.05;
-/// Points with fewer clues do not say six numbers.
-const LEAST_CLUES: usize = 50;
+/// Points with fewer observations do not say six numbers.
+const LEAST_OBSERVATIONS: usize = 50;
 /// Rounds of reweighting.
 const ROUNDS: usize = 8;
 /// Residuals of this many standard deviations have half their weight (Cauchy's: 95 % efficiency on
@@ -51,7 +49,7 @@ type Twist = [f64; 6];
 
 /// What a point says of the pose of a view that sees it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Clue {
+pub struct PoseObservation {
     /// From the camera to the point, normalized units, world frame.
     offset: DVec3,
     /// How each channel of the render changes with the pose.
@@ -60,7 +58,7 @@ pub struct Clue {
     residual: [f32; 3],
 }
 
-impl Clue {
+impl PoseObservation {
     /// Of a point at `offset` from the camera (world frame), how the channels of the render change from
     /// its place to where it would be seen if it moved in the world, and the differences of image and
     /// render at its place. What is seen there when the point moves comes from the other side: the sign
@@ -98,7 +96,7 @@ impl Clue {
 }
 
 /// How far poses are off.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct PoseEvidence {
     /// Views that said something.
     pub views: usize,
@@ -112,16 +110,19 @@ pub struct PoseEvidence {
     /// Width of the images that were looked at, pixels.
     pub width: u32,
     /// What would correct the pose of each view that was given; `None` where too little was seen.
+    #[serde(skip)]
     pub corrections: Vec<Option<PoseCorrection>>,
 }
 
 impl PoseEvidence {
     /// From what every view, a camera at a centre, shows at the same points, in images of this width.
-    pub fn of(mut views: Vec<(Vec3, Vec<Option<Clue>>)>, width: u32) -> Self {
+    pub fn of(mut views: Vec<(Vec3, Vec<Option<PoseObservation>>)>, width: u32) -> Self {
         subtract_medians(&mut views);
         let mut found: Vec<Option<Estimate>> = views
             .iter()
-            .map(|(_, clues)| Estimate::of(&clues.iter().flatten().collect::<Vec<_>>()))
+            .map(|(_, observations)| {
+                Estimate::of(&observations.iter().flatten().collect::<Vec<_>>())
+            })
             .collect();
         let seen = views
             .iter()
@@ -168,11 +169,13 @@ impl PoseEvidence {
     pub fn are_off(&self) -> bool {
         self.unexplained_pixels() >= LEAST_SHIFT_PIXELS
     }
+}
 
-    /// In words.
-    pub fn text(&self) -> String {
-        format!(
-            "after {WARM_UP_ITERATIONS} static iterations, in images {} pixels wide, points of {} \
+impl fmt::Display for PoseEvidence {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            out,
+            "after {PILOT_ITERATIONS} static iterations, in images {} pixels wide, points of {} \
              views lie {:.2} pixels from where they should by their poses, beyond what chance \
              explains (limit {LEAST_SHIFT_PIXELS})",
             self.width,
@@ -225,24 +228,28 @@ fn subtract_trend(centres: &[DVec3], mut found: Vec<&mut Estimate>) -> f64 {
 }
 
 /// Takes out of each residual what it is over all views; points that few views see have no say.
-fn subtract_medians(views: &mut [(Vec3, Vec<Option<Clue>>)]) {
-    let points = views.first().map_or(0, |(_, clues)| clues.len());
+fn subtract_medians(views: &mut [(Vec3, Vec<Option<PoseObservation>>)]) {
+    let points = views
+        .first()
+        .map_or(0, |(_, observations)| observations.len());
     for point in 0..points {
         let mut medians = [f32::NAN; 3];
         for (channel, median) in medians.iter_mut().enumerate() {
             let mut residuals: Vec<f32> = views
                 .iter()
-                .filter_map(|(_, clues)| Some(clues[point].as_ref()?.residual[channel]))
+                .filter_map(|(_, observations)| {
+                    Some(observations[point].as_ref()?.residual[channel])
+                })
                 .collect();
             if residuals.len() >= LEAST_VIEWS {
                 *median = middle(&mut residuals);
             }
         }
-        for (_, clues) in views.iter_mut() {
+        for (_, observations) in views.iter_mut() {
             if medians[0].is_nan() {
-                clues[point] = None;
-            } else if let Some(clue) = &mut clues[point] {
-                for (residual, median) in clue.residual.iter_mut().zip(medians) {
+                observations[point] = None;
+            } else if let Some(observation) = &mut observations[point] {
+                for (residual, median) in observation.residual.iter_mut().zip(medians) {
                     *residual -= median;
                 }
             }
@@ -302,13 +309,18 @@ impl NormalEquations {
 }
 
 impl Estimate {
-    fn of(clues: &[&Clue]) -> Option<Self> {
-        if clues.len() < LEAST_CLUES {
+    fn of(observations: &[&PoseObservation]) -> Option<Self> {
+        if observations.len() < LEAST_OBSERVATIONS {
             return None;
         }
-        let rows: Vec<Row<'_>> = clues
+        let rows: Vec<Row<'_>> = observations
             .iter()
-            .flat_map(|clue| clue.slopes.iter().zip(clue.residual.map(f64::from)))
+            .flat_map(|observation| {
+                observation
+                    .slopes
+                    .iter()
+                    .zip(observation.residual.map(f64::from))
+            })
             .collect();
         let mut twist = [0.0; 6];
         let mut covariance = [[0.0; 6]; 6];
@@ -322,7 +334,7 @@ impl Estimate {
         Some(Self {
             twist,
             covariance,
-            displacement: mean_displacement(clues),
+            displacement: mean_displacement(observations),
         })
     }
 
@@ -349,13 +361,13 @@ impl Estimate {
     }
 }
 
-fn mean_displacement(clues: &[&Clue]) -> [Twist; 6] {
+fn mean_displacement(observations: &[&PoseObservation]) -> [Twist; 6] {
     let mut mean = [[0.0; 6]; 6];
-    for clue in clues {
-        let by = clue.displacements();
+    for observation in observations {
+        let by = observation.displacements();
         for (row, one) in mean.iter_mut().zip(by) {
             for (value, other) in row.iter_mut().zip(by) {
-                *value += one.dot(other) / clues.len() as f64;
+                *value += one.dot(other) / observations.len() as f64;
             }
         }
     }

@@ -1,6 +1,6 @@
 //! Whether colours depend on the direction from which they are seen.
 //!
-//! Residuals of a short static warm-up always do: what it blurs shows another neighbour from another
+//! Residuals of a pilot fit always do: what it blurs shows another neighbour from another
 //! side, and harmonics on its Gaussians predict views that were left out better in scenes without
 //! any gloss. So the question is put to the images, where neighbours do not matter: at surfaces around
 //! which every view shows next to one colour. Each surface's colours are fitted by a linear function of
@@ -9,7 +9,10 @@
 //! direction; noise and what passes for a view or two is predicted worse. (Light that changes slowly
 //! while the camera passes looks the same.)
 
+use std::fmt;
+
 use glam::{Mat3, Vec3};
+use serde::Serialize;
 
 /// Degree of the harmonics that this is evidence for.
 pub const SH_DEGREE: usize = 1;
@@ -31,7 +34,7 @@ const LEAST_CHANGE: f64 = 0.012;
 
 /// A surface in one view.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Seen {
+pub struct Observation {
     /// From the camera to the surface, world frame, unit.
     pub direction: Vec3,
     /// Levels of 1.
@@ -39,7 +42,7 @@ pub struct Seen {
 }
 
 /// What was found.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct ViewDependence {
     /// Surfaces in views that were predicted, channel by channel.
     pub samples: usize,
@@ -49,7 +52,7 @@ pub struct ViewDependence {
 
 impl ViewDependence {
     /// Evidence from surfaces, each with the views in which it is seen, in the order of time.
-    pub fn of(surfaces: &[Vec<Seen>]) -> Self {
+    pub fn of(surfaces: &[Vec<Observation>]) -> Self {
         let usable = || surfaces.iter().filter(|views| views.len() >= LEAST_VIEWS);
         let noise = median_square(usable());
         let largest = LARGEST_OVER_MEDIAN * noise;
@@ -83,15 +86,18 @@ impl ViewDependence {
     pub fn is_worth_harmonics(&self) -> bool {
         self.samples >= LEAST_SAMPLES && self.change >= LEAST_CHANGE
     }
+}
 
-    /// In words.
-    pub fn text(&self) -> String {
+impl fmt::Display for ViewDependence {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.samples < LEAST_SAMPLES {
-            return "too few flat surfaces are seen by enough views to tell whether colours depend on \
-                    the direction"
-                .to_owned();
+            return out.write_str(
+                "too few flat surfaces are seen by enough views to tell whether colours depend on the \
+                 direction",
+            );
         }
-        format!(
+        write!(
+            out,
             "at {} samples of flat surfaces directions predict changes of {:.4}, root mean square in \
              levels of 1 (limit {LEAST_CHANGE})",
             self.samples, self.change
@@ -109,7 +115,7 @@ struct Fit {
 
 impl Fit {
     /// Least squares with slopes drawn to 0; `noise` is the variance of a colour.
-    fn of<'a>(views: impl Iterator<Item = &'a Seen> + Clone, noise: f32) -> Self {
+    fn of<'a>(views: impl Iterator<Item = &'a Observation> + Clone, noise: f32) -> Self {
         let count = views.clone().count().max(1) as f32;
         let direction = views.clone().map(|seen| seen.direction).sum::<Vec3>() / count;
         let mean = |channel: usize| {
@@ -144,7 +150,7 @@ impl Fit {
 }
 
 /// Median square of the colours around the mean of their surface.
-fn median_square<'a>(surfaces: impl Iterator<Item = &'a Vec<Seen>>) -> f32 {
+fn median_square<'a>(surfaces: impl Iterator<Item = &'a Vec<Observation>>) -> f32 {
     let mut squares = Vec::new();
     for views in surfaces {
         for channel in 0..3 {
@@ -163,7 +169,7 @@ mod tests {
     use super::*;
 
     /// Surfaces beside a path of 20 cameras, with noise, and with a gloss of this slope.
-    fn surfaces(slope: f32) -> Vec<Vec<Seen>> {
+    fn surfaces(slope: f32) -> Vec<Vec<Observation>> {
         let surface = |number: usize| {
             let at = Vec3::new(0.7 * (number % 9) as f32 - 3.0, 1.0, 2.0);
             let view = |view: usize| {
@@ -172,7 +178,7 @@ mod tests {
                 // Something passes for a view.
                 let passing = if view == number % 370 { 0.5 } else { 0.0 };
                 let own = 0.1 * (number % 5) as f32;
-                Seen {
+                Observation {
                     direction,
                     colour: [own + slope * direction.x + noise + passing; 3],
                 }
@@ -194,21 +200,21 @@ mod tests {
         assert!(!little.is_worth_harmonics(), "{little:?}");
         // Directions deviate by 0.37 from their mean along the path.
         assert!((gloss.change - 0.037).abs() < 0.01, "{gloss:?}");
-        assert!(gloss.is_worth_harmonics() && gloss.text().contains("limit 0.012"));
+        assert!(gloss.is_worth_harmonics() && gloss.to_string().contains("limit 0.012"));
     }
 
     #[test]
     fn without_views_nothing_is_known() {
-        let few: Vec<Vec<Seen>> = surfaces(0.1)
+        let few: Vec<Vec<Observation>> = surfaces(0.1)
             .into_iter()
             .map(|views| views[..LEAST_VIEWS - 1].to_vec())
             .collect();
         for nothing in [ViewDependence::of(&few), ViewDependence::of(&[])] {
             assert_eq!(nothing, ViewDependence::default());
-            assert!(!nothing.is_worth_harmonics() && nothing.text().contains("too few"));
+            assert!(!nothing.is_worth_harmonics() && nothing.to_string().contains("too few"));
         }
         // Far away the direction never changes, and nothing else does: nothing to divide by.
-        let seen = Seen {
+        let seen = Observation {
             direction: Vec3::Z,
             colour: [0.1; 3],
         };

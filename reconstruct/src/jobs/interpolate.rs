@@ -96,6 +96,8 @@ impl<'a> Frames<'a> {
             },
             configuration,
             plan: Vec::new(),
+            evidence: None,
+            planning: crate::process::Elapsed::default(),
             iterations: 0,
             primitives: rows.iter().map(|row| row.gaussians).max().unwrap_or(0),
             training_seconds: analysis_seconds,

@@ -26,7 +26,7 @@ use crate::{
     formats::{DEFORMATION_FILE, GAUSSIANS_FILE, MOVING_GAUSSIANS_FILE, REFINED_POSES_FILE},
     jobs::interpolate::{Frames, GROUPS_FILE},
     methods::{self, Method, MethodKind, MethodOutcome},
-    process,
+    process::{self, Elapsed},
     request::{BackendChoice, MethodRequest},
     scene::TrainingScene,
     train::{
@@ -95,6 +95,10 @@ pub(crate) struct MadeViews {
     /// Every setting as resolved.
     pub(crate) configuration: serde_json::Value,
     pub(crate) plan: Vec<ComponentDecision>,
+    /// What the scene showed of itself, where the method asked.
+    pub(crate) evidence: Option<serde_json::Value>,
+    /// What deciding and placing first primitives took; part of the training's time.
+    pub(crate) planning: Elapsed,
     pub(crate) iterations: u64,
     pub(crate) primitives: u64,
     pub(crate) training_seconds: f64,
@@ -161,6 +165,9 @@ pub fn reconstruct(
         backend: made.backend,
         configuration: made.configuration,
         plan: made.plan,
+        evidence: made.evidence,
+        planning_seconds: made.planning.wall.as_secs_f64(),
+        planning_cpu_seconds: made.planning.cpu.map(|time| time.as_secs_f64()),
         hardware: Some(provenance::Hardware::here()),
         versions: provenance::versions(),
         inputs,
@@ -210,6 +217,7 @@ fn train(
             inputs_sha256: stage.inputs_sha256(),
         }),
         backend: request.backend,
+        planning: Elapsed::default(),
     };
     let mut outcome = method.train(&scene, &request.settings, &session)?;
     let rendering = Instant::now();
@@ -219,6 +227,10 @@ fn train(
     let (training, learner) = (&outcome.training, &mut outcome.learner);
     outputs.extend(learner.export(&request.out)?);
     trace::write_csv(&trace_path, &training.state.trace)?;
+    let evidence = outcome.evidence.as_ref().map(serde_json::to_value);
+    let evidence = evidence.transpose().map_err(|error| {
+        StoreError::write(&request.out.join(RUN_FILE), std::io::Error::other(error))
+    })?;
     outputs.push(TRACE_FILE.to_owned());
     outputs.extend(trace_files(&training.state.trace, &kept.frames));
     // Views of an earlier run's rows.
@@ -230,6 +242,8 @@ fn train(
         primitives: learner.size().primitives,
         configuration: outcome.configuration,
         plan: outcome.plan,
+        evidence,
+        planning: outcome.planning,
         iterations: training.state.iteration,
         training_seconds: training.state.training.as_secs_f64(),
         training_cpu_seconds: training.state.training_cpu.map(|time| time.as_secs_f64()),

@@ -3,13 +3,12 @@
 //! Source: Z. Yang et al., "Deformable 3D Gaussians for High-Fidelity Monocular Dynamic Scene
 //! Reconstruction", CVPR 2024, and its repository (ingra14m/Deformable-3D-Gaussians).
 
+use std::mem::take;
+
 use crate::{
-    baseline::{OPACITY_RESET, SKY_SHELL},
-    components::Components,
-    methods::{
-        Method, MethodKind, PreparedGaussians,
-        dynamic::{self, Evidence},
-    },
+    baseline::OPACITY_RESET,
+    components::{self, Decision, Draft, draft::MotionEvidenceUse, sky_shell},
+    methods::{Method, MethodKind, PreparedGaussians},
     options,
     request::MethodRequest,
 };
@@ -40,7 +39,8 @@ pub const METHOD: Method = Method {
                   points; its output layer begins at 0; quaternions are normalized and scales \
                   positive after the deformation; the noise's unit is one training interval \
                   throughout, not one that grows within an epoch.",
-    components: &[DEFORMATION, TIME_NOISE, SKY_SHELL, OPACITY_RESET],
+    components: &[DEFORMATION, TIME_NOISE, sky_shell::ID, OPACITY_RESET],
+    optional_components: components::OF_VIEWS,
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
@@ -94,15 +94,15 @@ fn prepare(
     _: BackendChoice,
 ) -> Result<PreparedGaussians, ReconstructError> {
     let clock = scene.clock()?;
-    let mut settings = crate::baseline::settings(scene, request);
-    let first = crate::baseline::first_gaussians(scene, &settings, request, 0);
-    let mut components = Components::new(request, first.plan);
-    let evidence = Evidence::of(scene, request)?;
-    let deforms = components.decide(DEFORMATION, evidence.of_motion());
-    let missing = (!deforms).then_some(DEFORMATION);
-    let published = (true, "as published for real scenes".to_owned());
-    let with_noise = components.decide_with(TIME_NOISE, missing, published);
-    let initial = points::join(first.points, first.shell);
+    let supported = METHOD.supported();
+    let mut draft = Draft::new(scene, request, supported, MotionEvidenceUse::Decides)?;
+    let of_motion = Decision::of_motion(&draft.evidence);
+    let deforms = draft.decide(DEFORMATION, of_motion);
+    let noise = Decision::new(true, "as published for real scenes");
+    let with_noise = draft.decide(TIME_NOISE, noise.unless(draft.missing(DEFORMATION)));
+    draft.add_components();
+    let initial = points::join(take(&mut draft.points), take(&mut draft.fixed));
+    let settings = &mut draft.settings;
     let table = static_gaussians::table(&initial, settings.rendering.sh_degree);
     let shapes = table.shapes();
     let mut network_bytes = 0;
@@ -120,11 +120,6 @@ fn prepare(
     } else {
         Part::new(StaticGaussians, table)
     };
-    crate::baseline::require_memory(request, &settings, &shapes, network_bytes)?;
-    Ok(PreparedGaussians {
-        model: Model::new(vec![part]),
-        settings,
-        plan: components.plan,
-        remarks: dynamic::mask_warning(scene).into_iter().collect(),
-    })
+    crate::baseline::require_memory(request, settings, &shapes, network_bytes)?;
+    Ok(PreparedGaussians::new(draft, Model::new(vec![part])))
 }

@@ -1,22 +1,17 @@
 //! What the methods for dynamic scenes have in common: defaults, first Gaussians, components.
 
+use std::mem::take;
+
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 use crate::{
-    components::Components,
-    methods::PreparedGaussians,
-    request::{MethodRequest, PlanChoice},
-};
-use crate::{
+    components::{Decision, Draft, draft::Seeding},
     error::ReconstructError,
-    evidence::pilot::WarmUp,
+    methods::PreparedGaussians,
     request::BackendChoice,
     scene::TrainingScene,
-    seeds::{
-        masks::{MaskSeeds, SeedVelocity, mask_seeds},
-        points,
-    },
+    seeds::{masks::SeedVelocity, points},
 };
 use omnilife_engine::EngineError;
 use omnilife_engine::{
@@ -28,8 +23,6 @@ use omnilife_engine::{
     model::{
         Model, Part,
         dynamic_settings::{DynamicSettings, TemporalDensity, TemporalSmoothing, mean_vertical},
-        exposure::Exposure,
-        pose_corrections::PoseCorrections,
     },
     parameters::decay::Decay,
     step::settings::TrainSettings,
@@ -75,20 +68,11 @@ const LEAST_LIFESPAN_FRAMES: f32 = 0.25;
 const LARGEST_LIFESPAN_FRAMES: f32 = 1e6;
 /// First peak times are drawn from this many times the clip (PVG `scene/waymo_loader.py`).
 const PEAK_RANGE: f32 = 1.2;
-/// Seeds of dynamic Gaussians take at most this share of all: what they take, the static region goes
-/// without.
-const LARGEST_SEEDS_SHARE: f64 = 0.125;
-/// A seed is seen while it has a quarter of its opacity: for this many of its lifespans,
-/// `2 sqrt(2 ln 4)`.
-const SEEN_LIFESPANS: f32 = 3.33;
-
-/// Bounds of lifespans, from `least` frames.
-pub(super) fn lifespans(least: Option<f32>) -> LifespanRange {
-    LifespanRange {
-        least_frames: least.unwrap_or(LEAST_LIFESPAN_FRAMES),
-        largest_frames: LARGEST_LIFESPAN_FRAMES,
-    }
-}
+/// Bounds of lifespans.
+pub(super) const LIFESPANS: LifespanRange = LifespanRange {
+    least_frames: LEAST_LIFESPAN_FRAMES,
+    largest_frames: LARGEST_LIFESPAN_FRAMES,
+};
 
 /// PVG's density control in time, for a schedule as long as `settings` has it: a threshold of 2e-3
 /// per unit, clones up to 0.01 units, shorter lives from half of the densification on (PVG
@@ -142,7 +126,7 @@ pub(super) fn first_lifespan(clock: &Clock, share: f32) -> f32 {
 }
 
 /// Peak times drawn evenly from the clip and a tenth of it on both sides.
-pub(super) fn scattered_times(clock: &Clock, len: usize, lifespan: f32, seed: u64) -> InitialTimes {
+fn scattered_times(clock: &Clock, len: usize, lifespan: f32, seed: u64) -> InitialTimes {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let half = 0.5 * PEAK_RANGE * clock.duration_frames;
     let mut times = InitialTimes::constant(len, 0.0, lifespan);
@@ -150,26 +134,6 @@ pub(super) fn scattered_times(clock: &Clock, len: usize, lifespan: f32, seed: u6
         .peaks
         .fill_with(|| half * random.random_range(-1.0..=1.0_f32));
     times
-}
-
-/// The share of all Gaussians with which the masked region is as dense as the others at any moment:
-/// its share of the sphere, times the number of sets that follow each other in the clip.
-fn seeds_share(coverage: f64, clock: &Clock, lifespan: f32) -> f64 {
-    let sets = (clock.duration_frames / (SEEN_LIFESPANS * lifespan)).max(1.0);
-    (coverage * f64::from(sets)).min(LARGEST_SEEDS_SHARE)
-}
-
-/// Seeds of dynamic Gaussians within the limit on all of them.
-pub(super) fn seeds(
-    scene: &TrainingScene,
-    settings: &TrainSettings,
-    clock: &Clock,
-    lifespan: f32,
-    velocity: SeedVelocity,
-) -> MaskSeeds {
-    let share = seeds_share(scene.mask_coverage().unwrap_or(0.0), clock, lifespan);
-    let room = settings.densify.maximum_gaussians as f64 * share;
-    mask_seeds(scene, clock, lifespan, velocity, room.ceil() as usize)
 }
 
 /// What a run begins with: Gaussians that never move and those that may.
@@ -181,9 +145,24 @@ pub(super) struct Beginning {
 }
 
 impl Beginning {
+    /// The drafted Gaussians: those at scene points have this first lifespan and peaks all over the clip,
+    /// seeds have their own.
+    pub(super) fn of(draft: &mut Draft<'_>, clock: &Clock, lifespan: f32) -> Self {
+        let mut beginning = Self {
+            fixed: take(&mut draft.fixed),
+            ..Self::default()
+        };
+        let points = take(&mut draft.points);
+        let times = scattered_times(clock, points.len(), lifespan, draft.request.seed);
+        beginning.add_moving(points, times);
+        let seeds = take(&mut draft.seeds);
+        beginning.add_moving(seeds.gaussians, seeds.times);
+        beginning
+    }
+
     /// Adds Gaussians that may move.
-    pub(super) fn add_moving(&mut self, gaussians: InitialGaussians, times: InitialTimes) {
-        self.moving = points::join(std::mem::take(&mut self.moving), gaussians);
+    fn add_moving(&mut self, gaussians: InitialGaussians, times: InitialTimes) {
+        self.moving = points::join(take(&mut self.moving), gaussians);
         self.times.extend(times);
     }
 
@@ -213,101 +192,37 @@ pub(super) fn check(
     scene.clock()
 }
 
-/// Coverage above which masks look as if they marked what does not move.
-const INVERTED_COVERAGE: f64 = 0.5;
-
-/// What a scene says about motion.
-#[derive(Debug)]
-pub(super) struct Evidence {
-    /// Whether something moves, or may.
-    pub(super) moves: bool,
-    /// Whether masks show what.
-    pub(super) has_masks: bool,
-    /// The evidence in words.
-    pub(super) reason: String,
-    /// What was looked at for it, where it was more than the masks.
-    pub(super) warm_up: Option<WarmUp>,
-}
-
-impl Evidence {
-    /// Masks say what moves. Without any, residuals after a static warm-up tell whether something
-    /// does, where the plan asks for evidence.
-    pub(super) fn of(
-        scene: &TrainingScene,
-        request: &MethodRequest,
-    ) -> Result<Self, ReconstructError> {
-        let views = scene.input_views.len();
-        let masked = scene
-            .input_views
-            .iter()
-            .filter(|view| view.mask.is_some())
-            .count();
-        let Some(coverage) = scene.mask_coverage() else {
-            let mut evidence = Self {
-                moves: true,
-                has_masks: false,
-                reason: "no input view has a mask".to_owned(),
-                warm_up: None,
-            };
-            if request.plan == PlanChoice::Auto {
-                let mut warm_up = WarmUp::of(scene, request.seed)?;
-                // A camera's automatic exposure is no motion.
-                if warm_up.exposure().is_some_and(Exposure::drifts) {
-                    warm_up.normalize();
-                }
-                // Nor is an edge that lies beside its place because a pose is off.
-                warm_up.correct_poses();
-                let found = warm_up.motion();
-                evidence.moves = found.moves();
-                evidence.reason += &format!("; {}", found.text());
-                evidence.warm_up = Some(warm_up);
-            }
-            return Ok(evidence);
-        };
-        let mut reason = format!(
-            "{masked} of {views} input views have masks, which cover {:.2} % of the sphere",
-            100.0 * coverage
-        );
-        if coverage > INVERTED_COVERAGE {
-            reason += "; they look inverted: white is what moves";
-        }
-        Ok(Self {
-            moves: coverage > 0.0,
-            has_masks: coverage > 0.0,
-            reason,
-            warm_up: None,
-        })
-    }
-
-    /// The evidence for a component that only makes sense where something moves.
-    pub(super) fn of_motion(&self) -> (bool, String) {
-        (self.moves, self.reason.clone())
+/// Decides on time by the evidence of motion.
+pub(super) fn decide_on_time(draft: &mut Draft<'_>) {
+    for component in [TEMPORAL_OPACITY, TEMPORAL_MOTION] {
+        let of_motion = Decision::of_motion(&draft.evidence);
+        draft.decide(component, of_motion);
     }
 }
 
-/// A line for the run's warnings where masks look inverted.
-pub(super) fn mask_warning(scene: &TrainingScene) -> Option<String> {
-    let coverage = scene.mask_coverage()?;
-    (coverage > INVERTED_COVERAGE).then(|| {
-        format!(
-            "the masks cover {:.0} % of the sphere: they look inverted (white is what moves)",
-            100.0 * coverage
-        )
-    })
+/// What others cannot be without where no Gaussian depends on time.
+pub(super) fn missing_time(draft: &Draft<'_>) -> Option<&'static str> {
+    let depends = draft.is_used(TEMPORAL_OPACITY) || draft.is_used(TEMPORAL_MOTION);
+    (!depends).then_some("time")
+}
+
+/// Lets the component of mask seeds begin with these velocities, where Gaussians have lives: seeds
+/// without an end would stay for the whole clip.
+pub(super) fn allow_seeds(draft: &mut Draft<'_>, clock: Clock, velocity: SeedVelocity) {
+    let fades = draft.is_used(TEMPORAL_OPACITY);
+    draft.seeding = fades.then_some(Seeding { clock, velocity });
 }
 
 /// A model whose settings and components are decided. Where nothing depends on time it is a static
 /// one, and training knows nothing of time.
 pub(super) fn prepared(
-    scene: &TrainingScene,
-    request: &MethodRequest,
-    mut settings: TrainSettings,
+    mut draft: Draft<'_>,
     beginning: &Beginning,
-    components: Components<'_>,
 ) -> Result<PreparedGaussians, ReconstructError> {
+    let settings = &mut draft.settings;
     let sh_degree = settings.rendering.sh_degree;
     let dynamics = settings.dynamics.as_ref();
-    let mut model = match dynamics.filter(|dynamics| !dynamics.time.shapes().is_empty()) {
+    let model = match dynamics.filter(|dynamics| !dynamics.time.shapes().is_empty()) {
         Some(dynamics) => beginning.model(dynamics, sh_degree),
         None => {
             settings.dynamics = None;
@@ -315,17 +230,8 @@ pub(super) fn prepared(
             static_gaussians::table(&all, sh_degree).into()
         }
     };
-    crate::baseline::require_memory(request, &settings, &model.shapes(), 0)?;
-    if settings.pose_refinement.is_some() {
-        let times = scene.input_views.iter().map(|view| view.view.time_seconds);
-        model.poses = Some(PoseCorrections::new(times.collect()));
-    }
-    Ok(PreparedGaussians {
-        model,
-        settings,
-        plan: components.plan,
-        remarks: mask_warning(scene).into_iter().collect(),
-    })
+    crate::baseline::require_memory(draft.request, settings, &model.shapes(), 0)?;
+    Ok(PreparedGaussians::new(draft, model))
 }
 
 /// The mean vertical of the input cameras.
@@ -336,25 +242,6 @@ pub(super) fn down(scene: &TrainingScene) -> [f32; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn seeds_are_as_dense_as_the_rest() {
-        let clock = Clock {
-            origin_seconds: 0.0,
-            frame_seconds: 0.1,
-            duration_frames: 66.6,
-        };
-        let share = |coverage, lifespan| seeds_share(coverage, &clock, lifespan);
-        // Five sets of one in a hundred; one set that lives longer than the clip; a limit.
-        for (found, expected) in [
-            (share(0.01, 4.0), 0.05),
-            (share(0.01, 400.0), 0.01),
-            (share(0.6, 4.0), 0.125),
-            (share(0.0, 4.0), 0.0),
-        ] {
-            assert!((found - expected).abs() < 1e-6, "{found} {expected}");
-        }
-    }
 
     #[test]
     fn lifespans_go_as_far_in_a_short_schedule() {

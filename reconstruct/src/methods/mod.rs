@@ -8,14 +8,18 @@ pub mod odgs_published;
 pub mod omni4dgs;
 pub mod omni4dgs_plus;
 pub mod periodic;
+mod prepared;
 
 use omnilife_schemas::{names, records::ComponentDecision};
 
 use crate::{
+    components::Supported,
     error::ReconstructError,
+    evidence::SceneEvidence,
     learner::{Learner, gaussians::GaussianLearner},
     methods::feed_forward::{Group, Interpolated},
     options::MethodOption,
+    process::{self, Elapsed},
     request::{BackendChoice, MethodRequest, PlanChoice},
     scene::TrainingScene,
     train::{self, LoopSettings, Session, TrainingOutcome},
@@ -35,6 +39,11 @@ pub struct MethodOutcome<'a> {
     pub configuration: serde_json::Value,
     /// Components used and left out, with reasons.
     pub plan: Vec<ComponentDecision>,
+    /// What the scene shows of itself, where the method asks.
+    pub evidence: Option<SceneEvidence>,
+    /// What deciding and placing the first Gaussians took, the pilot fit included; training time
+    /// includes it.
+    pub planning: Elapsed,
 }
 
 /// What a method begins with on a scene.
@@ -48,6 +57,8 @@ pub struct Prepared<'a> {
     pub configuration: serde_json::Value,
     /// Components used and left out, with reasons.
     pub plan: Vec<ComponentDecision>,
+    /// What the scene shows of itself, where the method asks.
+    pub evidence: Option<SceneEvidence>,
     /// Lines that a reader of the scores should know.
     pub remarks: Vec<String>,
 }
@@ -61,6 +72,8 @@ pub struct PreparedGaussians {
     pub settings: TrainSettings,
     /// Components used and left out, with reasons.
     pub plan: Vec<ComponentDecision>,
+    /// What the scene shows of itself, where the method asks.
+    pub evidence: Option<SceneEvidence>,
     /// Lines that a reader of the scores should know.
     pub remarks: Vec<String>,
 }
@@ -89,6 +102,7 @@ impl PreparedGaussians {
             )?),
             configuration,
             plan: self.plan,
+            evidence: self.evidence,
             remarks: self.remarks,
         })
     }
@@ -115,8 +129,10 @@ pub struct Method {
     pub source: &'static str,
     /// What this implementation is, and where it departs from the source.
     pub description: &'static str,
-    /// Components that can be left out by name.
+    /// Components that it has by itself; they can be left out by name.
     pub components: &'static [&'static str],
+    /// Components that it can be asked for by name.
+    pub optional_components: &'static [&'static str],
     /// Options that it understands beside what all methods do.
     pub options: &'static [MethodOption],
     /// How it comes to its views.
@@ -175,17 +191,24 @@ impl Method {
         request: &MethodRequest,
         session: &Session<'_>,
     ) -> Result<MethodOutcome<'a>, ReconstructError> {
+        let (prepared, planning) =
+            process::measured(|| self.prepare(scene, request, session.backend));
         let Prepared {
             mut learner,
             length,
             configuration,
             plan,
+            evidence,
             remarks,
-        } = self.prepare(scene, request, session.backend)?;
+        } = prepared?;
         for remark in &remarks {
             session.progress.note(remark);
         }
-        let mut training = train::train(scene, &mut *learner, length, session)?;
+        let session = Session {
+            planning,
+            ..session.clone()
+        };
+        let mut training = train::train(scene, &mut *learner, length, &session)?;
         training.remarks.extend(remarks);
         Ok(MethodOutcome {
             learner,
@@ -193,25 +216,42 @@ impl Method {
             iterations: length.iterations,
             configuration,
             plan,
+            evidence,
+            planning,
         })
+    }
+
+    /// The components that it can have.
+    pub(crate) const fn supported(&self) -> Supported {
+        Supported {
+            default: self.components,
+            optional: self.optional_components,
+        }
     }
 
     /// Checks that a request makes sense for this method, before anything is computed.
     ///
     /// # Errors
-    /// When it names a component or option that the method does not have, or a backend that it never runs on.
+    /// When it names a component or option that the method does not have, a component to use and to leave
+    /// out, or a backend that it never runs on.
     pub fn check(
         &self,
         request: &MethodRequest,
         backend: BackendChoice,
     ) -> Result<(), ReconstructError> {
-        let named = match &request.plan {
+        let in_plan = match &request.plan {
             PlanChoice::Only(names) => &names[..],
             PlanChoice::Auto | PlanChoice::Full => &[],
         };
         let kind = format!("{} component", self.id);
-        for name in request.without.iter().chain(named) {
-            names::find(&kind, name, self.components, |component| component)?;
+        let all: Vec<&str> = [self.components, self.optional_components].concat();
+        for name in request.without.iter().chain(&request.with).chain(in_plan) {
+            names::find(&kind, name, &all, |component| component)?;
+        }
+        if let Some(name) = request.with.iter().find(|name| request.leaves_out(name)) {
+            return Err(ReconstructError::Request {
+                reason: format!("{}: {name} is asked for and left out", self.id),
+            });
         }
         let kind = format!("{} option", self.id);
         for name in request.options.names() {
@@ -252,6 +292,7 @@ pub fn find(id: &str) -> Result<&'static Method, ReconstructError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::components::COMPONENTS;
 
     #[test]
     fn methods_are_unique_and_described() {
@@ -262,10 +303,45 @@ mod tests {
             assert!(method.options.iter().all(|option| option.doc.len() > 20));
             assert_eq!(find(method.id).map(|found| found.id).ok(), Some(method.id));
         }
+        let shared = |name: &&str| COMPONENTS.iter().any(|component| component.id == *name);
+        for method in METHODS {
+            let (own, optional) = (method.components, method.optional_components);
+            assert!(
+                optional
+                    .iter()
+                    .all(|name| shared(name) && !own.contains(name))
+            );
+        }
         let message = find("nerf").map(|_| ()).expect_err("unknown").to_string();
         assert!(
             message.contains("nerf") && message.contains("odgs"),
             "{message}"
         );
+    }
+
+    #[test]
+    fn components_that_a_method_lacks_and_contradictions_are_refused() {
+        let owned = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
+        let refusal = |method: &Method, with: &[&str], without: &[&str]| {
+            let request = MethodRequest {
+                with: owned(with),
+                without: owned(without),
+                ..MethodRequest::new(1, 0)
+            };
+            let refused = method.check(&request, BackendChoice::Cpu).err();
+            refused.map(|error| error.to_string())
+        };
+        let both = ["exposure-compensation", "pose-refinement"];
+        assert_eq!(refusal(&odgs::METHOD, &both, &["sky-shell"]), None);
+        let unknown = refusal(&odgs::METHOD, &["static-table"], &[]).unwrap_or_default();
+        assert!(unknown.contains("static-table") && unknown.contains("pose-refinement"));
+        let contradiction = refusal(&odgs::METHOD, &both, &both).unwrap_or_default();
+        assert!(
+            contradiction.contains("asked for and left out"),
+            "{contradiction}"
+        );
+        for name in both {
+            assert!(refusal(&odgs_published::METHOD, &[name], &[]).is_some());
+        }
     }
 }

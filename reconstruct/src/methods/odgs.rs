@@ -3,10 +3,13 @@
 //! Source: Lee et al., "ODGS: 3D Scene Reconstruction from Omnidirectional Images with 3D Gaussian
 //! Splattings", 2024, and its repository <https://github.com/esw0116/ODGS>.
 
+use std::mem::take;
+
 use omnilife_engine::gaussians::static_gaussians;
 
 use crate::{
-    baseline::{OPACITY_RESET, SKY_SHELL, first_gaussians, require_memory, settings},
+    baseline::{OPACITY_RESET, require_memory},
+    components::{self, Draft, draft::MotionEvidenceUse, sky_shell},
     error::ReconstructError,
     methods::{Method, MethodKind, PreparedGaussians},
     options,
@@ -27,7 +30,8 @@ pub const METHOD: Method = Method {
                   to distance, position steps to the median distance of the points; the \
                   densification threshold is that of 3DGS (2e-4); the number of Gaussians is \
                   limited; open sky gets a shell of Gaussians.",
-    components: &[SKY_SHELL, OPACITY_RESET],
+    components: &[sky_shell::ID, OPACITY_RESET],
+    optional_components: components::OF_VIEWS,
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
@@ -35,21 +39,18 @@ pub const METHOD: Method = Method {
 };
 
 /// Static Gaussians at the points and in the sky.
-pub(crate) fn prepare(
+fn prepare(
     scene: &TrainingScene,
     request: &MethodRequest,
     _: BackendChoice,
 ) -> Result<PreparedGaussians, ReconstructError> {
-    let settings = settings(scene, request);
-    let shapes = static_gaussians::shapes(settings.rendering.sh_degree);
-    require_memory(request, &settings, &shapes, 0)?;
-    let first = first_gaussians(scene, &settings, request, 0);
-    let initial = points::join(first.points, first.shell);
-    let table = static_gaussians::table(&initial, settings.rendering.sh_degree);
-    Ok(PreparedGaussians {
-        model: table.into(),
-        settings,
-        plan: first.plan,
-        remarks: Vec::new(),
-    })
+    let supported = METHOD.supported();
+    let mut draft = Draft::new(scene, request, supported, MotionEvidenceUse::None)?;
+    draft.add_components();
+    let degree = draft.settings.rendering.sh_degree;
+    let shapes = static_gaussians::shapes(degree);
+    require_memory(request, &draft.settings, &shapes, 0)?;
+    let initial = points::join(take(&mut draft.points), take(&mut draft.fixed));
+    let model = static_gaussians::table(&initial, degree).into();
+    Ok(PreparedGaussians::new(draft, model))
 }

@@ -31,6 +31,7 @@ pub const METHOD: Method = Method {
                   standard deviations, an SSIM window that ends at the seam, and growth without a \
                   limit (that of odgs holds).",
     components: &[],
+    optional_components: &[],
     options: &[options::MAX_GAUSSIANS, options::DENSIFY_THRESHOLD],
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
@@ -116,6 +117,7 @@ fn prepare(
         model: static_gaussians::table(&initial, 0).into(),
         settings,
         plan,
+        evidence: None,
         remarks: Vec::new(),
     })
 }

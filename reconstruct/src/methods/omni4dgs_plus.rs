@@ -3,25 +3,27 @@
 //! The published method gains far more on input views than on novel ones. Its Gaussians can live for
 //! less than a frame: each input view gets some of its own, which are not there at the moments
 //! between. Here dynamic Gaussians live longer than the gap that a novel view leaves, begin with the
-//! velocity of their mask's piece, and are held against images of neighbouring moments; nothing splits
-//! them in time.
+//! velocity of their mask's connected component, and are held against images of neighbouring moments;
+//! nothing splits them in time.
 
 use crate::{
-    baseline::{OPACITY_RESET, SKY_SHELL},
-    components::pose_refinement::POSE_REFINEMENT,
+    baseline::OPACITY_RESET,
+    components::{
+        Decision, Draft, draft::MotionEvidenceUse, exposure_compensation, mask_seeds,
+        pose_refinement, sky_shell, static_table, view_dependent_colour,
+    },
+    error::ReconstructError,
     methods::{
         Method, MethodKind, PreparedGaussians,
-        dynamic::{self, TEMPORAL_MOTION, TEMPORAL_OPACITY, TEMPORAL_SMOOTHING},
+        dynamic::{self, Beginning, TEMPORAL_MOTION, TEMPORAL_OPACITY, TEMPORAL_SMOOTHING},
         omni4dgs::{
-            self, DYNAMIC_MASK, EXPOSURE_COMPENSATION, MOTION_REGULARIZATION, STATIC_TABLE,
-            VELOCITY_DECOMPOSITION, VELOCITY_REGULARIZATION, VIEW_DEPENDENT_COLOUR, Variant,
+            self, DYNAMIC_MASK, MOTION_REGULARIZATION, VELOCITY_DECOMPOSITION,
+            VELOCITY_REGULARIZATION,
         },
     },
     options,
-    request::MethodRequest,
-};
-use crate::{
-    error::ReconstructError, request::BackendChoice, scene::TrainingScene,
+    request::{BackendChoice, MethodRequest},
+    scene::TrainingScene,
     seeds::masks::SeedVelocity,
 };
 
@@ -31,11 +33,11 @@ pub const METHOD: Method = Method {
     title: "Omni4DGS, ours",
     source: "this project; after OmniLife360, section 4",
     description: "omni4dgs with lifespans of two frames at least, first velocities from the masks' \
-                  pieces, temporal smoothing as in PVG, lifespans that find their length in short \
-                  schedules too, gains of a camera's automatic exposure taken out, colours that \
-                  depend on the direction where the scene's do, poses refined where they are off, \
-                  and no density control in time: dynamic Gaussians are there at the moments \
-                  between input views too.",
+                  connected components, temporal smoothing as in PVG, lifespans that find their \
+                  length in short schedules too, gains of a camera's automatic exposure taken out, \
+                  colours that depend on the direction where the scene's do, poses refined where \
+                  they are off, and no density control in time: dynamic Gaussians are there at the \
+                  moments between input views too.",
     components: &[
         TEMPORAL_OPACITY,
         TEMPORAL_MOTION,
@@ -43,44 +45,52 @@ pub const METHOD: Method = Method {
         DYNAMIC_MASK,
         MOTION_REGULARIZATION,
         VELOCITY_REGULARIZATION,
-        STATIC_TABLE,
+        mask_seeds::ID,
+        static_table::ID,
         TEMPORAL_SMOOTHING,
-        EXPOSURE_COMPENSATION,
-        VIEW_DEPENDENT_COLOUR,
-        POSE_REFINEMENT,
-        SKY_SHELL,
+        exposure_compensation::ID,
+        view_dependent_colour::ID,
+        pose_refinement::ID,
+        sky_shell::ID,
         OPACITY_RESET,
     ],
+    optional_components: &[],
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
 };
 
-const OURS: Variant = Variant {
-    id: METHOD.id,
-    // A novel view lies one frame from its neighbours: there a Gaussian of theirs still has 88 % of
-    // its opacity.
-    least_lifespan_frames: Some(2.0),
-    smoothing: Some(dynamic::SMOOTHING),
-    // What changes outside the masks, such as shadows, does so within a few frames; lifespans find
-    // their length from there.
-    first_lifespan_share: omni4dgs::FIRST_LIFESPAN_SHARE,
-    seed_velocity: SeedVelocity::Tracked,
-    splits_in_time: false,
-    quickens_lifespans: true,
-    compensates_exposure: true,
-    colours_by_direction: true,
-    refines_poses: true,
-    // Points that change are away from their peak at most moments: with the 0.1 of static methods the
-    // first images are half empty. The others gain by it too, in short schedules.
-    first_opacity: Some(0.25),
-};
+/// Least lifespan: a novel view lies one frame from its neighbours, where a Gaussian of theirs still has
+/// 88 % of its opacity.
+const LEAST_LIFESPAN_FRAMES: f32 = 2.0;
+/// First opacity of scene points. Points that change are away from their peak at most moments: with the
+/// 0.1 of static methods the first images are half empty. The others gain by it too, in short schedules.
+const FIRST_OPACITY: f32 = 0.25;
 
 fn prepare(
     scene: &TrainingScene,
     request: &MethodRequest,
     backend: BackendChoice,
 ) -> Result<PreparedGaussians, ReconstructError> {
-    omni4dgs::prepare_variant(&OURS, scene, request, backend)
+    let clock = dynamic::check(METHOD.id, scene, backend)?;
+    let supported = METHOD.supported();
+    let mut draft = Draft::new(scene, request, supported, MotionEvidenceUse::Decides)?;
+    dynamic::add_learning_rates(&mut draft.settings, crate::baseline::scene_extent(scene));
+    dynamic::quicken_lifespans(&mut draft.settings);
+    omni4dgs::decide(&mut draft);
+    let of_pvg = Decision::new(true, "as PVG").unless(draft.missing(TEMPORAL_MOTION));
+    let smooths = draft.decide(TEMPORAL_SMOOTHING, of_pvg);
+    dynamic::allow_seeds(&mut draft, clock, SeedVelocity::Tracked);
+    draft.first_opacity = Some(FIRST_OPACITY);
+    draft.add_components();
+    let mut dynamics = omni4dgs::dynamics(&draft, clock);
+    if let Some(lifespans) = &mut dynamics.time.lifespans {
+        lifespans.least_frames = LEAST_LIFESPAN_FRAMES;
+    }
+    dynamics.smoothing = smooths.then_some(dynamic::SMOOTHING);
+    draft.settings.dynamics = Some(dynamics);
+    let lifespan = omni4dgs::first_lifespan(&clock);
+    let beginning = Beginning::of(&mut draft, &clock, lifespan);
+    dynamic::prepared(draft, &beginning)
 }

@@ -4,20 +4,26 @@
 //! Real-time Rendering", 2023, and its repository (fudan-zvg/PVG).
 
 use crate::{
-    baseline::{OPACITY_RESET, SKY_SHELL},
-    components::Components,
+    baseline::OPACITY_RESET,
+    components::{
+        Decision, Draft, draft::MotionEvidenceUse, exposure_compensation, mask_seeds,
+        pose_refinement, sky_shell, static_table, view_dependent_colour,
+    },
+    error::ReconstructError,
     methods::{
         Method, MethodKind, PreparedGaussians,
         dynamic::{
-            self, Beginning, CYCLE_FRAMES, Evidence, LIFESPAN_LOSS, TEMPORAL_DENSITY,
-            TEMPORAL_MOTION, TEMPORAL_OPACITY, TEMPORAL_SMOOTHING,
+            self, Beginning, CYCLE_FRAMES, LIFESPAN_LOSS, TEMPORAL_DENSITY, TEMPORAL_MOTION,
+            TEMPORAL_OPACITY, TEMPORAL_SMOOTHING,
         },
     },
     options,
-    request::MethodRequest,
+    request::{BackendChoice, MethodRequest},
+    scene::TrainingScene,
+    seeds::masks::SeedVelocity,
 };
-use crate::{error::ReconstructError, request::BackendChoice, scene::TrainingScene};
 use omnilife_engine::{
+    clock::Clock,
     gaussians::temporal::{TemporalFeatures, TimeModel, VelocityModel},
     model::dynamic_settings::{DynamicSettings, VelocityLoss},
 };
@@ -41,8 +47,15 @@ pub const METHOD: Method = Method {
         VELOCITY_LOSS,
         LIFESPAN_LOSS,
         TEMPORAL_DENSITY,
-        SKY_SHELL,
+        sky_shell::ID,
         OPACITY_RESET,
+    ],
+    optional_components: &[
+        exposure_compensation::ID,
+        view_dependent_colour::ID,
+        pose_refinement::ID,
+        mask_seeds::ID,
+        static_table::ID,
     ],
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
@@ -56,50 +69,61 @@ const VELOCITY_LOSS: &str = "velocity-loss";
 const LEAST_MARGINAL: f32 = 0.05;
 /// Weight of the velocity loss (PVG `configs/waymo_reconstruction.yaml`).
 const VELOCITY_WEIGHT: f32 = 0.01;
+
 fn prepare(
     scene: &TrainingScene,
     request: &MethodRequest,
     backend: BackendChoice,
 ) -> Result<PreparedGaussians, ReconstructError> {
     let clock = dynamic::check(METHOD.id, scene, backend)?;
-    let mut settings = crate::baseline::settings(scene, request);
+    let supported = METHOD.supported();
+    let mut draft = Draft::new(scene, request, supported, MotionEvidenceUse::Decides)?;
     let extent = crate::baseline::scene_extent(scene);
-    dynamic::add_learning_rates(&mut settings, extent);
-    let first = crate::baseline::first_gaussians(scene, &settings, request, 0);
-    let mut components = Components::new(request, first.plan);
-    let evidence = Evidence::of(scene, request)?;
-    let published = || (true, "as published".to_owned());
-    let fades = components.decide(TEMPORAL_OPACITY, evidence.of_motion());
-    let moves = components.decide(TEMPORAL_MOTION, evidence.of_motion());
-    let without_motion = (!moves).then_some(TEMPORAL_MOTION);
-    let without_lifespans = (!fades).then_some(TEMPORAL_OPACITY);
-    let smooths = components.decide_with(TEMPORAL_SMOOTHING, without_motion, published());
-    let missing = without_motion.or(without_lifespans);
-    let slows = components.decide_with(VELOCITY_LOSS, missing, published());
-    let prolongs = components.decide_with(LIFESPAN_LOSS, without_lifespans, published());
-    let missing = (!fades && !moves).then_some("time");
-    let splits = components.decide_with(TEMPORAL_DENSITY, missing, published());
-
-    let mut beginning = Beginning {
-        fixed: first.shell,
-        ..Beginning::default()
-    };
+    dynamic::add_learning_rates(&mut draft.settings, extent);
+    decide(&mut draft);
+    dynamic::allow_seeds(&mut draft, clock, SeedVelocity::None);
+    draft.add_components();
     let lifespan = dynamic::first_lifespan(&clock, dynamic::FIRST_LIFESPAN_SHARE);
-    let times = dynamic::scattered_times(&clock, first.points.len(), lifespan, request.seed);
-    beginning.add_moving(first.points, times);
-    settings.dynamics = Some(DynamicSettings {
+    let beginning = Beginning::of(&mut draft, &clock, lifespan);
+    draft.settings.dynamics = Some(dynamics(&draft, clock));
+    dynamic::prepared(draft, &beginning)
+}
+
+/// Decides on the method's own components.
+fn decide(draft: &mut Draft<'_>) {
+    dynamic::decide_on_time(draft);
+    let missing_motion = draft.missing(TEMPORAL_MOTION);
+    let missing_lifespans = draft.missing(TEMPORAL_OPACITY);
+    for (component, missing) in [
+        (TEMPORAL_SMOOTHING, missing_motion),
+        (VELOCITY_LOSS, missing_motion.or(missing_lifespans)),
+        (LIFESPAN_LOSS, missing_lifespans),
+        (TEMPORAL_DENSITY, dynamic::missing_time(draft)),
+    ] {
+        let published = Decision::new(true, "as published");
+        draft.decide(component, published.unless(missing));
+    }
+}
+
+fn dynamics(draft: &Draft<'_>, clock: Clock) -> DynamicSettings {
+    let slows = draft.is_used(VELOCITY_LOSS);
+    let prolongs = draft.is_used(LIFESPAN_LOSS);
+    let extent = crate::baseline::scene_extent(draft.scene);
+    DynamicSettings {
         clock,
         time: TimeModel {
             cycle_frames: CYCLE_FRAMES,
-            lifespans: fades.then(|| dynamic::lifespans(None)),
-            velocity: if moves {
+            lifespans: draft
+                .is_used(TEMPORAL_OPACITY)
+                .then_some(dynamic::LIFESPANS),
+            velocity: if draft.is_used(TEMPORAL_MOTION) {
                 VelocityModel::Free
             } else {
                 VelocityModel::None
             },
             least_marginal: LEAST_MARGINAL,
         },
-        down: dynamic::down(scene),
+        down: dynamic::down(draft.scene),
         // PVG's base configuration; only what is shown as dynamic depends on it.
         dynamic_below_staticness: 0.5,
         dynamic_loss: None,
@@ -117,8 +141,11 @@ fn prepare(
             lifespan: prolongs.then_some(dynamic::LIFESPAN_FEATURE),
         },
         motion_weight: 0.0,
-        smoothing: smooths.then_some(dynamic::SMOOTHING),
-        density: splits.then(|| dynamic::temporal_density(&settings)),
-    });
-    dynamic::prepared(scene, request, settings, &beginning, components)
+        smoothing: draft
+            .is_used(TEMPORAL_SMOOTHING)
+            .then_some(dynamic::SMOOTHING),
+        density: draft
+            .is_used(TEMPORAL_DENSITY)
+            .then(|| dynamic::temporal_density(&draft.settings)),
+    }
 }

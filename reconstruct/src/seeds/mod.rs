@@ -1,7 +1,8 @@
 //! First Gaussians.
 //!
-//! * [`points`]: at the points of a scene, and in the sky. [`masks`]: where masks show that something
-//!   moves.
+//! * [`points`]: at the points of a scene. [`sky`]: in the directions without any. [`masks`]: where masks
+//!   show that something moves.
 
 pub mod masks;
 pub mod points;
+pub mod sky;

@@ -1,39 +1,41 @@
-//! First Gaussians: from a point cloud, and from the sky where no point is.
+//! First Gaussians from a point cloud.
 
-use std::f32::consts::{PI, TAU};
-
-use glam::{Vec3, vec3};
 use omnilife_schemas::points::PointCloud;
 use rayon::prelude::*;
 use rstar::RTree;
 
-use crate::scene::TrainingScene;
 use omnilife_engine::gaussians::static_gaussians::InitialGaussians;
 
 /// Opacity of first Gaussians (3DGS `scene/gaussian_model.py`).
 const POINT_OPACITY: f32 = 0.1;
-/// Opacity of the sky shell: there is nothing behind it.
-const SHELL_OPACITY: f32 = 0.8;
 /// Neighbours whose mean squared distance gives a Gaussian's first scale (3DGS).
 const NEIGHBOURS: usize = 3;
-/// The shell's radius over the 95th percentile of the points' distance from the mean camera.
-const SHELL_RADIUS_FACTOR: f32 = 1.5;
-/// A shell without any points has this radius in camera radii.
-const SHELL_RADIUS_WITHOUT_POINTS: f32 = 100.0;
 
-/// At most `maximum` of the points, evenly spread: the points are walked along a curve through
-/// space, and every so manieth is taken.
-pub fn thinned(points: &PointCloud, maximum: usize) -> PointCloud {
-    if points.len() <= maximum {
-        return points.clone();
-    }
+/// Indices of at most `maximum` of the points, evenly spread: the points are walked along a curve
+/// through space, and every so manieth is taken.
+pub fn thinned_indices(points: &PointCloud, maximum: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..points.len()).collect();
+    if points.len() <= maximum {
+        return order;
+    }
     order.sort_by_cached_key(|&index| morton_code(points.positions[index]));
-    let taken = (0..maximum).map(|step| order[step * points.len() / maximum]);
-    let (positions, colours) = taken
-        .map(|index| (points.positions[index], points.colours[index]))
+    (0..maximum)
+        .map(|step| order[step * points.len() / maximum])
+        .collect()
+}
+
+/// The points at these indices.
+pub fn selected(points: &PointCloud, indices: &[usize]) -> PointCloud {
+    let (positions, colours) = indices
+        .iter()
+        .map(|&index| (points.positions[index], points.colours[index]))
         .unzip();
     PointCloud { positions, colours }
+}
+
+/// At most `maximum` of the points, evenly spread ([`thinned_indices`]).
+pub fn thinned(points: &PointCloud, maximum: usize) -> PointCloud {
+    selected(points, &thinned_indices(points, maximum))
 }
 
 /// Position along the Z-order curve. The bits of a float's magnitude rise with it, so that the curve
@@ -98,111 +100,6 @@ pub fn from_points(points: &PointCloud, spread: f32) -> InitialGaussians {
             .collect(),
         opacities: vec![POINT_OPACITY; positions.len()],
     }
-}
-
-/// A shell of Gaussians around the scene, in the directions in which it has no points.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct SkyShell {
-    /// The Gaussians.
-    pub gaussians: InitialGaussians,
-    /// Directions that were looked at, evenly spread over the sphere.
-    pub directions: usize,
-}
-
-impl SkyShell {
-    /// Share of the sphere without points.
-    pub fn open_share(&self) -> f32 {
-        self.gaussians.positions.len() as f32 / self.directions.max(1) as f32
-    }
-}
-
-/// Looks for open sky in `directions` directions from the mean camera, spread evenly over the
-/// sphere: a direction is open when no point lies within twice the directions' spacing of it.
-///
-/// Structure from motion finds no points in the sky; without a shell, Gaussians near the camera are
-/// stretched to fill it. Colours are the mean over the input views at that direction, which is
-/// exact at infinity.
-pub fn sky_shell(scene: &TrainingScene, directions: usize) -> SkyShell {
-    let points: Vec<[f32; 3]> = scene
-        .points
-        .positions
-        .iter()
-        .filter_map(|&position| Vec3::from_array(position).try_normalize())
-        .map(|direction| direction.to_array())
-        .collect();
-    let tree = RTree::bulk_load(points);
-    // Mean distance between neighbours on the unit sphere.
-    let spacing = (4.0 * PI / directions as f32).sqrt();
-    let open: Vec<Vec3> = fibonacci_sphere(directions)
-        .into_par_iter()
-        .filter(|direction| {
-            tree.locate_within_distance(direction.to_array(), (2.0 * spacing).powi(2))
-                .next()
-                .is_none()
-        })
-        .collect();
-    let radius = shell_radius(scene);
-    SkyShell {
-        directions,
-        gaussians: InitialGaussians {
-            positions: open
-                .iter()
-                .map(|&direction| (direction * radius).to_array())
-                .collect(),
-            // Half the spacing: neighbours overlap at one standard deviation.
-            scales: vec![0.5 * spacing * radius; open.len()],
-            colours: open
-                .par_iter()
-                .map(|&direction| mean_colour(scene, direction))
-                .collect(),
-            opacities: vec![SHELL_OPACITY; open.len()],
-        },
-    }
-}
-
-fn shell_radius(scene: &TrainingScene) -> f32 {
-    let mut distances: Vec<f32> = scene
-        .points
-        .positions
-        .iter()
-        .map(|&position| Vec3::from_array(position).length())
-        .collect();
-    distances.sort_by(f32::total_cmp);
-    match distances.get(distances.len() * 95 / 100) {
-        // Never so near that the cameras (within one unit) see its parallax.
-        Some(&distance) => (SHELL_RADIUS_FACTOR * distance).max(10.0),
-        None => SHELL_RADIUS_WITHOUT_POINTS,
-    }
-}
-
-fn fibonacci_sphere(count: usize) -> Vec<Vec3> {
-    let golden = PI * (3.0 - 5.0_f32.sqrt());
-    (0..count)
-        .map(|index| {
-            let y = 1.0 - 2.0 * (index as f32 + 0.5) / count as f32;
-            let rho = (1.0 - y * y).max(0.0).sqrt();
-            let angle = (golden * index as f32) % TAU;
-            vec3(rho * angle.cos(), y, rho * angle.sin())
-        })
-        .collect()
-}
-
-fn mean_colour(scene: &TrainingScene, direction_world: Vec3) -> [f32; 3] {
-    let (width, height) = (scene.camera.width as usize, scene.camera.height as usize);
-    let mut sum = [0.0; 3];
-    for view in &scene.input_views {
-        let projection = omnilife_engine::camera::erp::project(
-            &scene.camera,
-            view.view.rotation * direction_world,
-            1.0,
-        );
-        let column = (projection.pixel.x as usize).min(width - 1);
-        let row = (projection.pixel.y as usize).min(height - 1);
-        for (channel, sum) in sum.iter_mut().enumerate() {
-            *sum += f32::from(view.pixels[(row * width + column) * 3 + channel]) / 255.0;
-        }
-    }
-    sum.map(|value| value / scene.input_views.len().max(1) as f32)
 }
 
 /// Both sets one after the other.

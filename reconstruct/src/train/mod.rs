@@ -27,7 +27,10 @@ use self::{
     trace_views::TraceViews,
 };
 use crate::{
-    error::ReconstructError, learner::Learner, process, request::BackendChoice,
+    error::ReconstructError,
+    learner::Learner,
+    process::{self, Elapsed},
+    request::BackendChoice,
     scene::TrainingScene,
 };
 
@@ -35,6 +38,7 @@ use crate::{
 const CHECK_INTERVAL: u64 = 100;
 
 /// What surrounds a run: who hears of it, where it goes, what computes it.
+#[derive(Clone)]
 pub struct Session<'a> {
     /// Hears how far it is.
     pub progress: &'a dyn Progress,
@@ -42,6 +46,8 @@ pub struct Session<'a> {
     pub files: Option<TrainingFiles>,
     /// What computes the steps.
     pub backend: BackendChoice,
+    /// What the run took before its first step. It counts as training.
+    pub planning: Elapsed,
 }
 
 /// Files that training writes as it goes.
@@ -66,6 +72,7 @@ impl<'a> Session<'a> {
             progress,
             files: None,
             backend: BackendChoice::Cpu,
+            planning: Elapsed::default(),
         }
     }
 }
@@ -75,7 +82,8 @@ impl<'a> Session<'a> {
 pub struct LoopSettings {
     /// Steps of the optimizer.
     pub iterations: u64,
-    /// Ends training after this time in steps, seconds of wall clock, whatever the iterations.
+    /// Ends training after this time in planning and steps, seconds of wall clock, whatever the
+    /// iterations.
     pub budget_seconds: Option<f64>,
     /// Seed of the order of views.
     pub seed: u64,
@@ -84,9 +92,17 @@ pub struct LoopSettings {
 }
 
 impl LoopSettings {
-    fn position(&self, iteration: u64, training: Duration) -> Position {
-        let seconds = training.as_secs_f64();
-        Position::new(self.iterations, self.budget_seconds, iteration, seconds)
+    /// Where in its schedule a run stands. Under a time budget the schedule has the time that planning
+    /// leaves.
+    fn position(&self, iteration: u64, training: Duration, planning: Duration) -> Position {
+        let steps = training.saturating_sub(planning).as_secs_f64();
+        let left = |budget: f64| (budget - planning.as_secs_f64()).max(f64::MIN_POSITIVE);
+        Position::new(
+            self.iterations,
+            self.budget_seconds.map(left),
+            iteration,
+            steps,
+        )
     }
 }
 
@@ -170,7 +186,8 @@ impl<'a> Trainer<'a> {
         while self.state.iteration < self.settings.iterations && !self.stopped_by_budget {
             self.state.iteration += 1;
             let iteration = self.state.iteration;
-            let position = self.settings.position(iteration, self.state.training);
+            let planning = self.session.planning.wall;
+            let position = (self.settings).position(iteration, self.state.training, planning);
             let view = self.next_view();
             self.timed(|learner| learner.step(view, &position))?;
             self.stopped_by_budget = self

@@ -41,5 +41,9 @@ pub(super) fn resume(
             Err(Refusal::Damaged(error)) => return Err(error.into()),
         }
     }
-    Ok(LoopState::new(stream(settings.seed, Purpose::ViewOrder)))
+    let mut state = LoopState::new(stream(settings.seed, Purpose::ViewOrder));
+    state.training = session.planning.wall;
+    let planning_cpu = session.planning.cpu.unwrap_or_default();
+    state.training_cpu = state.training_cpu.map(|time| time + planning_cpu);
+    Ok(state)
 }

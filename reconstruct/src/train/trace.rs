@@ -14,12 +14,12 @@ use crate::train::checkpoint::LoopState;
 /// One row of error against run time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TracePoint {
-    /// Wall-clock time of the training steps so far; the trace's own renders and the checkpoints
-    /// are not counted.
+    /// Wall-clock time of planning and of the training steps so far; the trace's own renders and the
+    /// checkpoints are not counted.
     pub wall_seconds: f64,
     /// Wall-clock time of the trace's own renders so far.
     pub evaluation_seconds: f64,
-    /// Processor time (user and system) of the training steps so far, where the system tells.
+    /// CPU time (user and system) of planning and of the training steps so far, where the system tells.
     pub cpu_seconds: Option<f64>,
     /// Iterations done.
     pub iteration: u64,

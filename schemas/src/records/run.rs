@@ -27,6 +27,10 @@ pub struct RunRecord {
     pub configuration: serde_json::Value,
     /// Which components the scene was given, and why.
     pub plan: Vec<ComponentDecision>,
+    /// What the scene showed of itself before it was trained; methods that ask for no evidence and
+    /// records of older versions have none.
+    #[serde(default)]
+    pub evidence: Option<serde_json::Value>,
     /// Names and versions of the programs involved, with the commit.
     pub versions: BTreeMap<String, String>,
     /// SHA-256 of every input by name.
@@ -36,9 +40,18 @@ pub struct RunRecord {
     /// Primitives of the model at the end: Gaussians, or what else the method is made of.
     #[serde(alias = "gaussians")]
     pub primitives: u64,
-    /// Training time in wall-clock seconds, rendering of predictions not included.
+    /// What deciding on components and placing first Gaussians took, pilot fit included, wall-clock
+    /// seconds; training time includes it. Records of older versions have none, and their training
+    /// time is without it.
+    #[serde(default)]
+    pub planning_seconds: f64,
+    /// CPU time of that (user and system, all threads), seconds, where the system tells.
+    #[serde(default)]
+    pub planning_cpu_seconds: Option<f64>,
+    /// Training time in wall-clock seconds, planning included, rendering of predictions not.
     pub training_seconds: f64,
-    /// Processor time of training (user and system, all threads), seconds, where the system tells.
+    /// CPU time of training (user and system, all threads), planning included, seconds, where the
+    /// system tells.
     #[serde(default)]
     pub training_cpu_seconds: Option<f64>,
     /// Wall-clock time that rendering the trace's novel views took, seconds; training time does not

@@ -6,9 +6,9 @@ use rand_pcg::Pcg64Mcg;
 
 use crate::evidence::poses::*;
 
-/// Clues of points all around cameras on a path, whose images are displaced as the twists say, with
+/// Observations of points all around cameras on a path, whose images are displaced as the twists say, with
 /// noise and some things that move.
-fn views(twists: &[Twist], noise: f32) -> Vec<(Vec3, Vec<Option<Clue>>)> {
+fn views(twists: &[Twist], noise: f32) -> Vec<(Vec3, Vec<Option<PoseObservation>>)> {
     let mut random = Pcg64Mcg::seed_from_u64(5);
     let mut vector = |size: f32| Vec3::from_array([0; 3].map(|_| random.random_range(-size..size)));
     let points: Vec<(Vec3, [Vec3; 3])> = (0..200)
@@ -22,20 +22,23 @@ fn views(twists: &[Twist], noise: f32) -> Vec<(Vec3, Vec<Option<Clue>>)> {
     let middle = 0.5 * twists.len() as f32;
     let view = |(number, twist): (usize, &Twist)| {
         let centre = vec3(0.0, 0.02, 0.1) * (number as f32 - middle);
-        let clue = |(point, (at, slopes)): (usize, &(Vec3, [Vec3; 3]))| {
-            let mut clue = Clue::new(*at - centre, *slopes, [0.0; 3]);
+        let observation = |(point, (at, slopes)): (usize, &(Vec3, [Vec3; 3]))| {
+            let mut observation = PoseObservation::new(*at - centre, *slopes, [0.0; 3]);
             let moves = if (point + number).is_multiple_of(15) {
                 2.0
             } else {
                 0.0
             };
-            clue.residual = std::array::from_fn(|channel| {
+            observation.residual = std::array::from_fn(|channel| {
                 let chance = noise * ((point * 7 + number * 3 + channel) as f32).sin();
-                dot(&clue.slopes[channel], twist) as f32 + chance + moves + 0.1 * channel as f32
+                dot(&observation.slopes[channel], twist) as f32
+                    + chance
+                    + moves
+                    + 0.1 * channel as f32
             });
-            (!(point + number).is_multiple_of(9)).then_some(clue)
+            (!(point + number).is_multiple_of(9)).then_some(observation)
         };
-        (centre, points.iter().enumerate().map(clue).collect())
+        (centre, points.iter().enumerate().map(observation).collect())
     };
     twists.iter().enumerate().map(view).collect()
 }
@@ -62,9 +65,9 @@ fn wrong_poses_are_told_from_noise_and_from_a_bent_scene() {
         "{found:?}"
     );
     assert!(
-        found.text().contains("20 views lie 0.3"),
+        found.to_string().contains("20 views lie 0.3"),
         "{}",
-        found.text()
+        found.to_string()
     );
     assert!((4.5..5.5).contains(&found.distance), "{found:?}");
 
@@ -85,8 +88,8 @@ fn wrong_poses_are_told_from_noise_and_from_a_bent_scene() {
 #[test]
 fn too_little_to_see_says_nothing() {
     let mut few = views(&[[0.0; 6]; 12], 0.01);
-    for (_, clues) in &mut few {
-        clues.truncate(40);
+    for (_, observations) in &mut few {
+        observations.truncate(40);
     }
     // Fewer views than it takes to tell a point's own error.
     let short = views(&[[0.0; 6]; 4], 0.01);

@@ -14,6 +14,7 @@ pub const METHOD: Method = Method {
     description: "Baseline: every novel view is the mean of the two given views, weighted by how \
                   near they are in time. No pose is used.",
     components: &[],
+    optional_components: &[],
     options: &[],
     kind: MethodKind::FeedForward {
         settings: || serde_json::json!({}),

@@ -22,6 +22,7 @@ pub const METHOD: Method = Method {
                   (bilinear), as if everything were infinitely far, and blended by how near they \
                   are in time. Orientations are used, positions and depth are not.",
     components: &[],
+    optional_components: &[],
     options: &[],
     kind: MethodKind::FeedForward {
         settings: || serde_json::json!({}),

@@ -14,6 +14,7 @@ pub const METHOD: Method = Method {
     description: "Baseline: every novel view is the given view nearest in time, unchanged (the \
                   earlier one of two as near). No pose is used.",
     components: &[],
+    optional_components: &[],
     options: &[],
     kind: MethodKind::FeedForward {
         settings: || serde_json::json!({}),

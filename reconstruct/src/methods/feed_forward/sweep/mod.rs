@@ -45,6 +45,7 @@ pub const METHOD: Method = Method {
                   of an area-uniform sampling of the sphere; both are rendered at the novel view \
                   and blended by confidence and nearness.",
     components: &[],
+    optional_components: &[],
     options: &[],
     kind: MethodKind::FeedForward {
         settings: || serde_json::json!(SweepSettings::DEFAULT),

@@ -1,0 +1,164 @@
+//! Whether a component is used: by what it needs, the request, the plan and the evidence, in this order.
+
+use omnilife_schemas::records::ComponentDecision;
+
+use crate::{
+    evidence::SceneEvidence,
+    request::{MethodRequest, PlanChoice},
+};
+
+/// What the evidence says of a component.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Decision {
+    used: bool,
+    reason: String,
+    overruled_by: Overruling,
+}
+
+/// What goes before the evidence.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Overruling {
+    RequestAndPlan,
+    Request,
+    Nothing,
+}
+
+impl Decision {
+    /// Used or not, for this reason, where neither request nor plan say otherwise.
+    pub fn new(used: bool, reason: impl Into<String>) -> Self {
+        Self {
+            used,
+            reason: reason.into(),
+            overruled_by: Overruling::RequestAndPlan,
+        }
+    }
+
+    /// Of what only makes sense where something moves.
+    pub fn of_motion(evidence: &SceneEvidence) -> Self {
+        Self::new(evidence.moves(), evidence.motion_reason())
+    }
+
+    /// Left out: the evidence for it was not looked for.
+    pub fn not_looked_for() -> Self {
+        Self::new(false, "its evidence was not looked for")
+    }
+
+    /// Left out whatever request and plan say, for what the scene or the run does not have.
+    pub fn without(missing: &str) -> Self {
+        Self::new(false, format!("cannot be without {missing}")).settled()
+    }
+
+    /// The decision where nothing is missing.
+    #[must_use]
+    pub fn unless(self, missing: Option<&str>) -> Self {
+        missing.map_or(self, Self::without)
+    }
+
+    /// The decision where no plan has a say.
+    #[must_use]
+    pub fn whatever_the_plan(mut self) -> Self {
+        self.overruled_by = Overruling::Request;
+        self
+    }
+
+    /// The decision whatever request and plan say.
+    #[must_use]
+    pub fn settled(mut self) -> Self {
+        self.overruled_by = Overruling::Nothing;
+        self
+    }
+
+    /// The decision under a request, for the record.
+    pub(crate) fn resolved(self, component: &str, request: &MethodRequest) -> ComponentDecision {
+        let Self {
+            used,
+            reason,
+            overruled_by,
+        } = self;
+        let by_plan = || match &request.plan {
+            _ if overruled_by == Overruling::Request => None,
+            PlanChoice::Auto => None,
+            PlanChoice::Full => Some((true, "the plan is full")),
+            PlanChoice::Only(_) if request.allows(component) => Some((true, "named in the plan")),
+            PlanChoice::Only(_) => Some((false, "not named in the plan")),
+        };
+        let overruled = if overruled_by == Overruling::Nothing {
+            None
+        } else if request.leaves_out(component) {
+            Some((false, "left out on request"))
+        } else if request.asks_for(component) {
+            Some((true, "asked for"))
+        } else {
+            by_plan()
+        };
+        let (used, reason) = match overruled {
+            Some((used, why)) => (used, format!("{why}; {reason}")),
+            None => (used, reason),
+        };
+        ComponentDecision {
+            component: component.to_owned(),
+            used,
+            reason,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn request(plan: PlanChoice, with: &[&str], without: &[&str]) -> MethodRequest {
+        let owned = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
+        MethodRequest {
+            plan,
+            with: owned(with),
+            without: owned(without),
+            ..MethodRequest::new(1, 0)
+        }
+    }
+
+    #[test]
+    fn a_request_goes_before_the_plan_and_the_plan_before_the_evidence() {
+        let only = |name: &str| PlanChoice::Only(vec![name.to_owned()]);
+        for evidence in [true, false] {
+            let used = |plan, with: &[&str], without: &[&str]| {
+                let request = request(plan, with, without);
+                let decision = Decision::new(evidence, "3 masks");
+                let decision = decision.resolved("masks", &request);
+                assert!(decision.reason.ends_with("3 masks"));
+                decision.used
+            };
+            assert_eq!(used(PlanChoice::Auto, &[], &[]), evidence);
+            assert!(used(PlanChoice::Auto, &["masks"], &[]));
+            assert!(used(PlanChoice::Full, &[], &[]));
+            assert!(!used(PlanChoice::Full, &[], &["masks"]));
+            assert!(used(only("masks"), &[], &[]));
+            assert!(!used(only("others"), &[], &[]));
+            assert!(used(only("others"), &["masks"], &[]));
+        }
+        let without = request(PlanChoice::Auto, &[], &["masks"]);
+        let decision = Decision::new(true, "3 masks").resolved("masks", &without);
+        assert_eq!(decision.reason, "left out on request; 3 masks");
+    }
+
+    #[test]
+    fn what_a_component_needs_goes_before_everything() {
+        let full = request(PlanChoice::Full, &["a"], &[]);
+        let evidence = || Decision::new(true, "evidence");
+        let decision = evidence().unless(Some("masks")).resolved("a", &full);
+        assert_eq!(
+            (decision.used, &*decision.reason),
+            (false, "cannot be without masks")
+        );
+        assert!(evidence().unless(None).resolved("b", &full).used);
+    }
+
+    #[test]
+    fn where_no_plan_has_a_say_a_request_still_has() {
+        let sky = || Decision::new(false, "no sky").whatever_the_plan();
+        let full = request(PlanChoice::Full, &[], &[]);
+        assert!(!sky().resolved("sky", &full).used);
+        let asked = request(PlanChoice::Full, &["sky"], &[]);
+        assert!(sky().resolved("sky", &asked).used);
+    }
+}

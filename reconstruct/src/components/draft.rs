@@ -1,0 +1,198 @@
+//! A run in the making.
+
+use omnilife_schemas::records::ComponentDecision;
+
+use crate::{
+    baseline,
+    components::{COMPONENTS, Component, Decision, Supported, Turn},
+    error::ReconstructError,
+    evidence::{self, SceneEvidence, masks::MaskEvidence},
+    request::{MethodRequest, PlanChoice},
+    scene::TrainingScene,
+    seeds::masks::{MaskSeeds, SeedVelocity},
+};
+use omnilife_engine::{
+    clock::Clock, gaussians::static_gaussians::InitialGaussians, step::settings::TrainSettings,
+};
+
+/// What a method decides and places before it makes its model: settings, plan and first Gaussians.
+#[derive(Debug)]
+pub struct Draft<'a> {
+    pub(crate) scene: &'a TrainingScene,
+    pub(crate) request: &'a MethodRequest,
+    supported: Supported,
+    /// What the scene shows of itself.
+    pub(crate) evidence: SceneEvidence,
+    /// Settings as resolved so far.
+    pub(crate) settings: TrainSettings,
+    /// How dynamic seeds begin, where Gaussians have times of their own.
+    pub(crate) seeding: Option<Seeding>,
+    /// First opacity of Gaussians at scene points, where it is not that of static methods.
+    pub(crate) first_opacity: Option<f32>,
+    /// Gaussians on what moves.
+    pub(crate) seeds: MaskSeeds,
+    /// Gaussians at scene points that have all of the method's parameters.
+    pub(crate) points: InitialGaussians,
+    /// Which scene points those are.
+    pub(crate) point_indices: Vec<usize>,
+    /// Gaussians without temporal parameters.
+    pub(crate) fixed: InitialGaussians,
+    /// The decisions so far.
+    pub(crate) plan: Vec<ComponentDecision>,
+    motion: MotionEvidenceUse,
+}
+
+/// How dynamic seeds begin.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Seeding {
+    pub(crate) clock: Clock,
+    pub(crate) velocity: SeedVelocity,
+}
+
+/// Whether a method has a use for the evidence of motion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum MotionEvidenceUse {
+    /// A plan may leave time out where nothing moves.
+    Decides,
+    /// The method knows no time.
+    None,
+}
+
+impl<'a> Draft<'a> {
+    /// The baseline's settings, and as much evidence as the components that may be used need.
+    ///
+    /// # Errors
+    /// When the pilot fit fails.
+    pub(crate) fn new(
+        scene: &'a TrainingScene,
+        request: &'a MethodRequest,
+        supported: Supported,
+        motion: MotionEvidenceUse,
+    ) -> Result<Self, ReconstructError> {
+        let settings = baseline::settings(scene, request);
+        let masks = MaskEvidence::of(scene);
+        let looks_for_motion = motion == MotionEvidenceUse::Decides
+            && request.plan == PlanChoice::Auto
+            && !masks.show_something();
+        let with_pilot = looks_for_motion
+            || COMPONENTS.iter().any(|component| {
+                supported.may_use(component.id, request) && (component.needs_pilot)(request, &masks)
+            });
+        let mut draft = Self {
+            scene,
+            request,
+            supported,
+            evidence: evidence::gather(scene, request.seed, masks, with_pilot)?,
+            settings,
+            seeding: None,
+            first_opacity: None,
+            seeds: MaskSeeds::default(),
+            points: InitialGaussians::default(),
+            point_indices: Vec::new(),
+            fixed: InitialGaussians::default(),
+            plan: Vec::new(),
+            motion,
+        };
+        let resets = baseline::reset_decision(&draft.settings, request);
+        draft.plan.push(resets);
+        Ok(draft)
+    }
+
+    /// Decides on a part of the method itself, and writes the decision down.
+    pub(crate) fn decide(&mut self, component: &str, decision: Decision) -> bool {
+        let decision = decision.resolved(component, self.request);
+        let used = decision.used;
+        self.plan.push(decision);
+        used
+    }
+
+    /// Whether a component was decided on and is used.
+    pub(crate) fn is_used(&self, component: &str) -> bool {
+        let mut decisions = self.plan.iter();
+        decisions.any(|decision| decision.component == component && decision.used)
+    }
+
+    /// The component where it is not used: what others cannot be without.
+    pub(crate) fn missing(&self, component: &'static str) -> Option<&'static str> {
+        (!self.is_used(component)).then_some(component)
+    }
+
+    /// Decides on the shared components that the method supports, puts those into the run that are
+    /// used, and places Gaussians at the scene's points between them.
+    pub(crate) fn add_components(&mut self) {
+        self.take_turn(Turn::BeforePoints);
+        self.place_points();
+        self.take_turn(Turn::AfterPoints);
+    }
+
+    fn take_turn(&mut self, turn: Turn) {
+        let supported = self.supported;
+        let due = |component: &&Component| {
+            component.turn == turn && supported.has(component.id, self.request)
+        };
+        let due: Vec<&Component> = COMPONENTS.iter().filter(due).collect();
+        for component in due {
+            let decision = (component.decide)(&self.evidence, self);
+            if self.decide(component.id, decision) {
+                (component.apply)(self);
+            }
+        }
+    }
+
+    /// Room for Gaussians that are not seeds.
+    pub(crate) fn room(&self) -> u64 {
+        let maximum = self.settings.densify.maximum_gaussians;
+        maximum.saturating_sub(self.seeds.gaussians.len() as u64)
+    }
+
+    fn place_points(&mut self) {
+        let room = self.room().saturating_sub(self.fixed.len() as u64);
+        (self.point_indices, self.points) =
+            baseline::gaussians_at_points(self.scene, room as usize);
+        let (taken, all) = (self.points.len(), self.scene.points.len());
+        if taken < all {
+            self.plan.push(ComponentDecision {
+                component: "all-points".to_owned(),
+                used: false,
+                reason: format!(
+                    "{taken} of {all} points, evenly spread: no more than {} Gaussians are allowed",
+                    self.room()
+                ),
+            });
+        }
+        if let Some(opacity) = self.first_opacity {
+            self.points.opacities.fill(opacity);
+        }
+    }
+
+    /// Lines that a reader of the scores should know.
+    pub(crate) fn remarks(&self) -> Vec<String> {
+        let masks = (self.motion == MotionEvidenceUse::Decides)
+            .then(|| self.evidence.masks.warning())
+            .flatten();
+        let refused = self
+            .plan
+            .iter()
+            .filter(|decision| !decision.used && self.request.asks_for(&decision.component));
+        let refused = refused.map(|decision| {
+            format!(
+                "{} was asked for and is not used: {}",
+                decision.component, decision.reason
+            )
+        });
+        masks.into_iter().chain(refused).collect()
+    }
+}
+
+impl Supported {
+    /// Whether a run of the method decides on a component.
+    fn has(&self, component: &str, request: &MethodRequest) -> bool {
+        let is_named = request.asks_for(component)
+            || matches!(&request.plan, PlanChoice::Only(_)) && request.allows(component);
+        self.default.contains(&component) || self.optional.contains(&component) && is_named
+    }
+
+    fn may_use(&self, component: &str, request: &MethodRequest) -> bool {
+        self.has(component, request) && request.allows(component)
+    }
+}

@@ -1,0 +1,242 @@
+//! A view and its render of the pilot fit: what it shows at a point, and how that differs.
+
+use glam::{Vec3, vec2};
+
+use crate::{
+    evidence::{
+        poses::PoseObservation,
+        view_dependence::{FLAT, Observation},
+    },
+    scene::TrainingScene,
+};
+use omnilife_engine::{
+    camera::{View, erp, horizontal},
+    gaussians::InstantGaussians,
+    model::exposure::Exposure,
+    render::cpu::Renderer,
+    training_view::TrainingView,
+};
+
+/// A point is visible when it is no farther than this over the rendered depth,
+const DEPTH_SLACK: f32 = 1.05;
+/// where at least this much of the pixel is covered.
+const LEAST_OPACITY: f32 = 0.5;
+/// Distance from the vertical axis, over that from the camera, below which a point says nothing of a
+/// pose: there the neighbours in a row of pixels hardly differ.
+const LEAST_HORIZONTAL: f32 = 0.2;
+
+/// What a view shows at a point: means over a window.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Patch {
+    pub(super) shown: [f32; 3],
+    /// Shown minus rendered.
+    pub(super) residual: [f32; 3],
+}
+
+impl Patch {
+    pub(super) fn rendered(&self) -> [f32; 3] {
+        [0, 1, 2].map(|channel| self.shown[channel] - self.residual[channel])
+    }
+}
+
+/// A view and its render.
+#[derive(Debug)]
+pub(super) struct RenderedView {
+    /// Its number among the input views.
+    pub(super) number: usize,
+    pub(super) width: usize,
+    pub(super) height: usize,
+    /// The image.
+    shown: Vec<[f32; 3]>,
+    /// Image minus render; not a number where a mask says that something else is seen.
+    difference: Vec<[f32; 3]>,
+    /// Radial depth, infinite where little is rendered.
+    pub(super) depth: Vec<f32>,
+}
+
+impl RenderedView {
+    pub(super) fn new(
+        number: usize,
+        view: &TrainingView,
+        gaussians: &mut InstantGaussians,
+        renderer: &mut Renderer,
+    ) -> Self {
+        let centre = view.view.centre;
+        gaussians.feature_count = 1;
+        gaussians.features = gaussians
+            .positions
+            .iter()
+            .map(|&position| (Vec3::from_array(position) - centre).length())
+            .collect();
+        let raster = renderer.forward(&view.view, gaussians);
+        let (mut image, mut mask) = (Vec::new(), Vec::new());
+        view.write_image(&mut image);
+        view.write_mask(&mut mask);
+        let pixels = image
+            .as_chunks::<3>()
+            .0
+            .iter()
+            .zip(raster.colour.as_chunks::<3>().0);
+        Self {
+            number,
+            shown: image.as_chunks::<3>().0.to_vec(),
+            width: raster.width,
+            height: raster.height,
+            difference: pixels
+                .zip(&mask)
+                .map(|((truth, render), &masked)| {
+                    let hole = if masked > 0.0 { f32::NAN } else { 0.0 };
+                    [0, 1, 2].map(|channel| truth[channel] - render[channel] + hole)
+                })
+                .collect(),
+            depth: raster
+                .features
+                .iter()
+                .zip(&raster.transmittance)
+                .map(|(depth, transmittance)| {
+                    let opacity = 1.0 - transmittance;
+                    if opacity > LEAST_OPACITY {
+                        depth / opacity
+                    } else {
+                        f32::INFINITY
+                    }
+                })
+                .collect(),
+        }
+    }
+
+    /// Takes a gain out of the image.
+    pub(super) fn normalize(&mut self, exposure: &Exposure, seconds: f64) {
+        let gain = exposure.gain(seconds);
+        for (shown, difference) in self.shown.iter_mut().zip(&mut self.difference) {
+            for channel in 0..3 {
+                let normalized = shown[channel] / gain[channel];
+                difference[channel] += normalized - shown[channel];
+                shown[channel] = normalized;
+            }
+        }
+    }
+
+    /// The pixel of a point `offset` from the camera in its frame, at least `margin` pixels from the upper
+    /// and lower border; `None` where the point is hidden.
+    fn visible_pixel(
+        &self,
+        scene: &TrainingScene,
+        offset: Vec3,
+        margin: usize,
+    ) -> Option<[usize; 2]> {
+        let distance = offset.length();
+        if distance <= 0.0 || self.height <= 2 * margin || self.width <= margin {
+            return None;
+        }
+        let pixel = erp::project(&scene.camera, offset, distance).pixel;
+        let column = (pixel.x as usize).min(self.width - 1);
+        let row = (pixel.y as usize).clamp(margin, self.height - 1 - margin);
+        let is_visible = distance <= DEPTH_SLACK * self.depth[row * self.width + column];
+        is_visible.then_some([column, row])
+    }
+
+    /// Mean of the pixels within `reach` of one, which is as far from the upper and lower border; not a
+    /// number where a mask covers one of them.
+    fn mean(&self, [column, row]: [usize; 2], reach: usize) -> Patch {
+        let (mut shown, mut residual) = ([0.0; 3], [0.0; 3]);
+        for row in row - reach..=row + reach {
+            for step in self.width - reach..=self.width + reach {
+                let pixel = row * self.width + (column + step) % self.width;
+                for channel in 0..3 {
+                    shown[channel] += self.shown[pixel][channel];
+                    residual[channel] += self.difference[pixel][channel];
+                }
+            }
+        }
+        let pixels = ((2 * reach + 1) * (2 * reach + 1)) as f32;
+        Patch {
+            shown: shown.map(|sum| sum / pixels),
+            residual: residual.map(|sum| sum / pixels),
+        }
+    }
+
+    /// Means of the pixels within `reach` of a point's image: a pixel alone has the error of every edge
+    /// that it lies on. `None` where the point is hidden, or masked.
+    pub(super) fn patch(
+        &self,
+        scene: &TrainingScene,
+        view: &View,
+        point: Vec3,
+        reach: usize,
+    ) -> Option<Patch> {
+        let offset = view.rotation * (point - view.centre);
+        let pixel = self.visible_pixel(scene, offset, reach)?;
+        let patch = self.mean(pixel, reach);
+        (!patch.residual[0].is_nan()).then_some(patch)
+    }
+
+    /// Whether next to one colour is shown around a pixel.
+    pub(super) fn is_flat(&self, [column, row]: [usize; 2]) -> bool {
+        let (mut least, mut largest) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+        for row in row - 1..=row + 1 {
+            for step in self.width - 1..=self.width + 1 {
+                let shown = self.shown[row * self.width + (column + step) % self.width];
+                for channel in 0..3 {
+                    least[channel] = least[channel].min(shown[channel]);
+                    largest[channel] = largest[channel].max(shown[channel]);
+                }
+            }
+        }
+        (0..3).all(|channel| largest[channel] - least[channel] < FLAT)
+    }
+
+    /// The colour of a surface, where it is seen and looks flat.
+    pub(super) fn flat_colour(
+        &self,
+        scene: &TrainingScene,
+        view: &View,
+        surface: Vec3,
+    ) -> Option<Observation> {
+        let offset = surface - view.centre;
+        let pixel = self.visible_pixel(scene, view.rotation * offset, 1)?;
+        let patch = self.mean(pixel, 1);
+        (!patch.residual[0].is_nan() && self.is_flat(pixel)).then(|| Observation {
+            direction: offset.normalize_or_zero(),
+            colour: patch.shown,
+        })
+    }
+
+    /// What a point says of the view's pose. `None` where it is hidden, masked, or near a pole.
+    pub(super) fn pose_observation(
+        &self,
+        scene: &TrainingScene,
+        view: &View,
+        point: Vec3,
+    ) -> Option<PoseObservation> {
+        let offset = view.rotation * (point - view.centre);
+        let distance = offset.length();
+        if horizontal(offset) < LEAST_HORIZONTAL * distance {
+            return None;
+        }
+        let [column, row] = self.visible_pixel(scene, offset, 2)?;
+        let rendered = |columns: usize, rows: usize| {
+            let pixel = [
+                (column + self.width + columns - 1) % self.width,
+                row + rows - 1,
+            ];
+            self.mean(pixel, 1).rendered()
+        };
+        let [left, right, up, down] = [
+            rendered(0, 1),
+            rendered(2, 1),
+            rendered(1, 0),
+            rendered(1, 2),
+        ];
+        let residual = self.mean([column, row], 1).residual;
+        let projection = erp::project(&scene.camera, offset, distance);
+        let to_world = view.rotation.transpose();
+        // How each channel changes towards where the point would be seen if it moved in the world.
+        let by_point = [0, 1, 2].map(|channel| {
+            let slope = 0.5 * vec2(right[channel] - left[channel], down[channel] - up[channel]);
+            to_world * (projection.jacobian_u * slope.x + projection.jacobian_v * slope.y)
+        });
+        let is_whole = residual[0].is_finite() && by_point.iter().all(|by| by.is_finite());
+        is_whole.then(|| PoseObservation::new(point - view.centre, by_point, residual))
+    }
+}

@@ -1,0 +1,23 @@
+//! From a draft to what a method of Gaussians begins with.
+
+use crate::{components::Draft, methods::PreparedGaussians};
+use omnilife_engine::model::{Model, pose_corrections::PoseCorrections};
+
+impl PreparedGaussians {
+    /// A drafted run with its model, which gets poses to refine where the settings say so.
+    pub(super) fn new(draft: Draft<'_>, mut model: Model) -> Self {
+        let remarks = draft.remarks();
+        if draft.settings.pose_refinement.is_some() {
+            let views = draft.scene.input_views.iter();
+            let times = views.map(|view| view.view.time_seconds);
+            model.poses = Some(PoseCorrections::new(times.collect()));
+        }
+        Self {
+            model,
+            settings: draft.settings,
+            plan: draft.plan,
+            evidence: Some(draft.evidence),
+            remarks,
+        }
+    }
+}

@@ -1,0 +1,127 @@
+//! Components in methods that do not have them by themselves.
+#![expect(
+    clippy::unwrap_used,
+    reason = "a failure to build a test scene is a failed test"
+)]
+
+#[path = "support/balls.rs"]
+mod balls;
+#[path = "support/moving_ball.rs"]
+mod moving_ball;
+#[path = "support/novel_views.rs"]
+mod novel_views;
+#[path = "support/methods.rs"]
+mod trained;
+
+use glam::{Vec3, vec3};
+use omnilife_engine::camera::pose::PoseCorrection;
+use omnilife_reconstruct::{
+    methods::METHODS, options::Options, request::MethodRequest, scene::TrainingScene,
+};
+
+use crate::novel_views::novel_psnr;
+use crate::trained::{request, settings, train};
+
+const EXPOSURE: &str = "exposure-compensation";
+const POSES: &str = "pose-refinement";
+
+/// The test scene with a gain that falls over the clip and poses that drift.
+fn spoilt(mut scene: TrainingScene) -> TrainingScene {
+    for view in scene.input_views.iter_mut().chain(&mut scene.novel_views) {
+        let gain = 1.0 - 0.25 * f64::from(view.frame) / 14.0;
+        for value in &mut view.pixels {
+            *value = (f64::from(*value) * gain).round() as u8;
+        }
+        let along = 0.45 * view.frame as f32;
+        let wrong = PoseCorrection {
+            rotation: 0.03 * vec3(along.sin(), along.cos(), -(0.8 * along).sin()),
+            centre: Vec3::ZERO,
+        };
+        view.view = wrong.apply(&view.view);
+    }
+    scene
+}
+
+fn asked_for(with: &[&str], iterations: u64) -> MethodRequest {
+    MethodRequest {
+        with: with.iter().map(|&name| name.to_owned()).collect(),
+        options: Options::at_most(3_000),
+        ..request(iterations)
+    }
+}
+
+#[test]
+fn odgs_takes_exposure_and_poses_one_by_one_and_together() {
+    let scene = spoilt(balls::scene());
+    let scores: Vec<f64> = [&[][..], &[EXPOSURE], &[POSES], &[EXPOSURE, POSES]]
+        .into_iter()
+        .map(|with| {
+            let mut outcome = train(&scene, "odgs", &asked_for(with, 200));
+            let settings = settings(&outcome);
+            for (component, has) in [
+                (EXPOSURE, settings.exposure.is_some()),
+                (POSES, settings.pose_refinement.is_some()),
+            ] {
+                let decision = outcome.plan.iter().find(|part| part.component == component);
+                assert_eq!(decision.is_some(), with.contains(&component));
+                assert_eq!(has, decision.is_some_and(|decision| decision.used));
+            }
+            let poses = &outcome.learner.gaussians().unwrap().unwrap().poses;
+            assert_eq!(poses.is_some(), with.contains(&POSES));
+            novel_psnr(&mut outcome, &scene)
+        })
+        .collect();
+    let [none, exposure, poses, both] = scores[..] else {
+        unreachable!("four runs");
+    };
+    assert!(exposure > none + 0.5 && poses > none + 0.5, "{scores:?}");
+    assert!(both > exposure + 0.5 && both > poses + 0.5, "{scores:?}");
+}
+
+#[test]
+fn every_optional_component_of_every_method_trains() {
+    let scene = spoilt(moving_ball::scene());
+    for method in METHODS {
+        let with = method.optional_components;
+        if with.is_empty() {
+            continue;
+        }
+        let request = MethodRequest {
+            options: Options::at_most(600),
+            ..asked_for(with, 12)
+        };
+        let mut outcome = train(&scene, method.id, &request);
+        for component in with {
+            let mut plan = outcome.plan.iter();
+            let decision = plan.find(|part| part.component == *component).unwrap();
+            assert!(
+                decision.used && decision.reason.starts_with("asked for"),
+                "{}: {decision:?}",
+                method.id
+            );
+        }
+        let state = &outcome.training.state;
+        assert!(
+            state.refused.iter().all(|&refused| refused == 0),
+            "{}",
+            method.id
+        );
+        let model = outcome.learner.gaussians().unwrap().unwrap();
+        assert!(model.poses.is_some() && model.parts[0].table.position("sh_rest").is_some());
+    }
+}
+
+#[test]
+fn what_is_asked_for_and_cannot_be_is_a_remark() {
+    let mut scene = moving_ball::scene();
+    for view in &mut scene.input_views {
+        view.mask = None;
+    }
+    let outcome = train(&scene, "periodic", &asked_for(&["mask-seeds"], 2));
+    let remarks = &outcome.training.remarks;
+    assert!(
+        remarks.iter().any(|line| line
+            == "mask-seeds was asked for and is not used: cannot be without masks that show something"),
+        "{remarks:?}"
+    );
+}
