@@ -8,7 +8,7 @@ use super::reconstruct::BackendArgument;
 
 #[derive(Debug, Args)]
 pub(crate) struct BenchRunArguments {
-    /// The scenes: scene.json files, or folders that hold one.
+    /// Scenes: scene.json files, or folders that are searched for them.
     #[arg(required = true)]
     pub(crate) scenes: Vec<PathBuf>,
     /// Folder for everything that is made.

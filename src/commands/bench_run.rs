@@ -11,37 +11,29 @@
 //! a process of their own, so that the memory in a record is that of one run.
 
 use std::{
-    collections::BTreeMap,
     path::{Path, PathBuf},
     process::Command,
     time::Instant,
 };
 
 use omnilife_bench::{
-    ExternalRequest, ScoreRequest, external::EXTERNAL_RUN_FILE, external::manifest::Manifest,
-    protocols, run_external, score, split_scene,
+    ExternalRequest, ScoreRequest, external::EXTERNAL_RUN_FILE, protocols, run_external, score,
+    split_scene,
 };
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard};
 use omnilife_reconstruct::{
-    jobs::reconstruct::{self, RUN_FILE},
-    methods,
-    request::MethodRequest,
+    jobs::reconstruct::RUN_FILE, methods::Method as OurMethod, request::MethodRequest,
 };
 use omnilife_schemas::{
-    Blame,
-    layout::{SCENE_FILE, SPLIT_FILE},
-    lock::FolderLock,
-    plain_text::serialize_for_spreadsheet,
-    progress::Progress,
-    records::{ExternalRun, Scene},
-    stage::StagePlan,
-    store::{self, StoreError},
+    Blame, layout::SPLIT_FILE, lock::FolderLock, plain_text::serialize_for_spreadsheet,
+    progress::Progress, records::ExternalRun, stage::StagePlan, store,
 };
 use serde::Serialize;
 
 use crate::{
     cli::{BackendArgument, BenchRunArguments},
     exit::{self, BadRequest, PartialFailure},
+    plans::benchmark::{self, Method, MethodKind},
     termination,
 };
 
@@ -49,39 +41,6 @@ use crate::{
 const OUTCOMES_FILE: &str = "outcomes.csv";
 /// Rendered views that the site shows per scene and method.
 const SITE_VIEWS: usize = 4;
-
-/// What is benchmarked.
-enum Candidate {
-    /// A method of ours, by name.
-    Ours(String),
-    /// Anyone's method.
-    External { id: String, manifest: PathBuf },
-}
-
-impl Candidate {
-    fn read(text: &str) -> anyhow::Result<Self> {
-        let manifest = PathBuf::from(text);
-        if manifest
-            .extension()
-            .is_some_and(|extension| extension == "toml")
-        {
-            let id = Manifest::read(&manifest)?.id;
-            return Ok(Self::External { id, manifest });
-        }
-        Ok(Self::Ours(text.to_owned()))
-    }
-
-    fn id(&self) -> &str {
-        match self {
-            Self::Ours(id) | Self::External { id, .. } => id,
-        }
-    }
-
-    /// Whether another seed would give the same views.
-    fn has_no_seed(&self) -> bool {
-        matches!(self, Self::Ours(id) if methods::find(id).is_ok_and(|method| !method.is_trained()))
-    }
-}
 
 /// One row of the summary.
 #[derive(Debug, Clone, Serialize)]
@@ -111,7 +70,7 @@ pub(crate) fn execute(
     progress: &dyn Progress,
 ) -> anyhow::Result<()> {
     termination::take_programs_along()?;
-    let scenes = scenes(&arguments.scenes)?;
+    let scenes = benchmark::scenes(&arguments.scenes)?;
     let candidates = candidates(arguments)?;
     for protocol in &arguments.protocols {
         protocols::protocol(protocol)?;
@@ -123,7 +82,11 @@ pub(crate) fn execute(
     let mut units = Vec::new();
     for (id, scene) in &scenes {
         for protocol in &arguments.protocols {
-            let folder = arguments.out.join("scenes").join(id).join(protocol);
+            let folder = arguments
+                .out
+                .join("scenes")
+                .join(benchmark::scene_folder(id))
+                .join(protocol);
             let split = folder.join(SPLIT_FILE);
             let has_split = split_scene(scene, protocol, &split).map_err(anyhow::Error::from);
             for candidate in &candidates {
@@ -139,7 +102,7 @@ pub(crate) fn execute(
                         seed,
                         scene,
                         split: &split,
-                        folder: folder.join(candidate.id()).join(format!("seed-{seed}")),
+                        folder: folder.join(&candidate.id).join(format!("seed-{seed}")),
                         progress,
                     };
                     let outcome = match &has_split {
@@ -149,7 +112,7 @@ pub(crate) fn execute(
                             blame: exit::blame(error),
                         }),
                     };
-                    units.push(unit(id, protocol, candidate.id(), seed, outcome, progress));
+                    units.push(unit(id, protocol, &candidate.id, seed, outcome, progress));
                 }
             }
         }
@@ -174,45 +137,16 @@ pub(crate) fn execute(
     verdict(&units)
 }
 
-/// Scene files by id.
-fn scenes(paths: &[PathBuf]) -> anyhow::Result<BTreeMap<String, PathBuf>> {
-    let mut scenes = BTreeMap::new();
-    for path in paths {
-        let file = if path.is_dir() {
-            path.join(SCENE_FILE)
-        } else {
-            path.clone()
-        };
-        let scene: Scene = store::read_record(&file)?;
-        // Ids have the form of relative paths; others would leave the folder.
-        let is_path = Path::new(&scene.id)
-            .components()
-            .all(|part| matches!(part, std::path::Component::Normal(_)));
-        if scene.id.is_empty() || !is_path {
-            return Err(StoreError::malformed(&file, format!("id {:?} is none", scene.id)).into());
-        }
-        if let Some(other) = scenes.insert(scene.id.clone(), file) {
-            return Err(BadRequest(format!(
-                "{}: scene {} is given twice",
-                other.display(),
-                scene.id
-            ))
-            .into());
-        }
-    }
-    Ok(scenes)
-}
-
-fn candidates(arguments: &BenchRunArguments) -> anyhow::Result<Vec<Candidate>> {
-    let mut candidates: Vec<Candidate> = Vec::new();
+fn candidates(arguments: &BenchRunArguments) -> anyhow::Result<Vec<Method>> {
+    let mut candidates: Vec<Method> = Vec::new();
     for text in &arguments.methods {
-        let candidate = Candidate::read(text)?;
-        if let Candidate::Ours(id) = &candidate {
-            let backend = backend_of(id, arguments.backend);
-            reconstruct::check(id, &request(arguments, 0), backend.into())?;
+        let candidate = Method::find(text)?;
+        if let MethodKind::Ours(method) = candidate.kind {
+            let backend = backend_of(method, arguments.backend);
+            method.check(&request(arguments, 0), backend.into())?;
         }
-        if candidates.iter().any(|other| other.id() == candidate.id()) {
-            return Err(BadRequest(format!("method {} is given twice", candidate.id())).into());
+        if candidates.iter().any(|other| other.id == candidate.id) {
+            return Err(BadRequest(format!("method {} is given twice", candidate.id)).into());
         }
         candidates.push(candidate);
     }
@@ -226,11 +160,12 @@ fn request(arguments: &BenchRunArguments, seed: u64) -> MethodRequest {
     }
 }
 
-/// Methods that learn nothing run on the processor whatever trains the others.
-fn backend_of(method: &str, asked: BackendArgument) -> BackendArgument {
-    match methods::find(method) {
-        Ok(method) if !method.is_trained() => BackendArgument::Cpu,
-        _ => asked,
+/// Methods that learn nothing run on the CPU whatever trains the others.
+fn backend_of(method: &OurMethod, asked: BackendArgument) -> BackendArgument {
+    if method.is_trained() {
+        asked
+    } else {
+        BackendArgument::Cpu
     }
 }
 
@@ -253,7 +188,7 @@ impl<E: std::error::Error + Send + Sync + 'static> From<E> for Failure {
 /// One unit of work.
 struct Job<'a> {
     arguments: &'a BenchRunArguments,
-    candidate: &'a Candidate,
+    candidate: &'a Method,
     seed: u64,
     scene: &'a Path,
     split: &'a Path,
@@ -265,12 +200,12 @@ impl Job<'_> {
     /// Runs and scores; tells how many views could not be scored.
     fn run(&self) -> Result<usize, Failure> {
         let run = self.folder.join("run");
-        let record = match self.candidate {
-            Candidate::Ours(method) => {
+        let record = match &self.candidate.kind {
+            MethodKind::Ours(method) => {
                 self.train(method, &run)?;
                 run.join(RUN_FILE)
             }
-            Candidate::External { manifest, .. } => {
+            MethodKind::External(manifest) => {
                 let record: ExternalRun = run_external(
                     &ExternalRequest {
                         manifest: manifest.clone(),
@@ -293,8 +228,8 @@ impl Job<'_> {
     }
 
     /// Trains in a process of its own.
-    fn train(&self, method: &str, run: &Path) -> Result<(), Failure> {
-        let label = format!("{method} on {}", self.scene.display());
+    fn train(&self, method: &OurMethod, run: &Path) -> Result<(), Failure> {
+        let label = format!("{} on {}", method.id, self.scene.display());
         self.progress.begin(&label, None);
         let mut command = Command::new(std::env::current_exe()?);
         command
@@ -304,7 +239,7 @@ impl Job<'_> {
             .arg(self.split)
             .arg("--out")
             .arg(run)
-            .args(["--method", method])
+            .args(["--method", method.id])
             .args(["--seed", &self.seed.to_string()])
             .args(["--iterations", &self.arguments.iterations.to_string()]);
         if let Some(budget) = self.arguments.budget {

@@ -131,13 +131,19 @@ fn search(folder: &Path, found: &mut Vec<PathBuf>) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// A method and how it is run.
-struct Method {
-    id: String,
-    kind: MethodKind,
+/// Where the results of a scene stand, below the folder of all results; never outside of it.
+pub(crate) fn scene_folder(id: &str) -> PathBuf {
+    id.split('/').map(plan::file_name).collect()
 }
 
-enum MethodKind {
+/// A method and how it is run.
+pub(crate) struct Method {
+    pub(crate) id: String,
+    pub(crate) kind: MethodKind,
+}
+
+/// Whose method it is.
+pub(crate) enum MethodKind {
     /// Of this program.
     Ours(&'static OurMethod),
     /// Anyone's, by its method.toml.
@@ -145,7 +151,11 @@ enum MethodKind {
 }
 
 impl Method {
-    fn find(name: &str) -> anyhow::Result<Self> {
+    /// The method of this name, or of this method.toml.
+    ///
+    /// # Errors
+    /// When there is none, or the file is no method.
+    pub(crate) fn find(name: &str) -> anyhow::Result<Self> {
         if name.ends_with(".toml") {
             let manifest = absolute(Path::new(name))?;
             return Ok(Self {
@@ -168,7 +178,7 @@ impl Method {
     }
 
     /// Whether another seed would give the same views.
-    fn has_no_seed(&self) -> bool {
+    pub(crate) fn has_no_seed(&self) -> bool {
         matches!(self.kind, MethodKind::Ours(method) if !method.is_trained())
     }
 }
@@ -188,11 +198,7 @@ struct Work<'a> {
 impl Work<'_> {
     fn unit(&self) -> anyhow::Result<SweepUnit> {
         let (id, file) = self.scene;
-        let scene_folder = id.split('/').map(plan::file_name);
-        let folder = self
-            .results
-            .join(scene_folder.collect::<PathBuf>())
-            .join(self.protocol);
+        let folder = self.results.join(scene_folder(id)).join(self.protocol);
         let split = argument(&folder.join(SPLIT_FILE))?;
         let seed = self.seed.to_string();
         let folder = folder.join(&self.method.id).join(format!("seed-{seed}"));
