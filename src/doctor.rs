@@ -127,12 +127,12 @@ impl fmt::Display for Report {
                 writeln!(f, "{state:<8} {id:<10} {line}")?;
             }
         }
-        let verdict = if self.is_sound() {
+        let projection = if self.is_sound() {
             "The main job works here: omnilife run VIDEO --poses POSES --out FOLDER"
         } else {
             "The main job does not work here: see the lines marked BROKEN"
         };
-        writeln!(f, "{verdict}")
+        writeln!(f, "{projection}")
     }
 }
 

@@ -14,7 +14,7 @@ use omnilife_curate::CurateError;
 use omnilife_leaderboard::LeaderboardError;
 use omnilife_reconstruct::ReconstructError;
 use omnilife_schemas::{
-    Blame, Blamed, blame::last_file, plain_text::for_terminal, store::StoreError,
+    Classified, ErrorKind, error_kind::last_file, plain_text::for_terminal, store::StoreError,
 };
 use omnilife_sweep::SweepError;
 
@@ -28,11 +28,11 @@ pub(crate) struct PartialFailure {
     /// How much failed, and the first failure with its file and reason.
     pub(crate) message: String,
     /// Ours if any failure is ours.
-    pub(crate) blame: Blame,
+    pub(crate) blame: ErrorKind,
 }
 
-impl Blamed for PartialFailure {
-    fn blame(&self) -> Blame {
+impl Classified for PartialFailure {
+    fn error_kind(&self) -> ErrorKind {
         self.blame
     }
 }
@@ -42,9 +42,9 @@ impl Blamed for PartialFailure {
 #[error("{0}")]
 pub(crate) struct BadRequest(pub(crate) String);
 
-impl Blamed for BadRequest {
-    fn blame(&self) -> Blame {
-        Blame::Input
+impl Classified for BadRequest {
+    fn error_kind(&self) -> ErrorKind {
+        ErrorKind::User
     }
 }
 
@@ -59,9 +59,9 @@ fn code(outcome: anyhow::Result<()>) -> ExitCode {
             if is_interruption(&error) {
                 return ExitCode::from(INTERRUPTED);
             }
-            match blame(&error) {
-                Blame::Input => ExitCode::from(2),
-                Blame::Ours => ExitCode::from(1),
+            match error_kind(&error) {
+                ErrorKind::User => ExitCode::from(2),
+                ErrorKind::Internal => ExitCode::from(1),
             }
         }
     }
@@ -122,9 +122,9 @@ pub(crate) fn print(text: &str) -> anyhow::Result<()> {
 }
 
 /// Who is to blame for an error; what nobody claims is ours.
-pub(crate) fn blame(error: &anyhow::Error) -> Blame {
-    fn of<E: Blamed + Send + Sync + 'static>(error: &anyhow::Error) -> Option<Blame> {
-        error.downcast_ref::<E>().map(Blamed::blame)
+pub(crate) fn error_kind(error: &anyhow::Error) -> ErrorKind {
+    fn of<E: Classified + Send + Sync + 'static>(error: &anyhow::Error) -> Option<ErrorKind> {
+        error.downcast_ref::<E>().map(Classified::error_kind)
     }
     of::<CurateError>(error)
         .or_else(|| of::<ReconstructError>(error))
@@ -134,7 +134,7 @@ pub(crate) fn blame(error: &anyhow::Error) -> Blame {
         .or_else(|| of::<StoreError>(error))
         .or_else(|| of::<PartialFailure>(error))
         .or_else(|| of::<BadRequest>(error))
-        .unwrap_or(Blame::Ours)
+        .unwrap_or(ErrorKind::Internal)
 }
 
 /// The message alone: errors of this workspace say themselves what caused them.

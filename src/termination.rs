@@ -19,7 +19,7 @@ static TIME_IS_UP: LazyLock<Arc<AtomicBool>> = LazyLock::new(Arc::default);
 ///
 /// # Errors
 /// When the system refuses the handlers.
-pub(crate) fn heed_in_training() -> anyhow::Result<()> {
+pub(crate) fn guard_training() -> anyhow::Result<()> {
     #[cfg(unix)]
     for signal in signals() {
         use signal_hook::flag::{register, register_conditional_default};

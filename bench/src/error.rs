@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use omnilife_networks::WeightsError;
-use omnilife_schemas::{Blame, Blamed, names::UnknownName, store::StoreError};
+use omnilife_schemas::{Classified, ErrorKind, names::UnknownName, store::StoreError};
 
 /// An error of this crate. Messages are one line that names the file or scene and the reason.
 ///
@@ -92,19 +92,19 @@ impl BenchError {
     }
 }
 
-impl Blamed for BenchError {
-    fn blame(&self) -> Blame {
+impl Classified for BenchError {
+    fn error_kind(&self) -> ErrorKind {
         match self {
-            Self::Store(error) => error.blame(),
-            Self::Weights(error) => error.blame(),
-            Self::Internal { .. } => Blame::Ours,
+            Self::Store(error) => error.error_kind(),
+            Self::Weights(error) => error.error_kind(),
+            Self::Internal { .. } => ErrorKind::Internal,
             Self::Unknown(_)
             | Self::UnknownMetric { .. }
             | Self::Protocol { .. }
             | Self::Scene { .. }
             | Self::Mismatch { .. }
             | Self::NothingToScore
-            | Self::NothingToCompare { .. } => Blame::Input,
+            | Self::NothingToCompare { .. } => ErrorKind::User,
         }
     }
 }

@@ -6,7 +6,7 @@
 use std::{fmt::Write, path::Path, time::Instant};
 
 use omnilife_schemas::{
-    records::{StabilityMeasures, StabilityReport, StabilityRow, StabilitySweep, StabilityVerdict},
+    records::{StabilityMeasures, StabilityReport, StabilityRow, StabilityStatus, StabilitySweep},
     stage::StagePlan,
     store,
 };
@@ -67,23 +67,23 @@ pub fn failed_rows(report: &StabilityReport) -> impl Iterator<Item = &StabilityR
     report
         .rows
         .iter()
-        .filter(|row| row.verdict == StabilityVerdict::Fail)
+        .filter(|row| row.status == StabilityStatus::Fail)
 }
 
 /// The report as Markdown.
 pub fn stability_table(report: &StabilityReport) -> String {
     let mut text = String::from(
-        "| Case | Gaussians | Backend | Image | Gradient | Finite | What the code does | Verdict |\n\
+        "| Case | Gaussians | Backend | Image | Gradient | Finite | What the code does | Status |\n\
          | --- | --- | --- | ---: | ---: | --- | --- | --- |\n",
     );
     let (ran, missing): (Vec<_>, Vec<_>) = report
         .rows
         .iter()
-        .partition(|row| row.verdict != StabilityVerdict::NotRun);
+        .partition(|row| row.status != StabilityStatus::NotRun);
     for row in ran {
         let measured = row.measured.as_ref();
-        let verdict = match row.verdict {
-            StabilityVerdict::Fail => format!("**fail**: {}", row.reason),
+        let status = match row.status {
+            StabilityStatus::Fail => format!("**fail**: {}", row.reason),
             _ => "pass".to_owned(),
         };
         let cells = [
@@ -96,7 +96,7 @@ pub fn stability_table(report: &StabilityReport) -> String {
                 .map_or("", |m| if m.is_finite { "yes" } else { "no" })
                 .to_owned(),
             row.action.clone(),
-            verdict,
+            status,
         ];
         line(&mut text, &cells);
     }
@@ -215,14 +215,14 @@ mod tests {
             drawn: 3,
             gaussians: 4,
         };
-        let row = |case: &str, backend: &str, verdict, reason: &str| StabilityRow {
+        let row = |case: &str, backend: &str, status, reason: &str| StabilityRow {
             case: case.to_owned(),
             title: "in words".to_owned(),
             parameterization: "static".to_owned(),
             backend: backend.to_owned(),
-            measured: (verdict != StabilityVerdict::NotRun).then_some(measured),
+            measured: (status != StabilityStatus::NotRun).then_some(measured),
             action: "drew 3 of 4".to_owned(),
-            verdict,
+            status,
             reason: reason.to_owned(),
         };
         StabilityReport {
@@ -231,10 +231,10 @@ mod tests {
             backends: [("cpu".to_owned(), "a processor".to_owned())].into(),
             parameterizations: vec!["static".to_owned()],
             rows: vec![
-                row("poles", "cpu", StabilityVerdict::Pass, "fine"),
-                row("seam", "cpu", StabilityVerdict::Fail, "the image is off"),
-                row("poles", "gpu", StabilityVerdict::NotRun, "no adapter"),
-                row("seam", "gpu", StabilityVerdict::NotRun, "no adapter"),
+                row("poles", "cpu", StabilityStatus::Pass, "fine"),
+                row("seam", "cpu", StabilityStatus::Fail, "the image is off"),
+                row("poles", "gpu", StabilityStatus::NotRun, "no adapter"),
+                row("seam", "gpu", StabilityStatus::NotRun, "no adapter"),
             ],
             sweeps: vec![StabilitySweep {
                 id: "needle".to_owned(),

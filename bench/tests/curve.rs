@@ -8,7 +8,7 @@ use std::{
 
 use omnilife_bench::curve::{self, CURVE_FILE, CURVES_FILE, Clock, POINTS_FILE};
 use omnilife_schemas::{
-    Blame, Blamed,
+    Classified, ErrorKind,
     records::{Backend, ResultRecord},
     store,
 };
@@ -92,17 +92,15 @@ fn processor_time_is_a_clock_of_its_own() {
     let measured = &comparisons[0].curves[0];
     assert_eq!(measured.run.training_seconds, 180.0);
     let drawing = fs::read_to_string(at("out/curve-0.svg")).unwrap();
-    assert!(drawing.contains("processor seconds"));
-    assert!(curve::curves_table(&comparisons).contains(", processor seconds\n"));
+    assert!(drawing.contains("CPU seconds"));
+    assert!(curve::curves_table(&comparisons).contains(", CPU seconds\n"));
 
     let unknown = CURVE.replace(",9,100,", ",,100,");
     let run = write_scores(&at("b"), "odgs", "street", Some(&unknown));
     let error = curve::curves(&[run], Clock::Cpu, &at("out")).unwrap_err();
-    assert_eq!(error.blame(), Blame::Input);
+    assert_eq!(error.error_kind(), ErrorKind::User);
     assert!(
-        error
-            .to_string()
-            .contains("does not know the processor time"),
+        error.to_string().contains("does not know the CPU time"),
         "{error}"
     );
 }
@@ -127,7 +125,7 @@ fn runs_without_a_usable_curve_are_refused() {
     for (number, (curve, expected)) in cases.into_iter().enumerate() {
         let run = write_scores(&folder.path().join(number.to_string()), "m", "s", curve);
         let error = curve::curves(&[run], Clock::Wall, &folder.path().join("out")).unwrap_err();
-        assert_eq!(error.blame(), Blame::Input);
+        assert_eq!(error.error_kind(), ErrorKind::User);
         assert!(error.to_string().contains(expected), "{error}");
     }
 }

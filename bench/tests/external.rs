@@ -9,7 +9,7 @@ use std::{fs, path::PathBuf, sync::Mutex};
 
 use omnilife_bench::{ExternalRequest, Predictions, ScoreRequest, run_external, score};
 use omnilife_schemas::{
-    Blame, Blamed,
+    Classified, ErrorKind,
     progress::{Progress, Silent},
     records::{ExternalRun, PhaseName},
 };
@@ -44,7 +44,7 @@ impl Stand {
 
     fn refusal(&self) -> String {
         let error = run_external(&self.request, &Silent).unwrap_err();
-        assert_eq!(error.blame(), Blame::Input, "{error}");
+        assert_eq!(error.error_kind(), ErrorKind::User, "{error}");
         assert!(!error.to_string().contains('\n'), "{error}");
         error.to_string()
     }

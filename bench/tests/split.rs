@@ -7,7 +7,7 @@ use std::fs;
 
 use omnilife_bench::{BenchError, protocols, split, split_scene};
 use omnilife_schemas::{
-    Blame, Blamed,
+    Classified, ErrorKind,
     records::{Split, SplitRule},
     store,
 };
@@ -37,7 +37,7 @@ fn unposed_frames_are_not_counted() {
 
 fn refusal(result: Result<Split, BenchError>) -> String {
     let error = result.unwrap_err();
-    assert_eq!(error.blame(), Blame::Input);
+    assert_eq!(error.error_kind(), ErrorKind::User);
     error.to_string()
 }
 

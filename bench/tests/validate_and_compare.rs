@@ -7,7 +7,7 @@ mod scoring;
 use std::fs;
 
 use omnilife_bench::{Predictions, StoredResult, WinsAndLosses, compare, split, validate};
-use omnilife_schemas::{Blame, Blamed, RgbImage, progress::Silent, records::Scene, store};
+use omnilife_schemas::{Classified, ErrorKind, RgbImage, progress::Silent, records::Scene, store};
 use scenes::{HEIGHT, WIDTH, scene};
 use scoring::{Bench, image};
 
@@ -157,7 +157,7 @@ fn scores_of_other_rules_or_scenes_are_refused_with_the_difference() {
     let (bench, b) = result("one/seq-000", "b", [1, 2]);
     let refusal = |b: &StoredResult| {
         let error = compare(std::slice::from_ref(&a), std::slice::from_ref(b)).unwrap_err();
-        assert_eq!(error.blame(), Blame::Input);
+        assert_eq!(error.error_kind(), ErrorKind::User);
         error.to_string()
     };
     let mut other = b.clone();
@@ -220,7 +220,7 @@ fn damaged_tables_of_views_are_refused() {
     ] {
         fs::write(&file, damaged).unwrap();
         let error = compare(std::slice::from_ref(&a), std::slice::from_ref(&b)).unwrap_err();
-        assert_eq!(error.blame(), Blame::Input, "{error}");
+        assert_eq!(error.error_kind(), ErrorKind::User, "{error}");
         let message = error.to_string();
         assert!(
             message.contains("frames.csv: is no table of views"),

@@ -12,11 +12,11 @@ use crate::{
     boundaries::{Detector, Signals},
     error::CurateError,
     overlays::{MosaicPass, OverlayPass},
-    verdict::FrameSamples,
+    projection::FrameSamples,
     video::{Converter, Scaling, VideoReader, probe},
 };
 
-/// Width in pixels of the pictures that the ERP verdict and the overlays are judged by.
+/// Width in pixels of the pictures that the ERP projection and the overlays are judged by.
 const SAMPLE_WIDTH_PIXELS: u32 = 512;
 /// A video is truncated when it ends this much before the duration its container states:
 /// seconds, and as a share of the duration; the larger counts. Containers round, and edit lists
@@ -33,7 +33,7 @@ pub struct Analysis {
     pub range: TimeRange,
     /// The boundary detector's signals, one row per frame.
     pub signals: Signals,
-    /// Frames spread over the video, for the ERP verdict.
+    /// Frames spread over the video, for the ERP projection.
     pub samples: FrameSamples,
     /// What stays while the scene moves.
     pub overlays: OverlayPass,

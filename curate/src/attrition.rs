@@ -1,4 +1,4 @@
-//! Accounts for every second that goes in: what each rejected video or stretch was rejected for
+//! Accounts for every second that goes in: what each rejected video or segment was rejected for
 //! (`attrition.csv`), and how much each step leaves (`funnel.csv`).
 
 use std::path::Path;
@@ -24,7 +24,7 @@ pub const SHOT_LENGTH: &str = "shot-length";
 const TRANSITION: &str = "transition";
 const KEPT: &str = "kept";
 
-/// One reason for which a video or a stretch of one was rejected.
+/// One reason for which a video or a segment of one was rejected.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Reject {
     /// The video as given.
@@ -37,9 +37,9 @@ pub struct Reject {
     pub value: String,
     /// What was asked for.
     pub threshold: String,
-    /// The stretch; empty for a whole video.
+    /// The segment; empty for a whole video.
     pub begin_seconds: Option<f64>,
-    /// End of the stretch.
+    /// End of the segment.
     pub end_seconds: Option<f64>,
     /// What is lost, seconds; empty where a broken file does not tell.
     pub seconds: Option<f64>,
@@ -93,7 +93,7 @@ impl Attrition {
                     let kept = kept_ranges(out, sequences)?;
                     kept_sequences += kept.len();
                     kept_seconds += kept.iter().map(TimeRange::duration_seconds).sum::<f64>();
-                    rejects.extend(lost_stretches(video, out, sequences, &kept)?);
+                    rejects.extend(lost_segments(video, out, sequences, &kept)?);
                 }
                 status => rejects.extend(whole_video(video, status)),
             }
@@ -154,7 +154,7 @@ fn kept_ranges(out: &Path, sequences: &[String]) -> Result<Vec<TimeRange>, Curat
 }
 
 /// What a curated video loses: shots that are too short, and the insides of transitions.
-fn lost_stretches(
+fn lost_segments(
     video: &VideoEntry,
     out: &Path,
     sequences: &[String],

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use omnilife_networks::WeightsError;
-use omnilife_schemas::{Blame, Blamed, records::CheckOutcome, store::StoreError};
+use omnilife_schemas::{Classified, ErrorKind, records::CheckOutcome, store::StoreError};
 
 /// An error of this crate. Messages are one line that names the file and the reason.
 #[derive(Debug, thiserror::Error)]
@@ -16,7 +16,7 @@ pub enum CurateError {
         /// What is wrong with it.
         reason: String,
     },
-    /// A sound video that the admission criteria or the ERP verdict keep out.
+    /// A sound video that the admission criteria or the ERP projection keep out.
     #[error("{}: rejected: {reason}", path.display())]
     Rejected {
         /// The video.
@@ -50,7 +50,7 @@ pub enum CurateError {
         /// The message of the error there.
         message: String,
         /// Who has to act.
-        blame: Blame,
+        kind: ErrorKind,
         /// The checks that the video failed, where it is sound and only unwanted.
         failed_checks: Option<Vec<CheckOutcome>>,
     },
@@ -117,15 +117,15 @@ impl CurateError {
     }
 }
 
-impl Blamed for CurateError {
-    fn blame(&self) -> Blame {
+impl Classified for CurateError {
+    fn error_kind(&self) -> ErrorKind {
         match self {
-            Self::Video { .. } | Self::Rejected { .. } | Self::Input { .. } => Blame::Input,
-            Self::Sfm(error) => error.blame(),
-            Self::Weights(error) => error.blame(),
-            Self::Store(error) => error.blame(),
-            Self::Elsewhere { blame, .. } => *blame,
-            Self::Internal { .. } => Blame::Ours,
+            Self::Video { .. } | Self::Rejected { .. } | Self::Input { .. } => ErrorKind::User,
+            Self::Sfm(error) => error.error_kind(),
+            Self::Weights(error) => error.error_kind(),
+            Self::Store(error) => error.error_kind(),
+            Self::Elsewhere { kind, .. } => *kind,
+            Self::Internal { .. } => ErrorKind::Internal,
         }
     }
 }

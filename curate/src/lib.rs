@@ -1,7 +1,7 @@
 //! From raw 360-degree video to verified, cut and posed sequences.
 //!
 //! [`pipeline::curate_video`] runs the chain of one video: probe ([`video::probe()`]), one analysis
-//! pass ([`analysis`]), ERP [`verdict`], admission [`criteria`], shot [`boundaries`], [`slicing`],
+//! pass ([`analysis`]), ERP [`projection`], admission [`criteria`], shot [`boundaries`], [`slicing`],
 //! sampled [`frames`]. [`poses::pose_sequence`] then turns a sequence into a scene, from given poses
 //! or by structure from motion. Every stage is skipped while its inputs have not changed.
 
@@ -24,12 +24,12 @@ pub mod motion;
 pub mod overlays;
 pub mod pipeline;
 pub mod poses;
+pub mod projection;
 pub mod publish;
 mod sequences;
 mod settings;
 pub mod slicing;
 mod staging;
-pub mod verdict;
 pub mod video;
 pub mod worker;
 

@@ -20,10 +20,10 @@ use crate::{
     boundaries::{self, Detector},
     criteria,
     error::CurateError,
-    frames, overlays,
+    frames, overlays, projection,
     sequences::{self, Sequencing},
     settings::CurateSettings,
-    verdict, video,
+    video,
 };
 
 /// Curates one video into `folder` and returns the names of its sequence folders in order of time.
@@ -33,7 +33,7 @@ use crate::{
 ///
 /// # Errors
 /// [`CurateError::Video`] for a file that is no sound video, [`CurateError::Rejected`] for one that
-/// the criteria (where enforced) or the ERP verdict keep out, [`CurateError::Input`] for settings
+/// the criteria (where enforced) or the ERP projection keep out, [`CurateError::Input`] for settings
 /// that make no sense and for a folder that holds another video, [`CurateError::Store`] when files
 /// cannot be written.
 pub fn curate_video(
@@ -93,7 +93,7 @@ fn sequences_of(
     // What the header shows already need not be found out by decoding gigabytes.
     let early = criteria::Candidate {
         probe: &probe,
-        verdict: None,
+        projection: None,
         damaged_frames: None,
         overlays: None,
     };
@@ -102,10 +102,10 @@ fn sequences_of(
     claim(video, folder, source)?;
     let _lock = FolderLock::take(folder, progress)?;
     let analysis = analysed(video, folder, source, detector, progress)?;
-    let verdict = admission::effective_verdict(video, &analysis, settings, progress)?;
+    let projection = admission::effective_projection(video, &analysis, settings, progress)?;
     let candidate = criteria::Candidate {
         probe: &analysis.probe,
-        verdict: Some(&verdict),
+        projection: Some(&projection),
         damaged_frames: Some(analysis.damaged_frames),
         overlays: analysis.overlays.as_ref(),
     };
@@ -124,7 +124,7 @@ fn sequences_of(
         settings,
         detector,
         analysis: &analysis,
-        verdict,
+        projection,
         admission,
         size,
     };
@@ -234,15 +234,15 @@ fn analysed(
             probe.transfer
         ));
     }
-    let verdict = verdict::judge(&probe, samples.pictures());
+    let projection = projection::judge(&probe, samples.pictures());
     let record = VideoAnalysis {
         source: source.clone(),
         range,
-        overlays: verdict
-            .verdict
+        overlays: projection
+            .projection
             .is_monoscopic_erp()
             .then(|| overlays::report(&overlays, &mosaics)),
-        verdict,
+        projection,
         probe,
         damaged_frames,
         signals: SIGNALS_FILE.to_owned(),

@@ -12,8 +12,8 @@ use omnilife_schemas::{
     ownership::Standing,
     progress::Progress,
     records::{
-        Admission, Boundary, BoundaryLedger, CheckOutcome, ErpVerdict, FrameEntry, FrameSet,
-        Sequence, TimeRange, VideoAnalysis,
+        Admission, Boundary, BoundaryLedger, CheckOutcome, DetectedProjection, FrameEntry,
+        FrameSet, Sequence, TimeRange, VideoAnalysis,
     },
     stage::StagePlan,
     store::{self, StoreError},
@@ -43,7 +43,7 @@ pub(crate) struct Sequencing<'a> {
     pub(crate) settings: &'a CurateSettings,
     pub(crate) detector: &'a Detector,
     pub(crate) analysis: &'a VideoAnalysis,
-    pub(crate) verdict: ErpVerdict,
+    pub(crate) projection: DetectedProjection,
     pub(crate) admission: Admission,
     /// Width and height of the frames in pixels.
     pub(crate) size: (u32, u32),
@@ -91,7 +91,7 @@ impl Sequencing<'_> {
         progress.note(&format!(
             "{}: {}, {} sequences",
             self.video.display(),
-            self.verdict.verdict.name(),
+            self.projection.projection.name(),
             planned.len()
         ));
         Ok(planned.into_iter().map(|sequence| sequence.name).collect())
@@ -236,7 +236,7 @@ impl Sequencing<'_> {
             source: self.analysis.source.clone(),
             range: sequence.range,
             probe: probe.clone(),
-            verdict: self.verdict.clone(),
+            projection: self.projection.clone(),
             admission: self.admission.clone(),
             frames: FrameSet {
                 width: self.size.0,

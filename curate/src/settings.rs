@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use omnilife_schemas::records::{Sampling, Verdict};
+use omnilife_schemas::records::{Sampling, VideoProjection};
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -24,7 +24,7 @@ pub struct CurateSettings {
     /// Width of sampled frames in pixels; at most 1024 where none is given.
     pub width: Option<u32>,
     /// Takes the video as `erp` or `erp-squeezed` whatever the evidence says.
-    pub accept: Option<Verdict>,
+    pub accept: Option<VideoProjection>,
     /// Shorter shots are dropped, seconds.
     pub minimum_shot_seconds: f64,
     /// Id of the boundary detector, see [`boundaries::DETECTORS`].
@@ -64,7 +64,7 @@ impl CurateSettings {
             "the minimum shot length is not a number of seconds from 0 on"
         } else if self
             .accept
-            .is_some_and(|verdict| !verdict.is_monoscopic_erp())
+            .is_some_and(|projection| !projection.is_monoscopic_erp())
         {
             "only erp and erp-squeezed can be accepted, nothing else can be reconstructed"
         } else {

@@ -14,7 +14,7 @@ use std::{
 };
 
 use omnilife_schemas::{
-    Blame, Blamed, process,
+    Classified, ErrorKind, process,
     progress::Progress,
     records::{CheckOutcome, SourceVideo},
 };
@@ -196,15 +196,15 @@ fn converse(
                 failed_checks,
                 duration_seconds,
             } => {
-                let blame = if is_fault_of_input {
-                    Blame::Input
+                let kind = if is_fault_of_input {
+                    ErrorKind::User
                 } else {
-                    Blame::Ours
+                    ErrorKind::Internal
                 };
                 curated = Some(Curated {
                     sequences: Err(CurateError::Elsewhere {
                         message,
-                        blame,
+                        kind,
                         failed_checks,
                     }),
                     duration_seconds,
@@ -267,7 +267,7 @@ pub fn serve() -> io::Result<()> {
         },
         Err(error) => Message::Failed {
             message: error.to_string(),
-            is_fault_of_input: error.blame() == Blame::Input,
+            is_fault_of_input: error.error_kind() == ErrorKind::User,
             failed_checks: error.failed_checks().map(<[_]>::to_vec),
             duration_seconds,
         },
@@ -359,7 +359,7 @@ mod tests {
             let message = error.to_string();
             assert!(message.starts_with("a.mp4: "), "{script}: {message}");
             assert!(message.contains(reason), "{script}: {message}");
-            assert_eq!(error.blame(), Blame::Ours, "{script}");
+            assert_eq!(error.error_kind(), ErrorKind::Internal, "{script}");
         }
         let script = "echo 'memory allocation of 9 bytes failed' >&2; kill -ABRT $$";
         let message = curated_by(script, Some(1 << 30))
@@ -382,8 +382,8 @@ mod tests {
         let script = r#"echo '{"failed":{"message":"a.mp4: is empty","is_fault_of_input":true,"failed_checks":null,"duration_seconds":null}}'"#;
         let error = curated_by(script, None).sequences.unwrap_err();
         assert_eq!(
-            (error.to_string().as_str(), error.blame()),
-            ("a.mp4: is empty", Blame::Input)
+            (error.to_string().as_str(), error.error_kind()),
+            ("a.mp4: is empty", ErrorKind::User)
         );
         assert!(!error.is_rejection());
     }

@@ -9,7 +9,7 @@ use std::{
 };
 
 use omnilife_curate::{CurateError, CurateSettings, curate_video, expand_inputs};
-use omnilife_schemas::{Blame, Blamed, progress::Silent};
+use omnilife_schemas::{Classified, ErrorKind, progress::Silent};
 use support::{Clip, erp_clip};
 
 fn lenient() -> CurateSettings {
@@ -22,10 +22,10 @@ fn lenient() -> CurateSettings {
 
 /// Curates and expects an error that names `named`, on one line, with the given blame; returns its
 /// message. Whatever stands in the output then is hidden or a whole record.
-fn refused(video: &Path, out: &Path, named: &Path, blame: Blame) -> String {
+fn refused(video: &Path, out: &Path, named: &Path, blame: ErrorKind) -> String {
     let error = curate_video(video, out, &lenient(), &Silent).unwrap_err();
     let message = error.to_string();
-    assert_eq!(error.blame(), blame, "{message}");
+    assert_eq!(error.error_kind(), blame, "{message}");
     assert!(!message.contains('\n'), "{message}");
     assert!(message.contains(&named.display().to_string()), "{message}");
     assert!(!out.join("seq-000").exists(), "a sequence was left behind");
@@ -51,13 +51,13 @@ fn files_that_are_no_videos() {
     ] {
         let video = temp.path().join(name);
         fs::write(&video, content).unwrap();
-        let message = refused(&video, &out, &video, Blame::Input);
+        let message = refused(&video, &out, &video, ErrorKind::User);
         assert!(message.contains(reason), "{message}");
     }
     let missing = temp.path().join("missing.mp4");
-    let message = refused(&missing, &out, &missing, Blame::Input);
+    let message = refused(&missing, &out, &missing, ErrorKind::User);
     assert!(message.contains("cannot be read"), "{message}");
-    refused(temp.path(), &out, temp.path(), Blame::Input);
+    refused(temp.path(), &out, temp.path(), ErrorKind::User);
 }
 
 /// A playlist that names another file is no video: nothing but the file itself is opened.
@@ -73,7 +73,7 @@ fn a_playlist_named_mp4_is_refused() {
     let concat = "ffconcat version 1.0\nfile clip.mp4\n";
     for text in [&hls, concat] {
         fs::write(&list, text).unwrap();
-        let message = refused(&list, &temp.path().join("out"), &list, Blame::Input);
+        let message = refused(&list, &temp.path().join("out"), &list, ErrorKind::User);
         assert!(message.contains("is not a video"), "{message}");
     }
 }
@@ -94,7 +94,7 @@ fn sound_without_pictures() {
     wav.extend_from_slice(&(samples.len() as u32).to_le_bytes());
     wav.extend_from_slice(&samples);
     fs::write(&video, wav).unwrap();
-    let message = refused(&video, &temp.path().join("out"), &video, Blame::Input);
+    let message = refused(&video, &temp.path().join("out"), &video, ErrorKind::User);
     assert!(message.contains("is not a video"), "{message}");
 }
 
@@ -130,7 +130,7 @@ fn truncated_videos() {
         curate_video(&whole, &out, &lenient(), &Silent).unwrap();
         for share in shares {
             let cut = cut_off(&whole, &format!("cut-{name}"), share);
-            let message = refused(&cut, &temp.path().join("out"), &cut, Blame::Input);
+            let message = refused(&cut, &temp.path().join("out"), &cut, ErrorKind::User);
             assert!(
                 message.contains("truncated"),
                 "{share} of {name}: {message}"
@@ -144,7 +144,7 @@ fn folders_without_videos_and_missing_inputs() {
     let temp = tempfile::tempdir().unwrap();
     fs::write(temp.path().join("notes.txt"), "no video").unwrap();
     let error = expand_inputs(&[temp.path().to_owned()]).unwrap_err();
-    assert_eq!(error.blame(), Blame::Input);
+    assert_eq!(error.error_kind(), ErrorKind::User);
     assert!(error.to_string().contains("holds no videos"), "{error}");
     let missing = temp.path().join("missing");
     let error = expand_inputs(&[missing]).unwrap_err();
@@ -170,7 +170,7 @@ fn output_folders_that_belong_to_something_else() {
     curate_video(&one, &out, &lenient(), &Silent).unwrap();
     let before = fs::read(out.join("seq-000/sequence.json")).unwrap();
     let error = curate_video(&other, &out, &lenient(), &Silent).unwrap_err();
-    assert_eq!(error.blame(), Blame::Input);
+    assert_eq!(error.error_kind(), ErrorKind::User);
     assert!(
         error.to_string().contains("holds another input (one.mp4"),
         "{error}"
@@ -180,15 +180,15 @@ fn output_folders_that_belong_to_something_else() {
     let foreign = temp.path().join("foreign");
     fs::create_dir(&foreign).unwrap();
     fs::write(foreign.join("thesis.tex"), "mine").unwrap();
-    let message = refused(&one, &foreign, &foreign, Blame::Input);
+    let message = refused(&one, &foreign, &foreign, ErrorKind::User);
     assert!(message.contains("not empty"), "{message}");
     assert_eq!(fs::read_dir(&foreign).unwrap().count(), 1);
 
     let file = temp.path().join("file");
     fs::write(&file, "mine").unwrap();
-    refused(&one, &file, &file, Blame::Input);
+    refused(&one, &file, &file, ErrorKind::User);
     let below = file.join("out");
-    refused(&one, &below, &below, Blame::Input);
+    refused(&one, &below, &below, ErrorKind::User);
 }
 
 /// The device accepts no byte, as a full disk: what cannot be written whole is not there at all.
@@ -202,7 +202,7 @@ fn a_write_that_fails_leaves_nothing_behind() {
     // The temporary name of the signals is taken by a device that is always full.
     let temporary = omnilife_schemas::store::temporary_beside(&out.join("signals.parquet"));
     std::os::unix::fs::symlink("/dev/full", temporary).unwrap();
-    let message = refused(&video, &out, &out, Blame::Ours);
+    let message = refused(&video, &out, &out, ErrorKind::Internal);
     assert!(message.contains("cannot be written"), "{message}");
     assert!(!out.join("signals.parquet").exists());
 }
@@ -238,7 +238,7 @@ fn settings_that_make_no_sense() {
             ..lenient()
         },
         CurateSettings {
-            accept: Some(omnilife_schemas::records::Verdict::ErpStereoTb),
+            accept: Some(omnilife_schemas::records::VideoProjection::ErpStereoTb),
             ..lenient()
         },
     ];
@@ -278,7 +278,7 @@ fn frames_that_change_their_size() {
     .map(Result::unwrap)
     .concat();
     fs::write(&both, bytes).unwrap();
-    let message = refused(&both, &temp.path().join("out"), &both, Blame::Input);
+    let message = refused(&both, &temp.path().join("out"), &both, ErrorKind::User);
     assert!(message.contains("256x128 to 320x160"), "{message}");
 }
 

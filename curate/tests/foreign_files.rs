@@ -13,10 +13,10 @@ use omnilife_curate::{
     CurateSettings, PoseRequest, curate_video,
     masks::{MaskSource, write_masks},
     pose_sequence,
-    slicing::{SliceSettings, slice_stretch},
+    slicing::{SliceSettings, slice_segment},
 };
 use omnilife_schemas::{
-    Blame, Blamed, Pose,
+    Classified, ErrorKind, Pose,
     progress::Silent,
     records::{PosedFrame, Poses, Scale},
     store,
@@ -104,7 +104,7 @@ fn posing_removes_what_it_made_and_nothing_else() {
     let own = fs::read(&made).unwrap();
     write_grey(&made, 0);
     let error = pose_sequence(&sequence, &masked, &Silent).unwrap_err();
-    assert_eq!(error.blame(), Blame::Input);
+    assert_eq!(error.error_kind(), ErrorKind::User);
     assert!(
         error
             .to_string()
@@ -203,12 +203,12 @@ fn a_slice_replaces_no_file_and_not_its_source() {
     let video = erp_clip(temp.path(), "walk.mp4", &[1], 20, 10);
     let before = fs::read(&video).unwrap();
     let (none, settings) = (None, SliceSettings { audio: false });
-    let error = slice_stretch(&video, none, Some(0.5), &video, settings, &Silent).unwrap_err();
-    assert_eq!(error.blame(), Blame::Input);
+    let error = slice_segment(&video, none, Some(0.5), &video, settings, &Silent).unwrap_err();
+    assert_eq!(error.error_kind(), ErrorKind::User);
     assert!(error.to_string().contains("exists already"), "{error}");
     assert_eq!(fs::read(&video).unwrap(), before);
     let out = temp.path().join("slice.mp4");
-    slice_stretch(&video, none, Some(0.5), &out, settings, &Silent).unwrap();
+    slice_segment(&video, none, Some(0.5), &out, settings, &Silent).unwrap();
     assert_eq!(
         store::names_in(temp.path()).unwrap(),
         ["slice.mp4", "walk.mp4"]

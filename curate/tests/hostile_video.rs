@@ -15,7 +15,7 @@ use omnilife_curate::{
 };
 use omnilife_schemas::{
     progress::Silent,
-    records::{Sampling, Sequence, Verdict},
+    records::{Sampling, Sequence, VideoProjection},
     store,
 };
 use support::erp_clip;
@@ -197,7 +197,7 @@ fn a_gap_of_a_century_between_two_frames() {
         profile: "none".to_owned(),
         enforce: false,
         sampling: Sampling::FramesPerSecond(5.0),
-        accept: Some(Verdict::Erp),
+        accept: Some(VideoProjection::Erp),
         ..CurateSettings::default()
     };
     let sequences = curate_video(&temp.path().join("gap.mkv"), &out, &settings, &Silent).unwrap();
@@ -221,7 +221,7 @@ fn hostile_headers_beside_sound_videos() {
     let settings = CurateSettings {
         profile: "none".to_owned(),
         enforce: false,
-        accept: Some(Verdict::Erp),
+        accept: Some(VideoProjection::Erp),
         ..CurateSettings::default()
     };
     let curated = omnilife_curate::curate_dataset(

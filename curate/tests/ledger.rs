@@ -258,7 +258,7 @@ fn agreement_counts_each_boundary_once() {
     assert!((agreement.precision - 0.5).abs() < 1e-12);
     assert!((agreement.recall - 2.0 / 3.0).abs() < 1e-12);
     assert!((agreement.f1 - 4.0 / 7.0).abs() < 1e-12);
-    // 200 stretches of 0.2 s: 2 both, 1 and 2 alone, 195 neither.
+    // 200 segments of 0.2 s: 2 both, 1 and 2 alone, 195 neither.
     let observed = 197.0 / 200.0;
     let chance = 0.015 * 0.02 + 0.985 * 0.98;
     assert!((agreement.kappa - (observed - chance) / (1.0 - chance)).abs() < 1e-12);

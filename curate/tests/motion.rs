@@ -17,8 +17,8 @@ use omnilife_schemas::{
     layout::DYNAMIC_MASKS_FOLDER,
     progress::Silent,
     records::{
-        Admission, ErpVerdict, FrameEntry, FrameSet, Probe, Sampling, Sequence, SourceVideo,
-        TimeRange, Verdict,
+        Admission, DetectedProjection, FrameEntry, FrameSet, Probe, Sampling, Sequence,
+        SourceVideo, TimeRange, VideoProjection,
     },
     rgb::Mask,
     store,
@@ -188,8 +188,8 @@ fn rendered(data: &Path, folder: &Path, frames: &[usize]) {
             transfer: "bt709".to_owned(),
             spherical: None,
         },
-        verdict: ErpVerdict {
-            verdict: Verdict::Erp,
+        projection: DetectedProjection {
+            projection: VideoProjection::Erp,
             overridden: None,
             evidence: Vec::new(),
             disagreement: None,

@@ -12,7 +12,7 @@ use omnilife_curate::{
 };
 use omnilife_schemas::{
     progress::Silent,
-    records::{BoundaryKind, BoundaryLedger, Sampling, Sequence, Verdict, VideoAnalysis},
+    records::{BoundaryKind, BoundaryLedger, Sampling, Sequence, VideoAnalysis, VideoProjection},
     store,
 };
 use support::{Clip, Notes, TICK_SECONDS, erp_clip, erp_direction, world_colour};
@@ -90,7 +90,7 @@ fn a_cut_makes_two_sequences_and_unchanged_stages_are_skipped() {
     assert_eq!(cut.kind, BoundaryKind::Cut);
     assert!((cut.end_seconds - 2.0).abs() < 1e-3 && (cut.begin_seconds - 59.0 / 30.0).abs() < 1e-3);
     let analysis: VideoAnalysis = store::read_record(&out.join("analysis.json")).unwrap();
-    assert_eq!(analysis.verdict.verdict, Verdict::Erp);
+    assert_eq!(analysis.projection.projection, VideoProjection::Erp);
     assert_eq!(analysis.probe.variable_frame_rate, Some(false));
     assert_eq!(analysis.damaged_frames, 0);
 
@@ -160,7 +160,7 @@ fn what_was_made_from_frames_is_never_deleted() {
     fs::rename(&video, &renamed).unwrap();
     let settings = CurateSettings {
         profile: "none".to_owned(),
-        accept: Some(Verdict::Erp),
+        accept: Some(VideoProjection::Erp),
         ..lenient()
     };
     curate_video(&renamed, &out, &settings, &Silent).unwrap();
@@ -289,7 +289,7 @@ fn squeezed_frames_come_out_wide_upright_and_unmirrored() {
     let out = temp.path().join("squeezed");
     curate_video(&video, &out, &lenient(), &Silent).unwrap();
     let sequence = sequence(&out, "seq-000");
-    assert_eq!(sequence.verdict.verdict, Verdict::ErpSqueezed);
+    assert_eq!(sequence.projection.projection, VideoProjection::ErpSqueezed);
     assert_eq!((sequence.frames.width, sequence.frames.height), (320, 160));
     assert_eq!(sequence.frames.resampling, "area averaging from 320x180");
     let image = omnilife_schemas::RgbImage::read(&out.join("seq-000/frames/000000.png")).unwrap();
@@ -344,13 +344,13 @@ fn enforced_criteria_and_wrong_projections_reject_with_a_hint() {
         "{error}"
     );
     let accepting = CurateSettings {
-        accept: Some(Verdict::Erp),
+        accept: Some(VideoProjection::Erp),
         ..lenient()
     };
     curate_video(&flat, &temp.path().join("flat"), &accepting, &Silent).unwrap();
-    let verdict = sequence(&temp.path().join("flat"), "seq-000").verdict;
-    assert_eq!(verdict.verdict, Verdict::Erp);
-    assert_eq!(verdict.overridden, Some(Verdict::Rectilinear));
+    let projection = sequence(&temp.path().join("flat"), "seq-000").projection;
+    assert_eq!(projection.projection, VideoProjection::Erp);
+    assert_eq!(projection.overridden, Some(VideoProjection::Rectilinear));
     assert_eq!(probe(&flat).unwrap().decoded_frames, None);
 }
 
@@ -366,10 +366,10 @@ fn the_sample_clip_is_one_erp_sequence() {
     );
     let sequence = sequence(&out, "seq-000");
     assert_eq!(
-        sequence.verdict.verdict,
-        Verdict::Erp,
+        sequence.projection.projection,
+        VideoProjection::Erp,
         "{:#?}",
-        sequence.verdict
+        sequence.projection
     );
     assert_eq!(sequence.frames.entries.len(), 60);
 }

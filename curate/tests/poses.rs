@@ -16,7 +16,7 @@ use omnilife_curate::{
     },
 };
 use omnilife_schemas::{
-    Blame, Blamed, Pose,
+    Classified, ErrorKind, Pose,
     camera::{CameraModel, ErpCamera},
     points::PointCloud,
     progress::Silent,
@@ -135,7 +135,7 @@ fn poses_that_fit_nothing_or_are_broken_are_refused() {
         let request = PoseRequest::Given(file.clone());
         let error = pose_sequence(&sequence, &request, &Silent).unwrap_err();
         let message = error.to_string();
-        assert_eq!(error.blame(), Blame::Input, "{message}");
+        assert_eq!(error.error_kind(), ErrorKind::User, "{message}");
         assert!(
             message.contains(reason) && !message.contains('\n'),
             "{message}"
@@ -209,7 +209,7 @@ fn masks_of_the_user_survive_and_failed_poses_leave_no_scene() {
     write_mask("hand.png", 64);
     write_poses("hand.png", 2.0);
     let error = pose_sequence(&sequence, &request, &Silent).unwrap_err();
-    assert_eq!(error.blame(), Blame::Input);
+    assert_eq!(error.error_kind(), ErrorKind::User);
     assert!(error.to_string().contains("keep it elsewhere"), "{error}");
     assert!(masks.join("hand.png").exists() && masks.join("000000.png").exists());
     assert!(!sequence.join("scene.json").exists());
@@ -295,7 +295,7 @@ fn colmap_models_are_read_by_their_format() {
         "1 1 0 0 0 0 0 0 1 left/000000.png\n\n2 1 0 0 0 -1 0 0 1 right/000000.png\n\n",
     );
     let error = pose_sequence(&sequence, &PoseRequest::Given(folder.clone()), &Silent).unwrap_err();
-    assert_eq!(error.blame(), Blame::Input);
+    assert_eq!(error.error_kind(), ErrorKind::User);
     assert!(
         error.to_string().contains("two images named 000000.png"),
         "{error}"

@@ -5,8 +5,8 @@ use std::collections::BTreeSet;
 use omnilife_curate::{
     boundaries::{DEFAULT_DETECTOR, DETECTORS},
     criteria::{CHECKS, PROFILES},
-    poses::sfm::LADDER,
-    verdict::TESTS,
+    poses::sfm::FALLBACK_CONFIGURATIONS,
+    projection::TESTS,
 };
 
 fn assert_described<'a>(entries: impl Iterator<Item = (&'a str, &'a str)>) {
@@ -34,7 +34,11 @@ fn every_entry_has_a_unique_id_and_a_summary() {
     assert_described(TESTS.iter().map(|entry| (entry.id, entry.summary)));
     assert_described(CHECKS.iter().map(|entry| (entry.id, entry.summary)));
     assert_described(PROFILES.iter().map(|entry| (entry.id, entry.summary)));
-    assert_described(LADDER.iter().map(|entry| (entry.id, entry.summary)));
+    assert_described(
+        FALLBACK_CONFIGURATIONS
+            .iter()
+            .map(|entry| (entry.id, entry.summary)),
+    );
     assert!(DETECTORS.iter().any(|entry| entry.id == DEFAULT_DETECTOR));
     for test in TESTS {
         assert!(test.limit > 0.0 && test.limit.is_finite(), "{}", test.id);

@@ -6,17 +6,17 @@ mod support;
 use std::{path::Path, process::Command};
 
 use omnilife_curate::{
+    projection,
     slicing::{
         Projection, SliceRequest, SliceSettings, SliceSource, ViewVideoWriter, shots, slice_video,
         write_slices,
     },
-    verdict,
     video::{Converter, Scaling, VideoReader, probe},
 };
 use omnilife_schemas::{
     progress::Silent,
     records::{
-        Boundary, BoundaryKind, SliceMethod, Slices, SourceVideo, StretchFate, TimeRange,
+        Boundary, BoundaryKind, SegmentOutcome, SliceMethod, Slices, SourceVideo, TimeRange,
         VideoAnalysis,
     },
 };
@@ -66,7 +66,7 @@ fn range(begin_seconds: f64, end_seconds: f64) -> TimeRange {
 }
 
 #[test]
-fn slices_hold_the_frames_of_their_stretch() {
+fn slices_hold_the_frames_of_their_segment() {
     let folder = tempfile::tempdir().unwrap();
     let video = folder.path().join("clip.mp4");
     // Unsteady, as phones record; the encoder of the tests makes every 12th frame a key frame.
@@ -162,7 +162,7 @@ fn every_second_of_the_source_is_in_a_slice_or_left_out_for_a_reason() {
             bytes: 1,
         },
         range: whole,
-        verdict: verdict::judge(&probed, &[]),
+        projection: projection::judge(&probed, &[]),
         probe: probed.clone(),
         overlays: None,
         damaged_frames: 0,
@@ -180,14 +180,14 @@ fn every_second_of_the_source_is_in_a_slice_or_left_out_for_a_reason() {
     let record = write(&Notes::default());
     let mut total = 0.0;
     let mut left_out = 0.0;
-    for stretch in &record.stretches {
-        match &stretch.fate {
-            StretchFate::Kept { slice, .. } => {
+    for segment in &record.segments {
+        match &segment.outcome {
+            SegmentOutcome::Kept { slice, .. } => {
                 let file = &slice.as_ref().unwrap().file;
                 total += probe(&folder.path().join(file)).unwrap().duration_seconds;
             }
-            StretchFate::TooShort | StretchFate::Transition => {
-                left_out += stretch.range.duration_seconds();
+            SegmentOutcome::TooShort | SegmentOutcome::Transition => {
+                left_out += segment.range.duration_seconds();
             }
         }
     }
@@ -336,13 +336,13 @@ fn assert_sliced_like_the_source(video: &Path) {
         quarter_turns: (before.rotation_degrees / 90.0).round() as u32,
     };
     let folder = tempfile::tempdir().unwrap();
-    let stretches = [(0, 12), (10, 22)];
-    let requests = stretches.map(|(first, end)| SliceRequest {
+    let segments = [(0, 12), (10, 22)];
+    let requests = segments.map(|(first, end)| SliceRequest {
         range: range(times[first], times[end]),
         path: folder.path().join(format!("{first}.mp4")),
         name: format!("{first}.mp4"),
     });
-    for (request, (first, end)) in requests.iter().zip(stretches) {
+    for (request, (first, end)) in requests.iter().zip(segments) {
         let settings = SliceSettings { audio: false };
         let one = std::slice::from_ref(request);
         slice_video(&whole, one, settings, &Silent).unwrap();

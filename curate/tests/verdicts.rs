@@ -1,13 +1,13 @@
-//! The ERP verdict on pictures whose projection is known because they are made here.
+//! The ERP projection on pictures whose projection is known because they are made here.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod support;
 
 use omnilife_curate::{
-    verdict::{TESTS, judge},
+    projection::{TESTS, judge},
     video::Rgb8Picture,
 };
-use omnilife_schemas::records::{Probe, SphericalMetadata, Verdict};
+use omnilife_schemas::records::{Probe, SphericalMetadata, VideoProjection};
 use support::{erp_direction, world_colour};
 
 fn probe(width: u32, height: u32) -> Probe {
@@ -85,33 +85,48 @@ type Painter = fn(usize) -> Rgb8Picture;
 
 #[test]
 fn known_projections_are_recognized() {
-    let cases: [(&str, Verdict, (u32, u32), Painter); 6] = [
-        ("erp", Verdict::Erp, (3840, 1920), |w| {
+    let cases: [(&str, VideoProjection, (u32, u32), Painter); 6] = [
+        ("erp", VideoProjection::Erp, (3840, 1920), |w| {
             erp(w, 512, 256, 0.7 * w as f64)
         }),
-        ("squeezed", Verdict::ErpSqueezed, (1920, 1080), |w| {
-            erp(w, 512, 288, 0.7 * w as f64)
-        }),
-        ("rectilinear", Verdict::Rectilinear, (1920, 1080), |w| {
-            perspective(w, 512, 288)
-        }),
-        ("rectilinear 2:1", Verdict::Rectilinear, (1920, 960), |w| {
-            perspective(w, 512, 256)
-        }),
-        ("top-bottom", Verdict::ErpStereoTb, (3840, 3840), |w| {
-            stacked(w, 512, 512, false)
-        }),
-        ("side by side", Verdict::ErpStereoLr, (3840, 960), |w| {
-            stacked(w, 1024, 256, true)
-        }),
+        (
+            "squeezed",
+            VideoProjection::ErpSqueezed,
+            (1920, 1080),
+            |w| erp(w, 512, 288, 0.7 * w as f64),
+        ),
+        (
+            "rectilinear",
+            VideoProjection::Rectilinear,
+            (1920, 1080),
+            |w| perspective(w, 512, 288),
+        ),
+        (
+            "rectilinear 2:1",
+            VideoProjection::Rectilinear,
+            (1920, 960),
+            |w| perspective(w, 512, 256),
+        ),
+        (
+            "top-bottom",
+            VideoProjection::ErpStereoTb,
+            (3840, 3840),
+            |w| stacked(w, 512, 512, false),
+        ),
+        (
+            "side by side",
+            VideoProjection::ErpStereoLr,
+            (3840, 960),
+            |w| stacked(w, 1024, 256, true),
+        ),
     ];
     for (name, expected, (width, height), picture) in cases {
         for world in 0..6 {
-            let verdict = judge(&probe(width, height), &[picture(world)]);
+            let projection = judge(&probe(width, height), &[picture(world)]);
             assert_eq!(
-                verdict.verdict, expected,
+                projection.projection, expected,
                 "{name}, world {world}: {:#?}",
-                verdict.evidence
+                projection.evidence
             );
         }
     }
@@ -129,8 +144,13 @@ fn plain_pillarboxed_and_missing_pictures_are_unsure() {
         }
     });
     for samples in [vec![], vec![grey], vec![boxed]] {
-        let verdict = judge(&probe(1920, 960), &samples);
-        assert_eq!(verdict.verdict, Verdict::Unsure, "{:#?}", verdict.evidence);
+        let projection = judge(&probe(1920, 960), &samples);
+        assert_eq!(
+            projection.projection,
+            VideoProjection::Unsure,
+            "{:#?}",
+            projection.evidence
+        );
     }
 }
 
@@ -148,19 +168,22 @@ fn metadata_is_heard_and_contradicted() {
     };
     let grey = [paint(512, 256, |_, _| [0.5; 3])];
     let undecided = judge(&stated("equirectangular", Some("2D")), &grey);
-    assert_eq!(undecided.verdict, Verdict::Erp);
+    assert_eq!(undecided.projection, VideoProjection::Erp);
     assert!(undecided.disagreement.unwrap().contains("do not decide"));
 
     let picture = [perspective(2, 512, 256)];
     let contradicted = judge(&stated("equirectangular", Some("2D")), &picture);
-    assert_eq!(contradicted.verdict, Verdict::Rectilinear);
+    assert_eq!(contradicted.projection, VideoProjection::Rectilinear);
     assert!(contradicted.disagreement.unwrap().contains("rectilinear"));
 
     let sphere = [erp(2, 512, 256, 0.0)];
     let agreed = judge(&stated("equirectangular", None), &sphere);
-    assert_eq!((agreed.verdict, agreed.disagreement), (Verdict::Erp, None));
+    assert_eq!(
+        (agreed.projection, agreed.disagreement),
+        (VideoProjection::Erp, None)
+    );
     let layout = judge(&stated("equirectangular", Some("top and bottom")), &sphere);
-    assert_eq!(layout.verdict, Verdict::Erp);
+    assert_eq!(layout.projection, VideoProjection::Erp);
     assert!(layout.disagreement.unwrap().contains("top and bottom"));
 }
 

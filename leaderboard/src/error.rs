@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use omnilife_schemas::{Blame, Blamed, store::StoreError};
+use omnilife_schemas::{Classified, ErrorKind, store::StoreError};
 
 /// An error of this crate. Messages are one line that names the file and the reason.
 #[derive(Debug, thiserror::Error)]
@@ -110,10 +110,10 @@ pub enum LeaderboardError {
     },
 }
 
-impl Blamed for LeaderboardError {
-    fn blame(&self) -> Blame {
+impl Classified for LeaderboardError {
+    fn error_kind(&self) -> ErrorKind {
         match self {
-            Self::Store(error) => error.blame(),
+            Self::Store(error) => error.error_kind(),
             Self::NoResults { .. }
             | Self::Impossible { .. }
             | Self::Submission { .. }
@@ -121,8 +121,8 @@ impl Blamed for LeaderboardError {
             | Self::SceneDiffers { .. }
             | Self::Direction { .. }
             | Self::OutOfDate { .. }
-            | Self::NoMarker { .. } => Blame::Input,
-            Self::Chart { .. } | Self::Published { .. } => Blame::Ours,
+            | Self::NoMarker { .. } => ErrorKind::User,
+            Self::Chart { .. } | Self::Published { .. } => ErrorKind::Internal,
         }
     }
 }

@@ -9,7 +9,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use omnilife_schemas::{Blame, Blamed, store};
+use omnilife_schemas::{Classified, ErrorKind, store};
 use safetensors::{Dtype, SafeTensors};
 
 /// Why weights cannot be used.
@@ -33,9 +33,9 @@ pub enum WeightsError {
     },
 }
 
-impl Blamed for WeightsError {
-    fn blame(&self) -> Blame {
-        Blame::Input
+impl Classified for WeightsError {
+    fn error_kind(&self) -> ErrorKind {
+        ErrorKind::User
     }
 }
 

@@ -1,4 +1,4 @@
-//! Processor time that the network of deformable Gaussians adds to a training iteration, beside the
+//! CPU time that the network of deformable Gaussians adds to a training iteration, beside the
 //! iteration itself at 512x256.
 //!
 //! `cargo bench --bench deformation`
@@ -10,7 +10,7 @@ use std::time::Duration;
 use criterion::{Criterion, criterion_group, criterion_main};
 use omnilife_engine::{
     gaussians::{
-        InstantGaussians,
+        ActivatedGaussians,
         deformable::{DEFORMATION_WEIGHTS, Deformation, DeformationModel},
     },
     parameters::{SharedParameters, adam},
@@ -28,7 +28,7 @@ struct Network {
     model: DeformationModel,
     weights: SharedParameters,
     deformation: Deformation,
-    instant: InstantGaussians,
+    instant: ActivatedGaussians,
 }
 
 impl Network {
@@ -38,14 +38,14 @@ impl Network {
             model,
             weights: SharedParameters::new(DEFORMATION_WEIGHTS, model.network().initial_weights(0)),
             deformation: Deformation::default(),
-            instant: InstantGaussians::default(),
+            instant: ActivatedGaussians::default(),
         }
     }
 
     /// With the gradients that the renderer left in `iteration`.
     fn run(&mut self, iteration: &mut Iteration, time: f32) {
         let weights = &mut self.weights;
-        self.deformation.instantiate(
+        self.deformation.activate(
             &self.model,
             &weights.array.values,
             &iteration.table,
@@ -53,7 +53,7 @@ impl Network {
             &mut self.instant,
         );
         let mut gradient = iteration.gradient.clone();
-        self.deformation.instantiate_vjp(
+        self.deformation.activate_vjp(
             &self.model,
             &mut weights.array,
             &mut iteration.table,

@@ -1,4 +1,4 @@
-//! How near rasterization comes to what the processor can do: Gaussian-pixel evaluations per second
+//! How near rasterization comes to what the CPU can do: Gaussian-pixel evaluations per second
 //! and operations per second on one thread, beside the machine's own limits measured in the same
 //! run.
 //!
@@ -94,7 +94,7 @@ fn main() {
 fn evaluations(iteration: &Iteration, settings: &RenderSettings) -> u64 {
     let rays = Rays::new(iteration.view.camera);
     let mut instant = iteration.instant.clone();
-    static_gaussians::instantiate(&iteration.table, &mut instant);
+    static_gaussians::activate(&iteration.table, &mut instant);
     let (mut splats, mut distances) = (Vec::new(), Vec::new());
     project::cpu::forward(
         &iteration.view,

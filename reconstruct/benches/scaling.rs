@@ -28,7 +28,7 @@ struct Measurement {
     series: &'static str,
     /// Gaussians or pixels, whichever varies.
     size: f64,
-    /// Stage and its processor seconds, the fastest of [`ROUNDS`]; the whole iteration is last.
+    /// Stage and its CPU seconds, the fastest of [`ROUNDS`]; the whole iteration is last.
     stages: Vec<(&'static str, f64)>,
 }
 

@@ -1,4 +1,4 @@
-//! Processor time per stage of a training iteration, over image sizes and numbers of Gaussians.
+//! CPU time per stage of a training iteration, over image sizes and numbers of Gaussians.
 //!
 //! `cargo bench --bench stages`, or `cargo bench --bench stages -- 512x256/50000` for one size.
 

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use omnilife_schemas::{Blame, Blamed, names::UnknownName, store::StoreError};
+use omnilife_schemas::{Classified, ErrorKind, names::UnknownName, store::StoreError};
 
 use omnilife_engine::{EngineError, device::GpuError};
 
@@ -94,15 +94,15 @@ impl From<GpuError> for ReconstructError {
     }
 }
 
-impl Blamed for ReconstructError {
-    fn blame(&self) -> Blame {
+impl Classified for ReconstructError {
+    fn error_kind(&self) -> ErrorKind {
         match self {
-            Self::Store(error) => error.blame(),
-            Self::Engine(error) => error.blame(),
+            Self::Store(error) => error.error_kind(),
+            Self::Engine(error) => error.error_kind(),
             Self::Scene { .. } | Self::Unknown(_) | Self::Memory { .. } | Self::Request { .. } => {
-                Blame::Input
+                ErrorKind::User
             }
-            Self::Diverged { .. } | Self::Interrupted { .. } => Blame::Ours,
+            Self::Diverged { .. } | Self::Interrupted { .. } => ErrorKind::Internal,
         }
     }
 }

@@ -1,4 +1,4 @@
-//! What the system says about this process: time on the processor, memory, and that it shall end.
+//! What the system says about this process: time on the CPU, memory, and that it shall end.
 
 use std::{
     fs,
@@ -31,9 +31,9 @@ pub struct Termination {
 
 impl Termination {
     /// Promises to look at `requested` until the returned value is dropped.
-    pub(crate) fn heed(&self) -> Heeding<'_> {
+    pub(crate) fn guard(&self) -> ShutdownGuard<'_> {
         self.at_once.store(false, Ordering::SeqCst);
-        Heeding(self)
+        ShutdownGuard(self)
     }
 
     /// Whether the process was told to end.
@@ -43,9 +43,9 @@ impl Termination {
 }
 
 /// Somebody looks at [`Termination::requested`].
-pub(crate) struct Heeding<'a>(&'a Termination);
+pub(crate) struct ShutdownGuard<'a>(&'a Termination);
 
-impl Drop for Heeding<'_> {
+impl Drop for ShutdownGuard<'_> {
     fn drop(&mut self) {
         self.0.at_once.store(true, Ordering::SeqCst);
     }

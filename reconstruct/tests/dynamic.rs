@@ -17,7 +17,7 @@ use glam::Vec3;
 use omnilife_engine::{
     camera::View,
     gaussians::{
-        InstantGaussians,
+        ActivatedGaussians,
         deformable::{DEFORMATION_WEIGHTS, Deformation, DeformationModel},
         static_gaussians::{self, InitialGaussians},
     },
@@ -394,14 +394,15 @@ fn a_network_learns_which_gaussians_move_and_when() {
     let mut weights =
         SharedParameters::new(DEFORMATION_WEIGHTS, model.network().initial_weights(2));
     let mut deformation = Deformation::default();
-    let (mut instant, mut gradient) = (InstantGaussians::default(), InstantGaussians::default());
+    let (mut instant, mut gradient) =
+        (ActivatedGaussians::default(), ActivatedGaussians::default());
     let moved = |position: [f32; 3], time: f32| {
         let by = if position[0] > 0.0 { 0.4 * time } else { 0.0 };
         [position[0], position[1] + by, position[2]]
     };
     for step in 1..=600_u64 {
         let time = TIMES[step as usize % TIMES.len()];
-        deformation.instantiate(&model, &weights.array.values, &table, time, &mut instant);
+        deformation.activate(&model, &weights.array.values, &table, time, &mut instant);
         gradient.clear_to_zero(&instant);
         for (index, position) in initial.positions.iter().enumerate() {
             let target = Vec3::from_array(moved(*position, time));
@@ -409,12 +410,12 @@ fn a_network_learns_which_gaussians_move_and_when() {
             gradient.positions[index] = by_position.to_array();
         }
         let both = (&mut instant, &mut gradient);
-        deformation.instantiate_vjp(&model, &mut weights.array, &mut table, time, both);
+        deformation.activate_vjp(&model, &mut weights.array, &mut table, time, both);
         weights.array.learning_rate = 2e-3;
         adam::cpu::step(&mut weights.array, step);
     }
     let between = 0.6;
-    deformation.instantiate(&model, &weights.array.values, &table, between, &mut instant);
+    deformation.activate(&model, &weights.array.values, &table, between, &mut instant);
     for (position, found) in initial.positions.iter().zip(&instant.positions) {
         let target = Vec3::from_array(moved(*position, between));
         let error = (Vec3::from_array(*found) - target).length();

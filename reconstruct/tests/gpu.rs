@@ -1,5 +1,5 @@
-//! The graphics backend, on whatever adapter there is: images against the f64 reference, gradients
-//! against those of the processor, which the reference judges in `renderer/`.
+//! The GPU backend, on whatever adapter there is: images against the f64 reference, gradients
+//! against those of the CPU, which the reference judges in `renderer/`.
 #![expect(
     clippy::unwrap_used,
     reason = "a device that fails or a test scene that cannot be built is a failed test"
@@ -16,7 +16,7 @@ use glam::{DQuat, dvec3};
 use omnilife_engine::{
     camera::Camera,
     device::GpuError,
-    gaussians::InstantGaussians,
+    gaussians::ActivatedGaussians,
     render::{
         Visible,
         cpu::Renderer,
@@ -113,7 +113,8 @@ fn compare(renderer: &mut GpuRenderer, view: &RefView, gaussians: &[Gaussian]) {
         colour: &colour,
         features: &features,
     };
-    let (mut gradient, mut expected) = (InstantGaussians::default(), InstantGaussians::default());
+    let (mut gradient, mut expected) =
+        (ActivatedGaussians::default(), ActivatedGaussians::default());
     renderer.backward(&upstream, &mut gradient).unwrap();
     on_cpu.backward(&view, &gaussians, &upstream, &mut expected);
     let agree = |name: &str, of_gpu: &[f32], of_cpu: &[f32]| {
@@ -201,7 +202,7 @@ fn nothing_to_draw_is_the_background() {
     let view = view(erp(24), turned(), Footprint::Projected);
     let mut renderer = GpuRenderer::new(gpu, view.settings);
     let raster: Raster = renderer
-        .forward(&view.view(), &InstantGaussians::default())
+        .forward(&view.view(), &ActivatedGaussians::default())
         .unwrap();
     assert!(raster.transmittance.iter().all(|&left| left == 1.0));
     assert!(
@@ -223,7 +224,7 @@ fn hopeless_gaussians_are_left_out_and_harm_nothing() {
     let mut renderer = GpuRenderer::new(gpu, view.settings);
     let view = view.view();
     let expected = renderer.forward(&view, &clean).unwrap();
-    type Change = fn(&mut InstantGaussians, usize);
+    type Change = fn(&mut ActivatedGaussians, usize);
     let changes: [Change; 9] = [
         |g, i| g.positions[i] = [f32::NAN, 0.0, 1.0],
         |g, i| g.positions[i] = [0.0; 3],
@@ -235,23 +236,23 @@ fn hopeless_gaussians_are_left_out_and_harm_nothing() {
         |g, i| g.opacities[i] = 1e-30,
         |g, i| g.rotations[i] = [f32::NAN, 0.0, 0.0, 0.0],
     ];
-    let mut hopeless = clean.clone();
-    hopeless.reshape(clean.len() + changes.len(), 0, 0);
+    let mut degenerate = clean.clone();
+    degenerate.reshape(clean.len() + changes.len(), 0, 0);
     for (index, change) in (clean.len()..).zip(changes) {
-        hopeless.positions[index] = [0.0, 0.0, 2.0];
-        hopeless.scales[index] = [0.1; 3];
-        hopeless.rotations[index] = [1.0, 0.0, 0.0, 0.0];
-        hopeless.opacities[index] = 0.5;
-        change(&mut hopeless, index);
+        degenerate.positions[index] = [0.0, 0.0, 2.0];
+        degenerate.scales[index] = [0.1; 3];
+        degenerate.rotations[index] = [1.0, 0.0, 0.0, 0.0];
+        degenerate.opacities[index] = 0.5;
+        change(&mut degenerate, index);
     }
-    let raster = renderer.forward(&view, &hopeless).unwrap();
+    let raster = renderer.forward(&view, &degenerate).unwrap();
     assert_eq!(raster, expected);
     let ones = vec![1.0; raster.colour.len()];
     let upstream = RasterGradient {
         colour: &ones,
         features: &[],
     };
-    let mut gradient = InstantGaussians::default();
+    let mut gradient = ActivatedGaussians::default();
     renderer.backward(&upstream, &mut gradient).unwrap();
     let (of_clean, of_hopeless) = gradient.positions.split_at(clean.len());
     assert!(

@@ -1,4 +1,4 @@
-//! Training on a graphics device against training on the processor.
+//! Training on a GPU against training on the CPU.
 #![expect(
     clippy::unwrap_used,
     reason = "a device that fails or a test scene that cannot be built is a failed test"

@@ -7,7 +7,7 @@ use glam::{DMat3, DQuat, DVec3, dvec3};
 use omnilife_reconstruct::methods::{
     self, METHODS, MethodKind,
     feed_forward::{
-        ContextView, Group, Interpolated, Station, groups,
+        CameraPose, ContextView, Group, Interpolated, groups,
         sweep::{SweepSettings, SweptDepth, depths},
     },
 };
@@ -51,7 +51,7 @@ fn room(origin: DVec3, direction: DVec3) -> (DVec3, f64) {
     (colour, distance)
 }
 
-fn seen(camera: ErpCamera, station: &Station) -> (RgbImage, Vec<f64>) {
+fn seen(camera: ErpCamera, camera_pose: &CameraPose) -> (RgbImage, Vec<f64>) {
     let (width, height) = (camera.width as usize, camera.height as usize);
     let mut image = RgbImage::black(width, height);
     let mut distances = vec![0.0; width * height];
@@ -62,19 +62,27 @@ fn seen(camera: ErpCamera, station: &Station) -> (RgbImage, Vec<f64>) {
             let mut colour = DVec3::ZERO;
             for (dx, dy) in [(0.25, 0.25), (0.75, 0.25), (0.25, 0.75), (0.75, 0.75)] {
                 let place = glam::dvec2(column as f64 + dx, row as f64 + dy);
-                colour += room(station.centre, station.to_world * camera.unproject(place)).0 / 4.0;
+                colour += room(
+                    camera_pose.centre,
+                    camera_pose.to_world * camera.unproject(place),
+                )
+                .0 / 4.0;
             }
             image.data[pixel * 3..pixel * 3 + 3].copy_from_slice(&colour.as_vec3().to_array());
             let middle = glam::dvec2(column as f64 + 0.5, row as f64 + 0.5);
-            distances[pixel] = room(station.centre, station.to_world * camera.unproject(middle)).1;
+            distances[pixel] = room(
+                camera_pose.centre,
+                camera_pose.to_world * camera.unproject(middle),
+            )
+            .1;
         }
     }
     (image, distances)
 }
 
-fn station(along: f64) -> Station {
+fn camera_pose(along: f64) -> CameraPose {
     let turn = DQuat::from_euler(glam::EulerRot::YXZ, 0.6 + 0.15 * along, 0.1 * along, -0.05);
-    Station {
+    CameraPose {
         to_world: DMat3::from_quat(turn),
         centre: dvec3(0.25 * along - 0.1, 0.05 * along, 0.2 * along),
         time_seconds: along,
@@ -87,10 +95,10 @@ fn room_group(width: u32) -> (Group, Vec<f64>, Vec<RgbImage>) {
         width,
         height: width / 2,
     };
-    let stations = [0.0, 1.0].map(station);
-    let targets: Vec<Station> = [0.25, 0.5, 0.75].map(station).to_vec();
-    let (first, distances) = seen(camera, &stations[0]);
-    let second = seen(camera, &stations[1]).0;
+    let camera_poses = [0.0, 1.0].map(camera_pose);
+    let targets: Vec<CameraPose> = [0.25, 0.5, 0.75].map(camera_pose).to_vec();
+    let (first, distances) = seen(camera, &camera_poses[0]);
+    let second = seen(camera, &camera_poses[1]).0;
     let views = targets
         .iter()
         .map(|target| seen(camera, target).0)
@@ -100,7 +108,7 @@ fn room_group(width: u32) -> (Group, Vec<f64>, Vec<RgbImage>) {
         camera,
         context: [0, 1].map(|index| ContextView {
             frame: 9 * index as u32,
-            station: stations[index],
+            camera_pose: camera_poses[index],
             image: images.next().unwrap(),
         }),
         targets,
@@ -226,7 +234,7 @@ fn views_are_the_same_every_time_and_for_every_number_of_threads() {
 #[test]
 fn a_camera_that_only_turns_has_no_depth_and_says_so() {
     let (mut group, _, _) = room_group(64);
-    group.context[1].station.centre = group.context[0].station.centre;
+    group.context[1].camera_pose.centre = group.context[0].camera_pose.centre;
     assert!(depths(&group, &SweepSettings::DEFAULT).is_none());
     let made = interpolated("sphere-sweep", &group);
     assert_eq!(made.images.len(), 3);
@@ -291,11 +299,11 @@ fn rendered(name: &str) -> Option<PathBuf> {
     None
 }
 
-fn rendered_station(poses: &serde_json::Value, frame: usize) -> Station {
+fn rendered_camera_pose(poses: &serde_json::Value, frame: usize) -> CameraPose {
     let entry = &poses["frames"][frame];
     let number = |row: usize, column: usize| entry["c2w"][row][column].as_f64().unwrap();
     let column = |column| dvec3(number(0, column), number(1, column), number(2, column));
-    Station {
+    CameraPose {
         to_world: DMat3::from_cols(column(0), column(1), column(2)),
         centre: column(3),
         time_seconds: entry["time"].as_f64().unwrap(),
@@ -318,7 +326,7 @@ fn the_sweep_finds_the_depth_of_rendered_scenes() {
             },
             context: frames.map(|frame| ContextView {
                 frame: frame as u32,
-                station: rendered_station(&poses, frame),
+                camera_pose: rendered_camera_pose(&poses, frame),
                 image: RgbImage::read(&folder.join(format!("rgb/{frame:04}.jpg"))).unwrap(),
             }),
             targets: Vec::new(),

@@ -1,8 +1,8 @@
-//! The stability catalogue on the processor: every case is as good as it has to be.
+//! The stability catalogue on the CPU: every case is as good as it has to be.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
 use omnilife_reconstruct::stability::{self, devices::DeviceKind};
-use omnilife_schemas::{progress::Silent, records::StabilityVerdict};
+use omnilife_schemas::{progress::Silent, records::StabilityStatus};
 
 #[test]
 fn every_case_passes_on_the_processor() {
@@ -17,7 +17,7 @@ fn every_case_passes_on_the_processor() {
             measured.and_then(|m| m.forward_share),
             measured.and_then(|m| m.gradient_error),
             row.action,
-            row.verdict,
+            row.status,
             row.reason
         );
     }
@@ -37,7 +37,7 @@ fn every_case_passes_on_the_processor() {
     let failed: Vec<&str> = report
         .rows
         .iter()
-        .filter(|row| row.verdict == StabilityVerdict::Fail)
+        .filter(|row| row.status == StabilityStatus::Fail)
         .map(|row| row.case.as_str())
         .collect();
     assert!(failed.is_empty(), "{failed:?}");

@@ -9,7 +9,7 @@ use glam::Vec3;
 use omnilife_engine::{
     clock::Clock,
     gaussians::{
-        InstantGaussians,
+        ActivatedGaussians,
         parameterization::{Parameterization, Viewpoint},
         static_gaussians::{self, StaticGaussians},
         temporal::TemporalFeatures,
@@ -55,7 +55,7 @@ impl Parameterization for Drifting {
         at: &Viewpoint,
         features: &TemporalFeatures,
         first: usize,
-        out: &mut InstantGaussians,
+        out: &mut ActivatedGaussians,
     ) {
         StaticGaussians.activate(table, at, features, first, out);
         let moved = Vec3::from_slice(&self.velocity.array.values) * self.frame(at);
@@ -70,14 +70,14 @@ impl Parameterization for Drifting {
         at: &Viewpoint,
         _: &TemporalFeatures,
         first: usize,
-        activated: &mut InstantGaussians,
-        gradient: &mut InstantGaussians,
+        activated: &mut ActivatedGaussians,
+        gradient: &mut ActivatedGaussians,
     ) {
         let by_positions = &gradient.positions[first..first + table.len()];
         let sum: Vec3 = by_positions.iter().map(|&by| Vec3::from_array(by)).sum();
         let by_velocity = sum * self.frame(at);
         self.velocity.array.gradients = by_velocity.to_array().into();
-        static_gaussians::instantiate_from_vjp(table, first, activated, gradient);
+        static_gaussians::activate_from_vjp(table, first, activated, gradient);
     }
 
     fn shared(&self) -> Option<&SharedParameters> {

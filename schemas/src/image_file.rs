@@ -8,7 +8,7 @@ use std::{fs::File, io::BufReader, path::Path};
 
 use image::{DynamicImage, ImageDecoder, ImageReader};
 
-use crate::{blame, store::StoreError};
+use crate::{error_kind, store::StoreError};
 
 /// Pixels of an image at most: those of a panorama of 16384 x 8192.
 pub const MOST_PIXELS: u64 = 1 << 27;
@@ -26,7 +26,7 @@ impl<'a> ImageFile<'a> {
     /// # Errors
     /// When the file is missing, is no image, or states no pixels or more than [`MOST_PIXELS`].
     pub fn open(path: &'a Path) -> Result<Self, StoreError> {
-        blame::reading(path);
+        error_kind::reading(path);
         let file = File::open(path).map_err(|source| StoreError::read(path, source))?;
         let reader = ImageReader::new(BufReader::new(file))
             .with_guessed_format()

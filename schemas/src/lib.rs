@@ -17,9 +17,9 @@
 //! * Time is in seconds of the source's presentation timestamps.
 //! * Images are `[0, 1]` f32, row-major, three interleaved channels, as decoded (sRGB).
 
-pub mod blame;
 pub mod bootstrap;
 pub mod camera;
+pub mod error_kind;
 pub mod frame_scores;
 pub mod image_file;
 pub mod layout;
@@ -43,6 +43,6 @@ pub mod store;
 mod temporary;
 pub mod testing;
 
-pub use blame::{Blame, Blamed};
+pub use error_kind::{Classified, ErrorKind};
 pub use pose::{Pose, Similarity};
 pub use rgb::RgbImage;

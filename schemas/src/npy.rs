@@ -7,7 +7,7 @@
 use std::{fs, io::Write, path::Path};
 
 use crate::{
-    blame,
+    error_kind,
     store::{self, StoreError},
 };
 
@@ -52,7 +52,7 @@ pub fn write_f32(path: &Path, shape: &[usize], values: &[f32]) -> Result<(), Sto
 /// # Errors
 /// When the file is missing, truncated or of another kind.
 pub fn read(path: &Path) -> Result<Array, StoreError> {
-    blame::reading(path);
+    error_kind::reading(path);
     let bytes = fs::read(path).map_err(|error| StoreError::read(path, error))?;
     parse(&bytes).map_err(|reason| StoreError::malformed(path, reason))
 }

@@ -46,7 +46,7 @@ pub fn commit_in(versions: &BTreeMap<String, String>) -> Option<&str> {
 /// The machine that computed something.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Hardware {
-    /// The processor as it calls itself, where the system tells (Linux).
+    /// The CPU as it calls itself, where the system tells (Linux).
     pub processor: Option<String>,
     /// Threads that this process may run at once.
     pub threads: u32,

@@ -13,7 +13,7 @@ use std::{
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use sha2::{Digest, Sha256};
 
-use crate::blame::{self, Blame, Blamed};
+use crate::error_kind::{self, Classified, ErrorKind};
 pub use crate::temporary::{remove_abandoned, temporary_beside};
 
 /// A JSON file with a published schema.
@@ -95,12 +95,12 @@ impl StoreError {
     }
 }
 
-impl Blamed for StoreError {
-    fn blame(&self) -> Blame {
+impl Classified for StoreError {
+    fn error_kind(&self) -> ErrorKind {
         match self {
-            Self::Read { .. } | Self::Malformed { .. } | Self::Refused { .. } => Blame::Input,
-            Self::Write { source, .. } if is_bad_path(source.kind()) => Blame::Input,
-            Self::Write { .. } => Blame::Ours,
+            Self::Read { .. } | Self::Malformed { .. } | Self::Refused { .. } => ErrorKind::User,
+            Self::Write { source, .. } if is_bad_path(source.kind()) => ErrorKind::User,
+            Self::Write { .. } => ErrorKind::Internal,
         }
     }
 }
@@ -213,7 +213,7 @@ pub fn write_with(
 /// # Errors
 /// When the file is missing, cannot be read or is larger.
 pub fn read_limited(path: &Path, most_bytes: u64) -> Result<Vec<u8>, StoreError> {
-    blame::reading(path);
+    error_kind::reading(path);
     let failed = |source| StoreError::read(path, source);
     let file = File::open(path).map_err(failed)?;
     let mut bytes = Vec::new();
@@ -329,7 +329,7 @@ fn tag(path: &Path, text: &str) -> Result<Option<String>, StoreError> {
 
 /// Reads a record and checks that it is of the schema asked for.
 pub fn read_record<T: Record>(path: &Path) -> Result<T, StoreError> {
-    blame::reading(path);
+    error_kind::reading(path);
     let text = fs::read_to_string(path).map_err(|source| StoreError::read(path, source))?;
     match tag(path, &text)?.as_deref() {
         Some(schema) if is_read_as::<T>(schema) => {}

@@ -8,7 +8,7 @@ use std::{
 };
 
 use omnilife_schemas::{
-    Blame, Blamed,
+    Classified, ErrorKind,
     records::{
         Backend, Dataset, Direction, Failure, ResultRecord, Summary, VideoEntry, VideoStatus,
     },
@@ -94,7 +94,7 @@ fn a_failed_write_leaves_nothing() {
         Err(io::Error::other("the source broke off"))
     })
     .unwrap_err();
-    assert_eq!(error.blame(), Blame::Ours);
+    assert_eq!(error.error_kind(), ErrorKind::Internal);
     assert_eq!(
         error.to_string(),
         format!(
@@ -131,7 +131,7 @@ fn a_full_disk_is_told_and_keeps_the_old_file() {
         std::os::unix::fs::symlink("/dev/full", store::temporary_beside(&path)).unwrap();
         let error = store::write_bytes(&path, &vec![0; size]).unwrap_err();
         assert!(error.to_string().contains("No space left"), "{error}");
-        assert_eq!(error.blame(), Blame::Ours);
+        assert_eq!(error.error_kind(), ErrorKind::Internal);
         assert_eq!(fs::read(&path).unwrap(), b"old");
         assert_eq!(names(folder.path()), ["image.png"]);
     }
@@ -225,7 +225,7 @@ fn a_record_that_json_cannot_hold_is_refused() {
     let path = folder.path().join("result.json");
     for value in [f64::NAN, f64::INFINITY] {
         let error = store::write_record(&path, &result(value)).unwrap_err();
-        assert_eq!(error.blame(), Blame::Ours);
+        assert_eq!(error.error_kind(), ErrorKind::Internal);
     }
     assert!(names(folder.path()).is_empty());
 }
@@ -236,7 +236,7 @@ fn another_schema_is_named_in_the_error() {
     let path = folder.path().join("result.json");
     store::write_record(&path, &dataset()).unwrap();
     let error = store::read_record::<ResultRecord>(&path).unwrap_err();
-    assert_eq!(error.blame(), Blame::Input);
+    assert_eq!(error.error_kind(), ErrorKind::User);
     assert_eq!(
         error.to_string(),
         format!(
@@ -272,7 +272,7 @@ fn broken_records_are_input_errors_of_one_line() {
             "{message}"
         );
         assert!(!message.contains('\n'), "{message}");
-        assert_eq!(error.blame(), Blame::Input);
+        assert_eq!(error.error_kind(), ErrorKind::User);
     }
 }
 

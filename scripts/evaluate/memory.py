@@ -51,7 +51,7 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--omnilife", required=True)
     parser.add_argument("--seconds", type=float, default=300)
-    parser.add_argument("--command", default="boundaries", choices=["boundaries", "verdict", "build"])
+    parser.add_argument("--command", default="boundaries", choices=["boundaries", "projection", "build"])
     parser.add_argument("video", type=pathlib.Path)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as work:

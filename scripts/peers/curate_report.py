@@ -5,7 +5,7 @@
 PEERS is the folder of programs that `scripts/setup --compare` fills. Everything is a whole process
 on the same file, its start, imports and weights included. Each round runs every command once, so
 that what else the machine does meets all of them; ratios are of the best of the rounds, which is
-what is least disturbed, and their range over the rounds stands beside them. Processor time is user
+what is least disturbed, and their range over the rounds stands beside them. CPU time is user
 and system time of all threads.
 """
 
@@ -31,7 +31,7 @@ def commands(omnilife, peers, video):
     return {
         "decoding": ["ffmpeg", "-nostdin", "-v", "error", "-threads", "2", "-i", video,
                      "-map", "0:v:0", "-f", "null", "-"],
-        "analysis": [*curate, "verdict", video],
+        "analysis": [*curate, "projection", video],
         "detector": [*curate, "boundaries", video],
         "PySceneDetect": [peers / "scenedetect", "-q", "-i", video, "detect-adaptive",
                           "list-scenes", "-n"],
@@ -97,7 +97,7 @@ def main():
         if below in results and above in results:
             said = sentence.format(ratio(results, below, above, "processor"))
             wall = ratio(results, below, above, "wall")
-            print(f"- {said} in processor time, {wall} in wall time ({target})")
+            print(f"- {said} in CPU time, {wall} in wall time ({target})")
 
 
 if __name__ == "__main__":

@@ -75,7 +75,7 @@ def main():
         medians["PyTorch", quantity] / medians["omnilife", quantity]
         for quantity in ("wall_seconds", "processor_seconds")
     ]
-    print(f"\nPyTorch takes {ratios[0]:.2f} times our wall time, {ratios[1]:.2f} our processor time")
+    print(f"\nPyTorch takes {ratios[0]:.2f} times our wall time, {ratios[1]:.2f} our CPU time")
     apart = {
         metric: abs(rows["omnilife"][0]["means"][metric] - rows["PyTorch"][0]["means"][metric])
         for metric in metrics

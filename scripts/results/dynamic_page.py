@@ -68,7 +68,7 @@ def table(rows):
 
 
 def still(folder):
-    """A scene in which nothing moves, with the processor time of whole commands."""
+    """A scene in which nothing moves, with the CPU time of whole commands."""
     methods = {name: runs(folder, name) for name in ("odgs", "omni4dgs-plus")}
     lines = ["| Method | PSNR | SSIM | Training, CPU s | Whole command, CPU s, seed by seed |", "|---|---:|---:|---:|---:|"]
     for name, found in methods.items():
@@ -97,7 +97,7 @@ def curves(folder, page):
     text = ["[Every point as CSV](dynamic-curves.csv).\n"]
     for number, drawing in enumerate(sorted((folder / "curves").glob("curve-*.svg"))):
         shutil.copy(drawing, images / f"dynamic-curve-{number}.svg")
-        text.append(f"![PSNR of novel views over processor seconds of training](../images/dynamic-curve-{number}.svg)\n")
+        text.append(f"![PSNR of novel views over CPU seconds of training](../images/dynamic-curve-{number}.svg)\n")
     text.append((folder / "curves.md").read_text().strip())
     return "\n".join(text)
 
@@ -109,7 +109,7 @@ def main():
     first = runs(folder / scenes[0], "odgs")[0]
     parts = [BEGIN, f"{first.record['iterations']} iterations, images of "
              f"{'x'.join(map(str, first.result['scored_size']))}, one thread per run, {machine()}, shared with other "
-             "work: processor seconds compare the rows of a table, roughly. Where a method was run with several seeds, "
+             "work: CPU seconds compare the rows of a table, roughly. Where a method was run with several seeds, "
              "the mean and half of the range stand here. Scores are of novel views unless it says input.\n"]
     for scene in scenes:
         rows = [(name, runs(folder / scene, name)) for name in METHODS]

@@ -163,7 +163,7 @@ pub(crate) enum BenchCommand {
         /// Folder for stability.json, stability.md and the drawings.
         #[arg(long)]
         out: Option<PathBuf>,
-        /// What computes; both by default, where there is a graphics adapter.
+        /// What computes; both by default, where there is a GPU.
         #[arg(long, value_enum)]
         backend: Option<BackendArgument>,
     },
@@ -172,7 +172,7 @@ pub(crate) enum BenchCommand {
         /// Folders of scores, or the result.json there.
         #[arg(required = true, value_name = "SCORES")]
         runs: Vec<PathBuf>,
-        /// The time that counts: on the wall's clock, or of the processor, which compares runs of a
+        /// The time that counts: on the wall's clock, or of the CPU, which compares runs of a
         /// machine that has other work too.
         #[arg(long, value_enum, default_value_t = ClockArgument::Wall)]
         clock: ClockArgument,

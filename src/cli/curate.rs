@@ -10,7 +10,7 @@ use omnilife_curate::{
 };
 use omnilife_schemas::{
     provenance::Hardware,
-    records::{Sampling, Verdict},
+    records::{Sampling, VideoProjection},
 };
 
 use super::dataset::{
@@ -32,7 +32,7 @@ pub(crate) struct CurationArguments {
     pub(crate) width: Option<u32>,
     /// Takes the videos as this kind of picture, whatever the evidence says.
     #[arg(long, value_name = "KIND", value_parser = parse_accept)]
-    pub(crate) accept: Option<Verdict>,
+    pub(crate) accept: Option<VideoProjection>,
     /// Drops shots shorter than this, in seconds.
     #[arg(long, default_value_t = 1.0, value_name = "SECONDS")]
     pub(crate) min_shot: f64,
@@ -59,10 +59,10 @@ impl CurationArguments {
     }
 }
 
-fn parse_accept(text: &str) -> Result<Verdict, String> {
-    [Verdict::Erp, Verdict::ErpSqueezed]
+fn parse_accept(text: &str) -> Result<VideoProjection, String> {
+    [VideoProjection::Erp, VideoProjection::ErpSqueezed]
         .into_iter()
-        .find(|verdict| verdict.name() == text)
+        .find(|projection| projection.name() == text)
         .ok_or_else(|| "only erp and erp-squeezed can be accepted".to_owned())
 }
 
@@ -213,7 +213,7 @@ pub(crate) enum CurateCommand {
         video: PathBuf,
     },
     /// Prints whether a video is equirectangular, with evidence, as JSON.
-    Verdict {
+    VideoProjection {
         /// The video.
         video: PathBuf,
     },
@@ -226,7 +226,7 @@ pub(crate) enum CurateCommand {
         /// Also writes the detector's signals, one row per frame, as a Parquet table.
         #[arg(long, value_name = "FILE", conflicts_with = "fast")]
         signals: Option<PathBuf>,
-        /// Decodes only key frames and what they and the sizes of packets make suspicious; may miss
+        /// Decodes only key frames and what they and the sizes of packets make candidate; may miss
         /// what begins and ends between two key frames.
         #[arg(long)]
         fast: bool,
@@ -245,7 +245,7 @@ pub(crate) enum CurateCommand {
         #[arg(long, default_value = "audit.html")]
         out: PathBuf,
     },
-    /// Probe, verdict, boundaries, slices and sampled frames of many videos: a dataset. The same as
+    /// Probe, projection, boundaries, slices and sampled frames of many videos: a dataset. The same as
     /// `omnilife curate VIDEOS`.
     Build(BuildArguments),
     /// Curates one video into its folder in a dataset, as a unit of a sweep does; `omnilife curate`
@@ -263,7 +263,7 @@ pub(crate) enum CurateCommand {
     /// `omnilife run` start for every video.
     #[command(hide = true)]
     Worker,
-    /// Writes one stretch of a video as mp4, frame-accurately and marked as 360-degree video.
+    /// Writes one segment of a video as mp4, frame-accurately and marked as 360-degree video.
     Slice(SliceArguments),
     /// Enters tags and captions of people or programs, and measures how sequences move.
     Annotate(AnnotateArguments),
@@ -374,7 +374,7 @@ impl CurationSettingsArguments {
         let options = [
             Some(sampling),
             width.map(|width| ("--width", width.to_string())),
-            accept.map(|verdict| ("--accept", verdict.name().to_owned())),
+            accept.map(|projection| ("--accept", projection.name().to_owned())),
             Some(("--min-shot", min_shot.to_string())),
             Some(("--detector", detector.detector.clone())),
             Some(("--criteria", self.criteria.clone())),
@@ -435,7 +435,7 @@ mod tests {
 
     #[test]
     fn only_monoscopic_erp_can_be_accepted() {
-        assert_eq!(parse_accept("erp"), Ok(Verdict::Erp));
+        assert_eq!(parse_accept("erp"), Ok(VideoProjection::Erp));
         assert!(parse_accept("eac").is_err());
     }
 }

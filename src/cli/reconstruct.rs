@@ -38,7 +38,7 @@ pub(crate) struct MethodArguments {
     /// as published, or a list.
     #[arg(long, value_name = "auto|full|COMPONENT,...", default_value = "auto", value_parser = plan)]
     pub(crate) plan: PlanChoice,
-    /// What computes: the processor, or a graphics adapter.
+    /// What computes: the CPU, or a GPU.
     #[arg(long, value_enum, default_value_t = BackendArgument::Cpu)]
     pub(crate) backend: BackendArgument,
     /// A row of the trace, with the novel views rendered for the curve of error against run time,

@@ -25,7 +25,7 @@ use omnilife_reconstruct::{
     jobs::reconstruct::RUN_FILE, methods::Method as OurMethod, request::MethodRequest,
 };
 use omnilife_schemas::{
-    Blame, layout::SPLIT_FILE, lock::FolderLock, plain_text::serialize_for_spreadsheet,
+    ErrorKind, layout::SPLIT_FILE, lock::FolderLock, plain_text::serialize_for_spreadsheet,
     progress::Progress, records::ExternalRun, stage::StagePlan, store,
 };
 use serde::Serialize;
@@ -57,7 +57,7 @@ struct Unit {
     #[serde(serialize_with = "serialize_for_spreadsheet")]
     reason: String,
     #[serde(skip)]
-    blame: Option<Blame>,
+    blame: Option<ErrorKind>,
 }
 
 /// Runs everything and prints the tables.
@@ -109,7 +109,7 @@ pub(crate) fn execute(
                         Ok(_) => job.run(),
                         Err(error) => Err(Failure {
                             reason: error.to_string(),
-                            blame: exit::blame(error),
+                            blame: exit::error_kind(error),
                         }),
                     };
                     units.push(unit(id, protocol, &candidate.id, seed, outcome, progress));
@@ -134,7 +134,7 @@ pub(crate) fn execute(
             arguments.out.join("leaderboard/tables").display()
         ))?;
     }
-    verdict(&units)
+    into_result(&units)
 }
 
 fn candidates(arguments: &BenchRunArguments) -> anyhow::Result<Vec<Method>> {
@@ -172,7 +172,7 @@ fn backend_of(method: &OurMethod, asked: BackendArgument) -> BackendArgument {
 /// Why a unit failed.
 struct Failure {
     reason: String,
-    blame: Blame,
+    blame: ErrorKind,
 }
 
 impl<E: std::error::Error + Send + Sync + 'static> From<E> for Failure {
@@ -180,7 +180,7 @@ impl<E: std::error::Error + Send + Sync + 'static> From<E> for Failure {
         let error = anyhow::Error::new(error);
         Self {
             reason: error.to_string(),
-            blame: exit::blame(&error),
+            blame: exit::error_kind(&error),
         }
     }
 }
@@ -268,8 +268,8 @@ impl Job<'_> {
         Err(Failure {
             reason,
             blame: match output.status.code() {
-                Some(2) => Blame::Input,
-                _ => Blame::Ours,
+                Some(2) => ErrorKind::User,
+                _ => ErrorKind::Internal,
             },
         })
     }
@@ -288,7 +288,7 @@ fn unit(
         Ok(0) => ("scored", String::new(), None),
         Ok(views) => {
             let reason = format!("{views} views could not be scored");
-            ("scored", reason, Some(Blame::Input))
+            ("scored", reason, Some(ErrorKind::User))
         }
         Err(failure) => ("failed", failure.reason, Some(failure.blame)),
     };
@@ -307,15 +307,18 @@ fn unit(
 }
 
 /// An error where anything failed, views that could not be scored included.
-fn verdict(units: &[Unit]) -> anyhow::Result<()> {
+fn into_result(units: &[Unit]) -> anyhow::Result<()> {
     let faulty: Vec<&Unit> = units.iter().filter(|unit| unit.blame.is_some()).collect();
     let Some(first) = faulty.first() else {
         return Ok(());
     };
-    let blame = if faulty.iter().any(|unit| unit.blame == Some(Blame::Ours)) {
-        Blame::Ours
+    let blame = if faulty
+        .iter()
+        .any(|unit| unit.blame == Some(ErrorKind::Internal))
+    {
+        ErrorKind::Internal
     } else {
-        Blame::Input
+        ErrorKind::User
     };
     Err(PartialFailure {
         message: format!(

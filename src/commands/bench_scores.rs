@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use omnilife_bench::{Difference, PairedComparison, Predictions, WinsAndLosses};
-use omnilife_schemas::{Blame, progress::Progress, records::Direction};
+use omnilife_schemas::{ErrorKind, progress::Progress, records::Direction};
 
 use crate::exit::{self, PartialFailure};
 
@@ -31,7 +31,7 @@ pub(super) fn validate(
                 "{count} faults in the predictions of {} views",
                 report.views
             ),
-            blame: Blame::Input,
+            blame: ErrorKind::User,
         }
         .into()),
     }

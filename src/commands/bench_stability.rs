@@ -7,7 +7,7 @@ use omnilife_reconstruct::stability::{
     self,
     devices::{Device, DeviceKind},
 };
-use omnilife_schemas::{Blame, lock::FolderLock, progress::Progress};
+use omnilife_schemas::{ErrorKind, lock::FolderLock, progress::Progress};
 
 use crate::{
     cli::BackendArgument,
@@ -43,7 +43,7 @@ pub(crate) fn execute(
     }
     Err(PartialFailure {
         message: format!("{} cases failed: {}", failed.len(), failed.join(", ")),
-        blame: Blame::Ours,
+        blame: ErrorKind::Internal,
     }
     .into())
 }

@@ -4,13 +4,13 @@ use std::path::Path;
 
 use omnilife_curate::{
     CurateSettings, Place, Worker, analysis, audit,
-    boundaries::{self, suspicion},
-    curate_dataset_in, curate_video, expand_inputs, pose_sequence_with,
+    boundaries::{self, key_frame_prefilter},
+    curate_dataset_in, curate_video, expand_inputs, pose_sequence_with, projection,
     publish::{self, PublishSettings},
-    verdict, video, worker,
+    video, worker,
 };
 use omnilife_schemas::{
-    Blamed, ownership::refuse_another_kind, progress::Progress, records::Dataset,
+    Classified, ownership::refuse_another_kind, progress::Progress, records::Dataset,
 };
 use serde::Serialize;
 
@@ -28,9 +28,9 @@ const PARQUET_MAGIC: &[u8] = b"PAR1";
 pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyhow::Result<()> {
     match command {
         CurateCommand::Probe { video } => print_json(&video::probe(video)?),
-        CurateCommand::Verdict { video } => {
+        CurateCommand::VideoProjection { video } => {
             let analysis = analyse(video, boundaries::DEFAULT_DETECTOR, progress)?;
-            print_json(&verdict::judge(
+            print_json(&projection::judge(
                 &analysis.probe,
                 analysis.samples.pictures(),
             ))
@@ -40,7 +40,7 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
             detector,
             fast: true,
             ..
-        } => suspicious_boundaries(video, &detector.detector, progress),
+        } => prefiltered_boundaries(video, &detector.detector, progress),
         CurateCommand::Boundaries {
             video,
             detector,
@@ -126,23 +126,23 @@ fn build(arguments: &BuildArguments, progress: &dyn Progress) -> anyhow::Result<
             &videos[*index].display().to_string(),
             "",
             error,
-            error.blame(),
+            error.error_kind(),
         );
     }
-    outcomes.verdict()?;
+    outcomes.into_result()?;
     printed
 }
 
-fn suspicious_boundaries(
+fn prefiltered_boundaries(
     video: &Path,
     detector: &str,
     progress: &dyn Progress,
 ) -> anyhow::Result<()> {
     let detector = boundaries::detector(detector, video)?;
-    let search = suspicion::search(video, detector, progress)?;
+    let search = key_frame_prefilter::search(video, detector, progress)?;
     progress.note(&format!(
-        "{} of {} stretches between key frames are suspicious; {} frames were decoded for {}",
-        search.suspicious, search.stretches, search.decoded_frames, search.frames
+        "{} of {} segments between key frames are candidate; {} frames were decoded for {}",
+        search.candidate, search.segments, search.decoded_frames, search.frames
     ));
     print_json(&search.boundaries)
 }

@@ -8,7 +8,9 @@ use omnilife_curate::{
     masks::write_masks,
     publish, slicing, video,
 };
-use omnilife_schemas::{Blame, layout::DYNAMIC_MASKS_FOLDER, lock::FolderLock, progress::Progress};
+use omnilife_schemas::{
+    ErrorKind, layout::DYNAMIC_MASKS_FOLDER, lock::FolderLock, progress::Progress,
+};
 
 use crate::{
     cli::{
@@ -24,7 +26,7 @@ pub(crate) fn slice(arguments: &SliceArguments, progress: &dyn Progress) -> anyh
         audio: arguments.audio,
     };
     let (begin, end, out) = (arguments.begin, arguments.end, &arguments.out);
-    let file = slicing::slice_stretch(&arguments.video, begin, end, out, settings, progress)?;
+    let file = slicing::slice_segment(&arguments.video, begin, end, out, settings, progress)?;
     let duration = video::probe(out)?.duration_seconds;
     let how = match file.method {
         omnilife_schemas::records::SliceMethod::Copied => "copied".to_owned(),
@@ -122,7 +124,7 @@ pub(crate) fn verify(dataset: &Path, progress: &dyn Progress) -> anyhow::Result<
     )?;
     Err(PartialFailure {
         message: format!("{}: {} faults", dataset.display(), faults.len()),
-        blame: Blame::Input,
+        blame: ErrorKind::User,
     }
     .into())
 }

@@ -26,7 +26,7 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
             method,
             iterations,
         } => {
-            termination::heed_in_training()?;
+            termination::guard_training()?;
             let record = reconstruct::reconstruct(
                 &ReconstructRequest {
                     scene: scene.clone(),

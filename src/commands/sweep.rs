@@ -10,7 +10,7 @@ use std::{
 
 use anyhow::Context;
 use omnilife_reconstruct::process;
-use omnilife_schemas::{Blame, progress::Progress, records::SweepUnit};
+use omnilife_schemas::{ErrorKind, progress::Progress, records::SweepUnit};
 use omnilife_sweep::{
     PoolLimits, RunRequest, RunSummary, Sweep, SweepError, UnitState,
     history::GroupCost,
@@ -113,7 +113,7 @@ fn run_units(arguments: &SweepRunArguments, progress: &dyn Progress) -> anyhow::
         summary => summary?,
     };
     exit::print(&summary_words(&summary))?;
-    verdict(&summary)
+    into_result(&summary)
 }
 
 fn limits(arguments: &SweepRunArguments) -> anyhow::Result<PoolLimits> {
@@ -162,7 +162,7 @@ fn summary_words(summary: &RunSummary) -> String {
 }
 
 /// An error when anything failed or was too big.
-fn verdict(summary: &RunSummary) -> anyhow::Result<()> {
+fn into_result(summary: &RunSummary) -> anyhow::Result<()> {
     let failed = summary.failed.len() + summary.too_big.len();
     let first = (summary.failed.iter())
         .map(|outcome| {
@@ -188,7 +188,11 @@ fn verdict(summary: &RunSummary) -> anyhow::Result<()> {
         .any(|outcome| outcome.exit_code != Some(2));
     Err(PartialFailure {
         message: format!("{failed} of {all} units failed, the first: {unit}: {reason}"),
-        blame: if ours { Blame::Ours } else { Blame::Input },
+        blame: if ours {
+            ErrorKind::Internal
+        } else {
+            ErrorKind::User
+        },
     }
     .into())
 }

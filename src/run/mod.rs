@@ -27,7 +27,7 @@ use omnilife_reconstruct::{
     request::{BackendChoice, MethodRequest},
 };
 use omnilife_schemas::{
-    Blame, Blamed,
+    Classified, ErrorKind,
     layout::{SCENE_FILE, SPLIT_FILE},
     progress::Progress,
     records::{Dataset, ResultRecord, VideoStatus},
@@ -57,7 +57,7 @@ const SUMMARY_FILES: [&str; 3] = [
 /// # Errors
 /// When nothing could be scored, or something failed beside what was scored.
 pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> anyhow::Result<()> {
-    termination::heed_in_training()?;
+    termination::guard_training()?;
     let videos = expand_inputs(&arguments.videos)?;
     let job = Job {
         poses: arguments.poses.request(),
@@ -100,13 +100,13 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
                     Err(error) => {
                         progress.note(&format!("{id}: {error}"));
                         failed.push(job.method_folder(&folder));
-                        Outcome::failed(&video.file, id, &error, exit::blame(&error))
+                        Outcome::failed(&video.file, id, &error, exit::error_kind(&error))
                     }
                 });
             }
         }
         for (_, error) in curated.errors.iter().filter(|(failed, _)| *failed == index) {
-            outcomes.push(Outcome::failed(&video.file, "", error, error.blame()));
+            outcomes.push(Outcome::failed(&video.file, "", error, error.error_kind()));
         }
     }
     outcomes.write_csv(&arguments.out.join(OUTCOMES_FILE))?;
@@ -133,7 +133,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
         .filter(|file| arguments.out.join(file).is_file());
     summary.finish(made, begun.elapsed().as_secs_f64())?;
     // A closed pipe must not turn a failure into a success.
-    outcomes.verdict()?;
+    outcomes.into_result()?;
     printed
 }
 
@@ -256,7 +256,7 @@ fn refuse_unscored(result: &ResultRecord) -> anyhow::Result<()> {
             "none of its views could be scored{}",
             first.map_or(String::new(), |failure| format!(": {}", failure.reason))
         ),
-        blame: Blame::Ours,
+        blame: ErrorKind::Internal,
     }
     .into())
 }

@@ -3,7 +3,7 @@
 use std::{fmt::Display, path::Path};
 
 use omnilife_schemas::{
-    Blame,
+    ErrorKind,
     plain_text::serialize_for_spreadsheet,
     store::{self, StoreError},
 };
@@ -26,7 +26,7 @@ pub(crate) struct Outcome {
     #[serde(serialize_with = "serialize_for_spreadsheet")]
     pub(crate) reason: String,
     #[serde(skip)]
-    blame: Option<Blame>,
+    blame: Option<ErrorKind>,
 }
 
 impl Outcome {
@@ -50,7 +50,12 @@ impl Outcome {
     }
 
     /// Something failed.
-    pub(crate) fn failed(video: &str, sequence: &str, reason: impl Display, blame: Blame) -> Self {
+    pub(crate) fn failed(
+        video: &str,
+        sequence: &str,
+        reason: impl Display,
+        blame: ErrorKind,
+    ) -> Self {
         Self {
             outcome: "failed",
             reason: reason.to_string(),
@@ -114,7 +119,7 @@ impl Outcomes {
     }
 
     /// An error when anything failed.
-    pub(crate) fn verdict(&self) -> anyhow::Result<()> {
+    pub(crate) fn into_result(&self) -> anyhow::Result<()> {
         let failed: Vec<&Outcome> = self.list.iter().filter(|row| row.has_failed()).collect();
         let Some(first) = failed.first() else {
             return Ok(());
@@ -129,10 +134,13 @@ impl Outcomes {
         };
         Err(PartialFailure {
             message,
-            blame: if failed.iter().any(|row| row.blame == Some(Blame::Ours)) {
-                Blame::Ours
+            blame: if failed
+                .iter()
+                .any(|row| row.blame == Some(ErrorKind::Internal))
+            {
+                ErrorKind::Internal
             } else {
-                Blame::Input
+                ErrorKind::User
             },
         }
         .into())

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use omnilife_schemas::{Blame, Blamed, store::StoreError};
+use omnilife_schemas::{Classified, ErrorKind, store::StoreError};
 
 /// An error of this crate. Messages are one line that names the file or unit and the reason.
 ///
@@ -61,15 +61,15 @@ pub enum SweepError {
     },
 }
 
-impl Blamed for SweepError {
-    fn blame(&self) -> Blame {
+impl Classified for SweepError {
+    fn error_kind(&self) -> ErrorKind {
         match self {
-            Self::Store(error) => error.blame(),
+            Self::Store(error) => error.error_kind(),
             Self::Plan { .. }
             | Self::OtherPlan { .. }
             | Self::UnknownUnit { .. }
-            | Self::Busy { .. } => Blame::Input,
-            Self::Interrupted | Self::Slurm { .. } | Self::Reduce { .. } => Blame::Ours,
+            | Self::Busy { .. } => ErrorKind::User,
+            Self::Interrupted | Self::Slurm { .. } | Self::Reduce { .. } => ErrorKind::Internal,
         }
     }
 }

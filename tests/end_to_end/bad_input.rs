@@ -329,7 +329,7 @@ fn stages_that_are_given_nothing() {
     let out = out.to_str().unwrap();
     for arguments in [
         vec!["curate", "probe", missing],
-        vec!["curate", "verdict", missing],
+        vec!["curate", "projection", missing],
         vec!["curate", "boundaries", missing],
         vec!["curate", "build", missing, "--out", out],
         vec!["curate", "poses", missing, "--poses", missing],

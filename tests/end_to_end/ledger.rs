@@ -52,7 +52,7 @@ fn a_boundary_goes_from_an_annotator_over_an_expert_into_the_cut() {
     let video = set.join("videos/street");
     let video_folder = video.to_str().unwrap();
     let slices: Slices = store::read_record(&video.join("slices.json")).unwrap();
-    assert_eq!(slices.stretches.len(), 1);
+    assert_eq!(slices.segments.len(), 1);
 
     // The annotator: at 0.8 s.
     let table = folder.path().join("anna.csv");

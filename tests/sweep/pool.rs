@@ -342,7 +342,7 @@ fn changed_inputs_and_lost_outputs_make_a_unit_missing() {
     assert_eq!(fs::read_to_string(shell.path("output")).unwrap(), "two");
 }
 
-/// Wall-clock and processor seconds of a command and its children. Processor time is read from the
+/// Wall-clock and CPU seconds of a command and its children. CPU time is read from the
 /// shell, which prints that of its children as `0m1.234s 0m0.567s`.
 fn seconds_of(shell: &Shell, command: &str) -> [f64; 2] {
     let begun = Instant::now();
@@ -381,7 +381,7 @@ fn overhead_is_small() {
     let processor = (pooled[1] - bare[1]) / units;
     println!(
         "{units} units of {seconds} s, four at a time: {:.2} s by xargs, {:.2} s by the pool; per \
-         unit {:.1} ms more, and {:.1} ms more on the processor",
+         unit {:.1} ms more, and {:.1} ms more on the CPU",
         bare[0],
         pooled[0],
         1000.0 * wall,

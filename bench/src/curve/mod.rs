@@ -1,7 +1,7 @@
 //! Error against run time: from the novel views along a training to its curve, and from curves to
 //! time-to-quality tables, drawings and the Pareto front.
 //!
-//! Time, on the wall's clock or the processor's, is that of the training steps alone; how long the
+//! Time, on the wall's clock or the CPU's, is that of the training steps alone; how long the
 //! views along it took to render is reported beside it. Quality is the mean PSNR of the novel views at a
 //! row of the trace, by the metric that scores the predictions. Runs
 //! are compared where scene and protocol are the same.
@@ -111,7 +111,7 @@ fn drawing(scene: &str, clock: Clock, runs: &[TracedRun]) -> Result<String, Stri
         chart: scene,
         x: match clock {
             Clock::Wall => "training time, s",
-            Clock::Cpu => "training time, processor seconds",
+            Clock::Cpu => "training time, CPU seconds",
         },
         y: "PSNR of novel views, dB",
     };
@@ -237,7 +237,7 @@ pub fn curves_table(comparisons: &[Comparison]) -> String {
             comparison.scene,
             comparison.protocol_hash,
             match comparison.curves.first().map(|curve| curve.run.clock) {
-                Some(Clock::Cpu) => ", processor seconds",
+                Some(Clock::Cpu) => ", CPU seconds",
                 _ => "",
             },
             QUALITIES_DB

@@ -18,7 +18,7 @@ pub enum Clock {
     /// Wall-clock time: what a user waits.
     #[default]
     Wall,
-    /// Processor time of all threads: what compares runs of a machine that has other work too.
+    /// CPU time of all threads: what compares runs of a machine that has other work too.
     Cpu,
 }
 
@@ -121,7 +121,7 @@ pub fn read_run(path: &Path, clock: Clock) -> Result<TracedRun, BenchError> {
         let seconds = match clock {
             Clock::Wall => row.wall_seconds,
             Clock::Cpu => row.cpu_seconds.ok_or_else(|| {
-                BenchError::mismatch(&curve, "does not know the processor time of the training")
+                BenchError::mismatch(&curve, "does not know the CPU time of the training")
             })?,
         };
         if !(seconds.is_finite() && psnr_db.is_finite()) {

@@ -146,7 +146,7 @@ impl Usage {
         None
     }
 
-    /// Processor time since `before`, and the peak memory where it is a new one: the system keeps
+    /// CPU time since `before`, and the peak memory where it is a new one: the system keeps
     /// only the highest of all children, so a lower one cannot be told.
     fn spent_since(before: Option<&Self>) -> (Option<f64>, Option<u64>) {
         let (Some(before), Some(now)) = (before, Self::of_children()) else {

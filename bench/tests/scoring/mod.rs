@@ -7,7 +7,7 @@ use std::{
 
 use omnilife_bench::{BenchError, Predictions, ScoreRequest, protocols, score, split};
 use omnilife_schemas::{
-    Blame, Blamed, RgbImage,
+    Classified, ErrorKind, RgbImage,
     progress::Silent,
     records::{ResultRecord, Scene, Split},
     store,
@@ -97,7 +97,7 @@ impl Bench {
 
     pub(crate) fn refusal(&self) -> String {
         let error = self.score().unwrap_err();
-        assert_eq!(error.blame(), Blame::Input, "{error}");
+        assert_eq!(error.error_kind(), ErrorKind::User, "{error}");
         assert!(!error.to_string().contains('\n'), "{error}");
         error.to_string()
     }

@@ -39,7 +39,7 @@ struct Settings {
     /// Distances that make a step are taken over at least this long, so that one step means the
     /// same at 60 and at 25 frames per second.
     step_seconds: f64,
-    /// Half the span over which `change` compares, and the width of the stretches it averages.
+    /// Half the span over which `change` compares, and the width of the segments it averages.
     change_reach_seconds: f64,
     change_average_seconds: f64,
     /// Half the spans over which layouts are compared. A change is judged by the first that covers
@@ -91,7 +91,7 @@ const SETTINGS: Settings = Settings {
 const ADJACENT: &str = "adjacent";
 /// Signal: distance from the frame `step_seconds` before, at least one frame.
 const STEP: &str = "step";
-/// Signal: distance between the stretches `change_reach_seconds` before and after.
+/// Signal: distance between the segments `change_reach_seconds` before and after.
 const CHANGE: &str = "change";
 /// Signals: correlation of the layouts each of `layout_reach_seconds` before and after.
 const LAYOUTS: [&str; 8] = [

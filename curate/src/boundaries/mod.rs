@@ -9,8 +9,8 @@
 
 mod descriptor;
 pub mod histogram;
+pub mod key_frame_prefilter;
 pub mod signals;
-pub mod suspicion;
 pub mod transnetv2;
 
 pub use signals::{MissingSignal, Signals};

@@ -68,7 +68,7 @@ impl Signals {
     /// # Errors
     /// When the file is missing or not such a table.
     pub fn read_parquet(path: &Path) -> Result<Self, CurateError> {
-        omnilife_schemas::blame::reading(path);
+        omnilife_schemas::error_kind::reading(path);
         let malformed =
             |reason: String| CurateError::Store(store::StoreError::malformed(path, reason));
         let file = File::open(path).map_err(|source| store::StoreError::read(path, source))?;

@@ -10,7 +10,7 @@ pub(super) const CHECK: Check = Check {
         let limit = thresholds.longer_than_seconds?;
         let duration = candidate.probe.duration_seconds;
         // A header may leave it open; the analysis measures it.
-        if duration <= 0.0 && candidate.verdict.is_none() {
+        if duration <= 0.0 && candidate.projection.is_none() {
             return None;
         }
         Some(outcome(

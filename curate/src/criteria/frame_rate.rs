@@ -10,7 +10,7 @@ pub(super) const CHECK: Check = Check {
         let least = thresholds.least_frames_per_second?;
         let rate = candidate.probe.frames_per_second;
         // A header may leave it open; the analysis measures it.
-        if rate <= 0.0 && candidate.verdict.is_none() {
+        if rate <= 0.0 && candidate.projection.is_none() {
             return None;
         }
         let value = match (

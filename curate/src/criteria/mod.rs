@@ -13,7 +13,9 @@ mod undamaged;
 
 use std::path::Path;
 
-use omnilife_schemas::records::{Admission, CheckOutcome, ErpVerdict, OverlayReport, Probe};
+use omnilife_schemas::records::{
+    Admission, CheckOutcome, DetectedProjection, OverlayReport, Probe,
+};
 use serde::Deserialize;
 
 use crate::error::CurateError;
@@ -23,8 +25,8 @@ use crate::error::CurateError;
 pub struct Candidate<'a> {
     /// The probe.
     pub probe: &'a Probe,
-    /// The ERP verdict in force; it says itself whether the user overrode the evidence.
-    pub verdict: Option<&'a ErpVerdict>,
+    /// The ERP projection in force; it says itself whether the user overrode the evidence.
+    pub projection: Option<&'a DetectedProjection>,
     /// Damaged frames.
     pub damaged_frames: Option<u64>,
     /// What stays in the picture.

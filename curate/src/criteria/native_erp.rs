@@ -1,6 +1,6 @@
 //! Is it native ERP?
 
-use omnilife_schemas::records::{ErpVerdict, Verdict};
+use omnilife_schemas::records::{DetectedProjection, VideoProjection};
 
 use super::{Check, outcome};
 
@@ -9,21 +9,21 @@ pub(super) const CHECK: Check = Check {
     id: "native-erp",
     summary: "The video is monoscopic ERP, stored at 2:1.",
     evaluate: |thresholds, candidate| {
-        let ErpVerdict {
-            verdict,
+        let DetectedProjection {
+            projection,
             overridden,
             ..
-        } = candidate.verdict?;
+        } = candidate.projection?;
         let value = match overridden {
-            Some(found) => format!("{}, accepted as {}", found.name(), verdict.name()),
-            None => verdict.name().to_owned(),
+            Some(found) => format!("{}, accepted as {}", found.name(), projection.name()),
+            None => projection.name().to_owned(),
         };
         thresholds.native_erp.then(|| {
             outcome(
                 &CHECK,
-                *verdict == Verdict::Erp,
+                *projection == VideoProjection::Erp,
                 value,
-                Verdict::Erp.name().to_owned(),
+                VideoProjection::Erp.name().to_owned(),
             )
         })
     },

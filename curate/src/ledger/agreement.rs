@@ -22,7 +22,7 @@ pub struct Agreement {
     pub recall: f64,
     /// Harmonic mean of precision and recall; 0 where both are 0.
     pub f1: f64,
-    /// Cohen's kappa over stretches of twice the tolerance, each with a boundary or without:
+    /// Cohen's kappa over segments of twice the tolerance, each with a boundary or without:
     /// 1 for full agreement, 0 for what chance gives.
     pub kappa: f64,
 }
@@ -104,7 +104,7 @@ pub fn matches(
     pairs
 }
 
-/// Cohen's kappa of a table of stretches: both say boundary, one alone does, neither does.
+/// Cohen's kappa of a table of segments: both say boundary, one alone does, neither does.
 fn kappa(
     reference: usize,
     found: usize,
@@ -112,8 +112,8 @@ fn kappa(
     range: TimeRange,
     tolerance_seconds: f64,
 ) -> f64 {
-    let stretches = (range.duration_seconds() / (2.0 * tolerance_seconds.max(1e-3))).ceil();
-    let total = stretches.max((reference + found - matched) as f64).max(1.0);
+    let segments = (range.duration_seconds() / (2.0 * tolerance_seconds.max(1e-3))).ceil();
+    let total = segments.max((reference + found - matched) as f64).max(1.0);
     let share = |count: usize| count as f64 / total;
     let observed = 1.0 - share(reference + found - 2 * matched);
     let (p, q) = (share(reference), share(found));

@@ -5,11 +5,11 @@ use omnilife_schemas::records::{Boundary, TimeRange};
 /// Timestamps are compared with this slack, seconds: files round them.
 const ROUNDING_SECONDS: f64 = 1e-3;
 
-/// Refuses a boundary that is no stretch of the video.
+/// Refuses a boundary that is no segment of the video.
 pub(super) fn boundary(boundary: &Boundary, range: TimeRange) -> Result<(), String> {
     let (begin, end) = (boundary.begin_seconds, boundary.end_seconds);
     if !(begin.is_finite() && end.is_finite()) {
-        return Err(format!("{begin} to {end} s is no stretch of time"));
+        return Err(format!("{begin} to {end} s is no segment of time"));
     }
     if begin >= end {
         return Err(format!("a boundary from {begin} to {end} s does not last"));

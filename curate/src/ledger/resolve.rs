@@ -3,7 +3,7 @@
 //! The rules, in the order of their weight:
 //! 1. The last decision of an expert on a boundary counts: accepted, rejected or moved. What an
 //!    expert proposed is accepted.
-//! 2. A seamless traversal that was not rejected keeps its stretch whole: what detectors alone
+//! 2. A seamless traversal that was not rejected keeps its segment whole: what detectors alone
 //!    found in it does not hold.
 //! 3. Everything else that anybody proposed holds: predictions and annotations are merged.
 //!
@@ -114,9 +114,9 @@ pub fn candidates(entries: &[LedgerEntry], merge_seconds: f64) -> Vec<Candidate>
         .map(|candidate| candidate.boundary.clone())
         .collect();
     for candidate in &mut found {
-        let is_inside = whole.iter().any(|stretch| {
-            stretch.begin_seconds <= candidate.boundary.end_seconds
-                && candidate.boundary.begin_seconds <= stretch.end_seconds
+        let is_inside = whole.iter().any(|segment| {
+            segment.begin_seconds <= candidate.boundary.end_seconds
+                && candidate.boundary.begin_seconds <= segment.end_seconds
         });
         if candidate.status == Status::Proposed
             && candidate.boundary.kind.separates()

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use omnilife_schemas::{Blame, Blamed};
+use omnilife_schemas::{Classified, ErrorKind};
 
 /// What goes wrong with structure from motion.
 #[derive(Debug, thiserror::Error)]
@@ -39,11 +39,13 @@ pub enum SfmError {
     },
 }
 
-impl Blamed for SfmError {
-    fn blame(&self) -> Blame {
+impl Classified for SfmError {
+    fn error_kind(&self) -> ErrorKind {
         match self {
-            Self::NotInstalled { .. } | Self::Broken { .. } | Self::Run { .. } => Blame::Ours,
-            Self::NoPoses { .. } => Blame::Input,
+            Self::NotInstalled { .. } | Self::Broken { .. } | Self::Run { .. } => {
+                ErrorKind::Internal
+            }
+            Self::NoPoses { .. } => ErrorKind::User,
         }
     }
 }

@@ -58,7 +58,7 @@ const FILES: &str = "\
 |---|---|
 | `dataset.json` | every video with its outcome and the folders of its sequences |
 | `attrition.csv`, `funnel.csv` | every reject with its reason, and what each step leaves |
-| `videos/*/analysis.json` | probe and ERP verdict, with evidence |
+| `videos/*/analysis.json` | probe and ERP projection, with evidence |
 | `videos/*/boundaries.json` | shot boundaries |
 | `videos/*/slices.json` | what became of every second of the video |
 | `videos/*/slices/*.mp4` | the sequences as video, where they were asked for |

@@ -56,7 +56,7 @@ pub struct SequenceRow {
     pub dynamics: String,
     /// Frames with a pose.
     pub posed_frames: usize,
-    /// Verdict of the pose validation; empty without poses.
+    /// VideoProjection of the pose validation; empty without poses.
     pub poses: String,
 }
 

@@ -5,7 +5,9 @@ use std::path::Path;
 use omnilife_schemas::{
     layout::{ABOUT_FILE, CHECKSUMS_FILE, DATASET_FILE, FUNNEL_FILE, SEQUENCE_FILE, SLICES_FILE},
     progress::Progress,
-    records::{About, Dataset, Sequence, SliceFile, Slices, StretchFate, VideoStatus, check_file},
+    records::{
+        About, Dataset, SegmentOutcome, Sequence, SliceFile, Slices, VideoStatus, check_file,
+    },
     store,
 };
 use serde::Deserialize;
@@ -13,7 +15,7 @@ use serde::Deserialize;
 use super::{Statistics, checksums, derived_files};
 use crate::{error::CurateError, video};
 
-/// Stretches meet where they differ by no more than this, seconds: they are the same numbers,
+/// Segments meet where they differ by no more than this, seconds: they are the same numbers,
 /// written and read once.
 const TIME_TOLERANCE_SECONDS: f64 = 1e-9;
 
@@ -23,8 +25,8 @@ const FUNNEL_TOLERANCE_SECONDS: f64 = 1e-6;
 /// Checks a published dataset and returns one line per fault; none means that it is sound.
 ///
 /// Checked are: a checksum of every file, no file missing and none too many; every record against
-/// its schema; sequences and frames that the records name; that the stretches of every video add up
-/// to its duration and the funnel to the sequences; that every slice lasts as long as its stretch; and that statistics and card say
+/// its schema; sequences and frames that the records name; that the segments of every video add up
+/// to its duration and the funnel to the sequences; that every slice lasts as long as its segment; and that statistics and card say
 /// what the records say.
 ///
 /// # Errors
@@ -111,7 +113,7 @@ fn check_sums(folder: &Path, files: &[String], faults: &mut Faults, progress: &d
     }
 }
 
-/// Sequences, frames and stretches of one video.
+/// Sequences, frames and segments of one video.
 fn check_video(folder: &Path, sequences: &[String], sha256: Option<&str>, faults: &mut Faults) {
     let mut kept = Vec::new();
     let mut video_folder = None;
@@ -150,11 +152,11 @@ fn check_video(folder: &Path, sequences: &[String], sha256: Option<&str>, faults
     let shown = path.display();
     check_partition(&slices, &shown.to_string(), faults);
     let recorded = slices
-        .stretches
+        .segments
         .iter()
-        .filter_map(|stretch| match &stretch.fate {
-            StretchFate::Kept { sequence, slice } => Some((stretch.range, sequence, slice)),
-            StretchFate::TooShort | StretchFate::Transition => None,
+        .filter_map(|segment| match &segment.outcome {
+            SegmentOutcome::Kept { sequence, slice } => Some((segment.range, sequence, slice)),
+            SegmentOutcome::TooShort | SegmentOutcome::Transition => None,
         });
     let mut count = 0;
     for (range, sequence, slice) in recorded {
@@ -164,7 +166,7 @@ fn check_video(folder: &Path, sequences: &[String], sha256: Option<&str>, faults
             .any(|(name, kept)| name.ends_with(sequence.as_str()) && *kept == range);
         if !is_known {
             faults.add(format!(
-                "{shown}: {sequence} is no sequence of this stretch"
+                "{shown}: {sequence} is no sequence of this segment"
             ));
         }
         if let Some(slice) = slice {
@@ -173,7 +175,7 @@ fn check_video(folder: &Path, sequences: &[String], sha256: Option<&str>, faults
     }
     if count != kept.len() {
         faults.add(format!(
-            "{shown}: keeps {count} stretches for {} sequences",
+            "{shown}: keeps {count} segments for {} sequences",
             kept.len()
         ));
     }
@@ -225,22 +227,22 @@ fn check_funnel(folder: &Path, dataset: &Dataset, rows: &[FunnelRow], faults: &m
     }
 }
 
-/// Stretches have to cover the video from its beginning to its end without gaps or overlaps.
+/// Segments have to cover the video from its beginning to its end without gaps or overlaps.
 fn check_partition(slices: &Slices, name: &str, faults: &mut Faults) {
     let mut reached = slices.range.begin_seconds;
-    for stretch in &slices.stretches {
-        let gap = stretch.range.begin_seconds - reached;
-        if gap.abs() > TIME_TOLERANCE_SECONDS || stretch.range.duration_seconds() <= 0.0 {
+    for segment in &slices.segments {
+        let gap = segment.range.begin_seconds - reached;
+        if gap.abs() > TIME_TOLERANCE_SECONDS || segment.range.duration_seconds() <= 0.0 {
             faults.add(format!(
-                "{name}: the stretch from {} s to {} s does not follow what ends at {reached} s",
-                stretch.range.begin_seconds, stretch.range.end_seconds
+                "{name}: the segment from {} s to {} s does not follow what ends at {reached} s",
+                segment.range.begin_seconds, segment.range.end_seconds
             ));
         }
-        reached = stretch.range.end_seconds;
+        reached = segment.range.end_seconds;
     }
     if (reached - slices.range.end_seconds).abs() > TIME_TOLERANCE_SECONDS {
         faults.add(format!(
-            "{name}: the stretches end at {reached} s, the video at {} s",
+            "{name}: the segments end at {reached} s, the video at {} s",
             slices.range.end_seconds
         ));
     }
@@ -254,7 +256,7 @@ fn check_slice(folder: &Path, slice: &SliceFile, duration_seconds: f64, faults: 
     let frame = 1.0 / probe.frames_per_second.max(1.0);
     if (probe.duration_seconds - duration_seconds).abs() > frame {
         faults.add(format!(
-            "{}: lasts {:.3} s, its stretch {duration_seconds:.3} s",
+            "{}: lasts {:.3} s, its segment {duration_seconds:.3} s",
             path.display(),
             probe.duration_seconds
         ));

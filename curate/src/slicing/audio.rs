@@ -35,7 +35,7 @@ pub(super) fn has_audio(path: &Path) -> Result<bool, CurateError> {
         .is_some())
 }
 
-/// The sound of one stretch of a video, read beside its pictures.
+/// The sound of one segment of a video, read beside its pictures.
 pub struct AudioTrack {
     input: Input,
     index: usize,
@@ -74,7 +74,7 @@ impl AudioTrack {
         })))
     }
 
-    /// The next packet that begins inside the stretch, with timestamps from its beginning.
+    /// The next packet that begins inside the segment, with timestamps from its beginning.
     fn next(&mut self) -> Option<(f64, Packet)> {
         loop {
             let mut packet = Packet::empty();

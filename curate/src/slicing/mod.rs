@@ -1,6 +1,6 @@
-//! From boundaries to slices: which stretches of a video are kept, and an mp4 of each of them.
+//! From boundaries to slices: which segments of a video are kept, and an mp4 of each of them.
 //!
-//! [`partition`] divides the whole of a video into shots that are kept and stretches that are not.
+//! [`partition`] divides the whole of a video into shots that are kept and segments that are not.
 //! [`slice_video`] writes the kept ones as mp4, frame-accurately by presentation timestamp and with
 //! spherical metadata ([`spherical_boxes`]), so that players show them as 360-degree video.
 //!
@@ -29,7 +29,7 @@ use omnilife_schemas::{
 };
 
 pub use mp4::Projection;
-pub use partition::{Shots, shots, stretches};
+pub use partition::{Shots, segments, shots};
 pub(crate) use stage::remove_slices;
 pub use stage::{SliceSettings, write_slices};
 pub use view_video::ViewVideoWriter;
@@ -40,7 +40,7 @@ use packets::PacketTable;
 /// One slice to be written.
 #[derive(Debug, Clone)]
 pub struct SliceRequest {
-    /// Its stretch of the source.
+    /// Its segment of the source.
     pub range: TimeRange,
     /// The mp4 to write.
     pub path: PathBuf,
@@ -60,7 +60,7 @@ pub struct SliceSource<'a> {
 }
 
 impl SliceSource<'_> {
-    /// Timestamps of the frames inside a stretch.
+    /// Timestamps of the frames inside a segment.
     fn times_in(&self, range: TimeRange) -> &[f64] {
         let first = self.times.partition_point(|&t| t < range.begin_seconds);
         let last = self.times.partition_point(|&t| t < range.end_seconds);
@@ -68,7 +68,7 @@ impl SliceSource<'_> {
     }
 }
 
-/// Writes slices as mp4 and reads each of them back: it has to hold the frames of its stretch and
+/// Writes slices as mp4 and reads each of them back: it has to hold the frames of its segment and
 /// no others, at the same distances in time.
 ///
 /// # Errors
@@ -121,13 +121,13 @@ pub fn slice_video(
     Ok(files.into_iter().flatten().collect())
 }
 
-/// Writes one stretch of a video to `out`, from its first frame where no beginning is given and to
+/// Writes one segment of a video to `out`, from its first frame where no beginning is given and to
 /// the end of its last where no end is.
 ///
 /// # Errors
-/// As [`slice_video`], [`CurateError::Input`] for a stretch without frames, and when there is a file
+/// As [`slice_video`], [`CurateError::Input`] for a segment without frames, and when there is a file
 /// under this name.
-pub fn slice_stretch(
+pub fn slice_segment(
     video: &Path,
     begin_seconds: Option<f64>,
     end_seconds: Option<f64>,
@@ -209,7 +209,7 @@ fn describe(
     })
 }
 
-/// Reads a slice back; the error says in what it differs from its stretch of the source.
+/// Reads a slice back; the error says in what it differs from its segment of the source.
 fn check(source: &SliceSource<'_>, request: &SliceRequest) -> Result<(), String> {
     let expected = source.times_in(request.range);
     let mut reader = VideoReader::open(&request.path).map_err(|error| error.to_string())?;

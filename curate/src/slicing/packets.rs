@@ -1,4 +1,4 @@
-//! The packets of a video stream, and which stretches of it can be copied without re-encoding.
+//! The packets of a video stream, and which segments of it can be copied without re-encoding.
 
 use std::path::Path;
 
@@ -108,7 +108,7 @@ impl PacketTable {
 
     /// The packets that show exactly the frames of `range`, if they can be decoded by themselves.
     ///
-    /// They can if the first frame is a key frame and the packets of the stretch follow each other
+    /// They can if the first frame is a key frame and the packets of the segment follow each other
     /// in order of decoding: packets depend on earlier ones only, and none is missing or too many.
     pub fn copyable(&self, range: TimeRange) -> Option<Run> {
         if !self.fits_mp4 {

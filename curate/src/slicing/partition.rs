@@ -1,7 +1,7 @@
-//! From boundaries to shots: the stretches of a video that one continuous take covers, and what is
+//! From boundaries to shots: the segments of a video that one continuous take covers, and what is
 //! left between them.
 
-use omnilife_schemas::records::{Boundary, Stretch, StretchFate, TimeRange};
+use omnilife_schemas::records::{Boundary, Segment, SegmentOutcome, TimeRange};
 
 /// The shots of a video.
 #[derive(Debug, Clone, PartialEq)]
@@ -14,7 +14,7 @@ pub struct Shots {
 
 /// Cuts a video into shots at its boundaries.
 ///
-/// `times` are the timestamps of all frames in order, `range` their whole stretch, and `boundaries`
+/// `times` are the timestamps of all frames in order, `range` their whole segment, and `boundaries`
 /// are in order of time. The interior of a gradual transition belongs to no shot: the old one ends
 /// after the frame at `begin_seconds`, the new one begins with the frame at `end_seconds`. Shots
 /// shorter than `minimum_seconds` are dropped.
@@ -51,39 +51,39 @@ pub fn shots(
 
 /// The whole of `range` without gaps or overlaps: shots as [`shots`] finds them, and the interiors
 /// of the transitions between them. `name` gives the sequence of a kept shot by its number.
-pub fn stretches(range: TimeRange, shots: &Shots, name: impl Fn(usize) -> String) -> Vec<Stretch> {
+pub fn segments(range: TimeRange, shots: &Shots, name: impl Fn(usize) -> String) -> Vec<Segment> {
     let kept = shots
         .kept
         .iter()
         .enumerate()
-        .map(|(index, &range)| Stretch {
+        .map(|(index, &range)| Segment {
             range,
-            fate: StretchFate::Kept {
+            outcome: SegmentOutcome::Kept {
                 sequence: name(index),
                 slice: None,
             },
         });
-    let dropped = shots.dropped.iter().map(|&range| Stretch {
+    let dropped = shots.dropped.iter().map(|&range| Segment {
         range,
-        fate: StretchFate::TooShort,
+        outcome: SegmentOutcome::TooShort,
     });
-    let mut known: Vec<Stretch> = kept.chain(dropped).collect();
+    let mut known: Vec<Segment> = kept.chain(dropped).collect();
     known.sort_by(|a, b| a.range.begin_seconds.total_cmp(&b.range.begin_seconds));
     let mut all = Vec::with_capacity(2 * known.len() + 1);
     let mut reached = range.begin_seconds;
-    let transition = |begin_seconds, end_seconds| Stretch {
+    let transition = |begin_seconds, end_seconds| Segment {
         range: TimeRange {
             begin_seconds,
             end_seconds,
         },
-        fate: StretchFate::Transition,
+        outcome: SegmentOutcome::Transition,
     };
-    for stretch in known {
-        if stretch.range.begin_seconds > reached {
-            all.push(transition(reached, stretch.range.begin_seconds));
+    for segment in known {
+        if segment.range.begin_seconds > reached {
+            all.push(transition(reached, segment.range.begin_seconds));
         }
-        reached = stretch.range.end_seconds;
-        all.push(stretch);
+        reached = segment.range.end_seconds;
+        all.push(segment);
     }
     if range.end_seconds > reached {
         all.push(transition(reached, range.end_seconds));
@@ -129,15 +129,15 @@ mod tests {
         };
         assert_eq!(found.kept, [span(0, times[30]), span(40, 10.0)]);
         assert_eq!(found.dropped, [span(30, times[35])]);
-        let all = stretches(range, &found, |index| format!("seq-{index:03}"));
-        let fates: Vec<&StretchFate> = all.iter().map(|stretch| &stretch.fate).collect();
+        let all = segments(range, &found, |index| format!("seq-{index:03}"));
+        let outcomes: Vec<&SegmentOutcome> = all.iter().map(|segment| &segment.outcome).collect();
         assert!(matches!(
-            fates[..],
+            outcomes[..],
             [
-                StretchFate::Kept { .. },
-                StretchFate::TooShort,
-                StretchFate::Transition,
-                StretchFate::Kept { .. }
+                SegmentOutcome::Kept { .. },
+                SegmentOutcome::TooShort,
+                SegmentOutcome::Transition,
+                SegmentOutcome::Kept { .. }
             ]
         ));
         assert_eq!(all[2].range, span(35, times[40]));
@@ -164,7 +164,7 @@ mod tests {
             }
             let found = shots(&times, range, &boundaries, 0.0);
             prop_assert!(found.dropped.is_empty());
-            let all = stretches(range, &found, |index| index.to_string());
+            let all = segments(range, &found, |index| index.to_string());
             prop_assert_eq!(all[0].range.begin_seconds, range.begin_seconds);
             prop_assert_eq!(all[all.len() - 1].range.end_seconds, range.end_seconds);
             for pair in all.windows(2) {

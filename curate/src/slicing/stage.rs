@@ -5,13 +5,13 @@ use std::{path::Path, time::Instant};
 use omnilife_schemas::{
     layout::{SLICES_FILE, SLICES_FOLDER, sequence_name},
     progress::Progress,
-    records::{Slices, StretchFate, VideoAnalysis},
+    records::{SegmentOutcome, Slices, VideoAnalysis},
     stage::StagePlan,
     store::{self, StoreError},
 };
 use serde::{Deserialize, Serialize};
 
-use super::{Shots, SliceRequest, SliceSource, slice_video, stretches};
+use super::{Shots, SliceRequest, SliceSource, segments, slice_video};
 use crate::{error::CurateError, staging::Staging};
 
 /// Name of the stage.
@@ -52,7 +52,7 @@ pub fn write_slices(
     let mut record = Slices {
         source: analysis.source.clone(),
         range: analysis.range,
-        stretches: stretches(analysis.range, shots, sequence_name),
+        segments: segments(analysis.range, shots, sequence_name),
     };
     let path = folder.join(SLICES_FILE);
     if path.exists() {
@@ -66,7 +66,7 @@ pub fn write_slices(
     };
     let plan = StagePlan::new(folder, STAGE)
         .with_hash("video", analysis.source.sha256.clone())
-        .with_settings("stretches", &record)
+        .with_settings("segments", &record)
         .with_settings("settings", &settings);
     if plan.is_done() {
         progress.note(&format!(
@@ -89,8 +89,8 @@ pub fn write_slices(
         });
     }
     let mut files = slice_video(video, &requests, settings, progress)?.into_iter();
-    for stretch in &mut record.stretches {
-        if let StretchFate::Kept { slice, .. } = &mut stretch.fate {
+    for segment in &mut record.segments {
+        if let SegmentOutcome::Kept { slice, .. } = &mut segment.outcome {
             *slice = files.next();
         }
     }

@@ -316,7 +316,7 @@ impl VideoReader {
 
 /// Opens a container of local data only, with FFmpeg's own log silenced.
 pub(crate) fn open_container(path: &Path) -> Result<context::Input, CurateError> {
-    omnilife_schemas::blame::reading(path);
+    omnilife_schemas::error_kind::reading(path);
     ffmpeg::init().map_err(|error| CurateError::internal(path, error))?;
     ffmpeg::log::set_level(ffmpeg::log::Level::Quiet);
     let metadata = std::fs::metadata(path)

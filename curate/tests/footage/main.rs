@@ -1,13 +1,13 @@
-//! What curation finds in footage: verdicts, boundaries, overlays. The real clips are beside the
+//! What curation finds in footage: projections, boundaries, overlays. The real clips are beside the
 //! checkout; each is analysed once for all tests.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod key_frame_prefilter;
 mod overlays;
 mod projections;
 mod real_clips;
 #[path = "../support/mod.rs"]
 mod support;
-mod suspicion;
 
 use std::{
     collections::BTreeMap,

@@ -1,4 +1,4 @@
-//! The ERP verdict on versions of real and rendered footage in other projections and layouts, made
+//! The ERP projection on versions of real and rendered footage in other projections and layouts, made
 //! by `scripts/fixtures/projections`.
 
 use std::{
@@ -6,7 +6,7 @@ use std::{
     process::Command,
 };
 
-use omnilife_curate::{analysis::analyse, boundaries::DETECTORS, verdict::judge};
+use omnilife_curate::{analysis::analyse, boundaries::DETECTORS, projection::judge};
 use omnilife_schemas::{progress::Silent, store::paths_in};
 
 use crate::support;
@@ -28,10 +28,10 @@ fn mistaken(source: &Path) -> Vec<String> {
     for folder in paths_in(temp.path()).unwrap() {
         for video in paths_in(&folder).unwrap() {
             let analysis = analyse(&video, &DETECTORS[0], &Silent).unwrap();
-            let verdict = judge(&analysis.probe, analysis.samples.pictures());
+            let projection = judge(&analysis.probe, analysis.samples.pictures());
             let expected = folder.file_name().unwrap().to_string_lossy();
-            if verdict.verdict.name() != expected {
-                let values: Vec<String> = verdict
+            if projection.projection.name() != expected {
+                let values: Vec<String> = projection
                     .evidence
                     .iter()
                     .map(|evidence| format!("{} {:.3}", evidence.test, evidence.value))
@@ -40,7 +40,7 @@ fn mistaken(source: &Path) -> Vec<String> {
                     "{} of {}: {} instead of {expected} ({})",
                     video.file_stem().unwrap().to_string_lossy(),
                     source.display(),
-                    verdict.verdict.name(),
+                    projection.projection.name(),
                     values.join(", ")
                 ));
             }

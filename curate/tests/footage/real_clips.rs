@@ -1,42 +1,42 @@
 //! Real footage beside the checkout; skipped with a reason where it is not there.
 
-use omnilife_curate::{analysis::Analysis, boundaries::DETECTORS, verdict};
-use omnilife_schemas::records::{Boundary, BoundaryKind, Verdict};
+use omnilife_curate::{analysis::Analysis, boundaries::DETECTORS, projection};
+use omnilife_schemas::records::{Boundary, BoundaryKind, VideoProjection};
 
 use crate::{of_real_clip, support};
 
-/// A clip with the verdict it must get and the frames at which its shots begin; a transition is
+/// A clip with the projection it must get and the frames at which its shots begin; a transition is
 /// given by its first and last frame.
 struct Expectation {
     file: &'static str,
-    verdict: Verdict,
+    projection: VideoProjection,
     boundaries: &'static [(usize, usize)],
 }
 
 const CLIPS: &[Expectation] = &[
     Expectation {
         file: "tunnel.mp4",
-        verdict: Verdict::ErpSqueezed,
+        projection: VideoProjection::ErpSqueezed,
         boundaries: &[],
     },
     Expectation {
         file: "reef.mp4",
-        verdict: Verdict::ErpSqueezed,
+        projection: VideoProjection::ErpSqueezed,
         boundaries: &[(714, 718), (890, 890), (1059, 1059)],
     },
     Expectation {
         file: "city4k.mp4",
-        verdict: Verdict::Erp,
+        projection: VideoProjection::Erp,
         boundaries: &[],
     },
     Expectation {
         file: "congo_stereo.mp4",
-        verdict: Verdict::ErpStereoTb,
+        projection: VideoProjection::ErpStereoTb,
         boundaries: &[],
     },
     Expectation {
         file: "bikes.mp4",
-        verdict: Verdict::Rectilinear,
+        projection: VideoProjection::Rectilinear,
         boundaries: &[(30, 30), (76, 76), (137, 137), (187, 187), (242, 242)],
     },
 ];
@@ -58,7 +58,7 @@ fn frames(analysis: &Analysis, boundary: &Boundary) -> (usize, usize) {
 }
 
 #[test]
-fn verdicts_and_boundaries() {
+fn projections_and_boundaries() {
     for expected in CLIPS {
         of_real_clip(expected.file, |_, analysis| {
             assert_as_expected(expected, analysis);
@@ -67,16 +67,20 @@ fn verdicts_and_boundaries() {
 }
 
 fn assert_as_expected(expected: &Expectation, analysis: &Analysis) {
-    let verdict = verdict::judge(&analysis.probe, analysis.samples.pictures());
-    println!("{}: {}", expected.file, verdict.verdict.name());
-    for evidence in &verdict.evidence {
+    let projection = projection::judge(&analysis.probe, analysis.samples.pictures());
+    println!("{}: {}", expected.file, projection.projection.name());
+    for evidence in &projection.evidence {
         println!(
             "  {:20} {:.3} (limit {})",
             evidence.test, evidence.value, evidence.limit
         );
     }
-    assert_eq!(verdict.verdict, expected.verdict, "{}", expected.file);
-    assert_eq!(verdict.disagreement, None, "{}", expected.file);
+    assert_eq!(
+        projection.projection, expected.projection,
+        "{}",
+        expected.file
+    );
+    assert_eq!(projection.disagreement, None, "{}", expected.file);
 
     let found = (DETECTORS[0].decide)(&analysis.signals).unwrap();
     let spans: Vec<_> = found

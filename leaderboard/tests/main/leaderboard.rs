@@ -10,7 +10,7 @@ use omnilife_leaderboard::{
     LeaderboardError, LeaderboardRequest, build, build_leaderboard, check_leaderboard,
 };
 use omnilife_schemas::{
-    Blame, Blamed,
+    Classified, ErrorKind,
     records::{Direction, Failure, ResultRecord, Summary},
 };
 
@@ -216,7 +216,7 @@ fn check_finds_what_is_out_of_date() {
     };
     let message = |request: &LeaderboardRequest| {
         let error = check_leaderboard(request).unwrap_err();
-        assert_eq!(error.blame(), Blame::Input);
+        assert_eq!(error.error_kind(), ErrorKind::User);
         error.to_string()
     };
     assert!(

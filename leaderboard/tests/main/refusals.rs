@@ -6,7 +6,7 @@ use crate::{
     support::{summary, write},
 };
 use omnilife_leaderboard::{build, build_leaderboard};
-use omnilife_schemas::{Blame, Blamed, records::ResultRecord};
+use omnilife_schemas::{Classified, ErrorKind, records::ResultRecord};
 
 fn refusal(change: impl Fn(&mut ResultRecord)) -> String {
     let mut results = study();
@@ -18,7 +18,7 @@ fn refusal(change: impl Fn(&mut ResultRecord)) -> String {
         .collect();
     let out = tempfile::tempdir().unwrap();
     let error = build(&results, out.path()).unwrap_err();
-    assert_eq!(error.blame(), Blame::Input);
+    assert_eq!(error.error_kind(), ErrorKind::User);
     let message = error.to_string();
     assert!(
         message.starts_with("3/result.json: ") && !message.contains('\n'),

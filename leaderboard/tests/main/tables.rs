@@ -7,7 +7,7 @@ use std::{
 use crate::support::{result, summary};
 use omnilife_leaderboard::{LeaderboardError, build, collect};
 use omnilife_schemas::{
-    Blame, Blamed,
+    Classified, ErrorKind,
     records::{Direction, Failure, ResultRecord, Summary},
     store,
 };
@@ -114,7 +114,7 @@ fn the_order_of_results_does_not_matter() {
 fn refusal(results: Vec<ResultRecord>) -> String {
     let out = tempfile::tempdir().unwrap();
     let error = build(&with_paths(results), out.path()).unwrap_err();
-    assert_eq!(error.blame(), Blame::Input);
+    assert_eq!(error.error_kind(), ErrorKind::User);
     assert_eq!(fs::read_dir(out.path()).unwrap().count(), 0);
     error.to_string()
 }
@@ -201,7 +201,7 @@ fn broken_and_missing_results_are_told() {
     write(&folder.path().join("b"), &two_methods()[1]);
     fs::write(&path, "{").unwrap();
     let error = collect(folder.path()).unwrap_err();
-    assert_eq!(error.blame(), Blame::Input);
+    assert_eq!(error.error_kind(), ErrorKind::User);
     assert!(error.to_string().starts_with(path.to_str().unwrap()));
 }
 

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use glam::{DQuat, Mat3, Vec3, dvec3};
 use omnilife_engine::{
     camera::View,
-    gaussians::{InstantGaussians, static_gaussians},
+    gaussians::{ActivatedGaussians, static_gaussians},
     losses::photometric::cpu::Loss,
     parameters::{ParameterTable, adam},
     render::{cpu::Renderer, raster::RasterGradient, settings::RenderSettings},
@@ -64,8 +64,8 @@ pub(crate) fn view(width: u32) -> View {
 pub(crate) struct Iteration {
     pub(crate) view: View,
     pub(crate) table: ParameterTable,
-    pub(crate) instant: InstantGaussians,
-    pub(crate) gradient: InstantGaussians,
+    pub(crate) instant: ActivatedGaussians,
+    pub(crate) gradient: ActivatedGaussians,
     pub(crate) renderer: Renderer,
     pub(crate) loss: Loss,
     pub(crate) target: Vec<f32>,
@@ -77,16 +77,16 @@ impl Iteration {
     pub(crate) fn new(count: usize, width: u32, settings: RenderSettings) -> Self {
         let view = view(width);
         let mut renderer = Renderer::new(settings);
-        let mut instant = InstantGaussians::default();
-        static_gaussians::instantiate(&scene(count / 2), &mut instant);
+        let mut instant = ActivatedGaussians::default();
+        static_gaussians::activate(&scene(count / 2), &mut instant);
         let target = renderer.image(&view, &instant).data;
         let table = scene(count);
-        static_gaussians::instantiate(&table, &mut instant);
+        static_gaussians::activate(&table, &mut instant);
         Self {
             view,
             table,
             instant,
-            gradient: InstantGaussians::default(),
+            gradient: ActivatedGaussians::default(),
             renderer,
             loss: Loss::new(width as usize, width as usize / 2),
             target,
@@ -95,7 +95,7 @@ impl Iteration {
     }
 
     /// Forward, loss, backward and Adam, as training orders them. `done` is called with the name of
-    /// each stage and the processor time that it took, in seconds. Returns the loss.
+    /// each stage and the CPU time that it took, in seconds. Returns the loss.
     pub(crate) fn run(&mut self, mut done: impl FnMut(&'static str, f64)) -> f64 {
         let mut begun = cpu_seconds();
         let mut lap = |name: &'static str| {
@@ -103,8 +103,8 @@ impl Iteration {
             done(name, now - begun);
             begun = now;
         };
-        static_gaussians::instantiate(&self.table, &mut self.instant);
-        lap("instantiate");
+        static_gaussians::activate(&self.table, &mut self.instant);
+        lap("activate");
         let raster = self
             .renderer
             .forward_timed(&self.view, &self.instant, &mut lap);
@@ -123,8 +123,8 @@ impl Iteration {
             &mut self.gradient,
             &mut lap,
         );
-        static_gaussians::instantiate_vjp(&mut self.table, &self.instant, &self.gradient);
-        lap("instantiate backward");
+        static_gaussians::activate_vjp(&mut self.table, &self.instant, &self.gradient);
+        lap("activate backward");
         self.step += 1;
         for array in &mut self.table.arrays {
             adam::cpu::step(array, self.step);
@@ -134,7 +134,7 @@ impl Iteration {
     }
 }
 
-/// Processor time of this process so far, in seconds: what other programs take does not count.
+/// CPU time of this process so far, in seconds: what other programs take does not count.
 pub(crate) fn cpu_seconds() -> f64 {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9

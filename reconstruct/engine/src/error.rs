@@ -1,6 +1,6 @@
 //! Why a step, a render or a device failed.
 
-use omnilife_schemas::{Blame, Blamed};
+use omnilife_schemas::{Classified, ErrorKind};
 
 use crate::device::GpuError;
 
@@ -26,12 +26,12 @@ pub enum EngineError {
     },
 }
 
-impl Blamed for EngineError {
-    fn blame(&self) -> Blame {
+impl Classified for EngineError {
+    fn error_kind(&self) -> ErrorKind {
         match self {
-            Self::Gpu(error) => error.blame(),
-            Self::Backend { .. } => Blame::Input,
-            Self::Diverged { .. } => Blame::Ours,
+            Self::Gpu(error) => error.error_kind(),
+            Self::Backend { .. } => ErrorKind::User,
+            Self::Diverged { .. } => ErrorKind::Internal,
         }
     }
 }

@@ -13,7 +13,7 @@ pub(crate) const COMPONENT: Component = Component {
     id: ID,
     title: "Exposure compensation",
     description: "Takes the gains of a camera's automatic exposure out of the images before they are \
-                  compared with renders, and puts the gain of the moment back onto the renders. Used \
+                  compared with renders, and puts the gain of the frame_time back onto the renders. Used \
                   where the gains of the views deviate.",
     turn: Turn::BeforePoints,
     needs_pilot: |request, _| request.allows(ID),

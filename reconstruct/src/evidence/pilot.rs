@@ -23,7 +23,7 @@ use crate::{
 };
 use omnilife_engine::{
     camera::View,
-    gaussians::{InstantGaussians, static_gaussians},
+    gaussians::{ActivatedGaussians, static_gaussians},
     model::exposure::Exposure,
     render::cpu::Renderer,
 };
@@ -48,7 +48,7 @@ pub struct PilotFit {
     scene: TrainingScene,
     views: Vec<RenderedView>,
     /// What the views are compared with.
-    gaussians: InstantGaussians,
+    gaussians: ActivatedGaussians,
     renderer: Renderer,
     /// Gains that were taken out of the views.
     taken_out: Option<Exposure>,
@@ -74,9 +74,9 @@ impl PilotFit {
         let (length, mut renderer) = ((&settings).into(), Renderer::new(settings.rendering));
         let mut learner = GaussianLearner::new(&scene, model, settings, BackendChoice::Cpu)?;
         train::train(&scene, &mut learner, length, &session)?;
-        let mut gaussians = InstantGaussians::default();
+        let mut gaussians = ActivatedGaussians::default();
         for part in learner.gaussians()?.iter().flat_map(|model| &model.parts) {
-            static_gaussians::instantiate(&part.table, &mut gaussians);
+            static_gaussians::activate(&part.table, &mut gaussians);
         }
         drop(learner);
         let all = scene.input_views.len();

@@ -11,7 +11,7 @@ use crate::{
 };
 use omnilife_engine::{
     camera::{View, erp, horizontal},
-    gaussians::InstantGaussians,
+    gaussians::ActivatedGaussians,
     model::exposure::Exposure,
     render::cpu::Renderer,
     training_view::TrainingView,
@@ -58,7 +58,7 @@ impl RenderedView {
     pub(super) fn new(
         number: usize,
         view: &TrainingView,
-        gaussians: &mut InstantGaussians,
+        gaussians: &mut ActivatedGaussians,
         renderer: &mut Renderer,
     ) -> Self {
         let centre = view.view.centre;

@@ -17,7 +17,7 @@ use crate::{
     },
     methods::{
         InterpolateGroup,
-        feed_forward::{ContextView, Group, GroupFrames, Station, groups},
+        feed_forward::{CameraPose, ContextView, Group, GroupFrames, groups},
     },
 };
 
@@ -156,11 +156,11 @@ impl<'a> Frames<'a> {
         })
     }
 
-    fn station(&self, frame: u32) -> Result<Station, ReconstructError> {
+    fn camera_pose(&self, frame: u32) -> Result<CameraPose, ReconstructError> {
         self.scene
             .frames
             .get(frame as usize)
-            .and_then(|entry| Station::new(entry.pose.as_ref()?, entry.time_seconds))
+            .and_then(|entry| CameraPose::new(entry.pose.as_ref()?, entry.time_seconds))
             .ok_or_else(|| {
                 ReconstructError::scene(
                     &self.request.split,
@@ -170,14 +170,14 @@ impl<'a> Frames<'a> {
     }
 
     fn view(&self, frame: u32) -> Result<ContextView, ReconstructError> {
-        let station = self.station(frame)?;
+        let camera_pose = self.camera_pose(frame)?;
         let file = self
             .request
             .scene
             .with_file_name(&self.scene.frames[frame as usize].image);
         Ok(ContextView {
             frame,
-            station,
+            camera_pose,
             image: crate::scene::read_image(&file, self.scene, self.camera)?,
         })
     }
@@ -189,7 +189,7 @@ impl<'a> Frames<'a> {
             targets: frames
                 .novel_views
                 .iter()
-                .map(|&frame| self.station(frame))
+                .map(|&frame| self.camera_pose(frame))
                 .collect::<Result<_, _>>()?,
         })
     }

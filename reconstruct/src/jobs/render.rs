@@ -21,7 +21,7 @@ use serde::Deserialize;
 
 use omnilife_engine::{
     camera::{Camera, View},
-    gaussians::{InstantGaussians, static_gaussians},
+    gaussians::{ActivatedGaussians, static_gaussians},
     model::{
         Model,
         layers::{Layer, LayerRenderer},
@@ -110,9 +110,9 @@ pub fn render_poses(
         });
     }
     if source.renderer == RendererChoice::OdgsPublished {
-        let mut gaussians = InstantGaussians::default();
+        let mut gaussians = ActivatedGaussians::default();
         for part in &layers.model().parts {
-            static_gaussians::instantiate(&part.table, &mut gaussians);
+            static_gaussians::activate(&part.table, &mut gaussians);
         }
         published = Some((PublishedRenderer::new(source.settings), gaussians));
     }

@@ -203,14 +203,14 @@ impl Learner for GaussianLearner<'_> {
             state: self.state.clone(),
             model,
         };
-        let header = serde_json::to_value(header).map_err(|error| EngineError::Backend {
+        let header = serde_json::to_string(&header).map_err(|error| EngineError::Backend {
             reason: format!("the checkpoint's header: {error}"),
         })?;
         Ok(SavedLearner { header, body })
     }
 
     fn restore(&mut self, saved: &SavedLearner) -> Result<(), LoadError> {
-        let header: Header = serde_json::from_value(saved.header.clone())
+        let header: Header = serde_json::from_str(&saved.header)
             .map_err(|error| LoadError::Damaged(format!("its header is not readable: {error}")))?;
         if header.settings != self.settings {
             return Err(LoadError::Other);

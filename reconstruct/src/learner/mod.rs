@@ -33,8 +33,8 @@ pub struct ModelSize {
 /// A learner in a checkpoint.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SavedLearner {
-    /// What the words of the body are, and where schedules stand.
-    pub header: serde_json::Value,
+    /// What the words of the body are, and where schedules stand; one line of text.
+    pub header: String,
     /// Parameters with their moments, 32-bit words in little-endian order.
     pub body: Vec<u8>,
 }

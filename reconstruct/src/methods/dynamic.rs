@@ -177,7 +177,7 @@ impl Beginning {
     }
 }
 
-/// Refuses what the processor's dynamic steps cannot do, before anything is made.
+/// Refuses what the CPU's dynamic steps cannot do, before anything is made.
 pub(super) fn check(
     method: &str,
     scene: &TrainingScene,

@@ -95,7 +95,7 @@ fn prepare(
         })
     };
     if backend != BackendChoice::Cpu {
-        return refuse("runs on the processor only");
+        return refuse("runs on the CPU only");
     }
     if scene.points.is_empty() {
         return refuse("begins from points, and the scene has none");

@@ -39,7 +39,7 @@ pub enum Expectation {
     /// The last Gaussians are left out, and the image is to the last bit the one without them.
     LeavesOut {
         /// How many.
-        hopeless: usize,
+        degenerate: usize,
     },
 }
 
@@ -227,7 +227,7 @@ const CASES: &[Case] = &[
         title: "parameters that are NaN or infinite",
         action: "left out; their own gradients are refused by Adam",
         setup: non_finite,
-        expectation: Expectation::LeavesOut { hopeless: 4 },
+        expectation: Expectation::LeavesOut { degenerate: 4 },
         ..PLAIN
     },
     Case {
@@ -237,7 +237,7 @@ const CASES: &[Case] = &[
         setup: at_the_camera,
         // A network would move it away.
         about: &[InTime::Still, InTime::Moving],
-        expectation: Expectation::LeavesOut { hopeless: 1 },
+        expectation: Expectation::LeavesOut { degenerate: 1 },
     },
 ];
 
@@ -390,8 +390,8 @@ fn extreme_scales() -> Setup {
 fn non_finite() -> Setup {
     let mut gaussians = mild();
     let good = gaussians.len();
-    let hopeless = RawGaussian::new(dvec3(0.2, 0.1, 1.0), 2.0, [0.3; 3], 0.5, 1);
-    gaussians.extend([hopeless; 4]);
+    let degenerate = RawGaussian::new(dvec3(0.2, 0.1, 1.0), 2.0, [0.3; 3], 0.5, 1);
+    gaussians.extend([degenerate; 4]);
     gaussians[good].position[0] = f64::NAN;
     gaussians[good + 1].position[2] = f64::INFINITY;
     gaussians[good + 2].log_scale[1] = f64::NAN;

@@ -1,4 +1,4 @@
-//! What renders a case: the processor, or a graphics adapter.
+//! What renders a case: the CPU, or a GPU.
 
 use std::sync::Arc;
 
@@ -9,7 +9,7 @@ use crate::error::ReconstructError;
 use crate::stability::{parameterizations::Parameterization, setup::Setup};
 use omnilife_engine::{
     device::Gpu,
-    gaussians::InstantGaussians,
+    gaussians::ActivatedGaussians,
     parameters::ParameterTable,
     render::{cpu::Renderer, gpu::GpuRenderer, raster::RasterGradient, settings::RenderSettings},
 };
@@ -17,9 +17,9 @@ use omnilife_engine::{
 /// Kinds of devices.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DeviceKind {
-    /// The processor.
+    /// The CPU.
     Cpu,
-    /// The first graphics adapter.
+    /// The first GPU.
     Gpu,
 }
 
@@ -130,9 +130,9 @@ impl Device {
             colour: weights,
             features: &[],
         };
-        let mut instant = InstantGaussians::default();
-        (parameterization.instantiate)(&table, setup, &mut instant);
-        let mut gradient = InstantGaussians::default();
+        let mut instant = ActivatedGaussians::default();
+        (parameterization.activate)(&table, setup, &mut instant);
+        let mut gradient = ActivatedGaussians::default();
         let (colour, drawn) = match &self.gpu {
             None => {
                 let mut renderer = Renderer::new(settings);
@@ -147,7 +147,7 @@ impl Device {
                 (raster.colour, renderer.visible()?.len())
             }
         };
-        (parameterization.instantiate_vjp)(&mut table, &instant, &gradient, setup);
+        (parameterization.activate_vjp)(&mut table, &instant, &gradient, setup);
         Ok(RoundTrip {
             colour,
             table,

@@ -111,7 +111,7 @@ pub(super) const CASES: &[Case] = &[
         title: "peak times, lifespans and velocities that are NaN or infinite",
         action: "left out; their own gradients are refused by Adam",
         setup: non_finite,
-        expectation: Expectation::LeavesOut { hopeless: 5 },
+        expectation: Expectation::LeavesOut { degenerate: 5 },
         ..OF_MOTION
     },
 ];
@@ -207,8 +207,8 @@ fn at_the_origin() -> Setup {
 fn non_finite() -> Setup {
     let mut gaussians = mild();
     let good = gaussians.len();
-    let hopeless = RawGaussian::new(dvec3(0.2, 0.1, 1.0), 2.0, [0.3; 3], 0.5, 1);
-    gaussians.extend([hopeless; 5]);
+    let degenerate = RawGaussian::new(dvec3(0.2, 0.1, 1.0), 2.0, [0.3; 3], 0.5, 1);
+    gaussians.extend([degenerate; 5]);
     gaussians[good].motion.peak_seconds = f64::NAN;
     gaussians[good + 1].motion.peak_seconds = f64::NEG_INFINITY;
     gaussians[good + 2].motion.lifespan_seconds = f64::NAN;

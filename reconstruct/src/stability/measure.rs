@@ -28,7 +28,7 @@ pub struct Measured {
 const STEP: f64 = 1e-3;
 
 /// Renders a setup on a device and compares image and gradients with the reference, for which the
-/// last `hopeless` Gaussians do not exist: only Adam, which refuses them, sees their gradients.
+/// last `degenerate` Gaussians do not exist: only Adam, which refuses them, sees their gradients.
 /// Colour values that differ by more than `forward_limit` are counted.
 ///
 /// # Errors
@@ -37,11 +37,11 @@ pub fn measure(
     setup: &Setup,
     parameterization: &Parameterization,
     device: &Device,
-    hopeless: usize,
+    degenerate: usize,
     forward_limit: f64,
 ) -> Result<Measured, ReconstructError> {
     let table = (parameterization.table)(setup);
-    let sound = setup.gaussians.len() - hopeless;
+    let sound = setup.gaussians.len() - degenerate;
     let reference = Reference::new(setup, parameterization, &table, sound);
     let (image, decisions) = reference::render(&setup.exact, &reference.gaussians(), None);
     let made = device.round_trip(setup, parameterization, table)?;

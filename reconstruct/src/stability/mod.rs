@@ -24,7 +24,7 @@ use std::{collections::BTreeMap, time::Instant};
 use omnilife_schemas::{
     progress::Progress,
     provenance,
-    records::{StabilityMeasures, StabilityReport, StabilityRow, StabilityVerdict},
+    records::{StabilityMeasures, StabilityReport, StabilityRow, StabilityStatus},
 };
 
 use crate::error::ReconstructError;
@@ -36,8 +36,8 @@ use sweeps::SWEEPS;
 
 /// Where the case is not about a parameterization.
 const NO_PARAMETERIZATION: &str = "none";
-/// Why a graphics adapter is not asked about time.
-const STILL_DEVICE: &str = "what depends on time is activated on the processor";
+/// Why a GPU is not asked about time.
+const STILL_DEVICE: &str = "what depends on time is activated on the CPU";
 /// Largest difference of a colour value where a Gaussian's edge, or the end of compositing, falls on
 /// one side in f32 and on the other in f64: two steps of 1/255.
 const LARGEST_SWITCH: f64 = 8e-3;
@@ -134,7 +134,7 @@ fn not_run(case: &Case, kind: DeviceKind, reason: &str) -> StabilityRow {
         backend: kind.id().to_owned(),
         measured: None,
         action: String::new(),
-        verdict: StabilityVerdict::NotRun,
+        status: StabilityStatus::NotRun,
         reason: reason.to_owned(),
     }
 }
@@ -146,13 +146,13 @@ fn row(
 ) -> Result<StabilityRow, ReconstructError> {
     let setup = (case.setup)();
     let limits = case.limits(device.kind());
-    let hopeless = match case.expectation {
-        Expectation::LeavesOut { hopeless } => hopeless,
+    let degenerate = match case.expectation {
+        Expectation::LeavesOut { degenerate } => degenerate,
         Expectation::Agrees | Expectation::ImageAgrees => 0,
     };
-    let measured = measure(&setup, parameterization, device, hopeless, limits.forward)?;
-    let harm = if hopeless > 0 {
-        harm_of(&setup, hopeless, parameterization, device, &measured)?
+    let measured = measure(&setup, parameterization, device, degenerate, limits.forward)?;
+    let harm = if degenerate > 0 {
+        damage_of(&setup, degenerate, parameterization, device, &measured)?
     } else {
         None
     };
@@ -169,10 +169,10 @@ fn row(
         backend: device.kind().id().to_owned(),
         measured: Some(measures),
         action,
-        verdict: if fault.is_none() {
-            StabilityVerdict::Pass
+        status: if fault.is_none() {
+            StabilityStatus::Pass
         } else {
-            StabilityVerdict::Fail
+            StabilityStatus::Fail
         },
         reason: fault.unwrap_or_else(|| case.expectation.in_words(&limits)),
     })
@@ -214,16 +214,16 @@ fn fault(
     })
 }
 
-/// What the hopeless Gaussians at the end of a setup change, where they change anything.
-fn harm_of(
+/// What the degenerate Gaussians at the end of a setup change, where they change anything.
+fn damage_of(
     setup: &setup::Setup,
-    hopeless: usize,
+    degenerate: usize,
     parameterization: &Parameterization,
     device: &mut Device,
     with: &Measured,
 ) -> Result<Option<String>, ReconstructError> {
     let mut clean = setup.clone();
-    clean.gaussians.truncate(setup.gaussians.len() - hopeless);
+    clean.gaussians.truncate(setup.gaussians.len() - degenerate);
     let table = (parameterization.table)(&clean);
     let without = device.round_trip(&clean, parameterization, table)?;
     Ok(

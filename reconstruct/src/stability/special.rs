@@ -1,7 +1,7 @@
 //! Cases that render nothing: what training does with pixels and gradients that are not numbers, or
 //! hardly.
 
-use omnilife_schemas::records::{StabilityMeasures, StabilityRow, StabilityVerdict};
+use omnilife_schemas::records::{StabilityMeasures, StabilityRow, StabilityStatus};
 
 use crate::stability::{
     NO_PARAMETERIZATION, clips,
@@ -10,12 +10,12 @@ use crate::stability::{
     setup::{Setup, mild},
 };
 use omnilife_engine::{
-    gaussians::InstantGaussians,
+    gaussians::ActivatedGaussians,
     losses::photometric::cpu::Loss,
     parameters::{ParameterTable, adam},
 };
 
-/// A case with a judgement of its own, on the processor.
+/// A case with a judgement of its own, on the CPU.
 #[derive(Debug, Clone, Copy)]
 pub struct SpecialCase {
     /// Id, unique among all cases.
@@ -99,13 +99,13 @@ impl SpecialCase {
                 action: String::new(),
                 fault: None,
                 measured: None,
-                missing: Some("judged on the processor"),
+                missing: Some("judged on the CPU"),
             },
         };
-        let verdict = match (&judgement.fault, judgement.missing) {
-            (_, Some(_)) => StabilityVerdict::NotRun,
-            (None, None) => StabilityVerdict::Pass,
-            (Some(_), None) => StabilityVerdict::Fail,
+        let status = match (&judgement.fault, judgement.missing) {
+            (_, Some(_)) => StabilityStatus::NotRun,
+            (None, None) => StabilityStatus::Pass,
+            (Some(_), None) => StabilityStatus::Fail,
         };
         StabilityRow {
             case: self.id.to_owned(),
@@ -114,7 +114,7 @@ impl SpecialCase {
             backend: kind.id().to_owned(),
             measured: judgement.measured,
             action: judgement.action,
-            verdict,
+            status,
             reason: judgement
                 .fault
                 .or(judgement.missing.map(str::to_owned))
@@ -256,9 +256,9 @@ fn network_weights() -> Judgement {
     }
     let weights = |setup: &Setup, bad: &[usize]| {
         let mut table = (DEFORMABLE.table)(setup);
-        let mut instant = InstantGaussians::default();
-        (DEFORMABLE.instantiate)(&table, setup, &mut instant);
-        let mut gradient = InstantGaussians::default();
+        let mut instant = ActivatedGaussians::default();
+        (DEFORMABLE.activate)(&table, setup, &mut instant);
+        let mut gradient = ActivatedGaussians::default();
         gradient.clear_to_zero(&instant);
         for (index, row) in gradient.positions.iter_mut().enumerate().take(good) {
             *row = [1.0, 0.1 * index as f32, -0.5];

@@ -73,7 +73,7 @@ struct Header {
     inputs_sha256: String,
     settings: LoopSettings,
     state: LoopState,
-    learner: serde_json::Value,
+    learner: String,
     body_sha256: String,
 }
 

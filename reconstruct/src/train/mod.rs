@@ -145,9 +145,9 @@ pub fn train(
     let mut trainer = Trainer::begin(scene, learner, settings, session)?;
     let left = settings.iterations - trainer.state.iteration.min(settings.iterations);
     session.progress.begin("training", Some(left));
-    let heeding = process::TERMINATION.heed();
+    let guard = process::TERMINATION.guard();
     let outcome = trainer.run();
-    drop(heeding);
+    drop(guard);
     session.progress.end();
     outcome.map(|()| trainer.finish())
 }

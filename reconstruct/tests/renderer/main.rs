@@ -12,7 +12,7 @@ mod support;
 use glam::{DQuat, DVec3, dvec3};
 use omnilife_engine::{
     camera::Camera,
-    gaussians::InstantGaussians,
+    gaussians::ActivatedGaussians,
     render::{
         cpu::Renderer,
         raster::RasterGradient,
@@ -102,7 +102,10 @@ fn images_are_those_of_the_reference() {
 }
 
 /// Gradients of the kernels in the order of [`Gaussian::parameters`], one row per Gaussian.
-fn kernel_gradients(gaussians: &InstantGaussians, gradient: &InstantGaussians) -> Vec<Vec<f64>> {
+fn kernel_gradients(
+    gaussians: &ActivatedGaussians,
+    gradient: &ActivatedGaussians,
+) -> Vec<Vec<f64>> {
     let rest = gaussians.sh_rest.len() / gaussians.len();
     let features = gaussians.feature_count;
     (0..gaussians.len())
@@ -148,7 +151,7 @@ fn check_gradients(view: &RefView, gaussians: &[Gaussian], random: &mut Pcg64Mcg
         colour: &by_colour,
         features: &by_features,
     };
-    let mut gradient = InstantGaussians::default();
+    let mut gradient = ActivatedGaussians::default();
     renderer.backward(&view.view(), &instant, &upstream, &mut gradient);
     let values = kernel_gradients(&instant, &gradient);
 
@@ -230,7 +233,7 @@ fn harmonics_above_the_drawn_degree_are_not_there() {
         let instant = instant(gaussians);
         let mut renderer = Renderer::new(settings);
         let image = renderer.forward(&view, &instant).clone();
-        let mut gradient = InstantGaussians::default();
+        let mut gradient = ActivatedGaussians::default();
         renderer.backward(&view, &instant, &upstream, &mut gradient);
         (image, gradient)
     });
@@ -269,7 +272,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
         pool.build().unwrap().install(|| {
             let mut renderer = Renderer::new(view.settings);
             let image = renderer.forward(&view.view(), &instant).clone();
-            let mut gradient = InstantGaussians::default();
+            let mut gradient = ActivatedGaussians::default();
             renderer.backward(&view.view(), &instant, &upstream, &mut gradient);
             (image, gradient)
         })
@@ -308,7 +311,7 @@ fn a_renderer_has_no_memory() {
             colour: &ones[..raster.colour.len()],
             features: &ones[..raster.features.len()],
         };
-        let mut gradient = InstantGaussians::default();
+        let mut gradient = ActivatedGaussians::default();
         renderer.backward(&view.view(), &instant, &upstream, &mut gradient);
         (raster, gradient)
     };
@@ -336,7 +339,7 @@ fn hopeless_gaussians_are_left_out_and_harm_nothing() {
     };
     let mut gaussians = instant(&scene(&mut random, 30, richness));
     let clean = gaussians.clone();
-    let changes: [fn(&mut InstantGaussians); 8] = [
+    let changes: [fn(&mut ActivatedGaussians); 8] = [
         |g| g.positions[30] = [f32::NAN, 0.0, 1.0],
         |g| g.positions[30] = [0.0; 3],
         |g| g.positions[30] = [f32::INFINITY, 0.0, 0.0],
@@ -355,13 +358,13 @@ fn hopeless_gaussians_are_left_out_and_harm_nothing() {
         let mut renderer = Renderer::new(view.settings);
         let expected = renderer.forward(&view.view(), &clean).clone();
         for (number, change) in changes.iter().enumerate() {
-            let mut hopeless = gaussians.clone();
-            hopeless.positions[30] = [0.0, 0.0, 2.0];
-            hopeless.scales[30] = [0.1; 3];
-            hopeless.rotations[30] = [1.0, 0.0, 0.0, 0.0];
-            hopeless.opacities[30] = 0.5;
-            change(&mut hopeless);
-            let raster = renderer.forward(&view.view(), &hopeless);
+            let mut degenerate = gaussians.clone();
+            degenerate.positions[30] = [0.0, 0.0, 2.0];
+            degenerate.scales[30] = [0.1; 3];
+            degenerate.rotations[30] = [1.0, 0.0, 0.0, 0.0];
+            degenerate.opacities[30] = 0.5;
+            change(&mut degenerate);
+            let raster = renderer.forward(&view.view(), &degenerate);
             assert_eq!(
                 raster, &expected,
                 "change {number}, {camera:?} {footprint:?}"
@@ -371,8 +374,8 @@ fn hopeless_gaussians_are_left_out_and_harm_nothing() {
                 colour: &ones,
                 features: &[],
             };
-            let mut gradient = InstantGaussians::default();
-            renderer.backward(&view.view(), &hopeless, &upstream, &mut gradient);
+            let mut gradient = ActivatedGaussians::default();
+            renderer.backward(&view.view(), &degenerate, &upstream, &mut gradient);
             assert_eq!(gradient.positions[30], [0.0; 3]);
             assert_eq!(gradient.scales[30], [0.0; 3]);
             let is_finite = gradient

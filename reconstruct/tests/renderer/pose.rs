@@ -3,7 +3,7 @@
 use glam::{DMat3, DQuat, DVec3, dvec3};
 use omnilife_engine::{
     camera::Camera,
-    gaussians::InstantGaussians,
+    gaussians::ActivatedGaussians,
     render::{cpu::Renderer, project::by_camera, raster::RasterGradient, settings::Footprint},
 };
 use rand::{RngExt, SeedableRng};
@@ -59,7 +59,7 @@ fn check(view: &RefView, gaussians: &[Gaussian], random: &mut Pcg64Mcg) {
         colour: &by_colour,
         features: &by_features,
     };
-    let mut gradient = InstantGaussians::default();
+    let mut gradient = ActivatedGaussians::default();
     renderer.backward(&drawn, &instant, &upstream, &mut gradient);
     let degree = view.settings.sh_degree;
     let found = by_camera::gradient(&drawn, &instant, degree, &gradient);
@@ -120,7 +120,7 @@ fn gaussians_whose_gradient_is_not_finite_have_no_say_and_threads_do_not_matter(
         settings(Footprint::Projected),
     )
     .view();
-    let run = |gradient: &InstantGaussians, threads| {
+    let run = |gradient: &ActivatedGaussians, threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
         pool.build()
             .unwrap()

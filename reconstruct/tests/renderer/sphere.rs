@@ -2,7 +2,7 @@
 
 use glam::{DQuat, DVec3, dvec2, dvec3};
 use omnilife_engine::{
-    gaussians::InstantGaussians,
+    gaussians::ActivatedGaussians,
     render::{cpu::Renderer, settings::Footprint},
 };
 use omnilife_schemas::camera::{CameraModel, ErpCamera};
@@ -104,7 +104,7 @@ fn resampled(image: &[f32], camera: ErpCamera, turn: DQuat) -> Vec<f32> {
 }
 
 /// Round about the sphere, no two at one distance: rounding must not decide which is in front.
-fn all_around(count: u32, scales: std::ops::Range<f64>) -> InstantGaussians {
+fn all_around(count: u32, scales: std::ops::Range<f64>) -> ActivatedGaussians {
     let mut random = Pcg64Mcg::seed_from_u64(17);
     let gaussians: Vec<Gaussian> = (0..count)
         .map(|index| {

@@ -5,7 +5,7 @@ use glam::{DQuat, DVec3};
 use omnilife_engine::{
     camera::View,
     gaussians::{
-        InstantGaussians,
+        ActivatedGaussians,
         static_gaussians::{self, InitialGaussians, SH_REST},
     },
     render::{cpu::Renderer, settings::RenderSettings},
@@ -58,13 +58,13 @@ pub(crate) fn scene_with(
             .push((position + jitter).as_vec3().to_array());
         points.colours.push([128; 3]);
     }
-    let mut instant = InstantGaussians::default();
+    let mut instant = ActivatedGaussians::default();
     let mut table = static_gaussians::table(&truth, 1);
     for harmonics in table.arrays[SH_REST].values.as_chunks_mut::<9>().0 {
         // That of `z` is the second one of degree 1.
         harmonics[3..6].fill(gloss / SH_C1);
     }
-    static_gaussians::instantiate(&table, &mut instant);
+    static_gaussians::activate(&table, &mut instant);
     let mut renderer = Renderer::new(RenderSettings::new(0.01));
     let normalization = Similarity {
         offset: [0.0; 3],

@@ -1,4 +1,4 @@
-//! A graphics device for tests, and how closely it has to agree with the processor.
+//! A GPU for tests, and how closely it has to agree with the CPU.
 
 use std::sync::Arc;
 
@@ -28,7 +28,7 @@ pub(crate) fn assert_gradients_agree(name: &str, of_gpu: &[f32], of_cpu: &[f32])
     for (index, (gpu, cpu)) in of_gpu.iter().zip(of_cpu).enumerate() {
         assert!(
             (gpu - cpu).abs() < 5e-3 * cpu.abs().max(typical),
-            "{name}[{index}]: {gpu} on the device, {cpu} on the processor (typical {typical})"
+            "{name}[{index}]: {gpu} on the device, {cpu} on the CPU (typical {typical})"
         );
     }
 }

@@ -4,10 +4,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::overlays::OverlayReport;
-use super::sequence::{ErpVerdict, Probe, SourceVideo, TimeRange};
+use super::sequence::{DetectedProjection, Probe, SourceVideo, TimeRange};
 use crate::store::Record;
 
-/// `analysis.json`: probe and ERP verdict of one video. The per-frame signals lie beside it.
+/// `analysis.json`: probe and ERP projection of one video. The per-frame signals lie beside it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct VideoAnalysis {
     /// The video.
@@ -17,7 +17,7 @@ pub struct VideoAnalysis {
     /// What the container said, completed by what decoding measured.
     pub probe: Probe,
     /// What the pixels and the metadata said, before any override.
-    pub verdict: ErpVerdict,
+    pub projection: DetectedProjection,
     /// What is painted over the picture or always in it; `None` where the picture is no single
     /// sphere.
     pub overlays: Option<OverlayReport>,

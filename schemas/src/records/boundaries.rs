@@ -21,7 +21,7 @@ pub struct BoundaryLedger {
     pub ledger_sha256: Option<String>,
     /// Boundaries in order of time.
     pub boundaries: Vec<Boundary>,
-    /// Stretches between boundaries that are too short to become sequences.
+    /// Segments between boundaries that are too short to become sequences.
     pub dropped: Vec<TimeRange>,
 }
 

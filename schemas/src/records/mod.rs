@@ -46,15 +46,15 @@ pub use scene::{
 };
 pub use scoring::ScoringRecord;
 pub use sequence::{
-    Admission, CheckOutcome, ErpVerdict, Evidence, FrameEntry, FrameSet, Probe, Sampling, Sequence,
-    SourceVideo, SphericalMetadata, TimeRange, Verdict,
+    Admission, CheckOutcome, DetectedProjection, Evidence, FrameEntry, FrameSet, Probe, Sampling,
+    Sequence, SourceVideo, SphericalMetadata, TimeRange, VideoProjection,
 };
 pub use sfm::{SfmAttempt, SfmReport};
-pub use slices::{SliceFile, SliceMethod, Slices, Stretch, StretchFate};
+pub use slices::{Segment, SegmentOutcome, SliceFile, SliceMethod, Slices};
 pub use split::{IncompleteGroup, Split, ViewGroup};
 pub use stability::{
-    StabilityMeasures, StabilityPoint, StabilityReport, StabilityRow, StabilitySweep,
-    StabilityVerdict,
+    StabilityMeasures, StabilityPoint, StabilityReport, StabilityRow, StabilityStatus,
+    StabilitySweep,
 };
 pub use submission::{MethodCard, Submission, SubmittedFile, SubmittedResult};
 pub use sweep::{RunnerLock, SweepPlan, SweepUnit, UnitInput, UnitNeeds, UnitOutcome, UnitRunner};

@@ -89,12 +89,12 @@ impl Record for RunRecord {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "kind")]
 pub enum Backend {
-    /// The processor.
+    /// The CPU.
     Cpu {
         /// Worker threads.
         threads: u32,
     },
-    /// A graphics adapter.
+    /// A GPU.
     Gpu {
         /// Its name as its driver gives it.
         adapter: String,

@@ -91,7 +91,7 @@ pub enum PoseSource {
 /// Report of the pose validation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PoseValidation {
-    /// The verdict.
+    /// The projection.
     pub status: ValidationStatus,
     /// Frames with a pose.
     pub registered_frames: u32,
@@ -103,7 +103,7 @@ pub struct PoseValidation {
     pub problems: Vec<String>,
 }
 
-/// Verdict of the pose validation.
+/// VideoProjection of the pose validation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ValidationStatus {

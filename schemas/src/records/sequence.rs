@@ -1,4 +1,4 @@
-//! `sequence`: one continuous, verified stretch of a source video and its sampled frames.
+//! `sequence`: one continuous, verified segment of a source video and its sampled frames.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize};
@@ -12,12 +12,12 @@ pub struct Sequence {
     pub id: String,
     /// The video it was cut from.
     pub source: SourceVideo,
-    /// Its stretch of the source.
+    /// Its segment of the source.
     pub range: TimeRange,
     /// What the container and the decoder said.
     pub probe: Probe,
     /// Whether the video is equirectangular, with evidence.
-    pub verdict: ErpVerdict,
+    pub projection: DetectedProjection,
     /// How the source fares against the dataset's admission criteria.
     pub admission: Admission,
     /// The sampled frames.
@@ -39,7 +39,7 @@ pub struct SourceVideo {
     pub bytes: u64,
 }
 
-/// A half-open stretch of time in seconds of the source's presentation timestamps.
+/// A half-open segment of time in seconds of the source's presentation timestamps.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct TimeRange {
     /// First instant inside.
@@ -134,7 +134,7 @@ pub struct SphericalMetadata {
 /// What kind of picture a video shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum Verdict {
+pub enum VideoProjection {
     /// Equirectangular, 2:1.
     Erp,
     /// Equirectangular stored at another aspect ratio.
@@ -153,7 +153,7 @@ pub enum Verdict {
     Unsure,
 }
 
-impl Verdict {
+impl VideoProjection {
     /// Whether frames can be used as ERP after resizing to 2:1.
     pub fn is_monoscopic_erp(self) -> bool {
         matches!(self, Self::Erp | Self::ErpSqueezed)
@@ -174,13 +174,13 @@ impl Verdict {
     }
 }
 
-/// The verdict with what it rests on.
+/// The projection with what it rests on.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct ErpVerdict {
-    /// The verdict in force.
-    pub verdict: Verdict,
+pub struct DetectedProjection {
+    /// The projection in force.
+    pub projection: VideoProjection,
     /// What the evidence said, where the user overrode it.
-    pub overridden: Option<Verdict>,
+    pub overridden: Option<VideoProjection>,
     /// Every test with its value.
     pub evidence: Vec<Evidence>,
     /// Set where the metadata and the pixels disagree.

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::sequence::{SourceVideo, TimeRange};
 use crate::store::Record;
 
-/// `slices.json`: the whole of a video, divided into stretches that are kept and stretches that are
+/// `slices.json`: the whole of a video, divided into segments that are kept and segments that are
 /// not.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Slices {
@@ -15,32 +15,32 @@ pub struct Slices {
     /// From its first frame to the end of its last.
     pub range: TimeRange,
     /// In order of time, each beginning where the one before it ends.
-    pub stretches: Vec<Stretch>,
+    pub segments: Vec<Segment>,
 }
 
 impl Record for Slices {
     const SCHEMA: &'static str = "omnilife/slices/1";
 }
 
-/// A stretch of a video.
+/// A segment of a video.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct Stretch {
+pub struct Segment {
     /// Where it lies.
     pub range: TimeRange,
     /// What became of it.
     #[serde(flatten)]
-    pub fate: StretchFate,
+    pub outcome: SegmentOutcome,
 }
 
-/// What became of a stretch.
+/// What became of a segment.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case", tag = "fate")]
-pub enum StretchFate {
+#[serde(rename_all = "kebab-case", tag = "outcome")]
+pub enum SegmentOutcome {
     /// It is a sequence.
     Kept {
         /// Name of the sequence's folder.
         sequence: String,
-        /// The video of the stretch, where slices were asked for.
+        /// The video of the segment, where slices were asked for.
         slice: Option<SliceFile>,
     },
     /// A shot shorter than what was asked for.
@@ -49,7 +49,7 @@ pub enum StretchFate {
     Transition,
 }
 
-/// A video file that holds the frames of one stretch and no others.
+/// A video file that holds the frames of one segment and no others.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct SliceFile {
     /// Relative to the record.

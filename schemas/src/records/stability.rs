@@ -44,7 +44,7 @@ pub struct StabilityRow {
     /// What the code did about it, in words.
     pub action: String,
     /// Whether that is good enough.
-    pub verdict: StabilityVerdict,
+    pub status: StabilityStatus,
     /// Why not, or under which limits it is.
     pub reason: String,
 }
@@ -71,7 +71,7 @@ pub struct StabilityMeasures {
 /// How a row is judged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum StabilityVerdict {
+pub enum StabilityStatus {
     /// As good as the case asks.
     Pass,
     /// Not.

@@ -32,7 +32,7 @@ pub struct MethodCard {
     pub code: Option<String>,
     /// Licence of the code, as an SPDX identifier where there is one.
     pub licence: Option<String>,
-    /// What it ran on: processors, graphics adapters, memory.
+    /// What it ran on: processors, GPUs, memory.
     pub hardware: String,
     /// What else a reader should know: training data, settings, conventions.
     pub notes: Option<String>,

@@ -1,11 +1,11 @@
 //! Structure from motion: COLMAP's equirectangular camera, driven by one small Python script.
 //!
 //! The script (`erp_sfm.py`, part of this binary) only calls COLMAP and leaves a text model; all
-//! else is done here. Configurations of [`LADDER`] are tried in order until one is valid; each runs
+//! else is done here. Configurations of [`FALLBACK_CONFIGURATIONS`] are tried in order until one is valid; each runs
 //! in its own process and is recorded in `sfm/attempts.json`.
 
 mod installation;
-mod workshop;
+mod workspace;
 
 use std::path::{Path, PathBuf};
 
@@ -22,7 +22,7 @@ use omnilife_schemas::{
 use serde::{Deserialize, Serialize};
 
 pub use installation::{PYTHON_VARIABLE, SfmInstallation, installation};
-use workshop::{Attempted, Workshop};
+use workspace::{Attempted, SfmWorkspace};
 
 use super::{
     PosedSequence, colmap::ColmapModel, error::SfmError, given::frame_names, level, masks,
@@ -60,7 +60,7 @@ pub struct Configuration {
 
 /// Configurations in the order in which they are tried. On rendered scenes with known poses both
 /// are accurate to a few hundredths of a degree; they fail on different footage.
-pub static LADDER: &[Configuration] = &[
+pub static FALLBACK_CONFIGURATIONS: &[Configuration] = &[
     Configuration {
         id: "global",
         summary: "Global mapping: all rotations, then all positions, at once.",
@@ -87,8 +87,8 @@ pub(super) fn add_inputs(
     let mut plan = plan
         .with_settings("seed", &settings.seed)
         .with_settings("limits", &settings.limits)
-        .with_text("configurations", &format!("{LADDER:?}"))
-        .with_text("script", workshop::SCRIPT)
+        .with_text("configurations", &format!("{FALLBACK_CONFIGURATIONS:?}"))
+        .with_text("script", workspace::SCRIPT)
         .with_text(TOOL, version);
     if let Some(folder) = &settings.masks {
         for file in masks::files(folder)? {
@@ -124,14 +124,14 @@ fn run_with(
     settings: &SfmSettings,
     progress: &dyn Progress,
 ) -> Result<PosedSequence, CurateError> {
-    let workshop = Workshop::new(sequence_folder, sequence, settings, installation)?;
+    let workspace = SfmWorkspace::new(sequence_folder, sequence, settings, installation)?;
     let mut attempts = Vec::new();
     let mut best: Option<(usize, (ColmapModel, PoseValidation))> = None;
     let mut any_broken = false;
-    for configuration in LADDER {
+    for configuration in FALLBACK_CONFIGURATIONS {
         let label = format!("structure from motion: {}", configuration.id);
         progress.begin(&label, None);
-        let outcome = workshop.attempt(configuration, progress);
+        let outcome = workspace.attempt(configuration, progress);
         progress.end();
         let Attempted {
             attempt,
@@ -158,11 +158,11 @@ fn run_with(
         attempts,
         chosen: best.as_ref().map(|(index, _)| *index),
     };
-    store::write_record(&workshop.folder.join(ATTEMPTS_FILE), &report)?;
+    store::write_record(&workspace.folder.join(ATTEMPTS_FILE), &report)?;
     let Some((index, found)) = best else {
         return Err(no_poses(sequence, &report, any_broken).into());
     };
-    workshop.publish(&report.attempts[index].configuration)?;
+    workspace.publish(&report.attempts[index].configuration)?;
     posed(sequence, settings, installation, &report, index, found)
 }
 

@@ -5,12 +5,12 @@ use std::{fs, os::unix::fs::PermissionsExt};
 use omnilife_schemas::{
     progress::Silent,
     records::{
-        Admission, ErpVerdict, FrameEntry, FrameSet, Probe, Sampling, SourceVideo, TimeRange,
-        Verdict,
+        Admission, DetectedProjection, FrameEntry, FrameSet, Probe, Sampling, SourceVideo,
+        TimeRange, VideoProjection,
     },
 };
 
-use omnilife_schemas::{Blame, Blamed};
+use omnilife_schemas::{Classified, ErrorKind};
 
 use super::*;
 
@@ -52,8 +52,8 @@ pub(in crate::poses) fn sequence_of(entries: Vec<FrameEntry>) -> Sequence {
             transfer: "bt709".to_owned(),
             spherical: None,
         },
-        verdict: ErpVerdict {
-            verdict: Verdict::Erp,
+        projection: DetectedProjection {
+            projection: VideoProjection::Erp,
             overridden: None,
             evidence: Vec::new(),
             disagreement: None,
@@ -104,20 +104,28 @@ fn every_failed_attempt_is_recorded_and_named() {
         (
             "printf '\\377\\n'; echo failed no features; exit 4",
             "no features",
-            Blame::Input,
+            ErrorKind::User,
         ),
         (
             "echo Check failed: rows >&2; kill -ABRT $$",
             "Check failed: rows",
-            Blame::Ours,
+            ErrorKind::Internal,
         ),
-        ("echo failed half; kill -KILL $$", "signal: 9", Blame::Ours),
-        ("echo models 1; exit 0", "cameras.txt", Blame::Ours),
-        ("echo models many; exit 0", "models many", Blame::Ours),
+        (
+            "echo failed half; kill -KILL $$",
+            "signal: 9",
+            ErrorKind::Internal,
+        ),
+        ("echo models 1; exit 0", "cameras.txt", ErrorKind::Internal),
+        (
+            "echo models many; exit 0",
+            "models many",
+            ErrorKind::Internal,
+        ),
     ] {
         let python = interpreter(temp.path(), lines);
         let error = run_with(&python, &folder, &sequence(3), &settings, &Silent).unwrap_err();
-        assert_eq!(error.blame(), blame, "{lines}");
+        assert_eq!(error.error_kind(), blame, "{lines}");
         let message = error.to_string();
         assert!(
             message.contains(reason) && message.contains("walk/seq-000"),
@@ -125,7 +133,7 @@ fn every_failed_attempt_is_recorded_and_named() {
         );
         assert!(!message.contains('\n'), "{message}");
         let report = report(&folder);
-        assert_eq!(report.attempts.len(), LADDER.len());
+        assert_eq!(report.attempts.len(), FALLBACK_CONFIGURATIONS.len());
         assert_eq!(report.chosen, None);
         assert!(
             report

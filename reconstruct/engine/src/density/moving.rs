@@ -20,7 +20,7 @@ use crate::density::{
 use crate::{
     gaussians::{
         parameterization::Viewpoint,
-        periodic::Pulse,
+        periodic::TemporalParameters,
         static_gaussians::{OPACITY_LOGITS, POSITIONS, sigmoid},
         temporal::{LOG_LIFESPANS, PEAK_TIMES},
         temporal_gaussians::TemporalGaussians,
@@ -118,7 +118,7 @@ impl MovingControl<'_> {
         if let Some(density) = &self.context.temporal {
             let room = room - in_space.len();
             for index in self.restless(part, density, room) {
-                let lifespan = self.pulse(table, index).lifespan;
+                let lifespan = self.temporal_parameters(table, index).lifespan;
                 let in_time = if lifespan <= density.clone_lifespan_frames {
                     Growth::Clone
                 } else {
@@ -153,11 +153,14 @@ impl MovingControl<'_> {
         strongest(candidates.collect(), room)
     }
 
-    fn pulse(&self, table: &ParameterTable, index: usize) -> Pulse {
+    fn temporal_parameters(&self, table: &ParameterTable, index: usize) -> TemporalParameters {
         // Who looks hardly matters for where a child is put.
         let view = &self.context.views[self.context.last_view].view;
         let look = self.temporal.look(&Viewpoint::of_image(view));
-        self.temporal.time.pulses(table, look.observer).pulse(index)
+        self.temporal
+            .time
+            .temporal_table(table, look.observer)
+            .temporal_parameters(index)
     }
 
     /// Moves a child in space and time.
@@ -168,7 +171,7 @@ impl MovingControl<'_> {
         shortens: bool,
         random: &mut Pcg64Mcg,
     ) {
-        let pulse = self.pulse(table, child);
+        let temporal_parameters = self.temporal_parameters(table, child);
         let is_large =
             relative_size(table, child, self.settings.size_unit) > self.settings.clone_size;
         scatter_child(table, child, random);
@@ -178,18 +181,20 @@ impl MovingControl<'_> {
         let Some(peaks) = table.position(PEAK_TIMES) else {
             return;
         };
-        if pulse.lifespan.is_finite() {
+        if temporal_parameters.lifespan.is_finite() {
             let normal: f32 = StandardNormal.sample(random);
             let half = (0.5 + PEAK_MARGIN) * self.temporal.clock.duration_frames;
-            let peak = (pulse.peak + normal * pulse.lifespan).clamp(-half, half);
-            let mean = pulse.velocity * pulse.steadiness(self.temporal.time.cycle_frames);
-            let moved = mean * (peak - pulse.peak);
+            let peak = (temporal_parameters.peak + normal * temporal_parameters.lifespan)
+                .clamp(-half, half);
+            let mean = temporal_parameters.velocity
+                * temporal_parameters.steadiness(self.temporal.time.cycle_frames);
+            let moved = mean * (peak - temporal_parameters.peak);
             let position = &mut table.arrays[POSITIONS].values.as_chunks_mut::<3>().0[child];
             *position = (Vec3::from_array(*position) + moved).to_array();
             table.arrays[peaks].values[child] = peak;
         }
         if let Some(density) = self.context.temporal.filter(|_| shortens)
-            && pulse.lifespan >= density.clone_lifespan_frames
+            && temporal_parameters.lifespan >= density.clone_lifespan_frames
             && let Some(lifespans) = table.position(LOG_LIFESPANS)
         {
             table.arrays[lifespans].values[child] -= LIFESPAN_SHRINK.ln();
@@ -199,11 +204,11 @@ impl MovingControl<'_> {
 
     /// Whether a Gaussian is opaque enough at some time of the clip.
     fn is_seen(&self, table: &ParameterTable, index: usize) -> bool {
-        let pulse = self.pulse(table, index);
+        let temporal_parameters = self.temporal_parameters(table, index);
         let half = 0.5 * self.temporal.clock.duration_frames;
-        let distance = (pulse.peak.abs() - half).max(0.0);
+        let distance = (temporal_parameters.peak.abs() - half).max(0.0);
         let opacity = sigmoid(table.arrays[OPACITY_LOGITS].values[index]);
-        opacity * pulse.marginal(distance) >= self.settings.prune_opacity
+        opacity * temporal_parameters.marginal(distance) >= self.settings.prune_opacity
     }
 }
 

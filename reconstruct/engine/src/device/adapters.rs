@@ -1,11 +1,11 @@
-//! Which graphics adapters this machine has.
+//! Which GPUs this machine has.
 //!
 //! Listing them opens no device and needs no GPU: without a Vulkan loader (or Metal, or DX12) the
 //! list is empty.
 
 use std::fmt;
 
-/// A graphics adapter that wgpu can open.
+/// A GPU that wgpu can open.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AdapterSummary {
     /// The adapter's name as its driver gives it.

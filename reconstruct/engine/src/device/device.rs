@@ -17,7 +17,7 @@ const WORKGROUP_MEMORY: u32 = 16 * 1024;
 /// Storage buffers that a kernel binds at most; what every WebGPU adapter has.
 const STORAGE_BUFFERS: u32 = 8;
 
-/// An open graphics device.
+/// An open GPU.
 #[derive(Debug)]
 pub struct Gpu {
     pub(crate) device: wgpu::Device,

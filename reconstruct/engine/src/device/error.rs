@@ -1,20 +1,18 @@
-//! Why something could not be computed on a graphics adapter.
+//! Why something could not be computed on a GPU.
 
-use omnilife_schemas::{Blame, Blamed};
+use omnilife_schemas::{Classified, ErrorKind};
 
-/// Errors of the graphics backend; messages are one line.
+/// Errors of the GPU backend; messages are one line.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum GpuError {
     /// There is no adapter, not even a software one.
     #[error(
-        "there is no graphics adapter: no Vulkan, Metal or DX12 driver answers (Mesa's \
+        "there is no GPU: no Vulkan, Metal or DX12 driver answers (Mesa's \
          mesa-vulkan-drivers brings a software one); use the backend cpu"
     )]
     NoAdapter,
     /// The adapter does less than the kernels need.
-    #[error(
-        "the graphics adapter {adapter} is too small: {what} needs {needed}, it offers {offered}"
-    )]
+    #[error("the GPU {adapter} is too small: {what} needs {needed}, it offers {offered}")]
     TooSmall {
         /// Name of the adapter.
         adapter: String,
@@ -26,7 +24,7 @@ pub enum GpuError {
         offered: u64,
     },
     /// The adapter gave no device.
-    #[error("the graphics adapter {adapter} cannot be opened: {reason}")]
+    #[error("the GPU {adapter} cannot be opened: {reason}")]
     Open {
         /// Name of the adapter.
         adapter: String,
@@ -34,7 +32,7 @@ pub enum GpuError {
         reason: String,
     },
     /// Its memory is used up.
-    #[error("the memory of the graphics adapter {adapter} is used up ({what}, {bytes} bytes)")]
+    #[error("the memory of the GPU {adapter} is used up ({what}, {bytes} bytes)")]
     OutOfMemory {
         /// Name of the adapter.
         adapter: String,
@@ -44,7 +42,7 @@ pub enum GpuError {
         bytes: u64,
     },
     /// The device went away: driver reset, unplugged, switched off.
-    #[error("the graphics adapter {adapter} was lost: {reason}")]
+    #[error("the GPU {adapter} was lost: {reason}")]
     Lost {
         /// Name of the adapter.
         adapter: String,
@@ -52,7 +50,7 @@ pub enum GpuError {
         reason: String,
     },
     /// The driver or wgpu refused a command.
-    #[error("the graphics adapter {adapter} failed: {reason}")]
+    #[error("the GPU {adapter} failed: {reason}")]
     Failed {
         /// Name of the adapter.
         adapter: String,
@@ -61,11 +59,11 @@ pub enum GpuError {
     },
 }
 
-impl Blamed for GpuError {
-    fn blame(&self) -> Blame {
+impl Classified for GpuError {
+    fn error_kind(&self) -> ErrorKind {
         match self {
-            Self::NoAdapter | Self::TooSmall { .. } | Self::OutOfMemory { .. } => Blame::Input,
-            Self::Open { .. } | Self::Lost { .. } | Self::Failed { .. } => Blame::Ours,
+            Self::NoAdapter | Self::TooSmall { .. } | Self::OutOfMemory { .. } => ErrorKind::User,
+            Self::Open { .. } | Self::Lost { .. } | Self::Failed { .. } => ErrorKind::Internal,
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::device::{DeviceBuffer, Gpu, GpuError, wgsl_struct};
 
-use super::InstantGaussians;
+use super::ActivatedGaussians;
 
 wgsl_struct! {
     /// An activated Gaussian, or the gradient by one; `Gaussian` in WGSL.
@@ -61,7 +61,7 @@ impl ActivatedBuffers {
     }
 
     /// Sets the Gaussians for everything that is submitted later.
-    pub(crate) fn write(&self, gpu: &Gpu, instant: &InstantGaussians) {
+    pub(crate) fn write(&self, gpu: &Gpu, instant: &ActivatedGaussians) {
         let packed: Vec<DeviceGaussian> = (0..instant.len())
             .map(|index| DeviceGaussian {
                 position: instant.positions[index],
@@ -90,7 +90,7 @@ impl ActivatedBuffers {
     pub(crate) fn read_gradient(
         &self,
         gpu: &Gpu,
-        out: &mut InstantGaussians,
+        out: &mut ActivatedGaussians,
     ) -> Result<(), GpuError> {
         out.reshape(self.len, self.sh_degree, self.feature_count);
         let gradients = self.gaussian_gradients.read(gpu)?;

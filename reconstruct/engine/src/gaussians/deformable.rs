@@ -30,7 +30,7 @@ use crate::gaussians::{
 use crate::parameters::SharedParameters;
 use crate::{
     gaussians::{
-        InstantGaussians,
+        ActivatedGaussians,
         static_gaussians::{self, POSITIONS},
     },
     parameters::{ParameterArray, ParameterTable},
@@ -184,11 +184,11 @@ impl Parameterization for Deformable {
         at: &Viewpoint,
         features: &TemporalFeatures,
         first: usize,
-        out: &mut InstantGaussians,
+        out: &mut ActivatedGaussians,
     ) {
         let time = self.network_time(at);
         self.took_part = time.is_some();
-        static_gaussians::instantiate_from(table, first, out);
+        static_gaussians::activate_from(table, first, out);
         static_gaussians::write_static_features(features, first, table.len(), out);
         if let Some(time) = time {
             // Images alone need no activations for a way back.
@@ -205,15 +205,15 @@ impl Parameterization for Deformable {
         at: &Viewpoint,
         _: &TemporalFeatures,
         first: usize,
-        activated: &mut InstantGaussians,
-        gradient: &mut InstantGaussians,
+        activated: &mut ActivatedGaussians,
+        gradient: &mut ActivatedGaussians,
     ) {
         if let Some(time) = self.network_time(at) {
             let (model, weights) = (&self.settings.model, &mut self.weights.array);
             self.evaluation
                 .deform_vjp(model, weights, table, time, first, (activated, gradient));
         }
-        static_gaussians::instantiate_from_vjp(table, first, activated, gradient);
+        static_gaussians::activate_from_vjp(table, first, activated, gradient);
     }
 
     fn shared(&self) -> Option<&SharedParameters> {
@@ -285,15 +285,15 @@ impl Deformation {
     }
 
     /// Activates canonical Gaussians and deforms them to a time in [0, 1].
-    pub fn instantiate(
+    pub fn activate(
         &mut self,
         model: &DeformationModel,
         weights: &[f32],
         table: &ParameterTable,
         time: f32,
-        out: &mut InstantGaussians,
+        out: &mut ActivatedGaussians,
     ) {
-        static_gaussians::instantiate(table, out);
+        static_gaussians::activate(table, out);
         self.deform(model, weights, table, time, 0, out);
     }
 
@@ -305,7 +305,7 @@ impl Deformation {
         table: &ParameterTable,
         time: f32,
         first: usize,
-        out: &mut InstantGaussians,
+        out: &mut ActivatedGaussians,
     ) {
         let entries = first..first + table.len();
         let positions = table.arrays[POSITIONS].values.as_chunks::<3>().0;
@@ -345,20 +345,20 @@ impl Deformation {
             });
     }
 
-    /// VJP of [`Deformation::instantiate`] with the same arguments: overwrites the gradients of the
+    /// VJP of [`Deformation::activate`] with the same arguments: overwrites the gradients of the
     /// table and of the weights. `instant` and `gradient` are used up.
     ///
     /// A Gaussian whose gradient is not finite does not take part in that of the weights.
-    pub fn instantiate_vjp(
+    pub fn activate_vjp(
         &mut self,
         model: &DeformationModel,
         weights: &mut ParameterArray,
         table: &mut ParameterTable,
         time: f32,
-        (instant, gradient): (&mut InstantGaussians, &mut InstantGaussians),
+        (instant, gradient): (&mut ActivatedGaussians, &mut ActivatedGaussians),
     ) {
         self.deform_vjp(model, weights, table, time, 0, (instant, gradient));
-        static_gaussians::instantiate_vjp(table, instant, gradient);
+        static_gaussians::activate_vjp(table, instant, gradient);
     }
 
     /// VJP of [`Deformation::deform`]: leaves the canonical Gaussians, and the gradients by them, in the
@@ -370,7 +370,7 @@ impl Deformation {
         table: &ParameterTable,
         time: f32,
         first: usize,
-        (instant, gradient): (&mut InstantGaussians, &mut InstantGaussians),
+        (instant, gradient): (&mut ActivatedGaussians, &mut ActivatedGaussians),
     ) {
         let entries = first..first + table.len();
         let unit = model.length_unit;

@@ -1,7 +1,7 @@
 //! Gaussians: a table of named parameter arrays, and parameterizations that turn it into what a
 //! renderer sees.
 //!
-//! A parameterization reads raw (unconstrained) parameters and gives [`InstantGaussians`]; its VJP
+//! A parameterization reads raw (unconstrained) parameters and gives [`ActivatedGaussians`]; its VJP
 //! writes the gradients of the raw parameters. Renderers know neither time nor method.
 //!
 //! * [`parameterization`]: the trait that each implements, and how to add one.
@@ -38,7 +38,7 @@ pub const fn sh_rest_count(degree: usize) -> usize {
 /// `max(1/2 + sum_k Y_k(d) c_k, 0)` with the real spherical harmonics `Y_k` of 3DGS (see
 /// [`crate::render::project`]).
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct InstantGaussians {
+pub struct ActivatedGaussians {
     /// Centres in normalized world units.
     pub positions: Vec<[f32; 3]>,
     /// Standard deviations along the axes, positive.
@@ -61,7 +61,7 @@ pub struct InstantGaussians {
     pub features: Vec<f32>,
 }
 
-impl InstantGaussians {
+impl ActivatedGaussians {
     /// Number of Gaussians.
     pub fn len(&self) -> usize {
         self.positions.len()

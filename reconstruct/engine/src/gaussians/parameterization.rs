@@ -10,7 +10,7 @@ use std::fmt;
 use glam::Vec3;
 
 use super::{
-    InstantGaussians, deformable::Deformable, temporal::TemporalFeatures,
+    ActivatedGaussians, deformable::Deformable, temporal::TemporalFeatures,
     temporal_gaussians::TemporalGaussians,
 };
 use crate::{
@@ -70,7 +70,7 @@ pub trait Parameterization: fmt::Debug + Send {
         at: &Viewpoint,
         features: &TemporalFeatures,
         first: usize,
-        out: &mut InstantGaussians,
+        out: &mut ActivatedGaussians,
     );
 
     /// VJP of [`Parameterization::activate`], which was called last with the same arguments: overwrites
@@ -82,8 +82,8 @@ pub trait Parameterization: fmt::Debug + Send {
         at: &Viewpoint,
         features: &TemporalFeatures,
         first: usize,
-        activated: &mut InstantGaussians,
-        gradient: &mut InstantGaussians,
+        activated: &mut ActivatedGaussians,
+        gradient: &mut ActivatedGaussians,
     );
 
     /// Puts values that a step moved out of their bounds back onto them.
@@ -145,7 +145,7 @@ pub(crate) enum DeviceKind<'a> {
 /// A parameterization on a GPU. One implementation each, in its folder beside the WGSL.
 pub(crate) trait DeviceParameterization: fmt::Debug {
     /// Fills `buffers.gaussians` and `buffers.harmonics`.
-    fn instantiate(
+    fn activate(
         &self,
         gpu: &Gpu,
         program: &mut Program,
@@ -154,7 +154,7 @@ pub(crate) trait DeviceParameterization: fmt::Debug {
     ) -> Result<(), GpuError>;
 
     /// Fills `table.gradients`.
-    fn instantiate_vjp(
+    fn activate_vjp(
         &self,
         gpu: &Gpu,
         program: &mut Program,

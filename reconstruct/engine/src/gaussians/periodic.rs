@@ -1,4 +1,4 @@
-//! The motion of PVG: a Gaussian that appears around its peak time and swings about its centre.
+//! The motion of PVG: a Gaussian that appears around its peak time and vibrations about its centre.
 //!
 //! Source: Chen et al., "Periodic Vibration Gaussian", 2023, and its repository (fudan-zvg/PVG,
 //! `scene/gaussian_model.py`); Omni4DGS Eqs. 1 and 2 are the same. With the time `t`, the peak time
@@ -13,7 +13,7 @@
 //! ```
 //!
 //! PVG's temporal smoothing draws the state of the time `t - s`, moved on by `s vbar`, against the
-//! image of `t`: [`Moment::shift`] is `s`.
+//! image of `t`: [`FrameTime::shift`] is `s`.
 //!
 //! A Gaussian whose opacity does not depend on time has an infinite lifespan: `m = 1`, `rho` is
 //! infinite, `vbar = 0`.
@@ -24,14 +24,14 @@ use glam::Vec3;
 
 /// When Gaussians are looked at.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Moment {
+pub struct FrameTime {
     /// The image's time, frames.
     pub frame: f64,
     /// How much earlier the drawn state is, frames; 0 outside temporal smoothing.
     pub shift: f32,
 }
 
-impl Moment {
+impl FrameTime {
     /// The state at a time itself.
     pub fn at(frame: f64) -> Self {
         Self { frame, shift: 0.0 }
@@ -40,7 +40,7 @@ impl Moment {
 
 /// The temporal parameters of one Gaussian, activated.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pulse {
+pub struct TemporalParameters {
     /// Time of the highest opacity, frames.
     pub peak: f32,
     /// Standard deviation of the opacity over time, frames, positive; infinite where it is constant.
@@ -49,9 +49,9 @@ pub struct Pulse {
     pub velocity: Vec3,
 }
 
-/// What a [`Pulse`] is at one moment.
+/// What a [`TemporalParameters`] is at one moment.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PulseState {
+pub struct TemporalState {
     /// Added to the centre.
     pub displacement: Vec3,
     /// Multiplied with the opacity.
@@ -60,9 +60,9 @@ pub struct PulseState {
     pub mean_velocity: Vec3,
 }
 
-/// Gradients by the parameters of a [`Pulse`].
+/// Gradients by the parameters of a [`TemporalParameters`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct PulseGradient {
+pub struct TemporalGradient {
     /// By the peak time.
     pub peak: f32,
     /// By the logarithm of the lifespan.
@@ -73,21 +73,21 @@ pub struct PulseGradient {
 
 /// `l/(2 pi) sin(2 pi d / l)` and its derivative. Whole cycles are taken off in f64: with thousands of
 /// them between peak and moment, nothing would be left of the angle in f32.
-fn swing(distance: f64, cycle: f32) -> (f32, f32) {
+fn vibration(distance: f64, cycle: f32) -> (f32, f32) {
     let cycles = distance / f64::from(cycle);
     let angle = TAU * (cycles - cycles.round()) as f32;
     (cycle / TAU * angle.sin(), angle.cos())
 }
 
-impl Pulse {
+impl TemporalParameters {
     /// `rho`, the staticness.
     pub fn staticness(&self, cycle: f32) -> f32 {
         self.lifespan / cycle
     }
 
     /// `d`, frames from the peak to what is drawn.
-    fn distance(&self, moment: Moment) -> f64 {
-        moment.frame - f64::from(moment.shift) - f64::from(self.peak)
+    fn distance(&self, frame_time: FrameTime) -> f64 {
+        frame_time.frame - f64::from(frame_time.shift) - f64::from(self.peak)
     }
 
     /// `m` after `distance` frames from the peak.
@@ -102,25 +102,31 @@ impl Pulse {
     }
 
     /// The state at a moment; `cycle` is `l` in frames.
-    pub fn at(&self, moment: Moment, cycle: f32) -> PulseState {
-        let distance = self.distance(moment);
+    pub fn at(&self, frame_time: FrameTime, cycle: f32) -> TemporalState {
+        let distance = self.distance(frame_time);
         let mean_velocity = self.velocity * self.steadiness(cycle);
-        PulseState {
-            displacement: self.velocity * swing(distance, cycle).0 + mean_velocity * moment.shift,
+        TemporalState {
+            displacement: self.velocity * vibration(distance, cycle).0
+                + mean_velocity * frame_time.shift,
             marginal: self.marginal(distance as f32),
             mean_velocity,
         }
     }
 
-    /// VJP of [`Pulse::at`] from the gradient by the state.
-    pub fn at_vjp(&self, moment: Moment, cycle: f32, upstream: &PulseState) -> PulseGradient {
-        let distance = self.distance(moment);
-        let (amplitude, slope) = swing(distance, cycle);
+    /// VJP of [`TemporalParameters::at`] from the gradient by the state.
+    pub fn at_vjp(
+        &self,
+        frame_time: FrameTime,
+        cycle: f32,
+        upstream: &TemporalState,
+    ) -> TemporalGradient {
+        let distance = self.distance(frame_time);
+        let (amplitude, slope) = vibration(distance, cycle);
         let distance = distance as f32;
         let ratio = distance / self.lifespan;
         let marginal = self.marginal(distance);
         let steadiness = self.steadiness(cycle);
-        let by_mean = upstream.mean_velocity + upstream.displacement * moment.shift;
+        let by_mean = upstream.mean_velocity + upstream.displacement * frame_time.shift;
         // d exp(-rho/2) / d ln beta; written so that an infinite lifespan gives 0.
         let by_log_steadiness = if steadiness > 0.0 {
             -0.5 * self.staticness(cycle) * steadiness
@@ -136,7 +142,7 @@ impl Pulse {
         } else {
             (0.0, 0.0)
         };
-        PulseGradient {
+        TemporalGradient {
             peak: by_distance - slope * self.velocity.dot(upstream.displacement),
             log_lifespan: by_log_ratio + by_log_steadiness * self.velocity.dot(by_mean),
             velocity: upstream.displacement * amplitude + by_mean * steadiness,
@@ -167,7 +173,7 @@ mod tests {
         [at(0), at(1), at(2), m, mean[0], mean[1], mean[2]]
     }
 
-    fn values(state: &PulseState) -> [f32; 7] {
+    fn values(state: &TemporalState) -> [f32; 7] {
         let ([a, b, c], [x, y, z]) = (
             state.displacement.to_array(),
             state.mean_velocity.to_array(),
@@ -186,19 +192,19 @@ mod tests {
             s in -1.5..1.5_f64,
             upstream in prop::array::uniform7(-1.0..1.0_f64),
         ) {
-            let pulse = Pulse {
+            let temporal_parameters = TemporalParameters {
                 peak: peak as f32,
                 lifespan: log_lifespan.exp() as f32,
                 velocity: glam::DVec3::from_array(v).as_vec3(),
             };
-            let moment = Moment { frame: t, shift: s as f32 };
-            let state = pulse.at(moment, cycle as f32);
+            let frame_time = FrameTime { frame: t, shift: s as f32 };
+            let state = temporal_parameters.at(frame_time, cycle as f32);
             let expected = reference([peak, log_lifespan], v, cycle, t, s);
             for (value, expected) in values(&state).iter().zip(expected) {
                 prop_assert!((f64::from(*value) - expected).abs() < 2e-5, "{value} {expected}");
             }
             let g = upstream.map(|value| value as f32);
-            let gradient = pulse.at_vjp(moment, cycle as f32, &PulseState {
+            let gradient = temporal_parameters.at_vjp(frame_time, cycle as f32, &TemporalState {
                 displacement: Vec3::new(g[0], g[1], g[2]),
                 marginal: g[3],
                 mean_velocity: Vec3::new(g[4], g[5], g[6]),
@@ -237,7 +243,7 @@ mod tests {
 
     #[test]
     fn extremes_stay_finite_and_within_bounds() {
-        let gradient = PulseState {
+        let gradient = TemporalState {
             displacement: Vec3::ONE,
             marginal: 1.0,
             mean_velocity: Vec3::ONE,
@@ -246,25 +252,28 @@ mod tests {
             for cycle in [1e-3, 10.0, 1e9] {
                 for peak in [0.0, -5e3, 1e4, 1e7] {
                     for frame in [-5e3, 0.0, 0.5, 5e3] {
-                        let pulse = Pulse {
+                        let temporal_parameters = TemporalParameters {
                             peak,
                             lifespan,
                             velocity: Vec3::new(0.2, -0.1, 0.3),
                         };
-                        let moment = Moment { frame, shift: 1.5 };
-                        let state = pulse.at(moment, cycle);
-                        assert!((0.0..=1.0).contains(&state.marginal), "{pulse:?}");
+                        let frame_time = FrameTime { frame, shift: 1.5 };
+                        let state = temporal_parameters.at(frame_time, cycle);
+                        assert!(
+                            (0.0..=1.0).contains(&state.marginal),
+                            "{temporal_parameters:?}"
+                        );
                         let reach = (cycle / TAU).min((frame as f32 - peak).abs() + 2.0) + 1.5;
                         assert!(
                             state.displacement.length() <= 0.4 * reach,
-                            "{pulse:?} {cycle} {frame}: {state:?}"
+                            "{temporal_parameters:?} {cycle} {frame}: {state:?}"
                         );
-                        let back = pulse.at_vjp(moment, cycle, &gradient);
+                        let back = temporal_parameters.at_vjp(frame_time, cycle, &gradient);
                         assert!(
                             back.peak.is_finite()
                                 && back.log_lifespan.is_finite()
                                 && back.velocity.is_finite(),
-                            "{pulse:?} {cycle} {frame}: {back:?}"
+                            "{temporal_parameters:?} {cycle} {frame}: {back:?}"
                         );
                     }
                 }
@@ -282,7 +291,7 @@ mod tests {
             (4_321.7, 1e-3, -4_000.3),
             (0.3, 1e-6, 1.1),
         ] {
-            let pulse = Pulse {
+            let temporal_parameters = TemporalParameters {
                 peak,
                 lifespan: f32::INFINITY,
                 velocity: Vec3::X,
@@ -290,14 +299,14 @@ mod tests {
             let distance = frame - f64::from(peak);
             let cycles = distance / f64::from(cycle);
             let angle = std::f64::consts::TAU * (cycles - cycles.round());
-            let upstream = PulseState {
+            let upstream = TemporalState {
                 displacement: Vec3::X,
                 marginal: 0.0,
                 mean_velocity: Vec3::ZERO,
             };
-            let moment = Moment::at(frame);
-            let turn = pulse.at(moment, cycle).displacement.x * TAU / cycle;
-            let back = pulse.at_vjp(moment, cycle, &upstream);
+            let frame_time = FrameTime::at(frame);
+            let turn = temporal_parameters.at(frame_time, cycle).displacement.x * TAU / cycle;
+            let back = temporal_parameters.at_vjp(frame_time, cycle, &upstream);
             assert!(
                 (f64::from(turn) - angle.sin()).abs() < 1e-6,
                 "{peak} {cycle}"
@@ -311,15 +320,15 @@ mod tests {
 
     #[test]
     fn a_constant_opacity_is_the_limit_of_long_lifespans() {
-        let pulse = |lifespan| Pulse {
+        let temporal_parameters = |lifespan| TemporalParameters {
             peak: 3.0,
             lifespan,
             velocity: Vec3::X,
         };
-        let moment = Moment::at(-20.0);
+        let frame_time = FrameTime::at(-20.0);
         let (long, constant) = (
-            pulse(1e7).at(moment, 10.0),
-            pulse(f32::INFINITY).at(moment, 10.0),
+            temporal_parameters(1e7).at(frame_time, 10.0),
+            temporal_parameters(f32::INFINITY).at(frame_time, 10.0),
         );
         assert_eq!(long, constant);
         assert_eq!(

@@ -14,7 +14,7 @@ use crate::gaussians::{
     temporal::TemporalFeatures,
 };
 use crate::{
-    gaussians::{InstantGaussians, MAX_SH_DEGREE, sh_rest_count},
+    gaussians::{ActivatedGaussians, MAX_SH_DEGREE, sh_rest_count},
     parameters::{ArrayShape, ParameterArray, ParameterTable},
 };
 
@@ -139,9 +139,9 @@ impl Parameterization for StaticGaussians {
         _: &Viewpoint,
         features: &TemporalFeatures,
         first: usize,
-        out: &mut InstantGaussians,
+        out: &mut ActivatedGaussians,
     ) {
-        instantiate_from(table, first, out);
+        activate_from(table, first, out);
         write_static_features(features, first, table.len(), out);
     }
 
@@ -151,10 +151,10 @@ impl Parameterization for StaticGaussians {
         _: &Viewpoint,
         _: &TemporalFeatures,
         first: usize,
-        activated: &mut InstantGaussians,
-        gradient: &mut InstantGaussians,
+        activated: &mut ActivatedGaussians,
+        gradient: &mut ActivatedGaussians,
     ) {
-        instantiate_from_vjp(table, first, activated, gradient);
+        activate_from_vjp(table, first, activated, gradient);
     }
 
     fn device_twin(&self) -> Option<DeviceTwin<'_>> {
@@ -171,7 +171,7 @@ pub(super) fn write_static_features(
     features: &TemporalFeatures,
     first: usize,
     len: usize,
-    out: &mut InstantGaussians,
+    out: &mut ActivatedGaussians,
 ) {
     let count = features.count();
     if count > 0 {
@@ -193,14 +193,14 @@ pub fn sigmoid(raw: f32) -> f32 {
 }
 
 /// Activates the table's parameters.
-pub fn instantiate(table: &ParameterTable, out: &mut InstantGaussians) {
+pub fn activate(table: &ParameterTable, out: &mut ActivatedGaussians) {
     out.reshape(table.len(), sh_degree(table), 0);
-    instantiate_from(table, 0, out);
+    activate_from(table, 0, out);
 }
 
 /// Activates the table's parameters into the entries of `out` that begin with number `first`; `out`
 /// has room for them and harmonics of the table's degree.
-pub fn instantiate_from(table: &ParameterTable, first: usize, out: &mut InstantGaussians) {
+pub fn activate_from(table: &ParameterTable, first: usize, out: &mut ActivatedGaussians) {
     let arrays = &table.arrays;
     let entries = first..first + table.len();
     out.positions[entries.clone()].copy_from_slice(arrays[POSITIONS].values.as_chunks().0);
@@ -240,22 +240,22 @@ fn quaternion_length(raw: &[f32; 4]) -> f32 {
     length.max(LEAST_QUATERNION_LENGTH)
 }
 
-/// VJP of [`instantiate`]: overwrites the table's gradients from gradients by the activated
-/// Gaussians. `instant` is what [`instantiate`] gave.
-pub fn instantiate_vjp(
+/// VJP of [`activate`]: overwrites the table's gradients from gradients by the activated
+/// Gaussians. `instant` is what [`activate`] gave.
+pub fn activate_vjp(
     table: &mut ParameterTable,
-    instant: &InstantGaussians,
-    gradient: &InstantGaussians,
+    instant: &ActivatedGaussians,
+    gradient: &ActivatedGaussians,
 ) {
-    instantiate_from_vjp(table, 0, instant, gradient);
+    activate_from_vjp(table, 0, instant, gradient);
 }
 
-/// VJP of [`instantiate_from`].
-pub fn instantiate_from_vjp(
+/// VJP of [`activate_from`].
+pub fn activate_from_vjp(
     table: &mut ParameterTable,
     first: usize,
-    instant: &InstantGaussians,
-    gradient: &InstantGaussians,
+    instant: &ActivatedGaussians,
+    gradient: &ActivatedGaussians,
 ) {
     let entries = first..first + table.len();
     let [positions, log_scales, quaternions, logits, sh, rest @ ..] = table.arrays.as_mut_slice()

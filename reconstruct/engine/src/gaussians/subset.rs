@@ -1,9 +1,9 @@
 //! Some of the Gaussians of a moment, to be rendered alone.
 
-use crate::gaussians::{InstantGaussians, sh_rest_count};
+use crate::gaussians::{ActivatedGaussians, sh_rest_count};
 
 /// Copies the entries of `all` into `out`, each with the one feature 1: it renders the opacity map.
-pub fn gather(all: &InstantGaussians, entries: &[usize], out: &mut InstantGaussians) {
+pub fn gather(all: &ActivatedGaussians, entries: &[usize], out: &mut ActivatedGaussians) {
     let rest = sh_rest_count(all.sh_degree);
     out.reshape(entries.len(), all.sh_degree, 1);
     out.features.fill(1.0);
@@ -20,7 +20,7 @@ pub fn gather(all: &InstantGaussians, entries: &[usize], out: &mut InstantGaussi
 
 /// VJP of [`gather`]: adds the gradient by the copies to that by their originals. The feature is a
 /// constant.
-pub fn gather_vjp(part: &InstantGaussians, entries: &[usize], out: &mut InstantGaussians) {
+pub fn gather_vjp(part: &ActivatedGaussians, entries: &[usize], out: &mut ActivatedGaussians) {
     fn add<const N: usize>(sum: &mut [f32; N], values: &[f32; N]) {
         for (sum, value) in sum.iter_mut().zip(values) {
             *sum += value;
@@ -47,8 +47,8 @@ mod tests {
     use super::*;
 
     /// Gaussians whose every value is another one.
-    fn numbered(len: usize, from: f32) -> InstantGaussians {
-        let mut gaussians = InstantGaussians::default();
+    fn numbered(len: usize, from: f32) -> ActivatedGaussians {
+        let mut gaussians = ActivatedGaussians::default();
         gaussians.reshape(len, 1, 0);
         let mut next = from;
         let mut fill = |values: &mut [f32]| {
@@ -66,7 +66,7 @@ mod tests {
         gaussians
     }
 
-    fn dot(a: &InstantGaussians, b: &InstantGaussians) -> f32 {
+    fn dot(a: &ActivatedGaussians, b: &ActivatedGaussians) -> f32 {
         let sum = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>();
         sum(a.positions.as_flattened(), b.positions.as_flattened())
             + sum(a.scales.as_flattened(), b.scales.as_flattened())
@@ -80,12 +80,12 @@ mod tests {
     fn the_vjp_is_the_transpose_of_the_copy() {
         let all = numbered(5, 1.0);
         let entries = [3, 0, 4];
-        let mut part = InstantGaussians::default();
+        let mut part = ActivatedGaussians::default();
         gather(&all, &entries, &mut part);
         assert_eq!(part.positions[0], all.positions[3]);
         assert_eq!((part.features.len(), part.features[2]), (3, 1.0));
         let by_part = numbered(3, -20.0);
-        let mut by_all = InstantGaussians::default();
+        let mut by_all = ActivatedGaussians::default();
         by_all.clear_to_zero(&all);
         gather_vjp(&by_part, &entries, &mut by_all);
         assert_eq!(dot(&part, &by_part), dot(&all, &by_all));

@@ -11,9 +11,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     gaussians::{
-        InstantGaussians,
+        ActivatedGaussians,
         omni4dgs::{Decomposition, Observer},
-        periodic::{Moment, Pulse, PulseGradient, PulseState},
+        periodic::{FrameTime, TemporalGradient, TemporalParameters, TemporalState},
         static_gaussians::{self, InitialGaussians, OPACITY_LOGITS, POSITIONS, sigmoid},
     },
     parameters::{ArrayShape, ParameterTable},
@@ -91,9 +91,9 @@ pub enum VelocityModel {
 
 /// When Gaussians are looked at, and by whom.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Look {
+pub struct ViewContext {
     /// When.
-    pub moment: Moment,
+    pub frame_time: FrameTime,
     /// Who; matters where velocities are decomposed.
     pub observer: Observer,
 }
@@ -242,8 +242,12 @@ impl TimeModel {
     }
 
     /// Reads the temporal parameters of a table of this model.
-    pub fn pulses<'a>(&'a self, table: &'a ParameterTable, observer: Observer) -> Pulses<'a> {
-        Pulses {
+    pub fn temporal_table<'a>(
+        &'a self,
+        table: &'a ParameterTable,
+        observer: Observer,
+    ) -> TemporalTable<'a> {
+        TemporalTable {
             model: self,
             table,
             columns: Columns::of(table),
@@ -252,25 +256,25 @@ impl TimeModel {
     }
 
     /// Activates a table at a moment into the entries of `out` that begin with number `first`.
-    pub fn instantiate_from(
+    pub fn activate_from(
         &self,
         table: &ParameterTable,
-        look: &Look,
+        look: &ViewContext,
         features: &TemporalFeatures,
         first: usize,
-        out: &mut InstantGaussians,
+        out: &mut ActivatedGaussians,
     ) {
-        static_gaussians::instantiate_from(table, first, out);
-        let pulses = self.pulses(table, look.observer);
+        static_gaussians::activate_from(table, first, out);
+        let temporal_table = self.temporal_table(table, look.observer);
         let (entries, channels) = (first..first + table.len(), out.feature_count);
         let positions = out.positions[entries.clone()].par_iter_mut();
         let opacities = out.opacities[entries.clone()].par_iter_mut();
         let each = |index: usize, position: &mut [f32; 3], opacity: &mut f32, row: &mut [f32]| {
-            let pulse = pulses.pulse(index);
-            let state = pulse.at(look.moment, self.cycle_frames);
+            let temporal_parameters = temporal_table.temporal_parameters(index);
+            let state = temporal_parameters.at(look.frame_time, self.cycle_frames);
             *position = (Vec3::from_array(*position) + state.displacement).to_array();
             *opacity *= self.drawn_marginal(state.marginal);
-            features.write(state.mean_velocity, pulse.lifespan, row);
+            features.write(state.mean_velocity, temporal_parameters.lifespan, row);
         };
         let both = positions.zip(opacities).enumerate().with_min_len(1024);
         if channels == 0 {
@@ -284,30 +288,34 @@ impl TimeModel {
         }
     }
 
-    /// VJP of [`TimeModel::instantiate_from`]: overwrites the table's gradients.
-    pub fn instantiate_from_vjp(
+    /// VJP of [`TimeModel::activate_from`]: overwrites the table's gradients.
+    pub fn activate_from_vjp(
         &self,
         table: &mut ParameterTable,
-        look: &Look,
+        look: &ViewContext,
         features: &TemporalFeatures,
         first: usize,
-        instant: &InstantGaussians,
-        gradient: &InstantGaussians,
+        instant: &ActivatedGaussians,
+        gradient: &ActivatedGaussians,
     ) {
-        static_gaussians::instantiate_from_vjp(table, first, instant, gradient);
+        static_gaussians::activate_from_vjp(table, first, instant, gradient);
         let channels = gradient.feature_count;
-        let pulses = self.pulses(table, look.observer);
+        let temporal_table = self.temporal_table(table, look.observer);
         let each = |index: usize| {
             let entry = first + index;
-            let pulse = pulses.pulse(index);
-            let marginal = self.drawn_marginal(pulse.at(look.moment, self.cycle_frames).marginal);
-            let opacity = sigmoid(pulses.table.arrays[OPACITY_LOGITS].values[index]);
+            let temporal_parameters = temporal_table.temporal_parameters(index);
+            let marginal = self.drawn_marginal(
+                temporal_parameters
+                    .at(look.frame_time, self.cycle_frames)
+                    .marginal,
+            );
+            let opacity = sigmoid(temporal_table.table.arrays[OPACITY_LOGITS].values[index]);
             let by_opacity = gradient.opacities[entry];
             let (by_velocity, by_log_lifespan) = features.vjp(
-                pulse.lifespan,
+                temporal_parameters.lifespan,
                 &gradient.features[entry * channels..(entry + 1) * channels],
             );
-            let upstream = PulseState {
+            let upstream = TemporalState {
                 displacement: Vec3::from_array(gradient.positions[entry]),
                 marginal: if marginal > 0.0 {
                     by_opacity * opacity
@@ -316,19 +324,20 @@ impl TimeModel {
                 },
                 mean_velocity: by_velocity,
             };
-            let mut by_pulse = pulse.at_vjp(look.moment, self.cycle_frames, &upstream);
-            by_pulse.log_lifespan += by_log_lifespan;
+            let mut by_temporal =
+                temporal_parameters.at_vjp(look.frame_time, self.cycle_frames, &upstream);
+            by_temporal.log_lifespan += by_log_lifespan;
             (
                 by_opacity * marginal * opacity * (1.0 - opacity),
-                pulses.raw_vjp(index, &by_pulse),
+                temporal_table.raw_vjp(index, &by_temporal),
             )
         };
-        let gradients: Vec<(f32, RawGradient)> = (0..pulses.table.len())
+        let gradients: Vec<(f32, RawGradient)> = (0..temporal_table.table.len())
             .into_par_iter()
             .with_min_len(1024)
             .map(each)
             .collect();
-        let columns = pulses.columns;
+        let columns = temporal_table.columns;
         columns.clear_gradients(table);
         for (index, (by_logit, raw)) in gradients.iter().enumerate() {
             table.arrays[OPACITY_LOGITS].gradients[index] = *by_logit;
@@ -416,16 +425,16 @@ pub struct RawGradient {
 
 /// The temporal parameters of a table, as an observer has them.
 #[derive(Debug, Clone, Copy)]
-pub struct Pulses<'a> {
+pub struct TemporalTable<'a> {
     model: &'a TimeModel,
     table: &'a ParameterTable,
     columns: Columns,
     observer: Observer,
 }
 
-impl Pulses<'_> {
+impl TemporalTable<'_> {
     /// Those of one Gaussian.
-    pub fn pulse(&self, index: usize) -> Pulse {
+    pub fn temporal_parameters(&self, index: usize) -> TemporalParameters {
         let scalar = |array: usize| self.table.arrays[array].values[index];
         let vector = |array: usize| Vec3::from_slice(self.table.row(array, index));
         let lifespan = match (self.model.lifespans, self.columns.log_lifespans) {
@@ -441,7 +450,7 @@ impl Pulses<'_> {
                 .combine(vector(radial), vector(tangential)),
             _ => self.columns.velocities.map_or(Vec3::ZERO, vector),
         };
-        Pulse {
+        TemporalParameters {
             peak: self.columns.peaks.map_or(0.0, scalar),
             lifespan,
             velocity,
@@ -460,11 +469,12 @@ impl Pulses<'_> {
 
     /// `rho` of one Gaussian.
     pub fn staticness(&self, index: usize) -> f32 {
-        self.pulse(index).staticness(self.model.cycle_frames)
+        self.temporal_parameters(index)
+            .staticness(self.model.cycle_frames)
     }
 
-    /// Gradients by raw parameters from those by [`Pulses::pulse`].
-    pub fn raw_vjp(&self, index: usize, gradient: &PulseGradient) -> RawGradient {
+    /// Gradients by raw parameters from those by [`TemporalTable::temporal_parameters`].
+    pub fn raw_vjp(&self, index: usize, gradient: &TemporalGradient) -> RawGradient {
         let is_within = match (self.model.lifespans, self.columns.log_lifespans) {
             (Some(range), Some(array)) => {
                 let (low, high) = range.logarithms();

@@ -3,11 +3,11 @@
 use glam::Vec3;
 
 use super::{
-    InstantGaussians,
+    ActivatedGaussians,
     omni4dgs::{DirectionOrigin, Observer},
     parameterization::{Parameterization, Viewpoint},
-    periodic::Moment,
-    temporal::{Look, TemporalFeatures, TimeModel, VelocityModel},
+    periodic::FrameTime,
+    temporal::{TemporalFeatures, TimeModel, VelocityModel, ViewContext},
 };
 use crate::{clock::Clock, parameters::ParameterTable};
 
@@ -26,13 +26,13 @@ pub struct TemporalGaussians {
 
 impl TemporalGaussians {
     /// When a viewpoint looks, and who is taken for the observer of decomposed velocities.
-    pub fn look(&self, at: &Viewpoint) -> Look {
+    pub fn look(&self, at: &Viewpoint) -> ViewContext {
         let origin = match self.time.velocity {
             VelocityModel::Decomposed(decomposition) => decomposition.origin,
             _ => DirectionOrigin::World,
         };
-        Look {
-            moment: Moment {
+        ViewContext {
+            frame_time: FrameTime {
                 frame: self.clock.frame(at.seconds),
                 shift: at.shift_frames,
             },
@@ -55,10 +55,12 @@ impl TemporalGaussians {
     }
 
     /// Numbers of the Gaussians of a table whose staticness is below the threshold, or not below it.
-    pub fn members(&self, table: &ParameterTable, look: &Look, dynamic: bool) -> Vec<usize> {
-        let pulses = self.time.pulses(table, look.observer);
+    pub fn members(&self, table: &ParameterTable, look: &ViewContext, dynamic: bool) -> Vec<usize> {
+        let temporal_table = self.time.temporal_table(table, look.observer);
         (0..table.len())
-            .filter(|&index| (pulses.staticness(index) < self.dynamic_below_staticness) == dynamic)
+            .filter(|&index| {
+                (temporal_table.staticness(index) < self.dynamic_below_staticness) == dynamic
+            })
             .collect()
     }
 }
@@ -74,11 +76,10 @@ impl Parameterization for TemporalGaussians {
         at: &Viewpoint,
         features: &TemporalFeatures,
         first: usize,
-        out: &mut InstantGaussians,
+        out: &mut ActivatedGaussians,
     ) {
         let look = self.look(at);
-        self.time
-            .instantiate_from(table, &look, features, first, out);
+        self.time.activate_from(table, &look, features, first, out);
     }
 
     fn activate_backward(
@@ -87,12 +88,12 @@ impl Parameterization for TemporalGaussians {
         at: &Viewpoint,
         features: &TemporalFeatures,
         first: usize,
-        activated: &mut InstantGaussians,
-        gradient: &mut InstantGaussians,
+        activated: &mut ActivatedGaussians,
+        gradient: &mut ActivatedGaussians,
     ) {
         let look = self.look(at);
         self.time
-            .instantiate_from_vjp(table, &look, features, first, activated, gradient);
+            .activate_from_vjp(table, &look, features, first, activated, gradient);
     }
 
     fn keep_within_bounds(&self, table: &mut ParameterTable) {

@@ -13,8 +13,8 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::gaussians::{
-    periodic::{Moment, Pulse, PulseGradient, PulseState},
-    temporal::{CentreGradient, Pulses},
+    periodic::{FrameTime, TemporalGradient, TemporalParameters, TemporalState},
+    temporal::{CentreGradient, TemporalTable},
 };
 
 /// `Dt`, frames.
@@ -25,28 +25,33 @@ const LEAST_DISTANCE: f32 = 1e-6;
 /// Value, and the gradients times `weight` by raw parameters and centres of those `members` that
 /// have any.
 pub fn motion(
-    pulses: &Pulses<'_>,
+    temporal_table: &TemporalTable<'_>,
     members: &[usize],
     frame: f64,
     cycle: f32,
     weight: f32,
 ) -> (f64, Vec<CentreGradient>) {
     let scale = weight / members.len().max(1) as f32;
-    let origin = pulses.observer().centre;
+    let origin = temporal_table.observer().centre;
     let parts: Vec<(f32, Option<CentreGradient>)> = members
         .par_iter()
         .with_min_len(1024)
         .map(|&index| {
-            let (pulse, centre) = (pulses.pulse(index), pulses.centre(index) - origin);
-            let Some((value, by_pulse, by_centre)) = one(&pulse, centre, frame, cycle) else {
+            let (temporal_parameters, centre) = (
+                temporal_table.temporal_parameters(index),
+                temporal_table.centre(index) - origin,
+            );
+            let Some((value, by_temporal, by_centre)) =
+                one(&temporal_parameters, centre, frame, cycle)
+            else {
                 return (0.0, None);
             };
-            let by_pulse = PulseGradient {
-                peak: scale * by_pulse.peak,
-                log_lifespan: scale * by_pulse.log_lifespan,
-                velocity: by_pulse.velocity * scale,
+            let by_temporal = TemporalGradient {
+                peak: scale * by_temporal.peak,
+                log_lifespan: scale * by_temporal.log_lifespan,
+                velocity: by_temporal.velocity * scale,
             };
-            let raw = pulses.raw_vjp(index, &by_pulse);
+            let raw = temporal_table.raw_vjp(index, &by_temporal);
             (value, Some((index, raw, by_centre * scale)))
         })
         .collect();
@@ -55,11 +60,17 @@ pub fn motion(
     (sum / members.len().max(1) as f64, gradients.collect())
 }
 
-/// One Gaussian's `|d(t + Dt) - d(t)|^2 / Dt^2` and its gradients by pulse and centre; `None` where
+/// One Gaussian's `|d(t + Dt) - d(t)|^2 / Dt^2` and its gradients by temporal_parameters and centre; `None` where
 /// no direction is defined.
-fn one(pulse: &Pulse, centre: Vec3, frame: f64, cycle: f32) -> Option<(f32, PulseGradient, Vec3)> {
-    let moments = [frame, frame + f64::from(STEP_FRAMES)].map(Moment::at);
-    let [before, after] = moments.map(|moment| centre + pulse.at(moment, cycle).displacement);
+fn one(
+    temporal_parameters: &TemporalParameters,
+    centre: Vec3,
+    frame: f64,
+    cycle: f32,
+) -> Option<(f32, TemporalGradient, Vec3)> {
+    let moments = [frame, frame + f64::from(STEP_FRAMES)].map(FrameTime::at);
+    let [before, after] =
+        moments.map(|frame_time| centre + temporal_parameters.at(frame_time, cycle).displacement);
     let [near, far] = [before.length(), after.length()];
     let is_defined = near > LEAST_DISTANCE && far > LEAST_DISTANCE;
     if !is_defined {
@@ -72,14 +83,14 @@ fn one(pulse: &Pulse, centre: Vec3, frame: f64, cycle: f32) -> Option<(f32, Puls
     let across = |direction: Vec3, gradient: Vec3| gradient - direction * direction.dot(gradient);
     let by_after = across(d_after, change * 2.0) / far;
     let by_before = across(d_before, change * -2.0) / near;
-    let mut gradient = PulseGradient::default();
-    for (moment, by_position) in moments.into_iter().zip([by_before, by_after]) {
-        let upstream = PulseState {
+    let mut gradient = TemporalGradient::default();
+    for (frame_time, by_position) in moments.into_iter().zip([by_before, by_after]) {
+        let upstream = TemporalState {
             displacement: by_position,
             marginal: 0.0,
             mean_velocity: Vec3::ZERO,
         };
-        let part = pulse.at_vjp(moment, cycle, &upstream);
+        let part = temporal_parameters.at_vjp(frame_time, cycle, &upstream);
         gradient.peak += part.peak;
         gradient.log_lifespan += part.log_lifespan;
         gradient.velocity += part.velocity;
@@ -115,17 +126,22 @@ mod tests {
         ];
         for (case, frame) in cases.into_iter().zip([0.4, 3.0, -7.0]) {
             let [x, y, z, vx, vy, vz, peak] = case.map(|value| value as f32);
-            let pulse = Pulse {
+            let temporal_parameters = TemporalParameters {
                 peak,
                 lifespan: 40.0,
                 velocity: Vec3::new(vx, vy, vz),
             };
-            let found = one(&pulse, Vec3::new(x, y, z), frame, CYCLE as f32);
-            let (value, by_pulse, by_centre) = found.expect("defined");
+            let found = one(
+                &temporal_parameters,
+                Vec3::new(x, y, z),
+                frame,
+                CYCLE as f32,
+            );
+            let (value, by_temporal, by_centre) = found.expect("defined");
             let expected = reference(case, frame);
             assert!((f64::from(value) - expected).abs() < 1e-5 * (1.0 + expected));
-            let gradient = [by_centre.to_array(), by_pulse.velocity.to_array()].concat();
-            for (index, found) in gradient.into_iter().chain([by_pulse.peak]).enumerate() {
+            let gradient = [by_centre.to_array(), by_temporal.velocity.to_array()].concat();
+            for (index, found) in gradient.into_iter().chain([by_temporal.peak]).enumerate() {
                 let shifted = |step: f64| {
                     let mut shifted = case;
                     shifted[index] += step;
@@ -143,19 +159,19 @@ mod tests {
 
     #[test]
     fn the_observer_itself_and_what_does_not_move_pay_nothing() {
-        let still = Pulse {
+        let still = TemporalParameters {
             peak: 0.0,
             lifespan: f32::INFINITY,
             velocity: Vec3::ZERO,
         };
         assert!(one(&still, Vec3::ZERO, 0.0, 10.0).is_none());
-        let (value, by_pulse, by_centre) = one(&still, Vec3::X, 3.0, 10.0).expect("defined");
+        let (value, by_temporal, by_centre) = one(&still, Vec3::X, 3.0, 10.0).expect("defined");
         assert_eq!(
-            (value, by_pulse.velocity, by_centre),
+            (value, by_temporal.velocity, by_centre),
             (0.0, Vec3::ZERO, Vec3::ZERO)
         );
         // Towards the observer and back: the direction does not change.
-        let radial = Pulse {
+        let radial = TemporalParameters {
             velocity: Vec3::X * 0.5,
             ..still
         };

@@ -1,11 +1,11 @@
-//! The processor's renderers behind one face.
+//! The CPU's renderers behind one face.
 
 use omnilife_schemas::RgbImage;
 
 use crate::render::settings::RendererChoice;
 use crate::{
     camera::View,
-    gaussians::InstantGaussians,
+    gaussians::ActivatedGaussians,
     render::{
         Visible,
         cpu::Renderer,
@@ -35,7 +35,7 @@ impl CpuRenderer {
     pub(crate) fn forward(
         &mut self,
         view: &View,
-        instant: &InstantGaussians,
+        instant: &ActivatedGaussians,
         sh_degree: usize,
     ) -> &Raster {
         match self {
@@ -50,10 +50,10 @@ impl CpuRenderer {
     pub(crate) fn backward(
         &mut self,
         view: &View,
-        instant: &InstantGaussians,
+        instant: &ActivatedGaussians,
         image_gradient: &[f32],
         feature_gradient: &[f32],
-        out: &mut InstantGaussians,
+        out: &mut ActivatedGaussians,
     ) {
         match self {
             Self::Exact(renderer) => {
@@ -78,7 +78,7 @@ impl CpuRenderer {
     pub(crate) fn image(
         &mut self,
         view: &View,
-        instant: &InstantGaussians,
+        instant: &ActivatedGaussians,
         sh_degree: usize,
     ) -> RgbImage {
         match self {

@@ -6,7 +6,7 @@ use omnilife_schemas::RgbImage;
 use crate::{
     camera::View,
     gaussians::{
-        InstantGaussians, parameterization::Viewpoint, static_gaussians, subset,
+        ActivatedGaussians, parameterization::Viewpoint, static_gaussians, subset,
         temporal::TemporalFeatures,
     },
     model::{Model, Part},
@@ -49,8 +49,8 @@ impl Layer {
 pub struct LayerRenderer {
     model: Model,
     renderer: Renderer,
-    all: InstantGaussians,
-    part: InstantGaussians,
+    all: ActivatedGaussians,
+    part: ActivatedGaussians,
     median_distance: f32,
     largest_speed: f32,
 }
@@ -73,8 +73,8 @@ impl LayerRenderer {
         let median = distances.get(distances.len() / 2).copied();
         Self {
             renderer: Renderer::new(settings),
-            all: InstantGaussians::default(),
-            part: InstantGaussians::default(),
+            all: ActivatedGaussians::default(),
+            part: ActivatedGaussians::default(),
             median_distance: median.unwrap_or(1.0).max(f32::MIN_POSITIVE),
             largest_speed: largest_speed(&model),
             model,
@@ -199,10 +199,13 @@ fn largest_speed(model: &Model) -> f32 {
     let mut speeds = Vec::new();
     for part in &model.parts {
         if let Some(temporal) = part.parameterization.temporal() {
-            let pulses = temporal.time.pulses(&part.table, temporal.world_observer());
+            let temporal_table = temporal
+                .time
+                .temporal_table(&part.table, temporal.world_observer());
             speeds.extend((0..part.table.len()).map(|index| {
-                let pulse = pulses.pulse(index);
-                pulse.velocity.length() * pulse.steadiness(temporal.time.cycle_frames)
+                let temporal_parameters = temporal_table.temporal_parameters(index);
+                temporal_parameters.velocity.length()
+                    * temporal_parameters.steadiness(temporal.time.cycle_frames)
             }));
         }
     }

@@ -16,7 +16,7 @@ use self::pose_corrections::PoseCorrections;
 use crate::{
     camera::View,
     gaussians::{
-        InstantGaussians,
+        ActivatedGaussians,
         parameterization::{Parameterization, Viewpoint},
         static_gaussians::{self, StaticGaussians},
         temporal::TemporalFeatures,
@@ -184,7 +184,7 @@ impl Model {
         &mut self,
         at: &Viewpoint,
         features: &TemporalFeatures,
-        out: &mut InstantGaussians,
+        out: &mut ActivatedGaussians,
     ) {
         let degrees = self
             .parts
@@ -205,8 +205,8 @@ impl Model {
         &mut self,
         at: &Viewpoint,
         features: &TemporalFeatures,
-        activated: &mut InstantGaussians,
-        gradient: &mut InstantGaussians,
+        activated: &mut ActivatedGaussians,
+        gradient: &mut ActivatedGaussians,
     ) {
         let mut first = 0;
         for part in &mut self.parts {

@@ -6,7 +6,7 @@ use crate::render::Visible;
 pub use crate::render::settings::{Footprint, RenderSettings};
 use crate::{
     camera::{View, rays::Rays},
-    gaussians::InstantGaussians,
+    gaussians::ActivatedGaussians,
     render::{
         bin::{TileLists, cpu::Binner},
         project::{self, Splat, cpu::Drawn},
@@ -15,7 +15,7 @@ use crate::{
     },
 };
 
-/// Renders views on the processor, keeping what the backward pass needs and its memory.
+/// Renders views on the CPU, keeping what the backward pass needs and its memory.
 #[derive(Debug)]
 pub struct Renderer {
     /// What is drawn and how; may be changed from view to view.
@@ -52,7 +52,7 @@ impl Renderer {
     }
 
     /// Renders one view.
-    pub fn forward(&mut self, view: &View, gaussians: &InstantGaussians) -> &Raster {
+    pub fn forward(&mut self, view: &View, gaussians: &ActivatedGaussians) -> &Raster {
         self.forward_timed(view, gaussians, |_| {})
     }
 
@@ -60,7 +60,7 @@ impl Renderer {
     pub fn forward_timed(
         &mut self,
         view: &View,
-        gaussians: &InstantGaussians,
+        gaussians: &ActivatedGaussians,
         mut done: impl FnMut(&'static str),
     ) -> &Raster {
         let tables = self.tables.take();
@@ -110,9 +110,9 @@ impl Renderer {
     pub fn backward(
         &mut self,
         view: &View,
-        gaussians: &InstantGaussians,
+        gaussians: &ActivatedGaussians,
         upstream: &RasterGradient<'_>,
-        out: &mut InstantGaussians,
+        out: &mut ActivatedGaussians,
     ) {
         self.backward_timed(view, gaussians, upstream, out, |_| {});
     }
@@ -124,9 +124,9 @@ impl Renderer {
     pub fn backward_timed(
         &mut self,
         view: &View,
-        gaussians: &InstantGaussians,
+        gaussians: &ActivatedGaussians,
         upstream: &RasterGradient<'_>,
-        out: &mut InstantGaussians,
+        out: &mut ActivatedGaussians,
         mut done: impl FnMut(&'static str),
     ) {
         let Some((rays, _)) = &self.tables else {
@@ -170,7 +170,7 @@ impl Renderer {
     }
 
     /// Renders one view as an image clamped to `[0, 1]`.
-    pub fn image(&mut self, view: &View, gaussians: &InstantGaussians) -> RgbImage {
+    pub fn image(&mut self, view: &View, gaussians: &ActivatedGaussians) -> RgbImage {
         self.forward(view, gaussians).image()
     }
 }

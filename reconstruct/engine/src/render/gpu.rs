@@ -1,4 +1,4 @@
-//! The chain of kernels that renders a view and takes its gradient back, on a graphics device.
+//! The chain of kernels that renders a view and takes its gradient back, on a GPU.
 
 use std::sync::Arc;
 
@@ -6,7 +6,7 @@ use omnilife_schemas::RgbImage;
 
 use crate::{
     camera::View,
-    gaussians::InstantGaussians,
+    gaussians::ActivatedGaussians,
     render::{
         Visible,
         bin::gpu::Binning,
@@ -101,7 +101,7 @@ struct RoundTrip {
     backward: Program,
 }
 
-/// Renders views on a graphics device; the twin of [`crate::render::cpu::Renderer`].
+/// Renders views on a GPU; the twin of [`crate::render::cpu::Renderer`].
 #[derive(Debug)]
 pub struct GpuRenderer {
     /// What is drawn and how; may be changed from view to view.
@@ -129,7 +129,7 @@ impl GpuRenderer {
     pub fn forward(
         &mut self,
         view: &View,
-        gaussians: &InstantGaussians,
+        gaussians: &ActivatedGaussians,
     ) -> Result<Raster, GpuError> {
         let mut shape = RenderShape {
             gaussians: gaussians.len(),
@@ -196,7 +196,7 @@ impl GpuRenderer {
     pub fn backward(
         &mut self,
         upstream: &RasterGradient<'_>,
-        out: &mut InstantGaussians,
+        out: &mut ActivatedGaussians,
     ) -> Result<(), GpuError> {
         let gpu = &*self.gpu;
         let Some(last) = &self.round_trip else {
@@ -239,7 +239,7 @@ impl GpuRenderer {
     pub fn image(
         &mut self,
         view: &View,
-        gaussians: &InstantGaussians,
+        gaussians: &ActivatedGaussians,
     ) -> Result<RgbImage, GpuError> {
         let raster = self.forward(view, gaussians)?;
         Ok(RgbImage {

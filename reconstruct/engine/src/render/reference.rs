@@ -6,7 +6,7 @@ use std::f64::consts::{PI, TAU};
 
 use crate::{
     camera::{Camera, View},
-    gaussians::{InstantGaussians, MAX_SH_DEGREE, sh_rest_count},
+    gaussians::{ActivatedGaussians, MAX_SH_DEGREE, sh_rest_count},
     render::settings::{Footprint, RenderSettings},
 };
 use glam::{DMat2, DMat3, DQuat, DVec2, DVec3, dvec2, dvec3};
@@ -25,7 +25,7 @@ pub struct Gaussian {
     /// In [0, 1].
     pub opacity: f64,
     /// Harmonics of colour: the constant coefficients first, then those of
-    /// [`InstantGaussians::sh_rest`].
+    /// [`ActivatedGaussians::sh_rest`].
     pub sh: Vec<[f64; 3]>,
     /// Feature channels.
     pub features: Vec<f64>,
@@ -82,12 +82,12 @@ impl Gaussian {
 }
 
 /// The same Gaussians as the kernels take them; quaternions are normalized.
-pub fn instant(gaussians: &[Gaussian]) -> InstantGaussians {
+pub fn instant(gaussians: &[Gaussian]) -> ActivatedGaussians {
     let degree = (0..=MAX_SH_DEGREE)
         .find(|&degree| sh_rest_count(degree) + 1 == gaussians[0].sh.len())
         .unwrap_or(MAX_SH_DEGREE);
     let narrow = |values: &[f64; 3]| values.map(|value| value as f32);
-    InstantGaussians {
+    ActivatedGaussians {
         positions: gaussians.iter().map(|g| narrow(&g.position)).collect(),
         scales: gaussians.iter().map(|g| narrow(&g.scale)).collect(),
         rotations: gaussians

@@ -15,7 +15,7 @@ use crate::{
     EngineError,
     camera::View,
     gaussians::{
-        InstantGaussians,
+        ActivatedGaussians,
         parameterization::Viewpoint,
         temporal::{PEAK_TIMES, TemporalFeatures},
     },
@@ -35,8 +35,8 @@ pub struct CpuStepper<'a> {
     /// Of the model; learning rates and statistics are in this order.
     arrays: Vec<TrainedArray>,
     renderer: CpuRenderer,
-    activated: InstantGaussians,
-    gradient: InstantGaussians,
+    activated: ActivatedGaussians,
+    gradient: ActivatedGaussians,
     loss: Loss,
     dynamic: Option<DynamicLosses>,
     exposure: Option<Exposure>,
@@ -56,8 +56,8 @@ impl<'a> CpuStepper<'a> {
             arrays: model.trained_arrays(),
             model,
             renderer: CpuRenderer::new(settings.renderer, settings.rendering),
-            activated: InstantGaussians::default(),
-            gradient: InstantGaussians::default(),
+            activated: ActivatedGaussians::default(),
+            gradient: ActivatedGaussians::default(),
             loss: Loss::new(width, height),
             dynamic: settings
                 .dynamics

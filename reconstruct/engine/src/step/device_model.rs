@@ -102,7 +102,7 @@ impl DeviceArrays {
 /// What draws the Gaussians, and what trains them.
 #[derive(Debug, Default)]
 pub(super) struct Programs {
-    pub(super) instantiate: Program,
+    pub(super) activate: Program,
     pub(super) step: Program,
 }
 
@@ -259,10 +259,10 @@ impl StepKernels {
         let DeviceModel { table, chain, .. } = model;
         let buffers = &chain.buffers;
         let status = &buffers.status.raw;
-        let mut instantiate = Program::default();
-        parameterization.instantiate(&gpu, &mut instantiate, table, &buffers.activated)?;
+        let mut activate = Program::default();
+        parameterization.activate(&gpu, &mut activate, table, &buffers.activated)?;
         let mut step = Program::default();
-        step.append(&instantiate);
+        step.append(&activate);
         step.append(&chain.forward);
         self.loss
             .record(&gpu, &mut step, &buffers.image, &self.target);
@@ -270,13 +270,13 @@ impl StepKernels {
         step.run_workgroups(&gpu, &self.judge_loss, 1, &judged);
         self.chains
             .backward(&gpu, &mut step, buffers, &self.loss.gradient)?;
-        parameterization.instantiate_vjp(&gpu, &mut step, table, &buffers.activated)?;
+        parameterization.activate_vjp(&gpu, &mut step, table, &buffers.activated)?;
         self.record_statistics(&mut step, model)?;
         self.adam.record(&gpu, &mut step, table, status);
         if let Some((adam, weights)) = network {
             adam.record(&gpu, &mut step, weights, status);
         }
-        Ok(Programs { instantiate, step })
+        Ok(Programs { activate, step })
     }
 
     fn record_statistics(&self, step: &mut Program, model: &DeviceModel) -> Result<(), GpuError> {

@@ -5,7 +5,7 @@
 use crate::{
     camera::View,
     gaussians::{
-        InstantGaussians,
+        ActivatedGaussians,
         parameterization::Viewpoint,
         subset,
         temporal::{self, TemporalFeatures},
@@ -45,8 +45,8 @@ pub(super) struct StepView<'a> {
 #[derive(Debug)]
 struct DynamicAlone {
     renderer: Renderer,
-    activated: InstantGaussians,
-    gradient: InstantGaussians,
+    activated: ActivatedGaussians,
+    gradient: ActivatedGaussians,
     /// Entries among all activated Gaussians.
     members: Vec<usize>,
     target: Vec<f32>,
@@ -59,8 +59,8 @@ impl DynamicLosses {
             settings: settings.clone(),
             alone: DynamicAlone {
                 renderer: Renderer::new(rendering),
-                activated: InstantGaussians::default(),
-                gradient: InstantGaussians::default(),
+                activated: ActivatedGaussians::default(),
+                gradient: ActivatedGaussians::default(),
                 members: Vec::new(),
                 target: Vec::new(),
                 opacity_gradient: Vec::new(),
@@ -96,9 +96,9 @@ impl DynamicLosses {
         &mut self,
         step: &StepView<'_>,
         model: &Model,
-        activated: &InstantGaussians,
+        activated: &ActivatedGaussians,
         loss: &mut Loss,
-        gradient: &mut InstantGaussians,
+        gradient: &mut ActivatedGaussians,
     ) -> f64 {
         let (Some(dynamic), Some(mask)) = (self.settings.dynamic_loss, step.mask) else {
             return 0.0;
@@ -154,10 +154,15 @@ impl DynamicLosses {
             };
             let look = temporal.look(at);
             let members = temporal.members(&part.table, &look, false);
-            let pulses = temporal.time.pulses(&part.table, look.observer);
+            let temporal_table = temporal.time.temporal_table(&part.table, look.observer);
             let cycle = temporal.time.cycle_frames;
-            let (value, gradients) =
-                losses::motion::motion(&pulses, &members, look.moment.frame, cycle, weight);
+            let (value, gradients) = losses::motion::motion(
+                &temporal_table,
+                &members,
+                look.frame_time.frame,
+                cycle,
+                weight,
+            );
             temporal::add_gradients(&mut part.table, &gradients);
             total += f64::from(weight) * value;
         }
@@ -167,7 +172,7 @@ impl DynamicLosses {
 
 impl DynamicAlone {
     /// The dynamic Gaussians that are drawn at all.
-    fn find_members(&mut self, model: &Model, at: &Viewpoint, activated: &InstantGaussians) {
+    fn find_members(&mut self, model: &Model, at: &Viewpoint, activated: &ActivatedGaussians) {
         self.members.clear();
         let mut first = 0;
         for part in &model.parts {

@@ -1,4 +1,4 @@
-//! Training steps on a graphics device: rendering, loss, gradients, Adam and density statistics
+//! Training steps on a GPU: rendering, loss, gradients, Adam and density statistics
 //! without waiting for the host.
 //!
 //! The host writes a few numbers per step and reads back now and then. A step that finds no room
@@ -15,7 +15,7 @@ use crate::training_view::InputViews;
 use crate::{
     camera::View,
     gaussians::{
-        InstantGaussians,
+        ActivatedGaussians,
         parameterization::{DeviceKind, Viewpoint},
         static_gaussians,
         temporal::TemporalFeatures,
@@ -74,7 +74,7 @@ fn part(model: &Model) -> Result<&Part, EngineError> {
     }
 }
 
-/// Training steps on a graphics device; the twin of [`crate::step::cpu::CpuStepper`].
+/// Training steps on a GPU; the twin of [`crate::step::cpu::CpuStepper`].
 #[derive(Debug)]
 pub struct GpuStepper<'a> {
     gpu: Arc<Gpu>,
@@ -321,7 +321,7 @@ impl<'a> GpuStepper<'a> {
             let model = self.take_model()?;
             let gpu = &*self.gpu;
             model.chain.buffers.set_view(gpu, view, settings);
-            model.programs(gpu, network_time).instantiate.submit(gpu);
+            model.programs(gpu, network_time).activate.submit(gpu);
             model.chain.forward.submit(gpu);
             let status = model.chain.buffers.status.read(gpu)?[0];
             let fresh = [DeviceStatus::default()];
@@ -402,7 +402,7 @@ impl Stepper for GpuStepper<'_> {
             self.render(view, self.network_time(&at), &settings)?
         } else {
             self.download()?;
-            let mut activated = InstantGaussians::default();
+            let mut activated = ActivatedGaussians::default();
             self.model
                 .activate(&at, &TemporalFeatures::default(), &mut activated);
             let mut renderer = GpuRenderer::new(Arc::clone(&self.gpu), settings);

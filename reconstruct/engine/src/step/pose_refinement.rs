@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     camera::View,
-    gaussians::InstantGaussians,
+    gaussians::ActivatedGaussians,
     render::project::by_camera::{self, PoseGradient},
 };
 use crate::{model::Model, schedule::StepSchedule, step::StepStatistics};
@@ -22,8 +22,8 @@ impl PoseRefinement {
         settings: Option<Self>,
         schedule: &StepSchedule,
         drawn: &View,
-        gaussians: &InstantGaussians,
-        by_gaussians: &InstantGaussians,
+        gaussians: &ActivatedGaussians,
+        by_gaussians: &ActivatedGaussians,
     ) -> Option<PoseGradient> {
         let takes_part = schedule.scheduled >= settings?.begin_iteration;
         takes_part.then(|| by_camera::gradient(drawn, gaussians, schedule.sh_degree, by_gaussians))

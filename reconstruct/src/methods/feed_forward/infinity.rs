@@ -7,7 +7,7 @@ use omnilife_schemas::RgbImage;
 
 use crate::error::ReconstructError;
 use crate::methods::feed_forward::{
-    Group, Interpolated, Station,
+    CameraPose, Group, Interpolated,
     warp::{mixed, turned},
 };
 use crate::methods::{Method, MethodKind};
@@ -47,11 +47,11 @@ fn interpolate(group: &Group) -> Result<Interpolated, ReconstructError> {
 }
 
 /// The view from a target if everything were infinitely far.
-pub(super) fn at_infinity(group: &Group, target: &Station) -> RgbImage {
+pub(super) fn at_infinity(group: &Group, target: &CameraPose) -> RgbImage {
     let [first, second] = [0, 1].map(|index| {
         let view = &group.context[index];
         // From the target's camera frame to the given view's.
-        let turn = view.station.to_world.transpose() * target.to_world;
+        let turn = view.camera_pose.to_world.transpose() * target.to_world;
         turned(&view.image, turn.as_mat3())
     });
     mixed(&first, &second, group.share_of_second(target))

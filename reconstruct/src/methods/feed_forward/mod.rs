@@ -19,14 +19,14 @@ pub struct ContextView {
     /// Number of the frame in the scene.
     pub frame: u32,
     /// Where its camera is.
-    pub station: Station,
+    pub camera_pose: CameraPose,
     /// Its image, at the scored size.
     pub image: RgbImage,
 }
 
 /// A camera's place, orientation and time.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Station {
+pub struct CameraPose {
     /// Camera-to-world rotation.
     pub to_world: DMat3,
     /// Centre in world units.
@@ -35,7 +35,7 @@ pub struct Station {
     pub time_seconds: f64,
 }
 
-impl Station {
+impl CameraPose {
     /// `None` when the pose is not usable.
     pub fn new(pose: &Pose, time_seconds: f64) -> Option<Self> {
         let centre = pose.centre();
@@ -56,13 +56,13 @@ pub struct Group {
     /// The given views, the earlier one first.
     pub context: [ContextView; 2],
     /// Where the predicted views are.
-    pub targets: Vec<Station>,
+    pub targets: Vec<CameraPose>,
 }
 
 impl Group {
     /// Share of the second view at a target by time, in [0, 1]; 1/2 where both have the same time.
-    pub fn share_of_second(&self, target: &Station) -> f32 {
-        let [first, second] = [0, 1].map(|i| self.context[i].station.time_seconds);
+    pub fn share_of_second(&self, target: &CameraPose) -> f32 {
+        let [first, second] = [0, 1].map(|i| self.context[i].camera_pose.time_seconds);
         let whole = second - first;
         if whole.abs() < f64::EPSILON {
             return 0.5;

@@ -17,7 +17,7 @@ use crate::stability::parameterizations::{InTime, Parameterization, still};
 use crate::stability::setup::Setup;
 use omnilife_engine::{
     gaussians::{
-        InstantGaussians,
+        ActivatedGaussians,
         deformable::{DEFORMATION_WEIGHTS, Deformation, DeformationModel},
     },
     parameters::{ParameterTable, SharedParameters},
@@ -29,16 +29,10 @@ pub const DEFORMABLE: Parameterization = Parameterization {
     id: "deformable",
     in_time: InTime::Deformed,
     table: |setup| still::table(&setup.gaussians),
-    instantiate: |table, setup, out| {
-        Deformation::without_gradients().instantiate(
-            &MODEL,
-            weights(),
-            table,
-            unit_time(setup),
-            out,
-        );
+    activate: |table, setup, out| {
+        Deformation::without_gradients().activate(&MODEL, weights(), table, unit_time(setup), out);
     },
-    instantiate_vjp: |table, instant, gradient, setup| {
+    activate_vjp: |table, instant, gradient, setup| {
         deformation(table, instant, gradient, setup);
     },
     definition,
@@ -77,16 +71,16 @@ fn unit_time(setup: &Setup) -> f32 {
 /// The VJP: gradients of a table, and those by the network's weights.
 pub fn deformation(
     table: &mut ParameterTable,
-    instant: &InstantGaussians,
-    gradient: &InstantGaussians,
+    instant: &ActivatedGaussians,
+    gradient: &ActivatedGaussians,
     setup: &Setup,
 ) -> Vec<f32> {
     let mut deformation = Deformation::default();
     let (mut instant, mut gradient) = (instant.clone(), gradient.clone());
     let time = unit_time(setup);
-    deformation.instantiate(&MODEL, weights(), table, time, &mut instant);
+    deformation.activate(&MODEL, weights(), table, time, &mut instant);
     let mut weights = SharedParameters::new(DEFORMATION_WEIGHTS, weights().to_vec());
-    deformation.instantiate_vjp(
+    deformation.activate_vjp(
         &MODEL,
         &mut weights.array,
         table,

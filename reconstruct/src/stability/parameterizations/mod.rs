@@ -10,7 +10,7 @@ mod still;
 
 use crate::stability::setup::Setup;
 use omnilife_engine::{
-    gaussians::InstantGaussians, parameters::ParameterTable, render::reference::Gaussian,
+    gaussians::ActivatedGaussians, parameters::ParameterTable, render::reference::Gaussian,
 };
 
 pub use deformed::{DEFORMABLE, deformation};
@@ -38,10 +38,10 @@ pub struct Parameterization {
     /// A table of a setup's raw parameters; those of static Gaussians come first.
     pub table: fn(&Setup) -> ParameterTable,
     /// Activates it at the setup's instant.
-    pub instantiate: fn(&ParameterTable, &Setup, &mut InstantGaussians),
+    pub activate: fn(&ParameterTable, &Setup, &mut ActivatedGaussians),
     /// The VJP of that: from the table, what was activated and the gradients by it to the table's
     /// gradients.
-    pub instantiate_vjp: fn(&mut ParameterTable, &InstantGaussians, &InstantGaussians, &Setup),
+    pub activate_vjp: fn(&mut ParameterTable, &ActivatedGaussians, &ActivatedGaussians, &Setup),
     /// The definition: a Gaussian of a table, all of its values array by array, at the setup's
     /// instant. What no gradient flows through, and every decision, is taken from the second row: the
     /// Gaussian before a difference moved it.

@@ -1,4 +1,4 @@
-//! Gaussians that appear around a moment and swing about a centre: PVG, and Omni4DGS with its velocity
+//! Gaussians that appear around a moment and vibration about a centre: PVG, and Omni4DGS with its velocity
 //! of two parts in both of its readings.
 //!
 //! The definition, with `t` the instant, `tau` the peak time, `beta` the lifespan and `l` the cycle, all
@@ -19,12 +19,12 @@ use crate::stability::parameterizations::{InTime, Parameterization, still};
 use crate::stability::setup::Setup;
 use omnilife_engine::{
     gaussians::{
-        InstantGaussians,
+        ActivatedGaussians,
         omni4dgs::{Decomposition, DirectionOrigin, Observer, VelocityForm},
-        periodic::Moment,
+        periodic::FrameTime,
         temporal::{
-            LOG_LIFESPANS, LifespanRange, Look, PEAK_TIMES, RADIAL_VELOCITIES,
-            TANGENTIAL_VELOCITIES, TemporalFeatures, TimeModel, VelocityModel,
+            LOG_LIFESPANS, LifespanRange, PEAK_TIMES, RADIAL_VELOCITIES, TANGENTIAL_VELOCITIES,
+            TemporalFeatures, TimeModel, VelocityModel, ViewContext,
         },
     },
     parameters::ParameterTable,
@@ -36,9 +36,9 @@ pub const PERIODIC: Parameterization = Parameterization {
     id: "periodic",
     in_time: InTime::Moving,
     table: |setup| table(setup, &pvg(setup)),
-    instantiate: |table, setup, out| instantiate(table, setup, &pvg(setup), out),
-    instantiate_vjp: |table, instant, gradient, setup| {
-        instantiate_vjp(table, instant, gradient, setup, &pvg(setup));
+    activate: |table, setup, out| activate(table, setup, &pvg(setup), out),
+    activate_vjp: |table, instant, gradient, setup| {
+        activate_vjp(table, instant, gradient, setup, &pvg(setup));
     },
     definition: |row, frozen, setup| definition(row, frozen, setup, None, 0.05),
     unit: |row, parameter, size, setup| unit(row, parameter, size, setup, None),
@@ -50,9 +50,9 @@ pub const OMNI4DGS: Parameterization = Parameterization {
     id: "omni4dgs",
     in_time: InTime::Moving,
     table: |setup| table(setup, &literal(setup)),
-    instantiate: |table, setup, out| instantiate(table, setup, &literal(setup), out),
-    instantiate_vjp: |table, instant, gradient, setup| {
-        instantiate_vjp(table, instant, gradient, setup, &literal(setup));
+    activate: |table, setup, out| activate(table, setup, &literal(setup), out),
+    activate_vjp: |table, instant, gradient, setup| {
+        activate_vjp(table, instant, gradient, setup, &literal(setup));
     },
     definition: |row, frozen, setup| {
         definition(row, frozen, setup, Some(VelocityForm::Literal), 0.0)
@@ -68,9 +68,9 @@ pub const OMNI4DGS_PROJECTED: Parameterization = Parameterization {
     id: "omni4dgs-projected",
     in_time: InTime::Moving,
     table: |setup| table(setup, &projected(setup)),
-    instantiate: |table, setup, out| instantiate(table, setup, &projected(setup), out),
-    instantiate_vjp: |table, instant, gradient, setup| {
-        instantiate_vjp(table, instant, gradient, setup, &projected(setup));
+    activate: |table, setup, out| activate(table, setup, &projected(setup), out),
+    activate_vjp: |table, instant, gradient, setup| {
+        activate_vjp(table, instant, gradient, setup, &projected(setup));
     },
     definition: |row, frozen, setup| {
         definition(row, frozen, setup, Some(VelocityForm::Projected), 0.0)
@@ -147,7 +147,7 @@ fn table(setup: &Setup, model: &TimeModel) -> ParameterTable {
     table
 }
 
-fn look(setup: &Setup, model: &TimeModel) -> Look {
+fn look(setup: &Setup, model: &TimeModel) -> ViewContext {
     let observer = match model.velocity {
         VelocityModel::Decomposed(Decomposition {
             origin: DirectionOrigin::Camera,
@@ -161,8 +161,8 @@ fn look(setup: &Setup, model: &TimeModel) -> Look {
             down: Vec3::Y,
         },
     };
-    Look {
-        moment: Moment {
+    ViewContext {
+        frame_time: FrameTime {
             frame: setup.timing.clock.frame(setup.view.time_seconds),
             shift: setup.timing.shift_frames,
         },
@@ -170,27 +170,27 @@ fn look(setup: &Setup, model: &TimeModel) -> Look {
     }
 }
 
-fn instantiate(
+fn activate(
     table: &ParameterTable,
     setup: &Setup,
     model: &TimeModel,
-    out: &mut InstantGaussians,
+    out: &mut ActivatedGaussians,
 ) {
     out.reshape(table.len(), 0, 0);
     let look = look(setup, model);
-    model.instantiate_from(table, &look, &TemporalFeatures::default(), 0, out);
+    model.activate_from(table, &look, &TemporalFeatures::default(), 0, out);
 }
 
-fn instantiate_vjp(
+fn activate_vjp(
     table: &mut ParameterTable,
-    instant: &InstantGaussians,
-    gradient: &InstantGaussians,
+    instant: &ActivatedGaussians,
+    gradient: &ActivatedGaussians,
     setup: &Setup,
     model: &TimeModel,
 ) {
     let look = look(setup, model);
     let features = TemporalFeatures::default();
-    model.instantiate_from_vjp(table, &look, &features, 0, instant, gradient);
+    model.activate_from_vjp(table, &look, &features, 0, instant, gradient);
 }
 
 /// The temporal values of a Gaussian.
@@ -286,8 +286,8 @@ fn definition(
     let now = temporal(row, frozen, setup, form);
     let cycle = f64::from(setup.timing.cycle_frames);
     let shift = f64::from(setup.timing.shift_frames);
-    let swing = cycle / TAU * (TAU * now.distance / cycle).sin();
-    let moved = now.velocity * (swing + shift * (-0.5 * now.lifespan / cycle).exp());
+    let vibration = cycle / TAU * (TAU * now.distance / cycle).sin();
+    let moved = now.velocity * (vibration + shift * (-0.5 * now.lifespan / cycle).exp());
     let still = still::definition(row);
     Gaussian {
         position: (DVec3::from_array(still.position) + moved).to_array(),

@@ -14,9 +14,9 @@ pub const STATIC: Parameterization = Parameterization {
     id: "static",
     in_time: InTime::Still,
     table: |setup| table(&setup.gaussians),
-    instantiate: |table, _, out| static_gaussians::instantiate(table, out),
-    instantiate_vjp: |table, instant, gradient, _| {
-        static_gaussians::instantiate_vjp(table, instant, gradient);
+    activate: |table, _, out| static_gaussians::activate(table, out),
+    activate_vjp: |table, instant, gradient, _| {
+        static_gaussians::activate_vjp(table, instant, gradient);
     },
     definition: |row, _, _| definition(row),
     unit: |_, _, _, _| 1.0,

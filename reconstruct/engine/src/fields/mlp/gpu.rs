@@ -1,4 +1,4 @@
-//! A network's passes on a graphics device; the twin of `passes.rs`.
+//! A network's passes on a GPU; the twin of `passes.rs`.
 //!
 //! Rows go through the layers in blocks that bound the memory of activations. With one block they are
 //! kept for the backward pass; with more every block is evaluated once more. Sums over rows are made in

@@ -3,7 +3,7 @@
 //! * [`encoding`]: positional encoding of its inputs.
 //! * [`network`]: its layers and their weights; [`passes`]: forward and backward, block by block.
 //! * `product`: matrix products.
-//! * `gpu`, `product_gpu`: the same on a graphics device.
+//! * `gpu`, `product_gpu`: the same on a GPU.
 
 #[cfg(test)]
 mod cases;

@@ -1,4 +1,4 @@
-//! Products of matrices on a graphics device.
+//! Products of matrices on a GPU.
 
 use crate::device::{Gpu, GpuError, Kernel, Program, Shader, Uniform, wgsl_struct};
 

@@ -1,4 +1,4 @@
-//! Canonical Gaussians and their network on a graphics device.
+//! Canonical Gaussians and their network on a GPU.
 
 use crate::gaussians::deformable::{
     DeformationModel, LEAST_QUATERNION_LENGTH, LEAST_SCALE, OUTPUTS, POSITIONS,
@@ -156,7 +156,7 @@ impl DeformableGaussians<'_> {
 }
 
 impl DeviceParameterization for DeformableGaussians<'_> {
-    fn instantiate(
+    fn activate(
         &self,
         gpu: &Gpu,
         program: &mut Program,
@@ -164,7 +164,7 @@ impl DeviceParameterization for DeformableGaussians<'_> {
         buffers: &ActivatedBuffers,
     ) -> Result<(), GpuError> {
         let len = buffers.len;
-        self.canonical.instantiate(gpu, program, table, buffers)?;
+        self.canonical.activate(gpu, program, table, buffers)?;
         let network = &self.buffers.network;
         self.pass(gpu, program, (table, len), |recording| {
             self.kernels.passes.forward(recording, network)
@@ -180,7 +180,7 @@ impl DeviceParameterization for DeformableGaussians<'_> {
     }
 
     /// Fills the gradients by the weights, too.
-    fn instantiate_vjp(
+    fn activate_vjp(
         &self,
         gpu: &Gpu,
         program: &mut Program,
@@ -189,7 +189,7 @@ impl DeviceParameterization for DeformableGaussians<'_> {
     ) -> Result<(), GpuError> {
         let len = buffers.len;
         // Activated once more: `deform` has written over the canonical ones.
-        self.canonical.instantiate(gpu, program, table, buffers)?;
+        self.canonical.activate(gpu, program, table, buffers)?;
         let network = &self.buffers.network;
         let canonical = self.canonical(gpu, table, len, Block::all(len))?;
         program.run(
@@ -208,7 +208,7 @@ impl DeviceParameterization for DeformableGaussians<'_> {
         self.pass(gpu, program, (table, len), |recording| {
             self.kernels.passes.backward(recording, network, gradients)
         })?;
-        self.canonical.instantiate_vjp(gpu, program, table, buffers)
+        self.canonical.activate_vjp(gpu, program, table, buffers)
     }
 }
 

@@ -125,8 +125,8 @@ fn centre(table: &ParameterTable, index: usize) -> [f64; 3] {
 }
 
 /// Gradients of every value that [`definition`] lists, for every Gaussian.
-fn upstream(like: &InstantGaussians) -> (InstantGaussians, Vec<Vec<f64>>) {
-    let mut gradient = InstantGaussians::default();
+fn upstream(like: &ActivatedGaussians) -> (ActivatedGaussians, Vec<Vec<f64>>) {
+    let mut gradient = ActivatedGaussians::default();
     gradient.clear_to_zero(like);
     let values = random(14 * LEN, 7, -1.0, 1.0);
     for (index, row) in values.chunks_exact(14).enumerate() {
@@ -152,8 +152,8 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 fn gradients_of_every_parameter_are_those_of_the_definition() {
     let (mut table, mut weights) = (table(), weights());
     let mut deformation = Deformation::default();
-    let mut instant = InstantGaussians::default();
-    deformation.instantiate(&MODEL, &weights.array.values, &table, TIME, &mut instant);
+    let mut instant = ActivatedGaussians::default();
+    deformation.activate(&MODEL, &weights.array.values, &table, TIME, &mut instant);
     let wide: Vec<f64> = weights.array.values.iter().map(|&w| f64::from(w)).collect();
     for index in 0..LEN {
         let expected = definition(&wide, &raw(&table, index), centre(&table, index));
@@ -173,7 +173,7 @@ fn gradients_of_every_parameter_are_those_of_the_definition() {
         }
     }
     let (mut gradient, by_seen) = upstream(&instant);
-    deformation.instantiate_vjp(
+    deformation.activate_vjp(
         &MODEL,
         &mut weights.array,
         &mut table,
@@ -230,9 +230,10 @@ fn with_an_output_layer_of_zeros_gaussians_are_static_ones() {
     let mut weights =
         SharedParameters::new(DEFORMATION_WEIGHTS, MODEL.network().initial_weights(8));
     let mut deformation = Deformation::default();
-    let (mut instant, mut expected) = (InstantGaussians::default(), InstantGaussians::default());
-    deformation.instantiate(&MODEL, &weights.array.values, &table, TIME, &mut instant);
-    static_gaussians::instantiate(&table, &mut expected);
+    let (mut instant, mut expected) =
+        (ActivatedGaussians::default(), ActivatedGaussians::default());
+    deformation.activate(&MODEL, &weights.array.values, &table, TIME, &mut instant);
+    static_gaussians::activate(&table, &mut expected);
     let rotations = instant.rotations.as_flattened().iter();
     for (a, b) in rotations.zip(expected.rotations.as_flattened()) {
         assert!((a - b).abs() < 1e-6, "{a} {b}");
@@ -243,8 +244,8 @@ fn with_an_output_layer_of_zeros_gaussians_are_static_ones() {
 
     let (mut gradient, _) = upstream(&instant);
     let mut twin = table.clone();
-    static_gaussians::instantiate_vjp(&mut twin, &expected, &gradient);
-    deformation.instantiate_vjp(
+    static_gaussians::activate_vjp(&mut twin, &expected, &gradient);
+    deformation.activate_vjp(
         &MODEL,
         &mut weights.array,
         &mut table,
@@ -274,8 +275,8 @@ fn extremes_stay_finite_and_a_bad_gradient_stays_where_it_is() {
     table.arrays[QUATERNIONS].values[..4].fill(0.0);
     for time in [-3.0, 0.0, 1.0, 50.0] {
         let mut deformation = Deformation::without_gradients();
-        let mut instant = InstantGaussians::default();
-        deformation.instantiate(&MODEL, &weights.array.values, &table, time, &mut instant);
+        let mut instant = ActivatedGaussians::default();
+        deformation.activate(&MODEL, &weights.array.values, &table, time, &mut instant);
         let finite = |values: &[f32]| values.iter().all(|value| value.is_finite());
         assert!(
             finite(instant.positions.as_flattened()) && finite(instant.rotations.as_flattened())
@@ -289,7 +290,7 @@ fn extremes_stay_finite_and_a_bad_gradient_stays_where_it_is() {
         );
         let (mut gradient, _) = upstream(&instant);
         gradient.positions[2][0] = f32::NAN;
-        deformation.instantiate_vjp(
+        deformation.activate_vjp(
             &MODEL,
             &mut weights.array,
             &mut table,

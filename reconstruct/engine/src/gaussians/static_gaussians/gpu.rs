@@ -1,4 +1,4 @@
-//! The static parameterization on a graphics device.
+//! The static parameterization on a GPU.
 
 use crate::gaussians::static_gaussians::{
     LEAST_QUATERNION_LENGTH, LOG_SCALE_RANGE, LOG_SCALES, OPACITY_LOGITS, POSITIONS, QUATERNIONS,
@@ -44,17 +44,17 @@ pub(crate) fn shader() -> Shader {
 /// Activation and its VJP.
 #[derive(Debug)]
 pub(crate) struct StaticGaussians {
-    instantiate: Kernel,
-    instantiate_vjp: Kernel,
+    activate: Kernel,
+    activate_vjp: Kernel,
 }
 
 impl StaticGaussians {
     pub(crate) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
-        let [instantiate, instantiate_vjp] =
-            Kernel::compile(gpu, &shader(), ["instantiate", "instantiate_vjp"])?;
+        let [activate, activate_vjp] =
+            Kernel::compile(gpu, &shader(), ["activate", "activate_vjp"])?;
         Ok(Self {
-            instantiate,
-            instantiate_vjp,
+            activate,
+            activate_vjp,
         })
     }
 
@@ -79,7 +79,7 @@ impl StaticGaussians {
 }
 
 impl DeviceParameterization for StaticGaussians {
-    fn instantiate(
+    fn activate(
         &self,
         gpu: &Gpu,
         program: &mut Program,
@@ -89,7 +89,7 @@ impl DeviceParameterization for StaticGaussians {
         let arrays = Self::arrays(gpu, table, buffers)?;
         program.run(
             gpu,
-            &self.instantiate,
+            &self.activate,
             buffers.len,
             &[
                 &arrays.raw,
@@ -101,7 +101,7 @@ impl DeviceParameterization for StaticGaussians {
         Ok(())
     }
 
-    fn instantiate_vjp(
+    fn activate_vjp(
         &self,
         gpu: &Gpu,
         program: &mut Program,
@@ -111,7 +111,7 @@ impl DeviceParameterization for StaticGaussians {
         let arrays = Self::arrays(gpu, table, buffers)?;
         program.run(
             gpu,
-            &self.instantiate_vjp,
+            &self.activate_vjp,
             buffers.len,
             &[
                 &arrays.raw,

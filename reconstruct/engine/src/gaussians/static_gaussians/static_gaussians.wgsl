@@ -42,7 +42,7 @@ fn scale_of(raw: f32) -> f32 {
 }
 
 @compute @workgroup_size(256)
-fn instantiate(
+fn activate(
     @builtin(workgroup_id) group: vec3<u32>,
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) thread: u32,
@@ -69,7 +69,7 @@ fn instantiate(
 }
 
 @compute @workgroup_size(256)
-fn instantiate_vjp(
+fn activate_vjp(
     @builtin(workgroup_id) group: vec3<u32>,
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) thread: u32,

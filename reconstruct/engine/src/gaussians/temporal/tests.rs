@@ -17,8 +17,8 @@ const FEATURES: TemporalFeatures = TemporalFeatures {
         largest_frames: 20.0,
     }),
 };
-const LOOK: Look = Look {
-    moment: Moment {
+const LOOK: ViewContext = ViewContext {
+    frame_time: FrameTime {
         frame: 2.0,
         shift: 0.7,
     },
@@ -99,9 +99,12 @@ fn loss(
             [0, 1, 2].map(|axis| (1.0 - w_t) * r[axis] + w_t * t[axis])
         }
     };
-    let (l, s) = (f64::from(model.cycle_frames), f64::from(LOOK.moment.shift));
+    let (l, s) = (
+        f64::from(model.cycle_frames),
+        f64::from(LOOK.frame_time.shift),
+    );
     let peak = raw(PEAK_TIMES).first().copied().unwrap_or(0.0);
-    let d = LOOK.moment.frame - s - peak;
+    let d = LOOK.frame_time.frame - s - peak;
     let beta = match model.lifespans {
         Some(_) => raw(LOG_LIFESPANS)[0].exp(),
         None => f64::INFINITY,
@@ -139,10 +142,10 @@ fn gradients_of_every_parameter_are_those_of_the_definition() {
         for fades in [true, false] {
             let model = model(velocity, fades);
             let mut table = table(&model, 12);
-            let mut instant = InstantGaussians::default();
+            let mut instant = ActivatedGaussians::default();
             instant.reshape(FIRST + table.len(), 1, FEATURES.count());
-            model.instantiate_from(&table, &LOOK, &FEATURES, FIRST, &mut instant);
-            let mut gradient = InstantGaussians::default();
+            model.activate_from(&table, &LOOK, &FEATURES, FIRST, &mut instant);
+            let mut gradient = ActivatedGaussians::default();
             gradient.clear_to_zero(&instant);
             let mut fill = |values: &mut [f32]| {
                 values.fill_with(|| random.random_range(-1.0..1.0));
@@ -154,7 +157,7 @@ fn gradients_of_every_parameter_are_those_of_the_definition() {
             fill(gradient.sh_constant.as_flattened_mut());
             fill(gradient.sh_rest.as_flattened_mut());
             fill(&mut gradient.features);
-            model.instantiate_from_vjp(&mut table, &LOOK, &FEATURES, FIRST, &instant, &gradient);
+            model.activate_from_vjp(&mut table, &LOOK, &FEATURES, FIRST, &instant, &gradient);
             for index in 0..table.len() {
                 let entry = FIRST + index;
                 let wide =
@@ -203,8 +206,8 @@ fn gradients_of_every_parameter_are_those_of_the_definition() {
 
 #[test]
 fn long_lifespans_without_velocity_are_static_gaussians() {
-    let look = |frame| Look {
-        moment: Moment::at(frame),
+    let look = |frame| ViewContext {
+        frame_time: FrameTime::at(frame),
         ..LOOK
     };
     for velocity in VELOCITY_MODELS {
@@ -219,11 +222,11 @@ fn long_lifespans_without_velocity_are_static_gaussians() {
             if let Some(array) = still.position(LOG_LIFESPANS) {
                 still.arrays[array].values.fill(f32::MAX);
             }
-            let mut expected = InstantGaussians::default();
-            static_gaussians::instantiate(&still, &mut expected);
+            let mut expected = ActivatedGaussians::default();
+            static_gaussians::activate(&still, &mut expected);
             for frame in [-5e3, 0.0, 31.7, 5e3] {
                 let mut instant = expected.clone();
-                model.instantiate_from(
+                model.activate_from(
                     &still,
                     &look(frame),
                     &TemporalFeatures::default(),
@@ -292,15 +295,15 @@ fn a_faded_gaussian_is_not_drawn_and_gets_no_gradient() {
     let peak = table.position(PEAK_TIMES).expect("fades");
     // exp(-2.5^2 / 2) = 0.044
     table.arrays[peak].values = vec![-1.2];
-    let mut instant = InstantGaussians::default();
+    let mut instant = ActivatedGaussians::default();
     instant.reshape(1, 1, 0);
     let none = TemporalFeatures::default();
-    model.instantiate_from(&table, &LOOK, &none, 0, &mut instant);
+    model.activate_from(&table, &LOOK, &none, 0, &mut instant);
     assert_eq!(instant.opacities, [0.0]);
-    let mut gradient = InstantGaussians::default();
+    let mut gradient = ActivatedGaussians::default();
     gradient.clear_to_zero(&instant);
     gradient.opacities[0] = 1.0;
-    model.instantiate_from_vjp(&mut table, &LOOK, &none, 0, &instant, &gradient);
+    model.activate_from_vjp(&mut table, &LOOK, &none, 0, &instant, &gradient);
     for array in &table.arrays {
         assert!(
             array.gradients.iter().all(|&gradient| gradient == 0.0),

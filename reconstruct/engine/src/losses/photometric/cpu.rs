@@ -1,4 +1,4 @@
-//! The loss on the processor: bands of rows in parallel.
+//! The loss on the CPU: bands of rows in parallel.
 
 use std::cell::RefCell;
 
@@ -210,8 +210,9 @@ mod tests {
                                 ((row + dy) as usize * width + wrapped as usize) * 3 + channel;
                             let w = weight(dx) * weight(dy) / (total * total);
                             let (a, b) = (x[index], y[index]);
-                            for (moment, value) in m.iter_mut().zip([a, b, a * a, b * b, a * b]) {
-                                *moment += w * value;
+                            for (frame_time, value) in m.iter_mut().zip([a, b, a * a, b * b, a * b])
+                            {
+                                *frame_time += w * value;
                             }
                         }
                     }

@@ -1,4 +1,4 @@
-//! The loss on a graphics device.
+//! The loss on a GPU.
 
 use crate::device::{
     DeviceBuffer, Gpu, GpuError, Kernel, Program, Shader, Uniform, WORKGROUP, wgsl_struct,

@@ -1,4 +1,4 @@
-//! Adam on the processor.
+//! Adam on the CPU.
 
 use rayon::prelude::*;
 

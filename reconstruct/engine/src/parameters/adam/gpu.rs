@@ -1,4 +1,4 @@
-//! Adam on a graphics device.
+//! Adam on a GPU.
 
 use crate::parameters::adam::{BETA_1, BETA_2, EPSILON, corrections};
 use crate::{

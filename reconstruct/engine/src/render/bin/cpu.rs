@@ -1,4 +1,4 @@
-//! Binning on the processor: every piece of the order counts its entries per tile, the counts give
+//! Binning on the CPU: every piece of the order counts its entries per tile, the counts give
 //! the places, every piece fills in its own. Splats are walked near to far, so the lists come out
 //! sorted.
 

@@ -1,4 +1,4 @@
-//! Binning on a graphics device.
+//! Binning on a GPU.
 
 use crate::{
     device::{Gpu, GpuError, Kernel, Program, Scan, Shader},

@@ -25,7 +25,7 @@ use rayon::prelude::*;
 use crate::render::project::sh;
 use crate::{
     camera::View,
-    gaussians::{InstantGaussians, SH_C0, sh_rest_count},
+    gaussians::{ActivatedGaussians, SH_C0, sh_rest_count},
 };
 
 /// Gaussians per sum. Sums of sums in this order do not depend on the number of threads.
@@ -45,9 +45,9 @@ pub struct PoseGradient {
 /// gradient is applied to them.
 pub fn gradient(
     view: &View,
-    gaussians: &InstantGaussians,
+    gaussians: &ActivatedGaussians,
     sh_degree: usize,
-    by_gaussians: &InstantGaussians,
+    by_gaussians: &ActivatedGaussians,
 ) -> PoseGradient {
     let degree = sh_degree.min(gaussians.sh_degree);
     let sums: Vec<PoseGradient> = (0..gaussians.len().div_ceil(BATCH))
@@ -75,9 +75,9 @@ impl PoseGradient {
 
 fn of_one(
     view: &View,
-    gaussians: &InstantGaussians,
+    gaussians: &ActivatedGaussians,
     degree: usize,
-    by_gaussians: &InstantGaussians,
+    by_gaussians: &ActivatedGaussians,
     index: usize,
 ) -> PoseGradient {
     let offset = Vec3::from_array(gaussians.positions[index]) - view.centre;

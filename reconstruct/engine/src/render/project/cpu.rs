@@ -1,4 +1,4 @@
-//! The projection on the processor.
+//! The projection on the CPU.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -8,7 +8,7 @@ use crate::render::project::{
 };
 use crate::{
     camera::{CONE_RHO, CONE_WIDTH, Camera, View, horizontal},
-    gaussians::{InstantGaussians, SH_C0, sh_rest_count},
+    gaussians::{ActivatedGaussians, SH_C0, sh_rest_count},
     render::{
         bin::TileLists,
         raster::EntryGradients,
@@ -29,7 +29,7 @@ pub const NOT_DRAWN: f32 = f32::INFINITY;
 /// [`NOT_DRAWN`] where there is nothing to draw, and the splat arbitrary.
 pub fn forward(
     view: &View,
-    gaussians: &InstantGaussians,
+    gaussians: &ActivatedGaussians,
     settings: &RenderSettings,
     splats: &mut Vec<Splat>,
     distances: &mut Vec<f32>,
@@ -73,7 +73,7 @@ enum Path {
 
 struct Projector<'a> {
     view: &'a View,
-    gaussians: &'a InstantGaussians,
+    gaussians: &'a ActivatedGaussians,
     settings: &'a RenderSettings,
 }
 
@@ -253,12 +253,12 @@ pub struct Drawn<'a> {
 /// images ([`crate::render::Visible::centre_gradient`]).
 pub fn backward(
     view: &View,
-    gaussians: &InstantGaussians,
+    gaussians: &ActivatedGaussians,
     settings: &RenderSettings,
     drawn: Drawn<'_>,
     entries: &EntryGradients,
     centres: &mut Vec<[f32; 2]>,
-    out: &mut InstantGaussians,
+    out: &mut ActivatedGaussians,
 ) {
     let len = gaussians.len();
     out.reshape(len, gaussians.sh_degree, gaussians.feature_count);

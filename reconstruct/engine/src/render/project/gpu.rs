@@ -1,4 +1,4 @@
-//! The projection on a graphics device.
+//! The projection on a GPU.
 
 use crate::{
     device::{Gpu, GpuError, Kernel, Program, Shader},

@@ -28,7 +28,7 @@ use rayon::prelude::*;
 
 use crate::{
     camera::{Camera, View, rays::Rays},
-    gaussians::InstantGaussians,
+    gaussians::ActivatedGaussians,
     render::{
         Visible,
         bin::{TileLists, cpu::Binner},
@@ -75,7 +75,7 @@ impl PublishedRenderer {
     }
 
     /// Renders one view.
-    pub fn forward(&mut self, view: &View, gaussians: &InstantGaussians) -> &Raster {
+    pub fn forward(&mut self, view: &View, gaussians: &ActivatedGaussians) -> &Raster {
         let camera = erp(view);
         let (_, rays, binner) = match self.tables.take() {
             Some(tables) if tables.0 == camera => self.tables.insert(tables),
@@ -116,9 +116,9 @@ impl PublishedRenderer {
     pub fn backward(
         &mut self,
         view: &View,
-        gaussians: &InstantGaussians,
+        gaussians: &ActivatedGaussians,
         image_gradient: &[f32],
-        out: &mut InstantGaussians,
+        out: &mut ActivatedGaussians,
     ) {
         let Some((camera, rays, _)) = &self.tables else {
             panic!("the backward pass follows a forward pass");
@@ -165,7 +165,7 @@ impl PublishedRenderer {
     }
 
     /// Renders one view as an image clamped to `[0, 1]`.
-    pub fn image(&mut self, view: &View, gaussians: &InstantGaussians) -> RgbImage {
+    pub fn image(&mut self, view: &View, gaussians: &ActivatedGaussians) -> RgbImage {
         self.forward(view, gaussians).image()
     }
 }
@@ -210,8 +210,8 @@ mod tests {
     }
 
     /// One white Gaussian.
-    fn one(position: Vec3, scales: [f32; 3]) -> InstantGaussians {
-        let mut gaussians = InstantGaussians::default();
+    fn one(position: Vec3, scales: [f32; 3]) -> ActivatedGaussians {
+        let mut gaussians = ActivatedGaussians::default();
         gaussians.reshape(1, 0, 0);
         gaussians.positions[0] = position.to_array();
         gaussians.scales[0] = scales;
@@ -267,21 +267,21 @@ mod tests {
     }
 
     /// A weighted sum of all pixels and its gradient by the Gaussians as published.
-    fn loss(gaussians: &InstantGaussians) -> (f64, InstantGaussians) {
+    fn loss(gaussians: &ActivatedGaussians) -> (f64, ActivatedGaussians) {
         let mut renderer = renderer();
         let raster = renderer.forward(&view(), gaussians);
         let weights = weights();
         let value = weights.iter().zip(&raster.colour);
         let value = value.map(|(a, b)| f64::from(*a) * f64::from(*b)).sum();
-        let mut gradient = InstantGaussians::default();
+        let mut gradient = ActivatedGaussians::default();
         renderer.backward(&view(), gaussians, &weights, &mut gradient);
         (value, gradient)
     }
 
     fn difference(
-        gaussians: &InstantGaussians,
+        gaussians: &ActivatedGaussians,
         step: f32,
-        change: impl Fn(&mut InstantGaussians, f32),
+        change: impl Fn(&mut ActivatedGaussians, f32),
     ) -> f32 {
         let at = |step: f32| {
             let mut changed = gaussians.clone();
@@ -320,7 +320,7 @@ mod tests {
         let mut renderer = renderer();
         renderer.forward(&view(), &gaussians);
         let weights = weights();
-        let mut gradient = InstantGaussians::default();
+        let mut gradient = ActivatedGaussians::default();
         renderer.backward(&view(), &gaussians, &weights, &mut gradient);
         let published = Vec3::from_array(gradient.positions[0]);
         // The same image comes from half a pixel further, where the pixels' centres are.

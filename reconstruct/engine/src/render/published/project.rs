@@ -7,7 +7,7 @@ use omnilife_schemas::camera::ErpCamera;
 
 use crate::{
     camera::{LOW_PASS, View},
-    gaussians::{InstantGaussians, SH_C0},
+    gaussians::{ActivatedGaussians, SH_C0},
     render::{
         Visible,
         project::{Ellipse, Shape, Splat, SplatGradient, axes, axes_vjp, largest_q},
@@ -35,7 +35,7 @@ struct Linearization {
 }
 
 impl Linearization {
-    fn new(view: &View, camera: ErpCamera, gaussians: &InstantGaussians, index: usize) -> Self {
+    fn new(view: &View, camera: ErpCamera, gaussians: &ActivatedGaussians, index: usize) -> Self {
         let point = view.rotation * (Vec3::from_array(gaussians.positions[index]) - view.centre);
         let distance = point.length() + EPSILON;
         let rho = point.x.hypot(point.z) + EPSILON;
@@ -89,7 +89,7 @@ fn covariance(linear: &Linearization) -> [f32; 3] {
 pub(super) fn forward(
     view: &View,
     camera: ErpCamera,
-    gaussians: &InstantGaussians,
+    gaussians: &ActivatedGaussians,
     settings: &RenderSettings,
     index: usize,
 ) -> Option<(Splat, f32)> {
@@ -143,7 +143,7 @@ pub(super) struct RowGradient {
 pub(super) fn backward(
     view: &View,
     camera: ErpCamera,
-    gaussians: &InstantGaussians,
+    gaussians: &ActivatedGaussians,
     splat: &Splat,
     gradient: &SplatGradient,
     index: usize,

@@ -1,4 +1,4 @@
-//! Rasterization on the processor: one tile per task, 8 pixels of a row per vector step.
+//! Rasterization on the CPU: one tile per task, 8 pixels of a row per vector step.
 //!
 //! A row of a footprint is walked in vectors that begin at its first pixel, wherever that is; which
 //! those are is found for 8 rows at once (`spans.rs`).
@@ -16,7 +16,7 @@ use crate::render::raster::{
 };
 use crate::{
     camera::rays::Rays,
-    gaussians::InstantGaussians,
+    gaussians::ActivatedGaussians,
     render::{
         bin::TileLists,
         project::{Splat, SplatGradient},
@@ -35,7 +35,7 @@ pub struct Input<'a> {
     /// Splats, one per Gaussian.
     pub splats: &'a [Splat],
     /// The Gaussians, for their features.
-    pub gaussians: &'a InstantGaussians,
+    pub gaussians: &'a ActivatedGaussians,
     /// The tiles' splats.
     pub lists: &'a TileLists,
     /// Rays of the pixels.

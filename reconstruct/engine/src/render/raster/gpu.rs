@@ -1,4 +1,4 @@
-//! Rasterization on a graphics device.
+//! Rasterization on a GPU.
 
 use crate::{
     device::{DeviceBuffer, Gpu, GpuError, Kernel, Program, Shader},

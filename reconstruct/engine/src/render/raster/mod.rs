@@ -23,7 +23,7 @@
 //! `backward.cu`.
 //!
 //! **Reproducibility.** The arithmetic is written once over 8 lanes and compiled for each
-//! instruction set; the best that the processor has is chosen at run time. On one machine results
+//! instruction set; the best that the CPU has is chosen at run time. On one machine results
 //! are the same to the last bit for any number of threads. Between machines they are the same where
 //! both have fused multiply-add (AVX2 with FMA, AVX-512, NEON); without it the last bits differ.
 
@@ -50,7 +50,7 @@ pub struct Raster {
     /// Colour, HWC, background included; not clamped.
     pub colour: Vec<f32>,
     /// Feature planes one after another, each row by row; see
-    /// [`InstantGaussians::features`](crate::gaussians::InstantGaussians::features).
+    /// [`ActivatedGaussians::features`](crate::gaussians::ActivatedGaussians::features).
     pub features: Vec<f32>,
     /// Transmittance left at the end, one per pixel.
     pub transmittance: Vec<f32>,

@@ -1,4 +1,4 @@
-//! The radix sort on a graphics device, for distances and for tile numbers.
+//! The radix sort on a GPU, for distances and for tile numbers.
 
 use crate::device::{
     DeviceBuffer, Gpu, GpuError, Kernel, Program, Scan, Shader, Uniform, wgsl_struct,

@@ -4,10 +4,10 @@ use omnilife_schemas::RgbImage;
 use rayon::prelude::*;
 
 use crate::methods::feed_forward::sweep::Rig;
-use crate::methods::feed_forward::{Group, Station, infinity::at_infinity};
+use crate::methods::feed_forward::{CameraPose, Group, infinity::at_infinity};
 use omnilife_engine::{
     camera::{Camera, View},
-    gaussians::InstantGaussians,
+    gaussians::ActivatedGaussians,
     render::{cpu::Renderer, raster::Raster, settings::RenderSettings},
 };
 
@@ -20,7 +20,7 @@ const LEAST_WEIGHT: f32 = 1e-3;
 const BACKGROUND_WEIGHT: f32 = 1e-4;
 
 /// One image per target of the group.
-pub(super) fn images(group: &Group, rig: &Rig, clouds: &[InstantGaussians; 2]) -> Vec<RgbImage> {
+pub(super) fn images(group: &Group, rig: &Rig, clouds: &[ActivatedGaussians; 2]) -> Vec<RgbImage> {
     let mut renderers = [0, 1].map(|_| Renderer::new(RenderSettings::new(NEAR)));
     group
         .targets
@@ -44,7 +44,7 @@ pub(super) fn images(group: &Group, rig: &Rig, clouds: &[InstantGaussians; 2]) -
 
 /// Colours weighted by confidence and by how near the target is to the view that they come from, in
 /// space and in time.
-fn mixed(group: &Group, rig: &Rig, target: &Station, drawn: [&Raster; 2]) -> RgbImage {
+fn mixed(group: &Group, rig: &Rig, target: &CameraPose, drawn: [&Raster; 2]) -> RgbImage {
     let background = at_infinity(group, target);
     let place = rig.place(target.centre);
     let [to_first, to_second] = rig.centres.map(|centre| centre.distance(place));

@@ -128,8 +128,8 @@ mod tests {
         let mut row = [9.0, 0.2, 9.0, 9.0, 0.5, 9.0];
         fill(&mut row, &[false, true, false, false, true, false]);
         assert_eq!(row, [0.2, 0.2, 0.2, 0.2, 0.5, 0.2]);
-        let mut hopeless = [1.0, 2.0];
-        fill(&mut hopeless, &[false, false]);
-        assert_eq!(hopeless, [1.0, 2.0]);
+        let mut degenerate = [1.0, 2.0];
+        fill(&mut degenerate, &[false, false]);
+        assert_eq!(degenerate, [1.0, 2.0]);
     }
 }

@@ -93,8 +93,8 @@ pub struct Rig {
 impl Rig {
     /// `None` where the cameras stand in one place.
     pub fn new(group: &Group) -> Option<Self> {
-        let stations = [0, 1].map(|index| group.context[index].station);
-        let [first, second] = stations.map(|station| station.centre);
+        let camera_poses = [0, 1].map(|index| group.context[index].camera_pose);
+        let [first, second] = camera_poses.map(|camera_pose| camera_pose.centre);
         let baseline = first.distance(second);
         let smallest = SMALLEST_BASELINE * first.length().max(second.length());
         if !(baseline > smallest && baseline.is_normal()) {
@@ -102,7 +102,7 @@ impl Rig {
         }
         let middle = 0.5 * (first + second);
         Some(Self {
-            to_rig: stations.map(|station| station.to_world.as_mat3()),
+            to_rig: camera_poses.map(|camera_pose| camera_pose.to_world.as_mat3()),
             centres: [first, second].map(|centre| ((centre - middle) / baseline).as_vec3()),
             baseline,
             middle,

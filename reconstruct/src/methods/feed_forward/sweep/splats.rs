@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use crate::methods::feed_forward::sweep::{Rig, SweptDepth};
 use crate::methods::feed_forward::warp::{bilinear, sample};
-use omnilife_engine::gaussians::{InstantGaussians, SH_C0};
+use omnilife_engine::gaussians::{ActivatedGaussians, SH_C0};
 
 /// What counts as infinitely far, in distances between the cameras.
 const FARTHEST: f32 = 2000.0;
@@ -30,7 +30,7 @@ pub(super) fn of_view(
     depth: &SweptDepth,
     rig: &Rig,
     view: usize,
-) -> InstantGaussians {
+) -> ActivatedGaussians {
     let (width, height) = (image.width as f32, image.height as f32);
     let small = image.resized_by_area(depth.width, depth.height);
     let rows: Vec<Vec<Sampled>> = (0..image.height)
@@ -65,7 +65,7 @@ pub(super) fn of_view(
         })
         .collect();
     let samples: Vec<Sampled> = rows.into_iter().flatten().collect();
-    InstantGaussians {
+    ActivatedGaussians {
         positions: samples.iter().map(|s| s.position.to_array()).collect(),
         scales: samples.iter().map(|s| [s.scale; 3]).collect(),
         rotations: vec![[1.0, 0.0, 0.0, 0.0]; samples.len()],

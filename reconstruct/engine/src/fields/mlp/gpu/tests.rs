@@ -1,4 +1,4 @@
-//! Outputs and gradients against those of the processor, which are held against the definition.
+//! Outputs and gradients against those of the CPU, which are held against the definition.
 
 use crate::fields::mlp::gpu::*;
 use crate::{

@@ -1,4 +1,4 @@
-//! Searching only what the compressed stream makes suspicious finds what the whole search finds.
+//! Searching only what the compressed stream makes candidate finds what the whole search finds.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use omnilife_curate::{
     analysis::{Analysis, analyse},
     boundaries::{
         DETECTORS,
-        suspicion::{self, SuspicionSearch},
+        key_frame_prefilter::{self, KeyFramePrefilter},
     },
 };
 use omnilife_schemas::{progress::Silent, records::Boundary};
@@ -16,11 +16,11 @@ use crate::{
     support::{Clip, erp_direction, world_colour},
 };
 
-fn both(path: &Path, analysis: &Analysis) -> (Vec<Boundary>, SuspicionSearch) {
+fn both(path: &Path, analysis: &Analysis) -> (Vec<Boundary>, KeyFramePrefilter) {
     let whole = (DETECTORS[0].decide)(&analysis.signals).unwrap();
     (
         whole,
-        suspicion::search(path, &DETECTORS[0], &Silent).unwrap(),
+        key_frame_prefilter::search(path, &DETECTORS[0], &Silent).unwrap(),
     )
 }
 
@@ -49,9 +49,9 @@ fn cuts_are_found_in_a_third_of_the_frames() {
     let (whole, fast) = both(&path, &analyse(&path, &DETECTORS[0], &Silent).unwrap());
     assert_eq!(whole.len(), cuts.len());
     assert_same("shots", &whole, &fast.boundaries, 1e-9);
-    assert_eq!((fast.stretches, fast.frames), (30, 360));
+    assert_eq!((fast.segments, fast.frames), (30, 360));
     // Two with a cut, and the last, which has no other side.
-    assert_eq!(fast.suspicious, 3);
+    assert_eq!(fast.candidate, 3);
     assert!(fast.decoded_frames < 180, "{fast:?}");
 }
 
@@ -68,8 +68,8 @@ fn a_flash_between_two_key_frames_is_looked_at_and_is_no_boundary() {
     let (whole, fast) = both(&path, &analyse(&path, &DETECTORS[0], &Silent).unwrap());
     assert_eq!(whole, []);
     assert_eq!(fast.boundaries, []);
-    // The flash and the last stretch, and at most one beside the flash.
-    assert!((2..=3).contains(&fast.suspicious), "{fast:?}");
+    // The flash and the last segment, and at most one beside the flash.
+    assert!((2..=3).contains(&fast.candidate), "{fast:?}");
 }
 
 #[test]
@@ -78,8 +78,8 @@ fn real_clips_give_the_same_boundaries() {
         of_real_clip(name, |path, analysis| {
             let (whole, fast) = both(path, analysis);
             println!(
-                "{name}: {} of {} stretches, {} frames decoded for {}",
-                fast.suspicious, fast.stretches, fast.decoded_frames, fast.frames
+                "{name}: {} of {} segments, {} frames decoded for {}",
+                fast.candidate, fast.segments, fast.decoded_frames, fast.frames
             );
             assert_same(name, &whole, &fast.boundaries, 0.1);
         });

@@ -3,7 +3,7 @@
 use omnilife_schemas::statistics;
 use std::f64::consts::TAU;
 
-use super::{VerdictTest, black_border::is_black, median_over};
+use super::{ProjectionTest, black_border::is_black, median_over};
 use crate::video::Rgb8Picture;
 
 /// Radii that are tried, as shares of half the picture (of half of each half for two circles): from
@@ -27,7 +27,7 @@ const RIM_DETAIL_RADIUS: usize = 10;
 const LEAST_PEAK: f64 = 0.15;
 
 /// Black around one or two circles.
-pub(super) const BLACK_AROUND: VerdictTest = VerdictTest {
+pub(super) const BLACK_AROUND: ProjectionTest = ProjectionTest {
     id: "black-around-circles",
     summary: "Share of black outside of one or two circles less that just inside, for the radius \
               that fits best.",
@@ -38,7 +38,7 @@ pub(super) const BLACK_AROUND: VerdictTest = VerdictTest {
 };
 
 /// Two circles that meet on the sphere.
-pub(super) const COMMON_RIM: VerdictTest = VerdictTest {
+pub(super) const COMMON_RIM: ProjectionTest = ProjectionTest {
     id: "common-rim",
     summary: "Correlation of detail along the rims of two circles side by side, one of them \
               mirrored: two fisheye lenses back to back see the same rim.",

@@ -25,17 +25,17 @@ pub fn last_file() -> Option<PathBuf> {
 
 /// Who has to act for the error to go away.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Blame {
+pub enum ErrorKind {
     /// The input is bad or missing; the user has to change it. Exit code 2.
-    Input,
+    User,
     /// Our failure or the machine's (a full disk, a bug). Exit code 1.
-    Ours,
+    Internal,
 }
 
 /// Implemented by every error type of the workspace.
 ///
 /// Messages are one line that names the file and the reason.
-pub trait Blamed: std::error::Error {
+pub trait Classified: std::error::Error {
     /// Who has to act.
-    fn blame(&self) -> Blame;
+    fn error_kind(&self) -> ErrorKind;
 }

@@ -1,7 +1,7 @@
-//! Boundaries without decoding everything: only what the compressed stream makes suspicious.
+//! Boundaries without decoding everything: only what the compressed stream makes candidate.
 //!
-//! Key frames stand in a stream every half to ten seconds and decode by themselves. A stretch
-//! between two of them is suspicious
+//! Key frames stand in a stream every half to ten seconds and decode by themselves. A segment
+//! between two of them is candidate
 //!
 //! * when the colours or the layout of its two key frames differ: something has changed, perhaps a
 //!   shot, perhaps only the place of a moving camera; or
@@ -9,7 +9,7 @@
 //!   frame: a picture that its predecessor did not predict, though the shot may have come back
 //!   before the next key frame.
 //!
-//! Suspicious stretches, and what a detector has to see after them, are decoded whole and given to
+//! Candidate segments, and what a detector has to see after them, are decoded whole and given to
 //! the detector; the rest is taken for one shot. Whatever begins and ends between two key frames
 //! without a large packet is missed.
 
@@ -27,37 +27,37 @@ use crate::{
     video::{Converter, PacketChoice, Scaling, VideoReader, probe::probe},
 };
 
-/// Key frames whose colours differ by more than this share enclose something suspicious: half of
+/// Key frames whose colours differ by more than this share enclose something candidate: half of
 /// what the histogram detector asks of the two sides of a gradual transition, because a key frame
 /// may stand in its middle.
-const SUSPICIOUS_DISTANCE: f32 = 0.2;
+const CANDIDATE_DISTANCE: f32 = 0.2;
 /// So do key frames whose layouts correlate less than this.
-const SUSPICIOUS_CORRELATION: f32 = 0.7;
-/// A packet is suspicious above this many times the median of the packets within a second that are
+const CANDIDATE_CORRELATION: f32 = 0.7;
+/// A packet is candidate above this many times the median of the packets within a second that are
 /// no key frames ...
 const PACKET_OVER_MEDIAN: f32 = 5.0;
 /// ... if it is at least this share of the key frame before it.
 const PACKET_OVER_KEY: f32 = 0.3;
 const PACKET_WINDOW_SECONDS: f64 = 1.0;
-/// What is decoded after a suspicious stretch, so that a change at its end is seen from both sides.
+/// What is decoded after a candidate segment, so that a change at its end is seen from both sides.
 const AFTER_SECONDS: f64 = 1.5;
 
-/// What a search of the suspicious stretches gives.
+/// What a search of the candidate segments gives.
 #[derive(Debug, Clone, PartialEq)]
-pub struct SuspicionSearch {
+pub struct KeyFramePrefilter {
     /// Boundaries in order of time.
     pub boundaries: Vec<Boundary>,
-    /// Stretches between key frames.
-    pub stretches: usize,
-    /// How many of them were suspicious.
-    pub suspicious: usize,
-    /// Frames that were decoded, key frames twice where their stretch was suspicious.
+    /// Segments between key frames.
+    pub segments: usize,
+    /// How many of them were candidate.
+    pub candidate: usize,
+    /// Frames that were decoded, key frames twice where their segment was candidate.
     pub decoded_frames: u64,
     /// Frames of the video.
     pub frames: u64,
 }
 
-/// Searches a video's suspicious stretches with a detector.
+/// Searches a video's candidate segments with a detector.
 ///
 /// # Errors
 /// [`CurateError::Video`] when the file is no video or its packets have no timestamps.
@@ -65,9 +65,9 @@ pub fn search(
     video: &Path,
     detector: &Detector,
     progress: &dyn Progress,
-) -> Result<SuspicionSearch, CurateError> {
+) -> Result<KeyFramePrefilter, CurateError> {
     let table = PacketTable::scan(video)?;
-    let stretches = stretches(&table).ok_or_else(|| {
+    let segments = segments(&table).ok_or_else(|| {
         CurateError::video(
             video,
             "has no key frames with timestamps; it can only be searched whole",
@@ -75,21 +75,21 @@ pub fn search(
     })?;
     let probe = probe(video)?;
     let turns = probe.clockwise_quarter_turns();
-    let keys = key_frames(video, turns, stretches.len(), progress)?;
-    let suspicious: Vec<bool> = stretches
+    let keys = key_frames(video, turns, segments.len(), progress)?;
+    let candidate: Vec<bool> = segments
         .iter()
-        .map(|stretch| is_suspicious(stretch, &keys, &table))
+        .map(|segment| may_hold_boundary(segment, &keys, &table))
         .collect();
-    let runs = runs_to_decode(&stretches, &suspicious, &table);
-    let mut search = SuspicionSearch {
+    let runs = runs_to_decode(&segments, &candidate, &table);
+    let mut search = KeyFramePrefilter {
         boundaries: Vec::new(),
-        stretches: stretches.len(),
-        suspicious: suspicious.iter().filter(|&&flag| flag).count(),
+        segments: segments.len(),
+        candidate: candidate.iter().filter(|&&flag| flag).count(),
         decoded_frames: keys.len() as u64,
         frames: table.times().len() as u64,
     };
     let packets: usize = runs.iter().map(Range::len).sum();
-    progress.begin("decoding suspicious stretches", Some(packets as u64));
+    progress.begin("decoding candidate segments", Some(packets as u64));
     let outcome = runs.iter().try_for_each(|run| {
         let boundaries = search_run(video, run.clone(), &table, detector, turns, progress)?;
         search.decoded_frames += boundaries.frames;
@@ -102,26 +102,26 @@ pub fn search(
 
 /// Packets from one key frame up to the next, and its time.
 #[derive(Debug, Clone, PartialEq)]
-struct Stretch {
+struct Segment {
     packets: Range<usize>,
     begin_seconds: f64,
 }
 
 /// `None` where a packet has no timestamp or the first is no key frame.
-fn stretches(table: &PacketTable) -> Option<Vec<Stretch>> {
-    let mut stretches: Vec<Stretch> = Vec::new();
+fn segments(table: &PacketTable) -> Option<Vec<Segment>> {
+    let mut segments: Vec<Segment> = Vec::new();
     for (index, packet) in table.packets.iter().enumerate() {
         let seconds = packet.pts? as f64 * table.seconds_per_tick;
         if packet.key {
-            stretches.push(Stretch {
+            segments.push(Segment {
                 packets: index..index + 1,
                 begin_seconds: seconds,
             });
         } else {
-            stretches.last_mut()?.packets.end = index + 1;
+            segments.last_mut()?.packets.end = index + 1;
         }
     }
-    (!stretches.is_empty()).then_some(stretches)
+    (!segments.is_empty()).then_some(segments)
 }
 
 /// Descriptors of the key frames that decode.
@@ -150,27 +150,27 @@ fn key_frames(
     outcome.map(|()| keys)
 }
 
-/// Whether a boundary may lie between this stretch's key frame and the next.
-fn is_suspicious(stretch: &Stretch, keys: &[Descriptor], table: &PacketTable) -> bool {
-    let at = keys.partition_point(|key| key.time_seconds < stretch.begin_seconds - 1e-6);
+/// Whether a boundary may lie between this segment's key frame and the next.
+fn may_hold_boundary(segment: &Segment, keys: &[Descriptor], table: &PacketTable) -> bool {
+    let at = keys.partition_point(|key| key.time_seconds < segment.begin_seconds - 1e-6);
     let begins = keys
         .get(at)
-        .is_some_and(|key| (key.time_seconds - stretch.begin_seconds).abs() < 1e-6);
+        .is_some_and(|key| (key.time_seconds - segment.begin_seconds).abs() < 1e-6);
     if !begins {
         // Its key frame did not decode: nothing is known of it.
         return true;
     }
     let differs = keys.get(at + 1).is_some_and(|next| {
-        distance(&keys[at].histogram, &next.histogram) > SUSPICIOUS_DISTANCE
-            || correlation(&keys[at].layout, &next.layout) < SUSPICIOUS_CORRELATION
+        distance(&keys[at].histogram, &next.histogram) > CANDIDATE_DISTANCE
+            || correlation(&keys[at].layout, &next.layout) < CANDIDATE_CORRELATION
     });
     // After the last key frame there is no other to compare with.
     let is_last = at + 1 == keys.len();
-    differs || is_last || has_large_packet(stretch, table)
+    differs || is_last || has_large_packet(segment, table)
 }
 
-fn has_large_packet(stretch: &Stretch, table: &PacketTable) -> bool {
-    let packets = &table.packets[stretch.packets.clone()];
+fn has_large_packet(segment: &Segment, table: &PacketTable) -> bool {
+    let packets = &table.packets[segment.packets.clone()];
     let key_bytes = packets[0].bytes as f32;
     // In order of presentation, without the key frame, which is large by nature.
     let mut rest: Vec<(f64, f32)> = packets[1..]
@@ -190,19 +190,19 @@ fn has_large_packet(stretch: &Stretch, table: &PacketTable) -> bool {
     })
 }
 
-/// Packets to decode: suspicious stretches with what follows them, joined where they meet.
+/// Packets to decode: candidate segments with what follows them, joined where they meet.
 fn runs_to_decode(
-    stretches: &[Stretch],
-    suspicious: &[bool],
+    segments: &[Segment],
+    candidate: &[bool],
     table: &PacketTable,
 ) -> Vec<Range<usize>> {
     let mut runs: Vec<Range<usize>> = Vec::new();
-    for (index, stretch) in stretches.iter().enumerate() {
-        if !suspicious[index] {
+    for (index, segment) in segments.iter().enumerate() {
+        if !candidate[index] {
             continue;
         }
-        let mut end = stretch.packets.end;
-        if let Some(next) = stretches.get(index + 1) {
+        let mut end = segment.packets.end;
+        if let Some(next) = segments.get(index + 1) {
             let until = next.begin_seconds + AFTER_SECONDS;
             end += table.packets[end..]
                 .iter()
@@ -214,8 +214,8 @@ fn runs_to_decode(
                 .count();
         }
         match runs.last_mut() {
-            Some(run) if run.end >= stretch.packets.start => run.end = run.end.max(end),
-            _ => runs.push(stretch.packets.start..end),
+            Some(run) if run.end >= segment.packets.start => run.end = run.end.max(end),
+            _ => runs.push(segment.packets.start..end),
         }
     }
     runs
@@ -295,20 +295,20 @@ mod tests {
     #[test]
     fn a_stretch_between_different_key_frames_is_suspicious_and_decoded_with_what_follows() {
         let table = table(60, |_| 50);
-        let stretches = stretches(&table).unwrap_or_default();
-        assert_eq!(stretches.len(), 6);
+        let segments = segments(&table).unwrap_or_default();
+        assert_eq!(segments.len(), 6);
         // The shot changes between the third and the fourth key frame.
         let keys: Vec<Descriptor> = (0..6)
             .map(|index| flat(f64::from(index), usize::from(index > 2)))
             .collect();
-        let suspicious: Vec<bool> = stretches
+        let candidate: Vec<bool> = segments
             .iter()
-            .map(|stretch| is_suspicious(stretch, &keys, &table))
+            .map(|segment| may_hold_boundary(segment, &keys, &table))
             .collect();
-        assert_eq!(suspicious, [false, false, true, false, false, true]);
-        // 1.5 s after the next key frame at 3 s; the last stretch has nothing after it.
+        assert_eq!(candidate, [false, false, true, false, false, true]);
+        // 1.5 s after the next key frame at 3 s; the last segment has nothing after it.
         assert_eq!(
-            runs_to_decode(&stretches, &suspicious, &table),
+            runs_to_decode(&segments, &candidate, &table),
             [20..45, 50..60]
         );
     }
@@ -318,8 +318,8 @@ mod tests {
         let keys: Vec<Descriptor> = (0..3).map(|index| flat(f64::from(index), 0)).collect();
         let of = |bytes: &dyn Fn(usize) -> usize| {
             let table = table(30, bytes);
-            let stretches = stretches(&table).unwrap_or_default();
-            is_suspicious(&stretches[1], &keys, &table)
+            let segments = segments(&table).unwrap_or_default();
+            may_hold_boundary(&segments[1], &keys, &table)
         };
         assert!(!of(&|_| 50));
         assert!(of(&|index| if index == 14 { 600 } else { 50 }));
@@ -332,8 +332,8 @@ mod tests {
     #[test]
     fn a_key_frame_that_does_not_decode_makes_its_stretch_suspicious() {
         let table = table(30, |_| 50);
-        let stretches = stretches(&table).unwrap_or_default();
+        let segments = segments(&table).unwrap_or_default();
         let keys = [flat(0.0, 0), flat(2.0, 0)];
-        assert!(is_suspicious(&stretches[1], &keys, &table));
+        assert!(may_hold_boundary(&segments[1], &keys, &table));
     }
 }

@@ -1,6 +1,6 @@
 //! Do two halves of the picture show the same scene?
 
-use super::{VerdictTest, median_over};
+use super::{ProjectionTest, median_over};
 use crate::video::Rgb8Picture;
 use omnilife_schemas::statistics;
 
@@ -19,7 +19,7 @@ const LEAST_DETAIL_LEVELS: f32 = 2.0;
 const LIMIT: f64 = 0.65;
 
 /// Left eye above right eye.
-pub(super) const TOP_BOTTOM: VerdictTest = VerdictTest {
+pub(super) const TOP_BOTTOM: ProjectionTest = ProjectionTest {
     id: "stereo-top-bottom",
     summary: "Median correlation of detail between blocks of the upper half and the lower half at \
               their best horizontal disparity.",
@@ -30,7 +30,7 @@ pub(super) const TOP_BOTTOM: VerdictTest = VerdictTest {
 };
 
 /// Left eye beside right eye.
-pub(super) const LEFT_RIGHT: VerdictTest = VerdictTest {
+pub(super) const LEFT_RIGHT: ProjectionTest = ProjectionTest {
     id: "stereo-left-right",
     summary: "The same for the left and the right half.",
     limit: LIMIT,

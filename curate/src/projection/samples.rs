@@ -1,4 +1,4 @@
-//! The few frames of a video that the ERP verdict looks at.
+//! The few frames of a video that the ERP projection looks at.
 
 use crate::video::Rgb8Picture;
 

@@ -1,6 +1,6 @@
 //! Are the outermost rows a single point of the sphere?
 
-use super::{VerdictTest, median_over};
+use super::{ProjectionTest, median_over};
 use crate::video::Rgb8Picture;
 use omnilife_schemas::statistics;
 
@@ -11,7 +11,7 @@ const LEAST_SPREAD_LEVELS: f64 = 1.5;
 const LIMIT: f64 = 0.4;
 
 /// The north pole.
-pub(super) const TOP: VerdictTest = VerdictTest {
+pub(super) const TOP: ProjectionTest = ProjectionTest {
     id: "pole-row-top",
     summary: "Spread of colours along the top row and their change from pixel to pixel, over \
               those of the middle rows: at a pole the whole row is one point.",
@@ -22,7 +22,7 @@ pub(super) const TOP: VerdictTest = VerdictTest {
 };
 
 /// The south pole.
-pub(super) const BOTTOM: VerdictTest = VerdictTest {
+pub(super) const BOTTOM: ProjectionTest = ProjectionTest {
     id: "pole-row-bottom",
     summary: "The same for the bottom row.",
     limit: LIMIT,

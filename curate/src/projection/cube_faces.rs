@@ -5,7 +5,7 @@
 //! neighbours on the cube, the picture breaks along a straight line; and every edge at the
 //! picture's border is continued by some edge of another face.
 
-use super::{VerdictTest, median_over};
+use super::{ProjectionTest, median_over};
 use crate::video::Rgb8Picture;
 use omnilife_schemas::statistics;
 
@@ -21,7 +21,7 @@ const LEAST_EDGES: usize = 5;
 const LEAST_CONTRAST_LEVELS: f64 = 1.5;
 
 /// The edges at the picture's border.
-pub(super) const OUTER_EDGES: VerdictTest = VerdictTest {
+pub(super) const OUTER_EDGES: ProjectionTest = ProjectionTest {
     id: "cube-outer-edges",
     summary: "How far the edges at the border are from the most similar edge of another face, on \
               the scale on which neighbouring lines are 0 and unrelated edges 1, in the cube \
@@ -33,7 +33,7 @@ pub(super) const OUTER_EDGES: VerdictTest = VerdictTest {
 };
 
 /// The lines on which faces meet.
-pub(super) const FACE_BREAKS: VerdictTest = VerdictTest {
+pub(super) const FACE_BREAKS: ProjectionTest = ProjectionTest {
     id: "cube-face-breaks",
     summary: "Break of the picture along the lines on which the faces of that layout meet, on the \
               scale on which neighbouring lines are 0 and distant ones 1.",

@@ -31,7 +31,7 @@ const MODEL_FOLDER: &str = "sparse";
 const FAILED_EXIT_CODE: i32 = 4;
 
 /// The folder in which attempts are made.
-pub(super) struct Workshop<'a> {
+pub(super) struct SfmWorkspace<'a> {
     frames: PathBuf,
     pub(super) folder: PathBuf,
     /// Hidden; removed at the end with all databases and models in it.
@@ -43,7 +43,7 @@ pub(super) struct Workshop<'a> {
     installation: &'a SfmInstallation,
 }
 
-impl<'a> Workshop<'a> {
+impl<'a> SfmWorkspace<'a> {
     pub(super) fn new(
         sequence_folder: &Path,
         sequence: &'a Sequence,
@@ -58,7 +58,7 @@ impl<'a> Workshop<'a> {
         store::remove_abandoned(&folder)?;
         store::remove(&scratch)?;
         store::create_folder(&scratch)?;
-        let mut workshop = Self {
+        let mut workspace = Self {
             frames: sequence_folder.join(FRAMES_FOLDER),
             script: scratch.join("erp_sfm.py"),
             masks: None,
@@ -68,14 +68,14 @@ impl<'a> Workshop<'a> {
             settings,
             installation,
         };
-        store::write_bytes(&workshop.script, SCRIPT.as_bytes())?;
+        store::write_bytes(&workspace.script, SCRIPT.as_bytes())?;
         if let Some(given) = &settings.masks {
             let found = masks::find(given, sequence)?;
-            let masks = workshop.scratch.join("masks");
+            let masks = workspace.scratch.join("masks");
             masks::write_for_colmap(&masks, &found, sequence)?;
-            workshop.masks = Some(masks);
+            workspace.masks = Some(masks);
         }
-        Ok(workshop)
+        Ok(workspace)
     }
 
     /// Runs one configuration in its own process and looks at the model it leaves.
@@ -216,7 +216,7 @@ impl<'a> Workshop<'a> {
     }
 }
 
-impl Drop for Workshop<'_> {
+impl Drop for SfmWorkspace<'_> {
     fn drop(&mut self) {
         // Nothing depends on it any more; what cannot be removed is hidden and harmless.
         drop(fs::remove_dir_all(&self.scratch));

@@ -2,10 +2,10 @@
 
 use omnilife_schemas::records::Probe;
 
-use super::VerdictTest;
+use super::ProjectionTest;
 
 /// Relative deviation of the stored size from 2:1.
-pub(super) const TEST: VerdictTest = VerdictTest {
+pub(super) const TEST: ProjectionTest = ProjectionTest {
     id: "aspect-ratio",
     summary: "Relative deviation of the upright picture's width over height from 2, as stored, \
               whatever the pixel aspect ratio claims.",

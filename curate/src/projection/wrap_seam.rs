@@ -3,7 +3,7 @@
 use omnilife_schemas::statistics;
 use std::f64::consts::PI;
 
-use super::{VerdictTest, median_over};
+use super::{ProjectionTest, median_over};
 use crate::video::Rgb8Picture;
 
 /// Differences, in 8-bit levels, between far and neighbouring columns below which a picture is too
@@ -14,7 +14,7 @@ const LEAST_CONTRAST_LEVELS: f64 = 1.5;
 const EDGE_PAIRS: usize = 4;
 
 /// The wrap seam of the whole picture.
-pub(super) const WHOLE: VerdictTest = VerdictTest {
+pub(super) const WHOLE: ProjectionTest = ProjectionTest {
     id: "wrap-seam",
     summary: "Difference of the last and the first column on the scale on which neighbouring \
               columns are 0 and distant ones are 1. An ERP's edges are neighbours.",
@@ -25,7 +25,7 @@ pub(super) const WHOLE: VerdictTest = VerdictTest {
 };
 
 /// The wrap seam of the left half, for side-by-side stereo.
-pub(super) const LEFT_HALF: VerdictTest = VerdictTest {
+pub(super) const LEFT_HALF: ProjectionTest = ProjectionTest {
     id: "wrap-seam-left-half",
     summary: "The wrap seam of the left half alone: side-by-side ERP pictures wrap each in itself.",
     limit: 0.3,

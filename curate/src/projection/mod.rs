@@ -2,7 +2,7 @@
 //!
 //! Every test of [`TESTS`] measures one thing on frames spread over the video; [`judge`] combines
 //! them and keeps all values as evidence. Pixels decide; metadata is consulted where they do not,
-//! and a disagreement is recorded. Where nothing decides, the verdict is `unsure`.
+//! and a disagreement is recorded. Where nothing decides, the projection is `unsure`.
 //!
 //! To add a test: one file, and one line in [`TESTS`].
 
@@ -18,14 +18,14 @@ mod wrap_seam;
 pub use samples::FrameSamples;
 
 use omnilife_schemas::{
-    records::{ErpVerdict, Evidence, Probe, Verdict},
+    records::{DetectedProjection, Evidence, Probe, VideoProjection},
     statistics,
 };
 
 use crate::video::Rgb8Picture;
 
-/// One measurement for the verdict.
-pub struct VerdictTest {
+/// One measurement for the projection.
+pub struct ProjectionTest {
     /// Unique id, recorded as evidence.
     pub id: &'static str,
     /// What is measured and how it is to be read, in one sentence.
@@ -41,7 +41,7 @@ pub struct VerdictTest {
 }
 
 /// All tests; tests walk it.
-pub static TESTS: &[VerdictTest] = &[
+pub static TESTS: &[ProjectionTest] = &[
     aspect::TEST,
     black_border::SIDES,
     black_border::ROWS,
@@ -60,8 +60,8 @@ pub static TESTS: &[VerdictTest] = &[
 /// Judges a video by its probe and frames spread over it.
 ///
 /// Where the frames have a black border, what is inside of it is judged: a whole sphere in there is
-/// still no ERP as it is stored, and the verdict is `unsure` with the border as its evidence.
-pub fn judge(probe: &Probe, samples: &[Rgb8Picture]) -> ErpVerdict {
+/// still no ERP as it is stored, and the projection is `unsure` with the border as its evidence.
+pub fn judge(probe: &Probe, samples: &[Rgb8Picture]) -> DetectedProjection {
     let samples = &spread_over(samples);
     let inside = black_border::without_border(samples);
     let mut evidence = Vec::new();
@@ -86,10 +86,12 @@ pub fn judge(probe: &Probe, samples: &[Rgb8Picture]) -> ErpVerdict {
     }
     let pixels = Readings::of(&evidence).decide();
     let mut disagreements = Vec::new();
-    let mut verdict = pixels;
+    let mut projection = pixels;
     match by_metadata(probe) {
-        Some((stated, words)) if pixels == Verdict::Unsure && stated != Verdict::Unsure => {
-            verdict = stated;
+        Some((stated, words))
+            if pixels == VideoProjection::Unsure && stated != VideoProjection::Unsure =>
+        {
+            projection = stated;
             disagreements.push(format!(
                 "the pixels do not decide; taken from the metadata ({words})"
             ));
@@ -109,8 +111,8 @@ pub fn judge(probe: &Probe, samples: &[Rgb8Picture]) -> ErpVerdict {
             "the metadata's version 1 says {conflict}, its version 2, which wins, says otherwise"
         ));
     }
-    ErpVerdict {
-        verdict,
+    DetectedProjection {
+        projection,
         overridden: None,
         evidence,
         disagreement: (!disagreements.is_empty()).then(|| disagreements.join("; ")),
@@ -123,29 +125,29 @@ fn spread_over(samples: &[Rgb8Picture]) -> Vec<Rgb8Picture> {
     samples.iter().step_by(step).cloned().collect()
 }
 
-fn agree(stated: Verdict, pixels: Verdict) -> bool {
+fn agree(stated: VideoProjection, pixels: VideoProjection) -> bool {
     stated == pixels || (stated.is_monoscopic_erp() && pixels.is_monoscopic_erp())
 }
 
 /// What the container's spherical metadata claims, and its words.
-fn by_metadata(probe: &Probe) -> Option<(Verdict, String)> {
+fn by_metadata(probe: &Probe) -> Option<(VideoProjection, String)> {
     let metadata = probe.spherical.as_ref()?;
     let stereo = metadata.stereo.as_deref().unwrap_or("2D");
     if metadata.is_cropped {
         let words = format!("a part of the sphere, {}, {stereo}", metadata.projection);
-        return Some((Verdict::Unsure, words));
+        return Some((VideoProjection::Unsure, words));
     }
-    let verdict = match (metadata.projection.as_str(), stereo) {
-        ("equirectangular", "top and bottom") => Verdict::ErpStereoTb,
-        ("equirectangular", "side by side") => Verdict::ErpStereoLr,
-        ("equirectangular", _) if aspect::is_two_to_one(probe) => Verdict::Erp,
-        ("equirectangular", _) => Verdict::ErpSqueezed,
-        ("cubemap" | "equiangular cubemap", _) => Verdict::Eac,
-        ("fisheye", _) => Verdict::Fisheye,
-        ("rectilinear", _) => Verdict::Rectilinear,
+    let projection = match (metadata.projection.as_str(), stereo) {
+        ("equirectangular", "top and bottom") => VideoProjection::ErpStereoTb,
+        ("equirectangular", "side by side") => VideoProjection::ErpStereoLr,
+        ("equirectangular", _) if aspect::is_two_to_one(probe) => VideoProjection::Erp,
+        ("equirectangular", _) => VideoProjection::ErpSqueezed,
+        ("cubemap" | "equiangular cubemap", _) => VideoProjection::Eac,
+        ("fisheye", _) => VideoProjection::Fisheye,
+        ("rectilinear", _) => VideoProjection::Rectilinear,
         _ => return None,
     };
-    Some((verdict, format!("{}, {stereo}", metadata.projection)))
+    Some((projection, format!("{}, {stereo}", metadata.projection)))
 }
 
 /// The evidence by test, for the rules of [`Readings::decide`].
@@ -157,40 +159,40 @@ impl<'a> Readings<'a> {
     }
 
     /// Value over limit, or `None` where the test had nothing to look at.
-    fn ratio(&self, test: &VerdictTest) -> Option<f64> {
+    fn ratio(&self, test: &ProjectionTest) -> Option<f64> {
         self.0
             .iter()
             .find(|evidence| evidence.test == test.id)
             .map(|evidence| evidence.value / evidence.limit)
     }
 
-    fn holds(&self, test: &VerdictTest) -> bool {
+    fn holds(&self, test: &ProjectionTest) -> bool {
         self.ratio(test).is_some_and(|ratio| ratio <= 1.0)
     }
 
-    fn exceeds(&self, test: &VerdictTest) -> bool {
+    fn exceeds(&self, test: &ProjectionTest) -> bool {
         self.ratio(test).is_some_and(|ratio| ratio > 1.0)
     }
 
     /// Whether the limit is missed by so much that the opposite is sure.
-    fn far_exceeds(&self, test: &VerdictTest) -> bool {
+    fn far_exceeds(&self, test: &ProjectionTest) -> bool {
         self.ratio(test).is_some_and(|ratio| ratio > CLEARLY)
     }
 
-    fn decide(&self) -> Verdict {
+    fn decide(&self) -> VideoProjection {
         if self.exceeds(&fisheye_circles::BLACK_AROUND) {
-            return Verdict::Fisheye;
+            return VideoProjection::Fisheye;
         }
         let projection = self.projection();
         let has_border = self.exceeds(&black_border::SIDES) || self.exceeds(&black_border::ROWS);
-        if has_border && projection != Verdict::Rectilinear {
-            return Verdict::Unsure;
+        if has_border && projection != VideoProjection::Rectilinear {
+            return VideoProjection::Unsure;
         }
         projection
     }
 
     /// The projection of the picture without its border.
-    fn projection(&self) -> Verdict {
+    fn projection(&self) -> VideoProjection {
         let wraps = self.holds(&wrap_seam::WHOLE);
         let has_caps = self.holds(&pole_rows::TOP) && self.holds(&pole_rows::BOTTOM);
         // Halves that show the same scene leave little doubt, so poles may be blurred.
@@ -200,33 +202,33 @@ impl<'a> Readings<'a> {
             && self.holds(&wrap_seam::LEFT_HALF)
             && may_have_caps
         {
-            return Verdict::ErpStereoLr;
+            return VideoProjection::ErpStereoLr;
         }
         if self.exceeds(&stereo_halves::TOP_BOTTOM) && wraps && may_have_caps {
-            return Verdict::ErpStereoTb;
+            return VideoProjection::ErpStereoTb;
         }
         if wraps && has_caps {
             return if self.holds(&aspect::TEST) {
-                Verdict::Erp
+                VideoProjection::Erp
             } else {
-                Verdict::ErpSqueezed
+                VideoProjection::ErpSqueezed
             };
         }
         let has_no_caps = self.exceeds(&pole_rows::TOP) || self.exceeds(&pole_rows::BOTTOM);
         if wraps || !has_no_caps {
             // A panorama that is cropped in one direction, or too plain to tell.
-            return Verdict::Unsure;
+            return VideoProjection::Unsure;
         }
         if self.holds(&cube_faces::OUTER_EDGES) && self.exceeds(&cube_faces::FACE_BREAKS) {
-            return Verdict::Eac;
+            return VideoProjection::Eac;
         }
         if self.exceeds(&fisheye_circles::COMMON_RIM) {
-            return Verdict::Fisheye;
+            return VideoProjection::Fisheye;
         }
         if self.far_exceeds(&wrap_seam::WHOLE) {
-            return Verdict::Rectilinear;
+            return VideoProjection::Rectilinear;
         }
-        Verdict::Unsure
+        VideoProjection::Unsure
     }
 }
 

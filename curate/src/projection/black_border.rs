@@ -1,6 +1,6 @@
 //! Black borders: letterboxes, pillarboxes and half spheres.
 
-use super::{VerdictTest, median_over};
+use super::{ProjectionTest, median_over};
 use crate::video::Rgb8Picture;
 use omnilife_schemas::statistics;
 
@@ -11,7 +11,7 @@ const BLACK_SHARE: f64 = 0.98;
 const LIMIT: f64 = 0.01;
 
 /// Black columns at the sides.
-pub(super) const SIDES: VerdictTest = VerdictTest {
+pub(super) const SIDES: ProjectionTest = ProjectionTest {
     id: "black-sides",
     summary: "Share of the width that is black columns at the left and right edge. A whole sphere \
               has none, unless the scene is dark.",
@@ -27,7 +27,7 @@ pub(super) const SIDES: VerdictTest = VerdictTest {
 };
 
 /// Black rows above and below.
-pub(super) const ROWS: VerdictTest = VerdictTest {
+pub(super) const ROWS: ProjectionTest = ProjectionTest {
     id: "black-rows",
     summary: "Share of the height that is black rows at the top, and as much at the bottom. A \
               black cap at one pole alone is a patch over a tripod and no border.",
