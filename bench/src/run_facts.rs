@@ -11,7 +11,7 @@ use omnilife_schemas::{
     store::{self, Record, StoreError},
 };
 
-use crate::{curve::scored::Trace, error::BenchError};
+use crate::{curve::rows::Trace, error::BenchError};
 
 /// The record of a run of ours (`run.json`) or of anyone's method (`external-run.json`).
 pub(crate) struct RunFacts {

@@ -219,7 +219,7 @@ fn scenes_splits_and_folders_that_do_not_fit_are_refused() {
             split.protocol.metrics = vec!["vmaf".to_owned()];
             split.protocol_hash = split.protocol.hash();
         })
-        .contains("asks for metric vmaf, which is not known; there are: psnr,")
+        .contains("there is no metric \"vmaf\"; known: psnr,")
     );
     assert!(
         edited(|split| {

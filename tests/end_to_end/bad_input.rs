@@ -269,7 +269,7 @@ fn names_that_are_not_known() {
         &["--method", "nerf"],
         "there is no method \"nerf\"; known: odgs",
     );
-    assert_request_refused(&["--protocol", "mine"], "mine; there are: per-scene");
+    assert_request_refused(&["--protocol", "mine"], "\"mine\"; known: per-scene");
     assert_request_refused(&["--criteria", "best"], "there are omnilife360, none");
 }
 

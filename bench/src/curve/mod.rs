@@ -7,6 +7,7 @@
 //! are compared where scene and protocol are the same.
 
 mod measures;
+pub(crate) mod rows;
 pub(crate) mod scored;
 mod trace;
 

@@ -5,7 +5,7 @@ use std::path::Path;
 use omnilife_schemas::{layout::RESULT_FILE, records::ResultRecord, store};
 
 use crate::{
-    curve::scored::{CURVE_FILE, read_rows},
+    curve::{rows::read_rows, scored::CURVE_FILE},
     error::BenchError,
 };
 

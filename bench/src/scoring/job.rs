@@ -13,7 +13,7 @@ use omnilife_schemas::{
 
 use crate::{
     availability,
-    curve::scored::Trace,
+    curve::rows::Trace,
     error::BenchError,
     metrics::{self, Metric, Need, Undefined},
     prediction::PredictionFolder,
@@ -37,7 +37,7 @@ pub enum Predictions {
         novel_views: Option<PathBuf>,
     },
     /// The `run.json` or `external-run.json` of a run, which names the folders; its training time,
-    /// Gaussians, iterations and warnings go into the result.
+    /// primitives, iterations and warnings go into the result.
     Run(PathBuf),
 }
 
