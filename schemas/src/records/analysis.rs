@@ -7,7 +7,7 @@ use super::overlays::OverlayReport;
 use super::sequence::{DetectedProjection, Probe, SourceVideo, TimeRange};
 use crate::store::Record;
 
-/// `analysis.json`: probe and ERP projection of one video. The per-frame signals lie beside it.
+/// `analysis.json`: probe and detected projection of one video. The per-frame signals lie beside it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct VideoAnalysis {
     /// The video.
@@ -17,6 +17,7 @@ pub struct VideoAnalysis {
     /// What the container said, completed by what decoding measured.
     pub probe: Probe,
     /// What the pixels and the metadata said, before any override.
+    #[serde(alias = "verdict")]
     pub projection: DetectedProjection,
     /// What is painted over the picture or always in it; `None` where the picture is no single
     /// sphere.
@@ -28,5 +29,6 @@ pub struct VideoAnalysis {
 }
 
 impl Record for VideoAnalysis {
-    const SCHEMA: &'static str = "omnilife/analysis/1";
+    const SCHEMA: &'static str = "omnilife/analysis/2";
+    const OLDER: &'static [&'static str] = &["omnilife/analysis/1"];
 }

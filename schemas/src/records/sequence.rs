@@ -17,6 +17,7 @@ pub struct Sequence {
     /// What the container and the decoder said.
     pub probe: Probe,
     /// Whether the video is equirectangular, with evidence.
+    #[serde(alias = "verdict")]
     pub projection: DetectedProjection,
     /// How the source fares against the dataset's admission criteria.
     pub admission: Admission,
@@ -25,7 +26,8 @@ pub struct Sequence {
 }
 
 impl Record for Sequence {
-    const SCHEMA: &'static str = "omnilife/sequence/1";
+    const SCHEMA: &'static str = "omnilife/sequence/2";
+    const OLDER: &'static [&'static str] = &["omnilife/sequence/1"];
 }
 
 /// A source file by content.
@@ -178,6 +180,7 @@ impl VideoProjection {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct DetectedProjection {
     /// The projection in force.
+    #[serde(alias = "verdict")]
     pub projection: VideoProjection,
     /// What the evidence said, where the user overrode it.
     pub overridden: Option<VideoProjection>,

@@ -19,7 +19,7 @@ pub struct Slices {
 }
 
 impl Record for Slices {
-    const SCHEMA: &'static str = "omnilife/slices/1";
+    const SCHEMA: &'static str = "omnilife/slices/2";
 }
 
 /// A segment of a video.

@@ -25,7 +25,8 @@ pub struct StabilityReport {
 }
 
 impl Record for StabilityReport {
-    const SCHEMA: &'static str = "omnilife/stability/1";
+    const SCHEMA: &'static str = "omnilife/stability/2";
+    const OLDER: &'static [&'static str] = &["omnilife/stability/1"];
 }
 
 /// A case on a backend.
@@ -44,6 +45,7 @@ pub struct StabilityRow {
     /// What the code did about it, in words.
     pub action: String,
     /// Whether that is good enough.
+    #[serde(alias = "verdict")]
     pub status: StabilityStatus,
     /// Why not, or under which limits it is.
     pub reason: String,
