@@ -26,7 +26,7 @@ fn write_scores(folder: &Path, method: &str, scene: &str, curve: Option<&str>) -
         novel_views: [].into(),
         failures: Vec::new(),
         unavailable: Vec::new(),
-        frames_table: "frames.parquet".to_owned(),
+        frames_table: "frames.csv".to_owned(),
         training_seconds: Some(90.0),
         primitives: Some(4000),
         iterations: Some(900),

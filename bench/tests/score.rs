@@ -501,13 +501,10 @@ fn files_of_others_in_the_folder_of_scores_stay() {
     for name in ["notes.txt", "comparisons/novel-000007.png"] {
         fs::write(out.join(name), "mine").unwrap();
     }
-    fs::write(out.join("frames.parquet"), "mine").unwrap();
+    fs::write(out.join("frames.csv"), "mine").unwrap();
     let message = bench.refusal();
-    assert!(
-        message.contains("frames.parquet: is in the way"),
-        "{message}"
-    );
-    fs::remove_file(out.join("frames.parquet")).unwrap();
+    assert!(message.contains("frames.csv: is in the way"), "{message}");
+    fs::remove_file(out.join("frames.csv")).unwrap();
     bench.score().unwrap();
     for name in ["notes.txt", "comparisons/novel-000007.png"] {
         assert_eq!(fs::read_to_string(out.join(name)).unwrap(), "mine");
@@ -519,7 +516,7 @@ fn files_of_others_in_the_folder_of_scores_stay() {
 fn a_flipped_bit_in_the_scores_is_noticed() {
     let bench = Bench::new();
     bench.score().unwrap();
-    let table = bench.at("out/frames.parquet");
+    let table = bench.at("out/frames.csv");
     let good = fs::read(&table).unwrap();
     let mut bad = good.clone();
     bad[good.len() / 2] ^= 1;

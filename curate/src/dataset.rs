@@ -131,6 +131,8 @@ pub fn curate_dataset_in(
                 duration_seconds: None,
             },
         };
+        // Of a process that was killed, and of one that it had started and that outlived it for a moment.
+        store::remove_abandoned(&folder)?;
         let status = match curated.sequences {
             Ok(sequences) => VideoStatus::Curated {
                 sequences: sequences

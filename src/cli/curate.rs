@@ -213,7 +213,7 @@ pub(crate) enum CurateCommand {
         video: PathBuf,
     },
     /// Prints whether a video is equirectangular, with evidence, as JSON.
-    VideoProjection {
+    Projection {
         /// The video.
         video: PathBuf,
     },

@@ -28,7 +28,7 @@ const PARQUET_MAGIC: &[u8] = b"PAR1";
 pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyhow::Result<()> {
     match command {
         CurateCommand::Probe { video } => print_json(&video::probe(video)?),
-        CurateCommand::VideoProjection { video } => {
+        CurateCommand::Projection { video } => {
             let analysis = analyse(video, boundaries::DEFAULT_DETECTOR, progress)?;
             print_json(&projection::judge(
                 &analysis.probe,

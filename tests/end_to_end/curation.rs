@@ -240,7 +240,7 @@ fn a_scene_goes_to_another_tool_and_comes_back() {
 }
 
 #[test]
-fn one_stretch_of_a_video_is_cut_out() {
+fn one_segment_of_a_video_is_cut_out() {
     let folder = scratch();
     let out = folder.path().join("cut.mp4");
     let out = out.to_str().unwrap();
@@ -257,6 +257,11 @@ fn one_stretch_of_a_video_is_cut_out() {
         "{}",
         ended.stdout
     );
+    let cut_before = fs::read(out).unwrap();
+    let message = cut("0", "1").failed_quietly(2).to_owned();
+    assert!(message.contains("is not replaced"), "{message}");
+    assert_eq!(fs::read(out).unwrap(), cut_before);
+    fs::remove_file(out).unwrap();
     let message = cut("7", "8").failed_quietly(2).to_owned();
     assert!(
         message.contains("has no frame from 7 s to 8 s"),

@@ -74,7 +74,9 @@ const FORMATS: &[Format] = &[
             let table = ply::read(&folder.join(GAUSSIANS_FILE), normalization)?;
             let weights = deformation::read(&folder.join(DEFORMATION_FILE), &settings.model)?;
             let mut deformable = Deformable::new(settings, Vec::new());
+            // It has learnt whatever it has learnt: it takes part in images.
             deformable.weights = weights;
+            deformable.weights.steps = deformable.weights.steps.max(1);
             Ok(Some(Part::new(deformable, table)))
         },
     },
