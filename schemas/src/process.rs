@@ -17,12 +17,23 @@ pub fn host_name() -> String {
     "unknown".to_owned()
 }
 
+/// Whether a process has ended and only waits for its parent to ask how; Linux alone tells.
+#[cfg(unix)]
+fn is_zombie(id: u32) -> bool {
+    // The name, in parentheses, may hold anything; the state is the letter behind it.
+    let state = std::fs::read_to_string(format!("/proc/{id}/stat")).unwrap_or_default();
+    let state = state.rsplit_once(')').map(|(_, rest)| rest.trim_start());
+    state.is_some_and(|state| state.starts_with(['Z', 'X']))
+}
+
 /// Whether a process with this id runs on this machine; where the system does not tell, it does.
 pub fn is_running(id: u32) -> bool {
     #[cfg(unix)]
     {
         use nix::{errno::Errno, sys::signal::kill, unistd::Pid};
-        i32::try_from(id).is_ok_and(|id| kill(Pid::from_raw(id), None) != Err(Errno::ESRCH))
+        let exists =
+            i32::try_from(id).is_ok_and(|id| kill(Pid::from_raw(id), None) != Err(Errno::ESRCH));
+        exists && !is_zombie(id)
     }
     #[cfg(not(unix))]
     {
@@ -107,6 +118,21 @@ mod tests {
     use std::fs;
 
     use super::*;
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn a_process_that_has_ended_does_not_run_though_nobody_has_asked_how() {
+        let mut child = std::process::Command::new("true")
+            .spawn()
+            .expect("true is there");
+        let is_gone = || !is_running(child.id());
+        let waited = (0..200).any(|_| {
+            std::thread::sleep(std::time::Duration::from_millis(10));
+            is_gone()
+        });
+        assert!(waited && is_running(std::process::id()));
+        child.wait().expect("it has ended");
+    }
 
     #[test]
     #[cfg(unix)]

@@ -120,18 +120,22 @@ fn the_others_are_scored_and_the_bad_one_can_be_repaired() {
     let ended = run_all(&videos, &out, &python).succeeded();
     assert_eq!(ended.stdout.matches("scored  ").count(), 3);
 
-    // A video that fails now does not stay in the table with its scores of before.
-    fs::write(videos.join("a.mp4"), "no video any more").unwrap();
+    // A sequence that fails now does not stay in the table with its scores of before: its scene is
+    // gone, and structure from motion breaks.
+    fs::remove_file(out.join("videos/a/seq-000/scene.json")).unwrap();
+    let script = fs::read_to_string(&python).unwrap();
+    let (head, _) = script.split_once("cp -r").unwrap();
+    fs::write(&python, format!("{head}echo models 0\n")).unwrap();
     let ended = run_all(&videos, &out, &python);
-    let message = ended.failed_quietly(2);
-    assert!(message.contains("a.mp4"), "{message}");
+    let message = ended.failed_quietly(1);
+    assert!(message.contains("a/seq-000"), "{message}");
     for text in [
         &ended.stdout,
         &fs::read_to_string(out.join("table.md")).unwrap(),
     ] {
         assert!(
             text.contains("| c/seq-000 ") && !text.contains("| a/seq-000 "),
-            "{text}"
+            "{text}\n{message}"
         );
     }
 }
