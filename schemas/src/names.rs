@@ -56,7 +56,7 @@ pub fn find<'a, T>(
 ) -> Result<&'a T, UnknownName> {
     let mut all = entries.iter();
     all.find(|entry| id(entry) == name)
-        .ok_or_else(|| UnknownName::new(kind, name, entries.iter().map(|entry| id(entry))))
+        .ok_or_else(|| UnknownName::new(kind, name, entries.iter().map(id)))
 }
 
 #[cfg(test)]

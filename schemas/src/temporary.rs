@@ -102,7 +102,7 @@ mod tests {
         let (a, b) = ("ä".repeat(120) + ".png", "ä".repeat(119) + "öx.png");
         for name in [&a, &b, &("x".repeat(251) + ".png")] {
             let temporary = of(name);
-            let length = temporary.file_name().map(|name| name.len());
+            let length = temporary.file_name().map(std::ffi::OsStr::len);
             assert!(
                 length.is_some_and(|length| length <= LONGEST_NAME),
                 "{length:?}"

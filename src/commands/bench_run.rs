@@ -134,7 +134,7 @@ pub(crate) fn execute(
             arguments.out.join("leaderboard/tables").display()
         ))?;
     }
-    into_result(&units)
+    as_result(&units)
 }
 
 fn candidates(arguments: &BenchRunArguments) -> anyhow::Result<Vec<Method>> {
@@ -307,7 +307,7 @@ fn unit(
 }
 
 /// An error where anything failed, views that could not be scored included.
-fn into_result(units: &[Unit]) -> anyhow::Result<()> {
+fn as_result(units: &[Unit]) -> anyhow::Result<()> {
     let faulty: Vec<&Unit> = units.iter().filter(|unit| unit.blame.is_some()).collect();
     let Some(first) = faulty.first() else {
         return Ok(());

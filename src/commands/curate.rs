@@ -129,7 +129,7 @@ fn build(arguments: &BuildArguments, progress: &dyn Progress) -> anyhow::Result<
             error.error_kind(),
         );
     }
-    outcomes.into_result()?;
+    outcomes.as_result()?;
     printed
 }
 

@@ -113,7 +113,7 @@ fn run_units(arguments: &SweepRunArguments, progress: &dyn Progress) -> anyhow::
         summary => summary?,
     };
     exit::print(&summary_words(&summary))?;
-    into_result(&summary)
+    as_result(&summary)
 }
 
 fn limits(arguments: &SweepRunArguments) -> anyhow::Result<PoolLimits> {
@@ -162,7 +162,7 @@ fn summary_words(summary: &RunSummary) -> String {
 }
 
 /// An error when anything failed or was too big.
-fn into_result(summary: &RunSummary) -> anyhow::Result<()> {
+fn as_result(summary: &RunSummary) -> anyhow::Result<()> {
     let failed = summary.failed.len() + summary.too_big.len();
     let first = (summary.failed.iter())
         .map(|outcome| {

@@ -133,7 +133,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
         .filter(|file| arguments.out.join(file).is_file());
     summary.finish(made, begun.elapsed().as_secs_f64())?;
     // A closed pipe must not turn a failure into a success.
-    outcomes.into_result()?;
+    outcomes.as_result()?;
     printed
 }
 

@@ -119,7 +119,7 @@ impl Outcomes {
     }
 
     /// An error when anything failed.
-    pub(crate) fn into_result(&self) -> anyhow::Result<()> {
+    pub(crate) fn as_result(&self) -> anyhow::Result<()> {
         let failed: Vec<&Outcome> = self.list.iter().filter(|row| row.has_failed()).collect();
         let Some(first) = failed.first() else {
             return Ok(());

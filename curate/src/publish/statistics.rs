@@ -56,7 +56,7 @@ pub struct SequenceRow {
     pub dynamics: String,
     /// Frames with a pose.
     pub posed_frames: usize,
-    /// VideoProjection of the pose validation; empty without poses.
+    /// Outcome of the pose validation; empty without poses.
     pub poses: String,
 }
 

@@ -58,7 +58,7 @@ fn apply(draft: &mut Draft<'_>) {
     draft.seeds = mask_seeds(draft.scene, &settings);
 }
 
-/// The share of all Gaussians with which the masked region is as dense as the others at any frame_time:
+/// The share of all Gaussians with which the masked region is as dense as the others at any time:
 /// its share of the sphere, times the number of sets that follow each other in the clip.
 fn share(coverage: f64, clock: &Clock) -> f64 {
     let sets = (clock.duration_frames / (SEEN_LIFESPANS * LIFESPAN_FRAMES)).max(1.0);

@@ -103,7 +103,7 @@ pub struct PoseValidation {
     pub problems: Vec<String>,
 }
 
-/// VideoProjection of the pose validation.
+/// Outcome of the pose validation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ValidationStatus {

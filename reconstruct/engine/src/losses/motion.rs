@@ -60,7 +60,7 @@ pub fn motion(
     (sum / members.len().max(1) as f64, gradients.collect())
 }
 
-/// One Gaussian's `|d(t + Dt) - d(t)|^2 / Dt^2` and its gradients by temporal_parameters and centre; `None` where
+/// One Gaussian's `|d(t + Dt) - d(t)|^2 / Dt^2` and its gradients by temporal parameters and centre; `None` where
 /// no direction is defined.
 fn one(
     temporal_parameters: &TemporalParameters,

@@ -78,7 +78,7 @@ impl PoseCorrections {
         PoseCorrection { rotation, centre }
     }
 
-    /// The correction of a frame_time: an input view's own, or what its neighbours in time say of it.
+    /// The correction of a time: an input view's own, or what its neighbours in time say of it.
     pub fn at(&self, seconds: f64) -> PoseCorrection {
         let time = |place: usize| self.times_seconds[self.by_time[place]];
         let after = self
