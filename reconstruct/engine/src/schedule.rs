@@ -54,7 +54,7 @@ pub struct StepSchedule {
     pub iteration: u64,
     /// Degree of the spherical harmonics in use.
     pub sh_degree: usize,
-    /// Step size of each array, in the order of [`Model::shapes`].
+    /// Step size of each array, in the order of [`crate::model::Model::trained_arrays`].
     pub learning_rates: Vec<f32>,
     /// The iteration of the schedule that the step stands for.
     pub scheduled: u64,

@@ -1,6 +1,6 @@
 //! Files of a model in a run's folder: one format for each parameterization.
 //!
-//! To add one: a file with how it is written and read, and a line in [`FORMATS`].
+//! To add one: a file with how it is written and read, and a line in `FORMATS`.
 
 pub mod deformation;
 pub mod moving_ply;

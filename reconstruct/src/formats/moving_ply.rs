@@ -1,7 +1,7 @@
 //! Gaussians that depend on time as a PLY: the properties of 3DGS, which its viewers read, and those
 //! of their motion.
 //!
-//! Further properties are named as the arrays of [`temporal`](super::temporal), numbered where an
+//! Further properties are named as the arrays of [`temporal`](omnilife_engine::gaussians::temporal), numbered where an
 //! array has several values: peak times in seconds from the clip's middle, logarithms of lifespans in
 //! seconds, velocities in world units per second.
 

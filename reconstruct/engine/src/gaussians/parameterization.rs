@@ -3,7 +3,7 @@
 //!
 //! To add one: a type with the parameters' meaning in a file of its own that implements
 //! [`Parameterization`]; whoever builds a [`crate::model::Part`] with it trains it. Its GPU twin, where
-//! there is one, implements [`DeviceParameterization`] in a `gpu.rs` of its folder.
+//! there is one, implements `DeviceParameterization` in a `gpu.rs` of its folder.
 
 use std::fmt;
 

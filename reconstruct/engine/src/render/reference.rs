@@ -1,6 +1,6 @@
 //! The renderer's definition in plain f64 loops: no tiles, no extents, no culling beyond the
-//! definition in `kernels/project/mod.rs` and `kernels/raster/mod.rs`. It judges the kernels, in tests
-//! and in [`omnilife_reconstruct::stability`].
+//! definition in `project/mod.rs` and `raster/mod.rs`. It judges the kernels, in tests
+//! and in the stability catalogue.
 
 use std::f64::consts::{PI, TAU};
 

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::gaussians::MAX_SH_DEGREE;
 
-/// How a Gaussian's falloff in a pixel is defined; see [`project`].
+/// How a Gaussian's falloff in a pixel is defined; see [`super::project`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Footprint {

@@ -1,7 +1,7 @@
 //! Training steps on the CPU.
 //!
 //! A step renders all Gaussians as the view sees them, takes the losses and their gradients, and lets
-//! Adam move every part of the model. What only dynamic methods have is in [`super::dynamic_losses`].
+//! Adam move every part of the model. What only dynamic methods have is in `dynamic_losses.rs`.
 
 use omnilife_schemas::{RgbImage, records::Backend};
 

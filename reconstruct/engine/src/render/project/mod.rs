@@ -48,11 +48,11 @@
 //!
 //! Which shape is drawn:
 //!
-//! * [`Footprint::Projected`](super::Footprint): ellipses, and flat cones in an ERP image for
-//!   `hypot(n_x, n_z) <` [`CONE_RHO`](super::CONE_RHO) and `sqrt(A) >` [`CONE_WIDTH`](super::CONE_WIDTH)
+//! * [`Footprint::Projected`](super::settings::Footprint): ellipses, and flat cones in an ERP image for
+//!   `hypot(n_x, n_z) <` [`CONE_RHO`](crate::camera::CONE_RHO) and `sqrt(A) >` [`CONE_WIDTH`](crate::camera::CONE_WIDTH)
 //!   ` W`. A Gaussian whose largest axis is longer than its distance is left out: the linearization
 //!   means nothing there.
-//! * [`Footprint::Ray`](super::Footprint): exact cones for all.
+//! * [`Footprint::Ray`](super::settings::Footprint): exact cones for all.
 
 pub mod by_camera;
 mod cone;
