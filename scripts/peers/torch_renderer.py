@@ -1,7 +1,7 @@
 """The projected footprint, compositing, loss and Adam of omnilife in PyTorch autograd.
 
 A compact reference to compare speed with, not to train with: the equations of
-reconstruct/src/kernels/{project,raster,loss,adam}, tile by tile so that memory suffices. Footprints
+reconstruct/engine/src/{render/project,render/raster,losses/photometric,parameters/adam}, tile by tile so that memory suffices. Footprints
 near the poles stay ellipses here (0.4 % of the sphere), so losses agree to a few per mille only.
 
 Reads the folder that `cargo bench --bench profile -- --export FOLDER` writes; prints one JSON line.

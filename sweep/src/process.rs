@@ -148,13 +148,22 @@ pub(crate) fn run(job: &Job<'_>, running: &Running) -> io::Result<Ended> {
     })
 }
 
+/// Inherited files have numbers from here on: shells and scripts open theirs under single digits, and a
+/// command that opens one under the number of its unit's lock would let the lock go.
+#[cfg(unix)]
+const FIRST_INHERITED_DESCRIPTOR: i32 = 100;
+
 /// A copy of an open file that programs which are started while it is there inherit. One that is
 /// started for another unit at the same moment does too; the lock is let go for all of them.
 fn inheritable(file: &File) -> io::Result<File> {
-    let copy = file.try_clone()?;
     #[cfg(unix)]
-    rustix::io::fcntl_setfd(&copy, rustix::io::FdFlags::empty())?;
-    Ok(copy)
+    {
+        let copy = rustix::io::fcntl_dupfd_cloexec(file, FIRST_INHERITED_DESCRIPTOR)?;
+        rustix::io::fcntl_setfd(&copy, rustix::io::FdFlags::empty())?;
+        Ok(File::from(copy))
+    }
+    #[cfg(not(unix))]
+    file.try_clone()
 }
 
 fn resolved(job: &Job<'_>) -> PathBuf {
