@@ -9,7 +9,7 @@
 //! An evaluation is a Gaussian's opacity, at least 1/255, in a pixel that has not stopped, with
 //! everything that follows from it. Lanes that fall beside a footprint are work but no evaluations:
 //! they count against us. Operations per evaluation are counted in the formulas of
-//! `kernels/raster/mod.rs` as written (a fused multiply-add is two), not in what the compiler makes
+//! `render/raster/mod.rs` as written (a fused multiply-add is two), not in what the compiler makes
 //! of them.
 
 mod support;

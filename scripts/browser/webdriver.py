@@ -42,7 +42,11 @@ class Browser:
         return self.call(method, self.session + path, body)
 
     def open(self, page):
-        self.do("POST", "/url", {"url": pathlib.Path(page).resolve().as_uri()})
+        address = pathlib.Path(page).resolve().as_uri()
+        self.do("POST", "/url", {"url": address})
+        # On a busy machine the driver returns while a long page is still being read.
+        loaded = "return document.readyState === 'complete' && decodeURI(location) === decodeURI(arguments[0])"
+        wait_for("loaded page", lambda: self.script(loaded, address))
 
     def script(self, text, *arguments):
         return self.do("POST", "/execute/sync", {"script": text, "args": list(arguments)})
