@@ -226,7 +226,7 @@ pub(crate) enum CurateCommand {
         /// Also writes the detector's signals, one row per frame, as a Parquet table.
         #[arg(long, value_name = "FILE", conflicts_with = "fast")]
         signals: Option<PathBuf>,
-        /// Decodes only key frames and what they and the sizes of packets make candidate; may miss
+        /// Decodes only key frames and what they and the sizes of packets mark as candidates; may miss
         /// what begins and ends between two key frames.
         #[arg(long)]
         fast: bool,

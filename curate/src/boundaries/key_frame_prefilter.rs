@@ -1,7 +1,7 @@
-//! Boundaries without decoding everything: only what the compressed stream makes candidate.
+//! Boundaries without decoding everything: only what the compressed stream marks as a candidate.
 //!
 //! Key frames stand in a stream every half to ten seconds and decode by themselves. A segment
-//! between two of them is candidate
+//! between two of them is a candidate
 //!
 //! * when the colours or the layout of its two key frames differ: something has changed, perhaps a
 //!   shot, perhaps only the place of a moving camera; or
@@ -27,13 +27,13 @@ use crate::{
     video::{Converter, PacketChoice, Scaling, VideoReader, probe::probe},
 };
 
-/// Key frames whose colours differ by more than this share enclose something candidate: half of
+/// Key frames whose colours differ by more than this share enclose a candidate: half of
 /// what the histogram detector asks of the two sides of a gradual transition, because a key frame
 /// may stand in its middle.
 const CANDIDATE_DISTANCE: f32 = 0.2;
 /// So do key frames whose layouts correlate less than this.
 const CANDIDATE_CORRELATION: f32 = 0.7;
-/// A packet is candidate above this many times the median of the packets within a second that are
+/// A packet is a candidate above this many times the median of the packets within a second that are
 /// no key frames ...
 const PACKET_OVER_MEDIAN: f32 = 5.0;
 /// ... if it is at least this share of the key frame before it.
@@ -49,9 +49,9 @@ pub struct KeyFramePrefilter {
     pub boundaries: Vec<Boundary>,
     /// Segments between key frames.
     pub segments: usize,
-    /// How many of them were candidate.
+    /// How many of them were candidates.
     pub candidate: usize,
-    /// Frames that were decoded, key frames twice where their segment was candidate.
+    /// Frames that were decoded, key frames twice where their segment was a candidate.
     pub decoded_frames: u64,
     /// Frames of the video.
     pub frames: u64,

@@ -1,4 +1,4 @@
-//! Searching only what the compressed stream makes candidate finds what the whole search finds.
+//! Searching only what the compressed stream marks as a candidate finds what the whole search finds.
 
 use std::path::Path;
 

@@ -105,7 +105,7 @@ const FORMATS: &[Format] = &[
     },
 ];
 
-/// Static Gaussians of a PLY, ours or anyone's.
+/// Static Gaussians of a PLY, ours or of another program.
 ///
 /// # Errors
 /// When the file cannot be read, or holds no Gaussians.

@@ -1,4 +1,4 @@
-//! PVG: every Gaussian appears around a peak time and vibrations about its centre.
+//! PVG: every Gaussian appears around a peak time and vibrates about its centre.
 //!
 //! Source: Chen et al., "Periodic Vibration Gaussian: Dynamic Urban Scene Reconstruction and
 //! Real-time Rendering", 2023, and its repository (fudan-zvg/PVG).
@@ -34,7 +34,7 @@ pub const METHOD: Method = Method {
     title: "PVG",
     source: "Y. Chen et al., Periodic Vibration Gaussian: Dynamic Urban Scene Reconstruction and \
              Real-time Rendering, arXiv:2311.18561",
-    description: "Every Gaussian has a peak time, a lifespan and a velocity and vibrations about its \
+    description: "Every Gaussian has a peak time, a lifespan and a velocity and vibrates about its \
                   centre; temporal smoothing, velocity and lifespan losses, density control in \
                   time. Rendered and scheduled as odgs. Departures: a shell of static Gaussians \
                   stands for the sky instead of a cube map; the same image size throughout; no \

@@ -1,4 +1,4 @@
-//! The motion of PVG: a Gaussian that appears around its peak time and vibrations about its centre.
+//! The motion of PVG: a Gaussian that appears around its peak time and vibrates about its centre.
 //!
 //! Source: Chen et al., "Periodic Vibration Gaussian", 2023, and its repository (fudan-zvg/PVG,
 //! `scene/gaussian_model.py`); Omni4DGS Eqs. 1 and 2 are the same. With the time `t`, the peak time

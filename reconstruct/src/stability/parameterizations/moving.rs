@@ -1,4 +1,4 @@
-//! Gaussians that appear around a moment and vibration about a centre: PVG, and Omni4DGS with its velocity
+//! Gaussians that appear around a moment and vibrate about a centre: PVG, and Omni4DGS with its velocity
 //! of two parts in both of its readings.
 //!
 //! The definition, with `t` the instant, `tau` the peak time, `beta` the lifespan and `l` the cycle, all
