@@ -8,7 +8,9 @@
 //! * [`model`]: what training changes, and its layers.
 //! * [`render`]: project, sort, bin, raster; [`losses`]: what renders are held to.
 //! * [`gaussians`]: one file per parameterization, from raw parameters to what a renderer sees.
-//! * [`fields`]: networks. [`parameters`]: tables, Adam.
+//! * [`surfaces`]: textured planes and the sphere, rays that hit them, layers.
+//! * [`trajectories`]: rigid motion between knots. [`fields`]: networks and hash grids. [`parameters`]:
+//!   tables, Adam.
 //! * [`camera`]: Jacobians and VJPs. [`device`]: a GPU. [`clock`], [`schedule`], [`training_view`].
 
 pub mod camera;
@@ -18,12 +20,16 @@ pub mod device;
 pub mod error;
 pub mod fields;
 pub mod gaussians;
+#[cfg(test)]
+mod golden;
 pub mod losses;
 pub mod model;
 pub mod parameters;
 pub mod render;
 pub mod schedule;
 pub mod step;
+pub mod surfaces;
 pub mod training_view;
+pub mod trajectories;
 
 pub use error::EngineError;

@@ -22,7 +22,11 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use self::settings::DeformationSettings;
-use crate::fields::mlp::{encoding, network::NetworkShape, passes::Activations};
+use crate::fields::mlp::{
+    encoding,
+    network::NetworkShape,
+    passes::{Activations, NetworkGradients},
+};
 use crate::gaussians::{
     parameterization::{DeviceKind, DeviceTwin, Parameterization, Viewpoint},
     temporal::TemporalFeatures,
@@ -113,7 +117,8 @@ impl DeformationModel {
             shared_inputs: encoding::width(1, self.time_octaves),
             depth: self.depth,
             width: self.width,
-            skip_after: self.skip_after,
+            skip_after: Some(self.skip_after),
+            has_biases: true,
             outputs: OUTPUTS,
         }
     }
@@ -417,7 +422,7 @@ impl Deformation {
             &|index, out| model.encode_position(positions, index, out),
             &self.activations,
             &self.upstream,
-            &mut weights.gradients,
+            NetworkGradients::by_weights(&mut weights.gradients),
         );
         instant.scales[entries.clone()].copy_from_slice(&self.scales);
         instant.rotations[entries].copy_from_slice(&self.rotations);

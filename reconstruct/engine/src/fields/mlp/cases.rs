@@ -3,7 +3,10 @@
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use crate::fields::mlp::{network::NetworkShape, passes::Activations};
+use crate::fields::mlp::{
+    network::NetworkShape,
+    passes::{Activations, NetworkGradients},
+};
 
 /// Small, with every kind of layer.
 pub(super) const SMALL: NetworkShape = NetworkShape {
@@ -11,7 +14,8 @@ pub(super) const SMALL: NetworkShape = NetworkShape {
     shared_inputs: 3,
     depth: 4,
     width: 8,
-    skip_after: 1,
+    skip_after: Some(1),
+    has_biases: true,
     outputs: 4,
 };
 
@@ -53,6 +57,15 @@ impl Case {
 
     /// Outputs and gradients by the weights, with activations of at most this size.
     pub(super) fn on_processor(&self, limit_bytes: usize) -> (Vec<f32>, Vec<f32>) {
+        let (out, gradients, _) = self.with_input_gradients(limit_bytes);
+        (out, gradients)
+    }
+
+    /// Outputs and gradients by the weights and by the inputs, with activations of at most this size.
+    pub(super) fn with_input_gradients(
+        &self,
+        limit_bytes: usize,
+    ) -> (Vec<f32>, Vec<f32>, Vec<f32>) {
         let encode = |row: usize, out: &mut [f32]| out.copy_from_slice(self.input(row));
         let mut activations = Activations::new(limit_bytes);
         let mut out = vec![0.0; self.rows * self.shape.outputs];
@@ -60,14 +73,18 @@ impl Case {
         self.shape
             .forward(weights, shared, &encode, &mut activations, &mut out);
         let mut gradients = vec![f32::NAN; weights.len()];
+        let mut by_inputs = vec![f32::NAN; self.inputs.len()];
         self.shape.backward(
             weights,
             shared,
             &encode,
             &activations,
             &self.upstream,
-            &mut gradients,
+            NetworkGradients {
+                weights: &mut gradients,
+                inputs: Some(&mut by_inputs),
+            },
         );
-        (out, gradients)
+        (out, gradients, by_inputs)
     }
 }

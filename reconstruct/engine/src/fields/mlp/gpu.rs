@@ -117,6 +117,7 @@ impl NetworkBuffers {
         rows: usize,
         largest_block: usize,
     ) -> Result<Self, GpuError> {
+        assert!(shape.has_biases, "the kernels add biases");
         let layers = shape.layers();
         let block_rows = rows.min(largest_block);
         let zeros = |label, len| DeviceBuffer::zeros(gpu, label, len);

@@ -6,10 +6,11 @@
 //!
 //! Every row has inputs `x` of its own; the inputs `s` are shared by all rows of an evaluation, so
 //! that what they add to a layer is one vector, computed once. After one of the layers both are put
-//! beside its output again (a skip connection).
+//! beside its output again (a skip connection), where the network has one.
 //!
 //! All weights are one array, layer by layer: those of hidden inputs, of row inputs, of shared inputs
-//! (each with a row per input and a column per output), then the biases. The output layer is the last.
+//! (each with a row per input and a column per output), then the biases, where the network has any. The
+//! output layer is the last.
 
 use std::ops::Range;
 
@@ -28,7 +29,9 @@ pub struct NetworkShape {
     /// Outputs of each of them.
     pub width: usize,
     /// The layer, from 0, after which the inputs are put beside its output; one before the last.
-    pub skip_after: usize,
+    pub skip_after: Option<usize>,
+    /// Whether a constant is added to what a layer puts out.
+    pub has_biases: bool,
     /// Outputs of the network.
     pub outputs: usize,
 }
@@ -44,6 +47,7 @@ pub struct Layer {
     pub shared_inputs: usize,
     /// Outputs.
     pub outputs: usize,
+    has_biases: bool,
     begin: usize,
 }
 
@@ -65,10 +69,11 @@ impl Layer {
         begin..begin + self.shared_inputs * self.outputs
     }
 
-    /// Where the biases are.
+    /// Where the biases are; empty where there are none.
     pub fn biases(&self) -> Range<usize> {
         let begin = self.shared_weights().end;
-        begin..begin + self.outputs
+        let count = if self.has_biases { self.outputs } else { 0 };
+        begin..begin + count
     }
 
     /// All inputs.
@@ -84,12 +89,14 @@ impl NetworkShape {
         (0..=self.depth)
             .map(|index| {
                 let is_output = index == self.depth;
-                let takes_inputs = !is_output && (index == 0 || index == self.skip_after + 1);
+                let takes_inputs = !is_output
+                    && (index == 0 || self.skip_after.is_some_and(|after| index == after + 1));
                 let layer = Layer {
                     hidden_inputs: if index == 0 { 0 } else { self.width },
                     row_inputs: if takes_inputs { self.row_inputs } else { 0 },
                     shared_inputs: if takes_inputs { self.shared_inputs } else { 0 },
                     outputs: if is_output { self.outputs } else { self.width },
+                    has_biases: self.has_biases,
                     begin,
                 };
                 begin = layer.biases().end;
@@ -129,7 +136,8 @@ mod tests {
             shared_inputs: 21,
             depth: 8,
             width: 256,
-            skip_after: 4,
+            skip_after: Some(4),
+            has_biases: true,
             outputs: 10,
         };
         let layers = shape.layers();

@@ -41,6 +41,25 @@ impl Activations {
     }
 }
 
+/// Where the gradients of a backward pass go; they overwrite what is there.
+#[derive(Debug)]
+pub struct NetworkGradients<'a> {
+    /// By every weight.
+    pub weights: &'a mut [f32],
+    /// By the inputs of every row, where they are asked for.
+    pub inputs: Option<&'a mut [f32]>,
+}
+
+impl<'a> NetworkGradients<'a> {
+    /// By the weights alone.
+    pub fn by_weights(weights: &'a mut [f32]) -> Self {
+        Self {
+            weights,
+            inputs: None,
+        }
+    }
+}
+
 /// A network with its weights at some shared inputs.
 struct Evaluated<'a> {
     shape: NetworkShape,
@@ -95,8 +114,7 @@ impl NetworkShape {
         );
     }
 
-    /// Gradients by the weights from those by the outputs, after [`NetworkShape::forward`] with the
-    /// same arguments: overwrites `gradients`. None are taken by the inputs.
+    /// Gradients from those by the outputs, after [`NetworkShape::forward`] with the same arguments.
     pub fn backward(
         &self,
         weights: &[f32],
@@ -104,29 +122,37 @@ impl NetworkShape {
         encode: &(impl Fn(usize, &mut [f32]) + Sync),
         activations: &Activations,
         upstream: &[f32],
-        gradients: &mut [f32],
+        by: NetworkGradients<'_>,
     ) {
         let network = Evaluated::new(*self, weights, shared);
+        let gradients = by.weights;
         let blocks: Vec<&[f32]> = upstream.chunks(BLOCK * self.outputs).collect();
         let kept: Vec<&[f32]> = activations.kept.chunks(self.block_len()).collect();
         let per_part = blocks.len().div_ceil(PARTS).max(1);
+        let mut by_inputs = match by.inputs {
+            Some(inputs) => {
+                inputs.fill(0.0);
+                let blocks = inputs.chunks_mut(BLOCK * self.row_inputs);
+                blocks.map(Some).collect::<Vec<_>>()
+            }
+            None => blocks.iter().map(|_| None).collect(),
+        };
         let parts: Vec<Vec<f32>> = blocks
             .par_chunks(per_part)
+            .zip(by_inputs.par_chunks_mut(per_part))
             .enumerate()
-            .map(|(part, blocks)| {
+            .map(|(part, (blocks, by_inputs))| {
                 let mut sums = vec![0.0; gradients.len()];
                 let mut scratch = Scratch::new(self);
-                for (index, upstream) in blocks.iter().enumerate() {
+                for (index, (upstream, by_inputs)) in blocks.iter().zip(by_inputs).enumerate() {
                     let block = part * per_part + index;
                     let kept = kept.get(block).copied();
-                    network.backward_block(
-                        block * BLOCK,
-                        encode,
-                        kept,
-                        upstream,
-                        &mut scratch,
-                        &mut sums,
-                    );
+                    let by = NetworkGradients {
+                        weights: &mut sums,
+                        inputs: by_inputs.as_deref_mut(),
+                    };
+                    let first_row = block * BLOCK;
+                    network.backward_block(first_row, encode, kept, upstream, &mut scratch, by);
                 }
                 sums
             })
@@ -188,6 +214,7 @@ impl<'a> Evaluated<'a> {
             .iter()
             .map(|layer| {
                 let mut offset = weights[layer.biases()].to_vec();
+                offset.resize(layer.outputs, 0.0);
                 let rows = weights[layer.shared_weights()].chunks_exact(layer.outputs);
                 for (row, input) in rows.zip(shared) {
                     for (sum, weight) in offset.iter_mut().zip(row) {
@@ -272,7 +299,7 @@ impl<'a> Evaluated<'a> {
         }
     }
 
-    /// Adds a block's gradients to `sums`; those by weights of shared inputs come later. Rows without
+    /// Adds a block's gradients to those by the weights, and writes those by its inputs; those by weights of shared inputs come later. Rows without
     /// a gradient, those of Gaussians that nobody saw, are left out.
     fn backward_block(
         &self,
@@ -281,7 +308,7 @@ impl<'a> Evaluated<'a> {
         kept: Option<&[f32]>,
         upstream: &[f32],
         scratch: &mut Scratch,
-        sums: &mut [f32],
+        by: NetworkGradients<'_>,
     ) {
         let shape = &self.shape;
         let rows = upstream.len() / shape.outputs;
@@ -313,7 +340,7 @@ impl<'a> Evaluated<'a> {
             activations
         });
         if seen.len() == rows {
-            self.backward_rows(block, upstream, [by_output, by_input], sums);
+            self.backward_rows(block, upstream, [by_output, by_input], by);
             return;
         }
         seen_upstream.clear();
@@ -322,7 +349,18 @@ impl<'a> Evaluated<'a> {
             seen_upstream.extend_from_slice(from);
         }
         self.gather(block, &seen, gathered);
-        self.backward_rows(gathered, seen_upstream, [by_output, by_input], sums);
+        let width = shape.row_inputs;
+        let mut of_seen = by.inputs.as_ref().map(|_| vec![0.0; seen.len() * width]);
+        let by_seen = NetworkGradients {
+            weights: by.weights,
+            inputs: of_seen.as_deref_mut(),
+        };
+        self.backward_rows(gathered, seen_upstream, [by_output, by_input], by_seen);
+        if let (Some(inputs), Some(of_seen)) = (by.inputs, of_seen) {
+            for (gradient, &row) in of_seen.chunks_exact(width).zip(&seen) {
+                inputs[row * width..(row + 1) * width].copy_from_slice(gradient);
+            }
+        }
     }
 
     /// Copies the activations of some rows of a block, in the order of a block.
@@ -350,15 +388,18 @@ impl<'a> Evaluated<'a> {
         block: &[f32],
         upstream: &[f32],
         [by_output, by_input]: [&mut Vec<f32>; 2],
-        sums: &mut [f32],
+        by: NetworkGradients<'_>,
     ) {
+        let (sums, mut by_row_inputs) = (by.weights, by.inputs);
         let width = self.shape.width;
         let rows = upstream.len() / self.shape.outputs;
         let (inputs, hidden) = self.split(block, rows);
         let Some((last, trunk)) = self.layers.split_last() else {
             return;
         };
-        sum_columns(upstream, &mut sums[last.biases()]);
+        if !last.biases().is_empty() {
+            sum_columns(upstream, &mut sums[last.biases()]);
+        }
         let by_outputs = Factor::new(upstream, last.outputs);
         let last_hidden = Factor::new(hidden[trunk.len() - 1], width);
         multiply_add(
@@ -374,7 +415,11 @@ impl<'a> Evaluated<'a> {
         );
         for (index, layer) in trunk.iter().enumerate().rev() {
             let gradient = &mut by_output[..rows * width];
-            clip_and_sum_columns(gradient, hidden[index], &mut sums[layer.biases()]);
+            if layer.biases().is_empty() {
+                clip(gradient, hidden[index]);
+            } else {
+                clip_and_sum_columns(gradient, hidden[index], &mut sums[layer.biases()]);
+            }
             let by_layer = Factor::new(gradient, width);
             if layer.row_inputs > 0 {
                 let inputs = Factor::new(inputs, layer.row_inputs);
@@ -383,6 +428,10 @@ impl<'a> Evaluated<'a> {
                     by_layer,
                     &mut sums[layer.row_weights()],
                 );
+                if let Some(by_row_inputs) = &mut by_row_inputs {
+                    let weights = Factor::new(&self.weights[layer.row_weights()], width);
+                    multiply_add(by_layer, weights.transposed(), by_row_inputs);
+                }
             }
             if layer.hidden_inputs > 0 {
                 let previous = Factor::new(hidden[index - 1], width);
@@ -435,6 +484,13 @@ fn add_offset_and_clip(values: &mut [f32], offset: &[f32]) {
 fn sum_columns(values: &[f32], sums: &mut [f32]) {
     for row in values.chunks_exact(sums.len()) {
         add(sums, row);
+    }
+}
+
+/// The gradient before the activation.
+fn clip(gradient: &mut [f32], outputs: &[f32]) {
+    for (gradient, output) in gradient.iter_mut().zip(outputs) {
+        *gradient = if *output > 0.0 { *gradient } else { 0.0 };
     }
 }
 

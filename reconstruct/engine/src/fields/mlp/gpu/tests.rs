@@ -11,7 +11,8 @@ const PUBLISHED: NetworkShape = NetworkShape {
     shared_inputs: 21,
     depth: 8,
     width: 256,
-    skip_after: 4,
+    skip_after: Some(4),
+    has_biases: true,
     outputs: 10,
 };
 

@@ -2,18 +2,20 @@
 
 use crate::fields::mlp::cases::{Case, SMALL as SHAPE};
 use crate::fields::mlp::passes::*;
+use crate::golden::{golden, numbers, wave};
 
 const UNLIMITED: usize = usize::MAX;
 
 /// The outputs of one row.
-fn reference(weights: &[f64], shared: &[f32], row: &[f32]) -> Vec<f64> {
+fn reference(shape: NetworkShape, weights: &[f64], shared: &[f32], row: &[f64]) -> Vec<f64> {
     let mut hidden: Vec<f64> = Vec::new();
-    for (index, layer) in SHAPE.layers().iter().enumerate() {
+    for (index, layer) in shape.layers().iter().enumerate() {
         let mut out = weights[layer.biases()].to_vec();
+        out.resize(layer.outputs, 0.0);
         let wide = |values: &[f32]| values.iter().map(|&v| f64::from(v)).collect::<Vec<_>>();
         let parts = [
             (hidden.clone(), layer.hidden_weights()),
-            (wide(row), layer.row_weights()),
+            (row.to_vec(), layer.row_weights()),
             (wide(shared), layer.shared_weights()),
         ];
         for (inputs, range) in parts {
@@ -24,7 +26,7 @@ fn reference(weights: &[f64], shared: &[f32], row: &[f32]) -> Vec<f64> {
                 }
             }
         }
-        if index < SHAPE.depth {
+        if index < shape.depth {
             out.iter_mut().for_each(|value| *value = value.max(0.0));
         }
         hidden = out;
@@ -37,9 +39,13 @@ fn outputs_and_gradients_are_those_of_the_definition() {
     let case = Case::new(SHAPE, 11);
     let (out, gradients) = case.on_processor(UNLIMITED);
     let wide: Vec<f64> = case.weights.iter().map(|&w| f64::from(w)).collect();
+    let input = |row: usize| -> Vec<f64> {
+        let values = case.input(row).iter();
+        values.map(|&value| f64::from(value)).collect()
+    };
     let loss = |weights: &[f64]| -> f64 {
         let row = |row: usize| {
-            let out = reference(weights, &case.shared, case.input(row));
+            let out = reference(SHAPE, weights, &case.shared, &input(row));
             let upstream = &case.upstream[row * SHAPE.outputs..];
             out.iter()
                 .zip(upstream)
@@ -49,7 +55,7 @@ fn outputs_and_gradients_are_those_of_the_definition() {
         (0..case.rows).map(row).sum()
     };
     for (row, out) in out.chunks_exact(SHAPE.outputs).enumerate() {
-        let expected = reference(&wide, &case.shared, case.input(row));
+        let expected = reference(SHAPE, &wide, &case.shared, &input(row));
         for (found, expected) in out.iter().zip(expected) {
             assert!(
                 (f64::from(*found) - expected).abs() < 1e-5,
@@ -68,6 +74,75 @@ fn outputs_and_gradients_are_those_of_the_definition() {
         assert!(
             error < 1e-4 * (1.0 + expected.abs()),
             "{index}: {found} {expected}"
+        );
+    }
+}
+
+/// A network without biases and skip connection, as behind a hash grid.
+const PLAIN: NetworkShape = NetworkShape {
+    row_inputs: 16,
+    shared_inputs: 0,
+    depth: 2,
+    width: 8,
+    skip_after: None,
+    has_biases: false,
+    outputs: 3,
+};
+
+#[test]
+fn gradients_by_inputs_are_central_differences() {
+    for shape in [SHAPE, PLAIN] {
+        let mut case = Case::new(shape, 2 * BLOCK + 5);
+        // Rows without a gradient are left out, and have none.
+        case.upstream[3 * shape.outputs..9 * shape.outputs].fill(0.0);
+        let (_, by_weights, by_inputs) = case.with_input_gradients(UNLIMITED);
+        let wide: Vec<f64> = case.weights.iter().map(|&w| f64::from(w)).collect();
+        for row in [0, 3, 10, BLOCK - 1, 2 * BLOCK + 4] {
+            let upstream = &case.upstream[row * shape.outputs..(row + 1) * shape.outputs];
+            for axis in 0..shape.row_inputs {
+                let moved = |step: f64| -> f64 {
+                    let mut inputs: Vec<f64> =
+                        case.input(row).iter().map(|&v| f64::from(v)).collect();
+                    inputs[axis] += step;
+                    let out = reference(shape, &wide, &case.shared, &inputs);
+                    out.iter()
+                        .zip(upstream)
+                        .map(|(a, &b)| a * f64::from(b))
+                        .sum()
+                };
+                let expected = (moved(1e-6) - moved(-1e-6)) / 2e-6;
+                let found = by_inputs[row * shape.row_inputs + axis];
+                assert!(
+                    (f64::from(found) - expected).abs() < 1e-4,
+                    "{found} {expected}"
+                );
+            }
+        }
+        // They are the same bits where activations are evaluated again.
+        let (_, again_by_weights, again) = case.with_input_gradients(0);
+        assert!(again == by_inputs && again_by_weights == by_weights);
+    }
+}
+
+#[test]
+fn a_network_without_biases_is_golden() {
+    let shape = NetworkShape { depth: 2, ..PLAIN };
+    let sizes = [16, 8, 8, 3];
+    let count: usize = sizes.windows(2).map(|pair| pair[0] * pair[1]).sum();
+    assert_eq!(shape.weight_count(), count);
+    let inputs = wave(16, 0.3, 1.0);
+    let mut out = vec![0.0; 3];
+    shape.forward(
+        &wave(count, 0.9, 0.7),
+        &[],
+        &|_, row: &mut [f32]| row.copy_from_slice(&inputs),
+        &mut Activations::new(0),
+        &mut out,
+    );
+    for (found, expected) in out.iter().zip(numbers(&golden()["network"])) {
+        assert!(
+            (f64::from(*found) - expected).abs() < 1e-6,
+            "{found} {expected}"
         );
     }
 }

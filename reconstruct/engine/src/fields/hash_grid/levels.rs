@@ -1,0 +1,160 @@
+//! How large the levels of a hash grid are, and where their entries lie.
+
+use serde::{Deserialize, Serialize};
+
+/// Features of an entry.
+pub const FEATURES: usize = 4;
+/// Dimensions of a position, at most.
+pub const MAX_DIMENSIONS: usize = 4;
+/// Factors of the hash, one per dimension (tiny-cuda-nn `common_device.h`).
+const PRIMES: [u32; MAX_DIMENSIONS] = [1, 2_654_435_761, 805_459_861, 3_674_653_429];
+
+/// What a corner beyond a level's last cell reads.
+///
+/// A position reaches `scale + 1/2`: at levels whose scale has a fractional part of 0 or of 1/2 or more,
+/// the upper corners of the last cells are one beyond the resolution.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum UpperEdge {
+    /// The entry that the index happens to name, that of the next row's beginning (tiny-cuda-nn).
+    Aliased,
+    /// Entries of its own: one more row and column of cells.
+    Own,
+}
+
+/// Sizes of a hash grid.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct HashGridShape {
+    /// Of a position, 2 to 4.
+    pub dimensions: usize,
+    /// Number of levels, 1 or more.
+    pub levels: usize,
+    /// Binary logarithm of the entries of a level, at most.
+    pub log2_entries: u32,
+    /// Cells across the coarsest level.
+    pub base: f64,
+    /// Factor from the cells across a level to those across the next.
+    pub growth: f64,
+    /// What corners beyond the last cells read.
+    pub upper_edge: UpperEdge,
+}
+
+impl HashGridShape {
+    /// The published base and growth (`config/encoding_config.py` of Neural Atlas Graphs), and an upper
+    /// edge of its own.
+    pub const fn new(dimensions: usize, levels: usize, log2_entries: u32) -> Self {
+        Self {
+            dimensions,
+            levels,
+            log2_entries,
+            base: 4.0,
+            growth: 1.61,
+            upper_edge: UpperEdge::Own,
+        }
+    }
+}
+
+/// One level of a hash grid.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Level {
+    /// Cells per unit.
+    pub scale: f32,
+    /// Corners across the unit.
+    pub resolution: u32,
+    /// Corners from one row of the table to the next.
+    stride: u32,
+    /// Entries of the level.
+    pub entries: u32,
+    /// Whether several corners share an entry.
+    pub is_hashed: bool,
+    /// Entries of all coarser levels.
+    pub first_entry: usize,
+}
+
+impl Level {
+    /// The entry of a corner, counted from the level's first.
+    #[inline]
+    pub fn entry<const D: usize>(&self, corner: [u32; D]) -> u32 {
+        if self.is_hashed {
+            let hash = corner
+                .iter()
+                .zip(PRIMES)
+                .fold(0_u32, |hash, (&cell, prime)| {
+                    hash ^ cell.wrapping_mul(prime)
+                });
+            // Sizes of hashed levels are powers of two.
+            return hash & (self.entries - 1);
+        }
+        let mut index = 0_u32;
+        for &cell in corner.iter().rev() {
+            index = index.wrapping_mul(self.stride).wrapping_add(cell);
+        }
+        index % self.entries
+    }
+}
+
+/// A hash grid with its levels.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HashGrid {
+    /// Sizes.
+    pub shape: HashGridShape,
+    /// Coarse first.
+    pub levels: Vec<Level>,
+}
+
+impl HashGrid {
+    /// The levels of these sizes.
+    ///
+    /// # Panics
+    /// When there are no levels, or dimensions other than 2 to 4.
+    pub fn new(shape: HashGridShape) -> Self {
+        assert!(
+            (2..=MAX_DIMENSIONS).contains(&shape.dimensions) && shape.levels > 0,
+            "{shape:?}"
+        );
+        let mut first_entry = 0;
+        let levels = (0..shape.levels)
+            .map(|level| {
+                let scale = shape.base * shape.growth.powi(level as i32) - 1.0;
+                let resolution = scale.ceil() as u32 + 1;
+                let stride = match shape.upper_edge {
+                    UpperEdge::Aliased => resolution,
+                    UpperEdge::Own => resolution + 1,
+                };
+                let all = f64::from(stride).powi(shape.dimensions as i32);
+                let padded = (all / 8.0).ceil() * 8.0;
+                let most = f64::from(1_u32 << shape.log2_entries);
+                let level = Level {
+                    scale: scale as f32,
+                    resolution,
+                    stride,
+                    entries: padded.min(most) as u32,
+                    is_hashed: all > padded.min(most),
+                    first_entry,
+                };
+                first_entry += level.entries as usize;
+                level
+            })
+            .collect();
+        Self { shape, levels }
+    }
+
+    /// Features of a position.
+    pub fn features(&self) -> usize {
+        FEATURES * self.levels.len()
+    }
+
+    /// Values of the table: [`FEATURES`] for each entry, level by level.
+    pub fn parameter_count(&self) -> usize {
+        let entries = self.levels.last();
+        FEATURES * entries.map_or(0, |level| level.first_entry + level.entries as usize)
+    }
+
+    /// Levels that a texture of so many texels along its longer side gives reason for: the finest has as
+    /// many cells, and no level is finer. At least 1, at most `most`.
+    pub fn levels_for(texels: f64, most: usize) -> usize {
+        let shape = HashGridShape::new(2, 1, 1);
+        let levels = 1.0 + (texels.max(shape.base) / shape.base).ln() / shape.growth.ln();
+        (levels.floor() as usize).clamp(1, most)
+    }
+}

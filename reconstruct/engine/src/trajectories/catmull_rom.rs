@@ -1,0 +1,213 @@
+//! Cubic Hermite splines with Catmull-Rom tangents over equidistant knots (Neural Atlas Graphs,
+//! supplement A.1; `transforms/utils.py`).
+//!
+//! ```text
+//! S = p1 + w1 (p2 - p1) + w2 (p2 - p0)/2 + w3 (p3 - p1)/2
+//! w1 = 3x^2 - 2x^3        w2 = x^3 - 2x^2 + x        w3 = x^3 - x^2
+//! ```
+//!
+//! Knots beyond the ends mirror: `p_-1 = 2 p_0 - p_1`. Outside of the knots the line through the last two
+//! goes on. One knot is a constant. A spline is linear in its knots: a moment is a few knots with weights.
+
+use glam::DVec3;
+
+/// Equidistant knots.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Knots {
+    /// Where the first is.
+    pub first: f64,
+    /// Where the last is.
+    pub last: f64,
+    /// How many there are, 1 or more.
+    pub count: usize,
+}
+
+/// Weights of the knots at a moment; knots that are not named have none.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct KnotWeights {
+    /// Knots.
+    pub knots: [usize; 4],
+    /// Their weights; they add up to 1.
+    pub weights: [f64; 4],
+}
+
+/// A knot and the place between it and the next, in [0, 1].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Place {
+    /// Between two knots.
+    Within(usize, f64),
+    /// Before the first, in steps from it; negative.
+    Before(f64),
+    /// Behind the last, in steps from it.
+    Behind(f64),
+}
+
+impl Knots {
+    /// So many on [0, 1].
+    pub fn unit(count: usize) -> Self {
+        Self {
+            first: 0.0,
+            last: 1.0,
+            count,
+        }
+    }
+
+    /// Knots of offsets: one more beyond each end of `inner` knots on [0, 1], so that no moment there
+    /// needs a rule for ends. A single inner knot has its neighbours at -1 and 1.
+    pub fn with_neighbours(inner: usize) -> Self {
+        let step = if inner > 1 {
+            1.0 / (inner - 1) as f64
+        } else {
+            1.0
+        };
+        let last = if inner > 1 { 1.0 + step } else { 1.0 };
+        Self {
+            first: -step,
+            last,
+            count: inner.max(1) + 2,
+        }
+    }
+
+    /// Where a knot is.
+    pub fn time(&self, knot: usize) -> f64 {
+        if self.count < 2 {
+            return self.first;
+        }
+        self.first + (self.last - self.first) * knot as f64 / (self.count - 1) as f64
+    }
+
+    /// Where a moment is among two knots or more.
+    pub(super) fn place(&self, time: f64) -> Place {
+        let steps = (time - self.first) / (self.last - self.first) * (self.count - 1) as f64;
+        if time < self.first {
+            return Place::Before(steps);
+        }
+        if time > self.last {
+            return Place::Behind(steps - (self.count - 1) as f64);
+        }
+        let knot = (steps.floor().max(0.0) as usize).min(self.count - 2);
+        Place::Within(knot, steps - knot as f64)
+    }
+
+    /// The weights of the knots at a moment.
+    pub fn weights(&self, time: f64) -> KnotWeights {
+        let mut found = KnotWeights::default();
+        if self.count < 2 {
+            found.weights[0] = 1.0;
+            return found;
+        }
+        let last = self.count - 1;
+        match self.place(time) {
+            Place::Before(steps) => {
+                found.knots[..2].copy_from_slice(&[0, 1]);
+                found.weights[..2].copy_from_slice(&[1.0 - steps, steps]);
+            }
+            Place::Behind(steps) => {
+                found.knots[..2].copy_from_slice(&[last - 1, last]);
+                found.weights[..2].copy_from_slice(&[-steps, 1.0 + steps]);
+            }
+            Place::Within(knot, x) => {
+                let [w1, w2, w3] = hermite(x);
+                let mut weights = [-0.5 * w2, 1.0 - w1 - 0.5 * w3, w1 + 0.5 * w2, 0.5 * w3];
+                if knot == 0 {
+                    // p0 = 2 p1 - p2
+                    weights[1] += 2.0 * weights[0];
+                    weights[2] -= weights[0];
+                    weights[0] = 0.0;
+                }
+                if knot + 1 == last {
+                    // p3 = 2 p2 - p1
+                    weights[2] += 2.0 * weights[3];
+                    weights[1] -= weights[3];
+                    weights[3] = 0.0;
+                }
+                let at = [knot.saturating_sub(1), knot, knot + 1, (knot + 2).min(last)];
+                found = KnotWeights { knots: at, weights };
+            }
+        }
+        found
+    }
+
+    /// The position at a moment.
+    pub fn position(&self, positions: &[DVec3], time: f64) -> DVec3 {
+        self.weights(time).sum(positions)
+    }
+}
+
+impl KnotWeights {
+    /// The weighted sum of the knots' values.
+    pub fn sum(&self, values: &[DVec3]) -> DVec3 {
+        let terms = self.knots.iter().zip(self.weights);
+        terms
+            .filter(|&(_, weight)| weight != 0.0)
+            .map(|(&knot, weight)| weight * values[knot])
+            .sum()
+    }
+}
+
+/// Weights of `p2 - p1` and of the two tangents at `x` in [0, 1].
+pub(super) fn hermite(x: f64) -> [f64; 3] {
+    let (square, cube) = (x * x, x * x * x);
+    [
+        3.0 * square - 2.0 * cube,
+        cube - 2.0 * square + x,
+        cube - square,
+    ]
+}
+
+/// The knots' positions that come nearest to samples `(time, position)`, by least squares.
+///
+/// Knots that no sample reaches follow their neighbours: the second differences of neighbouring knots are
+/// kept small, by a thousandth of what a sample weighs.
+pub fn fit_positions(knots: Knots, samples: &[(f64, DVec3)]) -> Vec<DVec3> {
+    let count = knots.count;
+    let mut matrix = vec![0.0; count * count];
+    let mut right = vec![DVec3::ZERO; count];
+    for &(time, position) in samples {
+        let at = knots.weights(time);
+        for (&row, weight) in at.knots.iter().zip(at.weights) {
+            for (&column, other) in at.knots.iter().zip(at.weights) {
+                matrix[row * count + column] += weight * other;
+            }
+            right[row] += weight * position;
+        }
+    }
+    const STIFFNESS: f64 = 1e-3;
+    for first in 0..count.saturating_sub(2) {
+        for (row, weight) in [1.0, -2.0, 1.0].into_iter().enumerate() {
+            for (column, other) in [1.0, -2.0, 1.0].into_iter().enumerate() {
+                matrix[(first + row) * count + first + column] += STIFFNESS * weight * other;
+            }
+        }
+    }
+    // Two knots and one sample: nothing else holds the second.
+    for knot in 0..count {
+        matrix[knot * count + knot] += 1e-12;
+    }
+    solve(&mut matrix, &mut right);
+    right
+}
+
+/// Solves a symmetric positive definite system in place (Cholesky).
+fn solve(matrix: &mut [f64], right: &mut [DVec3]) {
+    let n = right.len();
+    for row in 0..n {
+        for column in 0..=row {
+            let dot: f64 = (0..column)
+                .map(|k| matrix[row * n + k] * matrix[column * n + k])
+                .sum();
+            let value = matrix[row * n + column] - dot;
+            matrix[row * n + column] = if row == column {
+                value.max(1e-300).sqrt()
+            } else {
+                value / matrix[column * n + column]
+            };
+        }
+        let known: DVec3 = (0..row).map(|k| matrix[row * n + k] * right[k]).sum();
+        right[row] = (right[row] - known) / matrix[row * n + row];
+    }
+    for row in (0..n).rev() {
+        let known: DVec3 = (row + 1..n).map(|k| matrix[k * n + row] * right[k]).sum();
+        right[row] = (right[row] - known) / matrix[row * n + row];
+    }
+}

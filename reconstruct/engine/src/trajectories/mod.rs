@@ -1,0 +1,13 @@
+//! Rigid motion in time: positions and rotations between knots, and their gradients.
+//!
+//! * [`catmull_rom`]: positions. [`rotation_spline`]: rotations. [`rigid_spline`]: both, as a trajectory
+//!   that is given and offsets that are learnt.
+//! * `dual`: numbers with derivatives.
+
+pub mod catmull_rom;
+mod dual;
+pub mod rigid_spline;
+pub mod rotation_spline;
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,119 @@
+//! A rigid trajectory: knots that are given, and offsets that are learnt (Neural Atlas Graphs, supplement
+//! A.1; the rotations' offsets as in the published code, exponential first and spline behind).
+//!
+//! ```text
+//! T(t) = S(t, T0) + eta S(t, P)        R(t) = S_q(t, R0) S_q(t, { exp(eta Q_k) })        eta = 1/2
+//! ```
+
+use glam::{DMat3, DQuat, DVec3};
+use serde::{Deserialize, Serialize};
+
+use super::{
+    catmull_rom::{Knots, fit_positions},
+    rotation_spline::{fit_rotations, rotation, rotation_of_vectors, rotation_of_vectors_vjp},
+};
+
+/// Weight of the offsets.
+pub const OFFSET_WEIGHT: f64 = 0.5;
+
+/// Where a rigid body is, and how it is turned: columns of the rotation are its axes in the world.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RigidPose {
+    /// Its origin.
+    pub centre: DVec3,
+    /// From its own coordinates to the world's.
+    pub rotation: DMat3,
+}
+
+/// Gradient by a [`RigidPose`], entry by entry.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PoseGradient {
+    /// By the origin.
+    pub centre: DVec3,
+    /// By the matrix.
+    pub rotation: DMat3,
+}
+
+impl Default for PoseGradient {
+    fn default() -> Self {
+        Self {
+            centre: DVec3::ZERO,
+            rotation: DMat3::ZERO,
+        }
+    }
+}
+
+impl PoseGradient {
+    /// Adds another one.
+    pub fn add(&mut self, other: &Self) {
+        self.centre += other.centre;
+        self.rotation += other.rotation;
+    }
+}
+
+/// Knots of a trajectory over [0, 1], without what is learnt.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RigidSpline {
+    /// Positions.
+    pub positions: Vec<DVec3>,
+    /// Rotations; as many.
+    pub rotations: Vec<DQuat>,
+}
+
+impl RigidSpline {
+    /// The spline with so many knots that comes nearest to poses at moments in [0, 1].
+    pub fn fitted(count: usize, samples: &[(f64, DVec3, DQuat)]) -> Self {
+        let knots = Knots::unit(count.max(1));
+        let positions: Vec<_> = samples.iter().map(|&(time, at, _)| (time, at)).collect();
+        let rotations: Vec<_> = samples.iter().map(|&(time, _, q)| (time, q)).collect();
+        Self {
+            positions: fit_positions(knots, &positions),
+            rotations: fit_rotations(knots, &rotations),
+        }
+    }
+
+    /// Knots of the given trajectory.
+    pub fn count(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// Knots of its offsets: one more at each end.
+    pub fn offset_knots(&self) -> Knots {
+        Knots::with_neighbours(self.count())
+    }
+
+    /// The pose at a moment, with offsets of positions and rotation vectors of rotations where there are
+    /// any.
+    pub fn pose(&self, offsets: Option<(&[DVec3], &[DVec3])>, time: f64) -> RigidPose {
+        let knots = Knots::unit(self.count());
+        let mut centre = knots.position(&self.positions, time);
+        let mut turned = rotation(&knots, &self.rotations, time);
+        if let Some((positions, vectors)) = offsets {
+            let knots = self.offset_knots();
+            centre += OFFSET_WEIGHT * knots.position(positions, time);
+            turned *= rotation_of_vectors(&knots, vectors, OFFSET_WEIGHT, time);
+        }
+        RigidPose {
+            centre,
+            rotation: DMat3::from_quat(turned.normalize()),
+        }
+    }
+
+    /// Adds the gradients by the offsets of [`RigidSpline::pose`] from that by the pose.
+    pub fn pose_vjp(
+        &self,
+        vectors: &[DVec3],
+        time: f64,
+        upstream: &PoseGradient,
+        [by_positions, by_vectors]: [&mut [DVec3]; 2],
+    ) {
+        let knots = self.offset_knots();
+        let weights = knots.weights(time);
+        for (&knot, weight) in weights.knots.iter().zip(weights.weights) {
+            by_positions[knot] += OFFSET_WEIGHT * weight * upstream.centre;
+        }
+        let given = rotation(&Knots::unit(self.count()), &self.rotations, time);
+        let by_offset = DMat3::from_quat(given).transpose() * upstream.rotation;
+        rotation_of_vectors_vjp(&knots, vectors, OFFSET_WEIGHT, time, by_offset, by_vectors);
+    }
+}
