@@ -21,7 +21,7 @@ pub mod error;
 pub mod fields;
 pub mod gaussians;
 #[cfg(test)]
-mod golden;
+mod golden_tests;
 pub mod losses;
 pub mod model;
 pub mod parameters;

@@ -144,15 +144,15 @@ impl GridField {
         out
     }
 
-    /// The outputs at many positions with all features; nothing is kept.
-    pub fn evaluate(&self, positions: &[f32]) -> Vec<f32> {
+    /// As [`GridField::forward`]; nothing is kept.
+    pub fn evaluate(&self, positions: &[f32], active: usize) -> Vec<f32> {
         let dimensions = self.shape.grid.dimensions;
         let rows = positions.len() / dimensions;
         let mut out = vec![0.0; rows * self.shape.outputs];
         let (grid, table) = (&self.grid, &self.table.array.values);
         let encode = |row: usize, features: &mut [f32]| {
             let position = &positions[row * dimensions..(row + 1) * dimensions];
-            grid.encode(position, table, self.active, features);
+            grid.encode(position, table, active, features);
         };
         let mut nothing = Activations::new(0);
         let weights = &self.weights.array.values;

@@ -99,6 +99,6 @@ pub fn hit_vjp(
 }
 
 /// `a b^T`.
-pub(crate) fn outer(a: DVec3, b: DVec3) -> DMat3 {
+pub fn outer(a: DVec3, b: DVec3) -> DMat3 {
     DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }

@@ -10,7 +10,7 @@ use super::{
     view_angle::{view_angle, view_angle_vjp},
 };
 use crate::{
-    golden::{golden, numbers, vector},
+    golden_tests::{golden, numbers, vector},
     trajectories::rigid_spline::RigidPose,
 };
 

@@ -77,43 +77,71 @@ impl RigidSpline {
         self.positions.len()
     }
 
-    /// Knots of its offsets: one more at each end.
-    pub fn offset_knots(&self) -> Knots {
-        Knots::with_neighbours(self.count())
-    }
-
-    /// The pose at a moment, with offsets of positions and rotation vectors of rotations where there are
-    /// any.
-    pub fn pose(&self, offsets: Option<(&[DVec3], &[DVec3])>, time: f64) -> RigidPose {
+    /// The pose at a moment, without offsets.
+    pub fn pose(&self, time: f64) -> RigidPose {
         let knots = Knots::unit(self.count());
-        let mut centre = knots.position(&self.positions, time);
-        let mut turned = rotation(&knots, &self.rotations, time);
-        if let Some((positions, vectors)) = offsets {
-            let knots = self.offset_knots();
-            centre += OFFSET_WEIGHT * knots.position(positions, time);
-            turned *= rotation_of_vectors(&knots, vectors, OFFSET_WEIGHT, time);
-        }
+        let turned = rotation(&knots, &self.rotations, time);
         RigidPose {
-            centre,
+            centre: knots.position(&self.positions, time),
             rotation: DMat3::from_quat(turned.normalize()),
         }
     }
+}
 
-    /// Adds the gradients by the offsets of [`RigidSpline::pose`] from that by the pose.
-    pub fn pose_vjp(
+/// What is learnt of a trajectory: offsets of positions and rotation vectors of rotations at the knots,
+/// with one knot more beyond each end of [0, 1].
+#[derive(Debug, Clone, PartialEq)]
+pub struct RigidOffsets {
+    /// What an offset of 1 is, units of the scene.
+    pub unit: f64,
+    /// Of positions.
+    pub positions: Vec<DVec3>,
+    /// Of rotations, radians; as many.
+    pub vectors: Vec<DVec3>,
+}
+
+impl RigidOffsets {
+    /// Offsets of 0 for so many knots on [0, 1].
+    pub fn zero(inner: usize, unit: f64) -> Self {
+        let count = Knots::with_neighbours(inner).count;
+        Self {
+            unit,
+            positions: vec![DVec3::ZERO; count],
+            vectors: vec![DVec3::ZERO; count],
+        }
+    }
+
+    /// The knots.
+    pub fn knots(&self) -> Knots {
+        Knots::with_neighbours(self.positions.len() - 2)
+    }
+
+    /// A pose of the given trajectory with the offsets of its moment.
+    pub fn applied(&self, given: &RigidPose, time: f64) -> RigidPose {
+        let knots = self.knots();
+        let turned = rotation_of_vectors(&knots, &self.vectors, OFFSET_WEIGHT, time);
+        RigidPose {
+            centre: given.centre
+                + OFFSET_WEIGHT * self.unit * knots.position(&self.positions, time),
+            rotation: given.rotation * DMat3::from_quat(turned.normalize()),
+        }
+    }
+
+    /// Adds the gradients by positions and vectors of [`RigidOffsets::applied`] from that by the pose.
+    pub fn applied_vjp(
         &self,
-        vectors: &[DVec3],
+        given: &RigidPose,
         time: f64,
         upstream: &PoseGradient,
         [by_positions, by_vectors]: [&mut [DVec3]; 2],
     ) {
-        let knots = self.offset_knots();
+        let knots = self.knots();
         let weights = knots.weights(time);
         for (&knot, weight) in weights.knots.iter().zip(weights.weights) {
-            by_positions[knot] += OFFSET_WEIGHT * weight * upstream.centre;
+            by_positions[knot] += OFFSET_WEIGHT * self.unit * weight * upstream.centre;
         }
-        let given = rotation(&Knots::unit(self.count()), &self.rotations, time);
-        let by_offset = DMat3::from_quat(given).transpose() * upstream.rotation;
+        let by_offset = given.rotation.transpose() * upstream.rotation;
+        let vectors = &self.vectors;
         rotation_of_vectors_vjp(&knots, vectors, OFFSET_WEIGHT, time, by_offset, by_vectors);
     }
 }

@@ -225,15 +225,14 @@ pub fn rotation_of_vectors_vjp(
     let matrix = around.evaluate(at).matrix();
     for (place, knot) in taking_part.iter().enumerate() {
         let Some(knot) = *knot else { continue };
-        for axis in 0..3 {
-            let sum: f64 = (0..9)
-                .map(|at| {
-                    let (row, column) = (at / 3, at % 3);
-                    upstream.col(column)[row] * matrix[row][column].by[3 * place + axis]
-                })
-                .sum();
-            gradients[knot][axis] += factor * sum;
-        }
+        let by_axis: [f64; 3] = std::array::from_fn(|axis| {
+            let entries = (0..9).map(|at| (at / 3, at % 3));
+            let terms = entries.map(|(row, column)| {
+                upstream.col(column)[row] * matrix[row][column].by[3 * place + axis]
+            });
+            terms.sum()
+        });
+        gradients[knot] += factor * DVec3::from_array(by_axis);
     }
 }
 

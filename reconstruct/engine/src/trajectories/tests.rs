@@ -4,10 +4,10 @@ use glam::{DMat3, DQuat, DVec3};
 
 use super::{
     catmull_rom::{Knots, fit_positions},
-    rigid_spline::{PoseGradient, RigidSpline},
+    rigid_spline::{PoseGradient, RigidOffsets, RigidSpline},
     rotation_spline::{fit_rotations, rotation},
 };
-use crate::golden::{golden, numbers, vector};
+use crate::golden_tests::{golden, numbers, vector};
 
 fn time(case: &serde_json::Value) -> f64 {
     case["time"].as_f64().expect("a time")
@@ -113,7 +113,7 @@ fn gradients_by_offsets_are_central_differences() {
                 .map(DQuat::from_scaled_axis)
                 .collect(),
         };
-        let inner = spline.offset_knots().count;
+        let inner = RigidOffsets::zero(count, 1.0).positions.len();
         let upstream = PoseGradient {
             centre: DVec3::new(0.3, -0.5, 0.8),
             rotation: DMat3::from_cols_array(&[0.1, 0.7, -0.3, 0.2, -0.9, 0.4, 0.5, 0.6, -0.8]),
@@ -123,7 +123,12 @@ fn gradients_by_offsets_are_central_differences() {
             let positions: Vec<DVec3> = wavy(inner, 0.9).iter().map(|&v| size * v).collect();
             let vectors: Vec<DVec3> = wavy(inner, 1.7).iter().map(|&v| size * v).collect();
             let value = |positions: &[DVec3], vectors: &[DVec3], time: f64| {
-                let pose = spline.pose(Some((positions, vectors)), time);
+                let offsets = RigidOffsets {
+                    unit: 0.7,
+                    positions: positions.to_vec(),
+                    vectors: vectors.to_vec(),
+                };
+                let pose = offsets.applied(&spline.pose(time), time);
                 let by_column = (0..3).map(|c| upstream.rotation.col(c).dot(pose.rotation.col(c)));
                 upstream.centre.dot(pose.centre) + by_column.sum::<f64>()
             };
@@ -131,7 +136,12 @@ fn gradients_by_offsets_are_central_differences() {
                 let mut by_positions = vec![DVec3::ZERO; inner];
                 let mut by_vectors = vec![DVec3::ZERO; inner];
                 let gradients = [&mut by_positions[..], &mut by_vectors[..]];
-                spline.pose_vjp(&vectors, time, &upstream, gradients);
+                let offsets = RigidOffsets {
+                    unit: 0.7,
+                    positions: positions.clone(),
+                    vectors: vectors.clone(),
+                };
+                offsets.applied_vjp(&spline.pose(time), time, &upstream, gradients);
                 for knot in 0..inner {
                     for axis in 0..3 {
                         let shifted = |values: &[DVec3], step: f64| {

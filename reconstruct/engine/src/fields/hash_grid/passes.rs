@@ -20,8 +20,8 @@ impl<const D: usize> Cell<D> {
             first: [0; D],
             fraction: [0.0; D],
         };
-        for axis in 0..D {
-            let at = position[axis].clamp(0.0, 1.0) * level.scale + 0.5;
+        for (axis, value) in position.iter().enumerate() {
+            let at = value.clamp(0.0, 1.0) * level.scale + 0.5;
             let floor = at.floor();
             cell.first[axis] = floor as u32;
             cell.fraction[axis] = at - floor;

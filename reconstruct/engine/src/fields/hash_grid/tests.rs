@@ -4,7 +4,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 use super::{HashGrid, HashGridShape, UpperEdge, levels::FEATURES};
-use crate::golden::{golden, numbers, wave};
+use crate::golden_tests::{golden, numbers, wave};
 
 fn published(dimensions: usize, levels: usize, log2_entries: u32) -> HashGrid {
     HashGrid::new(HashGridShape {

@@ -2,7 +2,7 @@
 
 use crate::fields::mlp::cases::{Case, SMALL as SHAPE};
 use crate::fields::mlp::passes::*;
-use crate::golden::{golden, numbers, wave};
+use crate::golden_tests::{golden, numbers, wave};
 
 const UNLIMITED: usize = usize::MAX;
 
