@@ -67,6 +67,7 @@ fn scene() -> (TempDir, Scene) {
             mask,
             classes: [].into(),
             depth: None,
+            depth_prior: None,
         }
     });
     let scene = Scene {

@@ -386,7 +386,8 @@ fn a_network_learns_which_gaussians_move_and_when() {
                 ]
             })
             .collect(),
-        scales: vec![0.1; 24],
+        scales: vec![[0.1; 3]; 24],
+        rotations: vec![static_gaussians::NO_ROTATION; 24],
         colours: vec![[0.5; 3]; 24],
         opacities: vec![0.5; 24],
     };

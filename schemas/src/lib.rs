@@ -19,6 +19,7 @@
 
 pub mod bootstrap;
 pub mod camera;
+pub mod distances;
 pub mod error_kind;
 pub mod frame_scores;
 pub mod image_file;

@@ -71,6 +71,7 @@ fn write(
             mask: import_mask(foreign, frame, out)?,
             classes: [].into(),
             depth: None,
+            depth_prior: None,
         });
     }
     frames.sort_by(|a, b| a.time_seconds.total_cmp(&b.time_seconds));

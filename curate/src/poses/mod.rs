@@ -225,6 +225,7 @@ fn stage_scene(
             mask,
             classes: [].into(),
             depth: None,
+            depth_prior: None,
         })
         .collect();
     truth.stage(staging, folder, &mut frames, size)?;

@@ -27,12 +27,12 @@ pub(crate) fn scene(count: usize) -> ParameterTable {
         let rho = (1.0 - y * y).sqrt();
         let distance = 10.0_f64.powf(random.random_range(0.0..1.0));
         let position = dvec3(rho * cos, y, rho * sin) * distance;
-        initial.positions.push(position.as_vec3().to_array());
-        initial.scales.push((spacing * distance) as f32);
-        initial
-            .colours
-            .push([0; 3].map(|_| random.random_range(0.0..1.0)));
-        initial.opacities.push(random.random_range(0.05..0.95));
+        initial.push_isotropic(
+            position.as_vec3().to_array(),
+            (spacing * distance) as f32,
+            [0; 3].map(|_| random.random_range(0.0..1.0)),
+            random.random_range(0.05..0.95),
+        );
     }
     let mut table = static_gaussians::table(&initial, 0);
     let mut normal = || -> f32 { StandardNormal.sample(&mut random) };

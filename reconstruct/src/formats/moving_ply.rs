@@ -112,12 +112,12 @@ mod tests {
             velocity: VelocityModel::Free,
             least_marginal: 0.0,
         };
-        let initial = InitialGaussians {
-            positions: vec![[1.0, 2.0, 3.0], [-4.0, 0.5, 0.25]],
-            scales: vec![0.25, 2.0],
-            colours: vec![[0.5; 3], [0.1, 0.2, 0.3]],
-            opacities: vec![0.5, 0.9],
-        };
+        let initial = InitialGaussians::isotropic(
+            vec![[1.0, 2.0, 3.0], [-4.0, 0.5, 0.25]],
+            &[0.25, 2.0],
+            vec![[0.5; 3], [0.1, 0.2, 0.3]],
+            vec![0.5, 0.9],
+        );
         let times = InitialTimes {
             peaks: vec![3.0, -7.0],
             lifespans: vec![4.0, 0.5],

@@ -213,12 +213,12 @@ mod tests {
     };
 
     fn table(sh_degree: usize) -> ParameterTable {
-        let initial = InitialGaussians {
-            positions: vec![[1.0, 2.0, 3.0], [-4.0, 0.5, 0.25]],
-            scales: vec![0.25, 2.0],
-            colours: vec![[0.5; 3], [0.1, 0.2, 0.3]],
-            opacities: vec![0.5, 0.9],
-        };
+        let initial = InitialGaussians::isotropic(
+            vec![[1.0, 2.0, 3.0], [-4.0, 0.5, 0.25]],
+            &[0.25, 2.0],
+            vec![[0.5; 3], [0.1, 0.2, 0.3]],
+            vec![0.5, 0.9],
+        );
         let mut table = static_gaussians::table(&initial, sh_degree);
         if let Some(rest) = table.arrays.get_mut(SH_REST) {
             for (index, value) in rest.values.iter_mut().enumerate() {

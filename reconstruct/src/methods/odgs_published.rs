@@ -106,7 +106,7 @@ fn prepare(
     let mut initial = points::from_points(&points, f32::INFINITY);
     let least = (LEAST_SQUARED_DISTANCE.sqrt() * scene.normalization.scale) as f32;
     for scale in &mut initial.scales {
-        *scale = scale.max(least);
+        *scale = scale.map(|scale| scale.max(least));
     }
     let plan = vec![ComponentDecision {
         component: "all-points".to_owned(),

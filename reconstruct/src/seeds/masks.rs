@@ -156,13 +156,12 @@ pub fn mask_seeds(scene: &TrainingScene, settings: &SeedSettings<'_>) -> MaskSee
         let gain = settings
             .exposure
             .map_or([1.0; 3], |exposure| exposure.gain(seconds));
-        let gaussians = &mut seeds.gaussians;
-        gaussians.positions.push(position.to_array());
-        gaussians.scales.push(0.5 * pitch * spread);
-        gaussians
-            .colours
-            .push([0, 1, 2].map(|channel| f32::from(rgb[channel]) / 255.0 / gain[channel]));
-        gaussians.opacities.push(SEED_OPACITY);
+        seeds.gaussians.push_isotropic(
+            position.to_array(),
+            0.5 * pitch * spread,
+            [0, 1, 2].map(|channel| f32::from(rgb[channel]) / 255.0 / gain[channel]),
+            SEED_OPACITY,
+        );
         let peak = clock.frame(seconds) as f32;
         seeds.times.peaks.push(peak);
         seeds.times.lifespans.push(lifespan_frames);

@@ -90,24 +90,18 @@ pub fn from_points(points: &PointCloud, spread: f32) -> InitialGaussians {
         }
         *scale = scale.clamp(median / spread, median * spread);
     }
-    InitialGaussians {
-        positions: positions.clone(),
-        scales,
-        colours: points
-            .colours
-            .iter()
-            .map(|colour| colour.map(|byte| f32::from(byte) / 255.0))
-            .collect(),
-        opacities: vec![POINT_OPACITY; positions.len()],
-    }
+    let colour = |bytes: &[u8; 3]| bytes.map(|byte| f32::from(byte) / 255.0);
+    InitialGaussians::isotropic(
+        positions.clone(),
+        &scales,
+        points.colours.iter().map(colour).collect(),
+        vec![POINT_OPACITY; positions.len()],
+    )
 }
 
 /// Both sets one after the other.
 pub fn join(mut first: InitialGaussians, second: InitialGaussians) -> InitialGaussians {
-    first.positions.extend(second.positions);
-    first.scales.extend(second.scales);
-    first.colours.extend(second.colours);
-    first.opacities.extend(second.opacities);
+    first.append(second);
     first
 }
 
@@ -117,15 +111,9 @@ pub fn partition(
     chosen: &[bool],
 ) -> (InitialGaussians, InitialGaussians) {
     let part = |wanted: bool| {
-        let indices = (0..gaussians.len()).filter(|&index| chosen[index] == wanted);
-        let mut part = InitialGaussians::default();
-        for index in indices {
-            part.positions.push(gaussians.positions[index]);
-            part.scales.push(gaussians.scales[index]);
-            part.colours.push(gaussians.colours[index]);
-            part.opacities.push(gaussians.opacities[index]);
-        }
-        part
+        let is_wanted = |&index: &usize| chosen[index] == wanted;
+        let indices: Vec<usize> = (0..gaussians.len()).filter(is_wanted).collect();
+        gaussians.selected(&indices)
     };
     (part(true), part(false))
 }
@@ -176,7 +164,7 @@ mod tests {
         for positions in [vec![[1.0, 2.0, 3.0]], vec![[1.0; 3]; 50], vec![[0.0; 3]; 5]] {
             let gaussians = from_points(&cloud(positions), 10.0);
             assert!(
-                gaussians.scales.iter().all(|&scale| scale == 0.01),
+                gaussians.scales.iter().all(|&scale| scale == [0.01; 3]),
                 "{:?}",
                 gaussians.scales
             );

@@ -77,21 +77,18 @@ impl OpenSky {
     /// with an exposure, without its gains.
     pub fn shell(&self, scene: &TrainingScene, exposure: Option<&Exposure>) -> InitialGaussians {
         let radius = shell_radius(scene);
-        InitialGaussians {
-            positions: self
-                .open
-                .iter()
-                .map(|&direction| (direction * radius).to_array())
-                .collect(),
-            // Half the spacing: neighbours overlap at one standard deviation.
-            scales: vec![0.5 * spacing(self.directions) * radius; self.open.len()],
-            colours: self
-                .open
-                .par_iter()
-                .map(|&direction| mean_colour(scene, exposure, direction))
-                .collect(),
-            opacities: vec![SHELL_OPACITY; self.open.len()],
-        }
+        let positions = self.open.iter();
+        let positions = positions.map(|&direction| (direction * radius).to_array());
+        // Half the spacing: neighbours overlap at one standard deviation.
+        let scale = 0.5 * spacing(self.directions) * radius;
+        let colours = self.open.par_iter();
+        let colours = colours.map(|&direction| mean_colour(scene, exposure, direction));
+        InitialGaussians::isotropic(
+            positions.collect(),
+            &vec![scale; self.open.len()],
+            colours.collect(),
+            vec![SHELL_OPACITY; self.open.len()],
+        )
     }
 }
 

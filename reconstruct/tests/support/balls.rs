@@ -48,10 +48,7 @@ pub(crate) fn scene_with(
         let direction = DVec3::new(rho * angle.cos(), y, rho * angle.sin());
         let position = direction * distance;
         let colour = colour(&mut random, direction);
-        truth.positions.push(position.as_vec3().to_array());
-        truth.scales.push(scale);
-        truth.colours.push(colour);
-        truth.opacities.push(0.95);
+        truth.push_isotropic(position.as_vec3().to_array(), scale, colour, 0.95);
         let jitter = DVec3::from_array([0; 3].map(|_| random.random_range(-0.1..0.1)));
         points
             .positions

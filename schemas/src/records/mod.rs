@@ -42,7 +42,8 @@ pub use protocol::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule
 pub use result::{Direction, Failure, ResultRecord, Summary, Unavailable};
 pub use run::{Backend, ComponentDecision, RunRecord, TraceViews, ViewPredictions};
 pub use scene::{
-    DepthImage, PoseSource, PoseValidation, Scale, Scene, SceneFrame, ValidationStatus,
+    DepthImage, DepthPrior, DistanceConvention, DistanceGrid, PoseSource, PoseValidation, Scale,
+    Scene, SceneFrame, ValidationStatus,
 };
 pub use scoring::ScoringRecord;
 pub use sequence::{

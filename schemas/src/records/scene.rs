@@ -47,6 +47,50 @@ pub struct SceneFrame {
     /// True distances, where they are known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub depth: Option<DepthImage>,
+    /// Distances that somebody estimated, where there are any. A method may use them, no score does.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub depth_prior: Option<DepthPrior>,
+}
+
+/// Estimated distances of what the pixels of a frame show.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct DepthPrior {
+    /// 16-bit grey PNG, or a `.npy` of f32 (rows, columns); 0 where the distance is not known. Pixel
+    /// (i, j) has its centre at (i + 1/2, j + 1/2).
+    pub file: String,
+    /// What a step of 1 in the file means, in units of the world frame.
+    pub unit: f64,
+    /// Columns of the file. They may be fewer than the image's, in the same proportion to its rows.
+    pub width: u32,
+    /// Rows of the file.
+    pub height: u32,
+    /// What a distance is measured along.
+    pub convention: DistanceConvention,
+    /// Who estimated them: a network, a sensor; `given` where nobody said.
+    pub source: String,
+}
+
+/// What a distance is measured along.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum DistanceConvention {
+    /// The ray of the pixel.
+    #[default]
+    Ray,
+    /// The viewing direction of the camera; in a panorama, of the face of a cube that the pixel is on.
+    Z,
+}
+
+/// Where the pixels of a panorama are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum DistanceGrid {
+    /// Pixel (i, j) of W x H has its centre at (i + 1/2, j + 1/2); W columns are a turn.
+    #[default]
+    HalfPixel,
+    /// The first column and the last are one direction, the first row and the last the poles (PanoGS,
+    /// Eq. 4).
+    Endpoint,
 }
 
 /// Distances from the camera along the rays of the pixels.

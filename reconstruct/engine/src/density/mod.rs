@@ -324,12 +324,12 @@ mod tests {
     /// A small one, a large one, a faint one and a huge one, with sums of gradients over some views.
     fn four(sums: [f32; 4], views: [u32; 4]) -> Model {
         let table = static_gaussians::table(
-            &InitialGaussians {
-                positions: vec![[0.0; 3], [5.0, 0.0, 0.0], [0.0; 3], [0.0; 3]],
-                scales: vec![0.01, 1.0, 0.01, 3.0],
-                colours: vec![[0.5; 3]; 4],
-                opacities: vec![0.5, 0.5, 0.001, 0.5],
-            },
+            &InitialGaussians::isotropic(
+                vec![[0.0; 3], [5.0, 0.0, 0.0], [0.0; 3], [0.0; 3]],
+                &[0.01, 1.0, 0.01, 3.0],
+                vec![[0.5; 3]; 4],
+                vec![0.5, 0.5, 0.001, 0.5],
+            ),
             0,
         );
         let mut model = Model::of_static(table);

@@ -255,12 +255,12 @@ mod tests {
     /// One per lifespan, all seen by two views, with sums of time gradients.
     fn moving(peaks: &[f32], lifespans: &[f32], time_gradients: &[f32]) -> Part {
         let len = peaks.len();
-        let initial = InitialGaussians {
-            positions: vec![[3.0, 0.0, 0.0]; len],
-            scales: vec![0.01; len],
-            colours: vec![[0.5; 3]; len],
-            opacities: vec![0.5; len],
-        };
+        let initial = InitialGaussians::isotropic(
+            vec![[3.0, 0.0, 0.0]; len],
+            &vec![0.01; len],
+            vec![[0.5; 3]; len],
+            vec![0.5; len],
+        );
         let times = InitialTimes {
             peaks: peaks.into(),
             lifespans: lifespans.into(),

@@ -76,7 +76,8 @@ mod tests {
             .collect();
         let mut model = Model::of_static(static_gaussians::table(
             &InitialGaussians {
-                scales: (1..=6).map(|scale| scale as f32).collect(),
+                scales: (1..=6).map(|scale| [scale as f32; 3]).collect(),
+                rotations: vec![static_gaussians::NO_ROTATION; 6],
                 colours: vec![[0.5; 3]; 6],
                 opacities: vec![0.5; 6],
                 positions: positions.clone(),

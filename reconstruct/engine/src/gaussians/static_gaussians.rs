@@ -39,13 +39,18 @@ const LOG_SCALE_RANGE: (f32, f32) = (-30.0, 20.0);
 /// NaN. A short one is not made longer by it: its rotation would not be one.
 const LEAST_QUATERNION_LENGTH: f32 = 1e-12;
 
+/// The quaternion of the axes of the world.
+pub const NO_ROTATION: [f32; 4] = [1.0, 0.0, 0.0, 0.0];
+
 /// Initial values of static Gaussians, one entry per Gaussian in each array.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct InitialGaussians {
     /// Centres in normalized units.
     pub positions: Vec<[f32; 3]>,
-    /// Isotropic standard deviations, positive.
-    pub scales: Vec<f32>,
+    /// Standard deviations along the axes, positive.
+    pub scales: Vec<[f32; 3]>,
+    /// Unit quaternions (w, x, y, z), axes to world.
+    pub rotations: Vec<[f32; 4]>,
     /// Colours in [0, 1].
     pub colours: Vec<[f32; 3]>,
     /// Opacities in (0, 1).
@@ -53,6 +58,66 @@ pub struct InitialGaussians {
 }
 
 impl InitialGaussians {
+    /// Round Gaussians of these standard deviations.
+    ///
+    /// # Panics
+    /// When the lists are not of one length.
+    pub fn isotropic(
+        positions: Vec<[f32; 3]>,
+        scales: &[f32],
+        colours: Vec<[f32; 3]>,
+        opacities: Vec<f32>,
+    ) -> Self {
+        let len = positions.len();
+        assert_eq!([scales.len(), colours.len(), opacities.len()], [len; 3]);
+        Self {
+            positions,
+            scales: scales.iter().map(|&scale| [scale; 3]).collect(),
+            rotations: vec![NO_ROTATION; len],
+            colours,
+            opacities,
+        }
+    }
+
+    /// Adds a round one.
+    pub fn push_isotropic(
+        &mut self,
+        position: [f32; 3],
+        scale: f32,
+        colour: [f32; 3],
+        opacity: f32,
+    ) {
+        self.positions.push(position);
+        self.scales.push([scale; 3]);
+        self.rotations.push(NO_ROTATION);
+        self.colours.push(colour);
+        self.opacities.push(opacity);
+    }
+
+    /// Adds those of another list.
+    pub fn append(&mut self, mut other: Self) {
+        self.positions.append(&mut other.positions);
+        self.scales.append(&mut other.scales);
+        self.rotations.append(&mut other.rotations);
+        self.colours.append(&mut other.colours);
+        self.opacities.append(&mut other.opacities);
+    }
+
+    /// Those with these indices, in their order.
+    #[must_use]
+    pub fn selected(&self, indices: &[usize]) -> Self {
+        fn of<T: Copy>(values: &[T], indices: &[usize]) -> Vec<T> {
+            indices.iter().map(|&index| values[index]).collect()
+        }
+        Self {
+            positions: of(&self.positions, indices),
+            scales: of(&self.scales, indices),
+            rotations: of(&self.rotations, indices),
+            colours: of(&self.colours, indices),
+            opacities: of(&self.opacities, indices),
+        }
+    }
+
     /// Number of Gaussians.
     pub fn len(&self) -> usize {
         self.positions.len()
@@ -104,9 +169,9 @@ pub fn table(initial: &InitialGaussians, sh_degree: usize) -> ParameterTable {
         initial
             .scales
             .iter()
-            .flat_map(|scale| [scale.ln(); 3])
+            .flat_map(|scale| scale.map(f32::ln))
             .collect(),
-        (0..len).flat_map(|_| [1.0, 0.0, 0.0, 0.0]).collect(),
+        initial.rotations.iter().flatten().copied().collect(),
         initial.opacities.iter().map(|&o| logit(o)).collect(),
         initial
             .colours

@@ -251,7 +251,8 @@ mod tests {
     fn initial() -> InitialGaussians {
         InitialGaussians {
             positions: vec![[1.0, 2.0, 3.0]; 4],
-            scales: vec![0.5; 4],
+            scales: vec![[0.5; 3]; 4],
+            rotations: vec![static_gaussians::NO_ROTATION; 4],
             colours: vec![[0.5; 3]; 4],
             opacities: vec![0.5; 4],
         }

@@ -232,7 +232,8 @@ mod tests {
                     [0.1 * index, -0.037 * index, 1e-4 * (index - 200.0)]
                 })
                 .collect(),
-            scales: vec![1.0; 400],
+            scales: vec![[1.0; 3]; 400],
+            rotations: vec![static_gaussians::NO_ROTATION; 400],
             colours: vec![[0.5; 3]; 400],
             opacities: vec![0.5; 400],
         };

@@ -26,12 +26,12 @@ fn random(len: usize, seed: u64, low: f32, high: f32) -> Vec<f32> {
 }
 
 fn table() -> ParameterTable {
-    let initial = InitialGaussians {
-        positions: random(3 * LEN, 1, -4.0, 4.0).as_chunks::<3>().0.to_vec(),
-        scales: random(LEN, 2, 0.1, 0.5),
-        colours: vec![[0.4, 0.5, 0.6]; LEN],
-        opacities: random(LEN, 3, 0.2, 0.8),
-    };
+    let initial = InitialGaussians::isotropic(
+        random(3 * LEN, 1, -4.0, 4.0).as_chunks::<3>().0.to_vec(),
+        &random(LEN, 2, 0.1, 0.5),
+        vec![[0.4, 0.5, 0.6]; LEN],
+        random(LEN, 3, 0.2, 0.8),
+    );
     let mut table = static_gaussians::table(&initial, 0);
     table.arrays[QUATERNIONS].values = random(4 * LEN, 4, -1.0, 1.0);
     table

@@ -54,12 +54,11 @@ fn model(velocity: VelocityModel, fades: bool) -> TimeModel {
 fn table(model: &TimeModel, len: usize) -> ParameterTable {
     let mut random = Pcg64Mcg::seed_from_u64(5);
     let mut three = |low: f32, high: f32| [0; 3].map(|_| random.random_range(low..high));
-    let initial = InitialGaussians {
-        positions: (0..len).map(|_| three(-4.0, 4.0)).collect(),
-        scales: (0..len).map(|_| three(0.1, 0.5)[0]).collect(),
-        colours: (0..len).map(|_| three(0.0, 1.0)).collect(),
-        opacities: (0..len).map(|_| three(0.2, 0.8)[0]).collect(),
-    };
+    let positions = (0..len).map(|_| three(-4.0, 4.0)).collect();
+    let scales: Vec<f32> = (0..len).map(|_| three(0.1, 0.5)[0]).collect();
+    let colours = (0..len).map(|_| three(0.0, 1.0)).collect();
+    let opacities = (0..len).map(|_| three(0.2, 0.8)[0]).collect();
+    let initial = InitialGaussians::isotropic(positions, &scales, colours, opacities);
     let times = InitialTimes {
         peaks: (0..len).map(|_| three(-4.0, 4.0)[0]).collect(),
         lifespans: (0..len).map(|_| three(2.0, 30.0)[0]).collect(),

@@ -1,0 +1,387 @@
+//! A view's pixels as flat Gaussians on the surfaces that they show.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::{DVec3, Vec3};
+use omnilife_engine::{
+    camera::{Camera, View},
+    gaussians::static_gaussians::InitialGaussians,
+};
+use omnilife_schemas::distances::DistanceImage;
+use rayon::prelude::*;
+
+use super::normals::{self, Points};
+
+/// Cosine of the angle between ray and normal below which radii do not grow any more.
+const LEAST_COSINE: f64 = 0.1;
+/// The largest radius in pitches of the pixel.
+const LARGEST_RADIUS: f64 = 3.0;
+/// At an edge of depth, a surface that is seen under a smaller cosine hangs between its two sides.
+const FLYING_COSINE: f64 = 0.1;
+/// Masks from this value on hide what is behind them.
+const MASKED: u8 = 128;
+
+/// A view with its distances. All of its lists are of one size, that of the view's camera.
+#[derive(Debug, Clone, Copy)]
+pub struct DistanceView<'a> {
+    /// The camera, in normalized units, of the size of the lists.
+    pub view: &'a View,
+    /// 8-bit RGB, HWC.
+    pub pixels: &'a [u8],
+    /// 255 on what moves; those pixels are left out.
+    pub mask: Option<&'a [u8]>,
+    /// Distances along the rays, normalized units.
+    pub distances: &'a DistanceImage,
+    /// How much each distance can be trusted, in [0, 1], where somebody says so.
+    pub confidences: Option<&'a [f32]>,
+}
+
+/// How pixels become Gaussians.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LiftSettings {
+    /// Standard deviations along the surface, in radii of a sample.
+    pub tangential: f32,
+    /// Standard deviation along the normal, in radii of a sample.
+    pub normal: f32,
+    /// Opacity.
+    pub opacity: f32,
+    /// Seed of which pixels near the poles are kept.
+    pub seed: u64,
+}
+
+impl LiftSettings {
+    /// For samples of which no other view has a better one: found on a scene with known distances, where
+    /// opacity and sizes were tried in steps.
+    pub const OF_BEST_VIEWS: Self = Self {
+        tangential: 0.6,
+        normal: 0.06,
+        opacity: 0.9,
+        seed: 0,
+    };
+    /// For samples of all views, which lie on top of each other.
+    pub const OF_ALL_VIEWS: Self = Self {
+        tangential: 0.35,
+        normal: 0.035,
+        opacity: 0.99,
+        seed: 0,
+    };
+}
+
+/// What became of the pixels of a view.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct LiftCounts {
+    /// All of them.
+    pub pixels: u64,
+    /// Their distance is not known.
+    pub unknown: u64,
+    /// A mask hides them.
+    pub masked: u64,
+    /// Left out near the poles, where pixels crowd.
+    pub thinned: u64,
+    /// They hang between the two sides of an edge of depth.
+    pub flying: u64,
+    /// Kept without a normal of their own: they face the camera.
+    pub without_normal: u64,
+}
+
+/// Samples of the surfaces that a view shows; all lists are of one length.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Lifted {
+    /// The Gaussians, normalized units. The third axis is along the normal.
+    pub gaussians: InitialGaussians,
+    /// Unit normals in the world, towards the camera.
+    pub normals: Vec<Vec3>,
+    /// Radius of each sample: the root of the area of surface that it stands for, normalized units.
+    pub radii: Vec<f32>,
+    /// Number of each sample's pixel, row by row.
+    pub pixels: Vec<u32>,
+    /// How much the distance can be trusted, in [0, 1]; 1 where nobody says.
+    pub confidences: Vec<f32>,
+    /// What became of the pixels.
+    pub counts: LiftCounts,
+}
+
+impl Lifted {
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.radii.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.radii.is_empty()
+    }
+
+    /// The samples whose flag is set, in their order.
+    #[must_use]
+    pub fn retained(&self, keep: &[bool]) -> Self {
+        let indices: Vec<usize> = (0..self.len()).filter(|&index| keep[index]).collect();
+        fn of<T: Copy>(values: &[T], indices: &[usize]) -> Vec<T> {
+            indices.iter().map(|&index| values[index]).collect()
+        }
+        Self {
+            gaussians: self.gaussians.selected(&indices),
+            normals: of(&self.normals, &indices),
+            radii: of(&self.radii, &indices),
+            pixels: of(&self.pixels, &indices),
+            confidences: of(&self.confidences, &indices),
+            counts: self.counts,
+        }
+    }
+}
+
+/// What becomes of a pixel.
+enum PixelUse {
+    Unknown,
+    Masked,
+    Thinned,
+    Flying,
+    Kept(Sample),
+}
+
+struct Sample {
+    position: Vec3,
+    normal: Vec3,
+    radius: f32,
+    has_normal: bool,
+}
+
+/// Samples of a view, row by row.
+///
+/// `x = c + R (D r)` (PanoGS, Eq. 6); the two scales along the surface are `tangential` radii and that
+/// along the normal `normal` radii (Eq. 7); the rotation brings z onto the normal by the shortest way (Eq.
+/// 8, which leaves the turn about the normal open: it changes nothing). The radius is the root of the area
+/// of the surface that a sample stands for, `D pitch / sqrt(cos i)`. In a panorama a pixel is kept with
+/// probability `cos(latitude)`, by a hash of its place, so that samples are as dense at the poles as at
+/// the equator.
+///
+/// `number` is that of the view: it keeps the views' hashes apart.
+pub fn lift(view: &DistanceView<'_>, number: u64, settings: &LiftSettings) -> Lifted {
+    let points = Points::new(view.view.camera, view.distances);
+    let noise = normals::relative_noise(view.distances);
+    let half_width = normals::window(noise, view.distances.height);
+    let normals = normals::normals(&points, half_width);
+    let lifter = Lifter {
+        view,
+        points,
+        normals,
+        number,
+        settings,
+    };
+    let (width, height) = (view.distances.width, view.distances.height);
+    let rows: Vec<Lifted> = (0..height)
+        .into_par_iter()
+        .map(|row| {
+            let mut lifted = Lifted::default();
+            for column in 0..width {
+                lifter.add(&mut lifted, column, row);
+            }
+            lifted
+        })
+        .collect();
+    let mut all = Lifted::default();
+    for row in rows {
+        all.append(row);
+    }
+    all
+}
+
+impl Lifted {
+    /// Adds the samples of another view, or of more rows.
+    pub fn append(&mut self, mut other: Self) {
+        self.gaussians.append(other.gaussians);
+        self.normals.append(&mut other.normals);
+        self.radii.append(&mut other.radii);
+        self.pixels.append(&mut other.pixels);
+        self.confidences.append(&mut other.confidences);
+        let (counts, more) = (&mut self.counts, other.counts);
+        counts.pixels += more.pixels;
+        counts.unknown += more.unknown;
+        counts.masked += more.masked;
+        counts.thinned += more.thinned;
+        counts.flying += more.flying;
+        counts.without_normal += more.without_normal;
+    }
+}
+
+struct Lifter<'a> {
+    view: &'a DistanceView<'a>,
+    points: Points<'a>,
+    normals: Vec<Option<Vec3>>,
+    number: u64,
+    settings: &'a LiftSettings,
+}
+
+impl Lifter<'_> {
+    fn add(&self, lifted: &mut Lifted, column: usize, row: usize) {
+        let pixel = row * self.view.distances.width + column;
+        lifted.counts.pixels += 1;
+        let sample = match self.pixel_use(column, row) {
+            PixelUse::Unknown => return lifted.counts.unknown += 1,
+            PixelUse::Masked => return lifted.counts.masked += 1,
+            PixelUse::Thinned => return lifted.counts.thinned += 1,
+            PixelUse::Flying => return lifted.counts.flying += 1,
+            PixelUse::Kept(sample) => sample,
+        };
+        lifted.counts.without_normal += u64::from(!sample.has_normal);
+        let LiftSettings {
+            tangential,
+            normal,
+            opacity,
+            ..
+        } = *self.settings;
+        let gaussians = &mut lifted.gaussians;
+        let colour = &self.view.pixels[3 * pixel..3 * pixel + 3];
+        gaussians.positions.push(sample.position.to_array());
+        let along = tangential * sample.radius;
+        gaussians
+            .scales
+            .push([along, along, normal * sample.radius]);
+        gaussians.rotations.push(z_onto(sample.normal));
+        gaussians
+            .colours
+            .push([0, 1, 2].map(|channel| f32::from(colour[channel]) / 255.0));
+        gaussians.opacities.push(opacity);
+        lifted.normals.push(sample.normal);
+        lifted.radii.push(sample.radius);
+        lifted.pixels.push(pixel as u32);
+        let confidences = self.view.confidences;
+        lifted
+            .confidences
+            .push(confidences.map_or(1.0, |all| all[pixel]));
+    }
+
+    fn pixel_use(&self, column: usize, row: usize) -> PixelUse {
+        let view = self.view;
+        let pixel = row * view.distances.width + column;
+        let distance = view.distances.values[pixel];
+        if distance <= 0.0 {
+            return PixelUse::Unknown;
+        }
+        if view.mask.is_some_and(|mask| mask[pixel] >= MASKED) {
+            return PixelUse::Masked;
+        }
+        if share([self.number, row as u64, column as u64, self.settings.seed])
+            >= self.kept_share(row)
+        {
+            return PixelUse::Thinned;
+        }
+        let ray = self.points.ray(column, row);
+        let normal = self.normals[pixel].map(|normal| normal.as_dvec3());
+        let cosine = normal.map_or(1.0, |normal| normal.dot(ray).abs());
+        let [is_behind, is_before] = self.edges(column, row);
+        let is_grazed = cosine < FLYING_COSINE && (is_behind || is_before);
+        // A thin thing before a wall has no normal either, but nothing is nearer beside it.
+        let hangs_between = normal.is_none() && is_behind && is_before;
+        if is_grazed || hangs_between {
+            return PixelUse::Flying;
+        }
+        let pitch = f64::from(distance) * self.pixel_angle(ray);
+        let radius = (pitch / cosine.max(LEAST_COSINE).sqrt()).min(LARGEST_RADIUS * pitch);
+        let to_world = view.view.rotation.as_dmat3().transpose();
+        let place = view.view.centre.as_dvec3() + to_world * (ray * f64::from(distance));
+        PixelUse::Kept(Sample {
+            position: place.as_vec3(),
+            normal: (to_world * normal.unwrap_or(-ray))
+                .as_vec3()
+                .normalize_or(Vec3::Z),
+            radius: radius as f32,
+            has_normal: normal.is_some(),
+        })
+    }
+
+    /// Which share of the pixels of a row is kept: `cos(latitude)` in a panorama.
+    fn kept_share(&self, row: usize) -> f64 {
+        match self.view.view.camera {
+            Camera::Erp(camera) => {
+                let latitude = (0.5 - (row as f64 + 0.5) / f64::from(camera.height)) * PI;
+                latitude.cos()
+            }
+            Camera::Pinhole(_) => 1.0,
+        }
+    }
+
+    /// Root of the solid angle that a kept pixel stands for, radians.
+    fn pixel_angle(&self, ray: DVec3) -> f64 {
+        match self.view.view.camera {
+            Camera::Erp(camera) => {
+                (TAU / f64::from(camera.width) * PI / f64::from(camera.height)).sqrt()
+            }
+            // d(omega) = cos^3 du dv / (fx fy)
+            Camera::Pinhole(camera) => (ray.z.powi(3) / (camera.fx * camera.fy)).sqrt(),
+        }
+    }
+
+    /// Whether a neighbour above, below, left or right is on a nearer surface, and on a farther one.
+    fn edges(&self, column: usize, row: usize) -> [bool; 2] {
+        let own = self.points.distance(column, row);
+        let neighbours = [[1, 0], [-1, 0], [0, 1], [0, -1]]
+            .iter()
+            .filter_map(|&step| self.points.neighbour([column, row], step))
+            .map(|[column, row]| self.points.distance(column, row))
+            .filter(|&distance| distance > 0.0 && !Points::are_close(own, distance));
+        neighbours.fold([false; 2], |[behind, before], distance| {
+            [behind || distance < own, before || distance > own]
+        })
+    }
+}
+
+/// The unit quaternion (w, x, y, z) that brings z onto a unit normal by the shortest way:
+/// `(1 + n_z, -n_y, n_x, 0)`; half a turn about x where the normal is -z.
+pub fn z_onto(normal: Vec3) -> [f32; 4] {
+    let w = 1.0 + normal.z;
+    if w < 1e-6 {
+        return [0.0, 1.0, 0.0, 0.0];
+    }
+    let length = (w * w + normal.x * normal.x + normal.y * normal.y).sqrt();
+    [w / length, -normal.y / length, normal.x / length, 0.0]
+}
+
+/// A number in [0, 1) that depends on the words alone (SplitMix64).
+fn share(words: [u64; 4]) -> f64 {
+    let mixed = words.into_iter().fold(0, |state: u64, word| {
+        let mut z = (state ^ word).wrapping_add(0x9e37_79b9_7f4a_7c15);
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    });
+    (mixed >> 11) as f64 / (1_u64 << 53) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{Quat, vec3};
+
+    use super::*;
+
+    #[test]
+    fn z_is_brought_onto_any_normal() {
+        for normal in [
+            Vec3::Z,
+            Vec3::NEG_Z,
+            Vec3::X,
+            vec3(0.3, -0.5, -0.9).normalize(),
+            vec3(1e-4, 0.0, -1.0).normalize(),
+            vec3(1e-3, 2e-3, -1.0).normalize(),
+        ] {
+            let [w, x, y, z] = z_onto(normal);
+            let turned = Quat::from_xyzw(x, y, z, w) * Vec3::Z;
+            assert!(turned.distance(normal) < 2e-3, "{normal} {turned}");
+        }
+    }
+
+    #[test]
+    fn shares_are_even_and_depend_on_every_word() {
+        let count = 20_000;
+        let mean = (0..count)
+            .map(|at| share([1, at / 200, at % 200, 9]))
+            .sum::<f64>();
+        // Three standard deviations of the mean of that many even numbers.
+        let expected = 3.0 / (12.0 * count as f64).sqrt();
+        assert!((mean / count as f64 - 0.5).abs() < expected);
+        let base = share([1, 2, 3, 4]);
+        for other in [[0, 2, 3, 4], [1, 0, 3, 4], [1, 2, 0, 4], [1, 2, 3, 0]] {
+            assert!((share(other) - base).abs() > 1e-9);
+        }
+    }
+}
