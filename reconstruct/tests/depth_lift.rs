@@ -55,7 +55,7 @@ fn samples_lie_on_the_surfaces_on_every_grid() {
     let resampled = errors_metres(&lifted(&view, &finer, None));
     assert!(quantile(resampled.clone(), 0.5) < 5e-5);
     assert!(quantile(resampled, 0.98) < 3e-4);
-    let ends = endpoint_distances(&view, 1024).from_grid(DistanceGrid::Endpoint);
+    let ends = endpoint_distances(&view, 1024).brought_from(DistanceGrid::Endpoint);
     let brought = errors_metres(&lifted(&view, &ends.resampled(512, 256), None));
     // Twice between pixels: where two walls meet, and at edges, it is off twice.
     assert!(quantile(brought.clone(), 0.5) < 5e-5);

@@ -150,10 +150,10 @@ impl DistanceImage {
     /// The image on the project's grid, in which pixel (i, j) has its centre at (i + 1/2, j + 1/2), of
     /// one on another grid of the whole sphere.
     #[must_use]
-    pub fn from_grid(self, grid: DistanceGrid) -> Self {
+    pub fn brought_from(self, grid: DistanceGrid) -> Self {
         match grid {
             DistanceGrid::HalfPixel => self,
-            DistanceGrid::Endpoint => self.from_endpoint_grid(),
+            DistanceGrid::Endpoint => self.brought_from_endpoints(),
         }
     }
 
@@ -162,7 +162,7 @@ impl DistanceImage {
     ///
     /// Its camera frame (x forward, y down, z right; Eq. 5) is a mirror image of a right-handed one, but
     /// its pixels are not: `p = (z, y, x)` there has its right on the right of the image, as here.
-    fn from_endpoint_grid(self) -> Self {
+    fn brought_from_endpoints(self) -> Self {
         let (width, height) = (self.width, self.height);
         let turn = width.saturating_sub(1).max(1);
         let rows = self.values.chunks_exact(width.max(1));
@@ -276,7 +276,7 @@ mod tests {
     #[test]
     fn the_grid_with_ends_is_brought_to_ours() {
         let ours = half_pixel(512, 256);
-        let brought = endpoint(512, 256).from_grid(DistanceGrid::Endpoint);
+        let brought = endpoint(512, 256).brought_from(DistanceGrid::Endpoint);
         let untouched = endpoint(512, 256);
         let median = |image: &DistanceImage| differences(image, &ours)[512 * 128];
         assert!(median(&brought) < 5e-5, "{}", median(&brought));
@@ -317,7 +317,7 @@ mod tests {
     -> Result<(), Box<dyn std::error::Error>> {
         let folder = tempfile::tempdir()?;
         let path = folder.path().join("a.npy");
-        let mut refusal = |shape: &[usize], values: &[f32]| {
+        let refusal = |shape: &[usize], values: &[f32]| {
             npy::write_f32(&path, shape, values).map_err(|error| error.to_string())?;
             DistanceImage::read(&path, 1.0, true)
                 .map(|image| image.known())
