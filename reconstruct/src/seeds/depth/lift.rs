@@ -267,7 +267,7 @@ impl Lifter<'_> {
             return PixelUse::Thinned;
         }
         let ray = self.points.ray(column, row);
-        let normal = self.normals[pixel].map(|normal| normal.as_dvec3());
+        let normal = self.normals[pixel].map(Vec3::as_dvec3);
         let cosine = normal.map_or(1.0, |normal| normal.dot(ray).abs());
         let [is_behind, is_before] = self.edges(column, row);
         let is_grazed = cosine < FLYING_COSINE && (is_behind || is_before);
@@ -337,7 +337,7 @@ pub fn z_onto(normal: Vec3) -> [f32; 4] {
     [w / length, -normal.y / length, normal.x / length, 0.0]
 }
 
-/// A number in [0, 1) that depends on the words alone (SplitMix64).
+/// A number in [0, 1) that depends on the words alone (`SplitMix64`).
 fn share(words: [u64; 4]) -> f64 {
     let mixed = words.into_iter().fold(0, |state: u64, word| {
         let mut z = (state ^ word).wrapping_add(0x9e37_79b9_7f4a_7c15);
