@@ -5,6 +5,7 @@ use std::{fmt, path::Path, process::Command, thread};
 use omnilife_bench::lpips::Backbone;
 use omnilife_curate::{boundaries::transnetv2, masks::deeplab, poses::sfm};
 use omnilife_engine::device::adapters;
+use serde::{Serialize, Serializer, ser::SerializeStruct};
 
 /// One thing that is looked for.
 pub(crate) struct Check {
@@ -19,10 +20,14 @@ pub(crate) struct Check {
 }
 
 /// What a check found.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case", tag = "state")]
 pub(crate) enum Finding {
     /// It is there: versions, names, places, one per line.
-    Present(Vec<String>),
+    Present {
+        /// The lines.
+        found: Vec<String>,
+    },
     /// It is not there.
     Missing {
         /// What was looked for, or what went wrong.
@@ -84,6 +89,32 @@ pub(crate) struct Report {
     entries: Vec<(&'static Check, Finding)>,
 }
 
+impl Serialize for Report {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        /// A check as JSON.
+        #[derive(Serialize)]
+        struct Entry<'a> {
+            id: &'a str,
+            enables: &'a str,
+            needed: bool,
+            #[serde(flatten)]
+            finding: &'a Finding,
+        }
+        let entries = self.entries.iter().map(|(check, finding)| Entry {
+            id: check.id,
+            enables: check.enables,
+            needed: check.needed,
+            finding,
+        });
+        let mut report = serializer.serialize_struct("Report", 4)?;
+        report.serialize_field("version", env!("CARGO_PKG_VERSION"))?;
+        report.serialize_field("commit", &omnilife_schemas::provenance::commit())?;
+        report.serialize_field("is_sound", &self.is_sound())?;
+        report.serialize_field("checks", &entries.collect::<Vec<_>>())?;
+        report.end()
+    }
+}
+
 /// Runs all checks.
 pub(crate) fn report() -> Report {
     Report {
@@ -110,7 +141,7 @@ impl fmt::Display for Report {
         writeln!(f, "omnilife {}, commit {commit}", env!("CARGO_PKG_VERSION"))?;
         for (check, finding) in &self.entries {
             let (state, lines) = match finding {
-                Finding::Present(lines) => ("ok", lines.clone()),
+                Finding::Present { found } => ("ok", found.clone()),
                 Finding::Missing { reason, remedy } => {
                     let state = if check.needed { "BROKEN" } else { "missing" };
                     let enables = format!("would enable: {}", check.enables);
@@ -153,17 +184,21 @@ fn linked_libraries(wanted: impl Fn(&str) -> bool) -> Finding {
             remedy: Some("install it with scripts/setup and build again".to_owned()),
         }
     } else {
-        Finding::Present(vec![lines.join(", ")])
+        Finding::Present {
+            found: vec![lines.join(", ")],
+        }
     }
 }
 
 fn structure_from_motion() -> Finding {
     match sfm::installation() {
-        Ok(found) => Finding::Present(vec![format!(
-            "pycolmap {} in {}",
-            found.version,
-            found.python.display()
-        )]),
+        Ok(found) => Finding::Present {
+            found: vec![format!(
+                "pycolmap {} in {}",
+                found.version,
+                found.python.display()
+            )],
+        },
         Err(error) => Finding::Missing {
             reason: error.to_string(),
             remedy: None,
@@ -171,24 +206,41 @@ fn structure_from_motion() -> Finding {
     }
 }
 
+/// The networks whose weights are there, and what each of the others would enable.
 fn network_weights() -> Finding {
     let networks = [
-        transnetv2::published_weights(),
-        Backbone::Alex.published_weights(),
-        Backbone::Vgg.published_weights(),
-        deeplab::published_weights(),
+        (
+            "TransNetV2: learned shot boundaries",
+            transnetv2::published_weights(),
+        ),
+        (
+            "LPIPS with AlexNet: perceptual scores",
+            Backbone::Alex.published_weights(),
+        ),
+        (
+            "LPIPS with VGG: perceptual scores",
+            Backbone::Vgg.published_weights(),
+        ),
+        (
+            "DeepLab: masks of people and vehicles",
+            deeplab::published_weights(),
+        ),
     ];
-    let files: Result<Vec<String>, _> = networks
-        .into_iter()
-        .map(|weights| weights.map(|weights| weights.path().display().to_string()))
-        .collect();
-    files.map_or_else(
-        |error| Finding::Missing {
-            reason: error.to_string(),
-            remedy: None,
-        },
-        Finding::Present,
-    )
+    let (mut found, mut missing) = (Vec::new(), Vec::new());
+    for (what, weights) in networks {
+        match weights {
+            Ok(weights) => found.push(weights.path().display().to_string()),
+            Err(error) => missing.push(format!("{what}: {error}")),
+        }
+    }
+    if missing.is_empty() {
+        Finding::Present { found }
+    } else {
+        Finding::Missing {
+            reason: missing.join("; "),
+            remedy: Some("scripts/setup --models fetches them".to_owned()),
+        }
+    }
 }
 
 fn graphics_adapters() -> Finding {
@@ -199,19 +251,28 @@ fn graphics_adapters() -> Finding {
             remedy: Some("install a GPU driver; scripts/setup installs a software one".to_owned()),
         };
     }
-    Finding::Present(
-        found
-            .into_iter()
-            .map(|adapter| format!("{} ({}, {})", adapter.name, adapter.backend, adapter.kind))
-            .collect(),
-    )
+    let describe = |adapter: adapters::AdapterSummary| {
+        let line = format!("{} ({}, {})", adapter.name, adapter.backend, adapter.kind);
+        if adapter.kind.is_software() {
+            line + ": software, slower than --backend cpu"
+        } else {
+            line
+        }
+    };
+    Finding::Present {
+        found: found.into_iter().map(describe).collect(),
+    }
 }
 
 fn cpu_threads() -> Finding {
     match thread::available_parallelism() {
-        Ok(count) => Finding::Present(vec![count.to_string()]),
+        Ok(count) => Finding::Present {
+            found: vec![count.to_string()],
+        },
         // Rayon then works with one thread: slow, not broken.
-        Err(error) => Finding::Present(vec![format!("unknown ({error}); one is used")]),
+        Err(error) => Finding::Present {
+            found: vec![format!("unknown ({error}); one is used")],
+        },
     }
 }
 
@@ -219,7 +280,9 @@ fn free_disk() -> Finding {
     match free_kibibytes(Path::new(".")) {
         Ok(kibibytes) => {
             let gigabytes = kibibytes as f64 * 1024.0 / 1e9;
-            Finding::Present(vec![format!("{gigabytes:.1} GB")])
+            Finding::Present {
+                found: vec![format!("{gigabytes:.1} GB")],
+            }
         }
         Err(reason) => Finding::Missing {
             reason: format!("cannot be measured: {reason}"),

@@ -2,7 +2,7 @@
 //! interrupted and goes on when it is begun again.
 
 use std::{
-    io::{self, Write},
+    io::{self, IsTerminal, Write},
     panic::{self, AssertUnwindSafe},
     path::Path,
     process::ExitCode,
@@ -111,6 +111,15 @@ fn panic_line(file: Option<&Path>, reason: &str, place: Option<&str>) -> String 
     let line = format!("omnilife: {file}failed by a mistake of this program: {reason}{place}");
     let words: Vec<&str> = line.split_whitespace().collect();
     for_terminal(&words.join(" ")).into_owned()
+}
+
+/// The table that fits a terminal where somebody looks at one, else the whole.
+pub(crate) fn for_reader<'a>(short: &'a str, whole: &'a str) -> &'a str {
+    if io::stdout().is_terminal() {
+        short
+    } else {
+        whole
+    }
 }
 
 /// Prints a result to standard output.

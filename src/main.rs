@@ -11,15 +11,13 @@ mod termination;
 
 use std::process::ExitCode;
 
-use clap::Parser;
-
 use cli::{Cli, Command};
 use progress::Terminal;
 
 fn main() -> ExitCode {
     omnilife_schemas::provenance::state_commit(env!("OMNILIFE_COMMIT"));
     exit::code_of(|| {
-        let cli = Cli::parse();
+        let cli = Cli::of_arguments();
         let terminal = Terminal::new(cli.quiet);
         match cli.command {
             Command::Run(arguments) => run::main_job(&arguments, &terminal),
@@ -28,7 +26,8 @@ fn main() -> ExitCode {
             Command::Bench(command) => commands::bench::execute(&command, &terminal),
             Command::Leaderboard(command) => commands::leaderboard::execute(&command, &terminal),
             Command::Sweep(command) => commands::sweep::execute(&command, &terminal),
-            Command::Doctor => commands::doctor(),
+            Command::Completions { shell } => commands::completions(shell),
+            Command::Doctor { json } => commands::doctor(json),
         }
     })
 }

@@ -18,9 +18,14 @@ const VIEWS: usize = 3;
 /// a symmetrical scene shown right gains none.
 const TELLING_GAIN_DB: f64 = 1.0;
 /// The same for half a pixel. The shift blurs, which flatters noisy views: the opposite shift, which
-/// blurs as much, has to be worse by [`TELLING_ASYMMETRY_DB`].
+/// blurs as much, has to be worse by [`TELLING_ASYMMETRY_DB`]. What another camera has seen, such as
+/// the nearest input view, is shifted too, but not by half a pixel everywhere: the gain has to be there
+/// in every view and in every quarter of the longitudes, and a whole pixel must not be better still.
 const TELLING_SHIFT_DB: f64 = 0.2;
 const TELLING_ASYMMETRY_DB: f64 = 0.5;
+
+/// Parts of the width that are looked at by themselves.
+const QUARTERS: usize = 4;
 
 /// A change of camera convention.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,7 +41,7 @@ pub enum Change {
         /// Columns moved to the right by quarters of the width, 0 to 3.
         quarters: usize,
     },
-    /// Moved by half a pixel.
+    /// Moved by half a pixel or by a whole one, which is tried for comparison alone.
     Shifted {
         /// Half pixels to the right.
         right: i32,
@@ -86,6 +91,8 @@ pub struct Diagnosis {
     pub views: usize,
     /// Mean PSNR of the views after each change, dB, the best first. Empty without views.
     pub changes: Vec<(Change, f64)>,
+    /// Changes that leave no quarter of any view worse than it was.
+    helps_everywhere: Vec<Change>,
 }
 
 impl Diagnosis {
@@ -108,6 +115,8 @@ impl Diagnosis {
                     down: -down,
                 });
                 gain > TELLING_SHIFT_DB
+                    && right.abs() + down.abs() == 1
+                    && self.helps_everywhere.contains(&change)
                     && opposite.is_some_and(|other| best - other > TELLING_ASYMMETRY_DB)
             }
         };
@@ -134,8 +143,11 @@ fn changes() -> Vec<Change> {
     }
     // The turn by nothing is there already.
     changes.remove(1);
-    for (right, down) in [(1, 0), (-1, 0), (0, 1), (0, -1)] {
-        changes.push(Change::Shifted { right, down });
+    for half_pixels in [1, 2] {
+        for (right, down) in [(1, 0), (-1, 0), (0, 1), (0, -1)] {
+            let (right, down) = (half_pixels * right, half_pixels * down);
+            changes.push(Change::Shifted { right, down });
+        }
     }
     changes
 }
@@ -153,32 +165,42 @@ pub(crate) fn of_job(job: &ScoringJob) -> Result<Diagnosis, BenchError> {
     let all = job.views();
     let step = all.len().div_ceil(VIEWS).max(1);
     let [width, height] = job.size;
-    let changes = changes();
-    let mut sums = vec![0.0; changes.len()];
-    let mut views = 0;
+    let mut by_view = Vec::new();
     for &view in all.iter().skip(step / 2).step_by(step) {
-        let Some((predicted, truth)) = read(job, view)? else {
-            continue;
-        };
-        views += 1;
-        for (sum, change) in sums.iter_mut().zip(&changes) {
-            *sum += psnr(&predicted, &truth, width as usize, height as usize, *change);
+        if let Some((predicted, truth)) = read(job, view)? {
+            let size = (width as usize, height as usize);
+            let of = |change| errors(&predicted, &truth, size, change);
+            by_view.push(changes().into_iter().map(of).collect());
         }
     }
-    let mut ranked: Vec<(Change, f64)> = changes
-        .into_iter()
-        .zip(sums)
-        .map(|(change, sum)| (change, sum / f64::from(views as u32)))
-        .collect();
-    if views == 0 {
-        ranked.clear();
+    Ok(diagnosis(by_view))
+}
+
+/// What follows from the errors of every view after every change, in the order of [`changes`].
+fn diagnosis(by_view: Vec<Vec<[f64; QUARTERS]>>) -> Diagnosis {
+    let mut helps_everywhere = Vec::new();
+    let mut ranked = Vec::new();
+    for (index, change) in changes().into_iter().enumerate() {
+        let no_worse = |view: &Vec<[f64; QUARTERS]>| {
+            // The first change is none.
+            let mut quarters = view[index].iter().zip(&view[0]);
+            quarters.all(|(changed, as_it_is)| changed <= as_it_is)
+        };
+        if by_view.iter().all(no_worse) {
+            helps_everywhere.push(change);
+        }
+        if !by_view.is_empty() {
+            let sum: f64 = by_view.iter().map(|view| psnr(&view[index])).sum();
+            ranked.push((change, sum / by_view.len() as f64));
+        }
     }
     // Stable: of equals, the unchanged view comes first.
     ranked.sort_by(|a, b| b.1.total_cmp(&a.1));
-    Ok(Diagnosis {
-        views,
+    Diagnosis {
+        views: by_view.len(),
         changes: ranked,
-    })
+        helps_everywhere,
+    }
 }
 
 /// Bytes of a prediction and of its ground truth.
@@ -196,19 +218,32 @@ fn read(job: &ScoringJob, view: View) -> Result<Option<Pair>, BenchError> {
     }
 }
 
-/// PSNR in dB of a prediction after a change.
-fn psnr(predicted: &[u8], truth: &[u8], width: usize, height: usize, change: Change) -> f64 {
-    let mut sum = 0.0;
+/// Mean squared errors, of values in [0, 1], of a prediction after a change, by quarter of the width.
+fn errors(
+    predicted: &[u8],
+    truth: &[u8],
+    (width, height): (usize, usize),
+    change: Change,
+) -> [f64; QUARTERS] {
+    let mut sums = [0.0; QUARTERS];
+    let mut counts = [0_usize; QUARTERS];
     for row in 0..height {
         for column in 0..width {
+            let quarter = column * QUARTERS / width;
             let truth = &truth[(row * width + column) * 3..][..3];
             for (channel, &true_value) in truth.iter().enumerate() {
                 let value = changed(predicted, (width, height), change, (column, row), channel);
-                sum += (value - f64::from(true_value)).powi(2);
+                sums[quarter] += (value - f64::from(true_value)).powi(2);
+                counts[quarter] += 1;
             }
         }
     }
-    let mse = sum / (width * height * 3) as f64 / (255.0 * 255.0);
+    std::array::from_fn(|quarter| sums[quarter] / (counts[quarter].max(1) as f64 * 255.0 * 255.0))
+}
+
+/// PSNR in dB of the errors of quarters.
+fn psnr(errors: &[f64; QUARTERS]) -> f64 {
+    let mse = errors.iter().sum::<f64>() / QUARTERS as f64;
     -10.0 * mse.max(1e-10).log10()
 }
 
@@ -243,9 +278,15 @@ fn changed(
         }
         Change::Shifted { right, down } => {
             // Half a pixel is the mean of two; columns wrap, rows end.
+            let weight = if right.abs() + down.abs() > 1 {
+                1.0
+            } else {
+                0.5
+            };
+            let [right, down] = [right.signum(), down.signum()];
             let other_column = (column as i64 - i64::from(right)).rem_euclid(width as i64) as usize;
             let other_row = (row as i64 - i64::from(down)).clamp(0, height as i64 - 1) as usize;
-            0.5 * (at(column, row) + at(other_column, other_row))
+            (1.0 - weight) * at(column, row) + weight * at(other_column, other_row)
         }
     }
 }
@@ -287,16 +328,53 @@ mod tests {
             let predicted = after(made);
             let perfect: Vec<Change> = changes()
                 .into_iter()
-                .filter(|&tried| psnr(&predicted, &truth, SIZE.0, SIZE.1, tried) > 60.0)
+                .filter(|&tried| psnr(&errors(&predicted, &truth, SIZE, tried)) > 60.0)
                 .collect();
             assert_eq!(perfect.len(), 1, "{made}: {perfect:?}");
         }
     }
 
+    /// A smooth panorama, moved to the right by a number of half pixels that depends on the column.
+    fn moved(half_pixels: impl Fn(usize) -> f64) -> Vec<u8> {
+        let (width, height) = WIDE;
+        let mut bytes = Vec::new();
+        for row in 0..height {
+            for column in 0..width {
+                let x = column as f64 - 0.5 * half_pixels(column);
+                let wave = (std::f64::consts::TAU * x / 8.0).sin() * (1.0 + 0.1 * row as f64);
+                bytes.extend([0, 1, 2].map(|channel| (110.0 + 60.0 * wave) as u8 + channel));
+            }
+        }
+        bytes
+    }
+
+    const WIDE: (usize, usize) = (64, 8);
+
+    fn remark(predicted: &[u8]) -> Option<String> {
+        let truth = moved(|_| 0.0);
+        let of = |change| errors(predicted, &truth, WIDE, change);
+        let errors: Vec<_> = changes().into_iter().map(of).collect();
+        diagnosis(vec![errors]).remark()
+    }
+
+    #[test]
+    fn half_a_pixel_is_told_and_a_moving_camera_is_not() {
+        let told = remark(&moved(|_| 1.0));
+        assert!(told.is_some_and(|line| line.contains("moved 0.5 pixel left")));
+        // Turned by more than that, and seen from a step further on: what lies on the left moves to
+        // the left, what lies on the right to the right.
+        assert_eq!(remark(&moved(|_| 3.0)), None);
+        assert_eq!(
+            remark(&moved(|column| if column < 16 { -0.5 } else { 1.0 })),
+            None
+        );
+        assert_eq!(remark(&moved(|_| 0.0)), None);
+    }
+
     #[test]
     fn changes_are_told_in_words() {
         let words: Vec<String> = changes().iter().map(Change::to_string).collect();
-        assert_eq!(words.len(), 20);
+        assert_eq!(words.len(), 24);
         assert_eq!(words[0], "unchanged");
         assert!(words.contains(&"mirrored, turned by 90 degrees to the right".to_owned()));
         assert!(words.contains(&"turned upside down".to_owned()));

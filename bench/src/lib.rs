@@ -47,7 +47,7 @@ pub use external::{ExternalRequest, FailureRequest, record_failure, run_external
 pub use metrics::{DepthPair, METRICS, Metric, Need, Sample, Undefined, ViewPair};
 pub use paired::{Difference, PairedComparison, StoredResult, WinsAndLosses, compare};
 pub use protocols::{PROTOCOLS, ProtocolEntry};
-pub use scoring::{DEFAULT_MEMORY_BYTES, Predictions, ScoreRequest, score};
+pub use scoring::{DEFAULT_MEMORY_BYTES, MetricChoice, Predictions, ScoreRequest, score};
 pub use split::{split, split_scene};
 pub use stability_report::{failed_rows, stability_table, write_stability};
 pub use validate::{Finding, ValidationReport, validate};

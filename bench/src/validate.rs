@@ -12,7 +12,7 @@ use crate::{
     error::BenchError,
     loaded_view::LoadedView,
     scoring::job::{ScoringJob, View},
-    scoring::{DEFAULT_MEMORY_BYTES, Predictions, ScoreRequest},
+    scoring::{DEFAULT_MEMORY_BYTES, MetricChoice, Predictions, ScoreRequest},
 };
 
 /// What a check found.
@@ -53,6 +53,7 @@ pub fn validate(
             method: String::new(),
             out: PathBuf::new(),
             memory_bytes: DEFAULT_MEMORY_BYTES,
+            metrics: MetricChoice::All,
         },
     };
     let job = ScoringJob::prepare(&request)?;

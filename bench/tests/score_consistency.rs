@@ -7,7 +7,7 @@ mod scoring;
 use std::{fs, path::Path};
 
 use omnilife_bench::{
-    Predictions, ScoreRequest,
+    BenchError, MetricChoice, Predictions, ScoreRequest,
     curve::{self, Clock},
     score,
 };
@@ -335,4 +335,30 @@ fn results_tell_scenes_of_one_name_apart() {
     let frame = other_images.at("scene").join(&original.frames[3].image);
     image(7, 0).write_png(&frame).unwrap();
     assert_ne!(other_images.score().unwrap().scene_sha256, same);
+}
+
+#[test]
+fn what_is_left_out_is_unavailable_and_the_rest_stays_the_same() {
+    let mut bench = Bench::new();
+    let whole = score(&bench.request, &Silent).unwrap();
+    bench.request.metrics = MetricChoice::only(&["psnr".to_owned()]).unwrap();
+    let quick = score(&bench.request, &Silent).unwrap();
+    assert_eq!(quick.novel_views["psnr"], whole.novel_views["psnr"]);
+    assert!(whole.novel_views.contains_key("ssim"));
+    assert!(!quick.novel_views.contains_key("ssim"));
+    let reason = quick
+        .unavailable
+        .iter()
+        .find(|missing| missing.view == "novel" && missing.metric == "ssim");
+    assert_eq!(reason.unwrap().reason, "left out for a quick look");
+    // A quick look does not stand for the whole one.
+    bench.request.metrics = MetricChoice::All;
+    assert_eq!(score(&bench.request, &Silent).unwrap(), whole);
+}
+
+#[test]
+fn a_metric_that_does_not_exist_is_refused_by_name() {
+    let unknown = MetricChoice::only(&["psnrr".to_owned()]).map_err(BenchError::from);
+    let line = unknown.unwrap_err().to_string();
+    assert!(line.contains("did you mean \"psnr\"?"), "{line}");
 }

@@ -123,6 +123,22 @@ def audit(browser, page, downloads, screenshot):
     browser.write("#add-time", "0.5")
     browser.click("#add button")
     expect("boundaries", len(browser.states()), count + 1)
+    times = browser.script("return rows.map(row => row.begin)")
+    expect("rows in order of time", times, sorted(times))
+    browser.script("document.querySelector('#boundaries li').focus()")
+    browser.press("u")
+    expect("boundaries after undoing", len(browser.states()), count)
+    browser.click("#add button")
+    browser.script("rows.find(row => row.decision).item.querySelector('button').click()")
+    expect("boundaries after removing what was added", len(browser.states()), count)
+    browser.click("#add button")
+    # What was decided is there again when the page is opened again.
+    before = sorted(browser.states())
+    browser.script("window.onbeforeunload = null; document.getElementById('status').textContent = ''")
+    browser.do("POST", "/refresh", {})
+    wait_for("page", lambda: browser.script("return document.readyState") == "complete")
+    expect("states of a page that was opened again", sorted(browser.states()), before)
+    browser.write("#author", "Kim")
     if screenshot:
         for scheme in ("light", "dark"):
             browser.do("POST", "/goog/cdp/execute", {

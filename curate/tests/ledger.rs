@@ -5,7 +5,7 @@ use std::{fs, path::Path};
 
 use omnilife_curate::ledger::{
     Ledger, Statement, Status,
-    agreement::{compare, matches},
+    agreement::{compare, matches, of_ledger},
     candidates,
     formats::{FORMATS, Frames, read_any},
     resolve,
@@ -271,6 +271,32 @@ fn agreement_counts_each_boundary_once() {
     let none = compare(&[], &[], range(), 0.1);
     assert_eq!((none.f1, none.kappa), (1.0, 1.0));
     assert_eq!(compare(&truth, &[], range(), 0.1).f1, 0.0);
+}
+
+/// An expert who accepts what a detector found says as much as one who draws it again.
+#[test]
+fn agreement_counts_what_was_accepted_or_moved() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut ledger = ledger(&folder.path().join("ledger.jsonl"));
+    let found = vec![between(100, 101), between(300, 301), between(500, 501)];
+    ledger.propose(&detector(), None, None, found).unwrap();
+    let moved = LedgerAction::Move {
+        id: 2,
+        boundary: between(310, 311),
+    };
+    let actions = vec![LedgerAction::Accept(1), moved, LedgerAction::Reject(3)];
+    ledger.decide(&decisions(actions)).unwrap();
+    let table = of_ledger(&ledger, 0.1);
+    let kim = Author::Expert("Kim".to_owned());
+    let with = |reference: Option<Author>| {
+        let entry = table
+            .iter()
+            .find(|entry| entry.author == kim && entry.reference == reference);
+        let agreement = &entry.unwrap().agreement;
+        (agreement.matched, agreement.reference, agreement.found)
+    };
+    assert_eq!(with(Some(detector())), (1, 3, 2));
+    assert_eq!(with(None), (2, 2, 2));
 }
 
 #[test]

@@ -39,6 +39,8 @@ pub struct LeaderboardRequest {
 pub struct Leaderboard {
     /// The table of all results in Markdown.
     pub markdown: String,
+    /// The same tables with the few columns that fit a terminal.
+    pub short: String,
     /// The first page of the site, where one was made.
     pub site: Option<PathBuf>,
 }
@@ -49,8 +51,20 @@ pub struct Leaderboard {
 /// When there are no results, a record cannot be read, results contradict each other, or a file
 /// cannot be written.
 pub fn build_leaderboard(request: &LeaderboardRequest) -> Result<Leaderboard, LeaderboardError> {
+    build_leaderboard_of(request, |_| true)
+}
+
+/// [`build_leaderboard`] of the results whose files `is_wanted` accepts.
+///
+/// # Errors
+/// Those of [`build_leaderboard`].
+pub fn build_leaderboard_of(
+    request: &LeaderboardRequest,
+    is_wanted: impl Fn(&Path) -> bool,
+) -> Result<Leaderboard, LeaderboardError> {
     let files = RecordFiles::below(&request.results)?;
-    let results = files.results()?;
+    let mut results = files.results()?;
+    results.retain(|(file, _)| is_wanted(file));
     let prepared = prepare(request, &files, &results, request.site)?;
     store::create_folder(&request.out)?;
     prepared.outputs.write(&request.out)?;
@@ -59,6 +73,7 @@ pub fn build_leaderboard(request: &LeaderboardRequest) -> Result<Leaderboard, Le
     }
     Ok(Leaderboard {
         markdown: prepared.markdown,
+        short: prepared.short,
         site: request.site.then(|| request.out.join(site::FIRST_PAGE)),
     })
 }
@@ -85,6 +100,7 @@ struct Prepared<'a> {
     groups: Vec<group::Group<'a>>,
     outputs: Outputs,
     markdown: String,
+    short: String,
 }
 
 fn prepare<'a>(
@@ -125,5 +141,6 @@ fn prepare<'a>(
         groups,
         outputs,
         markdown: all.markdown,
+        short: all.short,
     })
 }

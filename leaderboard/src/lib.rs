@@ -24,5 +24,7 @@ mod validate;
 
 pub use collect::collect;
 pub use error::LeaderboardError;
-pub use leaderboard::{Leaderboard, LeaderboardRequest, build_leaderboard, check_leaderboard};
+pub use leaderboard::{
+    Leaderboard, LeaderboardRequest, build_leaderboard, build_leaderboard_of, check_leaderboard,
+};
 pub use tables::{CSV_FILE, MARKDOWN_FILE, Tables, build};

@@ -127,6 +127,23 @@ impl Cell {
     }
 }
 
+impl Table {
+    /// The table with some of its columns.
+    pub(crate) fn with_columns(mut self, keep: impl Fn(&Column) -> bool) -> Self {
+        let kept: Vec<bool> = self.columns.iter().map(keep).collect();
+        let blocks = self.published.iter_mut().flat_map(|block| &mut block.rows);
+        for row in self.rows.iter_mut().chain(blocks) {
+            let mut stays = kept.iter();
+            row.cells
+                .retain(|_| stays.next().is_some_and(|&stays| stays));
+        }
+        let mut stays = kept.iter();
+        self.columns
+            .retain(|_| stays.next().is_some_and(|&stays| stays));
+        self
+    }
+}
+
 impl Column {
     pub(crate) fn of_score(group: &Group<'_>, index: usize, with_kind: bool) -> Self {
         let (quantity, direction) = &group.quantities[index];

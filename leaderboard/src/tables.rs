@@ -7,11 +7,12 @@ use omnilife_schemas::{records::ResultRecord, store};
 use crate::{
     error::LeaderboardError,
     format::slug,
-    group::{self, Group},
+    group::{self, Group, ViewKind},
     layouts::{self, LAYOUTS},
     outputs::Outputs,
     published::Paper,
     render, results_csv,
+    table::{Cell, Holds, Row, Table},
 };
 
 /// File name of the table of all results in Markdown.
@@ -28,6 +29,8 @@ pub(crate) const LAYOUT_FOLDER: &str = "tables";
 pub struct Tables {
     /// Content of [`MARKDOWN_FILE`].
     pub markdown: String,
+    /// The same tables with the few columns that fit a terminal.
+    pub short: String,
     /// Content of [`CSV_FILE`].
     pub csv: Vec<u8>,
     /// Where the Markdown is.
@@ -61,17 +64,58 @@ pub fn build(results: &[(PathBuf, ResultRecord)], out: &Path) -> Result<Tables, 
 /// The tables of all results; nothing is written.
 pub(crate) fn all_results(groups: &[Group<'_>], out: &Path) -> Result<Tables, LeaderboardError> {
     let mut markdown = String::from("# Leaderboard\n");
+    let mut short = String::new();
     for group in groups {
         markdown.push('\n');
         markdown.push_str(&render::markdown::render(&layouts::all_results(group), 2));
+        let table = short_table(group);
+        let lines = render::markdown::body(&table).join("\n");
+        short.push_str(&format!("{}\n\n{lines}\n", table.title));
     }
     let csv_file = out.join(CSV_FILE);
     Ok(Tables {
         markdown,
+        short,
         csv: results_csv::render(groups, &csv_file)?,
         markdown_file: out.join(MARKDOWN_FILE),
         csv_file,
     })
+}
+
+/// The scores by which methods are compared first: of novel views where they are scored, PSNR, SSIM
+/// and one LPIPS, and what training cost. The best method of a scene comes first.
+pub(crate) fn short_table(group: &Group<'_>) -> Table {
+    let has = |kind: ViewKind, metric: &str| {
+        let mut quantities = group.quantities.iter();
+        quantities.any(|(quantity, _)| quantity.kind == kind && quantity.metric == metric)
+    };
+    let kind = if has(ViewKind::Novel, "psnr") {
+        ViewKind::Novel
+    } else {
+        ViewKind::Input
+    };
+    let mut metrics = vec!["psnr", "ssim"];
+    let lpips = ["lpips-alex", "lpips-vgg"];
+    metrics.extend(lpips.into_iter().find(|metric| has(kind, metric)));
+    let has_failures = group.scene_rows.iter().any(|row| row.numbers.failures > 0);
+    let mut table = layouts::all_results(group).with_columns(|column| match &column.holds {
+        Holds::Score(quantity) => {
+            quantity.kind == kind && metrics.contains(&quantity.metric.as_str())
+        }
+        _ => column.name == "Training (s)" || (has_failures && column.name == "Failures"),
+    });
+    for scene in table.rows.chunk_by_mut(|a, b| a.names[0] == b.names[0]) {
+        scene.sort_by(|a, b| first_score(b).total_cmp(&first_score(a)));
+    }
+    table
+}
+
+/// The PSNR of a row; what has none comes last.
+fn first_score(row: &Row) -> f64 {
+    match row.cells.first() {
+        Some(Cell::Score(score)) => score.value,
+        _ => f64::NEG_INFINITY,
+    }
 }
 
 /// The tables in the layouts of the paper,
@@ -94,7 +138,7 @@ pub(crate) fn add_layouts(
                 continue;
             }
             let path = |extension: &str| format!("{folder}/{}.{extension}", layout.id);
-            let join = |render: &dyn Fn(&crate::table::Table) -> String| {
+            let join = |render: &dyn Fn(&Table) -> String| {
                 tables.iter().map(render).collect::<Vec<_>>().join("\n")
             };
             outputs.add(

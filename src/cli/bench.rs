@@ -7,6 +7,7 @@ use omnilife_bench::{DEFAULT_MEMORY_BYTES, PROTOCOLS, curve::Clock};
 
 use super::{
     bench_run::BenchRunArguments,
+    places,
     reconstruct::{BackendArgument, MethodArguments},
 };
 
@@ -29,7 +30,8 @@ impl From<ClockArgument> for Clock {
 pub(crate) enum BenchCommand {
     /// Writes the split of a scene.
     Split {
-        /// The scene.json.
+        /// The scene.json, or its folder.
+        #[arg(value_parser = places::scene_file())]
         scene: PathBuf,
         /// The split.json to write.
         #[arg(long)]
@@ -42,11 +44,11 @@ pub(crate) enum BenchCommand {
     External {
         /// The method.toml.
         method: PathBuf,
-        /// The scene.json.
-        #[arg(long)]
+        /// The scene.json, or its folder.
+        #[arg(long, value_parser = places::scene_file())]
         scene: PathBuf,
         /// The split.json.
-        #[arg(long)]
+        #[arg(long, value_parser = places::split_file())]
         split: PathBuf,
         /// Folder of the run.
         #[arg(long)]
@@ -59,11 +61,11 @@ pub(crate) enum BenchCommand {
     Failed {
         /// Name of the method in the tables.
         method: String,
-        /// The scene.json.
-        #[arg(long)]
+        /// The scene.json, or its folder.
+        #[arg(long, value_parser = places::scene_file())]
         scene: PathBuf,
         /// The split.json.
-        #[arg(long)]
+        #[arg(long, value_parser = places::split_file())]
         split: PathBuf,
         /// Seed of the run.
         #[arg(long, default_value_t = 0)]
@@ -78,17 +80,17 @@ pub(crate) enum BenchCommand {
     /// Scores predictions: a run, or folders of files named by frame: 8-bit images
     /// (000004.png), or arrays of values in [0, 1] (000004.npy).
     Score {
-        /// The scene.json.
-        #[arg(long)]
+        /// The scene.json, or its folder.
+        #[arg(long, value_parser = places::scene_file())]
         scene: PathBuf,
         /// The split.json.
-        #[arg(long)]
+        #[arg(long, value_parser = places::split_file())]
         split: PathBuf,
         /// Folder for the scores.
         #[arg(long)]
         out: PathBuf,
-        /// The run.json of a run of ours, or the external-run.json of anyone's.
-        #[arg(long, conflicts_with_all = ["novel_views", "input_views"])]
+        /// The folder of a run, or the run.json (ours) or external-run.json (anyone's) in it.
+        #[arg(long, value_parser = places::run_file(), conflicts_with_all = ["novel_views", "input_views"])]
         run: Option<PathBuf>,
         /// Folder of predicted novel views.
         #[arg(long, required_unless_present_any = ["run", "input_views"])]
@@ -102,6 +104,12 @@ pub(crate) enum BenchCommand {
         /// Memory that views may take together, gigabytes: how many are scored at once.
         #[arg(long, value_name = "GB", default_value_t = DEFAULT_MEMORY_BYTES as f64 / 1e9)]
         memory: f64,
+        /// Computes these metrics alone, for a quick look: the others are unavailable in the result.
+        #[arg(long, value_name = "METRIC", value_delimiter = ',')]
+        metrics: Vec<String>,
+        /// Computes no metric that needs a network, for a quick look: LPIPS takes most of the time.
+        #[arg(long, conflicts_with = "metrics")]
+        without_lpips: bool,
     },
     /// Checks predictions before they are scored: lists what is missing, too much, of another size
     /// or depth, black, repeated, or the ground truth itself.
@@ -109,14 +117,14 @@ pub(crate) enum BenchCommand {
         /// Folder of predicted novel views.
         #[arg(required_unless_present_any = ["run", "input_views"])]
         novel_views: Option<PathBuf>,
-        /// The scene.json.
-        #[arg(long)]
+        /// The scene.json, or its folder.
+        #[arg(long, value_parser = places::scene_file())]
         scene: PathBuf,
         /// The split.json.
-        #[arg(long)]
+        #[arg(long, value_parser = places::split_file())]
         split: PathBuf,
-        /// The run.json of a run of ours, or the external-run.json of anyone's.
-        #[arg(long, conflicts_with_all = ["novel_views", "input_views"])]
+        /// The folder of a run, or the run.json (ours) or external-run.json (anyone's) in it.
+        #[arg(long, value_parser = places::run_file(), conflicts_with_all = ["novel_views", "input_views"])]
         run: Option<PathBuf>,
         /// Folder of predicted input views.
         #[arg(long)]
@@ -135,11 +143,11 @@ pub(crate) enum BenchCommand {
     ///
     /// `bench score` says so too, in the warnings of a result. No score is of a changed view.
     Diagnose {
-        /// The scene.json.
-        #[arg(long)]
+        /// The scene.json, or its folder.
+        #[arg(long, value_parser = places::scene_file())]
         scene: PathBuf,
         /// The split.json.
-        #[arg(long)]
+        #[arg(long, value_parser = places::split_file())]
         split: PathBuf,
         /// Folder of predicted novel views.
         #[arg(long, required_unless_present = "input_views")]
@@ -183,7 +191,8 @@ pub(crate) enum BenchCommand {
     /// Trains a method for dynamic scenes with all components and without one after the other, and
     /// scores each: the rows of the ablation of Omni4DGS.
     Ablate {
-        /// The scene.json.
+        /// The scene.json, or its folder.
+        #[arg(value_parser = places::scene_file())]
         scene: PathBuf,
         /// Folder of the runs, their scores and the table.
         #[arg(long)]

@@ -20,6 +20,7 @@ use super::dataset::{
 use crate::exit::BadRequest;
 
 #[derive(Debug, Args)]
+#[command(next_help_heading = "Sampling and shots")]
 pub(crate) struct CurationArguments {
     /// Samples this many frames per second.
     #[arg(long, conflicts_with = "max_frames")]
@@ -67,6 +68,7 @@ fn parse_accept(text: &str) -> Result<VideoProjection, String> {
 }
 
 #[derive(Debug, Args)]
+#[command(next_help_heading = "Camera poses")]
 pub(crate) struct PoseArguments {
     /// Camera poses: a poses.json or a folder with a COLMAP text model [default: structure from
     /// motion].
@@ -94,6 +96,7 @@ impl PoseArguments {
 
 /// What is known of the frames beside their cameras, for the metrics that ask for it.
 #[derive(Debug, Args)]
+#[command(next_help_heading = "Ground truth")]
 pub(crate) struct TruthArguments {
     /// Folder of distances along the rays: 16-bit grey PNG files named like the frames, 0 where the
     /// distance is not known.
@@ -307,6 +310,7 @@ pub(crate) struct BuildArguments {
 
 /// What the process that curates a video may use.
 #[derive(Debug, Args)]
+#[command(next_help_heading = "Limits")]
 pub(crate) struct MemoryLimitArguments {
     /// Memory that curating one video may take, GiB; a video that asks for more has failed, and the
     /// others go on (Linux) [default: three quarters of the machine's].

@@ -10,6 +10,8 @@ use omnilife_curate::{
     publish::PublishSettings,
 };
 
+use super::places;
+
 /// `curate slice`.
 #[derive(Debug, Args)]
 pub(crate) struct SliceArguments {
@@ -75,13 +77,14 @@ impl AnnotateArguments {
 /// `curate export`.
 #[derive(Debug, Args)]
 pub(crate) struct ExportArguments {
-    /// Folder with a scene.json.
+    /// The scene.json, or its folder.
+    #[arg(value_parser = places::scene_folder())]
     pub(crate) scene: PathBuf,
-    /// What to write: openmvg, colmap, nerfstudio or hm3d.
+    /// What to write.
     #[arg(long, value_parser = parse_format)]
     pub(crate) format: String,
     /// Marks the novel views of this split.json as test frames, where the format can.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = places::split_file())]
     pub(crate) split: Option<PathBuf>,
     /// Folder to fill.
     #[arg(long)]
@@ -93,7 +96,7 @@ pub(crate) struct ExportArguments {
 pub(crate) struct ImportArguments {
     /// Folder in another tool's format.
     pub(crate) folder: PathBuf,
-    /// Which: openmvg, colmap, nerfstudio or hm3d.
+    /// Which.
     #[arg(long, value_parser = parse_format)]
     pub(crate) format: String,
     /// Name of the scene [default: the folder's].

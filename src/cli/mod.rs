@@ -4,14 +4,20 @@ mod bench;
 mod bench_run;
 mod curate;
 mod dataset;
+mod guide;
 mod leaderboard;
+mod places;
 mod reconstruct;
+#[cfg(test)]
+mod reference;
 mod run;
+mod suggestion;
 mod sweep;
 
 pub(crate) use bench::BenchCommand;
 pub(crate) use bench_run::BenchRunArguments;
-use clap::{Parser, Subcommand};
+use clap::{Command as ClapCommand, FromArgMatches, Parser, Subcommand};
+use clap_complete::Shell;
 pub(crate) use curate::{
     BuildArguments, CurateArguments, CurateCommand, CurationSettingsArguments, LedgerCommand,
     MemoryLimitArguments,
@@ -63,8 +69,38 @@ pub(crate) enum Command {
     /// Many videos, or many methods, scenes and seeds: on this machine, or on a Slurm cluster.
     #[command(subcommand)]
     Sweep(SweepCommand),
+    /// Prints completions for a shell.
+    Completions {
+        /// The shell.
+        shell: Shell,
+    },
     /// What is installed, and what each missing thing would enable.
-    Doctor,
+    Doctor {
+        /// Prints the report as JSON.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+impl Cli {
+    /// What was asked for; ends the process where it was not understood, or was help.
+    pub(crate) fn of_arguments() -> Self {
+        let command = command();
+        let parsed = command
+            .clone()
+            .try_get_matches()
+            .and_then(|matches| Self::from_arg_matches(&matches));
+        parsed.unwrap_or_else(|error| {
+            let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
+            let words: Vec<String> = words.collect();
+            suggestion::with_tip(error, &command, &words).exit()
+        })
+    }
+}
+
+/// The whole command line, with examples and lists of values.
+pub(crate) fn command() -> ClapCommand {
+    guide::command()
 }
 
 #[cfg(test)]

@@ -11,9 +11,11 @@ use omnilife_reconstruct::{
     request::{BackendChoice, MethodRequest, PlanChoice},
 };
 
+use super::places;
 use crate::exit::BadRequest;
 
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Method")]
 pub(crate) struct MethodArguments {
     /// Reconstruction method.
     #[arg(long, default_value = METHODS[0].id)]
@@ -60,6 +62,16 @@ pub(crate) enum BackendArgument {
     Gpu,
 }
 
+impl BackendArgument {
+    /// The word on a command line.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Cpu => "cpu",
+            Self::Gpu => "gpu",
+        }
+    }
+}
+
 impl From<BackendArgument> for BackendChoice {
     fn from(argument: BackendArgument) -> Self {
         match argument {
@@ -101,13 +113,58 @@ impl MethodArguments {
     }
 }
 
+impl MethodArguments {
+    /// The arguments of a command line that says the same.
+    pub(crate) fn words(&self) -> Vec<String> {
+        // All fields, so that none is forgotten.
+        let Self {
+            method,
+            budget,
+            seed,
+            options,
+            with,
+            without,
+            plan,
+            backend,
+            trace,
+            trace_views,
+            checkpoint_every,
+        } = self;
+        let list = |names: &[String]| (!names.is_empty()).then(|| names.join(","));
+        let plan = match plan {
+            PlanChoice::Auto => "auto".to_owned(),
+            PlanChoice::Full => "full".to_owned(),
+            PlanChoice::Only(names) => names.join(","),
+        };
+        let given = [
+            ("--method", Some(method.clone())),
+            ("--budget", budget.map(|seconds| seconds.to_string())),
+            ("--seed", Some(seed.to_string())),
+            ("--with", list(with)),
+            ("--without", list(without)),
+            ("--plan", Some(plan)),
+            ("--backend", Some(backend.name().to_owned())),
+            ("--trace", trace.map(|every| every.to_string())),
+            ("--trace-views", trace_views.map(|count| count.to_string())),
+            ("--checkpoint-every", Some(checkpoint_every.to_string())),
+        ];
+        let set = options.iter().map(|option| ("--set", Some(option.clone())));
+        given
+            .into_iter()
+            .chain(set)
+            .filter_map(|(option, value)| Some([option.to_owned(), value?]))
+            .flatten()
+            .collect()
+    }
+}
+
 #[derive(Debug, Args)]
 pub(crate) struct RenderArguments {
     /// A run's folder, or a PLY of Gaussians as 3DGS writes it.
     pub(crate) gaussians: PathBuf,
     /// A poses.json or scene.json, whose poses are used as they stand; a run that refined poses leaves
-    /// them in refined-poses.json.
-    #[arg(long)]
+    /// them in refined-poses.json. A folder stands for the scene.json in it.
+    #[arg(long, value_parser = places::poses())]
     pub(crate) poses: PathBuf,
     /// Folder of the images.
     #[arg(long)]
@@ -198,26 +255,29 @@ fn size(text: &str) -> Result<[u32; 2], String> {
 pub(crate) enum ReconstructCommand {
     /// Trains a method on a scene's input views and renders all views of the split.
     Train {
-        /// The scene.json.
+        /// The scene.json, or its folder.
+        #[arg(value_parser = places::scene_file())]
         scene: PathBuf,
         /// The split.json.
-        #[arg(long)]
+        #[arg(long, value_parser = places::split_file())]
         split: PathBuf,
         /// Folder of the run.
         #[arg(long)]
         out: PathBuf,
         #[command(flatten)]
         method: MethodArguments,
-        /// Optimizer steps; schedules scale with them.
+        /// Optimizer steps, as many as the published protocol has; schedules scale with them. `run` and
+        /// `bench run` have 1500.
         #[arg(long, default_value_t = 30_000)]
         iterations: u64,
     },
     /// Prints which components a method has on a scene, on what evidence, and what that saves.
     Plan {
-        /// The scene.json.
+        /// The scene.json, or its folder.
+        #[arg(value_parser = places::scene_file())]
         scene: PathBuf,
         /// The split.json.
-        #[arg(long)]
+        #[arg(long, value_parser = places::split_file())]
         split: PathBuf,
         #[command(flatten)]
         method: MethodArguments,

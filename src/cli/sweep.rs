@@ -71,6 +71,7 @@ pub(crate) enum PlanCommand {
 }
 
 #[derive(Debug, Args)]
+#[command(next_help_heading = "Units")]
 pub(crate) struct PlanArguments {
     /// Folder of the sweep.
     #[arg(long)]

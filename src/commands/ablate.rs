@@ -4,19 +4,18 @@
 
 use std::{path::Path, time::Instant};
 
-use omnilife_bench::{ScoreRequest, score, split_scene};
-use omnilife_reconstruct::{
-    jobs::reconstruct::{self, ReconstructRequest},
-    methods::{self, Method},
-};
+use omnilife_bench::split_scene;
+use omnilife_reconstruct::methods::{self, Method};
 use omnilife_schemas::{
-    layout::SPLIT_FILE, lock::FolderLock, progress::Progress, records::ResultRecord,
+    ErrorKind, layout::SPLIT_FILE, lock::FolderLock, progress::Progress, records::ResultRecord,
     stage::StagePlan, store,
 };
 
+use super::pooled;
 use crate::{
     cli::MethodArguments,
-    exit::{self, BadRequest},
+    exit::{self, BadRequest, PartialFailure},
+    plans::ablation,
 };
 
 /// The components that the ablation of Omni4DGS leaves out, one at a time (its Table 6).
@@ -33,7 +32,7 @@ const TABLE_FILE: &str = "ablation.md";
 /// Runs every row, or takes it from the folder where nothing has changed; prints the table.
 ///
 /// # Errors
-/// When the method has no such component, or a run fails.
+/// When the method has no such component, or a run fails; the others are in the table.
 pub(crate) fn execute(
     scene: &Path,
     out: &Path,
@@ -51,50 +50,67 @@ pub(crate) fn execute(
         ))
         .into());
     }
+    // What is wrong with the request should not be found out by every row.
+    method.check(&arguments.request(iterations)?, arguments.backend.into())?;
     let _lock = FolderLock::take(out, progress)?;
     let begun = Instant::now();
     let summary = StagePlan::new(out, "ablation");
     summary.claim([TABLE_FILE])?;
     let split = out.join(SPLIT_FILE);
     split_scene(scene, protocol, &split)?;
+    let request = ablation::AblationRequest {
+        scene,
+        split: &split,
+        out,
+        arguments,
+        iterations,
+        needs: pooled::needs(None)?,
+    };
+    let units = rows.iter().map(|row| request.unit(method, *row));
+    let units = units.collect::<anyhow::Result<_>>()?;
     let mut table = String::new();
-    for without in rows {
-        // The names by which the leaderboard lays out ablations.
-        let name = without.map_or_else(
-            || method.id.to_owned(),
-            |component| format!("{}-without-{component}", method.id),
-        );
-        progress.note(&name);
-        let mut settings = arguments.request(iterations)?;
-        settings.without.extend(without.map(str::to_owned));
-        let folder = out.join(&name);
-        let run = folder.join("run");
-        reconstruct::reconstruct(
-            &ReconstructRequest {
-                scene: scene.to_owned(),
-                split: split.clone(),
-                method: method.id.to_owned(),
-                settings,
-                backend: arguments.backend.into(),
-                checkpoint_every: arguments.checkpoint_every,
-                trace_views: arguments.trace_views,
-                out: run.clone(),
-            },
-            progress,
-        )?;
-        let record = run.join(reconstruct::RUN_FILE);
-        let mut request = ScoreRequest::of_run(scene, &split, &record, &folder.join("score"))?;
-        request.method.clone_from(&name);
-        let result = score(&request, progress)?;
-        if table.is_empty() {
-            table = header(method, &result);
+    let mut failures = Vec::new();
+    for (unit, state) in pooled::run_units(out, units, progress)? {
+        if let Some((reason, blame)) = pooled::failure(&state) {
+            failures.push((unit.id, reason, blame));
+            continue;
         }
-        table += &row(&name, &result);
+        for file in &unit.outputs {
+            let result: ResultRecord = store::read_record(Path::new(file))?;
+            if table.is_empty() {
+                table = header(method, &result);
+            }
+            table += &row(&result);
+        }
+    }
+    for (name, reason, _) in &failures {
+        table += &format!("\n{name} failed: {reason}\n");
     }
     let path = out.join(TABLE_FILE);
     store::write_bytes(&path, table.as_bytes())?;
     summary.finish([TABLE_FILE], begun.elapsed().as_secs_f64())?;
-    exit::print(&format!("{table}\n{}\n", path.display()))
+    exit::print(&format!("{table}\n{}\n", path.display()))?;
+    as_result(&failures, rows.len())
+}
+
+/// An error where a row failed.
+fn as_result(failures: &[(String, String, ErrorKind)], rows: usize) -> anyhow::Result<()> {
+    let Some((name, reason, _)) = failures.first() else {
+        return Ok(());
+    };
+    let is_ours = |(_, _, blame): &(String, String, ErrorKind)| *blame == ErrorKind::Internal;
+    Err(PartialFailure {
+        message: format!(
+            "{} of {rows} rows failed, the first: {name}: {reason}",
+            failures.len()
+        ),
+        blame: if failures.iter().any(is_ours) {
+            ErrorKind::Internal
+        } else {
+            ErrorKind::User
+        },
+    }
+    .into())
 }
 
 /// Everything, then everything but one.
@@ -121,7 +137,7 @@ fn header(method: &Method, result: &ResultRecord) -> String {
     )
 }
 
-fn row(name: &str, result: &ResultRecord) -> String {
+fn row(result: &ResultRecord) -> String {
     let scores: String = result
         .input_views
         .values()
@@ -129,7 +145,8 @@ fn row(name: &str, result: &ResultRecord) -> String {
         .map(|summary| format!(" {:.4} |", summary.mean))
         .collect();
     format!(
-        "| {name} |{scores} {} | {:.1} |\n",
+        "| {} |{scores} {} | {:.1} |\n",
+        result.method,
         result.primitives.unwrap_or_default(),
         result.training_seconds.unwrap_or_default()
     )

@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use omnilife_bench::{
-    ADAPTERS, DEFAULT_MEMORY_BYTES, Diagnosis, ExternalRequest, FailureRequest, METRICS, PROTOCOLS,
-    Predictions, ScoreRequest, curves, curves_table, diagnose, record_failure, run_external, score,
-    split_scene, write_adapter,
+    ADAPTERS, BenchError, DEFAULT_MEMORY_BYTES, Diagnosis, ExternalRequest, FailureRequest,
+    METRICS, MetricChoice, PROTOCOLS, Predictions, ScoreRequest, curves, curves_table, diagnose,
+    record_failure, run_external, score, split_scene, write_adapter,
 };
 use omnilife_schemas::{
     lock::FolderLock,
@@ -85,6 +85,8 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             input_views,
             method,
             memory,
+            metrics,
+            without_lpips,
         } => {
             let mut request = match (run, method) {
                 (Some(run), None) => ScoreRequest::of_run(scene, split, run, out)?,
@@ -101,12 +103,18 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
                     method: method.clone(),
                     out: out.clone(),
                     memory_bytes: DEFAULT_MEMORY_BYTES,
+                    metrics: MetricChoice::All,
                 },
                 (None, None) => {
                     return Err(BadRequest("predictions need a --method name".to_owned()).into());
                 }
             };
             request.memory_bytes = (memory * 1e9).max(0.0) as u64;
+            request.metrics = match (without_lpips, metrics.as_slice()) {
+                (true, _) => MetricChoice::WithoutNetworks,
+                (false, []) => MetricChoice::All,
+                (false, ids) => MetricChoice::only(ids).map_err(BenchError::from)?,
+            };
             let result = score(&request, progress)?;
             exit::print(&summary(&result))
         }
@@ -144,6 +152,7 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
                 method: String::new(),
                 out: PathBuf::new(),
                 memory_bytes: DEFAULT_MEMORY_BYTES,
+                metrics: MetricChoice::All,
             })?;
             exit::print(&diagnosis_text(&diagnosis))
         }

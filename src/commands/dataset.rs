@@ -123,7 +123,10 @@ pub(crate) fn verify(dataset: &Path, progress: &dyn Progress) -> anyhow::Result<
             .collect::<String>(),
     )?;
     Err(PartialFailure {
-        message: format!("{}: {} faults", dataset.display(), faults.len()),
+        message: match faults.len() {
+            1 => format!("{}: 1 fault", dataset.display()),
+            count => format!("{}: {count} faults", dataset.display()),
+        },
         blame: ErrorKind::User,
     }
     .into())

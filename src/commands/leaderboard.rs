@@ -35,5 +35,6 @@ fn build(arguments: &LeaderboardBuildArguments, progress: &dyn Progress) -> anyh
     let site = built
         .site
         .map_or_else(String::new, |page| format!("\nSite: {}\n", page.display()));
-    exit::print(&format!("{}{site}", built.markdown))
+    let table = exit::for_reader(&built.short, &built.markdown);
+    exit::print(&format!("{table}{site}"))
 }

@@ -9,19 +9,34 @@ pub(crate) mod curate;
 pub(crate) mod dataset;
 pub(crate) mod leaderboard;
 mod ledger;
+mod pooled;
 pub(crate) mod reconstruct;
 mod submission;
 pub(crate) mod sweep;
 mod video;
 
-use anyhow::bail;
+use std::io::{self, Write};
 
-use crate::{doctor, exit};
+use anyhow::bail;
+use clap_complete::Shell;
+
+use crate::{cli, doctor, exit};
+
+/// `omnilife completions`.
+pub(crate) fn completions(shell: Shell) -> anyhow::Result<()> {
+    let mut script = Vec::new();
+    clap_complete::generate(shell, &mut cli::command(), "omnilife", &mut script);
+    Ok(io::stdout().write_all(&script)?)
+}
 
 /// `omnilife doctor`.
-pub(crate) fn doctor() -> anyhow::Result<()> {
+pub(crate) fn doctor(as_json: bool) -> anyhow::Result<()> {
     let report = doctor::report();
-    exit::print(&report.to_string())?;
+    if as_json {
+        curate::print_json(&report)?;
+    } else {
+        exit::print(&report.to_string())?;
+    }
     if !report.is_sound() {
         bail!("something that the main job needs is missing");
     }

@@ -9,7 +9,7 @@ use std::{
 };
 
 use omnilife_bench::{
-    DEFAULT_MEMORY_BYTES, Predictions, ScoreRequest, score, split_scene, validate,
+    DEFAULT_MEMORY_BYTES, MetricChoice, Predictions, ScoreRequest, score, split_scene, validate,
 };
 use omnilife_leaderboard::submission::{self, PackRequest, Verified};
 use omnilife_schemas::{
@@ -148,6 +148,7 @@ fn score_again(
             method: verified.submission.card.method.clone(),
             out: work.join("score"),
             memory_bytes: DEFAULT_MEMORY_BYTES,
+            metrics: MetricChoice::All,
         },
         progress,
     )?)

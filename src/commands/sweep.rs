@@ -60,7 +60,7 @@ fn make_plan(command: &PlanCommand) -> anyhow::Result<()> {
             (&plan.out, units, vec![reduce])
         }
         PlanCommand::Bench(arguments) => {
-            let (units, reduce) = plans::benchmark::units(arguments)?;
+            let (units, reduce) = plans::benchmark::sweep(arguments)?;
             (&arguments.plan.out, units, vec![reduce])
         }
         PlanCommand::Commands { file, plan, reduce } => {

@@ -30,34 +30,46 @@ use omnilife_sweep::plan;
 use super::{absolute, argument, needs, own_command, words};
 use crate::{cli::BenchPlanArguments, exit::BadRequest};
 
-/// Units that score one method each, and the command that makes tables of their results.
+/// What is scored on what.
+pub(crate) struct BenchmarkRequest<'a> {
+    /// Folder of the results.
+    pub(crate) results: &'a Path,
+    /// Scenes, or folders that are searched for them.
+    pub(crate) scenes: &'a [PathBuf],
+    /// The methods, each once.
+    pub(crate) methods: &'a [Method],
+    /// Protocols by name.
+    pub(crate) protocols: &'a [String],
+    /// Seeds; repetitions of methods that learn nothing are left out.
+    pub(crate) seeds: &'a [u64],
+    /// Options of `reconstruct train` for the methods that are trained.
+    pub(crate) train: &'a [String],
+    /// What a unit takes of the machine.
+    pub(crate) needs: UnitNeeds,
+}
+
+/// Units that score one method each.
 ///
 /// # Errors
-/// When a scene, method or protocol is not known, or the options are not understood.
-pub(crate) fn units(
-    arguments: &BenchPlanArguments,
-) -> anyhow::Result<(Vec<SweepUnit>, Vec<String>)> {
-    let results = absolute(&arguments.results)?;
-    let scenes = scenes(&arguments.scenes)?;
-    let methods: Vec<Method> = (arguments.methods.iter())
-        .map(|name| Method::find(name))
-        .collect::<Result<_, _>>()?;
-    for protocol in &arguments.protocols {
+/// When a scene or protocol is not known, or the options are not understood.
+pub(crate) fn units(request: &BenchmarkRequest<'_>) -> anyhow::Result<Vec<SweepUnit>> {
+    let results = absolute(request.results)?;
+    let scenes = scenes(request.scenes)?;
+    for protocol in request.protocols {
         protocols::protocol(protocol)?;
     }
-    if !arguments.train.is_empty() && !methods.iter().any(Method::is_trained) {
-        let options = arguments.train.join(" ");
+    if !request.train.is_empty() && !request.methods.iter().any(Method::is_trained) {
+        let options = request.train.join(" ");
         let reason =
             format!("{options}: options of a training, and none of the methods is trained");
         return Err(BadRequest(reason).into());
     }
-    let needs = needs(&arguments.plan)?;
     let mut units = Vec::new();
     // What is cut short has whole repetitions, not whole scenes.
-    for (repetition, seed) in arguments.seeds.iter().enumerate() {
+    for (repetition, seed) in request.seeds.iter().enumerate() {
         for (id, file) in &scenes {
-            for protocol in &arguments.protocols {
-                for method in &methods {
+            for protocol in request.protocols {
+                for method in request.methods {
                     if repetition > 0 && method.has_no_seed() {
                         continue;
                     }
@@ -67,14 +79,34 @@ pub(crate) fn units(
                         protocol,
                         method,
                         seed: *seed,
-                        train: &arguments.train,
-                        needs,
+                        train: request.train,
+                        needs: request.needs,
                     };
                     units.push(work.unit()?);
                 }
             }
         }
     }
+    Ok(units)
+}
+
+/// The units of `sweep plan bench`, and the command that makes tables of their results.
+///
+/// # Errors
+/// When a scene, method or protocol is not known, or the options are not understood.
+pub(crate) fn sweep(
+    arguments: &BenchPlanArguments,
+) -> anyhow::Result<(Vec<SweepUnit>, Vec<String>)> {
+    let units = units(&BenchmarkRequest {
+        results: &arguments.results,
+        scenes: &arguments.scenes,
+        methods: &methods(&arguments.methods)?,
+        protocols: &arguments.protocols,
+        seeds: &arguments.seeds,
+        train: &arguments.train,
+        needs: needs(&arguments.plan)?,
+    })?;
+    let results = absolute(&arguments.results)?;
     let board = argument(&results.join("leaderboard"))?;
     let reduce = words(&[
         "leaderboard",
@@ -84,6 +116,22 @@ pub(crate) fn units(
         &board,
     ]);
     Ok((units, own_command(reduce)?))
+}
+
+/// The methods of these names and method.toml files, each once: results are told apart by them.
+///
+/// # Errors
+/// When one is not known, is no method, or is given twice.
+pub(crate) fn methods(names: &[String]) -> anyhow::Result<Vec<Method>> {
+    let mut methods: Vec<Method> = Vec::new();
+    for name in names {
+        let method = Method::find(name)?;
+        if methods.iter().any(|other| other.id == method.id) {
+            return Err(BadRequest(format!("method {} is given twice", method.id)).into());
+        }
+        methods.push(method);
+    }
+    Ok(methods)
 }
 
 /// Ids and files of scenes, sorted by id.
@@ -132,7 +180,7 @@ fn search(folder: &Path, found: &mut Vec<PathBuf>) -> anyhow::Result<()> {
 }
 
 /// Where the results of a scene stand, below the folder of all results; never outside of it.
-pub(crate) fn scene_folder(id: &str) -> PathBuf {
+fn scene_folder(id: &str) -> PathBuf {
     id.split('/').map(plan::file_name).collect()
 }
 
@@ -155,7 +203,7 @@ impl Method {
     ///
     /// # Errors
     /// When there is none, or the file is no method.
-    pub(crate) fn find(name: &str) -> anyhow::Result<Self> {
+    fn find(name: &str) -> anyhow::Result<Self> {
         if name.ends_with(".toml") {
             let manifest = absolute(Path::new(name))?;
             return Ok(Self {
@@ -173,12 +221,12 @@ impl Method {
 
 impl Method {
     /// Whether this program trains it.
-    fn is_trained(&self) -> bool {
+    pub(crate) fn is_trained(&self) -> bool {
         matches!(self.kind, MethodKind::Ours(method) if method.is_trained())
     }
 
     /// Whether another seed would give the same views.
-    pub(crate) fn has_no_seed(&self) -> bool {
+    fn has_no_seed(&self) -> bool {
         matches!(self.kind, MethodKind::Ours(method) if !method.is_trained())
     }
 }

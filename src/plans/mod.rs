@@ -1,5 +1,6 @@
 //! What the units of a sweep are: which commands, which inputs, which outputs.
 
+pub(crate) mod ablation;
 pub(crate) mod benchmark;
 pub(crate) mod curation;
 pub(crate) mod lines;

@@ -6,6 +6,7 @@
 //! OUT/dataset.json                         every video with its outcome
 //! OUT/outcomes.csv                         every sequence with its outcome
 //! OUT/table.md, OUT/table.csv              the scores
+//! OUT/leaderboard/site/index.html          the same to look at, with rendered views
 //! OUT/videos/<video>/boundaries.json, ...
 //! OUT/videos/<video>/seq-000/sequence.json, frames/, scene.json, points.ply
 //! OUT/videos/<video>/seq-000/<protocol>/split.json
@@ -22,13 +23,14 @@ use std::{
 
 use omnilife_bench::{ScoreRequest, score, split_scene};
 use omnilife_curate::{PoseRequest, curate_dataset_in, expand_inputs, pose_sequence};
+use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard_of};
 use omnilife_reconstruct::{
     jobs::reconstruct::{self, ReconstructRequest},
     request::{BackendChoice, MethodRequest},
 };
 use omnilife_schemas::{
     Classified, ErrorKind,
-    layout::{SCENE_FILE, SPLIT_FILE},
+    layout::{DATASET_FILE, SCENE_FILE, SPLIT_FILE},
     progress::Progress,
     records::{Dataset, ResultRecord, VideoStatus},
     stage::StagePlan,
@@ -43,6 +45,10 @@ use crate::{
 };
 use outcome::{Outcome, Outcomes};
 
+/// Folder of tables in all layouts and of the site.
+const BOARD_FOLDER: &str = "leaderboard";
+/// Rendered views that the site shows per scene and method.
+const SITE_VIEWS: usize = 4;
 /// File of the summary.
 const OUTCOMES_FILE: &str = "outcomes.csv";
 /// The files of the summary and of the table.
@@ -72,6 +78,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
     // What is wrong with the request should not be found out after an hour of work.
     reconstruct::check(&job.method, &job.settings, job.backend)?;
     omnilife_bench::protocols::protocol(&job.protocol)?;
+    job.refuse_missing_poses()?;
     if job.poses_are_given() && videos.len() > 1 {
         return Err(BadRequest(format!(
             "--poses belongs to one video, {} were given",
@@ -127,7 +134,11 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
         sequences.iter().any(|folder| file.starts_with(folder))
             && !failed.iter().any(|folder| file.starts_with(folder))
     };
-    let printed = report(&arguments.out, &outcomes, is_current);
+    let first = sequences
+        .iter()
+        .find(|folder| is_current(&job.method_folder(folder)));
+    let next = first.map_or_else(String::new, |folder| job.next_commands(folder));
+    let printed = report(&arguments.out, &outcomes, is_current, &next);
     let made = SUMMARY_FILES
         .iter()
         .filter(|file| arguments.out.join(file).is_file());
@@ -142,6 +153,7 @@ fn report(
     out: &Path,
     outcomes: &Outcomes,
     is_current: impl Fn(&Path) -> bool,
+    next: &str,
 ) -> anyhow::Result<()> {
     if outcomes.scored() == 0 {
         // Tables of an earlier run would look like this one's.
@@ -156,12 +168,23 @@ fn report(
     let mut results = omnilife_leaderboard::collect(out)?;
     results.retain(|(file, _)| is_current(file));
     let tables = omnilife_leaderboard::build(&results, out)?;
+    let board = build_leaderboard_of(
+        &LeaderboardRequest {
+            results: out.to_owned(),
+            out: out.join(BOARD_FOLDER),
+            dataset: Some(out.join(DATASET_FILE)),
+            page: None,
+            site: true,
+            views: SITE_VIEWS,
+        },
+        is_current,
+    )?;
     exit::print(&format!(
-        "{}\n{}\nTable: {}\nRendered views beside their ground truth: {}\n",
-        tables.markdown,
+        "{}\n{}\nTable: {}\nTo be opened in a browser: {}\n{next}",
+        exit::for_reader(&tables.short, &tables.markdown),
         outcomes.text(),
         tables.markdown_file.display(),
-        out.join("videos/*/seq-*/*/*/score/comparisons").display()
+        board.site.unwrap_or_default().display()
     ))
 }
 
@@ -180,6 +203,18 @@ struct Job<'a> {
 impl Job<'_> {
     fn poses_are_given(&self) -> bool {
         matches!(self.poses, PoseRequest::Given(_))
+    }
+
+    /// Poses and masks that are not there, before a frame is decoded.
+    fn refuse_missing_poses(&self) -> anyhow::Result<()> {
+        let given = match &self.poses {
+            PoseRequest::Given(path) => Some(path),
+            PoseRequest::Sfm(settings) => settings.masks.as_ref(),
+        };
+        match given.filter(|path| !path.exists()) {
+            Some(path) => Err(BadRequest(format!("{}: does not exist", path.display())).into()),
+            None => Ok(()),
+        }
     }
 
     /// Masks are named by frame, and every sequence counts its frames from 0.
@@ -207,6 +242,17 @@ impl Job<'_> {
     /// Where the run and the scores of a sequence go.
     fn method_folder(&self, sequence_folder: &Path) -> PathBuf {
         sequence_folder.join(&self.protocol).join(&self.method)
+    }
+
+    /// What one would do next with a sequence that was scored.
+    fn next_commands(&self, folder: &Path) -> String {
+        let run = self.method_folder(folder).join("run");
+        let (run, folder) = (run.display(), folder.display());
+        format!(
+            "Next:\n  omnilife reconstruct render {run} --poses {folder} --out VIEWS --video views.mp4\n  \
+             omnilife bench run {folder} --methods {},sphere-sweep --out BENCH\n",
+            self.method
+        )
     }
 
     /// Poses, split, reconstruction and scores of one sequence.

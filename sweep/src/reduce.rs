@@ -17,7 +17,8 @@ const LOG_FILE: &str = "reduce.log";
 /// Writes the table of units, leaves a record of every failure, and runs the plan's reduction.
 ///
 /// # Errors
-/// When the sweep cannot be read or written, or a command fails. Failed units are no error.
+/// When the sweep cannot be read or written, or a command of the reduction fails. Failed units are no
+/// error, nor is a unit whose failure cannot be recorded, such as one that has no split: it is noted.
 pub fn reduce(
     folder: &Path,
     program: &Path,
@@ -35,7 +36,10 @@ pub fn reduce(
                     .iter()
                     .map(|word| word.replace("{reason}", &reason))
                     .collect();
-                run(&status.sweep, &filled, program, &log)?;
+                if let Err(error) = run(&status.sweep, &filled, program, &log) {
+                    progress.note(&format!("{}: {reason}; {error}", unit.id));
+                    break;
+                }
             }
         }
     }

@@ -135,7 +135,7 @@ fn a_curated_dataset_is_sound_until_something_changes() {
     verify(&out).succeeded();
     let card = fs::read_to_string(out.join("README.md")).unwrap();
     assert!(
-        card.contains("# Streets\n") && card.contains("license: \"CC-BY-4.0\""),
+        card.contains("# Streets\n") && card.contains("license: cc-by-4.0"),
         "{card}"
     );
 }

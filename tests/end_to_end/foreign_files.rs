@@ -134,6 +134,10 @@ fn commands(extra: &Path) -> Vec<Row> {
             0,
         ),
         row(
+            "bench ablate SCENE --method periodic --plan full --iterations 3 --out OUT",
+            0,
+        ),
+        row(
             "reconstruct train SCENE --split SPLIT --iterations 5 --out OUT",
             0,
         ),

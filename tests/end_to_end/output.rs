@@ -29,7 +29,7 @@ fn quiet_leaves_stderr_empty_and_stdout_as_it_is() {
     assert_eq!(ended.stderr, "");
     let without_paths = |text: &str| -> Vec<String> {
         text.lines()
-            .filter(|line| !line.starts_with("Table:") && !line.starts_with("Rendered views"))
+            .filter(|line| !line.starts_with("Table:") && !line.starts_with("To be opened"))
             .map(str::to_owned)
             .collect()
     };

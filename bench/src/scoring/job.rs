@@ -11,6 +11,7 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
+use super::choice::MetricChoice;
 use crate::{
     availability,
     curve::rows::Trace,
@@ -58,6 +59,8 @@ pub struct ScoreRequest {
     /// About how much memory views may take together, bytes. It decides how many are scored at
     /// once, one at least, and changes no score.
     pub memory_bytes: u64,
+    /// Which metrics are computed.
+    pub metrics: MetricChoice,
 }
 
 /// What scoring takes at most where nothing else is asked for: 2 GB.
@@ -77,6 +80,7 @@ impl ScoreRequest {
             method,
             out: out.to_owned(),
             memory_bytes: DEFAULT_MEMORY_BYTES,
+            metrics: MetricChoice::All,
         })
     }
 }
@@ -209,7 +213,11 @@ impl ScoringJob {
         let metrics = asked
             .into_iter()
             .map(|metric| {
-                let unavailable = availability::why_not(metric, &scene, &split, has_depth)?;
+                // What is left out needs no weights.
+                let unavailable = match request.metrics.why_not(metric) {
+                    Some(reason) => Some(reason),
+                    None => availability::why_not(metric, &scene, &split, has_depth)?,
+                };
                 Ok(JobMetric {
                     metric,
                     unavailable,

@@ -4,6 +4,7 @@
 //! PNG) becomes a row in the result's failures; everything wrong with the scene, the split or the
 //! disk is an error. Nothing is resized, skipped or replaced to make a score come out.
 
+mod choice;
 pub(crate) mod job;
 
 use std::{path::Path, time::Instant};
@@ -30,6 +31,7 @@ use crate::{
     side_by_side, summary,
 };
 
+pub use choice::MetricChoice;
 pub use job::{DEFAULT_MEMORY_BYTES, Predictions, ScoreRequest};
 
 /// File name of how the scores were computed, in the output folder.

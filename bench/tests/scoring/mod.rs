@@ -79,6 +79,7 @@ impl Bench {
             method: "stripes".to_owned(),
             out: at("out"),
             memory_bytes: omnilife_bench::DEFAULT_MEMORY_BYTES,
+            metrics: omnilife_bench::MetricChoice::All,
         };
         Self {
             folder,

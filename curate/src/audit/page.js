@@ -5,6 +5,8 @@ const byId = (id) => document.getElementById(id);
 const decisions = [];
 const rows = [];
 let current = 0;
+// Decisions outlive the page: browsers close, and an hour's work is lost.
+const autosaved = `omnilife audit ${data.source.sha256}`;
 
 const element = (tag, properties = {}, children = []) => {
   const made = Object.assign(document.createElement(tag), properties);
@@ -24,12 +26,58 @@ const nearestFrame = (time) => {
   return low > 0 && time - data.times[low - 1] <= data.times[low] - time ? low - 1 : low;
 };
 
-/** Notes a decision with its time, its reason and who it is about. */
+/** Keeps the decisions in this browser; where it has no storage, the page says so. */
+const keep = () => {
+  try {
+    if (decisions.length) localStorage.setItem(autosaved, JSON.stringify(decisions));
+    else localStorage.removeItem(autosaved);
+    say(`${decisions.length} decisions not saved to a file`);
+  } catch (error) {
+    say(`${decisions.length} decisions not saved, and this browser keeps none (${error.name})`);
+  }
+};
+
+/** Notes a decision with its time and its reason, and shows what follows. */
 const decide = (action) => {
   const reason = byId("reason").value.trim();
   decisions.push({ time: new Date().toISOString(), ...(reason && { reason }), action });
   byId("reason").value = "";
-  say(`${decisions.length} decisions not saved`);
+  show(decisions.at(-1));
+  keep();
+};
+
+/** Shows what one decision makes of its boundary. */
+const show = (decision) => {
+  const action = decision.action;
+  if (action.propose) return addedRow(decision);
+  const id = action.accept ?? action.reject ?? action.move.id;
+  const row = rows.find((one) => one.id === id);
+  if (!row) return;
+  if (action.move) {
+    row.begin = nearestFrame(action.move.boundary.begin_seconds);
+    row.end = nearestFrame(action.move.boundary.end_seconds);
+  }
+  row.state = action.move ? "moved" : "accept" in action ? "accepted" : "rejected";
+  draw(row);
+};
+
+/** Shows all rows as the decisions that are left have it. */
+const replay = () => {
+  for (const row of rows.filter((one) => one.decision)) row.item.remove();
+  rows.splice(0, rows.length, ...rows.filter((one) => !one.decision));
+  for (const row of rows) {
+    Object.assign(row, row.proposed);
+    draw(row);
+  }
+  decisions.forEach(show);
+  select(current, false);
+  keep();
+};
+
+const undo = () => {
+  if (!decisions.length) return say("There is nothing to undo.");
+  decisions.pop();
+  replay();
 };
 
 const shape = (row) => {
@@ -51,25 +99,26 @@ const draw = (row) => {
   }
 };
 
-const accept = (row) => {
-  row.state = "accepted";
-  decide({ accept: row.id });
-  draw(row);
-};
-const reject = (row) => {
-  row.state = "rejected";
-  decide({ reject: row.id });
-  draw(row);
+const accept = (row) => row.decision || decide({ accept: row.id });
+const reject = (row) => (row.decision ? withdraw(row) : decide({ reject: row.id }));
+/** Takes back a boundary that was added here. */
+const withdraw = (row) => {
+  decisions.splice(decisions.indexOf(row.decision), 1);
+  replay();
 };
 const move = (row, byBegin, byEnd) => {
   const begin = row.begin + byBegin, end = row.end + byEnd;
   if (begin < 0 || end >= data.times.length || end <= begin) return;
-  [row.begin, row.end, row.state] = [begin, end, "moved"];
+  [row.begin, row.end] = [begin, end];
+  if (row.decision) {
+    row.decision.action.propose = shape(row);
+    draw(row);
+    return keep();
+  }
   // Steps of one move are one decision.
   const last = decisions.at(-1);
   if (last && last.action.move && last.action.move.id === row.id) decisions.pop();
   decide({ move: { id: row.id, boundary: shape(row) } });
-  draw(row);
 };
 
 const author = (who) => Object.values(who)[0];
@@ -82,15 +131,38 @@ const select = (index, focus = true) => {
     rows[current].item.focus({ preventScroll: true });
     rows[current].item.scrollIntoView({ block: "nearest" });
   }
+  centre(rows[current]);
 };
 
-const addRow = (candidate, pictures) => {
-  const row = {
-    id: candidate.id,
-    boundary: candidate.boundary,
+/** Scrolls a strip of frames to its boundary. */
+const centre = (row) => {
+  const figure = row.figures.get(row.end) ?? row.figures.get(row.begin);
+  if (!figure) return;
+  const strip = figure.parentElement;
+  strip.scrollLeft = figure.offsetLeft - strip.offsetLeft - strip.clientWidth / 2;
+};
+
+/** Rows stand in order of time. */
+const place = (row) => {
+  const at = rows.findIndex((other) => other.begin > row.begin);
+  if (at < 0) rows.push(row);
+  else rows.splice(at, 0, row);
+  byId("boundaries").insertBefore(row.item, at < 0 ? null : rows[at + 1].item);
+};
+
+const addRow = (candidate, pictures, decision) => {
+  const proposed = {
     begin: nearestFrame(candidate.boundary.begin_seconds),
     end: nearestFrame(candidate.boundary.end_seconds),
     state: candidate.status,
+  };
+  const row = {
+    id: candidate.id,
+    boundary: candidate.boundary,
+    // Only a boundary that was added here has the decision that adds it.
+    decision,
+    proposed,
+    ...proposed,
     time: element("span", { className: "time" }),
     kind: element("span"),
     stateText: element("span", { className: "state" }),
@@ -109,22 +181,26 @@ const addRow = (candidate, pictures) => {
     row.figures.set(picture.frame, figure);
     strip.append(figure);
   }
-  const who = candidate.authors.map((one) => author(one).split(":")[0]).join(", ");
+  const who = candidate.authors.map((one) => author(one).split(/[:@]/)[0]).join(", ");
   row.item = element("li", { tabIndex: 0 }, [
     element("div", { className: "head" }, [
       row.time, row.kind, row.stateText,
       element("span", { className: "who", textContent: `by ${who}, score ${candidate.boundary.score.toFixed(2)}` }),
-      button("Accept", accept),
-      button("Reject", reject),
+      ...(decision ? [button("Remove", withdraw)] : [button("Accept", accept), button("Reject", reject)]),
       button("Earlier", (it) => move(it, -1, -1)),
       button("Later", (it) => move(it, 1, 1)),
     ]),
     strip,
   ]);
   row.item.addEventListener("focus", () => select(rows.indexOf(row), false));
-  rows.push(row);
-  byId("boundaries").append(row.item);
+  place(row);
   draw(row);
+  byId("none").hidden = true;
+};
+
+const addedRow = (decision) => {
+  const candidate = { boundary: decision.action.propose, authors: [{ expert: "you" }], status: "added" };
+  addRow(candidate, [], decision);
 };
 
 const add = () => {
@@ -137,15 +213,6 @@ const add = () => {
     kind: byId("add-kind").value, score: 1,
   };
   decide({ propose: boundary });
-  byId("boundaries").append(element("li", { tabIndex: 0 }, [
-    element("div", { className: "head" }, [
-      element("span", { className: "time", textContent: `${seconds(boundary.begin_seconds)} to ${seconds(boundary.end_seconds)}` }),
-      element("span", { textContent: boundary.kind }),
-      element("span", { className: "state", textContent: "added" }),
-    ]),
-  ]));
-  byId("boundaries").lastElementChild.dataset.state = "added";
-  byId("none").hidden = true;
 };
 
 const save = () => {
@@ -169,6 +236,7 @@ const keys = {
   ArrowLeft: (event) => rows.length && move(rows[current], event.shiftKey ? 0 : -1, -1),
   ArrowRight: (event) => rows.length && move(rows[current], event.shiftKey ? 0 : 1, 1),
   s: save,
+  u: undo,
 };
 document.addEventListener("keydown", (event) => {
   if (event.target.closest("input, select, summary") || event.ctrlKey || event.metaKey || event.altKey) return;
@@ -179,9 +247,12 @@ document.addEventListener("keydown", (event) => {
   }
 });
 byId("save").addEventListener("click", save);
+byId("undo").addEventListener("click", undo);
+byId("next").addEventListener("click", () => select(current + 1));
+byId("previous").addEventListener("click", () => select(current - 1));
 byId("add").addEventListener("submit", (event) => { event.preventDefault(); add(); });
 window.addEventListener("beforeunload", (event) => {
-  if (byId("status").textContent.endsWith("not saved")) event.preventDefault();
+  if (byId("status").textContent.includes("not saved")) event.preventDefault();
 });
 
 byId("video").textContent = `${data.source.file_name}, ${data.times.length} frames, ${data.candidates.length} boundaries`;
@@ -196,4 +267,12 @@ for (const picture of data.overview) {
   shown.addEventListener("click", () => { byId("add-time").value = time; });
   byId("overview").append(shown);
 }
+try {
+  decisions.push(...JSON.parse(localStorage.getItem(autosaved) ?? "[]"));
+} catch (error) {
+  say(`What was decided here before cannot be read (${error.name}).`);
+}
+if (decisions.length) replay();
 select(0, false);
+// Pictures have no width before they are loaded.
+addEventListener("load", () => rows.forEach(centre));

@@ -17,7 +17,7 @@ pub use signals::{MissingSignal, Signals};
 
 use std::path::Path;
 
-use omnilife_schemas::records::Boundary;
+use omnilife_schemas::{records::Boundary, store};
 
 use crate::{
     error::CurateError,
@@ -44,6 +44,13 @@ impl Detector {
     /// The detector and its settings in one line.
     pub fn description(&self) -> String {
         format!("{}: {}", self.id, (self.settings)())
+    }
+
+    /// The detector as an author: its id, and the beginning of the SHA-256 of its settings, which
+    /// tells it from itself with others. `boundaries.json` has the settings in words.
+    pub fn author_name(&self) -> String {
+        let hash = store::sha256_bytes((self.settings)().as_bytes());
+        format!("{}@{}", self.id, &hash[..8])
     }
 }
 

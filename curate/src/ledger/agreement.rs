@@ -1,6 +1,8 @@
 //! How far two lists of boundaries agree, at a stated tolerance.
 
-use omnilife_schemas::records::{Author, Boundary, LedgerAction, LedgerEntry, TimeRange};
+use std::collections::BTreeMap;
+
+use omnilife_schemas::records::{Author, Boundary, LedgerAction, TimeRange};
 use serde::Serialize;
 
 use super::{Ledger, gap_seconds, resolve};
@@ -126,25 +128,20 @@ fn kappa(
     }
 }
 
-/// Agreement of all authors who proposed something.
+/// Agreement of all authors who proposed or decided something.
 pub fn of_ledger(ledger: &Ledger, tolerance_seconds: f64) -> Vec<AgreementEntry> {
     let mut authors: Vec<&Author> = ledger
         .entries()
         .iter()
-        .filter(|entry| proposes(entry))
+        .filter(|entry| !matches!(entry.action, LedgerAction::Open { .. }))
         .map(|entry| &entry.author)
         .collect();
     authors.sort();
     authors.dedup();
-    let proposals = |author: &Author| {
-        let mut list: Vec<Boundary> = ledger.proposals_of(author).cloned().collect();
-        list.sort_by(|a, b| a.begin_seconds.total_cmp(&b.begin_seconds));
-        list
-    };
     let resolution = resolve(ledger.entries());
     let mut table = Vec::new();
     for (index, author) in authors.iter().enumerate() {
-        let own = proposals(author);
+        let own = stands_for(ledger, author);
         let mut compare_with = |reference: Option<&Author>, list: &[Boundary]| {
             table.push(AgreementEntry {
                 reference: reference.cloned(),
@@ -155,13 +152,47 @@ pub fn of_ledger(ledger: &Ledger, tolerance_seconds: f64) -> Vec<AgreementEntry>
         compare_with(None, &resolution);
         for (other, reference) in authors.iter().enumerate() {
             if other != index {
-                compare_with(Some(reference), &proposals(reference));
+                compare_with(Some(reference), &stands_for(ledger, reference));
             }
         }
     }
     table
 }
 
-fn proposes(entry: &LedgerEntry) -> bool {
-    matches!(entry.action, LedgerAction::Propose(_))
+/// The boundaries that an author says are there, in order of time: those that they proposed, accepted
+/// or moved, whoever proposed them, without those that they rejected later.
+fn stands_for(ledger: &Ledger, author: &Author) -> Vec<Boundary> {
+    let proposed: BTreeMap<u64, &Boundary> = (ledger.entries().iter())
+        .filter_map(|entry| match &entry.action {
+            LedgerAction::Propose(boundary) => Some((entry.id, boundary)),
+            _ => None,
+        })
+        .collect();
+    // By the line that proposed it.
+    let mut held: BTreeMap<u64, Boundary> = BTreeMap::new();
+    for entry in ledger
+        .entries()
+        .iter()
+        .filter(|entry| entry.author == *author)
+    {
+        match &entry.action {
+            LedgerAction::Open { .. } => {}
+            LedgerAction::Propose(boundary) => {
+                held.insert(entry.id, boundary.clone());
+            }
+            LedgerAction::Accept(id) => {
+                let boundary = proposed.get(id).map(|&boundary| boundary.clone());
+                held.extend(boundary.map(|boundary| (*id, boundary)));
+            }
+            LedgerAction::Move { id, boundary } => {
+                held.insert(*id, boundary.clone());
+            }
+            LedgerAction::Reject(id) => {
+                held.remove(id);
+            }
+        }
+    }
+    let mut list: Vec<Boundary> = held.into_values().collect();
+    list.sort_by(|a, b| a.begin_seconds.total_cmp(&b.begin_seconds));
+    list
 }

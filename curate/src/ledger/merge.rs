@@ -105,7 +105,7 @@ impl Evidence {
             Ledger::open_new(&path, source.clone(), self.analysis.range)?
         };
         if let Some((detector, found)) = boundaries::detected(&self.signals) {
-            let author = Author::Detector(detector.description());
+            let author = Author::Detector(detector.author_name());
             ledger.propose(&author, None, None, found)?;
         }
         Ok(ledger)

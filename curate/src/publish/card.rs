@@ -16,13 +16,10 @@ use super::{
 /// Writes the card. The head between dashes is what dataset hubs read.
 pub(super) fn card(about: &About, dataset: &Dataset, statistics: &Statistics) -> String {
     let mut text = format!("---\npretty_name: {}\n", quoted(&about.name));
-    if let Some(licence) = &about.licence {
-        line(&mut text, &format!("license: {}", quoted(licence)));
-    }
-    line(
-        &mut text,
-        "tags:\n- 360-degree video\n- equirectangular\n- 3d-reconstruction\n---\n",
-    );
+    licence_lines(&mut text, about.licence.as_deref());
+    let size = size_category(statistics.rows.len());
+    line(&mut text, &format!("size_categories:\n- {size}"));
+    line(&mut text, HEAD);
     line(&mut text, &format!("# {}\n", about.name));
     if let Some(description) = &about.description {
         line(&mut text, &format!("{description}\n"));
@@ -49,6 +46,71 @@ pub(super) fn card(about: &About, dataset: &Dataset, statistics: &Statistics) ->
     );
     line(&mut text, &format!("## Licence\n\n{licence}"));
     text
+}
+
+/// What hubs search and show: the kind of task, the words, and the table of their viewer.
+const HEAD: &str = "\
+task_categories:
+- image-to-3d
+tags:
+- 360-degree video
+- equirectangular
+- 3d-reconstruction
+configs:
+- config_name: sequences
+  data_files: statistics/sequences.csv
+---
+";
+
+/// Licences that the Hugging Face hub knows by an identifier of its own; it is the SPDX identifier in
+/// lower case (<https://huggingface.co/docs/hub/repositories-licenses>).
+const HUB_LICENCES: &[&str] = &[
+    "apache-2.0",
+    "mit",
+    "cc0-1.0",
+    "cc-by-2.0",
+    "cc-by-2.5",
+    "cc-by-3.0",
+    "cc-by-4.0",
+    "cc-by-sa-3.0",
+    "cc-by-sa-4.0",
+    "cc-by-nc-2.0",
+    "cc-by-nc-3.0",
+    "cc-by-nc-4.0",
+    "cc-by-nd-4.0",
+    "cc-by-nc-nd-3.0",
+    "cc-by-nc-nd-4.0",
+    "cc-by-nc-sa-2.0",
+    "cc-by-nc-sa-3.0",
+    "cc-by-nc-sa-4.0",
+    "odbl",
+    "odc-by",
+    "pddl",
+    "cdla-permissive-2.0",
+];
+
+/// The licence as hubs read it: an identifier of theirs, or `other` with the name as it was given.
+fn licence_lines(text: &mut String, licence: Option<&str>) {
+    let Some(licence) = licence else {
+        return;
+    };
+    let id = licence.to_ascii_lowercase();
+    if HUB_LICENCES.contains(&id.as_str()) {
+        line(text, &format!("license: {id}"));
+    } else {
+        line(text, "license: other");
+        line(text, &format!("license_name: {}", quoted(licence)));
+    }
+}
+
+/// The hub's class of a number of rows.
+fn size_category(rows: usize) -> &'static str {
+    match rows {
+        0..1_000 => "n<1K",
+        1_000..10_000 => "1K<n<10K",
+        10_000..100_000 => "10K<n<100K",
+        _ => "100K<n<1M",
+    }
 }
 
 const FILES: &str = "\

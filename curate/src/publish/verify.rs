@@ -87,6 +87,10 @@ impl Faults {
 }
 
 fn check_sums(folder: &Path, files: &[String], faults: &mut Faults, progress: &dyn Progress) {
+    if !folder.join(CHECKSUMS_FILE).exists() {
+        let how = "was not published: `omnilife curate publish` writes the checksums";
+        return faults.add(format!("{CHECKSUMS_FILE}: is missing; the dataset {how}"));
+    }
     let Some(sums) = faults.note(checksums::read(folder)) else {
         return;
     };

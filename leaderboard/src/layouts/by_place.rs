@@ -10,13 +10,13 @@ use crate::{
     format,
     group::{Group, MethodRow, ViewKind, place},
     published::{Paper, PublishedLayout, published_rows},
-    table::{Cell, Column, Holds, Row, Table, mark_standings, method_score},
+    table::{Cell, Column, Holds, Row, Table, mark_standings},
 };
 
 /// Places side by side; further ones go to further tables.
 const PLACES: usize = 8;
 
-/// Rows are methods and metrics; the first column is the average over all places' scenes.
+/// Rows are methods and metrics; the first column is the average over all places.
 pub(super) fn all_metrics(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
     tables(group, papers, &PublishedLayout::DynamicScenes)
 }
@@ -108,6 +108,19 @@ impl<'a> PlaceMeans<'a> {
         let complete = sum.failures == 0 && self.scenes.get(place) == Some(&sum.scenes);
         Some((sum.scores[metric]? / sum.scenes as f64, complete))
     }
+
+    /// The mean over the columns of all places, as the paper's averages are, and whether each of them
+    /// is complete: a place of many scenes weighs as much as any other.
+    fn average(&self, method: &'a str, metric: usize) -> Option<(f64, bool)> {
+        let columns = self
+            .places
+            .iter()
+            .map(|place| self.mean(method, place, metric));
+        let columns: Vec<(f64, bool)> = columns.collect::<Option<_>>()?;
+        let sum: f64 = columns.iter().map(|(mean, _)| mean).sum();
+        let complete = columns.iter().all(|(_, complete)| *complete);
+        Some((sum / columns.len() as f64, complete))
+    }
 }
 
 fn table<'a>(
@@ -157,8 +170,8 @@ fn table<'a>(
     }
     let mut notes = common_notes(group);
     notes.push(
-        "A column is the mean over the scenes cut from one video; a method competes in a column \
-         where it has all of them without failures."
+        "A column is the mean over the scenes cut from one video, the average that of the columns; a \
+         method competes in a column where it has all of them without failures."
             .to_owned(),
     );
     notes.extend(left_out(group));
@@ -202,7 +215,12 @@ fn row<'a>(
     if with_average {
         let metric = format::metric_title(&quantity.metric);
         names.push(format!("{metric} {}", format::arrow(*direction)));
-        cells.push(method_score(group, method, index));
+        let average = means.average(method.method, position);
+        cells.push(Cell::score(
+            average.map(|(mean, _)| mean),
+            &quantity.metric,
+            None,
+        ));
     }
     cells.extend(places.iter().map(|place| {
         let mean = means.mean(method.method, place, position);
@@ -231,12 +249,11 @@ fn mark<'a>(
     with_average: bool,
 ) {
     let leading = usize::from(with_average);
+    let is_complete = |mean: Option<(f64, bool)>| mean.is_some_and(|(_, complete)| complete);
     for column in 0..directions.len() {
         let competes = |method: &MethodRow<'a>| match column.checked_sub(leading) {
-            None => method.complete,
-            Some(place) => means
-                .mean(method.method, places[place], position)
-                .is_some_and(|(_, complete)| complete),
+            None => is_complete(means.average(method.method, position)),
+            Some(place) => is_complete(means.mean(method.method, places[place], position)),
         };
         let of_metric = rows.iter_mut().skip(position).step_by(metrics);
         let alone: Vec<Option<Direction>> = (0..directions.len())

@@ -1,7 +1,7 @@
 //! Rendered views beside their ground truth, as scoring leaves them.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     fs::File,
     io::Read,
     path::{Path, PathBuf},
@@ -63,14 +63,16 @@ impl Comparisons {
     }
 }
 
-/// Finds the pictures of a scene's results: at most `most` views, spread evenly, novel views before
-/// input views, and of each method the first seed.
+/// Finds the pictures of a scene's results: at most `most` views of every protocol, spread evenly,
+/// novel views before input views, and of each method the first seed.
 pub(super) fn find(
     rows: &[(&Group<'_>, &SceneRow<'_>)],
     folders: &BTreeMap<*const ResultRecord, PathBuf>,
     most: usize,
 ) -> Result<Comparisons, StoreError> {
     let mut all: BTreeMap<String, Vec<Picture>> = BTreeMap::new();
+    // Protocols split a scene in other ways: each has views of its own.
+    let mut by_protocol: BTreeMap<&str, BTreeSet<String>> = BTreeMap::new();
     let mut left_out = Vec::new();
     for (group, row) in rows {
         let result = row.results[0];
@@ -88,6 +90,8 @@ pub(super) fn find(
                 continue;
             }
             let identity = format!("{}\n{}\n{}", row.scene, row.method, group.protocol_hash);
+            let of_protocol = by_protocol.entry(&group.protocol_hash).or_default();
+            of_protocol.insert(name.clone());
             all.entry(name.clone()).or_default().push(Picture {
                 method: if rows
                     .iter()
@@ -109,7 +113,9 @@ pub(super) fn find(
         }
     }
     let views = all.len();
-    let shown = spread(&all, most);
+    let shown: BTreeSet<String> = (by_protocol.values())
+        .flat_map(|names| spread(names, most))
+        .collect();
     Ok(Comparisons {
         by_view: all
             .into_iter()
@@ -120,14 +126,14 @@ pub(super) fn find(
     })
 }
 
-/// At most `most` views: of novel views where there are any, evenly spread.
-fn spread(all: &BTreeMap<String, Vec<Picture>>, most: usize) -> Vec<String> {
+/// At most `most` views of a protocol: of novel views where there are any, evenly spread.
+fn spread(all: &BTreeSet<String>, most: usize) -> Vec<String> {
     let novel: Vec<&String> = all
-        .keys()
+        .iter()
         .filter(|name| name.starts_with("novel-"))
         .collect();
     let names: Vec<&String> = if novel.is_empty() {
-        all.keys().collect()
+        all.iter().collect()
     } else {
         novel
     };

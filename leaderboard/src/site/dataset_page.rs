@@ -31,8 +31,8 @@ pub(super) fn render(
         figure {
             (videos)
             figcaption {
-                "Videos as given; those that could be read and processed; those that passed the \
-                 admission criteria and gave sequences."
+                "Videos as given; those that could be read and processed; those that gave sequences. \
+                 Whether they meet the admission criteria is in the record of each sequence."
             }
         }
         figure {
@@ -126,7 +126,7 @@ impl<'a> Counts<'a> {
         vec![
             bar("Videos given", self.videos),
             bar("Videos read and processed", processed),
-            bar("Videos admitted", processed - self.rejected),
+            bar("Videos that gave sequences", processed - self.rejected),
         ]
     }
 

@@ -37,7 +37,7 @@ impl Record for LedgerEntry {
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Author {
-    /// A detector and its settings.
+    /// A detector, with the beginning of the hash of its settings.
     Detector(String),
     /// A person who annotates.
     Annotator(String),

@@ -1,0 +1,380 @@
+//! What the help says beyond the options themselves: examples, and the values that an option takes.
+//!
+//! Both are slices that tests walk: every command has examples that parse, and every list of values
+//! belongs to an option that exists.
+
+use clap::{Command, CommandFactory};
+use omnilife_bench::{ADAPTERS, PROTOCOLS};
+use omnilife_curate::{boundaries::DETECTORS, exchange, masks};
+use omnilife_reconstruct::methods::METHODS;
+
+use super::Cli;
+
+/// Examples of a command: its words, and lines that follow `omnilife`.
+type Examples = (&'static str, &'static [&'static str]);
+
+/// Examples of every command, in the order of the help.
+pub(crate) const EXAMPLES: &[Examples] = &[
+    (
+        "run",
+        &[
+            "run walk.mp4 --out OUT",
+            "run walk.mp4 --poses poses.json --method omni4dgs-plus --iterations 8000 --out OUT",
+        ],
+    ),
+    (
+        "curate",
+        &[
+            "curate videos/ --out DATASET",
+            "curate walk.mp4 --criteria none --fps 2 --slices --out DATASET",
+        ],
+    ),
+    (
+        "curate build",
+        &[
+            "curate build videos/ --out DATASET",
+            "curate build walk.mp4 --criteria none --fps 2 --out DATASET",
+        ],
+    ),
+    (
+        "curate video",
+        &["curate video walk.mp4 --folder DATASET/videos/walk"],
+    ),
+    ("curate probe", &["curate probe walk.mp4"]),
+    ("curate projection", &["curate projection walk.mp4"]),
+    (
+        "curate boundaries",
+        &[
+            "curate boundaries walk.mp4",
+            "curate boundaries walk.mp4 --detector transnetv2 --signals signals.parquet",
+        ],
+    ),
+    (
+        "curate ledger merge",
+        &[
+            "curate ledger merge DATASET/videos/walk decisions.json",
+            "curate ledger merge DATASET/videos/walk cuts.csv --author kim --role annotator",
+        ],
+    ),
+    (
+        "curate ledger show",
+        &["curate ledger show DATASET/videos/walk"],
+    ),
+    (
+        "curate ledger agreement",
+        &["curate ledger agreement DATASET/videos/walk --tolerance 0.2"],
+    ),
+    (
+        "curate ledger export",
+        &["curate ledger export DATASET/videos/walk --format edl"],
+    ),
+    (
+        "curate audit",
+        &["curate audit DATASET/videos/walk --video walk.mp4 --out audit.html"],
+    ),
+    (
+        "curate slice",
+        &["curate slice walk.mp4 --begin 12.5 --end 40 --out slice.mp4"],
+    ),
+    (
+        "curate annotate",
+        &[
+            "curate annotate DATASET --tags tags.csv",
+            "curate annotate DATASET --caption-command ./caption.py",
+        ],
+    ),
+    (
+        "curate poses",
+        &[
+            "curate poses SEQUENCE",
+            "curate poses SEQUENCE --poses poses.json",
+        ],
+    ),
+    (
+        "curate masks",
+        &[
+            "curate masks SEQUENCE",
+            "curate masks SEQUENCE --from masks/",
+        ],
+    ),
+    (
+        "curate export",
+        &["curate export SEQUENCE --format nerfstudio --split split.json --out OUT"],
+    ),
+    (
+        "curate import",
+        &["curate import COLMAP --format colmap --fps 30 --out SEQUENCE"],
+    ),
+    (
+        "curate publish",
+        &["curate publish DATASET --name Streets --licence CC-BY-4.0"],
+    ),
+    ("curate verify", &["curate verify DATASET"]),
+    (
+        "reconstruct train",
+        &[
+            "reconstruct train SEQUENCE --split split.json --out RUN",
+            "reconstruct train SEQUENCE --split split.json --method omni4dgs-plus --backend gpu --out RUN",
+        ],
+    ),
+    (
+        "reconstruct plan",
+        &["reconstruct plan SEQUENCE --split split.json --method omni4dgs-plus"],
+    ),
+    (
+        "reconstruct render",
+        &[
+            "reconstruct render RUN --poses SEQUENCE --out VIEWS --video views.mp4",
+            "reconstruct render RUN --poses SEQUENCE --layer dynamic --out VIEWS",
+        ],
+    ),
+    ("reconstruct methods", &["reconstruct methods"]),
+    (
+        "bench split",
+        &["bench split SEQUENCE --protocol per-scene --out split.json"],
+    ),
+    (
+        "bench external",
+        &["bench external method.toml --scene SEQUENCE --split split.json --out RUN"],
+    ),
+    (
+        "bench failed",
+        &[
+            "bench failed mine --scene SEQUENCE --split split.json --reason \"out of memory\" --out RUN",
+        ],
+    ),
+    (
+        "bench score",
+        &[
+            "bench score --scene SEQUENCE --split split.json --run RUN --out SCORE",
+            "bench score --scene SEQUENCE --split split.json --novel-views VIEWS --method mine --out SCORE",
+        ],
+    ),
+    (
+        "bench validate",
+        &["bench validate VIEWS --scene SEQUENCE --split split.json"],
+    ),
+    ("bench compare", &["bench compare SCORES-A SCORES-B"]),
+    (
+        "bench run",
+        &[
+            "bench run DATASET --out OUT",
+            "bench run DATASET --methods odgs,method.toml --protocols per-scene --seeds 0,1,2 --out OUT",
+        ],
+    ),
+    (
+        "bench diagnose",
+        &["bench diagnose --scene SEQUENCE --split split.json --novel-views VIEWS"],
+    ),
+    ("bench adapter", &["bench adapter pvg --out CHECKOUT"]),
+    (
+        "bench stability",
+        &[
+            "bench stability --out REPORT",
+            "bench stability --backend cpu",
+        ],
+    ),
+    (
+        "bench curve",
+        &["bench curve SCORE-A SCORE-B --clock cpu --out CURVES"],
+    ),
+    (
+        "bench ablate",
+        &["bench ablate SEQUENCE --method omni4dgs --plan full --out ABLATION"],
+    ),
+    ("bench list", &["bench list"]),
+    (
+        "leaderboard build",
+        &["leaderboard build RESULTS --dataset DATASET/dataset.json --out BOARD"],
+    ),
+    (
+        "leaderboard submit",
+        &["leaderboard submit RESULTS --card card.toml --out SUBMISSION"],
+    ),
+    (
+        "leaderboard add",
+        &["leaderboard add SUBMISSION --results RESULTS --audit 3 --scenes DATASET"],
+    ),
+    (
+        "sweep plan curate",
+        &["sweep plan curate videos/ --dataset DATASET --out SWEEP"],
+    ),
+    (
+        "sweep plan bench",
+        &[
+            "sweep plan bench DATASET --methods odgs,omni4dgs-plus --results RESULTS --out SWEEP -- --iterations 8000",
+        ],
+    ),
+    (
+        "sweep plan commands",
+        &["sweep plan commands lines.txt --out SWEEP"],
+    ),
+    (
+        "sweep run",
+        &["sweep run SWEEP", "sweep run SWEEP --cores 8 --memory 24"],
+    ),
+    (
+        "sweep status",
+        &["sweep status SWEEP", "sweep status SWEEP --csv"],
+    ),
+    ("sweep retry", &["sweep retry SWEEP"]),
+    ("sweep reduce", &["sweep reduce SWEEP"]),
+    (
+        "sweep submit",
+        &["sweep submit SWEEP --slurm --sbatch=--partition=cpu --throttle 40"],
+    ),
+    (
+        "completions",
+        &["completions bash > ~/.local/share/bash-completion/completions/omnilife"],
+    ),
+    ("doctor", &["doctor", "doctor --json"]),
+];
+
+/// An option of the commands below some words, and the values that it takes.
+type Values = (&'static str, &'static str, fn() -> Vec<&'static str>);
+
+/// Options whose values are names of the program's own lists.
+pub(crate) const VALUES: &[Values] = &[
+    ("run", "method", method_names),
+    ("reconstruct train", "method", method_names),
+    ("reconstruct plan", "method", method_names),
+    ("bench ablate", "method", method_names),
+    ("bench run", "methods", method_names),
+    ("sweep plan bench", "methods", method_names),
+    ("run", "protocol", protocol_names),
+    ("bench split", "protocol", protocol_names),
+    ("bench ablate", "protocol", protocol_names),
+    ("bench run", "protocols", protocol_names),
+    ("sweep plan bench", "protocols", protocol_names),
+    ("run", "detector", detector_names),
+    ("curate", "detector", detector_names),
+    ("curate build", "detector", detector_names),
+    ("curate video", "detector", detector_names),
+    ("curate boundaries", "detector", detector_names),
+    ("sweep plan curate", "detector", detector_names),
+    ("curate export", "format", format_names),
+    ("curate import", "format", format_names),
+    ("curate masks", "method", mask_method_names),
+    ("bench adapter", "method", adapter_names),
+];
+
+fn method_names() -> Vec<&'static str> {
+    METHODS.iter().map(|method| method.id).collect()
+}
+
+fn protocol_names() -> Vec<&'static str> {
+    PROTOCOLS.iter().map(|protocol| protocol.id).collect()
+}
+
+fn detector_names() -> Vec<&'static str> {
+    DETECTORS.iter().map(|detector| detector.id).collect()
+}
+
+fn format_names() -> Vec<&'static str> {
+    exchange::FORMATS.iter().map(|format| format.id).collect()
+}
+
+fn mask_method_names() -> Vec<&'static str> {
+    masks::METHODS.iter().map(|method| method.id).collect()
+}
+
+fn adapter_names() -> Vec<&'static str> {
+    ADAPTERS.iter().map(|adapter| adapter.id).collect()
+}
+
+/// The command line with examples and lists of values.
+pub(crate) fn command() -> Command {
+    with_guide(Cli::command(), "")
+}
+
+fn with_guide(mut command: Command, words: &str) -> Command {
+    let names: Vec<String> = command
+        .get_subcommands()
+        .map(|inner| inner.get_name().to_owned())
+        .collect();
+    for name in names {
+        let below = match words {
+            "" => name.clone(),
+            words => format!("{words} {name}"),
+        };
+        command = command.mut_subcommand(&name, |inner| with_guide(inner, &below));
+    }
+    for (_, option, values) in VALUES.iter().filter(|(of, ..)| *of == words) {
+        command = command.mut_arg(*option, |argument| {
+            let help = argument.get_help().map(ToString::to_string);
+            let list = values().join(", ");
+            argument.help(format!("{} [one of: {list}]", help.unwrap_or_default()))
+        });
+    }
+    match EXAMPLES.iter().find(|(of, _)| *of == words) {
+        Some((_, lines)) => {
+            let lines: String = lines
+                .iter()
+                .map(|line| format!("  omnilife {line}\n"))
+                .collect();
+            command.after_help(format!("Examples:\n{}", lines.trim_end()))
+        }
+        None => command,
+    }
+}
+
+/// All commands by their words, hidden ones left out.
+pub(crate) fn all_words(command: &Command) -> Vec<String> {
+    let mut found = Vec::new();
+    for inner in command
+        .get_subcommands()
+        .filter(|inner| !inner.is_hide_set())
+    {
+        let name = inner.get_name();
+        let below = all_words(inner);
+        // `omnilife curate` is a command and a group.
+        if below.is_empty() || EXAMPLES.iter().any(|(of, _)| *of == name) {
+            found.push(name.to_owned());
+        }
+        found.extend(below.into_iter().map(|words| format!("{name} {words}")));
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use clap::Parser;
+
+    use super::*;
+
+    #[test]
+    fn every_command_has_examples_that_parse() {
+        let examples: BTreeSet<String> = EXAMPLES.iter().map(|(of, _)| (*of).to_owned()).collect();
+        assert_eq!(examples.len(), EXAMPLES.len(), "a command is there twice");
+        let commands: BTreeSet<String> = all_words(&Cli::command()).into_iter().collect();
+        assert_eq!(examples, commands);
+        for (of, lines) in EXAMPLES {
+            for line in *lines {
+                assert!(line.starts_with(of), "{line} is no example of {of}");
+                let line = line.split(" > ").next().unwrap_or(line);
+                let line = line.replace("\"out of memory\"", "memory");
+                let words = ["omnilife"].into_iter().chain(line.split(' '));
+                if let Err(error) = Cli::try_parse_from(words) {
+                    panic!("{line}: {error}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn every_list_of_values_is_in_the_help() {
+        for (of, option, values) in VALUES {
+            let mut found = command();
+            for word in of.split(' ') {
+                let inner = found.find_subcommand(word).cloned();
+                found = inner.unwrap_or_else(|| panic!("there is no command {of}"));
+            }
+            let help = found.render_long_help().to_string();
+            let words: Vec<&str> = help.split_whitespace().collect();
+            let list = format!("[one of: {}]", values().join(", "));
+            assert!(words.join(" ").contains(&list), "{of} --{option}: {help}");
+        }
+    }
+}

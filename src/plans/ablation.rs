@@ -1,0 +1,71 @@
+//! One unit per row of an ablation: a training with one component less, and its scores.
+//!
+//! ```text
+//! OUT/split.json
+//! OUT/<method>-without-<component>/run/, score/
+//! ```
+
+use std::path::Path;
+
+use omnilife_reconstruct::{jobs::reconstruct::RUN_FILE, methods::Method};
+use omnilife_schemas::records::{SweepUnit, UnitNeeds};
+
+use super::{absolute, argument, own_command, words};
+use crate::cli::MethodArguments;
+
+/// What is ablated.
+pub(crate) struct AblationRequest<'a> {
+    /// The scene.json.
+    pub(crate) scene: &'a Path,
+    /// The split.json.
+    pub(crate) split: &'a Path,
+    /// Folder of all rows.
+    pub(crate) out: &'a Path,
+    /// What every row has.
+    pub(crate) arguments: &'a MethodArguments,
+    /// Optimizer steps of every row.
+    pub(crate) iterations: u64,
+    /// What a row takes of the machine.
+    pub(crate) needs: UnitNeeds,
+}
+
+impl AblationRequest<'_> {
+    /// The row without one component, or with all.
+    ///
+    /// # Errors
+    /// When a path is not UTF-8, or the options are not understood.
+    pub(crate) fn unit(&self, method: &Method, without: Option<&str>) -> anyhow::Result<SweepUnit> {
+        // The names by which the leaderboard lays out ablations.
+        let name = without.map_or_else(
+            || method.id.to_owned(),
+            |component| format!("{}-without-{component}", method.id),
+        );
+        let mut row = self.arguments.clone();
+        row.without.extend(without.map(str::to_owned));
+        let folder = absolute(&self.out.join(&name))?;
+        let scene = argument(&absolute(self.scene)?)?;
+        let split = argument(&absolute(self.split)?)?;
+        let run = folder.join("run");
+        let mut train = words(&["reconstruct", "train", &scene, "--split", &split]);
+        train.extend(row.words());
+        let iterations = self.iterations.to_string();
+        train.extend(words(&["--iterations", &iterations]));
+        train.extend(words(&["--out", &argument(&run)?]));
+        let record = argument(&run.join(RUN_FILE))?;
+        let score = argument(&folder.join("score"))?;
+        let score = words(&[
+            "bench", "score", "--scene", &scene, "--split", &split, "--run", &record, "--method",
+            &name, "--out", &score,
+        ]);
+        Ok(SweepUnit {
+            id: name.clone(),
+            group: method.id.to_owned(),
+            labels: [("method".to_owned(), name)].into(),
+            commands: vec![own_command(train)?, own_command(score)?],
+            on_failure: Vec::new(),
+            inputs: vec![scene, split],
+            outputs: vec![argument(&folder.join("score/result.json"))?],
+            needs: self.needs,
+        })
+    }
+}
