@@ -12,7 +12,8 @@
 //! [`Observer`]: the mean camera with the mean vertical of all cameras, or the camera that looks.
 //!
 //! In the literal form `v_r` and `v_t` are two free vectors: the velocities that can be expressed are
-//! those of one vector, only the optimizer's steps differ. The projected form gives them their names'
+//! those of one vector, and so are the steps: Adam takes the scale of a gradient out, and the weights,
+//! whose sum is one, give each part the step of the whole. The projected form gives them their names'
 //! meaning; with the weights on top of it nothing on the equator could move radially, so there they
 //! scale gradients alone.
 //!
