@@ -90,7 +90,7 @@ pub(super) fn find(
                 continue;
             }
             let identity = format!("{}\n{}\n{}", row.scene, row.method, group.protocol_hash);
-            let of_protocol = by_protocol.entry(&group.protocol_hash).or_default();
+            let of_protocol = by_protocol.entry(group.protocol_hash).or_default();
             of_protocol.insert(name.clone());
             all.entry(name.clone()).or_default().push(Picture {
                 method: if rows
