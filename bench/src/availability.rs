@@ -1,7 +1,10 @@
 //! Whether a metric can be computed at all for a scene and its predictions.
 
 use omnilife_networks::WeightsError;
-use omnilife_schemas::records::{Scene, SceneFrame, Split};
+use omnilife_schemas::{
+    camera::Camera,
+    records::{Scene, SceneFrame, Split},
+};
 
 use crate::{
     error::BenchError,
@@ -32,6 +35,12 @@ pub(crate) fn why_not(
                     "the weights of {name} are not there; scripts/setup --models fetches them"
                 ),
                 Err(error) => return Err(error.into()),
+            },
+            Need::Sphere => match scene.camera {
+                Camera::Erp(_) => continue,
+                Camera::Pinhole(_) => {
+                    "it is of whole spheres, and the camera of the scene is a pinhole".to_owned()
+                }
             },
             Need::DynamicMask if any_frame(&|frame| frame.mask.is_some()) => continue,
             Need::DynamicMask => "the scene has no masks of what moves".to_owned(),

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use omnilife_schemas::{
     Pose,
-    camera::ErpCamera,
+    camera::{Camera, ErpCamera},
     records::{Scene, SceneFrame, Split},
     store::{self, StoreError},
 };
@@ -20,8 +20,16 @@ pub(crate) struct SceneIdentity {
 
 #[derive(Serialize)]
 struct Content<'a> {
-    camera: &'a ErpCamera,
+    camera: CameraContent<'a>,
     frames: Vec<FrameContent<'a>>,
+}
+
+/// ERP cameras stand without a model: scenes had no other once, and their hashes stay the same.
+#[derive(Serialize)]
+#[serde(untagged)]
+enum CameraContent<'a> {
+    Erp(&'a ErpCamera),
+    WithModel(&'a Camera),
 }
 
 #[derive(Serialize)]
@@ -62,7 +70,10 @@ impl SceneIdentity {
             })
             .collect::<Result<_, StoreError>>()?;
         let content = Content {
-            camera: &scene.camera,
+            camera: match &scene.camera {
+                Camera::Erp(camera) => CameraContent::Erp(camera),
+                camera @ Camera::Pinhole(_) => CameraContent::WithModel(camera),
+            },
             frames,
         };
         let bytes = serde_json::to_vec(&content)

@@ -68,11 +68,11 @@ fn check_size(
     file: &Path,
     [width, height]: [usize; 2],
 ) -> Result<(), BenchError> {
-    let camera = job.scene.camera;
-    if (width, height) == (camera.width as usize, camera.height as usize) {
+    let expected = job.scene.camera.size();
+    if [width, height] == expected {
         return Ok(());
     }
-    let (scene, expected_width, expected_height) = (&job.scene.id, camera.width, camera.height);
+    let (scene, [expected_width, expected_height]) = (&job.scene.id, expected);
     Err(BenchError::mismatch(
         file,
         format!(

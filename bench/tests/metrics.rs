@@ -46,9 +46,9 @@ fn value(id: &str, pair: &ViewPair) -> f64 {
 /// The metrics that need nothing but a pair and are defined for images of any size.
 fn plain() -> impl Iterator<Item = &'static Metric> {
     let sized = ["ssim-skimage", "cube-ssim"];
-    METRICS
-        .iter()
-        .filter(move |metric| metric.needs.is_empty() && !sized.contains(&metric.id))
+    METRICS.iter().filter(move |metric| {
+        metric.needs.iter().all(|need| *need == Need::Sphere) && !sized.contains(&metric.id)
+    })
 }
 
 /// Whether the weights of the networks that a metric needs are there; says so where they are not.
@@ -204,7 +204,7 @@ fn without_masks_depth_or_a_view_before_metrics_are_undefined() {
         let needs_more = metric
             .needs
             .iter()
-            .any(|need| !matches!(need, Need::Network(_)))
+            .any(|need| !matches!(need, Need::Network(_) | Need::Sphere))
             || metric.id.starts_with("temporal");
         assert_eq!(alone.is_err(), needs_more, "{}: {alone:?}", metric.id);
     }

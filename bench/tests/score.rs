@@ -6,9 +6,10 @@ mod scoring;
 
 use std::{fs, path::Path, sync::Mutex};
 
-use omnilife_bench::{METRICS, Metric, Predictions, Sample, ViewPair, score};
+use omnilife_bench::{METRICS, Metric, Need, Predictions, Sample, ViewPair, score};
 use omnilife_schemas::{
     RgbImage,
+    camera::PinholeCamera,
     frame_scores::FrameScores,
     npy,
     progress::Progress,
@@ -396,12 +397,45 @@ fn stray_predictions_unposed_frames_and_doubtful_poses_are_told() {
     );
 }
 
+/// Whether a metric needs nothing but images, of an ERP camera where of any.
+fn needs_images(metric: &Metric) -> bool {
+    metric.needs.iter().all(|need| *need == Need::Sphere)
+}
+
+/// What is of the whole sphere has no value for a pinhole, and says so; all else has one.
+#[test]
+fn spherical_metrics_are_unavailable_for_a_pinhole() {
+    let mut scene = scene(12, &[]);
+    let erp = Bench::of(&scene).score().unwrap();
+    scene.camera =
+        PinholeCamera::with_horizontal_field_of_view(WIDTH as u32, HEIGHT as u32, 1.0).into();
+    let mut protocol = omnilife_bench::protocols::protocol("per-scene").unwrap();
+    let plain: Vec<&str> = METRICS
+        .iter()
+        .filter(|metric| needs_images(metric) && metric.id != "cube-ssim")
+        .map(|metric| metric.id)
+        .collect();
+    protocol.metrics = plain.iter().map(|&id| id.to_owned()).collect();
+    let bench = Bench::of(&scene);
+    let split = omnilife_bench::split(&scene, &protocol).unwrap();
+    store::write_record(&bench.request.split, &split).unwrap();
+    let pinhole = bench.score().unwrap();
+    let unavailable = pinhole.unavailable.iter();
+    let unavailable: Vec<&str> = unavailable
+        .inspect(|one| assert!(one.reason.contains("pinhole"), "{}", one.reason))
+        .map(|one| one.metric.as_str())
+        .collect();
+    assert_eq!(unavailable, ["ws-psnr", "ws-ssim", "cube-psnr"]);
+    assert_eq!(pinhole.novel_views.len() + 3, plain.len());
+    assert_ne!(pinhole.scene_sha256, erp.scene_sha256);
+}
+
 #[test]
 fn ground_truth_is_brought_to_the_protocols_width_by_area() {
     let mut bench = Bench::new();
     let mut protocol = omnilife_bench::protocols::protocol("per-scene").unwrap();
     protocol.largest_width = Some(12);
-    let plain: Vec<&Metric> = METRICS.iter().filter(|m| m.needs.is_empty()).collect();
+    let plain: Vec<&Metric> = METRICS.iter().filter(|m| needs_images(m)).collect();
     protocol.metrics = plain.iter().map(|metric| metric.id.to_owned()).collect();
     let scene: Scene = store::read_record(&bench.request.scene).unwrap();
     let split = omnilife_bench::split(&scene, &protocol).unwrap();

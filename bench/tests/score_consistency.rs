@@ -283,7 +283,8 @@ fn real_frames_are_scored() {
     scene.camera = ErpCamera {
         width: 1024,
         height: 512,
-    };
+    }
+    .into();
     let mut bench = Bench::of(&scene);
     for (frame, entry) in scene.frames.iter_mut().enumerate() {
         entry.image = format!("frames/{frame:06}.jpg");

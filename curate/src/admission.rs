@@ -52,7 +52,8 @@ pub(crate) fn effective_projection(
                 ..found
             });
         }
-        _ => {}
+        Some(_) => return Ok(found),
+        None => {}
     }
     if found.projection.is_monoscopic_erp() {
         return Ok(found);
@@ -101,9 +102,12 @@ fn hint(projection: VideoProjection) -> &'static str {
             "convert it first: ffmpeg -i IN -vf v360=dfisheye:equirect:ih_fov=DEGREES:iv_fov=DEGREES \
              OUT (fisheye for one circle), with the lens's field of view"
         }
-        VideoProjection::Erp
-        | VideoProjection::ErpSqueezed
-        | VideoProjection::Rectilinear
-        | VideoProjection::Unsure => "if it is monoscopic ERP all the same, pass --accept erp",
+        VideoProjection::Rectilinear => {
+            "if it is monoscopic ERP all the same, pass --accept erp; if it is to be reconstructed as \
+             an ordinary perspective video, --projection pinhole"
+        }
+        VideoProjection::Erp | VideoProjection::ErpSqueezed | VideoProjection::Unsure => {
+            "if it is monoscopic ERP all the same, pass --accept erp"
+        }
     }
 }

@@ -6,7 +6,7 @@ use omnilife_schemas::{
     RgbImage,
     layout::FRAMES_FOLDER,
     progress::Progress,
-    records::{Probe, Sampling, TimeRange},
+    records::{Probe, Sampling, TimeRange, VideoProjection},
     rgb,
     statistics::frame_interval,
     store,
@@ -104,7 +104,8 @@ fn nearest(times: &[f64], instant: f64) -> f64 {
     }
 }
 
-/// Size of sampled frames: `width` or the default, and half of that.
+/// Size of sampled frames: `width` or the default, and half of that; for a pinhole as high as the
+/// video's shape asks for, to the nearest pixel.
 ///
 /// # Errors
 /// [`CurateError::Input`] for an odd width, one below 16 pixels, or more than the video has.
@@ -112,6 +113,7 @@ pub fn frame_size(
     video: &Path,
     probe: &Probe,
     width: Option<u32>,
+    accept: Option<VideoProjection>,
 ) -> Result<(u32, u32), CurateError> {
     let native = probe.upright_size().0 & !1;
     let width = width.unwrap_or(native.min(DEFAULT_WIDTH_PIXELS));
@@ -127,7 +129,15 @@ pub fn frame_size(
             format!("a frame width of {width} pixels is more than the video's own {native}"),
         ));
     }
-    Ok((width, width / 2))
+    let height = match accept {
+        Some(VideoProjection::Rectilinear) => {
+            let (columns, rows) = probe.upright_size();
+            let height = f64::from(width) * f64::from(rows) / f64::from(columns);
+            height.round().max(1.0) as u32
+        }
+        _ => width / 2,
+    };
+    Ok((width, height))
 }
 
 /// What one sequence takes from its video.

@@ -89,7 +89,7 @@ fn sequences_of(
     let detector = boundaries::detector(&settings.detector, video)?;
     let criteria = criteria::criteria(&settings.profile, video)?;
     let probe = video::probe(video)?;
-    let size = frames::frame_size(video, &probe, settings.width)?;
+    let size = frames::frame_size(video, &probe, settings.width, settings.accept)?;
     // What the header shows already need not be found out by decoding gigabytes.
     let early = criteria::Candidate {
         probe: &probe,

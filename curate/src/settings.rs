@@ -23,7 +23,8 @@ pub struct CurateSettings {
     pub sampling: Sampling,
     /// Width of sampled frames in pixels; at most 1024 where none is given.
     pub width: Option<u32>,
-    /// Takes the video as `erp` or `erp-squeezed` whatever the evidence says.
+    /// Takes the video as `erp`, `erp-squeezed` or, for a pinhole, `rectilinear`, whatever the evidence
+    /// says.
     pub accept: Option<VideoProjection>,
     /// Shorter shots are dropped, seconds.
     pub minimum_shot_seconds: f64,
@@ -48,6 +49,11 @@ impl Default for CurateSettings {
     }
 }
 
+/// Whether frames of this projection are those of a pinhole camera.
+fn is_pinhole(projection: VideoProjection) -> bool {
+    projection == VideoProjection::Rectilinear
+}
+
 impl CurateSettings {
     /// Refuses settings that make no sense and names that are not known; `video` is named in the
     /// error.
@@ -64,9 +70,11 @@ impl CurateSettings {
             "the minimum shot length is not a number of seconds from 0 on"
         } else if self
             .accept
-            .is_some_and(|projection| !projection.is_monoscopic_erp())
+            .is_some_and(|projection| !projection.is_monoscopic_erp() && !is_pinhole(projection))
         {
-            "only erp and erp-squeezed can be accepted, nothing else can be reconstructed"
+            "only erp, erp-squeezed and pinhole can be accepted, nothing else can be reconstructed"
+        } else if self.accept.is_some_and(is_pinhole) && self.slices.is_some() {
+            "slices are marked as 360-degree video, and the video is taken as that of a pinhole"
         } else {
             return Ok(());
         };

@@ -11,7 +11,7 @@ use glam::{DQuat, DVec3, dvec3};
 use omnilife_curate::exchange::{FORMATS, ImportRequest, export, import};
 use omnilife_schemas::{
     Pose,
-    camera::{CameraModel, ErpCamera},
+    camera::{CameraModel, ErpCamera, PinholeCamera},
     npy,
     points::PointCloud,
     progress::Silent,
@@ -72,7 +72,7 @@ fn scene() -> (TempDir, Scene) {
     });
     let scene = Scene {
         id: "clip/seq-000".to_owned(),
-        camera: CAMERA,
+        camera: CAMERA.into(),
         scale: Scale::Arbitrary,
         frames: frames.collect(),
         points: Some("points.ply".to_owned()),
@@ -125,7 +125,7 @@ fn every_format_gives_back_what_it_was_given() {
         .unwrap();
         let posed = &original.frames[..5];
         assert_eq!(imported.frames.len(), posed.len(), "{}", format.id);
-        assert_eq!(imported.camera, CAMERA);
+        assert_eq!(imported.camera, CAMERA.into());
         for (frame, expected) in imported.frames.iter().zip(posed) {
             assert_eq!(frame.time_seconds, expected.time_seconds, "{}", format.id);
             let (pose, truth) = (frame.pose.unwrap(), expected.pose.unwrap());
@@ -174,6 +174,49 @@ fn every_format_gives_back_what_it_was_given() {
         let read: Scene = store::read_record(&back.join("scene.json")).unwrap();
         assert_eq!(read.frames, imported.frames);
     }
+}
+
+/// The camera of a pinhole comes back as well, from the formats that know one.
+#[test]
+fn pinhole_cameras_come_back() {
+    let (folder, mut original) = scene();
+    let pinhole = PinholeCamera {
+        width: 32,
+        height: 16,
+        fx: 21.25,
+        fy: 21.25,
+        cx: 15.5,
+        cy: 8.125,
+    };
+    let path = folder.path().join("scene.json");
+    original.camera = pinhole.into();
+    store::write_record(&path, &original).unwrap();
+    for format in ["colmap", "nerfstudio", "openmvg"] {
+        let export = exported(format, folder.path());
+        let imported = import(&ImportRequest {
+            folder: &export.path().join("scene"),
+            format,
+            id: &original.id,
+            frames_per_second: None,
+            out: &export.path().join("back"),
+        });
+        assert_eq!(imported.unwrap().camera, pinhole.into(), "{format}");
+    }
+    let refused = |format: &str| {
+        let out = tempfile::tempdir().unwrap();
+        let out = out.path().join("scene");
+        let outcome = export(folder.path(), format, None, &out, &Silent);
+        assert!(!out.exists(), "{format}");
+        outcome.map(drop).unwrap_err().to_string()
+    };
+    assert!(refused("hm3d").contains("pinhole"));
+    original.camera = PinholeCamera {
+        fy: 22.0,
+        ..pinhole
+    }
+    .into();
+    store::write_record(&path, &original).unwrap();
+    assert!(refused("openmvg").contains("one focal length"));
 }
 
 fn json(path: &Path) -> Value {

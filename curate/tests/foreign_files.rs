@@ -47,6 +47,7 @@ fn write_poses(file: &Path, step: f64, mask: Option<&str>) -> PoseRequest {
         })
         .collect();
     let record = Poses {
+        camera: None,
         scale: Scale::Metres,
         frames,
         points: None,

@@ -17,10 +17,10 @@ use omnilife_curate::{
 };
 use omnilife_schemas::{
     Classified, ErrorKind, Pose,
-    camera::{CameraModel, ErpCamera},
+    camera::{Camera, CameraModel, ErpCamera, PinholeCamera},
     points::PointCloud,
     progress::Silent,
-    records::{PosedFrame, Poses, Scale, ValidationStatus},
+    records::{PosedFrame, Poses, Scale, ValidationStatus, VideoProjection},
     rgb::Mask,
     store,
 };
@@ -71,6 +71,7 @@ fn given_poses_are_matched_by_time_and_bring_points_and_masks() {
         })
         .collect();
     let record = Poses {
+        camera: None,
         scale: Scale::Metres,
         frames,
         points: Some("cloud.ply".to_owned()),
@@ -120,6 +121,7 @@ fn poses_that_fit_nothing_or_are_broken_are_refused() {
     let file = temp.path().join("poses.json");
     let write = |frames: Vec<PosedFrame>, points: Option<&str>| {
         let record = Poses {
+            camera: None,
             scale: Scale::Arbitrary,
             frames,
             points: points.map(str::to_owned),
@@ -184,6 +186,7 @@ fn masks_of_the_user_survive_and_failed_poses_leave_no_scene() {
             })
             .collect();
         let record = Poses {
+            camera: None,
             scale: Scale::Metres,
             frames,
             points: None,
@@ -222,6 +225,7 @@ fn moved_poses_are_not_made_again() {
     let sequence = sequence_of_twenty(temp.path());
     let given = temp.path().join("given.json");
     let record = Poses {
+        camera: None,
         scale: Scale::Metres,
         frames: vec![PosedFrame {
             time_seconds: 0.0,
@@ -330,10 +334,14 @@ fn colmap_models_are_read_by_their_format() {
         let message = ColmapModel::read(&folder).unwrap_err().to_string();
         assert!(message.contains(reason), "{message}");
     }
-    fs::write(folder.join("cameras.txt"), "1 PINHOLE 256 128 9 9 9 9\n").unwrap();
+    fs::write(
+        folder.join("cameras.txt"),
+        "1 OPENCV 256 128 9 9 9 9 0 0 0 0\n",
+    )
+    .unwrap();
     let message = ColmapModel::read(&folder).unwrap_err().to_string();
     assert!(
-        message.contains("PINHOLE; poses of ERP frames need EQUIRECTANGULAR"),
+        message.contains("OPENCV; known are EQUIRECTANGULAR, PINHOLE"),
         "{message}"
     );
 }
@@ -384,7 +392,7 @@ fn perfect(frames: u32, tilt: DQuat) -> (ColmapModel, Vec<String>) {
         .collect();
     let names = (0..frames).map(|index| format!("{index:06}.png")).collect();
     let model = ColmapModel {
-        camera,
+        camera: camera.into(),
         images,
         points,
     };
@@ -506,4 +514,64 @@ fn levelling_turns_the_world_upright_and_changes_nothing_else() {
     let untouched = model.clone();
     assert!(!level(&mut model).levelled);
     assert_eq!(model, untouched);
+}
+
+/// What is said of the camera has to fit the frames; none is guessed.
+#[test]
+fn frames_of_a_pinhole_need_its_camera() {
+    let temp = tempfile::tempdir().unwrap();
+    let video = erp_clip(temp.path(), "fly.mp4", &[1], 20, 10);
+    let settings = CurateSettings {
+        enforce: false,
+        accept: Some(VideoProjection::Rectilinear),
+        ..CurateSettings::default()
+    };
+    curate_video(&video, &temp.path().join("fly"), &settings, &Silent).unwrap();
+    let sequence = temp.path().join("fly/seq-000");
+    let pinhole = PinholeCamera::with_horizontal_field_of_view(512, 256, 1.1);
+    let file = temp.path().join("poses.json");
+    let pose = |camera: Option<Camera>| {
+        let frames = (0..20).map(|index| PosedFrame {
+            time_seconds: f64::from(index) * 0.1,
+            pose: pose_at(f64::from(index)),
+            mask: None,
+        });
+        let record = Poses {
+            camera,
+            scale: Scale::Metres,
+            frames: frames.collect(),
+            points: None,
+        };
+        store::write_record(&file, &record).unwrap();
+        pose_sequence(&sequence, &PoseRequest::Given(file.clone()), &Silent)
+    };
+    // Of half the size: its lengths are halved.
+    let scene = pose(Some(pinhole.into())).unwrap();
+    assert_eq!(scene.camera, Camera::from(pinhole).resized(256, 128));
+    let erp = ErpCamera {
+        width: 256,
+        height: 128,
+    };
+    for (camera, reason) in [
+        (None, "has no pinhole camera"),
+        (Some(erp.into()), "has no pinhole camera"),
+        (
+            Some(Camera::from(pinhole).resized(512, 300)),
+            "another shape",
+        ),
+    ] {
+        let error = pose(camera).unwrap_err();
+        assert_eq!(error.error_kind(), ErrorKind::User);
+        assert!(error.to_string().contains(reason), "{error}");
+    }
+    let error = pose_sequence(&sequence, &PoseRequest::Sfm(Default::default()), &Silent);
+    let message = error.unwrap_err().to_string();
+    assert!(message.contains("pinhole"), "{message}");
+    let walk = sequence_of_twenty(temp.path());
+    pose(Some(pinhole.into())).unwrap();
+    let error = pose_sequence(&walk, &PoseRequest::Given(file), &Silent).unwrap_err();
+    assert!(
+        error.to_string().contains("--projection pinhole"),
+        "{error}"
+    );
 }

@@ -169,7 +169,7 @@ pub fn scene_extent(scene: &TrainingScene) -> f32 {
 
 /// The most Gaussians for a scene; never fewer than its points.
 pub(crate) fn default_maximum(scene: &TrainingScene) -> u64 {
-    let pixels = f64::from(scene.camera.width) * f64::from(scene.camera.height);
+    let pixels = f64::from(scene.camera.width()) * f64::from(scene.camera.height());
     let points = (scene.points.len() + SKY_DIRECTIONS) as u64;
     ((GAUSSIANS_PER_PIXEL * pixels) as u64).max(points)
 }

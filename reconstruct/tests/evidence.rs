@@ -55,7 +55,7 @@ fn points_in_a_shadow_that_no_mask_shows_change() {
     let mut scene = moving_ball::scene();
     // Behind the cameras, in every third view.
     let is_shaded = |point: Vec3| point.z < -1.0 && point.x.abs() < 0.5 * -point.z;
-    let width = scene.camera.width as usize;
+    let width = scene.camera.width() as usize;
     for (number, view) in scene.input_views.iter_mut().enumerate() {
         if number % 3 != 0 {
             continue;
@@ -204,7 +204,7 @@ fn gloss_is_found_and_drawn() {
     let smooth = |_: &mut Pcg64Mcg, direction: DVec3| (0.2 * direction + 0.5).as_vec3().to_array();
     // Whether harmonics are used, why, and how good the novel views are.
     let trained = |gloss: f32, without: &[&str]| {
-        let scene = balls::scene_with(smooth, 0.5, gloss);
+        let scene = balls::scene_with(balls::CAMERA, smooth, 0.5, gloss);
         let request = MethodRequest {
             without: without.iter().map(|&name| name.to_owned()).collect(),
             ..request(150)

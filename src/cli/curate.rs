@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::{ArgMatches, Args, FromArgMatches, Subcommand};
+use clap::{ArgMatches, Args, FromArgMatches, Subcommand, ValueEnum};
 use omnilife_curate::{
     CurateSettings, GivenDepth, GivenTruth, SfmSettings,
     ledger::{self, Role},
@@ -34,11 +34,20 @@ pub(crate) struct CurationArguments {
     /// Takes the videos as this kind of picture, whatever the evidence says.
     #[arg(long, value_name = "KIND", value_parser = parse_accept)]
     pub(crate) accept: Option<VideoProjection>,
+    /// Takes the videos as ordinary perspective ones; their frames make pinhole scenes. Never guessed.
+    #[arg(long, value_enum, value_name = "KIND", conflicts_with = "accept")]
+    pub(crate) projection: Option<ProjectionArgument>,
     /// Drops shots shorter than this, in seconds.
     #[arg(long, default_value_t = 1.0, value_name = "SECONDS")]
     pub(crate) min_shot: f64,
     #[command(flatten)]
     pub(crate) detector: DetectorArguments,
+}
+
+/// A projection that nobody but the user says.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum ProjectionArgument {
+    Pinhole,
 }
 
 impl CurationArguments {
@@ -52,7 +61,10 @@ impl CurationArguments {
                 Sampling::FramesPerSecond,
             ),
             width: self.width,
-            accept: self.accept,
+            accept: match self.projection {
+                Some(ProjectionArgument::Pinhole) => Some(VideoProjection::Rectilinear),
+                None => self.accept,
+            },
             minimum_shot_seconds: self.min_shot,
             detector: self.detector.detector.clone(),
             slices: None,
@@ -367,6 +379,7 @@ impl CurationSettingsArguments {
             max_frames,
             width,
             accept,
+            projection,
             min_shot,
             detector,
         } = &self.curation;
@@ -379,6 +392,7 @@ impl CurationSettingsArguments {
             Some(sampling),
             width.map(|width| ("--width", width.to_string())),
             accept.map(|projection| ("--accept", projection.name().to_owned())),
+            projection.map(|ProjectionArgument::Pinhole| ("--projection", "pinhole".to_owned())),
             Some(("--min-shot", min_shot.to_string())),
             Some(("--detector", detector.detector.clone())),
             Some(("--criteria", self.criteria.clone())),

@@ -30,7 +30,7 @@ pub(crate) use leaderboard::{
     AddArguments, LeaderboardBuildArguments, LeaderboardCommand, SubmitResultsArguments,
 };
 pub(crate) use reconstruct::{
-    BackendArgument, CameraArgument, MethodArguments, ReconstructCommand, RenderArguments,
+    BackendArgument, MethodArguments, ReconstructCommand, RenderArguments,
 };
 pub(crate) use run::RunArguments;
 pub(crate) use sweep::{

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand, ValueEnum};
 use omnilife_engine::model::layers::Layer;
 use omnilife_reconstruct::{
-    jobs::render::RenderRequest,
+    jobs::render::{RenderCamera, RenderRequest},
     methods::{self, METHODS},
     options::Options,
     request::{BackendChoice, MethodRequest, PlanChoice},
@@ -172,9 +172,9 @@ pub(crate) struct RenderArguments {
     /// Size of the images in pixels [default: the scene's, or 1024x512].
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
     pub(crate) size: Option<[u32; 2]>,
-    /// Camera model: the whole sphere, or a perspective.
-    #[arg(long, value_enum, default_value_t = CameraArgument::Erp)]
-    pub(crate) camera: CameraArgument,
+    /// Camera model, the whole sphere or a perspective [default: that of the poses, or the sphere].
+    #[arg(long, value_enum)]
+    pub(crate) camera: Option<CameraArgument>,
     /// Horizontal field of view of a pinhole camera.
     #[arg(long, value_name = "DEGREES", default_value_t = 90.0)]
     pub(crate) fov_degrees: f64,
@@ -220,9 +220,10 @@ impl RenderArguments {
             gaussians: self.gaussians.clone(),
             poses: self.poses.clone(),
             size: self.size,
-            pinhole_degrees: match self.camera {
-                CameraArgument::Erp => None,
-                CameraArgument::Pinhole => Some(self.fov_degrees),
+            camera: match self.camera {
+                None => RenderCamera::OfPoses,
+                Some(CameraArgument::Erp) => RenderCamera::Erp,
+                Some(CameraArgument::Pinhole) => RenderCamera::Pinhole(self.fov_degrees),
             },
             layer: self.layer.into(),
             out: self.out.clone(),

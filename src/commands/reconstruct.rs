@@ -9,11 +9,11 @@ use omnilife_reconstruct::{
     },
     methods::{METHODS, Method},
 };
-use omnilife_schemas::progress::Progress;
+use omnilife_schemas::{camera::Camera, progress::Progress};
 
 use super::video;
 use crate::{
-    cli::{CameraArgument, ReconstructCommand, RenderArguments},
+    cli::{ReconstructCommand, RenderArguments},
     exit, termination,
 };
 
@@ -119,9 +119,9 @@ fn render(arguments: &RenderArguments, progress: &dyn Progress) -> anyhow::Resul
         );
     }
     if let Some(file) = &arguments.video {
-        let projection = match arguments.camera {
-            CameraArgument::Erp => Projection::Equirectangular,
-            CameraArgument::Pinhole => Projection::Flat,
+        let projection = match rendered.camera {
+            Camera::Erp(_) => Projection::Equirectangular,
+            Camera::Pinhole(_) => Projection::Flat,
         };
         let (images, times) = (&rendered.files, &rendered.times_seconds);
         let rate = video::encode(images, times, projection, file)?;

@@ -382,7 +382,8 @@ fn write_scene(folder: &Path) {
         camera: ErpCamera {
             width: 16,
             height: 8,
-        },
+        }
+        .into(),
         scale: Scale::Metres,
         frames: (0..3).map(frame).collect(),
         points: Some("points.ply".to_owned()),

@@ -2,7 +2,7 @@
 
 use omnilife_schemas::records::Direction;
 
-use super::{Metric, Sample, Undefined, decibels, ssim_map::SsimMap};
+use super::{Metric, Need, Sample, Undefined, decibels, ssim_map::SsimMap};
 
 /// PSNR on cube faces.
 pub(super) const PSNR: Metric = Metric {
@@ -15,7 +15,7 @@ pub(super) const PSNR: Metric = Metric {
              image is high, by bilinear interpolation of both 8-bit images without rounding \
              (Splatter-360 and PanoSplatt3R score faces of 256 pixels that they render directly, \
              src/model/model_wrapper_erp.py). The MSE of each face is floored at 1e-10",
-    needs: &[],
+    needs: &[Need::Sphere],
     function: psnr,
 };
 
@@ -29,7 +29,7 @@ pub(super) const SSIM: Metric = Metric {
     source: "mean over the six 90-degree faces of cube-psnr of scikit-image's SSIM as in \
              ssim-skimage (Splatter-360 src/evaluation/metrics.py); undefined for faces of less \
              than 11 pixels",
-    needs: &[],
+    needs: &[Need::Sphere],
     function: ssim,
 };
 

@@ -70,6 +70,8 @@ pub type Function = fn(&Sample<'_>) -> Result<f64, Undefined>;
 pub enum Need {
     /// The weights of a network.
     Network(Backbone),
+    /// Images of the whole sphere: an ERP camera.
+    Sphere,
     /// Masks of what moves.
     DynamicMask,
     /// Masks of the objects of a class.

@@ -2,7 +2,7 @@
 
 use omnilife_schemas::records::Direction;
 
-use super::{Metric, Sample, Undefined, decibels, latitude};
+use super::{Metric, Need, Sample, Undefined, decibels, latitude};
 
 /// Weighted-to-spherically-uniform PSNR.
 pub(super) const METRIC: Metric = Metric {
@@ -15,7 +15,7 @@ pub(super) const METRIC: Metric = Metric {
              w_j), w_j = cos((j + 1/2 - H/2) pi / H) for row j of H (Sun, Lu and Yu 2017; ODGS \
              utils/image_utils.py; PanSplat src/evaluation/metrics.py), 8-bit ERP images in \
              [0, 1]. WS-MSE is floored at 1e-10",
-    needs: &[],
+    needs: &[Need::Sphere],
     function: ws_psnr,
 };
 

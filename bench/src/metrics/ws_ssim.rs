@@ -2,7 +2,7 @@
 
 use omnilife_schemas::records::Direction;
 
-use super::{Metric, Sample, Undefined, latitude};
+use super::{Metric, Need, Sample, Undefined, latitude};
 
 /// Weighted-to-spherically-uniform SSIM.
 pub(super) const METRIC: Metric = Metric {
@@ -13,7 +13,7 @@ pub(super) const METRIC: Metric = Metric {
     range: [-1.0, 1.0],
     source: "sum of w_j SSIM over pixels and channels / (3 W sum of w_j), the map that of ssim, \
              w_j = cos((j + 1/2 - H/2) pi / H) for row j of H (ODGS utils/loss_utils.py)",
-    needs: &[],
+    needs: &[Need::Sphere],
     function: ws_ssim,
 };
 

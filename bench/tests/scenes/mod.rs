@@ -16,7 +16,8 @@ pub(crate) fn scene(frames: usize, unposed: &[usize]) -> Scene {
         camera: ErpCamera {
             width: WIDTH as u32,
             height: HEIGHT as u32,
-        },
+        }
+        .into(),
         scale: Scale::Metres,
         frames: (0..frames)
             .map(|frame| SceneFrame {

@@ -93,6 +93,13 @@ pub fn measure(
     sequence: &Sequence,
     progress: &dyn Progress,
 ) -> Result<Motion, CurateError> {
+    if sequence.is_pinhole() {
+        progress.note(&format!(
+            "{}: motion is not measured: its frames are those of a pinhole, not of the whole sphere",
+            sequence.id
+        ));
+        return Ok(Motion::default());
+    }
     let values = compare_frames(folder, sequence, progress)?;
     if values.turns.is_empty() {
         progress.note(&format!(

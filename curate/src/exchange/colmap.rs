@@ -1,4 +1,4 @@
-//! COLMAP's text model with its `EQUIRECTANGULAR` camera
+//! COLMAP's text model with its `EQUIRECTANGULAR` or `PINHOLE` camera
 //! (<https://colmap.github.io/format.html#text-format>).
 //!
 //! ```text
@@ -10,11 +10,15 @@
 //! ```
 //!
 //! Axes: COLMAP's cameras have x right, y down and z forward, and its equirectangular image is
-//! ours: nothing is turned. `x_c = R x_w + t`.
+//! ours: nothing is turned. `x_c = R x_w + t`. Its pinhole has the centre of the first pixel at
+//! (1/2, 1/2), as ours.
 
 use std::{io::Write, path::Path};
 
-use omnilife_schemas::store::{self, StoreError};
+use omnilife_schemas::{
+    camera::{Camera, ErpCamera, PinholeCamera},
+    store::{self, StoreError},
+};
 
 use super::{ExportScene, ForeignFrame, ForeignScene, Format, black_mask, file_of};
 use crate::{error::CurateError, poses::colmap::ColmapModel};
@@ -22,7 +26,7 @@ use crate::{error::CurateError, poses::colmap::ColmapModel};
 /// The format.
 pub const FORMAT: Format = Format {
     id: "colmap",
-    about: "COLMAP text model with an EQUIRECTANGULAR camera (COLMAP 4.1 and later)",
+    about: "COLMAP text model with an EQUIRECTANGULAR (COLMAP 4.1 and later) or PINHOLE camera",
     export,
     import,
 };
@@ -34,11 +38,17 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     super::write_black_masks(scene, &out.join("masks"), mask_name)?;
     let model = out.join(MODEL_FOLDER);
     store::create_folder(&model)?;
-    let (width, height) = (scene.camera.width, scene.camera.height);
-    store::write_bytes(
-        &model.join("cameras.txt"),
-        format!("1 EQUIRECTANGULAR {width} {height} {width} {height}\n").as_bytes(),
-    )?;
+    let camera = match scene.camera {
+        Camera::Erp(ErpCamera { width, height }) => {
+            format!("1 EQUIRECTANGULAR {width} {height} {width} {height}\n")
+        }
+        Camera::Pinhole(camera) => {
+            let PinholeCamera { width, height, .. } = camera;
+            let [fx, fy, cx, cy] = [camera.fx, camera.fy, camera.cx, camera.cy];
+            format!("1 PINHOLE {width} {height} {fx} {fy} {cx} {cy}\n")
+        }
+    };
+    store::write_bytes(&model.join("cameras.txt"), camera.as_bytes())?;
     store::write_with(&model.join("images.txt"), |writer| {
         for (id, frame) in (1..).zip(&scene.frames) {
             // Valid poses have a rotation: they were chosen by that.

@@ -19,7 +19,7 @@ use std::path::Path;
 use glam::{DMat3, DVec3};
 use omnilife_schemas::{
     Pose, RgbImage,
-    camera::ErpCamera,
+    camera::{Camera, ErpCamera},
     image_file::ImageFile,
     npy,
     points::PointCloud,
@@ -46,6 +46,15 @@ fn turned(rotation: DMat3) -> DMat3 {
 }
 
 fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
+    match scene.camera {
+        Camera::Erp(_) => {}
+        Camera::Pinhole(_) => {
+            return Err(CurateError::input(
+                out,
+                "hm3d holds panoramas, and the camera of the scene is a pinhole",
+            ));
+        }
+    }
     let (panoramas, masks) = (out.join("pano"), out.join("mask"));
     store::create_folder(&panoramas)?;
     let (mut rotations, mut translations) = (Vec::new(), Vec::new());
@@ -122,7 +131,8 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         camera: ErpCamera {
             width: width as u32,
             height: height as u32,
-        },
+        }
+        .into(),
         frames,
         points: PointCloud::default(),
     })

@@ -20,7 +20,7 @@ use std::{
 
 use omnilife_schemas::{
     Pose,
-    camera::ErpCamera,
+    camera::Camera,
     layout::SCENE_FILE,
     ownership::is_inside,
     points::PointCloud,
@@ -93,7 +93,7 @@ pub struct ExportFrame {
 #[derive(Debug, Clone)]
 pub struct ExportScene {
     /// The camera of all frames.
-    pub camera: ErpCamera,
+    pub camera: Camera,
     /// The frames.
     pub frames: Vec<ExportFrame>,
     /// World points.
@@ -103,8 +103,8 @@ pub struct ExportScene {
 /// What a reader found.
 #[derive(Debug, Clone)]
 pub struct ForeignScene {
-    /// Image size.
-    pub camera: ErpCamera,
+    /// The camera of all frames.
+    pub camera: Camera,
     /// Frames in the format's order.
     pub frames: Vec<ForeignFrame>,
     /// World points; empty where the format has none.

@@ -11,12 +11,18 @@
 //! Axes: nerfstudio's cameras have x right, y up and z back (OpenGL); its equirectangular image has
 //! -z in the centre, which is our +z (`nerfstudio/cameras/cameras.py`, `EQUIRECTANGULAR`, with
 //! `fl_x = fl_y = w / 2`). So the y and z columns of camera-to-world change their signs. The world
-//! is not turned: nerfstudio levels it by itself unless told otherwise.
+//! is not turned: nerfstudio levels it by itself unless told otherwise. A pinhole's principal point is
+//! taken as it stands; the centre of the first pixel is at (1/2, 1/2) there too.
 
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 use glam::{DMat3, DMat4, DVec3, DVec4};
-use omnilife_schemas::{Pose, camera::ErpCamera, points::PointCloud, store::StoreError};
+use omnilife_schemas::{
+    Pose,
+    camera::{Camera, ErpCamera, PinholeCamera},
+    points::PointCloud,
+    store::StoreError,
+};
 use serde::{Deserialize, Serialize};
 
 use super::{ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, file_of, stem};
@@ -25,14 +31,15 @@ use crate::error::CurateError;
 /// The format.
 pub const FORMAT: Format = Format {
     id: "nerfstudio",
-    about: "nerfstudio's transforms.json with an EQUIRECTANGULAR camera",
+    about: "nerfstudio's transforms.json with an EQUIRECTANGULAR or PINHOLE camera",
     export,
     import,
 };
 
 const TRANSFORMS_FILE: &str = "transforms.json";
 const POINTS_FILE: &str = "points.ply";
-const CAMERA_MODEL: &str = "EQUIRECTANGULAR";
+const ERP_MODEL: &str = "EQUIRECTANGULAR";
+const PINHOLE_MODEL: &str = "PINHOLE";
 
 #[derive(Serialize, Deserialize)]
 struct Transforms {
@@ -43,6 +50,9 @@ struct Transforms {
     fl_y: f64,
     cx: f64,
     cy: f64,
+    /// Lens distortion among them, which no camera of ours has.
+    #[serde(flatten)]
+    others: BTreeMap<String, serde_json::Value>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     ply_file_path: Option<String>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -66,7 +76,20 @@ fn opengl(rotation: DMat3) -> DMat3 {
 fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     super::copy_images(scene, &out.join("images"))?;
     super::write_black_masks(scene, &out.join("masks"), mask_name)?;
-    let half = f64::from(scene.camera.width) / 2.0;
+    let intrinsics = match scene.camera {
+        Camera::Erp(ErpCamera { width, height }) => {
+            let half = f64::from(width) / 2.0;
+            PinholeCamera {
+                width,
+                height,
+                fx: half,
+                fy: half,
+                cx: half,
+                cy: f64::from(height) / 2.0,
+            }
+        }
+        Camera::Pinhole(camera) => camera,
+    };
     let has_points = !scene.points.is_empty();
     if has_points {
         scene.points.write_ply(&out.join(POINTS_FILE))?;
@@ -87,18 +110,61 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
         }
     });
     let transforms = Transforms {
-        camera_model: CAMERA_MODEL.to_owned(),
-        w: scene.camera.width,
-        h: scene.camera.height,
-        fl_x: half,
-        fl_y: half,
-        cx: half,
-        cy: f64::from(scene.camera.height) / 2.0,
+        camera_model: match scene.camera {
+            Camera::Erp(_) => ERP_MODEL,
+            Camera::Pinhole(_) => PINHOLE_MODEL,
+        }
+        .to_owned(),
+        w: intrinsics.width,
+        h: intrinsics.height,
+        fl_x: intrinsics.fx,
+        fl_y: intrinsics.fy,
+        cx: intrinsics.cx,
+        cy: intrinsics.cy,
+        others: BTreeMap::new(),
         ply_file_path: has_points.then(|| POINTS_FILE.to_owned()),
         applied_transform: None,
         frames: frames.collect(),
     };
     Ok(super::write_json(&out.join(TRANSFORMS_FILE), &transforms)?)
+}
+
+/// # Errors
+/// For other models, and where the lens distorts; says why.
+fn camera(transforms: &Transforms) -> Result<Camera, String> {
+    let (width, height) = (transforms.w, transforms.h);
+    match transforms.camera_model.as_str() {
+        ERP_MODEL => return Ok(ErpCamera { width, height }.into()),
+        PINHOLE_MODEL | "OPENCV" | "SIMPLE_PINHOLE" => {}
+        model => {
+            return Err(format!(
+                "camera model {model}, expected {ERP_MODEL} or {PINHOLE_MODEL}"
+            ));
+        }
+    }
+    for name in ["k1", "k2", "k3", "k4", "p1", "p2"] {
+        let value = transforms.others.get(name);
+        if value.is_some_and(|value| value.as_f64() != Some(0.0)) {
+            return Err(format!(
+                "its lens distorts ({name}); undistort the images first"
+            ));
+        }
+    }
+    let (fx, fy) = (transforms.fl_x, transforms.fl_y);
+    if !(fx > 0.0 && fy > 0.0 && width > 0 && height > 0) {
+        return Err(format!(
+            "a {width}x{height} camera with the focal lengths {fx} and {fy}"
+        ));
+    }
+    Ok(PinholeCamera {
+        width,
+        height,
+        fx,
+        fy,
+        cx: transforms.cx,
+        cy: transforms.cy,
+    }
+    .into())
 }
 
 fn mask_name(image: &str) -> String {
@@ -109,10 +175,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     let path = folder.join(TRANSFORMS_FILE);
     let malformed = |reason: String| StoreError::malformed(&path, reason);
     let transforms: Transforms = super::read_json(&path)?;
-    if transforms.camera_model != CAMERA_MODEL {
-        let model = &transforms.camera_model;
-        return Err(malformed(format!("camera model {model}, expected {CAMERA_MODEL}")).into());
-    }
+    let camera = camera(&transforms).map_err(malformed)?;
     // Undoing it would need to know whether the points were turned with the cameras.
     if transforms.applied_transform.is_some() {
         return Err(malformed("has an applied_transform; export it without".to_owned()).into());
@@ -138,10 +201,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         });
     }
     Ok(ForeignScene {
-        camera: ErpCamera {
-            width: transforms.w,
-            height: transforms.h,
-        },
+        camera,
         frames,
         points: match &transforms.ply_file_path {
             Some(file) => PointCloud::read_ply(&file_of(folder, file)?)?,

@@ -1,7 +1,7 @@
 //! OpenMVG's `sfm_data`, split into views and extrinsics as ODGS and its successors read it.
 //!
 //! ```text
-//! data_views.json        views and the spherical intrinsic
+//! data_views.json        views and the spherical or pinhole intrinsic
 //! data_extrinsics.json   per pose: rotation (world to camera, row by row) and camera centre
 //! images/                the frames
 //! images/<stem>_mask.png black where something moves (OpenMVG's convention)
@@ -17,7 +17,7 @@ use std::{collections::BTreeMap, io::Write, path::Path};
 use glam::{DMat3, DVec3};
 use omnilife_schemas::{
     Pose,
-    camera::ErpCamera,
+    camera::{Camera, ErpCamera, PinholeCamera},
     points::PointCloud,
     store::{self, StoreError},
 };
@@ -29,7 +29,7 @@ use crate::error::CurateError;
 /// The format.
 pub const FORMAT: Format = Format {
     id: "openmvg",
-    about: "OpenMVG views and extrinsics, as ODGS reads them",
+    about: "OpenMVG views and extrinsics, as ODGS reads them; a pinhole has one focal length",
     export,
     import,
 };
@@ -37,6 +37,9 @@ pub const FORMAT: Format = Format {
 const VIEWS_FILE: &str = "data_views.json";
 const EXTRINSICS_FILE: &str = "data_extrinsics.json";
 const POINTS_FILE: &str = "pcd.ply";
+/// Names of intrinsics.
+const SPHERICAL: &str = "spherical";
+const PINHOLE: &str = "pinhole";
 /// cereal marks the first object of a polymorphic type with the highest bit.
 const FIRST_OF_ITS_KIND: u32 = 1 << 31;
 /// cereal's mark for an object of the static type.
@@ -98,6 +101,11 @@ struct View {
 struct Intrinsic {
     width: u32,
     height: u32,
+    /// Of a pinhole, pixels.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    focal_length: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    principal_point: Option<[f64; 2]>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -136,8 +144,8 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
                     data: View {
                         local_path: String::new(),
                         filename: frame.name.clone(),
-                        width: scene.camera.width,
-                        height: scene.camera.height,
+                        width: scene.camera.width(),
+                        height: scene.camera.height(),
                         id_view: key,
                         id_intrinsic: 0,
                         id_pose: key,
@@ -160,13 +168,14 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
         key: 0,
         value: NamedPolymorphic {
             polymorphic_id: FIRST_OF_ITS_KIND + 1,
-            polymorphic_name: "spherical".to_owned(),
+            polymorphic_name: match scene.camera {
+                Camera::Erp(_) => SPHERICAL,
+                Camera::Pinhole(_) => PINHOLE,
+            }
+            .to_owned(),
             ptr_wrapper: Pointer {
                 id: FIRST_OF_ITS_KIND + scene.frames.len() as u32 + 1,
-                data: Intrinsic {
-                    width: scene.camera.width,
-                    height: scene.camera.height,
-                },
+                data: intrinsic(&scene.camera).map_err(|reason| CurateError::input(out, reason))?,
             },
         },
     });
@@ -182,6 +191,56 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
         store::write_bytes(&out.join(file), names.as_bytes())?;
     }
     Ok(write_points(&out.join(POINTS_FILE), &scene.points)?)
+}
+
+/// # Errors
+/// For a pinhole whose focal lengths differ.
+fn intrinsic(camera: &Camera) -> Result<Intrinsic, String> {
+    let (width, height) = (camera.width(), camera.height());
+    let (focal_length, principal_point) = match camera {
+        Camera::Erp(_) => (None, None),
+        Camera::Pinhole(camera) if camera.fx == camera.fy => {
+            (Some(camera.fx), Some([camera.cx, camera.cy]))
+        }
+        Camera::Pinhole(camera) => {
+            return Err(format!(
+                "a pinhole of OpenMVG has one focal length, the scene's has {} and {} pixels",
+                camera.fx, camera.fy
+            ));
+        }
+    };
+    Ok(Intrinsic {
+        width,
+        height,
+        focal_length,
+        principal_point,
+    })
+}
+
+/// The camera of an intrinsic of this name.
+///
+/// # Errors
+/// For other kinds and where something is missing; says why.
+fn camera_of(name: &str, intrinsic: &Intrinsic) -> Result<Camera, String> {
+    let (width, height) = (intrinsic.width, intrinsic.height);
+    match (name, intrinsic.focal_length, intrinsic.principal_point) {
+        (SPHERICAL, ..) => Ok(ErpCamera { width, height }.into()),
+        (PINHOLE, Some(focal), Some([cx, cy])) if focal > 0.0 && width > 0 && height > 0 => {
+            Ok(PinholeCamera {
+                width,
+                height,
+                fx: focal,
+                fy: focal,
+                cx,
+                cy,
+            }
+            .into())
+        }
+        (PINHOLE, ..) => Err("its pinhole lacks a focal length or a principal point".to_owned()),
+        _ => Err(format!(
+            "its intrinsic is {name}, expected {SPHERICAL} or {PINHOLE}"
+        )),
+    }
 }
 
 fn mask_name(image: &str) -> String {
@@ -231,15 +290,12 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         }
     }
     let images = folder.join("images");
-    let mut camera = None;
+    let mut size_of_views = None;
     let mut frames = Vec::new();
     for view in &views.views {
         let view = &view.value.ptr_wrapper.data;
-        let size = ErpCamera {
-            width: view.width,
-            height: view.height,
-        };
-        if *camera.get_or_insert(size) != size {
+        let size = [view.width, view.height];
+        if *size_of_views.get_or_insert(size) != size {
             return Err(StoreError::malformed(&views_path, "its views differ in size").into());
         }
         frames.push(ForeignFrame {
@@ -248,7 +304,19 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             pose: poses.get(&view.id_pose).copied(),
         });
     }
-    let camera = camera.ok_or_else(|| StoreError::malformed(&views_path, "has no views"))?;
+    let [width, height] =
+        size_of_views.ok_or_else(|| StoreError::malformed(&views_path, "has no views"))?;
+    let camera = match &views.intrinsics[..] {
+        // ODGS reads the views alone, and all of them as spherical.
+        [] => ErpCamera { width, height }.into(),
+        [one] => camera_of(&one.value.polymorphic_name, &one.value.ptr_wrapper.data)
+            .map_err(|reason| StoreError::malformed(&views_path, reason))?
+            .resized(width, height),
+        more => {
+            let reason = format!("has {} intrinsics; a scene has one camera", more.len());
+            return Err(StoreError::malformed(&views_path, reason).into());
+        }
+    };
     let points = folder.join(POINTS_FILE);
     Ok(ForeignScene {
         camera,

@@ -180,14 +180,15 @@ fn check_size(foreign: &ForeignScene, frame: &ForeignFrame) -> Result<(), Curate
         &frame.image,
         format!(
             "is {width}x{height}, its scene says {}x{}",
-            foreign.camera.width, foreign.camera.height
+            foreign.camera.width(),
+            foreign.camera.height()
         ),
     ))
 }
 
 /// Width and height of a scene's images.
 fn size_of(foreign: &ForeignScene) -> [usize; 2] {
-    [foreign.camera.width, foreign.camera.height].map(|side| side as usize)
+    foreign.camera.size()
 }
 
 fn import_mask(

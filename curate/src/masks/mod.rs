@@ -83,6 +83,13 @@ pub fn write_masks(
     let started = std::time::Instant::now();
     let masks = match (&files, source) {
         (Some(files), _) => read_masks(files, &sequence)?,
+        (None, MaskSource::Method(id)) if sequence.is_pinhole() => {
+            let reason = format!(
+                "is of a pinhole, and {id} looks at whole spheres; masks of any other program can be \
+                 given as files"
+            );
+            return Err(CurateError::input(&sequence_path, reason));
+        }
         (None, MaskSource::Method(id)) => {
             (find_method(id, folder)?.find)(folder, &sequence, progress)?
         }
@@ -98,7 +105,11 @@ pub fn write_masks(
         mask.write_png(&staging.begin(&format!("{DYNAMIC_MASKS_FOLDER}/{file}"))?)?;
         entries.push(MaskEntry {
             file,
-            dynamic_share: dynamic_share(mask),
+            dynamic_share: if sequence.is_pinhole() {
+                marked_share(mask)
+            } else {
+                dynamic_share(mask)
+            },
         });
     }
     let record = Masks {
@@ -158,6 +169,12 @@ fn read_masks(files: &[PathBuf], sequence: &Sequence) -> Result<Vec<Mask>, Curat
 fn stem(file: &str) -> String {
     let stem = Path::new(file).file_stem().unwrap_or_default();
     stem.to_string_lossy().into_owned()
+}
+
+/// Share of the pixels of an image that a mask marks.
+fn marked_share(mask: &Mask) -> f64 {
+    let marked = mask.data.iter().filter(|&&pixel| pixel != 0).count();
+    marked as f64 / mask.data.len().max(1) as f64
 }
 
 /// Share of the sphere that a mask covers: every pixel counts by its solid angle.

@@ -9,13 +9,18 @@ use std::{
 };
 
 use glam::{DQuat, DVec2, DVec3};
-use omnilife_schemas::{Pose, camera::ErpCamera, points::PointCloud, store::StoreError};
+use omnilife_schemas::{
+    Pose,
+    camera::{Camera, ErpCamera, PinholeCamera},
+    points::PointCloud,
+    store::StoreError,
+};
 
-/// A reconstruction with one equirectangular camera.
+/// A reconstruction with one camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ColmapModel {
     /// The camera of all images.
-    pub camera: ErpCamera,
+    pub camera: Camera,
     /// Registered images by their id.
     pub images: BTreeMap<u32, ColmapImage>,
     /// Points by their id.
@@ -66,7 +71,8 @@ impl ColmapModel {
     /// Reads a text model.
     ///
     /// # Errors
-    /// When a file is missing or malformed, or a camera is not `EQUIRECTANGULAR`.
+    /// When a file is missing or malformed, or a camera is neither `EQUIRECTANGULAR` nor a pinhole without
+    /// distortion.
     pub fn read(folder: &Path) -> Result<Self, StoreError> {
         let [cameras, images, points] = files(folder);
         Ok(Self {
@@ -150,25 +156,51 @@ fn text(path: &Path) -> Result<String, StoreError> {
     fs::read_to_string(path).map_err(|error| StoreError::read(path, error))
 }
 
-fn read_camera(path: &Path) -> Result<ErpCamera, StoreError> {
+fn read_camera(path: &Path) -> Result<Camera, StoreError> {
     let text = text(path)?;
     let mut camera = None;
     for line in lines(path, &text).filter(|line| !line.text.trim().is_empty()) {
-        let model: String = line.field(1, "camera model")?;
-        if model != "EQUIRECTANGULAR" {
-            return Err(line.malformed(&format!(
-                "camera model {model}; poses of ERP frames need EQUIRECTANGULAR"
-            )));
-        }
-        let this = ErpCamera {
-            width: line.field(2, "camera width")?,
-            height: line.field(3, "camera height")?,
-        };
-        if this.width == 0 || this.height == 0 || *camera.get_or_insert(this) != this {
+        let this = camera_of(&line)?;
+        if this.width() == 0 || this.height() == 0 || *camera.get_or_insert(this) != this {
             return Err(line.malformed("camera size is empty or differs from the one before"));
         }
     }
     camera.ok_or_else(|| StoreError::malformed(path, "has no camera"))
+}
+
+/// Lens distortion has to be taken out of the images first: no camera of ours has any.
+fn camera_of(line: &Line<'_>) -> Result<Camera, StoreError> {
+    let model: String = line.field(1, "camera model")?;
+    let (width, height) = (
+        line.field(2, "camera width")?,
+        line.field(3, "camera height")?,
+    );
+    let [fx, fy, cx, cy] = match model.as_str() {
+        "EQUIRECTANGULAR" => return Ok(ErpCamera { width, height }.into()),
+        "PINHOLE" => line.numbers(4, "fx, fy, cx, cy")?,
+        "SIMPLE_PINHOLE" => {
+            let [f, cx, cy] = line.numbers(4, "f, cx, cy")?;
+            [f, f, cx, cy]
+        }
+        _ => {
+            return Err(line.malformed(&format!(
+                "camera model {model}; known are EQUIRECTANGULAR, PINHOLE and SIMPLE_PINHOLE (COLMAP's \
+                 image_undistorter takes distortion out of images)"
+            )));
+        }
+    };
+    if !(fx > 0.0 && fy > 0.0) {
+        return Err(line.malformed("a focal length is not positive"));
+    }
+    Ok(PinholeCamera {
+        width,
+        height,
+        fx,
+        fy,
+        cx,
+        cy,
+    }
+    .into())
 }
 
 fn read_images(path: &Path) -> Result<BTreeMap<u32, ColmapImage>, StoreError> {

@@ -7,6 +7,7 @@ use std::{
 
 use omnilife_schemas::{
     Pose,
+    camera::{Camera, ErpCamera},
     points::PointCloud,
     records::{PoseSource, PoseValidation, PosedFrame, Poses, Scale, Sequence, ValidationStatus},
     store,
@@ -94,6 +95,7 @@ fn from_record(path: &Path, sequence: &Sequence) -> Result<PosedSequence, Curate
         )
         .into());
     }
+    let camera = camera_of_frames(path, record.camera, sequence)?;
     let rate = sequence.probe.frames_per_second;
     let tolerance = if rate > 0.0 { 0.5 / rate } else { 1e-3 };
     let matched: Vec<Option<&PosedFrame>> = sequence
@@ -125,6 +127,7 @@ fn from_record(path: &Path, sequence: &Sequence) -> Result<PosedSequence, Curate
         ));
     }
     Ok(PosedSequence {
+        camera,
         validation,
         masks,
         poses,
@@ -132,6 +135,46 @@ fn from_record(path: &Path, sequence: &Sequence) -> Result<PosedSequence, Curate
         scale: record.scale,
         source: given_by(path),
     })
+}
+
+/// The camera of a sequence's frames from the one that is given with its poses.
+///
+/// # Errors
+/// When the frames are ERP and the camera is a pinhole, or the other way round, or they have not the same
+/// shape.
+fn camera_of_frames(
+    path: &Path,
+    given: Option<Camera>,
+    sequence: &Sequence,
+) -> Result<Camera, CurateError> {
+    let (width, height) = (sequence.frames.width, sequence.frames.height);
+    let refuse = |reason: String| Err(CurateError::input(path, reason));
+    match (sequence.is_pinhole(), given) {
+        (false, None | Some(Camera::Erp(_))) => Ok(ErpCamera { width, height }.into()),
+        (false, Some(Camera::Pinhole(_))) => refuse(format!(
+            "has a pinhole camera, and the frames of {} are ERP; --projection pinhole takes a video as \
+             an ordinary perspective one",
+            sequence.id
+        )),
+        (true, None | Some(Camera::Erp(_))) => refuse(format!(
+            "has no pinhole camera, and the frames of {} are those of one: it needs a \"camera\" with \
+             \"model\": \"pinhole\", width, height, fx, fy, cx and cy",
+            sequence.id
+        )),
+        (true, Some(camera @ Camera::Pinhole(_))) => {
+            // A row that rounding took or gave is no other shape.
+            let rows = f64::from(width) * f64::from(camera.height()) / f64::from(camera.width());
+            if (rows - f64::from(height)).abs() > 1.0 {
+                return refuse(format!(
+                    "has a camera of {}x{} pixels, the frames of {} are {width}x{height}: another shape",
+                    camera.width(),
+                    camera.height(),
+                    sequence.id
+                ));
+            }
+            Ok(camera.resized(width, height))
+        }
+    }
 }
 
 /// The pose nearest to an instant, if it is within the tolerance. `given` is sorted by time.
@@ -148,6 +191,7 @@ fn nearest<'a>(given: &[&'a PosedFrame], seconds: f64, tolerance: f64) -> Option
 /// Frames are matched by file name, whatever their folder.
 fn from_colmap(folder: &Path, sequence: &Sequence) -> Result<PosedSequence, CurateError> {
     let model = ColmapModel::read(folder)?;
+    let camera = camera_of_frames(folder, Some(model.camera), sequence)?;
     let names = frame_names(sequence);
     let mut by_name: BTreeMap<String, Pose> = BTreeMap::new();
     for image in model.images.values() {
@@ -177,6 +221,7 @@ fn from_colmap(folder: &Path, sequence: &Sequence) -> Result<PosedSequence, Cura
         unchecked(&poses)
     };
     Ok(PosedSequence {
+        camera,
         masks: vec![None; poses.len()],
         poses,
         points: Some(model.cloud()),

@@ -20,7 +20,7 @@ use std::{
 
 use omnilife_schemas::{
     Pose,
-    camera::ErpCamera,
+    camera::Camera,
     layout::{POINTS_FILE, SCENE_FILE, SEQUENCE_FILE},
     lock::FolderLock,
     ownership::Standing,
@@ -40,7 +40,7 @@ pub use validate::ValidationLimits;
 /// Where the poses of a sequence come from.
 #[derive(Debug, Clone, PartialEq)]
 pub enum PoseRequest {
-    /// A `poses.json` (`omnilife/poses/1`) or a folder with a COLMAP text model.
+    /// A `poses.json` (`omnilife/poses/2`) or a folder with a COLMAP text model.
     Given(PathBuf),
     /// Structure from motion.
     Sfm(SfmSettings),
@@ -49,6 +49,8 @@ pub enum PoseRequest {
 /// Poses of a sequence's frames, before they are written as a scene.
 #[derive(Debug, Clone)]
 pub(crate) struct PosedSequence {
+    /// The camera of the frames, at their size.
+    pub(crate) camera: Camera,
     /// One entry per frame of the sequence.
     pub(crate) poses: Vec<Option<Pose>>,
     /// Mask file per frame, wherever the user keeps it.
@@ -199,11 +201,8 @@ fn stage_scene(
     posed: PosedSequence,
     truth: &TruthFiles,
 ) -> Result<Scene, CurateError> {
-    let camera = ErpCamera {
-        width: sequence.frames.width,
-        height: sequence.frames.height,
-    };
-    let size = [camera.width as usize, camera.height as usize];
+    let camera = posed.camera;
+    let size = camera.size();
     let masks = masks::stage(staging, folder, &posed.masks, size.into())?;
     let points = match posed.points.filter(|cloud| !cloud.is_empty()) {
         Some(cloud) => {

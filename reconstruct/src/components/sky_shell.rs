@@ -26,7 +26,7 @@ fn decide(_: &SceneEvidence, draft: &Draft<'_>) -> Decision {
     let reason = format!(
         "{:.1} % of {} directions have no point (limit {:.0} %)",
         100.0 * sky.share(),
-        sky.directions,
+        sky.seen,
         100.0 * SKY_SHARE
     );
     Decision::new(sky.is_worth_a_shell(), reason).whatever_the_plan()

@@ -22,7 +22,7 @@ use crate::{
     train::{self, Session},
 };
 use omnilife_engine::{
-    camera::View,
+    camera::{Camera, View},
     gaussians::{ActivatedGaussians, static_gaussians},
     model::exposure::Exposure,
     render::cpu::Renderer,
@@ -37,9 +37,9 @@ const POINTS: usize = 4_000;
 const VIEWS: usize = 30;
 /// Pixels between those at which flat surfaces are looked for.
 const GRID_STEP: usize = 8;
-/// Half of the window, in turns, over which a patch is averaged to tell whether anything moves: what
+/// Half of the window, as a share of the images' width, over which a patch is averaged to tell whether anything moves: what
 /// moves is wrong all over, an edge that the fit blurs is wrong on both sides, with both signs.
-const MOTION_REACH_TURNS: f32 = 4.0 / 256.0;
+const MOTION_REACH_SHARE: f32 = 4.0 / 256.0;
 
 /// Input views next to the renders of a short static training.
 #[derive(Debug)]
@@ -99,7 +99,7 @@ impl PilotFit {
     /// Whether anything moves, by some of the scene's points.
     pub fn motion(&self) -> MotionEvidence {
         let points = self.some_points();
-        let reach = (self.scene.camera.width as f32 * MOTION_REACH_TURNS).round() as usize;
+        let reach = (self.scene.camera.width() as f32 * MOTION_REACH_SHARE).round() as usize;
         transients(&self.residuals(&points, reach.max(1)))
     }
 
@@ -130,8 +130,12 @@ impl PilotFit {
         let mut surfaces = Vec::new();
         for rendered in self.views.iter().step_by(2) {
             let view = self.view(rendered);
+            let columns = match self.scene.camera {
+                Camera::Erp(_) => 0..rendered.width,
+                Camera::Pinhole(_) => GRID_STEP..rendered.width.saturating_sub(GRID_STEP),
+            };
             for row in (GRID_STEP..rendered.height.saturating_sub(GRID_STEP)).step_by(GRID_STEP) {
-                for column in (0..rendered.width).step_by(GRID_STEP) {
+                for column in columns.clone().step_by(GRID_STEP) {
                     let depth = rendered.depth[row * rendered.width + column];
                     if depth.is_finite() && rendered.is_flat([column, row]) {
                         let middle = dvec2(column as f64 + 0.5, row as f64 + 0.5);
@@ -180,7 +184,7 @@ impl PilotFit {
             });
             (view.centre, observations.collect())
         });
-        PoseEvidence::of(views.collect(), self.scene.camera.width)
+        PoseEvidence::of(views.collect(), &self.scene.camera)
     }
 
     /// Compares the views with renders from where they were taken by the evidence: an edge beside its

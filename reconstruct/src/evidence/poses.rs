@@ -25,7 +25,7 @@ use glam::{DVec3, Vec3};
 use serde::Serialize;
 
 use crate::evidence::{LEAST_VIEWS, PER_MEDIAN, PILOT_ITERATIONS};
-use omnilife_engine::camera::pose::PoseCorrection;
+use omnilife_engine::camera::{Camera, pose::PoseCorrection};
 
 /// Displacement from which poses are worth refining, pixels of the images that were looked at: exact
 /// poses have 0.01 and 0.02, poses that are off by 0.1 degrees 0.09 to 0.13 (docs/results/dynamic.md).
@@ -109,14 +109,17 @@ pub struct PoseEvidence {
     pub distance: f64,
     /// Width of the images that were looked at, pixels.
     pub width: u32,
+    /// Pixels at the image centre that a whole turn of small angles makes.
+    #[serde(skip)]
+    pub turn_pixels: f64,
     /// What would correct the pose of each view that was given; `None` where too little was seen.
     #[serde(skip)]
     pub corrections: Vec<Option<PoseCorrection>>,
 }
 
 impl PoseEvidence {
-    /// From what every view, a camera at a centre, shows at the same points, in images of this width.
-    pub fn of(mut views: Vec<(Vec3, Vec<Option<PoseObservation>>)>, width: u32) -> Self {
+    /// From what every view, a camera at a centre, shows at the same points.
+    pub fn of(mut views: Vec<(Vec3, Vec<Option<PoseObservation>>)>, camera: &Camera) -> Self {
         subtract_medians(&mut views);
         let mut found: Vec<Option<Estimate>> = views
             .iter()
@@ -150,7 +153,8 @@ impl PoseEvidence {
             distance: (displaced([0, 1, 2]) / displaced([3, 4, 5])).sqrt(),
             shift_radians: (moved / left).sqrt(),
             explained_radians: (explained / found.len() as f64).sqrt(),
-            width,
+            width: camera.width(),
+            turn_pixels: pixels_per_turn(camera),
             corrections,
         }
     }
@@ -162,12 +166,20 @@ impl PoseEvidence {
     }
 
     fn pixels(&self, radians: f64) -> f64 {
-        radians / TAU * f64::from(self.width)
+        radians / TAU * self.turn_pixels
     }
 
     /// Whether the poses are worth refining.
     pub fn are_off(&self) -> bool {
         self.unexplained_pixels() >= LEAST_SHIFT_PIXELS
+    }
+}
+
+/// The width of an ERP image; a pinhole shows the tangent of an angle.
+fn pixels_per_turn(camera: &Camera) -> f64 {
+    match camera {
+        Camera::Erp(camera) => f64::from(camera.width),
+        Camera::Pinhole(camera) => TAU * (camera.fx * camera.fy).sqrt(),
     }
 }
 

@@ -10,7 +10,7 @@ use crate::{
     scene::TrainingScene,
 };
 use omnilife_engine::{
-    camera::{View, erp, horizontal},
+    camera::{Camera, CameraKernels, View, horizontal},
     gaussians::ActivatedGaussians,
     model::exposure::Exposure,
     render::cpu::Renderer,
@@ -117,8 +117,9 @@ impl RenderedView {
         }
     }
 
-    /// The pixel of a point `offset` from the camera in its frame, at least `margin` pixels from the upper
-    /// and lower border; `None` where the point is hidden.
+    /// The pixel of a point `offset` from the camera in its frame, at least `margin` pixels from the borders
+    /// of the image, where columns wrap from the upper and lower one alone; `None` where the point is hidden
+    /// or not in the image.
     fn visible_pixel(
         &self,
         scene: &TrainingScene,
@@ -129,14 +130,19 @@ impl RenderedView {
         if distance <= 0.0 || self.height <= 2 * margin || self.width <= margin {
             return None;
         }
-        let pixel = erp::project(&scene.camera, offset, distance).pixel;
-        let column = (pixel.x as usize).min(self.width - 1);
-        let row = (pixel.y as usize).clamp(margin, self.height - 1 - margin);
+        let [mut column, row] = scene.camera.pixel_of(offset, distance)?;
+        if !scene.camera.wraps() {
+            if self.width <= 2 * margin {
+                return None;
+            }
+            column = column.clamp(margin, self.width - 1 - margin);
+        }
+        let row = row.clamp(margin, self.height - 1 - margin);
         let is_visible = distance <= DEPTH_SLACK * self.depth[row * self.width + column];
         is_visible.then_some([column, row])
     }
 
-    /// Mean of the pixels within `reach` of one, which is as far from the upper and lower border; not a
+    /// Mean of the pixels within `reach` of one, which is as far from the borders that do not wrap; not a
     /// number where a mask covers one of them.
     fn mean(&self, [column, row]: [usize; 2], reach: usize) -> Patch {
         let (mut shown, mut residual) = ([0.0; 3], [0.0; 3]);
@@ -211,7 +217,11 @@ impl RenderedView {
     ) -> Option<PoseObservation> {
         let offset = view.rotation * (point - view.centre);
         let distance = offset.length();
-        if horizontal(offset) < LEAST_HORIZONTAL * distance {
+        let is_near_a_pole = match scene.camera {
+            Camera::Erp(_) => horizontal(offset) < LEAST_HORIZONTAL * distance,
+            Camera::Pinhole(_) => false,
+        };
+        if is_near_a_pole {
             return None;
         }
         let [column, row] = self.visible_pixel(scene, offset, 2)?;
@@ -229,7 +239,7 @@ impl RenderedView {
             rendered(1, 2),
         ];
         let residual = self.mean([column, row], 1).residual;
-        let projection = erp::project(&scene.camera, offset, distance);
+        let projection = scene.camera.project_with_jacobian(offset, distance);
         let to_world = view.rotation.transpose();
         // How each channel changes towards where the point would be seen if it moved in the world.
         let by_point = [0, 1, 2].map(|channel| {

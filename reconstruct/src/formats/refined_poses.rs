@@ -5,6 +5,7 @@ use std::path::Path;
 use omnilife_engine::model::Model;
 use omnilife_schemas::{
     Pose,
+    camera::Camera,
     records::{PosedFrame, Poses},
     store::{self, StoreError},
 };
@@ -38,6 +39,10 @@ fn refined_poses(scene: &TrainingScene, model: &Model) -> Poses {
         .collect();
     frames.sort_by(|one, other| one.time_seconds.total_cmp(&other.time_seconds));
     Poses {
+        camera: match scene.camera {
+            Camera::Erp(_) => None,
+            camera @ Camera::Pinhole(_) => Some(camera),
+        },
         scale: scene.scale,
         frames,
         points: None,

@@ -2,7 +2,7 @@
 
 use omnilife_schemas::{
     RgbImage, Similarity,
-    camera::ErpCamera,
+    camera::{Camera, ErpCamera},
     progress::Progress,
     records::{Backend, Scene, Split, ViewPredictions},
     stage::StagePlan,
@@ -45,13 +45,22 @@ pub(crate) struct Frames<'a> {
 
 impl<'a> Frames<'a> {
     /// # Errors
-    /// When the split asks for images of no size that the scene has.
+    /// When the split asks for images of no size that the scene has, or the camera is no ERP one.
     pub(crate) fn new(
         request: &'a ReconstructRequest,
         scene: &'a Scene,
         split: &'a Split,
     ) -> Result<Self, ReconstructError> {
-        let camera = crate::scene::checked_camera(scene, split, &request.split)?;
+        let camera = match crate::scene::checked_camera(scene, split, &request.split)? {
+            Camera::Erp(camera) => camera,
+            Camera::Pinhole(_) => {
+                let reason = format!(
+                    "its camera is a pinhole; {} looks things up in ERP images",
+                    request.method
+                );
+                return Err(ReconstructError::scene(&request.scene, reason));
+            }
+        };
         Ok(Self {
             request,
             scene,
@@ -178,7 +187,7 @@ impl<'a> Frames<'a> {
         Ok(ContextView {
             frame,
             camera_pose,
-            image: crate::scene::read_image(&file, self.scene, self.camera)?,
+            image: crate::scene::read_image(&file, self.scene, self.camera.into())?,
         })
     }
 

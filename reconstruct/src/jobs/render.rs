@@ -15,7 +15,7 @@ use omnilife_schemas::{
     progress::Progress,
     records::{Poses, RunRecord, Scene},
     stage::StagePlan,
-    store::{self, Record, StoreError},
+    store::{self, StoreError},
 };
 use serde::Deserialize;
 
@@ -44,12 +44,23 @@ pub struct RenderRequest {
     pub poses: PathBuf,
     /// Width and height in pixels; the scene's, or 1024x512, where none is given.
     pub size: Option<[u32; 2]>,
-    /// Horizontal field of view of a pinhole camera in degrees; an ERP camera where none is given.
-    pub pinhole_degrees: Option<f64>,
+    /// With which camera.
+    pub camera: RenderCamera,
     /// What of them is shown.
     pub layer: Layer,
     /// Folder of the images.
     pub out: PathBuf,
+}
+
+/// The camera of rendered images.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum RenderCamera {
+    /// That of the poses; ERP where they have none.
+    OfPoses,
+    /// ERP.
+    Erp,
+    /// A pinhole with a centred principal point and this horizontal field of view in degrees.
+    Pinhole(f64),
 }
 
 /// What was rendered.
@@ -57,6 +68,8 @@ pub struct RenderRequest {
 pub struct RenderedViews {
     /// PNG files `<number of the frame, 6 digits>.png`, in order.
     pub files: Vec<PathBuf>,
+    /// The camera of the images.
+    pub camera: Camera,
     /// Presentation timestamps in seconds, one per file.
     pub times_seconds: Vec<f64>,
     /// Frames without a usable pose; they are left out.
@@ -96,7 +109,7 @@ pub fn render_poses(
     let camera = camera(request, path.camera)?;
     let source = Source::open(&request.gaussians, of_cameras)?;
     if source.renderer == RendererChoice::OdgsPublished
-        && (request.pinhole_degrees.is_some() || request.layer != Layer::All)
+        && (matches!(camera, Camera::Pinhole(_)) || request.layer != Layer::All)
     {
         return Err(ReconstructError::Request {
             reason: "the published renderer of ODGS draws whole ERP views only".to_owned(),
@@ -128,6 +141,7 @@ pub fn render_poses(
     progress.begin("rendering", Some(posed.len() as u64));
     let mut rendered = RenderedViews {
         files: Vec::with_capacity(posed.len()),
+        camera,
         times_seconds: Vec::with_capacity(posed.len()),
         unposed: path.frames.len() - posed.len(),
         largest_speed: (request.layer == Layer::Velocity)
@@ -241,7 +255,7 @@ fn check(settings: &TrainSettings) -> Result<(), String> {
 
 /// Frames with their times and poses, and the camera where the file has one.
 struct CameraPath {
-    camera: Option<ErpCamera>,
+    camera: Option<Camera>,
     frames: Vec<(f64, Option<Pose>)>,
 }
 
@@ -253,7 +267,8 @@ struct Tag {
 fn read_path(path: &Path) -> Result<CameraPath, StoreError> {
     let text = std::fs::read_to_string(path).map_err(|source| StoreError::read(path, source))?;
     let tag = serde_json::from_str::<Tag>(&text).ok();
-    if tag.and_then(|tag| tag.schema).as_deref() == Some(Scene::SCHEMA) {
+    let schema = tag.and_then(|tag| tag.schema);
+    if schema.is_some_and(|schema| store::is_read_as::<Scene>(&schema)) {
         let scene: Scene = store::read_record(path)?;
         let frames = scene.frames.iter();
         return Ok(CameraPath {
@@ -266,16 +281,16 @@ fn read_path(path: &Path) -> Result<CameraPath, StoreError> {
     let poses: Poses = store::read_record(path)?;
     let frames = poses.frames.iter();
     Ok(CameraPath {
-        camera: None,
+        camera: poses.camera,
         frames: frames
             .map(|frame| (frame.time_seconds, Some(frame.pose)))
             .collect(),
     })
 }
 
-fn camera(request: &RenderRequest, scene: Option<ErpCamera>) -> Result<Camera, ReconstructError> {
-    let of_scene = scene.map(|camera| [camera.width, camera.height]);
-    let [width, height] = request.size.or(of_scene).unwrap_or(DEFAULT_SIZE);
+fn camera(request: &RenderRequest, given: Option<Camera>) -> Result<Camera, ReconstructError> {
+    let of_poses = given.map(|camera| [camera.width(), camera.height()]);
+    let [width, height] = request.size.or(of_poses).unwrap_or(DEFAULT_SIZE);
     if !(1..=LARGEST_SIDE).contains(&width) || !(1..=LARGEST_SIDE).contains(&height) {
         return Err(ReconstructError::Request {
             reason: format!("images are 1 to {LARGEST_SIDE} pixels wide and high"),
@@ -285,13 +300,15 @@ fn camera(request: &RenderRequest, scene: Option<ErpCamera>) -> Result<Camera, R
         u64::from(width) * u64::from(height) * BYTES_PER_PIXEL,
         &format!("rendering images of {width}x{height} pixels"),
     )?;
-    match request.pinhole_degrees {
-        None => Ok(ErpCamera { width, height }.into()),
-        Some(degrees) if degrees > 0.0 && degrees < 180.0 => {
+    let erp = Camera::Erp(ErpCamera { width, height });
+    match request.camera {
+        RenderCamera::OfPoses => Ok(given.map_or(erp, |camera| camera.resized(width, height))),
+        RenderCamera::Erp => Ok(erp),
+        RenderCamera::Pinhole(degrees) if degrees > 0.0 && degrees < 180.0 => {
             let radians = degrees.to_radians();
             Ok(PinholeCamera::with_horizontal_field_of_view(width, height, radians).into())
         }
-        Some(_) => Err(ReconstructError::Request {
+        RenderCamera::Pinhole(_) => Err(ReconstructError::Request {
             reason: "a pinhole camera's field of view is between 0 and 180 degrees".to_owned(),
         }),
     }

@@ -12,6 +12,7 @@ use crate::{
     request::MethodRequest,
 };
 use omnilife_engine::{
+    camera::Camera,
     density::{DensifySettings, LatitudeOf, SizeUnit, Threshold},
     gaussians::static_gaussians,
     render::settings::{RenderSettings, RendererChoice},
@@ -96,6 +97,12 @@ fn prepare(
     };
     if backend != BackendChoice::Cpu {
         return refuse("runs on the CPU only");
+    }
+    match scene.camera {
+        Camera::Erp(_) => {}
+        Camera::Pinhole(_) => {
+            return refuse("draws ERP images, and the scene's camera is a pinhole");
+        }
     }
     if scene.points.is_empty() {
         return refuse("begins from points, and the scene has none");

@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::{DVec3, Vec3};
 use omnilife_schemas::{
     RgbImage, Similarity,
-    camera::ErpCamera,
+    camera::Camera,
     image_file::ImageFile,
     points::PointCloud,
     records::{Scale, Scene, Split},
@@ -27,7 +27,7 @@ pub struct TrainingScene {
     /// Id of the scene.
     pub id: String,
     /// Size and model of all images.
-    pub camera: ErpCamera,
+    pub camera: Camera,
     /// Views to train on.
     pub input_views: Vec<TrainingView>,
     /// Views to predict. Their images serve the trace alone.
@@ -95,10 +95,18 @@ impl TrainingScene {
         })
     }
 
-    /// Mean share of the input views' masks that is marked, over the sphere (rows weighted by the
-    /// cosine of their latitude); `None` when no input view has a mask.
+    /// Mean share of the input views' masks that is marked, over the sphere (rows of ERP images weighted
+    /// by the cosine of their latitude) or, of a pinhole, over the image; `None` when no input view has a
+    /// mask.
     pub fn mask_coverage(&self) -> Option<f64> {
-        let (width, height) = (self.camera.width as usize, self.camera.height as usize);
+        let [width, height] = self.camera.size();
+        let weight = |row: usize| match self.camera {
+            Camera::Erp(_) => {
+                let latitude = (0.5 - (row as f64 + 0.5) / height as f64) * std::f64::consts::PI;
+                latitude.cos()
+            }
+            Camera::Pinhole(_) => 1.0,
+        };
         let (mut marked, mut all) = (0.0, 0.0);
         for mask in self
             .input_views
@@ -106,10 +114,9 @@ impl TrainingScene {
             .filter_map(|view| view.mask.as_ref())
         {
             for (row, pixels) in mask.chunks(width).enumerate() {
-                let latitude = (0.5 - (row as f64 + 0.5) / height as f64) * std::f64::consts::PI;
                 let sum: u64 = pixels.iter().map(|&byte| u64::from(byte)).sum();
-                marked += latitude.cos() * sum as f64 / 255.0;
-                all += latitude.cos() * width as f64;
+                marked += weight(row) * sum as f64 / 255.0;
+                all += weight(row) * width as f64;
             }
         }
         (all > 0.0).then(|| marked / all)
@@ -118,21 +125,18 @@ impl TrainingScene {
     /// The scene with images and masks averaged over whole squares of pixels: as small as they get
     /// without becoming narrower than `least_width`.
     pub fn reduced(&self, least_width: u32) -> Self {
-        let ErpCamera { width, height } = self.camera;
+        let (width, height) = (self.camera.width(), self.camera.height());
         let fits = |factor: &u32| width.is_multiple_of(*factor) && height.is_multiple_of(*factor);
         let factor = (1..=width / least_width.max(1))
             .rev()
             .find(fits)
             .unwrap_or(1);
-        let camera = ErpCamera {
-            width: width / factor,
-            height: height / factor,
-        };
+        let camera = self.camera.resized(width / factor, height / factor);
         let (width, factor) = (width as usize, factor as usize);
         let reduce = |view: &TrainingView| TrainingView {
             frame: view.frame,
             view: View {
-                camera: camera.into(),
+                camera,
                 ..view.view
             },
             pixels: averaged::<3>(&view.pixels, width, factor),
@@ -187,7 +191,7 @@ impl TrainingScene {
     /// What training sees of the input views.
     pub fn inputs(&self) -> InputViews<'_> {
         InputViews {
-            camera: self.camera.into(),
+            camera: self.camera,
             views: &self.input_views,
         }
     }
@@ -241,13 +245,13 @@ fn median(mut values: Vec<f32>) -> f32 {
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// Size of the images that a method works on, after a check that the split is the one that its
+/// The camera of the images that a method works on, after a check that the split is the one that its
 /// protocol makes of this scene.
 pub(crate) fn checked_camera(
     scene: &Scene,
     split: &Split,
     split_path: &Path,
-) -> Result<ErpCamera, ReconstructError> {
+) -> Result<Camera, ReconstructError> {
     // An edited split would hand out views that are scored as held out.
     split_rules::check(split, scene)
         .map_err(|reason| ReconstructError::scene(split_path, reason))?;
@@ -255,14 +259,14 @@ pub(crate) fn checked_camera(
         .protocol
         .scored_size(&scene.camera)
         .map_err(|reason| ReconstructError::scene(split_path, reason))?;
-    Ok(ErpCamera { width, height })
+    Ok(scene.camera.resized(width, height))
 }
 
 fn load_view(
     scene: &Scene,
     scene_path: &Path,
     folder: &Path,
-    camera: ErpCamera,
+    camera: Camera,
     normalization: &Similarity,
     frame: u32,
 ) -> Result<TrainingView, ReconstructError> {
@@ -279,7 +283,7 @@ fn load_view(
             )
         })?;
     let image = read_image(&folder.join(&entry.image), scene, camera)?;
-    let expected = (scene.camera.width as usize, scene.camera.height as usize);
+    let expected = scene.camera.size();
     let mask = entry
         .mask
         .as_ref()
@@ -297,46 +301,46 @@ fn load_view(
 pub(crate) fn read_image(
     path: &Path,
     scene: &Scene,
-    camera: ErpCamera,
+    camera: Camera,
 ) -> Result<RgbImage, ReconstructError> {
     let file = ImageFile::open(path)?;
     let [width, height] = file.size();
-    let expected = (scene.camera.width as usize, scene.camera.height as usize);
-    if (width, height) != expected {
+    let expected = scene.camera.size();
+    if [width, height] != expected {
         return Err(ReconstructError::scene(
             path,
             format!(
                 "is {width}x{height}, the scene's camera is {}x{}",
-                expected.0, expected.1
+                expected[0], expected[1]
             ),
         ));
     }
     let image = RgbImage::decode(file)?;
-    Ok(image.resized_by_area(camera.width as usize, camera.height as usize))
+    Ok(image.resized_by_area(camera.width() as usize, camera.height() as usize))
 }
 
 /// A mask of the scene's images, `expected` wide and high, brought to the size of `camera` by area
 /// averaging.
 fn load_mask(
     path: &Path,
-    expected: (usize, usize),
-    camera: ErpCamera,
+    expected: [usize; 2],
+    camera: Camera,
 ) -> Result<Vec<u8>, ReconstructError> {
     let file = ImageFile::open(path)?;
     let [width, height] = file.size();
-    if (width, height) != expected {
+    if [width, height] != expected {
         return Err(ReconstructError::scene(
             path,
             format!(
                 "is {width}x{height}, the images that it masks are {}x{}",
-                expected.0, expected.1
+                expected[0], expected[1]
             ),
         ));
     }
     let mask = Mask::decode(file)?;
     let grey: Vec<u8> = mask.data.iter().flat_map(|&value| [value; 3]).collect();
     let resized = RgbImage::from_rgb8(mask.width, mask.height, &grey)
-        .resized_by_area(camera.width as usize, camera.height as usize);
+        .resized_by_area(camera.width() as usize, camera.height() as usize);
     Ok(resized.to_rgb8().into_iter().step_by(3).collect())
 }
 

@@ -15,12 +15,12 @@
 use std::f32::consts::PI;
 
 use glam::Vec3;
-use omnilife_schemas::camera::{CameraModel, ErpCamera};
+use omnilife_schemas::camera::CameraModel;
 use rayon::prelude::*;
 
 use crate::scene::TrainingScene;
 use omnilife_engine::{
-    camera::erp,
+    camera::{Camera, CameraKernels},
     clock::Clock,
     gaussians::{static_gaussians::InitialGaussians, temporal::InitialTimes},
     model::exposure::Exposure,
@@ -149,7 +149,7 @@ pub fn mask_seeds(scene: &TrainingScene, settings: &SeedSettings<'_>) -> MaskSee
         let view = &scene.input_views[at.view];
         let component = &components[at.view][at.component];
         let direction = direction(&scene.camera, view, at.pixel);
-        let pitch = PI / scene.camera.height as f32 * component.distance;
+        let pitch = scene.camera.pixel_radians() * component.distance;
         let position = view.view.centre + direction * component.distance;
         let rgb = &view.pixels[3 * at.pixel..3 * at.pixel + 3];
         let seconds = view.view.time_seconds;
@@ -225,8 +225,8 @@ fn same_component<'p>(
 }
 
 /// World direction of a pixel's centre.
-fn direction(camera: &ErpCamera, view: &TrainingView, pixel: usize) -> Vec3 {
-    let width = camera.width as usize;
+fn direction(camera: &Camera, view: &TrainingView, pixel: usize) -> Vec3 {
+    let width = camera.width() as usize;
     let centre = glam::dvec2((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
     let ray = camera.unproject(centre).as_vec3();
     view.view.rotation.transpose() * ray
@@ -237,19 +237,16 @@ fn components(scene: &TrainingScene, view: &TrainingView) -> Vec<ConnectedCompon
     let Some(mask) = &view.mask else {
         return Vec::new();
     };
-    let (width, height) = (scene.camera.width as usize, scene.camera.height as usize);
-    let (labels, count) = connected_components(mask, width);
+    let [width, height] = scene.camera.size();
+    let (labels, count) = connected_components(mask, width, scene.camera.wraps());
     let mut points: Vec<Vec<f32>> = vec![Vec::new(); count];
     for &position in &scene.points.positions {
         let point = view.view.rotation * (Vec3::from_array(position) - view.view.centre);
         let distance = point.length();
-        if distance > 0.0 {
-            let pixel = erp::project(&scene.camera, point, distance).pixel;
-            let column = (pixel.x as usize).min(width - 1);
-            let row = (pixel.y as usize).min(height - 1);
-            if let Some(component) = labels[row * width + column] {
-                points[component].push(distance);
-            }
+        if let Some([column, row]) = scene.camera.pixel_of(point, distance)
+            && let Some(component) = labels[row * width + column]
+        {
+            points[component].push(distance);
         }
     }
     let distances: Vec<Option<f32>> = points.into_iter().map(near_distance).collect();
@@ -269,12 +266,11 @@ fn components(scene: &TrainingScene, view: &TrainingView) -> Vec<ConnectedCompon
             has_points: distance.is_some(),
         })
         .collect();
-    let pitch = PI / height as f32;
+    let pitch = scene.camera.pixel_radians();
     for (pixel, label) in labels.into_iter().enumerate() {
         let Some(label) = label else { continue };
         let component = &mut components[label];
-        let latitude = PI * (0.5 - ((pixel / width) as f32 + 0.5) / height as f32);
-        let area = pitch * pitch * latitude.cos();
+        let area = pitch * pitch * area_of_pixel(&scene.camera, pixel, [width, height]);
         component.pixels.push(pixel);
         component.area += area;
         component.direction += direction(&scene.camera, view, pixel) * area;
@@ -285,6 +281,21 @@ fn components(scene: &TrainingScene, view: &TrainingView) -> Vec<ConnectedCompon
     components
 }
 
+/// Solid angle of a pixel over that of one at the image centre.
+fn area_of_pixel(camera: &Camera, pixel: usize, [width, height]: [usize; 2]) -> f32 {
+    match camera {
+        Camera::Erp(_) => {
+            let latitude = PI * (0.5 - ((pixel / width) as f32 + 0.5) / height as f32);
+            latitude.cos()
+        }
+        Camera::Pinhole(camera) => {
+            let centre = glam::dvec2((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
+            // The unit ray's z is the cosine of the angle to the axis; solid angles fall with its cube.
+            (camera.unproject(centre).z as f32).powi(3)
+        }
+    }
+}
+
 /// The distance of a component from those of the points in it.
 fn near_distance(mut distances: Vec<f32>) -> Option<f32> {
     distances.sort_by(f32::total_cmp);
@@ -292,9 +303,9 @@ fn near_distance(mut distances: Vec<f32>) -> Option<f32> {
     (distances.len() >= LEAST_POINTS).then(|| distances[nearest])
 }
 
-/// Numbers the connected components of a mask (4 neighbours, around the seam); returns the number of each
-/// pixel's component and how many there are.
-fn connected_components(mask: &[u8], width: usize) -> (Vec<Option<usize>>, usize) {
+/// Numbers the connected components of a mask (4 neighbours, around the seam where columns wrap); returns
+/// the number of each pixel's component and how many there are.
+fn connected_components(mask: &[u8], width: usize, wraps: bool) -> (Vec<Option<usize>>, usize) {
     let mut labels = vec![None; mask.len()];
     let mut components = 0;
     let mut open = Vec::new();
@@ -306,10 +317,13 @@ fn connected_components(mask: &[u8], width: usize) -> (Vec<Option<usize>>, usize
         open.push(first);
         while let Some(pixel) = open.pop() {
             let (row, column) = (pixel / width, pixel % width);
-            let sideways = [width - 1, 1].map(|step| row * width + (column + step) % width);
+            let left = (wraps || column > 0).then_some(width - 1);
+            let right = (wraps || column + 1 < width).then_some(1);
+            let sideways = left.into_iter().chain(right);
+            let sideways = sideways.map(|step| row * width + (column + step) % width);
             let above = pixel.checked_sub(width);
             let below = (pixel + width < mask.len()).then_some(pixel + width);
-            for neighbour in sideways.into_iter().chain(above).chain(below) {
+            for neighbour in sideways.chain(above).chain(below) {
                 if mask[neighbour] >= COVERED && labels[neighbour].is_none() {
                     labels[neighbour] = Some(components);
                     open.push(neighbour);

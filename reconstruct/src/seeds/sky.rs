@@ -11,7 +11,9 @@ use rstar::RTree;
 
 use crate::scene::TrainingScene;
 use omnilife_engine::{
-    camera::erp, gaussians::static_gaussians::InitialGaussians, model::exposure::Exposure,
+    camera::{Camera, CameraKernels},
+    gaussians::static_gaussians::InitialGaussians,
+    model::exposure::Exposure,
 };
 
 /// Directions in which open sky is looked for, where the number of Gaussians allows as many.
@@ -30,9 +32,11 @@ const SHELL_RADIUS_WITHOUT_POINTS: f32 = 100.0;
 /// Directions from the mean camera in which a scene has no points.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct OpenSky {
-    /// Directions that were looked at, evenly spread over the sphere.
+    /// Directions evenly spread over the sphere.
     pub directions: usize,
-    /// Those without points, unit vectors, world frame.
+    /// Those that some input view shows: all of them in ERP images.
+    pub seen: usize,
+    /// Those of them without points, unit vectors, world frame.
     pub open: Vec<Vec3>,
 }
 
@@ -54,18 +58,20 @@ impl OpenSky {
             let mut near = tree.locate_within_distance(direction.to_array(), reach);
             near.next().is_none()
         };
+        let seen: Vec<Vec3> = fibonacci_sphere(directions)
+            .into_par_iter()
+            .filter(|&direction| is_seen(scene, direction))
+            .collect();
         Self {
             directions,
-            open: fibonacci_sphere(directions)
-                .into_par_iter()
-                .filter(is_open)
-                .collect(),
+            seen: seen.len(),
+            open: seen.into_par_iter().filter(is_open).collect(),
         }
     }
 
-    /// Share of the sphere without points.
+    /// Share of what is seen of the sphere without points.
     pub fn share(&self) -> f32 {
-        self.open.len() as f32 / self.directions.max(1) as f32
+        self.open.len() as f32 / self.seen.max(1) as f32
     }
 
     /// Whether enough of the sphere is open for a shell.
@@ -124,23 +130,36 @@ fn fibonacci_sphere(count: usize) -> Vec<Vec3> {
         .collect()
 }
 
+/// Whether some input view shows a direction of the world at infinity.
+fn is_seen(scene: &TrainingScene, direction_world: Vec3) -> bool {
+    match scene.camera {
+        Camera::Erp(_) => true,
+        Camera::Pinhole(_) => scene.input_views.iter().any(|view| {
+            let at = view.view.rotation * direction_world;
+            scene.camera.pixel_of(at, 1.0).is_some()
+        }),
+    }
+}
+
+/// Mean over the input views that show a direction.
 fn mean_colour(
     scene: &TrainingScene,
     exposure: Option<&Exposure>,
     direction_world: Vec3,
 ) -> [f32; 3] {
-    let (width, height) = (scene.camera.width as usize, scene.camera.height as usize);
-    let mut sum = [0.0; 3];
+    let width = scene.camera.width() as usize;
+    let (mut sum, mut views) = ([0.0; 3], 0_usize);
     for view in &scene.input_views {
         let at = view.view.rotation * direction_world;
-        let projection = erp::project(&scene.camera, at, 1.0);
-        let column = (projection.pixel.x as usize).min(width - 1);
-        let row = (projection.pixel.y as usize).min(height - 1);
+        let Some([column, row]) = scene.camera.pixel_of(at, 1.0) else {
+            continue;
+        };
+        views += 1;
         let gain = exposure.map_or([1.0; 3], |exposure| exposure.gain(view.view.time_seconds));
         for (channel, sum) in sum.iter_mut().enumerate() {
             let value = f32::from(view.pixels[(row * width + column) * 3 + channel]) / 255.0;
             *sum += value / gain[channel];
         }
     }
-    sum.map(|value| value / scene.input_views.len().max(1) as f32)
+    sum.map(|value| value / views.max(1) as f32)
 }

@@ -195,7 +195,7 @@ fn scene() -> Option<TrainingScene> {
     }
     Some(TrainingScene {
         id: "stripes".to_owned(),
-        camera,
+        camera: camera.into(),
         input_views,
         novel_views: Vec::new(),
         normalization,

@@ -12,27 +12,32 @@ use omnilife_engine::{
     training_view::TrainingView,
 };
 use omnilife_reconstruct::scene::TrainingScene;
-use omnilife_schemas::{Pose, Similarity, camera::ErpCamera, points::PointCloud};
+use omnilife_schemas::{
+    Pose, Similarity,
+    camera::{Camera, ErpCamera},
+    points::PointCloud,
+};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 /// The spherical harmonics of degree 1 over the coordinates of a direction.
 const SH_C1: f32 = 0.488_602_5;
 
-const CAMERA: ErpCamera = ErpCamera {
+pub(crate) const CAMERA: Camera = Camera::Erp(ErpCamera {
     width: 96,
     height: 48,
-};
+});
 
 /// The scene: every ball has a colour of its own, the same from everywhere.
 pub(crate) fn scene() -> TrainingScene {
     let colour = |random: &mut Pcg64Mcg, _| [0; 3].map(|_| random.random_range(0.1..0.9));
-    scene_with(colour, 0.25, 0.0)
+    scene_with(CAMERA, colour, 0.25, 0.0)
 }
 
-/// The scene with balls of this standard deviation and with colours by the direction of a ball, which
+/// What a camera sees of the scene with balls of this standard deviation and with colours by the direction of a ball, which
 /// change by `gloss` times the `z` of the direction from which it is seen.
 pub(crate) fn scene_with(
+    camera: Camera,
     mut colour: impl FnMut(&mut Pcg64Mcg, DVec3) -> [f32; 3],
     scale: f32,
     gloss: f32,
@@ -75,7 +80,7 @@ pub(crate) fn scene_with(
             rotation_wxyz: [turn.w, turn.x, turn.y, turn.z],
             centre: [0.2 * along, 0.0, along],
         };
-        let view = View::new(CAMERA, &pose, &normalization, f64::from(frame)).unwrap();
+        let view = View::new(camera, &pose, &normalization, f64::from(frame)).unwrap();
         let pixels = renderer.image(&view, &instant).to_rgb8();
         let views = if frame % 5 == 4 {
             &mut novel_views
@@ -91,7 +96,7 @@ pub(crate) fn scene_with(
     }
     TrainingScene {
         id: "balls".to_owned(),
-        camera: CAMERA,
+        camera,
         input_views,
         novel_views,
         normalization,

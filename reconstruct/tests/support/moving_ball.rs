@@ -27,8 +27,8 @@ pub(crate) fn scene() -> TrainingScene {
 }
 
 /// Draws a ball onto the image, and its mask.
-fn paint(view: &mut TrainingView, camera: omnilife_schemas::camera::ErpCamera, centre: Vec3) {
-    let width = camera.width as usize;
+fn paint(view: &mut TrainingView, camera: omnilife_schemas::camera::Camera, centre: Vec3) {
+    let width = camera.width() as usize;
     let to_centre = view.view.rotation * (centre - view.view.centre);
     let cosine = (1.0 - (RADIUS / to_centre.length()).powi(2)).sqrt();
     let mut mask = vec![0; view.pixels.len() / 3];

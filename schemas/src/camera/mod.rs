@@ -1,13 +1,15 @@
 //! Camera models in f64: the definition that every faster implementation is judged against.
 //!
 //! To add a model: one file with a struct, its [`CameraModel`] and property tests for the round
-//! trip. **Pixel convention, for every model:** continuous image coordinates `(u, v)` have their
+//! trip, and a variant of [`Camera`]. **Pixel convention, for every model:** continuous image coordinates `(u, v)` have their
 //! origin at the top-left corner of the top-left pixel; the centre of pixel `(i, j)` is
 //! `(i + 1/2, j + 1/2)`.
 
+mod any;
 pub mod erp;
 pub mod pinhole;
 
+pub use any::Camera;
 pub use erp::ErpCamera;
 pub use pinhole::PinholeCamera;
 

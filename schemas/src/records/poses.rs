@@ -4,13 +4,17 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::scene::Scale;
-use crate::{pose::Pose, store::Record};
+use crate::{camera::Camera, pose::Pose, store::Record};
 
 /// `poses.json`: camera poses by presentation time, with the points and masks that belong to them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Poses {
     /// Whether world units are metres.
     pub scale: Scale,
+    /// The camera of all frames: needed where it is a pinhole; images of another size scale it. None is
+    /// ERP of the frames' size.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera: Option<Camera>,
     /// Frames in order of time.
     pub frames: Vec<PosedFrame>,
     /// PLY file of world points relative to this file.
@@ -18,7 +22,9 @@ pub struct Poses {
 }
 
 impl Record for Poses {
-    const SCHEMA: &'static str = "omnilife/poses/1";
+    const SCHEMA: &'static str = "omnilife/poses/2";
+    /// It has no camera.
+    const OLDER: &'static [&'static str] = &["omnilife/poses/1"];
 }
 
 /// A pose at a time.

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    camera::ErpCamera,
+    camera::Camera,
     store::{self, Record},
 };
 
@@ -45,8 +45,8 @@ impl Protocol {
     ///
     /// # Errors
     /// When nothing could be scored at that size; says why.
-    pub fn scored_size(&self, camera: &ErpCamera) -> Result<[u32; 2], String> {
-        let [width, height] = [camera.width, camera.height];
+    pub fn scored_size(&self, camera: &Camera) -> Result<[u32; 2], String> {
+        let [width, height] = [camera.width(), camera.height()];
         match self.largest_width {
             _ if width == 0 || height == 0 => {
                 Err(format!("its images are {width}x{height} pixels"))
@@ -121,7 +121,7 @@ impl ScoredViews {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Padding {
-    /// Nothing: a scored image is the whole sphere. Video that is stored squeezed was widened when
+    /// Nothing: a scored image is all that the camera sees. Video that is stored squeezed was widened when
     /// its frames were taken, and video that shows less than the sphere makes no scene.
     None,
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::{camera::ErpCamera, pose::Pose, store::Record};
+use crate::{camera::Camera, pose::Pose, store::Record};
 
 /// `scene.json`. All files are relative to its folder.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -13,7 +13,7 @@ pub struct Scene {
     /// Id of the sequence.
     pub id: String,
     /// The camera of all frames.
-    pub camera: ErpCamera,
+    pub camera: Camera,
     /// Whether world units are metres.
     pub scale: Scale,
     /// Frames in order of time.
@@ -27,7 +27,9 @@ pub struct Scene {
 }
 
 impl Record for Scene {
-    const SCHEMA: &'static str = "omnilife/scene/1";
+    const SCHEMA: &'static str = "omnilife/scene/2";
+    /// Its camera has no model: all were ERP.
+    const OLDER: &'static [&'static str] = &["omnilife/scene/1"];
 }
 
 /// One frame of a scene.

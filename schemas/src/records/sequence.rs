@@ -25,6 +25,14 @@ pub struct Sequence {
     pub frames: FrameSet,
 }
 
+impl Sequence {
+    /// Whether its frames are perspective images. The evidence alone never makes a sequence of such a
+    /// video: somebody said so.
+    pub fn is_pinhole(&self) -> bool {
+        self.projection.projection == VideoProjection::Rectilinear
+    }
+}
+
 impl Record for Sequence {
     const SCHEMA: &'static str = "omnilife/sequence/2";
     const OLDER: &'static [&'static str] = &["omnilife/sequence/1"];
@@ -253,7 +261,7 @@ fn side_pixels<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u32, D::Err
 /// Sampled frames as images.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FrameSet {
-    /// Width in pixels, twice the height.
+    /// Width in pixels; of ERP frames twice the height.
     #[serde(deserialize_with = "side_pixels")]
     pub width: u32,
     /// Height in pixels.

@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
     Pose,
+    camera::ErpCamera,
     layout::ATTEMPTS_FILE,
     progress::Progress,
     records::{
@@ -107,6 +108,13 @@ pub(crate) fn run(
     settings: &SfmSettings,
     progress: &dyn Progress,
 ) -> Result<PosedSequence, CurateError> {
+    if sequence.is_pinhole() {
+        return Err(CurateError::input(
+            sequence_folder,
+            "its frames are those of a pinhole, for which structure from motion is not driven; give \
+             --poses",
+        ));
+    }
     run_with(
         &installation()?,
         sequence_folder,
@@ -213,6 +221,11 @@ fn posed(
         None => vec![None; names.len()],
     };
     Ok(PosedSequence {
+        camera: ErpCamera {
+            width: sequence.frames.width,
+            height: sequence.frames.height,
+        }
+        .into(),
         poses,
         masks,
         points: Some(model.cloud()),

@@ -11,10 +11,8 @@ pub mod rays;
 use std::f32::consts::{PI, TAU};
 
 use glam::{DMat3, DVec3, Mat3, Vec2, Vec3, vec3};
-use omnilife_schemas::{
-    Pose, Similarity,
-    camera::{ErpCamera, PinholeCamera},
-};
+pub use omnilife_schemas::camera::Camera;
+use omnilife_schemas::{Pose, Similarity};
 
 /// Added to the diagonal of the projected covariance, square pixels (3DGS `forward.cu`).
 pub const LOW_PASS: f32 = 0.3;
@@ -24,15 +22,6 @@ pub const CONE_RHO: f32 = 0.087_155_744;
 /// An ellipse whose standard deviation along the columns of an ERP image is more than this share of
 /// the width (six of them cover a quarter turn) is too wide for the image's plane: a cone.
 pub const CONE_WIDTH: f32 = 1.0 / 24.0;
-
-/// The camera models that the kernels draw.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Camera {
-    /// The whole sphere; columns wrap.
-    Erp(ErpCamera),
-    /// A perspective image.
-    Pinhole(PinholeCamera),
-}
 
 /// A point's image and the two rows of the Jacobian of `(u, v)` by the point.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,31 +34,49 @@ pub struct Projection {
     pub jacobian_v: Vec3,
 }
 
-impl Camera {
-    /// Pixels per row.
-    pub fn width(&self) -> u32 {
-        match self {
-            Self::Erp(camera) => camera.width,
-            Self::Pinhole(camera) => camera.width,
-        }
-    }
-
-    /// Rows of pixels.
-    pub fn height(&self) -> u32 {
-        match self {
-            Self::Erp(camera) => camera.height,
-            Self::Pinhole(camera) => camera.height,
-        }
-    }
-
-    /// Whether the first column follows the last.
-    pub fn wraps(&self) -> bool {
-        matches!(self, Self::Erp(_))
-    }
-
+/// What the kernels need of a camera, in f32.
+pub trait CameraKernels {
     /// Whether a point of the camera frame is drawn: its `distance` (radial) is beyond `near`, and
     /// for a pinhole so is its depth `z`. False for NaN.
-    pub fn sees(&self, point: Vec3, distance: f32, near: f32) -> bool {
+    fn sees(&self, point: Vec3, distance: f32, near: f32) -> bool;
+
+    /// Projects a point of the camera frame that [`CameraKernels::sees`]; `distance` is `|point|`.
+    fn project_with_jacobian(&self, point: Vec3, distance: f32) -> Projection;
+
+    /// VJP of [`CameraKernels::project_with_jacobian`]: the gradient by the point from gradients by the
+    /// pixel and by the two rows of the Jacobian.
+    fn project_vjp(
+        &self,
+        point: Vec3,
+        distance: f32,
+        pixel: Vec2,
+        jacobian_u: Vec3,
+        jacobian_v: Vec3,
+    ) -> Vec3;
+
+    /// Column and row of the pixel that shows a point of the camera frame, `distance` from it; `None` where
+    /// none does.
+    fn pixel_of(&self, point: Vec3, distance: f32) -> Option<[usize; 2]>;
+
+    /// Angle that a pixel at the image centre subtends, radians: by its height for an ERP camera, by the
+    /// geometric mean of its sides for a pinhole.
+    fn pixel_radians(&self) -> f32;
+
+    /// Square of the low-pass filter's standard deviation as an angle, radians squared: the
+    /// [`LOW_PASS`] of a pixel at the image centre.
+    fn angular_low_pass(&self) -> f32;
+
+    /// How a unit direction moves with its image: `dn/du` and `dn/dv`, radians per pixel. Within
+    /// [`CONE_RHO`] of a pole of an ERP image, `dn/du` stops shrinking.
+    fn pixel_step(&self, n: Vec3) -> [Vec3; 2];
+
+    /// A rectangle around the cap of `radius` radians around the unit direction `n`, whose image is
+    /// `pixel`. NaN gives everything.
+    fn cap_box(&self, n: Vec3, pixel: Vec2, radius: f32) -> PixelBox;
+}
+
+impl CameraKernels for Camera {
+    fn sees(&self, point: Vec3, distance: f32, near: f32) -> bool {
         distance > near
             && distance < f32::MAX
             && match self {
@@ -78,17 +85,14 @@ impl Camera {
             }
     }
 
-    /// Projects a point of the camera frame that [`Camera::sees`]; `distance` is `|point|`.
-    pub fn project(&self, point: Vec3, distance: f32) -> Projection {
+    fn project_with_jacobian(&self, point: Vec3, distance: f32) -> Projection {
         match self {
             Self::Erp(camera) => erp::project(camera, point, distance),
             Self::Pinhole(camera) => pinhole::project(camera, point),
         }
     }
 
-    /// VJP of [`Camera::project`]: the gradient by the point from gradients by the pixel and by the
-    /// two rows of the Jacobian.
-    pub fn project_vjp(
+    fn project_vjp(
         &self,
         point: Vec3,
         distance: f32,
@@ -105,58 +109,42 @@ impl Camera {
             }
         }
     }
-}
 
-/// Distance from the vertical axis. Directions and distances are in ranges where squares neither
-/// overflow nor vanish: `hypot` is not needed, and several times slower.
-pub fn horizontal(point: Vec3) -> f32 {
-    (point.x * point.x + point.z * point.z).sqrt()
-}
+    fn pixel_of(&self, point: Vec3, distance: f32) -> Option<[usize; 2]> {
+        if !self.sees(point, distance, 0.0) {
+            return None;
+        }
+        let pixel = self.project_with_jacobian(point, distance).pixel;
+        let [width, height] = self.size();
+        match self {
+            // The last column and row end where others begin.
+            Self::Erp(_) => Some([
+                (pixel.x as usize).min(width - 1),
+                (pixel.y as usize).min(height - 1),
+            ]),
+            Self::Pinhole(_) => {
+                let (x, y) = (pixel.x.floor(), pixel.y.floor());
+                let is_inside = x >= 0.0 && y >= 0.0 && x < width as f32 && y < height as f32;
+                is_inside.then_some([x as usize, y as usize])
+            }
+        }
+    }
 
-/// Two directions orthogonal to the unit direction `n` and to each other, `[e_1, e_2]` with
-/// `e_1 x e_2 = n`: `e_1` is horizontal (towards growing longitude), `e_2` points down.
-pub fn tangent_frame(n: Vec3) -> [Vec3; 2] {
-    let rho = horizontal(n);
-    // At an exact pole longitude is arbitrary: `atan2(0, 0)` is 0, so is this frame's.
-    let (sin, cos) = if rho > 0.0 {
-        (n.x / rho, n.z / rho)
-    } else {
-        (0.0, 1.0)
-    };
-    [vec3(cos, 0.0, -sin), vec3(-n.y * sin, rho, -n.y * cos)]
-}
+    fn pixel_radians(&self) -> f32 {
+        match self {
+            Self::Erp(camera) => PI / camera.height as f32,
+            Self::Pinhole(camera) => (camera.fx * camera.fy).sqrt().recip() as f32,
+        }
+    }
 
-/// A rectangle of the image in pixels; columns of an ERP image count on beyond both sides.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PixelBox {
-    /// Middle.
-    pub centre: [f32; 2],
-    /// Half width and half height.
-    pub extent: [f32; 2],
-}
-
-impl PixelBox {
-    /// More than any image.
-    pub const EVERYTHING: Self = Self {
-        centre: [0.0; 2],
-        extent: [1e9; 2],
-    };
-}
-
-/// What the cones of [`crate::render::project`] need to know of a camera.
-impl Camera {
-    /// Square of the low-pass filter's standard deviation as an angle, radians squared: the
-    /// [`LOW_PASS`] of a pixel at the image centre.
-    pub fn angular_low_pass(&self) -> f32 {
+    fn angular_low_pass(&self) -> f32 {
         match self {
             Self::Erp(camera) => LOW_PASS * (PI / camera.height as f32).powi(2),
             Self::Pinhole(camera) => LOW_PASS / (camera.fx * camera.fy) as f32,
         }
     }
 
-    /// How a unit direction moves with its image: `dn/du` and `dn/dv`, radians per pixel. Within
-    /// [`CONE_RHO`] of a pole of an ERP image, `dn/du` stops shrinking.
-    pub fn pixel_step(&self, n: Vec3) -> [Vec3; 2] {
+    fn pixel_step(&self, n: Vec3) -> [Vec3; 2] {
         match self {
             Self::Erp(camera) => {
                 let [east, down] = tangent_frame(n);
@@ -173,9 +161,7 @@ impl Camera {
         }
     }
 
-    /// A rectangle around the cap of `radius` radians around the unit direction `n`, whose image is
-    /// `pixel`. NaN gives everything.
-    pub fn cap_box(&self, n: Vec3, pixel: Vec2, radius: f32) -> PixelBox {
+    fn cap_box(&self, n: Vec3, pixel: Vec2, radius: f32) -> PixelBox {
         let is_less_than_half = radius < 0.5 * PI;
         if !is_less_than_half {
             return PixelBox::EVERYTHING;
@@ -220,6 +206,42 @@ impl Camera {
     }
 }
 
+/// Distance from the vertical axis. Directions and distances are in ranges where squares neither
+/// overflow nor vanish: `hypot` is not needed, and several times slower.
+pub fn horizontal(point: Vec3) -> f32 {
+    (point.x * point.x + point.z * point.z).sqrt()
+}
+
+/// Two directions orthogonal to the unit direction `n` and to each other, `[e_1, e_2]` with
+/// `e_1 x e_2 = n`: `e_1` is horizontal (towards growing longitude), `e_2` points down.
+pub fn tangent_frame(n: Vec3) -> [Vec3; 2] {
+    let rho = horizontal(n);
+    // At an exact pole longitude is arbitrary: `atan2(0, 0)` is 0, so is this frame's.
+    let (sin, cos) = if rho > 0.0 {
+        (n.x / rho, n.z / rho)
+    } else {
+        (0.0, 1.0)
+    };
+    [vec3(cos, 0.0, -sin), vec3(-n.y * sin, rho, -n.y * cos)]
+}
+
+/// A rectangle of the image in pixels; columns of an ERP image count on beyond both sides.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PixelBox {
+    /// Middle.
+    pub centre: [f32; 2],
+    /// Half width and half height.
+    pub extent: [f32; 2],
+}
+
+impl PixelBox {
+    /// More than any image.
+    pub const EVERYTHING: Self = Self {
+        centre: [0.0; 2],
+        extent: [1e9; 2],
+    };
+}
+
 /// Range of `x / z` over a cap around a unit direction with the coordinates `x`, `z`, from the
 /// planes through the centre that touch the cap: `(x - u z)^2 = (1 + u^2) sin^2`. `None` where the
 /// cap reaches `z = 0`.
@@ -230,18 +252,6 @@ fn slopes_of_cap(x: f32, z: f32, sin: f32) -> Option<(f32, f32)> {
     }
     let root = sin * (x * x + denominator).max(0.0).sqrt();
     Some(((x * z - root) / denominator, (x * z + root) / denominator))
-}
-
-impl From<ErpCamera> for Camera {
-    fn from(camera: ErpCamera) -> Self {
-        Self::Erp(camera)
-    }
-}
-
-impl From<PinholeCamera> for Camera {
-    fn from(camera: PinholeCamera) -> Self {
-        Self::Pinhole(camera)
-    }
 }
 
 /// A camera in a normalized scene, ready for the kernels.

@@ -16,7 +16,7 @@ pub use crate::density::settings::{DensifySettings, LatitudeOf, SizeUnit, Thresh
 use crate::model::Statistics;
 use crate::training_view::TrainingView;
 use crate::{
-    camera::View,
+    camera::{Camera, View},
     gaussians::static_gaussians::{LOG_SCALES, OPACITY_LOGITS, POSITIONS, QUATERNIONS, logit},
     model::{Model, Part, dynamic_settings::TemporalDensity},
     parameters::ParameterTable,
@@ -215,10 +215,16 @@ fn threshold(position: [f32; 3], threshold: &Threshold, context: &DensityContext
     threshold.at(cosine)
 }
 
-/// Cosine of the latitude at which a view sees a point: `rho / d`.
+/// Cosine of the latitude at which a view sees a point: `rho / d`. A pinhole stretches nothing as the
+/// poles of an ERP image are: all of it is equator.
 fn cos_latitude(position: [f32; 3], view: &View) -> f32 {
-    let point = view.rotation * (Vec3::from_array(position) - view.centre);
-    point.x.hypot(point.z) / point.length().max(f32::MIN_POSITIVE)
+    match view.camera {
+        Camera::Erp(_) => {
+            let point = view.rotation * (Vec3::from_array(position) - view.centre);
+            point.x.hypot(point.z) / point.length().max(f32::MIN_POSITIVE)
+        }
+        Camera::Pinhole(_) => 1.0,
+    }
 }
 
 /// Sets all opacities down to 0.01 and forgets their moments.

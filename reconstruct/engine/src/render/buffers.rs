@@ -2,7 +2,7 @@
 
 use std::cell::Cell;
 
-use crate::camera::{CONE_RHO, CONE_WIDTH, LOW_PASS, pinhole::SLOPE_MARGIN};
+use crate::camera::{CONE_RHO, CONE_WIDTH, CameraKernels, LOW_PASS, pinhole::SLOPE_MARGIN};
 use crate::device::{DeviceBuffer, Gpu, GpuError, Uniform, wgsl_struct};
 use crate::render::settings::{ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN};
 use crate::{

@@ -150,13 +150,6 @@ impl RefView {
             time_seconds: 0.0,
         }
     }
-
-    fn model(&self) -> &dyn CameraModel {
-        match &self.camera {
-            Camera::Erp(camera) => camera,
-            Camera::Pinhole(camera) => camera,
-        }
-    }
 }
 
 /// The discrete decisions of a render: shapes, order and which Gaussians contribute to which pixel.
@@ -255,7 +248,7 @@ fn shape(
     });
     if !is_cone {
         return Some((
-            Shape::Ellipse(view.model().project(p)?, image.inverse()),
+            Shape::Ellipse(view.camera.project(p)?, image.inverse()),
             false,
         ));
     }
@@ -350,7 +343,7 @@ fn exponent(view: &RefView, shape: &Shape, pixel: DVec2) -> f64 {
             offset.dot(*inverse * offset)
         }
         Shape::Flat(n, frame, inverse) => {
-            let ray = view.model().unproject(pixel);
+            let ray = view.camera.unproject(pixel);
             let along = ray.dot(*n);
             if along <= 0.0 {
                 return f64::INFINITY;
@@ -359,7 +352,7 @@ fn exponent(view: &RefView, shape: &Shape, pixel: DVec2) -> f64 {
             offset.dot(*inverse * offset)
         }
         Shape::Ray(centre, inverse) => {
-            let ray = view.model().unproject(pixel);
+            let ray = view.camera.unproject(pixel);
             let nearest = (ray.dot(*inverse * *centre) / ray.dot(*inverse * ray)).max(0.0);
             let offset = ray * nearest - *centre;
             offset.dot(*inverse * offset)

@@ -1,10 +1,16 @@
 //! Poses that are known to be off, and what is not their fault.
 
 use glam::vec3;
+use omnilife_schemas::camera::ErpCamera;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 use crate::evidence::poses::*;
+
+const CAMERA: Camera = Camera::Erp(ErpCamera {
+    width: 256,
+    height: 128,
+});
 
 /// Observations of points all around cameras on a path, whose images are displaced as the twists say, with
 /// noise and some things that move.
@@ -52,7 +58,7 @@ fn wrong_poses_are_told_from_noise_and_from_a_bent_scene() {
             [along.sin(), 0.0, along.cos(), 0.0, 0.0, 0.0].map(|value| size * value)
         })
         .collect();
-    let found = PoseEvidence::of(views(&jitter, 0.01), 256);
+    let found = PoseEvidence::of(views(&jitter, 0.01), &CAMERA);
     assert_eq!(found.views, 20);
     // A rotation of 0.01 about an axis displaces points all around by `sqrt(2/3)` of it.
     let expected = (2.0_f64 / 3.0).sqrt() * size;
@@ -77,7 +83,7 @@ fn wrong_poses_are_told_from_noise_and_from_a_bent_scene() {
         .map(|view| [0.02, 0.0, 0.0, 0.0, 0.0, 0.005 * f64::from(view)])
         .collect();
     for twists in [still, bent] {
-        let found = PoseEvidence::of(views(&twists, 0.01), 256);
+        let found = PoseEvidence::of(views(&twists, 0.01), &CAMERA);
         assert!(
             !found.are_off() && found.unexplained_pixels() < 0.02,
             "{found:?}"
@@ -94,7 +100,7 @@ fn too_little_to_see_says_nothing() {
     // Fewer views than it takes to tell a point's own error.
     let short = views(&[[0.0; 6]; 4], 0.01);
     for views in [few, short, Vec::new()] {
-        assert_eq!(PoseEvidence::of(views, 256), PoseEvidence::default());
+        assert_eq!(PoseEvidence::of(views, &CAMERA), PoseEvidence::default());
     }
 }
 

@@ -1,7 +1,11 @@
 //! Masks of which every pixel is known.
 
 use glam::Mat3;
-use omnilife_schemas::{Similarity, points::PointCloud};
+use omnilife_schemas::{
+    Similarity,
+    camera::{ErpCamera, PinholeCamera},
+    points::PointCloud,
+};
 
 use crate::seeds::masks::*;
 use omnilife_engine::camera::View;
@@ -46,7 +50,7 @@ fn scene() -> TrainingScene {
         .collect();
     TrainingScene {
         id: "mask".to_owned(),
-        camera,
+        camera: camera.into(),
         input_views: vec![view],
         novel_views: Vec::new(),
         normalization: Similarity {
@@ -65,7 +69,9 @@ fn scene() -> TrainingScene {
 #[test]
 fn components_are_connected_around_the_seam() {
     let mask = scene().input_views[0].mask.clone().expect("given");
-    let (labels, components) = connected_components(&mask, 16);
+    // Without a seam the one across it is two.
+    assert_eq!(connected_components(&mask, 16, false).1, 3);
+    let (labels, components) = connected_components(&mask, 16, true);
     assert_eq!(components, 2);
     assert_eq!(labels[4 * 16], labels[3 * 16 + 15]);
     assert_eq!(labels.iter().flatten().count(), 4);
@@ -116,7 +122,8 @@ fn a_component_that_walks_has_its_velocity() {
     scene.camera = ErpCamera {
         width: 64,
         height: 32,
-    };
+    }
+    .into();
     let first = scene.input_views[0].clone();
     scene.input_views.clear();
     // One column to the right per frame, from the middle of the image; frames 0, 1, 2, 4.
@@ -200,4 +207,41 @@ fn empty_masks_have_no_seeds() {
         let seeds = mask_seeds(&scene, &settings(clock, SeedVelocity::Tracked, 9));
         assert_eq!(seeds, MaskSeeds::default());
     }
+}
+
+/// Seeds lie where the pixels of a pinhole look, and are as large as its pixels are there.
+#[test]
+fn seeds_of_a_pinhole_lie_on_its_rays() {
+    let mut scene = scene();
+    let camera = PinholeCamera {
+        width: 16,
+        height: 8,
+        fx: 10.0,
+        fy: 10.0,
+        cx: 8.0,
+        cy: 4.0,
+    };
+    scene.camera = camera.into();
+    scene.input_views[0].view.camera = camera.into();
+    let clock = Clock {
+        origin_seconds: 1.0,
+        frame_seconds: 0.5,
+        duration_frames: 10.0,
+    };
+    let seeds = mask_seeds(&scene, &settings(clock, SeedVelocity::None, 9));
+    // Those at both sides of the image are no one component.
+    assert_eq!(seeds.masked_pixels, 4);
+    let centre = scene.input_views[0].view.centre.as_dvec3();
+    let mut pixels: Vec<[u32; 2]> = seeds
+        .gaussians
+        .positions
+        .iter()
+        .map(|&position| {
+            let point = Vec3::from_array(position).as_dvec3() - centre;
+            let pixel = camera.project(point).map(|pixel| pixel.floor().as_uvec2());
+            pixel.map_or([u32::MAX; 2], |pixel| pixel.to_array())
+        })
+        .collect();
+    pixels.sort_unstable();
+    assert_eq!(pixels, [[0, 4], [8, 4], [15, 3], [15, 4]]);
 }

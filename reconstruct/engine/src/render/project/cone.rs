@@ -4,7 +4,7 @@ use glam::{Mat3, Vec3, vec3};
 
 use crate::render::project::{Cone, cpu::Placed, ellipse::ShapeGradient};
 use crate::{
-    camera::{PixelBox, View, tangent_frame},
+    camera::{CameraKernels, PixelBox, View, tangent_frame},
     render::settings::Footprint,
 };
 
@@ -114,7 +114,7 @@ impl Conic {
             return PixelBox::EVERYTHING;
         }
         let radius = (root / rest * self.spread.sqrt()).atan();
-        let pixel = view.camera.project(self.n, 1.0).pixel;
+        let pixel = view.camera.project_with_jacobian(self.n, 1.0).pixel;
         view.camera.cap_box(self.n, pixel, radius)
     }
 

@@ -7,7 +7,7 @@ use crate::render::project::{
     Shape, Splat, SplatGradient, axes, axes_vjp, cone::Conic, ellipse::Linearization, largest_q, sh,
 };
 use crate::{
-    camera::{CONE_RHO, CONE_WIDTH, Camera, View, horizontal},
+    camera::{CONE_RHO, CONE_WIDTH, Camera, CameraKernels, View, horizontal},
     gaussians::{ActivatedGaussians, SH_C0, sh_rest_count},
     render::{
         bin::TileLists,

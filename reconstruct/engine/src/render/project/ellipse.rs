@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3, vec3};
 
-use crate::camera::{LOW_PASS, PixelBox, Projection, View};
+use crate::camera::{CameraKernels, LOW_PASS, PixelBox, Projection, View};
 use crate::render::project::{Ellipse, cpu::Placed};
 
 /// The intermediate values that forward and backward share.
@@ -30,7 +30,9 @@ pub(super) struct ShapeGradient {
 
 impl Linearization {
     pub(super) fn new(view: &View, placed: &Placed) -> Self {
-        let projection = view.camera.project(placed.point, placed.distance);
+        let projection = view
+            .camera
+            .project_with_jacobian(placed.point, placed.distance);
         let world_from_camera = view.rotation.transpose();
         let to_u = world_from_camera * projection.jacobian_u;
         let to_v = world_from_camera * projection.jacobian_v;

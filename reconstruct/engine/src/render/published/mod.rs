@@ -170,7 +170,7 @@ impl PublishedRenderer {
     }
 }
 
-/// ODGS knows no other camera, and only its method comes here.
+/// ODGS knows no other camera; its method and the renderer of its runs refuse others.
 fn erp(view: &View) -> ErpCamera {
     match view.camera {
         Camera::Erp(camera) => camera,
