@@ -8,7 +8,7 @@
 //!     sequence.json, frames/NNNNNN.png, annotation.json
 //!     scene.json, points.ply, masks/, depth/, classes/NAME/, sfm/attempts.json
 //!     dynamic-masks/masks.json, dynamic-masks/NNNNNN.png
-//!     PROTOCOL/split.json
+//!     PROTOCOL/split.json, PROTOCOL/tracks.json
 //! about.json, README.md, SHA256SUMS, statistics/
 //! ```
 
@@ -73,6 +73,8 @@ pub const DYNAMIC_MASKS_FOLDER: &str = "dynamic-masks";
 /// Record of the computed masks, in [`DYNAMIC_MASKS_FOLDER`].
 pub const DYNAMIC_MASKS_FILE: &str = "masks.json";
 
+/// What moves through the scene as far as a split's input views show it, beside [`SPLIT_FILE`].
+pub const TRACKS_FILE: &str = "tracks.json";
 /// The views of a scene that a protocol gives and scores.
 pub const SPLIT_FILE: &str = "split.json";
 /// The scores of one method on a split, in the folder of the scores.

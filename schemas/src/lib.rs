@@ -43,6 +43,7 @@ pub mod statistics;
 pub mod store;
 mod temporary;
 pub mod testing;
+pub mod trajectory;
 
 pub use error_kind::{Classified, ErrorKind};
 pub use pose::{Pose, Similarity};

@@ -88,6 +88,13 @@ pub fn pose_sequence_with(
 ) -> Result<Scene, CurateError> {
     let sequence_path = sequence_folder.join(SEQUENCE_FILE);
     let sequence: Sequence = store::read_record(&sequence_path)?;
+    if sequence.is_pinhole() && matches!(request, PoseRequest::Sfm(_)) {
+        return Err(CurateError::input(
+            &sequence_path,
+            "its frames are those of a pinhole, for which structure from motion is not driven; give \
+             --poses",
+        ));
+    }
     let truth = truth.find(&sequence)?;
     let plan = truth.add_inputs(plan(sequence_folder, &sequence, request, progress)?)?;
     let scene_path = sequence_folder.join(SCENE_FILE);

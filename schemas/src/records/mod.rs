@@ -25,6 +25,7 @@ pub mod split;
 pub mod stability;
 pub mod submission;
 pub mod sweep;
+pub mod tracks;
 
 pub use about::About;
 pub use analysis::VideoAnalysis;
@@ -59,6 +60,7 @@ pub use stability::{
 };
 pub use submission::{MethodCard, Submission, SubmittedFile, SubmittedResult};
 pub use sweep::{RunnerLock, SweepPlan, SweepUnit, UnitInput, UnitNeeds, UnitOutcome, UnitRunner};
+pub use tracks::{Detection, Track, TrackStage, Tracks};
 
 use std::path::Path;
 
@@ -117,6 +119,7 @@ pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<Poses>(),
     entry::<SfmReport>(),
     entry::<Scene>(),
+    entry::<Tracks>(),
     entry::<Protocol>(),
     entry::<Split>(),
     entry::<RunRecord>(),

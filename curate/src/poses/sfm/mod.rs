@@ -108,13 +108,6 @@ pub(crate) fn run(
     settings: &SfmSettings,
     progress: &dyn Progress,
 ) -> Result<PosedSequence, CurateError> {
-    if sequence.is_pinhole() {
-        return Err(CurateError::input(
-            sequence_folder,
-            "its frames are those of a pinhole, for which structure from motion is not driven; give \
-             --poses",
-        ));
-    }
     run_with(
         &installation()?,
         sequence_folder,

@@ -96,6 +96,7 @@ fn densify_static(
     room: usize,
     random: &mut Pcg64Mcg,
 ) -> Densified {
+    let settings = &settings.of_part(part);
     let Part {
         table, statistics, ..
     } = part;

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::schedule::Position;
+use crate::{model::Part, schedule::Position};
 
 /// Density control of a run. Iterations are those of the schedule, intervals of densification real
 /// ones.
@@ -88,6 +88,15 @@ impl Threshold {
 }
 
 impl DensifySettings {
+    /// Those of a part: its own unit of length, where it has one.
+    pub(super) fn of_part(&self, part: &Part) -> Self {
+        let unit = part.parameterization.unit_length();
+        Self {
+            size_unit: unit.map_or(self.size_unit, SizeUnit::Length),
+            ..self.clone()
+        }
+    }
+
     /// Whether Gaussians are to be added and removed now.
     pub fn is_due(&self, position: &Position) -> bool {
         (self.begin_iteration..=self.end_iteration).contains(&position.scheduled)

@@ -9,6 +9,7 @@
 //! * [`temporal`]: a static table with the arrays of a motion, at one moment. The motion itself is in
 //!   [`periodic`] (PVG), the velocity of Omni4DGS in [`omni4dgs`].
 //! * [`deformable`]: a static table, and a network that moves it.
+//! * [`tracked`]: Gaussians of rigid objects on paths.
 
 pub(crate) mod activated_buffers;
 pub mod deformable;
@@ -19,6 +20,7 @@ pub mod static_gaussians;
 pub mod subset;
 pub mod temporal;
 pub mod temporal_gaussians;
+pub mod tracked;
 
 /// Value of the constant spherical harmonic, `1 / (2 sqrt(pi))`.
 pub const SH_C0: f32 = 0.282_094_8;

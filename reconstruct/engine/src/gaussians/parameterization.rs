@@ -87,7 +87,7 @@ pub trait Parameterization: fmt::Debug + Send {
     );
 
     /// Puts values that a step moved out of their bounds back onto them.
-    fn keep_within_bounds(&self, _table: &mut ParameterTable) {}
+    fn keep_within_bounds(&mut self, _table: &mut ParameterTable) {}
 
     /// Parameters that all Gaussians of a table share: the weights of a network.
     fn shared(&self) -> Option<&SharedParameters> {
@@ -114,6 +114,17 @@ pub trait Parameterization: fmt::Debug + Send {
     /// about one.
     fn tells_static_from_dynamic(&self) -> bool {
         true
+    }
+
+    /// What the sizes of its Gaussians are relative to in density control, in units of its table, where
+    /// those are not the scene's.
+    fn unit_length(&self) -> Option<f32> {
+        None
+    }
+
+    /// The ids of the objects that its Gaussians are of, where they are of any that move.
+    fn objects(&self, _table: &ParameterTable) -> Option<Vec<u32>> {
+        None
     }
 
     /// Its kernels on a GPU; `None` where it has none.

@@ -96,7 +96,7 @@ impl Parameterization for TemporalGaussians {
             .activate_from_vjp(table, &look, features, first, activated, gradient);
     }
 
-    fn keep_within_bounds(&self, table: &mut ParameterTable) {
+    fn keep_within_bounds(&mut self, table: &mut ParameterTable) {
         self.time.keep_within_bounds(table);
     }
 

@@ -24,6 +24,8 @@ pub enum Layer {
     Static,
     /// Dynamic Gaussians alone, on black.
     Dynamic,
+    /// The Gaussians of the object with this id alone, on black.
+    Object(u32),
     /// Mean velocities along the world's axes as red, green and blue: grey is still, and 0 and 1 are
     /// minus and plus [`LayerRenderer::largest_speed`].
     Velocity,
@@ -58,10 +60,10 @@ pub struct LayerRenderer {
 impl LayerRenderer {
     /// For a model, with what it was trained with.
     pub fn new(model: Model, settings: RenderSettings) -> Self {
-        let of_static = model
-            .parts
-            .iter()
-            .filter(|part| part.parameterization.temporal().is_none());
+        let of_static = model.parts.iter().filter(|part| {
+            let parameterization = &part.parameterization;
+            parameterization.temporal().is_none() && parameterization.objects(&part.table).is_none()
+        });
         let mut distances: Vec<f32> = of_static
             .flat_map(|part| {
                 (0..part.table.len()).map(|index| {
@@ -98,9 +100,12 @@ impl LayerRenderer {
                 self.activate(view, &TemporalFeatures::default());
                 self.renderer.image(view, &self.all)
             }
-            Layer::Static | Layer::Dynamic => {
+            Layer::Static | Layer::Dynamic | Layer::Object(_) => {
                 self.activate(view, &TemporalFeatures::default());
-                let members = self.members(view, layer == Layer::Dynamic);
+                let members = match layer {
+                    Layer::Object(id) => self.members_of_object(id),
+                    _ => self.members(view, layer == Layer::Dynamic),
+                };
                 subset::gather(&self.all, &members, &mut self.part);
                 self.renderer.image(view, &self.part)
             }
@@ -138,6 +143,11 @@ impl LayerRenderer {
 
     /// Why a layer means nothing in this model; `None` where it does.
     pub fn refusal(&self, layer: Layer) -> Option<&'static str> {
+        if let Layer::Object(id) = layer
+            && self.members_of_object(id).is_empty()
+        {
+            return Some("has no Gaussians of an object with this id");
+        }
         let of_all = |part: &Part| !part.parameterization.tells_static_from_dynamic();
         (layer.is_of_time() && self.model.parts.iter().any(of_all)).then_some(
             "a network deforms these Gaussians: none of them is static or dynamic by itself, and none \
@@ -159,10 +169,29 @@ impl LayerRenderer {
                     let look = temporal.look(&Viewpoint::of_image(view));
                     temporal.members(&part.table, &look, dynamic)
                 }
-                None if dynamic => Vec::new(),
+                // What is of an object moves with it.
+                None if part.parameterization.objects(&part.table).is_some() != dynamic => {
+                    Vec::new()
+                }
                 None => (0..part.table.len()).collect(),
             };
             members.extend(of_part.into_iter().map(|index| first + index));
+            first += part.table.len();
+        }
+        members
+    }
+
+    /// The Gaussians of an object.
+    fn members_of_object(&self, id: u32) -> Vec<usize> {
+        let (mut members, mut first) = (Vec::new(), 0);
+        for part in &self.model.parts {
+            let objects = part.parameterization.objects(&part.table);
+            let of_part = objects.iter().flatten().enumerate();
+            members.extend(
+                of_part
+                    .filter(|&(_, &of)| of == id)
+                    .map(|(index, _)| first + index),
+            );
             first += part.table.len();
         }
         members

@@ -2,10 +2,12 @@
 //!
 //! * [`catmull_rom`]: positions. [`rotation_spline`]: rotations. [`rigid_spline`]: both, as a trajectory
 //!   that is given and offsets that are learnt.
+//! * [`rigid_path`]: a given path on the ground with learnt corrections.
 //! * `dual`: numbers with derivatives.
 
 pub mod catmull_rom;
 mod dual;
+pub mod rigid_path;
 pub mod rigid_spline;
 pub mod rotation_spline;
 
