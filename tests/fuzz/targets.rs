@@ -376,6 +376,7 @@ fn write_scene(folder: &Path) {
         mask: None,
         classes: [].into(),
         depth: None,
+        depth_prior: None,
     };
     let scene = Scene {
         id: "a/seq-000".to_owned(),

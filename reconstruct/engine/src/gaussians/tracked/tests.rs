@@ -51,7 +51,8 @@ fn model() -> (TrackedGaussians, ParameterTable) {
         numbers.push(index % 2);
         let position = [number(-0.5, 0.5), number(-0.2, 0.2), number(-0.15, 0.15)];
         initial.positions.push(position);
-        initial.scales.push(number(0.02, 0.1));
+        initial.scales.push([number(0.02, 0.1); 3]);
+        initial.rotations.push([1.0, 0.0, 0.0, 0.0]);
         initial.colours.push([0.5; 3]);
         initial.opacities.push(0.5);
     }
