@@ -219,6 +219,35 @@ fn pinhole_cameras_come_back() {
     assert!(refused("openmvg").contains("one focal length"));
 }
 
+/// cereal writes the size of a spherical camera inside of its base class, and OpenMVG views and poses
+/// into one file.
+#[test]
+fn openmvgs_own_file_is_read() {
+    let (folder, original) = scene();
+    let export = exported("openmvg", folder.path());
+    let at = |name: &str| export.path().join("scene").join(name);
+    let (mut whole, poses) = (
+        json(&at("data_views.json")),
+        json(&at("data_extrinsics.json")),
+    );
+    let size = &whole["intrinsics"][0]["value"]["ptr_wrapper"]["data"]["value0"];
+    assert_eq!([&size["width"], &size["height"]], [32, 16]);
+    whole["extrinsics"] = poses["extrinsics"].clone();
+    fs::write(at("sfm_data.json"), whole.to_string()).unwrap();
+    fs::remove_file(at("data_views.json")).unwrap();
+    fs::remove_file(at("data_extrinsics.json")).unwrap();
+    let imported = import(&ImportRequest {
+        folder: &export.path().join("scene"),
+        format: "openmvg",
+        id: &original.id,
+        frames_per_second: None,
+        out: &export.path().join("back"),
+    })
+    .unwrap();
+    assert_eq!(imported.camera, original.camera);
+    assert_eq!(imported.validation.registered_frames, 5);
+}
+
 fn json(path: &Path) -> Value {
     serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
 }
@@ -259,6 +288,20 @@ fn seen_by(format: &str, folder: &Path, world: DVec3) -> (f64, f64) {
                 .collect();
             let p = DQuat::from_xyzw(n[1], n[2], n[3], n[0]) * world + dvec3(n[4], n[5], n[6]);
             // EquirectangularCameraModel::ImgFromCam.
+            let (lon, lat) = (p.x.atan2(p.z), (-p.y / p.length()).asin());
+            (width * (lon / TAU + 0.5), height * (0.5 - lat / PI))
+        }
+        "colmap-binary" => {
+            let bytes = fs::read(folder.join("sparse/0/images.bin")).unwrap();
+            // A count, then records of id, pose, camera, name with its zero, and no features.
+            let record = 4 + 7 * 8 + 4 + "000000.png".len() + 1 + 8;
+            let pose = &bytes[8 + 3 * record + 4..][..56];
+            assert_eq!(&bytes[8 + 3 * record + 64..][..10], b"000003.png");
+            let n: Vec<f64> = pose
+                .chunks(8)
+                .map(|chunk| f64::from_le_bytes(chunk.try_into().unwrap()))
+                .collect();
+            let p = DQuat::from_xyzw(n[1], n[2], n[3], n[0]) * world + dvec3(n[4], n[5], n[6]);
             let (lon, lat) = (p.x.atan2(p.z), (-p.y / p.length()).asin());
             (width * (lon / TAU + 0.5), height * (0.5 - lat / PI))
         }
@@ -343,7 +386,7 @@ fn what_cannot_be_exchanged_is_refused() {
     };
     assert!(
         message("blender", &out.path().join("x"))
-            .contains("known are openmvg, colmap, nerfstudio, hm3d")
+            .contains("known are openmvg, colmap, colmap-binary, nerfstudio, hm3d")
     );
     fs::write(out.path().join("mine.txt"), "x").unwrap();
     assert!(message("colmap", out.path()).contains("is not empty"));

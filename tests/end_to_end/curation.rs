@@ -239,6 +239,71 @@ fn a_scene_goes_to_another_tool_and_comes_back() {
     assert!(again.stderr.contains("is not empty"), "{}", again.stderr);
 }
 
+/// Novel views must not be trained on because an export does not say which they are.
+#[test]
+fn the_split_goes_into_every_export() {
+    let run = copy_of_small_run();
+    let scene = run.path().join("videos/street/seq-000");
+    let (scene, split) = (
+        scene.to_str().unwrap(),
+        scene
+            .join("per-scene/split.json")
+            .to_str()
+            .unwrap()
+            .to_owned(),
+    );
+    let export = |format: &str, with_split: bool| {
+        let out = run.path().join(format!("{format}-{with_split}"));
+        let mut words = vec!["curate", "export", scene, "--format", format, "--out"];
+        words.push(out.to_str().unwrap());
+        words.extend(with_split.then_some(["--split", &split]).iter().flatten());
+        let ended = omnilife(words).succeeded();
+        assert_eq!(ended.stderr.contains("no split is given"), !with_split);
+        out
+    };
+    let nerfstudio = export("nerfstudio", true).join("transforms.json");
+    let transforms: serde_json::Value =
+        serde_json::from_str(&fs::read_to_string(nerfstudio).unwrap()).unwrap();
+    let files = |key: &str| transforms[key].as_array().map_or(0, Vec::len);
+    assert_eq!(
+        ["train_filenames", "val_filenames", "test_filenames"].map(files),
+        [8, 2, 2]
+    );
+    assert_eq!(transforms["test_filenames"][0], "images/000004.png");
+    for format in ["colmap", "colmap-binary", "openmvg", "hm3d"] {
+        let out = export(format, true);
+        let lines = |name: &str| fs::read_to_string(out.join(name)).unwrap().lines().count();
+        assert_eq!([lines("train.txt"), lines("test.txt")], [8, 2], "{format}");
+    }
+    assert!(!export("colmap", false).join("train.txt").exists());
+}
+
+/// COLMAP writes binary models, and numbers them.
+#[test]
+fn poses_are_read_from_the_folder_of_a_colmap_project() {
+    let run = copy_of_small_run();
+    let scene = run.path().join("videos/street/seq-000");
+    let project = run.path().join("project");
+    let [sequence, out] = [&scene, &project].map(|path| path.to_str().unwrap());
+    let words = [
+        "curate",
+        "export",
+        sequence,
+        "--format",
+        "colmap-binary",
+        "--out",
+        out,
+    ];
+    omnilife(words).succeeded();
+    assert!(project.join("sparse/0/images.bin").is_file());
+    let ended = omnilife(["curate", "poses", sequence, "--poses", out]).succeeded();
+    assert!(
+        ended.stdout.contains("10 of 10 frames posed"),
+        "{}",
+        ended.stdout
+    );
+}
+
 #[test]
 fn one_segment_of_a_video_is_cut_out() {
     let folder = scratch();

@@ -7,13 +7,17 @@
 //! sparse/0/cameras.txt     one camera
 //! sparse/0/images.txt      per frame: quaternion (w, x, y, z) and translation, world to camera
 //! sparse/0/points3D.txt    world points, without their tracks
+//! train.txt, test.txt      images for training and for testing, where a split is given
 //! ```
 //!
 //! Axes: COLMAP's cameras have x right, y down and z forward, and its equirectangular image is
 //! ours: nothing is turned. `x_c = R x_w + t`. Its pinhole has the centre of the first pixel at
 //! (1/2, 1/2), as ours.
 
-use std::{io::Write, path::Path};
+use std::{
+    io::Write,
+    path::{Path, PathBuf},
+};
 
 use omnilife_schemas::{
     camera::{Camera, ErpCamera, PinholeCamera},
@@ -21,7 +25,13 @@ use omnilife_schemas::{
 };
 
 use super::{ExportScene, ForeignFrame, ForeignScene, Format, black_mask, file_of};
-use crate::{error::CurateError, poses::colmap::ColmapModel};
+use crate::{
+    error::CurateError,
+    poses::{
+        colmap::{self, ColmapModel},
+        colmap_binary,
+    },
+};
 
 /// The format.
 pub const FORMAT: Format = Format {
@@ -31,13 +41,43 @@ pub const FORMAT: Format = Format {
     import,
 };
 
+/// The format with the binary model, which some trainers read alone.
+pub const BINARY_FORMAT: Format = Format {
+    id: "colmap-binary",
+    about: "the same with a binary model: cameras.bin, images.bin, points3D.bin",
+    export: export_binary,
+    import,
+};
+
 const MODEL_FOLDER: &str = "sparse/0";
 
-fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
+fn export_binary(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
+    let model = export_images(scene, out)?;
+    let images: Vec<_> = scene
+        .frames
+        .iter()
+        .map(|frame| (frame.name.as_str(), frame.pose))
+        .collect();
+    Ok(colmap_binary::write(
+        &model,
+        &scene.camera,
+        &images,
+        &scene.points,
+    )?)
+}
+
+/// Images, masks and the lists of the split; gives the folder of the model.
+fn export_images(scene: &ExportScene, out: &Path) -> Result<PathBuf, CurateError> {
     super::copy_images(scene, &out.join("images"))?;
     super::write_black_masks(scene, &out.join("masks"), mask_name)?;
+    super::write_split_lists(scene, out)?;
     let model = out.join(MODEL_FOLDER);
     store::create_folder(&model)?;
+    Ok(model)
+}
+
+fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
+    let model = export_images(scene, out)?;
     let camera = match scene.camera {
         Camera::Erp(ErpCamera { width, height }) => {
             format!("1 EQUIRECTANGULAR {width} {height} {width} {height}\n")
@@ -77,15 +117,9 @@ fn mask_name(image: &str) -> String {
 }
 
 fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
-    let nested = folder.join(MODEL_FOLDER);
-    let model_folder = if nested.is_dir() {
-        nested
-    } else {
-        folder.to_owned()
-    };
-    let model = ColmapModel::read(&model_folder)?;
+    let model = ColmapModel::read(folder)?;
     if model.images.is_empty() {
-        let path = model_folder.join("images.txt");
+        let [_, path, _] = colmap::files(folder);
         return Err(StoreError::malformed(&path, "has no images").into());
     }
     let (images, masks) = (folder.join("images"), folder.join("masks"));

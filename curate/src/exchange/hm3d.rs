@@ -6,6 +6,7 @@
 //! mask/00000.png ...       white where something moves (ours; their readers have no masks)
 //! rotation.npy             (frames, 3, 3) f32, camera to world
 //! translation.npy          (frames, 3) f32, camera centres
+//! train.txt, test.txt      numbers of the frames for training and for testing, where a split is given
 //! ```
 //!
 //! Axes: their panorama has `theta = (1/2 - u / W) 2 pi`, `phi = (1/2 - v / H) pi` and
@@ -57,6 +58,7 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     }
     let (panoramas, masks) = (out.join("pano"), out.join("mask"));
     store::create_folder(&panoramas)?;
+    write_split_lists(scene, out)?;
     let (mut rotations, mut translations) = (Vec::new(), Vec::new());
     for (index, frame) in scene.frames.iter().enumerate() {
         let name = format!("{index:05}.png");
@@ -78,6 +80,21 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     let count = scene.frames.len();
     npy::write_f32(&out.join(ROTATION_FILE), &[count, 3, 3], &rotations)?;
     npy::write_f32(&out.join(TRANSLATION_FILE), &[count, 3], &translations)?;
+    Ok(())
+}
+
+fn write_split_lists(scene: &ExportScene, out: &Path) -> Result<(), StoreError> {
+    if !scene.has_split {
+        return Ok(());
+    }
+    for (file, is_input) in [("train.txt", true), ("test.txt", false)] {
+        let frames = scene.frames.iter().enumerate();
+        let lines: String = frames
+            .filter(|(_, frame)| frame.is_input == is_input)
+            .map(|(index, _)| format!("{index:05}\n"))
+            .collect();
+        store::write_bytes(&out.join(file), lines.as_bytes())?;
+    }
     Ok(())
 }
 

@@ -51,6 +51,7 @@ pub struct Format {
 pub const FORMATS: &[Format] = &[
     openmvg::FORMAT,
     colmap::FORMAT,
+    colmap::BINARY_FORMAT,
     nerfstudio::FORMAT,
     hm3d::FORMAT,
 ];
@@ -98,6 +99,8 @@ pub struct ExportScene {
     pub frames: Vec<ExportFrame>,
     /// World points.
     pub points: PointCloud,
+    /// Whether a split says which frames are for training; without one all are.
+    pub has_split: bool,
 }
 
 /// What a reader found.
@@ -259,10 +262,17 @@ fn collect(
         Some(file) => PointCloud::read_ply(&folder.join(file))?,
         None => PointCloud::default(),
     };
+    if split.is_none() {
+        progress.note(&format!(
+            "{}: no split is given: frames for testing are not marked, and all are for training",
+            scene.id
+        ));
+    }
     Ok(ExportScene {
         camera: scene.camera,
         frames,
         points,
+        has_split: split.is_some(),
     })
 }
 
@@ -372,6 +382,22 @@ fn black_mask(folder: &Path, name: &str) -> Option<ForeignMask> {
         file,
         black_is_dynamic: true,
     })
+}
+
+/// The images for training and for testing, one per line, where a split says so.
+fn write_split_lists(scene: &ExportScene, out: &Path) -> Result<(), StoreError> {
+    if !scene.has_split {
+        return Ok(());
+    }
+    for (file, is_input) in [("train.txt", true), ("test.txt", false)] {
+        let names = scene
+            .frames
+            .iter()
+            .filter(|frame| frame.is_input == is_input);
+        let lines: String = names.map(|frame| format!("{}\n", frame.name)).collect();
+        store::write_bytes(&out.join(file), lines.as_bytes())?;
+    }
+    Ok(())
 }
 
 /// Text of a file.

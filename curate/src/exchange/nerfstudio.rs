@@ -2,7 +2,7 @@
 //! (<https://docs.nerf.studio/quickstart/data_conventions.html>).
 //!
 //! ```text
-//! transforms.json          camera, and per frame a camera-to-world matrix
+//! transforms.json          camera, per frame a camera-to-world matrix, and the files of the split
 //! images/                  the frames
 //! masks/<stem>.png         black where pixels are not used (nerfstudio's convention)
 //! points.ply               world points
@@ -57,6 +57,13 @@ struct Transforms {
     ply_file_path: Option<String>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     applied_transform: Option<serde_json::Value>,
+    /// Files of the split, as the data parser of nerfstudio takes them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    train_filenames: Option<Vec<String>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    val_filenames: Option<Vec<String>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    test_filenames: Option<Vec<String>>,
     frames: Vec<Frame>,
 }
 
@@ -109,6 +116,14 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
                 .then(|| format!("masks/{}", mask_name(&frame.name))),
         }
     });
+    let files = |is_input: bool| -> Option<Vec<String>> {
+        let frames = scene
+            .frames
+            .iter()
+            .filter(|frame| frame.is_input == is_input);
+        let files = frames.map(|frame| format!("images/{}", frame.name));
+        scene.has_split.then(|| files.collect())
+    };
     let transforms = Transforms {
         camera_model: match scene.camera {
             Camera::Erp(_) => ERP_MODEL,
@@ -124,6 +139,9 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
         others: BTreeMap::new(),
         ply_file_path: has_points.then(|| POINTS_FILE.to_owned()),
         applied_transform: None,
+        train_filenames: files(true),
+        val_filenames: files(false),
+        test_filenames: files(false),
         frames: frames.collect(),
     };
     Ok(super::write_json(&out.join(TRANSFORMS_FILE), &transforms)?)

@@ -1,13 +1,15 @@
 //! OpenMVG's `sfm_data`, split into views and extrinsics as ODGS and its successors read it.
 //!
 //! ```text
-//! data_views.json        views and the spherical or pinhole intrinsic
+//! data_views.json        views and the spherical or pinhole intrinsic, as OpenMVG itself writes it
 //! data_extrinsics.json   per pose: rotation (world to camera, row by row) and camera centre
 //! images/                the frames
 //! images/<stem>_mask.png black where something moves (OpenMVG's convention)
 //! train.txt, test.txt    stems of the frames for training and for testing, one per line
 //! pcd.ply                world points with (zero) normals, which their reader asks for
 //! ```
+//!
+//! A folder with OpenMVG's own `sfm_data.json`, which holds views and extrinsics, is read too.
 //!
 //! Axes: OpenMVG's spherical camera has x right, y down and z forward, and its image is ours
 //! (`src/openMVG/cameras/Camera_Spherical.hpp`): nothing is turned. `x_c = R (x_w - C)`.
@@ -36,6 +38,8 @@ pub const FORMAT: Format = Format {
 
 const VIEWS_FILE: &str = "data_views.json";
 const EXTRINSICS_FILE: &str = "data_extrinsics.json";
+/// Views and extrinsics in one.
+const WHOLE_FILE: &str = "sfm_data.json";
 const POINTS_FILE: &str = "pcd.ply";
 /// Names of intrinsics.
 const SPHERICAL: &str = "spherical";
@@ -97,8 +101,39 @@ struct View {
     id_pose: u32,
 }
 
+/// How cereal has an intrinsic: a spherical one inside of its base class, a pinhole flat.
 #[derive(Serialize, Deserialize)]
-struct Intrinsic {
+#[serde(untagged)]
+enum StoredIntrinsic {
+    OfBaseClass { value0: IntrinsicData },
+    Flat(IntrinsicData),
+}
+
+impl From<StoredIntrinsic> for Intrinsic {
+    fn from(stored: StoredIntrinsic) -> Self {
+        match stored {
+            StoredIntrinsic::OfBaseClass { value0: data } | StoredIntrinsic::Flat(data) => {
+                Self(data)
+            }
+        }
+    }
+}
+
+impl From<Intrinsic> for StoredIntrinsic {
+    fn from(Intrinsic(data): Intrinsic) -> Self {
+        match data.focal_length {
+            None => Self::OfBaseClass { value0: data },
+            Some(_) => Self::Flat(data),
+        }
+    }
+}
+
+#[derive(Clone, Serialize, Deserialize)]
+#[serde(from = "StoredIntrinsic", into = "StoredIntrinsic")]
+struct Intrinsic(IntrinsicData);
+
+#[derive(Clone, Serialize, Deserialize)]
+struct IntrinsicData {
     width: u32,
     height: u32,
     /// Of a pinhole, pixels.
@@ -209,19 +244,19 @@ fn intrinsic(camera: &Camera) -> Result<Intrinsic, String> {
             ));
         }
     };
-    Ok(Intrinsic {
+    Ok(Intrinsic(IntrinsicData {
         width,
         height,
         focal_length,
         principal_point,
-    })
+    }))
 }
 
 /// The camera of an intrinsic of this name.
 ///
 /// # Errors
 /// For other kinds and where something is missing; says why.
-fn camera_of(name: &str, intrinsic: &Intrinsic) -> Result<Camera, String> {
+fn camera_of(name: &str, Intrinsic(intrinsic): &Intrinsic) -> Result<Camera, String> {
     let (width, height) = (intrinsic.width, intrinsic.height);
     match (name, intrinsic.focal_length, intrinsic.principal_point) {
         (SPHERICAL, ..) => Ok(ErpCamera { width, height }.into()),
@@ -270,9 +305,14 @@ fn write_points(path: &Path, cloud: &PointCloud) -> Result<(), StoreError> {
 }
 
 fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
-    let views_path = folder.join(VIEWS_FILE);
+    let whole = folder.join(WHOLE_FILE);
+    let is_whole = whole.is_file() && !folder.join(VIEWS_FILE).is_file();
+    let [views_path, extrinsics_path] = if is_whole {
+        [whole.clone(), whole]
+    } else {
+        [VIEWS_FILE, EXTRINSICS_FILE].map(|name| folder.join(name))
+    };
     let views: SfmData = super::read_json(&views_path)?;
-    let extrinsics_path = folder.join(EXTRINSICS_FILE);
     let extrinsics: SfmData = super::read_json(&extrinsics_path)?;
     let mut poses = BTreeMap::new();
     for Keyed { key, value } in &extrinsics.extrinsics {

@@ -1,4 +1,4 @@
-//! COLMAP's text model: `cameras.txt`, `images.txt`, `points3D.txt`
+//! COLMAP's models, and their text form: `cameras.txt`, `images.txt`, `points3D.txt`
 //! (<https://colmap.github.io/format.html#text-format>).
 
 use std::{
@@ -15,6 +15,8 @@ use omnilife_schemas::{
     points::PointCloud,
     store::StoreError,
 };
+
+use super::colmap_binary;
 
 /// A reconstruction with one camera.
 #[derive(Debug, Clone, PartialEq)]
@@ -63,18 +65,38 @@ pub struct ColmapPoint {
 }
 
 /// Files of a text model.
+const TEXT_FILES: [&str; 3] = ["cameras.txt", "images.txt", "points3D.txt"];
+
+/// Where below a folder a model may lie: COLMAP numbers its models.
+const MODEL_FOLDERS: [&str; 4] = ["", "sparse/0", "0", "sparse"];
+
+/// Files of the model in a folder, or of the first one below it: the binary ones where they are there,
+/// as COLMAP itself reads them, else those of a text model.
 pub fn files(folder: &Path) -> [PathBuf; 3] {
-    ["cameras.txt", "images.txt", "points3D.txt"].map(|name| folder.join(name))
+    for below in MODEL_FOLDERS.map(|below| folder.join(below)) {
+        for names in [colmap_binary::FILES, TEXT_FILES] {
+            if below.join(names[0]).is_file() {
+                return names.map(|name| below.join(name));
+            }
+        }
+    }
+    TEXT_FILES.map(|name| folder.join(name))
 }
 
 impl ColmapModel {
-    /// Reads a text model.
+    /// Reads the model in a folder or below it, text or binary ([`files`]).
     ///
     /// # Errors
     /// When a file is missing or malformed, or a camera is neither `EQUIRECTANGULAR` nor a pinhole without
     /// distortion.
     pub fn read(folder: &Path) -> Result<Self, StoreError> {
         let [cameras, images, points] = files(folder);
+        if cameras
+            .extension()
+            .is_some_and(|extension| extension == "bin")
+        {
+            return colmap_binary::read(cameras.parent().unwrap_or(folder));
+        }
         Ok(Self {
             camera: read_camera(&cameras)?,
             images: read_images(&images)?,
@@ -213,11 +235,6 @@ fn read_images(path: &Path) -> Result<BTreeMap<u32, ColmapImage>, StoreError> {
         }
         let id = line.field(0, "image id")?;
         let [w, x, y, z, tx, ty, tz] = line.numbers(1, "image pose")?;
-        let camera_from_world = DQuat::from_xyzw(x, y, z, w);
-        if (camera_from_world.length() - 1.0).abs() > 1e-3 {
-            return Err(line.malformed("rotation is no unit quaternion"));
-        }
-        let rotation = camera_from_world.normalize().inverse();
         let name: Vec<&str> = line.text.split_whitespace().skip(9).collect();
         if name.is_empty() {
             return Err(line.malformed("no image name"));
@@ -226,17 +243,49 @@ fn read_images(path: &Path) -> Result<BTreeMap<u32, ColmapImage>, StoreError> {
             Some(features) => read_observations(&features)?,
             None => Vec::new(),
         };
-        let image = ColmapImage {
-            name: name.join(" "),
-            rotation,
-            centre: -(rotation * DVec3::new(tx, ty, tz)),
-            observations,
-        };
+        let pose = [w, x, y, z, tx, ty, tz];
+        let image =
+            image_of(pose, name.join(" "), observations).map_err(|what| line.malformed(what))?;
         if images.insert(id, image).is_some() {
             return Err(line.malformed(&format!("a second image has the id {id}")));
         }
     }
     Ok(images)
+}
+
+/// An image by its pose: quaternion (w, x, y, z) and translation, world to camera.
+pub(super) fn image_of(
+    [w, x, y, z, tx, ty, tz]: [f64; 7],
+    name: String,
+    observations: Vec<(DVec2, u64)>,
+) -> Result<ColmapImage, &'static str> {
+    let camera_from_world = DQuat::from_xyzw(x, y, z, w);
+    if (camera_from_world.length() - 1.0).abs() > 1e-3 {
+        return Err("rotation is no unit quaternion");
+    }
+    let rotation = camera_from_world.normalize().inverse();
+    Ok(ColmapImage {
+        name,
+        rotation,
+        centre: -(rotation * DVec3::new(tx, ty, tz)),
+        observations,
+    })
+}
+
+/// A point, which has to fit into the f32 of clouds.
+pub(super) fn point_of(
+    position: DVec3,
+    colour: [u8; 3],
+    track: Vec<u32>,
+) -> Result<ColmapPoint, &'static str> {
+    if !position.as_vec3().is_finite() {
+        return Err("the point is too far away for single precision");
+    }
+    Ok(ColmapPoint {
+        position,
+        colour,
+        track,
+    })
 }
 
 /// Features as `x y point` triples; features without a point (-1) are left out.
@@ -277,15 +326,8 @@ fn read_points(path: &Path) -> Result<BTreeMap<u64, ColmapPoint>, StoreError> {
             .map(str::parse)
             .collect::<Result<_, _>>()
             .map_err(|_| line.malformed("point track is no list of image ids"))?;
-        let point = ColmapPoint {
-            position: DVec3::from_array(line.numbers(1, "point position")?),
-            colour,
-            track,
-        };
-        // Clouds hold f32.
-        if !point.position.as_vec3().is_finite() {
-            return Err(line.malformed("the point is too far away for single precision"));
-        }
+        let position = DVec3::from_array(line.numbers(1, "point position")?);
+        let point = point_of(position, colour, track).map_err(|what| line.malformed(what))?;
         if points.insert(id, point).is_some() {
             return Err(line.malformed(&format!("a second point has the id {id}")));
         }

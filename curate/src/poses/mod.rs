@@ -4,6 +4,7 @@
 //! `classes/` where there are points, masks, distances and masks of classes.
 
 pub mod colmap;
+pub(crate) mod colmap_binary;
 pub mod error;
 pub mod given;
 pub mod level;
