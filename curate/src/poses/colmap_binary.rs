@@ -11,7 +11,7 @@
 
 use std::{collections::BTreeMap, fs, io::Write, path::Path};
 
-use glam::{DQuat, DVec2, DVec3};
+use glam::{DVec2, DVec3};
 use omnilife_schemas::{
     Pose,
     camera::{Camera, ErpCamera, PinholeCamera},
@@ -257,6 +257,8 @@ fn read_points(bytes: &mut Bytes<'_>) -> Result<BTreeMap<u64, ColmapPoint>, Stri
 
 #[cfg(test)]
 mod tests {
+    use glam::DQuat;
+
     use super::*;
 
     #[test]
