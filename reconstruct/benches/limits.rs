@@ -22,7 +22,7 @@ use omnilife_engine::{
     gaussians::static_gaussians,
     render::{
         bin::{TileLists, cpu::Binner},
-        project::{self, Shape, Splat},
+        project::{self, Shape, Splats},
         settings::{ALPHA_MAX, ALPHA_MIN, RenderSettings, TILE, TRANSMITTANCE_MIN},
         sort::{self, cpu::SortScratch},
     },
@@ -95,7 +95,7 @@ fn evaluations(iteration: &Iteration, settings: &RenderSettings) -> u64 {
     let rays = Rays::new(iteration.view.camera);
     let mut instant = iteration.instant.clone();
     static_gaussians::activate(&iteration.table, &mut instant);
-    let (mut splats, mut distances) = (Vec::new(), Vec::new());
+    let (mut splats, mut distances) = (Splats::default(), Vec::new());
     project::cpu::forward(
         &iteration.view,
         &instant,
@@ -115,7 +115,7 @@ fn evaluations(iteration: &Iteration, settings: &RenderSettings) -> u64 {
             let mut transmittance = 1.0_f32;
             let mut count = 0;
             for place in lists.tile(row / TILE * columns + column / TILE) {
-                let alpha = alpha(&splats[lists.splat(place)], &rays, column, row);
+                let alpha = alpha(&splats, lists.splat(place), &rays, column, row);
                 if alpha < ALPHA_MIN {
                     continue;
                 }
@@ -131,7 +131,8 @@ fn evaluations(iteration: &Iteration, settings: &RenderSettings) -> u64 {
         .sum()
 }
 
-fn alpha(splat: &Splat, rays: &Rays, column: usize, row: usize) -> f32 {
+fn alpha(splats: &Splats, index: usize, rays: &Rays, column: usize, row: usize) -> f32 {
+    let splat = &splats.all[index];
     let q = match &splat.shape {
         Shape::Ellipse(ellipse) => {
             let width = rays.camera.width() as f32;
@@ -141,7 +142,8 @@ fn alpha(splat: &Splat, rays: &Rays, column: usize, row: usize) -> f32 {
             let across = x - ellipse.slope * y;
             across * across * ellipse.inverse_variance + y * y * ellipse.inverse_row_variance
         }
-        Shape::Cone(cone) => {
+        Shape::Cone => {
+            let cone = &splats.cones[index];
             let ray = rays.ray(column, row);
             let n = cone.across.iter().map(|f| f.dot(ray).powi(2)).sum::<f32>();
             let along = cone.along.dot(ray).max(0.0);

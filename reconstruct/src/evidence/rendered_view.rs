@@ -239,12 +239,12 @@ impl RenderedView {
             rendered(1, 2),
         ];
         let residual = self.mean([column, row], 1).residual;
-        let projection = scene.camera.project_with_jacobian(offset, distance);
+        let [by_column, by_row] = scene.camera.pixel_jacobian(offset);
         let to_world = view.rotation.transpose();
         // How each channel changes towards where the point would be seen if it moved in the world.
         let by_point = [0, 1, 2].map(|channel| {
             let slope = 0.5 * vec2(right[channel] - left[channel], down[channel] - up[channel]);
-            to_world * (projection.jacobian_u * slope.x + projection.jacobian_v * slope.y)
+            to_world * (by_column * slope.x + by_row * slope.y)
         });
         let is_whole = residual[0].is_finite() && by_point.iter().all(|by| by.is_finite());
         is_whole.then(|| PoseObservation::new(point - view.centre, by_point, residual))

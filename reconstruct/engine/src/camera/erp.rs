@@ -15,75 +15,119 @@
 
 use std::f32::consts::{PI, TAU};
 
-use glam::{Vec2, Vec3, vec2, vec3};
+use fearless_simd::{Simd, f32x8, prelude::*};
+use glam::{Vec2, Vec3, vec2};
 use omnilife_schemas::camera::ErpCamera;
 
-use crate::camera::{Projection, horizontal, tangent_frame};
+use crate::camera::{
+    Jacobian, horizontal,
+    lanes::{self, Vec3x8},
+};
 
-/// Projects a point of the camera frame. `distance` is `|point|` and must be positive and finite.
-pub fn project(camera: &ErpCamera, point: Vec3, distance: f32) -> Projection {
-    let (width, height) = (camera.width as f32, camera.height as f32);
-    let n = point / distance;
-    let [east, down] = tangent_frame(n);
-    let rho = horizontal(n);
-    let longitude = n.x.atan2(n.z);
-    let latitude = (-n.y).atan2(rho);
-    Projection {
-        pixel: vec2(
-            (longitude / TAU + 0.5) * width,
-            (0.5 - latitude / PI) * height,
-        ),
-        jacobian_u: east * (width / TAU / (rho * distance)),
-        jacobian_v: down * (height / PI / distance),
+/// The image of a direction.
+pub fn pixel(camera: &ErpCamera, n: Vec3) -> Vec2 {
+    let (longitude, latitude) = (n.x.atan2(n.z), (-n.y).atan2(horizontal(n)));
+    vec2(
+        (longitude / TAU + 0.5) * camera.width as f32,
+        (0.5 - latitude / PI) * camera.height as f32,
+    )
+}
+
+/// The images of points of the camera frame.
+#[inline(always)]
+pub(crate) fn pixels<S: Simd>(camera: &ErpCamera, point: Vec3x8<S>) -> [f32x8<S>; 2] {
+    let longitude = lanes::atan2(point.x, point.z);
+    let latitude = lanes::atan2(-point.y, lanes::horizontal(point));
+    [
+        (longitude * (1.0 / TAU) + 0.5) * camera.width as f32,
+        (-latitude * (1.0 / PI) + 0.5) * camera.height as f32,
+    ]
+}
+
+/// The unit direction, its distance from the vertical axis, and the tangents to east and down.
+#[inline(always)]
+fn frame<S: Simd>(
+    point: Vec3x8<S>,
+    inverse_distance: f32x8<S>,
+) -> (Vec3x8<S>, f32x8<S>, [Vec3x8<S>; 2]) {
+    let n = point.times(inverse_distance);
+    let rho = lanes::horizontal(n);
+    let inverse_rho = f32x8::splat(rho.simd, 1.0) / rho;
+    let (sin, cos) = (n.x * inverse_rho, n.z * inverse_rho);
+    let east = Vec3x8 {
+        x: cos,
+        y: f32x8::splat(rho.simd, 0.0),
+        z: -sin,
+    };
+    let down = Vec3x8 {
+        x: -n.y * sin,
+        y: rho,
+        z: -n.y * cos,
+    };
+    (n, rho, [east, down])
+}
+
+/// The Jacobian of the image at points of the camera frame that are not on the vertical axis.
+#[inline(always)]
+pub(crate) fn jacobian<S: Simd>(
+    camera: &ErpCamera,
+    point: Vec3x8<S>,
+    inverse_distance: f32x8<S>,
+) -> Jacobian<S> {
+    let (_, rho, [east, down]) = frame(point, inverse_distance);
+    Jacobian {
+        u: east.times(inverse_distance / rho * (camera.width as f32 / TAU)),
+        v: down.times(inverse_distance * (camera.height as f32 / PI)),
     }
 }
 
-/// VJP of [`project`]: the gradient by the point from gradients by the pixel and by the two rows of
-/// the Jacobian. The point is not on the vertical axis.
-pub fn project_vjp(
+/// VJP of [`pixels`] and [`jacobian`]: the gradient by the point from gradients by the pixel and by
+/// the two rows of the Jacobian.
+#[inline(always)]
+pub(crate) fn vjp<S: Simd>(
     camera: &ErpCamera,
-    point: Vec3,
-    distance: f32,
-    pixel: Vec2,
-    jacobian_u: Vec3,
-    jacobian_v: Vec3,
-) -> Vec3 {
+    point: Vec3x8<S>,
+    inverse_distance: f32x8<S>,
+    pixel: [f32x8<S>; 2],
+    by: &Jacobian<S>,
+) -> Vec3x8<S> {
     let kx = camera.width as f32 / TAU;
     let ky = camera.height as f32 / PI;
-    let n = point / distance;
-    let [east, down] = tangent_frame(n);
-    let (x, y, z, rho) = (n.x, n.y, n.z, horizontal(n));
-    let mut gradient = east * (pixel.x * kx / (rho * distance)) + down * (pixel.y * ky / distance);
+    let (n, rho, [east, down]) = frame(point, inverse_distance);
+    let Vec3x8 { x, y, z } = n;
+    let inverse_rho = f32x8::splat(rho.simd, 1.0) / rho;
+    let gradient = east.times(pixel[0] * inverse_rho * inverse_distance * kx);
+    let gradient = down.times_plus(pixel[1] * inverse_distance * ky, gradient);
 
     // d(J row u)/dp on the unit direction, where d = 1.
-    let by_distance_squared = 1.0 / (distance * distance);
-    let (rho2, inverse_rho3) = (rho * rho, 1.0 / (rho * rho * rho));
-    let du0 = vec3(-2.0 * x * z, 0.0, rho2 - 2.0 * z * z);
-    let du2 = vec3(2.0 * x * x - rho2, 0.0, 2.0 * x * z);
-    gradient +=
-        (du0 * jacobian_u.x + du2 * jacobian_u.z) * (kx * by_distance_squared * inverse_rho3 / rho);
+    let by_distance_squared = inverse_distance * inverse_distance;
+    let (rho2, inverse_rho3) = (rho * rho, inverse_rho * inverse_rho * inverse_rho);
+    let u0 = by.u.x * (by_distance_squared * inverse_rho3 * inverse_rho * kx);
+    let u2 = by.u.z * (by_distance_squared * inverse_rho3 * inverse_rho * kx);
+    let xz_twice = x * z * 2.0;
+    let gradient = Vec3x8 {
+        x: gradient.x + (x * x * 2.0 - rho2) * u2 - xz_twice * u0,
+        y: gradient.y,
+        z: gradient.z + (rho2 - z * z * 2.0) * u0 + xz_twice * u2,
+    };
     // d(J row v)/dp on the unit direction.
-    let mixed = x * y * z * (2.0 * rho2 + 1.0) * inverse_rho3;
-    let level = (1.0 - 2.0 * y * y) / rho;
-    let dv0 = vec3(
-        -y * (z * z - 2.0 * x * x * rho2) * inverse_rho3,
-        -x * level,
-        mixed,
-    );
-    let dv1 = vec3(-x * level, -2.0 * y * rho, -z * level);
-    let dv2 = vec3(
-        mixed,
-        -z * level,
-        -y * (x * x - 2.0 * z * z * rho2) * inverse_rho3,
-    );
-    gradient +=
-        (dv0 * jacobian_v.x + dv1 * jacobian_v.y + dv2 * jacobian_v.z) * (ky * by_distance_squared);
-    gradient
+    let scale = by_distance_squared * ky;
+    let (v0, v1, v2) = (by.v.x * scale, by.v.y * scale, by.v.z * scale);
+    let mixed = x * y * z * (rho2 * 2.0 + 1.0) * inverse_rho3;
+    let level = (-(y * y) * 2.0 + 1.0) * inverse_rho;
+    let across_x = (x * x * rho2 * 2.0 - z * z) * y * inverse_rho3;
+    let across_z = (z * z * rho2 * 2.0 - x * x) * y * inverse_rho3;
+    Vec3x8 {
+        x: gradient.x + across_x * v0 - x * level * v1 + mixed * v2,
+        y: gradient.y - x * level * v0 - y * rho * v1 * 2.0 - z * level * v2,
+        z: gradient.z + mixed * v0 - z * level * v1 + across_z * v2,
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use glam::{DVec3, dvec3};
+    use fearless_simd::{Level, dispatch};
+    use glam::{DVec3, dvec3, vec3};
     use omnilife_schemas::camera::CameraModel;
 
     use super::*;
@@ -128,13 +172,33 @@ mod tests {
     }
 
     #[test]
+    fn pixels_are_those_of_the_definition() {
+        for p in points() {
+            let expected = CAMERA.project(p).expect("not the centre");
+            let [u, v] = dispatch!(Level::new(), simd => {
+                let point = Vec3x8::gather(simd, &[p.as_vec3().to_array(); lanes::LANES]);
+                pixels(&CAMERA, point).map(|value| value[2])
+            });
+            let one = pixel(&CAMERA, p.normalize().as_vec3());
+            for image in [vec2(u, v), one] {
+                assert!(
+                    (image.as_dvec2() - expected).length() < 2e-4,
+                    "{p}: {image} {expected}"
+                );
+            }
+        }
+    }
+
+    #[test]
     fn jacobian_is_that_of_the_definition() {
         for p in points() {
-            let projection = project(&CAMERA, p.as_vec3(), p.length() as f32);
-            for (row, reference) in [projection.jacobian_u, projection.jacobian_v]
-                .into_iter()
-                .zip(reference_jacobian(p))
-            {
+            let rows = dispatch!(Level::new(), simd => {
+                let point = Vec3x8::gather(simd, &[p.as_vec3().to_array(); lanes::LANES]);
+                let inverse = f32x8::splat(simd, 1.0 / p.length() as f32);
+                let rows = jacobian(&CAMERA, point, inverse);
+                [rows.u.lane(3), rows.v.lane(3)]
+            });
+            for (row, reference) in rows.into_iter().zip(reference_jacobian(p)) {
                 let error = (row.as_dvec3() - reference).length() / reference.length();
                 assert!(error < 2e-6, "{p}: {row} against {reference}");
             }
@@ -156,14 +220,18 @@ mod tests {
                     + f64::from(weight_pixel.y) * pixel.y
                     + d * (ju.dot(weight_u.as_dvec3()) + jv.dot(weight_v.as_dvec3()))
             };
-            let analytic = project_vjp(
-                &CAMERA,
-                p.as_vec3(),
-                d as f32,
-                weight_pixel,
-                weight_u * d as f32,
-                weight_v * d as f32,
-            );
+            let analytic = dispatch!(Level::new(), simd => {
+                let gather = |vector: Vec3| {
+                    Vec3x8::gather(simd, &[vector.to_array(); lanes::LANES])
+                };
+                let pixel = weight_pixel.to_array().map(|value| f32x8::splat(simd, value));
+                let by = Jacobian {
+                    u: gather(weight_u * d as f32),
+                    v: gather(weight_v * d as f32),
+                };
+                let inverse = f32x8::splat(simd, 1.0 / d as f32);
+                vjp(&CAMERA, gather(p.as_vec3()), inverse, pixel, &by).lane(6)
+            });
             let h = 1e-6 * d;
             let mut reference = DVec3::ZERO;
             for axis in 0..3 {

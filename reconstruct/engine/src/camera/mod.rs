@@ -4,15 +4,19 @@
 //! here against its definition by finite differences.
 
 pub mod erp;
+pub(crate) mod lanes;
 pub mod pinhole;
 pub mod pose;
 pub mod rays;
 
 use std::f32::consts::{PI, TAU};
 
+use fearless_simd::{Level, Simd, dispatch, f32x8, mask32x8, prelude::*};
 use glam::{DMat3, DVec3, Mat3, Vec2, Vec3, vec3};
 pub use omnilife_schemas::camera::Camera;
 use omnilife_schemas::{Pose, Similarity};
+
+use crate::camera::lanes::{LANES, Vec3x8};
 
 /// Added to the diagonal of the projected covariance, square pixels (3DGS `forward.cu`).
 pub const LOW_PASS: f32 = 0.3;
@@ -23,15 +27,13 @@ pub const CONE_RHO: f32 = 0.087_155_744;
 /// the width (six of them cover a quarter turn) is too wide for the image's plane: a cone.
 pub const CONE_WIDTH: f32 = 1.0 / 24.0;
 
-/// A point's image and the two rows of the Jacobian of `(u, v)` by the point.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Projection {
-    /// Pixels; for an ERP camera `u` is in [0, W].
-    pub pixel: Vec2,
+/// The two rows of the Jacobian of `(u, v)` by a point, for 8 points.
+#[derive(Clone, Copy)]
+pub(crate) struct Jacobian<S: Simd> {
     /// `du/dp`, pixels per unit.
-    pub jacobian_u: Vec3,
+    pub(crate) u: Vec3x8<S>,
     /// `dv/dp`, pixels per unit.
-    pub jacobian_v: Vec3,
+    pub(crate) v: Vec3x8<S>,
 }
 
 /// What the kernels need of a camera, in f32.
@@ -40,19 +42,12 @@ pub trait CameraKernels {
     /// for a pinhole so is its depth `z`. False for NaN.
     fn sees(&self, point: Vec3, distance: f32, near: f32) -> bool;
 
-    /// Projects a point of the camera frame that [`CameraKernels::sees`]; `distance` is `|point|`.
-    fn project_with_jacobian(&self, point: Vec3, distance: f32) -> Projection;
+    /// The image of a direction that the camera sees, pixels; for an ERP camera `u` is in [0, W].
+    fn pixel(&self, n: Vec3) -> Vec2;
 
-    /// VJP of [`CameraKernels::project_with_jacobian`]: the gradient by the point from gradients by the
-    /// pixel and by the two rows of the Jacobian.
-    fn project_vjp(
-        &self,
-        point: Vec3,
-        distance: f32,
-        pixel: Vec2,
-        jacobian_u: Vec3,
-        jacobian_v: Vec3,
-    ) -> Vec3;
+    /// The rows of the Jacobian of [`CameraKernels::pixel`] at a point of the camera frame that the camera
+    /// sees, pixels per unit.
+    fn pixel_jacobian(&self, point: Vec3) -> [Vec3; 2];
 
     /// Column and row of the pixel that shows a point of the camera frame, `distance` from it; `None` where
     /// none does.
@@ -85,36 +80,27 @@ impl CameraKernels for Camera {
             }
     }
 
-    fn project_with_jacobian(&self, point: Vec3, distance: f32) -> Projection {
+    fn pixel(&self, n: Vec3) -> Vec2 {
         match self {
-            Self::Erp(camera) => erp::project(camera, point, distance),
-            Self::Pinhole(camera) => pinhole::project(camera, point),
+            Self::Erp(camera) => erp::pixel(camera, n),
+            Self::Pinhole(camera) => pinhole::pixel(camera, n),
         }
     }
 
-    fn project_vjp(
-        &self,
-        point: Vec3,
-        distance: f32,
-        pixel: Vec2,
-        jacobian_u: Vec3,
-        jacobian_v: Vec3,
-    ) -> Vec3 {
-        match self {
-            Self::Erp(camera) => {
-                erp::project_vjp(camera, point, distance, pixel, jacobian_u, jacobian_v)
-            }
-            Self::Pinhole(camera) => {
-                pinhole::project_vjp(camera, point, pixel, jacobian_u, jacobian_v)
-            }
-        }
+    fn pixel_jacobian(&self, point: Vec3) -> [Vec3; 2] {
+        dispatch!(Level::new(), simd => {
+            let inverse_distance = f32x8::splat(simd, 1.0 / point.length());
+            let point = Vec3x8::gather(simd, &[point.to_array(); LANES]);
+            let jacobian = self.jacobians(point, inverse_distance);
+            [jacobian.u.lane(0), jacobian.v.lane(0)]
+        })
     }
 
     fn pixel_of(&self, point: Vec3, distance: f32) -> Option<[usize; 2]> {
         if !self.sees(point, distance, 0.0) {
             return None;
         }
-        let pixel = self.project_with_jacobian(point, distance).pixel;
+        let pixel = self.pixel(point);
         let [width, height] = self.size();
         match self {
             // The last column and row end where others begin.
@@ -202,6 +188,69 @@ impl CameraKernels for Camera {
                     extent: [half_width, half_height],
                 }
             }
+        }
+    }
+}
+
+/// What the projection needs of a camera, for 8 points at once.
+pub(crate) trait CameraLanes {
+    /// [`CameraKernels::sees`].
+    fn see<S: Simd>(&self, point: Vec3x8<S>, distance: f32x8<S>, near: f32) -> mask32x8<S>;
+
+    /// The images of directions that the camera sees.
+    fn pixels<S: Simd>(&self, n: Vec3x8<S>) -> [f32x8<S>; 2];
+
+    /// The Jacobian of [`CameraLanes::pixels`].
+    fn jacobians<S: Simd>(&self, point: Vec3x8<S>, inverse_distance: f32x8<S>) -> Jacobian<S>;
+
+    /// VJP of [`CameraLanes::pixels`] and [`CameraLanes::jacobians`]: the gradient by the points from
+    /// gradients by the pixels and by the two rows of the Jacobian.
+    fn vjp<S: Simd>(
+        &self,
+        point: Vec3x8<S>,
+        inverse_distance: f32x8<S>,
+        pixel: [f32x8<S>; 2],
+        by: &Jacobian<S>,
+    ) -> Vec3x8<S>;
+}
+
+impl CameraLanes for Camera {
+    #[inline(always)]
+    fn see<S: Simd>(&self, point: Vec3x8<S>, distance: f32x8<S>, near: f32) -> mask32x8<S> {
+        let is_beyond = distance.simd_gt(near) & distance.simd_lt(f32::MAX);
+        match self {
+            Self::Erp(_) => is_beyond,
+            Self::Pinhole(_) => is_beyond & point.z.simd_gt(near),
+        }
+    }
+
+    #[inline(always)]
+    fn pixels<S: Simd>(&self, n: Vec3x8<S>) -> [f32x8<S>; 2] {
+        match self {
+            Self::Erp(camera) => erp::pixels(camera, n),
+            Self::Pinhole(camera) => pinhole::pixels(camera, n),
+        }
+    }
+
+    #[inline(always)]
+    fn jacobians<S: Simd>(&self, point: Vec3x8<S>, inverse_distance: f32x8<S>) -> Jacobian<S> {
+        match self {
+            Self::Erp(camera) => erp::jacobian(camera, point, inverse_distance),
+            Self::Pinhole(camera) => pinhole::jacobian(camera, point),
+        }
+    }
+
+    #[inline(always)]
+    fn vjp<S: Simd>(
+        &self,
+        point: Vec3x8<S>,
+        inverse_distance: f32x8<S>,
+        pixel: [f32x8<S>; 2],
+        by: &Jacobian<S>,
+    ) -> Vec3x8<S> {
+        match self {
+            Self::Erp(camera) => erp::vjp(camera, point, inverse_distance, pixel, by),
+            Self::Pinhole(camera) => pinhole::vjp(camera, point, pixel, by),
         }
     }
 }

@@ -10,99 +10,123 @@
 //! either side, because the linearization of what stands far outside the image explodes (3DGS
 //! `forward.cu`: 1.3 times the half image). A clamped slope counts as constant in the VJP.
 
-use glam::{Vec2, Vec3, vec2, vec3};
+use fearless_simd::{Simd, f32x8, prelude::*};
+use glam::{Vec2, Vec3, vec2};
 use omnilife_schemas::camera::PinholeCamera;
 
-use crate::camera::Projection;
+use crate::camera::{Jacobian, lanes::Vec3x8};
 
 /// Share of the image's size by which the range of slopes in the Jacobian is widened on each side.
 pub(crate) const SLOPE_MARGIN: f32 = 0.15;
 
-struct Slopes {
-    fx: f32,
-    fy: f32,
-    x: f32,
-    y: f32,
-    /// Whether each is inside its range.
-    x_is_free: bool,
-    y_is_free: bool,
+/// A slope in the Jacobian.
+struct Slope<S: Simd> {
+    clamped: f32x8<S>,
+    /// 1 where it is inside its range, 0 where it is clamped.
+    is_free: f32x8<S>,
 }
 
-impl Slopes {
-    fn new(camera: &PinholeCamera, point: Vec3) -> Self {
-        let (fx, fy) = (camera.fx as f32, camera.fy as f32);
-        let clamp = |slope: f32, size: u32, focal: f32, centre: f64| {
-            let (size, centre) = (size as f32, centre as f32);
-            let low = (-SLOPE_MARGIN * size - centre) / focal;
-            let high = ((1.0 + SLOPE_MARGIN) * size - centre) / focal;
-            (slope.clamp(low, high), slope > low && slope < high)
-        };
-        let (x, x_is_free) = clamp(point.x / point.z, camera.width, fx, camera.cx);
-        let (y, y_is_free) = clamp(point.y / point.z, camera.height, fy, camera.cy);
+impl<S: Simd> Slope<S> {
+    #[inline(always)]
+    fn new(slope: f32x8<S>, size: u32, focal: f64, centre: f64) -> Self {
+        let (size, focal, centre) = (size as f32, focal as f32, centre as f32);
+        let low = (-SLOPE_MARGIN * size - centre) / focal;
+        let high = ((1.0 + SLOPE_MARGIN) * size - centre) / focal;
+        let zero = f32x8::splat(slope.simd, 0.0);
+        let is_free = slope.simd_gt(low) & slope.simd_lt(high);
         Self {
-            fx,
-            fy,
-            x,
-            y,
-            x_is_free,
-            y_is_free,
+            clamped: slope.max(low).min(high),
+            is_free: is_free.select(f32x8::splat(slope.simd, 1.0), zero),
         }
     }
-}
 
-/// Projects a point of the camera frame with `z > 0`.
-pub fn project(camera: &PinholeCamera, point: Vec3) -> Projection {
-    let slopes = Slopes::new(camera, point);
-    let (fx, fy) = (slopes.fx, slopes.fy);
-    let inverse_z = 1.0 / point.z;
-    Projection {
-        pixel: vec2(
-            fx * point.x * inverse_z + camera.cx as f32,
-            fy * point.y * inverse_z + camera.cy as f32,
-        ),
-        jacobian_u: vec3(fx, 0.0, -fx * slopes.x) * inverse_z,
-        jacobian_v: vec3(0.0, fy, -fy * slopes.y) * inverse_z,
+    /// Of `x / z` and of `y / z`.
+    #[inline(always)]
+    fn both(camera: &PinholeCamera, point: Vec3x8<S>, inverse_z: f32x8<S>) -> [Self; 2] {
+        [
+            Self::new(point.x * inverse_z, camera.width, camera.fx, camera.cx),
+            Self::new(point.y * inverse_z, camera.height, camera.fy, camera.cy),
+        ]
     }
 }
 
-/// VJP of [`project`]: the gradient by the point from gradients by the pixel and by the two rows of
-/// the Jacobian.
-pub fn project_vjp(
+#[inline(always)]
+fn inverse_z<S: Simd>(point: Vec3x8<S>) -> f32x8<S> {
+    f32x8::splat(point.z.simd, 1.0) / point.z
+}
+
+/// The image of a direction with `z > 0`.
+pub fn pixel(camera: &PinholeCamera, n: Vec3) -> Vec2 {
+    vec2(
+        camera.fx as f32 * (n.x / n.z) + camera.cx as f32,
+        camera.fy as f32 * (n.y / n.z) + camera.cy as f32,
+    )
+}
+
+/// The images of points of the camera frame with `z > 0`.
+#[inline(always)]
+pub(crate) fn pixels<S: Simd>(camera: &PinholeCamera, point: Vec3x8<S>) -> [f32x8<S>; 2] {
+    let inverse_z = inverse_z(point);
+    [
+        point.x * inverse_z * camera.fx as f32 + camera.cx as f32,
+        point.y * inverse_z * camera.fy as f32 + camera.cy as f32,
+    ]
+}
+
+/// The Jacobian of the image at points of the camera frame with `z > 0`.
+#[inline(always)]
+pub(crate) fn jacobian<S: Simd>(camera: &PinholeCamera, point: Vec3x8<S>) -> Jacobian<S> {
+    let inverse_z = inverse_z(point);
+    let [x, y] = Slope::both(camera, point, inverse_z);
+    let zero = f32x8::splat(inverse_z.simd, 0.0);
+    let (by_x, by_y) = (inverse_z * camera.fx as f32, inverse_z * camera.fy as f32);
+    Jacobian {
+        u: Vec3x8 {
+            x: by_x,
+            y: zero,
+            z: -by_x * x.clamped,
+        },
+        v: Vec3x8 {
+            x: zero,
+            y: by_y,
+            z: -by_y * y.clamped,
+        },
+    }
+}
+
+/// VJP of [`pixels`] and [`jacobian`]: the gradient by the point from gradients by the pixel and by
+/// the two rows of the Jacobian.
+#[inline(always)]
+pub(crate) fn vjp<S: Simd>(
     camera: &PinholeCamera,
-    point: Vec3,
-    pixel: Vec2,
-    jacobian_u: Vec3,
-    jacobian_v: Vec3,
-) -> Vec3 {
-    let slopes = Slopes::new(camera, point);
-    let (fx, fy) = (slopes.fx, slopes.fy);
-    let inverse_z = 1.0 / point.z;
-    let inverse_z2 = inverse_z * inverse_z;
-    let by_x = pixel.x * fx * inverse_z;
-    let by_y = pixel.y * fy * inverse_z;
-    let mut gradient = vec3(by_x, by_y, -(by_x * point.x + by_y * point.y) * inverse_z);
-    gradient.z -= (jacobian_u.x * fx + jacobian_v.y * fy) * inverse_z2;
-    gradient.z += (jacobian_u.z * fx * slopes.x + jacobian_v.z * fy * slopes.y) * inverse_z2;
+    point: Vec3x8<S>,
+    pixel: [f32x8<S>; 2],
+    by: &Jacobian<S>,
+) -> Vec3x8<S> {
+    let inverse_z = inverse_z(point);
+    let (fx, fy) = (inverse_z * camera.fx as f32, inverse_z * camera.fy as f32);
+    let [x, y] = Slope::both(camera, point, inverse_z);
+    let (by_x, by_y) = (pixel[0] * fx, pixel[1] * fy);
     // The slopes themselves: dJ02/dtx = -fx/z, dtx/dx = 1/z, dtx/dz = -x/z^2.
-    if slopes.x_is_free {
-        let by_slope = -fx * inverse_z * jacobian_u.z;
-        gradient.x += by_slope * inverse_z;
-        gradient.z -= by_slope * point.x * inverse_z2;
+    let by_slope_x = -fx * by.u.z * x.is_free * inverse_z;
+    let by_slope_y = -fy * by.v.z * y.is_free * inverse_z;
+    let (along_x, along_y) = (by_x + by_slope_x, by_y + by_slope_y);
+    let scaled = (by.u.x - by.u.z * x.clamped) * fx + (by.v.y - by.v.z * y.clamped) * fy;
+    Vec3x8 {
+        x: along_x,
+        y: along_y,
+        z: -(along_x * point.x + along_y * point.y + scaled) * inverse_z,
     }
-    if slopes.y_is_free {
-        let by_slope = -fy * inverse_z * jacobian_v.z;
-        gradient.y += by_slope * inverse_z;
-        gradient.z -= by_slope * point.y * inverse_z2;
-    }
-    gradient
 }
 
 #[cfg(test)]
 mod tests {
-    use glam::{DVec3, dvec3};
+    use fearless_simd::{Level, dispatch};
+    use glam::{DVec3, dvec3, vec3};
     use omnilife_schemas::camera::CameraModel;
 
     use super::*;
+    use crate::camera::lanes::LANES;
 
     fn camera() -> PinholeCamera {
         PinholeCamera {
@@ -143,9 +167,14 @@ mod tests {
     #[test]
     fn projection_is_that_of_the_definition() {
         for p in POINTS.map(DVec3::from_array) {
-            let projection = project(&camera(), p.as_vec3());
-            let pixel = camera().project(p).expect("in front");
-            assert!((projection.pixel.as_dvec2() - pixel).length() < 1e-4);
+            let expected = camera().project(p).expect("in front");
+            let [u, v] = dispatch!(Level::new(), simd => {
+                let point = Vec3x8::gather(simd, &[p.as_vec3().to_array(); LANES]);
+                pixels(&camera(), point).map(|value| value[1])
+            });
+            for image in [vec2(u, v), pixel(&camera(), p.as_vec3())] {
+                assert!((image.as_dvec2() - expected).length() < 1e-4);
+            }
         }
         // Where nothing is clamped the Jacobian is the derivative.
         let p = dvec3(0.3, -0.2, 1.0);
@@ -173,7 +202,15 @@ mod tests {
                     + u.dot(weight_u.as_dvec3())
                     + v.dot(weight_v.as_dvec3())
             };
-            let gradient = project_vjp(&camera(), p.as_vec3(), weight_pixel, weight_u, weight_v);
+            let gradient = dispatch!(Level::new(), simd => {
+                let gather = |vector: Vec3| Vec3x8::gather(simd, &[vector.to_array(); LANES]);
+                let pixel = weight_pixel.to_array().map(|value| f32x8::splat(simd, value));
+                let by = Jacobian {
+                    u: gather(weight_u),
+                    v: gather(weight_v),
+                };
+                vjp(&camera(), gather(p.as_vec3()), pixel, &by).lane(7)
+            });
             for axis in 0..3 {
                 let mut step = DVec3::ZERO;
                 step[axis] = 1e-6;

@@ -9,7 +9,7 @@ use crate::{
     gaussians::ActivatedGaussians,
     render::{
         bin::{TileLists, cpu::Binner},
-        project::{self, Splat, cpu::Drawn},
+        project::{self, Splats, cpu::Drawn},
         raster::{self, EntryGradients, Raster, RasterGradient},
         sort::{self, cpu::SortScratch},
     },
@@ -22,7 +22,7 @@ pub struct Renderer {
     pub settings: RenderSettings,
     /// Of the camera drawn last.
     tables: Option<(Rays, Binner)>,
-    splats: Vec<Splat>,
+    splats: Splats,
     distances: Vec<f32>,
     order: Vec<u32>,
     ranks: Vec<u32>,
@@ -39,7 +39,7 @@ impl Renderer {
         Self {
             settings,
             tables: None,
-            splats: Vec::new(),
+            splats: Splats::default(),
             distances: Vec::new(),
             order: Vec::new(),
             ranks: Vec::new(),

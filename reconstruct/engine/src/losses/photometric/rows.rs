@@ -11,6 +11,10 @@ pub(super) const C1: f32 = 0.01 * 0.01;
 pub(super) const C2: f32 = 0.03 * 0.03;
 const LANES: usize = 8;
 const CHANNELS: usize = 3;
+/// Values that the window reaches to either side.
+const MARGIN: usize = RADIUS * CHANNELS;
+/// Values under the windows of a vector.
+const REACH: usize = LANES + 2 * MARGIN;
 /// Pixels across a strip. Whole vectors, whatever is left of the image: strips begin where the rows
 /// of the maps have vectors.
 const STRIP: usize = 256;
@@ -65,21 +69,30 @@ impl Strip {
 
     /// Values per row with padding to whole vectors.
     fn stride(&self) -> usize {
-        self.values().len().next_multiple_of(LANES)
+        self.vectors() * LANES
     }
 
-    /// The strip's values in a row of [`RowShape::stride`], padding included.
+    /// Vectors per row.
+    fn vectors(&self) -> usize {
+        self.values().len().div_ceil(LANES)
+    }
+
+    /// The strip's vectors in a row of [`RowShape::stride`].
     fn padded(&self) -> Range<usize> {
-        let begin = self.first * CHANNELS;
-        begin..begin + self.stride()
+        let begin = self.first * CHANNELS / LANES;
+        begin..begin + self.vectors()
+    }
+
+    /// Values of a row with its margins, as long as whole vectors.
+    fn padded_len(&self) -> usize {
+        (self.stride() + 2 * MARGIN).next_multiple_of(LANES)
     }
 
     /// Copies the strip of a row with [`RADIUS`] pixels on either side, wrapped at the image's edges,
     /// and something beyond.
     fn wrap(&self, row: &[f32], padded: &mut Vec<f32>) {
-        const MARGIN: usize = RADIUS * CHANNELS;
         let image_width = self.shape.width;
-        padded.resize(self.stride() + 2 * MARGIN, 0.0);
+        padded.resize(self.padded_len(), 0.0);
         let values = self.values();
         let right_margin = MARGIN + values.len();
         padded[MARGIN..right_margin].copy_from_slice(&row[values]);
@@ -94,66 +107,88 @@ impl Strip {
     }
 }
 
+/// One value of every map, for every lane.
+type Maps<const MAPS: usize> = [[f32; LANES]; MAPS];
+
 /// The last [`WINDOW`] rows of `MAPS` horizontally filtered maps.
 #[derive(Debug, Default)]
 struct Ring<const MAPS: usize> {
-    rows: Vec<f32>,
-    stride: usize,
+    rows: Vec<Maps<MAPS>>,
+    vectors: usize,
 }
 
 impl<const MAPS: usize> Ring<MAPS> {
-    fn reset(&mut self, stride: usize) {
-        self.stride = stride;
-        self.rows.resize(WINDOW * MAPS * stride, 0.0);
+    fn reset(&mut self, vectors: usize) {
+        self.vectors = vectors;
+        self.rows.resize(WINDOW * vectors, [[0.0; LANES]; MAPS]);
     }
 
-    /// The place of row `row` (counted from `-RADIUS`) of a map.
-    fn at(&self, row: usize, map: usize) -> usize {
-        (row % WINDOW * MAPS + map) * self.stride
+    /// The place of row `row`, counted from `-RADIUS`.
+    fn range(&self, row: usize) -> Range<usize> {
+        let begin = row % WINDOW * self.vectors;
+        begin..begin + self.vectors
     }
 
-    fn clear(&mut self, row: usize) {
-        let begin = self.at(row, 0);
-        self.rows[begin..begin + MAPS * self.stride].fill(0.0);
+    fn row_mut(&mut self, row: usize) -> &mut [Maps<MAPS>] {
+        let range = self.range(row);
+        &mut self.rows[range]
     }
 
-    /// The vertical filter at one place, over rows `first .. first + WINDOW`.
-    #[inline(always)]
-    fn filtered<S: Simd>(
-        &self,
-        simd: S,
-        starts: &[usize; WINDOW],
-        window: &[f32; WINDOW],
-        at: usize,
-    ) -> [f32x8<S>; MAPS] {
-        let mut sums = [f32x8::splat(simd, 0.0); MAPS];
-        for (start, &weight) in starts.iter().zip(window) {
-            for (map, sum) in sums.iter_mut().enumerate() {
-                let value = load(simd, &self.rows, start + map * self.stride + at);
-                *sum = value.mul_add(weight, *sum);
-            }
-        }
-        sums
-    }
-
-    fn starts(&self, first: usize) -> [usize; WINDOW] {
-        std::array::from_fn(|tap| self.at(first + tap, 0))
+    /// Rows `first .. first + WINDOW`.
+    fn rows(&self, first: usize) -> [&[Maps<MAPS>]; WINDOW] {
+        std::array::from_fn(|tap| &self.rows[self.range(first + tap)])
     }
 }
 
+/// The vertical filter at one vector of the rows of a [`Ring`].
 #[inline(always)]
-fn load<S: Simd>(simd: S, values: &[f32], at: usize) -> f32x8<S> {
-    f32x8::from_slice(simd, &values[at..at + LANES])
+fn filtered<S: Simd, const MAPS: usize>(
+    simd: S,
+    rows: &[&[Maps<MAPS>]; WINDOW],
+    window: &[f32; WINDOW],
+    at: usize,
+) -> [f32x8<S>; MAPS] {
+    let mut sums = [f32x8::splat(simd, 0.0); MAPS];
+    for (row, &weight) in rows.iter().zip(window) {
+        for (sum, &value) in sums.iter_mut().zip(&row[at]) {
+            *sum = f32x8::simd_from(simd, value).mul_add(weight, *sum);
+        }
+    }
+    sums
+}
+
+/// The horizontal filter of a row of [`Strip::wrap`] at the vector that begins at `at`.
+#[inline(always)]
+fn filtered_row<S: Simd>(simd: S, padded: &[f32], window: &[f32; WINDOW], at: usize) -> f32x8<S> {
+    let mut sum = f32x8::splat(simd, 0.0);
+    if let Some(values) = padded[at..].first_chunk::<REACH>() {
+        for (tap, &weight) in window.iter().enumerate() {
+            let value = f32x8::from_slice(simd, &values[tap * CHANNELS..tap * CHANNELS + LANES]);
+            sum = value.mul_add(weight, sum);
+        }
+    }
+    sum
+}
+
+/// Vector number `at` of a row, zeros beyond its end.
+#[inline(always)]
+fn vector(row: &[f32], at: usize) -> [f32; LANES] {
+    let values = &row[at * LANES..];
+    values.first_chunk().copied().unwrap_or_else(|| {
+        let mut padded = [0.0; LANES];
+        padded[..values.len()].copy_from_slice(values);
+        padded
+    })
 }
 
 /// Memory for one band, reused.
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
-    moments: Ring<5>,
+    moments: Ring<4>,
     derivatives: Ring<3>,
-    padded: [Vec<f32>; 3],
-    similarity: Vec<f32>,
-    lines: Lines,
+    padded: [Vec<f32>; 4],
+    /// Weight of every value of a row.
+    weights: Vec<f32>,
 }
 
 /// The two images, and the weight of each pixel (empty: 1).
@@ -164,39 +199,25 @@ pub(super) struct Pair<'a> {
     pub(super) mask: &'a [f32],
 }
 
-impl Pair<'_> {
-    /// Copies a row of both images in a strip, padded with zeros, and the weight of every value,
-    /// padded with 0.
-    #[inline(always)]
-    fn copy_row(&self, strip: Strip, row: usize, lines: &mut Lines) {
+impl<'a> Pair<'a> {
+    /// A row of both images in a strip.
+    fn rows(&self, strip: Strip, row: usize) -> [&'a [f32]; 2] {
         let begin = row * strip.shape.values();
         let values = begin + strip.values().start..begin + strip.values().end;
-        for line in [&mut lines.render, &mut lines.target, &mut lines.weights] {
-            line.clear();
-        }
-        lines.render.extend_from_slice(&self.render[values.clone()]);
-        lines.target.extend_from_slice(&self.target[values.clone()]);
+        [&self.render[values.clone()], &self.target[values]]
+    }
+
+    /// Writes the weight of every value of a row in a strip.
+    fn weigh(&self, strip: Strip, row: usize, weights: &mut Vec<f32>) {
+        weights.clear();
         if self.mask.is_empty() {
-            lines.weights.resize(values.len(), 1.0);
+            weights.resize(strip.values().len(), 1.0);
         } else {
             let first = row * strip.shape.width + strip.first;
             let mask = &self.mask[first..first + strip.width];
-            lines
-                .weights
-                .extend(mask.iter().flat_map(|&weight| [weight; CHANNELS]));
-        }
-        for line in [&mut lines.render, &mut lines.target, &mut lines.weights] {
-            line.resize(strip.stride(), 0.0);
+            weights.extend(mask.iter().flat_map(|&weight| [weight; CHANNELS]));
         }
     }
-}
-
-/// One row of whole vectors.
-#[derive(Debug, Default)]
-struct Lines {
-    render: Vec<f32>,
-    target: Vec<f32>,
-    weights: Vec<f32>,
 }
 
 /// Some consecutive rows to work on.
@@ -252,65 +273,26 @@ fn similarity_strip<S: Simd>(
     scratch: &mut Scratch,
 ) {
     let Band {
-        shape,
-        window,
-        pair,
-        first_row,
+        shape, first_row, ..
     } = band;
     let stride = shape.stride();
-    scratch.moments.reset(strip.stride());
-    scratch.similarity.resize(strip.stride(), 0.0);
+    scratch.moments.reset(strip.vectors());
     for shifted in 0..sums.len() + 2 * RADIUS {
         // Row `first_row + shifted - RADIUS` of the image.
         match (first_row + shifted).checked_sub(RADIUS) {
             Some(row) if row < shape.height => {
                 moments_of_row(simd, &band, strip, row, shifted, scratch);
             }
-            _ => scratch.moments.clear(shifted),
+            _ => scratch.moments.row_mut(shifted).fill([[0.0; LANES]; 4]),
         }
         let Some(out) = shifted.checked_sub(2 * RADIUS) else {
             continue;
         };
         let mut maps = derivatives[out * 3 * stride..(out + 1) * 3 * stride]
             .chunks_exact_mut(stride)
-            .map(|map| &mut map[strip.padded()]);
-        let mut maps: [&mut [f32]; 3] = std::array::from_fn(|_| maps.next().unwrap_or_default());
-        similarity_row(simd, window, out, &mut maps, scratch);
-        pair.copy_row(strip, first_row + out, &mut scratch.lines);
-        sums[out].add(&row_sums(simd, &scratch.lines, &scratch.similarity));
-        if !pair.mask.is_empty() {
-            for map in maps {
-                for (derivative, weight) in map.iter_mut().zip(&scratch.lines.weights) {
-                    *derivative *= weight;
-                }
-            }
-        }
-    }
-}
-
-#[inline(always)]
-fn row_sums<S: Simd>(simd: S, lines: &Lines, similarity: &[f32]) -> RowSums {
-    let mut sums = [f64x4::splat(simd, 0.0); 4];
-    for at in (0..similarity.len()).step_by(LANES) {
-        let weight = load(simd, &lines.weights, at);
-        let difference = load(simd, &lines.render, at) - load(simd, &lines.target, at);
-        let weighted = [
-            difference.abs() * weight,
-            difference * difference * weight,
-            load(simd, similarity, at) * weight,
-            weight,
-        ];
-        for (sum, values) in sums.iter_mut().zip(weighted) {
-            let (low, high) = values.widen();
-            *sum += low + high;
-        }
-    }
-    let [l1, squares, similarity, weight] = sums.map(f64x4::reduce_sum);
-    RowSums {
-        l1,
-        squares,
-        similarity,
-        weight,
+            .map(|map| &mut map.as_chunks_mut::<LANES>().0[strip.padded()]);
+        let mut maps = std::array::from_fn(|_| maps.next().unwrap_or_default());
+        sums[out].add(&similarity_row(simd, &band, strip, out, &mut maps, scratch));
     }
 }
 
@@ -330,59 +312,87 @@ fn moments_of_row<S: Simd>(
         ..
     } = *band;
     let values = row * shape.values()..(row + 1) * shape.values();
-    let [x, y, _] = &mut scratch.padded;
+    let [x, y, squares, products] = &mut scratch.padded;
     strip.wrap(&pair.render[values.clone()], x);
     strip.wrap(&pair.target[values], y);
-    let stride = strip.stride();
-    let begin = scratch.moments.at(shifted, 0);
-    let out = &mut scratch.moments.rows[begin..begin + 5 * stride];
-    for at in (0..stride).step_by(LANES) {
-        let mut sums = [f32x8::splat(simd, 0.0); 5];
-        for (tap, &weight) in window.iter().enumerate() {
-            let x = load(simd, x, at + tap * CHANNELS);
-            let y = load(simd, y, at + tap * CHANNELS);
-            let (weighted_x, weighted_y) = (x * weight, y * weight);
-            sums[0] += weighted_x;
-            sums[1] += weighted_y;
-            sums[2] = weighted_x.mul_add(x, sums[2]);
-            sums[3] = weighted_y.mul_add(y, sums[3]);
-            sums[4] = weighted_x.mul_add(y, sums[4]);
-        }
-        for (map, sum) in sums.iter().enumerate() {
-            sum.store_slice(&mut out[map * stride + at..map * stride + at + LANES]);
+    squares.resize(x.len(), 0.0);
+    products.resize(x.len(), 0.0);
+    let both = x.as_chunks::<LANES>().0.iter().zip(y.as_chunks().0);
+    let out = squares
+        .as_chunks_mut()
+        .0
+        .iter_mut()
+        .zip(products.as_chunks_mut().0);
+    for ((&x, &y), (square, product)) in both.zip(out) {
+        let (x, y) = (f32x8::simd_from(simd, x), f32x8::simd_from(simd, y));
+        *square = x.mul_add(x, y * y).into();
+        *product = (x * y).into();
+    }
+    let padded = &scratch.padded;
+    for (vector, out) in scratch.moments.row_mut(shifted).iter_mut().enumerate() {
+        for (out, padded) in out.iter_mut().zip(padded) {
+            *out = filtered_row(simd, padded, window, vector * LANES).into();
         }
     }
 }
 
-/// One row of the map and of its derivatives.
+/// One row of the map's derivatives, and the sums over the row.
 #[inline(always)]
 fn similarity_row<S: Simd>(
     simd: S,
-    window: &[f32; WINDOW],
-    first: usize,
-    [by_mean, by_square, by_product]: &mut [&mut [f32]; 3],
+    band: &Band<'_>,
+    strip: Strip,
+    out: usize,
+    [by_mean, by_square, by_product]: &mut [&mut [[f32; LANES]]; 3],
     scratch: &mut Scratch,
-) {
-    let starts = scratch.moments.starts(first);
-    for at in (0..scratch.moments.stride).step_by(LANES) {
-        let [x, y, xx, yy, xy] = scratch.moments.filtered(simd, &starts, window, at);
+) -> RowSums {
+    let row = band.first_row + out;
+    let [render, target] = band.pair.rows(strip, row);
+    band.pair.weigh(strip, row, &mut scratch.weights);
+    let moments = scratch.moments.rows(out);
+    let mut sums = [f64x4::splat(simd, 0.0); 4];
+    let by_each = by_mean
+        .iter_mut()
+        .zip(&mut **by_square)
+        .zip(&mut **by_product);
+    for (at, ((by_mean, by_square), by_product)) in by_each.enumerate() {
+        let [x, y, squares, xy] = filtered(simd, &moments, band.window, at);
         let mean_product = x * y;
         let mean_squares = x * x + y * y;
         let a1 = mean_product * 2.0 + C1;
         let a2 = (xy - mean_product) * 2.0 + C2;
         let inverse_b1 = f32x8::splat(simd, 1.0) / (mean_squares + C1);
-        let inverse_b2 = f32x8::splat(simd, 1.0) / (xx + yy - mean_squares + C2);
+        let inverse_b2 = f32x8::splat(simd, 1.0) / (squares - mean_squares + C2);
         let by_both = inverse_b1 * inverse_b2;
         let s = a1 * a2 * by_both;
         let square = -s * inverse_b2;
         let product = a1 * by_both * 2.0;
         let mean =
             y * a2 * by_both * 2.0 - x * s * inverse_b1 * 2.0 - x * square * 2.0 - y * product;
-        let place = at..at + LANES;
-        s.store_slice(&mut scratch.similarity[place.clone()]);
-        mean.store_slice(&mut by_mean[place.clone()]);
-        square.store_slice(&mut by_square[place.clone()]);
-        product.store_slice(&mut by_product[place]);
+
+        let weight = f32x8::simd_from(simd, vector(&scratch.weights, at));
+        *by_mean = (mean * weight).into();
+        *by_square = (square * weight).into();
+        *by_product = (product * weight).into();
+        let difference =
+            f32x8::simd_from(simd, vector(render, at)) - f32x8::simd_from(simd, vector(target, at));
+        let weighted = [
+            difference.abs() * weight,
+            difference * difference * weight,
+            s * weight,
+            weight,
+        ];
+        for (sum, values) in sums.iter_mut().zip(weighted) {
+            let (low, high) = values.widen();
+            *sum += low + high;
+        }
+    }
+    let [l1, squares, similarity, weight] = sums.map(f64x4::reduce_sum);
+    RowSums {
+        l1,
+        squares,
+        similarity,
+        weight,
     }
 }
 
@@ -419,14 +429,10 @@ fn gradient_strip<S: Simd>(
     scratch: &mut Scratch,
 ) {
     let Band {
-        shape,
-        window,
-        pair,
-        first_row,
+        shape, first_row, ..
     } = band;
     let (stride, values) = (shape.stride(), shape.values());
-    scratch.derivatives.reset(strip.stride());
-    scratch.similarity.resize(strip.stride(), 0.0);
+    scratch.derivatives.reset(strip.vectors());
     let rows = gradient.len() / values;
     for shifted in 0..rows + 2 * RADIUS {
         match (first_row + shifted).checked_sub(RADIUS) {
@@ -435,18 +441,21 @@ fn gradient_strip<S: Simd>(
                 for (map, padded) in maps.chunks_exact(stride).zip(&mut scratch.padded) {
                     strip.wrap(map, padded);
                 }
-                filter_row(simd, window, shifted, scratch);
+                let padded = &scratch.padded;
+                for (vector, out) in scratch.derivatives.row_mut(shifted).iter_mut().enumerate() {
+                    for (out, padded) in out.iter_mut().zip(padded) {
+                        *out = filtered_row(simd, padded, band.window, vector * LANES).into();
+                    }
+                }
             }
-            _ => scratch.derivatives.clear(shifted),
+            _ => scratch.derivatives.row_mut(shifted).fill([[0.0; LANES]; 3]),
         }
         let Some(out) = shifted.checked_sub(2 * RADIUS) else {
             continue;
         };
-        pair.copy_row(strip, first_row + out, &mut scratch.lines);
-        gradient_row(simd, window, out, weights, scratch);
         let begin = out * values;
         let row = &mut gradient[begin + strip.values().start..begin + strip.values().end];
-        row.copy_from_slice(&scratch.similarity[..row.len()]);
+        gradient_row(simd, &band, strip, out, weights, row, scratch);
     }
 }
 
@@ -454,41 +463,32 @@ fn gradient_strip<S: Simd>(
 #[inline(always)]
 fn gradient_row<S: Simd>(
     simd: S,
-    window: &[f32; WINDOW],
-    first: usize,
+    band: &Band<'_>,
+    strip: Strip,
+    out: usize,
     weights: Weights,
+    gradient: &mut [f32],
     scratch: &mut Scratch,
 ) {
-    let starts = scratch.derivatives.starts(first);
-    let lines = &scratch.lines;
+    let row = band.first_row + out;
+    let [render, target] = band.pair.rows(strip, row);
+    band.pair.weigh(strip, row, &mut scratch.weights);
+    let derivatives = scratch.derivatives.rows(out);
     let zero = f32x8::splat(simd, 0.0);
-    for at in (0..scratch.derivatives.stride).step_by(LANES) {
-        let [by_mean, by_square, by_product] =
-            scratch.derivatives.filtered(simd, &starts, window, at);
-        let (x, y) = (load(simd, &lines.render, at), load(simd, &lines.target, at));
+    for (at, gradient) in gradient.chunks_mut(LANES).enumerate() {
+        let [by_mean, by_square, by_product] = filtered(simd, &derivatives, band.window, at);
+        let [x, y, weight] =
+            [render, target, &scratch.weights].map(|row| f32x8::simd_from(simd, vector(row, at)));
         let difference = x - y;
-        let l1 = load(simd, &lines.weights, at) * weights.l1;
+        let l1 = weight * weights.l1;
         let by_l1 = difference
             .simd_gt(0.0)
             .select(l1, difference.simd_lt(0.0).select(-l1, zero));
         let similarity = y.mul_add(by_product, (x * by_square).mul_add(2.0, by_mean));
-        let sum = similarity.mul_add(weights.similarity, by_l1);
-        sum.store_slice(&mut scratch.similarity[at..at + LANES]);
-    }
-}
-
-#[inline(always)]
-fn filter_row<S: Simd>(simd: S, window: &[f32; WINDOW], shifted: usize, scratch: &mut Scratch) {
-    let stride = scratch.derivatives.stride;
-    for (map, padded) in scratch.padded.iter().enumerate() {
-        let begin = scratch.derivatives.at(shifted, map);
-        let out = &mut scratch.derivatives.rows[begin..begin + stride];
-        for at in (0..stride).step_by(LANES) {
-            let mut sum = f32x8::splat(simd, 0.0);
-            for (tap, &weight) in window.iter().enumerate() {
-                sum = load(simd, padded, at + tap * CHANNELS).mul_add(weight, sum);
-            }
-            sum.store_slice(&mut out[at..at + LANES]);
+        let sum: [f32; LANES] = similarity.mul_add(weights.similarity, by_l1).into();
+        match gradient.first_chunk_mut() {
+            Some(whole) => *whole = sum,
+            None => gradient.copy_from_slice(&sum[..gradient.len()]),
         }
     }
 }

@@ -7,7 +7,10 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use rayon::prelude::*;
 
 use crate::render::bin::{Chunk, TileLists, span::Grid};
-use crate::{camera::rays::Rays, render::project::Splat};
+use crate::{
+    camera::rays::Rays,
+    render::project::{Splat, Splats},
+};
 
 /// Pieces into which the order is cut, whatever the number of threads.
 const CHUNKS: usize = 32;
@@ -31,7 +34,7 @@ impl Binner {
     }
 
     /// Fills `lists` for the splats in `order` (near to far).
-    pub fn forward(&self, splats: &[Splat], order: &[u32], lists: &mut TileLists) {
+    pub fn forward(&self, splats: &Splats, order: &[u32], lists: &mut TileLists) {
         let tiles = self.grid.columns * self.grid.rows;
         lists.columns = self.grid.columns;
         lists.rows = self.grid.rows;
@@ -69,7 +72,7 @@ impl Binner {
             .for_each(|(chunk, order)| fill(order, items, chunk));
     }
 
-    fn count(&self, splats: &[Splat], order: &[u32], tiles: usize, chunk: &mut Chunk) {
+    fn count(&self, splats: &Splats, order: &[u32], tiles: usize, chunk: &mut Chunk) {
         chunk.starts.clear();
         chunk.entries.clear();
         chunk.next.clear();
@@ -77,11 +80,12 @@ impl Binner {
         let mut copies = [Splat::default(); GATHER];
         for order in order.chunks(GATHER) {
             for (copy, &splat) in copies.iter_mut().zip(order) {
-                *copy = splats[splat as usize];
+                *copy = splats.all[splat as usize];
             }
-            for splat in &copies[..order.len()] {
+            for (splat, &index) in copies.iter().zip(order) {
                 chunk.starts.push(chunk.entries.len() as u32);
-                self.grid.for_each_tile(splat, |tile| {
+                let cone = &splats.cones[index as usize];
+                self.grid.for_each_tile(splat, cone, |tile| {
                     chunk.entries.push(tile);
                     chunk.next[tile as usize] += 1;
                 });

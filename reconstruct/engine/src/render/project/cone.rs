@@ -2,7 +2,7 @@
 
 use glam::{Mat3, Vec3, vec3};
 
-use crate::render::project::{Cone, cpu::Placed, ellipse::ShapeGradient};
+use crate::render::project::{Cone, ConeGradient, ellipse::ShapeGradient, place::Placed};
 use crate::{
     camera::{CameraKernels, PixelBox, View, tangent_frame},
     render::settings::Footprint,
@@ -114,12 +114,11 @@ impl Conic {
             return PixelBox::EVERYTHING;
         }
         let radius = (root / rest * self.spread.sqrt()).atan();
-        let pixel = view.camera.project_with_jacobian(self.n, 1.0).pixel;
+        let pixel = view.camera.pixel(self.n);
         view.camera.cap_box(self.n, pixel, radius)
     }
 
-    /// VJP of [`Conic::cone`]; `gradient` is that of [`super::SplatGradient::shape`]. Also gives the
-    /// gradient by the scales that does not go through the axes.
+    /// VJP of [`Conic::cone`]. Also gives the gradient by the scales that does not go through the axes.
     ///
     /// The frame follows `n` without turning about it: `de_i = -(e_i . dn) n`.
     pub(super) fn vjp(
@@ -127,7 +126,7 @@ impl Conic {
         view: &View,
         placed: &Placed,
         scale: [f32; 3],
-        gradient: &[f32; 10],
+        gradient: &ConeGradient,
     ) -> (ShapeGradient, [f32; 3]) {
         let by_across = [
             Vec3::from_slice(&gradient[0..3]),

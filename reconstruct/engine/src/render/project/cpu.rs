@@ -1,16 +1,26 @@
-//! The projection on the CPU.
+//! The projection on the CPU: 8 Gaussians at once, and one by one those whose footprints are cones.
 
+use fearless_simd::{Level, Simd, dispatch, f32x8, mask32x8, prelude::*};
 use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::render::project::{
-    Shape, Splat, SplatGradient, axes, axes_vjp, cone::Conic, ellipse::Linearization, largest_q, sh,
+    ConeGradient, Shape, Splat, SplatGradient, Splats, axes_vjp,
+    cone::Conic,
+    ellipse::Linearization,
+    largest_q,
+    place::{Placed, Placed8, eight},
+    sh,
 };
 use crate::{
-    camera::{CONE_RHO, CONE_WIDTH, Camera, CameraKernels, View, horizontal},
+    camera::{
+        CONE_RHO, CONE_WIDTH, Camera, CameraLanes, PixelBox, View,
+        lanes::{LANES, Vec3x8, horizontal},
+    },
     gaussians::{ActivatedGaussians, SH_C0, sh_rest_count},
     render::{
         bin::TileLists,
+        project::Cone,
         raster::EntryGradients,
         settings::{ALPHA_MIN, Footprint, RenderSettings},
     },
@@ -19,8 +29,7 @@ use crate::{
 /// Gaussians per parallel piece of work.
 const BATCH: usize = 512;
 
-/// Gaussians whose entries are summed one after another, so that their cache misses overlap.
-const GATHER: usize = 16;
+const _: () = assert!(BATCH.is_multiple_of(LANES));
 
 /// Distance of a Gaussian that is not drawn.
 pub const NOT_DRAWN: f32 = f32::INFINITY;
@@ -31,46 +40,40 @@ pub fn forward(
     view: &View,
     gaussians: &ActivatedGaussians,
     settings: &RenderSettings,
-    splats: &mut Vec<Splat>,
+    splats: &mut Splats,
     distances: &mut Vec<f32>,
 ) {
-    splats.resize(gaussians.len(), Splat::default());
+    splats.resize(gaussians.len());
     distances.resize(gaussians.len(), NOT_DRAWN);
-    let one = Projector {
+    let projector = Projector {
         view,
         gaussians,
         settings,
     };
-    splats
-        .par_iter_mut()
-        .zip(distances.par_iter_mut())
+    let level = Level::new();
+    (
+        splats.all.par_chunks_mut(BATCH),
+        splats.cones.par_chunks_mut(BATCH),
+        distances.par_chunks_mut(BATCH),
+    )
+        .into_par_iter()
         .enumerate()
-        .with_min_len(BATCH)
-        .for_each(|(index, (splat, distance))| {
-            *distance = NOT_DRAWN;
-            if let Some((projected, at)) = one.project(index) {
-                *splat = projected;
-                *distance = at;
-            }
+        .for_each(|(batch, (splats, cones, distances))| {
+            distances.fill(NOT_DRAWN);
+            let groups = splats
+                .chunks_mut(LANES)
+                .zip(cones.chunks_mut(LANES))
+                .zip(distances.chunks_mut(LANES));
+            dispatch!(level, simd => {
+                for (group, ((splats, cones), distances)) in groups.enumerate() {
+                    let first = batch * BATCH + group * LANES;
+                    projector.project(simd, first, splats, cones, distances);
+                }
+            });
         });
 }
 
-/// A Gaussian in front of the camera.
-pub(super) struct Placed {
-    /// Centre in the camera frame.
-    pub(super) point: Vec3,
-    /// Its length.
-    pub(super) distance: f32,
-    /// `M = R S` in world coordinates.
-    pub(super) axes: [Vec3; 3],
-}
-
-/// The two ways to a shape.
-enum Path {
-    Ellipse(Linearization),
-    Cone(Conic),
-}
-
+#[derive(Clone, Copy)]
 struct Projector<'a> {
     view: &'a View,
     gaussians: &'a ActivatedGaussians,
@@ -89,159 +92,212 @@ impl Projector<'_> {
         &self.gaussians.sh_rest[index * count..(index + 1) * count]
     }
 
-    fn place(&self, index: usize) -> Option<Placed> {
-        let centre = Vec3::from_array(self.gaussians.positions[index]);
-        let scale = self.gaussians.scales[index];
-        let point = self.view.rotation * (centre - self.view.centre);
-        let distance = point.length();
-        let largest = scale[0].max(scale[1]).max(scale[2]);
-        // Written so that NaN culls; what `max` hides of it is caught with the footprint.
-        let is_drawn = self.view.camera.sees(point, distance, self.settings.near)
-            && (largest < distance || self.settings.footprint == Footprint::Ray);
-        is_drawn.then(|| Placed {
-            point,
-            distance,
-            axes: axes(self.gaussians.rotations[index], scale),
-        })
+    /// Which footprints are cones.
+    #[inline(always)]
+    fn is_cone<S: Simd>(&self, placed: &Placed8<S>, linear: &Linearization<S>) -> mask32x8<S> {
+        let simd = placed.distance.simd;
+        if self.settings.footprint == Footprint::Ray {
+            return mask32x8::splat(simd, true);
+        }
+        match self.view.camera {
+            Camera::Erp(camera) => {
+                let is_polar = horizontal(placed.point).simd_lt(placed.distance * CONE_RHO);
+                is_polar | linear.is_wider(CONE_WIDTH * camera.width as f32)
+            }
+            Camera::Pinhole(_) => mask32x8::splat(simd, false),
+        }
     }
 
-    fn path(&self, index: usize, placed: &Placed) -> Path {
-        let footprint = self.settings.footprint;
-        let cone = || {
-            Path::Cone(Conic::new(
-                self.view,
-                placed,
-                self.gaussians.scales[index],
-                footprint,
-            ))
-        };
-        if footprint == Footprint::Ray {
-            return cone();
-        }
-        let Camera::Erp(camera) = self.view.camera else {
-            return Path::Ellipse(Linearization::new(self.view, placed));
-        };
-        if horizontal(placed.point) < CONE_RHO * placed.distance {
-            return cone();
-        }
-        let linear = Linearization::new(self.view, placed);
-        if linear.width() > CONE_WIDTH * camera.width as f32 {
-            return cone();
-        }
-        Path::Ellipse(linear)
-    }
-
-    fn project(&self, index: usize) -> Option<(Splat, f32)> {
-        let opacity = self.gaussians.opacities[index];
+    /// Projects the Gaussians from `first` on, as many as there are splats.
+    #[inline(always)]
+    fn project<S: Simd>(
+        &self,
+        simd: S,
+        first: usize,
+        splats: &mut [Splat],
+        cones: &mut [Cone],
+        distances: &mut [f32],
+    ) {
+        let placed = Placed8::new(simd, self.view, self.gaussians, first);
+        let opacity = f32x8::simd_from(simd, eight(&self.gaussians.opacities, first));
         // Written so that NaN is left out.
-        let is_seen = opacity >= ALPHA_MIN;
-        if !is_seen {
-            return None;
+        let is_seen = placed.is_seen(self.view, self.settings) & opacity.simd_ge(ALPHA_MIN);
+        if !is_seen.any_true() {
+            return;
         }
-        let placed = self.place(index)?;
-        let log2_opacity = opacity.log2();
-        let q_max = largest_q(log2_opacity);
-        let (shape, bounds, is_finite) = match self.path(index, &placed) {
-            Path::Ellipse(linear) => {
-                let ellipse = linear.ellipse();
-                let sum = ellipse.variance + ellipse.slope + ellipse.inverse_variance;
-                (
-                    Shape::Ellipse(ellipse),
-                    linear.bounds(q_max),
-                    sum.is_finite(),
-                )
+        let linear = Linearization::new(self.view, &placed);
+        let log2_opacity: [f32; LANES] = <[f32; LANES]>::from(opacity).map(f32::log2);
+        let q_max = f32x8::simd_from(simd, log2_opacity.map(largest_q));
+        let [u, v] = self
+            .view
+            .camera
+            .pixels(placed.point.times(placed.inverse_distance));
+        let [half_width, half_height] = linear.extents(q_max);
+        let (ellipses, is_regular) = linear.ellipses();
+        let is_cone = self.is_cone(&placed, &linear);
+        for (lane, ((splat, cone), distance)) in
+            splats.iter_mut().zip(cones).zip(distances).enumerate()
+        {
+            if !is_seen.test(lane) {
+                continue;
             }
-            Path::Cone(conic) => {
-                let cone = conic.cone();
+            let index = first + lane;
+            let (shape, bounds, is_finite) = if is_cone.test(lane) {
+                let conic = self.conic(index, &placed.lane(lane));
+                *cone = conic.cone();
                 let sum = cone.across[0] + cone.across[1] + cone.along;
-                let is_finite = sum.is_finite() && cone.depth_variance.is_finite();
-                (Shape::Cone(cone), conic.bounds(self.view, q_max), is_finite)
+                (
+                    Shape::Cone,
+                    conic.bounds(self.view, largest_q(log2_opacity[lane])),
+                    sum.is_finite() && cone.depth_variance.is_finite(),
+                )
+            } else {
+                let bounds = PixelBox {
+                    centre: [u[lane], v[lane]],
+                    extent: [half_width[lane], half_height[lane]],
+                };
+                let is_finite = is_regular.test(lane);
+                (Shape::Ellipse(ellipses[lane]), bounds, is_finite)
+            };
+            if !is_finite || !self.is_inside(&bounds) {
+                continue;
             }
-        };
-        let [top, bottom] = [-1.0, 1.0].map(|side| bounds.centre[1] + side * bounds.extent[1]);
-        let is_inside = bottom >= 0.5 && top <= self.view.camera.height() as f32 - 0.5;
-        if !is_finite || !is_inside || !bounds.extent[0].is_finite() {
-            return None;
+            let direction = self.direction(placed.point.lane(lane), placed.distance[lane]);
+            *splat = Splat {
+                centre: bounds.centre,
+                extent: bounds.extent,
+                log2_opacity: log2_opacity[lane],
+                colour: sh::colour(
+                    self.degree(),
+                    direction,
+                    self.gaussians.sh_constant[index],
+                    self.rest(index),
+                ),
+                shape,
+            };
+            *distance = placed.distance[lane];
         }
-        let splat = Splat {
-            centre: bounds.centre,
-            extent: bounds.extent,
-            log2_opacity,
-            colour: sh::colour(
-                self.degree(),
-                self.direction(&placed),
-                self.gaussians.sh_constant[index],
-                self.rest(index),
-            ),
-            shape,
-        };
-        Some((splat, placed.distance))
     }
 
-    /// Unit direction from the camera to the centre, in world coordinates.
-    fn direction(&self, placed: &Placed) -> Vec3 {
-        self.view.rotation.transpose() * (placed.point / placed.distance)
+    /// Whether a rectangle is finite and has rows in the image.
+    fn is_inside(&self, bounds: &PixelBox) -> bool {
+        let [top, bottom] = [-1.0, 1.0].map(|side| bounds.centre[1] + side * bounds.extent[1]);
+        bottom >= 0.5
+            && top <= self.view.camera.height() as f32 - 0.5
+            && bounds.extent[0].is_finite()
     }
 
-    /// The gradient of one Gaussian from that of its splat.
-    fn backward(&self, index: usize, splat: &Splat, gradient: &SplatGradient) -> OneGradient {
-        let Some(placed) = self.place(index) else {
-            // A splat exists only where the Gaussian is drawn.
-            return OneGradient::default();
+    fn conic(&self, index: usize, placed: &Placed) -> Conic {
+        let scale = self.gaussians.scales[index];
+        Conic::new(self.view, placed, scale, self.settings.footprint)
+    }
+
+    /// Unit direction from the camera to a centre in the camera's frame, in world coordinates.
+    fn direction(&self, point: Vec3, distance: f32) -> Vec3 {
+        self.view.rotation.transpose() * (point / distance)
+    }
+
+    /// The gradients of the Gaussians from `first` on by what makes their footprints.
+    #[inline(always)]
+    fn shapes_vjp<S: Simd>(
+        &self,
+        simd: S,
+        first: usize,
+        sums: &EightSums,
+        drawn: &Drawn<'_>,
+        entries: &EntryGradients,
+    ) -> ShapeGradients {
+        let placed = Placed8::new(simd, self.view, self.gaussians, first);
+        let linear = Linearization::new(self.view, &placed);
+        let by_ellipse = [0, 1, 2, 3, 4].map(|at: usize| f32x8::simd_from(simd, sums.rows[at]));
+        let (by_point, by_axes) = linear.vjp(self.view, &placed, by_ellipse);
+        let (by_scale, by_rotation) = placed.axes_vjp(&by_axes);
+        let position: Vec3x8<S> = by_point.transformed(&self.view.rotation.transpose());
+        let by_rotation: [[f32; LANES]; 4] = by_rotation.map(Into::into);
+        let mut out = ShapeGradients {
+            positions: position.scatter(),
+            scales: by_scale.scatter(),
+            rotations: std::array::from_fn(|lane| by_rotation.map(|row| row[lane])),
+            centres: std::array::from_fn(|lane| [sums.rows[0][lane], sums.rows[1][lane]]),
         };
+        for lane in 0..LANES.min(drawn.ranks.len() - first) {
+            let index = first + lane;
+            if drawn.ranks[index] != u32::MAX && drawn.splats.all[index].shape == Shape::Cone {
+                let by_cone = sum_cones(drawn.lists, entries, drawn.ranks[index]);
+                self.cone_vjp(index, &placed.lane(lane), &by_cone, lane, &mut out);
+            }
+        }
+        out
+    }
+
+    /// Sets one lane of `out` for a cone.
+    fn cone_vjp(
+        &self,
+        index: usize,
+        placed: &Placed,
+        by_cone: &ConeGradient,
+        lane: usize,
+        out: &mut ShapeGradients,
+    ) {
         let (rotation, scale) = (
             self.gaussians.rotations[index],
             self.gaussians.scales[index],
         );
-        let (shape, direct) = match self.path(index, &placed) {
-            Path::Ellipse(linear) => (linear.vjp(self.view, &placed, &gradient.shape), [0.0; 3]),
-            Path::Cone(conic) => conic.vjp(self.view, &placed, scale, &gradient.shape),
-        };
-        let (mut by_scale, by_rotation) = axes_vjp(rotation, scale, &shape.axes);
-        for (sum, direct) in by_scale.iter_mut().zip(direct) {
-            *sum += direct;
-        }
-        let direction = self.direction(&placed);
-        // The clamp of the colour at 0 stops the gradient.
-        let colour: [f32; 3] = std::array::from_fn(|channel| {
-            if splat.colour[channel] > 0.0 {
-                gradient.colour[channel]
-            } else {
-                0.0
-            }
-        });
-        let offset = direction * placed.distance;
-        let through_colour = sh::position_vjp(self.degree(), offset, self.rest(index), colour);
-        OneGradient {
-            position: (self.view.rotation.transpose() * shape.point + through_colour).to_array(),
-            scale: by_scale,
-            rotation: by_rotation,
-            opacity: gradient.log_opacity / self.gaussians.opacities[index],
-            colour,
-            direction,
-            centre: shape.centre,
-        }
+        let (shape, direct) = self
+            .conic(index, placed)
+            .vjp(self.view, placed, scale, by_cone);
+        let (by_scale, by_rotation) = axes_vjp(rotation, scale, &shape.axes);
+        out.positions[lane] = (self.view.rotation.transpose() * shape.point).to_array();
+        out.scales[lane] = std::array::from_fn(|axis| by_scale[axis] + direct[axis]);
+        out.rotations[lane] = by_rotation;
+        out.centres[lane] = shape.centre;
     }
 }
 
+impl Projector<'_> {
+    /// Adds to the gradient by a centre what comes through the harmonics, and writes that by their
+    /// coefficients beside the constant ones.
+    fn harmonics_vjp(
+        &self,
+        index: usize,
+        by_colour: [f32; 3],
+        by_position: &mut [f32; 3],
+        rest: &mut [[f32; 3]],
+    ) {
+        let offset = Vec3::from_array(self.gaussians.positions[index]) - self.view.centre;
+        let through_colour = sh::position_vjp(self.degree(), offset, self.rest(index), by_colour);
+        *by_position = (Vec3::from_array(*by_position) + through_colour).to_array();
+        let values = sh::basis(self.degree(), offset.normalize());
+        let used = sh_rest_count(self.degree());
+        for (rest, value) in rest.iter_mut().zip(&values[..used]) {
+            *rest = by_colour.map(|by_colour| by_colour * value);
+        }
+        rest[used..].fill([0.0; 3]);
+    }
+}
+
+/// Gradients of 8 Gaussians by what makes their footprints, without the way through the harmonics.
+struct ShapeGradients {
+    positions: [[f32; 3]; LANES],
+    scales: [[f32; 3]; LANES],
+    rotations: [[f32; 4]; LANES],
+    centres: [[f32; 2]; LANES],
+}
+
+/// The entries' gradients of 8 Gaussians, summed.
 #[derive(Default)]
-struct OneGradient {
-    position: [f32; 3],
-    scale: [f32; 3],
-    rotation: [f32; 4],
-    opacity: f32,
-    /// By the colour before its clamp.
-    colour: [f32; 3],
-    /// Where the harmonics were evaluated.
-    direction: Vec3,
-    centre: [f32; 2],
+struct EightSums {
+    /// [`SplatGradient::ellipse`], one row for each of its values.
+    rows: [[f32; LANES]; 5],
+    log_opacity: [f32; LANES],
+    colour: [[f32; 3]; LANES],
 }
 
 /// The result of [`forward`] and what was made of it.
 #[derive(Debug, Clone, Copy)]
 pub struct Drawn<'a> {
     /// Splats, one per Gaussian.
-    pub splats: &'a [Splat],
+    pub splats: &'a Splats,
     /// Place of each Gaussian in the order near to far; `u32::MAX` where it was not drawn.
     pub ranks: &'a [u32],
     /// Where each splat's entries are.
@@ -263,14 +319,14 @@ pub fn backward(
     let len = gaussians.len();
     out.reshape(len, gaussians.sh_degree, gaussians.feature_count);
     centres.resize(len, [0.0; 2]);
-    let one = Projector {
+    let projector = Projector {
         view,
         gaussians,
         settings,
     };
     let stored = sh_rest_count(gaussians.sh_degree);
-    let used = sh_rest_count(one.degree());
     let features = gaussians.feature_count;
+    let level = Level::new();
     (
         out.positions.par_chunks_mut(BATCH),
         out.scales.par_chunks_mut(BATCH),
@@ -288,55 +344,69 @@ pub fn backward(
                 batch,
                 (positions, scales, rotations, opacities, constants, centres, rest, by_feature),
             )| {
-                let mut sums = [SplatGradient::default(); GATHER];
-                for at in 0..positions.len() {
-                    let index = batch * BATCH + at;
-                    if at % GATHER == 0 {
-                        let end = positions.len().min(at + GATHER);
-                        let ranks = &drawn.ranks[index..batch * BATCH + end];
-                        let by_feature = &mut by_feature[at * features..end * features];
-                        sum_entries(drawn.lists, entries, ranks, &mut sums, by_feature);
-                    }
-                    let rest = &mut rest[at * stored..(at + 1) * stored];
-                    let gradient = if drawn.ranks[index] == u32::MAX {
-                        OneGradient::default()
-                    } else {
-                        one.backward(index, &drawn.splats[index], &sums[at % GATHER])
-                    };
-                    positions[at] = gradient.position;
-                    scales[at] = gradient.scale;
-                    rotations[at] = gradient.rotation;
-                    opacities[at] = gradient.opacity;
-                    constants[at] = gradient.colour.map(|by_colour| SH_C0 * by_colour);
-                    centres[at] = gradient.centre;
-                    if stored > 0 {
-                        let values = sh::basis(one.degree(), gradient.direction);
-                        for (rest, value) in rest.iter_mut().zip(&values[..used]) {
-                            *rest = gradient.colour.map(|by_colour| by_colour * value);
+                for at in (0..positions.len()).step_by(LANES) {
+                    let first = batch * BATCH + at;
+                    let end = positions.len().min(at + LANES);
+                    let by_feature = &mut by_feature[at * features..end * features];
+                    let ranks = &drawn.ranks[first..batch * BATCH + end];
+                    let sums = sum_entries(drawn.lists, entries, ranks, by_feature);
+                    let shapes = dispatch!(level, simd => {
+                        projector.shapes_vjp(simd, first, &sums, &drawn, entries)
+                    });
+                    for lane in 0..end - at {
+                        let (index, at) = (first + lane, at + lane);
+                        let rest = &mut rest[at * stored..(at + 1) * stored];
+                        if drawn.ranks[index] == u32::MAX {
+                            positions[at] = [0.0; 3];
+                            scales[at] = [0.0; 3];
+                            rotations[at] = [0.0; 4];
+                            opacities[at] = 0.0;
+                            constants[at] = [0.0; 3];
+                            centres[at] = [0.0; 2];
+                            rest.fill([0.0; 3]);
+                            continue;
                         }
-                        rest[used..].fill([0.0; 3]);
+                        positions[at] = shapes.positions[lane];
+                        scales[at] = shapes.scales[lane];
+                        rotations[at] = shapes.rotations[lane];
+                        centres[at] = shapes.centres[lane];
+                        opacities[at] = sums.log_opacity[lane] / gaussians.opacities[index];
+                        // The clamp of the colour at 0 stops the gradient.
+                        let splat = &drawn.splats.all[index];
+                        let by_colour: [f32; 3] = std::array::from_fn(|channel| {
+                            let is_free = splat.colour[channel] > 0.0;
+                            if is_free {
+                                sums.colour[lane][channel]
+                            } else {
+                                0.0
+                            }
+                        });
+                        constants[at] = by_colour.map(|by_colour| SH_C0 * by_colour);
+                        if stored > 0 {
+                            projector.harmonics_vjp(index, by_colour, &mut positions[at], rest);
+                        }
                     }
                 }
             },
         );
 }
 
-/// Sums the entries' gradients of Gaussians with the places `ranks` in the order, each in the order
-/// of its entries; features of Gaussians that were not drawn are 0.
+/// Sums the entries' gradients of 8 or fewer Gaussians with the places `ranks` in the order, each in
+/// the order of its entries; those of Gaussians that were not drawn are 0.
 fn sum_entries(
     lists: &TileLists,
     entries: &EntryGradients,
     ranks: &[u32],
-    sums: &mut [SplatGradient; GATHER],
     by_feature: &mut [f32],
-) {
+) -> EightSums {
     let features = by_feature.len() / ranks.len();
     by_feature.fill(0.0);
-    for (at, (&rank, sum)) in ranks.iter().zip(sums).enumerate() {
+    let mut sums = EightSums::default();
+    for (lane, &rank) in ranks.iter().enumerate() {
         if rank == u32::MAX {
             continue;
         }
-        let by_feature = &mut by_feature[at * features..(at + 1) * features];
+        let by_feature = &mut by_feature[lane * features..(lane + 1) * features];
         let mut total = SplatGradient::default();
         for &place in lists.places(rank) {
             total.accumulate(&entries.splats[place as usize]);
@@ -346,8 +416,24 @@ fn sum_entries(
                 *sum += value;
             }
         }
-        *sum = total;
+        for (row, value) in sums.rows.iter_mut().zip(total.ellipse) {
+            row[lane] = value;
+        }
+        sums.log_opacity[lane] = total.log_opacity;
+        sums.colour[lane] = total.colour;
     }
+    sums
+}
+
+/// Sums the entries' gradients by the cone of the splat with this place in the order.
+fn sum_cones(lists: &TileLists, entries: &EntryGradients, rank: u32) -> ConeGradient {
+    let mut total = [0.0; 10];
+    for &place in lists.places(rank) {
+        for (sum, value) in total.iter_mut().zip(entries.cones[place as usize]) {
+            *sum += value;
+        }
+    }
+    total
 }
 
 /// Pieces of [`BATCH`] rows of `width` values; empty pieces where the width is 0.

@@ -1,22 +1,25 @@
-//! The ellipse of a Gaussian linearized in the image, and its VJP.
+//! The ellipses of 8 Gaussians linearized in the image, and their VJP.
 
-use glam::{Vec2, Vec3, vec3};
+use fearless_simd::{Simd, f32x8, mask32x8, prelude::*};
+use glam::Vec3;
 
-use crate::camera::{CameraKernels, LOW_PASS, PixelBox, Projection, View};
-use crate::render::project::{Ellipse, cpu::Placed};
+use crate::camera::{
+    CameraLanes, Jacobian, LOW_PASS, View,
+    lanes::{LANES, Vec3x8},
+};
+use crate::render::project::{Ellipse, place::Placed8};
 
 /// The intermediate values that forward and backward share.
-pub(super) struct Linearization {
-    pub(super) projection: Projection,
+pub(super) struct Linearization<S: Simd> {
     /// Rows of `J W`, in world coordinates.
-    to_u: Vec3,
-    to_v: Vec3,
+    to_u: Vec3x8<S>,
+    to_v: Vec3x8<S>,
     /// Rows of `V = J W M`.
-    v_u: Vec3,
-    v_v: Vec3,
+    v_u: Vec3x8<S>,
+    v_v: Vec3x8<S>,
     /// `A`, `B`, `C` of the covariance.
-    covariance: [f32; 3],
-    determinant: f32,
+    pub(super) covariance: [f32x8<S>; 3],
+    pub(super) determinant: f32x8<S>,
 }
 
 /// Gradients of a footprint's shape by the centre (in the camera frame) and by the axes (in world
@@ -28,94 +31,111 @@ pub(super) struct ShapeGradient {
     pub(super) centre: [f32; 2],
 }
 
-impl Linearization {
-    pub(super) fn new(view: &View, placed: &Placed) -> Self {
-        let projection = view
-            .camera
-            .project_with_jacobian(placed.point, placed.distance);
+impl<S: Simd> Linearization<S> {
+    #[inline(always)]
+    pub(super) fn new(view: &View, placed: &Placed8<S>) -> Self {
+        let jacobian = view.camera.jacobians(placed.point, placed.inverse_distance);
         let world_from_camera = view.rotation.transpose();
-        let to_u = world_from_camera * projection.jacobian_u;
-        let to_v = world_from_camera * projection.jacobian_v;
-        let along = |row: Vec3| {
-            vec3(
-                row.dot(placed.axes[0]),
-                row.dot(placed.axes[1]),
-                row.dot(placed.axes[2]),
-            )
+        let to_u = jacobian.u.transformed(&world_from_camera);
+        let to_v = jacobian.v.transformed(&world_from_camera);
+        let along = |row: Vec3x8<S>| Vec3x8 {
+            x: row.dot(placed.axes[0]),
+            y: row.dot(placed.axes[1]),
+            z: row.dot(placed.axes[2]),
         };
         let (v_u, v_v) = (along(to_u), along(to_v));
         let (uu, vv) = (v_u.length_squared(), v_v.length_squared());
         Self {
-            projection,
             to_u,
             to_v,
             v_u,
             v_v,
             covariance: [uu + LOW_PASS, v_u.dot(v_v), vv + LOW_PASS],
             determinant: v_u.cross(v_v).length_squared()
-                + LOW_PASS * (uu + vv)
+                + (uu + vv) * LOW_PASS
                 + LOW_PASS * LOW_PASS,
         }
     }
 
-    /// Standard deviation along the columns, pixels.
-    pub(super) fn width(&self) -> f32 {
-        self.covariance[0].sqrt()
+    /// Whether the standard deviation along the columns is more than `width` pixels.
+    #[inline(always)]
+    pub(super) fn is_wider(&self, width: f32) -> mask32x8<S> {
+        self.covariance[0].simd_gt(width * width)
     }
 
-    pub(super) fn ellipse(&self) -> Ellipse {
+    /// The shapes, one per lane, and where they are finite.
+    #[inline(always)]
+    pub(super) fn ellipses(&self) -> ([Ellipse; LANES], mask32x8<S>) {
         let [_, b, c] = self.covariance;
-        Ellipse {
-            variance: self.determinant / c,
-            inverse_variance: c / self.determinant,
-            slope: b / c,
-            inverse_row_variance: 1.0 / c,
-        }
+        let one = f32x8::splat(c.simd, 1.0);
+        let (variance, inverse_variance) = (self.determinant / c, c / self.determinant);
+        let inverse_row_variance = one / c;
+        let slope = b * inverse_row_variance;
+        let is_finite = (variance + slope + inverse_variance)
+            .abs()
+            .simd_lt(f32::INFINITY);
+        let ellipses = std::array::from_fn(|lane| Ellipse {
+            variance: variance[lane],
+            inverse_variance: inverse_variance[lane],
+            slope: slope[lane],
+            inverse_row_variance: inverse_row_variance[lane],
+        });
+        (ellipses, is_finite)
     }
 
-    /// The rectangle around `q <= q_max`.
-    pub(super) fn bounds(&self, q_max: f32) -> PixelBox {
-        PixelBox {
-            centre: self.projection.pixel.to_array(),
-            extent: [
-                (q_max * self.covariance[0]).sqrt(),
-                (q_max * self.covariance[2]).sqrt(),
-            ],
-        }
+    /// Half widths and half heights of the rectangles around `q <= q_max`.
+    #[inline(always)]
+    pub(super) fn extents(&self, q_max: f32x8<S>) -> [f32x8<S>; 2] {
+        let [a, _, c] = self.covariance;
+        [(a * q_max).sqrt(), (c * q_max).sqrt()]
     }
 
-    /// VJP of centre and [`Linearization::ellipse`]; `gradient` is that of
-    /// [`super::SplatGradient::shape`].
-    pub(super) fn vjp(&self, view: &View, placed: &Placed, gradient: &[f32; 10]) -> ShapeGradient {
-        let [by_u, by_v, by_inverse, by_slope, by_row, ..] = *gradient;
-        let ellipse = self.ellipse();
-        let (slope, row) = (ellipse.slope, ellipse.inverse_row_variance);
+    /// VJP of centres and [`Linearization::ellipses`]: gradients by the points in the camera frame
+    /// and by the axes in world coordinates. `by_ellipse` is in the order of
+    /// [`super::SplatGradient::ellipse`].
+    #[inline(always)]
+    pub(super) fn vjp(
+        &self,
+        view: &View,
+        placed: &Placed8<S>,
+        by_ellipse: [f32x8<S>; 5],
+    ) -> (Vec3x8<S>, [Vec3x8<S>; 3]) {
+        let [by_u, by_v, by_inverse, by_slope, by_row] = by_ellipse;
+        let [_, b, c] = self.covariance;
+        let row = f32x8::splat(c.simd, 1.0) / c;
+        let slope = b * row;
+        let inverse_variance = c / self.determinant;
         // variance = A - B^2/C, slope = B/C, row = 1/C.
-        let by_variance = -ellipse.inverse_variance * ellipse.inverse_variance * by_inverse;
+        let by_variance = -inverse_variance * inverse_variance * by_inverse;
         let by_a = by_variance;
-        let by_b = -2.0 * slope * by_variance + row * by_slope;
-        let by_c = slope * slope * by_variance - slope * row * by_slope - row * row * by_row;
+        let by_b = row * by_slope - slope * by_variance * 2.0;
+        let by_c = (slope * by_variance - row * by_slope) * slope - row * row * by_row;
         // Sigma = V V^T + 0.3 I.
-        let dv_u = 2.0 * by_a * self.v_u + by_b * self.v_v;
-        let dv_v = by_b * self.v_u + 2.0 * by_c * self.v_v;
+        let dv_u = self.v_u.times(by_a * 2.0).plus(self.v_v.times(by_b));
+        let dv_v = self.v_u.times(by_b).plus(self.v_v.times(by_c * 2.0));
         // V = (J W) M.
-        let (mut to_u, mut to_v) = (Vec3::ZERO, Vec3::ZERO);
-        let mut axes = [Vec3::ZERO; 3];
-        for k in 0..3 {
-            to_u += dv_u[k] * placed.axes[k];
-            to_v += dv_v[k] * placed.axes[k];
-            axes[k] = dv_u[k] * self.to_u + dv_v[k] * self.to_v;
-        }
-        ShapeGradient {
-            point: view.camera.project_vjp(
-                placed.point,
-                placed.distance,
-                Vec2::new(by_u, by_v),
-                view.rotation * to_u,
-                view.rotation * to_v,
-            ),
-            axes,
-            centre: [by_u, by_v],
-        }
+        let axes = [
+            self.to_u.times(dv_u.x).plus(self.to_v.times(dv_v.x)),
+            self.to_u.times(dv_u.y).plus(self.to_v.times(dv_v.y)),
+            self.to_u.times(dv_u.z).plus(self.to_v.times(dv_v.z)),
+        ];
+        let by_row_of_jacobian = |dv: Vec3x8<S>| {
+            let sum = placed.axes[0].times(dv.x);
+            let sum = placed.axes[1].times_plus(dv.y, sum);
+            placed.axes[2]
+                .times_plus(dv.z, sum)
+                .transformed(&view.rotation)
+        };
+        let by_jacobian = Jacobian {
+            u: by_row_of_jacobian(dv_u),
+            v: by_row_of_jacobian(dv_v),
+        };
+        let point = view.camera.vjp(
+            placed.point,
+            placed.inverse_distance,
+            [by_u, by_v],
+            &by_jacobian,
+        );
+        (point, axes)
     }
 }

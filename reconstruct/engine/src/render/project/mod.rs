@@ -59,12 +59,31 @@ mod cone;
 pub mod cpu;
 mod ellipse;
 pub(crate) mod gpu;
+mod place;
 mod sh;
 
 use glam::Vec3;
 
-/// A visible Gaussian's footprint and colour.
+/// The splats of one view, one per Gaussian.
+#[derive(Debug, Clone, Default)]
+pub struct Splats {
+    /// What every pass reads of a splat.
+    pub all: Vec<Splat>,
+    /// The cones of the splats of that shape, by the same index; arbitrary elsewhere.
+    pub cones: Vec<Cone>,
+}
+
+impl Splats {
+    /// Makes room for `len` splats. Entries that were there before keep arbitrary values.
+    pub fn resize(&mut self, len: usize) {
+        self.all.resize(len, Splat::default());
+        self.cones.resize(len, Cone::default());
+    }
+}
+
+/// A visible Gaussian's footprint and colour: one line of the cache.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[repr(align(64))]
 pub struct Splat {
     /// Middle of a rectangle around the footprint, pixels; for an ellipse, its centre.
     pub centre: [f32; 2],
@@ -83,8 +102,8 @@ pub struct Splat {
 pub enum Shape {
     /// A quadratic form in pixel coordinates.
     Ellipse(Ellipse),
-    /// A quotient of quadratic forms in rays.
-    Cone(Cone),
+    /// A quotient of quadratic forms in rays: the [`Cone`] of the same index in [`Splats::cones`].
+    Cone,
 }
 
 impl Default for Shape {
@@ -120,9 +139,9 @@ pub struct Cone {
 /// Gradients of the loss by a [`Splat`]'s fields.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SplatGradient {
-    /// By the shape. Ellipse: centre (2), inverse variance, slope, inverse row variance. Cone:
-    /// `f_1` (3), `f_2` (3), `m` (3), `eps`.
-    pub shape: [f32; 10],
+    /// By an ellipse: centre (2), inverse variance, slope, inverse row variance. 0 for a cone, which
+    /// has a [`ConeGradient`].
+    pub ellipse: [f32; 5],
     /// By the natural logarithm of the opacity.
     pub log_opacity: f32,
     /// By the colour.
@@ -131,7 +150,7 @@ pub struct SplatGradient {
 
 impl SplatGradient {
     pub(crate) fn accumulate(&mut self, other: &Self) {
-        for (sum, value) in self.shape.iter_mut().zip(other.shape) {
+        for (sum, value) in self.ellipse.iter_mut().zip(other.ellipse) {
             *sum += value;
         }
         for (sum, value) in self.colour.iter_mut().zip(other.colour) {
@@ -140,6 +159,9 @@ impl SplatGradient {
         self.log_opacity += other.log_opacity;
     }
 }
+
+/// Gradient of the loss by a [`Cone`]: `f_1` (3), `f_2` (3), `m` (3), `eps`.
+pub type ConeGradient = [f32; 10];
 
 /// Largest `q` of a footprint, `2 ln(255 o)`, from the opacity's binary logarithm.
 #[inline(always)]

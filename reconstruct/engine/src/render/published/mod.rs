@@ -32,7 +32,7 @@ use crate::{
     render::{
         Visible,
         bin::{TileLists, cpu::Binner},
-        project::{Splat, SplatGradient, cpu::NOT_DRAWN},
+        project::{Splat, SplatGradient, Splats, cpu::NOT_DRAWN},
         raster::{self, EntryGradients, Raster, RasterGradient},
         settings::RenderSettings,
         sort::{self, cpu::SortScratch},
@@ -45,7 +45,7 @@ pub struct PublishedRenderer {
     settings: RenderSettings,
     /// Of the camera drawn last, with columns that do not wrap.
     tables: Option<(ErpCamera, Rays, Binner)>,
-    splats: Vec<Splat>,
+    splats: Splats,
     distances: Vec<f32>,
     order: Vec<u32>,
     ranks: Vec<u32>,
@@ -62,7 +62,7 @@ impl PublishedRenderer {
         Self {
             settings,
             tables: None,
-            splats: Vec::new(),
+            splats: Splats::default(),
             distances: Vec::new(),
             order: Vec::new(),
             ranks: Vec::new(),
@@ -89,7 +89,7 @@ impl PublishedRenderer {
             project::forward(view, camera, gaussians, &self.settings, index)
                 .unwrap_or((Splat::default(), NOT_DRAWN))
         });
-        projected.unzip_into_vecs(&mut self.splats, &mut self.distances);
+        projected.unzip_into_vecs(&mut self.splats.all, &mut self.distances);
         sort::cpu::by_distance(
             &self.distances,
             &mut self.order,
@@ -145,7 +145,14 @@ impl PublishedRenderer {
                 for &place in self.lists.places(self.ranks[index]) {
                     sum.accumulate(&self.entries.splats[place as usize]);
                 }
-                project::backward(view, *camera, gaussians, &self.splats[index], &sum, index)
+                project::backward(
+                    view,
+                    *camera,
+                    gaussians,
+                    &self.splats.all[index],
+                    &sum,
+                    index,
+                )
             })
             .collect();
         for row in rows {

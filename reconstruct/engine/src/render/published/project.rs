@@ -149,7 +149,7 @@ pub(super) fn backward(
     index: usize,
 ) -> RowGradient {
     let linear = Linearization::new(view, camera, gaussians, index);
-    let [by_u, by_v, ..] = gradient.shape;
+    let [by_u, by_v, ..] = gradient.ellipse;
     let [s_uu, s_uv, s_vv] = covariance_gradient(covariance(&linear), gradient);
     let [east, down] = linear.tangent_rows();
 
@@ -185,7 +185,7 @@ pub(super) fn backward(
 /// Entries uu, uv, vv of the gradient by the covariance `[[A, B], [B, C]]`, from the gradients by
 /// `C / det`, `B / C` and `1 / C`.
 fn covariance_gradient([a, b, c]: [f32; 3], gradient: &SplatGradient) -> [f32; 3] {
-    let [_, _, by_inverse, by_slope, by_row, ..] = gradient.shape;
+    let [_, _, by_inverse, by_slope, by_row] = gradient.ellipse;
     let determinant = a * c - b * b;
     let ratio = b / c;
     // d(C / det) = -(C / det)^2 (dA - 2 B/C dB + (B/C)^2 dC)

@@ -2,15 +2,11 @@
 
 use fearless_simd::{Simd, prelude::*};
 
+use crate::render::project::{Shape, Splat};
 use crate::render::raster::{
     lanes::{alpha, blend, load, store},
     shapes::Walk,
-    spans::Spans,
-    tile::{Batch, Plane, STRIDE, Scene, Tile, has_stopped},
-};
-use crate::render::{
-    project::{Shape, Splat},
-    settings::TILE,
+    tile::{Batch, Plane, Scene, Tile, has_stopped},
 };
 
 /// What a tile's pixels have collected.
@@ -29,11 +25,11 @@ pub(super) fn composite<S: Simd>(
     features: &mut [Plane],
 ) -> Composited {
     let mut state = Composited {
-        colour: [[0.0; TILE * STRIDE]; 3],
+        colour: [Plane::filled(0.0); 3],
         transmittance: tile.full_transmittance(),
     };
     let mut places = scene.lists.tile(tile.index);
-    let (mut batch, mut spans) = (Batch::new(), Spans::new());
+    let mut batch = Batch::new();
     while !places.is_empty() && !has_stopped(&state.transmittance) {
         batch.fill(scene, &mut places);
         for (index, splat) in batch.iter() {
@@ -41,12 +37,13 @@ pub(super) fn composite<S: Simd>(
             match &splat.shape {
                 Shape::Ellipse(shape) => {
                     add_splat(
-                        simd, scene, tile, shape, splat, values, &mut spans, &mut state, features,
+                        simd, scene, tile, shape, splat, values, &mut state, features,
                     );
                 }
-                Shape::Cone(shape) => {
+                Shape::Cone => {
+                    let shape = &scene.splats.cones[index];
                     add_splat(
-                        simd, scene, tile, shape, splat, values, &mut spans, &mut state, features,
+                        simd, scene, tile, shape, splat, values, &mut state, features,
                     );
                 }
             }
@@ -67,7 +64,6 @@ fn add_splat<S: Simd>(
     shape: &impl Walk<S>,
     splat: &Splat,
     values: &[f32],
-    spans: &mut Spans,
     state: &mut Composited,
     features: &mut [Plane],
 ) {
@@ -76,23 +72,22 @@ fn add_splat<S: Simd>(
         tile,
         scene.rays,
         splat,
-        spans,
         #[inline(always)]
         |block| {
-            let transmittance = load(simd, &state.transmittance, block.at);
+            let transmittance = load(simd, &state.transmittance.0, block.at);
             if !transmittance.simd_gt(0.0).any_true() {
                 return;
             }
             let alpha = alpha(simd, block.log2_alpha);
             let blend = blend(simd, alpha.value, transmittance);
-            store(blend.transmittance, &mut state.transmittance, block.at);
+            store(blend.transmittance, &mut state.transmittance.0, block.at);
             for (plane, colour) in state.colour.iter_mut().zip(splat.colour) {
-                let sum = load(simd, plane, block.at);
-                store(blend.weights.mul_add(colour, sum), plane, block.at);
+                let sum = load(simd, &plane.0, block.at);
+                store(blend.weights.mul_add(colour, sum), &mut plane.0, block.at);
             }
             for (plane, &feature) in features.iter_mut().zip(values) {
-                let sum = load(simd, plane, block.at);
-                store(blend.weights.mul_add(feature, sum), plane, block.at);
+                let sum = load(simd, &plane.0, block.at);
+                store(blend.weights.mul_add(feature, sum), &mut plane.0, block.at);
             }
         },
     );

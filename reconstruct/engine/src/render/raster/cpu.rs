@@ -1,7 +1,7 @@
 //! Rasterization on the CPU: one tile per task, 8 pixels of a row per vector step.
 //!
-//! A row of a footprint is walked in vectors that begin at its first pixel, wherever that is; which
-//! those are is found for 8 rows at once (`spans.rs`).
+//! A footprint is walked over the vectors of the tile that its rectangle touches: with small
+//! footprints that takes less time than looking for the pixels of each row.
 
 use std::{cell::RefCell, ops::Range};
 
@@ -12,14 +12,14 @@ use crate::render::raster::{
     EntryGradients, Raster, RasterGradient,
     composite::{Composited, composite},
     gradient::{FeatureScratch, TileEntries, tile_gradients},
-    tile::{Plane, STRIDE, Scene, Tile},
+    tile::{Plane, Scene, Tile},
 };
 use crate::{
     camera::rays::Rays,
     gaussians::ActivatedGaussians,
     render::{
         bin::TileLists,
-        project::{Splat, SplatGradient},
+        project::{SplatGradient, Splats},
         settings::TILE,
     },
 };
@@ -33,7 +33,7 @@ thread_local! {
 #[derive(Debug, Clone, Copy)]
 pub struct Input<'a> {
     /// Splats, one per Gaussian.
-    pub splats: &'a [Splat],
+    pub splats: &'a Splats,
     /// The Gaussians, for their features.
     pub gaussians: &'a ActivatedGaussians,
     /// The tiles' splats.
@@ -95,7 +95,7 @@ pub fn forward(input: Input<'_>, out: &mut Raster) {
                 for column in 0..scene.lists.columns {
                     let tile = Tile::new(&scene, row * scene.lists.columns + column);
                     features.clear();
-                    features.resize(scene.feature_count, [0.0; TILE * STRIDE]);
+                    features.resize(scene.feature_count, Plane::filled(0.0));
                     let state = dispatch!(level, simd => composite(simd, &scene, &tile, features));
                     band.write(&scene, &tile, &state, features);
                 }
@@ -122,14 +122,15 @@ impl Band<'_> {
                 .iter_mut()
                 .zip(&mut self.transmittance[pixels.clone()]);
             for (column, (rgb, transmittance)) in rows.enumerate() {
-                let at = row * STRIDE + column;
-                *transmittance = state.transmittance[at].abs();
+                let at = row * TILE + column;
+                *transmittance = state.transmittance.0[at].abs();
                 for (channel, value) in rgb.iter_mut().enumerate() {
-                    *value = state.colour[channel][at] + *transmittance * scene.background[channel];
+                    *value =
+                        state.colour[channel].0[at] + *transmittance * scene.background[channel];
                 }
             }
             for (image, plane) in self.features.iter_mut().zip(features) {
-                image[pixels.clone()].copy_from_slice(&plane[row * STRIDE..][..tile.columns]);
+                image[pixels.clone()].copy_from_slice(&plane.0[row * TILE..][..tile.columns]);
             }
         }
     }
@@ -146,10 +147,12 @@ pub fn backward(
     let scene = input.scene();
     let entries = scene.lists.len();
     out.splats.resize(entries, SplatGradient::default());
+    out.cones.resize(entries, [0.0; 10]);
     out.features.resize(entries * scene.feature_count, 0.0);
     let level = Level::new();
     let all = TileEntries {
         splats: &mut out.splats,
+        cones: &mut out.cones,
         features: &mut out.features,
     };
     let tiles = 0..scene.lists.columns * scene.lists.rows;
@@ -176,12 +179,14 @@ where
             let begin = scene.lists.tile(tiles.start).start;
             let count = scene.lists.tile(middle).start - begin;
             let (left, right) = out.splats.split_at_mut(count);
+            let (left_cones, right_cones) = out.cones.split_at_mut(count);
             let (left_features, right_features) =
                 out.features.split_at_mut(count * scene.feature_count);
             rayon::join(
                 || {
                     let out = TileEntries {
                         splats: left,
+                        cones: left_cones,
                         features: left_features,
                     };
                     for_each_tile(scene, tiles.start..middle, out, work);
@@ -189,6 +194,7 @@ where
                 || {
                     let out = TileEntries {
                         splats: right,
+                        cones: right_cones,
                         features: right_features,
                     };
                     for_each_tile(scene, middle..tiles.end, out, work);

@@ -5,12 +5,11 @@ use fearless_simd::{Simd, f32x8, prelude::*};
 use crate::render::raster::{
     Raster, RasterGradient,
     lanes::{LANES, alpha, blend, load, store},
-    shapes::Walk,
-    spans::Spans,
-    tile::{Batch, Plane, STRIDE, Scene, Tile, has_stopped},
+    shapes::{EntrySums, Walk, cone_gradients},
+    tile::{Batch, Plane, Scene, Tile, has_stopped},
 };
 use crate::render::{
-    project::{Shape, Splat, SplatGradient},
+    project::{ConeGradient, Shape, Splat, SplatGradient},
     settings::TILE,
 };
 
@@ -41,14 +40,14 @@ impl Upstream {
         features: &mut FeatureScratch,
     ) -> Self {
         let mut upstream = Self {
-            colour: [[0.0; TILE * STRIDE]; 3],
-            behind: [0.0; TILE * STRIDE],
+            colour: [Plane::filled(0.0); 3],
+            behind: Plane::filled(0.0),
             transmittance: tile.full_transmittance(),
         };
         let has_features = !gradient.features.is_empty();
         let planes = if has_features { scene.feature_count } else { 0 };
         features.upstream.clear();
-        features.upstream.resize(planes, [0.0; TILE * STRIDE]);
+        features.upstream.resize(planes, Plane::filled(0.0));
         features.sums.resize(planes, [0.0; LANES]);
         for row in 0..tile.rows {
             let first = (tile.top + row) * raster.width + tile.left;
@@ -56,18 +55,18 @@ impl Upstream {
             let rgb = raster.colour[pixels.clone()].as_chunks::<3>().0;
             let by_rgb = gradient.colour[pixels].as_chunks::<3>().0;
             for (column, (rgb, by_rgb)) in rgb.iter().zip(by_rgb).enumerate() {
-                let at = row * STRIDE + column;
+                let at = row * TILE + column;
                 for channel in 0..3 {
-                    upstream.colour[channel][at] = by_rgb[channel];
-                    upstream.behind[at] += by_rgb[channel] * rgb[channel];
+                    upstream.colour[channel].0[at] = by_rgb[channel];
+                    upstream.behind.0[at] += by_rgb[channel] * rgb[channel];
                 }
             }
             for (feature, plane) in features.upstream.iter_mut().enumerate() {
                 let first = feature * raster.width * raster.height + first;
                 for column in 0..tile.columns {
-                    let (at, by_value) = (row * STRIDE + column, gradient.features[first + column]);
-                    plane[at] = by_value;
-                    upstream.behind[at] += by_value * raster.features[first + column];
+                    let (at, by_value) = (row * TILE + column, gradient.features[first + column]);
+                    plane.0[at] = by_value;
+                    upstream.behind.0[at] += by_value * raster.features[first + column];
                 }
             }
         }
@@ -79,6 +78,8 @@ impl Upstream {
 pub(super) struct TileEntries<'a> {
     /// One per entry.
     pub(super) splats: &'a mut [SplatGradient],
+    /// One per entry; arbitrary where the shape is not a cone.
+    pub(super) cones: &'a mut [ConeGradient],
     /// `feature_count` per entry.
     pub(super) features: &'a mut [f32],
 }
@@ -96,36 +97,41 @@ pub(super) fn tile_gradients<S: Simd>(
 ) {
     let mut upstream = Upstream::new(scene, tile, raster, gradient, scratch);
     let mut places = scene.lists.tile(tile.index);
-    let (mut batch, mut spans) = (Batch::new(), Spans::new());
+    let mut batch = Batch::new();
     let mut done = 0;
     while !places.is_empty() && !has_stopped(&upstream.transmittance) {
         batch.fill(scene, &mut places);
         for (index, splat) in batch.iter() {
             let values = scene.features_of(index);
-            out.splats[done] = match &splat.shape {
-                Shape::Ellipse(shape) => one_splat(
-                    simd,
-                    scene,
-                    tile,
-                    shape,
-                    splat,
-                    values,
-                    &mut spans,
-                    &mut upstream,
-                    scratch,
-                ),
-                Shape::Cone(shape) => one_splat(
-                    simd,
-                    scene,
-                    tile,
-                    shape,
-                    splat,
-                    values,
-                    &mut spans,
-                    &mut upstream,
-                    scratch,
-                ),
-            };
+            match &splat.shape {
+                Shape::Ellipse(shape) => {
+                    let sums = one_splat(
+                        simd,
+                        scene,
+                        tile,
+                        shape,
+                        splat,
+                        values,
+                        &mut upstream,
+                        scratch,
+                    );
+                    out.splats[done] = shape.gradient(sums);
+                }
+                Shape::Cone => {
+                    let shape = &scene.splats.cones[index];
+                    let sums = one_splat(
+                        simd,
+                        scene,
+                        tile,
+                        shape,
+                        splat,
+                        values,
+                        &mut upstream,
+                        scratch,
+                    );
+                    (out.splats[done], out.cones[done]) = cone_gradients(sums);
+                }
+            }
             let features = &mut out.features[done * scene.feature_count..];
             for (feature, sum) in features.iter_mut().zip(&mut scratch.sums) {
                 *feature = sum.iter().sum();
@@ -135,6 +141,7 @@ pub(super) fn tile_gradients<S: Simd>(
         }
     }
     out.splats[done..].fill(SplatGradient::default());
+    out.cones[done..].fill([0.0; 10]);
     let first_feature = if scratch.sums.is_empty() {
         0
     } else {
@@ -155,10 +162,9 @@ fn one_splat<S: Simd, W: Walk<S>>(
     shape: &W,
     splat: &Splat,
     values: &[f32],
-    spans: &mut Spans,
     upstream: &mut Upstream,
     features: &mut FeatureScratch,
-) -> SplatGradient {
+) -> EntrySums<S, W::Sums> {
     let zero = f32x8::splat(simd, 0.0);
     let mut shape_sums = W::zero(simd);
     let mut by_log_sum = zero;
@@ -169,19 +175,18 @@ fn one_splat<S: Simd, W: Walk<S>>(
         tile,
         scene.rays,
         splat,
-        spans,
         #[inline(always)]
         |block| {
-            let transmittance = load(simd, &upstream.transmittance, block.at);
+            let transmittance = load(simd, &upstream.transmittance.0, block.at);
             if !transmittance.simd_gt(0.0).any_true() {
                 return;
             }
             let alpha = alpha(simd, block.log2_alpha);
             let blend = blend(simd, alpha.value, transmittance);
             let g = [
-                load(simd, &upstream.colour[0], block.at),
-                load(simd, &upstream.colour[1], block.at),
-                load(simd, &upstream.colour[2], block.at),
+                load(simd, &upstream.colour[0].0, block.at),
+                load(simd, &upstream.colour[1].0, block.at),
+                load(simd, &upstream.colour[2].0, block.at),
             ];
             let mut along = g[0] * colour[0];
             along = g[1].mul_add(colour[1], along);
@@ -192,14 +197,14 @@ fn one_splat<S: Simd, W: Walk<S>>(
             for ((plane, sum), &value) in
                 features.upstream.iter().zip(&mut features.sums).zip(values)
             {
-                let g = load(simd, plane, block.at);
+                let g = load(simd, &plane.0, block.at);
                 along = g.mul_add(value, along);
                 let added = blend.weights.mul_add(g, load(simd, sum, 0));
                 store(added, sum, 0);
             }
-            let behind = load(simd, &upstream.behind, block.at) - blend.weights * along;
-            store(behind, &mut upstream.behind, block.at);
-            store(blend.transmittance, &mut upstream.transmittance, block.at);
+            let behind = load(simd, &upstream.behind.0, block.at) - blend.weights * along;
+            store(behind, &mut upstream.behind.0, block.at);
+            store(blend.transmittance, &mut upstream.transmittance.0, block.at);
             let by_alpha = transmittance * along - behind / (-alpha.value + 1.0);
             let counts = blend.weights.simd_gt(0.0);
             let by_log = counts.select(by_alpha * alpha.unclamped, zero);
@@ -207,9 +212,9 @@ fn one_splat<S: Simd, W: Walk<S>>(
             shape.add(&mut shape_sums, &block.geometry, by_log);
         },
     );
-    SplatGradient {
-        shape: shape.gradient(&shape_sums),
-        log_opacity: by_log_sum.reduce_sum(),
-        colour: colour_sums.map(f32x8::reduce_sum),
+    EntrySums {
+        shape: shape_sums,
+        by_log: by_log_sum,
+        colour: colour_sums,
     }
 }

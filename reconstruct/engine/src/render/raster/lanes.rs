@@ -25,6 +25,16 @@ pub(super) fn store<S: Simd>(vector: f32x8<S>, values: &mut [f32], at: usize) {
     vector.store_slice(&mut values[at..at + LANES]);
 }
 
+/// The sums over the lanes of 8 vectors: every addition works on 8 of them at once.
+#[inline(always)]
+pub(super) fn transposed_sums<S: Simd>(vectors: [f32x8<S>; 8]) -> [f32; 8] {
+    let [a, b, c, d, e, f, g, h] = vectors;
+    let fold = |x: f32x8<S>, y: f32x8<S>| x.zip_low(y) + x.zip_high(y);
+    let (ab, cd, ef, gh) = (fold(a, b), fold(c, d), fold(e, f), fold(g, h));
+    let [a, e, c, g, b, f, d, h]: [f32; 8] = fold(fold(ab, cd), fold(ef, gh)).into();
+    [a, b, c, d, e, f, g, h]
+}
+
 /// `2^t` for `t` in [-100, 0], relative error below 3e-7.
 #[inline(always)]
 pub(super) fn exp2<S: Simd>(simd: S, t: f32x8<S>) -> f32x8<S> {
@@ -92,6 +102,17 @@ mod tests {
     use fearless_simd::{Level, dispatch};
 
     use super::*;
+
+    #[test]
+    fn transposed_sums_are_the_sums() {
+        let vectors: [[f32; LANES]; 8] = std::array::from_fn(|v| {
+            std::array::from_fn(|lane| (v * v * 10 + lane * v + lane) as f32)
+        });
+        let sums = dispatch!(Level::new(), simd => {
+            transposed_sums(vectors.map(|vector| f32x8::simd_from(simd, vector)))
+        });
+        assert_eq!(sums, vectors.map(|vector| vector.iter().sum::<f32>()));
+    }
 
     #[test]
     fn fast_exponential_is_the_exponential() {

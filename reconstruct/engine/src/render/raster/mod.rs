@@ -33,12 +33,11 @@ pub(crate) mod gpu;
 mod gradient;
 mod lanes;
 mod shapes;
-mod spans;
 mod tile;
 
 use omnilife_schemas::RgbImage;
 
-use crate::render::project::SplatGradient;
+use crate::render::project::{ConeGradient, SplatGradient};
 
 /// A rendered image and what its backward pass needs.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -83,8 +82,10 @@ pub struct RasterGradient<'a> {
 /// Gradients by the splats of every (splat, tile) entry, in the order of the tiles' lists.
 #[derive(Debug, Default)]
 pub struct EntryGradients {
-    /// By shape, opacity and colour.
+    /// By ellipse, opacity and colour.
     pub splats: Vec<SplatGradient>,
+    /// By the cones of the entries with that shape; arbitrary elsewhere.
+    pub cones: Vec<ConeGradient>,
     /// By the features, as many per entry as there are.
     pub features: Vec<f32>,
 }

@@ -1,25 +1,29 @@
-//! The two shapes of a footprint on a tile: where they have pixels, `log2 alpha` there, and the
-//! sums that become the gradient of the shape.
+//! The two shapes of a footprint on a tile: `log2 alpha` in its pixels, and the sums that become the
+//! gradient of the shape.
+//!
+//! A row of a tile is two vectors. Those of the left half are visited before those of the right;
+//! a half that the footprint's rectangle does not reach is left out.
 
 use std::ops::Range;
 
 use fearless_simd::{Simd, f32x8, prelude::*};
 
 use crate::render::raster::{
-    lanes::{LANES, load, steps},
-    spans::Spans,
-    tile::{MARGIN, STRIDE, Tile, rows_of},
+    lanes::{LANES, load, steps, store, transposed_sums},
+    tile::{MARGIN, Tile, rows_of},
 };
 use crate::{
     camera::rays::Rays,
     render::{
-        project::{Cone, Ellipse, Splat, largest_q},
+        project::{Cone, ConeGradient, Ellipse, Splat, SplatGradient, largest_q},
         settings::TILE,
     },
 };
 
 /// `log2(exp(-q/2)) / q`.
-pub(super) const LOG2_PER_Q: f32 = -0.5 * std::f32::consts::LOG2_E;
+const LOG2_PER_Q: f32 = -0.5 * std::f32::consts::LOG2_E;
+
+const _: () = assert!(TILE == 2 * LANES, "a row of a tile is two vectors");
 
 /// Eight pixels of a footprint, and where their plane entries begin.
 #[derive(Clone, Copy)]
@@ -37,15 +41,13 @@ pub(super) trait Walk<S: Simd> {
     /// Sums over blocks, per lane.
     type Sums;
 
-    /// Calls `visit` with the blocks that may hold pixels of the footprint. `spans` is memory to
-    /// work in.
+    /// Calls `visit` with the blocks that may hold pixels of the footprint.
     fn walk(
         &self,
         simd: S,
         tile: &Tile,
         rays: &Rays,
         splat: &Splat,
-        spans: &mut Spans,
         visit: impl FnMut(Block<S, Self::Geometry>),
     );
 
@@ -53,17 +55,34 @@ pub(super) trait Walk<S: Simd> {
 
     /// Adds `dL/d(ln alpha)` of a block.
     fn add(&self, sums: &mut Self::Sums, geometry: &Self::Geometry, by_log: f32x8<S>);
-
-    /// The gradient by the shape ([`crate::render::project::SplatGradient::shape`]).
-    fn gradient(&self, sums: &Self::Sums) -> [f32; 10];
 }
 
-/// Columns of the tile with centres between two offsets.
+/// Sums over the blocks of a footprint, per lane.
+pub(super) struct EntrySums<S: Simd, T> {
+    pub(super) shape: T,
+    pub(super) by_log: f32x8<S>,
+    pub(super) colour: [f32x8<S>; 3],
+}
+
+/// Halves of the tile with a pixel centre between two offsets from the first column's.
 #[inline(always)]
-fn columns_of(tile: &Tile, left: f32, right: f32) -> Range<usize> {
-    let first = (left - MARGIN).ceil().max(0.0) as usize;
-    let end = ((right + MARGIN).floor() + 1.0).max(0.0) as usize;
-    first..end.min(tile.columns)
+fn halves(tile: &Tile, left: f32, right: f32) -> Range<usize> {
+    let last = (tile.columns - 1) as f32;
+    let (left, right) = (left - MARGIN, right + MARGIN);
+    // Written so that what a NaN bounds is drawn.
+    if right < 0.0 || left > last {
+        return 0..0;
+    }
+    let first = usize::from(left > (LANES - 1) as f32);
+    let is_in_left_half = right < LANES as f32 || tile.columns <= LANES;
+    first..2 - usize::from(is_in_left_half)
+}
+
+/// The entry of a plane where a half of a row begins. The remainders change nothing: with them the
+/// compiler leaves out checks of bounds.
+#[inline(always)]
+fn entry(row: usize, half: usize) -> usize {
+    row % TILE * TILE + half % 2 * LANES
 }
 
 /// Offset along the row from the row's middle, and offset in rows from the centre.
@@ -71,6 +90,41 @@ fn columns_of(tile: &Tile, left: f32, right: f32) -> Range<usize> {
 pub(super) struct EllipsePixels<S: Simd> {
     x: f32x8<S>,
     y: f32,
+}
+
+/// What the pixels of a row of an ellipse share, for all rows of a tile.
+struct RowTable {
+    /// Offset from the centre, rows.
+    y: [f32; TILE],
+    /// Offset of the row's middle from the centre, columns.
+    shift: [f32; TILE],
+    /// `log2 alpha` in the row's middle.
+    log2: [f32; TILE],
+}
+
+impl RowTable {
+    #[inline(always)]
+    fn new<S: Simd>(simd: S, tile: &Tile, ellipse: &Ellipse, splat: &Splat) -> Self {
+        let centre_row = splat.centre[1] - tile.top as f32 - 0.5;
+        let mut table = Self {
+            y: [0.0; TILE],
+            shift: [0.0; TILE],
+            log2: [0.0; TILE],
+        };
+        let log2_opacity = f32x8::splat(simd, splat.log2_opacity);
+        for first in (0..TILE).step_by(LANES) {
+            let y = steps(simd) + (first as f32 - centre_row);
+            store(y, &mut table.y, first);
+            store(y * ellipse.slope, &mut table.shift, first);
+            let per_square = ellipse.inverse_row_variance * LOG2_PER_Q;
+            store(
+                (y * y).mul_add(per_square, log2_opacity),
+                &mut table.log2,
+                first,
+            );
+        }
+        table
+    }
 }
 
 /// Moments of `dL/d(ln alpha)`.
@@ -93,22 +147,28 @@ impl<S: Simd> Walk<S> for Ellipse {
         tile: &Tile,
         _rays: &Rays,
         splat: &Splat,
-        spans: &mut Spans,
         mut visit: impl FnMut(Block<S, Self::Geometry>),
     ) {
-        spans.find(simd, tile, self, splat);
-        let steps = steps(simd);
+        let centre_column = tile.column(splat.centre[0]);
+        let table = RowTable::new(simd, tile, self, splat);
         let per_square = f32x8::splat(simd, self.inverse_variance * LOG2_PER_Q);
-        for span in &spans.all[..spans.len] {
-            let row = usize::from(span.row) % TILE;
-            let row_log2 = f32x8::splat(simd, spans.log2[row]);
-            let x = steps + span.x;
-            visit(Block {
-                // Never more than that; written out, the compiler leaves out checks of bounds.
-                at: usize::from(span.at).min(TILE * STRIDE - LANES),
-                log2_alpha: (x * x).mul_add(per_square, row_log2),
-                geometry: EllipsePixels { x, y: spans.y[row] },
-            });
+        let rows = rows_of(tile, splat);
+        let half_width = splat.extent[0];
+        for half in halves(tile, centre_column - half_width, centre_column + half_width) {
+            let columns = steps(simd) + ((half * LANES) as f32 - centre_column);
+            for row in rows.clone() {
+                let in_table = row % TILE;
+                let x = columns - table.shift[in_table];
+                let row_log2 = f32x8::splat(simd, table.log2[in_table]);
+                visit(Block {
+                    at: entry(row, half),
+                    log2_alpha: (x * x).mul_add(per_square, row_log2),
+                    geometry: EllipsePixels {
+                        x,
+                        y: table.y[in_table],
+                    },
+                });
+            }
         }
     }
 
@@ -134,21 +194,30 @@ impl<S: Simd> Walk<S> for Ellipse {
         sums.xy = by_log_y.mul_add(pixels.x, sums.xy);
         sums.yy = by_log_y.mul_add(pixels.y, sums.yy);
     }
+}
 
+impl Ellipse {
+    /// The gradient of an entry.
+    ///
     /// `ln alpha = const - q/2`, `q = x^2 a + y^2 c` with `x = dx - slope dy`, `y = dy`.
     #[inline(always)]
-    fn gradient(&self, sums: &Self::Sums) -> [f32; 10] {
-        let (a, c) = (self.inverse_variance, self.inverse_row_variance);
-        let (x, y) = (a * sums.x.reduce_sum(), c * sums.y.reduce_sum());
-        let mut gradient = [0.0; 10];
-        gradient[..5].copy_from_slice(&[
-            x,
-            y - self.slope * x,
-            -0.5 * sums.xx.reduce_sum(),
-            a * sums.xy.reduce_sum(),
-            -0.5 * sums.yy.reduce_sum(),
-        ]);
-        gradient
+    pub(super) fn gradient<S: Simd>(&self, sums: EntrySums<S, EllipseSums<S>>) -> SplatGradient {
+        let EllipseSums { x, xx, xy, y, yy } = sums.shape;
+        let [red, green, blue] = sums.colour;
+        let [x, xx, xy, y, yy, red, green, blue] =
+            transposed_sums([x, xx, xy, y, yy, red, green, blue]);
+        let (x, y) = (self.inverse_variance * x, self.inverse_row_variance * y);
+        SplatGradient {
+            ellipse: [
+                x,
+                y - self.slope * x,
+                -0.5 * xx,
+                self.inverse_variance * xy,
+                -0.5 * yy,
+            ],
+            log_opacity: sums.by_log.reduce_sum(),
+            colour: [red, green, blue],
+        }
     }
 }
 
@@ -183,14 +252,13 @@ impl<S: Simd> Walk<S> for Cone {
         tile: &Tile,
         rays: &Rays,
         splat: &Splat,
-        _spans: &mut Spans,
         mut visit: impl FnMut(Block<S, Self::Geometry>),
     ) {
-        let columns = if tile.is_surrounded(splat.extent[0]) {
-            0..tile.columns
+        let halves = if tile.is_surrounded(splat.extent[0]) {
+            0..2
         } else {
             let centre = tile.column(splat.centre[0]);
-            columns_of(tile, centre - splat.extent[0], centre + splat.extent[0])
+            halves(tile, centre - splat.extent[0], centre + splat.extent[0])
         };
         let splat_value = |value: f32| f32x8::splat(simd, value);
         let q_max = splat_value(largest_q(splat.log2_opacity) * (1.0 + 1e-4));
@@ -210,10 +278,10 @@ impl<S: Simd> Walk<S> for Cone {
                 row_form(self.across[1]),
                 row_form(self.along),
             ];
-            let mut column = columns.start;
-            while column < columns.end {
-                let x = load(simd, &rays.x, tile.left + column);
-                let z = load(simd, &rays.z, tile.left + column);
+            for half in halves.clone() {
+                let column = tile.left + half * LANES;
+                let x = load(simd, &rays.x, column);
+                let z = load(simd, &rays.z, column);
                 let dot =
                     |(fx, fy, fz): (f32x8<S>, f32x8<S>, f32x8<S>)| x.mul_add(fx, z.mul_add(fz, fy));
                 let across = [dot(forms[0]), dot(forms[1])];
@@ -222,7 +290,7 @@ impl<S: Simd> Walk<S> for Cone {
                 let denominator = n.mul_add(splat_value(self.depth_variance), along * along);
                 if n.simd_le(denominator * q_max).any_true() {
                     visit(Block {
-                        at: row * STRIDE + column,
+                        at: entry(row, half),
                         log2_alpha: (n / denominator).mul_add(per_q, log2_opacity),
                         geometry: ConePixels {
                             x,
@@ -236,7 +304,6 @@ impl<S: Simd> Walk<S> for Cone {
                         },
                     });
                 }
-                column += LANES;
             }
         }
     }
@@ -272,16 +339,24 @@ impl<S: Simd> Walk<S> for Cone {
         }
         sums.depth_variance += by_square * pixels.n * pixels.n * 0.5;
     }
+}
 
-    #[inline(always)]
-    fn gradient(&self, sums: &Self::Sums) -> [f32; 10] {
-        let mut gradient = [0.0; 10];
-        for (vector, sums) in gradient.chunks_exact_mut(3).zip(&sums.vectors) {
-            for (value, sum) in vector.iter_mut().zip(sums) {
-                *value = sum.reduce_sum();
-            }
+/// The gradients of an entry: by opacity and colour, and by the cone.
+#[inline(always)]
+pub(super) fn cone_gradients<S: Simd>(
+    sums: EntrySums<S, ConeSums<S>>,
+) -> (SplatGradient, ConeGradient) {
+    let mut by_cone = [0.0; 10];
+    for (vector, sums) in by_cone.chunks_exact_mut(3).zip(&sums.shape.vectors) {
+        for (value, sum) in vector.iter_mut().zip(sums) {
+            *value = sum.reduce_sum();
         }
-        gradient[9] = sums.depth_variance.reduce_sum();
-        gradient
     }
+    by_cone[9] = sums.shape.depth_variance.reduce_sum();
+    let splat = SplatGradient {
+        ellipse: [0.0; 5],
+        log_opacity: sums.by_log.reduce_sum(),
+        colour: sums.colour.map(f32x8::reduce_sum),
+    };
+    (splat, by_cone)
 }

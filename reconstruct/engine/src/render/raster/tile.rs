@@ -2,17 +2,27 @@
 
 use std::ops::Range;
 
-use crate::render::raster::lanes::LANES;
 use crate::{
     camera::rays::Rays,
-    render::{bin::TileLists, project::Splat, settings::TILE},
+    render::{
+        bin::TileLists,
+        project::{Splat, Splats},
+        settings::TILE,
+    },
 };
 
-/// Pixels from one row of a plane to the next: a vector may begin at any column.
-pub(super) const STRIDE: usize = TILE + LANES;
+/// One value per pixel of a tile, row by row. Aligned so that no vector lies across two lines of the
+/// cache.
+#[derive(Clone, Copy)]
+#[repr(align(64))]
+pub(super) struct Plane(pub(super) [f32; TILE * TILE]);
 
-/// One value per pixel of a tile, and [`LANES`] more at the end of every row.
-pub(super) type Plane = [f32; TILE * STRIDE];
+impl Plane {
+    /// The same value everywhere.
+    pub(super) const fn filled(value: f32) -> Self {
+        Self([value; TILE * TILE])
+    }
+}
 
 /// Widening of footprints in pixels, against rounding in the extents.
 pub(super) const MARGIN: f32 = 0.01;
@@ -20,7 +30,7 @@ pub(super) const MARGIN: f32 = 0.01;
 /// What all tiles of a view share.
 #[derive(Clone, Copy)]
 pub(super) struct Scene<'a> {
-    pub(super) splats: &'a [Splat],
+    pub(super) splats: &'a Splats,
     /// Features of all Gaussians, `feature_count` for each.
     pub(super) features: &'a [f32],
     pub(super) feature_count: usize,
@@ -100,8 +110,8 @@ impl Tile {
 
     /// A plane of transmittances before the first splat: 1, and -1 (stopped) outside the image.
     pub(super) fn full_transmittance(&self) -> Plane {
-        let mut plane = [-1.0; TILE * STRIDE];
-        for row in plane.chunks_exact_mut(STRIDE).take(self.rows) {
+        let mut plane = Plane::filled(-1.0);
+        for row in plane.0.chunks_exact_mut(TILE).take(self.rows) {
             row[..self.columns].fill(1.0);
         }
         plane
@@ -121,7 +131,7 @@ pub(super) fn rows_of(tile: &Tile, splat: &Splat) -> Range<usize> {
 
 /// Whether every pixel has stopped.
 pub(super) fn has_stopped(transmittance: &Plane) -> bool {
-    transmittance.iter().all(|&value| value < 0.0)
+    transmittance.0.iter().all(|&value| value < 0.0)
 }
 
 /// Splats that are copied together before they are drawn: their cache misses overlap. Between two
@@ -152,7 +162,7 @@ impl Batch {
             *index = scene.lists.splat(place) as u32;
         }
         for (splat, &index) in self.splats[..self.len].iter_mut().zip(&self.indices) {
-            *splat = scene.splats[index as usize];
+            *splat = scene.splats.all[index as usize];
         }
     }
 
