@@ -84,7 +84,7 @@ impl Binner {
             }
             for (splat, &index) in copies.iter().zip(order) {
                 chunk.starts.push(chunk.entries.len() as u32);
-                let cone = &splats.cones[index as usize];
+                let cone = || &splats.cones[index as usize];
                 self.grid.for_each_tile(splat, cone, |tile| {
                     chunk.entries.push(tile);
                     chunk.next[tile as usize] += 1;

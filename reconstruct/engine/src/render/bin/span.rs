@@ -64,7 +64,12 @@ impl Grid {
 
     /// Calls `visit` with every tile that the footprint touches; `cone` is looked at where that is
     /// its shape.
-    pub(super) fn for_each_tile(&self, splat: &Splat, cone: &Cone, mut visit: impl FnMut(u32)) {
+    pub(super) fn for_each_tile<'a>(
+        &self,
+        splat: &Splat,
+        cone: impl FnOnce() -> &'a Cone,
+        mut visit: impl FnMut(u32),
+    ) {
         match &splat.shape {
             Shape::Ellipse(ellipse) => {
                 let q_max = largest_q(splat.log2_opacity);
@@ -77,6 +82,7 @@ impl Grid {
                 }
             }
             Shape::Cone => {
+                let cone = cone();
                 let reach = Reach::new(cone, largest_q(splat.log2_opacity));
                 let [left, right] =
                     self.tile_columns(splat.centre[0], -splat.extent[0], splat.extent[0]);
