@@ -64,6 +64,7 @@ impl Grid {
 
     /// Calls `visit` with every tile that the footprint touches; `cone` is looked at where that is
     /// its shape.
+    #[inline(always)]
     pub(super) fn for_each_tile<'a>(
         &self,
         splat: &Splat,
@@ -100,6 +101,7 @@ impl Grid {
     }
 
     /// Rows of tiles with a pixel centre inside the footprint's height.
+    #[inline(always)]
     fn tile_rows(&self, splat: &Splat) -> Range<u32> {
         let extent = splat.extent[1] + MARGIN;
         let first = (splat.centre[1] - extent - 0.5).ceil().max(0.0) as usize;
@@ -114,6 +116,7 @@ impl Grid {
         (first / TILE) as u32..(last / TILE + 1) as u32
     }
 
+    #[inline(always)]
     fn row_of_ellipse(
         &self,
         splat: &Splat,
@@ -130,6 +133,7 @@ impl Grid {
 
     /// Columns of tiles with a pixel centre between two offsets from a centre, as up to two
     /// disjoint ranges.
+    #[inline(always)]
     fn tile_columns(&self, centre: f32, left: f32, right: f32) -> [Range<u32>; 2] {
         let all = [0..self.columns as u32, 0..0];
         let begin = (centre + left - MARGIN - 0.5).ceil();
@@ -150,7 +154,14 @@ impl Grid {
         if begin >= end {
             return [0..0, 0..0];
         }
-        let begin_wrapped = begin.rem_euclid(self.width);
+        // Fewer columns than the image has, about a centre in it: at most once around.
+        let begin_wrapped = if begin < 0.0 {
+            begin + self.width
+        } else if begin >= self.width {
+            begin - self.width
+        } else {
+            begin
+        };
         let end_wrapped = begin_wrapped + (end - begin);
         if end_wrapped <= self.width {
             return [tile(begin_wrapped)..tile(end_wrapped - 1.0) + 1, 0..0];
@@ -169,6 +180,7 @@ impl Grid {
 ///
 /// At row offset `y` the ellipse spans `slope y +- sqrt(variance (q_max - y^2 / C))` (the
 /// conditional Gaussian of a row); each side is concave in `y`.
+#[inline(always)]
 fn ellipse_columns(
     extent: [f32; 2],
     ellipse: &Ellipse,
