@@ -346,17 +346,22 @@ impl<S: Simd> Walk<S> for Cone {
 pub(super) fn cone_gradients<S: Simd>(
     sums: EntrySums<S, ConeSums<S>>,
 ) -> (SplatGradient, ConeGradient) {
+    let [first, second, along] = sums.shape.vectors;
+    let [red, green, blue] = sums.colour;
+    let (depth, by_log) = (sums.shape.depth_variance, sums.by_log);
+    let zero = f32x8::splat(depth.simd, 0.0);
+    let across = transposed_sums([
+        first[0], first[1], first[2], second[0], second[1], second[2], along[0], along[1],
+    ]);
+    let [along, depth, log_opacity, red, green, blue, ..] =
+        transposed_sums([along[2], depth, by_log, red, green, blue, zero, zero]);
     let mut by_cone = [0.0; 10];
-    for (vector, sums) in by_cone.chunks_exact_mut(3).zip(&sums.shape.vectors) {
-        for (value, sum) in vector.iter_mut().zip(sums) {
-            *value = sum.reduce_sum();
-        }
-    }
-    by_cone[9] = sums.shape.depth_variance.reduce_sum();
+    by_cone[..8].copy_from_slice(&across);
+    by_cone[8..].copy_from_slice(&[along, depth]);
     let splat = SplatGradient {
         ellipse: [0.0; 5],
-        log_opacity: sums.by_log.reduce_sum(),
-        colour: sums.colour.map(f32x8::reduce_sum),
+        log_opacity,
+        colour: [red, green, blue],
     };
     (splat, by_cone)
 }
