@@ -5,7 +5,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::render::project::{
-    ConeGradient, Shape, Splat, SplatGradient, Splats, axes_vjp,
+    ConeGradient, Ellipse, Shape, Splat, SplatGradient, Splats, axes_vjp,
     cone::Conic,
     ellipse::Linearization,
     largest_q,
@@ -92,20 +92,29 @@ impl Projector<'_> {
         &self.gaussians.sh_rest[index * count..(index + 1) * count]
     }
 
-    /// Which footprints are cones.
+    /// The ellipses of footprints with the largest `q` given; `None` where all are cones.
     #[inline(always)]
-    fn is_cone<S: Simd>(&self, placed: &Placed8<S>, linear: &Linearization<S>) -> mask32x8<S> {
-        let simd = placed.distance.simd;
+    fn ellipses<S: Simd>(&self, placed: &Placed8<S>, q_max: f32x8<S>) -> Option<Ellipses<S>> {
         if self.settings.footprint == Footprint::Ray {
-            return mask32x8::splat(simd, true);
+            return None;
         }
-        match self.view.camera {
+        let camera = &self.view.camera;
+        let linear = Linearization::new(self.view, placed);
+        let (shapes, is_regular) = linear.ellipses();
+        let is_cone = match camera {
             Camera::Erp(camera) => {
                 let is_polar = horizontal(placed.point).simd_lt(placed.distance * CONE_RHO);
                 is_polar | linear.is_wider(CONE_WIDTH * camera.width as f32)
             }
-            Camera::Pinhole(_) => mask32x8::splat(simd, false),
-        }
+            Camera::Pinhole(_) => mask32x8::splat(q_max.simd, false),
+        };
+        Some(Ellipses {
+            shapes,
+            centre: camera.pixels(placed.point.times(placed.inverse_distance)),
+            extent: linear.extents(q_max),
+            is_regular,
+            is_cone,
+        })
     }
 
     /// Projects the Gaussians from `first` on, as many as there are splats.
@@ -125,16 +134,9 @@ impl Projector<'_> {
         if !is_seen.any_true() {
             return;
         }
-        let linear = Linearization::new(self.view, &placed);
         let log2_opacity: [f32; LANES] = <[f32; LANES]>::from(opacity).map(f32::log2);
         let q_max = f32x8::simd_from(simd, log2_opacity.map(largest_q));
-        let [u, v] = self
-            .view
-            .camera
-            .pixels(placed.point.times(placed.inverse_distance));
-        let [half_width, half_height] = linear.extents(q_max);
-        let (ellipses, is_regular) = linear.ellipses();
-        let is_cone = self.is_cone(&placed, &linear);
+        let ellipses = self.ellipses(&placed, q_max);
         for (lane, ((splat, cone), distance)) in
             splats.iter_mut().zip(cones).zip(distances).enumerate()
         {
@@ -142,7 +144,15 @@ impl Projector<'_> {
                 continue;
             }
             let index = first + lane;
-            let (shape, bounds, is_finite) = if is_cone.test(lane) {
+            let ellipse = ellipses.as_ref().filter(|all| !all.is_cone.test(lane));
+            let (shape, bounds, is_finite) = if let Some(all) = ellipse {
+                let bounds = PixelBox {
+                    centre: [all.centre[0][lane], all.centre[1][lane]],
+                    extent: [all.extent[0][lane], all.extent[1][lane]],
+                };
+                let shape = Shape::Ellipse(all.shapes[lane]);
+                (shape, bounds, all.is_regular.test(lane))
+            } else {
                 let conic = self.conic(index, &placed.lane(lane));
                 *cone = conic.cone();
                 let sum = cone.across[0] + cone.across[1] + cone.along;
@@ -151,13 +161,6 @@ impl Projector<'_> {
                     conic.bounds(self.view, largest_q(log2_opacity[lane])),
                     sum.is_finite() && cone.depth_variance.is_finite(),
                 )
-            } else {
-                let bounds = PixelBox {
-                    centre: [u[lane], v[lane]],
-                    extent: [half_width[lane], half_height[lane]],
-                };
-                let is_finite = is_regular.test(lane);
-                (Shape::Ellipse(ellipses[lane]), bounds, is_finite)
             };
             if !is_finite || !self.is_inside(&bounds) {
                 continue;
@@ -208,17 +211,21 @@ impl Projector<'_> {
         entries: &EntryGradients,
     ) -> ShapeGradients {
         let placed = Placed8::new(simd, self.view, self.gaussians, first);
-        let linear = Linearization::new(self.view, &placed);
-        let by_ellipse = [0, 1, 2, 3, 4].map(|at: usize| f32x8::simd_from(simd, sums.rows[at]));
-        let (by_point, by_axes) = linear.vjp(self.view, &placed, by_ellipse);
-        let (by_scale, by_rotation) = placed.axes_vjp(&by_axes);
-        let position: Vec3x8<S> = by_point.transformed(&self.view.rotation.transpose());
-        let by_rotation: [[f32; LANES]; 4] = by_rotation.map(Into::into);
-        let mut out = ShapeGradients {
-            positions: position.scatter(),
-            scales: by_scale.scatter(),
-            rotations: std::array::from_fn(|lane| by_rotation.map(|row| row[lane])),
-            centres: std::array::from_fn(|lane| [sums.rows[0][lane], sums.rows[1][lane]]),
+        let mut out = if self.settings.footprint == Footprint::Ray {
+            ShapeGradients::default()
+        } else {
+            let linear = Linearization::new(self.view, &placed);
+            let by_ellipse = [0, 1, 2, 3, 4].map(|at: usize| f32x8::simd_from(simd, sums.rows[at]));
+            let (by_point, by_axes) = linear.vjp(self.view, &placed, by_ellipse);
+            let (by_scale, by_rotation) = placed.axes_vjp(&by_axes);
+            let position: Vec3x8<S> = by_point.transformed(&self.view.rotation.transpose());
+            let by_rotation: [[f32; LANES]; 4] = by_rotation.map(Into::into);
+            ShapeGradients {
+                positions: position.scatter(),
+                scales: by_scale.scatter(),
+                rotations: std::array::from_fn(|lane| by_rotation.map(|row| row[lane])),
+                centres: std::array::from_fn(|lane| [sums.rows[0][lane], sums.rows[1][lane]]),
+            }
         };
         for lane in 0..LANES.min(drawn.ranks.len() - first) {
             let index = first + lane;
@@ -276,7 +283,19 @@ impl Projector<'_> {
     }
 }
 
+/// The footprints of 8 Gaussians as ellipses, one per lane.
+struct Ellipses<S: Simd> {
+    shapes: [Ellipse; LANES],
+    centre: [f32x8<S>; 2],
+    extent: [f32x8<S>; 2],
+    /// Where the shapes are finite.
+    is_regular: mask32x8<S>,
+    /// Where the footprint is a cone instead.
+    is_cone: mask32x8<S>,
+}
+
 /// Gradients of 8 Gaussians by what makes their footprints, without the way through the harmonics.
+#[derive(Default)]
 struct ShapeGradients {
     positions: [[f32; 3]; LANES],
     scales: [[f32; 3]; LANES],
