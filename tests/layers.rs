@@ -30,6 +30,7 @@ const RECONSTRUCT: &[&[&str]] = &[
     &["request"],
     &["process"],
     &["scene"],
+    &["stereo"],
     &["formats", "seeds"],
     &["learner"],
     &["train"],

@@ -10,7 +10,7 @@
 //! * [`components`]: what a scene may give a method reason for, decided by [`evidence`].
 //! * [`baseline`]: the schedule and first Gaussians that every Gaussian method starts from.
 //! * [`train`]: the loop, its checkpoint and trace. [`learner`]: all that the loop knows of a model. [`seeds`]: first Gaussians. [`formats`]: files of a
-//!   model. [`scene`]: a scene in memory. [`request`]: what a user asks of a method;
+//!   model. [`stereo`]: depth from two panoramas. [`scene`]: a scene in memory. [`request`]: what a user asks of a method;
 //!   [`options`]: what only some methods understand.
 
 pub mod baseline;
@@ -28,6 +28,7 @@ pub mod request;
 pub mod scene;
 pub mod seeds;
 pub mod stability;
+pub mod stereo;
 pub mod train;
 
 pub use error::ReconstructError;

@@ -71,6 +71,16 @@ pub struct Elapsed {
     pub cpu: Option<Duration>,
 }
 
+impl Elapsed {
+    /// The time of both.
+    pub(crate) fn plus(self, other: Self) -> Self {
+        Self {
+            wall: self.wall + other.wall,
+            cpu: other.cpu.map(|time| time + self.cpu.unwrap_or_default()),
+        }
+    }
+}
+
 /// Runs some work and says how long it took.
 pub(crate) fn measured<T>(work: impl FnOnce() -> T) -> (T, Elapsed) {
     let (begun, cpu_begun) = (Instant::now(), cpu_time());

@@ -13,6 +13,8 @@ pub enum Purpose {
     TimeShift,
     /// Where children of split Gaussians lie.
     Density,
+    /// Which of the places that a sweep finds become points.
+    SweptPoints,
 }
 
 /// Steps of the golden ratio keep the seeds of the purposes apart.
@@ -31,7 +33,12 @@ mod tests {
 
     #[test]
     fn purposes_and_seeds_have_streams_of_their_own() {
-        let purposes = [Purpose::ViewOrder, Purpose::TimeShift, Purpose::Density];
+        let purposes = [
+            Purpose::ViewOrder,
+            Purpose::TimeShift,
+            Purpose::Density,
+            Purpose::SweptPoints,
+        ];
         let mut first: Vec<u64> = Vec::new();
         for seed in 0..100 {
             first.extend(purposes.map(|purpose| stream(seed, purpose).random::<u64>()));

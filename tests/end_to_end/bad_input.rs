@@ -367,7 +367,7 @@ fn requests_to_the_method_that_make_no_sense_are_refused() {
     assert_request_refused(&["--set", "sh-degree=4"], "a whole number, 0 to 3");
     assert_request_refused(
         &["--without", "sky"],
-        "there is no odgs component \"sky\"; known: sky-shell",
+        "there is no odgs component \"sky\"; known: swept-points",
     );
     assert_request_refused(&["--trace", "0"], "at least 1");
 }

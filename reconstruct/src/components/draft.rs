@@ -186,7 +186,7 @@ impl<'a> Draft<'a> {
 
 impl Supported {
     /// Whether a run of the method decides on a component.
-    fn has(&self, component: &str, request: &MethodRequest) -> bool {
+    pub(crate) fn has(&self, component: &str, request: &MethodRequest) -> bool {
         let is_named = request.asks_for(component)
             || matches!(&request.plan, PlanChoice::Only(_)) && request.allows(component);
         self.default.contains(&component) || self.optional.contains(&component) && is_named

@@ -5,6 +5,8 @@
 //! settings, or its first Gaussians. Every method names the components that it has by itself and those
 //! that it can be asked for ([`Supported`]).
 //!
+//! One goes before all others, because they look at what it gives: [`swept_points`].
+//!
 //! To add one: its file, a line in [`COMPONENTS`], and its id in the lists of the methods that can have it.
 
 mod decision;
@@ -14,6 +16,7 @@ pub mod mask_seeds;
 pub mod pose_refinement;
 pub mod sky_shell;
 pub mod static_table;
+pub mod swept_points;
 pub mod view_dependent_colour;
 
 pub use decision::Decision;

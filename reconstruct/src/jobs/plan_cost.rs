@@ -9,6 +9,7 @@ use std::path::Path;
 use omnilife_schemas::records::ComponentDecision;
 
 use crate::{
+    components::swept_points,
     error::ReconstructError,
     learner::ModelSize,
     methods,
@@ -56,7 +57,8 @@ pub fn plan(
 ) -> Result<ScenePlan, ReconstructError> {
     let method = methods::find(method)?;
     method.check(request, BackendChoice::Cpu)?;
-    let scene = TrainingScene::load(scene, split)?;
+    let mut scene = TrainingScene::load(scene, split)?;
+    let swept_points = swept_points::complete(&mut scene, method.supported(), request);
     let full = MethodRequest {
         plan: PlanChoice::Full,
         without: Vec::new(),
@@ -77,7 +79,7 @@ pub fn plan(
     Ok(ScenePlan {
         method: method.id.to_owned(),
         scene: scene.id.clone(),
-        decisions: planned.plan,
+        decisions: swept_points.into_iter().chain(planned.plan).collect(),
         planned: cost(0),
         full: cost(1),
     })

@@ -22,6 +22,7 @@ use omnilife_schemas::{
 };
 
 use crate::{
+    components::swept_points,
     error::ReconstructError,
     formats::{DEFORMATION_FILE, GAUSSIANS_FILE, MOVING_GAUSSIANS_FILE, REFINED_POSES_FILE},
     jobs::interpolate::{Frames, GROUPS_FILE},
@@ -201,7 +202,10 @@ fn train(
     progress: &dyn Progress,
 ) -> Result<MadeViews, ReconstructError> {
     let trace_path = request.out.join(TRACE_FILE);
-    let scene = TrainingScene::load(&request.scene, &request.split)?;
+    let mut scene = TrainingScene::load(&request.scene, &request.split)?;
+    let (swept_points, planning) = process::measured(|| {
+        swept_points::complete(&mut scene, method.supported(), &request.settings)
+    });
     let kept = TraceViews::new(
         request.out.join(TRACE_FOLDER),
         &split.novel_views,
@@ -217,7 +221,7 @@ fn train(
             inputs_sha256: stage.inputs_sha256(),
         }),
         backend: request.backend,
-        planning: Elapsed::default(),
+        planning,
     };
     let mut outcome = method.train(&scene, &request.settings, &session)?;
     let rendering = Instant::now();
@@ -241,7 +245,7 @@ fn train(
         backend: learner.backend(),
         primitives: learner.size().primitives,
         configuration: outcome.configuration,
-        plan: outcome.plan,
+        plan: swept_points.into_iter().chain(outcome.plan).collect(),
         evidence,
         planning: outcome.planning,
         iterations: training.state.iteration,

@@ -7,7 +7,7 @@ use std::mem::take;
 
 use crate::{
     baseline::OPACITY_RESET,
-    components::{self, Decision, Draft, draft::MotionEvidenceUse, sky_shell},
+    components::{self, Decision, Draft, draft::MotionEvidenceUse, sky_shell, swept_points},
     methods::{Method, MethodKind, PreparedGaussians},
     options,
     request::MethodRequest,
@@ -39,7 +39,13 @@ pub const METHOD: Method = Method {
                   points; its output layer begins at 0; quaternions are normalized and scales \
                   positive after the deformation; the noise's unit is one training interval \
                   throughout, not one that grows within an epoch.",
-    components: &[DEFORMATION, TIME_NOISE, sky_shell::ID, OPACITY_RESET],
+    components: &[
+        DEFORMATION,
+        TIME_NOISE,
+        swept_points::ID,
+        sky_shell::ID,
+        OPACITY_RESET,
+    ],
     optional_components: components::OF_VIEWS,
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {

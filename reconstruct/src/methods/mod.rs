@@ -204,6 +204,7 @@ impl Method {
         for remark in &remarks {
             session.progress.note(remark);
         }
+        let planning = session.planning.plus(planning);
         let session = Session {
             planning,
             ..session.clone()

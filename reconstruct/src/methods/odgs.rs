@@ -9,7 +9,7 @@ use omnilife_engine::gaussians::static_gaussians;
 
 use crate::{
     baseline::{OPACITY_RESET, require_memory},
-    components::{self, Draft, draft::MotionEvidenceUse, sky_shell},
+    components::{self, Draft, draft::MotionEvidenceUse, sky_shell, swept_points},
     error::ReconstructError,
     methods::{Method, MethodKind, PreparedGaussians},
     options,
@@ -29,8 +29,9 @@ pub const METHOD: Method = Method {
                   scale with the iterations (no opacity resets below 5,000); sizes are relative \
                   to distance, position steps to the median distance of the points; the \
                   densification threshold is that of 3DGS (2e-4); the number of Gaussians is \
-                  limited; open sky gets a shell of Gaussians.",
-    components: &[sky_shell::ID, OPACITY_RESET],
+                  limited; open sky gets a shell of Gaussians; a scene without points \
+                  begins with those of a spherical sweep.",
+    components: &[swept_points::ID, sky_shell::ID, OPACITY_RESET],
     optional_components: components::OF_VIEWS,
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {

@@ -7,6 +7,7 @@ use crate::{
     baseline::OPACITY_RESET,
     components::{
         Decision, Draft, OF_VIEWS, draft::MotionEvidenceUse, mask_seeds, sky_shell, static_table,
+        swept_points,
     },
     error::ReconstructError,
     methods::{
@@ -51,6 +52,7 @@ pub const METHOD: Method = Method {
         mask_seeds::ID,
         static_table::ID,
         TEMPORAL_DENSITY,
+        swept_points::ID,
         sky_shell::ID,
         OPACITY_RESET,
     ],

@@ -10,7 +10,7 @@ use crate::{
     baseline::OPACITY_RESET,
     components::{
         Decision, Draft, draft::MotionEvidenceUse, exposure_compensation, mask_seeds,
-        pose_refinement, sky_shell, static_table, view_dependent_colour,
+        pose_refinement, sky_shell, static_table, swept_points, view_dependent_colour,
     },
     error::ReconstructError,
     methods::{
@@ -51,6 +51,7 @@ pub const METHOD: Method = Method {
         exposure_compensation::ID,
         view_dependent_colour::ID,
         pose_refinement::ID,
+        swept_points::ID,
         sky_shell::ID,
         OPACITY_RESET,
     ],

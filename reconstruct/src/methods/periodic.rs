@@ -7,7 +7,7 @@ use crate::{
     baseline::OPACITY_RESET,
     components::{
         Decision, Draft, draft::MotionEvidenceUse, exposure_compensation, mask_seeds,
-        pose_refinement, sky_shell, static_table, view_dependent_colour,
+        pose_refinement, sky_shell, static_table, swept_points, view_dependent_colour,
     },
     error::ReconstructError,
     methods::{
@@ -47,6 +47,7 @@ pub const METHOD: Method = Method {
         VELOCITY_LOSS,
         LIFESPAN_LOSS,
         TEMPORAL_DENSITY,
+        swept_points::ID,
         sky_shell::ID,
         OPACITY_RESET,
     ],

@@ -3,8 +3,9 @@
 use std::time::Instant;
 
 use crate::error::ReconstructError;
-use crate::methods::feed_forward::{Group, Interpolated, warp::mixed};
+use crate::methods::feed_forward::{Group, Interpolated};
 use crate::methods::{Method, MethodKind};
+use crate::stereo::warp::mixed;
 
 /// The baseline that knows the time only.
 pub const METHOD: Method = Method {

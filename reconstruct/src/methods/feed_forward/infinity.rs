@@ -6,11 +6,9 @@ use std::time::Instant;
 use omnilife_schemas::RgbImage;
 
 use crate::error::ReconstructError;
-use crate::methods::feed_forward::{
-    CameraPose, Group, Interpolated,
-    warp::{mixed, turned},
-};
+use crate::methods::feed_forward::{CameraPose, Group, Interpolated};
 use crate::methods::{Method, MethodKind};
+use crate::stereo::warp::{mixed, turned};
 
 /// The baseline that knows orientations, and no depth.
 pub const METHOD: Method = Method {

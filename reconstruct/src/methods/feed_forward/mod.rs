@@ -8,7 +8,6 @@ pub mod cross_fade;
 pub mod infinity;
 pub mod nearest;
 pub mod sweep;
-pub mod warp;
 
 use glam::{DMat3, DVec3};
 use omnilife_schemas::{Pose, RgbImage, camera::ErpCamera, records::Split};

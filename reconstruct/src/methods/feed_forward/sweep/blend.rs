@@ -3,8 +3,8 @@
 use omnilife_schemas::RgbImage;
 use rayon::prelude::*;
 
-use crate::methods::feed_forward::sweep::Rig;
 use crate::methods::feed_forward::{CameraPose, Group, infinity::at_infinity};
+use crate::stereo::Rig;
 use omnilife_engine::{
     camera::{Camera, View},
     gaussians::ActivatedGaussians,

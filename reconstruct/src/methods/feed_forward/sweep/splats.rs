@@ -6,8 +6,8 @@ use glam::{Vec3, vec3};
 use omnilife_schemas::RgbImage;
 use rayon::prelude::*;
 
-use crate::methods::feed_forward::sweep::{Rig, SweptDepth};
-use crate::methods::feed_forward::warp::{bilinear, sample};
+use crate::stereo::warp::{bilinear, sample};
+use crate::stereo::{Rig, SweptDepth};
 use omnilife_engine::gaussians::{ActivatedGaussians, SH_C0};
 
 /// What counts as infinitely far, in distances between the cameras.

@@ -3,8 +3,8 @@
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
-use crate::methods::feed_forward::sweep::SweptDepth;
-use crate::methods::feed_forward::warp::{ErpRays, bilinear, erp_pixel};
+use crate::stereo::SweptDepth;
+use crate::stereo::warp::{ErpRays, bilinear, erp_pixel};
 
 /// Steps of the search by which the two views may differ.
 const TOLERANCE_STEPS: f32 = 1.5;

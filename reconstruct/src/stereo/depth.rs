@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::methods::feed_forward::sweep::{aggregate::PathSums, matching::Hypotheses};
+use crate::stereo::{aggregate::PathSums, matching::Hypotheses};
 
 /// Inverse distance and confidence of every pixel of a view, row by row.
 #[derive(Debug, Clone, PartialEq)]

@@ -20,8 +20,8 @@ use glam::{Mat3, Vec3};
 use omnilife_schemas::RgbImage;
 use rayon::prelude::*;
 
-use crate::methods::feed_forward::sweep::SweepSettings;
-use crate::methods::feed_forward::warp::{ErpRays, erp_pixel, sample};
+use crate::stereo::SweepSettings;
+use crate::stereo::warp::{ErpRays, erp_pixel, sample};
 
 /// Costs are 0 to this.
 pub(super) const LARGEST_COST: u8 = 254;

@@ -13,7 +13,7 @@
 use omnilife_schemas::RgbImage;
 use rayon::prelude::*;
 
-use crate::methods::feed_forward::sweep::matching::{CostVolume, LARGEST_COST};
+use crate::stereo::matching::{CostVolume, LARGEST_COST};
 
 /// Cost of a step to the next hypothesis.
 const P1: u16 = 12;

@@ -1,0 +1,332 @@
+//! Points of a scene that came without any: surfaces that a spherical sweep between its views finds, and
+//! that other views confirm.
+
+use std::f32::consts::TAU;
+
+use glam::Vec3;
+use omnilife_engine::{camera::erp, training_view::TrainingView};
+use omnilife_schemas::{RgbImage, camera::ErpCamera, points::PointCloud};
+use rand::RngExt;
+
+use crate::{
+    random::{Purpose, stream},
+    scene::TrainingScene,
+    stereo::{self, Placement, SweepSettings, SweptDepth, warp::ErpRays},
+};
+
+/// Views whose depth is swept, at most, evenly from all input views.
+const REFERENCES: usize = 12;
+/// Views between the two of a pair that are tried.
+const GAPS: [usize; 4] = [1, 2, 4, 8];
+/// Width at which the gaps are tried, and that of the sweeps, pixels.
+const TRIAL_WIDTH: usize = 128;
+const SEARCH_WIDTH: usize = 256;
+/// Parallax below which a distance is a guess, pixels of the search.
+const LEAST_PARALLAX: f32 = 1.0;
+/// Parallax at which a distance is good enough to count when gaps are compared, pixels.
+const GOOD_PARALLAX: f32 = 2.0;
+/// Confidence from which a match counts.
+const LEAST_CONFIDENCE: f32 = 0.1;
+/// Steps of the search by which a second pair may differ, and beyond which it sees past a point.
+const AGREEING_STEPS: f32 = 2.0;
+const PAST_STEPS: f32 = 4.0;
+/// Masks from this value on hide what is behind them.
+const MASKED: u8 = 128;
+/// Weight of a pixel without any detail, of the mean: flat walls get points, too.
+const FLAT_WEIGHT: f32 = 0.5;
+
+/// Points that were found, and how.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SweptPoints {
+    /// The points, normalized units.
+    pub points: PointCloud,
+    /// Pairs of views that were swept.
+    pub pairs: usize,
+    /// Input views from one of a pair to the other.
+    pub gap: usize,
+    /// Share of the pixels with a distance that both views of the pair agree on.
+    pub confirmed: f32,
+}
+
+/// Surfaces that the input views show, as at most `maximum` points, denser where the views have detail.
+/// `None` where no two views stand apart, or the views are not panoramas.
+pub fn points(scene: &TrainingScene, maximum: usize, seed: u64) -> Option<SweptPoints> {
+    if !scene.camera.wraps() {
+        return None;
+    }
+    let gap = best_gap(scene)?;
+    let views = scene.input_views.len();
+    let count = REFERENCES.min(views);
+    let references: Vec<Reference<'_>> = (0..count)
+        .filter_map(|step| {
+            let first = step * (views - 1) / (count - 1).max(1);
+            Reference::new(scene, first, gap, SEARCH_WIDTH)
+        })
+        .collect();
+    if references.is_empty() {
+        return None;
+    }
+    let mut candidates = Vec::new();
+    let (mut pixels, mut confirmed) = (0, 0);
+    for (number, reference) in references.iter().enumerate() {
+        pixels += reference.depth.confidences.len();
+        let is_confirmed = |confidence: &&f32| **confidence >= LEAST_CONFIDENCE;
+        confirmed += reference
+            .depth
+            .confidences
+            .iter()
+            .filter(is_confirmed)
+            .count();
+        let found = reference.candidates();
+        candidates.extend(
+            found
+                .into_iter()
+                .filter(|candidate| is_kept(candidate, number, &references)),
+        );
+    }
+    Some(SweptPoints {
+        points: thinned(&candidates, maximum, seed),
+        pairs: references.len(),
+        gap,
+        confirmed: confirmed as f32 / pixels as f32,
+    })
+}
+
+/// The number of views from one of a pair to the other that gives most pixels a good distance: near
+/// views have too little parallax, far ones see different sides of things.
+fn best_gap(scene: &TrainingScene) -> Option<usize> {
+    let views = scene.input_views.len();
+    let scored = GAPS
+        .into_iter()
+        .filter(|&gap| gap < views)
+        .filter_map(|gap| {
+            let middle = (views - gap) / 2;
+            let reference = Reference::new(scene, middle, gap, TRIAL_WIDTH)?;
+            let depth = &reference.depth;
+            let good = depth
+                .inverse_distances
+                .iter()
+                .zip(&depth.confidences)
+                .filter(|(inverse, confidence)| {
+                    **confidence >= LEAST_CONFIDENCE
+                        && reference.parallax(**inverse) >= GOOD_PARALLAX
+                });
+            Some((good.count(), gap))
+        });
+    // Of equals the smallest gap.
+    let (_, gap) = scored.max_by_key(|&(good, gap)| (good, std::cmp::Reverse(gap)))?;
+    Some(gap)
+}
+
+/// A view with its depth.
+struct Reference<'a> {
+    view: &'a TrainingView,
+    camera: ErpCamera,
+    depth: SweptDepth,
+    /// The view's image at the size of the depth.
+    image: RgbImage,
+    /// Distance of the pair's cameras, normalized units.
+    baseline: f32,
+}
+
+/// A place on a surface.
+struct Candidate {
+    position: Vec3,
+    colour: [u8; 3],
+    /// Size of its pixel there, normalized units.
+    size: f32,
+    /// How much the image varies there.
+    detail: f32,
+}
+
+impl<'a> Reference<'a> {
+    /// Sweeps input view `first` against the one `gap` later, or earlier where there is none.
+    fn new(scene: &'a TrainingScene, first: usize, gap: usize, width: usize) -> Option<Self> {
+        let views = &scene.input_views;
+        let second = if first + gap < views.len() {
+            first + gap
+        } else {
+            first.checked_sub(gap)?
+        };
+        let pair = [&views[first], &views[second]];
+        let [columns, rows] = scene.camera.size();
+        let images = pair.map(|view| RgbImage::from_rgb8(columns, rows, &view.pixels));
+        let placements = pair.map(|view| Placement {
+            to_world: view.view.rotation.as_dmat3().transpose(),
+            centre: view.view.centre.as_dvec3(),
+        });
+        let settings = SweepSettings {
+            search_width: width,
+            ..SweepSettings::DEFAULT
+        };
+        let (rig, [depth, _]) = stereo::depths([&images[0], &images[1]], placements, &settings)?;
+        Some(Self {
+            view: pair[0],
+            camera: ErpCamera {
+                width: depth.width as u32,
+                height: depth.height as u32,
+            },
+            image: images[0].resized_by_area(depth.width, depth.height),
+            depth,
+            baseline: rig.baseline as f32,
+        })
+    }
+
+    /// The largest parallax at an inverse distance (per baseline), pixels.
+    fn parallax(&self, inverse: f32) -> f32 {
+        inverse * self.depth.width as f32 / TAU
+    }
+
+    /// Every pixel whose distance both views agree on, as far as it can be told and nothing hides it;
+    /// towards the poles fewer, so that they are as dense there as anywhere.
+    fn candidates(&self) -> Vec<Candidate> {
+        let (width, height) = (self.depth.width, self.depth.height);
+        let rays = ErpRays::new(width, height);
+        let mut found = Vec::new();
+        let mut debt = 0.0;
+        for row in 0..height {
+            for column in 0..width {
+                let pixel = row * width + column;
+                let ray = rays.ray(column, row);
+                // One of every 1 / cos(latitude) pixels of a row.
+                debt += (1.0 - ray.y * ray.y).max(0.0).sqrt();
+                if debt < 1.0 {
+                    continue;
+                }
+                debt -= 1.0;
+                let inverse = self.depth.inverse_distances[pixel];
+                let is_good = self.depth.confidences[pixel] >= LEAST_CONFIDENCE
+                    && self.parallax(inverse) >= LEAST_PARALLAX;
+                if !is_good || self.hides(column, row) {
+                    continue;
+                }
+                let distance = self.baseline / inverse;
+                let colour = &self.image.data[3 * pixel..3 * pixel + 3];
+                found.push(Candidate {
+                    position: self.view.view.centre
+                        + self.view.view.rotation.transpose() * ray * distance,
+                    colour: [0, 1, 2].map(|channel| (colour[channel] * 255.0).round() as u8),
+                    size: distance * TAU / width as f32,
+                    detail: self.detail(column, row),
+                });
+            }
+        }
+        found
+    }
+
+    fn hides(&self, column: usize, row: usize) -> bool {
+        let Some(mask) = &self.view.mask else {
+            return false;
+        };
+        let masked = self.view.view.camera;
+        let (width, height) = (masked.width() as usize, masked.height() as usize);
+        let at = [
+            (2 * column + 1) * width / (2 * self.depth.width),
+            (2 * row + 1) * height / (2 * self.depth.height),
+        ];
+        mask[at[1] * width + at[0]] >= MASKED
+    }
+
+    /// Differences from the pixel's neighbours to the right and below, summed over channels.
+    fn detail(&self, column: usize, row: usize) -> f32 {
+        let (width, height) = (self.depth.width, self.depth.height);
+        let at = |column: usize, row: usize| {
+            let first = 3 * (row.min(height - 1) * width + column % width);
+            Vec3::from_slice(&self.image.data[first..first + 3])
+        };
+        let here = at(column, row);
+        let differences = (at(column + 1, row) - here).abs() + (at(column, row + 1) - here).abs();
+        differences.element_sum()
+    }
+
+    /// The inverse distance that this view sees in the direction of a place, that of the place, and the
+    /// search's step, all per baseline; `None` where nothing is known.
+    fn look(&self, place: Vec3) -> Option<[f32; 3]> {
+        let point = self.view.view.rotation * (place - self.view.view.centre);
+        let distance = point.length();
+        if distance <= 0.0 {
+            return None;
+        }
+        let pixel = erp::pixel(&self.camera, point);
+        let column = (pixel.x as usize).min(self.depth.width - 1);
+        let row = (pixel.y as usize).min(self.depth.height - 1);
+        let at = row * self.depth.width + column;
+        if self.depth.confidences[at] < LEAST_CONFIDENCE || self.hides(column, row) {
+            return None;
+        }
+        let step = SweepSettings::DEFAULT.step_pixels * TAU / self.depth.width as f32;
+        Some([
+            self.depth.inverse_distances[at],
+            self.baseline / distance,
+            step,
+        ])
+    }
+}
+
+/// Whether a place of view `own` stays: at least as many other views see it as see past it, and none of
+/// those sees it in finer pixels.
+fn is_kept(candidate: &Candidate, own: usize, references: &[Reference<'_>]) -> bool {
+    let (mut seen, mut past, mut is_finest) = (0, 0, true);
+    for (number, other) in references.iter().enumerate() {
+        if number == own {
+            continue;
+        }
+        let Some([theirs, expected, step]) = other.look(candidate.position) else {
+            continue;
+        };
+        if expected - theirs > PAST_STEPS * step {
+            past += 1;
+        }
+        if (expected - theirs).abs() <= AGREEING_STEPS * step {
+            seen += 1;
+            let their_size = other.baseline / expected * TAU / other.depth.width as f32;
+            is_finest &=
+                candidate.size < their_size || (candidate.size == their_size && own < number);
+        }
+    }
+    is_finest && seen >= past
+}
+
+/// At most `maximum` of the candidates, each with a probability that rises with its detail.
+fn thinned(candidates: &[Candidate], maximum: usize, seed: u64) -> PointCloud {
+    let mean = candidates
+        .iter()
+        .map(|candidate| candidate.detail)
+        .sum::<f32>()
+        / candidates.len().max(1) as f32;
+    let weight = |candidate: &Candidate| candidate.detail + FLAT_WEIGHT * mean + f32::MIN_POSITIVE;
+    let share = |factor: f32, candidate: &Candidate| (factor * weight(candidate)).min(1.0);
+    let expected = |factor: f32| -> f32 {
+        candidates
+            .iter()
+            .map(|candidate| share(factor, candidate))
+            .sum()
+    };
+    let (mut low, mut high) = (0.0, 1.0);
+    while expected(high) < (maximum.min(candidates.len()) as f32) * 0.999 && high < 1e30 {
+        high *= 2.0;
+    }
+    for _ in 0..30 {
+        let middle = 0.5 * (low + high);
+        if expected(middle) > maximum as f32 {
+            high = middle;
+        } else {
+            low = middle;
+        }
+    }
+    let factor = if candidates.len() <= maximum {
+        high
+    } else {
+        low
+    };
+    let mut random = stream(seed, Purpose::SweptPoints);
+    let mut points = PointCloud::default();
+    for candidate in candidates {
+        let is_taken = random.random_range(0.0..1.0) < share(factor, candidate);
+        if is_taken && points.len() < maximum {
+            points.positions.push(candidate.position.to_array());
+            points.colours.push(candidate.colour);
+        }
+    }
+    points
+}

@@ -1,0 +1,184 @@
+//! A scene with poses and without points: those of a sweep lie on its surfaces, and training on them ends
+//! as it does on points that were measured.
+#![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+#[path = "support/novel_views.rs"]
+mod novel_views;
+#[path = "support/painted_room.rs"]
+mod painted_room;
+
+use glam::{DMat3, DQuat, DVec3, Vec3, dvec2, dvec3};
+use novel_views::novel_psnr;
+use omnilife_engine::{camera::View, training_view::TrainingView};
+use omnilife_reconstruct::{
+    components::{Supported, swept_points},
+    methods::{self, feed_forward::CameraPose},
+    request::MethodRequest,
+    scene::TrainingScene,
+    train::Session,
+};
+use omnilife_schemas::{
+    Similarity,
+    camera::{CameraModel, ErpCamera},
+    points::PointCloud,
+    progress::Silent,
+    records::{ComponentDecision, Scale},
+};
+use painted_room::{room, seen};
+
+const CAMERA: ErpCamera = ErpCamera {
+    width: 128,
+    height: 64,
+};
+const ITERATIONS: u64 = 200;
+
+fn camera_pose(frame: u32) -> CameraPose {
+    let along = 0.3 * f64::from(frame);
+    let turn = DQuat::from_euler(glam::EulerRot::YXZ, 0.6 + 0.1 * along, 0.05 * along, -0.05);
+    CameraPose {
+        to_world: DMat3::from_quat(turn),
+        centre: dvec3(0.25 * along - 0.5, 0.05 * along, 0.2 * along - 0.4),
+        time_seconds: f64::from(frame),
+    }
+}
+
+/// A walk through the room, every fifth view a novel one, without points.
+fn walk() -> TrainingScene {
+    let (mut input_views, mut novel_views) = (Vec::new(), Vec::new());
+    for frame in 0..15 {
+        let pose = camera_pose(frame);
+        let views = if frame % 5 == 4 {
+            &mut novel_views
+        } else {
+            &mut input_views
+        };
+        views.push(TrainingView {
+            frame,
+            view: View {
+                camera: CAMERA.into(),
+                rotation: pose.to_world.transpose().as_mat3(),
+                centre: pose.centre.as_vec3(),
+                time_seconds: pose.time_seconds,
+            },
+            pixels: seen(CAMERA, &pose).0.to_rgb8(),
+            mask: None,
+        });
+    }
+    TrainingScene {
+        id: "room".to_owned(),
+        camera: CAMERA.into(),
+        input_views,
+        novel_views,
+        normalization: Similarity {
+            offset: [0.0; 3],
+            scale: 1.0,
+        },
+        scale: Scale::Arbitrary,
+        is_normalized_by_points: false,
+        points: PointCloud::default(),
+    }
+}
+
+/// Points of the room's surfaces as a laser at a view would measure them.
+fn measured() -> PointCloud {
+    let pose = camera_pose(6);
+    let mut points = PointCloud::default();
+    for row in 0..CAMERA.height {
+        for column in (row % 2..CAMERA.width).step_by(2) {
+            let pixel = dvec2(f64::from(column) + 0.5, f64::from(row) + 0.5);
+            let direction = pose.to_world * CAMERA.unproject(pixel);
+            let (colour, distance) = room(pose.centre, direction);
+            let place = pose.centre + distance * direction;
+            points.positions.push(place.as_vec3().to_array());
+            let colour = (colour * 255.0).round().as_u8vec3();
+            points.colours.push(colour.to_array());
+        }
+    }
+    points
+}
+
+fn completed(request: &MethodRequest) -> (TrainingScene, Option<ComponentDecision>) {
+    let supported = Supported {
+        default: &[swept_points::ID],
+        optional: &[],
+    };
+    let mut scene = walk();
+    let decision = swept_points::complete(&mut scene, supported, request);
+    (scene, decision)
+}
+
+fn psnr_after_training(scene: &TrainingScene) -> f64 {
+    let request = MethodRequest::new(ITERATIONS, 3);
+    let mut outcome = methods::find("odgs")
+        .unwrap()
+        .train(scene, &request, &Session::without_files(&Silent))
+        .unwrap();
+    novel_psnr(&mut outcome, scene)
+}
+
+#[test]
+fn a_scene_without_points_trains_as_one_with_points() {
+    let (swept, decision) = completed(&MethodRequest::new(ITERATIONS, 3));
+    assert!(decision.unwrap().used);
+    let mut with_points = walk();
+    with_points.points = measured();
+    let [without, given, found] = [&walk(), &with_points, &swept].map(psnr_after_training);
+    assert!(
+        found > given - 0.5 && found > without + 3.0,
+        "{without:.2} dB without points, {given:.2} with measured ones, {found:.2} with swept ones"
+    );
+}
+
+#[test]
+fn swept_points_lie_on_the_surfaces() {
+    let points = completed(&MethodRequest::new(ITERATIONS, 3)).0.points;
+    assert!(points.len() > 1_000, "{} points", points.len());
+    let mut errors: Vec<f64> = points
+        .positions
+        .iter()
+        .map(|&position| {
+            let origin = camera_pose(6).centre;
+            let offset = Vec3::from_array(position).as_dvec3() - origin;
+            let nearest =
+                |direction: DVec3| (room(origin, direction).1 / offset.length() - 1.0).abs();
+            // What is behind a pillar from here may be in sight from elsewhere.
+            let beside = camera_pose(0).centre - origin;
+            let again = Vec3::from_array(position).as_dvec3() - (origin + beside);
+            let from_beside =
+                (room(origin + beside, again.normalize()).1 / again.length() - 1.0).abs();
+            nearest(offset.normalize()).min(from_beside)
+        })
+        .collect();
+    errors.sort_by(f64::total_cmp);
+    let [median, most] = [errors.len() / 2, errors.len() * 9 / 10].map(|at| errors[at]);
+    assert!(
+        median < 0.04 && most < 0.2,
+        "median error {median:.3}, nine in ten below {most:.3}"
+    );
+}
+
+#[test]
+fn they_can_be_left_out_and_need_parallax() {
+    let request = MethodRequest {
+        without: vec![swept_points::ID.to_owned()],
+        ..MethodRequest::new(ITERATIONS, 3)
+    };
+    let (scene, decision) = completed(&request);
+    assert!(scene.points.is_empty() && !decision.unwrap().used);
+    let mut still = walk();
+    for view in &mut still.input_views {
+        view.view.centre = Vec3::ZERO;
+    }
+    let supported = Supported {
+        default: &[swept_points::ID],
+        optional: &[],
+    };
+    let request = MethodRequest::new(ITERATIONS, 3);
+    let decision = swept_points::complete(&mut still, supported, &request).unwrap();
+    assert!(still.points.is_empty() && !decision.used, "{decision:?}");
+    assert!(
+        decision.reason.contains("far enough apart"),
+        "{}",
+        decision.reason
+    );
+}
