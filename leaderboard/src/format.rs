@@ -107,7 +107,7 @@ pub(crate) fn interval(score: &Score) -> String {
 }
 
 /// A rounded number with groups of three digits: `1,234,567`.
-fn grouped(value: f64) -> String {
+pub(crate) fn grouped(value: f64) -> String {
     let digits = format!("{:.0}", value.abs());
     let mut text = String::with_capacity(digits.len() + digits.len() / 3 + 1);
     if value < 0.0 && digits != "0" {
@@ -120,6 +120,12 @@ fn grouped(value: f64) -> String {
         text.push(digit);
     }
     text
+}
+
+/// `1 scene`, `1,234 scenes`.
+pub(crate) fn counted(count: usize, what: &str) -> String {
+    let plural = if count == 1 { "" } else { "s" };
+    format!("{} {what}{plural}", grouped(count as f64))
 }
 
 /// A name for files: lower-case letters, digits and hyphens.

@@ -11,7 +11,7 @@ use omnilife_schemas::{
     records::{Direction, ResultRecord, Summary},
 };
 
-use crate::{error::LeaderboardError, validate};
+use crate::{class::MethodClass, error::LeaderboardError, validate};
 
 /// The two kinds of view, in the order of the columns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -102,6 +102,20 @@ impl Group<'_> {
             .collect()
     }
 
+    /// Why results have no value of a metric, as far as they say: the reason that most of them give.
+    pub(crate) fn why_unavailable(&self, kind: ViewKind, metric: &str) -> Option<String> {
+        let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+        let results = self.scene_rows.iter().flat_map(|row| &row.results);
+        let stated = results.flat_map(|result| &result.unavailable);
+        for unavailable in stated {
+            if unavailable.view == kind.name() && unavailable.metric == metric {
+                *counts.entry(&unavailable.reason).or_default() += 1;
+            }
+        }
+        let most = counts.into_iter().max_by_key(|&(_, count)| count);
+        most.map(|(reason, _)| reason.to_owned())
+    }
+
     /// The first digits of the protocol's hash, as printed.
     pub(crate) fn short_hash(&self) -> String {
         self.protocol_hash.chars().take(HASH_DIGITS).collect()
@@ -130,6 +144,8 @@ pub(crate) struct Numbers {
 pub(crate) struct SceneRow<'a> {
     pub(crate) scene: &'a str,
     pub(crate) method: &'a str,
+    /// Of the method over all scenes.
+    pub(crate) class: MethodClass,
     /// Sorted by seed, which is unique.
     pub(crate) results: Vec<&'a ResultRecord>,
     pub(crate) numbers: Numbers,
@@ -138,6 +154,7 @@ pub(crate) struct SceneRow<'a> {
 /// One method over scenes, every scene with the same weight.
 pub(crate) struct MethodRow<'a> {
     pub(crate) method: &'a str,
+    pub(crate) class: MethodClass,
     /// Scenes with a result of this method.
     pub(crate) scenes: usize,
     pub(crate) numbers: Numbers,
@@ -145,8 +162,8 @@ pub(crate) struct MethodRow<'a> {
     pub(crate) complete: bool,
     /// Whether it is a variant, made for an ablation, of another method in the group.
     pub(crate) is_variant: bool,
-    /// In the order of [`Group::quantities`]; ranks are among complete methods that are no
-    /// variants.
+    /// In the order of [`Group::quantities`]; ranks are among complete methods of the same class
+    /// that are no variants.
     pub(crate) confidence: Vec<Confidence>,
 }
 
@@ -178,6 +195,7 @@ pub(crate) fn groups(
 fn group<'a>(protocol: &'a str, hash: &'a str, mut results: Vec<&'a ResultRecord>) -> Group<'a> {
     results.sort_by(|a, b| (&a.scene, &a.method, a.seed).cmp(&(&b.scene, &b.method, b.seed)));
     let quantities = quantities(&results);
+    let classes = classes(&results);
     let mut scene_rows: Vec<SceneRow<'a>> = Vec::new();
     for results in results.chunk_by(|a, b| (&a.scene, &a.method) == (&b.scene, &b.method)) {
         let numbers: Vec<Numbers> = results
@@ -187,6 +205,7 @@ fn group<'a>(protocol: &'a str, hash: &'a str, mut results: Vec<&'a ResultRecord
         scene_rows.push(SceneRow {
             scene: &results[0].scene,
             method: &results[0].method,
+            class: classes[results[0].method.as_str()],
             numbers: mean_numbers(&numbers.iter().collect::<Vec<_>>()),
             results: results.to_vec(),
         });
@@ -202,6 +221,15 @@ fn group<'a>(protocol: &'a str, hash: &'a str, mut results: Vec<&'a ResultRecord
         methods,
         scenes,
     }
+}
+
+fn classes<'a>(results: &[&'a ResultRecord]) -> BTreeMap<&'a str, MethodClass> {
+    let mut by_method: BTreeMap<&str, Vec<&ResultRecord>> = BTreeMap::new();
+    for &result in results {
+        by_method.entry(&result.method).or_default().push(result);
+    }
+    let of = |(method, results)| (method, MethodClass::of::<'a>(results));
+    by_method.into_iter().map(of).collect()
 }
 
 fn quantities(results: &[&ResultRecord]) -> Vec<(Quantity, Direction)> {
@@ -278,6 +306,7 @@ fn method_rows<'a>(
             let numbers = mean_numbers(&numbers);
             MethodRow {
                 method,
+                class: rows[0].class,
                 scenes: rows.len(),
                 complete: rows.len() == scenes.len() && numbers.failures == 0,
                 numbers,
@@ -307,9 +336,16 @@ fn method_rows<'a>(
                     && method.numbers.scores[index].is_some(),
             })
             .collect();
-        let confidence = bootstrap::confidence(&scores, &clusters, &resamples, *direction);
-        for (method, confidence) in methods.iter_mut().zip(confidence) {
-            method.confidence.push(confidence);
+        let classes: BTreeSet<MethodClass> = methods.iter().map(|method| method.class).collect();
+        for class in classes {
+            let of_class = |at: &usize| methods[*at].class == class;
+            let rivals: Vec<usize> = (0..methods.len()).filter(of_class).collect();
+            let of_rivals: Vec<bootstrap::Scores> =
+                rivals.iter().map(|&at| scores[at].clone()).collect();
+            let confidence = bootstrap::confidence(&of_rivals, &clusters, &resamples, *direction);
+            for (at, confidence) in rivals.into_iter().zip(confidence) {
+                methods[at].confidence.push(confidence);
+            }
         }
     }
     methods

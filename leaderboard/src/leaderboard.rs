@@ -13,7 +13,7 @@ use crate::{
     group,
     outputs::Outputs,
     published, readme,
-    site::{self, SiteRequest},
+    site::{self, SiteRequest, Surroundings},
     tables::{self, CSV_FILE, MARKDOWN_FILE},
 };
 
@@ -124,15 +124,17 @@ fn prepare<'a>(
             .as_deref()
             .map(|file: &Path| store::read_record::<Dataset>(file))
             .transpose()?;
+        let dataset = request.dataset.as_deref().zip(dataset.as_ref());
+        let surroundings = Surroundings::of(results, &request.results, &request.out, dataset)?;
         site::add(
             &mut outputs,
             &SiteRequest {
                 groups: &groups,
-                files: results,
+                surroundings: &surroundings,
                 papers: &papers,
                 protocols: &protocols,
                 cards: &cards,
-                dataset: dataset.as_ref(),
+                dataset: dataset.map(|(_, dataset)| dataset),
                 views: request.views,
             },
         )?;

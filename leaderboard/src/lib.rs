@@ -5,6 +5,7 @@
 //! figures ([`published`]) stand beside measured ones and are never ranked with them. [`build`]
 //! makes the table of all results alone. Images are copied for the site and never decoded.
 
+mod class;
 mod collect;
 pub mod error;
 mod format;

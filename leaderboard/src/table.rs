@@ -31,6 +31,8 @@ pub(crate) struct Column {
     /// Which of two values is the better one, where the column has a direction of its own.
     pub(crate) direction: Option<Direction>,
     pub(crate) holds: Holds,
+    /// Why a value may be missing, where something more is known than that it was not measured.
+    pub(crate) missing: Option<String>,
 }
 
 /// What a column's numbers are, so that published columns find their place.
@@ -47,6 +49,7 @@ pub(crate) enum Holds {
 }
 
 /// A row.
+#[derive(Default)]
 pub(crate) struct Row {
     /// As many as [`Table::names`].
     pub(crate) names: Vec<String>,
@@ -54,6 +57,8 @@ pub(crate) struct Row {
     pub(crate) cells: Vec<Cell>,
     /// Views that could not be scored; the row's names are marked.
     pub(crate) failures: usize,
+    /// Whether it was trained for more or fewer iterations than is usual in its class.
+    pub(crate) unusual_budget: bool,
 }
 
 /// Rows of a published table.
@@ -152,6 +157,7 @@ impl Column {
             name: format::metric_title(&quantity.metric),
             direction: Some(*direction),
             holds: Holds::Score(quantity.clone()),
+            missing: group.why_unavailable(quantity.kind, &quantity.metric),
         }
     }
 
@@ -161,6 +167,7 @@ impl Column {
             name: name.to_owned(),
             direction: None,
             holds: Holds::Other,
+            missing: None,
         }
     }
 
@@ -178,7 +185,10 @@ impl Column {
 /// Columns of cost that every table of methods ends with.
 pub(crate) fn cost_columns() -> Vec<Column> {
     ["Training (s)", "Memory (GB)", "Primitives", "Iterations"]
-        .map(Column::plain)
+        .map(|name| Column {
+            missing: Some("not in the records of the run".to_owned()),
+            ..Column::plain(name)
+        })
         .to_vec()
 }
 

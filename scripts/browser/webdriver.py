@@ -55,6 +55,14 @@ class Browser:
         strokes = [{"type": kind, "value": key} for key in keys for kind in ("keyDown", "keyUp")]
         self.do("POST", "/actions", {"actions": [{"type": "key", "id": "keyboard", "actions": strokes}]})
 
+    def drag(self, begin, end, kind="mouse"):
+        """From one place of the viewport to another, with a pointer or a finger."""
+        at = lambda place: {"type": "pointerMove", "duration": 50, "x": round(place[0]), "y": round(place[1])}
+        middle = [(a + b) / 2 for a, b in zip(begin, end)]
+        strokes = [at(begin), {"type": "pointerDown", "button": 0}, at(middle), at(end), {"type": "pointerUp", "button": 0}]
+        pointer = {"type": "pointer", "id": kind, "parameters": {"pointerType": kind}, "actions": strokes}
+        self.do("POST", "/actions", {"actions": [pointer]})
+
     def devtools(self, command, **parameters):
         return self.do("POST", "/goog/cdp/execute", {"cmd": command, "params": parameters})
 

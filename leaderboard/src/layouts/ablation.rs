@@ -54,6 +54,7 @@ fn table(
             names: vec![name],
             cells,
             failures: method.numbers.failures,
+            ..Row::default()
         }
     };
     let mut rows: Vec<Row> = variants

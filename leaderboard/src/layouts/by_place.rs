@@ -198,6 +198,7 @@ fn column(name: &str, holds: Holds) -> Column {
         name: name.to_owned(),
         direction: None,
         holds,
+        missing: None,
     }
 }
 
@@ -230,6 +231,7 @@ fn row<'a>(
         names,
         cells,
         failures: method.numbers.failures,
+        ..Row::default()
     }
 }
 

@@ -4,10 +4,11 @@ use std::ops::Range;
 
 use omnilife_schemas::records::ResultRecord;
 
-use super::published_metrics;
+use super::{mark_classes, published_metrics};
 use crate::{
+    class::MethodClass,
     group::{Group, Numbers, SceneRow, ViewKind},
-    table::{Cell, Column, Row, Table, mark_standings},
+    table::{Cell, Column, Row, Table},
 };
 
 /// One row per scene and method, then the means where there are several scenes.
@@ -43,6 +44,7 @@ pub(crate) fn table(group: &Group<'_>) -> Table {
         names: vec![scene.to_owned(), method.to_owned()],
         cells,
         failures,
+        ..Row::default()
     };
     let mut rows: Vec<Row> = group
         .scene_rows
@@ -55,11 +57,12 @@ pub(crate) fn table(group: &Group<'_>) -> Table {
             row(scene_row.scene, scene_row.method, cells, failures)
         })
         .collect();
-    let directions: Vec<_> = columns.iter().map(|column| column.direction).collect();
     for contest in contests(&group.scene_rows) {
-        let complete = group.scene_rows[contest.clone()].iter();
-        let complete = complete.map(|row| row.numbers.failures == 0);
-        mark_standings(rows[contest].iter_mut().zip(complete), &directions);
+        let contestants: Vec<(MethodClass, bool)> = group.scene_rows[contest.clone()]
+            .iter()
+            .map(|row| (row.class, row.numbers.failures == 0))
+            .collect();
+        mark_classes(&mut rows[contest], &contestants, &columns);
     }
     if group.scenes.len() > 1 {
         let mut means: Vec<Row> = group
@@ -71,8 +74,10 @@ pub(crate) fn table(group: &Group<'_>) -> Table {
                 row(&title, method.method, cells, method.numbers.failures)
             })
             .collect();
-        let complete = group.methods.iter().map(|method| method.complete);
-        mark_standings(means.iter_mut().zip(complete), &directions);
+        let contestants: Vec<(MethodClass, bool)> = (group.methods.iter())
+            .map(|method| (method.class, method.complete))
+            .collect();
+        mark_classes(&mut means, &contestants, &columns);
         rows.extend(means);
     }
     Table {
@@ -122,8 +127,8 @@ fn notes(group: &Group<'_>) -> Vec<String> {
         );
     }
     lines.push(
-        "Bold: best of at least two methods without failures, after rounding. Italic: second best \
-         of at least three."
+        "Bold: best of at least two methods of a class (with training or without) that have no \
+         failures, after rounding. Italic: second best of at least three."
             .to_owned(),
     );
     if group.scene_rows.iter().any(|row| row.numbers.failures > 0) {

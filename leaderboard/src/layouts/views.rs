@@ -1,14 +1,14 @@
 //! Input and novel views: OmniLife360, Table 2.
 
-use super::{common_notes, left_out, main_methods, published_lpips, published_metrics};
+use super::{
+    common_notes, left_out, mark_classes, published_lpips, published_metrics, ranked_by, standings,
+};
 use crate::{
+    class::{MethodClass, has_unusual_budget, usual_iterations},
     format::PUBLISHED_LPIPS,
     group::{Group, MethodRow, ViewKind},
     published::{Paper, PublishedLayout, published_rows},
-    table::{
-        Cell, Column, Row, Table, cost_cells, cost_columns, mark_standings, method_rank,
-        method_score,
-    },
+    table::{Cell, Column, Row, Table, cost_cells, cost_columns, method_rank, method_score},
 };
 
 /// One table, where input views were scored.
@@ -47,22 +47,27 @@ pub(super) fn table(
             columns.push(published_lpips(kind, kinds.len() > 1));
         }
     }
-    let ranked = group.quantity(ViewKind::Novel, "psnr");
+    let ranked = ranked_by(group);
     if ranked.is_some() {
         columns.push(Column::plain("Rank by novel PSNR"));
     }
+    columns.push(Column::plain("Class"));
     columns.extend(cost_columns());
     columns.extend(["Scenes", "Failures"].map(Column::plain));
-    let methods = main_methods(group);
+    let methods = standings(group);
+    let usual = usual_iterations(&methods);
     let mut rows: Vec<Row> = methods
         .iter()
-        .map(|method| row(group, method, &sources, ranked))
+        .map(|method| Row {
+            unusual_budget: has_unusual_budget(method, &usual),
+            ..row(group, method, &sources, ranked)
+        })
         .collect();
-    let directions: Vec<_> = columns.iter().map(|column| column.direction).collect();
-    let competing = rows
-        .iter_mut()
-        .zip(methods.iter().map(|method| method.complete));
-    mark_standings(competing, &directions);
+    let contestants: Vec<(MethodClass, bool)> = methods
+        .iter()
+        .map(|method| (method.class, method.complete))
+        .collect();
+    mark_classes(&mut rows, &contestants, &columns);
     let mut notes = common_notes(group);
     notes.extend(left_out(group));
     let published = published_rows(papers, published, &columns, 1);
@@ -91,6 +96,7 @@ fn row(
         })
         .collect();
     cells.extend(ranked.map(|index| method_rank(method, index)));
+    cells.push(Cell::Text(method.class.title(group).to_owned()));
     cells.extend(cost_cells(&method.numbers));
     cells.push(Cell::Text(format!(
         "{} of {}",
@@ -102,5 +108,6 @@ fn row(
         names: vec![method.method.to_owned()],
         cells,
         failures: method.numbers.failures,
+        ..Row::default()
     }
 }

@@ -48,23 +48,22 @@ pub(crate) fn published_rows(
     names: usize,
 ) -> PublishedRows {
     let number = layout.number();
-    let table = papers
-        .iter()
-        .find(|paper| paper.id == PAPER)
-        .and_then(|paper| paper.table(number));
-    let Some(table) = table else {
+    let paper = papers.iter().find(|paper| paper.id == PAPER);
+    let table = paper.and_then(|paper| Some((paper, paper.table(number)?)));
+    let Some((paper, table)) = table else {
         return PublishedRows::default();
     };
     let rows: Vec<Row> = table
         .rows
         .iter()
         .map(|row| Row {
-            names: row_names(table, row, names),
+            names: row_names(paper, table, row, names),
             cells: columns
                 .iter()
                 .map(|column| cell(table, row, column))
                 .collect(),
             failures: 0,
+            unusual_budget: false,
         })
         .collect();
     let has_scores = |row: &Row| row.cells.iter().any(|cell| matches!(cell, Cell::Score(_)));
@@ -77,24 +76,52 @@ pub(crate) fn published_rows(
             )],
         };
     }
+    // A scene of the same name may be anyone's.
+    let places = columns.iter().filter(|column| {
+        let is_place = matches!(column.holds, Holds::Place(_));
+        let printed = table.columns.iter();
+        is_place
+            && printed
+                .skip(1)
+                .any(|published| slug(&published.name) == slug(&column.name))
+    });
+    let places: Vec<&str> = places.map(|column| column.name.as_str()).collect();
+    let by_name = if places.is_empty() {
+        ""
+    } else {
+        " (scenes by name alone)"
+    };
+    let mut notes = vec![
+        "Published rows are as printed, on the scenes and with the metric variants of their \
+         authors, who do not state which LPIPS they mean; they take no part in any ranking."
+            .to_owned(),
+    ];
+    if !places.is_empty() {
+        notes.push(format!(
+            "Published columns are found by name alone: nothing shows that {} here and in the paper \
+             are the same recording.",
+            places.join(", ")
+        ));
+    }
     PublishedRows {
         blocks: vec![PublishedBlock {
-            source: format!("Published: OmniLife360, Table {number}"),
+            source: format!("Authors' figures: OmniLife360, Table {number}{by_name}"),
             rows,
         }],
-        notes: vec![
-            "Published rows are as printed, on the scenes and with the metric variants of their \
-             authors, who do not state which LPIPS they mean; they take no part in any ranking."
-                .to_owned(),
-        ],
+        notes,
     }
 }
 
-fn row_names(table: &PublishedTable, row: &PublishedRow, names: usize) -> Vec<String> {
+fn row_names(
+    paper: &Paper,
+    table: &PublishedTable,
+    row: &PublishedRow,
+    names: usize,
+) -> Vec<String> {
     // Table 5 names its one metric in a column; measured tables of this layout do not.
     let texts = table.columns.iter().zip(&row.cells);
     texts
-        .map(|(_, cell)| cell.text().unwrap_or("").to_owned())
+        .map(|(_, cell)| paper.name_outside(cell.text().unwrap_or("")))
         .take(names)
         .collect()
 }

@@ -44,6 +44,9 @@ pub struct Paper {
     pub title: String,
     /// What its scores were measured on, as far as it says.
     pub about: String,
+    /// What its tables call `Ours`, where they do.
+    #[serde(default)]
+    pub own_method: Option<String>,
     /// All its tables, in order.
     pub tables: Vec<PublishedTable>,
 }
@@ -152,6 +155,15 @@ impl PublishedCell {
 }
 
 impl Paper {
+    /// A name of its tables as it reads outside of the paper: `Ours` is a method by its name, with the
+    /// word that its figures are its authors'.
+    pub fn name_outside(&self, printed: &str) -> String {
+        match (&self.own_method, printed.strip_prefix("Ours")) {
+            (Some(own), Some(rest)) => format!("{own}{rest} (authors)"),
+            _ => printed.to_owned(),
+        }
+    }
+
     /// A table by its number.
     pub fn table(&self, number: u32) -> Option<&PublishedTable> {
         self.tables.iter().find(|table| table.number == number)

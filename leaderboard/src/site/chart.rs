@@ -1,7 +1,7 @@
 //! Charts as SVG: plotters draws axes, bars and labels, the style sheet colours them.
 //!
-//! Points that a reader can reach are added on top, where plotters says they belong: they carry a
-//! text alternative and what the script shows on hover.
+//! Curves and points are added on top, where plotters says they belong: points carry a text alternative
+//! and what the script shows on hover.
 
 use maud::{Markup, PreEscaped, html};
 use plotters::{
@@ -12,8 +12,20 @@ use plotters::{
 
 use crate::error::LeaderboardError;
 
-/// Width and height of a scatter plot in its own units; it scales with the page.
-const SCATTER_SIZE: (u32, u32) = (760, 420);
+/// Width and height of a plot in its own units; it scales with the page.
+const PLOT_SIZE: (u32, u32) = (760, 420);
+
+/// Right of a plot: names of the series.
+const NAMES_WIDTH: i32 = 170;
+
+/// From one name to the next.
+const NAME_PITCH: i32 = 17;
+
+/// Above this many series the names would not fit; they are shown on hover alone.
+const NAMED_SERIES: usize = 18;
+
+/// Colours of the style sheet for series.
+const COLOURS: usize = 8;
 
 /// Height of one bar with the space around it.
 const BAR_PITCH: u32 = 34;
@@ -24,45 +36,65 @@ const BARS_WIDTH: u32 = 760;
 /// Width that labels left of the bars get.
 const LABEL_WIDTH: i32 = 290;
 
-/// Below this many points each has its label beside it.
-const LABELLED_POINTS: usize = 13;
-
-/// A point of a scatter plot.
-pub(super) struct Point<'a> {
-    pub(super) label: &'a str,
+/// A point of a series.
+pub(super) struct Mark {
     pub(super) x: f64,
     pub(super) y: f64,
     /// What is shown on hover and read aloud.
     pub(super) description: String,
-    /// Whether no other point is better in both.
+}
+
+/// A curve, a point, or a level across the plot.
+pub(super) struct Series {
+    pub(super) label: String,
+    /// From the left.
+    pub(super) marks: Vec<Mark>,
+    /// A height with its description.
+    pub(super) level: Option<(f64, String)>,
+    /// Whether no other series ends better in both.
     pub(super) on_front: bool,
 }
 
-/// Points over a logarithmic axis of positive `x`; nothing without points.
-pub(super) fn scatter(
+/// Where plotters says that a series belongs.
+struct Placed {
+    marks: Vec<(i32, i32)>,
+    level: Option<i32>,
+}
+
+impl Placed {
+    /// Height of its last mark, beside which the name goes.
+    fn end(&self) -> i32 {
+        let last = self.marks.last().map(|&(_, y)| y);
+        last.or(self.level).unwrap_or_default()
+    }
+}
+
+/// Series over a logarithmic axis of positive `x`; one of them has marks.
+pub(super) fn run_time(
     title: &str,
     x_title: &str,
     y_title: &str,
-    points: &[Point<'_>],
+    series: &[Series],
 ) -> Result<Markup, LeaderboardError> {
-    if points.is_empty() {
-        return Ok(html! {});
-    }
-    let mut places = Vec::new();
-    let axes = drawn(title, SCATTER_SIZE, |area| {
-        let (x_low, x_high) = bounds(points.iter().map(|point| point.x));
-        let (y_low, y_high) = bounds(points.iter().map(|point| point.y));
-        // At least a decade of x and a unit of y, and room for labels at the border.
+    let mut placed = Vec::new();
+    let axes = drawn(title, PLOT_SIZE, |area| {
+        let marks = || series.iter().flat_map(|series| &series.marks);
+        let levels = series
+            .iter()
+            .filter_map(|series| Some(series.level.as_ref()?.0));
+        let (x_low, x_high) = bounds(marks().map(|mark| mark.x));
+        let (y_low, y_high) = bounds(marks().map(|mark| mark.y).chain(levels));
+        // At least a decade of x and a unit of y.
         let (x_low, x_high) = if x_high / x_low < 10.0 {
             let middle = (x_low * x_high).sqrt();
             (middle / 4.0, middle * 4.0)
         } else {
-            (x_low / 1.5, x_high * 2.0)
+            (x_low / 1.3, x_high * 1.3)
         };
-        let margin = (0.12 * (y_high - y_low)).max(0.5);
+        let margin = (0.08 * (y_high - y_low)).max(0.5);
         let mut chart = ChartBuilder::on(area)
             .margin(10)
-            .margin_right(24)
+            .margin_right(NAMES_WIDTH)
             .x_label_area_size(46)
             .y_label_area_size(62)
             .build_cartesian_2d(
@@ -82,49 +114,85 @@ pub(super) fn scatter(
             .axis_desc_style(("sans-serif", 14))
             .light_line_style(TRANSPARENT)
             .draw()?;
-        places = points
-            .iter()
-            .map(|point| chart.backend_coord(&(point.x, point.y)))
+        placed = (series.iter())
+            .map(|series| Placed {
+                marks: (series.marks.iter())
+                    .map(|mark| chart.backend_coord(&(mark.x, mark.y)))
+                    .collect(),
+                level: (series.level.as_ref())
+                    .map(|(level, _)| chart.backend_coord(&(x_low, *level)).1),
+            })
             .collect();
         Ok(())
     })?;
-    let mut front: Vec<(i32, i32)> = points
-        .iter()
-        .zip(&places)
-        .filter_map(|(point, &place)| point.on_front.then_some(place))
-        .collect();
-    front.sort_unstable();
-    let line: Vec<String> = front.iter().map(|(x, y)| format!("{x},{y}")).collect();
-    let (width, height) = SCATTER_SIZE;
+    let names = (series.len() <= NAMED_SERIES).then(|| spread_names(&placed));
+    let (width, height) = PLOT_SIZE;
     Ok(html! {
         svg.chart.scatter viewBox={ "0 0 " (width) " " (height) } role="group" aria-label=(title) {
             g.axes aria-hidden="true" { (axes) }
-            polyline.front points=(line.join(" ")) aria-hidden="true" {}
-            @for (point, (x, y)) in points.iter().zip(&places) {
-                (mark(point, *x, *y, points.len() < LABELLED_POINTS))
+            @for (number, (series, placed)) in series.iter().zip(&placed).enumerate() {
+                g class={ "series c" (number % COLOURS) } {
+                    (drawn_series(series, placed))
+                    @if let Some(names) = &names { (name(series, placed.end(), names[number])) }
+                }
             }
         }
     })
 }
 
-fn mark(point: &Point<'_>, x: i32, y: i32, labelled: bool) -> Markup {
-    let class = if point.on_front {
-        "point on-front"
-    } else {
-        "point"
-    };
-    // Labels turn inward near the right border.
-    let inward = x > SCATTER_SIZE.0 as i32 - 180;
-    let (anchor, offset) = if inward { ("end", -10) } else { ("start", 10) };
+fn drawn_series(series: &Series, placed: &Placed) -> Markup {
+    let line: Vec<String> = (placed.marks.iter())
+        .map(|(x, y)| format!("{x},{y}"))
+        .collect();
+    let right = PLOT_SIZE.0 as i32 - NAMES_WIDTH;
+    let last = series.marks.len().saturating_sub(1);
     html! {
-        circle class=(class) cx=(x) cy=(y) r="6" tabindex="0" role="img"
-            aria-label=(point.description) data-tip=(point.description) {}
-        @if labelled {
-            text.label x=(x + offset) y=(y - 9) text-anchor=(anchor) aria-hidden="true" {
-                (point.label)
+        @if let (Some(y), Some((_, description))) = (placed.level, &series.level) {
+            line.level x1="72" x2=(right) y1=(y) y2=(y) aria-hidden="true" {}
+            circle.point cx=(right) cy=(y) r="5" tabindex="0" role="img"
+                aria-label=(description) data-tip=(description) {}
+        }
+        @if line.len() > 1 { polyline.curve points=(line.join(" ")) aria-hidden="true" {} }
+        // The last mark of each can be reached with the keyboard; the others speak on hover.
+        @for (at, (mark, (x, y))) in series.marks.iter().zip(&placed.marks).enumerate() {
+            @if at == last {
+                circle.point.on-front[series.on_front] cx=(x) cy=(y) r="6" tabindex="0" role="img"
+                    aria-label=(mark.description) data-tip=(mark.description) {}
+            } @else {
+                circle.point.early cx=(x) cy=(y) r="4" role="img" aria-label=(mark.description)
+                    data-tip=(mark.description) {}
             }
         }
     }
+}
+
+/// A name right of the plot, led to by a line from the height that it belongs to.
+fn name(series: &Series, end: i32, y: i32) -> Markup {
+    let left = PLOT_SIZE.0 as i32 - NAMES_WIDTH;
+    let points = format!("{},{end} {},{y} {},{y}", left + 4, left + 12, left + 18);
+    html! {
+        polyline.lead-line points=(points) aria-hidden="true" {}
+        text.label x=(left + 22) y=(y + 4) aria-hidden="true" { (shortened_to(&series.label, 20)) }
+    }
+}
+
+/// Heights of the names: near their series, one below the other.
+fn spread_names(placed: &[Placed]) -> Vec<i32> {
+    let mut order: Vec<usize> = (0..placed.len()).collect();
+    order.sort_by_key(|&at| placed[at].end());
+    let mut heights = vec![0; placed.len()];
+    let mut next = 16;
+    for &at in &order {
+        heights[at] = placed[at].end().max(next);
+        next = heights[at] + NAME_PITCH;
+    }
+    // What hangs out below moves up again.
+    let mut most = PLOT_SIZE.1 as i32 - 12;
+    for &at in order.iter().rev() {
+        heights[at] = heights[at].min(most);
+        most = heights[at] - NAME_PITCH;
+    }
+    heights
 }
 
 /// A bar with its label and number.
@@ -184,11 +252,14 @@ pub(super) fn bars(title: &str, bars: &[Bar]) -> Result<Markup, LeaderboardError
 
 /// A label that fits beside its bar; the text alternative has all of it.
 fn shortened(label: &str) -> String {
-    const CHARACTERS: usize = 40;
-    if label.chars().count() <= CHARACTERS {
+    shortened_to(label, 40)
+}
+
+fn shortened_to(label: &str, characters: usize) -> String {
+    if label.chars().count() <= characters {
         return label.to_owned();
     }
-    let kept: String = label.chars().take(CHARACTERS - 1).collect();
+    let kept: String = label.chars().take(characters - 1).collect();
     format!("{}…", kept.trim_end())
 }
 

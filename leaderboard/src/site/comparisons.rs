@@ -7,23 +7,21 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use omnilife_schemas::{
-    records::ResultRecord,
-    store::{self, StoreError},
-};
+use omnilife_schemas::store::{self, StoreError};
 
-use super::unique_slug;
+use super::{SiteRequest, unique_slug};
 use crate::group::{Group, SceneRow};
 
 /// Folder of the pictures beside a result: prediction left, ground truth right.
 const PICTURES: &str = "comparisons";
 
 /// Width of the line between the two halves in pixels.
-const SEPARATOR: u32 = 4;
+pub(super) const SEPARATOR: u32 = 4;
 
 /// A picture of one view by one method.
 pub(super) struct Picture {
     pub(super) method: String,
+    pub(super) protocol_hash: String,
     /// `novel view 4`.
     pub(super) view: String,
     /// Relative to the folder of scene pages.
@@ -67,7 +65,7 @@ impl Comparisons {
 /// novel views before input views, and of each method the first seed.
 pub(super) fn find(
     rows: &[(&Group<'_>, &SceneRow<'_>)],
-    folders: &BTreeMap<*const ResultRecord, PathBuf>,
+    request: &SiteRequest<'_>,
     most: usize,
 ) -> Result<Comparisons, StoreError> {
     let mut all: BTreeMap<String, Vec<Picture>> = BTreeMap::new();
@@ -76,7 +74,7 @@ pub(super) fn find(
     let mut left_out = Vec::new();
     for (group, row) in rows {
         let result = row.results[0];
-        let Some(folder) = folders.get(&std::ptr::from_ref(result)) else {
+        let Some(folder) = request.folder(result) else {
             continue;
         };
         for source in pictures_in(&folder.join(PICTURES))? {
@@ -93,14 +91,8 @@ pub(super) fn find(
             let of_protocol = by_protocol.entry(group.protocol_hash).or_default();
             of_protocol.insert(name.clone());
             all.entry(name.clone()).or_default().push(Picture {
-                method: if rows
-                    .iter()
-                    .any(|(other, _)| other.protocol_hash != group.protocol_hash)
-                {
-                    format!("{}, {}", row.method, group.protocol)
-                } else {
-                    row.method.to_owned()
-                },
+                method: row.method.to_owned(),
+                protocol_hash: group.protocol_hash.to_owned(),
                 view: view_title(&name),
                 file: format!(
                     "{}/{}-{name}.png",

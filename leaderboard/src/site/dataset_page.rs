@@ -65,7 +65,7 @@ pub(super) fn render(
             figure { (chart::bars("Videos by their number of sequences", &sequences)?) }
         }
     };
-    Ok(layout::page(Place::Dataset, "Dataset", true, content))
+    Ok(layout::page(request, Place::Dataset, "Dataset", content))
 }
 
 struct Counts<'a> {

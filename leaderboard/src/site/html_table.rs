@@ -1,4 +1,6 @@
-//! Tables that sort and filter.
+//! Tables that sort, filter, rank by another score, and show their further columns when asked.
+
+use std::{collections::BTreeMap, ops::Range};
 
 use maud::{Markup, html};
 
@@ -6,40 +8,173 @@ use omnilife_schemas::records::Direction;
 
 use crate::{
     format,
-    render::FAILURE_MARK,
+    render::{BUDGET_MARK, FAILURE_MARK},
     table::{Cell, Column, PublishedBlock, Row, Standing, Table},
 };
 
-/// A table with its filter and notes. `id` is unique on the page; `link` gives the page of a name
-/// in the first column.
-pub(super) fn render(table: &Table, id: &str, link: impl Fn(&str) -> Option<String>) -> Markup {
+/// Tables below this many rows can be read without a filter, on a phone at least.
+const SHORT: usize = 10;
+
+/// What a page adds to a table.
+pub(super) struct Addition<'a> {
+    /// Unique on the page.
+    pub(super) id: &'a str,
+    /// Columns that are shown at first; the others follow when asked for. All where it is none.
+    pub(super) first_columns: Option<usize>,
+    /// What is added to a row, by its place in the table.
+    pub(super) of_row: &'a dyn Fn(usize) -> RowAddition,
+    /// Whether the first name is a rank, which another choice of score replaces.
+    pub(super) is_ranking: bool,
+}
+
+/// What a page adds to a row.
+#[derive(Default)]
+pub(super) struct RowAddition {
+    /// Page of the first name, or of the second beside a rank.
+    pub(super) page: Option<String>,
+    /// A second line below the name.
+    pub(super) detail: Option<String>,
+    /// Texts and addresses of what the row was made from.
+    pub(super) links: Vec<(&'static str, String)>,
+    /// The class whose methods it is ranked among; rows without one are not ranked.
+    pub(super) contest: Option<&'static str>,
+}
+
+/// A table as it is.
+pub(super) fn plain(table: &Table, id: &str) -> Markup {
+    render(
+        table,
+        &Addition {
+            id,
+            first_columns: None,
+            of_row: &|_| RowAddition::default(),
+            is_ranking: false,
+        },
+    )
+}
+
+/// A table with its tools and notes.
+pub(super) fn render(table: &Table, addition: &Addition<'_>) -> Markup {
+    let id = addition.id;
     let notes = format!("{id}-notes");
+    let first = addition.first_columns.unwrap_or(table.columns.len());
+    let dashes = Dashes::of(table);
     html! {
-        div.table-tools {
-            label {
+        div.table-tools.short[table.rows.len() < SHORT] {
+            @if addition.is_ranking { (ranking_choice(table, id)) }
+            label.filter {
                 "Filter rows "
                 input type="search" data-filter=(id) autocomplete="off";
             }
-            output data-count=(id) { (table.rows.len()) " rows" }
+            output data-count=(id) { (format::counted(table.rows.len(), "row")) }
             button type="button" data-all=(id) hidden { "Show all" }
+            @if first < table.columns.len() {
+                label { input type="checkbox" data-columns=(id); " All columns" }
+            }
         }
         div.scroll role="region" tabindex="0" aria-label=(table.title) {
-            table.sortable #(id) aria-describedby=(notes) {
-                caption { (table.title) }
+            table.sortable.few[first < table.columns.len()].ranking[addition.is_ranking] #(id)
+                aria-describedby=(notes) {
+                caption.visually-hidden[addition.is_ranking] { (table.title) }
                 thead {
                     (group_header(table))
                     tr {
-                        @for name in &table.names { (heading(name, None, true)) }
-                        @for column in &table.columns { (heading(&column.name, column.direction, false)) }
+                        @for name in &table.names { (heading(name, None, true, false)) }
+                        @for (at, column) in table.columns.iter().enumerate() {
+                            (heading(&column.name, column.direction, false, at >= first))
+                        }
                     }
                 }
-                tbody.measured { @for row in &table.rows { (measured_row(row, &link)) } }
-                @for block in &table.published {
-                    (published(block, table.names.len() + table.columns.len()))
+                tbody.measured {
+                    @for (at, row) in table.rows.iter().enumerate() {
+                        (measured_row(row, &(addition.of_row)(at), addition.is_ranking, |column, cell| {
+                            measured_cell(cell, column >= first, dashes.reason(column))
+                        }))
+                    }
+                }
+                @for block in &table.published { (published(block, table, first)) }
+            }
+        }
+        div.notes #(notes) {
+            (dashes.footnotes(0..first))
+            @if dashes.any_from(first) || !table.notes.is_empty() {
+                details {
+                    summary { "Notes" }
+                    (dashes.footnotes(first..table.columns.len()))
+                    @for note in &table.notes { p { (note) } }
                 }
             }
         }
-        div.notes #(notes) { @for note in &table.notes { p { (note) } } }
+    }
+}
+
+/// The scores that a table can be ranked by.
+fn ranking_choice(table: &Table, id: &str) -> Markup {
+    let names = table.names.len();
+    html! {
+        label {
+            "Rank by "
+            select data-rank=(id) {
+                @for (at, column) in table.columns.iter().enumerate() {
+                    @if column.direction.is_some() && is_scored(table, at) {
+                        option value=(names + at) { (column.heading()) }
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn is_scored(table: &Table, column: usize) -> bool {
+    let mut cells = table.rows.iter().map(|row| &row.cells[column]);
+    cells.any(|cell| matches!(cell, Cell::Score(_)))
+}
+
+/// Why cells of a table hold a dash, by column.
+struct Dashes<'a> {
+    reasons: BTreeMap<usize, (&'a str, &'a str)>,
+}
+
+impl<'a> Dashes<'a> {
+    fn of(table: &'a Table) -> Self {
+        let missing = |at: usize| {
+            let mut cells = table.rows.iter().map(|row| &row.cells[at]);
+            cells.any(|cell| *cell == Cell::Missing)
+        };
+        let columns = table.columns.iter().enumerate();
+        let reasons = columns.filter(|&(at, _)| missing(at)).map(|(at, column)| {
+            let reason = column.missing.as_deref().unwrap_or("not scored");
+            (at, (column.name.as_str(), reason))
+        });
+        Self {
+            reasons: reasons.collect(),
+        }
+    }
+
+    fn reason(&self, column: usize) -> &'a str {
+        self.reasons
+            .get(&column)
+            .map_or("not scored", |&(_, reason)| reason)
+    }
+
+    fn any_from(&self, column: usize) -> bool {
+        self.reasons.range(column..).next().is_some()
+    }
+
+    /// One line per reason, with those of the columns that have it.
+    fn footnotes(&self, columns: Range<usize>) -> Markup {
+        let mut by_reason: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+        for (_, (name, reason)) in self.reasons.range(columns) {
+            let names = by_reason.entry(reason).or_default();
+            if !names.contains(name) {
+                names.push(name);
+            }
+        }
+        html! {
+            @for (reason, names) in &by_reason {
+                p { "– in " (names.join(", ")) ": " (reason) "." }
+            }
+        }
     }
 }
 
@@ -61,7 +196,7 @@ fn group_header(table: &Table) -> Markup {
     }
 }
 
-fn heading(name: &str, direction: Option<Direction>, of_names: bool) -> Markup {
+fn heading(name: &str, direction: Option<Direction>, of_names: bool, later: bool) -> Markup {
     // The first click puts the best scores first.
     let first = match direction {
         Some(Direction::HigherIsBetter) => "descending",
@@ -72,11 +207,12 @@ fn heading(name: &str, direction: Option<Direction>, of_names: bool) -> Markup {
         Direction::LowerIsBetter => "lower is better",
     });
     html! {
-        th.names[of_names] scope="col" aria-sort="none" data-first=(first) {
+        th.names[of_names].later[later] scope="col" aria-sort="none" data-first=(first) {
             button type="button" {
                 (name)
                 @if let (Some(direction), Some(better)) = (direction, better) {
-                    " " span aria-hidden="true" { (format::arrow(direction)) }
+                    // The arrow stays beside the name.
+                    "\u{a0}" span aria-hidden="true" { (format::arrow(direction)) }
                     span.visually-hidden { " (" (better) ")" }
                 }
             }
@@ -84,27 +220,64 @@ fn heading(name: &str, direction: Option<Direction>, of_names: bool) -> Markup {
     }
 }
 
-fn measured_row(row: &Row, link: &impl Fn(&str) -> Option<String>) -> Markup {
+fn measured_row(
+    row: &Row,
+    addition: &RowAddition,
+    is_ranking: bool,
+    cell_of: impl Fn(usize, &Cell) -> Markup,
+) -> Markup {
+    let named = usize::from(is_ranking);
     let last = row.names.len().saturating_sub(1);
     html! {
-        tr {
+        tr data-contest=[addition.contest] {
             @for (position, name) in row.names.iter().enumerate() {
-                th scope="row" data-value=(name) {
-                    @match link(name).filter(|_| position == 0) {
+                @let is_rank = is_ranking && position == 0;
+                th.rank[is_rank] scope="row" data-value=(if is_rank { rank_value(name) } else { name }) {
+                    @match addition.page.as_ref().filter(|_| position == named) {
                         Some(page) => a href=(page) { (name) },
                         None => (name),
                     }
                     @if position == last && row.failures > 0 {
                         " " abbr title="Some views could not be scored" { (FAILURE_MARK) }
                     }
+                    @if position == last && row.unusual_budget {
+                        " " abbr title="Trained for other iterations than is usual in its class" {
+                            (BUDGET_MARK)
+                        }
+                    }
+                    @if let Some(detail) = addition.detail.as_ref().filter(|_| position == named) {
+                        small { (detail) }
+                    }
+                    @if position == named && !addition.links.is_empty() {
+                        small.links {
+                            @for (text, address) in &addition.links {
+                                a href=(address) { (text) } " "
+                            }
+                        }
+                    }
                 }
             }
-            @for cell in &row.cells { (measured_cell(cell)) }
+            @for (at, cell) in row.cells.iter().enumerate() { (cell_of(at, cell)) }
         }
     }
 }
 
-fn measured_cell(cell: &Cell) -> Markup {
+/// A rank without its interval; nothing where there is none.
+fn rank_value(rank: &str) -> &str {
+    let rank = rank.split_once(' ').map_or(rank, |(rank, _)| rank);
+    if rank.parse::<usize>().is_ok() {
+        rank
+    } else {
+        ""
+    }
+}
+
+/// A dash that says why.
+fn dash(reason: &str) -> Markup {
+    html! { span.dash title=(reason) { "–" span.visually-hidden { " " (reason) } } }
+}
+
+fn measured_cell(cell: &Cell, later: bool, reason: &str) -> Markup {
     // Missing values have no number and stay at the end, whichever way the column is sorted.
     let value = match cell {
         Cell::Score(score) => Some(score.value.to_string()),
@@ -114,7 +287,9 @@ fn measured_cell(cell: &Cell) -> Markup {
         Cell::Missing | Cell::Blank => None,
     };
     html! {
-        td data-value=(value.unwrap_or_default()) { (content(cell)) }
+        td.later[later] data-value=(value.unwrap_or_default()) {
+            @if *cell == Cell::Missing { (dash(reason)) } @else { (content(cell)) }
+        }
     }
 }
 
@@ -133,14 +308,26 @@ fn content(cell: &Cell) -> Markup {
     }
 }
 
-fn published(block: &PublishedBlock, columns: usize) -> Markup {
+fn published(block: &PublishedBlock, table: &Table, first: usize) -> Markup {
+    let columns = table.names.len() + table.columns.len();
+    let unnamed = table
+        .names
+        .len()
+        .saturating_sub(block.rows.first().map_or(0, |row| row.names.len()));
     html! {
         tbody.published {
-            tr { th.source scope="rowgroup" colspan=(columns) { (block.source) } }
+            tr { th.source scope="rowgroup" colspan=(columns) { span { (block.source) } } }
             @for row in &block.rows {
                 tr {
+                    @for _ in 0..unnamed { td.rank {} }
                     @for name in &row.names { th scope="row" { (name) } }
-                    @for cell in &row.cells { td { (content(cell)) } }
+                    @for (at, cell) in row.cells.iter().enumerate() {
+                        td.later[at >= first] {
+                            @if *cell == Cell::Missing {
+                                (dash("not in the paper's table"))
+                            } @else { (content(cell)) }
+                        }
+                    }
                 }
             }
         }

@@ -1,58 +1,93 @@
-//! The first page: every protocol with its tables, its cost and its scenes.
+//! The first page: the best view, every protocol with its methods by rank, its cost, the scenes.
+
+use std::collections::BTreeSet;
 
 use maud::{Markup, html};
 
-use omnilife_schemas::records::Direction;
-
 use super::{
-    SiteRequest, chart, chart::Point, html_table, layout, layout::Place, method_cards, methods,
-    protocol, scene_file,
+    SceneViews, SiteRequest, html_table, layout, layout::Place, method_cards, panorama, protocol,
+    run_time, scene_cards, standings,
 };
 use crate::{
     error::LeaderboardError,
-    group::{Group, ViewKind},
-    layouts::{LAYOUTS, main_methods},
+    format,
+    group::Group,
+    layouts::{LAYOUTS, main_methods, ranked_by},
 };
 
-/// The metric of the chart of error against run time.
-const ERROR_METRIC: &str = "psnr";
+/// Layouts whose numbers the first table has.
+const IN_FIRST_TABLE: [&str; 2] = ["views", "feed-forward"];
 
-pub(super) fn render(request: &SiteRequest<'_>) -> Result<Markup, LeaderboardError> {
+pub(super) fn render(
+    request: &SiteRequest<'_>,
+    views: &SceneViews,
+) -> Result<Markup, LeaderboardError> {
     let mut sections = Vec::new();
     for (number, group) in request.groups.iter().enumerate() {
         sections.push(section(request, group, &format!("p{number}"))?);
     }
-    let scenes: std::collections::BTreeSet<&str> = request
+    let scenes: BTreeSet<&str> = request
         .groups
         .iter()
         .flat_map(|group| group.scenes.iter().copied())
         .collect();
+    let methods: BTreeSet<&str> = (request.groups.iter())
+        .flat_map(|group| main_methods(group).into_iter().map(|method| method.method))
+        .collect();
     let content = html! {
         p.lead {
-            (methods(request.groups).len()) " methods on " (scenes.len())
-            " scenes. Scores of different protocols are never in one table; published figures \
-             stand below measured ones and take no part in any ranking."
+            (format::counted(methods.len(), "method")) " on "
+            (format::counted(scenes.len(), "scene"))
+            ". Scores of different protocols are never in one table."
         }
+        (best_view(request, views))
         @if request.groups.len() > 1 {
-            nav aria-label="Protocols" { ul {
+            nav.protocols aria-label="Protocols" {
                 @for (number, group) in request.groups.iter().enumerate() {
-                    li { a href={ "#p" (number) } { (title(group)) } }
+                    a href={ "#p" (number) } { (group.protocol) }
                 }
-            } }
+                a href="#scenes" { "Scenes" }
+            }
         }
         @for section in &sections { (section) }
+        (scene_cards::render(request, views, &scenes))
         (method_cards::render(request.cards))
     };
     Ok(layout::page(
+        request,
         Place::Index,
-        "Leaderboard",
-        request.dataset.is_some(),
+        "360° reconstruction, by rank",
         content,
     ))
 }
 
-fn title(group: &Group<'_>) -> String {
-    format!("Protocol {} ({})", group.protocol, group.short_hash())
+/// A view by the first method of the first protocol that has one, to look around in.
+fn best_view(request: &SiteRequest<'_>, views: &SceneViews) -> Markup {
+    let found = request.groups.iter().find_map(|group| {
+        let index = ranked_by(group)?;
+        let mut methods = main_methods(group);
+        methods.retain(|method| method.confidence[index].rank.is_some());
+        methods.sort_by_key(|method| (method.class, method.confidence[index].rank));
+        methods.iter().find_map(|method| {
+            group.scenes.iter().find_map(|scene| {
+                let mut pictures = views.get(*scene)?.pictures();
+                let picture = pictures.find(|picture| {
+                    picture.method == method.method && picture.protocol_hash == group.protocol_hash
+                })?;
+                Some((*scene, *method, index, picture))
+            })
+        })
+    });
+    html! {
+        @if let Some((scene, method, index, picture)) = found {
+            @let rank = method.confidence[index].rank.unwrap_or(1);
+            (panorama::hero(picture, scene, rank))
+        }
+    }
+}
+
+fn title(group: &Group<'_>) -> Markup {
+    html! { "Protocol " (group.protocol) " " small { code { (group.short_hash()) } } }
 }
 
 fn section(
@@ -60,113 +95,31 @@ fn section(
     group: &Group<'_>,
     id: &str,
 ) -> Result<Markup, LeaderboardError> {
-    let tables: Vec<Markup> = LAYOUTS
+    let first = standings::render(group, request.papers, &format!("{id}-methods"));
+    let shown = first.is_some();
+    let layouts = LAYOUTS
         .iter()
+        .filter(|layout| !(shown && IN_FIRST_TABLE.contains(&layout.id)));
+    let tables: Vec<Markup> = layouts
         .flat_map(|layout| {
             let tables = (layout.tables)(group, request.papers);
             tables.into_iter().enumerate().map(move |(part, table)| {
-                let id = format!("{id}-{}-{part}", layout.id);
-                html_table::render(&table, &id, |_| None)
+                html_table::plain(&table, &format!("{id}-{}-{part}", layout.id))
             })
         })
         .collect();
     Ok(html! {
         section #(id) {
             h2 { (title(group)) }
+            @if let Some(table) = first { (table) }
             (protocol::explained(request.protocols.get(group.protocol_hash)))
-            @for table in tables.iter().take(1) { (table) }
-            (error_against_run_time(group)?)
-            @if tables.len() > 1 { h3 { "Further tables" } }
-            @for table in tables.iter().skip(1) { (table) }
-            h3 { "Scenes" }
-            ul.scenes {
-                @for scene in &group.scenes {
-                    li { a href=(scene_file(scene)) { (scene) } }
+            (run_time::of_group(request, group)?)
+            @if !tables.is_empty() {
+                details.tables open[!shown] {
+                    summary { "Further tables (" (tables.len()) ")" }
+                    @for table in &tables { (table) }
                 }
             }
         }
     })
-}
-
-/// Mean PSNR of novel views against mean training time, with the Pareto front.
-fn error_against_run_time(group: &Group<'_>) -> Result<Markup, LeaderboardError> {
-    let Some(index) = group.quantity(ViewKind::Novel, ERROR_METRIC) else {
-        return Ok(html! {});
-    };
-    let mut points = Vec::new();
-    let mut without = Vec::new();
-    for method in main_methods(group) {
-        let seconds = method
-            .numbers
-            .training_seconds
-            .filter(|&seconds| seconds > 0.0);
-        match (method.numbers.scores[index], seconds) {
-            (Some(y), Some(x)) if method.complete => points.push(Point {
-                label: method.method,
-                x,
-                y,
-                description: format!("{}: {y:.3} dB after {x:.1} s of training", method.method),
-                on_front: false,
-            }),
-            _ => without.push(method.method),
-        }
-    }
-    mark_front(&mut points, group.quantities[index].1);
-    let title = format!("Error against run time, protocol {}", group.protocol);
-    let drawing = chart::scatter(
-        &title,
-        "Training time per scene (s), logarithmic",
-        "PSNR of novel views (dB)",
-        &points,
-    )?;
-    Ok(html! {
-        h3 { "Error against run time" }
-        @if points.is_empty() {
-            p { "No method has both scores of all scenes and their training times." }
-        } @else {
-            figure {
-                (drawing)
-                figcaption {
-                    "PSNR is the error on a logarithmic scale: higher is less error. The line joins \
-                     the methods that no other beats in both. Means over scenes, on whatever machine \
-                     each was trained on."
-                    @if !without.is_empty() {
-                        " Not shown, for want of a complete score or a training time: "
-                        (shortened_list(&without)) "."
-                    }
-                }
-            }
-        }
-    })
-}
-
-/// The first names of a list and how many more there are.
-fn shortened_list(names: &[&str]) -> String {
-    const SHOWN: usize = 12;
-    let mut text = names[..names.len().min(SHOWN)].join(", ");
-    if names.len() > SHOWN {
-        text.push_str(&format!(" and {} more", names.len() - SHOWN));
-    }
-    text
-}
-
-/// A point is on the front when none is at least as fast and at least as good, and better in one.
-fn mark_front(points: &mut [Point<'_>], direction: Direction) {
-    let mut order: Vec<usize> = (0..points.len()).collect();
-    order.sort_by(|&a, &b| {
-        let by_score = match direction {
-            Direction::HigherIsBetter => points[b].y.total_cmp(&points[a].y),
-            Direction::LowerIsBetter => points[a].y.total_cmp(&points[b].y),
-        };
-        points[a].x.total_cmp(&points[b].x).then(by_score)
-    });
-    let mut best: Option<(f64, f64)> = None;
-    for index in order {
-        let point = &mut points[index];
-        point.on_front = best
-            .is_none_or(|(x, y)| direction.prefers(point.y, y) || (point.y == y && point.x == x));
-        if point.on_front {
-            best = Some((point.x, point.y));
-        }
-    }
 }

@@ -1,6 +1,11 @@
 //! What all pages share.
 
+use std::collections::BTreeSet;
+
 use maud::{DOCTYPE, Markup, html};
+
+use super::{SiteRequest, scene_page};
+use crate::format;
 
 /// A page's place in the site.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -9,20 +14,26 @@ pub(super) enum Place {
     Published,
     Dataset,
     Scene,
+    Method,
 }
 
 impl Place {
     /// The way to the first folder of the site.
     fn root(self) -> &'static str {
         match self {
-            Self::Scene => "../",
+            Self::Scene | Self::Method => "../",
             _ => "",
         }
     }
 }
 
 /// A whole page.
-pub(super) fn page(place: Place, title: &str, has_dataset: bool, content: Markup) -> Markup {
+pub(super) fn page(
+    request: &SiteRequest<'_>,
+    place: Place,
+    title: &str,
+    content: Markup,
+) -> Markup {
     let root = place.root();
     let link = |target: Place, file: &str, text: &str| {
         html! {
@@ -49,7 +60,7 @@ pub(super) fn page(place: Place, title: &str, has_dataset: bool, content: Markup
                     nav aria-label="Pages" {
                         (link(Place::Index, "index.html", "Leaderboard"))
                         (link(Place::Published, "published.html", "Published figures"))
-                        @if has_dataset {
+                        @if request.dataset.is_some() {
                             (link(Place::Dataset, "dataset.html", "Dataset"))
                         }
                     }
@@ -58,13 +69,35 @@ pub(super) fn page(place: Place, title: &str, has_dataset: bool, content: Markup
                     h1 { (title) }
                     (content)
                 }
-                footer {
-                    p {
-                        "Made by omnilife " (env!("CARGO_PKG_VERSION")) " from result records; the same \
-                         records give the same bytes."
-                    }
-                }
+                footer { (made_from(request)) }
             }
+        }
+    }
+}
+
+/// By what, from what, and what may be done with it.
+fn made_from(request: &SiteRequest<'_>) -> Markup {
+    let rows = || request.groups.iter().flat_map(|group| &group.scene_rows);
+    let results = || rows().flat_map(|row| &row.results);
+    let commits: BTreeSet<String> = results()
+        .filter_map(|result| scene_page::commit(result))
+        .map(format::short_commit)
+        .collect();
+    html! {
+        p {
+            "Made by omnilife " (env!("CARGO_PKG_VERSION")) " from "
+            (format::counted(results().count(), "result")) "; the same records give the same bytes. "
+            @match commits.len() {
+                0 => "The results do not say which commit they were made at.",
+                1..=3 => {
+                    "Results were made at " @for commit in &commits { code { (commit) } " " }
+                }
+                more => { "Results were made at " (more) " commits, which scene pages name." }
+            }
+        }
+        p {
+            "Program: MIT or Apache-2.0. Scores may be cited with the protocol and its hash; videos, \
+             images and methods stay under the licences of their owners."
         }
     }
 }

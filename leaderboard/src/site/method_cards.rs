@@ -9,14 +9,15 @@ pub(super) fn render(cards: &[MethodCard]) -> Markup {
         @if !cards.is_empty() {
             h2 #methods { "Methods that were handed in" }
             p { "As their authors describe them." }
-            @for card in cards { (block(card)) }
+            @for card in cards { (block(card, false)) }
         }
     }
 }
 
-fn block(card: &MethodCard) -> Markup {
+/// One card.
+pub(super) fn block(card: &MethodCard, open: bool) -> Markup {
     html! {
-        details.card {
+        details.card open[open] {
             summary { (card.method) ": " (card.title) }
             dl {
                 dt { "Authors" }

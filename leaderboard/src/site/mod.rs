@@ -2,24 +2,39 @@
 
 mod chart;
 mod comparisons;
+mod curves;
 mod dataset_page;
 mod html_table;
 mod index_page;
 mod layout;
+mod links;
 mod method_cards;
+mod method_page;
+mod panorama;
 mod protocol;
 mod published_page;
+mod run_time;
+mod scene_cards;
+mod scene_facts;
 mod scene_page;
+mod standings;
 
 use std::{
-    collections::{BTreeMap, BTreeSet},
-    path::PathBuf,
+    collections::{BTreeMap, BTreeSet, HashMap},
+    path::{Path, PathBuf},
 };
+
+use rayon::prelude::*;
 
 use omnilife_schemas::{
     records::{Dataset, MethodCard, Protocol, ResultRecord},
     store,
 };
+
+use comparisons::Comparisons;
+use curves::CurvePoint;
+use links::Links;
+use scene_facts::SceneFacts;
 
 use crate::{
     error::LeaderboardError,
@@ -35,11 +50,57 @@ const FOLDER: &str = "site";
 /// Where to begin reading.
 pub(crate) const FIRST_PAGE: &str = "site/index.html";
 
+/// Comparisons by scene.
+type SceneViews = BTreeMap<String, Comparisons>;
+
+/// What is beside the files of results.
+pub(crate) struct Surroundings {
+    /// Folders of results, and the curves in them. Results are told apart by their address: they are
+    /// borrowed, not copied.
+    results: HashMap<*const ResultRecord, (PathBuf, Vec<CurvePoint>)>,
+    links: Links,
+    facts: BTreeMap<String, SceneFacts>,
+}
+
+impl Surroundings {
+    /// Looks around all results. The site goes into `out`.
+    ///
+    /// # Errors
+    /// When a curve, or a record beside the dataset's, is broken.
+    pub(crate) fn of(
+        files: &[(PathBuf, ResultRecord)],
+        results: &Path,
+        out: &Path,
+        dataset: Option<(&Path, &Dataset)>,
+    ) -> Result<Self, LeaderboardError> {
+        let read: Vec<_> = (files.par_iter())
+            .map(|(path, _)| {
+                let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+                let curve = curves::read(&folder)?;
+                Ok((folder, curve))
+            })
+            .collect();
+        let mut found = HashMap::new();
+        // In the order of the files, so that always the first broken one is named.
+        for ((_, result), read) in files.iter().zip(read) {
+            let read: Result<_, LeaderboardError> = read;
+            found.insert(std::ptr::from_ref(result), read?);
+        }
+        Ok(Self {
+            results: found,
+            links: Links::between(results, &out.join(FOLDER)),
+            facts: dataset.map_or_else(
+                || Ok(BTreeMap::new()),
+                |(file, dataset)| scene_facts::read(file, dataset),
+            )?,
+        })
+    }
+}
+
 /// What the site is made of.
 pub(crate) struct SiteRequest<'a> {
     pub(crate) groups: &'a [Group<'a>],
-    /// All results with their files, beside which rendered views are.
-    pub(crate) files: &'a [(PathBuf, ResultRecord)],
+    pub(crate) surroundings: &'a Surroundings,
     pub(crate) papers: &'a [Paper],
     /// Protocols by hash, as far as they are known.
     pub(crate) protocols: &'a BTreeMap<String, Protocol>,
@@ -60,39 +121,54 @@ pub(crate) fn add(
     outputs: &mut Outputs,
     request: &SiteRequest<'_>,
 ) -> Result<(), LeaderboardError> {
+    let scenes = scenes(request.groups);
+    let mut views = SceneViews::new();
+    for (scene, rows) in &scenes {
+        let found = comparisons::find(rows, request, request.views)?;
+        views.insert((*scene).to_owned(), found);
+    }
     let mut page = |name: &str, markup: maud::Markup| {
         outputs.add(format!("{FOLDER}/{name}"), markup.into_string());
     };
-    page("index.html", index_page::render(request)?);
+    page("index.html", index_page::render(request, &views)?);
     page("published.html", published_page::render(request)?);
     if let Some(dataset) = request.dataset {
         page("dataset.html", dataset_page::render(request, dataset)?);
     }
-    let folders = result_folders(request.files);
-    for (scene, rows) in scenes(request.groups) {
-        let comparisons = comparisons::find(&rows, &folders, request.views)?;
-        let name = scene_file(scene);
-        let markup = scene_page::render(request, scene, &rows, &comparisons);
-        outputs.add(format!("{FOLDER}/{name}"), markup.into_string());
-        for picture in comparisons.pictures() {
-            let target = format!("{FOLDER}/scenes/{}", picture.file);
-            outputs.add_copy(target, picture.source.clone());
-        }
+    for (scene, rows) in &scenes {
+        let markup = scene_page::render(request, scene, rows, &views[*scene])?;
+        page(&scene_file(scene), markup);
     }
+    for method in methods(request.groups) {
+        page(
+            &method_page::file(method),
+            method_page::render(request, method)?,
+        );
+    }
+    for picture in views.values().flat_map(Comparisons::pictures) {
+        let target = format!("{FOLDER}/scenes/{}", picture.file);
+        outputs.add_copy(target, picture.source.clone());
+    }
+    let script = concat!(include_str!("script.js"), "\n", include_str!("panorama.js"));
     outputs.add(format!("{FOLDER}/style.css"), include_str!("style.css"));
-    outputs.add(format!("{FOLDER}/script.js"), include_str!("script.js"));
+    outputs.add(format!("{FOLDER}/script.js"), script);
     Ok(())
 }
 
-/// Every result's folder. Results are told apart by their address: they are borrowed, not copied.
-fn result_folders(files: &[(PathBuf, ResultRecord)]) -> BTreeMap<*const ResultRecord, PathBuf> {
-    files
-        .iter()
-        .map(|(path, result)| {
-            let folder = path.parent().map(std::path::Path::to_owned);
-            (std::ptr::from_ref(result), folder.unwrap_or_default())
-        })
-        .collect()
+impl SiteRequest<'_> {
+    /// Folder of a result.
+    fn folder(&self, result: &ResultRecord) -> Option<&Path> {
+        let results = &self.surroundings.results;
+        let found = results.get(&std::ptr::from_ref(result));
+        found.map(|(folder, _)| folder.as_path())
+    }
+
+    /// Error against run time of a result; empty where its run left none.
+    fn curve(&self, result: &ResultRecord) -> &[CurvePoint] {
+        let results = &self.surroundings.results;
+        let found = results.get(&std::ptr::from_ref(result));
+        found.map_or(&[], |(_, curve)| curve.as_slice())
+    }
 }
 
 /// Every scene with its rows under all protocols.

@@ -14,7 +14,7 @@ pub(super) fn explained(protocol: Option<&Protocol>) -> Markup {
     let Padding::None = protocol.padding;
     let Colour::Srgb8 = protocol.colour;
     html! {
-        details open {
+        details.protocol {
             summary { "What is scored" }
             dl {
                 dt { "Split" }

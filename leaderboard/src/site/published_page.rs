@@ -38,9 +38,9 @@ pub(super) fn render(request: &SiteRequest<'_>) -> Result<Markup, LeaderboardErr
         }
     };
     Ok(layout::page(
+        request,
         Place::Published,
         "Published figures",
-        request.dataset.is_some(),
         content,
     ))
 }
@@ -54,7 +54,7 @@ fn published(paper: &Paper, table: &PublishedTable) -> Markup {
                 thead { tr {
                     @for column in 0..table.columns.len() {
                         @let words = table.rows.iter().all(|row| row.cells[column].number().is_none());
-                        th.words[words] scope="col" { (table.heading(column)) }
+                        th.words[words] scope="col" { (paper.name_outside(&table.heading(column))) }
                     }
                 } }
                 tbody.published {
@@ -63,7 +63,7 @@ fn published(paper: &Paper, table: &PublishedTable) -> Markup {
                             @for (column, cell) in row.cells.iter().enumerate() {
                                 @let decimals = table.quantity(row, column).map_or(0, |of| of.decimals);
                                 @if column == 0 {
-                                    th scope="row" { (cell.printed(decimals)) }
+                                    th scope="row" { (paper.name_outside(&cell.printed(decimals))) }
                                 } @else if cell.text().is_some() {
                                     td.words { (cell.printed(decimals)) }
                                 } @else {

@@ -1,4 +1,6 @@
-//! One scene: its scores, what failed, and rendered views beside their ground truth.
+//! One scene: rendered views over their ground truth, scores, curves, and what failed.
+
+use std::collections::BTreeMap;
 
 use maud::{Markup, html};
 use omnilife_schemas::{provenance, records::ResultRecord};
@@ -6,107 +8,227 @@ use omnilife_schemas::{provenance, records::ResultRecord};
 use super::{
     SiteRequest,
     comparisons::{Comparisons, Picture},
-    html_table, layout,
+    curves,
+    html_table::{self, Addition, RowAddition},
+    layout,
     layout::Place,
+    method_page, panorama, run_time,
+    standings::{first_scores, full_column},
 };
 use crate::{
+    class::MethodClass,
+    error::LeaderboardError,
     format,
     group::{Group, SceneRow},
-    layouts::remarks,
-    table::{Cell, Column, Row, Table, mark_standings},
+    layouts::{mark_classes, ranked_by, remarks},
+    table::{Cell, Column, Row, Table, cost_columns},
 };
+
+/// What a row of a table is named by, the method on a scene, and one of its results.
+pub(super) type Run<'a> = (&'a str, &'a SceneRow<'a>, &'a ResultRecord);
+
+/// Files in the folder of a run, which lies beside that of its scores.
+const RUN_FILES: [(&str, &str); 3] = [
+    ("run", "../run/run.json"),
+    ("Gaussians", "../run/gaussians.ply"),
+    ("look at it", "../run/viewer/index.html"),
+];
 
 pub(super) fn render(
     request: &SiteRequest<'_>,
     scene: &str,
     rows: &[(&Group<'_>, &SceneRow<'_>)],
     comparisons: &Comparisons,
-) -> Markup {
+) -> Result<Markup, LeaderboardError> {
     let groups: Vec<&[(&Group<'_>, &SceneRow<'_>)]> =
         rows.chunk_by(|a, b| std::ptr::eq(a.0, b.0)).collect();
+    let mut sections = Vec::new();
+    for (number, rows) in groups.iter().enumerate() {
+        sections.push(section(request, scene, rows, comparisons, number)?);
+    }
     let remarks: Vec<String> = rows.iter().flat_map(|(_, row)| remarks(row)).collect();
     let content = html! {
-        p { a href="../index.html" { "All scenes" } }
-        @if !comparisons.by_view.is_empty() { (pictures(comparisons)) }
-        @for (number, group) in groups.iter().enumerate() {
-            h2 { "Protocol " (group[0].0.protocol) " (" (group[0].0.short_hash()) ")" }
-            (html_table::render(&table(group), &format!("t{number}"), |_| None))
+        p { a href="../index.html#scenes" { "All scenes" } }
+        @if !comparisons.by_view.is_empty() { (panorama::tools()) }
+        @for section in &sections { (section) }
+        @if !comparisons.left_out.is_empty() {
+            h2 { "Images left out" }
+            ul { @for reason in &comparisons.left_out { li { (reason) } } }
         }
         @if !remarks.is_empty() {
-            h2 { "Remarks" }
+            h2 { "Notes of the runs" }
             ul { @for remark in &remarks { li { (remark) } } }
         }
     };
-    layout::page(Place::Scene, scene, request.dataset.is_some(), content)
+    Ok(layout::page(request, Place::Scene, scene, content))
 }
 
-/// One row per method and seed, with every metric.
-fn table(rows: &[(&Group<'_>, &SceneRow<'_>)]) -> Table {
+fn section(
+    request: &SiteRequest<'_>,
+    scene: &str,
+    rows: &[(&Group<'_>, &SceneRow<'_>)],
+    comparisons: &Comparisons,
+    number: usize,
+) -> Result<Markup, LeaderboardError> {
     let group = rows[0].0;
-    let mut columns: Vec<Column> = (0..group.quantities.len())
-        .map(|index| Column::of_score(group, index, true))
+    let rows = by_score(group, rows);
+    let runs: Vec<Run<'_>> = (rows.iter())
+        .flat_map(|row| row.results.iter().map(|result| (row.method, *row, *result)))
         .collect();
-    columns.extend(crate::table::cost_columns());
-    columns.extend(
-        [
-            "Rendering (s)",
-            "Computed by",
-            "Machine",
-            "Commit",
-            "Failures",
-        ]
-        .map(Column::plain),
+    let of_row = |at: usize| {
+        let (method, _, result) = runs[at];
+        RowAddition {
+            page: Some(format!("../{}", method_page::file(method))),
+            links: links(request, result),
+            ..RowAddition::default()
+        }
+    };
+    let table = table(
+        group,
+        "Scores of every method and seed",
+        "Method",
+        &runs,
+        true,
     );
-    let mut table_rows = Vec::new();
-    let mut complete = Vec::new();
-    for (_, row) in rows {
-        for result in &row.results {
-            let mut cells: Vec<Cell> = group
-                .quantities
-                .iter()
-                .map(|(quantity, _)| {
-                    let summary = quantity.kind.scores(result).get(&quantity.metric);
-                    Cell::score(summary.map(|summary| summary.mean), &quantity.metric, None)
-                })
-                .collect();
+    // Of several seeds the first, which the images are of as well.
+    let curves: Vec<(&str, MethodClass, &ResultRecord)> = (rows.iter())
+        .map(|row| (row.method, row.class, row.results[0]))
+        .collect();
+    let title = format!(
+        "Error against run time on {scene}, protocol {}",
+        group.protocol
+    );
+    Ok(html! {
+        h2 { "Protocol " (group.protocol) " " small { code { (group.short_hash()) } } }
+        (pictures(comparisons, group, &rows))
+        (html_table::render(&table, &Addition {
+            id: &format!("t{number}"),
+            first_columns: Some(first_columns(group)),
+            of_row: &of_row,
+            is_ranking: false,
+        }))
+        h3 { "Error against run time" }
+        (run_time::of_results(request, &title, &curves)?)
+    })
+}
+
+/// Methods by class, then by what they are ranked by; those without a score come last.
+fn by_score<'a>(
+    group: &Group<'_>,
+    rows: &[(&'a Group<'a>, &'a SceneRow<'a>)],
+) -> Vec<&'a SceneRow<'a>> {
+    let mut rows: Vec<&SceneRow<'_>> = rows.iter().map(|(_, row)| *row).collect();
+    if let Some(index) = ranked_by(group) {
+        rows.sort_by(|a, b| {
+            let [left, right] = [a, b].map(|row| row.numbers.scores[index]);
+            let by_score = match (left, right) {
+                (Some(left), Some(right)) => right.total_cmp(&left),
+                _ => right.is_some().cmp(&left.is_some()),
+            };
+            a.class.cmp(&b.class).then(by_score)
+        });
+    }
+    rows
+}
+
+/// How many columns of [`table`] are shown at first: the first scores, training time, iterations.
+pub(super) fn first_columns(group: &Group<'_>) -> usize {
+    first_scores(group).len() + 2
+}
+
+/// One row per run, the scores that a reader looks for first.
+pub(super) fn table(
+    group: &Group<'_>,
+    title: &str,
+    named_by: &str,
+    runs: &[Run<'_>],
+    is_contest: bool,
+) -> Table {
+    let first = first_scores(group);
+    let others = (0..group.quantities.len()).filter(|index| !first.contains(index));
+    let others: Vec<usize> = others.collect();
+    let costs = cost_columns();
+    let mut columns: Vec<Column> = (first.iter())
+        .map(|&index| full_column(group, index))
+        .collect();
+    columns.extend([costs[0].clone(), costs[3].clone()]);
+    columns.extend(others.iter().map(|&index| full_column(group, index)));
+    columns.extend([costs[1].clone(), costs[2].clone()]);
+    let plain = ["Rendering (s)", "Computed by", "Machine", "Commit"];
+    columns.extend(plain.map(|name| Column {
+        missing: costs[0].missing.clone(),
+        ..Column::plain(name)
+    }));
+    columns.push(Column::plain("Failures"));
+    let mut rows: Vec<Row> = (runs.iter())
+        .map(|&(name, _, result)| {
+            let score = |&index: &usize| {
+                let quantity = &group.quantities[index].0;
+                let summary = quantity.kind.scores(result).get(&quantity.metric);
+                Cell::score(summary.map(|summary| summary.mean), &quantity.metric, None)
+            };
+            let mut cells: Vec<Cell> = first.iter().map(score).collect();
+            cells.push(Cell::number(result.training_seconds, 1));
+            cells.push(Cell::number(result.iterations.map(|count| count as f64), 0));
+            cells.extend(others.iter().map(score));
             cells.extend([
-                Cell::number(result.training_seconds, 1),
                 Cell::number(result.peak_memory_bytes.map(|bytes| bytes as f64 / 1e9), 2),
                 Cell::number(result.primitives.map(|count| count as f64), 0),
-                Cell::number(result.iterations.map(|count| count as f64), 0),
                 Cell::number(result.rendering_seconds, 1),
                 text(result.backend.as_ref().map(format::backend)),
                 text(result.hardware.as_ref().map(format::machine)),
                 text(commit(result).map(format::short_commit)),
                 Cell::count(result.failures.len()),
             ]);
-            table_rows.push(Row {
-                names: vec![
-                    row.method.to_owned(),
-                    result
-                        .seed
-                        .map_or_else(|| "–".to_owned(), |seed| seed.to_string()),
-                ],
+            let seed = result.seed.map(|seed| seed.to_string());
+            Row {
+                names: vec![name.to_owned(), seed.unwrap_or_else(|| "–".to_owned())],
                 cells,
                 failures: result.failures.len(),
-            });
-            complete.push(result.failures.is_empty());
-        }
-    }
-    let directions: Vec<_> = columns.iter().map(|column| column.direction).collect();
-    mark_standings(table_rows.iter_mut().zip(complete), &directions);
-    Table {
-        title: "Scores of every method and seed".to_owned(),
-        names: ["Method", "Seed"].map(str::to_owned).to_vec(),
-        columns,
-        rows: table_rows,
-        published: Vec::new(),
-        notes: vec![
-            "Means over the views of the scene. Bold: best; underlined: second best; among runs \
-             without failures."
+                ..Row::default()
+            }
+        })
+        .collect();
+    let mut notes = vec!["Means over the views of the scene.".to_owned()];
+    if is_contest {
+        let contestants: Vec<(MethodClass, bool)> = (runs.iter())
+            .map(|(_, row, result)| (row.class, result.failures.is_empty()))
+            .collect();
+        mark_classes(&mut rows, &contestants, &columns);
+        notes.push(
+            "Bold: best of a class; underlined: second best; among runs without failures."
                 .to_owned(),
-        ],
+        );
     }
+    Table {
+        title: title.to_owned(),
+        names: [named_by, "Seed"].map(str::to_owned).to_vec(),
+        columns,
+        rows,
+        published: Vec::new(),
+        notes,
+    }
+}
+
+/// What a run and its scoring left, as far as it lies beside the site.
+pub(super) fn links(
+    request: &SiteRequest<'_>,
+    result: &ResultRecord,
+) -> Vec<(&'static str, String)> {
+    let Some(folder) = request.folder(result) else {
+        return Vec::new();
+    };
+    let of_scores = [
+        ("result", omnilife_schemas::layout::RESULT_FILE),
+        ("frames", result.frames_table.as_str()),
+        ("curve", curves::FILE),
+    ];
+    (of_scores.into_iter().chain(RUN_FILES))
+        .filter_map(|(text, file)| {
+            let way = request.surroundings.links.to(&folder.join(file))?;
+            Some((text, way))
+        })
+        .collect()
 }
 
 fn text(text: Option<String>) -> Cell {
@@ -114,59 +236,53 @@ fn text(text: Option<String>) -> Cell {
 }
 
 /// The commit of the program that made the predictions, or else of the one that scored them.
-fn commit(result: &ResultRecord) -> Option<&str> {
+pub(super) fn commit(result: &ResultRecord) -> Option<&str> {
     let versions = [&result.run_versions, &result.versions];
     versions.into_iter().find_map(provenance::commit_in)
 }
 
-fn pictures(comparisons: &Comparisons) -> Markup {
+/// Views of one protocol, the first one open.
+fn pictures(comparisons: &Comparisons, group: &Group<'_>, rows: &[&SceneRow<'_>]) -> Markup {
+    let order: BTreeMap<&str, usize> = (rows.iter().enumerate())
+        .map(|(at, row)| (row.method, at))
+        .collect();
+    let views: Vec<Vec<&Picture>> = (comparisons.by_view.values())
+        .map(|pictures| {
+            let of_protocol = |picture: &&Picture| picture.protocol_hash == group.protocol_hash;
+            let mut pictures: Vec<&Picture> = pictures.iter().filter(of_protocol).collect();
+            pictures.sort_by_key(|picture| order.get(picture.method.as_str()));
+            pictures
+        })
+        .filter(|pictures| !pictures.is_empty())
+        .collect();
+    let score = |picture: &Picture| {
+        let at = order.get(picture.method.as_str());
+        let score = ranked_by(group).zip(at);
+        let score = score.and_then(|(index, &at)| rows[at].numbers.scores[index]);
+        score.map_or_else(String::new, |score| {
+            format!(" · {score:.2} dB on this scene")
+        })
+    };
     html! {
-        h2 { "Rendered views" }
-        p {
-            (comparisons.by_view.len()) " of " (comparisons.views) " views. Left of the line is the \
-             rendered view, right of it the ground truth; move the line with the slider. The error \
-             map is the difference of the two, four times as bright."
-        }
-        @for pictures in comparisons.by_view.values() {
-            h3 { (capitalized(&pictures[0].view)) }
-            div.compare-grid { @for picture in pictures { (figure(picture)) } }
-        }
-        @if !comparisons.left_out.is_empty() {
-            p { "Left out:" }
-            ul { @for reason in &comparisons.left_out { li { (reason) } } }
-        }
-    }
-}
-
-/// Both halves of one picture on top of each other; the style sheet cuts at the slider's position.
-fn figure(picture: &Picture) -> Markup {
-    let [width, height] = picture.half;
-    let what = format!("{} by {}", picture.view, picture.method);
-    let style = format!(
-        "--half-width: {width}; --half-height: {height}; --width-ratio: {:.6}; --truth-offset: {:.6}",
-        picture.width_ratio(),
-        picture.truth_offset()
-    );
-    html! {
-        figure.compare style=(style) {
-            div.stage {
-                div.truth {
-                    img src=(picture.file) alt={ "Ground truth of " (what) } loading="lazy";
-                }
-                div.prediction {
-                    img src=(picture.file) alt={ "Rendering of " (what) } loading="lazy";
+        @for (number, pictures) in views.iter().enumerate() {
+            details.view open[number == 0] {
+                summary { (capitalized(&pictures[0].view)) }
+                div.compare-grid {
+                    @for picture in pictures {
+                        (panorama::figure(picture, "", &html! {
+                            span {
+                                a href={ "../" (method_page::file(&picture.method)) } { (picture.method) }
+                                (score(picture))
+                            }
+                        }))
+                    }
                 }
             }
-            label {
-                span.visually-hidden { "Share of the rendered view, " (what) }
-                input.split type="range" min="0" max="100" value="50" step="1";
-            }
-            figcaption {
-                span { (picture.method) }
-                label {
-                    input.error-map type="checkbox";
-                    " Error map" span.visually-hidden { ", " (what) }
-                }
+        }
+        @if !views.is_empty() {
+            p.notes {
+                (views.len()) " of " (comparisons.views) " views. The error map is the difference of \
+                 rendering and truth, four times as bright."
             }
         }
     }

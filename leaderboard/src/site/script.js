@@ -1,6 +1,7 @@
 "use strict";
 
-// Sorting, filtering, image sliders and what charts say on hover. The pages read well without it.
+// Sorting, filtering, ranking by another score, image sliders and what charts say on hover. The pages
+// read well without it.
 
 const collator = new Intl.Collator("en", { numeric: true });
 
@@ -13,6 +14,7 @@ class SortableTable {
   constructor(table) {
     const tool = (attribute) => document.querySelector(`[data-${attribute}="${table.id}"]`);
     [this.filter, this.count, this.all] = ["filter", "count", "all"].map(tool);
+    this.table = table;
     this.body = table.querySelector("tbody.measured");
     this.entries = Array.from(this.body.rows, (row, index) => ({ row, index, text: null }));
     this.keys = new Map();
@@ -26,6 +28,59 @@ class SortableTable {
       this.limit = Infinity;
       this.arrange();
     });
+    const columns = tool("columns");
+    columns?.addEventListener("change", () => table.classList.toggle("few", !columns.checked));
+    this.ranking = tool("rank");
+    if (this.ranking) {
+      this.ranks = this.entries.map(({ row }) => [row.cells[0].textContent, row.cells[0].dataset.value]);
+      this.contests = [...new Set(this.entries.map(({ row }) => row.dataset.contest))];
+      this.ranking.addEventListener("change", () => this.rank());
+      this.markRanked();
+    }
+    this.arrange();
+  }
+
+  get headings() {
+    return [...this.table.tHead.rows].at(-1).cells;
+  }
+
+  // The heading of the score that ranks are by.
+  markRanked() {
+    const ranked = Number(this.ranking.value);
+    for (const each of this.headings) each.classList.toggle("ranked", each.cellIndex === ranked);
+  }
+
+  // Ranks by the chosen score within each class; equals share the better rank. The page comes with
+  // ranks by the first choice, which have intervals.
+  rank() {
+    const column = Number(this.ranking.value);
+    const isFirst = this.ranking.selectedIndex === 0;
+    const sign = this.headings[column].dataset.first === "ascending" ? 1 : -1;
+    const scores = this.keysOf(column);
+    const contestOf = (entry) => entry.row.dataset.contest;
+    const rivals = new Map(this.contests.map((contest) => [contest, []]));
+    for (const entry of this.entries) {
+      if (contestOf(entry) && scores[entry.index] !== null) rivals.get(contestOf(entry)).push(scores[entry.index]);
+    }
+    const better = (a, b) => sign * (a - b);
+    for (const list of rivals.values()) list.sort(better);
+    const places = [];
+    for (const entry of this.entries) {
+      const [score, list] = [scores[entry.index], contestOf(entry) && rivals.get(contestOf(entry))];
+      const rank = list && score !== null ? 1 + list.indexOf(score) : null;
+      places[entry.index] = rank ?? Infinity;
+      const shown = isFirst ? this.ranks[entry.index] : rank ? [`${rank}`, `${rank}`] : ["–", ""];
+      [entry.row.cells[0].textContent, entry.row.cells[0].dataset.value] = shown;
+      if (isFirst) places[entry.index] = shown[1] === "" ? Infinity : Number(shown[1]);
+    }
+    this.keys.delete(0);
+    const order = (entry) => this.contests.indexOf(contestOf(entry));
+    this.entries.sort((left, right) => {
+      const [a, b] = [places[left.index], places[right.index]];
+      return order(left) - order(right) || (a === b ? left.index - right.index : a - b);
+    });
+    for (const each of this.headings) each.setAttribute("aria-sort", "none");
+    this.markRanked();
     this.arrange();
   }
 
@@ -76,7 +131,9 @@ class SortableTable {
     const shown = found.slice(0, this.limit);
     this.body.replaceChildren(...shown.map((entry) => entry.row));
     const total = this.entries.length;
-    const count = words.length ? `${found.length} of ${total} rows` : `${total} rows`;
+    const rows = total === 1 ? "row" : "rows";
+    const all = `${total.toLocaleString("en")} ${rows}`;
+    const count = words.length ? `${found.length.toLocaleString("en")} of ${all}` : all;
     const isCut = shown.length < found.length;
     this.count.value = isCut ? `${count}, ${this.limit} of them shown` : count;
     this.all.hidden = !isCut;

@@ -222,3 +222,18 @@ fn readers_sort_filter_and_compare_in_a_browser() {
         String::from_utf8_lossy(&output.stderr)
     );
 }
+
+#[test]
+fn zz_scratch() {
+    let Some(results) = std::env::var_os("SCRATCH_RESULTS") else {
+        return;
+    };
+    let out = std::env::var_os("SCRATCH_OUT").unwrap();
+    let dataset = std::env::var_os("SCRATCH_DATASET").map(PathBuf::from);
+    let request = LeaderboardRequest {
+        dataset,
+        views: 4,
+        ..request(Path::new(&results), Path::new(&out))
+    };
+    build_leaderboard(&request).unwrap();
+}

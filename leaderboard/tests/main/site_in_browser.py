@@ -11,7 +11,7 @@ import pathlib
 import sys
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[3] / "scripts/browser"))
-from webdriver import browser, expect  # noqa: E402
+from webdriver import browser, expect, wait_for  # noqa: E402
 
 # Width and height of a phone in pixels.
 PHONE = (390, 844)
@@ -20,7 +20,11 @@ ENTER, SPACE, RIGHT = "\ue007", " ", "\ue014"
 
 # Names of methods in the order of a table's rows.
 NAMES = """return [...document.querySelectorAll(`#${arguments[0]} tbody.measured tr`)]
-    .map(row => row.cells[0].dataset.value)"""
+    .map(row => [...row.cells].find(cell => cell.matches('th:not(.rank)')).dataset.value)"""
+
+# Methods with their ranks, in the order of a ranking's rows.
+RANKS = """return [...document.querySelectorAll(`#${arguments[0]} tbody.measured tr`)]
+    .map(row => [row.cells[0].textContent, row.cells[1].dataset.value])"""
 
 # Elements that a screen reader could not name.
 NAMELESS = """return [...document.querySelectorAll('a,button,input,img,svg,circle,[role=region]')]
@@ -71,17 +75,18 @@ def check_page(page, what):
         page.colours(scheme)
         expect(f"{what}: faint texts, {scheme}", page.script(FAINT), [])
     page.colours("light")
-    page.size(*PHONE, phone=True)
-    expect(f"{what}: width on a phone", page.script(
-        "return document.documentElement.scrollWidth"), PHONE[0])
+    for width, height, phone in ((*PHONE, True), (1400, 900, False)):
+        page.size(width, height, phone)
+        expect(f"{what}: hangs out to the right at {width} pixels", page.script(
+            "return document.documentElement.scrollWidth > document.documentElement.clientWidth"), False)
     page.size(1280, 1400)
 
 
 def sort_and_filter(page):
-    table = "p0-views-0"
+    table = "p0-methods"
     heads = f"#{table} thead tr:last-child th"
     names = page.script("return [...document.querySelectorAll(arguments[0])].map(h => h.innerText)", heads)
-    novel_psnr = [index for index, name in enumerate(names) if name.startswith("PSNR")][1]
+    novel_psnr = next(index for index, name in enumerate(names) if name.startswith("PSNR"))
     order = f"return document.querySelectorAll('{heads}')[arguments[0]].ariaSort"
 
     # With the keyboard: the best first, then the worst; what is missing stays last.
@@ -98,7 +103,7 @@ def sort_and_filter(page):
     expect("the reverse order", worst_first[:-1], best_first[-2::-1])
 
     # By name, with the pointer: marked at one heading alone.
-    page.script(f"document.querySelector('{heads} button').click()")
+    page.script(f"document.querySelectorAll('{heads} button')[1].click()")
     names = page.script(NAMES, table)
     expect("by name", names, sorted(names))
     marked = f"return [...document.querySelectorAll('{heads}')].filter(h => h.ariaSort !== 'none').length"
@@ -117,6 +122,93 @@ def sort_and_filter(page):
     # A name that looks like markup is text.
     expect("markup", page.script("return document.querySelectorAll('table img, table script').length"), 0)
     expect("alerts", page.script("return window.alerted ?? null"), None)
+
+
+def ranks_and_columns(page):
+    table = "p0-methods"
+    by = lambda title: page.script(
+        """const select = document.querySelector('select[data-rank=p0-methods]');
+        select.selectedIndex = [...select.options].findIndex(option => option.text.startsWith(arguments[0]));
+        select.dispatchEvent(new Event('change'))""", title)
+    order = ["omni4dgs", "periodic", "<img src=x onerror='window.alerted=1'>", "odgs", "odgs-published"]
+    by_psnr = [[str(1 + place), name] for place, name in enumerate(order)] + [["–", "unscored"]]
+    expect("ranks as the page comes", page.script(RANKS, table), by_psnr)
+    # All of them have the same.
+    by("Novel WS-PSNR")
+    ranks = page.script(RANKS, table)
+    expect("ranks of equals", [rank for rank, _ in ranks], ["1"] * 5 + ["–"])
+    by("Input SSIM")
+    expect("the last by another score", page.script(RANKS, table)[-1], ["6", "unscored"])
+    by("PSNR")
+    expect("ranks by the first score again", page.script(RANKS, table), by_psnr)
+
+    hidden = f"""return [...document.querySelectorAll('#{table} tr:last-child .later')]
+        .every(cell => getComputedStyle(cell).display === 'none')"""
+    expect("few columns first", page.script(hidden), True)
+    page.script(f"document.querySelector('input[data-columns={table}]').click()")
+    expect("all columns when asked for", page.script(hidden), False)
+    page.script(f"document.querySelector('input[data-columns={table}]').click()")
+
+
+def folds(page):
+    is_open = "return document.querySelector('details.protocol').open"
+    expect("what is scored is folded away", page.script(is_open), False)
+    page.script("document.querySelector('details.protocol summary').focus()")
+    page.press(ENTER)
+    expect("unfolded", page.script(is_open), True)
+
+
+def follow_links(page):
+    """From the table to a method, and from there to a scene."""
+    follow = lambda selector, folder: (
+        page.script("document.querySelector(arguments[0]).click()", selector),
+        wait_for(folder, lambda: page.script(
+            "return document.readyState === 'complete' && location.pathname.includes(arguments[0])", f"/{folder}/")))
+    follow("#p0-methods tbody.measured th a", "methods")
+    expect("the method", page.script("return document.querySelector('h1').textContent"), "omni4dgs")
+    follow("#m0 tbody.measured th a", "scenes")
+    expect("the scene", page.script("return document.querySelector('h1').textContent.includes('seq-000')"), True)
+    expect("errors in the console", page.console_errors(), [])
+
+
+def look_around(page, kind):
+    """Turns and zooms the panoramas of a scene; kind is `mouse` or `touch`."""
+    drawn = """return [...document.querySelectorAll('.compare .stage')].filter(stage => stage.offsetParent)
+        .map(stage => stage.dataset.drawn).filter(Boolean)"""
+    wait_for("panorama", lambda: page.script(drawn))
+    page.script("document.querySelector('.compare .stage').scrollIntoView({block: 'center'})")
+    box = page.script("""const box = document.querySelector('.compare .stage').getBoundingClientRect();
+        return [box.left, box.top, box.width, box.height]""")
+    at = lambda x, y: (box[0] + x * box[2], box[1] + y * box[3])
+
+    def changed(what, act):
+        before = page.script(drawn)[0]
+        act()
+        wait_for(what, lambda: page.script(drawn)[0] != before)
+        expect(f"{what}: all of them", len(set(page.script(drawn))), 1)
+
+    changed("a panorama that was dragged", lambda: page.drag(at(0.2, 0.5), at(0.4, 0.52), kind))
+    page.script("document.querySelector('.compare .stage').focus()")
+    changed("a panorama turned by a key", lambda: page.press(RIGHT))
+    changed("a panorama zoomed by a key", lambda: page.press("+"))
+    changed("a panorama zoomed by the wheel", lambda: page.script(
+        "document.querySelector('.compare .stage').dispatchEvent(new WheelEvent('wheel', {deltaY: 100, cancelable: true}))"))
+    changed("a panorama zoomed by two fingers", lambda: page.script("""
+        const stage = document.querySelector('.compare .stage');
+        stage.setPointerCapture = () => {};
+        const send = (type, pointerId, clientX) => stage.dispatchEvent(
+            new PointerEvent(type, {pointerId, clientX, clientY: arguments[1], isPrimary: pointerId === 91}));
+        const x = arguments[0];
+        send('pointerdown', 91, x); send('pointerdown', 92, x + 20); send('pointermove', 92, x + 60);
+        send('pointerup', 91, x); send('pointerup', 92, x + 60); delete stage.setPointerCapture""", *at(0.1, 0.5)))
+    slider = "return Number(document.querySelector('.compare input.split').value)"
+    page.drag(at(page.script(slider) / 100, 0.5), at(0.75, 0.5), kind)
+    expect("the line that was dragged", abs(page.script(slider) - 75) <= 2, True)
+    page.script("document.querySelector('.look-ahead').click()")
+    page.script("document.querySelector('input.look-around').click()")
+    expect("the whole sphere", page.script(
+        "return getComputedStyle(document.querySelector('.compare canvas')).display"), "none")
+    expect("errors in the console", page.console_errors(), [])
 
 
 def chart(page):
@@ -151,17 +243,17 @@ def compare_views(page):
 
 def long_table(page):
     """Of 1,000 rows the first 100 are shown, and all when asked for."""
-    table = "p0-views-0"
+    table = "p0-methods"
     count = f"return document.querySelector('output[data-count={table}]').value"
     expect("rows shown", len(page.script(NAMES, table)), 100)
-    expect("count", page.script(count), "1000 rows, 100 of them shown")
+    expect("count", page.script(count), "1,000 rows, 100 of them shown")
     slowest = sorting_time(page)
     print(f"sorting 1,000 rows: {slowest:.0f} ms")
     # The target is 100 ms on an idle machine; tests share theirs.
     expect("1,000 rows are sorted soon", slowest < 600, True)
     page.script(f"document.querySelector('button[data-all={table}]').click()")
     expect("all rows shown", len(page.script(NAMES, table)), 1000)
-    expect("count", page.script(count), "1000 rows")
+    expect("count", page.script(count), "1,000 rows")
     page.script(f"document.querySelector('input[data-filter={table}]').focus()")
     page.press(*"0999")
     expect("a row from the end", page.script(NAMES, table), ["method-0999"])
@@ -169,7 +261,7 @@ def long_table(page):
 
 def sorting_time(page):
     """Milliseconds until 1,000 sorted rows are laid out, the slowest of five."""
-    return page.script("""const button = document.querySelectorAll('thead tr:last-child button')[1];
+    return page.script("""const button = document.querySelectorAll('thead tr:last-child button')[2];
         const times = [];
         for (let turn = 0; turn < 5; turn++) {
           const begun = performance.now();
@@ -187,16 +279,25 @@ def main():
         for name in ("index.html", "published.html", "dataset.html"):
             page.open(site / name)
             check_page(page, name)
-        for scene in sorted((site / "scenes").glob("*.html")):
-            page.open(scene)
-            check_page(page, scene.name)
+        for below in sorted([*site.glob("scenes/*.html"), *site.glob("methods/*.html")]):
+            page.open(below)
+            check_page(page, below.name)
         page.open(site / "index.html")
+        ranks_and_columns(page)
         sort_and_filter(page)
         chart(page)
+        folds(page)
+        follow_links(page)
         with_pictures = next(scene for scene in sorted((site / "scenes").glob("*.html"))
-                             if "<figure" in scene.read_text())
+                             if "figure class=\"compare\"" in scene.read_text())
         page.open(with_pictures)
         compare_views(page)
+        page.open(with_pictures)
+        look_around(page, "mouse")
+        page.size(*PHONE, phone=True)
+        page.open(with_pictures)
+        look_around(page, "touch")
+        page.size(1280, 1400)
         if pictures:
             take_pictures(page, site, with_pictures, pictures)
         page.open(wide / "index.html")
@@ -206,6 +307,7 @@ def main():
 
 def take_pictures(page, site, scene, folder):
     for name, file in (("index", site / "index.html"), ("scene", scene),
+                       ("method", next(site.glob("methods/*.html"))),
                        ("dataset", site / "dataset.html"), ("published", site / "published.html")):
         page.open(file)
         for scheme in ("light", "dark"):

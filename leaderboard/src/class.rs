@@ -1,0 +1,87 @@
+//! What a method was given and what it did with it: ranks are among methods of one class, and rows
+//! of a class say where they were trained for longer or shorter than the others.
+
+use std::collections::BTreeMap;
+
+use omnilife_schemas::records::ResultRecord;
+
+use crate::group::{Group, MethodRow, ViewKind};
+
+/// How a method came to its views. In the order of the tables.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(crate) enum MethodClass {
+    /// It learnt a model of each scene from all of its given views.
+    PerSceneTraining,
+    /// It learnt nothing of the scene.
+    WithoutTraining,
+    /// No record of the run says.
+    NotStated,
+}
+
+impl MethodClass {
+    /// Of a method's results. One of them that tells of a training decides: records of the same
+    /// method differ in what they state.
+    pub(crate) fn of<'a>(results: impl IntoIterator<Item = &'a ResultRecord>) -> Self {
+        let classes = results.into_iter().map(Self::of_result);
+        classes.fold(Self::NotStated, |class, next| class.min(next))
+    }
+
+    fn of_result(result: &ResultRecord) -> Self {
+        let iterations = result.iterations.unwrap_or(0);
+        let seconds = result.training_seconds.unwrap_or(0.0);
+        if iterations > 0 || seconds > 0.0 {
+            Self::PerSceneTraining
+        } else if result.backend.is_some() {
+            Self::WithoutTraining
+        } else {
+            Self::NotStated
+        }
+    }
+
+    /// As tables print it. Without training, a protocol that scores novel views alone leaves a method
+    /// the two views between which these lie.
+    pub(crate) fn title(self, group: &Group<'_>) -> &'static str {
+        match self {
+            Self::PerSceneTraining => "per-scene training",
+            Self::WithoutTraining if group.has(ViewKind::Input) => "no training",
+            Self::WithoutTraining => "two views",
+            Self::NotStated => "not stated",
+        }
+    }
+}
+
+/// The usual iterations of every class of a group: those that most of its methods have, of equally
+/// many the most. Methods that stopped at a time limit, or differ between scenes, have means.
+pub(crate) fn usual_iterations(methods: &[&MethodRow<'_>]) -> BTreeMap<MethodClass, u64> {
+    let mut counts: BTreeMap<MethodClass, BTreeMap<u64, usize>> = BTreeMap::new();
+    for method in methods {
+        if let Some(iterations) = iterations(method) {
+            let of_class = counts.entry(method.class).or_default();
+            *of_class.entry(iterations).or_default() += 1;
+        }
+    }
+    let most = |counts: &BTreeMap<u64, usize>| {
+        let found = counts
+            .iter()
+            .max_by_key(|&(&iterations, &count)| (count, iterations));
+        found.map(|(&iterations, _)| iterations)
+    };
+    (counts.iter())
+        .filter_map(|(&class, counts)| Some((class, most(counts)?)))
+        .collect()
+}
+
+/// A method's iterations, rounded where scenes differ.
+pub(crate) fn iterations(method: &MethodRow<'_>) -> Option<u64> {
+    let iterations = method.numbers.iterations?;
+    Some(iterations.round() as u64)
+}
+
+/// Whether a method had another budget than is usual in its class.
+pub(crate) fn has_unusual_budget(
+    method: &MethodRow<'_>,
+    usual: &BTreeMap<MethodClass, u64>,
+) -> bool {
+    let own = iterations(method);
+    own.is_some() && own != usual.get(&method.class).copied()
+}

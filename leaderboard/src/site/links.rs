@@ -1,0 +1,106 @@
+//! Ways from a page to records beside which it was made.
+
+use std::path::{Component, Path, PathBuf};
+
+/// From pages to files of results. There is no way where both do not lie together: such a site goes
+/// elsewhere, and its links would lead nowhere.
+pub(super) struct Links {
+    /// The folder of results as it was searched, and its absolute path.
+    results: Option<[PathBuf; 2]>,
+    /// Absolute path of the site.
+    site: PathBuf,
+}
+
+impl Links {
+    pub(super) fn between(results: &Path, site: &Path) -> Self {
+        let absolute = |path: &Path| std::path::absolute(path).map(|path| normal(&path));
+        let (Ok(found), Ok(site)) = (absolute(results), absolute(site)) else {
+            return Self {
+                results: None,
+                site: site.to_owned(),
+            };
+        };
+        // Beside each other, or one in the other.
+        let together = found
+            .parent()
+            .is_some_and(|parent| site.starts_with(parent));
+        Self {
+            results: together.then(|| [results.to_owned(), found]),
+            site,
+        }
+    }
+
+    /// The way from a page in a folder of the site to a file below the results that exists.
+    pub(super) fn to(&self, file: &Path) -> Option<String> {
+        let [searched, results] = self.results.as_ref()?;
+        let target = normal(&results.join(file.strip_prefix(searched).ok()?));
+        if !target.is_file() {
+            return None;
+        }
+        let page = self.site.join("folder");
+        let shared = page
+            .components()
+            .zip(target.components())
+            .take_while(|(a, b)| a == b)
+            .count();
+        let up = page.components().count() - shared;
+        let mut parts = vec!["..".to_owned(); up];
+        let down = target.components().skip(shared);
+        parts.extend(down.map(|part| encoded(&part.as_os_str().to_string_lossy())));
+        Some(parts.join("/"))
+    }
+}
+
+/// A path without `.` and `..`, links not followed.
+fn normal(path: &Path) -> PathBuf {
+    let mut normal = PathBuf::new();
+    for part in path.components() {
+        match part {
+            Component::CurDir => {}
+            Component::ParentDir => {
+                normal.pop();
+            }
+            other => normal.push(other),
+        }
+    }
+    normal
+}
+
+/// A part of a path in an address (RFC 3986, section 2.3: unreserved characters stay).
+fn encoded(part: &str) -> String {
+    let mut text = String::with_capacity(part.len());
+    for byte in part.bytes() {
+        if byte.is_ascii_alphanumeric() || b"-._~".contains(&byte) {
+            text.push(char::from(byte));
+        } else {
+            text.push_str(&format!("%{byte:02X}"));
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ways_lead_up_to_what_is_shared_and_down_again() -> std::io::Result<()> {
+        let folder = tempfile::tempdir()?;
+        let results = folder.path().join("results");
+        std::fs::create_dir_all(results.join("a b"))?;
+        std::fs::write(results.join("a b/result.json"), "")?;
+        let file = results.join("a b/result.json");
+        let links = Links::between(&results, &folder.path().join("out/site"));
+        let way = "../../../results/a%20b/result.json";
+        assert_eq!(links.to(&file).as_deref(), Some(way));
+        assert_eq!(links.to(&results.join("a b/missing")), None);
+        let inside = Links::between(&results, &results.join("board/site"));
+        assert_eq!(
+            inside.to(&file).as_deref(),
+            Some("../../../a%20b/result.json")
+        );
+        let elsewhere = Links::between(&results, Path::new("/elsewhere/site"));
+        assert_eq!(elsewhere.to(&file), None);
+        Ok(())
+    }
+}

@@ -1,0 +1,212 @@
+//! The first table of a protocol: its methods by rank, few columns first.
+
+use std::collections::BTreeMap;
+
+use maud::Markup;
+
+use super::{
+    html_table::{self, Addition, RowAddition},
+    method_page,
+};
+use crate::{
+    class::{MethodClass, has_unusual_budget, usual_iterations},
+    format::{self, PUBLISHED_LPIPS},
+    group::{Group, MethodRow, Quantity, ViewKind},
+    layouts::{
+        common_notes, mark_classes, published_lpips, published_metrics, ranked_by, standings,
+        variants_note,
+    },
+    published::{Paper, PublishedLayout, published_rows},
+    table::{Cell, Column, Row, Table, cost_cells, cost_columns, method_rank, method_score},
+};
+
+/// The LPIPS that stands in the first columns, where it was measured: the metric's own convention.
+const FIRST_LPIPS: &str = "lpips-vgg";
+
+/// One method per row, with its page; nothing where no novel views were scored.
+pub(super) fn render(group: &Group<'_>, papers: &[Paper], id: &str) -> Option<Markup> {
+    let ranked = ranked_by(group)?;
+    let methods = standings(group);
+    let columns = Columns::of(group);
+    let usual = usual_iterations(&methods);
+    let table = table(group, papers, &methods, &columns, ranked, &usual);
+    let of_row = |at: usize| {
+        let method = methods[at];
+        RowAddition {
+            page: Some(method_page::file(method.method)),
+            detail: Some(detail(group, method)),
+            contest: method.complete.then(|| method.class.title(group)),
+            links: Vec::new(),
+        }
+    };
+    Some(html_table::render(
+        &table,
+        &Addition {
+            id,
+            first_columns: Some(columns.first),
+            of_row: &of_row,
+            is_ranking: true,
+        },
+    ))
+}
+
+/// What a column is made of.
+enum Source {
+    Score(usize),
+    /// LPIPS as published, which no result has, or a measured one that no result has.
+    Unmeasured,
+}
+
+struct Columns {
+    scores: Vec<(Source, Column)>,
+    /// How many columns, training time and iterations among them, are shown at first.
+    first: usize,
+}
+
+impl Columns {
+    fn of(group: &Group<'_>) -> Self {
+        let shown = first_scores(group);
+        let mut scores: Vec<(Source, Column)> = shown
+            .iter()
+            .map(|&index| (Source::Score(index), Column::of_score(group, index, false)))
+            .collect();
+        let is_lpips = |index: &usize| group.quantities[*index].0.metric.starts_with("lpips");
+        if !shown.iter().any(is_lpips) {
+            scores.push((Source::Unmeasured, unmeasured_lpips(group)));
+        }
+        let first = scores.len() + FIRST_COSTS.len();
+        let others = (0..group.quantities.len()).filter(|index| !shown.contains(index));
+        scores.extend(others.map(|index| (Source::Score(index), full_column(group, index))));
+        if group.quantity(ViewKind::Novel, PUBLISHED_LPIPS).is_none() {
+            scores.push((Source::Unmeasured, published_lpips(ViewKind::Novel, false)));
+        }
+        Self { scores, first }
+    }
+
+    /// Scores of the first columns, and the others.
+    fn split(&self) -> (&[(Source, Column)], &[(Source, Column)]) {
+        self.scores.split_at(self.first - FIRST_COSTS.len())
+    }
+}
+
+/// Scores that a reader looks for first, as far as they were measured: PSNR, SSIM and one LPIPS of novel
+/// views, as indices of the group's quantities.
+pub(super) fn first_scores(group: &Group<'_>) -> Vec<usize> {
+    let novel = published_metrics(group, ViewKind::Novel);
+    let name = |index: usize| group.quantities[index].0.metric.as_str();
+    let is_lpips = |index: &usize| name(*index).starts_with("lpips");
+    let preferred = (novel.iter().copied()).find(|&index| name(index) == FIRST_LPIPS);
+    let lpips = preferred.or_else(|| novel.iter().copied().find(is_lpips));
+    let others = novel.iter().copied().filter(|index| !is_lpips(index));
+    others.chain(lpips).collect()
+}
+
+/// A column that says which views it is of.
+pub(super) fn full_column(group: &Group<'_>, index: usize) -> Column {
+    let mut column = Column::of_score(group, index, true);
+    let kind = column.group.take().unwrap_or_default();
+    column.name = format!("{kind} {}", column.name);
+    column
+}
+
+/// Costs in the first columns, as places in [`cost_columns`]: training time, iterations.
+const FIRST_COSTS: [usize; 2] = [0, 3];
+
+/// The column of a metric that the protocol has and nobody could score.
+fn unmeasured_lpips(group: &Group<'_>) -> Column {
+    let reason = group.why_unavailable(ViewKind::Novel, FIRST_LPIPS);
+    Column {
+        name: format::metric_title(FIRST_LPIPS),
+        missing: Some(reason.unwrap_or_else(|| "no result has it".to_owned())),
+        holds: crate::table::Holds::Score(Quantity {
+            kind: ViewKind::Novel,
+            metric: FIRST_LPIPS.to_owned(),
+        }),
+        ..Column::plain("")
+    }
+}
+
+fn table(
+    group: &Group<'_>,
+    papers: &[Paper],
+    methods: &[&MethodRow<'_>],
+    columns: &Columns,
+    ranked: usize,
+    usual: &BTreeMap<MethodClass, u64>,
+) -> Table {
+    let (first, others) = columns.split();
+    let costs = cost_columns();
+    let is_first = |at: &usize| FIRST_COSTS.contains(at);
+    let mut headings: Vec<Column> = first.iter().map(|(_, column)| column.clone()).collect();
+    headings.extend(FIRST_COSTS.map(|at| costs[at].clone()));
+    headings.extend(others.iter().map(|(_, column)| column.clone()));
+    headings.extend(
+        (0..costs.len())
+            .filter(|at| !is_first(at))
+            .map(|at| costs[at].clone()),
+    );
+    headings.extend(["Scenes", "Failures"].map(Column::plain));
+    let row = |method: &MethodRow<'_>| {
+        let score = |(source, _): &(Source, Column)| match source {
+            Source::Score(index) => method_score(group, method, *index),
+            Source::Unmeasured => Cell::Missing,
+        };
+        let costs = cost_cells(&method.numbers);
+        let mut cells: Vec<Cell> = first.iter().map(score).collect();
+        cells.extend(FIRST_COSTS.map(|at| costs[at].clone()));
+        cells.extend(others.iter().map(score));
+        let other_costs = (0..costs.len()).filter(|at| !is_first(at));
+        cells.extend(other_costs.map(|at| costs[at].clone()));
+        cells.push(Cell::Text(format!(
+            "{} of {}",
+            method.scenes,
+            group.scenes.len()
+        )));
+        cells.push(Cell::count(method.numbers.failures));
+        Row {
+            names: vec![
+                format::plain(&method_rank(method, ranked)),
+                method.method.to_owned(),
+            ],
+            cells,
+            failures: method.numbers.failures,
+            unusual_budget: has_unusual_budget(method, usual),
+        }
+    };
+    let mut rows: Vec<Row> = methods.iter().map(|method| row(method)).collect();
+    let contestants: Vec<(MethodClass, bool)> = methods
+        .iter()
+        .map(|method| (method.class, method.complete))
+        .collect();
+    mark_classes(&mut rows, &contestants, &headings);
+    let layout = if group.has(ViewKind::Input) {
+        PublishedLayout::Views
+    } else {
+        PublishedLayout::FeedForward
+    };
+    let published = published_rows(papers, &layout, &headings, 1);
+    let mut notes = common_notes(group);
+    notes.extend(variants_note(group));
+    notes.extend(group.unavailable());
+    notes.extend(published.notes);
+    Table {
+        title: format!("Methods by rank, protocol {}", group.protocol),
+        names: ["#", "Method"].map(str::to_owned).to_vec(),
+        columns: headings,
+        rows,
+        published: published.blocks,
+        notes,
+    }
+}
+
+/// Class and budget.
+fn detail(group: &Group<'_>, method: &MethodRow<'_>) -> String {
+    let class = method.class.title(group);
+    match crate::class::iterations(method).filter(|&iterations| iterations > 0) {
+        Some(iterations) => format!(
+            "{class}, {}",
+            format::counted(iterations as usize, "iteration")
+        ),
+        None => class.to_owned(),
+    }
+}
