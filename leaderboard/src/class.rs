@@ -23,7 +23,7 @@ impl MethodClass {
     /// method differ in what they state.
     pub(crate) fn of<'a>(results: impl IntoIterator<Item = &'a ResultRecord>) -> Self {
         let classes = results.into_iter().map(Self::of_result);
-        classes.fold(Self::NotStated, |class, next| class.min(next))
+        classes.min().unwrap_or(Self::NotStated)
     }
 
     fn of_result(result: &ResultRecord) -> Self {

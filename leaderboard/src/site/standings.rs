@@ -57,8 +57,11 @@ enum Source {
     Unmeasured,
 }
 
+/// A column with what it is made of.
+type ScoreColumn = (Source, Column);
+
 struct Columns {
-    scores: Vec<(Source, Column)>,
+    scores: Vec<ScoreColumn>,
     /// How many columns, training time and iterations among them, are shown at first.
     first: usize,
 }
@@ -66,7 +69,7 @@ struct Columns {
 impl Columns {
     fn of(group: &Group<'_>) -> Self {
         let shown = first_scores(group);
-        let mut scores: Vec<(Source, Column)> = shown
+        let mut scores: Vec<ScoreColumn> = shown
             .iter()
             .map(|&index| (Source::Score(index), Column::of_score(group, index, false)))
             .collect();
@@ -84,7 +87,7 @@ impl Columns {
     }
 
     /// Scores of the first columns, and the others.
-    fn split(&self) -> (&[(Source, Column)], &[(Source, Column)]) {
+    fn split(&self) -> (&[ScoreColumn], &[ScoreColumn]) {
         self.scores.split_at(self.first - FIRST_COSTS.len())
     }
 }
@@ -147,7 +150,7 @@ fn table(
     );
     headings.extend(["Scenes", "Failures"].map(Column::plain));
     let row = |method: &MethodRow<'_>| {
-        let score = |(source, _): &(Source, Column)| match source {
+        let score = |(source, _): &ScoreColumn| match source {
             Source::Score(index) => method_score(group, method, *index),
             Source::Unmeasured => Cell::Missing,
         };
