@@ -1,12 +1,13 @@
 //! Novel views by place (all sequences cut from one video): all metrics as in OmniLife360,
 //! Table 4, and PSNR alone as in its comparison with 4DGS methods, Table 5.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use omnilife_schemas::records::Direction;
 
 use super::{common_notes, left_out, main_methods, published_metrics};
 use crate::{
+    class::MethodClass,
     format,
     group::{Group, MethodRow, ViewKind, place},
     published::{Paper, PublishedLayout, published_rows},
@@ -235,7 +236,7 @@ fn row<'a>(
     }
 }
 
-/// Marks the best of one metric, column by column: methods may be complete in some places alone.
+/// Marks the best of one metric in every class, column by column: methods may be complete in some places alone.
 #[expect(
     clippy::too_many_arguments,
     reason = "one step of `table`, which has them all at hand"
@@ -251,17 +252,21 @@ fn mark<'a>(
     with_average: bool,
 ) {
     let leading = usize::from(with_average);
+    let classes: BTreeSet<MethodClass> = methods.iter().map(|method| method.class).collect();
     let is_complete = |mean: Option<(f64, bool)>| mean.is_some_and(|(_, complete)| complete);
     for column in 0..directions.len() {
         let competes = |method: &MethodRow<'a>| match column.checked_sub(leading) {
             None => is_complete(means.average(method.method, position)),
             Some(place) => is_complete(means.mean(method.method, places[place], position)),
         };
-        let of_metric = rows.iter_mut().skip(position).step_by(metrics);
         let alone: Vec<Option<Direction>> = (0..directions.len())
             .map(|other| directions[other].filter(|_| other == column))
             .collect();
-        let competing = of_metric.zip(methods.iter().map(|method| competes(method)));
-        mark_standings(competing, &alone);
+        for &class in &classes {
+            let of_metric = rows.iter_mut().skip(position).step_by(metrics);
+            let rivals = methods.iter();
+            let rivals = rivals.map(|method| method.class == class && competes(method));
+            mark_standings(of_metric.zip(rivals), &alone);
+        }
     }
 }

@@ -206,8 +206,8 @@ def look_around(page, kind):
     expect("the line that was dragged", abs(page.script(slider) - 75) <= 2, True)
     page.script("document.querySelector('.look-ahead').click()")
     page.script("document.querySelector('input.look-around').click()")
-    expect("the whole sphere", page.script(
-        "return getComputedStyle(document.querySelector('.compare canvas')).display"), "none")
+    wait_for("whole sphere", lambda: page.script(
+        "return getComputedStyle(document.querySelector('.compare canvas')).display === 'none'"))
     expect("errors in the console", page.console_errors(), [])
 
 
@@ -287,6 +287,7 @@ def main():
         sort_and_filter(page)
         chart(page)
         folds(page)
+        page.open(site / "index.html")
         follow_links(page)
         with_pictures = next(scene for scene in sorted((site / "scenes").glob("*.html"))
                              if "figure class=\"compare\"" in scene.read_text())
