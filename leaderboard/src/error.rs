@@ -32,6 +32,14 @@ pub enum LeaderboardError {
         /// One line.
         reason: String,
     },
+    /// A figure cannot be drawn.
+    #[error("{}: {reason}", path.display())]
+    Figure {
+        /// The file or folder.
+        path: PathBuf,
+        /// One line.
+        reason: String,
+    },
     /// Two results claim the same row.
     #[error(
         "{}: method {method} on scene {scene} under protocol {protocol} is also scored in {}, with \
@@ -117,6 +125,7 @@ impl Classified for LeaderboardError {
             Self::NoResults { .. }
             | Self::Impossible { .. }
             | Self::Submission { .. }
+            | Self::Figure { .. }
             | Self::Duplicate { .. }
             | Self::SceneDiffers { .. }
             | Self::Direction { .. }

@@ -3,11 +3,12 @@
 //! [`build_leaderboard`] finds the `result.json` files of a folder and makes, for every protocol on
 //! its own, tables in the paper's layouts (Markdown, LaTeX, CSV) and a static site; published
 //! figures ([`published`]) stand beside measured ones and are never ranked with them. [`build`]
-//! makes the table of all results alone. Images are copied for the site and never decoded.
+//! makes the table of all results alone. Images are copied for the site; [`figure`] alone decodes them.
 
 mod class;
 mod collect;
 pub mod error;
+pub mod figure;
 mod format;
 mod group;
 mod layouts;

@@ -188,6 +188,10 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         &["leaderboard build RESULTS --dataset DATASET/dataset.json --out BOARD"],
     ),
     (
+        "leaderboard figure",
+        &["leaderboard figure RESULTS --methods omni4dgs,odgs --out FIGURE"],
+    ),
+    (
         "leaderboard submit",
         &["leaderboard submit RESULTS --card card.toml --out SUBMISSION"],
     ),

@@ -11,10 +11,56 @@ pub(crate) enum LeaderboardCommand {
     /// OUT/table.md and table.csv hold all results; OUT/tables/ the layouts of the paper (Markdown, LaTeX,
     /// CSV), one folder per protocol; OUT/site/index.html opens without a network.
     Build(LeaderboardBuildArguments),
+    /// Draws rendered views of several methods beside the ground truth, for a paper.
+    ///
+    /// Rows are scenes, columns the ground truth and the methods by rank; below each image a part of it
+    /// enlarged and its error, four times as bright. OUT.png holds the pixels, OUT.svg the names as well.
+    Figure(FigureArguments),
     /// Packs a method's results, its predictions and its card for handing in.
     Submit(SubmitResultsArguments),
     /// Checks what was handed in, scores a sample of it again, and takes it in.
     Add(AddArguments),
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct FigureArguments {
+    /// Folder that is searched for results, beside which scoring left its views.
+    pub(crate) results: PathBuf,
+    /// The figure without its ending.
+    #[arg(long)]
+    pub(crate) out: PathBuf,
+    /// Rows [default: all scenes of which every method has views].
+    #[arg(long, value_name = "SCENE", value_delimiter = ',')]
+    pub(crate) scenes: Vec<String>,
+    /// Columns after the ground truth [default: all methods by rank].
+    #[arg(long, value_name = "METHOD", value_delimiter = ',')]
+    pub(crate) methods: Vec<String>,
+    /// Protocol of the results [default: the first one].
+    #[arg(long, value_name = "PROTOCOL")]
+    pub(crate) protocol: Option<String>,
+    /// Frame of the novel views [default: the first one that the methods share].
+    #[arg(long, value_name = "FRAME")]
+    pub(crate) frame: Option<u32>,
+    /// What is enlarged, as shares of the width of the image: left and upper edge, width; the height is
+    /// half of that [default: where the methods differ most].
+    #[arg(long, value_name = "LEFT,TOP,WIDTH", value_parser = inset)]
+    pub(crate) inset: Option<[f64; 3]>,
+    /// Width of an image in the figure in pixels.
+    #[arg(long, default_value_t = 512, value_name = "PIXELS",
+        value_parser = clap::value_parser!(u16).range(64..=4096))]
+    pub(crate) panel_width: u16,
+}
+
+/// `0.25,0.1,0.2`.
+fn inset(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Option<Vec<f64>> = text
+        .split(',')
+        .map(|part| part.trim().parse().ok())
+        .collect();
+    let shares = numbers.and_then(|numbers| <[f64; 3]>::try_from(numbers).ok());
+    shares
+        .filter(|shares| shares.iter().all(|share| (0.0..=1.0).contains(share)) && shares[2] > 0.0)
+        .ok_or_else(|| "expected three shares from 0 to 1, such as 0.25,0.1,0.2".to_owned())
 }
 
 #[derive(Debug, Args)]

@@ -27,7 +27,8 @@ pub(crate) use dataset::{
     SliceArguments,
 };
 pub(crate) use leaderboard::{
-    AddArguments, LeaderboardBuildArguments, LeaderboardCommand, SubmitResultsArguments,
+    AddArguments, FigureArguments, LeaderboardBuildArguments, LeaderboardCommand,
+    SubmitResultsArguments,
 };
 pub(crate) use reconstruct::{
     BackendArgument, MethodArguments, ReconstructCommand, RenderArguments,

@@ -1,17 +1,21 @@
 //! `omnilife leaderboard`.
 
-use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard, check_leaderboard};
+use omnilife_leaderboard::{
+    LeaderboardRequest, build_leaderboard, check_leaderboard,
+    figure::{FigureRequest, figure},
+};
 use omnilife_schemas::{lock::FolderLock, progress::Progress};
 
 use super::submission;
 use crate::{
-    cli::{LeaderboardBuildArguments, LeaderboardCommand},
+    cli::{FigureArguments, LeaderboardBuildArguments, LeaderboardCommand},
     exit,
 };
 
 pub(crate) fn execute(command: &LeaderboardCommand, progress: &dyn Progress) -> anyhow::Result<()> {
     match command {
         LeaderboardCommand::Build(arguments) => build(arguments, progress),
+        LeaderboardCommand::Figure(arguments) => draw(arguments),
         LeaderboardCommand::Submit(arguments) => submission::submit(arguments, progress),
         LeaderboardCommand::Add(arguments) => submission::add(arguments, progress),
     }
@@ -37,4 +41,28 @@ fn build(arguments: &LeaderboardBuildArguments, progress: &dyn Progress) -> anyh
         .map_or_else(String::new, |page| format!("\nSite: {}\n", page.display()));
     let table = exit::for_reader(&built.short, &built.markdown);
     exit::print(&format!("{table}{site}"))
+}
+
+fn draw(arguments: &FigureArguments) -> anyhow::Result<()> {
+    let drawn = figure(&FigureRequest {
+        results: arguments.results.clone(),
+        out: arguments.out.clone(),
+        protocol: arguments.protocol.clone(),
+        scenes: arguments.scenes.clone(),
+        methods: arguments.methods.clone(),
+        frame: arguments.frame,
+        inset: arguments.inset,
+        panel_width: usize::from(arguments.panel_width),
+    })?;
+    let rows = drawn
+        .rows
+        .iter()
+        .map(|(scene, frame)| format!("{scene} (frame {frame})"));
+    exit::print(&format!(
+        "{}\n{}\nRows: {}\nColumns: {}\n",
+        drawn.png.display(),
+        drawn.svg.display(),
+        rows.collect::<Vec<_>>().join(", "),
+        drawn.columns.join(", ")
+    ))
 }

@@ -13,10 +13,10 @@ use super::{SiteRequest, unique_slug};
 use crate::group::{Group, SceneRow};
 
 /// Folder of the pictures beside a result: prediction left, ground truth right.
-const PICTURES: &str = "comparisons";
+pub(crate) const PICTURES: &str = "comparisons";
 
 /// Width of the line between the two halves in pixels.
-pub(super) const SEPARATOR: u32 = 4;
+pub(crate) const SEPARATOR: u32 = 4;
 
 /// A picture of one view by one method.
 pub(super) struct Picture {
@@ -163,7 +163,7 @@ fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
 
 /// Whether a file is a PNG as wide as two halves and the line between them (PNG specification,
 /// sections 5.2 and 11.2.1: signature, then the header chunk with width and height).
-fn check_size(path: &Path, half: [u32; 2]) -> Result<Result<(), String>, StoreError> {
+pub(crate) fn check_size(path: &Path, half: [u32; 2]) -> Result<Result<(), String>, StoreError> {
     let failed = |source| StoreError::read(path, source);
     let mut head = Vec::with_capacity(24);
     File::open(path)

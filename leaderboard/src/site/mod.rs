@@ -1,7 +1,7 @@
 //! The static site: one folder that works from `file://` and offline.
 
 mod chart;
-mod comparisons;
+pub(crate) mod comparisons;
 mod curves;
 mod dataset_page;
 mod html_table;
