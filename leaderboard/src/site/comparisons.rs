@@ -49,8 +49,8 @@ impl Picture {
 pub(super) struct Comparisons {
     /// By view.
     pub(super) by_view: BTreeMap<String, Vec<Picture>>,
-    /// Views that have pictures.
-    pub(super) views: usize,
+    /// Views that have pictures, by protocol's hash.
+    pub(super) views: BTreeMap<String, usize>,
     /// Files that are no such pictures, with the reason.
     pub(super) left_out: Vec<String>,
 }
@@ -70,7 +70,7 @@ pub(super) fn find(
 ) -> Result<Comparisons, StoreError> {
     let mut all: BTreeMap<String, Vec<Picture>> = BTreeMap::new();
     // Protocols split a scene in other ways: each has views of its own.
-    let mut by_protocol: BTreeMap<&str, BTreeSet<String>> = BTreeMap::new();
+    let mut by_protocol: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
     let mut left_out = Vec::new();
     for (group, row) in rows {
         let result = row.results[0];
@@ -88,7 +88,9 @@ pub(super) fn find(
                 continue;
             }
             let identity = format!("{}\n{}\n{}", row.scene, row.method, group.protocol_hash);
-            let of_protocol = by_protocol.entry(group.protocol_hash).or_default();
+            let of_protocol = by_protocol
+                .entry(group.protocol_hash.to_owned())
+                .or_default();
             of_protocol.insert(name.clone());
             all.entry(name.clone()).or_default().push(Picture {
                 method: row.method.to_owned(),
@@ -104,15 +106,18 @@ pub(super) fn find(
             });
         }
     }
-    let views = all.len();
-    let shown: BTreeSet<String> = (by_protocol.values())
-        .flat_map(|names| spread(names, most))
+    let shown: BTreeMap<&str, Vec<String>> = (by_protocol.iter())
+        .map(|(protocol, names)| (protocol.as_str(), spread(names, most)))
+        .collect();
+    for (name, pictures) in &mut all {
+        pictures.retain(|picture| shown[picture.protocol_hash.as_str()].contains(name));
+    }
+    all.retain(|_, pictures| !pictures.is_empty());
+    let views = (by_protocol.iter())
+        .map(|(protocol, names)| (protocol.clone(), names.len()))
         .collect();
     Ok(Comparisons {
-        by_view: all
-            .into_iter()
-            .filter(|(name, _)| shown.contains(name))
-            .collect(),
+        by_view: all,
         views,
         left_out,
     })

@@ -75,7 +75,7 @@ pub(super) fn render(table: &Table, addition: &Addition<'_>) -> Markup {
         div.scroll role="region" tabindex="0" aria-label=(table.title) {
             table.sortable.few[first < table.columns.len()].ranking[addition.is_ranking] #(id)
                 aria-describedby=(notes) {
-                caption.visually-hidden[addition.is_ranking] { (table.title) }
+                caption.visually-hidden[addition.is_ranking] { span { (table.title) } }
                 thead {
                     (group_header(table))
                     tr {

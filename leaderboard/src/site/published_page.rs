@@ -5,7 +5,8 @@ use maud::{Markup, html};
 use super::{SiteRequest, layout, layout::Place};
 use crate::{
     error::LeaderboardError,
-    published::{Paper, PublishedTable, findings},
+    format,
+    published::{Paper, PublishedCell, PublishedQuantity, PublishedTable, findings},
 };
 
 pub(super) fn render(request: &SiteRequest<'_>) -> Result<Markup, LeaderboardError> {
@@ -50,11 +51,14 @@ fn published(paper: &Paper, table: &PublishedTable) -> Markup {
     html! {
         div.scroll role="region" tabindex="0" aria-label={ (caption) ", " (paper.id) } {
             table {
-                caption { (caption) }
+                caption { span { (caption) } }
                 thead { tr {
                     @for column in 0..table.columns.len() {
                         @let words = table.rows.iter().all(|row| row.cells[column].number().is_none());
-                        th.words[words] scope="col" { (paper.name_outside(&table.heading(column))) }
+                        th.words[words] scope="col" {
+                            (paper.name_outside(&table.heading(column)))
+                            (unit(table.columns[column].of.as_ref()))
+                        }
                     }
                 } }
                 tbody.published {
@@ -63,11 +67,14 @@ fn published(paper: &Paper, table: &PublishedTable) -> Markup {
                             @for (column, cell) in row.cells.iter().enumerate() {
                                 @let decimals = table.quantity(row, column).map_or(0, |of| of.decimals);
                                 @if column == 0 {
-                                    th scope="row" { (paper.name_outside(&cell.printed(decimals))) }
+                                    th scope="row" {
+                                        (paper.name_outside(&cell.printed(decimals)))
+                                        (unit(row.of.as_ref()))
+                                    }
                                 } @else if cell.text().is_some() {
                                     td.words { (cell.printed(decimals)) }
                                 } @else {
-                                    td { (cell.printed(decimals)) }
+                                    td { (number(cell, decimals)) }
                                 }
                             }
                         }
@@ -76,5 +83,22 @@ fn published(paper: &Paper, table: &PublishedTable) -> Markup {
             }
         }
         div.notes { @for note in &table.notes { p { (note) } } }
+    }
+}
+
+/// The unit of numbers, where their metric does not say it.
+fn unit(quantity: Option<&PublishedQuantity>) -> Markup {
+    let named =
+        |of: &&PublishedQuantity| !["ratio", "distance", "count"].contains(&of.unit.as_str());
+    html! {
+        @if let Some(of) = quantity.filter(named) { "\u{a0}(" (of.unit) ")" }
+    }
+}
+
+/// As printed, with groups of three digits.
+fn number(cell: &PublishedCell, decimals: usize) -> String {
+    match cell {
+        PublishedCell::Number(value) if decimals == 0 => format::grouped(*value),
+        other => other.printed(decimals),
     }
 }

@@ -28,10 +28,9 @@ use crate::{
 pub(super) type Run<'a> = (&'a str, &'a SceneRow<'a>, &'a ResultRecord);
 
 /// Files in the folder of a run, which lies beside that of its scores.
-const RUN_FILES: [(&str, &str); 3] = [
+const RUN_FILES: [(&str, &str); 2] = [
     ("run", "../run/run.json"),
     ("Gaussians", "../run/gaussians.ply"),
-    ("look at it", "../run/viewer/index.html"),
 ];
 
 pub(super) fn render(
@@ -281,7 +280,9 @@ fn pictures(comparisons: &Comparisons, group: &Group<'_>, rows: &[&SceneRow<'_>]
         }
         @if !views.is_empty() {
             p.notes {
-                (views.len()) " of " (comparisons.views) " views. The error map is the difference of \
+                (views.len()) " of "
+                (comparisons.views.get(group.protocol_hash).copied().unwrap_or_default())
+                " views. The error map is the difference of \
                  rendering and truth, four times as bright."
             }
         }

@@ -45,7 +45,7 @@ fn picture(path: &Path, [width, height]: [u32; 2], error: u8) {
 }
 
 /// Results of five methods on three scenes, one of which has pictures, and one unscored method.
-fn small_site(folder: &Path) -> LeaderboardRequest {
+pub(crate) fn small_site(folder: &Path) -> LeaderboardRequest {
     let input = folder.join("results");
     let protocol = Protocol {
         id: "per-scene".to_owned(),
