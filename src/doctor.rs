@@ -5,6 +5,7 @@ use std::{fmt, path::Path, process::Command, thread};
 use omnilife_bench::lpips::Backbone;
 use omnilife_curate::{boundaries::transnetv2, masks::deeplab, poses::sfm};
 use omnilife_engine::device::adapters;
+use omnilife_reconstruct::jobs::export::page;
 use serde::{Serialize, Serializer, ser::SerializeStruct};
 
 /// One thing that is looked for.
@@ -69,6 +70,12 @@ pub(crate) static CHECKS: &[Check] = &[
                   vehicles (DeepLab)",
         needed: false,
         probe: network_weights,
+    },
+    Check {
+        id: "viewer",
+        enables: "pages that show Gaussians (reconstruct export --page)",
+        needed: false,
+        probe: viewer_libraries,
     },
     Check {
         id: "threads",
@@ -240,6 +247,22 @@ fn network_weights() -> Finding {
             reason: missing.join("; "),
             remedy: Some("scripts/setup --models fetches them".to_owned()),
         }
+    }
+}
+
+fn viewer_libraries() -> Finding {
+    match page::libraries() {
+        Ok(_) => {
+            let folder = page::viewer_folder();
+            let found = folder.iter().map(|folder| folder.display().to_string());
+            Finding::Present {
+                found: found.collect(),
+            }
+        }
+        Err(missing) => Finding::Missing {
+            reason: missing.to_string(),
+            remedy: Some("scripts/setup --viewer fetches them".to_owned()),
+        },
     }
 }
 

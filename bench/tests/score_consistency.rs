@@ -47,6 +47,8 @@ fn run_record(bench: &Bench) -> RunRecord {
         rendering_seconds: 1.0,
         seconds_per_group: None,
         peak_memory_bytes: None,
+        up: None,
+        up: None,
         normalization: Similarity {
             offset: [0.0; 3],
             scale: 1.0,

@@ -39,7 +39,7 @@ pub use inputs::expand_inputs;
 pub use libraries::libraries;
 pub use pipeline::curate_video;
 pub use poses::{
-    GivenDepth, GivenTruth, PoseRequest, SfmSettings, pose_sequence, pose_sequence_with,
+    GivenDepth, GivenPrior, GivenTruth, PoseRequest, SfmSettings, pose_sequence, pose_sequence_with,
 };
 pub use settings::CurateSettings;
 pub use worker::Worker;

@@ -6,7 +6,8 @@
 //!   analysis.json, signals.parquet, boundaries.json, ledger.jsonl, slices.json, slices/
 //!   seq-NNN/
 //!     sequence.json, frames/NNNNNN.png, annotation.json
-//!     scene.json, points.ply, masks/, depth/, classes/NAME/, sfm/attempts.json
+//!     scene.json, points.ply, masks/, depth/, depth-prior/, classes/NAME/,
+//!     sfm/attempts.json
 //!     dynamic-masks/masks.json, dynamic-masks/NNNNNN.png
 //!     PROTOCOL/split.json, PROTOCOL/tracks.json
 //! about.json, README.md, SHA256SUMS, statistics/
@@ -62,6 +63,8 @@ pub const POINTS_FILE: &str = "points.ply";
 pub const SCENE_MASKS_FOLDER: &str = "masks";
 /// Folder of depth images, beside [`SCENE_FILE`].
 pub const DEPTH_FOLDER: &str = "depth";
+/// Folder of estimated distances, beside [`SCENE_FILE`].
+pub const DEPTH_PRIOR_FOLDER: &str = "depth-prior";
 /// Folder of the folders of class masks, beside [`SCENE_FILE`].
 pub const CLASSES_FOLDER: &str = "classes";
 /// Folder of everything that structure from motion leaves, in a sequence's folder.

@@ -33,6 +33,7 @@ pub fn split(scene: &Scene, protocol: &Protocol) -> Result<Split, SplitError> {
     let shares = match protocol.split {
         SplitRule::EveryNth { period, offset } => every_nth(scene, period, offset),
         SplitRule::Groups { length } => groups(scene, length),
+        SplitRule::EvenlyGiven { count } => evenly_given(scene, count),
         SplitRule::AllGiven => all_given(scene),
     }
     .map_err(|reason| SplitError::Rule { reason })?;
@@ -154,6 +155,31 @@ fn incompleteness(scene: &Scene, frames: &[u32], length: u32) -> Option<String> 
         .map(u32::to_string)
         .collect();
     (!unposed.is_empty()).then(|| format!("no pose for {}", unposed.join(", ")))
+}
+
+/// Input view `k` of `count` is posed frame `k n / count` of `n`, rounded down.
+fn evenly_given(scene: &Scene, count: u32) -> Result<Shares, String> {
+    if count == 0 {
+        return Err("its split rule gives no frame".to_owned());
+    }
+    let (posed, _) = posed_and_unposed(scene);
+    let (count, all) = (count as usize, posed.len());
+    if all <= count {
+        return Err(format!(
+            "{all} of {} frames have a pose; {count} are given, and at least one more is needed to predict",
+            scene.frames.len()
+        ));
+    }
+    let mut shares = Shares::default();
+    let mut given = (0..count).map(|number| number * all / count).peekable();
+    for (position, &frame) in posed.iter().enumerate() {
+        if given.next_if_eq(&position).is_some() {
+            shares.input_views.push(frame);
+        } else {
+            shares.novel_views.push(frame);
+        }
+    }
+    Ok(shares)
 }
 
 fn all_given(scene: &Scene) -> Result<Shares, String> {

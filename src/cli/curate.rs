@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use clap::{ArgMatches, Args, FromArgMatches, Subcommand, ValueEnum};
 use omnilife_curate::{
-    CurateSettings, GivenDepth, GivenTruth, SfmSettings,
+    CurateSettings, GivenDepth, GivenPrior, GivenTruth, SfmSettings,
     ledger::{self, Role},
     slicing::SliceSettings,
 };
 use omnilife_schemas::{
     provenance::Hardware,
-    records::{Sampling, VideoProjection},
+    records::{DistanceConvention, DistanceGrid, Sampling, VideoProjection},
 };
 
 use super::dataset::{
@@ -121,6 +121,35 @@ pub(crate) struct TruthArguments {
     /// where they are; may be repeated.
     #[arg(long = "class", value_name = "NAME=FOLDER", value_parser = parse_class)]
     pub(crate) classes: Vec<(String, PathBuf)>,
+    /// Folder of estimated distances (of a network, a sensor), for methods that begin from them: 16-bit
+    /// grey PNG or .npy files named like the frames, at any size, 0 where the distance is not known.
+    #[arg(long, value_name = "FOLDER", requires = "depth_prior_unit")]
+    pub(crate) depth_prior: Option<PathBuf>,
+    /// What a step of 1 in the files of --depth-prior means, in units of the world.
+    #[arg(long, value_name = "UNITS", requires = "depth_prior")]
+    pub(crate) depth_prior_unit: Option<f64>,
+    /// What the distances of --depth-prior are measured along.
+    #[arg(long, value_enum, default_value_t = ConventionArgument::Ray)]
+    pub(crate) depth_prior_convention: ConventionArgument,
+    /// Who estimated the distances of --depth-prior, for the record.
+    #[arg(long, value_name = "NAME", default_value = "given")]
+    pub(crate) depth_prior_source: String,
+    /// Where the pixels of --depth-prior are: with centres at half pixels, or with the first and the last
+    /// column in one direction and the first and last row at the poles.
+    #[arg(long, value_enum, default_value_t = GridArgument::HalfPixel)]
+    pub(crate) grid: GridArgument,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum ConventionArgument {
+    Ray,
+    Z,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum GridArgument {
+    HalfPixel,
+    Endpoint,
 }
 
 impl TruthArguments {
@@ -132,6 +161,20 @@ impl TruthArguments {
         let mut truth = GivenTruth::default();
         let depth = self.depth.clone().zip(self.depth_unit);
         truth.depth = depth.map(|(folder, unit)| GivenDepth { folder, unit });
+        let prior = self.depth_prior.clone().zip(self.depth_prior_unit);
+        truth.prior = prior.map(|(folder, unit)| GivenPrior {
+            folder,
+            unit,
+            grid: match self.grid {
+                GridArgument::HalfPixel => DistanceGrid::HalfPixel,
+                GridArgument::Endpoint => DistanceGrid::Endpoint,
+            },
+            convention: match self.depth_prior_convention {
+                ConventionArgument::Ray => DistanceConvention::Ray,
+                ConventionArgument::Z => DistanceConvention::Z,
+            },
+            source: self.depth_prior_source.clone(),
+        });
         for (name, folder) in &self.classes {
             if truth.classes.insert(name.clone(), folder.clone()).is_some() {
                 return Err(BadRequest(format!("class {name} is given twice")).into());

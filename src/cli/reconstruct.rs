@@ -5,7 +5,10 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand, ValueEnum};
 use omnilife_engine::model::layers::Layer;
 use omnilife_reconstruct::{
-    jobs::render::{RenderCamera, RenderRequest},
+    jobs::{
+        export::{ExportRequest, levels::Level},
+        render::{RenderCamera, RenderRequest},
+    },
     methods::{self, METHODS},
     options::Options,
     request::{BackendChoice, MethodRequest, PlanChoice},
@@ -231,6 +234,51 @@ impl RenderArguments {
     }
 }
 
+#[derive(Debug, Args)]
+pub(crate) struct ExportArguments {
+    /// A run's folder, or a PLY of Gaussians as 3DGS writes it.
+    pub(crate) gaussians: PathBuf,
+    /// Levels of detail: numbers of Gaussians at most, or all of them.
+    #[arg(long, value_name = "1M,500k,full", value_delimiter = ',', default_value = "full", value_parser = Level::parse)]
+    pub(crate) lod: Vec<Level>,
+    /// Makes a page too, one HTML file that opens from disk; it needs the viewer of scripts/setup
+    /// --viewer.
+    #[arg(long)]
+    pub(crate) page: bool,
+    /// Up in the world as three numbers [default: that of the run's cameras, or 0,0,1].
+    #[arg(long, value_name = "X,Y,Z", value_parser = direction, allow_hyphen_values = true)]
+    pub(crate) up: Option<[f64; 3]>,
+    /// The moment that is shown of a scene that moves.
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
+    pub(crate) time: f64,
+    /// Folder of the asset.
+    #[arg(long)]
+    pub(crate) out: PathBuf,
+}
+
+impl ExportArguments {
+    /// What is to be exported.
+    pub(crate) fn request(&self) -> ExportRequest {
+        ExportRequest {
+            gaussians: self.gaussians.clone(),
+            levels: self.lod.clone(),
+            with_page: self.page,
+            up: self.up,
+            time_seconds: self.time,
+            out: self.out.clone(),
+        }
+    }
+}
+
+fn direction(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Option<Vec<f64>> = text
+        .split(',')
+        .map(|word| word.trim().parse().ok())
+        .collect();
+    let numbers = numbers.and_then(|numbers| <[f64; 3]>::try_from(numbers).ok());
+    numbers.ok_or_else(|| "expected three numbers such as 0,0,1".to_owned())
+}
+
 fn plan(text: &str) -> Result<PlanChoice, String> {
     match text {
         "" => Err("expected auto, full or names of components".to_owned()),
@@ -288,6 +336,16 @@ pub(crate) enum ReconstructCommand {
     },
     /// Renders Gaussians along given poses to PNG files, and to a video.
     Render(RenderArguments),
+    /// Writes Gaussians as levels of detail (.splat) for web viewers, with a record and a page.
+    Export(ExportArguments),
+    /// Serves an exported asset on 127.0.0.1, for levels that are too large for a page.
+    Serve {
+        /// Folder of the asset.
+        asset: PathBuf,
+        /// Port; 0 takes a free one.
+        #[arg(long, default_value_t = 8360)]
+        port: u16,
+    },
     /// Lists the methods.
     Methods,
 }

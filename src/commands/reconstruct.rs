@@ -3,6 +3,7 @@
 use omnilife_curate::slicing::Projection;
 use omnilife_reconstruct::{
     jobs::{
+        export::{self, serve::Server},
         plan_cost,
         reconstruct::{self, ReconstructRequest},
         render,
@@ -13,7 +14,7 @@ use omnilife_schemas::{camera::Camera, progress::Progress};
 
 use super::video;
 use crate::{
-    cli::{ReconstructCommand, RenderArguments},
+    cli::{ExportArguments, ReconstructCommand, RenderArguments},
     exit, termination,
 };
 
@@ -61,6 +62,16 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
             exit::print(&plan.text())
         }
         ReconstructCommand::Render(arguments) => render(arguments, progress),
+        ReconstructCommand::Export(arguments) => export(arguments, progress),
+        ReconstructCommand::Serve { asset, port } => {
+            let server = Server::listen(asset, *port)?;
+            exit::print(&format!(
+                "http://{}/ (ends with Ctrl-C)\n",
+                server.address()?
+            ))?;
+            server.run();
+            Ok(())
+        }
         ReconstructCommand::Methods => {
             exit::print(&METHODS.iter().map(description).collect::<String>())
         }
@@ -94,6 +105,32 @@ fn description(method: &Method) -> String {
         );
     }
     text
+}
+
+fn export(arguments: &ExportArguments, progress: &dyn Progress) -> anyhow::Result<()> {
+    let exported = export::export(&arguments.request(), progress)?;
+    for note in &exported.notes {
+        progress.note(note);
+    }
+    let (asset, out) = (&exported.asset, &arguments.out);
+    let mut text = String::new();
+    for level in &asset.levels {
+        text += &format!(
+            "{}: {} Gaussians, {:.1} MB, {}\n",
+            level.name,
+            level.splats,
+            level.bytes as f64 / 1e6,
+            out.join(&level.file).display()
+        );
+    }
+    if let Some(page) = &asset.page {
+        text += &format!(
+            "{:.1} MB, {}\n",
+            page.bytes as f64 / 1e6,
+            out.join(&page.file).display()
+        );
+    }
+    exit::print(&text)
 }
 
 fn render(arguments: &RenderArguments, progress: &dyn Progress) -> anyhow::Result<()> {

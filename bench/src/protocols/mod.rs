@@ -7,6 +7,7 @@ mod input_view;
 mod metric_list;
 mod per_scene;
 mod sparse_interpolation;
+mod sparse_panoramas;
 
 use omnilife_schemas::{names, records::Protocol};
 
@@ -27,6 +28,7 @@ pub struct ProtocolEntry {
 pub static PROTOCOLS: &[ProtocolEntry] = &[
     per_scene::ENTRY,
     sparse_interpolation::ENTRY,
+    sparse_panoramas::ENTRY,
     input_view::ENTRY,
 ];
 
@@ -63,6 +65,7 @@ mod tests {
             1,
             "ceb122dc67f1da9b60810f9c434742e4742746f5ad13926485cb843fe5effd54",
         ),
+        ("sparse-panoramas", 1, "PINME"),
         (
             "input-view",
             1,
@@ -113,7 +116,7 @@ mod tests {
             message.as_deref(),
             Some(
                 "there is no protocol \"per-sence\"; known: per-scene, sparse-interpolation, \
-                 input-view; did you mean \"per-scene\"?"
+                 sparse-panoramas, input-view; did you mean \"per-scene\"?"
             )
         );
     }

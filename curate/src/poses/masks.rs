@@ -25,16 +25,57 @@ const EXTENSIONS: &[&str] = &["png", "jpg", "jpeg"];
 
 /// The image files of a folder, sorted.
 pub(super) fn files(folder: &Path) -> Result<Vec<PathBuf>, CurateError> {
+    files_of(folder, EXTENSIONS)
+}
+
+/// The files of a folder with one of these extensions (lower case), sorted.
+fn files_of(folder: &Path, extensions: &[&str]) -> Result<Vec<PathBuf>, CurateError> {
     Ok(store::paths_in(folder)?
         .into_iter()
         .filter(|path| {
             path.extension()
                 .and_then(|extension| extension.to_str())
                 .is_some_and(|extension| {
-                    EXTENSIONS.contains(&extension.to_ascii_lowercase().as_str())
+                    extensions.contains(&extension.to_ascii_lowercase().as_str())
                 })
         })
         .collect())
+}
+
+/// For every frame of a sequence, the file in `folder` with its name, stem or number and one of these
+/// extensions, where there is one.
+///
+/// # Errors
+/// When the folder cannot be read, or has two files for one frame.
+pub(super) fn find_some(
+    folder: &Path,
+    sequence: &Sequence,
+    extensions: &[&str],
+) -> Result<Vec<Option<PathBuf>>, CurateError> {
+    let mut by_stem: BTreeMap<OsString, PathBuf> = BTreeMap::new();
+    for file in files_of(folder, extensions)? {
+        if let Some(other) = by_stem.insert(frame_name(&file), file.clone()) {
+            return Err(CurateError::input(
+                &file,
+                format!("and {} are of one frame", other.display()),
+            ));
+        }
+    }
+    let of_frame = |entry: &FrameEntry| by_stem.get(&frame_name(Path::new(&entry.file))).cloned();
+    Ok(sequence.frames.entries.iter().map(of_frame).collect())
+}
+
+/// The stem of a file's name; of a number without the zeros before it, so that `0007.png` is of frame
+/// `000007.jpg`.
+fn frame_name(file: &Path) -> OsString {
+    let stem = file.file_stem().unwrap_or_default();
+    match stem.to_str() {
+        Some(number) if !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit()) => {
+            let digits = number.trim_start_matches('0');
+            OsString::from(if digits.is_empty() { "0" } else { digits })
+        }
+        _ => stem.to_owned(),
+    }
 }
 
 /// For every frame of a sequence, the image in `folder` with its name or stem.
@@ -42,34 +83,14 @@ pub(super) fn files(folder: &Path) -> Result<Vec<PathBuf>, CurateError> {
 /// # Errors
 /// When the folder cannot be read, lacks the image of some frame, or has two for one.
 pub(crate) fn find(folder: &Path, sequence: &Sequence) -> Result<Vec<PathBuf>, CurateError> {
-    let mut by_stem: BTreeMap<OsString, PathBuf> = BTreeMap::new();
-    for file in files(folder)? {
-        let stem = file.file_stem().unwrap_or_default().to_owned();
-        if let Some(other) = by_stem.insert(stem, file.clone()) {
-            return Err(CurateError::input(
-                &file,
-                format!("and {} are of one frame", other.display()),
-            ));
-        }
-    }
     let frames = &sequence.frames.entries;
-    let stem = |entry: &FrameEntry| {
-        Path::new(&entry.file)
-            .file_stem()
-            .unwrap_or_default()
-            .to_owned()
-    };
-    let found: Vec<PathBuf> = frames
-        .iter()
-        .filter_map(|entry| by_stem.get(&stem(entry)).cloned())
-        .collect();
+    let all = find_some(folder, sequence, EXTENSIONS)?;
+    let first_missing = all.iter().position(Option::is_none);
+    let first_missing = first_missing.map_or("", |missing| frames[missing].file.as_str());
+    let found: Vec<PathBuf> = all.into_iter().flatten().collect();
     if found.len() == frames.len() {
         return Ok(found);
     }
-    let first_missing = frames
-        .iter()
-        .find(|entry| !by_stem.contains_key(&stem(entry)))
-        .map_or("", |entry| entry.file.as_str());
     Err(CurateError::input(
         folder,
         format!(

@@ -1,7 +1,8 @@
 //! Camera poses of a sequence: given by the user, or found by structure from motion.
 //!
-//! [`pose_sequence`] turns `sequence.json` into `scene.json`, with `points.ply`, `masks/`, `depth/` and
-//! `classes/` where there are points, masks, distances and masks of classes.
+//! [`pose_sequence`] turns `sequence.json` into `scene.json`, with `points.ply`, `masks/`, `depth/`,
+//! `classes/` and `depth-prior/` where there are points, masks, distances, masks of classes and estimated
+//! distances.
 
 pub mod colmap;
 pub(crate) mod colmap_binary;
@@ -9,6 +10,7 @@ pub mod error;
 pub mod given;
 pub mod level;
 pub(crate) mod masks;
+mod prior;
 pub mod sfm;
 mod truth;
 pub mod validate;
@@ -33,6 +35,7 @@ use omnilife_schemas::{
 };
 
 use crate::{error::CurateError, staging::Staging};
+pub use prior::GivenPrior;
 pub use sfm::SfmSettings;
 use truth::TruthFiles;
 pub use truth::{GivenDepth, GivenTruth};
@@ -116,7 +119,14 @@ pub fn pose_sequence_with(
         progress.note(&format!("{}: poses: {problem}", sequence.id));
     }
     let mut staging = Staging::new(sequence_folder, "poses")?;
-    let scene = stage_scene(&mut staging, sequence_folder, &sequence, posed, &truth)?;
+    let scene = stage_scene(
+        &mut staging,
+        sequence_folder,
+        &sequence,
+        posed,
+        &truth,
+        progress,
+    )?;
     let outputs = put_in_place(&plan, &staging, &scene)?;
     store::write_record(&scene_path, &scene)?;
     plan.finish(outputs, started.elapsed().as_secs_f64())?;
@@ -135,7 +145,9 @@ fn put_in_place(
         .iter()
         .flat_map(|frame| {
             let depth = frame.depth.iter().map(|depth| &depth.file);
-            frame.mask.iter().chain(frame.classes.values()).chain(depth)
+            let prior = frame.depth_prior.iter().map(|prior| &prior.file);
+            let masks = frame.mask.iter().chain(frame.classes.values());
+            masks.chain(depth).chain(prior)
         })
         .chain(&scene.points)
         .collect();
@@ -208,6 +220,7 @@ fn stage_scene(
     sequence: &Sequence,
     posed: PosedSequence,
     truth: &TruthFiles,
+    progress: &dyn Progress,
 ) -> Result<Scene, CurateError> {
     let camera = posed.camera;
     let size = camera.size();
@@ -235,7 +248,7 @@ fn stage_scene(
             depth_prior: None,
         })
         .collect();
-    truth.stage(staging, folder, &mut frames, size)?;
+    truth.stage(staging, folder, &mut frames, size, progress)?;
     Ok(Scene {
         id: sequence.id.clone(),
         camera,

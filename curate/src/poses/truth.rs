@@ -12,13 +12,17 @@ use image::{ImageBuffer, Luma};
 use omnilife_schemas::{
     image_file::ImageFile,
     layout::{CLASSES_FOLDER, DEPTH_FOLDER},
+    progress::Progress,
     records::{DepthImage, SceneFrame, Sequence},
     rgb,
     stage::StagePlan,
     store,
 };
 
-use super::masks;
+use super::{
+    masks,
+    prior::{GivenPrior, PriorFiles},
+};
 use crate::{error::CurateError, staging::Staging};
 
 /// Files that a user has of a sequence's frames, named like the frames.
@@ -28,6 +32,8 @@ pub struct GivenTruth {
     pub depth: Option<GivenDepth>,
     /// Folder of masks by the name of the class: white where its objects are.
     pub classes: BTreeMap<String, PathBuf>,
+    /// Estimated distances, which methods may use and no score does.
+    pub prior: Option<GivenPrior>,
 }
 
 /// Images of distances along the rays.
@@ -43,6 +49,7 @@ pub struct GivenDepth {
 pub(super) struct TruthFiles {
     depth: Option<(Vec<PathBuf>, f64)>,
     classes: BTreeMap<String, Vec<PathBuf>>,
+    prior: Option<PriorFiles>,
 }
 
 impl GivenTruth {
@@ -70,7 +77,13 @@ impl GivenTruth {
             }
             classes.insert(name.clone(), masks::find(folder, sequence)?);
         }
-        Ok(TruthFiles { depth, classes })
+        let prior = self.prior.as_ref();
+        let prior = prior.map(|prior| prior.find(sequence)).transpose()?;
+        Ok(TruthFiles {
+            depth,
+            classes,
+            prior,
+        })
     }
 }
 
@@ -89,7 +102,10 @@ impl TruthFiles {
                 plan = plan.with_file(file)?;
             }
         }
-        Ok(plan)
+        match &self.prior {
+            Some(prior) => prior.add_inputs(plan),
+            None => Ok(plan),
+        }
     }
 
     /// Stages them at the size of the frames, every pixel that of the nearest one, and enters them in
@@ -103,7 +119,11 @@ impl TruthFiles {
         sequence_folder: &Path,
         frames: &mut [SceneFrame],
         size: [usize; 2],
+        progress: &dyn Progress,
     ) -> Result<(), CurateError> {
+        if let Some(prior) = &self.prior {
+            prior.stage(staging, sequence_folder, frames, size, progress)?;
+        }
         let depth_files = self.depth.iter().flat_map(|(files, _)| files);
         refuse_own(depth_files, &sequence_folder.join(DEPTH_FOLDER))?;
         let class_files = self.classes.values().flatten();
@@ -128,7 +148,7 @@ impl TruthFiles {
 }
 
 /// Refuses files that lie in the very folder that the staged ones go to.
-fn refuse_own<'a>(
+pub(super) fn refuse_own<'a>(
     files: impl Iterator<Item = &'a PathBuf>,
     folder: &Path,
 ) -> Result<(), CurateError> {

@@ -77,6 +77,10 @@ fn split_in_words(rule: SplitRule) -> String {
              Incomplete groups are left out.",
             length.saturating_sub(2)
         ),
+        SplitRule::EvenlyGiven { count } => format!(
+            "{count} of the posed frames, spread evenly from the first on, are input views, which the \
+             method is given; it predicts all others, the novel views."
+        ),
         SplitRule::AllGiven => "Every posed frame is an input view, which the method is given; \
                                 nothing is held out."
             .to_owned(),

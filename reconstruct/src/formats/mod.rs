@@ -6,6 +6,7 @@ pub mod deformation;
 pub mod moving_ply;
 pub mod ply;
 mod refined_poses;
+pub mod splat;
 
 use std::path::Path;
 
@@ -54,6 +55,15 @@ const FORMATS: &[Format] = &[
             Some(_) => Ok(None),
             None => read_static(&folder.join(GAUSSIANS_FILE), normalization).map(Some),
         },
+    },
+    // Static Gaussians that are held near where they began, which matters while they learn.
+    Format {
+        parameterization: "anchored",
+        files: &[GAUSSIANS_FILE],
+        write: |folder, part, _, normalization| {
+            ply::write(&folder.join(GAUSSIANS_FILE), &part.table, normalization)
+        },
+        read: |_, _, _| Ok(None),
     },
     Format {
         parameterization: "deformable",
@@ -111,6 +121,20 @@ const FORMATS: &[Format] = &[
 /// When the file cannot be read, or holds no Gaussians.
 pub fn read_static(path: &Path, normalization: &Similarity) -> Result<Part, ReconstructError> {
     let table = ply::read(path, normalization)?;
+    let parameterization = omnilife_engine::gaussians::static_gaussians::StaticGaussians;
+    Ok(Part::new(parameterization, table))
+}
+
+/// Static Gaussians of a `.splat`.
+///
+/// # Errors
+/// When the file cannot be read, or is none.
+pub fn read_splat(
+    path: &Path,
+    placement: &splat::Placement,
+    normalization: &Similarity,
+) -> Result<Part, ReconstructError> {
+    let table = splat::read(path, placement, normalization)?;
     let parameterization = omnilife_engine::gaussians::static_gaussians::StaticGaussians;
     Ok(Part::new(parameterization, table))
 }

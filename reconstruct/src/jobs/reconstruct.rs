@@ -7,6 +7,7 @@ use std::{
     time::Instant,
 };
 
+use glam::DVec3;
 use omnilife_schemas::{
     Similarity,
     lock::FolderLock,
@@ -160,7 +161,7 @@ pub fn reconstruct(
     };
     let record = RunRecord {
         method: method.id.to_owned(),
-        scene: scene.id,
+        scene: scene.id.clone(),
         protocol_hash: split.protocol_hash,
         seed: request.settings.seed,
         backend: made.backend,
@@ -181,6 +182,7 @@ pub fn reconstruct(
         seconds_per_group: made.seconds_per_group,
         peak_memory_bytes: process::peak_memory_bytes(),
         normalization: made.normalization,
+        up: up(&scene, &split),
         trace: made.trace,
         trace_views: made.trace_views,
         predictions: made.predictions,
@@ -304,6 +306,16 @@ fn refuse_foreign_trace(request: &ReconstructRequest, stage: &StagePlan) -> Resu
     Ok(())
 }
 
+/// Mean direction up of the input views' cameras, in the world; `None` where they have none together.
+fn up(scene: &Scene, split: &Split) -> Option<[f64; 3]> {
+    let frames = split.input_views.iter();
+    let poses = frames.filter_map(|&frame| scene.frames.get(frame as usize)?.pose);
+    let up: DVec3 = poses
+        .filter_map(|pose| Some(pose.rotation()? * DVec3::NEG_Y))
+        .sum();
+    up.try_normalize().map(|up| up.to_array())
+}
+
 fn is_of_trace(file: &str) -> bool {
     let rest = file.strip_prefix(TRACE_FOLDER);
     rest.is_some_and(|rest| rest.starts_with('/'))
@@ -352,6 +364,9 @@ fn plan_stage(
         stage = add(stage, &frame.image, &folder.join(&frame.image))?;
         if let Some(mask) = &frame.mask {
             stage = add(stage, mask, &folder.join(mask))?;
+        }
+        if let Some(prior) = &frame.depth_prior {
+            stage = add(stage, &prior.file, &folder.join(&prior.file))?;
         }
     }
     Ok((stage, inputs))

@@ -13,7 +13,7 @@ use omnilife_schemas::{
     lock::FolderLock,
     ownership::{OwnFile, Standing},
     progress::Progress,
-    records::{Poses, RunRecord, Scene},
+    records::{Asset, Poses, RunRecord, Scene},
     stage::StagePlan,
     store::{self, StoreError},
 };
@@ -33,7 +33,12 @@ use omnilife_engine::{
     step::settings::TrainSettings,
 };
 
-use crate::{error::ReconstructError, formats, jobs::reconstruct::RUN_FILE, process};
+use crate::{
+    error::ReconstructError,
+    formats::{self, splat::Placement},
+    jobs::{export::ASSET_FILE, reconstruct::RUN_FILE},
+    process,
+};
 
 /// What to render, from where, and where to.
 #[derive(Debug, Clone, PartialEq)]
@@ -183,10 +188,10 @@ fn image_file(number: usize) -> String {
 }
 
 /// Gaussians with what a renderer has to know about them.
-struct Source {
+pub(crate) struct Source {
     /// A run's folder, or a PLY.
     path: PathBuf,
-    normalization: Similarity,
+    pub(crate) normalization: Similarity,
     renderer: RendererChoice,
     settings: RenderSettings,
     /// What a run's Gaussians were trained under; a PLY has none of it.
@@ -196,7 +201,7 @@ struct Source {
 impl Source {
     /// A run's Gaussians under the run's settings. A PLY alone says neither: it is normalized by the
     /// cameras, and what is nearer than a thousandth of their radius is not drawn.
-    fn open(path: &Path, of_cameras: Similarity) -> Result<Self, ReconstructError> {
+    pub(crate) fn open(path: &Path, of_cameras: Similarity) -> Result<Self, ReconstructError> {
         if !path.is_dir() {
             return Ok(Self {
                 path: path.to_owned(),
@@ -224,11 +229,17 @@ impl Source {
         })
     }
 
-    fn model(&self) -> Result<Model, ReconstructError> {
+    pub(crate) fn model(&self) -> Result<Model, ReconstructError> {
         match &self.trained {
             Some(settings) => formats::read_model(&self.path, settings, &self.normalization),
             None => {
-                let part = formats::read_static(&self.path, &self.normalization)?;
+                let is_splat = self.path.extension().is_some_and(|kind| kind == "splat");
+                let part = if is_splat {
+                    let placement = placement(&self.path)?;
+                    formats::read_splat(&self.path, &placement, &self.normalization)?
+                } else {
+                    formats::read_static(&self.path, &self.normalization)?
+                };
                 Ok(Model::new(vec![part]))
             }
         }
@@ -240,6 +251,29 @@ impl Source {
         let seconds = dynamics.map_or(1.0, |dynamics| dynamics.clock.frame_seconds);
         f64::from(speed) / self.normalization.scale / seconds
     }
+}
+
+/// How the coordinates of a `.splat` came from the world's: as the record beside it says, or not at all.
+fn placement(path: &Path) -> Result<Placement, StoreError> {
+    let record = path.parent().unwrap_or(Path::new(".")).join(ASSET_FILE);
+    if !record.exists() {
+        return Ok(Placement::WORLD);
+    }
+    let asset: Asset = store::read_record(&record)?;
+    let name = path.file_name().and_then(|name| name.to_str());
+    if asset
+        .levels
+        .iter()
+        .all(|level| Some(level.file.as_str()) != name)
+    {
+        return Ok(Placement::WORLD);
+    }
+    let [w, x, y, z] = asset.placement.rotation_wxyz;
+    Ok(Placement {
+        offset: DVec3::from_array(asset.placement.offset),
+        scale: asset.placement.scale,
+        rotation: glam::DQuat::from_xyzw(x, y, z, w),
+    })
 }
 
 /// Refuses sizes and bounds that no run has.

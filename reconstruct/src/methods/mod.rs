@@ -7,6 +7,7 @@ pub mod odgs;
 pub mod odgs_published;
 pub mod omni4dgs;
 pub mod omni4dgs_plus;
+pub mod panogs;
 pub mod periodic;
 mod prepared;
 
@@ -276,6 +277,7 @@ pub const METHODS: &[Method] = &[
     periodic::METHOD,
     omni4dgs::METHOD,
     omni4dgs_plus::METHOD,
+    panogs::METHOD,
     feed_forward::sweep::METHOD,
     feed_forward::infinity::METHOD,
     feed_forward::cross_fade::METHOD,

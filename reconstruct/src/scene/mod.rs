@@ -1,5 +1,7 @@
 //! A scene in memory: normalized cameras, images and points of one split.
 
+pub mod depth;
+
 use std::path::Path;
 
 use glam::{DVec3, Vec3};
@@ -14,6 +16,7 @@ use omnilife_schemas::{
 };
 use rayon::prelude::*;
 
+use self::depth::PriorFile;
 use crate::error::ReconstructError;
 use omnilife_engine::camera::View;
 use omnilife_engine::clock::Clock;
@@ -40,6 +43,8 @@ pub struct TrainingScene {
     pub is_normalized_by_points: bool,
     /// Points in normalized coordinates with their colours; may be empty.
     pub points: PointCloud,
+    /// Estimated distances of the input views, in their order; no entries where no view has any.
+    pub depth_priors: Vec<Option<PriorFile>>,
 }
 
 impl TrainingScene {
@@ -92,6 +97,7 @@ impl TrainingScene {
             normalization,
             scale: scene.scale,
             points,
+            depth_priors: depth_priors(&scene, folder, &split.input_views),
         })
     }
 
@@ -154,6 +160,7 @@ impl TrainingScene {
             scale: self.scale,
             is_normalized_by_points: self.is_normalized_by_points,
             points: self.points.clone(),
+            depth_priors: self.depth_priors.clone(),
         }
     }
 
@@ -217,6 +224,20 @@ impl TrainingScene {
                 .collect(),
         )
     }
+}
+
+/// Where the estimated distances of these frames are.
+fn depth_priors(scene: &Scene, folder: &Path, frames: &[u32]) -> Vec<Option<PriorFile>> {
+    let of_frame = |&frame: &u32| {
+        let prior = scene.frames.get(frame as usize)?.depth_prior.clone()?;
+        let path = folder.join(&prior.file);
+        Some(PriorFile { path, prior })
+    };
+    let priors: Vec<Option<PriorFile>> = frames.iter().map(of_frame).collect();
+    if priors.iter().all(Option::is_none) {
+        return Vec::new();
+    }
+    priors
 }
 
 /// Means over squares of `factor` pixels of an image with `C` channels.

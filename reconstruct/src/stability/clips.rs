@@ -200,6 +200,7 @@ fn scene() -> Option<TrainingScene> {
         novel_views: Vec::new(),
         normalization,
         scale: Scale::Arbitrary,
+        depth_priors: Vec::new(),
         is_normalized_by_points: false,
         points,
     })

@@ -2,7 +2,7 @@
 //!
 //! * [`setup`]: what a case consists of;
 //! * [`cases`]: the catalogue, and `in_time` what of it is about time; [`special`]: what renders
-//!   nothing, and `clips`, on which methods are trained;
+//!   nothing, `clips`, on which methods are trained, and `depth`, which is lifted and fused;
 //! * [`sweeps`]: families of cases whose condition number grows;
 //! * [`parameterizations`], [`devices`]: what they are tried on;
 //! * [`mod@measure`]: errors of image and gradient against [`omnilife_engine::render::reference`].
@@ -11,6 +11,7 @@
 
 pub mod cases;
 mod clips;
+mod depth;
 pub mod devices;
 mod in_time;
 pub mod measure;

@@ -101,6 +101,7 @@ pub(crate) fn scene_with(
         novel_views,
         normalization,
         scale: omnilife_schemas::records::Scale::Arbitrary,
+        depth_priors: Vec::new(),
         is_normalized_by_points: false,
         points,
     }

@@ -6,6 +6,7 @@
 pub mod about;
 pub mod analysis;
 pub mod annotation;
+pub mod asset;
 pub mod boundaries;
 pub mod dataset;
 pub mod external_run;
@@ -32,6 +33,7 @@ pub use analysis::VideoAnalysis;
 pub use annotation::{
     Annotation, Caption, Dynamics, EgoMotion, Measured, NameGroup, Tag, Taxonomy,
 };
+pub use asset::{Asset, AssetChanges, AssetLevel, AssetPage, AssetPlacement, AssetSource};
 pub use boundaries::{Boundary, BoundaryKind, BoundaryLedger};
 pub use dataset::{Dataset, VideoEntry, VideoStatus};
 pub use external_run::{ExternalRun, Phase, PhaseName};
@@ -124,6 +126,7 @@ pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<Split>(),
     entry::<RunRecord>(),
     entry::<ExternalRun>(),
+    entry::<Asset>(),
     entry::<ResultRecord>(),
     entry::<ScoringRecord>(),
     entry::<StabilityReport>(),

@@ -89,6 +89,11 @@ pub enum SplitRule {
         /// Frames of a group, at least 3.
         length: u32,
     },
+    /// `count` posed frames, spread evenly from the first on, are input views, all others novel ones.
+    EvenlyGiven {
+        /// Frames that are given, at least 1.
+        count: u32,
+    },
     /// Every posed frame is an input view; nothing is held out.
     AllGiven,
 }

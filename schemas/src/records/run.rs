@@ -67,6 +67,9 @@ pub struct RunRecord {
     /// Highest resident memory of the process since it began, bytes, where the system tells. In a
     /// process that did more than this run, that of all its work.
     pub peak_memory_bytes: Option<u64>,
+    /// Mean direction up of the input views' cameras, in the world.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub up: Option<[f64; 3]>,
     /// The similarity under which the scene was trained.
     pub normalization: Similarity,
     /// CSV of where training stood, row by row.

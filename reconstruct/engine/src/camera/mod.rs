@@ -4,6 +4,7 @@
 //! here against its definition by finite differences.
 
 pub mod erp;
+pub mod nearest;
 pub(crate) mod lanes;
 pub mod pinhole;
 pub mod pose;

@@ -315,6 +315,58 @@ pub fn activate_vjp(
     activate_from_vjp(table, 0, instant, gradient);
 }
 
+/// A gradient that needs no rule, into an array that takes one.
+fn copy_unless_frozen(array: &mut ParameterArray, gradient: &[[f32; 3]]) {
+    if !array.is_frozen() {
+        array.gradients.copy_from_slice(gradient.as_flattened());
+    }
+}
+
+/// [`activate_from_vjp`] of the sizes, rotations and opacities of a table that keeps some of them.
+fn activate_partly_from_vjp(
+    table: &mut ParameterTable,
+    first: usize,
+    instant: &ActivatedGaussians,
+    gradient: &ActivatedGaussians,
+) {
+    let entries = first..first + table.len();
+    let scales = &mut table.arrays[LOG_SCALES];
+    if !scales.is_frozen() {
+        let by = gradient.scales[entries.clone()].as_flattened();
+        let scale = instant.scales[entries.clone()].as_flattened();
+        for ((to, by), scale) in scales.gradients.iter_mut().zip(by).zip(scale) {
+            *to = by * scale;
+        }
+    }
+    let quaternions = &mut table.arrays[QUATERNIONS];
+    if !quaternions.is_frozen() {
+        let raw = quaternions.values.as_chunks::<4>().0;
+        let unit = &instant.rotations[entries.clone()];
+        let by = &gradient.rotations[entries.clone()];
+        let to = quaternions.gradients.as_chunks_mut::<4>().0;
+        for (((to, raw), unit), by) in to.iter_mut().zip(raw).zip(unit).zip(by) {
+            *to = quaternion_vjp(raw, unit, by);
+        }
+    }
+    let logits = &mut table.arrays[OPACITY_LOGITS];
+    if !logits.is_frozen() {
+        let (opacities, by) = (
+            &instant.opacities[entries.clone()],
+            &gradient.opacities[entries],
+        );
+        for ((to, opacity), by) in logits.gradients.iter_mut().zip(opacities).zip(by) {
+            *to = by * opacity * (1.0 - opacity);
+        }
+    }
+}
+
+/// `d(q/|q|)`: removes the part along q, divides by the length.
+fn quaternion_vjp(raw: &[f32; 4], unit: &[f32; 4], by: &[f32; 4]) -> [f32; 4] {
+    let along: f32 = unit.iter().zip(by).map(|(u, g)| u * g).sum();
+    let length = quaternion_length(raw);
+    [0, 1, 2, 3].map(|axis| (by[axis] - unit[axis] * along) / length)
+}
+
 /// VJP of [`activate_from`].
 pub fn activate_from_vjp(
     table: &mut ParameterTable,
@@ -327,15 +379,16 @@ pub fn activate_from_vjp(
     else {
         unreachable!("a table of static Gaussians has five arrays at least");
     };
-    positions
-        .gradients
-        .copy_from_slice(gradient.positions[entries.clone()].as_flattened());
-    sh.gradients
-        .copy_from_slice(gradient.sh_constant[entries.clone()].as_flattened());
     if let Some(rest) = rest.first_mut().filter(|array| array.name == SH_REST_NAME) {
         let count = sh_rest_count(gradient.sh_degree);
         let gradient = &gradient.sh_rest[entries.start * count..entries.end * count];
         rest.gradients.copy_from_slice(gradient.as_flattened());
+    }
+    copy_unless_frozen(positions, &gradient.positions[entries.clone()]);
+    copy_unless_frozen(sh, &gradient.sh_constant[entries.clone()]);
+    if log_scales.is_frozen() || quaternions.is_frozen() || logits.is_frozen() {
+        activate_partly_from_vjp(table, first, instant, gradient);
+        return;
     }
     (
         log_scales.gradients.as_chunks_mut::<3>().0.par_iter_mut(),
@@ -356,12 +409,7 @@ pub fn activate_from_vjp(
                 for axis in 0..3 {
                     to_scale[axis] = gs[axis] * scale[axis];
                 }
-                // d(q/|q|): remove the part along q, divide by the length.
-                let along: f32 = unit.iter().zip(gr).map(|(u, g)| u * g).sum();
-                let length = quaternion_length(raw);
-                for axis in 0..4 {
-                    to_rotation[axis] = (gr[axis] - unit[axis] * along) / length;
-                }
+                *to_rotation = quaternion_vjp(raw, unit, gr);
                 *to_opacity = go * opacity * (1.0 - opacity);
             },
         );

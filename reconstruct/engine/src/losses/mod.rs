@@ -7,3 +7,4 @@
 pub mod maps;
 pub mod motion;
 pub mod photometric;
+pub mod scaffold;

@@ -131,10 +131,11 @@ impl Model {
         tables.chain(shared).chain(poses)
     }
 
-    /// All arrays by name, in a fixed order; arrays of one name in several parts count together.
+    /// All arrays that are not frozen by name, in a fixed order; arrays of one name in several parts count
+    /// together.
     pub fn trained_arrays(&self) -> Vec<TrainedArray> {
         let mut trained: Vec<TrainedArray> = Vec::new();
-        for array in self.arrays() {
+        for array in self.arrays().filter(|array| !array.is_frozen()) {
             match trained.iter_mut().find(|known| known.name == array.name) {
                 Some(known) => known.values += array.values.len(),
                 None => trained.push(TrainedArray {

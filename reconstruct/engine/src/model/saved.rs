@@ -1,7 +1,8 @@
 //! A model in a checkpoint: a header in JSON, and a body of 32-bit words.
 //!
 //! ```text
-//! body: f32, little-endian; for each part: of each array its values, first and second moments; then the
+//! body: f32, little-endian; for each part: of each array its values, first and second moments (of a frozen
+//!       one its values alone); then the
 //!       sums of its density statistics, their views as u32, and the sums of its time gradients, where
 //!       it has any; then what its Gaussians share, with moments. Then the corrections of poses with
 //!       theirs, array by array, where poses are refined.
@@ -35,6 +36,9 @@ struct SavedPart {
 struct SavedArray {
     name: String,
     width: usize,
+    /// Without moments.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    frozen: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -135,12 +139,12 @@ impl SavedModel {
         let poses = self.pose_steps.as_ref().map_or(0, Vec::len);
         let mut words = poses.checked_mul(3 * 6)?;
         for part in &self.parts {
-            let values = part
-                .arrays
-                .iter()
-                .try_fold(0_usize, |sum, array| sum.checked_add(array.width))?;
+            let values = part.arrays.iter().try_fold(0_usize, |sum, array| {
+                let columns = if array.frozen { 1 } else { 3 };
+                sum.checked_add(array.width.checked_mul(columns)?)
+            })?;
             // Sums and views.
-            let of_one = values.checked_mul(3)?.checked_add(2)?;
+            let of_one = values.checked_add(2)?;
             let of_table = part.gaussians.checked_mul(of_one)?;
             let of_shared = part.shared.map_or(0, |shared| shared.values);
             words = words
@@ -173,6 +177,7 @@ fn saved_part(part: &Part) -> SavedPart {
     let array = |array: &ParameterArray| SavedArray {
         name: array.name.to_owned(),
         width: array.width,
+        frozen: array.is_frozen(),
     };
     SavedPart {
         parameterization: part.parameterization.id().to_owned(),
@@ -221,6 +226,10 @@ impl Words<'_> {
         for array in &template.arrays {
             let count = gaussians * array.width;
             let added = table.add(array.name, array.width, self.floats(count), 0.0);
+            if array.is_frozen() {
+                table.freeze(added);
+                continue;
+            }
             table.arrays[added].first_moments = self.floats(count);
             table.arrays[added].second_moments = self.floats(count);
         }

@@ -18,7 +18,7 @@ pub struct ParameterArray {
     pub width: usize,
     /// `len * width` values.
     pub values: Vec<f32>,
-    /// `len * width` gradients of the loss.
+    /// `len * width` gradients of the loss; none of a frozen array, which has no moments either.
     pub gradients: Vec<f32>,
     /// Adam's first moments.
     pub first_moments: Vec<f32>,
@@ -31,7 +31,13 @@ pub struct ParameterArray {
 impl ParameterArray {
     /// Bytes of values, gradients and moments.
     pub fn bytes(&self) -> u64 {
-        (4 * size_of::<f32>() * self.values.len()) as u64
+        let columns = if self.is_frozen() { 1 } else { 4 };
+        (columns * size_of::<f32>() * self.values.len()) as u64
+    }
+
+    /// Whether it keeps its values: it has neither gradients nor moments.
+    pub fn is_frozen(&self) -> bool {
+        self.gradients.len() < self.values.len()
     }
 }
 
@@ -125,6 +131,14 @@ impl ParameterTable {
         self.arrays.len() - 1
     }
 
+    /// Keeps an array's values as they are from now on, without gradients and moments.
+    pub fn freeze(&mut self, array: usize) {
+        let array = &mut self.arrays[array];
+        array.gradients = Vec::new();
+        array.first_moments = Vec::new();
+        array.second_moments = Vec::new();
+    }
+
     /// Values of one Gaussian in one array.
     pub fn row(&self, array: usize, index: usize) -> &[f32] {
         let array = &self.arrays[array];
@@ -157,6 +171,9 @@ impl ParameterTable {
                     .values
                     .extend_from_within(source * width..(source + 1) * width);
             }
+            if array.gradients.is_empty() {
+                continue;
+            }
             let total = array.values.len();
             array.gradients.resize(total, 0.0);
             array.first_moments.resize(total, 0.0);
@@ -177,6 +194,9 @@ impl ParameterTable {
                 &mut array.first_moments,
                 &mut array.second_moments,
             ] {
+                if column.is_empty() {
+                    continue;
+                }
                 let rows = order.iter().map(|&row| row * width..(row + 1) * width);
                 *column = rows.flat_map(|row| column[row].iter().copied()).collect();
             }
@@ -201,6 +221,9 @@ impl ParameterTable {
 }
 
 fn retain_rows(column: &mut Vec<f32>, width: usize, keep: &[bool]) {
+    if column.is_empty() {
+        return;
+    }
     let mut write = 0;
     for (read, &flag) in keep.iter().enumerate() {
         if flag {
@@ -214,6 +237,21 @@ fn retain_rows(column: &mut Vec<f32>, width: usize, keep: &[bool]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_frozen_array_has_values_alone_whatever_happens_to_the_rows() {
+        let mut table = ParameterTable::new(3);
+        table.add("a", 2, vec![0.0, 1.0, 2.0, 3.0, 4.0, 5.0], 0.1);
+        table.freeze(0);
+        table.permute(&[2, 1, 0]);
+        table.retain(&[true, false, true]);
+        table.append_copies(&[0]);
+        let array = &table.arrays[0];
+        assert_eq!(array.values, [4.0, 5.0, 0.0, 1.0, 4.0, 5.0]);
+        assert!(array.is_frozen() && array.gradients.is_empty());
+        assert!(array.first_moments.is_empty() && array.second_moments.is_empty());
+        assert_eq!(array.bytes(), 24);
+    }
 
     #[test]
     fn retain_and_append_keep_rows_together() {

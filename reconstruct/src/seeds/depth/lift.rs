@@ -19,7 +19,7 @@ const LARGEST_RADIUS: f64 = 3.0;
 /// At an edge of depth, a surface that is seen under a smaller cosine hangs between its two sides.
 const FLYING_COSINE: f64 = 0.1;
 /// Masks from this value on hide what is behind them.
-const MASKED: u8 = 128;
+pub(super) const MASKED: u8 = 128;
 
 /// A view with its distances. All of its lists are of one size, that of the view's camera.
 #[derive(Debug, Clone, Copy)]
@@ -67,6 +67,14 @@ impl LiftSettings {
     };
 }
 
+impl LiftSettings {
+    /// Standard deviations of a sample of this radius.
+    fn scales(&self, radius: f32) -> [f32; 3] {
+        let along = self.tangential * radius;
+        [along, along, self.normal * radius]
+    }
+}
+
 /// What became of the pixels of a view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct LiftCounts {
@@ -110,6 +118,15 @@ impl Lifted {
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.radii.is_empty()
+    }
+
+    /// The same samples in another shape.
+    #[must_use]
+    pub fn shaped(mut self, settings: &LiftSettings) -> Self {
+        let scales = self.gaussians.scales.iter_mut().zip(&self.radii);
+        scales.for_each(|(scales, &radius)| *scales = settings.scales(radius));
+        self.gaussians.opacities.fill(settings.opacity);
+        self
     }
 
     /// The samples whose flag is set, in their order.
@@ -224,24 +241,15 @@ impl Lifter<'_> {
             PixelUse::Kept(sample) => sample,
         };
         lifted.counts.without_normal += u64::from(!sample.has_normal);
-        let LiftSettings {
-            tangential,
-            normal,
-            opacity,
-            ..
-        } = *self.settings;
         let gaussians = &mut lifted.gaussians;
         let colour = &self.view.pixels[3 * pixel..3 * pixel + 3];
         gaussians.positions.push(sample.position.to_array());
-        let along = tangential * sample.radius;
-        gaussians
-            .scales
-            .push([along, along, normal * sample.radius]);
+        gaussians.scales.push(self.settings.scales(sample.radius));
         gaussians.rotations.push(z_onto(sample.normal));
         gaussians
             .colours
             .push([0, 1, 2].map(|channel| f32::from(colour[channel]) / 255.0));
-        gaussians.opacities.push(opacity);
+        gaussians.opacities.push(self.settings.opacity);
         lifted.normals.push(sample.normal);
         lifted.radii.push(sample.radius);
         lifted.pixels.push(pixel as u32);
@@ -269,14 +277,14 @@ impl Lifter<'_> {
         let ray = self.points.ray(column, row);
         let normal = self.normals[pixel].map(Vec3::as_dvec3);
         let cosine = normal.map_or(1.0, |normal| normal.dot(ray).abs());
-        let [is_behind, is_before] = self.edges(column, row);
+        let [is_behind, is_before] = edges(&self.points, column, row);
         let is_grazed = cosine < FLYING_COSINE && (is_behind || is_before);
         // A thin thing before a wall has no normal either, but nothing is nearer beside it.
         let hangs_between = normal.is_none() && is_behind && is_before;
         if is_grazed || hangs_between {
             return PixelUse::Flying;
         }
-        let pitch = f64::from(distance) * self.pixel_angle(ray);
+        let pitch = f64::from(distance) * pixel_angle(&view.view.camera, ray);
         let radius = (pitch / cosine.max(LEAST_COSINE).sqrt()).min(LARGEST_RADIUS * pitch);
         let to_world = view.view.rotation.as_dmat3().transpose();
         let place = view.view.centre.as_dvec3() + to_world * (ray * f64::from(distance));
@@ -300,30 +308,49 @@ impl Lifter<'_> {
             Camera::Pinhole(_) => 1.0,
         }
     }
+}
 
-    /// Root of the solid angle that a kept pixel stands for, radians.
-    fn pixel_angle(&self, ray: DVec3) -> f64 {
-        match self.view.view.camera {
-            Camera::Erp(camera) => {
-                (TAU / f64::from(camera.width) * PI / f64::from(camera.height)).sqrt()
-            }
-            // d(omega) = cos^3 du dv / (fx fy)
-            Camera::Pinhole(camera) => (ray.z.powi(3) / (camera.fx * camera.fy)).sqrt(),
+/// Whether a neighbour above, below, left or right is on a nearer surface, and on a farther one.
+fn edges(points: &Points<'_>, column: usize, row: usize) -> [bool; 2] {
+    let own = points.distance(column, row);
+    let neighbours = [[1, 0], [-1, 0], [0, 1], [0, -1]]
+        .iter()
+        .filter_map(|&step| points.neighbour([column, row], step))
+        .map(|[column, row]| points.distance(column, row))
+        .filter(|&distance| distance > 0.0 && !Points::are_close(own, distance));
+    neighbours.fold([false; 2], |[behind, before], distance| {
+        [behind || distance < own, before || distance > own]
+    })
+}
+
+/// Root of the solid angle that a kept pixel in the direction of a unit ray stands for, radians.
+pub(super) fn pixel_angle(camera: &Camera, ray: DVec3) -> f64 {
+    match camera {
+        Camera::Erp(camera) => {
+            (TAU / f64::from(camera.width) * PI / f64::from(camera.height)).sqrt()
         }
+        // d(omega) = cos^3 du dv / (fx fy)
+        Camera::Pinhole(camera) => (ray.z.powi(3) / (camera.fx * camera.fy)).sqrt(),
     }
+}
 
-    /// Whether a neighbour above, below, left or right is on a nearer surface, and on a farther one.
-    fn edges(&self, column: usize, row: usize) -> [bool; 2] {
-        let own = self.points.distance(column, row);
-        let neighbours = [[1, 0], [-1, 0], [0, 1], [0, -1]]
-            .iter()
-            .filter_map(|&step| self.points.neighbour([column, row], step))
-            .map(|[column, row]| self.points.distance(column, row))
-            .filter(|&distance| distance > 0.0 && !Points::are_close(own, distance));
-        neighbours.fold([false; 2], |[behind, before], distance| {
-            [behind || distance < own, before || distance > own]
-        })
-    }
+/// `|n . r|` of the surface under each pixel of a view, as the fusion of views wants it: 0 where the distance
+/// is not known or masked, where there is no normal, and at edges of depth.
+pub fn incidence(view: &DistanceView<'_>) -> Vec<f32> {
+    let points = Points::new(view.view.camera, view.distances);
+    let noise = normals::relative_noise(view.distances);
+    let half_width = normals::window(noise, view.distances.height);
+    let normals = normals::normals(&points, half_width);
+    let width = view.distances.width;
+    let of_pixel = |(pixel, normal): (usize, &Option<Vec3>)| {
+        let (column, row) = (pixel % width, pixel / width);
+        let is_out = view.hides(pixel) || edges(&points, column, row) != [false; 2];
+        match normal {
+            Some(normal) if !is_out => points.ray(column, row).as_vec3().dot(*normal).abs(),
+            _ => 0.0,
+        }
+    };
+    normals.par_iter().enumerate().map(of_pixel).collect()
 }
 
 /// The unit quaternion (w, x, y, z) that brings z onto a unit normal by the shortest way:

@@ -58,6 +58,7 @@ fn scene() -> TrainingScene {
             scale: 1.0,
         },
         scale: omnilife_schemas::records::Scale::Arbitrary,
+        depth_priors: Vec::new(),
         is_normalized_by_points: false,
         points: PointCloud {
             colours: vec![[0; 3]; positions.len()],

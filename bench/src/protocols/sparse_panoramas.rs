@@ -1,0 +1,30 @@
+//! `sparse-panoramas`: from a few panoramas, all others.
+
+use omnilife_schemas::records::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
+
+use super::{ProtocolEntry, metric_list};
+
+/// The setting of PanoGS: a place is known by some panoramas, ten in its tables. Which ones is not
+/// said there; here they are spread evenly over the posed frames, from the first on.
+pub(super) const ENTRY: ProtocolEntry = ProtocolEntry {
+    id: "sparse-panoramas",
+    description: "Reconstruction from a few panoramas: ten posed frames, spread evenly from the first \
+                  on, are given, all others are predicted and scored, whole ERP images at the scene's \
+                  size (the setting of PanoGS, which publishes no image metric)",
+    protocol,
+};
+
+fn protocol() -> Protocol {
+    Protocol {
+        id: ENTRY.id.to_owned(),
+        version: 1,
+        split: SplitRule::EvenlyGiven { count: 10 },
+        scored: ScoredViews::Novel,
+        largest_width: None,
+        resampling: Resampling::Area,
+        padding: Padding::None,
+        colour: Colour::Srgb8,
+        metrics: metric_list::all(),
+        mask_rule: "none".to_owned(),
+    }
+}

@@ -1,0 +1,157 @@
+//! Estimated distances of a sequence's frames: of a network, a sensor, another program.
+//!
+//! They are given to methods, never scored against ([`super::truth`] has what is true).
+
+use std::path::{Path, PathBuf};
+
+use omnilife_schemas::{
+    distances::DistanceImage,
+    layout::DEPTH_PRIOR_FOLDER,
+    npy,
+    progress::Progress,
+    records::{DepthPrior, DistanceConvention, DistanceGrid, SceneFrame, Sequence},
+    stage::StagePlan,
+};
+
+use super::masks;
+use crate::{error::CurateError, staging::Staging};
+
+/// Files of distances, named like the frames.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GivenPrior {
+    /// Folder of 16-bit grey PNG or `.npy` files; 0 where the distance is not known.
+    pub folder: PathBuf,
+    /// What a step of 1 in the files means, in units of the world frame.
+    pub unit: f64,
+    /// Where their pixels are.
+    pub grid: DistanceGrid,
+    /// What their distances are measured along.
+    pub convention: DistanceConvention,
+    /// Who estimated them.
+    pub source: String,
+}
+
+/// [`GivenPrior`] with the files of the frames that have one.
+pub(super) struct PriorFiles {
+    given: GivenPrior,
+    files: Vec<Option<PathBuf>>,
+}
+
+const EXTENSIONS: &[&str] = &["png", "npy"];
+
+impl GivenPrior {
+    /// Finds the files.
+    ///
+    /// # Errors
+    /// When no frame has one, two files are of one frame, or the unit is not positive.
+    pub(super) fn find(&self, sequence: &Sequence) -> Result<PriorFiles, CurateError> {
+        if !(self.unit.is_finite() && self.unit > 0.0) {
+            let reason = format!("{}: is no unit of distances", self.unit);
+            return Err(CurateError::input(&self.folder, reason));
+        }
+        let files = masks::find_some(&self.folder, sequence, EXTENSIONS)?;
+        if files.iter().all(Option::is_none) {
+            let reason = format!(
+                "has no distances of any of the {} frames (PNG or .npy files named like the frames, \
+                 such as {}.png)",
+                files.len(),
+                sequence.frames.entries.first().map_or("000000", |entry| {
+                    let stem = Path::new(&entry.file).file_stem();
+                    stem.and_then(|stem| stem.to_str()).unwrap_or("000000")
+                })
+            );
+            return Err(CurateError::input(&self.folder, reason));
+        }
+        Ok(PriorFiles {
+            given: self.clone(),
+            files,
+        })
+    }
+}
+
+impl PriorFiles {
+    /// Adds what they depend on to a plan.
+    pub(super) fn add_inputs(&self, plan: StagePlan) -> Result<StagePlan, CurateError> {
+        let GivenPrior {
+            unit,
+            grid,
+            convention,
+            source,
+            ..
+        } = &self.given;
+        let mut plan = plan
+            .with_settings("prior unit", unit)
+            .with_settings("prior grid", grid)
+            .with_settings("prior convention", convention)
+            .with_text("prior source", source);
+        for (number, file) in self.files.iter().enumerate() {
+            if let Some(file) = file {
+                plan = plan
+                    .with_settings("prior of frame", &number)
+                    .with_file(file)?;
+            }
+        }
+        Ok(plan)
+    }
+
+    /// Stages them on the project's grid as f32 arrays, at their own size, and enters them in the frames
+    /// of a scene.
+    ///
+    /// # Errors
+    /// When a file is not usable, has another ratio of sides than the frames, or cannot be written.
+    pub(super) fn stage(
+        &self,
+        staging: &mut Staging,
+        sequence_folder: &Path,
+        frames: &mut [SceneFrame],
+        size: [usize; 2],
+        progress: &dyn Progress,
+    ) -> Result<(), CurateError> {
+        let files = self.files.iter().flatten();
+        super::truth::refuse_own(files, &sequence_folder.join(DEPTH_PRIOR_FOLDER))?;
+        let missing = self.files.iter().filter(|file| file.is_none()).count();
+        if missing > 0 {
+            let (folder, all) = (self.given.folder.display(), self.files.len());
+            progress.note(&format!(
+                "{folder}: {missing} of {all} frames have no distances"
+            ));
+        }
+        for ((number, source), frame) in self.files.iter().enumerate().zip(frames) {
+            if let Some(source) = source {
+                frame.depth_prior = Some(self.stage_one(staging, source, number, size)?);
+            }
+        }
+        Ok(())
+    }
+
+    fn stage_one(
+        &self,
+        staging: &mut Staging,
+        source: &Path,
+        number: usize,
+        [width, height]: [usize; 2],
+    ) -> Result<DepthPrior, CurateError> {
+        let image = DistanceImage::read(source, self.given.unit, true)?;
+        // Half a pixel of rounding either way.
+        let expected_rows = image.width as f64 * height as f64 / width as f64;
+        if (expected_rows - image.height as f64).abs() > 0.5 {
+            let reason = format!(
+                "is {}x{}, of another shape than the frames of {width}x{height}",
+                image.width, image.height
+            );
+            return Err(CurateError::input(source, reason));
+        }
+        let image = image.brought_from(self.given.grid);
+        let file = format!("{DEPTH_PRIOR_FOLDER}/{number:06}.npy");
+        let shape = [image.height, image.width];
+        npy::write_f32(&staging.begin(&file)?, &shape, &image.values)?;
+        Ok(DepthPrior {
+            file,
+            unit: 1.0,
+            width: image.width as u32,
+            height: image.height as u32,
+            convention: self.given.convention,
+            source: self.given.source.clone(),
+        })
+    }
+}

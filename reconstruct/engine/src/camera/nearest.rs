@@ -1,0 +1,92 @@
+//! Where a view sees a place of the world, to the pixel: millions of places, nothing differentiated.
+
+use std::f32::consts::{PI, TAU};
+
+use super::{Camera, View, horizontal};
+use glam::{Mat3, Vec3};
+
+/// A camera ready for many places.
+#[derive(Debug, Clone, Copy)]
+pub struct Projector {
+    camera: Camera,
+    rotation: Mat3,
+    centre: Vec3,
+}
+
+impl Projector {
+    /// That of a view.
+    pub fn new(view: &View) -> Self {
+        Self {
+            camera: view.camera,
+            rotation: view.rotation,
+            centre: view.centre,
+        }
+    }
+
+    /// The pixel that shows a place, counted row by row, and the place's distance from the camera;
+    /// `None` where the camera stands there or does not look there.
+    pub fn pixel(&self, place: Vec3) -> Option<(usize, f32)> {
+        let point = self.rotation * (place - self.centre);
+        let distance = point.length();
+        if !(distance > 0.0 && distance.is_finite()) {
+            return None;
+        }
+        let (width, height) = (self.camera.width() as usize, self.camera.height() as usize);
+        let (column, row) = match &self.camera {
+            Camera::Erp(_) => {
+                let across = point.x.atan2(point.z) / TAU + 0.5;
+                let down = 0.5 + point.y.atan2(horizontal(point)) / PI;
+                let column = (across * width as f32) as usize;
+                let row = (down * height as f32) as usize;
+                (column % width, row.min(height - 1))
+            }
+            Camera::Pinhole(camera) => {
+                if point.z <= 0.0 {
+                    return None;
+                }
+                let u = camera.fx as f32 * point.x / point.z + camera.cx as f32;
+                let v = camera.fy as f32 * point.y / point.z + camera.cy as f32;
+                if !(u >= 0.0 && v >= 0.0 && u < width as f32 && v < height as f32) {
+                    return None;
+                }
+                (u as usize, v as usize)
+            }
+        };
+        Some((row * width + column, distance))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use omnilife_schemas::camera::{ErpCamera, PinholeCamera};
+
+    use super::*;
+    use crate::camera::rays::Rays;
+
+    #[test]
+    fn what_a_pixel_shows_is_seen_in_that_pixel() {
+        let erp = ErpCamera {
+            width: 40,
+            height: 20,
+        };
+        let pinhole = PinholeCamera::with_horizontal_field_of_view(30, 20, 1.4);
+        for camera in [Camera::from(erp), Camera::from(pinhole)] {
+            let view = View {
+                camera,
+                rotation: Mat3::from_euler(glam::EulerRot::XYZ, 0.4, 2.0, -1.0),
+                centre: Vec3::new(1.0, -2.0, 0.5),
+                time_seconds: 0.0,
+            };
+            let (projector, rays) = (Projector::new(&view), Rays::new(camera));
+            let width = camera.width() as usize;
+            for pixel in 0..width * camera.height() as usize {
+                let ray = rays.ray(pixel % width, pixel / width).normalize();
+                let place = view.centre + view.rotation.transpose() * (ray * 3.0);
+                let (found, distance) = projector.pixel(place).expect("seen");
+                assert_eq!(found, pixel);
+                assert!((distance - 3.0).abs() < 1e-5);
+            }
+            assert_eq!(projector.pixel(view.centre), None);
+        }
+    }
+}

@@ -1,0 +1,173 @@
+//! The field of all views, from their distances.
+
+use std::collections::HashMap;
+
+use glam::{IVec3, Vec3, ivec3};
+use omnilife_schemas::distances::DistanceImage;
+use rayon::prelude::*;
+
+use super::{BLOCK_SIDE, BLOCK_VOXELS, Block, STEPS, Scaffold, Voxel, index_in_block};
+use crate::camera::{View, nearest::Projector, rays::Rays};
+
+/// Truncation in voxels.
+pub const TRUNCATION_VOXELS: f32 = 4.0;
+/// Largest weight of a view at a voxel; all of some thousand views fit into a sum.
+const LARGEST_WEIGHT: f32 = 255.0;
+
+/// What a view gives to the field.
+#[derive(Debug, Clone, Copy)]
+pub struct FusedView<'a> {
+    /// Camera of the images' size.
+    pub view: &'a View,
+    /// Distances along the rays, scene units; 0 where nothing is known.
+    pub distances: &'a DistanceImage,
+    /// `|n . r|` of the surface under each pixel; 0 for pixels that are left out: at edges of depth,
+    /// masked, without a normal.
+    pub incidence: &'a [f32],
+}
+
+/// The blocks that the surfaces of a view reach, by number.
+type Reached = Vec<IVec3>;
+
+impl Scaffold {
+    /// Fuses views into a field of this voxel size around `origin`.
+    ///
+    /// At a voxel `x` a view gives `d = (D - |x - c|) |n . r|`, the distance from the plane of the pixel
+    /// that shows it: the distance along the ray is too large by `1 / |n . r|` on slanted surfaces.
+    /// Behind the surface by more than the truncation it gives nothing. Its weight is `|n . r| / D^2`.
+    ///
+    /// A view takes part in the blocks that its own surfaces reach.
+    pub fn fuse(views: &[FusedView<'_>], voxel: f32, origin: Vec3) -> Self {
+        let mut scaffold = Self {
+            voxel,
+            truncation: TRUNCATION_VOXELS * voxel,
+            origin,
+            blocks: HashMap::new(),
+        };
+        let reached: Vec<Reached> = views.iter().map(|view| scaffold.reached(view)).collect();
+        let mut by_block: HashMap<IVec3, Vec<usize>> = HashMap::new();
+        for (number, blocks) in reached.into_iter().enumerate() {
+            for block in blocks {
+                by_block.entry(block).or_default().push(number);
+            }
+        }
+        let near = near_distance(views);
+        let fuser = |view| Fuser {
+            view,
+            projector: Projector::new(view.view),
+            near,
+        };
+        let fusers: Vec<Fuser<'_>> = views.iter().map(fuser).collect();
+        let blocks: Vec<(IVec3, Block)> = by_block
+            .into_par_iter()
+            .map(|(block, numbers)| {
+                let mut voxels: Block = Box::new([Voxel::default(); BLOCK_VOXELS]);
+                for number in numbers {
+                    scaffold.add(&fusers[number], block, &mut voxels);
+                }
+                (block, voxels)
+            })
+            .collect();
+        scaffold.blocks = blocks.into_iter().collect();
+        scaffold
+    }
+
+    /// Blocks within the truncation of a view's surfaces.
+    fn reached(&self, view: &FusedView<'_>) -> Reached {
+        let rays = Rays::new(view.view.camera);
+        let to_world = view.view.rotation.transpose();
+        let width = view.distances.width;
+        let side = self.voxel * BLOCK_SIDE as f32;
+        let of_row = |(row, distances): (usize, &[f32])| {
+            let mut blocks: Vec<IVec3> = Vec::new();
+            let mut last = None;
+            for (column, &distance) in distances.iter().enumerate() {
+                if distance <= 0.0 || view.incidence[row * width + column] <= 0.0 {
+                    continue;
+                }
+                let ray = to_world * rays.ray(column, row).normalize();
+                let place = (view.view.centre + ray * distance - self.origin) / side;
+                let reach = self.truncation / side;
+                let (low, high) = ((place - reach).floor(), (place + reach).floor());
+                if high.abs().max(low.abs()).max_element() > 1e7 || last == Some((low, high)) {
+                    continue;
+                }
+                last = Some((low, high));
+                let (low, high) = (low.as_ivec3(), high.as_ivec3());
+                for z in low.z..=high.z {
+                    for y in low.y..=high.y {
+                        blocks.extend((low.x..=high.x).map(|x| ivec3(x, y, z)));
+                    }
+                }
+            }
+            blocks.sort_unstable_by_key(IVec3::to_array);
+            blocks.dedup();
+            blocks
+        };
+        let rows = view.distances.values.par_chunks(width.max(1)).enumerate();
+        let mut all: Reached = rows.flat_map_iter(of_row).collect();
+        all.par_sort_unstable_by_key(IVec3::to_array);
+        all.dedup();
+        all
+    }
+
+    fn add(&self, fuser: &Fuser<'_>, block: IVec3, voxels: &mut Block) {
+        let first = block * BLOCK_SIDE;
+        for z in 0..BLOCK_SIDE {
+            for y in 0..BLOCK_SIDE {
+                for x in 0..BLOCK_SIDE {
+                    let voxel = first + ivec3(x, y, z);
+                    let place = self.origin + (voxel.as_vec3() + 0.5) * self.voxel;
+                    if let Some((distance, weight)) = fuser.observed(place, self.truncation) {
+                        let voxel = &mut voxels[index_in_block(voxel)];
+                        let steps = (distance / self.truncation * STEPS).round() as i32;
+                        voxel.sum = voxel.sum.saturating_add(steps * weight as i32);
+                        voxel.weight = voxel.weight.saturating_add(weight);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// A view ready for many voxels.
+struct Fuser<'a> {
+    view: &'a FusedView<'a>,
+    projector: Projector,
+    /// Distance up to which a surface that is seen from the front has the largest weight.
+    near: f32,
+}
+
+impl Fuser<'_> {
+    /// The distance from the plane of the pixel that shows a place, cut off, and its weight.
+    fn observed(&self, place: Vec3, truncation: f32) -> Option<(f32, u32)> {
+        let (pixel, away) = self.projector.pixel(place)?;
+        let (surface, incidence) = (
+            self.view.distances.values[pixel],
+            self.view.incidence[pixel],
+        );
+        if surface <= 0.0 || incidence <= 0.0 {
+            return None;
+        }
+        let distance = (surface - away) * incidence;
+        if distance < -truncation {
+            return None;
+        }
+        let nearness = (self.near / surface).min(1.0);
+        let weight = (LARGEST_WEIGHT * incidence * nearness * nearness).max(1.0);
+        Some((distance.min(truncation), weight as u32))
+    }
+}
+
+/// A distance that one in ten of the known ones of all views is below; whatever their order.
+fn near_distance(views: &[FusedView<'_>]) -> f32 {
+    let of_view = |view: &FusedView<'_>| {
+        let step = (view.distances.values.len() / 4096).max(1);
+        let some = view.distances.values.iter().step_by(step).copied();
+        some.filter(|&distance| distance > 0.0)
+            .collect::<Vec<f32>>()
+    };
+    let mut known: Vec<f32> = views.iter().flat_map(of_view).collect();
+    known.sort_by(f32::total_cmp);
+    known.get(known.len() / 10).copied().unwrap_or(1.0)
+}

@@ -1,0 +1,131 @@
+//! Levels of detail: how many Gaussians, which, and how large.
+
+use omnilife_schemas::points::PointCloud;
+
+use crate::{
+    formats::splat::SplatRow,
+    seeds::points::{selected, thinned_indices},
+};
+
+/// How much larger the Gaussians of a level get at most.
+const LARGEST_GROWTH: f64 = 4.0;
+
+/// A level that is asked for.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Level {
+    /// As it was asked for, such as `1M` or `full`.
+    pub name: String,
+    /// Gaussians at most; `None` for all.
+    pub most: Option<u64>,
+}
+
+impl Level {
+    /// Reads `full`, a number, or one with `k` or `M`.
+    ///
+    /// # Errors
+    /// When it is none of them, or 0.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let refuse =
+            || format!("{text:?} is no level: expected full, or a number such as 1M or 500k");
+        let name = text.trim().to_owned();
+        if name == "full" {
+            return Ok(Self { name, most: None });
+        }
+        let (digits, factor) = match name.strip_suffix(['M', 'm']) {
+            Some(digits) => (digits, 1_000_000),
+            None => match name.strip_suffix(['k', 'K']) {
+                Some(digits) => (digits, 1_000),
+                None => (name.as_str(), 1),
+            },
+        };
+        let number: u64 = digits.parse().map_err(|_| refuse())?;
+        let most = number.checked_mul(factor).filter(|&most| most > 0);
+        Ok(Self {
+            most: Some(most.ok_or_else(refuse)?),
+            name,
+        })
+    }
+
+    /// The name of its file.
+    pub fn file(&self) -> String {
+        format!("{}.splat", self.name.to_ascii_lowercase())
+    }
+}
+
+/// The Gaussians of a level, larger for being fewer, and by how much.
+#[derive(Debug)]
+pub(super) struct LevelRows {
+    pub(super) rows: Vec<SplatRow>,
+    pub(super) growth: f64,
+}
+
+/// The rows of levels with these numbers of Gaussians, which fall from one to the next: evenly spread
+/// along a curve through space, each level among those of the one before it. Sizes grow by the root of
+/// the thinning: coverage stays.
+pub(super) fn nested(rows: &[SplatRow], counts: &[u64]) -> Vec<LevelRows> {
+    let mut indices: Vec<usize> = (0..rows.len()).collect();
+    let mut points = PointCloud {
+        positions: rows.iter().map(|row| row.position).collect(),
+        colours: vec![[0; 3]; rows.len()],
+    };
+    let level = |&count: &u64| {
+        let kept = thinned_indices(&points, count as usize);
+        points = selected(&points, &kept);
+        indices = kept.iter().map(|&at| indices[at]).collect();
+        let growth = (rows.len() as f64 / indices.len().max(1) as f64)
+            .sqrt()
+            .min(LARGEST_GROWTH);
+        let grown = |&index: &usize| SplatRow {
+            scale: rows[index].scale.map(|scale| scale * growth as f32),
+            ..rows[index]
+        };
+        LevelRows {
+            rows: indices.iter().map(grown).collect(),
+            growth,
+        }
+    };
+    counts.iter().map(level).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_are_read() {
+        let most = |text: &str| Level::parse(text).map(|level| level.most);
+        assert_eq!(most("full"), Ok(None));
+        assert_eq!(most("1M"), Ok(Some(1_000_000)));
+        assert_eq!(most("500k"), Ok(Some(500_000)));
+        assert_eq!(most("12"), Ok(Some(12)));
+        for bad in ["", "0", "-1", "1.5M", "M", "all", "99999999999999M", "../x"] {
+            let message = most(bad).expect_err("refused");
+            assert!(message.contains("expected full"), "{message}");
+        }
+    }
+
+    #[test]
+    fn smaller_levels_are_part_of_larger_ones_and_cover_as_much() {
+        let row = |index: usize| SplatRow {
+            position: [index as f32 % 37.0, (index / 37) as f32, 1.0],
+            scale: [0.5; 3],
+            rgba: [1; 4],
+            rotation: [1.0, 0.0, 0.0, 0.0],
+        };
+        let rows: Vec<SplatRow> = (0..1_000).map(row).collect();
+        let levels = nested(&rows, &[1_000, 250, 10]);
+        let places = |level: usize| -> Vec<[u32; 2]> {
+            let rows = levels[level].rows.iter();
+            rows.map(|row| [row.position[0] as u32, row.position[1] as u32])
+                .collect()
+        };
+        assert_eq!(
+            [0, 1, 2].map(|level| levels[level].rows.len()),
+            [1_000, 250, 10]
+        );
+        assert!(places(2).iter().all(|place| places(1).contains(place)));
+        assert_eq!(levels[0].rows, rows);
+        assert_eq!((levels[1].growth, levels[1].rows[0].scale), (2.0, [1.0; 3]));
+        assert_eq!(levels[2].growth, 4.0, "the most");
+    }
+}

@@ -1,0 +1,186 @@
+//! One HTML file that shows an asset, from disk and without a network: the viewer's libraries and a level
+//! stand in it.
+//!
+//! The libraries are Spark and three.js, under the MIT licence, which `scripts/setup --viewer` fetches into
+//! the data folder. They are checked by their SHA-256 before they go into a page.
+
+use std::{fs, path::PathBuf};
+
+use base64::{Engine, engine::general_purpose::STANDARD};
+use omnilife_schemas::{
+    records::{AssetLevel, AssetPlacement},
+    store,
+};
+
+/// Gaussians inside a page at most: 43 MB of text.
+pub const MOST_SPLATS_INSIDE: u64 = 1_000_000;
+
+/// A file of the viewer.
+struct Library {
+    /// In the viewer's folder, and in the page's import map.
+    file: &'static str,
+    name: &'static str,
+    sha256: &'static str,
+}
+
+const LIBRARIES: [Library; 4] = [
+    Library {
+        file: "three.module.min.js",
+        name: "three",
+        sha256: "e2b5ee6bccd38fd6d8a2428546b83c5f2426d84b152ef82be8055556e3b40eb6",
+    },
+    Library {
+        file: "three.core.min.js",
+        name: "three-core",
+        sha256: "61ba0df005b05991361d040d8ff670e1aadfd0ce7aeebd1fdb0725957a8957de",
+    },
+    Library {
+        file: "Pass.js",
+        name: "three/addons/postprocessing/Pass.js",
+        sha256: "444b409c235ead986893c472e720da1b779a56985c7d10b279c7944b52bd61c5",
+    },
+    Library {
+        file: "spark.module.min.js",
+        name: "spark",
+        sha256: "96869fab4f2164d5d267b1df1e1b636c05e6499973cb8dddec23387919b38526",
+    },
+];
+
+/// Why there can be no page; one line with the command that mends it.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("no page: {0}; scripts/setup --viewer fetches the viewer's libraries")]
+pub struct NoViewer(String);
+
+/// Where the viewer's libraries lie; `None` where no folder for data is known.
+pub fn viewer_folder() -> Option<PathBuf> {
+    Some(store::data_folder()?.join("viewer"))
+}
+
+/// The libraries, checked, in the order of `LIBRARIES`.
+///
+/// # Errors
+/// When one is not there or not the one that is meant.
+pub fn libraries() -> Result<Vec<Vec<u8>>, NoViewer> {
+    let folder = viewer_folder().ok_or_else(|| {
+        NoViewer("neither OMNILIFE_DATA, XDG_DATA_HOME nor HOME is set".to_owned())
+    })?;
+    let read = |library: &Library| {
+        let path = folder.join(library.file);
+        let bytes =
+            fs::read(&path).map_err(|error| NoViewer(format!("{}: {error}", path.display())))?;
+        if store::sha256_bytes(&bytes) != library.sha256 {
+            let reason = format!(
+                "{}: is another version than the page is made for",
+                path.display()
+            );
+            return Err(NoViewer(reason));
+        }
+        Ok(bytes)
+    };
+    LIBRARIES.iter().map(read).collect()
+}
+
+/// What a page shows.
+pub(super) struct PageContent<'a> {
+    /// Of the scene; it comes from a file.
+    pub(super) title: &'a str,
+    pub(super) levels: &'a [AssetLevel],
+    pub(super) placement: AssetPlacement,
+    /// The level inside the page: its name and the bytes of its file.
+    pub(super) inside: Option<(&'a str, &'a [u8])>,
+}
+
+const TEMPLATE: &str = include_str!("page.html");
+
+/// The text of a page.
+pub(super) fn html(content: &PageContent<'_>, libraries: &[Vec<u8>]) -> String {
+    let data_url = |bytes: &[u8]| format!("data:text/javascript;base64,{}", base64(bytes));
+    let imports = LIBRARIES.iter().zip(libraries).map(|(library, bytes)| {
+        // A module in a data: URL has no folder in which "./" could be.
+        let text =
+            String::from_utf8_lossy(bytes).replace("\"./three.core.min.js\"", "\"three-core\"");
+        (library.name, data_url(text.as_bytes()))
+    });
+    let imports: serde_json::Map<String, serde_json::Value> = imports
+        .map(|(name, url)| (name.to_owned(), url.into()))
+        .collect();
+    let levels: Vec<serde_json::Value> = content
+        .levels
+        .iter()
+        .map(|level| {
+            serde_json::json!({
+                "name": level.name, "file": level.file, "splats": level.splats, "bytes": level.bytes,
+            })
+        })
+        .collect();
+    let settings = serde_json::json!({
+        "title": content.title,
+        "levels": levels,
+        "inside": content.inside.map(|(name, _)| name),
+        "unitsPerWorldUnit": content.placement.scale,
+    });
+    let inside = content
+        .inside
+        .map_or(String::new(), |(_, bytes)| base64(bytes));
+    let import_map = serde_json::json!({ "imports": imports });
+    // Each placeholder once, and the text of one is not looked through for the next.
+    let mut page = String::with_capacity(TEMPLATE.len() + inside.len() + 8_000_000);
+    for (index, part) in TEMPLATE.split("@@").enumerate() {
+        match part {
+            "TITLE" if index % 2 == 1 => page += &escaped(content.title),
+            "IMPORTS" if index % 2 == 1 => page += &in_script(&import_map),
+            "SETTINGS" if index % 2 == 1 => page += &in_script(&settings),
+            "SPLATS" if index % 2 == 1 => page += &inside,
+            text => page += text,
+        }
+    }
+    page
+}
+
+/// JSON that nothing in it can end the script around.
+fn in_script(value: &serde_json::Value) -> String {
+    value.to_string().replace('<', "\\u003c")
+}
+
+fn escaped(text: &str) -> String {
+    text.chars()
+        .map(|letter| match letter {
+            '&' => "&amp;".to_owned(),
+            '<' => "&lt;".to_owned(),
+            '>' => "&gt;".to_owned(),
+            '"' => "&quot;".to_owned(),
+            '\'' => "&#39;".to_owned(),
+            other => other.to_string(),
+        })
+        .collect()
+}
+
+fn base64(bytes: &[u8]) -> String {
+    STANDARD.encode(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_from_files_stay_text() {
+        let content = PageContent {
+            title: "</script><img src=x onerror=alert(1)>@@SPLATS@@",
+            levels: &[],
+            placement: AssetPlacement {
+                offset: [0.0; 3],
+                scale: 1.0,
+                rotation_wxyz: [1.0, 0.0, 0.0, 0.0],
+            },
+            inside: Some(("full", b"BYTES")),
+        };
+        let page = html(&content, &vec![Vec::new(); 4]);
+        assert!(!page.contains("<img") && !page.contains("script><"));
+        assert!(page.contains("&lt;/script&gt;&lt;img src=x onerror=alert(1)&gt;@@SPLATS@@"));
+        assert_eq!(page.matches(&base64(b"BYTES")).count(), 1);
+        for placeholder in ["@@TITLE", "@@IMPORTS", "@@SETTINGS"] {
+            assert!(!page.contains(placeholder));
+        }
+    }
+}

@@ -1,0 +1,247 @@
+//! What web viewers can draw, and what has to change for it.
+//!
+//! Viewers of `.splat` files keep covariances in half floats: the smallest eigenvalue of thin Gaussians
+//! comes out negative, and of small ones everything as 0; both are left out. They sort by depth in 16 bits
+//! over the whole range. So: no axis below a tenth of the longest; a unit in which the 1st percentile of
+//! the sizes is 0.003; no shell far outside the scene.
+
+use glam::{DQuat, DVec3};
+use omnilife_engine::gaussians::ActivatedGaussians;
+use omnilife_schemas::records::{AssetChanges, AssetPlacement};
+use rayon::prelude::*;
+
+use crate::formats::splat::SplatRow;
+
+/// Least ratio of a Gaussian's shortest to its longest axis.
+const LEAST_THICKNESS: f32 = 0.1;
+/// Least 1st percentile of the longest axes, in units of the file.
+const LEAST_SIZE: f32 = 0.003;
+/// Where the scene ends: this quantile of the distances.
+const SCENE_QUANTILE: f64 = 0.95;
+/// The farthest place in radii of the scene.
+const FARTHEST: f32 = 3.0;
+
+/// Gaussians as files hold them, and what was changed.
+#[derive(Debug)]
+pub(super) struct Drawable {
+    pub(super) rows: Vec<SplatRow>,
+    pub(super) placement: AssetPlacement,
+    pub(super) changes: AssetChanges,
+}
+
+/// Brings Gaussians into a frame around `origin` with `up` on the negative y axis. Coordinates are those
+/// of a normalized scene with `world` units each, moved by `offset`.
+pub(super) fn drawable(
+    gaussians: &ActivatedGaussians,
+    up: DVec3,
+    offset: DVec3,
+    world: f64,
+) -> Drawable {
+    let turn = DQuat::from_rotation_arc(up.normalize(), DVec3::NEG_Y);
+    let rows: Vec<SplatRow> = (0..gaussians.len())
+        .into_par_iter()
+        .map(|index| turned(SplatRow::of(gaussians, index), turn, world))
+        .collect();
+    let all = rows.len();
+    let mut rows: Vec<SplatRow> = rows.into_par_iter().filter(|row| row.rgba[3] > 0).collect();
+    let mut changes = AssetChanges {
+        transparent: (all - rows.len()) as u64,
+        dropped_sh_degree: gaussians.sh_degree as u32,
+        ..AssetChanges::default()
+    };
+    changes.thickened = thicken(&mut rows);
+    changes.pulled_in = pull_in(&mut rows);
+    let scale = enlarge(&mut rows);
+    Drawable {
+        rows,
+        placement: AssetPlacement {
+            offset: offset.to_array(),
+            scale,
+            rotation_wxyz: [turn.w, turn.x, turn.y, turn.z],
+        },
+        changes,
+    }
+}
+
+fn turned(row: SplatRow, turn: DQuat, world: f64) -> SplatRow {
+    let place = turn * (DVec3::from_array(row.position.map(f64::from)) * world);
+    let [w, x, y, z] = row.rotation.map(f64::from);
+    let rotation = turn * DQuat::from_xyzw(x, y, z, w);
+    SplatRow {
+        position: place.as_vec3().to_array(),
+        scale: row.scale.map(|scale| (f64::from(scale) * world) as f32),
+        rotation: [rotation.w, rotation.x, rotation.y, rotation.z].map(|q| q as f32),
+        ..row
+    }
+}
+
+fn longest(row: &SplatRow) -> f32 {
+    row.scale.into_iter().fold(0.0, f32::max)
+}
+
+fn thicken(rows: &mut [SplatRow]) -> u64 {
+    rows.par_iter_mut()
+        .map(|row| {
+            let least = LEAST_THICKNESS * longest(row);
+            // What rounding leaves below a tenth is none the worse for it.
+            let is_thin = row.scale.iter().any(|&scale| scale < 0.999 * least);
+            row.scale = row.scale.map(|scale| scale.max(least));
+            u64::from(is_thin)
+        })
+        .sum()
+}
+
+/// Brings what is farther than three radii of the scene to that distance, as large in every view from the
+/// middle as before.
+fn pull_in(rows: &mut [SplatRow]) -> u64 {
+    let away = |row: &SplatRow| glam::Vec3::from_array(row.position).length();
+    let Some(radius) = quantile(rows.iter().map(away).collect(), SCENE_QUANTILE) else {
+        return 0;
+    };
+    let farthest = FARTHEST * radius;
+    rows.par_iter_mut()
+        .map(|row| {
+            let distance = away(row);
+            if distance <= farthest {
+                return 0;
+            }
+            let factor = farthest / distance;
+            row.position = row.position.map(|value| value * factor);
+            row.scale = row.scale.map(|value| value * factor);
+            1
+        })
+        .sum()
+}
+
+/// Makes everything larger where sizes are too small for half floats; returns by how much.
+fn enlarge(rows: &mut [SplatRow]) -> f64 {
+    let Some(size) = quantile(rows.iter().map(longest).collect(), 0.01) else {
+        return 1.0;
+    };
+    if size >= LEAST_SIZE || size <= 0.0 {
+        return 1.0;
+    }
+    let factor = LEAST_SIZE / size;
+    rows.par_iter_mut().for_each(|row| {
+        row.position = row.position.map(|value| value * factor);
+        row.scale = row.scale.map(|value| value * factor);
+    });
+    f64::from(factor)
+}
+
+fn quantile(mut values: Vec<f32>, share: f64) -> Option<f32> {
+    let at = (values.len().checked_sub(1)? as f64 * share) as usize;
+    Some(*values.select_nth_unstable_by(at, f32::total_cmp).1)
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{Mat3, Quat, Vec3};
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64Mcg;
+
+    use super::*;
+
+    /// A float as viewers pack it: bits behind the tenth of the mantissa are cut off, what is below the
+    /// smallest normal half loses more of them.
+    fn half(value: f32) -> f64 {
+        let magnitude = f64::from(value.abs());
+        let exponent = magnitude.log2().floor().max(-14.0);
+        let step = (exponent - 10.0).exp2();
+        (magnitude / step).floor() * step * f64::from(value.signum())
+    }
+
+    /// Smallest eigenvalue of a Gaussian's covariance as a viewer has it: 4 Sigma in half floats.
+    fn least_eigenvalue(row: &SplatRow) -> f64 {
+        let [w, x, y, z] = row
+            .rotation
+            .map(|q| ((128.0 + 128.0 * q).round().min(255.0) - 128.0) / 128.0);
+        let axes = Mat3::from_quat(Quat::from_xyzw(x, y, z, w).normalize())
+            * Mat3::from_diagonal(Vec3::from_array(row.scale));
+        let sigma = axes * axes.transpose() * 4.0;
+        let m = [[0, 1, 2], [1, 3, 4], [2, 4, 5]];
+        let packed = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
+            .map(|(column, row)| half(sigma.col(column)[row]));
+        let a = m.map(|row| row.map(|index| packed[index]));
+        // By trisection of the determinant's sign changes: the smallest root of the characteristic
+        // polynomial, from below.
+        let determinant = |lambda: f64| {
+            let b = |i: usize, j: usize| a[i][j] - if i == j { lambda } else { 0.0 };
+            b(0, 0) * (b(1, 1) * b(2, 2) - b(1, 2) * b(2, 1))
+                - b(0, 1) * (b(1, 0) * b(2, 2) - b(1, 2) * b(2, 0))
+                + b(0, 2) * (b(1, 0) * b(2, 1) - b(1, 1) * b(2, 0))
+        };
+        let trace = a[0][0] + a[1][1] + a[2][2];
+        let minor = |i: usize, j: usize| a[i][i] * a[j][j] - a[i][j] * a[j][i];
+        // Sylvester: positive definite where all leading minors are positive.
+        let is_positive = a[0][0] > 0.0 && minor(0, 1) > 0.0 && determinant(0.0) > 0.0;
+        if is_positive { trace * 1e-9 } else { -1.0 }
+    }
+
+    fn flat(scale: f32, thickness: f32, seed: u64, count: usize) -> ActivatedGaussians {
+        let mut random = Pcg64Mcg::seed_from_u64(seed);
+        let mut gaussians = ActivatedGaussians::default();
+        gaussians.reshape(count, 0, 0);
+        for index in 0..count {
+            let mut three = || [0; 3].map(|_| random.random_range(-1.0_f32..1.0));
+            gaussians.positions[index] = three();
+            let [x, y, z] = three();
+            let [w, ..] = three();
+            let q = Quat::from_xyzw(x, y, z, w).normalize();
+            gaussians.rotations[index] = [q.w, q.x, q.y, q.z];
+            gaussians.scales[index] = [scale, scale, thickness * scale];
+            gaussians.opacities[index] = 0.9;
+        }
+        gaussians
+    }
+
+    #[test]
+    fn nothing_that_is_exported_vanishes_in_half_floats() {
+        for (scale, thickness) in [(0.02, 0.1), (0.004, 0.02), (1e-4, 0.1), (1e-4, 1e-3)] {
+            let gaussians = flat(scale, thickness, 5, 3_000);
+            let bad = |rows: &[SplatRow]| {
+                rows.iter()
+                    .filter(|row| least_eigenvalue(row) < 0.0)
+                    .count()
+            };
+            let untouched: Vec<SplatRow> = (0..3_000)
+                .map(|index| SplatRow::of(&gaussians, index))
+                .collect();
+            let drawable = drawable(&gaussians, DVec3::Z, DVec3::ZERO, 1.0);
+            assert_eq!(bad(&drawable.rows), 0, "{scale} {thickness}");
+            if thickness < 0.1 {
+                assert!(
+                    bad(&untouched) > 100,
+                    "{scale} {thickness}: {}",
+                    bad(&untouched)
+                );
+                assert_eq!(drawable.changes.thickened, 3_000);
+            }
+        }
+    }
+
+    #[test]
+    fn up_is_up_and_the_far_and_the_transparent_are_seen_to() {
+        let mut gaussians = flat(0.01, 1.0, 6, 400);
+        gaussians.positions[0] = [0.0, 0.0, 0.5];
+        gaussians.positions[1] = [0.0, 900.0, 0.0];
+        gaussians.scales[1] = [9.0; 3];
+        gaussians.opacities[2] = 1e-3;
+        let drawable = drawable(&gaussians, DVec3::new(0.0, 0.0, 2.0), DVec3::ONE, 2.0);
+        let first = drawable.rows[0].position;
+        assert!(Vec3::from_array(first).distance(Vec3::new(0.0, -1.0, 0.0)) < 1e-6);
+        let far = &drawable.rows[1];
+        let away = Vec3::from_array(far.position).length();
+        assert!(away < 12.0, "{away}");
+        assert!(
+            (far.scale[0] / away - 0.01).abs() < 1e-5,
+            "as large as before"
+        );
+        let changes = drawable.changes;
+        assert_eq!(
+            (changes.transparent, changes.pulled_in, changes.thickened),
+            (1, 1, 0)
+        );
+        assert_eq!(drawable.placement.scale, 1.0);
+    }
+}

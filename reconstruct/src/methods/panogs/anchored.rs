@@ -1,0 +1,134 @@
+//! Static Gaussians whose centres stay near the samples that they began as, and near a scaffold.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+use omnilife_engine::{
+    gaussians::{
+        ActivatedGaussians,
+        parameterization::{Parameterization, Viewpoint},
+        static_gaussians::{self, POSITIONS, StaticGaussians},
+        temporal::TemporalFeatures,
+    },
+    losses::scaffold::Scaffold,
+    parameters::ParameterTable,
+};
+
+/// How centres may move.
+#[derive(Debug, Clone)]
+pub(super) struct CentreRefinement {
+    /// Where each centre began.
+    pub(super) anchors: Arc<Vec<[f32; 3]>>,
+    /// How far from there it may go.
+    pub(super) reach: Arc<Vec<f32>>,
+    /// The iteration of the schedule from which on centres move.
+    pub(super) begin_iteration: u64,
+    /// What they are held to, where anything, and how strongly.
+    pub(super) scaffold: Option<(Arc<Scaffold>, f32)>,
+}
+
+/// Static Gaussians with bounded centres.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Anchored {
+    /// How centres may move; not at all where nothing is said.
+    pub(super) refinement: Option<CentreRefinement>,
+}
+
+impl Parameterization for Anchored {
+    fn id(&self) -> &'static str {
+        "anchored"
+    }
+
+    fn activate(
+        &mut self,
+        table: &ParameterTable,
+        at: &Viewpoint,
+        features: &TemporalFeatures,
+        first: usize,
+        out: &mut ActivatedGaussians,
+    ) {
+        StaticGaussians.activate(table, at, features, first, out);
+    }
+
+    fn activate_backward(
+        &mut self,
+        table: &mut ParameterTable,
+        at: &Viewpoint,
+        _: &TemporalFeatures,
+        first: usize,
+        activated: &mut ActivatedGaussians,
+        gradient: &mut ActivatedGaussians,
+    ) {
+        static_gaussians::activate_from_vjp(table, first, activated, gradient);
+        let Some(refinement) = &self.refinement else {
+            return;
+        };
+        let positions = &mut table.arrays[POSITIONS];
+        let by_centres = positions.gradients.as_chunks_mut::<3>().0;
+        if at.scheduled < Some(refinement.begin_iteration) {
+            by_centres.fill([0.0; 3]);
+        } else if let Some((scaffold, weight)) = &refinement.scaffold {
+            let centres = positions.values.as_chunks::<3>().0;
+            // What it adds to the loss is for the optimizer alone: the trace has the photometric loss.
+            scaffold.loss(centres, *weight, by_centres);
+        }
+    }
+
+    /// Brings centres back into their balls, and takes the part of their moments that leads out of it.
+    fn keep_within_bounds(&self, table: &mut ParameterTable) {
+        let Some(refinement) = &self.refinement else {
+            return;
+        };
+        let array = &mut table.arrays[POSITIONS];
+        let centres = array.values.as_chunks_mut::<3>().0.iter_mut();
+        let moments = array.first_moments.as_chunks_mut::<3>().0.iter_mut();
+        let anchors = refinement.anchors.iter().zip(refinement.reach.iter());
+        for ((centre, moment), (anchor, &reach)) in centres.zip(moments).zip(anchors) {
+            let away = Vec3::from_array(*centre) - Vec3::from_array(*anchor);
+            let distance = away.length();
+            if distance > reach {
+                let outward = away / distance;
+                *centre = (Vec3::from_array(*anchor) + outward * reach).to_array();
+                let along = Vec3::from_array(*moment);
+                // A negative moment is a step outward.
+                *moment = (along - outward * along.dot(outward).min(0.0)).to_array();
+            }
+        }
+    }
+
+    fn boxed(&self) -> Box<dyn Parameterization> {
+        Box::new(self.clone())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use omnilife_engine::gaussians::static_gaussians::InitialGaussians;
+
+    use super::*;
+
+    #[test]
+    fn centres_come_back_into_their_balls_and_lose_their_way_out() {
+        let initial = InitialGaussians::isotropic(
+            vec![[0.3, 0.0, 0.0], [0.05, 0.0, 0.0]],
+            &[0.1; 2],
+            vec![[0.5; 3]; 2],
+            vec![0.5; 2],
+        );
+        let mut table = static_gaussians::table(&initial, 0);
+        table.arrays[POSITIONS].first_moments = vec![-1.0, 2.0, 0.0, -1.0, 2.0, 0.0];
+        let anchored = Anchored {
+            refinement: Some(CentreRefinement {
+                anchors: Arc::new(vec![[0.0; 3]; 2]),
+                reach: Arc::new(vec![0.1; 2]),
+                begin_iteration: 0,
+                scaffold: None,
+            }),
+        };
+        anchored.keep_within_bounds(&mut table);
+        assert_eq!(table.row(POSITIONS, 0), [0.1, 0.0, 0.0]);
+        assert_eq!(table.row(POSITIONS, 1), [0.05, 0.0, 0.0]);
+        let moments = &table.arrays[POSITIONS].first_moments;
+        assert_eq!(moments[..], [0.0, 2.0, 0.0, -1.0, 2.0, 0.0]);
+    }
+}

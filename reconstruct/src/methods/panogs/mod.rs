@@ -1,0 +1,242 @@
+//! PanoGS: from a few panoramas with distances to Gaussians on their surfaces.
+//!
+//! Source: "PanoGS" (see [`METHOD`]); its equations stand beside what implements them.
+//!
+//! * `sources`: the distances, from files or by the sphere sweep. `depth_refinement`: brought to the image's
+//!   grid where they have fewer pixels. `samples`: views agree on scales, pixels become Gaussians, the finest
+//!   view's stay. `surface`: the scaffold (Eq. 9). `anchored`: what training may change.
+//!
+//! Lift, normals, scales and redundancy themselves are in [`crate::seeds::depth`]: any method can begin
+//! there.
+
+mod anchored;
+mod depth_refinement;
+mod samples;
+mod sources;
+mod surface;
+
+use std::sync::Arc;
+
+use omnilife_engine::{
+    density,
+    gaussians::static_gaussians::{
+        self, InitialGaussians, LOG_SCALES, OPACITY_LOGITS, POSITIONS, QUATERNIONS, SH_CONSTANT,
+    },
+    model::{Model, Part},
+    parameters::{decay::Decay, memory},
+    step::settings::TrainSettings,
+};
+use omnilife_schemas::records::ComponentDecision;
+
+use self::{
+    anchored::{Anchored, CentreRefinement},
+    samples::{LEAST_DISAGREEMENT, Samples},
+    surface::Surface,
+};
+use crate::{
+    baseline,
+    components::{Decision, sky_shell},
+    error::ReconstructError,
+    methods::{Method, MethodKind, PreparedGaussians},
+    options, process,
+    request::{BackendChoice, MethodRequest},
+    scene::TrainingScene,
+};
+
+/// Component: one factor per view on its distances.
+pub const DEPTH_SCALE: &str = "depth-scale";
+/// Component: distances on a coarser grid than the image's are brought to it along the image's edges.
+pub const DEPTH_REFINEMENT: &str = "depth-refinement";
+/// Component: of what several views see, the finest view's sample stays.
+pub const REDUNDANT_SAMPLES: &str = "redundant-samples";
+/// Component: opacities and colours learn.
+pub const WARM_START: &str = "warm-start";
+/// Component: centres learn, late, slowly and within half a radius of where they began.
+pub const CENTRE_REFINEMENT: &str = "centre-refinement";
+/// Component: centres are held to the fused surface of all views.
+pub const SCAFFOLD: &str = "scaffold";
+/// Component: sizes and rotations learn too.
+pub const SHAPE_REFINEMENT: &str = "shape-refinement";
+
+/// PanoGS.
+pub const METHOD: Method = Method {
+    id: "panogs",
+    title: "PanoGS",
+    source: "PanoGS: from RGB-D panoramas to Gaussian scenes for the web (paper without public code)",
+    description: "One flat Gaussian per pixel with a known distance, on the surface that it shows; \
+                  opacities and colours learn, centres late and little. Distances come from \
+                  `curate poses --depth-prior`, or from the sphere sweep of neighbouring views. \
+                  Departures from the paper: its mirrored frame and W-1 grid are converted on import; \
+                  radii are roots of areas, not distances of neighbours, and poles are thinned; views \
+                  agree on scales, and of what several see the finest sample stays; the exact ERP \
+                  projection replaces its soft footprint; TSDF distances are point-to-plane; FRED, its \
+                  depth network, is not public and is replaced by an upsampling along the image's edges; \
+                  scenes are trained whole, not in shards.",
+    components: &[
+        DEPTH_SCALE,
+        DEPTH_REFINEMENT,
+        REDUNDANT_SAMPLES,
+        sky_shell::ID,
+        WARM_START,
+        CENTRE_REFINEMENT,
+        SCAFFOLD,
+    ],
+    optional_components: &[SHAPE_REFINEMENT],
+    options: &[options::MAX_GAUSSIANS, options::FOOTPRINT],
+    kind: MethodKind::Trained {
+        prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
+    },
+};
+
+/// Position steps over those of 3DGS.
+const CENTRE_STEP: f32 = 0.1;
+/// Share of the iterations after which centres begin to move.
+const CENTRES_BEGIN: f64 = 0.3;
+/// How far centres may go, in radii of their samples.
+const CENTRE_REACH: f32 = 0.5;
+/// Weight of the scaffold's loss.
+const SCAFFOLD_WEIGHT: f32 = 0.1;
+
+/// Decisions in the order in which they were made.
+struct Plan<'a> {
+    request: &'a MethodRequest,
+    decisions: Vec<ComponentDecision>,
+}
+
+impl Plan<'_> {
+    fn decide(&mut self, component: &str, decision: Decision) -> bool {
+        let decision = decision.resolved(component, self.request);
+        let used = decision.used;
+        self.decisions.push(decision);
+        used
+    }
+}
+
+fn prepare(
+    scene: &TrainingScene,
+    request: &MethodRequest,
+    backend: BackendChoice,
+) -> Result<PreparedGaussians, ReconstructError> {
+    if backend != BackendChoice::Cpu {
+        return Err(omnilife_engine::EngineError::Backend {
+            reason: "panogs runs on the CPU only".to_owned(),
+        }
+        .into());
+    }
+    let mut plan = Plan {
+        request,
+        decisions: Vec::new(),
+    };
+    let samples = Samples::of(scene, &mut plan)?;
+    let count = samples.gaussians.len() as u64;
+    let shapes = static_gaussians::shapes(0);
+    let bytes = memory::training_bytes(count, &shapes);
+    process::require(bytes, &format!("training {count} Gaussians"))?;
+    let settings = settings(scene, request, &samples.gaussians);
+    let model = model(scene, &samples, &settings, &mut plan);
+    Ok(PreparedGaussians {
+        model,
+        settings,
+        plan: plan.decisions,
+        evidence: None,
+        remarks: samples.remarks,
+    })
+}
+
+/// The settings of 3DGS without density control, with steps of centres that are a tenth as long.
+fn settings(
+    scene: &TrainingScene,
+    request: &MethodRequest,
+    gaussians: &InitialGaussians,
+) -> TrainSettings {
+    let mut settings = baseline::settings(scene, request);
+    settings.densify.begin_iteration = u64::MAX;
+    settings.densify.opacity_reset_iterations = 0;
+    settings.densify.maximum_gaussians = gaussians.len() as u64;
+    let mut distances: Vec<f32> = gaussians
+        .positions
+        .iter()
+        .map(|&position| glam::Vec3::from_array(position).length())
+        .collect();
+    distances.sort_by(f32::total_cmp);
+    let median = distances.get(distances.len() / 2).copied().unwrap_or(0.0);
+    let extent = median.max(baseline::CAMERA_EXTENT);
+    let step = Decay::constant(CENTRE_STEP * 1.6e-4 * extent);
+    settings.learning_rates.insert("positions".to_owned(), step);
+    settings
+}
+
+/// The Gaussians with what of them learns.
+fn model(
+    scene: &TrainingScene,
+    samples: &Samples,
+    settings: &TrainSettings,
+    plan: &mut Plan<'_>,
+) -> Model {
+    let mut model = Model::of_static(static_gaussians::table(&samples.gaussians, 0));
+    density::order::along_sphere(&mut model, &scene.input_views);
+    let mut table = std::mem::take(&mut model.parts[0].table);
+    let warms_up = plan.decide(
+        WARM_START,
+        Decision::new(
+            true,
+            "Gaussians of one view each have never been drawn together",
+        ),
+    );
+    let moves = plan.decide(CENTRE_REFINEMENT, samples.centre_decision());
+    let surface = surface(samples, plan, moves);
+    let changes_shapes = plan.decide(
+        SHAPE_REFINEMENT,
+        Decision::new(
+            false,
+            "PanoGS keeps sizes and rotations; used where asked for",
+        ),
+    );
+    let mut frozen = Vec::new();
+    if !warms_up {
+        frozen.extend([OPACITY_LOGITS, SH_CONSTANT]);
+    }
+    if !changes_shapes {
+        frozen.extend([LOG_SCALES, QUATERNIONS]);
+    }
+    let refinement = moves.then(|| {
+        let positions = table.arrays[POSITIONS].values.as_chunks::<3>().0;
+        let scales = table.arrays[LOG_SCALES].values.as_chunks::<3>().0;
+        let reach =
+            |log_scales: &[f32; 3]| CENTRE_REACH * log_scales[0].exp() / samples.shape.tangential;
+        CentreRefinement {
+            anchors: Arc::new(positions.to_vec()),
+            reach: Arc::new(scales.iter().map(reach).collect()),
+            begin_iteration: (CENTRES_BEGIN * settings.iterations as f64) as u64,
+            scaffold: surface.map(|surface| (Arc::new(surface.field), SCAFFOLD_WEIGHT)),
+        }
+    });
+    if refinement.is_none() {
+        frozen.push(POSITIONS);
+    }
+    for array in frozen {
+        table.freeze(array);
+    }
+    Model::new(vec![Part::new(Anchored { refinement }, table)])
+}
+
+/// The fused surface, where there is a reason for it.
+fn surface(samples: &Samples, plan: &mut Plan<'_>, centres_move: bool) -> Option<Surface> {
+    let missing = match (samples.views.len(), centres_move) {
+        (0 | 1, _) => Some("a second view"),
+        (_, false) => Some("centres that move"),
+        _ => None,
+    };
+    if missing.is_some() || plan.request.leaves_out(SCAFFOLD) {
+        let reason = "not fused";
+        plan.decide(SCAFFOLD, Decision::new(false, reason).unless(missing));
+        return None;
+    }
+    let surface = Surface::of(samples);
+    plan.decide(SCAFFOLD, surface.decision()).then_some(surface)
+}
+
+/// Whether distances of views that see one surface differ by more than pixels explain.
+fn differ(disagreement: f64) -> bool {
+    disagreement > LEAST_DISAGREEMENT
+}

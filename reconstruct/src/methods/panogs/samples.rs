@@ -1,0 +1,364 @@
+//! From views with distances to the Gaussians that a run begins with.
+
+use omnilife_engine::gaussians::static_gaussians::InitialGaussians;
+use omnilife_schemas::{points::PointCloud, records::DistanceConvention};
+
+use super::{
+    DEPTH_REFINEMENT, DEPTH_SCALE, Plan, REDUNDANT_SAMPLES, depth_refinement, differ,
+    sources::{self, SourceView, Sources},
+};
+use crate::{
+    components::{Decision, sky_shell},
+    error::ReconstructError,
+    scene::TrainingScene,
+    seeds::{
+        depth::{
+            Agreement, DistanceView, LiftCounts, LiftSettings, Lifted, ScaleFit, agreement, checks,
+            fit_scales, lift, tolerance,
+        },
+        points,
+        sky::{OpenSky, SKY_SHARE},
+    },
+};
+
+/// Differences between views that the rounding to pixels explains.
+pub(super) const LEAST_DISAGREEMENT: f64 = 0.005;
+/// Share of the samples that another view must see too for their choice to be worth it.
+const LEAST_SHARED: f64 = 0.05;
+/// A world is mirrored where views agree better by this, dB, when they are mirrored.
+const MIRRORED_DECIBELS: f64 = 3.0;
+/// Another convention is meant where views agree better by this factor under it.
+const CONVENTION_FACTOR: f64 = 3.0;
+/// How much larger samples get at most where they are thinned out.
+const LARGEST_GROWTH: f32 = 4.0;
+/// Views in whose free space a sample has to stand to be a ghost.
+const GHOST_VIEWS: u16 = 2;
+
+/// What a run begins with.
+#[derive(Debug)]
+pub(super) struct Samples {
+    /// The views, with the scales of their distances put right.
+    pub(super) views: Vec<SourceView>,
+    pub(super) gaussians: InitialGaussians,
+    /// The view of each sample; the sky's have none and are at the end.
+    pub(super) view_of: Vec<u16>,
+    /// How they were shaped.
+    pub(super) shape: LiftSettings,
+    /// Median radius of a sample, normalized units.
+    pub(super) median_radius: f32,
+    /// Lines that a reader of the scores should know.
+    pub(super) remarks: Vec<String>,
+    /// Median difference between views, with scales where they are used.
+    disagreement: f64,
+}
+
+impl Samples {
+    /// Lifts the distances of a scene's input views.
+    pub(super) fn of(scene: &TrainingScene, plan: &mut Plan<'_>) -> Result<Self, ReconstructError> {
+        let Sources {
+            mut views,
+            origin,
+            size,
+        } = sources::of_scene(scene)?;
+        check(scene, &views)?;
+        let mut remarks = vec![format!("distances are those of {origin}")];
+        let disagreement = scaled(scene, &mut views, plan, &mut remarks);
+        refine(scene, &mut views, size, plan);
+        let lifted: Vec<Lifted> = distance_views(&views)
+            .iter()
+            .enumerate()
+            .map(|(number, view)| {
+                let settings = LiftSettings {
+                    seed: plan.request.seed,
+                    ..LiftSettings::OF_BEST_VIEWS
+                };
+                lift(view, number as u64, &settings)
+            })
+            .collect();
+        if lifted.iter().all(Lifted::is_empty) {
+            return Err(ReconstructError::Request {
+                reason: format!(
+                    "{}: no pixel of its input views has a usable distance",
+                    scene.id
+                ),
+            });
+        }
+        let (lifted, shape) = chosen(&views, lifted, disagreement, plan, &mut remarks);
+        let mut samples = Self::joined(views, lifted, shape, disagreement, remarks);
+        samples.add_sky(scene, plan);
+        samples.thin(plan);
+        Ok(samples)
+    }
+
+    fn joined(
+        views: Vec<SourceView>,
+        lifted: Vec<Lifted>,
+        shape: LiftSettings,
+        disagreement: f64,
+        mut remarks: Vec<String>,
+    ) -> Self {
+        let mut view_of = Vec::new();
+        let mut all = Lifted::default();
+        for (number, of_view) in lifted.into_iter().enumerate() {
+            view_of.extend(std::iter::repeat_n(number as u16, of_view.len()));
+            all.append(of_view);
+        }
+        remarks.push(told(&all.counts, all.len()));
+        let mut radii = all.radii;
+        let middle = radii.len() / 2;
+        let median_radius = *radii.select_nth_unstable_by(middle, f32::total_cmp).1;
+        Self {
+            views,
+            gaussians: all.gaussians,
+            view_of,
+            shape,
+            median_radius,
+            remarks,
+            disagreement,
+        }
+    }
+
+    /// The views as the lift sees them.
+    pub(super) fn distance_views(&self) -> Vec<DistanceView<'_>> {
+        distance_views(&self.views)
+    }
+
+    /// Whether centres have a reason to move.
+    pub(super) fn centre_decision(&self) -> Decision {
+        let reason = format!(
+            "views differ by {:.2} % where they see one surface (limit {:.1} %)",
+            100.0 * self.disagreement,
+            100.0 * LEAST_DISAGREEMENT
+        );
+        Decision::new(differ(self.disagreement), reason)
+    }
+
+    /// A shell in the directions that no view knows a distance of.
+    fn add_sky(&mut self, scene: &TrainingScene, plan: &mut Plan<'_>) {
+        let with_points = TrainingScene {
+            points: points_of(&self.gaussians),
+            ..scene.clone()
+        };
+        let room = self.gaussians.len() as u64;
+        let sky = OpenSky::of(&with_points, room);
+        let reason = format!(
+            "{:.1} % of {} directions have no sample (limit {:.0} %)",
+            100.0 * sky.share(),
+            sky.directions,
+            100.0 * SKY_SHARE
+        );
+        let decision = Decision::new(sky.is_worth_a_shell(), reason).whatever_the_plan();
+        if plan.decide(sky_shell::ID, decision) {
+            self.gaussians.append(sky.shell(&with_points, None));
+        }
+    }
+
+    /// No more Gaussians than asked for, evenly spread and larger for it.
+    fn thin(&mut self, plan: &Plan<'_>) {
+        let Some(maximum) = plan.request.options.maximum_gaussians() else {
+            return;
+        };
+        let all = self.gaussians.len();
+        if all as u64 <= maximum {
+            return;
+        }
+        let indices = points::thinned_indices(&points_of(&self.gaussians), maximum as usize);
+        let growth = (all as f32 / maximum as f32).sqrt().min(LARGEST_GROWTH);
+        self.gaussians = self.gaussians.selected(&indices);
+        for scale in self.gaussians.scales.as_flattened_mut() {
+            *scale *= growth;
+        }
+        let views = indices.iter().filter_map(|&index| self.view_of.get(index));
+        self.view_of = views.copied().collect();
+        self.remarks.push(format!(
+            "{maximum} of {all} samples, evenly spread and {growth:.2} times as large"
+        ));
+    }
+}
+
+/// The centres as points.
+fn points_of(gaussians: &InitialGaussians) -> PointCloud {
+    PointCloud {
+        positions: gaussians.positions.clone(),
+        colours: vec![[0; 3]; gaussians.len()],
+    }
+}
+
+fn distance_views(views: &[SourceView]) -> Vec<DistanceView<'_>> {
+    let view = |source: &'_ SourceView| -> DistanceView<'_> {
+        DistanceView {
+            view: &source.view.view,
+            pixels: &source.view.pixels,
+            mask: source.view.mask.as_deref(),
+            distances: &source.distances,
+            confidences: source.confidences.as_deref(),
+        }
+    };
+    views.iter().map(view).collect()
+}
+
+/// Refuses distances of a mirrored world, or along something else than they are said to be.
+fn check(scene: &TrainingScene, views: &[SourceView]) -> Result<(), ReconstructError> {
+    let views = distance_views(views);
+    let refuse = |reason: String| {
+        Err(ReconstructError::Request {
+            reason: format!("{}: {reason}", scene.id),
+        })
+    };
+    let prior = scene.depth_priors.iter().flatten().next();
+    if let Some(prior) = prior {
+        let (said, other) = match prior.prior.convention {
+            DistanceConvention::Ray => ("ray", DistanceConvention::Z),
+            DistanceConvention::Z => ("z", DistanceConvention::Ray),
+        };
+        if let Some([as_given, otherwise]) = checks::convention_disagreements(&views, other)
+            && as_given > CONVENTION_FACTOR * otherwise
+            && differ(as_given)
+        {
+            return refuse(format!(
+                "its distances are not along {said}: views differ by {:.1} %, and by {:.1} % where the \
+                 other convention is meant (curate poses --depth-prior-convention)",
+                100.0 * as_given,
+                100.0 * otherwise
+            ));
+        }
+    }
+    match checks::handedness_scores(&views) {
+        Some([straight, mirrored]) if mirrored > straight + MIRRORED_DECIBELS => refuse(format!(
+            "its poses are of a mirrored world: colours of places that two views see agree to \
+             {straight:.1} dB, and to {mirrored:.1} dB with the images mirrored"
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// Puts factors on the views' distances where they disagree. Returns how much they disagree after that.
+fn scaled(
+    scene: &TrainingScene,
+    views: &mut [SourceView],
+    plan: &mut Plan<'_>,
+    remarks: &mut Vec<String>,
+) -> f64 {
+    let fit: ScaleFit = fit_scales(&distance_views(views));
+    let largest = fit
+        .log_scales
+        .iter()
+        .copied()
+        .fold(0.0, |most: f64, log| most.max(log.exp_m1().abs()));
+    let reason = format!(
+        "views differ by {:.2} % where they see one surface (limit {:.1} %), by {:.2} % with factors of up \
+         to {:.2} %",
+        100.0 * fit.disagreement_before,
+        100.0 * LEAST_DISAGREEMENT,
+        100.0 * fit.disagreement_after,
+        100.0 * largest
+    );
+    let alone = (views.len() < 2).then_some("a second view");
+    let decision = Decision::new(differ(fit.disagreement_before), reason).unless(alone);
+    if fit.groups.len() > 1 {
+        let frame = |&view: &usize| scene.input_views[view].frame.to_string();
+        let groups = fit.groups.iter();
+        let groups: Vec<String> = groups
+            .map(|group| group.iter().map(frame).collect::<Vec<_>>().join(" "))
+            .collect();
+        remarks.push(format!(
+            "the input views fall into {} groups without a common surface, each with a scale of its own: \
+             frames {}",
+            groups.len(),
+            groups.join("; ")
+        ));
+    }
+    if !plan.decide(DEPTH_SCALE, decision) {
+        return fit.disagreement_before;
+    }
+    for (view, log_scale) in views.iter_mut().zip(&fit.log_scales) {
+        let factor = log_scale.exp() as f32;
+        view.distances
+            .values
+            .iter_mut()
+            .for_each(|value| *value *= factor);
+    }
+    fit.disagreement_after
+}
+
+/// Brings distances to the images' grids where those are finer.
+fn refine(scene: &TrainingScene, views: &mut [SourceView], size: [usize; 2], plan: &mut Plan<'_>) {
+    let image = [scene.camera.width as usize, scene.camera.height as usize];
+    let reason = format!("distances are {} pixels wide, images {}", size[0], image[0]);
+    let coarse = size[0] < image[0];
+    let missing = (!coarse).then_some("images with more pixels than the distances");
+    if plan.decide(
+        DEPTH_REFINEMENT,
+        Decision::new(coarse, reason).unless(missing),
+    ) {
+        for (view, image) in views.iter_mut().zip(&scene.input_views) {
+            *view = depth_refinement::refined(image, view);
+        }
+    }
+}
+
+/// The samples that stay, and how they are shaped.
+fn chosen(
+    views: &[SourceView],
+    lifted: Vec<Lifted>,
+    disagreement: f64,
+    plan: &mut Plan<'_>,
+    remarks: &mut Vec<String>,
+) -> (Vec<Lifted>, LiftSettings) {
+    let distance_views = distance_views(views);
+    let tolerance = tolerance(disagreement);
+    let agreements: Vec<Vec<Agreement>> = lifted
+        .iter()
+        .enumerate()
+        .map(|(own, lifted)| agreement(lifted, own, &distance_views, tolerance))
+        .collect();
+    let all = || agreements.iter().flatten();
+    let count = |is: &dyn Fn(&Agreement) -> bool| all().filter(|found| is(found)).count();
+    let total = all().count().max(1);
+    let shared = count(&|found| found.support > 0) as f64 / total as f64;
+    let finest = count(&|found| found.is_finest);
+    let ghosts = count(&|found| found.free >= GHOST_VIEWS) as f64 / total as f64;
+    remarks.push(format!(
+        "{:.1} % of the samples stand where {GHOST_VIEWS} views or more see past them",
+        100.0 * ghosts
+    ));
+    let reason = format!(
+        "{:.0} % of {total} samples are seen by another view within {:.1} % (limit {:.0} %); {finest} are \
+         the finest of their place",
+        100.0 * shared,
+        100.0 * tolerance,
+        100.0 * LEAST_SHARED
+    );
+    let alone = (views.len() < 2).then_some("a second view");
+    let decision = Decision::new(shared > LEAST_SHARED, reason).unless(alone);
+    if plan.decide(REDUNDANT_SAMPLES, decision) {
+        let shape = LiftSettings::OF_BEST_VIEWS;
+        let kept = lifted.iter().zip(&agreements).map(|(lifted, found)| {
+            let keep: Vec<bool> = found.iter().map(|found| found.is_finest).collect();
+            lifted.retained(&keep)
+        });
+        return (kept.collect(), shape);
+    }
+    let shape = LiftSettings::OF_ALL_VIEWS;
+    let shaped = lifted.into_iter().map(|lifted| lifted.shaped(&shape));
+    (shaped.collect(), shape)
+}
+
+/// What became of the pixels, in a line.
+fn told(counts: &LiftCounts, kept: usize) -> String {
+    format!(
+        "{kept} samples of {} pixels: {} without a distance, {} masked, {} thinned near the poles, {} \
+         between surfaces, {} finer elsewhere",
+        counts.pixels,
+        counts.unknown,
+        counts.masked,
+        counts.thinned,
+        counts.flying,
+        counts.pixels
+            - counts.unknown
+            - counts.masked
+            - counts.thinned
+            - counts.flying
+            - kept as u64
+    )
+}

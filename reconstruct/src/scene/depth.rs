@@ -1,0 +1,98 @@
+//! Estimated distances of a scene's input views, read when a method asks for them.
+
+use std::path::PathBuf;
+
+use omnilife_engine::{camera::Camera, training_view::TrainingView};
+use omnilife_schemas::{
+    RgbImage,
+    camera::{ErpCamera, PinholeCamera},
+    distances::DistanceImage,
+    records::DepthPrior,
+};
+
+use super::TrainingScene;
+use crate::error::ReconstructError;
+
+/// Where the distances of a view are.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PriorFile {
+    /// The file.
+    pub path: PathBuf,
+    /// What it holds.
+    pub prior: DepthPrior,
+}
+
+impl TrainingScene {
+    /// Distances along the rays of input view number `view`, in normalized units and at the file's size;
+    /// `None` where the scene has none of it.
+    ///
+    /// # Errors
+    /// When the file is missing, damaged, or of another size than the scene says.
+    pub fn distances(&self, view: usize) -> Result<Option<DistanceImage>, ReconstructError> {
+        let Some(Some(file)) = self.depth_priors.get(view) else {
+            return Ok(None);
+        };
+        let prior = &file.prior;
+        let camera = self.input_views[view].view.camera;
+        let unit = prior.unit * self.normalization.scale;
+        let image = DistanceImage::read(&file.path, unit, camera.wraps())?;
+        let size = [prior.width as usize, prior.height as usize];
+        if [image.width, image.height] != size {
+            let reason = format!(
+                "is {}x{}, the scene says {}x{}",
+                image.width, image.height, prior.width, prior.height
+            );
+            return Err(ReconstructError::scene(&file.path, reason));
+        }
+        Ok(Some(match resized(&camera, size) {
+            Camera::Erp(camera) => image.along_rays(prior.convention, &camera),
+            Camera::Pinhole(camera) => image.along_rays(prior.convention, &camera),
+        }))
+    }
+}
+
+/// A camera of the same field of view with another number of pixels.
+pub fn resized(camera: &Camera, [width, height]: [usize; 2]) -> Camera {
+    let [width, height] = [width as u32, height as u32];
+    match camera {
+        Camera::Erp(_) => ErpCamera { width, height }.into(),
+        Camera::Pinhole(camera) => {
+            let across = f64::from(width) / f64::from(camera.width);
+            let down = f64::from(height) / f64::from(camera.height);
+            PinholeCamera {
+                width,
+                height,
+                fx: camera.fx * across,
+                fy: camera.fy * down,
+                cx: camera.cx * across,
+                cy: camera.cy * down,
+            }
+            .into()
+        }
+    }
+}
+
+/// A view with fewer pixels or as many: colours and masks are averaged over the area of a pixel.
+pub fn resized_view(view: &TrainingView, size: [usize; 2]) -> TrainingView {
+    let camera = &view.view.camera;
+    let own = [camera.width() as usize, camera.height() as usize];
+    if own == size {
+        return view.clone();
+    }
+    let [width, height] = size;
+    let resized_bytes = |bytes: &[u8]| {
+        let image = RgbImage::from_rgb8(own[0], own[1], bytes);
+        image.resized_by_area(width, height).to_rgb8()
+    };
+    let mask = view.mask.as_ref().map(|mask| {
+        let grey: Vec<u8> = mask.iter().flat_map(|&byte| [byte; 3]).collect();
+        resized_bytes(&grey).into_iter().step_by(3).collect()
+    });
+    let mut smaller = TrainingView {
+        pixels: resized_bytes(&view.pixels),
+        mask,
+        ..view.clone()
+    };
+    smaller.view.camera = resized(camera, size);
+    smaller
+}

@@ -1,0 +1,86 @@
+//! What the other views say of a view's samples: that they see it too, that they see it better, or that they
+//! see past it.
+
+use glam::Vec3;
+use omnilife_engine::camera::nearest::Projector;
+use rayon::prelude::*;
+
+use super::lift::{DistanceView, Lifted, pixel_angle};
+
+/// Two views see one surface where their distances differ by less than this share, at least.
+const LEAST_TOLERANCE: f64 = 0.02;
+/// The tolerance in disagreements of the views' distances.
+const DISAGREEMENTS: f64 = 3.0;
+/// A view sees past a sample where what it sees is farther by this many tolerances.
+const FREE_TOLERANCES: f64 = 2.5;
+/// Cosine below which the samples of a slanted surface do not get sparser any more.
+const LEAST_COSINE: f32 = 0.05;
+
+/// What the views say of one sample.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Agreement {
+    /// Other views that see a surface there.
+    pub support: u16,
+    /// Other views that see past it: it stands in their free space.
+    pub free: u16,
+    /// Whether no other view has a finer sample of the surface.
+    pub is_finest: bool,
+}
+
+/// How far the distances of two views of one surface may differ, as a share.
+pub fn tolerance(disagreement: f64) -> f64 {
+    LEAST_TOLERANCE.max(DISAGREEMENTS * disagreement)
+}
+
+/// Compares the samples of view number `own` with all other views.
+///
+/// A view j sees the sample's surface where `|D_j - d| < tolerance d`, with the distance `d` of the
+/// sample from it; there its own samples have the radius `d pitch / sqrt(cos)`. Of equals the earlier
+/// view's stays.
+pub fn agreement(
+    lifted: &Lifted,
+    own: usize,
+    views: &[DistanceView<'_>],
+    tolerance: f64,
+) -> Vec<Agreement> {
+    let others: Vec<(usize, &DistanceView<'_>, Projector)> = views
+        .iter()
+        .enumerate()
+        .filter(|(number, _)| *number != own)
+        .map(|(number, view)| (number, view, Projector::new(view.view)))
+        .collect();
+    let tolerance = tolerance as f32;
+    let of_sample = |index: usize| {
+        let place = Vec3::from_array(lifted.gaussians.positions[index]);
+        let (normal, radius) = (lifted.normals[index], lifted.radii[index]);
+        let mut found = Agreement {
+            is_finest: true,
+            ..Agreement::default()
+        };
+        for (number, view, projector) in &others {
+            let Some((pixel, distance)) = projector.pixel(place) else {
+                continue;
+            };
+            let theirs = view.distances.values[pixel];
+            if theirs <= 0.0 || view.hides(pixel) {
+                continue;
+            }
+            if theirs > (1.0 + FREE_TOLERANCES as f32 * tolerance) * distance {
+                found.free += 1;
+            }
+            if (theirs - distance).abs() >= tolerance * distance {
+                continue;
+            }
+            found.support += 1;
+            let direction = (place - view.view.centre) / distance;
+            let cosine = normal.dot(direction).abs().max(LEAST_COSINE);
+            let in_camera = view.view.rotation * direction;
+            let angle = pixel_angle(&view.view.camera, in_camera.as_dvec3()) as f32;
+            let their_radius = distance * angle / cosine.sqrt();
+            let is_finer = their_radius < radius || (their_radius == radius && *number < own);
+            found.is_finest &= !is_finer;
+        }
+        found
+    };
+    (0..lifted.len()).into_par_iter().map(of_sample).collect()
+}

@@ -1,0 +1,140 @@
+//! Whether distances mean what they are said to mean, by how well views agree on places and colours.
+
+use omnilife_schemas::{
+    camera::CameraModel, distances::DistanceImage, records::DistanceConvention,
+};
+
+use omnilife_engine::camera::Camera;
+
+use super::{
+    lift::DistanceView,
+    pairs::{ScaledViews, Sighting, median},
+};
+
+/// Places of which two views say more different things are not one surface.
+const ONE_SURFACE: f64 = 0.1;
+/// Places whose colours are compared, at least.
+const LEAST_PLACES: usize = 500;
+
+/// Median relative difference between the distances of two views, all pairs together: of the distances as
+/// they are, and of the same numbers read by another convention. What one view hides from another counts
+/// in both. `None` where no view sees what another shows.
+pub fn convention_disagreements(
+    views: &[DistanceView<'_>],
+    other: DistanceConvention,
+) -> Option<[f64; 2]> {
+    let as_given = disagreement(views)?;
+    let otherwise: Vec<DistanceImage> = views
+        .iter()
+        .map(|view| {
+            let distances = view.distances.clone();
+            match &view.view.camera {
+                Camera::Erp(camera) => read_as(distances, other, camera),
+                Camera::Pinhole(camera) => read_as(distances, other, camera),
+            }
+        })
+        .collect();
+    let otherwise: Vec<DistanceView<'_>> = views
+        .iter()
+        .zip(&otherwise)
+        .map(|(view, distances)| DistanceView { distances, ..*view })
+        .collect();
+    Some([as_given, disagreement(&otherwise)?])
+}
+
+/// Distances along rays, of numbers that were read by the one convention and were meant by the other.
+fn read_as(
+    mut distances: DistanceImage,
+    meant: DistanceConvention,
+    camera: &impl CameraModel,
+) -> DistanceImage {
+    if meant == DistanceConvention::Z {
+        return distances.along_rays(DistanceConvention::Z, camera);
+    }
+    // z was divided by the share of the ray along the axis: what is 1 comes out as the inverse of it.
+    let ones = DistanceImage {
+        values: vec![1.0; distances.values.len()],
+        ..distances.clone()
+    };
+    let factors = ones.along_rays(DistanceConvention::Z, camera);
+    for (value, factor) in distances.values.iter_mut().zip(&factors.values) {
+        *value /= factor;
+    }
+    distances
+}
+
+fn disagreement(views: &[DistanceView<'_>]) -> Option<f64> {
+    let log_scales = vec![0.0; views.len()];
+    let scaled = ScaledViews {
+        views,
+        log_scales: &log_scales,
+    };
+    let of_pair = |_, _, sightings: Vec<Sighting>| -> Vec<f64> {
+        sightings.iter().map(|s| s.log_ratio.abs()).collect()
+    };
+    median(scaled.of_pairs(of_pair).concat())
+}
+
+/// PSNR in dB between the colours of places that two views show, with images and distances as they are,
+/// and with both mirrored left to right: the second is higher where the poses are of a mirrored world.
+/// `None` where too few places are seen by two views.
+pub fn handedness_scores(views: &[DistanceView<'_>]) -> Option<[f64; 2]> {
+    let straight = colour_score(views)?;
+    let mirrored: Vec<(Vec<u8>, Option<Vec<u8>>, DistanceImage)> = views
+        .iter()
+        .map(|view| {
+            let width = view.distances.width;
+            let distances = DistanceImage {
+                values: mirror(&view.distances.values, width),
+                ..view.distances.clone()
+            };
+            let mask = view.mask.map(|mask| mirror(mask, width));
+            let colours = view.pixels.as_chunks::<3>().0;
+            (mirror(colours, width).into_flattened(), mask, distances)
+        })
+        .collect();
+    let mirrored: Vec<DistanceView<'_>> = views
+        .iter()
+        .zip(&mirrored)
+        .map(|(view, (pixels, mask, distances))| DistanceView {
+            view: view.view,
+            pixels,
+            mask: mask.as_deref(),
+            distances,
+            confidences: None,
+        })
+        .collect();
+    Some([straight, colour_score(&mirrored).unwrap_or(0.0)])
+}
+
+fn mirror<T: Copy>(values: &[T], width: usize) -> Vec<T> {
+    let rows = values.chunks_exact(width);
+    rows.flat_map(|row| row.iter().rev().copied()).collect()
+}
+
+fn colour_score(views: &[DistanceView<'_>]) -> Option<f64> {
+    let log_scales = vec![0.0; views.len()];
+    let scaled = ScaledViews {
+        views,
+        log_scales: &log_scales,
+    };
+    let of_pair = |first: usize, second: usize, sightings: Vec<Sighting>| {
+        let near = sightings.iter().filter(|s| s.log_ratio.abs() < ONE_SURFACE);
+        near.fold((0_usize, 0.0), |(count, sum), sighting| {
+            let [a, b] = [(first, sighting.pixels[0]), (second, sighting.pixels[1])]
+                .map(|(view, pixel)| &views[view].pixels[3 * pixel..3 * pixel + 3]);
+            let squares = a.iter().zip(b).map(|(&a, &b)| {
+                let difference = (f64::from(a) - f64::from(b)) / 255.0;
+                difference * difference
+            });
+            (count + 1, sum + squares.sum::<f64>() / 3.0)
+        })
+    };
+    let (count, sum) = scaled
+        .of_pairs(of_pair)
+        .into_iter()
+        .fold((0, 0.0), |(count, sum), (more, by)| {
+            (count + more, sum + by)
+        });
+    (count >= LEAST_PLACES).then(|| -10.0 * (sum / count as f64).max(1e-10).log10())
+}

@@ -1,0 +1,100 @@
+//! What two views say of each other's distances.
+
+use glam::Vec3;
+use omnilife_engine::camera::nearest::Projector;
+use rayon::prelude::*;
+
+use super::{
+    lift::{DistanceView, MASKED},
+    normals::Points,
+};
+
+/// Steps between the columns and the rows of the pixels that are looked at: one pixel in eight.
+const STEPS: [usize; 2] = [4, 2];
+
+/// A place that one view shows and another sees.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sighting {
+    /// `log(D_j / |x - c_j|)`: above 0 the second view sees past the place.
+    pub(super) log_ratio: f64,
+    /// How `log |x - c_j|` grows with the logarithm of the first view's distances.
+    pub(super) slope: f64,
+    /// The pixel of the first view, and that of the second one.
+    pub(super) pixels: [usize; 2],
+}
+
+/// Views with the factors that their distances are multiplied by.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ScaledViews<'a> {
+    pub(super) views: &'a [DistanceView<'a>],
+    /// Logarithms.
+    pub(super) log_scales: &'a [f64],
+}
+
+impl ScaledViews<'_> {
+    /// Every place that view `first` shows and `second` sees; nothing that a mask hides.
+    pub(super) fn sightings(&self, first: usize, second: usize) -> Vec<Sighting> {
+        let (from, to) = (&self.views[first], &self.views[second]);
+        let [scale, other_scale] = [first, second].map(|view| self.log_scales[view].exp());
+        let points = Points::new(from.view.camera, from.distances);
+        let projector = Projector::new(to.view);
+        let to_world = from.view.rotation.transpose();
+        let (width, height) = (from.distances.width, from.distances.height);
+        let mut found = Vec::new();
+        for row in (0..height).step_by(STEPS[1]) {
+            for column in ((row / 2) % STEPS[0]..width).step_by(STEPS[0]) {
+                let pixel = row * width + column;
+                let distance = from.distances.values[pixel];
+                if distance <= 0.0 || from.hides(pixel) {
+                    continue;
+                }
+                let arm = (points.ray(column, row) * f64::from(distance) * scale).as_vec3();
+                let arm: Vec3 = to_world * arm;
+                let place = from.view.centre + arm;
+                let Some((seen, away)) = projector.pixel(place) else {
+                    continue;
+                };
+                let theirs = to.distances.values[seen];
+                if theirs <= 0.0 || to.hides(seen) {
+                    continue;
+                }
+                let other_arm = place - to.view.centre;
+                found.push(Sighting {
+                    log_ratio: (f64::from(theirs) * other_scale / f64::from(away)).ln(),
+                    slope: f64::from(arm.dot(other_arm) / (away * away)),
+                    pixels: [pixel, seen],
+                });
+            }
+        }
+        found
+    }
+
+    /// What `of` makes of each ordered pair of views.
+    pub(super) fn of_pairs<T: Send>(
+        &self,
+        of: impl Fn(usize, usize, Vec<Sighting>) -> T + Sync,
+    ) -> Vec<T> {
+        let count = self.views.len();
+        let pairs: Vec<[usize; 2]> = (0..count)
+            .flat_map(|first| (0..count).map(move |second| [first, second]))
+            .filter(|[first, second]| first != second)
+            .collect();
+        pairs
+            .into_par_iter()
+            .map(|[first, second]| of(first, second, self.sightings(first, second)))
+            .collect()
+    }
+}
+
+impl DistanceView<'_> {
+    /// Whether a mask hides a pixel.
+    pub(super) fn hides(&self, pixel: usize) -> bool {
+        self.mask.is_some_and(|mask| mask[pixel] >= MASKED)
+    }
+}
+
+/// Median of some values; `None` of none.
+pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}

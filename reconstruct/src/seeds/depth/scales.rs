@@ -1,0 +1,194 @@
+//! One factor for the distances of each view, from what the views say of each other.
+//!
+//! A place `x` that view k shows at the distance `D_k` is seen by view j at `|x - c_j|`; what j says
+//! itself is `D_j`. With the logarithms `a` of the factors,
+//!
+//! ```text
+//! r = log(D_j e^{a_j} / |x - c_j|),   a_j - t a_k = -median(r),
+//! t = median((x - c_k) . (x - c_j) / |x - c_j|^2)
+//! ```
+//!
+//! for every pair, in the least squares sense, with a sum of 0: what all views are wrong by together is the
+//! scale of the world.
+
+use super::{
+    lift::DistanceView,
+    pairs::{ScaledViews, median},
+};
+
+/// Places of which two views say more different things than this are two surfaces.
+const LARGEST_LOG_RATIO: f64 = 0.1;
+/// Places that a pair of views must have in common.
+const LEAST_SIGHTINGS: usize = 200;
+/// How often the system is made again with the factors found.
+const ROUNDS: usize = 3;
+
+/// The factors of some views.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScaleFit {
+    /// Logarithm of each view's factor; they sum up to 0 in each group.
+    pub log_scales: Vec<f64>,
+    /// Median of the relative differences between views before, 0 without any pair.
+    pub disagreement_before: f64,
+    /// The same with the factors.
+    pub disagreement_after: f64,
+    /// Views that see enough of the same places, directly or by way of others.
+    pub groups: Vec<Vec<usize>>,
+}
+
+/// What a pair of views says.
+struct Equation {
+    first: usize,
+    second: usize,
+    slope: f64,
+    log_ratio: f64,
+    differences: Vec<f64>,
+}
+
+/// Finds the factors.
+pub fn fit_scales(views: &[DistanceView<'_>]) -> ScaleFit {
+    let mut log_scales = vec![0.0; views.len()];
+    let mut equations = equations(views, &log_scales);
+    let disagreement_before = disagreement(&equations);
+    let groups = groups(views.len(), &equations);
+    for _ in 0..ROUNDS {
+        let step = solved(views.len(), &equations, &groups);
+        for (scale, step) in log_scales.iter_mut().zip(step) {
+            *scale += step;
+        }
+        equations = self::equations(views, &log_scales);
+    }
+    ScaleFit {
+        log_scales,
+        disagreement_before,
+        disagreement_after: disagreement(&equations),
+        groups,
+    }
+}
+
+fn equations(views: &[DistanceView<'_>], log_scales: &[f64]) -> Vec<Equation> {
+    let scaled = ScaledViews { views, log_scales };
+    let of_pair = |first, second, mut sightings: Vec<super::pairs::Sighting>| {
+        sightings.retain(|sighting| sighting.log_ratio.abs() < LARGEST_LOG_RATIO);
+        if sightings.len() < LEAST_SIGHTINGS {
+            return None;
+        }
+        Some(Equation {
+            first,
+            second,
+            slope: median(sightings.iter().map(|sighting| sighting.slope).collect())?,
+            log_ratio: median(sightings.iter().map(|s| s.log_ratio).collect())?,
+            differences: sightings.iter().map(|s| s.log_ratio.abs()).collect(),
+        })
+    };
+    scaled.of_pairs(of_pair).into_iter().flatten().collect()
+}
+
+fn disagreement(equations: &[Equation]) -> f64 {
+    let all = equations.iter().flat_map(|equation| &equation.differences);
+    median(all.copied().collect()).unwrap_or(0.0)
+}
+
+/// Views that equations connect.
+fn groups(count: usize, equations: &[Equation]) -> Vec<Vec<usize>> {
+    let mut label: Vec<usize> = (0..count).collect();
+    for equation in equations {
+        let [a, b] = [equation.first, equation.second].map(|view| label[view]);
+        for of in &mut label {
+            if *of == a.max(b) {
+                *of = a.min(b);
+            }
+        }
+    }
+    let of = |group: usize| (0..count).filter(|&view| label[view] == group).collect();
+    let groups: Vec<Vec<usize>> = (0..count).map(of).collect();
+    groups
+        .into_iter()
+        .filter(|group| !group.is_empty())
+        .collect()
+}
+
+/// Least squares by the normal equations. In each group the sum is asked to be 0 as strongly as all pairs
+/// together ask for anything.
+fn solved(count: usize, equations: &[Equation], groups: &[Vec<usize>]) -> Vec<f64> {
+    let mut matrix = vec![vec![0.0; count]; count];
+    let mut right = vec![0.0; count];
+    let mut add = |row: &[(usize, f64)], value: f64| {
+        for &(a, by_a) in row {
+            right[a] += by_a * value;
+            for &(b, by_b) in row {
+                matrix[a][b] += by_a * by_b;
+            }
+        }
+    };
+    for equation in equations {
+        let row = [(equation.second, 1.0), (equation.first, -equation.slope)];
+        add(&row, -equation.log_ratio);
+    }
+    let weight = (equations.len().max(1) as f64).sqrt();
+    for group in groups {
+        let row: Vec<(usize, f64)> = group.iter().map(|&view| (view, weight)).collect();
+        add(&row, 0.0);
+    }
+    eliminated(matrix, right)
+}
+
+/// Solves a symmetric positive definite system by elimination; a row that says nothing gives 0.
+fn eliminated(mut matrix: Vec<Vec<f64>>, mut right: Vec<f64>) -> Vec<f64> {
+    let count = right.len();
+    for pivot in 0..count {
+        let (above, below) = matrix.split_at_mut(pivot + 1);
+        let row = &above[pivot];
+        if row[pivot].abs() < 1e-12 {
+            continue;
+        }
+        for (offset, lower) in below.iter_mut().enumerate() {
+            let factor = lower[pivot] / row[pivot];
+            for (value, of_pivot) in lower.iter_mut().zip(row).skip(pivot) {
+                *value -= factor * of_pivot;
+            }
+            right[pivot + 1 + offset] -= factor * right[pivot];
+        }
+    }
+    let mut solution = vec![0.0; count];
+    for row in (0..count).rev() {
+        let known: f64 = (row + 1..count)
+            .map(|at| matrix[row][at] * solution[at])
+            .sum();
+        if matrix[row][row].abs() >= 1e-12 {
+            solution[row] = (right[row] - known) / matrix[row][row];
+        }
+    }
+    solution
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_system_is_solved_and_groups_are_apart() {
+        // Truth: 0.02, -0.02 in one group, 0.01, -0.01 in another, and a view alone.
+        let truth = [0.02, -0.02, 0.01, -0.01, 0.0];
+        let equation = |first: usize, second: usize, slope: f64| Equation {
+            first,
+            second,
+            slope,
+            log_ratio: -(truth[second] - slope * truth[first]),
+            differences: vec![0.02],
+        };
+        let equations = [
+            equation(0, 1, 0.9),
+            equation(1, 0, 0.8),
+            equation(2, 3, 0.95),
+            equation(3, 2, 1.1),
+        ];
+        let groups = groups(5, &equations);
+        assert_eq!(groups, [vec![0, 1], vec![2, 3], vec![4]]);
+        for (found, expected) in solved(5, &equations, &groups).iter().zip(truth) {
+            assert!((found - expected).abs() < 1e-12, "{found} {expected}");
+        }
+        assert_eq!(disagreement(&equations), 0.02);
+        assert_eq!(disagreement(&[]), 0.0);
+    }
+}

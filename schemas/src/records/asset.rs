@@ -1,0 +1,98 @@
+//! `asset`: a scene of Gaussians as it is handed to people: levels of detail for web viewers.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::store::Record;
+
+/// `asset.json`. All files are relative to its folder.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Asset {
+    /// What was exported.
+    pub source: AssetSource,
+    /// Gaussians of the source that a viewer can draw.
+    pub splats: u64,
+    /// The levels, the smallest first; each is part of the next.
+    pub levels: Vec<AssetLevel>,
+    /// Levels that were asked for and are not there, with the reason.
+    pub left_out: Vec<String>,
+    /// How the coordinates of the files came from the world's.
+    pub placement: AssetPlacement,
+    /// What was changed for viewers.
+    pub changes: AssetChanges,
+    /// The page, where there is one.
+    pub page: Option<AssetPage>,
+    /// Wall-clock time of the export, seconds.
+    pub wall_seconds: f64,
+}
+
+impl Record for Asset {
+    const SCHEMA: &'static str = "omnilife/asset/1";
+}
+
+/// What was exported.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct AssetSource {
+    /// SHA-256 of the run's record, or of the file of Gaussians.
+    pub sha256: String,
+    /// The method, where a run was exported.
+    pub method: Option<String>,
+    /// The scene, where a run was exported.
+    pub scene: Option<String>,
+    /// The moment that is shown of a scene that moves, seconds.
+    pub time_seconds: Option<f64>,
+}
+
+/// A level of detail.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct AssetLevel {
+    /// Its name, such as `1M` or `full`.
+    pub name: String,
+    /// A `.splat`.
+    pub file: String,
+    /// Gaussians in it.
+    pub splats: u64,
+    /// Bytes of the file.
+    pub bytes: u64,
+    /// SHA-256 of the file.
+    pub sha256: String,
+    /// How much larger its Gaussians are than the source's, for being fewer.
+    pub growth: f64,
+}
+
+/// `y = scale R (x - offset)`: from a place of the world to one of the files, whose y points down.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct AssetPlacement {
+    /// World point that is the origin of the files.
+    pub offset: [f64; 3],
+    /// Units of the files per unit of the world.
+    pub scale: f64,
+    /// World to files, a unit quaternion (w, x, y, z).
+    pub rotation_wxyz: [f64; 4],
+}
+
+/// What was changed for viewers, in Gaussians.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+pub struct AssetChanges {
+    /// Left out because their opacity rounds to 0.
+    pub transparent: u64,
+    /// Thickened to a tenth of their longest axis: half-float covariances of thinner ones have negative
+    /// eigenvalues, and viewers leave them out.
+    pub thickened: u64,
+    /// Pulled in, with their sizes, to three times the scene's radius: viewers sort by depth in 16 bits
+    /// over all of it.
+    pub pulled_in: u64,
+    /// Degree of the spherical harmonics that were left out; 0 where there were none.
+    pub dropped_sh_degree: u32,
+}
+
+/// The page that shows the levels.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct AssetPage {
+    /// A HTML file.
+    pub file: String,
+    /// Name of the level inside it; `None` where it has none and others open by file or server.
+    pub level: Option<String>,
+    /// Bytes of the file.
+    pub bytes: u64,
+}
