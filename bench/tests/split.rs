@@ -130,6 +130,19 @@ fn a_scene_without_a_complete_group_is_refused() {
 }
 
 #[test]
+fn ten_panoramas_are_given_evenly_and_all_others_predicted() {
+    let protocol = protocols::protocol("sparse-panoramas").unwrap();
+    let ten: Vec<u32> = (0..10).map(|number| 6 * number).collect();
+    assert_eq!(split(&scene(60, &[]), &protocol).unwrap().input_views, ten);
+    // Frame 0 has no pose: the first posed one is 1.
+    let found = split(&scene(26, &[0]), &protocol).unwrap();
+    assert_eq!(found.input_views, [1, 3, 6, 8, 11, 13, 16, 18, 21, 23]);
+    assert_eq!(found.novel_views.len(), 15);
+    let message = split(&scene(10, &[]), &protocol).unwrap_err().to_string();
+    assert!(message.contains("10 of 10 frames have a pose; 10 are given"), "{message}");
+}
+
+#[test]
 fn every_posed_frame_is_given_where_fidelity_is_scored() {
     let protocol = protocols::protocol("input-view").unwrap();
     let split = split(&scene(6, &[2]), &protocol).unwrap();

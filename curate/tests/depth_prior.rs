@@ -29,6 +29,7 @@ fn sequence(folder: &Path) -> (PathBuf, PathBuf) {
     curate_video(&video, &folder.join("walk"), &settings, &Silent).unwrap();
     let poses = Poses {
         scale: Scale::Metres,
+        camera: None,
         frames: (0..6)
             .map(|frame| PosedFrame {
                 time_seconds: 0.1 * f64::from(frame),

@@ -31,7 +31,7 @@ pub(crate) use leaderboard::{
     SubmitResultsArguments,
 };
 pub(crate) use reconstruct::{
-    BackendArgument, ExportArguments, MethodArguments, ReconstructCommand, RenderArguments,
+    AssetArguments, BackendArgument, MethodArguments, ReconstructCommand, RenderArguments,
 };
 pub(crate) use run::RunArguments;
 pub(crate) use sweep::{

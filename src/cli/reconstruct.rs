@@ -235,7 +235,7 @@ impl RenderArguments {
 }
 
 #[derive(Debug, Args)]
-pub(crate) struct ExportArguments {
+pub(crate) struct AssetArguments {
     /// A run's folder, or a PLY of Gaussians as 3DGS writes it.
     pub(crate) gaussians: PathBuf,
     /// Levels of detail: numbers of Gaussians at most, or all of them.
@@ -256,7 +256,7 @@ pub(crate) struct ExportArguments {
     pub(crate) out: PathBuf,
 }
 
-impl ExportArguments {
+impl AssetArguments {
     /// What is to be exported.
     pub(crate) fn request(&self) -> ExportRequest {
         ExportRequest {
@@ -337,7 +337,7 @@ pub(crate) enum ReconstructCommand {
     /// Renders Gaussians along given poses to PNG files, and to a video.
     Render(RenderArguments),
     /// Writes Gaussians as levels of detail (.splat) for web viewers, with a record and a page.
-    Export(ExportArguments),
+    Export(AssetArguments),
     /// Serves an exported asset on 127.0.0.1, for levels that are too large for a page.
     Serve {
         /// Folder of the asset.

@@ -14,7 +14,7 @@ use omnilife_schemas::{camera::Camera, progress::Progress};
 
 use super::video;
 use crate::{
-    cli::{ExportArguments, ReconstructCommand, RenderArguments},
+    cli::{AssetArguments, ReconstructCommand, RenderArguments},
     exit, termination,
 };
 
@@ -107,7 +107,7 @@ fn description(method: &Method) -> String {
     text
 }
 
-fn export(arguments: &ExportArguments, progress: &dyn Progress) -> anyhow::Result<()> {
+fn export(arguments: &AssetArguments, progress: &dyn Progress) -> anyhow::Result<()> {
     let exported = export::export(&arguments.request(), progress)?;
     for note in &exported.notes {
         progress.note(note);

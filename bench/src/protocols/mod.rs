@@ -65,7 +65,11 @@ mod tests {
             1,
             "ceb122dc67f1da9b60810f9c434742e4742746f5ad13926485cb843fe5effd54",
         ),
-        ("sparse-panoramas", 1, "PINME"),
+        (
+            "sparse-panoramas",
+            1,
+            "7970c23481a4a3f4a5cc2367991b6b9ecbe97635daeb49be50992572f4e22fff",
+        ),
         (
             "input-view",
             1,

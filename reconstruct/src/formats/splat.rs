@@ -15,10 +15,7 @@ use glam::{DQuat, DVec3};
 use omnilife_engine::{
     gaussians::{
         ActivatedGaussians, SH_C0,
-        static_gaussians::{
-            InitialGaussians, LOG_SCALES, OPACITY_LOGITS, POSITIONS, QUATERNIONS, SH_CONSTANT,
-            sigmoid, table,
-        },
+        static_gaussians::{InitialGaussians, table},
     },
     parameters::ParameterTable,
 };
@@ -198,7 +195,9 @@ fn parsed(bytes: &[u8; ROW_BYTES]) -> Result<SplatRow, String> {
 
 #[cfg(test)]
 mod tests {
-    use omnilife_engine::gaussians::static_gaussians::activate;
+    use omnilife_engine::gaussians::static_gaussians::{
+        LOG_SCALES, OPACITY_LOGITS, POSITIONS, QUATERNIONS, SH_CONSTANT, activate, sigmoid,
+    };
     use proptest::prelude::*;
 
     use super::*;

@@ -159,6 +159,7 @@ pub fn reconstruct(
             frames.make_views(method.id, settings(), interpolate, &stage, progress)?
         }
     };
+    let up = up(&scene, &split);
     let record = RunRecord {
         method: method.id.to_owned(),
         scene: scene.id.clone(),
@@ -182,7 +183,7 @@ pub fn reconstruct(
         seconds_per_group: made.seconds_per_group,
         peak_memory_bytes: process::peak_memory_bytes(),
         normalization: made.normalization,
-        up: up(&scene, &split),
+        up,
         trace: made.trace,
         trace_views: made.trace_views,
         predictions: made.predictions,

@@ -2,13 +2,8 @@
 
 use std::path::PathBuf;
 
-use omnilife_engine::{camera::Camera, training_view::TrainingView};
-use omnilife_schemas::{
-    RgbImage,
-    camera::{ErpCamera, PinholeCamera},
-    distances::DistanceImage,
-    records::DepthPrior,
-};
+use omnilife_engine::training_view::TrainingView;
+use omnilife_schemas::{RgbImage, distances::DistanceImage, records::DepthPrior};
 
 use super::TrainingScene;
 use crate::error::ReconstructError;
@@ -44,38 +39,15 @@ impl TrainingScene {
             );
             return Err(ReconstructError::scene(&file.path, reason));
         }
-        Ok(Some(match resized(&camera, size) {
-            Camera::Erp(camera) => image.along_rays(prior.convention, &camera),
-            Camera::Pinhole(camera) => image.along_rays(prior.convention, &camera),
-        }))
-    }
-}
-
-/// A camera of the same field of view with another number of pixels.
-pub fn resized(camera: &Camera, [width, height]: [usize; 2]) -> Camera {
-    let [width, height] = [width as u32, height as u32];
-    match camera {
-        Camera::Erp(_) => ErpCamera { width, height }.into(),
-        Camera::Pinhole(camera) => {
-            let across = f64::from(width) / f64::from(camera.width);
-            let down = f64::from(height) / f64::from(camera.height);
-            PinholeCamera {
-                width,
-                height,
-                fx: camera.fx * across,
-                fy: camera.fy * down,
-                cx: camera.cx * across,
-                cy: camera.cy * down,
-            }
-            .into()
-        }
+        let camera = camera.resized(prior.width, prior.height);
+        Ok(Some(image.along_rays(prior.convention, &camera)))
     }
 }
 
 /// A view with fewer pixels or as many: colours and masks are averaged over the area of a pixel.
 pub fn resized_view(view: &TrainingView, size: [usize; 2]) -> TrainingView {
     let camera = &view.view.camera;
-    let own = [camera.width() as usize, camera.height() as usize];
+    let own = camera.size();
     if own == size {
         return view.clone();
     }
@@ -93,6 +65,6 @@ pub fn resized_view(view: &TrainingView, size: [usize; 2]) -> TrainingView {
         mask,
         ..view.clone()
     };
-    smaller.view.camera = resized(camera, size);
+    smaller.view.camera = camera.resized(width as u32, height as u32);
     smaller
 }

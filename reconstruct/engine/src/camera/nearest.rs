@@ -1,4 +1,4 @@
-//! Where a view sees a place of the world, to the pixel: millions of places, nothing differentiated.
+//! Where a view sees a place of the world: millions of places, nothing differentiated.
 
 use std::f32::consts::{PI, TAU};
 
@@ -26,19 +26,31 @@ impl Projector {
     /// The pixel that shows a place, counted row by row, and the place's distance from the camera;
     /// `None` where the camera stands there or does not look there.
     pub fn pixel(&self, place: Vec3) -> Option<(usize, f32)> {
+        let (image, distance) = self.image(place)?;
+        Some((self.pixel_at(image), distance))
+    }
+
+    /// The pixel at a place in the image, counted row by row.
+    pub fn pixel_at(&self, [u, v]: [f32; 2]) -> usize {
+        let [width, height] = self.camera.size();
+        // The last column of a panorama ends where the first begins, the last row at the pole.
+        (v as usize).min(height - 1) * width + u as usize % width
+    }
+
+    /// Where in its image a camera shows a place, pixels, and the place's distance from it; `None` where
+    /// it stands there or does not look there.
+    pub fn image(&self, place: Vec3) -> Option<([f32; 2], f32)> {
         let point = self.rotation * (place - self.centre);
         let distance = point.length();
         if !(distance > 0.0 && distance.is_finite()) {
             return None;
         }
-        let (width, height) = (self.camera.width() as usize, self.camera.height() as usize);
-        let (column, row) = match &self.camera {
+        let (width, height) = (self.camera.width() as f32, self.camera.height() as f32);
+        let image = match &self.camera {
             Camera::Erp(_) => {
                 let across = point.x.atan2(point.z) / TAU + 0.5;
                 let down = 0.5 + point.y.atan2(horizontal(point)) / PI;
-                let column = (across * width as f32) as usize;
-                let row = (down * height as f32) as usize;
-                (column % width, row.min(height - 1))
+                [across * width, down * height]
             }
             Camera::Pinhole(camera) => {
                 if point.z <= 0.0 {
@@ -46,13 +58,13 @@ impl Projector {
                 }
                 let u = camera.fx as f32 * point.x / point.z + camera.cx as f32;
                 let v = camera.fy as f32 * point.y / point.z + camera.cy as f32;
-                if !(u >= 0.0 && v >= 0.0 && u < width as f32 && v < height as f32) {
+                if !(u >= 0.0 && v >= 0.0 && u < width && v < height) {
                     return None;
                 }
-                (u as usize, v as usize)
+                [u, v]
             }
         };
-        Some((row * width + column, distance))
+        Some((image, distance))
     }
 }
 

@@ -75,7 +75,7 @@ impl Parameterization for Anchored {
     }
 
     /// Brings centres back into their balls, and takes the part of their moments that leads out of it.
-    fn keep_within_bounds(&self, table: &mut ParameterTable) {
+    fn keep_within_bounds(&mut self, table: &mut ParameterTable) {
         let Some(refinement) = &self.refinement else {
             return;
         };
@@ -117,7 +117,7 @@ mod tests {
         );
         let mut table = static_gaussians::table(&initial, 0);
         table.arrays[POSITIONS].first_moments = vec![-1.0, 2.0, 0.0, -1.0, 2.0, 0.0];
-        let anchored = Anchored {
+        let mut anchored = Anchored {
             refinement: Some(CentreRefinement {
                 anchors: Arc::new(vec![[0.0; 3]; 2]),
                 reach: Arc::new(vec![0.1; 2]),

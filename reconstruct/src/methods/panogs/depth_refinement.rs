@@ -21,7 +21,7 @@ const SPREAD_COLOUR: f32 = 12.0;
 /// is; those of the same surface are averaged. Nothing between two surfaces is made.
 pub(super) fn refined(image: &TrainingView, coarse: &SourceView) -> SourceView {
     let camera = &image.view.camera;
-    let size = [camera.width() as usize, camera.height() as usize];
+    let size = camera.size();
     let [width, height] = size;
     let small = resized_view(image, [coarse.distances.width, coarse.distances.height]);
     let mut values = vec![0.0; width * height];

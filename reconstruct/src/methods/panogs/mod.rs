@@ -80,8 +80,9 @@ pub const METHOD: Method = Method {
         WARM_START,
         CENTRE_REFINEMENT,
         SCAFFOLD,
+        SHAPE_REFINEMENT,
     ],
-    optional_components: &[SHAPE_REFINEMENT],
+    optional_components: &[],
     options: &[options::MAX_GAUSSIANS, options::FOOTPRINT],
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
@@ -190,7 +191,8 @@ fn model(
         Decision::new(
             false,
             "PanoGS keeps sizes and rotations; used where asked for",
-        ),
+        )
+        .whatever_the_plan(),
     );
     let mut frozen = Vec::new();
     if !warms_up {

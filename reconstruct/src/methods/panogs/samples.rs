@@ -185,16 +185,7 @@ fn points_of(gaussians: &InitialGaussians) -> PointCloud {
 }
 
 fn distance_views(views: &[SourceView]) -> Vec<DistanceView<'_>> {
-    let view = |source: &'_ SourceView| -> DistanceView<'_> {
-        DistanceView {
-            view: &source.view.view,
-            pixels: &source.view.pixels,
-            mask: source.view.mask.as_deref(),
-            distances: &source.distances,
-            confidences: source.confidences.as_deref(),
-        }
-    };
-    views.iter().map(view).collect()
+    views.iter().map(SourceView::as_given).collect()
 }
 
 /// Refuses distances of a mirrored world, or along something else than they are said to be.
@@ -283,7 +274,7 @@ fn scaled(
 
 /// Brings distances to the images' grids where those are finer.
 fn refine(scene: &TrainingScene, views: &mut [SourceView], size: [usize; 2], plan: &mut Plan<'_>) {
-    let image = [scene.camera.width as usize, scene.camera.height as usize];
+    let image = scene.camera.size();
     let reason = format!("distances are {} pixels wide, images {}", size[0], image[0]);
     let coarse = size[0] < image[0];
     let missing = (!coarse).then_some("images with more pixels than the distances");

@@ -4,7 +4,7 @@ use glam::DMat3;
 use omnilife_engine::{camera::View, training_view::TrainingView};
 use omnilife_schemas::{
     RgbImage,
-    camera::ErpCamera,
+    camera::{Camera, ErpCamera},
     distances::{DistanceImage, EDGE_RATIO},
 };
 
@@ -15,6 +15,7 @@ use crate::{
         sweep::{self, SweepSettings, SweptDepth},
     },
     scene::{TrainingScene, depth::resized_view},
+    seeds::depth::DistanceView,
 };
 
 /// A view with its distances on one grid.
@@ -26,6 +27,19 @@ pub(super) struct SourceView {
     pub(super) distances: DistanceImage,
     /// How much each can be trusted, where the source says so.
     pub(super) confidences: Option<Vec<f32>>,
+}
+
+impl SourceView {
+    /// As the lift sees it.
+    pub(super) fn as_given(&self) -> DistanceView<'_> {
+        DistanceView {
+            view: &self.view.view,
+            pixels: &self.view.pixels,
+            mask: self.view.mask.as_deref(),
+            distances: &self.distances,
+            confidences: self.confidences.as_deref(),
+        }
+    }
 }
 
 /// The views of a scene, and what their distances are.
@@ -85,8 +99,7 @@ pub(super) fn of_scene(scene: &TrainingScene) -> Result<Sources, ReconstructErro
 /// or distances that nobody measured.
 fn on_one_grid(view: &TrainingView, distances: DistanceImage) -> SourceView {
     let camera = &view.view.camera;
-    let image = [camera.width() as usize, camera.height() as usize];
-    let size = image.min([distances.width, distances.height]);
+    let size = camera.size().min([distances.width, distances.height]);
     SourceView {
         view: resized_view(view, size),
         distances: distances.resampled(size[0], size[1]),
@@ -96,10 +109,19 @@ fn on_one_grid(view: &TrainingView, distances: DistanceImage) -> SourceView {
 
 /// Every panorama against its nearest neighbours, each direction confirmed by the other view.
 fn swept(scene: &TrainingScene) -> Result<Sources, ReconstructError> {
+    let Camera::Erp(camera) = scene.camera else {
+        return Err(ReconstructError::Request {
+            reason: format!(
+                "{}: needs distances: the scene has none (curate poses --depth-prior), and the sphere \
+                 sweep, which finds them, takes panoramas",
+                scene.id
+            ),
+        });
+    };
     let views = &scene.input_views;
     let mut estimates: Vec<Vec<(SweptDepth, f64)>> = vec![Vec::new(); views.len()];
     for [first, second] in pairs(views) {
-        let group = group(scene.camera, [&views[first], &views[second]]);
+        let group = group(camera, [&views[first], &views[second]]);
         if let Some((rig, [a, b])) = sweep::depths(&group, &SweepSettings::DEFAULT) {
             estimates[first].push((a, rig.baseline));
             estimates[second].push((b, rig.baseline));

@@ -1,10 +1,6 @@
 //! Whether distances mean what they are said to mean, by how well views agree on places and colours.
 
-use omnilife_schemas::{
-    camera::CameraModel, distances::DistanceImage, records::DistanceConvention,
-};
-
-use omnilife_engine::camera::Camera;
+use omnilife_schemas::{camera::Camera, distances::DistanceImage, records::DistanceConvention};
 
 use super::{
     lift::DistanceView,
@@ -26,13 +22,7 @@ pub fn convention_disagreements(
     let as_given = disagreement(views)?;
     let otherwise: Vec<DistanceImage> = views
         .iter()
-        .map(|view| {
-            let distances = view.distances.clone();
-            match &view.view.camera {
-                Camera::Erp(camera) => read_as(distances, other, camera),
-                Camera::Pinhole(camera) => read_as(distances, other, camera),
-            }
-        })
+        .map(|view| read_as(view.distances.clone(), other, &view.view.camera))
         .collect();
     let otherwise: Vec<DistanceView<'_>> = views
         .iter()
@@ -46,7 +36,7 @@ pub fn convention_disagreements(
 fn read_as(
     mut distances: DistanceImage,
     meant: DistanceConvention,
-    camera: &impl CameraModel,
+    camera: &Camera,
 ) -> DistanceImage {
     if meant == DistanceConvention::Z {
         return distances.along_rays(DistanceConvention::Z, camera);

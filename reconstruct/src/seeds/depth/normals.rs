@@ -289,7 +289,8 @@ mod tests {
             values,
         };
         let clean = image((0..width * height).map(wall).collect());
-        assert!(relative_noise(&clean) < 3e-4);
+        // A plane is no straight line in angles: it is off by the square of a pixel's.
+        assert!(relative_noise(&clean) < 5e-4);
         let noisy = |at| wall(at) * (1.0 + 0.01 * noise());
         let noisy = image((0..width * height).map(noisy).collect());
         let found = relative_noise(&noisy);

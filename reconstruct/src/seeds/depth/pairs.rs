@@ -51,10 +51,13 @@ impl ScaledViews<'_> {
                 let arm = (points.ray(column, row) * f64::from(distance) * scale).as_vec3();
                 let arm: Vec3 = to_world * arm;
                 let place = from.view.centre + arm;
-                let Some((seen, away)) = projector.pixel(place) else {
+                let Some(([u, v], away)) = projector.image(place) else {
                     continue;
                 };
-                let theirs = to.distances.values[seen];
+                let seen = projector.pixel_at([u, v]);
+                // Between pixels: on a slanted surface the nearest one's is off by more than what is
+                // looked for.
+                let theirs = to.distances.sample(f64::from(u), f64::from(v));
                 if theirs <= 0.0 || to.hides(seen) {
                     continue;
                 }

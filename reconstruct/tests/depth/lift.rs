@@ -1,11 +1,8 @@
 //! Pixels with distances as Gaussians on surfaces, against a room that is known in closed form.
-#![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
-
-#[path = "support/room.rs"]
-mod room;
 
 use std::f64::consts::PI;
 
+use crate::room::{self, RoomView};
 use glam::{DVec3, Quat, Vec3};
 use omnilife_reconstruct::seeds::depth::{
     DistanceView, LiftSettings, Lifted, lift,
@@ -15,7 +12,6 @@ use omnilife_schemas::{camera::PinholeCamera, distances::DistanceImage, records:
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
-use room::RoomView;
 
 fn lifted(view: &RoomView, distances: &DistanceImage, mask: Option<&[u8]>) -> Lifted {
     let given = DistanceView {
