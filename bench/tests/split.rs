@@ -139,7 +139,10 @@ fn ten_panoramas_are_given_evenly_and_all_others_predicted() {
     assert_eq!(found.input_views, [1, 3, 6, 8, 11, 13, 16, 18, 21, 23]);
     assert_eq!(found.novel_views.len(), 15);
     let message = split(&scene(10, &[]), &protocol).unwrap_err().to_string();
-    assert!(message.contains("10 of 10 frames have a pose; 10 are given"), "{message}");
+    assert!(
+        message.contains("10 of 10 frames have a pose; 10 are given"),
+        "{message}"
+    );
 }
 
 #[test]

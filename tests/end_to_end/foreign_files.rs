@@ -149,6 +149,7 @@ fn commands(extra: &Path) -> Vec<Row> {
             "reconstruct render RUN --poses SCENE --size 32x16 --out OUT",
             0,
         ),
+        row("reconstruct export RUN --out OUT", 0),
         row("leaderboard build DATASET --out OUT", 0),
         row(
             &format!("leaderboard add {extra}/submission --results OUT"),

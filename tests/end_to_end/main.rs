@@ -3,6 +3,7 @@
 
 #[cfg(unix)]
 mod adapters;
+mod assets;
 mod bad_input;
 #[cfg(unix)]
 mod benchmark;

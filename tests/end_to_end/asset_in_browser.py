@@ -1,0 +1,111 @@
+"""The page of an asset in headless Chromium, from disk and without a network.
+
+usage: asset_in_browser.py PAGE SPLATS VIEW.ppm [SCREENSHOT]
+
+PAGE shows SPLATS Gaussians; VIEW is what the project's own renderer makes of what the page shows at first
+(binary PPM, 640 x 480, 75 degrees high). The page has to show the same, and not its mirror image.
+"""
+
+import base64
+import pathlib
+import struct
+import sys
+import time
+import zlib
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "scripts/browser"))
+import webdriver  # noqa: E402
+
+page, splats, view = sys.argv[1], int(sys.argv[2]), pathlib.Path(sys.argv[3]).read_bytes()
+webdriver.ARGUMENTS[:] = [argument for argument in webdriver.ARGUMENTS if argument != "--disable-gpu"] + [
+    "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+
+
+def pixels_of_png(data):
+    """Rows of (red, green, blue) of an 8-bit PNG without interlacing."""
+    at, body, size = 8, b"", None
+    while at < len(data):
+        length, kind = struct.unpack(">I4s", data[at:at + 8])
+        chunk = data[at + 8:at + 8 + length]
+        if kind == b"IHDR":
+            size = struct.unpack(">IIBBBBB", chunk)
+        elif kind == b"IDAT":
+            body += chunk
+        at += 12 + length
+    width, height, _, colour = size[:4]
+    step = {2: 3, 6: 4}[colour]
+    raw, rows, before = zlib.decompress(body), [], bytes(width * step)
+    for row in range(height):
+        start = row * (width * step + 1)
+        kind, line = raw[start], bytearray(raw[start + 1:start + 1 + width * step])
+        for index in range(len(line)):
+            left = line[index - step] if index >= step else 0
+            above = before[index]
+            corner = before[index - step] if index >= step else 0
+            if kind == 1:
+                line[index] = (line[index] + left) & 255
+            elif kind == 2:
+                line[index] = (line[index] + above) & 255
+            elif kind == 3:
+                line[index] = (line[index] + (left + above) // 2) & 255
+            elif kind == 4:
+                guess = left + above - corner
+                near = min((abs(guess - left), 0, left), (abs(guess - above), 1, above),
+                           (abs(guess - corner), 2, corner))
+                line[index] = (line[index] + near[2]) & 255
+        before = bytes(line)
+        rows.append([tuple(line[at:at + 3]) for at in range(0, len(line), step)])
+    return rows
+
+
+def blocks(rows, side=16):
+    """Mean grey of squares."""
+    out = []
+    for top in range(0, len(rows) - side + 1, side):
+        for left in range(0, len(rows[0]) - side + 1, side):
+            some = [sum(rows[y][x]) for y in range(top, top + side, 2) for x in range(left, left + side, 2)]
+            out.append(sum(some) / len(some) / 3)
+    return out
+
+
+def likeness(a, b):
+    """Correlation."""
+    mean_a, mean_b = sum(a) / len(a), sum(b) / len(b)
+    over = sum((x - mean_a) * (y - mean_b) for x, y in zip(a, b))
+    spread = sum((x - mean_a) ** 2 for x in a) * sum((y - mean_b) ** 2 for y in b)
+    return over / max(spread, 1e-9) ** 0.5
+
+
+with webdriver.browser(700, 600) as browser:
+    browser.devtools("Network.enable")
+    browser.devtools("Network.emulateNetworkConditions", offline=True, latency=0, downloadThroughput=0,
+                     uploadThroughput=0)
+    browser.size(640, 480)
+    begun = time.monotonic()
+    browser.open(page)
+    state = "return window.omnilife && (omnilife.error || (omnilife.ready && omnilife.frames > 1))"
+    webdriver.wait_for("Gaussians", lambda: browser.script(state), 90)
+    seconds = time.monotonic() - begun
+    webdriver.expect("error", browser.script("return omnilife.error"), None)
+    webdriver.expect("Gaussians", browser.script("return omnilife.splats"), splats)
+    # A sort follows the first drawing; after it nothing is drawn until something changes.
+    time.sleep(4)
+    frames = browser.script("return omnilife.frames")
+    time.sleep(2)
+    webdriver.expect("frames without a change", browser.script("return omnilife.frames"), frames)
+    url = browser.script("return document.querySelector('canvas').toDataURL('image/png')")
+    if len(sys.argv) > 4:
+        browser.screenshot(sys.argv[4])
+    webdriver.expect("console", browser.console_errors(), [])
+
+drawn = pixels_of_png(base64.b64decode(url.split(",")[1]))
+header, width, height, _ = view.split(maxsplit=4)[:4]
+width, height = int(width), int(height)
+data = view[-3 * width * height:]
+expected = [[tuple(data[3 * (y * width + x):3 * (y * width + x) + 3]) for x in range(width)]
+            for y in range(height)]
+straight = likeness(blocks(drawn), blocks(expected))
+mirrored = likeness(blocks([row[::-1] for row in drawn]), blocks(expected))
+print(f"first drawing after {seconds:.1f} s; likeness {straight:.3f}, mirrored {mirrored:.3f}")
+if straight < 0.8 or mirrored > straight - 0.1:
+    sys.exit("the page does not show what the renderer draws")

@@ -1,0 +1,289 @@
+//! Gaussians of a run exported for web viewers, rendered again, and served.
+
+use std::{
+    io::{BufRead, BufReader, Read, Write},
+    net::TcpStream,
+    path::Path,
+    process::{Command, Stdio},
+};
+
+use serde_json::Value;
+
+use crate::support::{METHOD, SEQUENCE, omnilife, picture, scratch, small_run};
+
+fn exported(out: &Path, arguments: &[&str]) -> crate::support::Ended {
+    let run = small_run().out.join(METHOD).join("run");
+    let mut words = vec!["reconstruct", "export", run.to_str().unwrap(), "--out"];
+    words.push(out.to_str().unwrap());
+    words.extend(arguments);
+    omnilife(words)
+}
+
+fn asset(out: &Path) -> Value {
+    serde_json::from_slice(&std::fs::read(out.join("asset.json")).unwrap()).unwrap()
+}
+
+#[test]
+fn levels_are_exported_with_a_record_and_rendered_again() {
+    let folder = scratch();
+    let out = folder.path().join("asset");
+    let ended = exported(&out, &["--lod", "100,50,9M,full"]).succeeded();
+    assert!(
+        ended.stderr.contains("level 9M is left out"),
+        "{}",
+        ended.stderr
+    );
+    let record = asset(&out);
+    let levels = record["levels"].as_array().unwrap();
+    let names: Vec<&str> = levels
+        .iter()
+        .map(|level| level["name"].as_str().unwrap())
+        .collect();
+    assert_eq!(names, ["50", "100", "full"]);
+    for level in levels {
+        let file = out.join(level["file"].as_str().unwrap());
+        let bytes = std::fs::metadata(file).unwrap().len();
+        assert_eq!(Some(bytes), level["bytes"].as_u64());
+        assert_eq!(
+            Some(bytes),
+            level["splats"].as_u64().map(|splats| 32 * splats)
+        );
+    }
+    let scene = small_run().out.join(SEQUENCE).join("scene.json");
+    let views = folder.path().join("views");
+    omnilife([
+        "reconstruct".as_ref(),
+        "render".as_ref(),
+        out.join("full.splat").as_os_str(),
+        "--poses".as_ref(),
+        scene.as_os_str(),
+        "--out".as_ref(),
+        views.as_os_str(),
+    ])
+    .succeeded();
+    let run = small_run().out.join(METHOD).join("run");
+    let predicted = picture(&run.join("predictions/novel/000004.png"));
+    let rendered = picture(&views.join("000004.png"));
+    let squares = predicted
+        .iter()
+        .zip(rendered.iter())
+        .map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2));
+    let mean = squares.sum::<f64>() / predicted.len() as f64;
+    // Bytes of colours and rotations, thickened needles, the shell pulled in: the same place still.
+    assert!(10.0 * (255.0 * 255.0 / mean).log10() > 25.0, "{mean}");
+}
+
+#[test]
+fn requests_that_make_no_asset_are_refused_in_one_line_and_leave_nothing() {
+    let folder = scratch();
+    let out = folder.path().join("asset");
+    for (arguments, expected) in [
+        (
+            &["--lod", "9M"][..],
+            "fewer than every level that is asked for; ask for full",
+        ),
+        (&["--lod", "some"], "is no level"),
+        (&["--up", "0,0,0"], "is no direction up"),
+    ] {
+        let ended = exported(&out, arguments);
+        let line = ended.failed_quietly(2);
+        assert!(line.contains(expected), "{line}");
+        assert!(!out.exists());
+    }
+    let broken = folder.path().join("broken.splat");
+    std::fs::write(&broken, [0; 33]).unwrap();
+    let ended = omnilife([
+        "reconstruct".as_ref(),
+        "export".as_ref(),
+        broken.as_os_str(),
+        "--out".as_ref(),
+        out.as_os_str(),
+    ]);
+    assert!(
+        ended
+            .failed_quietly(2)
+            .contains("broken.splat: has 33 bytes"),
+        "{}",
+        ended.stderr
+    );
+}
+
+#[test]
+fn without_the_viewer_the_page_is_a_line_and_the_levels_are_there() {
+    let folder = scratch();
+    let out = folder.path().join("asset");
+    let run = small_run().out.join(METHOD).join("run");
+    let ended = Command::new(env!("CARGO_BIN_EXE_omnilife"))
+        .args(["reconstruct", "export"])
+        .arg(&run)
+        .args(["--page", "--out"])
+        .arg(&out)
+        .env("OMNILIFE_DATA", folder.path())
+        .output()
+        .unwrap();
+    assert!(ended.status.success());
+    let stderr = String::from_utf8_lossy(&ended.stderr);
+    assert!(stderr.contains("scripts/setup --viewer"), "{stderr}");
+    assert!(out.join("full.splat").exists() && !out.join("index.html").exists());
+    assert!(asset(&out)["page"].is_null());
+    let ended = omnilife(["reconstruct".as_ref(), "serve".as_ref(), out.as_os_str()]);
+    assert!(
+        ended.failed_quietly(2).contains("has no page"),
+        "{}",
+        ended.stderr
+    );
+}
+
+/// The head and the body of an answer.
+fn answer(address: &str, request: &str) -> (String, Vec<u8>) {
+    let mut stream = TcpStream::connect(address).unwrap();
+    write!(stream, "{request}\r\nHost: {address}\r\n\r\n").unwrap();
+    let mut bytes = Vec::new();
+    stream.read_to_end(&mut bytes).unwrap();
+    let end = bytes
+        .windows(4)
+        .position(|four| four == b"\r\n\r\n")
+        .unwrap();
+    let head = String::from_utf8(bytes[..end].to_vec()).unwrap();
+    (head, bytes[end + 4..].to_vec())
+}
+
+#[test]
+fn a_server_gives_the_assets_files_and_nothing_else() {
+    let folder = scratch();
+    let out = folder.path().join("asset");
+    let run = small_run().out.join(METHOD).join("run");
+    let made = Command::new(env!("CARGO_BIN_EXE_omnilife"))
+        .args(["reconstruct", "export", "--page"])
+        .arg(run)
+        .arg("--out")
+        .arg(&out)
+        .output()
+        .unwrap();
+    assert!(made.status.success());
+    if asset(&out)["page"].is_null() {
+        omnilife_schemas::testing::skip("no viewer, scripts/setup --viewer fetches it");
+        return;
+    }
+    let mut server = Command::new(env!("CARGO_BIN_EXE_omnilife"))
+        .args(["reconstruct", "serve", "--port", "0"])
+        .arg(&out)
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut line = String::new();
+    BufReader::new(server.stdout.take().unwrap())
+        .read_line(&mut line)
+        .unwrap();
+    let address = line
+        .trim_start_matches("http://")
+        .split('/')
+        .next()
+        .unwrap()
+        .to_owned();
+    let (head, page) = answer(&address, "GET / HTTP/1.1");
+    assert!(
+        head.starts_with("HTTP/1.1 200") && page == std::fs::read(out.join("index.html")).unwrap()
+    );
+    let (_, level) = answer(&address, "GET /full.splat HTTP/1.1");
+    assert_eq!(level, std::fs::read(out.join("full.splat")).unwrap());
+    for request in [
+        "GET /../asset.json HTTP/1.1",
+        "GET /.done/export.json HTTP/1.1",
+        "GET //etc/passwd HTTP/1.1",
+    ] {
+        assert!(
+            answer(&address, request).0.starts_with("HTTP/1.1 404"),
+            "{request}"
+        );
+    }
+    assert!(
+        answer(&address, "POST / HTTP/1.1")
+            .0
+            .starts_with("HTTP/1.1 405")
+    );
+    server.kill().unwrap();
+    server.wait().unwrap();
+}
+
+#[test]
+fn the_page_shows_in_a_browser_what_the_renderer_draws() {
+    let found = |program: &str| Command::new(program).arg("--version").output().is_ok();
+    if !(found("chromium") && found("chromedriver") && found("python3")) {
+        omnilife_schemas::testing::skip(
+            "no Chromium with its driver, scripts/setup --browser installs them",
+        );
+        return;
+    }
+    let folder = scratch();
+    let out = folder.path().join("asset");
+    let run = small_run().out.join(METHOD).join("run");
+    let made = Command::new(env!("CARGO_BIN_EXE_omnilife"))
+        .args(["reconstruct", "export", "--page"])
+        .arg(run)
+        .arg("--out")
+        .arg(&out)
+        .output()
+        .unwrap();
+    assert!(made.status.success());
+    let record = asset(&out);
+    if record["page"].is_null() {
+        omnilife_schemas::testing::skip("no viewer, scripts/setup --viewer fetches it");
+        return;
+    }
+    // What the page shows at first: from the origin of the files along their z.
+    let placement = &record["placement"];
+    let [w, x, y, z] = [0, 1, 2, 3].map(|at| placement["rotation_wxyz"][at].as_f64().unwrap());
+    let poses = serde_json::json!({
+        "schema": "omnilife/poses/2",
+        "scale": "arbitrary",
+        "camera": null,
+        "frames": [{
+            "time_seconds": 0.0,
+            "pose": { "rotation_wxyz": [w, -x, -y, -z], "centre": placement["offset"] },
+            "mask": null,
+        }],
+        "points": null,
+    });
+    let path = folder.path().join("poses.json");
+    std::fs::write(&path, poses.to_string()).unwrap();
+    let views = folder.path().join("views");
+    // 75 degrees high at 640 x 480.
+    let degrees = 2.0
+        * (37.5_f64.to_radians().tan() * 640.0 / 480.0)
+            .atan()
+            .to_degrees();
+    omnilife([
+        "reconstruct".as_ref(),
+        "render".as_ref(),
+        out.join("full.splat").as_os_str(),
+        "--poses".as_ref(),
+        path.as_os_str(),
+        "--camera".as_ref(),
+        "pinhole".as_ref(),
+        "--size".as_ref(),
+        "640x480".as_ref(),
+        "--fov-degrees".as_ref(),
+        degrees.to_string().as_ref(),
+        "--out".as_ref(),
+        views.as_os_str(),
+    ])
+    .succeeded();
+    let mut view = b"P6 640 480 255\n".to_vec();
+    view.extend(picture(&views.join("000000.png")).iter());
+    let ppm = folder.path().join("view.ppm");
+    std::fs::write(&ppm, view).unwrap();
+    let mut browser = Command::new("python3");
+    browser
+        .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/end_to_end/asset_in_browser.py"))
+        .arg(out.join("index.html"))
+        .arg(record["splats"].to_string())
+        .arg(&ppm);
+    if let Some(folder) = std::env::var_os("OMNILIFE_SCREENSHOTS") {
+        browser.arg(Path::new(&folder).join("asset.png"));
+    }
+    let output = browser.output().unwrap();
+    print!("{}", String::from_utf8_lossy(&output.stdout));
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{stderr}");
+}
