@@ -88,6 +88,7 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         &[
             "curate poses SEQUENCE",
             "curate poses SEQUENCE --poses poses.json",
+            "curate poses SEQUENCE --poses poses.json --depth-prior DIR --depth-prior-unit 0.0025",
         ],
     ),
     (
@@ -128,6 +129,14 @@ pub(crate) const EXAMPLES: &[Examples] = &[
             "reconstruct render RUN --poses SEQUENCE --layer dynamic --out VIEWS",
         ],
     ),
+    (
+        "reconstruct export",
+        &[
+            "reconstruct export RUN --lod 1M,5M,full --page --out ASSET",
+            "reconstruct export gaussians.ply --up 0,-1,0 --out ASSET",
+        ],
+    ),
+    ("reconstruct serve", &["reconstruct serve ASSET"]),
     ("reconstruct methods", &["reconstruct methods"]),
     (
         "bench split",
