@@ -21,7 +21,7 @@ use support::{Notes, erp_clip};
 
 /// A sequence with poses for all of its frames.
 fn sequence(folder: &Path) -> (PathBuf, PathBuf) {
-    let video = erp_clip(folder, "walk.mp4", &[1], 6, 10);
+    let video = erp_clip(folder, "walk.mp4", &[1], 12, 10);
     let settings = CurateSettings {
         enforce: false,
         ..CurateSettings::default()
@@ -30,7 +30,7 @@ fn sequence(folder: &Path) -> (PathBuf, PathBuf) {
     let poses = Poses {
         scale: Scale::Metres,
         camera: None,
-        frames: (0..6)
+        frames: (0..12)
             .map(|frame| PosedFrame {
                 time_seconds: 0.1 * f64::from(frame),
                 pose: Pose {
@@ -78,7 +78,10 @@ fn distances_are_brought_to_the_projects_grid_and_some_may_be_missing() {
     };
     let scene = pose(DistanceGrid::HalfPixel);
     let lines = notes.take().join("\n");
-    assert!(lines.contains("4 of 6 frames have no distances"), "{lines}");
+    assert!(
+        lines.contains("10 of 12 frames have no distances"),
+        "{lines}"
+    );
     assert!(scene.frames[1].depth_prior.is_none() && scene.frames[0].depth.is_none());
     let found = scene.frames[2].depth_prior.clone().unwrap();
     assert_eq!((found.width, found.height, found.unit), (32, 16, 1.0));
@@ -118,7 +121,7 @@ fn distances_that_cannot_be_used_are_refused_in_one_line_and_leave_nothing() {
         message
     };
     let given = prior(&folder, DistanceGrid::HalfPixel);
-    assert!(refusal(&given).contains("has no distances of any of the 6 frames"));
+    assert!(refusal(&given).contains("has no distances of any of the 12 frames"));
     let file = folder.join("000001.npy");
     for (shape, values, expected) in [
         (

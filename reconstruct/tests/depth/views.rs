@@ -157,7 +157,8 @@ fn the_finest_view_of_a_place_is_that_of_brute_force() {
         kept += found.iter().filter(|found| found.is_finest).count();
     }
     let share = f64::from(kept as u32) / f64::from(all as u32);
-    assert!((0.15..0.5).contains(&share), "{share}");
+    // Five views of one room: between a fifth and all of it.
+    assert!((0.2..0.7).contains(&share), "{share}");
     assert!((tolerance(0.001) - 0.02).abs() < 1e-12 && (tolerance(0.05) - 0.15).abs() < 1e-12);
 }
 

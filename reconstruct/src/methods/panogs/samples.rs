@@ -31,6 +31,8 @@ const MIRRORED_DECIBELS: f64 = 3.0;
 const CONVENTION_FACTOR: f64 = 3.0;
 /// How much larger samples get at most where they are thinned out.
 const LARGEST_GROWTH: f32 = 4.0;
+/// Places among which directions without any are looked for, at most.
+const MOST_PLACES: usize = 200_000;
 /// Views in whose free space a sample has to stand to be a ghost.
 const GHOST_VIEWS: u16 = 2;
 
@@ -83,9 +85,10 @@ impl Samples {
                 ),
             });
         }
+        let surfaces = some_places(&lifted);
         let (lifted, shape) = chosen(&views, lifted, disagreement, plan, &mut remarks);
         let mut samples = Self::joined(views, lifted, shape, disagreement, remarks);
-        samples.add_sky(scene, plan);
+        samples.add_sky(scene, surfaces, plan);
         samples.thin(plan);
         Ok(samples)
     }
@@ -134,15 +137,15 @@ impl Samples {
     }
 
     /// A shell in the directions that no view knows a distance of.
-    fn add_sky(&mut self, scene: &TrainingScene, plan: &mut Plan<'_>) {
+    fn add_sky(&mut self, scene: &TrainingScene, surfaces: PointCloud, plan: &mut Plan<'_>) {
         let with_points = TrainingScene {
-            points: points_of(&self.gaussians),
+            points: surfaces,
             ..scene.clone()
         };
         let room = self.gaussians.len() as u64;
         let sky = OpenSky::of(&with_points, room);
         let reason = format!(
-            "{:.1} % of {} directions have no sample (limit {:.0} %)",
+            "{:.1} % of {} directions have no known distance (limit {:.0} %)",
             100.0 * sky.share(),
             sky.directions,
             100.0 * SKY_SHARE
@@ -173,6 +176,17 @@ impl Samples {
         self.remarks.push(format!(
             "{maximum} of {all} samples, evenly spread and {growth:.2} times as large"
         ));
+    }
+}
+
+/// Places on the surfaces that the views show: enough of them to find the directions without any.
+fn some_places(lifted: &[Lifted]) -> PointCloud {
+    let all: usize = lifted.iter().map(Lifted::len).sum();
+    let positions = lifted.iter().flat_map(|lifted| &lifted.gaussians.positions);
+    let positions: Vec<[f32; 3]> = positions.step_by(all / MOST_PLACES + 1).copied().collect();
+    PointCloud {
+        colours: vec![[0; 3]; positions.len()],
+        positions,
     }
 }
 
