@@ -4,8 +4,8 @@
 //! here against its definition by finite differences.
 
 pub mod erp;
-pub mod nearest;
 pub(crate) mod lanes;
+pub mod nearest;
 pub mod pinhole;
 pub mod pose;
 pub mod rays;
