@@ -1,21 +1,16 @@
 //! Where the distances of the input views come from: files, or the sphere sweep.
 
-use glam::DMat3;
 use omnilife_engine::{camera::View, training_view::TrainingView};
 use omnilife_schemas::{
     RgbImage,
-    camera::{Camera, ErpCamera},
     distances::{DistanceImage, EDGE_RATIO},
 };
 
 use crate::{
     error::ReconstructError,
-    methods::feed_forward::{
-        CameraPose, ContextView, Group,
-        sweep::{self, SweepSettings, SweptDepth},
-    },
     scene::{TrainingScene, depth::resized_view},
     seeds::depth::DistanceView,
+    stereo::{self, Placement, SweepSettings, SweptDepth},
 };
 
 /// A view with its distances on one grid.
@@ -109,7 +104,7 @@ fn on_one_grid(view: &TrainingView, distances: DistanceImage) -> SourceView {
 
 /// Every panorama against its nearest neighbours, each direction confirmed by the other view.
 fn swept(scene: &TrainingScene) -> Result<Sources, ReconstructError> {
-    let Camera::Erp(camera) = scene.camera else {
+    if !scene.camera.wraps() {
         return Err(ReconstructError::Request {
             reason: format!(
                 "{}: needs distances: the scene has none (curate poses --depth-prior), and the sphere \
@@ -117,12 +112,16 @@ fn swept(scene: &TrainingScene) -> Result<Sources, ReconstructError> {
                 scene.id
             ),
         });
-    };
+    }
     let views = &scene.input_views;
     let mut estimates: Vec<Vec<(SweptDepth, f64)>> = vec![Vec::new(); views.len()];
+    let [width, height] = scene.camera.size();
+    let image = |view: &TrainingView| RgbImage::from_rgb8(width, height, &view.pixels);
     for [first, second] in pairs(views) {
-        let group = group(camera, [&views[first], &views[second]]);
-        if let Some((rig, [a, b])) = sweep::depths(&group, &SweepSettings::DEFAULT) {
+        let of_pair = [&views[first], &views[second]];
+        let [a, b] = of_pair.map(image);
+        let cameras = of_pair.map(|view| placement(&view.view));
+        if let Some((rig, [a, b])) = stereo::depths([&a, &b], cameras, &SweepSettings::DEFAULT) {
             estimates[first].push((a, rig.baseline));
             estimates[second].push((b, rig.baseline));
         }
@@ -172,25 +171,10 @@ fn pairs(views: &[TrainingView]) -> Vec<[usize; 2]> {
     pairs
 }
 
-fn group(camera: ErpCamera, views: [&TrainingView; 2]) -> Group {
-    let (width, height) = (camera.width as usize, camera.height as usize);
-    Group {
-        camera,
-        context: views.map(|view| ContextView {
-            frame: view.frame,
-            camera_pose: camera_pose(&view.view),
-            image: RgbImage::from_rgb8(width, height, &view.pixels),
-        }),
-        targets: Vec::new(),
-    }
-}
-
-fn camera_pose(view: &View) -> CameraPose {
-    let to_world: DMat3 = view.rotation.as_dmat3().transpose();
-    CameraPose {
-        to_world,
+fn placement(view: &View) -> Placement {
+    Placement {
+        to_world: view.rotation.as_dmat3().transpose(),
         centre: view.centre.as_dvec3(),
-        time_seconds: view.time_seconds,
     }
 }
 
