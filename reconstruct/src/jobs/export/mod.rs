@@ -80,7 +80,10 @@ pub fn export(
     let begun = Instant::now();
     let (drawable, source) = drawable_of(request)?;
     let splats = drawable.rows.len() as u64;
-    let (wanted, left_out) = levels_within(request, splats)?;
+    let Wanted {
+        levels: wanted,
+        left_out,
+    } = levels_within(request, splats)?;
     let mut notes = left_out.clone();
     let libraries = match request.with_page.then(page::libraries) {
         None => None,
@@ -187,12 +190,16 @@ fn up(request: &ExportRequest, record: Option<&RunRecord>) -> Result<DVec3, Reco
     })
 }
 
-/// The levels that there are Gaussians for, the smallest first, with their numbers, and why the others
-/// are left out.
-fn levels_within(
-    request: &ExportRequest,
-    splats: u64,
-) -> Result<(Vec<(Level, u64)>, Vec<String>), ReconstructError> {
+/// Which levels there will be.
+struct Wanted {
+    /// The smallest first, each with its number of Gaussians.
+    levels: Vec<(Level, u64)>,
+    /// Why others are not there.
+    left_out: Vec<String>,
+}
+
+/// The levels that there are Gaussians for.
+fn levels_within(request: &ExportRequest, splats: u64) -> Result<Wanted, ReconstructError> {
     let refuse = |reason: String| Err(ReconstructError::scene(&request.gaussians, reason));
     let (mut wanted, mut left_out) = (Vec::new(), Vec::new());
     for level in &request.levels {
@@ -217,7 +224,10 @@ fn levels_within(
             level.name
         ));
     }
-    Ok((wanted, left_out))
+    Ok(Wanted {
+        levels: wanted,
+        left_out,
+    })
 }
 
 fn write_levels(
