@@ -106,7 +106,7 @@ impl Samples {
             view_of.extend(std::iter::repeat_n(number as u16, of_view.len()));
             all.append(of_view);
         }
-        remarks.push(told(&all.counts, all.len()));
+        remarks.push(summary(&all.counts, all.len()));
         let mut radii = all.radii;
         let middle = radii.len() / 2;
         let median_radius = *radii.select_nth_unstable_by(middle, f32::total_cmp).1;
@@ -350,7 +350,7 @@ fn chosen(
 }
 
 /// What became of the pixels, in a line.
-fn told(counts: &LiftCounts, kept: usize) -> String {
+fn summary(counts: &LiftCounts, kept: usize) -> String {
     format!(
         "{kept} samples of {} pixels: {} without a distance, {} masked, {} thinned near the poles, {} \
          between surfaces, {} finer elsewhere",
