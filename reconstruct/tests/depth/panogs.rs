@@ -111,7 +111,6 @@ fn exact_distances_of_several_views_need_a_choice_and_nothing_else() {
         ("warm-start", true),
         ("depth-scale", false),
         ("depth-refinement", false),
-        ("sky-shell", false),
     ] {
         assert_eq!(is_used(&prepared, component), expected, "{component}");
     }
