@@ -149,6 +149,11 @@ fn commands(extra: &Path) -> Vec<Row> {
             "reconstruct render RUN --poses SCENE --size 32x16 --out OUT",
             0,
         ),
+        row(&format!("reconstruct atlas {extra}/nag --out OUT"), 0),
+        row(
+            &format!("reconstruct edit {extra}/nag --script {extra}/edit.toml --out OUT"),
+            0,
+        ),
         row("leaderboard build DATASET --out OUT", 0),
         row(
             &format!("leaderboard add {extra}/submission --results OUT"),
@@ -170,6 +175,7 @@ fn prepare(extra: &Path) {
          [predictions]\nnovel = \"{work}/{frame:06}.png\"\n",
     )
     .unwrap();
+    fs::write(extra.join("edit.toml"), "edit = []\n").unwrap();
     fs::write(
         extra.join("card.toml"),
         "method = \"odgs\"\ntitle = \"ODGS\"\nauthors = [\"A\"]\nlicence = \"MIT\"\nhardware = \"x\"\n",
@@ -189,6 +195,13 @@ fn prepare(extra: &Path) {
                 "bench score --scene SCENE --split SPLIT --run {}/run.json --out {}",
                 at("traced"),
                 at("traced-score")
+            ),
+            0,
+        ),
+        row(
+            &format!(
+                "reconstruct train SCENE --split SPLIT --method nag --iterations 2 --set rays=64 --out {}",
+                at("nag")
             ),
             0,
         ),

@@ -3,6 +3,7 @@
 
 #[cfg(unix)]
 mod adapters;
+mod atlas;
 mod bad_input;
 #[cfg(unix)]
 mod benchmark;

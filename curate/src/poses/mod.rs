@@ -231,6 +231,7 @@ fn stage_scene(
             pose,
             mask,
             classes: [].into(),
+            objects: [].into(),
             depth: None,
             depth_prior: None,
         })

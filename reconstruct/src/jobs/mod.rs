@@ -1,6 +1,9 @@
 //! Whole commands: they read records, call the rest of the crate, and write records.
 
+pub mod atlas;
+pub mod edit;
 pub mod interpolate;
+mod opened_gaussians;
 pub mod plan_cost;
 pub mod reconstruct;
 pub mod render;

@@ -10,6 +10,7 @@ pub mod omni4dgs;
 pub mod omni4dgs_plus;
 pub mod periodic;
 mod prepared;
+pub mod run_formats;
 
 use omnilife_schemas::{names, records::ComponentDecision};
 

@@ -2,13 +2,14 @@
 //!
 //! * [`setup`]: what a case consists of;
 //! * [`cases`]: the catalogue, and `in_time` what of it is about time; [`special`]: what renders
-//!   nothing, and `clips`, on which methods are trained;
+//!   nothing, `clips`, on which methods are trained, and `atlas`, what atlases are made of;
 //! * [`sweeps`]: families of cases whose condition number grows;
 //! * [`parameterizations`], [`devices`]: what they are tried on;
 //! * [`mod@measure`]: errors of image and gradient against [`omnilife_engine::render::reference`].
 //!
 //! To add a case: a function and a line in its slice.
 
+mod atlas;
 pub mod cases;
 mod clips;
 pub mod devices;

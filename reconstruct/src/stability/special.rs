@@ -4,7 +4,7 @@
 use omnilife_schemas::records::{StabilityMeasures, StabilityRow, StabilityStatus};
 
 use crate::stability::{
-    NO_PARAMETERIZATION, clips,
+    NO_PARAMETERIZATION, atlas, clips,
     devices::{Device, DeviceKind},
     parameterizations::{self, DEFORMABLE, STATIC},
     setup::{Setup, mild},
@@ -49,7 +49,7 @@ impl Judgement {
 
 /// All cases that render nothing.
 pub fn all() -> impl Iterator<Item = &'static SpecialCase> {
-    SPECIAL_CASES.iter().chain(clips::CASES)
+    SPECIAL_CASES.iter().chain(clips::CASES).chain(atlas::CASES)
 }
 
 const SPECIAL_CASES: &[SpecialCase] = &[

@@ -1,14 +1,20 @@
 //! A clip as the method sees it: frames with cameras, images and the masks of objects.
 
+use std::collections::BTreeMap;
+
 use glam::{DMat3, DVec2};
 use omnilife_engine::{
     camera::{Camera, View},
     surfaces::plane::Ray,
+    training_view::TrainingView,
     trajectories::rigid_spline::RigidPose,
 };
 use omnilife_schemas::camera::CameraModel;
 
-use super::linked_masks::linked;
+use super::{
+    graph::{Footage, TakenFrame},
+    linked_masks::linked,
+};
 use crate::{error::ReconstructError, scene::TrainingScene};
 
 /// Frames to learn from.
@@ -99,28 +105,35 @@ impl Clip {
         let clock = UnitClock::of(all.map(|view| view.view.time_seconds));
         let mut views: Vec<_> = scene.input_views.iter().collect();
         views.sort_by_key(|view| view.frame);
-        let masks: Vec<Option<&[u8]>> = views.iter().map(|view| view.mask.as_deref()).collect();
         let size = [camera.width() as usize, camera.height() as usize];
-        let objects = linked(&masks, size, camera.wraps());
+        let (objects, masks) = objects_of(scene, &views, size);
         let frames = views.iter().enumerate().map(|(number, view)| ClipFrame {
             number: view.frame,
             time: clock.time(view.view.time_seconds),
             pose: pose_of(&view.view),
             pixels: view.pixels.clone(),
-            masks: objects
-                .iter()
-                .map(|object| object[number].clone())
-                .collect(),
+            masks: masks.iter().map(|object| object[number].clone()).collect(),
         });
         Ok(Self {
             camera,
             frames: frames.collect(),
-            objects: (1..=objects.len())
-                .map(|number| format!("{number:02}"))
-                .collect(),
+            objects,
             clock,
             remarks: Vec::new(),
         })
+    }
+
+    /// The frames without their images.
+    pub fn footage(&self) -> Footage {
+        let frames = self.frames.iter().map(|frame| TakenFrame {
+            number: frame.number,
+            time: frame.time,
+            pose: frame.pose,
+        });
+        Footage {
+            camera: self.camera,
+            frames: frames.collect(),
+        }
     }
 
     /// Columns and rows of pixels.
@@ -133,6 +146,30 @@ impl Clip {
         let [width, height] = self.size();
         width * height
     }
+}
+
+/// Masks of an object, one for each frame; `None` where it is nowhere.
+type ObjectMasks = Vec<Option<Vec<u8>>>;
+
+/// Names of objects, and for each its masks in some views: those that the scene names, or connected pieces
+/// of its masks.
+fn objects_of(
+    scene: &TrainingScene,
+    views: &[&TrainingView],
+    size: [usize; 2],
+) -> (Vec<String>, Vec<ObjectMasks>) {
+    if !scene.objects.is_empty() {
+        let in_views = |masks: &BTreeMap<u32, Vec<u8>>| {
+            let views = views.iter();
+            views.map(|view| masks.get(&view.frame).cloned()).collect()
+        };
+        let names = scene.objects.keys().cloned().collect();
+        return (names, scene.objects.values().map(in_views).collect());
+    }
+    let masks: Vec<Option<&[u8]>> = views.iter().map(|view| view.mask.as_deref()).collect();
+    let objects = linked(&masks, size, scene.inputs().camera.wraps());
+    let names = (1..=objects.len()).map(|number| format!("{number:02}"));
+    (names.collect(), objects)
 }
 
 /// Camera to world of a view.

@@ -1,6 +1,7 @@
 //! An atlas: its nodes, and what is learnt of the camera.
 
-use omnilife_engine::trajectories::rigid_spline::RigidPose;
+use glam::{DMat3, DVec3};
+use omnilife_engine::{camera::Camera, trajectories::rigid_spline::RigidPose};
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -17,6 +18,39 @@ pub struct Graph {
     pub camera: Option<LearntOffsets>,
     /// From seconds to the time of splines.
     pub clock: UnitClock,
+    /// What it was learnt from.
+    pub footage: Footage,
+}
+
+/// The frames that an atlas was learnt from, without their images.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Footage {
+    /// Size and model of all frames.
+    pub camera: Camera,
+    /// In order of time.
+    pub frames: Vec<TakenFrame>,
+}
+
+/// When and from where a frame was taken.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct TakenFrame {
+    /// Its number in the scene.
+    pub number: u32,
+    /// In [0, 1].
+    pub time: f64,
+    /// Camera to world, normalized units, as given.
+    pub pose: RigidPose,
+}
+
+impl Footage {
+    /// The camera of the first frame.
+    pub fn first_pose(&self) -> RigidPose {
+        let still = RigidPose {
+            centre: DVec3::ZERO,
+            rotation: DMat3::IDENTITY,
+        };
+        self.frames.first().map_or(still, |frame| frame.pose)
+    }
 }
 
 /// Names of everything that is trained, in the order of [`Graph::parameter_counts`].

@@ -310,6 +310,10 @@ impl Learner for AtlasLearner {
         Ok(saved::write(folder, &self.graph)?)
     }
 
+    fn begins_with_points(&self) -> bool {
+        false
+    }
+
     fn warnings(&self) -> Vec<String> {
         let share = self.state.missed as f64 / self.state.seen.max(1) as f64;
         let mut warnings = Vec::new();

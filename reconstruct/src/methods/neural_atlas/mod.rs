@@ -7,14 +7,17 @@
 //! * [`node`], [`graph`]: nodes, and the atlas that they make. [`initialize`]: the first ones.
 //! * [`shade`], [`render`], [`step`]: what rays see, images, and one step of the optimizer.
 //! * [`plan`]: which components a clip gives reason for. [`settings`]: sizes, rates, phases.
-//! * [`learner`]: batches and checkpoints. [`saved`]: an atlas in files.
+//! * [`learner`]: batches and checkpoints. [`saved`]: an atlas in files. [`outputs`]: layers and images of
+//!   the atlas. [`edit`]: edits by a script.
 
 pub mod clip;
+pub mod edit;
 pub mod graph;
 pub mod initialize;
 pub mod learner;
 pub mod linked_masks;
 pub mod node;
+pub mod outputs;
 pub mod plan;
 pub mod render;
 pub mod saved;
@@ -36,7 +39,7 @@ use self::{
     learner::AtlasLearner,
     node::{FieldKind, LearntOffsets, Node, Surface},
     plan::Plan,
-    settings::{FieldSize, Settings},
+    settings::{FieldSize, PUBLISHED_MASK_WEIGHT, Settings},
 };
 use crate::{
     error::ReconstructError,
@@ -74,6 +77,15 @@ pub const RAYS: MethodOption = MethodOption {
     default: "16384",
 };
 
+/// Weight of the mask loss.
+pub const MASK_WEIGHT: MethodOption = MethodOption {
+    id: "mask-weight",
+    doc: "weight of the mask loss: published is 0.005, under which an object's plane takes reflections and \
+          shadows that move with it; strong is ten times that",
+    values: OptionValues::Word(&["strong", "published"]),
+    default: "strong",
+};
+
 /// Neural Atlas Graphs.
 pub const METHOD: Method = Method {
     id: "nag",
@@ -85,7 +97,7 @@ pub const METHOD: Method = Method {
                   the view are hash-grid fields over the surfaces. Departures: rays are drawn at \
                   pixels' centres and at independent times; fields start at exactly 0; whether a \
                   plane is hit is tested in its own coordinates; the mask loss leaves out pixels that \
-                  another object covers; gradients are not rescaled; a sphere as background and its \
+                  another object covers and weighs ten times as much; gradients are not rescaled; a sphere as background and its \
                   flow are this project's. One model learns from all input views at once; without \
                   masks there is the background alone. It runs on the CPU.",
     components: &[
@@ -98,7 +110,7 @@ pub const METHOD: Method = Method {
         plan::COARSE_TO_FINE,
     ],
     optional_components: &[],
-    options: &[BASE_FIELDS, MOTION_FIELDS, RAYS],
+    options: &[BASE_FIELDS, MOTION_FIELDS, RAYS, MASK_WEIGHT],
     kind: MethodKind::Trained { prepare },
 };
 
@@ -155,6 +167,7 @@ pub fn first_nodes(clip: &Clip, points: &[DVec3]) -> Result<FirstNodes, String> 
             nodes,
             camera: None,
             clock: clip.clock,
+            footage: clip.footage(),
         },
         with_node,
         distance: placed.distance,
@@ -261,6 +274,9 @@ fn settings_of(request: &MethodRequest) -> Settings {
     let size = |option: &MethodOption| request.options.word(option).and_then(FieldSize::named);
     settings.base_fields = size(&BASE_FIELDS).unwrap_or(settings.base_fields);
     settings.motion_fields = size(&MOTION_FIELDS).unwrap_or(settings.motion_fields);
+    if request.options.word(&MASK_WEIGHT) == Some("published") {
+        settings.mask_weight = PUBLISHED_MASK_WEIGHT;
+    }
     if let Some(rays) = request.options.whole(&RAYS) {
         settings.rays = rays as usize;
     }

@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     clip::UnitClock,
-    graph::Graph,
+    graph::{Footage, Graph},
     node::{FieldKind, Fields, LearntOffsets, Node, Overlay, Surface},
 };
 
@@ -35,6 +35,7 @@ struct SavedGraph {
     clock: UnitClock,
     nodes: Vec<SavedNode>,
     camera: Option<SavedOffsets>,
+    footage: Footage,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -122,6 +123,7 @@ pub fn write(folder: &Path, graph: &Graph) -> Result<Vec<String>, StoreError> {
         clock: graph.clock,
         nodes,
         camera: graph.camera.as_ref().map(SavedOffsets::of),
+        footage: graph.footage.clone(),
     };
     let values = folder.join(ATLAS_VALUES_FILE);
     let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
@@ -243,6 +245,7 @@ impl Words<'_> {
             nodes: nodes.collect::<Option<_>>()?,
             camera: optional(saved.camera, |offsets| self.offsets(offsets))?,
             clock: saved.clock,
+            footage: saved.footage,
         })
     }
 }

@@ -12,6 +12,9 @@ use serde::{Deserialize, Serialize};
 
 use super::{node::FieldKind, shade::Detail, step::StepRates};
 
+/// Weight of the mask loss in all published configurations.
+pub const PUBLISHED_MASK_WEIGHT: f64 = 0.005;
+
 /// Every setting as resolved.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
@@ -114,7 +117,7 @@ impl Settings {
                 begin: 1e-3,
                 end: 1e-4,
             },
-            mask_weight: 0.005,
+            mask_weight: 10.0 * PUBLISHED_MASK_WEIGHT,
             coarse_to_fine: true,
             phases: [5.0 / EPOCHS, 20.0 / EPOCHS],
             seed,

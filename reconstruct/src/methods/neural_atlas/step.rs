@@ -1,7 +1,7 @@
 //! One step: rays of a batch, their loss, its gradients, Adam.
 //!
 //! ```text
-//! L = mean |C - C_image| + 0.005 mean |alpha_o - M_o|
+//! L = mean |C - C_image| + weight mean |alpha_o - M_o|
 //! ```
 //!
 //! over rays, and over rays and objects (Neural Atlas Graphs, supplement A.3). `alpha_o` is a plane's own

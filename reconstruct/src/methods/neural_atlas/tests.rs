@@ -12,11 +12,12 @@ use omnilife_engine::{
     },
     trajectories::rigid_spline::{RigidPose, RigidSpline},
 };
+use omnilife_schemas::camera::PinholeCamera;
 use serde_json::Value;
 
 use super::{
     clip::UnitClock,
-    graph::Graph,
+    graph::{Footage, Graph},
     node::{Fields, Node, Surface},
     render::{Moment, Rays},
     shade::{Detail, ShadeGradient},
@@ -120,6 +121,10 @@ fn scene() -> (Graph, Rays) {
         clock: UnitClock {
             begin_seconds: 0.0,
             length_seconds: 1.0,
+        },
+        footage: Footage {
+            camera: PinholeCamera::with_horizontal_field_of_view(4, 4, 1.0).into(),
+            frames: Vec::new(),
         },
     };
     let rays = Rays {
