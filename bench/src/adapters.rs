@@ -74,6 +74,42 @@ pub const ADAPTERS: &[Adapter] = &[
         manifest: include_str!("../adapters/panosplatt3r.toml"),
         files: GROUPS,
     },
+    Adapter {
+        id: "nag",
+        about: "Neural Atlas Graphs by their authors' code, input-view",
+        manifest: include_str!("../adapters/nag.toml"),
+        files: &[],
+    },
+    Adapter {
+        id: "omnire",
+        about: "OmniRe by its authors' code (drivestudio), input-view",
+        manifest: include_str!("../adapters/omnire.toml"),
+        files: &[],
+    },
+    Adapter {
+        id: "street-gaussians",
+        about: "Street Gaussians as drivestudio has it, input-view",
+        manifest: include_str!("../adapters/street-gaussians.toml"),
+        files: &[],
+    },
+    Adapter {
+        id: "emernerf",
+        about: "EmerNeRF by its authors' code, input-view",
+        manifest: include_str!("../adapters/emernerf.toml"),
+        files: &[],
+    },
+    Adapter {
+        id: "layered-neural-atlases",
+        about: "Layered Neural Atlases by their authors' code, out of a lossy video, input-view",
+        manifest: include_str!("../adapters/layered-neural-atlases.toml"),
+        files: &[],
+    },
+    Adapter {
+        id: "omnimatte-rf",
+        about: "OmnimatteRF by its authors' code, input-view",
+        manifest: include_str!("../adapters/omnimatte-rf.toml"),
+        files: &[],
+    },
 ];
 
 /// Writes an adapter's `method.toml`, and the files beside it, into a folder, which is made where it

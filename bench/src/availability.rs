@@ -48,6 +48,8 @@ pub(crate) fn why_not(
                 continue;
             }
             Need::ClassMask(class) => format!("the scene has no masks of class {class}"),
+            Need::ObjectMasks if any_frame(&|frame| !frame.objects.is_empty()) => continue,
+            Need::ObjectMasks => "the scene has no masks of single objects".to_owned(),
             Need::Depth if !any_frame(&|frame| frame.depth.is_some()) => {
                 "the depth of the scene is not known".to_owned()
             }

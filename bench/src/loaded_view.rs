@@ -21,6 +21,7 @@ pub(crate) struct LoadedView {
     pub(crate) pair: Result<ViewPair, String>,
     dynamic: Option<Mask>,
     classes: BTreeMap<String, Mask>,
+    objects: BTreeMap<String, Mask>,
     depth: Option<DepthPair>,
 }
 
@@ -44,6 +45,12 @@ impl LoadedView {
             .filter(|(class, _)| job.needs_class(class))
             .map(|(class, name)| Ok((class.clone(), mask(name)?)))
             .collect::<Result<_, BenchError>>()?;
+        let objects = frame
+            .objects
+            .iter()
+            .filter(|_| job.needs(Need::ObjectMasks))
+            .map(|(object, name)| Ok((object.clone(), mask(name)?)))
+            .collect::<Result<_, BenchError>>()?;
         let true_depth = match &frame.depth {
             Some(depth)
                 if job.needs(Need::Depth)
@@ -62,6 +69,7 @@ impl LoadedView {
             pair: Err(String::new()),
             dynamic,
             classes,
+            objects,
             depth: None,
         };
         loaded.pair = loaded.read_prediction(job, truth, true_depth);
@@ -103,6 +111,8 @@ impl LoadedView {
             .iter()
             .map(|(name, mask)| (name.as_str(), mask))
             .collect();
+        let objects = self.objects.iter();
+        sample.objects = objects.map(|(name, mask)| (name.as_str(), mask)).collect();
         sample.depth = self.depth.as_ref();
         sample
     }

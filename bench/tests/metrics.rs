@@ -45,7 +45,7 @@ fn value(id: &str, pair: &ViewPair) -> f64 {
 
 /// The metrics that need nothing but a pair and are defined for images of any size.
 fn plain() -> impl Iterator<Item = &'static Metric> {
-    let sized = ["ssim-skimage", "cube-ssim"];
+    let sized = ["ssim-skimage", "ssim-skimage-uniform", "cube-ssim"];
     METRICS.iter().filter(move |metric| {
         metric.needs.iter().all(|need| *need == Need::Sphere) && !sized.contains(&metric.id)
     })
@@ -125,6 +125,7 @@ impl Evidence {
         let [dynamic, human, vehicle] = &self.masks;
         sample.dynamic = Some(dynamic);
         sample.classes = [("human", human), ("vehicle", vehicle)].into();
+        sample.objects = [("a", human), ("b", vehicle)].into();
         sample.depth = Some(&self.depth);
         sample
     }

@@ -66,6 +66,7 @@ fn scene() -> (TempDir, Scene) {
             }),
             mask,
             classes: [].into(),
+            objects: [].into(),
             depth: None,
             depth_prior: None,
         }
@@ -346,6 +347,15 @@ fn seen_by(format: &str, folder: &Path, world: DVec3) -> (f64, f64) {
             let (theta, phi) = (p.x.atan2(p.z), p.y.atan2(p.x.hypot(p.z)));
             (width * (0.5 - theta / TAU), height * (0.5 - phi / PI))
         }
+        "frames" => {
+            let pose = &json(&folder.join("poses.json"))["frames"][3]["pose"];
+            let q = &pose["rotation_wxyz"];
+            let [w, x, y, z] = [0, 1, 2, 3].map(|index| q[index].as_f64().unwrap());
+            let rotation = DQuat::from_xyzw(x, y, z, w);
+            let p = rotation.inverse() * (world - vector(&pose["centre"]));
+            let (lon, lat) = (p.x.atan2(p.z), (-p.y).atan2(p.x.hypot(p.z)));
+            (width * (lon / TAU + 0.5), height * (0.5 - lat / PI))
+        }
         other => panic!("{other} has no rules here"),
     }
 }
@@ -386,7 +396,7 @@ fn what_cannot_be_exchanged_is_refused() {
     };
     assert!(
         message("blender", &out.path().join("x"))
-            .contains("known are openmvg, colmap, colmap-binary, nerfstudio, hm3d")
+            .contains("known are openmvg, colmap, colmap-binary, nerfstudio, hm3d, frames")
     );
     fs::write(out.path().join("mine.txt"), "x").unwrap();
     assert!(message("colmap", out.path()).contains("is not empty"));

@@ -175,7 +175,16 @@ impl Options {
         self.0.keys().copied()
     }
 
-    fn whole(&self, option: &MethodOption) -> Option<u64> {
+    /// The value of an option that is a word.
+    pub fn word(&self, option: &MethodOption) -> Option<&str> {
+        match self.0.get(option.id) {
+            Some(OptionValue::Word(word)) => Some(word),
+            _ => None,
+        }
+    }
+
+    /// The value of an option that is a whole number.
+    pub fn whole(&self, option: &MethodOption) -> Option<u64> {
         match self.0.get(option.id) {
             Some(OptionValue::Whole(value)) => Some(*value),
             _ => None,

@@ -15,6 +15,8 @@ pub enum Purpose {
     Density,
     /// Which of the places that a sweep finds become points.
     SweptPoints,
+    /// Which rays of a clip a step takes.
+    Rays,
 }
 
 /// Steps of the golden ratio keep the seeds of the purposes apart.
@@ -38,6 +40,7 @@ mod tests {
             Purpose::TimeShift,
             Purpose::Density,
             Purpose::SweptPoints,
+            Purpose::Rays,
         ];
         let mut first: Vec<u64> = Vec::new();
         for seed in 0..100 {

@@ -75,7 +75,9 @@ fn walk() -> TrainingScene {
         },
         scale: Scale::Arbitrary,
         is_normalized_by_points: false,
+        objects: [].into(),
         points: PointCloud::default(),
+        depth_priors: Vec::new(),
     }
 }
 

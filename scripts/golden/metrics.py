@@ -158,6 +158,26 @@ def ssim_skimage(prediction: np.ndarray, truth: np.ndarray) -> float | None:
     ))
 
 
+def ssim_uniform(prediction: np.ndarray, truth: np.ndarray) -> float | None:
+    if min(truth.shape[:2]) < 7:
+        return None
+    return float(structural_similarity(truth, prediction, channel_axis=-1, data_range=1.0))
+
+
+def objects(score, prediction: np.ndarray, truth: np.ndarray, masks: list, is_masked: bool) -> float | None:
+    """The mean over masks of a score of their boxes, black outside of the mask where asked for."""
+    scores = []
+    for mask in masks:
+        if not mask.any():
+            continue
+        rows, columns = np.nonzero(mask)
+        box = (slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1))
+        inside = mask[box][..., None] if is_masked else True
+        scores.append(score(prediction[box] * inside, truth[box] * inside))
+    scores = [value for value in scores if value is not None]
+    return float(np.mean(scores)) if scores else None
+
+
 def cube_faces(image: np.ndarray) -> list[np.ndarray]:
     """Front, right, back, left, up, down; half as wide as the image is high."""
     height, width = image.shape[:2]
@@ -256,6 +276,7 @@ def score(prediction8: np.ndarray, truth8: np.ndarray, networks: dict) -> dict:
         "psnr-channels": psnr_channels(prediction, truth),
         "ssim": float(np.mean(ssim_map(prediction, truth))),
         "ssim-skimage": ssim_skimage(prediction, truth),
+        "ssim-skimage-uniform": ssim_uniform(prediction, truth),
         "ws-psnr": ws_psnr(prediction, truth),
         "ws-ssim": float(np.average(ssim_map(prediction, truth), weights=row_weights(truth))),
         "cube-psnr": cube(psnr, prediction, truth),
@@ -266,6 +287,10 @@ def score(prediction8: np.ndarray, truth8: np.ndarray, networks: dict) -> dict:
         ("human", known["human"]), ("vehicle", known["vehicle"]),
     ]:
         values[f"psnr-{name}"], values[f"ssim-{name}"] = masked(prediction, truth, mask)
+    masks = [known["human"], known["vehicle"]]
+    for suffix, is_masked in [("", False), ("-masked", True)]:
+        values[f"psnr-object{suffix}"] = objects(psnr, prediction, truth, masks, is_masked)
+        values[f"ssim-object{suffix}"] = objects(ssim_uniform, prediction, truth, masks, is_masked)
     for net, network in networks.items():
         values[f"lpips-{net}"] = network(prediction, truth)
         values[f"lpips-{net}-unscaled"] = network(prediction, truth, signed=False)

@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand, ValueEnum};
-use omnilife_engine::model::layers::Layer;
 use omnilife_reconstruct::{
     jobs::{
         export::{ExportRequest, levels::Level},
@@ -164,7 +163,8 @@ impl MethodArguments {
 #[derive(Debug, Args)]
 pub(crate) struct RenderArguments {
     /// A run's folder, or a PLY of Gaussians as 3DGS writes it.
-    pub(crate) gaussians: PathBuf,
+    #[arg(value_name = "RUN")]
+    pub(crate) model: PathBuf,
     /// A poses.json or scene.json, whose poses are used as they stand; a run that refined poses leaves
     /// them in refined-poses.json. A folder stands for the scene.json in it.
     #[arg(long, value_parser = places::poses())]
@@ -181,9 +181,10 @@ pub(crate) struct RenderArguments {
     /// Horizontal field of view of a pinhole camera.
     #[arg(long, value_name = "DEGREES", default_value_t = 90.0)]
     pub(crate) fov_degrees: f64,
-    /// What is shown: everything, the static or the dynamic Gaussians alone, velocities, or depth.
-    #[arg(long, value_enum, default_value_t = LayerArgument::All)]
-    pub(crate) layer: LayerArgument,
+    /// What is shown. Of Gaussians: all, static, dynamic, velocity or depth; of an atlas: all,
+    /// background, object:ID, matte:ID or without:ID.
+    #[arg(long, default_value = "all")]
+    pub(crate) layer: String,
     /// Makes a video of the images too; players show views of the whole sphere as 360-degree video.
     #[arg(long, value_name = "FILE.mp4")]
     pub(crate) video: Option<PathBuf>,
@@ -195,32 +196,11 @@ pub(crate) enum CameraArgument {
     Pinhole,
 }
 
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub(crate) enum LayerArgument {
-    All,
-    Static,
-    Dynamic,
-    Velocity,
-    Depth,
-}
-
-impl From<LayerArgument> for Layer {
-    fn from(argument: LayerArgument) -> Self {
-        match argument {
-            LayerArgument::All => Self::All,
-            LayerArgument::Static => Self::Static,
-            LayerArgument::Dynamic => Self::Dynamic,
-            LayerArgument::Velocity => Self::Velocity,
-            LayerArgument::Depth => Self::Depth,
-        }
-    }
-}
-
 impl RenderArguments {
     /// What is asked of the renderer.
     pub(crate) fn request(&self) -> RenderRequest {
         RenderRequest {
-            gaussians: self.gaussians.clone(),
+            model: self.model.clone(),
             poses: self.poses.clone(),
             size: self.size,
             camera: match self.camera {
@@ -228,7 +208,7 @@ impl RenderArguments {
                 Some(CameraArgument::Erp) => RenderCamera::Erp,
                 Some(CameraArgument::Pinhole) => RenderCamera::Pinhole(self.fov_degrees),
             },
-            layer: self.layer.into(),
+            layer: self.layer.clone(),
             out: self.out.clone(),
         }
     }
@@ -334,7 +314,7 @@ pub(crate) enum ReconstructCommand {
         #[arg(long, default_value_t = 30_000)]
         iterations: u64,
     },
-    /// Renders Gaussians along given poses to PNG files, and to a video.
+    /// Renders a run, or Gaussians, along given poses to PNG files, and to a video.
     Render(RenderArguments),
     /// Writes Gaussians as levels of detail (.splat) for web viewers, with a record and a page.
     Export(AssetArguments),
@@ -345,6 +325,25 @@ pub(crate) enum ReconstructCommand {
         /// Port; 0 takes a free one.
         #[arg(long, default_value_t = 8360)]
         port: u16,
+    },
+    /// Writes the atlas of a run of nag: an RGBA image of each object and of the background.
+    Atlas {
+        /// The run's folder.
+        run: PathBuf,
+        /// Folder of the images.
+        #[arg(long)]
+        out: PathBuf,
+    },
+    /// Edits what a run has learnt, by a script, into another run that can be rendered.
+    Edit {
+        /// The run's folder.
+        run: PathBuf,
+        /// The script, TOML: [[edit]] tables with texture, remove, shift, rotate, duplicate, retime.
+        #[arg(long, value_name = "EDIT.toml")]
+        script: PathBuf,
+        /// Folder of the edited run.
+        #[arg(long)]
+        out: PathBuf,
     },
     /// Lists the methods.
     Methods,

@@ -3,6 +3,8 @@
 use omnilife_curate::slicing::Projection;
 use omnilife_reconstruct::{
     jobs::{
+        atlas,
+        edit::{self, EditRunRequest},
         export::{self, serve::Server},
         plan_cost,
         reconstruct::{self, ReconstructRequest},
@@ -71,6 +73,20 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
             ))?;
             server.run();
             Ok(())
+        }
+        ReconstructCommand::Atlas { run, out } => {
+            let files = atlas::export(run, out, progress)?;
+            exit::print(&format!("{} files in {}\n", files.len(), out.display()))
+        }
+        ReconstructCommand::Edit { run, script, out } => {
+            let request = EditRunRequest {
+                run: run.clone(),
+                script: script.clone(),
+                out: out.clone(),
+            };
+            let done = edit::edit(&request, progress)?;
+            let lines = done.iter().map(|line| format!("{line}\n"));
+            exit::print(&lines.collect::<String>())
         }
         ReconstructCommand::Methods => {
             exit::print(&METHODS.iter().map(description).collect::<String>())

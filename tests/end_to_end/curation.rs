@@ -270,7 +270,7 @@ fn the_split_goes_into_every_export() {
         [8, 2, 2]
     );
     assert_eq!(transforms["test_filenames"][0], "images/000004.png");
-    for format in ["colmap", "colmap-binary", "openmvg", "hm3d"] {
+    for format in ["colmap", "colmap-binary", "openmvg", "hm3d", "frames"] {
         let out = export(format, true);
         let lines = |name: &str| fs::read_to_string(out.join(name)).unwrap().lines().count();
         assert_eq!([lines("train.txt"), lines("test.txt")], [8, 2], "{format}");

@@ -150,6 +150,11 @@ fn commands(extra: &Path) -> Vec<Row> {
             0,
         ),
         row("reconstruct export RUN --out OUT", 0),
+        row(&format!("reconstruct atlas {extra}/nag --out OUT"), 0),
+        row(
+            &format!("reconstruct edit {extra}/nag --script {extra}/edit.toml --out OUT"),
+            0,
+        ),
         row("leaderboard build DATASET --out OUT", 0),
         row(
             &format!("leaderboard add {extra}/submission --results OUT"),
@@ -171,6 +176,7 @@ fn prepare(extra: &Path) {
          [predictions]\nnovel = \"{work}/{frame:06}.png\"\n",
     )
     .unwrap();
+    fs::write(extra.join("edit.toml"), "edit = []\n").unwrap();
     fs::write(
         extra.join("card.toml"),
         "method = \"odgs\"\ntitle = \"ODGS\"\nauthors = [\"A\"]\nlicence = \"MIT\"\nhardware = \"x\"\n",
@@ -190,6 +196,13 @@ fn prepare(extra: &Path) {
                 "bench score --scene SCENE --split SPLIT --run {}/run.json --out {}",
                 at("traced"),
                 at("traced-score")
+            ),
+            0,
+        ),
+        row(
+            &format!(
+                "reconstruct train SCENE --split SPLIT --method nag --iterations 2 --set rays=64 --out {}",
+                at("nag")
             ),
             0,
         ),

@@ -4,6 +4,7 @@
 #[cfg(unix)]
 mod adapters;
 mod assets;
+mod atlas;
 mod bad_input;
 #[cfg(unix)]
 mod benchmark;

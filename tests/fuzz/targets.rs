@@ -375,6 +375,7 @@ fn write_scene(folder: &Path) {
         }),
         mask: None,
         classes: [].into(),
+        objects: [].into(),
         depth: None,
         depth_prior: None,
     };

@@ -18,12 +18,14 @@ mod depth;
 mod latitude;
 mod lpips;
 mod masked;
+mod object;
 mod psnr;
 mod psnr_channels;
 mod sample;
 mod ssim;
 mod ssim_map;
 mod ssim_skimage;
+mod ssim_uniform;
 mod temporal_lpips;
 mod view_pair;
 mod ws_psnr;
@@ -76,6 +78,8 @@ pub enum Need {
     DynamicMask,
     /// Masks of the objects of a class.
     ClassMask(&'static str),
+    /// Masks of single objects.
+    ObjectMasks,
     /// Predicted and true depth.
     Depth,
 }
@@ -86,6 +90,7 @@ pub static METRICS: &[Metric] = &[
     psnr_channels::METRIC,
     ssim::METRIC,
     ssim_skimage::METRIC,
+    ssim_uniform::METRIC,
     lpips::VGG,
     lpips::ALEX,
     lpips::VGG_UNSCALED,
@@ -102,6 +107,10 @@ pub static METRICS: &[Metric] = &[
     masked::SSIM_HUMAN,
     masked::PSNR_VEHICLE,
     masked::SSIM_VEHICLE,
+    object::PSNR,
+    object::PSNR_MASKED,
+    object::SSIM,
+    object::SSIM_MASKED,
     temporal_lpips::PREDICTION,
     temporal_lpips::TRUTH,
     temporal_lpips::ERROR,

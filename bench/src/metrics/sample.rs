@@ -35,6 +35,8 @@ pub struct Sample<'a> {
     pub dynamic: Option<&'a Mask>,
     /// Marks the objects of a class, by its name.
     pub classes: BTreeMap<&'a str, &'a Mask>,
+    /// Marks single objects, by the object's name.
+    pub objects: BTreeMap<&'a str, &'a Mask>,
     /// Depth.
     pub depth: Option<&'a DepthPair>,
     ssim_map: OnceLock<SsimMap>,
@@ -65,6 +67,7 @@ impl<'a> Sample<'a> {
             previous: None,
             dynamic: None,
             classes: BTreeMap::new(),
+            objects: BTreeMap::new(),
             depth: None,
             ssim_map: OnceLock::new(),
             cube_faces: OnceLock::new(),

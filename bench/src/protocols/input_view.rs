@@ -9,7 +9,7 @@ use super::{ProtocolEntry, metric_list};
 pub(super) const ENTRY: ProtocolEntry = ProtocolEntry {
     id: "input-view",
     description: "Fidelity to what was given: every posed frame is given and every one is scored, \
-                  whole ERP images at the scene's own size; nothing is held out (the training-view \
+                  whole images at the scene's own size; nothing is held out (the training-view \
                   scores of dynamic urban UAV scenes and of neural atlas graphs)",
     protocol,
 };
@@ -17,14 +17,14 @@ pub(super) const ENTRY: ProtocolEntry = ProtocolEntry {
 fn protocol() -> Protocol {
     Protocol {
         id: ENTRY.id.to_owned(),
-        version: 1,
+        version: 2,
         split: SplitRule::AllGiven,
         scored: ScoredViews::Input,
         largest_width: None,
         resampling: Resampling::Area,
         padding: Padding::None,
         colour: Colour::Srgb8,
-        metrics: metric_list::all(),
+        metrics: metric_list::with_objects(),
         mask_rule: "none".to_owned(),
     }
 }

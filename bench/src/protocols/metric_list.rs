@@ -30,6 +30,21 @@ const METRICS: [&str; 25] = [
     "depth-delta",
 ];
 
+/// What papers on the decomposition of clips add: SSIM as they compute it, and single objects.
+const OF_OBJECTS: [&str; 5] = [
+    "ssim-skimage-uniform",
+    "psnr-object",
+    "psnr-object-masked",
+    "ssim-object",
+    "ssim-object-masked",
+];
+
+/// The same with those of single objects.
+pub(super) fn with_objects() -> Vec<String> {
+    let names = METRICS.iter().chain(&OF_OBJECTS);
+    names.map(|&id| id.to_owned()).collect()
+}
+
 /// Their ids, as a protocol holds them.
 pub(super) fn all() -> Vec<String> {
     METRICS.map(str::to_owned).to_vec()

@@ -72,8 +72,8 @@ mod tests {
         ),
         (
             "input-view",
-            1,
-            "4e3dfb51c6d44edaef6d9a38d80fb6871e4dfe4c5d576a1b5729d3e5871cf16a",
+            2,
+            "73f6e369513a7fe797fb6b0d6929f0d83a32887693bd3cf6816e02f5a3601339",
         ),
     ];
 

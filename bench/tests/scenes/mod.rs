@@ -29,6 +29,7 @@ pub(crate) fn scene(frames: usize, unposed: &[usize]) -> Scene {
                 }),
                 mask: None,
                 classes: [].into(),
+                objects: [].into(),
                 depth: None,
                 depth_prior: None,
             })

@@ -15,6 +15,7 @@
 //! (1/2, 1/2), as ours.
 
 use std::{
+    collections::BTreeMap,
     io::Write,
     path::{Path, PathBuf},
 };
@@ -128,12 +129,14 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         frames.push(ForeignFrame {
             image: file_of(&images, &image.name)?,
             mask: black_mask(&masks, &mask_name(&image.name)),
+            objects: BTreeMap::new(),
             pose: Some(image.pose()),
         });
     }
     Ok(ForeignScene {
         camera: model.camera,
         frames,
+        pose_source: None,
         points: model.cloud(),
     })
 }

@@ -15,7 +15,7 @@
 //! along -z of this frame, out of the panorama's edge.) Numbers are f32, as their loaders expect:
 //! poses keep 7 digits. The format has no points; depth maps (`pano_depth`) are not ours to write.
 
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 use glam::{DMat3, DVec3};
 use omnilife_schemas::{
@@ -140,6 +140,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
                 file,
                 black_is_dynamic: false,
             }),
+            objects: BTreeMap::new(),
             pose: Some(pose),
         });
     }
@@ -151,6 +152,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         }
         .into(),
         frames,
+        pose_source: None,
         points: PointCloud::default(),
     })
 }

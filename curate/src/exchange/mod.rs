@@ -6,6 +6,7 @@
 //! ignore.
 
 pub mod colmap;
+pub mod frames;
 pub mod hm3d;
 pub mod nerfstudio;
 pub mod openmvg;
@@ -25,7 +26,7 @@ use omnilife_schemas::{
     ownership::is_inside,
     points::PointCloud,
     progress::Progress,
-    records::{Scene, Split},
+    records::{PoseSource, Scene, Split},
     rgb::Mask,
     store::{self, StoreError},
 };
@@ -54,6 +55,7 @@ pub const FORMATS: &[Format] = &[
     colmap::BINARY_FORMAT,
     nerfstudio::FORMAT,
     hm3d::FORMAT,
+    frames::FORMAT,
 ];
 
 /// Looks a format up by its name.
@@ -112,6 +114,8 @@ pub struct ForeignScene {
     pub frames: Vec<ForeignFrame>,
     /// World points; empty where the format has none.
     pub points: PointCloud,
+    /// Where the poses come from, where it is not the format itself.
+    pub pose_source: Option<PoseSource>,
 }
 
 /// A frame that a reader found.
@@ -121,6 +125,8 @@ pub struct ForeignFrame {
     pub image: PathBuf,
     /// The mask, where there is one.
     pub mask: Option<ForeignMask>,
+    /// Masks of single objects (white), by the object's name.
+    pub objects: BTreeMap<String, PathBuf>,
     /// The camera, where it is known.
     pub pose: Option<Pose>,
 }

@@ -215,12 +215,14 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         frames.push(ForeignFrame {
             image: file_of(folder, &frame.file_path)?,
             mask,
+            objects: BTreeMap::new(),
             pose: Some(pose),
         });
     }
     Ok(ForeignScene {
         camera,
         frames,
+        pose_source: None,
         points: match &transforms.ply_file_path {
             Some(file) => PointCloud::read_ply(&file_of(folder, file)?)?,
             None => PointCloud::default(),

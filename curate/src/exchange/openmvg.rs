@@ -341,6 +341,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         frames.push(ForeignFrame {
             image: file_of(&images, &view.filename)?,
             mask: black_mask(&images, &mask_name(&view.filename)),
+            objects: BTreeMap::new(),
             pose: poses.get(&view.id_pose).copied(),
         });
     }
@@ -361,6 +362,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     Ok(ForeignScene {
         camera,
         frames,
+        pose_source: None,
         points: if points.is_file() {
             PointCloud::read_ply(&points)?
         } else {

@@ -70,6 +70,7 @@ fn write(
             pose: frame.pose,
             mask: import_mask(foreign, frame, out)?,
             classes: [].into(),
+            objects: import_objects(foreign, frame, out)?,
             depth: None,
             depth_prior: None,
         });
@@ -88,9 +89,12 @@ fn write(
         scale: Scale::Arbitrary,
         frames,
         points,
-        pose_source: PoseSource::Given {
-            file: request.folder.display().to_string(),
-        },
+        pose_source: foreign
+            .pose_source
+            .clone()
+            .unwrap_or_else(|| PoseSource::Given {
+                file: request.folder.display().to_string(),
+            }),
         validation: given::unchecked(&poses),
     };
     store::write_record(&out.join(SCENE_FILE), &scene)?;
@@ -217,6 +221,27 @@ fn import_mask(
     );
     mask.write_png(&out.join(&name))?;
     Ok(Some(name))
+}
+
+/// Copies the masks of a frame's objects; those that show nothing are left out.
+fn import_objects(
+    foreign: &ForeignScene,
+    frame: &ForeignFrame,
+    out: &Path,
+) -> Result<BTreeMap<String, String>, CurateError> {
+    let mut objects = BTreeMap::new();
+    for (name, found) in &frame.objects {
+        let mask = Mask::decode(ImageFile::open(found)?.expect_size(size_of(foreign))?)?;
+        if mask.data.iter().all(|&value| value < 128) {
+            continue;
+        }
+        let folder = format!("{SCENE_MASKS_FOLDER}/{name}");
+        store::create_folder(&out.join(&folder))?;
+        let file = format!("{folder}/{}.png", super::stem(&image_name(frame)));
+        mask.write_png(&out.join(&file))?;
+        objects.insert(name.clone(), file);
+    }
+    Ok(objects)
 }
 
 /// The image files of a folder in order of their names.

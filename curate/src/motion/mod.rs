@@ -7,6 +7,7 @@
 pub mod camera;
 pub mod flow;
 pub mod grey;
+pub mod pinhole_turns;
 pub mod residual;
 pub mod rotation;
 

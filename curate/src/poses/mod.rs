@@ -244,6 +244,7 @@ fn stage_scene(
             pose,
             mask,
             classes: [].into(),
+            objects: [].into(),
             depth: None,
             depth_prior: None,
         })

@@ -1,7 +1,10 @@
 //! Whole commands: they read records, call the rest of the crate, and write records.
 
+pub mod atlas;
+pub mod edit;
 pub mod export;
 pub mod interpolate;
+mod opened_gaussians;
 pub mod plan_cost;
 pub mod reconstruct;
 pub mod render;

@@ -27,7 +27,10 @@ use crate::{
     error::ReconstructError,
     formats::{DEFORMATION_FILE, GAUSSIANS_FILE, MOVING_GAUSSIANS_FILE, REFINED_POSES_FILE},
     jobs::interpolate::{Frames, GROUPS_FILE},
-    methods::{self, Method, MethodKind, MethodOutcome},
+    methods::{
+        self, Method, MethodKind, MethodOutcome,
+        neural_atlas::saved::{ATLAS_FILE, ATLAS_VALUES_FILE},
+    },
     process::{self, Elapsed},
     request::{BackendChoice, MethodRequest},
     scene::TrainingScene,
@@ -47,8 +50,10 @@ const TRACE_FILE: &str = "trace.csv";
 /// Folder of the novel views at the rows of the trace.
 const TRACE_FOLDER: &str = "trace";
 /// What a training may leave beside views and the record.
-const TRAINING_FILES: [&str; 6] = [
+const TRAINING_FILES: [&str; 8] = [
     TRACE_FILE,
+    ATLAS_FILE,
+    ATLAS_VALUES_FILE,
     GAUSSIANS_FILE,
     MOVING_GAUSSIANS_FILE,
     DEFORMATION_FILE,
@@ -363,7 +368,7 @@ fn plan_stage(
     }
     for frame in &scene.frames {
         stage = add(stage, &frame.image, &folder.join(&frame.image))?;
-        if let Some(mask) = &frame.mask {
+        for mask in frame.mask.iter().chain(frame.objects.values()) {
             stage = add(stage, mask, &folder.join(mask))?;
         }
         if let Some(prior) = &frame.depth_prior {
@@ -435,7 +440,7 @@ fn warnings(scene: &TrainingScene, split: &Split, outcome: &MethodOutcome<'_>) -
             scene.input_views.len()
         ));
     }
-    if scene.points.is_empty() {
+    if scene.points.is_empty() && outcome.learner.begins_with_points() {
         warnings
             .push("the scene has no points; training began from the sky shell alone".to_owned());
     }

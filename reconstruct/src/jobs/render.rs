@@ -1,4 +1,4 @@
-//! Rendering Gaussians, ours or anyone's, along given poses; a model of ours in layers.
+//! Rendering models along given poses: those of runs in layers, and Gaussians of anyone.
 
 use std::{
     collections::BTreeSet,
@@ -13,30 +13,18 @@ use omnilife_schemas::{
     lock::FolderLock,
     ownership::{OwnFile, Standing},
     progress::Progress,
-    records::{Asset, Poses, RunRecord, Scene},
+    records::{Poses, Scene},
     stage::StagePlan,
     store::{self, StoreError},
 };
 use serde::Deserialize;
 
-use omnilife_engine::{
-    camera::{Camera, View},
-    gaussians::{ActivatedGaussians, static_gaussians},
-    model::{
-        Model,
-        layers::{Layer, LayerRenderer},
-    },
-    render::{
-        published::PublishedRenderer,
-        settings::{RenderSettings, RendererChoice},
-    },
-    step::settings::TrainSettings,
-};
+use omnilife_engine::camera::{Camera, View};
 
 use crate::{
     error::ReconstructError,
-    formats::{self, splat::Placement},
-    jobs::{export::ASSET_FILE, reconstruct::RUN_FILE},
+    jobs::opened_gaussians::OpenedGaussians,
+    methods::run_formats::{self, OpenedModel},
     process,
 };
 
@@ -44,15 +32,15 @@ use crate::{
 #[derive(Debug, Clone, PartialEq)]
 pub struct RenderRequest {
     /// A run's folder, or a PLY of Gaussians.
-    pub gaussians: PathBuf,
+    pub model: PathBuf,
     /// A `poses.json` or `scene.json`.
     pub poses: PathBuf,
     /// Width and height in pixels; the scene's, or 1024x512, where none is given.
     pub size: Option<[u32; 2]>,
     /// With which camera.
     pub camera: RenderCamera,
-    /// What of them is shown.
-    pub layer: Layer,
+    /// The layer that is shown, by the name that it has in models of that kind.
+    pub layer: String,
     /// Folder of the images.
     pub out: PathBuf,
 }
@@ -112,28 +100,7 @@ pub fn render_poses(
     let of_cameras = Similarity::from_cameras(&centres)
         .ok_or_else(|| ReconstructError::scene(&request.poses, "has no usable pose"))?;
     let camera = camera(request, path.camera)?;
-    let source = Source::open(&request.gaussians, of_cameras)?;
-    if source.renderer == RendererChoice::OdgsPublished
-        && (matches!(camera, Camera::Pinhole(_)) || request.layer != Layer::All)
-    {
-        return Err(ReconstructError::Request {
-            reason: "the published renderer of ODGS draws whole ERP views only".to_owned(),
-        });
-    }
-    let mut published = None;
-    let mut layers = LayerRenderer::new(source.model()?, source.settings);
-    if let Some(reason) = layers.refusal(request.layer) {
-        return Err(ReconstructError::Request {
-            reason: reason.to_owned(),
-        });
-    }
-    if source.renderer == RendererChoice::OdgsPublished {
-        let mut gaussians = ActivatedGaussians::default();
-        for part in &layers.model().parts {
-            static_gaussians::activate(&part.table, &mut gaussians);
-        }
-        published = Some((PublishedRenderer::new(source.settings), gaussians));
-    }
+    let mut opened = open(request, of_cameras, camera)?;
     let _lock = FolderLock::take(&request.out, progress)?;
     let begun = Instant::now();
     let stage = StagePlan::new(&request.out, "render");
@@ -149,19 +116,14 @@ pub fn render_poses(
         camera,
         times_seconds: Vec::with_capacity(posed.len()),
         unposed: path.frames.len() - posed.len(),
-        largest_speed: (request.layer == Layer::Velocity)
-            .then(|| source.world_speed(layers.largest_speed())),
+        largest_speed: opened.largest_speed(),
     };
     let mut render = |number: usize, time: f64, pose: &Pose| -> Result<(), ReconstructError> {
-        let view = View::new(camera, pose, &source.normalization, time).ok_or_else(|| {
+        let view = View::new(camera, pose, &opened.normalization(), time).ok_or_else(|| {
             ReconstructError::scene(&request.poses, format!("frame {number} has no usable pose"))
         })?;
         let file = request.out.join(image_file(number));
-        let image = match &mut published {
-            Some((renderer, gaussians)) => renderer.image(&view, gaussians),
-            None => layers.image(&view, request.layer),
-        };
-        image.write_png(&file)?;
+        opened.image(&view)?.write_png(&file)?;
         rendered.files.push(file);
         rendered.times_seconds.push(time);
         progress.advance(1);
@@ -187,104 +149,17 @@ fn image_file(number: usize) -> String {
     format!("{number:06}.png")
 }
 
-/// Gaussians with what a renderer has to know about them.
-pub(crate) struct Source {
-    /// A run's folder, or a PLY.
-    path: PathBuf,
-    pub(crate) normalization: Similarity,
-    renderer: RendererChoice,
-    settings: RenderSettings,
-    /// What a run's Gaussians were trained under; a PLY has none of it.
-    trained: Option<TrainSettings>,
-}
-
-impl Source {
-    /// A run's Gaussians under the run's settings. A PLY alone says neither: it is normalized by the
-    /// cameras, and what is nearer than a thousandth of their radius is not drawn.
-    pub(crate) fn open(path: &Path, of_cameras: Similarity) -> Result<Self, ReconstructError> {
-        if !path.is_dir() {
-            return Ok(Self {
-                path: path.to_owned(),
-                normalization: of_cameras,
-                renderer: RendererChoice::Exact,
-                settings: RenderSettings::new(1e-3),
-                trained: None,
-            });
-        }
-        let record_path = path.join(RUN_FILE);
-        let record: RunRecord = store::read_record(&record_path)?;
-        let settings: TrainSettings =
-            serde_json::from_value(record.configuration).map_err(|error| {
-                StoreError::malformed(&record_path, format!("its configuration: {error}"))
-            })?;
-        check(&settings).map_err(|reason| {
-            StoreError::malformed(&record_path, format!("its configuration: {reason}"))
-        })?;
-        Ok(Self {
-            path: path.to_owned(),
-            normalization: record.normalization,
-            renderer: settings.renderer,
-            settings: settings.rendering,
-            trained: Some(settings),
-        })
+/// Opens what is to be rendered: a run of whatever kind, or a PLY of Gaussians.
+fn open(
+    request: &RenderRequest,
+    of_cameras: Similarity,
+    camera: Camera,
+) -> Result<Box<dyn OpenedModel>, ReconstructError> {
+    if let Some(format) = run_formats::of_run(&request.model) {
+        return (format.open)(&request.model, &request.layer);
     }
-
-    pub(crate) fn model(&self) -> Result<Model, ReconstructError> {
-        match &self.trained {
-            Some(settings) => formats::read_model(&self.path, settings, &self.normalization),
-            None => {
-                let is_splat = self.path.extension().is_some_and(|kind| kind == "splat");
-                let part = if is_splat {
-                    let placement = placement(&self.path)?;
-                    formats::read_splat(&self.path, &placement, &self.normalization)?
-                } else {
-                    formats::read_static(&self.path, &self.normalization)?
-                };
-                Ok(Model::new(vec![part]))
-            }
-        }
-    }
-
-    /// World units per second of normalized ones per frame.
-    fn world_speed(&self, speed: f32) -> f64 {
-        let dynamics = self.trained.as_ref().and_then(|run| run.dynamics.as_ref());
-        let seconds = dynamics.map_or(1.0, |dynamics| dynamics.clock.frame_seconds);
-        f64::from(speed) / self.normalization.scale / seconds
-    }
-}
-
-/// How the coordinates of a `.splat` came from the world's: as the record beside it says, or not at all.
-fn placement(path: &Path) -> Result<Placement, StoreError> {
-    let record = path.parent().unwrap_or(Path::new(".")).join(ASSET_FILE);
-    if !record.exists() {
-        return Ok(Placement::WORLD);
-    }
-    let asset: Asset = store::read_record(&record)?;
-    let name = path.file_name().and_then(|name| name.to_str());
-    if asset
-        .levels
-        .iter()
-        .all(|level| Some(level.file.as_str()) != name)
-    {
-        return Ok(Placement::WORLD);
-    }
-    let [w, x, y, z] = asset.placement.rotation_wxyz;
-    Ok(Placement {
-        offset: DVec3::from_array(asset.placement.offset),
-        scale: asset.placement.scale,
-        rotation: glam::DQuat::from_xyzw(x, y, z, w),
-    })
-}
-
-/// Refuses sizes and bounds that no run has.
-fn check(settings: &TrainSettings) -> Result<(), String> {
-    if let Some(deformation) = &settings.deformation {
-        deformation.model.check()?;
-    }
-    if let Some(dynamics) = &settings.dynamics {
-        dynamics.time.check()?;
-    }
-    Ok(())
+    let opened = OpenedGaussians::open(&request.model, &request.layer, of_cameras, camera)?;
+    Ok(Box::new(opened))
 }
 
 /// Frames with their times and poses, and the camera where the file has one.

@@ -107,6 +107,11 @@ pub trait Learner: fmt::Debug {
     /// When a file cannot be written, or the backend fails.
     fn export(&mut self, folder: &Path) -> Result<Vec<String>, ReconstructError>;
 
+    /// Whether its first primitives are put at the scene's points.
+    fn begins_with_points(&self) -> bool {
+        true
+    }
+
     /// What a reader of the scores should know of the model.
     fn warnings(&self) -> Vec<String> {
         Vec::new()

@@ -3,6 +3,7 @@
 pub mod deformable;
 mod dynamic;
 pub mod feed_forward;
+pub mod neural_atlas;
 pub mod odgs;
 pub mod odgs_published;
 pub mod omni4dgs;
@@ -10,6 +11,7 @@ pub mod omni4dgs_plus;
 pub mod panogs;
 pub mod periodic;
 mod prepared;
+pub mod run_formats;
 
 use omnilife_schemas::{names, records::ComponentDecision};
 
@@ -278,6 +280,7 @@ pub const METHODS: &[Method] = &[
     omni4dgs::METHOD,
     omni4dgs_plus::METHOD,
     panogs::METHOD,
+    neural_atlas::METHOD,
     feed_forward::sweep::METHOD,
     feed_forward::infinity::METHOD,
     feed_forward::cross_fade::METHOD,

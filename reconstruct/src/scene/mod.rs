@@ -2,7 +2,7 @@
 
 pub mod depth;
 
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 use glam::{DVec3, Vec3};
 use omnilife_schemas::{
@@ -45,6 +45,9 @@ pub struct TrainingScene {
     pub points: PointCloud,
     /// Estimated distances of the input views, in their order; no entries where no view has any.
     pub depth_priors: Vec<Option<PriorFile>>,
+    /// Masks of single objects in the input views, by the object's name and the frame: share of each pixel
+    /// that it covers, 255 for all of it.
+    pub objects: BTreeMap<String, BTreeMap<u32, Vec<u8>>>,
 }
 
 impl TrainingScene {
@@ -98,6 +101,7 @@ impl TrainingScene {
             scale: scene.scale,
             points,
             depth_priors: depth_priors(&scene, folder, &split.input_views),
+            objects: load_objects(&scene, folder, camera, &split.input_views)?,
         })
     }
 
@@ -161,6 +165,16 @@ impl TrainingScene {
             is_normalized_by_points: self.is_normalized_by_points,
             points: self.points.clone(),
             depth_priors: self.depth_priors.clone(),
+            objects: self
+                .objects
+                .iter()
+                .map(|(name, masks)| {
+                    let masks = masks.iter();
+                    let reduced =
+                        masks.map(|(&frame, mask)| (frame, averaged::<1>(mask, width, factor)));
+                    (name.clone(), reduced.collect())
+                })
+                .collect(),
         }
     }
 
@@ -316,6 +330,24 @@ fn load_view(
         pixels: image.to_rgb8(),
         mask,
     })
+}
+
+/// The masks of single objects in some frames.
+fn load_objects(
+    scene: &Scene,
+    folder: &Path,
+    camera: Camera,
+    frames: &[u32],
+) -> Result<BTreeMap<String, BTreeMap<u32, Vec<u8>>>, ReconstructError> {
+    let mut objects: BTreeMap<String, BTreeMap<u32, Vec<u8>>> = BTreeMap::new();
+    for &frame in frames {
+        let entry = scene.frames.get(frame as usize);
+        for (name, file) in entry.iter().flat_map(|entry| &entry.objects) {
+            let mask = load_mask(&folder.join(file), scene.camera.size(), camera)?;
+            objects.entry(name.clone()).or_default().insert(frame, mask);
+        }
+    }
+    Ok(objects)
 }
 
 /// Reads a frame's image and brings it to the size of `camera` by area averaging.

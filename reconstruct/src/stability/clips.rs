@@ -202,6 +202,7 @@ fn scene() -> Option<TrainingScene> {
         scale: Scale::Arbitrary,
         depth_priors: Vec::new(),
         is_normalized_by_points: false,
+        objects: [].into(),
         points,
     })
 }

@@ -2,13 +2,15 @@
 //!
 //! * [`setup`]: what a case consists of;
 //! * [`cases`]: the catalogue, and `in_time` what of it is about time; [`special`]: what renders
-//!   nothing, `clips`, on which methods are trained, and `depth`, which is lifted and fused;
+//!   nothing, `clips`, on which methods are trained, `depth`, which is lifted and fused, and `atlas`,
+//!   what atlases are made of;
 //! * [`sweeps`]: families of cases whose condition number grows;
 //! * [`parameterizations`], [`devices`]: what they are tried on;
 //! * [`mod@measure`]: errors of image and gradient against [`omnilife_engine::render::reference`].
 //!
 //! To add a case: a function and a line in its slice.
 
+mod atlas;
 pub mod cases;
 mod clips;
 mod depth;

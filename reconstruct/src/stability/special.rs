@@ -4,7 +4,7 @@
 use omnilife_schemas::records::{StabilityMeasures, StabilityRow, StabilityStatus};
 
 use crate::stability::{
-    NO_PARAMETERIZATION, clips, depth,
+    NO_PARAMETERIZATION, atlas, clips, depth,
     devices::{Device, DeviceKind},
     parameterizations::{self, DEFORMABLE, STATIC},
     setup::{Setup, mild},
@@ -49,7 +49,8 @@ impl Judgement {
 
 /// All cases that render nothing.
 pub fn all() -> impl Iterator<Item = &'static SpecialCase> {
-    SPECIAL_CASES.iter().chain(clips::CASES).chain(depth::CASES)
+    let further = clips::CASES.iter().chain(depth::CASES).chain(atlas::CASES);
+    SPECIAL_CASES.iter().chain(further)
 }
 
 const SPECIAL_CASES: &[SpecialCase] = &[

@@ -74,6 +74,7 @@ fn scene(folder: &Path, count: usize, change: impl Fn(usize, usize, f32) -> f32)
         is_normalized_by_points: false,
         points: PointCloud::default(),
         depth_priors,
+        objects: [].into(),
     }
 }
 

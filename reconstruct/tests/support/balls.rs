@@ -103,6 +103,7 @@ pub(crate) fn scene_with(
         scale: omnilife_schemas::records::Scale::Arbitrary,
         depth_priors: Vec::new(),
         is_normalized_by_points: false,
+        objects: [].into(),
         points,
     }
 }

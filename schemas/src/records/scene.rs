@@ -46,6 +46,9 @@ pub struct SceneFrame {
     /// Mask images of the objects of a class (white), by its name, such as `human` and `vehicle`.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub classes: BTreeMap<String, String>,
+    /// Mask images of single objects (white), by the object's name; none where it is not seen.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub objects: BTreeMap<String, String>,
     /// True distances, where they are known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub depth: Option<DepthImage>,
@@ -122,6 +125,14 @@ pub enum PoseSource {
     Given {
         /// Name of the file or folder.
         file: String,
+    },
+    /// Images registered to their neighbours: turns of a camera whose place is not known.
+    Registered {
+        /// What was found, and how well it fits.
+        reason: String,
+        /// Whether enough of the images fits everywhere; where it does not, the poses are the best that
+        /// were found.
+        succeeded: bool,
     },
     /// Structure from motion.
     Sfm {

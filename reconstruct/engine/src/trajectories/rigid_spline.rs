@@ -17,7 +17,7 @@ use super::{
 pub const OFFSET_WEIGHT: f64 = 0.5;
 
 /// Where a rigid body is, and how it is turned: columns of the rotation are its axes in the world.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RigidPose {
     /// Its origin.
     pub centre: DVec3,

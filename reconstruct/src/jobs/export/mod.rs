@@ -34,7 +34,7 @@ use self::{
 use crate::{
     error::ReconstructError,
     formats::splat::{self, MOST_ROWS},
-    jobs::{reconstruct::RUN_FILE, render::Source},
+    jobs::{opened_gaussians::Source, reconstruct::RUN_FILE},
 };
 
 /// The record, in an asset's folder.

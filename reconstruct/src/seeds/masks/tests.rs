@@ -60,6 +60,7 @@ fn scene() -> TrainingScene {
         scale: omnilife_schemas::records::Scale::Arbitrary,
         depth_priors: Vec::new(),
         is_normalized_by_points: false,
+        objects: [].into(),
         points: PointCloud {
             colours: vec![[0; 3]; positions.len()],
             positions,

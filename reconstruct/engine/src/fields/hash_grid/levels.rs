@@ -89,7 +89,11 @@ impl Level {
         for &cell in corner.iter().rev() {
             index = index.wrapping_mul(self.stride).wrapping_add(cell);
         }
-        index % self.entries
+        if index < self.entries {
+            index
+        } else {
+            index % self.entries
+        }
     }
 }
 

@@ -5,7 +5,10 @@
 
 use rayon::prelude::*;
 
-use super::levels::{FEATURES, HashGrid, Level};
+use super::levels::{FEATURES, HashGrid, Level, MAX_DIMENSIONS};
+
+/// Corners of a cell, at most.
+const CORNERS: usize = 1 << MAX_DIMENSIONS;
 
 /// A level's cell around a position.
 struct Cell<const D: usize> {
@@ -21,10 +24,10 @@ impl<const D: usize> Cell<D> {
             fraction: [0.0; D],
         };
         for (axis, value) in position.iter().enumerate() {
+            // Not below 1/2: what is cut off is the fraction.
             let at = value.clamp(0.0, 1.0) * level.scale + 0.5;
-            let floor = at.floor();
-            cell.first[axis] = floor as u32;
-            cell.fraction[axis] = at - floor;
+            cell.first[axis] = at as u32;
+            cell.fraction[axis] = at - cell.first[axis] as f32;
         }
         cell
     }
@@ -35,19 +38,35 @@ impl<const D: usize> Cell<D> {
         std::array::from_fn(|axis| self.first[axis] + ((bits >> axis) & 1) as u32)
     }
 
+    /// Weights of the corners, by their bits.
     #[inline]
-    fn weight(&self, bits: usize) -> f32 {
-        (0..D).map(|axis| self.along(axis, bits)).product()
+    fn weights(&self) -> [f32; CORNERS] {
+        let mut weights = [1.0; CORNERS];
+        for (axis, fraction) in self.fraction.iter().enumerate() {
+            let half = 1 << axis;
+            for low in 0..half {
+                weights[low + half] = weights[low] * fraction;
+                weights[low] *= 1.0 - fraction;
+            }
+        }
+        weights
     }
 
-    /// The part of a corner's weight that one axis has.
+    /// The derivative along an axis, per cell, of values that the corners have.
     #[inline]
-    fn along(&self, axis: usize, bits: usize) -> f32 {
-        if (bits >> axis) & 1 == 1 {
-            self.fraction[axis]
-        } else {
-            1.0 - self.fraction[axis]
+    fn derivative(&self, mut values: [f32; CORNERS], along: usize) -> f32 {
+        for axis in (0..D).rev() {
+            let half = 1 << axis;
+            for low in 0..half {
+                let difference = values[low + half] - values[low];
+                values[low] = if axis == along {
+                    difference
+                } else {
+                    values[low] + self.fraction[axis] * difference
+                };
+            }
         }
+        values[0]
     }
 }
 
@@ -87,9 +106,9 @@ impl HashGrid {
             let cell = Cell::of(level, &position);
             let rows = rows(level, table);
             let mut sums = [0.0; FEATURES];
-            for bits in 0..1 << D {
+            let weights = cell.weights();
+            for (bits, weight) in weights.iter().enumerate().take(1 << D) {
                 let row = &rows[level.entry(cell.corner(bits)) as usize];
-                let weight = cell.weight(bits);
                 for (sum, value) in sums.iter_mut().zip(row) {
                     *sum += weight * value;
                 }
@@ -155,8 +174,8 @@ impl HashGrid {
                         continue;
                     }
                     let cell = Cell::of(level, &position_of::<D>(position));
-                    for bits in 0..1 << D {
-                        let weight = cell.weight(bits);
+                    let weights = cell.weights();
+                    for (bits, weight) in weights.iter().enumerate().take(1 << D) {
                         let sums = &mut sums[level.entry(cell.corner(bits)) as usize];
                         for (sum, value) in sums.iter_mut().zip(upstream) {
                             *sum += f64::from(weight * value);
@@ -203,18 +222,13 @@ impl HashGrid {
             let upstream = &upstream[number * FEATURES..number * FEATURES + used];
             let cell = Cell::of(level, &position);
             let rows = rows(level, table);
-            for bits in 0..1 << D {
+            let mut values = [0.0; CORNERS];
+            for (bits, value) in values.iter_mut().enumerate().take(1 << D) {
                 let row = &rows[level.entry(cell.corner(bits)) as usize];
-                let value: f32 = upstream.iter().zip(row).map(|(a, b)| a * b).sum();
-                for (axis, gradient) in gradient.iter_mut().enumerate() {
-                    let others: f32 = (0..D)
-                        .filter(|&other| other != axis)
-                        .map(|other| cell.along(other, bits))
-                        .product();
-                    let is_upper = (bits >> axis) & 1 == 1;
-                    let signed = if is_upper { value } else { -value };
-                    *gradient += level.scale * signed * others;
-                }
+                *value = upstream.iter().zip(row).map(|(a, b)| a * b).sum();
+            }
+            for (axis, gradient) in gradient.iter_mut().enumerate() {
+                *gradient += level.scale * cell.derivative(values, axis);
             }
         }
         for (gradient, value) in gradient.iter_mut().zip(position) {

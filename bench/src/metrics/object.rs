@@ -1,0 +1,112 @@
+//! PSNR and SSIM of single objects: in the box of an object's mask, as it is or with everything outside of
+//! the mask black.
+
+use omnilife_schemas::{records::Direction, rgb::Mask};
+
+use super::{Metric, Need, Sample, Undefined, decibels, ssim_uniform};
+
+const NEEDS: &[Need] = &[Need::ObjectMasks];
+
+pub(super) const PSNR: Metric = Metric {
+    id: "psnr-object",
+    title: "PSNR (objects)",
+    unit: "dB",
+    direction: Some(Direction::HigherIsBetter),
+    range: [0.0, 100.0],
+    source: "-10 log10(MSE) over the tight box of an object's mask, 8-bit images in [0, 1], MSE floored at \
+             1e-10; mean over the objects of a view (Neural Atlas Graphs scripts/eval_metrics.py); \
+             undefined where no object is seen",
+    needs: NEEDS,
+    function: |sample| mean(sample, |crop| Some(crop.psnr()), false),
+};
+pub(super) const PSNR_MASKED: Metric = Metric {
+    id: "psnr-object-masked",
+    title: "PSNR (objects, masked)",
+    source: "as psnr-object, with everything outside of the mask black in both images: the black rest \
+             counts as right (Neural Atlas Graphs scripts/eval_metrics.py, _only_mask)",
+    function: |sample| mean(sample, |crop| Some(crop.psnr()), true),
+    ..PSNR
+};
+pub(super) const SSIM: Metric = Metric {
+    id: "ssim-object",
+    title: "SSIM (objects)",
+    unit: "",
+    direction: Some(Direction::HigherIsBetter),
+    range: [-1.0, 1.0],
+    source: "ssim-skimage-uniform of the tight box of an object's mask; mean over the objects of a view \
+             whose box is at least 7x7 pixels (Neural Atlas Graphs scripts/eval_metrics.py); undefined \
+             where there is none",
+    needs: NEEDS,
+    function: |sample| mean(sample, Crop::ssim, false),
+};
+pub(super) const SSIM_MASKED: Metric = Metric {
+    id: "ssim-object-masked",
+    title: "SSIM (objects, masked)",
+    source: "as ssim-object, with everything outside of the mask black in both images (Neural Atlas Graphs \
+             scripts/eval_metrics.py, _only_mask)",
+    function: |sample| mean(sample, Crop::ssim, true),
+    ..SSIM
+};
+
+/// Both images in the box of a mask, in [0, 1].
+struct Crop {
+    size: [usize; 2],
+    prediction: Vec<f64>,
+    truth: Vec<f64>,
+}
+
+impl Crop {
+    /// `None` for a mask that shows nothing.
+    fn of(sample: &Sample<'_>, mask: &Mask, is_masked: bool) -> Option<Self> {
+        let [width, _] = sample.pair.size();
+        let inside = |at: &usize| mask.data[*at] != 0;
+        let pixels: Vec<usize> = (0..mask.data.len()).filter(inside).collect();
+        let columns = || pixels.iter().map(|pixel| pixel % width);
+        let (left, right) = (columns().min()?, columns().max()?);
+        let (top, bottom) = (pixels.first()? / width, pixels.last()? / width);
+        let places =
+            (top..=bottom).flat_map(|row| (left..=right).map(move |column| row * width + column));
+        let read = |image: &[u8]| -> Vec<f64> {
+            places
+                .clone()
+                .flat_map(|at| {
+                    let is_shown = !is_masked || inside(&at);
+                    let factor = if is_shown { 1.0 / 255.0 } else { 0.0 };
+                    [0, 1, 2].map(|channel| factor * f64::from(image[3 * at + channel]))
+                })
+                .collect()
+        };
+        Some(Self {
+            size: [right + 1 - left, bottom + 1 - top],
+            prediction: read(sample.pair.prediction()),
+            truth: read(sample.pair.truth()),
+        })
+    }
+
+    fn psnr(&self) -> f64 {
+        let errors = self.prediction.iter().zip(&self.truth);
+        let sum: f64 = errors.map(|(a, b)| (a - b) * (a - b)).sum();
+        decibels(sum / self.truth.len() as f64)
+    }
+
+    fn ssim(&self) -> Option<f64> {
+        ssim_uniform::of_images(&self.prediction, &self.truth, self.size)
+    }
+}
+
+/// The mean over the objects of a view for which a score is defined.
+fn mean(
+    sample: &Sample<'_>,
+    score: impl Fn(&Crop) -> Option<f64>,
+    is_masked: bool,
+) -> Result<f64, Undefined> {
+    let crops = sample
+        .objects
+        .values()
+        .filter_map(|mask| Crop::of(sample, mask, is_masked));
+    let scores: Vec<f64> = crops.filter_map(|crop| score(&crop)).collect();
+    if scores.is_empty() {
+        return Err(Undefined("no object that is large enough is seen"));
+    }
+    Ok(scores.iter().sum::<f64>() / scores.len() as f64)
+}

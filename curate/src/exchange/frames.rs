@@ -1,0 +1,362 @@
+//! A clip as a folder of frames, with masks of its objects and no more.
+//!
+//! ```text
+//! rgb/00000.jpg ...             the frames, in the order of their names (or images/)
+//! mask/00000.png ...            white where the object is, by the frames' names (DAVIS), or
+//! objects/swan/00000.png ...    the same for each object, by its name; no file where it is not seen
+//! camera.json                   {"focal": F}, the focal length in pixels, where it is known
+//! poses.json                    poses, one for each frame, where they are known, and the camera
+//! train.txt, test.txt           names of the frames for training and for testing, where a split is given
+//! ```
+//!
+//! Without poses the camera is taken to turn where it stands ([`crate::motion::pinhole_turns`]): each frame
+//! is registered to the one before it. It stands still where that succeeds and finds less than two pixels
+//! of motion. Where it fails, the best turns that were found are kept, and the scene says so.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::{Path, PathBuf},
+};
+
+use glam::{DMat3, DQuat, DVec3};
+use omnilife_schemas::{
+    Pose, RgbImage,
+    camera::{Camera, PinholeCamera},
+    image_file::ImageFile,
+    layout::POINTS_FILE,
+    points::PointCloud,
+    records::{PoseSource, PosedFrame, Poses, Scale},
+    rgb::Mask,
+    store::{self, StoreError},
+};
+use rayon::prelude::*;
+use serde::Deserialize;
+
+use super::{ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format};
+use crate::{
+    error::CurateError,
+    motion::pinhole_turns::{GreyFrame, turns},
+};
+
+/// The format.
+pub const FORMAT: Format = Format {
+    id: "frames",
+    about: "a perspective clip: rgb/ with mask/ (DAVIS) or objects/NAME/; without poses the camera is \
+            registered as one that turns",
+    export,
+    import,
+};
+
+/// Poses of a clip.
+const POSES_FILE: &str = "poses.json";
+/// Neighbouring frames are registered where at least this share of the pixels fits.
+const GOOD_FIT: f64 = 0.8;
+/// A path of the image's middle below this is no motion, pixels.
+const STILL: f64 = 2.0;
+
+#[derive(Deserialize)]
+struct CameraFile {
+    /// Pixels.
+    focal: f64,
+}
+
+fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
+    for folder in ["rgb", "mask"] {
+        store::create_folder(&out.join(folder))?;
+    }
+    super::write_split_lists(scene, out)?;
+    let mut frames = Vec::with_capacity(scene.frames.len());
+    for frame in &scene.frames {
+        super::copy(&frame.image, &out.join("rgb").join(&frame.name))?;
+        if let Some(mask) = &frame.mask {
+            let name = Path::new(&frame.name).with_extension("png");
+            super::copy(mask, &out.join("mask").join(name))?;
+        }
+        frames.push(PosedFrame {
+            time_seconds: frame.time_seconds,
+            pose: frame.pose,
+            mask: None,
+        });
+    }
+    let has_points = !scene.points.is_empty();
+    if has_points {
+        scene.points.write_ply(&out.join(POINTS_FILE))?;
+    }
+    let poses = Poses {
+        scale: Scale::Arbitrary,
+        camera: Some(scene.camera),
+        frames,
+        points: has_points.then(|| POINTS_FILE.to_owned()),
+    };
+    Ok(store::write_record(&out.join(POSES_FILE), &poses)?)
+}
+
+fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
+    let images = image_files(folder)?;
+    let first = images.first().ok_or_else(|| {
+        CurateError::input(folder, "has no frames: expected images in rgb/ or images/")
+    })?;
+    let size = ImageFile::open(first)?.size();
+    let stems: Vec<String> = images.iter().map(|image| stem(image)).collect();
+    let objects = object_masks(folder, &stems)?;
+    let given = folder.join(POSES_FILE);
+    let posed = if given.is_file() {
+        given_poses(folder, &given, images.len(), size)?
+    } else {
+        registered(&images, &objects, size, focal_of(folder)?)?
+    };
+    let mask_of = |stem: &String| {
+        // Of one object what moves is that object.
+        let (1, Some(masks)) = (objects.len(), objects.values().next()) else {
+            return None;
+        };
+        masks.get(stem).map(|file| ForeignMask {
+            file: file.clone(),
+            black_is_dynamic: false,
+        })
+    };
+    let frames = images.iter().zip(&stems).zip(posed.poses);
+    let frames = frames.map(|((image, stem), pose)| ForeignFrame {
+        image: image.clone(),
+        mask: mask_of(stem),
+        objects: objects
+            .iter()
+            .filter_map(|(name, masks)| Some((name.clone(), masks.get(stem)?.clone())))
+            .collect(),
+        pose,
+    });
+    Ok(ForeignScene {
+        camera: posed.camera,
+        frames: frames.collect(),
+        points: posed.points,
+        pose_source: Some(posed.source),
+    })
+}
+
+/// A camera with a pose for each frame.
+struct Posed {
+    camera: Camera,
+    poses: Vec<Option<Pose>>,
+    points: PointCloud,
+    source: PoseSource,
+}
+
+/// A pinhole with square pixels and a centred principal point; the focal length in pixels.
+fn pinhole([width, height]: [usize; 2], focal: f64) -> Camera {
+    PinholeCamera {
+        width: width as u32,
+        height: height as u32,
+        fx: focal,
+        fy: focal,
+        cx: 0.5 * width as f64,
+        cy: 0.5 * height as f64,
+    }
+    .into()
+}
+
+fn is_image(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+    ["png", "jpg", "jpeg"]
+        .iter()
+        .any(|known| extension == *known)
+}
+
+fn stem(path: &Path) -> String {
+    path.file_stem()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned()
+}
+
+fn images_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
+    let mut files = store::paths_in(folder)?;
+    files.retain(|file| is_image(file));
+    files.sort();
+    Ok(files)
+}
+
+fn image_files(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
+    for name in ["rgb", "images"] {
+        let images = folder.join(name);
+        if images.is_dir() {
+            return images_in(&images);
+        }
+    }
+    Ok(Vec::new())
+}
+
+/// Masks by object and by the frame's name.
+fn object_masks(
+    folder: &Path,
+    stems: &[String],
+) -> Result<BTreeMap<String, BTreeMap<String, PathBuf>>, CurateError> {
+    let known: BTreeSet<&String> = stems.iter().collect();
+    let read = |folder: &Path| -> Result<BTreeMap<String, PathBuf>, CurateError> {
+        let mut masks = BTreeMap::new();
+        for file in images_in(folder)? {
+            let name = stem(&file);
+            if !known.contains(&name) {
+                return Err(CurateError::input(&file, "is the mask of no frame"));
+            }
+            masks.insert(name, file);
+        }
+        Ok(masks)
+    };
+    let mut objects = BTreeMap::new();
+    let folders = folder.join("objects");
+    if folders.is_dir() {
+        for path in store::paths_in(&folders)?
+            .into_iter()
+            .filter(|path| path.is_dir())
+        {
+            let name = path
+                .file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned();
+            objects.insert(name, read(&path)?);
+        }
+    } else if folder.join("mask").is_dir() {
+        objects.insert("object".to_owned(), read(&folder.join("mask"))?);
+    }
+    Ok(objects)
+}
+
+fn focal_of(folder: &Path) -> Result<Option<f64>, CurateError> {
+    let path = folder.join("camera.json");
+    if !path.is_file() {
+        return Ok(None);
+    }
+    let text = std::fs::read(&path).map_err(|source| StoreError::read(&path, source))?;
+    let camera: CameraFile = serde_json::from_slice(&text)
+        .map_err(|error| StoreError::malformed(&path, error.to_string()))?;
+    let is_possible = camera.focal > 0.0 && camera.focal.is_finite();
+    if !is_possible {
+        let reason = format!("has a focal length of {} pixels", camera.focal);
+        return Err(CurateError::input(&path, reason));
+    }
+    Ok(Some(camera.focal))
+}
+
+/// The poses of a `poses.json`, one for each frame; its camera, or that of a `camera.json`.
+fn given_poses(
+    folder: &Path,
+    path: &Path,
+    frames: usize,
+    size: [usize; 2],
+) -> Result<Posed, CurateError> {
+    let record: Poses = store::read_record(path)?;
+    if record.frames.len() != frames {
+        let reason = format!("has {} poses for {frames} frames", record.frames.len());
+        return Err(CurateError::input(path, reason));
+    }
+    if let Some(number) = record
+        .frames
+        .iter()
+        .position(|frame| !frame.pose.is_valid())
+    {
+        let reason = format!("pose {number} is not a rotation with a place");
+        return Err(CurateError::input(path, reason));
+    }
+    let camera = match (record.camera, focal_of(folder)?) {
+        (Some(camera), _) => camera,
+        (None, Some(focal)) => pinhole(size, focal),
+        (None, None) => {
+            let reason = "has no camera, and there is no camera.json with the focal length";
+            return Err(CurateError::input(path, reason));
+        }
+    };
+    let points = match &record.points {
+        Some(file) => PointCloud::read_ply(&folder.join(file))?,
+        None => PointCloud::default(),
+    };
+    Ok(Posed {
+        camera,
+        poses: record.frames.iter().map(|frame| Some(frame.pose)).collect(),
+        points,
+        source: PoseSource::Given {
+            file: path.display().to_string(),
+        },
+    })
+}
+
+/// The turns of a camera that stands, from the images.
+fn registered(
+    images: &[PathBuf],
+    objects: &BTreeMap<String, BTreeMap<String, PathBuf>>,
+    [width, height]: [usize; 2],
+    focal: Option<f64>,
+) -> Result<Posed, CurateError> {
+    let frames: Vec<GreyFrame> = images
+        .par_iter()
+        .map(|image| grey_frame(image, objects, [width, height]))
+        .collect::<Result<_, CurateError>>()?;
+    let found = turns(&frames, focal.map(|focal| focal / width as f64));
+    let pixels = found.path * width as f64;
+    let succeeded = found.least_fit >= GOOD_FIT;
+    let is_still = succeeded && pixels < STILL;
+    let fit = format!(
+        "at least {:.0} % of the pixels fit ({:.0} % expected)",
+        100.0 * found.least_fit,
+        100.0 * GOOD_FIT
+    );
+    let lens = match focal {
+        Some(_) => "a given focal length".to_owned(),
+        None => format!(
+            "a focal length of {:.2} widths, the best of a grid",
+            found.focal
+        ),
+    };
+    let path = format!("the image's middle moves by {pixels:.1} pixels in all");
+    let reason = match (succeeded, is_still) {
+        (false, _) => format!("turns of uncertain registration, {lens}: {fit}; {path}"),
+        (true, true) => format!("a still camera, {lens}: {fit}; {path}"),
+        (true, false) => format!("turns, {lens}: {fit}; {path}"),
+    };
+    let poses = found.rotations.iter().map(|&rotation| {
+        let rotation = if is_still { DQuat::IDENTITY } else { rotation };
+        Pose::from_matrix(DMat3::from_quat(rotation), DVec3::ZERO)
+    });
+    Ok(Posed {
+        camera: pinhole([width, height], found.focal * width as f64),
+        poses: poses.collect(),
+        points: PointCloud::default(),
+        source: PoseSource::Registered { reason, succeeded },
+    })
+}
+
+fn grey_frame(
+    image: &Path,
+    objects: &BTreeMap<String, BTreeMap<String, PathBuf>>,
+    size: [usize; 2],
+) -> Result<GreyFrame, CurateError> {
+    let [width, height] = size;
+    let rgb = RgbImage::decode(ImageFile::open(image)?.expect_size(size)?)?;
+    let (pixels, _) = rgb.data.as_chunks::<3>();
+    let luma = pixels
+        .iter()
+        .map(|[r, g, b]| 255.0 * (0.2126 * r + 0.7152 * g + 0.0722 * b));
+    let mut open = vec![true; width * height];
+    for masks in objects.values() {
+        let Some(file) = masks.get(&stem(image)) else {
+            continue;
+        };
+        let mask = Mask::decode(ImageFile::open(file)?.expect_size(size)?)?;
+        // A mask's edge is not exact.
+        let reach = (width / 100).max(1);
+        for pixel in (0..mask.data.len()).filter(|&pixel| mask.data[pixel] >= 128) {
+            let (column, row) = (pixel % width, pixel / width);
+            for near in row.saturating_sub(reach)..=(row + reach).min(height - 1) {
+                let first = near * width + column.saturating_sub(reach);
+                let last = near * width + (column + reach).min(width - 1);
+                open[first..=last].fill(false);
+            }
+        }
+    }
+    Ok(GreyFrame {
+        width,
+        height,
+        luma: luma.collect(),
+        open,
+    })
+}

@@ -1,0 +1,187 @@
+//! Colours of rays: hits with every node, what nodes look like there, layers.
+
+use glam::{DVec2, DVec3};
+use omnilife_engine::{
+    camera::View,
+    surfaces::{
+        compose::{Layer, compose, sort},
+        plane::Ray,
+    },
+    trajectories::rigid_spline::RigidPose,
+};
+use omnilife_schemas::RgbImage;
+use rayon::prelude::*;
+
+use super::{
+    clip::{camera_direction, pose_of, ray_of},
+    graph::{Graph, Shown},
+    shade::{Detail, Sample, Shaded},
+};
+
+/// A moment that rays of a batch share.
+#[derive(Debug, Clone, Copy)]
+pub struct Moment {
+    /// In [0, 1].
+    pub time: f64,
+    /// The camera, without what is learnt.
+    pub given: RigidPose,
+}
+
+/// Rays to be coloured.
+#[derive(Debug, Default)]
+pub struct Rays {
+    /// Moments.
+    pub moments: Vec<Moment>,
+    /// The moment of each ray.
+    pub moment_of: Vec<usize>,
+    /// The unit direction of each ray in its camera's frame.
+    pub directions: Vec<DVec3>,
+}
+
+/// What rays saw.
+#[derive(Debug)]
+pub struct Seen {
+    /// The rays in the scene.
+    pub rays: Vec<Ray>,
+    /// Hits, node by node.
+    pub samples: Vec<Vec<Sample>>,
+    /// What they look like, node by node.
+    pub shaded: Vec<Shaded>,
+    /// Poses of each node at each moment.
+    pub poses: Vec<Vec<RigidPose>>,
+    /// Of each ray: node and number of its sample there.
+    pub links: Vec<Vec<(usize, usize)>>,
+}
+
+impl Seen {
+    /// The layers of a ray, nearest first, with their links.
+    pub fn layers(&self, ray: usize) -> (Vec<Layer>, Vec<(usize, usize)>) {
+        let mut links = self.links[ray].clone();
+        let layer = |&(node, sample): &(usize, usize)| {
+            let shade = &self.shaded[node].shades[sample];
+            Layer {
+                distance: self.samples[node][sample].hit.distance(),
+                surface: node,
+                colour: shade.colour,
+                opacity: shade.opacity,
+            }
+        };
+        let mut layers: Vec<Layer> = links.iter().map(layer).collect();
+        sort(&mut layers);
+        links.sort_by_key(|&(node, _)| layers.iter().position(|layer| layer.surface == node));
+        (layers, links)
+    }
+}
+
+impl Graph {
+    /// What rays see of the nodes that `is_shown` names. Where `keep` holds, fields keep what gradients
+    /// need.
+    pub fn see(
+        &mut self,
+        rays: &Rays,
+        detail: &Detail,
+        keep: bool,
+        is_shown: &dyn Fn(usize) -> bool,
+    ) -> Seen {
+        let times: Vec<f64> = rays.moments.iter().map(|moment| moment.time).collect();
+        let cameras: Vec<RigidPose> = rays
+            .moments
+            .iter()
+            .map(|moment| self.camera_pose(&moment.given, moment.time))
+            .collect();
+        let poses: Vec<Vec<RigidPose>> = self
+            .nodes
+            .iter()
+            .map(|node| times.iter().map(|&time| node.pose(time)).collect())
+            .collect();
+        let placed: Vec<Ray> = rays
+            .moment_of
+            .iter()
+            .zip(&rays.directions)
+            .map(|(&moment, &direction)| ray_of(&cameras[moment], direction))
+            .collect();
+        let mut samples: Vec<Vec<Sample>> = vec![Vec::new(); self.nodes.len()];
+        let mut links = vec![Vec::new(); placed.len()];
+        for (number, node) in self.nodes.iter().enumerate() {
+            if !is_shown(number) {
+                continue;
+            }
+            let is_there: Vec<bool> = times.iter().map(|&time| node.is_there(time)).collect();
+            for (ray, placed) in placed.iter().enumerate() {
+                let moment = rays.moment_of[ray];
+                if !is_there[moment] {
+                    continue;
+                }
+                if let Some(hit) = node.hit(placed, &poses[number][moment]) {
+                    links[ray].push((number, samples[number].len()));
+                    samples[number].push(Sample { ray, moment, hit });
+                }
+            }
+        }
+        let shaded = self
+            .nodes
+            .iter_mut()
+            .zip(&samples)
+            .map(|(node, samples)| node.shade(samples, &times, detail, keep))
+            .collect();
+        Seen {
+            rays: placed,
+            samples,
+            shaded,
+            poses,
+            links,
+        }
+    }
+
+    /// An image of what a view shows, in [0, 1], and how many of its rays hit nothing.
+    pub fn image(&mut self, view: &View, shown: &Shown) -> (RgbImage, usize) {
+        // Rows of pixels at once: as much as keeps fields' rows in the caches.
+        const RAYS: usize = 1 << 14;
+        let (width, height) = (view.camera.width() as usize, view.camera.height() as usize);
+        let named = match shown {
+            Shown::All => None,
+            Shown::Only(id) | Shown::Matte(id) | Shown::Without(id) => self.find(id),
+        };
+        let is_shown = |node: usize| match shown {
+            Shown::All | Shown::Matte(_) => true,
+            Shown::Only(_) => Some(node) == named,
+            Shown::Without(_) => Some(node) != named,
+        };
+        let moment = Moment {
+            time: self.clock.time(view.time_seconds),
+            given: pose_of(view),
+        };
+        let mut image = RgbImage::black(width, height);
+        let mut missed = 0;
+        for (chunk, out) in image.data.chunks_mut(3 * RAYS).enumerate() {
+            let pixels = chunk * RAYS..chunk * RAYS + out.len() / 3;
+            let direction = |pixel: usize| {
+                let at = [(pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5];
+                camera_direction(&view.camera, DVec2::from_array(at))
+            };
+            let rays = Rays {
+                moments: vec![moment],
+                moment_of: vec![0; pixels.len()],
+                directions: pixels.map(direction).collect(),
+            };
+            let seen = self.see(&rays, &Detail::FULL, false, &is_shown);
+            missed += seen.links.iter().filter(|links| links.is_empty()).count();
+            out.par_chunks_exact_mut(3)
+                .enumerate()
+                .for_each(|(ray, out)| {
+                    let (mut layers, _) = seen.layers(ray);
+                    if let Shown::Matte(_) = shown {
+                        for layer in &mut layers {
+                            let is_it = Some(layer.surface) == named;
+                            layer.colour = if is_it { DVec3::ONE } else { DVec3::ZERO };
+                        }
+                    }
+                    let colour = compose(&layers);
+                    for (out, value) in out.iter_mut().zip(colour.to_array()) {
+                        *out = value as f32;
+                    }
+                });
+        }
+        (image, missed)
+    }
+}

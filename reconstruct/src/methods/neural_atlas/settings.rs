@@ -1,0 +1,193 @@
+//! Settings of Neural Atlas Graphs, as they stand in a run's record.
+
+use omnilife_engine::{
+    fields::{
+        grid_field::GridFieldShape,
+        hash_grid::{HashGrid, HashGridShape},
+    },
+    parameters::decay::Decay,
+    schedule::Position,
+};
+use serde::{Deserialize, Serialize};
+
+use super::{node::FieldKind, shade::Detail, step::StepRates};
+
+/// Weight of the mask loss in all published configurations.
+pub const PUBLISHED_MASK_WEIGHT: f64 = 0.005;
+
+/// Every setting as resolved.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Settings {
+    /// Rays of a step.
+    pub rays: usize,
+    /// Sizes of colour and opacity fields, at most; the extent of a node may give reason for less.
+    pub base_fields: FieldSize,
+    /// Sizes of flow and view fields, at most.
+    pub motion_fields: FieldSize,
+    /// Step sizes of hash tables.
+    pub table_rate: Decay,
+    /// Step sizes of networks.
+    pub network_rate: Decay,
+    /// Step sizes of trajectories: radians, and shares of a node's distance.
+    pub pose_rate: Decay,
+    /// Weight of the mask loss; 0 leaves it out.
+    pub mask_weight: f64,
+    /// Whether flow and view fields begin coarse.
+    pub coarse_to_fine: bool,
+    /// Shares of the run at which colour and opacity join the poses, and flow and view join them.
+    pub phases: [f64; 2],
+    /// Seed.
+    pub seed: u64,
+}
+
+/// Sizes of a field (Neural Atlas Graphs `config/encoding_config.py`).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FieldSize {
+    /// As published.
+    Large,
+    /// 12 levels of 2^15.
+    Medium,
+    /// 8 levels of 2^13.
+    Small,
+    /// 6 levels of 2^12.
+    Tiny,
+}
+
+impl FieldSize {
+    /// The size of this name.
+    pub fn named(name: &str) -> Option<Self> {
+        match name {
+            "large" => Some(Self::Large),
+            "medium" => Some(Self::Medium),
+            "small" => Some(Self::Small),
+            "tiny" => Some(Self::Tiny),
+            _ => None,
+        }
+    }
+
+    /// Levels, binary logarithm of their entries, layers of the network that are hidden, their width.
+    fn sizes(self) -> (usize, u32, usize, usize) {
+        match self {
+            Self::Large => (16, 17, 5, 64),
+            Self::Medium => (12, 15, 4, 64),
+            Self::Small => (8, 13, 3, 64),
+            Self::Tiny => (6, 12, 3, 32),
+        }
+    }
+
+    /// A field over a surface with so many texels along its longer side and in all: no level is finer
+    /// than the texels, and no table larger than their number asks for.
+    pub fn shape(self, dimensions: usize, outputs: usize, longer: f64, all: f64) -> GridFieldShape {
+        let (levels, log2_entries, hidden_layers, width) = self.sizes();
+        let needed = all.max(1.0).log2().ceil().max(8.0) as u32;
+        GridFieldShape {
+            grid: HashGridShape::new(
+                dimensions,
+                HashGrid::levels_for(longer, levels),
+                log2_entries.min(needed),
+            ),
+            hidden_layers,
+            width,
+            outputs,
+        }
+    }
+}
+
+/// Epochs of the published schedule, by which coarse to fine is written.
+const EPOCHS: f64 = 80.0;
+
+impl Settings {
+    /// The defaults on a CPU: medium fields for colour and opacity, small ones for flow and view, and the
+    /// published shares of the phases (5, 15 and 60 of 80 epochs).
+    pub fn new(seed: u64) -> Self {
+        Self {
+            rays: 1 << 14,
+            base_fields: FieldSize::Medium,
+            motion_fields: FieldSize::Small,
+            table_rate: Decay {
+                begin: 1e-2,
+                end: 1e-3,
+            },
+            network_rate: Decay {
+                begin: 2e-3,
+                end: 2e-4,
+            },
+            pose_rate: Decay {
+                begin: 1e-3,
+                end: 1e-4,
+            },
+            mask_weight: 10.0 * PUBLISHED_MASK_WEIGHT,
+            coarse_to_fine: true,
+            phases: [5.0 / EPOCHS, 20.0 / EPOCHS],
+            seed,
+        }
+    }
+
+    /// What is learnt at a position of the run.
+    pub fn detail(&self, at: &Position) -> Detail {
+        let [colour, motion] = self.phases.map(|begin| at.share >= begin);
+        let mut kinds = [false; 4];
+        kinds[FieldKind::Colour.number()] = colour;
+        kinds[FieldKind::Opacity.number()] = colour;
+        kinds[FieldKind::Flow.number()] = motion;
+        kinds[FieldKind::View.number()] = motion;
+        Detail {
+            kinds,
+            active_share: if self.coarse_to_fine {
+                active_share(EPOCHS * at.share)
+            } else {
+                1.0
+            },
+        }
+    }
+
+    /// How fast.
+    pub fn rates(&self, at: &Position) -> StepRates {
+        let share = at.share as f32;
+        StepRates {
+            poses: self.pose_rate.at(share),
+            tables: self.table_rate.at(share),
+            networks: self.network_rate.at(share),
+            mask_weight: self.mask_weight,
+        }
+    }
+}
+
+/// Share of the features of flow and view that is used at an epoch (supplement eq. 5, 6, with the bound
+/// and the 0.4 of `callbacks/nag_callback.py`).
+fn active_share(epoch: f64) -> f64 {
+    let turn = (epoch / 64.0).min(1.0) * std::f64::consts::FRAC_PI_2;
+    0.4 + 0.6 * (0.05 + turn.sin()).min(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn features_join_as_published() {
+        let active = |epoch: f64| (64.0 * active_share(epoch) - 1e-9).ceil();
+        for (epoch, expected) in [
+            (0.0, 28.0),
+            (5.0, 33.0),
+            (10.0, 37.0),
+            (20.0, 46.0),
+            (30.0, 54.0),
+            (40.0, 60.0),
+            (48.0, 63.0),
+            (50.0, 64.0),
+            (79.0, 64.0),
+        ] {
+            assert_eq!(active(epoch), expected, "{epoch}");
+        }
+    }
+
+    #[test]
+    fn fields_are_no_finer_than_what_they_lie_on() {
+        let shape = FieldSize::Medium.shape(2, 3, 30.0, 600.0);
+        assert_eq!((shape.grid.levels, shape.grid.log2_entries), (5, 10));
+        let shape = FieldSize::Medium.shape(2, 3, 1e5, 1e9);
+        assert_eq!((shape.grid.levels, shape.grid.log2_entries), (12, 15));
+    }
+}

@@ -1,0 +1,299 @@
+//! A clip of frames and masks, from its import to edits of its atlas.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use image::{GrayImage, Luma, Rgb, RgbImage};
+
+use crate::support::{SEQUENCE, omnilife, picture, scratch, small_run};
+
+const SIZE: [u32; 2] = [64, 40];
+const FRAMES: u32 = 6;
+
+/// A square that crosses a pattern, with its masks.
+fn write_clip(folder: &Path) {
+    let [width, height] = SIZE;
+    for name in ["rgb", "objects/square"] {
+        fs::create_dir_all(folder.join(name)).unwrap();
+    }
+    for frame in 0..FRAMES {
+        let is_it =
+            |x: u32, y: u32| (14 + 4 * frame..26 + 4 * frame).contains(&x) && (14..26).contains(&y);
+        let rgb = RgbImage::from_fn(width, height, |x, y| {
+            let wave = |at: f64| (128.0 + 90.0 * at.sin()) as u8;
+            let (a, b) = (f64::from(x) * 0.3, f64::from(y) * 0.4);
+            if is_it(x, y) {
+                Rgb([220, 40, 60])
+            } else {
+                Rgb([wave(a + b), wave(a - b), wave(b)])
+            }
+        });
+        rgb.save(folder.join(format!("rgb/{frame:05}.png")))
+            .unwrap();
+        let mask = GrayImage::from_fn(width, height, |x, y| Luma([255 * u8::from(is_it(x, y))]));
+        mask.save(folder.join(format!("objects/square/{frame:05}.png")))
+            .unwrap();
+    }
+}
+
+/// Words as arguments.
+fn run(words: &str) -> crate::support::Ended {
+    omnilife(words.split_whitespace())
+}
+
+/// A small run on the clip: its folder, and the scene.
+fn small_atlas(folder: &Path) -> (PathBuf, PathBuf) {
+    let (clip, scene, out) = (
+        folder.join("clip"),
+        folder.join("scene"),
+        folder.join("run"),
+    );
+    write_clip(&clip);
+    run(&format!(
+        "curate import {} --format frames --id square --fps 10 --out {}",
+        clip.display(),
+        scene.display()
+    ))
+    .succeeded();
+    let record = scene.join("scene.json");
+    let split = scene.join("split.json");
+    run(&format!(
+        "bench split {} --protocol input-view --out {}",
+        record.display(),
+        split.display()
+    ))
+    .succeeded();
+    run(&format!(
+        "reconstruct train {} --split {} --method nag --iterations 40 --set rays=1024 --set \
+         base-fields=tiny --set motion-fields=tiny --out {}",
+        record.display(),
+        split.display(),
+        out.display()
+    ))
+    .succeeded();
+    (out, record)
+}
+
+fn edit(run_folder: &Path, script: &str, out: &Path) -> crate::support::Ended {
+    let path = out.with_extension("toml");
+    fs::write(&path, script).unwrap();
+    run(&format!(
+        "reconstruct edit {} --script {} --out {}",
+        run_folder.display(),
+        path.display(),
+        out.display()
+    ))
+}
+
+#[test]
+fn a_clip_is_imported_learnt_scored_taken_apart_and_edited() {
+    let folder = scratch();
+    let folder = folder.path();
+    let (atlas, scene) = small_atlas(folder);
+    let text = fs::read_to_string(&scene).unwrap();
+    assert!(text.contains("a still camera") && text.contains("masks/square/00003.png"));
+    for file in [
+        "run.json",
+        "trace.csv",
+        "predictions/input/000003.png",
+        "atlas.json",
+        "atlas.bin",
+    ] {
+        assert!(atlas.join(file).is_file(), "{file}");
+    }
+    let split = scene.with_file_name("split.json");
+    run(&format!(
+        "bench score --scene {} --split {} --run {} --out {}",
+        scene.display(),
+        split.display(),
+        atlas.join("run.json").display(),
+        folder.join("score").display()
+    ))
+    .succeeded();
+    let result = fs::read_to_string(folder.join("score/result.json")).unwrap();
+    assert!(result.contains("psnr-object") && result.contains("ssim-skimage-uniform"));
+    let render = |run_folder: &Path, layer: &str, name: &str| {
+        let out = folder.join(name);
+        let ended = run(&format!(
+            "reconstruct render {} --poses {} --layer {layer} --out {}",
+            run_folder.display(),
+            scene.display(),
+            out.display()
+        ));
+        (ended, out.join("000003.png"))
+    };
+    let (ended, all) = render(&atlas, "all", "all");
+    ended.succeeded();
+    assert_eq!(
+        picture(&all),
+        picture(&atlas.join("predictions/input/000003.png"))
+    );
+    let (ended, matte) = render(&atlas, "matte:square", "matte");
+    ended.succeeded();
+    let matte = picture(&matte);
+    // In frame 3 the square's middle is at (32, 20).
+    assert!(matte[(32, 20)][0] > 200 && matte[(5, 5)][0] < 50);
+    let (ended, _) = render(&atlas, "object:swan", "none");
+    let message = ended.failed_quietly(2).to_owned();
+    assert!(
+        message.contains("swan") && message.contains("square"),
+        "{message}"
+    );
+    run(&format!(
+        "reconstruct atlas {} --out {}",
+        atlas.display(),
+        folder.join("atlas").display()
+    ))
+    .succeeded();
+    let square = image::open(folder.join("atlas/square.png"))
+        .unwrap()
+        .to_rgba8();
+    let middle = square[(square.width() / 2, square.height() / 2)];
+    assert!(
+        middle[0] > 150 && middle[1] < 110 && middle[3] > 128,
+        "{middle:?}"
+    );
+
+    // There and back again is where it was; without it the background is seen.
+    let there = "[[edit]]\nkind = \"shift\"\nnode = \"square\"\nby = [0.1, 0.0, 0.0]\n";
+    let back = there.replace("0.1, 0.0", "-0.1, 0.0");
+    edit(&atlas, &format!("{there}{back}"), &folder.join("back")).succeeded();
+    let (ended, returned) = render(&folder.join("back"), "all", "returned");
+    ended.succeeded();
+    let largest = picture(&returned)
+        .iter()
+        .zip(picture(&all).iter())
+        .map(|(a, b)| a.abs_diff(*b))
+        .max();
+    assert!(largest <= Some(1), "{largest:?}");
+    edit(
+        &atlas,
+        "[[edit]]\nkind = \"remove\"\nnode = \"square\"\n",
+        &folder.join("removed"),
+    )
+    .succeeded();
+    let (ended, removed) = render(&folder.join("removed"), "all", "without-it");
+    ended.succeeded();
+    let (ended, without) = render(&atlas, "without:square", "without");
+    ended.succeeded();
+    assert_eq!(picture(&removed), picture(&without));
+    assert!(picture(&removed)[(32, 20)] != picture(&all)[(32, 20)]);
+    let record = fs::read_to_string(folder.join("removed/run.json")).unwrap();
+    assert!(record.contains("edited: square is removed"));
+
+    // A painted frame comes back where it was painted.
+    let mut paint = image::RgbaImage::new(SIZE[0], SIZE[1]);
+    for x in 29..36 {
+        for y in 17..24 {
+            paint.put_pixel(x, y, image::Rgba([0, 255, 0, 255]));
+        }
+    }
+    paint.save(folder.join("green.png")).unwrap();
+    let script =
+        "[[edit]]\nkind = \"texture\"\nnode = \"square\"\nimage = \"green.png\"\nframe = 3\n";
+    let ended = edit(&atlas, script, &folder.join("painted")).succeeded();
+    assert!(
+        ended.stdout.contains("within half a pixel"),
+        "{}",
+        ended.stdout
+    );
+    let (ended, painted) = render(&folder.join("painted"), "all", "green");
+    ended.succeeded();
+    let painted = picture(&painted);
+    assert!(painted[(32, 20)][1] > 180, "{:?}", painted[(32, 20)]);
+}
+
+#[test]
+fn wrong_scripts_and_clips_are_one_line_each() {
+    let folder = scratch();
+    let folder = folder.path();
+    let (atlas, _) = small_atlas(folder);
+    image::RgbaImage::new(4, 4)
+        .save(folder.join("empty.png"))
+        .unwrap();
+    for (script, expected) in [
+        (
+            "[[edit]]\nkind = \"remove\"\nnode = \"swan\"\n",
+            "line 1: there is no object \"swan\"",
+        ),
+        (
+            "[[edit]]\nkind = \"remove\"\nnode = \"square\"\n\n[[edit]]\nkind = \"texture\"\nnode = \"background\"\nimage = \"empty.png\"\n",
+            "line 5",
+        ),
+        ("[[edit]]\nkind = \"paint\"\nnode = \"square\"\n", "paint"),
+        (
+            "[[edit]]\nkind = \"texture\"\nnode = \"square\"\nimage = \"none.png\"\n",
+            "none.png",
+        ),
+    ] {
+        let ended = edit(&atlas, script, &folder.join("edited"));
+        let message = ended.failed_quietly(2).to_owned();
+        assert!(message.contains(expected), "{message}");
+        assert!(!folder.join("edited/run.json").exists());
+    }
+    // Gaussians have no script.
+    let gaussians = small_run().out.join(crate::support::METHOD).join("run");
+    let message = edit(&gaussians, "", &folder.join("edited"))
+        .failed_quietly(2)
+        .to_owned();
+    assert!(message.contains("no script edits"), "{message}");
+    let import = |name: &str, spoil: &dyn Fn(&Path)| {
+        let clip = folder.join(name);
+        write_clip(&clip);
+        spoil(&clip);
+        let out = folder.join(format!("{name}-scene"));
+        let ended = run(&format!(
+            "curate import {} --format frames --fps 10 --out {}",
+            clip.display(),
+            out.display()
+        ));
+        assert!(!out.join("scene.json").exists());
+        ended.failed_quietly(2).to_owned()
+    };
+    let message = import("size", &|clip| {
+        let mask = GrayImage::new(8, 8);
+        mask.save(clip.join("objects/square/00002.png")).unwrap();
+    });
+    assert!(message.contains("00002.png"), "{message}");
+    let message = import("orphan", &|clip| {
+        let mask = GrayImage::new(SIZE[0], SIZE[1]);
+        mask.save(clip.join("objects/square/00099.png")).unwrap();
+    });
+    assert!(message.contains("the mask of no frame"), "{message}");
+    let message = import("focal", &|clip| {
+        fs::write(clip.join("camera.json"), "{\"focal\": -3}").unwrap();
+    });
+    assert!(
+        message.contains("camera.json") && message.contains("focal"),
+        "{message}"
+    );
+}
+
+/// Scenes of the sphere have a sphere as background; those of the first version are read too.
+#[test]
+fn panoramas_have_a_sphere_as_background() {
+    let sequence = small_run().out.join(SEQUENCE);
+    let folder = scratch();
+    let out = folder.path().join("run");
+    run(&format!(
+        "reconstruct train {} --split {} --method nag --iterations 30 --set rays=512 --set \
+         base-fields=tiny --set motion-fields=tiny --out {}",
+        sequence.join("scene.json").display(),
+        sequence.join("per-scene/split.json").display(),
+        out.display()
+    ))
+    .succeeded();
+    let record = fs::read_to_string(out.join("run.json")).unwrap();
+    assert!(record.contains("a sphere (panoramas)"));
+    assert!(out.join("predictions/novel/000004.png").is_file());
+    let message = run(&format!(
+        "reconstruct train {} --split {} --method nag --backend gpu --out {}",
+        sequence.join("scene.json").display(),
+        sequence.join("per-scene/split.json").display(),
+        folder.path().join("gpu").display()
+    ));
+    let message = message.failed_quietly(2).to_owned();
+    assert!(message.contains("nag has no GPU kernels"), "{message}");
+}
