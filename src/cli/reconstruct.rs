@@ -5,7 +5,10 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand, ValueEnum};
 use omnilife_engine::model::layers::Layer;
 use omnilife_reconstruct::{
-    jobs::render::{RenderCamera, RenderRequest},
+    jobs::{
+        edit::Edit,
+        render::{RenderCamera, RenderRequest},
+    },
     methods::{self, METHODS},
     options::Options,
     request::{BackendChoice, MethodRequest, PlanChoice},
@@ -181,6 +184,9 @@ pub(crate) struct RenderArguments {
     /// What is shown: everything, the static or the dynamic Gaussians alone, velocities, or depth.
     #[arg(long, value_enum, default_value_t = LayerArgument::All)]
     pub(crate) layer: LayerArgument,
+    /// Shows the object with this id alone.
+    #[arg(long, value_name = "ID", conflicts_with = "layer")]
+    pub(crate) object: Option<u32>,
     /// Makes a video of the images too; players show views of the whole sphere as 360-degree video.
     #[arg(long, value_name = "FILE.mp4")]
     pub(crate) video: Option<PathBuf>,
@@ -225,7 +231,7 @@ impl RenderArguments {
                 Some(CameraArgument::Erp) => RenderCamera::Erp,
                 Some(CameraArgument::Pinhole) => RenderCamera::Pinhole(self.fov_degrees),
             },
-            layer: self.layer.into(),
+            layer: self.object.map_or(self.layer.into(), Layer::Object),
             out: self.out.clone(),
         }
     }
@@ -243,6 +249,36 @@ fn plan(text: &str) -> Result<PlanChoice, String> {
                 .collect(),
         )),
     }
+}
+
+/// The id before an equals sign, and `N` finite numbers behind it.
+fn of_object<const N: usize>(text: &str) -> Result<(u32, [f64; N]), String> {
+    let expected = || format!("expected ID= and {N} numbers with commas between");
+    let (id, numbers) = text.split_once('=').ok_or_else(expected)?;
+    let numbers: Option<Vec<f64>> = numbers
+        .split(',')
+        .map(|word| {
+            word.trim()
+                .parse()
+                .ok()
+                .filter(|number: &f64| number.is_finite())
+        })
+        .collect();
+    let numbers = numbers.and_then(|numbers| <[f64; N]>::try_from(numbers).ok());
+    let id = id.trim().parse().map_err(|_| expected())?;
+    Ok((id, numbers.ok_or_else(expected)?))
+}
+
+fn moved(text: &str) -> Result<Edit, String> {
+    of_object(text).map(|(id, by)| Edit::Move(id, by))
+}
+
+fn copied(text: &str) -> Result<Edit, String> {
+    of_object(text).map(|(id, by)| Edit::Copy(id, by))
+}
+
+fn delayed(text: &str) -> Result<Edit, String> {
+    of_object(text).map(|(id, [seconds])| Edit::Delay(id, seconds))
 }
 
 fn size(text: &str) -> Result<[u32; 2], String> {
@@ -288,6 +324,27 @@ pub(crate) enum ReconstructCommand {
     },
     /// Renders Gaussians along given poses to PNG files, and to a video.
     Render(RenderArguments),
+    /// Takes vehicles out of a trained object graph, moves, copies or delays them: a run of its own that
+    /// says so.
+    Edit {
+        /// Folder of the run.
+        run: PathBuf,
+        /// Takes an object out; may be repeated, as all of these.
+        #[arg(long, value_name = "ID")]
+        remove: Vec<u32>,
+        /// Moves an object along the ground (world units) and turns its path (radians).
+        #[arg(long = "move", value_name = "ID=X,Y,TURN", value_parser = moved, allow_hyphen_values = true)]
+        moves: Vec<Edit>,
+        /// Puts a copy of an object beside it.
+        #[arg(long = "copy", value_name = "ID=X,Y", value_parser = copied, allow_hyphen_values = true)]
+        copies: Vec<Edit>,
+        /// Sends an object later.
+        #[arg(long = "delay", value_name = "ID=SECONDS", value_parser = delayed, allow_hyphen_values = true)]
+        delays: Vec<Edit>,
+        /// Folder of the edited run.
+        #[arg(long)]
+        out: PathBuf,
+    },
     /// Lists the methods.
     Methods,
 }

@@ -3,6 +3,7 @@
 use omnilife_curate::slicing::Projection;
 use omnilife_reconstruct::{
     jobs::{
+        edit::{self, Edit, EditRequest},
         plan_cost,
         reconstruct::{self, ReconstructRequest},
         render,
@@ -14,7 +15,8 @@ use omnilife_schemas::{camera::Camera, progress::Progress};
 use super::video;
 use crate::{
     cli::{ReconstructCommand, RenderArguments},
-    exit, termination,
+    exit::{self, BadRequest},
+    termination,
 };
 
 pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> anyhow::Result<()> {
@@ -61,6 +63,31 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
             exit::print(&plan.text())
         }
         ReconstructCommand::Render(arguments) => render(arguments, progress),
+        ReconstructCommand::Edit {
+            run,
+            remove,
+            moves,
+            copies,
+            delays,
+            out,
+        } => {
+            let removed = remove.iter().map(|&id| Edit::Remove(id));
+            let changed = moves.iter().chain(copies).chain(delays).cloned();
+            let edits: Vec<Edit> = changed.chain(removed).collect();
+            if edits.is_empty() {
+                return Err(BadRequest(
+                    "nothing is to be edited: give --remove, --move, --copy or --delay".to_owned(),
+                )
+                .into());
+            }
+            let request = EditRequest {
+                run: run.clone(),
+                edits,
+                out: out.clone(),
+            };
+            let left = edit::edit(&request, progress)?;
+            exit::print(&format!("{}: {} objects\n", out.display(), left.len()))
+        }
         ReconstructCommand::Methods => {
             exit::print(&METHODS.iter().map(description).collect::<String>())
         }

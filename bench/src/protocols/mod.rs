@@ -3,6 +3,7 @@
 //! To add one: a file with a [`ProtocolEntry`] and a line in [`PROTOCOLS`]. A protocol's hash
 //! covers all of its rules and is pinned by a test: whoever changes a rule raises the version.
 
+mod alternate_frames;
 mod input_view;
 mod metric_list;
 mod per_scene;
@@ -28,6 +29,7 @@ pub static PROTOCOLS: &[ProtocolEntry] = &[
     per_scene::ENTRY,
     sparse_interpolation::ENTRY,
     input_view::ENTRY,
+    alternate_frames::ENTRY,
 ];
 
 /// The protocol of this id.
@@ -68,6 +70,7 @@ mod tests {
             1,
             "4e3dfb51c6d44edaef6d9a38d80fb6871e4dfe4c5d576a1b5729d3e5871cf16a",
         ),
+        ("alternate-frames", 1, ""),
     ];
 
     #[test]
@@ -113,7 +116,7 @@ mod tests {
             message.as_deref(),
             Some(
                 "there is no protocol \"per-sence\"; known: per-scene, sparse-interpolation, \
-                 input-view; did you mean \"per-scene\"?"
+                 input-view, alternate-frames; did you mean \"per-scene\"?"
             )
         );
     }

@@ -3,6 +3,7 @@
 pub mod deformable;
 mod dynamic;
 pub mod feed_forward;
+pub mod object_graph;
 pub mod odgs;
 pub mod odgs_published;
 pub mod omni4dgs;
@@ -276,6 +277,7 @@ pub const METHODS: &[Method] = &[
     periodic::METHOD,
     omni4dgs::METHOD,
     omni4dgs_plus::METHOD,
+    object_graph::METHOD,
     feed_forward::sweep::METHOD,
     feed_forward::infinity::METHOD,
     feed_forward::cross_fade::METHOD,

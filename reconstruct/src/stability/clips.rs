@@ -201,6 +201,7 @@ fn scene() -> Option<TrainingScene> {
         normalization,
         scale: Scale::Arbitrary,
         is_normalized_by_points: false,
+        tracks: None,
         points,
     })
 }

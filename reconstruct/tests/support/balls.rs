@@ -102,6 +102,7 @@ pub(crate) fn scene_with(
         normalization,
         scale: omnilife_schemas::records::Scale::Arbitrary,
         is_normalized_by_points: false,
+        tracks: None,
         points,
     }
 }

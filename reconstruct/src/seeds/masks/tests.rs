@@ -59,6 +59,7 @@ fn scene() -> TrainingScene {
         },
         scale: omnilife_schemas::records::Scale::Arbitrary,
         is_normalized_by_points: false,
+        tracks: None,
         points: PointCloud {
             colours: vec![[0; 3]; positions.len()],
             positions,
