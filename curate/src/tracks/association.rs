@@ -7,7 +7,7 @@
 
 use glam::{DMat2, DMat4, DVec2, DVec4, dvec2};
 
-use super::assignment::assign;
+use omnilife_schemas::assignment::assign;
 
 /// Standard deviation of the acceleration, metres per square second.
 const ACCELERATION: f64 = 2.0;

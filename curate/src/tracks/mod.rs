@@ -4,7 +4,6 @@
 //! ([`ground`]), which of them are of one object ([`association`]), its path ([`spline_fit`]), where it
 //! heads and how large it is ([`boxes`]). What does not move is left to what is static.
 
-pub mod assignment;
 pub mod association;
 pub mod banded;
 pub mod boxes;

@@ -6,8 +6,8 @@ use std::path::Path;
 use glam::DVec3;
 use omnilife_engine::{
     gaussians::{
-        static_gaussians::POSITIONS,
-        tracked::{OBJECT_NUMBERS, OBJECT_POSITIONS, TrackedGaussians, TrackedObject},
+        static_gaussians::{InitialGaussians, POSITIONS},
+        tracked::{self, OBJECT_NUMBERS, OBJECT_POSITIONS, TrackedGaussians, TrackedObject},
     },
     model::Part,
     parameters::ParameterTable,
@@ -148,6 +148,10 @@ pub(crate) fn read_parts(folder: &Path) -> Result<(Objects, ParameterTable), Rec
             );
             return Err(malformed(reason).into());
         }
+    }
+    if record.objects.is_empty() {
+        // All were taken out.
+        return Ok((record, tracked::table(&InitialGaussians::default(), &[])));
     }
     let gaussians = folder.join(OBJECT_GAUSSIANS_FILE);
     let further = [OBJECT_NUMBERS.to_owned()];
