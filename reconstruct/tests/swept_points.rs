@@ -75,6 +75,7 @@ fn walk() -> TrainingScene {
         },
         scale: Scale::Arbitrary,
         is_normalized_by_points: false,
+        tracks: None,
         points: PointCloud::default(),
     }
 }
