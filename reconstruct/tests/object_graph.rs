@@ -139,9 +139,10 @@ fn without_anything_that_moves_the_method_is_the_static_one() {
             .collect::<Vec<_>>()
     });
     assert_eq!(one, other);
-    scene.tracks = None;
+    let mut untracked = scene.clone();
+    untracked.tracks = None;
     let refused = method
-        .prepare(&scene, &request, BackendChoice::Cpu)
+        .prepare(&untracked, &request, BackendChoice::Cpu)
         .map(drop);
     assert!(refused.unwrap_err().to_string().contains("curate tracks"));
 }
