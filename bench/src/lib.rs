@@ -7,6 +7,7 @@
 //! * [`diagnosis`]: whether views are bad because their camera convention is another one;
 //! * [`curve`]: error against run time, from the traces of runs;
 //! * [`stability_report`]: how stiff and extreme cases come out, for people;
+//! * [`tracking`]: tracks of vehicles against true ones;
 //! * [`scoring`]: folders of predictions against a scene's images, with every failure in the
 //!   record.
 //!
@@ -24,6 +25,7 @@ pub mod protocols;
 pub mod scoring;
 pub mod split;
 pub mod stability_report;
+pub mod tracking;
 
 mod availability;
 mod chart;

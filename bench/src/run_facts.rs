@@ -46,7 +46,11 @@ impl RunFacts {
     pub(crate) fn read(file: &Path) -> Result<Self, BenchError> {
         let schema = store::schema_of(file)?;
         if store::is_read_as::<RunRecord>(&schema) {
-            let run = store::read_record(file)?;
+            let run: RunRecord = store::read_record(file)?;
+            if let Some(edit) = run.edits.first() {
+                let reason = format!("was edited ({edit}): it is not scored against the video");
+                return Err(BenchError::mismatch(file, reason));
+            }
             let trace = Trace::of_run(file, &run)?;
             Ok(Self::of_ours(file, run, trace))
         } else if store::is_read_as::<ExternalRun>(&schema) {

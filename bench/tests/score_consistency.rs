@@ -60,6 +60,7 @@ fn run_record(bench: &Bench) -> RunRecord {
             novel_views: "novel".to_owned(),
         },
         warnings: vec!["stopped early".to_owned()],
+        edits: Vec::new(),
     }
 }
 

@@ -30,6 +30,7 @@ mod sequences;
 mod settings;
 pub mod slicing;
 mod staging;
+pub mod tracks;
 pub mod video;
 pub mod worker;
 

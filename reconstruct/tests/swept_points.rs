@@ -76,6 +76,7 @@ fn walk() -> TrainingScene {
         scale: Scale::Arbitrary,
         is_normalized_by_points: false,
         objects: [].into(),
+        tracks: None,
         points: PointCloud::default(),
         depth_priors: Vec::new(),
     }

@@ -17,6 +17,7 @@
 //! * Time is in seconds of the source's presentation timestamps.
 //! * Images are `[0, 1]` f32, row-major, three interleaved channels, as decoded (sRGB).
 
+pub mod assignment;
 pub mod bootstrap;
 pub mod camera;
 pub mod distances;

@@ -77,6 +77,17 @@ pub(crate) enum BenchCommand {
         #[arg(long)]
         out: PathBuf,
     },
+    /// Scores tracks of vehicles against true ones: MOTA, IDF1, switches, errors on the ground.
+    Tracks {
+        /// The tracks.json.
+        tracks: PathBuf,
+        /// The true tracks, of the same form.
+        #[arg(long)]
+        truth: PathBuf,
+        /// The scene.json, or its folder.
+        #[arg(long, value_parser = places::scene_file())]
+        scene: PathBuf,
+    },
     /// Scores predictions: a run, or folders of files named by frame: 8-bit images
     /// (000004.png), or arrays of values in [0, 1] (000004.npy).
     Score {

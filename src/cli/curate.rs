@@ -336,6 +336,26 @@ pub(crate) enum CurateCommand {
     },
     /// Masks what moves in a sequence; `omnilife curate poses --masks` takes the result.
     Masks(MasksArguments),
+    /// Tracks what moves through a posed scene: tracks.json, and tracks.html to look at.
+    Tracks {
+        /// Folder with a scene.json.
+        scene: PathBuf,
+        /// A split.json: its input views alone are looked at, and the result goes beside it.
+        #[arg(long)]
+        split: Option<PathBuf>,
+        /// How vehicles are found: motion (what the points of the scene do not explain), or files.
+        #[arg(long, default_value = "motion")]
+        detector: String,
+        /// Boxes of another program for the detector files: MOT text, or COCO JSON.
+        #[arg(long, value_name = "FILE")]
+        detections: Option<PathBuf>,
+        /// Metres in a unit of the world, where the scene does not say.
+        #[arg(long, value_name = "METRES")]
+        metres_per_unit: Option<f64>,
+        /// Folder of the result [default: that of the split, else of the scene].
+        #[arg(long)]
+        out: Option<PathBuf>,
+    },
     /// Writes a scene in another tool's format.
     Export(ExportArguments),
     /// Makes a scene of a folder in another tool's format.

@@ -99,6 +99,13 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         ],
     ),
     (
+        "curate tracks",
+        &[
+            "curate tracks SEQUENCE --split split.json",
+            "curate tracks SEQUENCE --split split.json --detector files --detections boxes.txt",
+        ],
+    ),
+    (
         "curate export",
         &["curate export SEQUENCE --format nerfstudio --split split.json --out OUT"],
     ),
@@ -137,6 +144,15 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         ],
     ),
     ("reconstruct serve", &["reconstruct serve ASSET"]),
+    ("reconstruct atlas", &["reconstruct atlas RUN --out ATLAS"]),
+    (
+        "reconstruct edit",
+        &[
+            "reconstruct edit RUN --remove 3 --out EDITED",
+            "reconstruct edit RUN --script edit.toml --out EDITED",
+            "reconstruct edit RUN --move 3=2.5,0,0 --copy 4=0,6 --delay 5=1.5 --out EDITED",
+        ],
+    ),
     ("reconstruct methods", &["reconstruct methods"]),
     (
         "bench split",
@@ -158,6 +174,10 @@ pub(crate) const EXAMPLES: &[Examples] = &[
             "bench score --scene SEQUENCE --split split.json --run RUN --out SCORE",
             "bench score --scene SEQUENCE --split split.json --novel-views VIEWS --method mine --out SCORE",
         ],
+    ),
+    (
+        "bench tracks",
+        &["bench tracks tracks.json --truth truth.json --scene SEQUENCE"],
     ),
     (
         "bench validate",

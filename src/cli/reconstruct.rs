@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand, ValueEnum};
 use omnilife_reconstruct::{
     jobs::{
+        edit_objects::Edit,
         export::{ExportRequest, levels::Level},
         render::{RenderCamera, RenderRequest},
     },
@@ -181,10 +182,13 @@ pub(crate) struct RenderArguments {
     /// Horizontal field of view of a pinhole camera.
     #[arg(long, value_name = "DEGREES", default_value_t = 90.0)]
     pub(crate) fov_degrees: f64,
-    /// What is shown. Of Gaussians: all, static, dynamic, velocity or depth; of an atlas: all,
+    /// What is shown. Of Gaussians: all, static, dynamic, velocity, depth or object:ID; of an atlas: all,
     /// background, object:ID, matte:ID or without:ID.
     #[arg(long, default_value = "all")]
     pub(crate) layer: String,
+    /// Shows the object with this id alone.
+    #[arg(long, value_name = "ID", conflicts_with = "layer")]
+    pub(crate) object: Option<u32>,
     /// Makes a video of the images too; players show views of the whole sphere as 360-degree video.
     #[arg(long, value_name = "FILE.mp4")]
     pub(crate) video: Option<PathBuf>,
@@ -208,7 +212,10 @@ impl RenderArguments {
                 Some(CameraArgument::Erp) => RenderCamera::Erp,
                 Some(CameraArgument::Pinhole) => RenderCamera::Pinhole(self.fov_degrees),
             },
-            layer: self.layer.clone(),
+            layer: match self.object {
+                Some(id) => format!("object:{id}"),
+                None => self.layer.clone(),
+            },
             out: self.out.clone(),
         }
     }
@@ -273,6 +280,36 @@ fn plan(text: &str) -> Result<PlanChoice, String> {
     }
 }
 
+/// The id before an equals sign, and `N` finite numbers behind it.
+fn of_object<const N: usize>(text: &str) -> Result<(u32, [f64; N]), String> {
+    let expected = || format!("expected ID= and {N} numbers with commas between");
+    let (id, numbers) = text.split_once('=').ok_or_else(expected)?;
+    let numbers: Option<Vec<f64>> = numbers
+        .split(',')
+        .map(|word| {
+            word.trim()
+                .parse()
+                .ok()
+                .filter(|number: &f64| number.is_finite())
+        })
+        .collect();
+    let numbers = numbers.and_then(|numbers| <[f64; N]>::try_from(numbers).ok());
+    let id = id.trim().parse().map_err(|_| expected())?;
+    Ok((id, numbers.ok_or_else(expected)?))
+}
+
+fn moved(text: &str) -> Result<Edit, String> {
+    of_object(text).map(|(id, by)| Edit::Move(id, by))
+}
+
+fn copied(text: &str) -> Result<Edit, String> {
+    of_object(text).map(|(id, by)| Edit::Copy(id, by))
+}
+
+fn delayed(text: &str) -> Result<Edit, String> {
+    of_object(text).map(|(id, [seconds])| Edit::Delay(id, seconds))
+}
+
 fn size(text: &str) -> Result<[u32; 2], String> {
     let parsed = text
         .split_once('x')
@@ -334,13 +371,31 @@ pub(crate) enum ReconstructCommand {
         #[arg(long)]
         out: PathBuf,
     },
-    /// Edits what a run has learnt, by a script, into another run that can be rendered.
+    /// Edits what a run has learnt into a run of its own that says so: objects of an object graph by
+    /// options, an atlas by a script.
     Edit {
-        /// The run's folder.
+        /// Folder of the run.
         run: PathBuf,
-        /// The script, TOML: [[edit]] tables with texture, remove, shift, rotate, duplicate, retime.
-        #[arg(long, value_name = "EDIT.toml")]
-        script: PathBuf,
+        /// A script for a run of nag, TOML: [[edit]] tables with texture, remove, shift, rotate, duplicate,
+        /// retime.
+        #[arg(
+            long,
+            value_name = "EDIT.toml",
+            conflicts_with_all = ["remove", "moves", "copies", "delays"]
+        )]
+        script: Option<PathBuf>,
+        /// Takes an object out; may be repeated, as all of these.
+        #[arg(long, value_name = "ID")]
+        remove: Vec<u32>,
+        /// Moves an object along the ground (world units) and turns its path (radians).
+        #[arg(long = "move", value_name = "ID=X,Y,TURN", value_parser = moved, allow_hyphen_values = true)]
+        moves: Vec<Edit>,
+        /// Puts a copy of an object beside it.
+        #[arg(long = "copy", value_name = "ID=X,Y", value_parser = copied, allow_hyphen_values = true)]
+        copies: Vec<Edit>,
+        /// Sends an object later.
+        #[arg(long = "delay", value_name = "ID=SECONDS", value_parser = delayed, allow_hyphen_values = true)]
+        delays: Vec<Edit>,
         /// Folder of the edited run.
         #[arg(long)]
         out: PathBuf,

@@ -5,12 +5,13 @@ use std::path::PathBuf;
 use omnilife_bench::{
     ADAPTERS, BenchError, DEFAULT_MEMORY_BYTES, Diagnosis, ExternalRequest, FailureRequest,
     METRICS, MetricChoice, PROTOCOLS, Predictions, ScoreRequest, curves, curves_table, diagnose,
-    record_failure, run_external, score, split_scene, write_adapter,
+    record_failure, run_external, score, split_scene, tracking::compare_tracks, write_adapter,
 };
 use omnilife_schemas::{
     lock::FolderLock,
     progress::Progress,
     records::{ExternalRun, ResultRecord},
+    store,
 };
 
 use super::{ablate, bench_run, bench_scores, bench_stability};
@@ -56,6 +57,15 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
                 progress,
             )?;
             exit::print(&external_summary(&run))
+        }
+        BenchCommand::Tracks {
+            tracks,
+            truth,
+            scene,
+        } => {
+            let (found, truth) = (store::read_record(tracks)?, store::read_record(truth)?);
+            let report = compare_tracks(&truth, &found, &store::read_record(scene)?);
+            exit::print(&format!("{}\n", serde_json::to_string_pretty(&report)?))
         }
         BenchCommand::Failed {
             method,

@@ -7,6 +7,7 @@ use omnilife_curate::{
     boundaries::{self, key_frame_prefilter},
     curate_dataset_in, curate_video, expand_inputs, pose_sequence_with, projection,
     publish::{self, PublishSettings},
+    tracks::{TrackRequest, make_tracks},
     video, worker,
 };
 use omnilife_schemas::{
@@ -76,6 +77,34 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
         CurateCommand::Import(arguments) => dataset::import(arguments),
         CurateCommand::Publish(arguments) => dataset::publish_dataset(arguments, progress),
         CurateCommand::Verify { dataset } => dataset::verify(dataset, progress),
+        CurateCommand::Tracks {
+            scene,
+            split,
+            detector,
+            detections,
+            metres_per_unit,
+            out,
+        } => {
+            let beside = split.as_deref().and_then(Path::parent).unwrap_or(scene);
+            let request = TrackRequest {
+                scene_folder: scene.clone(),
+                split: split.clone(),
+                detector: detector.clone(),
+                detections: detections.clone(),
+                metres_per_unit: *metres_per_unit,
+                out: out.clone().unwrap_or_else(|| beside.to_owned()),
+            };
+            let tracks = make_tracks(&request, progress)?;
+            let mut text = String::new();
+            for stage in &tracks.stages {
+                text += &format!("{}: {}: {}\n", stage.stage, stage.method, stage.reason);
+            }
+            exit::print(&format!(
+                "{text}{}: {} vehicles move\n",
+                tracks.scene,
+                tracks.tracks.len()
+            ))
+        }
         CurateCommand::Poses {
             sequence,
             poses,

@@ -5,6 +5,7 @@ use omnilife_reconstruct::{
     jobs::{
         atlas,
         edit::{self, EditRunRequest},
+        edit_objects::{self, Edit, EditRequest},
         export::{self, serve::Server},
         plan_cost,
         reconstruct::{self, ReconstructRequest},
@@ -17,7 +18,8 @@ use omnilife_schemas::{camera::Camera, progress::Progress};
 use super::video;
 use crate::{
     cli::{AssetArguments, ReconstructCommand, RenderArguments},
-    exit, termination,
+    exit::{self, BadRequest},
+    termination,
 };
 
 pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> anyhow::Result<()> {
@@ -78,7 +80,12 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
             let files = atlas::export(run, out, progress)?;
             exit::print(&format!("{} files in {}\n", files.len(), out.display()))
         }
-        ReconstructCommand::Edit { run, script, out } => {
+        ReconstructCommand::Edit {
+            run,
+            script: Some(script),
+            out,
+            ..
+        } => {
             let request = EditRunRequest {
                 run: run.clone(),
                 script: script.clone(),
@@ -87,6 +94,33 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
             let done = edit::edit(&request, progress)?;
             let lines = done.iter().map(|line| format!("{line}\n"));
             exit::print(&lines.collect::<String>())
+        }
+        ReconstructCommand::Edit {
+            run,
+            script: None,
+            remove,
+            moves,
+            copies,
+            delays,
+            out,
+        } => {
+            let removed = remove.iter().map(|&id| Edit::Remove(id));
+            let changed = moves.iter().chain(copies).chain(delays).cloned();
+            let edits: Vec<Edit> = changed.chain(removed).collect();
+            if edits.is_empty() {
+                return Err(BadRequest(
+                    "nothing is to be edited: give --script, --remove, --move, --copy or --delay"
+                        .to_owned(),
+                )
+                .into());
+            }
+            let request = EditRequest {
+                run: run.clone(),
+                edits,
+                out: out.clone(),
+            };
+            let left = edit_objects::edit(&request, progress)?;
+            exit::print(&format!("{}: {} objects\n", out.display(), left.len()))
         }
         ReconstructCommand::Methods => {
             exit::print(&METHODS.iter().map(description).collect::<String>())

@@ -9,7 +9,7 @@
 //! OUT/leaderboard/site/index.html          the same to look at, with rendered views
 //! OUT/videos/<video>/boundaries.json, ...
 //! OUT/videos/<video>/seq-000/sequence.json, frames/, scene.json, points.ply
-//! OUT/videos/<video>/seq-000/<protocol>/split.json
+//! OUT/videos/<video>/seq-000/<protocol>/split.json, and tracks.json where the method takes vehicles
 //! OUT/videos/<video>/seq-000/<protocol>/<method>/run/     run.json, predictions/, gaussians.ply
 //! OUT/videos/<video>/seq-000/<protocol>/<method>/score/   result.json, comparisons/
 //! ```
@@ -22,10 +22,14 @@ use std::{
 };
 
 use omnilife_bench::{ScoreRequest, score, split_scene};
-use omnilife_curate::{PoseRequest, curate_dataset_in, expand_inputs, pose_sequence};
+use omnilife_curate::{
+    PoseRequest, curate_dataset_in, expand_inputs, pose_sequence,
+    tracks::{TrackRequest, make_tracks},
+};
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard_of};
 use omnilife_reconstruct::{
     jobs::reconstruct::{self, ReconstructRequest},
+    methods::object_graph,
     request::{BackendChoice, MethodRequest},
 };
 use omnilife_schemas::{
@@ -262,6 +266,17 @@ impl Job<'_> {
         let protocol_folder = folder.join(&self.protocol);
         let split = protocol_folder.join(SPLIT_FILE);
         split_scene(&scene, &self.protocol, &split)?;
+        if self.method == object_graph::METHOD.id {
+            let request = TrackRequest {
+                scene_folder: folder.to_owned(),
+                split: Some(split.clone()),
+                detector: "motion".to_owned(),
+                detections: None,
+                metres_per_unit: None,
+                out: protocol_folder.clone(),
+            };
+            make_tracks(&request, self.progress)?;
+        }
         let method_folder = self.method_folder(folder);
         let run = method_folder.join("run");
         reconstruct::reconstruct(

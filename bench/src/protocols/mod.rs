@@ -3,6 +3,7 @@
 //! To add one: a file with a [`ProtocolEntry`] and a line in [`PROTOCOLS`]. A protocol's hash
 //! covers all of its rules and is pinned by a test: whoever changes a rule raises the version.
 
+mod alternate_frames;
 mod input_view;
 mod metric_list;
 mod per_scene;
@@ -30,6 +31,7 @@ pub static PROTOCOLS: &[ProtocolEntry] = &[
     sparse_interpolation::ENTRY,
     sparse_panoramas::ENTRY,
     input_view::ENTRY,
+    alternate_frames::ENTRY,
 ];
 
 /// The protocol of this id.
@@ -75,6 +77,7 @@ mod tests {
             2,
             "73f6e369513a7fe797fb6b0d6929f0d83a32887693bd3cf6816e02f5a3601339",
         ),
+        ("alternate-frames", 1, ""),
     ];
 
     #[test]
@@ -120,7 +123,7 @@ mod tests {
             message.as_deref(),
             Some(
                 "there is no protocol \"per-sence\"; known: per-scene, sparse-interpolation, \
-                 sparse-panoramas, input-view; did you mean \"per-scene\"?"
+                 sparse-panoramas, input-view, alternate-frames; did you mean \"per-scene\"?"
             )
         );
     }

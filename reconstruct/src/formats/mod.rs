@@ -4,6 +4,7 @@
 
 pub mod deformation;
 pub mod moving_ply;
+pub mod objects;
 pub mod ply;
 mod refined_poses;
 pub mod splat;
@@ -11,7 +12,7 @@ pub mod splat;
 use std::path::Path;
 
 use omnilife_engine::{
-    gaussians::deformable::Deformable,
+    gaussians::{deformable::Deformable, tracked::OBJECT_POSITIONS},
     model::{Model, Part},
     step::settings::TrainSettings,
 };
@@ -20,6 +21,7 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
+pub use objects::{OBJECT_GAUSSIANS_FILE, OBJECTS_FILE};
 pub use refined_poses::REFINED_POSES_FILE;
 
 use crate::{error::ReconstructError, scene::TrainingScene};
@@ -111,6 +113,22 @@ const FORMATS: &[Format] = &[
             let (time, clock) = (&dynamics.time, &dynamics.clock);
             let table = moving_ply::read(&path, time, normalization, clock)?;
             Ok(Some(Part::new(dynamics.parameterization(), table)))
+        },
+    },
+    Format {
+        parameterization: "tracked",
+        files: &[OBJECT_GAUSSIANS_FILE, OBJECTS_FILE],
+        write: |folder, part, _, normalization| match part.parameterization.tracked() {
+            Some(tracked) => objects::write(folder, tracked, &part.table, normalization),
+            None => Ok(()),
+        },
+        read: |folder, settings, normalization| {
+            // Runs with objects have step sizes for them.
+            if settings.learning_rates.contains_key(OBJECT_POSITIONS) {
+                objects::read(folder, normalization).map(Some)
+            } else {
+                Ok(None)
+            }
         },
     },
 ];

@@ -2,6 +2,7 @@
 
 pub mod atlas;
 pub mod edit;
+pub mod edit_objects;
 pub mod export;
 pub mod interpolate;
 mod opened_gaussians;

@@ -59,9 +59,12 @@ impl OpenedGaussians {
         camera: Camera,
     ) -> Result<Self, ReconstructError> {
         let refuse = |reason: String| Err(ReconstructError::Request { reason });
-        let Some(&(_, layer)) = LAYERS.iter().find(|(name, _)| *name == layer) else {
+        let named = LAYERS.iter().find(|(name, _)| *name == layer);
+        let object = layer.strip_prefix("object:").and_then(|id| id.parse().ok());
+        let Some(layer) = named.map(|&(_, layer)| layer).or(object.map(Layer::Object)) else {
             return refuse(format!(
-                "there is no layer {layer:?}: Gaussians have all, static, dynamic, velocity and depth"
+                "there is no layer {layer:?}: Gaussians have all, static, dynamic, velocity, depth and \
+                 object:ID"
             ));
         };
         let source = Source::open(path, of_cameras)?;

@@ -10,6 +10,7 @@ use std::{
 use glam::DVec3;
 use omnilife_schemas::{
     Similarity,
+    layout::TRACKS_FILE,
     lock::FolderLock,
     ownership::path_inside,
     progress::Progress,
@@ -25,7 +26,10 @@ use omnilife_schemas::{
 use crate::{
     components::swept_points,
     error::ReconstructError,
-    formats::{DEFORMATION_FILE, GAUSSIANS_FILE, MOVING_GAUSSIANS_FILE, REFINED_POSES_FILE},
+    formats::{
+        DEFORMATION_FILE, GAUSSIANS_FILE, MOVING_GAUSSIANS_FILE, OBJECT_GAUSSIANS_FILE,
+        OBJECTS_FILE, REFINED_POSES_FILE,
+    },
     jobs::interpolate::{Frames, GROUPS_FILE},
     methods::{
         self, Method, MethodKind, MethodOutcome,
@@ -58,6 +62,8 @@ const TRAINING_FILES: [&str; 8] = [
     MOVING_GAUSSIANS_FILE,
     DEFORMATION_FILE,
     REFINED_POSES_FILE,
+    OBJECTS_FILE,
+    OBJECT_GAUSSIANS_FILE,
     CHECKPOINT_FILE,
 ];
 const INPUT_FOLDER: &str = "predictions/input";
@@ -193,6 +199,7 @@ pub fn reconstruct(
         trace_views: made.trace_views,
         predictions: made.predictions,
         warnings: made.warnings,
+        edits: Vec::new(),
     };
     store::write_record(&record_path, &record)?;
     let outputs = made.outputs.into_iter().chain([RUN_FILE.to_owned()]);
@@ -363,6 +370,10 @@ fn plan_stage(
     };
     stage = add(stage, "scene.json", &request.scene)?;
     stage = add(stage, "split.json", &request.split)?;
+    let tracks = request.split.with_file_name(TRACKS_FILE);
+    if tracks.is_file() {
+        stage = add(stage, TRACKS_FILE, &tracks)?;
+    }
     if let Some(points) = &scene.points {
         stage = add(stage, points, &folder.join(points))?;
     }

@@ -4,6 +4,7 @@ pub mod deformable;
 mod dynamic;
 pub mod feed_forward;
 pub mod neural_atlas;
+pub mod object_graph;
 pub mod odgs;
 pub mod odgs_published;
 pub mod omni4dgs;
@@ -281,6 +282,7 @@ pub const METHODS: &[Method] = &[
     omni4dgs_plus::METHOD,
     panogs::METHOD,
     neural_atlas::METHOD,
+    object_graph::METHOD,
     feed_forward::sweep::METHOD,
     feed_forward::infinity::METHOD,
     feed_forward::cross_fade::METHOD,

@@ -9,8 +9,9 @@ use omnilife_schemas::{
     RgbImage, Similarity,
     camera::Camera,
     image_file::ImageFile,
+    layout::TRACKS_FILE,
     points::PointCloud,
-    records::{Scale, Scene, Split},
+    records::{Scale, Scene, Split, Tracks},
     rgb::Mask,
     split_rules, store,
 };
@@ -48,6 +49,8 @@ pub struct TrainingScene {
     /// Masks of single objects in the input views, by the object's name and the frame: share of each pixel
     /// that it covers, 255 for all of it.
     pub objects: BTreeMap<String, BTreeMap<u32, Vec<u8>>>,
+    /// What moves through it, world, as far as `tracks.json` beside the split says so.
+    pub tracks: Option<Tracks>,
 }
 
 impl TrainingScene {
@@ -102,6 +105,7 @@ impl TrainingScene {
             points,
             depth_priors: depth_priors(&scene, folder, &split.input_views),
             objects: load_objects(&scene, folder, camera, &split.input_views)?,
+            tracks: read_tracks(&scene, split_path)?,
         })
     }
 
@@ -175,6 +179,7 @@ impl TrainingScene {
                     (name.clone(), reduced.collect())
                 })
                 .collect(),
+            tracks: self.tracks.clone(),
         }
     }
 
@@ -207,6 +212,19 @@ impl TrainingScene {
         }
         let times: Vec<f64> = times.into_iter().map(|(_, time)| time).collect();
         Ok(Clock::from_times(&times))
+    }
+
+    /// What a reader of scores should know where tracks were made with views that are held out.
+    pub(crate) fn held_out_tracks(&self) -> Option<String> {
+        let tracks = self.tracks.as_ref()?;
+        let held_out = self
+            .novel_views
+            .iter()
+            .filter(|view| tracks.frames.contains(&view.frame));
+        let held_out = held_out.count();
+        (held_out > 0).then(|| {
+            format!("the tracks were made with {held_out} of the views that are held out: novel views have seen them")
+        })
     }
 
     /// What training sees of the input views.
@@ -348,6 +366,38 @@ fn load_objects(
         }
     }
     Ok(objects)
+}
+
+/// The tracks beside a split, where there are any.
+fn read_tracks(scene: &Scene, split_path: &Path) -> Result<Option<Tracks>, ReconstructError> {
+    let path = split_path.with_file_name(TRACKS_FILE);
+    if !path.is_file() {
+        return Ok(None);
+    }
+    let tracks: Tracks = store::read_record(&path)?;
+    if tracks.scene != scene.id {
+        let reason = format!("has the tracks of {}, not of {}", tracks.scene, scene.id);
+        return Err(ReconstructError::scene(&path, reason));
+    }
+    let mut ids = std::collections::BTreeSet::new();
+    for track in &tracks.tracks {
+        let is_box = track
+            .dimensions
+            .iter()
+            .all(|&side| side.is_finite() && side > 0.0);
+        let fault = track
+            .path
+            .fault()
+            .or_else(|| (!is_box).then(|| "has no box".to_owned()));
+        let twice = (!ids.insert(track.id)).then(|| "is there twice".to_owned());
+        if let Some(fault) = fault.or(twice) {
+            return Err(ReconstructError::scene(
+                &path,
+                format!("track {} {fault}", track.id),
+            ));
+        }
+    }
+    Ok(Some(tracks))
 }
 
 /// Reads a frame's image and brings it to the size of `camera` by area averaging.

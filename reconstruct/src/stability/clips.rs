@@ -203,6 +203,7 @@ fn scene() -> Option<TrainingScene> {
         depth_priors: Vec::new(),
         is_normalized_by_points: false,
         objects: [].into(),
+        tracks: None,
         points,
     })
 }

@@ -104,6 +104,7 @@ pub(crate) fn scene_with(
         depth_priors: Vec::new(),
         is_normalized_by_points: false,
         objects: [].into(),
+        tracks: None,
         points,
     }
 }

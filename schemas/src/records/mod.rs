@@ -12,6 +12,7 @@ pub mod dataset;
 pub mod external_run;
 pub mod ledger;
 pub mod masks;
+pub mod objects;
 pub mod overlays;
 pub mod poses;
 pub mod protocol;
@@ -39,6 +40,7 @@ pub use dataset::{Dataset, VideoEntry, VideoStatus};
 pub use external_run::{ExternalRun, Phase, PhaseName};
 pub use ledger::{AuditDecision, AuditDecisions, Author, LedgerAction, LedgerEntry};
 pub use masks::{MaskEntry, Masks};
+pub use objects::{GraphObject, Objects};
 pub use overlays::{Overlay, OverlayClass, OverlayReport, Sightings};
 pub use poses::{PosedFrame, Poses};
 pub use protocol::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
@@ -122,6 +124,7 @@ pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<SfmReport>(),
     entry::<Scene>(),
     entry::<Tracks>(),
+    entry::<Objects>(),
     entry::<Protocol>(),
     entry::<Split>(),
     entry::<RunRecord>(),

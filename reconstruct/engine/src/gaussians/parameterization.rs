@@ -11,7 +11,7 @@ use glam::Vec3;
 
 use super::{
     ActivatedGaussians, deformable::Deformable, temporal::TemporalFeatures,
-    temporal_gaussians::TemporalGaussians,
+    temporal_gaussians::TemporalGaussians, tracked::TrackedGaussians,
 };
 use crate::{
     camera::View,
@@ -122,8 +122,8 @@ pub trait Parameterization: fmt::Debug + Send {
         None
     }
 
-    /// The ids of the objects that its Gaussians are of, where they are of any that move.
-    fn objects(&self, _table: &ParameterTable) -> Option<Vec<u32>> {
+    /// The objects that its Gaussians are of, where they are of any that move as one.
+    fn tracked(&self) -> Option<&TrackedGaussians> {
         None
     }
 

@@ -129,6 +129,13 @@ impl TrackedGaussians {
             .collect()
     }
 
+    /// The ids of the objects of a table's Gaussians.
+    pub fn ids(&self, table: &ParameterTable) -> Vec<u32> {
+        self.numbers(table)
+            .map(|number| self.objects[number].id)
+            .collect()
+    }
+
     /// The numbers of the objects of a table's Gaussians.
     pub fn numbers<'t>(&self, table: &'t ParameterTable) -> impl Iterator<Item = usize> + 't {
         let last = self.objects.len().saturating_sub(1);
@@ -270,9 +277,8 @@ impl Parameterization for TrackedGaussians {
         Some(1.0)
     }
 
-    fn objects(&self, table: &ParameterTable) -> Option<Vec<u32>> {
-        let id = |number: usize| self.objects[number].id;
-        Some(self.numbers(table).map(id).collect())
+    fn tracked(&self) -> Option<&TrackedGaussians> {
+        Some(self)
     }
 
     fn boxed(&self) -> Box<dyn Parameterization> {

@@ -62,7 +62,7 @@ impl LayerRenderer {
     pub fn new(model: Model, settings: RenderSettings) -> Self {
         let of_static = model.parts.iter().filter(|part| {
             let parameterization = &part.parameterization;
-            parameterization.temporal().is_none() && parameterization.objects(&part.table).is_none()
+            parameterization.temporal().is_none() && parameterization.tracked().is_none()
         });
         let mut distances: Vec<f32> = of_static
             .flat_map(|part| {
@@ -170,9 +170,7 @@ impl LayerRenderer {
                     temporal.members(&part.table, &look, dynamic)
                 }
                 // What is of an object moves with it.
-                None if part.parameterization.objects(&part.table).is_some() != dynamic => {
-                    Vec::new()
-                }
+                None if part.parameterization.tracked().is_some() != dynamic => Vec::new(),
                 None => (0..part.table.len()).collect(),
             };
             members.extend(of_part.into_iter().map(|index| first + index));
@@ -185,8 +183,11 @@ impl LayerRenderer {
     fn members_of_object(&self, id: u32) -> Vec<usize> {
         let (mut members, mut first) = (Vec::new(), 0);
         for part in &self.model.parts {
-            let objects = part.parameterization.objects(&part.table);
-            let of_part = objects.iter().flatten().enumerate();
+            let ids = part
+                .parameterization
+                .tracked()
+                .map(|tracked| tracked.ids(&part.table));
+            let of_part = ids.iter().flatten().enumerate();
             members.extend(
                 of_part
                     .filter(|&(_, &of)| of == id)

@@ -67,6 +67,21 @@ impl RigidPath {
         CORRECTION_VALUES * self.knots
     }
 
+    /// The lever arm of the heading's corrections, normalized units.
+    pub fn lever(&self) -> f32 {
+        self.lever
+    }
+
+    /// The path as it was given, in world units.
+    pub fn in_world(&self, normalization: &Similarity) -> ObjectPath {
+        let mut path = self.path.clone();
+        for coefficient in &mut path.centre.coefficients {
+            let normalized = DVec3::from_array(*coefficient);
+            *coefficient = normalization.restore(normalized).to_array();
+        }
+        path
+    }
+
     /// What points up.
     pub fn up(&self) -> Vec3 {
         self.axes.to_world.z_axis.as_vec3()

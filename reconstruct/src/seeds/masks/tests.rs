@@ -61,6 +61,7 @@ fn scene() -> TrainingScene {
         depth_priors: Vec::new(),
         is_normalized_by_points: false,
         objects: [].into(),
+        tracks: None,
         points: PointCloud {
             colours: vec![[0; 3]; positions.len()],
             positions,

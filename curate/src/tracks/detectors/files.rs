@@ -1,0 +1,227 @@
+//! `files`: boxes that another program found, as MOT text or COCO JSON.
+//!
+//! MOT text (<https://motchallenge.net/instructions/>): `frame,id,left,top,width,height,confidence,class`
+//! per line, frames from 1 on in the order of the scene's frames; the id may be -1, and what follows the
+//! height may be missing. COCO JSON: `images`, `annotations` with `bbox` and perhaps `score`,
+//! `categories`; images are matched by the name of their file.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    path::Path,
+};
+
+use omnilife_schemas::{records::Detection, store::StoreError};
+use serde::Deserialize;
+
+use super::{Detector, DetectorInput};
+use crate::error::CurateError;
+
+/// The detector.
+pub const DETECTOR: Detector = Detector {
+    id: "files",
+    about: "boxes that any other program found, as MOT text or COCO JSON (--detections FILE)",
+    detect: |input, _| {
+        let file = input.file.ok_or_else(|| {
+            CurateError::input(
+                input.folder,
+                "the detector files reads a file: --detections FILE",
+            )
+        })?;
+        let is_json = file
+            .extension()
+            .is_some_and(|extension| extension == "json");
+        let text = fs::read_to_string(file).map_err(|error| StoreError::read(file, error))?;
+        let found = if is_json {
+            read_coco(file, &text, input)?
+        } else {
+            read_mot(file, &text, input)?
+        };
+        // What is not looked at was read all the same: a broken file is broken.
+        let frames: BTreeSet<u32> = input.views.iter().map(|view| view.frame).collect();
+        Ok(found
+            .into_iter()
+            .filter(|one| frames.contains(&one.frame))
+            .collect())
+    },
+};
+
+/// Largest number of boxes that a file may hold.
+const MOST_BOXES: usize = 2_000_000;
+
+/// Checks a box against its image.
+fn check(sides: [f64; 4], confidence: f64, input: &DetectorInput<'_>) -> Result<(), String> {
+    if sides
+        .iter()
+        .chain(&[confidence])
+        .any(|number| !number.is_finite())
+    {
+        return Err("has a number that is not finite".to_owned());
+    }
+    let [left, top, width, height] = sides;
+    if width <= 0.0 || height <= 0.0 {
+        return Err(format!("has a box of {width}x{height} pixels"));
+    }
+    let [columns, rows] = input.scene.camera.size().map(|side| side as f64);
+    if left >= columns || top >= rows || left + width <= 0.0 || top + height <= 0.0 {
+        return Err(format!(
+            "has a box at {left},{top} of {width}x{height} pixels, outside of its image of \
+             {columns}x{rows}"
+        ));
+    }
+    Ok(())
+}
+
+fn detection(frame: u32, sides: [f64; 4], confidence: f64, class: &str) -> Detection {
+    Detection {
+        frame,
+        box_pixels: sides,
+        // MOT's ground truth has 1 or -1 for "not said".
+        confidence: if confidence < 0.0 {
+            1.0
+        } else {
+            confidence.min(1.0)
+        },
+        class: class.to_owned(),
+        distance: None,
+        position: None,
+        track: None,
+    }
+}
+
+fn read_mot(
+    path: &Path,
+    text: &str,
+    input: &DetectorInput<'_>,
+) -> Result<Vec<Detection>, CurateError> {
+    let frames = input.scene.frames.len();
+    let (mut found, mut ids) = (Vec::new(), BTreeSet::new());
+    for (number, line) in text.lines().enumerate() {
+        let line = line.trim();
+        if line.is_empty() || line.starts_with('#') {
+            continue;
+        }
+        let malformed =
+            |reason: String| StoreError::malformed(path, format!("line {}: {reason}", number + 1));
+        let words: Vec<&str> = line.split(',').map(str::trim).collect();
+        if words.len() < 6 {
+            return Err(malformed("expected frame,id,left,top,width,height".to_owned()).into());
+        }
+        let value = |index: usize| -> Result<f64, StoreError> {
+            let word = words[index];
+            word.parse()
+                .map_err(|_| malformed(format!("{word:?} is no number")))
+        };
+        let frame = value(0)?;
+        if !(frame >= 1.0 && frame <= frames as f64 && frame.fract() == 0.0) {
+            let reason = format!("is of frame {frame}, and the scene has the frames 1 to {frames}");
+            return Err(malformed(reason).into());
+        }
+        let id = value(1)?;
+        if id >= 0.0 && !ids.insert((frame as u32, id.to_bits())) {
+            return Err(malformed(format!("frame {frame} has two boxes of id {id}")).into());
+        }
+        let sides = [value(2)?, value(3)?, value(4)?, value(5)?];
+        let confidence = if words.len() > 6 { value(6)? } else { 1.0 };
+        check(sides, confidence, input).map_err(malformed)?;
+        if found.len() == MOST_BOXES {
+            return Err(malformed(format!("holds more than {MOST_BOXES} boxes")).into());
+        }
+        found.push(detection(frame as u32 - 1, sides, confidence, "vehicle"));
+    }
+    Ok(found)
+}
+
+#[derive(Deserialize)]
+struct Coco {
+    images: Vec<CocoImage>,
+    annotations: Vec<CocoAnnotation>,
+    #[serde(default)]
+    categories: Vec<CocoCategory>,
+}
+
+#[derive(Deserialize)]
+struct CocoImage {
+    id: i64,
+    file_name: String,
+    width: Option<u32>,
+    height: Option<u32>,
+}
+
+#[derive(Deserialize)]
+struct CocoAnnotation {
+    image_id: i64,
+    bbox: [f64; 4],
+    category_id: Option<i64>,
+    score: Option<f64>,
+}
+
+#[derive(Deserialize)]
+struct CocoCategory {
+    id: i64,
+    name: String,
+}
+
+fn stem(file: &str) -> String {
+    let stem = Path::new(file).file_stem().unwrap_or_default();
+    stem.to_string_lossy().into_owned()
+}
+
+fn read_coco(
+    path: &Path,
+    text: &str,
+    input: &DetectorInput<'_>,
+) -> Result<Vec<Detection>, CurateError> {
+    let malformed = |reason: String| StoreError::malformed(path, reason);
+    let coco: Coco = serde_json::from_str(text)
+        .map_err(|error| malformed(format!("is no COCO JSON of boxes: {error}")))?;
+    let scene = input.scene;
+    let numbers: BTreeMap<String, u32> = (0..)
+        .zip(&scene.frames)
+        .map(|(number, frame)| (stem(&frame.image), number))
+        .collect();
+    let [width, height] = [scene.camera.width(), scene.camera.height()];
+    let mut frames = BTreeMap::new();
+    for image in &coco.images {
+        let name = &image.file_name;
+        let &number = numbers
+            .get(&stem(name))
+            .ok_or_else(|| malformed(format!("{name} is no frame of {}", scene.id)))?;
+        let size = [image.width.unwrap_or(width), image.height.unwrap_or(height)];
+        if size != [width, height] {
+            let reason = format!(
+                "{name} is {}x{} pixels, the frames of {} are {width}x{height}",
+                size[0], size[1], scene.id
+            );
+            return Err(malformed(reason).into());
+        }
+        if frames.insert(image.id, number).is_some() {
+            return Err(malformed(format!("has two images with the id {}", image.id)).into());
+        }
+    }
+    if coco.annotations.len() > MOST_BOXES {
+        return Err(malformed(format!("holds more than {MOST_BOXES} boxes")).into());
+    }
+    let classes: BTreeMap<i64, &str> = coco
+        .categories
+        .iter()
+        .map(|category| (category.id, category.name.as_str()))
+        .collect();
+    let mut found = Vec::new();
+    for (index, one) in coco.annotations.iter().enumerate() {
+        let of_one = |reason: String| malformed(format!("annotation {index} {reason}"));
+        let &frame = frames
+            .get(&one.image_id)
+            .ok_or_else(|| of_one(format!("is of image {}, which is not listed", one.image_id)))?;
+        let confidence = one.score.unwrap_or(1.0);
+        check(one.bbox, confidence, input).map_err(of_one)?;
+        let class = one.category_id.and_then(|id| classes.get(&id).copied());
+        found.push(detection(
+            frame,
+            one.bbox,
+            confidence,
+            class.unwrap_or("vehicle"),
+        ));
+    }
+    Ok(found)
+}

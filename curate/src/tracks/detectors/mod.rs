@@ -1,0 +1,67 @@
+//! What finds vehicles in images: one file each, one line in [`DETECTORS`].
+
+pub mod depth_of_points;
+pub mod files;
+pub mod motion;
+
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+use omnilife_schemas::{
+    progress::Progress,
+    records::{Detection, Scene},
+};
+
+use super::views::PosedView;
+use crate::error::CurateError;
+
+/// What a detector is given.
+#[derive(Debug)]
+pub struct DetectorInput<'a> {
+    /// The scene's folder.
+    pub folder: &'a Path,
+    /// The scene.
+    pub scene: &'a Scene,
+    /// The frames to look at, in order of time.
+    pub views: &'a [PosedView],
+    /// Points of what stands still, world.
+    pub points: &'a [DVec3],
+    /// Metres in a unit of the world.
+    pub metres_per_unit: f64,
+    /// A file of boxes, for those that read one.
+    pub file: Option<&'a PathBuf>,
+}
+
+/// Finds vehicles in frames.
+pub type Detect = fn(&DetectorInput<'_>, &dyn Progress) -> Result<Vec<Detection>, CurateError>;
+
+/// A way of finding vehicles.
+#[derive(Debug, Clone, Copy)]
+pub struct Detector {
+    /// Name on the command line.
+    pub id: &'static str,
+    /// What it does and when it is right.
+    pub about: &'static str,
+    /// Finds them.
+    pub detect: Detect,
+}
+
+/// All of them.
+pub const DETECTORS: &[Detector] = &[motion::DETECTOR, files::DETECTOR];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn detectors_are_unique_and_described() {
+        for (index, detector) in DETECTORS.iter().enumerate() {
+            assert!(
+                DETECTORS[..index]
+                    .iter()
+                    .all(|other| other.id != detector.id)
+            );
+            assert!(detector.about.len() > 40, "{}", detector.id);
+        }
+    }
+}

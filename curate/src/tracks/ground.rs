@@ -1,0 +1,299 @@
+//! The ground under things: planes through points, and where rays meet them.
+
+use glam::{DVec2, DVec3};
+
+use super::views::PosedView;
+
+/// Draws of a plane through three points.
+const DRAWS: usize = 200;
+/// A ring of this many times a box's sides is looked at around it.
+const RING: f64 = 1.5;
+/// Points that a plane in a ring needs.
+pub const LEAST_RING_POINTS: usize = 20;
+/// Points of a ring are looked at up to this many.
+const MOST_RING_POINTS: usize = 400;
+
+/// The points `p` with `normal . p = offset`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Plane {
+    /// Unit normal, which points up.
+    pub normal: DVec3,
+    /// Distance of the world's origin along it.
+    pub offset: f64,
+}
+
+impl Plane {
+    /// Height of a point above it.
+    pub fn height(&self, point: DVec3) -> f64 {
+        self.normal.dot(point) - self.offset
+    }
+
+    /// Moved along its normal.
+    #[must_use]
+    pub fn raised(self, by: f64) -> Self {
+        Self {
+            offset: self.offset + by,
+            ..self
+        }
+    }
+
+    /// The distance at which a ray meets it; `None` where it is parallel or leads away.
+    pub fn meet(&self, centre: DVec3, ray: DVec3) -> Option<f64> {
+        let slope = self.normal.dot(ray);
+        let distance = -self.height(centre) / slope;
+        (slope.abs() > 1e-3 && distance.is_finite() && distance > 0.0).then_some(distance)
+    }
+
+    /// Through three points.
+    fn through([a, b, c]: [DVec3; 3]) -> Option<Self> {
+        let normal = (b - a).cross(c - a).try_normalize()?;
+        Some(Self {
+            normal,
+            offset: normal.dot(a),
+        })
+    }
+
+    /// Through some points by least squares about their middle.
+    fn least_squares(points: &[DVec3], up: DVec3) -> Option<Self> {
+        let middle = points.iter().sum::<DVec3>() / points.len().max(1) as f64;
+        let axes = omnilife_schemas::trajectory::GroundAxes::new(up).to_world;
+        // Height over the two coordinates along the plane.
+        let (mut xx, mut xy, mut yy, mut xz, mut yz) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        for point in points {
+            let own = axes.transpose() * (*point - middle);
+            xx += own.x * own.x;
+            xy += own.x * own.y;
+            yy += own.y * own.y;
+            xz += own.x * own.z;
+            yz += own.y * own.z;
+        }
+        let determinant = xx * yy - xy * xy;
+        if determinant <= 1e-9 * (xx + yy).powi(2) {
+            return None;
+        }
+        let slope_x = (xz * yy - yz * xy) / determinant;
+        let slope_y = (yz * xx - xz * xy) / determinant;
+        let normal = (axes * DVec3::new(-slope_x, -slope_y, 1.0)).normalize();
+        Some(Self {
+            normal,
+            offset: normal.dot(middle),
+        })
+    }
+
+    /// The plane that most of some points lie on, within `reach`, and how many do; it is no steeper against
+    /// `up`, where that is known, than 30 degrees.
+    pub fn of_most(points: &[DVec3], reach: f64, up: Option<DVec3>) -> Option<(Self, usize)> {
+        if points.len() < 3 {
+            return None;
+        }
+        let mut state = 0x9e37_79b9_u64;
+        let mut draw = || {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
+            points[(state >> 33) as usize % points.len()]
+        };
+        let mut best: Option<(Self, usize)> = None;
+        for _ in 0..DRAWS {
+            let Some(mut plane) = Self::through([draw(), draw(), draw()]) else {
+                continue;
+            };
+            if let Some(up) = up {
+                if plane.normal.dot(up) < 0.0 {
+                    plane = Self {
+                        normal: -plane.normal,
+                        offset: -plane.offset,
+                    };
+                }
+                if plane.normal.dot(up) < 0.866 {
+                    continue;
+                }
+            }
+            let inside = points
+                .iter()
+                .filter(|&&point| plane.height(point).abs() <= reach)
+                .count();
+            if best.is_none_or(|(_, most)| inside > most) {
+                best = Some((plane, inside));
+            }
+        }
+        let (plane, _) = best?;
+        let inside: Vec<DVec3> = points
+            .iter()
+            .copied()
+            .filter(|&point| plane.height(point).abs() <= reach)
+            .collect();
+        let refined = Self::least_squares(&inside, plane.normal).unwrap_or(plane);
+        Some((refined, inside.len()))
+    }
+
+    /// The ground of a scene: the plane of most of its points, its normal towards the cameras.
+    pub fn dominant(points: &[DVec3], views: &[PosedView]) -> Option<Self> {
+        let middle =
+            views.iter().map(|view| view.centre).sum::<DVec3>() / views.len().max(1) as f64;
+        let mut distances: Vec<f64> = points.iter().map(|point| point.distance(middle)).collect();
+        distances.sort_by(f64::total_cmp);
+        let reach = 0.02 * distances.get(distances.len() / 2)?;
+        // Evenly, so that draws are of all.
+        let some: Vec<DVec3> = points
+            .iter()
+            .copied()
+            .step_by((points.len() / 5000).max(1))
+            .collect();
+        let (plane, _) = Self::of_most(&some, reach, None)?;
+        Some(if plane.height(middle) < 0.0 {
+            Self {
+                normal: -plane.normal,
+                offset: -plane.offset,
+            }
+        } else {
+            plane
+        })
+    }
+}
+
+/// The points of a scene where a view sees them, by squares of its image.
+#[derive(Debug)]
+pub struct PointsInView {
+    columns: usize,
+    rows: usize,
+    squares: Vec<Vec<(DVec2, DVec3)>>,
+}
+
+/// Side of a square, pixels.
+const SQUARE: f64 = 16.0;
+
+impl PointsInView {
+    /// Sorts points into the squares of a view.
+    pub fn new(view: &PosedView, points: &[DVec3]) -> Self {
+        let [width, height] = view.camera.size().map(|side| side as f64);
+        let (columns, rows) = (
+            (width / SQUARE).ceil() as usize,
+            (height / SQUARE).ceil() as usize,
+        );
+        let mut squares = vec![Vec::new(); columns * rows];
+        for &point in points {
+            if let Some(pixel) = view.pixel(point) {
+                let (column, row) = ((pixel.x / SQUARE) as usize, (pixel.y / SQUARE) as usize);
+                squares[row * columns + column].push((pixel, point));
+            }
+        }
+        Self {
+            columns,
+            rows,
+            squares,
+        }
+    }
+
+    /// Points around a box (left, top, width, height) and not in it.
+    pub fn ring(&self, [left, top, width, height]: [f64; 4]) -> Vec<DVec3> {
+        let (more_x, more_y) = (0.5 * (RING - 1.0) * width, 0.5 * (RING - 1.0) * height);
+        // A small box has a ring too.
+        let (more_x, more_y) = (more_x.max(6.0), more_y.max(6.0));
+        let square = |value: f64, last: usize| ((value / SQUARE).max(0.0) as usize).min(last);
+        let (first_column, last_column) = (
+            square(left - more_x, self.columns - 1),
+            square(left + width + more_x, self.columns - 1),
+        );
+        let (first_row, last_row) = (
+            square(top - more_y, self.rows - 1),
+            square(top + height + more_y, self.rows - 1),
+        );
+        let mut ring = Vec::new();
+        for row in first_row..=last_row {
+            for column in first_column..=last_column {
+                for &(pixel, point) in &self.squares[row * self.columns + column] {
+                    let (dx, dy) = (
+                        (pixel.x - left - 0.5 * width).abs() - 0.5 * width,
+                        (pixel.y - top - 0.5 * height).abs() - 0.5 * height,
+                    );
+                    let is_inside = dx <= 0.0 && dy <= 0.0;
+                    if !is_inside && dx <= more_x && dy <= more_y {
+                        ring.push(point);
+                    }
+                }
+            }
+        }
+        let step = ring.len().div_ceil(MOST_RING_POINTS).max(1);
+        ring.into_iter().step_by(step).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DMat3, dvec3};
+    use omnilife_schemas::camera::PinholeCamera;
+
+    use super::*;
+
+    fn view() -> PosedView {
+        PosedView {
+            frame: 0,
+            seconds: 0.0,
+            camera: PinholeCamera::with_horizontal_field_of_view(640, 360, 1.1).into(),
+            to_world: DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z),
+            centre: dvec3(0.0, 0.0, 40.0),
+        }
+    }
+
+    /// A tilted road under houses whose roofs are a third of all points.
+    fn points() -> Vec<DVec3> {
+        (0..3000)
+            .map(|n| {
+                let (x, y) = (f64::from(n % 60) - 30.0, f64::from(n / 60) - 25.0);
+                let roof = if n % 3 == 0 {
+                    6.0 + f64::from(n % 7)
+                } else {
+                    0.0
+                };
+                dvec3(x, y, 0.05 * x + roof)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn the_ground_is_the_plane_of_most_points_and_points_up() {
+        let plane = Plane::dominant(&points(), &[view()]).expect("a plane");
+        let expected = dvec3(-0.05, 0.0, 1.0).normalize();
+        assert!(plane.normal.angle_between(expected) < 0.005, "{plane:?}");
+        assert!(plane.height(DVec3::ZERO).abs() < 0.05);
+    }
+
+    #[test]
+    fn rays_meet_raised_planes_where_geometry_says() {
+        let plane = Plane {
+            normal: DVec3::Z,
+            offset: 1.0,
+        }
+        .raised(0.75);
+        let distance = plane.meet(dvec3(0.0, 0.0, 51.75), dvec3(0.6, 0.0, -0.8));
+        assert!(distance.is_some_and(|distance| (distance - 62.5).abs() < 1e-9));
+        assert_eq!(plane.meet(dvec3(0.0, 0.0, 50.0), DVec3::X), None);
+        assert_eq!(plane.meet(dvec3(0.0, 0.0, 50.0), DVec3::Z), None);
+    }
+
+    #[test]
+    fn a_ring_has_what_is_around_a_box_and_nothing_in_it() {
+        let view = view();
+        let ground: Vec<DVec3> = points()
+            .into_iter()
+            .map(|point| point.with_z(0.0))
+            .collect();
+        let sorted = PointsInView::new(&view, &ground);
+        let ring = sorted.ring([280.0, 150.0, 80.0, 60.0]);
+        assert!(ring.len() >= LEAST_RING_POINTS, "{}", ring.len());
+        for point in ring {
+            let pixel = view.pixel(point).expect("seen");
+            let inside = (280.0..=360.0).contains(&pixel.x) && (150.0..=210.0).contains(&pixel.y);
+            assert!(!inside && (260.0..=380.0).contains(&pixel.x), "{pixel}");
+        }
+        assert!(sorted.ring([-500.0, -500.0, 3.0, 3.0]).is_empty());
+    }
+
+    #[test]
+    fn no_plane_goes_through_points_in_a_line() {
+        let line: Vec<DVec3> = (0..50).map(|n| DVec3::X * f64::from(n)).collect();
+        assert_eq!(Plane::of_most(&line, 0.1, Some(DVec3::Z)), None);
+        assert_eq!(Plane::of_most(&line[..2], 0.1, None), None);
+    }
+}

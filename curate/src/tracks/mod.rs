@@ -1,0 +1,422 @@
+//! What moves through a posed scene: from boxes in its images to paths in its world.
+//!
+//! Stages, each with its evidence in the record: a detector ([`detectors`]), the distance of each detection
+//! ([`ground`]), which of them are of one object ([`association`]), its path ([`spline_fit`]), where it
+//! heads and how large it is ([`boxes`]). What does not move is left to what is static.
+
+pub mod association;
+pub mod banded;
+pub mod boxes;
+pub mod detectors;
+pub mod ground;
+mod page;
+pub mod spline_fit;
+pub mod views;
+
+use std::{
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use glam::{DVec2, DVec3, dvec2};
+use omnilife_schemas::{
+    layout::{SCENE_FILE, TRACKS_FILE},
+    lock::FolderLock,
+    names,
+    points::PointCloud,
+    progress::Progress,
+    records::{Detection, Scale, Scene, Split, Track, TrackStage, Tracks},
+    stage::StagePlan,
+    statistics, store,
+    trajectory::GroundAxes,
+};
+
+use crate::error::CurateError;
+use association::Sighting;
+use detectors::{DETECTORS, Detector, DetectorInput};
+use ground::{LEAST_RING_POINTS, Plane, PointsInView};
+use spline_fit::Observation;
+use views::PosedView;
+
+/// The page to look at, beside the tracks.
+pub const PAGE_FILE: &str = "tracks.html";
+/// A plane in a ring holds points that are this near to it, metres.
+const RING_REACH: f64 = 0.1;
+/// What is measured of a vehicle is so high above the ground: half of a car's height, metres.
+const HALF_HEIGHT: f64 = 0.75;
+/// Relative standard deviation of a distance to the ground.
+const SIGMA_GROUND: f64 = 0.005;
+/// What stays within this of where it was first seen does not move, metres.
+const LEAST_DISPLACEMENT: f64 = 1.0;
+
+/// What to track, and how.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrackRequest {
+    /// Folder of the scene.
+    pub scene_folder: PathBuf,
+    /// A split whose input views alone are looked at; all frames where none is given.
+    pub split: Option<PathBuf>,
+    /// Name of the detector, of [`DETECTORS`].
+    pub detector: String,
+    /// A file of boxes.
+    pub detections: Option<PathBuf>,
+    /// Metres in a unit of the world, where the scene does not say.
+    pub metres_per_unit: Option<f64>,
+    /// Folder of the result.
+    pub out: PathBuf,
+}
+
+/// Tracks what moves in a scene; skipped, with a note, while nothing has changed.
+///
+/// # Errors
+/// When the scene is missing, not posed or of unknown scale, boxes do not fit its frames, or a file
+/// cannot be written.
+pub fn make_tracks(request: &TrackRequest, progress: &dyn Progress) -> Result<Tracks, CurateError> {
+    let scene_path = request.scene_folder.join(SCENE_FILE);
+    let scene: Scene = store::read_record(&scene_path)?;
+    let frames = match &request.split {
+        Some(file) => {
+            let split: Split = store::read_record(file)?;
+            if split.scene != scene.id {
+                let reason = format!("is the split of {}, not of {}", split.scene, scene.id);
+                return Err(CurateError::input(file, reason));
+            }
+            split.input_views
+        }
+        None => (0..scene.frames.len() as u32).collect(),
+    };
+    let detector = names::find("detector", &request.detector, DETECTORS, |one| one.id)
+        .map_err(|unknown| CurateError::input(&scene_path, unknown.to_string()))?;
+    let metres_per_unit = metres_per_unit(&scene_path, &scene, request.metres_per_unit)?;
+    let plan = plan(request, &scene_path, &scene, &frames, metres_per_unit)?;
+    let record = request.out.join(TRACKS_FILE);
+    if plan.is_done() {
+        progress.note(&format!("{}: tracks unchanged, skipped", scene.id));
+        return Ok(store::read_record(&record)?);
+    }
+    store::create_folder(&request.out)?;
+    let _lock = FolderLock::take(&request.out, progress)?;
+    plan.claim([TRACKS_FILE, PAGE_FILE])?;
+    let begun = Instant::now();
+    let points = match &scene.points {
+        Some(file) => PointCloud::read_ply(&request.scene_folder.join(file))?,
+        None => PointCloud::default(),
+    };
+    let points: Vec<DVec3> = points
+        .positions
+        .iter()
+        .map(|&point| DVec3::from_array(point.map(f64::from)))
+        .collect();
+    let views = PosedView::of_scene(&scene, &frames);
+    let work = Tracking {
+        scene_path: &scene_path,
+        views: &views,
+        points: &points,
+        metres_per_unit,
+    };
+    let input = DetectorInput {
+        folder: &request.scene_folder,
+        scene: &scene,
+        views: &views,
+        points: &points,
+        metres_per_unit,
+        file: request.detections.as_ref(),
+    };
+    let tracks = work.run(&scene, detector, &input, progress)?;
+    page::write(
+        &request.out.join(PAGE_FILE),
+        &request.scene_folder,
+        &scene,
+        &views,
+        &tracks,
+    )?;
+    store::write_record(&record, &tracks)?;
+    plan.finish([TRACKS_FILE, PAGE_FILE], begun.elapsed().as_secs_f64())?;
+    Ok(tracks)
+}
+
+fn metres_per_unit(path: &Path, scene: &Scene, given: Option<f64>) -> Result<f64, CurateError> {
+    match (scene.scale, given) {
+        (Scale::Metres, None) => Ok(1.0),
+        (_, Some(metres)) if metres.is_finite() && metres > 0.0 => Ok(metres),
+        (_, Some(metres)) => {
+            let reason = format!("{metres} metres make no unit of the world");
+            Err(CurateError::input(path, reason))
+        }
+        (Scale::Arbitrary, None) => Err(CurateError::input(
+            path,
+            "its scale is arbitrary, and vehicles are tracked in metres: give --metres-per-unit",
+        )),
+    }
+}
+
+/// What tracks depend on.
+fn plan(
+    request: &TrackRequest,
+    scene_path: &Path,
+    scene: &Scene,
+    frames: &[u32],
+    metres_per_unit: f64,
+) -> Result<StagePlan, CurateError> {
+    let mut plan = StagePlan::new(&request.out, "tracks")
+        .with_file(scene_path)?
+        .with_text("detector", &request.detector)
+        .with_settings("frames", &frames)
+        .with_settings("metres per unit", &metres_per_unit);
+    if let Some(file) = &request.detections {
+        plan = plan.with_file(file)?;
+    }
+    if let Some(file) = &scene.points {
+        plan = plan.with_file(&request.scene_folder.join(file))?;
+    }
+    for &frame in frames {
+        if let Some(entry) = scene.frames.get(frame as usize) {
+            plan = plan.with_file(&request.scene_folder.join(&entry.image))?;
+        }
+    }
+    Ok(plan)
+}
+
+/// The making of tracks.
+struct Tracking<'a> {
+    scene_path: &'a Path,
+    views: &'a [PosedView],
+    points: &'a [DVec3],
+    metres_per_unit: f64,
+}
+
+/// What distances rest on.
+#[derive(Default)]
+struct GroundUse {
+    rings: usize,
+    dominant: usize,
+    none: usize,
+}
+
+impl Tracking<'_> {
+    fn run(
+        &self,
+        scene: &Scene,
+        detector: &Detector,
+        input: &DetectorInput<'_>,
+        progress: &dyn Progress,
+    ) -> Result<Tracks, CurateError> {
+        let mut stages = Vec::new();
+        let mut stage = |stage: &str, method: &str, reason: String, begun: Instant| {
+            stages.push(TrackStage {
+                stage: stage.to_owned(),
+                method: method.to_owned(),
+                reason,
+                wall_seconds: begun.elapsed().as_secs_f64(),
+            });
+        };
+        let plane = Plane::dominant(self.points, self.views).ok_or_else(|| {
+            CurateError::input(
+                self.scene_path,
+                "has too few points to find the ground by (curate dense, or poses with points)",
+            )
+        })?;
+        let begun = Instant::now();
+        let mut detections = (detector.detect)(input, progress)?;
+        let found = format!("{} boxes in {} frames", detections.len(), self.views.len());
+        stage("detector", detector.id, found, begun);
+        let begun = Instant::now();
+        let ground = self.lift(&mut detections, plane);
+        let reason = format!(
+            "{} on the plane of the points in a ring around them, {} on the ground of the whole scene \
+             (fewer than {LEAST_RING_POINTS} points in the ring), {} above the horizon",
+            ground.rings, ground.dominant, ground.none
+        );
+        stage("distance", "ground", reason, begun);
+        let begun = Instant::now();
+        let groups = self.associate(&detections, plane);
+        let in_groups: usize = groups.iter().map(Vec::len).sum();
+        let reason = format!(
+            "{} objects of {in_groups} detections; {} are of nothing that lasts",
+            groups.len(),
+            detections.len() - in_groups
+        );
+        stage("association", "ground-kalman", reason, begun);
+        let begun = Instant::now();
+        let mut remarks = Vec::new();
+        let mut tracks: Vec<Track> = Vec::new();
+        for group in groups {
+            let id = tracks.len() as u32 + 1;
+            match self.track(id, &group, &detections, plane) {
+                Ok(track) => {
+                    group
+                        .iter()
+                        .for_each(|&number| detections[number].track = Some(id));
+                    tracks.push(track);
+                }
+                Err(reason) => remarks.push(reason),
+            }
+        }
+        let reason = format!(
+            "{} paths, their knots by BIC; {} objects left out",
+            tracks.len(),
+            remarks.len()
+        );
+        stage("trajectory", "trajectory-spline", reason, begun);
+        for remark in &remarks {
+            progress.note(&format!("{}: {remark}", scene.id));
+        }
+        Ok(Tracks {
+            scene: scene.id.clone(),
+            frames: self.views.iter().map(|view| view.frame).collect(),
+            up: plane.normal.to_array(),
+            metres_per_unit: self.metres_per_unit,
+            stages,
+            detections,
+            tracks,
+            remarks,
+        })
+    }
+
+    fn view(&self, frame: u32) -> Option<&PosedView> {
+        self.views.iter().find(|view| view.frame == frame)
+    }
+
+    /// Gives detections their distances and places.
+    fn lift(&self, detections: &mut [Detection], dominant: Plane) -> GroundUse {
+        let mut counts = GroundUse::default();
+        let unit = 1.0 / self.metres_per_unit;
+        for view in self.views {
+            let mut of_view = detections
+                .iter_mut()
+                .filter(|detection| detection.frame == view.frame)
+                .peekable();
+            if of_view.peek().is_none() {
+                continue;
+            }
+            let points = PointsInView::new(view, self.points);
+            for detection in of_view {
+                let ring = points.ring(detection.box_pixels);
+                let local = (ring.len() >= LEAST_RING_POINTS)
+                    .then(|| Plane::of_most(&ring, RING_REACH * unit, Some(dominant.normal)))
+                    .flatten()
+                    .filter(|(_, inside)| *inside >= LEAST_RING_POINTS / 2);
+                let plane = local.map_or(dominant, |(plane, _)| plane);
+                let ray = view.ray(middle(detection.box_pixels));
+                let Some(distance) = plane.raised(HALF_HEIGHT * unit).meet(view.centre, ray) else {
+                    counts.none += 1;
+                    continue;
+                };
+                match local {
+                    Some(_) => counts.rings += 1,
+                    None => counts.dominant += 1,
+                }
+                detection.distance = Some(distance);
+                detection.position = Some((view.centre + ray * distance).to_array());
+            }
+        }
+        counts
+    }
+
+    /// Groups detections by object.
+    fn associate(&self, detections: &[Detection], plane: Plane) -> Vec<Vec<usize>> {
+        let axes = GroundAxes::new(plane.normal);
+        let mut numbers = Vec::new();
+        let mut sightings = Vec::new();
+        let mut by_frame = Vec::new();
+        for view in self.views {
+            let mut of_frame = Vec::new();
+            for (number, detection) in detections.iter().enumerate() {
+                let Some(position) = detection.position.filter(|_| detection.frame == view.frame)
+                else {
+                    continue;
+                };
+                let own = axes.to_world.transpose() * DVec3::from_array(position);
+                of_frame.push(sightings.len());
+                numbers.push(number);
+                sightings.push(Sighting {
+                    seconds: view.seconds,
+                    place: dvec2(own.x, own.y) * self.metres_per_unit,
+                });
+            }
+            by_frame.push(of_frame);
+        }
+        let groups = association::associate(&sightings, &by_frame);
+        groups
+            .into_iter()
+            .map(|group| {
+                group
+                    .into_iter()
+                    .map(|sighting| numbers[sighting])
+                    .collect()
+            })
+            .collect()
+    }
+
+    /// The track of a group of detections; why there is none, where it does not move.
+    fn track(
+        &self,
+        id: u32,
+        group: &[usize],
+        detections: &[Detection],
+        plane: Plane,
+    ) -> Result<Track, String> {
+        let mut observations = Vec::new();
+        let mut boxes = Vec::new();
+        for &number in group {
+            let detection = &detections[number];
+            if let (Some(view), Some(distance)) = (self.view(detection.frame), detection.distance) {
+                let pixel = middle(detection.box_pixels);
+                observations.push(Observation {
+                    view,
+                    pixel,
+                    distance,
+                });
+                boxes.push((view, detection.box_pixels));
+            }
+        }
+        let seconds = observations.first().map_or(0.0, |first| first.view.seconds);
+        let named = format!("what is first seen at {seconds:.2} s");
+        let fitted = spline_fit::fit(&observations, SIGMA_GROUND)
+            .ok_or_else(|| format!("{named} has no path that fits its detections"))?;
+        let begin = fitted.spline.position(seconds);
+        let positions = observations
+            .iter()
+            .map(|one| fitted.spline.position(one.view.seconds));
+        let farthest = positions
+            .map(|place| place.distance(begin))
+            .fold(0.0, f64::max);
+        let spread = self.spread(&observations, &fitted.spline);
+        if farthest * self.metres_per_unit < LEAST_DISPLACEMENT || farthest < 3.0 * spread {
+            return Err(format!(
+                "{named} gets {:.2} m away from there and is taken for static",
+                farthest * self.metres_per_unit
+            ));
+        }
+        let axes = GroundAxes::new(plane.normal);
+        let path = boxes::with_headings(fitted.spline, &axes, self.metres_per_unit);
+        let metres = boxes::dimensions(&path, &axes, &boxes, self.metres_per_unit);
+        let class = detections[group[0]].class.clone();
+        Ok(Track {
+            id,
+            class,
+            dimensions: metres.map(|side| side / self.metres_per_unit),
+            path,
+            detections: group.len() as u32,
+            displacement: farthest,
+        })
+    }
+
+    /// Median distance of lifted detections from their path.
+    fn spread(
+        &self,
+        observations: &[Observation<'_>],
+        spline: &omnilife_schemas::trajectory::BSpline,
+    ) -> f64 {
+        let distances: Vec<f64> = observations
+            .iter()
+            .map(|one| one.position().distance(spline.position(one.view.seconds)))
+            .collect();
+        statistics::median(&distances).unwrap_or(0.0)
+    }
+}
+
+/// Middle of a box, pixels.
+fn middle([left, top, width, height]: [f64; 4]) -> DVec2 {
+    dvec2(left + 0.5 * width, top + 0.5 * height)
+}

@@ -1,0 +1,456 @@
+//! `trajectory-spline`: the path of an object from what its detections say.
+//!
+//! A cubic B-spline `S(t)` in space is held to the detections in pixels `p_t` and to their distances
+//! `d_t`, under Huber's loss (Eq. 1 of "dynamic urban scenes from UAV video", whose free displacements
+//! are the residuals here: as printed, an interpolating spline makes it 0):
+//!
+//! ```text
+//! sum_t rho(|proj(S(t)) - p_t| / sigma_p) + rho((|S(t) - c_t| / d_t - 1) / sigma_d)
+//! rho(r) = r^2 up to 1.5, then 3 |r| - 1.5^2
+//! ```
+//!
+//! Knots are clamped and uniform in time. How many coefficients `n` there are is decided by
+//! `BIC = sum rho + 3 n ln(3 T)` for `T` detections. Fewer than four give a spline of lower degree.
+//! Pixels are compared as angles between rays over the angle of a pixel there, which is the same for
+//! any camera and has no seam.
+
+use glam::{DVec2, DVec3};
+use omnilife_schemas::trajectory::BSpline;
+
+use super::{banded::BandMatrix, views::PosedView};
+
+/// Standard deviation of the middle of a detection, pixels.
+const SIGMA_PIXELS: f64 = 2.0;
+/// Beyond this many standard deviations residuals count linearly.
+const HUBER: f64 = 1.5;
+const ITERATIONS: usize = 25;
+
+/// What a detection says of its object's place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Observation<'a> {
+    /// The frame.
+    pub view: &'a PosedView,
+    /// Middle of the box, pixels.
+    pub pixel: DVec2,
+    /// Distance from the camera.
+    pub distance: f64,
+}
+
+impl Observation<'_> {
+    /// Where it lifts the middle of its box to.
+    pub fn position(&self) -> DVec3 {
+        self.view.centre + self.view.ray(self.pixel) * self.distance
+    }
+}
+
+/// A fitted path.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FittedPath {
+    /// The path.
+    pub spline: BSpline,
+    /// Root mean square of what is left, in standard deviations.
+    pub residual: f64,
+    /// What the number of coefficients was decided by.
+    pub bic: f64,
+}
+
+/// Fits a path to observations in order of time, at least one. `sigma_distance` is the relative standard
+/// deviation of distances.
+pub fn fit(observations: &[Observation<'_>], sigma_distance: f64) -> Option<FittedPath> {
+    let count = observations.len();
+    let degree = count.checked_sub(1)?.min(3);
+    let share = |share: f64| (share * count as f64).round() as usize;
+    let mut sizes: Vec<usize> = [
+        4,
+        share(0.2),
+        share(0.25),
+        share(1.0 / 3.0),
+        share(0.5),
+        share(2.0 / 3.0),
+    ]
+    .map(|size| size.clamp(degree + 1, count.max(degree + 1)))
+    .to_vec();
+    sizes.sort_unstable();
+    sizes.dedup();
+    let fits = sizes
+        .into_iter()
+        .filter_map(|size| fit_with(observations, degree, size, sigma_distance));
+    fits.min_by(|a, b| a.bic.total_cmp(&b.bic))
+}
+
+/// Fits a path with this many coefficients.
+pub fn fit_with(
+    observations: &[Observation<'_>],
+    degree: usize,
+    coefficients: usize,
+    sigma_distance: f64,
+) -> Option<FittedPath> {
+    let (first, last) = (observations.first()?, observations.last()?);
+    let mut spline = BSpline {
+        degree,
+        knots: BSpline::uniform_knots(degree, coefficients, first.view.seconds, last.view.seconds),
+        coefficients: vec![[0.0; 3]; coefficients],
+    };
+    lift(&mut spline, observations)?;
+    let mut loss = total_loss(&spline, observations, sigma_distance);
+    let mut damping = 1e-4;
+    for _ in 0..ITERATIONS {
+        let Some(tried) = stepped(&spline, observations, sigma_distance, damping) else {
+            damping *= 10.0;
+            continue;
+        };
+        let of_tried = total_loss(&tried, observations, sigma_distance);
+        if of_tried < loss {
+            let gain = loss - of_tried;
+            (spline, loss) = (tried, of_tried);
+            damping = (0.2 * damping).max(1e-9);
+            if gain < 1e-9 * loss.max(1e-9) {
+                break;
+            }
+        } else {
+            damping *= 10.0;
+            if damping > 1e9 {
+                break;
+            }
+        }
+    }
+    let values = (3 * observations.len()) as f64;
+    loss.is_finite().then(|| FittedPath {
+        bic: loss + (3 * coefficients) as f64 * values.ln(),
+        residual: (loss / values).sqrt(),
+        spline,
+    })
+}
+
+/// The spline that is nearest to the lifted places, in least squares, to begin with.
+fn lift(spline: &mut BSpline, observations: &[Observation<'_>]) -> Option<()> {
+    let reach = 3 * spline.degree + 2;
+    let size = spline.coefficients.len();
+    let mut matrix = BandMatrix::new(3 * size, reach);
+    let mut right = vec![0.0; 3 * size];
+    for observation in observations {
+        let weights = spline.weights(observation.view.seconds);
+        let position = observation.position();
+        for a in 0..=spline.degree {
+            for axis in 0..3 {
+                let row = 3 * (weights.first + a) + axis;
+                right[row] += weights.values[a] * position[axis];
+                for b in 0..=a {
+                    matrix.add(
+                        row,
+                        3 * (weights.first + b) + axis,
+                        weights.values[a] * weights.values[b],
+                    );
+                }
+            }
+        }
+    }
+    smooth(&mut matrix, spline, 1e-6, &mut right, None);
+    let solved = matrix.solve(&right)?;
+    spline.coefficients = solved.as_chunks::<3>().0.to_vec();
+    Some(())
+}
+
+/// A weak pull of each coefficient to the middle of its neighbours: what no detection says anything of
+/// goes on evenly. With coefficients that are there already, the gradient of the pull goes to `right`.
+fn smooth(
+    matrix: &mut BandMatrix,
+    spline: &BSpline,
+    weight: f64,
+    right: &mut [f64],
+    at: Option<&[[f64; 3]]>,
+) {
+    let size = spline.coefficients.len();
+    if spline.degree < 2 {
+        (0..3 * size).for_each(|row| matrix.add(row, row, weight * 1e-3));
+        return;
+    }
+    let second = [1.0, -2.0, 1.0];
+    for first in 0..size - 2 {
+        for axis in 0..3 {
+            let bend: f64 = at.map_or(0.0, |at| {
+                (0..3).map(|n| second[n] * at[first + n][axis]).sum()
+            });
+            for a in 0..3 {
+                right[3 * (first + a) + axis] -= weight * second[a] * bend;
+                for b in 0..=a {
+                    matrix.add(
+                        3 * (first + a) + axis,
+                        3 * (first + b) + axis,
+                        weight * second[a] * second[b],
+                    );
+                }
+            }
+        }
+    }
+}
+
+/// Residuals of an observation in standard deviations, with their derivatives by the place.
+fn residuals(
+    position: DVec3,
+    observation: &Observation<'_>,
+    sigma_distance: f64,
+) -> [(f64, DVec3); 3] {
+    let view = observation.view;
+    let offset = position - view.centre;
+    let distance = offset.length().max(f64::MIN_POSITIVE);
+    let direction = offset / distance;
+    let ray = view.ray(observation.pixel);
+    let steps = view.ray_steps(observation.pixel);
+    let across = steps.map(|step| {
+        let length = step.length().max(f64::MIN_POSITIVE);
+        // Orthogonal to the ray: a step along it is none.
+        let axis = step / length;
+        let axis = (axis - ray * ray.dot(axis)).normalize_or_zero();
+        let scale = 1.0 / (length * SIGMA_PIXELS);
+        let by_place = (axis - direction * direction.dot(axis)) / distance;
+        (axis.dot(direction) * scale, by_place * scale)
+    });
+    let scale = 1.0 / (observation.distance * sigma_distance);
+    [
+        across[0],
+        across[1],
+        ((distance - observation.distance) * scale, direction * scale),
+    ]
+}
+
+fn huber(residual: f64) -> f64 {
+    let size = residual.abs();
+    if size <= HUBER {
+        size * size
+    } else {
+        2.0 * HUBER * size - HUBER * HUBER
+    }
+}
+
+fn total_loss(spline: &BSpline, observations: &[Observation<'_>], sigma_distance: f64) -> f64 {
+    observations
+        .iter()
+        .map(|observation| {
+            let position = spline.position(observation.view.seconds);
+            let all = residuals(position, observation, sigma_distance);
+            all.iter()
+                .map(|(residual, _)| huber(*residual))
+                .sum::<f64>()
+        })
+        .sum()
+}
+
+/// One step of Levenberg and Marquardt on the reweighted residuals.
+fn stepped(
+    spline: &BSpline,
+    observations: &[Observation<'_>],
+    sigma_distance: f64,
+    damping: f64,
+) -> Option<BSpline> {
+    let size = spline.coefficients.len();
+    let mut matrix = BandMatrix::new(3 * size, 3 * spline.degree + 2);
+    let mut right = vec![0.0; 3 * size];
+    for observation in observations {
+        let weights = spline.weights(observation.view.seconds);
+        let position = spline.position(observation.view.seconds);
+        for (residual, by_place) in residuals(position, observation, sigma_distance) {
+            let robust = (HUBER / residual.abs().max(HUBER)).min(1.0);
+            for a in 0..=spline.degree {
+                for i in 0..3 {
+                    let row = 3 * (weights.first + a) + i;
+                    let by_row = weights.values[a] * by_place[i];
+                    right[row] -= robust * residual * by_row;
+                    for b in 0..=a {
+                        for j in 0..3 {
+                            let column = 3 * (weights.first + b) + j;
+                            if column <= row {
+                                let product = by_row * weights.values[b] * by_place[j];
+                                matrix.add(row, column, robust * product);
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+    let scale = (0..3 * size)
+        .map(|row| matrix.diagonal(row))
+        .fold(0.0, f64::max);
+    smooth(
+        &mut matrix,
+        spline,
+        1e-9 * scale,
+        &mut right,
+        Some(&spline.coefficients),
+    );
+    for row in 0..3 * size {
+        let own = matrix.diagonal(row);
+        matrix.add(row, row, damping * own.max(1e-9 * scale));
+    }
+    let step = matrix.solve(&right)?;
+    let mut tried = spline.clone();
+    for (value, step) in tried.coefficients.as_flattened_mut().iter_mut().zip(step) {
+        *value += step;
+    }
+    Some(tried)
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DMat3, dvec3};
+    use omnilife_schemas::camera::{Camera, CameraModel, ErpCamera, PinholeCamera};
+
+    use super::*;
+
+    struct Noise(u64);
+
+    impl Noise {
+        fn uniform(&mut self) -> f64 {
+            self.0 = self
+                .0
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
+            (self.0 >> 11) as f64 / (1_u64 << 53) as f64
+        }
+
+        fn normal(&mut self) -> f64 {
+            (-2.0 * self.uniform().max(1e-300).ln()).sqrt()
+                * (std::f64::consts::TAU * self.uniform()).cos()
+        }
+    }
+
+    /// Cameras that fly over a path and look down.
+    fn views(times: &[f64], camera: Camera) -> Vec<PosedView> {
+        times
+            .iter()
+            .enumerate()
+            .map(|(frame, &seconds)| PosedView {
+                frame: frame as u32,
+                seconds,
+                camera,
+                to_world: DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z)
+                    * DMat3::from_rotation_x(0.2 + 0.02 * seconds),
+                centre: dvec3(0.5 * seconds, -12.0 + seconds, 50.0),
+            })
+            .collect()
+    }
+
+    fn pinhole() -> Camera {
+        PinholeCamera::with_horizontal_field_of_view(640, 360, 1.14).into()
+    }
+
+    /// A car that comes, stops for four seconds and turns away.
+    fn truth(seconds: f64) -> DVec3 {
+        let along = |seconds: f64| 6.0 * seconds.min(6.0) + 6.0 * (seconds - 10.0).max(0.0);
+        let turned = (seconds - 12.0).max(0.0);
+        dvec3(along(seconds) - 30.0, 0.25 * turned * turned, 0.75)
+    }
+
+    fn observe<'a>(
+        views: &'a [PosedView],
+        noise: &mut Noise,
+        [pixels, distance]: [f64; 2],
+    ) -> Vec<Observation<'a>> {
+        views
+            .iter()
+            .filter_map(|view| {
+                let place = truth(view.seconds);
+                let mut pixel = view.camera.project(view.in_camera(place))?;
+                pixel += pixels * DVec2::new(noise.normal(), noise.normal());
+                if pixels > 0.0 && noise.uniform() < 0.08 {
+                    pixel += 30.0 * DVec2::new(noise.normal(), noise.normal());
+                }
+                Some(Observation {
+                    view,
+                    pixel,
+                    distance: place.distance(view.centre) * (1.0 + distance * noise.normal()),
+                })
+            })
+            .collect()
+    }
+
+    fn mean_error(errors: impl Iterator<Item = f64>) -> f64 {
+        let errors: Vec<f64> = errors.collect();
+        (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt()
+    }
+
+    #[test]
+    fn a_path_without_noise_is_recovered_by_any_camera() {
+        let times: Vec<f64> = (0..41).map(|n| 0.5 * f64::from(n)).collect();
+        let erp = ErpCamera {
+            width: 1024,
+            height: 512,
+        }
+        .into();
+        for camera in [pinhole(), erp] {
+            let views = views(&times, camera);
+            let observations = observe(&views, &mut Noise(1), [0.0, 0.0]);
+            let fitted = fit_with(&observations, 3, 27, 0.005).expect("a path");
+            let error = mean_error(views.iter().map(|view| {
+                fitted
+                    .spline
+                    .position(view.seconds)
+                    .distance(truth(view.seconds))
+            }));
+            assert!(error < 0.2, "{error} m");
+        }
+    }
+
+    #[test]
+    fn a_path_is_nearer_than_its_lifted_detections() {
+        let times: Vec<f64> = (0..41).map(|n| 0.5 * f64::from(n)).collect();
+        let views = views(&times, pinhole());
+        for (sigma, most) in [(0.02, 0.6), (0.005, 0.7)] {
+            let (mut raw, mut fitted) = (0.0, 0.0);
+            for seed in 0..10 {
+                let observations = observe(&views, &mut Noise(seed), [1.5, sigma]);
+                raw += mean_error(
+                    observations
+                        .iter()
+                        .map(|o| o.position().distance(truth(o.view.seconds))),
+                );
+                let path = fit(&observations, sigma).expect("a path");
+                fitted += mean_error(observations.iter().map(|o| {
+                    path.spline
+                        .position(o.view.seconds)
+                        .distance(truth(o.view.seconds))
+                }));
+            }
+            assert!(fitted < most * raw, "{sigma}: {fitted} against {raw}");
+        }
+    }
+
+    #[test]
+    fn one_two_and_three_detections_make_points_lines_and_arcs() {
+        for count in 1..=3 {
+            let times: Vec<f64> = (0..count).map(f64::from).collect();
+            let views = views(&times, pinhole());
+            let observations = observe(&views, &mut Noise(3), [0.0, 0.0]);
+            let path = fit(&observations, 0.005).expect("a path");
+            assert_eq!(path.spline.degree, count as usize - 1);
+            assert_eq!(path.spline.fault(), None);
+            for view in &views {
+                let error = path
+                    .spline
+                    .position(view.seconds)
+                    .distance(truth(view.seconds));
+                assert!(error < 1e-3, "{count}: {error}");
+            }
+        }
+        assert_eq!(fit(&[], 0.005), None);
+    }
+
+    #[test]
+    fn gaps_and_detections_at_one_time_do_no_harm() {
+        let mut times: Vec<f64> = (0..10).map(|n| 0.5 * f64::from(n)).collect();
+        times.extend((0..10).map(|n| 16.0 + 0.5 * f64::from(n)));
+        let across_a_gap = views(&times, pinhole());
+        let path = fit(&observe(&across_a_gap, &mut Noise(2), [0.0, 0.0]), 0.005).expect("a path");
+        assert!(
+            path.spline
+                .coefficients
+                .as_flattened()
+                .iter()
+                .all(|value| value.abs() < 200.0)
+        );
+        let at_once = views(&[3.0; 6], pinhole());
+        let path = fit(&observe(&at_once, &mut Noise(2), [0.0, 0.0]), 0.005).expect("a path");
+        assert!(path.spline.position(3.0).distance(truth(3.0)) < 0.1);
+    }
+}

@@ -1,0 +1,67 @@
+//! The posed frames of a scene, as tracks are made of them.
+
+use glam::{DMat3, DVec2, DVec3};
+use omnilife_schemas::{
+    camera::{Camera, CameraModel},
+    records::Scene,
+};
+
+/// A posed frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PosedView {
+    /// Number of the frame in the scene.
+    pub frame: u32,
+    /// Presentation timestamp in seconds.
+    pub seconds: f64,
+    /// Size and model of its image.
+    pub camera: Camera,
+    /// Camera to world.
+    pub to_world: DMat3,
+    /// Centre of the camera.
+    pub centre: DVec3,
+}
+
+impl PosedView {
+    /// The posed frames among some of a scene, in order of time.
+    pub fn of_scene(scene: &Scene, frames: &[u32]) -> Vec<Self> {
+        let mut views: Vec<Self> = frames
+            .iter()
+            .filter_map(|&frame| {
+                let entry = scene.frames.get(frame as usize)?;
+                let pose = entry.pose.filter(omnilife_schemas::Pose::is_valid)?;
+                Some(Self {
+                    frame,
+                    seconds: entry.time_seconds,
+                    camera: scene.camera,
+                    to_world: DMat3::from_quat(pose.rotation()?),
+                    centre: pose.centre(),
+                })
+            })
+            .collect();
+        views.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
+        views
+    }
+
+    /// A point of the world in the camera's frame.
+    pub fn in_camera(&self, world: DVec3) -> DVec3 {
+        self.to_world.transpose() * (world - self.centre)
+    }
+
+    /// Where a point of the world is seen; `None` where it is not, be it outside of the image.
+    pub fn pixel(&self, world: DVec3) -> Option<DVec2> {
+        let pixel = self.camera.project(self.in_camera(world))?;
+        let [width, height] = self.camera.size().map(|side| side as f64);
+        let is_inside = (0.0..width).contains(&pixel.x) && (0.0..height).contains(&pixel.y);
+        is_inside.then_some(pixel)
+    }
+
+    /// Unit direction of a pixel in the world.
+    pub fn ray(&self, pixel: DVec2) -> DVec3 {
+        self.to_world * self.camera.unproject(pixel)
+    }
+
+    /// How the ray of a pixel turns with it: along columns and along rows, radians per pixel, world.
+    pub fn ray_steps(&self, pixel: DVec2) -> [DVec3; 2] {
+        [DVec2::X, DVec2::Y].map(|axis| self.ray(pixel + 0.5 * axis) - self.ray(pixel - 0.5 * axis))
+    }
+}

@@ -1,0 +1,256 @@
+//! Tracks of a made-up flight: boxes of another program become paths on the ground, and what is wrong with
+//! them is said in one line.
+#![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+use std::{fmt::Write as _, fs, path::Path};
+
+use glam::{DMat3, DQuat, DVec3, dvec3};
+use omnilife_curate::tracks::{
+    PAGE_FILE, TrackRequest, boxes::projected_box, make_tracks, views::PosedView,
+};
+use omnilife_schemas::{
+    Classified, ErrorKind, Pose,
+    camera::PinholeCamera,
+    points::PointCloud,
+    progress::Silent,
+    records::{PoseSource, PoseValidation, Scale, Scene, SceneFrame, ValidationStatus},
+    rgb, store,
+    trajectory::GroundAxes,
+};
+
+const FRAMES: usize = 16;
+
+/// Where a car is and where it heads: past the drone, or standing.
+fn car(number: usize, seconds: f64) -> (DVec3, f64) {
+    match number {
+        0 => (dvec3(-18.0 + 2.5 * seconds, 2.0, 0.75), 0.0),
+        1 => (
+            dvec3(4.0, 14.0 - 2.0 * seconds, 0.75),
+            -std::f64::consts::FRAC_PI_2,
+        ),
+        _ => (dvec3(-5.0, -6.0, 0.75), 0.0),
+    }
+}
+
+/// A scene over a flat road, in metres.
+fn write_scene(folder: &Path) -> Scene {
+    fs::create_dir_all(folder.join("frames")).unwrap();
+    let looks_down = DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z);
+    let frames = (0..FRAMES).map(|number| {
+        let image = format!("frames/{number:06}.png");
+        rgb::write_rgb8_png(&folder.join(&image), 320, 180, &vec![90; 320 * 180 * 3]).unwrap();
+        let q = DQuat::from_mat3(&(looks_down * DMat3::from_rotation_x(0.1)));
+        SceneFrame {
+            image,
+            time_seconds: number as f64,
+            pose: Some(Pose {
+                rotation_wxyz: [q.w, q.x, q.y, q.z],
+                centre: [0.3 * number as f64 - 2.0, -4.0, 40.0],
+            }),
+            mask: None,
+            classes: [].into(),
+            depth: None,
+            depth_prior: None,
+        }
+    });
+    let scene = Scene {
+        id: "flight".to_owned(),
+        camera: PinholeCamera::with_horizontal_field_of_view(320, 180, 1.1).into(),
+        scale: Scale::Metres,
+        frames: frames.collect(),
+        points: Some("points.ply".to_owned()),
+        pose_source: PoseSource::Given {
+            file: "poses.json".to_owned(),
+        },
+        validation: PoseValidation {
+            status: ValidationStatus::Unchecked,
+            registered_frames: FRAMES as u32,
+            total_frames: FRAMES as u32,
+            measures: [].into(),
+            problems: Vec::new(),
+        },
+    };
+    let positions: Vec<[f32; 3]> = (0..60 * 50)
+        .map(|n| [(n % 60) as f32 - 30.0, (n / 60) as f32 - 25.0, 0.0])
+        .collect();
+    let points = PointCloud {
+        colours: vec![[90; 3]; positions.len()],
+        positions,
+    };
+    points.write_ply(&folder.join("points.ply")).unwrap();
+    store::write_record(&folder.join("scene.json"), &scene).unwrap();
+    scene
+}
+
+/// The cars' boxes as MOT text.
+fn boxes(scene: &Scene) -> String {
+    let frames: Vec<u32> = (0..FRAMES as u32).collect();
+    let axes = GroundAxes::new(DVec3::Z);
+    let mut text = String::new();
+    for view in PosedView::of_scene(scene, &frames) {
+        for number in 0..3 {
+            let (centre, heading) = car(number, view.seconds);
+            let sides = projected_box(&view, centre, axes.rotation(heading), [4.5, 1.8, 1.5]);
+            let Some([left, top, width, height]) = sides else {
+                continue;
+            };
+            let is_whole = left > 0.0 && top > 0.0 && left + width < 320.0 && top + height < 180.0;
+            // Every seventh is missed.
+            if is_whole && (view.frame as usize * 3 + number) % 7 != 3 {
+                writeln!(
+                    text,
+                    "{},-1,{left},{top},{width},{height},0.9",
+                    view.frame + 1
+                )
+                .unwrap();
+            }
+        }
+    }
+    text
+}
+
+fn request(folder: &Path, boxes: &str) -> TrackRequest {
+    let file = folder.join("boxes.txt");
+    fs::write(&file, boxes).unwrap();
+    TrackRequest {
+        scene_folder: folder.join("scene"),
+        split: None,
+        detector: "files".to_owned(),
+        detections: Some(file),
+        metres_per_unit: None,
+        out: folder.join("tracks"),
+    }
+}
+
+#[test]
+fn boxes_become_paths_and_what_stands_is_static() {
+    let temp = tempfile::tempdir().unwrap();
+    let scene = write_scene(&temp.path().join("scene"));
+    let request = request(temp.path(), &boxes(&scene));
+    let tracks = make_tracks(&request, &Silent).unwrap();
+    assert_eq!(tracks.tracks.len(), 2, "{:?}", tracks.remarks);
+    assert_eq!(tracks.remarks.len(), 1);
+    assert!(
+        tracks.remarks[0].contains("static"),
+        "{}",
+        tracks.remarks[0]
+    );
+    for track in &tracks.tracks {
+        let number = (0..2)
+            .min_by(|&a, &b| {
+                let [a, b] = [a, b].map(|n| track.path.at(7.0).unwrap().0.distance(car(n, 7.0).0));
+                a.total_cmp(&b)
+            })
+            .unwrap();
+        let [begin, end] = track.path.centre.range();
+        for step in 0..=20 {
+            let seconds = begin + (end - begin) * f64::from(step) / 20.0;
+            let ((place, heading), (truth, true_heading)) =
+                (track.path.at(seconds).unwrap(), car(number, seconds));
+            let error = (place - truth).truncate().length();
+            assert!(error < 0.5, "{error} m at {seconds} s");
+            assert!((heading - true_heading).abs().to_degrees() < 5.0);
+        }
+        assert!(
+            (track.dimensions[0] - 4.5).abs() < 0.6,
+            "{:?}",
+            track.dimensions
+        );
+    }
+    let page = fs::read_to_string(temp.path().join("tracks").join(PAGE_FILE)).unwrap();
+    assert!(page.contains("polyline") && page.contains("data:image/jpeg"));
+    assert_eq!(make_tracks(&request, &Silent).unwrap(), tracks);
+}
+
+#[test]
+fn what_is_wrong_with_boxes_is_said_in_one_line() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path().join("scene");
+    let scene = write_scene(&folder);
+    let refusal = |boxes: &str| {
+        let error = make_tracks(&request(temp.path(), boxes), &Silent).unwrap_err();
+        assert_eq!(error.error_kind(), ErrorKind::User);
+        let message = error.to_string();
+        assert!(
+            message.contains("boxes.txt") && !message.contains('\n'),
+            "{message}"
+        );
+        message
+    };
+    for (text, reason) in [
+        ("17,-1,1,1,9,9,1\n", "line 1: is of frame 17"),
+        ("0,-1,1,1,9,9,1\n", "is of frame 0"),
+        ("1,-1,1,NaN,9,9,1\n", "not finite"),
+        ("1,-1,900,1,9,9,1\n", "outside of its image of 320x180"),
+        ("1,-1,1,1,-9,9,1\n", "a box of -9x9"),
+        (
+            "1,4,1,1,9,9,1\n1,4,30,1,9,9,1\n",
+            "line 2: frame 1 has two boxes of id 4",
+        ),
+        ("1,4,1,1\n", "expected frame,id"),
+        ("a,4,1,1,9,9\n", "\"a\" is no number"),
+    ] {
+        let message = refusal(text);
+        assert!(message.contains(reason), "{message}");
+    }
+    assert!(!temp.path().join("tracks/tracks.json").exists());
+    // None, and five hundred: both are an answer.
+    let none = make_tracks(&request(temp.path(), ""), &Silent).unwrap();
+    assert!(none.tracks.is_empty() && none.detections.is_empty());
+    let crowd: String = (0..500)
+        .map(|n| format!("1,-1,{},{},5,5,1\n", (n % 60) * 5, n / 60 * 9))
+        .collect();
+    assert!(
+        make_tracks(&request(temp.path(), &crowd), &Silent)
+            .unwrap()
+            .tracks
+            .is_empty()
+    );
+    let mut arbitrary = scene;
+    arbitrary.scale = Scale::Arbitrary;
+    store::write_record(&folder.join("scene.json"), &arbitrary).unwrap();
+    let error = make_tracks(&request(temp.path(), ""), &Silent).unwrap_err();
+    assert!(error.to_string().contains("--metres-per-unit"), "{error}");
+}
+
+#[test]
+fn coco_boxes_are_read_and_checked() {
+    let temp = tempfile::tempdir().unwrap();
+    write_scene(&temp.path().join("scene"));
+    let make = |text: &str| {
+        let mut request = request(temp.path(), "");
+        let file = temp.path().join("boxes.json");
+        fs::write(&file, text).unwrap();
+        request.detections = Some(file);
+        make_tracks(&request, &Silent)
+    };
+    let image =
+        r#""images": [{"id": 3, "file_name": "x/000002.jpg", "width": 320, "height": 180}]"#;
+    let sound = format!(
+        r#"{{{image}, "annotations": [{{"image_id": 3, "bbox": [10, 20, 30, 12], "category_id": 1, "score": 0.8}}],
+            "categories": [{{"id": 1, "name": "van"}}]}}"#
+    );
+    let tracks = make(&sound).unwrap();
+    assert_eq!(
+        (
+            tracks.detections[0].frame,
+            tracks.detections[0].class.as_str()
+        ),
+        (2, "van")
+    );
+    for (text, reason) in [
+        (sound.replace("000002", "000099"), "is no frame"),
+        (sound.replace("320", "640"), "640x180"),
+        (
+            sound.replace("\"image_id\": 3", "\"image_id\": 4"),
+            "not listed",
+        ),
+        ("{}".to_owned(), "no COCO JSON"),
+    ] {
+        let message = make(&text).unwrap_err().to_string();
+        assert!(
+            message.contains(reason) && !message.contains('\n'),
+            "{message}"
+        );
+    }
+}

@@ -1,0 +1,194 @@
+//! Editing a trained object graph: vehicles are taken out, moved, copied or sent later. The result is a
+//! run of its own that says what was done; it is never scored against the video.
+
+use std::{
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use glam::DVec3;
+use omnilife_engine::{gaussians::tracked::OBJECT_NUMBERS, parameters::ParameterTable};
+use omnilife_schemas::{
+    lock::FolderLock,
+    progress::Progress,
+    records::{GraphObject, Objects, RunRecord, ViewPredictions},
+    stage::StagePlan,
+    store::{self, StoreError},
+    trajectory::GroundAxes,
+};
+
+use crate::{
+    error::ReconstructError,
+    formats::{GAUSSIANS_FILE, OBJECT_GAUSSIANS_FILE, OBJECTS_FILE, objects},
+    jobs::reconstruct::{NOVEL_FOLDER, RUN_FILE},
+};
+
+/// A change of one object.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Edit {
+    /// Takes it out.
+    Remove(u32),
+    /// Moves it along the ground, world units towards heading 0 and pi/2, and turns its path about its
+    /// middle, radians.
+    Move(u32, [f64; 3]),
+    /// Puts another one beside it, displaced along the ground.
+    Copy(u32, [f64; 2]),
+    /// Sends it later, seconds.
+    Delay(u32, f64),
+}
+
+impl Edit {
+    fn id(&self) -> u32 {
+        match self {
+            Self::Remove(id) | Self::Move(id, _) | Self::Copy(id, _) | Self::Delay(id, _) => *id,
+        }
+    }
+
+    /// As it stands in the record.
+    fn words(&self) -> String {
+        match self {
+            Self::Remove(id) => format!("remove {id}"),
+            Self::Move(id, [x, y, turn]) => format!("move {id} by {x}, {y}, turned by {turn}"),
+            Self::Copy(id, [x, y]) => format!("copy {id} to {x}, {y} from it"),
+            Self::Delay(id, seconds) => format!("delay {id} by {seconds} s"),
+        }
+    }
+}
+
+/// What to edit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EditRequest {
+    /// Folder of the run.
+    pub run: PathBuf,
+    /// Changes in their order.
+    pub edits: Vec<Edit>,
+    /// Folder of the edited run.
+    pub out: PathBuf,
+}
+
+/// Edits a run; returns the ids of the objects that are there afterwards.
+///
+/// # Errors
+/// When the run has no objects, an edit is of an object that is not there or by what is no number, or a
+/// file cannot be written.
+pub fn edit(request: &EditRequest, progress: &dyn Progress) -> Result<Vec<u32>, ReconstructError> {
+    let record_path = request.run.join(RUN_FILE);
+    let mut run: RunRecord = store::read_record(&record_path)?;
+    let objects_path = request.run.join(OBJECTS_FILE);
+    if !objects_path.is_file() {
+        let reason = "has no objects that could be edited: it is no run of an object graph";
+        return Err(ReconstructError::scene(&request.run, reason));
+    }
+    let (mut record, mut table) = objects::read_parts(&request.run)?;
+    for edit in &request.edits {
+        apply(edit, &mut record, &mut table)
+            .map_err(|reason| ReconstructError::scene(&objects_path, reason))?;
+        run.edits.push(edit.words());
+    }
+    // What the run predicted was predicted before.
+    run.predictions = ViewPredictions {
+        input_views: None,
+        novel_views: NOVEL_FOLDER.to_owned(),
+    };
+    run.trace = None;
+    run.trace_views = None;
+    let begun = Instant::now();
+    store::create_folder(&request.out)?;
+    let _lock = FolderLock::take(&request.out, progress)?;
+    let stage = StagePlan::new(&request.out, "edit");
+    let files = [
+        RUN_FILE,
+        GAUSSIANS_FILE,
+        OBJECTS_FILE,
+        OBJECT_GAUSSIANS_FILE,
+    ];
+    stage.claim(files)?;
+    copy(
+        &request.run.join(GAUSSIANS_FILE),
+        &request.out.join(GAUSSIANS_FILE),
+    )?;
+    objects::write_table(&request.out, &table)?;
+    store::write_record(&request.out.join(OBJECTS_FILE), &record)?;
+    store::write_record(&request.out.join(RUN_FILE), &run)?;
+    stage.finish(files, begun.elapsed().as_secs_f64())?;
+    Ok(record.objects.iter().map(|object| object.id).collect())
+}
+
+fn copy(from: &Path, to: &Path) -> Result<(), StoreError> {
+    let bytes = std::fs::read(from).map_err(|error| StoreError::read(from, error))?;
+    store::write_bytes(to, &bytes)
+}
+
+fn apply(edit: &Edit, record: &mut Objects, table: &mut ParameterTable) -> Result<(), String> {
+    let at = record
+        .objects
+        .iter()
+        .position(|object| object.id == edit.id())
+        .ok_or_else(|| {
+            let known: Vec<String> = record
+                .objects
+                .iter()
+                .map(|object| object.id.to_string())
+                .collect();
+            format!(
+                "has no object {}; known are {}",
+                edit.id(),
+                known.join(", ")
+            )
+        })?;
+    let up = DVec3::from_array(record.up);
+    let axes = GroundAxes::new(up).to_world;
+    let on_ground = |x: f64, y: f64| axes.x_axis * x + axes.y_axis * y;
+    let numbers = table.position(OBJECT_NUMBERS).unwrap_or_default();
+    match *edit {
+        Edit::Remove(_) => {
+            let keep: Vec<bool> = table.arrays[numbers]
+                .values
+                .iter()
+                .map(|&number| number as usize != at)
+                .collect();
+            table.retain(&keep);
+            for number in &mut table.arrays[numbers].values {
+                if *number as usize > at {
+                    *number -= 1.0;
+                }
+            }
+            record.objects.remove(at);
+        }
+        Edit::Move(_, [x, y, turn]) => {
+            let object = &mut record.objects[at];
+            object.path = object.path.clone().moved(on_ground(x, y), turn, up);
+        }
+        Edit::Copy(_, [x, y]) => {
+            let id = record
+                .objects
+                .iter()
+                .map(|object| object.id)
+                .max()
+                .unwrap_or(0)
+                + 1;
+            let original = &record.objects[at];
+            let path = original.path.clone().moved(on_ground(x, y), 0.0, up);
+            let copied = GraphObject {
+                id,
+                path,
+                ..original.clone()
+            };
+            let rows: Vec<usize> = (0..table.len())
+                .filter(|&row| table.row(numbers, row)[0] as usize == at)
+                .collect();
+            let first = table.len();
+            table.append_copies(&rows);
+            table.arrays[numbers].values[first..].fill(record.objects.len() as f32);
+            record.objects.push(copied);
+        }
+        Edit::Delay(_, seconds) => {
+            let object = &mut record.objects[at];
+            object.path = object.path.clone().delayed(seconds);
+        }
+    }
+    match record.objects.iter().find_map(|object| object.path.fault()) {
+        Some(fault) => Err(format!("{}: its path {fault}", edit.words())),
+        None => Ok(()),
+    }
+}
