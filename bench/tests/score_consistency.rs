@@ -48,7 +48,6 @@ fn run_record(bench: &Bench) -> RunRecord {
         seconds_per_group: None,
         peak_memory_bytes: None,
         up: None,
-        up: None,
         normalization: Similarity {
             offset: [0.0; 3],
             scale: 1.0,

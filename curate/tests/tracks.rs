@@ -51,6 +51,7 @@ fn write_scene(folder: &Path) -> Scene {
             classes: [].into(),
             depth: None,
             depth_prior: None,
+            objects: [].into(),
         }
     });
     let scene = Scene {

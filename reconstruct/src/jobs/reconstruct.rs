@@ -54,7 +54,7 @@ const TRACE_FILE: &str = "trace.csv";
 /// Folder of the novel views at the rows of the trace.
 const TRACE_FOLDER: &str = "trace";
 /// What a training may leave beside views and the record.
-const TRAINING_FILES: [&str; 8] = [
+const TRAINING_FILES: [&str; 10] = [
     TRACE_FILE,
     ATLAS_FILE,
     ATLAS_VALUES_FILE,

@@ -75,6 +75,7 @@ fn scene(folder: &Path, count: usize, change: impl Fn(usize, usize, f32) -> f32)
         points: PointCloud::default(),
         depth_priors,
         objects: [].into(),
+        tracks: None,
     }
 }
 

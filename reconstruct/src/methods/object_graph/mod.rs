@@ -1,7 +1,7 @@
 //! Object graph: a static scene, and the Gaussians of each vehicle in coordinates that move with it.
 //!
 //! Source: "Dynamic urban scenes from UAV video" (S2), which trains 4DGF (Fischer et al., "Dynamic 3D
-//! Gaussian Fields for Urban Areas", NeurIPS 2024) on tracks that it finds itself.
+//! Gaussian Fields for Urban Areas", `NeurIPS` 2024) on tracks that it finds itself.
 
 mod initial;
 
