@@ -77,7 +77,11 @@ mod tests {
             2,
             "73f6e369513a7fe797fb6b0d6929f0d83a32887693bd3cf6816e02f5a3601339",
         ),
-        ("alternate-frames", 1, ""),
+        (
+            "alternate-frames",
+            1,
+            "43f184b66736af9f99ea7b00038f97bdbc844c71e65d60c4e3e2b1ad4439d41b",
+        ),
     ];
 
     #[test]

@@ -82,7 +82,10 @@ mod tests {
     use super::*;
 
     #[test]
-    #[expect(clippy::needless_range_loop, reason = "rows and columns of two matrices")]
+    #[expect(
+        clippy::needless_range_loop,
+        reason = "rows and columns of two matrices"
+    )]
     fn the_solution_solves() {
         let (size, reach) = (12, 3);
         let value = |row: usize, column: usize| ((row * 7 + column * 3) as f64).sin();
