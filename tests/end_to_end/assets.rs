@@ -82,7 +82,6 @@ fn requests_that_make_no_asset_are_refused_in_one_line_and_leave_nothing() {
             &["--lod", "9M"][..],
             "fewer than every level that is asked for; ask for full",
         ),
-        (&["--lod", "some"], "is no level"),
         (&["--up", "0,0,0"], "is no direction up"),
     ] {
         let ended = exported(&out, arguments);
@@ -90,6 +89,9 @@ fn requests_that_make_no_asset_are_refused_in_one_line_and_leave_nothing() {
         assert!(line.contains(expected), "{line}");
         assert!(!out.exists());
     }
+    let ended = exported(&out, &["--lod", "some"]);
+    assert_eq!(ended.code, Some(2));
+    assert!(ended.stderr.contains("is no level"), "{}", ended.stderr);
     let broken = folder.path().join("broken.splat");
     std::fs::write(&broken, [0; 33]).unwrap();
     let ended = omnilife([
@@ -152,10 +154,11 @@ fn answer(address: &str, request: &str) -> (String, Vec<u8>) {
 fn a_server_gives_the_assets_files_and_nothing_else() {
     let folder = scratch();
     let out = folder.path().join("asset");
-    let run = small_run().out.join(METHOD).join("run");
+    let poster = folder.path().join("poster.ply");
+    write_poster(&poster);
     let made = Command::new(env!("CARGO_BIN_EXE_omnilife"))
-        .args(["reconstruct", "export", "--page"])
-        .arg(run)
+        .args(["reconstruct", "export", "--page", "--up", "0,-1,0"])
+        .arg(poster)
         .arg("--out")
         .arg(&out)
         .output()
@@ -204,6 +207,47 @@ fn a_server_gives_the_assets_files_and_nothing_else() {
     );
     server.kill().unwrap();
     server.wait().unwrap();
+}
+
+/// A wall of opaque Gaussians in front of the origin, with a red letter F on colours that change along it:
+/// not the same when it is mirrored or upside down.
+fn write_poster(path: &Path) {
+    let properties = [
+        "x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0",
+        "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3",
+    ];
+    let (columns, rows) = (80_i32, 60_i32);
+    let mut bytes = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {}\n",
+        columns * rows
+    );
+    for property in properties {
+        bytes += &format!("property float {property}\n");
+    }
+    let mut bytes = (bytes + "end_header\n").into_bytes();
+    for row in 0..rows {
+        for column in 0..columns {
+            let (u, v) = (column as f32 / columns as f32, row as f32 / rows as f32);
+            let is_letter = (0.35..0.45).contains(&u) && (0.2..0.8).contains(&v)
+                || (0.35..0.7).contains(&u)
+                    && ((0.2..0.32).contains(&v) || (0.45..0.55).contains(&v));
+            let colour = if is_letter {
+                [0.9, 0.1, 0.1]
+            } else {
+                [0.2 + 0.3 * v, 0.3 + 0.5 * u, 0.8 - 0.5 * u]
+            };
+            let colour = colour.map(|value| (value - 0.5) / 0.282_094_8);
+            let values = [
+                [5.0 * (u - 0.5), 3.75 * (v - 0.5), 3.0, 0.0, 0.0, 0.0].as_slice(),
+                &colour,
+                &[4.0],
+                &[0.04_f32.ln(); 3],
+                &[1.0, 0.0, 0.0, 0.0],
+            ];
+            bytes.extend(values.concat().into_iter().flat_map(f32::to_le_bytes));
+        }
+    }
+    std::fs::write(path, bytes).unwrap();
 }
 
 #[test]

@@ -226,7 +226,7 @@ fn poses_that_are_none_or_of_something_else() {
             "has no rotation",
         ),
         (in_folder("lost.json", &lost), "missing.ply: cannot be read"),
-        (folder.path().join("missing.json"), "cannot be read"),
+        (folder.path().join("missing.json"), "does not exist"),
         (folder.path().to_owned(), "cameras.txt: cannot be read"),
     ] {
         let out = scratch();

@@ -299,7 +299,7 @@ mod tests {
         let truth: Vec<DQuat> = (0..6)
             .map(|number| {
                 let angle = f64::from(number);
-                DQuat::from_scaled_axis(DVec3::new(0.01 * angle, 0.04 * angle, 0.005 * angle))
+                DQuat::from_scaled_axis(DVec3::new(0.02 * angle, 0.08 * angle, 0.01 * angle))
             })
             .collect();
         let frames: Vec<GreyFrame> = truth
@@ -310,9 +310,10 @@ mod tests {
         let found = turns(&frames, None);
         assert!((found.focal - 0.9).abs() < 1e-9, "{}", found.focal);
         assert!(found.least_fit > 0.95, "{}", found.least_fit);
-        for (found, truth) in found.rotations.iter().zip(&truth) {
+        // Errors of the registrations add up along the clip.
+        for (number, (found, truth)) in found.rotations.iter().zip(&truth).enumerate() {
             let pixels = found.angle_between(*truth) * 0.9 * WIDTH as f64;
-            assert!(pixels < 0.3, "{pixels} pixels");
+            assert!(pixels < 0.1 + 0.1 * number as f64, "{pixels} pixels");
         }
         let still = vec![frames[0].clone(); 3];
         let found = turns(&still, Some(1.0));

@@ -58,6 +58,11 @@ pub struct FittedPath {
 /// deviation of distances.
 pub fn fit(observations: &[Observation<'_>], sigma_distance: f64) -> Option<FittedPath> {
     let count = observations.len();
+    let (first, last) = (observations.first()?, observations.last()?);
+    if last.view.seconds - first.view.seconds < LEAST_SPAN_SECONDS {
+        // Detections at one time say where the vehicle is and not how it moves.
+        return fit_with(observations, 0, 1, sigma_distance);
+    }
     let degree = count.checked_sub(1)?.min(3);
     let share = |share: f64| (share * count as f64).round() as usize;
     let mut sizes: Vec<usize> = [
@@ -78,6 +83,9 @@ pub fn fit(observations: &[Observation<'_>], sigma_distance: f64) -> Option<Fitt
     fits.min_by(|a, b| a.bic.total_cmp(&b.bic))
 }
 
+/// Observations closer than this are of one time, seconds; a path lasts at least as long.
+const LEAST_SPAN_SECONDS: f64 = 1e-3;
+
 /// Fits a path with this many coefficients.
 pub fn fit_with(
     observations: &[Observation<'_>],
@@ -86,9 +94,11 @@ pub fn fit_with(
     sigma_distance: f64,
 ) -> Option<FittedPath> {
     let (first, last) = (observations.first()?, observations.last()?);
+    let begin = first.view.seconds;
+    let end = last.view.seconds.max(begin + LEAST_SPAN_SECONDS);
     let mut spline = BSpline {
         degree,
-        knots: BSpline::uniform_knots(degree, coefficients, first.view.seconds, last.view.seconds),
+        knots: BSpline::uniform_knots(degree, coefficients, begin, end),
         coefficients: vec![[0.0; 3]; coefficients],
     };
     lift(&mut spline, observations)?;

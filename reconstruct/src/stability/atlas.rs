@@ -52,7 +52,7 @@ pub(super) const CASES: &[SpecialCase] = &[
     },
     SpecialCase {
         id: "plane-border",
-        title: "hits on a plane's border and one step of f64 beyond it",
+        title: "hits on a plane's border and 1e-12 of its side beyond it",
         judge: || judge("hit on the border, missed beyond", border),
     },
     SpecialCase {
@@ -209,7 +209,7 @@ fn tilted() -> Result<(), String> {
 fn border() -> Result<(), String> {
     let at = |x: f64| hit(&FORWARD, &facing(DVec3::new(x, 0.0, 2.0), 0.0), DVec2::ONE).is_some();
     check(at(0.5) && at(-0.5), || "missed on the border".to_owned())?;
-    let beyond = 0.5_f64.next_up();
+    let beyond = 0.5 + 1e-12;
     check(!at(beyond) && !at(-beyond), || {
         "hit beyond the border".to_owned()
     })

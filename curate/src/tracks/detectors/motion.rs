@@ -377,7 +377,7 @@ mod tests {
         let width = 20;
         let mut mask = vec![false; 20 * 12];
         for (row, column) in
-            [(2..6, 3..9), (7..10, 12..18)]
+            [(2..6, 3..9), (3..6, 12..18)]
                 .into_iter()
                 .flat_map(|(rows, columns)| {
                     rows.flat_map(move |row| columns.clone().map(move |column| (row, column)))

@@ -170,12 +170,15 @@ impl Plan {
     }
 }
 
+/// Standard deviation of what rounding to 8 bits does to a value in [0, 1]: there is no less noise.
+const ROUNDING: f64 = 0.288_675 / 255.0;
+
 /// Standard deviation of the images' noise, [0, 1]: from the mean absolute response to the difference of
 /// two Laplacians (Immerkaer 1996); fine texture counts as noise, too.
 fn noise(clip: &Clip) -> f64 {
     let [width, height] = clip.size();
     if width < 3 || height < 3 {
-        return 0.0;
+        return ROUNDING;
     }
     let frames = clip.frames.iter().step_by((clip.frames.len() / 4).max(1));
     let mut of_frames: Vec<f64> = frames
@@ -196,7 +199,8 @@ fn noise(clip: &Clip) -> f64 {
         })
         .collect();
     of_frames.sort_by(f64::total_cmp);
-    of_frames.get(of_frames.len() / 2).copied().unwrap_or(0.0)
+    let measured = of_frames.get(of_frames.len() / 2).copied();
+    measured.unwrap_or(0.0).max(ROUNDING)
 }
 
 /// Holds the base textures against the clip.

@@ -123,6 +123,13 @@ fn on_plane(clip: &Clip, seen: &Silhouette, axes: &DMat3, depth: f64) -> Vec<DVe
     places.collect()
 }
 
+/// Whether a silhouette reaches the first or the last row of a panorama.
+fn is_on_a_pole(clip: &Clip, seen: &Silhouette) -> bool {
+    let [width, height] = clip.size();
+    let mut rows = seen.pixels.iter().map(|&pixel| pixel / width);
+    rows.any(|row| row == 0 || row + 1 == height)
+}
+
 /// The node of an object, without fields. `points` are scene points; `background` is how far away the
 /// background is; `knots` is how many its trajectory has.
 pub fn node(clip: &Clip, object: usize, points: &[DVec3], background: f64, knots: usize) -> Made {
@@ -154,6 +161,9 @@ pub fn node(clip: &Clip, object: usize, points: &[DVec3], background: f64, knots
             "a mask reaches {:.0} degrees from its middle: too wide for a plane",
             widest.clamp(-1.0, 1.0).acos().to_degrees()
         ));
+    }
+    if matches!(clip.camera, Camera::Erp(_)) && seen.iter().any(|seen| is_on_a_pole(clip, seen)) {
+        return Made::LeftOut("a mask lies on a pole of the panorama".to_owned());
     }
     let axes = plane_axes(&clip.camera, reference.direction);
     let (depth, depth_from) = match depth_of_points(clip, &reference, &axes, object, points) {
