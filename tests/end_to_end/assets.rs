@@ -154,11 +154,10 @@ fn answer(address: &str, request: &str) -> (String, Vec<u8>) {
 fn a_server_gives_the_assets_files_and_nothing_else() {
     let folder = scratch();
     let out = folder.path().join("asset");
-    let poster = folder.path().join("poster.ply");
-    write_poster(&poster);
+    let run = small_run().out.join(METHOD).join("run");
     let made = Command::new(env!("CARGO_BIN_EXE_omnilife"))
-        .args(["reconstruct", "export", "--page", "--up", "0,-1,0"])
-        .arg(poster)
+        .args(["reconstruct", "export", "--page"])
+        .arg(run)
         .arg("--out")
         .arg(&out)
         .output()
@@ -209,7 +208,7 @@ fn a_server_gives_the_assets_files_and_nothing_else() {
     server.wait().unwrap();
 }
 
-/// A wall of opaque Gaussians in front of the origin, with a red letter F on colours that change along it:
+/// A wall of opaque Gaussians in front of the origin, with a dark letter F on colours that change along it:
 /// not the same when it is mirrored or upside down.
 fn write_poster(path: &Path) {
     let properties = [
@@ -232,19 +231,18 @@ fn write_poster(path: &Path) {
                 || (0.35..0.7).contains(&u)
                     && ((0.2..0.32).contains(&v) || (0.45..0.55).contains(&v));
             let colour = if is_letter {
-                [0.9, 0.1, 0.1]
+                [0.3, 0.05, 0.05]
             } else {
-                [0.2 + 0.3 * v, 0.3 + 0.5 * u, 0.8 - 0.5 * u]
+                [0.3 + 0.3 * v, 0.4 + 0.5 * u, 0.5 + 0.4 * u]
             };
             let colour = colour.map(|value| (value - 0.5) / 0.282_094_8);
-            let values = [
-                [5.0 * (u - 0.5), 3.75 * (v - 0.5), 3.0, 0.0, 0.0, 0.0].as_slice(),
-                &colour,
-                &[4.0],
-                &[0.04_f32.ln(); 3],
-                &[1.0, 0.0, 0.0, 0.0],
-            ];
-            bytes.extend(values.concat().into_iter().flat_map(f32::to_le_bytes));
+            // It fills the view: what is behind is white in the page and black in the renderer.
+            let mut values = vec![8.0 * (u - 0.5), 6.0 * (v - 0.5), 3.0, 0.0, 0.0, 0.0];
+            values.extend(colour);
+            values.push(4.0);
+            values.extend([0.07_f32.ln(); 3]);
+            values.extend([1.0, 0.0, 0.0, 0.0]);
+            bytes.extend(values.into_iter().flat_map(f32::to_le_bytes));
         }
     }
     std::fs::write(path, bytes).unwrap();
@@ -261,10 +259,11 @@ fn the_page_shows_in_a_browser_what_the_renderer_draws() {
     }
     let folder = scratch();
     let out = folder.path().join("asset");
-    let run = small_run().out.join(METHOD).join("run");
+    let poster = folder.path().join("poster.ply");
+    write_poster(&poster);
     let made = Command::new(env!("CARGO_BIN_EXE_omnilife"))
-        .args(["reconstruct", "export", "--page"])
-        .arg(run)
+        .args(["reconstruct", "export", "--page", "--up", "0,-1,0"])
+        .arg(poster)
         .arg("--out")
         .arg(&out)
         .output()
