@@ -252,9 +252,13 @@ impl Job<'_> {
     fn next_commands(&self, folder: &Path) -> String {
         let run = self.method_folder(folder).join("run");
         let (run, folder) = (run.display(), folder.display());
+        let other = match self.method.as_str() {
+            "sphere-sweep" => "odgs",
+            _ => "sphere-sweep",
+        };
         format!(
             "Next:\n  omnilife reconstruct render {run} --poses {folder} --out VIEWS --video views.mp4\n  \
-             omnilife bench run {folder} --methods {},sphere-sweep --out BENCH\n",
+             omnilife bench run {folder} --methods {},{other} --out BENCH\n",
             self.method
         )
     }
