@@ -27,9 +27,12 @@ impl MethodClass {
     }
 
     fn of_result(result: &ResultRecord) -> Self {
-        let iterations = result.iterations.unwrap_or(0);
-        let seconds = result.training_seconds.unwrap_or(0.0);
-        if iterations > 0 || seconds > 0.0 {
+        // A sweep for depth takes time and learns nothing of the scene.
+        let is_trained = match result.iterations {
+            Some(iterations) => iterations > 0,
+            None => result.training_seconds.unwrap_or(0.0) > 0.0,
+        };
+        if is_trained {
             Self::PerSceneTraining
         } else if result.backend.is_some() {
             Self::WithoutTraining
