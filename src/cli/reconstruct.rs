@@ -376,7 +376,7 @@ pub(crate) enum ReconstructCommand {
     Edit {
         /// Folder of the run.
         run: PathBuf,
-        /// A script for a run of nag, TOML: [[edit]] tables with texture, remove, shift, rotate, duplicate,
+        /// A script for a run of nag, TOML: `[[edit]]` tables with texture, remove, shift, rotate, duplicate,
         /// retime.
         #[arg(
             long,

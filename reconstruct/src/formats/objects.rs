@@ -87,7 +87,7 @@ pub(crate) fn write_table(folder: &Path, table: &ParameterTable) -> Result<(), S
     )
 }
 
-/// Reads what [`write`] wrote.
+/// Reads what [`write()`] wrote.
 ///
 /// # Errors
 /// When a file is missing or malformed, or a Gaussian is of an object that is not there.

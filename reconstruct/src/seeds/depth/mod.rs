@@ -1,8 +1,8 @@
 //! Oriented Gaussians at the pixels of views whose distances are known.
 //!
-//! * [`lift`]: a view's pixels as flat Gaussians on the surfaces that they show (PanoGS, Eqs. 6 to 8).
+//! * [`lift()`]: a view's pixels as flat Gaussians on the surfaces that they show (PanoGS, Eqs. 6 to 8).
 //! * [`normals`]: how the surface under each pixel is turned, from as many neighbours as the noise asks for.
-//! * [`scales`]: one factor for the distances of each view. [`agreement`]: which samples other views have
+//! * [`scales`]: one factor for the distances of each view. [`agreement()`]: which samples other views have
 //!   finer, confirm or contradict. [`checks`]: whether distances mean what they are said to mean.
 //!
 //! Nothing here knows where distances come from: of a sensor, a network or a sweep.
