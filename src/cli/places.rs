@@ -17,7 +17,7 @@ pub(super) fn split_file() -> impl TypedValueParser<Value = PathBuf> {
     PathBufValueParser::new().map(|path| file_in(path, SPLIT_FILE))
 }
 
-/// The record of a run of ours or of anyone's, or the folder of one.
+/// The record of a run of this program or of an external method, or the folder of one.
 pub(super) fn run_file() -> impl TypedValueParser<Value = PathBuf> {
     PathBufValueParser::new().map(|path| {
         let external = path.join(EXTERNAL_RUN_FILE);

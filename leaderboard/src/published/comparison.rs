@@ -76,7 +76,7 @@ pub(crate) fn published_rows(
             )],
         };
     }
-    // A scene of the same name may be anyone's.
+    // Another scene may have the same name.
     let places = columns.iter().filter(|column| {
         let is_place = matches!(column.holds, Holds::Place(_));
         let printed = table.columns.iter();

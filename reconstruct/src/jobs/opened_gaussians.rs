@@ -1,4 +1,4 @@
-//! Gaussians, ours or anyone's, opened for rendering.
+//! Gaussians of a run, or of a file that any program wrote, opened for rendering.
 
 use std::path::{Path, PathBuf};
 

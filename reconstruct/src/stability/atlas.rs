@@ -127,13 +127,8 @@ pub(super) const CASES: &[SpecialCase] = &[
     },
     SpecialCase {
         id: "atlas-wide-mask",
-        title: "a panorama's mask around the camera, and one across the seam",
-        judge: || {
-            judge(
-                "no plane beyond 100 degrees; one plane across the seam",
-                wide_masks,
-            )
-        },
+        title: "a panorama's mask on a pole, and one across the seam",
+        judge: || judge("no plane on a pole; one plane across the seam", wide_masks),
     },
     SpecialCase {
         id: "atlas-units",
