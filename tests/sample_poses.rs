@@ -109,8 +109,8 @@ fn points_have_the_colours_of_the_pixels_they_project_to() -> Result<(), Box<dyn
         if (decoded - 1) % 15 != 0 {
             continue;
         }
-        let picture = converter.convert(&video, &frame.picture)?;
-        assert_eq!((picture.width, picture.height), (512, 256));
+        let image = converter.convert(&video, &frame.image)?;
+        assert_eq!((image.width, image.height), (512, 256));
         let mask = Mask::read(&folder.join(posed.mask.as_ref().ok_or("a frame has no mask")?))?;
         assert_eq!((mask.width, mask.height), (512, 256));
         let visible = visible_points(&posed.pose, &points, &mask);
@@ -120,7 +120,7 @@ fn points_have_the_colours_of_the_pixels_they_project_to() -> Result<(), Box<dyn
                 .iter()
                 .flat_map(|&(column, row, index)| {
                     let (x, y) = moved(column, row);
-                    let pixel = picture.pixel(x % 512, y.min(255));
+                    let pixel = image.pixel(x % 512, y.min(255));
                     let colour = points.colours[index];
                     [0, 1, 2].map(|c| (f64::from(pixel[c]), f64::from(colour[c])))
                 })

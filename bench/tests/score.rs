@@ -96,13 +96,13 @@ fn views_are_scored_and_written() {
 fn comparisons_show_the_prediction_left_of_the_truth() {
     let bench = Bench::new();
     bench.score().unwrap();
-    let picture = RgbImage::read(&bench.at("out/comparisons/novel-000009.png")).unwrap();
-    let separator = picture.width - 2 * WIDTH;
-    assert_eq!((separator, picture.height), (4, HEIGHT));
-    let bytes = picture.to_rgb8();
+    let comparison = RgbImage::read(&bench.at("out/comparisons/novel-000009.png")).unwrap();
+    let separator = comparison.width - 2 * WIDTH;
+    assert_eq!((separator, comparison.height), (4, HEIGHT));
+    let bytes = comparison.to_rgb8();
     let (prediction, truth) = (image(9, 2).to_rgb8(), image(9, 0).to_rgb8());
     for row in 0..HEIGHT {
-        let line = &bytes[row * picture.width * 3..(row + 1) * picture.width * 3];
+        let line = &bytes[row * comparison.width * 3..(row + 1) * comparison.width * 3];
         let range = row * WIDTH * 3..(row + 1) * WIDTH * 3;
         assert_eq!(line[..WIDTH * 3], prediction[range.clone()]);
         assert_eq!(line[WIDTH * 3..(WIDTH + separator) * 3], [255; 12]);

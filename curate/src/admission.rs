@@ -78,7 +78,7 @@ pub(crate) fn effective_projection(
     };
     Err(CurateError::rejected(
         video,
-        format!("its picture is {}; {hint}", found.projection.name()),
+        format!("its image is {}; {hint}", found.projection.name()),
         vec![CheckOutcome {
             check: attrition::PROJECTION.to_owned(),
             passed: false,

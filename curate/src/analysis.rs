@@ -16,11 +16,11 @@ use crate::{
     video::{Converter, Scaling, VideoReader, probe},
 };
 
-/// Width in pixels of the pictures that the ERP projection and the overlays are judged by.
+/// Width in pixels of the images that the ERP projection and the overlays are judged by.
 const SAMPLE_WIDTH_PIXELS: u32 = 512;
 /// A video is truncated when it ends this much before the duration its container states:
 /// seconds, and as a share of the duration; the larger counts. Containers round, and edit lists
-/// hide frames, and a sound track may end a little after the pictures, so a few frames mean nothing.
+/// hide frames, and a sound track may end a little after the images, so a few frames mean nothing.
 const TRUNCATION_SECONDS: f64 = 0.5;
 const TRUNCATION_SHARE: f64 = 0.002;
 
@@ -61,7 +61,7 @@ pub fn analyse(
         (expected >= 1.0).then_some(expected.round() as u64),
     );
     let turns = probe.clockwise_quarter_turns();
-    let mut small = Converter::new(detector.pictures);
+    let mut small = Converter::new(detector.images);
     let mut pass = (detector.start)()?;
     let mut medium = Converter::new(Scaling::MaxWidth(SAMPLE_WIDTH_PIXELS));
     let mut samples = FrameSamples::default();
@@ -71,7 +71,7 @@ pub fn analyse(
     let mut size = None;
     let outcome: Result<(), CurateError> = (|| {
         while let Some(frame) = reader.next_frame()? {
-            let this = (frame.picture.width(), frame.picture.height());
+            let this = (frame.image.width(), frame.image.height());
             let first = *size.get_or_insert(this);
             if this != first {
                 return Err(CurateError::video(
@@ -83,18 +83,18 @@ pub fn analyse(
                 ));
             }
             times.push(frame.time_seconds);
-            let picture = small.convert(video, &frame.picture)?.turned(turns);
-            pass.observe(frame.time_seconds, &picture)
+            let image = small.convert(video, &frame.image)?.turned(turns);
+            pass.observe(frame.time_seconds, &image)
                 .map_err(|reason| CurateError::internal(video, reason))?;
             if samples.wants(frame.time_seconds) || overlays.wants(frame.time_seconds) {
-                let picture = medium.convert(video, &frame.picture)?.turned(turns);
+                let image = medium.convert(video, &frame.image)?.turned(turns);
                 if overlays.wants(frame.time_seconds) {
-                    overlays.observe(frame.time_seconds, &picture);
+                    overlays.observe(frame.time_seconds, &image);
                 }
-                samples.offer(frame.time_seconds, picture);
+                samples.offer(frame.time_seconds, image);
             }
             if mosaics.wants(frame.time_seconds) {
-                mosaics.observe(video, frame.time_seconds, &frame.picture, turns)?;
+                mosaics.observe(video, frame.time_seconds, &frame.image, turns)?;
             }
             progress.advance(1);
         }

@@ -17,7 +17,7 @@ use crate::{criteria::CHECKS, error::CurateError};
 const RAW: &str = "raw";
 const DUPLICATE: &str = "duplicate";
 const READABLE: &str = "readable";
-/// The picture is no monoscopic ERP, whatever the criteria ask for.
+/// The image is no monoscopic ERP, whatever the criteria ask for.
 pub const PROJECTION: &str = "projection";
 /// No shot of the video is long enough.
 pub const SHOT_LENGTH: &str = "shot-length";

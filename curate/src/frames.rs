@@ -14,7 +14,7 @@ use omnilife_schemas::{
 
 use crate::{
     error::CurateError,
-    video::{Converter, Rgb8Picture, Scaling, VideoReader},
+    video::{Converter, Rgb8Image, Scaling, VideoReader},
 };
 
 /// Width in pixels of sampled frames where none is asked for and the video is wider.
@@ -195,8 +195,8 @@ pub fn extract(
             if frame.time_seconds > time_seconds + SAME_INSTANT_SECONDS {
                 return Err(lost());
             }
-            let picture = converter.convert(video, &frame.picture)?.turned(turns);
-            write_frame(path, picture, size)?;
+            let image = converter.convert(video, &frame.image)?.turned(turns);
+            write_frame(path, image, size)?;
             progress.advance(1);
             due.next();
         }
@@ -215,12 +215,12 @@ pub fn resampling(probe: &Probe, size: (u32, u32)) -> String {
     }
 }
 
-fn write_frame(path: &Path, picture: Rgb8Picture, size: (u32, u32)) -> Result<(), CurateError> {
+fn write_frame(path: &Path, image: Rgb8Image, size: (u32, u32)) -> Result<(), CurateError> {
     let (width, height) = (size.0 as usize, size.1 as usize);
-    let bytes = if (picture.width, picture.height) == (width, height) {
-        picture.data
+    let bytes = if (image.width, image.height) == (width, height) {
+        image.data
     } else {
-        RgbImage::from_rgb8(picture.width, picture.height, &picture.data)
+        RgbImage::from_rgb8(image.width, image.height, &image.data)
             .resized_by_area(width, height)
             .to_rgb8()
     };

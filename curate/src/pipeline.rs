@@ -234,7 +234,7 @@ fn analysed(
             probe.transfer
         ));
     }
-    let projection = projection::judge(&probe, samples.pictures());
+    let projection = projection::judge(&probe, samples.images());
     let record = VideoAnalysis {
         source: source.clone(),
         range,

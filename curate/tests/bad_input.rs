@@ -79,7 +79,7 @@ fn a_playlist_named_mp4_is_refused() {
 }
 
 #[test]
-fn sound_without_pictures() {
+fn sound_without_images() {
     let temp = tempfile::tempdir().unwrap();
     let video = temp.path().join("sound.mp4");
     // A second of silence as 8 kHz 16-bit WAV.

@@ -5,7 +5,7 @@ mod support;
 
 use omnilife_curate::{
     boundaries::{DETECTORS, Signals},
-    video::Rgb8Picture,
+    video::Rgb8Image,
 };
 use omnilife_schemas::records::{Boundary, BoundaryKind};
 use support::{erp_direction, world_colour};
@@ -13,14 +13,14 @@ use support::{erp_direction, world_colour};
 const WIDTH: usize = 128;
 const HEIGHT: usize = 64;
 
-fn picture(colour: impl Fn(usize, usize) -> [f64; 3]) -> Rgb8Picture {
+fn image(colour: impl Fn(usize, usize) -> [f64; 3]) -> Rgb8Image {
     let mut data = Vec::new();
     for y in 0..HEIGHT {
         for x in 0..WIDTH {
             data.extend(colour(x, y).map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8));
         }
     }
-    Rgb8Picture {
+    Rgb8Image {
         width: WIDTH,
         height: HEIGHT,
         data,
@@ -31,8 +31,7 @@ fn signals(seconds: f64, fps: f64, show: impl Fn(f64, usize, usize) -> [f64; 3])
     let mut pass = (DETECTORS[0].start)().unwrap();
     for index in 0..(seconds * fps).round() as usize {
         let time = index as f64 / fps;
-        pass.observe(time, &picture(|x, y| show(time, x, y)))
-            .unwrap();
+        pass.observe(time, &image(|x, y| show(time, x, y))).unwrap();
     }
     pass.finish()
 }

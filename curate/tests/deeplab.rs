@@ -46,18 +46,18 @@ fn network() -> Option<Network> {
 }
 
 /// Rings and ramps with hard edges, as the script of the golden makes them.
-fn picture() -> Vec<u8> {
-    let mut picture = Vec::with_capacity(SIDE * SIDE * 3);
+fn test_image() -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(SIDE * SIDE * 3);
     for y in 0..SIDE {
         for x in 0..SIDE {
             let rings = x.abs_diff(200).pow(2) + y.abs_diff(300).pow(2);
             let is_light = (x / 64 + y / 48).is_multiple_of(2);
-            picture.push(((x * 7 + y * 3) % 256) as u8);
-            picture.push((rings / 97 % 256) as u8);
-            picture.push(if is_light { 220 } else { 35 });
+            bytes.push(((x * 7 + y * 3) % 256) as u8);
+            bytes.push((rings / 97 % 256) as u8);
+            bytes.push(if is_light { 220 } else { 35 });
         }
     }
-    picture
+    bytes
 }
 
 #[test]
@@ -67,7 +67,7 @@ fn scores_are_those_of_the_published_graph() {
     };
     let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/deeplab.json");
     let golden: Golden = serde_json::from_slice(&fs::read(golden).unwrap()).unwrap();
-    let scores = network.scores(&picture());
+    let scores = network.scores(&test_image());
     let mut classes = vec![0; CLASSES];
     for row in scores.data.chunks_exact(CLASSES) {
         let best = (0..CLASSES)
@@ -126,7 +126,7 @@ fn masks_hold_what_moves_and_do_not_mind_the_seam() {
 /// Column in the middle of the car that moves.
 const SEAM_IN_THE_CAR: usize = 140;
 
-/// The picture moved to the left, around the sphere.
+/// The image moved to the left, around the sphere.
 fn turned(image: &RgbImage, columns: usize) -> RgbImage {
     let mut turned = image.clone();
     for row in turned.data.chunks_mut(image.width * 3) {

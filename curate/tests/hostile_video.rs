@@ -109,12 +109,12 @@ fn bottom_up(path: &Path, fourcc: &[u8; 4], chroma_bytes: usize, level: impl Fn(
     };
     let list = |kind: &[u8], data: &[u8]| chunk(b"LIST", &[kind, data].concat());
     let words = |words: &[u32]| -> Vec<u8> { words.iter().flat_map(|w| w.to_le_bytes()).collect() };
-    let mut picture: Vec<u8> = (0..HEIGHT)
+    let mut image: Vec<u8> = (0..HEIGHT)
         .rev()
         .flat_map(|y| std::iter::repeat_n(level(y), WIDTH))
         .collect();
-    picture.resize(picture.len() + chroma_bytes, 128);
-    let size = picture.len() as u32;
+    image.resize(image.len() + chroma_bytes, 128);
+    let size = image.len() as u32;
     let (width, height) = (WIDTH as u32, HEIGHT as u32);
     let main = words(&[
         100_000, 0, 0, 0x10, FRAMES, 0, 1, size, width, height, 0, 0, 0, 0,
@@ -130,7 +130,7 @@ fn bottom_up(path: &Path, fourcc: &[u8; 4], chroma_bytes: usize, level: impl Fn(
     format.extend_from_slice(extra);
     let tracks = [chunk(b"strh", &stream), chunk(b"strf", &format)].concat();
     let header = [chunk(b"avih", &main), list(b"strl", &tracks)].concat();
-    let frames = chunk(b"00dc", &picture).repeat(FRAMES as usize);
+    let frames = chunk(b"00dc", &image).repeat(FRAMES as usize);
     let index: Vec<u8> = (0..FRAMES)
         .flat_map(|k| [b"00dc".to_vec(), words(&[16, 4 + k * (size + 8), size])].concat())
         .collect();
@@ -145,7 +145,7 @@ fn bottom_up(path: &Path, fourcc: &[u8; 4], chroma_bytes: usize, level: impl Fn(
 }
 
 #[test]
-fn pictures_stored_from_the_bottom_up_are_read_the_right_way_up() {
+fn images_stored_from_the_bottom_up_are_read_the_right_way_up() {
     let temp = tempfile::tempdir().unwrap();
     for (name, fourcc, chroma_bytes) in [
         ("colour.avi", b"I420", 256 * 128 / 2),
@@ -158,15 +158,15 @@ fn pictures_stored_from_the_bottom_up_are_read_the_right_way_up() {
         for scaling in [Scaling::Native, Scaling::MaxWidth(64)] {
             let mut reader = VideoReader::open(&video).unwrap();
             let frame = reader.next_frame().unwrap().unwrap();
-            let picture = Converter::new(scaling)
-                .convert(&video, &frame.picture)
+            let image = Converter::new(scaling)
+                .convert(&video, &frame.image)
                 .unwrap();
-            let grey = |y: usize| picture.pixel(0, y)[1];
+            let grey = |y: usize| image.pixel(0, y)[1];
             assert!(
-                grey(0) > grey(picture.height - 1) + 80,
+                grey(0) > grey(image.height - 1) + 80,
                 "{name} {scaling:?}: {} above, {} below",
                 grey(0),
-                grey(picture.height - 1)
+                grey(image.height - 1)
             );
         }
     }

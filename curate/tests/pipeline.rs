@@ -277,7 +277,7 @@ fn short_shots_are_recorded_as_dropped() {
     assert!(error.is_rejection(), "{error}");
 }
 
-/// The squeezed picture is widened to 2:1, and nothing is turned or mirrored on the way.
+/// The squeezed image is widened to 2:1, and nothing is turned or mirrored on the way.
 #[test]
 fn squeezed_frames_come_out_wide_upright_and_unmirrored() {
     let temp = tempfile::tempdir().unwrap();

@@ -1,11 +1,11 @@
-//! The ERP projection on pictures whose projection is known because they are made here.
+//! The ERP projection on images whose projection is known because they are made here.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod support;
 
 use omnilife_curate::{
     projection::{TESTS, judge},
-    video::Rgb8Picture,
+    video::Rgb8Image,
 };
 use omnilife_schemas::records::{Probe, SphericalMetadata, VideoProjection};
 use support::{erp_direction, world_colour};
@@ -30,14 +30,14 @@ fn probe(width: u32, height: u32) -> Probe {
     }
 }
 
-fn paint(width: usize, height: usize, colour: impl Fn(usize, usize) -> [f64; 3]) -> Rgb8Picture {
+fn paint(width: usize, height: usize, colour: impl Fn(usize, usize) -> [f64; 3]) -> Rgb8Image {
     let mut data = Vec::new();
     for y in 0..height {
         for x in 0..width {
             data.extend(colour(x, y).map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8));
         }
     }
-    Rgb8Picture {
+    Rgb8Image {
         width,
         height,
         data,
@@ -50,13 +50,13 @@ fn rich(world: usize, d: [f64; 3]) -> [f64; 3] {
     world_colour(world, d).map(|level| level + fine)
 }
 
-fn erp(world: usize, width: usize, height: usize, yaw: f64) -> Rgb8Picture {
+fn erp(world: usize, width: usize, height: usize, yaw: f64) -> Rgb8Image {
     paint(width, height, |x, y| {
         rich(world, erp_direction(x, y, width, height, yaw))
     })
 }
 
-fn perspective(world: usize, width: usize, height: usize) -> Rgb8Picture {
+fn perspective(world: usize, width: usize, height: usize) -> Rgb8Image {
     paint(width, height, |x, y| {
         let u = (x as f64 + 0.5) / width as f64 - 0.5;
         let v = ((y as f64 + 0.5) - 0.5 * height as f64) / width as f64;
@@ -65,8 +65,8 @@ fn perspective(world: usize, width: usize, height: usize) -> Rgb8Picture {
     })
 }
 
-/// Two pictures in one, the second seen with a little yaw instead of a disparity.
-fn stacked(world: usize, width: usize, height: usize, beside: bool) -> Rgb8Picture {
+/// Two images in one, the second seen with a little yaw instead of a disparity.
+fn stacked(world: usize, width: usize, height: usize, beside: bool) -> Rgb8Image {
     let (w, h) = if beside {
         (width / 2, height)
     } else {
@@ -75,13 +75,13 @@ fn stacked(world: usize, width: usize, height: usize, beside: bool) -> Rgb8Pictu
     let left = erp(world, w, h, 0.0);
     let right = erp(world, w, h, 0.03);
     paint(width, height, |x, y| {
-        let picture = if x < w && y < h { &left } else { &right };
-        picture.pixel(x % w, y % h).map(|v| f64::from(v) / 255.0)
+        let image = if x < w && y < h { &left } else { &right };
+        image.pixel(x % w, y % h).map(|v| f64::from(v) / 255.0)
     })
 }
 
 /// A frame that shows the world with this number.
-type Painter = fn(usize) -> Rgb8Picture;
+type Painter = fn(usize) -> Rgb8Image;
 
 #[test]
 fn known_projections_are_recognized() {
@@ -120,9 +120,9 @@ fn known_projections_are_recognized() {
             |w| stacked(w, 1024, 256, true),
         ),
     ];
-    for (name, expected, (width, height), picture) in cases {
+    for (name, expected, (width, height), image) in cases {
         for world in 0..6 {
-            let projection = judge(&probe(width, height), &[picture(world)]);
+            let projection = judge(&probe(width, height), &[image(world)]);
             assert_eq!(
                 projection.projection, expected,
                 "{name}, world {world}: {:#?}",
@@ -134,7 +134,7 @@ fn known_projections_are_recognized() {
 
 /// What cannot be told is not guessed.
 #[test]
-fn plain_pillarboxed_and_missing_pictures_are_unsure() {
+fn plain_pillarboxed_and_missing_images_are_unsure() {
     let grey = paint(512, 256, |_, _| [0.5; 3]);
     let boxed = paint(512, 256, |x, y| {
         if (128..384).contains(&x) {
@@ -171,8 +171,8 @@ fn metadata_is_heard_and_contradicted() {
     assert_eq!(undecided.projection, VideoProjection::Erp);
     assert!(undecided.disagreement.unwrap().contains("do not decide"));
 
-    let picture = [perspective(2, 512, 256)];
-    let contradicted = judge(&stated("equirectangular", Some("2D")), &picture);
+    let image = [perspective(2, 512, 256)];
+    let contradicted = judge(&stated("equirectangular", Some("2D")), &image);
     assert_eq!(contradicted.projection, VideoProjection::Rectilinear);
     assert!(contradicted.disagreement.unwrap().contains("rectilinear"));
 
@@ -187,12 +187,12 @@ fn metadata_is_heard_and_contradicted() {
     assert!(layout.disagreement.unwrap().contains("top and bottom"));
 }
 
-/// Golden values on one picture; the seam of an ERP is as smooth as its inside.
+/// Golden values on one image; the seam of an ERP is as smooth as its inside.
 #[test]
-fn measurements_of_a_known_picture() {
+fn measurements_of_a_known_image() {
     let sphere = [erp(3, 512, 256, 0.4)];
     let flat = [perspective(3, 512, 256)];
-    let value = |id: &str, samples: &[Rgb8Picture]| {
+    let value = |id: &str, samples: &[Rgb8Image]| {
         let test = TESTS.iter().find(|test| test.id == id).unwrap();
         (test.measure)(&probe(2048, 1024), samples).unwrap()
     };

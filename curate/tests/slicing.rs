@@ -37,14 +37,14 @@ fn yawing(path: &Path, ticks: Vec<i64>) {
     });
 }
 
-/// Timestamps and pictures of all frames.
+/// Timestamps and images of all frames.
 fn frames(path: &Path) -> Vec<(f64, Vec<u8>)> {
     let mut reader = VideoReader::open(path).unwrap();
     let mut converter = Converter::new(Scaling::Native);
     let mut all = Vec::new();
     while let Some(frame) = reader.next_frame().unwrap() {
-        let picture = converter.convert(path, &frame.picture).unwrap();
-        all.push((frame.time_seconds, picture.data));
+        let image = converter.convert(path, &frame.image).unwrap();
+        all.push((frame.time_seconds, image.data));
     }
     all
 }
@@ -108,15 +108,15 @@ fn slices_hold_the_frames_of_their_segment() {
         let slice = frames(&request.path);
         assert_eq!(slice.len() as u64, file.frames, "{}", file.file);
         assert!(!file.audio);
-        for (offset, (time, picture)) in slice.iter().enumerate() {
-            let (source_time, source_picture) = &source[first + offset];
+        for (offset, (time, image)) in slice.iter().enumerate() {
+            let (source_time, source_image) = &source[first + offset];
             let expected = source_time - request.range.begin_seconds;
             assert!(
                 (time - expected).abs() < 2e-5,
                 "{} at {expected}: {time}",
                 file.file
             );
-            let difference = mean_difference(picture, source_picture);
+            let difference = mean_difference(image, source_image);
             let limit = if file.method == SliceMethod::Copied {
                 0.0
             } else {
@@ -208,7 +208,7 @@ fn rendered_video_is_written_as_it_was_pushed() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("views.mp4");
     let (width, height) = SIZE;
-    let picture = |yaw: f64| -> Vec<u8> {
+    let image = |yaw: f64| -> Vec<u8> {
         (0..width * height)
             .flat_map(|at| {
                 let direction = erp_direction(at % width, at / width, width, height, yaw);
@@ -220,7 +220,7 @@ fn rendered_video_is_written_as_it_was_pushed() {
     let mut writer = ViewVideoWriter::create(&path, size, Projection::Equirectangular).unwrap();
     for frame in 0..10 {
         writer
-            .push(&picture(0.1 * f64::from(frame)), f64::from(frame) / 25.0)
+            .push(&image(0.1 * f64::from(frame)), f64::from(frame) / 25.0)
             .unwrap();
     }
     assert!(
@@ -232,7 +232,7 @@ fn rendered_video_is_written_as_it_was_pushed() {
     assert_eq!(read.len(), 10);
     for (frame, (time, pixels)) in read.iter().enumerate() {
         assert!((time - frame as f64 / 25.0).abs() < 1e-4);
-        let difference = mean_difference(pixels, &picture(0.1 * frame as f64));
+        let difference = mean_difference(pixels, &image(0.1 * frame as f64));
         // Chroma has half the resolution.
         assert!(difference < 3.0, "{difference}");
     }
@@ -242,7 +242,7 @@ fn rendered_video_is_written_as_it_was_pushed() {
     // A video that is given up leaves nothing.
     let given_up = folder.path().join("b.mp4");
     let mut writer = ViewVideoWriter::create(&given_up, size, Projection::Equirectangular).unwrap();
-    writer.push(&picture(0.0), 0.0).unwrap();
+    writer.push(&image(0.0), 0.0).unwrap();
     assert!(writer.push(&[0; 7], 1.0).is_err());
     drop(writer);
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
@@ -269,7 +269,7 @@ fn flat_video_of_an_odd_size_is_widened_and_not_spherical() {
     }
 }
 
-/// Real footage with B-frames, sound and a cut inside a group of pictures.
+/// Real footage with B-frames, sound and a cut inside a group of images.
 #[test]
 fn real_footage_is_sliced_with_its_sound() {
     for name in ["congo_stereo.mp4", "bikes.mp4", "tunnel.mp4"] {
@@ -354,8 +354,8 @@ fn assert_sliced_like_the_source(video: &Path) {
         assert!(after.spherical.is_some());
         let slice = frames(&request.path);
         assert_eq!(slice.len(), end - first);
-        for (offset, (_, picture)) in slice.iter().enumerate() {
-            let difference = mean_difference(picture, &source[first + offset].1);
+        for (offset, (_, image)) in slice.iter().enumerate() {
+            let difference = mean_difference(image, &source[first + offset].1);
             assert!(
                 difference < 1.5,
                 "{} frame {offset}: {difference}",

@@ -29,7 +29,7 @@ fn turns_direction(character: char) -> bool {
     matches!(character, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
-/// Text within a line or a table cell of Markdown: nothing of it is a link, a picture, markup or the
+/// Text within a line or a table cell of Markdown: nothing of it is a link, an image, markup or the
 /// end of the cell.
 pub fn for_markdown(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_in_a_name_is_no_picture() {
+    fn a_image_in_a_name_is_no_image() {
         assert_eq!(
             for_markdown("![](https://e.org/p.png) a_b & <b>|"),
             "\\!\\[\\](https://e.org/p.png) a\\_b \\& \\<b>\\|"

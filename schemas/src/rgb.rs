@@ -164,7 +164,7 @@ fn write_png(
     })
 }
 
-/// For every pixel of a picture of the size (width, height) `new`, row by row, the index of the
+/// For every pixel of an image of the size (width, height) `new`, row by row, the index of the
 /// nearest pixel of one of the size `old`.
 pub fn nearest_pixels(old: [usize; 2], new: [usize; 2]) -> impl Iterator<Item = usize> {
     let nearest = move |index: usize, axis: usize| (2 * index + 1) * old[axis] / (2 * new[axis]);

@@ -33,7 +33,7 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
             let analysis = analyse(video, boundaries::DEFAULT_DETECTOR, progress)?;
             print_json(&projection::judge(
                 &analysis.probe,
-                analysis.samples.pictures(),
+                analysis.samples.images(),
             ))
         }
         CurateCommand::Boundaries {

@@ -9,7 +9,7 @@ use std::{
 
 use serde_json::Value;
 
-use crate::support::{METHOD, SEQUENCE, omnilife, picture, scratch, small_run};
+use crate::support::{METHOD, SEQUENCE, omnilife, read_image, scratch, small_run};
 
 fn exported(out: &Path, arguments: &[&str]) -> crate::support::Ended {
     let run = small_run().out.join(METHOD).join("run");
@@ -62,8 +62,8 @@ fn levels_are_exported_with_a_record_and_rendered_again() {
     ])
     .succeeded();
     let run = small_run().out.join(METHOD).join("run");
-    let predicted = picture(&run.join("predictions/novel/000004.png"));
-    let rendered = picture(&views.join("000004.png"));
+    let predicted = read_image(&run.join("predictions/novel/000004.png"));
+    let rendered = read_image(&views.join("000004.png"));
     let squares = predicted
         .iter()
         .zip(rendered.iter())
@@ -313,7 +313,7 @@ fn the_page_shows_in_a_browser_what_the_renderer_draws() {
     ])
     .succeeded();
     let mut view = b"P6 640 480 255\n".to_vec();
-    view.extend(picture(&views.join("000000.png")).iter());
+    view.extend(read_image(&views.join("000000.png")).iter());
     let ppm = folder.path().join("view.ppm");
     std::fs::write(&ppm, view).unwrap();
     let mut browser = Command::new("python3");

@@ -7,7 +7,7 @@ use std::{
 
 use image::{GrayImage, Luma, Rgb, RgbImage};
 
-use crate::support::{SEQUENCE, omnilife, picture, scratch, small_run};
+use crate::support::{SEQUENCE, omnilife, read_image, scratch, small_run};
 
 const SIZE: [u32; 2] = [64, 40];
 const FRAMES: u32 = 6;
@@ -127,12 +127,12 @@ fn a_clip_is_imported_learnt_scored_taken_apart_and_edited() {
     let (ended, all) = render(&atlas, "all", "all");
     ended.succeeded();
     assert_eq!(
-        picture(&all),
-        picture(&atlas.join("predictions/input/000003.png"))
+        read_image(&all),
+        read_image(&atlas.join("predictions/input/000003.png"))
     );
     let (ended, matte) = render(&atlas, "matte:square", "matte");
     ended.succeeded();
-    let matte = picture(&matte);
+    let matte = read_image(&matte);
     // In frame 3 the square's middle is at (32, 20).
     assert!(matte[(32, 20)][0] > 200 && matte[(5, 5)][0] < 50);
     let (ended, _) = render(&atlas, "object:swan", "none");
@@ -162,9 +162,9 @@ fn a_clip_is_imported_learnt_scored_taken_apart_and_edited() {
     edit(&atlas, &format!("{there}{back}"), &folder.join("back")).succeeded();
     let (ended, returned) = render(&folder.join("back"), "all", "returned");
     ended.succeeded();
-    let largest = picture(&returned)
+    let largest = read_image(&returned)
         .iter()
-        .zip(picture(&all).iter())
+        .zip(read_image(&all).iter())
         .map(|(a, b)| a.abs_diff(*b))
         .max();
     assert!(largest <= Some(1), "{largest:?}");
@@ -178,8 +178,8 @@ fn a_clip_is_imported_learnt_scored_taken_apart_and_edited() {
     ended.succeeded();
     let (ended, without) = render(&atlas, "without:square", "without");
     ended.succeeded();
-    assert_eq!(picture(&removed), picture(&without));
-    assert!(picture(&removed)[(32, 20)] != picture(&all)[(32, 20)]);
+    assert_eq!(read_image(&removed), read_image(&without));
+    assert!(read_image(&removed)[(32, 20)] != read_image(&all)[(32, 20)]);
     let record = fs::read_to_string(folder.join("removed/run.json")).unwrap();
     assert!(record.contains("edited: square is removed"));
 
@@ -201,7 +201,7 @@ fn a_clip_is_imported_learnt_scored_taken_apart_and_edited() {
     );
     let (ended, painted) = render(&folder.join("painted"), "all", "green");
     ended.succeeded();
-    let painted = picture(&painted);
+    let painted = read_image(&painted);
     assert!(painted[(32, 20)][1] > 180, "{:?}", painted[(32, 20)]);
 }
 

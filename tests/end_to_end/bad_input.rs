@@ -68,7 +68,7 @@ fn file(folder: &Path, name: &str, bytes: &[u8]) -> PathBuf {
 fn a_video_cut_short() {
     let folder = scratch();
     let bytes = fs::read(sample("street.mp4")).unwrap();
-    // The index stands at the front: what is cut off first is pictures, then the index itself.
+    // The index stands at the front: what is cut off first is images, then the index itself.
     for (name, part, reason) in [
         ("most.mp4", &bytes[..bytes.len() * 9 / 10], "is truncated"),
         ("third.mp4", &bytes[..bytes.len() / 3], "is truncated"),
@@ -127,7 +127,7 @@ fn a_rectilinear_video_with_the_way_out() {
     let Some(video) = footage("bikes.mp4") else {
         return;
     };
-    assert_refused(&video, "its picture is rectilinear");
+    assert_refused(&video, "its image is rectilinear");
     assert_refused(&video, "--accept erp");
 }
 
@@ -136,10 +136,7 @@ fn a_stereo_video_with_the_way_out() {
     let Some(video) = footage("congo_stereo.mp4") else {
         return;
     };
-    assert_refused(
-        &video,
-        "its picture is erp-stereo-tb; extract one eye first",
-    );
+    assert_refused(&video, "its image is erp-stereo-tb; extract one eye first");
 }
 
 #[test]
@@ -186,7 +183,7 @@ fn an_output_of_another_video() {
     let copy = copy_of_small_run();
     let before = files(copy.path());
     let folder = scratch();
-    // The same pictures in another file: another input.
+    // The same images in another file: another input.
     let mut bytes = fs::read(sample("street.mp4")).unwrap();
     bytes.extend_from_slice(&[0, 0, 0, 8, b'f', b'r', b'e', b'e']);
     let other = file(folder.path(), "street.mp4", &bytes);

@@ -165,7 +165,7 @@ fn killed_at_any_moment_it_ends_as_if_it_had_not_been() {
     let videos = [folder.path().join("a.mp4"), folder.path().join("b.mp4")];
     let content = fs::read(sample("street.mp4")).unwrap();
     fs::write(&videos[0], &content).unwrap();
-    // Another file with the same pictures: a free box after the end changes no frame.
+    // Another file with the same images: a free box after the end changes no frame.
     fs::write(&videos[1], [&content[..], b"\0\0\0\x08free"].concat()).unwrap();
     let videos: Vec<&Path> = videos.iter().map(std::path::PathBuf::as_path).collect();
     let settings = ["--criteria", "none", "--slices", "--quiet"];
@@ -346,8 +346,8 @@ fn the_real_footage_becomes_a_sound_dataset() {
     let data = reef.parent().unwrap();
     let ended = curate(&[data], &out, &["--criteria", "none"]);
     for said in [
-        "bikes.mp4: rejected: its picture is rectilinear",
-        "congo_stereo.mp4: rejected: its picture is erp-stereo-tb",
+        "bikes.mp4: rejected: its image is rectilinear",
+        "congo_stereo.mp4: rejected: its image is erp-stereo-tb",
         "city4k.mp4: 1 sequences",
         "reef.mp4: 4 sequences",
         "tunnel.mp4: 1 sequences",

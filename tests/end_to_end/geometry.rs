@@ -5,7 +5,7 @@ use std::{ops::Range, sync::LazyLock};
 use image::RgbImage;
 use tempfile::TempDir;
 
-use crate::support::{METHOD, NOVEL_VIEWS, SEQUENCE, picture, run, sample, scratch};
+use crate::support::{METHOD, NOVEL_VIEWS, SEQUENCE, read_image, run, sample, scratch};
 
 const WIDTH: u32 = 256;
 const HEIGHT: u32 = 128;
@@ -33,7 +33,7 @@ static VIEWS: LazyLock<Vec<View>> = LazyLock::new(|| {
     NOVEL_VIEWS
         .iter()
         .map(|frame| {
-            let file = |folder: String| picture(&out.path().join(folder));
+            let file = |folder: String| read_image(&out.path().join(folder));
             View {
                 predicted: file(format!("{METHOD}/run/predictions/novel/{frame:06}.png")),
                 truth: file(format!("{SEQUENCE}/frames/{frame:06}.png")),

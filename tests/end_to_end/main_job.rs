@@ -10,7 +10,7 @@ use omnilife_schemas::{
 
 use crate::support::{
     INPUT_VIEWS, METHOD, NOVEL_VIEWS, SEQUENCE, SMALL, SMALL_SIZE, assert_all_whole,
-    copy_of_small_run, files, picture, result, run, sample, small_run,
+    copy_of_small_run, files, read_image, result, run, sample, small_run,
 };
 
 /// Cells of the only row of the only table.
@@ -191,9 +191,9 @@ fn comparisons_show_prediction_and_truth_side_by_side() {
     let (width, height) = SMALL_SIZE;
     for frame in NOVEL_VIEWS {
         let name = format!("{frame:06}.png");
-        let both = picture(&out.join(format!("{METHOD}/score/comparisons/novel-{name}")));
-        let predicted = picture(&out.join(format!("{METHOD}/run/predictions/novel/{name}")));
-        let truth = picture(&out.join(format!("{SEQUENCE}/frames/{name}")));
+        let both = read_image(&out.join(format!("{METHOD}/score/comparisons/novel-{name}")));
+        let predicted = read_image(&out.join(format!("{METHOD}/run/predictions/novel/{name}")));
+        let truth = read_image(&out.join(format!("{SEQUENCE}/frames/{name}")));
         let separator = both.width() - 2 * width;
         assert!((1..=16).contains(&separator), "{separator}");
         for (x, y, pixel) in predicted.enumerate_pixels() {
@@ -275,7 +275,7 @@ fn a_lost_or_cut_prediction_is_made_again() {
     assert_eq!(&skipped(&ended.stderr)[..3], CURATION, "{}", ended.stderr);
     assert!(ended.stderr.contains("training"), "{}", ended.stderr);
     assert_all_whole(copy.path());
-    // The same seed on the same input: the same pictures, hence the same scores.
+    // The same seed on the same input: the same images, hence the same scores.
     let (before, after) = (result(&small_run().out), result(copy.path()));
     assert_eq!(before.novel_views, after.novel_views);
     assert_eq!(before.input_views, after.input_views);

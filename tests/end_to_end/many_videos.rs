@@ -17,7 +17,7 @@ use omnilife_schemas::{
 
 use crate::support::{Ended, SMALL, SMALL_SIZE, assert_all_whole, sample, scratch};
 
-/// The sample with some empty boxes at its end: the same pictures in files that are no duplicates.
+/// The sample with some empty boxes at its end: the same images in files that are no duplicates.
 fn write_sample(file: &Path, boxes: usize) {
     let mut video = fs::read(sample("street.mp4")).unwrap();
     video.extend(b"\0\0\0\x08free".repeat(boxes));

@@ -4,7 +4,9 @@ use std::{ffi::OsStr, fs, path::Path};
 
 use serde_json::Value;
 
-use crate::support::{METHOD, SEQUENCE, SMALL_SIZE, omnilife, picture, sample, scratch, small_run};
+use crate::support::{
+    METHOD, SEQUENCE, SMALL_SIZE, omnilife, read_image, sample, scratch, small_run,
+};
 
 #[test]
 fn a_run_rendered_along_its_scene_gives_its_predictions() {
@@ -26,8 +28,8 @@ fn a_run_rendered_along_its_scene_gives_its_predictions() {
         .succeeded();
         assert!(ended.stdout.contains("10 views"), "{}", ended.stdout);
         for (kind, frame) in [("input", "000000.png"), ("novel", "000004.png")] {
-            let predicted = picture(&run.join("predictions").join(kind).join(frame));
-            let rendered = picture(&out.join(frame));
+            let predicted = read_image(&run.join("predictions").join(kind).join(frame));
+            let rendered = read_image(&out.join(frame));
             let largest = predicted
                 .iter()
                 .zip(rendered.iter())
@@ -79,8 +81,8 @@ fn deformed_gaussians_are_rendered_at_the_times_of_their_frames() {
     assert!(message.contains("a network deforms these"), "{message}");
     render("all").succeeded();
     for (kind, frame) in [("input", "000008.png"), ("novel", "000004.png")] {
-        let predicted = picture(&run.join("predictions").join(kind).join(frame));
-        let rendered = picture(&out.join(frame));
+        let predicted = read_image(&run.join("predictions").join(kind).join(frame));
+        let rendered = read_image(&out.join(frame));
         let pairs = predicted.iter().zip(rendered.iter());
         let largest = pairs.map(|(a, b)| a.abs_diff(*b)).max();
         assert!(largest <= Some(2), "{frame}: {largest:?}");
@@ -131,8 +133,8 @@ fn refined_poses_show_what_the_run_predicts() {
     let poses = run.join("refined-poses.json");
     render(&poses);
     for (kind, frame) in [("input", "000008.png"), ("novel", "000004.png")] {
-        let predicted = picture(&run.join("predictions").join(kind).join(frame));
-        let rendered = picture(&out.join(frame));
+        let predicted = read_image(&run.join("predictions").join(kind).join(frame));
+        let rendered = read_image(&out.join(frame));
         let pairs = predicted.iter().zip(rendered.iter());
         let largest = pairs.map(|(a, b)| a.abs_diff(*b)).max();
         assert!(largest <= Some(2), "{frame}: {largest:?}");
@@ -158,10 +160,10 @@ fn a_pinhole_camera_sees_what_its_field_of_view_holds() {
     arguments.extend(["--video".as_ref(), video.as_os_str()]);
     let ended = omnilife(arguments).succeeded();
     assert!(ended.stdout.contains("60 views"), "{}", ended.stdout);
-    let image = picture(&views.join("000000.png"));
+    let image = read_image(&views.join("000000.png"));
     assert_eq!(image.dimensions(), (31, 20));
     // What is straight ahead stands in the middle of both images.
-    let erp = picture(&run.join("predictions/input/000000.png"));
+    let erp = read_image(&run.join("predictions/input/000000.png"));
     let centre = erp.get_pixel(SMALL_SIZE.0 / 2, SMALL_SIZE.1 / 2).0;
     let middle = image.get_pixel(15, 10).0;
     for (a, b) in centre.iter().zip(middle) {

@@ -129,19 +129,19 @@ fn a_changed_number_is_found() {
     assert!(!results.exists() || store::names_in(&results).unwrap().is_empty());
 }
 
-/// Numbers that agree with each other, and not with the pictures.
+/// Numbers that agree with each other, and not with the images.
 #[test]
-fn scores_of_other_pictures_are_found_by_scoring_again() {
+fn scores_of_other_images_are_found_by_scoring_again() {
     let (folder, submission) = submitted();
     let results = folder.path().join("results");
-    let picture = "predictions/novel/000004.png";
-    let path = submission.join("results/0000").join(picture);
+    let image = "predictions/novel/000004.png";
+    let path = submission.join("results/0000").join(image);
     let other = small_run()
         .out
         .join(METHOD)
         .join("run/predictions/novel/000009.png");
     fs::copy(other, &path).unwrap();
-    repack(&submission, picture);
+    repack(&submission, image);
     let message = add(&submission, &results, "1").failed_quietly(2).to_owned();
     assert!(
         message.contains("of the novel views, scoring gives"),

@@ -175,7 +175,7 @@ pub(crate) fn files(folder: &Path) -> Vec<String> {
     found
 }
 
-/// Checks that every file in a folder is whole: records parse as what their name says, pictures
+/// Checks that every file in a folder is whole: records parse as what their name says, images
 /// decode, tables end as they should, and nothing temporary is left.
 #[track_caller]
 pub(crate) fn assert_all_whole(folder: &Path) {
@@ -222,7 +222,7 @@ pub(crate) fn result(out: &Path) -> ResultRecord {
     store::read_record(&out.join(METHOD).join("score/result.json")).unwrap()
 }
 
-/// A picture, 8 bits per channel.
-pub(crate) fn picture(path: &Path) -> RgbImage {
+/// An image, 8 bits per channel.
+pub(crate) fn read_image(path: &Path) -> RgbImage {
     image::open(path).unwrap().into_rgb8()
 }

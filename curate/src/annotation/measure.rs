@@ -57,8 +57,8 @@ const LIMITS: Limits = Limits {
 const PAIRS: usize = 16;
 /// Frames farther apart than this do not show how the camera moves, seconds.
 const LARGEST_GAP_SECONDS: f64 = 0.5;
-/// Columns of the pictures that are compared.
-const PICTURE_WIDTH: usize = 256;
+/// Columns of the images that are compared.
+const IMAGE_WIDTH: usize = 256;
 /// Directions at which flow is measured.
 const GRID: ErpCamera = ErpCamera {
     width: 64,
@@ -134,7 +134,7 @@ fn compare_frames(
         .collect();
     let read = |index: usize| -> Result<GreySphere, CurateError> {
         let image = RgbImage::read(&folder.join(&entries[index].file))?;
-        let width = PICTURE_WIDTH.min(image.width);
+        let width = IMAGE_WIDTH.min(image.width);
         Ok(GreySphere::new(&image, width))
     };
     let mut values = Values::default();

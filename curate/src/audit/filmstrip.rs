@@ -1,4 +1,4 @@
-//! Small pictures of chosen frames, from one decode of the video.
+//! Small images of chosen frames, from one decode of the video.
 
 use std::{collections::BTreeMap, io::Cursor, path::Path};
 
@@ -6,14 +6,14 @@ use base64::{Engine, engine::general_purpose::STANDARD};
 use image::{ExtendedColorType, ImageEncoder, codecs::jpeg::JpegEncoder};
 use omnilife_schemas::{progress::Progress, records::Probe};
 
-use super::Picture;
+use super::Image;
 use crate::{
     error::CurateError,
     ledger::Candidate,
-    video::{Converter, Rgb8Picture, Scaling, VideoReader},
+    video::{Converter, Rgb8Image, Scaling, VideoReader},
 };
 
-/// Width of a picture, pixels.
+/// Width of an image, pixels.
 const WIDTH_PIXELS: u32 = 192;
 /// JPEG quality, 1 to 100.
 const QUALITY: u8 = 70;
@@ -58,7 +58,7 @@ impl Filmstrips {
         }
     }
 
-    /// Pictures of the strips and of the overview.
+    /// Images of the strips and of the overview.
     ///
     /// # Errors
     /// When the video breaks off before the last frame that is shown.
@@ -67,8 +67,8 @@ impl Filmstrips {
         video: &Path,
         probe: &Probe,
         progress: &dyn Progress,
-    ) -> Result<(Vec<Vec<Picture>>, Vec<Picture>), CurateError> {
-        let mut pictures: BTreeMap<usize, Option<Picture>> = self
+    ) -> Result<(Vec<Vec<Image>>, Vec<Image>), CurateError> {
+        let mut images: BTreeMap<usize, Option<Image>> = self
             .strips
             .iter()
             .flatten()
@@ -77,21 +77,20 @@ impl Filmstrips {
             .collect();
         let turns = probe.clockwise_quarter_turns();
         progress.begin("drawing filmstrips", Some(self.times.len() as u64));
-        let drawn = self.decode(video, turns, &mut pictures, progress);
+        let drawn = self.decode(video, turns, &mut images, progress);
         progress.end();
         drawn?;
-        let picture = |&frame: &usize| {
-            pictures.get(&frame).cloned().flatten().ok_or_else(|| {
+        let encoded = |&frame: &usize| {
+            images.get(&frame).cloned().flatten().ok_or_else(|| {
                 CurateError::video(video, format!("has no frame at {} s", self.times[frame]))
             })
         };
-        let strips: Result<Vec<Vec<Picture>>, CurateError> = self
+        let strips: Result<Vec<Vec<Image>>, CurateError> = self
             .strips
             .iter()
-            .map(|strip| strip.iter().map(picture).collect())
+            .map(|strip| strip.iter().map(encoded).collect())
             .collect();
-        let overview: Result<Vec<Picture>, CurateError> =
-            self.overview.iter().map(picture).collect();
+        let overview: Result<Vec<Image>, CurateError> = self.overview.iter().map(encoded).collect();
         Ok((strips?, overview?))
     }
 
@@ -99,21 +98,21 @@ impl Filmstrips {
         &self,
         video: &Path,
         turns: u32,
-        pictures: &mut BTreeMap<usize, Option<Picture>>,
+        images: &mut BTreeMap<usize, Option<Image>>,
         progress: &dyn Progress,
     ) -> Result<(), CurateError> {
         let mut reader = VideoReader::open(video)?;
         let mut converter = Converter::new(Scaling::MaxWidth(WIDTH_PIXELS));
-        let last = pictures.keys().next_back().copied().unwrap_or(0);
+        let last = images.keys().next_back().copied().unwrap_or(0);
         while let Some(frame) = reader.next_frame()? {
             progress.advance(1);
             let index = self
                 .times
                 .partition_point(|&time| time < frame.time_seconds - 1e-6);
-            if let Some(slot) = pictures.get_mut(&index) {
-                let small = converter.convert(video, &frame.picture)?.turned(turns);
+            if let Some(slot) = images.get_mut(&index) {
+                let small = converter.convert(video, &frame.image)?.turned(turns);
                 let url = data_url(&small).map_err(|error| CurateError::internal(video, error))?;
-                *slot = Some(Picture { frame: index, url });
+                *slot = Some(Image { frame: index, url });
             }
             if index >= last {
                 break;
@@ -129,12 +128,12 @@ fn spread(first: usize, last: usize, count: usize) -> impl Iterator<Item = usize
     (0..=steps).map(move |step| first + (last - first) * step / steps.max(1))
 }
 
-fn data_url(picture: &Rgb8Picture) -> Result<String, image::ImageError> {
+fn data_url(rendered: &Rgb8Image) -> Result<String, image::ImageError> {
     let mut bytes = Cursor::new(Vec::new());
     JpegEncoder::new_with_quality(&mut bytes, QUALITY).write_image(
-        &picture.data,
-        picture.width as u32,
-        picture.height as u32,
+        &rendered.data,
+        rendered.width as u32,
+        rendered.height as u32,
         ExtendedColorType::Rgb8,
     )?;
     Ok(format!(

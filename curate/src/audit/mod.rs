@@ -34,14 +34,14 @@ struct PageData<'a> {
     kinds: [&'static str; 4],
     candidates: &'a [Candidate],
     /// Frames around each candidate, in the order of the candidates.
-    filmstrips: Vec<Vec<Picture>>,
+    filmstrips: Vec<Vec<Image>>,
     /// Frames spread over the video.
-    overview: Vec<Picture>,
+    overview: Vec<Image>,
 }
 
-/// A small picture of a frame.
+/// A small image of a frame.
 #[derive(Debug, Clone, Serialize)]
-struct Picture {
+struct Image {
     /// Index of the frame.
     frame: usize,
     /// JPEG as a data URL.

@@ -8,7 +8,7 @@ use opencv::{
     imgproc,
 };
 
-use crate::video::Rgb8Picture;
+use crate::video::Rgb8Image;
 
 const BANDS: usize = 4;
 const HUES: usize = 12;
@@ -32,11 +32,11 @@ pub(super) struct Descriptor {
 impl Descriptor {
     /// # Errors
     /// One line when an image operation fails.
-    pub(super) fn of(time_seconds: f64, picture: &Rgb8Picture) -> Result<Self, String> {
+    pub(super) fn of(time_seconds: f64, image: &Rgb8Image) -> Result<Self, String> {
         Ok(Self {
             time_seconds,
-            histogram: band_histograms(picture).map_err(|error| error.to_string())?,
-            layout: luminance_layout(picture),
+            histogram: band_histograms(image).map_err(|error| error.to_string())?,
+            layout: luminance_layout(image),
         })
     }
 }
@@ -70,17 +70,17 @@ fn product(a: &[f32], b: &[f32]) -> f32 {
     a.iter().zip(b).map(|(x, y)| x * y).sum()
 }
 
-fn band_histograms(picture: &Rgb8Picture) -> opencv::Result<Vec<f32>> {
-    let rgb = Mat::from_slice(&picture.data)?;
-    let rgb = rgb.reshape(3, picture.height as i32)?;
+fn band_histograms(image: &Rgb8Image) -> opencv::Result<Vec<f32>> {
+    let rgb = Mat::from_slice(&image.data)?;
+    let rgb = rgb.reshape(3, image.height as i32)?;
     let mut hsv = Mat::default();
     imgproc::cvt_color_def(&rgb, &mut hsv, imgproc::COLOR_RGB2HSV)?;
     let pixels = hsv.data_bytes()?;
     let mut histogram = vec![0.0_f32; HISTOGRAM_BINS];
-    for (y, row) in pixels.chunks_exact(picture.width * 3).enumerate() {
-        let latitude = (0.5 - (y as f64 + 0.5) / picture.height as f64) * std::f64::consts::PI;
+    for (y, row) in pixels.chunks_exact(image.width * 3).enumerate() {
+        let latitude = (0.5 - (y as f64 + 0.5) / image.height as f64) * std::f64::consts::PI;
         let weight = latitude.cos() as f32;
-        let band = y * BANDS / picture.height;
+        let band = y * BANDS / image.height;
         let bins = &mut histogram[band * BAND_BINS..(band + 1) * BAND_BINS];
         for &pixel in row.as_chunks::<3>().0 {
             add_softly(bins, pixel, weight);
@@ -122,14 +122,14 @@ fn neighbours(position: f32) -> [(usize, f32); 2] {
     [(below as usize, 1.0 - share), (below as usize + 1, share)]
 }
 
-fn luminance_layout(picture: &Rgb8Picture) -> Vec<f32> {
+fn luminance_layout(image: &Rgb8Image) -> Vec<f32> {
     let mut sums = vec![0.0_f32; LAYOUT_COLUMNS * LAYOUT_ROWS];
     let mut counts = vec![0.0_f32; LAYOUT_COLUMNS * LAYOUT_ROWS];
-    for y in 0..picture.height {
-        for x in 0..picture.width {
-            let cell = y * LAYOUT_ROWS / picture.height * LAYOUT_COLUMNS
-                + x * LAYOUT_COLUMNS / picture.width;
-            let [red, green, blue] = picture.pixel(x, y).map(f32::from);
+    for y in 0..image.height {
+        for x in 0..image.width {
+            let cell =
+                y * LAYOUT_ROWS / image.height * LAYOUT_COLUMNS + x * LAYOUT_COLUMNS / image.width;
+            let [red, green, blue] = image.pixel(x, y).map(f32::from);
             sums[cell] += 0.299 * red + 0.587 * green + 0.114 * blue;
             counts[cell] += 1.0;
         }

@@ -1,12 +1,12 @@
 //! Boundaries from colour histograms of latitude bands.
 //!
-//! Distances between frames are shares of the picture's weight that changed its colour bin, 0 to 1;
+//! Distances between frames are shares of the image's weight that changed its colour bin, 0 to 1;
 //! see `descriptor.rs`.
 //!
 //! Cuts are single frames whose distance stands out from its neighbourhood; gradual transitions are
 //! runs of moderately raised distances whose two ends differ, the twin comparison of Zhang,
 //! Kankanhalli and Smoliar ("Automatic partitioning of full-motion video", 1993). Both are refused
-//! where the layout of the picture survives, whatever way the camera faces afterwards: then the
+//! where the layout of the image survives, whatever way the camera faces afterwards: then the
 //! light changed, not the shot.
 
 use std::collections::VecDeque;
@@ -20,15 +20,15 @@ use super::{
     Detector, MissingSignal, SignalPass, Signals,
     descriptor::{Descriptor, HISTOGRAM_BINS, correlation, distance},
 };
-use crate::video::{Rgb8Picture, Scaling};
+use crate::video::{Rgb8Image, Scaling};
 
 /// The detector.
 pub const DETECTOR: Detector = Detector {
     id: "histogram",
     summary: "Colour histograms of latitude bands: sudden change for cuts, twin comparison for \
-              gradual transitions, refused where the picture's layout stays.",
+              gradual transitions, refused where the image's layout stays.",
     settings: || format!("{SETTINGS:?}"),
-    pictures: Scaling::MaxWidth(128),
+    images: Scaling::MaxWidth(128),
     start: || Ok(Box::new(HistogramPass::default())),
     decide,
 };
@@ -119,9 +119,8 @@ struct HistogramPass {
 }
 
 impl SignalPass for HistogramPass {
-    fn observe(&mut self, time_seconds: f64, picture: &Rgb8Picture) -> Result<(), String> {
-        self.window
-            .push_back(Descriptor::of(time_seconds, picture)?);
+    fn observe(&mut self, time_seconds: f64, image: &Rgb8Image) -> Result<(), String> {
+        self.window.push_back(Descriptor::of(time_seconds, image)?);
         let reach = SETTINGS.layout_reach_seconds.into_iter().fold(
             SETTINGS.change_reach_seconds + SETTINGS.change_average_seconds,
             f64::max,

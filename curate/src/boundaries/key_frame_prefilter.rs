@@ -6,7 +6,7 @@
 //! * when the colours or the layout of its two key frames differ: something has changed, perhaps a
 //!   shot, perhaps only the place of a moving camera; or
 //! * when one of its packets is much larger than those around it and nearly as large as a key
-//!   frame: a picture that its predecessor did not predict, though the shot may have come back
+//!   frame: an image that its predecessor did not predict, though the shot may have come back
 //!   before the next key frame.
 //!
 //! Candidate segments, and what a detector has to see after them, are decoded whole and given to
@@ -138,8 +138,8 @@ fn key_frames(
     progress.begin("decoding key frames", Some(expected as u64));
     let outcome: Result<(), CurateError> = (|| {
         while let Some(frame) = reader.next_frame()? {
-            let picture = converter.convert(video, &frame.picture)?.turned(turns);
-            let descriptor = Descriptor::of(frame.time_seconds, &picture)
+            let image = converter.convert(video, &frame.image)?.turned(turns);
+            let descriptor = Descriptor::of(frame.time_seconds, &image)
                 .map_err(|reason| CurateError::internal(video, reason))?;
             keys.push(descriptor);
             progress.advance(1);
@@ -238,18 +238,18 @@ fn search_run(
     let begin = table.packets[run.start].pts.unwrap_or(0) as f64 * table.seconds_per_tick;
     let mut reader = VideoReader::open(video)?;
     reader.choose(PacketChoice::Run(run));
-    let mut converter = Converter::new(detector.pictures);
+    let mut converter = Converter::new(detector.images);
     let mut pass = (detector.start)()?;
     let mut frames = 0;
     while let Some(frame) = reader.next_frame()? {
         frames += 1;
         progress.advance(1);
-        // Pictures of an open group that lean on what was not decoded.
+        // Images of an open group that lean on what was not decoded.
         if frame.time_seconds < begin - 1e-6 {
             continue;
         }
-        let picture = converter.convert(video, &frame.picture)?.turned(turns);
-        pass.observe(frame.time_seconds, &picture)
+        let image = converter.convert(video, &frame.image)?.turned(turns);
+        pass.observe(frame.time_seconds, &image)
             .map_err(|reason| CurateError::internal(video, reason))?;
     }
     let signals = pass.finish();

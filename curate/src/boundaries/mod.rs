@@ -21,7 +21,7 @@ use omnilife_schemas::{records::Boundary, store};
 
 use crate::{
     error::CurateError,
-    video::{Rgb8Picture, Scaling},
+    video::{Rgb8Image, Scaling},
 };
 
 /// A way of finding boundaries.
@@ -32,8 +32,8 @@ pub struct Detector {
     pub summary: &'static str,
     /// Its settings in words, recorded with its boundaries and part of what stages depend on.
     pub settings: fn() -> String,
-    /// How the pictures are scaled that it sees.
-    pub pictures: Scaling,
+    /// How the images are scaled that it sees.
+    pub images: Scaling,
     /// Begins a pass over a video. Fails where something is missing that the detector needs.
     pub start: fn() -> Result<Box<dyn SignalPass>, CurateError>,
     /// Boundaries in order of time from the signals of a whole video.
@@ -56,11 +56,11 @@ impl Detector {
 
 /// One pass over the frames of a video.
 pub trait SignalPass {
-    /// Sees the next frame, scaled as [`Detector::pictures`] says.
+    /// Sees the next frame, scaled as [`Detector::images`] says.
     ///
     /// # Errors
     /// One line when an image operation fails.
-    fn observe(&mut self, time_seconds: f64, picture: &Rgb8Picture) -> Result<(), String>;
+    fn observe(&mut self, time_seconds: f64, image: &Rgb8Image) -> Result<(), String>;
 
     /// The signals, one row per frame.
     fn finish(self: Box<Self>) -> Signals;

@@ -29,7 +29,7 @@ pub struct Candidate<'a> {
     pub projection: Option<&'a DetectedProjection>,
     /// Damaged frames.
     pub damaged_frames: Option<u64>,
-    /// What stays in the picture.
+    /// What stays in the image.
     pub overlays: Option<&'a OverlayReport>,
 }
 

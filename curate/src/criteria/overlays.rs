@@ -7,7 +7,7 @@ use super::{Check, Thresholds, outcome};
 /// No watermark, caption or mosaic of some size.
 pub(super) const CHECK: Check = Check {
     id: "overlays",
-    summary: "Nothing artificial of a prominent size is painted over the picture, and no mosaic of \
+    summary: "Nothing artificial of a prominent size is painted over the image, and no mosaic of \
               that size moves through it for long. A patch over the tripod and the rig itself hide \
               nothing that could be reconstructed.",
     evaluate: |thresholds, candidate| {

@@ -2,10 +2,10 @@
 
 use super::{Check, outcome};
 
-/// The picture is wide enough.
+/// The image is wide enough.
 pub(super) const CHECK: Check = Check {
     id: "resolution",
-    summary: "The picture is wide enough.",
+    summary: "The image is wide enough.",
     evaluate: |thresholds, candidate| {
         let least = thresholds.least_width_pixels?;
         let (width, height) = candidate.probe.upright_size();

@@ -1,4 +1,4 @@
-//! Numbers on the pixels of an equirectangular picture, smoothed around the seam.
+//! Numbers on the pixels of an equirectangular image, smoothed around the seam.
 
 use std::f64::consts::PI;
 
@@ -37,7 +37,7 @@ impl Field {
             .zip(along.chunks_exact_mut(self.width))
         {
             for (index, value) in padded.iter_mut().enumerate() {
-                // `reach` may be wider than the picture.
+                // `reach` may be wider than the image.
                 let turns = reach.div_ceil(self.width) * self.width;
                 *value = row[(index + turns - reach) % self.width];
             }

@@ -2,7 +2,7 @@
 //!
 //! The motion of the camera between a frame and others a little before and after it is found first
 //! (`motion`). It leaves each point of a still scene one unknown, its distance, and so one arc along
-//! which it can have gone. The frame's pictures are compared with those along the arc, at all
+//! which it can have gone. The frame's images are compared with those along the arc, at all
 //! distances ("plane sweep", Collins, "A space-sweep approach to true multi-image matching", 1996);
 //! where even the best one does not fit, before and after, something moves. Being hidden in one of
 //! the two is no motion, and neither thin things nor repeated patterns are: they fit somewhere.
@@ -39,13 +39,13 @@ pub const METHOD: MaskMethod = MaskMethod {
     find,
 };
 
-/// Columns of the pictures that are compared.
-const PICTURE_WIDTH: usize = 512;
+/// Columns of the images that are compared.
+const IMAGE_WIDTH: usize = 512;
 /// They are smoothed by this much, pixels: what is finer differs by how it is sampled.
 const SMOOTHING_PIXELS: f32 = 0.7;
 /// Frames are compared over at least this long, seconds: slow motion needs time to show.
 const LEAST_GAP_SECONDS: f64 = 0.2;
-/// Pictures are compared in squares that reach this far, pixels.
+/// Images are compared in squares that reach this far, pixels.
 const REACH_PIXELS: usize = 2;
 /// A difference of grey values, of [0, 1], above this counts as this.
 const LARGEST_DIFFERENCE: f32 = 0.25;
@@ -53,14 +53,14 @@ const LARGEST_DIFFERENCE: f32 = 0.25;
 const EXTENT_RADIANS: f32 = 0.055;
 /// What a still scene differs by: this much anywhere, of [0, 1] ...
 const NOISE: f32 = 0.01;
-/// ... and as the slope of the picture times this many pixels.
+/// ... and as the slope of the image times this many pixels.
 const MISPLACED_PIXELS: f32 = 0.3;
 /// What fits this many times worse than half of the sphere moves.
 const OVER_MEDIAN: f32 = 2.5;
 
 fn settings() -> String {
     format!(
-        "{PICTURE_WIDTH} px, {LEAST_GAP_SECONDS} s before and after, squares of {} px, {OVER_MEDIAN} \
+        "{IMAGE_WIDTH} px, {LEAST_GAP_SECONDS} s before and after, squares of {} px, {OVER_MEDIAN} \
          times the median over {EXTENT_RADIANS} radians",
         2 * REACH_PIXELS + 1
     )
@@ -84,7 +84,7 @@ fn find(
         sequence.frames.height as usize,
     );
     progress.begin("motion masks", Some(entries.len() as u64));
-    let mut held = Pictures::new(folder, sequence);
+    let mut held = Images::new(folder, sequence);
     let masks = (0..entries.len())
         .map(|index| {
             let others = compared_with(&times, index);
@@ -119,14 +119,14 @@ fn compared_with(times: &[f64], index: usize) -> Vec<usize> {
     others
 }
 
-/// Pictures of the frames that are being compared.
-struct Pictures<'a> {
+/// Images of the frames that are being compared.
+struct Images<'a> {
     folder: &'a Path,
     sequence: &'a Sequence,
     held: Vec<Option<GreySphere>>,
 }
 
-impl<'a> Pictures<'a> {
+impl<'a> Images<'a> {
     fn new(folder: &'a Path, sequence: &'a Sequence) -> Self {
         Self {
             folder,
@@ -139,7 +139,7 @@ impl<'a> Pictures<'a> {
         if self.held[index].is_none() {
             let file = &self.sequence.frames.entries[index].file;
             let image = RgbImage::read(&self.folder.join(file))?;
-            let width = PICTURE_WIDTH.min(image.width);
+            let width = IMAGE_WIDTH.min(image.width);
             self.held[index] = Some(smoothed(&GreySphere::new(&image, width)));
         }
         Ok(())
@@ -159,22 +159,22 @@ impl<'a> Pictures<'a> {
     }
 }
 
-fn smoothed(picture: &GreySphere) -> GreySphere {
+fn smoothed(sphere: &GreySphere) -> GreySphere {
     GreySphere::of_luma(
-        picture.width(0),
-        luma(picture).blurred(SMOOTHING_PIXELS).values,
+        sphere.width(0),
+        luma(sphere).blurred(SMOOTHING_PIXELS).values,
     )
 }
 
-fn luma(picture: &GreySphere) -> Field {
+fn luma(sphere: &GreySphere) -> Field {
     Field {
-        width: picture.width(0),
-        height: picture.width(0) / 2,
-        values: picture.luma().to_vec(),
+        width: sphere.width(0),
+        height: sphere.width(0) / 2,
+        values: sphere.luma().to_vec(),
     }
 }
 
-/// What moves in a picture, compared with others of the same scene.
+/// What moves in an image, compared with others of the same scene.
 fn moving(this: &GreySphere, others: &[&GreySphere]) -> Mask {
     let directions = directions(this.width(0));
     let misfit = others

@@ -1,4 +1,4 @@
-//! The whole motion of the camera between two pictures: turn, heading, and how far still things
+//! The whole motion of the camera between two images: turn, heading, and how far still things
 //! shift.
 
 use glam::{Quat, Vec3};
@@ -32,7 +32,7 @@ pub struct CameraMotion {
     pub largest_parallax: f32,
 }
 
-/// The motion of the camera from one picture to another.
+/// The motion of the camera from one image to another.
 pub fn camera_motion(from: &GreySphere, to: &GreySphere) -> CameraMotion {
     let aligned = align(from, to);
     let directions: Vec<Vec3> = even_directions(POINTS).collect();

@@ -21,14 +21,14 @@ const LARGEST_DIFFERENCE: f32 = 0.08;
 /// Flow at one direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Flow {
-    /// Where, in the first picture's camera frame; of length 1.
+    /// Where, in the first image's camera frame; of length 1.
     pub direction: Vec3,
     /// Displacement in the tangent plane after the rotation is undone, radians; `None` where it
     /// cannot be told.
     pub moved: Option<Vec3>,
 }
 
-/// Flow from one picture to the other at every direction given, beyond what `rotation` (first to
+/// Flow from one image to the other at every direction given, beyond what `rotation` (first to
 /// second camera) explains.
 pub fn flow(from: &GreySphere, to: &GreySphere, rotation: Quat, directions: &[Vec3]) -> Vec<Flow> {
     directions

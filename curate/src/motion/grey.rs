@@ -1,11 +1,11 @@
-//! Grey pictures of the sphere that are sampled by direction.
+//! Grey images of the sphere that are sampled by direction.
 
 use std::f32::consts::{PI, TAU};
 
 use glam::Vec3;
 use omnilife_schemas::RgbImage;
 
-/// A grey equirectangular picture and its smaller copies, each half the size of the one before.
+/// A grey equirectangular image and its smaller copies, each half the size of the one before.
 #[derive(Debug, Clone)]
 pub struct GreySphere {
     levels: Vec<Level>,

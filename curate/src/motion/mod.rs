@@ -1,7 +1,7 @@
 //! How the camera and the scene move, seen on the sphere: the rotation between two frames, the flow
 //! that is left after it, and what of that flow a moving camera in a still scene cannot explain.
 //!
-//! Everything works with directions instead of pixels, so there is no seam and no pole: pictures
+//! Everything works with directions instead of pixels, so there is no seam and no pole: images
 //! are sampled on tangent planes wherever a point lies.
 
 pub mod camera;

@@ -46,7 +46,7 @@ impl PairMotion {
     }
 }
 
-/// Explains a flow by one motion of the camera. `pixel_radians` is the resolution of the pictures.
+/// Explains a flow by one motion of the camera. `pixel_radians` is the resolution of the images.
 pub fn explain(flow: &[Flow], pixel_radians: f32) -> PairMotion {
     let known: Vec<(Vec3, Vec3)> = flow
         .iter()

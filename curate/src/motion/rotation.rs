@@ -1,4 +1,4 @@
-//! The rotation between two pictures of the sphere, from their pixels.
+//! The rotation between two images of the sphere, from their pixels.
 
 use std::f32::consts::TAU;
 
@@ -6,7 +6,7 @@ use glam::{Mat3, Quat, Vec3};
 
 use super::grey::{GreySphere, even_directions, tangents};
 
-/// Directions at which the pictures are compared.
+/// Directions at which the images are compared.
 const SAMPLES: usize = 3000;
 /// Steps per level of the pyramid.
 const STEPS: usize = 12;
@@ -88,7 +88,7 @@ fn refine(
                 );
             right += weight * residual * jacobian;
         }
-        // A picture without any detail says nothing.
+        // An image without any detail says nothing.
         if normal.determinant().abs() < 1e-12 {
             return rotation;
         }

@@ -1,7 +1,7 @@
 //! The blocks between the lines of a grid: whether they are those of a mosaic, and how far they go.
 
 use super::line_profiles::{LineProfiles, Lines, Window, lines};
-use crate::video::LumaPicture;
+use crate::video::LumaImage;
 
 /// Periods of the two directions differ by at most this share, or one pixel's rounding.
 const MOST_PERIOD_DIFFERENCE: f32 = 0.06;
@@ -31,14 +31,14 @@ const LEAST_BLOCK_PIXELS: f32 = 4.6;
 /// Two-coloured patterns leave less than this share of the blocks' variance unexplained.
 const LEAST_TWO_LEVEL_RESIDUAL: f64 = 0.06;
 /// The blocks of codecs, pixels. The steps of a mosaic on their grid are at least this many times
-/// what codec's blocks show all over the picture.
+/// what codec's blocks show all over the image.
 const CODEC_BLOCKS: [usize; 5] = [4, 8, 16, 32, 64];
 const LEAST_OVER_BLOCKING: f32 = 5.0;
 
 /// A rectangle of one frame, in pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Area {
-    /// First column; below the picture's width.
+    /// First column; below the image's width.
     pub(super) left: usize,
     /// First row.
     pub(super) top: usize,
@@ -87,7 +87,7 @@ impl Block {
 }
 
 /// The pixels between two lines each way, without those at the lines, which compression blurs.
-fn block(picture: &LumaPicture, xs: [usize; 2], ys: [usize; 2]) -> Block {
+fn block(image: &LumaImage, xs: [usize; 2], ys: [usize; 2]) -> Block {
     let inside = |[begin, end]: [usize; 2]| {
         let border = match end - begin {
             0..=3 => 0,
@@ -101,7 +101,7 @@ fn block(picture: &LumaPicture, xs: [usize; 2], ys: [usize; 2]) -> Block {
     let count = (columns.len() * rows.len()).max(1) as f32;
     let pixels = || {
         rows.clone()
-            .flat_map(|y| &picture.row(y)[columns.clone()])
+            .flat_map(|y| &image.row(y)[columns.clone()])
             .map(|&level| f32::from(level))
     };
     let mean = pixels().sum::<f32>() / count;
@@ -133,47 +133,47 @@ impl Grid {
     }
 
     /// Whether the blocks are flat with steps between them, and not a codec's.
-    pub(super) fn looks_pixelated(&self, picture: &LumaPicture, profiles: &LineProfiles) -> bool {
-        let blocks = self.blocks(picture);
+    pub(super) fn looks_pixelated(&self, image: &LumaImage, profiles: &LineProfiles) -> bool {
+        let blocks = self.blocks(image);
         let step = mean_step(&blocks);
         is_flat_with_steps(&blocks, step) && !self.is_of_a_codec(step, profiles)
     }
 
-    fn blocks(&self, picture: &LumaPicture) -> Vec<Vec<Block>> {
+    fn blocks(&self, image: &LumaImage) -> Vec<Vec<Block>> {
         self.ys
             .windows(2)
             .map(|ys| {
                 self.xs
                     .windows(2)
-                    .map(|xs| block(picture, [xs[0], xs[1]], [ys[0], ys[1]]))
+                    .map(|xs| block(image, [xs[0], xs[1]], [ys[0], ys[1]]))
                     .collect()
             })
             .collect()
     }
 
     /// The grid with the columns and rows of blocks around it that continue it.
-    pub(super) fn grown(mut self, picture: &LumaPicture) -> Self {
-        let step = mean_step(&self.blocks(picture));
+    pub(super) fn grown(mut self, image: &LumaImage) -> Self {
+        let step = mean_step(&self.blocks(image));
         loop {
             let before = (self.xs.len(), self.ys.len());
             for at_end in [false, true] {
-                let next = next_cut(&self.xs, at_end, self.period, picture.stride());
+                let next = next_cut(&self.xs, at_end, self.period, image.stride());
                 if let Some(next) = next {
                     let cells: Vec<Block> = self
                         .ys
                         .windows(2)
-                        .map(|ys| block(picture, next.between, [ys[0], ys[1]]))
+                        .map(|ys| block(image, next.between, [ys[0], ys[1]]))
                         .collect();
                     if continues(&cells, step) {
                         insert(&mut self.xs, next.cut, at_end);
                     }
                 }
-                let next = next_cut(&self.ys, at_end, self.period, picture.height);
+                let next = next_cut(&self.ys, at_end, self.period, image.height);
                 if let Some(next) = next {
                     let cells: Vec<Block> = self
                         .xs
                         .windows(2)
-                        .map(|xs| block(picture, [xs[0], xs[1]], next.between))
+                        .map(|xs| block(image, [xs[0], xs[1]], next.between))
                         .collect();
                     if continues(&cells, step) {
                         insert(&mut self.ys, next.cut, at_end);
@@ -188,7 +188,7 @@ impl Grid {
         }
     }
 
-    /// Whether its lines are those of a codec whose blocks show all over the picture.
+    /// Whether its lines are those of a codec whose blocks show all over the image.
     fn is_of_a_codec(&self, step_levels: f32, profiles: &LineProfiles) -> bool {
         CODEC_BLOCKS.iter().any(|&side| {
             let is_on_line = |cut: &usize| {
@@ -202,23 +202,23 @@ impl Grid {
         })
     }
 
-    pub(super) fn area(&self, picture: &LumaPicture) -> Option<Area> {
+    pub(super) fn area(&self, image: &LumaImage) -> Option<Area> {
         let (left, right) = (*self.xs.first()?, *self.xs.last()?);
         let (top, bottom) = (*self.ys.first()?, *self.ys.last()?);
         Some(Area {
-            left: left % picture.width,
+            left: left % image.width,
             top,
-            width: (right - left).min(picture.width),
+            width: (right - left).min(image.width),
             height: bottom - top,
         })
     }
 
     /// By how many levels the pixels at lines lie beyond the levels of the blocks at both sides.
-    fn ridge(&self, picture: &LumaPicture, blocks: &[Vec<Block>]) -> f32 {
+    fn ridge(&self, image: &LumaImage, blocks: &[Vec<Block>]) -> f32 {
         let mut beyond = 0.0;
         let mut count = 0.0_f32;
         let mut add = |[a, b]: [&Block; 2], x: usize, y: usize| {
-            let level = f32::from(picture.row(y)[x]);
+            let level = f32::from(image.row(y)[x]);
             beyond += (level - a.mean.max(b.mean))
                 .max(a.mean.min(b.mean) - level)
                 .max(0.0);
@@ -240,18 +240,17 @@ impl Grid {
     }
 
     /// What the blocks are, where they are those of a mosaic.
-    pub(super) fn patch(&self, picture: &LumaPicture) -> Option<Patch> {
-        let blocks = self.blocks(picture);
+    pub(super) fn patch(&self, image: &LumaImage) -> Option<Patch> {
+        let blocks = self.blocks(image);
         let step_levels = mean_step(&blocks);
         let all = || blocks.iter().flatten();
         let count = all().count() as f32;
         let is_mosaic = count >= LEAST_BLOCKS
             && is_flat_with_steps(&blocks, step_levels)
-            && self.ridge(picture, &blocks)
-                <= MOST_RIDGE_LEVELS.max(MOST_RIDGE_SHARE * step_levels)
+            && self.ridge(image, &blocks) <= MOST_RIDGE_LEVELS.max(MOST_RIDGE_SHARE * step_levels)
             && !repeats(&blocks)
             && !has_two_levels(&blocks);
-        let area = self.area(picture)?;
+        let area = self.area(image)?;
         let saturated = all().filter(|block| !(25.0..=230.0).contains(&block.mean));
         is_mosaic.then(|| Patch {
             area,
@@ -391,8 +390,8 @@ impl Area {
     }
 
     /// Whether a column, counted on over the seam, and row are in it.
-    pub(super) fn contains(&self, x: usize, y: usize, picture_width: usize) -> bool {
-        let from_left = (x + picture_width - self.left) % picture_width;
+    pub(super) fn contains(&self, x: usize, y: usize, image_width: usize) -> bool {
+        let from_left = (x + image_width - self.left) % image_width;
         from_left < self.width && (self.top..self.top + self.height).contains(&y)
     }
 }

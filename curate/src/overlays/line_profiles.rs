@@ -1,7 +1,7 @@
 //! Lines of a common period in the luminance of one frame: where in a window the steps of a grid
 //! lie, along rows and along columns.
 
-use crate::video::LumaPicture;
+use crate::video::LumaImage;
 
 /// Windows begin and end at multiples of this many pixels.
 pub(super) const STRIP_PIXELS: usize = 16;
@@ -22,7 +22,7 @@ const MOST_DEVIATION_PIXELS: f32 = 0.6;
 const LEAST_LINES: usize = 4;
 const LEAST_PRESENT_SHARE: f32 = 0.75;
 
-/// Sums of gradients of a picture, from which those of any window take one subtraction a column.
+/// Sums of gradients of an image, from which those of any window take one subtraction a column.
 #[derive(Debug, Default)]
 pub(super) struct LineProfiles {
     columns: usize,
@@ -35,7 +35,7 @@ pub(super) struct LineProfiles {
     down: Vec<u32>,
 }
 
-/// A square of pixels; `left` may be so large that it reaches into the picture's margin.
+/// A square of pixels; `left` may be so large that it reaches into the image's margin.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Window {
     pub(super) left: usize,
@@ -50,15 +50,15 @@ impl Window {
 }
 
 impl LineProfiles {
-    /// Measures a picture, margin included. Reuses what is allocated.
-    pub(super) fn measure(&mut self, picture: &LumaPicture) {
-        self.columns = picture.stride() / STRIP_PIXELS * STRIP_PIXELS;
-        self.rows = picture.height / STRIP_PIXELS * STRIP_PIXELS;
-        self.measure_across(picture);
-        self.measure_down(picture);
+    /// Measures an image, margin included. Reuses what is allocated.
+    pub(super) fn measure(&mut self, image: &LumaImage) {
+        self.columns = image.stride() / STRIP_PIXELS * STRIP_PIXELS;
+        self.rows = image.height / STRIP_PIXELS * STRIP_PIXELS;
+        self.measure_across(image);
+        self.measure_down(image);
     }
 
-    fn measure_across(&mut self, picture: &LumaPicture) {
+    fn measure_across(&mut self, image: &LumaImage) {
         let columns = self.columns;
         self.across.clear();
         self.across
@@ -67,7 +67,7 @@ impl LineProfiles {
         for strip in 0..self.rows / STRIP_PIXELS {
             sums.fill(0);
             for y in strip * STRIP_PIXELS..(strip + 1) * STRIP_PIXELS {
-                let row = picture.row(y);
+                let row = image.row(y);
                 for ((sum, here), next) in sums.iter_mut().zip(row).zip(&row[1..]) {
                     // 16 differences of 8 bits fit; without checks eight are added at once.
                     *sum = sum.wrapping_add(u16::from(here.abs_diff(*next)));
@@ -81,12 +81,12 @@ impl LineProfiles {
         }
     }
 
-    fn measure_down(&mut self, picture: &LumaPicture) {
+    fn measure_down(&mut self, image: &LumaImage) {
         let (rows, strips) = (self.rows, self.columns / STRIP_PIXELS);
         self.down.clear();
         self.down.resize((strips + 1) * rows, 0);
-        for y in 0..rows.min(picture.height - 1) {
-            let (here, next) = (picture.row(y), picture.row(y + 1));
+        for y in 0..rows.min(image.height - 1) {
+            let (here, next) = (image.row(y), image.row(y + 1));
             let mut total = 0_u32;
             let blocks = here
                 .as_chunks::<STRIP_PIXELS>()
@@ -126,8 +126,8 @@ impl LineProfiles {
     }
 
     /// How much of a codec's blocks shows, 8-bit levels: by how much the mean difference is larger
-    /// on every `period`-th column, counted from the picture's left border, than elsewhere; in the
-    /// strips of rows where it shows most, but a tenth of them. What is a fifth of the picture's width
+    /// on every `period`-th column, counted from the image's left border, than elsewhere; in the
+    /// strips of rows where it shows most, but a tenth of them. What is a fifth of the image's width
     /// or more, and on that grid, counts as blocks of the codec itself.
     pub(super) fn blocking_levels(&self, period: usize) -> f32 {
         let strips = self.rows / STRIP_PIXELS;

@@ -1,8 +1,8 @@
-//! Overlays: what is painted over the picture, and what is always in it.
+//! Overlays: what is painted over the image, and what is always in it.
 //!
-//! A camera that moves changes the picture everywhere but where something moves with it. The pass
+//! A camera that moves changes the image everywhere but where something moves with it. The pass
 //! (`stability`) measures, per pixel and over frames between which the scene moved, how much of
-//! the picture's gradients stays; `regions` gathers what stays into regions of the sphere and
+//! the image's gradients stays; `regions` gathers what stays into regions of the sphere and
 //! says what each of them is. A tripod or the wearer's helmet (class `rig`) stays too, and is part
 //! of the scene.
 //!

@@ -12,7 +12,7 @@ use super::{
     blocks::{Area, Patch},
     pixelation::{PixelationFinder, margin_pixels},
 };
-use crate::{error::CurateError, video::LumaPicture};
+use crate::{error::CurateError, video::LumaImage};
 
 /// Distance of the frames that are looked at, at their full size, seconds. A look costs by its
 /// pixels: above two million of them looks are rarer.
@@ -26,7 +26,7 @@ const LEAST_SEEN_FRAMES: usize = 3;
 #[derive(Debug, Default)]
 pub struct MosaicPass {
     next_seconds: Option<f64>,
-    picture: LumaPicture,
+    image: LumaImage,
     finder: PixelationFinder,
     looked_at_frames: u32,
     seen: Vec<SeenFrame>,
@@ -45,7 +45,7 @@ struct SeenFrame {
     saturated_share: f64,
 }
 
-/// Distance of looks at pictures of this size.
+/// Distance of looks at images of this size.
 fn step_seconds(width: u32, height: u32) -> f64 {
     let pixels = f64::from(width) * f64::from(height);
     (STEP_SECONDS * pixels / PIXELS_OF_STEP).clamp(STEP_SECONDS, MOST_STEP_SECONDS)
@@ -69,16 +69,15 @@ impl MosaicPass {
         quarter_turns: u32,
     ) -> Result<(), CurateError> {
         self.next_seconds = Some(time_seconds + step_seconds(frame.width(), frame.height()));
-        self.picture
-            .read(path, frame, quarter_turns, margin_pixels)?;
+        self.image.read(path, frame, quarter_turns, margin_pixels)?;
         self.look();
         Ok(())
     }
 
     fn look(&mut self) {
         self.looked_at_frames += 1;
-        let patches = self.finder.find(&self.picture);
-        let size = (self.picture.width, self.picture.height);
+        let patches = self.finder.find(&self.image);
+        let size = (self.image.width, self.image.height);
         self.seen.extend(SeenFrame::of(&patches, size));
     }
 
@@ -192,7 +191,7 @@ fn steradians(area: &Area, (width, height): (usize, usize)) -> f64 {
     area.width as f64 / width as f64 * TAU * (top.sin() - bottom.sin())
 }
 
-/// Direction of the middle of a rectangle: x right, y up, z to the picture's middle.
+/// Direction of the middle of a rectangle: x right, y up, z to the image's middle.
 fn direction(area: &Area, (width, height): (usize, usize)) -> [f64; 3] {
     let x = area.left as f64 + 0.5 * area.width as f64;
     let longitude = (x / width as f64 - 0.5) * TAU;
@@ -223,7 +222,7 @@ mod tests {
     const HEIGHT: usize = 256;
 
     #[test]
-    fn large_pictures_are_looked_at_more_rarely() {
+    fn large_images_are_looked_at_more_rarely() {
         let steps = [(1024, 512), (2048, 1024), (2880, 1440), (8192, 4096)]
             .map(|(width, height)| step_seconds(width, height));
         assert_eq!([steps[0], steps[1], steps[3]], [0.8, 0.8, 2.4]);
@@ -241,7 +240,7 @@ mod tests {
                 let inside = from_left < 64 && (96..160).contains(&y) && frame != 3;
                 inside.then(|| (from_left / 8, (y - 96) / 8))
             });
-            pass.picture
+            pass.image
                 .fill((WIDTH, HEIGHT), margin_pixels, levels.chunks(WIDTH));
             pass.look();
         }

@@ -1,20 +1,20 @@
-//! Pixelation in a single frame: regions made of flat square blocks in place of the picture.
+//! Pixelation in a single frame: regions made of flat square blocks in place of the image.
 //!
 //! A window of a mosaic has steps on the lines of a grid of one period, the same in both directions,
 //! and next to nothing between them. Facades, tiles and bricks can have that too, but their tiles
 //! repeat, or have two colours; those of a mosaic are the means of what was there. The blocks of a
-//! codec lie on the picture's own grid, and all over the picture.
+//! codec lie on the image's own grid, and all over the image.
 
 use super::{
     blocks::{Area, Grid, Patch},
     line_profiles::{LineProfiles, STRIP_PIXELS},
 };
-use crate::video::LumaPicture;
+use crate::video::LumaImage;
 
 /// Sides of the windows that are looked at, in halves of the smallest one. In each, blocks of an
 /// eighth to a quarter of it can be seen.
 const WINDOW_HALVES: [usize; 5] = [2, 3, 4, 6, 8];
-/// The smallest window is about this share of a picture's width (6 degrees), and no smaller than so
+/// The smallest window is about this share of an image's width (6 degrees), and no smaller than so
 /// many pixels.
 const WINDOWS_PER_TURN: usize = 64;
 const LEAST_WINDOW_PIXELS: usize = 32;
@@ -27,28 +27,28 @@ pub(super) struct PixelationFinder {
     down: Vec<u32>,
 }
 
-/// Sides of the windows for pictures of this width, the largest last.
-fn window_pixels(picture_width: usize) -> [usize; WINDOW_HALVES.len()] {
-    let strips = (picture_width / WINDOWS_PER_TURN).max(LEAST_WINDOW_PIXELS) / STRIP_PIXELS;
+/// Sides of the windows for images of this width, the largest last.
+fn window_pixels(image_width: usize) -> [usize; WINDOW_HALVES.len()] {
+    let strips = (image_width / WINDOWS_PER_TURN).max(LEAST_WINDOW_PIXELS) / STRIP_PIXELS;
     WINDOW_HALVES.map(|halves| halves * strips / 2 * STRIP_PIXELS)
 }
 
-/// Columns that have to be repeated at the right of a picture of this width.
-pub(super) fn margin_pixels(picture_width: usize) -> usize {
-    window_pixels(picture_width)[WINDOW_HALVES.len() - 1].min(picture_width)
+/// Columns that have to be repeated at the right of an image of this width.
+pub(super) fn margin_pixels(image_width: usize) -> usize {
+    window_pixels(image_width)[WINDOW_HALVES.len() - 1].min(image_width)
 }
 
 impl PixelationFinder {
     /// Rectangles that do not overlap, in no order.
-    pub(super) fn find(&mut self, picture: &LumaPicture) -> Vec<Patch> {
-        self.profiles.measure(picture);
+    pub(super) fn find(&mut self, image: &LumaImage) -> Vec<Patch> {
+        self.profiles.measure(image);
         let mut patches: Vec<Patch> = Vec::new();
         let mut refused: Vec<Area> = Vec::new();
-        for size in window_pixels(picture.width) {
+        for size in window_pixels(image.width) {
             let step = (size / 3).max(STRIP_PIXELS) / STRIP_PIXELS * STRIP_PIXELS;
             for window in self.profiles.windows(size, step) {
                 // The margin shows once more what is at the left.
-                if window.left >= picture.width {
+                if window.left >= image.width {
                     continue;
                 }
                 let Some(grid) = Grid::of(&self.profiles, window, &mut self.across, &mut self.down)
@@ -57,21 +57,21 @@ impl PixelationFinder {
                 };
                 let mut known = patches.iter().map(|patch| &patch.area).chain(&refused);
                 let (x, y) = window.middle();
-                if known.any(|area| area.contains(x, y, picture.width)) {
+                if known.any(|area| area.contains(x, y, image.width)) {
                     continue;
                 }
                 // What is seen in the window says whether it is a mosaic, and growth how large.
-                if !grid.looks_pixelated(picture, &self.profiles) {
+                if !grid.looks_pixelated(image, &self.profiles) {
                     continue;
                 }
-                let grown = grid.grown(picture);
-                let Some(patch) = grown.patch(picture) else {
-                    refused.extend(grown.area(picture));
+                let grown = grid.grown(image);
+                let Some(patch) = grown.patch(image) else {
+                    refused.extend(grown.area(image));
                     continue;
                 };
                 patches.retain(|other| {
                     let (x, y) = other.area.middle();
-                    !patch.area.contains(x, y, picture.width)
+                    !patch.area.contains(x, y, image.width)
                 });
                 patches.push(patch);
             }
@@ -80,7 +80,7 @@ impl PixelationFinder {
     }
 }
 
-/// Levels of a picture with detail everywhere, but for flat blocks of random levels where `block`
+/// Levels of an image with detail everywhere, but for flat blocks of random levels where `block`
 /// names one.
 #[cfg(test)]
 pub(super) fn textured(
@@ -118,9 +118,9 @@ mod tests {
     const HEIGHT: usize = 256;
 
     fn found(levels: &[u8]) -> Vec<Patch> {
-        let mut picture = LumaPicture::default();
-        picture.fill((WIDTH, HEIGHT), margin_pixels, levels.chunks(WIDTH));
-        PixelationFinder::default().find(&picture)
+        let mut image = LumaImage::default();
+        image.fill((WIDTH, HEIGHT), margin_pixels, levels.chunks(WIDTH));
+        PixelationFinder::default().find(&image)
     }
 
     /// Wherever the grid begins, and also on the grid of codecs.
@@ -158,7 +158,7 @@ mod tests {
         }
     }
 
-    /// Everything that has a grid and is no mosaic, in the middle of a picture with detail.
+    /// Everything that has a grid and is no mosaic, in the middle of an image with detail.
     #[test]
     fn patterns_are_no_mosaics() {
         type Pattern = fn(usize, usize) -> usize;
@@ -206,7 +206,7 @@ mod tests {
         assert_eq!(found(&textured((WIDTH, HEIGHT), 2, |_, _| None)), []);
     }
 
-    /// Blocks all over the picture, flat in parts of it, are a codec's.
+    /// Blocks all over the image, flat in parts of it, are a codec's.
     #[test]
     fn blocks_of_a_codec_are_no_mosaic() {
         let blocks = textured((WIDTH, HEIGHT), 3, |x, y| Some((x / 8, y / 8)));
@@ -226,7 +226,7 @@ mod tests {
                 .collect()
         };
         assert_eq!(found(&coded(false)), []);
-        // The same flat blocks in a picture without steps elsewhere.
+        // The same flat blocks in an image without steps elsewhere.
         assert_eq!(found(&coded(true)).len(), 1);
     }
 }

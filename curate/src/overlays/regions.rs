@@ -188,7 +188,7 @@ fn grid_lines(stability: &Stability) -> (Vec<bool>, Vec<bool>) {
     (long(&columns, true), long(&rows, false))
 }
 
-/// The pixels of an equirectangular picture.
+/// The pixels of an equirectangular image.
 struct Grid {
     width: usize,
     height: usize,

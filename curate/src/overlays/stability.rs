@@ -1,9 +1,9 @@
-//! What stays in the picture while the scene moves, per pixel.
+//! What stays in the image while the scene moves, per pixel.
 
-use crate::video::Rgb8Picture;
+use crate::video::Rgb8Image;
 
 /// Distance of the frames that are looked at, seconds: long enough for a walking camera to move the
-/// picture, short enough for a caption to last.
+/// image, short enough for a caption to last.
 const STEP_SECONDS: f64 = 0.4;
 /// Gradient, in 8-bit levels per pixel, from which a pixel has detail.
 const DETAIL_LEVELS: f32 = 6.0;
@@ -51,7 +51,7 @@ struct Sums {
     stayed: u16,
 }
 
-/// What a pass gives, per pixel of a picture of this size.
+/// What a pass gives, per pixel of an image of this size.
 pub(super) struct Stability {
     pub(super) width: usize,
     pub(super) height: usize,
@@ -82,14 +82,14 @@ impl OverlayPass {
     }
 
     /// Looks at a frame, about 512 pixels wide.
-    pub(crate) fn observe(&mut self, time_seconds: f64, picture: &Rgb8Picture) {
+    pub(crate) fn observe(&mut self, time_seconds: f64, image: &Rgb8Image) {
         self.next_seconds = Some(time_seconds + STEP_SECONDS);
-        let samples = samples(picture);
+        let samples = samples(image);
         // A change of size begins anew.
-        if (picture.width, picture.height) != (self.width, self.height) {
+        if (image.width, image.height) != (self.width, self.height) {
             *self = Self {
-                width: picture.width,
-                height: picture.height,
+                width: image.width,
+                height: image.height,
                 next_seconds: self.next_seconds,
                 sums: vec![Sums::default(); samples.len()],
                 last: samples,
@@ -183,9 +183,9 @@ fn has_stayed(before: &Sample, now: &Sample, strength: f32) -> bool {
     length(change) <= STAYED_SHARE * strength
 }
 
-fn samples(picture: &Rgb8Picture) -> Vec<Sample> {
-    let (width, height) = (picture.width, picture.height);
-    let levels: Vec<f32> = picture
+fn samples(image: &Rgb8Image) -> Vec<Sample> {
+    let (width, height) = (image.width, image.height);
+    let levels: Vec<f32> = image
         .data
         .as_chunks::<3>()
         .0

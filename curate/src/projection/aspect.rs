@@ -7,7 +7,7 @@ use super::ProjectionTest;
 /// Relative deviation of the stored size from 2:1.
 pub(super) const TEST: ProjectionTest = ProjectionTest {
     id: "aspect-ratio",
-    summary: "Relative deviation of the upright picture's width over height from 2, as stored, \
+    summary: "Relative deviation of the upright image's width over height from 2, as stored, \
               whatever the pixel aspect ratio claims.",
     limit: 0.02,
     at_most: "stored at 2:1",

@@ -1,7 +1,7 @@
 //! Black borders: letterboxes, pillarboxes and half spheres.
 
 use super::{ProjectionTest, median_over};
-use crate::video::Rgb8Picture;
+use crate::video::Rgb8Image;
 use omnilife_schemas::statistics;
 
 /// 8-bit level up to which a pixel counts as black: limited-range black with compression noise.
@@ -19,9 +19,9 @@ pub(super) const SIDES: ProjectionTest = ProjectionTest {
     at_most: "no black columns at the sides",
     above: "black columns at the sides: a pillarbox or half a sphere",
     measure: |_, samples| {
-        median_over(samples, |picture| {
-            let border = border(picture)?;
-            Some((border.left + border.right) as f64 / picture.width as f64)
+        median_over(samples, |image| {
+            let border = border(image)?;
+            Some((border.left + border.right) as f64 / image.width as f64)
         })
     },
 };
@@ -35,9 +35,9 @@ pub(super) const ROWS: ProjectionTest = ProjectionTest {
     at_most: "no black rows above and below",
     above: "black rows above and below: a letterbox",
     measure: |_, samples| {
-        median_over(samples, |picture| {
-            let border = border(picture)?;
-            Some(border.top.min(border.bottom) as f64 / picture.height as f64)
+        median_over(samples, |image| {
+            let border = border(image)?;
+            Some(border.top.min(border.bottom) as f64 / image.height as f64)
         })
     },
 };
@@ -56,18 +56,16 @@ struct Border {
 }
 
 /// `None` for a frame that is black as a whole.
-fn border(picture: &Rgb8Picture) -> Option<Border> {
-    let (width, height) = (picture.width, picture.height);
+fn border(image: &Rgb8Image) -> Option<Border> {
+    let (width, height) = (image.width, image.height);
     let is_black_column = |x: &usize| {
         let black = (0..height)
-            .filter(|&y| is_black(picture.pixel(*x, y)))
+            .filter(|&y| is_black(image.pixel(*x, y)))
             .count();
         black as f64 >= BLACK_SHARE * height as f64
     };
     let is_black_row = |y: &usize| {
-        let black = (0..width)
-            .filter(|&x| is_black(picture.pixel(x, *y)))
-            .count();
+        let black = (0..width).filter(|&x| is_black(image.pixel(x, *y))).count();
         black as f64 >= BLACK_SHARE * width as f64
     };
     let left = (0..width).take_while(is_black_column).count();
@@ -80,10 +78,10 @@ fn border(picture: &Rgb8Picture) -> Option<Border> {
     })
 }
 
-/// The pictures without the border that most of them have; `None` where there is none.
+/// The images without the border that most of them have; `None` where there is none.
 ///
 /// Black above or below alone stays: it may be a patch over a pole.
-pub(super) fn without_border(samples: &[Rgb8Picture]) -> Option<Vec<Rgb8Picture>> {
+pub(super) fn without_border(samples: &[Rgb8Image]) -> Option<Vec<Rgb8Image>> {
     let first = samples.first()?;
     let borders: Vec<Border> = samples.iter().filter_map(border).collect();
     let typical = |side: fn(&Border) -> usize| {
@@ -112,15 +110,15 @@ pub(super) fn without_border(samples: &[Rgb8Picture]) -> Option<Vec<Rgb8Picture>
     {
         return None;
     }
-    let inside = |picture: &Rgb8Picture| {
-        let columns = cut.left..picture.width.checked_sub(cut.right)?;
-        let rows = cut.top..picture.height.checked_sub(cut.bottom)?;
-        (columns.len() >= 16 && rows.len() >= 16).then(|| Rgb8Picture {
+    let inside = |image: &Rgb8Image| {
+        let columns = cut.left..image.width.checked_sub(cut.right)?;
+        let rows = cut.top..image.height.checked_sub(cut.bottom)?;
+        (columns.len() >= 16 && rows.len() >= 16).then(|| Rgb8Image {
             width: columns.len(),
             height: rows.len(),
             data: rows
                 .flat_map(|y| {
-                    let row = &picture.data[y * picture.width * 3..];
+                    let row = &image.data[y * image.width * 3..];
                     row[columns.start * 3..columns.end * 3].iter().copied()
                 })
                 .collect(),

@@ -1,12 +1,12 @@
-//! Is the picture made of cube faces: equi-angular (EAC) or plain, in whatever order and turned
+//! Is the image made of cube faces: equi-angular (EAC) or plain, in whatever order and turned
 //! whichever way?
 //!
 //! Two things give cube faces away. Where the layout puts faces beside each other that are no
-//! neighbours on the cube, the picture breaks along a straight line; and every edge at the
-//! picture's border is continued by some edge of another face.
+//! neighbours on the cube, the image breaks along a straight line; and every edge at the
+//! image's border is continued by some edge of another face.
 
 use super::{ProjectionTest, median_over};
-use crate::video::Rgb8Picture;
+use crate::video::Rgb8Image;
 use omnilife_schemas::statistics;
 
 /// Columns and rows of the layouts that are tried. 3x2 is that of EAC and of most cube maps.
@@ -17,10 +17,10 @@ const EDGE_POINTS: usize = 48;
 const LEAST_EDGE_CONTRAST_LEVELS: f64 = 6.0;
 /// Outer edges with contrast that a layout needs to be judged.
 const LEAST_EDGES: usize = 5;
-/// Difference, in 8-bit levels, between far and near lines below which a picture is too plain.
+/// Difference, in 8-bit levels, between far and near lines below which an image is too plain.
 const LEAST_CONTRAST_LEVELS: f64 = 1.5;
 
-/// The edges at the picture's border.
+/// The edges at the image's border.
 pub(super) const OUTER_EDGES: ProjectionTest = ProjectionTest {
     id: "cube-outer-edges",
     summary: "How far the edges at the border are from the most similar edge of another face, on \
@@ -28,29 +28,29 @@ pub(super) const OUTER_EDGES: ProjectionTest = ProjectionTest {
               layout that fits best among those that break. Every edge of a cube is shared by two faces.",
     limit: 0.23,
     at_most: "the edges at the border are continued by other edges, as those of cube faces",
-    above: "the edges at the border are continued nowhere in the picture",
-    measure: |_, samples| median_over(samples, |picture| best_layout(picture).map(|best| best.0)),
+    above: "the edges at the border are continued nowhere in the image",
+    measure: |_, samples| median_over(samples, |image| best_layout(image).map(|best| best.0)),
 };
 
 /// The lines on which faces meet.
 pub(super) const FACE_BREAKS: ProjectionTest = ProjectionTest {
     id: "cube-face-breaks",
-    summary: "Break of the picture along the lines on which the faces of that layout meet, on the \
+    summary: "Break of the image along the lines on which the faces of that layout meet, on the \
               scale on which neighbouring lines are 0 and distant ones 1.",
     limit: 0.35,
-    at_most: "the picture goes on where cube faces would meet",
-    above: "the picture breaks where cube faces would meet",
-    measure: |_, samples| median_over(samples, |picture| best_layout(picture).map(|best| best.1)),
+    at_most: "the image goes on where cube faces would meet",
+    above: "the image breaks where cube faces would meet",
+    measure: |_, samples| median_over(samples, |image| best_layout(image).map(|best| best.1)),
 };
 
 /// Outer edge distance and break of the layout whose outer edges fit best, of those that break
 /// where their faces meet if there are such.
-fn best_layout(picture: &Rgb8Picture) -> Option<(f64, f64)> {
+fn best_layout(image: &Rgb8Image) -> Option<(f64, f64)> {
     LAYOUTS
         .iter()
         .filter_map(|&(columns, rows)| {
-            let edges = outer_edge_distance(picture, columns, rows)?;
-            Some((edges, line_break(picture, columns, rows)?))
+            let edges = outer_edge_distance(image, columns, rows)?;
+            Some((edges, line_break(image, columns, rows)?))
         })
         .min_by(|a, b| {
             let goes_on = |layout: &(f64, f64)| layout.1 <= FACE_BREAKS.limit;
@@ -68,11 +68,11 @@ struct Edge {
     to_neighbour: f64,
 }
 
-fn outer_edge_distance(picture: &Rgb8Picture, columns: usize, rows: usize) -> Option<f64> {
-    if picture.width < 16 * columns || picture.height < 16 * rows {
+fn outer_edge_distance(image: &Rgb8Image, columns: usize, rows: usize) -> Option<f64> {
+    if image.width < 16 * columns || image.height < 16 * rows {
         return None;
     }
-    let edges = edges(picture, columns, rows);
+    let edges = edges(image, columns, rows);
     let mut nearest = vec![f64::INFINITY; edges.len()];
     let mut unrelated = Vec::new();
     for (a, one) in edges.iter().enumerate() {
@@ -110,7 +110,7 @@ fn outer_edge_distance(picture: &Rgb8Picture, columns: usize, rows: usize) -> Op
 }
 
 /// The four edges of every face.
-fn edges(picture: &Rgb8Picture, columns: usize, rows: usize) -> Vec<Edge> {
+fn edges(image: &Rgb8Image, columns: usize, rows: usize) -> Vec<Edge> {
     let mut edges = Vec::new();
     for face in 0..columns * rows {
         let (column, row) = (face % columns, face / columns);
@@ -118,10 +118,10 @@ fn edges(picture: &Rgb8Picture, columns: usize, rows: usize) -> Vec<Edge> {
         let span = |part: usize, parts: usize, length: usize| {
             ((part * length).div_ceil(parts), (part + 1) * length / parts)
         };
-        let (left, right) = span(column, columns, picture.width);
-        let (top, bottom) = span(row, rows, picture.height);
-        let along_row = |y: usize| strip(left..right, |x| picture.pixel(x, y));
-        let along_column = |x: usize| strip(top..bottom, |y| picture.pixel(x, y));
+        let (left, right) = span(column, columns, image.width);
+        let (top, bottom) = span(row, rows, image.height);
+        let along_row = |y: usize| strip(left..right, |x| image.pixel(x, y));
+        let along_column = |x: usize| strip(top..bottom, |y| image.pixel(x, y));
         let mut add = |is_outer, strip: Strip, inside: Strip| {
             edges.push(Edge {
                 face,
@@ -191,19 +191,15 @@ fn contrast(strip: &Strip) -> f64 {
 }
 
 /// Break along the rows or along the columns on which faces of a layout meet, the larger one.
-fn line_break(picture: &Rgb8Picture, columns: usize, rows: usize) -> Option<f64> {
+fn line_break(image: &Rgb8Image, columns: usize, rows: usize) -> Option<f64> {
     let row_difference = |a: usize, b: usize| {
-        mean_difference(picture.width, |x| {
-            (picture.pixel(x, a), picture.pixel(x, b))
-        })
+        mean_difference(image.width, |x| (image.pixel(x, a), image.pixel(x, b)))
     };
     let column_difference = |a: usize, b: usize| {
-        mean_difference(picture.height, |y| {
-            (picture.pixel(a, y), picture.pixel(b, y))
-        })
+        mean_difference(image.height, |y| (image.pixel(a, y), image.pixel(b, y)))
     };
-    let along_rows = breaks(picture.height, rows, row_difference);
-    let along_columns = breaks(picture.width, columns, column_difference);
+    let along_rows = breaks(image.height, rows, row_difference);
+    let along_columns = breaks(image.width, columns, column_difference);
     match (along_rows, along_columns) {
         (Some(a), Some(b)) => Some(a.max(b)),
         (one, other) => one.or(other),

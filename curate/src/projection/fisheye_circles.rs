@@ -4,13 +4,13 @@ use omnilife_schemas::statistics;
 use std::f64::consts::TAU;
 
 use super::{ProjectionTest, black_border::is_black, median_over};
-use crate::video::Rgb8Picture;
+use crate::video::Rgb8Image;
 
-/// Radii that are tried, as shares of half the picture (of half of each half for two circles): from
+/// Radii that are tried, as shares of half the image (of half of each half for two circles): from
 /// this to 1 in so many steps.
 const SMALLEST_RADIUS: f64 = 0.8;
 const RADIUS_STEPS: u32 = 40;
-/// Width of the ring inside a circle that must show a picture.
+/// Width of the ring inside a circle that must show an image.
 const RING: f64 = 0.1;
 /// Half the width of the border between circle and surroundings that is left out.
 const BORDER: f64 = 0.02;
@@ -55,9 +55,9 @@ fn radii() -> impl Iterator<Item = f64> {
 }
 
 /// `None` for a frame without black or of black alone, which tells nothing.
-fn black_around(picture: &Rgb8Picture) -> Option<f64> {
-    let black: Vec<bool> = (0..picture.width * picture.height)
-        .map(|at| is_black(picture.pixel(at % picture.width, at / picture.width)))
+fn black_around(image: &Rgb8Image) -> Option<f64> {
+    let black: Vec<bool> = (0..image.width * image.height)
+        .map(|at| is_black(image.pixel(at % image.width, at / image.width)))
         .collect();
     let count = black.iter().filter(|&&black| black).count();
     if count == black.len() {
@@ -69,10 +69,10 @@ fn black_around(picture: &Rgb8Picture) -> Option<f64> {
         let mut rings = [(0_u32, 0_u32); 128];
         let half = 0.5 / f64::from(circles);
         for (at, &black) in black.iter().enumerate() {
-            let u = (at % picture.width) as f64 + 0.5;
-            let v = (at / picture.width) as f64 + 0.5;
-            let across = (u / picture.width as f64) % (2.0 * half) / half - 1.0;
-            let down = 2.0 * v / picture.height as f64 - 1.0;
+            let u = (at % image.width) as f64 + 0.5;
+            let v = (at / image.width) as f64 + 0.5;
+            let across = (u / image.width as f64) % (2.0 * half) / half - 1.0;
+            let down = 2.0 * v / image.height as f64 - 1.0;
             let radius = (across * across + down * down).sqrt();
             let ring = ((radius * 100.0) as usize).min(127);
             rings[ring].0 += u32::from(black);
@@ -94,14 +94,14 @@ fn black_around(picture: &Rgb8Picture) -> Option<f64> {
     Some(best)
 }
 
-/// `None` where the rims have no detail, or where every radius says the same: then the picture is so
+/// `None` where the rims have no detail, or where every radius says the same: then the image is so
 /// plain that all its circles look alike.
-fn common_rim(picture: &Rgb8Picture) -> Option<f64> {
+fn common_rim(image: &Rgb8Image) -> Option<f64> {
     let by_radius: Vec<f64> = radii()
         .filter_map(|radius| {
             // The lenses look opposite ways: what is right in one is left in the other.
-            let left = detail(&rim(picture, 0.25, radius, 1.0))?;
-            let right = detail(&rim(picture, 0.75, radius, -1.0))?;
+            let left = detail(&rim(image, 0.25, radius, 1.0))?;
+            let right = detail(&rim(image, 0.75, radius, -1.0))?;
             (0..=2 * LARGEST_TURN)
                 .map(|turn| turned_correlation(&left, &right, turn))
                 .max_by(f64::total_cmp)
@@ -122,29 +122,29 @@ fn turned_correlation(left: &[[f64; 3]], right: &[[f64; 3]], turn: usize) -> f64
 }
 
 /// Colours along a circle about the centre of one half, bilinear.
-fn rim(picture: &Rgb8Picture, centre: f64, radius: f64, direction: f64) -> Vec<[f64; 3]> {
-    let (width, height) = (picture.width as f64, picture.height as f64);
+fn rim(image: &Rgb8Image, centre: f64, radius: f64, direction: f64) -> Vec<[f64; 3]> {
+    let (width, height) = (image.width as f64, image.height as f64);
     (0..RIM_POINTS)
         .map(|at| {
             let angle = TAU * at as f64 / RIM_POINTS as f64;
             let x = (centre + direction * 0.25 * radius * angle.cos()) * width - 0.5;
             let y = (0.5 + 0.5 * radius * angle.sin()) * height - 0.5;
-            bilinear(picture, x, y)
+            bilinear(image, x, y)
         })
         .collect()
 }
 
-fn bilinear(picture: &Rgb8Picture, x: f64, y: f64) -> [f64; 3] {
-    let x = x.clamp(0.0, (picture.width - 1) as f64);
-    let y = y.clamp(0.0, (picture.height - 1) as f64);
+fn bilinear(image: &Rgb8Image, x: f64, y: f64) -> [f64; 3] {
+    let x = x.clamp(0.0, (image.width - 1) as f64);
+    let y = y.clamp(0.0, (image.height - 1) as f64);
     let (left, top) = (x as usize, y as usize);
     let (right, bottom) = (
-        (left + 1).min(picture.width - 1),
-        (top + 1).min(picture.height - 1),
+        (left + 1).min(image.width - 1),
+        (top + 1).min(image.height - 1),
     );
     let (share_x, share_y) = (x - left as f64, y - top as f64);
     std::array::from_fn(|channel| {
-        let level = |x, y| f64::from(picture.pixel(x, y)[channel]);
+        let level = |x, y| f64::from(image.pixel(x, y)[channel]);
         let above = level(left, top) * (1.0 - share_x) + level(right, top) * share_x;
         let below = level(left, bottom) * (1.0 - share_x) + level(right, bottom) * share_x;
         above * (1.0 - share_y) + below * share_y

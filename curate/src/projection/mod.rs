@@ -22,7 +22,7 @@ use omnilife_schemas::{
     statistics,
 };
 
-use crate::video::Rgb8Picture;
+use crate::video::Rgb8Image;
 
 /// One measurement for the projection.
 pub struct ProjectionTest {
@@ -37,7 +37,7 @@ pub struct ProjectionTest {
     /// What a value above the limit says.
     pub above: &'static str,
     /// Measures; `None` where the test has nothing to look at.
-    pub measure: fn(&Probe, &[Rgb8Picture]) -> Option<f64>,
+    pub measure: fn(&Probe, &[Rgb8Image]) -> Option<f64>,
 }
 
 /// All tests; tests walk it.
@@ -61,7 +61,7 @@ pub static TESTS: &[ProjectionTest] = &[
 ///
 /// Where the frames have a black border, what is inside of it is judged: a whole sphere in there is
 /// still no ERP as it is stored, and the projection is `unsure` with the border as its evidence.
-pub fn judge(probe: &Probe, samples: &[Rgb8Picture]) -> DetectedProjection {
+pub fn judge(probe: &Probe, samples: &[Rgb8Image]) -> DetectedProjection {
     let samples = &spread_over(samples);
     let inside = black_border::without_border(samples);
     let mut evidence = Vec::new();
@@ -120,7 +120,7 @@ pub fn judge(probe: &Probe, samples: &[Rgb8Picture]) -> DetectedProjection {
 }
 
 /// Some of the samples, evenly.
-fn spread_over(samples: &[Rgb8Picture]) -> Vec<Rgb8Picture> {
+fn spread_over(samples: &[Rgb8Image]) -> Vec<Rgb8Image> {
     let step = samples.len().div_ceil(MOST_SAMPLES).max(1);
     samples.iter().step_by(step).cloned().collect()
 }
@@ -191,7 +191,7 @@ impl<'a> Readings<'a> {
         projection
     }
 
-    /// The projection of the picture without its border.
+    /// The projection of the image without its border.
     fn projection(&self) -> VideoProjection {
         let wraps = self.holds(&wrap_seam::WHOLE);
         let has_caps = self.holds(&pole_rows::TOP) && self.holds(&pole_rows::BOTTOM);
@@ -232,7 +232,7 @@ impl<'a> Readings<'a> {
     }
 }
 
-/// Tests that look at the whole picture where the others look inside of its border.
+/// Tests that look at the whole image where the others look inside of its border.
 const LOOK_AT_BORDERS: &[&str] = &[
     aspect::TEST.id,
     black_border::SIDES.id,
@@ -246,10 +246,7 @@ const MOST_SAMPLES: usize = 8;
 const CLEARLY: f64 = 1.5;
 
 /// Median over the samples of a measurement that may have nothing to look at.
-fn median_over(
-    samples: &[Rgb8Picture],
-    measure: impl Fn(&Rgb8Picture) -> Option<f64>,
-) -> Option<f64> {
+fn median_over(samples: &[Rgb8Image], measure: impl Fn(&Rgb8Image) -> Option<f64>) -> Option<f64> {
     let values: Vec<f64> = samples.iter().filter_map(measure).collect();
     statistics::median(&values)
 }

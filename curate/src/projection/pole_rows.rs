@@ -1,10 +1,10 @@
 //! Are the outermost rows a single point of the sphere?
 
 use super::{ProjectionTest, median_over};
-use crate::video::Rgb8Picture;
+use crate::video::Rgb8Image;
 use omnilife_schemas::statistics;
 
-/// Spread, in 8-bit levels, of the middle rows below which a picture is too plain to compare with.
+/// Spread, in 8-bit levels, of the middle rows below which an image is too plain to compare with.
 const LEAST_SPREAD_LEVELS: f64 = 1.5;
 /// A row is a pole when its spread is at most this share of that of the middle rows. The stretched
 /// neighbourhood of a pole keeps some spread: tripods, stitching, compression.
@@ -18,7 +18,7 @@ pub(super) const TOP: ProjectionTest = ProjectionTest {
     limit: LIMIT,
     at_most: "the top row is nearly one colour, as at a pole",
     above: "the top row is no pole",
-    measure: |_, samples| median_over(samples, |picture| relative_spread(picture, 0)),
+    measure: |_, samples| median_over(samples, |image| relative_spread(image, 0)),
 };
 
 /// The south pole.
@@ -28,62 +28,55 @@ pub(super) const BOTTOM: ProjectionTest = ProjectionTest {
     limit: LIMIT,
     at_most: "the bottom row is nearly one colour, as at a pole",
     above: "the bottom row is no pole",
-    measure: |_, samples| {
-        median_over(samples, |picture| {
-            relative_spread(picture, picture.height - 1)
-        })
-    },
+    measure: |_, samples| median_over(samples, |image| relative_spread(image, image.height - 1)),
 };
 
 /// How little like a pole a row is: the geometric mean of its spread and of its detail, each over
 /// the median of the rows away from the edges. Near a pole a row is stretched, so that its pixels
 /// differ little from their neighbours; at the pole itself they do not differ at all.
-fn relative_spread(picture: &Rgb8Picture, row: usize) -> Option<f64> {
-    if picture.height < 16 {
+fn relative_spread(image: &Rgb8Image, row: usize) -> Option<f64> {
+    if image.height < 16 {
         return None;
     }
-    let eighth = picture.height / 8;
-    let others = eighth..picture.height - eighth;
-    let spreads: Vec<f64> = others.clone().map(|y| spread(picture, y)).collect();
-    let details: Vec<f64> = others.map(|y| detail(picture, y)).collect();
+    let eighth = image.height / 8;
+    let others = eighth..image.height - eighth;
+    let spreads: Vec<f64> = others.clone().map(|y| spread(image, y)).collect();
+    let details: Vec<f64> = others.map(|y| detail(image, y)).collect();
     let reference = statistics::median(&spreads)?;
     let detail_reference = statistics::median(&details)?;
     if reference < LEAST_SPREAD_LEVELS || detail_reference <= 0.0 {
         return None;
     }
-    let product = spread(picture, row) / reference * detail(picture, row) / detail_reference;
+    let product = spread(image, row) / reference * detail(image, row) / detail_reference;
     Some(product.sqrt())
 }
 
 /// Mean absolute difference of neighbouring pixels of a row in 8-bit levels.
-fn detail(picture: &Rgb8Picture, y: usize) -> f64 {
+fn detail(image: &Rgb8Image, y: usize) -> f64 {
     let mut sum = 0_u64;
-    for x in 0..picture.width {
-        let (one, next) = (
-            picture.pixel(x, y),
-            picture.pixel((x + 1) % picture.width, y),
-        );
+    for x in 0..image.width {
+        let (one, next) = (image.pixel(x, y), image.pixel((x + 1) % image.width, y));
         sum += one
             .iter()
             .zip(next)
             .map(|(&p, q)| u64::from(p.abs_diff(q)))
             .sum::<u64>();
     }
-    sum as f64 / (3 * picture.width) as f64
+    sum as f64 / (3 * image.width) as f64
 }
 
 /// Mean absolute deviation from the row's mean colour in 8-bit levels.
-fn spread(picture: &Rgb8Picture, y: usize) -> f64 {
-    let count = picture.width as f64;
+fn spread(image: &Rgb8Image, y: usize) -> f64 {
+    let count = image.width as f64;
     let mut mean = [0.0; 3];
-    for x in 0..picture.width {
-        for (sum, level) in mean.iter_mut().zip(picture.pixel(x, y)) {
+    for x in 0..image.width {
+        for (sum, level) in mean.iter_mut().zip(image.pixel(x, y)) {
             *sum += f64::from(level) / count;
         }
     }
     let mut deviation = 0.0;
-    for x in 0..picture.width {
-        for (mean, level) in mean.iter().zip(picture.pixel(x, y)) {
+    for x in 0..image.width {
+        for (mean, level) in mean.iter().zip(image.pixel(x, y)) {
             deviation += (f64::from(level) - mean).abs();
         }
     }

@@ -1,6 +1,6 @@
 //! The few frames of a video that the ERP projection looks at.
 
-use crate::video::Rgb8Picture;
+use crate::video::Rgb8Image;
 
 /// At this many frames every other one is let go.
 const MOST: usize = 24;
@@ -12,7 +12,7 @@ const FIRST_INTERVAL_SECONDS: f64 = 0.25;
 /// Built as the video streams by: whenever there are 24, every other one is dropped and the
 /// distance doubles. So neither the length of the video nor a correct header is needed.
 pub struct FrameSamples {
-    pictures: Vec<Rgb8Picture>,
+    images: Vec<Rgb8Image>,
     interval_seconds: f64,
     next_seconds: Option<f64>,
 }
@@ -20,7 +20,7 @@ pub struct FrameSamples {
 impl Default for FrameSamples {
     fn default() -> Self {
         Self {
-            pictures: Vec::new(),
+            images: Vec::new(),
             interval_seconds: FIRST_INTERVAL_SECONDS,
             next_seconds: None,
         }
@@ -31,7 +31,7 @@ impl std::fmt::Debug for FrameSamples {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         formatter
             .debug_struct("FrameSamples")
-            .field("pictures", &self.pictures.len())
+            .field("images", &self.images.len())
             .field("interval_seconds", &self.interval_seconds)
             .finish_non_exhaustive()
     }
@@ -43,15 +43,15 @@ impl FrameSamples {
         self.next_seconds.is_none_or(|next| time_seconds >= next)
     }
 
-    /// Takes the picture of a frame, 512 pixels wide at most, if its time has come.
-    pub(crate) fn offer(&mut self, time_seconds: f64, picture: Rgb8Picture) {
+    /// Takes the image of a frame, 512 pixels wide at most, if its time has come.
+    pub(crate) fn offer(&mut self, time_seconds: f64, image: Rgb8Image) {
         if !self.wants(time_seconds) {
             return;
         }
-        self.pictures.push(picture);
-        if self.pictures.len() == MOST {
+        self.images.push(image);
+        if self.images.len() == MOST {
             let mut index = 0;
-            self.pictures.retain(|_| {
+            self.images.retain(|_| {
                 index += 1;
                 index % 2 == 1
             });
@@ -61,7 +61,7 @@ impl FrameSamples {
     }
 
     /// The frames in order of time.
-    pub fn pictures(&self) -> &[Rgb8Picture] {
-        &self.pictures
+    pub fn images(&self) -> &[Rgb8Image] {
+        &self.images
     }
 }

@@ -1,13 +1,13 @@
-//! Do two halves of the picture show the same scene?
+//! Do two halves of the image show the same scene?
 
 use super::{ProjectionTest, median_over};
-use crate::video::Rgb8Picture;
+use crate::video::Rgb8Image;
 use omnilife_schemas::statistics;
 
 /// Size of the compared blocks in pixels.
 const BLOCK_WIDTH: usize = 32;
 const BLOCK_HEIGHT: usize = 16;
-/// Largest disparity that is tried, as a share of a picture's width: 0.023 is 8 degrees, more than
+/// Largest disparity that is tried, as a share of an image's width: 0.023 is 8 degrees, more than
 /// human eye distance gives anything farther than half a metre away.
 const LARGEST_DISPARITY: f64 = 0.023;
 /// Radius in pixels of the neighbourhood whose mean is taken out before blocks are compared: plain
@@ -26,7 +26,7 @@ pub(super) const TOP_BOTTOM: ProjectionTest = ProjectionTest {
     limit: LIMIT,
     at_most: "the upper and the lower half show different things",
     above: "the upper and the lower half show the same scene",
-    measure: |_, samples| median_over(samples, |picture| similarity(picture, Halves::TopBottom)),
+    measure: |_, samples| median_over(samples, |image| similarity(image, Halves::TopBottom)),
 };
 
 /// Left eye beside right eye.
@@ -36,7 +36,7 @@ pub(super) const LEFT_RIGHT: ProjectionTest = ProjectionTest {
     limit: LIMIT,
     at_most: "the left and the right half show different things",
     above: "the left and the right half show the same scene",
-    measure: |_, samples| median_over(samples, |picture| similarity(picture, Halves::LeftRight)),
+    measure: |_, samples| median_over(samples, |image| similarity(image, Halves::LeftRight)),
 };
 
 #[derive(Clone, Copy)]
@@ -45,8 +45,8 @@ enum Halves {
     LeftRight,
 }
 
-fn similarity(picture: &Rgb8Picture, halves: Halves) -> Option<f64> {
-    let detail = Detail::of(picture);
+fn similarity(image: &Rgb8Image, halves: Halves) -> Option<f64> {
+    let detail = Detail::of(image);
     let (width, height, other) = match halves {
         Halves::TopBottom => (detail.width, detail.height / 2, (0, detail.height / 2)),
         Halves::LeftRight => (detail.width / 2, detail.height, (detail.width / 2, 0)),
@@ -78,9 +78,9 @@ struct Detail {
 }
 
 impl Detail {
-    fn of(picture: &Rgb8Picture) -> Self {
-        let (width, height) = (picture.width, picture.height);
-        let luminance: Vec<f32> = picture
+    fn of(image: &Rgb8Image) -> Self {
+        let (width, height) = (image.width, image.height);
+        let luminance: Vec<f32> = image
             .data
             .as_chunks::<3>()
             .0

@@ -1,46 +1,46 @@
-//! Does the picture go on over its left and right edge?
+//! Does the image go on over its left and right edge?
 
 use omnilife_schemas::statistics;
 use std::f64::consts::PI;
 
 use super::{ProjectionTest, median_over};
-use crate::video::Rgb8Picture;
+use crate::video::Rgb8Image;
 
-/// Differences, in 8-bit levels, between far and neighbouring columns below which a picture is too
+/// Differences, in 8-bit levels, between far and neighbouring columns below which an image is too
 /// plain to tell whether it wraps.
 const LEAST_CONTRAST_LEVELS: f64 = 1.5;
 
-/// Pairs of columns at either edge that say how rich in detail the picture is there.
+/// Pairs of columns at either edge that say how rich in detail the image is there.
 const EDGE_PAIRS: usize = 4;
 
-/// The wrap seam of the whole picture.
+/// The wrap seam of the whole image.
 pub(super) const WHOLE: ProjectionTest = ProjectionTest {
     id: "wrap-seam",
     summary: "Difference of the last and the first column on the scale on which neighbouring \
               columns are 0 and distant ones are 1. An ERP's edges are neighbours.",
     limit: 0.3,
     at_most: "the left and the right edge are neighbours",
-    above: "the picture breaks at its left and right edge",
-    measure: |_, samples| median_over(samples, |picture| seam(picture, picture.width)),
+    above: "the image breaks at its left and right edge",
+    measure: |_, samples| median_over(samples, |image| seam(image, image.width)),
 };
 
 /// The wrap seam of the left half, for side-by-side stereo.
 pub(super) const LEFT_HALF: ProjectionTest = ProjectionTest {
     id: "wrap-seam-left-half",
-    summary: "The wrap seam of the left half alone: side-by-side ERP pictures wrap each in itself.",
+    summary: "The wrap seam of the left half alone: side-by-side ERP images wrap each in itself.",
     limit: 0.3,
     at_most: "the left half wraps in itself",
     above: "the left half does not wrap in itself",
-    measure: |_, samples| median_over(samples, |picture| seam(picture, picture.width / 2)),
+    measure: |_, samples| median_over(samples, |image| seam(image, image.width / 2)),
 };
 
 /// Seam of the leftmost `width` columns.
-fn seam(picture: &Rgb8Picture, width: usize) -> Option<f64> {
+fn seam(image: &Rgb8Image, width: usize) -> Option<f64> {
     if width < 16 {
         return None;
     }
-    let shares = row_shares(picture.height);
-    let column_difference = |a, b| column_difference(picture, &shares, a, b);
+    let shares = row_shares(image.height);
+    let column_difference = |a, b| column_difference(image, &shares, a, b);
     let neighbours: Vec<f64> = (0..width - 1)
         .map(|x| column_difference(x, x + 1))
         .collect();
@@ -70,12 +70,12 @@ fn row_shares(height: usize) -> Vec<f64> {
 }
 
 /// Mean absolute difference of two columns in 8-bit levels.
-fn column_difference(picture: &Rgb8Picture, shares: &[f64], a: usize, b: usize) -> f64 {
+fn column_difference(image: &Rgb8Image, shares: &[f64], a: usize, b: usize) -> f64 {
     shares
         .iter()
         .enumerate()
         .map(|(y, share)| {
-            let (one, other) = (picture.pixel(a, y), picture.pixel(b, y));
+            let (one, other) = (image.pixel(a, y), image.pixel(b, y));
             let difference: u32 = one
                 .iter()
                 .zip(other)

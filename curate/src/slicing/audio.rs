@@ -35,7 +35,7 @@ pub(super) fn has_audio(path: &Path) -> Result<bool, CurateError> {
         .is_some())
 }
 
-/// The sound of one segment of a video, read beside its pictures.
+/// The sound of one segment of a video, read beside its images.
 pub struct AudioTrack {
     input: Input,
     index: usize,

@@ -59,12 +59,12 @@ pub(super) fn encode_slices(
                 Some(encoder) => encoder,
                 None => {
                     let audio = audio_for(source, request, settings, progress)?;
-                    let video = format_of(source, &frame.picture, time_base);
+                    let video = format_of(source, &frame.image, time_base);
                     Mp4Encoder::create(&request.path, video, audio)?
                 }
             };
             let offset = ticks(frame.time_seconds) - ticks(request.range.begin_seconds);
-            encoder.push(frame.picture, offset)?;
+            encoder.push(frame.image, offset)?;
             open = Some(encoder);
             progress.advance(1);
         }

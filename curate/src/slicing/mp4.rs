@@ -22,7 +22,7 @@ use super::{
 };
 use crate::{
     error::CurateError,
-    video::{Colour, FrameShape, PixelFormat, Scaler, clear_picture_kind},
+    video::{Colour, FrameShape, PixelFormat, Scaler, clear_image_kind},
 };
 
 /// FFmpeg's name of the encoder.
@@ -50,7 +50,7 @@ pub struct VideoFormat {
     pub colour: Colour,
     /// Clockwise quarter turns by which players turn the frames.
     pub quarter_turns: u32,
-    /// What the frames are pictures of.
+    /// What the frames are images of.
     pub projection: Projection,
 }
 
@@ -64,7 +64,7 @@ impl VideoFormat {
     }
 }
 
-/// What frames are pictures of.
+/// What frames are images of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Projection {
     /// The whole sphere, equirectangular: the file says so in its spherical metadata.
@@ -242,7 +242,7 @@ impl Mp4Encoder {
         };
         frame.set_pts(Some(ticks));
         // The encoder decides what becomes a key frame, not the source.
-        clear_picture_kind(&mut frame);
+        clear_image_kind(&mut frame);
         self.encoder.send_frame(&frame).map_err(internal)?;
         self.inside.push_back((ticks, duration));
         self.drain()
@@ -309,7 +309,7 @@ fn mark(path: &Path, projection: Projection, quarter_turns: u32) -> io::Result<(
     }
 }
 
-/// Ends an mp4 file, marks a picture of the whole sphere as such and gives the file its final name.
+/// Ends an mp4 file, marks an image of the whole sphere as such and gives the file its final name.
 pub(super) fn close_output(
     mut output: Output,
     temporary: &Path,

@@ -20,7 +20,7 @@ pub struct PacketInfo {
     pub key: bool,
     /// Whether the container says that the frame is decoded and not shown.
     pub hidden: bool,
-    /// Size of the compressed picture.
+    /// Size of the compressed image.
     pub bytes: usize,
 }
 

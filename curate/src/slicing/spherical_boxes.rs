@@ -22,7 +22,7 @@ const VIDEO_ENTRIES: [&[u8; 4]; 8] = [
 /// Who says so, in the `svhd` box.
 const METADATA_SOURCE: &str = "omnilife";
 
-/// Marks the video tracks of an mp4 file as one equirectangular picture of the whole sphere, and
+/// Marks the video tracks of an mp4 file as one equirectangular image of the whole sphere, and
 /// sets their display rotation to `quarter_turns` clockwise quarter turns.
 ///
 /// # Errors

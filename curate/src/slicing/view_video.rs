@@ -1,4 +1,4 @@
-//! Writing a video from RGB pictures, for rendered views.
+//! Writing a video from RGB images, for rendered views.
 
 use std::path::Path;
 
@@ -14,7 +14,7 @@ use crate::{
 /// Ticks per second of written videos, the usual clock of video.
 const TICKS_PER_SECOND: i32 = 90_000;
 
-/// Writes pictures as an H.264 mp4. Players show pictures of the whole sphere as 360-degree video.
+/// Writes images as an H.264 mp4. Players show images of the whole sphere as 360-degree video.
 ///
 /// An odd side is widened by repeating its last pixels: video has half as many colours as pixels.
 ///
@@ -36,7 +36,7 @@ pub struct ViewVideoWriter {
 }
 
 impl ViewVideoWriter {
-    /// Begins a video of pictures of `size` pixels (width and height).
+    /// Begins a video of images of `size` pixels (width and height).
     ///
     /// # Errors
     /// When a side is zero, FFmpeg has no H.264 encoder, or the file cannot be created.
@@ -46,7 +46,7 @@ impl ViewVideoWriter {
         projection: Projection,
     ) -> Result<Self, CurateError> {
         if size.contains(&0) {
-            return Err(CurateError::internal(path, "a video of empty pictures"));
+            return Err(CurateError::internal(path, "a video of empty images"));
         }
         let [width, height] = size.map(|side| side.next_multiple_of(2));
         let encoder = Mp4Encoder::create(
@@ -76,10 +76,10 @@ impl ViewVideoWriter {
         })
     }
 
-    /// Adds a picture of 8-bit interleaved RGB, shown from `seconds` on.
+    /// Adds an image of 8-bit interleaved RGB, shown from `seconds` on.
     ///
     /// # Errors
-    /// When the picture has another size, time does not increase, or the file cannot be written.
+    /// When the image has another size, time does not increase, or the file cannot be written.
     pub fn push(&mut self, rgb: &[u8], seconds: f64) -> Result<(), CurateError> {
         let [width, height] = self.size;
         let row = width as usize * 3;
@@ -87,31 +87,30 @@ impl ViewVideoWriter {
             return Err(CurateError::internal(
                 &self.path,
                 format!(
-                    "a picture of {} bytes is not {width}x{height} RGB",
+                    "an image of {} bytes is not {width}x{height} RGB",
                     rgb.len()
                 ),
             ));
         }
         let [even_width, even_height] = self.size.map(|side| side.next_multiple_of(2));
         let internal = |error: ffmpeg::Error| CurateError::internal(&self.path, error);
-        let mut picture =
-            allocated(PixelFormat::RGB24, even_width, even_height).map_err(internal)?;
+        let mut image = allocated(PixelFormat::RGB24, even_width, even_height).map_err(internal)?;
         let rows = (0..even_height as usize).map(|at| at.min(height as usize - 1));
-        for (to, at) in rows_mut(&mut picture, 0).map_err(internal)?.zip(rows) {
+        for (to, at) in rows_mut(&mut image, 0).map_err(internal)?.zip(rows) {
             let from = &rgb[at * row..(at + 1) * row];
             to[..row].copy_from_slice(from);
             if even_width > width {
                 to[row..row + 3].copy_from_slice(&from[row - 3..]);
             }
         }
-        let yuv = self.scaler.run(&picture).map_err(internal)?;
+        let yuv = self.scaler.run(&image).map_err(internal)?;
         self.encoder.push(yuv, ticks(seconds))
     }
 
-    /// Ends the last picture at `seconds` and puts the file under its name.
+    /// Ends the last image at `seconds` and puts the file under its name.
     ///
     /// # Errors
-    /// When there is no picture or the file cannot be written.
+    /// When there is no image or the file cannot be written.
     pub fn finish(self, seconds: f64) -> Result<(), CurateError> {
         self.encoder.finish(ticks(seconds))
     }

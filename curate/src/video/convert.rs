@@ -15,7 +15,7 @@ use crate::error::CurateError;
 
 /// 8-bit interleaved RGB, row-major.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Rgb8Picture {
+pub struct Rgb8Image {
     /// Pixels per row.
     pub width: usize,
     /// Rows.
@@ -24,7 +24,7 @@ pub struct Rgb8Picture {
     pub data: Vec<u8>,
 }
 
-impl Rgb8Picture {
+impl Rgb8Image {
     /// The pixel in column `x` and row `y`.
     #[inline]
     pub fn pixel(&self, x: usize, y: usize) -> [u8; 3] {
@@ -32,7 +32,7 @@ impl Rgb8Picture {
         [self.data[at], self.data[at + 1], self.data[at + 2]]
     }
 
-    /// The picture turned clockwise by `quarters` quarter turns.
+    /// The image turned clockwise by `quarters` quarter turns.
     pub fn turned(self, quarters: u32) -> Self {
         let quarters = quarters % 4;
         if quarters == 0 {
@@ -71,7 +71,7 @@ pub enum Scaling {
     /// is read (`reduce.rs`).
     MaxWidth(u32),
     /// This size whatever the aspect, bicubic, and BT.601 where the stream states no matrix: as the
-    /// `ffmpeg` program does it that TransNetV2 reads its pictures from.
+    /// `ffmpeg` program does it that TransNetV2 reads its images from.
     Exactly {
         /// Pixels per row.
         width: u32,
@@ -116,11 +116,11 @@ impl Converter {
     pub fn convert(
         &mut self,
         path: &Path,
-        picture: &ffmpeg::frame::Video,
-    ) -> Result<Rgb8Picture, CurateError> {
-        let colour = Colour::of(picture);
+        image: &ffmpeg::frame::Video,
+    ) -> Result<Rgb8Image, CurateError> {
+        let colour = Colour::of(image);
         let configuration = Configuration {
-            shape: FrameShape::of(picture),
+            shape: FrameShape::of(image),
             space: colour.space,
             range: colour.range,
         };
@@ -145,9 +145,9 @@ impl Converter {
         };
         let rgb = match &self.reduction {
             Some(reduction) => reduction
-                .apply(picture)
+                .apply(image)
                 .and_then(|reduced| scaler.run(&reduced)),
-            None => scaler.run(picture),
+            None => scaler.run(image),
         };
         rgb.and_then(|rgb| packed(&rgb)).map_err(unsupported)
     }
@@ -220,14 +220,14 @@ impl Configuration {
 }
 
 /// The rows of an RGB24 frame without the padding between them.
-fn packed(frame: &ffmpeg::frame::Video) -> Result<Rgb8Picture, ffmpeg::Error> {
+fn packed(frame: &ffmpeg::frame::Video) -> Result<Rgb8Image, ffmpeg::Error> {
     let plane = Plane::of(frame, 0).ok_or(ffmpeg::Error::InvalidData)?;
     let (width, height) = (frame.width() as usize, plane.rows());
     let mut data = Vec::with_capacity(width * height * 3);
     for y in 0..height {
         data.extend_from_slice(plane.row(y));
     }
-    Ok(Rgb8Picture {
+    Ok(Rgb8Image {
         width,
         height,
         data,

@@ -105,7 +105,7 @@ pub struct Frame {
     /// Presentation timestamp in seconds, as the source states it.
     pub time_seconds: f64,
     /// The pixels.
-    pub picture: ffmpeg::frame::Video,
+    pub image: ffmpeg::frame::Video,
 }
 
 impl VideoReader {
@@ -217,14 +217,14 @@ impl VideoReader {
     /// # Errors
     /// [`CurateError::Video`] when the container breaks off or the decoder gives up.
     pub fn next_frame(&mut self) -> Result<Option<Frame>, CurateError> {
-        let mut picture = ffmpeg::frame::Video::empty();
+        let mut image = ffmpeg::frame::Video::empty();
         loop {
-            match self.decoder.receive_frame(&mut picture) {
+            match self.decoder.receive_frame(&mut image) {
                 Ok(()) => {
-                    if let Some(time_seconds) = self.accept(&picture) {
+                    if let Some(time_seconds) = self.accept(&image) {
                         return Ok(Some(Frame {
                             time_seconds,
-                            picture,
+                            image,
                         }));
                     }
                 }
@@ -286,12 +286,12 @@ impl VideoReader {
 
     /// The timestamp of a frame in seconds; frames without an increasing one are counted as damaged
     /// and left out.
-    fn accept(&mut self, picture: &ffmpeg::frame::Video) -> Option<f64> {
-        let time_seconds = picture
+    fn accept(&mut self, image: &ffmpeg::frame::Video) -> Option<f64> {
+        let time_seconds = image
             .timestamp()
             .map(|ticks| ticks as f64 * self.seconds_per_tick)
             .filter(|&time| self.last_seconds.is_none_or(|last| time > last));
-        let patched = picture.is_corrupt() || picture.has_decode_errors();
+        let patched = image.is_corrupt() || image.has_decode_errors();
         if patched || time_seconds.is_none() {
             self.damaged += 1;
         }

@@ -10,7 +10,7 @@ use crate::error::CurateError;
 /// Luminance of a frame: 8 bits as they are stored, in the stream's own range. Its first columns stand
 /// once more at the right of its last: what lies across the seam is whole there.
 #[derive(Debug, Default)]
-pub(crate) struct LumaPicture {
+pub(crate) struct LumaImage {
     /// Pixels per row, without those that are repeated.
     pub(crate) width: usize,
     /// Rows.
@@ -46,7 +46,7 @@ impl Samples {
     }
 }
 
-impl LumaPicture {
+impl LumaImage {
     /// Pixels per row, with those that are repeated.
     pub(crate) fn stride(&self) -> usize {
         self.width + self.margin
@@ -57,7 +57,7 @@ impl LumaPicture {
         &self.levels[y * self.stride()..(y + 1) * self.stride()]
     }
 
-    /// Takes a picture of other levels; `margin` says how many columns of one of that width are
+    /// Takes an image of other levels; `margin` says how many columns of one of that width are
     /// repeated. What is allocated is used again.
     pub(crate) fn fill<'a>(
         &mut self,
@@ -88,7 +88,7 @@ impl LumaPicture {
     ) -> Result<(), CurateError> {
         let plane = || {
             Plane::of(frame, 0).ok_or_else(|| {
-                CurateError::video(path, "a frame holds no picture of the size that it states")
+                CurateError::video(path, "a frame holds no image of the size that it states")
             })
         };
         let samples =
@@ -109,10 +109,10 @@ impl LumaPicture {
                 self.fill(size, margin, levels.chunks(size.0));
             }
             None => {
-                let picture = Converter::new(Scaling::Native)
+                let image = Converter::new(Scaling::Native)
                     .convert(path, frame)?
                     .turned(quarter_turns);
-                let levels: Vec<u8> = picture
+                let levels: Vec<u8> = image
                     .data
                     .as_chunks::<3>()
                     .0
@@ -122,7 +122,7 @@ impl LumaPicture {
                         ((299 * red + 587 * green + 114 * blue + 500) / 1000) as u8
                     })
                     .collect();
-                let size = (picture.width, picture.height);
+                let size = (image.width, image.height);
                 self.fill(size, margin, levels.chunks(size.0));
             }
         }
@@ -146,7 +146,7 @@ mod tests {
                 frame.data_mut(0)[y * stride + 2 * x..][..2].copy_from_slice(&sample);
             }
         }
-        let mut luma = LumaPicture::default();
+        let mut luma = LumaImage::default();
         luma.read(Path::new("deep.mp4"), &frame, 0, |_| 2)
             .expect("read");
         assert_eq!((luma.width, luma.height, luma.stride()), (32, 4, 34));
@@ -160,7 +160,7 @@ mod tests {
         let stride = frame.stride(0);
         frame.data_mut(0).fill(0);
         frame.data_mut(0)[15 * stride..][..3].fill(255);
-        let mut luma = LumaPicture::default();
+        let mut luma = LumaImage::default();
         luma.read(Path::new("rgb.mp4"), &frame, 1, |_| 0)
             .expect("read");
         assert_eq!((luma.width, luma.height), (16, 32));

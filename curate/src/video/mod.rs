@@ -16,13 +16,13 @@ mod reduce;
 mod scaler;
 mod spherical_boxes;
 
-pub use convert::{Converter, Rgb8Picture, Scaling};
+pub use convert::{Converter, Rgb8Image, Scaling};
 pub(crate) use decode::open_container;
 pub use decode::{PacketChoice, VideoReader};
-pub(crate) use luma::LumaPicture;
+pub(crate) use luma::LumaImage;
 pub use pixel_format::PixelFormat;
 pub(crate) use planes::{allocated, rows_mut};
 pub use probe::probe;
 pub use raw_fields::Colour;
-pub(crate) use raw_fields::{CodecId, clear_picture_kind};
+pub(crate) use raw_fields::{CodecId, clear_image_kind};
 pub(crate) use scaler::{FrameShape, Matrix, Scaler};

@@ -1,6 +1,6 @@
 //! The pixels of FFmpeg's frames, with every length checked.
 //!
-//! The distance from one row to the next may be negative: a picture that is stored from its bottom up
+//! The distance from one row to the next may be negative: an image that is stored from its bottom up
 //! is decoded so that its first row is the last in memory.
 
 use std::{ffi::c_int, marker::PhantomData, slice};
@@ -13,7 +13,7 @@ use super::PixelFormat;
 /// Rows begin at multiples of this many bytes.
 const ALIGNMENT: c_int = 32;
 
-/// One plane of a frame, from the picture's top to its bottom.
+/// One plane of a frame, from the image's top to its bottom.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Plane<'a> {
     first_row: *const u8,

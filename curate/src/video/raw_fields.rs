@@ -242,8 +242,8 @@ fn integer_at(bytes: &[u8], offset: usize) -> Option<c_uint> {
     bytes.try_into().ok().map(c_uint::from_ne_bytes)
 }
 
-/// Has a frame that is handed to an encoder state no kind of picture.
-pub(crate) fn clear_picture_kind(frame: &mut ffmpeg::frame::Video) {
+/// Has a frame that is handed to an encoder state no kind of image.
+pub(crate) fn clear_image_kind(frame: &mut ffmpeg::frame::Video) {
     // SAFETY: the frame is live and borrowed exclusively; 0 is `AV_PICTURE_TYPE_NONE`.
     unsafe {
         addr_of_mut!((*frame.as_mut_ptr()).pict_type)

@@ -1,8 +1,8 @@
 //! Large frames made smaller by whole factors, before colours are converted.
 //!
-//! A detector that looks at pictures of 128 pixels needs no colours of 8 million. Blocks of samples
+//! A detector that looks at images of 128 pixels needs no colours of 8 million. Blocks of samples
 //! are averaged plane by plane, in the source's own YUV; what is left for the general scaler is a
-//! small picture.
+//! small image.
 
 use ffmpeg_next as ffmpeg;
 
@@ -103,7 +103,7 @@ impl Reduction {
     /// When the frame's planes are not those of its format, or there is not enough memory.
     pub(super) fn apply(
         &self,
-        picture: &ffmpeg::frame::Video,
+        image: &ffmpeg::frame::Video,
     ) -> Result<ffmpeg::frame::Video, ffmpeg::Error> {
         let FrameShape {
             format,
@@ -117,7 +117,7 @@ impl Reduction {
             } else {
                 self.chroma_factor
             };
-            let source = Plane::of(picture, plane).ok_or(ffmpeg::Error::InvalidData)?;
+            let source = Plane::of(image, plane).ok_or(ffmpeg::Error::InvalidData)?;
             let columns = format
                 .row_bytes(plane, width as usize)
                 .ok_or(ffmpeg::Error::InvalidData)?

@@ -26,7 +26,7 @@ pub(super) struct Statement {
     pub(super) projection: Option<String>,
     /// Stereo layout, where it is stated.
     pub(super) stereo: Option<String>,
-    /// Whether the picture covers a part of the sphere only.
+    /// Whether the image covers a part of the sphere only.
     pub(super) is_cropped: bool,
 }
 
@@ -169,7 +169,7 @@ fn projection(file: &mut (impl Read + Seek), sv3d: Span) -> io::Result<(Option<S
         for (kind, span) in boxes(file, projection)? {
             match &kind {
                 b"equi" => {
-                    // Version and flags, then four bounds as shares of the picture in 0.32.
+                    // Version and flags, then four bounds as shares of the image in 0.32.
                     let bounds: Option<[u8; 16]> = bytes_at(file, span, 4)?;
                     let is_cropped = bounds.is_some_and(|bounds| bounds != [0; 16]);
                     return Ok((Some("equirectangular".to_owned()), is_cropped));

@@ -67,7 +67,7 @@ fn projections_and_boundaries() {
 }
 
 fn assert_as_expected(expected: &Expectation, analysis: &Analysis) {
-    let projection = projection::judge(&analysis.probe, analysis.samples.pictures());
+    let projection = projection::judge(&analysis.probe, analysis.samples.images());
     println!("{}: {}", expected.file, projection.projection.name());
     for evidence in &projection.evidence {
         println!(

@@ -140,7 +140,7 @@ pub fn world_colour(world: usize, direction: [f64; 3]) -> [f64; 3] {
     shades.map(|shade| 0.35 + 0.07 * shade + 0.16 * detail - 0.15 * y)
 }
 
-/// Unit direction of an ERP pixel of a `width` x `height` picture, turned by `yaw` radians.
+/// Unit direction of an ERP pixel of a `width` x `height` image, turned by `yaw` radians.
 pub fn erp_direction(x: usize, y: usize, width: usize, height: usize, yaw: f64) -> [f64; 3] {
     let longitude = ((x as f64 + 0.5) / width as f64 - 0.5) * TAU + yaw;
     let latitude = (0.5 - (y as f64 + 0.5) / height as f64) * PI;

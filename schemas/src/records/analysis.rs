@@ -19,7 +19,7 @@ pub struct VideoAnalysis {
     /// What the pixels and the metadata said, before any override.
     #[serde(alias = "verdict")]
     pub projection: DetectedProjection,
-    /// What is painted over the picture or always in it; `None` where the picture is no single
+    /// What is painted over the image or always in it; `None` where the image is no single
     /// sphere.
     pub overlays: Option<OverlayReport>,
     /// Frames and packets that the decoder found damaged and patched up or left out.

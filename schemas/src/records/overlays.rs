@@ -1,4 +1,4 @@
-//! Overlays of a video: what stays in the picture while the scene moves, and mosaics that move with
+//! Overlays of a video: what stays in the image while the scene moves, and mosaics that move with
 //! what they hide. Part of `analysis`.
 
 use schemars::JsonSchema;
@@ -20,7 +20,7 @@ pub struct OverlayReport {
 pub struct Overlay {
     /// What it is.
     pub class: OverlayClass,
-    /// Longitude of its centre, degrees from the picture's middle, positive to the right.
+    /// Longitude of its centre, degrees from the image's middle, positive to the right.
     pub longitude_degrees: f64,
     /// Latitude of its centre, degrees, positive upwards.
     pub latitude_degrees: f64,
@@ -72,14 +72,14 @@ pub enum OverlayClass {
     Caption,
     /// A painted disc over the nadir.
     NadirPatch,
-    /// A grid of blocks in place of the picture.
+    /// A grid of blocks in place of the image.
     Mosaic,
     /// Part of the camera or its bearer: a tripod, a helmet, a vehicle.
     Rig,
 }
 
 impl OverlayClass {
-    /// Whether it was put over the picture afterwards.
+    /// Whether it was put over the image afterwards.
     pub fn is_artificial(self) -> bool {
         self != Self::Rig
     }

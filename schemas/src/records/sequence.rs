@@ -111,12 +111,12 @@ impl Probe {
         matches!(self.transfer.as_str(), "smpte2084" | "arib-std-b67")
     }
 
-    /// Quarter turns clockwise that bring the coded picture upright, 0 to 3.
+    /// Quarter turns clockwise that bring the coded image upright, 0 to 3.
     pub fn clockwise_quarter_turns(&self) -> u32 {
         (self.rotation_degrees / 90.0).round().rem_euclid(4.0) as u32
     }
 
-    /// Width and height in pixels of the upright picture.
+    /// Width and height in pixels of the upright image.
     pub fn upright_size(&self) -> (u32, u32) {
         if self.clockwise_quarter_turns() % 2 == 1 {
             (self.height, self.width)
@@ -133,7 +133,7 @@ pub struct SphericalMetadata {
     pub projection: String,
     /// Stereo layout, FFmpeg's name, where it is stated.
     pub stereo: Option<String>,
-    /// Whether the picture is stated to cover only a part of the sphere.
+    /// Whether the image is stated to cover only a part of the sphere.
     pub is_cropped: bool,
     /// Where it stands: `v2` (boxes `st3d` and `sv3d`), `v1` (XML in a `uuid` box) or `container`.
     pub origin: String,
@@ -141,7 +141,7 @@ pub struct SphericalMetadata {
     pub conflict: Option<String>,
 }
 
-/// What kind of picture a video shows.
+/// What kind of image a video shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum VideoProjection {
@@ -149,9 +149,9 @@ pub enum VideoProjection {
     Erp,
     /// Equirectangular stored at another aspect ratio.
     ErpSqueezed,
-    /// Two equirectangular pictures, left eye above right eye.
+    /// Two equirectangular images, left eye above right eye.
     ErpStereoTb,
-    /// Two equirectangular pictures side by side.
+    /// Two equirectangular images side by side.
     ErpStereoLr,
     /// Equi-angular or plain cube faces.
     Eac,

@@ -170,7 +170,7 @@ impl Block {
         }
     }
 
-    /// The row of tiles `tile_row`; `rows` are its pixel rows, four or what the picture has left.
+    /// The row of tiles `tile_row`; `rows` are its pixel rows, four or what the image has left.
     fn winograd(&self, matrices: &[Vec<f32>], input: &Clip, tile_row: usize, rows: &mut [f32]) {
         let frames = input.frames;
         let pixel_len = frames * self.outputs();

@@ -27,7 +27,7 @@ impl Clip {
         self.frames * self.channels
     }
 
-    /// All values of one pixel; `None` outside the picture.
+    /// All values of one pixel; `None` outside the image.
     pub(super) fn pixel(&self, y: isize, x: isize) -> Option<&[f32]> {
         let inside =
             (0..self.height as isize).contains(&y) && (0..self.width as isize).contains(&x);

@@ -1,4 +1,4 @@
-//! TransNetV2 with its published weights, as its authors use it: pictures of 48x27 pixels, windows
+//! TransNetV2 with its published weights, as its authors use it: images of 48x27 pixels, windows
 //! of 100 frames every 50, of which the frames 25 to 75 count, and a threshold of 0.5.
 
 mod block;
@@ -10,20 +10,20 @@ use std::collections::VecDeque;
 use omnilife_networks::{Weights, WeightsError};
 use omnilife_schemas::records::{Boundary, BoundaryKind};
 
-use self::network::{FrameScores, HEIGHT, KEPT, Network, PICTURE_BYTES, WIDTH, WINDOW};
+use self::network::{FrameScores, HEIGHT, IMAGE_BYTES, KEPT, Network, WIDTH, WINDOW};
 use super::{Detector, MissingSignal, SignalPass, Signals};
 use crate::{
     error::CurateError,
-    video::{Rgb8Picture, Scaling},
+    video::{Rgb8Image, Scaling},
 };
 
 /// The detector.
 pub const DETECTOR: Detector = Detector {
     id: "transnetv2",
     summary: "TransNetV2 with the published weights: per-frame scores of a convolutional network \
-              on pictures of 48x27 pixels, thresholded.",
+              on images of 48x27 pixels, thresholded.",
     settings: || format!("threshold {THRESHOLD}, weights {WEIGHTS_SHA256}"),
-    pictures: Scaling::Exactly {
+    images: Scaling::Exactly {
         width: WIDTH as u32,
         height: HEIGHT as u32,
     },
@@ -60,23 +60,22 @@ pub fn published_weights() -> Result<Weights, WeightsError> {
     Weights::load_published(WEIGHTS, WEIGHTS_SHA256)
 }
 
-/// Keeps the pictures of one window.
+/// Keeps the images of one window.
 struct TransNetPass {
     network: Network,
-    window: VecDeque<Box<[u8; PICTURE_BYTES]>>,
+    window: VecDeque<Box<[u8; IMAGE_BYTES]>>,
     times: Vec<f64>,
     scores: Vec<FrameScores>,
 }
 
 impl SignalPass for TransNetPass {
-    fn observe(&mut self, time_seconds: f64, picture: &Rgb8Picture) -> Result<(), String> {
-        let pixels: Box<[u8; PICTURE_BYTES]> =
-            picture
-                .data
-                .clone()
-                .into_boxed_slice()
-                .try_into()
-                .map_err(|_| format!("a picture is not {WIDTH}x{HEIGHT} pixels"))?;
+    fn observe(&mut self, time_seconds: f64, image: &Rgb8Image) -> Result<(), String> {
+        let pixels: Box<[u8; IMAGE_BYTES]> = image
+            .data
+            .clone()
+            .into_boxed_slice()
+            .try_into()
+            .map_err(|_| format!("an image is not {WIDTH}x{HEIGHT} pixels"))?;
         if self.times.is_empty() {
             // The first frame stands for those before it.
             self.window
@@ -108,11 +107,11 @@ impl SignalPass for TransNetPass {
 }
 
 impl TransNetPass {
-    fn push(&mut self, pixels: Box<[u8; PICTURE_BYTES]>) {
+    fn push(&mut self, pixels: Box<[u8; IMAGE_BYTES]>) {
         self.window.push_back(pixels);
         if self.window.len() == WINDOW {
-            let pictures: Vec<_> = self.window.iter().map(AsRef::as_ref).collect();
-            self.scores.extend(self.network.scores(&pictures));
+            let images: Vec<_> = self.window.iter().map(AsRef::as_ref).collect();
+            self.scores.extend(self.network.scores(&images));
             self.window.drain(..KEPT.len());
         }
     }

@@ -13,11 +13,11 @@ use super::{block::Block, clip::Clip};
 pub(super) const WINDOW: usize = 100;
 /// The frames of a window whose scores count.
 pub(super) const KEPT: std::ops::Range<usize> = 25..75;
-/// Size of the pictures, pixels.
+/// Size of the images, pixels.
 pub(super) const WIDTH: usize = 48;
 pub(super) const HEIGHT: usize = 27;
-/// Bytes of a picture, RGB.
-pub(super) const PICTURE_BYTES: usize = WIDTH * HEIGHT * 3;
+/// Bytes of an image, RGB.
+pub(super) const IMAGE_BYTES: usize = WIDTH * HEIGHT * 3;
 
 /// Channels of one branch in the first stage; they double from stage to stage.
 const FILTERS: usize = 16;
@@ -84,9 +84,9 @@ impl Network {
         })
     }
 
-    /// Scores of the frames [`KEPT`] of a window of [`WINDOW`] pictures, RGB.
-    pub(super) fn scores(&self, pictures: &[&[u8; PICTURE_BYTES]]) -> Vec<FrameScores> {
-        let mut clip = input(pictures);
+    /// Scores of the frames [`KEPT`] of a window of [`WINDOW`] images, RGB.
+    pub(super) fn scores(&self, images: &[&[u8; IMAGE_BYTES]]) -> Vec<FrameScores> {
+        let mut clip = input(images);
         let mut means = Vec::new();
         for [first, second] in &self.stages {
             let shortcut = first.apply(&clip);
@@ -99,10 +99,7 @@ impl Network {
         }
         let learned = self.projection.apply(&joined(&means));
         let learned = relu(self.similarity.apply(&similarities(unit_rows(learned))));
-        let colours = relu(
-            self.colours
-                .apply(&similarities(colour_histograms(pictures))),
-        );
+        let colours = relu(self.colours.apply(&similarities(colour_histograms(images))));
 
         let pixels = clip.height * clip.width;
         let mut flat = Matrix::zeros(KEPT.len(), 2 * SIMILARITY + pixels * clip.channels);
@@ -159,12 +156,12 @@ impl Dense {
     }
 }
 
-fn input(pictures: &[&[u8; PICTURE_BYTES]]) -> Clip {
-    let mut clip = Clip::zeros(HEIGHT, WIDTH, pictures.len(), 3);
+fn input(images: &[&[u8; IMAGE_BYTES]]) -> Clip {
+    let mut clip = Clip::zeros(HEIGHT, WIDTH, images.len(), 3);
     let len = clip.pixel_len();
     for (at, pixel) in clip.data.chunks_exact_mut(len).enumerate() {
-        for (values, picture) in pixel.chunks_exact_mut(3).zip(pictures) {
-            for (value, &byte) in values.iter_mut().zip(&picture[3 * at..3 * at + 3]) {
+        for (values, image) in pixel.chunks_exact_mut(3).zip(images) {
+            for (value, &byte) in values.iter_mut().zip(&image[3 * at..3 * at + 3]) {
                 *value = f32::from(byte) / 255.0;
             }
         }
@@ -200,10 +197,10 @@ fn unit_rows(mut matrix: Matrix) -> Matrix {
     matrix
 }
 
-fn colour_histograms(pictures: &[&[u8; PICTURE_BYTES]]) -> Matrix {
-    let mut histograms = Matrix::zeros(pictures.len(), COLOURS);
-    for (bins, picture) in histograms.data.chunks_exact_mut(COLOURS).zip(pictures) {
-        for &[red, green, blue] in picture.as_chunks::<3>().0 {
+fn colour_histograms(images: &[&[u8; IMAGE_BYTES]]) -> Matrix {
+    let mut histograms = Matrix::zeros(images.len(), COLOURS);
+    for (bins, image) in histograms.data.chunks_exact_mut(COLOURS).zip(images) {
+        for &[red, green, blue] in image.as_chunks::<3>().0 {
             let bits = |value: u8| usize::from(value >> 5);
             bins[(bits(red) << 6) + (bits(green) << 3) + bits(blue)] += 1.0;
         }

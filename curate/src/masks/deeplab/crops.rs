@@ -26,7 +26,7 @@ pub(super) fn views() -> Vec<DMat3> {
     around.chain(poles).map(DMat3::from_quat).collect()
 }
 
-/// Where a direction in a view's frame stands in its picture, in [0, 1] from the left and the top;
+/// Where a direction in a view's frame stands in its image, in [0, 1] from the left and the top;
 /// `None` outside.
 pub(super) fn place(direction: DVec3) -> Option<[f64; 2]> {
     let DVec3 { x, y, z } = direction;
@@ -41,9 +41,9 @@ pub(super) fn weight([x, y]: [f64; 2]) -> f64 {
     from_edge[0] * from_edge[1]
 }
 
-/// The picture of a view, `side` pixels square, interleaved RGB. The corners of the picture are
+/// The image of a view, `side` pixels square, interleaved RGB. The corners of the image are
 /// centres of pixels, as the network's grid has it.
-pub(super) fn picture(panorama: &RgbImage, view: &DMat3, side: usize) -> Vec<u8> {
+pub(super) fn crop(panorama: &RgbImage, view: &DMat3, side: usize) -> Vec<u8> {
     let camera = ErpCamera {
         width: panorama.width as u32,
         height: panorama.height as u32,
@@ -108,7 +108,7 @@ mod tests {
 
     /// The colour of a pixel is its direction.
     #[test]
-    fn pictures_show_what_lies_in_their_direction() {
+    fn images_show_what_lies_in_their_direction() {
         let camera = ErpCamera {
             width: 256,
             height: 128,
@@ -120,8 +120,8 @@ mod tests {
             pixel.copy_from_slice(&direction.as_vec3().to_array());
         }
         for view in views() {
-            let picture = picture(&panorama, &view, 33);
-            for (at, pixel) in picture.chunks_exact(3).enumerate() {
+            let crop = crop(&panorama, &view, 33);
+            for (at, pixel) in crop.chunks_exact(3).enumerate() {
                 let slope = |at: usize| (at as f64 / 16.0 - 1.0) * REACH;
                 let inside = dvec3(slope(at % 33), slope(at / 33), 1.0);
                 let expected = (view.transpose() * inside.normalize()) * 0.5 + 0.5;

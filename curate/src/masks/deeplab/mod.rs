@@ -80,7 +80,7 @@ pub fn movable(network: &Network, panorama: &RgbImage) -> Mask {
     let views = crops::views();
     let probabilities: Vec<Vec<f32>> = views
         .par_iter()
-        .map(|view| movable_probability(&network.scores(&crops::picture(panorama, view, SIDE))))
+        .map(|view| movable_probability(&network.scores(&crops::crop(panorama, view, SIDE))))
         .collect();
     let camera = ErpCamera {
         width: panorama.width as u32,

