@@ -73,12 +73,12 @@ impl Progress for Terminal {
         }
     }
 
-    fn remark(&self, text: &str) {
+    fn status(&self, text: &str) {
         let text = &for_terminal(text);
         match &self.output {
             Output::Quiet => {}
-            Output::Plain(lines) => locked(lines).remark(text),
-            Output::Bars(bars) => locked(bars).remark(text),
+            Output::Plain(lines) => locked(lines).status(text),
+            Output::Bars(bars) => locked(bars).status(text),
         }
     }
 
@@ -157,7 +157,7 @@ mod tests {
         terminal.begin("train", Some(60));
         for step in 1..=60 {
             clock.store(step * 500, Ordering::Relaxed);
-            terminal.remark(&format!("loss 1/{step}"));
+            terminal.status(&format!("loss 1/{step}"));
             terminal.advance(1);
         }
         terminal.end();
@@ -221,7 +221,7 @@ mod tests {
     fn calls_without_work_are_harmless() {
         let (terminal, page, _) = plain();
         terminal.advance(1);
-        terminal.remark("nothing");
+        terminal.status("nothing");
         terminal.end();
         assert!(page.lines().is_empty());
     }

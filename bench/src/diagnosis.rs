@@ -102,7 +102,7 @@ impl Diagnosis {
     }
 
     /// What to tell about it in one line; nothing where no change explains anything.
-    pub fn remark(&self) -> Option<String> {
+    pub fn warning(&self) -> Option<String> {
         let (change, best) = *self.changes.first()?;
         let unchanged = self.psnr(Change::Unchanged)?;
         let gain = best - unchanged;
@@ -350,25 +350,25 @@ mod tests {
 
     const WIDE: (usize, usize) = (64, 8);
 
-    fn remark(predicted: &[u8]) -> Option<String> {
+    fn warning(predicted: &[u8]) -> Option<String> {
         let truth = moved(|_| 0.0);
         let of = |change| errors(predicted, &truth, WIDE, change);
         let errors: Vec<_> = changes().into_iter().map(of).collect();
-        diagnosis(vec![errors]).remark()
+        diagnosis(vec![errors]).warning()
     }
 
     #[test]
     fn half_a_pixel_is_told_and_a_moving_camera_is_not() {
-        let told = remark(&moved(|_| 1.0));
+        let told = warning(&moved(|_| 1.0));
         assert!(told.is_some_and(|line| line.contains("moved 0.5 pixel left")));
         // Turned by more than that, and seen from a step further on: what lies on the left moves to
         // the left, what lies on the right to the right.
-        assert_eq!(remark(&moved(|_| 3.0)), None);
+        assert_eq!(warning(&moved(|_| 3.0)), None);
         assert_eq!(
-            remark(&moved(|column| if column < 16 { -0.5 } else { 1.0 })),
+            warning(&moved(|column| if column < 16 { -0.5 } else { 1.0 })),
             None
         );
-        assert_eq!(remark(&moved(|_| 0.0)), None);
+        assert_eq!(warning(&moved(|_| 0.0)), None);
     }
 
     #[test]

@@ -110,7 +110,7 @@ fn an_unchanged_run_is_skipped_and_a_changed_seed_is_not() {
     impl Progress for Notes {
         fn begin(&self, _: &str, _: Option<u64>) {}
         fn advance(&self, _: u64) {}
-        fn remark(&self, _: &str) {}
+        fn status(&self, _: &str) {}
         fn end(&self) {}
         fn note(&self, line: &str) {
             self.0.lock().unwrap().push(line.to_owned());

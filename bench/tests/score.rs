@@ -32,7 +32,7 @@ impl Progress for Recorder {
     fn advance(&self, steps: u64) {
         *self.steps.lock().unwrap() += steps;
     }
-    fn remark(&self, _: &str) {}
+    fn status(&self, _: &str) {}
     fn end(&self) {}
     fn note(&self, line: &str) {
         self.notes.lock().unwrap().push(line.to_owned());

@@ -317,7 +317,7 @@ fn real_frames_are_scored() {
     assert!((0.4..0.99).contains(&neighbour[1]), "{neighbour:?}");
 }
 
-/// The identity of a scene is its frames and cameras, not its names or remarks.
+/// The identity of a scene is its frames and cameras, not its names or warnings.
 #[test]
 fn results_tell_scenes_of_one_name_apart() {
     let identity = |scene: &Scene| Bench::of(scene).score().unwrap().scene_sha256;

@@ -63,7 +63,7 @@ enum Message {
         total: Option<u64>,
     },
     Advance(u64),
-    Remark(String),
+    Status(String),
     End,
     Note(String),
     Curated {
@@ -175,7 +175,7 @@ fn converse(
                 progress.begin(&label, total);
             }
             Message::Advance(steps) => progress.advance(steps),
-            Message::Remark(text) => progress.remark(&text),
+            Message::Status(text) => progress.status(&text),
             Message::End => {
                 open = open.saturating_sub(1);
                 progress.end();
@@ -304,8 +304,8 @@ impl Progress for Relay {
         self.report(&Message::Advance(steps));
     }
 
-    fn remark(&self, text: &str) {
-        self.report(&Message::Remark(text.to_owned()));
+    fn status(&self, text: &str) {
+        self.report(&Message::Status(text.to_owned()));
     }
 
     fn end(&self) {

@@ -129,12 +129,12 @@ fn boxes_become_paths_and_what_stands_is_static() {
     let scene = write_scene(&temp.path().join("scene"));
     let request = request(temp.path(), &boxes(&scene));
     let tracks = make_tracks(&request, &Silent).unwrap();
-    assert_eq!(tracks.tracks.len(), 2, "{:?}", tracks.remarks);
-    assert_eq!(tracks.remarks.len(), 1);
+    assert_eq!(tracks.tracks.len(), 2, "{:?}", tracks.warnings);
+    assert_eq!(tracks.warnings.len(), 1);
     assert!(
-        tracks.remarks[0].contains("static"),
+        tracks.warnings[0].contains("static"),
         "{}",
-        tracks.remarks[0]
+        tracks.warnings[0]
     );
     for track in &tracks.tracks {
         let number = (0..2)

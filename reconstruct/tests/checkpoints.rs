@@ -75,7 +75,7 @@ impl Progress for CopyAt {
             fs::copy(&self.from, &self.to).unwrap();
         }
     }
-    fn remark(&self, _: &str) {}
+    fn status(&self, _: &str) {}
     fn end(&self) {}
     fn note(&self, _: &str) {}
 }
@@ -110,8 +110,8 @@ fn a_continued_run_gives_the_same_bits() {
     let (whole, trace, interrupted) = whole_run(&scene, folder.path());
     let mut continued = train(&scene, &request(), files(&interrupted), &Silent).unwrap();
     assert_eq!(continued.training.state.resumed, 1);
-    let remark = &continued.training.remarks[0];
-    assert!(remark.contains("iteration 50 of 120"), "{remark}");
+    let warning = &continued.training.warnings[0];
+    assert!(warning.contains("iteration 50 of 120"), "{warning}");
     assert_eq!(losses(&continued), trace);
     let model = continued.learner.gaussians().unwrap().unwrap();
     assert_eq!(model.parts[0].statistics, whole.parts[0].statistics);
@@ -144,10 +144,10 @@ fn a_checkpoint_of_another_run_is_not_continued_and_that_is_said() {
         ..files(&interrupted)
     };
     let outcome = train(&scene, &request(), other_inputs, &Silent).unwrap();
-    let remark = &outcome.training.remarks[0];
+    let warning = &outcome.training.warnings[0];
     assert!(
-        remark.contains("another scene") && remark.contains("begins anew"),
-        "{remark}"
+        warning.contains("another scene") && warning.contains("begins anew"),
+        "{warning}"
     );
     assert_eq!(outcome.training.state.resumed, 0);
 }

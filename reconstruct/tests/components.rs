@@ -119,10 +119,10 @@ fn what_is_asked_for_and_cannot_be_is_a_remark() {
         view.mask = None;
     }
     let outcome = train(&scene, "periodic", &asked_for(&["mask-seeds"], 2));
-    let remarks = &outcome.training.remarks;
+    let warnings = &outcome.training.warnings;
     assert!(
-        remarks.iter().any(|line| line
+        warnings.iter().any(|line| line
             == "mask-seeds was asked for and is not used: cannot be without masks that show something"),
-        "{remarks:?}"
+        "{warnings:?}"
     );
 }

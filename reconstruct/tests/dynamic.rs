@@ -249,9 +249,9 @@ fn awkward_clips_train_without_a_panic_or_a_nan() {
             assert!(
                 outcome
                     .training
-                    .remarks
+                    .warnings
                     .iter()
-                    .any(|remark| remark.contains("inverted"))
+                    .any(|warning| warning.contains("inverted"))
             );
         }
     }

@@ -177,7 +177,7 @@ fn a_camera_that_only_turns_has_no_depth_and_says_so() {
     assert!(depths(&group, &SweepSettings::DEFAULT).is_none());
     let made = interpolated("sphere-sweep", &group);
     assert_eq!(made.images.len(), 3);
-    assert!(made.remarks[0].contains("taken from one place"));
+    assert!(made.warnings[0].contains("taken from one place"));
     let infinity = interpolated("infinity-homography", &group);
     assert_eq!(made.images, infinity.images);
 }

@@ -171,7 +171,7 @@ fn clip() -> Clip {
             begin_seconds: 0.0,
             length_seconds: 1.0,
         },
-        remarks: Vec::new(),
+        warnings: Vec::new(),
     }
 }
 

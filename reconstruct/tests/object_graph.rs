@@ -48,7 +48,7 @@ fn scene() -> TrainingScene {
             detections: 12,
             displacement: 1.4,
         }],
-        remarks: Vec::new(),
+        warnings: Vec::new(),
     });
     scene
 }

@@ -127,7 +127,7 @@ fn prepare(
         settings,
         plan: Vec::new(),
         evidence: None,
-        remarks: Vec::new(),
+        warnings: Vec::new(),
     })
 }
 

@@ -8,8 +8,8 @@ pub trait Progress: Sync {
     fn begin(&self, label: &str, total: Option<u64>);
     /// `steps` more steps are done.
     fn advance(&self, steps: u64);
-    /// A short remark beside the bar, such as the current loss.
-    fn remark(&self, text: &str);
+    /// Status next to the bar, such as the current loss.
+    fn status(&self, text: &str);
     /// The work begun last is over.
     fn end(&self);
     /// A line the user should see whatever happens to the bar: a decision, a skipped stage.
@@ -23,7 +23,7 @@ pub struct Silent;
 impl Progress for Silent {
     fn begin(&self, _: &str, _: Option<u64>) {}
     fn advance(&self, _: u64) {}
-    fn remark(&self, _: &str) {}
+    fn status(&self, _: &str) {}
     fn end(&self) {}
     fn note(&self, _: &str) {}
 }

@@ -4,18 +4,19 @@ use std::path::PathBuf;
 
 use clap::{ArgMatches, Args, FromArgMatches, Subcommand, ValueEnum};
 use omnilife_curate::{
-    CurateSettings, GivenDepth, GivenPrior, GivenTruth, SfmSettings,
-    ledger::{self, Role},
-    slicing::SliceSettings,
+    CurateSettings, GivenDepth, GivenPrior, GivenTruth, SfmSettings, slicing::SliceSettings,
 };
 use omnilife_schemas::{
     provenance::Hardware,
     records::{DistanceConvention, DistanceGrid, Sampling, VideoProjection},
 };
 
-use super::dataset::{
-    AnnotateArguments, ExportArguments, ImportArguments, MasksArguments, PublishArguments,
-    SliceArguments,
+use super::{
+    dataset::{
+        AnnotateArguments, ExportArguments, ImportArguments, MasksArguments, PublishArguments,
+        SliceArguments,
+    },
+    ledger::LedgerCommand,
 };
 use crate::exit::BadRequest;
 
@@ -196,71 +197,6 @@ pub(crate) struct DetectorArguments {
     /// How boundaries are found: histogram, or transnetv2 (scripts/setup --models).
     #[arg(long, default_value = omnilife_curate::boundaries::DEFAULT_DETECTOR)]
     pub(crate) detector: String,
-}
-
-#[derive(Debug, Subcommand)]
-pub(crate) enum LedgerCommand {
-    /// Appends what files say: boundaries in the formats of several tools, or an audit's decisions.
-    Merge {
-        /// Folder of a curated video: DATASET/videos/NAME.
-        folder: PathBuf,
-        /// CSV, JSON, PySceneDetect CSV, TransNetV2 scenes, EDL, Label Studio JSON, decisions.json.
-        #[arg(required = true)]
-        files: Vec<PathBuf>,
-        /// Who found the boundaries in the files; decisions name their author themselves.
-        #[arg(long)]
-        author: Option<String>,
-        /// As what the author speaks.
-        #[arg(long, default_value = "annotator", value_parser = parse_role)]
-        role: Role,
-        /// When, RFC 3339.
-        #[arg(long)]
-        time: Option<String>,
-        /// Why.
-        #[arg(long)]
-        reason: Option<String>,
-    },
-    /// Prints all boundaries with their authors and what became of them, as JSON.
-    Show {
-        /// Folder of a curated video.
-        folder: PathBuf,
-    },
-    /// Prints how far the authors agree: precision, recall, F1 and Cohen's kappa, as JSON.
-    Agreement {
-        /// Folder of a curated video.
-        folder: PathBuf,
-        /// Boundaries closer than this count as the same, in seconds.
-        #[arg(long, default_value_t = 0.1, value_name = "SECONDS", value_parser = parse_tolerance)]
-        tolerance: f64,
-    },
-    /// Prints the boundaries that hold in the format of another tool.
-    Export {
-        /// Folder of a curated video.
-        folder: PathBuf,
-        /// csv, json, label-studio, pyscenedetect, edl or transnetv2.
-        #[arg(long, value_parser = parse_format)]
-        format: String,
-    },
-}
-
-fn parse_tolerance(text: &str) -> Result<f64, String> {
-    text.parse()
-        .ok()
-        .filter(|seconds: &f64| seconds.is_finite() && *seconds > 0.0)
-        .ok_or_else(|| "a tolerance is a positive number of seconds".to_owned())
-}
-
-fn parse_format(text: &str) -> Result<String, String> {
-    ledger::formats::format(text).map(|format| format.id.to_owned())
-}
-
-fn parse_role(text: &str) -> Result<Role, String> {
-    match text {
-        "detector" => Ok(Role::Detector),
-        "annotator" => Ok(Role::Annotator),
-        "expert" => Ok(Role::Expert),
-        _ => Err("an author is a detector, an annotator or an expert".to_owned()),
-    }
 }
 
 #[derive(Debug, Subcommand)]

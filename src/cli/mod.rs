@@ -6,6 +6,7 @@ mod curate;
 mod dataset;
 mod guide;
 mod leaderboard;
+mod ledger;
 mod places;
 mod reconstruct;
 #[cfg(test)]
@@ -19,8 +20,7 @@ pub(crate) use bench_run::BenchRunArguments;
 use clap::{Command as ClapCommand, FromArgMatches, Parser, Subcommand};
 use clap_complete::Shell;
 pub(crate) use curate::{
-    BuildArguments, CurateArguments, CurateCommand, CurationSettingsArguments, LedgerCommand,
-    MemoryLimitArguments,
+    BuildArguments, CurateArguments, CurateCommand, CurationSettingsArguments, MemoryLimitArguments,
 };
 pub(crate) use dataset::{
     AnnotateArguments, ExportArguments, ImportArguments, MasksArguments, PublishArguments,
@@ -30,6 +30,7 @@ pub(crate) use leaderboard::{
     AddArguments, FigureArguments, LeaderboardBuildArguments, LeaderboardCommand,
     SubmitResultsArguments,
 };
+pub(crate) use ledger::LedgerCommand;
 pub(crate) use reconstruct::{
     AssetArguments, BackendArgument, MethodArguments, ReconstructCommand, RenderArguments,
 };

@@ -201,7 +201,7 @@ fn diagnosis_text(diagnosis: &Diagnosis) -> String {
     for (change, psnr) in diagnosis.changes.iter().take(SHOWN) {
         text += &format!("{psnr:7.3} dB {change}\n");
     }
-    text += &diagnosis.remark().unwrap_or_else(|| {
+    text += &diagnosis.warning().unwrap_or_else(|| {
         "no change of camera convention would make the views much better".to_owned()
     });
     text + "\n"

@@ -63,7 +63,7 @@ impl Bars {
         }
     }
 
-    pub(super) fn remark(&mut self, text: &str) {
+    pub(super) fn status(&mut self, text: &str) {
         if let Some(bar) = self.stack.last() {
             bar.bar.set_message(text.to_owned());
         }
@@ -74,12 +74,12 @@ impl Bars {
             return;
         };
         // Clearing a bar moves its position to the end.
-        let (done, remark) = (work.bar.position(), work.bar.message());
+        let (done, status) = (work.bar.position(), work.bar.message());
         work.bar.finish_and_clear();
         let duration = work.begun.elapsed();
         if duration >= SHOWN_AFTER {
             let total = work.bar.length();
-            self.line(&closing_line(&work.label, duration, done, total, &remark));
+            self.line(&closing_line(&work.label, duration, done, total, &status));
         }
     }
 

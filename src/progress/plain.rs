@@ -18,7 +18,7 @@ struct PlainWork {
     label: String,
     total: Option<u64>,
     done: u64,
-    remark: String,
+    status: String,
     begun: Duration,
     last_line: Duration,
 }
@@ -43,7 +43,7 @@ impl PlainLines {
             label: label.to_owned(),
             total,
             done: 0,
-            remark: String::new(),
+            status: String::new(),
             begun: now,
             last_line: now,
         });
@@ -59,14 +59,14 @@ impl PlainLines {
             return;
         }
         work.last_line = now;
-        let parts = [count_of(work.done, work.total), text_of(&work.remark)];
+        let parts = [count_of(work.done, work.total), text_of(&work.status)];
         let line = format!("{}: {}", work.label, joined(parts));
         self.indented_line(self.stack.len() - 1, &line);
     }
 
-    pub(super) fn remark(&mut self, text: &str) {
+    pub(super) fn status(&mut self, text: &str) {
         if let Some(work) = self.stack.last_mut() {
-            text.clone_into(&mut work.remark);
+            text.clone_into(&mut work.status);
         }
     }
 
@@ -76,7 +76,7 @@ impl PlainLines {
             return;
         };
         let duration = now.saturating_sub(work.begun);
-        let line = closing_line(&work.label, duration, work.done, work.total, &work.remark);
+        let line = closing_line(&work.label, duration, work.done, work.total, &work.status);
         self.line(&line);
     }
 

@@ -8,7 +8,7 @@ pub(super) fn closing_line(
     duration: Duration,
     done: u64,
     total: Option<u64>,
-    remark: &str,
+    status: &str,
 ) -> String {
     let duration = seconds(duration);
     let parts = if total.is_some_and(|total| done < total) {
@@ -16,10 +16,10 @@ pub(super) fn closing_line(
         [
             Some(format!("ended after {duration}")),
             count,
-            text_of(remark),
+            text_of(status),
         ]
     } else {
-        [Some(format!("done in {duration}")), None, text_of(remark)]
+        [Some(format!("done in {duration}")), None, text_of(status)]
     };
     format!("{label}: {}", joined(parts))
 }
@@ -36,8 +36,8 @@ pub(super) fn count_of(done: u64, total: Option<u64>) -> Option<String> {
     }
 }
 
-pub(super) fn text_of(remark: &str) -> Option<String> {
-    (!remark.is_empty()).then(|| remark.to_owned())
+pub(super) fn text_of(status: &str) -> Option<String> {
+    (!status.is_empty()).then(|| status.to_owned())
 }
 
 pub(super) fn joined<const N: usize>(parts: [Option<String>; N]) -> String {

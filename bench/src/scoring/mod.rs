@@ -82,7 +82,7 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
 
     frames_table::write(&request.out.join(FRAME_SCORES_FILE), &job, &outcomes)?;
     let mut result = summary::result_record(&job, &outcomes);
-    result.warnings.extend(diagnosis::of_job(&job)?.remark());
+    result.warnings.extend(diagnosis::of_job(&job)?.warning());
     let unscored = scored::write_curve(&job, request.memory_bytes, &request.out)?;
     result.warnings.extend(unscored.iter().flatten().cloned());
     store::write_record(&result_file, &result)?;

@@ -238,7 +238,7 @@ impl Tracking<'_> {
         );
         stage("association", "ground-kalman", reason, begun);
         let begun = Instant::now();
-        let mut remarks = Vec::new();
+        let mut warnings = Vec::new();
         let mut tracks: Vec<Track> = Vec::new();
         for group in groups {
             let id = tracks.len() as u32 + 1;
@@ -249,17 +249,17 @@ impl Tracking<'_> {
                         .for_each(|&number| detections[number].track = Some(id));
                     tracks.push(track);
                 }
-                Err(reason) => remarks.push(reason),
+                Err(reason) => warnings.push(reason),
             }
         }
         let reason = format!(
             "{} paths, their knots by BIC; {} objects left out",
             tracks.len(),
-            remarks.len()
+            warnings.len()
         );
         stage("trajectory", "trajectory-spline", reason, begun);
-        for remark in &remarks {
-            progress.note(&format!("{}: {remark}", scene.id));
+        for warning in &warnings {
+            progress.note(&format!("{}: {warning}", scene.id));
         }
         Ok(Tracks {
             scene: scene.id.clone(),
@@ -269,7 +269,7 @@ impl Tracking<'_> {
             stages,
             detections,
             tracks,
-            remarks,
+            warnings,
         })
     }
 

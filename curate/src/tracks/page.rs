@@ -51,8 +51,8 @@ pub(super) fn write(
     page += "</table>\n<h2>From above</h2>\n";
     page += &plan(tracks, views);
     page += "<ul>\n";
-    for remark in &tracks.remarks {
-        let _ = writeln!(page, "<li>{}</li>", escaped(remark));
+    for warning in &tracks.warnings {
+        let _ = writeln!(page, "<li>{}</li>", escaped(warning));
     }
     page += "</ul>\n<h2>Boxes: dashed as detected, solid as tracked</h2>\n";
     let step = views.len().div_ceil(FRAMES).max(1);

@@ -184,7 +184,7 @@ impl Notes {
 impl Progress for Notes {
     fn begin(&self, _: &str, _: Option<u64>) {}
     fn advance(&self, _: u64) {}
-    fn remark(&self, _: &str) {}
+    fn status(&self, _: &str) {}
     fn end(&self) {}
     fn note(&self, line: &str) {
         self.0.lock().unwrap().push(line.to_owned());

@@ -166,7 +166,7 @@ impl<'a> Draft<'a> {
     }
 
     /// Lines that a reader of the scores should know.
-    pub(crate) fn remarks(&self) -> Vec<String> {
+    pub(crate) fn warnings(&self) -> Vec<String> {
         let masks = (self.motion == MotionEvidenceUse::Decides)
             .then(|| self.evidence.masks.warning())
             .flatten();

@@ -127,7 +127,7 @@ impl<'a> Frames<'a> {
             },
             warnings: made
                 .iter()
-                .flat_map(|group| group.remarks.clone())
+                .flat_map(|group| group.warnings.clone())
                 .collect(),
             outputs: made
                 .into_iter()
@@ -161,7 +161,7 @@ impl<'a> Frames<'a> {
                 rendering_seconds: interpolated.rendering_seconds,
             },
             files,
-            remarks: interpolated.remarks,
+            warnings: interpolated.warnings,
         })
     }
 
@@ -208,5 +208,5 @@ impl<'a> Frames<'a> {
 struct MadeGroup {
     row: GroupRow,
     files: Vec<String>,
-    remarks: Vec<String>,
+    warnings: Vec<String>,
 }

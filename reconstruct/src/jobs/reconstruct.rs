@@ -432,7 +432,7 @@ pub(crate) fn prepare_predictions(
 
 fn warnings(scene: &TrainingScene, split: &Split, outcome: &MethodOutcome<'_>) -> Vec<String> {
     let training = &outcome.training;
-    let mut warnings = training.remarks.clone();
+    let mut warnings = training.warnings.clone();
     if split.groups.len() > 1 {
         warnings.push(format!(
             "one model was trained on the given views of all {} groups at once",

@@ -64,7 +64,7 @@ pub struct Prepared<'a> {
     /// What the scene shows of itself, where the method asks.
     pub evidence: Option<SceneEvidence>,
     /// Lines that a reader of the scores should know.
-    pub remarks: Vec<String>,
+    pub warnings: Vec<String>,
 }
 
 /// What a method of Gaussians begins with on a scene.
@@ -79,7 +79,7 @@ pub struct PreparedGaussians {
     /// What the scene shows of itself, where the method asks.
     pub evidence: Option<SceneEvidence>,
     /// Lines that a reader of the scores should know.
-    pub remarks: Vec<String>,
+    pub warnings: Vec<String>,
 }
 
 impl PreparedGaussians {
@@ -107,7 +107,7 @@ impl PreparedGaussians {
             configuration,
             plan: self.plan,
             evidence: self.evidence,
-            remarks: self.remarks,
+            warnings: self.warnings,
         })
     }
 }
@@ -203,10 +203,10 @@ impl Method {
             configuration,
             plan,
             evidence,
-            remarks,
+            warnings,
         } = prepared?;
-        for remark in &remarks {
-            session.progress.note(remark);
+        for warning in &warnings {
+            session.progress.note(warning);
         }
         let planning = session.planning.plus(planning);
         let session = Session {
@@ -214,7 +214,7 @@ impl Method {
             ..session.clone()
         };
         let mut training = train::train(scene, &mut *learner, length, &session)?;
-        training.remarks.extend(remarks);
+        training.warnings.extend(warnings);
         Ok(MethodOutcome {
             learner,
             training,

@@ -125,6 +125,6 @@ fn prepare(
         settings,
         plan,
         evidence: None,
-        remarks: Vec::new(),
+        warnings: Vec::new(),
     })
 }

@@ -6,7 +6,7 @@ use omnilife_engine::model::{Model, pose_corrections::PoseCorrections};
 impl PreparedGaussians {
     /// A drafted run with its model, which gets poses to refine where the settings say so.
     pub(super) fn new(draft: Draft<'_>, mut model: Model) -> Self {
-        let remarks = draft.remarks();
+        let warnings = draft.warnings();
         if draft.settings.pose_refinement.is_some() {
             let views = draft.scene.input_views.iter();
             let times = views.map(|view| view.view.time_seconds);
@@ -17,7 +17,7 @@ impl PreparedGaussians {
             settings: draft.settings,
             plan: draft.plan,
             evidence: Some(draft.evidence),
-            remarks,
+            warnings,
         }
     }
 }

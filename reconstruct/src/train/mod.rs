@@ -125,7 +125,7 @@ pub struct TrainingOutcome {
     /// Whether the time budget ended the run before its last iteration.
     pub stopped_by_budget: bool,
     /// Lines that a reader of the scores should know.
-    pub remarks: Vec<String>,
+    pub warnings: Vec<String>,
 }
 
 /// Trains `learner` on the scene's input views, from the session's checkpoint where there is one.
@@ -159,7 +159,7 @@ struct Trainer<'a> {
     learner: &'a mut dyn Learner,
     state: LoopState,
     stopped_by_budget: bool,
-    remarks: Vec<String>,
+    warnings: Vec<String>,
 }
 
 impl<'a> Trainer<'a> {
@@ -169,8 +169,8 @@ impl<'a> Trainer<'a> {
         settings: LoopSettings,
         session: &'a Session<'a>,
     ) -> Result<Self, ReconstructError> {
-        let mut remarks = Vec::new();
-        let state = resume(learner, &settings, session, &mut remarks)?;
+        let mut warnings = Vec::new();
+        let state = resume(learner, &settings, session, &mut warnings)?;
         Ok(Self {
             scene,
             settings,
@@ -178,7 +178,7 @@ impl<'a> Trainer<'a> {
             learner,
             state,
             stopped_by_budget: false,
-            remarks,
+            warnings,
         })
     }
 
@@ -277,7 +277,7 @@ impl<'a> Trainer<'a> {
         }
         let size = self.learner.size();
         let point = TracePoint::new(&self.state, &statistics, size, &arrays);
-        self.session.progress.remark(&point.text());
+        self.session.progress.status(&point.text());
         self.state.trace.push(point);
         if let Some(files) = &self.session.files {
             trace::write_csv(&files.trace, &self.state.trace)?;
@@ -321,7 +321,7 @@ impl<'a> Trainer<'a> {
         TrainingOutcome {
             state: self.state,
             stopped_by_budget: self.stopped_by_budget,
-            remarks: self.remarks,
+            warnings: self.warnings,
         }
     }
 }

@@ -15,11 +15,11 @@ pub(super) fn resume(
     learner: &mut dyn Learner,
     settings: &LoopSettings,
     session: &Session<'_>,
-    remarks: &mut Vec<String>,
+    warnings: &mut Vec<String>,
 ) -> Result<LoopState, ReconstructError> {
     let mut say = |line: String| {
         session.progress.note(&line);
-        remarks.push(line);
+        warnings.push(line);
     };
     if let Some(files) = &session.files
         && files.checkpoint.exists()

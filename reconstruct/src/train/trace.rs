@@ -80,7 +80,7 @@ impl TracePoint {
         }
     }
 
-    /// A short remark for people.
+    /// A short status for people.
     pub(super) fn text(&self) -> String {
         format!(
             "{} primitives, input views {:.2} dB",

@@ -42,7 +42,7 @@ pub struct ExternalRun {
     pub novel_views: String,
     /// Folder of predicted input views, where the method renders them.
     pub input_views: Option<String>,
-    /// Remarks that a reader of the scores should know.
+    /// Warnings that a reader of the scores should know.
     pub warnings: Vec<String>,
 }
 

@@ -58,7 +58,7 @@ pub struct ResultRecord {
     pub rendering_seconds: Option<f64>,
     /// Highest resident memory of the training process in bytes, where known.
     pub peak_memory_bytes: Option<u64>,
-    /// Remarks that a reader of the scores should know.
+    /// Warnings that a reader of the scores should know.
     pub warnings: Vec<String>,
     /// Names and versions of the programs that scored, with the commit, and SHA-256 of the
     /// networks' weights.

@@ -79,7 +79,7 @@ pub struct RunRecord {
     pub trace_views: Option<TraceViews>,
     /// Predicted views.
     pub predictions: ViewPredictions,
-    /// Remarks that a reader of the scores should know.
+    /// Warnings that a reader of the scores should know.
     pub warnings: Vec<String>,
     /// What was changed in the model by hand afterwards; such a run is never scored against the video.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

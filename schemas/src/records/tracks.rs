@@ -23,7 +23,7 @@ pub struct Tracks {
     /// What follows from it: one entry per object that moves.
     pub tracks: Vec<Track>,
     /// What was left out, and why, in words.
-    pub remarks: Vec<String>,
+    pub warnings: Vec<String>,
 }
 
 impl Record for Tracks {

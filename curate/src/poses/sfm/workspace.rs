@@ -153,7 +153,7 @@ impl<'a> SfmWorkspace<'a> {
                 let line = line.map_err(cannot_run)?;
                 let line = String::from_utf8_lossy(&line);
                 match line.trim_end().split_once(' ') {
-                    Some(("begin", stage)) => progress.remark(stage),
+                    Some(("begin", stage)) => progress.status(stage),
                     Some(("models", count)) => match count.parse() {
                         Ok(count) => models = count,
                         Err(_) => misspoken = Some(format!("the script said {line:?}")),

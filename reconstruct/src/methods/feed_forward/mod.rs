@@ -82,7 +82,7 @@ pub struct Interpolated {
     /// Time to make the images, seconds.
     pub rendering_seconds: f64,
     /// What a reader of the images should know; empty where nothing is out of the ordinary.
-    pub remarks: Vec<String>,
+    pub warnings: Vec<String>,
 }
 
 /// Numbers of frames: two given ones and those to predict from them.

@@ -37,6 +37,6 @@ fn interpolate(group: &Group) -> Result<Interpolated, ReconstructError> {
         gaussians: 0,
         analysis_seconds: 0.0,
         rendering_seconds: begun.elapsed().as_secs_f64(),
-        remarks: Vec::new(),
+        warnings: Vec::new(),
     })
 }

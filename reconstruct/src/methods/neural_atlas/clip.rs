@@ -29,7 +29,7 @@ pub struct Clip {
     /// From seconds to the time of splines.
     pub clock: UnitClock,
     /// Lines that a reader of the scores should know.
-    pub remarks: Vec<String>,
+    pub warnings: Vec<String>,
 }
 
 /// From seconds to [0, 1].
@@ -119,7 +119,7 @@ impl Clip {
             frames: frames.collect(),
             objects,
             clock,
-            remarks: Vec::new(),
+            warnings: Vec::new(),
         })
     }
 

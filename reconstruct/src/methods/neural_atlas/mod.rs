@@ -302,7 +302,7 @@ fn prepare<'a>(
         .iter()
         .map(|&at| DVec3::from_array(at.map(f64::from)))
         .collect();
-    let remarks = clip.remarks.clone();
+    let warnings = clip.warnings.clone();
     let begun = begin(clip, &points, request)?;
     let configuration =
         serde_json::to_value(&begun.settings).map_err(|error| ReconstructError::Request {
@@ -321,7 +321,7 @@ fn prepare<'a>(
         configuration,
         plan: begun.plan,
         evidence: None,
-        remarks,
+        warnings,
     })
 }
 

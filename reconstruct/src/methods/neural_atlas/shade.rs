@@ -1,6 +1,8 @@
 //! What a node looks like where rays hit it, and the gradients of that.
 
-use std::f64::consts::{PI, TAU};
+mod places;
+
+use std::f64::consts::TAU;
 
 use glam::{DVec2, DVec3};
 use omnilife_engine::{
@@ -9,7 +11,7 @@ use omnilife_engine::{
         plane::{self, Ray, RayGradient},
         sphere::{self, Sphere},
         texture::{Beyond, direction_gradient},
-        view_angle::{view_angle, view_angle_vjp},
+        view_angle::view_angle_vjp,
     },
     trajectories::{
         catmull_rom::{KnotWeights, Knots},
@@ -18,6 +20,10 @@ use omnilife_engine::{
 };
 use rayon::prelude::*;
 
+use self::places::{
+    add_coordinates, coordinate_scale, coordinates, moved, moved_vjp, place, spline_of,
+    view_coordinates,
+};
 use super::node::{FIELD_WEIGHT, FieldKind, Hit, Node, Surface};
 
 /// A hit of a node by a ray of a batch.
@@ -103,31 +109,6 @@ pub struct HitGradient {
     pub pose: PoseGradient,
     /// By the ray.
     pub ray: RayGradient,
-}
-
-/// Place of a hit on its surface: `uv`, or a unit direction.
-fn place(hit: &Hit) -> DVec3 {
-    match hit {
-        Hit::Plane(hit) => hit.uv.extend(0.0),
-        Hit::Sphere(hit) => hit.normal,
-    }
-}
-
-/// A place as fields take it: in the unit square or cube.
-fn coordinates(query: DVec3, dimensions: usize, out: &mut [f32]) {
-    let of_cube = if dimensions == 2 {
-        query
-    } else {
-        0.5 * (query + 1.0)
-    };
-    for (out, value) in out.iter_mut().zip(of_cube.to_array()) {
-        *out = value as f32;
-    }
-}
-
-/// How coordinates change with a query.
-fn coordinate_scale(dimensions: usize) -> f64 {
-    if dimensions == 2 { 1.0 } else { 0.5 }
 }
 
 impl Node {
@@ -466,61 +447,4 @@ fn let_inwards(unclamped: DVec3, upstream: DVec3) -> DVec3 {
         pass(unclamped.y, upstream.y),
         pass(unclamped.z, upstream.z),
     )
-}
-
-/// The flow at a moment between control points.
-fn spline_of(points: &[f32], dimensions: usize, weights: &KnotWeights) -> DVec3 {
-    let mut flow = [0.0; 3];
-    for (&knot, weight) in weights.knots.iter().zip(weights.weights) {
-        let point = &points[knot * dimensions..(knot + 1) * dimensions];
-        for (flow, value) in flow.iter_mut().zip(point) {
-            *flow += weight * f64::from(*value);
-        }
-    }
-    DVec3::from_array(flow)
-}
-
-/// Where a place is read after the flow.
-fn moved(at: DVec3, flow: DVec3, dimensions: usize) -> DVec3 {
-    if dimensions == 2 {
-        return at + FIELD_WEIGHT * flow;
-    }
-    let tangent = flow - flow.dot(at) * at;
-    (at + FIELD_WEIGHT * tangent).normalize()
-}
-
-/// Gradients of [`moved`] by the place and by the flow.
-fn moved_vjp(at: DVec3, flow: DVec3, dimensions: usize, upstream: DVec3) -> (DVec3, DVec3) {
-    if dimensions == 2 {
-        return (upstream, FIELD_WEIGHT * upstream);
-    }
-    let tangent = flow - flow.dot(at) * at;
-    let unscaled = at + FIELD_WEIGHT * tangent;
-    let length = unscaled.length();
-    let query = unscaled / length;
-    let by_unscaled = (upstream - upstream.dot(query) * query) / length;
-    let by_tangent = FIELD_WEIGHT * by_unscaled;
-    let by_flow = by_tangent - by_tangent.dot(at) * at;
-    let by_at = by_unscaled - flow.dot(at) * by_tangent - by_tangent.dot(at) * flow;
-    (by_at, by_flow)
-}
-
-/// Coordinates of the view field: the query and the angle, each in [0, 1].
-fn view_coordinates(query: DVec3, hit: &Hit) -> [f32; 4] {
-    let Hit::Plane(hit) = hit else {
-        return [0.0; 4];
-    };
-    let angle = (view_angle(hit.direction) + PI) / TAU;
-    [query.x, query.y, angle.x, angle.y].map(|value| value as f32)
-}
-
-fn add_coordinates(by_query: &mut [DVec3], by_positions: &[f32], dimensions: usize, scale: f64) {
-    for (query, by) in by_query
-        .iter_mut()
-        .zip(by_positions.chunks_exact(dimensions))
-    {
-        for (axis, value) in by.iter().enumerate() {
-            query[axis] += scale * f64::from(*value);
-        }
-    }
 }

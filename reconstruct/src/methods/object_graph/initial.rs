@@ -32,7 +32,7 @@ pub(super) struct FirstObjects {
     pub(super) gaussians: InitialGaussians,
     /// The object of each Gaussian.
     pub(super) numbers: Vec<usize>,
-    pub(super) remarks: Vec<String>,
+    pub(super) warnings: Vec<String>,
 }
 
 /// The objects of a scene's tracks.
@@ -42,14 +42,14 @@ pub(super) fn objects(scene: &TrainingScene, tracks: &Tracks) -> FirstObjects {
         let object = tracked_object(scene, track, DVec3::from_array(tracks.up));
         let (mut gaussians, views) = seen(scene, &object);
         if views == 0 {
-            first.remarks.push(format!(
+            first.warnings.push(format!(
                 "object {} is in no input view and is left out",
                 object.id
             ));
             continue;
         }
         if gaussians.len() < LEAST {
-            first.remarks.push(format!(
+            first.warnings.push(format!(
                 "object {} is seen in {} pixels: its Gaussians are spread evenly in its box",
                 object.id,
                 gaussians.len()

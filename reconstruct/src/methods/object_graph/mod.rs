@@ -137,8 +137,8 @@ fn prepare(
         ));
     }
     let mut prepared = PreparedGaussians::new(draft, Model::new(parts));
-    prepared.remarks.extend(objects.remarks);
-    prepared.remarks.extend(scene.held_out_tracks());
+    prepared.warnings.extend(objects.warnings);
+    prepared.warnings.extend(scene.held_out_tracks());
     Ok(prepared)
 }
 

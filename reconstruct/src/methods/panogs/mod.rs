@@ -140,7 +140,7 @@ fn prepare(
         settings,
         plan: plan.decisions,
         evidence: None,
-        remarks: samples.remarks,
+        warnings: samples.warnings,
     })
 }
 

@@ -49,7 +49,7 @@ pub(super) struct Samples {
     /// Median radius of a sample, normalized units.
     pub(super) median_radius: f32,
     /// Lines that a reader of the scores should know.
-    pub(super) remarks: Vec<String>,
+    pub(super) warnings: Vec<String>,
     /// Median difference between views, with scales where they are used.
     disagreement: f64,
 }
@@ -63,8 +63,8 @@ impl Samples {
             size,
         } = sources::of_scene(scene)?;
         check(scene, &views)?;
-        let mut remarks = vec![format!("distances are those of {origin}")];
-        let disagreement = scaled(scene, &mut views, plan, &mut remarks);
+        let mut warnings = vec![format!("distances are those of {origin}")];
+        let disagreement = scaled(scene, &mut views, plan, &mut warnings);
         refine(scene, &mut views, size, plan);
         let lifted: Vec<Lifted> = distance_views(&views)
             .iter()
@@ -86,8 +86,8 @@ impl Samples {
             });
         }
         let surfaces = some_places(&lifted);
-        let (lifted, shape) = chosen(&views, lifted, disagreement, plan, &mut remarks);
-        let mut samples = Self::joined(views, lifted, shape, disagreement, remarks);
+        let (lifted, shape) = chosen(&views, lifted, disagreement, plan, &mut warnings);
+        let mut samples = Self::joined(views, lifted, shape, disagreement, warnings);
         samples.add_sky(scene, surfaces, plan);
         samples.thin(plan);
         Ok(samples)
@@ -98,7 +98,7 @@ impl Samples {
         lifted: Vec<Lifted>,
         shape: LiftSettings,
         disagreement: f64,
-        mut remarks: Vec<String>,
+        mut warnings: Vec<String>,
     ) -> Self {
         let mut view_of = Vec::new();
         let mut all = Lifted::default();
@@ -106,7 +106,7 @@ impl Samples {
             view_of.extend(std::iter::repeat_n(number as u16, of_view.len()));
             all.append(of_view);
         }
-        remarks.push(summary(&all.counts, all.len()));
+        warnings.push(summary(&all.counts, all.len()));
         let mut radii = all.radii;
         let middle = radii.len() / 2;
         let median_radius = *radii.select_nth_unstable_by(middle, f32::total_cmp).1;
@@ -116,7 +116,7 @@ impl Samples {
             view_of,
             shape,
             median_radius,
-            remarks,
+            warnings,
             disagreement,
         }
     }
@@ -173,7 +173,7 @@ impl Samples {
         }
         let views = indices.iter().filter_map(|&index| self.view_of.get(index));
         self.view_of = views.copied().collect();
-        self.remarks.push(format!(
+        self.warnings.push(format!(
             "{maximum} of {all} samples, evenly spread and {growth:.2} times as large"
         ));
     }
@@ -242,7 +242,7 @@ fn scaled(
     scene: &TrainingScene,
     views: &mut [SourceView],
     plan: &mut Plan<'_>,
-    remarks: &mut Vec<String>,
+    warnings: &mut Vec<String>,
 ) -> f64 {
     let fit: ScaleFit = fit_scales(&distance_views(views));
     let largest = fit
@@ -266,7 +266,7 @@ fn scaled(
         let groups: Vec<String> = groups
             .map(|group| group.iter().map(frame).collect::<Vec<_>>().join(" "))
             .collect();
-        remarks.push(format!(
+        warnings.push(format!(
             "the input views fall into {} groups without a common surface, each with a scale of its own: \
              frames {}",
             groups.len(),
@@ -308,7 +308,7 @@ fn chosen(
     lifted: Vec<Lifted>,
     disagreement: f64,
     plan: &mut Plan<'_>,
-    remarks: &mut Vec<String>,
+    warnings: &mut Vec<String>,
 ) -> (Vec<Lifted>, LiftSettings) {
     let distance_views = distance_views(views);
     let tolerance = tolerance(disagreement);
@@ -323,7 +323,7 @@ fn chosen(
     let shared = count(&|found| found.support > 0) as f64 / total as f64;
     let finest = count(&|found| found.is_finest);
     let ghosts = count(&|found| found.free >= GHOST_VIEWS) as f64 / total as f64;
-    remarks.push(format!(
+    warnings.push(format!(
         "{:.1} % of the samples stand where {GHOST_VIEWS} views or more see past them",
         100.0 * ghosts
     ));

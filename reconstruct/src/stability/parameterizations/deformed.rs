@@ -16,6 +16,7 @@ use rand_pcg::Pcg64Mcg;
 use crate::stability::parameterizations::{InTime, Parameterization, still};
 use crate::stability::setup::Setup;
 use omnilife_engine::{
+    fields::mlp::reference::{encoded, outputs},
     gaussians::{
         ActivatedGaussians,
         deformable::{DEFORMATION_WEIGHTS, Deformation, DeformationModel},
@@ -90,54 +91,25 @@ pub fn deformation(
     weights.array.gradients
 }
 
-fn encoded(values: &[f64], octaves: usize) -> Vec<f64> {
-    let mut out = values.to_vec();
-    for octave in 0..octaves {
-        let angles = values.iter().map(|value| value * f64::from(1 << octave));
-        out.extend(angles.clone().map(f64::sin));
-        out.extend(angles.map(f64::cos));
-    }
-    out
-}
-
 /// The network's ten outputs for a centre.
-fn outputs(centre: &[f64], setup: &Setup) -> Vec<f64> {
+fn network_outputs(centre: &[f64], setup: &Setup) -> Vec<f64> {
     let clock = setup.timing.clock;
     let frame = (setup.view.time_seconds - clock.origin_seconds) / clock.frame_seconds;
     let time = frame / f64::from(clock.duration_frames) + 0.5;
     let unit = f64::from(MODEL.length_unit);
     let centre: Vec<f64> = centre.iter().map(|value| value / unit).collect();
-    let row = encoded(&centre, MODEL.position_octaves);
-    let shared = encoded(&[time], MODEL.time_octaves);
-    let network = MODEL.network();
-    let weights = weights();
-    let mut hidden: Vec<f64> = Vec::new();
-    for (index, layer) in network.layers().iter().enumerate() {
-        let biases = &weights[layer.biases()];
-        let mut out: Vec<f64> = biases.iter().map(|&bias| f64::from(bias)).collect();
-        for (inputs, range) in [
-            (&hidden, layer.hidden_weights()),
-            (&row, layer.row_weights()),
-            (&shared, layer.shared_weights()),
-        ] {
-            let rows = weights[range].chunks_exact(layer.outputs);
-            for (input, row) in inputs.iter().zip(rows) {
-                for (sum, weight) in out.iter_mut().zip(row) {
-                    *sum += input * f64::from(*weight);
-                }
-            }
-        }
-        if index < network.depth {
-            out.iter_mut().for_each(|value| *value = value.max(0.0));
-        }
-        hidden = out;
-    }
-    hidden
+    let weights: Vec<f64> = weights().iter().map(|&weight| f64::from(weight)).collect();
+    outputs(
+        MODEL.network(),
+        &weights,
+        &encoded(&[time], MODEL.time_octaves),
+        &encoded(&centre, MODEL.position_octaves),
+    )
 }
 
 fn definition(row: &[f64], frozen: &[f64], setup: &Setup) -> Gaussian {
     let unit = f64::from(MODEL.length_unit);
-    let output = outputs(&frozen[..3], setup);
+    let output = network_outputs(&frozen[..3], setup);
     let (still, unmoved) = (still::definition(row), still::definition(frozen));
     let three = [0, 1, 2];
     Gaussian {

@@ -3,6 +3,7 @@
 //! * [`encoding`]: positional encoding of its inputs.
 //! * [`network`]: its layers and their weights; [`passes`]: forward and backward, block by block.
 //! * `product`: matrix products.
+//! * [`mod@reference`]: the definition in f64, that tests and the stability catalogue judge by.
 //! * `gpu`, `product_gpu`: the same on a GPU.
 
 #[cfg(test)]
@@ -13,3 +14,4 @@ pub mod network;
 pub mod passes;
 mod product;
 pub(crate) mod product_gpu;
+pub mod reference;

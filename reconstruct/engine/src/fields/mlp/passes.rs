@@ -5,8 +5,11 @@
 //! keep them, the others are evaluated once more. Gradients of the weights are summed up in a number
 //! of parts that does not depend on the number of threads, and so do not depend on it either.
 
+mod rows;
+
 use rayon::prelude::*;
 
+use self::rows::{add, add_offset, add_offset_and_clip, clip, clip_and_sum_columns, sum_columns};
 use crate::fields::mlp::{
     network::{Layer, NetworkShape},
     product::{Factor, multiply, multiply_add},
@@ -168,12 +171,6 @@ impl NetworkShape {
                 }
             });
         network.gradients_by_shared_weights(shared, gradients);
-    }
-}
-
-fn add(sums: &mut [f32], values: &[f32]) {
-    for (sum, value) in sums.iter_mut().zip(values) {
-        *sum += value;
     }
 }
 
@@ -461,49 +458,6 @@ impl<'a> Evaluated<'a> {
                     *gradient = input * by_bias;
                 }
             }
-        }
-    }
-}
-
-fn add_offset(values: &mut [f32], offset: &[f32]) {
-    for row in values.chunks_exact_mut(offset.len()) {
-        add(row, offset);
-    }
-}
-
-/// `max(x + offset, 0)`.
-fn add_offset_and_clip(values: &mut [f32], offset: &[f32]) {
-    for row in values.chunks_exact_mut(offset.len()) {
-        for (value, offset) in row.iter_mut().zip(offset) {
-            *value = (*value + offset).max(0.0);
-        }
-    }
-}
-
-/// Adds the sums of columns.
-fn sum_columns(values: &[f32], sums: &mut [f32]) {
-    for row in values.chunks_exact(sums.len()) {
-        add(sums, row);
-    }
-}
-
-/// The gradient before the activation.
-fn clip(gradient: &mut [f32], outputs: &[f32]) {
-    for (gradient, output) in gradient.iter_mut().zip(outputs) {
-        *gradient = if *output > 0.0 { *gradient } else { 0.0 };
-    }
-}
-
-/// The gradient before the activation, and the sums of its columns, in one pass.
-fn clip_and_sum_columns(gradient: &mut [f32], outputs: &[f32], sums: &mut [f32]) {
-    let width = sums.len();
-    for (gradient, outputs) in gradient
-        .chunks_exact_mut(width)
-        .zip(outputs.chunks_exact(width))
-    {
-        for ((gradient, output), sum) in gradient.iter_mut().zip(outputs).zip(&mut *sums) {
-            *gradient = if *output > 0.0 { *gradient } else { 0.0 };
-            *sum += *gradient;
         }
     }
 }

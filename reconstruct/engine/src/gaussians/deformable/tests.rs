@@ -4,6 +4,7 @@
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
+use crate::fields::mlp::reference::{encoded, outputs};
 use crate::gaussians::deformable::*;
 use crate::gaussians::static_gaussians::{
     InitialGaussians, LOG_SCALES, OPACITY_LOGITS, QUATERNIONS, SH_CONSTANT,
@@ -47,43 +48,12 @@ fn weights() -> SharedParameters {
     SharedParameters::new(DEFORMATION_WEIGHTS, values)
 }
 
-fn encoded(values: &[f64], octaves: usize) -> Vec<f64> {
-    let mut out = values.to_vec();
-    for octave in 0..octaves {
-        let angles: Vec<f64> = values.iter().map(|v| v * f64::from(1 << octave)).collect();
-        out.extend(angles.iter().map(|angle| angle.sin()));
-        out.extend(angles.iter().map(|angle| angle.cos()));
-    }
-    out
-}
-
 /// The network's outputs in f64.
 fn network(weights: &[f64], position: [f64; 3]) -> Vec<f64> {
-    let shape = MODEL.network();
     let unit = f64::from(MODEL.length_unit);
     let row = encoded(&position.map(|value| value / unit), MODEL.position_octaves);
     let shared = encoded(&[f64::from(TIME)], MODEL.time_octaves);
-    let mut hidden: Vec<f64> = Vec::new();
-    for (index, layer) in shape.layers().iter().enumerate() {
-        let mut out = weights[layer.biases()].to_vec();
-        for (inputs, range) in [
-            (&hidden, layer.hidden_weights()),
-            (&row, layer.row_weights()),
-            (&shared, layer.shared_weights()),
-        ] {
-            let rows = weights[range].chunks_exact(layer.outputs);
-            for (input, row) in inputs.iter().zip(rows) {
-                for (sum, weight) in out.iter_mut().zip(row) {
-                    *sum += input * weight;
-                }
-            }
-        }
-        if index < shape.depth {
-            out.iter_mut().for_each(|value| *value = value.max(0.0));
-        }
-        hidden = out;
-    }
-    hidden
+    outputs(MODEL.network(), weights, &shared, &row)
 }
 
 /// What a renderer sees of a Gaussian: 3 of position, 3 of scale, 4 of rotation, opacity, 3 of colour.

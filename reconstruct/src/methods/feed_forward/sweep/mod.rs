@@ -68,7 +68,7 @@ fn interpolate(group: &Group) -> Result<Interpolated, ReconstructError> {
             gaussians: 0,
             analysis_seconds: 0.0,
             rendering_seconds: begun.elapsed().as_secs_f64(),
-            remarks: vec![format!(
+            warnings: vec![format!(
                 "frames {} and {} were taken from one place: no depth, everything is at infinity",
                 group.context[0].frame, group.context[1].frame
             )],
@@ -85,6 +85,6 @@ fn interpolate(group: &Group) -> Result<Interpolated, ReconstructError> {
         gaussians,
         analysis_seconds,
         rendering_seconds: begun.elapsed().as_secs_f64(),
-        remarks: Vec::new(),
+        warnings: Vec::new(),
     })
 }

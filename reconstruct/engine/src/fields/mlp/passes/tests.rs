@@ -1,51 +1,25 @@
 //! Outputs and gradients against the network written out in f64.
 
 use crate::fields::mlp::cases::{Case, SMALL as SHAPE};
-use crate::fields::mlp::passes::*;
+use crate::fields::mlp::{passes::*, reference};
 use crate::golden_tests::{golden, numbers, wave};
 
 const UNLIMITED: usize = usize::MAX;
 
-/// The outputs of one row.
-fn reference(shape: NetworkShape, weights: &[f64], shared: &[f32], row: &[f64]) -> Vec<f64> {
-    let mut hidden: Vec<f64> = Vec::new();
-    for (index, layer) in shape.layers().iter().enumerate() {
-        let mut out = weights[layer.biases()].to_vec();
-        out.resize(layer.outputs, 0.0);
-        let wide = |values: &[f32]| values.iter().map(|&v| f64::from(v)).collect::<Vec<_>>();
-        let parts = [
-            (hidden.clone(), layer.hidden_weights()),
-            (row.to_vec(), layer.row_weights()),
-            (wide(shared), layer.shared_weights()),
-        ];
-        for (inputs, range) in parts {
-            let rows = weights[range].chunks_exact(layer.outputs);
-            for (input, row) in inputs.iter().zip(rows) {
-                for (sum, weight) in out.iter_mut().zip(row) {
-                    *sum += input * weight;
-                }
-            }
-        }
-        if index < shape.depth {
-            out.iter_mut().for_each(|value| *value = value.max(0.0));
-        }
-        hidden = out;
-    }
-    hidden
+fn widened(values: &[f32]) -> Vec<f64> {
+    values.iter().map(|&value| f64::from(value)).collect()
 }
 
 #[test]
 fn outputs_and_gradients_are_those_of_the_definition() {
     let case = Case::new(SHAPE, 11);
     let (out, gradients) = case.on_processor(UNLIMITED);
-    let wide: Vec<f64> = case.weights.iter().map(|&w| f64::from(w)).collect();
-    let input = |row: usize| -> Vec<f64> {
-        let values = case.input(row).iter();
-        values.map(|&value| f64::from(value)).collect()
-    };
+    let wide = widened(&case.weights);
+    let shared = widened(&case.shared);
+    let input = |row: usize| widened(case.input(row));
     let loss = |weights: &[f64]| -> f64 {
         let row = |row: usize| {
-            let out = reference(SHAPE, weights, &case.shared, &input(row));
+            let out = reference::outputs(SHAPE, weights, &shared, &input(row));
             let upstream = &case.upstream[row * SHAPE.outputs..];
             out.iter()
                 .zip(upstream)
@@ -55,7 +29,7 @@ fn outputs_and_gradients_are_those_of_the_definition() {
         (0..case.rows).map(row).sum()
     };
     for (row, out) in out.chunks_exact(SHAPE.outputs).enumerate() {
-        let expected = reference(SHAPE, &wide, &case.shared, &input(row));
+        let expected = reference::outputs(SHAPE, &wide, &shared, &input(row));
         for (found, expected) in out.iter().zip(expected) {
             assert!(
                 (f64::from(*found) - expected).abs() < 1e-5,
@@ -96,15 +70,15 @@ fn gradients_by_inputs_are_central_differences() {
         // Rows without a gradient are left out, and have none.
         case.upstream[3 * shape.outputs..9 * shape.outputs].fill(0.0);
         let (_, by_weights, by_inputs) = case.with_input_gradients(UNLIMITED);
-        let wide: Vec<f64> = case.weights.iter().map(|&w| f64::from(w)).collect();
+        let wide = widened(&case.weights);
+        let shared = widened(&case.shared);
         for row in [0, 3, 10, BLOCK - 1, 2 * BLOCK + 4] {
             let upstream = &case.upstream[row * shape.outputs..(row + 1) * shape.outputs];
             for axis in 0..shape.row_inputs {
                 let moved = |step: f64| -> f64 {
-                    let mut inputs: Vec<f64> =
-                        case.input(row).iter().map(|&v| f64::from(v)).collect();
+                    let mut inputs = widened(case.input(row));
                     inputs[axis] += step;
-                    let out = reference(shape, &wide, &case.shared, &inputs);
+                    let out = reference::outputs(shape, &wide, &shared, &inputs);
                     out.iter()
                         .zip(upstream)
                         .map(|(a, &b)| a * f64::from(b))

@@ -1,0 +1,42 @@
+//! The network and its encoding as plain f64 loops: what [`passes`](super::passes) and the
+//! parameterizations with a network are judged by.
+
+use super::network::NetworkShape;
+
+/// [`encode`](super::encoding::encode) in f64.
+pub fn encoded(values: &[f64], octaves: usize) -> Vec<f64> {
+    let mut out = values.to_vec();
+    for octave in 0..octaves {
+        let angles = values.iter().map(|value| value * f64::from(1 << octave));
+        out.extend(angles.clone().map(f64::sin));
+        out.extend(angles.map(f64::cos));
+    }
+    out
+}
+
+/// The outputs for one row of inputs. `weights` are those of the shape, `shared` the inputs that all
+/// rows have in common.
+pub fn outputs(shape: NetworkShape, weights: &[f64], shared: &[f64], row: &[f64]) -> Vec<f64> {
+    let mut hidden: Vec<f64> = Vec::new();
+    for (index, layer) in shape.layers().iter().enumerate() {
+        let mut out = weights[layer.biases()].to_vec();
+        out.resize(layer.outputs, 0.0);
+        for (inputs, range) in [
+            (hidden.as_slice(), layer.hidden_weights()),
+            (row, layer.row_weights()),
+            (shared, layer.shared_weights()),
+        ] {
+            let rows = weights[range].chunks_exact(layer.outputs);
+            for (input, weights) in inputs.iter().zip(rows) {
+                for (sum, weight) in out.iter_mut().zip(weights) {
+                    *sum += input * weight;
+                }
+            }
+        }
+        if index < shape.depth {
+            out.iter_mut().for_each(|value| *value = value.max(0.0));
+        }
+        hidden = out;
+    }
+    hidden
+}
