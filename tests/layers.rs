@@ -1,5 +1,5 @@
-//! Arrows within `omnilife-engine` and `omnilife-reconstruct` run down: a room (a top-level module) imports
-//! rooms of lower floors alone. Unit tests may look anywhere.
+//! Arrows within `omnilife-engine` and `omnilife-reconstruct` run down: a top-level module imports
+//! modules of lower layers alone. Unit tests may look anywhere.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
 use std::{
@@ -8,7 +8,7 @@ use std::{
     path::{Component, Path, PathBuf},
 };
 
-/// Floors from the ground up; rooms of one floor do not import each other.
+/// Layers from the ground up; modules of one layer do not import each other.
 const ENGINE: &[&[&str]] = &[
     &["device"],
     &["error"],
@@ -56,7 +56,7 @@ fn sources(folder: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// The room that a file below `root` is in; `None` for the root of the crate.
+/// The module that a file below `root` is in; `None` for the root of the crate.
 fn room_of(root: &Path, file: &Path) -> Option<String> {
     let first = file.strip_prefix(root).unwrap().components().next()?;
     let Component::Normal(name) = first else {
@@ -107,7 +107,7 @@ fn members(text: &str) -> Vec<String> {
     found
 }
 
-/// Rooms that a file's code names.
+/// Modules that a file's code names.
 fn imports(text: &str) -> BTreeSet<String> {
     let mut found = BTreeSet::new();
     for (at, prefix) in text.match_indices("crate::") {
@@ -122,7 +122,7 @@ fn imports(text: &str) -> BTreeSet<String> {
     found
 }
 
-/// Rooms of the WGSL that a file includes.
+/// Modules of the WGSL that a file includes.
 fn included(root: &Path, file: &Path, text: &str) -> BTreeSet<String> {
     let calls = text.split("include_str!(\"").skip(1);
     calls
@@ -142,26 +142,28 @@ fn included(root: &Path, file: &Path, text: &str) -> BTreeSet<String> {
 }
 
 /// Every arrow of a crate that does not run down, as a line.
-fn wrong_arrows(root: &Path, floors: &[&[&str]]) -> Vec<String> {
-    let floor = |room: &str| floors.iter().position(|rooms| rooms.contains(&room));
+fn wrong_arrows(root: &Path, layers: &[&[&str]]) -> Vec<String> {
+    let layer = |module: &str| layers.iter().position(|modules| modules.contains(&module));
     let mut wrong = Vec::new();
     for file in sources(root) {
         let name = file.strip_prefix(root).unwrap().display().to_string();
         if name.ends_with("tests.rs") {
             continue;
         }
-        let Some(room) = room_of(root, &file) else {
+        let Some(module) = room_of(root, &file) else {
             continue;
         };
-        let Some(own) = floor(&room) else {
-            wrong.push(format!("{name}: the room {room} has no floor in this test"));
+        let Some(own) = layer(&module) else {
+            wrong.push(format!(
+                "{name}: the module {module} has no layer in this test"
+            ));
             continue;
         };
         let text = code(&fs::read_to_string(&file).unwrap());
-        let mut rooms = imports(&text);
-        rooms.extend(included(root, &file, &text));
-        for other in rooms.iter().filter(|other| **other != room) {
-            if floor(other).is_some_and(|floor| floor >= own) {
+        let mut modules = imports(&text);
+        modules.extend(included(root, &file, &text));
+        for other in modules.iter().filter(|other| **other != module) {
+            if layer(other).is_some_and(|layer| layer >= own) {
                 wrong.push(format!("{name} imports {other}"));
             }
         }
@@ -200,7 +202,7 @@ fn an_arrow_that_runs_up_is_found() {
     assert_eq!(
         wrong,
         [
-            "attic.rs: the room attic has no floor in this test",
+            "attic.rs: the module attic has no layer in this test",
             "camera.rs imports density",
             "camera.rs imports step",
         ]

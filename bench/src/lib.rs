@@ -3,7 +3,7 @@
 //! * [`protocols`]: what is scored; [`mod@split`]: which frames a method is given and which it predicts.
 //! * [`metrics`]: what a score is, one file each; [`lpips`]: the networks of some.
 //! * [`validate()`] and [`compare()`]: predictions before they are scored, and scores of two methods;
-//! * [`external`]: anyone's method, run by its own commands; [`adapters`]: those of published ones;
+//! * [`external`]: an external method, run by its own commands; [`adapters`]: those of published ones;
 //! * [`diagnosis`]: whether views are bad because their camera convention is another one;
 //! * [`curve`]: error against run time, from the traces of runs;
 //! * [`stability_report`]: how stiff and extreme cases come out, for people;

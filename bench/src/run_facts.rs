@@ -13,7 +13,7 @@ use omnilife_schemas::{
 
 use crate::{curve::rows::Trace, error::BenchError};
 
-/// The record of a run of ours (`run.json`) or of anyone's method (`external-run.json`).
+/// The record of a run of ours (`run.json`) or of an external method (`external-run.json`).
 pub(crate) struct RunFacts {
     pub(crate) method: String,
     pub(crate) scene: String,

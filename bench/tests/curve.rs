@@ -79,7 +79,7 @@ fn runs_become_tables_and_drawings() {
 }
 
 #[test]
-fn processor_time_is_a_clock_of_its_own() {
+fn cpu_time_is_a_clock_of_its_own() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let run = write_scores(

@@ -1,4 +1,4 @@
-//! Where the time of a training iteration goes: processor milliseconds per stage, for one size.
+//! Where the time of a training iteration goes: CPU milliseconds per stage, for one size.
 //!
 //! ```text
 //! cargo bench --bench profile -- [GAUSSIANS] [WIDTH] [projected|ray] [--export FOLDER] [--json]

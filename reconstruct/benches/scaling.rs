@@ -1,4 +1,4 @@
-//! Cost against size: processor milliseconds per stage of a training iteration, over the number of
+//! Cost against size: CPU milliseconds per stage of a training iteration, over the number of
 //! Gaussians and over the number of pixels, with the slope of each stage in a log-log plot.
 //!
 //! ```text
@@ -173,7 +173,7 @@ fn plot(path: &Path, measurements: &[Measurement]) -> Result<(), Box<dyn Error>>
         chart
             .configure_mesh()
             .x_desc(series)
-            .y_desc("processor ms per iteration")
+            .y_desc("CPU ms per iteration")
             .draw()?;
         chart.draw_series(LineSeries::new(points.iter().copied(), &BLUE))?;
         chart.draw_series(

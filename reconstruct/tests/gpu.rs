@@ -145,7 +145,7 @@ fn compare(renderer: &mut GpuRenderer, view: &RefView, gaussians: &[Gaussian]) {
 }
 
 #[test]
-fn images_and_gradients_are_those_of_the_reference_and_of_the_processor() {
+fn images_and_gradients_are_those_of_the_reference_and_of_the_cpu() {
     let Some(gpu) = device() else { return };
     let mut random = Pcg64Mcg::seed_from_u64(21);
     let mut renderer = GpuRenderer::new(gpu, settings(Footprint::Projected));

@@ -91,7 +91,7 @@ fn schedule(iteration: u64, sh_degree: usize, rates: &[f32]) -> StepSchedule {
 const RATES: [f32; 6] = [2e-3, 5e-3, 1e-3, 0.05, 2.5e-3, 1.25e-4];
 
 #[test]
-fn steps_are_those_of_the_processor() {
+fn steps_are_those_of_the_cpu() {
     let Some(gpu) = device() else { return };
     let scene = scene();
     let mut on_gpu = on_device(&gpu, &scene, model(&scene, 1));
@@ -167,7 +167,7 @@ fn deformation(scene: &TrainingScene) -> Deformable {
 }
 
 #[test]
-fn steps_with_a_network_are_those_of_the_processor() {
+fn steps_with_a_network_are_those_of_the_cpu() {
     let Some(gpu) = device() else { return };
     let scene = scene();
     let settings = settings();
@@ -222,7 +222,7 @@ fn steps_with_a_network_are_those_of_the_processor() {
 }
 
 #[test]
-fn methods_learn_as_on_the_processor() {
+fn methods_learn_as_on_the_cpu() {
     if device().is_none() {
         return;
     }

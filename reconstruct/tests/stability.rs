@@ -5,7 +5,7 @@ use omnilife_reconstruct::stability::{self, devices::DeviceKind};
 use omnilife_schemas::{progress::Silent, records::StabilityStatus};
 
 #[test]
-fn every_case_passes_on_the_processor() {
+fn every_case_passes_on_the_cpu() {
     let report = stability::run(&[DeviceKind::Cpu], &Silent).unwrap();
     for row in &report.rows {
         let measured = row.measured;

@@ -40,7 +40,7 @@ pub(crate) enum BenchCommand {
         #[arg(long, default_value = PROTOCOLS[0].id)]
         protocol: String,
     },
-    /// Runs anyone's method by the commands of its method.toml, and gathers its views for scoring.
+    /// Runs an external method by the commands of its method.toml, and gathers its views for scoring.
     External {
         /// The method.toml.
         method: PathBuf,
@@ -100,7 +100,7 @@ pub(crate) enum BenchCommand {
         /// Folder for the scores.
         #[arg(long)]
         out: PathBuf,
-        /// The folder of a run, or the run.json (ours) or external-run.json (anyone's) in it.
+        /// The folder of a run, or the run.json (ours) or external-run.json (an external method's) in it.
         #[arg(long, value_parser = places::run_file(), conflicts_with_all = ["novel_views", "input_views"])]
         run: Option<PathBuf>,
         /// Folder of predicted novel views.
@@ -134,7 +134,7 @@ pub(crate) enum BenchCommand {
         /// The split.json.
         #[arg(long, value_parser = places::split_file())]
         split: PathBuf,
-        /// The folder of a run, or the run.json (ours) or external-run.json (anyone's) in it.
+        /// The folder of a run, or the run.json (ours) or external-run.json (an external method's) in it.
         #[arg(long, value_parser = places::run_file(), conflicts_with_all = ["novel_views", "input_views"])]
         run: Option<PathBuf>,
         /// Folder of predicted input views.

@@ -32,7 +32,7 @@ pub(crate) struct CurationArguments {
     /// Width of the sampled frames in pixels [default: the video's, at most 1024].
     #[arg(long)]
     pub(crate) width: Option<u32>,
-    /// Takes the videos as this kind of image, whatever the evidence says.
+    /// Takes the videos as this projection, and skips its detection.
     #[arg(long, value_name = "KIND", value_parser = parse_accept)]
     pub(crate) accept: Option<VideoProjection>,
     /// Takes the videos as ordinary perspective ones; their frames make pinhole scenes. Never guessed.

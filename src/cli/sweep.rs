@@ -82,7 +82,7 @@ pub(crate) struct PlanArguments {
     /// Memory of a unit in GiB, until some were measured.
     #[arg(long, default_value_t = 2.0, value_name = "GIB")]
     pub(crate) unit_memory: f64,
-    /// Graphics processors of a unit.
+    /// GPUs of a unit.
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub(crate) unit_gpus: u32,
     /// Ends a unit after this many seconds; it has failed then.
@@ -125,7 +125,7 @@ pub(crate) struct SweepRunArguments {
     /// Memory that all units together may use, GiB [default: nine tenths of what is free].
     #[arg(long, value_name = "GIB")]
     pub(crate) memory: Option<f64>,
-    /// Graphics processors; units are told theirs by `CUDA_VISIBLE_DEVICES`.
+    /// GPUs; units are told theirs by `CUDA_VISIBLE_DEVICES`.
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub(crate) gpus: u32,
     /// Does not wait for units that tasks of Slurm work on.

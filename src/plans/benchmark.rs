@@ -194,7 +194,7 @@ pub(crate) struct Method {
 pub(crate) enum MethodKind {
     /// Of this program.
     Ours(&'static OurMethod),
-    /// Anyone's, by its method.toml.
+    /// An external method, by its method.toml.
     External(PathBuf),
 }
 

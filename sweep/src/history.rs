@@ -18,7 +18,7 @@ pub struct GroupCost {
     pub wall_seconds: f64,
     /// The longest of them, seconds.
     pub longest_seconds: f64,
-    /// Their time on all processors together, seconds, where the system tells.
+    /// Their CPU time, seconds, where the system tells.
     pub cpu_seconds: f64,
     /// Highest resident memory of any, failed ones included, bytes.
     pub peak_memory_bytes: Option<u64>,

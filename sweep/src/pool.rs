@@ -41,11 +41,11 @@ const LOOK_ELSEWHERE: Duration = Duration::from_secs(1);
 /// What a pool may use of its machine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PoolLimits {
-    /// Processor cores.
+    /// CPU cores.
     pub cores: u32,
     /// Resident memory of all units together, bytes.
     pub memory_bytes: u64,
-    /// Graphics processors.
+    /// GPUs.
     pub gpus: u32,
 }
 
@@ -64,7 +64,7 @@ pub struct RunRequest<'a> {
     /// Whether to wait for units that tasks of Slurm run, or that a killed runner has left running,
     /// and to do them where they come to no end.
     pub wait: bool,
-    /// Whether units are told which graphics processors are theirs. A cluster's engine does that
+    /// Whether units are told which GPUs are theirs. A cluster's engine does that
     /// itself.
     pub assign_gpus: bool,
     /// Set when the pool shall end.

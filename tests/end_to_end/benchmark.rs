@@ -6,7 +6,7 @@ use omnilife_schemas::{records::ResultRecord, store};
 
 use crate::support::{self, SEQUENCE, omnilife, scratch, small_run};
 
-/// A stand-in for anyone's method: it copies the image of an input view to every novel view.
+/// A stand-in for an external method: it copies the image of an input view to every novel view.
 const COPIER: &str = r#"
 id = "copier"
 [render]

@@ -1,4 +1,4 @@
-//! Anyone's method: the commands of a `method.toml`, run on a scene and measured.
+//! An external method: the commands of a `method.toml`, run on a scene and measured.
 //!
 //! [`manifest`] says what a `method.toml` holds, `placeholders` what its texts may refer to,
 //! `process` runs a command, `gather` brings the views from where the method left them to

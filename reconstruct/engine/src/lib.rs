@@ -1,7 +1,7 @@
 //! Renders Gaussians, differentiates the renders and optimizes what made them.
 //!
-//! This crate knows no scene file, no method, no plan and no report. Its rooms, from the top down (a
-//! room imports only from those below it; a test holds that):
+//! This crate knows no scene file, no method, no plan and no report. Its modules, from the top down (each
+//! imports only from those below it; a test holds that):
 //!
 //! * [`step`]: one training step on one view, on the CPU or a GPU.
 //! * [`density`]: when Gaussians are cloned, split, pruned and reordered.

@@ -63,7 +63,7 @@ pub struct Phase {
     pub ending: String,
     /// Wall-clock time, seconds.
     pub wall_seconds: f64,
-    /// Time on all processors, user and system, of the command and the children it waited for,
+    /// CPU time, user and system, of the command and the children it waited for,
     /// seconds, where the system tells.
     pub cpu_seconds: Option<f64>,
     /// Highest resident memory of one of its processes, bytes, where the system tells.

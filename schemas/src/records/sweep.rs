@@ -51,11 +51,11 @@ pub struct SweepUnit {
 /// What a unit needs of a machine.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct UnitNeeds {
-    /// Processor cores; its commands are told to use as many threads.
+    /// CPU cores; its commands are told to use as many threads.
     pub cores: u32,
     /// Resident memory, bytes.
     pub memory_bytes: u64,
-    /// Graphics processors.
+    /// GPUs.
     pub gpus: u32,
     /// Wall-clock seconds after which it is ended and has failed; `None` sets no limit.
     pub limit_seconds: Option<f64>,
@@ -84,7 +84,7 @@ pub struct UnitOutcome {
     pub begun_unix_seconds: f64,
     /// Wall-clock time, seconds.
     pub wall_seconds: f64,
-    /// Time on all processors, seconds, where the system tells.
+    /// CPU time, seconds, where the system tells.
     pub cpu_seconds: Option<f64>,
     /// Highest resident memory of one of its processes, bytes, where the system tells.
     pub peak_memory_bytes: Option<u64>,

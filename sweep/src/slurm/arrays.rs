@@ -16,9 +16,9 @@ const MEMORY_STEP_MEBIBYTES: u64 = 256;
 /// What every task of an array asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct JobNeeds {
-    /// Graphics processors.
+    /// GPUs.
     pub gpus: u32,
-    /// Processor cores.
+    /// CPU cores.
     pub cores: u32,
     /// Memory, MiB.
     pub memory_mebibytes: u64,

@@ -56,7 +56,7 @@ impl Case {
     }
 
     /// Outputs and gradients by the weights, with activations of at most this size.
-    pub(super) fn on_processor(&self, limit_bytes: usize) -> (Vec<f32>, Vec<f32>) {
+    pub(super) fn on_cpu(&self, limit_bytes: usize) -> (Vec<f32>, Vec<f32>) {
         let (out, gradients, _) = self.with_input_gradients(limit_bytes);
         (out, gradients)
     }

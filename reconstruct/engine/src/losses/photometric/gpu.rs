@@ -155,7 +155,7 @@ mod tests {
     use crate::{device::test_device, losses::photometric::cpu};
 
     #[test]
-    fn value_and_gradient_are_those_of_the_processor() {
+    fn value_and_gradient_are_those_of_the_cpu() {
         let Some(gpu) = test_device() else { return };
         let mut random = Pcg64Mcg::seed_from_u64(1);
         for (width, height, lambda) in [(64_u32, 32_u32, 0.2), (37, 19, 0.7), (4, 3, 1.0)] {

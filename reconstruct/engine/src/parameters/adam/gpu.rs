@@ -111,7 +111,7 @@ mod tests {
     };
 
     #[test]
-    fn steps_are_those_of_the_processor_and_nan_is_refused() {
+    fn steps_are_those_of_the_cpu_and_nan_is_refused() {
         let Some(gpu) = test_device() else { return };
         let mut random = Pcg64Mcg::seed_from_u64(1);
         let mut table = ParameterTable::new(300);

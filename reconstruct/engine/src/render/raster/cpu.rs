@@ -68,7 +68,7 @@ pub fn forward(input: Input<'_>, out: &mut Raster) {
     out.features
         .resize(width * height * scene.feature_count, 0.0);
     let level = Level::new();
-    // A row of tiles owns a contiguous stretch of every image.
+    // A row of tiles owns contiguous rows of every image.
     let mut bands = Vec::with_capacity(scene.lists.rows);
     let mut planes: Vec<_> = out
         .features

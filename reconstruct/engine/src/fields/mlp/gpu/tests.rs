@@ -71,7 +71,7 @@ fn assert_close(found: &[f32], expected: &[f32], what: &str) {
 }
 
 #[test]
-fn outputs_and_gradients_are_those_of_the_processor() {
+fn outputs_and_gradients_are_those_of_the_cpu() {
     let Some(gpu) = test_device() else { return };
     for (shape, rows, block) in [
         (SMALL, 1, 64),
@@ -83,7 +83,7 @@ fn outputs_and_gradients_are_those_of_the_processor() {
     ] {
         let case = Case::new(shape, rows);
         let (out, gradients) = on_device(&case, &gpu, block);
-        let (expected_out, expected) = case.on_processor(usize::MAX);
+        let (expected_out, expected) = case.on_cpu(usize::MAX);
         assert_close(&out, &expected_out, "output");
         assert_close(&gradients, &expected, "gradient");
     }

@@ -13,7 +13,7 @@ fn widened(values: &[f32]) -> Vec<f64> {
 #[test]
 fn outputs_and_gradients_are_those_of_the_definition() {
     let case = Case::new(SHAPE, 11);
-    let (out, gradients) = case.on_processor(UNLIMITED);
+    let (out, gradients) = case.on_cpu(UNLIMITED);
     let wide = widened(&case.weights);
     let shared = widened(&case.shared);
     let input = |row: usize| widened(case.input(row));
@@ -128,10 +128,10 @@ fn memory_and_rows_without_a_gradient_change_nothing() {
     for row in (5..40).chain(BLOCK..2 * BLOCK) {
         case.upstream[row * SHAPE.outputs..(row + 1) * SHAPE.outputs].fill(0.0);
     }
-    let (out, gradients) = case.on_processor(UNLIMITED);
+    let (out, gradients) = case.on_cpu(UNLIMITED);
     let one_block = SHAPE.activation_bytes(BLOCK, UNLIMITED);
     for limit in [0, one_block, 2 * one_block + 1] {
-        let (other_out, other) = case.on_processor(limit);
+        let (other_out, other) = case.on_cpu(limit);
         assert!(out == other_out && gradients == other, "{limit}");
     }
     // Without leaving rows out: a row of zeros that is just above 0 is not left out.
@@ -140,7 +140,7 @@ fn memory_and_rows_without_a_gradient_change_nothing() {
             *value = f32::MIN_POSITIVE;
         }
     }
-    let (_, all) = case.on_processor(UNLIMITED);
+    let (_, all) = case.on_cpu(UNLIMITED);
     let largest = all.iter().fold(0.0_f32, |largest, g| largest.max(g.abs()));
     for (a, b) in gradients.iter().zip(&all) {
         assert!((a - b).abs() < 1e-5 * largest, "{a} {b}");
@@ -153,7 +153,7 @@ fn gradients_do_not_depend_on_the_number_of_threads() {
     let with = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
         let pool = pool.build().expect("threads");
-        pool.install(|| case.on_processor(UNLIMITED))
+        pool.install(|| case.on_cpu(UNLIMITED))
     };
     assert!(with(1) == with(3));
 }
@@ -161,6 +161,6 @@ fn gradients_do_not_depend_on_the_number_of_threads() {
 #[test]
 fn nothing_goes_through() {
     let case = Case::new(SHAPE, 0);
-    let (out, gradients) = case.on_processor(UNLIMITED);
+    let (out, gradients) = case.on_cpu(UNLIMITED);
     assert!(out.is_empty() && gradients.iter().all(|&g| g == 0.0));
 }
