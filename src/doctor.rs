@@ -267,7 +267,7 @@ fn viewer_libraries() -> Finding {
 }
 
 fn graphics_adapters() -> Finding {
-    let found = adapters::adapters();
+    let found = silencing_drivers(adapters::adapters);
     if found.is_empty() {
         return Finding::Missing {
             reason: "no Vulkan, Metal or DX12 adapter".to_owned(),
@@ -285,6 +285,32 @@ fn graphics_adapters() -> Finding {
     Finding::Present {
         found: found.into_iter().map(describe).collect(),
     }
+}
+
+/// Drivers write to the standard error as they like. What is written there while `work` runs goes
+/// nowhere; where that cannot be arranged, it stays.
+#[cfg(unix)]
+fn silencing_drivers<T>(work: impl FnOnce() -> T) -> T {
+    /// Descriptors below are those of the standard streams.
+    const FIRST_FREE: i32 = 3;
+    let silence = || {
+        let stderr = rustix::io::fcntl_dupfd_cloexec(std::io::stderr(), FIRST_FREE)?;
+        let nowhere = std::fs::File::options().write(true).open("/dev/null")?;
+        rustix::stdio::dup2_stderr(&nowhere)?;
+        Ok::<_, std::io::Error>(stderr)
+    };
+    let stderr = silence();
+    let found = work();
+    if let Ok(stderr) = stderr {
+        // Were it to fail, the report itself would still be printed: it goes to the standard output.
+        let _ = rustix::stdio::dup2_stderr(&stderr);
+    }
+    found
+}
+
+#[cfg(not(unix))]
+fn silencing_drivers<T>(work: impl FnOnce() -> T) -> T {
+    work()
 }
 
 fn cpu_threads() -> Finding {

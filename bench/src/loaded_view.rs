@@ -6,6 +6,7 @@ use omnilife_schemas::rgb::Mask;
 
 use crate::{
     error::BenchError,
+    lpips::Backbone,
     metrics::{DepthPair, Need, Sample, ViewPair},
     prediction::PredictionFolder,
     scoring::job::{ScoringJob, View},
@@ -73,6 +74,12 @@ impl LoadedView {
             depth: None,
         };
         loaded.pair = loaded.read_prediction(job, truth, true_depth);
+        // Before the view after this one asks for them as well.
+        if let Ok(pair) = &loaded.pair
+            && job.needs(Need::Network(Backbone::Alex))
+        {
+            pair.alex_features();
+        }
         Ok(loaded)
     }
 

@@ -8,7 +8,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use omnilife_bench::{DepthPair, METRICS, Metric, Need, Sample, Undefined, ViewPair, lpips::Lpips};
+use omnilife_bench::{
+    DepthPair, METRICS, Metric, Need, Sample, Undefined, ViewPair,
+    lpips::{Backbone, InputRange, Lpips},
+};
 use omnilife_schemas::{RgbImage, records::Direction, rgb::Mask};
 use proptest::prelude::*;
 use serde::Deserialize;
@@ -128,6 +131,35 @@ impl Evidence {
         sample.objects = [("a", human), ("b", vehicle)].into();
         sample.depth = Some(&self.depth);
         sample
+    }
+}
+
+/// Strips of rows and pictures by themselves change no bit of a distance.
+#[test]
+fn distances_of_kept_features_are_those_of_pictures() {
+    // More rows than a strip of stages at full size has.
+    let [width, height] = [72, 150];
+    let bytes = |factor: usize| -> Vec<u8> {
+        let values = (0..width * height * 3).map(|at| (at * factor + at / 7) % 251);
+        values.map(|value| value as u8).collect()
+    };
+    let (left, right) = (bytes(31), bytes(37));
+    for backbone in [Backbone::Alex, Backbone::Vgg] {
+        let Ok(network) = Lpips::published(backbone) else {
+            let name = backbone.weights();
+            omnilife_schemas::testing::skip(format_args!("the weights of {name} are missing"));
+            continue;
+        };
+        let range = InputRange::Signed;
+        let size = [width, height];
+        let expected = network.distance(size, [&left, &right], range).unwrap();
+        let features = [&left, &right].map(|image| network.features(size, image, range).unwrap());
+        let found = network.distance_of_features(features.each_ref());
+        assert_eq!(
+            found.to_bits(),
+            expected.to_bits(),
+            "{backbone:?}: {found} {expected}"
+        );
     }
 }
 

@@ -3,6 +3,8 @@
 
 mod support;
 
+use std::path::Path;
+
 use omnilife_curate::{
     boundaries::{DETECTORS, Signals},
     video::Rgb8Image,
@@ -130,6 +132,21 @@ fn a_missing_signal_is_an_error() {
             values.pop();
         });
         assert!((detector.decide)(&table).is_err(), "{}", detector.id);
+    }
+}
+
+/// Written by version 0.1.0 at cbc93b3, through Polars, of the first 30 frames of the street sample:
+/// other types of page and columns that may be empty.
+#[test]
+fn signals_of_an_earlier_version_are_read() {
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden");
+    let table = Signals::read_parquet(&golden.join("signals-of-polars.parquet")).unwrap();
+    let times: Vec<f64> = table.times.clone();
+    assert!(times.len() >= 30 && times.is_sorted(), "{times:?}");
+    assert!(!table.columns.is_empty());
+    for (name, values) in &table.columns {
+        assert_eq!(values.len(), times.len(), "{name}");
+        assert!(values.iter().all(|value| value.is_finite()), "{name}");
     }
 }
 

@@ -1,7 +1,7 @@
 //! The files of a leaderboard: written, or compared with what is there.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     fs, io,
     path::{Path, PathBuf},
 };
@@ -10,6 +10,8 @@ use omnilife_schemas::{
     ownership::{FileList, OwnFile, OwnFiles},
     store::{self, StoreError},
 };
+
+use rayon::prelude::*;
 
 use crate::error::LeaderboardError;
 
@@ -47,15 +49,18 @@ impl Outputs {
     /// written then.
     pub(crate) fn write(&self, out: &Path) -> Result<(), StoreError> {
         let earlier = earlier_files(out)?;
-        let mut files = Vec::new();
-        for (path, content) in &self.files {
-            let sha256 = store::sha256_bytes(&content.bytes()?);
-            earlier.refuse_changed(path, &sha256)?;
-            files.push(OwnFile {
-                file: path.clone(),
-                sha256: Some(sha256),
-            });
-        }
+        let hashed: Vec<Result<OwnFile, StoreError>> = (self.files.par_iter())
+            .map(|(path, content)| {
+                let sha256 = store::sha256_bytes(&content.bytes()?);
+                earlier.refuse_changed(path, &sha256)?;
+                Ok(OwnFile {
+                    file: path.clone(),
+                    sha256: Some(sha256),
+                })
+            })
+            .collect();
+        // In the order of the paths, so that always the first one in the way is named.
+        let files = hashed.into_iter().collect::<Result<Vec<_>, _>>()?;
         let manifest = out.join(MANIFEST);
         // Of a build that is killed, both the old and the new files are known as ours.
         let mut list = FileList {
@@ -63,17 +68,24 @@ impl Outputs {
         };
         store::update_record(&manifest, &list)?;
         earlier.remove(|path| !self.files.contains_key(path))?;
-        for (path, content) in &self.files {
-            let target = out.join(path);
-            if let Some(folder) = target.parent() {
-                store::create_folder(folder)?;
-            }
-            let bytes = content.bytes()?;
-            // What is the same already is left alone: a rebuilt site uploads what changed.
-            if fs::read(&target).ok().as_deref() != Some(&*bytes) {
-                store::write_bytes(&target, &bytes)?;
-            }
+        let folders: BTreeSet<&Path> = (self.files.keys())
+            .filter_map(|path| Path::new(path).parent())
+            .collect();
+        for folder in folders {
+            store::create_folder(&out.join(folder))?;
         }
+        let written: Vec<Result<(), StoreError>> = (self.files.par_iter())
+            .map(|(path, content)| {
+                let target = out.join(path);
+                let bytes = content.bytes()?;
+                // What is the same already is left alone: a rebuilt site uploads what changed.
+                if fs::read(&target).ok().as_deref() == Some(&*bytes) {
+                    return Ok(());
+                }
+                store::write_bytes(&target, &bytes)
+            })
+            .collect();
+        written.into_iter().collect::<Result<(), _>>()?;
         list.files = files;
         store::update_record(&manifest, &list)
     }

@@ -3,10 +3,12 @@
 //! 3x3 kernels of stride one go through Winograd's transform, everything else (and inputs of a few
 //! channels, such as colours) through products of patches with one matrix.
 
+use std::borrow::Cow;
+
 use rayon::prelude::*;
 
 use crate::{
-    Features, Weights, WeightsError, matrix,
+    Features, LeftFactor, PackedMatrix, Weights, WeightsError,
     winograd::{self, PATCH, POSITIONS, TILE},
 };
 
@@ -36,15 +38,13 @@ pub struct Convolution {
 #[derive(Debug)]
 enum Matrices {
     /// Rows are (row, column, input) of the kernel, columns the outputs.
-    Direct(Vec<f32>),
+    Direct(PackedMatrix),
     /// One matrix of inputs by outputs for each position of Winograd's transform.
-    Winograd(Vec<Vec<f32>>),
+    Winograd(Vec<PackedMatrix>),
 }
 
 /// Channels come in eights for Winograd's transform.
 const LANES: usize = 8;
-/// Pixels whose patches are multiplied at once.
-const PIXELS_TOGETHER: usize = 256;
 
 impl Convolution {
     /// Reads `<name>.kernel` (row, column, input, output) and `<name>.bias`.
@@ -86,9 +86,9 @@ impl Convolution {
             kernel,
             bias,
             matrices: if is_winograd {
-                Matrices::Winograd(winograd_matrices(&values, inputs * outputs))
+                Matrices::Winograd(winograd_matrices(&values, [inputs, outputs]))
             } else {
-                Matrices::Direct(values)
+                Matrices::Direct(PackedMatrix::new(&values, outputs))
             },
         }
     }
@@ -126,7 +126,9 @@ impl Convolution {
         }
     }
 
-    fn direct(&self, matrix: &[f32], input: &Features, output: &mut Features) {
+    /// Every row of outputs is a product: the patches of its pixels lie in the rows of the input
+    /// that they are of, one pixel from the next.
+    fn direct(&self, matrix: &PackedMatrix, input: &Features, output: &mut Features) {
         let Kernel {
             side,
             stride,
@@ -134,27 +136,26 @@ impl Convolution {
             inputs,
             outputs,
         } = self.kernel;
-        let depth = side * side * inputs;
-        let (width, pixels) = (output.width, output.width * output.height);
+        let padded = with_border(input, padding);
+        let (height, row_len, padded_row_len) = (output.height, output.row_len(), padded.row_len());
+        if row_len == 0 {
+            return;
+        }
         output
             .data
-            .par_chunks_mut(PIXELS_TOGETHER * outputs)
+            .par_chunks_exact_mut(row_len)
             .enumerate()
-            .for_each_init(Vec::new, |patches, (chunk, values)| {
-                let count = values.len() / outputs;
-                patches.clear();
-                patches.resize(count * depth, 0.0);
-                for (at, patch) in patches.chunks_exact_mut(depth).enumerate() {
-                    let index = chunk * PIXELS_TOGETHER + at;
-                    let (picture, y, x) = (index / pixels, index % pixels / width, index % width);
-                    let left = (x * stride) as isize - padding as isize;
-                    for (dy, values) in patch.chunks_exact_mut(side * inputs).enumerate() {
-                        let row = (y * stride + dy) as isize - padding as isize;
-                        input.copy_row(picture, row, left, values);
-                    }
-                }
-                matrix::multiply(patches, matrix, values, [count, depth, outputs]);
-                for pixel in values.chunks_exact_mut(outputs) {
+            .for_each(|(index, row)| {
+                let (picture, y) = (index / height, index % height);
+                let patches = LeftFactor {
+                    values: &padded.picture(picture)[y * stride * padded_row_len..],
+                    row_spacing: stride * inputs,
+                    segments: side,
+                    segment_len: side * inputs,
+                    segment_spacing: padded_row_len,
+                };
+                matrix.multiply_into(&patches, row);
+                for pixel in row.chunks_exact_mut(outputs) {
                     for (value, bias) in pixel.iter_mut().zip(&self.bias) {
                         *value = (*value + bias).max(0.0);
                     }
@@ -162,7 +163,7 @@ impl Convolution {
             });
     }
 
-    fn winograd(&self, matrices: &[Vec<f32>], input: &Features, output: &mut Features) {
+    fn winograd(&self, matrices: &[PackedMatrix], input: &Features, output: &mut Features) {
         let (height, width, row_len) = (output.height, output.width, output.row_len());
         if height * row_len == 0 {
             return;
@@ -191,7 +192,7 @@ impl Convolution {
     /// The tiles `tiles`, counted along the rows of tiles.
     fn winograd_tiles(
         &self,
-        matrices: &[Vec<f32>],
+        matrices: &[PackedMatrix],
         input: &Features,
         rows: &mut [TileRow<'_>],
         tiles: std::ops::Range<usize>,
@@ -236,9 +237,8 @@ impl Convolution {
             .zip(products.chunks_exact_mut(products_spacing))
             .zip(matrices)
         {
-            let (patches, products) =
-                (&patches[..count * inputs], &mut products[..count * outputs]);
-            matrix::multiply(patches, matrix, products, [count, inputs, outputs]);
+            let patches = LeftFactor::row_major(&patches[..count * inputs], inputs);
+            matrix.multiply_into(&patches, &mut products[..count * outputs]);
         }
         for (at, tile) in tiles.enumerate() {
             let lines = &mut rows[tile / columns].lines;
@@ -284,7 +284,24 @@ fn tiles_together(kernel: Kernel) -> usize {
     (kernel.inputs / 2).clamp(64, 192)
 }
 
-fn winograd_matrices(values: &[f32], pairs: usize) -> Vec<Vec<f32>> {
+/// Pictures with so many pixels of zeros around them.
+fn with_border(input: &Features, padding: usize) -> Cow<'_, Features> {
+    if padding == 0 {
+        return Cow::Borrowed(input);
+    }
+    let [height, width] = [input.height, input.width].map(|length| length + 2 * padding);
+    let mut padded = Features::zeros(input.pictures, height, width, input.channels);
+    let row_len = padded.row_len();
+    for (index, row) in padded.data.chunks_exact_mut(row_len).enumerate() {
+        let (picture, y) = (index / height, (index % height) as isize);
+        let padding = padding as isize;
+        input.copy_row(picture, y - padding, -padding, row);
+    }
+    Cow::Owned(padded)
+}
+
+fn winograd_matrices(values: &[f32], [inputs, outputs]: [usize; 2]) -> Vec<PackedMatrix> {
+    let pairs = inputs * outputs;
     let transformed: Vec<[f64; POSITIONS]> = (0..pairs)
         .into_par_iter()
         .map(|pair| {
@@ -293,9 +310,11 @@ fn winograd_matrices(values: &[f32], pairs: usize) -> Vec<Vec<f32>> {
         })
         .collect();
     (0..POSITIONS)
+        .into_par_iter()
         .map(|position| {
             let values = transformed.iter();
-            values.map(|kernel| kernel[position] as f32).collect()
+            let values: Vec<f32> = values.map(|kernel| kernel[position] as f32).collect();
+            PackedMatrix::new(&values, outputs)
         })
         .collect()
 }

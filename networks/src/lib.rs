@@ -9,10 +9,12 @@
 pub mod convolution;
 pub mod features;
 pub mod matrix;
+pub mod packed_matrix;
 pub mod weights;
 pub mod winograd;
 
 pub use convolution::{Convolution, Kernel};
 pub use features::Features;
 pub use matrix::Matrix;
+pub use packed_matrix::{LeftFactor, PackedMatrix};
 pub use weights::{Weights, WeightsError};

@@ -69,7 +69,7 @@ pub fn transform_patches(patch: &[Option<&[f32]>; POSITIONS], transformed: &mut 
             rows[y] = transform_inputs(&line);
         }
         for x in 0..PATCH {
-            let column = transform_inputs(&rows.map(|row| row[x]));
+            let column = transform_inputs(&column_of(&rows, x));
             for (y, values) in column.iter().enumerate() {
                 transformed[y * PATCH + x][begin..begin + lanes].copy_from_slice(&values[..lanes]);
             }
@@ -112,7 +112,7 @@ pub fn transform_products_rectified(
         load(&bias[channel..channel + LANES], &mut offsets);
         channel = (channel + LANES) % bias.len();
         for x in 0..TILE {
-            let column = transform_outputs(&rows.map(|row| row[x]));
+            let column = transform_outputs(&column_of(&rows, x));
             for (y, values) in column.iter().enumerate() {
                 if let Some(pixel) = &mut tile[y * TILE + x] {
                     let pixel = &mut pixel[begin..begin + LANES];
@@ -154,7 +154,7 @@ pub(crate) fn transform_patch(
             rows[y] = transform_inputs(&line);
         }
         for x in 0..PATCH {
-            let column = transform_inputs(&rows.map(|row| row[x]));
+            let column = transform_inputs(&column_of(&rows, x));
             for (y, values) in column.iter().enumerate() {
                 let at = (y * PATCH + x) * spacing + block * LANES;
                 transformed[at..at + LANES].copy_from_slice(values);
@@ -195,7 +195,7 @@ pub(crate) fn transform_tile_rectified(
             rows[y] = transform_outputs(&line);
         }
         for x in 0..TILE {
-            let column = transform_outputs(&rows.map(|row| row[x]));
+            let column = transform_outputs(&column_of(&rows, x));
             let at = left + x * channels + block * LANES;
             for (line, values) in lines.iter_mut().zip(&column) {
                 if let Some(pixel) = line.get_mut(at..at + LANES) {
@@ -213,6 +213,16 @@ fn load(values: &[f32], lanes: &mut Lanes) {
     for (lane, value) in lanes.iter_mut().zip(values) {
         *lane = *value;
     }
+}
+
+/// A column of transformed rows. A loop, because `map` would be a call to code without vectors.
+#[inline(always)]
+fn column_of<const WIDTH: usize>(rows: &[[Lanes; WIDTH]; PATCH], x: usize) -> [Lanes; PATCH] {
+    let mut column = [[0.0; LANES]; PATCH];
+    for (lanes, row) in column.iter_mut().zip(rows) {
+        *lanes = row[x];
+    }
+    column
 }
 
 /// Rows of `B^T`.

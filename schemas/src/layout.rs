@@ -82,3 +82,5 @@ pub const TRACKS_FILE: &str = "tracks.json";
 pub const SPLIT_FILE: &str = "split.json";
 /// The scores of one method on a split, in the folder of the scores.
 pub const RESULT_FILE: &str = "result.json";
+/// How the scores beside it were computed.
+pub const SCORING_FILE: &str = "scoring.json";

@@ -9,12 +9,13 @@ use std::{
     io::{self, Read, Seek, Write},
     path::{Path, PathBuf},
     sync::{Arc, Mutex, MutexGuard, PoisonError, Weak},
-    time::{SystemTime, UNIX_EPOCH},
+    time::SystemTime,
 };
 
 use crate::{
     process,
     progress::Progress,
+    provenance,
     store::{self, StoreError},
 };
 
@@ -178,7 +179,7 @@ fn holder() -> String {
         "{TAG}process {} on {} since {} (`{}`)\n",
         std::process::id(),
         process::host_name(),
-        utc(SystemTime::now()),
+        provenance::utc(SystemTime::now()),
         words.join(" ")
     )
 }
@@ -208,41 +209,9 @@ fn is_still_there(_: &File, path: &Path) -> io::Result<bool> {
     Ok(path.is_file())
 }
 
-/// `2026-01-31 23:59:59 UTC`.
-fn utc(time: SystemTime) -> String {
-    let seconds = time
-        .duration_since(UNIX_EPOCH)
-        .map_or(0, |time| time.as_secs());
-    let (mut days, second) = (seconds / 86_400, seconds % 86_400);
-    let is_leap = |year: u64| {
-        year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400))
-    };
-    let mut year = 1970;
-    while days >= 365 + u64::from(is_leap(year)) {
-        days -= 365 + u64::from(is_leap(year));
-        year += 1;
-    }
-    let february = 28 + u64::from(is_leap(year));
-    let mut month = 1;
-    for length in [31, february, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31] {
-        if days < length {
-            break;
-        }
-        days -= length;
-        month += 1;
-    }
-    let (hour, minute, second) = (second / 3600, second / 60 % 60, second % 60);
-    format!(
-        "{year}-{month:02}-{:02} {hour:02}:{minute:02}:{second:02} UTC",
-        days + 1
-    )
-}
-
 #[cfg(test)]
 mod tests {
     #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
-
-    use std::time::Duration;
 
     use super::*;
     use crate::progress::Silent;
@@ -280,14 +249,5 @@ mod tests {
         fs::write(&path, "my notes").unwrap();
         assert!(FolderLock::take(temp.path(), &Silent).is_err());
         assert_eq!(fs::read_to_string(&path).unwrap(), "my notes");
-    }
-
-    #[test]
-    fn times_are_those_of_the_calendar() {
-        let at = |seconds| utc(UNIX_EPOCH + Duration::from_secs(seconds));
-        assert_eq!(at(0), "1970-01-01 00:00:00 UTC");
-        assert_eq!(at(951_782_399), "2000-02-28 23:59:59 UTC");
-        assert_eq!(at(951_782_400), "2000-02-29 00:00:00 UTC");
-        assert_eq!(at(1_735_689_599), "2024-12-31 23:59:59 UTC");
     }
 }

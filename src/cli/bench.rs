@@ -213,7 +213,8 @@ pub(crate) enum BenchCommand {
         protocol: String,
         #[command(flatten)]
         method: Box<MethodArguments>,
-        /// Optimizer steps of every run; schedules scale with them.
+        /// Optimizer steps of every run, as many as the published protocol has; schedules scale with
+        /// them. `run` and `bench run` have 1500.
         #[arg(long, default_value_t = 30_000)]
         iterations: u64,
     },

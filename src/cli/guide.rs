@@ -3,7 +3,7 @@
 //! Both are slices that tests walk: every command has examples that parse, and every list of values
 //! belongs to an option that exists.
 
-use clap::{Command, CommandFactory};
+use clap::{Command, CommandFactory, Id};
 use omnilife_bench::{ADAPTERS, PROTOCOLS};
 use omnilife_curate::{boundaries::DETECTORS, exchange, masks};
 use omnilife_reconstruct::methods::METHODS;
@@ -221,6 +221,10 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         &["leaderboard figure RESULTS --methods omni4dgs,odgs --out FIGURE"],
     ),
     (
+        "leaderboard gallery",
+        &["leaderboard gallery DATASET --most 8 --out FIGURE"],
+    ),
+    (
         "leaderboard submit",
         &["leaderboard submit RESULTS --card card.toml --out SUBMISSION"],
     ),
@@ -339,16 +343,44 @@ fn with_guide(mut command: Command, words: &str) -> Command {
             argument.help(format!("{} [one of: {list}]", help.unwrap_or_default()))
         });
     }
-    match EXAMPLES.iter().find(|(of, _)| *of == words) {
-        Some((_, lines)) => {
-            let lines: String = lines
-                .iter()
-                .map(|line| format!("  omnilife {line}\n"))
-                .collect();
-            command.after_help(format!("Examples:\n{}", lines.trim_end()))
-        }
-        None => command,
+    let hidden = hidden_in_short_help(&command);
+    for id in &hidden {
+        command = command.mut_arg(id, |argument| argument.hide_short_help(true));
     }
+    let Some((_, lines)) = EXAMPLES.iter().find(|(of, _)| *of == words) else {
+        return command;
+    };
+    let shown = |lines: &[&str]| {
+        let lines: String = lines
+            .iter()
+            .map(|line| format!("  omnilife {line}\n"))
+            .collect();
+        lines.trim_end().to_owned()
+    };
+    let more = match hidden.len() {
+        0 => String::new(),
+        count => format!("\n\n{count} more options: omnilife {words} --help"),
+    };
+    command
+        .after_help(format!("Example:\n{}{more}", shown(&lines[..1])))
+        .after_long_help(format!("Examples:\n{}", shown(lines)))
+}
+
+/// Options under a heading that a first run is likely to need.
+const IN_SHORT_HELP: [&str; 4] = ["method", "poses", "width", "budget"];
+
+/// Options that `-h` leaves to `--help`: those under headings of their own, where there are many.
+fn hidden_in_short_help(command: &Command) -> Vec<Id> {
+    const MANY: usize = 12;
+    let arguments = || command.get_arguments();
+    if arguments().count() < MANY {
+        return Vec::new();
+    }
+    let hidden = arguments().filter(|argument| {
+        let is_kept = IN_SHORT_HELP.contains(&argument.get_id().as_str());
+        argument.get_help_heading().is_some() && !is_kept
+    });
+    hidden.map(|argument| argument.get_id().clone()).collect()
 }
 
 /// All commands by their words, hidden ones left out.
@@ -394,6 +426,25 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn short_help_leaves_options_under_headings_to_the_long_one() {
+        let run = command().find_subcommand("run").cloned();
+        let mut run = run.unwrap_or_else(|| panic!("there is no command run"));
+        let (short, long) = (run.render_help(), run.render_long_help());
+        let (short, long) = (short.to_string(), long.to_string());
+        for option in ["--out", "--iterations"] {
+            assert!(short.contains(option) && long.contains(option), "{option}");
+        }
+        for option in ["--sampling", "--checkpoint-every"] {
+            assert!(!short.contains(option), "{short}");
+        }
+        assert!(
+            short.contains("more options: omnilife run --help"),
+            "{short}"
+        );
+        assert!(short.lines().count() < long.lines().count() / 2, "{short}");
     }
 
     #[test]

@@ -16,6 +16,11 @@ pub(crate) enum LeaderboardCommand {
     /// Rows are scenes, columns the ground truth and the methods by rank; below each image a part of it
     /// enlarged and its error, four times as bright. OUT.png holds the pixels, OUT.svg the names as well.
     Figure(FigureArguments),
+    /// Draws a gallery of a dataset, for a paper: a frame of every kind of sequence, below it what moves.
+    ///
+    /// One sequence of every group, category and class of ego-motion that the annotations name, then a
+    /// second one; what masks mark is coloured. OUT.png holds the pixels, OUT.svg the names as well.
+    Gallery(GalleryArguments),
     /// Packs a method's results, its predictions and its card for handing in.
     Submit(SubmitResultsArguments),
     /// Checks what was handed in, scores a sample of it again, and takes it in.
@@ -47,6 +52,30 @@ pub(crate) struct FigureArguments {
     pub(crate) inset: Option<[f64; 3]>,
     /// Width of an image in the figure in pixels.
     #[arg(long, default_value_t = 512, value_name = "PIXELS",
+        value_parser = clap::value_parser!(u16).range(64..=4096))]
+    pub(crate) panel_width: u16,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct GalleryArguments {
+    /// Folder of a dataset, or its dataset.json.
+    pub(crate) dataset: PathBuf,
+    /// The figure without its ending.
+    #[arg(long)]
+    pub(crate) out: PathBuf,
+    /// Sequences to show [default: as many kinds as there are].
+    #[arg(long, value_name = "SEQUENCE", value_delimiter = ',')]
+    pub(crate) sequences: Vec<String>,
+    /// Sequences that are shown at most, without --sequences.
+    #[arg(long, default_value_t = 12, value_name = "N",
+        value_parser = clap::value_parser!(u16).range(1..=400))]
+    pub(crate) most: u16,
+    /// Sequences beside each other.
+    #[arg(long, default_value_t = 4, value_name = "N",
+        value_parser = clap::value_parser!(u16).range(1..=40))]
+    pub(crate) columns: u16,
+    /// Width of an image in the figure in pixels.
+    #[arg(long, default_value_t = 384, value_name = "PIXELS",
         value_parser = clap::value_parser!(u16).range(64..=4096))]
     pub(crate) panel_width: u16,
 }

@@ -27,7 +27,7 @@ pub(crate) use dataset::{
     SliceArguments,
 };
 pub(crate) use leaderboard::{
-    AddArguments, FigureArguments, LeaderboardBuildArguments, LeaderboardCommand,
+    AddArguments, FigureArguments, GalleryArguments, LeaderboardBuildArguments, LeaderboardCommand,
     SubmitResultsArguments,
 };
 pub(crate) use ledger::LedgerCommand;

@@ -347,7 +347,7 @@ pub(crate) enum ReconstructCommand {
         split: PathBuf,
         #[command(flatten)]
         method: MethodArguments,
-        /// Optimizer steps that the run would have.
+        /// Optimizer steps that the run would have, as in `reconstruct train`.
         #[arg(long, default_value_t = 30_000)]
         iterations: u64,
     },

@@ -2,13 +2,13 @@
 
 use omnilife_leaderboard::{
     LeaderboardRequest, build_leaderboard, check_leaderboard,
-    figure::{FigureRequest, figure},
+    figure::{FigureRequest, GalleryRequest, figure, gallery},
 };
 use omnilife_schemas::{lock::FolderLock, progress::Progress};
 
 use super::submission;
 use crate::{
-    cli::{FigureArguments, LeaderboardBuildArguments, LeaderboardCommand},
+    cli::{FigureArguments, GalleryArguments, LeaderboardBuildArguments, LeaderboardCommand},
     exit,
 };
 
@@ -16,6 +16,7 @@ pub(crate) fn execute(command: &LeaderboardCommand, progress: &dyn Progress) -> 
     match command {
         LeaderboardCommand::Build(arguments) => build(arguments, progress),
         LeaderboardCommand::Figure(arguments) => draw(arguments),
+        LeaderboardCommand::Gallery(arguments) => draw_gallery(arguments),
         LeaderboardCommand::Submit(arguments) => submission::submit(arguments, progress),
         LeaderboardCommand::Add(arguments) => submission::add(arguments, progress),
     }
@@ -64,5 +65,24 @@ fn draw(arguments: &FigureArguments) -> anyhow::Result<()> {
         drawn.svg.display(),
         rows.collect::<Vec<_>>().join(", "),
         drawn.columns.join(", ")
+    ))
+}
+
+fn draw_gallery(arguments: &GalleryArguments) -> anyhow::Result<()> {
+    let drawn = gallery(&GalleryRequest {
+        dataset: arguments.dataset.clone(),
+        out: arguments.out.clone(),
+        sequences: arguments.sequences.clone(),
+        most: usize::from(arguments.most),
+        columns: usize::from(arguments.columns),
+        panel_width: usize::from(arguments.panel_width),
+    })?;
+    exit::print(&format!(
+        "{}\n{}\n{} of {} sequences: {}\n",
+        drawn.png.display(),
+        drawn.svg.display(),
+        drawn.sequences.len(),
+        drawn.of,
+        drawn.sequences.join(", ")
     ))
 }

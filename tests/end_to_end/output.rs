@@ -2,7 +2,9 @@
 
 use std::process::{Command, Stdio};
 
-use crate::support::{SMALL, copy_of_small_run, run, sample, small_run};
+use crate::support::{
+    SMALL, copy_of_small_run, omnilife, picture, run, sample, scratch, small_run,
+};
 
 #[test]
 fn stderr_is_plain_lines_where_it_is_no_terminal() {
@@ -67,4 +69,33 @@ fn a_reader_that_goes_away_causes_no_panic() {
         assert!(!stderr.contains("panicked"), "{arguments:?}: {stderr}");
         assert!(output.status.code().is_some(), "{arguments:?}");
     }
+}
+
+#[test]
+fn a_gallery_shows_the_sequences_of_a_dataset_once() {
+    let dataset = &small_run().out;
+    let folder = scratch();
+    let figure = folder.path().join("gallery");
+    let draw = || {
+        omnilife([
+            "leaderboard".as_ref(),
+            "gallery".as_ref(),
+            dataset.as_os_str(),
+            "--out".as_ref(),
+            figure.as_os_str(),
+            "--panel-width".as_ref(),
+            "96".as_ref(),
+        ])
+    };
+    let drawn = draw().succeeded();
+    assert!(
+        drawn.stdout.contains("1 of 1 sequences: street/seq-000"),
+        "{}",
+        drawn.stdout
+    );
+    let image = picture(&figure.with_extension("png"));
+    assert_eq!(image.width, 96);
+    let text = std::fs::read_to_string(figure.with_extension("svg")).unwrap();
+    assert!(text.contains("street/seq-000</text>"), "{text:.400}");
+    assert!(draw().failed_quietly(2).contains("is there already"));
 }

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use omnilife_schemas::store;
+use omnilife_schemas::{progress::Progress, store};
 use rayon::prelude::*;
 
 use crate::{
@@ -32,6 +32,7 @@ pub(crate) fn write_curve(
     job: &ScoringJob,
     memory_bytes: u64,
     out: &Path,
+    progress: &dyn Progress,
 ) -> Result<Option<Vec<String>>, BenchError> {
     let trace = job.run.as_ref().and_then(|run| run.trace.as_ref());
     let (Some(trace), Some(_)) = (trace, job.folder(ViewKind::Novel)) else {
@@ -44,6 +45,8 @@ pub(crate) fn write_curve(
         .iter()
         .map(|folder| PredictionFolder::open(folder, &trace.frames))
         .collect::<Vec<_>>();
+    let label = format!("scoring the curve of {} on {}", job.method, job.scene.id);
+    progress.begin(&label, Some(trace.frames.len() as u64));
     let mut scores: Vec<Vec<ViewScores>> = vec![Vec::new(); trace.rows.len()];
     for frames in trace
         .frames
@@ -66,8 +69,10 @@ pub(crate) fn write_curve(
             for (row, view) in scores.iter_mut().zip(of_frame?) {
                 row.push(view);
             }
+            progress.advance(1);
         }
     }
+    progress.end();
     let mut unscored = Vec::new();
     let mut rows = trace.rows.clone();
     for (row, views) in rows.iter_mut().zip(scores) {

@@ -2,7 +2,6 @@
 
 use std::ops::Range;
 
-use omnilife_networks::Features;
 use rayon::prelude::*;
 
 /// Added to the length of a pixel's features before they are divided by it.
@@ -10,11 +9,15 @@ const EPSILON: f32 = 1e-10;
 /// Channels that are added up side by side; every stage has a multiple of them.
 const LANES: usize = 8;
 
-/// Sum over the pixels of some rows of the weighted squared differences of features of unit length.
-pub(super) fn weighted(features: &Features, rows: Range<usize>, weights: &[f32]) -> f64 {
-    let row_len = features.row_len();
-    let [left, right] =
-        [0, 1].map(|picture| &features.picture(picture)[rows.start * row_len..rows.end * row_len]);
+/// Sum over the pixels of some rows of the weighted squared differences of two pictures' features of
+/// unit length.
+pub(super) fn weighted(
+    pictures: [&[f32]; 2],
+    row_len: usize,
+    rows: Range<usize>,
+    weights: &[f32],
+) -> f64 {
+    let [left, right] = pictures.map(|values| &values[rows.start * row_len..rows.end * row_len]);
     let rows: Vec<f64> = left
         .par_chunks_exact(row_len)
         .zip(right.par_chunks_exact(row_len))
@@ -55,6 +58,8 @@ fn row(left: &[f32], right: &[f32], weights: &[f32]) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use omnilife_networks::Features;
+
     use super::*;
 
     #[test]
@@ -81,7 +86,8 @@ mod tests {
                 expected += f64::from(weights[channel]) * (l - r) * (l - r);
             }
         }
-        let found = weighted(&features, 0..3, &weights);
+        let pictures = [0, 1].map(|picture| features.picture(picture));
+        let found = weighted(pictures, features.row_len(), 0..3, &weights);
         assert!(
             (found - expected).abs() < 1e-5 * expected,
             "{found} {expected}"

@@ -29,6 +29,12 @@ pub enum InputRange {
     Unsigned,
 }
 
+/// What the stages of a network make of a picture.
+#[derive(Debug, Clone)]
+pub struct PictureFeatures {
+    stages: Vec<Features>,
+}
+
 /// Mean and deviation of red, green and blue in [-1, 1] over the pictures that the backbones were
 /// trained with (`ScalingLayer` of the authors' code).
 const SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
@@ -81,7 +87,7 @@ impl Lpips {
         if width.min(height) < self.backbone.smallest_side() {
             return None;
         }
-        let mut features = input([width, height], pictures, range);
+        let mut features = input([width, height], &pictures, range);
         let mut pooled = Features::zeros(0, 0, 0, 0);
         let mut buffers = [pooled.clone(), pooled.clone()];
         let mut sum = 0.0;
@@ -92,6 +98,67 @@ impl Lpips {
             std::mem::swap(&mut features, &mut pooled);
         }
         Some(sum)
+    }
+
+    /// The features of an 8-bit RGB picture, all stages at once: for pictures that are compared with
+    /// several others. `None` where it is smaller than [`Backbone::smallest_side`].
+    ///
+    /// # Panics
+    /// When the picture does not hold `width * height * 3` bytes.
+    pub fn features(
+        &self,
+        [width, height]: [usize; 2],
+        picture: &[u8],
+        range: InputRange,
+    ) -> Option<PictureFeatures> {
+        if width.min(height) < self.backbone.smallest_side() {
+            return None;
+        }
+        let mut source = input([width, height], &[picture], range);
+        let mut stages = Vec::new();
+        for (stage, next) in self.stages.iter().zip(1..) {
+            for convolution in &stage.convolutions {
+                source = convolution.apply_rectified(&source);
+            }
+            let pooled = self.backbone.pooling(next);
+            let pooled = pooled.map(|[side, stride]| source.max_pool(side, stride));
+            stages.push(source.clone());
+            source = pooled.unwrap_or(source);
+        }
+        Some(PictureFeatures { stages })
+    }
+
+    /// [`Self::distance`] of two pictures of one size, to the last bit, from their features.
+    ///
+    /// # Panics
+    /// When the features are of pictures of two sizes.
+    pub fn distance_of_features(&self, pictures: [&PictureFeatures; 2]) -> f64 {
+        let [left, right] = pictures.map(|picture| picture.stages.iter());
+        let stages = self.stages.iter().zip(left.zip(right));
+        let distances = stages.map(|(stage, (left, right))| {
+            let strip = if stage.keeps_size() {
+                STRIP
+            } else {
+                left.height
+            };
+            let strips = (0..left.height).step_by(strip).map(|top| {
+                let rows = top..(top + strip).min(left.height);
+                let pictures = [left.data.as_slice(), &right.data];
+                distance::weighted(pictures, left.row_len(), rows, &stage.linear)
+            });
+            strips.sum::<f64>() / (left.height * left.width) as f64
+        });
+        distances.sum()
+    }
+
+    /// About how much memory the features of a picture take, bytes.
+    pub fn features_bytes(&self, [width, height]: [usize; 2]) -> usize {
+        let bytes_per_pixel = match self.backbone {
+            // Channels of the stages over the pixels of the image for each of theirs.
+            Backbone::Alex => 4 * (64 / 16 + 192 / 64 + (384 + 256 + 256) / 256 + 1),
+            Backbone::Vgg => 4 * (64 + 128 / 4 + 256 / 16 + 512 / 64 + 512 / 256),
+        };
+        width * height * bytes_per_pixel
     }
 
     /// About how much memory a distance takes, bytes.
@@ -106,9 +173,9 @@ impl Lpips {
     }
 }
 
-/// Both pictures as the backbones expect their colours.
-fn input([width, height]: [usize; 2], pictures: [&[u8]; 2], range: InputRange) -> Features {
-    let mut features = Features::zeros(2, height, width, 3);
+/// Pictures as the backbones expect their colours.
+fn input([width, height]: [usize; 2], pictures: &[&[u8]], range: InputRange) -> Features {
+    let mut features = Features::zeros(pictures.len(), height, width, 3);
     let picture_len = features.picture_len();
     let (gain, offset) = match range {
         InputRange::Signed => (2.0, -1.0),
@@ -116,7 +183,7 @@ fn input([width, height]: [usize; 2], pictures: [&[u8]; 2], range: InputRange) -
     };
     for (values, bytes) in features.data.chunks_exact_mut(picture_len).zip(pictures) {
         assert_eq!(bytes.len(), picture_len, "bytes of a picture");
-        for (index, (value, &byte)) in values.iter_mut().zip(bytes).enumerate() {
+        for (index, (value, &byte)) in values.iter_mut().zip(*bytes).enumerate() {
             let signed = gain * (f32::from(byte) / 255.0) + offset;
             *value = (signed - SHIFT[index % 3]) / SCALE[index % 3];
         }
@@ -156,7 +223,9 @@ fn apply(
         } else {
             0..features.height
         };
-        distance += distance::weighted(features, rows.clone(), &stage.linear);
+        let pictures = [0, 1].map(|picture| features.picture(picture));
+        let row_len = features.row_len();
+        distance += distance::weighted(pictures, row_len, rows.clone(), &stage.linear);
         pixels += rows.len() * features.width;
         if top == 0 {
             // Of a stage without strips the height is known now.

@@ -3,8 +3,8 @@
 
 use omnilife_schemas::records::Direction;
 
-use super::{Metric, Need, Sample, Undefined};
-use crate::lpips::{Backbone, InputRange, Lpips};
+use super::{Metric, Need, Sample, Undefined, ViewPair, view_pair::PairFeatures};
+use crate::lpips::{Backbone, InputRange, Lpips, PictureFeatures};
 
 pub(super) const VGG: Metric = Metric {
     id: "lpips-vgg",
@@ -62,19 +62,29 @@ const PROTOTYPE: Metric = Metric {
 
 fn distance(sample: &Sample<'_>, backbone: Backbone, range: InputRange) -> Result<f64, Undefined> {
     let pair = sample.pair;
-    let pictures = [pair.prediction(), pair.truth()];
-    lpips(backbone, pair.size(), pictures, range)
+    if (backbone, range) == (Backbone::Alex, InputRange::Signed) {
+        let PairFeatures { prediction, truth } = features(pair)?;
+        return of_features([prediction, truth]);
+    }
+    network(backbone)?
+        .distance(pair.size(), [pair.prediction(), pair.truth()], range)
+        .ok_or(TOO_SMALL)
 }
 
-/// LPIPS of two pictures. Where weights are missing, metrics that need them are not asked.
-pub(super) fn lpips(
-    backbone: Backbone,
-    size: [usize; 2],
-    pictures: [&[u8]; 2],
-    range: InputRange,
-) -> Result<f64, Undefined> {
-    Lpips::published(backbone)
-        .map_err(|_| Undefined("the weights of the network are missing"))?
-        .distance(size, pictures, range)
-        .ok_or(Undefined("the image is too small for the network"))
+/// What `AlexNet` makes of both images in [-1, 1].
+pub(super) fn features(pair: &ViewPair) -> Result<&PairFeatures, Undefined> {
+    network(Backbone::Alex)?;
+    pair.alex_features().ok_or(TOO_SMALL)
+}
+
+/// `lpips-alex` of two images of which the features are known.
+pub(super) fn of_features(pictures: [&PictureFeatures; 2]) -> Result<f64, Undefined> {
+    Ok(network(Backbone::Alex)?.distance_of_features(pictures))
+}
+
+const TOO_SMALL: Undefined = Undefined("the image is too small for the network");
+
+/// Where weights are missing, metrics that need them are not asked.
+fn network(backbone: Backbone) -> Result<&'static Lpips, Undefined> {
+    Lpips::published(backbone).map_err(|_| Undefined("the weights of the network are missing"))
 }

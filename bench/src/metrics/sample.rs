@@ -7,10 +7,9 @@ use omnilife_schemas::rgb::Mask;
 use super::{
     ViewPair,
     cube_faces::{self, Face},
-    lpips::lpips,
+    lpips,
     ssim_map::SsimMap,
 };
-use crate::lpips::{Backbone, InputRange};
 
 /// Predicted and true distance along the ray, in units of the world frame.
 #[derive(Debug, Clone, PartialEq)]
@@ -111,17 +110,10 @@ impl<'a> Sample<'a> {
             let before = self
                 .previous
                 .ok_or(Undefined("no scored view comes before it"))?;
-            let change = |before: &[u8], now: &[u8]| {
-                lpips(
-                    Backbone::Alex,
-                    self.pair.size(),
-                    [before, now],
-                    InputRange::Signed,
-                )
-            };
+            let (before, now) = (lpips::features(before)?, lpips::features(self.pair)?);
             Ok(TemporalLpips {
-                prediction: change(before.prediction(), self.pair.prediction())?,
-                truth: change(before.truth(), self.pair.truth())?,
+                prediction: lpips::of_features([&before.prediction, &now.prediction])?,
+                truth: lpips::of_features([&before.truth, &now.truth])?,
             })
         })
     }

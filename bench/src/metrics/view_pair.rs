@@ -1,12 +1,24 @@
 //! A predicted view beside its ground truth.
 
+use std::sync::OnceLock;
+
+use crate::lpips::{Backbone, InputRange, Lpips, PictureFeatures};
+
 /// A predicted view and its ground truth: two 8-bit RGB images of the same size.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone)]
 pub struct ViewPair {
     width: usize,
     height: usize,
     prediction: Vec<u8>,
     truth: Vec<u8>,
+    alex_features: OnceLock<Option<PairFeatures>>,
+}
+
+/// What a network makes of both images of a pair.
+#[derive(Debug, Clone)]
+pub(crate) struct PairFeatures {
+    pub(super) prediction: PictureFeatures,
+    pub(super) truth: PictureFeatures,
 }
 
 impl ViewPair {
@@ -20,7 +32,26 @@ impl ViewPair {
             height,
             prediction,
             truth,
+            alex_features: OnceLock::new(),
         })
+    }
+
+    /// What `AlexNet` makes of both images in [-1, 1], computed once: `lpips-alex` compares them
+    /// with each other, temporal LPIPS with those of the view before and of the view after. `None`
+    /// where the weights are missing or the images are too small.
+    ///
+    /// Views that share a pair must not be the first to ask on several threads: what computes
+    /// works on other tasks while it waits for its own.
+    pub(crate) fn alex_features(&self) -> Option<&PairFeatures> {
+        let compute = || {
+            let network = Lpips::published(Backbone::Alex).ok()?;
+            let of = |bytes: &[u8]| network.features(self.size(), bytes, InputRange::Signed);
+            Some(PairFeatures {
+                prediction: of(&self.prediction)?,
+                truth: of(&self.truth)?,
+            })
+        };
+        self.alex_features.get_or_init(compute).as_ref()
     }
 
     /// Pixels per row, at least 1.

@@ -7,11 +7,14 @@
 mod choice;
 pub(crate) mod job;
 
-use std::{path::Path, time::Instant};
+use std::{
+    path::Path,
+    time::{Instant, SystemTime},
+};
 
 use omnilife_schemas::{
     frame_scores::FRAME_SCORES_FILE,
-    layout::RESULT_FILE,
+    layout::{RESULT_FILE, SCORING_FILE},
     lock::FolderLock,
     progress::Progress,
     provenance,
@@ -26,16 +29,15 @@ use crate::{
     error::BenchError,
     frames_table,
     loaded_view::LoadedView,
+    lpips::Backbone,
     memory,
+    metrics::Need,
     scoring::job::{ScoringJob, View, ViewKind, ViewOutcome},
     side_by_side, summary,
 };
 
 pub use choice::MetricChoice;
 pub use job::{DEFAULT_MEMORY_BYTES, Predictions, ScoreRequest};
-
-/// File name of how the scores were computed, in the output folder.
-pub const SCORING_FILE: &str = "scoring.json";
 
 /// Scores predictions and writes into `request.out`:
 /// * `result.json`: means over the views and every failure;
@@ -77,13 +79,14 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
     side_by_side::prepare_folder(&request.out, &plan.own_files())?;
 
     progress.begin(&label, Some(views.len() as u64));
+    progress.remark(&slowest(&job));
     let outcomes = score_views(&job, &views, request, progress)?;
     progress.end();
 
     frames_table::write(&request.out.join(FRAME_SCORES_FILE), &job, &outcomes)?;
     let mut result = summary::result_record(&job, &outcomes);
     result.warnings.extend(diagnosis::of_job(&job)?.warning());
-    let unscored = scored::write_curve(&job, request.memory_bytes, &request.out)?;
+    let unscored = scored::write_curve(&job, request.memory_bytes, &request.out, progress)?;
     result.warnings.extend(unscored.iter().flatten().cloned());
     store::write_record(&result_file, &result)?;
     write_scoring_record(&request.out, &result_file, started)?;
@@ -98,6 +101,20 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
     );
     plan.finish(outputs, started.elapsed().as_secs_f64())?;
     Ok(result)
+}
+
+/// What takes most of the time.
+fn slowest(job: &ScoringJob) -> String {
+    let networks: Vec<&str> = [Backbone::Vgg, Backbone::Alex]
+        .into_iter()
+        .filter(|&network| job.needs(Need::Network(network)))
+        .map(Backbone::weights)
+        .collect();
+    if networks.is_empty() {
+        format!("{} metrics", job.computed().count())
+    } else {
+        format!("mostly {}", networks.join(", "))
+    }
 }
 
 /// What scoring may write, relative to the output folder.
@@ -122,6 +139,7 @@ fn write_scoring_record(
         result_sha256: store::sha256_file(result_file)?,
         versions: provenance::versions(),
         hardware: provenance::Hardware::here(),
+        scored_at: Some(provenance::utc(SystemTime::now())),
         threads: rayon::current_num_threads() as u32,
         wall_seconds: started.elapsed().as_secs_f64(),
         peak_memory_bytes: provenance::peak_memory_bytes(),

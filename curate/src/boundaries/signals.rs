@@ -1,10 +1,19 @@
 //! The per-frame table that a detector's pass leaves, and its Parquet file.
 
-use std::{fs::File, path::Path};
+use std::{fs::File, path::Path, sync::Arc};
 
 use omnilife_schemas::store;
-use polars::prelude::{
-    Column, DataFrame, NamedFrom, ParquetReader, ParquetWriter, SerReader, Series,
+use parquet::{
+    basic::{Compression, Repetition, Type as PhysicalType, ZstdLevel},
+    column::reader::{ColumnReader, ColumnReaderImpl},
+    data_type::{DataType, DoubleType, FloatType},
+    errors::ParquetError,
+    file::{
+        properties::WriterProperties,
+        reader::{FileReader, SerializedFileReader},
+        writer::{SerializedFileWriter, SerializedRowGroupWriter},
+    },
+    schema::types::Type,
 };
 
 use crate::error::CurateError;
@@ -50,16 +59,7 @@ impl Signals {
     /// # Errors
     /// When the file cannot be written.
     pub fn write_parquet(&self, path: &Path) -> Result<(), CurateError> {
-        let mut columns = vec![Column::from(Series::new(TIME.into(), &self.times))];
-        for (name, values) in &self.columns {
-            columns.push(Column::from(Series::new(name.as_str().into(), values)));
-        }
-        let mut frame = DataFrame::new(self.times.len(), columns)
-            .map_err(|error| CurateError::internal(path, error))?;
-        let mut bytes = Vec::new();
-        ParquetWriter::new(&mut bytes)
-            .finish(&mut frame)
-            .map_err(|error| CurateError::internal(path, error))?;
+        let bytes = (self.to_parquet()).map_err(|error| CurateError::internal(path, error))?;
         Ok(store::write_bytes(path, &bytes)?)
     }
 
@@ -72,25 +72,96 @@ impl Signals {
         let malformed =
             |reason: String| CurateError::Store(store::StoreError::malformed(path, reason));
         let file = File::open(path).map_err(|source| store::StoreError::read(path, source))?;
-        let frame = ParquetReader::new(file)
-            .finish()
-            .map_err(|error| malformed(format!("not a Parquet table: {error}")))?;
-        let mut signals = Self::default();
-        for column in frame.columns() {
-            let name = column.name().as_str();
-            if name == TIME {
-                let times = column.f64().map_err(|error| malformed(error.to_string()))?;
-                signals.times = times.into_no_null_iter().collect();
-            } else {
-                let values = column.f32().map_err(|error| malformed(error.to_string()))?;
-                signals
-                    .columns
-                    .push((name.to_owned(), values.into_no_null_iter().collect()));
-            }
-        }
+        let signals = Self::of_parquet(file)
+            .map_err(|error| malformed(format!("not a Parquet table of signals: {error}")))?;
         if signals.times.is_empty() {
             return Err(malformed(format!("has no rows in a column {TIME}")));
         }
         Ok(signals)
     }
+
+    fn to_parquet(&self) -> Result<Vec<u8>, ParquetError> {
+        let column = |name: &str, kind: PhysicalType| {
+            let column = Type::primitive_type_builder(name, kind);
+            let column = column.with_repetition(Repetition::REQUIRED).build()?;
+            Ok(Arc::new(column))
+        };
+        let times = [column(TIME, PhysicalType::DOUBLE)].into_iter();
+        let signals = self
+            .columns
+            .iter()
+            .map(|(name, _)| column(name, PhysicalType::FLOAT));
+        let columns = times.chain(signals).collect::<Result<_, ParquetError>>()?;
+        let schema = Type::group_type_builder("signals").with_fields(columns);
+        let properties = WriterProperties::builder()
+            .set_compression(Compression::ZSTD(ZstdLevel::default()))
+            .build();
+        let (schema, properties) = (Arc::new(schema.build()?), Arc::new(properties));
+        let mut writer = SerializedFileWriter::new(Vec::new(), schema, properties)?;
+        let mut rows = writer.next_row_group()?;
+        write_column::<DoubleType>(&mut rows, &self.times)?;
+        for (_, values) in &self.columns {
+            write_column::<FloatType>(&mut rows, values)?;
+        }
+        rows.close()?;
+        writer.into_inner()
+    }
+
+    fn of_parquet(file: File) -> Result<Self, ParquetError> {
+        let reader = SerializedFileReader::new(file)?;
+        let mut signals = Self::default();
+        for group in 0..reader.num_row_groups() {
+            let rows = reader.get_row_group(group)?;
+            let count = usize::try_from(rows.metadata().num_rows())
+                .map_err(|error| ParquetError::General(error.to_string()))?;
+            for (at, column) in rows.metadata().columns().iter().enumerate() {
+                let name = column.column_path().string();
+                match rows.get_column_reader(at)? {
+                    ColumnReader::DoubleColumnReader(column) if name == TIME => {
+                        read_column(column, count, &mut signals.times)?;
+                    }
+                    ColumnReader::FloatColumnReader(column) if name != TIME => {
+                        read_column(column, count, signals.column_mut(&name))?;
+                    }
+                    _ => {
+                        let reason = format!("column {name} holds no such numbers");
+                        return Err(ParquetError::General(reason));
+                    }
+                }
+            }
+        }
+        Ok(signals)
+    }
+
+    /// The values of a signal, which begins empty.
+    fn column_mut(&mut self, name: &str) -> &mut Vec<f32> {
+        let known = self.columns.iter().position(|(other, _)| other == name);
+        let at = known.unwrap_or(self.columns.len());
+        if at == self.columns.len() {
+            self.columns.push((name.to_owned(), Vec::new()));
+        }
+        &mut self.columns[at].1
+    }
+}
+
+fn write_column<T: DataType>(
+    rows: &mut SerializedRowGroupWriter<'_, Vec<u8>>,
+    values: &[T::T],
+) -> Result<(), ParquetError> {
+    let Some(mut column) = rows.next_column()? else {
+        return Err(ParquetError::General("a column too many".to_owned()));
+    };
+    column.typed::<T>().write_batch(values, None, None)?;
+    column.close()
+}
+
+/// Appends up to `count` values of a column; where there are none for some rows, there are fewer.
+fn read_column<T: DataType>(
+    mut column: ColumnReaderImpl<T>,
+    count: usize,
+    values: &mut Vec<T::T>,
+) -> Result<(), ParquetError> {
+    let mut present = Vec::new();
+    column.read_records(count, Some(&mut present), None, values)?;
+    Ok(())
 }

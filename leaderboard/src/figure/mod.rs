@@ -1,8 +1,10 @@
 //! Figures for papers: rendered views of several methods beside the ground truth, with a part of them
-//! enlarged and their errors.
+//! enlarged and their errors; and the gallery of a dataset.
 //!
-//! The images are those that scoring left beside results. The one place of this crate that decodes any.
+//! The images are those that scoring left beside results, and frames of sequences. The one place of this
+//! crate that decodes any.
 
+mod gallery;
 mod panels;
 mod svg;
 
@@ -24,6 +26,8 @@ use crate::{
     site::comparisons::{PICTURES, SEPARATOR, check_size},
 };
 use panels::{Canvas, Region, Views};
+
+pub use gallery::{Gallery, GalleryRequest, gallery};
 
 /// What to draw.
 #[derive(Debug, Clone, PartialEq)]
@@ -69,15 +73,7 @@ const TRUTH: &str = "Ground truth";
 /// When there are no results with such views, a name is unknown, an image cannot be read, or a file of
 /// that name is there already.
 pub fn figure(request: &FigureRequest) -> Result<Figure, LeaderboardError> {
-    let (png, svg) = (ending(&request.out, "png"), ending(&request.out, "svg"));
-    for file in [&png, &svg] {
-        if file.exists() {
-            return Err(unusable(
-                file,
-                "is there already; name another figure".to_owned(),
-            ));
-        }
-    }
+    let [png, svg] = refuse_existing(&request.out)?;
     let results = RecordFiles::below(&request.results)?.results()?;
     let groups = group::groups(&results)?;
     let group = chosen_group(request, &groups)?;
@@ -118,6 +114,18 @@ pub fn figure(request: &FigureRequest) -> Result<Figure, LeaderboardError> {
         rows,
         columns,
     })
+}
+
+/// The two files of a figure, neither of which is there.
+fn refuse_existing(out: &Path) -> Result<[PathBuf; 2], LeaderboardError> {
+    let files = ["png", "svg"].map(|name| ending(out, name));
+    match files.iter().find(|file| file.exists()) {
+        None => Ok(files),
+        Some(file) => {
+            let reason = "is there already; name another figure";
+            Err(unusable(file, reason.to_owned()))
+        }
+    }
 }
 
 fn ending(out: &Path, ending: &str) -> PathBuf {

@@ -3,7 +3,7 @@
 use omnilife_schemas::rgb::RgbImage;
 
 /// White between panels, pixels.
-const GAP: usize = 6;
+pub(super) const GAP: usize = 6;
 
 /// Error maps are this many times as bright as the difference of the images.
 pub(super) const ERROR_GAIN: f32 = 4.0;
@@ -148,22 +148,28 @@ impl Canvas {
             let left = self.lefts[column];
             let mut panel = view.resized_by_area(self.panel_width, panel_height);
             frame(&mut panel, region);
-            self.paste(&panel, [left, top]);
+            paste(&mut self.rgb, self.width, &panel, [left, top]);
             let enlarged = enlarged(&region.cut(view), half - GAP / 2, half / 2);
-            self.paste(&enlarged, [left, below]);
+            paste(&mut self.rgb, self.width, &enlarged, [left, below]);
             if column > 0 {
                 let map = difference(&views.truth, view).resized_by_area(half - GAP / 2, half / 2);
-                self.paste(&map, [left + half + GAP / 2, below]);
+                paste(
+                    &mut self.rgb,
+                    self.width,
+                    &map,
+                    [left + half + GAP / 2, below],
+                );
             }
         }
     }
+}
 
-    fn paste(&mut self, image: &RgbImage, [left, top]: [usize; 2]) {
-        let bytes = image.to_rgb8();
-        for (row, line) in bytes.chunks_exact(image.width * 3).enumerate() {
-            let begin = ((top + row) * self.width + left) * 3;
-            self.rgb[begin..begin + line.len()].copy_from_slice(line);
-        }
+/// Copies an image into the pixels of a figure `width` wide.
+pub(super) fn paste(rgb: &mut [u8], width: usize, image: &RgbImage, [left, top]: [usize; 2]) {
+    let bytes = image.to_rgb8();
+    for (row, line) in bytes.chunks_exact(image.width * 3).enumerate() {
+        let begin = ((top + row) * width + left) * 3;
+        rgb[begin..begin + line.len()].copy_from_slice(line);
     }
 }
 

@@ -66,7 +66,13 @@ fn table(
     let directions: Vec<_> = columns.iter().map(|column| column.direction).collect();
     let competing = rows.iter_mut().zip(methods.map(|method| method.complete));
     mark_standings(competing, &directions);
-    let published = published_rows(papers, &PublishedLayout::Ablation, &columns, 1);
+    let published = published_rows(
+        papers,
+        &PublishedLayout::Ablation,
+        group.protocol,
+        &columns,
+        1,
+    );
     let mut notes = common_notes(group);
     notes.extend(published.notes);
     Table {

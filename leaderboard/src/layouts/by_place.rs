@@ -177,7 +177,7 @@ fn table<'a>(
     );
     notes.extend(left_out(group));
     let names = if with_average { 2 } else { 1 };
-    let published = published_rows(papers, layout, &columns, names);
+    let published = published_rows(papers, layout, group.protocol, &columns, names);
     notes.extend(published.notes);
     let mut headings = vec!["Method".to_owned()];
     if with_average {

@@ -70,7 +70,7 @@ pub(super) fn table(
     mark_classes(&mut rows, &contestants, &columns);
     let mut notes = common_notes(group);
     notes.extend(left_out(group));
-    let published = published_rows(papers, published, &columns, 1);
+    let published = published_rows(papers, published, group.protocol, &columns, 1);
     notes.extend(published.notes);
     Table {
         title,

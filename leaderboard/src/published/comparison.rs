@@ -37,16 +37,31 @@ impl PublishedLayout {
             Self::Ablation => 6,
         }
     }
+
+    /// Whether the paper's table is of this protocol, `per-scene/2`.
+    fn is_of(self, protocol: &str) -> bool {
+        let id = protocol.split_once('/').map_or(protocol, |(id, _)| id);
+        match self {
+            Self::FeedForward => id == "sparse-interpolation",
+            Self::Views | Self::DynamicScenes | Self::DynamicMethods | Self::Ablation => {
+                id == "per-scene"
+            }
+        }
+    }
 }
 
-/// The published rows that have something to say in these columns. `names` is the number of
-/// leading columns of names, 1 or 2 (method and metric).
+/// The published rows that have something to say in these columns, where the paper's table is of the
+/// protocol. `names` is the number of leading columns of names, 1 or 2 (method and metric).
 pub(crate) fn published_rows(
     papers: &[Paper],
     layout: &PublishedLayout,
+    protocol: &str,
     columns: &[Column],
     names: usize,
 ) -> PublishedRows {
+    if !layout.is_of(protocol) {
+        return PublishedRows::default();
+    }
     let number = layout.number();
     let paper = papers.iter().find(|paper| paper.id == PAPER);
     let table = paper.and_then(|paper| Some((paper, paper.table(number)?)));

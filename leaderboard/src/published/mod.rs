@@ -156,8 +156,11 @@ impl PublishedCell {
 
 impl Paper {
     /// A name of its tables as it reads outside of the paper: `Ours` is a method by its name, with the
-    /// word that its figures are its authors'.
+    /// word that its figures are its authors', as is what the paper calls `(Ours)`.
     pub fn name_outside(&self, printed: &str) -> String {
+        if let Some(name) = printed.strip_suffix(" (Ours)") {
+            return format!("{name} (authors)");
+        }
         match (&self.own_method, printed.strip_prefix("Ours")) {
             (Some(own), Some(rest)) => format!("{own}{rest} (authors)"),
             _ => printed.to_owned(),

@@ -7,13 +7,19 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use omnilife_schemas::store::{self, StoreError};
+use omnilife_schemas::{
+    records::ResultRecord,
+    store::{self, StoreError},
+};
 
 use super::{SiteRequest, unique_slug};
 use crate::group::{Group, SceneRow};
 
 /// Folder of the pictures beside a result: prediction left, ground truth right.
 pub(crate) const PICTURES: &str = "comparisons";
+
+/// A score that only views of the whole sphere have.
+const SPHERE_SCORE: &str = "ws-psnr";
 
 /// Width of the line between the two halves in pixels.
 pub(crate) const SEPARATOR: u32 = 4;
@@ -30,6 +36,8 @@ pub(super) struct Picture {
     pub(super) source: PathBuf,
     /// Width and height of one half in pixels.
     pub(super) half: [u32; 2],
+    /// Whether it shows the whole sphere, which a scene of perspective images does not.
+    pub(super) is_sphere: bool,
 }
 
 impl Picture {
@@ -103,6 +111,7 @@ pub(super) fn find(
                 ),
                 source,
                 half: result.scored_size,
+                is_sphere: is_sphere(result),
             });
         }
     }
@@ -138,6 +147,13 @@ fn spread(all: &BTreeSet<String>, most: usize) -> Vec<String> {
     (0..count)
         .map(|index| names[index * names.len() / count].clone())
         .collect()
+}
+
+/// Whether views are whole spheres: twice as wide as high, and no score that needs a sphere is refused.
+fn is_sphere(result: &ResultRecord) -> bool {
+    let [width, height] = result.scored_size;
+    let mut unavailable = result.unavailable.iter();
+    width == 2 * height && !unavailable.any(|score| score.metric == SPHERE_SCORE)
 }
 
 /// `novel-000004` is novel view 4.

@@ -7,7 +7,7 @@ use maud::{Markup, html};
 use omnilife_schemas::records::{Dataset, VideoStatus};
 
 use super::{SiteRequest, chart, chart::Bar, layout, layout::Place};
-use crate::error::LeaderboardError;
+use crate::{error::LeaderboardError, format};
 
 /// Folder that paths of sequences begin with and ids of scenes do not.
 const VIDEOS: &str = "videos/";
@@ -26,7 +26,10 @@ pub(super) fn render(
     let kept = chart::bars("Sequences left after every step", &counts.sequences_left())?;
     let sequences: Vec<Bar> = counts.sequences_per_video();
     let content = html! {
-        p.lead { (counts.videos) " videos gave " (counts.sequences) " sequences." }
+        p.lead {
+            (format::counted(counts.videos, "video")) " gave "
+            (format::counted(counts.sequences, "sequence")) "."
+        }
         h2 { "Attrition" }
         figure {
             (videos)

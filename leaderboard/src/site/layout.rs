@@ -86,7 +86,9 @@ fn made_from(request: &SiteRequest<'_>) -> Markup {
     html! {
         p {
             "Made by omnilife " (env!("CARGO_PKG_VERSION")) " from "
-            (format::counted(results().count(), "result")) "; the same records give the same bytes. "
+            (format::counted(results().count(), "result"))
+            @if let Some(newest) = &request.surroundings.newest { ", the newest of " (date(newest)) }
+            "; the same records give the same bytes. "
             @match commits.len() {
                 0 => "The results do not say which commit they were made at.",
                 1..=3 => {
@@ -100,4 +102,9 @@ fn made_from(request: &SiteRequest<'_>) -> Markup {
              images and methods stay under the licences of their owners."
         }
     }
+}
+
+/// The day of a time.
+fn date(time: &str) -> &str {
+    time.split_once(' ').map_or(time, |(day, _)| day)
 }

@@ -27,7 +27,8 @@ use std::{
 use rayon::prelude::*;
 
 use omnilife_schemas::{
-    records::{Dataset, MethodCard, Protocol, ResultRecord},
+    layout::SCORING_FILE,
+    records::{Dataset, MethodCard, Protocol, ResultRecord, ScoringRecord},
     store,
 };
 
@@ -57,7 +58,9 @@ type SceneViews = BTreeMap<String, Comparisons>;
 pub(crate) struct Surroundings {
     /// Folders of results, and the curves in them. Results are told apart by their address: they are
     /// borrowed, not copied.
-    results: HashMap<*const ResultRecord, (PathBuf, Vec<CurvePoint>)>,
+    results: HashMap<usize, (PathBuf, Vec<CurvePoint>)>,
+    /// When the newest result was scored, as far as records say.
+    newest: Option<String>,
     links: Links,
     facts: BTreeMap<String, SceneFacts>,
 }
@@ -77,17 +80,22 @@ impl Surroundings {
             .map(|(path, _)| {
                 let folder = path.parent().unwrap_or(Path::new("")).to_owned();
                 let curve = curves::read(&folder)?;
-                Ok((folder, curve))
+                let scored_at = scored_at(&folder)?;
+                Ok((folder, curve, scored_at))
             })
             .collect();
         let mut found = HashMap::new();
+        let mut newest = None;
         // In the order of the files, so that always the first broken one is named.
         for ((_, result), read) in files.iter().zip(read) {
             let read: Result<_, LeaderboardError> = read;
-            found.insert(std::ptr::from_ref(result), read?);
+            let (folder, curve, scored_at) = read?;
+            found.insert(address(result), (folder, curve));
+            newest = newest.max(scored_at);
         }
         Ok(Self {
             results: found,
+            newest,
             links: Links::between(results, &out.join(FOLDER)),
             facts: dataset.map_or_else(
                 || Ok(BTreeMap::new()),
@@ -121,29 +129,42 @@ pub(crate) fn add(
     outputs: &mut Outputs,
     request: &SiteRequest<'_>,
 ) -> Result<(), LeaderboardError> {
-    let scenes = scenes(request.groups);
-    let mut views = SceneViews::new();
-    for (scene, rows) in &scenes {
-        let found = comparisons::find(rows, request, request.views)?;
-        views.insert((*scene).to_owned(), found);
-    }
-    let mut page = |name: &str, markup: maud::Markup| {
+    let scenes: Vec<_> = scenes(request.groups).into_iter().collect();
+    let views: Vec<Result<(String, Comparisons), LeaderboardError>> = (scenes.par_iter())
+        .map(|(scene, rows)| {
+            let found = comparisons::find(rows, request, request.views)?;
+            Ok(((*scene).to_owned(), found))
+        })
+        .collect();
+    // In the order of the scenes, so that always the first broken one is named.
+    let views = views.into_iter().collect::<Result<SceneViews, _>>()?;
+    let mut page = |name: String, markup: maud::Markup| {
         outputs.add(format!("{FOLDER}/{name}"), markup.into_string());
     };
-    page("index.html", index_page::render(request, &views)?);
-    page("published.html", published_page::render(request)?);
+    page(
+        "index.html".to_owned(),
+        index_page::render(request, &views)?,
+    );
+    page(
+        "published.html".to_owned(),
+        published_page::render(request)?,
+    );
     if let Some(dataset) = request.dataset {
-        page("dataset.html", dataset_page::render(request, dataset)?);
+        let markup = dataset_page::render(request, dataset)?;
+        page("dataset.html".to_owned(), markup);
     }
-    for (scene, rows) in &scenes {
-        let markup = scene_page::render(request, scene, rows, &views[*scene])?;
-        page(&scene_file(scene), markup);
+    let pages: Vec<_> = (scenes.par_iter())
+        .map(|(scene, rows)| scene_page::render(request, scene, rows, &views[*scene]))
+        .collect();
+    for ((scene, _), markup) in scenes.iter().zip(pages) {
+        page(scene_file(scene), markup?);
     }
-    for method in methods(request.groups) {
-        page(
-            &method_page::file(method),
-            method_page::render(request, method)?,
-        );
+    let methods: Vec<&str> = methods(request.groups).into_iter().collect();
+    let pages: Vec<_> = (methods.par_iter())
+        .map(|method| method_page::render(request, method))
+        .collect();
+    for (method, markup) in methods.iter().zip(pages) {
+        page(method_page::file(method), markup?);
     }
     for picture in views.values().flat_map(Comparisons::pictures) {
         let target = format!("{FOLDER}/scenes/{}", picture.file);
@@ -159,16 +180,30 @@ impl SiteRequest<'_> {
     /// Folder of a result.
     fn folder(&self, result: &ResultRecord) -> Option<&Path> {
         let results = &self.surroundings.results;
-        let found = results.get(&std::ptr::from_ref(result));
+        let found = results.get(&address(result));
         found.map(|(folder, _)| folder.as_path())
     }
 
     /// Error against run time of a result; empty where its run left none.
     fn curve(&self, result: &ResultRecord) -> &[CurvePoint] {
         let results = &self.surroundings.results;
-        let found = results.get(&std::ptr::from_ref(result));
+        let found = results.get(&address(result));
         found.map_or(&[], |(_, curve)| curve.as_slice())
     }
+}
+
+/// When the result in a folder was scored, where the record of that is there and says so.
+fn scored_at(folder: &Path) -> Result<Option<String>, LeaderboardError> {
+    let file = folder.join(SCORING_FILE);
+    if !file.is_file() {
+        return Ok(None);
+    }
+    Ok(store::read_record::<ScoringRecord>(&file)?.scored_at)
+}
+
+/// What tells results apart.
+fn address(result: &ResultRecord) -> usize {
+    std::ptr::from_ref(result).addr()
 }
 
 /// Every scene with its rows under all protocols.

@@ -251,5 +251,5 @@ class SphereView {
   }
 }
 
-const figures = [...document.querySelectorAll("figure.compare")];
+const figures = [...document.querySelectorAll("figure.compare[data-sphere]")];
 if (figures.length) new LookAround(figures);

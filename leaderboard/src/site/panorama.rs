@@ -45,7 +45,7 @@ pub(super) fn figure(picture: &Picture, folder: &str, caption: &Markup) -> Marku
         picture.truth_offset()
     );
     html! {
-        figure.compare style=(style) data-width=(width) data-height=(height)
+        figure.compare data-sphere[picture.is_sphere] style=(style) data-width=(width) data-height=(height)
             data-truth=(width + super::comparisons::SEPARATOR) {
             div.stage data-label={ "Look around in " (what) ": arrow keys turn, plus and minus zoom" } {
                 div.truth {

@@ -6,7 +6,7 @@ use super::{SiteRequest, layout, layout::Place};
 use crate::{
     error::LeaderboardError,
     format,
-    published::{Paper, PublishedCell, PublishedQuantity, PublishedTable, findings},
+    published::{Paper, PublishedCell, PublishedQuantity, PublishedRow, PublishedTable, findings},
 };
 
 pub(super) fn render(request: &SiteRequest<'_>) -> Result<Markup, LeaderboardError> {
@@ -49,7 +49,7 @@ pub(super) fn render(request: &SiteRequest<'_>) -> Result<Markup, LeaderboardErr
 fn published(paper: &Paper, table: &PublishedTable) -> Markup {
     let caption = format!("Table {}: {}", table.number, table.title);
     html! {
-        div.scroll role="region" tabindex="0" aria-label={ (caption) ", " (paper.id) } {
+        div.scroll.figures role="region" tabindex="0" aria-label={ (caption) ", " (paper.id) } {
             table {
                 caption { span { (caption) } }
                 thead { tr {
@@ -69,10 +69,13 @@ fn published(paper: &Paper, table: &PublishedTable) -> Markup {
                                 @if column == 0 {
                                     th scope="row" {
                                         (paper.name_outside(&cell.printed(decimals)))
-                                        (unit(row.of.as_ref()))
+                                        @if !names_metric(row) { (unit(row.of.as_ref())) }
                                     }
                                 } @else if cell.text().is_some() {
-                                    td.words { (cell.printed(decimals)) }
+                                    td.words {
+                                        (cell.printed(decimals))
+                                        @if column == 1 && names_metric(row) { (unit(row.of.as_ref())) }
+                                    }
                                 } @else {
                                     td { (number(cell, decimals)) }
                                 }
@@ -84,6 +87,12 @@ fn published(paper: &Paper, table: &PublishedTable) -> Markup {
         }
         div.notes { @for note in &table.notes { p { (note) } } }
     }
+}
+
+/// Whether the second cell of a row of one metric names it.
+fn names_metric(row: &PublishedRow) -> bool {
+    let is_text = row.cells.get(1).is_some_and(|cell| cell.text().is_some());
+    row.of.is_some() && is_text
 }
 
 /// The unit of numbers, where their metric does not say it.

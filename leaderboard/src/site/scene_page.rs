@@ -48,7 +48,7 @@ pub(super) fn render(
     let remarks: Vec<String> = rows.iter().flat_map(|(_, row)| remarks(row)).collect();
     let content = html! {
         p { a href="../index.html#scenes" { "All scenes" } }
-        @if !comparisons.by_view.is_empty() { (panorama::tools()) }
+        @if comparisons.pictures().any(|picture| picture.is_sphere) { (panorama::tools()) }
         @for section in &sections { (section) }
         @if !comparisons.left_out.is_empty() {
             h2 { "Images left out" }

@@ -187,7 +187,7 @@ fn table(
     } else {
         PublishedLayout::FeedForward
     };
-    let published = published_rows(papers, &layout, &headings, 1);
+    let published = published_rows(papers, &layout, group.protocol, &headings, 1);
     let mut notes = common_notes(group);
     notes.extend(variants_note(group));
     notes.extend(group.unavailable());

@@ -13,8 +13,8 @@ import sys
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[3] / "scripts/browser"))
 from webdriver import browser, expect, wait_for  # noqa: E402
 
-# Width and height of a phone in pixels.
-PHONE = (390, 844)
+# Width and height in pixels, and whether it is touched.
+LAPTOP, PHONE = (1400, 900, False), (390, 844, True)
 
 ENTER, SPACE, RIGHT = "\ue007", " ", "\ue014"
 
@@ -75,11 +75,10 @@ def check_page(page, what):
         page.colours(scheme)
         expect(f"{what}: faint texts, {scheme}", page.script(FAINT), [])
     page.colours("light")
-    for width, height, phone in ((*PHONE, True), (1400, 900, False)):
+    for width, height, phone in (PHONE, LAPTOP):
         page.size(width, height, phone)
         expect(f"{what}: hangs out to the right at {width} pixels", page.script(
             "return document.documentElement.scrollWidth > document.documentElement.clientWidth"), False)
-    page.size(1280, 1400)
 
 
 def sort_and_filter(page):
@@ -272,6 +271,21 @@ def sorting_time(page):
         return Math.max(...times)""")
 
 
+def use(page, site, scene, kind):
+    """What a reader does on the first page and on a scene's, with a mouse or with fingers."""
+    page.open(site / "index.html")
+    ranks_and_columns(page)
+    sort_and_filter(page)
+    chart(page)
+    folds(page)
+    page.open(site / "index.html")
+    follow_links(page)
+    page.open(scene)
+    compare_views(page)
+    page.open(scene)
+    look_around(page, kind)
+
+
 def main():
     site, wide = map(pathlib.Path, sys.argv[1:3])
     pictures = pathlib.Path(sys.argv[3]) if len(sys.argv) > 3 else None
@@ -282,23 +296,12 @@ def main():
         for below in sorted([*site.glob("scenes/*.html"), *site.glob("methods/*.html")]):
             page.open(below)
             check_page(page, below.name)
-        page.open(site / "index.html")
-        ranks_and_columns(page)
-        sort_and_filter(page)
-        chart(page)
-        folds(page)
-        page.open(site / "index.html")
-        follow_links(page)
         with_pictures = next(scene for scene in sorted((site / "scenes").glob("*.html"))
                              if "figure class=\"compare\"" in scene.read_text())
-        page.open(with_pictures)
-        compare_views(page)
-        page.open(with_pictures)
-        look_around(page, "mouse")
-        page.size(*PHONE, phone=True)
-        page.open(with_pictures)
-        look_around(page, "touch")
-        page.size(1280, 1400)
+        for screen in (LAPTOP, PHONE):
+            page.size(*screen)
+            use(page, site, with_pictures, "touch" if screen[2] else "mouse")
+        page.size(*LAPTOP)
         if pictures:
             take_pictures(page, site, with_pictures, pictures)
         page.open(wide / "index.html")
@@ -307,17 +310,19 @@ def main():
 
 
 def take_pictures(page, site, scene, folder):
+    """Whole pages, as far as 4,000 pixels."""
     for name, file in (("index", site / "index.html"), ("scene", scene),
                        ("method", next(site.glob("methods/*.html"))),
                        ("dataset", site / "dataset.html"), ("published", site / "published.html")):
-        page.open(file)
         for scheme in ("light", "dark"):
             page.colours(scheme)
-            page.size(1280, 1800)
-            page.screenshot(folder / f"{name}-{scheme}.png")
-            page.size(390, 1500, phone=True)
-            page.screenshot(folder / f"{name}-{scheme}-phone.png")
-        page.size(1280, 1400)
+            for width, height, phone in (LAPTOP, PHONE):
+                page.size(width, height, phone)
+                page.open(file)
+                page.size(width, min(page.script("return document.documentElement.scrollHeight"), 4000), phone)
+                page.screenshot(folder / f"{name}-{scheme}-{width}.png")
+    page.colours("light")
+    page.size(*LAPTOP)
 
 
 main()

@@ -17,6 +17,9 @@ pub struct ScoringRecord {
     pub versions: BTreeMap<String, String>,
     /// The machine that scored.
     pub hardware: Hardware,
+    /// When scoring ended, as `2026-01-31 23:59:59 UTC`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scored_at: Option<String>,
     /// Worker threads.
     pub threads: u32,
     /// Wall-clock time of scoring, seconds.
