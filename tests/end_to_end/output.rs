@@ -3,7 +3,7 @@
 use std::process::{Command, Stdio};
 
 use crate::support::{
-    SMALL, copy_of_small_run, omnilife, picture, run, sample, scratch, small_run,
+    SMALL, copy_of_small_run, omnilife, read_image, run, sample, scratch, small_run,
 };
 
 #[test]
@@ -93,8 +93,8 @@ fn a_gallery_shows_the_sequences_of_a_dataset_once() {
         "{}",
         drawn.stdout
     );
-    let image = picture(&figure.with_extension("png"));
-    assert_eq!(image.width, 96);
+    let image = read_image(&figure.with_extension("png"));
+    assert_eq!(image.width(), 96);
     let text = std::fs::read_to_string(figure.with_extension("svg")).unwrap();
     assert!(text.contains("street/seq-000</text>"), "{text:.400}");
     assert!(draw().failed_quietly(2).contains("is there already"));

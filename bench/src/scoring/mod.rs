@@ -79,7 +79,7 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
     side_by_side::prepare_folder(&request.out, &plan.own_files())?;
 
     progress.begin(&label, Some(views.len() as u64));
-    progress.remark(&slowest(&job));
+    progress.status(&slowest(&job));
     let outcomes = score_views(&job, &views, request, progress)?;
     progress.end();
 
