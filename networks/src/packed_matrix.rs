@@ -165,6 +165,10 @@ impl Sums<'_> {
     }
 
     /// Sums over the block.
+    #[expect(
+        clippy::needless_range_loop,
+        reason = "loops over constant ranges are unrolled, so that the sums stay in registers"
+    )]
     #[inline(always)]
     fn tile<S: Simd, const ROWS: usize, const PANELS: usize>(
         self,
@@ -183,15 +187,23 @@ impl Sums<'_> {
             );
             let run = (left.segment_len - within).min(rows - done);
             let begin = row * left.row_spacing + segment * left.segment_spacing + within;
-            let factors: [&[f32]; ROWS] =
-                std::array::from_fn(|at| &left.values[begin + at * left.row_spacing..][..run]);
-            let panels = panels.map(|panel| &panel[done..done + run]);
-            for at in 0..run {
-                let right: [f32x16<S>; PANELS] = panels.map(|panel| panel[at].simd_into(simd));
-                for (sums, factors) in sums.iter_mut().zip(factors) {
-                    let factor = f32x16::splat(simd, factors[at]);
-                    for (sum, right) in sums.iter_mut().zip(right) {
-                        *sum = factor.mul_add(right, *sum);
+            let mut factors: [&[f32]; ROWS] = [&[]; ROWS];
+            for at in 0..ROWS {
+                factors[at] = &left.values[begin + at * left.row_spacing..][..run];
+            }
+            let mut rights: [&[[f32; LANES]]; PANELS] = [&[]; PANELS];
+            for panel in 0..PANELS {
+                rights[panel] = &panels[panel][done..][..run];
+            }
+            for step in 0..run {
+                let mut right = [f32x16::splat(simd, 0.0); PANELS];
+                for panel in 0..PANELS {
+                    right[panel] = rights[panel][step].simd_into(simd);
+                }
+                for at in 0..ROWS {
+                    let factor = f32x16::splat(simd, factors[at][step]);
+                    for panel in 0..PANELS {
+                        sums[at][panel] = factor.mul_add(right[panel], sums[at][panel]);
                     }
                 }
             }
