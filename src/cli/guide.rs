@@ -367,7 +367,14 @@ fn with_guide(mut command: Command, words: &str) -> Command {
 }
 
 /// Options under a heading that a first run is likely to need.
-const IN_SHORT_HELP: [&str; 4] = ["method", "poses", "width", "budget"];
+const IN_SHORT_HELP: [&str; 6] = [
+    "method",
+    "iterations",
+    "budget",
+    "poses",
+    "protocol",
+    "width",
+];
 
 /// Options that `-h` leaves to `--help`: those under headings of their own, where there are many.
 fn hidden_in_short_help(command: &Command) -> Vec<Id> {

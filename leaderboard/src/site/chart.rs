@@ -1,14 +1,10 @@
-//! Charts as SVG: plotters draws axes, bars and labels, the style sheet colours them.
+//! Charts as SVG: plotters draws axes and labels, the style sheet colours them; and bars.
 //!
 //! Curves and points are added on top, where plotters says they belong: points carry a text alternative
 //! and what the script shows on hover.
 
 use maud::{Markup, PreEscaped, html};
-use plotters::{
-    coord::Shift,
-    prelude::*,
-    style::text_anchor::{HPos, Pos, VPos},
-};
+use plotters::{coord::Shift, prelude::*};
 
 use crate::error::LeaderboardError;
 
@@ -26,15 +22,6 @@ const NAMED_SERIES: usize = 18;
 
 /// Colours of the style sheet for series.
 const COLOURS: usize = 8;
-
-/// Height of one bar with the space around it.
-const BAR_PITCH: u32 = 34;
-
-/// Width of a bar chart.
-const BARS_WIDTH: u32 = 760;
-
-/// Width that labels left of the bars get.
-const LABEL_WIDTH: i32 = 290;
 
 /// A point of a series.
 pub(super) struct Mark {
@@ -201,58 +188,23 @@ pub(super) struct Bar {
     pub(super) value: u64,
 }
 
-/// Horizontal bars from 0, all in one unit.
-pub(super) fn bars(title: &str, bars: &[Bar]) -> Result<Markup, LeaderboardError> {
-    let height = BAR_PITCH * bars.len() as u32 + 8;
-    let size = (BARS_WIDTH, height);
+/// Horizontal bars from 0, all in one unit: elements of the page, so that words stay readable on a
+/// phone.
+pub(super) fn bars(title: &str, bars: &[Bar]) -> Markup {
     let most = bars.iter().map(|bar| bar.value).max().unwrap_or(0).max(1);
-    let drawing = drawn(title, size, |area| {
-        let left = LABEL_WIDTH + 10;
-        // Room for the number right of the longest bar.
-        let longest = BARS_WIDTH as i32 - left - 70;
-        let label_style = |horizontal: HPos| {
-            ("sans-serif", 14)
-                .into_text_style(area)
-                .pos(Pos::new(horizontal, VPos::Center))
-        };
-        for (row, bar) in bars.iter().enumerate() {
-            let top = 4 + row as i32 * BAR_PITCH as i32;
-            let middle = top + BAR_PITCH as i32 / 2;
-            let length = (f64::from(longest) * bar.value as f64 / most as f64).round() as i32;
-            area.draw(&Rectangle::new(
-                [
-                    (left, top + 6),
-                    (left + length.max(1), top + BAR_PITCH as i32 - 6),
-                ],
-                BLUE.filled(),
-            ))?;
-            area.draw(&Text::new(
-                shortened(&bar.label),
-                (LABEL_WIDTH, middle),
-                label_style(HPos::Right),
-            ))?;
-            area.draw(&Text::new(
-                bar.value.to_string(),
-                (left + length + 8, middle),
-                label_style(HPos::Left),
-            ))?;
-        }
-        Ok(())
-    })?;
     let description: Vec<String> = bars
         .iter()
         .map(|bar| format!("{}: {}", bar.label, bar.value))
         .collect();
-    let (width, height) = size;
-    Ok(html! {
-        svg.chart.bars viewBox={ "0 0 " (width) " " (height) } role="img"
-            aria-label={ (title) ". " (description.join("; ")) } { (drawing) }
-    })
-}
-
-/// A label that fits beside its bar; the text alternative has all of it.
-fn shortened(label: &str) -> String {
-    shortened_to(label, 40)
+    html! {
+        div.bars role="img" aria-label={ (title) ". " (description.join("; ")) } {
+            @for bar in bars {
+                span { (bar.label) }
+                span { span.bar style={ "width: " (100.0 * bar.value as f64 / most as f64) "%" } {} }
+                span { (bar.value) }
+            }
+        }
+    }
 }
 
 fn shortened_to(label: &str, characters: usize) -> String {

@@ -22,8 +22,8 @@ pub(super) fn render(
         .flat_map(|group| group.scenes.iter().copied())
         .collect();
     let counts = Counts::of(dataset, &scored);
-    let videos = chart::bars("Videos left after every step", &counts.videos_left())?;
-    let kept = chart::bars("Sequences left after every step", &counts.sequences_left())?;
+    let videos = chart::bars("Videos left after every step", &counts.videos_left());
+    let kept = chart::bars("Sequences left after every step", &counts.sequences_left());
     let sequences: Vec<Bar> = counts.sequences_per_video();
     let content = html! {
         p.lead {
@@ -65,7 +65,7 @@ pub(super) fn render(
         }
         @if !sequences.is_empty() {
             h2 { "Sequences per video" }
-            figure { (chart::bars("Videos by their number of sequences", &sequences)?) }
+            figure { (chart::bars("Videos by their number of sequences", &sequences)) }
         }
     };
     Ok(layout::page(request, Place::Dataset, "Dataset", content))
