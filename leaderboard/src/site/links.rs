@@ -2,6 +2,16 @@
 
 use std::path::{Component, Path, PathBuf};
 
+use omnilife_schemas::{layout::RESULT_FILE, records::ResultRecord};
+
+use super::curves;
+
+/// Files in the folder of a run, which lies beside that of its scores.
+const RUN_FILES: [(&str, &str); 2] = [
+    ("run", "../run/run.json"),
+    ("Gaussians", "../run/gaussians.ply"),
+];
+
 /// From pages to files of results. There is no way where both do not lie together: such a site goes
 /// elsewhere, and its links would lead nowhere.
 pub(super) struct Links {
@@ -30,8 +40,27 @@ impl Links {
         }
     }
 
+    /// What a run and its scoring left in the folder of a result, as far as it lies beside the site.
+    pub(super) fn of_result(
+        &self,
+        folder: &Path,
+        result: &ResultRecord,
+    ) -> Vec<(&'static str, String)> {
+        if self.results.is_none() {
+            return Vec::new();
+        }
+        let of_scores = [
+            ("result", RESULT_FILE),
+            ("frames", result.frames_table.as_str()),
+            ("curve", curves::FILE),
+        ];
+        (of_scores.into_iter().chain(RUN_FILES))
+            .filter_map(|(text, file)| Some((text, self.to(&folder.join(file))?)))
+            .collect()
+    }
+
     /// The way from a page in a folder of the site to a file below the results that exists.
-    pub(super) fn to(&self, file: &Path) -> Option<String> {
+    fn to(&self, file: &Path) -> Option<String> {
         let [searched, results] = self.results.as_ref()?;
         let target = normal(&results.join(file.strip_prefix(searched).ok()?));
         if !target.is_file() {

@@ -59,7 +59,7 @@ fn section(
         let (scene, _, result) = runs[at];
         RowAddition {
             page: Some(format!("../{}", scene_file(scene))),
-            links: scene_page::links(request, result),
+            links: request.links(result),
             ..RowAddition::default()
         }
     };

@@ -56,13 +56,21 @@ type SceneViews = BTreeMap<String, Comparisons>;
 
 /// What is beside the files of results.
 pub(crate) struct Surroundings {
-    /// Folders of results, and the curves in them. Results are told apart by their address: they are
-    /// borrowed, not copied.
-    results: HashMap<usize, (PathBuf, Vec<CurvePoint>)>,
+    /// Results are told apart by their address: they are borrowed, not copied.
+    results: HashMap<usize, BesideResult>,
     /// When the newest result was scored, as far as records say.
     newest: Option<String>,
-    links: Links,
     facts: BTreeMap<String, SceneFacts>,
+}
+
+/// What is beside a result.
+struct BesideResult {
+    folder: PathBuf,
+    curve: Vec<CurvePoint>,
+    /// Texts and addresses of its files, from a page in a folder of the site.
+    links: Vec<(&'static str, String)>,
+    /// When it was scored, as far as a record says.
+    scored_at: Option<String>,
 }
 
 impl Surroundings {
@@ -76,27 +84,30 @@ impl Surroundings {
         out: &Path,
         dataset: Option<(&Path, &Dataset)>,
     ) -> Result<Self, LeaderboardError> {
+        let links = Links::between(results, &out.join(FOLDER));
         let read: Vec<_> = (files.par_iter())
-            .map(|(path, _)| {
+            .map(|(path, result)| {
                 let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-                let curve = curves::read(&folder)?;
-                let scored_at = scored_at(&folder)?;
-                Ok((folder, curve, scored_at))
+                Ok(BesideResult {
+                    curve: curves::read(&folder)?,
+                    links: links.of_result(&folder, result),
+                    scored_at: scored_at(&folder)?,
+                    folder,
+                })
             })
             .collect();
         let mut found = HashMap::new();
         let mut newest = None;
         // In the order of the files, so that always the first broken one is named.
         for ((_, result), read) in files.iter().zip(read) {
-            let read: Result<_, LeaderboardError> = read;
-            let (folder, curve, scored_at) = read?;
-            found.insert(address(result), (folder, curve));
-            newest = newest.max(scored_at);
+            let read: Result<BesideResult, LeaderboardError> = read;
+            let beside = read?;
+            newest = newest.max(beside.scored_at.clone());
+            found.insert(address(result), beside);
         }
         Ok(Self {
             results: found,
             newest,
-            links: Links::between(results, &out.join(FOLDER)),
             facts: dataset.map_or_else(
                 || Ok(BTreeMap::new()),
                 |(file, dataset)| scene_facts::read(file, dataset),
@@ -177,18 +188,24 @@ pub(crate) fn add(
 }
 
 impl SiteRequest<'_> {
+    fn beside(&self, result: &ResultRecord) -> Option<&BesideResult> {
+        self.surroundings.results.get(&address(result))
+    }
+
     /// Folder of a result.
     fn folder(&self, result: &ResultRecord) -> Option<&Path> {
-        let results = &self.surroundings.results;
-        let found = results.get(&address(result));
-        found.map(|(folder, _)| folder.as_path())
+        self.beside(result).map(|beside| beside.folder.as_path())
     }
 
     /// Error against run time of a result; empty where its run left none.
     fn curve(&self, result: &ResultRecord) -> &[CurvePoint] {
-        let results = &self.surroundings.results;
-        let found = results.get(&address(result));
-        found.map_or(&[], |(_, curve)| curve.as_slice())
+        self.beside(result).map_or(&[], |beside| &beside.curve)
+    }
+
+    /// Texts and addresses of the files of a result and its run, from a page in a folder.
+    fn links(&self, result: &ResultRecord) -> Vec<(&'static str, String)> {
+        self.beside(result)
+            .map_or_else(Vec::new, |beside| beside.links.clone())
     }
 }
 

@@ -8,7 +8,6 @@ use omnilife_schemas::{provenance, records::ResultRecord};
 use super::{
     SiteRequest,
     comparisons::{Comparisons, Picture},
-    curves,
     html_table::{self, Addition, RowAddition},
     layout,
     layout::Place,
@@ -26,12 +25,6 @@ use crate::{
 
 /// What a row of a table is named by, the method on a scene, and one of its results.
 pub(super) type Run<'a> = (&'a str, &'a SceneRow<'a>, &'a ResultRecord);
-
-/// Files in the folder of a run, which lies beside that of its scores.
-const RUN_FILES: [(&str, &str); 2] = [
-    ("run", "../run/run.json"),
-    ("Gaussians", "../run/gaussians.ply"),
-];
 
 pub(super) fn render(
     request: &SiteRequest<'_>,
@@ -78,7 +71,7 @@ fn section(
         let (method, _, result) = runs[at];
         RowAddition {
             page: Some(format!("../{}", method_page::file(method))),
-            links: links(request, result),
+            links: request.links(result),
             ..RowAddition::default()
         }
     };
@@ -207,27 +200,6 @@ pub(super) fn table(
         published: Vec::new(),
         notes,
     }
-}
-
-/// What a run and its scoring left, as far as it lies beside the site.
-pub(super) fn links(
-    request: &SiteRequest<'_>,
-    result: &ResultRecord,
-) -> Vec<(&'static str, String)> {
-    let Some(folder) = request.folder(result) else {
-        return Vec::new();
-    };
-    let of_scores = [
-        ("result", omnilife_schemas::layout::RESULT_FILE),
-        ("frames", result.frames_table.as_str()),
-        ("curve", curves::FILE),
-    ];
-    (of_scores.into_iter().chain(RUN_FILES))
-        .filter_map(|(text, file)| {
-            let way = request.surroundings.links.to(&folder.join(file))?;
-            Some((text, way))
-        })
-        .collect()
 }
 
 fn text(text: Option<String>) -> Cell {
