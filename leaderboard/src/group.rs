@@ -58,7 +58,12 @@ pub(crate) struct Group<'a> {
     pub(crate) methods: Vec<MethodRow<'a>>,
     /// Sorted.
     pub(crate) scenes: Vec<&'a str>,
+    /// Reasons by kind of view and metric.
+    reasons: Reasons<'a>,
 }
+
+/// Why results have no value of a metric, by the name of the kind of view and by metric.
+type Reasons<'a> = BTreeMap<&'a str, BTreeMap<&'a str, &'a str>>;
 
 impl Group<'_> {
     /// Index of a quantity.
@@ -103,17 +108,9 @@ impl Group<'_> {
     }
 
     /// Why results have no value of a metric, as far as they say: the reason that most of them give.
-    pub(crate) fn why_unavailable(&self, kind: ViewKind, metric: &str) -> Option<String> {
-        let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
-        let results = self.scene_rows.iter().flat_map(|row| &row.results);
-        let stated = results.flat_map(|result| &result.unavailable);
-        for unavailable in stated {
-            if unavailable.view == kind.name() && unavailable.metric == metric {
-                *counts.entry(&unavailable.reason).or_default() += 1;
-            }
-        }
-        let most = counts.into_iter().max_by_key(|&(_, count)| count);
-        most.map(|(reason, _)| reason.to_owned())
+    pub(crate) fn why_unavailable(&self, kind: ViewKind, metric: &str) -> Option<&str> {
+        let reasons = self.reasons.get(kind.name())?;
+        reasons.get(metric).copied()
     }
 
     /// The first digits of the protocol's hash, as printed.
@@ -196,6 +193,7 @@ fn group<'a>(protocol: &'a str, hash: &'a str, mut results: Vec<&'a ResultRecord
     results.sort_by(|a, b| (&a.scene, &a.method, a.seed).cmp(&(&b.scene, &b.method, b.seed)));
     let quantities = quantities(&results);
     let classes = classes(&results);
+    let reasons = reasons(&results);
     let mut scene_rows: Vec<SceneRow<'a>> = Vec::new();
     for results in results.chunk_by(|a, b| (&a.scene, &a.method) == (&b.scene, &b.method)) {
         let numbers: Vec<Numbers> = results
@@ -220,7 +218,26 @@ fn group<'a>(protocol: &'a str, hash: &'a str, mut results: Vec<&'a ResultRecord
         scene_rows,
         methods,
         scenes,
+        reasons,
     }
+}
+
+/// The reason that most results give, for every score that any of them lacks.
+fn reasons<'a>(results: &[&'a ResultRecord]) -> Reasons<'a> {
+    let mut counts: BTreeMap<(&str, &str), BTreeMap<&str, usize>> = BTreeMap::new();
+    for unavailable in results.iter().flat_map(|result| &result.unavailable) {
+        let score = (unavailable.view.as_str(), unavailable.metric.as_str());
+        let of_score = counts.entry(score).or_default();
+        *of_score.entry(&unavailable.reason).or_default() += 1;
+    }
+    let mut reasons = Reasons::new();
+    for ((view, metric), counts) in counts {
+        let most = counts.into_iter().max_by_key(|&(_, count)| count);
+        if let Some((reason, _)) = most {
+            reasons.entry(view).or_default().insert(metric, reason);
+        }
+    }
+    reasons
 }
 
 fn classes<'a>(results: &[&'a ResultRecord]) -> BTreeMap<&'a str, MethodClass> {

@@ -1,6 +1,9 @@
 //! The whole leaderboard of a folder of results: tables, site, and the table of a page.
 
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    sync::OnceLock,
+};
 
 use omnilife_schemas::{
     records::{Dataset, ResultRecord},
@@ -136,6 +139,7 @@ fn prepare<'a>(
                 cards: &cards,
                 dataset: dataset.map(|(_, dataset)| dataset),
                 views: request.views,
+                footer: OnceLock::new(),
             },
         )?;
     }

@@ -157,7 +157,9 @@ impl Column {
             name: format::metric_title(&quantity.metric),
             direction: Some(*direction),
             holds: Holds::Score(quantity.clone()),
-            missing: group.why_unavailable(quantity.kind, &quantity.metric),
+            missing: group
+                .why_unavailable(quantity.kind, &quantity.metric)
+                .map(str::to_owned),
         }
     }
 

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use maud::{DOCTYPE, Markup, html};
+use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::{SiteRequest, scene_page};
 use crate::format;
@@ -69,7 +69,7 @@ pub(super) fn page(
                     h1 { (title) }
                     (content)
                 }
-                footer { (made_from(request)) }
+                footer { (PreEscaped(request.footer.get_or_init(|| made_from(request).into_string()))) }
             }
         }
     }

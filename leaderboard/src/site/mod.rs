@@ -22,6 +22,7 @@ mod standings;
 use std::{
     collections::{BTreeMap, BTreeSet, HashMap},
     path::{Path, PathBuf},
+    sync::OnceLock,
 };
 
 use rayon::prelude::*;
@@ -128,6 +129,8 @@ pub(crate) struct SiteRequest<'a> {
     pub(crate) dataset: Option<&'a Dataset>,
     /// Rendered views per scene and method, at most.
     pub(crate) views: usize,
+    /// The foot of all pages, which the first one makes: it looks at every result.
+    pub(crate) footer: OnceLock<String>,
 }
 
 /// Whether a path of the outputs is the site's.

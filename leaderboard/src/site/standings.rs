@@ -120,7 +120,7 @@ fn unmeasured_lpips(group: &Group<'_>) -> Column {
     let reason = group.why_unavailable(ViewKind::Novel, FIRST_LPIPS);
     Column {
         name: format::metric_title(FIRST_LPIPS),
-        missing: Some(reason.unwrap_or_else(|| "no result has it".to_owned())),
+        missing: Some(reason.unwrap_or("no result has it").to_owned()),
         holds: crate::table::Holds::Score(Quantity {
             kind: ViewKind::Novel,
             metric: FIRST_LPIPS.to_owned(),
