@@ -73,7 +73,9 @@ impl GreyFrame {
         }
     }
 
-    /// Luma and its derivatives at a place in pixels (whole numbers are centres); `None` at the border.
+    /// Luma and its derivatives at a place in pixels (whole numbers are centres); `None` at the border and
+    /// where something covers one of the four pixels around it: half of the outline of what moves by itself
+    /// lies outside of where it is in the other frame, and its edge would pull.
     fn sample(&self, at: DVec2) -> Option<(f64, DVec2)> {
         let floor = at.floor();
         let is_inside = floor.x >= 0.0
@@ -85,8 +87,11 @@ impl GreyFrame {
         }
         let part = at - floor;
         let first = floor.y as usize * self.width + floor.x as usize;
-        let [a, b, c, d] = [first, first + 1, first + self.width, first + self.width + 1]
-            .map(|pixel| f64::from(self.luma[pixel]));
+        let around = [first, first + 1, first + self.width, first + self.width + 1];
+        if !around.iter().all(|&pixel| self.open[pixel]) {
+            return None;
+        }
+        let [a, b, c, d] = around.map(|pixel| f64::from(self.luma[pixel]));
         let value = (1.0 - part.y) * ((1.0 - part.x) * a + part.x * b)
             + part.y * ((1.0 - part.x) * c + part.x * d);
         let by_x = (1.0 - part.y) * (b - a) + part.y * (d - c);
@@ -310,11 +315,10 @@ mod tests {
         let found = turns(&frames, None);
         assert!((found.focal - 0.9).abs() < 1e-9, "{}", found.focal);
         assert!(found.least_fit > 0.95, "{}", found.least_fit);
-        // Registrations fall short of the turn by some 3 %, which adds up along the clip.
+        // The square that moves by itself leaves the chain alone, in either frame of a pair.
         for (found, truth) in found.rotations.iter().zip(&truth) {
-            let turn = truth.angle_between(DQuat::IDENTITY);
-            let error = found.angle_between(*truth);
-            assert!(error < 0.05 * turn + 1e-3, "{error} of {turn} radians");
+            let pixels = found.angle_between(*truth) * 0.9 * WIDTH as f64;
+            assert!(pixels < 0.03, "{pixels} pixels");
         }
         let still = vec![frames[0].clone(); 3];
         let found = turns(&still, Some(1.0));
