@@ -36,6 +36,15 @@ impl Pose {
         })
     }
 
+    /// The pose with a rotation from the camera to the world, a unit quaternion, and this centre.
+    pub fn new(to_world: DQuat, centre: DVec3) -> Self {
+        let DQuat { x, y, z, w } = to_world;
+        Self {
+            rotation_wxyz: [w, x, y, z],
+            centre: centre.to_array(),
+        }
+    }
+
     /// Camera-to-world rotation. A quaternion that is not of unit length is normalized; a zero or
     /// non-finite one gives `None`.
     pub fn rotation(&self) -> Option<DQuat> {

@@ -6,6 +6,7 @@ use clap::Args;
 use omnilife_curate::{
     annotation::{AnnotateSettings, CaptionCommand},
     exchange,
+    exchange::CubeFaces,
     masks::MaskSource,
     publish::PublishSettings,
 };
@@ -86,9 +87,24 @@ pub(crate) struct ExportArguments {
     /// Marks the novel views of this split.json as test frames, where the format can.
     #[arg(long, value_name = "FILE", value_parser = places::split_file())]
     pub(crate) split: Option<PathBuf>,
+    /// Writes the six faces of a cube in place of every panorama, this many pixels wide, for trainers that
+    /// know perspective cameras alone (colmap, colmap-binary, nerfstudio). A third of the panorama's
+    /// width keeps its resolution.
+    #[arg(long, value_name = "PIXELS")]
+    cube_faces: Option<u32>,
+    /// Adds this many points on a far sphere to the points, in the colours seen there.
+    #[arg(long, value_name = "N", requires = "cube_faces", default_value_t = 0)]
+    sky_points: usize,
     /// Folder to fill.
     #[arg(long)]
     pub(crate) out: PathBuf,
+}
+
+impl ExportArguments {
+    pub(crate) fn cube_faces(&self) -> Option<CubeFaces> {
+        let sky_points = self.sky_points;
+        self.cube_faces.map(|side| CubeFaces { side, sky_points })
+    }
 }
 
 /// `curate import`.

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use omnilife_curate::{
     annotation::annotate_dataset,
-    exchange::{self, ImportRequest},
+    exchange::{self, ExportRequest, ImportRequest},
     masks::write_masks,
     publish, slicing, video,
 };
@@ -67,9 +67,15 @@ pub(crate) fn masks(arguments: &MasksArguments, progress: &dyn Progress) -> anyh
 }
 
 pub(crate) fn export(arguments: &ExportArguments, progress: &dyn Progress) -> anyhow::Result<()> {
-    let split = arguments.split.as_deref();
-    let (scene, out) = (&arguments.scene, &arguments.out);
-    let exported = exchange::export(scene, &arguments.format, split, out, progress)?;
+    let out = &arguments.out;
+    let request = ExportRequest {
+        scene_folder: &arguments.scene,
+        format: &arguments.format,
+        split: arguments.split.as_deref(),
+        cube_faces: arguments.cube_faces(),
+        out,
+    };
+    let exported = exchange::export(&request, progress)?;
     exit::print(&format!(
         "{}: {} frames, {} points\n",
         out.display(),

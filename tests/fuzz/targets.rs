@@ -413,7 +413,14 @@ fn write_scene(folder: &Path) {
 fn exported(folder: &Path, format: &str) -> Vec<String> {
     let (scene, out) = (folder.join("scene"), folder.join("in"));
     write_scene(&scene);
-    exchange::export(&scene, format, None, &out, &Silent).unwrap();
+    let request = exchange::ExportRequest {
+        scene_folder: &scene,
+        format,
+        split: None,
+        cube_faces: None,
+        out: &out,
+    };
+    exchange::export(&request, &Silent).unwrap();
     let mut found = Vec::new();
     let mut folders = vec!["in".to_owned()];
     while let Some(next) = folders.pop() {

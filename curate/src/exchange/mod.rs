@@ -6,6 +6,7 @@
 //! ignore.
 
 pub mod colmap;
+mod cube_faces;
 pub mod frames;
 pub mod hm3d;
 pub mod nerfstudio;
@@ -31,6 +32,7 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
+pub use cube_faces::CubeFaces;
 pub use scene_folder::{ImportRequest, import};
 
 use crate::error::CurateError;
@@ -103,6 +105,24 @@ pub struct ExportScene {
     pub points: PointCloud,
     /// Whether a split says which frames are for training; without one all are.
     pub has_split: bool,
+    /// Whether the frames are the faces of cubes, each in the folder of its face.
+    pub is_rig: bool,
+}
+
+/// What to export, and how.
+#[derive(Debug, Clone, Copy)]
+pub struct ExportRequest<'a> {
+    /// Folder of the scene.
+    pub scene_folder: &'a Path,
+    /// Name of the format.
+    pub format: &'a str,
+    /// Decides which frames are for training and which for testing, where the format can say so; without
+    /// one all are for training.
+    pub split: Option<&'a Path>,
+    /// Writes the faces of cubes in place of panoramas.
+    pub cube_faces: Option<CubeFaces>,
+    /// Folder to fill; it must not exist or be empty.
+    pub out: &'a Path,
 }
 
 /// What a reader found.
@@ -140,26 +160,41 @@ pub struct ForeignMask {
     pub black_is_dynamic: bool,
 }
 
-/// Exports the scene in `scene_folder` to `out`, which must not exist or be empty.
-///
-/// Frames without a pose are left out, with a note. A `split` decides which frames are for training
-/// and which for testing, where the format can say so; without one all are for training.
+/// Formats whose readers know perspective rigs.
+const OF_CUBE_FACES: [&str; 3] = ["colmap", "colmap-binary", "nerfstudio"];
+
+/// Exports a scene. Frames without a pose are left out, with a note.
 ///
 /// # Errors
-/// [`CurateError::Input`] for an unknown format, a scene without posed frames and an `out` that
-/// holds something; [`CurateError::Store`] when a file cannot be read or written.
+/// [`CurateError::Input`] for an unknown format, a scene without posed frames, cube faces of a
+/// perspective scene or in a format that has none, and an output folder that holds something;
+/// [`CurateError::Store`] when a file cannot be read or written.
 pub fn export(
-    scene_folder: &Path,
-    format_id: &str,
-    split: Option<&Path>,
-    out: &Path,
+    request: &ExportRequest<'_>,
     progress: &dyn Progress,
 ) -> Result<ExportScene, CurateError> {
-    let format = format(format_id, out)?;
+    let out = request.out;
+    let format = format(request.format, out)?;
+    if request.cube_faces.is_some() && !OF_CUBE_FACES.contains(&format.id) {
+        let reason = format!(
+            "is to have cube faces, which {} does not hold; {} do",
+            format.id,
+            OF_CUBE_FACES.join(", ")
+        );
+        return Err(CurateError::input(out, reason));
+    }
     refuse_filled(out)?;
-    let scene = collect(scene_folder, split, progress)?;
+    let mut scene = collect(request.scene_folder, request.split, progress)?;
     fill_folder(out, |folder| {
+        let scratch = folder.join("faces");
+        if let Some(faces) = request.cube_faces {
+            scene = cube_faces::as_faces(&scene, faces, &scratch)?;
+        }
         (format.export)(&scene, folder)?;
+        if scene.is_rig {
+            store::remove(&scratch)?;
+            cube_faces::write_rig(folder)?;
+        }
         Ok(times::write(&scene.frames, folder)?)
     })?;
     Ok(scene)
@@ -279,6 +314,7 @@ fn collect(
         frames,
         points,
         has_split: split.is_some(),
+        is_rig: false,
     })
 }
 
@@ -330,6 +366,11 @@ fn refuse_second(path: &Path) -> Result<(), CurateError> {
     Ok(())
 }
 
+/// Faces of cubes lie in folders of their own.
+fn create_parent(path: &Path) -> Result<(), StoreError> {
+    path.parent().map_or(Ok(()), store::create_folder)
+}
+
 /// The last part of a path in a record.
 fn file_name(path: &str) -> String {
     path.rsplit(['/', '\\']).next().unwrap_or(path).to_owned()
@@ -352,6 +393,7 @@ fn copy_images(scene: &ExportScene, folder: &Path) -> Result<(), CurateError> {
     for frame in &scene.frames {
         let path = folder.join(&frame.name);
         refuse_second(&path)?;
+        create_parent(&path)?;
         copy(&frame.image, &path)?;
     }
     Ok(())
@@ -376,6 +418,7 @@ fn write_black_masks(
         let mask = Mask::read(mask)?.inverted();
         let path = folder.join(name(&frame.name));
         refuse_second(&path)?;
+        create_parent(&path)?;
         mask.write_png(&path)?;
     }
     Ok(())

@@ -43,10 +43,10 @@ pub fn import(request: &ImportRequest<'_>) -> Result<Scene, CurateError> {
     let format = format(request.format, request.folder)?;
     super::refuse_filled(request.out)?;
     let foreign = (format.import)(request.folder)?;
-    refuse_shared_names(request.folder, &foreign)?;
+    let names = image_names(request.folder, &foreign)?;
     let times = frame_times(request, &foreign.frames)?;
     super::fill_folder(request.out, |folder| {
-        write(request, &foreign, &times, folder)
+        write(request, &foreign, (&names, &times), folder)
     })
 }
 
@@ -54,13 +54,12 @@ pub fn import(request: &ImportRequest<'_>) -> Result<Scene, CurateError> {
 fn write(
     request: &ImportRequest<'_>,
     foreign: &ForeignScene,
-    times: &[f64],
+    (names, times): (&[String], &[f64]),
     out: &Path,
 ) -> Result<Scene, CurateError> {
     store::create_folder(&out.join(FRAMES_FOLDER))?;
     let mut frames = Vec::new();
-    for (frame, time_seconds) in foreign.frames.iter().zip(times) {
-        let name = image_name(frame);
+    for ((frame, name), time_seconds) in foreign.frames.iter().zip(names).zip(times) {
         let image = format!("{FRAMES_FOLDER}/{name}");
         check_size(foreign, frame)?;
         super::copy(&frame.image, &out.join(&image))?;
@@ -68,9 +67,9 @@ fn write(
             image,
             time_seconds: *time_seconds,
             pose: frame.pose,
-            mask: import_mask(foreign, frame, out)?,
+            mask: import_mask(foreign, (frame, name), out)?,
             classes: [].into(),
-            objects: import_objects(foreign, frame, out)?,
+            objects: import_objects(foreign, (frame, name), out)?,
             depth: None,
             depth_prior: None,
         });
@@ -110,21 +109,38 @@ fn image_name(frame: &ForeignFrame) -> String {
         .into_owned()
 }
 
-/// Frames lie in one folder here: names from several must not collide.
-fn refuse_shared_names(folder: &Path, foreign: &ForeignScene) -> Result<(), CurateError> {
-    let mut names = BTreeSet::new();
-    match foreign
-        .frames
-        .iter()
-        .map(image_name)
-        .find(|name| !names.insert(name.clone()))
-    {
+/// File names that the frames get in one folder: their own, and where those collide (faces of cubes)
+/// with that of their folder before it.
+///
+/// # Errors
+/// Where that does not tell them apart either.
+fn image_names(folder: &Path, foreign: &ForeignScene) -> Result<Vec<String>, CurateError> {
+    let repeated = |names: &[String]| {
+        let mut seen = BTreeSet::new();
+        names.iter().find(|name| !seen.insert(*name)).cloned()
+    };
+    let mut names: Vec<String> = foreign.frames.iter().map(image_name).collect();
+    if repeated(&names).is_some() {
+        let of_folders = foreign.frames.iter().map(name_with_folder);
+        names = of_folders.map(|name| name.replace('/', "_")).collect();
+    }
+    match repeated(&names) {
         Some(name) => Err(CurateError::input(
             folder,
             format!("has two images named {name}"),
         )),
-        None => Ok(()),
+        None => Ok(names),
     }
+}
+
+/// The file with the folder that it lies in, `front/000000.png`.
+fn name_with_folder(frame: &ForeignFrame) -> String {
+    let folder = frame
+        .image
+        .parent()
+        .and_then(Path::file_name)
+        .unwrap_or_default();
+    format!("{}/{}", folder.to_string_lossy(), image_name(frame))
 }
 
 /// Times from `times.csv`, else from the frame rate given.
@@ -156,7 +172,7 @@ fn frame_times(
         .iter()
         .enumerate()
         .map(|(index, frame)| {
-            time_of(&times, &image_name(frame), index).ok_or_else(|| {
+            time_of(&times, frame, index).ok_or_else(|| {
                 CurateError::input(
                     &request.folder.join(times::TIMES_FILE),
                     format!("has no time for {}", image_name(frame)),
@@ -168,9 +184,10 @@ fn frame_times(
 
 /// By name; by number where the format has renamed the frames (the table is in order of time, and
 /// names count upwards).
-fn time_of(times: &BTreeMap<String, f64>, name: &str, index: usize) -> Option<f64> {
+fn time_of(times: &BTreeMap<String, f64>, frame: &ForeignFrame, index: usize) -> Option<f64> {
     times
-        .get(name)
+        .get(&image_name(frame))
+        .or_else(|| times.get(&name_with_folder(frame)))
         .or_else(|| times.values().nth(index))
         .copied()
 }
@@ -197,7 +214,7 @@ fn size_of(foreign: &ForeignScene) -> [usize; 2] {
 
 fn import_mask(
     foreign: &ForeignScene,
-    frame: &ForeignFrame,
+    (frame, name): (&ForeignFrame, &str),
     out: &Path,
 ) -> Result<Option<String>, CurateError> {
     let Some(found) = &frame.mask else {
@@ -215,31 +232,28 @@ fn import_mask(
         mask = mask.inverted();
     }
     store::create_folder(&out.join(SCENE_MASKS_FOLDER))?;
-    let name = format!(
-        "{SCENE_MASKS_FOLDER}/{}.png",
-        super::stem(&image_name(frame))
-    );
-    mask.write_png(&out.join(&name))?;
-    Ok(Some(name))
+    let file = format!("{SCENE_MASKS_FOLDER}/{}.png", super::stem(name));
+    mask.write_png(&out.join(&file))?;
+    Ok(Some(file))
 }
 
 /// Copies the masks of a frame's objects; those that show nothing are left out.
 fn import_objects(
     foreign: &ForeignScene,
-    frame: &ForeignFrame,
+    (frame, name): (&ForeignFrame, &str),
     out: &Path,
 ) -> Result<BTreeMap<String, String>, CurateError> {
     let mut objects = BTreeMap::new();
-    for (name, found) in &frame.objects {
+    for (object, found) in &frame.objects {
         let mask = Mask::decode(ImageFile::open(found)?.expect_size(size_of(foreign))?)?;
         if mask.data.iter().all(|&value| value < 128) {
             continue;
         }
-        let folder = format!("{SCENE_MASKS_FOLDER}/{name}");
+        let folder = format!("{SCENE_MASKS_FOLDER}/{object}");
         store::create_folder(&out.join(&folder))?;
-        let file = format!("{folder}/{}.png", super::stem(&image_name(frame)));
+        let file = format!("{folder}/{}.png", super::stem(name));
         mask.write_png(&out.join(&file))?;
-        objects.insert(name.clone(), file);
+        objects.insert(object.clone(), file);
     }
     Ok(objects)
 }

@@ -6,6 +6,7 @@
 //! `(i + 1/2, j + 1/2)`.
 
 mod any;
+pub mod cube;
 pub mod erp;
 pub mod pinhole;
 

@@ -4,11 +4,13 @@
 //! Views overlap, so that nothing is cut by the seam, a pole or the edge of a view: near its edge a
 //! view counts for little, where another has it in its middle.
 
-use glam::{DMat3, DQuat, DVec3, dvec2, dvec3};
+use glam::{DMat3, DQuat, DVec3, dvec3};
 use omnilife_schemas::{
     RgbImage,
     camera::{CameraModel, ErpCamera},
 };
+
+use crate::erp_sampling;
 
 /// Half the field of view of every crop, as a slope: 103 degrees in all, so that the six around the
 /// horizon and the two at the poles leave no hole between them.
@@ -55,7 +57,7 @@ pub(super) fn crop(panorama: &RgbImage, view: &DMat3, side: usize) -> Vec<u8> {
         for column in 0..side {
             let direction = to_panorama * dvec3(slope(column), slope(row), 1.0);
             let colour = match camera.project(direction) {
-                Some(place) => sample(panorama, place - dvec2(0.5, 0.5)),
+                Some(place) => erp_sampling::bilinear(panorama, place),
                 None => [0.0; 3],
             };
             out.extend(colour.map(|value| (value.clamp(0.0, 1.0) * 255.0).round() as u8));
@@ -64,27 +66,10 @@ pub(super) fn crop(panorama: &RgbImage, view: &DMat3, side: usize) -> Vec<u8> {
     out
 }
 
-/// Bilinear between pixel centres, around the seam; rows beyond a pole repeat the last.
-fn sample(image: &RgbImage, place: glam::DVec2) -> [f32; 3] {
-    let (width, height) = (image.width as i64, image.height as i64);
-    let first = place.floor();
-    let share = (place - first).as_vec2();
-    let pixel = |dx: i64, dy: i64| {
-        let column = (first.x as i64 + dx).rem_euclid(width);
-        let row = (first.y as i64 + dy).clamp(0, height - 1);
-        let at = (row * width + column) as usize * 3;
-        [image.data[at], image.data[at + 1], image.data[at + 2]]
-    };
-    let [[a, b], [c, d]] = [[pixel(0, 0), pixel(1, 0)], [pixel(0, 1), pixel(1, 1)]];
-    [0, 1, 2].map(|channel| {
-        let upper = a[channel] + (b[channel] - a[channel]) * share.x;
-        let lower = c[channel] + (d[channel] - c[channel]) * share.x;
-        upper + (lower - upper) * share.y
-    })
-}
-
 #[cfg(test)]
 mod tests {
+    use glam::dvec2;
+
     use super::*;
 
     #[test]

@@ -1,0 +1,328 @@
+//! A panoramic scene as a perspective one: every frame becomes the six faces of a cube, for trainers that
+//! know no equirectangular camera.
+//!
+//! ```text
+//! images/front/000000.png ... images/down/000000.png     one folder per face, one name per frame
+//! rig_config.json         the faces as a rig of COLMAP (colmap rig_configurator), front first
+//! ```
+//!
+//! A face pixel is the mean of as many bilinear samples as it has pixels of the panorama along a side in the
+//! middle of the face; a mask pixel is that of the mask at its centre.
+
+use std::{
+    f64::consts::{PI, TAU},
+    path::{Path, PathBuf},
+};
+
+use glam::{DMat3, DQuat, DVec2, DVec3, dvec2};
+use omnilife_schemas::{
+    Pose, RgbImage,
+    camera::{
+        Camera, CameraModel, ErpCamera,
+        cube::{CUBE_FACES, CubeFace, face_camera, side_of_equal_resolution},
+    },
+    points::PointCloud,
+    rgb::Mask,
+    store,
+};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::{ExportFrame, ExportScene};
+use crate::{erp_sampling, error::CurateError};
+
+/// Faces and sky that an export asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CubeFaces {
+    /// Width and height of a face in pixels.
+    pub side: u32,
+    /// Points on a far sphere around the cameras, with the colours seen there: what has no points of
+    /// its own, the sky above all, has none from structure from motion either.
+    pub sky_points: usize,
+}
+
+/// Faces are at most this wide.
+const LARGEST_SIDE: u32 = 1 << 13;
+/// At most this many points of sky.
+const MOST_SKY_POINTS: usize = 1 << 20;
+/// Samples along a side of a face pixel, at most.
+const MOST_SAMPLES: u32 = 8;
+/// Radius of the sky, over the distance of the farthest tenth of the points or of the cameras.
+const SKY_RADIUS: f64 = 3.0;
+
+/// Draws the faces of every frame into `scratch`, and gives the scene that they are.
+///
+/// # Errors
+/// For a perspective scene, a size that is no size, and images that cannot be read or written.
+pub(super) fn as_faces(
+    scene: &ExportScene,
+    faces: CubeFaces,
+    scratch: &Path,
+) -> Result<ExportScene, CurateError> {
+    let Camera::Erp(camera) = scene.camera else {
+        return Err(CurateError::input(
+            scratch,
+            "is to have cube faces of a scene that is perspective already",
+        ));
+    };
+    if !(8..=LARGEST_SIDE).contains(&faces.side) || faces.sky_points > MOST_SKY_POINTS {
+        return Err(CurateError::input(
+            scratch,
+            format!(
+                "is to have faces of {} pixels and {} sky points; faces have 8 to {LARGEST_SIDE} \
+                 pixels, and there are at most {MOST_SKY_POINTS} sky points",
+                faces.side, faces.sky_points
+            ),
+        ));
+    }
+    for face in CUBE_FACES {
+        store::create_folder(&scratch.join(face.name))?;
+    }
+    let frames: Result<Vec<Vec<ExportFrame>>, CurateError> = scene
+        .frames
+        .par_iter()
+        .map(|frame| faces_of(frame, camera, faces.side, scratch))
+        .collect();
+    let mut points = scene.points.clone();
+    add_sky(scene, camera, faces.sky_points, &mut points)?;
+    Ok(ExportScene {
+        camera: face_camera(faces.side).into(),
+        frames: frames?.into_iter().flatten().collect(),
+        points,
+        has_split: scene.has_split,
+        is_rig: true,
+    })
+}
+
+fn faces_of(
+    frame: &ExportFrame,
+    camera: ErpCamera,
+    side: u32,
+    scratch: &Path,
+) -> Result<Vec<ExportFrame>, CurateError> {
+    let panorama = RgbImage::read(&frame.image)?;
+    let mask = frame.mask.as_deref().map(Mask::read).transpose()?;
+    let stem = super::stem(&frame.name);
+    // Valid poses have a rotation: they were chosen by that.
+    let rotation = frame.pose.rotation().unwrap_or_default();
+    CUBE_FACES
+        .iter()
+        .map(|face| {
+            let name = format!("{}/{stem}.png", face.name);
+            let image = scratch.join(&name);
+            face_image(&panorama, face, side).write_png(&image)?;
+            let mask = match &mask {
+                None => None,
+                Some(mask) => {
+                    let file = scratch.join(face.name).join(format!("{stem}.mask.png"));
+                    face_mask(mask, camera, face, side).write_png(&file)?;
+                    Some(file)
+                }
+            };
+            Ok(ExportFrame {
+                name,
+                image,
+                mask,
+                pose: Pose::new(
+                    rotation * DQuat::from_mat3(&face.to_camera),
+                    frame.pose.centre(),
+                ),
+                ..frame.clone()
+            })
+        })
+        .collect()
+}
+
+fn face_image(panorama: &RgbImage, face: &CubeFace, side: u32) -> RgbImage {
+    let camera = ErpCamera {
+        width: panorama.width as u32,
+        height: panorama.height as u32,
+    };
+    let of_face = face_camera(side);
+    let samples = side_of_equal_resolution(camera.width)
+        .div_ceil(side)
+        .clamp(1, MOST_SAMPLES);
+    let share = 1.0 / (samples * samples) as f32;
+    let mut image = RgbImage::black(side as usize, side as usize);
+    for (pixel, out) in image.data.as_chunks_mut::<3>().0.iter_mut().enumerate() {
+        let corner = corner(pixel, side);
+        for sample in 0..samples * samples {
+            let within = dvec2(f64::from(sample % samples), f64::from(sample / samples)) + 0.5;
+            let direction = of_face.unproject(corner + within / f64::from(samples));
+            let Some(place) = camera.project(face.to_camera * direction) else {
+                continue;
+            };
+            let colour = erp_sampling::bilinear(panorama, place);
+            for (sum, value) in out.iter_mut().zip(colour) {
+                *sum += share * value;
+            }
+        }
+    }
+    image
+}
+
+fn face_mask(mask: &Mask, camera: ErpCamera, face: &CubeFace, side: u32) -> Mask {
+    let of_face = face_camera(side);
+    let data = (0..(side * side) as usize)
+        .map(|pixel| {
+            let direction = of_face.unproject(corner(pixel, side) + 0.5);
+            let place = camera.project(face.to_camera * direction);
+            place.map_or(0, |place| {
+                // Masks may be of another size than their images.
+                let share = place / dvec2(f64::from(camera.width), f64::from(camera.height));
+                let at = |share: f64, len: usize| ((share * len as f64) as usize).min(len - 1);
+                mask.data[at(share.y, mask.height) * mask.width + at(share.x, mask.width)]
+            })
+        })
+        .collect();
+    Mask {
+        width: side as usize,
+        height: side as usize,
+        data,
+    }
+}
+
+/// The upper left corner of a pixel.
+fn corner(pixel: usize, side: u32) -> DVec2 {
+    let pixel = pixel as u32;
+    dvec2(f64::from(pixel % side), f64::from(pixel / side))
+}
+
+/// Adds a shell of points as far as the farthest of the scene and more, in the colours of the first frame
+/// that is for training.
+fn add_sky(
+    scene: &ExportScene,
+    camera: ErpCamera,
+    count: usize,
+    points: &mut PointCloud,
+) -> Result<(), CurateError> {
+    let Some(frame) = scene.frames.iter().find(|frame| frame.is_input) else {
+        return Ok(());
+    };
+    if count == 0 {
+        return Ok(());
+    }
+    let panorama = RgbImage::read(&frame.image)?;
+    let centres: Vec<DVec3> = scene
+        .frames
+        .iter()
+        .map(|frame| frame.pose.centre())
+        .collect();
+    let middle = centres.iter().sum::<DVec3>() / centres.len() as f64;
+    let of_points = points
+        .positions
+        .iter()
+        .map(|p| DVec3::from_array(p.map(f64::from)));
+    let mut distances: Vec<f64> = centres
+        .iter()
+        .copied()
+        .chain(of_points)
+        .map(|place| place.distance(middle))
+        .collect();
+    distances.sort_by(f64::total_cmp);
+    let far = distances[distances.len() * 9 / 10];
+    let radius = SKY_RADIUS * if far > 0.0 { far } else { 1.0 };
+    let to_camera = DMat3::from_quat(frame.pose.rotation().unwrap_or_default()).transpose();
+    for index in 0..count {
+        let direction = on_sphere(index, count);
+        let place = camera.project(to_camera * direction).unwrap_or_default();
+        let colour = erp_sampling::bilinear(&panorama, place);
+        points
+            .positions
+            .push((middle + radius * direction).as_vec3().to_array());
+        points
+            .colours
+            .push(colour.map(|value| (value.clamp(0.0, 1.0) * 255.0).round() as u8));
+    }
+    Ok(())
+}
+
+/// Directions spread evenly by the golden angle.
+fn on_sphere(index: usize, count: usize) -> DVec3 {
+    let height = 1.0 - (2 * index + 1) as f64 / count as f64;
+    let longitude = index as f64 * PI * (3.0 - 5.0_f64.sqrt()) % TAU;
+    let across = (1.0 - height * height).sqrt();
+    DVec3::new(across * longitude.cos(), height, across * longitude.sin())
+}
+
+/// A rig as COLMAP's `rig_configurator` reads it.
+#[derive(Serialize)]
+struct RigConfig {
+    cameras: Vec<RigCamera>,
+}
+
+#[derive(Serialize)]
+struct RigCamera {
+    image_prefix: String,
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    ref_sensor: bool,
+    /// Quaternion (w, x, y, z) from the rig to the camera.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cam_from_rig_rotation: Option<[f64; 4]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cam_from_rig_translation: Option<[f64; 3]>,
+}
+
+/// Writes `rig_config.json`.
+pub(super) fn write_rig(out: &Path) -> Result<PathBuf, CurateError> {
+    let cameras = CUBE_FACES.iter().enumerate().map(|(index, face)| {
+        let q = DQuat::from_mat3(&face.to_camera).inverse();
+        RigCamera {
+            image_prefix: format!("{}/", face.name),
+            ref_sensor: index == 0,
+            cam_from_rig_rotation: (index > 0).then_some([q.w, q.x, q.y, q.z]),
+            cam_from_rig_translation: (index > 0).then_some([0.0; 3]),
+        }
+    });
+    let rig = RigConfig {
+        cameras: cameras.collect(),
+    };
+    let path = out.join("rig_config.json");
+    super::write_json(&path, &[rig])?;
+    Ok(path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The colour of a panorama's pixel is its direction.
+    fn panorama(width: u32) -> RgbImage {
+        let camera = ErpCamera {
+            width,
+            height: width / 2,
+        };
+        let mut image = RgbImage::black(width as usize, width as usize / 2);
+        for (pixel, out) in image.data.as_chunks_mut::<3>().0.iter_mut().enumerate() {
+            let pixel = pixel as u32;
+            let centre = dvec2(f64::from(pixel % width), f64::from(pixel / width)) + 0.5;
+            *out = (0.5 * (camera.unproject(centre) + 1.0))
+                .as_vec3()
+                .to_array();
+        }
+        image
+    }
+
+    #[test]
+    fn faces_show_their_directions_at_any_resolution() {
+        let panorama = panorama(256);
+        for side in [16, 82, 200] {
+            for face in &CUBE_FACES {
+                let image = face_image(&panorama, face, side);
+                for (pixel, colour) in image.data.as_chunks::<3>().0.iter().enumerate() {
+                    let direction = face_camera(side).unproject(corner(pixel, side) + 0.5);
+                    let expected = 0.5 * (face.to_camera * direction + 1.0);
+                    let found = DVec3::from_array(colour.map(f64::from));
+                    assert!(found.distance(expected) < 0.02, "{} {pixel}", face.name);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn sky_is_spread_over_the_sphere() {
+        let sum: DVec3 = (0..1000).map(|index| on_sphere(index, 1000)).sum();
+        assert!(sum.length() < 5.0, "{sum}");
+        assert!((on_sphere(17, 1000).length() - 1.0).abs() < 1e-12);
+    }
+}
