@@ -182,6 +182,10 @@ pub(crate) struct RenderArguments {
     /// Horizontal field of view of a pinhole camera.
     #[arg(long, value_name = "DEGREES", default_value_t = 90.0)]
     pub(crate) fov_degrees: f64,
+    /// Puts panoramas together from perspective faces of a cube, this many pixels wide: how a trainer of
+    /// perspective views draws the Gaussians that it left.
+    #[arg(long, value_name = "PIXELS")]
+    pub(crate) cube_faces: Option<u32>,
     /// What is shown. Of Gaussians: all, static, dynamic, velocity, depth or object:ID; of an atlas: all,
     /// background, object:ID, matte:ID or without:ID.
     #[arg(long, default_value = "all")]
@@ -216,6 +220,7 @@ impl RenderArguments {
                 Some(id) => format!("object:{id}"),
                 None => self.layer.clone(),
             },
+            cube_faces: self.cube_faces,
             out: self.out.clone(),
         }
     }

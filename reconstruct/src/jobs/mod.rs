@@ -1,6 +1,7 @@
 //! Whole commands: they read records, call the rest of the crate, and write records.
 
 pub mod atlas;
+mod cube_faces;
 pub mod edit;
 pub mod edit_objects;
 pub mod export;

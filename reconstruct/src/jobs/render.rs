@@ -23,7 +23,7 @@ use omnilife_engine::camera::{Camera, View};
 
 use crate::{
     error::ReconstructError,
-    jobs::opened_gaussians::OpenedGaussians,
+    jobs::{cube_faces, opened_gaussians::OpenedGaussians},
     methods::run_formats::{self, OpenedModel},
     process,
 };
@@ -41,6 +41,8 @@ pub struct RenderRequest {
     pub camera: RenderCamera,
     /// The layer that is shown, by the name that it has in models of that kind.
     pub layer: String,
+    /// Panoramas are put together from perspective faces of a cube, this many pixels wide.
+    pub cube_faces: Option<u32>,
     /// Folder of the images.
     pub out: PathBuf,
 }
@@ -123,11 +125,21 @@ pub fn render_poses(
         largest_speed: opened.largest_speed(),
     };
     let mut render = |number: usize, time: f64, pose: &Pose| -> Result<(), ReconstructError> {
-        let view = View::new(camera, pose, &opened.normalization(), time).ok_or_else(|| {
+        let normalization = opened.normalization();
+        let image = match (request.cube_faces, camera) {
+            (Some(side), Camera::Erp(camera)) => {
+                cube_faces::panorama(&mut *opened, camera, side, (pose, &normalization, time))?
+            }
+            _ => match View::new(camera, pose, &normalization, time) {
+                Some(view) => Some(opened.image(&view)?),
+                None => None,
+            },
+        };
+        let image = image.ok_or_else(|| {
             ReconstructError::scene(&request.poses, format!("frame {number} has no usable pose"))
         })?;
         let file = request.out.join(image_file(number));
-        opened.image(&view)?.write_png(&file)?;
+        image.write_png(&file)?;
         rendered.files.push(file);
         rendered.times_seconds.push(time);
         progress.advance(1);
@@ -214,7 +226,7 @@ fn camera(request: &RenderRequest, given: Option<Camera>) -> Result<Camera, Reco
         &format!("rendering images of {width}x{height} pixels"),
     )?;
     let erp = Camera::Erp(ErpCamera { width, height });
-    match request.camera {
+    let found = match request.camera {
         RenderCamera::OfPoses => Ok(given.map_or(erp, |camera| camera.resized(width, height))),
         RenderCamera::Erp => Ok(erp),
         RenderCamera::Pinhole(degrees) if degrees > 0.0 && degrees < 180.0 => {
@@ -224,5 +236,14 @@ fn camera(request: &RenderRequest, given: Option<Camera>) -> Result<Camera, Reco
         RenderCamera::Pinhole(_) => Err(ReconstructError::Request {
             reason: "a pinhole camera's field of view is between 0 and 180 degrees".to_owned(),
         }),
+    }?;
+    match request.cube_faces {
+        Some(_) if !matches!(found, Camera::Erp(_)) => Err(ReconstructError::Request {
+            reason: "only panoramas are put together from cube faces".to_owned(),
+        }),
+        Some(side) if !(8..=LARGEST_SIDE).contains(&side) => Err(ReconstructError::Request {
+            reason: format!("cube faces are 8 to {LARGEST_SIDE} pixels wide"),
+        }),
+        _ => Ok(found),
     }
 }
