@@ -174,8 +174,8 @@ pub(crate) fn default_maximum(scene: &TrainingScene) -> u64 {
     ((GAUSSIANS_PER_PIXEL * pixels) as u64).max(points)
 }
 
-/// Checks the user's limit on the Gaussians at once: the default is a few per pixel. `other_bytes` are
-/// what training needs beside them.
+/// Checks at once what a user's limit on the Gaussians, or on the memory, asks for: the default is a few
+/// Gaussians per pixel, and not every scene fills it. `other_bytes` are what training needs beside them.
 pub(crate) fn require_memory(
     request: &MethodRequest,
     settings: &TrainSettings,
@@ -183,7 +183,7 @@ pub(crate) fn require_memory(
     other_bytes: u64,
 ) -> Result<(), ReconstructError> {
     let maximum = settings.densify.maximum_gaussians;
-    if request.options.maximum_gaussians().is_some() {
+    if request.options.maximum_gaussians().is_some() || process::memory_limit().is_some() {
         let bytes = memory::training_bytes(maximum, shapes).saturating_add(other_bytes);
         process::require(bytes, &format!("training {maximum} Gaussians"))?;
     }

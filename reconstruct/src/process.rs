@@ -5,7 +5,7 @@ use std::{
     path::Path,
     sync::{
         Arc, LazyLock,
-        atomic::{AtomicBool, Ordering},
+        atomic::{AtomicBool, AtomicU64, Ordering},
     },
     time::{Duration, Instant},
 };
@@ -109,14 +109,29 @@ fn control_group_bytes() -> Option<u64> {
     Some(read("memory.max")?.saturating_sub(read("memory.current")?))
 }
 
+/// Most memory that work of this process may take, bytes; 0 where the user gave no limit.
+static MEMORY_LIMIT: AtomicU64 = AtomicU64::new(0);
+
+/// From here on [`require`] refuses what takes more than this many bytes, however much the machine has.
+pub fn limit_memory(bytes: u64) {
+    MEMORY_LIMIT.store(bytes, Ordering::Relaxed);
+}
+
+/// The limit of [`limit_memory`], bytes.
+pub(crate) fn memory_limit() -> Option<u64> {
+    Some(MEMORY_LIMIT.load(Ordering::Relaxed)).filter(|&limit| limit > 0)
+}
+
 /// Refuses work that does not fit. `purpose` says what would be made.
 ///
-/// Where the system does not say what it has left (elsewhere than on Linux) nothing is refused.
+/// Without a limit by [`limit_memory`], and where the system does not say what it has left (elsewhere
+/// than on Linux), nothing is refused.
 ///
 /// # Errors
 /// With both figures, when `bytes` is more than what is left.
 pub fn require(bytes: u64, purpose: &str) -> Result<(), ReconstructError> {
-    match available_memory_bytes() {
+    let available = [available_memory_bytes(), memory_limit()];
+    match available.into_iter().flatten().min() {
         Some(available) if bytes > available => Err(ReconstructError::Memory {
             purpose: purpose.to_owned(),
             gibibytes: gibibytes(bytes),

@@ -14,7 +14,7 @@ use omnilife_schemas::{
 use super::{
     dataset::{
         AnnotateArguments, ExportArguments, ImportArguments, MasksArguments, PublishArguments,
-        SliceArguments,
+        SelectArguments, SliceArguments,
     },
     ledger::LedgerCommand,
 };
@@ -298,6 +298,8 @@ pub(crate) enum CurateCommand {
     Import(ImportArguments),
     /// Writes statistics, figures, card and checksums of a dataset.
     Publish(PublishArguments),
+    /// Selects a subset that is like the whole dataset, and says how it compares.
+    Select(SelectArguments),
     /// Checks a published dataset: checksums, records, durations, statistics.
     Verify {
         /// Folder of the dataset.
@@ -325,24 +327,24 @@ pub(crate) struct BuildArguments {
 pub(crate) struct MemoryLimitArguments {
     /// Memory that curating one video may take, GiB; a video that asks for more has failed, and the
     /// others go on (Linux) [default: three quarters of the machine's].
-    #[arg(long, value_name = "GIB", value_parser = parse_memory)]
-    pub(crate) memory: Option<f64>,
+    #[arg(long, value_name = "GIB", value_parser = gibibytes)]
+    pub(crate) memory: Option<u64>,
 }
 
 impl MemoryLimitArguments {
     /// In bytes; `None` where none is given and the machine does not tell how much it has.
     pub(crate) fn bytes(&self) -> Option<u64> {
-        match self.memory {
-            Some(gibibytes) => Some((gibibytes * f64::from(1 << 30)) as u64),
-            None => Hardware::here().memory_bytes.map(|bytes| bytes / 4 * 3),
-        }
+        self.memory
+            .or_else(|| Hardware::here().memory_bytes.map(|bytes| bytes / 4 * 3))
     }
 }
 
-fn parse_memory(text: &str) -> Result<f64, String> {
+/// Bytes of a number of GiB.
+pub(super) fn gibibytes(text: &str) -> Result<u64, String> {
     text.parse()
         .ok()
         .filter(|gibibytes: &f64| gibibytes.is_finite() && *gibibytes > 0.0)
+        .map(|gibibytes| (gibibytes * f64::from(1 << 30)) as u64)
         .ok_or_else(|| "memory is a positive number of GiB".to_owned())
 }
 

@@ -8,7 +8,7 @@ use omnilife_curate::{
     exchange,
     exchange::CubeFaces,
     masks::MaskSource,
-    publish::PublishSettings,
+    publish::{self, PublishSettings, SelectRequest},
 };
 
 use super::places;
@@ -87,6 +87,9 @@ pub(crate) struct ExportArguments {
     /// Marks the novel views of this split.json as test frames, where the format can.
     #[arg(long, value_name = "FILE", value_parser = places::split_file())]
     pub(crate) split: Option<PathBuf>,
+    /// Leaves the novel views of the split out, for trainers that would learn from all images.
+    #[arg(long, requires = "split")]
+    pub(crate) given_only: bool,
     /// Writes the six faces of a cube in place of every panorama, this many pixels wide, for trainers that
     /// know perspective cameras alone (colmap, colmap-binary, nerfstudio). A third of the panorama's
     /// width keeps its resolution.
@@ -176,6 +179,51 @@ pub(crate) struct PublishArguments {
     /// What it is, in a sentence or two.
     #[arg(long)]
     pub(crate) description: Option<String>,
+}
+
+/// `curate select`.
+#[derive(Debug, Args)]
+pub(crate) struct SelectArguments {
+    /// Folder of the dataset.
+    pub(crate) dataset: PathBuf,
+    /// How many sequences.
+    #[arg(long, value_name = "N")]
+    count: usize,
+    /// Properties whose classes keep their shares, separated by commas.
+    #[arg(long, value_name = "PROPERTIES", value_delimiter = ',', default_value = "scene,ego-motion,dynamics",
+          value_parser = parse_property)]
+    stratify: Vec<String>,
+    /// Decides between sequences that fit equally well.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Selects among sequences with valid poses alone.
+    #[arg(long)]
+    posed: bool,
+    /// Folder for sequences.csv and comparison.csv.
+    #[arg(long)]
+    pub(crate) out: PathBuf,
+}
+
+impl SelectArguments {
+    pub(crate) fn request(&self) -> SelectRequest {
+        SelectRequest {
+            count: self.count,
+            stratify: self.stratify.clone(),
+            seed: self.seed,
+            posed_only: self.posed,
+        }
+    }
+}
+
+fn parse_property(text: &str) -> Result<String, String> {
+    let known: Vec<&str> = publish::properties().collect();
+    if known.contains(&text) {
+        return Ok(text.to_owned());
+    }
+    Err(format!(
+        "there is no property {text}; there are {}",
+        known.join(", ")
+    ))
 }
 
 impl PublishArguments {

@@ -117,6 +117,10 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         "curate publish",
         &["curate publish DATASET --name Streets --licence CC-BY-4.0"],
     ),
+    (
+        "curate select",
+        &["curate select DATASET --count 111 --stratify scene,ego-motion --seed 0 --out SUBSET"],
+    ),
     ("curate verify", &["curate verify DATASET"]),
     (
         "reconstruct train",

@@ -24,7 +24,7 @@ pub(crate) use curate::{
 };
 pub(crate) use dataset::{
     AnnotateArguments, ExportArguments, ImportArguments, MasksArguments, PublishArguments,
-    SliceArguments,
+    SelectArguments, SliceArguments,
 };
 pub(crate) use leaderboard::{
     AddArguments, FigureArguments, GalleryArguments, LeaderboardBuildArguments, LeaderboardCommand,

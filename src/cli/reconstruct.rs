@@ -14,7 +14,7 @@ use omnilife_reconstruct::{
     request::{BackendChoice, MethodRequest, PlanChoice},
 };
 
-use super::places;
+use super::{curate::gibibytes, places};
 use crate::exit::BadRequest;
 
 #[derive(Debug, Clone, Args)]
@@ -341,6 +341,10 @@ pub(crate) enum ReconstructCommand {
         /// `bench run` have 1500.
         #[arg(long, default_value_t = 30_000)]
         iterations: u64,
+        /// Memory that training may take, GiB: a model that needs more is refused before it is trained
+        /// [default: what the machine has left].
+        #[arg(long, value_name = "GIB", value_parser = gibibytes)]
+        memory: Option<u64>,
     },
     /// Prints which components a method has on a scene, on what evidence, and what that saves.
     Plan {

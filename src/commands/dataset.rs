@@ -15,7 +15,7 @@ use omnilife_schemas::{
 use crate::{
     cli::{
         AnnotateArguments, ExportArguments, ImportArguments, MasksArguments, PublishArguments,
-        SliceArguments,
+        SelectArguments, SliceArguments,
     },
     exit::{self, PartialFailure},
     termination,
@@ -72,6 +72,7 @@ pub(crate) fn export(arguments: &ExportArguments, progress: &dyn Progress) -> an
         scene_folder: &arguments.scene,
         format: &arguments.format,
         split: arguments.split.as_deref(),
+        given_only: arguments.given_only,
         cube_faces: arguments.cube_faces(),
         out,
     };
@@ -114,6 +115,21 @@ pub(crate) fn publish_dataset(
         statistics.seconds() / 3600.0,
         statistics.mean_seconds()
     ))
+}
+
+pub(crate) fn select(arguments: &SelectArguments, progress: &dyn Progress) -> anyhow::Result<()> {
+    let (dataset, out) = (&arguments.dataset, &arguments.out);
+    let selection = publish::select(dataset, &arguments.request(), out, progress)?;
+    let mut text = format!(
+        "{}: {} of {} sequences\n",
+        out.display(),
+        selection.rows.len(),
+        selection.candidates
+    );
+    for (property, distance) in &selection.distances {
+        text += &format!("{property}: shares differ by {:.1} %\n", 100.0 * distance);
+    }
+    exit::print(&text)
 }
 
 /// Prints one line per fault.

@@ -12,6 +12,7 @@ use omnilife_reconstruct::{
         render,
     },
     methods::{METHODS, Method},
+    process,
 };
 use omnilife_schemas::{camera::Camera, progress::Progress};
 
@@ -30,7 +31,11 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
             out,
             method,
             iterations,
+            memory,
         } => {
+            if let Some(bytes) = memory {
+                process::limit_memory(*bytes);
+            }
             termination::guard_training()?;
             let record = reconstruct::reconstruct(
                 &ReconstructRequest {

@@ -423,3 +423,30 @@ fn an_edited_split_trains_nothing() {
         assert!(!out.join("run.json").exists());
     }
 }
+
+/// The limit of the user counts as the machine's own does.
+#[test]
+fn a_model_beyond_the_memory_that_it_may_take_is_refused_before_training() {
+    let run = &small_run().out;
+    let folder = scratch();
+    let out = folder.path().join("run");
+    let sequence = run.join(SEQUENCE);
+    let split = sequence.join("per-scene/split.json");
+    for method in ["odgs", "nag"] {
+        let ended = omnilife(
+            ["--quiet", "reconstruct", "train"]
+                .map(std::ffi::OsStr::new)
+                .into_iter()
+                .chain([sequence.as_os_str(), "--split".as_ref(), split.as_os_str()])
+                .chain(["--method", method, "--memory", "0.0001"].map(AsRef::as_ref))
+                .chain(["--iterations", "2", "--out"].map(AsRef::as_ref))
+                .chain([out.as_os_str()]),
+        );
+        let message = ended.failed_quietly(2);
+        assert!(
+            message.contains("GiB of memory, 0.0 GiB are left"),
+            "{message}"
+        );
+        assert!(!out.join("run.json").exists());
+    }
+}

@@ -103,6 +103,7 @@ fn commands(extra: &Path) -> Vec<Row> {
             "",
             &format!("run VIDEO --poses POSES {small} --out OUT --iterations 20"),
         ),
+        row("curate select DATASET --count 1 --out OUT", 0),
         in_place("", "curate publish OUT"),
         in_place("", "curate annotate OUT"),
         in_place(SEQUENCE, "curate poses OUT --poses POSES"),

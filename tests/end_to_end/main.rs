@@ -23,6 +23,7 @@ mod main_job;
 mod many_videos;
 mod output;
 mod rendering;
+mod splatters;
 mod stages;
 mod submissions;
 mod support;

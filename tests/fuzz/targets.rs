@@ -417,6 +417,7 @@ fn exported(folder: &Path, format: &str) -> Vec<String> {
         scene_folder: &scene,
         format,
         split: None,
+        given_only: false,
         cube_faces: None,
         out: &out,
     };

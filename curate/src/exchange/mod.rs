@@ -119,6 +119,8 @@ pub struct ExportRequest<'a> {
     /// Decides which frames are for training and which for testing, where the format can say so; without
     /// one all are for training.
     pub split: Option<&'a Path>,
+    /// Leaves out the views that are for testing: not every trainer knows of them.
+    pub given_only: bool,
     /// Writes the faces of cubes in place of panoramas.
     pub cube_faces: Option<CubeFaces>,
     /// Folder to fill; it must not exist or be empty.
@@ -185,6 +187,9 @@ pub fn export(
     }
     refuse_filled(out)?;
     let mut scene = collect(request.scene_folder, request.split, progress)?;
+    if request.given_only {
+        scene.frames.retain(|frame| frame.is_input);
+    }
     fill_folder(out, |folder| {
         let scratch = folder.join("faces");
         if let Some(faces) = request.cube_faces {

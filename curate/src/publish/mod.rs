@@ -9,14 +9,17 @@
 //! statistics/distributions.csv sequences and hours per group, scene, action, ego-motion, dynamics
 //! statistics/*.svg             the distributions as figures
 //! README.md                    the dataset card
+//! croissant.json               the same for loaders of machine-learning data
 //! SHA256SUMS                   of every file, as `sha256sum -c` reads it
 //! ```
 //!
-//! [`verify`] says in one line each what is wrong with such a folder.
+//! [`select`] finds a subset that is like the whole. [`verify`] says in one line each what is wrong with such a folder.
 
 mod card;
 mod checksums;
+mod croissant;
 mod figures;
+mod selection;
 mod statistics;
 mod verify;
 
@@ -31,6 +34,7 @@ use omnilife_schemas::{
     store,
 };
 
+pub use selection::{SelectRequest, Selection, properties, select};
 pub use statistics::{SequenceRow, Statistics, Tally};
 pub use verify::verify;
 
@@ -95,11 +99,14 @@ fn derived_files(
     let mut add =
         |name: &str, content| files.push((format!("{STATISTICS_FOLDER}/{name}"), content));
     add("summary.csv", statistics.summary_csv()?);
-    add("sequences.csv", statistics.sequences_csv()?);
+    let sequences = statistics.sequences_csv()?;
+    let metadata = croissant::metadata(about, statistics, &sequences);
+    add("sequences.csv", sequences);
     add("distributions.csv", statistics.distributions_csv()?);
     for figure in figures::FIGURES {
         add(figure.file, figures::draw(figure, statistics)?);
     }
+    files.push((croissant::FILE.to_owned(), metadata));
     Ok(files)
 }
 

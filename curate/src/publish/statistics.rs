@@ -275,7 +275,7 @@ impl Statistics {
 }
 
 /// Rows as CSV with a head.
-fn table(rows: impl IntoIterator<Item = impl Serialize>) -> Result<String, CurateError> {
+pub(super) fn table(rows: impl IntoIterator<Item = impl Serialize>) -> Result<String, CurateError> {
     let failed = |error: String| CurateError::internal(Path::new("statistics"), error);
     let mut table = csv::Writer::from_writer(Vec::new());
     for row in rows {
@@ -324,15 +324,19 @@ fn row(folder: &Path, name: &str) -> Result<SequenceRow, CurateError> {
         dynamics: or_unknown(annotation.dynamics.as_ref().map(|d| d.class.as_str())),
         posed_frames,
         poses: scene.map_or_else(String::new, |scene| {
-            match scene.validation.status {
-                ValidationStatus::Valid => "valid",
-                ValidationStatus::Unstable => "unstable",
-                ValidationStatus::Unchecked => "unchecked",
-            }
-            .to_owned()
+            status_name(scene.validation.status).to_owned()
         }),
         sequence: sequence.id,
     })
+}
+
+/// Outcome of a pose validation in tables.
+pub(super) fn status_name(status: ValidationStatus) -> &'static str {
+    match status {
+        ValidationStatus::Valid => "valid",
+        ValidationStatus::Unstable => "unstable",
+        ValidationStatus::Unchecked => "unchecked",
+    }
 }
 
 /// A record that need not be there.

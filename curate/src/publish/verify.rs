@@ -12,7 +12,7 @@ use omnilife_schemas::{
 };
 use serde::Deserialize;
 
-use super::{Statistics, checksums, derived_files};
+use super::{Statistics, checksums, croissant, derived_files};
 use crate::{error::CurateError, video};
 
 /// Segments meet where they differ by no more than this, seconds: they are the same numbers,
@@ -36,7 +36,9 @@ pub fn verify(folder: &Path, progress: &dyn Progress) -> Result<Vec<String>, Cur
     let dataset: Dataset = store::read_record(&folder.join(DATASET_FILE))?;
     let files = checksums::files(folder)?;
     check_sums(folder, &files, &mut faults, progress);
-    for file in files.iter().filter(|file| file.ends_with(".json")) {
+    // Croissant's file is in a format of others; like all that is derived it is made again below.
+    let is_record = |file: &&String| file.ends_with(".json") && *file != croissant::FILE;
+    for file in files.iter().filter(is_record) {
         faults.note(check_file(&folder.join(file)));
     }
     for video in &dataset.videos {

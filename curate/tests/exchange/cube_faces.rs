@@ -62,6 +62,7 @@ fn export_faces(scene_folder: &Path, format: &str, out: &Path) -> Result<ExportS
         scene_folder,
         format,
         split: None,
+        given_only: false,
         cube_faces: Some(CubeFaces {
             side: SIDE,
             sky_points: SKY_POINTS,
@@ -179,6 +180,7 @@ fn formats_without_rigs_and_odd_sizes_are_refused() {
         scene_folder: folder.path(),
         format: "colmap",
         split: None,
+        given_only: false,
         cube_faces: Some(CubeFaces {
             side: 0,
             sky_points: 0,

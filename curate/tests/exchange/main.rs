@@ -109,6 +109,7 @@ fn export_all(format: &str, scene_folder: &Path, out: &Path) -> Result<ExportSce
         scene_folder,
         format,
         split: None,
+        given_only: false,
         cube_faces: None,
         out,
     };

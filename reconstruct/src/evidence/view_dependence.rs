@@ -12,6 +12,7 @@
 use std::fmt;
 
 use glam::{Mat3, Vec3};
+use omnilife_schemas::statistics::median;
 use serde::Serialize;
 
 /// Degree of the harmonics that this is evidence for.
@@ -160,8 +161,7 @@ fn median_square<'a>(surfaces: impl Iterator<Item = &'a Vec<Observation>>) -> f3
             squares.extend(errors.map(|error| error * error));
         }
     }
-    squares.sort_by(f32::total_cmp);
-    squares.get(squares.len() / 2).copied().unwrap_or_default()
+    median(&squares).unwrap_or_default()
 }
 
 #[cfg(test)]

@@ -14,7 +14,9 @@ use omnilife_schemas::{
     points::PointCloud,
     records::{Scale, Scene, Split, Tracks},
     rgb::Mask,
-    split_rules, store,
+    split_rules,
+    statistics::median,
+    store,
 };
 use rayon::prelude::*;
 
@@ -242,23 +244,20 @@ impl TrainingScene {
     /// Median distance between input views that follow each other, in normalized units; 0 for a
     /// camera that does not move.
     pub fn median_camera_step(&self) -> f32 {
-        median(
-            self.input_views
-                .windows(2)
-                .map(|pair| pair[0].view.centre.distance(pair[1].view.centre))
-                .collect(),
-        )
+        let pairs = self.input_views.windows(2);
+        let steps: Vec<f32> = pairs
+            .map(|pair| pair[0].view.centre.distance(pair[1].view.centre))
+            .collect();
+        median(&steps).unwrap_or(0.0)
     }
 
     /// Median distance of the points from the mean camera, in normalized units; 0 without points.
     pub fn median_point_distance(&self) -> f32 {
-        median(
-            self.points
-                .positions
-                .iter()
-                .map(|&position| Vec3::from_array(position).length())
-                .collect(),
-        )
+        let positions = self.points.positions.iter();
+        let distances: Vec<f32> = positions
+            .map(|&position| Vec3::from_array(position).length())
+            .collect();
+        median(&distances).unwrap_or(0.0)
     }
 }
 
@@ -294,12 +293,6 @@ fn averaged<const C: usize>(pixels: &[u8], width: usize, factor: usize) -> Vec<u
         }
     }
     means
-}
-
-/// Median of some values; 0 for none.
-fn median(mut values: Vec<f32>) -> f32 {
-    values.sort_by(f32::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// The camera of the images that a method works on, after a check that the split is the one that its

@@ -7,6 +7,7 @@
 //! all views has it. Between the views that were looked at, and for novel views, the logarithm of the
 //! gain is interpolated in time.
 
+use omnilife_schemas::statistics::median;
 use serde::{Deserialize, Serialize};
 
 /// Values below this are as much noise as signal, levels in `[0, 1]`.
@@ -35,8 +36,10 @@ impl Exposure {
             .filter_map(|(time, pairs)| Some((*time, log_gain(pairs)?)))
             .collect();
         found.sort_by(|left, right| left.0.total_cmp(&right.0));
-        let middle =
-            [0, 1, 2].map(|channel| median(found.iter().map(|(_, gain)| gain[channel]).collect()));
+        let middle = [0, 1, 2].map(|channel| {
+            let gains: Vec<f32> = found.iter().map(|(_, gain)| gain[channel]).collect();
+            median(&gains)
+        });
         let middle = [middle[0]?, middle[1]?, middle[2]?];
         let relative = |gain: [f32; 3]| [0, 1, 2].map(|channel| gain[channel] - middle[channel]);
         Some(Self {
@@ -110,15 +113,10 @@ fn log_gain(pairs: &[[[f32; 3]; 2]]) -> Option<[f32; 3]> {
             .map(|[shown, rendered]| (shown / rendered).ln())
             .collect();
         (ratios.len() >= LEAST_POINTS)
-            .then(|| median(ratios))
+            .then(|| median(&ratios))
             .flatten()
     };
     Some([of_channel(0)?, of_channel(1)?, of_channel(2)?])
-}
-
-fn median(mut values: Vec<f32>) -> Option<f32> {
-    values.sort_by(f32::total_cmp);
-    values.get(values.len() / 2).copied()
 }
 
 #[cfg(test)]

@@ -1,10 +1,12 @@
 //! Whether distances mean what they are said to mean, by how well views agree on places and colours.
 
-use omnilife_schemas::{camera::Camera, distances::DistanceImage, records::DistanceConvention};
+use omnilife_schemas::{
+    camera::Camera, distances::DistanceImage, records::DistanceConvention, statistics::median,
+};
 
 use super::{
     lift::DistanceView,
-    pairs::{ScaledViews, Sighting, median},
+    pairs::{ScaledViews, Sighting},
 };
 
 /// Places of which two views say more different things are not one surface.
@@ -62,7 +64,7 @@ fn disagreement(views: &[DistanceView<'_>]) -> Option<f64> {
     let of_pair = |_, _, sightings: Vec<Sighting>| -> Vec<f64> {
         sightings.iter().map(|s| s.log_ratio.abs()).collect()
     };
-    median(scaled.of_pairs(of_pair).concat())
+    median(&scaled.of_pairs(of_pair).concat())
 }
 
 /// PSNR in dB between the colours of places that two views show, with images and distances as they are,

@@ -95,9 +95,3 @@ impl DistanceView<'_> {
         self.mask.is_some_and(|mask| mask[pixel] >= MASKED)
     }
 }
-
-/// Median of some values; `None` of none.
-pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
-    let middle = values.len() / 2;
-    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
-}

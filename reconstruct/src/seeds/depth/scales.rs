@@ -11,10 +11,9 @@
 //! for every pair, in the least squares sense, with a sum of 0: what all views are wrong by together is the
 //! scale of the world.
 
-use super::{
-    lift::DistanceView,
-    pairs::{ScaledViews, median},
-};
+use omnilife_schemas::statistics::median;
+
+use super::{lift::DistanceView, pairs::ScaledViews};
 
 /// Places of which two views say more different things than this are two surfaces.
 const LARGEST_LOG_RATIO: f64 = 0.1;
@@ -73,11 +72,13 @@ fn equations(views: &[DistanceView<'_>], log_scales: &[f64]) -> Vec<Equation> {
         if sightings.len() < LEAST_SIGHTINGS {
             return None;
         }
+        let slopes: Vec<f64> = sightings.iter().map(|s| s.slope).collect();
+        let log_ratios: Vec<f64> = sightings.iter().map(|s| s.log_ratio).collect();
         Some(Equation {
             first,
             second,
-            slope: median(sightings.iter().map(|sighting| sighting.slope).collect())?,
-            log_ratio: median(sightings.iter().map(|s| s.log_ratio).collect())?,
+            slope: median(&slopes)?,
+            log_ratio: median(&log_ratios)?,
             differences: sightings.iter().map(|s| s.log_ratio.abs()).collect(),
         })
     };
@@ -86,7 +87,8 @@ fn equations(views: &[DistanceView<'_>], log_scales: &[f64]) -> Vec<Equation> {
 
 fn disagreement(equations: &[Equation]) -> f64 {
     let all = equations.iter().flat_map(|equation| &equation.differences);
-    median(all.copied().collect()).unwrap_or(0.0)
+    let all: Vec<f64> = all.copied().collect();
+    median(&all).unwrap_or(0.0)
 }
 
 /// Views that equations connect.
