@@ -84,16 +84,17 @@ impl Features {
     /// # Panics
     /// When there are fewer rows.
     pub fn rows(&self, rows: std::ops::Range<usize>) -> Self {
-        let mut strip = Self::zeros(self.pictures, rows.len(), self.width, self.channels);
-        let (row_len, strip_len) = (self.row_len(), strip.picture_len());
-        if strip_len == 0 {
-            return strip;
+        let row_len = self.row_len();
+        let mut data = Vec::with_capacity(self.pictures * rows.len() * row_len);
+        for picture in 0..self.pictures {
+            let values = self.picture(picture);
+            data.extend_from_slice(&values[rows.start * row_len..rows.end * row_len]);
         }
-        for (picture, values) in strip.data.chunks_exact_mut(strip_len).enumerate() {
-            let from = picture * self.picture_len() + rows.start * row_len;
-            values.copy_from_slice(&self.data[from..from + strip_len]);
+        Self {
+            height: rows.len(),
+            data,
+            ..*self
         }
-        strip
     }
 
     /// The largest value of every channel in windows of `side` x `side` pixels, `stride` apart;

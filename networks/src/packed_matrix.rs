@@ -198,7 +198,7 @@ impl Sums<'_> {
             for step in 0..run {
                 let mut right = [f32x16::splat(simd, 0.0); PANELS];
                 for panel in 0..PANELS {
-                    right[panel] = rights[panel][step].simd_into(simd);
+                    right[panel] = f32x16::from_slice(simd, &rights[panel][step]);
                 }
                 for at in 0..ROWS {
                     let factor = f32x16::splat(simd, factors[at][step]);
