@@ -14,7 +14,8 @@ use omnilife_curate::CurateError;
 use omnilife_leaderboard::LeaderboardError;
 use omnilife_reconstruct::ReconstructError;
 use omnilife_schemas::{
-    Classified, ErrorKind, error_kind::last_file, plain_text::for_terminal, store::StoreError,
+    Classified, ErrorKind, error_kind::last_file, foreign_code::is_guarded,
+    plain_text::for_terminal, store::StoreError,
 };
 use omnilife_sweep::SweepError;
 
@@ -85,6 +86,9 @@ static PANICKED: AtomicBool = AtomicBool::new(false);
 /// line and gives 1, on whatever thread it is; what was begun is cleaned up on the way.
 pub(crate) fn code_of(program: impl FnOnce() -> anyhow::Result<()>) -> ExitCode {
     panic::set_hook(Box::new(|panicked| {
+        if is_guarded() {
+            return;
+        }
         // Others follow from the first one.
         if PANICKED.swap(true, Ordering::SeqCst) {
             return;
@@ -108,7 +112,15 @@ pub(crate) fn code_of(program: impl FnOnce() -> anyhow::Result<()>) -> ExitCode 
 fn panic_line(file: Option<&Path>, reason: &str, place: Option<&str>) -> String {
     let file = file.map_or_else(String::new, |file| format!("{}: ", file.display()));
     let place = place.map_or_else(String::new, |place| format!(" ({place})"));
-    let line = format!("omnilife: {file}failed by a mistake of this program: {reason}{place}");
+    // What rayon and the standard library say when the system gives them nothing.
+    let is_of_machine = ["ThreadPoolBuildError", "failed to spawn thread"]
+        .iter()
+        .any(|words| reason.contains(words));
+    let line = if is_of_machine {
+        format!("omnilife: the system starts no more threads: {reason}")
+    } else {
+        format!("omnilife: {file}failed by a mistake of this program: {reason}{place}")
+    };
     let words: Vec<&str> = line.split_whitespace().collect();
     for_terminal(&words.join(" ")).into_owned()
 }

@@ -4,6 +4,7 @@ mod cli;
 mod commands;
 mod doctor;
 mod exit;
+mod memory_exhausted;
 mod plans;
 mod progress;
 mod run;

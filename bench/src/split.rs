@@ -51,6 +51,9 @@ pub fn split_scene(scene: &Path, protocol_id: &str, out: &Path) -> Result<Split,
     }
     if let Some(folder) = out.parent() {
         store::create_folder(folder)?;
+        if folder.is_dir() {
+            store::remove_abandoned(folder)?;
+        }
     }
     store::write_record(out, &split)?;
     Ok(split)

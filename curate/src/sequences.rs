@@ -5,7 +5,7 @@
 //! only rewrite `sequence.json`. Folders are made beside and renamed, so that a killed process
 //! leaves whole sequences only.
 
-use std::{fs, path::Path, time::Instant};
+use std::{path::Path, time::Instant};
 
 use omnilife_schemas::{
     layout::{BOUNDARIES_FILE, FRAMES_FOLDER, SEQUENCE_FILE, SIGNALS_FILE, sequence_name},
@@ -223,7 +223,7 @@ impl Sequencing<'_> {
                 .finish(files, wall_seconds)?;
             clear(self.folder, &sequence.name, progress)?;
             let target = self.folder.join(&sequence.name);
-            fs::rename(&selection.folder, &target)
+            store::rename(&selection.folder, &target)
                 .map_err(|error| StoreError::write(&target, error))?;
         }
         Ok(())
@@ -304,7 +304,7 @@ fn clear(video_folder: &Path, name: &str, progress: &dyn Progress) -> Result<(),
         .map(|number| aside.join(format!("{name}-{number}")))
         .find(|target| !target.exists())
         .unwrap_or_else(|| aside.join(name));
-    fs::rename(&folder, &target).map_err(|error| StoreError::write(&target, error))?;
+    store::rename(&folder, &target).map_err(|error| StoreError::write(&target, error))?;
     progress.note(&format!(
         "{}: its frames are no longer these; set aside with what was made from them ({foreign}) \
          as {}",
@@ -362,6 +362,8 @@ fn sequence_folders(folder: &Path) -> Result<Vec<String>, CurateError> {
 #[cfg(test)]
 mod tests {
     #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+    use std::fs;
 
     use super::*;
 

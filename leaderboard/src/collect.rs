@@ -1,4 +1,8 @@
 //! Finding results, and the protocols that they were scored under.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::{
     collections::{BTreeMap, BTreeSet},

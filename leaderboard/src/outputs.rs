@@ -62,6 +62,14 @@ impl Outputs {
         // In the order of the paths, so that always the first one in the way is named.
         let files = hashed.into_iter().collect::<Result<Vec<_>, _>>()?;
         let manifest = out.join(MANIFEST);
+        let folders: BTreeSet<_> = self
+            .files
+            .keys()
+            .filter_map(|path| Path::new(path).parent())
+            .collect();
+        for folder in folders {
+            store::remove_abandoned(&out.join(folder))?;
+        }
         // Of a build that is killed, both the old and the new files are known as ours.
         let mut list = FileList {
             files: earlier.files().chain(files.iter().cloned()).collect(),

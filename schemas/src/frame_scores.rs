@@ -8,6 +8,10 @@
 //!
 //! `view` is `input` or `novel`; an empty field is a score that there is none of. Results are handed
 //! in by others, so that the table is text, of which every byte is looked at here.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::path::Path;
 

@@ -3,6 +3,10 @@
 //! A file of some kilobytes can state any number of pixels. Whoever knows what size an image should
 //! have looks at [`ImageFile::size`] first; what nobody knows the size of is bounded by
 //! [`MOST_PIXELS`].
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::{fs::File, io::BufReader, path::Path};
 
@@ -35,7 +39,10 @@ impl<'a> ImageFile<'a> {
             .into_decoder()
             .map_err(|error| unusable(path, &error))?;
         let (width, height) = decoder.dimensions();
-        if u64::from(width) * u64::from(height) > MOST_PIXELS || width == 0 || height == 0 {
+        if u64::from(width).saturating_mul(u64::from(height)) > MOST_PIXELS
+            || width == 0
+            || height == 0
+        {
             return Err(StoreError::malformed(
                 path,
                 format!("is {width}x{height} pixels, expected 1 to {MOST_PIXELS} of them"),

@@ -8,7 +8,7 @@
 //! [`frame_scores`] (the scores of every view), [`stage`] (when work can be skipped), [`statistics`]
 //! (medians), [`bootstrap`] (how far scores can be trusted), [`plain_text`] (text of others where it is
 //! shown), [`provenance`] (what made a record), [`process`], [`process_group`], [`progress`],
-//! [`error_kind`], and [`testing`] (skipped tests).
+//! [`error_kind`], [`foreign_code`] (libraries that panic), and [`testing`] (skipped tests).
 //!
 //! # Conventions
 //! * Camera frame: x right, y down, z forward. World to camera: `x_c = R x_w + t`; poses store the
@@ -22,6 +22,7 @@ pub mod bootstrap;
 pub mod camera;
 pub mod distances;
 pub mod error_kind;
+pub mod foreign_code;
 pub mod frame_scores;
 pub mod image_file;
 pub mod layout;

@@ -43,7 +43,8 @@ struct Held {
 }
 
 impl FolderLock {
-    /// Makes the folder where it is missing, and locks it. On a file system without locks a note
+    /// Makes the folder where it is missing, locks it, and removes what killed processes left
+    /// half-written in it, not in folders below. On a file system without locks a note
     /// says so and nothing is kept out.
     ///
     /// # Errors
@@ -71,7 +72,9 @@ impl FolderLock {
             ));
         }
         let held = Arc::new(Held { path, file });
-        all.insert(folder, Arc::downgrade(&held));
+        all.insert(folder.clone(), Arc::downgrade(&held));
+        drop(all);
+        store::remove_abandoned(&folder)?;
         Ok(Self { _held: held })
     }
 

@@ -3,6 +3,10 @@
 //!
 //! The crates for this bring a parser for Python literals along; a header of three known entries
 //! needs none.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::{fs, io::Write, path::Path};
 
@@ -24,6 +28,10 @@ pub struct Array {
 ///
 /// # Errors
 /// When the file cannot be written.
+#[expect(
+    clippy::arithmetic_side_effects,
+    reason = "the header is of our own making"
+)]
 pub fn write_f32(path: &Path, shape: &[usize], values: &[f32]) -> Result<(), StoreError> {
     let lengths: Vec<String> = shape.iter().map(ToString::to_string).collect();
     // A tuple of one needs its comma.
@@ -54,10 +62,14 @@ pub fn write_f32(path: &Path, shape: &[usize], values: &[f32]) -> Result<(), Sto
 pub fn read(path: &Path) -> Result<Array, StoreError> {
     error_kind::reading(path);
     let bytes = fs::read(path).map_err(|error| StoreError::read(path, error))?;
-    parse(&bytes).map_err(|reason| StoreError::malformed(path, reason))
+    from_bytes(&bytes).map_err(|reason| StoreError::malformed(path, reason))
 }
 
-fn parse(bytes: &[u8]) -> Result<Array, String> {
+/// [`read`] of a file's bytes.
+///
+/// # Errors
+/// What is wrong with them.
+pub fn from_bytes(bytes: &[u8]) -> Result<Array, String> {
     let broken = || "not a NumPy array, or cut off".to_owned();
     let rest = bytes.strip_prefix(b"\x93NUMPY").ok_or_else(broken)?;
     let (header_length, rest) = match rest {

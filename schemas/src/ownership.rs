@@ -182,11 +182,13 @@ pub fn path_inside(folder: &Path, file: &str) -> Result<PathBuf, StoreError> {
     Ok(path)
 }
 
-/// Refuses to write a single file where one stands, whoever made it.
+/// Refuses to write a single file where one stands, whoever made it. What killed processes left
+/// half-written beside it is removed.
 ///
 /// # Errors
 /// When there is anything under the name.
 pub fn refuse_existing(path: &Path) -> Result<(), StoreError> {
+    remove_abandoned_beside(path)?;
     match fs::symlink_metadata(path) {
         Err(error) if is_absence(&error) => Ok(()),
         Err(error) => Err(StoreError::read(path, error)),
@@ -197,11 +199,13 @@ pub fn refuse_existing(path: &Path) -> Result<(), StoreError> {
     }
 }
 
-/// Refuses to write a single file over one that does not begin as such a file does.
+/// Refuses to write a single file over one that does not begin as such a file does. What killed
+/// processes left half-written beside it is removed.
 ///
 /// # Errors
 /// When there is something else under the name.
 pub fn refuse_another_kind(path: &Path, beginning: &[u8]) -> Result<(), StoreError> {
+    remove_abandoned_beside(path)?;
     let failed = |error| StoreError::read(path, error);
     let mut file = match fs::File::open(path) {
         Err(error) if is_absence(&error) => return Ok(()),
@@ -220,6 +224,18 @@ pub fn refuse_another_kind(path: &Path, beginning: &[u8]) -> Result<(), StoreErr
         path,
         "is something else and is not replaced; choose another name",
     ))
+}
+
+fn remove_abandoned_beside(path: &Path) -> Result<(), StoreError> {
+    let parent = path
+        .parent()
+        .filter(|parent| !parent.as_os_str().is_empty());
+    let folder = parent.unwrap_or(Path::new("."));
+    // Names below a file are refused when they are written.
+    if folder.is_dir() {
+        store::remove_abandoned(folder)?;
+    }
+    Ok(())
 }
 
 fn in_the_way(path: &Path) -> StoreError {

@@ -1,4 +1,8 @@
 //! Coloured point clouds, stored as PLY.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::{io::Write, path::Path};
 
@@ -58,7 +62,9 @@ impl Scalar {
     /// Reads a little-endian value; `bytes` holds at least [`Scalar::size`] bytes.
     fn decode(self, bytes: &[u8]) -> f64 {
         let mut wide = [0_u8; 8];
-        wide[..self.size()].copy_from_slice(&bytes[..self.size()]);
+        for (to, from) in wide.iter_mut().zip(bytes.iter().take(self.size())) {
+            *to = *from;
+        }
         let [a, b, c, d, ..] = wide;
         match self {
             Self::I8 => f64::from(a as i8),
@@ -100,10 +106,14 @@ impl PointCloud {
     /// When the file is missing, malformed or truncated.
     pub fn read_ply(path: &Path) -> Result<Self, StoreError> {
         let bytes = std::fs::read(path).map_err(|source| StoreError::read(path, source))?;
-        Self::parse_ply(&bytes).map_err(|reason| StoreError::malformed(path, reason))
+        Self::from_ply(&bytes).map_err(|reason| StoreError::malformed(path, reason))
     }
 
-    fn parse_ply(bytes: &[u8]) -> Result<Self, String> {
+    /// [`PointCloud::read_ply`] of a file's bytes.
+    ///
+    /// # Errors
+    /// What is wrong with them.
+    pub fn from_ply(bytes: &[u8]) -> Result<Self, String> {
         let table = PlyTable::parse(bytes)?;
         let [Some(x), Some(y), Some(z)] = ["x", "y", "z"].map(|name| table.column(name)) else {
             return Err("PLY vertices have no x, y, z".to_owned());
@@ -116,19 +126,22 @@ impl PointCloud {
         if let Some(columns) = colour
             && columns
                 .iter()
-                .any(|&column| table.header.properties[column].1 != Scalar::U8)
+                .filter_map(|&column| table.header.properties.get(column))
+                .any(|(_, scalar)| *scalar != Scalar::U8)
         {
             return Err("PLY colours are not uchar".to_owned());
         }
         let mut cloud = Self::default();
         table.for_each_row(|index, row| {
-            let position = [row[x] as f32, row[y] as f32, row[z] as f32];
+            // Rows have as many values as there are columns.
+            let at = |column: usize| row.get(column).copied().unwrap_or(f64::NAN);
+            let position = [x, y, z].map(|column| at(column) as f32);
             if position.iter().any(|value| !value.is_finite()) {
                 return Err(format!("point {index} is not finite"));
             }
             cloud.positions.push(position);
             cloud.colours.push(colour.map_or([128; 3], |columns| {
-                columns.map(|column| row[column].clamp(0.0, 255.0) as u8)
+                columns.map(|column| at(column).clamp(0.0, 255.0) as u8)
             }));
             Ok(())
         })?;
@@ -175,14 +188,14 @@ impl<'a> PlyTable<'a> {
     pub fn parse(bytes: &'a [u8]) -> Result<Self, String> {
         let header = parse_header(bytes)?;
         let table = Self {
-            body: &bytes[header.body..],
+            body: bytes.get(header.body..).unwrap_or_default(),
             header,
         };
         let least_bytes = match table.header.format {
             PlyFormat::Ascii => 1,
             PlyFormat::BinaryLittleEndian => table.stride().max(1),
         };
-        let possible = table.body.len() / least_bytes;
+        let possible = table.body.len().checked_div(least_bytes).unwrap_or(0);
         if table.len() > possible {
             return Err(truncated(possible, table.len()));
         }
@@ -243,13 +256,15 @@ impl<'a> PlyTable<'a> {
                 }
             }
             PlyFormat::BinaryLittleEndian => {
-                let stride = self.stride();
                 let mut row = vec![0.0; properties.len()];
+                let mut rest = self.body;
                 for index in 0..count {
-                    let mut rest = &self.body[index * stride..(index + 1) * stride];
                     for (value, (_, scalar)) in row.iter_mut().zip(properties) {
-                        *value = scalar.decode(rest);
-                        rest = &rest[scalar.size()..];
+                        let (field, after) = rest
+                            .split_at_checked(scalar.size())
+                            .ok_or_else(|| truncated(index, count))?;
+                        *value = scalar.decode(field);
+                        rest = after;
                     }
                     take(index, &row)?;
                 }
@@ -269,13 +284,16 @@ fn parse_header(bytes: &[u8]) -> Result<PlyHeader, String> {
     let end = bytes
         .windows(END.len())
         .position(|window| window == END)
-        .ok_or("not a PLY file: no end_header")?
-        + 1;
-    let body = bytes[end..]
-        .iter()
-        .position(|&byte| byte == b'\n')
-        .map_or(bytes.len(), |newline| end + newline + 1);
-    let text = std::str::from_utf8(&bytes[..end]).map_err(|_| "PLY header is not ASCII")?;
+        .ok_or("not a PLY file: no end_header")?;
+    let (text, ending) = bytes.split_at_checked(end).unwrap_or_default();
+    // The ending begins with the line break that closes the header's last line.
+    let rest = ending.get(END.len()..).unwrap_or_default();
+    let newline = rest.iter().position(|&byte| byte == b'\n');
+    let body = newline.map_or(bytes.len(), |newline| {
+        let before = end.saturating_add(END.len()).saturating_add(newline);
+        before.saturating_add(1)
+    });
+    let text = std::str::from_utf8(text).map_err(|_| "PLY header is not ASCII")?;
     let mut format = None;
     let mut count = None;
     let mut properties = Vec::new();

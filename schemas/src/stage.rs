@@ -18,7 +18,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::{
+    lock::{FolderLock, LOCK_FILE},
     ownership::{OwnFile, OwnFiles, Standing, path_inside},
+    progress::Silent,
     store::{self, Record, StoreError},
 };
 
@@ -147,13 +149,28 @@ impl StagePlan {
     }
 
     /// Whether a done-record with the same inputs exists and all its outputs stand as they were
-    /// made. An unreadable done-record means that the stage is not done.
+    /// made. An unreadable done-record means that the stage is not done. What a process left that was
+    /// killed just after it was done is removed.
     pub fn is_done(&self) -> bool {
         let Ok(done) = store::read_record::<Done>(&self.record_path()) else {
             return false;
         };
-        done.inputs_sha256 == self.inputs_sha256()
-            && done.outputs.iter().all(|output| self.stands(output))
+        let is_done = done.inputs_sha256 == self.inputs_sha256()
+            && done.outputs.iter().all(|output| self.stands(output));
+        if is_done {
+            self.end_interrupted();
+        }
+        is_done
+    }
+
+    /// Removes what a process has left that was killed when all was done but its own tidying up.
+    fn end_interrupted(&self) {
+        let begun = self.begun_path();
+        if begun.exists() || self.folder.join(LOCK_FILE).exists() {
+            // Where another process works, or nothing can be written, it stays: it is hidden, and
+            // taken over by whoever writes next.
+            let _ = FolderLock::take(&self.folder, &Silent).and_then(|_lock| store::remove(&begun));
+        }
     }
 
     fn stands(&self, output: &StageOutput) -> bool {
@@ -237,7 +254,7 @@ impl StagePlan {
             if let Some(parent) = target.parent() {
                 store::create_folder(parent)?;
             }
-            fs::rename(staged.join(file), &target)
+            store::rename(&staged.join(file), &target)
                 .map_err(|error| StoreError::write(&target, error))?;
         }
         Ok(moved.into_iter().map(|moved| moved.file).collect())

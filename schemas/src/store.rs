@@ -98,11 +98,24 @@ impl StoreError {
 impl Classified for StoreError {
     fn error_kind(&self) -> ErrorKind {
         match self {
+            Self::Read { source, .. } if is_of_machine(source) => ErrorKind::Internal,
             Self::Read { .. } | Self::Malformed { .. } | Self::Refused { .. } => ErrorKind::User,
             Self::Write { source, .. } if is_bad_path(source.kind()) => ErrorKind::User,
             Self::Write { .. } => ErrorKind::Internal,
         }
     }
+}
+
+/// Whether the machine fails whoever reads whatever file: no memory, no more open files, a broken disk.
+fn is_of_machine(error: &io::Error) -> bool {
+    #[cfg(unix)]
+    if let Some(code) = error.raw_os_error() {
+        use nix::errno::Errno;
+        return [Errno::EMFILE, Errno::ENFILE, Errno::ENOMEM, Errno::EIO]
+            .iter()
+            .any(|errno| *errno as i32 == code);
+    }
+    error.kind() == io::ErrorKind::OutOfMemory
 }
 
 /// Whether nothing can be written because of the path that was asked for.
@@ -117,9 +130,55 @@ fn is_bad_path(kind: io::ErrorKind) -> bool {
     )
 }
 
-/// Creates a folder and its parents.
+/// Creates a folder and its parents; a power cut afterwards loses none of them.
 pub fn create_folder(path: &Path) -> Result<(), StoreError> {
-    fs::create_dir_all(path).map_err(|source| StoreError::write(path, source))
+    let missing: Vec<&Path> = path.ancestors().take_while(|at| !at.exists()).collect();
+    fs::create_dir_all(path)
+        .and_then(|()| {
+            missing
+                .iter()
+                .rev()
+                .try_for_each(|made| sync_folder_of(made))
+        })
+        .map_err(|source| StoreError::write(path, source))
+}
+
+/// Gives a file or folder its final name, and has the disk keep that name: a power cut afterwards
+/// loses neither the content, where that was synced before, nor the name.
+///
+/// # Errors
+/// Those of the system.
+pub fn rename(from: &Path, to: &Path) -> io::Result<()> {
+    fs::rename(from, to)?;
+    sync_folder_of(to)
+}
+
+/// Writes the entries of the folder that holds `path` to the disk.
+#[cfg(unix)]
+fn sync_folder_of(path: &Path) -> io::Result<()> {
+    let parent = path
+        .parent()
+        .filter(|parent| !parent.as_os_str().is_empty());
+    match File::open(parent.unwrap_or(Path::new("."))).and_then(|folder| folder.sync_all()) {
+        // Folders that may be written into and not be listed, and file systems that sync no folders.
+        Err(error)
+            if matches!(
+                error.kind(),
+                io::ErrorKind::PermissionDenied
+                    | io::ErrorKind::InvalidInput
+                    | io::ErrorKind::Unsupported
+            ) =>
+        {
+            Ok(())
+        }
+        synced => synced,
+    }
+}
+
+/// Folders cannot be opened there; the file system's journal keeps renames in order.
+#[cfg(not(unix))]
+fn sync_folder_of(_: &Path) -> io::Result<()> {
+    Ok(())
 }
 
 /// Where `scripts/setup` installs what is no part of the program: `$OMNILIFE_DATA`, else
@@ -199,7 +258,7 @@ pub fn write_with(
             .into_inner()
             .map_err(io::IntoInnerError::into_error)?;
         file.sync_all()?;
-        fs::rename(&temporary, path)
+        rename(&temporary, path)
     })();
     written.map_err(|source| {
         // The write has failed already: a temporary file that cannot be removed changes nothing.
@@ -300,11 +359,14 @@ pub fn write_record<T: Record>(path: &Path, record: &T) -> Result<(), StoreError
     write_bytes(path, &bytes)
 }
 
-/// Writes a record where the file does not hold the same one already.
+/// Writes a record where the file does not hold the same one already, and removes what killed
+/// processes left half-written beside it.
 ///
 /// # Errors
 /// As [`write_record`]; a file that cannot be read is written anew.
 pub fn update_record<T: Record + PartialEq>(path: &Path, record: &T) -> Result<(), StoreError> {
+    let folder = path.parent().filter(|folder| folder.is_dir());
+    folder.map_or(Ok(()), remove_abandoned)?;
     if read_record::<T>(path).is_ok_and(|held| held == *record) {
         return Ok(());
     }

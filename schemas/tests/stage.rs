@@ -181,3 +181,22 @@ fn published_files_replace_only_unchanged_ones() {
     assert_eq!(fs::read(path("masks/0.png")).unwrap(), b"touched up");
     assert_eq!(fs::read(path("masks/1.png")).unwrap(), b"b");
 }
+
+/// A process may be killed between the last record and its own tidying up.
+#[test]
+fn a_finished_stage_takes_away_what_its_killed_process_left() {
+    let (folder, input) = finished();
+    let left = [".done/train.begun.json", ".omnilife.lock"].map(|name| folder.path().join(name));
+    fs::write(&left[0], "{}").unwrap();
+    fs::write(&left[1], "omnilife writes here: process 1 on x").unwrap();
+    assert!(plan(folder.path(), &input, 7).is_done());
+    assert!(!left.iter().any(|file| file.exists()));
+    let notes = "my notes";
+    fs::write(&left[1], notes).unwrap();
+    assert!(plan(folder.path(), &input, 7).is_done());
+    assert_eq!(
+        fs::read_to_string(&left[1]).unwrap(),
+        notes,
+        "it is not our lock"
+    );
+}

@@ -1,4 +1,8 @@
 //! A sweep's folder: the plan, and what became of every unit.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::{
     fs,

@@ -1,4 +1,8 @@
 //! `plan.json`: all units, written once and never changed.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -44,6 +48,7 @@ pub fn plan(
 /// When the folder holds another plan already, or the file cannot be written.
 pub fn write(folder: &Path, plan: &SweepPlan) -> Result<(), SweepError> {
     store::create_folder(folder)?;
+    store::remove_abandoned(folder)?;
     let path = folder.join(PLAN_FILE);
     if path.exists() {
         let held = read(folder)?;
@@ -129,7 +134,7 @@ fn with_unique_ids(mut units: Vec<SweepUnit>) -> Vec<SweepUnit> {
     let mut seen: BTreeMap<String, usize> = BTreeMap::new();
     for unit in &mut units {
         let count = seen.entry(unit.id.clone()).or_default();
-        *count += 1;
+        *count = count.saturating_add(1);
         if *count > 1 {
             unit.id = format!("{}.{count}", unit.id);
         }

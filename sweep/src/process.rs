@@ -124,7 +124,11 @@ pub(crate) fn run(job: &Job<'_>, running: &Running) -> io::Result<Ended> {
         if state.reason.is_some() {
             return Ok(not_begun());
         }
-        let _handed_down = job.lock.map(inheritable).transpose()?;
+        let handed_down = job.lock.map(inheritable).transpose();
+        let _handed_down = handed_down.map_err(|error| {
+            let reason = format!("its lock cannot be handed down, for want of open files: {error}");
+            io::Error::new(error.kind(), reason)
+        })?;
         let child = command.spawn().map_err(|error| {
             let program = program.display();
             io::Error::new(

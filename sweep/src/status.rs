@@ -72,11 +72,12 @@ impl Status {
         History::of(self.units())
     }
 
-    /// Writes [`UNITS_FILE`].
+    /// Writes [`UNITS_FILE`], and removes what killed processes left of it.
     ///
     /// # Errors
     /// When it cannot be written.
     pub fn write_csv(&self) -> Result<(), StoreError> {
+        store::remove_abandoned(&self.sweep.folder)?;
         store::write_csv(&self.sweep.folder.join(UNITS_FILE), |table| {
             self.fill(table)
         })

@@ -9,7 +9,13 @@ mod bad_input;
 #[cfg(unix)]
 mod benchmark;
 #[cfg(unix)]
+mod chance;
+#[cfg(unix)]
 mod curation;
+#[cfg(unix)]
+mod defects;
+#[cfg(unix)]
+mod faults;
 #[cfg(unix)]
 mod foreign_files;
 mod full_disk;
@@ -17,11 +23,19 @@ mod geometry;
 mod help;
 mod interruption;
 #[cfg(unix)]
+mod killed;
+#[cfg(unix)]
 mod ledger;
 mod main_job;
 #[cfg(unix)]
 mod many_videos;
+#[cfg(unix)]
+mod media;
+#[cfg(unix)]
+mod outcomes;
 mod output;
+#[cfg(target_os = "linux")]
+mod power_cut;
 mod rendering;
 mod splatters;
 mod stages;
@@ -29,4 +43,8 @@ mod submissions;
 mod support;
 #[cfg(unix)]
 mod sweeps;
+#[cfg(unix)]
+mod trial;
 mod two_at_once;
+#[cfg(unix)]
+mod writing_commands;

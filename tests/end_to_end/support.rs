@@ -3,6 +3,7 @@
 use std::{
     fs,
     path::{Path, PathBuf},
+    process::{Command, Stdio},
     sync::LazyLock,
     time::{Duration, SystemTime},
 };
@@ -225,4 +226,49 @@ pub(crate) fn result(out: &Path) -> ResultRecord {
 /// An image, 8 bits per channel.
 pub(crate) fn read_image(path: &Path) -> RgbImage {
     image::open(path).unwrap().into_rgb8()
+}
+
+/// A small disk in memory.
+pub(crate) struct SmallDisk(TempDir);
+
+impl SmallDisk {
+    /// `None` where mounting is not permitted.
+    pub(crate) fn mount(kibibytes: u32) -> Option<Self> {
+        let folder = scratch();
+        mount(&format!("size={kibibytes}k"), folder.path()).then(|| Self(folder))
+    }
+
+    /// Gives it room.
+    pub(crate) fn grow(&self) {
+        assert!(mount("remount,size=64m", self.0.path()));
+    }
+
+    /// Where it is.
+    pub(crate) fn folder(&self) -> &Path {
+        self.0.path()
+    }
+
+    /// A folder on it that is not there yet.
+    pub(crate) fn out(&self) -> PathBuf {
+        self.folder().join("out")
+    }
+}
+
+impl Drop for SmallDisk {
+    fn drop(&mut self) {
+        if !quietly(Command::new("umount").arg(self.0.path())) {
+            println!("nothing to unmount at {}", self.0.path().display());
+        }
+    }
+}
+
+fn mount(options: &str, folder: &Path) -> bool {
+    let mut command = Command::new("mount");
+    command.args(["-t", "tmpfs", "-o", options, "tmpfs"]);
+    quietly(command.arg(folder))
+}
+
+fn quietly(command: &mut Command) -> bool {
+    let status = command.stdout(Stdio::null()).stderr(Stdio::null()).status();
+    status.is_ok_and(|status| status.success())
 }

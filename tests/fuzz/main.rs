@@ -5,25 +5,37 @@
 //! makes as many as fit into a time, from another seed each time. A file that makes a reader panic is
 //! written to `target/fuzz/crashes/<target>/`; once mended, it is kept in `tests/fuzz/kept/<target>/`,
 //! which every run reads first. What ends the whole process, such as an allocation that fails, leaves
-//! the file at `target/fuzz/<target>.current`.
+//! the file at `target/fuzz/<target>.<process>.current`.
+#![cfg(unix)]
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
+mod folders;
 mod mutation;
+mod samples;
 mod targets;
 
 use std::{
-    env, fs,
+    any::Any,
+    env,
+    fs::{self, File},
+    os::unix::fs::FileExt,
     panic::{self, AssertUnwindSafe},
     path::{Path, PathBuf},
+    sync::atomic::{AtomicBool, Ordering},
     time::{Duration, Instant},
 };
 
+use folders::FOLDERS;
 use mutation::Mutator;
 use omnilife_schemas::{process, store};
-use targets::{Input, TARGETS, Target};
+use targets::{FILES, Input, Reader, Seed, Target};
+use tempfile::TempDir;
 
-/// Changed files per target where no time is given.
-const FILES: u64 = 300;
+/// Whether a reader is at work.
+static READS: AtomicBool = AtomicBool::new(false);
+
+/// Changed files per target where neither a time nor a number is given.
+const NUMBER: u64 = 300;
 /// Memory of the whole process: files are small, so nothing needs more.
 const MEMORY_BYTES: u64 = 4 << 30;
 /// The seed where none is given.
@@ -37,39 +49,74 @@ fn variable<T: std::str::FromStr>(name: &str) -> Option<T> {
 fn no_file_makes_a_reader_panic() {
     process::limit_memory(MEMORY_BYTES).unwrap();
     let seconds: Option<f64> = variable("OMNILIFE_FUZZ_SECONDS");
+    let number: Option<u64> = variable("OMNILIFE_FUZZ_FILES");
     let seed = variable("OMNILIFE_FUZZ_SEED").unwrap_or(SEED);
     let only: Option<String> = variable("OMNILIFE_FUZZ_TARGET");
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let scratch = tempfile::tempdir().unwrap();
-    let chosen: Vec<&Target> = TARGETS
-        .iter()
-        .filter(|target| only.as_ref().is_none_or(|only| *only == target.id))
-        .collect();
+    let scratch = scratch();
+    let all = FILES.iter().chain(FOLDERS);
+    let is_chosen = |target: &&Target| only.as_ref().is_none_or(|only| *only == target.id);
+    let chosen: Vec<&Target> = all.filter(is_chosen).collect();
     assert!(!chosen.is_empty(), "there is no target {only:?}");
     let each = seconds.map(|seconds| Duration::from_secs_f64(seconds / chosen.len() as f64));
-    // Panics are what is looked for: they are told at the end.
+    // Panics of readers are what is looked for: they are told at the end.
     let told = panic::take_hook();
-    panic::set_hook(Box::new(|_| {}));
+    panic::set_hook(Box::new(move |panicked| {
+        if !READS.load(Ordering::Relaxed) {
+            told(panicked);
+        }
+    }));
     let mut crashes = Vec::new();
+    println!("| target | files | a second | kept | crashes |\n|---|--:|--:|--:|--:|");
     for target in chosen {
         let folder = scratch.path().join(target.id);
         fs::create_dir(&folder).unwrap();
+        let found = root.join("target/fuzz/crashes").join(target.id);
+        store::create_folder(&found).unwrap();
+        let current = root.join(format!(
+            "target/fuzz/{}.{}.current",
+            target.id,
+            std::process::id()
+        ));
+        let input = Input::new(&folder, (target.seeds)(&folder));
+        let kept = kept(&root.join("tests/fuzz/kept").join(target.id));
         let mut run = Run {
             target,
-            input: Input::new(&folder, (target.seeds)(&folder)),
-            current: root.join(format!("target/fuzz/{}.current", target.id)),
-            crashes: root.join("target/fuzz/crashes").join(target.id),
+            bases: bases(&input, &kept),
+            input,
+            current: File::create(&current).unwrap(),
+            changed: None,
+            crashes: found,
         };
-        store::create_folder(&run.crashes).unwrap();
-        for file in kept(&root.join("tests/fuzz/kept").join(target.id)) {
-            let bytes = fs::read(&file).unwrap();
+        let before = crashes.len();
+        for file in &kept {
+            let bytes = fs::read(file).unwrap();
             crashes.extend((0..run.input.seeds.len()).find_map(|at| run.read(at, &bytes)));
         }
-        let files = run.change(each, seed, &mut crashes);
-        println!("{}: {files} files", target.id);
+        let most = match (each, number) {
+            (Some(time), _) => Most::Time(time),
+            (None, Some(number)) => Most::Files(number),
+            (None, None) => Most::Files(NUMBER / target.cost.max(1)),
+        };
+        let begun = Instant::now();
+        let files = run.change(most, seed, &mut crashes);
+        fs::remove_file(&current).unwrap();
+        println!(
+            "| {} | {files} | {:.0} | {} | {} |",
+            target.id,
+            files as f64 / begun.elapsed().as_secs_f64(),
+            kept.len(),
+            crashes.len() - before
+        );
     }
-    panic::set_hook(told);
     assert!(crashes.is_empty(), "{}", crashes.join("\n"));
+}
+
+/// A folder in memory where the system has one.
+fn scratch() -> TempDir {
+    tempfile::tempdir_in("/dev/shm")
+        .or_else(|_| tempfile::tempdir())
+        .unwrap()
 }
 
 /// Files of a folder, which need not be there, in order of their names.
@@ -83,34 +130,58 @@ fn kept(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
+/// The seeds, and kept files in the place of the first seed of their ending.
+fn bases(input: &Input, kept: &[PathBuf]) -> Vec<(usize, Vec<u8>)> {
+    let seeds = input.seeds.iter().enumerate();
+    let mut bases: Vec<(usize, Vec<u8>)> =
+        seeds.map(|(at, seed)| (at, seed.bytes.clone())).collect();
+    for file in kept {
+        let has_ending = |seed: &Seed| Path::new(&seed.name).extension() == file.extension();
+        let at = input.seeds.iter().position(has_ending).unwrap_or(0);
+        bases.push((at, fs::read(file).unwrap()));
+    }
+    bases
+}
+
+/// When enough files were read.
+#[derive(Clone, Copy)]
+enum Most {
+    Time(Duration),
+    Files(u64),
+}
+
 /// One target's files.
 struct Run<'a> {
     target: &'a Target,
     input: Input,
-    current: PathBuf,
+    /// Holds what is being read, in case that it ends the process.
+    current: File,
+    /// What changes begin from, with the seed whose place it takes: the seeds, and what was kept.
+    bases: Vec<(usize, Vec<u8>)>,
+    /// The seed whose file in the folder holds something else.
+    changed: Option<usize>,
     crashes: PathBuf,
 }
 
 impl Run<'_> {
-    /// Reads changed files until the time is over, or so many; returns how many.
-    fn change(&mut self, time: Option<Duration>, seed: u64, crashes: &mut Vec<String>) -> u64 {
+    /// Reads changed files until there were enough; returns how many.
+    fn change(&mut self, most: Most, seed: u64, crashes: &mut Vec<String>) -> u64 {
         let begun = Instant::now();
         let mut mutator = Mutator::new(seed, self.target.words);
         let mut found = 0;
-        let most = FILES / self.target.cost.max(1);
+        let bases = self.bases.clone();
+        let bases: Vec<&[u8]> = bases.iter().map(|(_, bytes)| bytes.as_slice()).collect();
         for number in 0.. {
-            let is_over = match time {
-                Some(time) => begun.elapsed() >= time,
-                None => number >= most,
+            let is_over = match most {
+                Most::Time(time) => begun.elapsed() >= time,
+                Most::Files(most) => number >= most,
             };
             // One place gives as many crashes as there is time for; three are enough to mend it.
             if is_over || found >= 3 {
                 return number;
             }
-            let (at, bytes) = {
-                let seeds: Vec<&[u8]> = self.input.seeds.iter().map(|seed| &*seed.bytes).collect();
-                mutator.changed(&seeds)
-            };
+            let (at, bytes) = mutator.changed(&bases);
+            let at = self.bases[at].0;
             if let Some(crash) = self.read(at, &bytes) {
                 found += 1;
                 crashes.push(crash);
@@ -119,32 +190,54 @@ impl Run<'_> {
         0
     }
 
+    /// Puts bytes in the place of a seed, and every other seed in its own.
+    fn place(&mut self, at: usize, bytes: &[u8]) {
+        let path = |seed: &Seed| self.input.folder.join(&seed.name);
+        if let Some(before) = self.changed.replace(at).filter(|before| *before != at) {
+            let seed = &self.input.seeds[before];
+            fs::write(path(seed), &seed.bytes).unwrap();
+        }
+        fs::write(path(&self.input.seeds[at]), bytes).unwrap();
+        self.input.files_read += 1;
+    }
+
     /// Reads a file in the place of one of the seeds; what is wrong where the reader panics.
-    fn read(&self, seed: usize, bytes: &[u8]) -> Option<String> {
-        fs::write(&self.current, bytes).unwrap();
-        let seed = &self.input.seeds[seed];
-        fs::write(self.input.folder.join(&seed.name), bytes).unwrap();
-        let outcome =
-            panic::catch_unwind(AssertUnwindSafe(|| (self.target.read)(&self.input, seed)));
-        fs::write(self.input.folder.join(&seed.name), &seed.bytes).unwrap();
-        fs::remove_file(&self.current).unwrap();
-        let payload = outcome.err()?;
-        let reason = payload
-            .downcast_ref::<String>()
-            .cloned()
-            .or_else(|| {
-                payload
-                    .downcast_ref::<&str>()
-                    .map(|&reason| reason.to_owned())
-            })
-            .unwrap_or_default();
+    fn read(&mut self, at: usize, bytes: &[u8]) -> Option<String> {
+        self.current.set_len(0).unwrap();
+        self.current.write_all_at(bytes, 0).unwrap();
+        READS.store(true, Ordering::Relaxed);
+        let outcome = match self.target.reader {
+            Reader::Bytes(read) => {
+                let seed = &self.input.seeds[at];
+                panic::catch_unwind(AssertUnwindSafe(|| read(seed, bytes)))
+            }
+            Reader::Folder(read) => {
+                self.place(at, bytes);
+                let seed = &self.input.seeds[at];
+                panic::catch_unwind(AssertUnwindSafe(|| read(&self.input, seed)))
+            }
+        };
+        READS.store(false, Ordering::Relaxed);
+        let reason = reason(&*outcome.err()?);
         let name = format!(
             "{:.12}-{}",
             store::sha256_bytes(bytes),
-            seed.name.replace('/', "-")
+            self.input.seeds[at].name.replace('/', "-")
         );
         let file = self.crashes.join(name);
         fs::write(&file, bytes).unwrap();
         Some(format!("{}: {}: {reason}", self.target.id, file.display()))
     }
+}
+
+/// What a panic says.
+fn reason(payload: &(dyn Any + Send)) -> String {
+    let owned = payload.downcast_ref::<String>().cloned();
+    owned
+        .or_else(|| {
+            payload
+                .downcast_ref::<&str>()
+                .map(|&reason| reason.to_owned())
+        })
+        .unwrap_or_default()
 }

@@ -1,31 +1,37 @@
-//! What is read, and the valid files that changes begin from.
+//! What is read from single files, and the valid files that changes begin from.
 
 use std::{
     fs,
     path::{Path, PathBuf},
 };
 
+use Reader::{Bytes, Folder};
 use omnilife_bench::external::manifest::Manifest;
 use omnilife_curate::{
     annotation::tags,
+    boundaries::Signals,
     criteria,
-    exchange::{self, ImportRequest},
     ledger::formats::{self, Frames},
-    poses::colmap::ColmapModel,
+    tracks::detectors::{self, DetectorInput},
     video,
 };
-use omnilife_reconstruct::formats::ply;
+use omnilife_reconstruct::formats::{
+    ply,
+    splat::{self, Placement},
+};
 use omnilife_schemas::{
-    Pose, RgbImage, Similarity,
-    camera::ErpCamera,
+    RgbImage,
     frame_scores::FrameScores,
     image_file::ImageFile,
     npy,
     points::PointCloud,
     progress::Silent,
-    records::{PoseSource, PoseValidation, Scale, Scene, SceneFrame, ValidationStatus, check_file},
+    records::{Scene, check_file},
     store,
 };
+use omnilife_sweep::slurm;
+
+use crate::samples::{cloud, gaussians, names, spherical_mp4, unchanged, write_scene};
 
 /// A file that a reader takes.
 pub(crate) struct Seed {
@@ -38,6 +44,8 @@ pub(crate) struct Seed {
 pub(crate) struct Input {
     pub(crate) folder: PathBuf,
     pub(crate) seeds: Vec<Seed>,
+    /// Changed files so far.
+    pub(crate) files_read: u64,
 }
 
 impl Input {
@@ -50,10 +58,11 @@ impl Input {
         Self {
             folder: folder.to_owned(),
             seeds: names.into_iter().map(seed).collect(),
+            files_read: 0,
         }
     }
 
-    fn path(&self, seed: &Seed) -> PathBuf {
+    pub(crate) fn path(&self, seed: &Seed) -> PathBuf {
         self.folder.join(&seed.name)
     }
 }
@@ -68,11 +77,20 @@ pub(crate) struct Target {
     /// Fills a folder with files that the reader takes, and names those that are changed.
     pub(crate) seeds: fn(&Path) -> Vec<String>,
     /// Reads the changed file; what it returns does not matter.
-    pub(crate) read: fn(&Input, &Seed),
+    pub(crate) reader: Reader,
 }
 
-/// All readers.
-pub(crate) const TARGETS: &[Target] = &[
+/// How a changed file is read.
+#[derive(Clone, Copy)]
+pub(crate) enum Reader {
+    /// From its bytes; the seed's name says of which kind it is.
+    Bytes(fn(&Seed, &[u8])),
+    /// From its folder.
+    Folder(fn(&Input, &Seed)),
+}
+
+/// Readers of single files.
+pub(crate) const FILES: &[Target] = &[
     Target {
         id: "npy",
         words: &["'descr'", "'<f4'", "'<f8'", "(3, 4)", "True", "\n"],
@@ -82,7 +100,7 @@ pub(crate) const TARGETS: &[Target] = &[
             npy::write_f32(&folder.join("a.npy"), &[3, 4], &values).unwrap();
             names(&["a.npy"])
         },
-        read: |input, seed| drop(npy::read(&input.path(seed))),
+        reader: Bytes(|_, bytes| drop(npy::from_bytes(bytes))),
     },
     Target {
         id: "points",
@@ -95,7 +113,7 @@ pub(crate) const TARGETS: &[Target] = &[
             fs::write(folder.join("b.ply"), text).unwrap();
             names(&["a.ply", "b.ply"])
         },
-        read: |input, seed| drop(PointCloud::read_ply(&input.path(seed))),
+        reader: Bytes(|_, bytes| drop(PointCloud::from_ply(bytes))),
     },
     Target {
         id: "gaussians",
@@ -105,7 +123,7 @@ pub(crate) const TARGETS: &[Target] = &[
             fs::write(folder.join("a.ply"), gaussians()).unwrap();
             names(&["a.ply"])
         },
-        read: |input, seed| drop(ply::read(&input.path(seed), &unchanged())),
+        reader: Folder(|input, seed| drop(ply::read(&input.path(seed), &unchanged()))),
     },
     Target {
         id: "frame-scores",
@@ -116,7 +134,7 @@ pub(crate) const TARGETS: &[Target] = &[
             fs::write(folder.join("frames.csv"), text).unwrap();
             names(&["frames.csv"])
         },
-        read: |input, seed| drop(FrameScores::read(&input.path(seed))),
+        reader: Bytes(|_, bytes| drop(FrameScores::from_bytes(bytes))),
     },
     Target {
         id: "image",
@@ -128,10 +146,10 @@ pub(crate) const TARGETS: &[Target] = &[
                 .unwrap();
             names(&["a.png"])
         },
-        read: |input, seed| {
+        reader: Folder(|input, seed| {
             let path = input.path(seed);
             drop(ImageFile::open(&path).and_then(ImageFile::decode));
-        },
+        }),
     },
     Target {
         id: "records",
@@ -151,7 +169,7 @@ pub(crate) const TARGETS: &[Target] = &[
             fs::copy(poses, folder.join("poses.json")).unwrap();
             names(&["scene.json", "poses.json"])
         },
-        read: |input, seed| drop(check_file(&input.path(seed))),
+        reader: Folder(|input, seed| drop(check_file(&input.path(seed)))),
     },
     Target {
         id: "ledger",
@@ -171,16 +189,16 @@ pub(crate) const TARGETS: &[Target] = &[
             }
             LEDGERS.iter().map(|(name, _)| (*name).to_owned()).collect()
         },
-        read: |input, seed| {
+        reader: Bytes(|_, bytes| {
             let times: Vec<f64> = (0..50).map(|frame| f64::from(frame) / 25.0).collect();
             let frames = Frames {
                 times: &times,
                 video: "a.mp4",
             };
-            if let Ok(text) = fs::read_to_string(input.path(seed)) {
-                drop(formats::read_any(&text, &frames));
+            if let Ok(text) = std::str::from_utf8(bytes) {
+                drop(formats::read_any(text, &frames));
             }
-        },
+        }),
     },
     Target {
         id: "tags",
@@ -194,7 +212,7 @@ pub(crate) const TARGETS: &[Target] = &[
             fs::write(folder.join("a.json"), list).unwrap();
             names(&["a.csv", "a.json"])
         },
-        read: |input, seed| drop(tags::read(&input.path(seed))),
+        reader: Bytes(|seed, bytes| drop(tags::from_bytes(Path::new(&seed.name), bytes))),
     },
     Target {
         id: "method",
@@ -215,7 +233,7 @@ pub(crate) const TARGETS: &[Target] = &[
             fs::write(folder.join("method.toml"), text).unwrap();
             names(&["method.toml"])
         },
-        read: |input, seed| drop(Manifest::read(&input.path(seed))),
+        reader: Bytes(|seed, bytes| drop(Manifest::from_bytes(Path::new(&seed.name), bytes))),
     },
     Target {
         id: "criteria",
@@ -226,65 +244,136 @@ pub(crate) const TARGETS: &[Target] = &[
             fs::write(folder.join("own.toml"), text).unwrap();
             names(&["own.toml"])
         },
-        read: |input, seed| {
+        reader: Folder(|input, seed| {
             let path = input.path(seed);
             drop(criteria::criteria(&path.display().to_string(), &path));
-        },
+        }),
     },
     Target {
-        id: "colmap",
-        words: &["EQUIRECTANGULAR", "PINHOLE", "#", "\n", "1 2 3"],
-        cost: 2,
-        seeds: |folder| exported(folder, "colmap"),
-        read: |input, seed| {
-            let path = input.path(seed);
-            if let Some(folder) = path.parent() {
-                drop(ColmapModel::read(folder).map(|model| model.cloud()));
+        id: "splat",
+        words: &[],
+        cost: 1,
+        seeds: |folder| {
+            let mut row = Vec::new();
+            for value in [0.5_f32, -1.0, 2.0, 0.1, 0.2, 0.3] {
+                row.extend(value.to_le_bytes());
             }
-            import(input, "colmap");
+            row.extend([200, 100, 50, 255, 255, 128, 128, 128]);
+            fs::write(folder.join("a.splat"), row.repeat(3)).unwrap();
+            names(&["a.splat"])
         },
+        reader: Bytes(|seed, bytes| {
+            drop(splat::from_bytes(
+                Path::new(&seed.name),
+                bytes,
+                &Placement::WORLD,
+                &unchanged(),
+            ));
+        }),
     },
     Target {
-        id: "nerfstudio",
-        words: &["null", "[]", "\"transform_matrix\"", "\"file_path\"", "../"],
-        cost: 10,
-        seeds: |folder| exported(folder, "nerfstudio"),
-        read: |input, _| import(input, "nerfstudio"),
+        id: "signals",
+        words: &["PAR1", "time_seconds", "luma"],
+        cost: 2,
+        seeds: |folder| {
+            let signals = Signals {
+                times: vec![0.0, 0.1, 0.2],
+                columns: vec![("luma".to_owned(), vec![0.5, 0.25, 0.125])],
+            };
+            signals.write_parquet(&folder.join("a.parquet")).unwrap();
+            names(&["a.parquet"])
+        },
+        reader: Folder(|input, seed| drop(Signals::read_parquet(&input.path(seed)))),
     },
     Target {
-        id: "openmvg",
+        id: "slurm",
+        words: &["MaxArraySize", "=", "_", ";", "[", "]", "N/A", "\n"],
+        cost: 1,
+        seeds: |folder| {
+            for (name, text) in [
+                (
+                    "config.txt",
+                    "AccountingStorageType = none\nMaxArraySize            = 1001\n",
+                ),
+                ("queue.txt", "12_0\n12_1\n13_[2-4]\n"),
+                ("job.txt", "1234;cluster\n"),
+            ] {
+                fs::write(folder.join(name), text).unwrap();
+            }
+            names(&["config.txt", "queue.txt", "job.txt"])
+        },
+        reader: Bytes(|_, bytes| {
+            let text = String::from_utf8_lossy(bytes);
+            let _ = slurm::answers::max_array_size(&text);
+            let _ = slurm::answers::queued_tasks(&text);
+            let _ = slurm::answers::job_id(&text);
+        }),
+    },
+    Target {
+        id: "detections",
         words: &[
-            "null",
+            "\"images\"",
+            "\"annotations\"",
+            "\"bbox\"",
+            "\"file_name\"",
+            "-1",
+            ",",
             "[]",
-            "\"extrinsics\"",
-            "\"key\"",
-            "\"ptr_wrapper\"",
-            "2147483649",
         ],
-        cost: 10,
-        seeds: |folder| exported(folder, "openmvg"),
-        read: |input, _| import(input, "openmvg"),
+        cost: 2,
+        seeds: |folder| {
+            write_scene(folder);
+            fs::write(
+                folder.join("a.txt"),
+                "1,-1,2,2,4,4,0.9,-1,-1,-1\n2,1,0,0,16,8,1,1,1\n",
+            )
+            .unwrap();
+            let coco = "{\"images\": [{\"id\": 1, \"file_name\": \"000000.png\"}], \"categories\": \
+                        [{\"id\": 3, \"name\": \"car\"}], \"annotations\": [{\"image_id\": 1, \
+                        \"category_id\": 3, \"bbox\": [2, 2, 4, 4], \"score\": 0.9}]}";
+            fs::write(folder.join("a.json"), coco).unwrap();
+            names(&["a.txt", "a.json"])
+        },
+        reader: Folder(|input, seed| {
+            let Ok(scene) = store::read_record::<Scene>(&input.folder.join("scene.json")) else {
+                return;
+            };
+            let request = DetectorInput {
+                folder: &input.folder,
+                scene: &scene,
+                views: &[],
+                points: &[],
+                metres_per_unit: 1.0,
+                file: Some(&input.path(seed)),
+            };
+            drop((detectors::files::DETECTOR.detect)(&request, &Silent));
+        }),
     },
     Target {
-        id: "hm3d",
-        words: &["'descr'", "'<f4'", "(3, 3, 3)"],
-        cost: 10,
-        seeds: |folder| exported(folder, "hm3d"),
-        read: |input, _| import(input, "hm3d"),
+        id: "mp4-boxes",
+        words: MP4_WORDS,
+        cost: 1,
+        seeds: |folder| {
+            fs::write(folder.join("a.mp4"), spherical_mp4()).unwrap();
+            names(&["a.mp4"])
+        },
+        reader: Bytes(|_, bytes| drop(video::count_statements(bytes, 1))),
     },
     Target {
         id: "mp4",
-        words: &[
-            "moov", "trak", "uuid", "st3d", "sv3d", "proj", "equi", "stsd", "tkhd", "colr", "mdat",
-        ],
+        words: MP4_WORDS,
         cost: 10,
         seeds: |folder| {
             let sample = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/street/street.mp4");
             fs::copy(sample, folder.join("a.mp4")).unwrap();
             names(&["a.mp4"])
         },
-        read: |input, seed| drop(video::probe(&input.path(seed))),
+        reader: Folder(|input, seed| drop(video::probe(&input.path(seed)))),
     },
+];
+
+const MP4_WORDS: &[&str] = &[
+    "moov", "trak", "uuid", "st3d", "sv3d", "proj", "equi", "stsd", "tkhd", "colr", "mdat",
 ];
 
 const PLY_WORDS: &[&str] = &[
@@ -327,125 +416,3 @@ const LEDGERS: &[(&str, &str)] = &[
                  \"timelinelabels\": [\"cut\"]}}]}]}]",
     ),
 ];
-
-/// The similarity that leaves the world as it is.
-fn unchanged() -> Similarity {
-    Similarity {
-        offset: [0.0; 3],
-        scale: 1.0,
-    }
-}
-
-fn names(names: &[&str]) -> Vec<String> {
-    names.iter().map(|&name| name.to_owned()).collect()
-}
-
-fn cloud() -> PointCloud {
-    PointCloud {
-        positions: vec![[0.0, 1.0, 2.0], [1.0, -1.0, 3.0]],
-        colours: vec![[255, 0, 0], [0, 128, 255]],
-    }
-}
-
-/// Two Gaussians of degree 0 as 3DGS writes them.
-fn gaussians() -> Vec<u8> {
-    let mut properties = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"].to_vec();
-    properties.extend([
-        "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3",
-    ]);
-    let mut bytes = b"ply\nformat binary_little_endian 1.0\nelement vertex 2\n".to_vec();
-    for property in &properties {
-        bytes.extend(format!("property float {property}\n").bytes());
-    }
-    bytes.extend(b"end_header\n");
-    for value in 0..2 * properties.len() {
-        bytes.extend((value as f32 * 0.1).to_le_bytes());
-    }
-    bytes
-}
-
-/// A scene of three small images, with points.
-fn write_scene(folder: &Path) {
-    let frame = |number: usize| SceneFrame {
-        image: format!("frames/{number:06}.png"),
-        time_seconds: 0.1 * number as f64,
-        pose: Some(Pose {
-            rotation_wxyz: [1.0, 0.0, 0.0, 0.0],
-            centre: [number as f64, 0.0, 0.0],
-        }),
-        mask: None,
-        classes: [].into(),
-        objects: [].into(),
-        depth: None,
-        depth_prior: None,
-    };
-    let scene = Scene {
-        id: "a/seq-000".to_owned(),
-        camera: ErpCamera {
-            width: 16,
-            height: 8,
-        }
-        .into(),
-        scale: Scale::Metres,
-        frames: (0..3).map(frame).collect(),
-        points: Some("points.ply".to_owned()),
-        pose_source: PoseSource::Given {
-            file: "poses.json".to_owned(),
-        },
-        validation: PoseValidation {
-            status: ValidationStatus::Valid,
-            registered_frames: 3,
-            total_frames: 3,
-            measures: [].into(),
-            problems: Vec::new(),
-        },
-    };
-    fs::create_dir_all(folder.join("frames")).unwrap();
-    for frame in &scene.frames {
-        let file = folder.join(&frame.image);
-        RgbImage::black(16, 8).write_png(&file).unwrap();
-    }
-    cloud().write_ply(&folder.join("points.ply")).unwrap();
-    store::write_record(&folder.join("scene.json"), &scene).unwrap();
-}
-
-/// A scene in another tool's format, in the folder `in`; the files that are no images are changed.
-fn exported(folder: &Path, format: &str) -> Vec<String> {
-    let (scene, out) = (folder.join("scene"), folder.join("in"));
-    write_scene(&scene);
-    let request = exchange::ExportRequest {
-        scene_folder: &scene,
-        format,
-        split: None,
-        given_only: false,
-        cube_faces: None,
-        out: &out,
-    };
-    exchange::export(&request, &Silent).unwrap();
-    let mut found = Vec::new();
-    let mut folders = vec!["in".to_owned()];
-    while let Some(next) = folders.pop() {
-        for name in store::names_in(&folder.join(&next)).unwrap() {
-            let name = format!("{next}/{name}");
-            if folder.join(&name).is_dir() {
-                folders.push(name);
-            } else if !name.ends_with(".png") {
-                found.push(name);
-            }
-        }
-    }
-    found.sort();
-    found
-}
-
-fn import(input: &Input, format: &str) {
-    let out = input.folder.join("out");
-    drop(exchange::import(&ImportRequest {
-        folder: &input.folder.join("in"),
-        format,
-        id: "a",
-        frames_per_second: Some(10.0),
-        out: &out,
-    }));
-    store::remove(&out).unwrap();
-}

@@ -1,4 +1,8 @@
 //! The rows of a trace, and the views that a run left at them.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::path::{Path, PathBuf};
 

@@ -23,6 +23,10 @@
 //! ```
 //!
 //! The texts in braces are those of `placeholders.rs`.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::{collections::BTreeMap, fs, path::Path, time::Duration};
 
@@ -114,12 +118,27 @@ impl Manifest {
     /// When it cannot be read, is not TOML, holds an unknown entry or placeholder, or a pattern
     /// cannot tell two views apart.
     pub fn read(path: &Path) -> Result<Self, BenchError> {
-        let text = fs::read_to_string(path).map_err(|source| StoreError::read(path, source))?;
-        let manifest: Self = toml::from_str(&text).map_err(|error| {
+        let bytes = fs::read(path).map_err(|source| StoreError::read(path, source))?;
+        Self::from_bytes(path, &bytes)
+    }
+
+    /// [`Manifest::read`] of a file's bytes; `path` names it.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Self, BenchError> {
+        let text =
+            std::str::from_utf8(bytes).map_err(|_| BenchError::mismatch(path, "is not UTF-8"))?;
+        let manifest: Self = toml::from_str(text).map_err(|error| {
             let message = error.message().lines().next().unwrap_or("").to_owned();
-            let line = error
-                .span()
-                .map(|span| 1 + text[..span.start].matches('\n').count());
+            let line = error.span().and_then(|span| {
+                Some(
+                    text.get(..span.start)?
+                        .matches('\n')
+                        .count()
+                        .saturating_add(1),
+                )
+            });
             let place = line.map_or(String::new(), |line| format!("line {line}: "));
             BenchError::mismatch(path, format!("{place}{message}"))
         })?;

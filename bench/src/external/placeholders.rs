@@ -8,6 +8,10 @@
 //! the first group that has the view, from 0; 0 in splits without groups) and `{stem}` (name of the
 //! scene's image without its extension); `{frame:06}` pads with zeros to 6 digits. All paths
 //! are absolute.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::path::{Path, PathBuf};
 
@@ -164,15 +168,14 @@ fn check(text: &str, plain: &[&str], of_views: &[(&str, bool)]) -> Result<(), St
 fn names(text: &str) -> Result<Vec<(String, usize)>, String> {
     let mut found = Vec::new();
     let mut rest = text;
-    while let Some(open) = rest.find('{') {
-        let Some(length) = rest[open..].find('}') else {
+    while let Some((_, after)) = rest.split_once('{') {
+        let Some((inside, after)) = after.split_once('}') else {
             return Err(format!("{text:?}: a brace is not closed"));
         };
         found.push(
-            parse(&rest[open + 1..open + length])
-                .ok_or_else(|| format!("{text:?}: padding is written {{frame:06}}"))?,
+            parse(inside).ok_or_else(|| format!("{text:?}: padding is written {{frame:06}}"))?,
         );
-        rest = &rest[open + length + 1..];
+        rest = after;
     }
     Ok(found)
 }
@@ -192,16 +195,16 @@ fn parse(inside: &str) -> Option<(String, usize)> {
 fn replace(text: &str, value: impl Fn(&str, usize) -> Option<String>) -> String {
     let mut result = String::new();
     let mut rest = text;
-    while let Some(open) = rest.find('{') {
-        let Some(length) = rest[open..].find('}') else {
+    while let Some((before, after)) = rest.split_once('{') {
+        let Some((inside, after)) = after.split_once('}') else {
             break;
         };
-        result += &rest[..open];
-        let whole = &rest[open..=open + length];
-        let filled =
-            parse(&rest[open + 1..open + length]).and_then(|(name, digits)| value(&name, digits));
-        result += filled.as_deref().unwrap_or(whole);
-        rest = &rest[open + length + 1..];
+        result += before;
+        match parse(inside).and_then(|(name, digits)| value(&name, digits)) {
+            Some(filled) => result += &filled,
+            None => result.extend(["{", inside, "}"]),
+        }
+        rest = after;
     }
     result + rest
 }

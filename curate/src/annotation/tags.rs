@@ -1,4 +1,8 @@
 //! Tables of tags and captions that people write: CSV with a head, or a JSON list.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::path::Path;
 
@@ -40,13 +44,22 @@ fn filled<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<String>, 
 /// # Errors
 /// When it is missing or malformed.
 pub fn read(path: &Path) -> Result<Vec<TagRow>, CurateError> {
-    let text = std::fs::read_to_string(path).map_err(|error| StoreError::read(path, error))?;
+    let bytes = std::fs::read(path).map_err(|error| StoreError::read(path, error))?;
+    from_bytes(path, &bytes)
+}
+
+/// [`read`] of a file's bytes; `path` names it.
+///
+/// # Errors
+/// When they are malformed.
+pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Vec<TagRow>, CurateError> {
     let malformed = |reason: String| StoreError::malformed(path, reason);
+    let text = std::str::from_utf8(bytes).map_err(|_| malformed("is not UTF-8".to_owned()))?;
     let is_json = path
         .extension()
         .is_some_and(|extension| extension == "json");
     let rows: Vec<TagRow> = if is_json {
-        serde_json::from_str(&text).map_err(|error| malformed(error.to_string()))?
+        serde_json::from_str(text).map_err(|error| malformed(error.to_string()))?
     } else {
         let mut table = csv::Reader::from_reader(text.as_bytes());
         let unreadable = |error: csv::Error| malformed(error.to_string());

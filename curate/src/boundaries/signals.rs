@@ -1,14 +1,19 @@
 //! The per-frame table that a detector's pass leaves, and its Parquet file.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::{fs::File, path::Path, sync::Arc};
 
-use omnilife_schemas::store;
+use omnilife_schemas::{foreign_code::guarded, store};
 use parquet::{
     basic::{Compression, Repetition, Type as PhysicalType, ZstdLevel},
     column::reader::{ColumnReader, ColumnReaderImpl},
     data_type::{DataType, DoubleType, FloatType},
     errors::ParquetError,
     file::{
+        metadata::ParquetMetaData,
         properties::WriterProperties,
         reader::{FileReader, SerializedFileReader},
         writer::{SerializedFileWriter, SerializedRowGroupWriter},
@@ -20,6 +25,10 @@ use crate::error::CurateError;
 
 /// Name of the column of timestamps.
 const TIME: &str = "time_seconds";
+/// Rows of a table at most: 25 days of 30 frames a second.
+const MOST_ROWS: i64 = 1 << 26;
+/// Bytes of a column at most: as many rows of f64.
+const MOST_BYTES: i64 = 8 * MOST_ROWS;
 
 /// Named per-frame signals with their timestamps, in order of time.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -72,8 +81,9 @@ impl Signals {
         let malformed =
             |reason: String| CurateError::Store(store::StoreError::malformed(path, reason));
         let file = File::open(path).map_err(|source| store::StoreError::read(path, source))?;
-        let signals = Self::of_parquet(file)
-            .map_err(|error| malformed(format!("not a Parquet table of signals: {error}")))?;
+        let signals = guarded(|| Self::of_parquet(file))
+            .and_then(|read| read.map_err(|error| error.to_string()))
+            .map_err(|reason| malformed(format!("not a Parquet table of signals: {reason}")))?;
         if signals.times.is_empty() {
             return Err(malformed(format!("has no rows in a column {TIME}")));
         }
@@ -109,6 +119,7 @@ impl Signals {
 
     fn of_parquet(file: File) -> Result<Self, ParquetError> {
         let reader = SerializedFileReader::new(file)?;
+        refuse_impossible_sizes(reader.metadata())?;
         let mut signals = Self::default();
         for group in 0..reader.num_row_groups() {
             let rows = reader.get_row_group(group)?;
@@ -134,6 +145,10 @@ impl Signals {
     }
 
     /// The values of a signal, which begins empty.
+    #[expect(
+        clippy::indexing_slicing,
+        reason = "the column was found, or was just added"
+    )]
     fn column_mut(&mut self, name: &str) -> &mut Vec<f32> {
         let known = self.columns.iter().position(|(other, _)| other == name);
         let at = known.unwrap_or(self.columns.len());
@@ -141,6 +156,28 @@ impl Signals {
             self.columns.push((name.to_owned(), Vec::new()));
         }
         &mut self.columns[at].1
+    }
+}
+
+/// Refuses numbers by which a reader would allocate more than signals can take.
+fn refuse_impossible_sizes(metadata: &ParquetMetaData) -> Result<(), ParquetError> {
+    let mut sizes = vec![(metadata.file_metadata().num_rows(), MOST_ROWS)];
+    for group in metadata.row_groups() {
+        sizes.push((group.num_rows(), MOST_ROWS));
+        for column in group.columns() {
+            sizes.push((column.num_values(), MOST_ROWS));
+            sizes.push((column.compressed_size(), MOST_BYTES));
+            sizes.push((column.uncompressed_size(), MOST_BYTES));
+        }
+    }
+    match sizes
+        .iter()
+        .find(|(size, most)| !(0..=*most).contains(size))
+    {
+        None => Ok(()),
+        Some((size, most)) => Err(ParquetError::General(format!(
+            "states {size}, and 0 to {most} is possible there"
+        ))),
     }
 }
 

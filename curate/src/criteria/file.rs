@@ -14,6 +14,10 @@
 //! ```
 //!
 //! What is not named is not asked for.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::{fs, path::Path};
 

@@ -13,6 +13,10 @@
 //! Axes: COLMAP's cameras have x right, y down and z forward, and its equirectangular image is
 //! ours: nothing is turned. `x_c = R x_w + t`. Its pinhole has the centre of the first pixel at
 //! (1/2, 1/2), as ours.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::{
     collections::BTreeMap,

@@ -14,6 +14,10 @@
 //! centre. So the x and y columns of camera-to-world change their signs. (A Habitat agent looks
 //! along -z of this frame, out of the panorama's edge.) Numbers are f32, as their loaders expect:
 //! poses keep 7 digits. The format has no points; depth maps (`pano_depth`) are not ours to write.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -122,11 +126,12 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         ));
     }
     let mut frames = Vec::new();
-    for (index, image) in panoramas.into_iter().enumerate() {
-        let mut rows = [0.0; 9];
-        rows.copy_from_slice(&rotations.values[9 * index..9 * index + 9]);
-        let rotation = turned(DMat3::from_cols_array(&rows).transpose());
-        let centre = DVec3::from_slice(&translations.values[3 * index..3 * index + 3]);
+    let (rotations, _) = rotations.values.as_chunks::<9>();
+    let (translations, _) = translations.values.as_chunks::<3>();
+    let poses = rotations.iter().zip(translations);
+    for (index, (image, (rows, centre))) in panoramas.into_iter().zip(poses).enumerate() {
+        let rotation = turned(DMat3::from_cols_array(rows).transpose());
+        let centre = DVec3::from_array(*centre);
         let pose = Pose::from_matrix(rotation, centre).ok_or_else(|| {
             StoreError::malformed(&rotation_path, format!("pose {index} is no rotation"))
         })?;
@@ -144,7 +149,10 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             pose: Some(pose),
         });
     }
-    let [width, height] = ImageFile::open(&frames[0].image)?.size();
+    let first = frames
+        .first()
+        .ok_or_else(|| CurateError::input(folder, "has no panoramas"))?;
+    let [width, height] = ImageFile::open(&first.image)?.size();
     Ok(ForeignScene {
         camera: ErpCamera {
             width: width as u32,

@@ -218,7 +218,7 @@ fn fill_folder<T>(
         if out.is_dir() {
             fs::remove_dir(out).map_err(|error| StoreError::write(out, error))?;
         }
-        fs::rename(&temporary, out).map_err(|error| StoreError::write(out, error))?;
+        store::rename(&temporary, out).map_err(|error| StoreError::write(out, error))?;
         Ok(value)
     })();
     if filled.is_err() {
@@ -228,8 +228,11 @@ fn fill_folder<T>(
     filled
 }
 
-/// Refuses an output folder that holds something.
+/// Refuses an output folder that holds something; removes what killed processes left beside it.
 fn refuse_filled(out: &Path) -> Result<(), CurateError> {
+    if let Some(parent) = out.parent().filter(|parent| parent.is_dir()) {
+        store::remove_abandoned(parent)?;
+    }
     if !out.exists() {
         return match out.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => Ok(store::create_folder(parent)?),

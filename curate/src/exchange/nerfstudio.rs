@@ -13,6 +13,10 @@
 //! `fl_x = fl_y = w / 2`). So the y and z columns of camera-to-world change their signs. The world
 //! is not turned: nerfstudio levels it by itself unless told otherwise. A pinhole's principal point is
 //! taken as it stands; the centre of the first pixel is at (1/2, 1/2) there too.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::{collections::BTreeMap, path::Path};
 

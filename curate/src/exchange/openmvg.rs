@@ -13,6 +13,10 @@
 //!
 //! Axes: OpenMVG's spherical camera has x right, y down and z forward, and its image is ours
 //! (`src/openMVG/cameras/Camera_Spherical.hpp`): nothing is turned. `x_c = R (x_w - C)`.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::{collections::BTreeMap, io::Write, path::Path};
 
@@ -163,6 +167,10 @@ impl SfmData {
     }
 }
 
+#[expect(
+    clippy::arithmetic_side_effects,
+    reason = "numbers of frames that are there"
+)]
 fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     let images = out.join("images");
     super::copy_images(scene, &images)?;

@@ -1,4 +1,8 @@
 //! `times.csv`: when each exported frame was shown, which no foreign format says.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::{collections::BTreeMap, path::Path};
 

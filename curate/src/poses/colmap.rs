@@ -1,5 +1,9 @@
 //! COLMAP's models, and their text form: `cameras.txt`, `images.txt`, `points3D.txt`
 //! (<https://colmap.github.io/format.html#text-format>).
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::{
     collections::BTreeMap,
@@ -169,7 +173,7 @@ fn lines<'a>(path: &'a Path, text: &'a str) -> impl Iterator<Item = Line<'a>> {
         .filter(|(_, text)| !text.starts_with('#'))
         .map(move |(index, text)| Line {
             path,
-            number: index + 1,
+            number: index.saturating_add(1),
             text,
         })
 }

@@ -8,6 +8,10 @@
 //! points3D.bin   u64 count, then u64 id, f64 x y z, u8 r g b, f64 error,
 //!                u64 track, then u32 image, u32 feature
 //! ```
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::{collections::BTreeMap, fs, io::Write, path::Path};
 
@@ -135,9 +139,11 @@ impl<'a> Bytes<'a> {
 
     /// Up to the next zero.
     fn name(&mut self) -> Result<String, String> {
-        let end = self.rest.iter().position(|&byte| byte == 0);
-        let (name, rest) = self.rest.split_at(end.ok_or("ends too early")?);
-        self.rest = &rest[1..];
+        let mut parts = self.rest.splitn(2, |&byte| byte == 0);
+        let (Some(name), Some(rest)) = (parts.next(), parts.next()) else {
+            return Err("ends too early".to_owned());
+        };
+        self.rest = rest;
         let name = std::str::from_utf8(name).map_err(|_| "an image name is not UTF-8")?;
         Ok(name.to_owned())
     }

@@ -181,7 +181,7 @@ pub fn slice_segment(
     let requests = std::slice::from_ref(&request);
     let file = slice_video(&source, requests, settings, progress)?.pop();
     let file = file.ok_or_else(|| CurateError::internal(out, "no slice was written"))?;
-    std::fs::rename(unchecked.0, out).map_err(|error| StoreError::write(out, error))?;
+    store::rename(unchecked.0, out).map_err(|error| StoreError::write(out, error))?;
     Ok(file)
 }
 

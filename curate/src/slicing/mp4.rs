@@ -322,7 +322,7 @@ pub(super) fn close_output(
     let published = match ended {
         Ok(()) => mark(temporary, projection, quarter_turns)
             .and_then(|()| File::open(temporary)?.sync_all())
-            .and_then(|()| fs::rename(temporary, path)),
+            .and_then(|()| store::rename(temporary, path)),
         Err(error) => Err(io::Error::other(error)),
     };
     published.map_err(|error| {

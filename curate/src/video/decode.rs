@@ -7,7 +7,13 @@ use std::{
     thread,
 };
 
-use ffmpeg::{codec, codec::threading, format::context, media, util::error::EAGAIN};
+use ffmpeg::{
+    codec,
+    codec::threading,
+    format::context,
+    media,
+    util::error::{EAGAIN, EMFILE, ENFILE, ENOMEM},
+};
 use ffmpeg_next as ffmpeg;
 
 use super::CodecId;
@@ -146,13 +152,11 @@ impl VideoReader {
             .ok_or(ffmpeg::Error::DecoderNotFound)
             .and_then(|found| codec.decoder().open_as(found)?.video());
         let decoder = opened.map_err(|error| {
-            CurateError::video(
-                path,
-                format!(
-                    "its video stream ({}) cannot be decoded: {error}",
-                    id.name()
-                ),
-            )
+            let reason = format!(
+                "its video stream ({}) cannot be decoded: {error}",
+                id.name()
+            );
+            failure(path, error, reason)
         })?;
         Ok(Self {
             stream_index: stream.index(),
@@ -307,10 +311,18 @@ impl VideoReader {
             Some(seconds) => format!("after frame {} at {seconds:.3} s", self.frames - 1),
             None => "at its first frame".to_owned(),
         };
-        CurateError::video(
-            &self.path,
-            format!("breaks off {place} (truncated or damaged): {error}"),
-        )
+        let reason = format!("breaks off {place} (truncated or damaged): {error}");
+        failure(&self.path, *error, reason)
+    }
+}
+
+/// What FFmpeg could not do is the video's fault, unless the machine has nothing left to do it with.
+fn failure(path: &Path, error: ffmpeg::Error, reason: String) -> CurateError {
+    match error {
+        ffmpeg::Error::Other {
+            errno: EAGAIN | EMFILE | ENFILE | ENOMEM,
+        } => CurateError::internal(path, reason),
+        _ => CurateError::video(path, reason),
     }
 }
 
@@ -337,9 +349,7 @@ pub(crate) fn open_container(path: &Path) -> Result<context::Input, CurateError>
     options.set("protocol_whitelist", "file");
     options.set("format_whitelist", CONTAINERS);
     ffmpeg::format::input_with_dictionary(&format!("file:{text}"), options).map_err(|error| {
-        CurateError::video(
-            path,
-            format!("is not a video that FFmpeg can read, or is truncated: {error}"),
-        )
+        let reason = format!("is not a video that FFmpeg can read, or is truncated: {error}");
+        failure(path, error, reason)
     })
 }

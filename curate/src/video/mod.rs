@@ -26,3 +26,4 @@ pub use probe::probe;
 pub use raw_fields::Colour;
 pub(crate) use raw_fields::{CodecId, clear_image_kind};
 pub(crate) use scaler::{FrameShape, Matrix, Scaler};
+pub use spherical_boxes::count_statements;

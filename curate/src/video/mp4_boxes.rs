@@ -1,4 +1,8 @@
 //! Boxes of MP4 and MOV files (ISO 14496-12, 4.2): walking over them, and making them.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::io::{self, Cursor, Read, Seek, SeekFrom};
 
@@ -34,13 +38,13 @@ pub(crate) fn children(
 pub(crate) fn boxes(file: &mut (impl Read + Seek), span: Span) -> io::Result<Vec<(Kind, Span)>> {
     let mut found = Vec::new();
     let mut at = span.begin;
-    while at + 8 <= span.end && found.len() < MOST_BOXES {
+    while at.saturating_add(8) <= span.end && found.len() < MOST_BOXES {
         file.seek(SeekFrom::Start(at))?;
         let short = u64::from(u32::from_be_bytes(array(file)?));
         let kind = array(file)?;
         let (header, size) = match short {
-            0 => (8, span.end - at),
-            1 if at + 16 <= span.end => (16, u64::from_be_bytes(array(file)?)),
+            0 => (8, span.end.saturating_sub(at)),
+            1 if at.saturating_add(16) <= span.end => (16, u64::from_be_bytes(array(file)?)),
             size => (8, size),
         };
         let Some(end) = at.checked_add(size).filter(|&end| end <= span.end) else {
@@ -49,7 +53,7 @@ pub(crate) fn boxes(file: &mut (impl Read + Seek), span: Span) -> io::Result<Vec
         if size < header {
             break;
         }
-        let begin = at + header;
+        let begin = at.saturating_add(header);
         found.push((kind, Span { begin, end }));
         at = end;
     }
@@ -68,10 +72,11 @@ pub(crate) fn bytes_at<const N: usize>(
     span: Span,
     offset: u64,
 ) -> io::Result<Option<[u8; N]>> {
-    if span.begin + offset + N as u64 > span.end {
+    let begin = span.begin.saturating_add(offset);
+    if begin.saturating_add(N as u64) > span.end {
         return Ok(None);
     }
-    file.seek(SeekFrom::Start(span.begin + offset))?;
+    file.seek(SeekFrom::Start(begin))?;
     array(file).map(Some)
 }
 
@@ -83,11 +88,16 @@ pub(crate) fn bytes_at<const N: usize>(
 pub(crate) fn in_bytes(bytes: &[u8]) -> io::Result<Vec<(Kind, &[u8])>> {
     let end = bytes.len() as u64;
     let found = boxes(&mut Cursor::new(bytes), Span { begin: 0, end })?;
-    if end - found.last().map_or(0, |(_, payload)| payload.end) >= 8 {
+    let last = found.last().map_or(0, |(_, payload)| payload.end);
+    if end.saturating_sub(last) >= 8 {
         let reason = "a box is longer than what holds it";
         return Err(io::Error::new(io::ErrorKind::InvalidData, reason));
     }
-    let of = |span: Span| &bytes[span.begin as usize..span.end as usize];
+    let of = |span: Span| {
+        bytes
+            .get(span.begin as usize..span.end as usize)
+            .unwrap_or_default()
+    };
     Ok(found
         .into_iter()
         .map(|(kind, span)| (kind, of(span)))
@@ -95,6 +105,7 @@ pub(crate) fn in_bytes(bytes: &[u8]) -> io::Result<Vec<(Kind, &[u8])>> {
 }
 
 /// A box of this content.
+#[expect(clippy::arithmetic_side_effects, reason = "boxes of our own are short")]
 pub(crate) fn boxed(kind: Kind, content: &[u8]) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(content.len() + 8);
     bytes.extend((content.len() as u32 + 8).to_be_bytes());

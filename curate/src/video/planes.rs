@@ -2,6 +2,10 @@
 //!
 //! The distance from one row to the next may be negative: an image that is stored from its bottom up
 //! is decoded so that its first row is the last in memory.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::{ffi::c_int, marker::PhantomData, slice};
 
@@ -57,6 +61,10 @@ impl<'a> Plane<'a> {
     }
 
     /// The bytes of a row; empty below the last row.
+    #[expect(
+        clippy::arithmetic_side_effects,
+        reason = "the row is one of the plane's"
+    )]
     pub(super) fn row(&self, y: usize) -> &'a [u8] {
         if y >= self.rows {
             return &[];
@@ -108,6 +116,10 @@ fn out_of_memory() -> ffmpeg::Error {
 ///
 /// # Errors
 /// As [`Plane::of`].
+#[expect(
+    clippy::arithmetic_side_effects,
+    reason = "rows are those of the plane"
+)]
 pub(crate) fn rows_mut(
     frame: &mut Video,
     plane: usize,

@@ -1,4 +1,8 @@
 //! What a file says about itself.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::path::Path;
 

@@ -3,6 +3,10 @@
 //! FFmpeg declares them as C enums and copies whatever integer a container or a bit stream states.
 //! A Rust enum that holds an unknown value is undefined behaviour, so they are read here as the
 //! integers that they are, and nowhere as enums; values that are not known become "unknown".
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::{
     ffi::{CStr, c_char, c_int, c_uint},
@@ -238,7 +242,7 @@ pub(super) fn stereo_name(stereo: &[u8]) -> Option<&'static str> {
 }
 
 fn integer_at(bytes: &[u8], offset: usize) -> Option<c_uint> {
-    let bytes = bytes.get(offset..offset + size_of::<c_uint>())?;
+    let bytes = bytes.get(offset..offset.checked_add(size_of::<c_uint>())?)?;
     bytes.try_into().ok().map(c_uint::from_ne_bytes)
 }
 

@@ -3,6 +3,10 @@
 //! Version 1 is an XML document in a `uuid` box of the track, version 2 the boxes `st3d` and `sv3d`
 //! in the sample description (<https://github.com/google/spatial-media/tree/master/docs>). A file
 //! may hold both, and they may differ; FFmpeg hands on one without saying which.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::{
     fs::File,
@@ -40,7 +44,10 @@ pub(super) struct SphericalBoxes {
 /// Reads the boxes of the track with this id, or of any track where no id fits. A malformed file
 /// gives what comes before the fault.
 pub(super) fn read(path: &Path, track_id: u32) -> io::Result<SphericalBoxes> {
-    let mut file = BufReader::new(File::open(path)?);
+    read_from(BufReader::new(File::open(path)?), track_id)
+}
+
+fn read_from(mut file: impl Read + Seek, track_id: u32) -> io::Result<SphericalBoxes> {
     let end = file.seek(SeekFrom::End(0))?;
     let whole = Span { begin: 0, end };
     let mut found = SphericalBoxes::default();
@@ -53,6 +60,18 @@ pub(super) fn read(path: &Path, track_id: u32) -> io::Result<SphericalBoxes> {
         }
     }
     Ok(found)
+}
+
+/// How many of the two versions the boxes of an MP4 file, given by its bytes, state for a track.
+///
+/// # Errors
+/// When a box ends before what it has to hold.
+pub fn count_statements(bytes: &[u8], track_id: u32) -> io::Result<usize> {
+    let SphericalBoxes { v1, v2 } = read_from(io::Cursor::new(bytes), track_id)?;
+    Ok([v1.is_some(), v2.is_some()]
+        .into_iter()
+        .filter(|is_stated| *is_stated)
+        .count())
 }
 
 fn track_id(file: &mut (impl Read + Seek), track: Span) -> io::Result<Option<u32>> {
@@ -72,10 +91,15 @@ fn v1(file: &mut (impl Read + Seek), track: Span) -> io::Result<Option<Statement
         if bytes_at(file, span, 0)? != Some(V1_UUID) {
             continue;
         }
-        file.seek(SeekFrom::Start(span.begin + 16))?;
+        file.seek(SeekFrom::Start(span.begin.saturating_add(16)))?;
         let mut xml = Vec::new();
-        file.take((span.end - span.begin - 16).min(MOST_XML_BYTES))
-            .read_to_end(&mut xml)?;
+        file.take(
+            span.end
+                .saturating_sub(span.begin)
+                .saturating_sub(16)
+                .min(MOST_XML_BYTES),
+        )
+        .read_to_end(&mut xml)?;
         return Ok(v1_statement(&String::from_utf8_lossy(&xml)));
     }
     Ok(None)
@@ -84,9 +108,9 @@ fn v1(file: &mut (impl Read + Seek), track: Span) -> io::Result<Option<Statement
 fn v1_statement(xml: &str) -> Option<Statement> {
     let entry = |name: &str| {
         let open = format!("<GSpherical:{name}>");
-        let begin = xml.find(&open)? + open.len();
-        let length = xml[begin..].find('<')?;
-        Some(xml[begin..begin + length].trim())
+        let (_, after) = xml.split_once(&open)?;
+        let (value, _) = after.split_once('<')?;
+        Some(value.trim())
     };
     if entry("Spherical").is_some_and(|value| value != "true") {
         return None;
@@ -129,12 +153,12 @@ fn v2(file: &mut (impl Read + Seek), track: Span) -> io::Result<Option<Statement
     for description in spans {
         // Version, flags and the number of entries come first.
         let entries = Span {
-            begin: description.begin + 8,
+            begin: description.begin.saturating_add(8),
             ..description
         };
         for (_, entry) in boxes(file, entries)? {
             let inside = Span {
-                begin: entry.begin + VISUAL_ENTRY_BYTES as u64,
+                begin: entry.begin.saturating_add(VISUAL_ENTRY_BYTES as u64),
                 ..entry
             };
             for (kind, span) in boxes(file, inside)? {
@@ -154,7 +178,8 @@ fn v2(file: &mut (impl Read + Seek), track: Span) -> io::Result<Option<Statement
 }
 
 fn stereo_mode(mode: Option<[u8; 1]>) -> Option<String> {
-    let name = match mode?[0] {
+    let [mode] = mode?;
+    let name = match mode {
         0 => "2D",
         1 => "top and bottom",
         2 => "side by side",

@@ -8,14 +8,14 @@ use std::{
 use omnilife_schemas::{
     layout::{ANNOTATION_FILE, DATASET_FILE, SCENE_FILE, SEQUENCE_FILE},
     records::{Annotation, Dataset, Scene, Sequence, VideoStatus},
-    rgb::{self, Mask, RgbImage},
+    rgb::{Mask, RgbImage},
     store::{self, StoreError},
 };
 use rayon::prelude::*;
 
 use super::{
     panels::{GAP, paste},
-    refuse_existing, svg, unusable,
+    svg, unusable, write_both,
 };
 use crate::error::LeaderboardError;
 
@@ -71,7 +71,6 @@ struct Entry {
 /// When there is no such dataset or sequence, a record or an image cannot be read, or a file of that
 /// name is there already.
 pub fn gallery(request: &GalleryRequest) -> Result<Gallery, LeaderboardError> {
-    let [png, svg_file] = refuse_existing(&request.out)?;
     let file = if request.dataset.is_dir() {
         request.dataset.join(DATASET_FILE)
     } else {
@@ -92,14 +91,11 @@ pub fn gallery(request: &GalleryRequest) -> Result<Gallery, LeaderboardError> {
         request.columns.min(panels.len()),
         request.panel_width,
     );
-    if let Some(folder) = png.parent() {
-        store::create_folder(folder)?;
-    }
-    rgb::write_rgb8_png(&png, sheet.width, sheet.height, &sheet.rgb)?;
-    let pixels = std::fs::read(&png).map_err(|source| StoreError::read(&png, source))?;
     let labels: Vec<[String; 2]> = shown.iter().map(Entry::label).collect();
-    let drawing = svg::gallery(&sheet, &pixels, &labels);
-    store::write_bytes(&svg_file, drawing.as_bytes())?;
+    let size = [sheet.width, sheet.height];
+    let [png, svg_file] = write_both(&request.out, size, &sheet.rgb, |pixels| {
+        svg::gallery(&sheet, pixels, &labels)
+    })?;
     Ok(Gallery {
         png,
         svg: svg_file,

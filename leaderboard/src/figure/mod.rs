@@ -71,9 +71,8 @@ const TRUTH: &str = "Ground truth";
 ///
 /// # Errors
 /// When there are no results with such views, a name is unknown, an image cannot be read, or a file of
-/// that name is there already.
+/// that name that is another figure is there already.
 pub fn figure(request: &FigureRequest) -> Result<Figure, LeaderboardError> {
-    let [png, svg] = refuse_existing(&request.out)?;
     let results = RecordFiles::below(&request.results)?.results()?;
     let groups = group::groups(&results)?;
     let group = chosen_group(request, &groups)?;
@@ -95,19 +94,14 @@ pub fn figure(request: &FigureRequest) -> Result<Figure, LeaderboardError> {
         ));
     }
     let canvas = Canvas::of(&rows, request.inset.map(Region::from), request.panel_width);
-    if let Some(folder) = png.parent() {
-        store::create_folder(folder)?;
-    }
-    rgb::write_rgb8_png(&png, canvas.width, canvas.height, &canvas.rgb)?;
-    let pixels = std::fs::read(&png).map_err(|source| StoreError::read(&png, source))?;
     let columns: Vec<String> = [TRUTH.to_owned()].into_iter().chain(methods).collect();
     let rows: Vec<(String, u32)> = (rows.into_iter())
         .map(|(scene, frame, _)| (scene, frame))
         .collect();
-    store::write_bytes(
-        &svg,
-        svg::drawing(&canvas, &pixels, &columns, &rows).as_bytes(),
-    )?;
+    let size = [canvas.width, canvas.height];
+    let [png, svg] = write_both(&request.out, size, &canvas.rgb, |pixels| {
+        svg::drawing(&canvas, pixels, &columns, &rows)
+    })?;
     Ok(Figure {
         png,
         svg,
@@ -116,16 +110,41 @@ pub fn figure(request: &FigureRequest) -> Result<Figure, LeaderboardError> {
     })
 }
 
-/// The two files of a figure, neither of which is there.
-fn refuse_existing(out: &Path) -> Result<[PathBuf; 2], LeaderboardError> {
-    let files = ["png", "svg"].map(|name| ending(out, name));
-    match files.iter().find(|file| file.exists()) {
-        None => Ok(files),
-        Some(file) => {
+/// Writes an image as OUT.png, and what `svg` makes of that file's bytes as OUT.svg.
+///
+/// # Errors
+/// When a file of that name that is another one is there already, or one cannot be written.
+fn write_both(
+    out: &Path,
+    [width, height]: [usize; 2],
+    rgb: &[u8],
+    svg: impl FnOnce(&[u8]) -> String,
+) -> Result<[PathBuf; 2], LeaderboardError> {
+    let names = ["png", "svg"].map(|name| ending(out, name));
+    if let Some(folder) = out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        store::create_folder(folder)?;
+        store::remove_abandoned(folder)?;
+    }
+    let temporary = store::temporary_beside(&names[0]);
+    let written = rgb::write_rgb8_png(&temporary, width, height, rgb);
+    let pixels = written.and_then(|()| {
+        std::fs::read(&temporary).map_err(|source| StoreError::read(&temporary, source))
+    });
+    store::remove(&temporary)?;
+    let pixels = pixels?;
+    let drawing = svg(&pixels).into_bytes();
+    let contents = [pixels, drawing];
+    for (file, bytes) in names.iter().zip(&contents) {
+        // The same is one that was interrupted between its files.
+        if file.exists() && std::fs::read(file).ok().as_ref() != Some(bytes) {
             let reason = "is there already; name another figure";
-            Err(unusable(file, reason.to_owned()))
+            return Err(unusable(file, reason.to_owned()));
         }
     }
+    for (file, bytes) in names.iter().zip(&contents) {
+        store::write_bytes(file, bytes)?;
+    }
+    Ok(names)
 }
 
 fn ending(out: &Path, ending: &str) -> PathBuf {

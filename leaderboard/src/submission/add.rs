@@ -47,6 +47,6 @@ pub fn add(verified: &Verified, results: &Path) -> Result<PathBuf, LeaderboardEr
         )?;
     }
     copy(&record, &beside.join(SUBMISSION_FILE))?;
-    std::fs::rename(&beside, &target).map_err(|source| StoreError::write(&target, source))?;
+    store::rename(&beside, &target).map_err(|source| StoreError::write(&target, source))?;
     Ok(target)
 }

@@ -7,12 +7,18 @@ use std::{
 
 use omnilife_schemas::{
     lock::LOCK_FILE,
+    ownership::{FileList, OwnFile, OwnFiles},
     records::{ExternalRun, MethodCard, ResultRecord, RunRecord, Submission, SubmittedResult},
     store::{self, StoreError},
 };
 
 use super::{RESULT_FILE, SUBMISSION_FILE, copy, described, files_below};
 use crate::{collect, error::LeaderboardError, validate};
+
+/// Folder of the results in a submission.
+const RESULTS_FOLDER: &str = "results";
+/// Lists the files of a submission that is moved to its place; gone when it is whole.
+const UNFINISHED_FILE: &str = ".omnilife-unfinished.json";
 
 /// What to pack.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -53,6 +59,7 @@ pub fn pack(request: &PackRequest) -> Result<Submission, LeaderboardError> {
         key(a).cmp(&key(b))
     });
     store::create_folder(&request.out)?;
+    clear_unfinished(&request.out)?;
     if store::names_in(&request.out)?
         .iter()
         .any(|name| name != LOCK_FILE)
@@ -62,17 +69,58 @@ pub fn pack(request: &PackRequest) -> Result<Submission, LeaderboardError> {
             "is not empty; choose another folder".to_owned(),
         ));
     }
-    let mut packed = Vec::new();
-    for (number, (file, result)) in results.iter().enumerate() {
-        packed.push(pack_result(&request.out, number, file, result)?);
+    let beside = store::temporary_beside(&request.out.join(RESULTS_FOLDER));
+    let packed = results
+        .iter()
+        .enumerate()
+        .map(|(number, (file, result))| pack_result(&beside, number, file, result))
+        .collect::<Result<Vec<_>, _>>()
+        .and_then(|packed| {
+            let submission = Submission {
+                card,
+                results: packed,
+            };
+            publish(&request.out, &beside, &submission)?;
+            Ok(submission)
+        });
+    if packed.is_err() {
+        // The work has failed already: what cannot be removed is hidden and harmless.
+        drop(store::remove(&beside));
     }
-    let submission = Submission {
-        card,
-        results: packed,
+    packed
+}
+
+/// Moves the results to their place and writes the record, last: a folder with the record is whole.
+fn publish(out: &Path, beside: &Path, submission: &Submission) -> Result<(), StoreError> {
+    let unfinished = out.join(UNFINISHED_FILE);
+    let files = submission.results.iter().flat_map(|result| {
+        result.files.iter().map(|file| OwnFile {
+            file: format!("{}/{}", result.folder, file.file),
+            sha256: Some(file.sha256.clone()),
+        })
+    });
+    let list = FileList {
+        files: files.collect(),
     };
-    // Last: a folder with the record is whole.
-    store::write_record(&request.out.join(SUBMISSION_FILE), &submission)?;
-    Ok(submission)
+    store::write_record(&unfinished, &list)?;
+    let target = out.join(RESULTS_FOLDER);
+    store::rename(beside, &target).map_err(|source| StoreError::write(&target, source))?;
+    store::write_record(&out.join(SUBMISSION_FILE), submission)?;
+    store::remove(&unfinished)
+}
+
+/// Removes what a packing that was interrupted has left.
+fn clear_unfinished(out: &Path) -> Result<(), StoreError> {
+    store::remove_abandoned(out)?;
+    let unfinished = out.join(UNFINISHED_FILE);
+    if !unfinished.is_file() {
+        return Ok(());
+    }
+    let list: FileList = store::read_record(&unfinished)?;
+    if !out.join(SUBMISSION_FILE).exists() {
+        OwnFiles::new(out, list.files).remove(|_| true)?;
+    }
+    store::remove(&unfinished)
 }
 
 fn read_card(path: &Path) -> Result<MethodCard, LeaderboardError> {
@@ -83,14 +131,15 @@ fn read_card(path: &Path) -> Result<MethodCard, LeaderboardError> {
     })
 }
 
+/// Fills a folder of `results`.
 fn pack_result(
-    out: &Path,
+    results: &Path,
     number: usize,
     file: &Path,
     result: &ResultRecord,
 ) -> Result<SubmittedResult, LeaderboardError> {
-    let name = format!("results/{number:04}");
-    let folder = out.join(&name);
+    let name = format!("{number:04}");
+    let folder = results.join(&name);
     copy(file, &folder.join(RESULT_FILE))?;
     copy(
         &file.with_file_name(&result.frames_table),
@@ -114,7 +163,7 @@ fn pack_result(
     let [input_views, novel_views] = views;
     let files = files_below(&folder)?;
     Ok(SubmittedResult {
-        folder: name,
+        folder: format!("{RESULTS_FOLDER}/{name}"),
         scene: result.scene.clone(),
         protocol: result.protocol.clone(),
         protocol_hash: result.protocol_hash.clone(),

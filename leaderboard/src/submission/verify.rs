@@ -1,5 +1,9 @@
 //! What can be said of a submission without ground truth: its files are those that were packed, its
 //! numbers are possible, and its means are those of its views.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::path::{Path, PathBuf};
 

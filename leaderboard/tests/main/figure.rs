@@ -39,7 +39,10 @@ fn a_figure_shows_scenes_by_methods_and_names_both() {
         assert_eq!(error.error_kind(), ErrorKind::User);
         error.to_string()
     };
-    assert!(refused(request.clone()).contains("figure.png: is there already"));
+    assert_eq!(figure(&request).unwrap(), drawn, "the same figure again");
+    fs::write(&drawn.svg, "mine").unwrap();
+    assert!(refused(request.clone()).contains("figure.svg: is there already"));
+    assert_eq!(fs::read_to_string(&drawn.svg).unwrap(), "mine");
     let out = folder.path().join("other");
     let unknown = FigureRequest {
         methods: vec!["nobody".to_owned()],

@@ -1,6 +1,10 @@
 //! The network of deformable Gaussians as a safetensors file, under the names and in the layout that
 //! Deformable-3D-Gaussians has in `PyTorch`: `linear.<i>.weight`, `gaussian_warp.weight`, ..., each with
 //! a row per output; inputs are the encoded position, the encoded time and the layer before.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::{fs, path::Path};
 
@@ -26,6 +30,10 @@ struct Part {
 }
 
 impl Part {
+    #[expect(
+        clippy::indexing_slicing,
+        reason = "the depth was checked, and networks have their heads behind it"
+    )]
     fn all(model: &DeformationModel) -> Vec<Self> {
         let layers = model.network().layers();
         let (Some(heads), trunk) = (layers.last(), &layers[..model.depth]) else {
@@ -45,6 +53,10 @@ impl Part {
     }
 
     /// Where in the model's weights the file's are, in the file's order: output by output.
+    #[expect(
+        clippy::arithmetic_side_effects,
+        reason = "places in weights that are there"
+    )]
     fn weights(&self) -> Vec<usize> {
         let layer = &self.layer;
         let inputs: Vec<usize> = [
@@ -61,6 +73,10 @@ impl Part {
             .collect()
     }
 
+    #[expect(
+        clippy::arithmetic_side_effects,
+        reason = "places in weights that are there"
+    )]
     fn biases(&self) -> Vec<usize> {
         let begin = self.layer.biases().start;
         self.outputs.clone().map(|output| begin + output).collect()
@@ -84,6 +100,7 @@ impl Part {
 ///
 /// # Errors
 /// When the file cannot be written.
+#[expect(clippy::indexing_slicing, reason = "places of the same network")]
 pub fn write(
     path: &Path,
     model: &DeformationModel,
@@ -118,6 +135,7 @@ pub fn write(
 ///
 /// # Errors
 /// When the file is missing, is not of this network or holds a value that is not finite.
+#[expect(clippy::indexing_slicing, reason = "places of the same network")]
 pub fn read(path: &Path, model: &DeformationModel) -> Result<SharedParameters, StoreError> {
     let bytes = fs::read(path).map_err(|source| StoreError::read(path, source))?;
     let malformed = |reason: String| StoreError::malformed(path, reason);

@@ -4,6 +4,10 @@
 //! Further properties are named as the arrays of [`temporal`](omnilife_engine::gaussians::temporal), numbered where an
 //! array has several values: peak times in seconds from the clip's middle, logarithms of lifespans in
 //! seconds, velocities in world units per second.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::path::Path;
 
@@ -69,6 +73,11 @@ pub fn write(
 ///
 /// # Errors
 /// As [`ply::read`].
+#[expect(
+    clippy::indexing_slicing,
+    clippy::arithmetic_side_effects,
+    reason = "columns are as long as the table, which was checked"
+)]
 pub fn read(
     path: &Path,
     model: &TimeModel,

@@ -1,5 +1,9 @@
 //! The objects of a graph: their paths as a record, and their Gaussians as a PLY whose coordinates are
 //! the objects' own, with the number of the object as a further property.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::path::Path;
 
@@ -76,6 +80,7 @@ pub fn write(
 }
 
 /// Writes the Gaussians of objects.
+#[expect(clippy::indexing_slicing, reason = "object numbers are one wide")]
 pub(crate) fn write_table(folder: &Path, table: &ParameterTable) -> Result<(), StoreError> {
     let numbers = table.position(OBJECT_NUMBERS).unwrap_or(POSITIONS);
     ply::write_with(
@@ -126,6 +131,10 @@ pub fn read(folder: &Path, normalization: &Similarity) -> Result<Part, Reconstru
 ///
 /// # Errors
 /// As [`read`].
+#[expect(
+    clippy::indexing_slicing,
+    reason = "static Gaussians begin with their positions"
+)]
 pub(crate) fn read_parts(folder: &Path) -> Result<(Objects, ParameterTable), ReconstructError> {
     let path = folder.join(OBJECTS_FILE);
     let record: Objects = store::read_record(&path)?;

@@ -4,6 +4,10 @@
 //! `f_rest_*` (all coefficients of red, then green, then blue), opacity (logit), `scale_*`
 //! (logarithm), `rot_*` (w, x, y, z). Coordinates are the scene's own: the normalization is undone.
 //! It does not rotate, so spherical harmonics and quaternions stay as they are.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::{fs, io::Write, path::Path};
 
@@ -27,6 +31,7 @@ use omnilife_engine::{
 };
 
 /// Names of the properties of Gaussians of a degree, in the order in which they are written.
+#[expect(clippy::arithmetic_side_effects, reason = "degrees are 3 at most")]
 fn properties(sh_degree: usize) -> Vec<String> {
     let rest = 3 * sh_rest_count(sh_degree);
     let numbered = |prefix: &str, count: usize| -> Vec<String> {
@@ -89,6 +94,7 @@ pub(super) fn write_with(
 }
 
 /// The properties of one Gaussian.
+#[expect(clippy::indexing_slicing, reason = "rows are as wide as their arrays")]
 fn push_row(
     table: &ParameterTable,
     index: usize,
@@ -123,6 +129,11 @@ pub fn read(path: &Path, normalization: &Similarity) -> Result<ParameterTable, R
 }
 
 /// [`read`] with `further` properties, one column each.
+#[expect(
+    clippy::indexing_slicing,
+    clippy::arithmetic_side_effects,
+    reason = "rows hold the columns that were looked up, as many as the degree has; their number was checked"
+)]
 pub(super) fn read_with(
     path: &Path,
     normalization: &Similarity,
@@ -188,6 +199,7 @@ pub(super) fn read_with(
 }
 
 /// Degree of the harmonics by the number of `f_rest_*` properties.
+#[expect(clippy::arithmetic_side_effects, reason = "degrees are 3 at most")]
 fn stored_degree(ply: &PlyTable<'_>) -> Result<usize, String> {
     let count = ply
         .names()

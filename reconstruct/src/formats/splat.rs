@@ -8,6 +8,10 @@
 //! Little-endian, no header; rows by volume times opacity, the largest first, so that a viewer that is
 //! still loading shows what covers most. Bytes are rounded here, `convert.py` cuts them off: the turn of a
 //! quaternion is off by half as much.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::{io::Write, path::Path};
 
@@ -45,6 +49,7 @@ pub struct SplatRow {
 
 impl SplatRow {
     /// A Gaussian as a renderer sees it, with its constant colour.
+    #[expect(clippy::indexing_slicing, reason = "the Gaussian is one of them")]
     pub fn of(gaussians: &ActivatedGaussians, index: usize) -> Self {
         let byte = |value: f32| (value.clamp(0.0, 1.0) * 255.0).round() as u8;
         let [red, green, blue] =
@@ -62,6 +67,7 @@ impl SplatRow {
         self.scale.iter().product::<f32>() * f32::from(self.rgba[3])
     }
 
+    #[expect(clippy::indexing_slicing, reason = "places within a row")]
     fn bytes(&self) -> [u8; ROW_BYTES] {
         let mut bytes = [0; ROW_BYTES];
         let (floats, rest) = bytes.split_at_mut(24);
@@ -81,6 +87,11 @@ impl SplatRow {
 ///
 /// # Errors
 /// When the file cannot be written.
+#[expect(
+    clippy::indexing_slicing,
+    clippy::arithmetic_side_effects,
+    reason = "the order is one of the rows that are there"
+)]
 pub fn write(path: &Path, rows: &[SplatRow]) -> Result<(), StoreError> {
     let mut order: Vec<(f32, u32)> = rows
         .par_iter()
@@ -134,6 +145,19 @@ pub fn read(
     normalization: &Similarity,
 ) -> Result<ParameterTable, StoreError> {
     let bytes = std::fs::read(path).map_err(|source| StoreError::read(path, source))?;
+    from_bytes(path, &bytes, placement, normalization)
+}
+
+/// [`read`] of a file's bytes; `path` names it.
+///
+/// # Errors
+/// As there.
+pub fn from_bytes(
+    path: &Path,
+    bytes: &[u8],
+    placement: &Placement,
+    normalization: &Similarity,
+) -> Result<ParameterTable, StoreError> {
     let malformed = |reason: String| StoreError::malformed(path, reason);
     let (rows, rest) = bytes.as_chunks::<ROW_BYTES>();
     if !rest.is_empty() || rows.is_empty() {
@@ -167,6 +191,7 @@ pub fn read(
 }
 
 /// A row of a file, its quaternion normalized.
+#[expect(clippy::indexing_slicing, reason = "places within a row")]
 fn parsed(bytes: &[u8; ROW_BYTES]) -> Result<SplatRow, String> {
     let mut floats = [0.0; 6];
     for (to, from) in floats.iter_mut().zip(bytes.as_chunks::<4>().0) {

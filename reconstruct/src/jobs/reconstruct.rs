@@ -156,6 +156,7 @@ pub fn reconstruct(
     let begun = Instant::now();
     let split: Split = store::read_record(&request.split)?;
     refuse_foreign_trace(request, &stage)?;
+    remove_abandoned_traces(&request.out)?;
     stage.claim(planned_files(method, &split))?;
     // A record or trace of an earlier run must not stand beside new predictions.
     store::remove(&record_path)?;
@@ -304,6 +305,19 @@ fn planned_files(method: &Method, split: &Split) -> Vec<String> {
             .map(|&file| file.to_owned()),
     );
     files
+}
+
+/// Removes what killed processes left half-written along a trace, whose rows another run need not have.
+fn remove_abandoned_traces(out: &Path) -> Result<(), StoreError> {
+    let folder = path_inside(out, TRACE_FOLDER)?;
+    if !folder.is_dir() {
+        return Ok(());
+    }
+    let folders = store::paths_in(&folder)?;
+    folders
+        .iter()
+        .filter(|folder| folder.is_dir())
+        .try_for_each(|folder| store::remove_abandoned(folder))
 }
 
 /// Refuses a folder of that name that no run has made: its rows are not known beforehand.

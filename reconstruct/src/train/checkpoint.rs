@@ -8,6 +8,10 @@
 //!
 //! On the CPU a run that is continued gives the same bits as one that was never interrupted, unless a
 //! time budget steers it.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::{fs, io::Write, path::Path, time::Duration};
 
@@ -161,10 +165,9 @@ pub fn read(
 
 /// The header's JSON and the body.
 fn split(bytes: &[u8]) -> Result<(&str, &[u8]), String> {
-    let line_end = |bytes: &[u8]| bytes.iter().position(|&byte| byte == b'\n');
     let not_one = || "is not a checkpoint".to_owned();
-    let first = line_end(bytes).ok_or_else(not_one)?;
-    let version = std::str::from_utf8(&bytes[..first])
+    let (first, rest) = line(bytes).ok_or_else(not_one)?;
+    let version = std::str::from_utf8(first)
         .ok()
         .and_then(|line| line.strip_prefix(MAGIC))
         .ok_or_else(not_one)?;
@@ -173,11 +176,15 @@ fn split(bytes: &[u8]) -> Result<(&str, &[u8]), String> {
             "is a checkpoint of version {version}, expected {VERSION}"
         ));
     }
-    let rest = &bytes[first + 1..];
-    let second = line_end(rest).ok_or("is truncated: its header does not end")?;
-    let header =
-        std::str::from_utf8(&rest[..second]).map_err(|_| "its header is not UTF-8".to_owned())?;
-    Ok((header, &rest[second + 1..]))
+    let (header, body) = line(rest).ok_or("is truncated: its header does not end")?;
+    let header = std::str::from_utf8(header).map_err(|_| "its header is not UTF-8".to_owned())?;
+    Ok((header, body))
+}
+
+/// The first line and what follows it.
+fn line(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
+    let mut parts = bytes.splitn(2, |&byte| byte == b'\n');
+    Some((parts.next()?, parts.next()?))
 }
 
 #[cfg(test)]

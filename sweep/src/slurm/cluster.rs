@@ -6,6 +6,7 @@ use std::{
     process::{Command, Output, Stdio},
 };
 
+use super::answers;
 use crate::error::SweepError;
 
 /// One more than the highest index of an array's tasks, and with it the most tasks of an array.
@@ -14,11 +15,7 @@ use crate::error::SweepError;
 /// When Slurm does not tell.
 pub(super) fn max_array_size() -> Result<usize, SweepError> {
     let text = output("scontrol", &["show", "config"], None)?;
-    let line = text
-        .lines()
-        .find_map(|line| line.trim().strip_prefix("MaxArraySize"));
-    line.and_then(|rest| rest.trim().strip_prefix('=')?.trim().parse().ok())
-        .filter(|size| *size > 0)
+    answers::max_array_size(&text)
         .ok_or_else(|| failed("scontrol show config", "does not say MaxArraySize"))
 }
 
@@ -28,7 +25,7 @@ pub(super) fn max_array_size() -> Result<usize, SweepError> {
 /// When Slurm does not tell.
 pub(super) fn queued_tasks() -> Result<BTreeSet<String>, SweepError> {
     let text = output("squeue", &["--noheader", "--array", "--format=%F_%K"], None)?;
-    Ok(text.lines().map(|line| line.trim().to_owned()).collect())
+    Ok(answers::queued_tasks(&text))
 }
 
 /// Submits a script and returns the job's id.
@@ -38,12 +35,7 @@ pub(super) fn queued_tasks() -> Result<BTreeSet<String>, SweepError> {
 pub(super) fn sbatch(options: &[String], script: &str) -> Result<String, SweepError> {
     let options: Vec<&str> = options.iter().map(String::as_str).collect();
     let text = output("sbatch", &options, Some(script))?;
-    // `<id>` or `<id>;<cluster>`.
-    let id = text.trim().split(';').next().unwrap_or_default();
-    if id.is_empty() {
-        return Err(failed("sbatch", "printed no job id"));
-    }
-    Ok(id.to_owned())
+    answers::job_id(&text).ok_or_else(|| failed("sbatch", "printed no job id"))
 }
 
 /// Puts a running job back into the queue.

@@ -5,6 +5,7 @@
 //! locks its unit, so that one that was submitted twice is not done twice at a time. Some time before a job's limit Slurm signals the runner;
 //! the unit writes its checkpoint, and the task goes back into the queue.
 
+pub mod answers;
 mod arrays;
 mod cluster;
 

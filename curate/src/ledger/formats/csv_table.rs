@@ -1,5 +1,9 @@
 //! Our own table: `begin_seconds,end_seconds,kind`, of which the last two may be left out. A row
 //! with one instant is the first frame of a new shot.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::fmt::Write;
 
@@ -30,7 +34,7 @@ fn read(text: &str, frames: &Frames<'_>) -> Result<Vec<Boundary>, String> {
     let (end, kind_column) = (column("end_seconds"), column("kind"));
     let mut boundaries = Vec::new();
     for (row, record) in reader.records().enumerate() {
-        let in_row = |reason: String| format!("row {}: {reason}", row + 1);
+        let in_row = |reason: String| format!("row {}: {reason}", row.saturating_add(1));
         let record = record.map_err(|error| in_row(error.to_string()))?;
         let field = |column: Option<usize>| {
             column

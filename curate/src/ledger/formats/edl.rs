@@ -1,6 +1,10 @@
 //! An edit decision list, CMX 3600: one event per shot with timecodes in whole frames, without
 //! dropped numbers. A gradual transition is an event of type D, whose dissolve lies before the part
 //! of the new shot that is its own.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::fmt::Write;
 
@@ -33,33 +37,39 @@ fn read(text: &str, frames: &Frames<'_>) -> Result<Vec<Boundary>, String> {
     let mut previous_out = None;
     for line in text.lines() {
         let words: Vec<&str> = line.split_whitespace().collect();
-        let is_event = words.len() >= 8
-            && words[0].bytes().all(|byte| byte.is_ascii_digit())
-            && words[words.len() - 1].contains(':');
-        if !is_event {
+        let [number, _, _, kind, rest @ ..] = &words[..] else {
+            continue;
+        };
+        let [.., source_in, source_out, _, record_out] = rest else {
+            continue;
+        };
+        if !number.bytes().all(|byte| byte.is_ascii_digit()) || !record_out.contains(':') {
             continue;
         }
-        let source_in = frame_number(words[words.len() - 4], base)?;
-        let source_out = frame_number(words[words.len() - 3], base)?;
+        let source_in = frame_number(source_in, base)?;
+        let source_out = frame_number(source_out, base)?;
         // Some editors write a dissolve as two lines, of which the first has no length.
         if source_in == source_out {
             continue;
         }
         if let Some(out) = previous_out {
-            let length = match words[3] {
-                "D" => words[4]
-                    .parse::<usize>()
-                    .map_err(|_| format!("event {}: no length of a dissolve", words[0]))?,
+            let length = match (*kind, rest.first().map(|word| word.parse::<usize>())) {
+                ("D", Some(Ok(length))) => length,
+                ("D", _) => return Err(format!("event {number}: no length of a dissolve")),
                 _ => 0,
             };
             let last = usize::checked_sub(out, 1).ok_or("an event ends at frame 0")?;
-            boundaries.push(frames.between(last, source_in + length)?);
+            boundaries.push(frames.between(last, source_in.saturating_add(length))?);
         }
         previous_out = Some(source_out);
     }
     Ok(boundaries)
 }
 
+#[expect(
+    clippy::arithmetic_side_effects,
+    reason = "numbers of frames that are there"
+)]
 fn write(boundaries: &[Boundary], frames: &Frames<'_>) -> Result<String, String> {
     let base = base(frames);
     let mut text = format!("TITLE: {}\nFCM: NON-DROP FRAME\n\n", frames.video);
@@ -83,6 +93,7 @@ fn write(boundaries: &[Boundary], frames: &Frames<'_>) -> Result<String, String>
 }
 
 /// `HH:MM:SS:FF`.
+#[expect(clippy::arithmetic_side_effects, reason = "the base is 1 at least")]
 fn timecode(frame: usize, base: usize) -> String {
     let seconds = frame / base;
     format!(
@@ -96,12 +107,13 @@ fn timecode(frame: usize, base: usize) -> String {
 
 fn frame_number(timecode: &str, base: usize) -> Result<usize, String> {
     let parts: Result<Vec<usize>, _> = timecode.split(':').map(str::parse).collect();
-    match parts.as_deref() {
-        Ok(&[hours, minutes, seconds, frame]) if frame < base => {
-            Ok(((hours * 60 + minutes) * 60 + seconds) * base + frame)
-        }
-        _ => Err(format!(
-            "{timecode} is no timecode of {base} frames per second"
-        )),
-    }
+    let number = match parts.as_deref() {
+        Ok(&[hours, minutes, seconds, frame]) if frame < base => hours
+            .checked_mul(60)
+            .and_then(|whole| whole.checked_add(minutes)?.checked_mul(60))
+            .and_then(|whole| whole.checked_add(seconds)?.checked_mul(base))
+            .and_then(|whole| whole.checked_add(frame)),
+        _ => None,
+    };
+    number.ok_or_else(|| format!("{timecode} is no timecode of {base} frames per second"))
 }

@@ -1,5 +1,9 @@
 //! Label Studio's JSON of a project with video timeline labels: a list of tasks, whose annotations
 //! hold results of type `timelinelabels` with frame ranges, numbered from 1.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use omnilife_schemas::records::Boundary;
 use serde::Deserialize;
@@ -51,7 +55,11 @@ struct FrameRange {
 fn read(text: &str, frames: &Frames<'_>) -> Result<Vec<Boundary>, String> {
     let tasks: Vec<Task> = serde_json::from_str(text).map_err(|error| error.to_string())?;
     let is_ours = |task: &&Task| {
-        let video = task.data["video"].as_str().unwrap_or_default();
+        let video = task
+            .data
+            .get("video")
+            .and_then(Value::as_str)
+            .unwrap_or_default();
         // Label Studio puts a prefix before the names of uploaded files.
         tasks.len() == 1 || video.ends_with(frames.video)
     };
@@ -89,7 +97,7 @@ fn read(text: &str, frames: &Frames<'_>) -> Result<Vec<Boundary>, String> {
             } else {
                 first
             };
-            let end = last.max(begin + 1);
+            let end = last.max(begin.saturating_add(1));
             let mut boundary = frames.between(begin, end)?;
             boundary.kind = kind(label)?;
             boundaries.push(boundary);
@@ -101,8 +109,8 @@ fn read(text: &str, frames: &Frames<'_>) -> Result<Vec<Boundary>, String> {
 fn write(boundaries: &[Boundary], frames: &Frames<'_>) -> Result<String, String> {
     let mut results = Vec::new();
     for (index, boundary) in boundaries.iter().enumerate() {
-        let first = frames.nearest(boundary.begin_seconds)? + 1;
-        let last = frames.nearest(boundary.end_seconds)? + 1;
+        let first = frames.nearest(boundary.begin_seconds)?.saturating_add(1);
+        let last = frames.nearest(boundary.end_seconds)?.saturating_add(1);
         results.push(json!({
             "id": format!("boundary-{index}"),
             "type": "timelinelabels",

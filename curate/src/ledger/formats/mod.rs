@@ -6,6 +6,10 @@
 //! a boundary between neighbouring frames is a cut and a longer one is gradual.
 //!
 //! To add a format: one file, and one line in [`FORMATS`].
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 mod csv_table;
 mod edl;
@@ -88,14 +92,9 @@ impl Frames<'_> {
         }
         let after = self.times.partition_point(|&time| time < seconds);
         let before = after.saturating_sub(1);
-        let after = after.min(self.times.len() - 1);
-        Ok(
-            if seconds - self.times[before] <= self.times[after] - seconds {
-                before
-            } else {
-                after
-            },
-        )
+        let after = after.min(self.times.len().saturating_sub(1));
+        let is_before = seconds - self.time(before)? <= self.time(after)? - seconds;
+        Ok(if is_before { before } else { after })
     }
 
     /// Timestamp of a frame.
@@ -112,7 +111,7 @@ impl Frames<'_> {
     fn frames_per_second(&self) -> f64 {
         match (self.times.first(), self.times.last()) {
             (Some(first), Some(last)) if last > first => {
-                (self.times.len() - 1) as f64 / (last - first)
+                self.times.len().saturating_sub(1) as f64 / (last - first)
             }
             _ => 1.0,
         }
@@ -128,7 +127,7 @@ impl Frames<'_> {
         Ok(Boundary {
             begin_seconds: self.time(last)?,
             end_seconds: self.time(first)?,
-            kind: if first == last + 1 {
+            kind: if first.checked_sub(1) == Some(last) {
                 BoundaryKind::Cut
             } else {
                 BoundaryKind::Gradual
@@ -144,7 +143,7 @@ impl Frames<'_> {
         let last = self.nearest(begin)?;
         if begin == end || last >= first {
             let first = first.max(1);
-            return self.between(first - 1, first);
+            return self.between(first.saturating_sub(1), first);
         }
         self.between(last, first)
     }
@@ -174,8 +173,9 @@ impl Frames<'_> {
             self.time(last.saturating_sub(1))?;
         }
         shots
-            .windows(2)
-            .map(|pair| self.between(pair[0].1, pair[1].0))
+            .iter()
+            .zip(shots.iter().skip(1))
+            .map(|((_, last), (first, _))| self.between(*last, *first))
             .collect()
     }
 }

@@ -1,5 +1,9 @@
 //! PySceneDetect's list of scenes (`scenedetect list-scenes`): a table of shots with frames from 1,
 //! whose first line may list timecodes.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::fmt::Write;
 
@@ -26,7 +30,7 @@ pub(super) const FORMAT: Format = Format {
 fn read(text: &str, frames: &Frames<'_>) -> Result<Vec<Boundary>, String> {
     let table = text
         .find("Scene Number")
-        .map(|at| &text[at..])
+        .and_then(|at| text.get(at..))
         .ok_or("there is no column Scene Number")?;
     let mut reader = csv::Reader::from_reader(table.as_bytes());
     let headers = reader.headers().map_err(|error| error.to_string())?.clone();
@@ -45,13 +49,22 @@ fn read(text: &str, frames: &Frames<'_>) -> Result<Vec<Boundary>, String> {
                 .get(at)
                 .and_then(|field| field.trim().parse::<usize>().ok())
                 .and_then(|frame| frame.checked_sub(1))
-                .ok_or_else(|| format!("scene {}: no frame number from 1", shots.len() + 1))
+                .ok_or_else(|| {
+                    format!(
+                        "scene {}: no frame number from 1",
+                        shots.len().saturating_add(1)
+                    )
+                })
         };
         shots.push((frame(start)?, frame(end)?));
     }
     frames.boundaries(&shots)
 }
 
+#[expect(
+    clippy::arithmetic_side_effects,
+    reason = "numbers of frames that are there"
+)]
 fn write(boundaries: &[Boundary], frames: &Frames<'_>) -> Result<String, String> {
     let mut text = format!("{HEADER}\n");
     // Their times count from the first frame, their ends are the first instant outside.

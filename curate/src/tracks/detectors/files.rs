@@ -4,6 +4,10 @@
 //! per line, frames from 1 on in the order of the scene's frames; the id may be -1, and what follows the
 //! height may be missing. COCO JSON: `images`, `annotations` with `bbox` and perhaps `score`,
 //! `categories`; images are matched by the name of their file.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -101,14 +105,15 @@ fn read_mot(
         if line.is_empty() || line.starts_with('#') {
             continue;
         }
-        let malformed =
-            |reason: String| StoreError::malformed(path, format!("line {}: {reason}", number + 1));
+        let malformed = |reason: String| {
+            StoreError::malformed(path, format!("line {}: {reason}", number.saturating_add(1)))
+        };
         let words: Vec<&str> = line.split(',').map(str::trim).collect();
         if words.len() < 6 {
             return Err(malformed("expected frame,id,left,top,width,height".to_owned()).into());
         }
         let value = |index: usize| -> Result<f64, StoreError> {
-            let word = words[index];
+            let word = words.get(index).copied().unwrap_or_default();
             word.parse()
                 .map_err(|_| malformed(format!("{word:?} is no number")))
         };
@@ -127,7 +132,12 @@ fn read_mot(
         if found.len() == MOST_BOXES {
             return Err(malformed(format!("holds more than {MOST_BOXES} boxes")).into());
         }
-        found.push(detection(frame as u32 - 1, sides, confidence, "vehicle"));
+        found.push(detection(
+            (frame as u32).saturating_sub(1),
+            sides,
+            confidence,
+            "vehicle",
+        ));
     }
     Ok(found)
 }

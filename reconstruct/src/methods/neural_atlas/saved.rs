@@ -5,6 +5,10 @@
 //!            order colour, opacity, flow, view, offsets of the trajectory, what was painted; then the
 //!            camera's offsets
 //! ```
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
 
 use std::path::Path;
 

@@ -1,0 +1,193 @@
+//! Every command that writes, on a machine that fails it: a full disk, a disk that cannot be written, a
+//! folder of somebody else, too little memory, too few open files. It ends in one line and leaves
+//! nothing half; without the fault it then does what an undisturbed run does.
+//!
+//! An ordinary test run meets each command with one of the faults; `scripts/reliability faults` with
+//! all of them, and prints a table.
+
+use std::{
+    fs,
+    os::unix::fs::PermissionsExt,
+    path::Path,
+    process::{Command, Stdio},
+};
+
+use crate::{
+    outcomes::{Expected, ending_fault},
+    support::{Ended, SmallDisk},
+    trial::{Trial, variable},
+    writing_commands::Inputs,
+};
+
+/// Room of the disk, KiB: for every command with what it begins from.
+const DISK_KIBIBYTES: u32 = 128 << 10;
+/// What the full disk has left, KiB.
+const LEFT_KIBIBYTES: [u64; 3] = [0, 8, 200];
+/// Address space of the process, KiB. The libraries alone take the first.
+const MEMORY_KIBIBYTES: [u32; 3] = [300 << 10, 320 << 10, 360 << 10];
+/// Open files; the system's loader takes three, and standard input and output are three more.
+const OPEN_FILES: [u32; 3] = [6, 10, 16];
+
+/// What goes wrong with the machine.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Fault {
+    FullDisk,
+    ReadOnly,
+    NoPermission,
+    LittleMemory,
+    FewOpenFiles,
+}
+
+const FAULTS: [(Fault, &str); 5] = [
+    (Fault::FullDisk, "full disk"),
+    (Fault::ReadOnly, "read-only disk"),
+    (Fault::NoPermission, "no permission"),
+    (Fault::LittleMemory, "little memory"),
+    (Fault::FewOpenFiles, "few open files"),
+];
+
+impl Fault {
+    /// How the command ends, run with this fault in several degrees.
+    fn meet(self, trial: &Trial<'_>) -> Vec<Ended> {
+        let limited = |limits: [u32; 3], option: &str| {
+            let run = |limit: u32| {
+                trial.reset();
+                let script = format!("ulimit {option} {limit} && exec \"$0\" \"$@\"");
+                trial.run_through(&["sh", "-c", &script])
+            };
+            limits.into_iter().map(run).collect()
+        };
+        match self {
+            Self::FullDisk => LEFT_KIBIBYTES
+                .iter()
+                .map(|&left| on_a_full_disk(trial, left))
+                .collect(),
+            Self::ReadOnly => {
+                trial.reset();
+                assert!(remount(&trial.folder, "ro"));
+                let ended = trial.run();
+                assert!(remount(&trial.folder, "rw"));
+                vec![ended]
+            }
+            Self::NoPermission => {
+                trial.reset();
+                vec![as_somebody_else(trial)]
+            }
+            Self::LittleMemory => limited(MEMORY_KIBIBYTES, "-v"),
+            Self::FewOpenFiles => limited(OPEN_FILES, "-n"),
+        }
+    }
+}
+
+fn remount(folder: &Path, how: &str) -> bool {
+    let mut command = Command::new("mount");
+    command.args(["-o", &format!("remount,{how}")]).arg(folder);
+    let status = command.stdout(Stdio::null()).stderr(Stdio::null()).status();
+    status.is_ok_and(|status| status.success())
+}
+
+fn on_a_full_disk(trial: &Trial<'_>, left_kibibytes: u64) -> Ended {
+    trial.reset();
+    let (filler, block) = (trial.folder.join("filler"), vec![0; 1 << 10]);
+    let mut file = fs::File::create(&filler).unwrap();
+    let mut written = 0_u64;
+    while std::io::Write::write_all(&mut file, &block).is_ok() {
+        written += 1;
+    }
+    file.set_len(written.saturating_sub(left_kibibytes) << 10)
+        .unwrap();
+    drop(file);
+    let ended = trial.run();
+    fs::remove_file(filler).unwrap();
+    ended
+}
+
+/// Folders can be read, and nothing in them written.
+fn as_somebody_else(trial: &Trial<'_>) -> Ended {
+    let is_root =
+        fs::metadata("/proc/self").is_ok_and(|own| std::os::unix::fs::MetadataExt::uid(&own) == 0);
+    if is_root {
+        return trial.run_through(&[
+            "setpriv",
+            "--reuid=65534",
+            "--regid=65534",
+            "--clear-groups",
+        ]);
+    }
+    let folders = [trial.folder.join("work"), trial.out()];
+    let permit = |mode: u32| {
+        for folder in folders.iter().filter(|folder| folder.is_dir()) {
+            fs::set_permissions(folder, fs::Permissions::from_mode(mode)).unwrap();
+        }
+    };
+    permit(0o555);
+    let ended = trial.run();
+    permit(0o755);
+    ended
+}
+
+#[test]
+fn every_command_on_a_machine_that_fails_it() {
+    let is_whole = variable::<u32>("OMNILIFE_FAULTS").is_some();
+    let Some(disk) = SmallDisk::mount(DISK_KIBIBYTES) else {
+        omnilife_schemas::testing::skip("a small disk cannot be mounted here");
+        return;
+    };
+    let inputs = Inputs::prepare();
+    fs::set_permissions(disk.folder(), fs::Permissions::from_mode(0o755)).unwrap();
+    let mut wrong = Vec::new();
+    let names: Vec<&str> = FAULTS.iter().map(|(_, name)| *name).collect();
+    println!(
+        "| command | {} |\n|---|{}",
+        names.join(" | "),
+        "---|".repeat(names.len())
+    );
+    for (number, command) in inputs.chosen_commands().iter().enumerate() {
+        let trial = Trial {
+            command,
+            inputs: &inputs,
+            folder: disk.folder().to_owned(),
+        };
+        let undisturbed = (0..2).map(|_| {
+            trial.reset();
+            trial.run().succeeded();
+            trial.left()
+        });
+        let expected = Expected::of(undisturbed.collect());
+        let mut cells = Vec::new();
+        for (at, (fault, name)) in FAULTS.into_iter().enumerate() {
+            if !is_whole && number % FAULTS.len() != at {
+                cells.push(String::new());
+                continue;
+            }
+            let ends = fault.meet(&trial);
+            let mut faults: Vec<String> = ends.iter().filter_map(ending_fault).collect();
+            let half = trial
+                .left()
+                .into_keys()
+                .filter(|file| file.contains(".tmp-"));
+            // A disk that cannot be written and a process that has no memory leave what there was.
+            if matches!(fault, Fault::FullDisk | Fault::FewOpenFiles) {
+                faults.extend(half.map(|file| format!("{file}: left over")));
+            }
+            faults.extend(trial.run_again(&expected));
+            let codes: Vec<String> = ends
+                .iter()
+                .map(|ended| {
+                    ended
+                        .code
+                        .map_or_else(|| "killed".to_owned(), |code| code.to_string())
+                })
+                .collect();
+            let mark = if faults.is_empty() { "" } else { " WRONG" };
+            cells.push(codes.join(" ") + mark);
+            wrong.extend(
+                faults
+                    .into_iter()
+                    .map(|fault| format!("{}: {name}: {fault}", command.shown())),
+            );
+        }
+        println!("| `{}` | {} |", command.shown(), cells.join(" | "));
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}

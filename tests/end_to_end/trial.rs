@@ -1,0 +1,137 @@
+//! One command in a folder of its own, run again and again from the same state.
+
+use std::{
+    ffi::OsStr,
+    fs,
+    path::PathBuf,
+    process::{Child, Command, Stdio},
+};
+
+use assert_cmd::cargo::cargo_bin;
+
+use crate::{
+    outcomes::{Expected, Files, left_in},
+    support::{Ended, omnilife},
+    writing_commands::{Inputs, WritingCommand, copy},
+};
+
+/// A number in an environment variable.
+pub(crate) fn variable<T: std::str::FromStr>(name: &str) -> Option<T> {
+    std::env::var(name).ok()?.parse().ok()
+}
+
+/// The binary through a program that runs it.
+fn through<S: AsRef<OsStr>>(wrapper: &[&str], words: impl IntoIterator<Item = S>) -> Command {
+    let program = cargo_bin!("omnilife");
+    let mut command = match wrapper {
+        [] => Command::new(program),
+        [first, rest @ ..] => {
+            let mut command = Command::new(first);
+            command.args(rest).arg(program);
+            command
+        }
+    };
+    command
+        .args(words)
+        .env_remove("OMNILIFE_SFM_PYTHON")
+        .env("OMNILIFE_DATA", "/nonexistent")
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
+    command
+}
+
+fn ended(mut command: Command) -> Ended {
+    let output = command.output().unwrap();
+    Ended {
+        code: output.status.code(),
+        stdout: String::from_utf8_lossy(&output.stdout).into_owned(),
+        stderr: String::from_utf8_lossy(&output.stderr).into_owned(),
+    }
+}
+
+/// Runs the binary quietly by another program, such as one that limits it.
+pub(crate) fn omnilife_through(wrapper: &[&str], words: &[&str]) -> Ended {
+    ended(through(wrapper, ["--quiet"].iter().chain(words)))
+}
+
+/// A command and the folder that it writes into, always the same, since records hold paths.
+pub(crate) struct Trial<'a> {
+    pub(crate) command: &'a WritingCommand,
+    pub(crate) inputs: &'a Inputs,
+    pub(crate) folder: PathBuf,
+}
+
+impl Trial<'_> {
+    pub(crate) fn out(&self) -> PathBuf {
+        self.folder.join("work/out")
+    }
+
+    /// The state from which the command begins.
+    pub(crate) fn reset(&self) {
+        let work = self.folder.join("work");
+        if work.exists() {
+            fs::remove_dir_all(&work).unwrap();
+        }
+        fs::create_dir(&work).unwrap();
+        match &self.command.copy_of {
+            Some(from) => copy(from, &self.out()),
+            // Some write a file into a folder that has to be there.
+            None if self
+                .command
+                .words
+                .iter()
+                .any(|word| word.starts_with("OUT/")) =>
+            {
+                fs::create_dir(self.out()).unwrap();
+            }
+            None => {}
+        }
+    }
+
+    /// The command through a program that runs it.
+    fn through(&self, wrapper: &[&str]) -> Command {
+        let words = self.command.arguments(self.inputs, &self.out());
+        through(wrapper, words)
+    }
+
+    /// Starts the command.
+    pub(crate) fn start(&self) -> Child {
+        self.through(&[]).spawn().unwrap()
+    }
+
+    /// Runs the command to its end.
+    pub(crate) fn run(&self) -> Ended {
+        self.run_through(&[])
+    }
+
+    /// Runs the command to its end, by another program.
+    pub(crate) fn run_through(&self, wrapper: &[&str]) -> Ended {
+        ended(self.through(wrapper))
+    }
+
+    /// Everything below and beside the output folder.
+    pub(crate) fn left(&self) -> Files {
+        left_in(&self.folder.join("work"))
+    }
+
+    /// Runs the command to its end in what is there; what is wrong with that.
+    pub(crate) fn run_again(&self, expected: &Expected) -> Vec<String> {
+        if self.command.words[..2] == ["sweep", "run"] {
+            // Units that failed stay failed until they are asked for.
+            omnilife(["--quiet", "sweep", "retry", self.out().to_str().unwrap()]).succeeded();
+        }
+        let Ended { code, stderr, .. } = self.run();
+        // Finished work of some commands is refused, not done again.
+        let is_finished = code == Some(2) && stderr.lines().count() == 1;
+        let faults = expected.faults(&self.left());
+        if code == Some(0) || is_finished && faults.is_empty() {
+            return faults;
+        }
+        vec![format!(
+            "run again it ended with {code:?}: {}; {}",
+            stderr.trim_end(),
+            faults.join(", ")
+        )]
+    }
+}

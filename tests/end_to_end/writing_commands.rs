@@ -1,0 +1,373 @@
+//! Every command that writes, with what it needs to succeed: tests walk the list.
+
+use std::{
+    fs,
+    os::unix::fs::PermissionsExt,
+    path::{Path, PathBuf},
+};
+
+use tempfile::TempDir;
+
+use crate::support::{METHOD, SEQUENCE, SMALL, files, omnilife, sample, scratch, small_run};
+
+/// Commands that write nothing but what they print.
+const WRITES_NOTHING: &[&str] = &[
+    "bench compare",
+    "bench diagnose",
+    "bench list",
+    "bench tracks",
+    "bench validate",
+    "completions",
+    "curate ledger agreement",
+    "curate ledger export",
+    "curate ledger show",
+    "curate probe",
+    "curate projection",
+    "curate verify",
+    "doctor",
+    "reconstruct methods",
+    "reconstruct plan",
+    "reconstruct serve",
+    "sweep status",
+];
+/// Commands that write and are not walked, with the reason.
+const ELSEWHERE: &[(&str, &str)] = &[
+    (
+        "bench stability",
+        "takes minutes; writes as bench curve does",
+    ),
+    ("curate build", "is curate"),
+    (
+        "sweep plan commands",
+        "writes as the other plans do; makes the sweep that is run",
+    ),
+    (
+        "sweep retry",
+        "needs a unit that has failed: the tests of sweeps",
+    ),
+    ("sweep submit", "needs Slurm: the tests of sweeps"),
+];
+
+/// A command that writes.
+pub(crate) struct WritingCommand {
+    /// Its words, where `OUT` stands for the folder that it writes into.
+    pub(crate) words: Vec<String>,
+    /// Where the folder begins as a copy of this one.
+    pub(crate) copy_of: Option<PathBuf>,
+    /// The exit code where the folder holds files of others.
+    pub(crate) code_among_foreign_files: i32,
+}
+
+impl WritingCommand {
+    fn new(words: &str, code_among_foreign_files: i32) -> Self {
+        let method = small_run().out.join(METHOD);
+        let sequence = small_run().out.join(SEQUENCE);
+        let places = [
+            ("DATASET", small_run().out.clone()),
+            ("SEQUENCE", sequence.clone()),
+            ("SCENE", sequence.join("scene.json")),
+            ("SPLIT", sequence.join("per-scene/split.json")),
+            ("RUN", method.join("run")),
+            ("VIDEO", sample("street.mp4")),
+            ("POSES", sample("poses.json")),
+        ];
+        let fill = |word: &str| {
+            let (name, rest) = word.split_once('/').unwrap_or((word, ""));
+            match places.iter().find(|(place, _)| *place == name) {
+                Some((_, path)) if rest.is_empty() => path.to_str().unwrap().to_owned(),
+                Some((_, path)) => path.join(rest).to_str().unwrap().to_owned(),
+                None => word.to_owned(),
+            }
+        };
+        Self {
+            words: words.split_whitespace().map(fill).collect(),
+            copy_of: None,
+            code_among_foreign_files,
+        }
+    }
+
+    /// One that works on a folder of the sample's run.
+    fn in_place(folder: &str, words: &str) -> Self {
+        Self::copying(&small_run().out.join(folder), words)
+    }
+
+    /// One that works on a copy of this folder.
+    fn copying(folder: &Path, words: &str) -> Self {
+        Self {
+            copy_of: Some(folder.to_owned()),
+            ..Self::new(words, 0)
+        }
+    }
+
+    /// The words that name it, without its arguments.
+    pub(crate) fn name(&self) -> String {
+        let is_name = |word: &&String| word.chars().all(|letter| letter.is_ascii_lowercase());
+        let most = if self.words[..2] == ["sweep", "plan"] || self.words[1] == "ledger" {
+            3
+        } else {
+            2
+        };
+        let words: Vec<&str> = self
+            .words
+            .iter()
+            .take(most)
+            .take_while(is_name)
+            .map(String::as_str)
+            .collect();
+        words.join(" ")
+    }
+
+    /// Its words without folders.
+    pub(crate) fn shown(&self) -> String {
+        let name = |word: &String| match Path::new(word) {
+            path if path.is_absolute() => {
+                let name = path.file_name().unwrap_or_default();
+                name.to_string_lossy().into_owned()
+            }
+            _ => word.clone(),
+        };
+        self.words.iter().map(name).collect::<Vec<_>>().join(" ")
+    }
+
+    /// What follows `omnilife`, quietly, with `out` as the folder.
+    pub(crate) fn arguments(&self, inputs: &Inputs, out: &Path) -> Vec<String> {
+        let moved = inputs.file("moved.json");
+        let fill = |word: &String| match word.as_str() {
+            "MOVED" => moved.clone(),
+            "OUT" => out.to_str().unwrap().to_owned(),
+            word => word.strip_prefix("OUT/").map_or_else(
+                || word.to_owned(),
+                |rest| out.join(rest).to_str().unwrap().to_owned(),
+            ),
+        };
+        let words = self.words.iter().map(fill);
+        std::iter::once("--quiet".to_owned()).chain(words).collect()
+    }
+}
+
+/// What several commands read.
+pub(crate) struct Inputs {
+    folder: TempDir,
+}
+
+impl Inputs {
+    /// Makes it.
+    pub(crate) fn prepare() -> Self {
+        let inputs = Self { folder: scratch() };
+        // Other users read them too.
+        fs::set_permissions(inputs.folder.path(), fs::Permissions::from_mode(0o755)).unwrap();
+        let write = |name: &str, text: &str| fs::write(inputs.file(name), text).unwrap();
+        write(
+            "method.toml",
+            "id = \"m\"\n[render]\ncommand = [\"true\"]\n\
+             [predictions]\nnovel = \"{work}/{frame:06}.png\"\n",
+        );
+        write("edit.toml", "edit = []\n");
+        write("lines.txt", "true\ntrue\n");
+        write("cuts.csv", "begin_seconds,end_seconds\n0.4,0.44\n");
+        write(
+            "card.toml",
+            "method = \"odgs\"\ntitle = \"ODGS\"\nauthors = [\"A\"]\nlicence = \"MIT\"\nhardware = \"x\"\n",
+        );
+        let at = |name: &str| inputs.file(name);
+        for words in [
+            format!(
+                "reconstruct train SCENE --split SPLIT --iterations 10 --trace 5 --out {}",
+                at("traced")
+            ),
+            format!(
+                "bench score --scene SCENE --split SPLIT --run {}/run.json --out {}",
+                at("traced"),
+                at("traced-score")
+            ),
+            format!(
+                "reconstruct train SCENE --split SPLIT --method nag --iterations 2 --set rays=64 --out {}",
+                at("nag")
+            ),
+            format!(
+                "curate export SEQUENCE --format colmap --out {}",
+                at("colmap")
+            ),
+            format!(
+                "leaderboard submit DATASET --card {} --out {}",
+                at("card.toml"),
+                at("submission")
+            ),
+            format!(
+                "sweep plan commands {} --reduce true --out {}",
+                at("lines.txt"),
+                at("sweep")
+            ),
+        ] {
+            omnilife(&WritingCommand::new(&words, 0).words).succeeded();
+        }
+        // Poses of the sample, without masks or points.
+        let text = fs::read_to_string(sample("poses.json")).unwrap();
+        let mut poses: serde_json::Value = serde_json::from_str(&text).unwrap();
+        poses.as_object_mut().unwrap().remove("points");
+        for frame in poses["frames"].as_array_mut().unwrap() {
+            frame.as_object_mut().unwrap().remove("mask");
+        }
+        write("moved.json", &poses.to_string());
+        inputs
+    }
+
+    /// The path of one of them.
+    pub(crate) fn file(&self, name: &str) -> String {
+        self.folder.path().join(name).to_str().unwrap().to_owned()
+    }
+
+    /// Those whose words hold what `OMNILIFE_ONLY` says; without it, all.
+    pub(crate) fn chosen_commands(&self) -> Vec<WritingCommand> {
+        let mut commands = self.commands();
+        if let Ok(only) = std::env::var("OMNILIFE_ONLY") {
+            commands.retain(|command| command.words.join(" ").contains(&only));
+        }
+        commands
+    }
+
+    /// Every command that writes.
+    pub(crate) fn commands(&self) -> Vec<WritingCommand> {
+        let extra = self.folder.path().display();
+        let small = SMALL.join(" ");
+        let new = |words: &str, code| WritingCommand::new(words, code);
+        vec![
+            // A dataset is made in a folder of its own.
+            new(&format!("run VIDEO --poses POSES {small} --out OUT"), 2),
+            new("curate VIDEO --criteria none --width 64 --out OUT", 2),
+            new(
+                "curate video VIDEO --criteria none --width 64 --folder OUT",
+                2,
+            ),
+            new("curate export SEQUENCE --format colmap --out OUT", 2),
+            new(
+                &format!("curate import {extra}/colmap --format colmap --out OUT"),
+                2,
+            ),
+            new(
+                &format!("leaderboard submit DATASET --card {extra}/card.toml --out OUT"),
+                2,
+            ),
+            WritingCommand::in_place(
+                "",
+                &format!("run VIDEO --poses POSES {small} --out OUT --iterations 20"),
+            ),
+            WritingCommand::in_place("", "curate publish OUT"),
+            WritingCommand::in_place("", "curate annotate OUT"),
+            WritingCommand::in_place(SEQUENCE, "curate poses OUT --poses POSES"),
+            WritingCommand::in_place(SEQUENCE, "curate poses OUT --poses MOVED"),
+            WritingCommand::in_place(SEQUENCE, "curate masks OUT --from OUT/masks"),
+            new("curate slice VIDEO --end 0.5 --out OUT/slice.mp4", 0),
+            new("curate boundaries VIDEO --signals OUT/signals.parquet", 0),
+            new("bench split SCENE --out OUT/split.json", 0),
+            new(
+                "bench score --scene SCENE --split SPLIT --run RUN/run.json --out OUT",
+                0,
+            ),
+            new(
+                "bench score --scene SCENE --split SPLIT --novel-views RUN/predictions/novel --method m --out OUT",
+                0,
+            ),
+            new(
+                &format!(
+                    "bench external {extra}/method.toml --scene SCENE --split SPLIT --out OUT"
+                ),
+                0,
+            ),
+            new(
+                "bench failed m --scene SCENE --split SPLIT --reason no --out OUT",
+                0,
+            ),
+            new(&format!("bench curve {extra}/traced-score --out OUT"), 0),
+            new("bench adapter pvg --out OUT", 0),
+            new(
+                "bench run SCENE --methods nearest-input,cross-fade --protocols per-scene --out OUT",
+                0,
+            ),
+            new(
+                "bench ablate SCENE --method periodic --plan full --iterations 3 --out OUT",
+                0,
+            ),
+            new(
+                "reconstruct train SCENE --split SPLIT --iterations 5 --out OUT",
+                0,
+            ),
+            new(
+                "reconstruct train SCENE --split SPLIT --method cross-fade --out OUT",
+                0,
+            ),
+            new(
+                "reconstruct render RUN --poses SCENE --size 32x16 --out OUT",
+                0,
+            ),
+            new("reconstruct export RUN --out OUT", 0),
+            new(&format!("reconstruct atlas {extra}/nag --out OUT"), 0),
+            new(
+                &format!("reconstruct edit {extra}/nag --script {extra}/edit.toml --out OUT"),
+                0,
+            ),
+            new("leaderboard build DATASET --out OUT", 0),
+            new(
+                &format!("leaderboard add {extra}/submission --results OUT"),
+                0,
+            ),
+            new("sweep plan curate VIDEO --dataset OUT/dataset --out OUT", 0),
+            new(
+                "sweep plan bench SCENE --methods odgs --results OUT/results --out OUT",
+                0,
+            ),
+            WritingCommand::in_place(
+                "videos/street",
+                "curate audit OUT --video VIDEO --out OUT/audit.html",
+            ),
+            new("curate tracks SEQUENCE --split SPLIT --out OUT", 0),
+            WritingCommand::in_place(
+                "videos/street",
+                &format!(
+                    "curate ledger merge OUT {extra}/cuts.csv --author kim --time 2026-01-01T00:00:00Z"
+                ),
+            ),
+            new("curate select DATASET --count 1 --out OUT", 0),
+            new("leaderboard gallery DATASET --out OUT/gallery", 0),
+            new(
+                "leaderboard figure DATASET --methods odgs --out OUT/figure",
+                0,
+            ),
+            WritingCommand::copying(&self.folder.path().join("sweep"), "sweep run OUT"),
+            WritingCommand::copying(&self.folder.path().join("sweep"), "sweep reduce OUT"),
+        ]
+    }
+}
+
+/// Copies the files of a folder.
+pub(crate) fn copy(from: &Path, to: &Path) {
+    for file in files(from) {
+        let target = to.join(&file);
+        fs::create_dir_all(target.parent().unwrap()).unwrap();
+        fs::copy(from.join(&file), target).unwrap();
+    }
+}
+
+/// The reference of the command line lists every command; one that is new belongs into a list here.
+#[test]
+fn every_command_is_walked_or_writes_nothing() {
+    let reference = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/cli.md");
+    let reference = fs::read_to_string(reference).unwrap();
+    let inputs = Inputs::prepare();
+    let walked: Vec<String> = inputs.commands().iter().map(WritingCommand::name).collect();
+    let is_known = |name: &str| {
+        walked.iter().any(|walked| walked == name)
+            || WRITES_NOTHING.contains(&name)
+            || ELSEWHERE.iter().any(|(elsewhere, _)| *elsewhere == name)
+    };
+    let unknown: Vec<&str> = reference
+        .lines()
+        .filter_map(|line| line.strip_prefix("## `omnilife ")?.strip_suffix('`'))
+        .filter(|name| !name.split(' ').any(|word| word == "help") && !is_known(name))
+        .collect();
+    assert!(
+        unknown.is_empty(),
+        "{unknown:?} are in no list of {}",
+        file!()
+    );
+}

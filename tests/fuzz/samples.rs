@@ -1,0 +1,131 @@
+//! Small valid files of our own.
+
+use std::{fs, path::Path};
+
+use omnilife_schemas::{
+    Pose, RgbImage, Similarity,
+    camera::ErpCamera,
+    points::PointCloud,
+    records::{PoseSource, PoseValidation, Scale, Scene, SceneFrame, ValidationStatus},
+    store,
+};
+
+/// The similarity that leaves the world as it is.
+pub(crate) fn unchanged() -> Similarity {
+    Similarity {
+        offset: [0.0; 3],
+        scale: 1.0,
+    }
+}
+
+/// As owned strings.
+pub(crate) fn names(names: &[&str]) -> Vec<String> {
+    names.iter().map(|&name| name.to_owned()).collect()
+}
+
+/// Two points.
+pub(crate) fn cloud() -> PointCloud {
+    PointCloud {
+        positions: vec![[0.0, 1.0, 2.0], [1.0, -1.0, 3.0]],
+        colours: vec![[255, 0, 0], [0, 128, 255]],
+    }
+}
+
+/// Two Gaussians of degree 0 as 3DGS writes them.
+pub(crate) fn gaussians() -> Vec<u8> {
+    let mut properties = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"].to_vec();
+    properties.extend([
+        "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3",
+    ]);
+    let mut bytes = b"ply\nformat binary_little_endian 1.0\nelement vertex 2\n".to_vec();
+    for property in &properties {
+        bytes.extend(format!("property float {property}\n").bytes());
+    }
+    bytes.extend(b"end_header\n");
+    for value in 0..2 * properties.len() {
+        bytes.extend((value as f32 * 0.1).to_le_bytes());
+    }
+    bytes
+}
+
+/// A scene of three small images, with points.
+pub(crate) fn write_scene(folder: &Path) {
+    let frame = |number: usize| SceneFrame {
+        image: format!("frames/{number:06}.png"),
+        time_seconds: 0.1 * number as f64,
+        pose: Some(Pose {
+            rotation_wxyz: [1.0, 0.0, 0.0, 0.0],
+            centre: [number as f64, 0.0, 0.0],
+        }),
+        mask: None,
+        classes: [].into(),
+        objects: [].into(),
+        depth: None,
+        depth_prior: None,
+    };
+    let scene = Scene {
+        id: "a/seq-000".to_owned(),
+        camera: ErpCamera {
+            width: 16,
+            height: 8,
+        }
+        .into(),
+        scale: Scale::Metres,
+        frames: (0..3).map(frame).collect(),
+        points: Some("points.ply".to_owned()),
+        pose_source: PoseSource::Given {
+            file: "poses.json".to_owned(),
+        },
+        validation: PoseValidation {
+            status: ValidationStatus::Valid,
+            registered_frames: 3,
+            total_frames: 3,
+            measures: [].into(),
+            problems: Vec::new(),
+        },
+    };
+    fs::create_dir_all(folder.join("frames")).unwrap();
+    for frame in &scene.frames {
+        let file = folder.join(&frame.image);
+        RgbImage::black(16, 8).write_png(&file).unwrap();
+    }
+    cloud().write_ply(&folder.join("points.ply")).unwrap();
+    store::write_record(&folder.join("scene.json"), &scene).unwrap();
+}
+
+/// The boxes of an MP4 file that states its projection in both versions.
+pub(crate) fn spherical_mp4() -> Vec<u8> {
+    let boxed = |kind: &[u8; 4], content: &[u8]| -> Vec<u8> {
+        let length = content.len() as u32 + 8;
+        [&length.to_be_bytes()[..], kind, content].concat()
+    };
+    let mut header = vec![0; 84];
+    header[15] = 1;
+    let mut id = vec![
+        0xff, 0xcc, 0x82, 0x63, 0xf8, 0x55, 0x4a, 0x93, 0x88, 0x14, 0x58, 0x7a, 0x02, 0x52, 0x1f,
+        0xdd,
+    ];
+    id.extend(
+        b"<rdf:SphericalVideo><GSpherical:Spherical>true</GSpherical:Spherical>\
+          <GSpherical:ProjectionType>equirectangular</GSpherical:ProjectionType>\
+          <GSpherical:StereoMode>mono</GSpherical:StereoMode></rdf:SphericalVideo>",
+    );
+    let projection = boxed(
+        b"proj",
+        &[boxed(b"prhd", &[0; 16]), boxed(b"equi", &[0; 20])].concat(),
+    );
+    let inside = [boxed(b"st3d", &[0; 5]), boxed(b"sv3d", &projection)].concat();
+    let entry = boxed(b"avc1", &[vec![0; 78], inside].concat());
+    let description = boxed(b"stsd", &[vec![0, 0, 0, 0, 0, 0, 0, 1], entry].concat());
+    let media = boxed(b"mdia", &boxed(b"minf", &boxed(b"stbl", &description)));
+    let track = boxed(
+        b"trak",
+        &[boxed(b"tkhd", &header), boxed(b"uuid", &id), media].concat(),
+    );
+    [
+        boxed(b"ftyp", b"isom"),
+        boxed(b"moov", &track),
+        boxed(b"mdat", &[1, 2, 3]),
+    ]
+    .concat()
+}
