@@ -356,3 +356,31 @@ fn the_real_footage_becomes_a_sound_dataset() {
     }
     verify(&out).succeeded();
 }
+
+/// By mlcroissant, where a Python has it: `OMNILIFE_TEST_PYTHON`, else `python3`.
+#[test]
+fn croissant_metadata_is_read_by_its_own_library() {
+    let python = std::env::var("OMNILIFE_TEST_PYTHON").unwrap_or_else(|_| "python3".to_owned());
+    let has_library = Command::new(&python)
+        .args(["-c", "import mlcroissant"])
+        .stderr(Stdio::null())
+        .status();
+    if !has_library.is_ok_and(|status| status.success()) {
+        omnilife_schemas::testing::skip("no Python with mlcroissant (pip install mlcroissant)");
+        return;
+    }
+    let dataset = copy_of_small_run();
+    let metadata = dataset.path().join("croissant.json");
+    let script = "import sys, mlcroissant\n\
+                  dataset = mlcroissant.Dataset(jsonld=sys.argv[1])\n\
+                  print([row['sequences/frames'] for row in dataset.records('sequences')])";
+    let read = Command::new(&python)
+        .args(["-c", script])
+        .arg(&metadata)
+        .output()
+        .unwrap();
+    let notes = String::from_utf8_lossy(&read.stderr);
+    assert!(read.status.success(), "{notes}");
+    assert!(!notes.contains("not standard"), "{notes}");
+    assert_eq!(String::from_utf8_lossy(&read.stdout).trim(), "[10]");
+}
