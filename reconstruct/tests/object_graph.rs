@@ -6,7 +6,10 @@ mod balls;
 #[path = "support/moving_ball.rs"]
 mod moving_ball;
 
-use omnilife_engine::model::layers::{Layer, LayerRenderer};
+use omnilife_engine::model::{
+    Model,
+    layers::{Layer, LayerRenderer},
+};
 use omnilife_reconstruct::{
     methods::{self, MethodOutcome},
     request::{BackendChoice, MethodRequest},
@@ -36,6 +39,7 @@ fn scene() -> TrainingScene {
     scene.tracks = Some(Tracks {
         scene: scene.id.clone(),
         frames: scene.input_views.iter().map(|view| view.frame).collect(),
+        image_size: scene.camera.size().map(|side| side as u32),
         up: [0.0, -1.0, 0.0],
         metres_per_unit: 1.0,
         stages: Vec::new(),
@@ -145,4 +149,29 @@ fn without_anything_that_moves_the_method_is_the_static_one() {
         .prepare(&untracked, &request, BackendChoice::Cpu)
         .map(drop);
     assert!(refused.unwrap_err().to_string().contains("curate tracks"));
+}
+
+#[test]
+fn gaussians_stay_with_their_object() {
+    let mut scene = scene();
+    if let Some(tracks) = &mut scene.tracks {
+        // Another one, that goes the same way in front of it.
+        let mut other = tracks.tracks[0].clone();
+        other.id = 6;
+        for place in &mut other.path.centre.coefficients {
+            place[1] -= 0.8;
+        }
+        tracks.tracks.push(other);
+    }
+    let request = MethodRequest::new(40, 3);
+    let session = Session::without_files(&Silent);
+    let method = methods::find("object-graph").unwrap();
+    let counts = |model: &Model| {
+        let part = &model.parts[1];
+        let ids = part.parameterization.tracked().unwrap().ids(&part.table);
+        [5, 6].map(|id| ids.iter().filter(|&&one| one == id).count())
+    };
+    let mut trained = method.train(&scene, &request, &session).unwrap();
+    let [first, second] = counts(trained.learner.gaussians().unwrap().unwrap());
+    assert!(first > 30 && second > 30, "{first} and {second} Gaussians");
 }

@@ -37,6 +37,42 @@ impl BSpline {
         before.chain(inner).chain(after).collect()
     }
 
+    /// The same spline, and before and after it for so many seconds a straight line at the speed that it
+    /// has there.
+    #[must_use]
+    pub fn extended(mut self, before: f64, after: f64) -> Self {
+        let [begin, end] = self.range();
+        // Coefficients of a line: evenly along it, as knots of full multiplicity join the pieces.
+        let line = |from: DVec3, velocity: DVec3, seconds: f64, degree: usize| {
+            (1..=degree).map(move |step| {
+                (from + velocity * (seconds * step as f64 / degree as f64)).to_array()
+            })
+        };
+        if self.degree == 0 {
+            return self;
+        }
+        let of_ends = [begin, end].map(|time| (self.position(time), self.velocity(time)));
+        if before > 0.0 {
+            let (from, velocity) = of_ends[0];
+            let mut added: Vec<[f64; 3]> = line(from, velocity, -before, self.degree).collect();
+            added.reverse();
+            self.coefficients.splice(0..0, added);
+            self.knots[0] = begin - before;
+            self.knots.splice(0..0, vec![begin - before; self.degree]);
+        }
+        if after > 0.0 {
+            let (from, velocity) = of_ends[1];
+            self.coefficients
+                .extend(line(from, velocity, after, self.degree));
+            if let Some(last) = self.knots.last_mut() {
+                *last = end + after;
+            }
+            self.knots
+                .extend(std::iter::repeat_n(end + after, self.degree));
+        }
+        self
+    }
+
     /// Why the parts do not make a spline; `None` where they do.
     pub fn fault(&self) -> Option<String> {
         let (knots, coefficients) = (self.knots.len(), self.coefficients.len());
@@ -374,5 +410,34 @@ mod tests {
                 < 1e-12
         );
         assert!((moved.heading(5.0) - PI).abs() < 1e-12);
+    }
+
+    #[test]
+    fn an_extended_spline_is_the_same_and_goes_on_straight() {
+        for degree in 1..=3 {
+            let spline = BSpline {
+                degree,
+                knots: BSpline::uniform_knots(degree, 6, 1.0, 7.0),
+                coefficients: (0..6)
+                    .map(|n| [f64::from(n), 0.3 * f64::from(n * n), 2.0])
+                    .collect(),
+            };
+            let extended = spline.clone().extended(0.5, 2.0);
+            assert_eq!(extended.fault(), None);
+            assert_eq!(extended.range(), [0.5, 9.0]);
+            for step in 0..=60 {
+                let time = 1.0 + 0.1 * f64::from(step);
+                let error = extended.position(time).distance(spline.position(time));
+                assert!(error < 1e-9, "{degree} at {time}: {error}");
+            }
+            for (time, end) in [(0.6, 1.0), (8.5, 7.0)] {
+                let line = spline.position(end) + spline.velocity(end) * (time - end);
+                assert!(
+                    extended.position(time).distance(line) < 1e-9,
+                    "{degree} {time}"
+                );
+            }
+            assert_eq!(spline.clone().extended(0.0, 0.0), spline);
+        }
     }
 }

@@ -78,9 +78,10 @@ def true_tracks(truth, moving):
     detections.sort(key=lambda one: one["frame"])
     return {
         "schema": "omnilife/tracks/1", "scene": "flight/seq-000", "frames": list(range(len(frames))),
+        "image_size": [truth["camera"]["width"], truth["camera"]["height"]],
         "up": [0, 0, 1], "metres_per_unit": 1,
         "stages": [{"stage": "detector", "method": "exact", "reason": "rendered", "wall_seconds": 0}],
-        "detections": detections, "tracks": tracks, "remarks": []}
+        "detections": detections, "tracks": tracks, "warnings": []}
 
 
 def main():

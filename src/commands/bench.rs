@@ -63,8 +63,11 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             truth,
             scene,
         } => {
-            let (found, truth) = (store::read_record(tracks)?, store::read_record(truth)?);
-            let report = compare_tracks(&truth, &found, &store::read_record(scene)?);
+            let found = store::read_record(tracks)?;
+            let report = compare_tracks(truth, &found, &store::read_record(scene)?)?;
+            if let Some(note) = &report.rescaled {
+                progress.note(note);
+            }
             exit::print(&format!("{}\n", serde_json::to_string_pretty(&report)?))
         }
         BenchCommand::Failed {

@@ -29,7 +29,12 @@ pub(crate) fn execute(
             vec![DeviceKind::Gpu]
         }
     };
-    let report = stability::run(&kinds, progress)?;
+    let mut report = stability::run(&kinds, progress)?;
+    if kinds.contains(&DeviceKind::Cpu) {
+        report
+            .rows
+            .extend(omnilife_curate::tracks::stability::rows());
+    }
     if let Some(out) = out {
         let _lock = FolderLock::take(out, progress)?;
         write_stability(&report, out)?;

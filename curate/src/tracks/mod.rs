@@ -10,7 +10,9 @@ pub mod boxes;
 pub mod detectors;
 pub mod ground;
 mod page;
+mod path;
 pub mod spline_fit;
+pub mod stability;
 pub mod views;
 
 use std::{
@@ -27,7 +29,7 @@ use omnilife_schemas::{
     progress::Progress,
     records::{Detection, Scale, Scene, Split, Track, TrackStage, Tracks},
     stage::StagePlan,
-    statistics, store,
+    store,
     trajectory::GroundAxes,
 };
 
@@ -35,7 +37,6 @@ use crate::error::CurateError;
 use association::Sighting;
 use detectors::{DETECTORS, Detector, DetectorInput};
 use ground::{LEAST_RING_POINTS, Plane, PointsInView};
-use spline_fit::Observation;
 use views::PosedView;
 
 /// The page to look at, beside the tracks.
@@ -44,10 +45,8 @@ pub const PAGE_FILE: &str = "tracks.html";
 const RING_REACH: f64 = 0.1;
 /// What is measured of a vehicle is so high above the ground: half of a car's height, metres.
 const HALF_HEIGHT: f64 = 0.75;
-/// Relative standard deviation of a distance to the ground.
-const SIGMA_GROUND: f64 = 0.005;
-/// What stays within this of where it was first seen does not move, metres.
-const LEAST_DISPLACEMENT: f64 = 1.0;
+/// Boxes end at the border where they come this near to it, pixels.
+const BORDER: f64 = 1.5;
 
 /// What to track, and how.
 #[derive(Debug, Clone, PartialEq)]
@@ -110,6 +109,7 @@ pub fn make_tracks(request: &TrackRequest, progress: &dyn Progress) -> Result<Tr
     let views = PosedView::of_scene(&scene, &frames);
     let work = Tracking {
         scene_path: &scene_path,
+        scene: &scene,
         views: &views,
         points: &points,
         metres_per_unit,
@@ -122,7 +122,7 @@ pub fn make_tracks(request: &TrackRequest, progress: &dyn Progress) -> Result<Tr
         metres_per_unit,
         file: request.detections.as_ref(),
     };
-    let tracks = work.run(&scene, detector, &input, progress)?;
+    let tracks = work.run(detector, &input, progress)?;
     page::write(
         &request.out.join(PAGE_FILE),
         &request.scene_folder,
@@ -180,6 +180,7 @@ fn plan(
 /// The making of tracks.
 struct Tracking<'a> {
     scene_path: &'a Path,
+    scene: &'a Scene,
     views: &'a [PosedView],
     points: &'a [DVec3],
     metres_per_unit: f64,
@@ -196,7 +197,6 @@ struct GroundUse {
 impl Tracking<'_> {
     fn run(
         &self,
-        scene: &Scene,
         detector: &Detector,
         input: &DetectorInput<'_>,
         progress: &dyn Progress,
@@ -236,7 +236,7 @@ impl Tracking<'_> {
             groups.len(),
             detections.len() - in_groups
         );
-        stage("association", "ground-kalman", reason, begun);
+        stage("association", "ground-chains", reason, begun);
         let begun = Instant::now();
         let mut warnings = Vec::new();
         let mut tracks: Vec<Track> = Vec::new();
@@ -252,18 +252,25 @@ impl Tracking<'_> {
                 Err(reason) => warnings.push(reason),
             }
         }
+        let filled: Vec<Detection> = tracks
+            .iter()
+            .flat_map(|track| self.filled(track, &detections, plane))
+            .collect();
         let reason = format!(
-            "{} paths, their knots by BIC; {} objects left out",
+            "{} paths, their knots by BIC; {} objects left out; {} boxes fill gaps",
             tracks.len(),
-            warnings.len()
+            warnings.len(),
+            filled.len()
         );
+        detections.extend(filled);
         stage("trajectory", "trajectory-spline", reason, begun);
         for warning in &warnings {
-            progress.note(&format!("{}: {warning}", scene.id));
+            progress.note(&format!("{}: {warning}", self.scene.id));
         }
         Ok(Tracks {
-            scene: scene.id.clone(),
+            scene: self.scene.id.clone(),
             frames: self.views.iter().map(|view| view.frame).collect(),
+            image_size: self.scene.camera.size().map(|side| side as u32),
             up: plane.normal.to_array(),
             metres_per_unit: self.metres_per_unit,
             stages,
@@ -320,21 +327,14 @@ impl Tracking<'_> {
         let mut sightings = Vec::new();
         let mut by_frame = Vec::new();
         for view in self.views {
-            let mut of_frame = Vec::new();
+            let first = sightings.len();
             for (number, detection) in detections.iter().enumerate() {
-                let Some(position) = detection.position.filter(|_| detection.frame == view.frame)
-                else {
-                    continue;
-                };
-                let own = axes.to_world.transpose() * DVec3::from_array(position);
-                of_frame.push(sightings.len());
-                numbers.push(number);
-                sightings.push(Sighting {
-                    seconds: view.seconds,
-                    place: dvec2(own.x, own.y) * self.metres_per_unit,
-                });
+                if detection.frame == view.frame && detection.position.is_some() {
+                    numbers.push(number);
+                    sightings.push(self.sighting(view, detection, &axes));
+                }
             }
-            by_frame.push(of_frame);
+            by_frame.push((first..sightings.len()).collect());
         }
         let groups = association::associate(&sightings, &by_frame);
         groups
@@ -348,72 +348,36 @@ impl Tracking<'_> {
             .collect()
     }
 
-    /// The track of a group of detections; why there is none, where it does not move.
-    fn track(
-        &self,
-        id: u32,
-        group: &[usize],
-        detections: &[Detection],
-        plane: Plane,
-    ) -> Result<Track, String> {
-        let mut observations = Vec::new();
-        let mut boxes = Vec::new();
-        for &number in group {
-            let detection = &detections[number];
-            if let (Some(view), Some(distance)) = (self.view(detection.frame), detection.distance) {
-                let pixel = middle(detection.box_pixels);
-                observations.push(Observation {
-                    view,
-                    pixel,
-                    distance,
-                });
-                boxes.push((view, detection.box_pixels));
-            }
+    /// A lifted detection as it is associated with others.
+    fn sighting(&self, view: &PosedView, detection: &Detection, axes: &GroundAxes) -> Sighting {
+        let position = detection.position.map_or(DVec3::ZERO, DVec3::from_array);
+        let own = axes.to_world.transpose() * position;
+        let [_, _, width, height] = detection.box_pixels;
+        let steps = view
+            .ray_steps(middle(detection.box_pixels))
+            .map(DVec3::length);
+        let distance = detection.distance.unwrap_or(0.0) * self.metres_per_unit;
+        Sighting {
+            seconds: view.seconds,
+            place: dvec2(own.x, own.y) * self.metres_per_unit,
+            size: (width * height * steps[0] * steps[1]).sqrt() * distance,
+            is_cut: is_cut(view, detection.box_pixels),
         }
-        let seconds = observations.first().map_or(0.0, |first| first.view.seconds);
-        let named = format!("what is first seen at {seconds:.2} s");
-        let fitted = spline_fit::fit(&observations, SIGMA_GROUND)
-            .ok_or_else(|| format!("{named} has no path that fits its detections"))?;
-        let begin = fitted.spline.position(seconds);
-        let positions = observations
-            .iter()
-            .map(|one| fitted.spline.position(one.view.seconds));
-        let farthest = positions
-            .map(|place| place.distance(begin))
-            .fold(0.0, f64::max);
-        let spread = self.spread(&observations, &fitted.spline);
-        if farthest * self.metres_per_unit < LEAST_DISPLACEMENT || farthest < 3.0 * spread {
-            return Err(format!(
-                "{named} gets {:.2} m away from there and is taken for static",
-                farthest * self.metres_per_unit
-            ));
-        }
-        let axes = GroundAxes::new(plane.normal);
-        let path = boxes::with_headings(fitted.spline, &axes, self.metres_per_unit);
-        let metres = boxes::dimensions(&path, &axes, &boxes, self.metres_per_unit);
-        let class = detections[group[0]].class.clone();
-        Ok(Track {
-            id,
-            class,
-            dimensions: metres.map(|side| side / self.metres_per_unit),
-            path,
-            detections: group.len() as u32,
-            displacement: farthest,
-        })
     }
+}
 
-    /// Median distance of lifted detections from their path.
-    fn spread(
-        &self,
-        observations: &[Observation<'_>],
-        spline: &omnilife_schemas::trajectory::BSpline,
-    ) -> f64 {
-        let distances: Vec<f64> = observations
-            .iter()
-            .map(|one| one.position().distance(spline.position(one.view.seconds)))
-            .collect();
-        statistics::median(&distances).unwrap_or(0.0)
-    }
+/// Whether the border of the image cuts a box off.
+fn is_cut(view: &PosedView, [left, top, width, height]: [f64; 4]) -> bool {
+    let [columns, rows] = view.camera.size().map(|side| side as f64);
+    left < BORDER || top < BORDER || left + width > columns - BORDER || top + height > rows - BORDER
+}
+
+/// The part of a box that is in the image; `None` where there is none.
+fn within_image(view: &PosedView, [left, top, width, height]: [f64; 4]) -> Option<[f64; 4]> {
+    let [columns, rows] = view.camera.size().map(|side| side as f64);
+    let (right, bottom) = ((left + width).min(columns), (top + height).min(rows));
+    let (left, top) = (left.max(0.0), top.max(0.0));
+    (right > left && bottom > top).then_some([left, top, right - left, bottom - top])
 }
 
 /// Middle of a box, pixels.

@@ -34,6 +34,8 @@ pub struct Observation<'a> {
     pub pixel: DVec2,
     /// Distance from the camera.
     pub distance: f64,
+    /// Its standard deviations are so many times those of others; 1 for a box that is whole.
+    pub slack: f64,
 }
 
 impl Observation<'_> {
@@ -212,11 +214,11 @@ fn residuals(
         // Orthogonal to the ray: a step along it is none.
         let axis = step / length;
         let axis = (axis - ray * ray.dot(axis)).normalize_or_zero();
-        let scale = 1.0 / (length * SIGMA_PIXELS);
+        let scale = 1.0 / (length * SIGMA_PIXELS * observation.slack);
         let by_place = (axis - direction * direction.dot(axis)) / distance;
         (axis.dot(direction) * scale, by_place * scale)
     });
-    let scale = 1.0 / (observation.distance * sigma_distance);
+    let scale = 1.0 / (observation.distance * sigma_distance * observation.slack);
     [
         across[0],
         across[1],
@@ -370,6 +372,7 @@ mod tests {
                     view,
                     pixel,
                     distance: place.distance(view.centre) * (1.0 + distance * noise.normal()),
+                    slack: 1.0,
                 })
             })
             .collect()

@@ -175,6 +175,7 @@ pub(crate) fn read_parts(folder: &Path) -> Result<(Objects, ParameterTable), Rec
         return Err(StoreError::malformed(&gaussians, reason).into());
     }
     table.arrays[POSITIONS].name = OBJECT_POSITIONS;
-    table.add(OBJECT_NUMBERS, 1, numbers, 0.0);
+    let array = table.add(OBJECT_NUMBERS, 1, numbers, 0.0);
+    table.freeze(array);
     Ok((record, table))
 }

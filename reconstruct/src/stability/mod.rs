@@ -2,8 +2,8 @@
 //!
 //! * [`setup`]: what a case consists of;
 //! * [`cases`]: the catalogue, and `in_time` what of it is about time; [`special`]: what renders
-//!   nothing, `clips`, on which methods are trained, `depth`, which is lifted and fused, and `atlas`,
-//!   what atlases are made of;
+//!   nothing, `clips`, on which methods are trained, `depth`, which is lifted and fused, `atlas`,
+//!   what atlases are made of, and `objects`, what moves along paths;
 //! * [`sweeps`]: families of cases whose condition number grows;
 //! * [`parameterizations`], [`devices`]: what they are tried on;
 //! * [`mod@measure`]: errors of image and gradient against [`omnilife_engine::render::reference`].
@@ -17,6 +17,7 @@ mod depth;
 pub mod devices;
 mod in_time;
 pub mod measure;
+mod objects;
 pub mod parameterizations;
 pub mod setup;
 pub mod special;

@@ -6,6 +6,7 @@ use omnilife_schemas::records::{StabilityMeasures, StabilityRow, StabilityStatus
 use crate::stability::{
     NO_PARAMETERIZATION, atlas, clips, depth,
     devices::{Device, DeviceKind},
+    objects,
     parameterizations::{self, DEFORMABLE, STATIC},
     setup::{Setup, mild},
 };
@@ -50,7 +51,7 @@ impl Judgement {
 /// All cases that render nothing.
 pub fn all() -> impl Iterator<Item = &'static SpecialCase> {
     let further = clips::CASES.iter().chain(depth::CASES).chain(atlas::CASES);
-    SPECIAL_CASES.iter().chain(further)
+    SPECIAL_CASES.iter().chain(further).chain(objects::CASES)
 }
 
 const SPECIAL_CASES: &[SpecialCase] = &[
@@ -78,16 +79,6 @@ const SPECIAL_CASES: &[SpecialCase] = &[
         id: "network-weights",
         title: "Gaussians and gradients that are not finite, deformed by a network",
         judge: network_weights,
-    },
-    SpecialCase {
-        id: "trajectory-fit",
-        title: "ill-conditioned fits of object trajectories",
-        judge: || Judgement {
-            action: String::new(),
-            fault: None,
-            measured: None,
-            missing: Some("this version fits no trajectories"),
-        },
     },
 ];
 

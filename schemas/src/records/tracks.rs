@@ -12,6 +12,8 @@ pub struct Tracks {
     pub scene: String,
     /// Numbers of the frames that were looked at, in order.
     pub frames: Vec<u32>,
+    /// Width and height of the images that boxes are in, pixels.
+    pub image_size: [u32; 2],
     /// Unit vector of the world that points up.
     pub up: [f64; 3],
     /// Metres in a unit of the world.
@@ -50,7 +52,7 @@ pub struct Detection {
     pub frame: u32,
     /// Left, top, width and height of its box, pixels.
     pub box_pixels: [f64; 4],
-    /// Of the detector, in [0, 1].
+    /// Of the detector, in [0, 1]; 0 where it found nothing and the path of a track fills the gap.
     pub confidence: f64,
     /// What it is, such as `vehicle`.
     pub class: String,

@@ -50,8 +50,8 @@ pub struct DensityContext<'a> {
 }
 
 /// Clones, splits and prunes the model's Gaussians and begins its statistics anew. `scheduled` is
-/// the iteration of the schedule. Where there is no room for all, those that depend on time come
-/// first.
+/// the iteration of the schedule. Where there is no room for all, those that depend on time or move
+/// with an object come first.
 pub fn densify(
     model: &mut Model,
     settings: &DensifySettings,
@@ -61,9 +61,11 @@ pub fn densify(
 ) -> Densified {
     let maximum = usize::try_from(settings.maximum_gaussians).unwrap_or(usize::MAX);
     let mut done = Densified::default();
-    let is_temporal = |part: &Part| part.parameterization.temporal().is_some();
+    let moves = |part: &Part| {
+        part.parameterization.temporal().is_some() || part.parameterization.tracked().is_some()
+    };
     let (first, last): (Vec<usize>, Vec<usize>) =
-        (0..model.parts.len()).partition(|&number| is_temporal(&model.parts[number]));
+        (0..model.parts.len()).partition(|&number| moves(&model.parts[number]));
     for number in first.into_iter().chain(last) {
         let room = maximum.saturating_sub(model.len());
         let part = &mut model.parts[number];

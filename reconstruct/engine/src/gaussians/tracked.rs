@@ -38,7 +38,7 @@ use crate::{
 pub const OBJECT_POSES: &str = "object_poses";
 /// Name of the centres in the objects' coordinates.
 pub const OBJECT_POSITIONS: &str = "object_positions";
-/// Name of the array that holds the number of a Gaussian's object.
+/// Name of the array that holds the number of a Gaussian's object; nothing trains it.
 pub const OBJECT_NUMBERS: &str = "object_numbers";
 /// Its position in the table.
 const NUMBERS: usize = 5;
@@ -89,7 +89,8 @@ pub fn table(initial: &InitialGaussians, numbers: &[usize]) -> ParameterTable {
     let mut table = static_gaussians::table(initial, 0);
     table.arrays[POSITIONS].name = OBJECT_POSITIONS;
     let numbers = numbers.iter().map(|&number| number as f32).collect();
-    table.add(OBJECT_NUMBERS, 1, numbers, 0.0);
+    let array = table.add(OBJECT_NUMBERS, 1, numbers, 0.0);
+    table.freeze(array);
     table
 }
 

@@ -10,7 +10,7 @@ use std::mem::take;
 use omnilife_engine::{
     gaussians::{
         static_gaussians,
-        tracked::{self, OBJECT_NUMBERS, OBJECT_POSES, OBJECT_POSITIONS, TrackedGaussians},
+        tracked::{self, OBJECT_POSES, OBJECT_POSITIONS, TrackedGaussians},
     },
     model::{Model, Part},
     parameters::decay::Decay,
@@ -44,7 +44,10 @@ pub const METHOD: Method = Method {
                   (Eq. 1 as printed has the minimum 0 for any path); corrections of poses keep a mean \
                   of zero instead of a weight decay; Gaussians that leave their object's box are put \
                   back to its side instead of being pruned; no anti-aliasing factor; the black \
-                  background of odgs, not a random one; what does not move is static, whatever found it.",
+                  background of odgs, not a random one; what does not move is static, whatever found it; \
+                  static Gaussians begin at the points that came with the poses, there is no dense \
+                  stereo of its own for perspective views; depth of vehicles is that of the ground, no \
+                  monocular network.",
     components: &[
         OBJECT_GRAPH,
         OBJECT_POSES_COMPONENT,
@@ -128,7 +131,6 @@ fn prepare(
         };
         let rates = &mut draft.settings.learning_rates;
         rates.insert(OBJECT_POSITIONS.to_owned(), POSITION_RATE);
-        rates.insert(OBJECT_NUMBERS.to_owned(), Decay::constant(0.0));
         rates.insert(OBJECT_POSES.to_owned(), pose_rate);
         let table = tracked::table(&objects.gaussians, &objects.numbers);
         parts.push(Part::new(

@@ -1,24 +1,8 @@
-//! Scores of tracks beside true ones: who is found, who is confused with whom, how far off on the ground.
-//!
-//! Per frame true and found objects are matched by their boxes in the image (CLEAR MOT, Bernardin and
-//! Stiefelhagen 2008): pairs that were matched before stay matched while their boxes overlap enough, and
-//! of the others as many as possible are, those that overlap most first. Identities over the clip (IDF1,
-//! Ristani et al. 2016) are matched one to one so that as many boxes as possible agree.
-//!
-//! ```text
-//! MOTA = 1 - (misses + false positives + switches) / true boxes
-//! IDF1 = 2 IDTP / (true boxes + found boxes)
-//! ```
+//! Scores of boxes in images: detections, and identities over the clip.
 
 use std::collections::BTreeMap;
 
-use glam::DVec3;
-use omnilife_schemas::{
-    assignment::assign,
-    records::{Detection, Scene, Tracks},
-    statistics::median,
-    trajectory::{GroundAxes, nearest_turn},
-};
+use omnilife_schemas::{assignment::assign, records::Detection};
 use serde::Serialize;
 
 /// A box in a frame, with what is known of its object.
@@ -212,108 +196,49 @@ fn identity_f1(
     if all > 0.0 { 2.0 * agreed / all } else { 1.0 }
 }
 
-/// Errors of paths in space; `None` where no true object is near any.
+/// How many of the true boxes a detector finds, whatever becomes of them.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct PathScores {
-    /// Sightings that were compared.
-    pub samples: u32,
-    /// Sightings of true moving objects without a path within [`REACH_METRES`].
-    pub missing: u32,
-    /// Median distance on the ground, metres.
-    pub ground_metres: f64,
-    /// Median error of the heading while it moves, degrees.
-    pub heading_degrees: f64,
-    /// Median error of the length, metres.
-    pub length_metres: f64,
+pub struct DetectionScores {
+    /// Boxes that should have been found.
+    pub true_boxes: u32,
+    /// Boxes that were.
+    pub found_boxes: u32,
+    /// Share of the true boxes that a found one overlaps by [`LEAST_OVERLAP`]; 1 without any.
+    pub recall: f64,
+    /// Share of the found boxes that are of a true one; 1 without any.
+    pub precision: f64,
 }
 
-/// A path is of the true object that is the nearest within this, metres.
-pub const REACH_METRES: f64 = 3.0;
-/// Below this speed an object stands, metres per second.
-const LEAST_SPEED: f64 = 0.5;
-
-/// Scores of tracks against true ones.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct TrackReport {
-    /// In the images.
-    pub boxes: TrackScores,
-    /// In space; none where no path is near a true one.
-    pub paths: Option<PathScores>,
-}
-
-/// Scores tracks against true ones in the frames that were looked at; boxes without a track count for
-/// neither.
-pub fn compare_tracks(truth: &Tracks, found: &Tracks, scene: &Scene) -> TrackReport {
-    let boxes = |tracks: &Tracks| -> Vec<TrackBox> {
-        let of_track = |one: &Detection| {
-            Some(TrackBox {
+/// Scores detections frame by frame, whatever they are of.
+pub fn score_detections(truth: &[Detection], found: &[Detection]) -> DetectionScores {
+    let mut frames: BTreeMap<u32, [Vec<TrackBox>; 2]> = BTreeMap::new();
+    for (side, boxes) in [truth, found].into_iter().enumerate() {
+        for one in boxes {
+            let of_frame = &mut frames.entry(one.frame).or_default()[side];
+            of_frame.push(TrackBox {
                 frame: one.frame,
-                id: one.track?,
+                id: of_frame.len() as u32,
                 box_pixels: one.box_pixels,
-            })
-        };
-        let here = tracks
-            .detections
-            .iter()
-            .filter(|one| found.frames.contains(&one.frame));
-        here.filter_map(of_track).collect()
-    };
-    TrackReport {
-        boxes: score_boxes(&boxes(truth), &boxes(found)),
-        paths: score_paths(truth, found, scene),
-    }
-}
-
-/// Scores paths at the times at which true objects are seen.
-fn score_paths(truth: &Tracks, found: &Tracks, scene: &Scene) -> Option<PathScores> {
-    let up = DVec3::from_array(found.up);
-    let axes = [
-        GroundAxes::new(DVec3::from_array(truth.up)),
-        GroundAxes::new(up),
-    ];
-    let metres = found.metres_per_unit;
-    let (mut ground, mut headings, mut lengths, mut missing) =
-        (Vec::new(), Vec::new(), Vec::new(), 0);
-    for sighting in truth
-        .detections
-        .iter()
-        .filter(|one| found.frames.contains(&one.frame))
-    {
-        let seconds = scene.frames.get(sighting.frame as usize)?.time_seconds;
-        let object = truth
-            .tracks
-            .iter()
-            .find(|track| Some(track.id) == sighting.track);
-        let Some((object, (centre, true_heading))) =
-            object.and_then(|object| Some((object, object.path.at(seconds)?)))
-        else {
-            continue;
-        };
-        let near = found.tracks.iter().filter_map(|track| {
-            let (place, heading) = track.path.at(seconds)?;
-            let offset = place - centre;
-            let on_ground = (offset - up * offset.dot(up)).length() * metres;
-            (on_ground <= REACH_METRES).then_some((on_ground, heading, track))
-        });
-        let Some((distance, heading, track)) = near.min_by(|a, b| a.0.total_cmp(&b.0)) else {
-            missing += 1;
-            continue;
-        };
-        ground.push(distance);
-        lengths.push((track.dimensions[0] - object.dimensions[0]).abs() * metres);
-        if object.path.centre.velocity(seconds).length() * metres > LEAST_SPEED {
-            let forward = axes[0].rotation(true_heading).x_axis;
-            let error = nearest_turn(heading - axes[1].heading(forward), 0.0);
-            headings.push(error.abs().to_degrees());
+            });
         }
     }
-    Some(PathScores {
-        samples: ground.len() as u32,
-        missing,
-        ground_metres: median(&ground)?,
-        heading_degrees: median(&headings).unwrap_or(0.0),
-        length_metres: median(&lengths)?,
-    })
+    let matches = frames
+        .values()
+        .map(|[here, there]| matched(here, there, &BTreeMap::new()).len())
+        .sum::<usize>() as f64;
+    let share = |count: usize| {
+        if count == 0 {
+            1.0
+        } else {
+            matches / count as f64
+        }
+    };
+    DetectionScores {
+        true_boxes: truth.len() as u32,
+        found_boxes: found.len() as u32,
+        recall: share(truth.len()),
+        precision: share(found.len()),
+    }
 }
 
 #[cfg(test)]

@@ -1,0 +1,159 @@
+//! Scores of tracks beside true ones: who is found, who is confused with whom, how far off on the ground.
+//!
+//! Per frame true and found objects are matched by their boxes in the image (CLEAR MOT, Bernardin and
+//! Stiefelhagen 2008): pairs that were matched before stay matched while their boxes overlap enough, and
+//! of the others as many as possible are, those that overlap most first. Identities over the clip (IDF1,
+//! Ristani et al. 2016) are matched one to one so that as many boxes as possible agree.
+//!
+//! ```text
+//! MOTA = 1 - (misses + false positives + switches) / true boxes
+//! IDF1 = 2 IDTP / (true boxes + found boxes)
+//! ```
+
+pub mod boxes;
+pub mod paths;
+
+use std::path::Path;
+
+use omnilife_schemas::{
+    records::{Detection, Scene, Tracks},
+    store,
+};
+use serde::Serialize;
+
+use crate::error::BenchError;
+use boxes::{DetectionScores, TrackBox, TrackScores};
+use paths::PathScores;
+
+/// Scores of tracks against true ones.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TrackReport {
+    /// Said where true boxes are of another size of the image and were brought to that of the tracks.
+    pub rescaled: Option<String>,
+    /// Of everything that was detected, in a track or not.
+    pub detections: DetectionScores,
+    /// In the images.
+    pub boxes: TrackScores,
+    /// In space; none where no path is near a true one.
+    pub paths: Option<PathScores>,
+}
+
+/// Scores tracks against the true ones of a file, in the frames that were looked at. Boxes without a track
+/// count as detections alone.
+///
+/// # Errors
+/// When the file cannot be read, or its boxes are in images of another shape.
+pub fn compare_tracks(
+    truth_file: &Path,
+    found: &Tracks,
+    scene: &Scene,
+) -> Result<TrackReport, BenchError> {
+    let mut truth: Tracks = store::read_record(truth_file)?;
+    let rescaled = bring_to_size(&mut truth, found.image_size)
+        .map_err(|reason| BenchError::mismatch(truth_file, reason))?;
+    let here = |tracks: &Tracks| -> Vec<Detection> {
+        let all = tracks.detections.iter();
+        all.filter(|one| found.frames.contains(&one.frame))
+            .cloned()
+            .collect()
+    };
+    let (true_boxes, found_boxes) = (here(&truth), here(found));
+    let of_tracks = |boxes: &[Detection]| -> Vec<TrackBox> {
+        let of_track = |one: &Detection| {
+            Some(TrackBox {
+                frame: one.frame,
+                id: one.track?,
+                box_pixels: one.box_pixels,
+            })
+        };
+        boxes.iter().filter_map(of_track).collect()
+    };
+    // What fills a gap was not detected.
+    let detected: Vec<Detection> = found_boxes
+        .iter()
+        .filter(|one| one.confidence > 0.0)
+        .cloned()
+        .collect();
+    Ok(TrackReport {
+        rescaled,
+        detections: boxes::score_detections(&true_boxes, &detected),
+        boxes: boxes::score_boxes(&of_tracks(&true_boxes), &of_tracks(&found_boxes)),
+        paths: paths::score_paths(&truth, found, scene),
+    })
+}
+
+/// Brings boxes to another size of the same image, and says so; why not, where its shape differs.
+fn bring_to_size(tracks: &mut Tracks, size: [u32; 2]) -> Result<Option<String>, String> {
+    let own = tracks.image_size;
+    if own == size {
+        return Ok(None);
+    }
+    let [across, down] = [0, 1].map(|axis| f64::from(size[axis]) / f64::from(own[axis].max(1)));
+    let sizes = format!(
+        "{}x{} pixels, the tracks to images of {}x{}",
+        own[0], own[1], size[0], size[1]
+    );
+    // A side that was rounded to whole pixels.
+    let slack = 1.0 / f64::from(size[0].min(size[1]).max(1));
+    if own.contains(&0) || (across / down - 1.0).abs() > slack {
+        return Err(format!(
+            "its boxes belong to images of {sizes}, which is another shape"
+        ));
+    }
+    for detection in &mut tracks.detections {
+        let [left, top, width, height] = detection.box_pixels;
+        detection.box_pixels = [left * across, top * down, width * across, height * down];
+    }
+    tracks.image_size = size;
+    Ok(Some(format!(
+        "true boxes belong to images of {sizes}: rescaled"
+    )))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tracks(image_size: [u32; 2], box_pixels: [f64; 4]) -> Tracks {
+        Tracks {
+            scene: "flight".to_owned(),
+            frames: vec![0],
+            image_size,
+            up: [0.0, 0.0, 1.0],
+            metres_per_unit: 1.0,
+            stages: Vec::new(),
+            detections: vec![Detection {
+                frame: 0,
+                box_pixels,
+                confidence: 1.0,
+                class: "vehicle".to_owned(),
+                distance: None,
+                position: None,
+                track: None,
+            }],
+            tracks: Vec::new(),
+            warnings: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn boxes_of_larger_images_are_rescaled_and_of_other_shapes_refused() {
+        let found = tracks([320, 180], [10.0, 20.0, 30.0, 15.0]);
+        let mut truth = tracks([640, 360], [20.0, 40.0, 60.0, 30.0]);
+        let unscaled = boxes::score_detections(&truth.detections, &found.detections);
+        assert_eq!(unscaled.recall, 0.0);
+        let note = bring_to_size(&mut truth, found.image_size);
+        assert!(note.is_ok_and(|note| note.is_some_and(|note| note.contains("640x360"))));
+        assert_eq!(
+            truth.detections[0].box_pixels,
+            found.detections[0].box_pixels
+        );
+        let scores = boxes::score_detections(&truth.detections, &found.detections);
+        assert_eq!((scores.recall, scores.precision), (1.0, 1.0));
+        assert_eq!(bring_to_size(&mut truth, [320, 180]), Ok(None));
+        for other in [[320, 240], [0, 0]] {
+            let refused = bring_to_size(&mut tracks(other, [0.0; 4]), [320, 180]);
+            assert!(refused.is_err_and(|reason| reason.contains("another shape")));
+        }
+    }
+}

@@ -1,0 +1,81 @@
+//! Scores of paths in space.
+
+use glam::DVec3;
+use omnilife_schemas::{
+    records::{Scene, Tracks},
+    statistics::median,
+    trajectory::{GroundAxes, nearest_turn},
+};
+use serde::Serialize;
+
+/// Errors of paths in space; `None` where no true object is near any.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PathScores {
+    /// Sightings that were compared.
+    pub samples: u32,
+    /// Sightings of true moving objects without a path within [`REACH_METRES`].
+    pub missing: u32,
+    /// Median distance on the ground, metres.
+    pub ground_metres: f64,
+    /// Median error of the heading while it moves, degrees.
+    pub heading_degrees: f64,
+    /// Median error of the length, metres.
+    pub length_metres: f64,
+}
+
+/// A path is of the true object that is the nearest within this, metres.
+pub const REACH_METRES: f64 = 3.0;
+/// Below this speed an object stands, metres per second.
+const LEAST_SPEED: f64 = 0.5;
+
+/// Scores paths at the times at which true objects are seen.
+pub fn score_paths(truth: &Tracks, found: &Tracks, scene: &Scene) -> Option<PathScores> {
+    let up = DVec3::from_array(found.up);
+    let axes = [
+        GroundAxes::new(DVec3::from_array(truth.up)),
+        GroundAxes::new(up),
+    ];
+    let metres = found.metres_per_unit;
+    let (mut ground, mut headings, mut lengths, mut missing) =
+        (Vec::new(), Vec::new(), Vec::new(), 0);
+    for sighting in truth
+        .detections
+        .iter()
+        .filter(|one| found.frames.contains(&one.frame))
+    {
+        let seconds = scene.frames.get(sighting.frame as usize)?.time_seconds;
+        let object = truth
+            .tracks
+            .iter()
+            .find(|track| Some(track.id) == sighting.track);
+        let Some((object, (centre, true_heading))) =
+            object.and_then(|object| Some((object, object.path.at(seconds)?)))
+        else {
+            continue;
+        };
+        let near = found.tracks.iter().filter_map(|track| {
+            let (place, heading) = track.path.at(seconds)?;
+            let offset = place - centre;
+            let on_ground = (offset - up * offset.dot(up)).length() * metres;
+            (on_ground <= REACH_METRES).then_some((on_ground, heading, track))
+        });
+        let Some((distance, heading, track)) = near.min_by(|a, b| a.0.total_cmp(&b.0)) else {
+            missing += 1;
+            continue;
+        };
+        ground.push(distance);
+        lengths.push((track.dimensions[0] - object.dimensions[0]).abs() * metres);
+        if object.path.centre.velocity(seconds).length() * metres > LEAST_SPEED {
+            let forward = axes[0].rotation(true_heading).x_axis;
+            let error = nearest_turn(heading - axes[1].heading(forward), 0.0);
+            headings.push(error.abs().to_degrees());
+        }
+    }
+    Some(PathScores {
+        samples: ground.len() as u32,
+        missing,
+        ground_metres: median(&ground)?,
+        heading_degrees: median(&headings).unwrap_or(0.0),
+        length_metres: median(&lengths)?,
+    })
+}

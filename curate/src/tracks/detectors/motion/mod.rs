@@ -1,0 +1,239 @@
+//! `motion`: what the static geometry does not explain in other frames.
+//!
+//! Frames of other times are warped into a frame through the distances of its static surface and the
+//! poses. What stands still looks the same in most of them, unless something else passes or hides it; what
+//! moves differs from nearly all. So the differences of a pixel are put in order, and one of the
+//! smaller ones counts: a pixel that agrees with more than a quarter of the other frames is static. The
+//! other frames are seconds apart, so that a car that waits for some seconds is still seen. Colours
+//! within a pixel of the warped place are no difference: that is how well the surface is known.
+//! Thresholds follow the image: the median and 8 x 1.4826 times the median absolute deviation. A cast
+//! shadow moves too; it is a darker copy of what is behind it, and is cut off.
+
+mod background;
+mod merged;
+mod regions;
+
+use glam::DVec3;
+use omnilife_schemas::{RgbImage, progress::Progress, records::Detection};
+
+use super::{Detector, DetectorInput};
+use crate::{error::CurateError, tracks::detectors::depth_of_points::DistanceMap};
+use background::{
+    Looked, background_frames, compared_with, difference, middle_colour, ranked, surface, warped,
+};
+use regions::{blurred, components, opened_and_closed};
+
+/// The detector.
+pub const DETECTOR: Detector = Detector {
+    id: "motion",
+    about: "what the static points do not explain in frames of other times; sees what moves and \
+            nothing else, needs no weights",
+    detect,
+};
+
+/// Robust standard deviations above the median from which a difference is motion.
+const DEVIATIONS: f32 = 8.0;
+/// Least difference that counts, of [0, 1]: noise of the camera and of its compression.
+const LEAST_DIFFERENCE: f32 = 0.03;
+/// Least area on the ground, square metres.
+const LEAST_AREA: f64 = 2.0;
+/// The same of what the border of the image cuts off.
+const LEAST_CUT_AREA: f64 = 1.0;
+/// Largest area on the ground, square metres: beyond it is no vehicle.
+const LARGEST_AREA: f64 = 60.0;
+/// A shadow's brightness, over that of what it falls on.
+const SHADOW: std::ops::Range<f32> = 0.25..0.9;
+/// A shadow's colour differs so much from a darker copy, relatively.
+const SHADOW_COLOUR: f32 = 0.12;
+/// Share of a component that must be left without its shadow for the cut to count: a dark car on a bright
+/// road looks like its own shadow.
+const LEAST_REST: f64 = 0.3;
+
+fn detect(
+    input: &DetectorInput<'_>,
+    progress: &dyn Progress,
+) -> Result<Vec<Detection>, CurateError> {
+    if input.views.len() < 2 {
+        return Err(CurateError::input(
+            input.folder,
+            "has a single frame to look at, so nothing shows motion",
+        ));
+    }
+    if input.points.is_empty() {
+        return Err(CurateError::input(
+            input.folder,
+            "has no points of what stands still, which the detector motion needs",
+        ));
+    }
+    let seconds: Vec<f64> = input.views.iter().map(|view| view.seconds).collect();
+    let background = background_frames(&seconds);
+    let mut images: Vec<Option<(RgbImage, DistanceMap)>> = vec![None; input.views.len()];
+    let mut found = Vec::new();
+    progress.begin("moving vehicles", Some(input.views.len() as u64));
+    let outcome = (0..input.views.len()).try_for_each(|index| -> Result<(), CurateError> {
+        let others = compared_with(index, &seconds, &background);
+        let first = others.iter().copied().chain([index]).min().unwrap_or(index);
+        for (number, image) in images.iter_mut().enumerate().take(index) {
+            if number < first || !background.contains(&number) {
+                *image = None;
+            }
+        }
+        for number in others.iter().copied().chain([index]) {
+            if images[number].is_none() {
+                let view = &input.views[number];
+                let entry = &input.scene.frames[view.frame as usize];
+                let read = RgbImage::read(&input.folder.join(&entry.image))?;
+                images[number] = Some((read, DistanceMap::new(view, input.points)));
+            }
+        }
+        let held = |number: usize| {
+            let (image, distances) = images[number].as_ref()?;
+            Some(Looked {
+                view: &input.views[number],
+                image,
+                distances,
+            })
+        };
+        if let Some(here) = held(index) {
+            let others: Vec<Looked<'_>> = others.iter().filter_map(|&other| held(other)).collect();
+            found.extend(moving(&here, &others, input.metres_per_unit));
+        }
+        progress.advance(1);
+        Ok(())
+    });
+    progress.end();
+    outcome.map(|()| found)
+}
+
+/// What moves in a frame.
+fn moving(here: &Looked<'_>, others: &[Looked<'_>], metres_per_unit: f64) -> Vec<Detection> {
+    let width = here.image.width;
+    let surface = surface(here);
+    let backgrounds: Vec<Vec<[f32; 3]>> = others
+        .iter()
+        .map(|other| warped(here, &surface, other))
+        .collect();
+    let differences: Vec<Vec<f32>> = backgrounds
+        .iter()
+        .map(|background| difference(here.image, background))
+        .collect();
+    let least = blurred(&ranked(&differences), width, 1);
+    let Some(limit) = threshold(&least) else {
+        return Vec::new();
+    };
+    let mask: Vec<bool> = least.iter().map(|&value| value > limit).collect();
+    let mask = opened_and_closed(&mask, width);
+    components(&mask, width)
+        .into_iter()
+        .flat_map(|pixels| vehicles(here, &backgrounds, pixels, metres_per_unit))
+        .collect()
+}
+
+/// Above which a difference is motion; `None` where nothing is known.
+fn threshold(values: &[f32]) -> Option<f32> {
+    let mut known: Vec<f32> = values
+        .iter()
+        .copied()
+        .filter(|value| !value.is_nan())
+        .collect();
+    let middle = |values: &mut Vec<f32>| {
+        let at = values.len() / 2;
+        (!values.is_empty()).then(|| *values.select_nth_unstable_by(at, f32::total_cmp).1)
+    };
+    let median = middle(&mut known)?;
+    let mut deviations: Vec<f32> = known.iter().map(|value| (value - median).abs()).collect();
+    let deviation = middle(&mut deviations)?;
+    Some((median + DEVIATIONS * 1.4826 * deviation).max(LEAST_DIFFERENCE))
+}
+
+/// The vehicles of a component, less its shadow: none where its size is of no vehicle, several where it
+/// has parts of different colours that are as large as cars.
+fn vehicles(
+    here: &Looked<'_>,
+    backgrounds: &[Vec<[f32; 3]>],
+    pixels: Vec<usize>,
+    metres_per_unit: f64,
+) -> Vec<Detection> {
+    let width = here.image.width;
+    let is_shadow = |pixel: usize| {
+        let shown = &here.image.data[3 * pixel..3 * pixel + 3];
+        darker_copy(shown, middle_colour(backgrounds, pixel))
+    };
+    let without: Vec<bool> = {
+        let mut mask = vec![false; here.image.data.len() / 3];
+        pixels
+            .iter()
+            .for_each(|&pixel| mask[pixel] = !is_shadow(pixel));
+        opened_and_closed(&mask, width)
+    };
+    let rest = components(&without, width).into_iter().max_by_key(Vec::len);
+    let pixels = match rest {
+        Some(rest) if rest.len() as f64 >= LEAST_REST * pixels.len() as f64 => rest,
+        _ => pixels,
+    };
+    let middle = pixels[pixels.len() / 2];
+    let distance = f64::from(here.distances.values[middle]) * metres_per_unit;
+    let centre = glam::dvec2((middle % width) as f64 + 0.5, (middle / width) as f64 + 0.5);
+    let [across, down] = here.view.ray_steps(centre).map(DVec3::length);
+    let pixel_area = across * down * distance * distance;
+    let parts = merged::parts(here.image, &pixels, pixel_area);
+    let boxes = parts.into_iter().filter_map(|pixels| {
+        let area = pixels.len() as f64 * pixel_area;
+        let sides = box_of(&pixels, width)?;
+        let [left, top, columns, rows] = sides;
+        let is_cut = left <= 1.0
+            || top <= 1.0
+            || left + columns >= width as f64 - 1.0
+            || top + rows >= here.image.height as f64 - 1.0;
+        let least = if is_cut { LEAST_CUT_AREA } else { LEAST_AREA };
+        (least..=LARGEST_AREA).contains(&area).then_some(sides)
+    });
+    let detection = |box_pixels| Detection {
+        frame: here.view.frame,
+        box_pixels,
+        confidence: 1.0,
+        class: "vehicle".to_owned(),
+        distance: None,
+        position: None,
+        track: None,
+    };
+    boxes.map(detection).collect()
+}
+
+/// Left, top, width and height of some pixels.
+fn box_of(pixels: &[usize], width: usize) -> Option<[f64; 4]> {
+    let columns = pixels.iter().map(|pixel| pixel % width);
+    let rows = pixels.iter().map(|pixel| pixel / width);
+    let (left, right) = (columns.clone().min()?, columns.max()?);
+    let (top, bottom) = (rows.clone().min()?, rows.max()?);
+    Some([
+        left as f64,
+        top as f64,
+        (right - left + 1) as f64,
+        (bottom - top + 1) as f64,
+    ])
+}
+
+/// Whether a colour is that of a shadow on another.
+fn darker_copy(shown: &[f32], background: [f32; 3]) -> bool {
+    let ratios = [0, 1, 2].map(|channel| shown[channel] / background[channel].max(0.02));
+    let mean = ratios.iter().sum::<f32>() / 3.0;
+    // NaN is no shadow.
+    SHADOW.contains(&mean)
+        && ratios
+            .iter()
+            .all(|ratio| (ratio / mean - 1.0).abs() < SHADOW_COLOUR)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shadows_are_darker_copies_and_paint_is_not() {
+        assert!(darker_copy(&[0.3, 0.2, 0.25], [0.6, 0.4, 0.5]));
+        assert!(!darker_copy(&[0.3, 0.1, 0.1], [0.6, 0.4, 0.5]));
+        assert!(!darker_copy(&[0.6, 0.4, 0.5], [0.6, 0.4, 0.5]));
+        assert!(!darker_copy(&[0.3, 0.2, 0.25], [f32::NAN; 3]));
+    }
+}

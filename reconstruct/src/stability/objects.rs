@@ -1,0 +1,246 @@
+//! Cases of objects that move along paths: their poses, their boxes, where they are not.
+
+use glam::{DVec3, Vec3};
+use omnilife_engine::{
+    gaussians::{
+        ActivatedGaussians,
+        parameterization::{Parameterization, Viewpoint},
+        static_gaussians::InitialGaussians,
+        temporal::TemporalFeatures,
+        tracked::{self, TrackedGaussians, TrackedObject},
+    },
+    parameters::ParameterTable,
+    trajectories::rigid_path::RigidPath,
+};
+use omnilife_schemas::{
+    Similarity,
+    trajectory::{BSpline, ObjectPath},
+};
+
+use super::special::{Judgement, SpecialCase};
+
+pub(super) const CASES: &[SpecialCase] = &[
+    SpecialCase {
+        id: "object-heading",
+        title: "an object whose heading passes pi, and is given turns away",
+        judge: headings,
+    },
+    SpecialCase {
+        id: "object-box",
+        title: "objects with boxes of 1e-6 and 1e6 of the scene",
+        judge: boxes,
+    },
+    SpecialCase {
+        id: "object-absent",
+        title: "objects before and after their paths, and one whose path has no length in time",
+        judge: absent,
+    },
+    SpecialCase {
+        id: "object-crowd",
+        title: "500 objects in one place",
+        judge: crowd,
+    },
+    SpecialCase {
+        id: "object-far",
+        title: "a path 5e6 m from the origin, as UTM coordinates are",
+        judge: far,
+    },
+];
+
+const AS_IS: Similarity = Similarity {
+    offset: [0.0; 3],
+    scale: 1.0,
+};
+
+/// A path from `begin` along x in `seconds`, with its headings at both ends.
+fn path(begin: DVec3, seconds: f64, headings: [f64; 2]) -> ObjectPath {
+    ObjectPath {
+        centre: BSpline {
+            degree: 1,
+            knots: vec![0.0, 0.0, seconds, seconds],
+            coefficients: vec![begin.to_array(), (begin + DVec3::X).to_array()],
+        },
+        heading_seconds: vec![0.0, seconds.max(1e-3)],
+        headings: headings.to_vec(),
+    }
+}
+
+fn object(id: u32, size: f32, path: &ObjectPath, normalization: &Similarity) -> TrackedObject {
+    TrackedObject {
+        id,
+        dimensions: [size, 0.4 * size, 0.3 * size],
+        path: RigidPath::new(path, DVec3::Z, 0.5 * size, 2, normalization),
+    }
+}
+
+/// What some objects, of three Gaussians each, are at a time, and all gradients of a loss of it.
+fn activated(objects: Vec<TrackedObject>, seconds: f64) -> (ActivatedGaussians, Vec<f32>) {
+    let mut initial = InitialGaussians::default();
+    let mut numbers = Vec::new();
+    for number in 0..objects.len() {
+        for place in [-0.4, 0.1, 0.5] {
+            initial.push_isotropic([place, 0.1, -0.1], 0.05, [0.5; 3], 0.5);
+            numbers.push(number);
+        }
+    }
+    let mut table: ParameterTable = tracked::table(&initial, &numbers);
+    let mut tracked = TrackedGaussians::new(objects, true);
+    let at = Viewpoint {
+        seconds,
+        shift_frames: 0.0,
+        centre: Vec3::ZERO,
+        down: Vec3::Y,
+        scheduled: Some(1),
+    };
+    let mut activated = ActivatedGaussians::default();
+    activated.reshape(table.len(), 0, 0);
+    tracked.activate(&table, &at, &TemporalFeatures::default(), 0, &mut activated);
+    let seen = activated.clone();
+    let mut gradient = ActivatedGaussians::default();
+    gradient.clear_to_zero(&activated);
+    gradient.positions.fill([1.0, -0.5, 0.25]);
+    gradient.scales.fill([0.5; 3]);
+    gradient.rotations.fill([0.1, 0.2, -0.3, 0.4]);
+    tracked.activate_backward(
+        &mut table,
+        &at,
+        &TemporalFeatures::default(),
+        0,
+        &mut activated,
+        &mut gradient,
+    );
+    let gradients = table.arrays.iter().flat_map(|array| &array.gradients);
+    let of_poses = &tracked.corrections.array.gradients;
+    (seen, gradients.chain(of_poses).copied().collect())
+}
+
+fn is_finite(gaussians: &ActivatedGaussians, gradients: &[f32]) -> bool {
+    let values = gaussians
+        .positions
+        .as_flattened()
+        .iter()
+        .chain(gaussians.scales.as_flattened())
+        .chain(gaussians.rotations.as_flattened())
+        .chain(&gaussians.opacities);
+    values.chain(gradients).all(|value| value.is_finite())
+}
+
+/// Largest distance of the centres of two lots of Gaussians.
+fn apart(one: &ActivatedGaussians, other: &ActivatedGaussians) -> f32 {
+    let pairs = one.positions.iter().zip(&other.positions);
+    pairs
+        .map(|(a, b)| Vec3::from_array(*a).distance(Vec3::from_array(*b)))
+        .fold(0.0, f32::max)
+}
+
+fn judged(action: &str, fault: Option<String>) -> Judgement {
+    Judgement {
+        action: action.to_owned(),
+        fault,
+        measured: None,
+        missing: None,
+    }
+}
+
+fn headings() -> Judgement {
+    use std::f64::consts::{PI, TAU};
+    let at = |headings: [f64; 2], seconds: f64| {
+        let path = path(DVec3::ZERO, 2.0, headings);
+        activated(vec![object(1, 1.0, &path, &AS_IS)], seconds)
+    };
+    let mut faults = Vec::new();
+    // Halfway between pi - 0.1 and -pi + 0.1 is pi, and not 0.
+    let (through, gradients) = at([PI - 0.1, 0.1 - PI], 1.0);
+    let (straight, _) = at([PI, PI], 1.0);
+    let difference = apart(&through, &straight);
+    if difference > 1e-5 || !is_finite(&through, &gradients) {
+        faults.push(format!("through pi it is {difference:e} off"));
+    }
+    let (turned, _) = at([PI + 1e6 * TAU; 2], 1.0);
+    let difference = apart(&turned, &straight);
+    if difference > 1e-5 {
+        faults.push(format!("a million turns on it is {difference:e} off"));
+    }
+    judged(
+        "headings go the short way round",
+        (!faults.is_empty()).then(|| faults.join("; ")),
+    )
+}
+
+fn boxes() -> Judgement {
+    let path = path(DVec3::ZERO, 2.0, [0.3, 0.3]);
+    let of = |size: f32| activated(vec![object(1, size, &path, &AS_IS)], 0.0);
+    let (reference, _) = of(1.0);
+    let faults = [1e-6_f32, 1e6].into_iter().filter_map(|size| {
+        let (found, gradients) = of(size);
+        let pairs = found.positions.iter().zip(&reference.positions);
+        let off = pairs
+            .map(|(a, b)| (Vec3::from_array(*a) / size).distance(Vec3::from_array(*b)))
+            .fold(0.0, f32::max);
+        (off > 1e-5 || !is_finite(&found, &gradients)).then(|| format!("{size:e}: {off:e} off"))
+    });
+    let faults = faults.collect::<Vec<_>>().join("; ");
+    judged(
+        "the same object, larger or smaller; finite gradients",
+        (!faults.is_empty()).then_some(faults),
+    )
+}
+
+fn absent() -> Judgement {
+    let long = path(DVec3::ZERO, 2.0, [0.0, 0.0]);
+    let short = path(DVec3::ZERO, 0.0, [0.0, 0.0]);
+    let mut faults = Vec::new();
+    for (path, seconds, is_there) in [
+        (&long, -1e-9, false),
+        (&long, 0.0, true),
+        (&long, 2.0, true),
+        (&long, 1e9, false),
+        (&short, 0.0, true),
+        (&short, 1e-9, false),
+    ] {
+        let (found, gradients) = activated(vec![object(1, 1.0, path, &AS_IS)], seconds);
+        let is_drawn = found.opacities.iter().any(|&opacity| opacity > 0.0);
+        let is_still = gradients.iter().all(|&gradient| gradient == 0.0);
+        if is_drawn != is_there || !is_finite(&found, &gradients) || (!is_there && !is_still) {
+            faults.push(format!("at {seconds:e} s"));
+        }
+    }
+    judged(
+        "not drawn, and nothing is learnt of it",
+        (!faults.is_empty()).then(|| faults.join("; ")),
+    )
+}
+
+fn crowd() -> Judgement {
+    let path = path(DVec3::ZERO, 2.0, [0.0, 1.0]);
+    let objects = (0..500)
+        .map(|id| object(id, 1.0, &path, &AS_IS))
+        .collect::<Vec<_>>();
+    let one = activated(vec![objects[0].clone()], 1.0).0;
+    let (all, gradients) = activated(objects, 1.0);
+    let is_same = all.positions.chunks(3).all(|own| own == one.positions);
+    let fault = (!is_same || !is_finite(&all, &gradients))
+        .then(|| "they are not where one of them is".to_owned());
+    judged("each as if it were alone", fault)
+}
+
+fn far() -> Judgement {
+    let offset = DVec3::new(691_000.0, 5_335_000.0, 520.0);
+    let normalization = Similarity {
+        offset: offset.to_array(),
+        scale: 0.05,
+    };
+    let at = |begin: DVec3, normalization: &Similarity| {
+        let path = path(begin, 2.0, [0.2, 0.4]);
+        activated(vec![object(1, 0.2, &path, normalization)], 1.3)
+    };
+    let near = Similarity {
+        offset: [0.0; 3],
+        ..normalization
+    };
+    let (found, gradients) = at(offset, &normalization);
+    let difference = apart(&found, &at(DVec3::ZERO, &near).0);
+    let fault = (difference > 1e-6 || !is_finite(&found, &gradients))
+        .then(|| format!("it is {difference:e} off"));
+    judged("paths are brought near in f64", fault)
+}

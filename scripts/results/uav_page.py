@@ -1,0 +1,190 @@
+"""Puts the tables and images of scripts/results/uav into docs/results/uav.md, between its two markers.
+
+    python3 uav_page.py FOLDER SCENE RENDERING PAGE
+
+FOLDER is what scripts/results/uav filled, SCENE the scene that was trained on, RENDERING what
+uav_scene.py was given. Needs NumPy and Pillow.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
+# A view whose emptied region is smaller has no score of its own, pixels.
+LEAST_PIXELS = 50
+# Frames that show what is behind a vehicle.
+OTHERS = 9
+# Shown: a given frame and two novel ones.
+SHOWN = [16, 17, 25]
+
+
+def read(path):
+    return json.loads(Path(path).read_text())
+
+
+def spread(values, digits=2):
+    """The mean, and half of the range where there are several."""
+    values = [value for value in values if value is not None]
+    if not values:
+        return "-"
+    half = (max(values) - min(values)) / 2
+    return f"{np.mean(values):.{digits}f}" + (f" ± {half:.{digits}f}" if len(values) > 1 else "")
+
+
+def of_tracks(folder):
+    lines = ["| Detections | Frames a second | Recall | Precision | IDF1 | MOTA | Switches | Ground, m | "
+             "Heading, degrees | Length, m |", "|---" * 2 + "|---:" * 8 + "|"]
+    kinds = [("`motion`", "motion-1", 1), ("`motion`", "motion-2", 2),
+             ("true boxes, 15 % missing", "boxes-1-*", 1), ("true boxes, 15 % missing", "boxes-2-*", 2)]
+    for title, pattern, rate in kinds:
+        found = [read(path) for path in sorted((folder / "tracks").glob(f"{pattern}.json"))]
+        cell = lambda part, key, digits=2: spread([(one[part] or {}).get(key) for one in found], digits)
+        is_found = title.startswith("`")
+        lines.append("| " + " | ".join([
+            title, str(rate), cell("detections", "recall") if is_found else "-",
+            cell("detections", "precision") if is_found else "-", cell("boxes", "idf1"),
+            cell("boxes", "mota"), cell("boxes", "switches", 1), cell("paths", "ground_metres"),
+            cell("paths", "heading_degrees", 1), cell("paths", "length_metres", 1)]) + " |")
+    return lines
+
+
+def of_runs(folder, kinds):
+    lines = ["| Run | Given: dynamic | Given: static | Novel: whole | Novel: SSIM | Novel: dynamic | "
+             "Novel: static | CPU s | Gaussians | Memory, MB |", "|---" + "|---:" * 9 + "|"]
+    for title, name in kinds:
+        found = [path.parent for path in sorted((folder / "runs").glob(f"{name}-[0-9]/run.json"))]
+        runs = [read(path / "run.json") for path in found]
+        scores = [read(path / "score/result.json") for path in found]
+        cell = lambda views, metric, digits=2: spread([one[views][metric]["mean"] for one in scores], digits)
+        lines.append("| " + " | ".join([
+            title, cell("input_views", "psnr-dynamic"), cell("input_views", "psnr-static"),
+            cell("novel_views", "psnr"), cell("novel_views", "ssim", 3), cell("novel_views", "psnr-dynamic"),
+            cell("novel_views", "psnr-static"),
+            spread([run["training_cpu_seconds"] for run in runs], 0),
+            spread([run["primitives"] for run in runs], 0),
+            spread([run["peak_memory_bytes"] / 1e6 for run in runs], 0)]) + " |")
+    return lines
+
+
+class Road:
+    """What is behind vehicles: the same places of the road in other frames."""
+
+    def __init__(self, scene, rendering):
+        self.truth = read(rendering / "tracks.json")
+        camera, self.frames = self.truth["camera"], self.truth["frames"]
+        self.images = [self.image(scene / f"frames/{number:06}.png") for number in range(len(self.frames))]
+        self.height, self.width = self.images[0].shape[:2]
+        self.scale = self.width / camera["width"]
+        self.focal = camera["fx"] * self.scale
+        size = (self.width, self.height)
+        self.instances = [np.asarray(Image.open(rendering / frame["inst"]).resize(size, Image.NEAREST))
+                          for frame in self.frames]
+        self.distances = [np.asarray(Image.open(rendering / frame["depth"]).resize(size, Image.NEAREST)) /
+                          self.truth["depth_scale"] for frame in self.frames]
+        vehicles = {}
+        for frame in self.frames:
+            for one in frame["objects"]:
+                if one["class"] == "vehicle":
+                    vehicles.setdefault(one["id"], []).append(one["centre"])
+        self.moving = [key for key, places in vehicles.items() if np.ptp(np.array(places), axis=0).max() > 1]
+
+    @staticmethod
+    def image(path):
+        return np.asarray(Image.open(path).convert("RGB"), float) / 255
+
+    def behind(self, number):
+        """Rows, columns and colours of the road behind the vehicles of a frame, where others show it."""
+        rows, columns = np.nonzero(np.isin(self.instances[number], self.moving))
+        matrix = np.array(self.frames[number]["c2w"])
+        rays = np.stack([(columns + 0.5 - self.width / 2) / self.focal,
+                         (rows + 0.5 - self.height / 2) / self.focal, np.ones(len(rows))])
+        rays = matrix[:3, :3] @ rays
+        points = matrix[:3, 3:] + rays * (-matrix[2, 3] / rays[2])
+        seen = np.full((len(self.frames), len(rows), 3), np.nan)
+        for other, frame in enumerate(self.frames):
+            to = np.array(frame["c2w"])
+            local = to[:3, :3].T @ (points - to[:3, 3:])
+            column = local[0] / local[2] * self.focal + self.width / 2
+            row = local[1] / local[2] * self.focal + self.height / 2
+            inside = (local[2] > 0) & (column >= 1) & (row >= 1) & (column < self.width - 1) & (row < self.height - 1)
+            at = (row[inside].astype(int), column[inside].astype(int))
+            length = np.linalg.norm(points - to[:3, 3:], axis=0)[inside]
+            clear = (self.instances[other][at] == 0) & (np.abs(self.distances[other][at] / length - 1) < 0.01)
+            index = np.nonzero(inside)[0][clear]
+            seen[other, index] = self.images[other][row[index].astype(int), column[index].astype(int)]
+        order = sorted(range(len(self.frames)), key=lambda other: abs(other - number))
+        nearest = np.full((OTHERS, len(rows), 3), np.nan)
+        count = np.zeros(len(rows), int)
+        for other in order:
+            takes = ~np.isnan(seen[other, :, 0]) & (count < OTHERS)
+            nearest[count[takes], takes] = seen[other, takes]
+            count[takes] += 1
+        known = count >= 3
+        return rows[known], columns[known], np.nanmedian(nearest[:, known], axis=0)
+
+    def score(self, views, skip=None):
+        """PSNR of the emptied regions of all views, dB, pooled over their pixels; and how many pixels."""
+        squares = []
+        for number in range(len(self.frames)):
+            rows, columns, colours = self.behind(number)
+            if len(rows) >= LEAST_PIXELS:
+                shown = self.image(views / f"{number:06}.png")[rows, columns]
+                squares.append(((shown - colours) ** 2).reshape(-1))
+        squares = np.concatenate(squares)
+        return -10 * np.log10(squares.mean()), len(squares) // 3
+
+
+def of_removal(folder, road):
+    lines = ["| What was taken out | Emptied region, dB | Pixels |", "|---|---:|---:|"]
+    for title, name in [("nothing (`odgs`)", "odgs"), ("all, tracks by `motion`", "removed-object-graph"),
+                        ("all, exact tracks", "removed-exact")]:
+        score, pixels = road.score(folder / "views" / name)
+        lines.append(f"| {title} | {score:.2f} | {pixels} |")
+    return lines
+
+
+def images(folder, scene, page):
+    columns = [scene / "frames", folder / "views/odgs", folder / "views/object-graph",
+               folder / "views/removed-object-graph", folder / "views/moved"]
+    rows = [[Image.open(column / f"{number:06}.png").convert("RGB") for column in columns] for number in SHOWN]
+    width, height = rows[0][0].size
+    sheet = Image.new("RGB", (width * len(columns), height * len(rows)))
+    for y, row in enumerate(rows):
+        for x, image in enumerate(row):
+            sheet.paste(image, (x * width, y * height))
+    target = page.parent.parent / "images/uav.jpg"
+    sheet.save(target, quality=72)
+    return [f"![frames 16 (given), 17 and 25 (novel): as filmed, odgs, object-graph on its own tracks, all "
+            f"vehicles taken out, one moved and one copied](../images/{target.name})", "",
+            "Frames 16 (given), 17 and 25 (novel): as filmed, `odgs`, `object-graph` on tracks by `motion`, "
+            "the same with every vehicle taken out, and on exact tracks with one vehicle moved and turned "
+            "and one copied."]
+
+
+def main():
+    folder, scene, rendering, page = map(Path, sys.argv[1:])
+    hardware = read(folder / "runs/odgs-0/run.json")["hardware"]
+    iterations = read(folder / "runs/odgs-0/run.json")["iterations"]
+    road = Road(scene, rendering)
+    main_runs = [("`odgs`", "odgs"), ("`object-graph`, tracks by `motion`", "object-graph"),
+                 ("`object-graph`, exact tracks", "exact"), ("`periodic`", "periodic"),
+                 ("`omni4dgs`", "omni4dgs")]
+    ablated = [("all", "object-graph"), ("without `object-poses`", "without-object-poses"),
+               ("without `sky-shell`", "without-sky-shell"), ("without `object-graph` (is `odgs`)", "odgs")]
+    text = [f"{iterations} iterations, images {road.width} wide, tracks from images 640 wide; "
+            f"{hardware['threads']} threads of {hardware['processor']}, shared with other work. Where there are "
+            "several seeds, the mean and half of the range; PSNR in dB.", "", "### Tracks", "",
+            *of_tracks(folder), "", "### Views", "", *of_runs(folder, main_runs), "", "### Components", "",
+            *of_runs(folder, ablated), "", "### Removal", "", *of_removal(folder, road), "",
+            *images(folder, scene, page)]
+    whole = page.read_text()
+    before, rest = whole.split(BEGIN)
+    page.write_text(before + BEGIN + "\n" + "\n".join(text) + "\n" + END + rest.split(END)[1])
+
+
+if __name__ == "__main__":
+    main()
