@@ -57,6 +57,8 @@ def of_runs(folder, kinds):
              "Novel: static | CPU s | Gaussians | Memory, MB |", "|---" + "|---:" * 9 + "|"]
     for title, name in kinds:
         found = [path.parent for path in sorted((folder / "runs").glob(f"{name}-[0-9]/run.json"))]
+        if not found:
+            continue
         runs = [read(path / "run.json") for path in found]
         scores = [read(path / "score/result.json") for path in found]
         cell = lambda views, metric, digits=2: spread([one[views][metric]["mean"] for one in scores], digits)

@@ -10,7 +10,6 @@
 //! shadow moves too; it is a darker copy of what is behind it, and is cut off.
 
 mod background;
-mod merged;
 mod regions;
 
 use glam::DVec3;
@@ -125,7 +124,7 @@ fn moving(here: &Looked<'_>, others: &[Looked<'_>], metres_per_unit: f64) -> Vec
     let mask = opened_and_closed(&mask, width);
     components(&mask, width)
         .into_iter()
-        .flat_map(|pixels| vehicles(here, &backgrounds, pixels, metres_per_unit))
+        .filter_map(|pixels| vehicle(here, &backgrounds, pixels, metres_per_unit))
         .collect()
 }
 
@@ -146,14 +145,13 @@ fn threshold(values: &[f32]) -> Option<f32> {
     Some((median + DEVIATIONS * 1.4826 * deviation).max(LEAST_DIFFERENCE))
 }
 
-/// The vehicles of a component, less its shadow: none where its size is of no vehicle, several where it
-/// has parts of different colours that are as large as cars.
-fn vehicles(
+/// A component as a detection, less its shadow; `None` where it is no vehicle by its size.
+fn vehicle(
     here: &Looked<'_>,
     backgrounds: &[Vec<[f32; 3]>],
     pixels: Vec<usize>,
     metres_per_unit: f64,
-) -> Vec<Detection> {
+) -> Option<Detection> {
     let width = here.image.width;
     let is_shadow = |pixel: usize| {
         let shown = &here.image.data[3 * pixel..3 * pixel + 3];
@@ -175,20 +173,16 @@ fn vehicles(
     let distance = f64::from(here.distances.values[middle]) * metres_per_unit;
     let centre = glam::dvec2((middle % width) as f64 + 0.5, (middle / width) as f64 + 0.5);
     let [across, down] = here.view.ray_steps(centre).map(DVec3::length);
-    let pixel_area = across * down * distance * distance;
-    let parts = merged::parts(here.image, &pixels, pixel_area);
-    let boxes = parts.into_iter().filter_map(|pixels| {
-        let area = pixels.len() as f64 * pixel_area;
-        let sides = box_of(&pixels, width)?;
-        let [left, top, columns, rows] = sides;
-        let is_cut = left <= 1.0
-            || top <= 1.0
-            || left + columns >= width as f64 - 1.0
-            || top + rows >= here.image.height as f64 - 1.0;
-        let least = if is_cut { LEAST_CUT_AREA } else { LEAST_AREA };
-        (least..=LARGEST_AREA).contains(&area).then_some(sides)
-    });
-    let detection = |box_pixels| Detection {
+    let area = pixels.len() as f64 * across * down * distance * distance;
+    let box_pixels = box_of(&pixels, width)?;
+    let [left, top, columns, rows] = box_pixels;
+    let is_cut = left <= 1.0
+        || top <= 1.0
+        || left + columns >= width as f64 - 1.0
+        || top + rows >= here.image.height as f64 - 1.0;
+    let least = if is_cut { LEAST_CUT_AREA } else { LEAST_AREA };
+    let is_vehicle = (least..=LARGEST_AREA).contains(&area);
+    is_vehicle.then(|| Detection {
         frame: here.view.frame,
         box_pixels,
         confidence: 1.0,
@@ -196,8 +190,7 @@ fn vehicles(
         distance: None,
         position: None,
         track: None,
-    };
-    boxes.map(detection).collect()
+    })
 }
 
 /// Left, top, width and height of some pixels.
