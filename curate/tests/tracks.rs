@@ -145,7 +145,7 @@ fn boxes_become_paths_and_what_stands_is_static() {
             .unwrap();
         let [begin, end] = track.path.centre.range();
         for step in 0..=20 {
-            let seconds = begin + (end - begin) * f64::from(step) / 20.0;
+            let seconds = (begin + (end - begin) * f64::from(step) / 20.0).min(end);
             let ((place, heading), (truth, true_heading)) =
                 (track.path.at(seconds).unwrap(), car(number, seconds));
             let error = (place - truth).truncate().length();
