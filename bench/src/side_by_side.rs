@@ -1,4 +1,4 @@
-//! Pictures for people: prediction left, ground truth right.
+//! Images for people: prediction left, ground truth right.
 
 use std::path::Path;
 
@@ -10,18 +10,18 @@ use omnilife_schemas::{
 
 use crate::{metrics::ViewPair, scoring::job::View};
 
-/// Folder of the pictures in the output folder.
+/// Folder of the images in the output folder.
 const FOLDER: &str = "comparisons";
 
 /// Width of the white line between the two images in pixels.
 const SEPARATOR: usize = 4;
 
-/// The picture of a view, relative to the output folder.
+/// The image of a view, relative to the output folder.
 pub(crate) fn file(view: View) -> String {
     format!("{FOLDER}/{}-{:06}.png", view.kind, view.frame)
 }
 
-/// Makes the folder and removes the pictures of an earlier scoring: one of a view that is not
+/// Makes the folder and removes the images of an earlier scoring: one of a view that is not
 /// scored any more would pass for a current one.
 pub(crate) fn prepare_folder(out: &Path, own: &OwnFiles) -> Result<(), StoreError> {
     own.remove(|file| {
@@ -31,7 +31,7 @@ pub(crate) fn prepare_folder(out: &Path, own: &OwnFiles) -> Result<(), StoreErro
     store::create_folder(&out.join(FOLDER))
 }
 
-/// Writes a view's picture; returns its file relative to `out`.
+/// Writes a view's image; returns its file relative to `out`.
 pub(crate) fn write(out: &Path, view: View, pair: &ViewPair) -> Result<String, StoreError> {
     let file = file(view);
     let [width, height] = pair.size();

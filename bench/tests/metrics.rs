@@ -134,9 +134,9 @@ impl Evidence {
     }
 }
 
-/// Strips of rows and pictures by themselves change no bit of a distance.
+/// Strips of rows and images by themselves change no bit of a distance.
 #[test]
-fn distances_of_kept_features_are_those_of_pictures() {
+fn distances_of_kept_features_are_those_of_images() {
     // More rows than a strip of stages at full size has.
     let [width, height] = [72, 150];
     let bytes = |factor: usize| -> Vec<u8> {

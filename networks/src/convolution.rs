@@ -1,4 +1,4 @@
-//! Convolutions of pictures, followed by a bias and a rectifier.
+//! Convolutions of images, followed by a bias and a rectifier.
 //!
 //! 3x3 kernels of stride one go through Winograd's transform, everything else (and inputs of a few
 //! channels, such as colours) through products of patches with one matrix.
@@ -19,7 +19,7 @@ pub struct Kernel {
     pub side: usize,
     /// Pixels from one output to the next.
     pub stride: usize,
-    /// Rows and columns of zeros around the picture.
+    /// Rows and columns of zeros around the image.
     pub padding: usize,
     /// Channels of the input.
     pub inputs: usize,
@@ -93,17 +93,17 @@ impl Convolution {
         }
     }
 
-    /// The convolution of all pictures; what is negative becomes zero.
+    /// The convolution of all images; what is negative becomes zero.
     ///
     /// # Panics
-    /// When the pictures have other channels, or are smaller than the kernel with its padding.
+    /// When the images have other channels, or are smaller than the kernel with its padding.
     pub fn apply_rectified(&self, input: &Features) -> Features {
         let mut output = Features::zeros(0, 0, 0, 0);
         self.apply_rectified_into(input, &mut output);
         output
     }
 
-    /// The same into pictures that are there already, whatever they hold: their memory is used
+    /// The same into images that are there already, whatever they hold: their memory is used
     /// again.
     ///
     /// # Panics
@@ -119,7 +119,7 @@ impl Convolution {
         } = self.kernel;
         let length = |length: usize| (length + 2 * padding - side) / stride + 1;
         let (height, width) = (length(input.height), length(input.width));
-        output.reshape(input.pictures, height, width, outputs);
+        output.reshape(input.images, height, width, outputs);
         match &self.matrices {
             Matrices::Direct(matrix) => self.direct(matrix, input, output),
             Matrices::Winograd(matrices) => self.winograd(matrices, input, output),
@@ -146,9 +146,9 @@ impl Convolution {
             .par_chunks_exact_mut(row_len)
             .enumerate()
             .for_each(|(index, row)| {
-                let (picture, y) = (index / height, index % height);
+                let (image, y) = (index / height, index % height);
                 let patches = LeftFactor {
-                    values: &padded.picture(picture)[y * stride * padded_row_len..],
+                    values: &padded.image(image)[y * stride * padded_row_len..],
                     row_spacing: stride * inputs,
                     segments: side,
                     segment_len: side * inputs,
@@ -170,10 +170,10 @@ impl Convolution {
         }
         let columns = width.div_ceil(TILE);
         let mut rows: Vec<TileRow<'_>> = Vec::new();
-        for (picture, values) in output.data.chunks_exact_mut(height * row_len).enumerate() {
+        for (image, values) in output.data.chunks_exact_mut(height * row_len).enumerate() {
             let tile_rows = values.chunks_mut(TILE * row_len).enumerate();
             rows.extend(tile_rows.map(|(index, values)| TileRow {
-                picture,
+                image,
                 top: index * TILE,
                 lines: values.chunks_exact_mut(row_len).collect(),
             }));
@@ -216,7 +216,7 @@ impl Convolution {
             let row = &rows[tile / columns];
             let transformed = &mut patches[at * inputs..];
             let (top, left) = (row.top, tile % columns * TILE);
-            match inside(input, row.picture, top, left) {
+            match inside(input, row.image, top, left) {
                 Some(values) => {
                     let layout = [input.row_len(), inputs];
                     winograd::transform_patch(values, layout, transformed, patches_spacing);
@@ -225,7 +225,7 @@ impl Convolution {
                     border.resize(POSITIONS * inputs, 0.0);
                     for (dy, values) in border.chunks_exact_mut(PATCH * inputs).enumerate() {
                         let (row_of, left) = ((top + dy) as isize - 1, left as isize - 1);
-                        input.copy_row(row.picture, row_of, left, values);
+                        input.copy_row(row.image, row_of, left, values);
                     }
                     let layout = [PATCH * inputs, inputs];
                     winograd::transform_patch(border, layout, transformed, patches_spacing);
@@ -250,11 +250,11 @@ impl Convolution {
 }
 
 /// Values from the first pixel of the patch around the tile at `top` and `left`; `None` where the
-/// patch leaves the picture.
-fn inside(input: &Features, picture: usize, top: usize, left: usize) -> Option<&[f32]> {
+/// patch leaves the image.
+fn inside(input: &Features, image: usize, top: usize, left: usize) -> Option<&[f32]> {
     let (top, left) = (top.checked_sub(1)?, left.checked_sub(1)?);
     let is_inside = top + PATCH <= input.height && left + PATCH <= input.width;
-    is_inside.then(|| &input.picture(picture)[top * input.row_len() + left * input.channels..])
+    is_inside.then(|| &input.image(image)[top * input.row_len() + left * input.channels..])
 }
 
 /// Values by which positions are shifted against each other: with a power of two between them, all
@@ -263,10 +263,10 @@ const SET_SHIFT: usize = 16;
 
 /// Rows of outputs that one row of tiles gives.
 struct TileRow<'a> {
-    picture: usize,
+    image: usize,
     /// The first of the rows.
     top: usize,
-    /// Four rows, or what the picture has left.
+    /// Four rows, or what the image has left.
     lines: Vec<&'a mut [f32]>,
 }
 
@@ -275,7 +275,7 @@ struct TileRow<'a> {
 struct Buffers {
     patches: Vec<f32>,
     products: Vec<f32>,
-    /// A patch that leaves the picture, with the zeros around it.
+    /// A patch that leaves the image, with the zeros around it.
     border: Vec<f32>,
 }
 
@@ -284,18 +284,18 @@ fn tiles_together(kernel: Kernel) -> usize {
     (kernel.inputs / 2).clamp(64, 192)
 }
 
-/// Pictures with so many pixels of zeros around them.
+/// Images with so many pixels of zeros around them.
 fn with_border(input: &Features, padding: usize) -> Cow<'_, Features> {
     if padding == 0 {
         return Cow::Borrowed(input);
     }
     let [height, width] = [input.height, input.width].map(|length| length + 2 * padding);
-    let mut padded = Features::zeros(input.pictures, height, width, input.channels);
+    let mut padded = Features::zeros(input.images, height, width, input.channels);
     let row_len = padded.row_len();
     for (index, row) in padded.data.chunks_exact_mut(row_len).enumerate() {
-        let (picture, y) = (index / height, (index % height) as isize);
+        let (image, y) = (index / height, (index % height) as isize);
         let padding = padding as isize;
-        input.copy_row(picture, y - padding, -padding, row);
+        input.copy_row(image, y - padding, -padding, row);
     }
     Cow::Owned(padded)
 }
@@ -327,8 +327,8 @@ mod tests {
         ((at * 37 + 11) % 101) as f32 / 50.0 - 1.0
     }
 
-    fn features(pictures: usize, height: usize, width: usize, channels: usize) -> Features {
-        let mut features = Features::zeros(pictures, height, width, channels);
+    fn features(images: usize, height: usize, width: usize, channels: usize) -> Features {
+        let mut features = Features::zeros(images, height, width, channels);
         for (at, entry) in features.data.iter_mut().enumerate() {
             *entry = value(at);
         }
@@ -346,7 +346,7 @@ mod tests {
         } = kernel;
         let length = |length: usize| (length + 2 * padding - side) / stride + 1;
         let mut expected = Vec::new();
-        for picture in 0..input.pictures {
+        for image in 0..input.images {
             for y in 0..length(input.height) {
                 for x in 0..length(input.width) {
                     for (output, &bias) in bias.iter().enumerate() {
@@ -354,7 +354,7 @@ mod tests {
                         for (dy, dx) in (0..side * side).map(|at| (at / side, at % side)) {
                             let (row, column) = (y * stride + dy, x * stride + dx);
                             let pixel = input.pixel(
-                                picture,
+                                image,
                                 row as isize - padding as isize,
                                 column as isize - padding as isize,
                             );
@@ -371,7 +371,7 @@ mod tests {
         expected
     }
 
-    /// Both ways of computing, strides, paddings, odd sizes, pictures of less than a tile.
+    /// Both ways of computing, strides, paddings, odd sizes, images of less than a tile.
     #[test]
     fn convolutions_are_what_plain_loops_give() {
         let kernel = |side, stride, padding, inputs, outputs| Kernel {
@@ -381,7 +381,7 @@ mod tests {
             inputs,
             outputs,
         };
-        for (kernel, [pictures, height, width]) in [
+        for (kernel, [images, height, width]) in [
             (kernel(3, 1, 1, 8, 16), [2, 9, 14]),
             (kernel(3, 1, 1, 16, 8), [1, 2, 3]),
             (kernel(3, 1, 1, 24, 8), [1, 70, 40]),
@@ -392,7 +392,7 @@ mod tests {
             let count = kernel.side * kernel.side * kernel.inputs * kernel.outputs;
             let values: Vec<f32> = (0..count).map(|at| value(3 * at + 5)).collect();
             let bias: Vec<f32> = (0..kernel.outputs).map(|at| value(at + 700)).collect();
-            let input = features(pictures, height, width, kernel.inputs);
+            let input = features(images, height, width, kernel.inputs);
             let expected = direct(kernel, &values, &bias, &input);
             let found = Convolution::new(kernel, values, bias).apply_rectified(&input);
             assert_eq!(found.data.len(), expected.len());

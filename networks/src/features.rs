@@ -1,31 +1,31 @@
-//! Pictures of features, as networks hand them from layer to layer.
+//! Images of features, as networks hand them from layer to layer.
 
 use rayon::prelude::*;
 
-/// Pictures of equal size in one array: by picture, row, column and channel, channels fastest.
+/// Images of equal size in one array: by image, row, column and channel, channels fastest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Features {
-    /// Number of pictures.
-    pub pictures: usize,
-    /// Rows of a picture.
+    /// Number of images.
+    pub images: usize,
+    /// Rows of an image.
     pub height: usize,
     /// Pixels per row.
     pub width: usize,
     /// Values per pixel.
     pub channels: usize,
-    /// `pictures * height * width * channels` values.
+    /// `images * height * width * channels` values.
     pub data: Vec<f32>,
 }
 
 impl Features {
     /// All zero.
-    pub fn zeros(pictures: usize, height: usize, width: usize, channels: usize) -> Self {
+    pub fn zeros(images: usize, height: usize, width: usize, channels: usize) -> Self {
         Self {
-            pictures,
+            images,
             height,
             width,
             channels,
-            data: vec![0.0; pictures * height * width * channels],
+            data: vec![0.0; images * height * width * channels],
         }
     }
 
@@ -34,36 +34,35 @@ impl Features {
         self.width * self.channels
     }
 
-    /// Values of one picture.
-    pub fn picture_len(&self) -> usize {
+    /// Values of one image.
+    pub fn image_len(&self) -> usize {
         self.height * self.row_len()
     }
 
-    /// All values of one picture.
-    pub fn picture(&self, picture: usize) -> &[f32] {
-        &self.data[picture * self.picture_len()..][..self.picture_len()]
+    /// All values of one image.
+    pub fn image(&self, image: usize) -> &[f32] {
+        &self.data[image * self.image_len()..][..self.image_len()]
     }
 
-    /// All values of one pixel; `None` outside the picture.
-    pub fn pixel(&self, picture: usize, y: isize, x: isize) -> Option<&[f32]> {
+    /// All values of one pixel; `None` outside the image.
+    pub fn pixel(&self, image: usize, y: isize, x: isize) -> Option<&[f32]> {
         let inside =
             (0..self.height as isize).contains(&y) && (0..self.width as isize).contains(&x);
         let at = inside.then(|| {
-            picture * self.picture_len() + y as usize * self.row_len() + x as usize * self.channels
+            image * self.image_len() + y as usize * self.row_len() + x as usize * self.channels
         })?;
         Some(&self.data[at..at + self.channels])
     }
 
     /// Other sizes. What the values are is left open; the memory is used again.
-    pub fn reshape(&mut self, pictures: usize, height: usize, width: usize, channels: usize) {
-        self.data.resize(pictures * height * width * channels, 0.0);
-        (self.pictures, self.height, self.width, self.channels) =
-            (pictures, height, width, channels);
+    pub fn reshape(&mut self, images: usize, height: usize, width: usize, channels: usize) {
+        self.data.resize(images * height * width * channels, 0.0);
+        (self.images, self.height, self.width, self.channels) = (images, height, width, channels);
     }
 
     /// Copies pixels of a row, from column `left` on, as many as `values` holds; those outside the
-    /// picture are zero.
-    pub(crate) fn copy_row(&self, picture: usize, y: isize, left: isize, values: &mut [f32]) {
+    /// image are zero.
+    pub(crate) fn copy_row(&self, image: usize, y: isize, left: isize, values: &mut [f32]) {
         let channels = self.channels as isize;
         let (begin, row_len) = (left * channels, self.row_len() as isize);
         let end = begin + values.len() as isize;
@@ -71,7 +70,7 @@ impl Features {
             values.fill(0.0);
             return;
         }
-        let row = &self.picture(picture)[y as usize * self.row_len()..][..self.row_len()];
+        let row = &self.image(image)[y as usize * self.row_len()..][..self.row_len()];
         let (from, to) = (begin.max(0), end.min(row_len));
         let (before, inside) = ((from - begin) as usize, (to - from) as usize);
         values[..before].fill(0.0);
@@ -79,15 +78,15 @@ impl Features {
         values[before + inside..].fill(0.0);
     }
 
-    /// The rows `rows` of every picture.
+    /// The rows `rows` of every image.
     ///
     /// # Panics
     /// When there are fewer rows.
     pub fn rows(&self, rows: std::ops::Range<usize>) -> Self {
         let row_len = self.row_len();
-        let mut data = Vec::with_capacity(self.pictures * rows.len() * row_len);
-        for picture in 0..self.pictures {
-            let values = self.picture(picture);
+        let mut data = Vec::with_capacity(self.images * rows.len() * row_len);
+        for image in 0..self.images {
+            let values = self.image(image);
             data.extend_from_slice(&values[rows.start * row_len..rows.end * row_len]);
         }
         Self {
@@ -98,19 +97,19 @@ impl Features {
     }
 
     /// The largest value of every channel in windows of `side` x `side` pixels, `stride` apart;
-    /// windows that would leave the picture are left out.
+    /// windows that would leave the image are left out.
     ///
     /// # Panics
-    /// When a picture is smaller than one window.
+    /// When an image is smaller than one window.
     pub fn max_pool(&self, side: usize, stride: usize) -> Self {
         assert!(
             self.height >= side && self.width >= side,
-            "a {side}x{side} window in a picture of {}x{}",
+            "a {side}x{side} window in an image of {}x{}",
             self.width,
             self.height
         );
         let [height, width] = [self.height, self.width].map(|length| (length - side) / stride + 1);
-        let mut pooled = Self::zeros(self.pictures, height, width, self.channels);
+        let mut pooled = Self::zeros(self.images, height, width, self.channels);
         self.max_pool_rows(0..self.height, [side, stride], &mut pooled, 0);
         pooled
     }
@@ -128,22 +127,18 @@ impl Features {
         first: usize,
     ) {
         assert_eq!(
-            [pooled.pictures, pooled.width, pooled.channels],
-            [
-                self.pictures,
-                (self.width - side) / stride + 1,
-                self.channels
-            ],
+            [pooled.images, pooled.width, pooled.channels],
+            [self.images, (self.width - side) / stride + 1, self.channels],
             "sizes of what is pooled"
         );
         // Windows that would leave the rows are left out.
         let height = (rows.len() + stride).saturating_sub(side) / stride;
-        let (row_len, pooled_len) = (pooled.row_len(), pooled.picture_len());
+        let (row_len, pooled_len) = (pooled.row_len(), pooled.image_len());
         if height * row_len == 0 {
             return;
         }
-        for (picture, values) in pooled.data.chunks_exact_mut(pooled_len).enumerate() {
-            let source = self.picture(picture);
+        for (image, values) in pooled.data.chunks_exact_mut(pooled_len).enumerate() {
+            let source = self.image(image);
             values[first * row_len..][..height * row_len]
                 .par_chunks_exact_mut(row_len)
                 .enumerate()
@@ -169,7 +164,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn windows_that_leave_the_picture_are_left_out() {
+    fn windows_that_leave_the_image_are_left_out() {
         let mut features = Features::zeros(2, 4, 6, 1);
         for (index, value) in features.data.iter_mut().enumerate() {
             *value = index as f32 - 30.0;
@@ -210,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_are_those_of_every_picture() {
+    fn rows_are_those_of_every_image() {
         let mut features = Features::zeros(2, 3, 2, 2);
         for (index, value) in features.data.iter_mut().enumerate() {
             *value = index as f32;

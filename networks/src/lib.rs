@@ -1,7 +1,7 @@
 //! What the networks of curation and scoring are built from, on the CPU, without a framework.
 //!
 //! [`weights`] finds and reads published weights, [`matrix`] multiplies matrices, [`winograd`]
-//! turns 3x3 convolutions into matrix products, [`convolution`] convolves pictures of
+//! turns 3x3 convolutions into matrix products, [`convolution`] convolves images of
 //! [`features`]. A network itself lies where it is used, as a composition of these.
 //!
 //! Why no inference runtime: `docs/results/boundaries.md` has the measurements.

@@ -47,7 +47,7 @@ pub fn transform_kernel(kernel: [f64; 9]) -> [f64; POSITIONS] {
 /// `B^T d B` for many independent patches at once.
 ///
 /// `patch[6 y + x]` holds the values of all of them at one pixel; `None` is a pixel outside the
-/// picture, zero. `transformed[p]` receives position p in the same order.
+/// image, zero. `transformed[p]` receives position p in the same order.
 ///
 /// # Panics
 /// When a slice is shorter than those of `transformed`, or there are not 36 of them.
@@ -82,7 +82,7 @@ pub fn transform_patches(patch: &[Option<&[f32]>; POSITIONS], transformed: &mut 
 /// which `bias` is added, channel by channel; what is negative then becomes zero.
 ///
 /// `tile[4 y + x]` receives the values of one pixel in the order of those of `products`, channels
-/// fastest; `None` is a pixel outside the picture.
+/// fastest; `None` is a pixel outside the image.
 ///
 /// # Panics
 /// When slices differ in length, when there are not 36 positions and 16 outputs, or when channels
@@ -273,7 +273,7 @@ mod tests {
         let kernel: [f64; 9] = std::array::from_fn(|at| f64::from(value(7 * at + 3)));
         let bias: Vec<f32> = (0..8).map(|at| value(at + 500)).collect();
 
-        // The pixel at the upper left lies outside the picture.
+        // The pixel at the upper left lies outside the image.
         let patch: [Option<&[f32]>; POSITIONS] =
             std::array::from_fn(|at| (at > 0).then(|| pixels[at].as_slice()));
         let mut transformed = vec![vec![0.0; COUNT]; POSITIONS];

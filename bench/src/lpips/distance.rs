@@ -1,4 +1,4 @@
-//! How far the features of two pictures are apart.
+//! How far the features of two images are apart.
 
 use std::ops::Range;
 
@@ -9,15 +9,15 @@ const EPSILON: f32 = 1e-10;
 /// Channels that are added up side by side; every stage has a multiple of them.
 const LANES: usize = 8;
 
-/// Sum over the pixels of some rows of the weighted squared differences of two pictures' features of
+/// Sum over the pixels of some rows of the weighted squared differences of two images' features of
 /// unit length.
 pub(super) fn weighted(
-    pictures: [&[f32]; 2],
+    images: [&[f32]; 2],
     row_len: usize,
     rows: Range<usize>,
     weights: &[f32],
 ) -> f64 {
-    let [left, right] = pictures.map(|values| &values[rows.start * row_len..rows.end * row_len]);
+    let [left, right] = images.map(|values| &values[rows.start * row_len..rows.end * row_len]);
     let rows: Vec<f64> = left
         .par_chunks_exact(row_len)
         .zip(right.par_chunks_exact(row_len))
@@ -73,9 +73,9 @@ mod tests {
         let weights: Vec<f32> = (0..16).map(|channel| channel as f32 / 10.0).collect();
         let mut expected = 0.0;
         for (left, right) in features
-            .picture(0)
+            .image(0)
             .chunks_exact(16)
-            .zip(features.picture(1).chunks_exact(16))
+            .zip(features.image(1).chunks_exact(16))
         {
             let unit = |values: &[f32]| -> Vec<f64> {
                 let squares = values.iter().map(|&v| f64::from(v) * f64::from(v));
@@ -86,8 +86,8 @@ mod tests {
                 expected += f64::from(weights[channel]) * (l - r) * (l - r);
             }
         }
-        let pictures = [0, 1].map(|picture| features.picture(picture));
-        let found = weighted(pictures, features.row_len(), 0..3, &weights);
+        let images = [0, 1].map(|image| features.image(image));
+        let found = weighted(images, features.row_len(), 0..3, &weights);
         assert!(
             (found - expected).abs() < 1e-5 * expected,
             "{found} {expected}"

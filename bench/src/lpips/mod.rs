@@ -1,10 +1,10 @@
-//! LPIPS: how different two pictures look to a network that was trained to recognize things
+//! LPIPS: how different two images look to a network that was trained to recognize things
 //! (Zhang, Isola, Efros, Shechtman and Wang, "The unreasonable effectiveness of deep features as a
 //! perceptual metric", 2018; version 0.1 of the linear layers).
 //!
-//! Both pictures go through a backbone; after each of its five stages the features of every pixel
+//! Both images go through a backbone; after each of its five stages the features of every pixel
 //! are scaled to unit length, their squared differences weighted by channel and averaged over the
-//! picture. The distance is the sum over the stages.
+//! image. The distance is the sum over the stages.
 //!
 //! Convolutions are in f32 and round differently on processors with other vector instructions:
 //! between machines the sixth decimal may differ. On one machine a distance is the same number for
@@ -25,17 +25,17 @@ use backbone::Stage;
 pub enum InputRange {
     /// [-1, 1], for which the constants of the network are made: `lpips` by its authors.
     Signed,
-    /// [0, 1], as the codes of 3DGS and ODGS pass their pictures (3DGS issue 1239).
+    /// [0, 1], as the codes of 3DGS and ODGS pass their images (3DGS issue 1239).
     Unsigned,
 }
 
-/// What the stages of a network make of a picture.
+/// What the stages of a network make of an image.
 #[derive(Debug, Clone)]
-pub struct PictureFeatures {
+pub struct ImageFeatures {
     stages: Vec<Features>,
 }
 
-/// Mean and deviation of red, green and blue in [-1, 1] over the pictures that the backbones were
+/// Mean and deviation of red, green and blue in [-1, 1] over the images that the backbones were
 /// trained with (`ScalingLayer` of the authors' code).
 const SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
 const SCALE: [f32; 3] = [0.458, 0.448, 0.450];
@@ -73,21 +73,21 @@ impl Lpips {
         Ok(slot.get_or_init(|| network))
     }
 
-    /// The distance of two 8-bit RGB pictures, 0 for equal ones; `None` where they are smaller than
+    /// The distance of two 8-bit RGB images, 0 for equal ones; `None` where they are smaller than
     /// [`Backbone::smallest_side`].
     ///
     /// # Panics
-    /// When a picture does not hold `width * height * 3` bytes.
+    /// When an image does not hold `width * height * 3` bytes.
     pub fn distance(
         &self,
         [width, height]: [usize; 2],
-        pictures: [&[u8]; 2],
+        images: [&[u8]; 2],
         range: InputRange,
     ) -> Option<f64> {
         if width.min(height) < self.backbone.smallest_side() {
             return None;
         }
-        let mut features = input([width, height], &pictures, range);
+        let mut features = input([width, height], &images, range);
         let mut pooled = Features::zeros(0, 0, 0, 0);
         let mut buffers = [pooled.clone(), pooled.clone()];
         let mut sum = 0.0;
@@ -100,21 +100,21 @@ impl Lpips {
         Some(sum)
     }
 
-    /// The features of an 8-bit RGB picture, all stages at once: for pictures that are compared with
+    /// The features of an 8-bit RGB image, all stages at once: for images that are compared with
     /// several others. `None` where it is smaller than [`Backbone::smallest_side`].
     ///
     /// # Panics
-    /// When the picture does not hold `width * height * 3` bytes.
+    /// When the image does not hold `width * height * 3` bytes.
     pub fn features(
         &self,
         [width, height]: [usize; 2],
-        picture: &[u8],
+        image: &[u8],
         range: InputRange,
-    ) -> Option<PictureFeatures> {
+    ) -> Option<ImageFeatures> {
         if width.min(height) < self.backbone.smallest_side() {
             return None;
         }
-        let mut source = input([width, height], &[picture], range);
+        let mut source = input([width, height], &[image], range);
         let mut stages = Vec::new();
         for (stage, next) in self.stages.iter().zip(1..) {
             for convolution in &stage.convolutions {
@@ -125,15 +125,15 @@ impl Lpips {
             stages.push(source.clone());
             source = pooled.unwrap_or(source);
         }
-        Some(PictureFeatures { stages })
+        Some(ImageFeatures { stages })
     }
 
-    /// [`Self::distance`] of two pictures of one size, to the last bit, from their features.
+    /// [`Self::distance`] of two images of one size, to the last bit, from their features.
     ///
     /// # Panics
-    /// When the features are of pictures of two sizes.
-    pub fn distance_of_features(&self, pictures: [&PictureFeatures; 2]) -> f64 {
-        let [left, right] = pictures.map(|picture| picture.stages.iter());
+    /// When the features are of images of two sizes.
+    pub fn distance_of_features(&self, images: [&ImageFeatures; 2]) -> f64 {
+        let [left, right] = images.map(|image| image.stages.iter());
         let stages = self.stages.iter().zip(left.zip(right));
         let distances = stages.map(|(stage, (left, right))| {
             let strip = if stage.keeps_size() {
@@ -143,15 +143,15 @@ impl Lpips {
             };
             let strips = (0..left.height).step_by(strip).map(|top| {
                 let rows = top..(top + strip).min(left.height);
-                let pictures = [left.data.as_slice(), &right.data];
-                distance::weighted(pictures, left.row_len(), rows, &stage.linear)
+                let images = [left.data.as_slice(), &right.data];
+                distance::weighted(images, left.row_len(), rows, &stage.linear)
             });
             strips.sum::<f64>() / (left.height * left.width) as f64
         });
         distances.sum()
     }
 
-    /// About how much memory the features of a picture take, bytes.
+    /// About how much memory the features of an image take, bytes.
     pub fn features_bytes(&self, [width, height]: [usize; 2]) -> usize {
         let bytes_per_pixel = match self.backbone {
             // Channels of the stages over the pixels of the image for each of theirs.
@@ -173,16 +173,16 @@ impl Lpips {
     }
 }
 
-/// Pictures as the backbones expect their colours.
-fn input([width, height]: [usize; 2], pictures: &[&[u8]], range: InputRange) -> Features {
-    let mut features = Features::zeros(pictures.len(), height, width, 3);
-    let picture_len = features.picture_len();
+/// Images as the backbones expect their colours.
+fn input([width, height]: [usize; 2], images: &[&[u8]], range: InputRange) -> Features {
+    let mut features = Features::zeros(images.len(), height, width, 3);
+    let image_len = features.image_len();
     let (gain, offset) = match range {
         InputRange::Signed => (2.0, -1.0),
         InputRange::Unsigned => (1.0, 0.0),
     };
-    for (values, bytes) in features.data.chunks_exact_mut(picture_len).zip(pictures) {
-        assert_eq!(bytes.len(), picture_len, "bytes of a picture");
+    for (values, bytes) in features.data.chunks_exact_mut(image_len).zip(images) {
+        assert_eq!(bytes.len(), image_len, "bytes of an image");
         for (index, (value, &byte)) in values.iter_mut().zip(*bytes).enumerate() {
             let signed = gain * (f32::from(byte) / 255.0) + offset;
             *value = (signed - SHIFT[index % 3]) / SCALE[index % 3];
@@ -223,9 +223,9 @@ fn apply(
         } else {
             0..features.height
         };
-        let pictures = [0, 1].map(|picture| features.picture(picture));
+        let images = [0, 1].map(|image| features.image(image));
         let row_len = features.row_len();
-        distance += distance::weighted(pictures, row_len, rows.clone(), &stage.linear);
+        distance += distance::weighted(images, row_len, rows.clone(), &stage.linear);
         pixels += rows.len() * features.width;
         if top == 0 {
             // Of a stage without strips the height is known now.
@@ -237,7 +237,7 @@ fn apply(
             let [side, stride] = pooling;
             let length = |length: usize| (length - side) / stride + 1;
             let (height, width) = (length(height), length(features.width));
-            pooled.reshape(features.pictures, height, width, features.channels);
+            pooled.reshape(features.images, height, width, features.channels);
         }
         features.max_pool_rows(rows, pooling, pooled, top / pooling[1]);
     }

@@ -4,7 +4,7 @@
 use omnilife_schemas::records::Direction;
 
 use super::{Metric, Need, Sample, Undefined, ViewPair, view_pair::PairFeatures};
-use crate::lpips::{Backbone, InputRange, Lpips, PictureFeatures};
+use crate::lpips::{Backbone, ImageFeatures, InputRange, Lpips};
 
 pub(super) const VGG: Metric = Metric {
     id: "lpips-vgg",
@@ -78,8 +78,8 @@ pub(super) fn features(pair: &ViewPair) -> Result<&PairFeatures, Undefined> {
 }
 
 /// `lpips-alex` of two images of which the features are known.
-pub(super) fn of_features(pictures: [&PictureFeatures; 2]) -> Result<f64, Undefined> {
-    Ok(network(Backbone::Alex)?.distance_of_features(pictures))
+pub(super) fn of_features(images: [&ImageFeatures; 2]) -> Result<f64, Undefined> {
+    Ok(network(Backbone::Alex)?.distance_of_features(images))
 }
 
 const TOO_SMALL: Undefined = Undefined("the image is too small for the network");

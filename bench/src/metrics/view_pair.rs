@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use crate::lpips::{Backbone, InputRange, Lpips, PictureFeatures};
+use crate::lpips::{Backbone, ImageFeatures, InputRange, Lpips};
 
 /// A predicted view and its ground truth: two 8-bit RGB images of the same size.
 #[derive(Debug, Clone)]
@@ -17,8 +17,8 @@ pub struct ViewPair {
 /// What a network makes of both images of a pair.
 #[derive(Debug, Clone)]
 pub(crate) struct PairFeatures {
-    pub(super) prediction: PictureFeatures,
-    pub(super) truth: PictureFeatures,
+    pub(super) prediction: ImageFeatures,
+    pub(super) truth: ImageFeatures,
 }
 
 impl ViewPair {

@@ -119,14 +119,14 @@ fn slowest(job: &ScoringJob) -> String {
 
 /// What scoring may write, relative to the output folder.
 fn planned_files(views: &[View]) -> impl Iterator<Item = String> {
-    let pictures = views
+    let images = views
         .iter()
         .filter(|view| view.kind == ViewKind::Novel)
         .map(|&view| side_by_side::file(view));
     [RESULT_FILE, SCORING_FILE, FRAME_SCORES_FILE, CURVE_FILE]
         .map(str::to_owned)
         .into_iter()
-        .chain(pictures)
+        .chain(images)
 }
 
 /// Writes what differs from one computation of the same scores to the next.
