@@ -134,7 +134,8 @@ fn without_numbers(bytes: &[u8]) -> String {
 /// Whether an entry is measured, so that two runs may agree on it by chance.
 fn is_measured(path: &str) -> bool {
     let name = path.rsplit('/').next().unwrap_or_default();
-    name.ends_with("seconds")
+    name == "scored_at"
+        || name.ends_with("seconds")
         || name.contains("memory")
         || name.contains("wall")
         || matches!(name, "sha256" | "bytes" | "attempt" | "log")
