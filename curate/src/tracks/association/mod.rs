@@ -3,7 +3,7 @@
 //! What moves two car lengths from frame to frame has no overlapping boxes in the image, and still is
 //! where its velocity on the ground says. Which of two cars is meant shows a frame later, when only one
 //! of the two goes on evenly. So nothing is decided from frame to frame: every sighting keeps several
-//! chains that end at it, each with a Kalman filter ([`filter`]), and whole chains are chosen by how much
+//! chains that end at it, each with a Kalman filter (`filter`), and whole chains are chosen by how much
 //! more likely they are than as many sightings of nothing (the score of multiple hypothesis tracking;
 //! Blackman 2004, Eq. 4):
 //!
@@ -16,7 +16,7 @@
 //! another, boxes show the wrong one. The chain
 //! with the best score is taken with its sightings, then the best of the others, until none is left that
 //! is likelier than nothing. Chains then exchange sightings as long as that makes all of them together
-//! likelier ([`exchange`]). What stopped for longer than a chain may have gaps is joined at the end.
+//! likelier (`exchange`). What stopped for longer than a chain may have gaps is joined at the end.
 
 mod exchange;
 mod filter;
