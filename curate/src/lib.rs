@@ -13,7 +13,6 @@ pub mod audit;
 pub mod boundaries;
 pub mod criteria;
 pub mod dataset;
-mod erp_sampling;
 pub mod error;
 pub mod exchange;
 pub mod frames;

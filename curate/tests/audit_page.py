@@ -104,7 +104,7 @@ def audit(browser, page, downloads, screenshot):
         .filter(e => !(e.labels?.length || e.textContent.trim() || e.alt || e.querySelector('img[alt]')))
         .map(e => e.outerHTML.slice(0, 80))""")
     expect("elements without a name", unlabelled, [])
-    expect("pictures", browser.script(
+    expect("images", browser.script(
         "return [...document.images].every(i => i.src.startsWith('data:image/jpeg;base64,'))"), True)
     expect("pixels that hang over the side", browser.script(
         "return document.documentElement.scrollWidth - document.documentElement.clientWidth"), 0)
@@ -144,8 +144,8 @@ def audit(browser, page, downloads, screenshot):
             browser.do("POST", "/goog/cdp/execute", {
                 "cmd": "Emulation.setEmulatedMedia",
                 "params": {"features": [{"name": "prefers-color-scheme", "value": scheme}]}})
-            picture = base64.b64decode(browser.do("GET", "/screenshot"))
-            screenshot.with_name(f"{screenshot.stem}-{scheme}.png").write_bytes(picture)
+            image = base64.b64decode(browser.do("GET", "/screenshot"))
+            screenshot.with_name(f"{screenshot.stem}-{scheme}.png").write_bytes(image)
     browser.script("document.querySelector('#boundaries li').focus()")
     browser.press("s")
     wait_for("saved file", (downloads / "decisions.json").exists)

@@ -43,10 +43,7 @@ fn write_scene(folder: &Path) -> Scene {
         SceneFrame {
             image,
             time_seconds: number as f64,
-            pose: Some(Pose {
-                rotation_wxyz: [q.w, q.x, q.y, q.z],
-                centre: [0.3 * number as f64 - 2.0, -4.0, 40.0],
-            }),
+            pose: Some(Pose::new(q, dvec3(0.3 * number as f64 - 2.0, -4.0, 40.0))),
             mask: None,
             classes: [].into(),
             depth: None,

@@ -25,7 +25,7 @@ use omnilife_reconstruct::{
         },
     },
     options::Options,
-    request::{MethodRequest, PlanChoice},
+    request::MethodRequest,
 };
 use omnilife_schemas::camera::PinholeCamera;
 
@@ -372,35 +372,4 @@ fn masks_that_leave_nothing_are_refused_and_empty_ones_have_a_reason() {
         "{}",
         line.reason
     );
-}
-
-/// Run by hand: `cargo test --test neural_atlas -- --ignored --nocapture throughput`.
-#[test]
-#[ignore = "a timing"]
-fn throughput() {
-    for size in ["small", "medium", "large"] {
-        let mut request = MethodRequest::new(STEPS, 1);
-        let lines = [
-            format!("base-fields={size}"),
-            format!("motion-fields={size}"),
-        ];
-        let method = methods::find("nag").unwrap();
-        request.options = Options::parse("nag", method.options, &lines).unwrap();
-        request.plan = PlanChoice::Full;
-        let mut learner = begin(clip(), &[], &request).unwrap().learner;
-        // All fields take part.
-        let at = Position::new(STEPS, None, STEPS / 2, 0.0);
-        learner.step(0, &at).unwrap();
-        let before = learner.samples();
-        let begun = Instant::now();
-        for _ in 0..6 {
-            learner.step(0, &at).unwrap();
-        }
-        let samples = learner.samples() - before;
-        let seconds = begun.elapsed().as_secs_f64();
-        println!(
-            "{size}: {:.0} plane samples a second",
-            samples as f64 / seconds
-        );
-    }
 }

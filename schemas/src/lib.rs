@@ -25,6 +25,7 @@ pub mod error_kind;
 pub mod foreign_code;
 pub mod frame_scores;
 pub mod image_file;
+pub mod interpolation;
 pub mod layout;
 pub mod lock;
 pub mod names;

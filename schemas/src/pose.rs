@@ -30,10 +30,7 @@ impl Pose {
             return None;
         }
         let q = DQuat::from_mat3(&camera_to_world).normalize();
-        Some(Self {
-            rotation_wxyz: [q.w, q.x, q.y, q.z],
-            centre: centre.to_array(),
-        })
+        Some(Self::new(q, centre))
     }
 
     /// The pose with a rotation from the camera to the world, a unit quaternion, and this centre.

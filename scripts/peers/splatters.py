@@ -19,10 +19,11 @@ METRICS = ["psnr", "ssim"]
 SKY_POINTS = 10_000
 
 
-def called(command):
-    """Runs a command; gives its wall and CPU seconds, children included."""
+def called(command, threads=None):
+    """Runs a command, one of ours on this many threads; gives its wall and CPU seconds, children included."""
+    environment = dict(os.environ, **({"RAYON_NUM_THREADS": str(threads)} if threads else {}))
     before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
-    ended = subprocess.run(command, stdout=sys.stderr)
+    ended = subprocess.run(command, stdout=sys.stderr, env=environment)
     wall = time.monotonic() - begun
     if ended.returncode != 0:
         sys.exit(f"splatters: {command[0]} ended with {ended.returncode}")
@@ -59,10 +60,11 @@ def splatter(omnilife, program, sequence, split, work, iterations, side):
 def ours(omnilife, method, sequence, split, work, seconds):
     """A method of ours, trained until it has used as much CPU time as the program, or a little more."""
     run = work / method
-    # Two cores at most are assumed to be busy: more only shortens the budget.
-    budget = max(1.0, seconds / min(os.cpu_count() or 1, 2))
+    # A budget is wall time; two threads are busy nearly all of it.
+    threads = min(os.cpu_count() or 1, 2)
+    budget = max(1.0, seconds / threads)
     called([omnilife, "--quiet", "reconstruct", "train", sequence, "--split", split, "--method", method,
-            "--budget", f"{budget:.1f}", "--out", run])
+            "--budget", f"{budget:.1f}", "--out", run], threads)
     called([omnilife, "--quiet", "bench", "score", "--scene", sequence, "--split", split, "--run", run,
             "--without-lpips", "--out", work / f"{method}-score"])
     record = json.loads((run / "run.json").read_text())

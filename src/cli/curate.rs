@@ -17,6 +17,7 @@ use super::{
         SelectArguments, SliceArguments,
     },
     ledger::LedgerCommand,
+    memory::gibibytes,
 };
 use crate::exit::BadRequest;
 
@@ -337,15 +338,6 @@ impl MemoryLimitArguments {
         self.memory
             .or_else(|| Hardware::here().memory_bytes.map(|bytes| bytes / 4 * 3))
     }
-}
-
-/// Bytes of a number of GiB.
-pub(super) fn gibibytes(text: &str) -> Result<u64, String> {
-    text.parse()
-        .ok()
-        .filter(|gibibytes: &f64| gibibytes.is_finite() && *gibibytes > 0.0)
-        .map(|gibibytes| (gibibytes * f64::from(1 << 30)) as u64)
-        .ok_or_else(|| "memory is a positive number of GiB".to_owned())
 }
 
 /// What holds for every video of a dataset.

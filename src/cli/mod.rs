@@ -7,6 +7,7 @@ mod dataset;
 mod guide;
 mod leaderboard;
 mod ledger;
+mod memory;
 mod places;
 mod reconstruct;
 #[cfg(test)]

@@ -14,7 +14,7 @@ use omnilife_reconstruct::{
     request::{BackendChoice, MethodRequest, PlanChoice},
 };
 
-use super::{curate::gibibytes, places};
+use super::{memory::gibibytes, places};
 use crate::exit::BadRequest;
 
 #[derive(Debug, Clone, Args)]

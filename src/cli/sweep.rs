@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 use omnilife_bench::PROTOCOLS;
 
-use super::curate::CurationSettingsArguments;
+use super::{curate::CurationSettingsArguments, memory::gibibytes};
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum SweepCommand {
@@ -80,8 +80,8 @@ pub(crate) struct PlanArguments {
     #[arg(long, default_value_t = 1, value_name = "N")]
     pub(crate) unit_cores: u32,
     /// Memory of a unit in GiB, until some were measured.
-    #[arg(long, default_value_t = 2.0, value_name = "GIB")]
-    pub(crate) unit_memory: f64,
+    #[arg(long, default_value = "2", value_name = "GIB", value_parser = gibibytes)]
+    pub(crate) unit_memory: u64,
     /// GPUs of a unit.
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub(crate) unit_gpus: u32,
@@ -123,8 +123,8 @@ pub(crate) struct SweepRunArguments {
     #[arg(long, value_name = "N")]
     pub(crate) cores: Option<u32>,
     /// Memory that all units together may use, GiB [default: nine tenths of what is free].
-    #[arg(long, value_name = "GIB")]
-    pub(crate) memory: Option<f64>,
+    #[arg(long, value_name = "GIB", value_parser = gibibytes)]
+    pub(crate) memory: Option<u64>,
     /// GPUs; units are told theirs by `CUDA_VISIBLE_DEVICES`.
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub(crate) gpus: u32,

@@ -122,7 +122,7 @@ fn limits(arguments: &SweepRunArguments) -> anyhow::Result<PoolLimits> {
         None => u32::try_from(thread::available_parallelism()?.get())?,
     };
     let memory_bytes = match arguments.memory {
-        Some(gibibytes) => plans::gibibytes(gibibytes)?,
+        Some(bytes) => bytes,
         None => process::available_memory_bytes().map_or(u64::MAX, |bytes| bytes / 10 * 9),
     };
     if cores == 0 {

@@ -16,25 +16,14 @@ use crate::{
     exit::BadRequest,
 };
 
-const GIBIBYTE: f64 = (1_u64 << 30) as f64;
-
 /// What every unit of a plan needs, as asked for.
 fn needs(arguments: &PlanArguments) -> anyhow::Result<UnitNeeds> {
     Ok(UnitNeeds {
         cores: arguments.unit_cores,
-        memory_bytes: gibibytes(arguments.unit_memory)?,
+        memory_bytes: arguments.unit_memory,
         gpus: arguments.unit_gpus,
         limit_seconds: arguments.unit_limit,
     })
-}
-
-/// GiB as bytes.
-pub(crate) fn gibibytes(value: f64) -> anyhow::Result<u64> {
-    if value > 0.0 && value < 1e9 {
-        Ok((value * GIBIBYTE) as u64)
-    } else {
-        Err(BadRequest(format!("{value}: is no size of a memory in GiB")).into())
-    }
 }
 
 /// A path as commands in any folder find it.

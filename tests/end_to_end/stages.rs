@@ -169,7 +169,7 @@ fn stage_by_stage_gives_the_scores_of_the_main_job() {
 }
 
 #[test]
-fn anyones_predictions_are_scored_from_plain_folders() {
+fn predictions_of_other_programs_are_scored_from_plain_folders() {
     let out = &small_run().out;
     let scene = out.join(SEQUENCE).join("scene.json");
     let split = out.join(SEQUENCE).join("per-scene/split.json");

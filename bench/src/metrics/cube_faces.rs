@@ -1,8 +1,11 @@
 //! The six faces of the cube around the camera, on which some feed-forward methods are scored: an
 //! ERP image gives the poles far more pixels than they have of the sphere, cube faces do not.
 
-use glam::{DVec3, dvec3};
-use omnilife_schemas::camera::{CameraModel, ErpCamera};
+use glam::{dvec2, dvec3};
+use omnilife_schemas::{
+    camera::{CameraModel, ErpCamera, cube::CUBE_FACES},
+    interpolation::{Edges, bilinear},
+};
 use rayon::prelude::*;
 
 use super::ViewPair;
@@ -15,17 +18,6 @@ pub(super) struct Face {
     pub(super) truth: Vec<f64>,
 }
 
-/// The direction of a face's point (a, b), both in [-1, 1], a to the right and b down. Front, right,
-/// back, left, then up and down as seen by turning from the front.
-const DIRECTIONS: [fn(f64, f64) -> DVec3; 6] = [
-    |a, b| dvec3(a, b, 1.0),
-    |a, b| dvec3(1.0, b, -a),
-    |a, b| dvec3(-a, b, -1.0),
-    |a, b| dvec3(-1.0, b, a),
-    |a, b| dvec3(a, -1.0, b),
-    |a, b| dvec3(a, 1.0, -b),
-];
-
 /// Faces of 90 degrees, as wide as half the height of the ERP image, by bilinear interpolation:
 /// around the seam, and at the poles with the last row standing for those beyond. Nothing is
 /// rounded to 8 bits again.
@@ -36,9 +28,9 @@ pub(super) fn render(pair: &ViewPair) -> Vec<Face> {
         height: height as u32,
     };
     let side = (height / 2).max(1);
-    DIRECTIONS
+    CUBE_FACES
         .par_iter()
-        .map(|direction| {
+        .map(|cube_face| {
             let mut face = Face {
                 side,
                 prediction: Vec::with_capacity(side * side * 3),
@@ -46,11 +38,12 @@ pub(super) fn render(pair: &ViewPair) -> Vec<Face> {
             };
             let coordinate = |index: usize| (2 * index + 1) as f64 / side as f64 - 1.0;
             for (row, column) in (0..side * side).map(|at| (at / side, at % side)) {
-                let Some(pixel) = camera.project(direction(coordinate(column), coordinate(row)))
-                else {
+                let on_face = dvec3(coordinate(column), coordinate(row), 1.0);
+                let direction = cube_face.to_camera * on_face;
+                let Some(pixel) = camera.project(direction) else {
                     continue;
                 };
-                let corners = corners(pixel.x - 0.5, pixel.y - 0.5, [width, height]);
+                let corners = bilinear([width, height], Edges::Around, dvec2(pixel.x, pixel.y));
                 for (values, bytes) in [
                     (&mut face.prediction, pair.prediction()),
                     (&mut face.truth, pair.truth()),
@@ -66,20 +59,4 @@ pub(super) fn render(pair: &ViewPair) -> Vec<Face> {
             face
         })
         .collect()
-}
-
-/// The four pixels around a position, counted in whole pixels from the centre of the first, and
-/// their weights.
-fn corners(x: f64, y: f64, [width, height]: [usize; 2]) -> [(usize, f64); 4] {
-    let (left, top) = (x.floor(), y.floor());
-    let (right_share, bottom_share) = (x - left, y - top);
-    let column = |offset: f64| (left + offset).rem_euclid(width as f64) as usize % width;
-    let row = |offset: f64| (top + offset).clamp(0.0, (height - 1) as f64) as usize;
-    [
-        (0.0, 0.0, (1.0 - right_share) * (1.0 - bottom_share)),
-        (1.0, 0.0, right_share * (1.0 - bottom_share)),
-        (0.0, 1.0, (1.0 - right_share) * bottom_share),
-        (1.0, 1.0, right_share * bottom_share),
-    ]
-    .map(|(dx, dy, weight)| (row(dy) * width + column(dx), weight))
 }

@@ -150,7 +150,7 @@ const place = (row) => {
   byId("boundaries").insertBefore(row.item, at < 0 ? null : rows[at + 1].item);
 };
 
-const addRow = (candidate, pictures, decision) => {
+const addRow = (candidate, images, decision) => {
   const proposed = {
     begin: nearestFrame(candidate.boundary.begin_seconds),
     end: nearestFrame(candidate.boundary.end_seconds),
@@ -174,11 +174,11 @@ const addRow = (candidate, pictures, decision) => {
     return made;
   };
   const strip = element("div", { className: "strip" });
-  for (const picture of pictures) {
-    const image = element("img", { src: picture.url, alt: `Frame ${picture.frame}`, loading: "lazy" });
-    const caption = element("figcaption", { textContent: data.times[picture.frame].toFixed(3) });
+  for (const { url, frame } of images) {
+    const image = element("img", { src: url, alt: `Frame ${frame}`, loading: "lazy" });
+    const caption = element("figcaption", { textContent: data.times[frame].toFixed(3) });
     const figure = element("figure", {}, [image, caption]);
-    row.figures.set(picture.frame, figure);
+    row.figures.set(frame, figure);
     strip.append(figure);
   }
   const who = candidate.authors.map((one) => author(one).split(/[:@]/)[0]).join(", ");
@@ -260,10 +260,10 @@ document.title = `Boundary audit: ${data.source.file_name}`;
 for (const kind of data.kinds) byId("add-kind").append(element("option", { textContent: kind }));
 data.candidates.forEach((candidate, index) => addRow(candidate, data.filmstrips[index]));
 byId("none").hidden = rows.length > 0;
-for (const picture of data.overview) {
-  const time = data.times[picture.frame];
+for (const image of data.overview) {
+  const time = data.times[image.frame];
   const shown = element("button", { type: "button", title: seconds(time) },
-    [element("img", { src: picture.url, alt: `At ${seconds(time)}`, loading: "lazy" })]);
+    [element("img", { src: image.url, alt: `At ${seconds(time)}`, loading: "lazy" })]);
   shown.addEventListener("click", () => { byId("add-time").value = time; });
   byId("overview").append(shown);
 }

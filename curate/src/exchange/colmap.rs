@@ -42,6 +42,7 @@ use crate::{
 pub const FORMAT: Format = Format {
     id: "colmap",
     about: "COLMAP text model with an EQUIRECTANGULAR (COLMAP 4.1 and later) or PINHOLE camera",
+    holds_cube_faces: true,
     export,
     import,
 };
@@ -50,6 +51,7 @@ pub const FORMAT: Format = Format {
 pub const BINARY_FORMAT: Format = Format {
     id: "colmap-binary",
     about: "the same with a binary model: cameras.bin, images.bin, points3D.bin",
+    holds_cube_faces: true,
     export: export_binary,
     import,
 };

@@ -21,6 +21,7 @@ use omnilife_schemas::{
         Camera, CameraModel, ErpCamera,
         cube::{CUBE_FACES, CubeFace, face_camera, side_of_equal_resolution},
     },
+    interpolation::Edges,
     points::PointCloud,
     rgb::Mask,
     store,
@@ -29,7 +30,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{ExportFrame, ExportScene};
-use crate::{erp_sampling, error::CurateError};
+use crate::error::CurateError;
 
 /// Faces and sky that an export asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -152,7 +153,7 @@ fn face_image(panorama: &RgbImage, face: &CubeFace, side: u32) -> RgbImage {
             let Some(place) = camera.project(face.to_camera * direction) else {
                 continue;
             };
-            let colour = erp_sampling::bilinear(panorama, place);
+            let colour = panorama.sample(place, Edges::Around);
             for (sum, value) in out.iter_mut().zip(colour) {
                 *sum += share * value;
             }
@@ -226,7 +227,7 @@ fn add_sky(
     for index in 0..count {
         let direction = on_sphere(index, count);
         let place = camera.project(to_camera * direction).unwrap_or_default();
-        let colour = erp_sampling::bilinear(&panorama, place);
+        let colour = panorama.sample(place, Edges::Around);
         points
             .positions
             .push((middle + radius * direction).as_vec3().to_array());

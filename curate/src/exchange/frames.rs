@@ -43,6 +43,7 @@ pub const FORMAT: Format = Format {
     id: "frames",
     about: "a perspective clip: rgb/ with mask/ (DAVIS) or objects/NAME/; without poses the camera is \
             registered as one that turns",
+    holds_cube_faces: false,
     export,
     import,
 };

@@ -38,6 +38,7 @@ use crate::error::CurateError;
 pub const FORMAT: Format = Format {
     id: "hm3d",
     about: "panoramas with rotation.npy and translation.npy, as Splatter-360 keeps HM3D; no points",
+    holds_cube_faces: false,
     export,
     import,
 };

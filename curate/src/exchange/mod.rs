@@ -44,6 +44,8 @@ pub struct Format {
     pub id: &'static str,
     /// One line: who reads it, and what it cannot hold.
     pub about: &'static str,
+    /// Whether its readers know perspective rigs, so that it can hold the faces of cubes.
+    pub holds_cube_faces: bool,
     /// Writes a scene into an empty folder.
     pub export: fn(&ExportScene, &Path) -> Result<(), CurateError>,
     /// Reads a folder.
@@ -162,9 +164,6 @@ pub struct ForeignMask {
     pub black_is_dynamic: bool,
 }
 
-/// Formats whose readers know perspective rigs.
-const OF_CUBE_FACES: [&str; 3] = ["colmap", "colmap-binary", "nerfstudio"];
-
 /// Exports a scene. Frames without a pose are left out, with a note.
 ///
 /// # Errors
@@ -177,11 +176,16 @@ pub fn export(
 ) -> Result<ExportScene, CurateError> {
     let out = request.out;
     let format = format(request.format, out)?;
-    if request.cube_faces.is_some() && !OF_CUBE_FACES.contains(&format.id) {
+    if request.cube_faces.is_some() && !format.holds_cube_faces {
+        let can: Vec<&str> = FORMATS
+            .iter()
+            .filter(|format| format.holds_cube_faces)
+            .map(|format| format.id)
+            .collect();
         let reason = format!(
             "is to have cube faces, which {} does not hold; {} do",
             format.id,
-            OF_CUBE_FACES.join(", ")
+            can.join(", ")
         );
         return Err(CurateError::input(out, reason));
     }

@@ -36,6 +36,7 @@ use crate::error::CurateError;
 pub const FORMAT: Format = Format {
     id: "nerfstudio",
     about: "nerfstudio's transforms.json with an EQUIRECTANGULAR or PINHOLE camera",
+    holds_cube_faces: true,
     export,
     import,
 };

@@ -36,6 +36,7 @@ use crate::error::CurateError;
 pub const FORMAT: Format = Format {
     id: "openmvg",
     about: "OpenMVG views and extrinsics, as ODGS reads them; a pinhole has one focal length",
+    holds_cube_faces: false,
     export,
     import,
 };

@@ -49,11 +49,7 @@ pub struct ColmapImage {
 impl ColmapImage {
     /// The pose in the convention of the records.
     pub fn pose(&self) -> Pose {
-        let q = self.rotation;
-        Pose {
-            rotation_wxyz: [q.w, q.x, q.y, q.z],
-            centre: self.centre.to_array(),
-        }
+        Pose::new(self.rotation, self.centre)
     }
 }
 

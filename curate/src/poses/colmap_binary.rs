@@ -271,11 +271,7 @@ mod tests {
     fn a_file_that_is_cut_off_or_too_long_is_refused() -> Result<(), StoreError> {
         let folder =
             tempfile::tempdir().map_err(|error| StoreError::read(Path::new("."), error))?;
-        let q = DQuat::from_rotation_y(0.3);
-        let pose = Pose {
-            rotation_wxyz: [q.w, q.x, q.y, q.z],
-            centre: [1.0, 2.0, 3.0],
-        };
+        let pose = Pose::new(DQuat::from_rotation_y(0.3), DVec3::new(1.0, 2.0, 3.0));
         let camera = ErpCamera {
             width: 64,
             height: 32,

@@ -66,9 +66,9 @@ fn scene() -> (TempDir, Scene) {
             image,
             // Unsteady, and not from 0.
             time_seconds: 3.0 + 0.04 * t + 0.001 * t * t,
-            pose: (index != 5).then(|| Pose {
-                rotation_wxyz: [q.w, q.x, q.y, q.z],
-                centre: [0.3 * t, -0.7 + 0.05 * t * t, 1.0 / (1.0 + t)],
+            pose: (index != 5).then(|| {
+                let centre = dvec3(0.3 * t, -0.7 + 0.05 * t * t, 1.0 / (1.0 + t));
+                Pose::new(q, centre)
             }),
             mask,
             classes: [].into(),

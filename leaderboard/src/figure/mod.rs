@@ -23,7 +23,7 @@ use crate::{
     error::LeaderboardError,
     group::{self, Group},
     layouts::standings,
-    site::comparisons::{PICTURES, SEPARATOR, check_size},
+    site::comparisons::{COMPARISONS, SEPARATOR, check_size},
 };
 use panels::{Canvas, Region, Views};
 
@@ -238,7 +238,7 @@ fn views_of(
         let row = rows.find(|row| row.scene == scene && row.method == method);
         let place = row.and_then(|row| {
             let folder = folders.get(&std::ptr::from_ref(row.results[0]))?;
-            Some((folder.join(PICTURES), row.results[0].scored_size))
+            Some((folder.join(COMPARISONS), row.results[0].scored_size))
         });
         places.extend(place);
     }

@@ -15,8 +15,8 @@ use omnilife_schemas::{
 use super::{SiteRequest, unique_slug};
 use crate::group::{Group, SceneRow};
 
-/// Folder of the pictures beside a result: prediction left, ground truth right.
-pub(crate) const PICTURES: &str = "comparisons";
+/// Folder of the images beside a result: prediction left, ground truth right.
+pub(crate) const COMPARISONS: &str = "comparisons";
 
 /// A score that only views of the whole sphere have.
 const SPHERE_SCORE: &str = "ws-psnr";
@@ -24,8 +24,8 @@ const SPHERE_SCORE: &str = "ws-psnr";
 /// Width of the line between the two halves in pixels.
 pub(crate) const SEPARATOR: u32 = 4;
 
-/// A picture of one view by one method.
-pub(super) struct Picture {
+/// An image of one view by one method.
+pub(super) struct ComparisonImage {
     pub(super) method: String,
     pub(super) protocol_hash: String,
     /// `novel view 4`.
@@ -40,8 +40,8 @@ pub(super) struct Picture {
     pub(super) is_sphere: bool,
 }
 
-impl Picture {
-    /// Width of the whole picture over that of one half.
+impl ComparisonImage {
+    /// Width of the whole image over that of one half.
     pub(super) fn width_ratio(&self) -> f64 {
         f64::from(2 * self.half[0] + SEPARATOR) / f64::from(self.half[0])
     }
@@ -52,31 +52,31 @@ impl Picture {
     }
 }
 
-/// The pictures of one scene, and what is not shown.
+/// The images of one scene, and what is not shown.
 #[derive(Default)]
 pub(super) struct Comparisons {
     /// By view.
-    pub(super) by_view: BTreeMap<String, Vec<Picture>>,
-    /// Views that have pictures, by protocol's hash.
+    pub(super) by_view: BTreeMap<String, Vec<ComparisonImage>>,
+    /// Views that have images, by protocol's hash.
     pub(super) views: BTreeMap<String, usize>,
-    /// Files that are no such pictures, with the reason.
+    /// Files that are no such images, with the reason.
     pub(super) left_out: Vec<String>,
 }
 
 impl Comparisons {
-    pub(super) fn pictures(&self) -> impl Iterator<Item = &Picture> {
+    pub(super) fn images(&self) -> impl Iterator<Item = &ComparisonImage> {
         self.by_view.values().flatten()
     }
 }
 
-/// Finds the pictures of a scene's results: at most `most` views of every protocol, spread evenly,
+/// Finds the images of a scene's results: at most `most` views of every protocol, spread evenly,
 /// novel views before input views, and of each method the first seed.
 pub(super) fn find(
     rows: &[(&Group<'_>, &SceneRow<'_>)],
     request: &SiteRequest<'_>,
     most: usize,
 ) -> Result<Comparisons, StoreError> {
-    let mut all: BTreeMap<String, Vec<Picture>> = BTreeMap::new();
+    let mut all: BTreeMap<String, Vec<ComparisonImage>> = BTreeMap::new();
     // Protocols split a scene in other ways: each has views of its own.
     let mut by_protocol: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
     let mut left_out = Vec::new();
@@ -85,7 +85,7 @@ pub(super) fn find(
         let Some(folder) = request.folder(result) else {
             continue;
         };
-        for source in pictures_in(&folder.join(PICTURES))? {
+        for source in images_in(&folder.join(COMPARISONS))? {
             let name = source
                 .file_stem()
                 .unwrap_or_default()
@@ -100,7 +100,7 @@ pub(super) fn find(
                 .entry(group.protocol_hash.to_owned())
                 .or_default();
             of_protocol.insert(name.clone());
-            all.entry(name.clone()).or_default().push(Picture {
+            all.entry(name.clone()).or_default().push(ComparisonImage {
                 method: row.method.to_owned(),
                 protocol_hash: group.protocol_hash.to_owned(),
                 view: view_title(&name),
@@ -118,10 +118,10 @@ pub(super) fn find(
     let shown: BTreeMap<&str, Vec<String>> = (by_protocol.iter())
         .map(|(protocol, names)| (protocol.as_str(), spread(names, most)))
         .collect();
-    for (name, pictures) in &mut all {
-        pictures.retain(|picture| shown[picture.protocol_hash.as_str()].contains(name));
+    for (name, images) in &mut all {
+        images.retain(|image| shown[image.protocol_hash.as_str()].contains(name));
     }
-    all.retain(|_, pictures| !pictures.is_empty());
+    all.retain(|_, images| !images.is_empty());
     let views = (by_protocol.iter())
         .map(|(protocol, names)| (protocol.clone(), names.len()))
         .collect();
@@ -167,19 +167,19 @@ fn view_title(name: &str) -> String {
 }
 
 /// PNG files of a folder, sorted; none where the folder is missing.
-fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
+fn images_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     if !folder.is_dir() {
         return Ok(Vec::new());
     }
-    let mut pictures = store::paths_in(folder)?;
-    pictures.retain(|path| {
+    let mut images = store::paths_in(folder)?;
+    images.retain(|path| {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let is_picture = ["novel-", "input-"]
+        let is_comparison = ["novel-", "input-"]
             .iter()
             .any(|kind| name.starts_with(kind));
-        is_picture && name.ends_with(".png")
+        is_comparison && name.ends_with(".png")
     });
-    Ok(pictures)
+    Ok(images)
 }
 
 /// Whether a file is a PNG as wide as two halves and the line between them (PNG specification,

@@ -70,18 +70,18 @@ fn best_view(request: &SiteRequest<'_>, views: &SceneViews) -> Markup {
         methods.sort_by_key(|method| (method.class, method.confidence[index].rank));
         methods.iter().find_map(|method| {
             group.scenes.iter().find_map(|scene| {
-                let mut pictures = views.get(*scene)?.pictures();
-                let picture = pictures.find(|picture| {
-                    picture.method == method.method && picture.protocol_hash == group.protocol_hash
+                let mut images = views.get(*scene)?.images();
+                let image = images.find(|image| {
+                    image.method == method.method && image.protocol_hash == group.protocol_hash
                 })?;
-                Some((*scene, *method, index, picture))
+                Some((*scene, *method, index, image))
             })
         })
     });
     html! {
-        @if let Some((scene, method, index, picture)) = found {
+        @if let Some((scene, method, index, image)) = found {
             @let rank = method.confidence[index].rank.unwrap_or(1);
-            (panorama::hero(picture, scene, rank))
+            (panorama::hero(image, scene, rank))
         }
     }
 }

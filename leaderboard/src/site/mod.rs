@@ -180,9 +180,9 @@ pub(crate) fn add(
     for (method, markup) in methods.iter().zip(pages) {
         page(method_page::file(method), markup?);
     }
-    for picture in views.values().flat_map(Comparisons::pictures) {
-        let target = format!("{FOLDER}/scenes/{}", picture.file);
-        outputs.add_copy(target, picture.source.clone());
+    for image in views.values().flat_map(Comparisons::images) {
+        let target = format!("{FOLDER}/scenes/{}", image.file);
+        outputs.add_copy(target, image.source.clone());
     }
     let script = concat!(include_str!("script.js"), "\n", include_str!("panorama.js"));
     outputs.add(format!("{FOLDER}/style.css"), include_str!("style.css"));

@@ -3,7 +3,7 @@
 
 use maud::{Markup, html};
 
-use super::{comparisons::Picture, method_page, scene_file};
+use super::{comparisons::ComparisonImage, method_page, scene_file};
 
 /// Switches of all panoramas of a page; scripts show them.
 pub(super) fn tools() -> Markup {
@@ -20,32 +20,32 @@ pub(super) fn tools() -> Markup {
 }
 
 /// The view that the first page begins with.
-pub(super) fn hero(picture: &Picture, scene: &str, rank: usize) -> Markup {
+pub(super) fn hero(image: &ComparisonImage, scene: &str, rank: usize) -> Markup {
     let caption = html! {
         span {
-            (picture.view) " of " a href=(scene_file(scene)) { (scene) } ", "
-            a href=(method_page::file(&picture.method)) { (picture.method) }
+            (image.view) " of " a href=(scene_file(scene)) { (scene) } ", "
+            a href=(method_page::file(&image.method)) { (image.method) }
             " (rank " (rank) ")"
         }
     };
     html! {
-        div.hero { (figure(picture, "scenes/", &caption)) }
+        div.hero { (figure(image, "scenes/", &caption)) }
     }
 }
 
 /// Both halves on top of each other, cut at the slider's position. `folder` leads from the page to the
-/// pictures.
-pub(super) fn figure(picture: &Picture, folder: &str, caption: &Markup) -> Markup {
-    let [width, height] = picture.half;
-    let what = format!("{} by {}", picture.view, picture.method);
-    let file = format!("{folder}{}", picture.file);
+/// images.
+pub(super) fn figure(image: &ComparisonImage, folder: &str, caption: &Markup) -> Markup {
+    let [width, height] = image.half;
+    let what = format!("{} by {}", image.view, image.method);
+    let file = format!("{folder}{}", image.file);
     let style = format!(
         "--half-width: {width}; --half-height: {height}; --width-ratio: {:.6}; --truth-offset: {:.6}",
-        picture.width_ratio(),
-        picture.truth_offset()
+        image.width_ratio(),
+        image.truth_offset()
     );
     html! {
-        figure.compare data-sphere[picture.is_sphere] style=(style) data-width=(width) data-height=(height)
+        figure.compare data-sphere[image.is_sphere] style=(style) data-width=(width) data-height=(height)
             data-truth=(width + super::comparisons::SEPARATOR) {
             div.stage data-label={ "Look around in " (what) ": arrow keys turn, plus and minus zoom" } {
                 div.truth {

@@ -4,7 +4,9 @@ use std::collections::BTreeSet;
 
 use maud::{Markup, html};
 
-use super::{SceneViews, SiteRequest, comparisons::Picture, scene_facts::SceneFacts, scene_file};
+use super::{
+    SceneViews, SiteRequest, comparisons::ComparisonImage, scene_facts::SceneFacts, scene_file,
+};
 use crate::{format, group::ViewKind, layouts::ranked_by};
 
 /// Above this many scenes the cards have no views: the page would load as many images.
@@ -19,11 +21,11 @@ pub(super) fn render(
         h2 #scenes { "Scenes" }
         ul.cards {
             @for scene in scenes {
-                @let pictures = views.get(*scene).filter(|_| scenes.len() <= MOST_VIEWS);
+                @let images = views.get(*scene).filter(|_| scenes.len() <= MOST_VIEWS);
                 li {
                     a href=(scene_file(scene)) {
-                        @match pictures.and_then(|pictures| pictures.pictures().next()) {
-                            Some(picture) => (thumbnail(picture, scene)),
+                        @match images.and_then(|images| images.images().next()) {
+                            Some(image) => (thumbnail(image, scene)),
                             None => span.thumbnail.none aria-hidden="true" {},
                         }
                         b { (scene) }
@@ -37,16 +39,16 @@ pub(super) fn render(
 }
 
 /// The ground truth of a view, as wide as the card.
-fn thumbnail(picture: &Picture, scene: &str) -> Markup {
-    let [width, height] = picture.half;
+fn thumbnail(image: &ComparisonImage, scene: &str) -> Markup {
+    let [width, height] = image.half;
     let style = format!(
         "--half-width: {width}; --half-height: {height}; --width-ratio: {:.6}; --truth-offset: {:.6}",
-        picture.width_ratio(),
-        picture.truth_offset()
+        image.width_ratio(),
+        image.truth_offset()
     );
     html! {
         span.thumbnail style=(style) {
-            img src={ "scenes/" (picture.file) } alt={ "Part of " (scene) } loading="lazy";
+            img src={ "scenes/" (image.file) } alt={ "Part of " (scene) } loading="lazy";
         }
     }
 }

@@ -7,7 +7,7 @@ use omnilife_schemas::{provenance, records::ResultRecord};
 
 use super::{
     SiteRequest,
-    comparisons::{Comparisons, Picture},
+    comparisons::{ComparisonImage, Comparisons},
     html_table::{self, Addition, RowAddition},
     layout,
     layout::Place,
@@ -41,7 +41,7 @@ pub(super) fn render(
     let remarks: Vec<String> = rows.iter().flat_map(|(_, row)| remarks(row)).collect();
     let content = html! {
         p { a href="../index.html#scenes" { "All scenes" } }
-        @if comparisons.pictures().any(|picture| picture.is_sphere) { (panorama::tools()) }
+        @if comparisons.images().any(|image| image.is_sphere) { (panorama::tools()) }
         @for section in &sections { (section) }
         @if !comparisons.left_out.is_empty() {
             h2 { "Images left out" }
@@ -92,7 +92,7 @@ fn section(
     );
     Ok(html! {
         h2 { "Protocol " (group.protocol) " " small { code { (group.short_hash()) } } }
-        (pictures(comparisons, group, &rows))
+        (images(comparisons, group, &rows))
         (html_table::render(&table, &Addition {
             id: &format!("t{number}"),
             first_columns: Some(first_columns(group)),
@@ -213,21 +213,21 @@ pub(super) fn commit(result: &ResultRecord) -> Option<&str> {
 }
 
 /// Views of one protocol, the first one open.
-fn pictures(comparisons: &Comparisons, group: &Group<'_>, rows: &[&SceneRow<'_>]) -> Markup {
+fn images(comparisons: &Comparisons, group: &Group<'_>, rows: &[&SceneRow<'_>]) -> Markup {
     let order: BTreeMap<&str, usize> = (rows.iter().enumerate())
         .map(|(at, row)| (row.method, at))
         .collect();
-    let views: Vec<Vec<&Picture>> = (comparisons.by_view.values())
-        .map(|pictures| {
-            let of_protocol = |picture: &&Picture| picture.protocol_hash == group.protocol_hash;
-            let mut pictures: Vec<&Picture> = pictures.iter().filter(of_protocol).collect();
-            pictures.sort_by_key(|picture| order.get(picture.method.as_str()));
-            pictures
+    let views: Vec<Vec<&ComparisonImage>> = (comparisons.by_view.values())
+        .map(|images| {
+            let of_protocol = |image: &&ComparisonImage| image.protocol_hash == group.protocol_hash;
+            let mut images: Vec<&ComparisonImage> = images.iter().filter(of_protocol).collect();
+            images.sort_by_key(|image| order.get(image.method.as_str()));
+            images
         })
-        .filter(|pictures| !pictures.is_empty())
+        .filter(|images| !images.is_empty())
         .collect();
-    let score = |picture: &Picture| {
-        let at = order.get(picture.method.as_str());
+    let score = |image: &ComparisonImage| {
+        let at = order.get(image.method.as_str());
         let score = ranked_by(group).zip(at);
         let score = score.and_then(|(index, &at)| rows[at].numbers.scores[index]);
         score.map_or_else(String::new, |score| {
@@ -235,15 +235,15 @@ fn pictures(comparisons: &Comparisons, group: &Group<'_>, rows: &[&SceneRow<'_>]
         })
     };
     html! {
-        @for (number, pictures) in views.iter().enumerate() {
+        @for (number, images) in views.iter().enumerate() {
             details.view open[number == 0] {
-                summary { (capitalized(&pictures[0].view)) }
+                summary { (capitalized(&images[0].view)) }
                 div.compare-grid {
-                    @for picture in pictures {
-                        (panorama::figure(picture, "", &html! {
+                    @for image in images {
+                        (panorama::figure(image, "", &html! {
                             span {
-                                a href={ "../" (method_page::file(&picture.method)) } { (picture.method) }
-                                (score(picture))
+                                a href={ "../" (method_page::file(&image.method)) } { (image.method) }
+                                (score(image))
                             }
                         }))
                     }

@@ -153,9 +153,9 @@ fn pack_result(
     {
         let Some(source) = source else { continue };
         let target = format!("predictions/{folder_name}");
-        for picture in store::names_in(&source)? {
-            if picture.ends_with(".png") && !picture.starts_with('.') {
-                copy(&source.join(&picture), &folder.join(&target).join(&picture))?;
+        for image in store::names_in(&source)? {
+            if image.ends_with(".png") && !image.starts_with('.') {
+                copy(&source.join(&image), &folder.join(&target).join(&image))?;
             }
         }
         *views = Some(target);

@@ -23,8 +23,8 @@ const METHODS: [(&str, f64); 5] = [
     ("<img src=x onerror='window.alerted=1'>", 0.2),
 ];
 
-/// A picture as scoring leaves it: prediction, white line, ground truth.
-fn picture(path: &Path, [width, height]: [u32; 2], error: u8) {
+/// An image as scoring leaves it: prediction, white line, ground truth.
+fn image(path: &Path, [width, height]: [u32; 2], error: u8) {
     let wide = 2 * width + 4;
     let mut bytes = Vec::new();
     for row in 0..height {
@@ -44,7 +44,7 @@ fn picture(path: &Path, [width, height]: [u32; 2], error: u8) {
     rgb::write_rgb8_png(path, wide as usize, height as usize, &bytes).unwrap();
 }
 
-/// Results of five methods on three scenes, one of which has pictures, and one unscored method.
+/// Results of five methods on three scenes, one of which has images, and one unscored method.
 pub(crate) fn small_site(folder: &Path) -> LeaderboardRequest {
     let input = folder.join("results");
     let protocol = Protocol {
@@ -82,9 +82,9 @@ pub(crate) fn small_site(folder: &Path) -> LeaderboardRequest {
                 fs::create_dir(&folder).unwrap();
                 for frame in [4, 9, 14] {
                     let file = format!("novel-{frame:06}.png");
-                    picture(&folder.join(file), [64, 32], 60);
+                    image(&folder.join(file), [64, 32], 60);
                 }
-                fs::write(folder.join("novel-000019.png"), "no picture").unwrap();
+                fs::write(folder.join("novel-000019.png"), "no image").unwrap();
             }
         }
         let mut unscored = result(scene, "unscored", psnr, 0.5);
@@ -193,8 +193,8 @@ fn the_pages_say_what_the_results_say() {
     );
     assert!(street.contains("novel-000019: is no PNG image"));
     assert!(street.contains("novel views were not scored: no predictions given"));
-    let pictures = fs::read_dir(scenes.iter().find(|path| path.is_dir()).unwrap()).unwrap();
-    assert_eq!(pictures.count(), 4, "two views of two methods");
+    let images = fs::read_dir(scenes.iter().find(|path| path.is_dir()).unwrap()).unwrap();
+    assert_eq!(images.count(), 4, "two views of two methods");
 }
 
 #[test]
@@ -215,8 +215,8 @@ fn readers_sort_filter_and_compare_in_a_browser() {
     reader
         .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/main/site_in_browser.py"))
         .args([small.out.join("site"), wide.out.join("site")]);
-    if let Some(pictures) = std::env::var_os("OMNILIFE_SCREENSHOTS") {
-        reader.arg(pictures);
+    if let Some(images) = std::env::var_os("OMNILIFE_SCREENSHOTS") {
+        reader.arg(images);
     }
     let output = reader.output().unwrap();
     print!("{}", String::from_utf8_lossy(&output.stdout));

@@ -3,7 +3,7 @@
     python3 site_in_browser.py SITE WIDE_SITE [SCREENSHOTS]
 
 SITE has the results that site.rs makes; WIDE_SITE has a table of 1,000 methods, whose sorting is
-timed. With SCREENSHOTS, a folder, pictures of the pages in both colour schemes and at the width of a
+timed. With SCREENSHOTS, a folder, images of the pages in both colour schemes and at the width of a
 phone go there.
 """
 
@@ -224,7 +224,7 @@ def chart(page):
 
 
 def compare_views(page):
-    expect("pictures load", page.script(
+    expect("images load", page.script(
         "return [...document.images].every(i => { i.loading = 'eager'; return i.complete || true })"), True)
     page.script("document.querySelector('figure.compare input.split').focus()")
     page.press(RIGHT, RIGHT)
@@ -291,7 +291,7 @@ def use(page, site, scene, kind):
 
 def main():
     site, wide = map(pathlib.Path, sys.argv[1:3])
-    pictures = pathlib.Path(sys.argv[3]) if len(sys.argv) > 3 else None
+    images = pathlib.Path(sys.argv[3]) if len(sys.argv) > 3 else None
     with browser() as page:
         for name in ("index.html", "published.html", "dataset.html"):
             page.open(site / name)
@@ -299,20 +299,20 @@ def main():
         for below in sorted([*site.glob("scenes/*.html"), *site.glob("methods/*.html")]):
             page.open(below)
             check_page(page, below.name)
-        with_pictures = next(scene for scene in sorted((site / "scenes").glob("*.html"))
+        with_images = next(scene for scene in sorted((site / "scenes").glob("*.html"))
                              if "figure class=\"compare\"" in scene.read_text())
         for screen in (LAPTOP, PHONE):
             page.size(*screen)
-            use(page, site, with_pictures, "touch" if screen[2] else "mouse")
+            use(page, site, with_images, "touch" if screen[2] else "mouse")
         page.size(*LAPTOP)
-        if pictures:
-            take_pictures(page, site, with_pictures, pictures)
+        if images:
+            take_screenshots(page, site, with_images, images)
         page.open(wide / "index.html")
         long_table(page)
         expect("errors in the console", page.console_errors(), [])
 
 
-def take_pictures(page, site, scene, folder):
+def take_screenshots(page, site, scene, folder):
     """Whole pages, as far as 4,000 pixels."""
     for name, file in (("index", site / "index.html"), ("scene", scene),
                        ("method", next(site.glob("methods/*.html"))),

@@ -1,7 +1,7 @@
 //! A panorama put together from the six faces of a cube, each rendered by the pinhole camera: what Gaussians
 //! that a perspective trainer left look like as that trainer draws them.
 
-use glam::{DQuat, DVec2, DVec3, dvec2};
+use glam::{DQuat, DVec3, dvec2};
 use omnilife_engine::camera::{Camera, View};
 use omnilife_schemas::{
     Pose, RgbImage, Similarity,
@@ -9,6 +9,7 @@ use omnilife_schemas::{
         CameraModel, ErpCamera,
         cube::{CUBE_FACES, face_camera},
     },
+    interpolation::Edges,
 };
 
 use crate::{error::ReconstructError, methods::run_formats::OpenedModel};
@@ -50,30 +51,10 @@ fn stitched(faces: &[RgbImage], camera: ErpCamera) -> RgbImage {
         let face = &faces[index];
         let within = CUBE_FACES[index].to_camera.transpose() * direction;
         if let Some(place) = face_camera(face.width as u32).project(within) {
-            *out = bilinear(face, place);
+            *out = face.sample(place, Edges::Repeated);
         }
     }
     panorama
-}
-
-/// Between pixel centres; beyond the last centre the last pixel.
-fn bilinear(image: &RgbImage, place: DVec2) -> [f32; 3] {
-    let last = dvec2(image.width as f64 - 1.0, image.height as f64 - 1.0);
-    let at = (place - 0.5).clamp(DVec2::ZERO, last);
-    let first = at.floor().min((last - 1.0).max(DVec2::ZERO));
-    let share = (at - first).as_vec2();
-    let pixel = |dx: usize, dy: usize| {
-        let column = (first.x as usize + dx).min(image.width - 1);
-        let row = (first.y as usize + dy).min(image.height - 1);
-        let at = 3 * (row * image.width + column);
-        [image.data[at], image.data[at + 1], image.data[at + 2]]
-    };
-    let [a, b, c, d] = [pixel(0, 0), pixel(1, 0), pixel(0, 1), pixel(1, 1)];
-    [0, 1, 2].map(|channel| {
-        let upper = a[channel] + share.x * (b[channel] - a[channel]);
-        let lower = c[channel] + share.x * (d[channel] - c[channel]);
-        upper + share.y * (lower - upper)
-    })
 }
 
 #[cfg(test)]

@@ -157,10 +157,7 @@ fn scene() -> Option<TrainingScene> {
     for frame in 0..FRAMES {
         let along = f64::from(frame) / f64::from(FRAMES - 1) - 0.5;
         let turn = DQuat::from_rotation_y(0.3 * along);
-        let pose = Pose {
-            rotation_wxyz: [turn.w, turn.x, turn.y, turn.z],
-            centre: [0.2 * along, 0.0, along],
-        };
+        let pose = Pose::new(turn, DVec3::new(0.2 * along, 0.0, along));
         let view = View::new(camera, &pose, &normalization, f64::from(frame) / 10.0)?;
         let ball = DVec3::new(2.0 * along, 0.2, 3.0).normalize();
         let (mut pixels, mut mask) = (Vec::new(), Vec::new());

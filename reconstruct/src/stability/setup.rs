@@ -151,10 +151,7 @@ impl Setup {
             sh_degree: 0,
             ..RenderSettings::new(0.01)
         };
-        let pose = Pose {
-            rotation_wxyz: [turn.w, turn.x, turn.y, turn.z],
-            centre: similarity.restore(centre).to_array(),
-        };
+        let pose = Pose::new(turn, similarity.restore(centre));
         let exact = RefView {
             camera,
             rotation: DMat3::from_quat(turn).transpose(),

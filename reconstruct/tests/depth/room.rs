@@ -132,11 +132,7 @@ pub(crate) fn view_of(number: usize, camera: Camera, normalization: &Similarity)
     let hits: Vec<Hit> = (0..width * height)
         .map(|at| trace(centre, ray(at)))
         .collect();
-    let q = DQuat::from_mat3(&to_world);
-    let pose = Pose {
-        rotation_wxyz: [q.w, q.x, q.y, q.z],
-        centre: centre.to_array(),
-    };
+    let pose = Pose::new(DQuat::from_mat3(&to_world), centre);
     let distance = |hit: &Hit| (hit.distance * normalization.scale) as f32;
     RoomView {
         view: View::new(camera, &pose, normalization, 0.1 * number as f64).unwrap(),

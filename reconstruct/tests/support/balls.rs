@@ -1,7 +1,7 @@
 //! A scene rendered from Gaussians that are known: opaque balls all around a camera that walks past
 //! them; every fifth view is a novel one.
 
-use glam::{DQuat, DVec3};
+use glam::{DQuat, DVec3, dvec3};
 use omnilife_engine::{
     camera::View,
     gaussians::{
@@ -76,10 +76,7 @@ pub(crate) fn scene_with(
     for frame in 0..15_u32 {
         let along = f64::from(frame) / 7.0 - 1.0;
         let turn = DQuat::from_rotation_y(0.3 * along);
-        let pose = Pose {
-            rotation_wxyz: [turn.w, turn.x, turn.y, turn.z],
-            centre: [0.2 * along, 0.0, along],
-        };
+        let pose = Pose::new(turn, dvec3(0.2 * along, 0.0, along));
         let view = View::new(camera, &pose, &normalization, f64::from(frame)).unwrap();
         let pixels = renderer.image(&view, &instant).to_rgb8();
         let views = if frame % 5 == 4 {

@@ -8,9 +8,8 @@ use glam::{DMat3, DQuat, DVec3, dvec3};
 use omnilife_schemas::{
     RgbImage,
     camera::{CameraModel, ErpCamera},
+    interpolation::Edges,
 };
-
-use crate::erp_sampling;
 
 /// Half the field of view of every crop, as a slope: 103 degrees in all, so that the six around the
 /// horizon and the two at the poles leave no hole between them.
@@ -57,7 +56,7 @@ pub(super) fn crop(panorama: &RgbImage, view: &DMat3, side: usize) -> Vec<u8> {
         for column in 0..side {
             let direction = to_panorama * dvec3(slope(column), slope(row), 1.0);
             let colour = match camera.project(direction) {
-                Some(place) => erp_sampling::bilinear(panorama, place),
+                Some(place) => panorama.sample(place, Edges::Around),
                 None => [0.0; 3],
             };
             out.extend(colour.map(|value| (value.clamp(0.0, 1.0) * 255.0).round() as u8));

@@ -1,7 +1,11 @@
 //! Scoring of folders of predictions, with everything that can be wrong with them.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
+mod repeated;
+mod reports;
+#[path = "../scenes/mod.rs"]
 mod scenes;
+#[path = "../scoring/mod.rs"]
 mod scoring;
 
 use std::{collections::BTreeSet, fs, path::Path, sync::Mutex};
@@ -51,6 +55,20 @@ fn files(folder: &Path) -> Vec<String> {
         .collect();
     names.sort();
     names
+}
+
+/// A protocol with these metrics in place of its own, for the scene and predictions of `bench`.
+fn with_metrics(bench: &Bench, metrics: &[&str]) {
+    let mut protocol = omnilife_bench::protocols::protocol("per-scene").unwrap();
+    protocol.metrics = metrics.iter().map(|&id| id.to_owned()).collect();
+    let scene: Scene = store::read_record(&bench.request.scene).unwrap();
+    let split = omnilife_bench::split(&scene, &protocol).unwrap();
+    store::write_record(&bench.request.split, &split).unwrap();
+}
+
+/// Whether a metric needs nothing but images, of an ERP camera where of any.
+fn needs_images(metric: &Metric) -> bool {
+    metric.needs.iter().all(|need| *need == Need::Sphere)
 }
 
 #[test]
@@ -129,59 +147,6 @@ fn the_table_has_a_row_for_every_view() {
     let psnr: Vec<f64> = table.of("novel", "psnr").unwrap().collect();
     assert_eq!(psnr.len(), 1);
     assert!((psnr[0] - flat_psnr(2.0)).abs() < 1e-9);
-}
-
-/// A protocol with these metrics in place of its own, for the scene and predictions of `bench`.
-fn with_metrics(bench: &Bench, metrics: &[&str]) {
-    let mut protocol = omnilife_bench::protocols::protocol("per-scene").unwrap();
-    protocol.metrics = metrics.iter().map(|&id| id.to_owned()).collect();
-    let scene: Scene = store::read_record(&bench.request.scene).unwrap();
-    let split = omnilife_bench::split(&scene, &protocol).unwrap();
-    store::write_record(&bench.request.split, &split).unwrap();
-}
-
-#[test]
-fn equal_images_are_told() {
-    let bench = Bench::new();
-    image(4, 0)
-        .write_png(&bench.at("novel/000004.png"))
-        .unwrap();
-    let result = bench.score().unwrap();
-    assert_eq!(
-        result.warnings,
-        [
-            "1 of 10 predictions are the ground truth, byte for byte: their PSNR is infinite and \
-          counts as 100 dB"
-        ]
-    );
-    let summary = result.novel_views["psnr"];
-    let (low, high) = (flat_psnr(2.0), 100.0);
-    assert!((summary.mean - (low + high) / 2.0).abs() < 1e-9);
-    let deviation = (high - low) / 2.0_f64.sqrt();
-    assert!((summary.standard_deviation.unwrap() - deviation).abs() < 1e-9);
-}
-
-/// Every metric that a protocol asks for has a value or a reason.
-#[test]
-fn no_metric_of_a_protocol_is_passed_over() {
-    let bench = Bench::new();
-    let whole = omnilife_bench::protocols::protocol("per-scene").unwrap();
-    let ids: Vec<&str> = whole.metrics.iter().map(String::as_str).collect();
-    with_metrics(&bench, &ids);
-    let result = bench.score().unwrap();
-    for (kind, views) in [
-        ("input", &result.input_views),
-        ("novel", &result.novel_views),
-    ] {
-        let unavailable = result.unavailable.iter().filter(|u| u.view == kind);
-        let mut told: Vec<&str> = unavailable.map(|u| u.metric.as_str()).collect();
-        told.extend(views.keys().map(String::as_str));
-        told.sort_unstable();
-        let mut asked = ids.clone();
-        asked.sort_unstable();
-        assert_eq!(told, asked);
-        assert!(views.contains_key("ws-ssim") && !views.contains_key("psnr-human"));
-    }
 }
 
 /// Masks of what moves: one frame has none, one an empty one.
@@ -291,115 +256,6 @@ fn predicted_depth_is_scored_where_the_scene_knows_it() {
         reason,
         "depth/000009.npy is of shape [2, 3], expected [16, 32]"
     );
-}
-
-/// Temporal LPIPS looks at the view before, whatever number of views is in memory.
-#[test]
-fn memory_changes_no_score() {
-    let mut bench = Bench::new();
-    with_metrics(
-        &bench,
-        &["psnr", "ssim", "lpips-vgg", "temporal-lpips", "cube-psnr"],
-    );
-    let bytes = |bench: &Bench| {
-        bench.score().unwrap();
-        ["result.json", "frames.csv"].map(|name| fs::read(bench.request.out.join(name)).unwrap())
-    };
-    let plenty = bytes(&bench);
-    bench.request.memory_bytes = 1;
-    bench.request.out = bench.at("again");
-    assert!(bytes(&bench) == plenty);
-}
-
-#[test]
-fn unchanged_inputs_are_skipped_and_changed_ones_scored_again() {
-    let bench = Bench::new();
-    let first = bench.score().unwrap();
-    let recorder = Recorder::default();
-    assert_eq!(score(&bench.request, &recorder).unwrap(), first);
-    assert_eq!(*recorder.steps.lock().unwrap(), 0);
-    assert_eq!(
-        *recorder.notes.lock().unwrap(),
-        ["scoring stripes on stripes/seq-000: skipped, nothing has changed"]
-    );
-    // A prediction, then the ground truth.
-    image(4, 3)
-        .write_png(&bench.at("novel/000004.png"))
-        .unwrap();
-    let second = bench.score().unwrap();
-    assert!(second.novel_views["psnr"].mean < first.novel_views["psnr"].mean);
-    image(4, 3)
-        .write_png(&bench.at("scene/frames/000004.png"))
-        .unwrap();
-    let third = bench.score().unwrap();
-    assert!(third.novel_views["psnr"].mean > second.novel_views["psnr"].mean);
-    // A prediction that goes away takes its comparison along.
-    fs::remove_file(bench.at("novel/000004.png")).unwrap();
-    assert_eq!(bench.score().unwrap().failures.len(), 1);
-    assert_eq!(files(&bench.at("out/comparisons")), ["novel-000009.png"]);
-    // A lost output is made again.
-    fs::remove_file(bench.at("out/frames.csv")).unwrap();
-    bench.score().unwrap();
-    assert!(bench.at("out/frames.csv").exists());
-}
-
-#[test]
-fn files_are_the_same_for_every_number_of_threads() {
-    let bytes = |threads: usize| {
-        let bench = Bench::new();
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .unwrap();
-        pool.install(|| bench.score()).unwrap();
-        ["result.json", "frames.csv", "comparisons/novel-000004.png"]
-            .map(|name| fs::read(bench.at("out").join(name)).unwrap())
-    };
-    assert!(bytes(1) == bytes(4));
-}
-
-#[test]
-fn kinds_of_view_without_predictions_are_told() {
-    let mut bench = Bench::new();
-    bench.request.predictions = Predictions::Folders {
-        input_views: None,
-        novel_views: Some(bench.at("novel")),
-    };
-    let result = bench.score().unwrap();
-    assert!(result.input_views.is_empty() && result.failures.is_empty());
-    assert_eq!(
-        result.warnings,
-        ["input views were not scored: no predictions given"]
-    );
-    bench.request.predictions = Predictions::Folders {
-        input_views: None,
-        novel_views: None,
-    };
-    assert!(bench.refusal().starts_with("nothing to score"));
-}
-
-#[test]
-fn stray_predictions_unposed_frames_and_doubtful_poses_are_told() {
-    let mut doubtful = scene(12, &[3, 7]);
-    doubtful.validation.status = ValidationStatus::Unstable;
-    doubtful.validation.problems = vec!["too few points".to_owned(), "jumps".to_owned()];
-    let bench = Bench::of(&doubtful);
-    image(3, 0)
-        .write_png(&bench.at("novel/frame3.png"))
-        .unwrap();
-    assert_eq!(
-        bench.score().unwrap().warnings,
-        [
-            "1 images among the predictions belong to no view that was scored",
-            "2 of 12 frames have no pose and are not scored",
-            "the scene's poses are unstable: too few points; jumps",
-        ]
-    );
-}
-
-/// Whether a metric needs nothing but images, of an ERP camera where of any.
-fn needs_images(metric: &Metric) -> bool {
-    metric.needs.iter().all(|need| *need == Need::Sphere)
 }
 
 /// What is of the whole sphere has no value for a pinhole, and says so; all else has one.
@@ -527,37 +383,4 @@ fn input_views_alone_are_scored_where_the_protocol_says_so() {
     let result = bench.score().unwrap();
     assert!(result.novel_views.is_empty() && result.failures.is_empty());
     assert_eq!(result.input_views["psnr"].views, 10);
-}
-
-/// Scoring overwrites and clears away what scoring made, and nothing else.
-#[test]
-fn files_of_others_in_the_folder_of_scores_stay() {
-    let bench = Bench::new();
-    let out = bench.at("out");
-    fs::create_dir_all(out.join("comparisons")).unwrap();
-    for name in ["notes.txt", "comparisons/novel-000007.png"] {
-        fs::write(out.join(name), "mine").unwrap();
-    }
-    fs::write(out.join("frames.csv"), "mine").unwrap();
-    let message = bench.refusal();
-    assert!(message.contains("frames.csv: is in the way"), "{message}");
-    fs::remove_file(out.join("frames.csv")).unwrap();
-    bench.score().unwrap();
-    for name in ["notes.txt", "comparisons/novel-000007.png"] {
-        assert_eq!(fs::read_to_string(out.join(name)).unwrap(), "mine");
-    }
-}
-
-/// One bit of a table: the size is the same.
-#[test]
-fn a_flipped_bit_in_the_scores_is_noticed() {
-    let bench = Bench::new();
-    bench.score().unwrap();
-    let table = bench.at("out/frames.csv");
-    let good = fs::read(&table).unwrap();
-    let mut bad = good.clone();
-    bad[good.len() / 2] ^= 1;
-    fs::write(&table, &bad).unwrap();
-    bench.score().unwrap();
-    assert_eq!(fs::read(&table).unwrap(), good);
 }
