@@ -58,6 +58,8 @@ pub(crate) struct Group<'a> {
     pub(crate) methods: Vec<MethodRow<'a>>,
     /// Sorted.
     pub(crate) scenes: Vec<&'a str>,
+    /// Places in `scene_rows` by method.
+    rows_by_method: BTreeMap<&'a str, Vec<usize>>,
     /// Reasons by kind of view and metric.
     reasons: Reasons<'a>,
 }
@@ -65,11 +67,24 @@ pub(crate) struct Group<'a> {
 /// Why results have no value of a metric, by the name of the kind of view and by metric.
 type Reasons<'a> = BTreeMap<&'a str, BTreeMap<&'a str, &'a str>>;
 
-impl Group<'_> {
+impl<'a> Group<'a> {
     /// Index of a quantity.
     pub(crate) fn quantity(&self, kind: ViewKind, metric: &str) -> Option<usize> {
         let mut quantities = self.quantities.iter();
         quantities.position(|(quantity, _)| quantity.kind == kind && quantity.metric == metric)
+    }
+
+    /// The rows of a method, sorted by scene.
+    pub(crate) fn rows_of(&self, method: &str) -> impl Iterator<Item = &SceneRow<'a>> {
+        let rows = self.rows_by_method.get(method).into_iter().flatten();
+        rows.map(|&at| &self.scene_rows[at])
+    }
+
+    /// The rows of a scene, sorted by method.
+    pub(crate) fn rows_in(&self, scene: &str) -> &[SceneRow<'a>] {
+        let first = self.scene_rows.partition_point(|row| row.scene < scene);
+        let rows = &self.scene_rows[first..];
+        &rows[..rows.partition_point(|row| row.scene == scene)]
     }
 
     /// Whether any result scores views of a kind.
@@ -210,6 +225,10 @@ fn group<'a>(protocol: &'a str, hash: &'a str, mut results: Vec<&'a ResultRecord
     }
     let scenes: BTreeSet<&str> = scene_rows.iter().map(|row| row.scene).collect();
     let scenes: Vec<&str> = scenes.into_iter().collect();
+    let mut rows_by_method: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
+    for (at, row) in scene_rows.iter().enumerate() {
+        rows_by_method.entry(row.method).or_default().push(at);
+    }
     let methods = method_rows(&scene_rows, &scenes, &quantities);
     Group {
         protocol,
@@ -218,6 +237,7 @@ fn group<'a>(protocol: &'a str, hash: &'a str, mut results: Vec<&'a ResultRecord
         scene_rows,
         methods,
         scenes,
+        rows_by_method,
         reasons,
     }
 }

@@ -114,39 +114,61 @@ fn prepare<'a>(
 ) -> Result<Prepared<'a>, LeaderboardError> {
     let groups = group::groups(results)?;
     let papers = published::papers()?;
-    let all = tables::all_results(&groups, &request.out)?;
-    let mut outputs = Outputs::default();
+    let ((all, layouts), site) = rayon::join(
+        || {
+            rayon::join(
+                || tables::all_results(&groups, &request.out),
+                || tables::in_all_layouts(&groups, &papers, &request.out),
+            )
+        },
+        || match with_site {
+            true => site_of(request, files, results, &groups, &papers),
+            false => Ok(Outputs::default()),
+        },
+    );
+    let all = all?;
+    let mut outputs = layouts?;
+    outputs.append(site?);
     outputs.add(MARKDOWN_FILE, all.markdown.clone());
     outputs.add(CSV_FILE, all.csv);
-    tables::add_layouts(&mut outputs, &groups, &papers, &request.out)?;
-    if with_site {
-        let protocols = files.protocols()?;
-        let cards = files.cards()?;
-        let dataset = request
-            .dataset
-            .as_deref()
-            .map(|file: &Path| store::read_record::<Dataset>(file))
-            .transpose()?;
-        let dataset = request.dataset.as_deref().zip(dataset.as_ref());
-        let surroundings = Surroundings::of(results, &request.results, &request.out, dataset)?;
-        site::add(
-            &mut outputs,
-            &SiteRequest {
-                groups: &groups,
-                surroundings: &surroundings,
-                papers: &papers,
-                protocols: &protocols,
-                cards: &cards,
-                dataset: dataset.map(|(_, dataset)| dataset),
-                views: request.views,
-                footer: OnceLock::new(),
-            },
-        )?;
-    }
     Ok(Prepared {
         groups,
         outputs,
         markdown: all.markdown,
         short: all.short,
     })
+}
+
+/// All pages.
+fn site_of(
+    request: &LeaderboardRequest,
+    files: &RecordFiles,
+    results: &[(PathBuf, ResultRecord)],
+    groups: &[group::Group<'_>],
+    papers: &[published::Paper],
+) -> Result<Outputs, LeaderboardError> {
+    let protocols = files.protocols()?;
+    let cards = files.cards()?;
+    let dataset = request
+        .dataset
+        .as_deref()
+        .map(|file: &Path| store::read_record::<Dataset>(file))
+        .transpose()?;
+    let dataset = request.dataset.as_deref().zip(dataset.as_ref());
+    let surroundings = Surroundings::of(results, &request.results, &request.out, dataset)?;
+    let mut outputs = Outputs::default();
+    site::add(
+        &mut outputs,
+        &SiteRequest {
+            groups,
+            surroundings: &surroundings,
+            papers,
+            protocols: &protocols,
+            cards: &cards,
+            dataset: dataset.map(|(_, dataset)| dataset),
+            views: request.views,
+            footer: OnceLock::new(),
+        },
+    )?;
+    Ok(outputs)
 }

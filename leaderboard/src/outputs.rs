@@ -41,6 +41,11 @@ impl Outputs {
         self.files.insert(path.into(), Content::CopyOf(source));
     }
 
+    /// Takes the files of other outputs over.
+    pub(crate) fn append(&mut self, other: Self) {
+        self.files.extend(other.files);
+    }
+
     /// Writes all files into `out`, removes those that an earlier build made and this one does
     /// not, and lists them in [`MANIFEST`].
     ///

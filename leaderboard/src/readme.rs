@@ -7,7 +7,7 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-use crate::{error::LeaderboardError, group::Group, render, tables};
+use crate::{error::LeaderboardError, group::Group, layouts, render, tables};
 
 /// Line before the table.
 const BEGIN: &str = "<!-- leaderboard: begin -->";
@@ -30,7 +30,7 @@ pub(crate) fn updated(
     let tables: Vec<String> = groups
         .iter()
         .map(|group| {
-            let table = tables::short_table(group);
+            let table = tables::short_table(group, layouts::all_results(group));
             let mut lines = render::markdown::body(&table);
             lines.push(String::new());
             lines.push(format!(

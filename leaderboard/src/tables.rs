@@ -67,8 +67,9 @@ pub(crate) fn all_results(groups: &[Group<'_>], out: &Path) -> Result<Tables, Le
     let mut short = String::new();
     for group in groups {
         markdown.push('\n');
-        markdown.push_str(&render::markdown::render(&layouts::all_results(group), 2));
-        let table = short_table(group);
+        let all = layouts::all_results(group);
+        markdown.push_str(&render::markdown::render(&all, 2));
+        let table = short_table(group, all);
         let lines = render::markdown::body(&table).join("\n");
         short.push_str(&format!("{}\n\n{lines}\n", table.title));
     }
@@ -83,8 +84,9 @@ pub(crate) fn all_results(groups: &[Group<'_>], out: &Path) -> Result<Tables, Le
 }
 
 /// The scores by which methods are compared first: of novel views where they are scored, PSNR, SSIM
-/// and one LPIPS, and what training cost. The best method of a scene comes first.
-pub(crate) fn short_table(group: &Group<'_>) -> Table {
+/// and one LPIPS, and what training cost; `all` is the table of everything. The best method of a scene comes
+/// first.
+pub(crate) fn short_table(group: &Group<'_>, all: Table) -> Table {
     let has = |kind: ViewKind, metric: &str| {
         let mut quantities = group.quantities.iter();
         quantities.any(|(quantity, _)| quantity.kind == kind && quantity.metric == metric)
@@ -98,7 +100,7 @@ pub(crate) fn short_table(group: &Group<'_>) -> Table {
     let lpips = ["lpips-alex", "lpips-vgg"];
     metrics.extend(lpips.into_iter().find(|metric| has(kind, metric)));
     let has_failures = group.scene_rows.iter().any(|row| row.numbers.failures > 0);
-    let mut table = layouts::all_results(group).with_columns(|column| match &column.holds {
+    let mut table = all.with_columns(|column| match &column.holds {
         Holds::Score(quantity) => {
             quantity.kind == kind && metrics.contains(&quantity.metric.as_str())
         }
@@ -120,12 +122,12 @@ fn first_score(row: &Row) -> f64 {
 
 /// The tables in the layouts of the paper,
 /// `tables/<protocol>-<hash>/<layout>.{md,tex,csv}`.
-pub(crate) fn add_layouts(
-    outputs: &mut Outputs,
+pub(crate) fn in_all_layouts(
     groups: &[Group<'_>],
     papers: &[Paper],
     out: &Path,
-) -> Result<(), LeaderboardError> {
+) -> Result<Outputs, LeaderboardError> {
+    let mut outputs = Outputs::default();
     for group in groups {
         let folder = format!(
             "{LAYOUT_FOLDER}/{}-{}",
@@ -150,5 +152,5 @@ pub(crate) fn add_layouts(
             outputs.add(path("csv"), csv);
         }
     }
-    Ok(())
+    Ok(outputs)
 }

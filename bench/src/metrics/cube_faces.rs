@@ -1,9 +1,9 @@
 //! The six faces of the cube around the camera, on which some feed-forward methods are scored: an
 //! ERP image gives the poles far more pixels than they have of the sphere, cube faces do not.
 
-use glam::{dvec2, dvec3};
+use glam::{DVec3, dvec3};
 use omnilife_schemas::{
-    camera::{CameraModel, ErpCamera, cube::CUBE_FACES},
+    camera::{CameraModel, ErpCamera},
     interpolation::{Edges, bilinear},
 };
 use rayon::prelude::*;
@@ -18,6 +18,18 @@ pub(super) struct Face {
     pub(super) truth: Vec<f64>,
 }
 
+/// The direction of a face's point (a, b), both in [-1, 1], a to the right and b down, in the order of
+/// `CUBE_FACES`. Not by its matrices: a sum of products has no negative zeros, so that the middle of the lowest
+/// face would be looked up at another longitude, and scores would change.
+const DIRECTIONS: [fn(f64, f64) -> DVec3; 6] = [
+    |a, b| dvec3(a, b, 1.0),
+    |a, b| dvec3(1.0, b, -a),
+    |a, b| dvec3(-a, b, -1.0),
+    |a, b| dvec3(-1.0, b, a),
+    |a, b| dvec3(a, -1.0, b),
+    |a, b| dvec3(a, 1.0, -b),
+];
+
 /// Faces of 90 degrees, as wide as half the height of the ERP image, by bilinear interpolation:
 /// around the seam, and at the poles with the last row standing for those beyond. Nothing is
 /// rounded to 8 bits again.
@@ -28,9 +40,9 @@ pub(super) fn render(pair: &ViewPair) -> Vec<Face> {
         height: height as u32,
     };
     let side = (height / 2).max(1);
-    CUBE_FACES
+    DIRECTIONS
         .par_iter()
-        .map(|cube_face| {
+        .map(|direction| {
             let mut face = Face {
                 side,
                 prediction: Vec::with_capacity(side * side * 3),
@@ -38,12 +50,11 @@ pub(super) fn render(pair: &ViewPair) -> Vec<Face> {
             };
             let coordinate = |index: usize| (2 * index + 1) as f64 / side as f64 - 1.0;
             for (row, column) in (0..side * side).map(|at| (at / side, at % side)) {
-                let on_face = dvec3(coordinate(column), coordinate(row), 1.0);
-                let direction = cube_face.to_camera * on_face;
-                let Some(pixel) = camera.project(direction) else {
+                let Some(pixel) = camera.project(direction(coordinate(column), coordinate(row)))
+                else {
                     continue;
                 };
-                let corners = bilinear([width, height], Edges::Around, dvec2(pixel.x, pixel.y));
+                let corners = bilinear([width, height], Edges::Around, pixel);
                 for (values, bytes) in [
                     (&mut face.prediction, pair.prediction()),
                     (&mut face.truth, pair.truth()),

@@ -213,7 +213,7 @@ impl Tracking<'_> {
         let plane = Plane::dominant(self.points, self.views).ok_or_else(|| {
             CurateError::input(
                 self.scene_path,
-                "has too few points to find the ground by (curate dense, or poses with points)",
+                "has too few points to find the ground by; poses from structure from motion bring them",
             )
         })?;
         let begun = Instant::now();

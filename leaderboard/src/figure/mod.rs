@@ -234,8 +234,8 @@ fn views_of(
 ) -> Result<Option<(u32, Views)>, LeaderboardError> {
     let mut places: Vec<(PathBuf, [u32; 2])> = Vec::new();
     for method in methods {
-        let mut rows = group.scene_rows.iter();
-        let row = rows.find(|row| row.scene == scene && row.method == method);
+        let mut rows = group.rows_in(scene).iter();
+        let row = rows.find(|row| row.method == method);
         let place = row.and_then(|row| {
             let folder = folders.get(&std::ptr::from_ref(row.results[0]))?;
             Some((folder.join(COMPARISONS), row.results[0].scored_size))

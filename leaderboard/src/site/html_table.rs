@@ -9,7 +9,7 @@ use omnilife_schemas::records::Direction;
 use crate::{
     format,
     render::{BUDGET_MARK, FAILURE_MARK},
-    table::{Cell, Column, PublishedBlock, Row, Standing, Table},
+    table::{Cell, Column, PublishedBlock, Row, Score, Standing, Table},
 };
 
 /// Tables below this many rows can be read without a filter, on a phone at least.
@@ -232,7 +232,8 @@ fn measured_row(
         tr data-contest=[addition.contest] {
             @for (position, name) in row.names.iter().enumerate() {
                 @let is_rank = is_ranking && position == 0;
-                th.rank[is_rank] scope="row" data-value=(if is_rank { rank_value(name) } else { name }) {
+                th class=[is_rank.then_some("rank")] scope="row"
+                    data-value=(if is_rank { rank_value(name) } else { name }) {
                     @match addition.page.as_ref().filter(|_| position == named) {
                         Some(page) => a href=(page) { (name) },
                         None => (name),
@@ -277,17 +278,22 @@ fn dash(reason: &str) -> Markup {
     html! { span.dash title=(reason) { "–" span.visually-hidden { " " (reason) } } }
 }
 
+/// Digits after the point of the numbers that rows are sorted by.
+const SORTED_DIGITS: usize = 6;
+
 fn measured_cell(cell: &Cell, later: bool, reason: &str) -> Markup {
-    // Missing values have no number and stay at the end, whichever way the column is sorted.
+    // What a row is sorted by, where that is not the text of the cell. Missing values have no number and
+    // stay at the end, whichever way the column is sorted.
     let value = match cell {
-        Cell::Score(score) => Some(score.value.to_string()),
-        Cell::Number { value, .. } => Some(value.to_string()),
+        Cell::Score(Score { value, .. }) | Cell::Number { value, .. } => {
+            Some(format!("{value:.SORTED_DIGITS$}"))
+        }
         Cell::Rank { rank, .. } => Some(rank.to_string()),
-        Cell::Text(text) => Some(text.clone()),
-        Cell::Missing | Cell::Blank => None,
+        Cell::Missing => Some(String::new()),
+        Cell::Text(_) | Cell::Blank => None,
     };
     html! {
-        td.later[later] data-value=(value.unwrap_or_default()) {
+        td class=[later.then_some("later")] data-value=[value] {
             @if *cell == Cell::Missing { (dash(reason)) } @else { (content(cell)) }
         }
     }
@@ -322,7 +328,7 @@ fn published(block: &PublishedBlock, table: &Table, first: usize) -> Markup {
                     @for _ in 0..unnamed { td.rank {} }
                     @for name in &row.names { th scope="row" { (name) } }
                     @for (at, cell) in row.cells.iter().enumerate() {
-                        td.later[at >= first] {
+                        td class=[(at >= first).then_some("later")] {
                             @if *cell == Cell::Missing {
                                 (dash("not in the paper's table"))
                             } @else { (content(cell)) }

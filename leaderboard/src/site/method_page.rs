@@ -48,11 +48,12 @@ fn section(
     method: &MethodRow<'_>,
     number: usize,
 ) -> Result<Markup, LeaderboardError> {
-    let rows: Vec<&SceneRow<'_>> = (group.scene_rows.iter())
-        .filter(|row| row.method == method.method)
-        .collect();
-    let runs: Vec<(&str, &SceneRow<'_>, &ResultRecord)> = (rows.iter())
-        .flat_map(|row| row.results.iter().map(|result| (row.scene, *row, *result)))
+    let runs: Vec<(&str, &SceneRow<'_>, &ResultRecord)> = (group.rows_of(method.method))
+        .flat_map(|row| {
+            row.results
+                .iter()
+                .map(move |result| (row.scene, row, *result))
+        })
         .collect();
     let table = scene_page::table(group, "Scores on every scene", "Scene", &runs, false);
     let of_row = |at: usize| {

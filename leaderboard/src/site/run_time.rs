@@ -40,11 +40,9 @@ pub(super) fn of_group(
             without.push(method.method);
             continue;
         };
-        let results = group
-            .scene_rows
-            .iter()
-            .filter(|row| row.method == method.method);
-        let results: Vec<&ResultRecord> = results.flat_map(|row| row.results.clone()).collect();
+        let results: Vec<&ResultRecord> = (group.rows_of(method.method))
+            .flat_map(|row| row.results.iter().copied())
+            .collect();
         let seconds = method.numbers.training_seconds;
         match of_method(
             request,

@@ -78,8 +78,10 @@ fn best(request: &SiteRequest<'_>, scene: &str) -> Markup {
     let found = request.groups.iter().find_map(|group| {
         let index = ranked_by(group)?;
         let direction = group.quantities[index].1;
-        let rows = group.scene_rows.iter().filter(|row| row.scene == scene);
-        let scored = rows.filter(|row| row.numbers.failures == 0);
+        let scored = group
+            .rows_in(scene)
+            .iter()
+            .filter(|row| row.numbers.failures == 0);
         let scored = scored.filter_map(|row| Some((row, row.numbers.scores[index]?)));
         scored.reduce(|best, next| {
             if direction.prefers(next.1, best.1) {
