@@ -4,10 +4,14 @@ use std::path::Path;
 
 use omnilife_schemas::{
     progress::Progress,
-    records::{Admission, CheckOutcome, DetectedProjection, VideoAnalysis, VideoProjection},
+    records::{
+        Admission, CheckOutcome, DetectedProjection, SphereLayout, VideoAnalysis, VideoProjection,
+    },
 };
 
-use crate::{attrition, criteria, error::CurateError, projection, settings::CurateSettings};
+use crate::{
+    attrition, criteria, error::CurateError, projection, settings::CurateSettings, sphere_layouts,
+};
 
 /// Rejects a video that misses enforced criteria.
 pub(crate) fn enforce(video: &Path, admission: &Admission) -> Result<(), CurateError> {
@@ -24,19 +28,38 @@ pub(crate) fn enforce(video: &Path, admission: &Admission) -> Result<(), CurateE
     }
 }
 
-/// The projection in force, after the user's override.
+/// The projection in force, after the user's override: that of the video as it is stored, also where its frames
+/// are made equirectangular from a `layout`.
 ///
 /// Without enforced criteria an undecided video goes through when it is stored at 2:1, with a note:
 /// nobody has said that it is not ERP.
 pub(crate) fn effective_projection(
     video: &Path,
     analysis: &VideoAnalysis,
+    layout: Option<SphereLayout>,
     settings: &CurateSettings,
     progress: &dyn Progress,
 ) -> Result<DetectedProjection, CurateError> {
     let found = analysis.projection.clone();
     if let Some(disagreement) = &found.disagreement {
         progress.note(&format!("{}: {disagreement}", video.display()));
+    }
+    if let Some(layout) = layout {
+        let stored = sphere_layouts::projection(layout);
+        let asked = if settings.layout.is_some() {
+            "as asked"
+        } else {
+            "by the evidence"
+        };
+        progress.note(&format!(
+            "{}: frames are made equirectangular from {layout}, {asked}",
+            video.display()
+        ));
+        return Ok(DetectedProjection {
+            projection: stored,
+            overridden: (found.projection != stored).then_some(found.projection),
+            ..found
+        });
     }
     match settings.accept {
         Some(accepted) if accepted != found.projection => {
@@ -91,16 +114,14 @@ pub(crate) fn effective_projection(
 /// What the user can do about a projection.
 fn hint(projection: VideoProjection) -> &'static str {
     match projection {
-        VideoProjection::ErpStereoTb => {
-            "extract one eye first: ffmpeg -i IN -vf crop=iw:ih/2:0:0 OUT"
+        VideoProjection::ErpStereoTb => "pass --projection stereo-top-bottom",
+        VideoProjection::ErpStereoLr => "pass --projection stereo-left-right",
+        VideoProjection::Eac => {
+            "pass --projection eac, as YouTube stores it, or cubemap-3x2, cubemap-6x1 or cubemap-1x6"
         }
-        VideoProjection::ErpStereoLr => {
-            "extract one eye first: ffmpeg -i IN -vf crop=iw/2:ih:0:0 OUT"
-        }
-        VideoProjection::Eac => "convert it first: ffmpeg -i IN -vf v360=eac:equirect OUT",
         VideoProjection::Fisheye => {
-            "convert it first: ffmpeg -i IN -vf v360=dfisheye:equirect:ih_fov=DEGREES:iv_fov=DEGREES \
-             OUT (fisheye for one circle), with the lens's field of view"
+            "if it is two circles side by side, pass --projection dual-fisheye:DEGREES with the lenses' field \
+             of view"
         }
         VideoProjection::Rectilinear => {
             "if it is monoscopic ERP all the same, pass --accept erp; if it is to be reconstructed as \

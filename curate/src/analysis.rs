@@ -4,7 +4,7 @@ use std::path::Path;
 
 use omnilife_schemas::{
     progress::Progress,
-    records::{Probe, TimeRange},
+    records::{Probe, SphereLayout, TimeRange},
     statistics::frame_interval,
 };
 
@@ -13,6 +13,7 @@ use crate::{
     error::CurateError,
     overlays::{MosaicPass, OverlayPass},
     projection::FrameSamples,
+    sphere_layouts::{self, ToErp},
     video::{Converter, Scaling, VideoReader, probe},
 };
 
@@ -35,7 +36,7 @@ pub struct Analysis {
     pub signals: Signals,
     /// Frames spread over the video, for the ERP projection.
     pub samples: FrameSamples,
-    /// What stays while the scene moves.
+    /// What stays while the scene moves, of equirectangular images.
     pub overlays: OverlayPass,
     /// Mosaics that single frames show.
     pub mosaics: MosaicPass,
@@ -43,14 +44,36 @@ pub struct Analysis {
     pub damaged_frames: u64,
 }
 
+/// Makes the equirectangular images that overlays are looked for in.
+struct SphereImages {
+    stored: Converter,
+    to_erp: ToErp,
+    width: usize,
+}
+
+impl SphereImages {
+    fn new(layout: SphereLayout, probe: &Probe) -> Self {
+        let size = probe.upright_size();
+        let width = SAMPLE_WIDTH_PIXELS.min(sphere_layouts::erp_width(layout, size) & !1);
+        let stored = sphere_layouts::stored_width(layout, width, size);
+        Self {
+            stored: Converter::new(Scaling::MaxWidth(stored)),
+            to_erp: ToErp::new(layout),
+            width: width as usize,
+        }
+    }
+}
+
 /// Decodes a video from end to end once. Memory does not grow with its length, save for a few
-/// numbers per frame.
+/// numbers per frame. With a layout, overlays are looked for on the sphere that it stores; what the projection is
+/// judged by, and boundaries, are of frames as they are.
 ///
 /// # Errors
 /// [`CurateError::Video`] when the file is no video, has no frames, or breaks off early.
 pub fn analyse(
     video: &Path,
     detector: &Detector,
+    layout: Option<SphereLayout>,
     progress: &dyn Progress,
 ) -> Result<Analysis, CurateError> {
     let mut reader = VideoReader::open(video)?;
@@ -64,6 +87,7 @@ pub fn analyse(
     let mut small = Converter::new(detector.images);
     let mut pass = (detector.start)()?;
     let mut medium = Converter::new(Scaling::MaxWidth(SAMPLE_WIDTH_PIXELS));
+    let mut sphere = layout.map(|layout| SphereImages::new(layout, &probe));
     let mut samples = FrameSamples::default();
     let mut overlays = OverlayPass::default();
     let mut mosaics = MosaicPass::default();
@@ -89,7 +113,14 @@ pub fn analyse(
             if samples.wants(frame.time_seconds) || overlays.wants(frame.time_seconds) {
                 let image = medium.convert(video, &frame.image)?.turned(turns);
                 if overlays.wants(frame.time_seconds) {
-                    overlays.observe(frame.time_seconds, &image);
+                    match &mut sphere {
+                        None => overlays.observe(frame.time_seconds, &image),
+                        Some(sphere) => {
+                            let stored = sphere.stored.convert(video, &frame.image)?.turned(turns);
+                            let image = sphere.to_erp.convert(&stored, sphere.width);
+                            overlays.observe(frame.time_seconds, &image);
+                        }
+                    }
                 }
                 samples.offer(frame.time_seconds, image);
             }

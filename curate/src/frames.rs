@@ -6,7 +6,7 @@ use omnilife_schemas::{
     RgbImage,
     layout::FRAMES_FOLDER,
     progress::Progress,
-    records::{Probe, Sampling, TimeRange, VideoProjection},
+    records::{Probe, Sampling, SphereLayout, TimeRange, VideoProjection},
     rgb,
     statistics::frame_interval,
     store,
@@ -14,6 +14,7 @@ use omnilife_schemas::{
 
 use crate::{
     error::CurateError,
+    sphere_layouts::{self, ToErp},
     video::{Converter, Rgb8Image, Scaling, VideoReader},
 };
 
@@ -105,7 +106,8 @@ fn nearest(times: &[f64], instant: f64) -> f64 {
 }
 
 /// Size of sampled frames: `width` or the default, and half of that; for a pinhole as high as the
-/// video's shape asks for, to the nearest pixel.
+/// video's shape asks for, to the nearest pixel. The video's own width is that of its sphere, however `layout`
+/// stores it.
 ///
 /// # Errors
 /// [`CurateError::Input`] for an odd width, one below 16 pixels, or more than the video has.
@@ -114,8 +116,10 @@ pub fn frame_size(
     probe: &Probe,
     width: Option<u32>,
     accept: Option<VideoProjection>,
+    layout: Option<SphereLayout>,
 ) -> Result<(u32, u32), CurateError> {
-    let native = probe.upright_size().0 & !1;
+    let stored = probe.upright_size();
+    let native = layout.map_or(stored.0, |layout| sphere_layouts::erp_width(layout, stored)) & !1;
     let width = width.unwrap_or(native.min(DEFAULT_WIDTH_PIXELS));
     if width < 16 || width % 2 == 1 {
         return Err(CurateError::input(
@@ -150,7 +154,7 @@ pub struct Selection {
 }
 
 /// Decodes a video once and writes the selected frames of all sequences at `size`, numbered from 0
-/// in order of time.
+/// in order of time; equirectangular ones, where the video stores a sphere by a `layout`.
 ///
 /// # Errors
 /// When the video breaks off, a selected frame does not come up again, or a file cannot be written.
@@ -158,6 +162,7 @@ pub fn extract(
     video: &Path,
     probe: &Probe,
     selections: &[Selection],
+    layout: Option<SphereLayout>,
     size: (u32, u32),
     progress: &dyn Progress,
 ) -> Result<(), CurateError> {
@@ -176,6 +181,7 @@ pub fn extract(
     wanted.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut reader = VideoReader::open(video)?;
     let mut converter = Converter::new(Scaling::Native);
+    let mut to_erp = layout.map(ToErp::new);
     let turns = probe.clockwise_quarter_turns();
     progress.begin("extracting frames", Some(wanted.len() as u64));
     let outcome: Result<(), CurateError> = (|| {
@@ -196,6 +202,10 @@ pub fn extract(
                 return Err(lost());
             }
             let image = converter.convert(video, &frame.image)?.turned(turns);
+            let image = match &mut to_erp {
+                Some(to_erp) => to_erp.convert(&image, size.0 as usize),
+                None => image,
+            };
             write_frame(path, image, size)?;
             progress.advance(1);
             due.next();
@@ -207,8 +217,11 @@ pub fn extract(
 }
 
 /// How frames of the probed video get to `size`, for the record.
-pub fn resampling(probe: &Probe, size: (u32, u32)) -> String {
-    if (probe.width, probe.height) == size {
+pub fn resampling(probe: &Probe, layout: Option<SphereLayout>, size: (u32, u32)) -> String {
+    if let Some(layout) = layout {
+        let (columns, rows) = probe.upright_size();
+        format!("area averaging on the sphere from {layout} of {columns}x{rows}")
+    } else if (probe.width, probe.height) == size {
         "none".to_owned()
     } else {
         format!("area averaging from {}x{}", probe.width, probe.height)

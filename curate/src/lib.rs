@@ -29,6 +29,7 @@ pub mod publish;
 mod sequences;
 mod settings;
 pub mod slicing;
+mod sphere_layouts;
 mod staging;
 pub mod tracks;
 pub mod video;

@@ -23,7 +23,7 @@ use crate::{
     frames, overlays, projection,
     sequences::{self, Sequencing},
     settings::CurateSettings,
-    video,
+    sphere_layouts, video,
 };
 
 /// Curates one video into `folder` and returns the names of its sequence folders in order of time.
@@ -89,7 +89,14 @@ fn sequences_of(
     let detector = boundaries::detector(&settings.detector, video)?;
     let criteria = criteria::criteria(&settings.profile, video)?;
     let probe = video::probe(video)?;
-    let size = frames::frame_size(video, &probe, settings.width, settings.accept)?;
+    // Before anything is decoded; of a layout that the evidence shows the size is looked at again.
+    frames::frame_size(
+        video,
+        &probe,
+        settings.width,
+        settings.accept,
+        settings.layout,
+    )?;
     // What the header shows already need not be found out by decoding gigabytes.
     let early = criteria::Candidate {
         probe: &probe,
@@ -101,8 +108,18 @@ fn sequences_of(
 
     claim(video, folder, source)?;
     let _lock = FolderLock::take(folder, progress)?;
-    let analysis = analysed(video, folder, source, detector, progress)?;
-    let projection = admission::effective_projection(video, &analysis, settings, progress)?;
+    let analysis = analysed(video, folder, source, settings, detector, progress)?;
+    let layout = match settings.accept {
+        Some(_) => None,
+        None => analysis.layout,
+    };
+    let projection = admission::effective_projection(video, &analysis, layout, settings, progress)?;
+    if layout.is_some() && settings.slices.is_some() {
+        let reason =
+            "slices are cut from equirectangular video, and this one is converted frame by frame";
+        return Err(CurateError::input(video, reason));
+    }
+    let size = frames::frame_size(video, &probe, settings.width, settings.accept, layout)?;
     let candidate = criteria::Candidate {
         probe: &analysis.probe,
         projection: Some(&projection),
@@ -124,6 +141,7 @@ fn sequences_of(
         settings,
         detector,
         analysis: &analysis,
+        layout,
         projection,
         admission,
         size,
@@ -187,12 +205,16 @@ fn analysed(
     video: &Path,
     folder: &Path,
     source: &SourceVideo,
+    settings: &CurateSettings,
     detector: &Detector,
     progress: &dyn Progress,
 ) -> Result<VideoAnalysis, CurateError> {
-    let plan = StagePlan::new(folder, "analysis")
+    let mut plan = StagePlan::new(folder, "analysis")
         .with_hash("video", source.sha256.clone())
         .with_text("detector", &detector.description());
+    if let Some(layout) = settings.layout {
+        plan = plan.with_settings("layout", &layout);
+    }
     let record_path = folder.join(ANALYSIS_FILE);
     if plan.is_done() {
         progress.note(&format!("{}: analysis unchanged, skipped", video.display()));
@@ -220,7 +242,7 @@ fn analysed(
         overlays,
         mosaics,
         damaged_frames,
-    } = analysis::analyse(video, detector, progress)?;
+    } = analysis::analyse(video, detector, settings.layout, progress)?;
     if damaged_frames > 0 {
         progress.note(&format!(
             "{}: {damaged_frames} damaged frames were patched up or left out",
@@ -235,13 +257,21 @@ fn analysed(
         ));
     }
     let projection = projection::judge(&probe, samples.images());
+    let evident = || sphere_layouts::evident(&projection, &probe);
+    let layout = settings.layout.or_else(evident);
+    let overlays = if layout == settings.layout {
+        let is_sphere = layout.is_some() || projection.projection.is_monoscopic_erp();
+        is_sphere.then(|| overlays::report(&overlays, &mosaics))
+    } else {
+        // What the frames store is known only now.
+        let again = analysis::analyse(video, detector, layout, progress)?;
+        Some(overlays::report(&again.overlays, &again.mosaics))
+    };
     let record = VideoAnalysis {
         source: source.clone(),
         range,
-        overlays: projection
-            .projection
-            .is_monoscopic_erp()
-            .then(|| overlays::report(&overlays, &mosaics)),
+        overlays,
+        layout,
         projection,
         probe,
         damaged_frames,

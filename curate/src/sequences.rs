@@ -13,7 +13,7 @@ use omnilife_schemas::{
     progress::Progress,
     records::{
         Admission, Boundary, BoundaryLedger, CheckOutcome, DetectedProjection, FrameEntry,
-        FrameSet, Sequence, TimeRange, VideoAnalysis,
+        FrameSet, Sequence, SphereLayout, TimeRange, VideoAnalysis,
     },
     stage::StagePlan,
     store::{self, StoreError},
@@ -43,6 +43,8 @@ pub(crate) struct Sequencing<'a> {
     pub(crate) settings: &'a CurateSettings,
     pub(crate) detector: &'a Detector,
     pub(crate) analysis: &'a VideoAnalysis,
+    /// How the video stores the sphere, where its frames are made equirectangular.
+    pub(crate) layout: Option<SphereLayout>,
     pub(crate) projection: DetectedProjection,
     pub(crate) admission: Admission,
     /// Width and height of the frames in pixels.
@@ -187,11 +189,15 @@ impl Sequencing<'_> {
 
     /// What the frames of a sequence depend on, for its folder or for one that becomes it.
     fn plan(&self, sequence: &Planned, folder: &Path) -> StagePlan {
-        StagePlan::new(folder, STAGE)
+        let plan = StagePlan::new(folder, STAGE)
             .with_hash("video", self.analysis.source.sha256.clone())
             .with_settings("timestamps in seconds", &sequence.times)
             .with_settings("size in pixels", &self.size)
-            .with_settings("rotation in degrees", &self.analysis.probe.rotation_degrees)
+            .with_settings("rotation in degrees", &self.analysis.probe.rotation_degrees);
+        match self.layout {
+            Some(layout) => plan.with_settings("layout", &layout),
+            None => plan,
+        }
     }
 
     /// Extracts the frames of some sequences in one decode and puts them in place.
@@ -209,6 +215,7 @@ impl Sequencing<'_> {
             self.video,
             &self.analysis.probe,
             &selections,
+            self.layout,
             self.size,
             progress,
         )?;
@@ -242,7 +249,8 @@ impl Sequencing<'_> {
                 width: self.size.0,
                 height: self.size.1,
                 sampling: self.settings.sampling,
-                resampling: frames::resampling(probe, self.size),
+                resampling: frames::resampling(probe, self.layout, self.size),
+                converted_from: self.layout,
                 entries: sequence
                     .times
                     .iter()

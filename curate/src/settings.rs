@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use omnilife_schemas::records::{Sampling, VideoProjection};
+use omnilife_schemas::records::{Sampling, SphereLayout, VideoProjection};
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -26,6 +26,9 @@ pub struct CurateSettings {
     /// Takes the video as `erp`, `erp-squeezed` or, for a pinhole, `rectilinear`, whatever the evidence
     /// says.
     pub accept: Option<VideoProjection>,
+    /// Takes the video as a sphere that is stored so, whatever the evidence says, and makes its frames
+    /// equirectangular.
+    pub layout: Option<SphereLayout>,
     /// Shorter shots are dropped, seconds.
     pub minimum_shot_seconds: f64,
     /// Id of the boundary detector, see [`boundaries::DETECTORS`].
@@ -42,6 +45,7 @@ impl Default for CurateSettings {
             sampling: Sampling::MaxFrames(120),
             width: None,
             accept: None,
+            layout: None,
             minimum_shot_seconds: 1.0,
             detector: DEFAULT_DETECTOR.to_owned(),
             slices: None,
@@ -73,6 +77,8 @@ impl CurateSettings {
             .is_some_and(|projection| !projection.is_monoscopic_erp() && !is_pinhole(projection))
         {
             "only erp, erp-squeezed and pinhole can be accepted, nothing else can be reconstructed"
+        } else if self.accept.is_some() && self.layout.is_some() {
+            "a video is either taken as a projection or converted from another one"
         } else if self.accept.is_some_and(is_pinhole) && self.slices.is_some() {
             "slices are marked as 360-degree video, and the video is taken as that of a pinhole"
         } else {

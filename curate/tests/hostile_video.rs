@@ -76,7 +76,7 @@ fn with_colour(folder: &Path, element: [u8; 2], name: &str) -> PathBuf {
 
 fn analysed(video: &Path) -> analysis::Analysis {
     let detector = boundaries::detector(boundaries::DEFAULT_DETECTOR, video).unwrap();
-    analysis::analyse(video, detector, &Silent)
+    analysis::analyse(video, detector, None, &Silent)
         .unwrap_or_else(|error| panic!("{}: {error}", video.display()))
 }
 

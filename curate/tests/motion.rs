@@ -205,6 +205,7 @@ fn rendered(data: &Path, folder: &Path, frames: &[usize]) {
             height: 512,
             sampling: Sampling::MaxFrames(60),
             resampling: "none".to_owned(),
+            converted_from: None,
             entries: entries.collect(),
         },
     };

@@ -35,7 +35,7 @@ struct Scores {
 
 fn signals(video: &Path) -> Option<Signals> {
     let detector = boundaries::detector("transnetv2", video).unwrap();
-    match analyse(video, detector, &Silent) {
+    match analyse(video, detector, None, &Silent) {
         Ok(analysis) => Some(analysis.signals),
         Err(error @ CurateError::Weights(_)) => {
             omnilife_schemas::testing::skip(error);

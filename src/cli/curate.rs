@@ -8,7 +8,7 @@ use omnilife_curate::{
 };
 use omnilife_schemas::{
     provenance::Hardware,
-    records::{DistanceConvention, DistanceGrid, Sampling, VideoProjection},
+    records::{DistanceConvention, DistanceGrid, Sampling, SphereLayout, VideoProjection},
 };
 
 use super::{
@@ -36,8 +36,11 @@ pub(crate) struct CurationArguments {
     /// Takes the videos as this projection, and skips its detection.
     #[arg(long, value_name = "KIND", value_parser = parse_accept)]
     pub(crate) accept: Option<VideoProjection>,
-    /// Takes the videos as ordinary perspective ones; their frames make pinhole scenes. Never guessed.
-    #[arg(long, value_enum, value_name = "KIND", conflicts_with = "accept")]
+    /// Takes the videos as pinhole (ordinary perspective ones, whose frames make pinhole scenes) or as spheres
+    /// stored otherwise than equirectangular, whose frames are converted: stereo-top-bottom, stereo-left-right (the
+    /// left eye), eac, cubemap-3x2, cubemap-6x1, cubemap-1x6 (:rludfb says which face lies where), dual-fisheye
+    /// (:190 is the field of view in degrees) [default: stereo and stated eac are seen, others never guessed].
+    #[arg(long, value_name = "KIND", conflicts_with = "accept", value_parser = parse_projection)]
     pub(crate) projection: Option<ProjectionArgument>,
     /// Drops shots shorter than this, in seconds.
     #[arg(long, default_value_t = 1.0, value_name = "SECONDS")]
@@ -46,10 +49,29 @@ pub(crate) struct CurationArguments {
     pub(crate) detector: DetectorArguments,
 }
 
-/// A projection that nobody but the user says.
-#[derive(Debug, Clone, Copy, ValueEnum)]
+/// What the user says that videos show.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum ProjectionArgument {
     Pinhole,
+    Sphere(SphereLayout),
+}
+
+impl ProjectionArgument {
+    /// As it is given.
+    fn text(self) -> String {
+        match self {
+            Self::Pinhole => "pinhole".to_owned(),
+            Self::Sphere(layout) => layout.to_string(),
+        }
+    }
+}
+
+fn parse_projection(text: &str) -> Result<ProjectionArgument, String> {
+    if text == "pinhole" {
+        return Ok(ProjectionArgument::Pinhole);
+    }
+    let layout = text.parse().map(ProjectionArgument::Sphere);
+    layout.map_err(|error: String| format!("{error} (or pinhole)"))
 }
 
 impl CurationArguments {
@@ -65,7 +87,11 @@ impl CurationArguments {
             width: self.width,
             accept: match self.projection {
                 Some(ProjectionArgument::Pinhole) => Some(VideoProjection::Rectilinear),
-                None => self.accept,
+                _ => self.accept,
+            },
+            layout: match self.projection {
+                Some(ProjectionArgument::Sphere(layout)) => Some(layout),
+                _ => None,
             },
             minimum_shot_seconds: self.min_shot,
             detector: self.detector.detector.clone(),
@@ -385,7 +411,7 @@ impl CurationSettingsArguments {
             Some(sampling),
             width.map(|width| ("--width", width.to_string())),
             accept.map(|projection| ("--accept", projection.name().to_owned())),
-            projection.map(|ProjectionArgument::Pinhole| ("--projection", "pinhole".to_owned())),
+            projection.map(|projection| ("--projection", projection.text())),
             Some(("--min-shot", min_shot.to_string())),
             Some(("--detector", detector.detector.clone())),
             Some(("--criteria", self.criteria.clone())),

@@ -202,7 +202,7 @@ fn analyse(
     progress: &dyn Progress,
 ) -> anyhow::Result<analysis::Analysis> {
     let detector = boundaries::detector(detector, video)?;
-    Ok(analysis::analyse(video, detector, progress)?)
+    Ok(analysis::analyse(video, detector, None, progress)?)
 }
 
 pub(super) fn print_json(value: &impl Serialize) -> anyhow::Result<()> {

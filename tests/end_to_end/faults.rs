@@ -162,6 +162,10 @@ fn every_command_on_a_machine_that_fails_it() {
             }
             let ends = fault.meet(&trial);
             let mut faults: Vec<String> = ends.iter().filter_map(ending_fault).collect();
+            // Without memory FFmpeg says that the video is damaged, and nothing else is known of it.
+            if fault != Fault::LittleMemory && ends.iter().any(|ended| ended.code == Some(2)) {
+                faults.push("the input is blamed for the machine's fault".to_owned());
+            }
             let half = trial
                 .left()
                 .into_keys()

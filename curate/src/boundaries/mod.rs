@@ -10,6 +10,7 @@
 mod descriptor;
 pub mod histogram;
 pub mod key_frame_prefilter;
+mod parquet_pages;
 pub mod signals;
 pub mod transnetv2;
 

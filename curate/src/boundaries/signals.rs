@@ -4,12 +4,12 @@
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
 )]
 
-use std::{fs::File, path::Path, sync::Arc};
+use std::{fs::File, io, path::Path, sync::Arc};
 
 use omnilife_schemas::{foreign_code::guarded, store};
 use parquet::{
     basic::{Compression, Repetition, Type as PhysicalType, ZstdLevel},
-    column::reader::{ColumnReader, ColumnReaderImpl},
+    column::reader::{ColumnReader, ColumnReaderImpl, get_column_reader},
     data_type::{DataType, DoubleType, FloatType},
     errors::ParquetError,
     file::{
@@ -21,6 +21,7 @@ use parquet::{
     schema::types::Type,
 };
 
+use super::parquet_pages::BoundedPages;
 use crate::error::CurateError;
 
 /// Name of the column of timestamps.
@@ -81,9 +82,18 @@ impl Signals {
         let malformed =
             |reason: String| CurateError::Store(store::StoreError::malformed(path, reason));
         let file = File::open(path).map_err(|source| store::StoreError::read(path, source))?;
+        let not_a_table =
+            |reason: String| malformed(format!("not a Parquet table of signals: {reason}"));
         let signals = guarded(|| Self::of_parquet(file))
-            .and_then(|read| read.map_err(|error| error.to_string()))
-            .map_err(|reason| malformed(format!("not a Parquet table of signals: {reason}")))?;
+            .map_err(not_a_table)?
+            .map_err(|error| match error {
+                // The machine's fault, such as too many open files, is not the file's.
+                ParquetError::External(source) => match source.downcast::<io::Error>() {
+                    Ok(source) => store::StoreError::read(path, *source).into(),
+                    Err(other) => not_a_table(other.to_string()),
+                },
+                other => not_a_table(other.to_string()),
+            })?;
         if signals.times.is_empty() {
             return Err(malformed(format!("has no rows in a column {TIME}")));
         }
@@ -127,7 +137,8 @@ impl Signals {
                 .map_err(|error| ParquetError::General(error.to_string()))?;
             for (at, column) in rows.metadata().columns().iter().enumerate() {
                 let name = column.column_path().string();
-                match rows.get_column_reader(at)? {
+                let pages = BoundedPages::new(rows.get_column_page_reader(at)?, MOST_ROWS as u32);
+                match get_column_reader(column.column_descr_ptr(), Box::new(pages)) {
                     ColumnReader::DoubleColumnReader(column) if name == TIME => {
                         read_column(column, count, &mut signals.times)?;
                     }

@@ -46,7 +46,10 @@ fn cuts_are_found_in_a_third_of_the_frames() {
         let yaw = 0.01 * frame as f64;
         world_colour(world, erp_direction(x, y, width, height, yaw))
     });
-    let (whole, fast) = both(&path, &analyse(&path, &DETECTORS[0], &Silent).unwrap());
+    let (whole, fast) = both(
+        &path,
+        &analyse(&path, &DETECTORS[0], None, &Silent).unwrap(),
+    );
     assert_eq!(whole.len(), cuts.len());
     assert_same("shots", &whole, &fast.boundaries, 1e-9);
     assert_eq!((fast.segments, fast.frames), (30, 360));
@@ -65,7 +68,10 @@ fn a_flash_between_two_key_frames_is_looked_at_and_is_no_boundary() {
         let light = if frame == 101 { 0.9 } else { 0.0 };
         colour.map(|value| value + (1.0 - value) * light)
     });
-    let (whole, fast) = both(&path, &analyse(&path, &DETECTORS[0], &Silent).unwrap());
+    let (whole, fast) = both(
+        &path,
+        &analyse(&path, &DETECTORS[0], None, &Silent).unwrap(),
+    );
     assert_eq!(whole, []);
     assert_eq!(fast.boundaries, []);
     // The flash and the last segment, and at most one beside the flash.

@@ -28,6 +28,6 @@ static ANALYSES: Mutex<BTreeMap<String, Arc<OnceLock<Analysis>>>> = Mutex::new(B
 fn of_real_clip<T>(name: &str, use_it: impl FnOnce(&Path, &Analysis) -> T) -> Option<T> {
     let path = support::shared_data(name)?;
     let slot = Arc::clone(ANALYSES.lock().unwrap().entry(name.to_owned()).or_default());
-    let analysis = slot.get_or_init(|| analyse(&path, &DETECTORS[0], &Silent).unwrap());
+    let analysis = slot.get_or_init(|| analyse(&path, &DETECTORS[0], None, &Silent).unwrap());
     Some(use_it(&path, analysis))
 }

@@ -59,7 +59,7 @@ fn painted_overlays_are_found_and_named() {
     for folder in paths_in(temp.path()).unwrap() {
         let expected = folder.file_name().unwrap().to_string_lossy().into_owned();
         for video in paths_in(&folder).unwrap() {
-            let report = reported(&analyse(&video, &DETECTORS[0], &Silent).unwrap());
+            let report = reported(&analyse(&video, &DETECTORS[0], None, &Silent).unwrap());
             let found = match expected.as_str() {
                 "mosaic" | "no-mosaic" => largest_mosaic(&report),
                 _ => prominent(&report).map_or("none", OverlayClass::name),

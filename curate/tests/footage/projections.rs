@@ -27,7 +27,7 @@ fn mistaken(source: &Path) -> Vec<String> {
     let mut mistaken = Vec::new();
     for folder in paths_in(temp.path()).unwrap() {
         for video in paths_in(&folder).unwrap() {
-            let analysis = analyse(&video, &DETECTORS[0], &Silent).unwrap();
+            let analysis = analyse(&video, &DETECTORS[0], None, &Silent).unwrap();
             let projection = judge(&analysis.probe, analysis.samples.images());
             let expected = folder.file_name().unwrap().to_string_lossy();
             if projection.projection.name() != expected {

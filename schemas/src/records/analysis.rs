@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::overlays::OverlayReport;
 use super::sequence::{DetectedProjection, Probe, SourceVideo, TimeRange};
+use super::sphere_layout::SphereLayout;
 use crate::store::Record;
 
 /// `analysis.json`: probe and detected projection of one video. The per-frame signals lie beside it.
@@ -19,6 +20,9 @@ pub struct VideoAnalysis {
     /// What the pixels and the metadata said, before any override.
     #[serde(alias = "verdict")]
     pub projection: DetectedProjection,
+    /// How the sphere is stored, where frames are made equirectangular: as asked for, or as the evidence has it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub layout: Option<SphereLayout>,
     /// What is painted over the image or always in it; `None` where the image is no single
     /// sphere.
     pub overlays: Option<OverlayReport>,

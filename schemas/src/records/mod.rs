@@ -23,6 +23,7 @@ pub mod scoring;
 pub mod sequence;
 pub mod sfm;
 pub mod slices;
+pub mod sphere_layout;
 pub mod split;
 pub mod stability;
 pub mod submission;
@@ -57,6 +58,7 @@ pub use sequence::{
 };
 pub use sfm::{SfmAttempt, SfmReport};
 pub use slices::{Segment, SegmentOutcome, SliceFile, SliceMethod, Slices};
+pub use sphere_layout::{FaceOrder, SphereLayout};
 pub use split::{IncompleteGroup, Split, ViewGroup};
 pub use stability::{
     StabilityMeasures, StabilityPoint, StabilityReport, StabilityRow, StabilityStatus,

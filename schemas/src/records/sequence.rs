@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize};
 
+use super::sphere_layout::SphereLayout;
 use crate::store::Record;
 
 /// `sequence.json`.
@@ -271,6 +272,9 @@ pub struct FrameSet {
     pub sampling: Sampling,
     /// How they were resized from the decoded size; `none` where they were not.
     pub resampling: String,
+    /// How the video stores the sphere, where frames were made equirectangular from something else.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub converted_from: Option<SphereLayout>,
     /// The frames in order of time.
     pub entries: Vec<FrameEntry>,
 }

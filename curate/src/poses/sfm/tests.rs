@@ -69,6 +69,7 @@ pub(in crate::poses) fn sequence_of(entries: Vec<FrameEntry>) -> Sequence {
             height: 32,
             sampling: Sampling::MaxFrames(10),
             resampling: "none".to_owned(),
+            converted_from: None,
             entries,
         },
     }

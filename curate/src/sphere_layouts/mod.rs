@@ -1,0 +1,281 @@
+//! Frames whose sphere is stored otherwise than as one equirectangular image, made into one on the way.
+//!
+//! Of stereo the left eye's image is cut out; cube faces and fisheye circles are sampled on the sphere
+//! (`sampler`), each pixel by as many rays as it has stored pixels below it. `places` says where a direction is
+//! stored. `FFmpeg`'s filter `v360` has the same layouts and is what a test holds them against.
+
+mod places;
+mod sampler;
+
+use omnilife_schemas::{
+    RgbImage,
+    records::{DetectedProjection, Probe, SphereLayout, VideoProjection},
+};
+
+use crate::video::Rgb8Image;
+use sampler::SphereSampler;
+
+/// Makes equirectangular images of the frames of one video.
+#[derive(Debug)]
+pub(crate) struct ToErp {
+    layout: SphereLayout,
+    sampler: Option<SphereSampler>,
+}
+
+impl ToErp {
+    /// For frames of a layout.
+    pub(crate) fn new(layout: SphereLayout) -> Self {
+        Self {
+            layout,
+            sampler: None,
+        }
+    }
+
+    /// The equirectangular image of a frame, upright as it is shown, `width` pixels wide and half as high.
+    pub(crate) fn convert(&mut self, frame: &Rgb8Image, width: usize) -> Rgb8Image {
+        let size = [width, width / 2];
+        if let Some(eye) = left_eye(self.layout, frame) {
+            return resized(eye, size);
+        }
+        let stored = [frame.width, frame.height];
+        let sampler = match self.sampler.take() {
+            Some(sampler) if sampler.is_for(stored, size) => sampler,
+            _ => SphereSampler::new(self.layout, stored, size),
+        };
+        let image = sampler.apply(frame);
+        self.sampler = Some(sampler);
+        image
+    }
+}
+
+/// An equirectangular image at another size, by area averaging.
+fn resized(image: Rgb8Image, [width, height]: [usize; 2]) -> Rgb8Image {
+    if [image.width, image.height] == [width, height] {
+        return image;
+    }
+    let data = RgbImage::from_rgb8(image.width, image.height, &image.data)
+        .resized_by_area(width, height)
+        .to_rgb8();
+    Rgb8Image {
+        width,
+        height,
+        data,
+    }
+}
+
+/// The left eye's half of a stereo frame; `None` of other layouts.
+fn left_eye(layout: SphereLayout, frame: &Rgb8Image) -> Option<Rgb8Image> {
+    let (width, height) = match layout {
+        SphereLayout::StereoTopBottom => (frame.width, frame.height / 2),
+        SphereLayout::StereoLeftRight => (frame.width / 2, frame.height),
+        _ => return None,
+    };
+    let rows = frame.data.chunks_exact(3 * frame.width).take(height);
+    Some(Rgb8Image {
+        width,
+        height,
+        data: rows.flat_map(|row| &row[..3 * width]).copied().collect(),
+    })
+}
+
+/// Width in pixels of the equirectangular image that has as many pixels around the horizon as a frame of
+/// `width` x `height` pixels has.
+pub(crate) fn erp_width(layout: SphereLayout, (width, height): (u32, u32)) -> u32 {
+    match layout {
+        SphereLayout::StereoTopBottom => width,
+        SphereLayout::StereoLeftRight => width / 2,
+        SphereLayout::EquiangularCubemap => width / 3 * 4,
+        SphereLayout::Cubemap { columns, .. } => width / u32::from(columns.max(1)) * 4,
+        SphereLayout::DualFisheye {
+            field_of_view_degrees,
+        } => {
+            let diameter = f64::from(height.min(width / 2));
+            (diameter * 360.0 / field_of_view_degrees) as u32
+        }
+    }
+}
+
+/// Width in pixels that frames need so that their equirectangular image of `width` pixels has no fewer of its
+/// own.
+pub(crate) fn stored_width(layout: SphereLayout, width: u32, stored: (u32, u32)) -> u32 {
+    let native = erp_width(layout, stored).max(1);
+    let share = f64::from(width) / f64::from(native);
+    (f64::from(stored.0) * share).ceil() as u32
+}
+
+/// What is known as a projection.
+pub(crate) fn projection(layout: SphereLayout) -> VideoProjection {
+    match layout {
+        SphereLayout::StereoTopBottom => VideoProjection::ErpStereoTb,
+        SphereLayout::StereoLeftRight => VideoProjection::ErpStereoLr,
+        SphereLayout::EquiangularCubemap | SphereLayout::Cubemap { .. } => VideoProjection::Eac,
+        SphereLayout::DualFisheye { .. } => VideoProjection::Fisheye,
+    }
+}
+
+/// The layout that the evidence leaves no doubt of: stereo, and equi-angular faces where the container says so.
+/// How other faces lie and what a lens sees, no image says.
+pub(crate) fn evident(found: &DetectedProjection, probe: &Probe) -> Option<SphereLayout> {
+    let states = |projection: &str| {
+        let spherical = probe.spherical.as_ref();
+        spherical.is_some_and(|stated| stated.projection == projection && !stated.is_cropped)
+    };
+    match found.projection {
+        VideoProjection::ErpStereoTb => Some(SphereLayout::StereoTopBottom),
+        VideoProjection::ErpStereoLr => Some(SphereLayout::StereoLeftRight),
+        VideoProjection::Eac if states("equiangular cubemap") => {
+            Some(SphereLayout::EquiangularCubemap)
+        }
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DVec3, dvec2};
+    use omnilife_schemas::camera::{CameraModel, ErpCamera};
+
+    use super::*;
+
+    const WIDTH: usize = 240;
+
+    fn colour(direction: DVec3) -> [u8; 3] {
+        let level = 0.5 + 0.4 * direction;
+        level.to_array().map(|level| (255.0 * level).round() as u8)
+    }
+
+    fn erp(width: usize) -> Rgb8Image {
+        let camera = ErpCamera {
+            width: width as u32,
+            height: width as u32 / 2,
+        };
+        let pixels = (0..width * width / 2).map(|at| {
+            let centre = dvec2((at % width) as f64, (at / width) as f64) + 0.5;
+            colour(camera.unproject(centre))
+        });
+        Rgb8Image {
+            width,
+            height: width / 2,
+            data: pixels.flatten().collect(),
+        }
+    }
+
+    /// What two lenses back to back see.
+    fn fisheye(degrees: f64, [width, height]: [usize; 2]) -> Rgb8Image {
+        let half = width / 2;
+        let pixels = (0..width * height).map(|at| {
+            let (x, y) = (at % width, at / width);
+            let side = if x < half { -1.0 } else { 1.0 };
+            let within = dvec2((x % half) as f64, y as f64) + 0.5;
+            let from_middle = within / dvec2(half as f64, height as f64) * 2.0 - 1.0;
+            let angle = from_middle.length() * 0.5 * degrees.to_radians();
+            let across = from_middle.normalize() * angle.sin();
+            colour(DVec3::new(side * across.x, across.y, side * angle.cos()))
+        });
+        Rgb8Image {
+            width,
+            height,
+            data: pixels.flatten().collect(),
+        }
+    }
+
+    /// Every pixel of cube faces gets the colour of the direction whose place is nearest to its centre, found by
+    /// walking over many directions.
+    fn stored(layout: SphereLayout, [width, height]: [usize; 2]) -> Rgb8Image {
+        let camera = ErpCamera {
+            width: 1600,
+            height: 800,
+        };
+        let mut nearest = vec![(f64::INFINITY, [0; 3]); width * height];
+        for pixel in 0..1600 * 800 {
+            let centre = dvec2(f64::from(pixel % 1600), f64::from(pixel / 1600)) + 0.5;
+            let direction = camera.unproject(centre);
+            let Some(place) = places::place(layout, [width, height], direction) else {
+                continue;
+            };
+            let cell = place.at.floor();
+            let (x, y) = (cell.x as usize, cell.y as usize);
+            if x < width && y < height {
+                let distance = place.at.distance(cell + 0.5);
+                let entry = &mut nearest[y * width + x];
+                if distance < entry.0 {
+                    *entry = (distance, colour(direction));
+                }
+            }
+        }
+        Rgb8Image {
+            width,
+            height,
+            data: nearest.iter().flat_map(|&(_, colour)| colour).collect(),
+        }
+    }
+
+    #[test]
+    fn every_direction_is_shown_where_it_is() -> Result<(), String> {
+        let cases = [
+            ("eac", [192, 128]),
+            ("cubemap-3x2", [192, 128]),
+            ("cubemap-6x1:frblud", [384, 64]),
+            ("cubemap-1x6", [64, 384]),
+            ("dual-fisheye:190", [240, 120]),
+            ("dual-fisheye:220", [240, 120]),
+        ];
+        let truth = erp(WIDTH);
+        for (name, size) in cases {
+            let layout: SphereLayout = name.parse()?;
+            let frame = match layout {
+                SphereLayout::DualFisheye {
+                    field_of_view_degrees,
+                } => fisheye(field_of_view_degrees, size),
+                _ => stored(layout, size),
+            };
+            let found = ToErp::new(layout).convert(&frame, WIDTH);
+            assert_eq!([found.width, found.height], [WIDTH, WIDTH / 2]);
+            let errors = found.data.iter().zip(&truth.data);
+            let worst = errors.map(|(a, b)| a.abs_diff(*b)).max();
+            // A pixel and a half where faces end.
+            assert!(worst.is_some_and(|worst| worst <= 5), "{name}: {worst:?}");
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn of_stereo_the_left_eye_is_taken() {
+        let left = erp(WIDTH);
+        let mut above = left.clone();
+        above.height *= 2;
+        above.data.extend(vec![9; left.data.len()]);
+        let found = ToErp::new(SphereLayout::StereoTopBottom).convert(&above, WIDTH);
+        assert_eq!(found, left);
+        let rows = left.data.chunks_exact(3 * WIDTH);
+        let beside = Rgb8Image {
+            width: 2 * WIDTH,
+            height: left.height,
+            data: rows
+                .flat_map(|row| [row, &[9; 3 * WIDTH]].concat())
+                .collect(),
+        };
+        let found = ToErp::new(SphereLayout::StereoLeftRight).convert(&beside, WIDTH);
+        assert_eq!(found, left);
+    }
+
+    #[test]
+    fn widths_have_the_same_pixels_around_the_horizon() -> Result<(), String> {
+        for (name, stored, expected) in [
+            ("stereo-top-bottom", (3840, 3840), 3840),
+            ("stereo-left-right", (7680, 1920), 3840),
+            ("eac", (2880, 1920), 3840),
+            ("cubemap-6x1", (6144, 1024), 4096),
+            ("dual-fisheye:180", (3840, 1920), 3840),
+        ] {
+            let layout = name.parse()?;
+            assert_eq!(erp_width(layout, stored), expected, "{name}");
+            assert_eq!(
+                stored_width(layout, expected / 4, stored),
+                stored.0 / 4,
+                "{name}"
+            );
+        }
+        Ok(())
+    }
+}

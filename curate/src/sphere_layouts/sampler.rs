@@ -1,0 +1,93 @@
+//! Equirectangular images by looking up, for rays spread over each pixel, what is stored in their direction.
+
+use glam::{DVec2, dvec2};
+use omnilife_schemas::{
+    camera::{CameraModel, ErpCamera},
+    interpolation::{Edges, bilinear},
+    records::SphereLayout,
+};
+use rayon::prelude::*;
+
+use super::{erp_width, places};
+use crate::video::Rgb8Image;
+
+/// Rays along a side of a pixel at most.
+const MOST_RAYS: usize = 4;
+
+/// Where the rays of an equirectangular image meet frames of one layout and size.
+#[derive(Debug)]
+pub(super) struct SphereSampler {
+    stored: [usize; 2],
+    size: [usize; 2],
+    /// Rays of one pixel.
+    rays: usize,
+    /// Places in a frame, pixels from its corner, by pixel and ray; NaN where nothing is stored.
+    places: Vec<[f32; 2]>,
+}
+
+impl SphereSampler {
+    /// For frames of `stored` pixels and images of `size`.
+    pub(super) fn new(layout: SphereLayout, stored: [usize; 2], size: [usize; 2]) -> Self {
+        let [width, height] = size;
+        let native = erp_width(layout, (stored[0] as u32, stored[1] as u32)) as usize;
+        let side = native.div_ceil(width).clamp(1, MOST_RAYS);
+        let camera = ErpCamera {
+            width: width as u32,
+            height: height as u32,
+        };
+        let place = |pixel: usize, ray: usize| {
+            let corner = dvec2((pixel % width) as f64, (pixel / width) as f64);
+            let within = dvec2((ray % side) as f64, (ray / side) as f64) + 0.5;
+            let direction = camera.unproject(corner + within / side as f64);
+            places::place(layout, stored, direction).map_or([f32::NAN; 2], |place| {
+                // What lies beyond the part belongs to another direction.
+                let [first, last] = place.part;
+                let at = place.at.clamp(first + 0.5, last - 0.5);
+                [at.x as f32, at.y as f32]
+            })
+        };
+        let rays = side * side;
+        Self {
+            stored,
+            size,
+            rays,
+            places: (0..width * height * rays)
+                .into_par_iter()
+                .map(|at| place(at / rays, at % rays))
+                .collect(),
+        }
+    }
+
+    /// Whether it is for frames of `stored` pixels and images of `size`.
+    pub(super) fn is_for(&self, stored: [usize; 2], size: [usize; 2]) -> bool {
+        self.stored == stored && self.size == size
+    }
+
+    /// The image of a frame; black where nothing is stored.
+    pub(super) fn apply(&self, frame: &Rgb8Image) -> Rgb8Image {
+        let [width, height] = self.size;
+        let mut data = vec![0; 3 * width * height];
+        let pixels = data.as_chunks_mut::<3>().0;
+        pixels
+            .par_iter_mut()
+            .zip(self.places.par_chunks_exact(self.rays))
+            .for_each(|(pixel, places)| {
+                let mut sum = [0.0; 3];
+                for place in places.iter().filter(|place| !place[0].is_nan()) {
+                    let place = DVec2::new(place[0].into(), place[1].into());
+                    for (index, weight) in bilinear(self.stored, Edges::Repeated, place) {
+                        let stored = &frame.data[3 * index..3 * index + 3];
+                        for (sum, &level) in sum.iter_mut().zip(stored) {
+                            *sum += weight * f64::from(level);
+                        }
+                    }
+                }
+                *pixel = sum.map(|sum| (sum / self.rays as f64).round() as u8);
+            });
+        Rgb8Image {
+            width,
+            height,
+            data,
+        }
+    }
+}

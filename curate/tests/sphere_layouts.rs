@@ -1,0 +1,195 @@
+//! Videos that store the sphere otherwise, as `FFmpeg`'s filter `v360` makes them of an equirectangular one: their
+//! frames are those of the original, at least as nearly as `v360` itself brings them back.
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod support;
+
+use std::{
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+use omnilife_curate::{CurateSettings, curate_video};
+use omnilife_schemas::{
+    RgbImage,
+    layout::SEQUENCE_FILE,
+    progress::Silent,
+    records::{Sequence, SphereLayout, VideoProjection},
+    store,
+    testing::skip,
+};
+use support::{Clip, Notes, erp_direction, world_colour};
+
+const SIZE: [usize; 2] = [512, 256];
+const WIDTH: u32 = 256;
+
+/// A walk through a world with structure of a few pixels, everywhere on the sphere.
+fn original(folder: &Path) -> PathBuf {
+    let path = folder.join("erp.mp4");
+    Clip::steady(SIZE[0], SIZE[1], 8, 8).write(&path, |frame, x, y| {
+        let d = erp_direction(x, y, SIZE[0], SIZE[1], 0.05 * frame as f64);
+        let fine = (23.0 * d[0] + 5.0 * d[1]).sin() * (19.0 * d[2] - 7.0 * d[1]).cos() * 0.25;
+        world_colour(1, d).map(|level| level + fine)
+    });
+    path
+}
+
+/// Runs a video through a filter, nearly without loss; whether this `FFmpeg` can.
+fn filtered(from: &Path, filter: &str, to: &Path) -> bool {
+    let status = Command::new("ffmpeg")
+        .args(["-v", "error", "-y", "-i"])
+        .arg(from)
+        .args([
+            "-vf", filter, "-c:v", "libx264", "-qp", "4", "-pix_fmt", "yuv444p",
+        ])
+        .arg(to)
+        .status();
+    status.is_ok_and(|status| status.success())
+}
+
+/// Frames of a curated video, and its sequence.
+fn frames(video: &Path, layout: Option<SphereLayout>, notes: &Notes) -> (Vec<RgbImage>, Sequence) {
+    let folder = video.with_extension("");
+    let settings = CurateSettings {
+        enforce: false,
+        layout,
+        width: Some(WIDTH),
+        minimum_shot_seconds: 0.0,
+        ..CurateSettings::default()
+    };
+    let names = curate_video(video, &folder, &settings, notes).unwrap();
+    let folder = folder.join(&names[0]);
+    let sequence: Sequence = store::read_record(&folder.join(SEQUENCE_FILE)).unwrap();
+    let read = |file: &str| RgbImage::read(&folder.join(file)).unwrap();
+    let images = sequence
+        .frames
+        .entries
+        .iter()
+        .map(|entry| read(&entry.file));
+    (images.collect(), sequence)
+}
+
+fn psnr(a: &[RgbImage], b: &[RgbImage]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    let errors = a.iter().zip(b).flat_map(|(a, b)| {
+        assert_eq!((a.width, a.height), (b.width, b.height));
+        a.data
+            .iter()
+            .zip(&b.data)
+            .map(|(a, b)| f64::from(a - b).powi(2))
+    });
+    let (sum, count) = errors.fold((0.0, 0.0), |(sum, count), error| (sum + error, count + 1.0));
+    -10.0 * (sum / count).log10()
+}
+
+#[test]
+fn frames_of_every_layout_are_those_of_the_original() {
+    let temp = tempfile::tempdir().unwrap();
+    let erp = original(temp.path());
+    let (truth, _) = frames(&erp, None, &Notes::default());
+    // Name of the layout, and v360's name, options and size: of more than 576 rows another matrix would be assumed.
+    let cases = [
+        ("eac", "eac", "", [384, 256]),
+        ("cubemap-3x2", "c3x2", "", [384, 256]),
+        (
+            "cubemap-6x1:frblud",
+            "c6x1",
+            ":out_forder=frblud",
+            [768, 128],
+        ),
+        ("cubemap-1x6", "c1x6", "", [96, 576]),
+        (
+            "dual-fisheye:200",
+            "dfisheye",
+            ":h_fov=200:v_fov=200",
+            [512, 256],
+        ),
+    ];
+    for (name, kind, options, [width, height]) in cases {
+        let layout: SphereLayout = name.parse().unwrap();
+        let file = |suffix: &str| temp.path().join(format!("{kind}{suffix}.mp4"));
+        let (stored, back) = (file(""), file("-back"));
+        let there = format!("v360=e:{kind}{options}:w={width}:h={height}:interp=cubic");
+        if !filtered(&erp, &there, &stored) {
+            skip("FFmpeg with its filter v360 and libx264 is missing");
+            return;
+        }
+        let options = options
+            .replace("out_forder", "in_forder")
+            .replace(":h_", ":ih_")
+            .replace(":v_", ":iv_");
+        let size = format!("w={}:h={}", SIZE[0], SIZE[1]);
+        assert!(filtered(
+            &stored,
+            &format!("v360={kind}:e{options}:{size}:interp=line"),
+            &back
+        ));
+        let (found, sequence) = frames(&stored, Some(layout), &Notes::default());
+        let (peer, _) = frames(&back, None, &Notes::default());
+        let [ours, peers] = [&found, &peer].map(|images| psnr(images, &truth));
+        println!("{name}: {ours:.2} dB, back by v360 {peers:.2} dB");
+        assert!(
+            ours > peers - 0.3 && ours > 30.0,
+            "{name}: {ours:.2} dB, v360 {peers:.2} dB"
+        );
+        assert_eq!(sequence.frames.converted_from, Some(layout));
+        assert!(
+            !sequence.projection.projection.is_monoscopic_erp(),
+            "{name}"
+        );
+        assert_eq!(
+            (sequence.frames.width, sequence.frames.height),
+            (WIDTH, WIDTH / 2)
+        );
+    }
+}
+
+#[test]
+fn stereo_is_seen_and_its_left_eye_taken() {
+    let temp = tempfile::tempdir().unwrap();
+    let erp = original(temp.path());
+    let (truth, _) = frames(&erp, None, &Notes::default());
+    let stored = temp.path().join("stereo.mp4");
+    // The right eye sees the world turned by a few pixels.
+    let beside = "split[l][r];[r]scroll=hpos=0.01[t];[l][t]vstack";
+    if !filtered(&erp, beside, &stored) {
+        skip("FFmpeg with libx264 is missing");
+        return;
+    }
+    let notes = Notes::default();
+    let (found, sequence) = frames(&stored, None, &notes);
+    assert!(
+        psnr(&found, &truth) > 35.0,
+        "{:.2} dB",
+        psnr(&found, &truth)
+    );
+    assert_eq!(sequence.projection.projection, VideoProjection::ErpStereoTb);
+    assert_eq!(
+        sequence.frames.converted_from,
+        Some(SphereLayout::StereoTopBottom)
+    );
+    let told = notes.take().join("\n");
+    assert!(
+        told.contains("made equirectangular from stereo-top-bottom, by the evidence"),
+        "{told}"
+    );
+}
+
+#[test]
+fn slices_of_what_is_converted_are_refused() {
+    let temp = tempfile::tempdir().unwrap();
+    let erp = original(temp.path());
+    let settings = CurateSettings {
+        enforce: false,
+        layout: "cubemap-3x2".parse().ok(),
+        slices: Some(omnilife_curate::slicing::SliceSettings { audio: false }),
+        ..CurateSettings::default()
+    };
+    let refused = curate_video(&erp, &temp.path().join("out"), &settings, &Silent).unwrap_err();
+    assert!(
+        refused
+            .to_string()
+            .contains("slices are cut from equirectangular video"),
+        "{refused}"
+    );
+}

@@ -1,0 +1,219 @@
+//! How a sphere is stored in the frames of a video, where it is not one equirectangular image.
+
+use std::{fmt, str::FromStr};
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// A way to store the sphere; as text `stereo-top-bottom`, `stereo-left-right`, `eac`,
+/// `cubemap-COLUMNSxROWS:FACES` or `dual-fisheye:DEGREES`.
+///
+/// Faces and halves lie as `FFmpeg`'s filter `v360` has them (libavfilter/vf_v360.c).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(try_from = "String", into = "String")]
+#[schemars(with = "String")]
+pub enum SphereLayout {
+    /// An equirectangular image per eye, the left eye's above the right eye's.
+    StereoTopBottom,
+    /// An equirectangular image per eye, the left eye's beside the right eye's.
+    StereoLeftRight,
+    /// Six faces in three columns and two rows whose pixels have equal angles, as `YouTube` stores them: left,
+    /// front and right above down, back and up, which are turned so that neighbours fit.
+    EquiangularCubemap,
+    /// Six faces of perspective images.
+    Cubemap {
+        /// Three, six or one; 6 / columns rows.
+        columns: u8,
+        /// Which face lies where, by rows.
+        faces: FaceOrder,
+    },
+    /// The circles of two lenses back to back, side by side: that of the camera's back on the left, that of its
+    /// front on the right. Distances from a circle's middle are proportional to the angle.
+    DualFisheye {
+        /// Angle that a circle shows from edge to edge, 180 to 300 degrees.
+        field_of_view_degrees: f64,
+    },
+}
+
+/// Order of six faces, a permutation of the letters of [`FACE_LETTERS`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FaceOrder([u8; 6]);
+
+/// Letters of `v360`, in the order of [`CUBE_FACES`](crate::camera::cube::CUBE_FACES): front, right, back, left, up,
+/// down.
+const FACE_LETTERS: [u8; 6] = *b"frblud";
+
+impl FaceOrder {
+    /// Right, left, up, down, front, back: the order of `v360`.
+    pub const STANDARD: Self = Self(*b"rludfb");
+
+    /// Where a face of [`CUBE_FACES`](crate::camera::cube::CUBE_FACES) lies in the order, 0 to 5.
+    pub fn position(&self, face: usize) -> usize {
+        let letter = FACE_LETTERS.get(face);
+        let found = self.0.iter().position(|other| Some(other) == letter);
+        found.unwrap_or_default()
+    }
+}
+
+impl FromStr for FaceOrder {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let order = <[u8; 6]>::try_from(text.as_bytes()).ok();
+        order
+            .filter(|order| FACE_LETTERS.iter().all(|letter| order.contains(letter)))
+            .map(Self)
+            .ok_or_else(|| {
+                format!("{text}: is no order of the faces r, l, u, d, f and b (rludfb is usual)")
+            })
+    }
+}
+
+impl fmt::Display for FaceOrder {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let letters = self.0.iter().map(|&letter| char::from(letter));
+        formatter.write_str(&letters.collect::<String>())
+    }
+}
+
+/// Field of view of a lens where none is stated, degrees.
+const USUAL_FIELD_OF_VIEW_DEGREES: f64 = 190.0;
+
+impl SphereLayout {
+    /// Every layout as it is named without its details.
+    pub const NAMES: [&'static str; 7] = [
+        "stereo-top-bottom",
+        "stereo-left-right",
+        "eac",
+        "cubemap-3x2",
+        "cubemap-6x1",
+        "cubemap-1x6",
+        "dual-fisheye",
+    ];
+}
+
+impl FromStr for SphereLayout {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (name, detail) = match text.split_once(':') {
+            Some((name, detail)) => (name, Some(detail)),
+            None => (text, None),
+        };
+        let cubemap = |columns| {
+            let faces = detail.map_or(Ok(FaceOrder::STANDARD), str::parse)?;
+            Ok(Self::Cubemap { columns, faces })
+        };
+        let layout = match name {
+            "cubemap-3x2" => return cubemap(3),
+            "cubemap-6x1" => return cubemap(6),
+            "cubemap-1x6" => return cubemap(1),
+            "dual-fisheye" => {
+                let degrees = detail.map_or(Some(USUAL_FIELD_OF_VIEW_DEGREES), |detail| {
+                    detail.parse().ok()
+                });
+                let degrees = degrees.filter(|degrees| (180.0..=300.0).contains(degrees));
+                let field_of_view_degrees = degrees.ok_or_else(|| {
+                    format!("{text}: a circle shows 180 to 300 degrees; with less a part of the sphere is missing")
+                })?;
+                return Ok(Self::DualFisheye {
+                    field_of_view_degrees,
+                });
+            }
+            "stereo-top-bottom" => Self::StereoTopBottom,
+            "stereo-left-right" => Self::StereoLeftRight,
+            "eac" => Self::EquiangularCubemap,
+            _ => {
+                return Err(format!(
+                    "{text}: is no way to store a sphere; known are {}",
+                    Self::NAMES.join(", ")
+                ));
+            }
+        };
+        match detail {
+            None => Ok(layout),
+            Some(detail) => Err(format!(
+                "{name} has no detail, and {detail} stands behind it"
+            )),
+        }
+    }
+}
+
+impl fmt::Display for SphereLayout {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::StereoTopBottom => formatter.write_str("stereo-top-bottom"),
+            Self::StereoLeftRight => formatter.write_str("stereo-left-right"),
+            Self::EquiangularCubemap => formatter.write_str("eac"),
+            Self::Cubemap { columns, faces } => {
+                let rows = 6 / (*columns).max(1);
+                write!(formatter, "cubemap-{columns}x{rows}:{faces}")
+            }
+            Self::DualFisheye {
+                field_of_view_degrees,
+            } => write!(formatter, "dual-fisheye:{field_of_view_degrees}"),
+        }
+    }
+}
+
+impl TryFrom<String> for SphereLayout {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
+    }
+}
+
+impl From<SphereLayout> for String {
+    fn from(layout: SphereLayout) -> Self {
+        layout.to_string()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn layouts_are_read_as_they_are_written() {
+        for name in SphereLayout::NAMES {
+            let layout: Result<SphereLayout, String> = name.parse();
+            let text = layout.as_ref().map(ToString::to_string);
+            assert!(
+                text.as_ref().is_ok_and(|text| text.starts_with(name)),
+                "{name}"
+            );
+            assert_eq!(text.and_then(|text| text.parse()), layout);
+        }
+        let turned: Result<SphereLayout, String> = "cubemap-6x1:frblud".parse();
+        assert_eq!(
+            turned.map(|layout| layout.to_string()),
+            Ok("cubemap-6x1:frblud".to_owned())
+        );
+    }
+
+    #[test]
+    fn what_is_no_layout_is_refused() {
+        for text in [
+            "",
+            "erp",
+            "eac:3",
+            "cubemap-3x2:rrrrrr",
+            "cubemap-3x2:rludf",
+            "cubemap-2x3",
+            "dual-fisheye:170",
+            "dual-fisheye:NaN",
+            "dual-fisheye:wide",
+            "stereo-top-bottom:",
+        ] {
+            assert!(text.parse::<SphereLayout>().is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn faces_lie_where_their_letters_stand() {
+        // Front, right, back, left, up, down.
+        let positions = [0, 1, 2, 3, 4, 5].map(|face| FaceOrder::STANDARD.position(face));
+        assert_eq!(positions, [4, 0, 5, 1, 2, 3]);
+    }
+}
