@@ -69,6 +69,7 @@ pub fn published_settings(iterations: u64) -> TrainSettings {
         },
         sh_interval_iterations: scaled(1_000.0),
         learning_rates: learning_rates(CAMERA_EXTENT),
+        short_schedule: None,
         densify: DensifySettings {
             begin_iteration: scaled(500.0),
             end_iteration: scaled(15_000.0),

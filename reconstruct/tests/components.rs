@@ -16,7 +16,10 @@ mod trained;
 use glam::{Vec3, vec3};
 use omnilife_engine::camera::pose::PoseCorrection;
 use omnilife_reconstruct::{
-    methods::METHODS, options::Options, request::MethodRequest, scene::TrainingScene,
+    methods::{self, METHODS},
+    options::Options,
+    request::{BackendChoice, MethodRequest},
+    scene::TrainingScene,
 };
 
 use crate::novel_views::novel_psnr;
@@ -24,6 +27,7 @@ use crate::trained::{request, settings, train};
 
 const EXPOSURE: &str = "exposure-compensation";
 const POSES: &str = "pose-refinement";
+const SHORT: &str = "short-schedule";
 
 /// The test scene with a gain that falls over the clip and poses that drift.
 fn spoilt(mut scene: TrainingScene) -> TrainingScene {
@@ -76,6 +80,36 @@ fn odgs_takes_exposure_and_poses_one_by_one_and_together() {
     };
     assert!(exposure > none + 0.5 && poses > none + 0.5, "{scores:?}");
     assert!(both > exposure + 0.5 && both > poses + 0.5, "{scores:?}");
+}
+
+#[test]
+fn larger_steps_get_further_in_a_short_schedule_and_are_left_out_of_a_published_one() {
+    let scene = balls::scene();
+    let score = |with: &[&str]| {
+        let mut outcome = train(&scene, "odgs", &asked_for(with, 150));
+        let has = settings(&outcome).short_schedule.is_some();
+        assert_eq!(has, with.contains(&SHORT));
+        novel_psnr(&mut outcome, &scene)
+    };
+    let (without, with) = (score(&[]), score(&[SHORT]));
+    assert!(with > without + 0.5, "{without} {with}");
+
+    let moving = moving_ball::scene();
+    let ours = methods::find("omni4dgs-plus").unwrap();
+    for (iterations, budget_seconds, used) in [
+        (3_000, None, true),
+        (30_000, None, false),
+        (30_000, Some(60.0), true),
+    ] {
+        let request = MethodRequest {
+            budget_seconds,
+            ..asked_for(&[], iterations)
+        };
+        let prepared = ours.prepare(&moving, &request, BackendChoice::Cpu).unwrap();
+        let decision = prepared.plan.iter().find(|part| part.component == SHORT);
+        let decision = decision.unwrap();
+        assert_eq!(decision.used, used, "{decision:?}");
+    }
 }
 
 #[test]

@@ -14,6 +14,7 @@ pub(crate) mod draft;
 pub mod exposure_compensation;
 pub mod mask_seeds;
 pub mod pose_refinement;
+pub mod short_schedule;
 pub mod sky_shell;
 pub mod static_table;
 pub mod swept_points;
@@ -70,16 +71,18 @@ pub const COMPONENTS: &[Component] = &[
     exposure_compensation::COMPONENT,
     view_dependent_colour::COMPONENT,
     pose_refinement::COMPONENT,
+    short_schedule::COMPONENT,
     mask_seeds::COMPONENT,
     sky_shell::COMPONENT,
     static_table::COMPONENT,
 ];
 
 /// Components without an effect on what a Gaussian is: any trained method can be asked for them.
-pub const OF_VIEWS: &[&str] = &[
+pub const OF_ANY_METHOD: &[&str] = &[
     exposure_compensation::ID,
     view_dependent_colour::ID,
     pose_refinement::ID,
+    short_schedule::ID,
 ];
 
 #[cfg(test)]
@@ -98,7 +101,7 @@ mod tests {
         let turns = COMPONENTS.iter().map(|component| component.turn);
         let after = turns.skip_while(|turn| *turn == Turn::BeforePoints);
         assert!(after.into_iter().all(|turn| turn == Turn::AfterPoints));
-        for id in OF_VIEWS {
+        for id in OF_ANY_METHOD {
             assert!(COMPONENTS.iter().any(|component| component.id == *id));
         }
     }

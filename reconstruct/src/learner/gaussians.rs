@@ -35,8 +35,8 @@ pub struct GaussianLearner<'a> {
     scene: &'a TrainingScene,
     settings: TrainSettings,
     stepper: Box<dyn Stepper + 'a>,
-    /// One for each array.
-    decays: Vec<Decay>,
+    /// Of each array, with its name.
+    decays: Vec<(&'static str, Decay)>,
     schedule: StepSchedule,
     /// The view rendered last.
     last_view: usize,
@@ -74,12 +74,14 @@ impl<'a> GaussianLearner<'a> {
     ) -> Result<Self, ReconstructError> {
         let rate = |array: &TrainedArray| {
             let known = settings.learning_rates.get(array.name).copied();
-            known.ok_or_else(|| ReconstructError::Request {
-                reason: format!(
-                    "the method's settings have no learning rate for {}",
-                    array.name
-                ),
-            })
+            known
+                .map(|decay| (array.name, decay))
+                .ok_or_else(|| ReconstructError::Request {
+                    reason: format!(
+                        "the method's settings have no learning rate for {}",
+                        array.name
+                    ),
+                })
         };
         let arrays = model.trained_arrays();
         let decays = arrays.iter().map(rate).collect::<Result<Vec<_>, _>>()?;
@@ -101,6 +103,20 @@ impl<'a> GaussianLearner<'a> {
             scene,
             settings,
         })
+    }
+
+    /// Step sizes of the next step, by the number of steps that the run will have had in the end.
+    fn set_learning_rates(&mut self, at: &Position) {
+        let share = at.share as f32;
+        let iterations = at.real_iterations(self.settings.iterations) as f64;
+        let short = self.settings.short_schedule;
+        let rates = self.schedule.learning_rates.iter_mut();
+        for (rate, (name, decay)) in rates.zip(&self.decays) {
+            *rate = short.map_or_else(
+                || decay.at(share),
+                |short| short.rate(name, decay, share, iterations),
+            );
+        }
     }
 
     /// How early the next step's Gaussians are shown: temporal smoothing, noise on the time, or 0.
@@ -146,9 +162,7 @@ impl Learner for GaussianLearner<'_> {
         self.schedule.scheduled = at.scheduled;
         self.schedule.shift_frames = self.next_shift(at.scheduled);
         self.schedule.sh_degree = self.state.sh_degree;
-        for (rate, decay) in self.schedule.learning_rates.iter_mut().zip(&self.decays) {
-            *rate = decay.at(at.share as f32);
-        }
+        self.set_learning_rates(at);
         self.stepper.step(view, &self.schedule)
     }
 

@@ -32,7 +32,7 @@ pub const METHOD: Method = Method {
                   limited; open sky gets a shell of Gaussians; a scene without points \
                   begins with those of a spherical sweep.",
     components: &[swept_points::ID, sky_shell::ID, OPACITY_RESET],
-    optional_components: components::OF_VIEWS,
+    optional_components: components::OF_ANY_METHOD,
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),

@@ -6,8 +6,8 @@
 use crate::{
     baseline::OPACITY_RESET,
     components::{
-        Decision, Draft, OF_VIEWS, draft::MotionEvidenceUse, mask_seeds, sky_shell, static_table,
-        swept_points,
+        Decision, Draft, OF_ANY_METHOD, draft::MotionEvidenceUse, mask_seeds, sky_shell,
+        static_table, swept_points,
     },
     error::ReconstructError,
     methods::{
@@ -56,7 +56,7 @@ pub const METHOD: Method = Method {
         sky_shell::ID,
         OPACITY_RESET,
     ],
-    optional_components: OF_VIEWS,
+    optional_components: OF_ANY_METHOD,
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),

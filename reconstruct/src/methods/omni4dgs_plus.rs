@@ -10,7 +10,8 @@ use crate::{
     baseline::OPACITY_RESET,
     components::{
         Decision, Draft, draft::MotionEvidenceUse, exposure_compensation, mask_seeds,
-        pose_refinement, sky_shell, static_table, swept_points, view_dependent_colour,
+        pose_refinement, short_schedule, sky_shell, static_table, swept_points,
+        view_dependent_colour,
     },
     error::ReconstructError,
     methods::{
@@ -36,8 +37,8 @@ pub const METHOD: Method = Method {
                   connected components, temporal smoothing as in PVG, lifespans that find their \
                   length in short schedules too, gains of a camera's automatic exposure taken out, \
                   colours that depend on the direction where the scene's do, poses refined where \
-                  they are off, and no density control in time: dynamic Gaussians are there at the \
-                  moments between input views too.",
+                  they are off, larger steps where the schedule is short, and no density control in \
+                  time: dynamic Gaussians are there at the moments between input views too.",
     components: &[
         TEMPORAL_OPACITY,
         TEMPORAL_MOTION,
@@ -51,6 +52,7 @@ pub const METHOD: Method = Method {
         exposure_compensation::ID,
         view_dependent_colour::ID,
         pose_refinement::ID,
+        short_schedule::ID,
         swept_points::ID,
         sky_shell::ID,
         OPACITY_RESET,

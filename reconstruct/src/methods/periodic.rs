@@ -7,7 +7,8 @@ use crate::{
     baseline::OPACITY_RESET,
     components::{
         Decision, Draft, draft::MotionEvidenceUse, exposure_compensation, mask_seeds,
-        pose_refinement, sky_shell, static_table, swept_points, view_dependent_colour,
+        pose_refinement, short_schedule, sky_shell, static_table, swept_points,
+        view_dependent_colour,
     },
     error::ReconstructError,
     methods::{
@@ -55,6 +56,7 @@ pub const METHOD: Method = Method {
         exposure_compensation::ID,
         view_dependent_colour::ID,
         pose_refinement::ID,
+        short_schedule::ID,
         mask_seeds::ID,
         static_table::ID,
     ],

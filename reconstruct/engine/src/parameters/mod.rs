@@ -1,12 +1,14 @@
 //! Tables of named parameter arrays, and what optimizes them.
 //!
-//! * [`adam`]: the optimizer; [`decay`]: how its step sizes fall. [`memory`]: what tables take.
+//! * [`adam`]: the optimizer; [`decay`]: how its step sizes fall; [`short_schedule`]: how they grow where
+//!   steps are few. [`memory`]: what tables take.
 //! * `device_table`: a table in the memory of a GPU.
 
 pub mod adam;
 pub mod decay;
 pub(crate) mod device_table;
 pub mod memory;
+pub mod short_schedule;
 
 /// One raw parameter of every Gaussian, with what its optimization needs. The weights of a network are
 /// one, too: a single row.

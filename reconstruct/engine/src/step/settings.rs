@@ -8,11 +8,12 @@ use serde::{Deserialize, Serialize};
 use crate::render::settings::RendererChoice;
 use crate::schedule::Position;
 use crate::{
-    density::DensifySettings, model::exposure::Exposure, parameters::decay::Decay,
-    render::settings::RenderSettings,
+    density::DensifySettings, model::exposure::Exposure, render::settings::RenderSettings,
 };
 use crate::{
-    gaussians::deformable::settings::DeformationSettings, model::dynamic_settings::DynamicSettings,
+    gaussians::deformable::settings::DeformationSettings,
+    model::dynamic_settings::DynamicSettings,
+    parameters::{decay::Decay, short_schedule::ShortSchedule},
     step::pose_refinement::PoseRefinement,
 };
 
@@ -37,6 +38,9 @@ pub struct TrainSettings {
     pub sh_interval_iterations: u64,
     /// Step sizes by name of the parameter array.
     pub learning_rates: BTreeMap<String, Decay>,
+    /// Larger steps where the schedule is shorter than the published one; other runs keep the rates.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub short_schedule: Option<ShortSchedule>,
     /// Density control.
     pub densify: DensifySettings,
     /// What is known of time; static methods have none of it.
@@ -97,6 +101,7 @@ mod tests {
             rendering: RenderSettings::new(0.2),
             sh_interval_iterations: 1_000,
             learning_rates: BTreeMap::new(),
+            short_schedule: None,
             densify: published(),
             dynamics: None,
             deformation: None,

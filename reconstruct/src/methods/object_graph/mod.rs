@@ -54,7 +54,7 @@ pub const METHOD: Method = Method {
         sky_shell::ID,
         OPACITY_RESET,
     ],
-    optional_components: components::OF_VIEWS,
+    optional_components: components::OF_ANY_METHOD,
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),

@@ -1,0 +1,101 @@
+//! Step sizes in schedules shorter than the one that they were published for.
+//!
+//! Rates of 3DGS are made for 30,000 steps. In a schedule of `N` steps that is shorter, parameters have
+//! to come as far in fewer of them. With
+//!
+//! ```text
+//! f = sqrt(N_published / N), 1 at least and 7 at most
+//! rate = published rate * f^(b (1 - share) + e share)
+//! ```
+//!
+//! the published schedule stays as it is, and shorter ones go further with every step: with `b = e = 1` as
+//! far as a random walk would in the published number of steps. Constant rates end at `e = 1/2`, so that
+//! they settle; those of positions, which fall by two decades as published, fall by less than that;
+//! sizes, which begin far from what they come to, begin with more. The exponents were found by
+//! experiment (`docs/results/quality.md`).
+
+use serde::{Deserialize, Serialize};
+
+use super::decay::Decay;
+
+/// Exponents `b` and `e` by name of the parameter array. Other arrays keep their rates.
+const EXPONENTS: &[(&str, f32, f32)] = &[
+    ("positions", 1.0, 1.5),
+    ("log_scales", 1.5, 1.0),
+    ("quaternions", 1.0, 0.5),
+    ("opacity_logits", 1.0, 0.5),
+    ("sh_constant", 1.0, 0.5),
+    ("sh_rest", 1.0, 0.5),
+];
+
+/// Even fewer steps than 1/49 of the published ones gain nothing by larger ones: opacities overshoot, and
+/// Gaussians are pruned.
+const LARGEST_FACTOR: f64 = 7.0;
+
+/// Larger steps in schedules shorter than the published one.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ShortSchedule {
+    /// Steps of the schedule that the rates are published for.
+    pub published_iterations: f64,
+}
+
+impl ShortSchedule {
+    /// `f` for a run that takes this many steps in all.
+    pub fn factor(&self, iterations: f64) -> f32 {
+        let shorter = self.published_iterations / iterations.max(1.0);
+        shorter.sqrt().clamp(1.0, LARGEST_FACTOR) as f32
+    }
+
+    /// Rate of an array after a share of a run that takes this many steps in all.
+    pub fn rate(&self, array: &str, published: &Decay, share: f32, iterations: f64) -> f32 {
+        let rate = published.at(share);
+        let known = EXPONENTS.iter().find(|(name, ..)| *name == array);
+        known.map_or(rate, |&(_, begin, end)| {
+            let share = share.clamp(0.0, 1.0);
+            rate * self
+                .factor(iterations)
+                .powf(begin * (1.0 - share) + end * share)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SHORT: ShortSchedule = ShortSchedule {
+        published_iterations: 30_000.0,
+    };
+
+    #[test]
+    fn the_published_schedule_and_longer_ones_keep_their_rates() {
+        let decay = Decay {
+            begin: 1.6e-4,
+            end: 1.6e-6,
+        };
+        for (name, ..) in EXPONENTS {
+            for share in [0.0, 0.3, 1.0] {
+                for iterations in [30_000.0, 100_000.0] {
+                    let rate = SHORT.rate(name, &decay, share, iterations);
+                    assert_eq!(rate.to_bits(), decay.at(share).to_bits(), "{name}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn fewer_steps_begin_with_larger_ones_and_settle() {
+        let decay = Decay::constant(1e-3);
+        let rate = |array, share| SHORT.rate(array, &decay, share, 1_200.0);
+        let near = |found: f32, expected: f32| (found / expected - 1.0).abs() < 1e-4;
+        assert!(near(rate("sh_constant", 0.0), 5e-3));
+        assert!(near(rate("sh_constant", 1.0), 1e-3 * 5.0_f32.sqrt()));
+        assert!(near(rate("log_scales", 0.0), 1e-3 * 5.0_f32.powf(1.5)));
+        assert!(near(rate("positions", 1.0), 1e-3 * 5.0_f32.powf(1.5)));
+        assert_eq!(rate("weights", 0.0), 1e-3);
+        // No step at all is no reason to divide by zero.
+        for iterations in [0.0, 10.0, 500.0] {
+            assert_eq!(SHORT.factor(iterations), 7.0);
+        }
+    }
+}
