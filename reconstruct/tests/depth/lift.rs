@@ -174,6 +174,39 @@ fn as_many_are_kept_as_the_sphere_has_room_for() {
 }
 
 #[test]
+fn every_pixel_is_kept_where_poles_are_not_thinned() {
+    let view = room::view(3, 128);
+    let given = DistanceView {
+        view: &view.view,
+        pixels: &view.pixels,
+        mask: None,
+        distances: &view.distances,
+        confidences: None,
+    };
+    let settings = LiftSettings::OF_BEST_VIEWS;
+    let thinned = lift(&given, 0, &settings);
+    let all = lift(
+        &given,
+        0,
+        &LiftSettings {
+            thins_poles: false,
+            ..settings
+        },
+    );
+    assert_eq!(all.counts.thinned, 0);
+    assert_eq!(all.len() as u64 + all.counts.flying, 128 * 64);
+    // What is kept of both is the same.
+    let keep: Vec<bool> = all
+        .pixels
+        .iter()
+        .map(|pixel| thinned.pixels.contains(pixel))
+        .collect();
+    let kept = all.retained(&keep);
+    assert_eq!(kept.gaussians, thinned.gaussians);
+    assert_eq!(kept.radii, thinned.radii);
+}
+
+#[test]
 fn the_gaussians_lie_flat_on_the_surfaces() {
     let view = room::view(1, 256);
     let all = lifted(&view, &view.distances, None);

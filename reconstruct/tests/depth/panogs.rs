@@ -109,6 +109,7 @@ fn exact_distances_of_several_views_need_a_choice_and_nothing_else() {
     let scene = scene(folder.path(), 5, as_given);
     let prepared = prepared(&scene, &MethodRequest::new(10, 0));
     for (component, expected) in [
+        ("pole-thinning", true),
         ("redundant-samples", true),
         ("warm-start", true),
         ("depth-scale", false),

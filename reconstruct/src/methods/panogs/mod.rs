@@ -47,6 +47,8 @@ use crate::{
 pub const DEPTH_SCALE: &str = "depth-scale";
 /// Component: distances on a coarser grid than the image's are brought to it along the image's edges.
 pub const DEPTH_REFINEMENT: &str = "depth-refinement";
+/// Component: pixels near the poles of panoramas, which crowd, are thinned out.
+pub const POLE_THINNING: &str = "pole-thinning";
 /// Component: of what several views see, the finest view's sample stays.
 pub const REDUNDANT_SAMPLES: &str = "redundant-samples";
 /// Component: opacities and colours learn.
@@ -75,6 +77,7 @@ pub const METHOD: Method = Method {
     components: &[
         DEPTH_SCALE,
         DEPTH_REFINEMENT,
+        POLE_THINNING,
         REDUNDANT_SAMPLES,
         sky_shell::ID,
         WARM_START,

@@ -4,7 +4,7 @@ use omnilife_engine::gaussians::static_gaussians::InitialGaussians;
 use omnilife_schemas::{points::PointCloud, records::DistanceConvention};
 
 use super::{
-    DEPTH_REFINEMENT, DEPTH_SCALE, Plan, REDUNDANT_SAMPLES, depth_refinement, differ,
+    DEPTH_REFINEMENT, DEPTH_SCALE, POLE_THINNING, Plan, REDUNDANT_SAMPLES, depth_refinement, differ,
     sources::{self, SourceView, Sources},
 };
 use crate::{
@@ -66,11 +66,13 @@ impl Samples {
         let mut warnings = vec![format!("distances are those of {origin}")];
         let disagreement = scaled(scene, &mut views, plan, &mut warnings);
         refine(scene, &mut views, size, plan);
+        let thins_poles = thins_poles(scene, &views, plan);
         let lifted: Vec<Lifted> = distance_views(&views)
             .iter()
             .enumerate()
             .map(|(number, view)| {
                 let settings = LiftSettings {
+                    thins_poles,
                     seed: plan.request.seed,
                     ..LiftSettings::OF_BEST_VIEWS
                 };
@@ -300,6 +302,19 @@ fn refine(scene: &TrainingScene, views: &mut [SourceView], size: [usize; 2], pla
             *view = depth_refinement::refined(image, view);
         }
     }
+}
+
+/// Whether pixels near the poles are left out.
+fn thins_poles(scene: &TrainingScene, views: &[SourceView], plan: &mut Plan<'_>) -> bool {
+    let pixels: usize = views.iter().map(|view| view.distances.values.len()).sum();
+    // The mean of cos(latitude) over the rows of a panorama is 2 / pi.
+    let spared = (1.0 - std::f64::consts::FRAC_2_PI) * pixels as f64;
+    let reason = format!(
+        "rows of panoramas crowd towards the poles: {spared:.0} of {pixels} pixels show no more of the \
+         sphere than the others do"
+    );
+    let missing = (!scene.camera.wraps()).then_some("panoramas");
+    plan.decide(POLE_THINNING, Decision::new(true, reason).unless(missing))
 }
 
 /// The samples that stay, and how they are shaped.

@@ -45,6 +45,9 @@ pub struct LiftSettings {
     pub normal: f32,
     /// Opacity.
     pub opacity: f32,
+    /// Whether pixels near the poles of a panorama are left out, so that samples are equally dense on the
+    /// sphere.
+    pub thins_poles: bool,
     /// Seed of which pixels near the poles are kept.
     pub seed: u64,
 }
@@ -56,6 +59,7 @@ impl LiftSettings {
         tangential: 0.6,
         normal: 0.06,
         opacity: 0.9,
+        thins_poles: true,
         seed: 0,
     };
     /// For samples of all views, which lie on top of each other.
@@ -63,6 +67,7 @@ impl LiftSettings {
         tangential: 0.35,
         normal: 0.035,
         opacity: 0.99,
+        thins_poles: true,
         seed: 0,
     };
 }
@@ -168,9 +173,10 @@ struct Sample {
 /// `x = c + R (D r)` (PanoGS, Eq. 6); the two scales along the surface are `tangential` radii and that
 /// along the normal `normal` radii (Eq. 7); the rotation brings z onto the normal by the shortest way (Eq.
 /// 8, which leaves the turn about the normal open: it changes nothing). The radius is the root of the area
-/// of the surface that a sample stands for, `D pitch / sqrt(cos i)`. In a panorama a pixel is kept with
-/// probability `cos(latitude)`, by a hash of its place, so that samples are as dense at the poles as at
-/// the equator.
+/// of the surface that a sample stands for, `D pitch / sqrt(cos i)`. Where poles are thinned, a pixel of a
+/// panorama is kept with probability `cos(latitude)`, by a hash of its place, so that samples are as dense
+/// at the poles as at the equator. Where they are not, samples near the poles have the same radii and lie
+/// on top of each other.
 ///
 /// `number` is that of the view: it keeps the views' hashes apart.
 pub fn lift(view: &DistanceView<'_>, number: u64, settings: &LiftSettings) -> Lifted {
@@ -298,14 +304,14 @@ impl Lifter<'_> {
         })
     }
 
-    /// Which share of the pixels of a row is kept: `cos(latitude)` in a panorama.
+    /// Which share of the pixels of a row is kept: `cos(latitude)` in a panorama whose poles are thinned.
     fn kept_share(&self, row: usize) -> f64 {
         match self.view.view.camera {
-            Camera::Erp(camera) => {
+            Camera::Erp(camera) if self.settings.thins_poles => {
                 let latitude = (0.5 - (row as f64 + 0.5) / f64::from(camera.height)) * PI;
                 latitude.cos()
             }
-            Camera::Pinhole(_) => 1.0,
+            Camera::Erp(_) | Camera::Pinhole(_) => 1.0,
         }
     }
 }

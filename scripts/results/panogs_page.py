@@ -1,0 +1,143 @@
+"""Puts the tables of scripts/results/panogs into docs/results/panogs.md, between its two markers.
+
+    panogs_page.py FOLDER SECONDS
+
+FOLDER is what scripts/results/panogs filled, SECONDS the CPU seconds at which methods were compared.
+"""
+
+import json
+import shutil
+import sys
+from pathlib import Path
+
+BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
+REPOSITORY = Path(__file__).resolve().parents[2]
+PAGE = REPOSITORY / "docs/results/panogs.md"
+CURVE = REPOSITORY / "docs/images/panogs-curve.svg"
+PUBLISHED = REPOSITORY / "leaderboard/published/panogs.json"
+COMPONENTS = [
+    ("lifted, all samples", "all-samples"), ("lifted, finest samples", "finest-samples"),
+    ("and warm-start", "warm-start"), ("and centre refinement", "centres"),
+    ("the same, held to the scaffold", "centres-scaffold"),
+    ("centre and shape refinement, no scaffold", "shapes"), ("`odgs`", "odgs")]
+EQUAL_TIME = [("as published: sizes and rotations stay", "panogs"), ("centre and shape refinement", "shapes"),
+              ("`odgs`", "odgs")]
+
+
+def read(path):
+    return json.loads(Path(path).read_text())
+
+
+def table(heads, rows):
+    lines = ["| " + " | ".join(heads) + " |", "|---" + "|---:" * (len(heads) - 1) + "|"]
+    return lines + ["| " + " | ".join(row) + " |" for row in rows]
+
+
+def scores(folder):
+    """PSNR, PSNR of what does not move, and SSIM of the novel views."""
+    views = read(folder / "result.json")["novel_views"]
+    return [f"{views['psnr']['mean']:.2f}", f"{views['psnr-static']['mean']:.2f}", f"{views['ssim']['mean']:.4f}"]
+
+
+HEADS = ["Run", "Novel PSNR", "static", "SSIM", "Gaussians", "Iterations", "CPU s", "of it planning", "Memory, MB"]
+
+
+def row(title, folder):
+    run = read(folder / "run.json")
+    iterations = run["iterations"] if run["iterations"] > 1 else "1, nothing learns"
+    return [title, *scores(folder / "score"), f"{run['primitives']:,}", str(iterations),
+            f"{run['training_cpu_seconds']:.1f}", f"{run['planning_cpu_seconds']:.1f}",
+            f"{run['peak_memory_bytes'] / 1e6:.0f}"]
+
+
+def plan(folder):
+    """What was decided, and on what evidence."""
+    rows = [[f"`{one['component']}`", "yes" if one["used"] else "no", one["reason"]]
+            for one in read(folder / "run.json")["plan"]]
+    return ["| Component | Used | Why |", "|---|---|---|"] + ["| " + " | ".join(one) + " |" for one in rows]
+
+
+def levels(asset):
+    record = read(asset / "asset.json")
+    rows = []
+    for level in record["levels"]:
+        name = level["name"]
+        rows.append([name, f"{level['splats']:,}", f"{level['bytes'] / 1e6:.2f}", f"{level['growth']:.2f}",
+                     *scores(asset.with_name(f"{asset.name}-{name.lower()}"))])
+    user, system = map(float, asset.with_suffix(".time").read_text().split())
+    changes = ", ".join(f"{count:,} {name.replace('_', ' ')}" for name, count in record["changes"].items()
+                        if count and name != "dropped_sh_degree")
+    notes = [f"All levels took {user + system:.1f} CPU seconds to export ({record['wall_seconds']:.1f} s of wall "
+             f"clock). Changed for viewers: {changes or 'nothing'}."]
+    notes += [f"{reason[0].upper()}{reason[1:]}." for reason in record["left_out"]]
+    heads = ["Level", "Gaussians", "MB", "Growth", "Novel PSNR", "static", "SSIM"]
+    return table(heads, rows) + ["", " ".join(notes)]
+
+
+def published():
+    """The rows of the paper's Table 2: seeds, size and export time."""
+    by_number = {one["number"]: one for one in read(PUBLISHED)["tables"]}
+    rows = [[one["cells"][0], f"{one['cells'][1]:,}", f"{one['cells'][5]:.2f}", f"{one['cells'][6]:.3f}"]
+            for one in by_number[2]["rows"]]
+    return table(["PanoGS, Table 2", "Full native", "MB", "Export, s"], rows)
+
+
+def large(folder):
+    every, finest = folder / "every-pixel", folder / "finest-samples"
+    scene = read(folder / "scene.json")
+    views = len(read(folder / "split.json")["input_views"])
+    width, height = scene["camera"]["width"], scene["camera"]["height"]
+    pixels = views * width * height
+    summary = next(text for text in read(every / "run.json")["warnings"] if " samples of " in text)
+    finest_cpu = read(finest / "run.json")["planning_cpu_seconds"]
+    return [
+        f"## One sample per pixel of {views} panoramas of {width}x{height}", "",
+        f"{views} x {width} x {height} = {pixels:,} pixels. {summary[0].upper()}{summary[1:]}. The images are "
+        "enlarged from 1024x512 and the distances refined to them: the rows say what the numbers of the paper's "
+        "assets cost, and their scores, of images without more detail, stand for nothing but the order of the "
+        "levels.", "",
+        *table(HEADS, [row("one sample per pixel", every), row("finest samples", finest)]), "",
+        f"Refinement of distances, normals, lift, and the choice among {views} views take {finest_cpu:.1f} CPU "
+        "seconds of planning.", "",
+        *levels(folder / "every-pixel-asset"), "", *published()]
+
+
+def machine():
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return f"{len(names)} threads of {names[0]}" if names else "an unknown CPU"
+
+
+def main():
+    folder, seconds = Path(sys.argv[1]), sys.argv[2].split()
+    components, last = folder / "components", seconds[-1]
+    split = read(components / "split.json")
+    camera = read(components / "scene.json")["camera"]
+    shutil.copy(components / "curves/curve-0.svg", CURVE)
+    equal = [row(f"{within} CPU s: {title}", components / f"{name}-{within}")
+             for within in seconds for title, name in EQUAL_TIME]
+    commit = read(components / "odgs/run.json")["versions"]
+    version = ", ".join(f"{name} {text}" for name, text in commit.items())
+    text = [
+        f"{len(split['input_views'])} views given, {len(split['novel_views'])} novel, {camera['width']}x"
+        f"{camera['height']}, protocol `{split['protocol']['id']}`. Seed 0, one run each. {machine()}, other work "
+        f"beside it: CPU seconds (user and system, planning included, evaluation left out) are what compares. "
+        f"{version}.", "",
+        "## What each component is worth", "",
+        *table(HEADS, [row(title, components / name) for title, name in COMPONENTS]), "",
+        "## At equal CPU seconds", "",
+        "Iterations are those that fit at the pace of the runs above; schedules shrink to them.", "",
+        *table(HEADS, equal), "",
+        (components / "curves.md").read_text().strip(), "",
+        f"![Error against CPU seconds](../images/{CURVE.name})", "",
+        "## What the plan says", "", *plan(components / f"panogs-{last}"), "",
+        f"## Levels of detail of the best run of {last} CPU seconds", "",
+        *levels(components / f"shapes-{last}-asset"), "",
+        *large(folder / "large")]
+    page = PAGE.read_text()
+    before, rest = page.split(BEGIN)
+    PAGE.write_text(before + BEGIN + "\n" + "\n".join(text) + "\n" + END + rest.split(END)[1])
+
+
+if __name__ == "__main__":
+    main()
