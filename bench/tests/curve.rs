@@ -53,6 +53,35 @@ const CURVE: &str = "wall_seconds,evaluation_seconds,cpu_seconds,iteration,primi
                      90,7.5,90,900,4000,2,24.5,0.75\n";
 
 #[test]
+fn ghosts_and_holes_stand_in_the_table_where_a_run_has_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let rows = CURVE.lines().zip([
+        ",ghost_share,input_hole_share,novel_hole_share",
+        ",,,",
+        ",,,",
+        ",0.5,0.5,0.5",
+        ",0.0125,0.03,",
+    ]);
+    let measured: String = rows.map(|(row, more)| format!("{row}{more}\n")).collect();
+    let runs = [
+        write_scores(&at("a"), "panogs", "hall", Some(&measured)),
+        write_scores(&at("b"), "odgs", "hall", Some(CURVE)),
+    ];
+    let table = curve::curves_table(&curve::curves(&runs, Clock::Wall, &at("out")).unwrap());
+    let ends = |line: &str| {
+        table
+            .lines()
+            .any(|found| found.starts_with(line) && found.ends_with("| 1.25 | 3.00 | - |"))
+    };
+    assert!(ends("| panogs, seed 3"), "{table}");
+    assert!(!ends("| odgs, seed 3"), "{table}");
+    assert!(table.contains("| Ghosts % | Holes %, input | Holes %, novel |"));
+    let points = fs::read_to_string(at("out").join(POINTS_FILE)).unwrap();
+    assert!(points.contains(",0.0125,0.03,\n"), "{points}");
+}
+
+#[test]
 fn runs_become_tables_and_drawings() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);

@@ -54,6 +54,7 @@ fn run_record(bench: &Bench) -> RunRecord {
         },
         trace: None,
         trace_views: None,
+        surfaces: None,
         predictions: ViewPredictions {
             input_views: Some("input".to_owned()),
             novel_views: "novel".to_owned(),

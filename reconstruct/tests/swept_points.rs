@@ -79,6 +79,7 @@ fn walk() -> TrainingScene {
         tracks: None,
         points: PointCloud::default(),
         depth_priors: Vec::new(),
+        novel_depth_priors: Vec::new(),
     }
 }
 

@@ -136,6 +136,9 @@ mod tests {
             primitives: 5,
             psnr_db,
             ssim: None,
+            ghost_share: None,
+            input_hole_share: None,
+            novel_hole_share: None,
         };
         TracedRun {
             clock: crate::curve::Clock::Wall,

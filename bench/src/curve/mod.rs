@@ -150,6 +150,7 @@ fn write_curves(path: &Path, comparisons: &[Comparison]) -> Result<(), BenchErro
             header.push(format!("iterations_to_{quality}_db"));
         }
         header.extend(MOMENTS_SECONDS.map(|seconds| format!("psnr_db_at_{seconds}_s")));
+        header.extend(["ghost_share", "input_hole_share", "novel_hole_share"].map(str::to_owned));
         table.write_record(&header)?;
         for comparison in comparisons {
             for curve in &comparison.curves {
@@ -176,6 +177,7 @@ fn write_curves(path: &Path, comparisons: &[Comparison]) -> Result<(), BenchErro
                     row.push(reached.map_or(String::new(), |r| r.iteration.to_string()));
                 }
                 row.extend(curve.at_moment.iter().map(|&value| cell(value)));
+                row.extend(faults(run).map(cell));
                 table.write_record(&row)?;
             }
         }
@@ -197,6 +199,9 @@ struct PointRow<'a> {
     primitives: u64,
     psnr_db: f64,
     ssim: Option<f64>,
+    ghost_share: Option<f64>,
+    input_hole_share: Option<f64>,
+    novel_hole_share: Option<f64>,
 }
 
 fn write_points(
@@ -218,6 +223,9 @@ fn write_points(
                     primitives: row.primitives,
                     psnr_db: row.psnr_db,
                     ssim: row.ssim,
+                    ghost_share: row.ghost_share,
+                    input_hole_share: row.input_hole_share,
+                    novel_hole_share: row.novel_hole_share,
                 };
                 table.serialize(row)?;
             }
@@ -227,14 +235,32 @@ fn write_points(
     Ok(())
 }
 
+/// Ghosts, holes of input views and holes of novel views at the end of a run, where distances are known.
+fn faults(run: &TracedRun) -> [Option<f64>; 3] {
+    let last = run.rows.last();
+    last.map_or([None; 3], |row| {
+        [row.ghost_share, row.input_hole_share, row.novel_hole_share]
+    })
+}
+
 /// The comparisons as Markdown tables.
 pub fn curves_table(comparisons: &[Comparison]) -> String {
     let mut text = String::new();
     for comparison in comparisons {
+        let with_faults = |curve: &RunCurve| faults(&curve.run).iter().any(Option::is_some);
+        let with_faults = comparison.curves.iter().any(with_faults);
+        let (fault_heads, fault_rules) = if with_faults {
+            (
+                " Ghosts % | Holes %, input | Holes %, novel |",
+                " ---: | ---: | ---: |",
+            )
+        } else {
+            ("", "")
+        };
         let _ = writeln!(
             text,
             "{}, protocol {:.12}{}\n\n| Run | Final dB | 95 % after s | {} | {} | Area dB | GiB | \
-             Front |\n| --- | ---: | ---: | {} ---: | ---: | --- |",
+             Front |{fault_heads}\n| --- | ---: | ---: | {} ---: | ---: | --- |{fault_rules}",
             comparison.scene,
             comparison.protocol_hash,
             match comparison.curves.first().map(|curve| curve.run.clock) {
@@ -263,6 +289,10 @@ pub fn curves_table(comparisons: &[Comparison]) -> String {
             let bytes = curve.run.peak_memory_bytes;
             cells.push(number(bytes.map(|b| b as f64 / f64::from(1 << 30)), 2));
             cells.push(if curve.on_front { "yes" } else { "" }.to_owned());
+            if with_faults {
+                let percent = |share: Option<f64>| number(share.map(|share| 100.0 * share), 2);
+                cells.extend(faults(&curve.run).map(percent));
+            }
             let _ = writeln!(text, "| {} |", cells.join(" | "));
         }
         text.push('\n');

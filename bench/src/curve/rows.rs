@@ -34,6 +34,16 @@ pub(crate) struct CurveRow {
     /// Mean SSIM of these views; as PSNR.
     #[serde(default)]
     pub(crate) novel_ssim: Option<f64>,
+    /// Opacity-weighted share of the Gaussians in the free space of two input views or more, where distances
+    /// are known.
+    #[serde(default)]
+    pub(crate) ghost_share: Option<f64>,
+    /// Share of the pixels of input views with a known distance that are more than half transparent.
+    #[serde(default)]
+    pub(crate) input_hole_share: Option<f64>,
+    /// The same of novel views.
+    #[serde(default)]
+    pub(crate) novel_hole_share: Option<f64>,
 }
 
 /// A trace with the views at its rows.

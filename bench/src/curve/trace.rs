@@ -74,6 +74,12 @@ pub struct TraceRow {
     pub psnr_db: f64,
     /// Mean SSIM of the novel views.
     pub ssim: Option<f64>,
+    /// Opacity-weighted share of the Gaussians in the free space of two input views or more.
+    pub ghost_share: Option<f64>,
+    /// Share of the pixels of input views with a known distance that are more than half transparent.
+    pub input_hole_share: Option<f64>,
+    /// The same of novel views.
+    pub novel_hole_share: Option<f64>,
 }
 
 impl TracedRun {
@@ -137,6 +143,9 @@ pub fn read_run(path: &Path, clock: Clock) -> Result<TracedRun, BenchError> {
             primitives: row.primitives,
             psnr_db,
             ssim: row.novel_ssim,
+            ghost_share: row.ghost_share,
+            input_hole_share: row.input_hole_share,
+            novel_hole_share: row.novel_hole_share,
         });
     }
     let Some(&last) = rows.last() else {

@@ -121,6 +121,7 @@ impl<'a> Frames<'a> {
             },
             trace: None,
             trace_views: None,
+            surfaces: None,
             predictions: ViewPredictions {
                 input_views: None,
                 novel_views: NOVEL_FOLDER.to_owned(),

@@ -16,8 +16,8 @@ use omnilife_schemas::{
     progress::Progress,
     provenance,
     records::{
-        Backend, ComponentDecision, RunRecord, Scene, Split, TraceViews as KeptViews,
-        ViewPredictions,
+        Backend, ComponentDecision, RunRecord, Scene, Split, SurfaceFaults,
+        TraceViews as KeptViews, ViewPredictions,
     },
     stage::StagePlan,
     store::{self, StoreError},
@@ -122,6 +122,7 @@ pub(crate) struct MadeViews {
     pub(crate) normalization: Similarity,
     pub(crate) trace: Option<String>,
     pub(crate) trace_views: Option<KeptViews>,
+    pub(crate) surfaces: Option<SurfaceFaults>,
     pub(crate) predictions: ViewPredictions,
     pub(crate) warnings: Vec<String>,
     /// Files relative to the run's folder.
@@ -198,6 +199,7 @@ pub fn reconstruct(
         up,
         trace: made.trace,
         trace_views: made.trace_views,
+        surfaces: made.surfaces,
         predictions: made.predictions,
         warnings: made.warnings,
         edits: Vec::new(),
@@ -276,6 +278,7 @@ fn train(
             folder: TRACE_FOLDER.to_owned(),
             frames: kept.frames,
         }),
+        surfaces: training.state.trace.last().and_then(|row| row.surfaces),
         predictions: ViewPredictions {
             input_views: Some(INPUT_FOLDER.to_owned()),
             novel_views: NOVEL_FOLDER.to_owned(),

@@ -2,6 +2,9 @@
 
 use std::path::Path;
 
+use omnilife_engine::gaussians::{
+    ActivatedGaussians, parameterization::Viewpoint, temporal::TemporalFeatures,
+};
 use omnilife_engine::model::Model;
 use omnilife_engine::{
     EngineError,
@@ -201,6 +204,17 @@ impl Learner for GaussianLearner<'_> {
 
     fn gaussians(&mut self) -> Result<Option<&Model>, EngineError> {
         self.stepper.model().map(Some)
+    }
+
+    fn activated(
+        &mut self,
+        view: &View,
+        out: &mut ActivatedGaussians,
+    ) -> Result<Option<f32>, EngineError> {
+        let model = self.stepper.model_mut()?;
+        let at = Viewpoint::of_image(&model.corrected(view));
+        model.activate(&at, &TemporalFeatures::default(), out);
+        Ok(Some(self.settings.rendering.near))
     }
 
     fn save(&mut self) -> Result<SavedLearner, EngineError> {

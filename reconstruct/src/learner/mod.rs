@@ -11,6 +11,7 @@ use std::{fmt, path::Path};
 use omnilife_engine::{
     EngineError,
     camera::View,
+    gaussians::ActivatedGaussians,
     model::{Model, TrainedArray, saved::LoadError},
     schedule::Position,
     step::StepStatistics,
@@ -84,6 +85,19 @@ pub trait Learner: fmt::Debug {
     /// # Errors
     /// When the backend fails.
     fn gaussians(&mut self) -> Result<Option<&Model>, EngineError> {
+        Ok(None)
+    }
+
+    /// The Gaussians as a view sees them, where the model is made of any, and the distance (normalized
+    /// units) within which none is drawn.
+    ///
+    /// # Errors
+    /// When the backend fails.
+    fn activated(
+        &mut self,
+        _view: &View,
+        _out: &mut ActivatedGaussians,
+    ) -> Result<Option<f32>, EngineError> {
         Ok(None)
     }
 

@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 
 use omnilife_engine::training_view::TrainingView;
-use omnilife_schemas::{RgbImage, distances::DistanceImage, records::DepthPrior};
+use omnilife_schemas::{
+    RgbImage, Similarity, camera::Camera, distances::DistanceImage, records::DepthPrior,
+};
 
 use super::TrainingScene;
 use crate::error::ReconstructError;
@@ -27,20 +29,34 @@ impl TrainingScene {
         let Some(Some(file)) = self.depth_priors.get(view) else {
             return Ok(None);
         };
-        let prior = &file.prior;
         let camera = self.input_views[view].view.camera;
-        let unit = prior.unit * self.normalization.scale;
-        let image = DistanceImage::read(&file.path, unit, camera.wraps())?;
+        file.read(&camera, &self.normalization).map(Some)
+    }
+}
+
+impl PriorFile {
+    /// Distances along the rays of a camera, in normalized units and at the file's size.
+    ///
+    /// # Errors
+    /// When the file is missing, damaged, or of another size than the scene says.
+    pub(crate) fn read(
+        &self,
+        camera: &Camera,
+        normalization: &Similarity,
+    ) -> Result<DistanceImage, ReconstructError> {
+        let prior = &self.prior;
+        let unit = prior.unit * normalization.scale;
+        let image = DistanceImage::read(&self.path, unit, camera.wraps())?;
         let size = [prior.width as usize, prior.height as usize];
         if [image.width, image.height] != size {
             let reason = format!(
                 "is {}x{}, the scene says {}x{}",
                 image.width, image.height, prior.width, prior.height
             );
-            return Err(ReconstructError::scene(&file.path, reason));
+            return Err(ReconstructError::scene(&self.path, reason));
         }
         let camera = camera.resized(prior.width, prior.height);
-        Ok(Some(image.along_rays(prior.convention, &camera)))
+        Ok(image.along_rays(prior.convention, &camera))
     }
 }
 

@@ -52,6 +52,8 @@ pub struct TrainingScene {
     pub points: PointCloud,
     /// Estimated distances of the input views, in their order; no entries where no view has any.
     pub depth_priors: Vec<Option<PriorFile>>,
+    /// The same of the novel views. No method sees them: the trace measures holes there.
+    pub novel_depth_priors: Vec<Option<PriorFile>>,
     /// Masks of single objects in the input views, by the object's name and the frame: share of each pixel
     /// that it covers, 255 for all of it.
     pub objects: BTreeMap<String, BTreeMap<u32, Vec<u8>>>,
@@ -110,6 +112,7 @@ impl TrainingScene {
             scale: scene.scale,
             points,
             depth_priors: depth_priors(&scene, folder, &split.input_views),
+            novel_depth_priors: depth_priors(&scene, folder, &split.novel_views),
             objects: load_objects(&scene, folder, camera, &split.input_views)?,
             tracks: read_tracks(&scene, split_path)?,
         })
@@ -175,6 +178,7 @@ impl TrainingScene {
             is_normalized_by_points: self.is_normalized_by_points,
             points: self.points.clone(),
             depth_priors: self.depth_priors.clone(),
+            novel_depth_priors: self.novel_depth_priors.clone(),
             objects: self
                 .objects
                 .iter()

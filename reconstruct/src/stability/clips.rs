@@ -198,6 +198,7 @@ fn scene() -> Option<TrainingScene> {
         normalization,
         scale: Scale::Arbitrary,
         depth_priors: Vec::new(),
+        novel_depth_priors: Vec::new(),
         is_normalized_by_points: false,
         objects: [].into(),
         tracks: None,

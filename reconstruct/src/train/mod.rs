@@ -2,12 +2,13 @@
 //! that is made of.
 //!
 //! * [`timing`]: what a step takes; [`trace`]: where it stood, row by row; [`trace_views`]: the
-//!   novel views at these rows; [`checkpoint`]: how a run survives
+//!   novel views at these rows; `surface_faults`: ghosts and holes there; [`checkpoint`]: how a run survives
 //!   an interruption; `resume`: how it goes on; `nonfinite`: when it stops for want of numbers.
 
 pub mod checkpoint;
 mod nonfinite;
 mod resume;
+mod surface_faults;
 pub mod timing;
 pub mod trace;
 pub mod trace_views;
@@ -18,13 +19,13 @@ use std::{
 };
 
 use omnilife_engine::{EngineError, schedule::Position, step::settings::TrainSettings};
-use omnilife_schemas::progress::Progress;
+use omnilife_schemas::{progress::Progress, records::SurfaceFaults};
 use rand::seq::SliceRandom;
 use serde::{Deserialize, Serialize};
 
 use self::{
-    checkpoint::LoopState, nonfinite::too_many_nonfinite, resume::resume, trace::TracePoint,
-    trace_views::TraceViews,
+    checkpoint::LoopState, nonfinite::too_many_nonfinite, resume::resume,
+    surface_faults::KnownSurfaces, trace::TracePoint, trace_views::TraceViews,
 };
 use crate::{
     error::ReconstructError,
@@ -158,6 +159,8 @@ struct Trainer<'a> {
     session: &'a Session<'a>,
     learner: &'a mut dyn Learner,
     state: LoopState,
+    /// Where ghosts and holes are looked for.
+    surfaces: Option<KnownSurfaces>,
     stopped_by_budget: bool,
     warnings: Vec<String>,
 }
@@ -177,12 +180,32 @@ impl<'a> Trainer<'a> {
             session,
             learner,
             state,
+            surfaces: None,
             stopped_by_budget: false,
             warnings,
         })
     }
 
+    /// Reads the distances that the scene knows; what makes them unusable is a warning, for a method need
+    /// not use them.
+    fn find_surfaces(&mut self) {
+        if self.session.files.is_none() {
+            return;
+        }
+        let begun = Instant::now();
+        match KnownSurfaces::of(self.scene) {
+            Ok(surfaces) => self.surfaces = surfaces,
+            Err(error) => {
+                let warning = format!("no ghosts and holes are measured: {error}");
+                self.session.progress.note(&warning);
+                self.warnings.push(warning);
+            }
+        }
+        self.state.evaluation += begun.elapsed();
+    }
+
     fn run(&mut self) -> Result<(), ReconstructError> {
+        self.find_surfaces();
         while self.state.iteration < self.settings.iterations && !self.stopped_by_budget {
             self.state.iteration += 1;
             let iteration = self.state.iteration;
@@ -268,6 +291,7 @@ impl<'a> Trainer<'a> {
         if !last {
             self.keep_novel_views()?;
         }
+        let faults = self.surface_faults(last)?;
         self.state.evaluation += begun.elapsed();
         let statistics = std::mem::take(&mut self.state.since_trace);
         let arrays = self.learner.arrays();
@@ -276,13 +300,25 @@ impl<'a> Trainer<'a> {
             *total += refused;
         }
         let size = self.learner.size();
-        let point = TracePoint::new(&self.state, &statistics, size, &arrays);
+        let mut point = TracePoint::new(&self.state, &statistics, size, &arrays);
+        point.surfaces = faults;
         self.session.progress.status(&point.text());
         self.state.trace.push(point);
         if let Some(files) = &self.session.files {
             trace::write_csv(&files.trace, &self.state.trace)?;
         }
         Ok(())
+    }
+
+    /// Ghosts and holes, at the last row and where novel views are kept too.
+    fn surface_faults(&mut self, last: bool) -> Result<Option<SurfaceFaults>, ReconstructError> {
+        let files = self.session.files.as_ref();
+        let kept = files.and_then(|files| files.trace_views.as_ref());
+        let is_due = last || kept.is_some_and(|kept| !kept.frames.is_empty());
+        match &self.surfaces {
+            Some(surfaces) if is_due => surfaces.faults(self.learner),
+            _ => Ok(None),
+        }
     }
 
     /// Leaves the novel views as they are now, for the benchmark to score.

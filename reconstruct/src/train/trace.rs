@@ -2,7 +2,10 @@
 
 use std::path::Path;
 
-use omnilife_schemas::store::{self, StoreError};
+use omnilife_schemas::{
+    records::SurfaceFaults,
+    store::{self, StoreError},
+};
 use serde::{Deserialize, Serialize};
 
 use omnilife_engine::{model::TrainedArray, step::StepStatistics};
@@ -34,6 +37,9 @@ pub struct TracePoint {
     pub train_loss: f64,
     /// PSNR of the mean squared error over the training steps since the row before, dB.
     pub train_psnr_db: f64,
+    /// Ghosts and holes, where the scene knows distances and they were looked for.
+    #[serde(default)]
+    pub surfaces: Option<SurfaceFaults>,
     /// Gradient values that were not finite and were not applied since the row before, by name of
     /// the parameter array.
     pub refused: Vec<(String, u64)>,
@@ -50,6 +56,9 @@ const COLUMNS: [&str; 9] = [
     "train_loss",
     "train_psnr_db",
 ];
+
+/// Columns of ghosts and holes.
+const SURFACE_COLUMNS: [&str; 3] = ["ghost_share", "input_hole_share", "novel_hole_share"];
 
 impl TracePoint {
     /// A row from where the loop stands, the sums since the row before, the size of the model, and
@@ -72,6 +81,7 @@ impl TracePoint {
             peak_memory_bytes: process::peak_memory_bytes(),
             train_loss: statistics.loss / steps,
             train_psnr_db: -10.0 * (statistics.squared_error / steps).max(1e-10).log10(),
+            surfaces: None,
             refused: arrays
                 .iter()
                 .zip(refused)
@@ -88,7 +98,7 @@ impl TracePoint {
         )
     }
 
-    fn cells(&self) -> Vec<String> {
+    fn cells(&self, with_surfaces: bool) -> Vec<String> {
         fn or_empty(value: Option<impl ToString>) -> String {
             value.map_or(String::new(), |value| value.to_string())
         }
@@ -103,25 +113,36 @@ impl TracePoint {
             self.train_loss.to_string(),
             self.train_psnr_db.to_string(),
         ];
+        let found = self.surfaces.as_ref();
+        let surfaces = [
+            or_empty(found.map(|found| found.ghost_share)),
+            or_empty(found.and_then(|found| found.input_hole_share)),
+            or_empty(found.and_then(|found| found.novel_hole_share)),
+        ];
+        let surfaces = surfaces.into_iter().filter(|_| with_surfaces);
         let refused = self.refused.iter().map(|(_, count)| count.to_string());
-        fixed.into_iter().chain(refused).collect()
+        fixed.into_iter().chain(surfaces).chain(refused).collect()
     }
 }
 
-/// Writes the rows so far as CSV, whole or not at all; `refused_<array>` columns stand at the end.
+/// Writes the rows so far as CSV, whole or not at all; `refused_<array>` columns stand at the end, those of
+/// ghosts and holes before them where any row has some.
 ///
 /// # Errors
 /// When the file cannot be written.
 pub fn write_csv(path: &Path, trace: &[TracePoint]) -> Result<(), StoreError> {
     store::write_csv(path, |table| {
+        let with_surfaces = trace.iter().any(|point| point.surfaces.is_some());
+        let surfaces = SURFACE_COLUMNS.iter().filter(|_| with_surfaces);
         let refused = trace.first().map_or(&[][..], |point| &point.refused);
         let header = COLUMNS
             .map(str::to_owned)
             .into_iter()
+            .chain(surfaces.map(|&name| name.to_owned()))
             .chain(refused.iter().map(|(array, _)| format!("refused_{array}")));
         table.write_record(header)?;
         for point in trace {
-            table.write_record(point.cells())?;
+            table.write_record(point.cells(with_surfaces))?;
         }
         Ok(())
     })

@@ -1,10 +1,11 @@
 //! The method on a room that is known in closed form: what it begins with, what it decides, what may move,
 //! and what it refuses.
 
-use std::path::Path;
+use std::{fs, path::Path};
 
 use crate::room;
 use omnilife_engine::{
+    camera::rays::Rays,
     gaussians::static_gaussians::{LOG_SCALES, OPACITY_LOGITS, POSITIONS, QUATERNIONS},
     training_view::TrainingView,
 };
@@ -13,7 +14,7 @@ use omnilife_reconstruct::{
     options::Options,
     request::{BackendChoice, MethodRequest, PlanChoice},
     scene::{TrainingScene, depth::PriorFile},
-    train::Session,
+    train::{Session, TrainingFiles},
 };
 use omnilife_schemas::{
     Similarity,
@@ -21,7 +22,7 @@ use omnilife_schemas::{
     npy,
     points::PointCloud,
     progress::Silent,
-    records::{DepthPrior, DistanceConvention, Scale},
+    records::{DepthPrior, DistanceConvention, Scale, SurfaceFaults},
 };
 
 const CAMERA: ErpCamera = ErpCamera {
@@ -74,6 +75,7 @@ fn scene(folder: &Path, count: usize, change: impl Fn(usize, usize, f32) -> f32)
         is_normalized_by_points: false,
         points: PointCloud::default(),
         depth_priors,
+        novel_depth_priors: Vec::new(),
         objects: [].into(),
         tracks: None,
     }
@@ -181,6 +183,82 @@ fn what_is_frozen_keeps_its_bits_and_centres_stay_near() {
     }
     assert!(farthest > 1e-3 && farthest < 1.001, "{farthest}");
     assert!(short.arrays[LOG_SCALES].values == moved.arrays[LOG_SCALES].values);
+}
+
+/// Ghosts and holes of a method after a request's iterations.
+fn faults(scene: &TrainingScene, method: &str, request: &MethodRequest) -> SurfaceFaults {
+    let folder = tempfile::tempdir().unwrap();
+    let trace = folder.path().join("trace.csv");
+    let files = TrainingFiles {
+        trace: trace.clone(),
+        trace_views: None,
+        checkpoint: folder.path().join("checkpoint.bin"),
+        checkpoint_every: 0,
+        inputs_sha256: String::new(),
+    };
+    let session = Session {
+        files: Some(files),
+        ..Session::without_files(&Silent)
+    };
+    let method = methods::find(method).unwrap();
+    let outcome = method.train(scene, request, &session).unwrap();
+    let header = fs::read_to_string(&trace).unwrap();
+    let header = header.lines().next().unwrap();
+    assert!(header.contains(",ghost_share,input_hole_share,novel_hole_share,refused_"));
+    let trace = &outcome.training.state.trace;
+    trace.last().and_then(|row| row.surfaces).unwrap()
+}
+
+#[test]
+fn ghosts_and_holes_are_found_where_distances_are_known() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut room = scene(folder.path(), 6, as_given);
+    room.novel_views.extend(room.input_views.pop());
+    room.novel_depth_priors.extend(room.depth_priors.pop());
+    let once = MethodRequest::new(1, 0);
+    let lifted = faults(&room, "panogs", &once);
+    assert!(lifted.ghost_share < 0.02, "{lifted:?}");
+    assert!(lifted.input_hole_share.unwrap() < 0.05, "{lifted:?}");
+    let few = MethodRequest {
+        options: Options::at_most(100),
+        ..once.clone()
+    };
+    let few = faults(&room, "panogs", &few);
+    assert!(few.input_hole_share.unwrap() > 0.2, "{few:?}");
+    assert!(few.novel_hole_share.unwrap() > 0.2, "{few:?}");
+
+    // Points on the way from a camera to what it sees, and there.
+    let first = &room.input_views[0].view;
+    let distances = room.distances(0).unwrap().unwrap();
+    let rays = Rays::new(first.camera);
+    let along = |share: f32| {
+        let place = |pixel: usize| {
+            let ray = rays.ray(pixel % 128, pixel / 128).normalize() * distances.values[pixel];
+            (first.centre + first.rotation.transpose() * ray * share).to_array()
+        };
+        let positions: Vec<[f32; 3]> = (0..128 * 64).step_by(7).map(place).collect();
+        PointCloud {
+            colours: vec![[128; 3]; positions.len()],
+            positions,
+        }
+    };
+    let [there, half_way] = [1.0, 0.5].map(|share| {
+        let scene = TrainingScene {
+            points: along(share),
+            ..room.clone()
+        };
+        faults(&scene, "odgs", &once).ghost_share
+    });
+    assert!(
+        there < 0.05 && half_way > 0.5,
+        "{there}, half way {half_way}"
+    );
+
+    room.depth_priors.clear();
+    let session = Session::without_files(&Silent);
+    let outcome = methods::find("odgs").unwrap();
+    let outcome = outcome.train(&room, &once, &session).unwrap();
+    assert_eq!(outcome.training.state.trace[0].surfaces, None);
 }
 
 #[test]

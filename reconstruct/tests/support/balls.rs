@@ -99,6 +99,7 @@ pub(crate) fn scene_with(
         normalization,
         scale: omnilife_schemas::records::Scale::Arbitrary,
         depth_priors: Vec::new(),
+        novel_depth_priors: Vec::new(),
         is_normalized_by_points: false,
         objects: [].into(),
         tracks: None,

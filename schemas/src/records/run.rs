@@ -77,6 +77,10 @@ pub struct RunRecord {
     /// Novel views that were rendered at the rows of the trace.
     #[serde(default)]
     pub trace_views: Option<TraceViews>,
+    /// Ghosts and holes at the end, where the scene knows distances of input views and the model is made of
+    /// Gaussians.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub surfaces: Option<SurfaceFaults>,
     /// Predicted views.
     pub predictions: ViewPredictions,
     /// Warnings that a reader of the scores should know.
@@ -125,6 +129,21 @@ pub struct ComponentDecision {
     pub used: bool,
     /// The evidence or the setting that decided.
     pub reason: String,
+}
+
+/// How Gaussians stand to the distances that a scene knows (`depth_prior` of its frames), with the factors by
+/// which its input views agree best.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct SurfaceFaults {
+    /// Share of the Gaussians, weighted by opacity, whose centres stand in the free space of two input views
+    /// or more, of twenty at most. Free is what lies before a surface by more than 2.5 tolerances: 2 %
+    /// of the distance, or three times the views' disagreement.
+    pub ghost_share: f64,
+    /// Share of the pixels of input views with a known distance, masked ones left out, with an opacity below
+    /// a half; of four views at most.
+    pub input_hole_share: Option<f64>,
+    /// The same of the novel views, where distances of them are known.
+    pub novel_hole_share: Option<f64>,
 }
 
 /// Novel views along a trace: `<folder>/<iteration, 6 digits>/<frame, 6 digits>.png`. The views of the

@@ -5,8 +5,7 @@ use omnilife_engine::training_view::TrainingView;
 use omnilife_schemas::distances::{DistanceImage, EDGE_RATIO};
 use rayon::prelude::*;
 
-use super::sources::SourceView;
-use crate::scene::depth::resized_view;
+use crate::{scene::depth::resized_view, seeds::depth::SourceView};
 
 /// Pixels of the coarse grid on each side that take part.
 const REACH: i64 = 2;

@@ -4,8 +4,9 @@ use omnilife_engine::gaussians::static_gaussians::InitialGaussians;
 use omnilife_schemas::{points::PointCloud, records::DistanceConvention};
 
 use super::{
-    DEPTH_REFINEMENT, DEPTH_SCALE, POLE_THINNING, Plan, REDUNDANT_SAMPLES, depth_refinement, differ,
-    sources::{self, SourceView, Sources},
+    DEPTH_REFINEMENT, DEPTH_SCALE, POLE_THINNING, Plan, REDUNDANT_SAMPLES, depth_refinement,
+    differ,
+    sources::{self, Sources},
 };
 use crate::{
     components::{Decision, sky_shell},
@@ -13,8 +14,8 @@ use crate::{
     scene::TrainingScene,
     seeds::{
         depth::{
-            Agreement, DistanceView, LiftCounts, LiftSettings, Lifted, ScaleFit, agreement, checks,
-            fit_scales, lift, tolerance,
+            Agreement, DistanceView, LiftCounts, LiftSettings, Lifted, ScaleFit, SourceView,
+            agreement, checks, fit_scales, lift, scaled, tolerance,
         },
         points,
         sky::{OpenSky, SKY_SHARE},
@@ -64,7 +65,7 @@ impl Samples {
         } = sources::of_scene(scene)?;
         check(scene, &views)?;
         let mut warnings = vec![format!("distances are those of {origin}")];
-        let disagreement = scaled(scene, &mut views, plan, &mut warnings);
+        let disagreement = agreed(scene, &mut views, plan, &mut warnings);
         refine(scene, &mut views, size, plan);
         let thins_poles = thins_poles(scene, &views, plan);
         let lifted: Vec<Lifted> = distance_views(&views)
@@ -240,7 +241,7 @@ fn check(scene: &TrainingScene, views: &[SourceView]) -> Result<(), ReconstructE
 }
 
 /// Puts factors on the views' distances where they disagree. Returns how much they disagree after that.
-fn scaled(
+fn agreed(
     scene: &TrainingScene,
     views: &mut [SourceView],
     plan: &mut Plan<'_>,
@@ -278,13 +279,7 @@ fn scaled(
     if !plan.decide(DEPTH_SCALE, decision) {
         return fit.disagreement_before;
     }
-    for (view, log_scale) in views.iter_mut().zip(&fit.log_scales) {
-        let factor = log_scale.exp() as f32;
-        view.distances
-            .values
-            .iter_mut()
-            .for_each(|value| *value *= factor);
-    }
+    scaled(views, &fit);
     fit.disagreement_after
 }
 

@@ -9,33 +9,9 @@ use omnilife_schemas::{
 use crate::{
     error::ReconstructError,
     scene::{TrainingScene, depth::resized_view},
-    seeds::depth::DistanceView,
+    seeds::depth::SourceView,
     stereo::{self, Placement, SweepSettings, SweptDepth},
 };
-
-/// A view with its distances on one grid.
-#[derive(Debug, Clone)]
-pub(super) struct SourceView {
-    /// Camera, colours and mask of the grid's size.
-    pub(super) view: TrainingView,
-    /// Distances along the rays, normalized units.
-    pub(super) distances: DistanceImage,
-    /// How much each can be trusted, where the source says so.
-    pub(super) confidences: Option<Vec<f32>>,
-}
-
-impl SourceView {
-    /// As the lift sees it.
-    pub(super) fn as_given(&self) -> DistanceView<'_> {
-        DistanceView {
-            view: &self.view.view,
-            pixels: &self.view.pixels,
-            mask: self.view.mask.as_deref(),
-            distances: &self.distances,
-            confidences: self.confidences.as_deref(),
-        }
-    }
-}
 
 /// The views of a scene, and what their distances are.
 #[derive(Debug)]
@@ -80,7 +56,7 @@ pub(super) fn of_scene(scene: &TrainingScene) -> Result<Sources, ReconstructErro
         .map(|image| [image.width, image.height]);
     let size = largest.max().unwrap_or_default();
     let views = scene.input_views.iter().zip(given.into_iter().flatten());
-    let views = views.map(|(view, distances)| on_one_grid(view, distances));
+    let views = views.map(|(view, distances)| SourceView::on_one_grid(view, distances));
     let name = scene.depth_priors.iter().flatten().next();
     let name = name.map_or("given", |file| file.prior.source.as_str());
     Ok(Sources {
@@ -88,18 +64,6 @@ pub(super) fn of_scene(scene: &TrainingScene) -> Result<Sources, ReconstructErro
         origin: format!("files ({name}), {}x{}", size[0], size[1]),
         size,
     })
-}
-
-/// Image and distances on the coarser of their grids: a finer one would have samples that no pixel holds,
-/// or distances that nobody measured.
-fn on_one_grid(view: &TrainingView, distances: DistanceImage) -> SourceView {
-    let camera = &view.view.camera;
-    let size = camera.size().min([distances.width, distances.height]);
-    SourceView {
-        view: resized_view(view, size),
-        distances: distances.resampled(size[0], size[1]),
-        confidences: None,
-    }
 }
 
 /// Every panorama against its nearest neighbours, each direction confirmed by the other view.

@@ -32,6 +32,24 @@ pub fn tolerance(disagreement: f64) -> f64 {
     LEAST_TOLERANCE.max(DISAGREEMENTS * disagreement)
 }
 
+/// Whether a view sees past a place: what it shows there is farther by more than two and a half tolerances.
+pub fn sees_past(
+    view: &DistanceView<'_>,
+    projector: &Projector,
+    place: Vec3,
+    tolerance: f32,
+) -> bool {
+    let seen = projector.pixel(place);
+    seen.is_some_and(|(pixel, distance)| {
+        let theirs = view.distances.values[pixel];
+        theirs > 0.0 && !view.hides(pixel) && is_farther(theirs, distance, tolerance)
+    })
+}
+
+fn is_farther(theirs: f32, distance: f32, tolerance: f32) -> bool {
+    theirs > (1.0 + FREE_TOLERANCES as f32 * tolerance) * distance
+}
+
 /// Compares the samples of view number `own` with all other views.
 ///
 /// A view j sees the sample's surface where `|D_j - d| < tolerance d`, with the distance `d` of the
@@ -65,9 +83,7 @@ pub fn agreement(
             if theirs <= 0.0 || view.hides(pixel) {
                 continue;
             }
-            if theirs > (1.0 + FREE_TOLERANCES as f32 * tolerance) * distance {
-                found.free += 1;
-            }
+            found.free += u16::from(is_farther(theirs, distance, tolerance));
             if (theirs - distance).abs() >= tolerance * distance {
                 continue;
             }

@@ -91,7 +91,7 @@ impl ScaledViews<'_> {
 
 impl DistanceView<'_> {
     /// Whether a mask hides a pixel.
-    pub(super) fn hides(&self, pixel: usize) -> bool {
+    pub(crate) fn hides(&self, pixel: usize) -> bool {
         self.mask.is_some_and(|mask| mask[pixel] >= MASKED)
     }
 }

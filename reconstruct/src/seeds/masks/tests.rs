@@ -59,6 +59,7 @@ fn scene() -> TrainingScene {
         },
         scale: omnilife_schemas::records::Scale::Arbitrary,
         depth_priors: Vec::new(),
+        novel_depth_priors: Vec::new(),
         is_normalized_by_points: false,
         objects: [].into(),
         tracks: None,

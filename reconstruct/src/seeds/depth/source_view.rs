@@ -1,0 +1,51 @@
+//! Views with the distances that somebody has of them.
+
+use omnilife_engine::training_view::TrainingView;
+use omnilife_schemas::distances::DistanceImage;
+
+use super::{DistanceView, ScaleFit};
+use crate::scene::depth::resized_view;
+
+/// A view with its distances on one grid.
+#[derive(Debug, Clone)]
+pub struct SourceView {
+    /// Camera, colours and mask of the grid's size.
+    pub view: TrainingView,
+    /// Distances along the rays, normalized units.
+    pub distances: DistanceImage,
+    /// How much each can be trusted, where the source says so.
+    pub confidences: Option<Vec<f32>>,
+}
+
+impl SourceView {
+    /// As the lift sees it.
+    pub fn as_given(&self) -> DistanceView<'_> {
+        DistanceView {
+            view: &self.view.view,
+            pixels: &self.view.pixels,
+            mask: self.view.mask.as_deref(),
+            distances: &self.distances,
+            confidences: self.confidences.as_deref(),
+        }
+    }
+    /// Image and distances on the coarser of their grids: a finer one would have samples that no pixel
+    /// holds, or distances that nobody measured.
+    pub fn on_one_grid(view: &TrainingView, distances: DistanceImage) -> Self {
+        let camera = &view.view.camera;
+        let size = camera.size().min([distances.width, distances.height]);
+        Self {
+            view: resized_view(view, size),
+            distances: distances.resampled(size[0], size[1]),
+            confidences: None,
+        }
+    }
+}
+
+/// Puts the factors on the views' distances.
+pub fn scaled(views: &mut [SourceView], fit: &ScaleFit) {
+    for (view, log_scale) in views.iter_mut().zip(&fit.log_scales) {
+        let factor = log_scale.exp() as f32;
+        let values = view.distances.values.iter_mut();
+        values.for_each(|value| *value *= factor);
+    }
+}
