@@ -39,13 +39,15 @@ def scores(folder):
     return [f"{views['psnr']['mean']:.2f}", f"{views['psnr-static']['mean']:.2f}", f"{views['ssim']['mean']:.4f}"]
 
 
-HEADS = ["Run", "Novel PSNR", "static", "SSIM", "Gaussians", "Iterations", "CPU s", "of it planning", "Memory, MB"]
+HEADS = ["Run", "Novel PSNR", "static", "SSIM", "Ghosts, %", "Holes, %", "Gaussians", "Iterations", "CPU s",
+         "of it planning", "Memory, MB"]
 
 
 def row(title, folder):
     run = read(folder / "run.json")
     iterations = run["iterations"] if run["iterations"] > 1 else "1, nothing learns"
-    return [title, *scores(folder / "score"), f"{run['primitives']:,}", str(iterations),
+    faults = [f"{100 * run['surfaces'][name]:.2f}" for name in ("ghost_share", "novel_hole_share")]
+    return [title, *scores(folder / "score"), *faults, f"{run['primitives']:,}", str(iterations),
             f"{run['training_cpu_seconds']:.1f}", f"{run['planning_cpu_seconds']:.1f}",
             f"{run['peak_memory_bytes'] / 1e6:.0f}"]
 
@@ -63,7 +65,7 @@ def levels(asset):
     for level in record["levels"]:
         name = level["name"]
         rows.append([name, f"{level['splats']:,}", f"{level['bytes'] / 1e6:.2f}", f"{level['growth']:.2f}",
-                     *scores(asset.with_name(f"{asset.name}-{name.lower()}"))])
+                     *scores(asset / "scores" / name.lower())])
     user, system = map(float, asset.with_suffix(".time").read_text().split())
     changes = ", ".join(f"{count:,} {name.replace('_', ' ')}" for name, count in record["changes"].items()
                         if count and name != "dropped_sh_degree")
