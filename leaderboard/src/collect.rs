@@ -11,13 +11,17 @@ use std::{
 };
 
 use omnilife_schemas::{
-    layout::{RESULT_FILE, SPLIT_FILE},
+    layout::{ASSET_FILE, RESULT_FILE, SPLIT_FILE},
     records::{MethodCard, Protocol, ResultRecord, Split, Submission},
     store::{self, StoreError},
 };
 use rayon::prelude::*;
 
-use crate::{error::LeaderboardError, submission::SUBMISSION_FILE};
+use crate::{
+    assets::{self, FoundAsset},
+    error::LeaderboardError,
+    submission::SUBMISSION_FILE,
+};
 
 /// Reads every `result.json` in `folder` and below, sorted by path. Links to folders are followed,
 /// each folder is visited once. Hidden folders hold what is half-written or superseded, and no
@@ -39,6 +43,8 @@ pub(crate) struct RecordFiles {
     splits: Vec<PathBuf>,
     /// Records of what others handed in, sorted.
     submissions: Vec<PathBuf>,
+    /// Sorted.
+    assets: Vec<PathBuf>,
 }
 
 impl RecordFiles {
@@ -49,6 +55,7 @@ impl RecordFiles {
             results: Vec::new(),
             splits: Vec::new(),
             submissions: Vec::new(),
+            assets: Vec::new(),
         };
         let failed = |source| StoreError::read(folder, source);
         let real = fs::canonicalize(folder).map_err(failed)?;
@@ -56,6 +63,11 @@ impl RecordFiles {
         files.results.sort();
         files.splits.sort();
         files.submissions.sort();
+        files.assets.sort();
+        let assets = &files.assets;
+        files
+            .results
+            .retain(|result| !assets::is_of_level(result, assets));
         Ok(files)
     }
 
@@ -104,6 +116,12 @@ impl RecordFiles {
         Ok(cards)
     }
 
+    /// All assets with the scores of their levels.
+    pub(crate) fn assets(&self) -> Result<Vec<FoundAsset>, LeaderboardError> {
+        let assets = self.assets.iter().map(|file| FoundAsset::read(file));
+        Ok(assets.collect::<Result<_, _>>()?)
+    }
+
     /// Searches `folder`, whose path without links is `real`.
     fn search(
         &mut self,
@@ -142,6 +160,8 @@ impl RecordFiles {
                 self.splits.push(path);
             } else if name == SUBMISSION_FILE {
                 self.submissions.push(path);
+            } else if name == ASSET_FILE {
+                self.assets.push(path);
             }
         }
         Ok(())

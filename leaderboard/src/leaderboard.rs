@@ -13,10 +13,11 @@ use omnilife_schemas::{
 use crate::{
     collect::RecordFiles,
     error::LeaderboardError,
-    group,
+    group, layouts,
     outputs::Outputs,
     published, readme,
     site::{self, SiteRequest, Surroundings},
+    table::Table,
     tables::{self, CSV_FILE, MARKDOWN_FILE},
 };
 
@@ -114,6 +115,7 @@ fn prepare<'a>(
 ) -> Result<Prepared<'a>, LeaderboardError> {
     let groups = group::groups(results)?;
     let papers = published::papers()?;
+    let assets = layouts::assets::tables(&files.assets()?, &papers);
     let ((all, layouts), site) = rayon::join(
         || {
             rayon::join(
@@ -122,7 +124,7 @@ fn prepare<'a>(
             )
         },
         || match with_site {
-            true => site_of(request, files, results, &groups, &papers),
+            true => site_of(request, files, results, &groups, &papers, &assets),
             false => Ok(Outputs::default()),
         },
     );
@@ -131,6 +133,7 @@ fn prepare<'a>(
     outputs.append(site?);
     outputs.add(MARKDOWN_FILE, all.markdown.clone());
     outputs.add(CSV_FILE, all.csv);
+    tables::add_assets(&mut outputs, &assets, &request.out)?;
     Ok(Prepared {
         groups,
         outputs,
@@ -146,6 +149,7 @@ fn site_of(
     results: &[(PathBuf, ResultRecord)],
     groups: &[group::Group<'_>],
     papers: &[published::Paper],
+    assets: &[Table],
 ) -> Result<Outputs, LeaderboardError> {
     let protocols = files.protocols()?;
     let cards = files.cards()?;
@@ -163,6 +167,7 @@ fn site_of(
             groups,
             surroundings: &surroundings,
             papers,
+            assets,
             protocols: &protocols,
             cards: &cards,
             dataset: dataset.map(|(_, dataset)| dataset),

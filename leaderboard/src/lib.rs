@@ -5,6 +5,7 @@
 //! figures ([`published`]) stand beside measured ones and are never ranked with them. [`build`]
 //! makes the table of all results alone. Images are copied for the site; [`figure`] alone decodes them.
 
+mod assets;
 mod class;
 mod collect;
 pub mod error;

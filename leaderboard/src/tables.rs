@@ -139,18 +139,46 @@ pub(crate) fn in_all_layouts(
             if tables.is_empty() {
                 continue;
             }
-            let path = |extension: &str| format!("{folder}/{}.{extension}", layout.id);
-            let join = |render: &dyn Fn(&Table) -> String| {
-                tables.iter().map(render).collect::<Vec<_>>().join("\n")
-            };
-            outputs.add(
-                path("md"),
-                join(&|table| render::markdown::render(table, 1)),
-            );
-            outputs.add(path("tex"), join(&render::latex::render));
-            let csv = render::csv::render(&tables, &out.join(path("csv")))?;
-            outputs.add(path("csv"), csv);
+            add_tables(
+                &mut outputs,
+                &format!("{folder}/{}", layout.id),
+                &tables,
+                out,
+            )?;
         }
     }
     Ok(outputs)
+}
+
+/// The tables of assets, `tables/assets.{md,tex,csv}`, where there are any.
+pub(crate) fn add_assets(
+    outputs: &mut Outputs,
+    tables: &[Table],
+    out: &Path,
+) -> Result<(), LeaderboardError> {
+    if tables.is_empty() {
+        return Ok(());
+    }
+    add_tables(outputs, &format!("{LAYOUT_FOLDER}/assets"), tables, out)
+}
+
+/// Tables as `<path>.{md,tex,csv}`.
+fn add_tables(
+    outputs: &mut Outputs,
+    path: &str,
+    tables: &[Table],
+    out: &Path,
+) -> Result<(), LeaderboardError> {
+    let file = |extension: &str| format!("{path}.{extension}");
+    let join = |render: &dyn Fn(&Table) -> String| {
+        tables.iter().map(render).collect::<Vec<_>>().join("\n")
+    };
+    outputs.add(
+        file("md"),
+        join(&|table| render::markdown::render(table, 1)),
+    );
+    outputs.add(file("tex"), join(&render::latex::render));
+    let csv = render::csv::render(tables, &out.join(file("csv")))?;
+    outputs.add(file("csv"), csv);
+    Ok(())
 }

@@ -127,6 +127,7 @@ fn prepare(
         settings,
         plan: Vec::new(),
         evidence: None,
+        lift: None,
         warnings: Vec::new(),
     })
 }

@@ -13,6 +13,11 @@
 //! about.json, README.md, SHA256SUMS, statistics/
 //! ```
 
+/// The record of an asset for web viewers, in its folder.
+pub const ASSET_FILE: &str = "asset.json";
+/// Folder of the scores of an asset's levels, beside [`ASSET_FILE`]: `scores/<LEVEL>/result.json`.
+pub const LEVEL_SCORES_FOLDER: &str = "scores";
+
 /// The dataset's record.
 pub const DATASET_FILE: &str = "dataset.json";
 /// Table of everything that was rejected, beside [`DATASET_FILE`].

@@ -1,6 +1,8 @@
-//! The layouts of the paper's tables. A new one is one file and one line in [`LAYOUTS`].
+//! The layouts of the papers' tables. A new one is one file and one line in [`LAYOUTS`]; [`assets`] are of
+//! no protocol and have tables of their own.
 
 mod ablation;
+pub(crate) mod assets;
 mod by_place;
 mod by_scene;
 mod feed_forward;

@@ -50,6 +50,14 @@ pub(super) fn render(
             }
         }
         @for section in &sections { (section) }
+        @if !request.assets.is_empty() {
+            section #assets {
+                h2 { "Assets for web viewers" }
+                @for (part, table) in request.assets.iter().enumerate() {
+                    (html_table::plain(table, &format!("assets-{part}")))
+                }
+            }
+        }
         (scene_cards::render(request, views, &scenes))
         (method_cards::render(request.cards))
     };

@@ -44,6 +44,7 @@ use crate::{
     group::{Group, SceneRow},
     outputs::Outputs,
     published::Paper,
+    table::Table,
 };
 
 /// Folder of the site.
@@ -122,6 +123,8 @@ pub(crate) struct SiteRequest<'a> {
     pub(crate) groups: &'a [Group<'a>],
     pub(crate) surroundings: &'a Surroundings,
     pub(crate) papers: &'a [Paper],
+    /// Tables of assets.
+    pub(crate) assets: &'a [Table],
     /// Protocols by hash, as far as they are known.
     pub(crate) protocols: &'a BTreeMap<String, Protocol>,
     /// Of the methods that others handed in.

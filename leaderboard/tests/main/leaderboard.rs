@@ -11,8 +11,137 @@ use omnilife_leaderboard::{
 };
 use omnilife_schemas::{
     Classified, ErrorKind,
-    records::{Direction, Failure, ResultRecord, Summary},
+    records::{
+        Asset, AssetChanges, AssetLevel, AssetPlacement, AssetSource, Direction, Failure,
+        ResultRecord, Summary,
+    },
+    store,
 };
+
+#[test]
+fn assets_stand_beside_the_published_ones_and_their_levels_are_no_methods() {
+    let place = Place::with(&[result("hall", "panogs", 27.0, 0.9)]);
+    let folder = place.request.results.join("hall/asset");
+    let level = |name: &str, splats: u64| AssetLevel {
+        name: name.to_owned(),
+        file: format!("{}.splat", name.to_lowercase()),
+        splats,
+        bytes: 32 * splats,
+        sha256: String::new(),
+        growth: 1.5,
+    };
+    let asset = Asset {
+        source: AssetSource {
+            sha256: String::new(),
+            method: Some("panogs".to_owned()),
+            scene: Some("hall".to_owned()),
+            time_seconds: None,
+        },
+        splats: 5_366_446,
+        levels: vec![level("1M", 1_000_000), level("full", 5_366_446)],
+        left_out: Vec::new(),
+        placement: AssetPlacement {
+            offset: [0.0; 3],
+            scale: 1.0,
+            rotation_wxyz: [1.0, 0.0, 0.0, 0.0],
+        },
+        changes: AssetChanges::default(),
+        page: None,
+        wall_seconds: 1.25,
+    };
+    let scores = folder.join("scores/1m");
+    fs::create_dir_all(&scores).unwrap();
+    store::write_record(&folder.join("asset.json"), &asset).unwrap();
+    let scored = result("hall", "of a level", 25.5, 0.8);
+    store::write_record(&scores.join("result.json"), &scored).unwrap();
+    place.build();
+    let tables = place.read("tables/assets.md");
+    let has = |cells: &[&str]| {
+        let mut rows = tables.lines();
+        rows.any(|row| {
+            let found: Vec<&str> = row.split('|').map(str::trim).collect();
+            found.get(1..=cells.len()) == Some(cells)
+        })
+    };
+    // As in the paper's Table 2: 32 bytes a Gaussian, 171.73 MB.
+    let (scene, method) = ("hall", "panogs");
+    assert!(
+        has(&[
+            scene,
+            method,
+            "5,366,446",
+            "1,000,000",
+            "–",
+            "5,366,446",
+            "171.73",
+            "1.250"
+        ]),
+        "{tables}"
+    );
+    assert!(
+        has(&[
+            "Replica apartment_1_rand",
+            "PanoGS (authors)",
+            "5,366,446",
+            "1,000,000",
+            "5,000,000",
+            "5,366,446",
+            "171.73",
+            "0.974"
+        ]),
+        "{tables}"
+    );
+    assert!(
+        has(&[
+            "HM3D test",
+            "PanoGS (authors)",
+            "4,481,177",
+            "1,000,000",
+            "4,305,084"
+        ]),
+        "{tables}"
+    );
+    assert!(
+        has(&[
+            scene,
+            method,
+            "1M",
+            "1,000,000",
+            "32.00",
+            "1.50",
+            "25.50",
+            "0.800"
+        ]),
+        "{tables}"
+    );
+    assert!(
+        has(&[
+            scene,
+            method,
+            "full",
+            "5,366,446",
+            "171.73",
+            "1.50",
+            "–",
+            "–"
+        ]),
+        "{tables}"
+    );
+    assert!(!place.read("table.md").contains("of a level"));
+    assert!(
+        place
+            .read("site/index.html")
+            .contains("Assets for web viewers")
+    );
+    check_leaderboard(&place.request).unwrap();
+
+    fs::write(folder.join("asset.json"), "{}").unwrap();
+    let error = build_leaderboard(&place.request).unwrap_err().to_string();
+    assert!(
+        error.contains("asset.json") && !error.contains('\n'),
+        "{error}"
+    );
+}
 
 /// Three methods and two variants on four scenes of three videos, two seeds of one of them.
 pub(crate) fn study() -> Vec<ResultRecord> {

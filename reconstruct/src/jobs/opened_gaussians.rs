@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use glam::{DQuat, DVec3};
 use omnilife_schemas::{
     RgbImage, Similarity,
+    layout::ASSET_FILE,
     records::{Asset, RunRecord},
     store::{self, StoreError},
 };
@@ -26,7 +27,7 @@ use omnilife_engine::{
 use crate::{
     error::ReconstructError,
     formats::{self, splat::Placement},
-    jobs::{export::ASSET_FILE, reconstruct::RUN_FILE},
+    jobs::reconstruct::RUN_FILE,
     methods::run_formats::OpenedModel,
 };
 

@@ -50,12 +50,15 @@ use omnilife_engine::training_view::TrainingView;
 pub const RUN_FILE: &str = "run.json";
 /// Name of the checkpoint in the run's folder; it is there while a run is not over.
 pub const CHECKPOINT_FILE: &str = "checkpoint.bin";
+/// What became of lifted pixels, in the folder of a run that began with them.
+pub const LIFT_FILE: &str = "lift.json";
 const TRACE_FILE: &str = "trace.csv";
 /// Folder of the novel views at the rows of the trace.
 const TRACE_FOLDER: &str = "trace";
 /// What a training may leave beside views and the record.
-const TRAINING_FILES: [&str; 10] = [
+const TRAINING_FILES: [&str; 11] = [
     TRACE_FILE,
+    LIFT_FILE,
     ATLAS_FILE,
     ATLAS_VALUES_FILE,
     GAUSSIANS_FILE,
@@ -246,6 +249,14 @@ fn train(
     let mut outputs = render_predictions(&scene, &mut outcome, stage, &request.out, progress)?;
     let rendering_seconds = rendering.elapsed().as_secs_f64();
     let warnings = warnings(&scene, split, &outcome);
+    let lift_path = request.out.join(LIFT_FILE);
+    match &outcome.lift {
+        Some(lift) => {
+            store::write_record(&lift_path, lift)?;
+            outputs.push(LIFT_FILE.to_owned());
+        }
+        None => store::remove(&lift_path)?,
+    }
     let (training, learner) = (&outcome.training, &mut outcome.learner);
     outputs.extend(learner.export(&request.out)?);
     trace::write_csv(&trace_path, &training.state.trace)?;

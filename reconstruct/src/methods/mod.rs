@@ -14,7 +14,10 @@ pub mod periodic;
 mod prepared;
 pub mod run_formats;
 
-use omnilife_schemas::{names, records::ComponentDecision};
+use omnilife_schemas::{
+    names,
+    records::{ComponentDecision, Lift},
+};
 
 use crate::{
     components::Supported,
@@ -45,6 +48,8 @@ pub struct MethodOutcome<'a> {
     pub plan: Vec<ComponentDecision>,
     /// What the scene shows of itself, where the method asks.
     pub evidence: Option<SceneEvidence>,
+    /// What became of lifted pixels, where it began with them.
+    pub lift: Option<Lift>,
     /// What deciding and placing the first Gaussians took, the pilot fit included; training time
     /// includes it.
     pub planning: Elapsed,
@@ -63,6 +68,8 @@ pub struct Prepared<'a> {
     pub plan: Vec<ComponentDecision>,
     /// What the scene shows of itself, where the method asks.
     pub evidence: Option<SceneEvidence>,
+    /// What became of lifted pixels, where it begins with them.
+    pub lift: Option<Lift>,
     /// Lines that a reader of the scores should know.
     pub warnings: Vec<String>,
 }
@@ -78,6 +85,8 @@ pub struct PreparedGaussians {
     pub plan: Vec<ComponentDecision>,
     /// What the scene shows of itself, where the method asks.
     pub evidence: Option<SceneEvidence>,
+    /// What became of lifted pixels, where it begins with them.
+    pub lift: Option<Lift>,
     /// Lines that a reader of the scores should know.
     pub warnings: Vec<String>,
 }
@@ -107,6 +116,7 @@ impl PreparedGaussians {
             configuration,
             plan: self.plan,
             evidence: self.evidence,
+            lift: self.lift,
             warnings: self.warnings,
         })
     }
@@ -203,6 +213,7 @@ impl Method {
             configuration,
             plan,
             evidence,
+            lift,
             warnings,
         } = prepared?;
         for warning in &warnings {
@@ -222,6 +233,7 @@ impl Method {
             configuration,
             plan,
             evidence,
+            lift,
             planning,
         })
     }

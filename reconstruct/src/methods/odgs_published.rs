@@ -125,6 +125,7 @@ fn prepare(
         settings,
         plan,
         evidence: None,
+        lift: None,
         warnings: Vec::new(),
     })
 }

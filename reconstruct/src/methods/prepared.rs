@@ -17,6 +17,7 @@ impl PreparedGaussians {
             settings: draft.settings,
             plan: draft.plan,
             evidence: Some(draft.evidence),
+            lift: None,
             warnings,
         }
     }

@@ -150,6 +150,48 @@ fn views_of_different_scales_are_brought_together() {
 }
 
 #[test]
+fn the_record_of_the_lift_accounts_for_every_pixel() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut scene = scene(folder.path(), 4, |view, pixel, metres| {
+        if pixel < 300 {
+            0.0
+        } else {
+            metres * (1.0 + 0.01 * view as f32)
+        }
+    });
+    scene.input_views[1].mask = Some(vec![255; 128 * 64]);
+    let prepared = prepared(&scene, &MethodRequest::new(10, 0));
+    let lift = prepared.lift.as_ref().unwrap();
+    assert!(lift.distances.contains("closed form"));
+    assert_eq!(lift.views.len(), 4);
+    for (number, view) in lift.views.iter().enumerate() {
+        let refused = view.unknown + view.masked + view.thinned + view.flying + view.redundant;
+        assert_eq!((view.frame, view.pixels), (number as u32, 128 * 64));
+        assert_eq!(refused + view.kept, view.pixels, "{view:?}");
+        assert_eq!(view.unknown, 300);
+    }
+    assert_eq!(
+        (lift.views[1].kept, lift.views[1].masked),
+        (0, 128 * 64 - 300)
+    );
+    assert!(lift.views[0].redundant > 0 && lift.views[0].thinned > 0);
+    // What the files are wrong by is put right, relative to each other; a masked view says nothing.
+    let ratio = lift.views[0].factor / lift.views[3].factor;
+    assert!((ratio - 1.03).abs() < 3e-3, "{ratio}");
+    assert!(lift.disagreement < 0.3 * lift.disagreement_before);
+    let kept: u64 = lift.views.iter().map(|view| view.kept).sum();
+    assert_eq!(lift.samples, kept);
+    assert_eq!(lift.gaussians, lift.samples + lift.sky);
+    assert_eq!(lift.gaussians, prepared.learner.size().primitives);
+    let [least, greatest] = lift.bounds;
+    for axis in 0..3 {
+        let length = greatest[axis] - least[axis];
+        assert!((1.0..20.0).contains(&length), "{length} m");
+    }
+    assert!((1e-3..0.5).contains(&lift.median_radius));
+}
+
+#[test]
 fn what_is_frozen_keeps_its_bits_and_centres_stay_near() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene(folder.path(), 4, as_given);

@@ -11,6 +11,7 @@ pub mod boundaries;
 pub mod dataset;
 pub mod external_run;
 pub mod ledger;
+pub mod lift;
 pub mod masks;
 pub mod objects;
 pub mod overlays;
@@ -40,6 +41,7 @@ pub use boundaries::{Boundary, BoundaryKind, BoundaryLedger};
 pub use dataset::{Dataset, VideoEntry, VideoStatus};
 pub use external_run::{ExternalRun, Phase, PhaseName};
 pub use ledger::{AuditDecision, AuditDecisions, Author, LedgerAction, LedgerEntry};
+pub use lift::{Lift, LiftedView};
 pub use masks::{MaskEntry, Masks};
 pub use objects::{GraphObject, Objects};
 pub use overlays::{Overlay, OverlayClass, OverlayReport, Sightings};
@@ -130,6 +132,7 @@ pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<Protocol>(),
     entry::<Split>(),
     entry::<RunRecord>(),
+    entry::<Lift>(),
     entry::<ExternalRun>(),
     entry::<Asset>(),
     entry::<ResultRecord>(),

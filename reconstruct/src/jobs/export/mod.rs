@@ -19,6 +19,7 @@ use omnilife_engine::gaussians::{
 };
 use omnilife_schemas::{
     Similarity,
+    layout::ASSET_FILE,
     lock::FolderLock,
     progress::Progress,
     records::{Asset, AssetLevel, AssetPage, AssetSource, RunRecord},
@@ -37,8 +38,6 @@ use crate::{
     jobs::{opened_gaussians::Source, reconstruct::RUN_FILE},
 };
 
-/// The record, in an asset's folder.
-pub const ASSET_FILE: &str = "asset.json";
 /// The page, in an asset's folder.
 pub const PAGE_FILE: &str = "index.html";
 

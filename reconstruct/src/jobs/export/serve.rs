@@ -12,11 +12,12 @@ use std::{
 };
 
 use omnilife_schemas::{
+    layout::ASSET_FILE,
     records::Asset,
     store::{self, StoreError},
 };
 
-use super::{ASSET_FILE, PAGE_FILE};
+use super::PAGE_FILE;
 use crate::error::ReconstructError;
 
 /// Bytes of a request's head at most.

@@ -321,6 +321,7 @@ fn prepare<'a>(
         configuration,
         plan: begun.plan,
         evidence: None,
+        lift: None,
         warnings,
     })
 }

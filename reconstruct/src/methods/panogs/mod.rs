@@ -4,13 +4,14 @@
 //!
 //! * `sources`: the distances, from files or by the sphere sweep. `depth_refinement`: brought to the image's
 //!   grid where they have fewer pixels. `samples`: views agree on scales, pixels become Gaussians, the finest
-//!   view's stay. `surface`: the scaffold (Eq. 9). `anchored`: what training may change.
+//!   view's stay; `manifest`: the record of that. `surface`: the scaffold (Eq. 9). `anchored`: what training may change.
 //!
 //! Lift, normals, scales and redundancy themselves are in [`crate::seeds::depth`]: any method can begin
 //! there.
 
 mod anchored;
 mod depth_refinement;
+mod manifest;
 mod samples;
 mod sources;
 mod surface;
@@ -143,6 +144,7 @@ fn prepare(
         settings,
         plan: plan.decisions,
         evidence: None,
+        lift: Some(samples.record),
         warnings: samples.warnings,
     })
 }

@@ -1,11 +1,14 @@
 //! From views with distances to the Gaussians that a run begins with.
 
 use omnilife_engine::gaussians::static_gaussians::InitialGaussians;
-use omnilife_schemas::{points::PointCloud, records::DistanceConvention};
+use omnilife_schemas::{
+    points::PointCloud,
+    records::{DistanceConvention, Lift},
+};
 
 use super::{
     DEPTH_REFINEMENT, DEPTH_SCALE, POLE_THINNING, Plan, REDUNDANT_SAMPLES, depth_refinement,
-    differ,
+    differ, manifest,
     sources::{self, Sources},
 };
 use crate::{
@@ -51,8 +54,33 @@ pub(super) struct Samples {
     pub(super) median_radius: f32,
     /// Lines that a reader of the scores should know.
     pub(super) warnings: Vec<String>,
+    /// Gaussians of the sky.
+    pub(super) sky: usize,
+    /// What became of the pixels.
+    pub(super) record: Lift,
     /// Median difference between views, with scales where they are used.
     disagreement: f64,
+}
+
+/// What views say of each other's scales.
+#[derive(Debug)]
+pub(super) struct Agreed {
+    /// Median difference between views as they came.
+    pub(super) before: f64,
+    /// Median difference with the factors.
+    pub(super) disagreement: f64,
+    /// What the distances of each view were multiplied by.
+    pub(super) factors: Vec<f64>,
+}
+
+/// The samples that stay.
+#[derive(Debug)]
+pub(super) struct Chosen {
+    /// By view.
+    pub(super) lifted: Vec<Lifted>,
+    pub(super) shape: LiftSettings,
+    /// Share of all samples that stand where two views or more see past them.
+    pub(super) ghost_share: f64,
 }
 
 impl Samples {
@@ -65,7 +93,7 @@ impl Samples {
         } = sources::of_scene(scene)?;
         check(scene, &views)?;
         let mut warnings = vec![format!("distances are those of {origin}")];
-        let disagreement = agreed(scene, &mut views, plan, &mut warnings);
+        let agreed = agreed(scene, &mut views, plan, &mut warnings);
         refine(scene, &mut views, size, plan);
         let thins_poles = thins_poles(scene, &views, plan);
         let lifted: Vec<Lifted> = distance_views(&views)
@@ -89,23 +117,25 @@ impl Samples {
             });
         }
         let surfaces = some_places(&lifted);
-        let (lifted, shape) = chosen(&views, lifted, disagreement, plan, &mut warnings);
-        let mut samples = Self::joined(views, lifted, shape, disagreement, warnings);
+        let chosen = chosen(&views, lifted, agreed.disagreement, plan, &mut warnings);
+        let record = manifest::begun(scene, &origin, &agreed, &chosen);
+        let mut samples = Self::joined(views, chosen, agreed.disagreement, warnings, record);
         samples.add_sky(scene, surfaces, plan);
         samples.thin(plan);
+        samples.record = manifest::completed(samples.record.clone(), scene, &samples);
         Ok(samples)
     }
 
     fn joined(
         views: Vec<SourceView>,
-        lifted: Vec<Lifted>,
-        shape: LiftSettings,
+        chosen: Chosen,
         disagreement: f64,
         mut warnings: Vec<String>,
+        record: Lift,
     ) -> Self {
         let mut view_of = Vec::new();
         let mut all = Lifted::default();
-        for (number, of_view) in lifted.into_iter().enumerate() {
+        for (number, of_view) in chosen.lifted.into_iter().enumerate() {
             view_of.extend(std::iter::repeat_n(number as u16, of_view.len()));
             all.append(of_view);
         }
@@ -117,9 +147,11 @@ impl Samples {
             views,
             gaussians: all.gaussians,
             view_of,
-            shape,
+            shape: chosen.shape,
             median_radius,
             warnings,
+            sky: 0,
+            record,
             disagreement,
         }
     }
@@ -155,7 +187,9 @@ impl Samples {
         );
         let decision = Decision::new(sky.is_worth_a_shell(), reason).whatever_the_plan();
         if plan.decide(sky_shell::ID, decision) {
-            self.gaussians.append(sky.shell(&with_points, None));
+            let shell = sky.shell(&with_points, None);
+            self.sky = shell.len();
+            self.gaussians.append(shell);
         }
     }
 
@@ -240,13 +274,13 @@ fn check(scene: &TrainingScene, views: &[SourceView]) -> Result<(), ReconstructE
     }
 }
 
-/// Puts factors on the views' distances where they disagree. Returns how much they disagree after that.
+/// Puts factors on the views' distances where they disagree.
 fn agreed(
     scene: &TrainingScene,
     views: &mut [SourceView],
     plan: &mut Plan<'_>,
     warnings: &mut Vec<String>,
-) -> f64 {
+) -> Agreed {
     let fit: ScaleFit = fit_scales(&distance_views(views));
     let largest = fit
         .log_scales
@@ -277,10 +311,18 @@ fn agreed(
         ));
     }
     if !plan.decide(DEPTH_SCALE, decision) {
-        return fit.disagreement_before;
+        return Agreed {
+            before: fit.disagreement_before,
+            disagreement: fit.disagreement_before,
+            factors: vec![1.0; views.len()],
+        };
     }
     scaled(views, &fit);
-    fit.disagreement_after
+    Agreed {
+        before: fit.disagreement_before,
+        disagreement: fit.disagreement_after,
+        factors: fit.log_scales.iter().map(|log| log.exp()).collect(),
+    }
 }
 
 /// Brings distances to the images' grids where those are finer.
@@ -312,14 +354,14 @@ fn thins_poles(scene: &TrainingScene, views: &[SourceView], plan: &mut Plan<'_>)
     plan.decide(POLE_THINNING, Decision::new(true, reason).unless(missing))
 }
 
-/// The samples that stay, and how they are shaped.
+/// Chooses the samples that stay, and shapes them.
 fn chosen(
     views: &[SourceView],
     lifted: Vec<Lifted>,
     disagreement: f64,
     plan: &mut Plan<'_>,
     warnings: &mut Vec<String>,
-) -> (Vec<Lifted>, LiftSettings) {
+) -> Chosen {
     let distance_views = distance_views(views);
     let tolerance = tolerance(disagreement);
     let agreements: Vec<Vec<Agreement>> = lifted
@@ -347,16 +389,23 @@ fn chosen(
     let alone = (views.len() < 2).then_some("a second view");
     let decision = Decision::new(shared > LEAST_SHARED, reason).unless(alone);
     if plan.decide(REDUNDANT_SAMPLES, decision) {
-        let shape = LiftSettings::OF_BEST_VIEWS;
         let kept = lifted.iter().zip(&agreements).map(|(lifted, found)| {
             let keep: Vec<bool> = found.iter().map(|found| found.is_finest).collect();
             lifted.retained(&keep)
         });
-        return (kept.collect(), shape);
+        return Chosen {
+            lifted: kept.collect(),
+            shape: LiftSettings::OF_BEST_VIEWS,
+            ghost_share: ghosts,
+        };
     }
     let shape = LiftSettings::OF_ALL_VIEWS;
     let shaped = lifted.into_iter().map(|lifted| lifted.shaped(&shape));
-    (shaped.collect(), shape)
+    Chosen {
+        lifted: shaped.collect(),
+        shape,
+        ghost_share: ghosts,
+    }
 }
 
 /// What became of the pixels, in a line.
