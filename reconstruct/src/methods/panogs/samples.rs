@@ -202,7 +202,9 @@ impl Samples {
         if all as u64 <= maximum {
             return;
         }
-        let indices = points::thinned_indices(&points_of(&self.gaussians), maximum as usize);
+        let mut indices = points::thinned_indices(&points_of(&self.gaussians), maximum as usize);
+        // The sky's, which no view knows, stay at the end.
+        indices.sort_unstable();
         let growth = (all as f32 / maximum as f32).sqrt().min(LARGEST_GROWTH);
         self.gaussians = self.gaussians.selected(&indices);
         for scale in self.gaussians.scales.as_flattened_mut() {
