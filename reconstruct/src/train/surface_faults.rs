@@ -15,6 +15,7 @@ use omnilife_engine::{
 use omnilife_schemas::records::SurfaceFaults;
 use rayon::prelude::*;
 
+use super::trace_views::spread;
 use crate::{
     error::ReconstructError,
     learner::Learner,
@@ -159,10 +160,4 @@ fn hole_share(
         }
     }
     Ok((known > 0).then(|| holes as f64 / known as f64))
-}
-
-/// At most `most` of these, the middles of equal parts.
-fn spread<T>(all: &[T], most: usize) -> impl Iterator<Item = &T> {
-    let count = most.min(all.len());
-    (0..count).map(move |part| &all[(2 * part + 1) * all.len() / (2 * count)])
 }

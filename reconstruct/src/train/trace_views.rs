@@ -23,12 +23,10 @@ pub struct TraceViews {
 impl TraceViews {
     /// All of the novel views, or `most` of them, evenly spread.
     pub fn new(folder: PathBuf, novel: &[u32], most: Option<usize>) -> Self {
-        let count = most.unwrap_or(novel.len()).min(novel.len());
-        // The middles of `count` equal parts.
-        let place = |part: usize| (2 * part + 1) * novel.len() / (2 * count);
+        let frames = spread(novel, most.unwrap_or(novel.len())).copied();
         Self {
             folder,
-            frames: (0..count).map(|part| novel[place(part)]).collect(),
+            frames: frames.collect(),
         }
     }
 
@@ -54,6 +52,12 @@ impl TraceViews {
         }
         Ok(())
     }
+}
+
+/// At most `most` of these, evenly spread: the middles of equal parts.
+pub(super) fn spread<T>(all: &[T], most: usize) -> impl Iterator<Item = &T> {
+    let count = most.min(all.len());
+    (0..count).map(move |part| &all[(2 * part + 1) * all.len() / (2 * count)])
 }
 
 #[cfg(test)]
