@@ -95,9 +95,9 @@ def large(folder):
     return [
         f"## One sample per pixel of {views} panoramas of {width}x{height}", "",
         f"{views} x {width} x {height} = {pixels:,} pixels. {summary[0].upper()}{summary[1:]}. The images are "
-        "enlarged from 1024x512 and the distances refined to them: the rows say what the numbers of the paper's "
-        "assets cost, and their scores, of images without more detail, stand for nothing but the order of the "
-        "levels.", "",
+        "those of the rendering, enlarged, and the distances refined to them: the rows say what as many Gaussians "
+        "as the paper's assets have cost here, and their scores, of images without more detail, stand for nothing "
+        "but the order of the levels.", "",
         *table(HEADS, [row("one sample per pixel", every), row("finest samples", finest)]), "",
         f"Refinement of distances, normals, lift, and the choice among {views} views take {finest_cpu:.1f} CPU "
         "seconds of planning.", "",
