@@ -285,15 +285,20 @@ fn ghosts_and_holes_are_found_where_distances_are_known() {
             positions,
         }
     };
+    // A shell of the sky is no ghost, and would outweigh the points.
+    let points_alone = MethodRequest {
+        without: vec!["sky-shell".to_owned()],
+        ..once.clone()
+    };
     let [there, half_way] = [1.0, 0.5].map(|share| {
         let scene = TrainingScene {
             points: along(share),
             ..room.clone()
         };
-        faults(&scene, "odgs", &once).ghost_share
+        faults(&scene, "odgs", &points_alone).ghost_share
     });
     assert!(
-        there < 0.1 && half_way > 0.5,
+        there < 0.05 && half_way > 0.5,
         "{there}, half way {half_way}"
     );
 
