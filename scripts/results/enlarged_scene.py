@@ -32,6 +32,8 @@ def main():
     frames = scene["frames"][::every]
     images = [Image.open(source / frame["rgb"]).convert("RGB") for frame in frames]
     clip = out / f"{scene['scene']}.mp4"
+    # Times stay as they were.
+    street.FRAMES_PER_SECOND //= every
     street.encode([np.asarray(image.resize(size, Image.Resampling.BICUBIC)) for image in images], clip)
     records = []
     for index, (frame, time_seconds) in enumerate(zip(frames, street.presentation_times(clip), strict=True)):
