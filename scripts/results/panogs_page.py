@@ -76,6 +76,13 @@ def levels(asset):
     return table(heads, rows) + ["", " ".join(notes)]
 
 
+def curves(file):
+    """The table of `bench curve`, its rows, which have the names of methods, named as the runs are."""
+    *head, first, second, third = file.read_text().strip().splitlines()
+    rows = zip([first, second, third], EQUAL_TIME, strict=True)
+    return head + [f"| {title} |" + line.split("|", 2)[2] for line, (title, _) in rows]
+
+
 def published():
     """The rows of the paper's Table 2: seeds, size and export time."""
     by_number = {one["number"]: one for one in read(PUBLISHED)["tables"]}
@@ -118,22 +125,20 @@ def main():
     shutil.copy(components / "curves/curve-0.svg", CURVE)
     equal = [row(f"{within} CPU s: {title}", components / f"{name}-{within}")
              for within in seconds for title, name in EQUAL_TIME]
-    commit = read(components / "odgs/run.json")["versions"]
-    version = ", ".join(f"{name} {text}" for name, text in commit.items())
     text = [
         f"{len(split['input_views'])} views given, {len(split['novel_views'])} novel, {camera['width']}x"
         f"{camera['height']}, protocol `{split['protocol']['id']}`. Seed 0, one run each. {machine()}, other work "
-        f"beside it: CPU seconds (user and system, planning included, evaluation left out) are what compares. "
-        f"{version}.", "",
+        "beside it: CPU seconds (user and system, planning included, evaluation left out) are what compares.", "",
         "## What each component is worth", "",
         *table(HEADS, [row(title, components / name) for title, name in COMPONENTS]), "",
         "## At equal CPU seconds", "",
         "Iterations are those that fit at the pace of the runs above; schedules shrink to them.", "",
         *table(HEADS, equal), "",
-        (components / "curves.md").read_text().strip(), "",
+        *curves(components / "curves.md"), "",
         f"![Error against CPU seconds](../images/{CURVE.name})", "",
+        "The lines are in the order of the rows; both of `panogs` have its name.", "",
         "## What the plan says", "", *plan(components / f"panogs-{last}"), "",
-        f"## Levels of detail of the best run of {last} CPU seconds", "",
+        f"## Levels of detail of the run of {last} CPU seconds with shape refinement", "",
         *levels(components / f"shapes-{last}-asset"), "",
         *large(folder / "large")]
     page = PAGE.read_text()
