@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 /// A way to store the sphere; as text `stereo-top-bottom`, `stereo-left-right`, `eac`,
 /// `cubemap-COLUMNSxROWS:FACES` or `dual-fisheye:DEGREES`.
 ///
-/// Faces and halves lie as `FFmpeg`'s filter `v360` has them (libavfilter/vf_v360.c).
+/// Faces and halves lie as `FFmpeg`'s filter `v360` has them (`libavfilter/vf_v360.c`).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(try_from = "String", into = "String")]
 #[schemars(with = "String")]
