@@ -70,8 +70,7 @@ fn parse_projection(text: &str) -> Result<ProjectionArgument, String> {
     if text == "pinhole" {
         return Ok(ProjectionArgument::Pinhole);
     }
-    let layout = text.parse().map(ProjectionArgument::Sphere);
-    layout.map_err(|error: String| format!("{error} (or pinhole)"))
+    text.parse().map(ProjectionArgument::Sphere)
 }
 
 impl CurationArguments {
