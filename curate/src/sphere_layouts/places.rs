@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3, dvec2};
 use omnilife_schemas::{camera::cube::CUBE_FACES, records::SphereLayout};
 
 /// Pixels around each row of faces of an equi-angular cubemap that repeat what is next to them
-/// (libavfilter/vf_v360.c, `pixel_pad`).
+/// (`libavfilter/vf_v360.c`, `pixel_pad`).
 const EQUIANGULAR_PADDING: f64 = 2.0;
 
 /// A place in a frame, pixels from its corner.
