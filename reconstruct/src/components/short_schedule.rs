@@ -19,9 +19,9 @@ const SHORT_SCHEDULE: ShortSchedule = ShortSchedule {
 pub(crate) const COMPONENT: Component = Component {
     id: ID,
     title: "Steps of a short schedule",
-    description: "Step sizes of positions, sizes, rotations, opacities and colours that grow with the \
-                  square root of how much shorter the schedule is than the published one, and fall \
-                  towards its end. Used where it is shorter, or where a time budget may end it early, \
+    description: "Step sizes of positions, sizes, rotations, opacities, colours, velocities and peak \
+                  times that grow with the square root of how much shorter the schedule is than the \
+                  published one, and fall towards its end. Used where it is shorter, or where a time budget may end it early, \
                   whatever the plan.",
     turn: Turn::BeforePoints,
     needs_pilot: |_, _| false,

@@ -10,8 +10,8 @@
 //!
 //! the published schedule stays as it is, and shorter ones go further with every step: with `b = e = 1` as
 //! far as a random walk would in the published number of steps. Constant rates end at `e = 1/2`, so that
-//! they settle; those of positions, which fall by two decades as published, fall by less than that;
-//! sizes, which begin far from what they come to, begin with more. The exponents were found by
+//! they settle; those of positions and peak times, which fall by two decades as published, fall by less than
+//! that; sizes, which begin far from what they come to, begin with more. The exponents were found by
 //! experiment (`docs/results/quality.md`).
 
 use serde::{Deserialize, Serialize};
@@ -26,6 +26,10 @@ const EXPONENTS: &[(&str, f32, f32)] = &[
     ("opacity_logits", 1.0, 0.5),
     ("sh_constant", 1.0, 0.5),
     ("sh_rest", 1.0, 0.5),
+    ("peak_times", 1.0, 1.5),
+    ("velocities", 1.0, 0.5),
+    ("radial_velocities", 1.0, 0.5),
+    ("tangential_velocities", 1.0, 0.5),
 ];
 
 /// Even fewer steps than 1/49 of the published ones gain nothing by larger ones: opacities overshoot, and
