@@ -96,7 +96,7 @@ mod tests {
         assert!(near(rate("sh_constant", 1.0), 1e-3 * 5.0_f32.sqrt()));
         assert!(near(rate("log_scales", 0.0), 1e-3 * 5.0_f32.powf(1.5)));
         assert!(near(rate("positions", 1.0), 1e-3 * 5.0_f32.powf(1.5)));
-        assert_eq!(rate("weights", 0.0), 1e-3);
+        assert_eq!(rate("weights", 0.0), decay.at(0.0));
         // No step at all is no reason to divide by zero.
         for iterations in [0.0, 10.0, 500.0] {
             assert_eq!(SHORT.factor(iterations), 7.0);
