@@ -200,8 +200,9 @@ pub(crate) fn check_size(path: &Path, half: [u32; 2]) -> Result<Result<(), Strin
     let (Some(width), Some(height), true) = (number(16), number(20), is_png) else {
         return Ok(Err("is no PNG image".to_owned()));
     };
-    let expected = [2 * half[0] + SEPARATOR, half[1]];
-    Ok(if [width, height] == expected {
+    let wide = 2 * u64::from(half[0]) + u64::from(SEPARATOR);
+    let expected = [wide, u64::from(half[1])];
+    Ok(if [width, height].map(u64::from) == expected {
         Ok(())
     } else {
         let [wide, high] = expected;

@@ -170,6 +170,9 @@ pub fn read(folder: &Path) -> Result<Graph, StoreError> {
     Ok(graph)
 }
 
+/// Cells across the finest level of a grid at most: their numbers, counted up to the next, fit into 32 bits.
+const MOST_CELLS: f64 = 1e9;
+
 struct Words<'a>(&'a [f32]);
 
 impl Words<'_> {
@@ -191,9 +194,13 @@ impl Words<'_> {
 
     fn field(&mut self, shape: GridFieldShape) -> Option<GridField> {
         let grid = shape.grid;
+        let finest_cells = grid.base * grid.growth.powi(grid.levels.min(32) as i32 - 1);
         let is_possible = (2..=4).contains(&grid.dimensions)
             && (1..=32).contains(&grid.levels)
             && grid.log2_entries <= 24
+            && grid.base >= 1.0
+            && grid.growth >= 1.0
+            && finest_cells <= MOST_CELLS
             && (1..=64).contains(&shape.hidden_layers)
             && (1..=4096).contains(&shape.width)
             && (1..=4096).contains(&shape.outputs);
