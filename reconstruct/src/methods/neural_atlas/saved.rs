@@ -194,7 +194,7 @@ impl Words<'_> {
 
     fn field(&mut self, shape: GridFieldShape) -> Option<GridField> {
         let grid = shape.grid;
-        let finest_cells = grid.base * grid.growth.powi(grid.levels.min(32) as i32 - 1);
+        let finest_cells = grid.base * grid.growth.powf(grid.levels as f64 - 1.0);
         let is_possible = (2..=4).contains(&grid.dimensions)
             && (1..=32).contains(&grid.levels)
             && grid.log2_entries <= 24
