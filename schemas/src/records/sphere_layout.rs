@@ -35,7 +35,7 @@ pub enum SphereLayout {
     },
 }
 
-/// Order of six faces, a permutation of the letters of [`FACE_LETTERS`].
+/// Order of six faces, a permutation of the letters r, l, u, d, f and b.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FaceOrder([u8; 6]);
 
