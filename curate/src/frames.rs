@@ -20,6 +20,8 @@ use crate::{
 
 /// Width in pixels of sampled frames where none is asked for and the video is wider.
 pub const DEFAULT_WIDTH_PIXELS: u32 = 1024;
+/// Fewer rows hold no faces, halves or circles of a sphere.
+const LEAST_STORED_ROWS: u32 = 16;
 /// Timestamps closer than this are one.
 const SAME_INSTANT_SECONDS: f64 = 1e-9;
 
@@ -120,6 +122,12 @@ pub fn frame_size(
 ) -> Result<(u32, u32), CurateError> {
     let stored = probe.upright_size();
     let native = layout.map_or(stored.0, |layout| sphere_layouts::erp_width(layout, stored)) & !1;
+    if let Some(layout) = layout
+        && stored.1 < LEAST_STORED_ROWS
+    {
+        let reason = format!("{} rows of pixels store no sphere as {layout}", stored.1);
+        return Err(CurateError::input(video, reason));
+    }
     let width = width.unwrap_or(native.min(DEFAULT_WIDTH_PIXELS));
     if width < 16 || width % 2 == 1 {
         return Err(CurateError::input(
