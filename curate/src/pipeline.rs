@@ -90,13 +90,8 @@ fn sequences_of(
     let criteria = criteria::criteria(&settings.profile, video)?;
     let probe = video::probe(video)?;
     // Before anything is decoded; of a layout that the evidence shows the size is looked at again.
-    frames::frame_size(
-        video,
-        &probe,
-        settings.width,
-        settings.accept,
-        settings.layout,
-    )?;
+    let layout = settings.layout.or_else(|| sphere_layouts::stated(&probe));
+    frames::frame_size(video, &probe, settings.width, settings.accept, layout)?;
     // What the header shows already need not be found out by decoding gigabytes.
     let early = criteria::Candidate {
         probe: &probe,

@@ -193,3 +193,24 @@ fn slices_of_what_is_converted_are_refused() {
         "{refused}"
     );
 }
+
+#[test]
+fn videos_too_low_to_store_a_sphere_are_refused() {
+    let temp = tempfile::tempdir().unwrap();
+    let low = temp.path().join("low.mp4");
+    Clip::steady(64, 8, 4, 8).write(&low, |_, _, _| [0.5; 3]);
+    for name in SphereLayout::NAMES {
+        let settings = CurateSettings {
+            enforce: false,
+            layout: Some(name.parse().unwrap()),
+            ..CurateSettings::default()
+        };
+        let refused = curate_video(&low, &temp.path().join(name), &settings, &Silent).unwrap_err();
+        assert!(
+            refused
+                .to_string()
+                .contains("8 rows of pixels store no sphere as"),
+            "{name}: {refused}"
+        );
+    }
+}

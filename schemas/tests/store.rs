@@ -15,15 +15,6 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-fn names(folder: &Path) -> Vec<String> {
-    let mut names: Vec<_> = fs::read_dir(folder)
-        .unwrap()
-        .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
-        .collect();
-    names.sort();
-    names
-}
-
 fn dataset() -> Dataset {
     Dataset {
         videos: vec![
@@ -102,7 +93,7 @@ fn a_failed_write_leaves_nothing() {
             path.display()
         )
     );
-    assert!(names(folder.path()).is_empty());
+    assert!(store::names_in(folder.path()).unwrap().is_empty());
 }
 
 #[test]
@@ -116,7 +107,7 @@ fn a_failed_write_keeps_the_old_file() {
     });
     assert!(failed.is_err());
     assert_eq!(fs::read(&path).unwrap(), b"old");
-    assert_eq!(names(folder.path()), ["table.csv"]);
+    assert_eq!(store::names_in(folder.path()).unwrap(), ["table.csv"]);
 }
 
 /// The temporary name is led to a device that is always full. One write fails when the buffer is
@@ -133,7 +124,7 @@ fn a_full_disk_is_told_and_keeps_the_old_file() {
         assert!(error.to_string().contains("No space left"), "{error}");
         assert_eq!(error.error_kind(), ErrorKind::Internal);
         assert_eq!(fs::read(&path).unwrap(), b"old");
-        assert_eq!(names(folder.path()), ["image.png"]);
+        assert_eq!(store::names_in(folder.path()).unwrap(), ["image.png"]);
     }
 }
 
@@ -179,7 +170,7 @@ fn what_a_killed_process_left_is_removed() {
     fs::create_dir(dead("sequences")).unwrap();
     fs::write(dead("sequences").join("0.png"), b"half").unwrap();
     store::remove_abandoned(folder.path()).unwrap();
-    let mut kept = names(folder.path());
+    let mut kept = store::names_in(folder.path()).unwrap();
     kept.sort();
     let own = ours.file_name().unwrap().to_string_lossy().into_owned();
     let mut expected = vec![own, ".tmp-notes".to_owned(), "record.json".to_owned()];
@@ -227,7 +218,7 @@ fn a_record_that_json_cannot_hold_is_refused() {
         let error = store::write_record(&path, &result(value)).unwrap_err();
         assert_eq!(error.error_kind(), ErrorKind::Internal);
     }
-    assert!(names(folder.path()).is_empty());
+    assert!(store::names_in(folder.path()).unwrap().is_empty());
 }
 
 #[test]

@@ -3,11 +3,10 @@
 
     python3 enlarged_scene.py RENDERING OUT WIDTH EVERY
 
-RENDERING is a folder of the layout that scripts/fixtures/street.py reads, OUT one that rendered_scene
-takes as made once it has the name of the
-scene: a video, poses.json, masks and points. OUT/depth has the distances of the frames, at their
-own size. Every EVERYth frame is there, from the first on. It has no more detail than RENDERING: it is for
-counts, sizes and times. Needs ffmpeg and a Python with NumPy and Pillow.
+RENDERING is a folder of the layout that scripts/fixtures/street.py reads, OUT one that rendered_scene takes
+as made once it has the name of the scene: a video, poses.json, masks and points. OUT/depth has the distances
+of the frames, at their own size. Every EVERYth frame is there, from the first on. It has no more detail than
+RENDERING: it is for counts, sizes and times. Needs ffmpeg and a Python with NumPy and Pillow.
 """
 
 import json

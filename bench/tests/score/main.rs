@@ -8,7 +8,7 @@ mod scenes;
 #[path = "../scoring/mod.rs"]
 mod scoring;
 
-use std::{collections::BTreeSet, fs, path::Path, sync::Mutex};
+use std::{collections::BTreeSet, fs, sync::Mutex};
 
 use omnilife_bench::{METRICS, Metric, Need, Predictions, Sample, ViewPair, score};
 use omnilife_schemas::{
@@ -48,15 +48,6 @@ fn flat_psnr(error: f64) -> f64 {
     -20.0 * (error / 255.0).log10()
 }
 
-fn files(folder: &Path) -> Vec<String> {
-    let mut names: Vec<_> = fs::read_dir(folder)
-        .unwrap()
-        .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
-        .collect();
-    names.sort();
-    names
-}
-
 /// A protocol with these metrics in place of its own, for the scene and predictions of `bench`.
 fn with_metrics(bench: &Bench, metrics: &[&str]) {
     let mut protocol = omnilife_bench::protocols::protocol("per-scene").unwrap();
@@ -93,7 +84,7 @@ fn views_are_scored_and_written() {
     }
     let out = bench.at("out");
     assert_eq!(
-        files(&out),
+        store::names_in(&out).unwrap(),
         [
             ".done",
             "comparisons",
@@ -103,7 +94,7 @@ fn views_are_scored_and_written() {
         ]
     );
     assert_eq!(
-        files(&out.join("comparisons")),
+        store::names_in(&out.join("comparisons")).unwrap(),
         ["novel-000004.png", "novel-000009.png"]
     );
     let stored: ResultRecord = store::read_record(&out.join("result.json")).unwrap();

@@ -116,18 +116,19 @@ pub(crate) fn projection(layout: SphereLayout) -> VideoProjection {
 /// The layout that the evidence leaves no doubt of: stereo, and equi-angular faces where the container says so.
 /// How other faces lie and what a lens sees, no image says.
 pub(crate) fn evident(found: &DetectedProjection, probe: &Probe) -> Option<SphereLayout> {
-    let states = |projection: &str| {
-        let spherical = probe.spherical.as_ref();
-        spherical.is_some_and(|stated| stated.projection == projection && !stated.is_cropped)
-    };
     match found.projection {
         VideoProjection::ErpStereoTb => Some(SphereLayout::StereoTopBottom),
         VideoProjection::ErpStereoLr => Some(SphereLayout::StereoLeftRight),
-        VideoProjection::Eac if states("equiangular cubemap") => {
-            Some(SphereLayout::EquiangularCubemap)
-        }
+        VideoProjection::Eac => stated(probe),
         _ => None,
     }
+}
+
+/// The layout that the container alone states, before any frame is looked at.
+pub(crate) fn stated(probe: &Probe) -> Option<SphereLayout> {
+    let spherical = probe.spherical.as_ref()?;
+    let whole = spherical.projection == "equiangular cubemap" && !spherical.is_cropped;
+    whole.then_some(SphereLayout::EquiangularCubemap)
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 
 mod figure;
 mod leaderboard;
+mod ownership;
 mod refusals;
 mod site;
 mod support;

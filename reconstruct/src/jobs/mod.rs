@@ -10,3 +10,4 @@ mod opened_gaussians;
 pub mod plan_cost;
 pub mod reconstruct;
 pub mod render;
+mod trace_folder;

@@ -12,7 +12,6 @@ use omnilife_schemas::{
     Similarity,
     layout::TRACKS_FILE,
     lock::FolderLock,
-    ownership::path_inside,
     progress::Progress,
     provenance,
     records::{
@@ -30,7 +29,10 @@ use crate::{
         DEFORMATION_FILE, GAUSSIANS_FILE, MOVING_GAUSSIANS_FILE, OBJECT_GAUSSIANS_FILE,
         OBJECTS_FILE, REFINED_POSES_FILE,
     },
-    jobs::interpolate::{Frames, GROUPS_FILE},
+    jobs::{
+        interpolate::{Frames, GROUPS_FILE},
+        trace_folder::{self, TRACE_FOLDER},
+    },
     methods::{
         self, Method, MethodKind, MethodOutcome,
         neural_atlas::saved::{ATLAS_FILE, ATLAS_VALUES_FILE},
@@ -38,11 +40,7 @@ use crate::{
     process::{self, Elapsed},
     request::{BackendChoice, MethodRequest},
     scene::TrainingScene,
-    train::{
-        Session, TrainingFiles,
-        trace::{self, TracePoint},
-        trace_views::TraceViews,
-    },
+    train::{Session, TrainingFiles, trace, trace_views::TraceViews},
 };
 use omnilife_engine::training_view::TrainingView;
 
@@ -53,8 +51,6 @@ pub const CHECKPOINT_FILE: &str = "checkpoint.bin";
 /// What became of lifted pixels, in the folder of a run that began with them.
 pub const LIFT_FILE: &str = "lift.json";
 const TRACE_FILE: &str = "trace.csv";
-/// Folder of the novel views at the rows of the trace.
-const TRACE_FOLDER: &str = "trace";
 /// What a training may leave beside views and the record.
 const TRAINING_FILES: [&str; 11] = [
     TRACE_FILE,
@@ -159,8 +155,8 @@ pub fn reconstruct(
     let _lock = FolderLock::take(&request.out, progress)?;
     let begun = Instant::now();
     let split: Split = store::read_record(&request.split)?;
-    refuse_foreign_trace(request, &stage)?;
-    remove_abandoned_traces(&request.out)?;
+    trace_folder::refuse_foreign(&request.out, &stage)?;
+    trace_folder::remove_abandoned(&request.out)?;
     stage.claim(planned_files(method, &split))?;
     // A record or trace of an earlier run must not stand beside new predictions.
     store::remove(&record_path)?;
@@ -265,11 +261,11 @@ fn train(
         StoreError::write(&request.out.join(RUN_FILE), std::io::Error::other(error))
     })?;
     outputs.push(TRACE_FILE.to_owned());
-    outputs.extend(trace_files(&training.state.trace, &kept.frames));
+    outputs.extend(trace_folder::files(&training.state.trace, &kept.frames));
     // Views of an earlier run's rows.
     stage
         .own_files()
-        .remove(|file| is_of_trace(file) && !outputs.iter().any(|new| new == file))?;
+        .remove(|file| trace_folder::holds(file) && !outputs.iter().any(|new| new == file))?;
     Ok(MadeViews {
         backend: learner.backend(),
         primitives: learner.size().primitives,
@@ -321,32 +317,6 @@ fn planned_files(method: &Method, split: &Split) -> Vec<String> {
     files
 }
 
-/// Removes what killed processes left half-written along a trace, whose rows another run need not have.
-fn remove_abandoned_traces(out: &Path) -> Result<(), StoreError> {
-    let folder = path_inside(out, TRACE_FOLDER)?;
-    if !folder.is_dir() {
-        return Ok(());
-    }
-    let folders = store::paths_in(&folder)?;
-    folders
-        .iter()
-        .filter(|folder| folder.is_dir())
-        .try_for_each(|folder| store::remove_abandoned(folder))
-}
-
-/// Refuses a folder of that name that no run has made: its rows are not known beforehand.
-fn refuse_foreign_trace(request: &ReconstructRequest, stage: &StagePlan) -> Result<(), StoreError> {
-    let folder = path_inside(&request.out, TRACE_FOLDER)?;
-    let is_filled = folder.exists() && !(folder.is_dir() && store::names_in(&folder)?.is_empty());
-    if is_filled && !stage.has_begun() {
-        return Err(StoreError::refused(
-            &folder,
-            "is there, and no run of ours made it; choose another output",
-        ));
-    }
-    Ok(())
-}
-
 /// Mean direction up of the input views' cameras, in the world; `None` where they have none together.
 fn up(scene: &Scene, split: &Split) -> Option<[f64; 3]> {
     let frames = split.input_views.iter();
@@ -355,23 +325,6 @@ fn up(scene: &Scene, split: &Split) -> Option<[f64; 3]> {
         .filter_map(|pose| Some(pose.rotation()? * DVec3::NEG_Y))
         .sum();
     up.try_normalize().map(|up| up.to_array())
-}
-
-fn is_of_trace(file: &str) -> bool {
-    let rest = file.strip_prefix(TRACE_FOLDER);
-    rest.is_some_and(|rest| rest.starts_with('/'))
-}
-
-/// The views that stand at the rows of a trace, relative to the run's folder.
-fn trace_files<'a>(
-    trace: &'a [TracePoint],
-    frames: &'a [u32],
-) -> impl Iterator<Item = String> + 'a {
-    let rows = trace.split_last().map_or(&[][..], |(_, before)| before);
-    rows.iter().flat_map(move |row| {
-        let file = |&frame| format!("{TRACE_FOLDER}/{}", TraceViews::file(row.iteration, frame));
-        frames.iter().map(file)
-    })
 }
 
 /// The file of a predicted view, relative to the run's folder.

@@ -1,0 +1,58 @@
+//! The folder of a run that holds its novel views at the rows of the trace.
+
+use std::path::Path;
+
+use omnilife_schemas::{
+    ownership::path_inside,
+    stage::StagePlan,
+    store::{self, StoreError},
+};
+
+use crate::train::{trace::TracePoint, trace_views::TraceViews};
+
+/// Its name in the run's folder.
+pub(super) const TRACE_FOLDER: &str = "trace";
+
+/// Removes what killed processes left half-written along a trace, whose rows another run need not have.
+pub(super) fn remove_abandoned(out: &Path) -> Result<(), StoreError> {
+    let folder = path_inside(out, TRACE_FOLDER)?;
+    if !folder.is_dir() {
+        return Ok(());
+    }
+    let folders = store::paths_in(&folder)?;
+    folders
+        .iter()
+        .filter(|folder| folder.is_dir())
+        .try_for_each(|folder| store::remove_abandoned(folder))
+}
+
+/// Refuses a folder of that name that no run has made: its rows are not known beforehand.
+pub(super) fn refuse_foreign(out: &Path, stage: &StagePlan) -> Result<(), StoreError> {
+    let folder = path_inside(out, TRACE_FOLDER)?;
+    let is_filled = folder.exists() && !(folder.is_dir() && store::names_in(&folder)?.is_empty());
+    if is_filled && !stage.has_begun() {
+        return Err(StoreError::refused(
+            &folder,
+            "is there, and no run of ours made it; choose another output",
+        ));
+    }
+    Ok(())
+}
+
+/// Whether a file of a run, relative to its folder, is one of them.
+pub(super) fn holds(file: &str) -> bool {
+    let rest = file.strip_prefix(TRACE_FOLDER);
+    rest.is_some_and(|rest| rest.starts_with('/'))
+}
+
+/// The views that stand at the rows of a trace, relative to the run's folder.
+pub(super) fn files<'a>(
+    trace: &'a [TracePoint],
+    frames: &'a [u32],
+) -> impl Iterator<Item = String> + 'a {
+    let rows = trace.split_last().map_or(&[][..], |(_, before)| before);
+    rows.iter().flat_map(move |row| {
+        let file = |&frame| format!("{TRACE_FOLDER}/{}", TraceViews::file(row.iteration, frame));
+        frames.iter().map(file)
+    })
+}
