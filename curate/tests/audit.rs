@@ -1,4 +1,5 @@
-//! The audit page: written from a curated video, used in a real browser, merged into the ledger.
+//! The audit page: written from a curated video, used in a real browser, merged into the ledger, and
+//! what follows from that.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod support;
@@ -9,12 +10,20 @@ use std::{
     process::Command,
 };
 
-use omnilife_curate::{CurateSettings, audit, curate_video, ledger};
+use omnilife_curate::{
+    CurateError, CurateSettings,
+    annotation::{AnnotateSettings, annotate_dataset},
+    audit::{self, EMBEDDED_BYTES, PageRequest},
+    curate_dataset, ledger,
+    slicing::SliceSettings,
+    video,
+};
 use omnilife_schemas::{
     progress::Silent,
-    records::{BoundaryKind, BoundaryLedger, Sampling},
+    records::{Annotation, BoundaryKind, BoundaryLedger, Sampling, SegmentOutcome, Slices},
     store,
 };
+use support::Notes;
 
 fn settings() -> CurateSettings {
     CurateSettings {
@@ -22,72 +31,132 @@ fn settings() -> CurateSettings {
         sampling: Sampling::MaxFrames(2),
         width: Some(64),
         minimum_shot_seconds: 0.5,
+        slices: Some(SliceSettings { audio: false }),
         ..CurateSettings::default()
     }
 }
 
-/// A curated clip of four shots of 1.6 s.
-fn curated(folder: &Path) -> (PathBuf, PathBuf) {
-    let video = support::erp_clip(folder, "walk.mp4", &[1, 3, 2, 5], 40, 25);
-    let curated = folder.join("walk");
-    curate_video(&video, &curated, &settings(), &Silent).unwrap();
-    (video, curated)
+/// A dataset of one clip of four shots of 1.6 s; the clip and its folder. The name is one that would
+/// be markup.
+struct Curated {
+    set: PathBuf,
+    video: PathBuf,
+    folder: PathBuf,
 }
 
-fn cuts(curated: &Path) -> BoundaryLedger {
-    store::read_record(&curated.join("boundaries.json")).unwrap()
+impl Curated {
+    fn make(temp: &Path) -> Self {
+        let name = "<b class=injected>walk & co.mp4";
+        let video = support::erp_clip(temp, name, &[1, 3, 2, 5], 40, 25);
+        let set = temp.join("set");
+        let folder = set.join("videos").join(video.file_stem().unwrap());
+        let made = Self { set, video, folder };
+        made.curate();
+        made
+    }
+
+    fn curate(&self) {
+        let videos = [self.video.clone()];
+        let curated = curate_dataset(&videos, &self.set, &settings(), &Silent).unwrap();
+        assert!(curated.errors.is_empty(), "{:?}", curated.errors);
+    }
+
+    fn page(&self, page: &Path, embedded_bytes: u64, notes: &Notes) -> Result<usize, CurateError> {
+        let request = PageRequest {
+            folder: &self.folder,
+            video: &self.video,
+            page,
+            taxonomy: None,
+            embedded_bytes,
+        };
+        audit::write_page(&request, notes)
+    }
+
+    fn cuts(&self) -> BoundaryLedger {
+        store::read_record(&self.folder.join("boundaries.json")).unwrap()
+    }
 }
 
 #[test]
 fn the_page_holds_all_it_needs() {
     let temp = tempfile::tempdir().unwrap();
-    let (video, curated) = curated(temp.path());
-    let page = temp.path().join("audit.html");
-    assert_eq!(
-        audit::write_page(&curated, &video, &page, &Silent).unwrap(),
-        3
-    );
+    let mut curated = Curated::make(temp.path());
+    let (page, notes) = (temp.path().join("audit.html"), Notes::default());
+    assert_eq!(curated.page(&page, EMBEDDED_BYTES, &notes).unwrap(), 3);
+    assert_eq!(notes.take(), [""; 0]);
     let html = fs::read_to_string(&page).unwrap();
-    for placeholder in ["/*DATA*/", "/*STYLE*/", "/*SCRIPT*/"] {
+    for placeholder in ["/*DATA*/", "/*STYLE*/", "/*SCRIPT*/", "/*PROXY*/"] {
         assert!(!html.contains(placeholder), "{placeholder}");
     }
     assert!(html.contains("data:image/jpeg;base64,/9j/"));
+    assert!(!html.contains("<b class"), "a file's name is no markup");
     assert!(
         !html.contains("http:") && !html.contains("https:"),
         "no network"
     );
     assert!(html.len() < 2_000_000, "{} bytes", html.len());
+    let left: Vec<String> = store::names_in(temp.path()).unwrap();
+    assert!(!left.iter().any(|name| name.contains("tmp")), "{left:?}");
 
     let other = support::erp_clip(temp.path(), "other.mp4", &[1, 2], 20, 25);
-    let message = audit::write_page(&curated, &other, &page, &Silent)
+    curated.video = other;
+    let message = curated
+        .page(&page, EMBEDDED_BYTES, &notes)
         .unwrap_err()
         .to_string();
-    assert!(message.contains("other.mp4: is not walk.mp4"), "{message}");
+    assert!(
+        message.contains("other.mp4: is not <b class=injected>walk & co.mp4"),
+        "{message}"
+    );
 }
 
 #[test]
-fn an_expert_audits_in_a_browser() {
+fn a_large_video_lies_beside_its_page() {
+    let temp = tempfile::tempdir().unwrap();
+    let curated = Curated::make(temp.path());
+    let (page, notes) = (temp.path().join("my audit.html"), Notes::default());
+    // Twice: what is there already is used.
+    for _ in 0..2 {
+        curated.page(&page, 100, &notes).unwrap();
+        let said = notes.take();
+        assert_eq!(said.len(), 1, "{said:?}");
+        assert!(said[0].contains("too large to stand in the page"));
+    }
+    let folder = temp.path().join("my audit-proxy");
+    let files = store::paths_in(&folder).unwrap();
+    assert_eq!(files.len(), 1, "{files:?}");
+    let probe = video::probe(&files[0]).unwrap();
+    assert_eq!((probe.width, probe.height), (256, 128));
+    assert!((probe.duration_seconds - 6.4).abs() < 0.05, "{probe:?}");
+    let html = fs::read_to_string(&page).unwrap();
+    let name = files[0].file_name().unwrap().to_str().unwrap();
+    assert!(html.contains(&format!("my audit-proxy/{name}")));
+
+    // Another file under the name of the video's content is not replaced.
+    fs::write(&files[0], "mine").unwrap();
+    let message = curated.page(&page, 100, &notes).unwrap_err().to_string();
+    assert!(message.contains("is in the way"), "{message}");
+    assert_eq!(fs::read_to_string(&files[0]).unwrap(), "mine");
+}
+
+/// Uses the page in a browser and returns what it saved; `None` where there is no browser.
+fn used(role: &str, page: &Path) -> Option<PathBuf> {
     let found = |program: &str| Command::new(program).arg("--version").output().is_ok();
     if !(found("chromium") && found("chromedriver") && found("python3")) {
         omnilife_schemas::testing::skip(
             "no Chromium with its driver, scripts/setup --browser installs them",
         );
-        return;
+        return None;
     }
-    let temp = tempfile::tempdir().unwrap();
-    let (video, curated) = curated(temp.path());
-    let before = cuts(&curated);
-    assert_eq!((before.boundaries.len(), before.ledger_sha256), (3, None));
-    let page = temp.path().join("audit.html");
-    audit::write_page(&curated, &video, &page, &Silent).unwrap();
-    let downloads = temp.path().join("downloads");
+    let downloads = page.with_file_name("downloads");
     fs::create_dir(&downloads).unwrap();
     let mut browser = Command::new("python3");
     browser
         .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/audit_page.py"))
-        .args([&page, &downloads]);
-    if let Some(screenshot) = std::env::var_os("OMNILIFE_AUDIT_SCREENSHOT") {
-        browser.arg(screenshot);
+        .arg(role)
+        .args([page, &downloads]);
+    if let Some(images) = std::env::var_os("OMNILIFE_SCREENSHOTS") {
+        browser.arg(images);
     }
     let output = browser.output().unwrap();
     assert!(
@@ -95,11 +164,24 @@ fn an_expert_audits_in_a_browser() {
         "{}",
         String::from_utf8_lossy(&output.stderr)
     );
+    Some(downloads.join("decisions.json"))
+}
 
-    let decisions = downloads.join("decisions.json");
-    let merged = ledger::merge(&curated, &[decisions], None, &Silent).unwrap();
+#[test]
+fn an_expert_audits_in_a_browser() {
+    let temp = tempfile::tempdir().unwrap();
+    let curated = Curated::make(temp.path());
+    let before = curated.cuts();
+    assert_eq!((before.boundaries.len(), before.ledger_sha256), (3, None));
+    let page = temp.path().join("audit.html");
+    let notes = Notes::default();
+    curated.page(&page, EMBEDDED_BYTES, &notes).unwrap();
+    let Some(decisions) = used("expert", &page) else {
+        return;
+    };
+    let merged = ledger::merge(&curated.folder, &[decisions], None, &Silent).unwrap();
     let holding = ledger::resolve(merged.entries());
-    // Accepted at 1.6 s, rejected at 3.2 s, moved one frame later at 4.8 s, added at 0.5 s.
+    // Accepted at 1.6 s, rejected at 3.2 s, moved one frame later at 4.8 s, added at 0.48 s.
     let starts: Vec<f64> = holding
         .iter()
         .map(|boundary| (boundary.end_seconds * 25.0).round())
@@ -119,8 +201,76 @@ fn an_expert_audits_in_a_browser() {
     assert!(accepted.time.is_some());
 
     // Curation then cuts by the ledger.
-    curate_video(&video, &curated, &settings(), &Silent).unwrap();
-    let after = cuts(&curated);
+    curated.curate();
+    let after = curated.cuts();
     assert_eq!(after.boundaries, holding);
     assert_eq!(after.ledger_sha256, Some(merged.sha256()));
+}
+
+#[test]
+fn an_annotator_cuts_and_labels_in_a_browser_and_slices_follow() {
+    let temp = tempfile::tempdir().unwrap();
+    let curated = Curated::make(temp.path());
+    let page = temp.path().join("audit.html");
+    let notes = Notes::default();
+    // With its video beside it, the page works as well.
+    curated.page(&page, 100, &notes).unwrap();
+    let Some(decisions) = used("annotator", &page) else {
+        return;
+    };
+    ledger::merge(&curated.folder, &[decisions], None, &Silent).unwrap();
+    curated.curate();
+    let slices: Slices = store::read_record(&curated.folder.join("slices.json")).unwrap();
+    let kept: Vec<(f64, f64, String, PathBuf)> = slices
+        .segments
+        .iter()
+        .filter_map(|segment| match &segment.outcome {
+            SegmentOutcome::Kept {
+                sequence,
+                slice: Some(slice),
+            } => Some((
+                segment.range.begin_seconds,
+                segment.range.end_seconds,
+                sequence.clone(),
+                curated.folder.join(&slice.file),
+            )),
+            _ => None,
+        })
+        .collect();
+    // The segment from 2.4 s to the end of the frame at 4.0 s is cut in two by the detector's boundary
+    // at 3.2 s.
+    let frames = |seconds: f64| (seconds * 25.0).round() as i64;
+    let spans: Vec<(i64, i64)> = kept.iter().map(|k| (frames(k.0), frames(k.1))).collect();
+    assert_eq!(
+        spans,
+        [
+            (0, 40),
+            (40, 60),
+            (60, 80),
+            (80, 101),
+            (101, 120),
+            (120, 160)
+        ]
+    );
+    for (begin, end, _, file) in &kept {
+        let probe = video::probe(file).unwrap();
+        let duration = probe.duration_seconds;
+        assert!((duration - (end - begin)).abs() < 0.01, "{duration}");
+    }
+
+    // What was labelled is what the sequences in it show, and no others.
+    annotate_dataset(&curated.set, &AnnotateSettings::default(), &Silent).unwrap();
+    for (begin, _, sequence, _) in &kept {
+        let path = curated.folder.join(sequence).join("annotation.json");
+        let annotation: Annotation = store::read_record(&path).unwrap();
+        let said = [&annotation.scene, &annotation.action].map(|tag| {
+            tag.as_ref()
+                .map(|tag| (tag.name.as_str(), tag.author.as_str()))
+        });
+        let expected = match frames(*begin) {
+            60 | 80 => [Some(("night-market", "Ada")), Some(("walking", "Ada"))],
+            _ => [None, None],
+        };
+        assert_eq!(said, expected, "{sequence}");
+    }
 }

@@ -1,175 +1,169 @@
-"""Uses an audit page as an expert would, in headless Chromium through its WebDriver.
+"""Uses an audit page in headless Chromium as people would.
 
-    python3 audit_page.py PAGE DOWNLOADS [SCREENSHOT]
+    python3 audit_page.py expert|annotator PAGE DOWNLOADS [SCREENSHOTS]
 
-Accepts the first boundary, rejects the second, moves the third by one frame with the keyboard, adds
-one, and saves. DOWNLOADS/decisions.json is then what the page saved. Only Python's standard library
-is used; `scripts/setup --browser` installs Chromium and its driver.
+The expert accepts the first boundary, rejects the second, moves the third by one frame with the
+keyboard, adds one, undoes and redoes, and opens the page again. The annotator scrubs the video by
+keys, marks a segment from 2.4 s to the end of the frame at 4.0 s, cuts and labels it, and cannot
+touch what others proposed. DOWNLOADS/decisions.json is then what the page saved. With SCREENSHOTS, a
+folder, images of the page at 1,400 and 390 pixels go there.
 """
 
-import base64
-import json
 import pathlib
-import socket
-import subprocess
 import sys
-import tempfile
-import time
-import urllib.request
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "scripts/browser"))
+from webdriver import browser, expect, wait_for  # noqa: E402
+
+SHIFT, LEFT, RIGHT = "\ue008", "\ue012", "\ue014"
+STATES = "return [...document.querySelectorAll('#boundaries li')].filter(li => !li.hidden).map(li => li.dataset.state)"
+UNNAMED = """return [...document.querySelectorAll('input,select,button,img,video')]
+    .filter(e => !(e.labels?.length || e.ariaLabel || e.textContent.trim() || e.alt || e.querySelector('img[alt]')))
+    .map(e => e.outerHTML.slice(0, 80))"""
 
 
-class Browser:
-    """The few commands of the WebDriver protocol that are needed."""
-
-    def __init__(self, port, downloads, profile):
-        self.address = f"http://127.0.0.1:{port}"
-        arguments = [
-            "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-            "--disable-background-networking", "--disable-component-update", "--disable-sync",
-            f"--user-data-dir={profile}", "--window-size=1280,1400",
-        ]
-        options = {
-            "args": arguments,
-            "prefs": {"download.default_directory": str(downloads)},
-        }
-        capabilities = {"browserName": "chrome", "goog:chromeOptions": options,
-                        "goog:loggingPrefs": {"browser": "ALL"}}
-        session = self.call("POST", "/session", {"capabilities": {"alwaysMatch": capabilities}})
-        self.session = f"/session/{session['sessionId']}"
-
-    def call(self, method, path, body=None):
-        request = urllib.request.Request(self.address + path, method=method)
-        data = None if body is None else json.dumps(body).encode()
-        request.add_header("Content-Type", "application/json")
-        with urllib.request.urlopen(request, data, timeout=60) as answer:
-            return json.load(answer)["value"]
-
-    def do(self, method, path, body=None):
-        return self.call(method, self.session + path, body)
-
-    def script(self, text, *arguments):
-        return self.do("POST", "/execute/sync", {"script": text, "args": list(arguments)})
-
-    def find(self, selector):
-        found = self.do("POST", "/element", {"using": "css selector", "value": selector})
-        return next(iter(found.values()))
-
-    def click(self, selector):
-        self.do("POST", f"/element/{self.find(selector)}/click", {})
-
-    def write(self, selector, text):
-        self.do("POST", f"/element/{self.find(selector)}/value", {"text": text})
-
-    def press(self, *keys):
-        actions = []
-        for key in keys:
-            actions += [{"type": "keyDown", "value": key}, {"type": "keyUp", "value": key}]
-        keyboard = {"type": "key", "id": "keyboard", "actions": actions}
-        self.do("POST", "/actions", {"actions": [keyboard]})
-
-    def states(self):
-        return self.script(
-            "return [...document.querySelectorAll('#boundaries li')].map(li => li.dataset.state)")
+def click(page, selector):
+    page.script("document.querySelector(arguments[0]).click()", selector)
 
 
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
+def fill(page, selector, value):
+    page.script("""const field = document.querySelector(arguments[0]);
+        field.value = arguments[1]; field.dispatchEvent(new Event('change', { bubbles: true }))""", selector, value)
 
 
-def wait_for(what, condition, seconds=60):
-    end = time.monotonic() + seconds
-    while not condition():
-        if time.monotonic() > end:
-            sys.exit(f"no {what} within {seconds} s")
-        time.sleep(0.1)
+def held(page, modifier, key):
+    strokes = [("keyDown", modifier), ("keyDown", key), ("keyUp", key), ("keyUp", modifier)]
+    actions = [{"type": kind, "value": value} for kind, value in strokes]
+    page.do("POST", "/actions", {"actions": [{"type": "key", "id": "keyboard", "actions": actions}]})
 
 
-def is_listening(port):
-    with socket.socket() as probe:
-        return probe.connect_ex(("127.0.0.1", port)) == 0
+def text(page, selector):
+    return page.script("return document.querySelector(arguments[0]).textContent", selector)
 
 
-def expect(what, found, wanted):
-    if found != wanted:
-        sys.exit(f"{what}: {found!r}, expected {wanted!r}")
+def shows_frame(page, frame):
+    """The video stands at a frame: asked for, decoded, and its image drawn."""
+    wait_for(f"frame {frame}", lambda: page.script("return shown") == frame and page.script(
+        "return !player.seeking && frameAt(player.currentTime + data.times[0])") == frame)
 
 
-def audit(browser, page, downloads, screenshot):
-    browser.do("POST", "/url", {"url": page.resolve().as_uri()})
-    expect("outside requests", browser.script(
+def look_at(page, screenshots, name):
+    if screenshots:
+        for width, height, phone in ((1400, 900, False), (390, 844, True)):
+            page.size(width, height, phone)
+            page.screenshot(screenshots / f"{name}-{width}.png")
+        page.size(1280, 1400)
+
+
+def check_page(page):
+    expect("outside requests", page.script(
         "return performance.getEntriesByType('resource').filter(e => /^http/.test(e.name)).length"), 0)
-    unlabelled = browser.script("""return [...document.querySelectorAll('input,select,button,img')]
-        .filter(e => !(e.labels?.length || e.textContent.trim() || e.alt || e.querySelector('img[alt]')))
-        .map(e => e.outerHTML.slice(0, 80))""")
-    expect("elements without a name", unlabelled, [])
-    expect("images", browser.script(
+    expect("elements without a name", page.script(UNNAMED), [])
+    expect("images", page.script(
         "return [...document.images].every(i => i.src.startsWith('data:image/jpeg;base64,'))"), True)
-    expect("pixels that hang over the side", browser.script(
-        "return document.documentElement.scrollWidth - document.documentElement.clientWidth"), 0)
-    count = len(browser.states())
+    for width, phone in ((1400, False), (390, True)):
+        page.size(width, 844, phone)
+        expect(f"pixels that hang over at {width}", page.script(
+            "return document.documentElement.scrollWidth - document.documentElement.clientWidth"), 0)
+    page.size(1280, 1400)
+    # What files are called is text, never markup.
+    expect("elements out of a name", page.script("return document.querySelectorAll('b.injected').length"), 0)
+    expect("the file's name", page.script("return document.querySelector('#video').textContent.split(': ')[0]"),
+           page.script("return data.source.file_name"))
+    wait_for("playable video", lambda: page.script("return player.readyState >= 2 && player.videoWidth > 0"))
 
+
+def expert(page, screenshots):
+    count = len(page.script(STATES))
     # Without a name nothing is saved.
-    browser.click("#save")
-    expect("a hint", "name" in browser.script(
-        "return document.getElementById('status').textContent"), True)
-    browser.write("#author", "Kim")
-    browser.write("#reason", "sharp")
-    browser.script("document.querySelector('#boundaries li').focus()")
-    right = "\ue014"
-    browser.press("a", "j", "r", "j", right)
-    expect("states", browser.states()[:3], ["accepted", "rejected", "moved"])
-    browser.write("#add-time", "0.5")
-    browser.click("#add button")
-    expect("boundaries", len(browser.states()), count + 1)
-    times = browser.script("return rows.map(row => row.begin)")
+    click(page, "#save")
+    expect("a hint", "name" in text(page, "#status"), True)
+    fill(page, "#author", "Kim")
+    fill(page, "#reason", "sharp")
+    page.script("document.querySelector('#boundaries li').focus()")
+    page.press("a", "n", "r", "n", ".")
+    expect("states", page.script(STATES)[:3], ["accepted", "rejected", "moved"])
+    # A cut before the frame at 0.48 s.
+    page.script("seek(12)")
+    page.press("1")
+    expect("boundaries", len(page.script(STATES)), count + 1)
+    times = page.script("return rows.map(row => row.begin)")
     expect("rows in order of time", times, sorted(times))
-    browser.script("document.querySelector('#boundaries li').focus()")
-    browser.press("u")
-    expect("boundaries after undoing", len(browser.states()), count)
-    browser.click("#add button")
-    browser.script("rows.find(row => row.decision).item.querySelector('button').click()")
-    expect("boundaries after removing what was added", len(browser.states()), count)
-    browser.click("#add button")
-    # What was decided is there again when the page is opened again.
-    before = sorted(browser.states())
-    browser.script("window.onbeforeunload = null; document.getElementById('status').textContent = ''")
-    browser.do("POST", "/refresh", {})
-    wait_for("page", lambda: browser.script("return document.readyState") == "complete")
-    expect("states of a page that was opened again", sorted(browser.states()), before)
-    browser.write("#author", "Kim")
-    if screenshot:
-        for scheme in ("light", "dark"):
-            browser.do("POST", "/goog/cdp/execute", {
-                "cmd": "Emulation.setEmulatedMedia",
-                "params": {"features": [{"name": "prefers-color-scheme", "value": scheme}]}})
-            image = base64.b64decode(browser.do("GET", "/screenshot"))
-            screenshot.with_name(f"{screenshot.stem}-{scheme}.png").write_bytes(image)
-    browser.script("document.querySelector('#boundaries li').focus()")
-    browser.press("s")
-    wait_for("saved file", (downloads / "decisions.json").exists)
-    severe = [line for line in browser.do("POST", "/se/log", {"type": "browser"})
-              if line["level"] == "SEVERE"]
-    expect("errors in the console", severe, [])
+    page.press("u")
+    expect("boundaries after undo", len(page.script(STATES)), count)
+    held(page, SHIFT, "u")
+    expect("boundaries after redo", len(page.script(STATES)), count + 1)
+    page.script("rows.find(row => row.added).item.querySelectorAll('button')[1].click()")
+    expect("boundaries after removing what was added", len(page.script(STATES)), count)
+    page.press("u")
+    expect("boundaries after undoing that", len(page.script(STATES)), count + 1)
+    look_at(page, screenshots, "expert")
+
+
+def annotator(page, screenshots):
+    fill(page, "#author", "Ada")
+    fill(page, "#role", "annotator")
+    before = page.script(STATES)
+    page.press("a")
+    expect("states that an annotator cannot change", page.script(STATES), before)
+    # By seconds, then by frames: 60 frames of 25 a second are 2.4 s.
+    held(page, SHIFT, RIGHT)
+    held(page, SHIFT, RIGHT)
+    shows_frame(page, 50)
+    page.press(*[RIGHT] * 11, LEFT)
+    shows_frame(page, 60)
+    page.press("i")
+    # Playing forwards and backwards moves the video.
+    page.press("l")
+    wait_for("playing", lambda: page.script("return shown") > 62)
+    page.press("k")
+    stood = page.script("return shown")
+    page.press("j")
+    wait_for("playing backwards", lambda: page.script("return shown") < stood - 1)
+    page.press("k")
+    expect("paused", page.script("return player.paused && !backwards"), True)
+    page.script("seek(100)")
+    shows_frame(page, 100)
+    page.press("o")
+    fill(page, "#scene", "night-market")
+    fill(page, "#action", "walking")
+    look_at(page, screenshots, "annotator")
+    page.press("g")
+    expect("a label", "night-market, walking" in text(page, "#labels"), True)
+    expect("cuts at its ends", page.script(STATES).count("added"), 2)
+    # The timeline is dragged by a finger, too.
+    box = page.script("const b = timeline.getBoundingClientRect(); return [b.left, b.top + b.height / 2, b.width]")
+    page.drag((box[0] + 5, box[1]), (box[0] + box[2] / 2, box[1]), "touch")
+    wait_for("dragged position", lambda: abs(page.script("return shown") - 80) <= 2)
+
+
+def reopen(page, address):
+    """What was decided is there again when the page is opened again."""
+    state = "return [[...document.querySelectorAll('#boundaries li')].map(li => [li.hidden, li.dataset.state]), " \
+            "document.querySelector('#labels').textContent]"
+    before = page.script(state)
+    page.script("unsaved = false")
+    page.open(address)
+    expect("what was decided, opened again", page.script(state), before)
 
 
 def main():
-    page, downloads = map(pathlib.Path, sys.argv[1:3])
-    screenshot = pathlib.Path(sys.argv[3]) if len(sys.argv) > 3 else None
-    port = free_port()
-    driver = subprocess.Popen(["chromedriver", f"--port={port}"], stdout=subprocess.DEVNULL)
-    try:
-        wait_for("driver", lambda: is_listening(port))
-        with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-            browser = Browser(port, downloads.resolve(), profile)
-            try:
-                audit(browser, page, downloads, screenshot)
-            finally:
-                browser.do("DELETE", "")
-    finally:
-        driver.terminate()
-        driver.wait()
+    role, address, downloads = sys.argv[1], *map(pathlib.Path, sys.argv[2:4])
+    screenshots = pathlib.Path(sys.argv[4]) if len(sys.argv) > 4 else None
+    if screenshots:
+        screenshots.mkdir(parents=True, exist_ok=True)
+    with browser() as page:
+        page.devtools("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(downloads.resolve()))
+        page.open(address)
+        check_page(page)
+        {"expert": expert, "annotator": annotator}[role](page, screenshots)
+        reopen(page, address)
+        fill(page, "#author", {"expert": "Kim", "annotator": "Ada"}[role])
+        fill(page, "#role", role)
+        look_at(page, screenshots, f"{role}-reopened")
+        page.press("s")
+        wait_for("saved file", (downloads / "decisions.json").exists)
+        expect("errors in the console", page.console_errors(), [])
 
 
 if __name__ == "__main__":

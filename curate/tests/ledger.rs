@@ -8,11 +8,11 @@ use omnilife_curate::ledger::{
     agreement::{compare, matches, of_ledger},
     candidates,
     formats::{FORMATS, Frames, read_any},
-    resolve,
+    labels, resolve,
 };
 use omnilife_schemas::records::{
-    AuditDecision, AuditDecisions, Author, Boundary, BoundaryKind, LedgerAction, SourceVideo,
-    TimeRange,
+    AuditDecision, AuditDecisions, Author, Boundary, BoundaryKind, LedgerAction, PersonRole,
+    SegmentLabel, SourceVideo, TimeRange,
 };
 use proptest::prelude::*;
 
@@ -67,6 +67,7 @@ fn decisions(actions: Vec<LedgerAction>) -> AuditDecisions {
     AuditDecisions {
         source_sha256: source().sha256,
         author: "Kim".to_owned(),
+        role: PersonRole::Expert,
         decisions: actions
             .into_iter()
             .enumerate()
@@ -372,4 +373,88 @@ proptest! {
             }
         }
     }
+}
+
+fn label(begin_seconds: f64, end_seconds: f64, scene: Option<&str>) -> LedgerAction {
+    LedgerAction::Label(SegmentLabel {
+        range: TimeRange {
+            begin_seconds,
+            end_seconds,
+        },
+        scene: scene.map(str::to_owned),
+        action: None,
+        traversal: None,
+    })
+}
+
+#[test]
+fn labels_are_of_the_segments_that_they_cover_and_an_experts_counts_more() {
+    let temp = tempfile::tempdir().unwrap();
+    let path = temp.path().join("ledger.jsonl");
+    let mut ledger = ledger(&path);
+    ledger
+        .decide(&decisions(vec![label(0.0, 20.0, Some("beach"))]))
+        .unwrap();
+    let mut of_ada = decisions(vec![
+        label(0.0, 20.0, Some("lake")),
+        label(20.0, 40.0, Some("river")),
+        label(20.0, 40.0, Some("canal")),
+    ]);
+    of_ada.author = "Ada".to_owned();
+    of_ada.role = PersonRole::Annotator;
+    ledger.decide(&of_ada).unwrap();
+    assert_eq!(ledger.decide(&of_ada).unwrap(), 0, "once");
+    ledger.write().unwrap();
+    let read = Ledger::read(&path).unwrap();
+    let last = |begin_seconds: f64, end_seconds: f64| {
+        let range = TimeRange {
+            begin_seconds,
+            end_seconds,
+        };
+        let found = labels::of_segment(read.entries(), range);
+        found.last().map(|(_, label)| label.scene.clone().unwrap())
+    };
+    assert_eq!(last(2.0, 20.0).as_deref(), Some("beach"));
+    assert_eq!(last(15.0, 40.0).as_deref(), Some("canal"));
+    assert_eq!(last(10.0, 30.0), None, "half of it is not more than half");
+    // Labels are no boundaries, and nothing to agree on.
+    assert!(resolve(read.entries()).is_empty());
+    assert!(of_ledger(&read, 0.1).is_empty());
+}
+
+#[test]
+fn what_a_page_may_not_say_is_refused_and_nothing_is_appended() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut ledger = ledger(&temp.path().join("ledger.jsonl"));
+    ledger
+        .propose(&detector(), None, None, vec![between(100, 101)])
+        .unwrap();
+    let lines = ledger.entries().len();
+    let mut refused = |role: PersonRole, action: LedgerAction, said: &str| {
+        let mut audit = decisions(vec![label(0.0, 20.0, Some("beach")), action]);
+        audit.role = role;
+        let message = ledger.decide(&audit).unwrap_err().to_string();
+        assert!(message.contains(said), "{message}");
+        assert_eq!(ledger.entries().len(), lines);
+    };
+    for action in [
+        LedgerAction::Accept(1),
+        LedgerAction::Reject(1),
+        LedgerAction::Move {
+            id: 1,
+            boundary: between(101, 102),
+        },
+    ] {
+        refused(PersonRole::Annotator, action, "an annotator cannot");
+    }
+    let expert = PersonRole::Expert;
+    refused(expert, label(0.0, 41.0, Some("beach")), "outside the video");
+    refused(expert, label(9.0, 9.0, Some("beach")), "about no segment");
+    refused(
+        expert,
+        label(f64::NAN, 9.0, Some("beach")),
+        "about no segment",
+    );
+    refused(expert, label(0.0, 9.0, None), "says nothing");
+    refused(expert, label(0.0, 9.0, Some(" ")), "has the name");
 }

@@ -220,7 +220,8 @@ fn parse_class(text: &str) -> Result<(String, PathBuf), String> {
 
 #[derive(Debug, Args)]
 pub(crate) struct DetectorArguments {
-    /// How boundaries are found: histogram, or transnetv2 (scripts/setup --models).
+    /// How boundaries are found: histogram, transnetv2 (scripts/setup --models), or indoor-outdoor, which
+    /// looks for nothing else.
     #[arg(long, default_value = omnilife_curate::boundaries::DEFAULT_DETECTOR)]
     pub(crate) detector: String,
 }
@@ -254,13 +255,17 @@ pub(crate) enum CurateCommand {
     /// Who said what about the boundaries of a curated video, and what follows.
     #[command(subcommand)]
     Ledger(LedgerCommand),
-    /// Writes a page on which an expert accepts, rejects, moves and adds boundaries.
+    /// Writes a page on which people play a small copy of a video, mark and label its segments, and
+    /// decide on its boundaries; its file goes into the ledger.
     Audit {
         /// Folder of a curated video: DATASET/videos/NAME.
         folder: PathBuf,
         /// The video it was curated from.
         #[arg(long)]
         video: PathBuf,
+        /// Taxonomy file with the scenes and actions to choose from [default: the built-in one].
+        #[arg(long, value_name = "FILE")]
+        taxonomy: Option<PathBuf>,
         /// The page.
         #[arg(long, default_value = "audit.html")]
         out: PathBuf,

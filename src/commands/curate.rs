@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use omnilife_curate::{
-    CurateSettings, Place, Worker, analysis, audit,
+    CurateSettings, Place, Worker, analysis,
+    audit::{self, PageRequest},
     boundaries::{self, key_frame_prefilter},
     curate_dataset_in, curate_video, expand_inputs, pose_sequence_with, projection,
     publish::{self, PublishSettings},
@@ -59,8 +60,20 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
             print_json(&(detector.decide)(&analysis.signals)?)
         }
         CurateCommand::Ledger(command) => ledger::execute(command, progress),
-        CurateCommand::Audit { folder, video, out } => {
-            let count = audit::write_page(folder, video, out, progress)?;
+        CurateCommand::Audit {
+            folder,
+            video,
+            taxonomy,
+            out,
+        } => {
+            let request = PageRequest {
+                folder,
+                video,
+                page: out,
+                taxonomy: taxonomy.as_deref(),
+                embedded_bytes: audit::EMBEDDED_BYTES,
+            };
+            let count = audit::write_page(&request, progress)?;
             exit::print(&format!("{}: {count} boundaries\n", out.display()))
         }
         CurateCommand::Build(arguments) => build(arguments, progress),

@@ -1,7 +1,7 @@
 //! What sequences show and how they move.
 //!
-//! Tags and captions come from people ([`tags`]) or from any program ([`command`]); names are those
-//! of the [`taxonomy`]. Ego-motion and the level of dynamic content are measured ([`measure`]). All
+//! Tags and captions come from people, who label segments in the video's ledger or write tables
+//! ([`tags`]), or from any program ([`command`]); names are those of the [`taxonomy`]. Ego-motion and the level of dynamic content are measured ([`measure`]). All
 //! of it goes into the sequence's `annotation.json`, each statement with who made it; nothing of it
 //! touches the geometry.
 
@@ -13,16 +13,21 @@ pub mod taxonomy;
 use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
-    layout::{ANNOTATION_FILE, DATASET_FILE, SEQUENCE_FILE},
+    layout::{ANNOTATION_FILE, DATASET_FILE, LEDGER_FILE, SEQUENCE_FILE},
     progress::Progress,
-    records::{Annotation, Caption, Dataset, Sequence, Tag, Taxonomy, VideoStatus},
+    records::{
+        Annotation, Author, Caption, Dataset, LedgerEntry, Sequence, Tag, Taxonomy, VideoStatus,
+    },
     store,
 };
 
 pub use command::CaptionCommand;
 pub use tags::TagRow;
 
-use crate::error::CurateError;
+use crate::{
+    error::CurateError,
+    ledger::{Ledger, labels},
+};
 
 /// Where annotations come from.
 #[derive(Debug, Clone, Default)]
@@ -37,7 +42,8 @@ pub struct AnnotateSettings {
 
 /// Annotates all sequences of the dataset in `folder`; returns how many there are.
 ///
-/// What an earlier run wrote stays where nothing new is said. The measurements are made again, of
+/// What an earlier run wrote stays where nothing new is said. Labels of the ledgers are entered first,
+/// then the rows of tables, then what the program says; the last one counts. The measurements are made again, of
 /// poses and masks where there are some by now.
 ///
 /// # Errors
@@ -90,6 +96,10 @@ pub fn annotate_dataset(
         };
         annotation.sequence.clone_from(&sequence.id);
         annotation.taxonomy.clone_from(&taxonomy.version);
+        let ledger = at.with_file_name(LEDGER_FILE);
+        for row in labels_of(&ledger, sequence)? {
+            apply(&mut annotation, &row, &taxonomy, &ledger)?;
+        }
         for (table, row) in rows.iter().filter(|(_, row)| row.sequence == sequence.id) {
             apply(&mut annotation, row, &taxonomy, table)?;
         }
@@ -109,6 +119,32 @@ pub fn annotate_dataset(
         store::write_record(&path, &annotation)?;
     }
     Ok(sequences.len())
+}
+
+/// What the ledger of its video says of a sequence, what counts more behind what counts less.
+fn labels_of(ledger: &Path, sequence: &Sequence) -> Result<Vec<TagRow>, CurateError> {
+    if !ledger.is_file() {
+        return Ok(Vec::new());
+    }
+    let ledger_of_video = Ledger::read(ledger)?;
+    if ledger_of_video.source().sha256 != sequence.source.sha256 {
+        return Err(CurateError::input(ledger, "is the ledger of another video"));
+    }
+    let entries: &[LedgerEntry] = ledger_of_video.entries();
+    let labels = labels::of_segment(entries, sequence.range).into_iter();
+    Ok(labels
+        .map(|(author, label)| {
+            let (Author::Detector(name) | Author::Annotator(name) | Author::Expert(name)) = author;
+            TagRow {
+                sequence: sequence.id.clone(),
+                author: name.clone(),
+                scene: label.scene.clone(),
+                action: label.action.clone(),
+                traversal: label.traversal,
+                caption: None,
+            }
+        })
+        .collect())
 }
 
 /// Enters what somebody said; `source` is named in errors.

@@ -1,20 +1,18 @@
-//! Small images of chosen frames, from one decode of the video.
+//! Small images of chosen frames.
 
-use std::{collections::BTreeMap, io::Cursor, path::Path};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    io::Cursor,
+};
 
 use base64::{Engine, engine::general_purpose::STANDARD};
 use image::{ExtendedColorType, ImageEncoder, codecs::jpeg::JpegEncoder};
-use omnilife_schemas::{progress::Progress, records::Probe};
 
 use super::Image;
-use crate::{
-    error::CurateError,
-    ledger::Candidate,
-    video::{Converter, Rgb8Image, Scaling, VideoReader},
-};
+use crate::{ledger::Candidate, video::Rgb8Image};
 
 /// Width of an image, pixels.
-const WIDTH_PIXELS: u32 = 192;
+pub(super) const WIDTH_PIXELS: u32 = 192;
 /// JPEG quality, 1 to 100.
 const QUALITY: u8 = 70;
 /// Frames before and after a boundary.
@@ -28,7 +26,6 @@ const OVERVIEW: usize = 48;
 pub(super) struct Filmstrips {
     strips: Vec<Vec<usize>>,
     overview: Vec<usize>,
-    times: Vec<f64>,
 }
 
 impl Filmstrips {
@@ -54,71 +51,29 @@ impl Filmstrips {
         Self {
             strips,
             overview: spread(0, last, OVERVIEW).collect(),
-            times: times.to_vec(),
         }
     }
 
-    /// Images of the strips and of the overview.
+    /// Frames that are shown somewhere, in order.
+    pub(super) fn frames(&self) -> BTreeSet<usize> {
+        let strips = self.strips.iter().flatten();
+        strips.chain(&self.overview).copied().collect()
+    }
+
+    /// The images of the strips and of the overview.
     ///
     /// # Errors
-    /// When the video breaks off before the last frame that is shown.
-    pub(super) fn draw(
-        self,
-        video: &Path,
-        probe: &Probe,
-        progress: &dyn Progress,
-    ) -> Result<(Vec<Vec<Image>>, Vec<Image>), CurateError> {
-        let mut images: BTreeMap<usize, Option<Image>> = self
-            .strips
-            .iter()
-            .flatten()
-            .chain(&self.overview)
-            .map(|&frame| (frame, None))
-            .collect();
-        let turns = probe.clockwise_quarter_turns();
-        progress.begin("drawing filmstrips", Some(self.times.len() as u64));
-        let drawn = self.decode(video, turns, &mut images, progress);
-        progress.end();
-        drawn?;
-        let encoded = |&frame: &usize| {
-            images.get(&frame).cloned().flatten().ok_or_else(|| {
-                CurateError::video(video, format!("has no frame at {} s", self.times[frame]))
-            })
-        };
-        let strips: Result<Vec<Vec<Image>>, CurateError> = self
-            .strips
-            .iter()
-            .map(|strip| strip.iter().map(encoded).collect())
-            .collect();
-        let overview: Result<Vec<Image>, CurateError> = self.overview.iter().map(encoded).collect();
-        Ok((strips?, overview?))
-    }
-
-    fn decode(
+    /// The frame that is shown and has no image.
+    pub(super) fn filled(
         &self,
-        video: &Path,
-        turns: u32,
-        images: &mut BTreeMap<usize, Option<Image>>,
-        progress: &dyn Progress,
-    ) -> Result<(), CurateError> {
-        let mut reader = VideoReader::open(video)?;
-        let mut converter = Converter::new(Scaling::MaxWidth(WIDTH_PIXELS));
-        let last = images.keys().next_back().copied().unwrap_or(0);
-        while let Some(frame) = reader.next_frame()? {
-            progress.advance(1);
-            let index = self
-                .times
-                .partition_point(|&time| time < frame.time_seconds - 1e-6);
-            if let Some(slot) = images.get_mut(&index) {
-                let small = converter.convert(video, &frame.image)?.turned(turns);
-                let url = data_url(&small).map_err(|error| CurateError::internal(video, error))?;
-                *slot = Some(Image { frame: index, url });
-            }
-            if index >= last {
-                break;
-            }
-        }
-        Ok(())
+        images: &BTreeMap<usize, Image>,
+    ) -> Result<(Vec<Vec<Image>>, Vec<Image>), usize> {
+        let fill = |frames: &[usize]| -> Result<Vec<Image>, usize> {
+            let image = |frame: &usize| images.get(frame).cloned().ok_or(*frame);
+            frames.iter().map(image).collect()
+        };
+        let strips = self.strips.iter().map(|strip| fill(strip));
+        Ok((strips.collect::<Result<_, _>>()?, fill(&self.overview)?))
     }
 }
 
@@ -128,7 +83,8 @@ fn spread(first: usize, last: usize, count: usize) -> impl Iterator<Item = usize
     (0..=steps).map(move |step| first + (last - first) * step / steps.max(1))
 }
 
-fn data_url(rendered: &Rgb8Image) -> Result<String, image::ImageError> {
+/// An image as it stands in the page.
+pub(super) fn data_url(rendered: &Rgb8Image) -> Result<String, image::ImageError> {
     let mut bytes = Cursor::new(Vec::new());
     JpegEncoder::new_with_quality(&mut bytes, QUALITY).write_image(
         &rendered.data,

@@ -1,27 +1,63 @@
-//! The audit page: one self-contained HTML file on which an expert sees the frames around each
-//! boundary of a video and accepts, rejects, moves or adds.
+//! The audit page: one self-contained HTML file on which a person plays a small copy of a video,
+//! marks boundaries and segments, labels segments by the taxonomy, and, as an expert, accepts,
+//! rejects and moves what others proposed.
 //!
-//! The page needs no network and saves an [`AuditDecisions`]
-//! file, which `ledger::merge` takes. Its script is `page.js`; what it shows is in one JSON object
-//! in the page, see `PageData`.
+//! The page needs no network and saves an [`AuditDecisions`] file, which `ledger::merge` takes. Its
+//! script is in `page/`; what it shows is in one JSON object in the page, see `PageData`. Where the
+//! camera may pass between indoors and outdoors is suggested by
+//! [`indoor_outdoor`]: nothing of that is in a ledger before somebody accepts it.
 
 mod filmstrip;
+mod look;
+mod proxy;
 
 use std::path::Path;
 
 use omnilife_schemas::{
     ownership::refuse_another_kind,
     progress::Progress,
-    records::{AuditDecisions, BoundaryKind, SourceVideo},
+    records::{
+        AuditDecisions, Author, Boundary, BoundaryKind, PersonRole, SegmentLabel, SourceVideo,
+        Taxonomy,
+    },
     store::{self, Record},
 };
 use serde::Serialize;
 
 use crate::{
+    annotation::taxonomy,
+    boundaries::indoor_outdoor,
     error::CurateError,
-    ledger::{Candidate, Evidence, candidates, resolve::MERGE_SECONDS},
+    ledger::{Candidate, Evidence, candidates, labels, resolve::MERGE_SECONDS},
 };
 use filmstrip::Filmstrips;
+use look::{Look, Looking};
+pub use proxy::EMBEDDED_BYTES;
+use proxy::Proxy;
+
+/// The script, in order.
+const SCRIPT: [&str; 5] = [
+    include_str!("page/state.js"),
+    include_str!("page/player.js"),
+    include_str!("page/boundaries.js"),
+    include_str!("page/labels.js"),
+    include_str!("page/main.js"),
+];
+
+/// What a page is made of.
+#[derive(Debug, Clone)]
+pub struct PageRequest<'a> {
+    /// Folder of a curated video.
+    pub folder: &'a Path,
+    /// The video it was curated from.
+    pub video: &'a Path,
+    /// The page to write.
+    pub page: &'a Path,
+    /// Taxonomy file; the built-in one where none is given.
+    pub taxonomy: Option<&'a Path>,
+    /// A small video of more bytes than this lies beside the page: [`EMBEDDED_BYTES`].
+    pub embedded_bytes: u64,
+}
 
 /// What the page shows.
 #[derive(Serialize)]
@@ -31,12 +67,34 @@ struct PageData<'a> {
     source: &'a SourceVideo,
     /// Timestamps of all frames, seconds.
     times: &'a [f64],
+    /// Where the last frame ends.
+    end_seconds: f64,
     kinds: [&'static str; 4],
+    roles: [PersonRole; 2],
+    taxonomy: &'a Taxonomy,
     candidates: &'a [Candidate],
+    suggestions: Vec<Suggestion>,
+    labels: Vec<Labelled<'a>>,
     /// Frames around each candidate, in the order of the candidates.
     filmstrips: Vec<Vec<Image>>,
     /// Frames spread over the video.
     overview: Vec<Image>,
+    /// Path of the small video beside the page, where it is not in it.
+    proxy_file: Option<String>,
+}
+
+/// A boundary that no ledger holds.
+#[derive(Serialize)]
+struct Suggestion {
+    author: Author,
+    boundary: Boundary,
+}
+
+/// A label of the ledger.
+#[derive(Serialize)]
+struct Labelled<'a> {
+    author: &'a Author,
+    label: &'a SegmentLabel,
 }
 
 /// A small image of a frame.
@@ -52,53 +110,106 @@ struct Image {
 ///
 /// # Errors
 /// When the folder holds no curated video, `video` is another file than the one it was curated
-/// from, or the page cannot be written.
+/// from, or the page or its small video cannot be written.
 pub fn write_page(
-    folder: &Path,
-    video: &Path,
-    page: &Path,
+    request: &PageRequest<'_>,
     progress: &dyn Progress,
 ) -> Result<usize, CurateError> {
-    let template = include_str!("page.html");
+    let PageRequest {
+        folder,
+        video,
+        page,
+        ..
+    } = *request;
+    let template = include_str!("page/page.html");
     let first_line = template.lines().next().unwrap_or_default();
     refuse_another_kind(page, first_line.as_bytes())?;
+    let taxonomy = taxonomy::load(request.taxonomy)?;
     let evidence = Evidence::read(folder)?;
-    let source = &evidence.analysis.source;
-    progress.begin("hashing", None);
-    let sha256 = store::sha256_file(video);
-    progress.end();
-    if sha256? != source.sha256 {
-        return Err(CurateError::input(
-            video,
-            format!(
-                "is not {}, from which {} was curated",
-                source.file_name,
-                folder.display()
-            ),
-        ));
-    }
+    refuse_other_video(video, &evidence.analysis.source, folder, progress)?;
     let ledger = evidence.ledger(folder)?;
     // The page refers to lines of the ledger, so they have to be on disk.
     ledger.write()?;
     let candidates = candidates(ledger.entries(), MERGE_SECONDS);
-    let strips = Filmstrips::plan(&evidence.signals.times, &candidates);
-    let (filmstrips, overview) = strips.draw(video, &evidence.analysis.probe, progress)?;
-    let data = PageData {
-        schema: AuditDecisions::SCHEMA,
-        source,
-        times: &evidence.signals.times,
-        kinds: BoundaryKind::ALL.map(BoundaryKind::name),
-        candidates: &candidates,
+    let times = &evidence.signals.times;
+    let Look {
         filmstrips,
         overview,
+        proxy,
+        suggestions,
+    } = Looking {
+        video,
+        page,
+        analysis: &evidence.analysis,
+        times,
+        strips: &Filmstrips::plan(times, &candidates),
+        embedded_bytes: request.embedded_bytes,
+    }
+    .look(progress)?;
+    let (embedded, proxy_file) = match proxy {
+        Proxy::Embedded(base64) => (base64, None),
+        Proxy::Beside { file, bytes } => {
+            progress.note(&format!(
+                "{}: its video ({:.0} MB) is too large to stand in the page and lies in {file}; \
+                 keep both together",
+                page.display(),
+                bytes as f64 / 1e6
+            ));
+            (String::new(), Some(file))
+        }
+    };
+    let author = Author::Detector(indoor_outdoor::DETECTOR.author_name());
+    let data = PageData {
+        schema: AuditDecisions::SCHEMA,
+        source: &evidence.analysis.source,
+        times,
+        end_seconds: evidence.analysis.range.end_seconds,
+        kinds: BoundaryKind::ALL.map(BoundaryKind::name),
+        roles: [PersonRole::Expert, PersonRole::Annotator],
+        taxonomy: &taxonomy,
+        candidates: &candidates,
+        suggestions: suggestions
+            .into_iter()
+            .map(|boundary| Suggestion {
+                author: author.clone(),
+                boundary,
+            })
+            .collect(),
+        labels: labels::all(ledger.entries())
+            .map(|(author, label)| Labelled { author, label })
+            .collect(),
+        filmstrips,
+        overview,
+        proxy_file,
     };
     let json = serde_json::to_string(&data).map_err(|error| CurateError::internal(page, error))?;
     // Inside a script element only this could end it early.
     let json = json.replace('<', "\\u003c");
     let html = template
-        .replace("/*STYLE*/", include_str!("page.css"))
-        .replace("/*SCRIPT*/", include_str!("page.js"))
+        .replace("/*STYLE*/", include_str!("page/page.css"))
+        .replace("/*SCRIPT*/", &SCRIPT.concat())
+        .replace("/*PROXY*/", &embedded)
         .replace("/*DATA*/", &json);
     store::write_bytes(page, html.as_bytes())?;
     Ok(candidates.len())
+}
+
+fn refuse_other_video(
+    video: &Path,
+    source: &SourceVideo,
+    folder: &Path,
+    progress: &dyn Progress,
+) -> Result<(), CurateError> {
+    progress.begin("hashing", None);
+    let sha256 = store::sha256_file(video);
+    progress.end();
+    if sha256? == source.sha256 {
+        return Ok(());
+    }
+    let reason = format!(
+        "is not {}, from which {} was curated",
+        source.file_name,
+        folder.display()
+    );
+    Err(CurateError::input(video, reason))
 }

@@ -9,6 +9,7 @@
 
 mod descriptor;
 pub mod histogram;
+pub mod indoor_outdoor;
 pub mod key_frame_prefilter;
 mod parquet_pages;
 pub mod signals;
@@ -68,7 +69,11 @@ pub trait SignalPass {
 }
 
 /// All detectors; tests walk it.
-pub static DETECTORS: &[Detector] = &[histogram::DETECTOR, transnetv2::DETECTOR];
+pub static DETECTORS: &[Detector] = &[
+    histogram::DETECTOR,
+    transnetv2::DETECTOR,
+    indoor_outdoor::DETECTOR,
+];
 
 /// The detector that is used where none is named.
 pub const DEFAULT_DETECTOR: &str = histogram::DETECTOR.id;

@@ -128,12 +128,17 @@ fn kappa(
     }
 }
 
-/// Agreement of all authors who proposed or decided something.
+/// Agreement of all authors who proposed or decided on boundaries.
 pub fn of_ledger(ledger: &Ledger, tolerance_seconds: f64) -> Vec<AgreementEntry> {
     let mut authors: Vec<&Author> = ledger
         .entries()
         .iter()
-        .filter(|entry| !matches!(entry.action, LedgerAction::Open { .. }))
+        .filter(|entry| {
+            !matches!(
+                entry.action,
+                LedgerAction::Open { .. } | LedgerAction::Label(_)
+            )
+        })
         .map(|entry| &entry.author)
         .collect();
     authors.sort();
@@ -176,7 +181,7 @@ fn stands_for(ledger: &Ledger, author: &Author) -> Vec<Boundary> {
         .filter(|entry| entry.author == *author)
     {
         match &entry.action {
-            LedgerAction::Open { .. } => {}
+            LedgerAction::Open { .. } | LedgerAction::Label(_) => {}
             LedgerAction::Propose(boundary) => {
                 held.insert(entry.id, boundary.clone());
             }

@@ -1,6 +1,6 @@
 //! What a list of boundaries must be to enter a ledger.
 
-use omnilife_schemas::records::{Boundary, TimeRange};
+use omnilife_schemas::records::{Boundary, SegmentLabel, TimeRange};
 
 /// Timestamps are compared with this slack, seconds: files round them.
 const ROUNDING_SECONDS: f64 = 1e-3;
@@ -26,6 +26,35 @@ pub(super) fn boundary(boundary: &Boundary, range: TimeRange) -> Result<(), Stri
             "the boundary at {begin} s has the score {}",
             boundary.score
         ));
+    }
+    Ok(())
+}
+
+/// Refuses a label that is about no segment of the video, or says nothing.
+pub(super) fn label(label: &SegmentLabel, range: TimeRange) -> Result<(), String> {
+    let (begin, end) = (label.range.begin_seconds, label.range.end_seconds);
+    if !(begin.is_finite() && end.is_finite() && begin < end) {
+        return Err(format!(
+            "a label from {begin} to {end} s is about no segment"
+        ));
+    }
+    if begin < range.begin_seconds - ROUNDING_SECONDS || end > range.end_seconds + ROUNDING_SECONDS
+    {
+        return Err(format!(
+            "a label from {begin} to {end} s lies outside the video, which lasts from {} to {} s",
+            range.begin_seconds, range.end_seconds
+        ));
+    }
+    let said = [&label.scene, &label.action];
+    if let Some(name) = said
+        .into_iter()
+        .flatten()
+        .find(|name| name.trim().is_empty())
+    {
+        return Err(format!("the label at {begin} s has the name {name:?}"));
+    }
+    if said.iter().all(|name| name.is_none()) && label.traversal.is_none() {
+        return Err(format!("the label at {begin} s says nothing"));
     }
     Ok(())
 }

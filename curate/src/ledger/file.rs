@@ -7,7 +7,8 @@ use std::{
 
 use omnilife_schemas::{
     records::{
-        AuditDecisions, Author, Boundary, LedgerAction, LedgerEntry, SourceVideo, TimeRange,
+        AuditDecisions, Author, Boundary, LedgerAction, LedgerEntry, PersonRole, SourceVideo,
+        TimeRange,
     },
     store::{self, Record, StoreError},
 };
@@ -168,7 +169,8 @@ impl Ledger {
     ///
     /// # Errors
     /// [`CurateError::Input`] when the decisions are about another video or about lines that
-    /// proposed nothing; nothing is appended then.
+    /// proposed nothing, and where an annotator decides on what others proposed; nothing is appended
+    /// then.
     pub fn decide(&mut self, audit: &AuditDecisions) -> Result<usize, CurateError> {
         if audit.source_sha256 != self.source.sha256 {
             return Err(CurateError::input(
@@ -179,10 +181,24 @@ impl Ledger {
                 ),
             ));
         }
-        let author = Author::Expert(audit.author.clone());
+        let name = audit.author.clone();
+        let author = match audit.role {
+            PersonRole::Annotator => Author::Annotator(name),
+            PersonRole::Expert => Author::Expert(name),
+        };
         let mut extended = self.clone();
         let mut added = 0;
         for decision in &audit.decisions {
+            let is_own = matches!(
+                decision.action,
+                LedgerAction::Propose(_) | LedgerAction::Label(_)
+            );
+            if audit.role == PersonRole::Annotator && !is_own {
+                return Err(CurateError::input(
+                    &self.path,
+                    "an annotator cannot accept, reject or move what others proposed",
+                ));
+            }
             let statement = Statement {
                 author: author.clone(),
                 time: Some(decision.time.clone()),
@@ -270,6 +286,7 @@ impl Ledger {
                 proposed(*id)?;
                 check::boundary(boundary, self.range)
             }
+            LedgerAction::Label(label) => check::label(label, self.range),
         }
     }
 

@@ -3,12 +3,14 @@
 //! `ledger.jsonl` in a video's folder holds one [`omnilife_schemas::records::LedgerEntry`] per line and only ever grows.
 //! Detectors and annotators propose boundaries, experts accept, reject, move and add
 //! ([`Ledger::append`]); [`resolve()`] says which boundaries hold, and [`agreement`] how far the
-//! authors agree. [`formats`] reads and writes what other tools use.
+//! authors agree. People also label segments ([`labels`]). [`formats`] reads and writes what other
+//! tools use.
 
 pub mod agreement;
 mod check;
 mod file;
 pub mod formats;
+pub mod labels;
 pub mod merge;
 pub mod resolve;
 

@@ -94,7 +94,7 @@ pub fn candidates(entries: &[LedgerEntry], merge_seconds: f64) -> Vec<Candidate>
     let mut found: Vec<Candidate> = Vec::new();
     for entry in entries {
         match &entry.action {
-            LedgerAction::Open { .. } => {}
+            LedgerAction::Open { .. } | LedgerAction::Label(_) => {}
             LedgerAction::Propose(boundary) => {
                 propose(&mut found, entry, boundary, merge_seconds);
             }

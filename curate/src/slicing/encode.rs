@@ -7,7 +7,7 @@ use omnilife_schemas::progress::Progress;
 use super::{
     SliceRequest, SliceSettings, SliceSource,
     audio::AudioTrack,
-    mp4::{Mp4Encoder, Projection, VideoFormat},
+    mp4::{Mp4Encoder, Projection, Quality, VideoFormat},
 };
 use crate::{
     error::CurateError,
@@ -88,6 +88,7 @@ fn format_of(source: &SliceSource<'_>, first: &frame::Video, time_base: Rational
         colour: Colour::of(first),
         quarter_turns: source.quarter_turns,
         projection: Projection::Equirectangular,
+        quality: Quality::VisuallyLossless,
     }
 }
 

@@ -29,6 +29,7 @@ use omnilife_schemas::{
 };
 
 pub use mp4::Projection;
+pub(crate) use mp4::Quality;
 pub use partition::{Shots, segments, shots};
 pub(crate) use stage::remove_slices;
 pub use stage::{SliceSettings, write_slices};

@@ -1,4 +1,4 @@
-//! Encoding frames as H.264 in mp4, visually lossless and the same on every machine.
+//! Encoding frames as H.264 in mp4, the same on every machine.
 
 use std::{
     collections::VecDeque,
@@ -30,8 +30,34 @@ const ENCODER: &str = "libx264";
 /// Encoder and settings, for the record. No B-frames, so that timestamps begin at 0 without edit
 /// lists; a fixed number of threads, because x264's output depends on it.
 pub const ENCODER_SETTINGS: &str = "libx264 crf 16, preset fast, no B-frames, 4 threads";
-/// Key frames are at most this many frames apart.
-const KEY_FRAME_DISTANCE: u32 = 60;
+
+/// What is kept of the images.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Quality {
+    /// All that an eye sees: [`ENCODER_SETTINGS`].
+    VisuallyLossless,
+    /// Enough to find one's way by: few bits, and key frames close together, so that a player can
+    /// jump to any frame.
+    Proxy,
+}
+
+impl Quality {
+    /// Frames from one key frame to the next, at most.
+    fn key_frame_distance(self) -> u32 {
+        match self {
+            Self::VisuallyLossless => 60,
+            Self::Proxy => 24,
+        }
+    }
+
+    /// x264's constant rate factor and preset.
+    fn rate_and_preset(self) -> [(&'static str, &'static str); 2] {
+        match self {
+            Self::VisuallyLossless => [("crf", "16"), ("preset", "fast")],
+            Self::Proxy => [("crf", "31"), ("preset", "faster")],
+        }
+    }
+}
 
 /// What an encoder needs to know before its first frame.
 #[derive(Debug, Clone, Copy)]
@@ -52,6 +78,8 @@ pub struct VideoFormat {
     pub quarter_turns: u32,
     /// What the frames are images of.
     pub projection: Projection,
+    /// What is kept of them.
+    pub quality: Quality,
 }
 
 impl VideoFormat {
@@ -130,15 +158,11 @@ impl Mp4Encoder {
         context.set_color_range(video.colour.range);
         context.set_color_primaries(video.colour.primaries);
         context.set_color_transfer_characteristic(video.colour.transfer);
-        context.set_gop(KEY_FRAME_DISTANCE);
+        context.set_gop(video.quality.key_frame_distance());
         context.set_flags(codec::Flags::GLOBAL_HEADER);
         let mut options = Dictionary::new();
-        for (key, value) in [
-            ("crf", "16"),
-            ("preset", "fast"),
-            ("bf", "0"),
-            ("threads", "4"),
-        ] {
+        let [rate, preset] = video.quality.rate_and_preset();
+        for (key, value) in [rate, preset, ("bf", "0"), ("threads", "4")] {
             options.set(key, value);
         }
         let encoder = context.open_with(options).map_err(internal)?;

@@ -5,7 +5,7 @@ use std::path::Path;
 use ffmpeg::{Rational, color, software::scaling::Flags};
 use ffmpeg_next as ffmpeg;
 
-use super::mp4::{Mp4Encoder, Projection, VideoFormat};
+use super::mp4::{Mp4Encoder, Projection, Quality, VideoFormat};
 use crate::{
     error::CurateError,
     video::{Colour, FrameShape, Matrix, PixelFormat, Scaler, allocated, rows_mut},
@@ -45,6 +45,16 @@ impl ViewVideoWriter {
         size: [u32; 2],
         projection: Projection,
     ) -> Result<Self, CurateError> {
+        Self::with_quality(path, size, projection, Quality::VisuallyLossless)
+    }
+
+    /// [`create`](Self::create) with another quality.
+    pub(crate) fn with_quality(
+        path: &Path,
+        size: [u32; 2],
+        projection: Projection,
+        quality: Quality,
+    ) -> Result<Self, CurateError> {
         if size.contains(&0) {
             return Err(CurateError::internal(path, "a video of empty images"));
         }
@@ -65,6 +75,7 @@ impl ViewVideoWriter {
                 },
                 quarter_turns: 0,
                 projection,
+                quality,
             },
             None,
         )?;

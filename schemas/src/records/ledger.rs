@@ -69,15 +69,48 @@ pub enum LedgerAction {
         /// How it really is.
         boundary: Boundary,
     },
+    /// What a segment shows. Of two labels the later one counts, and an expert's above an annotator's.
+    Label(SegmentLabel),
 }
 
-/// `decisions.json`: what an expert decided on an audit page, to be merged into a ledger.
+/// What a person says that a segment of a video shows; what is left out is not spoken of.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SegmentLabel {
+    /// From the first frame of the segment to the end of its last.
+    pub range: TimeRange,
+    /// Scene category of the taxonomy.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scene: Option<String>,
+    /// Action of the taxonomy.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub action: Option<String>,
+    /// Whether it is a seamless traversal between indoors and outdoors.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub traversal: Option<bool>,
+}
+
+/// In which role a person speaks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum PersonRole {
+    /// One who annotates: marks boundaries and labels segments.
+    Annotator,
+    /// One who audits, and may also decide on what others proposed.
+    #[default]
+    Expert,
+}
+
+/// `decisions.json`: what a person decided on an audit page, to be merged into a ledger.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct AuditDecisions {
     /// The video.
     pub source_sha256: String,
-    /// Name of the expert.
+    /// Name of the person.
     pub author: String,
+    /// As what the person speaks; files from before there were roles are experts'.
+    #[serde(default)]
+    pub role: PersonRole,
     /// The decisions in the order in which they were made.
     pub decisions: Vec<AuditDecision>,
 }
@@ -86,7 +119,7 @@ impl Record for AuditDecisions {
     const SCHEMA: &'static str = "omnilife/audit-decisions/1";
 }
 
-/// One decision of an expert.
+/// One decision.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct AuditDecision {
     /// When (RFC 3339).

@@ -40,7 +40,9 @@ pub use asset::{Asset, AssetChanges, AssetLevel, AssetPage, AssetPlacement, Asse
 pub use boundaries::{Boundary, BoundaryKind, BoundaryLedger};
 pub use dataset::{Dataset, VideoEntry, VideoStatus};
 pub use external_run::{ExternalRun, Phase, PhaseName};
-pub use ledger::{AuditDecision, AuditDecisions, Author, LedgerAction, LedgerEntry};
+pub use ledger::{
+    AuditDecision, AuditDecisions, Author, LedgerAction, LedgerEntry, PersonRole, SegmentLabel,
+};
 pub use lift::{Lift, LiftedView};
 pub use masks::{MaskEntry, Masks};
 pub use objects::{GraphObject, Objects};
