@@ -17,6 +17,7 @@ pub mod error;
 pub mod exchange;
 pub mod frames;
 pub mod inputs;
+mod jpeg;
 pub mod ledger;
 mod libraries;
 pub mod masks;

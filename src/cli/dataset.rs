@@ -1,10 +1,13 @@
 //! `omnilife curate`: the commands that work on a curated dataset or scene.
 
-use std::{path::PathBuf, time::Duration};
+use std::{env::VarError, path::PathBuf, time::Duration};
 
-use clap::Args;
+use clap::{Args, builder::NonEmptyStringValueParser};
 use omnilife_curate::{
-    annotation::{AnnotateSettings, CaptionCommand},
+    annotation::{
+        AnnotateSettings, CaptionCommand, CaptionEndpoint,
+        endpoint::{Endpoint, Key, Patience},
+    },
     exchange,
     exchange::CubeFaces,
     masks::MaskSource,
@@ -12,6 +15,10 @@ use omnilife_curate::{
 };
 
 use super::places;
+use crate::exit::BadRequest;
+
+/// Environment variable with the key of the endpoint that captions.
+const KEY_VARIABLE: &str = "OMNILIFE_CAPTION_KEY";
 
 /// `curate slice`.
 #[derive(Debug, Args)]
@@ -52,8 +59,21 @@ pub(crate) struct AnnotateArguments {
         allow_hyphen_values = true
     )]
     pub(crate) caption_argument: Vec<String>,
-    /// The program is stopped after so many seconds for a sequence.
-    #[arg(long, default_value_t = 120, value_name = "SECONDS")]
+    /// A model that captions: address of an endpoint that speaks the chat-completions protocol, such as
+    /// http://localhost:8000/v1. It is shown perspective views. A key comes from the environment variable
+    /// OMNILIFE_CAPTION_KEY alone.
+    #[arg(
+        long,
+        value_name = "URL",
+        requires = "caption_model",
+        conflicts_with = "caption_command"
+    )]
+    pub(crate) caption_endpoint: Option<Endpoint>,
+    /// Name of the model behind the endpoint.
+    #[arg(long, value_name = "NAME", requires = "caption_endpoint", value_parser = NonEmptyStringValueParser::new())]
+    pub(crate) caption_model: Option<String>,
+    /// The program is stopped, and the endpoint waited for, after so many seconds for a sequence.
+    #[arg(long, default_value_t = 120, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..))]
     pub(crate) caption_timeout: u64,
     /// Taxonomy file [default: the built-in one].
     #[arg(long, value_name = "FILE")]
@@ -62,16 +82,46 @@ pub(crate) struct AnnotateArguments {
 
 impl AnnotateArguments {
     /// Where annotations come from.
-    pub(crate) fn settings(&self) -> AnnotateSettings {
-        AnnotateSettings {
+    ///
+    /// # Errors
+    /// When the environment holds a key that is none.
+    pub(crate) fn settings(&self) -> anyhow::Result<AnnotateSettings> {
+        let timeout = Duration::from_secs(self.caption_timeout);
+        Ok(AnnotateSettings {
+            endpoint: self.endpoint(timeout)?,
             taxonomy: self.taxonomy.clone(),
             tags: self.tags.clone(),
             command: self.caption_command.clone().map(|program| CaptionCommand {
                 program,
                 arguments: self.caption_argument.clone(),
-                timeout: Duration::from_secs(self.caption_timeout),
+                timeout,
             }),
-        }
+        })
+    }
+
+    fn endpoint(&self, timeout: Duration) -> anyhow::Result<Option<CaptionEndpoint>> {
+        let (Some(endpoint), Some(model)) = (&self.caption_endpoint, &self.caption_model) else {
+            return Ok(None);
+        };
+        let key = match std::env::var(KEY_VARIABLE) {
+            Ok(text) => {
+                let refused = |reason: String| BadRequest(format!("{KEY_VARIABLE} {reason}"));
+                Some(Key::new(&text).map_err(refused)?)
+            }
+            Err(VarError::NotPresent) => None,
+            Err(VarError::NotUnicode(_)) => {
+                return Err(BadRequest(format!("{KEY_VARIABLE} holds no text")).into());
+            }
+        };
+        Ok(Some(CaptionEndpoint {
+            endpoint: endpoint.clone(),
+            model: model.clone(),
+            key,
+            patience: Patience {
+                timeout,
+                ..Patience::default()
+            },
+        }))
     }
 }
 

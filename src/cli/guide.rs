@@ -81,6 +81,7 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         &[
             "curate annotate DATASET --tags tags.csv",
             "curate annotate DATASET --caption-command ./caption.py",
+            "curate annotate DATASET --caption-endpoint http://localhost:8000/v1 --caption-model qwen3-vl",
         ],
     ),
     (

@@ -45,7 +45,7 @@ pub(crate) fn annotate(
 ) -> anyhow::Result<()> {
     termination::take_programs_along()?;
     let _lock = FolderLock::take_existing(&arguments.dataset, progress)?;
-    let count = annotate_dataset(&arguments.dataset, &arguments.settings(), progress)?;
+    let count = annotate_dataset(&arguments.dataset, &arguments.settings()?, progress)?;
     exit::print(&format!(
         "{count} sequences annotated; `omnilife curate publish {}` brings statistics and checksums \
          up to date\n",

@@ -1,11 +1,13 @@
 //! What sequences show and how they move.
 //!
 //! Tags and captions come from people, who label segments in the video's ledger or write tables
-//! ([`tags`]), or from any program ([`command`]); names are those of the [`taxonomy`]. Ego-motion and the level of dynamic content are measured ([`measure`]). All
+//! ([`tags`]), from any program ([`command`]) or any model behind an endpoint ([`endpoint`]); names are
+//! those of the [`taxonomy`]. Ego-motion and the level of dynamic content are measured ([`measure`]). All
 //! of it goes into the sequence's `annotation.json`, each statement with who made it; nothing of it
 //! touches the geometry.
 
 pub mod command;
+pub mod endpoint;
 pub mod measure;
 pub mod tags;
 pub mod taxonomy;
@@ -22,6 +24,7 @@ use omnilife_schemas::{
 };
 
 pub use command::CaptionCommand;
+pub use endpoint::CaptionEndpoint;
 pub use tags::TagRow;
 
 use crate::{
@@ -38,6 +41,8 @@ pub struct AnnotateSettings {
     pub tags: Vec<PathBuf>,
     /// A program that captions.
     pub command: Option<CaptionCommand>,
+    /// A model that captions.
+    pub endpoint: Option<CaptionEndpoint>,
 }
 
 /// Annotates all sequences of the dataset in `folder`; returns how many there are.
@@ -48,8 +53,8 @@ pub struct AnnotateSettings {
 ///
 /// # Errors
 /// [`CurateError::Input`] for tags outside the taxonomy or for no sequence of the dataset, and for a
-/// captioning command that cannot be run, fails, takes too long or answers with something else than
-/// the documented JSON; [`CurateError::Store`] when a file cannot be read or written.
+/// captioning command or endpoint that cannot be run or reached, fails, takes too long or answers with
+/// something else than what is documented; [`CurateError::Store`] when a file cannot be read or written.
 pub fn annotate_dataset(
     folder: &Path,
     settings: &AnnotateSettings,
@@ -111,6 +116,10 @@ pub fn annotate_dataset(
                 &taxonomy,
                 Path::new(&command.program),
             )?;
+        }
+        if let Some(endpoint) = &settings.endpoint {
+            let row = endpoint.run(folder, at, sequence, progress)?;
+            apply(&mut annotation, &row, &taxonomy, at)?;
         }
         let motion = measure::measure(at, sequence, progress)?;
         annotation.ego_motion.measured = motion.ego_motion;

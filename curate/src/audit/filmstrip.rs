@@ -1,20 +1,14 @@
 //! Small images of chosen frames.
 
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    io::Cursor,
-};
-
-use base64::{Engine, engine::general_purpose::STANDARD};
-use image::{ExtendedColorType, ImageEncoder, codecs::jpeg::JpegEncoder};
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::Image;
-use crate::{ledger::Candidate, video::Rgb8Image};
+use crate::ledger::Candidate;
 
 /// Width of an image, pixels.
 pub(super) const WIDTH_PIXELS: u32 = 192;
 /// JPEG quality, 1 to 100.
-const QUALITY: u8 = 70;
+pub(super) const QUALITY: u8 = 70;
 /// Frames before and after a boundary.
 const AROUND: usize = 4;
 /// Most frames inside a boundary.
@@ -81,19 +75,4 @@ impl Filmstrips {
 fn spread(first: usize, last: usize, count: usize) -> impl Iterator<Item = usize> {
     let steps = (last - first).min(count.saturating_sub(1));
     (0..=steps).map(move |step| first + (last - first) * step / steps.max(1))
-}
-
-/// An image as it stands in the page.
-pub(super) fn data_url(rendered: &Rgb8Image) -> Result<String, image::ImageError> {
-    let mut bytes = Cursor::new(Vec::new());
-    JpegEncoder::new_with_quality(&mut bytes, QUALITY).write_image(
-        &rendered.data,
-        rendered.width as u32,
-        rendered.height as u32,
-        ExtendedColorType::Rgb8,
-    )?;
-    Ok(format!(
-        "data:image/jpeg;base64,{}",
-        STANDARD.encode(bytes.get_ref())
-    ))
 }

@@ -9,12 +9,13 @@ use omnilife_schemas::{
 
 use super::{
     Image,
-    filmstrip::{self, Filmstrips, data_url},
+    filmstrip::{self, Filmstrips},
     proxy::{self, Proxy, ProxyWriter},
 };
 use crate::{
     boundaries::{Signals, indoor_outdoor},
     error::CurateError,
+    jpeg,
     video::{Converter, Scaling, VideoReader},
 };
 
@@ -92,7 +93,7 @@ impl Looking<'_> {
                 .map_err(internal)?;
             let index = self.times.partition_point(|&time| time < seconds - 1e-6);
             if wanted.contains(&index) {
-                let url = data_url(&strip(&frame.image)?);
+                let url = jpeg::data_url(&strip(&frame.image)?, filmstrip::QUALITY);
                 let url = url.map_err(|error| internal(error.to_string()))?;
                 images.insert(index, Image { frame: index, url });
             }

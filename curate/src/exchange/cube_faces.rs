@@ -134,7 +134,8 @@ fn faces_of(
         .collect()
 }
 
-fn face_image(panorama: &RgbImage, face: &CubeFace, side: u32) -> RgbImage {
+/// The perspective view of a face, `side` pixels square; every pixel is a mean over its area.
+pub(crate) fn face_image(panorama: &RgbImage, face: &CubeFace, side: u32) -> RgbImage {
     let camera = ErpCamera {
         width: panorama.width as u32,
         height: panorama.height as u32,

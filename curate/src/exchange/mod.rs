@@ -33,6 +33,7 @@ use omnilife_schemas::{
 };
 
 pub use cube_faces::CubeFaces;
+pub(crate) use cube_faces::face_image;
 pub use scene_folder::{ImportRequest, import};
 
 use crate::error::CurateError;

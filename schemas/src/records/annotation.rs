@@ -51,6 +51,25 @@ pub struct Caption {
     pub author: String,
 }
 
+/// A caption that a model gave, with what it was asked by: kept so that nothing is asked for twice.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct CaptionAnswer {
+    /// Address that was asked.
+    pub endpoint: String,
+    /// Name of the model there.
+    pub model: String,
+    /// What it was asked.
+    pub prompt: String,
+    /// Number of images that it was shown.
+    pub images: u64,
+    /// What it answered.
+    pub caption: String,
+}
+
+impl Record for CaptionAnswer {
+    const SCHEMA: &'static str = "omnilife/caption-answer/1";
+}
+
 /// How the camera moves: what the action implies and what was measured, kept apart.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct EgoMotion {

@@ -34,7 +34,7 @@ pub mod tracks;
 pub use about::About;
 pub use analysis::VideoAnalysis;
 pub use annotation::{
-    Annotation, Caption, Dynamics, EgoMotion, Measured, NameGroup, Tag, Taxonomy,
+    Annotation, Caption, CaptionAnswer, Dynamics, EgoMotion, Measured, NameGroup, Tag, Taxonomy,
 };
 pub use asset::{Asset, AssetChanges, AssetLevel, AssetPage, AssetPlacement, AssetSource};
 pub use boundaries::{Boundary, BoundaryKind, BoundaryLedger};
@@ -120,6 +120,7 @@ pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<VideoAnalysis>(),
     entry::<Sequence>(),
     entry::<Annotation>(),
+    entry::<CaptionAnswer>(),
     entry::<Taxonomy>(),
     entry::<Masks>(),
     entry::<BoundaryLedger>(),
