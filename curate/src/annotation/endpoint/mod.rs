@@ -1,5 +1,5 @@
-//! Captions by any endpoint that speaks the chat-completions protocol of OpenAI: vLLM, Ollama,
-//! llama.cpp, hosted models.
+//! Captions by any endpoint that speaks the chat-completions protocol: vLLM, Ollama, llama.cpp, hosted
+//! models.
 //!
 //! Language models know photographs, so a panorama is shown to them as four perspective views around
 //! the horizon ([`views`]). An answer is kept under the hash of what it was asked by ([`kept`]): a run
