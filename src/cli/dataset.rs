@@ -59,9 +59,9 @@ pub(crate) struct AnnotateArguments {
         allow_hyphen_values = true
     )]
     pub(crate) caption_argument: Vec<String>,
-    /// A model that captions: address of an endpoint that speaks the chat-completions protocol, such as
-    /// http://localhost:8000/v1. It is shown perspective views. A key comes from the environment variable
-    /// OMNILIFE_CAPTION_KEY alone.
+    /// A model that captions: the address, up to /v1, of an endpoint that speaks the chat-completions
+    /// protocol. It is shown perspective views. A key comes from the environment variable
+    /// `OMNILIFE_CAPTION_KEY` alone.
     #[arg(
         long,
         value_name = "URL",
