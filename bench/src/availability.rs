@@ -56,7 +56,8 @@ pub(crate) fn why_not(
             Need::Depth if !depth_is_predicted => {
                 "no depth was predicted: there is no folder depth/ among the predictions".to_owned()
             }
-            Need::Depth => continue,
+            // A matter of single views: the first one has none before it.
+            Need::Depth | Need::PreviousView => continue,
         };
         return Ok(Some(reason));
     }

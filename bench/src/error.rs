@@ -64,6 +64,9 @@ pub enum BenchError {
         /// What was left out.
         reasons: String,
     },
+    /// Whoever waited for the work has given it up.
+    #[error("scoring was interrupted; begun again, it starts from the first view")]
+    Interrupted,
     /// A metric gave a number that is not finite, or the table could not be encoded.
     #[error("{}: {reason}", path.display())]
     Internal {
@@ -97,7 +100,7 @@ impl Classified for BenchError {
         match self {
             Self::Store(error) => error.error_kind(),
             Self::Weights(error) => error.error_kind(),
-            Self::Internal { .. } => ErrorKind::Internal,
+            Self::Interrupted | Self::Internal { .. } => ErrorKind::Internal,
             Self::Unknown(_)
             | Self::UnknownMetric { .. }
             | Self::Protocol { .. }

@@ -48,6 +48,7 @@ pub use error::BenchError;
 pub use external::{ExternalRequest, FailureRequest, record_failure, run_external};
 pub use metrics::{DepthPair, METRICS, Metric, Need, Sample, Undefined, ViewPair};
 pub use paired::{Difference, PairedComparison, StoredResult, WinsAndLosses, compare};
+pub use prediction::scored_bytes;
 pub use protocols::{PROTOCOLS, ProtocolEntry};
 pub use scoring::{DEFAULT_MEMORY_BYTES, MetricChoice, Predictions, ScoreRequest, score};
 pub use split::{split, split_scene};

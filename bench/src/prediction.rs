@@ -15,6 +15,8 @@ use omnilife_schemas::{
 
 mod arrays;
 
+pub use arrays::scored_bytes;
+
 /// Folder of predicted distances in a folder of predictions.
 const DEPTH_FOLDER: &str = "depth";
 
@@ -85,7 +87,7 @@ impl PredictionFolder {
     }
 
     /// Bytes of a frame's prediction: an 8-bit RGB PNG of exactly `width` x `height` pixels, or an
-    /// array of values, rounded as [`arrays::bytes`] says. An alpha channel is accepted where every
+    /// array of values, rounded as [`scored_bytes`] says. An alpha channel is accepted where every
     /// pixel is opaque.
     ///
     /// # Errors
@@ -120,7 +122,7 @@ impl PredictionFolder {
             return Err(format!("{name} and {other} are both of frame {frame}"));
         }
         let array = read_npy(&self.folder.join(&name), &name)?;
-        arrays::bytes(&array, width, height).map_err(|reason| format!("{name} {reason}"))
+        scored_bytes(&array, width, height).map_err(|reason| format!("{name} {reason}"))
     }
 
     /// Distances of a frame along the rays, in units of the world frame: a `NumPy` array of

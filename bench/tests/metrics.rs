@@ -237,8 +237,7 @@ fn without_masks_depth_or_a_view_before_metrics_are_undefined() {
         let needs_more = metric
             .needs
             .iter()
-            .any(|need| !matches!(need, Need::Network(_) | Need::Sphere))
-            || metric.id.starts_with("temporal");
+            .any(|need| !matches!(need, Need::Network(_) | Need::Sphere));
         assert_eq!(alone.is_err(), needs_more, "{}: {alone:?}", metric.id);
     }
     for mask in &mut evidence.masks {

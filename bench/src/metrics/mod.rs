@@ -82,6 +82,8 @@ pub enum Need {
     ObjectMasks,
     /// Predicted and true depth.
     Depth,
+    /// The view of the same kind before it in time.
+    PreviousView,
 }
 
 /// Every metric.

@@ -5,6 +5,8 @@ use omnilife_schemas::records::Direction;
 use super::{Metric, Need, sample::TemporalLpips};
 use crate::lpips::Backbone;
 
+const NEEDS: &[Need] = &[Need::Network(Backbone::Alex), Need::PreviousView];
+
 /// Of the prediction.
 pub(super) const PREDICTION: Metric = Metric {
     id: "temporal-lpips",
@@ -16,7 +18,7 @@ pub(super) const PREDICTION: Metric = Metric {
              scored before it (T-LPIPS of Neural Atlas Graphs, supplement C.2). Scene and camera \
              move too, so neither more nor less is better: read it beside temporal-lpips-truth. \
              Undefined for the first view",
-    needs: &[Need::Network(Backbone::Alex)],
+    needs: NEEDS,
     function: |sample| Ok(sample.temporal_lpips()?.prediction),
 };
 
@@ -30,7 +32,7 @@ pub(super) const TRUTH: Metric = Metric {
     source: "lpips-alex between the ground truth of a view and that of the view of the same kind \
              that is scored before it: what temporal-lpips of a perfect prediction is. Undefined \
              for the first view",
-    needs: &[Need::Network(Backbone::Alex)],
+    needs: NEEDS,
     function: |sample| Ok(sample.temporal_lpips()?.truth),
 };
 
@@ -44,7 +46,7 @@ pub(super) const ERROR: Metric = Metric {
     source: "absolute difference of temporal-lpips and temporal-lpips-truth of the view: a \
              prediction that flickers changes too much, one that freezes too little. Undefined for \
              the first view",
-    needs: &[Need::Network(Backbone::Alex)],
+    needs: NEEDS,
     function: |sample| {
         let TemporalLpips { prediction, truth } = sample.temporal_lpips()?;
         Ok((prediction - truth).abs())

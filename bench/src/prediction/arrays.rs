@@ -2,14 +2,14 @@
 
 use omnilife_schemas::npy::Array;
 
-/// Bytes of an array of shape (height, width, 3) with values in [0, 1]: 255 times the value, rounded
+/// The bytes that are scored of an array of shape (height, width, 3) with values in [0, 1]: 255 times the value, rounded
 /// to nearest, half up, so that a method loses nothing and gains nothing by not writing a PNG.
 /// Values outside of [0, 1] become the nearest that an image can hold.
 ///
 /// # Errors
 /// The reason, without the file: another shape, a value that is no finite number, or values that
 /// are of another range, which a mean above 1 shows.
-pub(super) fn bytes(array: &Array, width: u32, height: u32) -> Result<Vec<u8>, String> {
+pub fn scored_bytes(array: &Array, width: u32, height: u32) -> Result<Vec<u8>, String> {
     let Array { shape, values } = array;
     let expected = [height as usize, width as usize, 3];
     if *shape != expected {

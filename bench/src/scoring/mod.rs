@@ -160,7 +160,7 @@ fn score_views(
     for views in views.chunks(together) {
         let loaded: Vec<Result<LoadedView, BenchError>> = views
             .par_iter()
-            .map(|&view| LoadedView::read(job, view))
+            .map(|&view| go_on(progress).and_then(|()| LoadedView::read(job, view)))
             .collect();
         // The first error in the order of views, whichever thread met one first.
         let mut loaded = loaded.into_iter().collect::<Result<Vec<_>, _>>()?;
@@ -172,6 +172,7 @@ fn score_views(
                     0 => previous.as_ref(),
                     index => loaded.get(index - 1),
                 };
+                go_on(progress)?;
                 let outcome = score_view(job, view, before, &request.out);
                 progress.advance(1);
                 outcome
@@ -181,6 +182,14 @@ fn score_views(
         previous = loaded.pop();
     }
     Ok(outcomes)
+}
+
+/// An error once the work was given up.
+fn go_on(progress: &dyn Progress) -> Result<(), BenchError> {
+    if progress.is_interrupted() {
+        return Err(BenchError::Interrupted);
+    }
+    Ok(())
 }
 
 fn score_view(

@@ -1,0 +1,48 @@
+"""Scenes, splits, metrics, scores and results of omnilife, as NumPy arrays and plain tables.
+
+The command `omnilife` comes with the package. See docs/python.md.
+"""
+
+from . import metrics
+from .camera import Camera, Pose
+from .errors import InputError, MachineError, OmnilifeError, UndefinedScore
+from .metrics import METRICS, Metric, compute
+from .results import Result, Table, read_result, read_results, read_trace
+from .scene import (
+    Distances,
+    Frame,
+    Scene,
+    Split,
+    load_scene,
+    load_split,
+    protocols,
+    split_scene,
+)
+from .scoring import score
+
+__all__ = [
+    "METRICS",
+    "Camera",
+    "Distances",
+    "Frame",
+    "InputError",
+    "MachineError",
+    "Metric",
+    "OmnilifeError",
+    "Pose",
+    "Result",
+    "Scene",
+    "Split",
+    "Table",
+    "UndefinedScore",
+    "compute",
+    "load_scene",
+    "load_split",
+    "metrics",
+    "protocols",
+    "read_result",
+    "read_results",
+    "read_trace",
+    "score",
+    "split_scene",
+]

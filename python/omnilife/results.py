@@ -1,0 +1,145 @@
+"""Results and traces as tables.
+
+A table is a dictionary of columns, lists of equal length, which `pandas.DataFrame` and
+`polars.DataFrame` take as they are. What is not known is None.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Optional, Union
+
+from . import _arrays, _native
+from .errors import InputError
+
+Table = dict[str, list[Any]]
+
+
+@dataclass(frozen=True)
+class Result:
+    """The scores of one method on one scene under one protocol; `read_result` reads one."""
+
+    #: The result.json.
+    path: Path
+    method: str
+    scene: str
+    #: Id and version of the protocol, `per-scene/2`.
+    protocol: str
+    protocol_hash: str
+    #: Views that could not be scored, with the reason. A result with failures is not complete.
+    failures: list[dict[str, Any]]
+    #: What a reader of the scores should know.
+    warnings: list[str]
+    #: One row per view: `view` (`input` or `novel`), `frame`, `time_seconds` and the metrics by id.
+    views: Table = field(repr=False)
+    #: The whole result.json.
+    record: dict[str, Any] = field(repr=False)
+
+    def mean(self, metric: str, view: str = "novel") -> float:
+        """The mean of a metric over the views, `novel` or `input` ones, that have a value."""
+        summary = self.record[f"{view}_views"].get(metric)
+        if summary is None:
+            raise InputError(f"{self.path}: has no {metric} of {view} views")
+        return float(summary["mean"])
+
+    def means(self) -> Table:
+        """One row per metric and kind of view."""
+        table: Table = {name: [] for name in ("view", "metric", *_SUMMARY)}
+        for view in ("input", "novel"):
+            for metric, summary in self.record[f"{view}_views"].items():
+                row = {"view": view, "metric": metric, **summary}
+                for name, column in table.items():
+                    column.append(row[name])
+        return table
+
+
+_SUMMARY = ("mean", "standard_deviation", "views", "undefined_views", "direction")
+_OF_RESULT = (
+    "method",
+    "scene",
+    "protocol",
+    "protocol_hash",
+    "seed",
+    "training_seconds",
+    "primitives",
+    "iterations",
+)
+
+
+def read_result(path: _arrays.Path) -> Result:
+    """Reads a result.json, or that of a folder, with the table of views beside it."""
+    place = Path(_arrays.path(path))
+    file = place / "result.json" if place.is_dir() else place
+    record = json.loads(_native.read_record("result", str(file)))
+    return Result(
+        path=file,
+        method=record["method"],
+        scene=record["scene"],
+        protocol=record["protocol"],
+        protocol_hash=record["protocol_hash"],
+        failures=record["failures"],
+        warnings=record["warnings"],
+        views=_read_csv(file.parent / record["frames_table"]),
+        record=record,
+    )
+
+
+def read_results(folder: _arrays.Path) -> Table:
+    """All results in a folder and below it, as the leaderboard finds them.
+
+    One row per result, kind of view and metric, with `path`, what the scores are of, and the mean.
+    """
+    table: Table = {name: [] for name in ("path", *_OF_RESULT, "view", "metric", *_SUMMARY)}
+    for path, text in _native.results_below(_arrays.path(folder)):
+        record = json.loads(text)
+        for view in ("input", "novel"):
+            for metric, summary in record[f"{view}_views"].items():
+                row = {"path": str(path), "view": view, "metric": metric, **summary}
+                for name, column in table.items():
+                    column.append(row[name] if name in row else record[name])
+    return table
+
+
+def read_trace(path: _arrays.Path) -> Table:
+    """Error against run time: the trace of a run, or the curve that scoring made of it.
+
+    `path` is the folder of a run or of its scores, or the trace.csv or curve.csv there. One row per
+    moment; the curve has the scores of the novel views.
+    """
+    place = Path(_arrays.path(path))
+    if (place / "run.json").is_file():
+        trace = json.loads(_native.read_record("run", str(place / "run.json")))["trace"]
+        if trace is None:
+            raise InputError(f"{place / 'run.json'}: the run left no trace")
+        return _read_csv(place / trace)
+    return _read_csv(place / "curve.csv" if place.is_dir() else place)
+
+
+def _read_csv(path: Path) -> Table:
+    """A table of numbers and names: a column of whole numbers is of ints, of other numbers of floats."""
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            rows = list(csv.reader(file, strict=True))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"{path}: cannot be read: {reason}") from error
+    if not rows or any(len(row) != len(rows[0]) for row in rows):
+        raise InputError(f"{path}: is no table of rows of equal length")
+    columns = ([row[at] for row in rows[1:]] for at in range(len(rows[0])))
+    return {name: _values(column) for name, column in zip(rows[0], columns)}
+
+
+def _values(column: list[str]) -> list[Any]:
+    for kind in (int, float):
+        try:
+            return [_value(text, kind) for text in column]
+        except ValueError:
+            continue
+    return [text or None for text in column]
+
+
+def _value(text: str, kind: type[Union[int, float]]) -> Optional[Union[int, float]]:
+    return None if text == "" else kind(text)

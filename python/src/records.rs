@@ -1,0 +1,70 @@
+//! Records as their JSON: checked and brought to the current version, with every entry there.
+
+use std::path::PathBuf;
+
+use omnilife_bench::PROTOCOLS;
+use omnilife_schemas::{
+    camera::Camera,
+    records::{ExternalRun, Protocol, ResultRecord, RunRecord, Scene, Split},
+    store::{self, Record},
+};
+use pyo3::prelude::*;
+use serde::Serialize;
+
+use crate::{background, errors::Failure};
+
+/// Reads a record of a kind: `scene`, `split`, `result`, `run` or `external-run`. The answer is its JSON.
+#[pyfunction]
+pub(crate) fn read_record(py: Python<'_>, kind: &str, path: PathBuf) -> PyResult<String> {
+    let read = match kind {
+        "scene" => json_of::<Scene>,
+        "split" => json_of::<Split>,
+        "result" => json_of::<ResultRecord>,
+        "run" => json_of::<RunRecord>,
+        "external-run" => json_of::<ExternalRun>,
+        other => return Err(Failure::of_input(format!("{other}: no kind of record")).into()),
+    };
+    background::run(py, move |_| read(path))
+}
+
+fn json_of<T: Record>(path: PathBuf) -> Result<String, Failure> {
+    let record: T = store::read_record(&path)?;
+    text(&record)
+}
+
+/// The results in a folder and below it, sorted by path: pairs of a path and the JSON of its record.
+#[pyfunction]
+pub(crate) fn results_below(py: Python<'_>, folder: PathBuf) -> PyResult<Vec<(PathBuf, String)>> {
+    background::run(py, move |_| {
+        let results = omnilife_leaderboard::collect(&folder)?.into_iter();
+        results
+            .map(|(path, record)| Ok((path, text(&record)?)))
+            .collect()
+    })
+}
+
+/// Width and height in pixels of the images that are scored; camera and protocol as JSON.
+#[pyfunction]
+pub(crate) fn scored_size(camera: &str, protocol: &str) -> PyResult<[u32; 2]> {
+    let camera: Camera = from_text(camera)?;
+    let protocol: Protocol = from_text(protocol)?;
+    let size = protocol.scored_size(&camera).map_err(Failure::of_input)?;
+    Ok(size)
+}
+
+/// Ids of the protocols with what they measure.
+#[pyfunction]
+pub(crate) fn protocols() -> Vec<(&'static str, &'static str)> {
+    let entries = PROTOCOLS.iter();
+    entries.map(|entry| (entry.id, entry.description)).collect()
+}
+
+/// A record as JSON.
+pub(crate) fn text<T: Serialize>(record: &T) -> Result<String, Failure> {
+    serde_json::to_string(record).map_err(|error| Failure::of_input(error.to_string()))
+}
+
+/// A part of a record from its JSON.
+pub(crate) fn from_text<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, Failure> {
+    serde_json::from_str(text).map_err(|error| Failure::of_input(error.to_string()))
+}
