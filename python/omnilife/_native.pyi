@@ -2,6 +2,27 @@
 
 from typing import Optional, TypedDict, Union
 
+__all__ = [
+    "compute",
+    "metrics",
+    "project",
+    "protocols",
+    "rays",
+    "read_distances",
+    "read_image",
+    "read_mask",
+    "read_points",
+    "read_record",
+    "resized",
+    "results_below",
+    "rotation_matrix",
+    "score",
+    "scored_bytes",
+    "scored_size",
+    "split_scene",
+    "unproject",
+]
+
 _Size = tuple[int, int]
 _Rows = list[list[float]]
 

@@ -215,7 +215,7 @@ class Errors(unittest.TestCase):
             psnr(image, image.astype(np.int64))
         with self.one_line(InputError, "truth", "mean of 255.0", "[0, 1]"):
             psnr(image, np.full(image.shape, 255.0))
-        with self.one_line(InputError, "prediction", "nan", "row 0, column 0"):
+        with self.one_line(InputError, "prediction", "NaN", "row 0, column 0"):
             psnr(np.full(image.shape, np.nan), image)
 
     def test_masks_that_are_missing_or_too_many_are_told(self) -> None:
@@ -234,7 +234,7 @@ class Errors(unittest.TestCase):
     def test_what_is_not_there_is_told(self) -> None:
         with self.one_line(InputError, "/nowhere/scene.json", "cannot be read"):
             omnilife.load_scene("/nowhere/scene.json")
-        with self.one_line(InputError, "unknown metric", "psrn", "psnr"):
+        with self.one_line(InputError, "no metric", "psrn", "did you mean", "psnr"):
             compute(np.zeros((8, 8, 3)), np.zeros((8, 8, 3)), ["psrn"])
         with self.one_line(InputError, "split.json", "schema"):
             omnilife.load_scene(SAMPLE.split.path)
@@ -335,7 +335,7 @@ class Documentation(unittest.TestCase):
 
     def test_the_example_scores(self) -> None:
         out = SAMPLE.folder / "example"
-        words = [sys.executable, ROOT / "scripts/examples/score_from_python.py", out]
+        words = [sys.executable, str(ROOT / "scripts/examples/score_from_python.py"), str(out)]
         # The command of this environment.
         path = os.pathsep.join([str(street.COMMAND.parent), os.environ["PATH"]])
         ended = subprocess.run(

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 import omnilife
 from omnilife.metrics import ws_psnr
@@ -30,7 +31,7 @@ def curate(out: Path) -> Path:
     return sequence
 
 
-def predict(scene: omnilife.Scene, split: omnilife.Split, index: int) -> np.ndarray:
+def predict(scene: omnilife.Scene, split: omnilife.Split, index: int) -> npt.NDArray[np.float32]:
     """What a novel view is taken to look like, (height, width, 3) in [0, 1]."""
     frame = scene.frames[index]
     given = [scene.frames[view] for view in split.input_views]
@@ -43,7 +44,9 @@ def predict(scene: omnilife.Scene, split: omnilife.Split, index: int) -> np.ndar
     pixels = scene.camera.resized(width, height).project(in_nearest)
     columns = pixels[..., 0].astype(int) % width
     rows = pixels[..., 1].astype(int).clip(0, height - 1)
-    return nearest.image((width, height))[rows, columns] / np.float32(255)
+    image = nearest.image((width, height)).astype(np.float32) / 255
+    view: npt.NDArray[np.float32] = image[rows, columns]
+    return view
 
 
 def main() -> None:
