@@ -1,12 +1,16 @@
-//! Asks git which commit the program is built from, for the provenance of its records.
+//! Asks git which commit the program is built from, for the provenance of its records. The module for
+//! Python is built by this script too.
 //!
 //! `OMNILIFE_COMMIT` holds 40 hexadecimal digits, followed by `-changed` where tracked files differ
 //! from that commit, and nothing where there is no git repository of this project, as in a release
 //! archive. Whoever packages such an archive may set `OMNILIFE_COMMIT` themselves.
 
-use std::{path::Path, process::Command};
+use std::{
+    path::{Path, PathBuf},
+    process::Command,
+};
 
-/// Where a change makes another program.
+/// Where a change makes another program, below the root of the workspace.
 const SOURCES: [&str; 10] = [
     "Cargo.toml",
     "Cargo.lock",
@@ -22,8 +26,10 @@ const SOURCES: [&str; 10] = [
 
 fn main() {
     println!("cargo::rerun-if-env-changed=OMNILIFE_COMMIT");
-    for source in SOURCES {
-        println!("cargo::rerun-if-changed={source}");
+    if let Some(root) = root() {
+        for source in SOURCES {
+            println!("cargo::rerun-if-changed={}", root.join(source).display());
+        }
     }
     // Grows with every commit and checkout; a file that is not there would make every build a new
     // one.
@@ -39,11 +45,18 @@ fn main() {
     println!("cargo::rustc-env=OMNILIFE_COMMIT={commit}");
 }
 
+/// The root of the workspace, which alone has a lock file.
+fn root() -> Option<PathBuf> {
+    let package = PathBuf::from(std::env::var_os("CARGO_MANIFEST_DIR")?);
+    let mut folders = package.ancestors();
+    let root = folders.find(|folder| folder.join("Cargo.lock").exists())?;
+    Some(root.to_owned())
+}
+
 fn commit() -> Option<String> {
     // Not that of a repository into which an archive was unpacked.
     let top = git(&["rev-parse", "--show-toplevel"])?;
-    let here = std::env::var("CARGO_MANIFEST_DIR").ok()?;
-    if Path::new(&top).canonicalize().ok()? != Path::new(&here).canonicalize().ok()? {
+    if Path::new(&top).canonicalize().ok()? != root()?.canonicalize().ok()? {
         return None;
     }
     let commit = git(&["rev-parse", "HEAD"])?;

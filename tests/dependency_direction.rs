@@ -1,5 +1,5 @@
 //! The direction of dependencies: `schemas` <- {`networks`, `engine`} <- {`curate`, `reconstruct`, `bench`,
-//! `leaderboard`, `sweep`} <- the binary, without sideways edges; `networks` is for those that run networks,
+//! `leaderboard`, `sweep`} <- {the binary, `python`}, without sideways edges; `networks` is for those that run networks,
 //! `engine` for `reconstruct`.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
@@ -14,6 +14,7 @@ const SCHEMAS: &str = "omnilife-schemas";
 const NETWORKS: &str = "omnilife-networks";
 const ENGINE: &str = "omnilife-engine";
 const BINARY: &str = "omnilife";
+const PYTHON: &str = "omnilife-python";
 const CRATES: [&str; 5] = [
     "omnilife-bench",
     "omnilife-curate",
@@ -61,7 +62,7 @@ fn ours(dependencies: &BTreeSet<String>) -> BTreeSet<&str> {
 #[test]
 fn every_member_has_its_place() {
     let mut known = BTreeSet::from(CRATES);
-    known.extend([SCHEMAS, NETWORKS, ENGINE, BINARY]);
+    known.extend([SCHEMAS, NETWORKS, ENGINE, BINARY, PYTHON]);
     let dependencies = dependencies();
     let members: BTreeSet<_> = dependencies.keys().map(String::as_str).collect();
     assert_eq!(members, known, "a new crate needs its edges in this test");
@@ -97,6 +98,13 @@ fn the_binary_depends_on_all() {
     let mut expected = BTreeSet::from(CRATES);
     expected.extend([SCHEMAS, ENGINE]);
     assert_eq!(ours(&dependencies()[BINARY]), expected);
+}
+
+/// Into Python's process comes no FFmpeg, OpenCV or GPU.
+#[test]
+fn the_module_for_python_reads_and_scores_alone() {
+    let expected = BTreeSet::from([SCHEMAS, "omnilife-bench", "omnilife-leaderboard"]);
+    assert_eq!(ours(&dependencies()[PYTHON]), expected);
 }
 
 #[test]

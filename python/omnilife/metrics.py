@@ -60,7 +60,8 @@ class Metric:
         `mask` (height, width) marks, as the metric needs it, what moves or the objects of its class; of
         metrics of single objects it is one mask or a dictionary of masks by name. `depth` are
         predicted and true distances (height, width) along the rays, 0 for unknown, `previous` is the
-        pair of images before this one in time.
+        pair of images before this one in time. Metrics that need a ("sphere", "") take the images for
+        panoramas, whatever they show.
 
         Raises `UndefinedScore` where the metric has no value, such as for a mask that marks nothing, and
         `InputError` for what it needs and does not get, or gets and does not need.

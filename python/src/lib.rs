@@ -22,6 +22,7 @@ mod scoring;
 mod _native {
     use std::panic;
 
+    use omnilife_schemas::provenance;
     use pyo3::{Bound, PyResult, types::PyModule};
 
     #[pymodule_export]
@@ -37,6 +38,7 @@ mod _native {
     #[pymodule_init]
     fn init(_module: &Bound<'_, PyModule>) -> PyResult<()> {
         panic::set_hook(Box::new(|_| ()));
+        provenance::state_commit(env!("OMNILIFE_COMMIT"));
         Ok(())
     }
 }
