@@ -229,6 +229,10 @@ pub(crate) struct PublishArguments {
     /// What it is, in a sentence or two.
     #[arg(long)]
     pub(crate) description: Option<String>,
+    /// Also writes the frames as WebDataset shards of about this many megabytes; without it, those of before are
+    /// removed.
+    #[arg(long, value_name = "MEGABYTES", value_parser = megabytes)]
+    pub(crate) shards: Option<u64>,
 }
 
 /// `curate select`.
@@ -276,6 +280,15 @@ fn parse_property(text: &str) -> Result<String, String> {
     ))
 }
 
+/// Bytes of a number of megabytes.
+fn megabytes(text: &str) -> Result<u64, String> {
+    text.parse()
+        .ok()
+        .filter(|megabytes: &f64| *megabytes > 0.0 && *megabytes < 1e9)
+        .map(|megabytes| (megabytes * 1e6) as u64)
+        .ok_or_else(|| "the size of a shard is a positive number of megabytes".to_owned())
+}
+
 impl PublishArguments {
     /// What is said of the dataset.
     pub(crate) fn settings(&self) -> PublishSettings {
@@ -283,6 +296,7 @@ impl PublishArguments {
             name: self.name.clone(),
             licence: self.licence.clone(),
             description: self.description.clone(),
+            shard_bytes: self.shards,
         }
     }
 }

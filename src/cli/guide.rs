@@ -116,7 +116,10 @@ pub(crate) const EXAMPLES: &[Examples] = &[
     ),
     (
         "curate publish",
-        &["curate publish DATASET --name Streets --licence CC-BY-4.0"],
+        &[
+            "curate publish DATASET --name Streets --licence CC-BY-4.0",
+            "curate publish DATASET --shards 1000",
+        ],
     ),
     (
         "curate select",

@@ -37,6 +37,7 @@ mod output;
 #[cfg(target_os = "linux")]
 mod power_cut;
 mod rendering;
+mod shards;
 mod splatters;
 mod stages;
 mod submissions;

@@ -14,12 +14,21 @@ use super::{
 };
 
 /// Writes the card. The head between dashes is what dataset hubs read.
-pub(super) fn card(about: &About, dataset: &Dataset, statistics: &Statistics) -> String {
+pub(super) fn card(
+    about: &About,
+    dataset: &Dataset,
+    statistics: &Statistics,
+    has_shards: bool,
+) -> String {
     let mut text = format!("---\npretty_name: {}\n", quoted(&about.name));
     licence_lines(&mut text, about.licence.as_deref());
     let size = size_category(statistics.rows.len());
     line(&mut text, &format!("size_categories:\n- {size}"));
-    line(&mut text, HEAD);
+    text.push_str(HEAD);
+    if has_shards {
+        text.push_str(SHARDS);
+    }
+    line(&mut text, "---\n");
     line(&mut text, &format!("# {}\n", about.name));
     if let Some(description) = &about.description {
         line(&mut text, &format!("{description}\n"));
@@ -59,7 +68,12 @@ tags:
 configs:
 - config_name: sequences
   data_files: statistics/sequences.csv
----
+";
+
+/// A second table: samples of `WebDataset` shards.
+const SHARDS: &str = "\
+- config_name: frames
+  data_files: shards/frames-*.tar
 ";
 
 /// Licences that the Hugging Face hub knows by an identifier of its own; it is the SPDX identifier in
@@ -128,6 +142,7 @@ const FILES: &str = "\
 | `videos/*/seq-*/annotation.json` | what it shows and how it moves |
 | `videos/*/seq-*/scene.json`, `points.ply`, `masks/` | cameras, world points, masks of what moves |
 | `statistics/` | counts as CSV and figures |
+| `shards/frames-*.tar` | where they were asked for, the frames as WebDataset shards: image, mask, and camera, pose and tags as JSON |
 | `SHA256SUMS` | checksums of all files |
 
 Camera frame: x right, y down, z forward; the image centre is +z, north is up. Times are seconds of

@@ -10,6 +10,7 @@
 //! statistics/*.svg             the distributions as figures
 //! README.md                    the dataset card
 //! croissant.json               the same for loaders of machine-learning data
+//! shards/frames-*.tar          the frames as WebDataset shards, where they are asked for
 //! SHA256SUMS                   of every file, as `sha256sum -c` reads it
 //! ```
 //!
@@ -20,6 +21,7 @@ mod checksums;
 mod croissant;
 mod figures;
 mod selection;
+mod shards;
 mod statistics;
 mod verify;
 
@@ -49,6 +51,9 @@ pub struct PublishSettings {
     pub licence: Option<String>,
     /// What it is.
     pub description: Option<String>,
+    /// About how large the shards of frames are, bytes; `None` for no shards, and those of before are
+    /// removed.
+    pub shard_bytes: Option<u64>,
 }
 
 /// Writes statistics, figures, card and checksums of the dataset in `folder`.
@@ -65,7 +70,10 @@ pub fn publish(
     let _lock = FolderLock::take(folder, progress)?;
     let about = about(folder, settings)?;
     let statistics = Statistics::collect(folder, &dataset)?;
-    let derived = derived_files(&about, &dataset, &statistics)?;
+    let bytes = settings.shard_bytes;
+    let shards = bytes.map(|bytes| shards::plan(folder, &statistics, bytes));
+    let shards = shards.transpose()?.unwrap_or_default();
+    let derived = derived_files(&about, &dataset, &statistics, !shards.is_empty())?;
     let started = Instant::now();
     let stage = StagePlan::new(folder, "publish");
     for (file, content) in &derived {
@@ -74,13 +82,15 @@ pub fn publish(
         stage.own_files().refuse_changed(file, &sha256)?;
     }
     let files = derived.iter().map(|(file, _)| file.as_str());
-    let files: Vec<&str> = files.chain([CHECKSUMS_FILE]).collect();
+    let archives = shards.iter().map(|shard| shard.file.as_str());
+    let files: Vec<&str> = files.chain(archives).chain([CHECKSUMS_FILE]).collect();
     stage.claim(&files)?;
     // From here on the old checksums may be wrong: none are better.
     store::remove(&folder.join(CHECKSUMS_FILE))?;
     store::write_record(&folder.join(ABOUT_FILE), &about)?;
     stage.own_files().remove(|file| !files.contains(&file))?;
     store::create_folder(&folder.join(STATISTICS_FOLDER))?;
+    shards::write(folder, &shards, progress)?;
     for (file, content) in &derived {
         store::write_bytes(&folder.join(file), content.as_bytes())?;
     }
@@ -94,8 +104,10 @@ fn derived_files(
     about: &About,
     dataset: &Dataset,
     statistics: &Statistics,
+    has_shards: bool,
 ) -> Result<Vec<(String, String)>, CurateError> {
-    let mut files = vec![(CARD_FILE.to_owned(), card::card(about, dataset, statistics))];
+    let card = card::card(about, dataset, statistics, has_shards);
+    let mut files = vec![(CARD_FILE.to_owned(), card)];
     let mut add =
         |name: &str, content| files.push((format!("{STATISTICS_FOLDER}/{name}"), content));
     add("summary.csv", statistics.summary_csv()?);

@@ -12,7 +12,7 @@ use omnilife_schemas::{
 };
 use serde::Deserialize;
 
-use super::{Statistics, checksums, croissant, derived_files};
+use super::{Statistics, checksums, croissant, derived_files, shards};
 use crate::{error::CurateError, video};
 
 /// Segments meet where they differ by no more than this, seconds: they are the same numbers,
@@ -276,7 +276,8 @@ fn check_slice(folder: &Path, slice: &SliceFile, duration_seconds: f64, faults: 
 fn check_derived(folder: &Path, dataset: &Dataset, faults: &mut Faults) -> Result<(), CurateError> {
     let about: About = store::read_record(&folder.join(ABOUT_FILE))?;
     let statistics = Statistics::collect(folder, dataset)?;
-    for (file, content) in derived_files(&about, dataset, &statistics)? {
+    let has_shards = shards::are_in(folder);
+    for (file, content) in derived_files(&about, dataset, &statistics, has_shards)? {
         let is_current =
             std::fs::read(folder.join(&file)).is_ok_and(|held| held == content.as_bytes());
         if !is_current {
