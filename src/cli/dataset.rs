@@ -229,8 +229,8 @@ pub(crate) struct PublishArguments {
     /// What it is, in a sentence or two.
     #[arg(long)]
     pub(crate) description: Option<String>,
-    /// Also writes the frames as WebDataset shards of about this many megabytes; without it, those of before are
-    /// removed.
+    /// Also writes the frames into tar archives of about this many megabytes each, as the library webdataset reads
+    /// them; without it, those of before are removed.
     #[arg(long, value_name = "MEGABYTES", value_parser = megabytes)]
     pub(crate) shards: Option<u64>,
 }

@@ -370,6 +370,7 @@ fn croissant_metadata_is_read_by_its_own_library() {
         return;
     }
     let dataset = copy_of_small_run();
+    omnilife(["curate", "publish", dataset.path().to_str().unwrap()]).succeeded();
     let metadata = dataset.path().join("croissant.json");
     let script = "import sys, mlcroissant\n\
                   dataset = mlcroissant.Dataset(jsonld=sys.argv[1])\n\
