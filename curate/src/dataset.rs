@@ -1,7 +1,7 @@
 //! Many videos into one dataset: every video gets its outcome, and a bad one stops no other.
 
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
@@ -9,7 +9,7 @@ use omnilife_schemas::{
     layout::{ANALYSIS_FILE, ATTRITION_FILE, DATASET_FILE, VIDEOS_FOLDER},
     lock::FolderLock,
     progress::Progress,
-    records::{Dataset, SourceVideo, VideoAnalysis, VideoEntry, VideoStatus},
+    records::{Dataset, Origin, SourceVideo, VideoAnalysis, VideoEntry, VideoStatus},
     store,
 };
 
@@ -97,11 +97,12 @@ pub fn curate_dataset_in(
     }
     let folders = folder_names(videos);
     let sources = identify_all(videos, progress);
+    let origins = held_origins(out);
     let mut record = Dataset {
         videos: videos
             .iter()
             .zip(&sources)
-            .map(|(video, source)| pending(video, source.as_ref().ok()))
+            .map(|(video, source)| pending(video, source.as_ref().ok(), &origins))
             .collect(),
     };
     claim(out, &record)?;
@@ -215,13 +216,28 @@ fn identify_all(
     sources
 }
 
-fn pending(video: &Path, source: Option<&SourceVideo>) -> VideoEntry {
+fn pending(
+    video: &Path,
+    source: Option<&SourceVideo>,
+    origins: &BTreeMap<String, Origin>,
+) -> VideoEntry {
     VideoEntry {
         file: video.display().to_string(),
         sha256: source.map(|source| source.sha256.clone()),
         duration_seconds: None,
+        origin: source.and_then(|source| origins.get(&source.sha256).cloned()),
         status: VideoStatus::Pending,
     }
+}
+
+/// Where videos came from as the dataset's record says so far, by their SHA-256. A record that cannot be
+/// read has its error when the dataset is claimed.
+fn held_origins(out: &Path) -> BTreeMap<String, Origin> {
+    let held: Option<Dataset> = store::read_record(&out.join(DATASET_FILE)).ok();
+    let videos = held.into_iter().flat_map(|held| held.videos);
+    videos
+        .filter_map(|video| Some((video.sha256?, video.origin?)))
+        .collect()
 }
 
 /// Names of the videos' folders in [`VIDEOS_FOLDER`]: the file's stem, with a number where two videos

@@ -22,6 +22,7 @@ fn dataset() -> Dataset {
                 file: "a \"quoted\" näme.mp4".to_owned(),
                 sha256: None,
                 duration_seconds: Some(1.5),
+                origin: None,
                 status: VideoStatus::Failed {
                     reason: "zero bytes".to_owned(),
                 },
@@ -30,6 +31,7 @@ fn dataset() -> Dataset {
                 file: "b.mp4".to_owned(),
                 sha256: Some(store::sha256_bytes(b"b")),
                 duration_seconds: Some(1.5),
+                origin: None,
                 status: VideoStatus::Curated {
                     sequences: vec!["b/seq-000".to_owned()],
                 },

@@ -346,6 +346,10 @@ pub(crate) struct BuildArguments {
     /// Folder of the dataset.
     #[arg(long)]
     pub(crate) out: PathBuf,
+    /// Where the videos came from: CSV with the columns file, url, uploader, licence, date, keywords (between
+    /// semicolons) and kind (web, own-capture), or a JSON list of such rows; it is kept by later runs.
+    #[arg(long, value_name = "LIST")]
+    pub(crate) sources: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) settings: CurationSettingsArguments,
     #[command(flatten)]

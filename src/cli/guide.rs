@@ -27,6 +27,7 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         &[
             "curate videos/ --out DATASET",
             "curate walk.mp4 --criteria none --fps 2 --slices --out DATASET",
+            "curate videos/ --sources sources.csv --out DATASET",
         ],
     ),
     (

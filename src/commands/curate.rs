@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use omnilife_curate::{
-    CurateSettings, Place, Worker, analysis,
+    CurateError, CurateSettings, Place, Worker, analysis,
     audit::{self, PageRequest},
     boundaries::{self, key_frame_prefilter},
-    curate_dataset_in, curate_video, expand_inputs, pose_sequence_with, projection,
+    curate_dataset_in, curate_video, expand_inputs, origins, pose_sequence_with, projection,
     publish::{self, PublishSettings},
     tracks::{TrackRequest, make_tracks},
     video, worker,
@@ -151,13 +151,21 @@ pub(crate) fn place(limit: &MemoryLimitArguments) -> anyhow::Result<Place> {
 /// Curates and publishes. Videos that are kept out or fail are reported when all is done.
 fn build(arguments: &BuildArguments, progress: &dyn Progress) -> anyhow::Result<()> {
     let videos = expand_inputs(&arguments.videos)?;
-    let curated = curate_dataset_in(
+    // A list that is wrong is told before hours of work.
+    let list = arguments.sources.as_deref();
+    let origins = list
+        .map(|list| Ok::<_, CurateError>((list, origins::read(list)?)))
+        .transpose()?;
+    let mut curated = curate_dataset_in(
         &place(&arguments.limit)?,
         &videos,
         &arguments.out,
         &arguments.settings.settings(),
         progress,
     )?;
+    if let Some((list, origins)) = origins {
+        origins.enter(list, &mut curated.record, &arguments.out, progress)?;
+    }
     publish::publish(&arguments.out, &PublishSettings::default(), progress)?;
     let printed = exit::print(&summary(&curated.record));
     let mut outcomes = Outcomes::default();

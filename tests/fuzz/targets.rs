@@ -12,6 +12,7 @@ use omnilife_curate::{
     boundaries::Signals,
     criteria,
     ledger::formats::{self, Frames},
+    origins,
     tracks::detectors::{self, DetectorInput},
     video,
 };
@@ -213,6 +214,29 @@ pub(crate) const FILES: &[Target] = &[
             names(&["a.csv", "a.json"])
         },
         reader: Bytes(|seed, bytes| drop(tags::from_bytes(Path::new(&seed.name), bytes))),
+    },
+    Target {
+        id: "origins",
+        words: &[
+            "file",
+            "url",
+            "keywords",
+            "own-capture",
+            "2026-05-31",
+            "\"",
+            ",",
+            ";",
+        ],
+        cost: 1,
+        seeds: |folder| {
+            let table = "file,url,uploader,licence,date,keywords,kind\n\
+                         a.mp4,https://e.org/v,Ann,CC-BY-4.0,2026-05-31,night;market,web\n";
+            fs::write(folder.join("a.csv"), table).unwrap();
+            let list = "[{\"file\": \"a.mp4\", \"keywords\": [\"night\"], \"date\": \"2026\"}]";
+            fs::write(folder.join("a.json"), list).unwrap();
+            names(&["a.csv", "a.json"])
+        },
+        reader: Bytes(|seed, bytes| drop(origins::from_bytes(Path::new(&seed.name), bytes))),
     },
     Target {
         id: "method",

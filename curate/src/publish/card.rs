@@ -204,6 +204,45 @@ fn sources(text: &mut String, dataset: &Dataset) {
         let _ = writeln!(text, "| {} | `{sha256}` | {outcome} |", for_markdown(name));
     }
     text.push('\n');
+    origins(text, dataset);
+}
+
+/// Where the videos came from, where somebody says so.
+fn origins(text: &mut String, dataset: &Dataset) {
+    let stated = || {
+        let videos = dataset.videos.iter();
+        videos.filter_map(|video| Some((video, video.origin.as_ref()?)))
+    };
+    if stated().next().is_none() {
+        return;
+    }
+    line(
+        text,
+        &format!(
+            "Where {} of {} videos came from, as stated by who made the dataset:\n\n\
+             | video | from | by | licence | date | keywords |\n|---|---|---|---|---|---|",
+            stated().count(),
+            dataset.videos.len()
+        ),
+    );
+    for (video, origin) in stated() {
+        let name = video.file.rsplit(['/', '\\']).next().unwrap_or(&video.file);
+        let cell = |text: &Option<String>| for_markdown(text.as_deref().unwrap_or_default());
+        let kind = origin.kind.map_or("", |kind| kind.words());
+        let from = format!("{kind} {}", cell(&origin.url));
+        // Writing to a string does not fail.
+        let _ = writeln!(
+            text,
+            "| {} | {} | {} | {} | {} | {} |",
+            for_markdown(name),
+            from.trim(),
+            cell(&origin.uploader),
+            cell(&origin.licence),
+            cell(&origin.date),
+            for_markdown(&origin.keywords.join(", "))
+        );
+    }
+    text.push('\n');
 }
 
 /// A YAML string; JSON's quoting is a part of YAML's.

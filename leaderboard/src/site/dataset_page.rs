@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use maud::{Markup, html};
 
-use omnilife_schemas::records::{Dataset, VideoStatus};
+use omnilife_schemas::records::{Dataset, Origin, OriginKind, VideoStatus};
 
 use super::{SiteRequest, chart, chart::Bar, layout, layout::Place};
 use crate::{error::LeaderboardError, format};
@@ -63,12 +63,50 @@ pub(super) fn render(
                 }
             }
         }
+        @if !counts.origins.is_empty() {
+            h2 { "Where the videos came from" }
+            p {
+                "As stated by who made the dataset, for " (counts.origins.len()) " of "
+                (format::counted(counts.videos, "video")) "."
+            }
+            div.scroll role="region" tabindex="0" aria-label="Where the videos came from" {
+                (origins_table(&counts.origins))
+            }
+        }
         @if !sequences.is_empty() {
             h2 { "Sequences per video" }
             figure { (chart::bars("Videos by their number of sequences", &sequences)) }
         }
     };
     Ok(layout::page(request, Place::Dataset, "Dataset", content))
+}
+
+/// URLs are text: pages of a site lead nowhere else.
+fn origins_table(origins: &[(&str, &Origin)]) -> Markup {
+    let text = |text: &'_ Option<String>| text.clone().unwrap_or_default();
+    html! {
+        table {
+            thead { tr {
+                th scope="col" { "Video" }
+                @for name in ["From", "Address", "By", "Licence", "Date", "Keywords"] {
+                    th.words scope="col" { (name) }
+                }
+            } }
+            tbody {
+                @for (file, origin) in origins {
+                    tr {
+                        th scope="row" { (file) }
+                        td.words { (origin.kind.map_or("", OriginKind::words)) }
+                        td.words { (text(&origin.url)) }
+                        td.words { (text(&origin.uploader)) }
+                        td.words { (text(&origin.licence)) }
+                        td.words { (text(&origin.date)) }
+                        td.words { (origin.keywords.join(", ")) }
+                    }
+                }
+            }
+        }
+    }
 }
 
 struct Counts<'a> {
@@ -82,6 +120,8 @@ struct Counts<'a> {
     per_video: BTreeMap<usize, u64>,
     /// File, outcome and reason.
     lost: Vec<(&'a str, &'static str, &'a str)>,
+    /// Files of which it is stated where they came from.
+    origins: Vec<(&'a str, &'a Origin)>,
 }
 
 impl<'a> Counts<'a> {
@@ -95,8 +135,12 @@ impl<'a> Counts<'a> {
             scored: 0,
             per_video: BTreeMap::new(),
             lost: Vec::new(),
+            origins: Vec::new(),
         };
         for video in &dataset.videos {
+            let origin = video.origin.as_ref();
+            let origin = origin.map(|origin| (video.file.as_str(), origin));
+            counts.origins.extend(origin);
             match &video.status {
                 VideoStatus::Pending => counts.pending += 1,
                 VideoStatus::Failed { reason } => {

@@ -9,8 +9,8 @@ use crate::support::{request, result, summary, write};
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard};
 use omnilife_schemas::{
     records::{
-        Colour, Dataset, Padding, Protocol, Resampling, ScoredViews, Split, SplitRule, VideoEntry,
-        VideoStatus,
+        Colour, Dataset, Origin, OriginKind, Padding, Protocol, Resampling, ScoredViews, Split,
+        SplitRule, VideoEntry, VideoStatus,
     },
     rgb, store,
 };
@@ -115,6 +115,12 @@ fn dataset(folder: &Path) -> PathBuf {
         file: file.to_owned(),
         sha256: None,
         duration_seconds: None,
+        origin: file.starts_with("hall").then(|| Origin {
+            url: Some("https://e.org/<i>hall</i>".to_owned()),
+            licence: Some("CC-BY-4.0".to_owned()),
+            kind: Some(OriginKind::Web),
+            ..Origin::default()
+        }),
         status,
     };
     let curated = |sequences: &[&str]| VideoStatus::Curated {
@@ -178,6 +184,11 @@ fn the_pages_say_what_the_results_say() {
         )
     );
     assert!(dataset.contains("Sequences cut: 3; Sequences scored: 2"));
+    assert!(
+        dataset.contains("https://e.org/&lt;i&gt;hall&lt;/i&gt;") && !dataset.contains("<i>hall"),
+        "where a video came from, as text"
+    );
+    assert!(dataset.contains("1 of 4 videos"), "how many say so");
     let scenes: Vec<_> = fs::read_dir(request.out.join("site/scenes"))
         .unwrap()
         .map(|entry| entry.unwrap().path())

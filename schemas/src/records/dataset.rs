@@ -26,8 +26,54 @@ pub struct VideoEntry {
     pub sha256: Option<String>,
     /// Length in seconds: of its frames where they were decoded, else as its header states it.
     pub duration_seconds: Option<f64>,
+    /// Where it came from, as somebody states it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub origin: Option<Origin>,
     /// Outcome.
     pub status: VideoStatus,
+}
+
+/// Where a video came from, as somebody states it; what is not known is left out.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+pub struct Origin {
+    /// Where it was published.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub url: Option<String>,
+    /// Who published it, or filmed it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub uploader: Option<String>,
+    /// Licence, best as an SPDX identifier.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub licence: Option<String>,
+    /// When it was published or filmed: a year, a month or a day of ISO 8601.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub date: Option<String>,
+    /// Words by which it was found or is described.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub keywords: Vec<String>,
+    /// Whether it was taken from the web or filmed for the dataset.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kind: Option<OriginKind>,
+}
+
+/// How a video came into a dataset.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum OriginKind {
+    /// From the web.
+    Web,
+    /// Filmed for the dataset.
+    OwnCapture,
+}
+
+impl OriginKind {
+    /// As people read it.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Web => "web",
+            Self::OwnCapture => "own capture",
+        }
+    }
 }
 
 /// Outcome of curating one video.

@@ -38,7 +38,7 @@ pub use annotation::{
 };
 pub use asset::{Asset, AssetChanges, AssetLevel, AssetPage, AssetPlacement, AssetSource};
 pub use boundaries::{Boundary, BoundaryKind, BoundaryLedger};
-pub use dataset::{Dataset, VideoEntry, VideoStatus};
+pub use dataset::{Dataset, Origin, OriginKind, VideoEntry, VideoStatus};
 pub use external_run::{ExternalRun, Phase, PhaseName};
 pub use ledger::{
     AuditDecision, AuditDecisions, Author, LedgerAction, LedgerEntry, PersonRole, SegmentLabel,
