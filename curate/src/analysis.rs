@@ -11,10 +11,11 @@ use omnilife_schemas::{
 use crate::{
     boundaries::{Detector, Signals},
     error::CurateError,
+    near_duplicates::{SignaturePass, signature},
     overlays::{MosaicPass, OverlayPass},
     projection::FrameSamples,
     sphere_layouts::{self, ToErp},
-    video::{Converter, Scaling, VideoReader, probe},
+    video::{Converter, Rgb8Image, Scaling, VideoReader, probe},
 };
 
 /// Width in pixels of the images that the ERP projection and the overlays are judged by.
@@ -40,11 +41,13 @@ pub struct Analysis {
     pub overlays: OverlayPass,
     /// Mosaics that single frames show.
     pub mosaics: MosaicPass,
+    /// What the video looks like over time.
+    pub signature: SignaturePass,
     /// Frames and packets that were damaged.
     pub damaged_frames: u64,
 }
 
-/// Makes the equirectangular images that overlays are looked for in.
+/// Makes equirectangular images of frames that store the sphere otherwise.
 struct SphereImages {
     stored: Converter,
     to_erp: ToErp,
@@ -52,15 +55,26 @@ struct SphereImages {
 }
 
 impl SphereImages {
-    fn new(layout: SphereLayout, probe: &Probe) -> Self {
+    /// Of at most this width.
+    fn new(layout: SphereLayout, probe: &Probe, most_pixels: u32) -> Self {
         let size = probe.upright_size();
-        let width = SAMPLE_WIDTH_PIXELS.min(sphere_layouts::erp_width(layout, size) & !1);
+        let width = most_pixels.min(sphere_layouts::erp_width(layout, size) & !1);
         let stored = sphere_layouts::stored_width(layout, width, size);
         Self {
             stored: Converter::new(Scaling::MaxWidth(stored)),
             to_erp: ToErp::new(layout),
             width: width as usize,
         }
+    }
+
+    fn convert(
+        &mut self,
+        video: &Path,
+        frame: &ffmpeg_next::frame::Video,
+        turns: u32,
+    ) -> Result<Rgb8Image, CurateError> {
+        let stored = self.stored.convert(video, frame)?.turned(turns);
+        Ok(self.to_erp.convert(&stored, self.width))
     }
 }
 
@@ -87,7 +101,11 @@ pub fn analyse(
     let mut small = Converter::new(detector.images);
     let mut pass = (detector.start)()?;
     let mut medium = Converter::new(Scaling::MaxWidth(SAMPLE_WIDTH_PIXELS));
-    let mut sphere = layout.map(|layout| SphereImages::new(layout, &probe));
+    let sphere_images = |width: u32| layout.map(|layout| SphereImages::new(layout, &probe, width));
+    let mut sphere = sphere_images(SAMPLE_WIDTH_PIXELS);
+    let mut small_sphere = sphere_images(signature::WIDTH_PIXELS);
+    let mut tiny = Converter::new(Scaling::MaxWidth(signature::WIDTH_PIXELS));
+    let mut signature = SignaturePass::default();
     let mut samples = FrameSamples::default();
     let mut overlays = OverlayPass::default();
     let mut mosaics = MosaicPass::default();
@@ -116,13 +134,19 @@ pub fn analyse(
                     match &mut sphere {
                         None => overlays.observe(frame.time_seconds, &image),
                         Some(sphere) => {
-                            let stored = sphere.stored.convert(video, &frame.image)?.turned(turns);
-                            let image = sphere.to_erp.convert(&stored, sphere.width);
+                            let image = sphere.convert(video, &frame.image, turns)?;
                             overlays.observe(frame.time_seconds, &image);
                         }
                     }
                 }
                 samples.offer(frame.time_seconds, image);
+            }
+            if signature.wants(frame.time_seconds) {
+                let image = match &mut small_sphere {
+                    None => tiny.convert(video, &frame.image)?.turned(turns),
+                    Some(sphere) => sphere.convert(video, &frame.image, turns)?,
+                };
+                signature.observe(frame.time_seconds, &image);
             }
             if mosaics.wants(frame.time_seconds) {
                 mosaics.observe(video, frame.time_seconds, &frame.image, turns)?;
@@ -169,6 +193,7 @@ pub fn analyse(
         samples,
         overlays,
         mosaics,
+        signature,
         damaged_frames: reader.damaged(),
     })
 }

@@ -1,5 +1,6 @@
 //! Accounts for every second that goes in: what each rejected video or segment was rejected for
-//! (`attrition.csv`), and how much each step leaves (`funnel.csv`).
+//! (`attrition.csv`), and how much each step leaves (`funnel.csv`). Videos that look like others are
+//! told as well, and stay.
 
 use std::path::Path;
 
@@ -11,7 +12,11 @@ use omnilife_schemas::{
 };
 use serde::Serialize;
 
-use crate::{criteria::CHECKS, error::CurateError};
+use crate::{
+    criteria::CHECKS,
+    error::CurateError,
+    near_duplicates::{self, LIMIT, NearDuplicate},
+};
 
 /// Steps of the funnel that are no admission check, in their order around those.
 const RAW: &str = "raw";
@@ -21,6 +26,8 @@ const READABLE: &str = "readable";
 pub const PROJECTION: &str = "projection";
 /// No shot of the video is long enough.
 pub const SHOT_LENGTH: &str = "shot-length";
+/// Footage of another video, in another file; nothing is rejected for it.
+pub const NEAR_DUPLICATE: &str = "near-duplicate";
 const TRANSITION: &str = "transition";
 const KEPT: &str = "kept";
 
@@ -99,6 +106,9 @@ impl Attrition {
             }
         }
         let funnel = funnel(dataset, &rejects);
+        for pair in near_duplicates::find(dataset, out)? {
+            rejects.push(near_duplicate(dataset, &pair));
+        }
         let left = funnel.last().map_or(0.0, |step| step.left_seconds);
         // A microsecond per video covers the rounding of sums.
         if (left - kept_seconds).abs() > 1e-6 * (dataset.videos.len() + 1) as f64 {
@@ -206,6 +216,28 @@ fn lost_segments(
             .unwrap_or(std::cmp::Ordering::Equal)
     });
     Ok(rejects)
+}
+
+/// A row that takes nothing out: what to do with a near-duplicate is for people to decide.
+fn near_duplicate(dataset: &Dataset, pair: &NearDuplicate) -> Reject {
+    let [video, of] = [pair.video, pair.of].map(|number| &dataset.videos[number].file);
+    let still = match pair.is_still {
+        true => ", and too still to be told from another part of the place",
+        false => "",
+    };
+    Reject {
+        video: video.clone(),
+        check: NEAR_DUPLICATE.to_owned(),
+        value: format!(
+            "looks like {of} from {:.2} s on (difference {:.3}{still})",
+            pair.begin_in_other_seconds, pair.difference
+        ),
+        threshold: format!("a difference of {LIMIT}"),
+        begin_seconds: Some(pair.begin_seconds),
+        end_seconds: Some(pair.begin_seconds + pair.seconds),
+        seconds: Some(pair.seconds),
+        counted: false,
+    }
 }
 
 /// Why a whole video was rejected.

@@ -14,7 +14,7 @@ use omnilife_schemas::{
 };
 
 use crate::{
-    attrition::Attrition,
+    attrition::{Attrition, NEAR_DUPLICATE},
     error::CurateError,
     pipeline,
     settings::CurateSettings,
@@ -160,6 +160,11 @@ pub fn curate_dataset_in(
     }
     let attrition = Attrition::of(&record, out)?;
     attrition.write(out)?;
+    for row in &attrition.rejects {
+        if row.check == NEAR_DUPLICATE {
+            progress.note(&format!("{}: {}; both are kept", row.video, row.value));
+        }
+    }
     let raw = attrition
         .funnel
         .first()

@@ -22,6 +22,7 @@ pub mod ledger;
 mod libraries;
 pub mod masks;
 pub mod motion;
+pub mod near_duplicates;
 pub mod origins;
 pub mod overlays;
 pub mod pipeline;

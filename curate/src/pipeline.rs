@@ -1,12 +1,12 @@
 //! One video from file to sequences: the stages, what they depend on, and what they leave behind.
 //!
-//! A video's folder holds `analysis.json`, `signals.parquet` and `boundaries.json`, and per
-//! sequence `seq-NNN/sequence.json` with `seq-NNN/frames/NNNNNN.png`.
+//! A video's folder holds `analysis.json`, `signals.parquet`, `signature.parquet` and
+//! `boundaries.json`, and per sequence `seq-NNN/sequence.json` with `seq-NNN/frames/NNNNNN.png`.
 
 use std::{fs, path::Path, time::Instant};
 
 use omnilife_schemas::{
-    layout::{ANALYSIS_FILE, SIGNALS_FILE},
+    layout::{ANALYSIS_FILE, SIGNALS_FILE, SIGNATURE_FILE},
     lock::FolderLock,
     progress::Progress,
     records::{SourceVideo, VideoAnalysis},
@@ -20,7 +20,9 @@ use crate::{
     boundaries::{self, Detector},
     criteria,
     error::CurateError,
-    frames, overlays, projection,
+    frames,
+    near_duplicates::signature,
+    overlays, projection,
     sequences::{self, Sequencing},
     settings::CurateSettings,
     sphere_layouts, video,
@@ -190,9 +192,12 @@ fn claim(video: &Path, folder: &Path, source: &SourceVideo) -> Result<(), Curate
     Ok(store::create_folder(folder)?)
 }
 
-/// What an interrupted analysis may leave: done-records, temporary files and the signals.
+/// What the analysis writes.
+const ANALYSIS_FILES: [&str; 3] = [ANALYSIS_FILE, SIGNALS_FILE, SIGNATURE_FILE];
+
+/// What an interrupted analysis may leave: done-records, temporary files, the signals and the signature.
 fn is_ours_before_analysis(name: &str) -> bool {
-    name.starts_with('.') || name == SIGNALS_FILE
+    name.starts_with('.') || name == SIGNALS_FILE || name == SIGNATURE_FILE
 }
 
 /// The analysis stage.
@@ -206,7 +211,8 @@ fn analysed(
 ) -> Result<VideoAnalysis, CurateError> {
     let mut plan = StagePlan::new(folder, "analysis")
         .with_hash("video", source.sha256.clone())
-        .with_text("detector", &detector.description());
+        .with_text("detector", &detector.description())
+        .with_text("signature", signature::SETTINGS);
     if let Some(layout) = settings.layout {
         plan = plan.with_settings("layout", &layout);
     }
@@ -224,10 +230,10 @@ fn analysed(
             ..held
         };
         store::write_record(&record_path, &renamed)?;
-        plan.finish([ANALYSIS_FILE, SIGNALS_FILE], 0.0)?;
+        plan.finish(ANALYSIS_FILES, 0.0)?;
         return Ok(renamed);
     }
-    plan.claim([ANALYSIS_FILE, SIGNALS_FILE])?;
+    plan.claim(ANALYSIS_FILES)?;
     let started = Instant::now();
     let Analysis {
         probe,
@@ -236,6 +242,7 @@ fn analysed(
         samples,
         overlays,
         mosaics,
+        mut signature,
         damaged_frames,
     } = analysis::analyse(video, detector, settings.layout, progress)?;
     if damaged_frames > 0 {
@@ -260,6 +267,7 @@ fn analysed(
     } else {
         // What the frames store is known only now.
         let again = analysis::analyse(video, detector, layout, progress)?;
+        signature = again.signature;
         Some(overlays::report(&again.overlays, &again.mosaics))
     };
     let record = VideoAnalysis {
@@ -273,11 +281,9 @@ fn analysed(
         signals: SIGNALS_FILE.to_owned(),
     };
     signals.write_parquet(&folder.join(SIGNALS_FILE))?;
+    (signature.finish()).write_parquet(&folder.join(SIGNATURE_FILE))?;
     store::write_record(&record_path, &record)?;
-    plan.finish(
-        [ANALYSIS_FILE, SIGNALS_FILE],
-        started.elapsed().as_secs_f64(),
-    )?;
+    plan.finish(ANALYSIS_FILES, started.elapsed().as_secs_f64())?;
     Ok(record)
 }
 

@@ -224,7 +224,13 @@ fn a_video_that_is_kept_out_later_takes_its_sequences_back() {
     assert!(error.failed_checks().is_some(), "{error}");
     assert_eq!(
         store::names_in(&out).unwrap(),
-        [".done", ".superseded", "analysis.json", "signals.parquet"]
+        [
+            ".done",
+            ".superseded",
+            "analysis.json",
+            "signals.parquet",
+            "signature.parquet"
+        ]
     );
     let kept = fs::read(out.join(".superseded/seq-001-1/scene.json")).unwrap();
     assert_eq!(kept, b"poses");

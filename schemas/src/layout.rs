@@ -3,7 +3,7 @@
 //! ```text
 //! dataset.json, attrition.csv, funnel.csv
 //! videos/NAME/
-//!   analysis.json, signals.parquet, boundaries.json, ledger.jsonl, slices.json, slices/
+//!   analysis.json, signals.parquet, signature.parquet, boundaries.json, ledger.jsonl, slices.json, slices/
 //!   seq-NNN/
 //!     sequence.json, frames/NNNNNN.png, annotation.json
 //!     scene.json, points.ply, masks/, depth/, depth-prior/, classes/NAME/,
@@ -40,6 +40,8 @@ pub const STATISTICS_FOLDER: &str = "statistics";
 pub const ANALYSIS_FILE: &str = "analysis.json";
 /// The per-frame signals of the boundary detector, in a video's folder.
 pub const SIGNALS_FILE: &str = "signals.parquet";
+/// What the video looks like over time in few numbers, in a video's folder.
+pub const SIGNATURE_FILE: &str = "signature.parquet";
 /// The boundaries that a video was cut at, in its folder.
 pub const BOUNDARIES_FILE: &str = "boundaries.json";
 /// What detectors and people have said about boundaries, in a video's folder.
