@@ -18,15 +18,26 @@ use omnilife_schemas::{
 };
 use support::{Clip, Notes, erp_direction, world_colour};
 
-/// The world at a moment, seen by a camera that is turned by `yaw` radians: it is lit by waves that go
-/// up and down.
-fn lit(seconds: f64, direction: [f64; 3], phase: f64) -> [f64; 3] {
-    let light = |number: f64| {
-        let beat = (1.3 + 0.4 * number) * seconds + phase * (1.0 + number);
-        1.0 + 0.3 * beat.sin() * (1.0 + direction[1] * number)
+/// The world at a moment, in light that changes by the second in no order; `take` says in which.
+fn lit(seconds: f64, direction: [f64; 3], take: u64) -> [f64; 3] {
+    // The mixing steps of SplitMix64.
+    let knot = |at: u64, number: u64| {
+        let mut bits = (at + 1000 * take) * 7 + number + 1;
+        for factor in [0xbf58_476d_1ce4_e5b9_u64, 0x94d0_49bb_1331_11eb] {
+            bits = (bits ^ (bits >> 30)).wrapping_mul(factor) ^ (bits << 7);
+            bits ^= bits >> 29;
+        }
+        (bits >> 40) as f64 / f64::from(1 << 24) - 0.5
+    };
+    let light = |number: u64| {
+        let (at, share) = (seconds.floor() as u64, seconds.fract());
+        knot(at, number) * (1.0 - share) + knot(at + 1, number) * share
     };
     let colour = world_colour(2, direction);
-    std::array::from_fn(|channel| colour[channel] * light(channel as f64))
+    std::array::from_fn(|channel| {
+        let change = light(channel as u64) + direction[1] * light(channel as u64 + 3);
+        colour[channel] * (1.0 + 0.6 * change)
+    })
 }
 
 #[test]
@@ -36,20 +47,20 @@ fn encoded_again_cropped_and_turned_footage_is_told_and_kept() {
                 (width, height, fps): (usize, usize, i64),
                 span: [f64; 2],
                 yaw: f64,
-                phase: f64| {
+                take: u64| {
         let path = temp.path().join(name);
         let frames = ((span[1] - span[0]) * fps as f64) as usize;
         Clip::steady(width, height, frames, fps).write(&path, |frame, x, y| {
             let seconds = span[0] + frame as f64 / fps as f64;
-            lit(seconds, erp_direction(x, y, width, height, yaw), phase)
+            lit(seconds, erp_direction(x, y, width, height, yaw), take)
         });
         path
     };
     let videos = [
-        clip("first.mp4", (256, 128, 25), [0.0, 8.0], 0.0, 0.0),
-        clip("again.mp4", (192, 96, 20), [2.0, 8.0], TAU * 0.3, 0.0),
+        clip("first.mp4", (256, 128, 25), [0.0, 8.0], 0.0, 0),
+        clip("again.mp4", (192, 96, 20), [2.0, 8.0], TAU * 0.3, 0),
         // The same place at another time.
-        clip("later.mp4", (256, 128, 25), [40.0, 46.0], 0.0, 1.7),
+        clip("later.mp4", (256, 128, 25), [0.0, 6.0], 0.0, 1),
     ];
     let out = temp.path().join("set");
     let settings = CurateSettings {

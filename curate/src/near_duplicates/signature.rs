@@ -25,6 +25,9 @@ pub(super) const WINDOW_SECONDS: f64 = 0.5;
 pub(super) const STEP_SECONDS: f64 = 0.25;
 /// Frames closer than this to the last that was looked at are left out.
 const FRAME_SECONDS: f64 = 0.09;
+/// What the last window may lack at its end: frames are looked at up to this far apart at the usual
+/// rates.
+const LAST_FRAME_SECONDS: f64 = 0.15;
 
 /// What a signature depends on, for stages.
 pub(crate) const SETTINGS: &str =
@@ -59,7 +62,7 @@ impl SignaturePass {
         for step in 0.. {
             let from = begin + f64::from(step) * STEP_SECONDS;
             // A short video has one window all the same.
-            if step > 0 && from + WINDOW_SECONDS > end + FRAME_SECONDS {
+            if step > 0 && from + WINDOW_SECONDS > end + LAST_FRAME_SECONDS {
                 break;
             }
             let until = |end: f64| self.frames.partition_point(|(time, _)| *time < end);
