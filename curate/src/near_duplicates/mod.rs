@@ -17,7 +17,7 @@ use rayon::prelude::*;
 
 use crate::{boundaries::Signals, error::CurateError};
 pub use signature::SignaturePass;
-use signature::{NUMBERS, Numbers, STEP_SECONDS, WINDOW_SECONDS, rows};
+use signature::{NUMBERS, Numbers, WINDOW_SECONDS, rows};
 
 /// Mean squared difference of two signatures over their variance in time, below which they are of one
 /// footage; set on the clips that `docs/results/curation.md` names.
@@ -62,7 +62,7 @@ struct Overlay {
 /// # Errors
 /// When a signature cannot be read.
 pub fn find(dataset: &Dataset, out: &Path) -> Result<Vec<NearDuplicate>, CurateError> {
-    let mut signatures: Vec<(usize, Vec<Numbers>)> = Vec::new();
+    let mut signatures: Vec<(usize, Vec<f64>, Vec<Numbers>)> = Vec::new();
     for (number, video) in dataset.videos.iter().enumerate() {
         let VideoStatus::Curated { sequences } = &video.status else {
             continue;
@@ -75,20 +75,23 @@ pub fn find(dataset: &Dataset, out: &Path) -> Result<Vec<NearDuplicate>, CurateE
         let signals = Signals::read_parquet(&file)?;
         let rows = rows(&signals)
             .ok_or_else(|| CurateError::input(&file, "is no table of a signature"))?;
-        signatures.push((number, rows));
+        signatures.push((number, signals.times, rows));
     }
     let pairs: Vec<(usize, usize)> = (0..signatures.len())
         .flat_map(|later| (0..later).map(move |earlier| (later, earlier)))
         .collect();
     let found = pairs.par_iter().filter_map(|&(later, earlier)| {
-        let ((video, a), (of, b)) = (&signatures[later], &signatures[earlier]);
+        let (video, times, a) = &signatures[later];
+        let (of, times_of_other, b) = &signatures[earlier];
         let overlay = best_overlay(a, b)?;
+        let [first, first_in_other] = overlay.first;
+        let last = first + overlay.windows - 1;
         Some(NearDuplicate {
             video: *video,
             of: *of,
-            begin_seconds: overlay.first[0] as f64 * STEP_SECONDS,
-            begin_in_other_seconds: overlay.first[1] as f64 * STEP_SECONDS,
-            seconds: (overlay.windows - 1) as f64 * STEP_SECONDS + WINDOW_SECONDS,
+            begin_seconds: times[first],
+            begin_in_other_seconds: times_of_other[first_in_other],
+            seconds: times[last] - times[first] + WINDOW_SECONDS,
             difference: overlay.difference,
             is_still: overlay.is_still,
         })

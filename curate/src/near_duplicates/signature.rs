@@ -5,7 +5,10 @@
 //! the magnitudes of the first orders of luminance around the vertical: a turn changes their phases
 //! alone. All means are weighted by solid angle, and over [`WINDOW_SECONDS`] in time.
 
-use std::f32::consts::{PI, TAU};
+use std::{
+    collections::BTreeMap,
+    f32::consts::{PI, TAU},
+};
 
 use crate::{boundaries::Signals, video::Rgb8Image};
 
@@ -21,8 +24,9 @@ const PER_BAND: usize = 3 + ORDERS;
 pub(super) const NUMBERS: usize = BANDS * PER_BAND;
 /// A row of a signature is a mean over this long ...
 pub(super) const WINDOW_SECONDS: f64 = 0.5;
-/// ... and there is one for every such step.
-pub(super) const STEP_SECONDS: f64 = 0.25;
+/// ... and there is one for every such step with frames.
+const STEP_SECONDS: f64 = 0.25;
+const STEPS_PER_WINDOW: u64 = 2;
 /// Frames closer than this to the last that was looked at are left out.
 const FRAME_SECONDS: f64 = 0.09;
 /// What the last window may lack at its end: frames are looked at up to this far apart at the usual
@@ -56,20 +60,27 @@ impl SignaturePass {
 
     /// The signature as a table: one row per window, by the time since the first frame.
     pub(crate) fn finish(&self) -> Signals {
-        let (mut times, mut rows): (Vec<f64>, Vec<Numbers>) = (Vec::new(), Vec::new());
         let begin = self.frames.first().map_or(0.0, |(time, _)| *time);
         let end = self.frames.last().map_or(0.0, |(time, _)| *time);
-        for step in 0.. {
-            let from = begin + f64::from(step) * STEP_SECONDS;
-            // A short video has one window all the same.
-            if step > 0 && from + WINDOW_SECONDS > end + LAST_FRAME_SECONDS {
-                break;
+        // Only windows that hold frames: timestamps may leap by years.
+        let mut windows: BTreeMap<u64, (Numbers, f32)> = BTreeMap::new();
+        for (time, numbers) in &self.frames {
+            let last = ((time - begin) / STEP_SECONDS) as u64;
+            for step in last.saturating_sub(STEPS_PER_WINDOW - 1)..=last {
+                let (sum, count) = windows.entry(step).or_insert(([0.0; NUMBERS], 0.0));
+                *count += 1.0;
+                for (sum, value) in sum.iter_mut().zip(numbers) {
+                    *sum += value;
+                }
             }
-            let until = |end: f64| self.frames.partition_point(|(time, _)| *time < end);
-            let within = &self.frames[until(from)..until(from + WINDOW_SECONDS)];
-            if let Some(mean) = mean(within.iter().map(|(_, numbers)| numbers)) {
-                times.push(from - begin);
-                rows.push(mean);
+        }
+        let (mut times, mut rows): (Vec<f64>, Vec<Numbers>) = (Vec::new(), Vec::new());
+        for (step, (sum, count)) in windows {
+            let from = step as f64 * STEP_SECONDS;
+            // A short video has one window all the same.
+            if step == 0 || begin + from + WINDOW_SECONDS <= end + LAST_FRAME_SECONDS {
+                times.push(from);
+                rows.push(sum.map(|sum| sum / count));
             }
         }
         let columns = (0..NUMBERS).map(|number| {
@@ -85,17 +96,6 @@ impl SignaturePass {
 
 /// Names of the numbers of a band.
 const NAMES: [&str; PER_BAND] = ["red", "green", "blue", "order1", "order2", "order3"];
-
-fn mean<'a>(rows: impl Iterator<Item = &'a Numbers>) -> Option<Numbers> {
-    let (mut sum, mut count) = ([0.0; NUMBERS], 0.0);
-    for row in rows {
-        count += 1.0;
-        for (sum, value) in sum.iter_mut().zip(row) {
-            *sum += value;
-        }
-    }
-    (count > 0.0).then(|| sum.map(|sum| sum / count))
-}
 
 fn numbers(image: &Rgb8Image) -> Numbers {
     let (width, height) = (image.width, image.height);
@@ -172,6 +172,22 @@ mod tests {
             assert!((a - b).abs() < 1e-5, "{a} {b}");
         }
         assert!(straight[3] > 1e-4, "there is something to turn");
+    }
+
+    #[test]
+    fn timestamps_that_leap_cost_nothing() {
+        let mut pass = SignaturePass::default();
+        let black = Rgb8Image {
+            width: 64,
+            height: 32,
+            data: vec![0; 64 * 32 * 3],
+        };
+        for time in [-5.0, 0.0, 1e9, 1e15] {
+            pass.observe(time, &black);
+        }
+        let times = pass.finish().times;
+        assert!(times.len() <= 8 && times.is_sorted(), "{times:?}");
+        assert!(SignaturePass::default().finish().times.is_empty());
     }
 
     #[test]
