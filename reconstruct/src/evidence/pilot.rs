@@ -122,7 +122,7 @@ impl PilotFit {
                 series.extend(seen);
             }
         }
-        ViewDependence::of(&series)
+        ViewDependence::of(series)
     }
 
     /// Where every other view shows something flat, on a grid of its pixels.

@@ -16,8 +16,11 @@
 //! change in proportion to the place of the camera, say nothing either: a scene that the pilot fit has
 //! a percent too near looks like a path that is a percent too long.
 //!
-//! The evidence is the root mean square displacement of the points that the corrections predict, beyond
-//! what their covariance explains.
+//! The evidence is how far two halves of the points agree on a displacement. Neighbouring points err
+//! alike, so that the covariance of a fit says too little of its error. But the halves lie in different
+//! directions, as the squares of a chess-board: what is by chance in one is not in the other, the product
+//! of their displacements is 0 on average for poses that are exact, and its spread over the views says how
+//! near to 0.
 
 use std::{f64::consts::TAU, fmt};
 
@@ -30,7 +33,11 @@ use omnilife_engine::camera::{Camera, pose::PoseCorrection};
 /// Displacement from which poses are worth refining, pixels of the images that were looked at: exact
 /// poses have 0.01 and 0.02, poses that are off by 0.1 degrees 0.09 to 0.13 (docs/results/dynamic.md).
 const LEAST_SHIFT_PIXELS: f64 = 0.05;
-/// Points with fewer observations do not say six numbers.
+/// The halves agree when the mean of their products is this many of its standard errors above 0.
+const LEAST_STANDARD_ERRORS: f64 = 3.0;
+/// Squares of the chess-board between the centre of the sphere and its surface, along each axis.
+const SQUARES: f64 = 3.0;
+/// Fewer observations do not say six numbers; of a half of the points, half as many.
 const LEAST_OBSERVATIONS: usize = 50;
 /// Rounds of reweighting.
 const ROUNDS: usize = 8;
@@ -41,8 +48,6 @@ const CAUCHY: f64 = 2.385;
 const PATH_RIDGE: f64 = 1e-3;
 /// Residuals of a render without any noise still differ by rounding, grey levels of 1.
 const LEAST_NOISE: f64 = 1e-6;
-/// Colour channels of a pixel err alike: they count as one.
-const CHANNELS: f64 = 3.0;
 
 /// Turn (3, radians) and shift (3, normalized units) of a camera in the world.
 type Twist = [f64; 6];
@@ -77,6 +82,12 @@ impl PoseObservation {
         }
     }
 
+    /// Which half of the points it belongs to.
+    fn half(&self) -> usize {
+        let squares = (SQUARES * self.offset.normalize_or_zero()).floor();
+        (squares.x + squares.y + squares.z).rem_euclid(2.0) as usize
+    }
+
     /// By how much the point's direction changes with each of the pose's numbers.
     fn displacements(&self) -> [DVec3; 6] {
         let distance = self.offset.length();
@@ -100,10 +111,13 @@ impl PoseObservation {
 pub struct PoseEvidence {
     /// Views that said something.
     pub views: usize,
-    /// Root mean square displacement of the points, radians.
+    /// Root mean square displacement of the points by the corrections, chance included, radians.
     pub shift_radians: f64,
-    /// What the corrections' covariance explains of it, radians.
-    pub explained_radians: f64,
+    /// Mean product of the displacements that two halves of the points say, radians squared: the mean
+    /// square without what is by chance. It may be below 0.
+    pub agreed_square: f64,
+    /// Standard error of that mean over the views.
+    pub standard_error: f64,
     /// A shift of the camera by this times an angle displaces the points as a turn by the angle does, root
     /// mean square; normalized units.
     pub distance: f64,
@@ -121,57 +135,50 @@ impl PoseEvidence {
     /// From what every view, a camera at a centre, shows at the same points.
     pub fn of(mut views: Vec<(Vec3, Vec<Option<PoseObservation>>)>, camera: &Camera) -> Self {
         subtract_medians(&mut views);
-        let mut found: Vec<Option<Estimate>> = views
+        let whole = Estimates::of(&views, LEAST_OBSERVATIONS, |_| true);
+        let halves = [0, 1]
+            .map(|half| Estimates::of(&views, LEAST_OBSERVATIONS / 2, |seen| seen.half() == half));
+        let corrections = whole
+            .of_views
             .iter()
-            .map(|(_, observations)| {
-                Estimate::of(&observations.iter().flatten().collect::<Vec<_>>())
-            })
-            .collect();
-        let seen = views
-            .iter()
-            .zip(&found)
-            .filter(|(_, found)| found.is_some());
-        let centres: Vec<DVec3> = seen.map(|((centre, _), _)| centre.as_dvec3()).collect();
-        let taken_out = subtract_trend(&centres, found.iter_mut().flatten().collect());
-        let corrections = found.iter().map(|one| Some(one.as_ref()?.correction()));
-        let corrections = corrections.collect();
-        let found: Vec<Estimate> = found.into_iter().flatten().collect();
-        let left = found.len() as f64 - taken_out;
+            .map(|one| Some(one.as_ref()?.correction()));
+        let found: Vec<&Estimate> = whole.of_views.iter().flatten().collect();
+        let left = found.len() as f64 - whole.taken_out;
         // Written so that NaN is refused.
         let says_something = left >= 1.0;
         if !says_something {
             return Self::default();
         }
-        let moved: f64 = found.iter().map(|one| one.mean_square(&one.twist)).sum();
-        let explained: f64 = found.iter().map(Estimate::expected_mean_square).sum();
+        let moved: f64 = found
+            .iter()
+            .map(|one| one.product(&one.twist, &one.twist))
+            .sum();
         let displaced = |by: [usize; 3]| -> f64 {
-            let squares = |one: &Estimate| by.map(|k| one.displacement[k][k]).iter().sum::<f64>();
+            let squares = |one: &&Estimate| by.map(|k| one.displacement[k][k]).iter().sum::<f64>();
             found.iter().map(squares).sum()
         };
+        let (agreed_square, standard_error) = agreement(&whole, &halves);
         Self {
             views: found.len(),
             distance: (displaced([0, 1, 2]) / displaced([3, 4, 5])).sqrt(),
             shift_radians: (moved / left).sqrt(),
-            explained_radians: (explained / found.len() as f64).sqrt(),
+            agreed_square,
+            standard_error,
             width: camera.width(),
             turn_pixels: pixels_per_turn(camera),
-            corrections,
+            corrections: corrections.collect(),
         }
     }
 
-    /// Root mean square displacement beyond what chance explains, pixels at the images' centre.
-    pub fn unexplained_pixels(&self) -> f64 {
-        let square = self.shift_radians.powi(2) - self.explained_radians.powi(2);
-        self.pixels(square.max(0.0).sqrt())
-    }
-
-    fn pixels(&self, radians: f64) -> f64 {
-        radians / TAU * self.turn_pixels
+    /// Root mean square displacement without what is by chance, pixels at the images' centre.
+    pub fn agreed_pixels(&self) -> f64 {
+        self.agreed_square.max(0.0).sqrt() / TAU * self.turn_pixels
     }
 
     /// Whether the poses are worth refining.
     pub fn are_off(&self) -> bool {
-        self.unexplained_pixels() >= LEAST_SHIFT_PIXELS
+        self.agreed_square >= LEAST_STANDARD_ERRORS * self.standard_error
+            && self.agreed_pixels() >= LEAST_SHIFT_PIXELS
     }
 }
 
@@ -187,13 +194,76 @@ impl fmt::Display for PoseEvidence {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             out,
-            "after {PILOT_ITERATIONS} static iterations, in images {} pixels wide, points of {} \
-             views lie {:.2} pixels from where they should by their poses, beyond what chance \
-             explains (limit {LEAST_SHIFT_PIXELS})",
+            "after {PILOT_ITERATIONS} static iterations, in images {} pixels wide, two halves of the \
+             points of {} views agree that these lie {:.2} pixels from where they should by their \
+             poses (limit {LEAST_SHIFT_PIXELS}), {:.1} standard errors above chance (limit \
+             {LEAST_STANDARD_ERRORS})",
             self.width,
             self.views,
-            self.unexplained_pixels()
+            self.agreed_pixels(),
+            self.agreed_square / self.standard_error.max(f64::MIN_POSITIVE)
         )
+    }
+}
+
+/// Mean over the views of the product of the displacements that two halves of the points say, and its
+/// standard error.
+fn agreement(whole: &Estimates, halves: &[Estimates; 2]) -> (f64, f64) {
+    let views = whole
+        .of_views
+        .iter()
+        .zip(&halves[0].of_views)
+        .zip(&halves[1].of_views);
+    let products: Vec<f64> = views
+        .filter_map(|((whole, one), other)| {
+            let (one, other) = (one.as_ref()?, other.as_ref()?);
+            Some(whole.as_ref()?.product(&one.twist, &other.twist))
+        })
+        .collect();
+    let count = products.len() as f64;
+    let left = count - whole.taken_out;
+    if left < 2.0 {
+        return (0.0, 0.0);
+    }
+    let mean = products.iter().sum::<f64>() / left;
+    let squares: f64 = products
+        .iter()
+        .map(|product| (product - mean).powi(2))
+        .sum();
+    (mean, (squares / (left * (left - 1.0))).sqrt())
+}
+
+/// What some of the points say of each view's pose, without what a bent scene explains.
+struct Estimates {
+    /// `None` where too little was seen.
+    of_views: Vec<Option<Estimate>>,
+    /// How many views' worth of freedom a bent scene takes.
+    taken_out: f64,
+}
+
+impl Estimates {
+    fn of(
+        views: &[(Vec3, Vec<Option<PoseObservation>>)],
+        least: usize,
+        takes: impl Fn(&PoseObservation) -> bool,
+    ) -> Self {
+        let mut of_views: Vec<Option<Estimate>> = views
+            .iter()
+            .map(|(_, observations)| {
+                let seen = observations.iter().flatten().filter(|seen| takes(seen));
+                Estimate::of(&seen.collect::<Vec<_>>(), least)
+            })
+            .collect();
+        let seen = views
+            .iter()
+            .zip(&of_views)
+            .filter(|(_, found)| found.is_some());
+        let centres: Vec<DVec3> = seen.map(|((centre, _), _)| centre.as_dvec3()).collect();
+        let taken_out = subtract_trend(&centres, of_views.iter_mut().flatten().collect());
+        Self {
+            of_views,
+            taken_out,
+        }
     }
 }
 
@@ -277,11 +347,10 @@ fn middle(values: &mut [f32]) -> f32 {
     *values.select_nth_unstable_by(place, f32::total_cmp).1
 }
 
-/// A view's correction and what is known of it.
+/// A view's correction.
 struct Estimate {
     twist: Twist,
-    covariance: [Twist; 6],
-    /// The mean of the squared displacement is a quadratic form of the twist: this.
+    /// The mean of the product of two displacements is a bilinear form of their twists: this.
     displacement: [Twist; 6],
 }
 
@@ -293,8 +362,6 @@ type Row<'a> = (&'a Twist, f64);
 struct NormalEquations {
     matrix: [Twist; 6],
     right: Twist,
-    squares: f64,
-    weights: f64,
 }
 
 impl NormalEquations {
@@ -307,8 +374,6 @@ impl NormalEquations {
         for row in rows {
             let residual = left(row);
             let weight = 1.0 / (1.0 + (residual / (CAUCHY * scale)).powi(2));
-            sums.squares += weight * residual * residual;
-            sums.weights += weight;
             for (i, slope) in row.0.iter().enumerate() {
                 sums.right[i] += weight * slope * row.1;
                 for (value, other) in sums.matrix[i].iter_mut().zip(row.0) {
@@ -321,8 +386,8 @@ impl NormalEquations {
 }
 
 impl Estimate {
-    fn of(observations: &[&PoseObservation]) -> Option<Self> {
-        if observations.len() < LEAST_OBSERVATIONS {
+    fn of(observations: &[&PoseObservation], least: usize) -> Option<Self> {
+        if observations.len() < least {
             return None;
         }
         let rows: Vec<Row<'_>> = observations
@@ -335,17 +400,13 @@ impl Estimate {
             })
             .collect();
         let mut twist = [0.0; 6];
-        let mut covariance = [[0.0; 6]; 6];
         for _ in 0..ROUNDS {
             let equations = NormalEquations::of(&rows, &twist);
             let inverse = inverted(&equations.matrix)?;
             twist = std::array::from_fn(|i| dot(&inverse[i], &equations.right));
-            let variance = CHANNELS * equations.squares / equations.weights;
-            covariance = inverse.map(|row| row.map(|value| variance * value));
         }
         Some(Self {
             twist,
-            covariance,
             displacement: mean_displacement(observations),
         })
     }
@@ -358,17 +419,10 @@ impl Estimate {
         }
     }
 
-    /// Mean squared displacement of the points by a twist, radians squared.
-    fn mean_square(&self, twist: &Twist) -> f64 {
+    /// Mean product of the displacements of the points by two twists, radians squared.
+    fn product(&self, one: &Twist, other: &Twist) -> f64 {
         (0..6)
-            .map(|i| twist[i] * dot(&self.displacement[i], twist))
-            .sum()
-    }
-
-    /// What chance makes of it.
-    fn expected_mean_square(&self) -> f64 {
-        (0..6)
-            .map(|i| dot(&self.displacement[i], &self.covariance[i]))
+            .map(|i| one[i] * dot(&self.displacement[i], other))
             .sum()
     }
 }

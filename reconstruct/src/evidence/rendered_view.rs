@@ -203,6 +203,7 @@ impl RenderedView {
         let pixel = self.visible_pixel(scene, view.rotation * offset, 1)?;
         let patch = self.mean(pixel, 1);
         (!patch.residual[0].is_nan() && self.is_flat(pixel)).then(|| Observation {
+            view: self.number,
             direction: offset.normalize_or_zero(),
             colour: patch.shown,
         })

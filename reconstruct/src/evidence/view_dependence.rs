@@ -26,6 +26,11 @@ const LEAST_SAMPLES: usize = 1_000;
 /// Squared errors count up to this many times their median over all surfaces: what moves is not to
 /// decide.
 const LARGEST_OVER_MEDIAN: f32 = 25.0;
+/// Rounds of the robust fit of a view's tones; changes of this many medians have half their weight.
+const TONE_ROUNDS: usize = 5;
+const TONE_REACH: f32 = 3.0;
+/// Variance of levels below which there is no slope to speak of.
+const TONE_RIDGE: f64 = 1e-4;
 /// Slopes of this size, levels of 1 per unit of direction, are as plausible as none.
 const PLAUSIBLE_SLOPE: f32 = 0.3;
 /// Change of colours with the direction from which harmonics are worth their memory: root mean square,
@@ -36,6 +41,8 @@ const LEAST_CHANGE: f64 = 0.012;
 /// A surface in one view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Observation {
+    /// Number of the view.
+    pub view: usize,
     /// From the camera to the surface, world frame, unit.
     pub direction: Vec3,
     /// Levels of 1.
@@ -53,8 +60,10 @@ pub struct ViewDependence {
 
 impl ViewDependence {
     /// Evidence from surfaces, each with the views in which it is seen, in the order of time.
-    pub fn of(surfaces: &[Vec<Observation>]) -> Self {
-        let usable = || surfaces.iter().filter(|views| views.len() >= LEAST_VIEWS);
+    pub fn of(mut surfaces: Vec<Vec<Observation>>) -> Self {
+        surfaces.retain(|views| views.len() >= LEAST_VIEWS);
+        subtract_tones(&mut surfaces);
+        let usable = || surfaces.iter();
         let noise = median_square(usable());
         let largest = LARGEST_OVER_MEDIAN * noise;
         let square = |error: f32| f64::from((error * error).min(largest));
@@ -103,6 +112,81 @@ impl fmt::Display for ViewDependence {
              levels of 1 (limit {LEAST_CHANGE})",
             self.samples, self.change
         )
+    }
+}
+
+/// Takes out of every view what changes all surfaces of a colour alike: an exposure that is not quite a gain,
+/// light that changes. For each view and channel that is an affine function of the surfaces' mean colours.
+fn subtract_tones(surfaces: &mut [Vec<Observation>]) {
+    let means: Vec<[f32; 3]> = surfaces
+        .iter()
+        .map(|views| {
+            let sum = |channel: usize| views.iter().map(|seen| seen.colour[channel]).sum::<f32>();
+            [0, 1, 2].map(|channel| sum(channel) / views.len().max(1) as f32)
+        })
+        .collect();
+    let count = surfaces.iter().flatten().map(|seen| seen.view + 1).max();
+    for view in 0..count.unwrap_or(0) {
+        for channel in 0..3 {
+            let mut pairs = Vec::new();
+            for (views, mean) in surfaces.iter().zip(&means) {
+                let here = views.iter().filter(|seen| seen.view == view);
+                pairs
+                    .extend(here.map(|seen| (mean[channel], seen.colour[channel] - mean[channel])));
+            }
+            let tone = Tone::of(&pairs);
+            for (views, mean) in surfaces.iter_mut().zip(&means) {
+                for seen in views.iter_mut().filter(|seen| seen.view == view) {
+                    seen.colour[channel] -= tone.at(mean[channel]);
+                }
+            }
+        }
+    }
+}
+
+/// An affine function of a level.
+#[derive(Debug, Clone, Copy, Default)]
+struct Tone {
+    offset: f32,
+    slope: f32,
+}
+
+impl Tone {
+    /// Robust least squares: what is far from the others has little say.
+    fn of(pairs: &[(f32, f32)]) -> Self {
+        let mut tone = Self::default();
+        for _ in 0..TONE_ROUNDS {
+            let left = |&(level, change): &(f32, f32)| change - tone.at(level);
+            let sizes: Vec<f32> = pairs.iter().map(|pair| left(pair).abs()).collect();
+            let scale = TONE_REACH * median(&sizes).unwrap_or_default().max(f32::MIN_POSITIVE);
+            let weighted = pairs.iter().map(|pair| {
+                let weight = 1.0 / (1.0 + (left(pair) / scale).powi(2));
+                (f64::from(weight), f64::from(pair.0), f64::from(pair.1))
+            });
+            let [mut weights, mut x, mut y, mut xx, mut xy] = [0.0; 5];
+            for (weight, level, change) in weighted {
+                weights += weight;
+                x += weight * level;
+                y += weight * change;
+                xx += weight * level * level;
+                xy += weight * level * change;
+            }
+            // Levels that are all alike have no slope.
+            let spread = xx * weights - x * x + TONE_RIDGE * weights * weights;
+            if weights <= 0.0 {
+                return Self::default();
+            }
+            let slope = (xy * weights - x * y) / spread;
+            tone = Self {
+                offset: ((y - slope * x) / weights) as f32,
+                slope: slope as f32,
+            };
+        }
+        tone
+    }
+
+    fn at(&self, level: f32) -> f32 {
+        self.offset + self.slope * level
     }
 }
 
@@ -168,7 +252,8 @@ fn median_square<'a>(surfaces: impl Iterator<Item = &'a Vec<Observation>>) -> f3
 mod tests {
     use super::*;
 
-    /// Surfaces beside a path of 20 cameras, with noise, and with a gloss of this slope.
+    /// Surfaces beside a path of 20 cameras, with noise, and with a gloss of this slope, which brightens every
+    /// other one towards the one side.
     fn surfaces(slope: f32) -> Vec<Vec<Observation>> {
         let surface = |number: usize| {
             let at = Vec3::new(0.7 * (number % 9) as f32 - 3.0, 1.0, 2.0);
@@ -178,7 +263,13 @@ mod tests {
                 // Something passes for a view.
                 let passing = if view == number % 370 { 0.5 } else { 0.0 };
                 let own = 0.1 * (number % 5) as f32;
+                let slope = if (number / 5).is_multiple_of(2) {
+                    slope
+                } else {
+                    -slope
+                };
                 Observation {
+                    view,
                     direction,
                     colour: [own + slope * direction.x + noise + passing; 3],
                 }
@@ -191,7 +282,7 @@ mod tests {
     #[test]
     fn gloss_is_told_from_noise_and_from_what_passes() {
         let [none, little, gloss] =
-            [0.0, 0.01, 0.1].map(|slope| ViewDependence::of(&surfaces(slope)));
+            [0.0, 0.01, 0.1].map(|slope| ViewDependence::of(surfaces(slope)));
         assert_eq!(none.samples, 300 * 20 * 3);
         assert!(
             none.change < 0.002 && !none.is_worth_harmonics(),
@@ -204,20 +295,33 @@ mod tests {
     }
 
     #[test]
+    fn what_changes_a_whole_view_is_no_gloss() {
+        // A tone curve that goes on changing while the camera passes, as the direction does.
+        let mut surfaces = surfaces(0.0);
+        for seen in surfaces.iter_mut().flatten() {
+            let share = 0.01 * (seen.view as f32 - 10.0);
+            seen.colour = seen.colour.map(|level| level * (1.0 + share) + 0.2 * share);
+        }
+        let found = ViewDependence::of(surfaces);
+        assert!(found.change < 0.003, "{found:?}");
+    }
+
+    #[test]
     fn without_views_nothing_is_known() {
         let few: Vec<Vec<Observation>> = surfaces(0.1)
             .into_iter()
             .map(|views| views[..LEAST_VIEWS - 1].to_vec())
             .collect();
-        for nothing in [ViewDependence::of(&few), ViewDependence::of(&[])] {
+        for nothing in [ViewDependence::of(few), ViewDependence::of(Vec::new())] {
             assert_eq!(nothing, ViewDependence::default());
             assert!(!nothing.is_worth_harmonics() && nothing.to_string().contains("too few"));
         }
         // Far away the direction never changes, and nothing else does: nothing to divide by.
         let seen = Observation {
+            view: 0,
             direction: Vec3::Z,
             colour: [0.1; 3],
         };
-        assert_eq!(ViewDependence::of(&vec![vec![seen; 8]; 50]).change, 0.0);
+        assert_eq!(ViewDependence::of(vec![vec![seen; 8]; 50]).change, 0.0);
     }
 }

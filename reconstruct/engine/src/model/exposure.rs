@@ -10,8 +10,9 @@
 use omnilife_schemas::statistics::median;
 use serde::{Deserialize, Serialize};
 
-/// Values below this are as much noise as signal, levels in `[0, 1]`.
-const LEAST_LEVEL: f32 = 0.05;
+/// Rendered levels in `[0, 1]` that say something of a gain: what is darker is as much noise as signal, what
+/// is brighter may be clipped.
+const USABLE_LEVELS: std::ops::Range<f32> = 0.05..0.9;
 /// Standard deviation of the gains from which they are worth compensating: below it errors of other
 /// kinds are larger.
 const LEAST_DRIFT: f64 = 0.02;
@@ -102,19 +103,21 @@ impl Exposure {
     }
 }
 
-/// The medians of `ln(shown / rendered)`; clipped and dark values are left out.
+/// The logarithms of the medians of `shown / rendered`; dark and bright renders are left out.
 fn log_gain(pairs: &[[[f32; 3]; 2]]) -> Option<[f32; 3]> {
     let of_channel = |channel: usize| {
-        let is_usable = |value: f32| (LEAST_LEVEL..0.98).contains(&value);
-        let ratios: Vec<f32> = pairs
+        // Chosen by the render alone: of noisy values those that are large enough are too large.
+        let (levels, ratios): (Vec<f32>, Vec<f32>) = pairs
             .iter()
             .map(|[shown, rendered]| [shown[channel], rendered[channel]])
-            .filter(|pair| pair.iter().all(|&value| is_usable(value)))
-            .map(|[shown, rendered]| (shown / rendered).ln())
-            .collect();
-        (ratios.len() >= LEAST_POINTS)
+            .filter(|[_, rendered]| USABLE_LEVELS.contains(rendered))
+            .map(|[shown, rendered]| (rendered, shown / rendered))
+            .unzip();
+        let ratio = (ratios.len() >= LEAST_POINTS)
             .then(|| median(&ratios))
-            .flatten()
+            .flatten()?;
+        let is_usable = ratio * median(&levels)? >= USABLE_LEVELS.start;
+        is_usable.then(|| ratio.ln())
     };
     Some([of_channel(0)?, of_channel(1)?, of_channel(2)?])
 }
@@ -128,6 +131,23 @@ mod tests {
         let level = |point: usize| 0.1 + 0.004 * point as f32;
         let pair = |point: usize| [[level(point) * gain; 3], [level(point); 3]];
         (time, (0..100).map(pair).collect())
+    }
+
+    #[test]
+    fn noise_in_the_dark_is_no_exposure() {
+        // Levels near the limit, in one view with noise: those that are dark by chance count too.
+        let views = [0.0, 0.04].map(|noise: f32| {
+            let pair = |point: usize| {
+                let level = 0.045 + 0.0002 * (point % 100) as f32;
+                // The sum of two uniform numbers is near its middle most of the time.
+                let uniform = |step: usize| (point * step % 101) as f32 / 50.0 - 1.0;
+                let noise = noise * 0.5 * (uniform(37) + uniform(61));
+                [[level + noise; 3], [level; 3]]
+            };
+            (f64::from(noise), (0..2_000).map(pair).collect())
+        });
+        let drift = Exposure::estimate(&views).map(|found| found.drift());
+        assert!(drift.is_some_and(|drift| drift < 0.04), "{drift:?}");
     }
 
     #[test]
