@@ -1,7 +1,7 @@
 //! Where the camera passes between indoors and outdoors: suggestions for people to decide on.
 //!
 //! Outdoors something above is bright and smooth: sky, cloud, surf or light between leaves. Indoors
-//! there are beams, lamps and joints. [`Place`] measures how much of the cap above 40 degrees of
+//! there are beams, lamps and joints. `Place` measures how much of the cap above 40 degrees of
 //! latitude is open in this sense, by solid angle, and with it exposure and colour of the whole
 //! sphere. A change is suggested where the open share passes from clearly closed to clearly open or
 //! back, and exposure or colour change with it: waves and leaves that pass overhead cover the sky

@@ -2,9 +2,9 @@
 //! models.
 //!
 //! Language models know photographs, so a panorama is shown to them as four perspective views around
-//! the horizon ([`views`]). An answer is kept under the hash of what it was asked by ([`kept`]): a run
+//! the horizon (`views`). An answer is kept under the hash of what it was asked by (`kept`): a run
 //! that was interrupted, or is repeated, asks for nothing twice. What goes over the network is in
-//! [`client`].
+//! `client`.
 
 pub mod client;
 mod kept;
