@@ -9,7 +9,7 @@
 //! direction; noise and what passes for a view or two is predicted worse. (Light that changes slowly
 //! while the camera passes looks the same.)
 
-use std::fmt;
+use std::{collections::BTreeMap, fmt};
 
 use glam::{Mat3, Vec3};
 use omnilife_schemas::statistics::median;
@@ -125,20 +125,22 @@ fn subtract_tones(surfaces: &mut [Vec<Observation>]) {
             [0, 1, 2].map(|channel| sum(channel) / views.len().max(1) as f32)
         })
         .collect();
-    let count = surfaces.iter().flatten().map(|seen| seen.view + 1).max();
-    for view in 0..count.unwrap_or(0) {
+    let mut of_views: BTreeMap<usize, Vec<(&[f32; 3], &mut Observation)>> = BTreeMap::new();
+    for (views, mean) in surfaces.iter_mut().zip(&means) {
+        for seen in views {
+            of_views.entry(seen.view).or_default().push((mean, seen));
+        }
+    }
+    for seen in of_views.values_mut() {
         for channel in 0..3 {
-            let mut pairs = Vec::new();
-            for (views, mean) in surfaces.iter().zip(&means) {
-                let here = views.iter().filter(|seen| seen.view == view);
-                pairs
-                    .extend(here.map(|seen| (mean[channel], seen.colour[channel] - mean[channel])));
-            }
+            let change = |mean: &[f32; 3], seen: &Observation| seen.colour[channel] - mean[channel];
+            let pairs: Vec<(f32, f32)> = seen
+                .iter()
+                .map(|(mean, seen)| (mean[channel], change(mean, seen)))
+                .collect();
             let tone = Tone::of(&pairs);
-            for (views, mean) in surfaces.iter_mut().zip(&means) {
-                for seen in views.iter_mut().filter(|seen| seen.view == view) {
-                    seen.colour[channel] -= tone.at(mean[channel]);
-                }
+            for (mean, seen) in seen.iter_mut() {
+                seen.colour[channel] -= tone.at(mean[channel]);
             }
         }
     }

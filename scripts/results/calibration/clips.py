@@ -5,7 +5,7 @@ so that each stands in both halves about equally often; nothing here was chosen 
 """
 
 import random
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 # Levels of every factor; the first is the one in which nothing of the kind is wrong.
 FACTORS = {
@@ -48,10 +48,6 @@ class Clip:
             "poses": self.poses != "exact",
             "view-dependence": self.surfaces == "glossy",
         }
-
-    def recipe(self):
-        """As a dictionary."""
-        return asdict(self)
 
 
 def clips():
