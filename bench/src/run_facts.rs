@@ -15,6 +15,7 @@ use crate::{curve::rows::Trace, error::BenchError};
 
 /// The record of a run of ours (`run.json`) or of an external method (`external-run.json`).
 pub(crate) struct RunFacts {
+    /// The method's name in tables.
     pub(crate) method: String,
     pub(crate) scene: String,
     pub(crate) protocol_hash: String,
@@ -75,7 +76,7 @@ impl RunFacts {
                 .map(|folder| file.with_file_name(folder)),
             novel_folder: file.with_file_name(&run.predictions.novel_views),
             split_sha256: run.inputs.get("split.json").cloned(),
-            method: run.method,
+            method: run.variant.unwrap_or(run.method),
             scene: run.scene,
             protocol_hash: run.protocol_hash,
             training_seconds: Some(run.training_seconds),

@@ -27,6 +27,7 @@ use scoring::{Bench, image};
 fn run_record(bench: &Bench) -> RunRecord {
     RunRecord {
         method: "stripes".to_owned(),
+        variant: None,
         scene: bench.split.scene.clone(),
         protocol_hash: bench.split.protocol_hash.clone(),
         seed: 0,

@@ -62,7 +62,11 @@ impl Network {
         );
         weights.steps += 1;
         weights.array.learning_rate = 1e-6;
-        adam::cpu::step(&mut weights.array, weights.steps);
+        adam::cpu::step(
+            &mut weights.array,
+            weights.steps,
+            adam::SecondMomentDecay::PUBLISHED,
+        );
     }
 }
 

@@ -69,6 +69,24 @@ impl MethodRequest {
     }
 }
 
+/// How a method's components are decided where a request does not say.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DefaultPlan {
+    /// The scene's evidence decides: methods of this project, and those without a choice.
+    Auto,
+    /// All of them, as published: methods of others.
+    Full,
+}
+
+impl From<DefaultPlan> for PlanChoice {
+    fn from(plan: DefaultPlan) -> Self {
+        match plan {
+            DefaultPlan::Auto => Self::Auto,
+            DefaultPlan::Full => Self::Full,
+        }
+    }
+}
+
 /// How components that were neither asked for nor left out by name are decided.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

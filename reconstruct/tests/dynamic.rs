@@ -413,7 +413,7 @@ fn a_network_learns_which_gaussians_move_and_when() {
         let both = (&mut instant, &mut gradient);
         deformation.activate_vjp(&model, &mut weights.array, &mut table, time, both);
         weights.array.learning_rate = 2e-3;
-        adam::cpu::step(&mut weights.array, step);
+        adam::cpu::step(&mut weights.array, step, adam::SecondMomentDecay::PUBLISHED);
     }
     let between = 0.6;
     deformation.activate(&model, &weights.array.values, &table, between, &mut instant);

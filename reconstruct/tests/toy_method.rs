@@ -21,7 +21,7 @@ use omnilife_engine::{
 use omnilife_reconstruct::{
     ReconstructError, baseline,
     methods::{Method, MethodKind, PreparedGaussians},
-    request::MethodRequest,
+    request::{DefaultPlan, MethodRequest},
     scene::TrainingScene,
     seeds::points,
     train::Session,
@@ -104,6 +104,7 @@ const TOY: Method = Method {
     description: "Static Gaussians that drift with one velocity, as the simplest thing that moves.",
     components: &[],
     optional_components: &[],
+    default_plan: DefaultPlan::Auto,
     options: &[],
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request)?.on(scene, backend),

@@ -34,6 +34,7 @@ pub(crate) use leaderboard::{
 pub(crate) use ledger::LedgerCommand;
 pub(crate) use reconstruct::{
     AssetArguments, BackendArgument, MethodArguments, ReconstructCommand, RenderArguments,
+    plan_word,
 };
 pub(crate) use run::RunArguments;
 pub(crate) use sweep::{

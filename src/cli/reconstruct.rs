@@ -39,10 +39,11 @@ pub(crate) struct MethodArguments {
     /// Leaves out components of the method; `reconstruct methods` lists them.
     #[arg(long, value_name = "COMPONENT", value_delimiter = ',')]
     pub(crate) without: Vec<String>,
-    /// Components of a method for dynamic scenes: those that the scene gives reason for, all of them
-    /// as published, or a list.
-    #[arg(long, value_name = "auto|full|COMPONENT,...", default_value = "auto", value_parser = plan)]
-    pub(crate) plan: PlanChoice,
+    /// Components of the method: those that the scene gives reason for, all of them as published, or a
+    /// list [default: full for the published methods deformable, periodic and omni4dgs, auto for
+    /// the others].
+    #[arg(long, value_name = "auto|full|COMPONENT,...", value_parser = plan)]
+    pub(crate) plan: Option<PlanChoice>,
     /// What computes: the CPU, or a GPU.
     #[arg(long, value_enum, default_value_t = BackendArgument::Cpu)]
     pub(crate) backend: BackendArgument,
@@ -109,7 +110,10 @@ impl MethodArguments {
             options: Options::parse(method.id, method.options, &self.options)?,
             with: self.with.clone(),
             without: self.without.clone(),
-            plan: self.plan.clone(),
+            plan: self
+                .plan
+                .clone()
+                .unwrap_or_else(|| method.default_plan.into()),
             trace_every: self.trace,
             ..MethodRequest::new(iterations, self.seed)
         })
@@ -134,18 +138,14 @@ impl MethodArguments {
             checkpoint_every,
         } = self;
         let list = |names: &[String]| (!names.is_empty()).then(|| names.join(","));
-        let plan = match plan {
-            PlanChoice::Auto => "auto".to_owned(),
-            PlanChoice::Full => "full".to_owned(),
-            PlanChoice::Only(names) => names.join(","),
-        };
+        let plan = plan.as_ref().map(plan_word);
         let given = [
             ("--method", Some(method.clone())),
             ("--budget", budget.map(|seconds| seconds.to_string())),
             ("--seed", Some(seed.to_string())),
             ("--with", list(with)),
             ("--without", list(without)),
-            ("--plan", Some(plan)),
+            ("--plan", plan),
             ("--backend", Some(backend.name().to_owned())),
             ("--trace", trace.map(|every| every.to_string())),
             ("--trace-views", trace_views.map(|count| count.to_string())),
@@ -269,6 +269,15 @@ fn direction(text: &str) -> Result<[f64; 3], String> {
         .collect();
     let numbers = numbers.and_then(|numbers| <[f64; 3]>::try_from(numbers).ok());
     numbers.ok_or_else(|| "expected three numbers such as 0,0,1".to_owned())
+}
+
+/// What [`plan`] reads.
+pub(crate) fn plan_word(plan: &PlanChoice) -> String {
+    match plan {
+        PlanChoice::Auto => "auto".to_owned(),
+        PlanChoice::Full => "full".to_owned(),
+        PlanChoice::Only(names) => names.join(","),
+    }
 }
 
 fn plan(text: &str) -> Result<PlanChoice, String> {

@@ -116,12 +116,12 @@ pub(crate) fn execute(
 /// The methods, which must be able to do what is asked before the first of them runs.
 fn methods(arguments: &BenchRunArguments) -> anyhow::Result<Vec<Method>> {
     let methods = benchmark::methods(&arguments.methods)?;
-    let request = MethodRequest {
-        budget_seconds: arguments.budget,
-        ..MethodRequest::new(arguments.iterations, 0)
-    };
     for method in &methods {
-        if let MethodKind::Ours(method) = method.kind {
+        if let MethodKind::Ours(method, variant) = &method.kind {
+            let request = MethodRequest {
+                budget_seconds: arguments.budget,
+                ..variant.request(arguments.iterations, 0)
+            };
             // Methods that learn nothing run on the CPU whatever trains the others.
             let backend = if method.is_trained() {
                 arguments.backend

@@ -7,7 +7,10 @@
 
 use std::path::Path;
 
-use omnilife_reconstruct::{jobs::reconstruct::RUN_FILE, methods::Method};
+use omnilife_reconstruct::{
+    jobs::reconstruct::RUN_FILE,
+    methods::{Method, variant::Variant},
+};
 use omnilife_schemas::records::{SweepUnit, UnitNeeds};
 
 use super::{absolute, argument, own_command, words};
@@ -35,13 +38,9 @@ impl AblationRequest<'_> {
     /// # Errors
     /// When a path is not UTF-8, or the options are not understood.
     pub(crate) fn unit(&self, method: &Method, without: Option<&str>) -> anyhow::Result<SweepUnit> {
-        // The names by which the leaderboard lays out ablations.
-        let name = without.map_or_else(
-            || method.id.to_owned(),
-            |component| format!("{}-without-{component}", method.id),
-        );
         let mut row = self.arguments.clone();
         row.without.extend(without.map(str::to_owned));
+        let name = Variant::of(method, &row.request(self.iterations)?).to_string();
         let folder = absolute(&self.out.join(&name))?;
         let scene = argument(&absolute(self.scene)?)?;
         let split = argument(&absolute(self.split)?)?;
@@ -54,8 +53,8 @@ impl AblationRequest<'_> {
         let record = argument(&run.join(RUN_FILE))?;
         let score = argument(&folder.join("score"))?;
         let score = words(&[
-            "bench", "score", "--scene", &scene, "--split", &split, "--run", &record, "--method",
-            &name, "--out", &score,
+            "bench", "score", "--scene", &scene, "--split", &split, "--run", &record, "--out",
+            &score,
         ]);
         Ok(SweepUnit {
             id: name.clone(),

@@ -18,7 +18,7 @@ use omnilife_bench::{
 };
 use omnilife_reconstruct::{
     jobs::reconstruct::RUN_FILE,
-    methods::{self, Method as OurMethod},
+    methods::{self, Method as OurMethod, variant::Variant},
 };
 use omnilife_schemas::{
     layout::{SCENE_FILE, SPLIT_FILE},
@@ -28,7 +28,10 @@ use omnilife_schemas::{
 use omnilife_sweep::plan;
 
 use super::{absolute, argument, needs, own_command, words};
-use crate::{cli::BenchPlanArguments, exit::BadRequest};
+use crate::{
+    cli::{BenchPlanArguments, plan_word},
+    exit::BadRequest,
+};
 
 /// What is scored on what.
 pub(crate) struct BenchmarkRequest<'a> {
@@ -192,8 +195,8 @@ pub(crate) struct Method {
 
 /// Whose method it is.
 pub(crate) enum MethodKind {
-    /// Of this program.
-    Ours(&'static OurMethod),
+    /// Of this program, as asked for.
+    Ours(&'static OurMethod, Variant),
     /// An external method, by its method.toml.
     External(PathBuf),
 }
@@ -211,10 +214,10 @@ impl Method {
                 kind: MethodKind::External(manifest),
             });
         }
-        let method = methods::find(name)?;
+        let variant = Variant::parse(name)?;
         Ok(Self {
-            id: method.id.to_owned(),
-            kind: MethodKind::Ours(method),
+            id: variant.to_string(),
+            kind: MethodKind::Ours(methods::find(variant.method)?, variant),
         })
     }
 }
@@ -222,12 +225,12 @@ impl Method {
 impl Method {
     /// Whether this program trains it.
     pub(crate) fn is_trained(&self) -> bool {
-        matches!(self.kind, MethodKind::Ours(method) if method.is_trained())
+        matches!(self.kind, MethodKind::Ours(method, _) if method.is_trained())
     }
 
     /// Whether another seed would give the same views.
     fn has_no_seed(&self) -> bool {
-        matches!(self.kind, MethodKind::Ours(method) if !method.is_trained())
+        matches!(self.kind, MethodKind::Ours(method, _) if !method.is_trained())
     }
 }
 
@@ -271,7 +274,7 @@ impl Work<'_> {
         };
         let record = run.join(match self.method.kind {
             MethodKind::External(_) => EXTERNAL_RUN_FILE,
-            MethodKind::Ours(_) => RUN_FILE,
+            MethodKind::Ours(..) => RUN_FILE,
         });
         let failed = folder.join("failed");
         let record_failure = own_command(words(&[
@@ -335,8 +338,17 @@ impl Work<'_> {
             MethodKind::External(manifest) => {
                 words(&["bench", "external", &argument(manifest)?, "--scene", scene])
             }
-            MethodKind::Ours(_) => {
-                words(&["reconstruct", "train", scene, "--method", &self.method.id])
+            MethodKind::Ours(_, variant) => {
+                let mut command =
+                    words(&["reconstruct", "train", scene, "--method", variant.method]);
+                let plan = variant.plan.as_ref().map(plan_word);
+                let with = variant.with.iter().map(|name| ("--with", name));
+                let without = variant.without.iter().map(|name| ("--without", name));
+                let plan = plan.iter().map(|plan| ("--plan", plan));
+                for (option, value) in with.chain(without).chain(plan) {
+                    command.extend(words(&[option, value]));
+                }
+                command
             }
         };
         command.extend(words(&common));

@@ -398,9 +398,6 @@ impl ScoringJob {
     }
 }
 
-/// What a run of a method with components left out may be named: `omni4dgs-without-dynamic-mask`.
-const WITHOUT: &str = "-without-";
-
 /// A prediction's hash, or why it has none: a missing prediction is a state like any other.
 fn fingerprint(file: &Path) -> String {
     match store::sha256_file(file) {
@@ -416,8 +413,7 @@ fn check_run(
     request: &ScoreRequest,
     split: &Split,
 ) -> Result<(), BenchError> {
-    let variant = request.method.strip_prefix(&run.method);
-    if !variant.is_some_and(|rest| rest.is_empty() || rest.starts_with(WITHOUT)) {
+    if request.method != run.method {
         return Err(BenchError::mismatch(
             file,
             format!("is of method {}, not {}", run.method, request.method),

@@ -127,7 +127,7 @@ impl Iteration {
         lap("activate backward");
         self.step += 1;
         for array in &mut self.table.arrays {
-            adam::cpu::step(array, self.step);
+            adam::cpu::step(array, self.step, adam::SecondMomentDecay::PUBLISHED);
         }
         lap("adam");
         value.total

@@ -1,5 +1,7 @@
 //! Where in its schedule a run stands, and what the schedule prescribes for a step.
 
+use crate::parameters::adam::SecondMomentDecay;
+
 /// How far a run has come.
 ///
 /// A schedule is written for [`crate::step::settings::TrainSettings::iterations`]. Under a time budget a run may end long
@@ -56,6 +58,8 @@ pub struct StepSchedule {
     pub sh_degree: usize,
     /// Step size of each array, in the order of [`crate::model::Model::trained_arrays`].
     pub learning_rates: Vec<f32>,
+    /// How fast second moments of Gaussians forget.
+    pub second_moments: SecondMomentDecay,
     /// The iteration of the schedule that the step stands for.
     pub scheduled: u64,
     /// How many frames before the view's moment the drawn state is (temporal smoothing); 0 in static

@@ -27,8 +27,6 @@ pub struct Draft<'a> {
     pub(crate) settings: TrainSettings,
     /// How dynamic seeds begin, where Gaussians have times of their own.
     pub(crate) seeding: Option<Seeding>,
-    /// First opacity of Gaussians at scene points, where it is not that of static methods.
-    pub(crate) first_opacity: Option<f32>,
     /// Gaussians on what moves.
     pub(crate) seeds: MaskSeeds,
     /// Gaussians at scene points that have all of the method's parameters.
@@ -85,7 +83,6 @@ impl<'a> Draft<'a> {
             evidence: evidence::gather(scene, request.seed, masks, with_pilot)?,
             settings,
             seeding: None,
-            first_opacity: None,
             seeds: MaskSeeds::default(),
             points: InitialGaussians::default(),
             point_indices: Vec::new(),
@@ -159,9 +156,6 @@ impl<'a> Draft<'a> {
                     self.room()
                 ),
             });
-        }
-        if let Some(opacity) = self.first_opacity {
-            self.points.opacities.fill(opacity);
         }
     }
 

@@ -16,12 +16,12 @@ pub(crate) const COMPONENT: Component = Component {
     title: "Static table",
     description: "Scene points at which nothing changes outside the masks become Gaussians without \
                   temporal parameters; what changes, such as shadows, and the seeds on the masks keep \
-                  theirs. Used where there are seeds, and never under the plan full.",
+                  theirs. Used where there are seeds; under the plan full only where it is asked for.",
     turn: Turn::AfterPoints,
     needs_pilot: |request, masks| {
         request.allows(ID)
             && request.allows(mask_seeds::ID)
-            && request.plan != PlanChoice::Full
+            && (request.plan != PlanChoice::Full || request.asks_for(ID))
             && masks.show_something()
     },
     decide,
@@ -31,7 +31,7 @@ pub(crate) const COMPONENT: Component = Component {
 // What always is there is not missing at other times; what changes outside the masks, such as shadows,
 // needs to be (docs/results/dynamic.md).
 fn decide(evidence: &SceneEvidence, draft: &Draft<'_>) -> Decision {
-    if draft.request.plan == PlanChoice::Full {
+    if draft.request.plan == PlanChoice::Full && !draft.request.asks_for(ID) {
         return Decision::without("leaving out parameters, which the plan full does not");
     }
     // Any point may move where nothing tells them apart.

@@ -36,6 +36,7 @@ use crate::{
     methods::{
         self, Method, MethodKind, MethodOutcome,
         neural_atlas::saved::{ATLAS_FILE, ATLAS_VALUES_FILE},
+        variant::Variant,
     },
     process::{self, Elapsed},
     request::{BackendChoice, MethodRequest},
@@ -172,8 +173,10 @@ pub fn reconstruct(
         }
     };
     let up = up(&scene, &split);
+    let variant = Variant::of(method, &request.settings).to_string();
     let record = RunRecord {
         method: method.id.to_owned(),
+        variant: (variant != method.id).then_some(variant),
         scene: scene.id.clone(),
         protocol_hash: split.protocol_hash,
         seed: request.settings.seed,

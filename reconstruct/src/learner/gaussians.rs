@@ -14,7 +14,7 @@ use omnilife_engine::{
         TrainedArray,
         saved::{LoadError, SavedModel},
     },
-    parameters::decay::Decay,
+    parameters::{adam::SecondMomentDecay, decay::Decay},
     schedule::{Position, StepSchedule},
     step::{BackendChoice, StepStatistics, Stepper, settings::TrainSettings, stepper},
 };
@@ -113,6 +113,9 @@ impl<'a> GaussianLearner<'a> {
         let share = at.share as f32;
         let iterations = at.real_iterations(self.settings.iterations) as f64;
         let short = self.settings.short_schedule;
+        self.schedule.second_moments = short.map_or(SecondMomentDecay::PUBLISHED, |short| {
+            short.second_moments(iterations)
+        });
         let rates = self.schedule.learning_rates.iter_mut();
         for (rate, (name, decay)) in rates.zip(&self.decays) {
             *rate = short.map_or_else(

@@ -12,7 +12,12 @@ use crate::{
     options,
     request::MethodRequest,
 };
-use crate::{error::ReconstructError, request::BackendChoice, scene::TrainingScene, seeds::points};
+use crate::{
+    error::ReconstructError,
+    request::{BackendChoice, DefaultPlan},
+    scene::TrainingScene,
+    seeds::points,
+};
 use omnilife_engine::{
     clock::Clock,
     gaussians::{
@@ -47,6 +52,7 @@ pub const METHOD: Method = Method {
         OPACITY_RESET,
     ],
     optional_components: components::OF_ANY_METHOD,
+    default_plan: DefaultPlan::Full,
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),

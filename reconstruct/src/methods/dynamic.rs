@@ -105,15 +105,6 @@ pub(super) fn add_learning_rates(settings: &mut TrainSettings, extent: f32) {
     );
 }
 
-/// Larger steps of lifespans in schedules shorter than the published one, with the square root, as a
-/// random walk would go: 600 published steps change no lifespan by more than a factor of 3.
-pub(super) fn quicken_lifespans(settings: &mut TrainSettings) {
-    let shorter = crate::baseline::PUBLISHED_ITERATIONS / settings.iterations.max(1) as f64;
-    if let Some(rate) = settings.learning_rates.get_mut("log_lifespans") {
-        *rate = Decay::constant(rate.begin * shorter.max(1.0).sqrt() as f32);
-    }
-}
-
 /// What a velocity is measured in where it is rendered: PVG's, whose scenes have an extent of 1.
 pub(super) fn velocity_unit(extent: f32) -> f32 {
     extent / FRAMES_PER_UNIT
@@ -237,22 +228,4 @@ pub(super) fn prepared(
 /// The mean vertical of the input cameras.
 pub(super) fn down(scene: &TrainingScene) -> [f32; 3] {
     mean_vertical(scene.input_views.iter().map(|view| &view.view))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn lifespans_go_as_far_in_a_short_schedule() {
-        let rate = |iterations| {
-            let mut settings = crate::baseline::published_settings(iterations);
-            add_learning_rates(&mut settings, 1.0);
-            quicken_lifespans(&mut settings);
-            settings.learning_rates["log_lifespans"].at(0.3)
-        };
-        for (iterations, expected) in [(30_000, 2e-3), (100_000, 2e-3), (300, 2e-2)] {
-            assert!((rate(iterations) - expected).abs() < 1e-8);
-        }
-    }
 }

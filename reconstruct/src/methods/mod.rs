@@ -13,6 +13,7 @@ pub mod panogs;
 pub mod periodic;
 mod prepared;
 pub mod run_formats;
+pub mod variant;
 
 use omnilife_schemas::{
     names,
@@ -27,7 +28,7 @@ use crate::{
     methods::feed_forward::{Group, Interpolated},
     options::MethodOption,
     process::{self, Elapsed},
-    request::{BackendChoice, MethodRequest, PlanChoice},
+    request::{BackendChoice, DefaultPlan, MethodRequest, PlanChoice},
     scene::TrainingScene,
     train::{self, LoopSettings, Session, TrainingOutcome},
 };
@@ -147,6 +148,8 @@ pub struct Method {
     pub components: &'static [&'static str],
     /// Components that it can be asked for by name.
     pub optional_components: &'static [&'static str],
+    /// How its components are decided where a request does not say.
+    pub default_plan: DefaultPlan,
     /// Options that it understands beside what all methods do.
     pub options: &'static [MethodOption],
     /// How it comes to its views.
@@ -243,6 +246,14 @@ impl Method {
         Supported {
             default: self.components,
             optional: self.optional_components,
+        }
+    }
+
+    /// What is asked of it where nothing but its length and seed is said.
+    pub fn request(&self, iterations: u64, seed: u64) -> MethodRequest {
+        MethodRequest {
+            plan: self.default_plan.into(),
+            ..MethodRequest::new(iterations, seed)
         }
     }
 

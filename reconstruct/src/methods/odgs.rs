@@ -13,7 +13,7 @@ use crate::{
     error::ReconstructError,
     methods::{Method, MethodKind, PreparedGaussians},
     options,
-    request::{BackendChoice, MethodRequest},
+    request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::TrainingScene,
     seeds::points,
 };
@@ -33,6 +33,7 @@ pub const METHOD: Method = Method {
                   begins with those of a spherical sweep.",
     components: &[swept_points::ID, sky_shell::ID, OPACITY_RESET],
     optional_components: components::OF_ANY_METHOD,
+    default_plan: DefaultPlan::Auto,
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),

@@ -5,7 +5,12 @@
 
 use omnilife_schemas::records::ComponentDecision;
 
-use crate::{error::ReconstructError, request::BackendChoice, scene::TrainingScene, seeds::points};
+use crate::{
+    error::ReconstructError,
+    request::{BackendChoice, DefaultPlan},
+    scene::TrainingScene,
+    seeds::points,
+};
 use crate::{
     methods::{Method, MethodKind, PreparedGaussians, odgs},
     options,
@@ -33,6 +38,7 @@ pub const METHOD: Method = Method {
                   limit (that of odgs holds).",
     components: &[],
     optional_components: &[],
+    default_plan: DefaultPlan::Auto,
     options: &[options::MAX_GAUSSIANS, options::DENSIFY_THRESHOLD],
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),

@@ -6,8 +6,9 @@
 use crate::{
     baseline::OPACITY_RESET,
     components::{
-        Decision, Draft, OF_ANY_METHOD, draft::MotionEvidenceUse, mask_seeds, sky_shell,
-        static_table, swept_points,
+        Decision, Draft, draft::MotionEvidenceUse, exposure_compensation, mask_seeds,
+        pose_refinement, short_schedule, sky_shell, static_table, swept_points,
+        view_dependent_colour,
     },
     error::ReconstructError,
     methods::{
@@ -17,7 +18,7 @@ use crate::{
         },
     },
     options,
-    request::{BackendChoice, MethodRequest},
+    request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::TrainingScene,
     seeds::masks::SeedVelocity,
 };
@@ -37,11 +38,13 @@ pub const METHOD: Method = Method {
     source: "OmniLife360, section 4 (Omni4DGS)",
     description: "Gaussians that appear, move and vanish, with velocities of a radial and a \
                   tangential part; masks supervise the dynamic ones rendered alone; velocities \
-                  are kept out of the static region and static Gaussians in their place. Two \
-                  components are ours: with mask-seeds dynamic Gaussians begin on masked pixels, \
-                  with static-table scene points that do not change carry no temporal parameters. \
-                  Density control in time is PVG's. Readings of what the paper leaves open are \
-                  named in the source.",
+                  are kept out of the static region and static Gaussians in their place. The paper \
+                  has no density control: in time it is PVG's, in space 3DGS's, and below the limit \
+                  on their number Gaussians with time come first. The sky's shell has no time. On \
+                  request, and not the paper's: mask-seeds, with which dynamic Gaussians begin on \
+                  masked pixels, and static-table, with which scene points that do not change carry \
+                  no temporal parameters. Readings of what the paper leaves open are named in the \
+                  source.",
     components: &[
         TEMPORAL_OPACITY,
         TEMPORAL_MOTION,
@@ -49,14 +52,20 @@ pub const METHOD: Method = Method {
         DYNAMIC_MASK,
         MOTION_REGULARIZATION,
         VELOCITY_REGULARIZATION,
-        mask_seeds::ID,
-        static_table::ID,
         TEMPORAL_DENSITY,
         swept_points::ID,
         sky_shell::ID,
         OPACITY_RESET,
     ],
-    optional_components: OF_ANY_METHOD,
+    optional_components: &[
+        exposure_compensation::ID,
+        view_dependent_colour::ID,
+        pose_refinement::ID,
+        short_schedule::ID,
+        mask_seeds::ID,
+        static_table::ID,
+    ],
+    default_plan: DefaultPlan::Full,
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),

@@ -23,7 +23,7 @@ use crate::{
         },
     },
     options,
-    request::{BackendChoice, MethodRequest},
+    request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::TrainingScene,
     seeds::masks::SeedVelocity,
 };
@@ -58,6 +58,7 @@ pub const METHOD: Method = Method {
         OPACITY_RESET,
     ],
     optional_components: &[],
+    default_plan: DefaultPlan::Auto,
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
@@ -67,9 +68,6 @@ pub const METHOD: Method = Method {
 /// Least lifespan: a novel view lies one frame from its neighbours, where a Gaussian of theirs still has
 /// 88 % of its opacity.
 const LEAST_LIFESPAN_FRAMES: f32 = 2.0;
-/// First opacity of scene points. Points that change are away from their peak at most moments: with the
-/// 0.1 of static methods the first images are half empty. The others gain by it too, in short schedules.
-const FIRST_OPACITY: f32 = 0.25;
 
 fn prepare(
     scene: &TrainingScene,
@@ -80,12 +78,10 @@ fn prepare(
     let supported = METHOD.supported();
     let mut draft = Draft::new(scene, request, supported, MotionEvidenceUse::Decides)?;
     dynamic::add_learning_rates(&mut draft.settings, crate::baseline::scene_extent(scene));
-    dynamic::quicken_lifespans(&mut draft.settings);
     omni4dgs::decide(&mut draft);
     let of_pvg = Decision::new(true, "as PVG").unless(draft.missing(TEMPORAL_MOTION));
     let smooths = draft.decide(TEMPORAL_SMOOTHING, of_pvg);
     dynamic::allow_seeds(&mut draft, clock, SeedVelocity::Tracked);
-    draft.first_opacity = Some(FIRST_OPACITY);
     draft.add_components();
     let mut dynamics = omni4dgs::dynamics(&draft, clock);
     if let Some(lifespans) = &mut dynamics.time.lifespans {

@@ -19,7 +19,7 @@ use crate::{
         },
     },
     options,
-    request::{BackendChoice, MethodRequest},
+    request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::TrainingScene,
     seeds::masks::SeedVelocity,
 };
@@ -60,6 +60,7 @@ pub const METHOD: Method = Method {
         mask_seeds::ID,
         static_table::ID,
     ],
+    default_plan: DefaultPlan::Full,
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),

@@ -12,6 +12,10 @@ use crate::{pose::Similarity, provenance::Hardware, store::Record};
 pub struct RunRecord {
     /// Id of the method.
     pub method: String,
+    /// The method's name in tables, where components were asked for or left out by name, or decided
+    /// by another plan than the method's own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub variant: Option<String>,
     /// Id of the scene.
     pub scene: String,
     /// Hash of the split's protocol.

@@ -219,7 +219,11 @@ impl GridField {
             .map(|(parameters, rate)| {
                 parameters.array.learning_rate = rate;
                 parameters.steps += 1;
-                adam::cpu::step(&mut parameters.array, parameters.steps)
+                adam::cpu::step(
+                    &mut parameters.array,
+                    parameters.steps,
+                    adam::SecondMomentDecay::PUBLISHED,
+                )
             })
             .sum()
     }

@@ -147,7 +147,7 @@ impl PoseCorrections {
     /// finite count as 0; returns how many there were by array.
     pub fn step(&mut self, view: usize, gradient: &PoseGradient, rates: [f32; 2]) -> [usize; 2] {
         self.steps[view] += 1;
-        let corrections = adam::corrections(self.steps[view]);
+        let corrections = adam::corrections(self.steps[view], adam::SecondMomentDecay::PUBLISHED);
         let gradients = [gradient.rotation, gradient.centre].map(|by| by.as_vec3().to_array());
         let mut refused = [0; 2];
         for (number, array) in self.table.arrays.iter_mut().enumerate() {
@@ -162,7 +162,7 @@ impl PoseCorrections {
                 ],
                 &gradients[number],
                 rate,
-                corrections.inverse_root,
+                corrections,
             );
             let moved = Vec3::from_slice(&array.values[row]) - before;
             subtract_from_all(array, moved / self.times_seconds.len() as f32);

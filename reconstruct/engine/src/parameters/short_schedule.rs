@@ -16,7 +16,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::decay::Decay;
+use super::{adam::SecondMomentDecay, decay::Decay};
 
 /// Exponents `b` and `e` by name of the parameter array. Other arrays keep their rates.
 const EXPONENTS: &[(&str, f32, f32)] = &[
@@ -27,6 +27,7 @@ const EXPONENTS: &[(&str, f32, f32)] = &[
     ("sh_constant", 1.0, 0.5),
     ("sh_rest", 1.0, 0.5),
     ("peak_times", 1.0, 1.5),
+    ("log_lifespans", 1.0, 1.0),
     ("velocities", 1.0, 0.5),
     ("radial_velocities", 1.0, 0.5),
     ("tangential_velocities", 1.0, 0.5),
@@ -48,6 +49,13 @@ impl ShortSchedule {
     pub fn factor(&self, iterations: f64) -> f32 {
         let shorter = self.published_iterations / iterations.max(1.0);
         shorter.sqrt().clamp(1.0, LARGEST_FACTOR) as f32
+    }
+
+    /// Second moments forget faster as steps grow: they remember the same share of a run, `f^2` times
+    /// fewer steps.
+    pub fn second_moments(&self, iterations: f64) -> SecondMomentDecay {
+        let SecondMomentDecay(published) = SecondMomentDecay::PUBLISHED;
+        SecondMomentDecay(1.0 - (1.0 - published) * self.factor(iterations).powi(2))
     }
 
     /// Rate of an array after a share of a run that takes this many steps in all.
@@ -77,6 +85,13 @@ mod tests {
             begin: 1.6e-4,
             end: 1.6e-6,
         };
+        for iterations in [30_000.0, 100_000.0] {
+            let moments = SHORT.second_moments(iterations);
+            assert_eq!(
+                moments.0.to_bits(),
+                SecondMomentDecay::PUBLISHED.0.to_bits()
+            );
+        }
         for (name, ..) in EXPONENTS {
             for share in [0.0, 0.3, 1.0] {
                 for iterations in [30_000.0, 100_000.0] {
@@ -97,6 +112,8 @@ mod tests {
         assert!(near(rate("log_scales", 0.0), 1e-3 * 5.0_f32.powf(1.5)));
         assert!(near(rate("positions", 1.0), 1e-3 * 5.0_f32.powf(1.5)));
         assert_eq!(rate("weights", 0.0), decay.at(0.0));
+        assert!(near(rate("log_lifespans", 0.3), 5e-3));
+        assert!(near(1.0 - SHORT.second_moments(1_200.0).0, 25.0 * 1e-3));
         // No step at all is no reason to divide by zero.
         for iterations in [0.0, 10.0, 500.0] {
             assert_eq!(SHORT.factor(iterations), 7.0);

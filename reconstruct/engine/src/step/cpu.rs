@@ -167,20 +167,24 @@ impl<'a> CpuStepper<'a> {
             ..
         } = self;
         statistics.refused.resize(arrays.len(), 0);
-        let mut step = |array: &mut ParameterArray, number: u64| {
+        let mut step = |array: &mut ParameterArray, number: u64, decay: adam::SecondMomentDecay| {
             let known = arrays.iter().position(|known| known.name == array.name);
             if let Some(index) = known {
                 array.learning_rate = schedule.learning_rates[index];
-                statistics.refused[index] += adam::cpu::step(array, number) as u64;
+                statistics.refused[index] += adam::cpu::step(array, number, decay) as u64;
             }
         };
         for part in &mut model.parts {
             for array in &mut part.table.arrays {
-                step(array, schedule.iteration);
+                step(array, schedule.iteration, schedule.second_moments);
             }
             if let Some(shared) = part.parameterization.stepped_shared() {
                 shared.steps += 1;
-                step(&mut shared.array, shared.steps);
+                step(
+                    &mut shared.array,
+                    shared.steps,
+                    adam::SecondMomentDecay::PUBLISHED,
+                );
             }
             part.parameterization.keep_within_bounds(&mut part.table);
         }

@@ -24,7 +24,7 @@ use crate::{
     },
     losses::photometric::gpu::Loss,
     model::Part,
-    parameters::adam::gpu::Adam,
+    parameters::adam::{SecondMomentDecay, gpu::Adam},
 };
 
 wgsl_struct! {
@@ -308,9 +308,8 @@ impl StepKernels {
     pub(super) fn set_network_step(&self, model: &DeviceModel, step: &NetworkStep) {
         if let (Some(kernels), Some(weights)) = (&self.deformation, model.weights()) {
             let rates = [step.learning_rate];
-            kernels
-                .adam
-                .set_step(&self.gpu, weights, step.number, &rates);
+            let step = (step.number, SecondMomentDecay::PUBLISHED);
+            kernels.adam.set_step(&self.gpu, weights, step, &rates);
         }
     }
 }

@@ -190,7 +190,7 @@ impl<'a> GpuStepper<'a> {
         self.kernels.adam.set_step(
             gpu,
             &model.table,
-            schedule.iteration,
+            (schedule.iteration, schedule.second_moments),
             &schedule.learning_rates,
         );
         if let Some(network) = &step.network {

@@ -5,6 +5,7 @@ use std::time::Instant;
 use crate::error::ReconstructError;
 use crate::methods::feed_forward::{Group, Interpolated};
 use crate::methods::{Method, MethodKind};
+use crate::request::DefaultPlan;
 use crate::stereo::warp::mixed;
 
 /// The baseline that knows the time only.
@@ -16,6 +17,7 @@ pub const METHOD: Method = Method {
                   near they are in time. No pose is used.",
     components: &[],
     optional_components: &[],
+    default_plan: DefaultPlan::Auto,
     options: &[],
     kind: MethodKind::FeedForward {
         settings: || serde_json::json!({}),

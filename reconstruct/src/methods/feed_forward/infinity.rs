@@ -8,6 +8,7 @@ use omnilife_schemas::RgbImage;
 use crate::error::ReconstructError;
 use crate::methods::feed_forward::{CameraPose, Group, Interpolated};
 use crate::methods::{Method, MethodKind};
+use crate::request::DefaultPlan;
 use crate::stereo::warp::{mixed, turned};
 
 /// The baseline that knows orientations, and no depth.
@@ -21,6 +22,7 @@ pub const METHOD: Method = Method {
                   are in time. Orientations are used, positions and depth are not.",
     components: &[],
     optional_components: &[],
+    default_plan: DefaultPlan::Auto,
     options: &[],
     kind: MethodKind::FeedForward {
         settings: || serde_json::json!({}),

@@ -5,6 +5,7 @@ use std::time::Instant;
 use crate::error::ReconstructError;
 use crate::methods::feed_forward::{Group, Interpolated};
 use crate::methods::{Method, MethodKind};
+use crate::request::DefaultPlan;
 
 /// The baseline that knows nothing at all.
 pub const METHOD: Method = Method {
@@ -15,6 +16,7 @@ pub const METHOD: Method = Method {
                   earlier one of two as near). No pose is used.",
     components: &[],
     optional_components: &[],
+    default_plan: DefaultPlan::Auto,
     options: &[],
     kind: MethodKind::FeedForward {
         settings: || serde_json::json!({}),

@@ -46,7 +46,7 @@ use crate::{
     methods::{Method, MethodKind, Prepared},
     options::{MethodOption, OptionValues},
     process,
-    request::{BackendChoice, MethodRequest},
+    request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::TrainingScene,
     train::LoopSettings,
 };
@@ -110,6 +110,7 @@ pub const METHOD: Method = Method {
         plan::COARSE_TO_FINE,
     ],
     optional_components: &[],
+    default_plan: DefaultPlan::Auto,
     options: &[BASE_FIELDS, MOTION_FIELDS, RAYS, MASK_WEIGHT],
     kind: MethodKind::Trained { prepare },
 };

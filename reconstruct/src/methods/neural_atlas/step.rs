@@ -256,7 +256,11 @@ impl LearntOffsets {
         self.gradients(given, times, by_poses);
         self.parameters.array.learning_rate = rate;
         self.parameters.steps += 1;
-        adam::cpu::step(&mut self.parameters.array, self.parameters.steps)
+        adam::cpu::step(
+            &mut self.parameters.array,
+            self.parameters.steps,
+            adam::SecondMomentDecay::PUBLISHED,
+        )
     }
 }
 

@@ -23,7 +23,7 @@ use crate::{
     error::ReconstructError,
     methods::{Method, MethodKind, PreparedGaussians},
     options,
-    request::{BackendChoice, MethodRequest},
+    request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::TrainingScene,
     seeds::points,
 };
@@ -55,6 +55,7 @@ pub const METHOD: Method = Method {
         OPACITY_RESET,
     ],
     optional_components: components::OF_ANY_METHOD,
+    default_plan: DefaultPlan::Auto,
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),

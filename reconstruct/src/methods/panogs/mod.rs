@@ -40,7 +40,7 @@ use crate::{
     error::ReconstructError,
     methods::{Method, MethodKind, PreparedGaussians},
     options, process,
-    request::{BackendChoice, MethodRequest},
+    request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::TrainingScene,
 };
 
@@ -87,6 +87,7 @@ pub const METHOD: Method = Method {
         SHAPE_REFINEMENT,
     ],
     optional_components: &[],
+    default_plan: DefaultPlan::Auto,
     options: &[options::MAX_GAUSSIANS, options::FOOTPRINT],
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),

@@ -8,6 +8,11 @@ struct AdamStep {
     inverse_root: f32,
     // Number of the table's first array among those that refused gradients are counted for.
     first_array: u32,
+    // The decay of second moments.
+    beta_2: f32,
+    padding_0: u32,
+    padding_1: u32,
+    padding_2: u32,
     // Where each array ends, counted in values from the beginning of the first.
     ends: array<vec4<u32>, 4>,
     // Step size of each array, over 1 - beta1^t.
@@ -45,7 +50,7 @@ fn update(
         g = 0.0;
     }
     let m = BETA_1 * first_moments[index] + (1.0 - BETA_1) * g;
-    let v = BETA_2 * second_moments[index] + (1.0 - BETA_2) * g * g;
+    let v = adam_step.beta_2 * second_moments[index] + (1.0 - adam_step.beta_2) * g * g;
     first_moments[index] = m;
     second_moments[index] = v;
     values[index] -= rate * m / (sqrt(v) * adam_step.inverse_root + EPSILON);

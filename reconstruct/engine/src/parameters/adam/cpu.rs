@@ -3,14 +3,13 @@
 use rayon::prelude::*;
 
 use crate::parameters::ParameterArray;
-use crate::parameters::adam::{BETA_1, BETA_2, EPSILON, corrections};
+use crate::parameters::adam::{BETA_1, Corrections, EPSILON, SecondMomentDecay, corrections};
 
 /// Step number `step` (from 1) of one array with its own learning rate. A gradient that is not
 /// finite counts as zero; the number of such values is returned.
-pub fn step(array: &mut ParameterArray, step: u64) -> usize {
-    let corrections = corrections(step);
+pub fn step(array: &mut ParameterArray, step: u64, decay: SecondMomentDecay) -> usize {
+    let corrections = corrections(step, decay);
     let rate = corrections.rate(array.learning_rate);
-    let inverse_root = corrections.inverse_root;
     const CHUNK: usize = 1 << 13;
     (
         array.values.par_chunks_mut(CHUNK),
@@ -20,26 +19,31 @@ pub fn step(array: &mut ParameterArray, step: u64) -> usize {
     )
         .into_par_iter()
         .map(|(values, first, second, gradients)| {
-            step_values([values, first, second], gradients, rate, inverse_root)
+            step_values([values, first, second], gradients, rate, corrections)
         })
         .sum()
 }
 
-/// The step of some values with their first and second moments, for a rate and an inverse root of
-/// [`super::corrections`]. Returns how many gradients were not finite.
+/// The step of some values with their first and second moments, for a rate of these corrections.
+/// Returns how many gradients were not finite.
 pub(crate) fn step_values(
     [values, first, second]: [&mut [f32]; 3],
     gradients: &[f32],
     rate: f32,
-    inverse_root: f32,
+    corrections: Corrections,
 ) -> usize {
+    let Corrections {
+        beta_2,
+        inverse_root,
+        ..
+    } = corrections;
     let mut refused = 0;
     for (((value, m), v), &g) in values.iter_mut().zip(first).zip(second).zip(gradients) {
         let finite = g.is_finite();
         refused += usize::from(!finite);
         let g = if finite { g } else { 0.0 };
         *m = BETA_1 * *m + (1.0 - BETA_1) * g;
-        *v = BETA_2 * *v + (1.0 - BETA_2) * g * g;
+        *v = beta_2 * *v + (1.0 - beta_2) * g * g;
         *value -= rate * *m / (v.sqrt() * inverse_root + EPSILON);
     }
     refused
@@ -70,7 +74,14 @@ mod tests {
         table.add("a", 1, vec![1.0, 1.0], 0.01);
         for (index, &g) in gradients.iter().enumerate() {
             table.arrays[0].gradients = vec![g as f32, f32::NAN];
-            assert_eq!(step(&mut table.arrays[0], index as u64 + 1), 1);
+            assert_eq!(
+                step(
+                    &mut table.arrays[0],
+                    index as u64 + 1,
+                    SecondMomentDecay::PUBLISHED
+                ),
+                1
+            );
         }
         let expected = reference(&gradients, 0.01);
         assert!((f64::from(table.arrays[0].values[0]) - expected).abs() < 1e-6);

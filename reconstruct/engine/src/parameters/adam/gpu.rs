@@ -1,6 +1,6 @@
 //! Adam on a GPU.
 
-use crate::parameters::adam::{BETA_1, BETA_2, EPSILON, corrections};
+use crate::parameters::adam::{BETA_1, EPSILON, SecondMomentDecay, corrections};
 use crate::{
     device::{Gpu, GpuError, Kernel, Program, Shader, Uniform, wgsl_struct},
     parameters::device_table::TableBuffers,
@@ -16,6 +16,8 @@ wgsl_struct! {
         arrays: u32,
         inverse_root: f32,
         first_array: u32,
+        beta_2: f32,
+        padding: [u32; 3],
         ends: [[u32; 4]; 4],
         rates: [[f32; 4]; 4],
     }
@@ -26,7 +28,6 @@ pub(crate) fn shader() -> Shader {
         file: "adam.wgsl",
         constants: format!(
             "const BETA_1: f32 = {BETA_1:e};\n\
-             const BETA_2: f32 = {BETA_2:e};\n\
              const EPSILON: f32 = {EPSILON:e};\n"
         ),
         parts: &[
@@ -59,12 +60,19 @@ impl Adam {
 
     /// Sets step number `step` (from 1) with a learning rate per array, for everything that is
     /// submitted later.
-    pub(crate) fn set_step(&self, gpu: &Gpu, table: &TableBuffers, step: u64, rates: &[f32]) {
-        let corrections = corrections(step);
+    pub(crate) fn set_step(
+        &self,
+        gpu: &Gpu,
+        table: &TableBuffers,
+        (step, decay): (u64, SecondMomentDecay),
+        rates: &[f32],
+    ) {
+        let corrections = corrections(step, decay);
         let mut settings = AdamStep {
             len: table.values.len() as u32,
             arrays: table.ends.len() as u32,
             inverse_root: corrections.inverse_root,
+            beta_2: corrections.beta_2,
             first_array: self.first_array as u32,
             ..AdamStep::default()
         };
@@ -110,6 +118,9 @@ mod tests {
         render::buffers::DeviceStatus,
     };
 
+    /// Not the published one: the device has to be told.
+    const DECAY: SecondMomentDecay = SecondMomentDecay(0.97);
+
     #[test]
     fn steps_are_those_of_the_cpu_and_nan_is_refused() {
         let Some(gpu) = test_device() else { return };
@@ -139,10 +150,10 @@ mod tests {
                 array.gradients[step as usize] = f32::NAN;
                 array.gradients[17] = f32::INFINITY;
                 all.extend_from_slice(&array.gradients);
-                refused[index] += cpu::step(array, step) as u32;
+                refused[index] += cpu::step(array, step, DECAY) as u32;
             }
             on_device.gradients.write(&gpu, 0, &all);
-            adam.set_step(&gpu, &on_device, step, &rates);
+            adam.set_step(&gpu, &on_device, (step, DECAY), &rates);
             program.submit(&gpu);
         }
         let mut read = table.clone();

@@ -5,14 +5,33 @@
 //! x = x - lr (m / (1 - b1^t)) / (sqrt(v / (1 - b2^t)) + eps)
 //! ```
 //!
-//! with `b1 = 0.9`, `b2 = 0.999`, `eps = 1e-15` (3DGS `scene/gaussian_model.py`).
+//! with `b1 = 0.9`, `b2 = 0.999`, `eps = 1e-15` (3DGS `scene/gaussian_model.py`); `b2` may be smaller
+//! ([`SecondMomentDecay`]).
 
 pub mod cpu;
 pub(crate) mod gpu;
 
-/// The bias corrections of one step.
+/// `b2`: second moments are means over about `1 / (1 - b2)` steps.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SecondMomentDecay(pub f32);
+
+impl SecondMomentDecay {
+    /// That of 3DGS.
+    pub const PUBLISHED: Self = Self(0.999);
+}
+
+impl Default for SecondMomentDecay {
+    fn default() -> Self {
+        Self::PUBLISHED
+    }
+}
+
+/// What one step is made with beside the step size.
+#[derive(Debug, Clone, Copy)]
 pub(crate) struct Corrections {
     correction_1: f64,
+    /// `b2`.
+    pub(crate) beta_2: f32,
     /// `1 / sqrt(1 - b2^t)`.
     pub(crate) inverse_root: f32,
 }
@@ -25,15 +44,15 @@ impl Corrections {
 }
 
 /// Those of step number `step`, from 1.
-pub(crate) fn corrections(step: u64) -> Corrections {
+pub(crate) fn corrections(step: u64, decay: SecondMomentDecay) -> Corrections {
     // Long before this many steps the corrections are 1 to the last bit.
     let exponent = step.min(100_000) as i32;
     Corrections {
         correction_1: 1.0 - f64::from(BETA_1).powi(exponent),
-        inverse_root: (1.0 / (1.0 - f64::from(BETA_2).powi(exponent)).sqrt()) as f32,
+        beta_2: decay.0,
+        inverse_root: (1.0 / (1.0 - f64::from(decay.0).powi(exponent)).sqrt()) as f32,
     }
 }
 
 const BETA_1: f32 = 0.9;
-const BETA_2: f32 = 0.999;
 const EPSILON: f32 = 1e-15;

@@ -19,6 +19,7 @@ use omnilife_schemas::RgbImage;
 use crate::error::ReconstructError;
 use crate::methods::feed_forward::{Group, Interpolated, infinity::at_infinity};
 use crate::methods::{Method, MethodKind};
+use crate::request::DefaultPlan;
 use crate::stereo::{self, Placement, Rig, SweepSettings, SweptDepth};
 
 /// Feed-forward, without learned weights.
@@ -35,6 +36,7 @@ pub const METHOD: Method = Method {
                   and blended by confidence and nearness.",
     components: &[],
     optional_components: &[],
+    default_plan: DefaultPlan::Auto,
     options: &[],
     kind: MethodKind::FeedForward {
         settings: || serde_json::json!(SweepSettings::DEFAULT),
