@@ -1,30 +1,99 @@
-"""Compares two passes of `omnilife bench run` and prints docs/results/benchmark.md.
+"""Puts the tables of scripts/results/benchmark into docs/results/benchmark.md, between its two markers.
 
-    python3 scripts/results/benchmark_page.py FOLDER
+    python3 scripts/results/benchmark_page.py FOLDER PAGE
 
-FOLDER is what scripts/results/benchmark filled. Exits with 1, naming every difference, where the
-passes do not have the same scores: the tables of the views byte for byte, and of every result.json
-everything but what a run costs.
+FOLDER is what scripts/results/benchmark filled. Exits with 1 where the run that was made twice does not have
+the same scores both times.
 """
 
-import csv
 import json
+import shutil
 import sys
 from pathlib import Path
 
+BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
+TRAINED = ["odgs", "odgs-with-short-schedule", "periodic", "omni4dgs", "omni4dgs-plus"]
+TWO_VIEW = ["sphere-sweep", "infinity-homography", "cross-fade", "nearest-input"]
+# On the first four constants were set, or methods compared, before; nobody had looked at what a method makes
+# of the last two.
+SCENES = ["street", "hall", "tunnel", "reef", "unseen-00", "unseen-04"]
+UNSEEN = SCENES[4:]
+# Heading, views, metric, digits.
+SCORES = [("Input PSNR", "input_views", "psnr", 2), ("PSNR", "novel_views", "psnr", 2),
+          ("SSIM", "novel_views", "ssim", 4), ("LPIPS-VGG", "novel_views", "lpips-vgg", 4),
+          ("Static PSNR", "novel_views", "psnr-static", 2), ("Dynamic PSNR", "novel_views", "psnr-dynamic", 2)]
 # What differs between two runs that compute the same: time, memory, and who scored.
 COSTS = ["training_seconds", "rendering_seconds", "peak_memory_bytes"]
-INTRODUCTION = """# The whole benchmark, small
 
-`omnilife bench run` on three scenes, under both protocols, with two methods that train, `sphere-sweep`, the three baselines and a method that is not ours (`scripts/examples/light_field`), twice. It shows that all of it works and that scores repeat. **It ranks nobody**: the budget is {iterations} iterations instead of 30,000, images are {width} pixels wide, and there are {frames} frames a scene, so that neighbours are up to a third of a second apart.
 
-```sh
-scripts/setup --sfm --models --example
-scripts/results/benchmark RENDERED_HALL TUNNEL_VIDEO
-```
+class Run:
+    """A run with its scores."""
 
-`street` is the sample in the repository, `hall` a rendering of the same kind (poses and masks given for both), `tunnel` real footage with poses from structure from motion and without masks. Three videos are far too few for intervals, which stand here because the tables have them. Training times are wall-clock seconds; on a machine that has other work to do they say nothing.
-"""
+    def __init__(self, result):
+        self.result = json.loads(result.read_text())
+        self.record = json.loads((result.parents[1] / "run/run.json").read_text())
+        self.method, self.seed = self.result["method"], self.result["seed"]
+        self.scene = self.result["scene"].split("/")[0]
+        self.protocol = self.result["protocol"].split("/")[0]
+
+    def score(self, views, metric):
+        return (self.result[views].get(metric) or {}).get("mean")
+
+    def gap(self):
+        both = [self.score(views, "psnr") for views in ("input_views", "novel_views")]
+        return None if None in both else both[0] - both[1]
+
+    def cpu_seconds(self):
+        return self.record.get("training_cpu_seconds")
+
+
+def mean(values):
+    values = [value for value in values if value is not None]
+    return sum(values) / len(values) if values else None
+
+
+def cell(values, digits):
+    """The mean, and half of the range where there are several."""
+    values = [value for value in values if value is not None]
+    if not values:
+        return "-"
+    half = (max(values) - min(values)) / 2
+    return f"{mean(values):.{digits}f}" + (f" ± {half:.{digits}f}" if len(values) > 1 else "")
+
+
+def table(runs, methods):
+    """One scene: a row per method, over its seeds."""
+    headings = [heading for heading, *_ in SCORES] + ["Input less novel PSNR", "Gaussians", "CPU s"]
+    lines = ["| Method | " + " | ".join(headings) + " |", "|---" + "|---:" * len(headings) + "|"]
+    for method in methods:
+        found = [run for run in runs if run.method == method]
+        if not found:
+            continue
+        cells = [cell([run.score(views, metric) for run in found], digits) for _, views, metric, digits in SCORES]
+        cells += [cell([run.gap() for run in found], 2),
+                  cell([run.record.get("primitives") for run in found[:1]], 0),
+                  cell([run.cpu_seconds() for run in found], 0)]
+        lines.append(f"| {method} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def summary(runs, methods):
+    """Means over scenes, every scene with the same weight, first seed."""
+    groups = [("all six", SCENES), ("the two unseen", UNSEEN)]
+    headings = [f"{heading}, {group}" for group, _ in groups for heading in ("PSNR", "SSIM", "LPIPS-VGG", "CPU s")]
+    lines = ["| Method | " + " | ".join(headings) + " |", "|---" + "|---:" * len(headings) + "|"]
+    for method in methods:
+        cells = []
+        for _, scenes in groups:
+            found = [run for run in runs if run.method == method and run.scene in scenes and run.seed == 0]
+            if {run.scene for run in found} != set(scenes):
+                cells += ["-"] * 4
+                continue
+            for metric, digits in (("psnr", 2), ("ssim", 4), ("lpips-vgg", 4)):
+                cells.append(f"{mean([run.score('novel_views', metric) for run in found]):.{digits}f}")
+            cells.append(cell([mean([run.cpu_seconds() for run in found])], 0))
+        lines.append(f"| {method} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
 
 
 def scores(result):
@@ -34,82 +103,51 @@ def scores(result):
     return json.dumps(record, sort_keys=True)
 
 
-def differences(first, second):
-    """Paths, relative to the passes, whose scores are not the same, and how many were compared."""
-    compared, different = 0, []
-    files = {path.relative_to(folder) for folder in (first, second) for path in folder.glob("scenes/**/score/*")}
-    for file in sorted(files):
-        paths = [folder / file for folder in (first, second)]
-        if file.name == "result.json":
-            same = all(path.exists() for path in paths) and scores(paths[0]) == scores(paths[1])
-        elif file.suffix == ".parquet":
-            same = all(path.exists() for path in paths) and paths[0].read_bytes() == paths[1].read_bytes()
-        else:
-            continue
-        compared += 1
-        if not same:
-            different.append(str(file))
-    return compared, different
-
-
-def outcomes(folder):
-    with open(folder / "outcomes.csv", newline="") as file:
-        return list(csv.DictReader(file))
+def repeated(folder):
+    """Whether the run that was made twice has the same scores, all views too."""
+    pattern = "**/street/**/omni4dgs-plus/seed-0/score/result.json"
+    pair = [next((folder / part).glob(pattern)) for part in ("results/per-scene", "again")]
+    views = [file.with_name("frames.csv").read_bytes() for file in pair]
+    return scores(pair[0]) == scores(pair[1]) and views[0] == views[1]
 
 
 def machine():
-    lines = Path("/proc/cpuinfo").read_text().splitlines()
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return f"{len(names)} threads of {names[0]}" if names else "an unknown processor"
-
-
-def table(path):
-    """A table of the leaderboard, its headings two levels down."""
-    lines = path.read_text().splitlines()
-    return "\n".join("##" + line if line.startswith("#") else line for line in lines).strip()
+    names = [line.split(":", 1)[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines()
+             if line.startswith("model name")]
+    return f"{len(names)} cores of an {names[0]}" if names else "an unknown machine"
 
 
 def main():
-    folder = Path(sys.argv[1])
-    first, second = folder / "pass-1", folder / "pass-2"
-    compared, different = differences(first, second)
-    if different or not compared:
-        sys.exit("benchmark: not the same scores: " + (", ".join(different) or "none at all"))
-    runs = outcomes(first)
-    frames, widths, iterations = set(), set(), set()
-    for split in first.glob("scenes/**/split.json"):
-        record = json.loads(split.read_text())
-        if record["protocol"]["id"] == "per-scene":
-            frames.add(len(record["input_views"]) + len(record["novel_views"]))
-    for result in first.glob("scenes/**/score/result.json"):
-        record = json.loads(result.read_text())
-        widths.add(record["scored_size"][0])
-        iterations.add(record["iterations"])
-    print(INTRODUCTION.format(
-        iterations=max(filter(None, iterations)), width=max(widths),
-        frames=f"{min(frames)} to {max(frames)}"))
-    scored = [run for run in runs if run["outcome"] == "scored"]
-    print("## Repetition\n")
-    print(f"{len(scored)} of {len(runs)} runs were scored. The two passes, in folders of their own, gave the same "
-          f"scores: {compared} files, the tables of all views byte for byte, and every `result.json` but for "
-          f"{', '.join(f'`{cost}`' for cost in COSTS)}.\n")
-    costs = sorted(folder.glob("pass-*.time"))
-    if costs:
-        minutes = [sum(map(float, cost.read_text().split()[:2])) / 60 for cost in costs]
-        print("A pass took " + " and ".join(f"{each:.1f}" for each in minutes) +
-              f" processor minutes on {machine()}; the machine was shared with other work.\n")
-    notes = [run for run in runs if run["reason"]]
-    if notes:
-        print("What was not scored:\n")
-        for run in notes:
-            print(f"- {run['scene']}, {run['protocol']}, {run['method']}: {run['reason']}")
-        print()
-    for folder_of_protocol in sorted((first / "leaderboard/tables").iterdir()):
-        name = folder_of_protocol.name.rsplit("-", 2)[0]
-        print(f"## Protocol {name}\n")
-        for layout in ("views.md", "feed-forward.md"):
-            if (folder_of_protocol / layout).exists():
-                print(table(folder_of_protocol / layout) + "\n")
+    folder, page = Path(sys.argv[1]), Path(sys.argv[2])
+    if not repeated(folder):
+        sys.exit("benchmark: the run that was made twice has not the same scores")
+    results = sorted((folder / "results").glob("**/score/result.json"))
+    runs = [Run(result) for result in results if (result.parents[1] / "run/run.json").exists()]
+    commits = sorted({run.record["versions"].get("omnilife commit", "?") for run in runs})
+    iterations = sorted({run.record["iterations"] for run in runs if run.method in TRAINED})
+    parts = [f"{' and '.join(map(str, iterations))} iterations, {machine()}, one core per run; commit "
+             f"{', '.join(commits)}. {len(runs)} runs. `omni4dgs-plus` on `street`, trained and scored once more, "
+             f"had the same scores in every view."]
+    for protocol, heading in (("per-scene", "Protocol per-scene"), ("sparse-interpolation", "Protocol sparse-interpolation")):
+        of_protocol = [run for run in runs if run.protocol == protocol]
+        parts += [f"## {heading}", "Mean over scenes, novel views, seed 0:", summary(of_protocol, TRAINED)]
+        if protocol == "sparse-interpolation":
+            parts += ["Methods that see two views at a time, a class of their own:", summary(of_protocol, TWO_VIEW)]
+        for scene in SCENES:
+            found = [run for run in of_protocol if run.scene == scene]
+            parts += [f"**{scene}**", table(found, TRAINED + TWO_VIEW)]
+    parts += ["## Error against run time", "[Every point as CSV](benchmark-curves.csv)."]
+    shutil.copy(folder / "curves/points.csv", page.with_name("benchmark-curves.csv"))
+    for number, image in enumerate(sorted((folder / "curves").glob("*.svg"))):
+        name = f"benchmark-curve-{number}.svg"
+        shutil.copy(image, page.parents[1] / "images" / name)
+        parts.append(f"![PSNR of novel views over CPU seconds of training](../images/{name})")
+    parts.append((folder / "curves.md").read_text().strip())
+    text = page.read_text()
+    before, rest = text.split(BEGIN, 1)
+    _, after = rest.split(END, 1)
+    page.write_text(before + BEGIN + "\n" + "\n\n".join(parts) + "\n" + END + after)
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -113,8 +113,9 @@ pub(crate) struct PoseArguments {
     /// motion].
     #[arg(long)]
     pub(crate) poses: Option<PathBuf>,
-    /// Folder of masks for structure from motion, one per frame; white is left out.
-    #[arg(long, conflicts_with = "poses")]
+    /// Folder of masks, one per frame, white where something moves, such as `curate masks` makes:
+    /// structure from motion leaves it out, and the scene keeps it.
+    #[arg(long)]
     pub(crate) masks: Option<PathBuf>,
 }
 
@@ -130,6 +131,14 @@ impl PoseArguments {
             },
             omnilife_curate::PoseRequest::Given,
         )
+    }
+
+    /// What is known of the frames beside them: masks, where poses are given.
+    pub(crate) fn truth(&self) -> GivenTruth {
+        GivenTruth {
+            masks: self.poses.as_ref().and(self.masks.clone()),
+            ..GivenTruth::default()
+        }
     }
 }
 
@@ -184,8 +193,8 @@ impl TruthArguments {
     ///
     /// # Errors
     /// When a class is given twice.
-    pub(crate) fn given(&self) -> anyhow::Result<GivenTruth> {
-        let mut truth = GivenTruth::default();
+    pub(crate) fn given(&self, poses: &PoseArguments) -> anyhow::Result<GivenTruth> {
+        let mut truth = poses.truth();
         let depth = self.depth.clone().zip(self.depth_unit);
         truth.depth = depth.map(|(folder, unit)| GivenDepth { folder, unit });
         let prior = self.depth_prior.clone().zip(self.depth_prior_unit);

@@ -124,7 +124,8 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
             poses,
             truth,
         } => {
-            let scene = pose_sequence_with(sequence, &poses.request(), &truth.given()?, progress)?;
+            let scene =
+                pose_sequence_with(sequence, &poses.request(), &truth.given(poses)?, progress)?;
             exit::print(&format!(
                 "{}: {} of {} frames posed, {:?}\n",
                 scene.id,

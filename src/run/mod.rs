@@ -23,7 +23,7 @@ use std::{
 
 use omnilife_bench::{ScoreRequest, score, split_scene};
 use omnilife_curate::{
-    PoseRequest, curate_dataset_in, expand_inputs, pose_sequence,
+    GivenTruth, PoseRequest, curate_dataset_in, expand_inputs, pose_sequence_with,
     tracks::{TrackRequest, make_tracks},
 };
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard_of};
@@ -71,6 +71,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
     let videos = expand_inputs(&arguments.videos)?;
     let job = Job {
         poses: arguments.poses.request(),
+        truth: arguments.poses.truth(),
         method: arguments.method.method.clone(),
         settings: arguments.method.request(arguments.iterations)?,
         backend: arguments.method.backend.into(),
@@ -195,6 +196,7 @@ fn report(
 /// What is done to every sequence.
 struct Job<'a> {
     poses: PoseRequest,
+    truth: GivenTruth,
     method: String,
     settings: MethodRequest,
     backend: BackendChoice,
@@ -265,7 +267,7 @@ impl Job<'_> {
 
     /// Poses, split, reconstruction and scores of one sequence.
     fn score_sequence(&self, folder: &Path) -> anyhow::Result<()> {
-        pose_sequence(folder, &self.poses, self.progress)?;
+        pose_sequence_with(folder, &self.poses, &self.truth, self.progress)?;
         let scene = folder.join(SCENE_FILE);
         let protocol_folder = folder.join(&self.protocol);
         let split = protocol_folder.join(SPLIT_FILE);

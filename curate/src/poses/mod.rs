@@ -111,10 +111,11 @@ pub fn pose_sequence_with(
     // If posing fails now, the scene of earlier poses must not be taken for these.
     store::remove(&scene_path)?;
     let started = Instant::now();
-    let posed = match request {
+    let mut posed = match request {
         PoseRequest::Given(path) => given::read(path, &sequence)?,
         PoseRequest::Sfm(settings) => sfm::run(sequence_folder, &sequence, settings, progress)?,
     };
+    truth.complete_masks(&mut posed.masks);
     for problem in &posed.validation.problems {
         progress.note(&format!("{}: poses: {problem}", sequence.id));
     }

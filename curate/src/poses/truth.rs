@@ -28,6 +28,9 @@ use crate::{error::CurateError, staging::Staging};
 /// Files that a user has of a sequence's frames, named like the frames.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct GivenTruth {
+    /// Folder of masks, white where something moves, where poses are given; masks of a poses.json go
+    /// before them. Structure from motion has masks of its own.
+    pub masks: Option<PathBuf>,
     /// Distances.
     pub depth: Option<GivenDepth>,
     /// Folder of masks by the name of the class: white where its objects are.
@@ -47,6 +50,7 @@ pub struct GivenDepth {
 
 /// [`GivenTruth`] with the file of every frame.
 pub(super) struct TruthFiles {
+    masks: Option<Vec<PathBuf>>,
     depth: Option<(Vec<PathBuf>, f64)>,
     classes: BTreeMap<String, Vec<PathBuf>>,
     prior: Option<PriorFiles>,
@@ -79,7 +83,11 @@ impl GivenTruth {
         }
         let prior = self.prior.as_ref();
         let prior = prior.map(|prior| prior.find(sequence)).transpose()?;
+        let masks = self.masks.as_ref();
         Ok(TruthFiles {
+            masks: masks
+                .map(|folder| masks::find(folder, sequence))
+                .transpose()?,
             depth,
             classes,
             prior,
@@ -90,6 +98,9 @@ impl GivenTruth {
 impl TruthFiles {
     /// Adds what they depend on to a plan.
     pub(super) fn add_inputs(&self, mut plan: StagePlan) -> Result<StagePlan, CurateError> {
+        for file in self.masks.iter().flatten() {
+            plan = plan.with_file(file)?;
+        }
         if let Some((files, unit)) = &self.depth {
             plan = plan.with_settings("depth unit", unit);
             for file in files {
@@ -105,6 +116,13 @@ impl TruthFiles {
         match &self.prior {
             Some(prior) => prior.add_inputs(plan),
             None => Ok(plan),
+        }
+    }
+
+    /// Gives every frame its mask that has none yet.
+    pub(super) fn complete_masks(&self, masks: &mut [Option<PathBuf>]) {
+        for (mask, given) in masks.iter_mut().zip(self.masks.iter().flatten()) {
+            mask.get_or_insert_with(|| given.clone());
         }
     }
 

@@ -10,7 +10,7 @@ use std::{fs, path::Path};
 
 use glam::{DMat3, DQuat, DVec3};
 use omnilife_curate::{
-    CurateSettings, PoseRequest, curate_video, pose_sequence,
+    CurateSettings, GivenTruth, PoseRequest, curate_video, pose_sequence, pose_sequence_with,
     poses::{
         ValidationLimits,
         colmap::{ColmapImage, ColmapModel, ColmapPoint},
@@ -115,6 +115,56 @@ fn given_poses_are_matched_by_time_and_bring_points_and_masks() {
     image::save_buffer(given.join("m.png"), &white, 128, 64, image::ColorType::L8).unwrap();
     pose_sequence(&sequence, &request, &notes).unwrap();
     assert!(!notes.take().join("|").contains("unchanged"));
+}
+
+/// What `curate masks` finds belongs into a scene whose poses are given, too.
+#[test]
+fn given_poses_take_a_folder_of_masks() {
+    let temp = tempfile::tempdir().unwrap();
+    let sequence = sequence_of_twenty(temp.path());
+    let masks = temp.path().join("masks");
+    fs::create_dir(&masks).unwrap();
+    let save = |file: &Path, value: u8| {
+        let data = vec![value; 256 * 128];
+        image::save_buffer(file, &data, 256, 128, image::ColorType::L8).unwrap();
+    };
+    for index in 0..20 {
+        save(&masks.join(format!("{index:06}.png")), 255);
+    }
+    // Its own mask of the first frame goes before.
+    save(&temp.path().join("own.png"), 0);
+    let frames = (0..20).map(|index| PosedFrame {
+        time_seconds: f64::from(index) * 0.1,
+        pose: pose_at(f64::from(index)),
+        mask: (index == 0).then(|| "own.png".to_owned()),
+    });
+    let record = Poses {
+        camera: None,
+        scale: Scale::Metres,
+        frames: frames.collect(),
+        points: None,
+    };
+    let file = temp.path().join("poses.json");
+    store::write_record(&file, &record).unwrap();
+    let request = PoseRequest::Given(file);
+    let truth = GivenTruth {
+        masks: Some(masks.clone()),
+        ..GivenTruth::default()
+    };
+    let notes = Notes::default();
+    let scene = pose_sequence_with(&sequence, &request, &truth, &notes).unwrap();
+    for (index, frame) in scene.frames.iter().enumerate() {
+        let mask = Mask::read(&sequence.join(frame.mask.as_ref().unwrap())).unwrap();
+        let expected = if index == 0 { 0 } else { 255 };
+        assert!(mask.data.iter().all(|&value| value == expected), "{index}");
+    }
+    // Another mask is another input, and a frame without one is an error.
+    save(&masks.join("000007.png"), 0);
+    pose_sequence_with(&sequence, &request, &truth, &notes).unwrap();
+    assert!(!notes.take().join("|").contains("unchanged"));
+    fs::remove_file(masks.join("000007.png")).unwrap();
+    let error = pose_sequence_with(&sequence, &request, &truth, &notes).unwrap_err();
+    assert!(error.to_string().contains("19 of 20 frames"), "{error}");
 }
 
 #[test]
