@@ -194,15 +194,23 @@ fn runs_of_something_else_are_refused() {
 fn a_run_without_a_component_is_scored_under_a_name_of_its_own() {
     let mut bench = Bench::new();
     let run = bench.at("run.json");
-    store::write_record(&run, &run_record(&bench)).unwrap();
+    let record = RunRecord {
+        variant: Some("stripes-without-motion".to_owned()),
+        ..run_record(&bench)
+    };
+    store::write_record(&run, &record).unwrap();
+    let request = &bench.request;
+    let of_run = ScoreRequest::of_run(&request.scene, &request.split, &run, &request.out).unwrap();
+    assert_eq!(of_run.method, "stripes-without-motion");
     bench.request.predictions = Predictions::Run(run);
-    bench.request.method = "stripes-without-motion".to_owned();
+    bench.request.method = of_run.method;
     assert_eq!(bench.score().unwrap().method, "stripes-without-motion");
-    bench.request.method = "stripes-2".to_owned();
+    // No row claims to be the method itself.
+    bench.request.method = "stripes".to_owned();
+    let refusal = bench.refusal();
     assert!(
-        bench
-            .refusal()
-            .contains("is of method stripes, not stripes-2")
+        refusal.contains("is of method stripes-without-motion, not stripes"),
+        "{refusal}"
     );
 }
 

@@ -93,14 +93,14 @@ fn colours(image: &[f32], view: &TrainingView) -> [[f32; 3]; 2] {
 fn a_passing_ball_is_dynamic_and_predicted_better_than_by_static_gaussians() {
     let scene = moving_ball::scene();
     let mut still = train(&scene, "odgs", &request(200));
-    let mut moving = train(&scene, "omni4dgs", &request(200));
+    let mut moving = train(&scene, "omni4dgs-plus", &request(200));
     let (without, with) = (
         dynamic_psnr(&scene, &mut still),
         dynamic_psnr(&scene, &mut moving),
     );
     assert!(
         with > without + 2.0 && with > 15.0,
-        "odgs {without:.2} dB, omni4dgs {with:.2} dB"
+        "odgs {without:.2} dB, omni4dgs-plus {with:.2} dB"
     );
 
     let rendering = settings(&moving).rendering;
@@ -152,7 +152,7 @@ fn what_is_left_out_has_no_arrays() {
             without: without.iter().map(|&name| name.to_owned()).collect(),
             ..request(6)
         };
-        let mut outcome = train(&scene, "omni4dgs", &request);
+        let mut outcome = train(&scene, "omni4dgs-plus", &request);
         let model = outcome.learner.gaussians().unwrap().unwrap();
         let moving = &model.parts[1].table;
         let found: Vec<&str> = moving.arrays[5..].iter().map(|array| array.name).collect();
@@ -187,7 +187,7 @@ fn what_is_left_out_has_no_arrays() {
             without: vec![name.to_owned()],
             ..request(6)
         };
-        let last = train(&scene, "omni4dgs", &request)
+        let last = train(&scene, "omni4dgs-plus", &request)
             .training
             .state
             .trace

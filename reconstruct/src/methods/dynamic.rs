@@ -18,7 +18,7 @@ use omnilife_engine::{
     clock::Clock,
     gaussians::{
         static_gaussians::{self, InitialGaussians, StaticGaussians},
-        temporal::{InitialTimes, LifespanFeature, LifespanRange},
+        temporal::{InitialTimes, LifespanRange},
     },
     model::{
         Model, Part,
@@ -35,19 +35,9 @@ pub(super) const TEMPORAL_OPACITY: &str = "temporal-opacity";
 pub(super) const TEMPORAL_MOTION: &str = "temporal-motion";
 /// Component: renders of neighbouring moments, moved on, are held against an image.
 pub(super) const TEMPORAL_SMOOTHING: &str = "temporal-smoothing";
-/// Component: short lives cost (PVG).
-pub(super) const LIFESPAN_LOSS: &str = "lifespan-loss";
-/// The lifespan as that loss sees it, in PVG's unit; what lives for 2 units is not told apart from
-/// what lives longer (PVG `train.py`).
-pub(super) const LIFESPAN_FEATURE: LifespanFeature = LifespanFeature {
-    unit_frames: FRAMES_PER_UNIT,
-    largest_frames: 2.0 * FRAMES_PER_UNIT,
-};
-/// Weight of that loss (PVG `configs/kitti_reconstruction.yaml`; Waymo has none): here as there a
-/// moving camera sees most things for a short time.
-pub(super) const LIFESPAN_WEIGHT: f32 = 0.01;
-/// First lifespans in PVG's base configuration are the square root of this share of the clip.
-pub(super) const FIRST_LIFESPAN_SHARE: f32 = 0.2;
+/// First lifespans of scene points are the square root of this share of the clip (PVG
+/// `configs/waymo_nvs.yaml`, `t_init`).
+pub(super) const FIRST_LIFESPAN_SHARE: f32 = 0.1;
 /// Temporal smoothing of PVG (`train.py`).
 pub(super) const SMOOTHING: TemporalSmoothing = TemporalSmoothing {
     probability: 0.5,

@@ -93,8 +93,6 @@ const DECOMPOSITION: Decomposition = Decomposition {
 /// 0.2), with the staticness `rho = beta / l`: the paper's `beta / tau` is singular at `tau = 0` and
 /// changes with the origin of time.
 const DYNAMIC_BELOW_STATICNESS: f32 = 1.0;
-/// First lifespans of scene points are the square root of this share of the clip (PVG on Waymo).
-const FIRST_LIFESPAN_SHARE: f32 = 0.1;
 /// Staticness of scene points at first, at least.
 const LEAST_FIRST_STATICNESS: f32 = 1.5 * DYNAMIC_BELOW_STATICNESS;
 /// `lambda_dyn`: the dynamic region is small; more than the photometric loss pulls the dynamic
@@ -204,5 +202,5 @@ pub(super) fn dynamics(draft: &Draft<'_>, clock: Clock) -> DynamicSettings {
 pub(super) fn first_lifespan(clock: &Clock) -> f32 {
     // In a short clip too, points begin static: masks show what is dynamic.
     let least = LEAST_FIRST_STATICNESS * CYCLE_FRAMES;
-    dynamic::first_lifespan(clock, FIRST_LIFESPAN_SHARE).max(least)
+    dynamic::first_lifespan(clock, dynamic::FIRST_LIFESPAN_SHARE).max(least)
 }

@@ -10,9 +10,6 @@ struct AdamStep {
     first_array: u32,
     // The decay of second moments.
     beta_2: f32,
-    padding_0: u32,
-    padding_1: u32,
-    padding_2: u32,
     // Where each array ends, counted in values from the beginning of the first.
     ends: array<vec4<u32>, 4>,
     // Step size of each array, over 1 - beta1^t.
