@@ -52,5 +52,5 @@ pub use prediction::scored_bytes;
 pub use protocols::{PROTOCOLS, ProtocolEntry};
 pub use scoring::{DEFAULT_MEMORY_BYTES, MetricChoice, Predictions, ScoreRequest, score};
 pub use split::{split, split_scene};
-pub use stability_report::{failed_rows, stability_table, write_stability};
+pub use stability_report::{stability_failures, stability_table, write_stability};
 pub use validate::{Finding, ValidationReport, validate};

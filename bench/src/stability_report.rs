@@ -62,12 +62,21 @@ fn drawing_file(sweep: &StabilitySweep) -> String {
     format!("stability-{}.svg", sweep.id)
 }
 
-/// Rows that are not as good as their case asks.
-pub fn failed_rows(report: &StabilityReport) -> impl Iterator<Item = &StabilityRow> {
-    report
-        .rows
-        .iter()
+/// Cases and points of sweeps that are not as good as asked, in words.
+pub fn stability_failures(report: &StabilityReport) -> Vec<String> {
+    let rows = report.rows.iter();
+    let rows = rows
         .filter(|row| row.status == StabilityStatus::Fail)
+        .map(|row| format!("{} ({}, {})", row.case, row.parameterization, row.backend));
+    let of_sweep = |sweep: &StabilitySweep| {
+        let id = sweep.id.clone();
+        let failed = sweep.points.iter().filter(|point| point.fault.is_some());
+        let named = failed
+            .map(move |point| format!("sweep {id} at {:.0e} ({})", point.condition, point.backend));
+        named.collect::<Vec<_>>()
+    };
+    rows.chain(report.sweeps.iter().flat_map(of_sweep))
+        .collect()
 }
 
 /// The report as Markdown.
@@ -122,7 +131,11 @@ fn sweep_table(text: &mut String, sweep: &StabilitySweep) {
     if backends.is_empty() {
         return;
     }
-    *text += &format!("\n{}, {}:\n\n| Condition |", sweep.title, sweep.condition);
+    *text += &format!("\n{}, {}", sweep.title, sweep.condition);
+    if !sweep.limits.is_empty() {
+        *text += &format!("; {}", sweep.limits);
+    }
+    *text += ":\n\n| Condition |";
     for backend in &backends {
         *text += &format!(" Image, {backend} | Gradient, {backend} |");
     }
@@ -138,7 +151,11 @@ fn sweep_table(text: &mut String, sweep: &StabilitySweep) {
                 .iter()
                 .find(|p| p.backend == *backend && p.condition == condition);
             cells.push(error(point.and_then(|p| p.measured.forward_error)));
-            cells.push(error(point.and_then(|p| p.measured.gradient_error)));
+            let gradient = error(point.and_then(|p| p.measured.gradient_error));
+            let fault = point.and_then(|point| point.fault.as_ref());
+            cells.push(fault.map_or(gradient.clone(), |why| {
+                format!("{gradient} **fail**: {why}")
+            }));
         }
         line(text, &cells);
     }
@@ -240,11 +257,13 @@ mod tests {
                 id: "needle".to_owned(),
                 title: "Needles".to_owned(),
                 condition: "length over thickness".to_owned(),
+                limits: "gradient within 4e-4".to_owned(),
                 points: [1.0, 10.0, 1e3]
                     .map(|condition| omnilife_schemas::records::StabilityPoint {
                         backend: "cpu".to_owned(),
                         condition,
                         measured,
+                        fault: (condition > 100.0).then(|| "the gradient is off".to_owned()),
                     })
                     .into(),
             }],
@@ -263,8 +282,8 @@ mod tests {
         )?);
         let drawing = std::fs::read_to_string(folder.path().join("stability-needle.svg"))?;
         assert!(drawing.starts_with("<svg") && drawing.contains("length over thickness"));
-        let failed: Vec<&str> = failed_rows(&report).map(|row| row.case.as_str()).collect();
-        assert_eq!(failed, ["seam"]);
+        let failed = stability_failures(&report);
+        assert_eq!(failed, ["seam (static, cpu)", "sweep needle at 1e3 (cpu)"]);
         Ok(())
     }
 }

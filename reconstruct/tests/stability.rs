@@ -32,6 +32,13 @@ fn every_case_passes_on_the_cpu() {
             );
         }
         assert!(!sweep.points.is_empty(), "{}", sweep.id);
+        let faults = sweep.points.iter().filter_map(|point| point.fault.as_ref());
+        assert_eq!(
+            faults.collect::<Vec<_>>(),
+            Vec::<&String>::new(),
+            "{}",
+            sweep.id
+        );
     }
     println!("{:.1} s", report.wall_seconds);
     let failed: Vec<&str> = report

@@ -9,7 +9,8 @@ use std::{
     io::{self, Read, Seek, Write},
     path::{Path, PathBuf},
     sync::{Arc, Mutex, MutexGuard, PoisonError, Weak},
-    time::SystemTime,
+    thread,
+    time::{Duration, SystemTime},
 };
 
 use crate::{
@@ -25,6 +26,9 @@ pub const LOCK_FILE: &str = ".omnilife.lock";
 const TAG: &str = "omnilife writes here: ";
 /// Characters of the file that a message repeats at most.
 const LONGEST_HOLDER: usize = 300;
+/// How often, and how long apart, a lock is looked at that does not say yet who holds it.
+const HOLDER_TRIES: u32 = 10;
+const HOLDER_WAIT: Duration = Duration::from_millis(20);
 
 /// What this process holds. Stages of one job lock the folders that the job has locked already.
 static HELD: Mutex<BTreeMap<PathBuf, Weak<Held>>> = Mutex::new(BTreeMap::new());
@@ -155,11 +159,26 @@ fn lock(folder: &Path, path: &Path) -> Result<Option<File>, StoreError> {
     }
 }
 
+/// The lock's text; who has just taken a lock writes it a moment later.
+fn said_by_holder(file: &mut File) -> String {
+    let mut text = String::new();
+    for _ in 0..HOLDER_TRIES {
+        text.clear();
+        // What cannot be read says nothing.
+        let _ = file
+            .rewind()
+            .and_then(|()| Read::by_ref(file).take(4096).read_to_string(&mut text));
+        if text.len() > TAG.len() {
+            break;
+        }
+        thread::sleep(HOLDER_WAIT);
+    }
+    text
+}
+
 /// What another process says of itself.
 fn refusal(folder: &Path, file: &mut File) -> StoreError {
-    let mut text = String::new();
-    // What cannot be read says nothing.
-    let _ = file.take(4096).read_to_string(&mut text);
+    let text = said_by_holder(file);
     let holder: String = text
         .strip_prefix(TAG)
         .unwrap_or("another process")

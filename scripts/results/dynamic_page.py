@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
-METHODS = ["odgs", "deformable", "periodic", "omni4dgs", "omni4dgs-full", "omni4dgs-plus"]
+METHODS = ["odgs", "deformable", "periodic", "omni4dgs", "omni4dgs-plus"]
 ABLATED = ["temporal-opacity", "temporal-motion", "velocity-decomposition", "dynamic-mask", "motion-regularization"]
 # Heading, views, metric, digits.
 SCORES = [("Input PSNR", "input_views", "psnr", 3), ("Input SSIM", "input_views", "ssim", 4),

@@ -9,7 +9,7 @@ use omnilife_reconstruct::{
         export::{ExportRequest, levels::Level},
         render::{RenderCamera, RenderRequest},
     },
-    methods::{self, METHODS},
+    methods::{self, METHODS, variant::Variant},
     options::Options,
     request::{BackendChoice, MethodRequest, PlanChoice},
 };
@@ -121,6 +121,15 @@ impl MethodArguments {
 }
 
 impl MethodArguments {
+    /// The method's name in tables, with the components that are asked for.
+    ///
+    /// # Errors
+    /// As [`Self::request`].
+    pub(crate) fn variant(&self, iterations: u64) -> anyhow::Result<String> {
+        let method = methods::find(&self.method)?;
+        Ok(Variant::of(method, &self.request(iterations)?).to_string())
+    }
+
     /// The arguments of a command line that says the same.
     pub(crate) fn words(&self) -> Vec<String> {
         // All fields, so that none is forgotten.

@@ -18,6 +18,9 @@ pub(crate) struct RunArguments {
     /// Folder for everything that is made.
     #[arg(long)]
     pub(crate) out: PathBuf,
+    /// Where the videos came from, as `curate build` takes it; the dataset's record keeps it.
+    #[arg(long, value_name = "LIST")]
+    pub(crate) sources: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) curation: CurationArguments,
     #[command(flatten)]

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use omnilife_bench::{failed_rows, stability_table, write_stability};
+use omnilife_bench::{stability_failures, stability_table, write_stability};
 use omnilife_reconstruct::stability::{
     self,
     devices::{Device, DeviceKind},
@@ -40,9 +40,7 @@ pub(crate) fn execute(
         write_stability(&report, out)?;
     }
     exit::print(&stability_table(&report))?;
-    let failed: Vec<String> = failed_rows(&report)
-        .map(|row| format!("{} ({}, {})", row.case, row.parameterization, row.backend))
-        .collect();
+    let failed = stability_failures(&report);
     if failed.is_empty() {
         return Ok(());
     }

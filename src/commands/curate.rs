@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use omnilife_curate::{
-    CurateError, CurateSettings, Place, Worker, analysis,
+    CurateError, CurateSettings, CuratedDataset, Place, Worker, analysis,
     audit::{self, PageRequest},
     boundaries::{self, key_frame_prefilter},
     curate_dataset_in, curate_video, expand_inputs, origins, pose_sequence_with, projection,
@@ -149,24 +149,35 @@ pub(crate) fn place(limit: &MemoryLimitArguments) -> anyhow::Result<Place> {
     }))
 }
 
+/// Curates, and enters where the videos came from, which is read first: a list that is wrong is told before
+/// hours of work.
+///
+/// # Errors
+/// When the list cannot be read, a video fails, or the record cannot be written.
+pub(crate) fn with_origins(
+    list: Option<&Path>,
+    out: &Path,
+    progress: &dyn Progress,
+    curate: impl FnOnce() -> Result<CuratedDataset, CurateError>,
+) -> Result<CuratedDataset, CurateError> {
+    let origins = list.map(|list| Ok::<_, CurateError>((list, origins::read(list)?)));
+    let origins = origins.transpose()?;
+    let mut curated = curate()?;
+    if let Some((list, origins)) = origins {
+        origins.enter(list, &mut curated.record, out, progress)?;
+    }
+    Ok(curated)
+}
+
 /// Curates and publishes. Videos that are kept out or fail are reported when all is done.
 fn build(arguments: &BuildArguments, progress: &dyn Progress) -> anyhow::Result<()> {
     let videos = expand_inputs(&arguments.videos)?;
-    // A list that is wrong is told before hours of work.
-    let list = arguments.sources.as_deref();
-    let origins = list
-        .map(|list| Ok::<_, CurateError>((list, origins::read(list)?)))
-        .transpose()?;
-    let mut curated = curate_dataset_in(
-        &place(&arguments.limit)?,
-        &videos,
-        &arguments.out,
-        &arguments.settings.settings(),
-        progress,
-    )?;
-    if let Some((list, origins)) = origins {
-        origins.enter(list, &mut curated.record, &arguments.out, progress)?;
-    }
+    let place = place(&arguments.limit)?;
+    let settings = arguments.settings.settings();
+    let sources = arguments.sources.as_deref();
+    let curated = with_origins(sources, &arguments.out, progress, || {
+        curate_dataset_in(&place, &videos, &arguments.out, &settings, progress)
+    })?;
     publish::publish(&arguments.out, &PublishSettings::default(), progress)?;
     let printed = exit::print(&summary(&curated.record));
     let mut outcomes = Outcomes::default();

@@ -73,6 +73,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
         poses: arguments.poses.request(),
         truth: arguments.poses.truth(),
         method: arguments.method.method.clone(),
+        variant: arguments.method.variant(arguments.iterations)?,
         settings: arguments.method.request(arguments.iterations)?,
         backend: arguments.method.backend.into(),
         checkpoint_every: arguments.method.checkpoint_every,
@@ -94,7 +95,10 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
 
     let settings = arguments.curation.settings(&arguments.criteria, false);
     let place = commands::curate::place(&arguments.limit)?;
-    let curated = curate_dataset_in(&place, &videos, &arguments.out, &settings, progress)?;
+    let sources = arguments.sources.as_deref();
+    let curated = commands::curate::with_origins(sources, &arguments.out, progress, || {
+        curate_dataset_in(&place, &videos, &arguments.out, &settings, progress)
+    })?;
     job.refuse_shared_masks(&curated.record)?;
     let summary = StagePlan::new(&arguments.out, "summary");
     summary.claim(SUMMARY_FILES)?;
@@ -198,6 +202,8 @@ struct Job<'a> {
     poses: PoseRequest,
     truth: GivenTruth,
     method: String,
+    /// The method's name in tables.
+    variant: String,
     settings: MethodRequest,
     backend: BackendChoice,
     checkpoint_every: u64,
@@ -213,11 +219,12 @@ impl Job<'_> {
 
     /// Poses and masks that are not there, before a frame is decoded.
     fn refuse_missing_poses(&self) -> anyhow::Result<()> {
-        let given = match &self.poses {
+        let poses = match &self.poses {
             PoseRequest::Given(path) => Some(path),
-            PoseRequest::Sfm(settings) => settings.masks.as_ref(),
+            PoseRequest::Sfm(_) => None,
         };
-        match given.filter(|path| !path.exists()) {
+        let mut given = poses.into_iter().chain(self.masks());
+        match given.find(|path| !path.exists()) {
             Some(path) => Err(BadRequest(format!("{}: does not exist", path.display())).into()),
             None => Ok(()),
         }
@@ -233,21 +240,27 @@ impl Job<'_> {
                 _ => 0,
             })
             .sum();
+        if self.masks().is_some() && sequences > 1 {
+            return Err(BadRequest(format!(
+                "--masks belongs to one sequence, the videos gave {sequences}; pose them one by \
+                 one with `omnilife curate poses`"
+            ))
+            .into());
+        }
+        Ok(())
+    }
+
+    /// The folder of masks, whoever takes them.
+    fn masks(&self) -> Option<&PathBuf> {
         match &self.poses {
-            PoseRequest::Sfm(settings) if settings.masks.is_some() && sequences > 1 => {
-                Err(BadRequest(format!(
-                    "--masks belongs to one sequence, the videos gave {sequences}; pose them one \
-                     by one with `omnilife curate poses`"
-                ))
-                .into())
-            }
-            _ => Ok(()),
+            PoseRequest::Given(_) => self.truth.masks.as_ref(),
+            PoseRequest::Sfm(settings) => settings.masks.as_ref(),
         }
     }
 
     /// Where the run and the scores of a sequence go.
     fn method_folder(&self, sequence_folder: &Path) -> PathBuf {
-        sequence_folder.join(&self.protocol).join(&self.method)
+        sequence_folder.join(&self.protocol).join(&self.variant)
     }
 
     /// What one would do next with a sequence that was scored.

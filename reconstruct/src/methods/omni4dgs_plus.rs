@@ -34,11 +34,12 @@ pub const METHOD: Method = Method {
     title: "Omni4DGS, ours",
     source: "this project; after OmniLife360, section 4",
     description: "omni4dgs with lifespans of two frames at least, first velocities from the masks' \
-                  connected components, temporal smoothing as in PVG, lifespans that find their \
-                  length in short schedules too, gains of a camera's automatic exposure taken out, \
+                  connected components, temporal smoothing as in PVG, gains of a camera's automatic exposure taken out, \
                   colours that depend on the direction where the scene's do, poses refined where \
                   they are off, larger steps where the schedule is short, and no density control in \
-                  time: dynamic Gaussians are there at the moments between input views too.",
+                  time: dynamic Gaussians are there at the moments between input views too. Below the \
+                  limit on their number Gaussians with time grow first. Components are left out \
+                  where a scene gives no reason for them.",
     components: &[
         TEMPORAL_OPACITY,
         TEMPORAL_MOTION,

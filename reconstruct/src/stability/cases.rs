@@ -4,9 +4,7 @@ use glam::{DQuat, DVec3, dvec3};
 use omnilife_schemas::Similarity;
 
 use crate::stability::{
-    Limits,
-    devices::DeviceKind,
-    in_time,
+    Limits, in_time,
     parameterizations::InTime,
     setup::{RawGaussian, Setup, mild},
 };
@@ -27,6 +25,8 @@ pub struct Case {
     pub setup: fn() -> Setup,
     /// What has to come out.
     pub expectation: Expectation,
+    /// What it may be off by.
+    pub limits: Limits,
 }
 
 /// What has to come out of a case.
@@ -60,20 +60,17 @@ impl Expectation {
     }
 }
 
-impl Case {
-    /// What it may be off by on a device.
-    pub fn limits(&self, kind: DeviceKind) -> Limits {
-        // WGSL allows its functions errors that are larger than a processor's.
-        match kind {
-            DeviceKind::Cpu => Limits {
-                forward: 1e-4,
-                gradient: 5e-3,
-            },
-            DeviceKind::Gpu => Limits {
-                forward: 1e-3,
-                gradient: 1e-2,
-            },
-        }
+/// About ten times what most cases are off by, on the CPU and on a software adapter alike.
+pub(super) const PLAIN_LIMITS: Limits = Limits {
+    forward: 1e-5,
+    gradient: 4e-4,
+};
+
+/// The same for gradients that are sums of large terms of both signs.
+const fn with_gradient(gradient: f64) -> Limits {
+    Limits {
+        gradient,
+        ..PLAIN_LIMITS
     }
 }
 
@@ -84,12 +81,19 @@ pub(super) const PLAIN: Case = Case {
     about: &[InTime::Still, InTime::Deformed, InTime::Moving],
     setup: || Setup::new(mild()),
     expectation: Expectation::Agrees,
+    limits: PLAIN_LIMITS,
 };
 
 /// All cases that are rendered.
 pub fn all() -> impl Iterator<Item = &'static Case> {
     CASES.iter().chain(in_time::CASES)
 }
+
+/// Ten thousand layers add up ten thousand roundings.
+pub(super) const LAYERED: Limits = Limits {
+    forward: 4e-4,
+    gradient: 6e-3,
+};
 
 /// Those that are not about time.
 const CASES: &[Case] = &[
@@ -124,6 +128,7 @@ const CASES: &[Case] = &[
         title: "the camera stands inside a Gaussian, footprint along the ray",
         action: "drawn in every pixel",
         setup: || camera_inside(Footprint::Ray),
+        limits: with_gradient(2e-3),
         ..PLAIN
     },
     Case {
@@ -137,6 +142,30 @@ const CASES: &[Case] = &[
         id: "disc-1e6",
         title: "discs a million times as wide as thick, seen from the edge too",
         setup: || discs(1e6),
+        ..PLAIN
+    },
+    Case {
+        id: "poles-ray",
+        title: "on both poles and beside them, footprint along the ray",
+        setup: || poles().with_footprint(Footprint::Ray),
+        ..PLAIN
+    },
+    Case {
+        id: "needle-ray",
+        title: "needles a thousand times as long as thick, footprint along the ray",
+        setup: || needles(1e3).with_footprint(Footprint::Ray),
+        ..PLAIN
+    },
+    Case {
+        id: "disc-ray",
+        title: "discs a thousand times as wide as thick, seen from the edge too, footprint along the ray",
+        setup: || discs(1e3).with_footprint(Footprint::Ray),
+        ..PLAIN
+    },
+    Case {
+        id: "many-tiles",
+        title: "an image of 12 times 6 tiles",
+        setup: many_tiles,
         ..PLAIN
     },
     Case {
@@ -164,6 +193,7 @@ const CASES: &[Case] = &[
         id: "far",
         title: "1e5 units away",
         setup: || shifted_out(1e5),
+        limits: with_gradient(8e-4),
         ..PLAIN
     },
     Case {
@@ -171,6 +201,7 @@ const CASES: &[Case] = &[
         title: "10,000 translucent layers in one direction",
         action: "compositing ends at a transmittance of 1e-4",
         setup: || layers(10_000),
+        limits: LAYERED,
         ..PLAIN
     },
     Case {
@@ -238,6 +269,7 @@ const CASES: &[Case] = &[
         // A network would move it away.
         about: &[InTime::Still, InTime::Moving],
         expectation: Expectation::LeavesOut { degenerate: 1 },
+        limits: PLAIN_LIMITS,
     },
 ];
 
@@ -255,6 +287,11 @@ fn poles() -> Setup {
         RawGaussian::new(dvec3(0.0, 1.0, -1e-6), 2.5, [0.05, 0.6, 0.02], 0.6, 4),
         RawGaussian::new(dvec3(0.05, -1.0, 0.02), 2.2, [0.4, 0.3, 0.2], 0.5, 5),
     ])
+}
+
+fn many_tiles() -> Setup {
+    let turn = DQuat::from_euler(glam::EulerRot::XYZ, 0.3, -1.1, 0.2);
+    Setup::seen(mild(), turn, dvec3(0.05, -0.02, 0.04), 192)
 }
 
 fn seam() -> Setup {

@@ -149,7 +149,7 @@ fn row(
     device: &mut Device,
 ) -> Result<StabilityRow, ReconstructError> {
     let setup = (case.setup)();
-    let limits = case.limits(device.kind());
+    let limits = case.limits;
     let degenerate = match case.expectation {
         Expectation::LeavesOut { degenerate } => degenerate,
         Expectation::Agrees | Expectation::ImageAgrees => 0,

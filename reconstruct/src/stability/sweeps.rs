@@ -5,8 +5,10 @@ use omnilife_schemas::records::{StabilityPoint, StabilitySweep};
 
 use crate::error::ReconstructError;
 use crate::stability::{
-    cases::{in_world, layers, needles},
+    Limits,
+    cases::{Expectation, LAYERED, PLAIN_LIMITS, in_world, layers, needles},
     devices::Device,
+    fault,
     in_time::beside_the_poles,
     measure::measure,
     parameterizations::{DEFORMABLE, OMNI4DGS, PERIODIC, Parameterization, STATIC},
@@ -27,6 +29,10 @@ pub struct Sweep {
     pub parameterization: Parameterization,
     conditions: &'static [f64],
     setup: fn(f64) -> Setup,
+    /// What it may be off by where it is easy.
+    limits: Limits,
+    /// What the gradient may be off by for each unit of the condition number, where that is more.
+    gradient_slope: f64,
 }
 
 /// All of them.
@@ -38,6 +44,8 @@ pub const SWEEPS: &[Sweep] = &[
         parameterization: STATIC,
         conditions: &[1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6],
         setup: needles,
+        limits: PLAIN_LIMITS,
+        gradient_slope: 0.0,
     },
     Sweep {
         id: "pole",
@@ -46,6 +54,8 @@ pub const SWEEPS: &[Sweep] = &[
         parameterization: STATIC,
         conditions: &[1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6, 1e7],
         setup: towards_the_pole,
+        limits: PLAIN_LIMITS,
+        gradient_slope: 0.0,
     },
     Sweep {
         id: "layers",
@@ -54,6 +64,8 @@ pub const SWEEPS: &[Sweep] = &[
         parameterization: STATIC,
         conditions: &[1.0, 10.0, 100.0, 1e3, 1e4],
         setup: |count| layers(count as usize),
+        limits: LAYERED,
+        gradient_slope: 0.0,
     },
     Sweep {
         id: "origin",
@@ -62,6 +74,8 @@ pub const SWEEPS: &[Sweep] = &[
         parameterization: STATIC,
         conditions: &[1.0, 100.0, 1e4, 1e6, 1e8],
         setup: |distance| in_world([distance, -distance, distance], 1.0),
+        limits: PLAIN_LIMITS,
+        gradient_slope: 0.0,
     },
     Sweep {
         id: "opacity",
@@ -70,6 +84,8 @@ pub const SWEEPS: &[Sweep] = &[
         parameterization: STATIC,
         conditions: &[2.0, 10.0, 100.0, 1e3, 1e4, 1e6],
         setup: saturating,
+        limits: PLAIN_LIMITS,
+        gradient_slope: 2e-7,
     },
     Sweep {
         id: "lifespan",
@@ -78,6 +94,8 @@ pub const SWEEPS: &[Sweep] = &[
         parameterization: PERIODIC,
         conditions: &[1.0, 10.0, 100.0, 1e3, 1e4, 2e4, 1e5],
         setup: short_lives,
+        limits: PLAIN_LIMITS,
+        gradient_slope: 0.0,
     },
     Sweep {
         id: "speed",
@@ -86,6 +104,8 @@ pub const SWEEPS: &[Sweep] = &[
         parameterization: PERIODIC,
         conditions: &[1.0, 10.0, 100.0, 1e3, 1e4, 1e5],
         setup: moving_fast,
+        limits: PLAIN_LIMITS,
+        gradient_slope: 0.0,
     },
     Sweep {
         id: "cycle",
@@ -94,6 +114,8 @@ pub const SWEEPS: &[Sweep] = &[
         parameterization: PERIODIC,
         conditions: &[1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6],
         setup: |cycles| Setup::new(mild()).with_cycle(0.97 / cycles),
+        limits: PLAIN_LIMITS,
+        gradient_slope: 3.5e-7,
     },
     Sweep {
         id: "latitude",
@@ -102,6 +124,8 @@ pub const SWEEPS: &[Sweep] = &[
         parameterization: OMNI4DGS,
         conditions: &[1.0, 10.0, 100.0, 300.0, 900.0, 1e4, 1e5, 1e6, 1e7],
         setup: |condition| beside_the_poles(&[1.0 / condition; 2]),
+        limits: PLAIN_LIMITS,
+        gradient_slope: 0.0,
     },
     Sweep {
         id: "encoding",
@@ -110,6 +134,11 @@ pub const SWEEPS: &[Sweep] = &[
         parameterization: DEFORMABLE,
         conditions: &[1.0, 10.0, 100.0, 1e3, 1e4, 1e5],
         setup: far_ellipsoids,
+        limits: Limits {
+            forward: 2e-4,
+            gradient: 3e-3,
+        },
+        gradient_slope: 0.0,
     },
 ];
 
@@ -120,6 +149,7 @@ impl Sweep {
             id: self.id.to_owned(),
             title: self.title.to_owned(),
             condition: self.condition.to_owned(),
+            limits: self.limits_in_words(),
             points: Vec::new(),
         }
     }
@@ -133,14 +163,34 @@ impl Sweep {
             .iter()
             .map(|&condition| {
                 let setup = (self.setup)(condition);
-                let measured = measure(&setup, &self.parameterization, device, 0, 1e-3)?;
+                let limits = self.limits_at(condition);
+                let measured = measure(&setup, &self.parameterization, device, 0, limits.forward)?;
                 Ok(StabilityPoint {
                     backend: device.kind().id().to_owned(),
                     condition,
+                    fault: fault(Expectation::Agrees, &measured.measures, &limits),
                     measured: measured.measures,
                 })
             })
             .collect()
+    }
+}
+
+impl Sweep {
+    fn limits_at(&self, condition: f64) -> Limits {
+        Limits {
+            gradient: self.limits.gradient.max(self.gradient_slope * condition),
+            ..self.limits
+        }
+    }
+
+    fn limits_in_words(&self) -> String {
+        let Limits { forward, gradient } = self.limits;
+        let mut text = format!("image within {forward:.0e}, gradient within {gradient:.0e}");
+        if self.gradient_slope > 0.0 {
+            text += &format!(" or {:.1e} of the condition number", self.gradient_slope);
+        }
+        text
     }
 }
 

@@ -91,6 +91,9 @@ pub struct StabilitySweep {
     pub title: String,
     /// What the condition number counts.
     pub condition: String,
+    /// What its points may be off by, in words; records of older versions do not say.
+    #[serde(default)]
+    pub limits: String,
     /// By backend and condition number.
     pub points: Vec<StabilityPoint>,
 }
@@ -104,4 +107,7 @@ pub struct StabilityPoint {
     pub condition: f64,
     /// What was measured.
     pub measured: StabilityMeasures,
+    /// Why that is not good enough, where it is not; older versions did not judge.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fault: Option<String>,
 }

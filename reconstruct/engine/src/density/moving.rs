@@ -75,6 +75,7 @@ impl MovingControl<'_> {
         for child in first_child..table.len() {
             self.place_child(table, child, shortens, random);
         }
+        self.temporal.time.keep_within_bounds(table);
         let pruned = remove(table, &parents, |table, index| {
             is_useful(table, index, self.settings, self.scheduled) && self.is_seen(table, index)
         });
@@ -198,7 +199,6 @@ impl MovingControl<'_> {
             && let Some(lifespans) = table.position(LOG_LIFESPANS)
         {
             table.arrays[lifespans].values[child] -= LIFESPAN_SHRINK.ln();
-            self.temporal.time.keep_within_bounds(table);
         }
     }
 
