@@ -127,6 +127,36 @@ fn gains_of_the_camera_are_found_and_compensated() {
     assert!(decision.is_some_and(|part| !part.used && part.reason.contains("limit 2 %")));
 }
 
+/// A gain that flickers from view to view says nothing of the views between those that are looked at first.
+#[test]
+fn flicker_is_found_in_every_one_of_many_views() {
+    let mut scene = moving_ball::scene();
+    let once = scene.input_views.clone();
+    // 48 views: the clip four times over, brighter and darker by turns that no regular sample has.
+    let gain = |number: usize| if number % 5 < 2 { 0.8 } else { 1.0 };
+    scene.input_views = (0..4 * once.len())
+        .map(|number| {
+            let mut view = once[number % once.len()].clone();
+            view.frame = number as u32;
+            view.view.time_seconds = number as f64;
+            for value in &mut view.pixels {
+                *value = (f64::from(*value) * gain(number)).round() as u8;
+            }
+            view
+        })
+        .collect();
+    let outcome = train(&scene, "omni4dgs-plus", &request(6));
+    let exposure = settings(&outcome).exposure.unwrap();
+    for number in 0..scene.input_views.len() {
+        let found = exposure.gain(number as f64)[1] / exposure.gain(2.0)[1];
+        let expected = gain(number) as f32;
+        assert!(
+            (found / expected - 1.0).abs() < 0.04,
+            "{number}: {found} {expected}"
+        );
+    }
+}
+
 #[test]
 fn without_masks_residuals_tell_whether_something_moves() {
     let still = balls::scene();

@@ -141,6 +141,7 @@ mod tests {
             novel_hole_share: None,
         };
         TracedRun {
+            folder: "score".into(),
             clock: crate::curve::Clock::Wall,
             method: "m".to_owned(),
             scene: "s".to_owned(),
@@ -153,6 +154,31 @@ mod tests {
             peak_memory_bytes: Some(memory),
             rows: points.iter().map(row).collect(),
         }
+    }
+
+    #[test]
+    fn runs_of_one_scene_have_names_of_their_own() {
+        let plain = run(&[(1.0, 20.0)], 1);
+        let with = |seed: u64, iterations: u64, folder: &str| TracedRun {
+            seed,
+            iterations,
+            folder: folder.into(),
+            ..plain.clone()
+        };
+        let runs = [
+            with(0, 100, "a"),
+            with(1, 100, "b"),
+            with(1, 300, "c"),
+            with(1, 300, "d"),
+        ];
+        let names = crate::curve::trace::names(&runs.each_ref());
+        let expected = [
+            "m, seed 0",
+            "m, seed 1, 100 iterations",
+            "m, seed 1, 300 iterations (c)",
+            "m, seed 1, 300 iterations (d)",
+        ];
+        assert_eq!(names, expected);
     }
 
     #[test]

@@ -96,10 +96,12 @@ fn drawing_file(number: usize) -> String {
 }
 
 fn drawing(scene: &str, clock: Clock, runs: &[TracedRun]) -> Result<String, String> {
+    let names = trace::names(&runs.iter().collect::<Vec<_>>());
     let series: Vec<Series> = runs
         .iter()
-        .map(|run| Series {
-            name: run.name(),
+        .zip(names)
+        .map(|(run, name)| Series {
+            name,
             points: run
                 .rows
                 .iter()
@@ -273,12 +275,13 @@ pub fn curves_table(comparisons: &[Comparison]) -> String {
             MOMENTS_SECONDS.map(|s| format!("dB at {s} s")).join(" | "),
             "---: | ".repeat(QUALITIES_DB.len() + MOMENTS_SECONDS.len()),
         );
-        for curve in &comparison.curves {
+        let runs: Vec<&TracedRun> = comparison.curves.iter().map(|curve| &curve.run).collect();
+        for (curve, name) in comparison.curves.iter().zip(trace::names(&runs)) {
             let number = |value: Option<f64>, digits: usize| {
                 value.map_or("-".to_owned(), |value| format!("{value:.digits$}"))
             };
             let mut cells = vec![
-                curve.run.name(),
+                name,
                 number(Some(curve.final_db), 3),
                 number(curve.to_95_percent.map(|reached| reached.seconds), 1),
             ];

@@ -1,6 +1,6 @@
 //! The curve of a training run, as its scores tell it.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{layout::RESULT_FILE, records::ResultRecord, store};
 
@@ -35,6 +35,8 @@ impl Clock {
 /// A run with its trace.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TracedRun {
+    /// Folder of the scores, as it was given.
+    pub folder: PathBuf,
     /// Id of the method.
     pub method: String,
     /// Id of the scene.
@@ -82,11 +84,25 @@ pub struct TraceRow {
     pub novel_hole_share: Option<f64>,
 }
 
-impl TracedRun {
-    /// Method and seed.
-    pub fn name(&self) -> String {
-        format!("{}, seed {}", self.method, self.seed)
-    }
+/// What runs of one scene are called in tables and drawings: method and seed; where two have both, their
+/// iterations too, and where they have those, their folders.
+pub(crate) fn names(runs: &[&TracedRun]) -> Vec<String> {
+    let plain = |run: &TracedRun| format!("{}, seed {}", run.method, run.seed);
+    let longer = |run: &TracedRun| format!("{}, {} iterations", plain(run), run.iterations);
+    let is_alone = |run: &TracedRun, name: &dyn Fn(&TracedRun) -> String| {
+        let same = runs.iter().filter(|other| name(other) == name(run));
+        same.count() == 1
+    };
+    let name = |run: &&TracedRun| {
+        if is_alone(run, &plain) {
+            plain(run)
+        } else if is_alone(run, &longer) {
+            longer(run)
+        } else {
+            format!("{} ({})", longer(run), run.folder.display())
+        }
+    };
+    runs.iter().map(name).collect()
 }
 
 /// Reads a run from the folder of its scores or the `result.json` there.
@@ -155,6 +171,7 @@ pub fn read_run(path: &Path, clock: Clock) -> Result<TracedRun, BenchError> {
         return Err(BenchError::mismatch(&curve, "goes back in time"));
     }
     Ok(TracedRun {
+        folder: path.to_owned(),
         clock,
         method: record.method,
         scene: record.scene,

@@ -149,19 +149,38 @@ impl PilotFit {
         surfaces
     }
 
-    /// How bright the views are; `None` where too few points are seen.
-    pub fn exposure(&self) -> Option<Exposure> {
+    /// How bright the views are; `None` where too few points are seen. Where gains drift all input views
+    /// are looked at: one that flickers says nothing of the views between.
+    pub fn exposure(&mut self) -> Option<Exposure> {
         let points = self.some_points();
-        let views: Vec<(f64, Vec<[[f32; 3]; 2]>)> = self
-            .views
-            .iter()
-            .map(|rendered| {
-                let pairs = self.patches(rendered, &points, 1).into_iter().flatten();
-                let pairs = pairs.map(|patch| [patch.shown, patch.rendered()]);
-                (self.view(rendered).time_seconds, pairs.collect())
-            })
+        let views = self.views.iter();
+        let mut views: Vec<_> = views
+            .map(|rendered| self.brightness(rendered, &points))
             .collect();
+        let of_some = Exposure::estimate(&views)?;
+        if !of_some.drifts() {
+            return Some(of_some);
+        }
+        let looked_at: Vec<usize> = self.views.iter().map(|rendered| rendered.number).collect();
+        let others = (0..self.scene.input_views.len()).filter(|number| !looked_at.contains(number));
+        for number in others {
+            let view = &self.scene.input_views[number];
+            let (gaussians, renderer) = (&mut self.gaussians, &mut self.renderer);
+            let rendered = RenderedView::new(number, view, gaussians, renderer);
+            views.push(self.brightness(&rendered, &points));
+        }
         Exposure::estimate(&views)
+    }
+
+    /// The time of a view, and what it shows and the render has at points.
+    fn brightness(
+        &self,
+        rendered: &RenderedView,
+        points: &[[f32; 3]],
+    ) -> (f64, Vec<[[f32; 3]; 2]>) {
+        let pairs = self.patches(rendered, points, 1).into_iter().flatten();
+        let pairs = pairs.map(|patch| [patch.shown, patch.rendered()]);
+        (self.view(rendered).time_seconds, pairs.collect())
     }
 
     /// Takes gains out of what the views show, once.

@@ -177,7 +177,8 @@ impl PoseEvidence {
 
     /// Whether the poses are worth refining.
     pub fn are_off(&self) -> bool {
-        self.agreed_square >= LEAST_STANDARD_ERRORS * self.standard_error
+        self.standard_error > 0.0
+            && self.agreed_square >= LEAST_STANDARD_ERRORS * self.standard_error
             && self.agreed_pixels() >= LEAST_SHIFT_PIXELS
     }
 }
@@ -192,6 +193,14 @@ fn pixels_per_turn(camera: &Camera) -> f64 {
 
 impl fmt::Display for PoseEvidence {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // Zero where fewer than two views have enough points in both halves.
+        if self.standard_error <= 0.0 {
+            return write!(
+                out,
+                "after {PILOT_ITERATIONS} static iterations too few views show enough points to say \
+                 whether their poses are off"
+            );
+        }
         write!(
             out,
             "after {PILOT_ITERATIONS} static iterations, in images {} pixels wide, two halves of the \
@@ -201,7 +210,7 @@ impl fmt::Display for PoseEvidence {
             self.width,
             self.views,
             self.agreed_pixels(),
-            self.agreed_square / self.standard_error.max(f64::MIN_POSITIVE)
+            self.agreed_square / self.standard_error
         )
     }
 }
