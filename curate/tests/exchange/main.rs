@@ -2,6 +2,7 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod cube_faces;
+mod pycolmap;
 mod refusals;
 
 use std::{
