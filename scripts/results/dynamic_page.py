@@ -128,7 +128,7 @@ def main():
               still(folder / "still"), ""]
     rows = [("full", runs(folder / scenes[0], "omni4dgs-full"))]
     rows += [(f"without {name}", runs(folder / scenes[0], f"omni4dgs-without-{name}")) for name in ABLATED]
-    parts += ["### Ablation\n", f"`omni4dgs --plan full` on `{scenes[0]}`, one component less at a time, as "
+    parts += ["### Ablation\n", f"`omni4dgs` on `{scenes[0]}`, one component less at a time, as "
               "`omnilife bench ablate` does it.\n", table(rows), ""]
     parts += ["### Error against run time\n", curves(folder, page), END]
     text = page.read_text()

@@ -249,14 +249,6 @@ impl Method {
         }
     }
 
-    /// What is asked of it where nothing but its length and seed is said.
-    pub fn request(&self, iterations: u64, seed: u64) -> MethodRequest {
-        MethodRequest {
-            plan: self.default_plan.into(),
-            ..MethodRequest::new(iterations, seed)
-        }
-    }
-
     /// Checks that a request makes sense for this method, before anything is computed.
     ///
     /// # Errors

@@ -50,11 +50,7 @@ impl Variant {
     /// # Errors
     /// When there is no such method, or it has no such component.
     pub fn parse(name: &str) -> Result<Self, ReconstructError> {
-        let end = [WITH, WITHOUT, PLAN]
-            .iter()
-            .filter_map(|mark| name.find(mark))
-            .min();
-        let (id, mut rest) = name.split_at(end.unwrap_or(name.len()));
+        let (id, mut rest) = name.split_at(next_mark(name));
         let method = find(id)?;
         let mut variant = Self {
             method: method.id,
@@ -63,11 +59,7 @@ impl Variant {
             plan: None,
         };
         while let Some((mark, behind)) = mark_of(rest) {
-            let end = [WITH, WITHOUT, PLAN]
-                .iter()
-                .filter_map(|mark| behind.find(mark))
-                .min();
-            let (word, following) = behind.split_at(end.unwrap_or(behind.len()));
+            let (word, following) = behind.split_at(next_mark(behind));
             match mark {
                 WITH => variant.with.push(word.to_owned()),
                 WITHOUT => variant.without.push(word.to_owned()),
@@ -111,6 +103,13 @@ impl std::fmt::Display for Variant {
         }
         Ok(())
     }
+}
+
+/// Where the next mark of a text begins, or where it ends.
+fn next_mark(text: &str) -> usize {
+    let marks = [WITH, WITHOUT, PLAN];
+    let found = marks.iter().filter_map(|mark| text.find(mark)).min();
+    found.unwrap_or(text.len())
 }
 
 /// The mark that a text begins with, and what is behind it.
