@@ -43,8 +43,9 @@ def text(page, selector):
 
 def shows_frame(page, frame):
     """The video stands at a frame: asked for, decoded, and its image drawn."""
-    wait_for(f"frame {frame}", lambda: page.script("return shown") == frame and page.script(
-        "return !player.seeking && frameAt(player.currentTime + data.times[0])") == frame)
+    at = "return [shown, player.seeking ? 'seeking' : frameAt(player.currentTime + data.times[0])]"
+    wait_for(f"frame {frame} shown and reached", lambda: page.script(at) == [frame, frame],
+             found=lambda: page.script(at))
 
 
 def look_at(page, screenshots, name):

@@ -107,11 +107,11 @@ def is_listening(port):
         return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
-def wait_for(what, condition, seconds=60):
+def wait_for(what, condition, seconds=60, found=None):
     end = time.monotonic() + seconds
     while not condition():
         if time.monotonic() > end:
-            sys.exit(f"no {what} within {seconds} s")
+            sys.exit(f"no {what} within {seconds} s{f', but {found()}' if found else ''}")
         time.sleep(0.05)
 
 

@@ -26,12 +26,20 @@ const showPosition = () => {
 };
 const playhead = element("span", { className: "playhead" });
 
-/** Shows a frame. The time asked for is inside of it, because containers round. */
+/** Shows a frame. */
 const seek = (frame) => {
   shown = Math.min(Math.max(frame, 0), lastFrame);
-  player.currentTime = (data.times[shown] + endOf(shown)) / 2 - data.times[0];
+  if (!player.seeking) goToShown();
   showPosition();
 };
+/** The time asked for is inside of the frame, because containers round. */
+const goToShown = () => {
+  player.currentTime = (data.times[shown] + endOf(shown)) / 2 - data.times[0];
+};
+// One seek at a time: with several on their way, Chromium on a busy machine may never end the last.
+player.addEventListener("seeked", () => {
+  if (player.paused && frameAt(player.currentTime + data.times[0]) !== shown) goToShown();
+});
 const pause = () => {
   backwards = 0;
   player.pause();
@@ -52,7 +60,7 @@ const playBackwards = () => {
     if (rate !== backwards) return;
     begun ??= now;
     const time = from - rate * (now - begun) / 1000;
-    if (!player.seeking) seek(frameAt(time));
+    seek(frameAt(time));
     if (time <= data.times[0]) return pause();
     requestAnimationFrame(step);
   };
