@@ -13,9 +13,11 @@ pub mod audit;
 pub mod boundaries;
 pub mod criteria;
 pub mod dataset;
+pub mod dense;
 pub mod error;
 pub mod exchange;
 pub mod frames;
+pub mod ground_plane;
 pub mod inputs;
 mod jpeg;
 pub mod ledger;
@@ -26,6 +28,7 @@ pub mod near_duplicates;
 pub mod origins;
 pub mod overlays;
 pub mod pipeline;
+pub mod posed_view;
 pub mod poses;
 pub mod projection;
 pub mod publish;
@@ -44,7 +47,8 @@ pub use inputs::expand_inputs;
 pub use libraries::libraries;
 pub use pipeline::curate_video;
 pub use poses::{
-    GivenDepth, GivenPrior, GivenTruth, PoseRequest, SfmSettings, pose_sequence, pose_sequence_with,
+    GivenDepth, GivenPrior, GivenTruth, GroundScale, PoseRequest, SfmSettings, pose_sequence,
+    pose_sequence_with,
 };
 pub use settings::CurateSettings;
 pub use worker::Worker;

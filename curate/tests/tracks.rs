@@ -5,8 +5,9 @@
 use std::{fmt::Write as _, fs, path::Path};
 
 use glam::{DMat3, DQuat, DVec3, dvec3};
-use omnilife_curate::tracks::{
-    PAGE_FILE, TrackRequest, boxes::projected_box, make_tracks, views::PosedView,
+use omnilife_curate::{
+    posed_view::PosedView,
+    tracks::{PAGE_FILE, TrackRequest, boxes::projected_box, make_tracks},
 };
 use omnilife_schemas::{
     Classified, ErrorKind, Pose,
@@ -204,11 +205,40 @@ fn what_is_wrong_with_boxes_is_said_in_one_line() {
             .tracks
             .is_empty()
     );
-    let mut arbitrary = scene;
-    arbitrary.scale = Scale::Arbitrary;
+}
+
+/// A world of unknown scale is measured by the vehicles in it, which are 4.5 m long here.
+#[test]
+fn a_world_of_unknown_scale_takes_that_of_its_vehicles() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path().join("scene");
+    let scene = write_scene(&folder);
+    let given = boxes(&scene);
+    let arbitrary = Scene {
+        scale: Scale::Arbitrary,
+        ..scene
+    };
     store::write_record(&folder.join("scene.json"), &arbitrary).unwrap();
+    let tracks = make_tracks(&request(temp.path(), &given), &Silent).unwrap();
+    assert!(
+        (tracks.metres_per_unit - 1.0).abs() < 0.12,
+        "{}",
+        tracks.metres_per_unit
+    );
+    let stage = &tracks.stages[0];
+    assert_eq!(
+        (stage.stage.as_str(), stage.method.as_str()),
+        ("scale", "vehicle-length")
+    );
+    assert!(stage.reason.contains("above it"), "{}", stage.reason);
+    // Without vehicles nobody knows.
     let error = make_tracks(&request(temp.path(), ""), &Silent).unwrap_err();
-    assert!(error.to_string().contains("--metres-per-unit"), "{error}");
+    assert_eq!(error.error_kind(), ErrorKind::User);
+    let message = error.to_string();
+    assert!(
+        message.contains("0 whole vehicles are too few") && message.contains("--altitude"),
+        "{message}"
+    );
 }
 
 #[test]

@@ -78,6 +78,7 @@ fn walk() -> TrainingScene {
         objects: [].into(),
         tracks: None,
         points: PointCloud::default(),
+        seen_for_points: None,
         depth_priors: Vec::new(),
         novel_depth_priors: Vec::new(),
     }

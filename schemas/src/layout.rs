@@ -6,10 +6,11 @@
 //!   analysis.json, signals.parquet, signature.parquet, boundaries.json, ledger.jsonl, slices.json, slices/
 //!   seq-NNN/
 //!     sequence.json, frames/NNNNNN.png, annotation.json
-//!     scene.json, points.ply, masks/, depth/, depth-prior/, classes/NAME/,
+//!     scene.json, points.ply, masks/, depth/, depth-prior/, classes/NAME/, frames-straight/
 //!     sfm/attempts.json
 //!     dynamic-masks/masks.json, dynamic-masks/NNNNNN.png
 //!     PROTOCOL/split.json, PROTOCOL/tracks.json
+//!     PROTOCOL/dense/dense.json, PROTOCOL/dense/points.ply, PROTOCOL/dense/NNNNNN.npy, .png
 //! about.json, README.md, SHA256SUMS, statistics/
 //! ```
 
@@ -68,6 +69,8 @@ pub const SCENE_FILE: &str = "scene.json";
 pub const POINTS_FILE: &str = "points.ply";
 /// Folder of the masks that came with the poses, beside [`SCENE_FILE`].
 pub const SCENE_MASKS_FOLDER: &str = "masks";
+/// Folder of the frames without the distortion of their lens, beside [`SCENE_FILE`].
+pub const STRAIGHT_FRAMES_FOLDER: &str = "frames-straight";
 /// Folder of depth images, beside [`SCENE_FILE`].
 pub const DEPTH_FOLDER: &str = "depth";
 /// Folder of estimated distances, beside [`SCENE_FILE`].
@@ -85,6 +88,10 @@ pub const DYNAMIC_MASKS_FILE: &str = "masks.json";
 
 /// What moves through the scene as far as a split's input views show it, beside [`SPLIT_FILE`].
 pub const TRACKS_FILE: &str = "tracks.json";
+/// Folder of distances by stereo and the points they give, beside [`SPLIT_FILE`].
+pub const DENSE_FOLDER: &str = "dense";
+/// Their record, in [`DENSE_FOLDER`].
+pub const DENSE_FILE: &str = "dense.json";
 /// The views of a scene that a protocol gives and scores.
 pub const SPLIT_FILE: &str = "split.json";
 /// The scores of one method on a split, in the folder of the scores.

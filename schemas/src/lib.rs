@@ -40,6 +40,7 @@ pub mod progress;
 pub mod provenance;
 pub mod records;
 pub mod rgb;
+pub mod scene_points;
 pub mod split_rules;
 pub mod stage;
 pub mod statistics;

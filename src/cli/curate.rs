@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use clap::{ArgMatches, Args, FromArgMatches, Subcommand, ValueEnum};
 use omnilife_curate::{
-    CurateSettings, GivenDepth, GivenPrior, GivenTruth, SfmSettings, slicing::SliceSettings,
+    CurateSettings, GivenDepth, GivenPrior, GivenTruth, GroundScale, SfmSettings,
+    slicing::SliceSettings,
 };
 use omnilife_schemas::{
     provenance::Hardware,
@@ -117,6 +118,12 @@ pub(crate) struct PoseArguments {
     /// structure from motion leaves it out, and the scene keeps it.
     #[arg(long)]
     pub(crate) masks: Option<PathBuf>,
+    /// Median height of a drone above the ground, which brings poses of arbitrary scale to metres.
+    #[arg(long, value_name = "METRES", conflicts_with = "gsd")]
+    pub(crate) altitude: Option<f64>,
+    /// The same by the size of a pixel of the frames on the ground straight below.
+    #[arg(long, value_name = "METRES")]
+    pub(crate) gsd: Option<f64>,
 }
 
 impl PoseArguments {
@@ -137,6 +144,10 @@ impl PoseArguments {
     pub(crate) fn truth(&self) -> GivenTruth {
         GivenTruth {
             masks: self.poses.as_ref().and(self.masks.clone()),
+            scale: self
+                .altitude
+                .map(GroundScale::Altitude)
+                .or(self.gsd.map(GroundScale::PixelOnGround)),
             ..GivenTruth::default()
         }
     }
@@ -312,6 +323,21 @@ pub(crate) enum CurateCommand {
     },
     /// Masks what moves in a sequence; `omnilife curate poses --masks` takes the result.
     Masks(MasksArguments),
+    /// Measures the distances of a posed pinhole scene by stereo: dense points, which tracks and training
+    /// then begin with, and distances per frame.
+    Dense {
+        /// Folder with a scene.json.
+        scene: PathBuf,
+        /// A split.json: its input views alone are looked at, and the result goes into dense/ beside it.
+        #[arg(long)]
+        split: Option<PathBuf>,
+        /// Frames that are wider are searched at this width, pixels.
+        #[arg(long, value_name = "PIXELS", default_value_t = omnilife_curate::dense::SEARCH_WIDTH)]
+        width: u32,
+        /// Folder of the result [default: dense/ beside the split, else in the scene].
+        #[arg(long)]
+        out: Option<PathBuf>,
+    },
     /// Tracks what moves through a posed scene: tracks.json, and tracks.html to look at.
     Tracks {
         /// Folder with a scene.json.

@@ -101,6 +101,13 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         ],
     ),
     (
+        "curate dense",
+        &[
+            "curate dense SEQUENCE --split split.json",
+            "curate dense SEQUENCE --width 480 --out DENSE",
+        ],
+    ),
+    (
         "curate tracks",
         &[
             "curate tracks SEQUENCE --split split.json",

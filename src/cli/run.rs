@@ -36,6 +36,10 @@ pub(crate) struct RunArguments {
     /// published protocol has the 30000 of `reconstruct train`.
     #[arg(long, default_value_t = 1500)]
     pub(crate) iterations: u64,
+    /// Measures the distances of perspective videos by stereo first, for dense points (`curate dense`).
+    /// object-graph does so by itself where poses come with few.
+    #[arg(long)]
+    pub(crate) dense: bool,
     /// The rules of splitting and scoring.
     #[arg(long, default_value = PROTOCOLS[0].id)]
     pub(crate) protocol: String,

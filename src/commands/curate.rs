@@ -6,13 +6,16 @@ use omnilife_curate::{
     CurateError, CurateSettings, CuratedDataset, Place, Worker, analysis,
     audit::{self, PageRequest},
     boundaries::{self, key_frame_prefilter},
-    curate_dataset_in, curate_video, expand_inputs, origins, pose_sequence_with, projection,
+    curate_dataset_in, curate_video,
+    dense::{DenseRequest, make_dense},
+    expand_inputs, origins, pose_sequence_with, projection,
     publish::{self, PublishSettings},
     tracks::{TrackRequest, make_tracks},
     video, worker,
 };
 use omnilife_schemas::{
-    Classified, ownership::refuse_another_kind, progress::Progress, records::Dataset,
+    Classified, layout::DENSE_FOLDER, ownership::refuse_another_kind, progress::Progress,
+    records::Dataset,
 };
 use serde::Serialize;
 
@@ -117,6 +120,29 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
                 "{text}{}: {} vehicles move\n",
                 tracks.scene,
                 tracks.tracks.len()
+            ))
+        }
+        CurateCommand::Dense {
+            scene,
+            split,
+            width,
+            out,
+        } => {
+            let beside = split.as_deref().and_then(Path::parent).unwrap_or(scene);
+            let request = DenseRequest {
+                scene_folder: scene.clone(),
+                split: split.clone(),
+                width: *width,
+                out: out.clone().unwrap_or_else(|| beside.join(DENSE_FOLDER)),
+            };
+            let dense = make_dense(&request, progress)?;
+            let known: f64 = dense.frames.iter().map(|frame| frame.known_share).sum();
+            exit::print(&format!(
+                "{}: {} points, distances of {:.0} % of the pixels of {} frames\n",
+                dense.scene,
+                dense.point_count,
+                100.0 * known / dense.frames.len().max(1) as f64,
+                dense.frames.len()
             ))
         }
         CurateCommand::Poses {

@@ -9,7 +9,7 @@
 //! OUT/leaderboard/site/index.html          the same to look at, with rendered views
 //! OUT/videos/<video>/boundaries.json, ...
 //! OUT/videos/<video>/seq-000/sequence.json, frames/, scene.json, points.ply
-//! OUT/videos/<video>/seq-000/<protocol>/split.json, and tracks.json where the method takes vehicles
+//! OUT/videos/<video>/seq-000/<protocol>/split.json, and dense/, tracks.json where the method takes vehicles
 //! OUT/videos/<video>/seq-000/<protocol>/<method>/run/     run.json, predictions/, gaussians.ply
 //! OUT/videos/<video>/seq-000/<protocol>/<method>/score/   result.json, comparisons/
 //! ```
@@ -23,7 +23,9 @@ use std::{
 
 use omnilife_bench::{ScoreRequest, score, split_scene};
 use omnilife_curate::{
-    GivenTruth, PoseRequest, curate_dataset_in, expand_inputs, pose_sequence_with,
+    GivenTruth, PoseRequest, curate_dataset_in,
+    dense::{self, DenseRequest, make_dense},
+    expand_inputs, pose_sequence_with,
     tracks::{TrackRequest, make_tracks},
 };
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard_of};
@@ -34,9 +36,10 @@ use omnilife_reconstruct::{
 };
 use omnilife_schemas::{
     Classified, ErrorKind,
-    layout::{DATASET_FILE, SCENE_FILE, SPLIT_FILE},
+    camera::Camera,
+    layout::{DATASET_FILE, DENSE_FOLDER, SCENE_FILE, SPLIT_FILE},
     progress::Progress,
-    records::{Dataset, ResultRecord, VideoStatus},
+    records::{Dataset, ResultRecord, Scene, VideoStatus},
     stage::StagePlan,
     store,
 };
@@ -79,6 +82,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
         checkpoint_every: arguments.method.checkpoint_every,
         trace_views: arguments.method.trace_views,
         protocol: arguments.protocol.clone(),
+        dense: arguments.dense,
         progress,
     };
     // What is wrong with the request should not be found out after an hour of work.
@@ -209,6 +213,7 @@ struct Job<'a> {
     checkpoint_every: u64,
     trace_views: Option<usize>,
     protocol: String,
+    dense: bool,
     progress: &'a dyn Progress,
 }
 
@@ -278,13 +283,36 @@ impl Job<'_> {
         )
     }
 
+    /// Dense points of a perspective scene, where they are asked for or tracks need them.
+    fn make_dense_points(&self, folder: &Path, scene: &Scene, split: &Path) -> anyhow::Result<()> {
+        let Camera::Pinhole(_) = scene.camera else {
+            return Ok(());
+        };
+        let few = dense::few_points(scene, folder)?;
+        if !self.dense && (self.method != object_graph::METHOD.id || few.is_none()) {
+            return Ok(());
+        }
+        if let Some(few) = few {
+            self.progress
+                .note(&format!("{}: dense stereo, because {few}", scene.id));
+        }
+        let request = DenseRequest {
+            scene_folder: folder.to_owned(),
+            split: Some(split.to_owned()),
+            width: dense::SEARCH_WIDTH,
+            out: split.with_file_name(DENSE_FOLDER),
+        };
+        make_dense(&request, self.progress)?;
+        Ok(())
+    }
+
     /// Poses, split, reconstruction and scores of one sequence.
     fn score_sequence(&self, folder: &Path) -> anyhow::Result<()> {
-        pose_sequence_with(folder, &self.poses, &self.truth, self.progress)?;
-        let scene = folder.join(SCENE_FILE);
+        let posed = pose_sequence_with(folder, &self.poses, &self.truth, self.progress)?;
         let protocol_folder = folder.join(&self.protocol);
-        let split = protocol_folder.join(SPLIT_FILE);
+        let (scene, split) = (folder.join(SCENE_FILE), protocol_folder.join(SPLIT_FILE));
         split_scene(&scene, &self.protocol, &split)?;
+        self.make_dense_points(folder, &posed, &split)?;
         if self.method == object_graph::METHOD.id {
             let request = TrackRequest {
                 scene_folder: folder.to_owned(),

@@ -38,6 +38,10 @@ const ELSEWHERE: &[(&str, &str)] = &[
     ),
     ("curate build", "is curate"),
     (
+        "curate dense",
+        "takes scenes of pinholes: the tests of dense stereo",
+    ),
+    (
         "sweep plan commands",
         "writes as the other plans do; makes the sweep that is run",
     ),

@@ -15,22 +15,34 @@ use std::{
 use glam::{DQuat, DVec2, DVec3};
 use omnilife_schemas::{
     Pose,
-    camera::{Camera, ErpCamera, PinholeCamera},
+    camera::{Camera, ErpCamera},
     points::PointCloud,
     store::StoreError,
 };
 
-use super::colmap_binary;
+use super::{
+    colmap_binary,
+    lens::{self, Lens},
+};
 
 /// A reconstruction with one camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ColmapModel {
-    /// The camera of all images.
+    /// The camera of all images, without a lens: observations are where it would show them.
     pub camera: Camera,
+    /// The lens of the images as they are; none where it does nothing.
+    pub lens: Option<Lens>,
     /// Registered images by their id.
     pub images: BTreeMap<u32, ColmapImage>,
     /// Points by their id.
     pub points: BTreeMap<u64, ColmapPoint>,
+}
+
+/// A camera as a model's files have it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum ModelCamera {
+    Erp(ErpCamera),
+    Perspective(Lens),
 }
 
 /// A registered image.
@@ -87,8 +99,8 @@ impl ColmapModel {
     /// Reads the model in a folder or below it, text or binary ([`files`]).
     ///
     /// # Errors
-    /// When a file is missing or malformed, or a camera is neither `EQUIRECTANGULAR` nor a pinhole without
-    /// distortion.
+    /// When a file is missing or malformed, or a camera is neither `EQUIRECTANGULAR` nor perspective with
+    /// a lens that [`Lens`] knows.
     pub fn read(folder: &Path) -> Result<Self, StoreError> {
         let [cameras, images, points] = files(folder);
         if cameras
@@ -97,10 +109,41 @@ impl ColmapModel {
         {
             return colmap_binary::read(cameras.parent().unwrap_or(folder));
         }
+        let camera = read_camera(&cameras)?;
+        Self::new(camera, read_images(&images)?, read_points(&points)?)
+            .map_err(|reason| StoreError::malformed(&cameras, reason))
+    }
+
+    /// A model of images as they are: what the lens does to them is taken out.
+    pub(super) fn new(
+        camera: ModelCamera,
+        mut images: BTreeMap<u32, ColmapImage>,
+        points: BTreeMap<u64, ColmapPoint>,
+    ) -> Result<Self, String> {
+        let (camera, lens) = match camera {
+            ModelCamera::Erp(camera) => (camera.into(), None),
+            ModelCamera::Perspective(lens) if lens.is_negligible() => (lens.camera.into(), None),
+            ModelCamera::Perspective(lens) => {
+                let straight = lens.straight().ok_or_else(|| {
+                    format!(
+                        "no straight image is within a lens of {:?}",
+                        lens.distortion
+                    )
+                })?;
+                for observation in images
+                    .values_mut()
+                    .flat_map(|image| &mut image.observations)
+                {
+                    observation.0 = lens.straightened(&straight, observation.0);
+                }
+                (straight.into(), Some(lens))
+            }
+        };
         Ok(Self {
-            camera: read_camera(&cameras)?,
-            images: read_images(&images)?,
-            points: read_points(&points)?,
+            camera,
+            lens,
+            images,
+            points,
         })
     }
 
@@ -178,51 +221,48 @@ fn text(path: &Path) -> Result<String, StoreError> {
     fs::read_to_string(path).map_err(|error| StoreError::read(path, error))
 }
 
-fn read_camera(path: &Path) -> Result<Camera, StoreError> {
+fn read_camera(path: &Path) -> Result<ModelCamera, StoreError> {
     let text = text(path)?;
     let mut camera = None;
     for line in lines(path, &text).filter(|line| !line.text.trim().is_empty()) {
         let this = camera_of(&line)?;
-        if this.width() == 0 || this.height() == 0 || *camera.get_or_insert(this) != this {
-            return Err(line.malformed("camera size is empty or differs from the one before"));
+        if *camera.get_or_insert(this) != this {
+            return Err(line.malformed("camera differs from the one before"));
         }
     }
     camera.ok_or_else(|| StoreError::malformed(path, "has no camera"))
 }
 
-/// Lens distortion has to be taken out of the images first: no camera of ours has any.
-fn camera_of(line: &Line<'_>) -> Result<Camera, StoreError> {
-    let model: String = line.field(1, "camera model")?;
-    let (width, height) = (
+fn camera_of(line: &Line<'_>) -> Result<ModelCamera, StoreError> {
+    let name: String = line.field(1, "camera model")?;
+    let (width, height): (u32, u32) = (
         line.field(2, "camera width")?,
         line.field(3, "camera height")?,
     );
-    let [fx, fy, cx, cy] = match model.as_str() {
-        "EQUIRECTANGULAR" => return Ok(ErpCamera { width, height }.into()),
-        "PINHOLE" => line.numbers(4, "fx, fy, cx, cy")?,
-        "SIMPLE_PINHOLE" => {
-            let [f, cx, cy] = line.numbers(4, "f, cx, cy")?;
-            [f, f, cx, cy]
-        }
-        _ => {
-            return Err(line.malformed(&format!(
-                "camera model {model}; known are EQUIRECTANGULAR, PINHOLE and SIMPLE_PINHOLE (COLMAP's \
-                 image_undistorter takes distortion out of images)"
-            )));
-        }
+    if width == 0 || height == 0 {
+        return Err(line.malformed("camera size is empty"));
+    }
+    if name == "EQUIRECTANGULAR" {
+        return Ok(ModelCamera::Erp(ErpCamera { width, height }));
+    }
+    let Some((model, count)) = lens::parameters_of_name(&name) else {
+        return Err(line.malformed(&unknown_model(&name)));
     };
-    if !(fx > 0.0 && fy > 0.0) {
-        return Err(line.malformed("a focal length is not positive"));
-    }
-    Ok(PinholeCamera {
-        width,
-        height,
-        fx,
-        fy,
-        cx,
-        cy,
-    }
-    .into())
+    let parameters: Vec<f64> = (4..count.saturating_add(4))
+        .map(|index| line.field(index, "camera parameters"))
+        .collect::<Result<_, _>>()?;
+    Lens::of_model(model, [width, height], &parameters)
+        .map(ModelCamera::Perspective)
+        .ok_or_else(|| line.malformed("a focal length is not positive, or a parameter not finite"))
+}
+
+/// What is said of a camera model that is not known.
+pub(super) fn unknown_model(name: &str) -> String {
+    format!(
+        "camera model {name}; known are EQUIRECTANGULAR, {} (COLMAP's image_undistorter takes other \
+         distortions out of images)",
+        lens::MODEL_NAMES
+    )
 }
 
 fn read_images(path: &Path) -> Result<BTreeMap<u32, ColmapImage>, StoreError> {

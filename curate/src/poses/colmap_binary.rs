@@ -18,29 +18,35 @@ use std::{collections::BTreeMap, fs, io::Write, path::Path};
 use glam::{DVec2, DVec3};
 use omnilife_schemas::{
     Pose,
-    camera::{Camera, ErpCamera, PinholeCamera},
+    camera::{Camera, ErpCamera},
     points::PointCloud,
     store::{self, StoreError},
 };
 
-use super::colmap::{ColmapImage, ColmapModel, ColmapPoint, image_of, point_of};
+use super::{
+    colmap::{
+        ColmapImage, ColmapModel, ColmapPoint, ModelCamera, image_of, point_of, unknown_model,
+    },
+    lens::{self, Lens},
+};
 
 /// Names of the files.
 pub(crate) const FILES: [&str; 3] = ["cameras.bin", "images.bin", "points3D.bin"];
 
-/// COLMAP's numbers of the camera models without distortion (`CameraModelId`).
-const SIMPLE_PINHOLE: i32 = 0;
+/// COLMAP's numbers of the camera models that are written (`CameraModelId`).
 const PINHOLE: i32 = 1;
 const EQUIRECTANGULAR: i32 = 17;
 
 /// Reads a binary model.
 pub(super) fn read(folder: &Path) -> Result<ColmapModel, StoreError> {
     let [cameras, images, points] = FILES.map(|name| folder.join(name));
-    Ok(ColmapModel {
-        camera: read_file(&cameras, read_camera)?,
-        images: read_file(&images, read_images)?,
-        points: read_file(&points, read_points)?,
-    })
+    let camera = read_file(&cameras, read_camera)?;
+    let (images, points) = (
+        read_file(&images, read_images)?,
+        read_file(&points, read_points)?,
+    );
+    ColmapModel::new(camera, images, points)
+        .map_err(|reason| StoreError::malformed(&cameras, reason))
 }
 
 /// Writes a camera, posed images and points without tracks.
@@ -165,11 +171,11 @@ fn read_file<T>(
     }
 }
 
-fn read_camera(bytes: &mut Bytes<'_>) -> Result<Camera, String> {
+fn read_camera(bytes: &mut Bytes<'_>) -> Result<ModelCamera, String> {
     let mut camera = None;
     for _ in 0..bytes.u64()? {
         let id = bytes.u32()?;
-        let model = i32::from_le_bytes(bytes.take()?);
+        let number = i32::from_le_bytes(bytes.take()?);
         let mut side = || -> Result<u32, String> {
             let pixels = u32::try_from(bytes.u64()?)
                 .ok()
@@ -177,43 +183,28 @@ fn read_camera(bytes: &mut Bytes<'_>) -> Result<Camera, String> {
             pixels.ok_or_else(|| format!("camera {id} has no size"))
         };
         let (width, height) = (side()?, side()?);
-        let this: Camera = match model {
-            EQUIRECTANGULAR => {
-                bytes.numbers::<2>()?;
-                ErpCamera { width, height }.into()
-            }
-            SIMPLE_PINHOLE => {
-                let [f, cx, cy] = bytes.numbers()?;
-                pinhole(width, height, [f, f, cx, cy])?
-            }
-            PINHOLE => pinhole(width, height, bytes.numbers()?)?,
-            _ => {
-                return Err(format!(
-                    "camera {id} is of model {model}; known are EQUIRECTANGULAR (17), PINHOLE (1) and \
-                     SIMPLE_PINHOLE (0): COLMAP's image_undistorter takes distortion out of images"
-                ));
-            }
+        let this = if number == EQUIRECTANGULAR {
+            bytes.numbers::<2>()?;
+            ModelCamera::Erp(ErpCamera { width, height })
+        } else {
+            let (model, count) = lens::parameters_of_number(number)
+                .ok_or_else(|| format!("camera {id}: {}", unknown_model(&number.to_string())))?;
+            let parameters: Vec<f64> = (0..count)
+                .map(|_| bytes.numbers::<1>().map(|[value]| value))
+                .collect::<Result<_, _>>()?;
+            Lens::of_model(model, [width, height], &parameters)
+                .map(ModelCamera::Perspective)
+                .ok_or_else(|| {
+                    format!(
+                        "camera {id}: a focal length is not positive, or a parameter not finite"
+                    )
+                })?
         };
         if *camera.get_or_insert(this) != this {
             return Err(format!("camera {id} differs from the one before"));
         }
     }
     camera.ok_or_else(|| "has no camera".to_owned())
-}
-
-fn pinhole(width: u32, height: u32, [fx, fy, cx, cy]: [f64; 4]) -> Result<Camera, String> {
-    if !(fx > 0.0 && fy > 0.0) {
-        return Err("a focal length is not positive".to_owned());
-    }
-    let camera = PinholeCamera {
-        width,
-        height,
-        fx,
-        fy,
-        cx,
-        cy,
-    };
-    Ok(camera.into())
 }
 
 fn read_images(bytes: &mut Bytes<'_>) -> Result<BTreeMap<u32, ColmapImage>, String> {

@@ -128,6 +128,7 @@ fn from_record(path: &Path, sequence: &Sequence) -> Result<PosedSequence, Curate
     }
     Ok(PosedSequence {
         camera,
+        lens: None,
         validation,
         masks,
         poses,
@@ -142,7 +143,7 @@ fn from_record(path: &Path, sequence: &Sequence) -> Result<PosedSequence, Curate
 /// # Errors
 /// When the frames are ERP and the camera is a pinhole, or the other way round, or they have not the same
 /// shape.
-fn camera_of_frames(
+pub(super) fn camera_of_frames(
     path: &Path,
     given: Option<Camera>,
     sequence: &Sequence,
@@ -220,8 +221,10 @@ fn from_colmap(folder: &Path, sequence: &Sequence) -> Result<PosedSequence, Cura
     } else {
         unchecked(&poses)
     };
+    let (width, height) = (camera.width(), camera.height());
     Ok(PosedSequence {
         camera,
+        lens: model.lens.map(|lens| lens.resized(width, height)),
         masks: vec![None; poses.len()],
         poses,
         points: Some(model.cloud()),

@@ -14,6 +14,7 @@ use omnilife_schemas::{
     store,
 };
 
+use super::lens::Straightening;
 use crate::{error::CurateError, staging::Staging};
 
 /// Radius in pixels by which masks grow before features are left out under them: outlines of
@@ -104,7 +105,8 @@ pub(crate) fn find(folder: &Path, sequence: &Sequence) -> Result<Vec<PathBuf>, C
 
 /// Reads masks and stages them at frame size; pixels are taken from the nearest of the given mask.
 /// Returns the mask of every frame, relative to the sequence's folder. A mask that has its place and
-/// size already is used as it lies there.
+/// size already is used as it lies there. With a lens that is taken out of the frames it is taken out of
+/// the masks.
 ///
 /// # Errors
 /// When a mask cannot be read or written, or when one lies in the very folder that masks go to
@@ -114,6 +116,7 @@ pub(super) fn stage(
     sequence_folder: &Path,
     masks: &[Option<PathBuf>],
     (width, height): (usize, usize),
+    straightening: Option<&Straightening>,
 ) -> Result<Vec<Option<String>>, CurateError> {
     let own_folder = fs::canonicalize(sequence_folder.join(SCENE_MASKS_FOLDER)).ok();
     let mut files = vec![None; masks.len()];
@@ -122,6 +125,7 @@ pub(super) fn stage(
         let name = format!("{index:06}.png");
         let given = Mask::read(source)?;
         let mask = given.resized_to_nearest(width, height);
+        let mask = straightening.map_or_else(|| mask.clone(), |straight| straight.mask(&mask));
         let file = format!("{SCENE_MASKS_FOLDER}/{name}");
         match relative_to(source, own_folder.as_deref()) {
             Some(place) if place == Path::new(&name) && mask == given => {}

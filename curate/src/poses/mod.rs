@@ -8,10 +8,13 @@ pub mod colmap;
 pub(crate) mod colmap_binary;
 pub mod error;
 pub mod given;
+mod ground_scale;
+pub mod lens;
 pub mod level;
 pub(crate) mod masks;
 mod prior;
 pub mod sfm;
+mod straight_frames;
 mod truth;
 pub mod validate;
 
@@ -35,6 +38,8 @@ use omnilife_schemas::{
 };
 
 use crate::{error::CurateError, staging::Staging};
+pub use ground_scale::GroundScale;
+use lens::Lens;
 pub use prior::GivenPrior;
 pub use sfm::SfmSettings;
 use truth::TruthFiles;
@@ -55,6 +60,8 @@ pub enum PoseRequest {
 pub(crate) struct PosedSequence {
     /// The camera of the frames, at their size.
     pub(crate) camera: Camera,
+    /// The lens of the frames as they are; the camera is without it.
+    pub(crate) lens: Option<Lens>,
     /// One entry per frame of the sequence.
     pub(crate) poses: Vec<Option<Pose>>,
     /// Mask file per frame, wherever the user keeps it.
@@ -92,15 +99,12 @@ pub fn pose_sequence_with(
 ) -> Result<Scene, CurateError> {
     let sequence_path = sequence_folder.join(SEQUENCE_FILE);
     let sequence: Sequence = store::read_record(&sequence_path)?;
-    if sequence.is_pinhole() && matches!(request, PoseRequest::Sfm(_)) {
-        return Err(CurateError::input(
-            &sequence_path,
-            "its frames are those of a pinhole, for which structure from motion is not driven; give \
-             --poses",
-        ));
-    }
+    let scale = truth.scale;
     let truth = truth.find(&sequence)?;
-    let plan = truth.add_inputs(plan(sequence_folder, &sequence, request, progress)?)?;
+    let mut plan = truth.add_inputs(plan(sequence_folder, &sequence, request, progress)?)?;
+    if let Some(scale) = scale {
+        plan = plan.with_settings("scale", &scale);
+    }
     let scene_path = sequence_folder.join(SCENE_FILE);
     if plan.is_done() {
         progress.note(&format!("{}: poses unchanged, skipped", sequence.id));
@@ -115,6 +119,11 @@ pub fn pose_sequence_with(
         PoseRequest::Given(path) => given::read(path, &sequence)?,
         PoseRequest::Sfm(settings) => sfm::run(sequence_folder, &sequence, settings, progress)?,
     };
+    if let Some(scale) = scale {
+        scale
+            .apply(&mut posed)
+            .map_err(|reason| CurateError::input(&sequence_path, reason))?;
+    }
     truth.complete_masks(&mut posed.masks);
     for problem in &posed.validation.problems {
         progress.note(&format!("{}: poses: {problem}", sequence.id));
@@ -148,7 +157,10 @@ fn put_in_place(
             let depth = frame.depth.iter().map(|depth| &depth.file);
             let prior = frame.depth_prior.iter().map(|prior| &prior.file);
             let masks = frame.mask.iter().chain(frame.classes.values());
-            masks.chain(depth).chain(prior)
+            masks
+                .chain(depth)
+                .chain(prior)
+                .chain(std::iter::once(&frame.image))
         })
         .chain(&scene.points)
         .collect();
@@ -225,7 +237,30 @@ fn stage_scene(
 ) -> Result<Scene, CurateError> {
     let camera = posed.camera;
     let size = camera.size();
-    let masks = masks::stage(staging, folder, &posed.masks, size.into())?;
+    let straightening = straight_frames::prepare(posed.lens, camera);
+    if straightening.is_some() && truth.has_images() {
+        return Err(CurateError::input(
+            &folder.join(SEQUENCE_FILE),
+            "the lens is taken out of its frames, which distances and masks of classes would not fit; give \
+             frames without distortion",
+        ));
+    }
+    let images = match &straightening {
+        Some(straightening) => {
+            straight_frames::stage(staging, folder, sequence, straightening, progress)?
+        }
+        None => {
+            let entries = sequence.frames.entries.iter();
+            entries.map(|entry| entry.file.clone()).collect()
+        }
+    };
+    let masks = masks::stage(
+        staging,
+        folder,
+        &posed.masks,
+        size.into(),
+        straightening.as_ref(),
+    )?;
     let points = match posed.points.filter(|cloud| !cloud.is_empty()) {
         Some(cloud) => {
             cloud.write_ply(&staging.begin(POINTS_FILE)?)?;
@@ -239,8 +274,9 @@ fn stage_scene(
         .iter()
         .zip(posed.poses)
         .zip(masks)
-        .map(|((entry, pose), mask)| SceneFrame {
-            image: entry.file.clone(),
+        .zip(images)
+        .map(|(((entry, pose), mask), image)| SceneFrame {
+            image,
             time_seconds: entry.time_seconds,
             pose,
             mask,

@@ -20,6 +20,7 @@ use omnilife_schemas::{
 };
 
 use super::{
+    ground_scale::GroundScale,
     masks,
     prior::{GivenPrior, PriorFiles},
 };
@@ -37,6 +38,8 @@ pub struct GivenTruth {
     pub classes: BTreeMap<String, PathBuf>,
     /// Estimated distances, which methods may use and no score does.
     pub prior: Option<GivenPrior>,
+    /// What says how large the world is, where the poses do not.
+    pub scale: Option<GroundScale>,
 }
 
 /// Images of distances along the rays.
@@ -96,6 +99,11 @@ impl GivenTruth {
 }
 
 impl TruthFiles {
+    /// Whether there are images of anything but masks of what moves.
+    pub(super) fn has_images(&self) -> bool {
+        self.depth.is_some() || !self.classes.is_empty() || self.prior.is_some()
+    }
+
     /// Adds what they depend on to a plan.
     pub(super) fn add_inputs(&self, mut plan: StagePlan) -> Result<StagePlan, CurateError> {
         for file in self.masks.iter().flatten() {

@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec2, DVec3, dvec3};
 use omnilife_schemas::trajectory::{BSpline, GroundAxes, ObjectPath, nearest_turn};
 
-use super::views::PosedView;
+use crate::posed_view::PosedView;
 
 /// Headings are those of the velocity above this speed, metres per second; below it they are held.
 const LEAST_SPEED: f64 = 0.5;

@@ -1,19 +1,19 @@
 //! What moves through a posed scene: from boxes in its images to paths in its world.
 //!
 //! Stages, each with its evidence in the record: a detector ([`detectors`]), the distance of each detection
-//! ([`ground`]), which of them are of one object ([`association`]), its path ([`spline_fit`]), where it
+//! ([`rings`]), which of them are of one object ([`association`]), its path ([`spline_fit`]), where it
 //! heads and how large it is ([`boxes`]). What does not move is left to what is static.
 
 pub mod association;
 pub mod banded;
 pub mod boxes;
 pub mod detectors;
-pub mod ground;
 mod page;
 mod path;
+pub mod rings;
 pub mod spline_fit;
 pub mod stability;
-pub mod views;
+mod vehicle_scale;
 
 use std::{
     path::{Path, PathBuf},
@@ -27,17 +27,21 @@ use omnilife_schemas::{
     names,
     points::PointCloud,
     progress::Progress,
-    records::{Detection, Scale, Scene, Split, Track, TrackStage, Tracks},
+    records::{Detection, Scale, Scene, Track, TrackStage, Tracks},
+    scene_points::ScenePoints,
     stage::StagePlan,
     store,
     trajectory::GroundAxes,
 };
 
-use crate::error::CurateError;
+use crate::{
+    error::CurateError,
+    ground_plane::Plane,
+    posed_view::{PosedView, frames_of},
+};
 use association::Sighting;
 use detectors::{DETECTORS, Detector, DetectorInput};
-use ground::{LEAST_RING_POINTS, Plane, PointsInView};
-use views::PosedView;
+use rings::{LEAST_RING_POINTS, PointsInView};
 
 /// The page to look at, beside the tracks.
 pub const PAGE_FILE: &str = "tracks.html";
@@ -73,21 +77,17 @@ pub struct TrackRequest {
 pub fn make_tracks(request: &TrackRequest, progress: &dyn Progress) -> Result<Tracks, CurateError> {
     let scene_path = request.scene_folder.join(SCENE_FILE);
     let scene: Scene = store::read_record(&scene_path)?;
-    let frames = match &request.split {
-        Some(file) => {
-            let split: Split = store::read_record(file)?;
-            if split.scene != scene.id {
-                let reason = format!("is the split of {}, not of {}", split.scene, scene.id);
-                return Err(CurateError::input(file, reason));
-            }
-            split.input_views
-        }
-        None => (0..scene.frames.len() as u32).collect(),
-    };
+    let frames = frames_of(&scene, request.split.as_deref())?;
     let detector = names::find("detector", &request.detector, DETECTORS, |one| one.id)
         .map_err(|unknown| CurateError::input(&scene_path, unknown.to_string()))?;
-    let metres_per_unit = metres_per_unit(&scene_path, &scene, request.metres_per_unit)?;
-    let plan = plan(request, &scene_path, &scene, &frames, metres_per_unit)?;
+    let known_scale = metres_per_unit(&scene_path, &scene, request.metres_per_unit)?;
+    let beside = request.split.as_deref().and_then(Path::parent);
+    let beside = beside.unwrap_or(&request.scene_folder);
+    let known = ScenePoints::find(&scene, &request.scene_folder, beside)?;
+    let mut plan = plan(request, &scene_path, &scene, &frames, known_scale)?;
+    if let Some(points) = &known {
+        plan = plan.with_file(&points.file)?;
+    }
     let record = request.out.join(TRACKS_FILE);
     if plan.is_done() {
         progress.note(&format!("{}: tracks unchanged, skipped", scene.id));
@@ -97,8 +97,8 @@ pub fn make_tracks(request: &TrackRequest, progress: &dyn Progress) -> Result<Tr
     let _lock = FolderLock::take(&request.out, progress)?;
     plan.claim([TRACKS_FILE, PAGE_FILE])?;
     let begun = Instant::now();
-    let points = match &scene.points {
-        Some(file) => PointCloud::read_ply(&request.scene_folder.join(file))?,
+    let points = match &known {
+        Some(points) => PointCloud::read_ply(&points.file)?,
         None => PointCloud::default(),
     };
     let points: Vec<DVec3> = points
@@ -107,22 +107,38 @@ pub fn make_tracks(request: &TrackRequest, progress: &dyn Progress) -> Result<Tr
         .map(|&point| DVec3::from_array(point.map(f64::from)))
         .collect();
     let views = PosedView::of_scene(&scene, &frames);
-    let work = Tracking {
-        scene_path: &scene_path,
-        scene: &scene,
-        views: &views,
-        points: &points,
-        metres_per_unit,
-    };
-    let input = DetectorInput {
+    let centres: Vec<DVec3> = views.iter().map(|view| view.centre).collect();
+    let (plane, _) = Plane::dominant(&points, &centres).ok_or_else(|| {
+        CurateError::input(
+            &scene_path,
+            "has too few points to find the ground by; poses from structure from motion bring them",
+        )
+    })?;
+    let mut input = DetectorInput {
         folder: &request.scene_folder,
         scene: &scene,
         views: &views,
         points: &points,
-        metres_per_unit,
+        metres_per_unit: known_scale.unwrap_or(1.0),
         file: request.detections.as_ref(),
     };
-    let tracks = work.run(detector, &input, progress)?;
+    let mut stages = Vec::new();
+    if known_scale.is_none() {
+        let begun = Instant::now();
+        let (metres, evidence) =
+            vehicle_scale::by_vehicles(&scene_path, plane, detector, &input, progress)?;
+        progress.note(&format!("{}: scale by vehicles: {evidence}", scene.id));
+        stages.push(stage("scale", "vehicle-length", evidence, begun));
+        input.metres_per_unit = metres;
+    }
+    let work = Tracking {
+        scene: &scene,
+        views: &views,
+        points: &points,
+        plane,
+        metres_per_unit: input.metres_per_unit,
+    };
+    let tracks = work.run(stages, detector, &input, progress)?;
     page::write(
         &request.out.join(PAGE_FILE),
         &request.scene_folder,
@@ -135,18 +151,30 @@ pub fn make_tracks(request: &TrackRequest, progress: &dyn Progress) -> Result<Tr
     Ok(tracks)
 }
 
-fn metres_per_unit(path: &Path, scene: &Scene, given: Option<f64>) -> Result<f64, CurateError> {
+/// Metres in a unit of the world, as far as somebody says it.
+fn metres_per_unit(
+    path: &Path,
+    scene: &Scene,
+    given: Option<f64>,
+) -> Result<Option<f64>, CurateError> {
     match (scene.scale, given) {
-        (Scale::Metres, None) => Ok(1.0),
-        (_, Some(metres)) if metres.is_finite() && metres > 0.0 => Ok(metres),
+        (Scale::Metres, None) => Ok(Some(1.0)),
+        (_, Some(metres)) if metres.is_finite() && metres > 0.0 => Ok(Some(metres)),
         (_, Some(metres)) => {
             let reason = format!("{metres} metres make no unit of the world");
             Err(CurateError::input(path, reason))
         }
-        (Scale::Arbitrary, None) => Err(CurateError::input(
-            path,
-            "its scale is arbitrary, and vehicles are tracked in metres: give --metres-per-unit",
-        )),
+        (Scale::Arbitrary, None) => Ok(None),
+    }
+}
+
+/// A stage that has ended.
+fn stage(stage: &str, method: &str, reason: String, begun: Instant) -> TrackStage {
+    TrackStage {
+        stage: stage.to_owned(),
+        method: method.to_owned(),
+        reason,
+        wall_seconds: begun.elapsed().as_secs_f64(),
     }
 }
 
@@ -156,7 +184,7 @@ fn plan(
     scene_path: &Path,
     scene: &Scene,
     frames: &[u32],
-    metres_per_unit: f64,
+    metres_per_unit: Option<f64>,
 ) -> Result<StagePlan, CurateError> {
     let mut plan = StagePlan::new(&request.out, "tracks")
         .with_file(scene_path)?
@@ -165,9 +193,6 @@ fn plan(
         .with_settings("metres per unit", &metres_per_unit);
     if let Some(file) = &request.detections {
         plan = plan.with_file(file)?;
-    }
-    if let Some(file) = &scene.points {
-        plan = plan.with_file(&request.scene_folder.join(file))?;
     }
     for &frame in frames {
         if let Some(entry) = scene.frames.get(frame as usize) {
@@ -179,10 +204,11 @@ fn plan(
 
 /// The making of tracks.
 struct Tracking<'a> {
-    scene_path: &'a Path,
     scene: &'a Scene,
     views: &'a [PosedView],
     points: &'a [DVec3],
+    /// The ground of most of the scene.
+    plane: Plane,
     metres_per_unit: f64,
 }
 
@@ -197,29 +223,16 @@ struct GroundUse {
 impl Tracking<'_> {
     fn run(
         &self,
+        mut stages: Vec<TrackStage>,
         detector: &Detector,
         input: &DetectorInput<'_>,
         progress: &dyn Progress,
     ) -> Result<Tracks, CurateError> {
-        let mut stages = Vec::new();
-        let mut stage = |stage: &str, method: &str, reason: String, begun: Instant| {
-            stages.push(TrackStage {
-                stage: stage.to_owned(),
-                method: method.to_owned(),
-                reason,
-                wall_seconds: begun.elapsed().as_secs_f64(),
-            });
-        };
-        let plane = Plane::dominant(self.points, self.views).ok_or_else(|| {
-            CurateError::input(
-                self.scene_path,
-                "has too few points to find the ground by; poses from structure from motion bring them",
-            )
-        })?;
+        let plane = self.plane;
         let begun = Instant::now();
         let mut detections = (detector.detect)(input, progress)?;
         let found = format!("{} boxes in {} frames", detections.len(), self.views.len());
-        stage("detector", detector.id, found, begun);
+        stages.push(stage("detector", detector.id, found, begun));
         let begun = Instant::now();
         let ground = self.lift(&mut detections, plane);
         let reason = format!(
@@ -227,7 +240,7 @@ impl Tracking<'_> {
              (fewer than {LEAST_RING_POINTS} points in the ring), {} above the horizon",
             ground.rings, ground.dominant, ground.none
         );
-        stage("distance", "ground", reason, begun);
+        stages.push(stage("distance", "ground", reason, begun));
         let begun = Instant::now();
         let groups = self.associate(&detections, plane);
         let in_groups: usize = groups.iter().map(Vec::len).sum();
@@ -236,7 +249,7 @@ impl Tracking<'_> {
             groups.len(),
             detections.len() - in_groups
         );
-        stage("association", "ground-chains", reason, begun);
+        stages.push(stage("association", "ground-chains", reason, begun));
         let begun = Instant::now();
         let mut warnings = Vec::new();
         let mut tracks: Vec<Track> = Vec::new();
@@ -263,7 +276,7 @@ impl Tracking<'_> {
             filled.len()
         );
         detections.extend(filled);
-        stage("trajectory", "trajectory-spline", reason, begun);
+        stages.push(stage("trajectory", "trajectory-spline", reason, begun));
         for warning in &warnings {
             progress.note(&format!("{}: {warning}", self.scene.id));
         }

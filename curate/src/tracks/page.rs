@@ -12,8 +12,8 @@ use omnilife_schemas::{
     trajectory::GroundAxes,
 };
 
-use super::{boxes::projected_box, views::PosedView};
-use crate::error::CurateError;
+use super::boxes::projected_box;
+use crate::{error::CurateError, posed_view::PosedView};
 
 /// Frames that are shown, evenly from all.
 const FRAMES: usize = 8;

@@ -7,12 +7,11 @@ use omnilife_schemas::{
 };
 
 use super::{
-    Tracking, boxes,
-    ground::Plane,
-    is_cut, middle,
+    Tracking, boxes, is_cut, middle,
     spline_fit::{self, Observation},
     within_image,
 };
+use crate::ground_plane::Plane;
 
 /// Relative standard deviation of a distance to the ground.
 const SIGMA_GROUND: f64 = 0.005;
@@ -192,7 +191,7 @@ mod tests {
     use omnilife_schemas::camera::PinholeCamera;
 
     use super::*;
-    use crate::tracks::views::PosedView;
+    use crate::posed_view::PosedView;
 
     #[test]
     fn cut_ends_are_left_out_where_whole_boxes_are_near() {

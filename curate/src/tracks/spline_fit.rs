@@ -17,7 +17,8 @@
 use glam::{DVec2, DVec3};
 use omnilife_schemas::trajectory::BSpline;
 
-use super::{banded::BandMatrix, views::PosedView};
+use super::banded::BandMatrix;
+use crate::posed_view::PosedView;
 
 /// Standard deviation of the middle of a detection, pixels.
 const SIGMA_PIXELS: f64 = 2.0;

@@ -10,10 +10,9 @@ use omnilife_schemas::{
 use super::{
     association::{Sighting, associate},
     banded::BandMatrix,
-    ground::Plane,
     spline_fit::{Observation, fit, fit_with},
-    views::PosedView,
 };
+use crate::{ground_plane::Plane, posed_view::PosedView};
 
 /// A case: its id, what it is, what is done about it, and what judges it: why it fails.
 type Case = (

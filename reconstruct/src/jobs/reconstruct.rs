@@ -18,6 +18,7 @@ use omnilife_schemas::{
         Backend, ComponentDecision, RunRecord, Scene, Split, SurfaceFaults,
         TraceViews as KeptViews, ViewPredictions,
     },
+    scene_points::ScenePoints,
     stage::StagePlan,
     store::{self, StoreError},
 };
@@ -358,8 +359,9 @@ fn plan_stage(
     if tracks.is_file() {
         stage = add(stage, TRACKS_FILE, &tracks)?;
     }
-    if let Some(points) = &scene.points {
-        stage = add(stage, points, &folder.join(points))?;
+    let split_folder = request.split.parent().unwrap_or(Path::new("."));
+    if let Some(points) = ScenePoints::find(scene, folder, split_folder)? {
+        stage = add(stage, &points.name, &points.file)?;
     }
     for frame in &scene.frames {
         stage = add(stage, &frame.image, &folder.join(&frame.image))?;
@@ -417,6 +419,7 @@ pub(crate) fn prepare_predictions(
 fn warnings(scene: &TrainingScene, split: &Split, outcome: &MethodOutcome<'_>) -> Vec<String> {
     let training = &outcome.training;
     let mut warnings = training.warnings.clone();
+    warnings.extend(scene.seen_for_points.clone());
     if split.groups.len() > 1 {
         warnings.push(format!(
             "one model was trained on the given views of all {} groups at once",

@@ -14,6 +14,7 @@ use omnilife_schemas::{
     points::PointCloud,
     records::{Scale, Scene, Split, Tracks},
     rgb::Mask,
+    scene_points::ScenePoints,
     split_rules,
     statistics::median,
     store,
@@ -50,6 +51,8 @@ pub struct TrainingScene {
     pub is_normalized_by_points: bool,
     /// Points in normalized coordinates with their colours; may be empty.
     pub points: PointCloud,
+    /// What a reader of scores should know where the points were made with views that are held out.
+    pub seen_for_points: Option<String>,
     /// Estimated distances of the input views, in their order; no entries where no view has any.
     pub depth_priors: Vec<Option<PriorFile>>,
     /// The same of the novel views. No method sees them: the trace measures holes there.
@@ -81,8 +84,10 @@ impl TrainingScene {
         let cameras = Similarity::from_cameras(&centres).ok_or_else(|| {
             ReconstructError::scene(split_path, "has no input view with a usable pose")
         })?;
-        let mut points = match &scene.points {
-            Some(file) => PointCloud::read_ply(&folder.join(file))?,
+        let split_folder = split_path.parent().unwrap_or(Path::new("."));
+        let known = ScenePoints::find(&scene, folder, split_folder)?;
+        let mut points = match &known {
+            Some(known) => PointCloud::read_ply(&known.file)?,
             None => PointCloud::default(),
         };
         let normalization = normalization(cameras, &points);
@@ -111,6 +116,7 @@ impl TrainingScene {
             normalization,
             scale: scene.scale,
             points,
+            seen_for_points: known.and_then(|known| known.held_out(&split.novel_views)),
             depth_priors: depth_priors(&scene, folder, &split.input_views),
             novel_depth_priors: depth_priors(&scene, folder, &split.novel_views),
             objects: load_objects(&scene, folder, camera, &split.input_views)?,
@@ -177,6 +183,7 @@ impl TrainingScene {
             scale: self.scale,
             is_normalized_by_points: self.is_normalized_by_points,
             points: self.points.clone(),
+            seen_for_points: self.seen_for_points.clone(),
             depth_priors: self.depth_priors.clone(),
             novel_depth_priors: self.novel_depth_priors.clone(),
             objects: self

@@ -197,6 +197,7 @@ fn scene() -> Option<TrainingScene> {
         novel_views: Vec::new(),
         normalization,
         scale: Scale::Arbitrary,
+        seen_for_points: None,
         depth_priors: Vec::new(),
         novel_depth_priors: Vec::new(),
         is_normalized_by_points: false,

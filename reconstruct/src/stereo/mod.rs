@@ -8,7 +8,6 @@
 //! consistency     the two depths against each other; what only one view sees is filled from behind
 //! ```
 
-mod aggregate;
 mod consistency;
 mod depth;
 mod matching;
@@ -16,6 +15,7 @@ pub mod warp;
 
 use glam::{DMat3, DVec3, Mat3, Vec3};
 use omnilife_schemas::RgbImage;
+use omnilife_stereo::RowEnds;
 use serde::Serialize;
 
 pub use depth::SweptDepth;
@@ -109,7 +109,11 @@ pub fn depths(
         let turn = rig.to_rig[other].transpose() * rig.to_rig[view];
         let shift = rig.to_rig[other].transpose() * (rig.centres[view] - rig.centres[other]);
         let costs = matching::costs(&images[view], &images[other], turn, shift, &hypotheses);
-        let sums = aggregate::aggregated(&costs, &images[view]);
+        let sums = omnilife_stereo::aggregated(
+            &costs,
+            images[view].data.as_chunks::<3>().0,
+            RowEnds::Joined,
+        );
         (depth::best(&sums, &hypotheses), turn, shift)
     };
     let (first, turn, shift) = search(0);

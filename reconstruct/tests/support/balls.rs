@@ -98,6 +98,7 @@ pub(crate) fn scene_with(
         novel_views,
         normalization,
         scale: omnilife_schemas::records::Scale::Arbitrary,
+        seen_for_points: None,
         depth_priors: Vec::new(),
         novel_depth_priors: Vec::new(),
         is_normalized_by_points: false,

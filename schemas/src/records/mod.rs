@@ -9,6 +9,7 @@ pub mod annotation;
 pub mod asset;
 pub mod boundaries;
 pub mod dataset;
+pub mod dense;
 pub mod external_run;
 pub mod ledger;
 pub mod lift;
@@ -39,6 +40,7 @@ pub use annotation::{
 pub use asset::{Asset, AssetChanges, AssetLevel, AssetPage, AssetPlacement, AssetSource};
 pub use boundaries::{Boundary, BoundaryKind, BoundaryLedger};
 pub use dataset::{Dataset, Origin, OriginKind, VideoEntry, VideoStatus};
+pub use dense::{DenseFrame, DenseStereo};
 pub use external_run::{ExternalRun, Phase, PhaseName};
 pub use ledger::{
     AuditDecision, AuditDecisions, Author, LedgerAction, LedgerEntry, PersonRole, SegmentLabel,
@@ -130,6 +132,7 @@ pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<Poses>(),
     entry::<SfmReport>(),
     entry::<Scene>(),
+    entry::<DenseStereo>(),
     entry::<Tracks>(),
     entry::<Objects>(),
     entry::<Protocol>(),

@@ -1,6 +1,6 @@
-//! Structure from motion: COLMAP's equirectangular camera, driven by one small Python script.
+//! Structure from motion by COLMAP, driven by one small Python script.
 //!
-//! The script (`erp_sfm.py`, part of this binary) only calls COLMAP and leaves a text model; all
+//! The script (`sfm.py`, part of this binary) only calls COLMAP and leaves a text model; all
 //! else is done here. Configurations of [`FALLBACK_CONFIGURATIONS`] are tried in order until one is valid; each runs
 //! in its own process and is recorded in `sfm/attempts.json`.
 
@@ -11,8 +11,8 @@ use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
     Pose,
-    camera::ErpCamera,
-    layout::ATTEMPTS_FILE,
+    camera::Camera,
+    layout::{ATTEMPTS_FILE, SFM_FOLDER},
     progress::Progress,
     records::{
         PoseSource, PoseValidation, Scale, Sequence, SfmAttempt, SfmReport, ValidationStatus,
@@ -26,7 +26,12 @@ pub use installation::{PYTHON_VARIABLE, SfmInstallation, installation};
 use workspace::{Attempted, SfmWorkspace};
 
 use super::{
-    PosedSequence, colmap::ColmapModel, error::SfmError, given::frame_names, level, masks,
+    PosedSequence,
+    colmap::ColmapModel,
+    error::SfmError,
+    given::{camera_of_frames, frame_names},
+    level::{self, Levelling},
+    masks,
     validate::ValidationLimits,
 };
 use crate::error::CurateError;
@@ -164,7 +169,15 @@ fn run_with(
         return Err(no_poses(sequence, &report, any_broken).into());
     };
     workspace.publish(&report.attempts[index].configuration)?;
-    posed(sequence, settings, installation, &report, index, found)
+    posed(
+        sequence_folder,
+        sequence,
+        settings,
+        installation,
+        &report,
+        index,
+        found,
+    )
 }
 
 fn no_poses(sequence: &Sequence, report: &SfmReport, any_broken: bool) -> SfmError {
@@ -179,6 +192,7 @@ fn no_poses(sequence: &Sequence, report: &SfmReport, any_broken: bool) -> SfmErr
 
 /// The chosen model, levelled, as poses of the sequence's frames.
 fn posed(
+    sequence_folder: &Path,
     sequence: &Sequence,
     settings: &SfmSettings,
     installation: &SfmInstallation,
@@ -188,16 +202,38 @@ fn posed(
 ) -> Result<PosedSequence, CurateError> {
     let names = frame_names(sequence);
     let attempt = &report.attempts[index];
-    let levelling = level::level(&mut model);
-    validation
-        .measures
-        .insert("up_agreement".to_owned(), levelling.agreement);
-    if !levelling.levelled {
-        validation.status = ValidationStatus::Unstable;
-        validation.problems.push(format!(
-            "the cameras agree on no up (agreement {:.2}); the world is not levelled",
-            levelling.agreement
-        ));
+    let camera = camera_of_frames(
+        &sequence_folder.join(SFM_FOLDER),
+        Some(model.camera),
+        sequence,
+    )?;
+    if let Camera::Pinhole(camera) = camera {
+        let shift = model.lens.map_or(0.0, |lens| lens.largest_shift_pixels());
+        let measures = [
+            ("focal_length_pixels", camera.fx),
+            ("distortion_pixels", shift),
+        ];
+        let measures = measures.map(|(name, value)| (name.to_owned(), value));
+        validation.measures.extend(measures);
+    }
+    match level::level(&mut model) {
+        Levelling::ByGround { share } => {
+            validation.measures.insert("ground_share".to_owned(), share);
+        }
+        Levelling::ByCameras { agreement } => {
+            validation
+                .measures
+                .insert("up_agreement".to_owned(), agreement);
+        }
+        Levelling::None { agreement } => {
+            validation
+                .measures
+                .insert("up_agreement".to_owned(), agreement);
+            validation.status = ValidationStatus::Unstable;
+            validation.problems.push(format!(
+                "the cameras agree on no up (agreement {agreement:.2}); the world is not levelled"
+            ));
+        }
     }
     let poses: Vec<Option<Pose>> = names
         .iter()
@@ -214,11 +250,8 @@ fn posed(
         None => vec![None; names.len()],
     };
     Ok(PosedSequence {
-        camera: ErpCamera {
-            width: sequence.frames.width,
-            height: sequence.frames.height,
-        }
-        .into(),
+        camera,
+        lens: model.lens,
         poses,
         masks,
         points: Some(model.cloud()),

@@ -222,3 +222,39 @@ fn the_stage_depends_on_masks_by_name_and_on_the_program() {
     };
     assert_eq!(before, inputs(&settings, "4.2.1"));
 }
+
+/// Perspective frames come without intrinsics: COLMAP finds them, and the lens is taken out.
+#[test]
+fn perspective_frames_are_posed_with_a_lens() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path().join("seq-000");
+    fs::create_dir(&folder).unwrap();
+    let mut sequence = sequence(3);
+    sequence.projection.projection = VideoProjection::Rectilinear;
+    assert!(sequence.is_pinhole());
+    let lines = "mkdir -p $OUT/sparse; echo \"$ALL\" > $OUT/../../asked.txt; \
+        echo '1 SIMPLE_RADIAL 64 32 50 32 16 -0.1' > $OUT/sparse/cameras.txt; \
+        printf '1 1 0 0 0 0 0 0 1 000000.png\\n\\n2 1 0 0 0 -1 0 0 1 000001.png\\n\\n' > $OUT/sparse/images.txt; \
+        echo '3 0.5 1 2 255 0 9 0.2 1 0 2 1' > $OUT/sparse/points3D.txt; echo models 1";
+    let python = interpreter(temp.path(), lines);
+    let script = fs::read_to_string(&python.python).unwrap();
+    fs::write(&python.python, script.replacen('\n', "\nALL=\"$*\"\n", 1)).unwrap();
+    let posed = run_with(
+        &python,
+        &folder,
+        &sequence,
+        &SfmSettings::default(),
+        &Silent,
+    )
+    .unwrap();
+    let asked = fs::read_to_string(folder.join("sfm/asked.txt")).unwrap();
+    assert!(asked.contains("--camera-model SIMPLE_RADIAL"), "{asked}");
+    let lens = posed.lens.unwrap();
+    assert_eq!(lens.distortion.radial, [-0.1, 0.0]);
+    let Camera::Pinhole(camera) = posed.camera else {
+        panic!("{:?}", posed.camera);
+    };
+    assert!(camera.fx < lens.camera.fx, "{camera:?}");
+    assert!(posed.validation.measures["distortion_pixels"] > 0.25);
+    assert_eq!(posed.validation.measures["focal_length_pixels"], camera.fx);
+}

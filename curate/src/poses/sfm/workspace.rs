@@ -22,7 +22,7 @@ use crate::{
     poses::{colmap::ColmapModel, error::SfmError, given::frame_names, masks, validate::validate},
 };
 
-pub(super) const SCRIPT: &str = include_str!("../erp_sfm.py");
+pub(super) const SCRIPT: &str = include_str!("sfm.py");
 
 /// Folder of a text model.
 const MODEL_FOLDER: &str = "sparse";
@@ -60,7 +60,7 @@ impl<'a> SfmWorkspace<'a> {
         store::create_folder(&scratch)?;
         let mut workspace = Self {
             frames: sequence_folder.join(FRAMES_FOLDER),
-            script: scratch.join("erp_sfm.py"),
+            script: scratch.join("sfm.py"),
             masks: None,
             folder,
             scratch,
@@ -186,6 +186,7 @@ impl<'a> SfmWorkspace<'a> {
             .arg(&self.script)
             .args(["--frames".as_ref(), self.frames.as_os_str()])
             .args(["--out".as_ref(), out.as_os_str()])
+            .args(["--camera-model", camera_model(self.sequence)])
             .args(["--mapper", configuration.mapper])
             .args(["--features", &configuration.features.to_string()])
             .args(["--overlap", &configuration.overlap.to_string()])
@@ -213,6 +214,16 @@ impl<'a> SfmWorkspace<'a> {
             .own_files()
             .remove(|file| !files.iter().any(|new| new == file))?;
         Ok(stage.finish(own, begun.elapsed().as_secs_f64())?)
+    }
+}
+
+/// COLMAP's model of a sequence's camera. Perspective videos come without intrinsics: the focal length and
+/// one term of distortion are found with the poses.
+fn camera_model(sequence: &Sequence) -> &'static str {
+    if sequence.is_pinhole() {
+        "SIMPLE_RADIAL"
+    } else {
+        "EQUIRECTANGULAR"
     }
 }
 

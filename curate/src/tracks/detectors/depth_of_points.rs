@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::tracks::views::PosedView;
+use crate::posed_view::PosedView;
 
 /// Distances along the rays of a view's pixels; infinite where nothing is known.
 #[derive(Debug, Clone, PartialEq)]

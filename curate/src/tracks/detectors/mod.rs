@@ -12,8 +12,8 @@ use omnilife_schemas::{
     records::{Detection, Scene},
 };
 
-use super::views::PosedView;
 use crate::error::CurateError;
+use crate::posed_view::PosedView;
 
 /// What a detector is given.
 #[derive(Debug)]

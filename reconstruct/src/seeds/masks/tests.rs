@@ -58,6 +58,7 @@ fn scene() -> TrainingScene {
             scale: 1.0,
         },
         scale: omnilife_schemas::records::Scale::Arbitrary,
+        seen_for_points: None,
         depth_priors: Vec::new(),
         novel_depth_priors: Vec::new(),
         is_normalized_by_points: false,

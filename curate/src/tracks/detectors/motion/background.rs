@@ -4,7 +4,7 @@ use glam::DVec3;
 use omnilife_schemas::{RgbImage, camera::CameraModel};
 use rayon::prelude::*;
 
-use crate::tracks::{detectors::depth_of_points::DistanceMap, views::PosedView};
+use crate::{posed_view::PosedView, tracks::detectors::depth_of_points::DistanceMap};
 
 /// Surfaces of a warped view may be this much farther or nearer than they should, relatively.
 const OCCLUSION: f32 = 0.03;

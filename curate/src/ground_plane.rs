@@ -1,17 +1,9 @@
-//! The ground under things: planes through points, and where rays meet them.
+//! Planes through points, and where rays meet them.
 
-use glam::{DVec2, DVec3};
-
-use super::views::PosedView;
+use glam::DVec3;
 
 /// Draws of a plane through three points.
 const DRAWS: usize = 200;
-/// A ring of this many times a box's sides is looked at around it.
-const RING: f64 = 1.5;
-/// Points that a plane in a ring needs.
-pub const LEAST_RING_POINTS: usize = 20;
-/// Points of a ring are looked at up to this many.
-const MOST_RING_POINTS: usize = 400;
 
 /// The points `p` with `normal . p = offset`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -127,10 +119,10 @@ impl Plane {
         Some((refined, inside.len()))
     }
 
-    /// The ground of a scene: the plane of most of its points, its normal towards the cameras.
-    pub fn dominant(points: &[DVec3], views: &[PosedView]) -> Option<Self> {
-        let middle =
-            views.iter().map(|view| view.centre).sum::<DVec3>() / views.len().max(1) as f64;
+    /// The ground of a scene: the plane of most of its points, its normal towards the centres of the
+    /// cameras; and the share of the points that are on it.
+    pub fn dominant(points: &[DVec3], centres: &[DVec3]) -> Option<(Self, f64)> {
+        let middle = centres.iter().sum::<DVec3>() / centres.len().max(1) as f64;
         let mut distances: Vec<f64> = points.iter().map(|point| point.distance(middle)).collect();
         distances.sort_by(f64::total_cmp);
         let reach = 0.02 * distances.get(distances.len() / 2)?;
@@ -140,101 +132,24 @@ impl Plane {
             .copied()
             .step_by((points.len() / 5000).max(1))
             .collect();
-        let (plane, _) = Self::of_most(&some, reach, None)?;
-        Some(if plane.height(middle) < 0.0 {
+        let (plane, inside) = Self::of_most(&some, reach, None)?;
+        let upward = if plane.height(middle) < 0.0 {
             Self {
                 normal: -plane.normal,
                 offset: -plane.offset,
             }
         } else {
             plane
-        })
-    }
-}
-
-/// The points of a scene where a view sees them, by squares of its image.
-#[derive(Debug)]
-pub struct PointsInView {
-    columns: usize,
-    rows: usize,
-    squares: Vec<Vec<(DVec2, DVec3)>>,
-}
-
-/// Side of a square, pixels.
-const SQUARE: f64 = 16.0;
-
-impl PointsInView {
-    /// Sorts points into the squares of a view.
-    pub fn new(view: &PosedView, points: &[DVec3]) -> Self {
-        let [width, height] = view.camera.size().map(|side| side as f64);
-        let (columns, rows) = (
-            (width / SQUARE).ceil() as usize,
-            (height / SQUARE).ceil() as usize,
-        );
-        let mut squares = vec![Vec::new(); columns * rows];
-        for &point in points {
-            if let Some(pixel) = view.pixel(point) {
-                let (column, row) = ((pixel.x / SQUARE) as usize, (pixel.y / SQUARE) as usize);
-                squares[row * columns + column].push((pixel, point));
-            }
-        }
-        Self {
-            columns,
-            rows,
-            squares,
-        }
-    }
-
-    /// Points around a box (left, top, width, height) and not in it.
-    pub fn ring(&self, [left, top, width, height]: [f64; 4]) -> Vec<DVec3> {
-        let (more_x, more_y) = (0.5 * (RING - 1.0) * width, 0.5 * (RING - 1.0) * height);
-        // A small box has a ring too.
-        let (more_x, more_y) = (more_x.max(6.0), more_y.max(6.0));
-        let square = |value: f64, last: usize| ((value / SQUARE).max(0.0) as usize).min(last);
-        let (first_column, last_column) = (
-            square(left - more_x, self.columns - 1),
-            square(left + width + more_x, self.columns - 1),
-        );
-        let (first_row, last_row) = (
-            square(top - more_y, self.rows - 1),
-            square(top + height + more_y, self.rows - 1),
-        );
-        let mut ring = Vec::new();
-        for row in first_row..=last_row {
-            for column in first_column..=last_column {
-                for &(pixel, point) in &self.squares[row * self.columns + column] {
-                    let (dx, dy) = (
-                        (pixel.x - left - 0.5 * width).abs() - 0.5 * width,
-                        (pixel.y - top - 0.5 * height).abs() - 0.5 * height,
-                    );
-                    let is_inside = dx <= 0.0 && dy <= 0.0;
-                    if !is_inside && dx <= more_x && dy <= more_y {
-                        ring.push(point);
-                    }
-                }
-            }
-        }
-        let step = ring.len().div_ceil(MOST_RING_POINTS).max(1);
-        ring.into_iter().step_by(step).collect()
+        };
+        Some((upward, inside as f64 / some.len() as f64))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use glam::{DMat3, dvec3};
-    use omnilife_schemas::camera::PinholeCamera;
+    use glam::dvec3;
 
     use super::*;
-
-    fn view() -> PosedView {
-        PosedView {
-            frame: 0,
-            seconds: 0.0,
-            camera: PinholeCamera::with_horizontal_field_of_view(640, 360, 1.1).into(),
-            to_world: DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z),
-            centre: dvec3(0.0, 0.0, 40.0),
-        }
-    }
 
     /// A tilted road under houses whose roofs are a third of all points.
     fn points() -> Vec<DVec3> {
@@ -253,10 +168,11 @@ mod tests {
 
     #[test]
     fn the_ground_is_the_plane_of_most_points_and_points_up() {
-        let plane = Plane::dominant(&points(), &[view()]).expect("a plane");
+        let (plane, share) = Plane::dominant(&points(), &[dvec3(0.0, 0.0, 40.0)]).expect("a plane");
         let expected = dvec3(-0.05, 0.0, 1.0).normalize();
         assert!(plane.normal.angle_between(expected) < 0.005, "{plane:?}");
         assert!(plane.height(DVec3::ZERO).abs() < 0.05);
+        assert!((share - 2.0 / 3.0).abs() < 0.05, "{share}");
     }
 
     #[test]
@@ -270,24 +186,6 @@ mod tests {
         assert!(distance.is_some_and(|distance| (distance - 62.5).abs() < 1e-9));
         assert_eq!(plane.meet(dvec3(0.0, 0.0, 50.0), DVec3::X), None);
         assert_eq!(plane.meet(dvec3(0.0, 0.0, 50.0), DVec3::Z), None);
-    }
-
-    #[test]
-    fn a_ring_has_what_is_around_a_box_and_nothing_in_it() {
-        let view = view();
-        let ground: Vec<DVec3> = points()
-            .into_iter()
-            .map(|point| point.with_z(0.0))
-            .collect();
-        let sorted = PointsInView::new(&view, &ground);
-        let ring = sorted.ring([280.0, 150.0, 80.0, 60.0]);
-        assert!(ring.len() >= LEAST_RING_POINTS, "{}", ring.len());
-        for point in ring {
-            let pixel = view.pixel(point).expect("seen");
-            let inside = (280.0..=360.0).contains(&pixel.x) && (150.0..=210.0).contains(&pixel.y);
-            assert!(!inside && (260.0..=380.0).contains(&pixel.x), "{pixel}");
-        }
-        assert!(sorted.ring([-500.0, -500.0, 3.0, 3.0]).is_empty());
     }
 
     #[test]

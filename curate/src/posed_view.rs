@@ -1,10 +1,31 @@
-//! The posed frames of a scene, as tracks are made of them.
+//! The posed frames of a scene, as geometry is measured with them.
+
+use std::path::Path;
 
 use glam::{DMat3, DVec2, DVec3};
 use omnilife_schemas::{
     camera::{Camera, CameraModel},
-    records::Scene,
+    records::{Scene, Split},
+    store,
 };
+
+use crate::error::CurateError;
+
+/// The frames of a scene that may be looked at: the input views of a split, all where none is given.
+///
+/// # Errors
+/// When the split cannot be read or is that of another scene.
+pub fn frames_of(scene: &Scene, split: Option<&Path>) -> Result<Vec<u32>, CurateError> {
+    let Some(file) = split else {
+        return Ok((0..scene.frames.len() as u32).collect());
+    };
+    let split: Split = store::read_record(file)?;
+    if split.scene != scene.id {
+        let reason = format!("is the split of {}, not of {}", split.scene, scene.id);
+        return Err(CurateError::input(file, reason));
+    }
+    Ok(split.input_views)
+}
 
 /// A posed frame.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,4 +1,4 @@
-//! Semi-global aggregation of matching costs (Hirschmueller 2008), around the seam.
+//! Semi-global aggregation of matching costs (Hirschmueller 2008).
 //!
 //! Along a path over pixels `p`, with the hypothesis `k` of each:
 //!
@@ -7,13 +7,12 @@
 //! ```
 //!
 //! with `p'` before `p`. Sums over four paths: along the row both ways, along the column both ways.
-//! Rows are circles: a path begins a quarter turn before its first pixel, so that the seam is like
+//! Where rows are circles, a path begins a quarter turn before its first pixel, so that the seam is like
 //! any other place. A jump of depth costs less where the image has an edge.
 
-use omnilife_schemas::RgbImage;
 use rayon::prelude::*;
 
-use crate::stereo::matching::{CostVolume, LARGEST_COST};
+use crate::{CostVolume, LARGEST_COST, RowEnds};
 
 /// Cost of a step to the next hypothesis.
 const P1: u16 = 12;
@@ -28,22 +27,27 @@ const COLUMNS: usize = 32;
 
 /// Sums of path costs, laid out as the costs.
 #[derive(Debug)]
-pub(super) struct PathSums {
-    pub(super) width: usize,
-    pub(super) height: usize,
-    pub(super) count: usize,
-    pub(super) sums: Vec<u16>,
+pub struct PathSums {
+    /// Pixels per row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Hypotheses.
+    pub count: usize,
+    /// `width * height * count` sums of the costs of four paths.
+    pub sums: Vec<u16>,
 }
 
-/// Aggregates costs along four directions.
-pub(super) fn aggregated(volume: &CostVolume, image: &RgbImage) -> PathSums {
+/// Aggregates the costs of an image's pixels along four directions.
+pub fn aggregated<const C: usize>(
+    volume: &CostVolume,
+    pixels: &[[f32; C]],
+    ends: RowEnds,
+) -> PathSums {
     let (width, height, count) = (volume.width, volume.height, volume.count);
-    let grey: Vec<f32> = image
-        .data
-        .as_chunks::<3>()
-        .0
+    let grey: Vec<f32> = pixels
         .iter()
-        .map(|[red, green, blue]| (red + green + blue) / 3.0)
+        .map(|pixel| pixel.iter().sum::<f32>() / C as f32)
         .collect();
     let mut sums = vec![0_u16; width * height * count];
     sums.par_chunks_mut(width * count)
@@ -51,7 +55,10 @@ pub(super) fn aggregated(volume: &CostVolume, image: &RgbImage) -> PathSums {
         .for_each(|(row, sums)| {
             let costs = &volume.costs[row * width * count..(row + 1) * width * count];
             let grey = &grey[row * width..(row + 1) * width];
-            let lead = width / 4;
+            let lead = match ends {
+                RowEnds::Joined => width / 4,
+                RowEnds::Open => 0,
+            };
             for is_backward in [false, true] {
                 let mut path = Path::new(count);
                 let mut before = None;

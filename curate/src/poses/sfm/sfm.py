@@ -1,4 +1,4 @@
-"""Structure from motion of equirectangular frames with COLMAP (pycolmap >= 4.1, CPU only).
+"""Structure from motion of video frames with COLMAP (pycolmap >= 4.1, CPU only).
 
 One attempt per process: some COLMAP failures end the process that they happen in. Reads frames in
 order of name, writes the largest model as COLMAP text to --out. Speaks to its caller in lines:
@@ -19,7 +19,7 @@ def say(*words):
 
 
 def extract(args, database):
-    reader = pycolmap.ImageReaderOptions(camera_model="EQUIRECTANGULAR")
+    reader = pycolmap.ImageReaderOptions(camera_model=args.camera_model)
     if args.masks:
         # <image file name>.png, black where features are ignored.
         reader.mask_path = args.masks
@@ -42,16 +42,20 @@ def match(args, database):
     pycolmap.match_sequential(database, pairing_options=pairing, matching_options=matching)
 
 
+def has_lens(args):
+    """Whether the camera has a focal length and a distortion to be found: an equirectangular one has neither."""
+    return args.camera_model != "EQUIRECTANGULAR"
+
+
 def map_globally(args, database, models):
     options = pycolmap.GlobalPipelineOptions(num_threads=args.threads, random_seed=args.seed)
     options.mapper.num_threads = args.threads
     options.mapper.random_seed = args.seed
     options.mapper.refine_sensor_from_rig = False
     adjustment = options.mapper.bundle_adjustment
-    # The camera model has no parameters to refine.
-    adjustment.refine_focal_length = False
+    adjustment.refine_focal_length = has_lens(args)
+    adjustment.refine_extra_params = has_lens(args)
     adjustment.refine_principal_point = False
-    adjustment.refine_extra_params = False
     adjustment.refine_sensor_from_rig = False
     return pycolmap.global_mapping(database, args.frames, models, options)
 
@@ -60,15 +64,16 @@ def map_incrementally(args, database, models):
     options = pycolmap.IncrementalPipelineOptions(
         num_threads=args.threads,
         random_seed=args.seed,
-        ba_refine_focal_length=False,
+        ba_refine_focal_length=has_lens(args),
         ba_refine_principal_point=False,
-        ba_refine_extra_params=False,
+        ba_refine_extra_params=has_lens(args),
         ba_refine_sensor_from_rig=False,
     )
-    # An ERP camera sees sideways, so moving forward is no degenerate start for it, and
-    # neighbouring frames of a video have little parallax.
-    options.mapper.init_max_forward_motion = 1.0
+    # Neighbouring frames of a video have little parallax.
     options.mapper.init_min_tri_angle = 4.0
+    if not has_lens(args):
+        # An ERP camera sees sideways, so moving forward is no degenerate start for it.
+        options.mapper.init_max_forward_motion = 1.0
     return pycolmap.incremental_mapping(database, args.frames, models, options)
 
 
@@ -80,6 +85,7 @@ def main():
     parser.add_argument("--frames", required=True)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--masks")
+    parser.add_argument("--camera-model", choices=("EQUIRECTANGULAR", "SIMPLE_RADIAL"), required=True)
     parser.add_argument("--mapper", choices=MAPPERS, required=True)
     parser.add_argument("--features", type=int, required=True)
     parser.add_argument("--overlap", type=int, required=True)

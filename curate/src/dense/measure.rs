@@ -1,0 +1,258 @@
+//! The depths of a scene's views: what each is compared with, the sweep, and what the others say of it.
+
+use std::path::Path;
+
+use glam::DVec3;
+use omnilife_schemas::{
+    RgbImage,
+    camera::{Camera, PinholeCamera},
+    progress::Progress,
+    records::Scene,
+    rgb::Mask,
+    statistics,
+};
+use rayon::prelude::*;
+
+use super::{
+    consistency::{DepthMap, confirmed},
+    neighbours::{Neighbours, neighbours},
+    sweep::{self, GreyImage, Hypotheses, SweptView},
+};
+use crate::{error::CurateError, posed_view::PosedView};
+
+/// Points that a view has to see for their depths to say where to search.
+pub(super) const LEAST_SEEN: usize = 50;
+/// Shares of the depths of a view's points between which it is searched, and how far beyond, as factors.
+const RANGE: [(f64, f64); 2] = [(0.99, 1.25), (0.01, 0.8)];
+/// A scene without points is searched from infinity to this many distances between the cameras.
+const NEAREST_BASELINES: f64 = 1.25;
+/// Of the pixels of a first search, every one of this many gives a point.
+const FIRST_STRIDE: usize = 7;
+
+/// The making of it.
+pub(super) struct Stereo<'a> {
+    pub(super) folder: &'a Path,
+    pub(super) scene: &'a Scene,
+    pub(super) views: Vec<PosedView>,
+    /// Points that say roughly how deep the scene is, world.
+    pub(super) points: Vec<DVec3>,
+}
+
+/// The camera at the size of the search.
+pub(super) struct Sized {
+    camera: PinholeCamera,
+    pixels: [usize; 2],
+}
+
+/// The depths of a view, with what they rest on.
+pub(super) struct Measured {
+    pub(super) map: DepthMap,
+    /// Share of the views compared with that confirm each pixel; 0 where it is not known.
+    pub(super) confidence: Vec<f32>,
+    pub(super) colours: Vec<u8>,
+    pub(super) compared_with: Vec<usize>,
+    witnesses: Vec<usize>,
+    pub(super) inverse_depths: [f64; 2],
+    pub(super) hypotheses: usize,
+}
+
+impl Stereo<'_> {
+    pub(super) fn sized(&self, camera: PinholeCamera, width: u32) -> Sized {
+        let width = width.clamp(1, camera.width.max(1));
+        let rows = f64::from(width) * f64::from(camera.height) / f64::from(camera.width);
+        let height = (rows.round() as u32).max(1);
+        let camera = match Camera::from(camera).resized(width, height) {
+            Camera::Pinhole(camera) => camera,
+            Camera::Erp(_) => camera,
+        };
+        Sized {
+            camera,
+            pixels: [width as usize, height as usize],
+        }
+    }
+
+    /// A first idea of a scene without points: every frame against the ones around it, from infinity to a
+    /// little beyond the distance between them.
+    pub(super) fn first_points(
+        &self,
+        sized: &Sized,
+        progress: &dyn Progress,
+    ) -> Result<Option<Vec<DVec3>>, CurateError> {
+        let count = self.views.len();
+        let around = |index: usize| -> Vec<usize> {
+            let near = index.saturating_sub(2)..(index + 3).min(count);
+            near.filter(|&other| other != index).collect()
+        };
+        let chosen: Vec<(Neighbours, [f64; 2])> = (0..count)
+            .map(|index| {
+                let others = around(index);
+                let farthest = others
+                    .iter()
+                    .map(|&other| self.views[other].centre.distance(self.views[index].centre))
+                    .fold(0.0, f64::max);
+                if farthest <= 0.0 {
+                    return (Neighbours::default(), [0.0; 2]);
+                }
+                let neighbours = Neighbours {
+                    witnesses: others.clone(),
+                    compared: others,
+                };
+                (neighbours, [0.0, 1.0 / (NEAREST_BASELINES * farthest)])
+            })
+            .collect();
+        let measured = self.measure_against(sized, chosen, progress)?;
+        let points: Vec<DVec3> = measured
+            .iter()
+            .flat_map(|view| {
+                let known = (0..view.confidence.len()).step_by(FIRST_STRIDE);
+                known
+                    .filter(|&pixel| view.confidence[pixel] > 0.0)
+                    .map(|pixel| view.map.point(pixel))
+            })
+            .collect();
+        Ok((points.len() >= LEAST_SEEN).then_some(points))
+    }
+
+    /// The depths of all views; `None` where none can be compared with another.
+    pub(super) fn measure(
+        &self,
+        sized: &Sized,
+        progress: &dyn Progress,
+    ) -> Result<Option<Vec<Measured>>, CurateError> {
+        let chosen: Vec<(Neighbours, [f64; 2])> = (0..self.views.len())
+            .into_par_iter()
+            .map(|index| self.choose(index))
+            .collect();
+        if chosen.iter().all(|(others, _)| others.compared.is_empty()) {
+            return Ok(None);
+        }
+        Ok(Some(self.measure_against(sized, chosen, progress)?))
+    }
+
+    /// What a view is compared with, and the inverse depths between which it is searched.
+    fn choose(&self, index: usize) -> (Neighbours, [f64; 2]) {
+        let view = &self.views[index];
+        let seen: Vec<DVec3> = self
+            .points
+            .iter()
+            .copied()
+            .filter(|&point| view.pixel(point).is_some())
+            .collect();
+        if seen.len() < LEAST_SEEN {
+            return (Neighbours::default(), [0.0; 2]);
+        }
+        let depths: Vec<f64> = seen.iter().map(|&point| view.in_camera(point).z).collect();
+        let range = RANGE.map(|(share, factor)| {
+            1.0 / (factor * statistics::quantile(&depths, share).unwrap_or(f64::INFINITY))
+        });
+        (neighbours(index, &self.views, &seen), range)
+    }
+
+    /// The depths of all views against chosen others.
+    fn measure_against(
+        &self,
+        sized: &Sized,
+        chosen: Vec<(Neighbours, [f64; 2])>,
+        progress: &dyn Progress,
+    ) -> Result<Vec<Measured>, CurateError> {
+        let [width, height] = sized.pixels;
+        let images = self
+            .views
+            .par_iter()
+            .map(|view| {
+                let file = self
+                    .folder
+                    .join(&self.scene.frames[view.frame as usize].image);
+                let image = RgbImage::read(&file)?;
+                let size = [image.width, image.height];
+                if size != self.scene.camera.size() {
+                    let [columns, rows] = size;
+                    let reason =
+                        format!("is {columns}x{rows} pixels, the scene's camera has another size");
+                    return Err(CurateError::input(&file, reason));
+                }
+                Ok(image.resized_by_area(width, height).to_rgb8())
+            })
+            .collect::<Result<Vec<Vec<u8>>, CurateError>>()?;
+        progress.begin("dense stereo", Some(chosen.len() as u64));
+        let mut measured: Vec<Measured> = Vec::with_capacity(chosen.len());
+        for (index, (neighbours, inverse_depths)) in chosen.into_iter().enumerate() {
+            let loaded: Vec<GreyImage> = std::iter::once(&index)
+                .chain(&neighbours.compared)
+                .map(|&number| GreyImage::of_rgb8(width, height, &images[number]))
+                .collect();
+            let swept = |(number, image)| {
+                let view: &PosedView = &self.views[number];
+                SweptView {
+                    camera: sized.camera,
+                    to_world: view.to_world,
+                    centre: view.centre,
+                    image,
+                }
+            };
+            let rest: Vec<SweptView<'_>> = neighbours
+                .compared
+                .iter()
+                .copied()
+                .zip(&loaded[1..])
+                .map(swept)
+                .collect();
+            let this = swept((index, &loaded[0]));
+            let (depths, hypotheses) = if rest.is_empty() {
+                (vec![f32::INFINITY; width * height], 0)
+            } else {
+                let hypotheses = Hypotheses::new(inverse_depths, &this, &rest);
+                (sweep::depths(&this, &rest, &hypotheses), hypotheses.count)
+            };
+            measured.push(Measured {
+                map: DepthMap {
+                    camera: sized.camera,
+                    view: self.views[index],
+                    depths,
+                },
+                confidence: Vec::new(),
+                colours: images[index].clone(),
+                compared_with: neighbours.compared,
+                witnesses: neighbours.witnesses,
+                inverse_depths,
+                hypotheses,
+            });
+            progress.advance(1);
+        }
+        progress.end();
+        let confidences: Vec<Vec<f32>> = measured
+            .iter()
+            .map(|view| {
+                let others: Vec<&DepthMap> = view
+                    .witnesses
+                    .iter()
+                    .map(|&other| &measured[other].map)
+                    .collect();
+                self.unmasked(view, confirmed(&view.map, &others), sized)
+            })
+            .collect::<Result<_, _>>()?;
+        for (view, confidence) in measured.iter_mut().zip(confidences) {
+            view.confidence = confidence;
+        }
+        Ok(measured)
+    }
+
+    /// Nothing is known of what a mask covers.
+    fn unmasked(
+        &self,
+        view: &Measured,
+        mut confidence: Vec<f32>,
+        sized: &Sized,
+    ) -> Result<Vec<f32>, CurateError> {
+        if let Some(file) = &self.scene.frames[view.map.view.frame as usize].mask {
+            let [width, height] = sized.pixels;
+            let mask = Mask::read(&self.folder.join(file))?.resized_to_nearest(width, height);
+            for (confidence, &covered) in confidence.iter_mut().zip(&mask.data) {
+                if covered != 0 {
+                    *confidence = 0.0;
+                }
+            }
+        }
+        Ok(confidence)
+    }
+}

@@ -1,0 +1,390 @@
+//! Lens distortion as COLMAP models it, and taking it out of frames.
+//!
+//! With `x = X/Z`, `y = Y/Z` and `r^2 = x^2 + y^2`, a lens shows a direction at `(x + dx, y + dy)`:
+//!
+//! ```text
+//! dx = x (k1 r^2 + k2 r^4) + 2 p1 x y + p2 (r^2 + 2 x^2)
+//! dy = y (k1 r^2 + k2 r^4) + 2 p2 x y + p1 (r^2 + 2 y^2)
+//! ```
+//!
+//! (COLMAP, `src/colmap/sensor/models.h`: `OPENCV`; `RADIAL` and `SIMPLE_RADIAL` have fewer terms).
+
+use glam::{DVec2, dvec2};
+use omnilife_schemas::{RgbImage, camera::PinholeCamera, interpolation::Edges, rgb::Mask};
+use rayon::prelude::*;
+
+/// A lens that moves no pixel by more than this is none, pixels.
+const LEAST_SHIFT_PIXELS: f64 = 0.25;
+/// The straight camera sees no wider, and no narrower than by this factor of the focal length.
+const LARGEST_ZOOM: f64 = 4.0;
+/// Steps of a bisection of the zoom.
+const BISECTIONS: usize = 40;
+/// Steps that undo the distortion of a place.
+const INVERSIONS: usize = 60;
+
+/// COLMAP's models of perspective cameras: name, number (`CameraModelId`), and how many parameters.
+const MODELS: [(&str, i32, usize); 5] = [
+    ("SIMPLE_PINHOLE", 0, 3),
+    ("PINHOLE", 1, 4),
+    ("SIMPLE_RADIAL", 2, 4),
+    ("RADIAL", 3, 5),
+    ("OPENCV", 4, 8),
+];
+/// The names of those models, for messages.
+pub(super) const MODEL_NAMES: &str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL and OPENCV";
+
+/// Number of parameters of a model by its name.
+pub(super) fn parameters_of_name(name: &str) -> Option<(&'static str, usize)> {
+    let model = MODELS.iter().find(|model| model.0 == name)?;
+    Some((model.0, model.2))
+}
+
+/// Name of a model and number of its parameters by its own number.
+pub(super) fn parameters_of_number(number: i32) -> Option<(&'static str, usize)> {
+    let model = MODELS.iter().find(|model| model.1 == number)?;
+    Some((model.0, model.2))
+}
+
+/// The terms of the distortion; 0 where a model does not have one.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Distortion {
+    /// Radial, second and fourth order.
+    pub radial: [f64; 2],
+    /// Tangential.
+    pub tangential: [f64; 2],
+}
+
+impl Distortion {
+    /// How far a place at depth 1 is moved.
+    fn shift(&self, p: DVec2) -> DVec2 {
+        let ([k1, k2], [p1, p2]) = (self.radial, self.tangential);
+        let square = p.length_squared();
+        let radial = (k1 + k2 * square) * square;
+        p * radial
+            + dvec2(
+                2.0 * p1 * p.x * p.y + p2 * (square + 2.0 * p.x * p.x),
+                2.0 * p2 * p.x * p.y + p1 * (square + 2.0 * p.y * p.y),
+            )
+    }
+
+    /// Whether places between the middle and this one stay in their order; beyond where they do not, the
+    /// terms say nothing of a lens.
+    fn keeps_order(&self, p: DVec2) -> bool {
+        let [k1, k2] = self.radial;
+        (1..=8).all(|step| {
+            let square = p.length_squared() * (f64::from(step) / 8.0).powi(2);
+            1.0 + (3.0 * k1 + 5.0 * k2 * square) * square > 0.0
+        })
+    }
+}
+
+/// A pinhole camera behind a lens.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lens {
+    /// Size and intrinsics of the frames as they are.
+    pub camera: PinholeCamera,
+    /// What the lens does.
+    pub distortion: Distortion,
+}
+
+impl Lens {
+    /// The lens of a camera of COLMAP; `None` for parameters that are not of the model, are not finite, or
+    /// have a focal length that is not positive.
+    pub(super) fn of_model(
+        model: &str,
+        [width, height]: [u32; 2],
+        parameters: &[f64],
+    ) -> Option<Self> {
+        let (f, rest) = match (model, parameters) {
+            ("SIMPLE_PINHOLE" | "SIMPLE_RADIAL" | "RADIAL", [f, rest @ ..]) => ([*f, *f], rest),
+            (_, [fx, fy, rest @ ..]) => ([*fx, *fy], rest),
+            _ => return None,
+        };
+        let [cx, cy, terms @ ..] = rest else {
+            return None;
+        };
+        let term = |number: usize| terms.get(number).copied().unwrap_or(0.0);
+        let is_sound =
+            parameters.iter().all(|value| value.is_finite()) && f.iter().all(|&f| f > 0.0);
+        is_sound.then(|| Self {
+            camera: PinholeCamera {
+                width,
+                height,
+                fx: f[0],
+                fy: f[1],
+                cx: *cx,
+                cy: *cy,
+            },
+            distortion: Distortion {
+                radial: [term(0), term(1)],
+                tangential: [term(2), term(3)],
+            },
+        })
+    }
+
+    /// The largest distance by which it moves a pixel of the frame's border.
+    pub fn largest_shift_pixels(&self) -> f64 {
+        border(&self.camera)
+            .map(|pixel| self.source(&self.camera, pixel).distance(pixel))
+            .fold(0.0, f64::max)
+    }
+
+    /// Whether frames look the same without it.
+    pub fn is_negligible(&self) -> bool {
+        self.largest_shift_pixels() < LEAST_SHIFT_PIXELS
+    }
+
+    /// The camera of the frames without the distortion: of the same size and principal point, with the
+    /// shortest focal length at which every pixel is one that the lens shows; `None` where there is none.
+    pub fn straight(&self) -> Option<PinholeCamera> {
+        let zoomed = |zoom: f64| PinholeCamera {
+            fx: zoom * self.camera.fx,
+            fy: zoom * self.camera.fy,
+            ..self.camera
+        };
+        let (width, height) = (f64::from(self.camera.width), f64::from(self.camera.height));
+        let is_whole = |zoom: f64| {
+            border(&self.camera).all(|pixel| {
+                let source = self.source(&zoomed(zoom), pixel);
+                let is_inside =
+                    (0.0..=width).contains(&source.x) && (0.0..=height).contains(&source.y);
+                is_inside
+                    && self
+                        .distortion
+                        .keeps_order(at_depth_one(&zoomed(zoom), pixel))
+            })
+        };
+        let (mut least, mut most) = (1.0 / LARGEST_ZOOM, LARGEST_ZOOM);
+        if !is_whole(most) {
+            return None;
+        }
+        for _ in 0..BISECTIONS {
+            let middle = 0.5 * (least + most);
+            if is_whole(middle) {
+                most = middle;
+            } else {
+                least = middle;
+            }
+        }
+        Some(zoomed(most))
+    }
+
+    /// Where a frame shows what is at a pixel of a straight camera.
+    pub fn source(&self, straight: &PinholeCamera, pixel: DVec2) -> DVec2 {
+        let place = at_depth_one(straight, pixel);
+        let seen = place + self.distortion.shift(place);
+        dvec2(
+            self.camera.fx * seen.x + self.camera.cx,
+            self.camera.fy * seen.y + self.camera.cy,
+        )
+    }
+
+    /// Where a straight camera shows what is at a pixel of a frame.
+    pub fn straightened(&self, straight: &PinholeCamera, pixel: DVec2) -> DVec2 {
+        let seen = at_depth_one(&self.camera, pixel);
+        let mut place = seen;
+        for _ in 0..INVERSIONS {
+            place = seen - self.distortion.shift(place);
+        }
+        dvec2(
+            straight.fx * place.x + straight.cx,
+            straight.fy * place.y + straight.cy,
+        )
+    }
+
+    /// The same lens before frames of another size.
+    #[must_use]
+    pub fn resized(&self, width: u32, height: u32) -> Self {
+        let (x, y) = (
+            f64::from(width) / f64::from(self.camera.width),
+            f64::from(height) / f64::from(self.camera.height),
+        );
+        Self {
+            camera: PinholeCamera {
+                width,
+                height,
+                fx: x * self.camera.fx,
+                fy: y * self.camera.fy,
+                cx: x * self.camera.cx,
+                cy: y * self.camera.cy,
+            },
+            ..*self
+        }
+    }
+
+    /// Prepares frames of a straight camera.
+    pub(crate) fn straightening(&self, straight: &PinholeCamera) -> Straightening {
+        let (width, height) = (straight.width as usize, straight.height as usize);
+        let place = |pixel: usize| {
+            let centre = dvec2((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
+            self.source(straight, centre).as_vec2().to_array()
+        };
+        Straightening {
+            width,
+            height,
+            places: (0..width * height).into_par_iter().map(place).collect(),
+        }
+    }
+}
+
+fn at_depth_one(camera: &PinholeCamera, pixel: DVec2) -> DVec2 {
+    dvec2(
+        (pixel.x - camera.cx) / camera.fx,
+        (pixel.y - camera.cy) / camera.fy,
+    )
+}
+
+/// Places along the border of a frame, a pixel apart.
+fn border(camera: &PinholeCamera) -> impl Iterator<Item = DVec2> {
+    let (width, height) = (camera.width, camera.height);
+    let (right, bottom) = (f64::from(width), f64::from(height));
+    let along = |pixels: u32| (0..=pixels).map(f64::from);
+    along(width)
+        .flat_map(move |x| [dvec2(x, 0.0), dvec2(x, bottom)])
+        .chain(along(height).flat_map(move |y| [dvec2(0.0, y), dvec2(right, y)]))
+}
+
+/// Where every pixel of a straight frame is in the one as it is.
+pub(crate) struct Straightening {
+    width: usize,
+    height: usize,
+    places: Vec<[f32; 2]>,
+}
+
+impl Straightening {
+    /// A frame without the distortion. Both have the size of the camera.
+    pub(crate) fn image(&self, frame: &RgbImage) -> RgbImage {
+        let mut straight = RgbImage::black(self.width, self.height);
+        let pixels = straight.data.as_chunks_mut::<3>().0;
+        for (pixel, &[x, y]) in pixels.iter_mut().zip(&self.places) {
+            *pixel = frame.sample(dvec2(x.into(), y.into()), Edges::Repeated);
+        }
+        straight
+    }
+
+    /// The same of a mask: the nearest of its pixels.
+    pub(crate) fn mask(&self, mask: &Mask) -> Mask {
+        let nearest = |&[x, y]: &[f32; 2]| {
+            let column = (x.max(0.0) as usize).min(mask.width - 1);
+            let row = (y.max(0.0) as usize).min(mask.height - 1);
+            mask.data[row * mask.width + column]
+        };
+        Mask {
+            width: self.width,
+            height: self.height,
+            data: self.places.iter().map(nearest).collect(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lens(radial: [f64; 2], tangential: [f64; 2]) -> Lens {
+        Lens {
+            camera: PinholeCamera {
+                width: 320,
+                height: 180,
+                fx: 260.0,
+                fy: 255.0,
+                cx: 158.0,
+                cy: 93.0,
+            },
+            distortion: Distortion { radial, tangential },
+        }
+    }
+
+    const LENSES: [([f64; 2], [f64; 2]); 4] = [
+        ([-0.12, 0.03], [0.0, 0.0]),
+        ([0.09, 0.0], [0.0, 0.0]),
+        ([-0.2, 0.05], [0.002, -0.003]),
+        ([0.0, 0.0], [0.0, 0.0]),
+    ];
+
+    #[test]
+    fn what_is_straightened_comes_back() {
+        for (radial, tangential) in LENSES {
+            let lens = lens(radial, tangential);
+            let straight = lens.straight().expect("a straight camera");
+            for pixel in border(&straight) {
+                let source = lens.source(&straight, pixel);
+                let back = lens.straightened(&straight, source);
+                assert!(back.distance(pixel) < 1e-6, "{pixel} {back}");
+                // Every pixel is one of the frame.
+                assert!(source.min_element() >= -1e-9 && source.x <= 320.0 && source.y <= 180.0);
+            }
+        }
+        assert!(lens([0.0; 2], [0.0; 2]).is_negligible());
+        assert!(!lens([-0.12, 0.03], [0.0; 2]).is_negligible());
+        // A lens that folds the image shows no whole one.
+        assert_eq!(lens([-40.0, 0.0], [0.0; 2]).straight(), None);
+    }
+
+    /// A barrel bends lines outwards and shows more than a straight image of the same focal length.
+    #[test]
+    fn a_barrel_is_zoomed_out_to_its_corners_alone() {
+        let barrel = lens([-0.12, 0.0], [0.0; 2]);
+        let straight = barrel.straight().expect("a straight camera");
+        assert!(straight.fx < barrel.camera.fx, "{straight:?}");
+        let nearest = border(&straight)
+            .map(|pixel| {
+                let [x, y] = barrel.source(&straight, pixel).to_array();
+                x.min(y).min(320.0 - x).min(180.0 - y)
+            })
+            .fold(f64::INFINITY, f64::min);
+        assert!((0.0..1e-6).contains(&nearest), "{nearest}");
+    }
+
+    #[test]
+    fn half_the_size_is_the_same_lens() {
+        let full = lens([-0.12, 0.03], [0.002, -0.003]);
+        let half = full.resized(160, 90);
+        let source = full.source(&full.camera, dvec2(300.0, 20.0));
+        let of_half = half.source(&half.camera, dvec2(150.0, 10.0));
+        assert!((0.5 * source).distance(of_half) < 1e-9);
+    }
+
+    #[test]
+    fn frames_and_masks_are_straightened_alike() {
+        let lens = lens([-0.3, 0.0], [0.0; 2]);
+        let straight = lens.straight().expect("a straight camera");
+        let straightening = lens.straightening(&straight);
+        // A disc about the principal point stays one, of another radius.
+        let is_inside = |pixel: usize| {
+            let centre = dvec2((pixel % 320) as f64 + 0.5, (pixel / 320) as f64 + 0.5);
+            centre.distance(dvec2(158.0, 93.0)) < 60.0
+        };
+        let mask = Mask {
+            width: 320,
+            height: 180,
+            data: (0..320 * 180)
+                .map(|at| u8::from(is_inside(at)) * 255)
+                .collect(),
+        };
+        let frame = RgbImage {
+            width: 320,
+            height: 180,
+            data: mask
+                .data
+                .iter()
+                .flat_map(|&value| [f32::from(value) / 255.0; 3])
+                .collect(),
+        };
+        let (mask, frame) = (straightening.mask(&mask), straightening.image(&frame));
+        let differing = mask
+            .data
+            .iter()
+            .zip(frame.data.as_chunks::<3>().0)
+            .filter(|(covered, colour)| (**covered > 0) != (colour[0] > 0.5))
+            .count();
+        assert!(differing < 120, "{differing}");
+        let area = mask.data.iter().filter(|&&value| value > 0).count();
+        let edge = lens.straightened(&straight, dvec2(218.0, 93.0)).x - 158.0;
+        let expected = std::f64::consts::PI * edge * edge;
+        assert!(
+            (area as f64 / expected - 1.0).abs() < 0.04,
+            "{area} {expected}"
+        );
+    }
+}

@@ -1,0 +1,51 @@
+//! `dense`: distances of what the pixels of a scene's frames show, by stereo, and the points they give.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::store::Record;
+
+/// `dense.json`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct DenseStereo {
+    /// Id of the scene.
+    pub scene: String,
+    /// Width and height of the distances' images, pixels: those of the frames or, in proportion, fewer.
+    pub image_size: [u32; 2],
+    /// The frames that were looked at, in order.
+    pub frames: Vec<DenseFrame>,
+    /// File of the points, beside this one.
+    pub points: String,
+    /// How many they are.
+    pub point_count: u64,
+    /// Edge of the cubes that hold one point each, world units.
+    pub spacing: f64,
+    /// What was not as it should be, in words.
+    pub warnings: Vec<String>,
+}
+
+impl Record for DenseStereo {
+    const SCHEMA: &'static str = "omnilife/dense/1";
+}
+
+/// The distances of a frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct DenseFrame {
+    /// Number of the frame in the scene.
+    pub frame: u32,
+    /// File of the distances along the rays, beside this one: `.npy` of f32 (rows, columns), world units;
+    /// 0 where they are not known.
+    pub distances: String,
+    /// File of the confidence, beside this one: 8-bit grey PNG, the share of the frames asked, eight at
+    /// most, whose own distances confirm this one, of 255; 0 where it is not known.
+    pub confidence: String,
+    /// Numbers of the frames that it was compared with.
+    pub compared_with: Vec<u32>,
+    /// Least and largest depth that was searched, world units along the viewing direction; no largest where
+    /// the search began at infinity.
+    pub searched: (f64, Option<f64>),
+    /// Depths that were tried.
+    pub hypotheses: u32,
+    /// Share of the pixels whose distance is known.
+    pub known_share: f64,
+}

@@ -1,0 +1,69 @@
+//! The points that reconstruction of a scene begins with: dense ones beside the split where stereo has made
+//! some (`omnilife curate dense`), else those that came with the poses.
+
+use std::path::{Path, PathBuf};
+
+use crate::{
+    layout::{DENSE_FILE, DENSE_FOLDER},
+    ownership,
+    records::{DenseStereo, Scene},
+    store::{self, StoreError},
+};
+
+/// Where the points of a scene are.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScenePoints {
+    /// The file.
+    pub file: PathBuf,
+    /// What it is called in records: relative to the scene, or to the split.
+    pub name: String,
+    /// The frames that stereo has looked at for them; none where they came with the poses.
+    pub dense_frames: Vec<u32>,
+}
+
+impl ScenePoints {
+    /// The points of a scene in `scene_folder` for a split in `split_folder`; `None` where there are none.
+    ///
+    /// # Errors
+    /// When the record of the dense points cannot be read, is that of another scene, or names a file
+    /// outside of its folder.
+    pub fn find(
+        scene: &Scene,
+        scene_folder: &Path,
+        split_folder: &Path,
+    ) -> Result<Option<Self>, StoreError> {
+        let folder = split_folder.join(DENSE_FOLDER);
+        let record = folder.join(DENSE_FILE);
+        if !record.is_file() {
+            return Ok(scene.points.as_ref().map(|file| Self {
+                file: scene_folder.join(file),
+                name: file.clone(),
+                dense_frames: Vec::new(),
+            }));
+        }
+        let dense: DenseStereo = store::read_record(&record)?;
+        if dense.scene != scene.id {
+            let reason = format!("has the points of {}, not of {}", dense.scene, scene.id);
+            return Err(StoreError::malformed(&record, reason));
+        }
+        Ok(Some(Self {
+            file: ownership::path_inside(&folder, &dense.points)?,
+            name: format!("{DENSE_FOLDER}/{}", dense.points),
+            dense_frames: dense.frames.iter().map(|frame| frame.frame).collect(),
+        }))
+    }
+
+    /// What a reader of scores should know where stereo has looked at frames that are held out.
+    pub fn held_out(&self, novel_frames: &[u32]) -> Option<String> {
+        let seen = novel_frames
+            .iter()
+            .filter(|frame| self.dense_frames.contains(frame))
+            .count();
+        (seen > 0).then(|| {
+            format!(
+                "the dense points were made with {seen} of the views that are held out: novel views have \
+                 seen them"
+            )
+        })
+    }
+}

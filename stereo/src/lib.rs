@@ -1,0 +1,25 @@
+//! Which hypothesis of distance fits each pixel of an image best, whatever a hypothesis is: a sphere about
+//! the camera (`omnilife-reconstruct`), a plane before it (`omnilife-curate`).
+//!
+//! ```text
+//! cost       how unlike an image and another one are that was brought onto its grid
+//! aggregate  semi-global smoothing of the costs of all hypotheses
+//! minimum    the best hypothesis, to a fraction of a step
+//! ```
+
+mod aggregate;
+mod cost;
+mod minimum;
+
+pub use aggregate::{PathSums, aggregated};
+pub use cost::{CostVolume, LARGEST_COST, Matcher, UNKNOWN_COST};
+pub use minimum::{BestHypothesis, best};
+
+/// What lies beyond the ends of an image's rows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RowEnds {
+    /// The row is a circle: beyond its end is its beginning.
+    Joined,
+    /// Nothing.
+    Open,
+}
