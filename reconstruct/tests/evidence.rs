@@ -14,9 +14,11 @@ mod novel_views;
 mod trained;
 
 use glam::{DVec2, DVec3, Vec3};
+use omnilife_engine::training_view::TrainingView;
 use omnilife_reconstruct::{
     evidence::pilot::PilotFit,
     request::{MethodRequest, PlanChoice},
+    scene::TrainingScene,
 };
 use omnilife_schemas::camera::CameraModel;
 use rand_pcg::Pcg64Mcg;
@@ -260,4 +262,90 @@ fn gloss_is_found_and_drawn() {
     assert!(!used && with > without + 0.3, "{with} {without}");
     let (used, reason, _) = trained(0.0, &[]);
     assert!(!used && reason.contains("limit 0.012"), "{reason}");
+}
+
+/// Nothing to go by is no reason for a component: such scenes are planned, trained, and say so.
+#[test]
+fn scenes_that_show_little_are_planned_without_a_fault() {
+    let change = |change: fn(&mut TrainingScene)| {
+        let mut scene = moving_ball::scene();
+        change(&mut scene);
+        scene
+    };
+    fn each_view(scene: &mut TrainingScene, change: impl Fn(&mut TrainingView)) {
+        let views = scene.input_views.iter_mut().chain(&mut scene.novel_views);
+        views.for_each(change);
+    }
+    let scenes = [
+        (
+            "black",
+            change(|scene| each_view(scene, |view| view.pixels.fill(0))),
+        ),
+        (
+            "dark",
+            change(|scene| {
+                each_view(scene, |view| {
+                    view.pixels.iter_mut().for_each(|value| *value /= 64);
+                });
+            }),
+        ),
+        (
+            "of one colour",
+            change(|scene| each_view(scene, |view| view.pixels.fill(128))),
+        ),
+        ("of one view", change(|scene| scene.input_views.truncate(1))),
+        (
+            "of cameras on a line",
+            change(|scene| {
+                let mut number = 0.0;
+                let all = scene.input_views.iter_mut().chain(&mut scene.novel_views);
+                all.for_each(|view| {
+                    view.view.centre = Vec3::X * (number * 0.01);
+                    number += 1.0;
+                });
+            }),
+        ),
+        (
+            "of cameras in one place",
+            change(|scene| each_view(scene, |view| view.view.centre = Vec3::ZERO)),
+        ),
+        (
+            "without points",
+            change(|scene| {
+                scene.points.positions.clear();
+                scene.points.colours.clear();
+            }),
+        ),
+    ];
+    for (name, scene) in scenes {
+        let outcome = train(&scene, "omni4dgs-plus", &request(6));
+        assert!(
+            outcome
+                .training
+                .state
+                .trace
+                .iter()
+                .all(|row| row.train_loss.is_finite()),
+            "{name}"
+        );
+        for part in &outcome.plan {
+            assert!(
+                !part.reason.is_empty()
+                    && !part.reason.contains("NaN")
+                    && !part.reason.contains("inf "),
+                "{name}: {part:?}"
+            );
+            // What says nothing gives no reason for what costs.
+            let costs = [
+                "exposure-compensation",
+                "pose-refinement",
+                "view-dependent-colour",
+            ];
+            let says_nothing = ["black", "of one colour", "of one view"].contains(&name);
+            assert!(
+                !(says_nothing && part.used && costs.contains(&part.component.as_str())),
+                "{name}: {part:?}"
+            );
+        }
+    }
 }

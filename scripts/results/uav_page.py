@@ -35,10 +35,28 @@ def spread(values, digits=2):
     return f"{np.mean(values):.{digits}f}" + (f" ± {half:.{digits}f}" if len(values) > 1 else "")
 
 
+def of_geometry(folder):
+    dense, poses = read(folder / "dense.json"), read(folder / "poses.json")
+    cpu = sum(float(part) for part in (folder / "dense-cpu.txt").read_text().split()[-2:])
+    percent = lambda key: f"{100 * dense[key]:.1f} %"
+    return [
+        "| Stereo | Frames | Known | Within 1 % | Known and wrong by 5 % | Points | CPU s |",
+        "|---" + "|---:" * 6 + "|",
+        f"| exact poses, 640x360 | {dense['frames']} | {percent('known')} | {percent('within_1_percent')} | "
+        f"{percent('wrong_of_known')} | {dense['points']} | {cpu:.0f} |",
+        "",
+        "| Structure from motion | Posed | Centres, m | Rotations, degrees | Focal length, of the width | Wall s |",
+        "|---" + "|---:" * 5 + "|",
+        f"| video alone, 1 frame a second | {poses['posed']} of {poses['frames']} | {poses['metres']:.3f} | "
+        f"{poses['degrees']:.3f} | {poses['focal']:.4f} (true {poses['true_focal']:.4f}) | "
+        f"{poses['wall_seconds']} |"]
+
+
 def of_tracks(folder):
     lines = ["| Detections | Frames a second | Recall | Precision | IDF1 | MOTA | Switches | Ground, m | "
              "Heading, degrees | Length, m |", "|---" * 2 + "|---:" * 8 + "|"]
     kinds = [("`motion`", "motion-1", 1), ("`motion`", "motion-2", 2),
+             ("`motion`, points by stereo", "stereo-1", 1),
              ("true boxes, 15 % missing", "boxes-1-*", 1), ("true boxes, 15 % missing", "boxes-2-*", 2)]
     for title, pattern, rate in kinds:
         found = [read(path) for path in sorted((folder / "tracks").glob(f"{pattern}.json"))]
@@ -179,7 +197,8 @@ def main():
                ("without `sky-shell`", "without-sky-shell"), ("without `object-graph` (is `odgs`)", "odgs")]
     text = [f"{iterations} iterations, images {road.width} wide, tracks from images 640 wide; "
             f"{hardware['threads']} threads of {hardware['processor']}, shared with other work. Where there are "
-            "several seeds, the mean and half of the range; PSNR in dB.", "", "### Tracks", "",
+            "several seeds, the mean and half of the range; PSNR in dB.", "", "### Geometry", "",
+            *of_geometry(folder), "", "### Tracks", "",
             *of_tracks(folder), "", "### Views", "", *of_runs(folder, main_runs), "", "### Components", "",
             *of_runs(folder, ablated), "", "### Removal", "", *of_removal(folder, road), "",
             *images(folder, scene, page)]

@@ -163,6 +163,38 @@ const CASES: &[Case] = &[
         ..PLAIN
     },
     Case {
+        id: "pinhole",
+        title: "through a pinhole of 100 degrees, most of it behind the camera",
+        action: "what is behind is left out",
+        setup: || Setup::straight(mild()).through(100.0, [0.0; 2]),
+        ..PLAIN
+    },
+    Case {
+        id: "pinhole-wide",
+        title: "through a pinhole of 170 degrees",
+        setup: || Setup::straight(mild()).through(170.0, [0.0; 2]),
+        ..PLAIN
+    },
+    Case {
+        id: "pinhole-off-axis",
+        title: "through a pinhole whose principal point is outside of the image",
+        setup: || Setup::straight(mild()).through(100.0, [30.0, 5.0]),
+        ..PLAIN
+    },
+    Case {
+        id: "pinhole-needle",
+        title: "needles a million times as long as thick through a pinhole",
+        setup: || needles(1e6).through(120.0, [0.0; 2]),
+        ..PLAIN
+    },
+    Case {
+        id: "pinhole-beside",
+        title: "in and beside the plane of a pinhole's centre",
+        action: "nearer than the nearest depth are left out",
+        setup: beside_the_pinhole,
+        ..PLAIN
+    },
+    Case {
         id: "many-tiles",
         title: "an image of 12 times 6 tiles",
         setup: many_tiles,
@@ -292,6 +324,16 @@ fn poles() -> Setup {
 fn many_tiles() -> Setup {
     let turn = DQuat::from_euler(glam::EulerRot::XYZ, 0.3, -1.1, 0.2);
     Setup::seen(mild(), turn, dvec3(0.05, -0.02, 0.04), 192)
+}
+
+fn beside_the_pinhole() -> Setup {
+    straight([
+        RawGaussian::new(dvec3(1.0, 0.2, 0.0), 2.0, [0.2, 0.1, 0.3], 0.6, 1),
+        RawGaussian::new(dvec3(1.0, 0.2, 1e-6), 2.0, [0.2, 0.1, 0.3], 0.6, 2),
+        RawGaussian::new(dvec3(-1.0, 0.1, -1e-6), 2.0, [0.2, 0.1, 0.3], 0.6, 3),
+        RawGaussian::new(dvec3(-0.2, 0.5, 0.05), 1.5, [0.1, 0.2, 0.1], 0.6, 4),
+    ])
+    .through(150.0, [0.0; 2])
 }
 
 fn seam() -> Setup {

@@ -8,6 +8,7 @@ use rand_pcg::Pcg64Mcg;
 use crate::error::ReconstructError;
 use crate::stability::{parameterizations::Parameterization, setup::Setup};
 use omnilife_engine::{
+    camera::View,
     device::Gpu,
     gaussians::ActivatedGaussians,
     parameters::ParameterTable,
@@ -49,6 +50,19 @@ pub struct RoundTrip {
     pub colour: Vec<f32>,
     /// Gradients of [`Device::weights`] times colour, by the raw parameters.
     pub table: ParameterTable,
+    /// Gaussians that were drawn.
+    pub drawn: usize,
+}
+
+/// Activated Gaussians, rendered, with their gradients.
+#[derive(Debug)]
+pub struct ActivatedRoundTrip {
+    /// HWC.
+    pub colour: Vec<f32>,
+    /// Plane after plane.
+    pub features: Vec<f32>,
+    /// Gradients of the weighted image by what the Gaussians are.
+    pub gradient: ActivatedGaussians,
     /// Gaussians that were drawn.
     pub drawn: usize,
 }
@@ -125,32 +139,51 @@ impl Device {
         mut table: ParameterTable,
         weights: &[f32],
     ) -> Result<RoundTrip, ReconstructError> {
-        let settings: RenderSettings = setup.exact.settings;
-        let upstream = RasterGradient {
-            colour: weights,
-            features: &[],
-        };
         let mut instant = ActivatedGaussians::default();
         (parameterization.activate)(&table, setup, &mut instant);
+        let settings = setup.exact.settings;
+        let made = self.round_trip_activated(&setup.view, settings, &instant, [weights, &[]])?;
+        (parameterization.activate_vjp)(&mut table, &instant, &made.gradient, setup);
+        Ok(RoundTrip {
+            colour: made.colour,
+            table,
+            drawn: made.drawn,
+        })
+    }
+
+    /// Renders activated Gaussians and takes the gradient of the image, weighted by colour and by feature
+    /// planes (empty where they do not count), back to them.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn round_trip_activated(
+        &self,
+        view: &View,
+        settings: RenderSettings,
+        gaussians: &ActivatedGaussians,
+        [colour, features]: [&[f32]; 2],
+    ) -> Result<ActivatedRoundTrip, ReconstructError> {
+        let upstream = RasterGradient { colour, features };
         let mut gradient = ActivatedGaussians::default();
-        let (colour, drawn) = match &self.gpu {
+        let (colour, features, drawn) = match &self.gpu {
             None => {
                 let mut renderer = Renderer::new(settings);
-                let colour = renderer.forward(&setup.view, &instant).colour.clone();
-                renderer.backward(&setup.view, &instant, &upstream, &mut gradient);
-                (colour, renderer.visible().count())
+                let raster = renderer.forward(view, gaussians);
+                let (colour, features) = (raster.colour.clone(), raster.features.clone());
+                renderer.backward(view, gaussians, &upstream, &mut gradient);
+                (colour, features, renderer.visible().count())
             }
             Some(gpu) => {
                 let mut renderer = GpuRenderer::new(gpu.clone(), settings);
-                let raster = renderer.forward(&setup.view, &instant)?;
+                let raster = renderer.forward(view, gaussians)?;
                 renderer.backward(&upstream, &mut gradient)?;
-                (raster.colour, renderer.visible()?.len())
+                (raster.colour, raster.features, renderer.visible()?.len())
             }
         };
-        (parameterization.activate_vjp)(&mut table, &instant, &gradient, setup);
-        Ok(RoundTrip {
+        Ok(ActivatedRoundTrip {
             colour,
-            table,
+            features,
+            gradient,
             drawn,
         })
     }

@@ -1,7 +1,8 @@
 //! Stiff and extreme cases on every backend and parameterization, judged by the f64 reference.
 //!
 //! * [`setup`]: what a case consists of;
-//! * [`cases`]: the catalogue, and `in_time` what of it is about time; [`special`]: what renders
+//! * [`cases`]: the catalogue, `in_time` what of it is about time, and `channels` what of it is about
+//!   harmonics and features; [`special`]: what renders
 //!   nothing, `clips`, on which methods are trained, `depth`, which is lifted and fused, `atlas`,
 //!   what atlases are made of, and `objects`, what moves along paths;
 //! * [`sweeps`]: families of cases whose condition number grows;
@@ -12,6 +13,7 @@
 
 mod atlas;
 pub mod cases;
+pub mod channels;
 mod clips;
 mod depth;
 pub mod devices;
@@ -79,7 +81,7 @@ pub fn run(
 }
 
 fn steps_of_a_device() -> usize {
-    cases::all().count() + special::all().count() + SWEEPS.len()
+    cases::all().count() + channels::CASES.len() + special::all().count() + SWEEPS.len()
 }
 
 fn on_device(
@@ -110,6 +112,10 @@ fn on_device(
                 report.rows.push(row(case, parameterization, &mut device)?);
             }
         }
+        progress.advance(1);
+    }
+    for case in channels::CASES {
+        report.rows.push(case.row(&device)?);
         progress.advance(1);
     }
     for case in special::all() {

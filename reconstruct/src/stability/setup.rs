@@ -1,7 +1,10 @@
 //! What a case consists of: raw Gaussians and a view, in f64.
 
 use glam::{DMat3, DQuat, DVec3, dvec3};
-use omnilife_schemas::{Pose, Similarity, camera::ErpCamera};
+use omnilife_schemas::{
+    Pose, Similarity,
+    camera::{ErpCamera, PinholeCamera},
+};
 
 use omnilife_engine::{
     camera::{Camera, View},
@@ -169,6 +172,20 @@ impl Setup {
             view,
             timing: Timing::MILD,
         }
+    }
+
+    /// Through a pinhole of 48x32 pixels with this horizontal field of view, degrees, and its principal point
+    /// off the middle by some pixels.
+    pub fn through(mut self, degrees: f64, [off_x, off_y]: [f64; 2]) -> Self {
+        let camera = PinholeCamera::with_horizontal_field_of_view(48, 32, degrees.to_radians());
+        let camera = Camera::Pinhole(PinholeCamera {
+            cx: camera.cx + off_x,
+            cy: camera.cy + off_y,
+            ..camera
+        });
+        self.exact.camera = camera;
+        self.view.camera = camera;
+        self
     }
 
     /// With another definition of the falloff.
