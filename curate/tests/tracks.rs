@@ -165,7 +165,7 @@ fn boxes_become_paths_and_what_stands_is_static() {
 fn what_is_wrong_with_boxes_is_said_in_one_line() {
     let temp = tempfile::tempdir().unwrap();
     let folder = temp.path().join("scene");
-    let scene = write_scene(&folder);
+    write_scene(&folder);
     let refusal = |boxes: &str| {
         let error = make_tracks(&request(temp.path(), boxes), &Silent).unwrap_err();
         assert_eq!(error.error_kind(), ErrorKind::User);

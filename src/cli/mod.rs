@@ -58,7 +58,7 @@ pub(crate) enum Command {
     /// The main job: from raw 360-degree videos to a scored table.
     // The last of repeated options counts: scripts put their defaults first.
     #[command(args_override_self = true)]
-    Run(RunArguments),
+    Run(Box<RunArguments>),
     /// Raw video to verified, cut and posed sequences.
     Curate(CurateArguments),
     /// A posed scene to Gaussians and rendered views.

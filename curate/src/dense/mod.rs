@@ -227,7 +227,15 @@ fn stage(
             known_share: known as f64 / (width * height) as f64,
         });
     }
-    let cubes = fused(measured);
+    let fine = fused(measured);
+    let fine_edge = fine.edge();
+    let cubes = fine.joined(MOST_POINTS);
+    if cubes.edge() > fine_edge {
+        warnings.push(format!(
+            "points of cubes of {fine_edge:.3} units were more than {MOST_POINTS}; they are of cubes of {:.3}",
+            cubes.edge()
+        ));
+    }
     let cloud = cubes.cloud();
     cloud.write_ply(&staging.begin(POINTS_FILE)?)?;
     let alone = frames.iter().filter(|frame| frame.compared_with.is_empty());
@@ -265,12 +273,12 @@ fn fused(measured: &[Measured]) -> Cubes {
     let mut cubes = Cubes::new(2.0 * statistics::median(&pixels).unwrap_or(1.0));
     for view in measured {
         let colours = view.colours.as_chunks::<3>().0;
-        for pixel in 0..view.confidence.len() {
-            if view.confidence[pixel] > 0.0 {
-                let colour = colours[pixel].map(|value| f32::from(value) / 255.0);
+        for (pixel, (&confidence, colour)) in view.confidence.iter().zip(colours).enumerate() {
+            if confidence > 0.0 {
+                let colour = colour.map(|value| f32::from(value) / 255.0);
                 cubes.add(view.map.point(pixel), colour);
             }
         }
     }
-    cubes.joined(MOST_POINTS)
+    cubes
 }
