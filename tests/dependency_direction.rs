@@ -1,6 +1,6 @@
-//! The direction of dependencies: `schemas` <- {`networks`, `engine`} <- {`curate`, `reconstruct`, `bench`,
-//! `leaderboard`, `sweep`} <- {the binary, `python`}, without sideways edges; `networks` is for those that run networks,
-//! `engine` for `reconstruct`.
+//! The direction of dependencies: {`schemas`, `stereo`} <- {`networks`, `engine`} <- {`curate`, `reconstruct`,
+//! `bench`, `leaderboard`, `sweep`} <- {the binary, `python`}, without sideways edges; `networks` is for those
+//! that run networks, `engine` for `reconstruct`, `stereo` for those that match images.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
 use std::{
@@ -12,6 +12,7 @@ use serde_json::Value;
 
 const SCHEMAS: &str = "omnilife-schemas";
 const NETWORKS: &str = "omnilife-networks";
+const STEREO: &str = "omnilife-stereo";
 const ENGINE: &str = "omnilife-engine";
 const BINARY: &str = "omnilife";
 const PYTHON: &str = "omnilife-python";
@@ -62,15 +63,17 @@ fn ours(dependencies: &BTreeSet<String>) -> BTreeSet<&str> {
 #[test]
 fn every_member_has_its_place() {
     let mut known = BTreeSet::from(CRATES);
-    known.extend([SCHEMAS, NETWORKS, ENGINE, BINARY, PYTHON]);
+    known.extend([SCHEMAS, NETWORKS, STEREO, ENGINE, BINARY, PYTHON]);
     let dependencies = dependencies();
     let members: BTreeSet<_> = dependencies.keys().map(String::as_str).collect();
     assert_eq!(members, known, "a new crate needs its edges in this test");
 }
 
 #[test]
-fn schemas_depends_on_no_sibling() {
-    assert_eq!(ours(&dependencies()[SCHEMAS]), BTreeSet::new());
+fn what_all_share_depends_on_no_sibling() {
+    for name in [SCHEMAS, STEREO] {
+        assert_eq!(ours(&dependencies()[name]), BTreeSet::new(), "{name}");
+    }
 }
 
 #[test]
@@ -85,8 +88,9 @@ fn crates_depend_on_what_they_share_alone() {
     }
     for name in CRATES {
         let expected = match name {
-            "omnilife-curate" | "omnilife-bench" => BTreeSet::from([SCHEMAS, NETWORKS]),
-            "omnilife-reconstruct" => BTreeSet::from([SCHEMAS, ENGINE]),
+            "omnilife-curate" => BTreeSet::from([SCHEMAS, NETWORKS, STEREO]),
+            "omnilife-bench" => BTreeSet::from([SCHEMAS, NETWORKS]),
+            "omnilife-reconstruct" => BTreeSet::from([SCHEMAS, ENGINE, STEREO]),
             _ => BTreeSet::from([SCHEMAS]),
         };
         assert_eq!(ours(&dependencies[name]), expected, "{name}");

@@ -9,10 +9,7 @@ use omnilife_schemas::{
 
 use crate::{
     error::ReconstructError,
-    stability::{
-        Limits, NO_PARAMETERIZATION,
-        devices::{ActivatedRoundTrip, Device},
-    },
+    stability::{Limits, NO_PARAMETERIZATION, devices::Device},
 };
 use omnilife_engine::{
     camera::Camera,
@@ -282,7 +279,7 @@ fn measure(
     let by_reference = reference::gradients(view, gaussians, |image| {
         dot(&image.colour, by_colour) + dot(&image.features, by_features)
     });
-    let found = rows(&activated, &made);
+    let found = gradient_rows(&activated, &made.gradient);
     let is_finite = made
         .colour
         .iter()
@@ -300,10 +297,12 @@ fn measure(
     })
 }
 
-/// Gradients of a device in the order of [`Gaussian::parameters`]. The reference normalizes quaternions, so
-/// only what is orthogonal to them counts.
-fn rows(gaussians: &ActivatedGaussians, made: &ActivatedRoundTrip) -> Vec<Vec<f64>> {
-    let gradient = &made.gradient;
+/// Gradients of the kernels in the order of [`Gaussian::parameters`], one row per Gaussian. The reference
+/// normalizes quaternions, so only what is orthogonal to them counts.
+pub fn gradient_rows(
+    gaussians: &ActivatedGaussians,
+    gradient: &ActivatedGaussians,
+) -> Vec<Vec<f64>> {
     let rest = gaussians.sh_rest.len() / gaussians.len();
     let features = gaussians.feature_count;
     (0..gaussians.len())

@@ -19,6 +19,7 @@ use omnilife_engine::{
         settings::{Footprint, RenderSettings},
     },
 };
+use omnilife_reconstruct::stability::channels::gradient_rows;
 use omnilife_schemas::camera::{ErpCamera, PinholeCamera};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -101,32 +102,6 @@ fn images_are_those_of_the_reference() {
     }
 }
 
-/// Gradients of the kernels in the order of [`Gaussian::parameters`], one row per Gaussian.
-fn kernel_gradients(
-    gaussians: &ActivatedGaussians,
-    gradient: &ActivatedGaussians,
-) -> Vec<Vec<f64>> {
-    let rest = gaussians.sh_rest.len() / gaussians.len();
-    let features = gaussians.feature_count;
-    (0..gaussians.len())
-        .map(|index| {
-            // The reference normalizes quaternions, so only what is orthogonal to them counts.
-            let (unit, by_unit) = (gaussians.rotations[index], gradient.rotations[index]);
-            let along: f32 = unit.iter().zip(by_unit).map(|(q, g)| q * g).sum();
-            let rotation = [0, 1, 2, 3].map(|axis| by_unit[axis] - unit[axis] * along);
-            let mut row = Vec::new();
-            row.extend(gradient.positions[index]);
-            row.extend(gradient.scales[index]);
-            row.extend(rotation);
-            row.push(gradient.opacities[index]);
-            row.extend(gradient.sh_constant[index]);
-            row.extend(gradient.sh_rest[index * rest..(index + 1) * rest].as_flattened());
-            row.extend(&gradient.features[index * features..(index + 1) * features]);
-            row.into_iter().map(f64::from).collect()
-        })
-        .collect()
-}
-
 fn check_gradients(view: &RefView, gaussians: &[Gaussian], random: &mut Pcg64Mcg) {
     let pixels = view.camera.width() as usize * view.camera.height() as usize;
     let features = gaussians[0].features.len();
@@ -153,7 +128,7 @@ fn check_gradients(view: &RefView, gaussians: &[Gaussian], random: &mut Pcg64Mcg
     };
     let mut gradient = ActivatedGaussians::default();
     renderer.backward(&view.view(), &instant, &upstream, &mut gradient);
-    let values = kernel_gradients(&instant, &gradient);
+    let values = gradient_rows(&instant, &gradient);
 
     let mut begin = 0;
     for (name, width) in parameter_arrays(&gaussians[0]) {
