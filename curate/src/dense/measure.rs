@@ -155,79 +155,19 @@ impl Stereo<'_> {
         chosen: Vec<(Neighbours, [f64; 2])>,
         progress: &dyn Progress,
     ) -> Result<Vec<Measured>, CurateError> {
-        let [width, height] = sized.pixels;
-        let images = self
-            .views
-            .par_iter()
-            .map(|view| {
-                let file = self
-                    .folder
-                    .join(&self.scene.frames[view.frame as usize].image);
-                let image = RgbImage::read(&file)?;
-                let size = [image.width, image.height];
-                if size != self.scene.camera.size() {
-                    let [columns, rows] = size;
-                    let reason =
-                        format!("is {columns}x{rows} pixels, the scene's camera has another size");
-                    return Err(CurateError::input(&file, reason));
-                }
-                Ok(image.resized_by_area(width, height).to_rgb8())
-            })
-            .collect::<Result<Vec<Vec<u8>>, CurateError>>()?;
+        let images = self.read_images(sized)?;
         progress.begin("dense stereo", Some(chosen.len() as u64));
         let mut measured: Vec<Measured> = Vec::with_capacity(chosen.len());
         for (index, (neighbours, inverse_depths)) in chosen.into_iter().enumerate() {
-            let loaded: Vec<GreyImage> = std::iter::once(&index)
-                .chain(&neighbours.compared)
-                .map(|&number| GreyImage::of_rgb8(width, height, &images[number]))
-                .collect();
-            let swept = |(number, image)| {
-                let view: &PosedView = &self.views[number];
-                SweptView {
-                    camera: sized.camera,
-                    to_world: view.to_world,
-                    centre: view.centre,
-                    image,
-                }
-            };
-            let rest: Vec<SweptView<'_>> = neighbours
-                .compared
-                .iter()
-                .copied()
-                .zip(&loaded[1..])
-                .map(swept)
-                .collect();
-            let this = swept((index, &loaded[0]));
-            let (depths, hypotheses) = if rest.is_empty() {
-                (vec![f32::INFINITY; width * height], 0)
-            } else {
-                let hypotheses = Hypotheses::new(inverse_depths, &this, &rest);
-                (sweep::depths(&this, &rest, &hypotheses), hypotheses.count)
-            };
-            measured.push(Measured {
-                map: DepthMap {
-                    camera: sized.camera,
-                    view: self.views[index],
-                    depths,
-                },
-                confidence: Vec::new(),
-                colours: images[index].clone(),
-                compared_with: neighbours.compared,
-                witnesses: neighbours.witnesses,
-                inverse_depths,
-                hypotheses,
-            });
+            measured.push(self.swept(index, neighbours, inverse_depths, &images, sized));
             progress.advance(1);
         }
         progress.end();
         let confidences: Vec<Vec<f32>> = measured
             .iter()
             .map(|view| {
-                let others: Vec<&DepthMap> = view
-                    .witnesses
-                    .iter()
-                    .map(|&other| &measured[other].map)
-                    .collect();
+                let witnesses = view.witnesses.iter();
+                let others: Vec<&DepthMap> = witnesses.map(|&one| &measured[one].map).collect();
                 self.unmasked(view, confirmed(&view.map, &others), sized)
             })
             .collect::<Result<_, _>>()?;
@@ -235,6 +175,74 @@ impl Stereo<'_> {
             view.confidence = confidence;
         }
         Ok(measured)
+    }
+
+    /// The images of all views at the size of the search, 8-bit RGB.
+    fn read_images(&self, sized: &Sized) -> Result<Vec<Vec<u8>>, CurateError> {
+        let [width, height] = sized.pixels;
+        let read = |view: &PosedView| {
+            let entry = &self.scene.frames[view.frame as usize];
+            let file = self.folder.join(&entry.image);
+            let image = RgbImage::read(&file)?;
+            if [image.width, image.height] != self.scene.camera.size() {
+                let reason = format!(
+                    "is {}x{} pixels, the scene's camera has another size",
+                    image.width, image.height
+                );
+                return Err(CurateError::input(&file, reason));
+            }
+            Ok(image.resized_by_area(width, height).to_rgb8())
+        };
+        self.views.par_iter().map(read).collect()
+    }
+
+    /// The depths of one view, which no other has confirmed yet.
+    fn swept(
+        &self,
+        index: usize,
+        neighbours: Neighbours,
+        inverse_depths: [f64; 2],
+        images: &[Vec<u8>],
+        sized: &Sized,
+    ) -> Measured {
+        let [width, height] = sized.pixels;
+        let numbers: Vec<usize> = std::iter::once(index)
+            .chain(neighbours.compared.iter().copied())
+            .collect();
+        let grey: Vec<GreyImage> = numbers
+            .iter()
+            .map(|&number| GreyImage::of_rgb8(width, height, &images[number]))
+            .collect();
+        let views: Vec<SweptView<'_>> = numbers
+            .iter()
+            .zip(&grey)
+            .map(|(&number, image)| SweptView {
+                camera: sized.camera,
+                to_world: self.views[number].to_world,
+                centre: self.views[number].centre,
+                image,
+            })
+            .collect();
+        let (this, others) = (&views[0], &views[1..]);
+        let (depths, hypotheses) = if others.is_empty() {
+            (vec![f32::INFINITY; width * height], 0)
+        } else {
+            let hypotheses = Hypotheses::new(inverse_depths, this, others);
+            (sweep::depths(this, others, &hypotheses), hypotheses.count)
+        };
+        Measured {
+            map: DepthMap {
+                camera: sized.camera,
+                view: self.views[index],
+                depths,
+            },
+            confidence: Vec::new(),
+            colours: images[index].clone(),
+            compared_with: neighbours.compared,
+            witnesses: neighbours.witnesses,
+            inverse_depths,
+            hypotheses,
+        }
     }
 
     /// Nothing is known of what a mask covers.
