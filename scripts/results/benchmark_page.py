@@ -78,17 +78,22 @@ def table(runs, methods):
 
 
 def summary(runs, methods):
-    """Means over scenes, every scene with the same weight, first seed."""
-    groups = [("all six", SCENES), ("the two unseen", UNSEEN)]
+    """Means over the scenes that all of the methods have finished, every scene with the same weight, first
+    seed."""
+    first = {(run.method, run.scene) for run in runs if run.seed == 0}
+    complete = [scene for scene in SCENES if all((method, scene) in first for method in methods
+                                                 if any(run.method == method for run in runs))]
+    groups = [("all six" if complete == SCENES else f"{len(complete)} scenes", complete)]
+    if set(UNSEEN) <= set(complete):
+        groups.append(("the two unseen", UNSEEN))
     headings = [f"{heading}, {group}" for group, _ in groups for heading in ("PSNR", "SSIM", "LPIPS-VGG", "CPU s")]
     lines = ["| Method | " + " | ".join(headings) + " |", "|---" + "|---:" * len(headings) + "|"]
     for method in methods:
+        if not any(run.method == method for run in runs):
+            continue
         cells = []
         for _, scenes in groups:
             found = [run for run in runs if run.method == method and run.scene in scenes and run.seed == 0]
-            if {run.scene for run in found} != set(scenes):
-                cells += ["-"] * 4
-                continue
             for metric, digits in (("psnr", 2), ("ssim", 4), ("lpips-vgg", 4)):
                 cells.append(f"{mean([run.score('novel_views', metric) for run in found]):.{digits}f}")
             cells.append(cell([mean([run.cpu_seconds() for run in found])], 0))
