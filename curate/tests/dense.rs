@@ -326,6 +326,13 @@ fn input_views_alone_are_looked_at() {
     );
     let told = points.held_out(&[3, 4]).unwrap();
     assert!(told.contains("1 of the views that are held out"), "{told}");
+    // Posed once more in another world: refused.
+    let mut moved = scene.clone();
+    moved.frames[5].pose = Some(Pose::new(DQuat::IDENTITY, DVec3::X));
+    let message = ScenePoints::find(&moved, temp.path(), &temp.path().join("alternate"))
+        .unwrap_err()
+        .to_string();
+    assert!(message.contains("other poses"), "{message}");
     // Of another scene: refused.
     let other = Scene {
         id: "other".to_owned(),

@@ -25,8 +25,8 @@ impl ScenePoints {
     /// The points of a scene in `scene_folder` for a split in `split_folder`; `None` where there are none.
     ///
     /// # Errors
-    /// When the record of the dense points cannot be read, is that of another scene, or names a file
-    /// outside of its folder.
+    /// When the record of the dense points cannot be read, is that of another scene or of other poses, or
+    /// names a file outside of its folder.
     pub fn find(
         scene: &Scene,
         scene_folder: &Path,
@@ -44,6 +44,11 @@ impl ScenePoints {
         let dense: DenseStereo = store::read_record(&record)?;
         if dense.scene != scene.id {
             let reason = format!("has the points of {}, not of {}", dense.scene, scene.id);
+            return Err(StoreError::malformed(&record, reason));
+        }
+        if dense.geometry_sha256 != scene.geometry_sha256() {
+            let reason = "was measured with other poses than the scene has now: make it again (omnilife \
+                          curate dense), or remove its folder";
             return Err(StoreError::malformed(&record, reason));
         }
         Ok(Some(Self {

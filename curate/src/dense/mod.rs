@@ -248,6 +248,7 @@ fn stage(
     }
     Ok(DenseStereo {
         scene: stereo.scene.id.clone(),
+        geometry_sha256: stereo.scene.geometry_sha256(),
         image_size: [width as u32, height as u32],
         frames,
         points: POINTS_FILE.to_owned(),

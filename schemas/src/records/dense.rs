@@ -10,6 +10,9 @@ use crate::store::Record;
 pub struct DenseStereo {
     /// Id of the scene.
     pub scene: String,
+    /// Camera and poses that they were measured with ([`super::Scene::geometry_sha256`]): points are in
+    /// the world of those alone.
+    pub geometry_sha256: String,
     /// Width and height of the distances' images, pixels: those of the frames or, in proportion, fewer.
     pub image_size: [u32; 2],
     /// The frames that were looked at, in order.

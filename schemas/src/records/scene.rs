@@ -5,7 +5,11 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::{camera::Camera, pose::Pose, store::Record};
+use crate::{
+    camera::Camera,
+    pose::Pose,
+    store::{self, Record},
+};
 
 /// `scene.json`. All files are relative to its folder.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -24,6 +28,15 @@ pub struct Scene {
     pub pose_source: PoseSource,
     /// Whether the poses can be trusted.
     pub validation: PoseValidation,
+}
+
+impl Scene {
+    /// SHA-256 of its camera and poses. What was measured in its world is worth nothing with others.
+    pub fn geometry_sha256(&self) -> String {
+        let poses: Vec<_> = self.frames.iter().map(|frame| &frame.pose).collect();
+        let text = serde_json::json!([self.camera, poses]).to_string();
+        store::sha256_bytes(text.as_bytes())
+    }
 }
 
 impl Record for Scene {
