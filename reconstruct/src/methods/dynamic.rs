@@ -9,11 +9,9 @@ use crate::{
     components::{Decision, Draft, draft::Seeding},
     error::ReconstructError,
     methods::PreparedGaussians,
-    request::BackendChoice,
     scene::TrainingScene,
     seeds::{masks::SeedVelocity, points},
 };
-use omnilife_engine::EngineError;
 use omnilife_engine::{
     clock::Clock,
     gaussians::{
@@ -156,21 +154,6 @@ impl Beginning {
             Part::new(dynamics.parameterization(), moving),
         ])
     }
-}
-
-/// Refuses what the CPU's dynamic steps cannot do, before anything is made.
-pub(super) fn check(
-    method: &str,
-    scene: &TrainingScene,
-    backend: BackendChoice,
-) -> Result<Clock, ReconstructError> {
-    if backend != BackendChoice::Cpu {
-        return Err(EngineError::Backend {
-            reason: format!("{method}: this method runs on the cpu backend"),
-        }
-        .into());
-    }
-    scene.clock()
 }
 
 /// Decides on time by the evidence of motion.

@@ -73,9 +73,9 @@ const LEAST_LIFESPAN_FRAMES: f32 = 2.0;
 fn prepare(
     scene: &TrainingScene,
     request: &MethodRequest,
-    backend: BackendChoice,
+    _: BackendChoice,
 ) -> Result<PreparedGaussians, ReconstructError> {
-    let clock = dynamic::check(METHOD.id, scene, backend)?;
+    let clock = scene.clock()?;
     let supported = METHOD.supported();
     let mut draft = Draft::new(scene, request, supported, MotionEvidenceUse::Decides)?;
     dynamic::add_learning_rates(&mut draft.settings, crate::baseline::scene_extent(scene));

@@ -103,9 +103,9 @@ const VELOCITY_WEIGHT: f32 = 0.01;
 fn prepare(
     scene: &TrainingScene,
     request: &MethodRequest,
-    backend: BackendChoice,
+    _: BackendChoice,
 ) -> Result<PreparedGaussians, ReconstructError> {
-    let clock = dynamic::check(METHOD.id, scene, backend)?;
+    let clock = scene.clock()?;
     let supported = METHOD.supported();
     let mut draft = Draft::new(scene, request, supported, MotionEvidenceUse::Decides)?;
     let extent = crate::baseline::scene_extent(scene);

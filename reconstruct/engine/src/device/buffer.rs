@@ -6,8 +6,8 @@ use bytemuck::Pod;
 
 use crate::device::{device::Gpu, error::GpuError};
 
-/// `len` values of `T` in a storage buffer. New values are zero.
-#[derive(Debug)]
+/// `len` values of `T` in a storage buffer. New values are zero; a clone is the same buffer.
+#[derive(Debug, Clone)]
 pub(crate) struct DeviceBuffer<T> {
     pub(crate) raw: wgpu::Buffer,
     label: &'static str,

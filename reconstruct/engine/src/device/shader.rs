@@ -61,11 +61,11 @@ mod tests {
     use crate::{
         device::scan,
         fields::mlp,
-        gaussians::{activated_buffers, deformable, static_gaussians},
-        losses::photometric,
+        gaussians::{activated_buffers, deformable, static_gaussians, temporal},
+        losses::{maps, motion, photometric},
         parameters::adam,
         render::{bin, buffers, project, raster, sort},
-        step::device_model,
+        step::gpu::kernels,
     };
 
     fn shaders() -> Vec<Shader> {
@@ -83,6 +83,10 @@ mod tests {
             photometric::gpu::shader(),
             adam::gpu::shader(),
             static_gaussians::gpu::shader(),
+            temporal::gpu::shader(),
+            temporal::gpu::dynamic_shader(),
+            maps::gpu::shader(),
+            motion::gpu::shader(),
             deformable::gpu::shader(),
             mlp::gpu::shader(),
             mlp::product_gpu::shader(),
@@ -92,7 +96,8 @@ mod tests {
                 project::gpu::shader(shape),
                 bin::gpu::shader(shape),
                 raster::gpu::shader(shape),
-                device_model::shader(shape),
+                kernels::shader(shape),
+                project::by_camera::gpu::shader(shape),
             ]);
         }
         shaders
@@ -163,7 +168,11 @@ mod tests {
             compare::<photometric::gpu::LossSettings>(&modules, "LossSettings"),
             compare::<adam::gpu::AdamStep>(&modules, "AdamStep"),
             compare::<static_gaussians::gpu::StaticArrays>(&modules, "StaticArrays"),
-            compare::<device_model::StepView>(&modules, "StepView"),
+            compare::<kernels::StepView>(&modules, "StepView"),
+            compare::<temporal::gpu::TemporalView>(&modules, "TemporalView"),
+            compare::<maps::gpu::MapLosses>(&modules, "MapLosses"),
+            compare::<motion::gpu::MotionLoss>(&modules, "MotionLoss"),
+            compare::<project::by_camera::gpu::DevicePoseGradient>(&modules, "PoseGradient"),
             compare::<deformable::gpu::Canonical>(&modules, "Canonical"),
             compare::<mlp::gpu::SharedInputs>(&modules, "SharedInputs"),
             compare::<mlp::gpu::RowSums>(&modules, "RowSums"),

@@ -63,9 +63,9 @@ pub struct Observer {
 }
 
 /// Directions to points nearer than this are not defined; they count as being on the equator.
-const LEAST_DISTANCE: f32 = 1e-6;
+pub(crate) const LEAST_DISTANCE: f32 = 1e-6;
 /// Least cosine of the latitude: a weight of 0 would never let go of its velocity.
-const LEAST_COSINE: f32 = 1e-3;
+pub(crate) const LEAST_COSINE: f32 = 1e-3;
 /// A velocity with less weight than this gets no gradient: Adam would make full steps of its rounding.
 pub const LEAST_WEIGHT: f32 = 1e-3;
 

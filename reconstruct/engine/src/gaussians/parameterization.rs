@@ -150,17 +150,28 @@ pub struct DeviceTwin<'a>(pub(crate) DeviceKind<'a>);
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum DeviceKind<'a> {
     Static,
+    Temporal(&'a TemporalGaussians),
     Deformable(&'a Deformable),
+}
+
+/// Which of all activated Gaussians are those of a table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct DeviceEntries {
+    /// The first one's number.
+    pub(crate) first: usize,
+    /// How many.
+    pub(crate) len: usize,
 }
 
 /// A parameterization on a GPU. One implementation each, in its folder beside the WGSL.
 pub(crate) trait DeviceParameterization: fmt::Debug {
-    /// Fills `buffers.gaussians` and `buffers.harmonics`.
+    /// Fills these entries of `buffers.gaussians`, `buffers.harmonics` and `buffers.features`.
     fn activate(
         &self,
         gpu: &Gpu,
         program: &mut Program,
         table: &TableBuffers,
+        entries: DeviceEntries,
         buffers: &ActivatedBuffers,
     ) -> Result<(), GpuError>;
 
@@ -170,6 +181,7 @@ pub(crate) trait DeviceParameterization: fmt::Debug {
         gpu: &Gpu,
         program: &mut Program,
         table: &TableBuffers,
+        entries: DeviceEntries,
         buffers: &ActivatedBuffers,
     ) -> Result<(), GpuError>;
 }

@@ -6,6 +6,7 @@
 //! of static Gaussians.
 
 mod columns;
+pub(crate) mod gpu;
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -359,7 +360,7 @@ impl TimeModel {
 }
 
 impl LifespanRange {
-    fn logarithms(&self) -> (f32, f32) {
+    pub(crate) fn logarithms(&self) -> (f32, f32) {
         (self.least_frames.ln(), self.largest_frames.ln())
     }
 }

@@ -5,7 +5,7 @@ use glam::Vec3;
 use super::{
     ActivatedGaussians,
     omni4dgs::{DirectionOrigin, Observer},
-    parameterization::{Parameterization, Viewpoint},
+    parameterization::{DeviceKind, DeviceTwin, Parameterization, Viewpoint},
     periodic::FrameTime,
     temporal::{TemporalFeatures, TimeModel, VelocityModel, ViewContext},
 };
@@ -102,6 +102,10 @@ impl Parameterization for TemporalGaussians {
 
     fn temporal(&self) -> Option<&TemporalGaussians> {
         Some(self)
+    }
+
+    fn device_twin(&self) -> Option<DeviceTwin<'_>> {
+        Some(DeviceTwin(DeviceKind::Temporal(self)))
     }
 
     fn boxed(&self) -> Box<dyn Parameterization> {

@@ -5,6 +5,8 @@
 //! accumulated opacity `A = 1 - T` (eps 1e-5), `A` counts as a constant: a gradient through it would
 //! pay for more opacity, not for less velocity.
 
+pub(crate) mod gpu;
+
 /// Added to the accumulated opacity before maps are divided by it (PVG).
 const OPACITY_EPSILON: f32 = 1e-5;
 

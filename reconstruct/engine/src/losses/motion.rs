@@ -9,6 +9,8 @@
 //! nothing; a mean of rates does not depend on the number of Gaussians or on the frame rate. `c` is
 //! the same at both moments.
 
+pub(crate) mod gpu;
+
 use glam::Vec3;
 use rayon::prelude::*;
 

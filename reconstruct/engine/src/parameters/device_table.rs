@@ -42,6 +42,7 @@ impl TableBuffers {
         let mut first = 0;
         for array in arrays {
             buffers.values.write(gpu, first, &array.values);
+            // None of a frozen array, whose steps have no size.
             buffers
                 .first_moments
                 .write(gpu, first, &array.first_moments);
@@ -58,7 +59,8 @@ impl TableBuffers {
         if array == 0 { 0 } else { self.ends[array - 1] }
     }
 
-    /// Copies values, gradients and moments back into arrays of the same sizes.
+    /// Copies values, gradients and moments back into arrays of the same sizes; of those that are frozen,
+    /// nothing.
     pub(crate) fn read(&self, gpu: &Gpu, arrays: &mut [ParameterArray]) -> Result<(), GpuError> {
         type Column = fn(&mut ParameterArray) -> &mut Vec<f32>;
         let columns: [(&DeviceBuffer<f32>, Column); 4] = [
@@ -71,10 +73,11 @@ impl TableBuffers {
             let all = buffer.read(gpu)?;
             let mut rest = all.as_slice();
             for array in &mut *arrays {
-                let column = column(array);
-                let (mine, others) = rest.split_at(column.len());
-                column.copy_from_slice(mine);
+                let (mine, others) = rest.split_at(array.values.len());
                 rest = others;
+                if !array.is_frozen() {
+                    column(array).copy_from_slice(mine);
+                }
             }
         }
         Ok(())

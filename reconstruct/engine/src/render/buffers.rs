@@ -169,14 +169,19 @@ pub(crate) struct RenderBuffers {
 }
 
 impl RenderBuffers {
-    pub(crate) fn new(gpu: &Gpu, shape: RenderShape) -> Result<Self, GpuError> {
+    /// For renders that halt with all others of this status.
+    pub(crate) fn new(
+        gpu: &Gpu,
+        shape: RenderShape,
+        status: DeviceBuffer<DeviceStatus>,
+    ) -> Result<Self, GpuError> {
         let len = shape.gaussians;
         let splat_sums = len * shape.splat_sums();
         let entry_sums = shape.entries * shape.entry_sums();
         Ok(Self {
             shape,
             view: Uniform::of(gpu, "view", &ViewUniform::default())?,
-            status: DeviceBuffer::zeros(gpu, "status", 1)?,
+            status,
             activated: ActivatedBuffers::new(gpu, len, shape.sh_degree, shape.features)?,
             splats: DeviceBuffer::zeros(gpu, "splats", len)?,
             channels: DeviceBuffer::zeros(gpu, "channels", len * shape.channels())?,

@@ -65,10 +65,15 @@ impl Chains {
         Ok(self.stages.insert(stages))
     }
 
-    /// A chain for buffers of this shape.
-    pub(crate) fn chain(&mut self, gpu: &Gpu, shape: RenderShape) -> Result<Chain, GpuError> {
+    /// A chain for buffers of this shape, which halts with all others of this status.
+    pub(crate) fn chain(
+        &mut self,
+        gpu: &Gpu,
+        shape: RenderShape,
+        status: DeviceBuffer<DeviceStatus>,
+    ) -> Result<Chain, GpuError> {
         let stages = self.stages(gpu, &shape)?;
-        let buffers = RenderBuffers::new(gpu, shape)?;
+        let buffers = RenderBuffers::new(gpu, shape, status)?;
         let mut forward = Program::default();
         stages.projection.forward(gpu, &mut forward, &buffers);
         stages.binning.forward(gpu, &mut forward, &buffers)?;
@@ -172,7 +177,8 @@ impl GpuRenderer {
         // Before the new one is made: both may not fit.
         self.round_trip = None;
         let gpu = &*self.gpu;
-        let chain = self.chains.chain(gpu, shape)?;
+        let status = DeviceBuffer::zeros(gpu, "status", 1)?;
+        let chain = self.chains.chain(gpu, shape, status)?;
         let upstream = DeviceBuffer::zeros(gpu, "gradient by the image", shape.image_values())?;
         let mut backward = Program::default();
         self.chains

@@ -4,6 +4,14 @@
 @group(0) @binding(1) var<storage, read_write> status: Status;
 // Losses of the steps since the host cleared the status.
 @group(0) @binding(2) var<storage, read_write> losses: array<vec4<f32>>;
+// One number: what the step's loss has beside the photometric one.
+@group(0) @binding(3) var<storage, read_write> terms: array<f32>;
+
+@group(0) @binding(0) var<storage, read> partials: array<f32>;
+@group(0) @binding(1) var<storage, read_write> sum_of_terms: array<f32>;
+
+@group(0) @binding(1) var<storage, read> alone_loss: array<vec4<f32>>;
+@group(0) @binding(2) var<storage, read> member_count: array<u32>;
 
 @group(0) @binding(0) var<uniform> view: StepView;
 @group(0) @binding(2) var<storage, read> splat_gradients: array<f32>;
@@ -11,11 +19,57 @@
 // normalized device coordinates, and how many views saw the Gaussian.
 @group(0) @binding(3) var<storage, read_write> gradient_sums: array<f32>;
 @group(0) @binding(4) var<storage, read_write> view_counts: array<u32>;
+// By the table, and sums of the sizes of those by peak times.
+@group(0) @binding(5) var<storage, read> gradients: array<f32>;
+@group(0) @binding(6) var<storage, read_write> time_gradients: array<f32>;
+
+var<workgroup> sums: array<f32, WORKGROUP>;
 
 struct StepView {
+    // Number of Gaussians of the table, and the entry of the first among all activated ones.
     gaussians: u32,
+    first: u32,
     // Half the image's width and height.
     half_size: vec2<f32>,
+    // Where peak times begin in the table, counted in values; NO_PEAKS where there are none.
+    peaks: u32,
+}
+
+const NO_PEAKS: u32 = 0xffffffffu;
+
+// The sum of all partials, always in the same order; in the first thread.
+fn sum_of_partials(thread: u32) -> f32 {
+    var sum = 0.0;
+    for (var index = thread; index < arrayLength(&partials); index += WORKGROUP) {
+        sum += partials[index];
+    }
+    sums[thread] = sum;
+    workgroupBarrier();
+    for (var half = WORKGROUP / 2u; half > 0u; half /= 2u) {
+        if thread < half {
+            sums[thread] += sums[thread + half];
+        }
+        workgroupBarrier();
+    }
+    return sums[0];
+}
+
+// Adds a loss that was taken in parts.
+@compute @workgroup_size(256)
+fn add_term(@builtin(local_invocation_index) thread: u32) {
+    let sum = sum_of_partials(thread);
+    if thread == 0u {
+        sum_of_terms[0] += sum;
+    }
+}
+
+// Adds the losses of the dynamic Gaussians drawn alone; where there are none, nothing.
+@compute @workgroup_size(256)
+fn add_alone(@builtin(local_invocation_index) thread: u32) {
+    let sum = sum_of_partials(thread);
+    if thread == 0u && member_count[0] > 0u {
+        terms[0] += sum + alone_loss[0].w;
+    }
 }
 
 // Counts the step, unless its loss is not finite.
@@ -24,11 +78,12 @@ fn judge_loss() {
     if status.halted != RUNNING {
         return;
     }
-    if !is_finite(loss[0].w) {
+    let total = loss[0].w + terms[0];
+    if !is_finite(total) {
         status.halted = HALTED_DIVERGED;
         return;
     }
-    losses[status.steps] = loss[0];
+    losses[status.steps] = vec4(loss[0].xyz, total);
     status.steps += 1u;
 }
 
@@ -42,10 +97,13 @@ fn add_statistics(
     if index >= view.gaussians || status.halted != RUNNING {
         return;
     }
-    let first = index * SUMS;
+    let first = (view.first + index) * SUMS;
     if splat_gradients[first] != 0.0 {
         let gradient = vec2(splat_gradients[first + 12u], splat_gradients[first + 13u]);
         gradient_sums[index] += length(gradient * view.half_size);
         view_counts[index] += 1u;
+        if view.peaks != NO_PEAKS {
+            time_gradients[index] += abs(gradients[view.peaks + index]);
+        }
     }
 }

@@ -7,10 +7,11 @@ use crate::{
     device::{Gpu, GpuError, Kernel, Program, Shader, Uniform, wgsl_struct},
     fields::mlp::gpu::{Block, NetworkBuffers, Passes, Recording},
     gaussians::{
-        activated_buffers::ActivatedBuffers, parameterization::DeviceParameterization,
+        activated_buffers::ActivatedBuffers,
+        parameterization::{DeviceEntries, DeviceParameterization},
         static_gaussians::gpu::StaticGaussians,
     },
-    parameters::{SharedParameters, device_table::TableBuffers},
+    parameters::device_table::TableBuffers,
 };
 
 wgsl_struct! {
@@ -36,7 +37,7 @@ pub(crate) fn shader() -> Shader {
         parts: &[
             include_str!("../../device/common.wgsl"),
             include_str!("../gaussians.wgsl"),
-            include_str!("../../fields/mlp/encoding.wgsl"),
+            include_str!("../../device/sin_cos.wgsl"),
             include_str!("deformable.wgsl"),
         ],
     }
@@ -86,11 +87,6 @@ impl DeformationBuffers {
             model,
             weights,
         })
-    }
-
-    /// A copy of the host's weights on the device.
-    pub(crate) fn upload(gpu: &Gpu, weights: &SharedParameters) -> Result<TableBuffers, GpuError> {
-        TableBuffers::new(gpu, std::slice::from_ref(&weights.array))
     }
 
     /// Sets the time in [0, 1] for everything that is submitted later.
@@ -161,10 +157,12 @@ impl DeviceParameterization for DeformableGaussians<'_> {
         gpu: &Gpu,
         program: &mut Program,
         table: &TableBuffers,
+        entries: DeviceEntries,
         buffers: &ActivatedBuffers,
     ) -> Result<(), GpuError> {
-        let len = buffers.len;
-        self.canonical.activate(gpu, program, table, buffers)?;
+        let len = entries.len;
+        self.canonical
+            .activate(gpu, program, table, entries, buffers)?;
         let network = &self.buffers.network;
         self.pass(gpu, program, (table, len), |recording| {
             self.kernels.passes.forward(recording, network)
@@ -185,11 +183,13 @@ impl DeviceParameterization for DeformableGaussians<'_> {
         gpu: &Gpu,
         program: &mut Program,
         table: &TableBuffers,
+        entries: DeviceEntries,
         buffers: &ActivatedBuffers,
     ) -> Result<(), GpuError> {
-        let len = buffers.len;
+        let len = entries.len;
         // Activated once more: `deform` has written over the canonical ones.
-        self.canonical.activate(gpu, program, table, buffers)?;
+        self.canonical
+            .activate(gpu, program, table, entries, buffers)?;
         let network = &self.buffers.network;
         let canonical = self.canonical(gpu, table, len, Block::all(len))?;
         program.run(
@@ -208,7 +208,8 @@ impl DeviceParameterization for DeformableGaussians<'_> {
         self.pass(gpu, program, (table, len), |recording| {
             self.kernels.passes.backward(recording, network, gradients)
         })?;
-        self.canonical.activate_vjp(gpu, program, table, buffers)
+        self.canonical
+            .activate_vjp(gpu, program, table, entries, buffers)
     }
 }
 
@@ -218,6 +219,7 @@ mod tests {
     use crate::{
         device::{DeviceBuffer, test_device},
         gaussians::static_gaussians::{self, InitialGaussians},
+        parameters::SharedParameters,
     };
 
     /// Built-in sines would be off here by a multiple of this.
@@ -243,7 +245,8 @@ mod tests {
             crate::gaussians::deformable::DEFORMATION_WEIGHTS,
             vec![0.0; model.network().weight_count()],
         );
-        let weights = DeformationBuffers::upload(&gpu, &weights).expect("fits");
+        let array = std::slice::from_ref(&weights.array);
+        let weights = TableBuffers::new(&gpu, array).expect("fits");
         let buffers = DeformationBuffers::new(&gpu, model, weights, 400).expect("fits");
         let gaussians = DeformableGaussians {
             canonical: &StaticGaussians::new(&gpu).expect("compiles"),

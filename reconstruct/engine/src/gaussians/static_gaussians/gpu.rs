@@ -6,7 +6,10 @@ use crate::gaussians::static_gaussians::{
 };
 use crate::{
     device::{Gpu, GpuError, Kernel, Program, Shader, Uniform, wgsl_struct},
-    gaussians::{activated_buffers::ActivatedBuffers, parameterization::DeviceParameterization},
+    gaussians::{
+        activated_buffers::ActivatedBuffers,
+        parameterization::{DeviceEntries, DeviceParameterization},
+    },
     parameters::device_table::TableBuffers,
 };
 
@@ -14,6 +17,7 @@ wgsl_struct! {
     /// Where the arrays are.
     pub(crate) struct StaticArrays {
         len: u32,
+        first: u32,
         rest: u32,
         positions: u32,
         log_scales: u32,
@@ -61,10 +65,12 @@ impl StaticGaussians {
     fn arrays(
         gpu: &Gpu,
         table: &TableBuffers,
+        entries: DeviceEntries,
         buffers: &ActivatedBuffers,
     ) -> Result<Uniform<StaticArrays>, GpuError> {
         let arrays = StaticArrays {
-            len: buffers.len as u32,
+            len: entries.len as u32,
+            first: entries.first as u32,
             rest: buffers.harmonics_per_gaussian() as u32 - 1,
             positions: table.begin(POSITIONS),
             log_scales: table.begin(LOG_SCALES),
@@ -84,13 +90,14 @@ impl DeviceParameterization for StaticGaussians {
         gpu: &Gpu,
         program: &mut Program,
         table: &TableBuffers,
+        entries: DeviceEntries,
         buffers: &ActivatedBuffers,
     ) -> Result<(), GpuError> {
-        let arrays = Self::arrays(gpu, table, buffers)?;
+        let arrays = Self::arrays(gpu, table, entries, buffers)?;
         program.run(
             gpu,
             &self.activate,
-            buffers.len,
+            entries.len,
             &[
                 &arrays.raw,
                 &table.values.raw,
@@ -106,13 +113,14 @@ impl DeviceParameterization for StaticGaussians {
         gpu: &Gpu,
         program: &mut Program,
         table: &TableBuffers,
+        entries: DeviceEntries,
         buffers: &ActivatedBuffers,
     ) -> Result<(), GpuError> {
-        let arrays = Self::arrays(gpu, table, buffers)?;
+        let arrays = Self::arrays(gpu, table, entries, buffers)?;
         program.run(
             gpu,
             &self.activate_vjp,
-            buffers.len,
+            entries.len,
             &[
                 &arrays.raw,
                 &table.values.raw,

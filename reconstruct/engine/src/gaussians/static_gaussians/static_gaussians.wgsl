@@ -1,8 +1,9 @@
 // The static parameterization: activation and its VJP, one thread per Gaussian.
 
 struct StaticArrays {
-    // Number of Gaussians.
+    // Number of Gaussians, and the entry of the first among all activated ones.
     len: u32,
+    first: u32,
     // Coefficients per Gaussian beside the constant one.
     rest: u32,
     // Where each array begins in the table, counted in values.
@@ -53,13 +54,14 @@ fn activate(
     }
     let raw_scale = three(arrays.log_scales + index * 3u);
     let raw = raw_rotation(index);
-    gaussians[index] = Gaussian(
+    let entry = arrays.first + index;
+    gaussians[entry] = Gaussian(
         three(arrays.positions + index * 3u),
         1.0 / (1.0 + exp(-values[arrays.opacity_logits + index])),
         vec3(scale_of(raw_scale.x), scale_of(raw_scale.y), scale_of(raw_scale.z)),
         raw / quaternion_length(raw),
     );
-    let first = index * (1u + arrays.rest) * 3u;
+    let first = entry * (1u + arrays.rest) * 3u;
     for (var i = 0u; i < 3u; i++) {
         harmonics[first + i] = values[arrays.sh_constant + index * 3u + i];
     }
@@ -78,8 +80,9 @@ fn activate_vjp(
     if index >= arrays.len {
         return;
     }
-    let gaussian = gaussians[index];
-    let by = gaussian_gradients[index];
+    let entry = arrays.first + index;
+    let gaussian = gaussians[entry];
+    let by = gaussian_gradients[entry];
     for (var axis = 0u; axis < 3u; axis++) {
         gradients[arrays.positions + index * 3u + axis] = by.position[axis];
         gradients[arrays.log_scales + index * 3u + axis] = by.scale[axis] * gaussian.scale[axis];
@@ -93,7 +96,7 @@ fn activate_vjp(
     }
     let opacity = gaussian.opacity;
     gradients[arrays.opacity_logits + index] = by.opacity * opacity * (1.0 - opacity);
-    let first = index * (1u + arrays.rest) * 3u;
+    let first = entry * (1u + arrays.rest) * 3u;
     for (var i = 0u; i < 3u; i++) {
         gradients[arrays.sh_constant + index * 3u + i] = harmonic_gradients[first + i];
     }

@@ -16,6 +16,13 @@ wgsl_struct! {
         lambda: f32,
         /// Weights of the window's taps from the middle outwards.
         taps: [[f32; 4]; 2],
+        /// 1 over the view's gain of each channel.
+        inverse_gain: [f32; 3],
+        /// 1 where the image counts inside its mask alone.
+        masked: u32,
+        /// Of the whole loss.
+        weight: f32,
+        pad: [u32; 3],
     }
 }
 
@@ -30,13 +37,27 @@ pub(crate) fn shader() -> Shader {
     }
 }
 
-/// An image as the loss takes it: 8 bits per channel, red in the lowest byte.
-pub(crate) fn pack_pixels(rgb: &[u8]) -> Vec<u32> {
+/// An image as the losses take it: 8 bits per channel, red in the lowest byte, the mask in the highest; it
+/// is 0 where there is none.
+pub(crate) fn pack_pixels(rgb: &[u8], mask: Option<&[u8]>) -> Vec<u32> {
+    let masks = mask.unwrap_or_default().iter().copied();
     rgb.as_chunks::<3>()
         .0
         .iter()
-        .map(|&[red, green, blue]| u32::from_le_bytes([red, green, blue, 255]))
+        .zip(masks.chain(std::iter::repeat(0)))
+        .map(|(&[red, green, blue], mask)| u32::from_le_bytes([red, green, blue, mask]))
         .collect()
+}
+
+/// What a loss is made of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct LossWeights {
+    /// Of `1 - SSIM` against L1.
+    pub(crate) ssim: f32,
+    /// Of the whole.
+    pub(crate) total: f32,
+    /// Whether the image counts inside its mask alone and is black elsewhere.
+    pub(crate) masked: bool,
 }
 
 /// The loss of images of one size. Its buffers are reused over iterations.
@@ -48,23 +69,26 @@ pub(crate) struct Loss {
     image_gradient: Kernel,
     loss_value: Kernel,
     settings: Uniform<LossSettings>,
+    /// For images as they are.
+    plain: LossSettings,
     pixels: usize,
     rows: DeviceBuffer<f32>,
     derivatives: DeviceBuffer<f32>,
     partials: DeviceBuffer<[f32; 4]>,
-    /// By the render, HWC.
+    /// By the render, laid out like it.
     pub(crate) gradient: DeviceBuffer<f32>,
     /// See [`loss_value`].
     pub(crate) value: DeviceBuffer<[f32; 4]>,
 }
 
 impl Loss {
-    /// For images of this size, with the weight of `1 - SSIM`.
+    /// For images of this size that are followed by `planes` planes: the gradient has room for them, and
+    /// the loss leaves it alone.
     pub(crate) fn new(
         gpu: &Gpu,
         size: (u32, u32),
-        wraps: bool,
-        lambda: f32,
+        planes: usize,
+        weights: LossWeights,
     ) -> Result<Self, GpuError> {
         let [
             blur_rows,
@@ -86,14 +110,18 @@ impl Loss {
         let pixels = size.0 as usize * size.1 as usize;
         let window = super::cpu::gaussian_window();
         let middle = &window[window.len() / 2..];
-        let settings = LossSettings {
+        let plain = LossSettings {
             width: size.0,
             height: size.1,
-            wraps: u32::from(wraps),
-            lambda,
+            wraps: 1,
+            lambda: weights.ssim,
             taps: std::array::from_fn(|four| {
                 std::array::from_fn(|tap| middle.get(four * 4 + tap).copied().unwrap_or(0.0))
             }),
+            inverse_gain: [1.0; 3],
+            masked: u32::from(weights.masked),
+            weight: weights.total,
+            pad: [0; 3],
         };
         Ok(Self {
             blur_rows,
@@ -101,14 +129,24 @@ impl Loss {
             blur_derivative_rows,
             image_gradient,
             loss_value,
-            settings: Uniform::of(gpu, "loss settings", &settings)?,
+            settings: Uniform::of(gpu, "loss settings", &plain)?,
+            plain,
             pixels,
             rows: DeviceBuffer::zeros(gpu, "blurred rows", pixels * 5 * 3)?,
             derivatives: DeviceBuffer::zeros(gpu, "derivatives of SSIM", pixels * 3 * 3)?,
             partials: DeviceBuffer::zeros(gpu, "sums", pixels.div_ceil(WORKGROUP as usize))?,
-            gradient: DeviceBuffer::zeros(gpu, "gradient by the image", pixels * 3)?,
+            gradient: DeviceBuffer::zeros(gpu, "gradient by the image", pixels * (3 + planes))?,
             value: DeviceBuffer::zeros(gpu, "loss", 1)?,
         })
+    }
+
+    /// Sets the gain that is taken out of images in everything that is submitted later.
+    pub(crate) fn set_gain(&self, gpu: &Gpu, gain: [f32; 3]) {
+        let settings = LossSettings {
+            inverse_gain: gain.map(|gain| 1.0 / gain),
+            ..self.plain
+        };
+        self.settings.write(gpu, &settings);
     }
 
     /// Value and gradient of the loss of `render` (HWC) against `target` ([`pack_pixels`]).
@@ -135,7 +173,7 @@ impl Loss {
     }
 }
 
-/// What the kernel `loss_value` wrote: mean |x - y|, mean (x - y)^2, mean SSIM, and the loss.
+/// What the kernel `loss_value` wrote: mean |x - y|, mean (x - y)^2, mean SSIM, and the weighted loss.
 pub(crate) fn loss_value(value: [f32; 4]) -> LossValue {
     let [l1, mse, ssim, total] = value.map(f64::from);
     LossValue {
@@ -162,10 +200,15 @@ mod tests {
             let len = (width * height * 3) as usize;
             let render: Vec<f32> = (0..len).map(|_| random.random_range(-0.2..1.2)).collect();
             let target: Vec<u8> = (0..len).map(|_| random.random()).collect();
-            let loss = Loss::new(&gpu, (width, height), true, lambda).expect("fits");
+            let weights = LossWeights {
+                ssim: lambda,
+                total: 1.0,
+                masked: false,
+            };
+            let loss = Loss::new(&gpu, (width, height), 0, weights).expect("fits");
             let render_buffer = DeviceBuffer::of(&gpu, "render", &render).expect("fits");
             let target_buffer =
-                DeviceBuffer::of(&gpu, "target", &pack_pixels(&target)).expect("fits");
+                DeviceBuffer::of(&gpu, "target", &pack_pixels(&target, None)).expect("fits");
             let mut program = Program::default();
             loss.record(&gpu, &mut program, &render_buffer, &target_buffer);
             program.submit(&gpu);

@@ -15,11 +15,17 @@ struct LossSettings {
     lambda: f32,
     // Weights of the window's taps from the middle outwards.
     taps: array<vec4<f32>, 2>,
+    // What the image is multiplied with: 1 over the view's gain of each channel.
+    inverse_gain: vec3<f32>,
+    // 1 where the image counts inside its mask alone and is black elsewhere.
+    masked: u32,
+    // Of the whole loss.
+    weight: f32,
 }
 
 @group(0) @binding(0) var<uniform> settings: LossSettings;
 @group(0) @binding(1) var<storage, read> render: array<f32>;
-// 8 bits per channel; red is the lowest byte.
+// 8 bits per channel; red is the lowest byte, the mask the highest.
 @group(0) @binding(2) var<storage, read> target_image: array<u32>;
 @group(0) @binding(3) var<storage, read_write> rows: array<f32>;
 @group(0) @binding(4) var<storage, read_write> derivatives: array<f32>;
@@ -43,7 +49,8 @@ fn tap(distance: i32) -> f32 {
 }
 
 fn target_at(pixel: u32) -> vec3<f32> {
-    return unpack4x8unorm(target_image[pixel]).xyz;
+    let rgb_mask = unpack4x8unorm(target_image[pixel]);
+    return rgb_mask.xyz * settings.inverse_gain * select(1.0, rgb_mask.w, settings.masked == 1u);
 }
 
 fn render_at(pixel: u32) -> vec3<f32> {
@@ -218,15 +225,15 @@ fn image_gradient(
     let x = render_at(pixel);
     let y = target_at(pixel);
     // Minus: the loss holds 1 - SSIM.
-    let total = (1.0 - settings.lambda) / values * sign(x - y)
-        - settings.lambda / values * (by[0] + 2.0 * x * by[1] + y * by[2]);
+    let total = settings.weight * ((1.0 - settings.lambda) / values * sign(x - y)
+        - settings.lambda / values * (by[0] + 2.0 * x * by[1] + y * by[2]));
     gradient[pixel * 3u] = total.x;
     gradient[pixel * 3u + 1u] = total.y;
     gradient[pixel * 3u + 2u] = total.z;
 }
 
 // Adds up the workgroups' sums, always in the same order: mean |x - y|, mean (x - y)^2, mean SSIM,
-// and the loss.
+// and the weighted loss.
 @compute @workgroup_size(256)
 fn loss_value(@builtin(local_invocation_index) thread: u32) {
     let count = (pixel_count() + WORKGROUP - 1u) / WORKGROUP;
@@ -245,6 +252,6 @@ fn loss_value(@builtin(local_invocation_index) thread: u32) {
     if thread == 0u {
         let means = sums[0] / f32(pixel_count() * 3u);
         let total = (1.0 - settings.lambda) * means.x + settings.lambda * (1.0 - means.z);
-        value[0] = vec4(means.xyz, total);
+        value[0] = vec4(means.xyz, settings.weight * total);
     }
 }

@@ -6,14 +6,14 @@ struct AdamStep {
     arrays: u32,
     // 1 / sqrt(1 - beta2^t)
     inverse_root: f32,
-    // Number of the table's first array among those that refused gradients are counted for.
-    first_array: u32,
     // The decay of second moments.
     beta_2: f32,
     // Where each array ends, counted in values from the beginning of the first.
     ends: array<vec4<u32>, 4>,
     // Step size of each array, over 1 - beta1^t.
     rates: array<vec4<f32>, 4>,
+    // Under which number its refused gradients are counted.
+    numbers: array<vec4<u32>, 4>,
 }
 
 
@@ -43,7 +43,8 @@ fn update(
     var g = gradients[index];
     // A gradient that is not finite counts as zero.
     if !is_finite(g) {
-        atomicAdd(&status.refused[adam_step.first_array + array_number], 1u);
+        let number = adam_step.numbers[array_number / 4u][array_number % 4u];
+        atomicAdd(&status.refused[number], 1u);
         g = 0.0;
     }
     let m = BETA_1 * first_moments[index] + (1.0 - BETA_1) * g;

@@ -15,11 +15,10 @@ wgsl_struct! {
         len: u32,
         arrays: u32,
         inverse_root: f32,
-        first_array: u32,
         beta_2: f32,
-        padding: [u32; 3],
         ends: [[u32; 4]; 4],
         rates: [[f32; 4]; 4],
+        numbers: [[u32; 4]; 4],
     }
 }
 
@@ -38,29 +37,33 @@ pub(crate) fn shader() -> Shader {
     }
 }
 
-/// One step on all values of a table.
+/// Steps on all values of tables.
 #[derive(Debug)]
 pub(crate) struct Adam {
     update: Kernel,
-    settings: Uniform<AdamStep>,
-    first_array: usize,
 }
 
-impl Adam {
-    /// For a table whose first array has this number among those that refused gradients are counted
-    /// for.
-    pub(crate) fn new(gpu: &Gpu, first_array: usize) -> Result<Self, GpuError> {
-        let [update] = Kernel::compile(gpu, &shader(), ["update"])?;
+/// The next step on one table.
+#[derive(Debug)]
+pub(crate) struct TableStep {
+    settings: Uniform<AdamStep>,
+    /// By array of the table, its number among those that learn, in whose order rates are given and refused
+    /// gradients counted; `None` for what is frozen.
+    numbers: Vec<Option<usize>>,
+}
+
+impl TableStep {
+    /// For a table whose arrays have these numbers among those that learn.
+    pub(crate) fn new(gpu: &Gpu, numbers: Vec<Option<usize>>) -> Result<Self, GpuError> {
         Ok(Self {
-            update,
             settings: Uniform::of(gpu, "Adam step", &AdamStep::default())?,
-            first_array,
+            numbers,
         })
     }
 
-    /// Sets step number `step` (from 1) with a learning rate per array, for everything that is
+    /// Sets step number `step` (from 1) with the rates of all arrays that learn, for everything that is
     /// submitted later.
-    pub(crate) fn set_step(
+    pub(crate) fn set(
         &self,
         gpu: &Gpu,
         table: &TableBuffers,
@@ -73,21 +76,29 @@ impl Adam {
             arrays: table.ends.len() as u32,
             inverse_root: corrections.inverse_root,
             beta_2: corrections.beta_2,
-            first_array: self.first_array as u32,
             ..AdamStep::default()
         };
-        for (index, (&end, &rate)) in table.ends.iter().zip(rates).enumerate() {
+        for (index, (&end, &number)) in table.ends.iter().zip(&self.numbers).enumerate() {
+            let rate = number.map_or(0.0, |number| rates[number]);
             settings.ends[index / 4][index % 4] = end;
             settings.rates[index / 4][index % 4] = corrections.rate(rate);
+            settings.numbers[index / 4][index % 4] = number.unwrap_or(MAX_ARRAYS - 1) as u32;
         }
         self.settings.write(gpu, &settings);
+    }
+}
+
+impl Adam {
+    pub(crate) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
+        let [update] = Kernel::compile(gpu, &shader(), ["update"])?;
+        Ok(Self { update })
     }
 
     pub(crate) fn record(
         &self,
         gpu: &Gpu,
         program: &mut Program,
-        table: &TableBuffers,
+        (step, table): (&TableStep, &TableBuffers),
         status: &wgpu::Buffer,
     ) {
         program.run(
@@ -95,7 +106,7 @@ impl Adam {
             &self.update,
             table.values.len(),
             &[
-                &self.settings.raw,
+                &step.settings.raw,
                 &table.values.raw,
                 &table.gradients.raw,
                 &table.first_moments.raw,
@@ -137,9 +148,11 @@ mod tests {
             .collect();
         let status = DeviceBuffer::of(&gpu, "status", &[DeviceStatus::default()]).expect("fits");
         let on_device = TableBuffers::new(&gpu, &table.arrays).expect("fits");
-        let adam = Adam::new(&gpu, 0).expect("compiles");
+        let adam = Adam::new(&gpu).expect("compiles");
+        let numbers = [0, 1, 2].map(Some).to_vec();
+        let next = TableStep::new(&gpu, numbers).expect("fits");
         let mut program = Program::default();
-        adam.record(&gpu, &mut program, &on_device, &status.raw);
+        adam.record(&gpu, &mut program, (&next, &on_device), &status.raw);
         let mut refused = [0; 3];
         for step in 1..=4 {
             let mut all = Vec::new();
@@ -153,7 +166,7 @@ mod tests {
                 refused[index] += cpu::step(array, step, DECAY) as u32;
             }
             on_device.gradients.write(&gpu, 0, &all);
-            adam.set_step(&gpu, &on_device, (step, DECAY), &rates);
+            next.set(&gpu, &on_device, (step, DECAY), &rates);
             program.submit(&gpu);
         }
         let mut read = table.clone();
@@ -173,7 +186,7 @@ mod tests {
         };
         let status = DeviceBuffer::of(&gpu, "status", &[halted]).expect("fits");
         let mut program = Program::default();
-        adam.record(&gpu, &mut program, &on_device, &status.raw);
+        adam.record(&gpu, &mut program, (&next, &on_device), &status.raw);
         program.submit(&gpu);
         let mut after = read.clone();
         on_device.read(&gpu, &mut after.arrays).expect("reads");

@@ -19,6 +19,8 @@
 //! A camera that turns sees the harmonics in the same direction as before, hence without `s`; one that
 //! moves does not. `mu - c` and `g` are in the world frame, and so are `w` and `t`.
 
+pub(crate) mod gpu;
+
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 

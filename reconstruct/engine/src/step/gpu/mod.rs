@@ -1,38 +1,43 @@
-//! Training steps on a GPU: rendering, loss, gradients, Adam and density statistics
-//! without waiting for the host.
+//! Training steps on a GPU: rendering, losses, gradients, Adam and density statistics
+//! without waiting for the host, but for poses: a step that moves one is waited for.
 //!
 //! The host writes a few numbers per step and reads back now and then. A step that finds no room
 //! for its tile entries halts the device: it and the steps behind it change nothing. When the host
 //! looks, it makes more room and gives those steps to the device again; nothing is lost.
 
+mod device_model;
+mod dynamic_losses;
+pub(crate) mod kernels;
+
 use std::{collections::VecDeque, sync::Arc};
 
 use omnilife_schemas::{RgbImage, records::Backend};
 
-use crate::error::EngineError;
-use crate::render::gpu::GpuRenderer;
-use crate::training_view::InputViews;
+use self::{
+    device_model::{DeviceModel, DevicePart, Moment, StepUses, upload},
+    kernels::StepKernels,
+};
 use crate::{
+    EngineError,
     camera::View,
+    device::{DeviceBuffer, Gpu, GpuError},
     gaussians::{
         ActivatedGaussians,
-        parameterization::{DeviceKind, Viewpoint},
+        parameterization::{DeviceKind, DeviceTwin, Viewpoint},
         static_gaussians,
         temporal::TemporalFeatures,
     },
     losses::photometric::gpu::{loss_value, pack_pixels},
     model::{Model, Part, TrainedArray},
-    render::settings::RenderSettings,
-    schedule::StepSchedule,
-    step::{StepStatistics, Stepper, settings::TrainSettings},
-};
-use crate::{
-    device::{DeviceBuffer, Gpu, GpuError},
     render::{
         buffers::{DeviceStatus, HALTED_FULL, HALTED_RUNNING, RenderShape},
-        gpu::with_slack,
+        gpu::{GpuRenderer, with_slack},
+        project::by_camera::gpu as by_camera,
+        settings::RenderSettings,
     },
-    step::device_model::{DeviceArrays, DeviceModel, NetworkStep, StepKernels},
+    schedule::StepSchedule,
+    step::{StepStatistics, Stepper, pose_refinement, settings::TrainSettings},
+    training_view::{InputViews, TrainingView},
 };
 
 /// Steps that the device may be given before the host looks what became of them.
@@ -51,27 +56,41 @@ enum Newest {
 struct Pending {
     view: usize,
     schedule: StepSchedule,
-    network: Option<NetworkStep>,
+    /// Number of the optimizer's step on the weights of a network, from 1; 0 where it takes no part.
+    network_step: u64,
+    moves_pose: bool,
 }
 
-/// The only part of a model that a GPU can train.
+/// Refuses models that a GPU cannot train.
 ///
 /// # Errors
-/// With the name of the parameterization that has no kernels there, or where there are several parts.
-fn part(model: &Model) -> Result<&Part, EngineError> {
+/// With the name of the parameterization that has no kernels there, or where a network deforms one part of
+/// several.
+fn check(model: &Model) -> Result<(), EngineError> {
     let refused = |reason: String| Err(EngineError::Backend { reason });
-    let without = |part: &&Part| part.parameterization.device_twin().is_none();
-    match (model.parts.iter().find(without), &model.parts[..]) {
-        (Some(part), _) => refused(format!(
-            "{} Gaussians have no GPU kernels yet; use the backend cpu",
-            part.parameterization.id()
-        )),
-        (None, [part]) => Ok(part),
-        (None, parts) => refused(format!(
-            "a model of {} parts is trained on the CPU only; use the backend cpu",
-            parts.len()
-        )),
+    let twin = |part: &Part| {
+        let twin = part.parameterization.device_twin();
+        twin.map(|DeviceTwin(kind)| matches!(kind, DeviceKind::Deformable(_)))
+    };
+    for part in &model.parts {
+        match twin(part) {
+            None => {
+                return refused(format!(
+                    "{} Gaussians have no GPU kernels yet; use the backend cpu",
+                    part.parameterization.id()
+                ));
+            }
+            Some(true) if model.parts.len() > 1 => {
+                return refused(
+                    "Gaussians that a network deforms beside others are trained on the CPU only; use \
+                     the backend cpu"
+                        .to_owned(),
+                );
+            }
+            _ => {}
+        }
     }
+    Ok(())
 }
 
 /// Training steps on a GPU; the twin of [`crate::step::cpu::CpuStepper`].
@@ -79,9 +98,9 @@ fn part(model: &Model) -> Result<&Part, EngineError> {
 pub struct GpuStepper<'a> {
     gpu: Arc<Gpu>,
     inputs: InputViews<'a>,
-    settings: RenderSettings,
+    settings: TrainSettings,
     kernels: StepKernels,
-    /// Images of the input views.
+    /// Images and masks of the input views.
     targets: Vec<DeviceBuffer<u32>>,
     model: Model,
     newest: Newest,
@@ -96,29 +115,25 @@ impl<'a> GpuStepper<'a> {
     /// Uploads the scene's input views.
     ///
     /// # Errors
-    /// When the device fails or its memory does not suffice.
+    /// When the model has no kernels there, the device fails or its memory does not suffice.
     pub fn new(
         gpu: Arc<Gpu>,
         inputs: InputViews<'a>,
         model: Model,
         settings: &TrainSettings,
     ) -> Result<Self, EngineError> {
+        check(&model)?;
         let size = (inputs.camera.width(), inputs.camera.height());
-        let kernels = StepKernels::new(
-            Arc::clone(&gpu),
-            size,
-            settings.ssim_weight,
-            part(&model)?,
-            LOOK_INTERVAL as usize,
-        )?;
-        let targets = inputs
-            .views
-            .iter()
-            .map(|view| DeviceBuffer::of(&gpu, "image of a view", &pack_pixels(&view.pixels)))
-            .collect::<Result<_, GpuError>>()?;
+        let look_interval = LOOK_INTERVAL as usize;
+        let kernels = StepKernels::new(Arc::clone(&gpu), size, (&model, settings), look_interval)?;
+        let target = |view: &TrainingView| {
+            let pixels = pack_pixels(&view.pixels, view.mask.as_deref());
+            DeviceBuffer::of(&gpu, "image of a view", &pixels)
+        };
+        let targets = inputs.views.iter().map(target).collect::<Result<_, _>>()?;
         Ok(Self {
             inputs,
-            settings: settings.rendering,
+            settings: settings.clone(),
             kernels,
             targets,
             model,
@@ -137,14 +152,17 @@ impl<'a> GpuStepper<'a> {
     }
 
     fn shape(&self) -> RenderShape {
-        let table = &self.part().table;
+        let len = self.model.len();
+        let degrees = self.model.parts.iter();
+        let degrees = degrees.map(|part| static_gaussians::sh_degree(&part.table));
+        let dynamics = self.settings.dynamics.as_ref();
         RenderShape {
-            gaussians: table.len(),
-            sh_degree: static_gaussians::sh_degree(table),
-            features: 0,
+            gaussians: len,
+            sh_degree: degrees.max().unwrap_or(0),
+            features: dynamics.map_or(0, |dynamics| dynamics.features.count()),
             width: self.inputs.size()[0],
             height: self.inputs.size()[1],
-            entries: self.entries.max(RenderShape::first_entries(table.len())),
+            entries: self.entries.max(RenderShape::first_entries(len)),
         }
     }
 
@@ -155,17 +173,17 @@ impl<'a> GpuStepper<'a> {
         }
         // Before the new one is made: both may not fit.
         self.on_device = None;
-        let arrays = DeviceArrays::upload(&self.gpu, self.part())?;
-        self.on_device = Some(self.device_model(arrays)?);
+        let parts = upload(&self.gpu, &self.model, self.settings.dynamics.as_ref())?;
+        self.on_device = Some(self.device_model(parts)?);
         self.newest = Newest::Both;
         Ok(())
     }
 
     /// The model with the programs of a step on it.
-    fn device_model(&mut self, arrays: DeviceArrays) -> Result<DeviceModel, GpuError> {
+    fn device_model(&mut self, parts: Vec<DevicePart>) -> Result<DeviceModel, GpuError> {
         let shape = self.shape();
         self.entries = shape.entries;
-        self.kernels.device_model(arrays, shape)
+        self.kernels.device_model(parts, shape)
     }
 
     /// The model on the device; whoever takes it puts it back, unless the device has failed. Then
@@ -181,27 +199,44 @@ impl<'a> GpuStepper<'a> {
     fn submit(&self, model: &DeviceModel, step: &Pending) {
         let gpu = &*self.gpu;
         let schedule = &step.schedule;
-        let settings = RenderSettings {
-            sh_degree: schedule.sh_degree,
-            ..self.settings
+        let input = &self.inputs.views[step.view];
+        let drawn = self.model.corrected(&input.view);
+        let at = Viewpoint::of_step(&drawn, schedule.shift_frames, schedule.scheduled);
+        let moment = Moment {
+            at,
+            network_time: self.network_time(&at),
         };
-        let scene_view = &self.inputs.views[step.view].view;
-        model.chain.buffers.set_view(gpu, scene_view, &settings);
-        self.kernels.adam.set_step(
-            gpu,
-            &model.table,
-            (schedule.iteration, schedule.second_moments),
-            &schedule.learning_rates,
-        );
-        if let Some(network) = &step.network {
-            self.kernels.set_network_step(model, network);
-        }
-        let programs = model.programs(gpu, step.network.map(|network| network.time));
+        let rendering = RenderSettings {
+            sh_degree: schedule.sh_degree,
+            ..self.settings.rendering
+        };
+        model.set_view(gpu, &drawn, &moment, &rendering);
+        model.set_step(gpu, schedule, step.network_step);
+        let has_mask = input.mask.is_some();
+        let uses = StepUses {
+            network: moment.network_time.is_some(),
+            alone: self.set_losses(&input.view, has_mask, schedule),
+            pose: step.moves_pose,
+        };
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         let image = &self.targets[step.view].raw;
         encoder.copy_buffer_to_buffer(image, 0, &self.kernels.target.raw, 0, image.size());
-        programs.step.encode(&mut encoder);
+        model.encode(&mut encoder, uses);
         gpu.queue.submit([encoder.finish()]);
+    }
+
+    /// Sets what a view is held to; returns whether its dynamic Gaussians are drawn alone.
+    fn set_losses(&self, view: &View, has_mask: bool, schedule: &StepSchedule) -> bool {
+        let gpu = &*self.gpu;
+        let exposure = self.settings.exposure.as_ref();
+        let gain = exposure.map_or([1.0; 3], |exposure| exposure.gain(view.time_seconds));
+        if exposure.is_some() {
+            self.kernels.loss.set_gain(gpu, gain);
+        }
+        self.kernels.dynamic.as_ref().is_some_and(|dynamic| {
+            dynamic.set(gpu, has_mask, gain);
+            dynamic.draws_alone(has_mask, schedule)
+        })
     }
 
     /// Waits for the pending steps, makes room where it was missing and has the rest done again.
@@ -218,8 +253,7 @@ impl<'a> GpuStepper<'a> {
                 self.statistics.squared_error += value.mse;
             }
             self.pending.drain(..status.steps as usize);
-            let networks = usize::from(self.part().parameterization.shared().is_some());
-            let arrays = model.table.ends.len() + networks;
+            let arrays = self.model.trained_arrays().len();
             self.statistics.refused.resize(arrays, 0);
             for (sum, &refused) in self.statistics.refused.iter_mut().zip(&status.refused) {
                 *sum += u64::from(refused);
@@ -255,39 +289,62 @@ impl<'a> GpuStepper<'a> {
         Ok(())
     }
 
-    /// The only part of the model.
-    fn part(&self) -> &Part {
-        &self.model.parts[0]
-    }
-
-    /// The network's part in the next step, where it has one.
-    fn network_step(&mut self, view: usize, schedule: &StepSchedule) -> Option<NetworkStep> {
-        let view = &self.inputs.views[view].view;
-        let at = Viewpoint::of_step(view, schedule.shift_frames, schedule.scheduled);
-        let time = self.network_time(&at)?;
-        let weights = self.model.parts[0].parameterization.shared_mut()?;
-        weights.steps += 1;
-        Some(NetworkStep {
-            time,
-            number: weights.steps,
-            learning_rate: schedule.learning_rates.last().copied().unwrap_or_default(),
-        })
+    /// The next step on an input view.
+    fn next_step(&mut self, view: usize, schedule: &StepSchedule) -> Pending {
+        let seen = &self.inputs.views[view].view;
+        let at = Viewpoint::of_step(seen, schedule.shift_frames, schedule.scheduled);
+        let mut network_step = 0;
+        if self.network_time(&at).is_some() {
+            let parts = self.model.parts.iter_mut();
+            for weights in parts.filter_map(|part| part.parameterization.shared_mut()) {
+                weights.steps += 1;
+                network_step = weights.steps;
+            }
+        }
+        let refinement = self.settings.pose_refinement;
+        let begins = refinement.map(|refinement| refinement.begin_iteration);
+        Pending {
+            view,
+            network_step,
+            moves_pose: begins.is_some_and(|begin| schedule.scheduled >= begin),
+            schedule: schedule.clone(),
+        }
     }
 
     /// The network's time of a viewpoint, where there is one and it takes part.
     fn network_time(&self, at: &Viewpoint) -> Option<f32> {
-        match self.part().parameterization.device_twin()?.0 {
-            DeviceKind::Deformable(deformable) => deformable.network_time(at),
-            DeviceKind::Static => None,
-        }
+        self.model
+            .parts
+            .iter()
+            .find_map(|part| match part.parameterization.device_twin()?.0 {
+                DeviceKind::Deformable(deformable) => deformable.network_time(at),
+                DeviceKind::Static | DeviceKind::Temporal(_) => None,
+            })
     }
 
     /// The same model with room for at least `entries`.
     fn make_room(&mut self, model: DeviceModel, entries: u32) -> Result<DeviceModel, GpuError> {
         // The renderer's buffers go before the larger ones are made: both may not fit.
-        let arrays = model.into_arrays();
+        let parts = model.parts;
         self.entries = with_slack(entries);
-        self.device_model(arrays)
+        self.device_model(parts)
+    }
+
+    /// Moves the pose of the view that a step drew. The host does: the next view of it waits for that.
+    fn move_pose(&mut self, step: &Pending) -> Result<(), EngineError> {
+        self.settle()?;
+        let model = self.take_model()?;
+        let parts = model.pose.as_ref().map(|pose| pose.parts.read(&self.gpu));
+        self.on_device = Some(model);
+        let gradient = parts.transpose()?.map(|parts| by_camera::sum(&parts));
+        pose_refinement::move_pose(
+            &mut self.model,
+            step.view,
+            gradient.as_ref(),
+            &step.schedule,
+            &mut self.statistics,
+        );
+        Ok(())
     }
 
     /// Brings the host's copy of the model up to date.
@@ -296,14 +353,9 @@ impl<'a> GpuStepper<'a> {
         if self.newest == Newest::Device {
             let on_device = self.take_model()?;
             let gpu = &*self.gpu;
-            let part = &mut self.model.parts[0];
-            on_device.table.read(gpu, &mut part.table.arrays)?;
-            let of_network = part.parameterization.shared_mut().zip(on_device.weights());
-            if let Some((weights, on_device)) = of_network {
-                on_device.read(gpu, std::slice::from_mut(&mut weights.array))?;
+            for (part, on_device) in self.model.parts.iter_mut().zip(&on_device.parts) {
+                on_device.read(gpu, part)?;
             }
-            part.statistics.sums = on_device.gradient_sums.read(gpu)?;
-            part.statistics.views = on_device.view_counts.read(gpu)?;
             self.on_device = Some(on_device);
             self.newest = Newest::Both;
         }
@@ -314,14 +366,15 @@ impl<'a> GpuStepper<'a> {
     fn render(
         &mut self,
         view: &View,
-        network_time: Option<f32>,
+        moment: &Moment,
         settings: &RenderSettings,
     ) -> Result<Vec<f32>, GpuError> {
         loop {
             let model = self.take_model()?;
             let gpu = &*self.gpu;
-            model.chain.buffers.set_view(gpu, view, settings);
-            model.programs(gpu, network_time).activate.submit(gpu);
+            model.set_view(gpu, view, moment, settings);
+            let activation = model.activation(moment.network_time.is_some());
+            activation.forward.submit(gpu);
             model.chain.forward.submit(gpu);
             let status = model.chain.buffers.status.read(gpu)?[0];
             let fresh = [DeviceStatus::default()];
@@ -356,16 +409,15 @@ impl Stepper for GpuStepper<'_> {
 
     fn step(&mut self, view: usize, schedule: &StepSchedule) -> Result<(), EngineError> {
         self.upload()?;
-        let step = Pending {
-            view,
-            network: self.network_step(view, schedule),
-            schedule: schedule.clone(),
-        };
+        let step = self.next_step(view, schedule);
         let model = self.take_model()?;
         self.submit(&model, &step);
         self.on_device = Some(model);
         self.newest = Newest::Device;
-        self.pending.push_back(step);
+        self.pending.push_back(step.clone());
+        if step.moves_pose {
+            return self.move_pose(&step);
+        }
         let look = schedule.iteration.is_multiple_of(LOOK_INTERVAL);
         if look || self.pending.len() as u64 == LOOK_INTERVAL {
             self.settle()?;
@@ -394,12 +446,14 @@ impl Stepper for GpuStepper<'_> {
         self.upload()?;
         let settings = RenderSettings {
             sh_degree,
-            ..self.settings
+            ..self.settings.rendering
         };
+        let view = &self.model.corrected(view);
         let at = Viewpoint::of_image(view);
         let (width, height) = (view.camera.width() as usize, view.camera.height() as usize);
         let image = if self.inputs.size() == [width, height] {
-            self.render(view, self.network_time(&at), &settings)?
+            let network_time = self.network_time(&at);
+            self.render(view, &Moment { at, network_time }, &settings)?
         } else {
             self.download()?;
             let mut activated = ActivatedGaussians::default();

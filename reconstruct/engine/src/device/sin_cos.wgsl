@@ -1,5 +1,5 @@
 // Sine and cosine of any angle in radians. The built-in functions need be right between -pi and pi
-// alone, and the highest octaves of an encoding are far beyond. Polynomials of Cephes (`sinf.c`).
+// alone, and to eleven bits; encodings and cycles go far beyond. Polynomials of Cephes (`sinf.c`).
 fn sin_cos(angle: f32) -> vec2<f32> {
     let quarters = round(angle * 0.63661977);
     // Quarter turns in three parts, of which the products with the first are exact.

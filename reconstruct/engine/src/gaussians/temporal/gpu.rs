@@ -1,0 +1,355 @@
+//! Gaussians with times of their own on a GPU: activation, its VJP, and the dynamic ones alone.
+
+use crate::{
+    device::{DeviceBuffer, Gpu, GpuError, Kernel, Program, Shader, Uniform, wgsl_struct},
+    gaussians::{
+        activated_buffers::ActivatedBuffers,
+        omni4dgs::{LEAST_COSINE, LEAST_DISTANCE, LEAST_WEIGHT, VelocityForm},
+        parameterization::{DeviceEntries, DeviceParameterization, Viewpoint},
+        static_gaussians::{OPACITY_LOGITS, POSITIONS, gpu::StaticGaussians},
+        temporal::{
+            LOG_LIFESPANS, PEAK_TIMES, RADIAL_VELOCITIES, TANGENTIAL_VELOCITIES, TemporalFeatures,
+            VELOCITIES, VelocityModel,
+        },
+        temporal_gaussians::TemporalGaussians,
+    },
+    parameters::{ParameterTable, device_table::TableBuffers},
+};
+
+/// The place of an array that there is none of.
+const NONE: u32 = u32::MAX;
+
+wgsl_struct! {
+    /// A table's temporal parameters at a moment.
+    pub(crate) struct TemporalView {
+        observer: [f32; 3],
+        frame: f32,
+        down: [f32; 3],
+        frame_rest: f32,
+        shift: f32,
+        turns: f32,
+        image_turns: f32,
+        next_turns: f32,
+        len: u32,
+        first: u32,
+        first_alone: u32,
+        channels: u32,
+        positions: u32,
+        opacity_logits: u32,
+        peaks: u32,
+        log_lifespans: u32,
+        velocities: u32,
+        tangential_velocities: u32,
+        velocity_model: u32,
+        gamma: f32,
+        cycle: f32,
+        cycle_high: f32,
+        cycle_low: f32,
+        log_least: f32,
+        log_largest: f32,
+        least_marginal: f32,
+        dynamic_below: f32,
+        velocity_unit: f32,
+        lifespan_unit: f32,
+        lifespan_largest: f32,
+        pad: [u32; 2],
+    }
+}
+
+/// WGSL that reads temporal parameters, with the constants that it needs.
+pub(crate) fn table_constants() -> String {
+    format!(
+        "const TAU: f32 = 6.28318530717959;\n\
+         const LEAST_DISTANCE: f32 = {LEAST_DISTANCE:e};\n\
+         const LEAST_COSINE: f32 = {LEAST_COSINE:e};\n\
+         const LEAST_WEIGHT: f32 = {LEAST_WEIGHT:e};\n"
+    )
+}
+
+pub(crate) fn shader() -> Shader {
+    Shader {
+        file: "temporal.wgsl",
+        constants: table_constants(),
+        parts: &[
+            include_str!("../../device/common.wgsl"),
+            include_str!("../../device/status.wgsl"),
+            include_str!("../../device/sin_cos.wgsl"),
+            include_str!("../gaussians.wgsl"),
+            include_str!("temporal_table.wgsl"),
+            include_str!("temporal.wgsl"),
+        ],
+    }
+}
+
+pub(crate) fn dynamic_shader() -> Shader {
+    Shader {
+        file: "dynamic.wgsl",
+        constants: table_constants(),
+        parts: &[
+            include_str!("../../device/common.wgsl"),
+            include_str!("../../device/sin_cos.wgsl"),
+            include_str!("../gaussians.wgsl"),
+            include_str!("temporal_table.wgsl"),
+            include_str!("dynamic.wgsl"),
+        ],
+    }
+}
+
+/// What moves and fades Gaussians; does not depend on their number.
+#[derive(Debug)]
+pub(crate) struct TemporalKernels {
+    activate_temporal: Kernel,
+    activate_temporal_vjp: Kernel,
+    keep_within_bounds: Kernel,
+    gather_dynamic: Kernel,
+    gather_dynamic_vjp: Kernel,
+}
+
+impl TemporalKernels {
+    pub(crate) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
+        let [activate_temporal, activate_temporal_vjp, keep_within_bounds] = Kernel::compile(
+            gpu,
+            &shader(),
+            [
+                "activate_temporal",
+                "activate_temporal_vjp",
+                "keep_within_bounds",
+            ],
+        )?;
+        let [gather_dynamic, gather_dynamic_vjp] = Kernel::compile(
+            gpu,
+            &dynamic_shader(),
+            ["gather_dynamic", "gather_dynamic_vjp"],
+        )?;
+        Ok(Self {
+            activate_temporal,
+            activate_temporal_vjp,
+            keep_within_bounds,
+            gather_dynamic,
+            gather_dynamic_vjp,
+        })
+    }
+
+    /// Puts lifespans that a step moved out of their bounds back onto them.
+    pub(crate) fn keep_within_bounds(
+        &self,
+        gpu: &Gpu,
+        program: &mut Program,
+        view: &DeviceTime,
+        table: &TableBuffers,
+        status: &wgpu::Buffer,
+    ) {
+        program.run(
+            gpu,
+            &self.keep_within_bounds,
+            view.places.len as usize,
+            &[&view.uniform.raw, &table.values.raw, status],
+        );
+    }
+
+    /// Copies the Gaussians of a table into `alone`, those that are not dynamic without opacity, and
+    /// counts the others.
+    pub(crate) fn gather_dynamic(
+        &self,
+        gpu: &Gpu,
+        program: &mut Program,
+        (view, table): (&DeviceTime, &TableBuffers),
+        [all, alone]: [&ActivatedBuffers; 2],
+        member_count: &DeviceBuffer<u32>,
+    ) {
+        program.run(
+            gpu,
+            &self.gather_dynamic,
+            view.places.len as usize,
+            &[
+                &view.uniform.raw,
+                &table.values.raw,
+                &all.gaussians.raw,
+                &all.harmonics.raw,
+                &alone.gaussians.raw,
+                &alone.harmonics.raw,
+                &member_count.raw,
+            ],
+        );
+    }
+
+    /// VJP of [`TemporalKernels::gather_dynamic`]: adds to the gradient by all.
+    pub(crate) fn gather_dynamic_vjp(
+        &self,
+        gpu: &Gpu,
+        program: &mut Program,
+        view: &DeviceTime,
+        [all, alone]: [&ActivatedBuffers; 2],
+    ) {
+        program.run(
+            gpu,
+            &self.gather_dynamic_vjp,
+            view.places.len as usize,
+            &[
+                &view.uniform.raw,
+                &alone.gaussian_gradients.raw,
+                &alone.harmonic_gradients.raw,
+                &all.gaussian_gradients.raw,
+                &all.harmonic_gradients.raw,
+            ],
+        );
+    }
+}
+
+/// Where the temporal parameters of a table are, and the moment at which they are looked at.
+#[derive(Debug)]
+pub(crate) struct DeviceTime {
+    pub(crate) uniform: Uniform<TemporalView>,
+    temporal: TemporalGaussians,
+    /// What does not depend on the moment.
+    places: TemporalView,
+}
+
+impl DeviceTime {
+    /// For a table whose Gaussians are these entries of all activated ones, and from `first_alone` on of
+    /// those that are drawn alone.
+    pub(crate) fn new(
+        gpu: &Gpu,
+        temporal: TemporalGaussians,
+        features: &TemporalFeatures,
+        (host, table): (&ParameterTable, &TableBuffers),
+        entries: DeviceEntries,
+        first_alone: usize,
+    ) -> Result<Self, GpuError> {
+        let place = |name: &str| host.position(name).map_or(NONE, |array| table.begin(array));
+        let time = &temporal.time;
+        let (velocity_model, gamma) = match time.velocity {
+            VelocityModel::None => (0, 0.0),
+            VelocityModel::Free => (1, 0.0),
+            VelocityModel::Decomposed(decomposition) => match decomposition.form {
+                VelocityForm::Literal => (2, decomposition.gamma),
+                VelocityForm::Projected => (3, decomposition.gamma),
+            },
+        };
+        let (log_least, log_largest) = time
+            .lifespans
+            .map_or((0.0, 0.0), |range| range.logarithms());
+        let cycle_high = f32::from_bits(time.cycle_frames.to_bits() & 0xffff_f000);
+        let places = TemporalView {
+            len: entries.len as u32,
+            first: entries.first as u32,
+            first_alone: first_alone as u32,
+            channels: features.count() as u32,
+            positions: table.begin(POSITIONS),
+            opacity_logits: table.begin(OPACITY_LOGITS),
+            peaks: place(PEAK_TIMES),
+            log_lifespans: place(LOG_LIFESPANS),
+            velocities: place(VELOCITIES).min(place(RADIAL_VELOCITIES)),
+            tangential_velocities: place(TANGENTIAL_VELOCITIES),
+            velocity_model,
+            gamma,
+            cycle: time.cycle_frames,
+            cycle_high,
+            cycle_low: time.cycle_frames - cycle_high,
+            log_least,
+            log_largest,
+            least_marginal: time.least_marginal,
+            dynamic_below: temporal.dynamic_below_staticness,
+            velocity_unit: features.velocity_unit.unwrap_or(0.0),
+            lifespan_unit: features.lifespan.map_or(0.0, |feature| feature.unit_frames),
+            lifespan_largest: features
+                .lifespan
+                .map_or(0.0, |feature| feature.largest_frames),
+            ..TemporalView::default()
+        };
+        Ok(Self {
+            uniform: Uniform::of(gpu, "temporal parameters", &places)?,
+            temporal,
+            places,
+        })
+    }
+
+    /// Where peak times begin in the table, counted in values; the largest number where there are none.
+    pub(crate) fn peaks(&self) -> u32 {
+        self.places.peaks
+    }
+
+    /// Sets the moment for everything that is submitted later.
+    pub(crate) fn set(&self, gpu: &Gpu, at: &Viewpoint) {
+        let look = self.temporal.look(at);
+        let cycle = f64::from(self.temporal.time.cycle_frames);
+        let turns = |frame: f64| {
+            let cycles = frame / cycle;
+            (cycles - cycles.round()) as f32
+        };
+        let image = look.frame_time.frame;
+        let drawn = image - f64::from(look.frame_time.shift);
+        let frame = drawn as f32;
+        let moment = TemporalView {
+            observer: look.observer.centre.to_array(),
+            frame,
+            down: look.observer.down.to_array(),
+            frame_rest: (drawn - f64::from(frame)) as f32,
+            shift: look.frame_time.shift,
+            turns: turns(drawn),
+            image_turns: turns(image),
+            next_turns: turns(image + 1.0),
+            ..self.places
+        };
+        self.uniform.write(gpu, &moment);
+    }
+}
+
+/// Gaussians with times of their own at the moment that is set.
+#[derive(Debug)]
+pub(crate) struct DeviceTemporal<'a> {
+    pub(crate) canonical: &'a StaticGaussians,
+    pub(crate) kernels: &'a TemporalKernels,
+    pub(crate) view: &'a DeviceTime,
+}
+
+impl DeviceParameterization for DeviceTemporal<'_> {
+    fn activate(
+        &self,
+        gpu: &Gpu,
+        program: &mut Program,
+        table: &TableBuffers,
+        entries: DeviceEntries,
+        buffers: &ActivatedBuffers,
+    ) -> Result<(), GpuError> {
+        self.canonical
+            .activate(gpu, program, table, entries, buffers)?;
+        program.run(
+            gpu,
+            &self.kernels.activate_temporal,
+            entries.len,
+            &[
+                &self.view.uniform.raw,
+                &table.values.raw,
+                &buffers.gaussians.raw,
+                &buffers.features.raw,
+            ],
+        );
+        Ok(())
+    }
+
+    fn activate_vjp(
+        &self,
+        gpu: &Gpu,
+        program: &mut Program,
+        table: &TableBuffers,
+        entries: DeviceEntries,
+        buffers: &ActivatedBuffers,
+    ) -> Result<(), GpuError> {
+        self.canonical
+            .activate_vjp(gpu, program, table, entries, buffers)?;
+        program.run(
+            gpu,
+            &self.kernels.activate_temporal_vjp,
+            entries.len,
+            &[
+                &self.view.uniform.raw,
+                &table.values.raw,
+                &buffers.gaussian_gradients.raw,
+                &buffers.feature_gradients.raw,
+                &table.gradients.raw,
+            ],
+        );
+        Ok(())
+    }
+}

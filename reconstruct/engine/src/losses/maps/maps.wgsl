@@ -1,0 +1,97 @@
+// Losses on rendered feature maps, one thread per pixel (see maps.rs). Each adds its weighted value to a
+// sum per workgroup and writes its gradient into the planes of the gradient by the image.
+
+struct MapLosses {
+    pixels: u32,
+    // Planes of velocities at the beginning: 3 or none.
+    velocity_planes: u32,
+    // 1 where velocities are free inside the mask.
+    masked: u32,
+    // Weights, 0 where a view does not have the loss.
+    velocity_weight: f32,
+    lifespan_weight: f32,
+    opacity_weight: f32,
+}
+
+@group(0) @binding(0) var<uniform> maps: MapLosses;
+// Colour (HWC), then transmittance, then feature planes.
+@group(0) @binding(1) var<storage, read> image: array<f32>;
+// 8 bits per channel; the highest byte is the mask.
+@group(0) @binding(2) var<storage, read> target_image: array<u32>;
+@group(0) @binding(3) var<storage, read_write> upstream: array<f32>;
+@group(0) @binding(4) var<storage, read_write> partials: array<f32>;
+
+var<workgroup> sums: array<f32, WORKGROUP>;
+
+fn mask_of(pixel: u32) -> f32 {
+    return unpack4x8unorm(target_image[pixel]).w;
+}
+
+// Where a feature plane's value of a pixel stands in an image.
+fn feature_at(plane: u32, pixel: u32) -> u32 {
+    return (4u + plane) * maps.pixels + pixel;
+}
+
+fn store_sum(value: f32, number: u32, thread: u32) {
+    sums[thread] = value;
+    workgroupBarrier();
+    for (var half = WORKGROUP / 2u; half > 0u; half /= 2u) {
+        if thread < half {
+            sums[thread] += sums[thread + half];
+        }
+        workgroupBarrier();
+    }
+    if thread == 0u && number < arrayLength(&partials) {
+        partials[number] = sums[0];
+    }
+}
+
+// Velocities (Omni4DGS Eq. 9, PVG) and lifespans (PVG) of all Gaussians.
+@compute @workgroup_size(256)
+fn temporal_maps(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let number = workgroup_number(group, groups);
+    let pixel = number * WORKGROUP + thread;
+    var value = 0.0;
+    if pixel < maps.pixels {
+        let opacity = 1.0 - image[3u * maps.pixels + pixel] + OPACITY_EPSILON;
+        let kept = select(1.0, 1.0 - mask_of(pixel), maps.masked == 1u);
+        let by_velocity = maps.velocity_weight / f32(3u * maps.pixels) * kept / opacity;
+        for (var plane = 0u; plane < maps.velocity_planes; plane++) {
+            let place = feature_at(plane, pixel);
+            let velocity = image[place];
+            value += by_velocity * abs(velocity);
+            upstream[place] = by_velocity * sign(velocity);
+        }
+        if maps.lifespan_weight > 0.0 {
+            let place = feature_at(maps.velocity_planes, pixel);
+            let by_lifespan = maps.lifespan_weight / f32(maps.pixels) / opacity;
+            value -= by_lifespan * image[place];
+            upstream[place] = -by_lifespan;
+        }
+    }
+    store_sum(value, number, thread);
+}
+
+// The opacity of the dynamic Gaussians drawn alone against the mask (Omni4DGS Eq. 6).
+@compute @workgroup_size(256)
+fn opacity_map(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let number = workgroup_number(group, groups);
+    let pixel = number * WORKGROUP + thread;
+    var value = 0.0;
+    if pixel < maps.pixels {
+        let place = feature_at(0u, pixel);
+        let scale = maps.opacity_weight / f32(maps.pixels);
+        let error = image[place] - mask_of(pixel);
+        value = scale * abs(error);
+        upstream[place] = scale * sign(error);
+    }
+    store_sum(value, number, thread);
+}

@@ -1,0 +1,82 @@
+//! Motion regularization on a GPU.
+
+use crate::{
+    device::{
+        DeviceBuffer, Gpu, GpuError, Kernel, Program, Shader, Uniform, WORKGROUP, wgsl_struct,
+    },
+    gaussians::temporal::gpu::{DeviceTime, table_constants},
+    parameters::device_table::TableBuffers,
+};
+
+wgsl_struct! {
+    /// The loss's own setting.
+    pub(crate) struct MotionLoss {
+        weight: f32,
+    }
+}
+
+pub(crate) fn shader() -> Shader {
+    Shader {
+        file: "motion.wgsl",
+        constants: table_constants(),
+        parts: &[
+            include_str!("../../device/common.wgsl"),
+            include_str!("../../device/sin_cos.wgsl"),
+            include_str!("../../gaussians/temporal/temporal_table.wgsl"),
+            include_str!("motion.wgsl"),
+        ],
+    }
+}
+
+/// Adds the gradients of `L_m` to those of a table.
+#[derive(Debug)]
+pub(crate) struct Motion {
+    count_static: Kernel,
+    regularize_motion: Kernel,
+    settings: Uniform<MotionLoss>,
+}
+
+impl Motion {
+    /// With the loss's weight.
+    pub(crate) fn new(gpu: &Gpu, weight: f32) -> Result<Self, GpuError> {
+        let [count_static, regularize_motion] =
+            Kernel::compile(gpu, &shader(), ["count_static", "regularize_motion"])?;
+        Ok(Self {
+            count_static,
+            regularize_motion,
+            settings: Uniform::of(gpu, "motion loss", &MotionLoss { weight })?,
+        })
+    }
+
+    /// Adds the gradients by raw parameters and centres; returns where the weighted value stands, in
+    /// parts.
+    pub(crate) fn record(
+        &self,
+        gpu: &Gpu,
+        program: &mut Program,
+        view: &DeviceTime,
+        (table, len): (&TableBuffers, usize),
+    ) -> Result<DeviceBuffer<f32>, GpuError> {
+        let count = DeviceBuffer::<u32>::zeros(gpu, "count of static Gaussians", 1)?;
+        let groups = len.div_ceil(WORKGROUP as usize);
+        let partials = DeviceBuffer::zeros(gpu, "sums of the motion loss", groups)?;
+        program.clear(&count.raw);
+        let table_and_view = [&view.uniform.raw, &table.values.raw];
+        let [uniform, values] = table_and_view;
+        program.run(gpu, &self.count_static, len, &[uniform, values, &count.raw]);
+        program.run(
+            gpu,
+            &self.regularize_motion,
+            len,
+            &[
+                uniform,
+                values,
+                &count.raw,
+                &table.gradients.raw,
+                &partials.raw,
+                &self.settings.raw,
+            ],
+        );
+        Ok(partials)
+    }
+}

@@ -1,0 +1,102 @@
+// Motion regularization of static Gaussians (Omni4DGS Eqs. 10 and 11), one thread per Gaussian.
+
+// One number: how many Gaussians are static.
+@group(0) @binding(2) var<storage, read_write> static_count: array<atomic<u32>>;
+
+@group(0) @binding(2) var<storage, read> all_static: array<u32>;
+// By the table, which it adds to.
+@group(0) @binding(3) var<storage, read_write> gradients: array<f32>;
+// Of every workgroup.
+@group(0) @binding(4) var<storage, read_write> partials: array<f32>;
+
+// lambda_m, in frames.
+@group(0) @binding(5) var<uniform> motion: MotionLoss;
+
+struct MotionLoss {
+    // Its weight.
+    weight: f32,
+}
+
+var<workgroup> sums: array<f32, WORKGROUP>;
+
+@compute @workgroup_size(256)
+fn count_static(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let index = workgroup_number(group, groups) * WORKGROUP + thread;
+    if index < temporal.len && !is_dynamic(index) {
+        atomicAdd(&static_count[0], 1u);
+    }
+}
+
+// |d(t + Dt) - d(t)|^2 with Dt = 1 frame, weighted, of one Gaussian; adds its gradients.
+fn motion_of(index: u32, scale: f32) -> f32 {
+    let parameters = parameters_of(index);
+    let centre = table_vector(temporal.positions, index) - temporal.observer;
+    let vibrations = array(
+        vibration(temporal.image_turns, parameters.peak),
+        vibration(temporal.next_turns, parameters.peak),
+    );
+    let before = centre + parameters.velocity * vibrations[0].x;
+    let after = centre + parameters.velocity * vibrations[1].x;
+    let near = length(before);
+    let far = length(after);
+    if !(near > LEAST_DISTANCE && far > LEAST_DISTANCE) {
+        return 0.0;
+    }
+    let d_before = before / near;
+    let d_after = after / far;
+    let change = d_after - d_before;
+    // d(p/|p|): remove the part along p, divide by the length.
+    let by_change = 2.0 * scale * change;
+    let by_after = (by_change - d_after * dot(d_after, by_change)) / far;
+    let by_before = (d_before * dot(d_before, by_change) - by_change) / near;
+    let by_centre = by_before + by_after;
+    let by_peak = -dot(
+        parameters.velocity,
+        vibrations[0].y * by_before + vibrations[1].y * by_after,
+    );
+    let by_velocity = by_before * vibrations[0].x + by_after * vibrations[1].x;
+    let raw = raw_vjp(index, TemporalGradient(by_peak, 0.0, by_velocity));
+    if temporal.peaks != NONE {
+        gradients[temporal.peaks + index] += raw.peak;
+    }
+    for (var axis = 0u; axis < 3u; axis++) {
+        gradients[temporal.positions + index * 3u + axis] += by_centre[axis];
+        if temporal.velocities != NONE {
+            gradients[temporal.velocities + index * 3u + axis] += raw.velocity[axis];
+        }
+        if temporal.tangential_velocities != NONE {
+            gradients[temporal.tangential_velocities + index * 3u + axis]
+                += raw.tangential_velocity[axis];
+        }
+    }
+    return scale * dot(change, change);
+}
+
+@compute @workgroup_size(256)
+fn regularize_motion(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let number = workgroup_number(group, groups);
+    let index = number * WORKGROUP + thread;
+    var value = 0.0;
+    if index < temporal.len && !is_dynamic(index) {
+        value = motion_of(index, motion.weight / f32(max(all_static[0], 1u)));
+    }
+    sums[thread] = value;
+    workgroupBarrier();
+    for (var half = WORKGROUP / 2u; half > 0u; half /= 2u) {
+        if thread < half {
+            sums[thread] += sums[thread + half];
+        }
+        workgroupBarrier();
+    }
+    if thread == 0u && number < arrayLength(&partials) {
+        partials[number] = sums[0];
+    }
+}

@@ -1,0 +1,210 @@
+//! The losses of dynamic methods on a GPU; the twin of `step/dynamic_losses.rs`.
+
+use crate::{
+    device::{DeviceBuffer, Gpu, GpuError, Program},
+    gaussians::temporal::{TemporalFeatures, gpu::TemporalKernels},
+    losses::{
+        maps::gpu::{MapLoss, MapLosses, Maps},
+        motion::gpu::Motion,
+        photometric::gpu::{Loss, LossWeights},
+    },
+    model::dynamic_settings::DynamicSettings,
+    render::{
+        buffers::{DeviceStatus, RenderShape},
+        gpu::{Chain, Chains},
+    },
+    schedule::StepSchedule,
+    step::gpu::{
+        device_model::{DevicePart, DevicePartKind},
+        kernels::Terms,
+    },
+};
+
+/// Kernels of the losses that a method has beside the photometric one.
+#[derive(Debug)]
+pub(super) struct DynamicKernels {
+    settings: DynamicSettings,
+    maps: Maps,
+    motion: Option<Motion>,
+    alone: Option<AloneKernels>,
+}
+
+/// What draws the dynamic Gaussians alone.
+#[derive(Debug)]
+struct AloneKernels {
+    chains: Chains,
+    loss: Loss,
+}
+
+/// The dynamic Gaussians alone on the device.
+#[derive(Debug)]
+pub(super) struct DeviceAlone {
+    pub(super) chain: Chain,
+    /// To their losses.
+    pub(super) forward: Program,
+    /// To the gradients by all Gaussians, to which it adds.
+    pub(super) backward: Program,
+}
+
+impl DynamicKernels {
+    pub(super) fn new(
+        gpu: &Gpu,
+        settings: &DynamicSettings,
+        size: (u32, u32),
+    ) -> Result<Self, GpuError> {
+        let moves = settings.motion_weight > 0.0;
+        let alone = settings.dynamic_loss.map(|dynamic| {
+            let weights = LossWeights {
+                ssim: dynamic.ssim_weight,
+                total: dynamic.weight,
+                masked: true,
+            };
+            Ok(AloneKernels {
+                chains: Chains::default(),
+                // Transmittance, and the opacity as a feature.
+                loss: Loss::new(gpu, size, 2, weights)?,
+            })
+        });
+        Ok(Self {
+            settings: settings.clone(),
+            maps: Maps::new(gpu, size.0 as usize * size.1 as usize)?,
+            motion: moves
+                .then(|| Motion::new(gpu, settings.motion_weight))
+                .transpose()?,
+            alone: alone.transpose()?,
+        })
+    }
+
+    /// What is rendered beside colours.
+    pub(super) fn features(&self) -> &TemporalFeatures {
+        &self.settings.features
+    }
+
+    /// Sets what a view's losses are for everything that is submitted later.
+    pub(super) fn set(&self, gpu: &Gpu, has_mask: bool, gain: [f32; 3]) {
+        let settings = &self.settings;
+        let of_view = settings
+            .velocity_loss
+            .filter(|loss| has_mask || !loss.outside_masks);
+        let losses = MapLosses {
+            velocity_planes: if settings.features.velocity_unit.is_some() {
+                3
+            } else {
+                0
+            },
+            masked: u32::from(of_view.is_some_and(|loss| loss.outside_masks)),
+            velocity_weight: of_view.map_or(0.0, |loss| loss.weight),
+            lifespan_weight: match settings.features.lifespan {
+                Some(_) => settings.lifespan_weight,
+                None => 0.0,
+            },
+            opacity_weight: settings.dynamic_loss.map_or(0.0, |dynamic| dynamic.weight),
+            ..MapLosses::default()
+        };
+        self.maps.set(gpu, losses);
+        if let Some(alone) = &self.alone {
+            alone.loss.set_gain(gpu, gain);
+        }
+    }
+
+    /// Whether a step draws the dynamic Gaussians alone.
+    pub(super) fn draws_alone(&self, has_mask: bool, schedule: &StepSchedule) -> bool {
+        let dynamic = self.settings.dynamic_loss;
+        has_mask && dynamic.is_some_and(|dynamic| schedule.scheduled >= dynamic.begin_iteration)
+    }
+
+    /// Adds the losses on the maps of a render and their gradient to `upstream`.
+    pub(super) fn record_maps(
+        &self,
+        gpu: &Gpu,
+        program: &mut Program,
+        images: [&DeviceBuffer<f32>; 2],
+        target: &DeviceBuffer<u32>,
+        terms: &Terms,
+    ) -> Result<(), GpuError> {
+        if self.settings.features.count() > 0 {
+            let maps = &self.maps;
+            let partials = maps.record(gpu, program, MapLoss::Temporal, images, target)?;
+            terms.record(gpu, program, &partials);
+        }
+        Ok(())
+    }
+
+    /// Adds the motion regularization to the gradients by the parameters of a part.
+    pub(super) fn record_motion(
+        &self,
+        gpu: &Gpu,
+        program: &mut Program,
+        part: &DevicePart,
+        terms: &Terms,
+    ) -> Result<(), GpuError> {
+        if let (Some(motion), DevicePartKind::Temporal(time)) = (&self.motion, &part.kind) {
+            let table = (&part.table, part.entries.len);
+            let partials = motion.record(gpu, program, time, table)?;
+            terms.record(gpu, program, &partials);
+        }
+        Ok(())
+    }
+
+    /// The programs that draw the dynamic Gaussians alone, of `gaussians` that have times, where a loss
+    /// asks for it.
+    pub(super) fn alone(
+        &mut self,
+        gpu: &Gpu,
+        temporal: &TemporalKernels,
+        (parts, all): (&[DevicePart], &Chain),
+        target: &DeviceBuffer<u32>,
+        terms: &Terms,
+    ) -> Result<Option<DeviceAlone>, GpuError> {
+        let with_times = parts.iter().filter_map(|part| match &part.kind {
+            DevicePartKind::Temporal(time) => Some((part, &**time)),
+            _ => None,
+        });
+        let with_times: Vec<_> = with_times.collect();
+        let (Some(alone), Some((first, _)), Some((last, _))) =
+            (&mut self.alone, with_times.first(), with_times.last())
+        else {
+            return Ok(None);
+        };
+        let shape = RenderShape {
+            gaussians: last.entries.first + last.entries.len - first.entries.first,
+            features: 1,
+            ..all.buffers.shape
+        };
+        let status: DeviceBuffer<DeviceStatus> = all.buffers.status.clone();
+        let chain = alone.chains.chain(gpu, shape, status)?;
+        let activated = [&all.buffers.activated, &chain.buffers.activated];
+        let ones = vec![1.0; shape.gaussians];
+        activated[1].features.write(gpu, 0, &ones);
+        let member_count = DeviceBuffer::zeros(gpu, "count of dynamic Gaussians", 1)?;
+
+        let mut forward = Program::default();
+        forward.clear(&member_count.raw);
+        for (part, time) in &with_times {
+            let table = (*time, &part.table);
+            temporal.gather_dynamic(gpu, &mut forward, table, activated, &member_count);
+        }
+        forward.append(&chain.forward);
+        let image = &chain.buffers.image;
+        let loss = &alone.loss;
+        loss.record(gpu, &mut forward, image, target);
+        let images = [image, &loss.gradient];
+        let partials = self
+            .maps
+            .record(gpu, &mut forward, MapLoss::Opacity, images, target)?;
+        terms.record_alone(gpu, &mut forward, &partials, &loss.value, &member_count);
+
+        let mut backward = Program::default();
+        alone
+            .chains
+            .backward(gpu, &mut backward, &chain.buffers, &loss.gradient)?;
+        for (_, time) in &with_times {
+            temporal.gather_dynamic_vjp(gpu, &mut backward, time, activated);
+        }
+        Ok(Some(DeviceAlone {
+            chain,
+            forward,
+            backward,
+        }))
+    }
+}

@@ -1,0 +1,370 @@
+//! Kernels of a training step, which do not depend on the number of Gaussians, and the programs that they
+//! make of a model.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+
+use crate::{
+    device::{
+        DeviceBuffer, Gpu, GpuError, Kernel, Program, Uniform,
+        shader::{Shader, wgsl_struct},
+    },
+    gaussians::{
+        deformable::gpu::{DeformableGaussians, DeformationKernels},
+        parameterization::{DeviceKind, DeviceParameterization, DeviceTwin},
+        static_gaussians::gpu::StaticGaussians,
+        temporal::gpu::{DeviceTemporal, TemporalKernels},
+    },
+    losses::photometric::gpu::{Loss, LossWeights},
+    model::Model,
+    parameters::adam::gpu::Adam,
+    render::{
+        buffers::RenderShape,
+        gpu::{Chain, Chains},
+        project::by_camera::gpu::PoseGradients,
+    },
+    step::{
+        gpu::{
+            device_model::{
+                Activation, DeviceModel, DeviceNetwork, DevicePart, DevicePartKind, DevicePose,
+            },
+            dynamic_losses::DynamicKernels,
+        },
+        settings::TrainSettings,
+    },
+};
+
+wgsl_struct! {
+    /// What the statistics depend on.
+    pub(crate) struct StepView {
+        gaussians: u32,
+        first: u32,
+        half_size: [f32; 2],
+        peaks: u32,
+        pad: u32,
+    }
+}
+
+pub(crate) fn shader(shape: &RenderShape) -> Shader {
+    Shader {
+        file: "step.wgsl",
+        constants: shape.constants(),
+        parts: &[
+            include_str!("../../device/common.wgsl"),
+            include_str!("../../device/status.wgsl"),
+            include_str!("../step.wgsl"),
+        ],
+    }
+}
+
+/// Losses of a step beside the photometric one, added up on the device.
+#[derive(Debug)]
+pub(super) struct Terms {
+    add_term: Kernel,
+    add_alone: Kernel,
+    sum: DeviceBuffer<f32>,
+}
+
+impl Terms {
+    /// Adds a loss that was taken in parts.
+    pub(super) fn record(&self, gpu: &Gpu, program: &mut Program, partials: &DeviceBuffer<f32>) {
+        let buffers = [&partials.raw, &self.sum.raw];
+        program.run_workgroups(gpu, &self.add_term, 1, &buffers);
+    }
+
+    /// Adds the losses of the dynamic Gaussians drawn alone, unless there are none.
+    pub(super) fn record_alone(
+        &self,
+        gpu: &Gpu,
+        program: &mut Program,
+        partials: &DeviceBuffer<f32>,
+        photometric: &DeviceBuffer<[f32; 4]>,
+        member_count: &DeviceBuffer<u32>,
+    ) {
+        let buffers = [
+            &partials.raw,
+            &photometric.raw,
+            &member_count.raw,
+            &self.sum.raw,
+        ];
+        program.run_workgroups(gpu, &self.add_alone, 1, &buffers);
+    }
+}
+
+/// Kernels that do not depend on the number of Gaussians, and what all steps share.
+#[derive(Debug)]
+pub(super) struct StepKernels {
+    gpu: Arc<Gpu>,
+    chains: Chains,
+    static_gaussians: StaticGaussians,
+    temporal: Option<TemporalKernels>,
+    deformation: Option<DeformationKernels>,
+    pub(super) loss: Loss,
+    pub(super) dynamic: Option<DynamicKernels>,
+    pose_gradients: Option<PoseGradients>,
+    adam: Adam,
+    judge_loss: Kernel,
+    add_statistics: Kernel,
+    terms: Terms,
+    /// The image that a step is compared with.
+    pub(super) target: DeviceBuffer<u32>,
+    /// Of the steps since the host looked.
+    pub(super) losses: DeviceBuffer<[f32; 4]>,
+}
+
+impl StepKernels {
+    /// Compiles the kernels for images of a size.
+    pub(super) fn new(
+        gpu: Arc<Gpu>,
+        size: (u32, u32),
+        (model, settings): (&Model, &TrainSettings),
+        look_interval: usize,
+    ) -> Result<Self, GpuError> {
+        let features = settings.dynamics.as_ref();
+        let shape = RenderShape {
+            gaussians: 0,
+            sh_degree: 0,
+            features: features.map_or(0, |dynamics| dynamics.features.count()),
+            width: size.0 as usize,
+            height: size.1 as usize,
+            entries: 0,
+        };
+        let [judge_loss, add_statistics, add_term, add_alone] = Kernel::compile(
+            &gpu,
+            &shader(&shape),
+            ["judge_loss", "add_statistics", "add_term", "add_alone"],
+        )?;
+        let is_of = |kind: fn(DeviceKind<'_>) -> bool| {
+            let twins = model.parts.iter();
+            let mut twins = twins.filter_map(|part| part.parameterization.device_twin());
+            twins.any(|DeviceTwin(twin)| kind(twin))
+        };
+        let with_times = is_of(|kind| matches!(kind, DeviceKind::Temporal(_)));
+        let deforms = is_of(|kind| matches!(kind, DeviceKind::Deformable(_)));
+        let weights = LossWeights {
+            ssim: settings.ssim_weight,
+            total: 1.0,
+            masked: false,
+        };
+        Ok(Self {
+            chains: Chains::default(),
+            static_gaussians: StaticGaussians::new(&gpu)?,
+            temporal: with_times.then(|| TemporalKernels::new(&gpu)).transpose()?,
+            deformation: deforms.then(|| DeformationKernels::new(&gpu)).transpose()?,
+            loss: Loss::new(&gpu, size, 1 + shape.features, weights)?,
+            dynamic: settings
+                .dynamics
+                .as_ref()
+                .map(|dynamics| DynamicKernels::new(&gpu, dynamics, size))
+                .transpose()?,
+            pose_gradients: settings
+                .pose_refinement
+                .map(|_| PoseGradients::new(&gpu, &shape))
+                .transpose()?,
+            adam: Adam::new(&gpu)?,
+            judge_loss,
+            add_statistics,
+            terms: Terms {
+                add_term,
+                add_alone,
+                sum: DeviceBuffer::zeros(&gpu, "further losses", 1)?,
+            },
+            target: DeviceBuffer::zeros(&gpu, "image of the view", shape.pixels())?,
+            losses: DeviceBuffer::zeros(&gpu, "losses", look_interval)?,
+            gpu,
+        })
+    }
+
+    /// Records the programs of a step on a model.
+    pub(super) fn device_model(
+        &mut self,
+        parts: Vec<DevicePart>,
+        shape: RenderShape,
+    ) -> Result<DeviceModel, GpuError> {
+        let gpu = Arc::clone(&self.gpu);
+        let status = DeviceBuffer::zeros(&gpu, "status", 1)?;
+        let chain = self.chains.chain(&gpu, shape, status)?;
+        self.write_static_features(&parts, &chain);
+        let deforms = |part: &DevicePart| matches!(part.kind, DevicePartKind::Deformable(..));
+        let canonical = self.activation(&parts, &chain, false)?;
+        let deformed = match parts.iter().any(deforms) {
+            true => Some(self.activation(&parts, &chain, true)?),
+            false => None,
+        };
+        let losses = self.record_losses(&chain)?;
+        let alone = match (&mut self.dynamic, &self.temporal) {
+            (Some(dynamic), Some(temporal)) => {
+                dynamic.alone(&gpu, temporal, (&parts, &chain), &self.target, &self.terms)?
+            }
+            _ => None,
+        };
+        let mut backward = Program::default();
+        let upstream = &self.loss.gradient;
+        self.chains
+            .backward(&gpu, &mut backward, &chain.buffers, upstream)?;
+        Ok(DeviceModel {
+            pose: self.record_pose(&chain)?,
+            update: self.record_update(&parts, &chain)?,
+            parts,
+            chain,
+            canonical,
+            deformed,
+            losses,
+            alone,
+            backward,
+        })
+    }
+
+    /// The feature channels of Gaussians without times of their own, which no kernel writes.
+    fn write_static_features(&self, parts: &[DevicePart], chain: &Chain) {
+        let Some(dynamic) = &self.dynamic else {
+            return;
+        };
+        let features = dynamic.features();
+        let mut row = vec![0.0; features.count()];
+        features.write(Vec3::ZERO, f32::INFINITY, &mut row);
+        for DevicePart { entries, kind, .. } in parts {
+            if !matches!(kind, DevicePartKind::Temporal(_)) {
+                let rows = row.repeat(entries.len);
+                let buffer = &chain.buffers.activated.features;
+                buffer.write(&self.gpu, entries.first * row.len(), &rows);
+            }
+        }
+    }
+
+    /// Gaussians of all parts, the network's among them or as they are without it.
+    fn activation(
+        &self,
+        parts: &[DevicePart],
+        chain: &Chain,
+        with_network: bool,
+    ) -> Result<Activation, GpuError> {
+        let gpu = &*self.gpu;
+        let mut activation = Activation::default();
+        let canonical = &self.static_gaussians;
+        for part in parts {
+            let (temporal, deformable);
+            let twin: &dyn DeviceParameterization =
+                match (&part.kind, &self.temporal, &self.deformation) {
+                    (DevicePartKind::Temporal(view), Some(kernels), _) => {
+                        temporal = DeviceTemporal {
+                            canonical,
+                            kernels,
+                            view,
+                        };
+                        &temporal
+                    }
+                    (DevicePartKind::Deformable(network), _, Some(kernels)) if with_network => {
+                        let DeviceNetwork { buffers, next_step } = &**network;
+                        deformable = DeformableGaussians {
+                            canonical,
+                            kernels,
+                            buffers,
+                        };
+                        let status = &chain.buffers.status.raw;
+                        let weights = (next_step, &buffers.weights);
+                        self.adam
+                            .record(gpu, &mut activation.update, weights, status);
+                        &deformable
+                    }
+                    _ => canonical,
+                };
+            let activated = &chain.buffers.activated;
+            let DevicePart { table, entries, .. } = part;
+            twin.activate(gpu, &mut activation.forward, table, *entries, activated)?;
+            twin.activate_vjp(gpu, &mut activation.backward, table, *entries, activated)?;
+        }
+        Ok(activation)
+    }
+
+    /// The image, and the losses that look at it.
+    fn record_losses(&self, chain: &Chain) -> Result<Program, GpuError> {
+        let gpu = &*self.gpu;
+        let mut program = Program::default();
+        program.clear(&self.terms.sum.raw);
+        program.append(&chain.forward);
+        let image = &chain.buffers.image;
+        self.loss.record(gpu, &mut program, image, &self.target);
+        if let Some(dynamic) = &self.dynamic {
+            let images = [image, &self.loss.gradient];
+            dynamic.record_maps(gpu, &mut program, images, &self.target, &self.terms)?;
+        }
+        Ok(program)
+    }
+
+    fn record_pose(&self, chain: &Chain) -> Result<Option<DevicePose>, GpuError> {
+        let record = |kernels: &PoseGradients| {
+            let mut program = Program::default();
+            let parts = kernels.record(&self.gpu, &mut program, &chain.buffers)?;
+            Ok(DevicePose { program, parts })
+        };
+        self.pose_gradients.as_ref().map(record).transpose()
+    }
+
+    /// What follows the gradients by parameters: the loss on them, statistics, Adam, bounds.
+    fn record_update(&self, parts: &[DevicePart], chain: &Chain) -> Result<Program, GpuError> {
+        let gpu = &*self.gpu;
+        let mut program = Program::default();
+        if let Some(dynamic) = &self.dynamic {
+            for part in parts {
+                dynamic.record_motion(gpu, &mut program, part, &self.terms)?;
+            }
+        }
+        let status = &chain.buffers.status.raw;
+        let judged = [
+            &self.loss.value.raw,
+            status,
+            &self.losses.raw,
+            &self.terms.sum.raw,
+        ];
+        program.run_workgroups(gpu, &self.judge_loss, 1, &judged);
+        for part in parts {
+            self.record_statistics(&mut program, part, chain)?;
+            let table = (&part.next_step, &part.table);
+            self.adam.record(gpu, &mut program, table, status);
+            if let (DevicePartKind::Temporal(time), Some(kernels)) = (&part.kind, &self.temporal) {
+                kernels.keep_within_bounds(gpu, &mut program, time, &part.table, status);
+            }
+        }
+        Ok(program)
+    }
+
+    fn record_statistics(
+        &self,
+        program: &mut Program,
+        part: &DevicePart,
+        chain: &Chain,
+    ) -> Result<(), GpuError> {
+        let gpu = &*self.gpu;
+        let buffers = &chain.buffers;
+        let shape = &buffers.shape;
+        let view = StepView {
+            gaussians: part.entries.len as u32,
+            first: part.entries.first as u32,
+            half_size: [0.5 * shape.width as f32, 0.5 * shape.height as f32],
+            peaks: match &part.kind {
+                DevicePartKind::Temporal(time) => time.peaks(),
+                _ => u32::MAX,
+            },
+            pad: 0,
+        };
+        let view = Uniform::of(gpu, "statistics", &view)?;
+        let statistics = &part.statistics;
+        program.run(
+            gpu,
+            &self.add_statistics,
+            part.entries.len,
+            &[
+                &view.raw,
+                &buffers.status.raw,
+                &buffers.splat_gradients.raw,
+                &statistics.gradient_sums.raw,
+                &statistics.view_counts.raw,
+                &part.table.gradients.raw,
+                &statistics.time_gradients.raw,
+            ],
+        );
+        Ok(())
+    }
+}
