@@ -1,12 +1,28 @@
-//! The stability catalogue on the CPU: every case is as good as it has to be.
+//! The stability catalogue on every backend: every case is as good as it has to be.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
-use omnilife_reconstruct::stability::{self, devices::DeviceKind};
+use omnilife_reconstruct::stability::{
+    self,
+    devices::{Device, DeviceKind},
+};
 use omnilife_schemas::{progress::Silent, records::StabilityStatus};
 
 #[test]
 fn every_case_passes_on_the_cpu() {
-    let report = stability::run(&[DeviceKind::Cpu], &Silent).unwrap();
+    every_case_passes(DeviceKind::Cpu);
+}
+
+#[test]
+fn every_case_passes_on_a_gpu() {
+    match Device::open(DeviceKind::Gpu) {
+        Ok(device) => println!("on {}", device.describe()),
+        Err(reason) => return omnilife_schemas::testing::skip(reason),
+    }
+    every_case_passes(DeviceKind::Gpu);
+}
+
+fn every_case_passes(kind: DeviceKind) {
+    let report = stability::run(&[kind], &Silent).unwrap();
     for row in &report.rows {
         let measured = row.measured;
         println!(

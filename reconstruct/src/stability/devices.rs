@@ -1,6 +1,6 @@
 //! What renders a case: the CPU, or a GPU.
 
-use std::sync::Arc;
+use std::{cell::RefCell, sync::Arc};
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -8,11 +8,14 @@ use rand_pcg::Pcg64Mcg;
 use crate::error::ReconstructError;
 use crate::stability::{parameterizations::Parameterization, setup::Setup};
 use omnilife_engine::{
+    EngineError,
     camera::View,
     device::Gpu,
-    gaussians::ActivatedGaussians,
+    gaussians::{ActivatedGaussians, parameterization::Viewpoint, temporal::TemporalFeatures},
+    model::Model,
     parameters::ParameterTable,
     render::{cpu::Renderer, gpu::GpuRenderer, raster::RasterGradient, settings::RenderSettings},
+    step::gpu::activation::{GpuActivation, GpuActivator},
 };
 
 /// Kinds of devices.
@@ -40,7 +43,28 @@ impl DeviceKind {
 /// A device that is ready.
 #[derive(Debug)]
 pub struct Device {
-    gpu: Option<Arc<Gpu>>,
+    gpu: Option<GpuDevice>,
+}
+
+/// A GPU with its kernels compiled.
+#[derive(Debug)]
+struct GpuDevice {
+    gpu: Arc<Gpu>,
+    activator: GpuActivator,
+    renderer: RefCell<GpuRenderer>,
+}
+
+impl GpuDevice {
+    fn open() -> Result<Self, EngineError> {
+        let gpu = Arc::new(Gpu::open()?);
+        // Cases bring settings of their own.
+        let renderer = GpuRenderer::new(Arc::clone(&gpu), RenderSettings::new(0.0));
+        Ok(Self {
+            activator: GpuActivator::new(Arc::clone(&gpu))?,
+            renderer: RefCell::new(renderer),
+            gpu,
+        })
+    }
 }
 
 /// A rendered case with its gradients.
@@ -67,6 +91,35 @@ pub struct ActivatedRoundTrip {
     pub drawn: usize,
 }
 
+/// Gaussians of a part, and what takes gradients by them back to its parameters.
+struct Activation {
+    gaussians: ActivatedGaussians,
+    back: WayBack,
+}
+
+enum WayBack {
+    Cpu(Box<Model>, Viewpoint),
+    Gpu(Box<GpuActivation>),
+}
+
+impl Activation {
+    /// The part's table with gradients.
+    fn backward(
+        &mut self,
+        mut gradient: ActivatedGaussians,
+    ) -> Result<ParameterTable, ReconstructError> {
+        let model = match &mut self.back {
+            WayBack::Cpu(model, at) => {
+                let none = TemporalFeatures::default();
+                model.activate_backward(at, &none, &mut self.gaussians, &mut gradient);
+                model
+            }
+            WayBack::Gpu(activation) => activation.activate_backward(&gradient)?,
+        };
+        Ok(model.parts[0].table.clone())
+    }
+}
+
 impl Device {
     /// Opens a device.
     ///
@@ -75,10 +128,8 @@ impl Device {
     pub fn open(kind: DeviceKind) -> Result<Self, String> {
         match kind {
             DeviceKind::Cpu => Ok(Self { gpu: None }),
-            DeviceKind::Gpu => match Gpu::open() {
-                Ok(gpu) => Ok(Self {
-                    gpu: Some(Arc::new(gpu)),
-                }),
+            DeviceKind::Gpu => match GpuDevice::open() {
+                Ok(gpu) => Ok(Self { gpu: Some(gpu) }),
                 Err(error) => Err(error.to_string()),
             },
         }
@@ -97,8 +148,8 @@ impl Device {
     pub fn describe(&self) -> String {
         match &self.gpu {
             None => format!("{} processor", std::env::consts::ARCH),
-            Some(gpu) => {
-                let adapter = gpu.adapter();
+            Some(device) => {
+                let adapter = device.gpu.adapter();
                 format!("{} ({}, {})", adapter.name, adapter.kind, adapter.driver)
             }
         }
@@ -136,19 +187,35 @@ impl Device {
         &self,
         setup: &Setup,
         parameterization: &Parameterization,
-        mut table: ParameterTable,
+        table: ParameterTable,
         weights: &[f32],
     ) -> Result<RoundTrip, ReconstructError> {
-        let mut instant = ActivatedGaussians::default();
-        (parameterization.activate)(&table, setup, &mut instant);
+        let part = (parameterization.part)(table, setup);
+        let mut activation = self.activate(Model::new(vec![part]), &setup.viewpoint())?;
         let settings = setup.exact.settings;
-        let made = self.round_trip_activated(&setup.view, settings, &instant, [weights, &[]])?;
-        (parameterization.activate_vjp)(&mut table, &instant, &made.gradient, setup);
+        let gaussians = &activation.gaussians;
+        let made = self.round_trip_activated(&setup.view, settings, gaussians, [weights, &[]])?;
+        let table = activation.backward(made.gradient)?;
         Ok(RoundTrip {
             colour: made.colour,
             table,
             drawn: made.drawn,
         })
+    }
+
+    fn activate(&self, mut model: Model, at: &Viewpoint) -> Result<Activation, ReconstructError> {
+        let (gaussians, back) = match &self.gpu {
+            None => {
+                let mut gaussians = ActivatedGaussians::default();
+                model.activate(at, &TemporalFeatures::default(), &mut gaussians);
+                (gaussians, WayBack::Cpu(Box::new(model), *at))
+            }
+            Some(device) => {
+                let activation = device.activator.activation(model, at)?;
+                (activation.activate()?, WayBack::Gpu(Box::new(activation)))
+            }
+        };
+        Ok(Activation { gaussians, back })
     }
 
     /// Renders activated Gaussians and takes the gradient of the image, weighted by colour and by feature
@@ -173,8 +240,9 @@ impl Device {
                 renderer.backward(view, gaussians, &upstream, &mut gradient);
                 (colour, features, renderer.visible().count())
             }
-            Some(gpu) => {
-                let mut renderer = GpuRenderer::new(gpu.clone(), settings);
+            Some(device) => {
+                let mut renderer = device.renderer.borrow_mut();
+                renderer.settings = settings;
                 let raster = renderer.forward(view, gaussians)?;
                 renderer.backward(&upstream, &mut gradient)?;
                 (raster.colour, raster.features, renderer.visible()?.len())

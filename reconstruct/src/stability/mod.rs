@@ -37,13 +37,11 @@ use crate::error::ReconstructError;
 use cases::{Case, Expectation};
 use devices::{Device, DeviceKind};
 use measure::{Measured, measure};
-use parameterizations::{InTime, PARAMETERIZATIONS, Parameterization};
+use parameterizations::{PARAMETERIZATIONS, Parameterization};
 use sweeps::SWEEPS;
 
 /// Where the case is not about a parameterization.
 const NO_PARAMETERIZATION: &str = "none";
-/// Why a GPU is not asked about time.
-const STILL_DEVICE: &str = "what depends on time is activated on the CPU";
 /// Largest difference of a colour value where a Gaussian's edge, or the end of compositing, falls on
 /// one side in f32 and on the other in f64: two steps of 1/255.
 const LARGEST_SWITCH: f64 = 8e-3;
@@ -103,12 +101,8 @@ fn on_device(
         .backends
         .insert(kind.id().to_owned(), device.describe());
     for case in cases::all() {
-        if !case.about.iter().any(|&in_time| knows(kind, in_time)) {
-            report.rows.push(not_run(case, kind, STILL_DEVICE));
-        }
         for parameterization in PARAMETERIZATIONS {
-            let in_time = parameterization.in_time;
-            if case.about.contains(&in_time) && knows(kind, in_time) {
+            if case.about.contains(&parameterization.in_time) {
                 report.rows.push(row(case, parameterization, &mut device)?);
             }
         }
@@ -123,17 +117,10 @@ fn on_device(
         progress.advance(1);
     }
     for (sweep, record) in SWEEPS.iter().zip(&mut report.sweeps) {
-        if knows(kind, sweep.parameterization.in_time) {
-            record.points.extend(sweep.points(&mut device)?);
-        }
+        record.points.extend(sweep.points(&mut device)?);
         progress.advance(1);
     }
     Ok(())
-}
-
-/// Whether a device's training knows of this.
-fn knows(kind: DeviceKind, in_time: InTime) -> bool {
-    kind == DeviceKind::Cpu || in_time == InTime::Still
 }
 
 fn not_run(case: &Case, kind: DeviceKind, reason: &str) -> StabilityRow {

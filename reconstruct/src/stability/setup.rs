@@ -9,6 +9,7 @@ use omnilife_schemas::{
 use omnilife_engine::{
     camera::{Camera, View},
     clock::Clock,
+    gaussians::parameterization::Viewpoint,
     render::{
         reference::RefView,
         settings::{Footprint, RenderSettings},
@@ -116,6 +117,11 @@ pub struct Setup {
 pub const TIME_SECONDS: f64 = 0.5;
 
 impl Setup {
+    /// When and from where the Gaussians are looked at, in training.
+    pub fn viewpoint(&self) -> Viewpoint {
+        Viewpoint::of_step(&self.view, self.timing.shift_frames, 1)
+    }
+
     /// These Gaussians from a camera that is not straight.
     pub fn new(gaussians: Vec<RawGaussian>) -> Self {
         let turned = DQuat::from_euler(glam::EulerRot::XYZ, 0.3, -1.1, 0.2);

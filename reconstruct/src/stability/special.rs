@@ -7,12 +7,13 @@ use crate::stability::{
     NO_PARAMETERIZATION, atlas, clips, depth,
     devices::{Device, DeviceKind},
     objects,
-    parameterizations::{self, DEFORMABLE, STATIC},
+    parameterizations::{DEFORMABLE, STATIC},
     setup::{Setup, mild},
 };
 use omnilife_engine::{
-    gaussians::ActivatedGaussians,
+    gaussians::{ActivatedGaussians, temporal::TemporalFeatures},
     losses::photometric::cpu::Loss,
+    model::Model,
     parameters::{ParameterTable, adam},
 };
 
@@ -247,9 +248,11 @@ fn network_weights() -> Judgement {
         setup.gaussians.push(setup.gaussians[number]);
     }
     let weights = |setup: &Setup, bad: &[usize]| {
-        let mut table = (DEFORMABLE.table)(setup);
+        let part = (DEFORMABLE.part)((DEFORMABLE.table)(setup), setup);
+        let mut model = Model::new(vec![part]);
+        let (at, none) = (setup.viewpoint(), TemporalFeatures::default());
         let mut instant = ActivatedGaussians::default();
-        (DEFORMABLE.activate)(&table, setup, &mut instant);
+        model.activate(&at, &none, &mut instant);
         let mut gradient = ActivatedGaussians::default();
         gradient.clear_to_zero(&instant);
         for (index, row) in gradient.positions.iter_mut().enumerate().take(good) {
@@ -259,14 +262,16 @@ fn network_weights() -> Judgement {
             gradient.positions[index] = [f32::NAN, 1.0, 1.0];
             gradient.scales[index] = [f32::INFINITY; 3];
         }
-        parameterizations::deformation(&mut table, &instant, &gradient, setup)
+        model.activate_backward(&at, &none, &mut instant, &mut gradient);
+        let shared = model.parts[0].parameterization.shared();
+        shared.map(|weights| weights.array.gradients.clone())
     };
     let expected = weights(&setup, &[]);
     setup.gaussians[good].position[0] = f64::NAN;
     setup.gaussians[good + 1].position[2] = f64::INFINITY;
     setup.gaussians[good + 2].quaternion[1] = f64::NAN;
     let found = weights(&setup, &[good, good + 1, good + 2, good + 3]);
-    let fault = if expected.iter().all(|&value| value == 0.0) {
+    let fault = if expected.iter().flatten().all(|&value| value == 0.0) {
         Some("the weights have no gradient at all".to_owned())
     } else if found != expected {
         Some("the gradients by the weights are others than without them".to_owned())

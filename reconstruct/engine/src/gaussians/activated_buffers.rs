@@ -62,28 +62,36 @@ impl ActivatedBuffers {
 
     /// Sets the Gaussians for everything that is submitted later.
     pub(crate) fn write(&self, gpu: &Gpu, instant: &ActivatedGaussians) {
-        let packed: Vec<DeviceGaussian> = (0..instant.len())
-            .map(|index| DeviceGaussian {
-                position: instant.positions[index],
-                opacity: instant.opacities[index],
-                scale: instant.scales[index],
-                pad: 0.0,
-                rotation: instant.rotations[index],
-            })
-            .collect();
-        self.gaussians.write(gpu, 0, &packed);
+        self.gaussians.write(gpu, 0, &packed(instant));
+        self.harmonics
+            .write(gpu, 0, &self.joined_harmonics(instant));
+        self.features.write(gpu, 0, &instant.features);
+    }
+
+    /// Sets the gradient by the Gaussians for everything that is submitted later.
+    pub(crate) fn write_gradient(&self, gpu: &Gpu, gradient: &ActivatedGaussians) {
+        self.gaussian_gradients.write(gpu, 0, &packed(gradient));
+        let harmonics = self.joined_harmonics(gradient);
+        self.harmonic_gradients.write(gpu, 0, &harmonics);
+        self.feature_gradients.write(gpu, 0, &gradient.features);
+    }
+
+    /// The constant coefficient and the rest of each Gaussian, as they stand on the device.
+    fn joined_harmonics(&self, instant: &ActivatedGaussians) -> Vec<f32> {
         let rest = self.harmonics_per_gaussian() - 1;
-        let harmonics: Vec<f32> = instant
-            .sh_constant
-            .iter()
-            .enumerate()
+        let constants = instant.sh_constant.iter().enumerate();
+        constants
             .flat_map(|(index, constant)| {
                 let rest = &instant.sh_rest[index * rest..(index + 1) * rest];
                 std::iter::once(constant).chain(rest).flatten().copied()
             })
-            .collect();
-        self.harmonics.write(gpu, 0, &harmonics);
-        self.features.write(gpu, 0, &instant.features);
+            .collect()
+    }
+
+    /// Reads the Gaussians back into `out`.
+    pub(crate) fn read(&self, gpu: &Gpu, out: &mut ActivatedGaussians) -> Result<(), GpuError> {
+        let columns = (&self.gaussians, &self.harmonics, &self.features);
+        self.read_columns(gpu, columns, out)
     }
 
     /// Reads the gradient by the Gaussians back into `out`.
@@ -92,23 +100,55 @@ impl ActivatedBuffers {
         gpu: &Gpu,
         out: &mut ActivatedGaussians,
     ) -> Result<(), GpuError> {
+        let columns = (
+            &self.gaussian_gradients,
+            &self.harmonic_gradients,
+            &self.feature_gradients,
+        );
+        self.read_columns(gpu, columns, out)
+    }
+
+    fn read_columns(
+        &self,
+        gpu: &Gpu,
+        (gaussians, harmonics, features): (
+            &DeviceBuffer<DeviceGaussian>,
+            &DeviceBuffer<f32>,
+            &DeviceBuffer<f32>,
+        ),
+        out: &mut ActivatedGaussians,
+    ) -> Result<(), GpuError> {
         out.reshape(self.len, self.sh_degree, self.feature_count);
-        let gradients = self.gaussian_gradients.read(gpu)?;
-        let harmonics = self.harmonic_gradients.read(gpu)?;
-        out.features = self.feature_gradients.read(gpu)?;
+        let gaussians = gaussians.read(gpu)?;
+        let harmonics = harmonics.read(gpu)?;
+        out.features = features.read(gpu)?;
         let rest = self.harmonics_per_gaussian() - 1;
         let per_gaussian = harmonics
             .as_chunks::<3>()
             .0
             .chunks(self.harmonics_per_gaussian());
-        for (index, (gradient, harmonics)) in gradients.iter().zip(per_gaussian).enumerate() {
-            out.positions[index] = gradient.position;
-            out.opacities[index] = gradient.opacity;
-            out.scales[index] = gradient.scale;
-            out.rotations[index] = gradient.rotation;
+        for (index, (gaussian, harmonics)) in gaussians.iter().zip(per_gaussian).enumerate() {
+            out.positions[index] = gaussian.position;
+            out.opacities[index] = gaussian.opacity;
+            out.scales[index] = gaussian.scale;
+            out.rotations[index] = gaussian.rotation;
             out.sh_constant[index] = harmonics[0];
             out.sh_rest[index * rest..(index + 1) * rest].copy_from_slice(&harmonics[1..]);
         }
         Ok(())
     }
+}
+
+/// Gaussians, or gradients by them, as they stand on the device; their harmonics and features stand
+/// elsewhere.
+fn packed(instant: &ActivatedGaussians) -> Vec<DeviceGaussian> {
+    (0..instant.len())
+        .map(|index| DeviceGaussian {
+            position: instant.positions[index],
+            opacity: instant.opacities[index],
+            scale: instant.scales[index],
+            pad: 0.0,
+            rotation: instant.rotations[index],
+        })
+        .collect()
 }

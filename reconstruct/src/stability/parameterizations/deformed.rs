@@ -17,11 +17,8 @@ use crate::stability::parameterizations::{InTime, Parameterization, still};
 use crate::stability::setup::Setup;
 use omnilife_engine::{
     fields::mlp::reference::{encoded, outputs},
-    gaussians::{
-        ActivatedGaussians,
-        deformable::{DEFORMATION_WEIGHTS, Deformation, DeformationModel},
-    },
-    parameters::{ParameterTable, SharedParameters},
+    gaussians::deformable::{Deformable, DeformationModel, settings::DeformationSettings},
+    model::Part,
     render::reference::Gaussian,
 };
 
@@ -30,11 +27,14 @@ pub const DEFORMABLE: Parameterization = Parameterization {
     id: "deformable",
     in_time: InTime::Deformed,
     table: |setup| still::table(&setup.gaussians),
-    activate: |table, setup, out| {
-        Deformation::without_gradients().activate(&MODEL, weights(), table, unit_time(setup), out);
-    },
-    activate_vjp: |table, instant, gradient, setup| {
-        deformation(table, instant, gradient, setup);
+    part: |table, setup| {
+        let settings = DeformationSettings {
+            clock: setup.timing.clock,
+            model: MODEL,
+            warm_up_iterations: 0,
+            time_noise: None,
+        };
+        Part::new(Deformable::new(settings, weights().to_vec()), table)
     },
     definition,
     unit: |_, _, _, _| 1.0,
@@ -61,34 +61,6 @@ fn weights() -> &'static [f32] {
         values[heads..].fill_with(|| random.random_range(-0.05..0.05));
         values
     })
-}
-
-fn unit_time(setup: &Setup) -> f32 {
-    let clock = setup.timing.clock;
-    let frame = clock.frame(setup.view.time_seconds);
-    (frame / f64::from(clock.duration_frames) + 0.5) as f32
-}
-
-/// The VJP: gradients of a table, and those by the network's weights.
-pub fn deformation(
-    table: &mut ParameterTable,
-    instant: &ActivatedGaussians,
-    gradient: &ActivatedGaussians,
-    setup: &Setup,
-) -> Vec<f32> {
-    let mut deformation = Deformation::default();
-    let (mut instant, mut gradient) = (instant.clone(), gradient.clone());
-    let time = unit_time(setup);
-    deformation.activate(&MODEL, weights(), table, time, &mut instant);
-    let mut weights = SharedParameters::new(DEFORMATION_WEIGHTS, weights().to_vec());
-    deformation.activate_vjp(
-        &MODEL,
-        &mut weights.array,
-        table,
-        time,
-        (&mut instant, &mut gradient),
-    );
-    weights.array.gradients
 }
 
 /// The network's ten outputs for a centre.

@@ -9,11 +9,9 @@ mod moving;
 mod still;
 
 use crate::stability::setup::Setup;
-use omnilife_engine::{
-    gaussians::ActivatedGaussians, parameters::ParameterTable, render::reference::Gaussian,
-};
+use omnilife_engine::{model::Part, parameters::ParameterTable, render::reference::Gaussian};
 
-pub use deformed::{DEFORMABLE, deformation};
+pub use deformed::DEFORMABLE;
 pub use moving::{OMNI4DGS, OMNI4DGS_PROJECTED, PERIODIC};
 pub use still::{STATIC, STATIC_VALUES};
 
@@ -37,11 +35,8 @@ pub struct Parameterization {
     pub in_time: InTime,
     /// A table of a setup's raw parameters; those of static Gaussians come first.
     pub table: fn(&Setup) -> ParameterTable,
-    /// Activates it at the setup's instant.
-    pub activate: fn(&ParameterTable, &Setup, &mut ActivatedGaussians),
-    /// The VJP of that: from the table, what was activated and the gradients by it to the table's
-    /// gradients.
-    pub activate_vjp: fn(&mut ParameterTable, &ActivatedGaussians, &ActivatedGaussians, &Setup),
+    /// The table with what activates it: what is judged.
+    pub part: fn(ParameterTable, &Setup) -> Part,
     /// The definition: a Gaussian of a table, all of its values array by array, at the setup's
     /// instant. What no gradient flows through, and every decision, is taken from the second row: the
     /// Gaussian before a difference moved it.

@@ -13,20 +13,20 @@
 
 use std::f64::consts::TAU;
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 
 use crate::stability::parameterizations::{InTime, Parameterization, still};
 use crate::stability::setup::Setup;
 use omnilife_engine::{
     gaussians::{
-        ActivatedGaussians,
-        omni4dgs::{Decomposition, DirectionOrigin, Observer, VelocityForm},
-        periodic::FrameTime,
+        omni4dgs::{Decomposition, DirectionOrigin, VelocityForm},
         temporal::{
             LOG_LIFESPANS, LifespanRange, PEAK_TIMES, RADIAL_VELOCITIES, TANGENTIAL_VELOCITIES,
-            TemporalFeatures, TimeModel, VelocityModel, ViewContext,
+            TimeModel, VelocityModel,
         },
+        temporal_gaussians::TemporalGaussians,
     },
+    model::Part,
     parameters::ParameterTable,
     render::reference::Gaussian,
 };
@@ -36,10 +36,7 @@ pub const PERIODIC: Parameterization = Parameterization {
     id: "periodic",
     in_time: InTime::Moving,
     table: |setup| table(setup, &pvg(setup)),
-    activate: |table, setup, out| activate(table, setup, &pvg(setup), out),
-    activate_vjp: |table, instant, gradient, setup| {
-        activate_vjp(table, instant, gradient, setup, &pvg(setup));
-    },
+    part: |table, setup| part(table, setup, pvg(setup)),
     definition: |row, frozen, setup| definition(row, frozen, setup, None, 0.05),
     unit: |row, parameter, size, setup| unit(row, parameter, size, setup, None),
     gradient_scale: |_, _, _| 1.0,
@@ -50,10 +47,7 @@ pub const OMNI4DGS: Parameterization = Parameterization {
     id: "omni4dgs",
     in_time: InTime::Moving,
     table: |setup| table(setup, &literal(setup)),
-    activate: |table, setup, out| activate(table, setup, &literal(setup), out),
-    activate_vjp: |table, instant, gradient, setup| {
-        activate_vjp(table, instant, gradient, setup, &literal(setup));
-    },
+    part: |table, setup| part(table, setup, literal(setup)),
     definition: |row, frozen, setup| {
         definition(row, frozen, setup, Some(VelocityForm::Literal), 0.0)
     },
@@ -68,10 +62,7 @@ pub const OMNI4DGS_PROJECTED: Parameterization = Parameterization {
     id: "omni4dgs-projected",
     in_time: InTime::Moving,
     table: |setup| table(setup, &projected(setup)),
-    activate: |table, setup, out| activate(table, setup, &projected(setup), out),
-    activate_vjp: |table, instant, gradient, setup| {
-        activate_vjp(table, instant, gradient, setup, &projected(setup));
-    },
+    part: |table, setup| part(table, setup, projected(setup)),
     definition: |row, frozen, setup| {
         definition(row, frozen, setup, Some(VelocityForm::Projected), 0.0)
     },
@@ -147,50 +138,14 @@ fn table(setup: &Setup, model: &TimeModel) -> ParameterTable {
     table
 }
 
-fn look(setup: &Setup, model: &TimeModel) -> ViewContext {
-    let observer = match model.velocity {
-        VelocityModel::Decomposed(Decomposition {
-            origin: DirectionOrigin::Camera,
-            ..
-        }) => Observer {
-            centre: setup.view.centre,
-            down: setup.view.rotation.transpose() * Vec3::Y,
-        },
-        _ => Observer {
-            centre: Vec3::ZERO,
-            down: Vec3::Y,
-        },
+fn part(table: ParameterTable, setup: &Setup, time: TimeModel) -> Part {
+    let temporal = TemporalGaussians {
+        clock: setup.timing.clock,
+        time,
+        down: [0.0, 1.0, 0.0],
+        dynamic_below_staticness: 1.0,
     };
-    ViewContext {
-        frame_time: FrameTime {
-            frame: setup.timing.clock.frame(setup.view.time_seconds),
-            shift: setup.timing.shift_frames,
-        },
-        observer,
-    }
-}
-
-fn activate(
-    table: &ParameterTable,
-    setup: &Setup,
-    model: &TimeModel,
-    out: &mut ActivatedGaussians,
-) {
-    out.reshape(table.len(), 0, 0);
-    let look = look(setup, model);
-    model.activate_from(table, &look, &TemporalFeatures::default(), 0, out);
-}
-
-fn activate_vjp(
-    table: &mut ParameterTable,
-    instant: &ActivatedGaussians,
-    gradient: &ActivatedGaussians,
-    setup: &Setup,
-    model: &TimeModel,
-) {
-    let look = look(setup, model);
-    let features = TemporalFeatures::default();
-    model.activate_from_vjp(table, &look, &features, 0, instant, gradient);
+    Part::new(temporal, table)
 }
 
 /// The temporal values of a Gaussian.

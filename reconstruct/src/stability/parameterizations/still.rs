@@ -3,7 +3,10 @@
 use crate::stability::parameterizations::{InTime, Parameterization};
 use crate::stability::setup::RawGaussian;
 use omnilife_engine::{
-    gaussians::static_gaussians, parameters::ParameterTable, render::reference::Gaussian,
+    gaussians::static_gaussians::{self, StaticGaussians},
+    model::Part,
+    parameters::ParameterTable,
+    render::reference::Gaussian,
 };
 
 /// Values of a static Gaussian: centre, scales, quaternion, opacity, constant harmonics.
@@ -14,10 +17,7 @@ pub const STATIC: Parameterization = Parameterization {
     id: "static",
     in_time: InTime::Still,
     table: |setup| table(&setup.gaussians),
-    activate: |table, _, out| static_gaussians::activate(table, out),
-    activate_vjp: |table, instant, gradient, _| {
-        static_gaussians::activate_vjp(table, instant, gradient);
-    },
+    part: |table, _| Part::new(StaticGaussians, table),
     definition: |row, _, _| definition(row),
     unit: |_, _, _, _| 1.0,
     gradient_scale: |_, _, _| 1.0,

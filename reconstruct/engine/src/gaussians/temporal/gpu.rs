@@ -6,6 +6,7 @@ use crate::{
         activated_buffers::ActivatedBuffers,
         omni4dgs::{LEAST_COSINE, LEAST_DISTANCE, LEAST_WEIGHT, VelocityForm},
         parameterization::{DeviceEntries, DeviceParameterization, Viewpoint},
+        periodic::FrameTime,
         static_gaussians::{OPACITY_LOGITS, POSITIONS, gpu::StaticGaussians},
         temporal::{
             LOG_LIFESPANS, PEAK_TIMES, RADIAL_VELOCITIES, TANGENTIAL_VELOCITIES, TemporalFeatures,
@@ -22,14 +23,10 @@ const NONE: u32 = u32::MAX;
 wgsl_struct! {
     /// A table's temporal parameters at a moment.
     pub(crate) struct TemporalView {
+        moments: [[f32; 4]; 3],
         observer: [f32; 3],
-        frame: f32,
-        down: [f32; 3],
-        frame_rest: f32,
         shift: f32,
-        turns: f32,
-        image_turns: f32,
-        next_turns: f32,
+        down: [f32; 3],
         len: u32,
         first: u32,
         first_alone: u32,
@@ -52,7 +49,7 @@ wgsl_struct! {
         velocity_unit: f32,
         lifespan_unit: f32,
         lifespan_largest: f32,
-        pad: [u32; 2],
+        pad: [u32; 3],
     }
 }
 
@@ -273,22 +270,17 @@ impl DeviceTime {
     pub(crate) fn set(&self, gpu: &Gpu, at: &Viewpoint) {
         let look = self.temporal.look(at);
         let cycle = f64::from(self.temporal.time.cycle_frames);
-        let turns = |frame: f64| {
-            let cycles = frame / cycle;
-            (cycles - cycles.round()) as f32
+        let moment = |exact: f64| {
+            let (frame, cycles) = (exact as f32, exact / cycle);
+            let rest = (exact - f64::from(frame)) as f32;
+            [frame, rest, (cycles - cycles.round()) as f32, 0.0]
         };
-        let image = look.frame_time.frame;
-        let drawn = image - f64::from(look.frame_time.shift);
-        let frame = drawn as f32;
+        let FrameTime { frame, shift } = look.frame_time;
         let moment = TemporalView {
+            moments: [frame - f64::from(shift), frame, frame + 1.0].map(moment),
             observer: look.observer.centre.to_array(),
-            frame,
+            shift,
             down: look.observer.down.to_array(),
-            frame_rest: (drawn - f64::from(frame)) as f32,
-            shift: look.frame_time.shift,
-            turns: turns(drawn),
-            image_turns: turns(image),
-            next_turns: turns(image + 1.0),
             ..self.places
         };
         self.uniform.write(gpu, &moment);

@@ -25,7 +25,7 @@ fn activate_temporal(
     let parameters = parameters_of(index);
     let mean_velocity = parameters.velocity * steadiness_of(parameters.lifespan);
     let entry = temporal.first + index;
-    gaussians[entry].position += parameters.velocity * vibration(temporal.turns, parameters.peak).x
+    gaussians[entry].position += parameters.velocity * vibration(DRAWN, parameters.peak).x
         + mean_velocity * temporal.shift;
     gaussians[entry].opacity *= drawn_marginal(marginal_of(parameters));
     var channel = entry * temporal.channels;
@@ -73,7 +73,7 @@ fn activate_temporal_vjp(
         by_log_lifespan += feature_gradients[channel] * parameters.lifespan / temporal.lifespan_unit;
     }
 
-    let amplitude_slope = vibration(temporal.turns, parameters.peak);
+    let amplitude_slope = vibration(DRAWN, parameters.peak);
     let steadiness = steadiness_of(parameters.lifespan);
     // d exp(-rho/2) / d ln beta
     if steadiness > 0.0 {
@@ -83,7 +83,7 @@ fn activate_temporal_vjp(
     var by_peak = -amplitude_slope.y * dot(parameters.velocity, by.position);
     // Where the exponential is 0 so are its derivatives, whatever the ratio has grown to.
     if marginal > 0.0 {
-        let ratio = distance_from_peak(parameters.peak) / parameters.lifespan;
+        let ratio = distance_from_peak(DRAWN, parameters.peak) / parameters.lifespan;
         by_peak += by_marginal * marginal * ratio / parameters.lifespan;
         by_log_lifespan += by_marginal * marginal * ratio * ratio;
     }

@@ -14,18 +14,13 @@ const VELOCITY_LITERAL: u32 = 2u;
 const VELOCITY_PROJECTED: u32 = 3u;
 
 struct TemporalView {
+    // Three moments: a frame, what f32 leaves of it, and the part of a cycle that it is.
+    moments: array<vec4<f32>, 3>,
     // Whose directions decomposed velocities go by: where from, and from zenith to nadir.
     observer: vec3<f32>,
-    // Time that is drawn: the image's less the shift, and what f32 leaves of it.
-    frame: f32,
-    down: vec3<f32>,
-    frame_rest: f32,
     // Frames that the state is moved on by (temporal smoothing).
     shift: f32,
-    // Parts of a cycle: of the time that is drawn, of the image's time, and one frame later.
-    turns: f32,
-    image_turns: f32,
-    next_turns: f32,
+    down: vec3<f32>,
     // Number of Gaussians; entry of the first among all activated ones, and among those drawn alone.
     len: u32,
     first: u32,
@@ -60,6 +55,12 @@ struct TemporalView {
     // Longer lifespans are rendered as this.
     lifespan_largest: f32,
 }
+
+// What is drawn: the state of the image's time less the shift.
+const DRAWN: u32 = 0u;
+// The image's time, and one frame later.
+const IMAGE: u32 = 1u;
+const NEXT: u32 = 2u;
 
 @group(0) @binding(0) var<uniform> temporal: TemporalView;
 @group(0) @binding(1) var<storage, read> values: array<f32>;
@@ -135,11 +136,19 @@ fn velocity_of(index: u32) -> vec3<f32> {
     return weights.direction * dot(weights.direction, first - second) + second;
 }
 
-// l/(2 pi) sin(2 pi d / l) and its derivative, for a moment's part of a cycle.
-fn vibration(moment_turns: f32, peak: f32) -> vec2<f32> {
-    let cycles = round(peak / temporal.cycle);
-    let rest = (peak - cycles * temporal.cycle_high) - cycles * temporal.cycle_low;
-    let turns = moment_turns - rest / temporal.cycle;
+// Frames from the peak to a moment; exact but for the last bit.
+fn distance_from_peak(moment: u32, peak: f32) -> f32 {
+    return (temporal.moments[moment].x - peak) + temporal.moments[moment].y;
+}
+
+// l/(2 pi) sin(2 pi d / l) and its derivative at a moment.
+fn vibration(moment: u32, peak: f32) -> vec2<f32> {
+    var turns = distance_from_peak(moment, peak) / temporal.cycle;
+    if abs(turns) > 0.5 {
+        let cycles = round(peak / temporal.cycle);
+        let rest = (peak - cycles * temporal.cycle_high) - cycles * temporal.cycle_low;
+        turns = temporal.moments[moment].z - rest / temporal.cycle;
+    }
     let sine_cosine = sin_cos(TAU * (turns - round(turns)));
     return vec2(temporal.cycle / TAU * sine_cosine.x, sine_cosine.y);
 }
@@ -155,14 +164,9 @@ fn parameters_of(index: u32) -> TemporalParameters {
     return TemporalParameters(peak_of(index), lifespan_of(index), velocity_of(index));
 }
 
-// Frames from the peak to what is drawn.
-fn distance_from_peak(peak: f32) -> f32 {
-    return (temporal.frame - peak) + temporal.frame_rest;
-}
-
 // m = exp(-(d/beta)^2 / 2)
 fn marginal_of(parameters: TemporalParameters) -> f32 {
-    let ratio = distance_from_peak(parameters.peak) / parameters.lifespan;
+    let ratio = distance_from_peak(DRAWN, parameters.peak) / parameters.lifespan;
     return exp(-0.5 * ratio * ratio);
 }
 

@@ -36,8 +36,8 @@ fn motion_of(index: u32, scale: f32) -> f32 {
     let parameters = parameters_of(index);
     let centre = table_vector(temporal.positions, index) - temporal.observer;
     let vibrations = array(
-        vibration(temporal.image_turns, parameters.peak),
-        vibration(temporal.next_turns, parameters.peak),
+        vibration(IMAGE, parameters.peak),
+        vibration(NEXT, parameters.peak),
     );
     let before = centre + parameters.velocity * vibrations[0].x;
     let after = centre + parameters.velocity * vibrations[1].x;

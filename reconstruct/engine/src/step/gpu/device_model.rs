@@ -16,7 +16,7 @@ use crate::{
     },
     render::{gpu::Chain, project::by_camera::gpu::DevicePoseGradient, settings::RenderSettings},
     schedule::StepSchedule,
-    step::gpu::dynamic_losses::DeviceAlone,
+    step::gpu::{activation::Activation, dynamic_losses::DeviceAlone},
 };
 
 /// What density control goes by, on the device.
@@ -171,7 +171,7 @@ impl DevicePart {
         Ok(())
     }
 
-    fn set_moment(&self, gpu: &Gpu, moment: &Moment) {
+    pub(super) fn set_moment(&self, gpu: &Gpu, moment: &Moment) {
         match (&self.kind, moment.network_time) {
             (DevicePartKind::Temporal(time), _) => time.set(gpu, &moment.at),
             (DevicePartKind::Deformable(network), Some(time)) => {
@@ -190,13 +190,16 @@ pub(super) struct Moment {
     pub(super) network_time: Option<f32>,
 }
 
-/// What makes Gaussians of parameters, and gradients by parameters of those by Gaussians.
-#[derive(Debug, Default)]
-pub(super) struct Activation {
-    pub(super) forward: Program,
-    pub(super) backward: Program,
-    /// Of a network alone.
-    pub(super) update: Program,
+/// The network's time of a viewpoint, where there is one and it takes part.
+pub(super) fn network_time(model: &Model, at: &Viewpoint) -> Option<f32> {
+    let mut twins = model
+        .parts
+        .iter()
+        .filter_map(|part| part.parameterization.device_twin());
+    twins.find_map(|DeviceTwin(kind)| match kind {
+        DeviceKind::Deformable(deformable) => deformable.network_time(at),
+        DeviceKind::Static | DeviceKind::Temporal(_) => None,
+    })
 }
 
 /// What a step has that others have not.
@@ -224,8 +227,8 @@ pub(super) struct DeviceModel {
     pub(super) chain: Chain,
     /// Of the Gaussians as they are.
     pub(super) canonical: Activation,
-    /// With the network, where there is one.
-    pub(super) deformed: Option<Activation>,
+    /// With the network, where there is one, and what moves its weights.
+    pub(super) deformed: Option<(Activation, Program)>,
     /// Image and losses.
     pub(super) losses: Program,
     pub(super) alone: Option<DeviceAlone>,
@@ -272,7 +275,7 @@ impl DeviceModel {
     /// The Gaussians as they are, or with the network.
     pub(super) fn activation(&self, network: bool) -> &Activation {
         match &self.deformed {
-            Some(deformed) if network => deformed,
+            Some((deformed, _)) if network => deformed,
             _ => &self.canonical,
         }
     }
@@ -280,6 +283,7 @@ impl DeviceModel {
     /// Adds the commands of a step.
     pub(super) fn encode(&self, encoder: &mut wgpu::CommandEncoder, uses: StepUses) {
         let activation = self.activation(uses.network);
+        let of_network = self.deformed.as_ref().filter(|_| uses.network);
         let alone = self.alone.as_ref().filter(|_| uses.alone);
         let pose = self.pose.as_ref().filter(|_| uses.pose);
         let programs = [
@@ -291,7 +295,7 @@ impl DeviceModel {
             pose.map(|pose| &pose.program),
             Some(&activation.backward),
             Some(&self.update),
-            Some(&activation.update),
+            of_network.map(|(_, update)| update),
         ];
         for program in programs.into_iter().flatten() {
             program.encode(encoder);

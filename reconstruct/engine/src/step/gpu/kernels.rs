@@ -10,12 +10,6 @@ use crate::{
         DeviceBuffer, Gpu, GpuError, Kernel, Program, Uniform,
         shader::{Shader, wgsl_struct},
     },
-    gaussians::{
-        deformable::gpu::{DeformableGaussians, DeformationKernels},
-        parameterization::{DeviceKind, DeviceParameterization, DeviceTwin},
-        static_gaussians::gpu::StaticGaussians,
-        temporal::gpu::{DeviceTemporal, TemporalKernels},
-    },
     losses::photometric::gpu::{Loss, LossWeights},
     model::Model,
     parameters::adam::gpu::Adam,
@@ -26,9 +20,8 @@ use crate::{
     },
     step::{
         gpu::{
-            device_model::{
-                Activation, DeviceModel, DeviceNetwork, DevicePart, DevicePartKind, DevicePose,
-            },
+            activation::ActivationKernels,
+            device_model::{DeviceModel, DevicePart, DevicePartKind, DevicePose},
             dynamic_losses::DynamicKernels,
         },
         settings::TrainSettings,
@@ -97,9 +90,7 @@ impl Terms {
 pub(super) struct StepKernels {
     gpu: Arc<Gpu>,
     chains: Chains,
-    static_gaussians: StaticGaussians,
-    temporal: Option<TemporalKernels>,
-    deformation: Option<DeformationKernels>,
+    activation: ActivationKernels,
     pub(super) loss: Loss,
     pub(super) dynamic: Option<DynamicKernels>,
     pose_gradients: Option<PoseGradients>,
@@ -135,13 +126,6 @@ impl StepKernels {
             &shader(&shape),
             ["judge_loss", "add_statistics", "add_term", "add_alone"],
         )?;
-        let is_of = |kind: fn(DeviceKind<'_>) -> bool| {
-            let twins = model.parts.iter();
-            let mut twins = twins.filter_map(|part| part.parameterization.device_twin());
-            twins.any(|DeviceTwin(twin)| kind(twin))
-        };
-        let with_times = is_of(|kind| matches!(kind, DeviceKind::Temporal(_)));
-        let deforms = is_of(|kind| matches!(kind, DeviceKind::Deformable(_)));
         let weights = LossWeights {
             ssim: settings.ssim_weight,
             total: 1.0,
@@ -149,9 +133,7 @@ impl StepKernels {
         };
         Ok(Self {
             chains: Chains::default(),
-            static_gaussians: StaticGaussians::new(&gpu)?,
-            temporal: with_times.then(|| TemporalKernels::new(&gpu)).transpose()?,
-            deformation: deforms.then(|| DeformationKernels::new(&gpu)).transpose()?,
+            activation: ActivationKernels::new(&gpu, model)?,
             loss: Loss::new(&gpu, size, 1 + shape.features, weights)?,
             dynamic: settings
                 .dynamics
@@ -187,13 +169,21 @@ impl StepKernels {
         let chain = self.chains.chain(&gpu, shape, status)?;
         self.write_static_features(&parts, &chain);
         let deforms = |part: &DevicePart| matches!(part.kind, DevicePartKind::Deformable(..));
-        let canonical = self.activation(&parts, &chain, false)?;
+        let activated = &chain.buffers.activated;
+        let activation = |with_network| {
+            self.activation
+                .record(&gpu, &parts, activated, with_network)
+        };
+        let canonical = activation(false)?;
         let deformed = match parts.iter().any(deforms) {
-            true => Some(self.activation(&parts, &chain, true)?),
+            true => Some((
+                activation(true)?,
+                self.record_network_update(&parts, &chain),
+            )),
             false => None,
         };
         let losses = self.record_losses(&chain)?;
-        let alone = match (&mut self.dynamic, &self.temporal) {
+        let alone = match (&mut self.dynamic, &self.activation.temporal) {
             (Some(dynamic), Some(temporal)) => {
                 dynamic.alone(&gpu, temporal, (&parts, &chain), &self.target, &self.terms)?
             }
@@ -231,51 +221,6 @@ impl StepKernels {
                 buffer.write(&self.gpu, entries.first * row.len(), &rows);
             }
         }
-    }
-
-    /// Gaussians of all parts, the network's among them or as they are without it.
-    fn activation(
-        &self,
-        parts: &[DevicePart],
-        chain: &Chain,
-        with_network: bool,
-    ) -> Result<Activation, GpuError> {
-        let gpu = &*self.gpu;
-        let mut activation = Activation::default();
-        let canonical = &self.static_gaussians;
-        for part in parts {
-            let (temporal, deformable);
-            let twin: &dyn DeviceParameterization =
-                match (&part.kind, &self.temporal, &self.deformation) {
-                    (DevicePartKind::Temporal(view), Some(kernels), _) => {
-                        temporal = DeviceTemporal {
-                            canonical,
-                            kernels,
-                            view,
-                        };
-                        &temporal
-                    }
-                    (DevicePartKind::Deformable(network), _, Some(kernels)) if with_network => {
-                        let DeviceNetwork { buffers, next_step } = &**network;
-                        deformable = DeformableGaussians {
-                            canonical,
-                            kernels,
-                            buffers,
-                        };
-                        let status = &chain.buffers.status.raw;
-                        let weights = (next_step, &buffers.weights);
-                        self.adam
-                            .record(gpu, &mut activation.update, weights, status);
-                        &deformable
-                    }
-                    _ => canonical,
-                };
-            let activated = &chain.buffers.activated;
-            let DevicePart { table, entries, .. } = part;
-            twin.activate(gpu, &mut activation.forward, table, *entries, activated)?;
-            twin.activate_vjp(gpu, &mut activation.backward, table, *entries, activated)?;
-        }
-        Ok(activation)
     }
 
     /// The image, and the losses that look at it.
@@ -323,11 +268,26 @@ impl StepKernels {
             self.record_statistics(&mut program, part, chain)?;
             let table = (&part.next_step, &part.table);
             self.adam.record(gpu, &mut program, table, status);
-            if let (DevicePartKind::Temporal(time), Some(kernels)) = (&part.kind, &self.temporal) {
+            if let (DevicePartKind::Temporal(time), Some(kernels)) =
+                (&part.kind, &self.activation.temporal)
+            {
                 kernels.keep_within_bounds(gpu, &mut program, time, &part.table, status);
             }
         }
         Ok(program)
+    }
+
+    /// Adam on the weights of a network.
+    fn record_network_update(&self, parts: &[DevicePart], chain: &Chain) -> Program {
+        let mut program = Program::default();
+        let status = &chain.buffers.status.raw;
+        for part in parts {
+            if let DevicePartKind::Deformable(network) = &part.kind {
+                let weights = (&network.next_step, &network.buffers.weights);
+                self.adam.record(&self.gpu, &mut program, weights, status);
+            }
+        }
+        program
     }
 
     fn record_statistics(

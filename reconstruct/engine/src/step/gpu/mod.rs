@@ -5,6 +5,7 @@
 //! for its tile entries halts the device: it and the steps behind it change nothing. When the host
 //! looks, it makes more room and gives those steps to the device again; nothing is lost.
 
+pub mod activation;
 mod device_model;
 mod dynamic_losses;
 pub(crate) mod kernels;
@@ -14,7 +15,7 @@ use std::{collections::VecDeque, sync::Arc};
 use omnilife_schemas::{RgbImage, records::Backend};
 
 use self::{
-    device_model::{DeviceModel, DevicePart, Moment, StepUses, upload},
+    device_model::{DeviceModel, DevicePart, Moment, StepUses, network_time, upload},
     kernels::StepKernels,
 };
 use crate::{
@@ -204,7 +205,7 @@ impl<'a> GpuStepper<'a> {
         let at = Viewpoint::of_step(&drawn, schedule.shift_frames, schedule.scheduled);
         let moment = Moment {
             at,
-            network_time: self.network_time(&at),
+            network_time: network_time(&self.model, &at),
         };
         let rendering = RenderSettings {
             sh_degree: schedule.sh_degree,
@@ -294,7 +295,7 @@ impl<'a> GpuStepper<'a> {
         let seen = &self.inputs.views[view].view;
         let at = Viewpoint::of_step(seen, schedule.shift_frames, schedule.scheduled);
         let mut network_step = 0;
-        if self.network_time(&at).is_some() {
+        if network_time(&self.model, &at).is_some() {
             let parts = self.model.parts.iter_mut();
             for weights in parts.filter_map(|part| part.parameterization.shared_mut()) {
                 weights.steps += 1;
@@ -309,17 +310,6 @@ impl<'a> GpuStepper<'a> {
             moves_pose: begins.is_some_and(|begin| schedule.scheduled >= begin),
             schedule: schedule.clone(),
         }
-    }
-
-    /// The network's time of a viewpoint, where there is one and it takes part.
-    fn network_time(&self, at: &Viewpoint) -> Option<f32> {
-        self.model
-            .parts
-            .iter()
-            .find_map(|part| match part.parameterization.device_twin()?.0 {
-                DeviceKind::Deformable(deformable) => deformable.network_time(at),
-                DeviceKind::Static | DeviceKind::Temporal(_) => None,
-            })
     }
 
     /// The same model with room for at least `entries`.
@@ -452,7 +442,7 @@ impl Stepper for GpuStepper<'_> {
         let at = Viewpoint::of_image(view);
         let (width, height) = (view.camera.width() as usize, view.camera.height() as usize);
         let image = if self.inputs.size() == [width, height] {
-            let network_time = self.network_time(&at);
+            let network_time = network_time(&self.model, &at);
             self.render(view, &Moment { at, network_time }, &settings)?
         } else {
             self.download()?;

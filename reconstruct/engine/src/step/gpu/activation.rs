@@ -1,0 +1,188 @@
+//! From the parameters of all parts to Gaussians on a GPU, and back with gradients.
+
+use std::sync::Arc;
+
+use super::{
+    check,
+    device_model::{DeviceNetwork, DevicePart, DevicePartKind, Moment, network_time, upload},
+};
+use crate::{
+    EngineError,
+    device::{Gpu, GpuError, Program},
+    gaussians::{
+        ActivatedGaussians,
+        activated_buffers::ActivatedBuffers,
+        deformable::gpu::{DeformableGaussians, DeformationKernels},
+        parameterization::{DeviceKind, DeviceParameterization, DeviceTwin, Viewpoint},
+        static_gaussians::{self, gpu::StaticGaussians},
+        temporal::gpu::{DeviceTemporal, TemporalKernels},
+    },
+    model::Model,
+};
+
+/// Kernels of the parameterizations that a model has.
+#[derive(Debug)]
+pub(super) struct ActivationKernels {
+    static_gaussians: StaticGaussians,
+    pub(super) temporal: Option<TemporalKernels>,
+    deformation: Option<DeformationKernels>,
+}
+
+/// What makes Gaussians of parameters, and gradients by parameters of those by Gaussians.
+#[derive(Debug, Default)]
+pub(super) struct Activation {
+    pub(super) forward: Program,
+    pub(super) backward: Program,
+}
+
+impl ActivationKernels {
+    pub(super) fn new(gpu: &Gpu, model: &Model) -> Result<Self, GpuError> {
+        let is_of = |kind: fn(DeviceKind<'_>) -> bool| {
+            let parts = model.parts.iter();
+            let mut twins = parts.filter_map(|part| part.parameterization.device_twin());
+            twins.any(|DeviceTwin(twin)| kind(twin))
+        };
+        let with_times = is_of(|kind| matches!(kind, DeviceKind::Temporal(_)));
+        let deforms = is_of(|kind| matches!(kind, DeviceKind::Deformable(_)));
+        Self::compile(gpu, with_times, deforms)
+    }
+
+    fn compile(gpu: &Gpu, with_times: bool, deforms: bool) -> Result<Self, GpuError> {
+        Ok(Self {
+            static_gaussians: StaticGaussians::new(gpu)?,
+            temporal: with_times.then(|| TemporalKernels::new(gpu)).transpose()?,
+            deformation: deforms.then(|| DeformationKernels::new(gpu)).transpose()?,
+        })
+    }
+
+    /// Gaussians of all parts, as a network has them or as they are without it.
+    pub(super) fn record(
+        &self,
+        gpu: &Gpu,
+        parts: &[DevicePart],
+        activated: &ActivatedBuffers,
+        with_network: bool,
+    ) -> Result<Activation, GpuError> {
+        let mut activation = Activation::default();
+        let canonical = &self.static_gaussians;
+        for part in parts {
+            let (temporal, deformable);
+            let twin: &dyn DeviceParameterization =
+                match (&part.kind, &self.temporal, &self.deformation) {
+                    (DevicePartKind::Temporal(view), Some(kernels), _) => {
+                        temporal = DeviceTemporal {
+                            canonical,
+                            kernels,
+                            view,
+                        };
+                        &temporal
+                    }
+                    (DevicePartKind::Deformable(network), _, Some(kernels)) if with_network => {
+                        let DeviceNetwork { buffers, .. } = &**network;
+                        deformable = DeformableGaussians {
+                            canonical,
+                            kernels,
+                            buffers,
+                        };
+                        &deformable
+                    }
+                    _ => canonical,
+                };
+            let DevicePart { table, entries, .. } = part;
+            twin.activate(gpu, &mut activation.forward, table, *entries, activated)?;
+            twin.activate_vjp(gpu, &mut activation.backward, table, *entries, activated)?;
+        }
+        Ok(activation)
+    }
+}
+
+/// Activates models on a GPU without images of them: what judges kernels needs no more.
+#[derive(Debug)]
+pub struct GpuActivator {
+    gpu: Arc<Gpu>,
+    kernels: ActivationKernels,
+}
+
+impl GpuActivator {
+    /// Compiles the kernels of all parameterizations.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn new(gpu: Arc<Gpu>) -> Result<Self, EngineError> {
+        Ok(Self {
+            kernels: ActivationKernels::compile(&gpu, true, true)?,
+            gpu,
+        })
+    }
+
+    /// A copy of the model on the device, as it is seen from a viewpoint.
+    ///
+    /// # Errors
+    /// When the model has no kernels there, the device fails or its memory does not suffice.
+    pub fn activation(&self, model: Model, at: &Viewpoint) -> Result<GpuActivation, EngineError> {
+        check(&model)?;
+        let gpu = Arc::clone(&self.gpu);
+        let parts = upload(&gpu, &model, None)?;
+        let degrees = model.parts.iter();
+        let degrees = degrees.map(|part| static_gaussians::sh_degree(&part.table));
+        let sh_degree = degrees.max().unwrap_or(0);
+        let buffers = ActivatedBuffers::new(&gpu, model.len(), sh_degree, 0)?;
+        let network_time = network_time(&model, at);
+        let deforms = network_time.is_some();
+        let activation = self.kernels.record(&gpu, &parts, &buffers, deforms)?;
+        let moment = Moment {
+            at: *at,
+            network_time,
+        };
+        for part in &parts {
+            part.set_moment(&gpu, &moment);
+        }
+        Ok(GpuActivation {
+            gpu,
+            model,
+            parts,
+            buffers,
+            activation,
+        })
+    }
+}
+
+/// A model's Gaussians on a GPU at a moment.
+#[derive(Debug)]
+pub struct GpuActivation {
+    gpu: Arc<Gpu>,
+    model: Model,
+    parts: Vec<DevicePart>,
+    buffers: ActivatedBuffers,
+    activation: Activation,
+}
+
+impl GpuActivation {
+    /// The Gaussians.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn activate(&self) -> Result<ActivatedGaussians, EngineError> {
+        self.activation.forward.submit(&self.gpu);
+        let mut out = ActivatedGaussians::default();
+        self.buffers.read(&self.gpu, &mut out)?;
+        Ok(out)
+    }
+
+    /// VJP of [`GpuActivation::activate`], which was called before: the model with the gradients by its
+    /// parameters.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn activate_backward(
+        &mut self,
+        gradient: &ActivatedGaussians,
+    ) -> Result<&Model, EngineError> {
+        self.buffers.write_gradient(&self.gpu, gradient);
+        self.activation.backward.submit(&self.gpu);
+        for (part, on_device) in self.model.parts.iter_mut().zip(&self.parts) {
+            on_device.read(&self.gpu, part)?;
+        }
+        Ok(&self.model)
+    }
+}
