@@ -3,8 +3,6 @@
 //!
 //! `cargo bench --bench deformation`
 
-mod support;
-
 use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
@@ -16,7 +14,7 @@ use omnilife_engine::{
     parameters::{SharedParameters, adam},
     render::settings::RenderSettings,
 };
-use support::{Iteration, cpu_seconds};
+use omnilife_reconstruct::{process::cpu_time, step_cost::cpu::Iteration};
 
 const WIDTH: u32 = 512;
 const COUNTS: [usize; 2] = [10_000, 30_000];
@@ -79,11 +77,11 @@ fn deformation(criterion: &mut Criterion) {
         let mut timed = |name: &str, run: &mut dyn FnMut()| {
             group.bench_function(name, |bencher| {
                 bencher.iter_custom(|repetitions| {
-                    let begun = cpu_seconds();
+                    let begun = cpu_time().unwrap_or_default().as_secs_f64();
                     for _ in 0..repetitions {
                         run();
                     }
-                    Duration::from_secs_f64(cpu_seconds() - begun)
+                    Duration::from_secs_f64(cpu_time().unwrap_or_default().as_secs_f64() - begun)
                 });
             });
         };

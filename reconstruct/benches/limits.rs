@@ -12,8 +12,6 @@
 //! `render/raster/mod.rs` as written (a fused multiply-add is two), not in what the compiler makes
 //! of them.
 
-mod support;
-
 use std::{hint::black_box, time::Instant};
 
 use fearless_simd::{Level, Simd, dispatch, f32x8, prelude::*};
@@ -27,7 +25,7 @@ use omnilife_engine::{
         sort::{self, cpu::SortScratch},
     },
 };
-use support::Iteration;
+use omnilife_reconstruct::step_cost::cpu::Iteration;
 
 /// Forward: square of the offset and its row (4), `2^t` (13), weight and transmittance (2), three
 /// colours (6).

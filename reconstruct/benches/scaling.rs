@@ -8,13 +8,11 @@
 //! Writes `scaling.csv` (one row per size and stage) and `scaling.svg` (whole iterations) into the
 //! folder and prints the slopes. A slope above 1 is a stage that grows faster than its input.
 
-mod support;
-
 use std::{error::Error, fs, path::Path};
 
 use omnilife_engine::render::settings::RenderSettings;
+use omnilife_reconstruct::step_cost::cpu::Iteration;
 use plotters::prelude::*;
-use support::Iteration;
 
 const COUNTS: [usize; 5] = [10_000, 30_000, 100_000, 300_000, 1_000_000];
 const WIDTHS: [u32; 4] = [256, 512, 1024, 2048];

@@ -2,13 +2,11 @@
 //!
 //! `cargo bench --bench stages`, or `cargo bench --bench stages -- 512x256/50000` for one size.
 
-mod support;
-
 use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use omnilife_engine::render::settings::RenderSettings;
-use support::Iteration;
+use omnilife_reconstruct::step_cost::cpu::Iteration;
 
 const WIDTHS: [u32; 2] = [512, 1024];
 const COUNTS: [usize; 2] = [50_000, 200_000];

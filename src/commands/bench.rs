@@ -7,6 +7,7 @@ use omnilife_bench::{
     METRICS, MetricChoice, PROTOCOLS, Predictions, ScoreRequest, curves, curves_table, diagnose,
     record_failure, run_external, score, split_scene, tracking::compare_tracks, write_adapter,
 };
+use omnilife_reconstruct::step_cost::CostRequest;
 use omnilife_schemas::{
     lock::FolderLock,
     progress::Progress,
@@ -14,7 +15,7 @@ use omnilife_schemas::{
     store,
 };
 
-use super::{ablate, bench_run, bench_scores, bench_stability};
+use super::{ablate, bench_renderer, bench_run, bench_scores, bench_stability};
 use crate::{
     cli::BenchCommand,
     exit::{self, BadRequest},
@@ -181,6 +182,25 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
         }
         BenchCommand::Stability { out, backend } => {
             bench_stability::execute(out.as_deref(), *backend, progress)
+        }
+        BenchCommand::Renderer {
+            backend,
+            gaussians,
+            widths,
+            dynamic,
+            steps,
+            out,
+        } => {
+            let sizes = gaussians.iter();
+            let sizes = sizes.flat_map(|&count| widths.iter().map(move |&width| (count, width)));
+            let requests = sizes.map(|(count, width)| CostRequest {
+                backend: (*backend).into(),
+                gaussians: count as usize,
+                width,
+                dynamic: *dynamic,
+                steps: *steps,
+            });
+            bench_renderer::execute(requests.collect(), out.as_deref(), progress)
         }
         BenchCommand::Curve { runs, clock, out } => {
             let _lock = FolderLock::take(out, progress)?;

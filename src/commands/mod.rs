@@ -2,6 +2,7 @@
 
 mod ablate;
 pub(crate) mod bench;
+mod bench_renderer;
 mod bench_run;
 mod bench_scores;
 mod bench_stability;

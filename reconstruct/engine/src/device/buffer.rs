@@ -54,6 +54,7 @@ impl<T: Pod> DeviceBuffer<T> {
             return Ok(Vec::new());
         }
         let bytes = ((self.len * size_of::<T>()) as u64).next_multiple_of(4);
+        gpu.count_read(bytes);
         let copy = create_with(
             gpu,
             self.label,

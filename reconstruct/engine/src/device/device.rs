@@ -3,7 +3,10 @@
 //! wgpu reports errors beside the calls that cause them, and by default panics. Here they are
 //! caught: the first one is kept and every later wait for the device returns it.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{
+    Arc, Mutex, MutexGuard, PoisonError,
+    atomic::{AtomicU64, Ordering},
+};
 
 use omnilife_schemas::records::Backend;
 
@@ -25,6 +28,7 @@ pub struct Gpu {
     summary: AdapterSummary,
     limits: wgpu::Limits,
     faults: Arc<Mutex<Faults>>,
+    bytes_read: AtomicU64,
 }
 
 /// What went wrong on a device since it was opened.
@@ -54,6 +58,8 @@ impl Gpu {
         let request = wgpu::DeviceDescriptor {
             label: Some("omnilife"),
             required_limits: limits.clone(),
+            // To measure with, where there are any.
+            required_features: adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
             ..wgpu::DeviceDescriptor::default()
         };
         let (device, queue) =
@@ -82,6 +88,7 @@ impl Gpu {
             summary,
             limits,
             faults,
+            bytes_read: AtomicU64::new(0),
         })
     }
 
@@ -129,6 +136,15 @@ impl Gpu {
         self.limits
             .max_storage_buffer_binding_size
             .min(self.limits.max_buffer_size)
+    }
+
+    /// Bytes that the host has read back so far.
+    pub fn bytes_read(&self) -> u64 {
+        self.bytes_read.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn count_read(&self, bytes: u64) {
+        self.bytes_read.fetch_add(bytes, Ordering::Relaxed);
     }
 
     /// Gives the device up; every later use of it is an error. For tests of a lost device.

@@ -2,11 +2,12 @@
 //!
 //! * [`Gpu`]: an open device; its errors are [`GpuError`], never a panic. [`adapters`]: what there is.
 //! * `buffer`, `shader`, `program`: typed buffers, WGSL modules, and recorded chains of kernels.
-//! * `scan`: prefix sums.
+//! * `scan`: prefix sums. [`timer`]: what stages cost.
 //!
 //! A stage's WGSL lies beside its CPU twin `cpu.rs`, with the same names in the same order; `gpu.rs`
 //! there binds its buffers. No kernel needs an optional feature of the device: everything keeps within
-//! the limits that every WebGPU adapter has, but buffers may be as large as the adapter allows.
+//! the limits that every WebGPU adapter has, but buffers may be as large as the adapter allows. Clocks
+//! are used where there are any.
 
 pub mod adapters;
 mod buffer;
@@ -19,6 +20,7 @@ mod error;
 mod program;
 pub(crate) mod scan;
 pub(crate) mod shader;
+pub mod timer;
 
 pub(crate) use buffer::{DeviceBuffer, Uniform};
 pub use device::Gpu;

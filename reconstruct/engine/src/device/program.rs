@@ -7,6 +7,7 @@ use crate::device::{
     device::{Gpu, WORKGROUP},
     error::GpuError,
     shader::Shader,
+    timer::{StageCost, StageTimer, Stages},
 };
 
 /// One entry point of a WGSL file. Its bindings are numbered from 0 in group 0, without gaps.
@@ -58,9 +59,16 @@ enum Command {
         pipeline: wgpu::ComputePipeline,
         bindings: wgpu::BindGroup,
         workgroups: [u32; 2],
+        /// Of the buffers that are bound.
+        bytes: u64,
     },
     Clear(wgpu::Buffer),
+    /// What follows is of this stage.
+    Stage(&'static str),
 }
+
+/// Stage of commands before the first that is named.
+const UNNAMED: &str = "other";
 
 impl Program {
     /// Runs a kernel with at least `threads` threads. `buffers` are its bindings in order.
@@ -104,7 +112,13 @@ impl Program {
             pipeline: kernel.pipeline.clone(),
             bindings,
             workgroups: [columns as u32, workgroups.div_ceil(columns) as u32],
+            bytes: buffers.iter().map(|buffer| buffer.size()).sum(),
         });
+    }
+
+    /// Names what follows, for those who measure.
+    pub(crate) fn begin_stage(&mut self, name: &'static str) {
+        self.commands.push(Command::Stage(name));
     }
 
     /// Runs all commands of another program.
@@ -119,23 +133,73 @@ impl Program {
 
     /// Adds all commands to `encoder`.
     pub(crate) fn encode(&self, encoder: &mut wgpu::CommandEncoder) {
+        self.encode_timed(encoder, &mut None);
+    }
+
+    /// The same; where there is a timer it notes when stages begin and end.
+    pub(crate) fn encode_timed(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        timer: &mut Option<StageTimer>,
+    ) {
+        let mut stage = UNNAMED;
         let mut commands = self.commands.iter().peekable();
         while let Some(command) = commands.peek() {
-            if let Command::Clear(buffer) = command {
-                encoder.clear_buffer(buffer, 0, None);
-                commands.next();
-                continue;
+            match command {
+                Command::Clear(buffer) => {
+                    encoder.clear_buffer(buffer, 0, None);
+                    commands.next();
+                    continue;
+                }
+                Command::Stage(name) => {
+                    stage = name;
+                    commands.next();
+                    continue;
+                }
+                Command::Run { .. } => {}
             }
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-            while let Some(Command::Run {
-                pipeline,
-                bindings,
-                workgroups,
-            }) = commands.next_if(|command| matches!(command, Command::Run { .. }))
-            {
-                pass.set_pipeline(pipeline);
-                pass.set_bind_group(0, bindings, &[]);
-                pass.dispatch_workgroups(workgroups[0], workgroups[1], 1);
+            let is_timed = timer.is_some();
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: None,
+                timestamp_writes: timer.as_mut().and_then(|timer| timer.pass(stage)),
+            });
+            // One pass goes on over stages that nobody times.
+            while let Some(command) = commands.next_if(|command| match command {
+                Command::Run { .. } => true,
+                Command::Stage(_) => !is_timed,
+                Command::Clear(_) => false,
+            }) {
+                if let Command::Run {
+                    pipeline,
+                    bindings,
+                    workgroups,
+                    ..
+                } = command
+                {
+                    pass.set_pipeline(pipeline);
+                    pass.set_bind_group(0, bindings, &[]);
+                    pass.dispatch_workgroups(workgroups[0], workgroups[1], 1);
+                }
+            }
+        }
+    }
+
+    /// Adds what its stages cost, but for their times, to others'.
+    pub(crate) fn add_costs(&self, stages: &mut Stages) {
+        let mut stage = UNNAMED;
+        for command in &self.commands {
+            match command {
+                Command::Stage(name) => stage = name,
+                Command::Clear(_) => {}
+                Command::Run { bytes, .. } => {
+                    let known = stages.iter().position(|(known, _)| *known == stage);
+                    let place = known.unwrap_or(stages.len());
+                    if place == stages.len() {
+                        stages.push((stage, StageCost::default()));
+                    }
+                    stages[place].1.dispatches += 1;
+                    stages[place].1.bytes += bytes;
+                }
             }
         }
     }

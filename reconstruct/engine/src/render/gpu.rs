@@ -75,8 +75,10 @@ impl Chains {
         let stages = self.stages(gpu, &shape)?;
         let buffers = RenderBuffers::new(gpu, shape, status)?;
         let mut forward = Program::default();
+        forward.begin_stage("project");
         stages.projection.forward(gpu, &mut forward, &buffers);
         stages.binning.forward(gpu, &mut forward, &buffers)?;
+        forward.begin_stage("raster");
         stages.rasterization.forward(gpu, &mut forward, &buffers);
         Ok(Chain { buffers, forward })
     }
@@ -90,9 +92,11 @@ impl Chains {
         upstream: &DeviceBuffer<f32>,
     ) -> Result<(), GpuError> {
         let stages = self.stages(gpu, &buffers.shape)?;
+        program.begin_stage("raster backward");
         stages
             .rasterization
             .backward(gpu, program, buffers, upstream);
+        program.begin_stage("project backward");
         stages.projection.backward(gpu, program, buffers);
         Ok(())
     }

@@ -63,6 +63,7 @@ impl Binning {
         let shape = &buffers.shape;
         let (view, by_distance, by_tile) =
             (&buffers.view.raw, &buffers.by_distance, &buffers.by_tile);
+        program.begin_stage("sort");
         self.sort
             .record(gpu, program, by_distance, &buffers.gaussian_count, 32)?;
         let by_rank = [
@@ -76,6 +77,7 @@ impl Binning {
             &by_tile.items.raw,
             &buffers.entry_splats.raw,
         ];
+        program.begin_stage("bin");
         program.clear(&buffers.entry_starts.raw);
         program.run(gpu, &self.count_entries, shape.gaussians, &by_rank[..6]);
         self.scan.record(gpu, program, &buffers.entry_starts)?;
@@ -91,6 +93,7 @@ impl Binning {
             ],
         );
         program.run(gpu, &self.write_entries, shape.gaussians, &by_rank);
+        program.begin_stage("sort");
         let tile_bits = usize::BITS - (shape.tiles() - 1).leading_zeros();
         self.sort.record(
             gpu,
@@ -99,6 +102,7 @@ impl Binning {
             &buffers.entry_count,
             tile_bits.max(1),
         )?;
+        program.begin_stage("bin");
         program.clear(&buffers.tile_ranges.raw);
         program.run(
             gpu,

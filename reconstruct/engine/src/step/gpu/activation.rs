@@ -64,6 +64,8 @@ impl ActivationKernels {
         with_network: bool,
     ) -> Result<Activation, GpuError> {
         let mut activation = Activation::default();
+        activation.forward.begin_stage("activate");
+        activation.backward.begin_stage("activate backward");
         let canonical = &self.static_gaussians;
         for part in parts {
             let (temporal, deformable);

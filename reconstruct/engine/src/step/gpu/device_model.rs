@@ -280,8 +280,8 @@ impl DeviceModel {
         }
     }
 
-    /// Adds the commands of a step.
-    pub(super) fn encode(&self, encoder: &mut wgpu::CommandEncoder, uses: StepUses) {
+    /// The programs of a step, in their order.
+    pub(super) fn programs(&self, uses: StepUses) -> impl Iterator<Item = &Program> {
         let activation = self.activation(uses.network);
         let of_network = self.deformed.as_ref().filter(|_| uses.network);
         let alone = self.alone.as_ref().filter(|_| uses.alone);
@@ -297,8 +297,6 @@ impl DeviceModel {
             Some(&self.update),
             of_network.map(|(_, update)| update),
         ];
-        for program in programs.into_iter().flatten() {
-            program.encode(encoder);
-        }
+        programs.into_iter().flatten()
     }
 }

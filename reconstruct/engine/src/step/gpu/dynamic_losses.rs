@@ -179,6 +179,7 @@ impl DynamicKernels {
         let member_count = DeviceBuffer::zeros(gpu, "count of dynamic Gaussians", 1)?;
 
         let mut forward = Program::default();
+        forward.begin_stage("dynamic alone");
         forward.clear(&member_count.raw);
         for (part, time) in &with_times {
             let table = (*time, &part.table);
@@ -187,6 +188,7 @@ impl DynamicKernels {
         forward.append(&chain.forward);
         let image = &chain.buffers.image;
         let loss = &alone.loss;
+        forward.begin_stage("loss");
         loss.record(gpu, &mut forward, image, target);
         let images = [image, &loss.gradient];
         let partials = self
@@ -198,6 +200,7 @@ impl DynamicKernels {
         alone
             .chains
             .backward(gpu, &mut backward, &chain.buffers, &loss.gradient)?;
+        backward.begin_stage("dynamic alone");
         for (_, time) in &with_times {
             temporal.gather_dynamic_vjp(gpu, &mut backward, time, activated);
         }

@@ -230,6 +230,7 @@ impl StepKernels {
         program.clear(&self.terms.sum.raw);
         program.append(&chain.forward);
         let image = &chain.buffers.image;
+        program.begin_stage("loss");
         self.loss.record(gpu, &mut program, image, &self.target);
         if let Some(dynamic) = &self.dynamic {
             let images = [image, &self.loss.gradient];
@@ -241,6 +242,7 @@ impl StepKernels {
     fn record_pose(&self, chain: &Chain) -> Result<Option<DevicePose>, GpuError> {
         let record = |kernels: &PoseGradients| {
             let mut program = Program::default();
+            program.begin_stage("pose");
             let parts = kernels.record(&self.gpu, &mut program, &chain.buffers)?;
             Ok(DevicePose { program, parts })
         };
@@ -251,11 +253,13 @@ impl StepKernels {
     fn record_update(&self, parts: &[DevicePart], chain: &Chain) -> Result<Program, GpuError> {
         let gpu = &*self.gpu;
         let mut program = Program::default();
+        program.begin_stage("motion");
         if let Some(dynamic) = &self.dynamic {
             for part in parts {
                 dynamic.record_motion(gpu, &mut program, part, &self.terms)?;
             }
         }
+        program.begin_stage("adam");
         let status = &chain.buffers.status.raw;
         let judged = [
             &self.loss.value.raw,
@@ -280,6 +284,7 @@ impl StepKernels {
     /// Adam on the weights of a network.
     fn record_network_update(&self, parts: &[DevicePart], chain: &Chain) -> Program {
         let mut program = Program::default();
+        program.begin_stage("adam");
         let status = &chain.buffers.status.raw;
         for part in parts {
             if let DevicePartKind::Deformable(network) = &part.kind {

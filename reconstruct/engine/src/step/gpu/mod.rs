@@ -21,7 +21,10 @@ use self::{
 use crate::{
     EngineError,
     camera::View,
-    device::{DeviceBuffer, Gpu, GpuError},
+    device::{
+        DeviceBuffer, Gpu, GpuError,
+        timer::{StageTimer, Stages},
+    },
     gaussians::{
         ActivatedGaussians,
         parameterization::{DeviceKind, DeviceTwin, Viewpoint},
@@ -196,8 +199,14 @@ impl<'a> GpuStepper<'a> {
         })
     }
 
-    /// Gives one step to the device.
-    fn submit(&self, model: &DeviceModel, step: &Pending) {
+    /// Gives one step to the device, which notes where its time goes where there is a timer; returns what
+    /// the step has that others have not.
+    fn submit(
+        &self,
+        model: &DeviceModel,
+        step: &Pending,
+        timer: &mut Option<StageTimer>,
+    ) -> StepUses {
         let gpu = &*self.gpu;
         let schedule = &step.schedule;
         let input = &self.inputs.views[step.view];
@@ -222,8 +231,49 @@ impl<'a> GpuStepper<'a> {
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         let image = &self.targets[step.view].raw;
         encoder.copy_buffer_to_buffer(image, 0, &self.kernels.target.raw, 0, image.size());
-        model.encode(&mut encoder, uses);
+        for program in model.programs(uses) {
+            program.encode_timed(&mut encoder, timer);
+        }
+        if let Some(timer) = timer {
+            timer.resolve(&mut encoder);
+        }
         gpu.queue.submit([encoder.finish()]);
+        uses
+    }
+
+    /// One step like [`Stepper::step`], waited for; returns what its stages cost.
+    ///
+    /// # Errors
+    /// As a step has them.
+    pub fn measured_step(
+        &mut self,
+        view: usize,
+        schedule: &StepSchedule,
+    ) -> Result<Stages, EngineError> {
+        self.settle()?;
+        self.upload()?;
+        let step = self.next_step(view, schedule);
+        let model = self.take_model()?;
+        let mut timer = StageTimer::new(&self.gpu)?;
+        let uses = self.submit(&model, &step, &mut timer);
+        let mut stages = Stages::new();
+        for program in model.programs(uses) {
+            program.add_costs(&mut stages);
+        }
+        self.on_device = Some(model);
+        self.newest = Newest::Device;
+        self.pending.push_back(step.clone());
+        if let Some(timer) = &mut timer {
+            let seconds = timer.take(&self.gpu)?;
+            for (stage, cost) in &mut stages {
+                cost.seconds = seconds.get(stage).copied();
+            }
+        }
+        if step.moves_pose {
+            self.move_pose(&step)?;
+        }
+        self.settle()?;
+        Ok(stages)
     }
 
     /// Sets what a view is held to; returns whether its dynamic Gaussians are drawn alone.
@@ -265,7 +315,7 @@ impl<'a> GpuStepper<'a> {
                 (HALTED_FULL, Some(_)) => {
                     let model = self.make_room(model, status.entries)?;
                     for step in &self.pending {
-                        self.submit(&model, step);
+                        self.submit(&model, step, &mut None);
                     }
                     self.on_device = Some(model);
                 }
@@ -401,7 +451,7 @@ impl Stepper for GpuStepper<'_> {
         self.upload()?;
         let step = self.next_step(view, schedule);
         let model = self.take_model()?;
-        self.submit(&model, &step);
+        self.submit(&model, &step, &mut None);
         self.on_device = Some(model);
         self.newest = Newest::Device;
         self.pending.push_back(step.clone());

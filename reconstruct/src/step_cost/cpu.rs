@@ -1,0 +1,94 @@
+//! One training iteration on the CPU, stage by stage.
+
+use omnilife_engine::{
+    camera::View,
+    gaussians::{ActivatedGaussians, static_gaussians},
+    losses::photometric::cpu::Loss,
+    parameters::{ParameterTable, adam},
+    render::{cpu::Renderer, raster::RasterGradient, settings::RenderSettings},
+};
+
+use super::scene::{scene, target, view};
+use crate::process::cpu_time;
+
+/// Everything that one training iteration touches.
+#[derive(Debug)]
+pub struct Iteration {
+    /// Where from.
+    pub view: View,
+    /// Raw parameters.
+    pub table: ParameterTable,
+    /// Activated.
+    pub instant: ActivatedGaussians,
+    /// By what is activated.
+    pub gradient: ActivatedGaussians,
+    /// Renders and takes the way back.
+    pub renderer: Renderer,
+    /// The photometric loss.
+    pub loss: Loss,
+    /// What the image is compared with, RGB after RGB.
+    pub target: Vec<f32>,
+    /// Iterations so far.
+    pub step: u64,
+}
+
+impl Iteration {
+    /// An iteration on a [`scene`] of `count` Gaussians in an ERP image of `width` columns; its [`target`] is
+    /// another scene.
+    pub fn new(count: usize, width: u32, settings: RenderSettings) -> Self {
+        let view = view(width);
+        let table = scene(count);
+        let mut instant = ActivatedGaussians::default();
+        static_gaussians::activate(&table, &mut instant);
+        Self {
+            view,
+            table,
+            instant,
+            gradient: ActivatedGaussians::default(),
+            renderer: Renderer::new(settings),
+            loss: Loss::new(width as usize, width as usize / 2),
+            target: target(count, &view, settings).data,
+            step: 0,
+        }
+    }
+
+    /// Forward, loss, backward and Adam, as training orders them. `done` is called with the name of
+    /// each stage and the CPU time that it took, in seconds. Returns the loss.
+    pub fn run(&mut self, mut done: impl FnMut(&'static str, f64)) -> f64 {
+        let cpu_seconds = || cpu_time().unwrap_or_default().as_secs_f64();
+        let mut begun = cpu_seconds();
+        let mut lap = |name: &'static str| {
+            let now = cpu_seconds();
+            done(name, now - begun);
+            begun = now;
+        };
+        static_gaussians::activate(&self.table, &mut self.instant);
+        lap("activate");
+        let raster = self
+            .renderer
+            .forward_timed(&self.view, &self.instant, &mut lap);
+        let (value, colour) = self
+            .loss
+            .forward_backward(&raster.colour, &self.target, 0.2);
+        lap("loss");
+        let upstream = RasterGradient {
+            colour,
+            features: &[],
+        };
+        self.renderer.backward_timed(
+            &self.view,
+            &self.instant,
+            &upstream,
+            &mut self.gradient,
+            &mut lap,
+        );
+        static_gaussians::activate_vjp(&mut self.table, &self.instant, &self.gradient);
+        lap("activate backward");
+        self.step += 1;
+        for array in &mut self.table.arrays {
+            adam::cpu::step(array, self.step, adam::SecondMomentDecay::PUBLISHED);
+        }
+        lap("adam");
+        value.total
+    }
+}

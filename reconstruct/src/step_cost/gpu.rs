@@ -1,0 +1,91 @@
+//! Training steps on a GPU, measured on the device and at the host.
+
+use std::{sync::Arc, time::Instant};
+
+use omnilife_engine::{
+    density::{self, DensityContext},
+    device::{Gpu, timer::Stages},
+    step::{Stepper, gpu::GpuStepper},
+    training_view::TrainingView,
+};
+use rand::SeedableRng;
+use rand_pcg::Pcg64Mcg;
+
+use super::{
+    CostRequest, DENSIFY_INTERVAL, DensityCost, StepCost, Subject, WARM_UP_STEPS, take_least,
+};
+use crate::error::ReconstructError;
+
+pub(super) fn measure(request: CostRequest) -> Result<StepCost, ReconstructError> {
+    let gpu = Arc::new(Gpu::open()?);
+    let subject = Subject::new(request);
+    let views = subject.views();
+    let inputs = subject.inputs(&views);
+    let mut stepper =
+        GpuStepper::new(Arc::clone(&gpu), inputs, subject.model(), &subject.settings)?;
+    let (wall_seconds, cpu_seconds) = subject.time_of_steps(&mut stepper)?;
+    let mut stages = Stages::new();
+    let mut schedule = subject.schedule(1_000);
+    for step in 0..WARM_UP_STEPS + request.steps {
+        let measured = stepper.measured_step(0, &schedule)?;
+        schedule.iteration += 1;
+        if step >= WARM_UP_STEPS {
+            take_least(&mut stages, measured.into_iter());
+        }
+    }
+    // What is read between two densifications, and for one.
+    let before = gpu.bytes_read();
+    for _ in 0..DENSIFY_INTERVAL {
+        stepper.step(0, &schedule)?;
+        schedule.iteration += 1;
+    }
+    stepper.take_statistics()?;
+    let density = densify(&subject, &views, &mut stepper, wall_seconds)?;
+    let bytes_read = (gpu.bytes_read() - before) * (1_000 / DENSIFY_INTERVAL);
+    let adapter = gpu.adapter();
+    Ok(StepCost {
+        request,
+        device: format!("{} ({}, {})", adapter.name, adapter.kind, adapter.driver),
+        stages,
+        wall_seconds,
+        cpu_seconds,
+        bytes_read,
+        density: Some(density),
+        copied_per_second: Some(gpu.copied_per_second()?),
+    })
+}
+
+/// What one densification costs the host.
+fn densify(
+    subject: &Subject,
+    views: &[TrainingView],
+    stepper: &mut GpuStepper<'_>,
+    step_seconds: f64,
+) -> Result<DensityCost, ReconstructError> {
+    let dynamics = subject.settings.dynamics.as_ref();
+    let context = DensityContext {
+        views,
+        last_view: 0,
+        temporal: dynamics.and_then(|dynamics| dynamics.density),
+    };
+    let mut random = Pcg64Mcg::seed_from_u64(0);
+    let begun = Instant::now();
+    let model = stepper.model_mut()?;
+    let downloaded = Instant::now();
+    density::densify(
+        model,
+        &subject.settings.densify,
+        1_000,
+        &context,
+        &mut random,
+    );
+    density::order::along_sphere(model, views);
+    let controlled = Instant::now();
+    stepper.step(0, &subject.schedule(2_000))?;
+    stepper.take_statistics()?;
+    Ok(DensityCost {
+        download_seconds: (downloaded - begun).as_secs_f64(),
+        control_seconds: (controlled - downloaded).as_secs_f64(),
+        upload_seconds: (controlled.elapsed().as_secs_f64() - step_seconds).max(0.0),
+    })
+}
