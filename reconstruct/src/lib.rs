@@ -13,6 +13,7 @@
 //!   model. [`stereo`]: depth from two panoramas. [`scene`]: a scene in memory. [`request`]: what a user asks of a method;
 //!   [`options`]: what only some methods understand.
 
+pub mod backends;
 pub mod baseline;
 pub mod components;
 pub mod error;

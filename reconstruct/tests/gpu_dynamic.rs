@@ -256,7 +256,8 @@ fn compare(what: &str, scene: &TrainingScene, settings: &TrainSettings) {
 }
 
 fn compare_gradients(what: &str, on_gpu: &mut GpuStepper<'_>, on_cpu: &mut CpuStepper<'_>) {
-    let (of_gpu, of_cpu) = (on_gpu.model().unwrap(), on_cpu.model().unwrap());
+    let of_gpu = on_gpu.model_with_gradients().unwrap();
+    let of_cpu = on_cpu.model().unwrap();
     for (gpu, cpu) in of_gpu.parts.iter().zip(&of_cpu.parts) {
         for (gpu, cpu) in gpu.table.arrays.iter().zip(&cpu.table.arrays) {
             let name = format!("{what}, {}", gpu.name);

@@ -102,7 +102,8 @@ fn steps_are_those_of_the_cpu() {
         on_gpu.step(iteration as usize, &schedule).unwrap();
         on_cpu.step(iteration as usize, &schedule).unwrap();
         if iteration == 1 {
-            let (of_gpu, of_cpu) = (on_gpu.model().unwrap(), on_cpu.model().unwrap());
+            let of_gpu = on_gpu.model_with_gradients().unwrap();
+            let of_cpu = on_cpu.model().unwrap();
             for (gpu, cpu) in of_gpu.parts[0]
                 .table
                 .arrays
@@ -183,7 +184,8 @@ fn steps_with_a_network_are_those_of_the_cpu() {
         };
         on_gpu.step(iteration as usize, &schedule).unwrap();
         on_cpu.step(iteration as usize, &schedule).unwrap();
-        let (of_gpu, of_cpu) = (on_gpu.model().unwrap(), on_cpu.model().unwrap());
+        let of_gpu = on_gpu.model_with_gradients().unwrap();
+        let of_cpu = on_cpu.model().unwrap();
         let networks =
             [of_gpu, of_cpu].map(|model| model.parts[0].parameterization.shared().unwrap());
         assert_eq!(networks.map(|network| network.steps), [iteration - 1; 2]);

@@ -20,7 +20,7 @@ use omnilife_engine::{
 };
 use omnilife_reconstruct::{
     ReconstructError, baseline,
-    methods::{Method, MethodKind, PreparedGaussians},
+    methods::{Method, MethodKind, ON_CPU, PreparedGaussians},
     request::{DefaultPlan, MethodRequest},
     scene::TrainingScene,
     seeds::points,
@@ -105,6 +105,7 @@ const TOY: Method = Method {
     components: &[],
     optional_components: &[],
     default_plan: DefaultPlan::Auto,
+    backends: ON_CPU,
     options: &[],
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request)?.on(scene, backend),

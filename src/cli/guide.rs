@@ -170,6 +170,7 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         ],
     ),
     ("reconstruct methods", &["reconstruct methods"]),
+    ("reconstruct backends", &["reconstruct backends"]),
     (
         "bench split",
         &["bench split SEQUENCE --protocol per-scene --out split.json"],

@@ -429,4 +429,6 @@ pub(crate) enum ReconstructCommand {
     },
     /// Lists the methods.
     Methods,
+    /// Says for each method, component, parameterization and kernel whether a backend has it.
+    Backends,
 }

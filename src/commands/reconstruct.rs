@@ -2,6 +2,7 @@
 
 use omnilife_curate::slicing::Projection;
 use omnilife_reconstruct::{
+    backends,
     jobs::{
         atlas,
         edit::{self, EditRunRequest},
@@ -13,6 +14,7 @@ use omnilife_reconstruct::{
     },
     methods::{METHODS, Method},
     process,
+    request::BackendChoice,
 };
 use omnilife_schemas::{camera::Camera, progress::Progress};
 
@@ -130,6 +132,7 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
         ReconstructCommand::Methods => {
             exit::print(&METHODS.iter().map(description).collect::<String>())
         }
+        ReconstructCommand::Backends => exit::print(&backends::tables()),
     }
 }
 
@@ -139,6 +142,11 @@ fn description(method: &Method) -> String {
         "{}\n  {}\n  {}\n  {}\n",
         method.id, method.title, method.source, method.description
     );
+    let backends = method.backends.iter().map(|backend| match backend {
+        BackendChoice::Cpu => "cpu",
+        BackendChoice::Gpu => "gpu",
+    });
+    text += &format!("  Backends: {}\n", backends.collect::<Vec<_>>().join(", "));
     for (label, components) in [
         ("Components", method.components),
         ("On request", method.optional_components),

@@ -22,6 +22,7 @@ pub mod fields;
 pub mod gaussians;
 #[cfg(test)]
 mod golden_tests;
+pub mod kernels;
 pub mod losses;
 pub mod model;
 pub mod parameters;

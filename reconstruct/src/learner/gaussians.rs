@@ -10,6 +10,7 @@ use omnilife_engine::{
     EngineError,
     camera::View,
     density::{self, DensityContext},
+    device::adapters::AdapterKind,
     model::{
         TrainedArray,
         saved::{LoadError, SavedModel},
@@ -262,8 +263,15 @@ impl Learner for GaussianLearner<'_> {
 
     fn warnings(&self) -> Vec<String> {
         let none = self.stepper.gaussians() == 0;
-        none.then(|| "no Gaussian is left; the views show the background".to_owned())
-            .into_iter()
-            .collect()
+        let none = none.then(|| "no Gaussian is left; the views show the background".to_owned());
+        let slow = match self.stepper.backend() {
+            Backend::Gpu {
+                adapter, device, ..
+            } if device == AdapterKind::Software.to_string() => Some(format!(
+                "{adapter} is a software adapter: slower than the backend cpu"
+            )),
+            _ => None,
+        };
+        none.into_iter().chain(slow).collect()
     }
 }

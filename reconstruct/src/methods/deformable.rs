@@ -8,7 +8,7 @@ use std::mem::take;
 use crate::{
     baseline::OPACITY_RESET,
     components::{self, Decision, Draft, draft::MotionEvidenceUse, sky_shell, swept_points},
-    methods::{Method, MethodKind, PreparedGaussians},
+    methods::{Method, MethodKind, ON_CPU_AND_GPU, PreparedGaussians},
     options,
     request::MethodRequest,
 };
@@ -53,6 +53,7 @@ pub const METHOD: Method = Method {
     ],
     optional_components: components::OF_ANY_METHOD,
     default_plan: DefaultPlan::Full,
+    backends: ON_CPU_AND_GPU,
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),

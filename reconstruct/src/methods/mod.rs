@@ -150,11 +150,18 @@ pub struct Method {
     pub optional_components: &'static [&'static str],
     /// How its components are decided where a request does not say.
     pub default_plan: DefaultPlan,
+    /// What it runs on.
+    pub backends: &'static [BackendChoice],
     /// Options that it understands beside what all methods do.
     pub options: &'static [MethodOption],
     /// How it comes to its views.
     pub kind: MethodKind,
 }
+
+/// Backends of methods that have no kernels on a GPU.
+pub const ON_CPU: &[BackendChoice] = &[BackendChoice::Cpu];
+/// Backends of methods whose every part has.
+pub const ON_CPU_AND_GPU: &[BackendChoice] = &[BackendChoice::Cpu, BackendChoice::Gpu];
 
 /// How a method comes to its views.
 #[derive(Debug, Clone, Copy)]
@@ -189,6 +196,7 @@ impl Method {
         request: &MethodRequest,
         backend: BackendChoice,
     ) -> Result<Prepared<'a>, ReconstructError> {
+        self.check_backend(backend)?;
         match self.kind {
             MethodKind::Trained { prepare } => prepare(scene, request, backend),
             MethodKind::FeedForward { .. } => Err(ReconstructError::Request {
@@ -277,13 +285,20 @@ impl Method {
         for name in request.options.names() {
             names::find(&kind, name, self.options, |option| option.id)?;
         }
-        if !self.is_trained() && backend != BackendChoice::Cpu {
-            return Err(EngineError::Backend {
-                reason: format!("{} runs on the CPU only", self.id),
-            }
-            .into());
+        self.check_backend(backend)
+    }
+
+    fn check_backend(&self, backend: BackendChoice) -> Result<(), ReconstructError> {
+        if self.backends.contains(&backend) {
+            return Ok(());
         }
-        Ok(())
+        Err(EngineError::Backend {
+            reason: format!(
+                "{} has no GPU kernels: it runs on the CPU only; use the backend cpu",
+                self.id
+            ),
+        }
+        .into())
     }
 }
 
@@ -339,6 +354,18 @@ mod tests {
             message.contains("nerf") && message.contains("odgs"),
             "{message}"
         );
+    }
+
+    #[test]
+    fn backends_that_a_method_lacks_are_refused() {
+        for method in METHODS {
+            assert_eq!(method.backends[0], BackendChoice::Cpu, "{}", method.id);
+            let request = MethodRequest::new(1, 0);
+            let refused = method.check(&request, BackendChoice::Gpu).err();
+            let message = refused.map(|error| error.to_string()).unwrap_or_default();
+            let runs = method.backends.contains(&BackendChoice::Gpu);
+            assert_eq!(message.contains("no GPU kernels"), !runs, "{message}");
+        }
     }
 
     #[test]

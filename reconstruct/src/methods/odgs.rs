@@ -11,7 +11,7 @@ use crate::{
     baseline::{OPACITY_RESET, require_memory},
     components::{self, Draft, draft::MotionEvidenceUse, sky_shell, swept_points},
     error::ReconstructError,
-    methods::{Method, MethodKind, PreparedGaussians},
+    methods::{Method, MethodKind, ON_CPU_AND_GPU, PreparedGaussians},
     options,
     request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::TrainingScene,
@@ -34,6 +34,7 @@ pub const METHOD: Method = Method {
     components: &[swept_points::ID, sky_shell::ID, OPACITY_RESET],
     optional_components: components::OF_ANY_METHOD,
     default_plan: DefaultPlan::Auto,
+    backends: ON_CPU_AND_GPU,
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),

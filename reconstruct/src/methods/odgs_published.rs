@@ -12,7 +12,7 @@ use crate::{
     seeds::points,
 };
 use crate::{
-    methods::{Method, MethodKind, PreparedGaussians, odgs},
+    methods::{Method, MethodKind, ON_CPU, PreparedGaussians, odgs},
     options,
     request::MethodRequest,
 };
@@ -39,6 +39,7 @@ pub const METHOD: Method = Method {
     components: &[],
     optional_components: &[],
     default_plan: DefaultPlan::Auto,
+    backends: ON_CPU,
     options: &[options::MAX_GAUSSIANS, options::DENSIFY_THRESHOLD],
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
@@ -94,16 +95,13 @@ fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainSettings {
 fn prepare(
     scene: &TrainingScene,
     request: &MethodRequest,
-    backend: BackendChoice,
+    _: BackendChoice,
 ) -> Result<PreparedGaussians, ReconstructError> {
     let refuse = |reason: &str| {
         Err(ReconstructError::Request {
             reason: format!("{}: {reason}", METHOD.id),
         })
     };
-    if backend != BackendChoice::Cpu {
-        return refuse("runs on the CPU only");
-    }
     match scene.camera {
         Camera::Erp(_) => {}
         Camera::Pinhole(_) => {

@@ -12,7 +12,7 @@ use crate::{
     },
     error::ReconstructError,
     methods::{
-        Method, MethodKind, PreparedGaussians,
+        Method, MethodKind, ON_CPU_AND_GPU, PreparedGaussians,
         dynamic::{
             self, Beginning, CYCLE_FRAMES, TEMPORAL_DENSITY, TEMPORAL_MOTION, TEMPORAL_OPACITY,
         },
@@ -66,6 +66,7 @@ pub const METHOD: Method = Method {
         static_table::ID,
     ],
     default_plan: DefaultPlan::Full,
+    backends: ON_CPU_AND_GPU,
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),

@@ -15,7 +15,7 @@ use crate::{
     },
     error::ReconstructError,
     methods::{
-        Method, MethodKind, PreparedGaussians,
+        Method, MethodKind, ON_CPU_AND_GPU, PreparedGaussians,
         dynamic::{self, Beginning, TEMPORAL_MOTION, TEMPORAL_OPACITY, TEMPORAL_SMOOTHING},
         omni4dgs::{
             self, DYNAMIC_MASK, MOTION_REGULARIZATION, VELOCITY_DECOMPOSITION,
@@ -60,6 +60,7 @@ pub const METHOD: Method = Method {
     ],
     optional_components: &[],
     default_plan: DefaultPlan::Auto,
+    backends: ON_CPU_AND_GPU,
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),

@@ -12,7 +12,7 @@ use crate::{
     },
     error::ReconstructError,
     methods::{
-        Method, MethodKind, PreparedGaussians,
+        Method, MethodKind, ON_CPU_AND_GPU, PreparedGaussians,
         dynamic::{
             self, Beginning, CYCLE_FRAMES, FRAMES_PER_UNIT, TEMPORAL_DENSITY, TEMPORAL_MOTION,
             TEMPORAL_OPACITY, TEMPORAL_SMOOTHING,
@@ -69,6 +69,7 @@ pub const METHOD: Method = Method {
         LIFESPAN_LOSS,
     ],
     default_plan: DefaultPlan::Full,
+    backends: ON_CPU_AND_GPU,
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),

@@ -40,7 +40,7 @@ pub(super) fn measure(request: CostRequest) -> Result<StepCost, ReconstructError
         schedule.iteration += 1;
     }
     stepper.take_statistics()?;
-    let density = densify(&subject, &views, &mut stepper, wall_seconds)?;
+    let density = densify(&subject, &views, &mut stepper)?;
     let bytes_read = (gpu.bytes_read() - before) * (1_000 / DENSIFY_INTERVAL);
     let adapter = gpu.adapter();
     Ok(StepCost {
@@ -60,7 +60,6 @@ fn densify(
     subject: &Subject,
     views: &[TrainingView],
     stepper: &mut GpuStepper<'_>,
-    step_seconds: f64,
 ) -> Result<DensityCost, ReconstructError> {
     let dynamics = subject.settings.dynamics.as_ref();
     let context = DensityContext {
@@ -81,11 +80,10 @@ fn densify(
     );
     density::order::along_sphere(model, views);
     let controlled = Instant::now();
-    stepper.step(0, &subject.schedule(2_000))?;
-    stepper.take_statistics()?;
+    stepper.bring_to_device()?;
     Ok(DensityCost {
         download_seconds: (downloaded - begun).as_secs_f64(),
         control_seconds: (controlled - downloaded).as_secs_f64(),
-        upload_seconds: (controlled.elapsed().as_secs_f64() - step_seconds).max(0.0),
+        upload_seconds: controlled.elapsed().as_secs_f64(),
     })
 }

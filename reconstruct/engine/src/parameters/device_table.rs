@@ -59,27 +59,44 @@ impl TableBuffers {
         if array == 0 { 0 } else { self.ends[array - 1] }
     }
 
-    /// Copies values, gradients and moments back into arrays of the same sizes; of those that are frozen,
-    /// nothing.
+    /// Copies values and moments back into arrays of the same sizes; of those that are frozen, nothing.
     pub(crate) fn read(&self, gpu: &Gpu, arrays: &mut [ParameterArray]) -> Result<(), GpuError> {
         type Column = fn(&mut ParameterArray) -> &mut Vec<f32>;
-        let columns: [(&DeviceBuffer<f32>, Column); 4] = [
+        let columns: [(&DeviceBuffer<f32>, Column); 3] = [
             (&self.values, |array| &mut array.values),
-            (&self.gradients, |array| &mut array.gradients),
             (&self.first_moments, |array| &mut array.first_moments),
             (&self.second_moments, |array| &mut array.second_moments),
         ];
         for (buffer, column) in columns {
-            let all = buffer.read(gpu)?;
-            let mut rest = all.as_slice();
-            for array in &mut *arrays {
-                let (mine, others) = rest.split_at(array.values.len());
-                rest = others;
-                if !array.is_frozen() {
-                    column(array).copy_from_slice(mine);
-                }
-            }
+            read_column(gpu, buffer, arrays, column)?;
         }
         Ok(())
     }
+
+    /// Copies gradients back: every step makes them anew, and only those who judge it want them.
+    pub(crate) fn read_gradients(
+        &self,
+        gpu: &Gpu,
+        arrays: &mut [ParameterArray],
+    ) -> Result<(), GpuError> {
+        read_column(gpu, &self.gradients, arrays, |array| &mut array.gradients)
+    }
+}
+
+fn read_column(
+    gpu: &Gpu,
+    buffer: &DeviceBuffer<f32>,
+    arrays: &mut [ParameterArray],
+    column: fn(&mut ParameterArray) -> &mut Vec<f32>,
+) -> Result<(), GpuError> {
+    let all = buffer.read(gpu)?;
+    let mut rest = all.as_slice();
+    for array in arrays {
+        let (mine, others) = rest.split_at(array.values.len());
+        rest = others;
+        if !array.is_frozen() {
+            column(array).copy_from_slice(mine);
+        }
+    }
+    Ok(())
 }

@@ -10,7 +10,7 @@ use crate::{
     gaussians::activated_buffers::ActivatedBuffers,
     render::{
         settings::{Footprint, RenderSettings},
-        sort::gpu::Pairs,
+        sort::gpu::{PairBuffers, Pairs},
     },
 };
 
@@ -64,7 +64,10 @@ pub(crate) const HALTED_RUNNING: u32 = 0;
 pub(crate) const HALTED_FULL: u32 = 1;
 
 /// Room for tile entries per Gaussian at the beginning.
-const ENTRIES_PER_GAUSSIAN: usize = 8;
+const ENTRIES_PER_GAUSSIAN: usize = 4;
+
+/// Of distances as sort keys.
+pub(crate) const DISTANCE_BITS: u32 = 32;
 
 /// Numbers that sizes of buffers follow from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -99,6 +102,11 @@ impl RenderShape {
 
     pub(crate) fn tiles(&self) -> usize {
         self.width.div_ceil(TILE) * self.height.div_ceil(TILE)
+    }
+
+    /// Of the tiles' numbers.
+    pub(crate) fn tile_bits(&self) -> u32 {
+        (usize::BITS - (self.tiles() - 1).leading_zeros()).max(1)
     }
 
     /// Values of an image on the device: colour, transmittance, features.
@@ -147,14 +155,14 @@ pub(crate) struct RenderBuffers {
     pub(crate) activated: ActivatedBuffers,
     pub(crate) splats: DeviceBuffer<DeviceSplat>,
     pub(crate) channels: DeviceBuffer<f32>,
-    /// Distances and numbers of the splats; near to far after the sort.
+    /// Distances and numbers of the splats.
     pub(crate) by_distance: Pairs,
     /// One number: the Gaussians.
     pub(crate) gaussian_count: DeviceBuffer<u32>,
     pub(crate) entry_starts: DeviceBuffer<u32>,
     /// One number: the entries.
     pub(crate) entry_count: DeviceBuffer<u32>,
-    /// Tiles and numbers of the entries; tile by tile after the sort.
+    /// Tiles and numbers of the entries.
     pub(crate) by_tile: Pairs,
     pub(crate) entry_splats: DeviceBuffer<u32>,
     pub(crate) tile_ranges: DeviceBuffer<[u32; 2]>,
@@ -199,6 +207,11 @@ impl RenderBuffers {
             entry_sums: DeviceBuffer::zeros(gpu, "entry sums", entry_sums)?,
             splat_gradients: DeviceBuffer::zeros(gpu, "gradients by splats", splat_sums)?,
         })
+    }
+
+    /// Distances and numbers of the splats, near to far.
+    pub(crate) fn by_rank(&self) -> PairBuffers<'_> {
+        self.by_distance.sorted(DISTANCE_BITS)
     }
 
     /// Sets the view for everything that is submitted later.

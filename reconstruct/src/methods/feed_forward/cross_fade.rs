@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use crate::error::ReconstructError;
 use crate::methods::feed_forward::{Group, Interpolated};
-use crate::methods::{Method, MethodKind};
+use crate::methods::{Method, MethodKind, ON_CPU};
 use crate::request::DefaultPlan;
 use crate::stereo::warp::mixed;
 
@@ -18,6 +18,7 @@ pub const METHOD: Method = Method {
     components: &[],
     optional_components: &[],
     default_plan: DefaultPlan::Auto,
+    backends: ON_CPU,
     options: &[],
     kind: MethodKind::FeedForward {
         settings: || serde_json::json!({}),

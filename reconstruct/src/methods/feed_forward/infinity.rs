@@ -7,7 +7,7 @@ use omnilife_schemas::RgbImage;
 
 use crate::error::ReconstructError;
 use crate::methods::feed_forward::{CameraPose, Group, Interpolated};
-use crate::methods::{Method, MethodKind};
+use crate::methods::{Method, MethodKind, ON_CPU};
 use crate::request::DefaultPlan;
 use crate::stereo::warp::{mixed, turned};
 
@@ -23,6 +23,7 @@ pub const METHOD: Method = Method {
     components: &[],
     optional_components: &[],
     default_plan: DefaultPlan::Auto,
+    backends: ON_CPU,
     options: &[],
     kind: MethodKind::FeedForward {
         settings: || serde_json::json!({}),

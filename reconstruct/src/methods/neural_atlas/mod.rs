@@ -26,7 +26,7 @@ pub mod shade;
 pub mod step;
 
 use glam::DVec3;
-use omnilife_engine::{EngineError, fields::grid_field::GridField};
+use omnilife_engine::fields::grid_field::GridField;
 use omnilife_schemas::records::ComponentDecision;
 
 use self::{
@@ -43,7 +43,7 @@ use self::{
 };
 use crate::{
     error::ReconstructError,
-    methods::{Method, MethodKind, Prepared},
+    methods::{Method, MethodKind, ON_CPU, Prepared},
     options::{MethodOption, OptionValues},
     process,
     request::{BackendChoice, DefaultPlan, MethodRequest},
@@ -111,6 +111,7 @@ pub const METHOD: Method = Method {
     ],
     optional_components: &[],
     default_plan: DefaultPlan::Auto,
+    backends: ON_CPU,
     options: &[BASE_FIELDS, MOTION_FIELDS, RAYS, MASK_WEIGHT],
     kind: MethodKind::Trained { prepare },
 };
@@ -287,15 +288,8 @@ fn settings_of(request: &MethodRequest) -> Settings {
 fn prepare<'a>(
     scene: &'a TrainingScene,
     request: &MethodRequest,
-    backend: BackendChoice,
+    _: BackendChoice,
 ) -> Result<Prepared<'a>, ReconstructError> {
-    if backend == BackendChoice::Gpu {
-        return Err(EngineError::Backend {
-            reason: "nag has no GPU kernels yet: it runs on the CPU only; use the backend cpu"
-                .to_owned(),
-        }
-        .into());
-    }
     let clip = Clip::of(scene)?;
     let points: Vec<DVec3> = scene
         .points

@@ -21,7 +21,7 @@ use crate::{
     baseline::{self, OPACITY_RESET, require_memory},
     components::{self, Decision, Draft, draft::MotionEvidenceUse, sky_shell},
     error::ReconstructError,
-    methods::{Method, MethodKind, PreparedGaussians},
+    methods::{Method, MethodKind, ON_CPU, PreparedGaussians},
     options,
     request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::TrainingScene,
@@ -56,6 +56,7 @@ pub const METHOD: Method = Method {
     ],
     optional_components: components::OF_ANY_METHOD,
     default_plan: DefaultPlan::Auto,
+    backends: ON_CPU,
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
@@ -81,16 +82,8 @@ const POSE_RATE: Decay = Decay {
 fn prepare(
     scene: &TrainingScene,
     request: &MethodRequest,
-    backend: BackendChoice,
+    _: BackendChoice,
 ) -> Result<PreparedGaussians, ReconstructError> {
-    if backend != BackendChoice::Cpu {
-        return Err(ReconstructError::Request {
-            reason: format!(
-                "{}: Gaussians of objects have kernels on the CPU alone",
-                METHOD.id
-            ),
-        });
-    }
     let tracks = scene
         .tracks
         .as_ref()

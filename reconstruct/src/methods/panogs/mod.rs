@@ -38,7 +38,7 @@ use crate::{
     baseline,
     components::{Decision, sky_shell},
     error::ReconstructError,
-    methods::{Method, MethodKind, PreparedGaussians},
+    methods::{Method, MethodKind, ON_CPU, PreparedGaussians},
     options, process,
     request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::TrainingScene,
@@ -88,6 +88,7 @@ pub const METHOD: Method = Method {
     ],
     optional_components: &[],
     default_plan: DefaultPlan::Auto,
+    backends: ON_CPU,
     options: &[options::MAX_GAUSSIANS, options::FOOTPRINT],
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
@@ -121,14 +122,8 @@ impl Plan<'_> {
 fn prepare(
     scene: &TrainingScene,
     request: &MethodRequest,
-    backend: BackendChoice,
+    _: BackendChoice,
 ) -> Result<PreparedGaussians, ReconstructError> {
-    if backend != BackendChoice::Cpu {
-        return Err(omnilife_engine::EngineError::Backend {
-            reason: "panogs runs on the CPU only".to_owned(),
-        }
-        .into());
-    }
     let mut plan = Plan {
         request,
         decisions: Vec::new(),

@@ -3,7 +3,7 @@
 use crate::{
     device::{Gpu, GpuError, Kernel, Program, Scan, Shader},
     render::{
-        buffers::{RenderBuffers, RenderShape},
+        buffers::{DISTANCE_BITS, RenderBuffers, RenderShape},
         sort::gpu::RadixSort,
     },
 };
@@ -64,12 +64,18 @@ impl Binning {
         let (view, by_distance, by_tile) =
             (&buffers.view.raw, &buffers.by_distance, &buffers.by_tile);
         program.begin_stage("sort");
-        self.sort
-            .record(gpu, program, by_distance, &buffers.gaussian_count, 32)?;
+        self.sort.record(
+            gpu,
+            program,
+            by_distance,
+            &buffers.gaussian_count,
+            DISTANCE_BITS,
+        )?;
+        let by_rank = buffers.by_rank();
         let by_rank = [
             view,
-            &by_distance.keys.raw,
-            &by_distance.items.raw,
+            &by_rank.keys.raw,
+            &by_rank.items.raw,
             &buffers.splats.raw,
             &buffers.entry_starts.raw,
             &buffers.rays.raw,
@@ -94,14 +100,10 @@ impl Binning {
         );
         program.run(gpu, &self.write_entries, shape.gaussians, &by_rank);
         program.begin_stage("sort");
-        let tile_bits = usize::BITS - (shape.tiles() - 1).leading_zeros();
-        self.sort.record(
-            gpu,
-            program,
-            by_tile,
-            &buffers.entry_count,
-            tile_bits.max(1),
-        )?;
+        let tile_bits = shape.tile_bits();
+        self.sort
+            .record(gpu, program, by_tile, &buffers.entry_count, tile_bits)?;
+        let sorted = by_tile.sorted(tile_bits);
         program.begin_stage("bin");
         program.clear(&buffers.tile_ranges.raw);
         program.run(
@@ -110,8 +112,8 @@ impl Binning {
             shape.entries,
             &[
                 &buffers.entry_count.raw,
-                &by_tile.keys.raw,
-                &by_tile.items.raw,
+                &sorted.keys.raw,
+                &sorted.items.raw,
                 &buffers.entry_splats.raw,
                 &buffers.tile_ranges.raw,
                 &buffers.items.raw,

@@ -86,14 +86,15 @@ impl Rasterization {
                 &buffers.entry_sums.raw,
             ],
         );
+        let by_rank = buffers.by_rank();
         program.run(
             gpu,
             &self.sum_entries,
             buffers.shape.gaussians,
             &[
                 &buffers.view.raw,
-                &buffers.by_distance.keys.raw,
-                &buffers.by_distance.items.raw,
+                &by_rank.keys.raw,
+                &by_rank.items.raw,
                 &buffers.entry_starts.raw,
                 &buffers.splats.raw,
                 &buffers.entry_sums.raw,

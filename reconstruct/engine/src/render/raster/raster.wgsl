@@ -156,9 +156,10 @@ fn blend(
 // Moments of dL/d(ln alpha) that a shape asks for, at most.
 const MOMENTS: u32 = 10u;
 // Splats that a workgroup loads together.
-const BATCH: u32 = WORKGROUP;
+const BATCH: u32 = 64u;
 
-var<workgroup> batch_numbers: array<u32, BATCH>;
+var<workgroup> batch_splats: array<Splat, BATCH>;
+var<workgroup> batch_channels: array<f32, BATCH * CHANNELS>;
 var<workgroup> alive_count: atomic<u32>;
 var<workgroup> alive_at_start: u32;
 
@@ -193,18 +194,21 @@ fn composite(
         if !any_alive(thread) {
             break;
         }
-        if begin + thread < range.y {
-            batch_numbers[thread] = items[begin + thread].x;
+        let end = min(BATCH, range.y - begin);
+        if thread < end {
+            batch_splats[thread] = splats[items[begin + thread].x];
+        }
+        for (var value = thread; value < end * CHANNELS; value += WORKGROUP) {
+            let number = items[begin + value / CHANNELS].x;
+            batch_channels[value] = channels[number * CHANNELS + value % CHANNELS];
         }
         workgroupBarrier();
         let was_alive = alive;
-        let end = min(BATCH, range.y - begin);
         for (var i = 0u; i < end && alive; i++) {
-            let number = batch_numbers[i];
-            let drawn = blend(splats[number], pixel, &transmittance, &alive);
+            let drawn = blend(batch_splats[i], pixel, &transmittance, &alive);
             if drawn.weight > 0.0 {
                 for (var channel = 0u; channel < CHANNELS; channel++) {
-                    sums[channel] += drawn.weight * channels[number * CHANNELS + channel];
+                    sums[channel] += drawn.weight * batch_channels[i * CHANNELS + channel];
                 }
             }
         }
@@ -228,6 +232,8 @@ fn composite(
 // has to say about each of them, then the threads share out the sums over pixels. No sum depends on
 // the order in which threads run.
 const ROUND: u32 = 4u;
+// Splats after which a tile looks whether any of its pixels takes more.
+const LOOK_INTERVAL: u32 = 64u;
 // Threads that sum up one splat.
 const LANES: u32 = WORKGROUP / ROUND;
 // Sums taken at once.
@@ -272,7 +278,7 @@ fn composite_vjp(
     let summed_splat = thread / LANES;
     let lane = thread % LANES;
     for (var begin = range.x; begin < range.y; begin += ROUND) {
-        if !any_alive(thread) {
+        if (begin - range.x) % LOOK_INTERVAL == 0u && !any_alive(thread) {
             break;
         }
         let was_alive = alive;

@@ -5,9 +5,9 @@ use crate::device::{
 };
 
 /// Pairs that one workgroup moves.
-const BLOCK: usize = 2048;
+const BLOCK: usize = 1024;
 /// Bits of the key that one pass sorts by.
-const DIGIT_BITS: u32 = 4;
+const DIGIT_BITS: u32 = 8;
 
 wgsl_struct! {
     /// One pass of the sort.
@@ -35,10 +35,23 @@ pub(crate) fn shader() -> Shader {
 /// Keys with their items, and room to move them about.
 #[derive(Debug)]
 pub(crate) struct Pairs {
+    /// Unsorted.
     pub(crate) keys: DeviceBuffer<u32>,
     pub(crate) items: DeviceBuffer<u32>,
     other_keys: DeviceBuffer<u32>,
     other_items: DeviceBuffer<u32>,
+}
+
+/// Keys and items in one of the two places where pairs may be.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct PairBuffers<'a> {
+    pub(crate) keys: &'a DeviceBuffer<u32>,
+    pub(crate) items: &'a DeviceBuffer<u32>,
+}
+
+/// Passes of a sort by so many bits.
+fn passes(bits: u32) -> u32 {
+    bits.div_ceil(DIGIT_BITS)
 }
 
 impl Pairs {
@@ -50,6 +63,26 @@ impl Pairs {
             other_keys: zeros("sort keys, other half")?,
             other_items: zeros("sort items, other half")?,
         })
+    }
+
+    /// Where pairs are after some passes.
+    fn after(&self, passes: u32) -> PairBuffers<'_> {
+        if passes.is_multiple_of(2) {
+            PairBuffers {
+                keys: &self.keys,
+                items: &self.items,
+            }
+        } else {
+            PairBuffers {
+                keys: &self.other_keys,
+                items: &self.other_items,
+            }
+        }
+    }
+
+    /// Where pairs are after a sort by so many bits.
+    pub(crate) fn sorted(&self, bits: u32) -> PairBuffers<'_> {
+        self.after(passes(bits))
     }
 }
 
@@ -72,8 +105,8 @@ impl RadixSort {
         })
     }
 
-    /// Sorts the first `count[0]` pairs by the lowest `bits` of their keys, in place. The number of
-    /// passes is even, so that the result is where the pairs were.
+    /// Sorts the first `count[0]` pairs by the lowest `bits` of their keys. They are then where
+    /// [`Pairs::sorted`] says.
     pub(crate) fn record(
         &self,
         gpu: &Gpu,
@@ -85,12 +118,8 @@ impl RadixSort {
         let capacity = pairs.keys.len();
         let blocks = capacity.div_ceil(BLOCK);
         let places = DeviceBuffer::zeros(gpu, "sort places", blocks << DIGIT_BITS)?;
-        let passes = bits.div_ceil(DIGIT_BITS).next_multiple_of(2);
-        let (mut from, mut to) = (
-            (&pairs.keys, &pairs.items),
-            (&pairs.other_keys, &pairs.other_items),
-        );
-        for pass in 0..passes {
+        for pass in 0..passes(bits) {
+            let (from, to) = (pairs.after(pass), pairs.after(pass + 1));
             let uniform = Uniform::of(
                 gpu,
                 "sort pass",
@@ -103,16 +132,15 @@ impl RadixSort {
             let buffers = [
                 &uniform.raw,
                 &count.raw,
-                &from.0.raw,
+                &from.keys.raw,
                 &places.raw,
-                &from.1.raw,
-                &to.0.raw,
-                &to.1.raw,
+                &from.items.raw,
+                &to.keys.raw,
+                &to.items.raw,
             ];
             program.run_workgroups(gpu, &self.count_digits, blocks, &buffers[..4]);
             self.scan.record(gpu, program, &places)?;
             program.run_workgroups(gpu, &self.move_pairs, blocks, &buffers);
-            std::mem::swap(&mut from, &mut to);
         }
         Ok(())
     }
@@ -145,6 +173,9 @@ mod tests {
             (2048, 2048, 32, u32::MAX),
             (5000, 5000, 32, u32::MAX),
             (5000, 4100, 16, 900),
+            (5000, 4100, 7, 128),
+            (3000, 2999, 8, 256),
+            (90_000, 90_000, 24, 1 << 24),
             (300_000, 280_000, 12, 4096),
         ] {
             let keys: Vec<u32> = (0..capacity)
@@ -160,8 +191,9 @@ mod tests {
                 .expect("fits");
             program.submit(&gpu);
             let (keys_out, items_out) = expected(&keys, count, bits);
-            assert_eq!(pairs.keys.read(&gpu).expect("reads")[..count], keys_out);
-            assert_eq!(pairs.items.read(&gpu).expect("reads")[..count], items_out);
+            let sorted = pairs.sorted(bits);
+            assert_eq!(sorted.keys.read(&gpu).expect("reads")[..count], keys_out);
+            assert_eq!(sorted.items.read(&gpu).expect("reads")[..count], items_out);
         }
     }
 

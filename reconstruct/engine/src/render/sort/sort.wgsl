@@ -1,13 +1,14 @@
-// A stable radix sort of (key, item) pairs, four bits a pass.
+// A stable radix sort of (key, item) pairs, eight bits a pass.
 //
 // A pass counts the digits of every block, sums the counts digit by digit and block by block
-// (scan.wgsl), and moves every pair to its place. A thread owns consecutive pairs and walks them in
-// order, so pairs of equal digits keep theirs.
+// (scan.wgsl), and moves every pair to its place. To know how many pairs of the same digit come before
+// it in its block, a workgroup sorts the digits of the block: four bits of them after the other four,
+// a thread counting its consecutive pairs in order, so that equal digits keep theirs.
 
-const PAIRS_PER_THREAD: u32 = 8u;
+const PAIRS_PER_THREAD: u32 = 4u;
 const BLOCK: u32 = WORKGROUP * PAIRS_PER_THREAD;
-const DIGITS: u32 = 16u;
-// Two 16-bit counters share a word: digits 0 to 7 the low half, 8 to 15 the high half.
+const DIGITS: u32 = 256u;
+// Of half a digit. Two 16-bit counters share a word: values 0 to 7 the low half, 8 to 15 the high half.
 const COUNTER_ROWS: u32 = 8u;
 
 struct SortPass {
@@ -30,9 +31,13 @@ struct SortPass {
 @group(0) @binding(6) var<storage, read_write> items_out: array<u32>;
 
 var<workgroup> digit_counts: array<atomic<u32>, DIGITS>;
-// [digit & 7][thread]
+// Digits of a block with the pairs' numbers in it: digit << 16 | number.
+var<workgroup> numbered: array<u32, BLOCK>;
+// [half digit & 7][thread]
 var<workgroup> counters: array<u32, COUNTER_ROWS * WORKGROUP>;
 var<workgroup> sums: array<u32, WORKGROUP>;
+// Where each digit begins in the sorted block.
+var<workgroup> digit_starts: array<u32, DIGITS>;
 
 fn pair_count() -> u32 {
     return min(count[0], sort_pass.capacity);
@@ -49,9 +54,7 @@ fn count_digits(
     @builtin(local_invocation_index) thread: u32,
 ) {
     let block = workgroup_number(group, groups);
-    if thread < DIGITS {
-        atomicStore(&digit_counts[thread], 0u);
-    }
+    atomicStore(&digit_counts[thread], 0u);
     workgroupBarrier();
     let pairs = pair_count();
     for (var i = 0u; i < PAIRS_PER_THREAD; i++) {
@@ -61,32 +64,24 @@ fn count_digits(
         }
     }
     workgroupBarrier();
-    if thread < DIGITS && block < sort_pass.blocks {
+    if block < sort_pass.blocks {
         places[thread * sort_pass.blocks + block] = atomicLoad(&digit_counts[thread]);
     }
 }
 
-@compute @workgroup_size(256)
-fn move_pairs(
-    @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
-    @builtin(local_invocation_index) thread: u32,
-) {
-    let block = workgroup_number(group, groups);
-    let pairs = pair_count();
-    let first = block * BLOCK + thread * PAIRS_PER_THREAD;
-    // Count the digits of this thread's pairs.
+// Sorts the numbered digits of a block by four of their bits.
+fn sort_by(thread: u32, shift: u32) {
+    var mine: array<u32, PAIRS_PER_THREAD>;
     for (var row = 0u; row < COUNTER_ROWS; row++) {
         counters[row * WORKGROUP + thread] = 0u;
     }
     for (var i = 0u; i < PAIRS_PER_THREAD; i++) {
-        if first + i < pairs {
-            let digit = digit_of(keys_in[first + i]);
-            counters[(digit & 7u) * WORKGROUP + thread] += 1u << (16u * (digit >> 3u));
-        }
+        mine[i] = numbered[thread * PAIRS_PER_THREAD + i];
+        let half = (mine[i] >> shift) & 15u;
+        counters[(half & 7u) * WORKGROUP + thread] += 1u << (16u * (half >> 3u));
     }
     workgroupBarrier();
-    // Scan all counters, digit by digit and thread by thread.
+    // Scan all counters, value by value and thread by thread.
     var sum = 0u;
     for (var i = 0u; i < COUNTER_ROWS; i++) {
         sum += counters[thread * COUNTER_ROWS + i];
@@ -102,7 +97,7 @@ fn move_pairs(
         sums[thread] += left;
         workgroupBarrier();
     }
-    // Digits of the high halves come after all of the low halves.
+    // Values of the high halves come after all of the low halves.
     var before = sums[thread] - sum + (sums[WORKGROUP - 1u] << 16u);
     for (var i = 0u; i < COUNTER_ROWS; i++) {
         let counter = thread * COUNTER_ROWS + i;
@@ -111,22 +106,53 @@ fn move_pairs(
         before += value;
     }
     workgroupBarrier();
-    var digit_starts: array<u32, DIGITS>;
-    for (var digit = 0u; digit < DIGITS; digit++) {
-        digit_starts[digit] = (counters[(digit & 7u) * WORKGROUP] >> (16u * (digit >> 3u))) & 0xffffu;
+    for (var i = 0u; i < PAIRS_PER_THREAD; i++) {
+        let half = (mine[i] >> shift) & 15u;
+        let counter = (half & 7u) * WORKGROUP + thread;
+        let place = (counters[counter] >> (16u * (half >> 3u))) & 0xffffu;
+        counters[counter] += 1u << (16u * (half >> 3u));
+        numbered[place] = mine[i];
+    }
+    workgroupBarrier();
+}
+
+@compute @workgroup_size(256)
+fn move_pairs(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let block = workgroup_number(group, groups);
+    let pairs = pair_count();
+    for (var i = 0u; i < PAIRS_PER_THREAD; i++) {
+        let number = thread * PAIRS_PER_THREAD + i;
+        let pair = block * BLOCK + number;
+        // What does not exist comes last and stays last: no digit is larger, and none comes later.
+        var digit = DIGITS - 1u;
+        if pair < pairs {
+            digit = digit_of(keys_in[pair]);
+        }
+        numbered[number] = digit << 16u | number;
+    }
+    workgroupBarrier();
+    sort_by(thread, 16u);
+    sort_by(thread, 20u);
+    for (var i = 0u; i < PAIRS_PER_THREAD; i++) {
+        let place = i * WORKGROUP + thread;
+        let digit = numbered[place] >> 16u;
+        if place == 0u || numbered[place - 1u] >> 16u != digit {
+            digit_starts[digit] = place;
+        }
     }
     workgroupBarrier();
     for (var i = 0u; i < PAIRS_PER_THREAD; i++) {
-        if first + i < pairs {
-            let key = keys_in[first + i];
-            let digit = digit_of(key);
-            let half = 16u * (digit >> 3u);
-            let counter = (digit & 7u) * WORKGROUP + thread;
-            let rank = ((counters[counter] >> half) & 0xffffu) - digit_starts[digit];
-            counters[counter] += 1u << half;
-            let place = places[digit * sort_pass.blocks + block] + rank;
-            keys_out[place] = key;
-            items_out[place] = items_in[first + i];
+        let place = i * WORKGROUP + thread;
+        let digit = numbered[place] >> 16u;
+        let pair = block * BLOCK + (numbered[place] & 0xffffu);
+        if pair < pairs {
+            let to = places[digit * sort_pass.blocks + block] + place - digit_starts[digit];
+            keys_out[to] = keys_in[pair];
+            items_out[to] = items_in[pair];
         }
     }
 }

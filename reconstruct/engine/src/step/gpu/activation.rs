@@ -183,7 +183,7 @@ impl GpuActivation {
         self.buffers.write_gradient(&self.gpu, gradient);
         self.activation.backward.submit(&self.gpu);
         for (part, on_device) in self.model.parts.iter_mut().zip(&self.parts) {
-            on_device.read(&self.gpu, part)?;
+            on_device.read_gradients(&self.gpu, part)?;
         }
         Ok(&self.model)
     }

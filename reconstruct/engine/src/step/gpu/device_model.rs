@@ -155,7 +155,19 @@ impl DevicePart {
         })
     }
 
-    /// Copies everything back.
+    /// Copies gradients back.
+    pub(super) fn read_gradients(&self, gpu: &Gpu, part: &mut Part) -> Result<(), GpuError> {
+        self.table.read_gradients(gpu, &mut part.table.arrays)?;
+        if let (DevicePartKind::Deformable(network), Some(weights)) =
+            (&self.kind, part.parameterization.shared_mut())
+        {
+            let array = std::slice::from_mut(&mut weights.array);
+            network.buffers.weights.read_gradients(gpu, array)?;
+        }
+        Ok(())
+    }
+
+    /// Copies everything back but gradients.
     pub(super) fn read(&self, gpu: &Gpu, part: &mut Part) -> Result<(), GpuError> {
         self.table.read(gpu, &mut part.table.arrays)?;
         if let (DevicePartKind::Deformable(network), Some(weights)) =

@@ -241,6 +241,30 @@ impl<'a> GpuStepper<'a> {
         uses
     }
 
+    /// The model as [`Stepper::model`] has it, with the gradients of the last step.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn model_with_gradients(&mut self) -> Result<&Model, EngineError> {
+        self.download()?;
+        if let Some(on_device) = &self.on_device {
+            for (part, on_device) in self.model.parts.iter_mut().zip(&on_device.parts) {
+                on_device.read_gradients(&self.gpu, part)?;
+            }
+        }
+        Ok(&self.model)
+    }
+
+    /// Brings the host's model to the device where that is the newer one, as the next step would, and
+    /// waits for it.
+    ///
+    /// # Errors
+    /// When the device fails or its memory does not suffice.
+    pub fn bring_to_device(&mut self) -> Result<(), EngineError> {
+        self.upload()?;
+        Ok(self.gpu.wait()?)
+    }
+
     /// One step like [`Stepper::step`], waited for; returns what its stages cost.
     ///
     /// # Errors

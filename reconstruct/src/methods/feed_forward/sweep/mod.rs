@@ -18,7 +18,7 @@ use omnilife_schemas::RgbImage;
 
 use crate::error::ReconstructError;
 use crate::methods::feed_forward::{Group, Interpolated, infinity::at_infinity};
-use crate::methods::{Method, MethodKind};
+use crate::methods::{Method, MethodKind, ON_CPU};
 use crate::request::DefaultPlan;
 use crate::stereo::{self, Placement, Rig, SweepSettings, SweptDepth};
 
@@ -37,6 +37,7 @@ pub const METHOD: Method = Method {
     components: &[],
     optional_components: &[],
     default_plan: DefaultPlan::Auto,
+    backends: ON_CPU,
     options: &[],
     kind: MethodKind::FeedForward {
         settings: || serde_json::json!(SweepSettings::DEFAULT),

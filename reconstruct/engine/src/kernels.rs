@@ -1,0 +1,164 @@
+//! What there is of this crate on each backend.
+
+/// A piece of computation with its file on the CPU and, where it has one, its twin on a GPU; both from
+/// `src`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct KernelTwins {
+    /// What it does.
+    pub name: &'static str,
+    /// The file on the CPU.
+    pub cpu: &'static str,
+    /// The file on a GPU.
+    pub gpu: Option<&'static str>,
+}
+
+const fn twins(name: &'static str, cpu: &'static str, gpu: Option<&'static str>) -> KernelTwins {
+    KernelTwins { name, cpu, gpu }
+}
+
+/// Parameterizations, in the order in which they were published.
+pub const PARAMETERIZATIONS: &[KernelTwins] = &[
+    twins(
+        "static",
+        "gaussians/static_gaussians.rs",
+        Some("gaussians/static_gaussians/static_gaussians.wgsl"),
+    ),
+    twins(
+        "temporal",
+        "gaussians/temporal.rs",
+        Some("gaussians/temporal/temporal.wgsl"),
+    ),
+    twins(
+        "deformable",
+        "gaussians/deformable.rs",
+        Some("gaussians/deformable/deformable.wgsl"),
+    ),
+    twins("tracked", "gaussians/tracked.rs", None),
+];
+
+/// Everything else, in the order of a training step.
+pub const KERNELS: &[KernelTwins] = &[
+    twins(
+        "projection and its gradient",
+        "render/project/cpu.rs",
+        Some("render/project/project.wgsl"),
+    ),
+    twins("sort", "render/sort/cpu.rs", Some("render/sort/sort.wgsl")),
+    twins(
+        "tile lists",
+        "render/bin/cpu.rs",
+        Some("render/bin/bin.wgsl"),
+    ),
+    twins(
+        "rasterization and its gradient",
+        "render/raster/cpu.rs",
+        Some("render/raster/raster.wgsl"),
+    ),
+    twins(
+        "renderer with the published quirks",
+        "render/published/mod.rs",
+        None,
+    ),
+    twins(
+        "photometric loss",
+        "losses/photometric/cpu.rs",
+        Some("losses/photometric/loss.wgsl"),
+    ),
+    twins(
+        "losses on velocity, lifespan and opacity maps",
+        "losses/maps.rs",
+        Some("losses/maps/maps.wgsl"),
+    ),
+    twins(
+        "dynamic Gaussians alone",
+        "gaussians/subset.rs",
+        Some("gaussians/temporal/dynamic.wgsl"),
+    ),
+    twins(
+        "motion regularization",
+        "losses/motion.rs",
+        Some("losses/motion/motion.wgsl"),
+    ),
+    twins(
+        "gradient by the pose",
+        "render/project/by_camera.rs",
+        Some("render/project/by_camera/by_camera.wgsl"),
+    ),
+    twins(
+        "Adam",
+        "parameters/adam/cpu.rs",
+        Some("parameters/adam/adam.wgsl"),
+    ),
+    twins(
+        "multilayer perceptron",
+        "fields/mlp/passes.rs",
+        Some("fields/mlp/passes.wgsl"),
+    ),
+    twins("hash grid", "fields/hash_grid/passes.rs", None),
+    twins("surfaces and textures", "surfaces/mod.rs", None),
+    twins("density control", "density/mod.rs", None),
+];
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::{
+        clock::Clock,
+        gaussians::{
+            deformable::{Deformable, DeformationModel, settings::DeformationSettings},
+            parameterization::Parameterization,
+            static_gaussians::StaticGaussians,
+            temporal::{TimeModel, VelocityModel},
+            temporal_gaussians::TemporalGaussians,
+        },
+    };
+
+    #[test]
+    fn files_are_where_they_are_said_to_be() {
+        let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+        for twins in PARAMETERIZATIONS.iter().chain(KERNELS) {
+            for file in [Some(twins.cpu), twins.gpu].into_iter().flatten() {
+                assert!(src.join(file).is_file(), "{}: {file}", twins.name);
+            }
+        }
+    }
+
+    #[test]
+    fn parameterizations_with_kernels_on_a_gpu_are_those_of_the_list() {
+        let clock = Clock {
+            origin_seconds: 0.0,
+            frame_seconds: 1.0,
+            duration_frames: 1.0,
+        };
+        let temporal = TemporalGaussians {
+            clock,
+            time: TimeModel {
+                cycle_frames: 1.0,
+                lifespans: None,
+                velocity: VelocityModel::Free,
+                least_marginal: 0.0,
+            },
+            down: [0.0, 1.0, 0.0],
+            dynamic_below_staticness: 1.0,
+        };
+        let model = DeformationModel::published(1.0);
+        let settings = DeformationSettings {
+            clock,
+            model,
+            warm_up_iterations: 0,
+            time_noise: None,
+        };
+        let weights = vec![0.0; model.network().weight_count()];
+        let made: [Box<dyn Parameterization>; 3] = [
+            Box::new(StaticGaussians),
+            Box::new(temporal),
+            Box::new(Deformable::new(settings, weights)),
+        ];
+        let on_gpu = PARAMETERIZATIONS.iter().filter(|twins| twins.gpu.is_some());
+        let listed: Vec<&str> = on_gpu.map(|twins| twins.name).collect();
+        assert_eq!(listed, made.each_ref().map(|one| one.id()));
+        assert!(made.iter().all(|one| one.device_twin().is_some()));
+    }
+}

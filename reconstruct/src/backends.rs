@@ -1,0 +1,81 @@
+//! What runs on which backend, as Markdown.
+
+use std::fmt::Write;
+
+use omnilife_engine::{
+    kernels::{KERNELS, KernelTwins, PARAMETERIZATIONS},
+    step::BackendChoice,
+};
+
+use crate::methods::{METHODS, Method};
+
+/// Tables of methods, components, parameterizations and kernels with `Present` or `Missing` on each
+/// backend.
+pub fn tables() -> String {
+    let mut text = "| Method | CPU | GPU |\n|---|---|---|\n".to_owned();
+    for method in METHODS.iter().filter(|method| method.is_trained()) {
+        row(&mut text, method.id, runs_on_gpu(method));
+    }
+    text += "\n| Component | CPU | GPU |\n|---|---|---|\n";
+    for component in components() {
+        let has = |method: &Method| components_of(method).any(|name| name == component);
+        let on_gpu = METHODS
+            .iter()
+            .any(|method| runs_on_gpu(method) && has(method));
+        row(&mut text, component, on_gpu);
+    }
+    text += "\n| Parameterization | CPU | GPU |\n|---|---|---|\n";
+    kernel_rows(&mut text, PARAMETERIZATIONS);
+    text += "\n| Kernels | CPU | GPU |\n|---|---|---|\n";
+    kernel_rows(&mut text, KERNELS);
+    text
+}
+
+fn row(text: &mut String, name: &str, on_gpu: bool) {
+    let presence = if on_gpu { "Present" } else { "Missing" };
+    let _ = writeln!(text, "| {name} | Present | {presence} |");
+}
+
+fn kernel_rows(text: &mut String, all: &[KernelTwins]) {
+    for twins in all {
+        row(text, twins.name, twins.gpu.is_some());
+    }
+}
+
+fn runs_on_gpu(method: &Method) -> bool {
+    method.backends.contains(&BackendChoice::Gpu)
+}
+
+fn components_of(method: &Method) -> impl Iterator<Item = &'static str> {
+    let all = method.components.iter().chain(method.optional_components);
+    all.copied()
+}
+
+/// Those of all methods, each once, in the order in which methods name them.
+fn components() -> Vec<&'static str> {
+    let mut all = Vec::new();
+    for name in METHODS.iter().flat_map(components_of) {
+        if !all.contains(&name) {
+            all.push(name);
+        }
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{fs, path::Path};
+
+    use super::*;
+
+    #[test]
+    fn the_page_has_what_the_command_prints() {
+        let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/backends.md");
+        let page = fs::read_to_string(page).expect("the page is there");
+        assert!(
+            page.contains(tables().trim_end()),
+            "docs/backends.md is not what `omnilife reconstruct backends` prints:\n{}",
+            tables()
+        );
+    }
+}
