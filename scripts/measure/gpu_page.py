@@ -1,0 +1,153 @@
+"""The page of scripts/measure/gpu: tables of what lies in its folder."""
+
+import hashlib
+import json
+import re
+import sys
+from pathlib import Path
+
+
+def rows(text):
+    """The tables of a Markdown text, each as rows of cells."""
+    tables, table = [], []
+    for line in text.splitlines():
+        if line.startswith("|"):
+            table.append([cell.strip() for cell in line.strip().strip("|").split("|")])
+        elif table:
+            tables.append(table)
+            table = []
+    return tables + ([table] if table else [])
+
+
+def table(head, body):
+    lines = ["| " + " | ".join(head) + " |", "|---|" + "---:|" * (len(head) - 1)]
+    lines += ["| " + " | ".join(str(cell) for cell in row) + " |" for row in body]
+    return "\n".join(lines) + "\n"
+
+
+def costs(out, kind):
+    """One row for each size: what `bench renderer` says of a step, and the slowest stages."""
+    body, device = [], ""
+    for path in sorted(
+        out.glob(f"cost-{kind}-*.md"), key=lambda path: [int(n) for n in re.findall(r"\d+", path.stem)]
+    ):
+        width, count = (int(number) for number in re.findall(r"\d+", path.stem))
+        size = f"{count:,} at {width}x{width // 2}"
+        text = path.read_text()
+        found = rows(text)
+        if len(found) < 2:
+            body.append([size, text.strip()] + ["-"] * 6)
+            continue
+        device = text.split("\n\n")[0].replace("\n", " ")
+        stages = [(row[0], float(row[1]), row[3]) for row in found[0][2:] if row[1] != "-"]
+        total = sum(milliseconds for _, milliseconds, _ in stages) or 1.0
+        slowest = sorted(stages, key=lambda stage: -stage[1])[:4]
+        slowest = ", ".join(f"{name} {100 * ms / total:.0f} % ({share} of bandwidth)" for name, ms, share in slowest)
+        step = {row[0]: row[1] for row in found[1][2:]}
+        body.append(
+            [
+                size,
+                step["wall ms of a step"],
+                step["steps a second"],
+                step["kernels of a step"],
+                step["MB read back in 1,000 iterations"],
+                step["host ms for a densification"],
+                step["CPU ms of a step"],
+                slowest,
+            ]
+        )
+    head = [
+        "Gaussians, image",
+        "ms a step",
+        "steps a second",
+        "kernels",
+        "MB read back in 1,000 its",
+        "host ms for a densification",
+        "CPU ms a step",
+        "slowest stages",
+    ]
+    return device, table(head, body)
+
+
+def score(folder):
+    path = folder / "score" / "result.json"
+    return json.loads(path.read_text()) if path.exists() else None
+
+
+def mean(result, metric):
+    return result["novel_views"][metric]["mean"] if result else None
+
+
+def number(value, digits=2):
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def model_hash(folder):
+    digest = hashlib.sha256()
+    for path in sorted((folder / "run").rglob("*.ply")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def compared(out):
+    body = []
+    for folder in sorted((out / "compared").iterdir()):
+        seeds = [mean(score(folder / f"cpu-{seed}"), "psnr") for seed in (0, 1, 2)]
+        seeds = [value for value in seeds if value is not None]
+        on_gpu = mean(score(folder / "gpu-0"), "psnr")
+        twice = model_hash(folder / "gpu-0") == model_hash(folder / "gpu-again")
+        spread = f"{min(seeds):.2f} to {max(seeds):.2f}" if seeds else "-"
+        body.append([folder.name, spread, number(on_gpu), "yes" if twice else "no"])
+    head = ["Method", "CPU, three seeds, dB", "GPU, seed 0, dB", "the same model twice"]
+    return table(head, body)
+
+
+def long_runs(out):
+    body = []
+    for folder in sorted((out / "long").glob("*/*")):
+        result = score(folder)
+        if result is None:
+            body.append([folder.parent.name, folder.name] + ["-"] * 6)
+            continue
+        size = "x".join(str(side) for side in result["scored_size"])
+        seconds = result["training_seconds"]
+        body.append(
+            [
+                result["scene"],
+                folder.name,
+                size,
+                result["iterations"],
+                result["primitives"],
+                f"{seconds:.0f}",
+                number(mean(result, "psnr")),
+                number(mean(result, "ssim"), 4),
+            ]
+        )
+    head = ["Scene", "Method", "Size", "Iterations", "Gaussians", "Seconds", "PSNR", "SSIM"]
+    return table(head, body)
+
+
+def stability(out):
+    report = json.loads((out / "stability" / "stability.json").read_text())
+    cases = [row for row in report["rows"] if row["status"] != "not-run"]
+    failed = [row["case"] for row in cases if row["status"] == "fail"]
+    verdict = "all pass" if not failed else "failed: " + ", ".join(failed)
+    return f"Stability catalogue on the adapter: {len(cases)} rows, {verdict}.\n"
+
+
+def main():
+    out = Path(sys.argv[1])
+    device, static = costs(out, "static")
+    _, dynamic = costs(out, "dynamic")
+    failed = (out / "failed.txt").read_text().split()
+    print(device + "\n")
+    print(stability(out))
+    print("Static Gaussians:\n\n" + static)
+    print("Gaussians with times, and all losses of Omni4DGS:\n\n" + dynamic)
+    print("Scores of short runs on both backends:\n\n" + compared(out))
+    print("Long runs on the GPU:\n\n" + long_runs(out))
+    if failed:
+        print("Failed: " + ", ".join(failed) + "\n")
+
+
+main()
