@@ -19,6 +19,7 @@ use std::sync::Arc;
 use device::{assert_gradients_agree, device};
 use novel_views::novel_psnr;
 use omnilife_engine::{
+    density::{DensityContext, Threshold, densify, order::along_sphere, reset_opacities},
     gaussians::{
         omni4dgs::{Decomposition, DirectionOrigin, VelocityForm},
         static_gaussians::{self, InitialGaussians, StaticGaussians},
@@ -30,7 +31,7 @@ use omnilife_engine::{
     },
     model::{
         Model, Part, Statistics,
-        dynamic_settings::{DynamicLoss, DynamicSettings, VelocityLoss},
+        dynamic_settings::{DynamicLoss, DynamicSettings, TemporalDensity, VelocityLoss},
         exposure::Exposure,
         pose_corrections::PoseCorrections,
     },
@@ -51,6 +52,8 @@ use omnilife_reconstruct::{
     train::Session,
 };
 use omnilife_schemas::{points::PointCloud, progress::Silent, records::Backend};
+use rand::SeedableRng;
+use rand_pcg::Pcg64Mcg;
 
 /// The ball passes in fifteen frames of a second each.
 fn scene() -> TrainingScene {
@@ -328,6 +331,81 @@ fn steps_with_parts_of_time_left_out_are_those_of_the_cpu() {
     moving.time.lifespans = None;
     moving.motion_weight = 3.0;
     compare("no lifespans", &scene, &settings(moving));
+}
+
+/// What density control does to a model on a device is what it does to the same model in memory, to the
+/// last bit, colours and moments included.
+#[test]
+fn density_control_of_a_model_on_a_device_is_that_of_the_host() {
+    let Some(gpu) = device() else { return };
+    let scene = scene();
+    let mut settings = omni4dgs(&scene, VelocityForm::Literal, DirectionOrigin::World);
+    settings.densify.gradient_threshold = Threshold::constant(1e-5);
+    settings.densify.maximum_gaussians = 280;
+    let dynamics = settings.dynamics.clone().unwrap();
+    let begin = model(&scene, &dynamics, false);
+    let rates = rates(&begin);
+    let mut stepper = GpuStepper::new(gpu, scene.inputs(), begin, &settings).unwrap();
+    let steps = |stepper: &mut GpuStepper<'_>, first: u64| {
+        for iteration in first..first + 3 {
+            let schedule = StepSchedule {
+                iteration,
+                scheduled: iteration,
+                sh_degree: 1,
+                learning_rates: rates.clone(),
+                ..StepSchedule::default()
+            };
+            stepper.step(iteration as usize, &schedule).unwrap();
+        }
+    };
+    steps(&mut stepper, 1);
+    let context = DensityContext {
+        views: &scene.input_views,
+        last_view: 3,
+        temporal: Some(TemporalDensity {
+            gradient_threshold: 1e-6,
+            clone_lifespan_frames: 3.0,
+            shorten_from_iteration: 0,
+        }),
+    };
+    let control = |model: &mut Model| {
+        let mut random = Pcg64Mcg::seed_from_u64(4);
+        let done = densify(model, &settings.densify, 3, &context, &mut random);
+        assert!(done.cloned + done.split > 20, "{done:?}");
+        along_sphere(model, &scene.input_views);
+        reset_opacities(model);
+    };
+    let mut expected = stepper.model().unwrap().clone();
+    let before = expected.len();
+    control(&mut expected);
+    let read = |gpu: &GpuStepper<'_>| gpu.bytes_read();
+    let begun = read(&stepper);
+    stepper
+        .control_density(&mut |model| control(model))
+        .unwrap();
+    let bytes = read(&stepper) - begun;
+    // Neither colours nor moments came back: of 17 values a Gaussian and its statistics, no more.
+    assert!(bytes < 80 * before as u64, "{bytes} bytes of {before}");
+    let found = stepper.model().unwrap();
+    assert_ne!(found.len(), before);
+    for (found, expected) in found.parts.iter().zip(&expected.parts) {
+        assert_eq!(found.statistics, expected.statistics);
+        for (found, expected) in found.table.arrays.iter().zip(&expected.table.arrays) {
+            assert!(found.values == expected.values, "{}", found.name);
+            assert!(
+                found.first_moments == expected.first_moments,
+                "{}",
+                found.name
+            );
+            assert!(
+                found.second_moments == expected.second_moments,
+                "{}",
+                found.name
+            );
+        }
+    }
+    steps(&mut stepper, 4);
+    assert_eq!(stepper.take_statistics().unwrap().steps, 6);
 }
 
 /// Whole runs, density control included, end where those of the CPU do.

@@ -182,14 +182,16 @@ impl Learner for GaussianLearner<'_> {
                 last_view: self.last_view,
                 temporal: dynamics.and_then(|dynamics| dynamics.density),
             };
-            let model = self.stepper.model_mut()?;
             let random = &mut self.state.density;
-            density::densify(model, settings, at.scheduled, &context, random);
-            density::order::along_sphere(model, &self.scene.input_views);
+            self.stepper.control_density(&mut |model| {
+                density::densify(model, settings, at.scheduled, &context, random);
+                density::order::along_sphere(model, &self.scene.input_views);
+            })?;
         }
         if settings.resets_opacities(at, self.state.last_reset) {
             self.state.last_reset = at.scheduled;
-            density::reset_opacities(self.stepper.model_mut()?);
+            self.stepper
+                .control_density(&mut density::reset_opacities)?;
         }
         Ok(())
     }

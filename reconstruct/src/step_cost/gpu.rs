@@ -69,21 +69,18 @@ fn densify(
     };
     let mut random = Pcg64Mcg::seed_from_u64(0);
     let begun = Instant::now();
-    let model = stepper.model_mut()?;
-    let downloaded = Instant::now();
-    density::densify(
-        model,
-        &subject.settings.densify,
-        1_000,
-        &context,
-        &mut random,
-    );
-    density::order::along_sphere(model, views);
-    let controlled = Instant::now();
-    stepper.bring_to_device()?;
+    let (mut read, mut decided) = (begun, begun);
+    stepper.control_density(&mut |model| {
+        read = Instant::now();
+        let settings = &subject.settings.densify;
+        density::densify(model, settings, 1_000, &context, &mut random);
+        density::order::along_sphere(model, views);
+        decided = Instant::now();
+    })?;
+    stepper.wait()?;
     Ok(DensityCost {
-        download_seconds: (downloaded - begun).as_secs_f64(),
-        control_seconds: (controlled - downloaded).as_secs_f64(),
-        upload_seconds: controlled.elapsed().as_secs_f64(),
+        download_seconds: (read - begun).as_secs_f64(),
+        control_seconds: (decided - read).as_secs_f64(),
+        upload_seconds: decided.elapsed().as_secs_f64(),
     })
 }

@@ -65,11 +65,11 @@ pub struct StepCost {
 /// What the host does for one densification of a model on a GPU, seconds by the wall clock.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct DensityCost {
-    /// Reading the model back.
+    /// Reading back what is needed to decide.
     pub download_seconds: f64,
     /// Clones, splits and what is pruned, and the new order.
     pub control_seconds: f64,
-    /// Bringing the model to the device again, and the programs of a step on it.
+    /// Doing it on the device, and the programs of a step on the new model.
     pub upload_seconds: f64,
 }
 

@@ -1,6 +1,6 @@
 //! Typed buffers in the device's memory.
 
-use std::marker::PhantomData;
+use std::{marker::PhantomData, ops::Range};
 
 use bytemuck::Pod;
 
@@ -50,10 +50,17 @@ impl<T: Pod> DeviceBuffer<T> {
 
     /// Waits for the device and copies all values back.
     pub(crate) fn read(&self, gpu: &Gpu) -> Result<Vec<T>, GpuError> {
-        if self.len == 0 {
+        self.read_range(gpu, 0..self.len)
+    }
+
+    /// Waits for the device and copies some values back; they begin at a multiple of four bytes.
+    pub(crate) fn read_range(&self, gpu: &Gpu, range: Range<usize>) -> Result<Vec<T>, GpuError> {
+        let len = range.len();
+        if len == 0 {
             return Ok(Vec::new());
         }
-        let bytes = ((self.len * size_of::<T>()) as u64).next_multiple_of(4);
+        let first = (range.start * size_of::<T>()) as u64;
+        let bytes = ((len * size_of::<T>()) as u64).next_multiple_of(4);
         gpu.count_read(bytes);
         let copy = create_with(
             gpu,
@@ -62,7 +69,7 @@ impl<T: Pod> DeviceBuffer<T> {
             wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
         )?;
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        encoder.copy_buffer_to_buffer(&self.raw, 0, &copy, 0, bytes);
+        encoder.copy_buffer_to_buffer(&self.raw, first, &copy, 0, bytes);
         gpu.queue.submit([encoder.finish()]);
         let (sender, receiver) = std::sync::mpsc::channel();
         copy.slice(..)
@@ -79,8 +86,8 @@ impl<T: Pod> DeviceBuffer<T> {
             .slice(..)
             .get_mapped_range()
             .map_err(|error| gpu.failed(&error.to_string()))?;
-        let mut values = vec![T::zeroed(); self.len];
-        bytemuck::cast_slice_mut(&mut values).copy_from_slice(&view[..self.len * size_of::<T>()]);
+        let mut values = vec![T::zeroed(); len];
+        bytemuck::cast_slice_mut(&mut values).copy_from_slice(&view[..len * size_of::<T>()]);
         Ok(values)
     }
 }

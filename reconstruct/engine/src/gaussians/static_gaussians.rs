@@ -31,7 +31,9 @@ pub const SH_CONSTANT: usize = 4;
 /// Position of `sh_rest` in the table of Gaussians of a degree above 0: 3 values for each of the
 /// degree's [`sh_rest_count`] further coefficients.
 pub const SH_REST: usize = 5;
-const SH_REST_NAME: &str = "sh_rest";
+pub(crate) const SH_REST_NAME: &str = "sh_rest";
+/// Name of the array of constant harmonics.
+pub(crate) const SH_CONSTANT_NAME: &str = "sh_constant";
 
 /// Bounds of the raw logarithmic scale: neither `exp` nor its square overflows or vanishes.
 const LOG_SCALE_RANGE: (f32, f32) = (-30.0, 20.0);
@@ -137,7 +139,7 @@ pub fn shapes(sh_degree: usize) -> Vec<ArrayShape> {
         shape("log_scales", 3),
         shape("quaternions", 4),
         shape("opacity_logits", 1),
-        shape("sh_constant", 3),
+        shape(SH_CONSTANT_NAME, 3),
     ];
     if sh_degree > 0 {
         shapes.push(shape(SH_REST_NAME, 3 * sh_rest_count(sh_degree)));

@@ -15,14 +15,14 @@ pub(crate) struct TableBuffers {
 }
 
 impl TableBuffers {
-    /// A copy of a table's arrays.
-    pub(crate) fn new(gpu: &Gpu, arrays: &[ParameterArray]) -> Result<Self, GpuError> {
-        assert!(arrays.len() <= MAX_ARRAYS, "too many arrays");
+    /// Zeros, for arrays with these values for each of `rows` Gaussians.
+    pub(crate) fn zeros(gpu: &Gpu, widths: &[usize], rows: usize) -> Result<Self, GpuError> {
+        assert!(widths.len() <= MAX_ARRAYS, "too many arrays");
         let mut len = 0;
-        let ends = arrays
+        let ends = widths
             .iter()
-            .map(|array| {
-                len += array.values.len();
+            .map(|width| {
+                len += width * rows;
                 u32::try_from(len).map_err(|_| GpuError::TooSmall {
                     adapter: gpu.adapter().name.clone(),
                     what: "the parameters of all Gaussians (values)".to_owned(),
@@ -32,13 +32,19 @@ impl TableBuffers {
             })
             .collect::<Result<Vec<u32>, GpuError>>()?;
         let zeros = |label| DeviceBuffer::zeros(gpu, label, len);
-        let buffers = Self {
+        Ok(Self {
             values: zeros("parameters")?,
             gradients: zeros("gradients by parameters")?,
             first_moments: zeros("first moments")?,
             second_moments: zeros("second moments")?,
             ends,
-        };
+        })
+    }
+
+    /// A copy of a table's arrays.
+    pub(crate) fn new(gpu: &Gpu, arrays: &[ParameterArray]) -> Result<Self, GpuError> {
+        let lengths: Vec<usize> = arrays.iter().map(|array| array.values.len()).collect();
+        let buffers = Self::zeros(gpu, &lengths, 1)?;
         let mut first = 0;
         for array in arrays {
             buffers.values.write(gpu, first, &array.values);
@@ -57,6 +63,12 @@ impl TableBuffers {
     /// Where array number `array` begins.
     pub(crate) fn begin(&self, array: usize) -> u32 {
         if array == 0 { 0 } else { self.ends[array - 1] }
+    }
+
+    /// Values of one array.
+    pub(crate) fn read_array(&self, gpu: &Gpu, array: usize) -> Result<Vec<f32>, GpuError> {
+        let values = self.begin(array) as usize..self.ends[array] as usize;
+        self.values.read_range(gpu, values)
     }
 
     /// Copies values and moments back into arrays of the same sizes; of those that are frozen, nothing.

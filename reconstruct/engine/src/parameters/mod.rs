@@ -2,12 +2,13 @@
 //!
 //! * [`adam`]: the optimizer; [`decay`]: how its step sizes fall; [`short_schedule`]: how they grow where
 //!   steps are few. [`memory`]: what tables take.
-//! * `device_table`: a table in the memory of a GPU.
+//! * `device_table`: a table in the memory of a GPU; `rows`: its rows copied, removed and ordered there.
 
 pub mod adam;
 pub mod decay;
 pub(crate) mod device_table;
 pub mod memory;
+pub(crate) mod rows;
 pub mod short_schedule;
 
 /// One raw parameter of every Gaussian, with what its optimization needs. The weights of a network are
@@ -145,6 +146,20 @@ impl ParameterTable {
     pub fn row(&self, array: usize, index: usize) -> &[f32] {
         let array = &self.arrays[array];
         &array.values[index * array.width..(index + 1) * array.width]
+    }
+
+    /// Room for `len` Gaussians; what their values are is open.
+    pub(crate) fn resize(&mut self, len: usize) {
+        for array in &mut self.arrays {
+            let is_frozen = array.is_frozen();
+            array.values.resize(len * array.width, 0.0);
+            if !is_frozen {
+                array.gradients.resize(len * array.width, 0.0);
+                array.first_moments.resize(len * array.width, 0.0);
+                array.second_moments.resize(len * array.width, 0.0);
+            }
+        }
+        self.len = len;
     }
 
     /// Keeps the Gaussians whose flag is set, with their moments, in order.

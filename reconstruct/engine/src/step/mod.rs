@@ -134,6 +134,14 @@ pub trait Stepper: fmt::Debug {
     /// When the backend fails.
     fn model_mut(&mut self) -> Result<&mut Model, EngineError>;
 
+    /// Lets density control copy, remove and order Gaussians, and change where they are in space and time,
+    /// how large and how opaque; it may forget the moments of whole arrays. `change` sees no colours: where
+    /// the model lives on a device they stay there.
+    ///
+    /// # Errors
+    /// When the backend fails.
+    fn control_density(&mut self, change: &mut dyn FnMut(&mut Model)) -> Result<(), EngineError>;
+
     /// Renders a view of the scene at a degree of spherical harmonics, clamped to `[0, 1]`; with its pose
     /// corrected, where poses are refined.
     ///

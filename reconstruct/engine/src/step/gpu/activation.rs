@@ -4,7 +4,9 @@ use std::sync::Arc;
 
 use super::{
     check,
-    device_model::{DeviceNetwork, DevicePart, DevicePartKind, Moment, network_time, upload},
+    device_model::{
+        DeviceNetwork, DevicePart, DevicePartKind, Moment, copies, network_time, parts,
+    },
 };
 use crate::{
     EngineError,
@@ -124,7 +126,7 @@ impl GpuActivator {
     pub fn activation(&self, model: Model, at: &Viewpoint) -> Result<GpuActivation, EngineError> {
         check(&model)?;
         let gpu = Arc::clone(&self.gpu);
-        let parts = upload(&gpu, &model, None)?;
+        let parts = parts(&gpu, &model, None, copies(&gpu, &model)?)?;
         let degrees = model.parts.iter();
         let degrees = degrees.map(|part| static_gaussians::sh_degree(&part.table));
         let sh_degree = degrees.max().unwrap_or(0);

@@ -8,7 +8,7 @@ use crate::{
         parameterization::{DeviceEntries, DeviceKind, DeviceTwin, Viewpoint},
         temporal::gpu::DeviceTime,
     },
-    model::{Model, Part, TrainedArray, dynamic_settings::DynamicSettings},
+    model::{Model, Part, Statistics, TrainedArray, dynamic_settings::DynamicSettings},
     parameters::{
         ParameterArray,
         adam::{SecondMomentDecay, gpu::TableStep},
@@ -54,25 +54,48 @@ pub(super) struct DevicePart {
     pub(super) kind: DevicePartKind,
 }
 
-/// Copies of all parts of a model.
-pub(super) fn upload(
+/// The parameters of a part.
+#[derive(Debug)]
+pub(super) struct PartTables {
+    pub(super) table: TableBuffers,
+    /// The weights of a network, where one deforms the Gaussians.
+    pub(super) weights: Option<TableBuffers>,
+}
+
+/// Copies of the parameters of a model.
+pub(super) fn copies(gpu: &Gpu, model: &Model) -> Result<Vec<PartTables>, GpuError> {
+    let copy = |part: &Part| {
+        let weights = part.parameterization.shared();
+        let weights =
+            weights.map(|weights| TableBuffers::new(gpu, std::slice::from_ref(&weights.array)));
+        Ok(PartTables {
+            table: TableBuffers::new(gpu, &part.table.arrays)?,
+            weights: weights.transpose()?,
+        })
+    };
+    model.parts.iter().map(copy).collect()
+}
+
+/// The parts of a model whose parameters are on the device.
+pub(super) fn parts(
     gpu: &Gpu,
     model: &Model,
     dynamics: Option<&DynamicSettings>,
+    tables: Vec<PartTables>,
 ) -> Result<Vec<DevicePart>, GpuError> {
     let trained = model.trained_arrays();
     let first_alone = first_with_times(model);
     let mut first = 0;
     let mut parts = Vec::with_capacity(model.parts.len());
-    for part in &model.parts {
+    for (part, tables) in model.parts.iter().zip(tables) {
         let entries = DeviceEntries {
             first,
             len: part.table.len(),
         };
         first += entries.len;
-        parts.push(DevicePart::upload(
+        parts.push(DevicePart::new(
             gpu,
-            part,
+            (part, tables),
             entries,
             &trained,
             (dynamics, first_alone),
@@ -104,18 +127,19 @@ fn numbers<'a>(
 }
 
 impl DevicePart {
-    fn upload(
+    fn new(
         gpu: &Gpu,
-        part: &Part,
+        (part, tables): (&Part, PartTables),
         entries: DeviceEntries,
         trained: &[TrainedArray],
         (dynamics, first_alone): (Option<&DynamicSettings>, usize),
     ) -> Result<Self, GpuError> {
         let arrays = &part.table.arrays;
-        let table = TableBuffers::new(gpu, arrays)?;
+        let PartTables { table, weights } = tables;
         let statistics = &part.statistics;
-        let kind = match part.parameterization.device_twin() {
-            Some(DeviceTwin(DeviceKind::Temporal(temporal))) => {
+        let twin = part.parameterization.device_twin();
+        let kind = match (twin.map(|DeviceTwin(kind)| kind), weights) {
+            (Some(DeviceKind::Temporal(temporal)), _) => {
                 let features = dynamics.map(|dynamics| dynamics.features);
                 let time = DeviceTime::new(
                     gpu,
@@ -127,9 +151,8 @@ impl DevicePart {
                 )?;
                 DevicePartKind::Temporal(Box::new(time))
             }
-            Some(DeviceTwin(DeviceKind::Deformable(deformable))) => {
+            (Some(DeviceKind::Deformable(deformable)), Some(weights)) => {
                 let array = std::slice::from_ref(&deformable.weights.array);
-                let weights = TableBuffers::new(gpu, array)?;
                 let model = deformable.settings.model;
                 DevicePartKind::Deformable(Box::new(DeviceNetwork {
                     buffers: DeformationBuffers::new(gpu, model, weights, entries.len)?,
@@ -176,11 +199,24 @@ impl DevicePart {
             let array = std::slice::from_mut(&mut weights.array);
             network.buffers.weights.read(gpu, array)?;
         }
+        self.read_statistics(gpu, &mut part.statistics)
+    }
+
+    /// Copies what density control goes by back.
+    pub(super) fn read_statistics(&self, gpu: &Gpu, out: &mut Statistics) -> Result<(), GpuError> {
         let on_device = &self.statistics;
-        part.statistics.sums = on_device.gradient_sums.read(gpu)?;
-        part.statistics.views = on_device.view_counts.read(gpu)?;
-        part.statistics.time_gradients = on_device.time_gradients.read(gpu)?;
+        out.sums = on_device.gradient_sums.read(gpu)?;
+        out.views = on_device.view_counts.read(gpu)?;
+        out.time_gradients = on_device.time_gradients.read(gpu)?;
         Ok(())
+    }
+
+    /// The weights of its network alone.
+    pub(super) fn into_weights(self) -> Option<TableBuffers> {
+        match self.kind {
+            DevicePartKind::Deformable(network) => Some(network.buffers.weights),
+            DevicePartKind::Static | DevicePartKind::Temporal(_) => None,
+        }
     }
 
     pub(super) fn set_moment(&self, gpu: &Gpu, moment: &Moment) {

@@ -12,7 +12,7 @@ use crate::{
     },
     losses::photometric::gpu::{Loss, LossWeights},
     model::Model,
-    parameters::adam::gpu::Adam,
+    parameters::{adam::gpu::Adam, rows::RowMover},
     render::{
         buffers::RenderShape,
         gpu::{Chain, Chains},
@@ -95,6 +95,7 @@ pub(super) struct StepKernels {
     pub(super) dynamic: Option<DynamicKernels>,
     pose_gradients: Option<PoseGradients>,
     adam: Adam,
+    pub(super) row_mover: RowMover,
     judge_loss: Kernel,
     add_statistics: Kernel,
     terms: Terms,
@@ -145,6 +146,7 @@ impl StepKernels {
                 .map(|_| PoseGradients::new(&gpu, &shape))
                 .transpose()?,
             adam: Adam::new(&gpu)?,
+            row_mover: RowMover::new(&gpu)?,
             judge_loss,
             add_statistics,
             terms: Terms {

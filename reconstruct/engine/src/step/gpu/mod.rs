@@ -6,6 +6,7 @@
 //! looks, it makes more room and gives those steps to the device again; nothing is lost.
 
 pub mod activation;
+mod density;
 mod device_model;
 mod dynamic_losses;
 pub(crate) mod kernels;
@@ -15,7 +16,9 @@ use std::{collections::VecDeque, sync::Arc};
 use omnilife_schemas::{RgbImage, records::Backend};
 
 use self::{
-    device_model::{DeviceModel, DevicePart, Moment, StepUses, network_time, upload},
+    device_model::{
+        DeviceModel, DevicePart, Moment, PartTables, StepUses, copies, network_time, parts,
+    },
     kernels::StepKernels,
 };
 use crate::{
@@ -177,9 +180,16 @@ impl<'a> GpuStepper<'a> {
         }
         // Before the new one is made: both may not fit.
         self.on_device = None;
-        let parts = upload(&self.gpu, &self.model, self.settings.dynamics.as_ref())?;
-        self.on_device = Some(self.device_model(parts)?);
+        self.put(copies(&self.gpu, &self.model)?)?;
         self.newest = Newest::Both;
+        Ok(())
+    }
+
+    /// Makes a model of parameters that are on the device.
+    fn put(&mut self, tables: Vec<PartTables>) -> Result<(), GpuError> {
+        let dynamics = self.settings.dynamics.as_ref();
+        let parts = parts(&self.gpu, &self.model, dynamics, tables)?;
+        self.on_device = Some(self.device_model(parts)?);
         Ok(())
     }
 
@@ -255,13 +265,16 @@ impl<'a> GpuStepper<'a> {
         Ok(&self.model)
     }
 
-    /// Brings the host's model to the device where that is the newer one, as the next step would, and
-    /// waits for it.
+    /// Bytes that were read back from the device so far.
+    pub fn bytes_read(&self) -> u64 {
+        self.gpu.bytes_read()
+    }
+
+    /// Waits until the device has done everything it was given.
     ///
     /// # Errors
-    /// When the device fails or its memory does not suffice.
-    pub fn bring_to_device(&mut self) -> Result<(), EngineError> {
-        self.upload()?;
+    /// When the device fails.
+    pub fn wait(&self) -> Result<(), EngineError> {
         Ok(self.gpu.wait()?)
     }
 
@@ -503,6 +516,24 @@ impl Stepper for GpuStepper<'_> {
         self.download()?;
         self.newest = Newest::Host;
         Ok(&mut self.model)
+    }
+
+    fn control_density(&mut self, change: &mut dyn FnMut(&mut Model)) -> Result<(), EngineError> {
+        self.settle()?;
+        if self.newest == Newest::Host || self.model.len() > density::MOST_ROWS {
+            change(self.model_mut()?);
+            return Ok(());
+        }
+        // The renderer's buffers go before further tables are made: both may not fit.
+        let parts = self.take_model()?.parts;
+        let gpu = Arc::clone(&self.gpu);
+        let mut outline = density::outline(&gpu, &self.model, &parts)?;
+        change(&mut outline);
+        let mover = &self.kernels.row_mover;
+        let tables = density::follow(&gpu, mover, &outline, &mut self.model, parts)?;
+        self.put(tables)?;
+        self.newest = Newest::Device;
+        Ok(())
     }
 
     fn image(&mut self, view: &View, sh_degree: usize) -> Result<RgbImage, EngineError> {
