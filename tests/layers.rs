@@ -10,7 +10,7 @@ use std::{
 
 /// Layers from the ground up; modules of one layer do not import each other.
 const ENGINE: &[&[&str]] = &[
-    &["device"],
+    &["device", "kernels"],
     &["error"],
     &["camera"],
     &["clock", "training_view", "trajectories"],
@@ -35,10 +35,10 @@ const RECONSTRUCT: &[&[&str]] = &[
     &["learner"],
     &["train"],
     &["baseline"],
-    &["evidence"],
+    &["evidence", "step_cost"],
     &["components"],
     &["methods"],
-    &["stability"],
+    &["backends", "stability"],
     &["jobs"],
 ];
 

@@ -20,7 +20,7 @@ use omnilife_engine::{
 };
 use omnilife_reconstruct::{
     ReconstructError, baseline,
-    methods::{Method, MethodKind, ON_CPU, PreparedGaussians},
+    methods::{Method, MethodKind, ON_CPU, ON_CPU_AND_GPU, PreparedGaussians},
     request::{DefaultPlan, MethodRequest},
     scene::TrainingScene,
     seeds::points,
@@ -173,9 +173,16 @@ fn a_backend_without_its_kernels_refuses_it_by_name() {
         backend: BackendChoice::Gpu,
         ..Session::without_files(&Silent)
     };
-    let refused = TOY.train(&scene, &MethodRequest::new(2, 3), &session);
-    let message = refused.map(drop).unwrap_err().to_string();
-    // A machine without any adapter says that instead.
+    let refusal = |backends| {
+        let toy = Method { backends, ..TOY };
+        let refused = toy.train(&scene, &MethodRequest::new(2, 3), &session);
+        refused.map(drop).unwrap_err().to_string()
+    };
+    let message = refusal(ON_CPU);
+    assert!(message.contains("toy has no GPU kernels"), "{message}");
+    // A method that says more than its parameterization can keep. A machine without any adapter says that
+    // instead.
+    let message = refusal(ON_CPU_AND_GPU);
     assert!(
         message.contains("drifting Gaussians have no GPU kernels") || message.contains("adapter"),
         "{message}"

@@ -25,6 +25,7 @@ const WRITES_NOTHING: &[&str] = &[
     "curate projection",
     "curate verify",
     "doctor",
+    "reconstruct backends",
     "reconstruct methods",
     "reconstruct plan",
     "reconstruct serve",

@@ -23,8 +23,6 @@
 @group(0) @binding(5) var<storage, read> gradients: array<f32>;
 @group(0) @binding(6) var<storage, read_write> time_gradients: array<f32>;
 
-var<workgroup> sums: array<f32, WORKGROUP>;
-
 struct StepView {
     // Number of Gaussians of the table, and the entry of the first among all activated ones.
     gaussians: u32,
@@ -37,21 +35,13 @@ struct StepView {
 
 const NO_PEAKS: u32 = 0xffffffffu;
 
-// The sum of all partials, always in the same order; in the first thread.
+// The sum of all partials, always in the same order.
 fn sum_of_partials(thread: u32) -> f32 {
     var sum = 0.0;
     for (var index = thread; index < arrayLength(&partials); index += WORKGROUP) {
         sum += partials[index];
     }
-    sums[thread] = sum;
-    workgroupBarrier();
-    for (var half = WORKGROUP / 2u; half > 0u; half /= 2u) {
-        if thread < half {
-            sums[thread] += sums[thread + half];
-        }
-        workgroupBarrier();
-    }
-    return sums[0];
+    return workgroup_sum(sum, thread);
 }
 
 // Adds a loss that was taken in parts.

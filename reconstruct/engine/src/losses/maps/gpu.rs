@@ -23,6 +23,7 @@ pub(crate) fn shader() -> Shader {
         constants: format!("const OPACITY_EPSILON: f32 = {OPACITY_EPSILON:e};\n"),
         parts: &[
             include_str!("../../device/common.wgsl"),
+            include_str!("../../device/workgroup_sum.wgsl"),
             include_str!("maps.wgsl"),
         ],
     }

@@ -21,8 +21,6 @@ struct MapLosses {
 @group(0) @binding(3) var<storage, read_write> upstream: array<f32>;
 @group(0) @binding(4) var<storage, read_write> partials: array<f32>;
 
-var<workgroup> sums: array<f32, WORKGROUP>;
-
 fn mask_of(pixel: u32) -> f32 {
     return unpack4x8unorm(target_image[pixel]).w;
 }
@@ -33,16 +31,9 @@ fn feature_at(plane: u32, pixel: u32) -> u32 {
 }
 
 fn store_sum(value: f32, number: u32, thread: u32) {
-    sums[thread] = value;
-    workgroupBarrier();
-    for (var half = WORKGROUP / 2u; half > 0u; half /= 2u) {
-        if thread < half {
-            sums[thread] += sums[thread + half];
-        }
-        workgroupBarrier();
-    }
+    let sum = workgroup_sum(value, thread);
     if thread == 0u && number < arrayLength(&partials) {
-        partials[number] = sums[0];
+        partials[number] = sum;
     }
 }
 

@@ -21,6 +21,7 @@ pub(crate) fn shader() -> Shader {
         constants: table_constants(),
         parts: &[
             include_str!("../../device/common.wgsl"),
+            include_str!("../../device/workgroup_sum.wgsl"),
             include_str!("../../device/sin_cos.wgsl"),
             include_str!("../../gaussians/temporal/temporal_table.wgsl"),
             include_str!("motion.wgsl"),

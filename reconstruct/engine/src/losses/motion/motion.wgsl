@@ -17,8 +17,6 @@ struct MotionLoss {
     weight: f32,
 }
 
-var<workgroup> sums: array<f32, WORKGROUP>;
-
 @compute @workgroup_size(256)
 fn count_static(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -88,15 +86,8 @@ fn regularize_motion(
     if index < temporal.len && !is_dynamic(index) {
         value = motion_of(index, motion.weight / f32(max(all_static[0], 1u)));
     }
-    sums[thread] = value;
-    workgroupBarrier();
-    for (var half = WORKGROUP / 2u; half > 0u; half /= 2u) {
-        if thread < half {
-            sums[thread] += sums[thread + half];
-        }
-        workgroupBarrier();
-    }
+    let sum = workgroup_sum(value, thread);
     if thread == 0u && number < arrayLength(&partials) {
-        partials[number] = sums[0];
+        partials[number] = sum;
     }
 }

@@ -45,6 +45,7 @@ pub(crate) fn shader(shape: &RenderShape) -> Shader {
         constants: shape.constants(),
         parts: &[
             include_str!("../../device/common.wgsl"),
+            include_str!("../../device/workgroup_sum.wgsl"),
             include_str!("../../device/status.wgsl"),
             include_str!("../step.wgsl"),
         ],

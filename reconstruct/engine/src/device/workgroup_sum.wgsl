@@ -1,0 +1,16 @@
+// Sums over the threads of a workgroup, always in the same order.
+
+var<workgroup> sums: array<f32, WORKGROUP>;
+
+// The sum of all threads' values, for all of them. Every thread has to come here.
+fn workgroup_sum(value: f32, thread: u32) -> f32 {
+    sums[thread] = value;
+    workgroupBarrier();
+    for (var half = WORKGROUP / 2u; half > 0u; half /= 2u) {
+        if thread < half {
+            sums[thread] += sums[thread + half];
+        }
+        workgroupBarrier();
+    }
+    return sums[0];
+}

@@ -1,0 +1,78 @@
+//! What those who judge and measure steps ask of a stepper.
+
+use super::{GpuStepper, Newest};
+use crate::{
+    EngineError,
+    device::timer::{StageTimer, Stages},
+    model::Model,
+    schedule::StepSchedule,
+};
+
+impl GpuStepper<'_> {
+    /// (Splat, tile) pairs of a view that there is room for at the moment.
+    pub fn room_for_entries(&self) -> usize {
+        self.shape().entries
+    }
+
+    /// The model as [`Stepper::model`](crate::step::Stepper::model) has it, with the gradients of the last step.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn model_with_gradients(&mut self) -> Result<&Model, EngineError> {
+        self.download()?;
+        if let Some(on_device) = &self.on_device {
+            for (part, on_device) in self.model.parts.iter_mut().zip(&on_device.parts) {
+                on_device.read_gradients(&self.gpu, part)?;
+            }
+        }
+        Ok(&self.model)
+    }
+
+    /// Bytes that were read back from the device so far.
+    pub fn bytes_read(&self) -> u64 {
+        self.gpu.bytes_read()
+    }
+
+    /// Waits until the device has done everything it was given.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn wait(&self) -> Result<(), EngineError> {
+        Ok(self.gpu.wait()?)
+    }
+
+    /// One step like [`Stepper::step`](crate::step::Stepper::step), waited for; returns what its stages cost.
+    ///
+    /// # Errors
+    /// As a step has them.
+    pub fn measured_step(
+        &mut self,
+        view: usize,
+        schedule: &StepSchedule,
+    ) -> Result<Stages, EngineError> {
+        self.settle()?;
+        self.upload()?;
+        let step = self.next_step(view, schedule);
+        let model = self.take_model()?;
+        let mut timer = StageTimer::new(&self.gpu)?;
+        let uses = self.submit(&model, &step, &mut timer);
+        let mut stages = Stages::new();
+        for program in model.programs(uses) {
+            program.add_costs(&mut stages);
+        }
+        self.on_device = Some(model);
+        self.newest = Newest::Device;
+        self.pending.push_back(step.clone());
+        if let Some(timer) = &mut timer {
+            let seconds = timer.take(&self.gpu)?;
+            for (stage, cost) in &mut stages {
+                cost.seconds = seconds.get(stage).copied();
+            }
+        }
+        if step.moves_pose {
+            self.move_pose(&step)?;
+        }
+        self.settle()?;
+        Ok(stages)
+    }
+}
