@@ -212,7 +212,7 @@ impl Subject {
             iteration,
             scheduled: iteration,
             second_moments: SecondMomentDecay::PUBLISHED,
-            learning_rates: vec![1e-7; self.model().trained_arrays().len()],
+            learning_rates: vec![1e-7; self.table.arrays.len()],
             ..StepSchedule::default()
         }
     }

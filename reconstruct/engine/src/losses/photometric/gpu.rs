@@ -10,10 +10,9 @@ wgsl_struct! {
     pub(crate) struct LossSettings {
         width: u32,
         height: u32,
-        /// 1 when the first column follows the last.
-        wraps: u32,
         /// Weight of `1 - SSIM`.
         lambda: f32,
+        pad: u32,
         /// Weights of the window's taps from the middle outwards.
         taps: [[f32; 4]; 2],
         /// 1 over the view's gain of each channel.
@@ -22,7 +21,7 @@ wgsl_struct! {
         masked: u32,
         /// Of the whole loss.
         weight: f32,
-        pad: [u32; 3],
+        pad_end: [u32; 3],
     }
 }
 
@@ -113,7 +112,6 @@ impl Loss {
         let plain = LossSettings {
             width: size.0,
             height: size.1,
-            wraps: 1,
             lambda: weights.ssim,
             taps: std::array::from_fn(|four| {
                 std::array::from_fn(|tap| middle.get(four * 4 + tap).copied().unwrap_or(0.0))
@@ -121,7 +119,8 @@ impl Loss {
             inverse_gain: [1.0; 3],
             masked: u32::from(weights.masked),
             weight: weights.total,
-            pad: [0; 3],
+            pad: 0,
+            pad_end: [0; 3],
         };
         Ok(Self {
             blur_rows,

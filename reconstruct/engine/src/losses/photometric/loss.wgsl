@@ -9,8 +9,6 @@ const C2: f32 = 9e-4;
 struct LossSettings {
     width: u32,
     height: u32,
-    // 1 when the first column follows the last.
-    wraps: u32,
     // Weight of 1 - SSIM.
     lambda: f32,
     // Weights of the window's taps from the middle outwards.
@@ -57,19 +55,16 @@ fn render_at(pixel: u32) -> vec3<f32> {
     return vec3(render[pixel * 3u], render[pixel * 3u + 1u], render[pixel * 3u + 2u]);
 }
 
-// The pixel `distance` columns beside another one, or -1 outside of an image that does not wrap.
-fn beside(pixel: u32, distance: i32) -> i32 {
+// The pixel `distance` columns beside another one: the first column follows the last.
+fn beside(pixel: u32, distance: i32) -> u32 {
     let width = i32(settings.width);
     let row_start = i32(pixel / settings.width) * width;
     var column = i32(pixel) - row_start + distance;
     if column < 0 || column >= width {
-        if settings.wraps == 0u {
-            return -1;
-        }
         // Images may be narrower than the window.
         column = ((column % width) + width) % width;
     }
-    return row_start + column;
+    return u32(row_start + column);
 }
 
 // The pixel `distance` rows below another one, or -1 outside of the image.
@@ -97,16 +92,14 @@ fn blur_rows(
     var moments: array<vec3<f32>, 5>;
     for (var distance = -RADIUS; distance <= RADIUS; distance++) {
         let other = beside(pixel, distance);
-        if other >= 0 {
-            let weight = tap(distance);
-            let x = render_at(u32(other));
-            let y = target_at(u32(other));
-            moments[0] += weight * x;
-            moments[1] += weight * y;
-            moments[2] += weight * (x * x);
-            moments[3] += weight * (y * y);
-            moments[4] += weight * (x * y);
-        }
+        let weight = tap(distance);
+        let x = render_at(other);
+        let y = target_at(other);
+        moments[0] += weight * x;
+        moments[1] += weight * y;
+        moments[2] += weight * (x * x);
+        moments[3] += weight * (y * y);
+        moments[4] += weight * (x * y);
     }
     for (var plane = 0u; plane < 5u; plane++) {
         let index = (plane * pixel_count() + pixel) * 3u;
@@ -186,12 +179,9 @@ fn blur_derivative_rows(
     for (var plane = 0u; plane < 3u; plane++) {
         var sum = vec3<f32>();
         for (var distance = -RADIUS; distance <= RADIUS; distance++) {
-            let other = beside(pixel, distance);
-            if other >= 0 {
-                let index = (plane * pixel_count() + u32(other)) * 3u;
-                sum += tap(distance)
-                    * vec3(by_moment[index], by_moment[index + 1u], by_moment[index + 2u]);
-            }
+            let index = (plane * pixel_count() + beside(pixel, distance)) * 3u;
+            sum += tap(distance)
+                * vec3(by_moment[index], by_moment[index + 1u], by_moment[index + 2u]);
         }
         let index = (plane * pixel_count() + pixel) * 3u;
         by_moment_rows[index] = sum.x;

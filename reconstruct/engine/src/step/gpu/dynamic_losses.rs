@@ -146,8 +146,7 @@ impl DynamicKernels {
         Ok(())
     }
 
-    /// The programs that draw the dynamic Gaussians alone, of `gaussians` that have times, where a loss
-    /// asks for it.
+    /// The programs that draw the dynamic Gaussians alone, where a loss asks for it and any have times.
     pub(super) fn alone(
         &mut self,
         gpu: &Gpu,
