@@ -249,9 +249,13 @@ pub(crate) struct AssetArguments {
     /// Up in the world as three numbers [default: that of the run's cameras, or 0,0,1].
     #[arg(long, value_name = "X,Y,Z", value_parser = direction, allow_hyphen_values = true)]
     pub(crate) up: Option<[f64; 3]>,
-    /// The moment that is shown of a scene that moves.
-    #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
-    pub(crate) time: f64,
+    /// The moment that levels show of a scene that moves [default: the middle of its clip].
+    #[arg(long, value_name = "SECONDS", allow_hyphen_values = true)]
+    pub(crate) time: Option<f64>,
+    /// At how many moments a scene that moves is exported beside its levels, for the page's slider; 1
+    /// for none [default: one per frame of its clip, 60 at most].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000))]
+    pub(crate) moments: Option<u32>,
     /// Folder of the asset.
     #[arg(long)]
     pub(crate) out: PathBuf,
@@ -266,6 +270,7 @@ impl AssetArguments {
             with_page: self.page,
             up: self.up,
             time_seconds: self.time,
+            moments: self.moments.map(|moments| moments as usize),
             out: self.out.clone(),
         }
     }

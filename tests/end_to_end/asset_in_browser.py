@@ -1,11 +1,13 @@
 """The page of an asset in headless Chromium, from disk and without a network.
 
-usage: asset_in_browser.py PAGE SPLATS VIEW.ppm [SCREENSHOT]
+usage: asset_in_browser.py PAGE VIEW.ppm [--splats N] [--moments N] [--screenshot FILE]
 
-PAGE shows SPLATS Gaussians; VIEW is what the project's own renderer makes of what the page shows at first
-(binary PPM, 640 x 480, 75 degrees high). The page has to show the same, and not its mirror image.
+PAGE shows as many Gaussians, at the middle one of as many moments; VIEW is what the project's own renderer makes
+of what the page shows at first (binary PPM, 640 x 480, 75 degrees high). The page has to show the same, and not
+its mirror image.
 """
 
+import argparse
 import base64
 import pathlib
 import struct
@@ -16,7 +18,14 @@ import zlib
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "scripts/browser"))
 import webdriver  # noqa: E402
 
-page, splats, view = sys.argv[1], int(sys.argv[2]), pathlib.Path(sys.argv[3]).read_bytes()
+parser = argparse.ArgumentParser()
+parser.add_argument("page")
+parser.add_argument("view", type=pathlib.Path)
+parser.add_argument("--splats", type=int)
+parser.add_argument("--moments", type=int)
+parser.add_argument("--screenshot")
+asked = parser.parse_args()
+view = asked.view.read_bytes()
 webdriver.ARGUMENTS[:] = [argument for argument in webdriver.ARGUMENTS if argument != "--disable-gpu"] + [
     "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
 
@@ -76,29 +85,63 @@ def likeness(a, b):
     return over / max(spread, 1e-9) ** 0.5
 
 
+def picture(browser):
+    """What is drawn, once nothing changes any more."""
+    frames = None
+    while frames != (frames := browser.script("return omnilife.frames")):
+        time.sleep(1)
+    url = browser.script("return document.querySelector('canvas').toDataURL('image/png')")
+    return pixels_of_png(base64.b64decode(url.split(",")[1]))
+
+
+def look_at_moments(browser, moments):
+    """The slider goes through all of them, each looks different, and time can be played."""
+    webdriver.wait_for("the middle moment", lambda: browser.script("return omnilife.moment") == moments // 2)
+    webdriver.expect("moments", browser.script("return omnilife.moments"), moments)
+    ends = []
+    for moment in (0, moments - 1):
+        browser.script("""const slider = document.getElementById("moment");
+            slider.value = arguments[0]; slider.dispatchEvent(new Event("input"))""", moment)
+        webdriver.wait_for(f"moment {moment}", lambda: browser.script("return omnilife.moment") == moment)
+        ends.append(blocks(picture(browser)))
+    change = max(abs(a - b) for a, b in zip(*ends))
+    print(f"first and last moment differ by {change:.1f} levels in a square")
+    if change < 2:
+        sys.exit("all moments look alike")
+    browser.press(",")
+    webdriver.wait_for("the moment before", lambda: browser.script("return omnilife.moment") == moments - 2)
+    browser.press(" ")
+    webdriver.wait_for("another moment", lambda: browser.script("return omnilife.moment") != moments - 2)
+    browser.press(" ")
+    browser.script("omnilife.seek(arguments[0])", moments // 2)
+    webdriver.wait_for("the middle moment", lambda: browser.script("return omnilife.moment") == moments // 2)
+
+
 with webdriver.browser(700, 600) as browser:
     browser.devtools("Network.enable")
     browser.devtools("Network.emulateNetworkConditions", offline=True, latency=0, downloadThroughput=0,
                      uploadThroughput=0)
     browser.size(640, 480)
     begun = time.monotonic()
-    browser.open(page)
+    browser.open(asked.page)
     state = "return window.omnilife && (omnilife.error || (omnilife.ready && omnilife.frames > 1))"
     webdriver.wait_for("Gaussians", lambda: browser.script(state), 90)
     seconds = time.monotonic() - begun
     webdriver.expect("error", browser.script("return omnilife.error"), None)
-    webdriver.expect("Gaussians", browser.script("return omnilife.splats"), splats)
+    if asked.splats is not None:
+        webdriver.expect("Gaussians", browser.script("return omnilife.splats"), asked.splats)
     # A sort follows the first drawing; after it nothing is drawn until something changes.
     time.sleep(4)
     frames = browser.script("return omnilife.frames")
     time.sleep(2)
     webdriver.expect("frames without a change", browser.script("return omnilife.frames"), frames)
-    url = browser.script("return document.querySelector('canvas').toDataURL('image/png')")
-    if len(sys.argv) > 4:
-        browser.screenshot(sys.argv[4])
+    if asked.moments is not None:
+        look_at_moments(browser, asked.moments)
+    drawn = picture(browser)
+    if asked.screenshot:
+        browser.screenshot(asked.screenshot)
     webdriver.expect("console", browser.console_errors(), [])
 
-drawn = pixels_of_png(base64.b64decode(url.split(",")[1]))
 header, width, height, _ = view.split(maxsplit=4)[:4]
 width, height = int(width), int(height)
 data = view[-3 * width * height:]

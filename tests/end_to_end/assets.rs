@@ -1,9 +1,10 @@
 //! Gaussians of a run exported for web viewers, rendered again, and served.
 
 use std::{
+    ffi::OsStr,
     io::{BufRead, BufReader, Read, Write},
     net::TcpStream,
-    path::Path,
+    path::{Path, PathBuf},
     process::{Command, Stdio},
 };
 
@@ -236,7 +237,6 @@ fn write_poster(path: &Path) {
                 [0.3 + 0.3 * v, 0.4 + 0.5 * u, 0.5 + 0.4 * u]
             };
             let colour = colour.map(|value| (value - 0.5) / 0.282_094_8);
-            // It fills the view: what is behind is white in the page and black in the renderer.
             let mut values = vec![8.0 * (u - 0.5), 6.0 * (v - 0.5), 3.0, 0.0, 0.0, 0.0];
             values.extend(colour);
             values.push(4.0);
@@ -248,33 +248,16 @@ fn write_poster(path: &Path) {
     std::fs::write(path, bytes).unwrap();
 }
 
-#[test]
-fn the_page_shows_in_a_browser_what_the_renderer_draws() {
+/// Why no page can be looked at here.
+fn no_browser() -> Option<&'static str> {
     let found = |program: &str| Command::new(program).arg("--version").output().is_ok();
-    if !(found("chromium") && found("chromedriver") && found("python3")) {
-        omnilife_schemas::testing::skip(
-            "no Chromium with its driver, scripts/setup --browser installs them",
-        );
-        return;
-    }
-    let folder = scratch();
-    let out = folder.path().join("asset");
-    let poster = folder.path().join("poster.ply");
-    write_poster(&poster);
-    let made = Command::new(env!("CARGO_BIN_EXE_omnilife"))
-        .args(["reconstruct", "export", "--page", "--up", "0,-1,0"])
-        .arg(poster)
-        .arg("--out")
-        .arg(&out)
-        .output()
-        .unwrap();
-    assert!(made.status.success());
-    let record = asset(&out);
-    if record["page"].is_null() {
-        omnilife_schemas::testing::skip("no viewer, scripts/setup --viewer fetches it");
-        return;
-    }
-    // What the page shows at first: from the origin of the files along their z.
+    let all = found("chromium") && found("chromedriver") && found("python3");
+    (!all).then_some("no Chromium with its driver, scripts/setup --browser installs them")
+}
+
+/// What the renderer makes of what an asset's page shows at first: from the origin of the files along
+/// their z, 75 degrees high at 640 x 480; a PPM.
+fn view_of_page(folder: &Path, out: &Path, record: &Value) -> PathBuf {
     let placement = &record["placement"];
     let [w, x, y, z] = [0, 1, 2, 3].map(|at| placement["rotation_wxyz"][at].as_f64().unwrap());
     let poses = serde_json::json!({
@@ -288,10 +271,9 @@ fn the_page_shows_in_a_browser_what_the_renderer_draws() {
         }],
         "points": null,
     });
-    let path = folder.path().join("poses.json");
+    let path = folder.join("poses.json");
     std::fs::write(&path, poses.to_string()).unwrap();
-    let views = folder.path().join("views");
-    // 75 degrees high at 640 x 480.
+    let views = folder.join("views");
     let degrees = 2.0
         * (37.5_f64.to_radians().tan() * 640.0 / 480.0)
             .atan()
@@ -314,19 +296,133 @@ fn the_page_shows_in_a_browser_what_the_renderer_draws() {
     .succeeded();
     let mut view = b"P6 640 480 255\n".to_vec();
     view.extend(read_image(&views.join("000000.png")).iter());
-    let ppm = folder.path().join("view.ppm");
+    let ppm = folder.join("view.ppm");
     std::fs::write(&ppm, view).unwrap();
+    ppm
+}
+
+/// Compares a page with a view of it in headless Chromium.
+fn look_at_page(out: &Path, view: &Path, arguments: [&str; 2], screenshot: &str) {
     let mut browser = Command::new("python3");
     browser
         .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/end_to_end/asset_in_browser.py"))
         .arg(out.join("index.html"))
-        .arg(record["splats"].to_string())
-        .arg(&ppm);
+        .arg(view)
+        .args(arguments);
     if let Some(folder) = std::env::var_os("OMNILIFE_SCREENSHOTS") {
-        browser.arg(Path::new(&folder).join("asset.png"));
+        let file = Path::new(&folder).join(screenshot);
+        browser.arg("--screenshot").arg(file);
     }
     let output = browser.output().unwrap();
     print!("{}", String::from_utf8_lossy(&output.stdout));
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{stderr}");
+}
+
+#[test]
+fn the_page_shows_in_a_browser_what_the_renderer_draws() {
+    if let Some(reason) = no_browser() {
+        omnilife_schemas::testing::skip(reason);
+        return;
+    }
+    let folder = scratch();
+    let out = folder.path().join("asset");
+    let poster = folder.path().join("poster.ply");
+    write_poster(&poster);
+    let made = Command::new(env!("CARGO_BIN_EXE_omnilife"))
+        .args(["reconstruct", "export", "--page", "--up", "0,-1,0"])
+        .arg(poster)
+        .arg("--out")
+        .arg(&out)
+        .output()
+        .unwrap();
+    assert!(made.status.success());
+    let record = asset(&out);
+    if record["page"].is_null() {
+        omnilife_schemas::testing::skip("no viewer, scripts/setup --viewer fetches it");
+        return;
+    }
+    let view = view_of_page(folder.path(), &out, &record);
+    let splats = record["splats"].to_string();
+    look_at_page(&out, &view, ["--splats", &splats], "asset.png");
+}
+
+/// A run of a method that moves, on the small scene.
+fn moving_run(folder: &Path) -> PathBuf {
+    let sequence = small_run().out.join(SEQUENCE);
+    let (scene, split) = (
+        sequence.join("scene.json"),
+        sequence.join("per-scene/split.json"),
+    );
+    let run = folder.join("run");
+    let mut arguments = vec!["reconstruct".as_ref(), "train".as_ref(), scene.as_os_str()];
+    arguments.extend(["--split".as_ref(), split.as_os_str()]);
+    arguments.extend(["--out".as_ref(), run.as_os_str()]);
+    let settings = ["--method", "omni4dgs", "--iterations", "60"];
+    arguments.extend(settings.map(OsStr::new));
+    omnilife(arguments).succeeded();
+    run
+}
+
+#[test]
+fn a_scene_that_moves_is_exported_at_moments_and_its_page_has_a_slider() {
+    let folder = scratch();
+    let run = moving_run(folder.path());
+    let out = folder.path().join("asset");
+    // With the data folder of this machine, where the viewer is.
+    let export = |arguments: &[&str]| {
+        let ended = Command::new(env!("CARGO_BIN_EXE_omnilife"))
+            .args(["reconstruct", "export"])
+            .arg(&run)
+            .arg("--out")
+            .arg(&out)
+            .args(arguments)
+            .output()
+            .unwrap();
+        assert!(ended.status.success());
+        asset(&out)
+    };
+    let record = export(&["--moments", "5", "--page"]);
+    let moments = record["moments"]["moments"].as_array().unwrap();
+    assert_eq!(moments.len(), 5);
+    // From the scene's first frame to its last; levels show the middle.
+    let seconds = |moment: &Value| moment["time_seconds"].as_f64().unwrap();
+    let scene = small_run().out.join(SEQUENCE).join("scene.json");
+    let scene: Value = serde_json::from_slice(&std::fs::read(scene).unwrap()).unwrap();
+    let frames = scene["frames"].as_array().unwrap();
+    for (moment, frame) in [
+        (&moments[0], &frames[0]),
+        (&moments[4], &frames[frames.len() - 1]),
+    ] {
+        assert!((seconds(moment) - seconds(frame)).abs() < 1e-3);
+    }
+    let shown = record["source"]["time_seconds"].as_f64().unwrap();
+    assert!((seconds(&moments[2]) - shown).abs() < 1e-9);
+    let splats = |file: &Value| {
+        let count = file["splats"].as_u64().unwrap();
+        let path = out.join(file["file"].as_str().unwrap());
+        assert_eq!(std::fs::metadata(path).unwrap().len(), 32 * count);
+        count
+    };
+    let still = splats(&record["moments"]["still"]);
+    let moving = moments.iter().map(|moment| splats(&moment["moving"]));
+    let moving: Vec<u64> = moving.collect();
+    assert!(
+        still > 0 && moving.iter().all(|&moving| moving > 0),
+        "{moving:?}"
+    );
+    // What is still in the middle and what moves then are what the level shows, but for those that are
+    // about to be seen.
+    let level = record["levels"][0]["splats"].as_u64().unwrap();
+    assert!((still + moving[2]).abs_diff(level) <= level / 100);
+    if let (None, false) = (no_browser(), record["page"].is_null()) {
+        assert_eq!(record["page"]["holds_moments"], true);
+        let view = view_of_page(folder.path(), &out, &record);
+        look_at_page(&out, &view, ["--moments", "5"], "moving-asset.png");
+    } else {
+        omnilife_schemas::testing::skip("no Chromium, or no viewer, to look at moments with");
+    }
+    // What another export leaves over is taken away.
+    let record = export(&["--moments", "1"]);
+    assert!(record.get("moments").is_none() && !out.join("still.splat").exists());
 }

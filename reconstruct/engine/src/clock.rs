@@ -18,6 +18,45 @@ pub struct Clock {
     pub duration_frames: f32,
 }
 
+/// The time in which something is known to change.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TimeSpan {
+    /// Its first moment, seconds.
+    pub begin_seconds: f64,
+    /// Its last moment, seconds.
+    pub end_seconds: f64,
+    /// Frames in it, where it is that of a clip.
+    pub frames: Option<usize>,
+}
+
+impl TimeSpan {
+    /// The span of both.
+    #[must_use]
+    pub fn union(self, other: Self) -> Self {
+        Self {
+            begin_seconds: self.begin_seconds.min(other.begin_seconds),
+            end_seconds: self.end_seconds.max(other.end_seconds),
+            frames: self.frames.max(other.frames),
+        }
+    }
+
+    /// The moment half-way.
+    pub fn middle_seconds(&self) -> f64 {
+        0.5 * (self.begin_seconds + self.end_seconds)
+    }
+
+    /// Moments that are evenly apart, the first and the last among them; the middle where there is to be one.
+    pub fn moments(&self, count: usize) -> Vec<f64> {
+        if count < 2 {
+            return vec![self.middle_seconds()];
+        }
+        let length = self.end_seconds - self.begin_seconds;
+        (0..count)
+            .map(|index| self.begin_seconds + length * index as f64 / (count - 1) as f64)
+            .collect()
+    }
+}
+
 impl Clock {
     /// The clock of increasing times in seconds. One frame alone lasts a second.
     pub fn from_times(times: &[f64]) -> Self {
@@ -32,6 +71,16 @@ impl Clock {
             origin_seconds: first + 0.5 * (last - first),
             frame_seconds,
             duration_frames: ((last - first) / frame_seconds) as f32,
+        }
+    }
+
+    /// From the clip's first frame to its last.
+    pub fn span(&self) -> TimeSpan {
+        let half = 0.5 * f64::from(self.duration_frames) * self.frame_seconds;
+        TimeSpan {
+            begin_seconds: self.origin_seconds - half,
+            end_seconds: self.origin_seconds + half,
+            frames: Some(self.duration_frames.round() as usize + 1),
         }
     }
 
@@ -63,6 +112,20 @@ mod tests {
     fn a_gap_does_not_change_the_length_of_a_frame() {
         let clock = Clock::from_times(&[0.0, 0.1, 0.2, 0.3, 5.0, 5.1]);
         assert!((clock.frame_seconds - 0.1).abs() < 1e-12);
+    }
+
+    #[test]
+    fn moments_are_evenly_apart_from_the_first_frame_to_the_last() {
+        let span = Clock::from_times(&[3.0, 3.5, 4.0, 4.5]).span();
+        assert_eq!(
+            (span.begin_seconds, span.end_seconds, span.frames),
+            (3.0, 4.5, Some(4))
+        );
+        assert_eq!(span.moments(4), [3.0, 3.5, 4.0, 4.5]);
+        assert_eq!(span.moments(1), [3.75]);
+        let later = Clock::from_times(&[4.0, 6.0]).span();
+        let both = span.union(later);
+        assert_eq!((both.begin_seconds, both.end_seconds), (3.0, 6.0));
     }
 
     #[test]

@@ -27,7 +27,7 @@ use omnilife_engine::{
 use crate::{
     error::ReconstructError,
     formats::{self, splat::Placement},
-    jobs::reconstruct::RUN_FILE,
+    jobs::{export::splat_files, reconstruct::RUN_FILE},
     methods::run_formats::OpenedModel,
 };
 
@@ -185,11 +185,7 @@ fn placement(path: &Path) -> Result<Placement, StoreError> {
     }
     let asset: Asset = store::read_record(&record)?;
     let name = path.file_name().and_then(|name| name.to_str());
-    if asset
-        .levels
-        .iter()
-        .all(|level| Some(level.file.as_str()) != name)
-    {
+    if splat_files(&asset).all(|file| Some(file) != name) {
         return Ok(Placement::WORLD);
     }
     let [w, x, y, z] = asset.placement.rotation_wxyz;

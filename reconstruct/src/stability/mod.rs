@@ -3,7 +3,7 @@
 //! * [`setup`]: what a case consists of;
 //! * [`cases`]: the catalogue, `in_time` what of it is about time, and `channels` what of it is about
 //!   harmonics and features; [`special`]: what renders
-//!   nothing, `clips`, on which methods are trained, `depth`, which is lifted and fused, `atlas`,
+//!   nothing, `losses`, the photometric loss of awkward images, `networks`, `clips`, on which methods are trained, `depth`, which is lifted and fused, `atlas`,
 //!   what atlases are made of, and `objects`, what moves along paths;
 //! * [`sweeps`]: families of cases whose condition number grows;
 //! * [`parameterizations`], [`devices`]: what they are tried on;
@@ -18,7 +18,9 @@ mod clips;
 mod depth;
 pub mod devices;
 mod in_time;
+mod losses;
 pub mod measure;
+mod networks;
 mod objects;
 pub mod parameterizations;
 pub mod setup;

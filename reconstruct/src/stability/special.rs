@@ -6,14 +6,12 @@ use omnilife_schemas::records::{StabilityMeasures, StabilityRow, StabilityStatus
 use crate::stability::{
     NO_PARAMETERIZATION, atlas, clips, depth,
     devices::{Device, DeviceKind},
-    objects,
-    parameterizations::{DEFORMABLE, STATIC},
+    losses, networks, objects,
+    parameterizations::STATIC,
     setup::{Setup, mild},
 };
 use omnilife_engine::{
-    gaussians::{ActivatedGaussians, temporal::TemporalFeatures},
     losses::photometric::cpu::Loss,
-    model::Model,
     parameters::{ParameterTable, adam},
 };
 
@@ -52,7 +50,11 @@ impl Judgement {
 /// All cases that render nothing.
 pub fn all() -> impl Iterator<Item = &'static SpecialCase> {
     let further = clips::CASES.iter().chain(depth::CASES).chain(atlas::CASES);
-    SPECIAL_CASES.iter().chain(further).chain(objects::CASES)
+    let own = SPECIAL_CASES
+        .iter()
+        .chain(losses::CASES)
+        .chain(networks::CASES);
+    own.chain(further).chain(objects::CASES)
 }
 
 const SPECIAL_CASES: &[SpecialCase] = &[
@@ -75,11 +77,6 @@ const SPECIAL_CASES: &[SpecialCase] = &[
         id: "tiny-gradients",
         title: "gradients whose squares f32 cannot hold",
         judge: tiny_gradients,
-    },
-    SpecialCase {
-        id: "network-weights",
-        title: "Gaussians and gradients that are not finite, deformed by a network",
-        judge: network_weights,
     },
 ];
 
@@ -235,52 +232,6 @@ fn tiny_gradients() -> Judgement {
             .to_owned(),
         fault: (!is_finite || largest > 0.01)
             .then(|| format!("a step of {largest} where the rate is 0.01")),
-        measured: None,
-        missing: None,
-    }
-}
-
-/// One bad Gaussian must not reach the weights that all Gaussians share.
-fn network_weights() -> Judgement {
-    let mut setup = Setup::new(mild());
-    let good = setup.gaussians.len();
-    for number in 0..4 {
-        setup.gaussians.push(setup.gaussians[number]);
-    }
-    let weights = |setup: &Setup, bad: &[usize]| {
-        let part = (DEFORMABLE.part)((DEFORMABLE.table)(setup), setup);
-        let mut model = Model::new(vec![part]);
-        let (at, none) = (setup.viewpoint(), TemporalFeatures::default());
-        let mut instant = ActivatedGaussians::default();
-        model.activate(&at, &none, &mut instant);
-        let mut gradient = ActivatedGaussians::default();
-        gradient.clear_to_zero(&instant);
-        for (index, row) in gradient.positions.iter_mut().enumerate().take(good) {
-            *row = [1.0, 0.1 * index as f32, -0.5];
-        }
-        for &index in bad {
-            gradient.positions[index] = [f32::NAN, 1.0, 1.0];
-            gradient.scales[index] = [f32::INFINITY; 3];
-        }
-        model.activate_backward(&at, &none, &mut instant, &mut gradient);
-        let shared = model.parts[0].parameterization.shared();
-        shared.map(|weights| weights.array.gradients.clone())
-    };
-    let expected = weights(&setup, &[]);
-    setup.gaussians[good].position[0] = f64::NAN;
-    setup.gaussians[good + 1].position[2] = f64::INFINITY;
-    setup.gaussians[good + 2].quaternion[1] = f64::NAN;
-    let found = weights(&setup, &[good, good + 1, good + 2, good + 3]);
-    let fault = if expected.iter().flatten().all(|&value| value == 0.0) {
-        Some("the weights have no gradient at all".to_owned())
-    } else if found != expected {
-        Some("the gradients by the weights are others than without them".to_owned())
-    } else {
-        None
-    };
-    Judgement {
-        action: "such a Gaussian takes no part in the gradient by the weights".to_owned(),
-        fault,
         measured: None,
         missing: None,
     }

@@ -14,7 +14,10 @@ pub struct Asset {
     pub splats: u64,
     /// The levels, the smallest first; each is part of the next.
     pub levels: Vec<AssetLevel>,
-    /// Levels that were asked for and are not there, with the reason.
+    /// Of a scene that moves, what is shown at other moments than that of the levels.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub moments: Option<AssetMoments>,
+    /// Levels and moments that were asked for and are not there, with the reason.
     pub left_out: Vec<String>,
     /// How the coordinates of the files came from the world's.
     pub placement: AssetPlacement,
@@ -39,7 +42,7 @@ pub struct AssetSource {
     pub method: Option<String>,
     /// The scene, where a run was exported.
     pub scene: Option<String>,
-    /// The moment that is shown of a scene that moves, seconds.
+    /// The moment that the levels show of a scene that moves, seconds.
     pub time_seconds: Option<f64>,
 }
 
@@ -58,6 +61,38 @@ pub struct AssetLevel {
     pub sha256: String,
     /// How much larger its Gaussians are than the source's, for being fewer.
     pub growth: f64,
+}
+
+/// A scene that moves: at every moment it is what stands still and what moves then, both in the place
+/// of the levels.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct AssetMoments {
+    /// The Gaussians that are the same at all moments.
+    pub still: AssetSplats,
+    /// The moments, in order.
+    pub moments: Vec<AssetMoment>,
+}
+
+/// One moment of a scene that moves.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct AssetMoment {
+    /// Presentation time in the source, seconds.
+    pub time_seconds: f64,
+    /// The Gaussians that move, as they are then.
+    pub moving: AssetSplats,
+}
+
+/// A file of Gaussians.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct AssetSplats {
+    /// A `.splat`; it may be empty.
+    pub file: String,
+    /// Gaussians in it.
+    pub splats: u64,
+    /// Bytes of the file.
+    pub bytes: u64,
+    /// SHA-256 of the file.
+    pub sha256: String,
 }
 
 /// `y = scale R (x - offset)`: from a place of the world to one of the files, whose y points down.
@@ -93,6 +128,9 @@ pub struct AssetPage {
     pub file: String,
     /// Name of the level inside it; `None` where it has none and others open by file or server.
     pub level: Option<String>,
+    /// Whether all moments of a scene that moves are inside it, instead of a level.
+    #[serde(default)]
+    pub holds_moments: bool,
     /// Bytes of the file.
     pub bytes: u64,
 }

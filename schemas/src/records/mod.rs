@@ -37,7 +37,10 @@ pub use analysis::VideoAnalysis;
 pub use annotation::{
     Annotation, Caption, CaptionAnswer, Dynamics, EgoMotion, Measured, NameGroup, Tag, Taxonomy,
 };
-pub use asset::{Asset, AssetChanges, AssetLevel, AssetPage, AssetPlacement, AssetSource};
+pub use asset::{
+    Asset, AssetChanges, AssetLevel, AssetMoment, AssetMoments, AssetPage, AssetPlacement,
+    AssetSource, AssetSplats,
+};
 pub use boundaries::{Boundary, BoundaryKind, BoundaryLedger};
 pub use dataset::{Dataset, Origin, OriginKind, VideoEntry, VideoStatus};
 pub use dense::{DenseFrame, DenseStereo};

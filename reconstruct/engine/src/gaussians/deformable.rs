@@ -22,6 +22,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use self::settings::DeformationSettings;
+use crate::clock::TimeSpan;
 use crate::fields::mlp::{
     encoding,
     network::NetworkShape,
@@ -231,6 +232,10 @@ impl Parameterization for Deformable {
 
     fn stepped_shared(&mut self) -> Option<&mut SharedParameters> {
         self.took_part.then_some(&mut self.weights)
+    }
+
+    fn time_span(&self) -> Option<TimeSpan> {
+        Some(self.settings.clock.span())
     }
 
     fn tells_static_from_dynamic(&self) -> bool {

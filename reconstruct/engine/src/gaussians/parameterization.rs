@@ -15,6 +15,7 @@ use super::{
 };
 use crate::{
     camera::View,
+    clock::TimeSpan,
     device::{Gpu, GpuError, Program},
     gaussians::activated_buffers::ActivatedBuffers,
     parameters::{ParameterTable, SharedParameters, device_table::TableBuffers},
@@ -43,6 +44,17 @@ impl Viewpoint {
             shift_frames: 0.0,
             centre: view.centre,
             down: view.rotation.transpose() * Vec3::Y,
+            scheduled: None,
+        }
+    }
+
+    /// Of a moment that nobody looks at from anywhere in particular.
+    pub fn of_moment(seconds: f64) -> Self {
+        Self {
+            seconds,
+            shift_frames: 0.0,
+            centre: Vec3::ZERO,
+            down: Vec3::Y,
             scheduled: None,
         }
     }
@@ -107,6 +119,11 @@ pub trait Parameterization: fmt::Debug + Send {
     /// What is known of time, where Gaussians have times of their own: density control in time, the
     /// losses on velocities and lifespans and the layers static and dynamic ask for it.
     fn temporal(&self) -> Option<&TemporalGaussians> {
+        None
+    }
+
+    /// The time in which its Gaussians change; `None` where they do not depend on it.
+    fn time_span(&self) -> Option<TimeSpan> {
         None
     }
 

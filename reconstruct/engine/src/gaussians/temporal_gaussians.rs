@@ -9,7 +9,10 @@ use super::{
     periodic::FrameTime,
     temporal::{TemporalFeatures, TimeModel, VelocityModel, ViewContext},
 };
-use crate::{clock::Clock, parameters::ParameterTable};
+use crate::{
+    clock::{Clock, TimeSpan},
+    parameters::ParameterTable,
+};
 
 /// A table of [`super::temporal`] in a clip.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -102,6 +105,10 @@ impl Parameterization for TemporalGaussians {
 
     fn temporal(&self) -> Option<&TemporalGaussians> {
         Some(self)
+    }
+
+    fn time_span(&self) -> Option<TimeSpan> {
+        Some(self.clock.span())
     }
 
     fn device_twin(&self) -> Option<DeviceTwin<'_>> {

@@ -30,6 +30,7 @@ use super::{
     temporal::TemporalFeatures,
 };
 use crate::{
+    clock::TimeSpan,
     parameters::{ParameterTable, SharedParameters},
     trajectories::rigid_path::{RigidPath, RigidPose},
 };
@@ -272,6 +273,18 @@ impl Parameterization for TrackedGaussians {
     fn stepped_shared(&mut self) -> Option<&mut SharedParameters> {
         let is_stepped = self.refines_poses && std::mem::take(&mut self.has_gradients);
         is_stepped.then_some(&mut self.corrections)
+    }
+
+    fn time_span(&self) -> Option<TimeSpan> {
+        let span = |object: &TrackedObject| {
+            let [begin_seconds, end_seconds] = object.path.range_seconds();
+            TimeSpan {
+                begin_seconds,
+                end_seconds,
+                frames: None,
+            }
+        };
+        self.objects.iter().map(span).reduce(TimeSpan::union)
     }
 
     fn unit_length(&self) -> Option<f32> {

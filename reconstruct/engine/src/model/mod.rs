@@ -15,6 +15,7 @@ pub mod saved;
 use self::pose_corrections::PoseCorrections;
 use crate::{
     camera::View,
+    clock::TimeSpan,
     gaussians::{
         ActivatedGaussians,
         parameterization::{Parameterization, Viewpoint},
@@ -112,6 +113,15 @@ impl Model {
         let with_times = |part: &&Part| part.parameterization.temporal().is_some();
         let parts = self.parts.iter().filter(with_times);
         parts.map(|part| part.table.len()).sum()
+    }
+
+    /// The time in which its Gaussians change; `None` where nothing depends on it.
+    pub fn time_span(&self) -> Option<TimeSpan> {
+        let spans = self
+            .parts
+            .iter()
+            .filter_map(|part| part.parameterization.time_span());
+        spans.reduce(TimeSpan::union)
     }
 
     /// A view of the scene with the pose that it is trained and shown with.

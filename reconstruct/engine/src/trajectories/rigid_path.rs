@@ -72,6 +72,11 @@ impl RigidPath {
         self.lever
     }
 
+    /// When it begins and ends, seconds.
+    pub fn range_seconds(&self) -> [f64; 2] {
+        self.path.centre.range()
+    }
+
     /// The path as it was given, in world units.
     pub fn in_world(&self, normalization: &Similarity) -> ObjectPath {
         let mut path = self.path.clone();

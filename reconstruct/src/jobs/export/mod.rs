@@ -1,11 +1,14 @@
 //! A run's Gaussians, or those of a PLY, as levels of detail for web viewers, with a record and a page.
 //!
-//! * `viewer_limits`: what viewers can draw. [`levels`]: how many, which, how large. [`page`]: one HTML file
-//!   with everything in it. [`serve`]: the same from a server on this machine, for levels that no page holds.
+//! * `source`: what is exported. `moments`: of a scene that moves. `viewer_limits`: what viewers can draw.
+//!   [`levels`]: how many, which, how large. [`page`]: one HTML file with everything in it. [`serve`]: the same
+//!   from a server on this machine, for levels that no page holds.
 
 pub mod levels;
+mod moments;
 pub mod page;
 pub mod serve;
+mod source;
 mod viewer_limits;
 
 use std::{
@@ -13,33 +16,46 @@ use std::{
     time::Instant,
 };
 
-use glam::DVec3;
-use omnilife_engine::gaussians::{
-    ActivatedGaussians, parameterization::Viewpoint, temporal::TemporalFeatures,
-};
 use omnilife_schemas::{
-    Similarity,
     layout::ASSET_FILE,
     lock::FolderLock,
     progress::Progress,
-    records::{Asset, AssetLevel, AssetPage, AssetSource, RunRecord},
+    records::{Asset, AssetLevel, AssetMoment, AssetMoments, AssetPage, AssetSplats},
     stage::StagePlan,
     store,
 };
 
 use self::{
     levels::{Level, nested},
-    page::{MOST_SPLATS_INSIDE, PageContent},
-    viewer_limits::{Drawable, drawable},
+    moments::Moments,
+    page::{Inside, MOST_SPLATS_INSIDE, MOST_SPLATS_OF_MOMENTS, PageContent},
+    source::ExportedScene,
+    viewer_limits::Drawable,
 };
 use crate::{
     error::ReconstructError,
-    formats::splat::{self, MOST_ROWS},
-    jobs::{opened_gaussians::Source, reconstruct::RUN_FILE},
+    formats::splat::{self, MOST_ROWS, SplatRow},
 };
 
 /// The page, in an asset's folder.
 pub const PAGE_FILE: &str = "index.html";
+/// What stands still in a scene that moves.
+const STILL_FILE: &str = "still.splat";
+
+/// What moves, at a moment.
+fn moment_file(number: usize) -> String {
+    format!("moment-{number:03}.splat")
+}
+
+/// All files of Gaussians of an asset.
+pub(crate) fn splat_files(asset: &Asset) -> impl Iterator<Item = &str> {
+    let levels = asset.levels.iter().map(|level| &*level.file);
+    let of_moments = asset.moments.iter().flat_map(|moments| {
+        let moving = moments.moments.iter().map(|moment| &*moment.moving.file);
+        [&*moments.still.file].into_iter().chain(moving)
+    });
+    levels.chain(of_moments)
+}
 
 /// What to export.
 #[derive(Debug, Clone, PartialEq)]
@@ -52,8 +68,12 @@ pub struct ExportRequest {
     pub with_page: bool,
     /// Up in the world; that of the run's cameras, or of a world with z up, where nothing is said.
     pub up: Option<[f64; 3]>,
-    /// The moment that is shown of a scene that moves, seconds.
-    pub time_seconds: f64,
+    /// The moment that levels show of a scene that moves, seconds; the middle of its clip where nothing is
+    /// said.
+    pub time_seconds: Option<f64>,
+    /// At how many moments a scene that moves is exported beside its levels; 1 for none. Where nothing is
+    /// said, one per frame of its clip, as far as there is room.
+    pub moments: Option<usize>,
     /// Folder of the asset.
     pub out: PathBuf,
 }
@@ -77,12 +97,17 @@ pub fn export(
     progress: &dyn Progress,
 ) -> Result<Exported, ReconstructError> {
     let begun = Instant::now();
-    let (drawable, source) = drawable_of(request)?;
+    let ExportedScene {
+        drawable,
+        source,
+        without_moments,
+    } = ExportedScene::open(request)?;
     let splats = drawable.rows.len() as u64;
     let Wanted {
         levels: wanted,
-        left_out,
+        mut left_out,
     } = levels_within(request, splats)?;
+    left_out.extend(without_moments);
     let mut notes = left_out.clone();
     let libraries = match request.with_page.then(page::libraries) {
         None => None,
@@ -97,6 +122,10 @@ pub fn export(
     let mut outputs: Vec<String> = wanted.iter().map(|(level, _)| level.file()).collect();
     outputs.push(ASSET_FILE.to_owned());
     outputs.extend(libraries.iter().map(|_| PAGE_FILE.to_owned()));
+    if let Some(moments) = &drawable.moments {
+        outputs.push(STILL_FILE.to_owned());
+        outputs.extend((0..moments.moving.len()).map(moment_file));
+    }
     stage.claim(&outputs)?;
     // A record must not stand beside levels of another export.
     store::remove(&request.out.join(ASSET_FILE))?;
@@ -104,10 +133,16 @@ pub fn export(
         .own_files()
         .remove(|file| !outputs.iter().any(|new| new == file))?;
     let levels = write_levels(&request.out, &drawable, &wanted, progress)?;
+    let moments = drawable
+        .moments
+        .as_ref()
+        .map(|moments| write_moments(&request.out, moments, progress))
+        .transpose()?;
     let mut asset = Asset {
         source,
         splats,
         levels,
+        moments,
         left_out,
         placement: drawable.placement,
         changes: drawable.changes,
@@ -121,72 +156,6 @@ pub fn export(
     store::write_record(&request.out.join(ASSET_FILE), &asset)?;
     stage.finish(&outputs, asset.wall_seconds)?;
     Ok(Exported { asset, notes })
-}
-
-/// What is exported, as files hold it.
-fn drawable_of(request: &ExportRequest) -> Result<(Drawable, AssetSource), ReconstructError> {
-    let as_they_are = Similarity {
-        offset: [0.0; 3],
-        scale: 1.0,
-    };
-    let source = Source::open(&request.gaussians, as_they_are)?;
-    let mut model = source.model()?;
-    let at = Viewpoint {
-        seconds: request.time_seconds,
-        shift_frames: 0.0,
-        centre: glam::Vec3::ZERO,
-        down: glam::Vec3::Y,
-        scheduled: None,
-    };
-    let moves = model
-        .parts
-        .iter()
-        .any(|part| part.parameterization.id() != "static");
-    let mut gaussians = ActivatedGaussians::default();
-    model.activate(&at, &TemporalFeatures::default(), &mut gaussians);
-    drop(model);
-    let record_path = request.gaussians.join(RUN_FILE);
-    let record: Option<RunRecord> = request
-        .gaussians
-        .is_dir()
-        .then(|| store::read_record(&record_path))
-        .transpose()?;
-    let up = up(request, record.as_ref())?;
-    let normalization = &source.normalization;
-    let drawable = drawable(
-        &gaussians,
-        up,
-        DVec3::from_array(normalization.offset),
-        1.0 / normalization.scale,
-    );
-    if drawable.rows.is_empty() {
-        let reason = "has no Gaussian that a viewer could draw";
-        return Err(ReconstructError::scene(&request.gaussians, reason));
-    }
-    let hashed = if record.is_some() {
-        &record_path
-    } else {
-        &request.gaussians
-    };
-    let source = AssetSource {
-        sha256: store::sha256_file(hashed)?,
-        method: record.as_ref().map(|record| record.method.clone()),
-        scene: record.map(|record| record.scene),
-        time_seconds: moves.then_some(request.time_seconds),
-    };
-    Ok((drawable, source))
-}
-
-/// Up in the world.
-fn up(request: &ExportRequest, record: Option<&RunRecord>) -> Result<DVec3, ReconstructError> {
-    let given = request.up.or_else(|| record.and_then(|record| record.up));
-    let up = DVec3::from_array(given.unwrap_or([0.0, 0.0, 1.0]));
-    if up.is_finite() && up.length() > 1e-9 {
-        return Ok(up);
-    }
-    Err(ReconstructError::Request {
-        reason: format!("{up} is no direction up"),
-    })
 }
 
 /// Which levels there will be.
@@ -245,15 +214,13 @@ fn write_levels(
         .rev()
         .zip(rows)
         .try_for_each(|((level, _), of_level)| {
-            let file = level.file();
-            let path = out.join(&file);
-            splat::write(&path, &of_level.rows)?;
+            let written = write_splats(out, level.file(), &of_level.rows)?;
             levels.push(AssetLevel {
                 name: level.name.clone(),
-                sha256: store::sha256_file(&path)?,
-                file,
-                splats: of_level.rows.len() as u64,
-                bytes: (of_level.rows.len() * splat::ROW_BYTES) as u64,
+                file: written.file,
+                splats: written.splats,
+                bytes: written.bytes,
+                sha256: written.sha256,
                 growth: of_level.growth,
             });
             progress.advance(1);
@@ -265,21 +232,53 @@ fn write_levels(
     Ok(levels)
 }
 
-/// The page with the largest level that fits inside.
+fn write_splats(
+    out: &Path,
+    file: String,
+    rows: &[SplatRow],
+) -> Result<AssetSplats, ReconstructError> {
+    let path = out.join(&file);
+    splat::write(&path, rows)?;
+    Ok(AssetSplats {
+        sha256: store::sha256_file(&path)?,
+        file,
+        splats: rows.len() as u64,
+        bytes: (rows.len() * splat::ROW_BYTES) as u64,
+    })
+}
+
+fn write_moments(
+    out: &Path,
+    moments: &Moments,
+    progress: &dyn Progress,
+) -> Result<AssetMoments, ReconstructError> {
+    let still = write_splats(out, STILL_FILE.to_owned(), &moments.still)?;
+    progress.begin("writing moments", Some(moments.moving.len() as u64));
+    let write = |(number, (time_seconds, rows)): (usize, &(f64, Vec<SplatRow>))| {
+        let moving = write_splats(out, moment_file(number), rows)?;
+        progress.advance(1);
+        Ok(AssetMoment {
+            time_seconds: *time_seconds,
+            moving,
+        })
+    };
+    let written: Result<Vec<_>, ReconstructError> =
+        moments.moving.iter().enumerate().map(write).collect();
+    progress.end();
+    Ok(AssetMoments {
+        still,
+        moments: written?,
+    })
+}
+
+/// The page with all moments of a scene that moves, or with the largest level that fits inside.
 fn write_page(
     out: &Path,
     asset: &Asset,
     libraries: &[Vec<u8>],
     notes: &mut Vec<String>,
 ) -> Result<AssetPage, ReconstructError> {
-    let fits = |level: &&AssetLevel| level.splats <= MOST_SPLATS_INSIDE;
-    let inside = asset.levels.iter().rev().find(fits);
-    let bytes = inside
-        .map(|level| {
-            let path = out.join(&level.file);
-            std::fs::read(&path).map_err(|error| store::StoreError::read(&path, error))
-        })
-        .transpose()?;
+    let inside = inside(asset);
     if inside.is_none() {
         notes.push(format!(
             "the page has no Gaussians inside: no level has {MOST_SPLATS_INSIDE} or fewer; open one in it, \
@@ -287,19 +286,43 @@ fn write_page(
             out.display()
         ));
     }
+    let mut bytes = Vec::new();
+    for file in inside.iter().flat_map(Inside::files) {
+        let path = out.join(file);
+        let read = std::fs::read(&path).map_err(|error| store::StoreError::read(&path, error))?;
+        bytes.extend(read);
+    }
     let content = PageContent {
         title: asset.source.scene.as_deref().unwrap_or("Gaussians"),
         levels: &asset.levels,
+        moments: asset.moments.as_ref(),
         placement: asset.placement,
-        inside: inside
-            .zip(bytes.as_deref())
-            .map(|(level, bytes)| (level.name.as_str(), bytes)),
+        inside,
+        bytes: &bytes,
     };
     let text = page::html(&content, libraries);
     store::write_bytes(&out.join(PAGE_FILE), text.as_bytes())?;
     Ok(AssetPage {
         file: PAGE_FILE.to_owned(),
-        level: inside.map(|level| level.name.clone()),
+        level: match inside {
+            Some(Inside::Level(level)) => Some(level.name.clone()),
+            _ => None,
+        },
+        holds_moments: matches!(inside, Some(Inside::Moments(_))),
         bytes: text.len() as u64,
     })
+}
+
+/// What of an asset stands in its page.
+fn inside(asset: &Asset) -> Option<Inside<'_>> {
+    let fits = |level: &&AssetLevel| level.splats <= MOST_SPLATS_INSIDE;
+    let all_of = |moments: &AssetMoments| {
+        let moving = moments.moments.iter().map(|moment| moment.moving.splats);
+        moments.still.splats + moving.sum::<u64>()
+    };
+    let moments = asset.moments.as_ref();
+    let moments = moments.filter(|moments| all_of(moments) <= MOST_SPLATS_OF_MOMENTS);
+    moments
+        .map(Inside::Moments)
+        .or_else(|| asset.levels.iter().rev().find(fits).map(Inside::Level))
 }

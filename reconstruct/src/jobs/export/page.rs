@@ -8,12 +8,14 @@ use std::{fs, path::PathBuf};
 
 use base64::{Engine, engine::general_purpose::STANDARD};
 use omnilife_schemas::{
-    records::{AssetLevel, AssetPlacement},
+    records::{AssetLevel, AssetMoments, AssetPlacement, AssetSplats},
     store,
 };
 
 /// Gaussians inside a page at most: 43 MB of text.
 pub const MOST_SPLATS_INSIDE: u64 = 1_000_000;
+/// The same of all moments of a scene that moves together, of which few are drawn at a time.
+pub(super) const MOST_SPLATS_OF_MOMENTS: u64 = 2_500_000;
 
 /// A file of the viewer.
 struct Library {
@@ -85,9 +87,34 @@ pub(super) struct PageContent<'a> {
     /// Of the scene; it comes from a file.
     pub(super) title: &'a str,
     pub(super) levels: &'a [AssetLevel],
+    pub(super) moments: Option<&'a AssetMoments>,
     pub(super) placement: AssetPlacement,
-    /// The level inside the page: its name and the bytes of its file.
-    pub(super) inside: Option<(&'a str, &'a [u8])>,
+    /// What is inside the page.
+    pub(super) inside: Option<Inside<'a>>,
+    /// The bytes of its files, one after the other.
+    pub(super) bytes: &'a [u8],
+}
+
+/// What a page holds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Inside<'a> {
+    /// A level.
+    Level(&'a AssetLevel),
+    /// All moments of a scene that moves, behind what stands still.
+    Moments(&'a AssetMoments),
+}
+
+impl<'a> Inside<'a> {
+    /// Its files, in their order in the page.
+    pub(super) fn files(&self) -> Vec<&'a str> {
+        match self {
+            Self::Level(level) => vec![&level.file],
+            Self::Moments(moments) => {
+                let moving = moments.moments.iter().map(|moment| &*moment.moving.file);
+                [&*moments.still.file].into_iter().chain(moving).collect()
+            }
+        }
+    }
 }
 
 const TEMPLATE: &str = include_str!("page.html");
@@ -116,12 +143,15 @@ pub(super) fn html(content: &PageContent<'_>, libraries: &[Vec<u8>]) -> String {
     let settings = serde_json::json!({
         "title": content.title,
         "levels": levels,
-        "inside": content.inside.map(|(name, _)| name),
+        "moments": content.moments.map(moments_of),
+        "inside": match content.inside {
+            Some(Inside::Level(level)) => Some(&level.name),
+            _ => None,
+        },
+        "insideMoments": matches!(content.inside, Some(Inside::Moments(_))),
         "unitsPerWorldUnit": content.placement.scale,
     });
-    let inside = content
-        .inside
-        .map_or(String::new(), |(_, bytes)| base64(bytes));
+    let inside = base64(content.bytes);
     let import_map = serde_json::json!({ "imports": imports });
     // Each placeholder once, and the text of one is not looked through for the next.
     let mut page = String::with_capacity(TEMPLATE.len() + inside.len() + 8_000_000);
@@ -135,6 +165,20 @@ pub(super) fn html(content: &PageContent<'_>, libraries: &[Vec<u8>]) -> String {
         }
     }
     page
+}
+
+/// What the page knows of moments.
+fn moments_of(moments: &AssetMoments) -> serde_json::Value {
+    let file =
+        |splats: &AssetSplats| serde_json::json!({ "file": splats.file, "bytes": splats.bytes });
+    let all: Vec<serde_json::Value> = moments
+        .moments
+        .iter()
+        .map(|moment| {
+            serde_json::json!({ "seconds": moment.time_seconds, "moving": file(&moment.moving) })
+        })
+        .collect();
+    serde_json::json!({ "still": file(&moments.still), "moments": all })
 }
 
 /// JSON that nothing in it can end the script around.
@@ -168,12 +212,14 @@ mod tests {
         let content = PageContent {
             title: "</script><img src=x onerror=alert(1)>@@SPLATS@@",
             levels: &[],
+            moments: None,
             placement: AssetPlacement {
                 offset: [0.0; 3],
                 scale: 1.0,
                 rotation_wxyz: [1.0, 0.0, 0.0, 0.0],
             },
-            inside: Some(("full", b"BYTES")),
+            inside: None,
+            bytes: b"BYTES",
         };
         let page = html(&content, &vec![Vec::new(); 4]);
         assert!(!page.contains("<img") && !page.contains("script><"));

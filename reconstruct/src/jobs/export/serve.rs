@@ -17,7 +17,7 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-use super::PAGE_FILE;
+use super::{PAGE_FILE, splat_files};
 use crate::error::ReconstructError;
 
 /// Bytes of a request's head at most.
@@ -48,8 +48,8 @@ impl Server {
             )
             .into());
         }
-        let levels = asset.levels.into_iter().map(|level| level.file);
-        let files = levels.chain([PAGE_FILE.to_owned(), ASSET_FILE.to_owned()]);
+        let splats = splat_files(&asset).map(str::to_owned);
+        let files = splats.chain([PAGE_FILE.to_owned(), ASSET_FILE.to_owned()]);
         let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
         let listener = TcpListener::bind(address).map_err(|error| ReconstructError::Request {
             reason: format!("{address}: cannot be listened on: {error}"),

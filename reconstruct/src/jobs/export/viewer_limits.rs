@@ -10,6 +10,7 @@ use omnilife_engine::gaussians::ActivatedGaussians;
 use omnilife_schemas::records::{AssetChanges, AssetPlacement};
 use rayon::prelude::*;
 
+use super::moments::Moments;
 use crate::formats::splat::SplatRow;
 
 /// Least ratio of a Gaussian's shortest to its longest axis.
@@ -25,53 +26,92 @@ const FARTHEST: f32 = 3.0;
 #[derive(Debug)]
 pub(super) struct Drawable {
     pub(super) rows: Vec<SplatRow>,
+    /// The same at other moments, in the same place.
+    pub(super) moments: Option<Moments>,
     pub(super) placement: AssetPlacement,
     pub(super) changes: AssetChanges,
 }
 
-/// Brings Gaussians into a frame around `origin` with `up` on the negative y axis. Coordinates are those
-/// of a normalized scene with `world` units each, moved by `offset`.
+/// The frame of files: around the origin of a normalized scene, with up on the negative y axis.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct FileFrame {
+    turn: DQuat,
+    world: f64,
+    offset: DVec3,
+}
+
+impl FileFrame {
+    /// Of a normalized scene with `world` units each, moved by `offset`, in which `up` is up.
+    pub(super) fn new(up: DVec3, offset: DVec3, world: f64) -> Self {
+        Self {
+            turn: DQuat::from_rotation_arc(up.normalize(), DVec3::NEG_Y),
+            world,
+            offset,
+        }
+    }
+
+    /// A Gaussian in that frame.
+    pub(super) fn row(&self, gaussians: &ActivatedGaussians, index: usize) -> SplatRow {
+        let row = SplatRow::of(gaussians, index);
+        let place = self.turn * (DVec3::from_array(row.position.map(f64::from)) * self.world);
+        let [w, x, y, z] = row.rotation.map(f64::from);
+        let rotation = self.turn * DQuat::from_xyzw(x, y, z, w);
+        SplatRow {
+            position: place.as_vec3().to_array(),
+            scale: row
+                .scale
+                .map(|scale| (f64::from(scale) * self.world) as f32),
+            rotation: [rotation.w, rotation.x, rotation.y, rotation.z].map(|q| q as f32),
+            ..row
+        }
+    }
+}
+
+/// Brings Gaussians, and those of other moments, into a frame and within what viewers can draw.
 pub(super) fn drawable(
     gaussians: &ActivatedGaussians,
-    up: DVec3,
-    offset: DVec3,
-    world: f64,
+    mut moments: Option<Moments>,
+    frame: &FileFrame,
 ) -> Drawable {
-    let turn = DQuat::from_rotation_arc(up.normalize(), DVec3::NEG_Y);
-    let rows: Vec<SplatRow> = (0..gaussians.len())
+    let all = gaussians.len();
+    let mut rows: Vec<SplatRow> = (0..all)
         .into_par_iter()
-        .map(|index| turned(SplatRow::of(gaussians, index), turn, world))
+        .map(|index| frame.row(gaussians, index))
+        .filter(|row| row.rgba[3] > 0)
         .collect();
-    let all = rows.len();
-    let mut rows: Vec<SplatRow> = rows.into_par_iter().filter(|row| row.rgba[3] > 0).collect();
     let mut changes = AssetChanges {
         transparent: (all - rows.len()) as u64,
         dropped_sh_degree: gaussians.sh_degree as u32,
         ..AssetChanges::default()
     };
-    changes.thickened = thicken(&mut rows);
-    changes.pulled_in = pull_in(&mut rows);
-    let scale = enlarge(&mut rows);
+    changes.thickened = rows.par_iter_mut().map(thicken).sum();
+    let farthest = farthest(&rows);
+    changes.pulled_in = (rows.par_iter_mut())
+        .map(|row| pull_in(row, farthest))
+        .sum();
+    if let Some(moments) = &mut moments {
+        for row in moments.rows_mut() {
+            thicken(row);
+            pull_in(row, farthest);
+        }
+    }
+    let sizes = rows.iter().chain(moments.iter().flat_map(Moments::rows));
+    let scale = enlargement(sizes.map(longest).collect());
+    let moved = moments.iter_mut().flat_map(Moments::rows_mut);
+    for row in rows.iter_mut().chain(moved) {
+        row.position = row.position.map(|value| value * scale);
+        row.scale = row.scale.map(|value| value * scale);
+    }
+    let DQuat { x, y, z, w } = frame.turn;
     Drawable {
         rows,
+        moments,
         placement: AssetPlacement {
-            offset: offset.to_array(),
-            scale,
-            rotation_wxyz: [turn.w, turn.x, turn.y, turn.z],
+            offset: frame.offset.to_array(),
+            scale: f64::from(scale),
+            rotation_wxyz: [w, x, y, z],
         },
         changes,
-    }
-}
-
-fn turned(row: SplatRow, turn: DQuat, world: f64) -> SplatRow {
-    let place = turn * (DVec3::from_array(row.position.map(f64::from)) * world);
-    let [w, x, y, z] = row.rotation.map(f64::from);
-    let rotation = turn * DQuat::from_xyzw(x, y, z, w);
-    SplatRow {
-        position: place.as_vec3().to_array(),
-        scale: row.scale.map(|scale| (f64::from(scale) * world) as f32),
-        rotation: [rotation.w, rotation.x, rotation.y, rotation.z].map(|q| q as f32),
-        ..row
     }
 }
 
@@ -79,54 +119,44 @@ fn longest(row: &SplatRow) -> f32 {
     row.scale.into_iter().fold(0.0, f32::max)
 }
 
-fn thicken(rows: &mut [SplatRow]) -> u64 {
-    rows.par_iter_mut()
-        .map(|row| {
-            let least = LEAST_THICKNESS * longest(row);
-            // What rounding leaves below a tenth is none the worse for it.
-            let is_thin = row.scale.iter().any(|&scale| scale < 0.999 * least);
-            row.scale = row.scale.map(|scale| scale.max(least));
-            u64::from(is_thin)
-        })
-        .sum()
+/// Makes a thin Gaussian thicker; returns 1 where it was thin.
+fn thicken(row: &mut SplatRow) -> u64 {
+    let least = LEAST_THICKNESS * longest(row);
+    // What rounding leaves below a tenth is none the worse for it.
+    let is_thin = row.scale.iter().any(|&scale| scale < 0.999 * least);
+    row.scale = row.scale.map(|scale| scale.max(least));
+    u64::from(is_thin)
 }
 
-/// Brings what is farther than three radii of the scene to that distance, as large in every view from the
-/// middle as before.
-fn pull_in(rows: &mut [SplatRow]) -> u64 {
-    let away = |row: &SplatRow| glam::Vec3::from_array(row.position).length();
-    let Some(radius) = quantile(rows.iter().map(away).collect(), SCENE_QUANTILE) else {
+fn away(row: &SplatRow) -> f32 {
+    glam::Vec3::from_array(row.position).length()
+}
+
+/// Three radii of the scene.
+fn farthest(rows: &[SplatRow]) -> f32 {
+    let radius = quantile(rows.iter().map(away).collect(), SCENE_QUANTILE);
+    radius.map_or(f32::INFINITY, |radius| FARTHEST * radius)
+}
+
+/// Brings what is farther than `farthest` to that distance, as large in every view from the middle as
+/// before; returns 1 where it was.
+fn pull_in(row: &mut SplatRow, farthest: f32) -> u64 {
+    let distance = away(row);
+    if distance <= farthest {
         return 0;
-    };
-    let farthest = FARTHEST * radius;
-    rows.par_iter_mut()
-        .map(|row| {
-            let distance = away(row);
-            if distance <= farthest {
-                return 0;
-            }
-            let factor = farthest / distance;
-            row.position = row.position.map(|value| value * factor);
-            row.scale = row.scale.map(|value| value * factor);
-            1
-        })
-        .sum()
+    }
+    let factor = farthest / distance;
+    row.position = row.position.map(|value| value * factor);
+    row.scale = row.scale.map(|value| value * factor);
+    1
 }
 
-/// Makes everything larger where sizes are too small for half floats; returns by how much.
-fn enlarge(rows: &mut [SplatRow]) -> f64 {
-    let Some(size) = quantile(rows.iter().map(longest).collect(), 0.01) else {
-        return 1.0;
-    };
-    if size >= LEAST_SIZE || size <= 0.0 {
-        return 1.0;
+/// By how much everything is to be larger, where sizes are too small for half floats.
+fn enlargement(sizes: Vec<f32>) -> f32 {
+    match quantile(sizes, 0.01) {
+        Some(size) if size > 0.0 && size < LEAST_SIZE => LEAST_SIZE / size,
+        _ => 1.0,
     }
-    let factor = LEAST_SIZE / size;
-    rows.par_iter_mut().for_each(|row| {
-        row.position = row.position.map(|value| value * factor);
-        row.scale = row.scale.map(|value| value * factor);
-    });
-    f64::from(factor)
 }
 
 fn quantile(mut values: Vec<f32>, share: f64) -> Option<f32> {
@@ -207,7 +237,8 @@ mod tests {
             let untouched: Vec<SplatRow> = (0..3_000)
                 .map(|index| SplatRow::of(&gaussians, index))
                 .collect();
-            let drawable = drawable(&gaussians, DVec3::Z, DVec3::ZERO, 1.0);
+            let frame = FileFrame::new(DVec3::Z, DVec3::ZERO, 1.0);
+            let drawable = drawable(&gaussians, None, &frame);
             assert_eq!(bad(&drawable.rows), 0, "{scale} {thickness}");
             if thickness < 0.1 {
                 assert!(
@@ -227,7 +258,8 @@ mod tests {
         gaussians.positions[1] = [0.0, 900.0, 0.0];
         gaussians.scales[1] = [9.0; 3];
         gaussians.opacities[2] = 1e-3;
-        let drawable = drawable(&gaussians, DVec3::new(0.0, 0.0, 2.0), DVec3::ONE, 2.0);
+        let frame = FileFrame::new(DVec3::new(0.0, 0.0, 2.0), DVec3::ONE, 2.0);
+        let drawable = drawable(&gaussians, None, &frame);
         let first = drawable.rows[0].position;
         assert!(Vec3::from_array(first).distance(Vec3::new(0.0, -1.0, 0.0)) < 1e-6);
         let far = &drawable.rows[1];
@@ -243,5 +275,26 @@ mod tests {
             (1, 1, 0)
         );
         assert_eq!(drawable.placement.scale, 1.0);
+    }
+    #[test]
+    fn all_moments_are_in_one_place_with_the_scene() {
+        let gaussians = flat(1e-4, 0.02, 7, 500);
+        let frame = FileFrame::new(DVec3::Z, DVec3::ZERO, 1.0);
+        let of = |range: std::ops::Range<usize>| -> Vec<SplatRow> {
+            range.map(|index| frame.row(&gaussians, index)).collect()
+        };
+        let moments = Moments {
+            still: of(0..400),
+            moving: vec![(0.0, of(400..500)), (1.0, of(400..450))],
+        };
+        let drawable = drawable(&gaussians, Some(moments), &frame);
+        assert!(drawable.placement.scale > 1.0);
+        let Some(moments) = drawable.moments else {
+            panic!("the moments are lost");
+        };
+        assert_eq!(moments.still, drawable.rows[..400]);
+        assert_eq!(moments.moving[0].1, drawable.rows[400..]);
+        assert_eq!(moments.moving[1].1, drawable.rows[400..450]);
+        assert_eq!(drawable.changes.thickened, 500, "counted once");
     }
 }

@@ -20,6 +20,7 @@
 
 pub mod cpu;
 pub(crate) mod gpu;
+pub mod reference;
 mod rows;
 
 /// Values of the loss on one image.

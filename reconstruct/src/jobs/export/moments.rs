@@ -1,0 +1,257 @@
+//! A scene that moves, at moments: what stands still once, what moves at each of them.
+//!
+//! Nothing of a parameterization is asked but what it shows at a time, so that every method that moves
+//! has moments: Gaussians with times of their own, objects on paths, Gaussians that a network deforms.
+
+use omnilife_engine::{
+    clock::TimeSpan,
+    gaussians::{
+        ActivatedGaussians, SH_C0, parameterization::Viewpoint, temporal::TemporalFeatures,
+    },
+    model::Model,
+};
+use rayon::prelude::*;
+
+use crate::formats::splat::SplatRow;
+
+/// Moments where nobody says how many: no more than this, nor than the clip has frames.
+const MOST_MOMENTS: usize = 60;
+/// Gaussians of all moments together at most, where nobody says how many moments: 64 MB.
+const MOST_MOVING_ROWS: usize = 2_000_000;
+/// Gaussians of all moments that are held in memory at most: 350 MB.
+const MOST_HELD_ROWS: usize = 8_000_000;
+
+/// Places that differ by less than this share of a Gaussian's middle axis are one.
+const SAME_PLACE: f32 = 0.1;
+/// Sizes that differ by less than this share are the same.
+const SAME_SIZE: f32 = 0.02;
+/// Least scalar product of two quaternions that are the same: 1.6 degrees, three steps of a file's bytes.
+const SAME_ROTATION: f32 = 0.9999;
+/// Opacities and colours that differ by less are the same: a step of a file's bytes.
+const SAME_LEVEL: f32 = 1.0 / 255.0;
+
+/// The Gaussians of a scene that moves.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Moments {
+    /// Those that are always the same.
+    pub(super) still: Vec<SplatRow>,
+    /// The moments, seconds, with the other Gaussians as they are seen there.
+    pub(super) moving: Vec<(f64, Vec<SplatRow>)>,
+}
+
+impl Moments {
+    /// Of a model over the time in which it changes, at as many moments as are asked for or as its clip
+    /// has; `row` is a Gaussian as files hold it. An error says in words why there are none.
+    pub(super) fn of(
+        model: &mut Model,
+        span: &TimeSpan,
+        asked: Option<usize>,
+        row: impl Fn(&ActivatedGaussians, usize) -> SplatRow + Sync,
+    ) -> Result<Self, String> {
+        let of_clip = span.frames.unwrap_or(MOST_MOMENTS).min(MOST_MOMENTS);
+        let mut count = asked.unwrap_or(of_clip);
+        if count < 2 {
+            return Err("one moment is shown".to_owned());
+        }
+        let first = activated(model, span.begin_seconds);
+        let mut moves = vec![false; first.len()];
+        for seconds in span.moments(count) {
+            let now = activated(model, seconds);
+            moves.par_iter_mut().enumerate().for_each(|(index, moves)| {
+                *moves |= !is_same(&first, &now, index);
+            });
+        }
+        let (moving, still): (Vec<usize>, Vec<usize>) =
+            (0..first.len()).partition(|&index| moves[index]);
+        if moving.is_empty() {
+            return Err("nothing moves".to_owned());
+        }
+        let rows = |gaussians: &ActivatedGaussians, indices: &[usize]| -> Vec<SplatRow> {
+            let rows = indices.par_iter().map(|&index| row(gaussians, index));
+            rows.filter(|row| row.rgba[3] > 0).collect()
+        };
+        if asked.is_none() {
+            count = count.min(MOST_HELD_ROWS / moving.len()).max(2);
+        }
+        let mut moments: Vec<(f64, Vec<SplatRow>)> = span
+            .moments(count)
+            .into_iter()
+            .map(|seconds| (seconds, rows(&activated(model, seconds), &moving)))
+            .collect();
+        if asked.is_none() {
+            thin(&mut moments);
+        }
+        Ok(Self {
+            still: rows(&first, &still),
+            moving: moments,
+        })
+    }
+
+    /// All Gaussians of all moments.
+    pub(super) fn rows(&self) -> impl Iterator<Item = &SplatRow> {
+        let moving = self.moving.iter().flat_map(|(_, rows)| rows);
+        self.still.iter().chain(moving)
+    }
+
+    /// The same, to be changed.
+    pub(super) fn rows_mut(&mut self) -> impl Iterator<Item = &mut SplatRow> {
+        let moving = self.moving.iter_mut().flat_map(|(_, rows)| rows);
+        self.still.iter_mut().chain(moving)
+    }
+}
+
+/// Leaves as many moments, evenly apart, as have room.
+fn thin(moments: &mut Vec<(f64, Vec<SplatRow>)>) {
+    let rows: usize = moments.iter().map(|(_, rows)| rows.len()).sum();
+    let step = rows.div_ceil(MOST_MOVING_ROWS).max(1);
+    let mut number = 0;
+    moments.retain(|_| {
+        number += 1;
+        (number - 1) % step == 0
+    });
+}
+
+fn activated(model: &mut Model, seconds: f64) -> ActivatedGaussians {
+    let mut gaussians = ActivatedGaussians::default();
+    let at = Viewpoint::of_moment(seconds);
+    model.activate(&at, &TemporalFeatures::default(), &mut gaussians);
+    gaussians
+}
+
+/// Whether a viewer would show a Gaussian alike at two moments.
+fn is_same(a: &ActivatedGaussians, b: &ActivatedGaussians, index: usize) -> bool {
+    let [before, after] = [a, b].map(|all| all.opacities[index]);
+    if before.max(after) < 0.5 * SAME_LEVEL {
+        return true;
+    }
+    let [scales, others] = [a, b].map(|all| {
+        let mut scales = all.scales[index];
+        scales.sort_by(f32::total_cmp);
+        scales
+    });
+    let [from, to] = [a, b].map(|all| glam::Vec3::from_array(all.positions[index]));
+    let dot = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>();
+    let is_close = |(a, b): (&f32, &f32)| (a - b).abs() < SAME_LEVEL / SH_C0;
+    // Written so that NaN is no likeness.
+    (before - after).abs() < SAME_LEVEL
+        && from.distance(to) <= SAME_PLACE * scales[1]
+        && (scales.iter().zip(others)).all(|(a, b)| (a - b).abs() <= SAME_SIZE * a)
+        && dot(&a.rotations[index], &b.rotations[index]).abs() > SAME_ROTATION
+        && (a.sh_constant[index].iter().zip(&b.sh_constant[index])).all(is_close)
+}
+
+#[cfg(test)]
+mod tests {
+    use omnilife_engine::gaussians::static_gaussians::{InitialGaussians, table};
+
+    use super::*;
+
+    /// Gaussians that pass along x, one unit a second, every other one of them.
+    #[derive(Debug, Clone)]
+    struct Passing;
+
+    impl omnilife_engine::gaussians::parameterization::Parameterization for Passing {
+        fn id(&self) -> &'static str {
+            "passing"
+        }
+
+        fn activate(
+            &mut self,
+            table: &omnilife_engine::parameters::ParameterTable,
+            at: &Viewpoint,
+            features: &TemporalFeatures,
+            first: usize,
+            out: &mut ActivatedGaussians,
+        ) {
+            omnilife_engine::gaussians::static_gaussians::StaticGaussians
+                .activate(table, at, features, first, out);
+            for index in (0..table.len()).step_by(2) {
+                out.positions[first + index][0] += at.seconds as f32;
+                out.opacities[first + index] *= f32::from(at.seconds < 3.0);
+            }
+        }
+
+        fn activate_backward(
+            &mut self,
+            _: &mut omnilife_engine::parameters::ParameterTable,
+            _: &Viewpoint,
+            _: &TemporalFeatures,
+            _: usize,
+            _: &mut ActivatedGaussians,
+            _: &mut ActivatedGaussians,
+        ) {
+        }
+
+        fn boxed(&self) -> Box<dyn omnilife_engine::gaussians::parameterization::Parameterization> {
+            Box::new(self.clone())
+        }
+    }
+
+    fn model(count: usize) -> Model {
+        let positions = (0..count).map(|index| [0.0, index as f32, 0.0]).collect();
+        let initial = InitialGaussians::isotropic(
+            positions,
+            &vec![0.1; count],
+            vec![[0.5; 3]; count],
+            vec![0.5; count],
+        );
+        Model::new(vec![omnilife_engine::model::Part::new(
+            Passing,
+            table(&initial, 0),
+        )])
+    }
+
+    const SPAN: TimeSpan = TimeSpan {
+        begin_seconds: 1.0,
+        end_seconds: 4.0,
+        frames: Some(4),
+    };
+
+    #[test]
+    fn what_stands_still_is_there_once_and_what_moves_where_it_is_at_each_moment() {
+        let found = Moments::of(&mut model(5), &SPAN, None, SplatRow::of);
+        let Ok(found) = found else {
+            panic!("{found:?}");
+        };
+        let still: Vec<f32> = found.still.iter().map(|row| row.position[1]).collect();
+        assert_eq!(still, [1.0, 3.0]);
+        let places = found.moving.iter().map(|(seconds, rows)| {
+            let x: Vec<f32> = rows.iter().map(|row| row.position[0]).collect();
+            (*seconds, x)
+        });
+        // From the third second on they are transparent.
+        let expected = [
+            (1.0, vec![1.0; 3]),
+            (2.0, vec![2.0; 3]),
+            (3.0, vec![]),
+            (4.0, vec![]),
+        ];
+        assert!(places.eq(expected));
+        assert_eq!(found.rows().count(), 8);
+    }
+
+    #[test]
+    fn one_moment_and_a_scene_that_stands_still_have_none() {
+        let none = |count| Moments::of(&mut model(count), &SPAN, Some(1), SplatRow::of);
+        assert_eq!(none(3), Err("one moment is shown".to_owned()));
+        let mut still = Model::of_static(model(3).parts.remove(0).table);
+        let found = Moments::of(&mut still, &SPAN, None, SplatRow::of);
+        assert_eq!(found, Err("nothing moves".to_owned()));
+    }
+
+    #[test]
+    fn moments_are_left_out_evenly_where_they_would_be_too_many_gaussians() {
+        let row = SplatRow {
+            position: [0.0; 3],
+            scale: [1.0; 3],
+            rgba: [1; 4],
+            rotation: [1.0, 0.0, 0.0, 0.0],
+        };
+        let mut moments: Vec<_> = (0..6)
+            .map(|at| (f64::from(at), vec![row; MOST_MOVING_ROWS / 3]))
+            .collect();
+        thin(&mut moments);
+        let left: Vec<f64> = moments.iter().map(|(seconds, _)| *seconds).collect();
+        assert_eq!(left, [0.0, 2.0, 4.0]);
+    }
+}

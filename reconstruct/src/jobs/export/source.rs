@@ -1,0 +1,129 @@
+//! What is exported: a run's Gaussians, or those of a file, in the frame of an asset's files.
+
+use glam::DVec3;
+use omnilife_engine::{
+    gaussians::{ActivatedGaussians, parameterization::Viewpoint, temporal::TemporalFeatures},
+    model::Model,
+};
+use omnilife_schemas::{
+    Similarity,
+    records::{AssetSource, RunRecord},
+    store,
+};
+
+use super::{
+    ExportRequest,
+    moments::Moments,
+    viewer_limits::{Drawable, FileFrame, drawable},
+};
+use crate::{
+    error::ReconstructError,
+    jobs::{opened_gaussians::Source, reconstruct::RUN_FILE},
+};
+
+/// Gaussians to be written.
+pub(super) struct ExportedScene {
+    pub(super) drawable: Drawable,
+    pub(super) source: AssetSource,
+    /// Why a scene that could move has no moments.
+    pub(super) without_moments: Option<String>,
+}
+
+impl ExportedScene {
+    /// Opens what is asked for.
+    ///
+    /// # Errors
+    /// When the Gaussians cannot be read, or a viewer could draw none of them.
+    pub(super) fn open(request: &ExportRequest) -> Result<Self, ReconstructError> {
+        let as_they_are = Similarity {
+            offset: [0.0; 3],
+            scale: 1.0,
+        };
+        let source = Source::open(&request.gaussians, as_they_are)?;
+        let mut model = source.model()?;
+        let record_path = request.gaussians.join(RUN_FILE);
+        let record: Option<RunRecord> = request
+            .gaussians
+            .is_dir()
+            .then(|| store::read_record(&record_path))
+            .transpose()?;
+        let normalization = &source.normalization;
+        let frame = FileFrame::new(
+            up(request, record.as_ref())?,
+            DVec3::from_array(normalization.offset),
+            1.0 / normalization.scale,
+        );
+        let seconds = shown_moment(request, &model);
+        let (moments, without_moments) = match moments(request, &mut model, &frame) {
+            None => (None, None),
+            Some(Ok(moments)) => (Some(moments), None),
+            Some(Err(reason)) => (None, Some(format!("moments are left out: {reason}"))),
+        };
+        let mut gaussians = ActivatedGaussians::default();
+        let at = Viewpoint::of_moment(seconds.unwrap_or(0.0));
+        model.activate(&at, &TemporalFeatures::default(), &mut gaussians);
+        drop(model);
+        let drawable = drawable(&gaussians, moments, &frame);
+        if drawable.rows.is_empty() {
+            let reason = match seconds {
+                Some(seconds) => {
+                    format!("has no Gaussian that a viewer could draw at {seconds} seconds")
+                }
+                None => "has no Gaussian that a viewer could draw".to_owned(),
+            };
+            return Err(ReconstructError::scene(&request.gaussians, reason));
+        }
+        let hashed = if record.is_some() {
+            &record_path
+        } else {
+            &request.gaussians
+        };
+        let source = AssetSource {
+            sha256: store::sha256_file(hashed)?,
+            method: record.as_ref().map(|record| record.method.clone()),
+            scene: record.map(|record| record.scene),
+            time_seconds: seconds,
+        };
+        Ok(Self {
+            drawable,
+            source,
+            without_moments,
+        })
+    }
+}
+
+/// The moment that levels show, where anything depends on it.
+fn shown_moment(request: &ExportRequest, model: &Model) -> Option<f64> {
+    let span = model.time_span()?;
+    Some(
+        request
+            .time_seconds
+            .unwrap_or_else(|| span.middle_seconds()),
+    )
+}
+
+/// The moments of a scene that moves; `None` of one that does not, or where one moment is asked for.
+fn moments(
+    request: &ExportRequest,
+    model: &mut Model,
+    frame: &FileFrame,
+) -> Option<Result<Moments, String>> {
+    let span = model.time_span()?;
+    if request.moments == Some(1) {
+        return None;
+    }
+    let row = |gaussians: &ActivatedGaussians, index: usize| frame.row(gaussians, index);
+    Some(Moments::of(model, &span, request.moments, row))
+}
+
+/// Up in the world.
+fn up(request: &ExportRequest, record: Option<&RunRecord>) -> Result<DVec3, ReconstructError> {
+    let given = request.up.or_else(|| record.and_then(|record| record.up));
+    let up = DVec3::from_array(given.unwrap_or([0.0, 0.0, 1.0]));
+    if up.is_finite() && up.length() > 1e-9 {
+        return Ok(up);
+    }
+    Err(ReconstructError::Request {
+        reason: format!("{up} is no direction up"),
+    })
+}
