@@ -120,8 +120,7 @@ fn hint(projection: VideoProjection) -> &'static str {
             "pass --projection eac, as YouTube stores it, or cubemap-3x2, cubemap-6x1 or cubemap-1x6"
         }
         VideoProjection::Fisheye => {
-            "if it is two circles side by side, pass --projection dual-fisheye:DEGREES with the lenses' field \
-             of view"
+            "if it is two circles side by side, pass --projection dual-fisheye"
         }
         VideoProjection::Rectilinear => {
             "if it is monoscopic ERP all the same, pass --accept erp; if it is to be reconstructed as \

@@ -50,5 +50,5 @@ pub use poses::{
     GivenDepth, GivenPrior, GivenTruth, GroundScale, PoseRequest, SfmSettings, pose_sequence,
     pose_sequence_with,
 };
-pub use settings::CurateSettings;
+pub use settings::{CurateSettings, LayoutChoice};
 pub use worker::Worker;

@@ -9,7 +9,7 @@ use omnilife_schemas::{
     layout::{ANALYSIS_FILE, SIGNALS_FILE, SIGNATURE_FILE},
     lock::FolderLock,
     progress::Progress,
-    records::{SourceVideo, VideoAnalysis},
+    records::{Probe, SourceVideo, SphereLayout, VideoAnalysis},
     stage::StagePlan,
     store::{self, StoreError},
 };
@@ -24,7 +24,7 @@ use crate::{
     near_duplicates::signature,
     overlays, projection,
     sequences::{self, Sequencing},
-    settings::CurateSettings,
+    settings::{CurateSettings, LayoutChoice},
     sphere_layouts, video,
 };
 
@@ -92,8 +92,12 @@ fn sequences_of(
     let criteria = criteria::criteria(&settings.profile, video)?;
     let probe = video::probe(video)?;
     // Before anything is decoded; of a layout that the evidence shows the size is looked at again.
-    let layout = settings.layout.or_else(|| sphere_layouts::stated(&probe));
-    frames::frame_size(video, &probe, settings.width, settings.accept, layout)?;
+    let early_layout = match settings.layout {
+        Some(LayoutChoice::Known(layout)) => Some(layout),
+        Some(LayoutChoice::UnknownDualFisheye) => Some(sphere_layouts::NARROWEST_DUAL_FISHEYE),
+        None => sphere_layouts::stated(&probe),
+    };
+    frames::frame_size(video, &probe, settings.width, settings.accept, early_layout)?;
     // What the header shows already need not be found out by decoding gigabytes.
     let early = criteria::Candidate {
         probe: &probe,
@@ -103,9 +107,10 @@ fn sequences_of(
     };
     admission::enforce(video, &criteria::admit(&criteria, &early, settings.enforce))?;
 
+    let asked = asked_layout(video, &probe, settings, progress)?;
     claim(video, folder, source)?;
     let _lock = FolderLock::take(folder, progress)?;
-    let analysis = analysed(video, folder, source, settings, detector, progress)?;
+    let analysis = analysed(video, folder, source, asked, detector, progress)?;
     let layout = match settings.accept {
         Some(_) => None,
         None => analysis.layout,
@@ -144,6 +149,30 @@ fn sequences_of(
         size,
     };
     work.run(progress)
+}
+
+/// The layout that the user says, with lenses that are found where they are not given.
+fn asked_layout(
+    video: &Path,
+    probe: &Probe,
+    settings: &CurateSettings,
+    progress: &dyn Progress,
+) -> Result<Option<SphereLayout>, CurateError> {
+    match settings.layout {
+        None => Ok(None),
+        Some(LayoutChoice::Known(layout)) => Ok(Some(layout)),
+        Some(LayoutChoice::UnknownDualFisheye) => {
+            progress.begin("looking for two lenses", None);
+            let found = sphere_layouts::estimated_dual_fisheye(video, probe);
+            progress.end();
+            let found = found?;
+            progress.note(&format!(
+                "{}: its lenses are taken for {found}, by what both see",
+                video.display()
+            ));
+            Ok(Some(found))
+        }
+    }
 }
 
 /// Identifies a video by its content.
@@ -205,7 +234,7 @@ fn analysed(
     video: &Path,
     folder: &Path,
     source: &SourceVideo,
-    settings: &CurateSettings,
+    asked: Option<SphereLayout>,
     detector: &Detector,
     progress: &dyn Progress,
 ) -> Result<VideoAnalysis, CurateError> {
@@ -213,7 +242,7 @@ fn analysed(
         .with_hash("video", source.sha256.clone())
         .with_text("detector", &detector.description())
         .with_text("signature", signature::SETTINGS);
-    if let Some(layout) = settings.layout {
+    if let Some(layout) = asked {
         plan = plan.with_settings("layout", &layout);
     }
     let record_path = folder.join(ANALYSIS_FILE);
@@ -244,7 +273,7 @@ fn analysed(
         mosaics,
         mut signature,
         damaged_frames,
-    } = analysis::analyse(video, detector, settings.layout, progress)?;
+    } = analysis::analyse(video, detector, asked, progress)?;
     if damaged_frames > 0 {
         progress.note(&format!(
             "{}: {damaged_frames} damaged frames were patched up or left out",
@@ -260,8 +289,8 @@ fn analysed(
     }
     let projection = projection::judge(&probe, samples.images());
     let evident = || sphere_layouts::evident(&projection, &probe);
-    let layout = settings.layout.or_else(evident);
-    let overlays = if layout == settings.layout {
+    let layout = asked.or_else(evident);
+    let overlays = if layout == asked {
         let is_sphere = layout.is_some() || projection.projection.is_monoscopic_erp();
         is_sphere.then(|| overlays::report(&overlays, &mosaics))
     } else {

@@ -1,6 +1,6 @@
 //! What the user decides about curation.
 
-use std::path::Path;
+use std::{fmt, path::Path, str::FromStr};
 
 use omnilife_schemas::records::{Sampling, SphereLayout, VideoProjection};
 use serde::{Deserialize, Serialize};
@@ -28,13 +28,43 @@ pub struct CurateSettings {
     pub accept: Option<VideoProjection>,
     /// Takes the video as a sphere that is stored so, whatever the evidence says, and makes its frames
     /// equirectangular.
-    pub layout: Option<SphereLayout>,
+    pub layout: Option<LayoutChoice>,
     /// Shorter shots are dropped, seconds.
     pub minimum_shot_seconds: f64,
     /// Id of the boundary detector, see [`boundaries::DETECTORS`].
     pub detector: String,
     /// How the sequences are written as video, where they are.
     pub slices: Option<SliceSettings>,
+}
+
+/// What the user says of how a video stores the sphere.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub enum LayoutChoice {
+    /// So.
+    Known(SphereLayout),
+    /// As the circles of two lenses, whose field of view and places are to be found.
+    UnknownDualFisheye,
+}
+
+impl FromStr for LayoutChoice {
+    type Err = String;
+
+    /// `dual-fisheye` alone leaves its lenses to be found.
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "dual-fisheye" {
+            return Ok(Self::UnknownDualFisheye);
+        }
+        text.parse().map(Self::Known)
+    }
+}
+
+impl fmt::Display for LayoutChoice {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Known(layout) => layout.fmt(formatter),
+            Self::UnknownDualFisheye => formatter.write_str("dual-fisheye"),
+        }
+    }
 }
 
 impl Default for CurateSettings {

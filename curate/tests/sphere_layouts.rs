@@ -9,7 +9,7 @@ use std::{
     process::Command,
 };
 
-use omnilife_curate::{CurateSettings, curate_video};
+use omnilife_curate::{CurateSettings, LayoutChoice, curate_video};
 use omnilife_schemas::{
     RgbImage,
     layout::SEQUENCE_FILE,
@@ -48,7 +48,7 @@ fn filtered(from: &Path, filter: &str, to: &Path) -> bool {
 }
 
 /// Frames of a curated video, and its sequence.
-fn frames(video: &Path, layout: Option<SphereLayout>, notes: &Notes) -> (Vec<RgbImage>, Sequence) {
+fn frames(video: &Path, layout: Option<LayoutChoice>, notes: &Notes) -> (Vec<RgbImage>, Sequence) {
     let folder = video.with_extension("");
     let settings = CurateSettings {
         enforce: false,
@@ -124,7 +124,11 @@ fn frames_of_every_layout_are_those_of_the_original() {
             &format!("v360={kind}:e{options}:{size}:interp=line"),
             &back
         ));
-        let (found, sequence) = frames(&stored, Some(layout), &Notes::default());
+        let (found, sequence) = frames(
+            &stored,
+            Some(LayoutChoice::Known(layout)),
+            &Notes::default(),
+        );
         let (peer, _) = frames(&back, None, &Notes::default());
         let [ours, peers] = [&found, &peer].map(|images| psnr(images, &truth));
         println!("{name}: {ours:.2} dB, back by v360 {peers:.2} dB");
@@ -172,6 +176,60 @@ fn stereo_is_seen_and_its_left_eye_taken() {
     assert!(
         told.contains("made equirectangular from stereo-top-bottom, by the evidence"),
         "{told}"
+    );
+}
+
+#[test]
+fn lenses_that_nobody_knows_are_found() {
+    let temp = tempfile::tempdir().unwrap();
+    let erp = original(temp.path());
+    let (truth, _) = frames(&erp, None, &Notes::default());
+    let stored = temp.path().join("two-lenses.mp4");
+    let there = "v360=e:dfisheye:h_fov=204:v_fov=204:w=1024:h=512:interp=cubic";
+    if !filtered(&erp, there, &stored) {
+        skip("FFmpeg with its filter v360 and libx264 is missing");
+        return;
+    }
+    let notes = Notes::default();
+    let choice: LayoutChoice = "dual-fisheye".parse().unwrap();
+    let (found, sequence) = frames(&stored, Some(choice), &notes);
+    let told = notes.take().join("\n");
+    println!("{told}; {:.2} dB", psnr(&found, &truth));
+    assert!(
+        told.contains("its lenses are taken for dual-fisheye:20"),
+        "{told}"
+    );
+    assert!(
+        psnr(&found, &truth) > 30.0,
+        "{:.2} dB",
+        psnr(&found, &truth)
+    );
+    let Some(SphereLayout::DualFisheye {
+        field_of_view_degrees,
+        ..
+    }) = sequence.frames.converted_from
+    else {
+        panic!("{:?}", sequence.frames.converted_from);
+    };
+    assert!(
+        (field_of_view_degrees - 204.0).abs() < 1.5,
+        "{field_of_view_degrees}"
+    );
+    // Halves that have nothing in common are not those of two lenses.
+    let other = temp.path().join("other.mp4");
+    Clip::steady(512, 256, 8, 8).write(&other, |frame, x, y| {
+        let direction = erp_direction(x, y, 512, 256, 0.05 * frame as f64);
+        world_colour(if x < 256 { 1 } else { 4 }, direction)
+    });
+    let settings = CurateSettings {
+        enforce: false,
+        layout: Some(choice),
+        ..CurateSettings::default()
+    };
+    let refused = curate_video(&other, &temp.path().join("out"), &settings, &Silent).unwrap_err();
+    assert!(
+        refused.to_string().contains("no field of view"),
+        "{refused}"
     );
 }
 

@@ -4,12 +4,12 @@ use std::path::PathBuf;
 
 use clap::{ArgMatches, Args, FromArgMatches, Subcommand, ValueEnum};
 use omnilife_curate::{
-    CurateSettings, GivenDepth, GivenPrior, GivenTruth, GroundScale, SfmSettings,
+    CurateSettings, GivenDepth, GivenPrior, GivenTruth, GroundScale, LayoutChoice, SfmSettings,
     slicing::SliceSettings,
 };
 use omnilife_schemas::{
     provenance::Hardware,
-    records::{DistanceConvention, DistanceGrid, Sampling, SphereLayout, VideoProjection},
+    records::{DistanceConvention, DistanceGrid, Sampling, VideoProjection},
 };
 
 use super::{
@@ -40,7 +40,7 @@ pub(crate) struct CurationArguments {
     /// Takes the videos as pinhole (ordinary perspective ones, whose frames make pinhole scenes) or as spheres
     /// stored otherwise than equirectangular, whose frames are converted: stereo-top-bottom, stereo-left-right (the
     /// left eye), eac, cubemap-3x2, cubemap-6x1, cubemap-1x6 (:rludfb says which face lies where), dual-fisheye
-    /// (:190 is the field of view in degrees) [default: stereo and stated eac are seen, others never guessed].
+    /// (:190 is the field of view in degrees; without it, it is found by what both lenses see) [default: stereo and stated eac are seen, others never guessed].
     #[arg(long, value_name = "KIND", conflicts_with = "accept", value_parser = parse_projection)]
     pub(crate) projection: Option<ProjectionArgument>,
     /// Drops shots shorter than this, in seconds.
@@ -54,7 +54,7 @@ pub(crate) struct CurationArguments {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum ProjectionArgument {
     Pinhole,
-    Sphere(SphereLayout),
+    Sphere(LayoutChoice),
 }
 
 impl ProjectionArgument {

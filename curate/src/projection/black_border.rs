@@ -42,7 +42,7 @@ pub(super) const ROWS: ProjectionTest = ProjectionTest {
     },
 };
 
-pub(super) fn is_black(pixel: [u8; 3]) -> bool {
+pub(crate) fn is_black(pixel: [u8; 3]) -> bool {
     pixel.iter().all(|&level| level <= BLACK_LEVEL)
 }
 

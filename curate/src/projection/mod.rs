@@ -7,7 +7,7 @@
 //! To add a test: one file, and one line in [`TESTS`].
 
 pub(crate) mod aspect;
-mod black_border;
+pub(crate) mod black_border;
 mod cube_faces;
 mod fisheye_circles;
 mod pole_rows;

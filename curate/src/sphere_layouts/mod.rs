@@ -2,18 +2,27 @@
 //!
 //! Of stereo the left eye's image is cut out; cube faces and fisheye circles are sampled on the sphere
 //! (`sampler`), each pixel by as many rays as it has stored pixels below it. `places` says where a direction is
-//! stored. `FFmpeg`'s filter `v360` has the same layouts and is what a test holds them against.
+//! stored, `lens_estimate` what the lenses of a camera with two are. `FFmpeg`'s filter `v360` has the same layouts and is what a test holds them against.
 
+mod lens_estimate;
 mod places;
 mod sampler;
 
 use omnilife_schemas::{
     RgbImage,
-    records::{DetectedProjection, Probe, SphereLayout, VideoProjection},
+    records::{DetectedProjection, FisheyeCircle, Probe, SphereLayout, VideoProjection},
 };
+
+pub(crate) use lens_estimate::estimated_dual_fisheye;
 
 use crate::video::Rgb8Image;
 use sampler::SphereSampler;
+
+/// Two lenses that see as little as two can: no others have a wider sphere in as many pixels.
+pub(crate) const NARROWEST_DUAL_FISHEYE: SphereLayout = SphereLayout::DualFisheye {
+    field_of_view_degrees: 180.0,
+    circles: [FisheyeCircle::WHOLE; 2],
+};
 
 /// Makes equirectangular images of the frames of one video.
 #[derive(Debug)]
@@ -88,8 +97,10 @@ pub(crate) fn erp_width(layout: SphereLayout, (width, height): (u32, u32)) -> u3
         SphereLayout::Cubemap { columns, .. } => width / u32::from(columns.max(1)) * 4,
         SphereLayout::DualFisheye {
             field_of_view_degrees,
+            circles,
         } => {
-            let diameter = f64::from(height.min(width / 2));
+            let radius = circles.iter().fold(0.0, |sum, circle| sum + circle.radius) / 2.0;
+            let diameter = 2.0 * radius * f64::from(height.min(width / 2));
             (diameter * 360.0 / field_of_view_degrees) as u32
         }
     }
@@ -227,6 +238,7 @@ mod tests {
             let frame = match layout {
                 SphereLayout::DualFisheye {
                     field_of_view_degrees,
+                    ..
                 } => fisheye(field_of_view_degrees, size),
                 _ => stored(layout, size),
             };

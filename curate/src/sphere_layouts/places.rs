@@ -3,7 +3,10 @@
 use std::f64::consts::{FRAC_2_PI, PI};
 
 use glam::{DVec2, DVec3, dvec2};
-use omnilife_schemas::{camera::cube::CUBE_FACES, records::SphereLayout};
+use omnilife_schemas::{
+    camera::cube::CUBE_FACES,
+    records::{FisheyeCircle, SphereLayout},
+};
 
 /// Pixels around each row of faces of an equi-angular cubemap that repeat what is next to them
 /// (`libavfilter/vf_v360.c`, `pixel_pad`).
@@ -37,7 +40,16 @@ pub(super) fn place(
         }
         SphereLayout::DualFisheye {
             field_of_view_degrees,
-        } => in_circle(size, field_of_view_degrees.to_radians(), direction),
+            circles,
+        } => {
+            let lens = usize::from(direction.z >= 0.0);
+            let lens = Lens {
+                is_front: lens == 1,
+                field_of_view: field_of_view_degrees.to_radians(),
+                circle: circles[lens],
+            };
+            lens.place(size, direction)
+        }
     }
 }
 
@@ -87,23 +99,35 @@ fn in_equiangular(size: DVec2, direction: DVec3) -> Place {
     )
 }
 
-/// The circle of the lens that looks more into the direction.
-fn in_circle(size: DVec2, field_of_view: f64, direction: DVec3) -> Option<Place> {
-    let is_front = direction.z >= 0.0;
-    // Seen by the lens at the back, right is where the camera has left.
-    let (ahead, right, first) = if is_front {
-        (direction.z, direction.x, 0.5 * size.x)
-    } else {
-        (-direction.z, -direction.x, 0.0)
-    };
-    let across = dvec2(right, direction.y);
-    let from_axis = across.length().atan2(ahead);
-    let radius = from_axis / (0.5 * field_of_view);
-    let towards = across.try_normalize().unwrap_or(DVec2::ZERO);
-    let half = dvec2(0.5 * size.x, size.y);
-    debug_assert!(from_axis <= PI);
-    (radius <= 1.0).then(|| Place {
-        at: dvec2(first, 0.0) + 0.5 * half * (1.0 + radius * towards),
-        part: [dvec2(first, 0.0), dvec2(first, 0.0) + half],
-    })
+/// One of two lenses back to back.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Lens {
+    /// Whether it looks ahead; its circle is on the right.
+    pub(super) is_front: bool,
+    /// Angle that its circle shows from edge to edge, radians.
+    pub(super) field_of_view: f64,
+    pub(super) circle: FisheyeCircle,
+}
+
+impl Lens {
+    /// Where a direction is in a frame of `size` pixels; `None` where the lens does not see it.
+    pub(super) fn place(&self, size: DVec2, direction: DVec3) -> Option<Place> {
+        // Seen by the lens at the back, right is where the camera has left.
+        let (ahead, right, first) = if self.is_front {
+            (direction.z, direction.x, 0.5 * size.x)
+        } else {
+            (-direction.z, -direction.x, 0.0)
+        };
+        let across = dvec2(right, direction.y);
+        let from_axis = across.length().atan2(ahead);
+        let radius = from_axis / (0.5 * self.field_of_view);
+        let towards = across.try_normalize().unwrap_or(DVec2::ZERO);
+        let half = dvec2(0.5 * size.x, size.y);
+        debug_assert!(from_axis <= PI);
+        let centre = DVec2::from_array(self.circle.centre);
+        (radius <= 1.0).then(|| Place {
+            at: dvec2(first, 0.0) + half * (centre + self.circle.radius * radius * towards),
+            part: [dvec2(first, 0.0), dvec2(first, 0.0) + half],
+        })
+    }
 }

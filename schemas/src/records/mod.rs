@@ -67,7 +67,7 @@ pub use sequence::{
 };
 pub use sfm::{SfmAttempt, SfmReport};
 pub use slices::{Segment, SegmentOutcome, SliceFile, SliceMethod, Slices};
-pub use sphere_layout::{FaceOrder, SphereLayout};
+pub use sphere_layout::{FaceOrder, FisheyeCircle, SphereLayout};
 pub use split::{IncompleteGroup, Split, ViewGroup};
 pub use stability::{
     StabilityMeasures, StabilityPoint, StabilityReport, StabilityRow, StabilityStatus,

@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// A way to store the sphere; as text `stereo-top-bottom`, `stereo-left-right`, `eac`,
-/// `cubemap-COLUMNSxROWS:FACES` or `dual-fisheye:DEGREES`.
+/// `cubemap-COLUMNSxROWS:FACES` or `dual-fisheye:DEGREES`, with circles `dual-fisheye:DEGREES@X,Y,RADIUS;X,Y,RADIUS`.
 ///
 /// Faces and halves lie as `FFmpeg`'s filter `v360` has them (`libavfilter/vf_v360.c`).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -32,7 +32,54 @@ pub enum SphereLayout {
     DualFisheye {
         /// Angle that a circle shows from edge to edge, 180 to 300 degrees.
         field_of_view_degrees: f64,
+        /// The left circle and the right one.
+        circles: [FisheyeCircle; 2],
     },
+}
+
+/// Where a lens's circle lies in its half of a frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FisheyeCircle {
+    /// Its middle, shares of the half's width and height from the half's corner.
+    pub centre: [f64; 2],
+    /// Its radius, share of the half's width across and of its height down.
+    pub radius: f64,
+}
+
+impl FisheyeCircle {
+    /// The largest one that the half holds.
+    pub const WHOLE: Self = Self {
+        centre: [0.5, 0.5],
+        radius: 0.5,
+    };
+}
+
+impl FromStr for FisheyeCircle {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers: Option<Vec<f64>> = text.split(',').map(|word| word.parse().ok()).collect();
+        let numbers = numbers.and_then(|numbers| <[f64; 3]>::try_from(numbers).ok());
+        numbers
+            .filter(|[x, y, radius]| {
+                let is_inside = |value: &f64| (0.0..=1.0).contains(value);
+                is_inside(x) && is_inside(y) && (0.1..=1.0).contains(radius)
+            })
+            .map(|[x, y, radius]| Self {
+                centre: [x, y],
+                radius,
+            })
+            .ok_or_else(|| {
+                format!("{text}: a circle is X,Y,RADIUS in shares of its half of the frame")
+            })
+    }
+}
+
+impl fmt::Display for FisheyeCircle {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [x, y] = self.centre;
+        write!(formatter, "{x},{y},{}", self.radius)
+    }
 }
 
 /// Order of six faces, a permutation of the letters r, l, u, d, f and b.
@@ -76,8 +123,28 @@ impl fmt::Display for FaceOrder {
     }
 }
 
-/// Field of view of a lens where none is stated, degrees.
-const USUAL_FIELD_OF_VIEW_DEGREES: f64 = 190.0;
+/// Reads what stands behind `dual-fisheye:`.
+fn dual_fisheye(detail: &str) -> Result<SphereLayout, String> {
+    let (degrees, circles) = match detail.split_once('@') {
+        None => (detail, [FisheyeCircle::WHOLE; 2]),
+        Some((degrees, circles)) => {
+            let (left, right) = circles.split_once(';').ok_or_else(|| {
+                format!("{circles}: expected the left circle and the right one, divided by ;")
+            })?;
+            (degrees, [left.parse()?, right.parse()?])
+        }
+    };
+    let field_of_view_degrees = degrees.parse().ok();
+    let field_of_view_degrees = field_of_view_degrees
+        .filter(|degrees| (180.0..=300.0).contains(degrees))
+        .ok_or_else(|| {
+            format!("{degrees}: a circle shows 180 to 300 degrees; with less a part of the sphere is missing")
+        })?;
+    Ok(SphereLayout::DualFisheye {
+        field_of_view_degrees,
+        circles,
+    })
+}
 
 impl SphereLayout {
     /// Every layout as it is named without its details.
@@ -109,16 +176,9 @@ impl FromStr for SphereLayout {
             "cubemap-6x1" => return cubemap(6),
             "cubemap-1x6" => return cubemap(1),
             "dual-fisheye" => {
-                let degrees = detail.map_or(Some(USUAL_FIELD_OF_VIEW_DEGREES), |detail| {
-                    detail.parse().ok()
-                });
-                let degrees = degrees.filter(|degrees| (180.0..=300.0).contains(degrees));
-                let field_of_view_degrees = degrees.ok_or_else(|| {
-                    format!("{text}: a circle shows 180 to 300 degrees; with less a part of the sphere is missing")
-                })?;
-                return Ok(Self::DualFisheye {
-                    field_of_view_degrees,
-                });
+                return dual_fisheye(detail.ok_or_else(|| {
+                    format!("{text} needs the lenses' field of view in degrees: {text}:190")
+                })?);
             }
             "stereo-top-bottom" => Self::StereoTopBottom,
             "stereo-left-right" => Self::StereoLeftRight,
@@ -151,7 +211,14 @@ impl fmt::Display for SphereLayout {
             }
             Self::DualFisheye {
                 field_of_view_degrees,
-            } => write!(formatter, "dual-fisheye:{field_of_view_degrees}"),
+                circles: [left, right],
+            } => {
+                write!(formatter, "dual-fisheye:{field_of_view_degrees}")?;
+                if [left, right] == [&FisheyeCircle::WHOLE; 2] {
+                    return Ok(());
+                }
+                write!(formatter, "@{left};{right}")
+            }
         }
     }
 }
@@ -176,7 +243,12 @@ mod tests {
 
     #[test]
     fn layouts_are_read_as_they_are_written() {
-        for name in SphereLayout::NAMES {
+        let circles = "dual-fisheye:203.5@0.5,0.49,0.48;0.51,0.5,0.47";
+        let names = SphereLayout::NAMES.map(|name| match name {
+            "dual-fisheye" => "dual-fisheye:190",
+            name => name,
+        });
+        for name in names.into_iter().chain([circles]) {
             let layout: Result<SphereLayout, String> = name.parse();
             let text = layout.as_ref().map(ToString::to_string);
             assert!(
@@ -202,7 +274,11 @@ mod tests {
             "cubemap-3x2:rrrrrr",
             "cubemap-3x2:rludf",
             "cubemap-2x3",
+            "dual-fisheye",
             "dual-fisheye:170",
+            "dual-fisheye:190@0.5,0.5,0.5",
+            "dual-fisheye:190@0.5,0.5,0.5;0.5,0.5",
+            "dual-fisheye:190@0.5,0.5,0.5;0.5,2,0.5",
             "dual-fisheye:NaN",
             "dual-fisheye:wide",
             "stereo-top-bottom:",
