@@ -26,6 +26,10 @@ const READABLE: &str = "readable";
 pub const PROJECTION: &str = "projection";
 /// No shot of the video is long enough.
 pub const SHOT_LENGTH: &str = "shot-length";
+/// People leave it out.
+pub const LEFT_OUT: &str = "left-out";
+/// What is asked for of what is left out.
+pub(crate) const LEFT_OUT_THRESHOLD: &str = "what the ledger keeps";
 /// Footage of another video, in another file; nothing is rejected for it.
 pub const NEAR_DUPLICATE: &str = "near-duplicate";
 const TRANSITION: &str = "transition";
@@ -163,7 +167,7 @@ fn kept_ranges(out: &Path, sequences: &[String]) -> Result<Vec<TimeRange>, Curat
         .collect()
 }
 
-/// What a curated video loses: shots that are too short, and the insides of transitions.
+/// What a curated video loses: shots that are too short or left out, and the insides of transitions.
 fn lost_segments(
     video: &VideoEntry,
     out: &Path,
@@ -192,7 +196,12 @@ fn lost_segments(
             lost(*range, SHOT_LENGTH, value, "the shortest shot asked for")
         })
         .collect();
-    let mut shots: Vec<TimeRange> = kept.iter().chain(&ledger.dropped).copied().collect();
+    rejects.extend(ledger.left_out.iter().map(|range| {
+        let value = format!("{:.3} s", range.duration_seconds());
+        lost(*range, LEFT_OUT, value, LEFT_OUT_THRESHOLD)
+    }));
+    let known = kept.iter().chain(&ledger.dropped).chain(&ledger.left_out);
+    let mut shots: Vec<TimeRange> = known.copied().collect();
     shots.sort_by(|a, b| a.begin_seconds.total_cmp(&b.begin_seconds));
     let mut at = ledger.range.begin_seconds;
     let end = TimeRange {
@@ -283,7 +292,7 @@ fn funnel(dataset: &Dataset, rejects: &[Reject]) -> Vec<FunnelStep> {
     let names: Vec<&str> = [RAW, DUPLICATE, READABLE]
         .into_iter()
         .chain(checks)
-        .chain([PROJECTION, SHOT_LENGTH, TRANSITION, KEPT])
+        .chain([PROJECTION, SHOT_LENGTH, LEFT_OUT, TRANSITION, KEPT])
         .collect();
     names
         .into_iter()

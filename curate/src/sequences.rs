@@ -24,7 +24,7 @@ use crate::{
     boundaries::{Detector, Signals},
     error::CurateError,
     frames::{self, Selection},
-    ledger,
+    ledger::{self, labels},
     settings::CurateSettings,
     slicing::{self, Shots, SliceSource},
     staging::Staging,
@@ -101,18 +101,36 @@ impl Sequencing<'_> {
 
     /// Decides the boundaries, writes the ledger and returns the shots.
     fn shots(&self, signals: &Signals) -> Result<Shots, CurateError> {
-        let (boundaries, ledger_sha256) = self.boundaries(signals)?;
+        let kept = ledger::of_video(self.folder, &self.analysis.source.sha256)?;
+        let boundaries = match &kept {
+            Some(kept) => ledger::resolve(kept.entries()),
+            None => self.detected(signals)?,
+        };
         let least = self.settings.minimum_shot_seconds;
-        let shots = slicing::shots(&signals.times, self.analysis.range, &boundaries, least);
+        let mut shots = slicing::shots(&signals.times, self.analysis.range, &boundaries, least);
+        if let Some(kept) = &kept {
+            shots.leave_out(|shot| labels::leaves_out(kept.entries(), shot));
+        }
         let ledger = BoundaryLedger {
             source: self.analysis.source.clone(),
             range: self.analysis.range,
             detector: self.detector.description(),
-            ledger_sha256,
+            ledger_sha256: kept.map(|kept| kept.sha256()),
             boundaries,
             dropped: shots.dropped.clone(),
+            left_out: shots.left_out.clone(),
         };
         store::update_record(&self.folder.join(BOUNDARIES_FILE), &ledger)?;
+        if shots.kept.is_empty() && !shots.left_out.is_empty() {
+            let outcome = CheckOutcome {
+                check: attrition::LEFT_OUT.to_owned(),
+                passed: false,
+                value: format!("{} shots left out", shots.left_out.len()),
+                threshold: attrition::LEFT_OUT_THRESHOLD.to_owned(),
+            };
+            let reason = "its ledger leaves all shots out that are long enough";
+            return Err(CurateError::rejected(self.video, reason, vec![outcome]));
+        }
         if shots.kept.is_empty() {
             let longest = ledger
                 .dropped
@@ -171,20 +189,10 @@ impl Sequencing<'_> {
             .collect()
     }
 
-    /// The boundaries that the video's ledger amounts to, with the ledger's SHA-256; without
-    /// a ledger those of the detector.
-    fn boundaries(
-        &self,
-        signals: &Signals,
-    ) -> Result<(Vec<Boundary>, Option<String>), CurateError> {
-        if let Some((boundaries, sha256)) =
-            ledger::effective(self.folder, &self.analysis.source.sha256)?
-        {
-            return Ok((boundaries, Some(sha256)));
-        }
-        let found = (self.detector.decide)(signals)
-            .map_err(|error| CurateError::internal(&self.folder.join(SIGNALS_FILE), error))?;
-        Ok((found, None))
+    /// The boundaries that the detector finds.
+    fn detected(&self, signals: &Signals) -> Result<Vec<Boundary>, CurateError> {
+        (self.detector.decide)(signals)
+            .map_err(|error| CurateError::internal(&self.folder.join(SIGNALS_FILE), error))
     }
 
     /// What the frames of a sequence depend on, for its folder or for one that becomes it.
@@ -286,10 +294,11 @@ pub(crate) fn withdraw(
         clear(video_folder, &name, progress)?;
     }
     slicing::remove_slices(video_folder)?;
-    // Where no shot is long enough, its boundaries are why.
+    // Where no shot is long enough or all are left out, its boundaries are why.
+    let by_boundaries = [attrition::SHOT_LENGTH, attrition::LEFT_OUT];
     if !failed
         .iter()
-        .any(|check| check.check == attrition::SHOT_LENGTH)
+        .any(|check| by_boundaries.contains(&&*check.check))
     {
         store::remove(&video_folder.join(BOUNDARIES_FILE))?;
     }

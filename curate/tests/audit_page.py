@@ -4,8 +4,8 @@
 
 The expert accepts the first boundary, rejects the second, moves the third by one frame with the
 keyboard, adds one, undoes and redoes, and opens the page again. The annotator scrubs the video by
-keys, marks a segment from 2.4 s to the end of the frame at 4.0 s, cuts and labels it, and cannot
-touch what others proposed. DOWNLOADS/decisions.json is then what the page saved. With SCREENSHOTS, a
+keys, marks a segment from 2.4 s to the end of the frame at 4.0 s, cuts and labels it, leaves out what
+begins at 4.8 s, and cannot touch what others proposed. DOWNLOADS/decisions.json is then what the page saved. With SCREENSHOTS, a
 folder, images of the page at 1,400 and 390 pixels go there.
 """
 
@@ -132,6 +132,17 @@ def annotator(page, screenshots):
     page.press("g")
     expect("a label", "night-market, walking" in text(page, "#labels"), True)
     expect("cuts at its ends", page.script(STATES).count("added"), 2)
+    # The last part is left out.
+    for frame, key in ((120, "i"), (159, "o")):
+        page.script("seek(arguments[0])", frame)
+        shows_frame(page, frame)
+        page.press(key)
+    fill(page, "#scene", "")
+    fill(page, "#action", "")
+    click(page, "#leave-out")
+    page.press("g")
+    expect("a segment left out", "left out" in text(page, "#labels"), True)
+    expect("the next one is not", page.script("return document.querySelector('#leave-out').checked"), False)
     # The timeline is dragged by a finger, too.
     box = page.script("const b = timeline.getBoundingClientRect(); return [b.left, b.top + b.height / 2, b.width]")
     page.drag((box[0] + 5, box[1]), (box[0] + box[2] / 2, box[1]), "touch")

@@ -384,7 +384,35 @@ fn label(begin_seconds: f64, end_seconds: f64, scene: Option<&str>) -> LedgerAct
         scene: scene.map(str::to_owned),
         action: None,
         traversal: None,
+        leave_out: None,
     })
+}
+
+#[test]
+fn an_expert_says_last_what_is_left_out() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut ledger = ledger(&temp.path().join("ledger.jsonl"));
+    let segment = |leave_out| {
+        let LedgerAction::Label(label) = label(0.0, 20.0, None) else {
+            panic!("a label");
+        };
+        LedgerAction::Label(SegmentLabel {
+            leave_out: Some(leave_out),
+            ..label
+        })
+    };
+    let range = |begin_seconds, end_seconds| TimeRange {
+        begin_seconds,
+        end_seconds,
+    };
+    let mut of_ada = decisions(vec![segment(true)]);
+    of_ada.author = "Ada".to_owned();
+    of_ada.role = PersonRole::Annotator;
+    ledger.decide(&of_ada).unwrap();
+    assert!(labels::leaves_out(ledger.entries(), range(2.0, 18.0)));
+    assert!(!labels::leaves_out(ledger.entries(), range(12.0, 40.0)));
+    ledger.decide(&decisions(vec![segment(false)])).unwrap();
+    assert!(!labels::leaves_out(ledger.entries(), range(2.0, 18.0)));
 }
 
 #[test]

@@ -53,7 +53,8 @@ pub(super) fn label(label: &SegmentLabel, range: TimeRange) -> Result<(), String
     {
         return Err(format!("the label at {begin} s has the name {name:?}"));
     }
-    if said.iter().all(|name| name.is_none()) && label.traversal.is_none() {
+    let answers = [label.traversal, label.leave_out];
+    if said.iter().all(|name| name.is_none()) && answers.iter().all(Option::is_none) {
         return Err(format!("the label at {begin} s says nothing"));
     }
     Ok(())

@@ -13,6 +13,15 @@ pub fn all(entries: &[LedgerEntry]) -> impl Iterator<Item = (&Author, &SegmentLa
     })
 }
 
+/// Whether people leave a segment of the video out: what the label that counts most says of it.
+pub fn leaves_out(entries: &[LedgerEntry], range: TimeRange) -> bool {
+    let labels = of_segment(entries, range).into_iter().rev();
+    labels
+        .filter_map(|(_, label)| label.leave_out)
+        .next()
+        .unwrap_or(false)
+}
+
 /// The labels of a segment of the video, those that count more behind those that count less:
 /// later ones, and experts'.
 pub fn of_segment(entries: &[LedgerEntry], range: TimeRange) -> Vec<(&Author, &SegmentLabel)> {

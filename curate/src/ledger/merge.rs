@@ -5,7 +5,7 @@ use std::{fs, path::Path};
 use omnilife_schemas::{
     layout::{ANALYSIS_FILE, LEDGER_FILE, SIGNALS_FILE},
     progress::Progress,
-    records::{AuditDecisions, Author, Boundary, VideoAnalysis},
+    records::{AuditDecisions, Author, VideoAnalysis},
     store::{self, Record, StoreError},
 };
 
@@ -165,15 +165,11 @@ pub fn export(folder: &Path, format: &str) -> Result<String, CurateError> {
     (format.write)(&resolve(ledger.entries()), &evidence.frames()).map_err(refused)
 }
 
-/// The boundaries that a video's ledger amounts to, with the ledger's SHA-256; `None` where the
-/// folder holds no ledger.
+/// The ledger of a video; `None` where the folder holds none.
 ///
 /// # Errors
 /// When the ledger is damaged or about another video.
-pub fn effective(
-    folder: &Path,
-    source_sha256: &str,
-) -> Result<Option<(Vec<Boundary>, String)>, CurateError> {
+pub fn of_video(folder: &Path, source_sha256: &str) -> Result<Option<Ledger>, CurateError> {
     let path = folder.join(LEDGER_FILE);
     if !path.is_file() {
         return Ok(None);
@@ -182,5 +178,5 @@ pub fn effective(
     if ledger.source().sha256 != source_sha256 {
         return Err(CurateError::input(&path, "is the ledger of another video"));
     }
-    Ok(Some((resolve(ledger.entries()), ledger.sha256())))
+    Ok(Some(ledger))
 }

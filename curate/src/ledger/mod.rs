@@ -15,7 +15,7 @@ pub mod merge;
 pub mod resolve;
 
 pub use file::{Ledger, Statement};
-pub use merge::{Evidence, MergeRequest, Role, effective, export, merge};
+pub use merge::{Evidence, MergeRequest, Role, export, merge, of_video};
 pub use resolve::{Candidate, Status, candidates, resolve};
 
 use omnilife_schemas::records::Boundary;

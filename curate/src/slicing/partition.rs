@@ -10,6 +10,16 @@ pub struct Shots {
     pub kept: Vec<TimeRange>,
     /// Too short.
     pub dropped: Vec<TimeRange>,
+    /// Long enough, and left out by people.
+    pub left_out: Vec<TimeRange>,
+}
+
+impl Shots {
+    /// Takes the shots out that are to be left out.
+    pub fn leave_out(&mut self, is_left_out: impl Fn(TimeRange) -> bool) {
+        let kept = std::mem::take(&mut self.kept);
+        (self.left_out, self.kept) = kept.into_iter().partition(|&shot| is_left_out(shot));
+    }
 }
 
 /// Cuts a video into shots at its boundaries.
@@ -46,7 +56,11 @@ pub fn shots(
     let (kept, dropped) = all
         .into_iter()
         .partition(|shot| shot.duration_seconds() >= minimum_seconds - 1e-9);
-    Shots { kept, dropped }
+    Shots {
+        kept,
+        dropped,
+        left_out: Vec::new(),
+    }
 }
 
 /// The whole of `range` without gaps or overlaps: shots as [`shots`] finds them, and the interiors
@@ -67,7 +81,11 @@ pub fn segments(range: TimeRange, shots: &Shots, name: impl Fn(usize) -> String)
         range,
         outcome: SegmentOutcome::TooShort,
     });
-    let mut known: Vec<Segment> = kept.chain(dropped).collect();
+    let left_out = shots.left_out.iter().map(|&range| Segment {
+        range,
+        outcome: SegmentOutcome::LeftOut,
+    });
+    let mut known: Vec<Segment> = kept.chain(dropped).chain(left_out).collect();
     known.sort_by(|a, b| a.range.begin_seconds.total_cmp(&b.range.begin_seconds));
     let mut all = Vec::with_capacity(2 * known.len() + 1);
     let mut reached = range.begin_seconds;
@@ -141,6 +159,15 @@ mod tests {
             ]
         ));
         assert_eq!(all[2].range, span(35, times[40]));
+        let mut fewer = found;
+        fewer.leave_out(|shot| shot.begin_seconds == 0.0);
+        assert_eq!(
+            (&fewer.kept[..], &fewer.left_out[..]),
+            (&[span(40, 10.0)][..], &[span(0, times[30])][..])
+        );
+        let all = segments(range, &fewer, |index| format!("seq-{index:03}"));
+        assert_eq!(all[0].outcome, SegmentOutcome::LeftOut);
+        assert_eq!(all.len(), 4, "and all of the video is accounted for");
     }
 
     proptest! {

@@ -23,6 +23,9 @@ pub struct BoundaryLedger {
     pub boundaries: Vec<Boundary>,
     /// Segments between boundaries that are too short to become sequences.
     pub dropped: Vec<TimeRange>,
+    /// Segments between boundaries that people leave out.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub left_out: Vec<TimeRange>,
 }
 
 impl Record for BoundaryLedger {

@@ -88,6 +88,9 @@ pub struct SegmentLabel {
     /// Whether it is a seamless traversal between indoors and outdoors.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub traversal: Option<bool>,
+    /// Whether what lies in it is to become no sequence.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub leave_out: Option<bool>,
 }
 
 /// In which role a person speaks.

@@ -45,6 +45,8 @@ pub enum SegmentOutcome {
     },
     /// A shot shorter than what was asked for.
     TooShort,
+    /// A shot that people leave out.
+    LeftOut,
     /// The interior of a gradual transition, which belongs to no shot.
     Transition,
 }

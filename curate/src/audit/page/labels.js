@@ -8,7 +8,7 @@ const allLabels = () => {
   return [...there, ...here].sort((a, b) => a.label.range.begin_seconds - b.label.range.begin_seconds);
 };
 const labelText = (label) =>
-  [label.scene, label.action, label.traversal && "seamless traversal"].filter(Boolean).join(", ");
+  [label.scene, label.action, label.traversal && "seamless traversal", label.leave_out && "left out"].filter(Boolean).join(", ");
 
 const showLabels = () => {
   const items = allLabels().map(({ label, author, decision: own }) => {
@@ -43,10 +43,13 @@ const labelSegment = () => {
   const label = { range: { begin_seconds: data.times[marks.begin], end_seconds: endOf(marks.end) } };
   for (const name of ["scene", "action"]) if (byId(name).value) label[name] = byId(name).value;
   if (byId("traversal").checked) label.traversal = true;
-  if (!labelText(label)) return say("Choose a scene or an action.");
+  if (byId("leave-out").checked) label.leave_out = true;
+  if (!labelText(label)) return say("Choose a scene or an action, or leave the segment out.");
   const ends = byId("cut-ends").checked ? [marks.begin, marks.end + 1] : [];
   const cuts = ends.filter((frame) => frame > 0 && frame <= lastFrame && !isCutBefore(frame)).map(cutBefore);
   decide(...cuts, { label });
+  // What is left out is said of each segment anew.
+  byId("leave-out").checked = false;
   clearMarks();
 };
 
