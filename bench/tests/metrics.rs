@@ -48,7 +48,12 @@ fn value(id: &str, pair: &ViewPair) -> f64 {
 
 /// The metrics that need nothing but a pair and are defined for images of any size.
 fn plain() -> impl Iterator<Item = &'static Metric> {
-    let sized = ["ssim-skimage", "ssim-skimage-uniform", "cube-ssim"];
+    let sized = [
+        "ssim-skimage",
+        "ssim-skimage-uniform",
+        "ssim-4dgf",
+        "cube-ssim",
+    ];
     METRICS.iter().filter(move |metric| {
         metric.needs.iter().all(|need| *need == Need::Sphere) && !sized.contains(&metric.id)
     })

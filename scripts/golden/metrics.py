@@ -164,6 +164,34 @@ def ssim_uniform(prediction: np.ndarray, truth: np.ndarray) -> float | None:
     return float(structural_similarity(truth, prediction, channel_axis=-1, data_range=1.0))
 
 
+def ssim_4dgf(prediction: np.ndarray, truth: np.ndarray) -> float | None:
+    """Mip-NeRF's SSIM, which map4d's common/metric.py has: valid windows, moments held in their bounds."""
+    if min(truth.shape[:2]) < 11:
+        return None
+    offsets = np.arange(11) - 5
+    window = np.exp(-0.5 * (offsets / 1.5) ** 2)
+    window /= window.sum()
+
+    def valid(image: np.ndarray) -> np.ndarray:
+        rows = np.stack([np.convolve(line, window, "valid") for line in image])
+        return np.stack([np.convolve(line, window, "valid") for line in rows.T]).T
+
+    means = []
+    for c in range(3):
+        x, y = prediction[..., c], truth[..., c]
+        mean_x, mean_y = valid(x), valid(y)
+        variance_x = np.maximum(valid(x * x) - mean_x**2, 0)
+        variance_y = np.maximum(valid(y * y) - mean_y**2, 0)
+        covariance = valid(x * y) - mean_x * mean_y
+        most = np.sqrt(variance_x * variance_y)
+        covariance = np.sign(covariance) * np.minimum(most, np.abs(covariance))
+        c1, c2 = 0.01**2, 0.03**2
+        above = (2 * mean_x * mean_y + c1) * (2 * covariance + c2)
+        below = (mean_x**2 + mean_y**2 + c1) * (variance_x + variance_y + c2)
+        means.append(np.mean(above / below))
+    return float(np.mean(means))
+
+
 def objects(score, prediction: np.ndarray, truth: np.ndarray, masks: list, is_masked: bool) -> float | None:
     """The mean over masks of a score of their boxes, black outside of the mask where asked for."""
     scores = []
@@ -277,6 +305,7 @@ def score(prediction8: np.ndarray, truth8: np.ndarray, networks: dict) -> dict:
         "ssim": float(np.mean(ssim_map(prediction, truth))),
         "ssim-skimage": ssim_skimage(prediction, truth),
         "ssim-skimage-uniform": ssim_uniform(prediction, truth),
+        "ssim-4dgf": ssim_4dgf(prediction, truth),
         "ws-psnr": ws_psnr(prediction, truth),
         "ws-ssim": float(np.average(ssim_map(prediction, truth), weights=row_weights(truth))),
         "cube-psnr": cube(psnr, prediction, truth),
@@ -302,20 +331,39 @@ def score(prediction8: np.ndarray, truth8: np.ndarray, networks: dict) -> dict:
     return values
 
 
+WITHOUT_NETWORKS = {
+    "ssim-skimage": ssim_skimage,
+    "ssim-skimage-uniform": ssim_uniform,
+    "ssim-4dgf": ssim_4dgf,
+}
+
+
+def stored_pairs() -> dict:
+    """Prediction and ground truth by name."""
+    names = sorted(file.name.removesuffix("-prediction.png") for file in FOLDER.glob("*-prediction.png"))
+    kinds = ("prediction", "truth")
+    return {
+        name: [np.asarray(Image.open(FOLDER / f"{name}-{kind}.png").convert("RGB")) for kind in kinds]
+        for name in names
+    }
+
+
+def add_golden(metric: str, function) -> None:
+    """Puts the values of one metric without a network into goldens.json, and leaves the others."""
+    path = FOLDER / "goldens.json"
+    known = json.loads(path.read_text())
+    for name, (prediction, truth) in stored_pairs().items():
+        known["pairs"][name][metric] = function(prediction / 255.0, truth / 255.0)
+    path.write_text(json.dumps(known, indent=2) + "\n")
+
+
 def make_goldens(models: Path) -> None:
     """Scores the stored pairs into goldens.json."""
-    import lpips
+    import lpips  # noqa: F401
     import torch
 
     networks = {net: Lpips(net, models) for net in ("alex", "vgg")}
-    pairs = {}
-    for file in sorted(FOLDER.glob("*-prediction.png")):
-        name = file.name.removesuffix("-prediction.png")
-        prediction, truth = (
-            np.asarray(Image.open(FOLDER / f"{name}-{kind}.png").convert("RGB"))
-            for kind in ("prediction", "truth")
-        )
-        pairs[name] = score(prediction, truth, networks)
+    pairs = {name: score(*pair, networks) for name, pair in stored_pairs().items()}
     versions = {
         "lpips": "0.1.4",
         "numpy": np.__version__,
@@ -337,9 +385,13 @@ def main() -> None:
     goldens = commands.add_parser("goldens")
     data = Path(os.environ.get("OMNILIFE_DATA") or Path.home() / ".local/share/omnilife")
     goldens.add_argument("--models", type=Path, default=data / "models")
+    add = commands.add_parser("add", help="only the values of a metric that needs no network")
+    add.add_argument("metric", choices=WITHOUT_NETWORKS)
     arguments = parser.parse_args()
     if arguments.command == "pairs":
         make_pairs(arguments.street, arguments.hall)
+    elif arguments.command == "add":
+        add_golden(arguments.metric, WITHOUT_NETWORKS[arguments.metric])
     else:
         make_goldens(arguments.models)
 

@@ -23,6 +23,7 @@ mod psnr;
 mod psnr_channels;
 mod sample;
 mod ssim;
+mod ssim_4dgf;
 mod ssim_map;
 mod ssim_skimage;
 mod ssim_uniform;
@@ -93,6 +94,7 @@ pub static METRICS: &[Metric] = &[
     ssim::METRIC,
     ssim_skimage::METRIC,
     ssim_uniform::METRIC,
+    ssim_4dgf::METRIC,
     lpips::VGG,
     lpips::ALEX,
     lpips::VGG_UNSCALED,

@@ -14,7 +14,7 @@ const C2: f64 = 0.03 * 0.03;
 /// n / (n - 1) for the 121 pixels of a window: what makes biased moments unbiased.
 const UNBIASED: f64 = (WINDOW * WINDOW) as f64 / (WINDOW * WINDOW - 1) as f64;
 
-/// The map of an image pair, in the two conventions that are published.
+/// The map of an image pair, in the three conventions that are published.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct SsimMap {
     /// Mean over the channels for every pixel, row-major: biased moments, zeros around the image.
@@ -22,6 +22,8 @@ pub(super) struct SsimMap {
     /// Mean over channels and the pixels whose window lies within the image, with unbiased
     /// moments; `None` where no window does.
     pub(super) valid_mean: Option<f64>,
+    /// The same with biased moments.
+    pub(super) valid_biased_mean: Option<f64>,
 }
 
 impl SsimMap {
@@ -34,10 +36,14 @@ impl SsimMap {
             .map(|row| row_of_map([width, height], [prediction, truth], row, &window))
             .collect();
         let pixels = width.saturating_sub(2 * RADIUS) * height.saturating_sub(2 * RADIUS);
-        let valid: f64 = rows.iter().map(|row| row.valid_sum).sum();
+        let mean = |sum: fn(&Row) -> f64| {
+            let all: f64 = rows.iter().map(sum).sum();
+            (pixels > 0).then(|| all / (3 * pixels) as f64)
+        };
         Self {
+            valid_mean: mean(|row| row.valid_sum),
+            valid_biased_mean: mean(|row| row.valid_biased_sum),
             zero_padded: rows.into_iter().flat_map(|row| row.zero_padded).collect(),
-            valid_mean: (pixels > 0).then(|| valid / (3 * pixels) as f64),
         }
     }
 }
@@ -45,6 +51,7 @@ impl SsimMap {
 struct Row {
     zero_padded: Vec<f64>,
     valid_sum: f64,
+    valid_biased_sum: f64,
 }
 
 /// Samples of the Gaussian at -5 ..= 5 that sum to 1.
@@ -86,7 +93,8 @@ fn row_of_map(
     };
     Row {
         zero_padded,
-        valid_sum: valid.map(|index| at(index, UNBIASED)).sum(),
+        valid_sum: valid.clone().map(|index| at(index, UNBIASED)).sum(),
+        valid_biased_sum: valid.map(|index| at(index, 1.0)).sum(),
     }
 }
 

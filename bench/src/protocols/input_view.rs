@@ -17,14 +17,14 @@ pub(super) const ENTRY: ProtocolEntry = ProtocolEntry {
 fn protocol() -> Protocol {
     Protocol {
         id: ENTRY.id.to_owned(),
-        version: 2,
+        version: 3,
         split: SplitRule::AllGiven,
         scored: ScoredViews::Input,
         largest_width: None,
         resampling: Resampling::Area,
         padding: Padding::None,
         colour: Colour::Srgb8,
-        metrics: metric_list::with_objects(),
+        metrics: metric_list::of_input_views(),
         mask_rule: "none".to_owned(),
     }
 }

@@ -30,8 +30,10 @@ const METRICS: [&str; 25] = [
     "depth-delta",
 ];
 
-/// What papers on the decomposition of clips add: SSIM as they compute it, and single objects.
-const OF_OBJECTS: [&str; 5] = [
+/// What papers on UAV video and on the decomposition of clips add: SSIM as each of them computes it, and
+/// single objects.
+const OF_INPUT_VIEWS: [&str; 6] = [
+    "ssim-4dgf",
     "ssim-skimage-uniform",
     "psnr-object",
     "psnr-object-masked",
@@ -39,9 +41,9 @@ const OF_OBJECTS: [&str; 5] = [
     "ssim-object-masked",
 ];
 
-/// The same with those of single objects.
-pub(super) fn with_objects() -> Vec<String> {
-    let names = METRICS.iter().chain(&OF_OBJECTS);
+/// The same with those that papers which score input views add.
+pub(super) fn of_input_views() -> Vec<String> {
+    let names = METRICS.iter().chain(&OF_INPUT_VIEWS);
     names.map(|&id| id.to_owned()).collect()
 }
 

@@ -74,8 +74,8 @@ mod tests {
         ),
         (
             "input-view",
-            2,
-            "73f6e369513a7fe797fb6b0d6929f0d83a32887693bd3cf6816e02f5a3601339",
+            3,
+            "6966f407cbaca0f676a073ea6ff1663bb2bed7441e172aaf8d3855e00aa414b5",
         ),
         (
             "alternate-frames",
