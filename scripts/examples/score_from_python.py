@@ -6,6 +6,8 @@ Every novel view is predicted by the given view that is nearest in time, turned 
 each pixel's ray is looked up in the given image. The sample's video becomes a scene first.
 """
 
+import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -22,7 +24,12 @@ STREET = Path(__file__).resolve().parents[2] / "tests/data/street"
 def curate(out: Path) -> Path:
     """From the sample's video to a scene: frames, poses, masks of what moves."""
     sequence = out / "dataset/videos/street/seq-000"
-    curate = ["omnilife", "--quiet", "curate"]
+    # The command lies beside this Python, which need not be the first one in PATH.
+    places = [str(Path(sys.executable).parent), os.environ.get("PATH", "")]
+    program = shutil.which("omnilife", path=os.pathsep.join(places))
+    if program is None:
+        sys.exit("omnilife is not installed: pip install .")
+    curate = [program, "--quiet", "curate"]
     for command in (
         [*curate, str(STREET / "street.mp4"), "--fps", "5", "--criteria", "none", "--out", str(out / "dataset")],
         [*curate, "poses", str(sequence), "--poses", str(STREET / "poses.json")],

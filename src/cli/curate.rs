@@ -2,14 +2,11 @@
 
 use std::path::PathBuf;
 
-use clap::{ArgMatches, Args, FromArgMatches, Subcommand, ValueEnum};
-use omnilife_curate::{
-    CurateSettings, GivenDepth, GivenPrior, GivenTruth, GroundScale, LayoutChoice, SfmSettings,
-    slicing::SliceSettings,
-};
+use clap::{ArgMatches, Args, FromArgMatches, Subcommand};
+use omnilife_curate::{CurateSettings, LayoutChoice, slicing::SliceSettings};
 use omnilife_schemas::{
     provenance::Hardware,
-    records::{DistanceConvention, DistanceGrid, Sampling, VideoProjection},
+    records::{Sampling, VideoProjection},
 };
 
 use super::{
@@ -19,8 +16,8 @@ use super::{
     },
     ledger::LedgerCommand,
     memory::gibibytes,
+    poses::{PoseArguments, TruthArguments},
 };
-use crate::exit::BadRequest;
 
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Sampling and shots")]
@@ -105,137 +102,6 @@ fn parse_accept(text: &str) -> Result<VideoProjection, String> {
         .into_iter()
         .find(|projection| projection.name() == text)
         .ok_or_else(|| "only erp and erp-squeezed can be accepted".to_owned())
-}
-
-#[derive(Debug, Args)]
-#[command(next_help_heading = "Camera poses")]
-pub(crate) struct PoseArguments {
-    /// Camera poses: a poses.json or a folder with a COLMAP text model [default: structure from
-    /// motion].
-    #[arg(long)]
-    pub(crate) poses: Option<PathBuf>,
-    /// Folder of masks, one per frame, white where something moves, such as `curate masks` makes:
-    /// structure from motion leaves it out, and the scene keeps it.
-    #[arg(long)]
-    pub(crate) masks: Option<PathBuf>,
-    /// Median height of a drone above the ground, which brings poses of arbitrary scale to metres.
-    #[arg(long, value_name = "METRES", conflicts_with = "gsd")]
-    pub(crate) altitude: Option<f64>,
-    /// The same by the size of a pixel of the frames on the ground straight below.
-    #[arg(long, value_name = "METRES")]
-    pub(crate) gsd: Option<f64>,
-}
-
-impl PoseArguments {
-    /// Where poses come from.
-    pub(crate) fn request(&self) -> omnilife_curate::PoseRequest {
-        self.poses.clone().map_or_else(
-            || {
-                omnilife_curate::PoseRequest::Sfm(SfmSettings {
-                    masks: self.masks.clone(),
-                    ..SfmSettings::default()
-                })
-            },
-            omnilife_curate::PoseRequest::Given,
-        )
-    }
-
-    /// What is known of the frames beside them: masks, where poses are given.
-    pub(crate) fn truth(&self) -> GivenTruth {
-        GivenTruth {
-            masks: self.poses.as_ref().and(self.masks.clone()),
-            scale: self
-                .altitude
-                .map(GroundScale::Altitude)
-                .or(self.gsd.map(GroundScale::PixelOnGround)),
-            ..GivenTruth::default()
-        }
-    }
-}
-
-/// What is known of the frames beside their cameras, for the metrics that ask for it.
-#[derive(Debug, Args)]
-#[command(next_help_heading = "Ground truth")]
-pub(crate) struct TruthArguments {
-    /// Folder of distances along the rays: 16-bit grey PNG files named like the frames, 0 where the
-    /// distance is not known.
-    #[arg(long, value_name = "FOLDER", requires = "depth_unit")]
-    pub(crate) depth: Option<PathBuf>,
-    /// What a step of 1 in the files of --depth means, in units of the world.
-    #[arg(long, value_name = "UNITS", requires = "depth")]
-    pub(crate) depth_unit: Option<f64>,
-    /// Masks of the objects of a class, such as human or vehicle: images named like the frames, white
-    /// where they are; may be repeated.
-    #[arg(long = "class", value_name = "NAME=FOLDER", value_parser = parse_class)]
-    pub(crate) classes: Vec<(String, PathBuf)>,
-    /// Folder of estimated distances (of a network, a sensor), for methods that begin from them: 16-bit
-    /// grey PNG or .npy files named like the frames, at any size, 0 where the distance is not known.
-    #[arg(long, value_name = "FOLDER", requires = "depth_prior_unit")]
-    pub(crate) depth_prior: Option<PathBuf>,
-    /// What a step of 1 in the files of --depth-prior means, in units of the world.
-    #[arg(long, value_name = "UNITS", requires = "depth_prior")]
-    pub(crate) depth_prior_unit: Option<f64>,
-    /// What the distances of --depth-prior are measured along.
-    #[arg(long, value_enum, default_value_t = ConventionArgument::Ray)]
-    pub(crate) depth_prior_convention: ConventionArgument,
-    /// Who estimated the distances of --depth-prior, for the record.
-    #[arg(long, value_name = "NAME", default_value = "given")]
-    pub(crate) depth_prior_source: String,
-    /// Where the pixels of --depth-prior are: with centres at half pixels, or with the first and the last
-    /// column in one direction and the first and last row at the poles.
-    #[arg(long, value_enum, default_value_t = GridArgument::HalfPixel)]
-    pub(crate) grid: GridArgument,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub(crate) enum ConventionArgument {
-    Ray,
-    Z,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub(crate) enum GridArgument {
-    HalfPixel,
-    Endpoint,
-}
-
-impl TruthArguments {
-    /// What is given.
-    ///
-    /// # Errors
-    /// When a class is given twice.
-    pub(crate) fn given(&self, poses: &PoseArguments) -> anyhow::Result<GivenTruth> {
-        let mut truth = poses.truth();
-        let depth = self.depth.clone().zip(self.depth_unit);
-        truth.depth = depth.map(|(folder, unit)| GivenDepth { folder, unit });
-        let prior = self.depth_prior.clone().zip(self.depth_prior_unit);
-        truth.prior = prior.map(|(folder, unit)| GivenPrior {
-            folder,
-            unit,
-            grid: match self.grid {
-                GridArgument::HalfPixel => DistanceGrid::HalfPixel,
-                GridArgument::Endpoint => DistanceGrid::Endpoint,
-            },
-            convention: match self.depth_prior_convention {
-                ConventionArgument::Ray => DistanceConvention::Ray,
-                ConventionArgument::Z => DistanceConvention::Z,
-            },
-            source: self.depth_prior_source.clone(),
-        });
-        for (name, folder) in &self.classes {
-            if truth.classes.insert(name.clone(), folder.clone()).is_some() {
-                return Err(BadRequest(format!("class {name} is given twice")).into());
-            }
-        }
-        Ok(truth)
-    }
-}
-
-fn parse_class(text: &str) -> Result<(String, PathBuf), String> {
-    let (name, folder) = text
-        .split_once('=')
-        .ok_or_else(|| "expected a name and a folder, such as human=masks/human".to_owned())?;
-    Ok((name.to_owned(), PathBuf::from(folder)))
 }
 
 #[derive(Debug, Args)]

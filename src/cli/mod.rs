@@ -9,6 +9,7 @@ mod leaderboard;
 mod ledger;
 mod memory;
 mod places;
+mod poses;
 mod reconstruct;
 #[cfg(test)]
 mod reference;

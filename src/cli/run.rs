@@ -6,7 +6,8 @@ use clap::Args;
 use omnilife_bench::PROTOCOLS;
 
 use super::{
-    curate::{CurationArguments, MemoryLimitArguments, PoseArguments},
+    curate::{CurationArguments, MemoryLimitArguments},
+    poses::PoseArguments,
     reconstruct::MethodArguments,
 };
 

@@ -145,6 +145,8 @@ fn by_metadata(probe: &Probe) -> Option<(VideoProjection, String)> {
         ("cubemap" | "equiangular cubemap", _) => VideoProjection::Eac,
         ("fisheye", _) => VideoProjection::Fisheye,
         ("rectilinear", _) => VideoProjection::Rectilinear,
+        // A mesh maps the image onto the sphere as it pleases; nothing here reads it.
+        ("mesh", _) => VideoProjection::Unsure,
         _ => return None,
     };
     Some((projection, format!("{}, {stereo}", metadata.projection)))

@@ -1,7 +1,7 @@
 //! Stiff and extreme cases on every backend and parameterization, judged by the f64 reference.
 //!
 //! * [`setup`]: what a case consists of;
-//! * [`cases`]: the catalogue, `in_time` what of it is about time, and `channels` what of it is about
+//! * [`cases`]: the catalogue, `case_setups` what they consist of, `in_time` what of it is about time, and `channels` what of it is about
 //!   harmonics and features; [`special`]: what renders
 //!   nothing, `losses`, the photometric loss of awkward images, `networks`, `clips`, on which methods are trained, `depth`, which is lifted and fused, `atlas`,
 //!   what atlases are made of, and `objects`, what moves along paths;
@@ -12,6 +12,7 @@
 //! To add a case: a function and a line in its slice.
 
 mod atlas;
+mod case_setups;
 pub mod cases;
 pub mod channels;
 mod clips;

@@ -6,7 +6,8 @@ use omnilife_schemas::records::{StabilityPoint, StabilitySweep};
 use crate::error::ReconstructError;
 use crate::stability::{
     Limits,
-    cases::{Expectation, LAYERED, PLAIN_LIMITS, in_world, layers, needles},
+    case_setups::{in_world, layers, needles},
+    cases::{Expectation, LAYERED, PLAIN_LIMITS},
     devices::Device,
     fault,
     in_time::beside_the_poles,

@@ -69,78 +69,135 @@ pub(super) fn compared_with(index: usize, seconds: &[f64], background: &[usize])
     others
 }
 
-/// A pixel's surface: the points where its ray may meet it, the nearest and the farthest of what is around.
-pub(super) type Surface = Option<[DVec3; 2]>;
+/// Where the ray of a pixel meets the static surface.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct SurfacePoint {
+    at: DVec3,
+    /// The nearest and the farthest point where it may meet it, beside edges: there the surface is not known
+    /// to a pixel.
+    edge: Option<[DVec3; 2]>,
+}
+
+/// The farthest surface around a pixel may be this much beyond the nearest where there is no edge.
+const EDGE: f64 = 1.005;
 
 /// The static surface that a frame's pixels see; `None` where nothing is known of it.
-pub(super) fn surface(here: &Looked<'_>) -> Vec<Surface> {
+pub(super) fn surface(here: &Looked<'_>) -> Vec<Option<SurfacePoint>> {
     let width = here.image.width;
     let [least, most] = here.distances.around(AROUND);
-    let pixels = (0..least.len()).into_par_iter();
     let point = |pixel: usize| {
         let centre = glam::dvec2((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
         let (near, far) = (f64::from(least[pixel]), f64::from(most[pixel]));
         let ray = here.view.ray(centre);
-        far.is_finite()
-            .then(|| [near, far].map(|distance| here.view.centre + ray * distance))
+        let on_ray = |distance: f64| here.view.centre + ray * distance;
+        far.is_finite().then(|| SurfacePoint {
+            at: on_ray(f64::from(here.distances.values[pixel])),
+            edge: (far > EDGE * near).then(|| [on_ray(near), on_ray(far)]),
+        })
     };
-    pixels.map(point).collect()
+    (0..least.len()).into_par_iter().map(point).collect()
 }
 
 /// Another frame as it would look from here; NaN where it does not show the surface that is here, and
 /// where it does not say which: beside edges the surface is not known to a pixel, and from another place
 /// another colour is behind them.
-pub(super) fn warped(here: &Looked<'_>, surface: &[Surface], other: &Looked<'_>) -> Vec<[f32; 3]> {
+pub(super) fn warped(surface: &[Option<SurfacePoint>], other: &Looked<'_>) -> Vec<[f32; 3]> {
     let unknown = [f32::NAN; 3];
-    let warp = |(pixel, points): (usize, &Surface)| {
-        let Some([near, far]) = *points else {
+    let project = |point: DVec3| other.view.camera.project(other.view.in_camera(point));
+    let warp = |point: &Option<SurfacePoint>| {
+        let Some(SurfacePoint { at, edge }) = *point else {
             return unknown;
         };
-        let centre = here.view.centre;
-        let distance = f64::from(here.distances.values[pixel]);
-        let (ray, length) = (far - centre).normalize_and_length();
-        if length > 1.005 * near.distance(centre) {
-            let project = |point: DVec3| other.view.camera.project(other.view.in_camera(point));
+        if let Some([near, far]) = edge {
             match (project(near), project(far)) {
                 (Some(near), Some(far)) if near.distance(far) <= AMBIGUOUS => {}
                 _ => return unknown,
             }
         }
-        seen(other, centre + ray * distance).unwrap_or(unknown)
+        seen(other, at).unwrap_or(unknown)
     };
-    surface.par_iter().enumerate().map(warp).collect()
+    surface.par_iter().map(warp).collect()
 }
+
+/// The least and the largest colour of some pixels; NaN changes neither.
+#[derive(Debug, Clone, Copy)]
+struct Extent {
+    low: [f32; 3],
+    high: [f32; 3],
+}
+
+impl Extent {
+    const NOTHING: Self = Self {
+        low: [f32::INFINITY; 3],
+        high: [f32::NEG_INFINITY; 3],
+    };
+
+    fn of(colour: [f32; 3]) -> Self {
+        Self::NOTHING.with(&Self {
+            low: colour,
+            high: colour,
+        })
+    }
+
+    fn with(&self, other: &Self) -> Self {
+        Self {
+            low: std::array::from_fn(|channel| self.low[channel].min(other.low[channel])),
+            high: std::array::from_fn(|channel| self.high[channel].max(other.high[channel])),
+        }
+    }
+}
+
+/// The extent of each pixel of a row with those beside it.
+fn extents_across(row: &[[f32; 3]]) -> Vec<Extent> {
+    let single: Vec<Extent> = row.iter().map(|&colour| Extent::of(colour)).collect();
+    let mut across = single.clone();
+    for (extent, right) in across.iter_mut().zip(single.iter().skip(1)) {
+        *extent = extent.with(right);
+    }
+    for (extent, left) in across.iter_mut().skip(1).zip(&single) {
+        *extent = extent.with(left);
+    }
+    across
+}
+
+/// Rows that are worked on together: each row's extents are needed by the rows beside it.
+const BAND_ROWS: usize = 16;
 
 /// How far each pixel's colour is from all that a background has within a pixel; NaN where it has none.
 pub(super) fn difference(image: &RgbImage, background: &[[f32; 3]]) -> Vec<f32> {
     let (width, height) = (image.width, image.height);
     let mut out = vec![f32::NAN; background.len()];
-    out.par_chunks_mut(width)
-        .enumerate()
-        .for_each(|(row, out)| {
+    let band = |(number, out): (usize, &mut [f32])| {
+        let first = number * BAND_ROWS;
+        let from = first.saturating_sub(1);
+        let to = (first + out.len() / width + 1).min(height);
+        let across: Vec<Vec<Extent>> = background[from * width..to * width]
+            .chunks_exact(width)
+            .map(extents_across)
+            .collect();
+        for (row, out) in (first..).zip(out.chunks_exact_mut(width)) {
+            let beside = &across[row.saturating_sub(1) - from..(row + 2).min(to) - from];
+            let known = &background[row * width..(row + 1) * width];
+            let shown = image.data[3 * row * width..].as_chunks::<3>().0;
             for (column, out) in out.iter_mut().enumerate() {
-                if background[row * width + column][0].is_nan() {
+                if known[column][0].is_nan() {
                     continue;
                 }
-                let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-                for row in row.saturating_sub(1)..=(row + 1).min(height - 1) {
-                    for column in column.saturating_sub(1)..=(column + 1).min(width - 1) {
-                        let colour = background[row * width + column];
-                        for channel in 0..3 {
-                            // NaN changes neither.
-                            low[channel] = low[channel].min(colour[channel]);
-                            high[channel] = high[channel].max(colour[channel]);
-                        }
-                    }
-                }
-                let shown = &image.data[3 * (row * width + column)..];
+                let extents = beside.iter().map(|row| &row[column]);
+                let extent = extents.fold(Extent::NOTHING, |all, one| all.with(one));
                 let beyond = |channel: usize| {
-                    let value = shown[channel];
-                    (value - high[channel]).max(low[channel] - value).max(0.0)
+                    let value = shown[column][channel];
+                    (value - extent.high[channel])
+                        .max(extent.low[channel] - value)
+                        .max(0.0)
                 };
                 *out = (0..3).map(beyond).sum::<f32>() / 3.0;
             }
-        });
+        }
+    };
+    out.par_chunks_mut(BAND_ROWS * width)
+        .enumerate()
+        .for_each(band);
     out
 }
 

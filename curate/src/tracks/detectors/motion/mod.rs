@@ -20,7 +20,7 @@ use crate::{error::CurateError, tracks::detectors::depth_of_points::DistanceMap}
 use background::{
     Looked, background_frames, compared_with, difference, middle_colour, ranked, surface, warped,
 };
-use regions::{blurred, components, opened_and_closed};
+use regions::{blurred, components, largest_piece, opened_and_closed};
 
 /// The detector.
 pub const DETECTOR: Detector = Detector {
@@ -108,10 +108,8 @@ fn detect(
 fn moving(here: &Looked<'_>, others: &[Looked<'_>], metres_per_unit: f64) -> Vec<Detection> {
     let width = here.image.width;
     let surface = surface(here);
-    let backgrounds: Vec<Vec<[f32; 3]>> = others
-        .iter()
-        .map(|other| warped(here, &surface, other))
-        .collect();
+    let backgrounds: Vec<Vec<[f32; 3]>> =
+        others.iter().map(|other| warped(&surface, other)).collect();
     let differences: Vec<Vec<f32>> = backgrounds
         .iter()
         .map(|background| difference(here.image, background))
@@ -157,14 +155,12 @@ fn vehicle(
         let shown = &here.image.data[3 * pixel..3 * pixel + 3];
         darker_copy(shown, middle_colour(backgrounds, pixel))
     };
-    let without: Vec<bool> = {
-        let mut mask = vec![false; here.image.data.len() / 3];
-        pixels
-            .iter()
-            .for_each(|&pixel| mask[pixel] = !is_shadow(pixel));
-        opened_and_closed(&mask, width)
-    };
-    let rest = components(&without, width).into_iter().max_by_key(Vec::len);
+    let lit: Vec<usize> = pixels
+        .iter()
+        .copied()
+        .filter(|&pixel| !is_shadow(pixel))
+        .collect();
+    let rest = largest_piece(&lit, width, here.image.height);
     let pixels = match rest {
         Some(rest) if rest.len() as f64 >= LEAST_REST * pixels.len() as f64 => rest,
         _ => pixels,

@@ -68,6 +68,27 @@ pub(super) fn opened_and_closed(mask: &[bool], width: usize) -> Vec<bool> {
     )
 }
 
+/// The largest connected piece of some pixels, without specks and gaps; only the part of the image around them
+/// is looked at.
+pub(super) fn largest_piece(pixels: &[usize], width: usize, height: usize) -> Option<Vec<usize>> {
+    const MARGIN: usize = OPENING + CLOSING;
+    let columns = || pixels.iter().map(|pixel| pixel % width);
+    let rows = || pixels.iter().map(|pixel| pixel / width);
+    let left = columns().min()?.saturating_sub(MARGIN);
+    let top = rows().min()?.saturating_sub(MARGIN);
+    let right = (columns().max()? + MARGIN + 1).min(width);
+    let bottom = (rows().max()? + MARGIN + 1).min(height);
+    let part = right - left;
+    let mut mask = vec![false; part * (bottom - top)];
+    for pixel in pixels {
+        mask[(pixel / width - top) * part + pixel % width - left] = true;
+    }
+    let pieces = components(&opened_and_closed(&mask, part), part).into_iter();
+    let in_image = |at: usize| (at / part + top) * width + at % part + left;
+    let largest = pieces.max_by_key(Vec::len)?;
+    Some(largest.into_iter().map(in_image).collect())
+}
+
 /// Pixels of the connected components (8 neighbours).
 pub(super) fn components(mask: &[bool], width: usize) -> Vec<Vec<usize>> {
     let height = mask.len() / width;
@@ -122,5 +143,26 @@ mod tests {
         assert_eq!(sizes, [18, 24]);
         // The two are near enough to be closed into one.
         assert_eq!(components(&opened_and_closed(&mask, width), width).len(), 1);
+    }
+
+    #[test]
+    fn a_piece_is_the_same_as_in_the_whole_image() {
+        let (width, height) = (40, 25);
+        // Two blobs, one with a hole and touching the border, and a speck.
+        let is_set = |x: usize, y: usize| {
+            (x < 9 && (5..14).contains(&y) && (x, y) != (4, 8))
+                || ((20..26).contains(&x) && (10..15).contains(&y))
+                || (x, y) == (33, 20)
+        };
+        let pixels: Vec<usize> = (0..width * height)
+            .filter(|pixel| is_set(pixel % width, pixel / width))
+            .collect();
+        let mut mask = vec![false; width * height];
+        pixels.iter().for_each(|&pixel| mask[pixel] = true);
+        let whole = components(&opened_and_closed(&mask, width), width);
+        let largest = whole.into_iter().max_by_key(Vec::len);
+        assert_eq!(largest_piece(&pixels, width, height), largest);
+        assert_eq!(largest.map(|piece| piece.len()), Some(81));
+        assert_eq!(largest_piece(&[], width, height), None);
     }
 }
