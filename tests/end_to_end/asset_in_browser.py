@@ -108,6 +108,8 @@ def look_at_moments(browser, moments):
     print(f"first and last moment differ by {change:.1f} levels in a square")
     if change < 2:
         sys.exit("all moments look alike")
+    # Keys work while the slider has the focus, as after it was dragged.
+    browser.script("document.getElementById('moment').focus()")
     browser.press(",")
     webdriver.wait_for("the moment before", lambda: browser.script("return omnilife.moment") == moments - 2)
     browser.press(" ")

@@ -43,7 +43,7 @@ impl FrameSamples {
         self.next_seconds.is_none_or(|next| time_seconds >= next)
     }
 
-    /// Takes the image of a frame, 512 pixels wide at most, if its time has come.
+    /// Takes the image of a frame if its time has come.
     pub(crate) fn offer(&mut self, time_seconds: f64, image: Rgb8Image) {
         if !self.wants(time_seconds) {
             return;

@@ -1,21 +1,22 @@
 //! What the two lenses of a camera are, from its frames: where their circles lie, by the black around them, and
 //! what they see, by what both see.
 //!
-//! Only pixels per radian decide where a direction is shown, so that a rim that glows, which makes a circle
-//! seem larger, makes the field of view larger by as much.
+//! Only pixels per radian decide where a direction is shown: where glare around a lens makes its circle seem
+//! larger, the field of view comes out larger by as much, and directions stay where they are.
 
 use std::{f64::consts::TAU, path::Path};
 
 use glam::{DMat3, DVec2, DVec3, dvec2, dvec3};
 use omnilife_schemas::{
     interpolation::{Edges, bilinear},
-    records::{FisheyeCircle, Probe, SphereLayout},
+    records::{CheckOutcome, FisheyeCircle, Probe, SphereLayout},
     statistics,
 };
 use rayon::prelude::*;
 
 use super::places::Lens;
 use crate::{
+    attrition,
     error::CurateError,
     projection::{FrameSamples, black_border::is_black},
     video::{Converter, PacketChoice, Rgb8Image, Scaling, VideoReader},
@@ -24,7 +25,7 @@ use crate::{
 /// Width of the frames that are looked at, pixels: finer than a quarter of a degree.
 const WIDTH_PIXELS: u32 = 2048;
 /// Fields of view that are tried, degrees, in these steps.
-const FIELDS_OF_VIEW_DEGREES: [f64; 2] = [181.0, 280.0];
+const FIELDS_OF_VIEW_DEGREES: [f64; 2] = [183.0, 280.0];
 const STEP_DEGREES: f64 = 0.5;
 /// Rings around the plane between the lenses on which their images are compared, degrees to either side.
 const RINGS_DEGREES: [f64; 5] = [-2.0, -1.0, 0.0, 1.0, 2.0];
@@ -47,7 +48,7 @@ const LARGEST_RESIDUAL: f64 = 0.01;
 /// The layout of a video of two fisheye circles whose lenses are not known.
 ///
 /// # Errors
-/// When the video cannot be decoded, or no field of view brings what both lenses see together.
+/// When the video cannot be decoded; a rejection where no field of view brings what both lenses see together.
 pub(crate) fn estimated_dual_fisheye(
     video: &Path,
     probe: &Probe,
@@ -63,7 +64,15 @@ pub(crate) fn estimated_dual_fisheye(
             samples.offer(frame.time_seconds, image);
         }
     }
-    estimate(samples.images()).map_err(|reason| CurateError::video(video, reason))
+    estimate(samples.images()).map_err(|reason| {
+        let check = CheckOutcome {
+            check: attrition::PROJECTION.to_owned(),
+            passed: false,
+            value: reason.clone(),
+            threshold: "two fisheye lenses".to_owned(),
+        };
+        CurateError::rejected(video, reason, vec![check])
+    })
 }
 
 /// The layout of these frames; an error says in words why there is none.
@@ -86,12 +95,22 @@ fn estimate(frames: &[Rgb8Image]) -> Result<SphereLayout, String> {
     let stands_out = scores[best] - statistics::median(&scores).unwrap_or(1.0);
     // At an end of the range the best would lie beyond it.
     let is_inside = best > 0 && best + 1 < scores.len();
-    if !is_inside || scores[best] < LEAST_CORRELATION || stands_out < LEAST_PEAK {
+    let fault = if scores[best] < LEAST_CORRELATION {
+        Some(format!(
+            "is {:.2}, {LEAST_CORRELATION} is asked for",
+            scores[best]
+        ))
+    } else if stands_out < LEAST_PEAK {
+        Some("is as good at most others".to_owned())
+    } else {
+        (!is_inside).then(|| "is best at the end of the range".to_owned())
+    };
+    if let Some(fault) = fault {
         return Err(format!(
-            "no field of view from {least} to {most} degrees brings what its two lenses see together \
-             (correlation {:.2} at {} degrees, {LEAST_CORRELATION} within the range is asked for); if it has \
-             two, say what they see: --projection dual-fisheye:DEGREES",
-            scores[best], tried[best]
+            "no field of view from {least} to {most} degrees brings what its two lenses see together (their \
+             correlation at {} degrees {fault}); if it has two, say what they see: --projection \
+             dual-fisheye:DEGREES",
+            tried[best]
         ));
     }
     let between = peak(scores[best - 1], scores[best], scores[best + 1]);
@@ -142,7 +161,7 @@ fn likeness(frames: &[Rgb8Image], size: DVec2, circles: &[FisheyeCircle; 2], fie
             }
         }
     }
-    // A level on average: without detail everything is alike.
+    // Without detail everything is alike.
     let values = 3 * RING_PLACES * frames.len();
     if squares.iter().any(|&sum| sum < values as f64) {
         return 0.0;
@@ -216,9 +235,11 @@ fn circle(frames: &[Rgb8Image], half: usize) -> Option<FisheyeCircle> {
         None
     });
     let (centre, radius) = fitted(ends.collect())?;
+    // A tenth of a pixel: the same on every machine.
+    let rounded = |share: f64| (share * 1e4).round() / 1e4;
     Some(FisheyeCircle {
-        centre: [centre.x / width as f64, centre.y / side],
-        radius: radius / side,
+        centre: [rounded(centre.x / width as f64), rounded(centre.y / side)],
+        radius: rounded(radius / side),
     })
 }
 

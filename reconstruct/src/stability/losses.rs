@@ -7,7 +7,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 use crate::stability::{
-    Limits,
+    Limits, largest_or_nan,
     special::{Judgement, SpecialCase},
 };
 
@@ -72,7 +72,8 @@ struct Images {
     mask: Vec<f32>,
 }
 
-/// A render of noise above a level, and a target of noise above that level or white.
+/// A render of a level with noise on it, and a target of the same level, or white where it is brighter, with other
+/// noise.
 fn images(level: f32, noise: f32, weight: f32) -> Images {
     let mut random = Pcg64Mcg::seed_from_u64(8);
     let [width, height] = SIZE;
@@ -137,7 +138,7 @@ fn judge(images: &Images, limits: Limits) -> Judgement {
         mask: &widen(mask),
     };
     let (expected, by_render) = pair.value_and_gradient(f64::from(LAMBDA));
-    let largest = by_render.iter().fold(0.0_f64, |m, g| m.max(g.abs()));
+    let largest = by_render.iter().map(|g| g.abs()).fold(0.0, largest_or_nan);
     let errors = gradient
         .iter()
         .zip(&by_render)
@@ -145,7 +146,7 @@ fn judge(images: &Images, limits: Limits) -> Judgement {
     let measures = StabilityMeasures {
         forward_error: Some((value.total - expected.total).abs()),
         forward_share: Some(0.0),
-        gradient_error: Some(errors.fold(0.0, f64::max) / largest),
+        gradient_error: Some(errors.fold(0.0, largest_or_nan) / largest),
         is_finite: value.total.is_finite() && gradient.iter().all(|g| g.is_finite()),
         drawn: 0,
         gaussians: 0,

@@ -187,6 +187,14 @@ pub struct Limits {
     pub gradient: f64,
 }
 
+/// The larger of two values; NaN where either is none.
+fn largest_or_nan(a: f64, b: f64) -> f64 {
+    if a.is_nan() || b.is_nan() {
+        return f64::NAN;
+    }
+    a.max(b)
+}
+
 /// Why the measures are not what is expected, where they are not.
 fn fault(
     expectation: Expectation,

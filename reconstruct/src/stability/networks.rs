@@ -14,6 +14,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 use crate::stability::{
+    largest_or_nan,
     parameterizations::DEFORMABLE,
     setup::{Setup, mild},
     special::{Judgement, SpecialCase},
@@ -153,7 +154,7 @@ fn published_network() -> Judgement {
         .map(|(&a, b)| f64::from(a) * b)
         .sum();
     let measures = StabilityMeasures {
-        forward_error: Some(forward.fold(0.0, f64::max)),
+        forward_error: Some(forward.fold(0.0, largest_or_nan)),
         forward_share: Some(0.0),
         gradient_error: Some((found - by_direction).abs() / by_direction.abs()),
         is_finite: outputs
@@ -164,7 +165,7 @@ fn published_network() -> Judgement {
         gaussians: ROWS as u64,
     };
     let worst = [measures.forward_error, measures.gradient_error];
-    let worst = worst.into_iter().flatten().fold(0.0, f64::max);
+    let worst = worst.into_iter().flatten().fold(0.0, largest_or_nan);
     // Written so that NaN is a fault.
     let is_right = measures.is_finite && worst <= PUBLISHED_LIMIT;
     Judgement {

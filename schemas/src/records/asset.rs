@@ -126,7 +126,7 @@ pub struct AssetChanges {
 pub struct AssetPage {
     /// A HTML file.
     pub file: String,
-    /// Name of the level inside it; `None` where it has none and others open by file or server.
+    /// Name of the level inside it; `None` where it holds moments, or none and others open by file or server.
     pub level: Option<String>,
     /// Whether all moments of a scene that moves are inside it, instead of a level.
     #[serde(default)]

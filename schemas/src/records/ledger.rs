@@ -73,7 +73,7 @@ pub enum LedgerAction {
     Label(SegmentLabel),
 }
 
-/// What a person says that a segment of a video shows; what is left out is not spoken of.
+/// What a person says that a segment of a video shows; a field that is absent says nothing.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SegmentLabel {

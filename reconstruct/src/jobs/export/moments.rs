@@ -12,14 +12,12 @@ use omnilife_engine::{
 };
 use rayon::prelude::*;
 
-use crate::formats::splat::SplatRow;
+use crate::formats::splat::{MOST_ROWS, SplatRow};
 
 /// Moments where nobody says how many: no more than this, nor than the clip has frames.
 const MOST_MOMENTS: usize = 60;
 /// Gaussians of all moments together at most, where nobody says how many moments: 64 MB.
 const MOST_MOVING_ROWS: usize = 2_000_000;
-/// Gaussians of all moments that are held in memory at most: 350 MB.
-const MOST_HELD_ROWS: usize = 8_000_000;
 
 /// Places that differ by less than this share of a Gaussian's middle axis are one.
 const SAME_PLACE: f32 = 0.1;
@@ -71,26 +69,42 @@ impl Moments {
             rows.filter(|row| row.rgba[3] > 0).collect()
         };
         if asked.is_none() {
-            count = count.min(MOST_HELD_ROWS / moving.len()).max(2);
+            // Many of those that move are not seen at most moments.
+            let seen: usize = span
+                .moments(count)
+                .into_iter()
+                .map(|seconds| seen_of(&activated(model, seconds), &moving))
+                .sum();
+            count = fitting(count, seen);
         }
-        let mut moments: Vec<(f64, Vec<SplatRow>)> = span
-            .moments(count)
-            .into_iter()
-            .map(|seconds| (seconds, rows(&activated(model, seconds), &moving)))
-            .collect();
-        if asked.is_none() {
-            thin(&mut moments);
+        if count < 2 {
+            return Err(format!(
+                "{} Gaussians move, which is too many for two moments or more",
+                moving.len()
+            ));
+        }
+        let still = rows(&first, &still);
+        let mut moments = Vec::new();
+        for seconds in span.moments(count) {
+            let moving = rows(&activated(model, seconds), &moving);
+            let together = (still.len() + moving.len()) as u64;
+            if together > MOST_ROWS {
+                return Err(format!(
+                    "at {seconds:.2} s there are {together} Gaussians, viewers draw {MOST_ROWS} at most"
+                ));
+            }
+            moments.push((seconds, moving));
         }
         Ok(Self {
-            still: rows(&first, &still),
+            still,
             moving: moments,
         })
     }
 
-    /// All Gaussians of all moments.
-    pub(super) fn rows(&self) -> impl Iterator<Item = &SplatRow> {
-        let moving = self.moving.iter().flat_map(|(_, rows)| rows);
-        self.still.iter().chain(moving)
+    /// The Gaussians of each file.
+    pub(super) fn files(&self) -> impl Iterator<Item = &[SplatRow]> {
+        let moving = self.moving.iter().map(|(_, rows)| &rows[..]);
+        [&self.still[..]].into_iter().chain(moving)
     }
 
     /// The same, to be changed.
@@ -100,15 +114,18 @@ impl Moments {
     }
 }
 
-/// Leaves as many moments, evenly apart, as have room.
-fn thin(moments: &mut Vec<(f64, Vec<SplatRow>)>) {
-    let rows: usize = moments.iter().map(|(_, rows)| rows.len()).sum();
-    let step = rows.div_ceil(MOST_MOVING_ROWS).max(1);
-    let mut number = 0;
-    moments.retain(|_| {
-        number += 1;
-        (number - 1) % step == 0
-    });
+/// How many of `count` moments have room, where all of them together show `seen` Gaussians.
+fn fitting(count: usize, seen: usize) -> usize {
+    if seen <= MOST_MOVING_ROWS {
+        return count;
+    }
+    count * MOST_MOVING_ROWS / seen
+}
+
+/// How many of some Gaussians a viewer would draw.
+fn seen_of(gaussians: &ActivatedGaussians, indices: &[usize]) -> usize {
+    let is_seen = |&&index: &&usize| gaussians.opacities[index] >= 0.5 * SAME_LEVEL;
+    indices.iter().filter(is_seen).count()
 }
 
 fn activated(model: &mut Model, seconds: f64) -> ActivatedGaussians {
@@ -227,7 +244,7 @@ mod tests {
             (4.0, vec![]),
         ];
         assert!(places.eq(expected));
-        assert_eq!(found.rows().count(), 8);
+        assert_eq!(found.files().map(<[SplatRow]>::len).sum::<usize>(), 8);
     }
 
     #[test]
@@ -240,18 +257,16 @@ mod tests {
     }
 
     #[test]
-    fn moments_are_left_out_evenly_where_they_would_be_too_many_gaussians() {
-        let row = SplatRow {
-            position: [0.0; 3],
-            scale: [1.0; 3],
-            rgba: [1; 4],
-            rotation: [1.0, 0.0, 0.0, 0.0],
+    fn there_are_fewer_moments_where_all_would_be_too_many_gaussians() {
+        assert_eq!(fitting(60, 60 * 30_000), 60);
+        assert_eq!(fitting(60, 60 * 100_000), 20);
+        assert_eq!(fitting(60, 60 * 600_000), 3);
+        assert!(fitting(60, 60 * 1_500_000) < 2, "none are left");
+        // Both ends stay whatever their number.
+        let ends = |count: usize| {
+            let moments = SPAN.moments(count);
+            [moments[0], moments[count - 1]]
         };
-        let mut moments: Vec<_> = (0..6)
-            .map(|at| (f64::from(at), vec![row; MOST_MOVING_ROWS / 3]))
-            .collect();
-        thin(&mut moments);
-        let left: Vec<f64> = moments.iter().map(|(seconds, _)| *seconds).collect();
-        assert_eq!(left, [0.0, 2.0, 4.0]);
+        assert_eq!([ends(2), ends(3), ends(20)], [[1.0, 4.0]; 3]);
     }
 }

@@ -84,6 +84,7 @@ pub(super) fn drawable(
         dropped_sh_degree: gaussians.sh_degree as u32,
         ..AssetChanges::default()
     };
+    // What is counted is of the levels.
     changes.thickened = rows.par_iter_mut().map(thicken).sum();
     let farthest = farthest(&rows);
     changes.pulled_in = (rows.par_iter_mut())
@@ -95,8 +96,10 @@ pub(super) fn drawable(
             pull_in(row, farthest);
         }
     }
-    let sizes = rows.iter().chain(moments.iter().flat_map(Moments::rows));
-    let scale = enlargement(sizes.map(longest).collect());
+    // One scale for all files; that of the one with the smallest Gaussians.
+    let sizes = |rows: &[SplatRow]| enlargement(rows.iter().map(longest).collect());
+    let of_moments = moments.iter().flat_map(Moments::files).map(sizes);
+    let scale = of_moments.fold(sizes(&rows), f32::max);
     let moved = moments.iter_mut().flat_map(Moments::rows_mut);
     for row in rows.iter_mut().chain(moved) {
         row.position = row.position.map(|value| value * scale);
