@@ -151,21 +151,28 @@ fn bilinear(image: &Rgb8Image, x: f64, y: f64) -> [f64; 3] {
     })
 }
 
-/// A rim without its local mean, of unit norm.
-fn detail(rim: &[[f64; 3]]) -> Option<Vec<[f64; 3]>> {
-    let count = 2 * RIM_DETAIL_RADIUS + 1;
-    let mut detail: Vec<[f64; 3]> = (0..RIM_POINTS)
+/// Colours along a closed curve without their means over `radius` points to either side; `radius` is no more than
+/// there are points.
+pub(crate) fn without_local_mean(curve: &[[f64; 3]], radius: usize) -> Vec<[f64; 3]> {
+    let count = 2 * radius + 1;
+    let points = curve.len();
+    (0..points)
         .map(|at| {
-            let mut point = rim[at];
+            let mut point = curve[at];
             for offset in 0..count {
-                let other = rim[(at + RIM_POINTS + offset - RIM_DETAIL_RADIUS) % RIM_POINTS];
+                let other = curve[(at + points + offset - radius) % points];
                 for (level, neighbour) in point.iter_mut().zip(other) {
                     *level -= neighbour / count as f64;
                 }
             }
             point
         })
-        .collect();
+        .collect()
+}
+
+/// A rim without its local mean, of unit norm.
+fn detail(rim: &[[f64; 3]]) -> Option<Vec<[f64; 3]>> {
+    let mut detail = without_local_mean(rim, RIM_DETAIL_RADIUS);
     let norm = detail
         .iter()
         .flatten()

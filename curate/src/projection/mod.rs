@@ -9,7 +9,7 @@
 pub(crate) mod aspect;
 pub(crate) mod black_border;
 mod cube_faces;
-mod fisheye_circles;
+pub(crate) mod fisheye_circles;
 mod pole_rows;
 mod samples;
 mod stereo_halves;

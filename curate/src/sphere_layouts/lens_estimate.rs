@@ -18,7 +18,7 @@ use super::places::Lens;
 use crate::{
     attrition,
     error::CurateError,
-    projection::{FrameSamples, black_border::is_black},
+    projection::{FrameSamples, black_border::is_black, fisheye_circles::without_local_mean},
     video::{Converter, PacketChoice, Rgb8Image, Scaling, VideoReader},
 };
 
@@ -153,7 +153,9 @@ fn likeness(frames: &[Rgb8Image], size: DVec2, circles: &[FisheyeCircle; 2], fie
         });
         let directions: Vec<DVec3> = directions.collect();
         for frame in frames {
-            let [a, b] = [back, front].map(|lens| detail(&ring(frame, size, &lens, &directions)));
+            let [a, b] = [back, front].map(|lens| {
+                without_local_mean(&ring(frame, size, &lens, &directions), DETAIL_RADIUS)
+            });
             for (a, b) in a.iter().flatten().zip(b.iter().flatten()) {
                 product += a * b;
                 squares[0] += a * a;
@@ -186,24 +188,6 @@ fn ring(frame: &Rgb8Image, size: DVec2, lens: &Lens, directions: &[DVec3]) -> Ve
         colour
     };
     directions.iter().map(colour).collect()
-}
-
-/// A ring without its local mean.
-fn detail(ring: &[[f64; 3]]) -> Vec<[f64; 3]> {
-    let count = 2 * DETAIL_RADIUS + 1;
-    let places = ring.len();
-    (0..places)
-        .map(|at| {
-            let mut mean = [0.0; 3];
-            for offset in 0..count {
-                let other = ring[(at + places + offset - DETAIL_RADIUS) % places];
-                for (sum, level) in mean.iter_mut().zip(other) {
-                    *sum += level / count as f64;
-                }
-            }
-            std::array::from_fn(|channel| ring[at][channel] - mean[channel])
-        })
-        .collect()
 }
 
 /// The circle in a half of the frames by the black around it; `None` where there is none to be seen, or the
