@@ -29,7 +29,7 @@ use crate::{
 };
 
 #[test]
-fn points_that_do_not_change_have_no_time_unless_the_plan_is_full() {
+fn points_that_do_not_change_have_no_time_where_it_is_known_that_light_does_not() {
     let scene = moving_ball::scene();
     let only =
         |names: &[&str]| PlanChoice::Only(names.iter().map(|&name| name.to_owned()).collect());
@@ -47,9 +47,13 @@ fn points_that_do_not_change_have_no_time_unless_the_plan_is_full() {
         (model.parts[0].table.len(), model.parts[1].table.len())
     });
     let [full, auto, separate] = sizes;
-    assert!(full.0 == 0 && full.1 > 900 && auto == separate, "{sizes:?}");
+    // Balls have no flat surfaces: light may change everywhere, as far as the plan can tell.
+    assert!(full.0 == 0 && full.1 > 900 && auto == full, "{sizes:?}");
     // What moves hides points; it changes none.
-    assert!(auto.0 > 800 && auto.0 + auto.1 == full.1, "{sizes:?}");
+    assert!(
+        separate.0 > 800 && separate.0 + separate.1 == full.1,
+        "{sizes:?}"
+    );
 }
 
 #[test]

@@ -13,8 +13,8 @@ pub(crate) const COMPONENT: Component = Component {
     id: ID,
     title: "Exposure compensation",
     description: "Takes the gains of a camera's automatic exposure out of the images before they are \
-                  compared with renders, and puts the gain of the frame_time back onto the renders. Used \
-                  where the gains of the views deviate.",
+                  compared with renders, and puts the gain of the frame's time back onto the renders. Used \
+                  where gains deviate and the parts of an image agree on them.",
     turn: Turn::BeforePoints,
     needs_pilot: |request, _| request.allows(ID),
     decide,
@@ -24,12 +24,13 @@ pub(crate) const COMPONENT: Component = Component {
 fn decide(evidence: &SceneEvidence, _: &Draft<'_>) -> Decision {
     match evidence.pilot.as_ref().map(|pilot| &pilot.exposure) {
         None => Decision::not_looked_for(),
-        Some(None) => Decision::without("enough scene points that are seen"),
-        Some(Some(found)) => Decision::new(found.drifts(), found.text()),
+        Some(None) => Decision::without("enough of the images that can be compared"),
+        Some(Some(found)) => Decision::new(found.is_worth_compensating(), found.to_string()),
     }
 }
 
 fn apply(draft: &mut Draft<'_>) {
     let pilot = draft.evidence.pilot.as_ref();
-    draft.settings.exposure = pilot.and_then(|pilot| pilot.exposure.clone());
+    let found = pilot.and_then(|pilot| pilot.exposure.as_ref());
+    draft.settings.exposure = found.map(|found| found.gains.clone());
 }

@@ -16,7 +16,7 @@ pub(crate) const COMPONENT: Component = Component {
     title: "Static table",
     description: "Scene points at which nothing changes outside the masks become Gaussians without \
                   temporal parameters; what changes, such as shadows, and the seeds on the masks keep \
-                  theirs. Used where there are seeds; under the plan full only where it is asked for.",
+                  theirs. Used where there are seeds and light does not change everywhere; under the plan full only where it is asked for.",
     turn: Turn::AfterPoints,
     needs_pilot: |request, masks| {
         request.allows(ID)
@@ -40,7 +40,10 @@ fn decide(evidence: &SceneEvidence, draft: &Draft<'_>) -> Decision {
     }
     match &evidence.pilot {
         None => Decision::not_looked_for(),
-        Some(pilot) => Decision::new(true, format!("{}; {}", evidence.masks, pilot.changing)),
+        Some(pilot) => {
+            let reason = format!("{}; {}", pilot.changing_light, pilot.changing);
+            Decision::new(!pilot.changing_light.is_everywhere(), reason)
+        }
     }
 }
 

@@ -3,12 +3,15 @@
 //! * [`masks`]: what masks say of motion. [`pilot`]: a short static training, in which the rest is seen;
 //!   `rendered_view`: a view compared with its render.
 //! * [`motion`]: whether anything moves, and where. [`poses`]: how far poses are off.
-//!   [`view_dependence`]: whether colours depend on the direction.
-//!   [`omnilife_engine::model::exposure`]: how bright the views are.
+//!   [`view_dependence`]: whether colours depend on the direction. [`exposure`]: whether whole views are
+//!   brighter or darker than others. [`changing_light`]: whether light changes in them.
 //!
 //! [`gather`] puts it together in one order and never changes it afterwards: every method has the same
 //! evidence on one scene and seed, whatever it uses of it.
 
+pub mod changing_light;
+pub mod exposure;
+mod flat_surfaces;
 pub mod masks;
 pub mod motion;
 pub mod pilot;
@@ -16,10 +19,11 @@ pub mod poses;
 mod rendered_view;
 pub mod view_dependence;
 
-use omnilife_engine::model::exposure::Exposure;
 use serde::Serialize;
 
 use self::{
+    changing_light::ChangingLight,
+    exposure::ExposureEvidence,
     masks::MaskEvidence,
     motion::{ChangingPoints, MotionEvidence},
     pilot::PilotFit,
@@ -49,8 +53,8 @@ pub struct SceneEvidence {
 /// What a pilot fit shows, each with what stands before it taken into account.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PilotEvidence {
-    /// How bright the views are; `None` where too few points are seen.
-    pub exposure: Option<Exposure>,
+    /// How bright the views are; `None` where too little of them can be compared.
+    pub exposure: Option<ExposureEvidence>,
     /// How far the poses are off, once gains that drift are taken out.
     pub poses: PoseEvidence,
     /// Whether anything moves, once poses that are off are corrected too: neither automatic exposure
@@ -60,6 +64,8 @@ pub struct PilotEvidence {
     pub changing: ChangingPoints,
     /// Whether colours depend on the direction.
     pub view_dependence: ViewDependence,
+    /// Whether light changes.
+    pub changing_light: ChangingLight,
 }
 
 /// Gathers the evidence on a scene, with or without a pilot fit, which takes seconds.
@@ -84,17 +90,22 @@ impl PilotEvidence {
     fn gather(scene: &TrainingScene, seed: u64) -> Result<Self, ReconstructError> {
         let mut fit = PilotFit::of(scene, seed)?;
         let exposure = fit.exposure();
-        if let Some(exposure) = exposure.as_ref().filter(|exposure| exposure.drifts()) {
-            fit.normalize(exposure.clone());
+        if let Some(found) = exposure
+            .as_ref()
+            .filter(|found| found.is_worth_compensating())
+        {
+            fit.normalize(found.gains.clone());
         }
         let poses = fit.poses();
         if poses.are_off() {
             fit.correct_poses(&poses);
         }
+        let (view_dependence, changing_light) = fit.colours();
         Ok(Self {
             motion: fit.motion(),
             changing: fit.changing(),
-            view_dependence: fit.view_dependence(),
+            view_dependence,
+            changing_light,
             exposure,
             poses,
         })

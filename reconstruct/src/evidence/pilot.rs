@@ -9,10 +9,13 @@ use crate::{
     error::ReconstructError,
     evidence::{
         PILOT_ITERATIONS,
+        changing_light::ChangingLight,
+        exposure::{ExposureEvidence, ViewBlocks},
+        flat_surfaces::{FlatSurfaces, Observation},
         motion::{ChangingPoints, MotionEvidence, transients},
         poses::PoseEvidence,
         rendered_view::{Patch, RenderedView},
-        view_dependence::{Observation, ViewDependence},
+        view_dependence::ViewDependence,
     },
     learner::{Learner, gaussians::GaussianLearner},
     options::Options,
@@ -108,8 +111,13 @@ impl PilotFit {
         ChangingPoints::of(&self.residuals(&self.scene.points.positions, 1))
     }
 
-    /// Whether colours depend on the direction from which they are seen.
-    pub fn view_dependence(&self) -> ViewDependence {
+    /// Whether colours depend on the direction from which they are seen, and whether light changes.
+    pub fn colours(&self) -> (ViewDependence, ChangingLight) {
+        let flat = self.flat_colours();
+        (ViewDependence::of(&flat), ChangingLight::of(&flat))
+    }
+
+    fn flat_colours(&self) -> FlatSurfaces {
         let surfaces = self.flat_surfaces();
         let mut series: Vec<Vec<Observation>> = vec![Vec::new(); surfaces.len()];
         for rendered in &self.views {
@@ -122,7 +130,7 @@ impl PilotFit {
                 series.extend(seen);
             }
         }
-        ViewDependence::of(series)
+        FlatSurfaces::of(series)
     }
 
     /// Where every other view shows something flat, on a grid of its pixels.
@@ -149,16 +157,13 @@ impl PilotFit {
         surfaces
     }
 
-    /// How bright the views are; `None` where too few points are seen. Where gains drift all input views
-    /// are looked at: one that flickers says nothing of the views between.
-    pub fn exposure(&mut self) -> Option<Exposure> {
-        let points = self.some_points();
+    /// How bright the views are; `None` where too little of them can be compared. Where gains drift all
+    /// input views are looked at: one that flickers says nothing of the views between.
+    pub fn exposure(&mut self) -> Option<ExposureEvidence> {
         let views = self.views.iter();
-        let mut views: Vec<_> = views
-            .map(|rendered| self.brightness(rendered, &points))
-            .collect();
-        let of_some = Exposure::estimate(&views)?;
-        if !of_some.drifts() {
+        let mut views: Vec<_> = views.map(|rendered| self.blocks(rendered)).collect();
+        let of_some = ExposureEvidence::of(&views)?;
+        if !of_some.is_worth_compensating() {
             return Some(of_some);
         }
         let looked_at: Vec<usize> = self.views.iter().map(|rendered| rendered.number).collect();
@@ -167,20 +172,14 @@ impl PilotFit {
             let view = &self.scene.input_views[number];
             let (gaussians, renderer) = (&mut self.gaussians, &mut self.renderer);
             let rendered = RenderedView::new(number, view, gaussians, renderer);
-            views.push(self.brightness(&rendered, &points));
+            views.push(self.blocks(&rendered));
         }
-        Exposure::estimate(&views)
+        Some(of_some.with_gains_of(&views))
     }
 
-    /// The time of a view, and what it shows and the render has at points.
-    fn brightness(
-        &self,
-        rendered: &RenderedView,
-        points: &[[f32; 3]],
-    ) -> (f64, Vec<[[f32; 3]; 2]>) {
-        let pairs = self.patches(rendered, points, 1).into_iter().flatten();
-        let pairs = pairs.map(|patch| [patch.shown, patch.rendered()]);
-        (self.view(rendered).time_seconds, pairs.collect())
+    fn blocks(&self, rendered: &RenderedView) -> ViewBlocks {
+        let seconds = self.view(rendered).time_seconds;
+        (seconds, rendered.blocks(&self.scene.camera))
     }
 
     /// Takes gains out of what the views show, once.

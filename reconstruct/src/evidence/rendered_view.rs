@@ -1,11 +1,13 @@
 //! A view and its render of the pilot fit: what it shows at a point, and how that differs.
 
+use std::f32::consts::PI;
+
 use glam::{Vec3, vec2};
 
 use crate::{
     evidence::{
+        flat_surfaces::{FLAT, Observation},
         poses::PoseObservation,
-        view_dependence::{FLAT, Observation},
     },
     scene::TrainingScene,
 };
@@ -24,6 +26,10 @@ const LEAST_OPACITY: f32 = 0.5;
 /// Distance from the vertical axis, over that from the camera, below which a point says nothing of a
 /// pose: there the neighbours in a row of pixels hardly differ.
 const LEAST_HORIZONTAL: f32 = 0.2;
+/// Blocks side by side at the equator.
+const BLOCKS_ACROSS: usize = 64;
+/// Parts of an image.
+pub(super) const SECTORS: usize = 8;
 
 /// What a view shows at a point: means over a window.
 #[derive(Debug, Clone, Copy)]
@@ -31,6 +37,16 @@ pub(super) struct Patch {
     pub(super) shown: [f32; 3],
     /// Shown minus rendered.
     pub(super) residual: [f32; 3],
+}
+
+/// Means over a square of pixels, none of them masked; each stands for the same part of the sphere, or of a
+/// pinhole image.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Block {
+    /// Which part of the image it is in, of [`SECTORS`]: quarters side by side, above and below the middle.
+    pub(super) sector: usize,
+    pub(super) shown: [f32; 3],
+    pub(super) rendered: [f32; 3],
 }
 
 impl Patch {
@@ -103,6 +119,37 @@ impl RenderedView {
                 })
                 .collect(),
         }
+    }
+
+    /// Blocks of the whole image that no mask touches: as many in a row as there is room for on the sphere.
+    pub(super) fn blocks(&self, camera: &Camera) -> Vec<Block> {
+        let side = (self.width / BLOCKS_ACROSS).max(1);
+        let reach = side / 2;
+        let columns = self.width / side;
+        let mut blocks = Vec::new();
+        for row in (reach..self.height.saturating_sub(reach)).step_by(side) {
+            let of_row = match camera {
+                Camera::Erp(_) => {
+                    let latitude = (0.5 - (row as f32 + 0.5) / self.height as f32) * PI;
+                    (columns as f32 * latitude.cos()).round() as usize
+                }
+                Camera::Pinhole(_) => columns,
+            };
+            for number in 0..of_row {
+                let column = (2 * number + 1) * self.width / (2 * of_row);
+                let column = column.clamp(reach, self.width - 1 - reach);
+                let patch = self.mean([column, row], reach);
+                if !patch.residual[0].is_nan() {
+                    let quarter = 4 * column / self.width;
+                    blocks.push(Block {
+                        sector: 2 * quarter + usize::from(2 * row >= self.height),
+                        shown: patch.shown,
+                        rendered: patch.rendered(),
+                    });
+                }
+            }
+        }
+        blocks
     }
 
     /// Takes a gain out of the image.

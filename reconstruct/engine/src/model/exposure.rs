@@ -1,7 +1,7 @@
 //! How bright each view of a camera with automatic exposure is: gains over time.
 //!
-//! A view's gain is the median, over scene points that are visible in it, of its image over a static
-//! render of the same pixels, channel by channel. A gain of light is a gain of gamma-coded values too.
+//! A view's gain is the median, over places in its image, of the image over a static render of the same
+//! pixels, channel by channel. A gain of light is a gain of gamma-coded values too.
 //! Images are divided by the gain of their time before they are compared with Gaussians, and renders
 //! are multiplied with it before they are shown: what the Gaussians hold is the scene as the middle of
 //! all views has it. Between the views that were looked at, and for novel views, the logarithm of the
@@ -13,11 +13,8 @@ use serde::{Deserialize, Serialize};
 /// Rendered levels in `[0, 1]` that say something of a gain: what is darker is as much noise as signal, what
 /// is brighter may be clipped.
 const USABLE_LEVELS: std::ops::Range<f32> = 0.05..0.9;
-/// Standard deviation of the gains from which they are worth compensating: below it errors of other
-/// kinds are larger.
-const LEAST_DRIFT: f64 = 0.02;
-/// Fewer points say little about a view.
-const LEAST_POINTS: usize = 50;
+/// Fewer places say little about a view.
+const LEAST_PLACES: usize = 50;
 
 /// Gains over time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -29,8 +26,8 @@ pub struct Exposure {
 }
 
 impl Exposure {
-    /// Gains from what each view shows and what a static render has at the same points: time and pairs
-    /// of colours per view. Views with too few points have no say. `None` where none has.
+    /// Gains from what each view shows and what a static render has at the same places: time and pairs
+    /// of colours per view. Views with too few places have no say. `None` where none has.
     pub fn estimate(views: &[(f64, Vec<[[f32; 3]; 2]>)]) -> Option<Self> {
         let mut found: Vec<(f64, [f32; 3])> = views
             .iter()
@@ -56,19 +53,9 @@ impl Exposure {
         (sum / (3 * self.log_gains.len()).max(1) as f64).sqrt()
     }
 
-    /// Whether the gains are worth compensating.
-    pub fn drifts(&self) -> bool {
-        self.drift() >= LEAST_DRIFT
-    }
-
-    /// In words.
-    pub fn text(&self) -> String {
-        format!(
-            "gains of {} views deviate by {:.2} % (limit {:.0} %)",
-            self.times_seconds.len(),
-            100.0 * self.drift(),
-            100.0 * LEAST_DRIFT
-        )
+    /// How many views were looked at.
+    pub fn views(&self) -> usize {
+        self.times_seconds.len()
     }
 
     /// The gain of each channel at a time.
@@ -113,7 +100,7 @@ fn log_gain(pairs: &[[[f32; 3]; 2]]) -> Option<[f32; 3]> {
             .filter(|[_, rendered]| USABLE_LEVELS.contains(rendered))
             .map(|[shown, rendered]| (rendered, shown / rendered))
             .unzip();
-        let ratio = (ratios.len() >= LEAST_POINTS)
+        let ratio = (ratios.len() >= LEAST_PLACES)
             .then(|| median(&ratios))
             .flatten()?;
         let is_usable = ratio * median(&levels)? >= USABLE_LEVELS.start;
