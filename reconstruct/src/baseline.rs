@@ -87,6 +87,7 @@ pub fn published_settings(iterations: u64) -> TrainSettings {
         dynamics: None,
         deformation: None,
         exposure: None,
+        dropout: None,
         pose_refinement: None,
         trace_every: (iterations / TRACE_ROWS).max(1),
     }

@@ -113,6 +113,38 @@ fn larger_steps_get_further_in_a_short_schedule_and_are_left_out_of_a_published_
 }
 
 #[test]
+fn steps_leave_gaussians_out_where_few_views_see_most_points() {
+    let ours = methods::find("omni4dgs-plus").unwrap();
+    let decision = |views: usize| {
+        let mut scene = moving_ball::scene();
+        let once = scene.input_views.clone();
+        // The clip, over and over again.
+        let view = |number: usize| {
+            let mut view = once[number % once.len()].clone();
+            view.frame = number as u32;
+            view.view.time_seconds = number as f64;
+            view
+        };
+        scene.input_views = (0..views).map(view).collect();
+        scene.novel_views.clear();
+        let prepared = ours.prepare(&scene, &asked_for(&[], 100), BackendChoice::Cpu);
+        let plan = prepared.unwrap().plan;
+        let decision = plan.into_iter().find(|part| part.component == "dropout");
+        decision.unwrap()
+    };
+    let few = decision(6);
+    assert!(
+        few.used && few.reason.contains("of 6 input views"),
+        "{few:?}"
+    );
+    let many = decision(60);
+    assert!(
+        !many.used && many.reason.contains("of 60 input views"),
+        "{many:?}"
+    );
+}
+
+#[test]
 fn every_optional_component_of_every_method_trains() {
     let scene = spoilt(moving_ball::scene());
     for method in METHODS {

@@ -74,7 +74,7 @@ fn points_in_a_shadow_that_no_mask_shows_change() {
             }
         }
     }
-    let found = PilotFit::of(&scene, 7).unwrap().changing();
+    let found = PilotFit::of(&scene, 7).unwrap().points().0;
     let changing = |shaded: bool| {
         let points = scene.points.positions.iter().zip(&found.changes);
         let of_kind: Vec<bool> = points

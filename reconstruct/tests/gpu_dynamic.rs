@@ -21,6 +21,7 @@ use novel_views::novel_psnr;
 use omnilife_engine::{
     density::{DensityContext, Threshold, densify, order::along_sphere, reset_opacities},
     gaussians::{
+        dropout::Dropout,
         omni4dgs::{Decomposition, DirectionOrigin, VelocityForm},
         static_gaussians::{self, InitialGaussians, StaticGaussians},
         temporal::{
@@ -297,9 +298,9 @@ fn steps_of_omni4dgs_are_those_of_the_cpu() {
     }
 }
 
-/// With gains taken out of the images and poses that move; half of the views have no mask.
+/// With gains taken out of the images, poses that move, and Gaussians left out; half of the views have no mask.
 #[test]
-fn steps_with_gains_and_poses_are_those_of_the_cpu() {
+fn steps_with_gains_poses_and_dropout_are_those_of_the_cpu() {
     let mut scene = scene();
     for view in scene.input_views.iter_mut().step_by(2) {
         view.mask = None;
@@ -315,9 +316,13 @@ fn steps_with_gains_and_poses_are_those_of_the_cpu() {
     let settings = TrainSettings {
         exposure: Some(exposure.unwrap()),
         pose_refinement: Some(PoseRefinement { begin_iteration: 2 }),
+        dropout: Some(Dropout {
+            share: 0.2,
+            seed: 5,
+        }),
         ..omni4dgs(&scene, VelocityForm::Literal, DirectionOrigin::Camera)
     };
-    compare("gains and poses", &scene, &settings);
+    compare("gains, poses and dropout", &scene, &settings);
 }
 
 /// Nothing depends on time but the opacity, and nothing but the place.

@@ -11,6 +11,7 @@
 
 mod decision;
 pub(crate) mod draft;
+pub mod dropout;
 pub mod exposure_compensation;
 pub mod mask_seeds;
 pub mod pose_refinement;
@@ -72,6 +73,7 @@ pub const COMPONENTS: &[Component] = &[
     view_dependent_colour::COMPONENT,
     pose_refinement::COMPONENT,
     short_schedule::COMPONENT,
+    dropout::COMPONENT,
     mask_seeds::COMPONENT,
     sky_shell::COMPONENT,
     static_table::COMPONENT,
@@ -83,6 +85,7 @@ pub const OF_ANY_METHOD: &[&str] = &[
     view_dependent_colour::ID,
     pose_refinement::ID,
     short_schedule::ID,
+    dropout::ID,
 ];
 
 #[cfg(test)]

@@ -15,7 +15,7 @@ use crate::evidence::flat_surfaces::{DirectionFit, FlatSurfaces, LEAST_SAMPLES};
 const LARGEST_DEVIATION: f32 = 0.1;
 /// Change that lasts from one view to the next from which points everywhere keep their time, root mean square,
 /// levels of 1 (docs/results/evidence.md).
-const LEAST_CHANGE: f64 = 0.009;
+const LEAST_CHANGE: f64 = 0.0055;
 
 /// What was found.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]

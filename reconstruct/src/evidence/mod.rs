@@ -2,7 +2,7 @@
 //!
 //! * [`masks`]: what masks say of motion. [`pilot`]: a short static training, in which the rest is seen;
 //!   `rendered_view`: a view compared with its render.
-//! * [`motion`]: whether anything moves, and where. [`poses`]: how far poses are off.
+//! * [`motion`]: whether anything moves, and where. [`coverage`]: how many views see a point. [`poses`]: how far poses are off.
 //!   [`view_dependence`]: whether colours depend on the direction. [`exposure`]: whether whole views are
 //!   brighter or darker than others. [`changing_light`]: whether light changes in them.
 //!
@@ -10,6 +10,7 @@
 //! evidence on one scene and seed, whatever it uses of it.
 
 pub mod changing_light;
+pub mod coverage;
 pub mod exposure;
 mod flat_surfaces;
 pub mod masks;
@@ -23,6 +24,7 @@ use serde::Serialize;
 
 use self::{
     changing_light::ChangingLight,
+    coverage::Coverage,
     exposure::ExposureEvidence,
     masks::MaskEvidence,
     motion::{ChangingPoints, MotionEvidence},
@@ -62,6 +64,8 @@ pub struct PilotEvidence {
     pub motion: MotionEvidence,
     /// Which of the scene's points change outside the masks.
     pub changing: ChangingPoints,
+    /// How many views see them.
+    pub coverage: Coverage,
     /// Whether colours depend on the direction.
     pub view_dependence: ViewDependence,
     /// Whether light changes.
@@ -101,9 +105,11 @@ impl PilotEvidence {
             fit.correct_poses(&poses);
         }
         let (view_dependence, changing_light) = fit.colours();
+        let (changing, coverage) = fit.points();
         Ok(Self {
             motion: fit.motion(),
-            changing: fit.changing(),
+            changing,
+            coverage,
             view_dependence,
             changing_light,
             exposure,

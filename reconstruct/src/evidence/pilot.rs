@@ -10,6 +10,7 @@ use crate::{
     evidence::{
         PILOT_ITERATIONS,
         changing_light::ChangingLight,
+        coverage::Coverage,
         exposure::{ExposureEvidence, ViewBlocks},
         flat_surfaces::{FlatSurfaces, Observation},
         motion::{ChangingPoints, MotionEvidence, transients},
@@ -106,9 +107,13 @@ impl PilotFit {
         transients(&self.residuals(&points, reach.max(1)))
     }
 
-    /// At which of the scene's points something changes outside the masks.
-    pub fn changing(&self) -> ChangingPoints {
-        ChangingPoints::of(&self.residuals(&self.scene.points.positions, 1))
+    /// At which of the scene's points something changes outside the masks, and how many views see them.
+    pub fn points(&self) -> (ChangingPoints, Coverage) {
+        let residuals = self.residuals(&self.scene.points.positions, 1);
+        let seen: Vec<usize> = residuals.iter().step_by(3).map(Vec::len).collect();
+        let input_views = self.scene.input_views.len();
+        let coverage = Coverage::of(&seen, self.views.len(), input_views);
+        (ChangingPoints::of(&residuals), coverage)
     }
 
     /// Whether colours depend on the direction from which they are seen, and whether light changes.

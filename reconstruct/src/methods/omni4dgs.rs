@@ -6,7 +6,7 @@
 use crate::{
     baseline::OPACITY_RESET,
     components::{
-        Decision, Draft, draft::MotionEvidenceUse, exposure_compensation, mask_seeds,
+        Decision, Draft, draft::MotionEvidenceUse, dropout, exposure_compensation, mask_seeds,
         pose_refinement, short_schedule, sky_shell, static_table, swept_points,
         view_dependent_colour,
     },
@@ -62,6 +62,7 @@ pub const METHOD: Method = Method {
         view_dependent_colour::ID,
         pose_refinement::ID,
         short_schedule::ID,
+        dropout::ID,
         mask_seeds::ID,
         static_table::ID,
     ],

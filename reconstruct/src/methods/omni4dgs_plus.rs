@@ -9,7 +9,7 @@
 use crate::{
     baseline::OPACITY_RESET,
     components::{
-        Decision, Draft, draft::MotionEvidenceUse, exposure_compensation, mask_seeds,
+        Decision, Draft, draft::MotionEvidenceUse, dropout, exposure_compensation, mask_seeds,
         pose_refinement, short_schedule, sky_shell, static_table, swept_points,
         view_dependent_colour,
     },
@@ -36,7 +36,8 @@ pub const METHOD: Method = Method {
     description: "omni4dgs with lifespans of two frames at least, first velocities from the masks' \
                   connected components, temporal smoothing as in PVG, gains of a camera's automatic exposure taken out, \
                   colours that depend on the direction where the scene's do, poses refined where \
-                  they are off, larger steps where the schedule is short, and no density control in \
+                  they are off, larger steps where the schedule is short, steps that leave Gaussians out \
+                  where few views see most points, and no density control in \
                   time: dynamic Gaussians are there at the moments between input views too. Below the \
                   limit on their number Gaussians with time grow first. Components are left out \
                   where a scene gives no reason for them.",
@@ -54,6 +55,7 @@ pub const METHOD: Method = Method {
         view_dependent_colour::ID,
         pose_refinement::ID,
         short_schedule::ID,
+        dropout::ID,
         swept_points::ID,
         sky_shell::ID,
         OPACITY_RESET,

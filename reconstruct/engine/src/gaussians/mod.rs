@@ -10,9 +10,11 @@
 //!   [`periodic`] (PVG), the velocity of Omni4DGS in [`omni4dgs`].
 //! * [`deformable`]: a static table, and a network that moves it.
 //! * [`tracked`]: Gaussians of rigid objects on paths.
+//! * [`dropout`]: steps of training in which some are not drawn.
 
 pub(crate) mod activated_buffers;
 pub mod deformable;
+pub mod dropout;
 pub mod omni4dgs;
 pub mod parameterization;
 pub mod periodic;

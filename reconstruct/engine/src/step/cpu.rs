@@ -16,6 +16,7 @@ use crate::{
     camera::View,
     gaussians::{
         ActivatedGaussians,
+        dropout::Dropout,
         parameterization::Viewpoint,
         temporal::{PEAK_TIMES, TemporalFeatures},
     },
@@ -40,6 +41,7 @@ pub struct CpuStepper<'a> {
     loss: Loss,
     dynamic: Option<DynamicLosses>,
     exposure: Option<Exposure>,
+    dropout: Option<Dropout>,
     pose_refinement: Option<PoseRefinement>,
     target: Vec<f32>,
     mask: Vec<f32>,
@@ -64,6 +66,7 @@ impl<'a> CpuStepper<'a> {
                 .as_ref()
                 .map(|dynamics| DynamicLosses::new(dynamics, settings.rendering)),
             exposure: settings.exposure.clone(),
+            dropout: settings.dropout,
             pose_refinement: settings.pose_refinement,
             target: Vec::new(),
             mask: Vec::new(),
@@ -216,6 +219,12 @@ impl Stepper for CpuStepper<'_> {
         let at = Viewpoint::of_step(&drawn, schedule.shift_frames, schedule.scheduled);
         let features = self.features();
         self.model.activate(&at, &features, &mut self.activated);
+        let dropout = self
+            .dropout
+            .map(|dropout| dropout.of_step(schedule.iteration));
+        if let Some(dropout) = dropout {
+            dropout.drop_out(&mut self.activated);
+        }
         let (mut total, squared_error) = self.differentiate(number, &drawn, &at, schedule);
         let by_pose = PoseRefinement::gradient(
             self.pose_refinement,
@@ -224,6 +233,9 @@ impl Stepper for CpuStepper<'_> {
             &self.activated,
             &self.gradient,
         );
+        if let Some(dropout) = dropout {
+            dropout.drop_out_vjp(&mut self.activated, &mut self.gradient);
+        }
         self.model
             .activate_backward(&at, &features, &mut self.activated, &mut self.gradient);
         if let Some(dynamic) = &self.dynamic {

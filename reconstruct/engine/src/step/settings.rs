@@ -11,7 +11,7 @@ use crate::{
     density::DensifySettings, model::exposure::Exposure, render::settings::RenderSettings,
 };
 use crate::{
-    gaussians::deformable::settings::DeformationSettings,
+    gaussians::{deformable::settings::DeformationSettings, dropout::Dropout},
     model::dynamic_settings::DynamicSettings,
     parameters::{decay::Decay, short_schedule::ShortSchedule},
     step::pose_refinement::PoseRefinement,
@@ -52,6 +52,9 @@ pub struct TrainSettings {
     /// Gains of the views, where they are compensated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exposure: Option<Exposure>,
+    /// Gaussians that steps leave out, where they do.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dropout: Option<Dropout>,
     /// When poses are refined, where they are.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pose_refinement: Option<PoseRefinement>,
@@ -106,6 +109,7 @@ mod tests {
             dynamics: None,
             deformation: None,
             exposure: None,
+            dropout: None,
             pose_refinement: None,
             trace_every: 3_000,
         }

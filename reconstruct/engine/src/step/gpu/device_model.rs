@@ -5,6 +5,7 @@ use crate::{
     device::{DeviceBuffer, Gpu, GpuError, Program},
     gaussians::{
         deformable::gpu::DeformationBuffers,
+        dropout::gpu::DropoutPrograms,
         parameterization::{DeviceEntries, DeviceKind, DeviceTwin, Viewpoint},
         temporal::gpu::DeviceTime,
     },
@@ -277,6 +278,8 @@ pub(super) struct DeviceModel {
     pub(super) canonical: Activation,
     /// With the network, where there is one, and what moves its weights.
     pub(super) deformed: Option<(Activation, Program)>,
+    /// Where steps leave Gaussians out.
+    pub(super) dropout: Option<DropoutPrograms>,
     /// Image and losses.
     pub(super) losses: Program,
     pub(super) alone: Option<DeviceAlone>,
@@ -334,13 +337,16 @@ impl DeviceModel {
         let of_network = self.deformed.as_ref().filter(|_| uses.network);
         let alone = self.alone.as_ref().filter(|_| uses.alone);
         let pose = self.pose.as_ref().filter(|_| uses.pose);
+        let dropout = self.dropout.as_ref();
         let programs = [
             Some(&activation.forward),
+            dropout.map(|dropout| &dropout.forward),
             Some(&self.losses),
             alone.map(|alone| &alone.forward),
             Some(&self.backward),
             alone.map(|alone| &alone.backward),
             pose.map(|pose| &pose.program),
+            dropout.map(|dropout| &dropout.backward),
             Some(&activation.backward),
             Some(&self.update),
             of_network.map(|(_, update)| update),

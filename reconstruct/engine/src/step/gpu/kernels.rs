@@ -10,6 +10,7 @@ use crate::{
         DeviceBuffer, Gpu, GpuError, Kernel, Program, Uniform,
         shader::{Shader, wgsl_struct},
     },
+    gaussians::dropout::gpu::DropoutKernels,
     losses::photometric::gpu::{Loss, LossWeights},
     model::Model,
     parameters::{adam::gpu::Adam, rows::RowMover},
@@ -95,6 +96,7 @@ pub(super) struct StepKernels {
     pub(super) loss: Loss,
     pub(super) dynamic: Option<DynamicKernels>,
     pose_gradients: Option<PoseGradients>,
+    dropout: Option<DropoutKernels>,
     adam: Adam,
     pub(super) row_mover: RowMover,
     judge_loss: Kernel,
@@ -146,6 +148,10 @@ impl StepKernels {
                 .pose_refinement
                 .map(|_| PoseGradients::new(&gpu, &shape))
                 .transpose()?,
+            dropout: settings
+                .dropout
+                .map(|_| DropoutKernels::new(&gpu))
+                .transpose()?,
             adam: Adam::new(&gpu)?,
             row_mover: RowMover::new(&gpu)?,
             judge_loss,
@@ -185,6 +191,8 @@ impl StepKernels {
             )),
             false => None,
         };
+        let dropout = self.dropout.as_ref();
+        let dropout = dropout.map(|dropout| dropout.record(&gpu, activated));
         let losses = self.record_losses(&chain)?;
         let alone = match (&mut self.dynamic, &self.activation.temporal) {
             (Some(dynamic), Some(temporal)) => {
@@ -203,6 +211,7 @@ impl StepKernels {
             chain,
             canonical,
             deformed,
+            dropout: dropout.transpose()?,
             losses,
             alone,
             backward,

@@ -225,6 +225,9 @@ impl<'a> GpuStepper<'a> {
         };
         model.set_view(gpu, &drawn, &moment, &rendering);
         model.set_step(gpu, schedule, step.network_step);
+        if let (Some(dropout), Some(programs)) = (&self.settings.dropout, &model.dropout) {
+            programs.set(gpu, &dropout.of_step(schedule.iteration));
+        }
         let has_mask = input.mask.is_some();
         let uses = StepUses {
             network: moment.network_time.is_some(),

@@ -1,0 +1,141 @@
+//! Dropout of Gaussians (`DropGaussian`, Park et al., CVPR 2025): another share of them is not drawn
+//! in every training step, and the others are more opaque to make up for it.
+//!
+//! Where few views see a place, Gaussians in front of each other can agree on every one of these views and on
+//! no other. Any of them may be missing in the next step, so that each has to be right by itself. The share is
+//! constant here, where the paper's grows with the iterations: that did worse on real footage
+//! (docs/results/quality.md). Images are drawn with all Gaussians.
+//!
+//! `dropout.wgsl` is the same for a GPU.
+
+pub mod gpu;
+
+use serde::{Deserialize, Serialize};
+
+use super::ActivatedGaussians;
+
+/// Dropout of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Dropout {
+    /// Share of the Gaussians that a step leaves out, in [0, 1).
+    pub share: f32,
+    /// Which ones: runs of one seed leave out the same.
+    pub seed: u32,
+}
+
+/// What one step leaves out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StepDropout {
+    share: f32,
+    /// Hash of the seed and the iteration.
+    step: u32,
+}
+
+impl Dropout {
+    /// What the step number `iteration` leaves out.
+    pub fn of_step(&self, iteration: u64) -> StepDropout {
+        let [low, high] = [iteration as u32, (iteration >> 32) as u32];
+        StepDropout {
+            share: self.share,
+            step: pcg(low ^ pcg(high ^ pcg(self.seed))),
+        }
+    }
+}
+
+impl StepDropout {
+    /// By what the opacity of entry number `entry` is multiplied: 0, or one over the share that is drawn.
+    pub fn weight(&self, entry: u32) -> f32 {
+        // 24 bits: what an f32 in [0, 1) holds.
+        let random = (pcg(entry ^ self.step) >> 8) as f32 / (1 << 24) as f32;
+        if random < self.share {
+            0.0
+        } else {
+            1.0 / (1.0 - self.share)
+        }
+    }
+
+    /// Leaves Gaussians out. Opacities may be larger than 1 afterwards; what is drawn of them has a limit of
+    /// its own.
+    pub fn drop_out(&self, gaussians: &mut ActivatedGaussians) {
+        for (entry, opacity) in gaussians.opacities.iter_mut().enumerate() {
+            *opacity *= self.weight(entry as u32);
+        }
+    }
+
+    /// From the gradient by what was drawn to that by what there was, which it brings back where it was drawn;
+    /// Gaussians that were not drawn stay without opacity and have no gradient by it.
+    pub fn drop_out_vjp(
+        &self,
+        gaussians: &mut ActivatedGaussians,
+        gradient: &mut ActivatedGaussians,
+    ) {
+        let opacities = gaussians.opacities.iter_mut();
+        for (entry, (opacity, by)) in opacities.zip(&mut gradient.opacities).enumerate() {
+            let weight = self.weight(entry as u32);
+            *by *= weight;
+            if weight > 0.0 {
+                *opacity /= weight;
+            }
+        }
+    }
+}
+
+/// The hash function PCG-RXS-M-XS of 32 bits (Jarzynski and Olano, JCGT 2020).
+fn pcg(input: u32) -> u32 {
+    let state = input.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+    let word = ((state >> ((state >> 28) + 4)) ^ state).wrapping_mul(277_803_737);
+    (word >> 22) ^ word
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DROPOUT: Dropout = Dropout {
+        share: 0.2,
+        seed: 3,
+    };
+
+    #[test]
+    fn the_share_is_left_out_another_one_in_every_step() {
+        let weights = |iteration: u64| -> Vec<f32> {
+            let step = DROPOUT.of_step(iteration);
+            (0..20_000).map(|entry| step.weight(entry)).collect()
+        };
+        let [first, second] = [1, 2].map(weights);
+        for weights in [&first, &second] {
+            let dropped = weights.iter().filter(|&&weight| weight == 0.0).count();
+            // 20 %, five standard deviations.
+            assert!(dropped.abs_diff(4_000) < 283, "{dropped}");
+            assert!(weights.iter().all(|&w| w == 0.0 || (w - 1.25).abs() < 1e-6));
+        }
+        let both = first.iter().zip(&second);
+        let both = both.filter(|&(&one, &other)| one == 0.0 && other == 0.0);
+        let both = both.count();
+        assert!(both.abs_diff(800) < 140, "{both} of 800 in both");
+        assert_eq!(first, weights(1));
+        let other_seed = Dropout { seed: 4, ..DROPOUT };
+        assert_ne!(DROPOUT.of_step(1), other_seed.of_step(1));
+    }
+
+    #[test]
+    fn the_gradient_is_that_by_what_there_was() {
+        let mut gaussians = ActivatedGaussians::default();
+        gaussians.reshape(50, 0, 0);
+        let before: Vec<f32> = (0..50).map(|entry| 0.01 + 0.019 * entry as f32).collect();
+        gaussians.opacities.clone_from(&before);
+        let step = DROPOUT.of_step(7);
+        step.drop_out(&mut gaussians);
+        // A loss of `sum_i (i + 1) o_i` of what is drawn.
+        let mut gradient = ActivatedGaussians::default();
+        gradient.reshape(50, 0, 0);
+        gradient.opacities = (0..50).map(|entry| entry as f32 + 1.0).collect();
+        step.drop_out_vjp(&mut gaussians, &mut gradient);
+        for (entry, &opacity) in before.iter().enumerate() {
+            let weight = step.weight(entry as u32);
+            assert_eq!(gradient.opacities[entry], weight * (entry as f32 + 1.0));
+            let expected = if weight > 0.0 { opacity } else { 0.0 };
+            assert!((gaussians.opacities[entry] - expected).abs() < 1e-6);
+        }
+    }
+}

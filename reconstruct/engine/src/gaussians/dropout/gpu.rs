@@ -1,0 +1,148 @@
+//! Dropout of Gaussians on a GPU.
+
+use super::StepDropout;
+use crate::{
+    device::{Gpu, GpuError, Kernel, Program, Shader, Uniform, wgsl_struct},
+    gaussians::activated_buffers::ActivatedBuffers,
+};
+
+wgsl_struct! {
+    /// What a step leaves out; `StepDropout` in WGSL.
+    pub(crate) struct DeviceDropout {
+        len: u32,
+        step: u32,
+        share: f32,
+    }
+}
+
+pub(crate) fn shader() -> Shader {
+    Shader {
+        file: "dropout.wgsl",
+        constants: String::new(),
+        parts: &[
+            include_str!("../../device/common.wgsl"),
+            include_str!("../gaussians.wgsl"),
+            include_str!("dropout.wgsl"),
+        ],
+    }
+}
+
+/// Dropout and its VJP.
+#[derive(Debug)]
+pub(crate) struct DropoutKernels {
+    drop_out: Kernel,
+    drop_out_vjp: Kernel,
+}
+
+/// The programs for some Gaussians.
+#[derive(Debug)]
+pub(crate) struct DropoutPrograms {
+    pub(crate) forward: Program,
+    pub(crate) backward: Program,
+    step: Uniform<DeviceDropout>,
+    len: u32,
+}
+
+impl DropoutKernels {
+    pub(crate) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
+        let [drop_out, drop_out_vjp] =
+            Kernel::compile(gpu, &shader(), ["drop_out", "drop_out_vjp"])?;
+        Ok(Self {
+            drop_out,
+            drop_out_vjp,
+        })
+    }
+
+    /// Records the programs on activated Gaussians.
+    pub(crate) fn record(
+        &self,
+        gpu: &Gpu,
+        activated: &ActivatedBuffers,
+    ) -> Result<DropoutPrograms, GpuError> {
+        let step = Uniform::of(gpu, "dropout", &DeviceDropout::default())?;
+        let mut forward = Program::default();
+        forward.begin_stage("dropout");
+        let gaussians = &activated.gaussians.raw;
+        let buffers = [&step.raw, gaussians];
+        forward.run(gpu, &self.drop_out, activated.len, &buffers);
+        let mut backward = Program::default();
+        backward.begin_stage("dropout backward");
+        let buffers = [&step.raw, gaussians, &activated.gaussian_gradients.raw];
+        backward.run(gpu, &self.drop_out_vjp, activated.len, &buffers);
+        Ok(DropoutPrograms {
+            forward,
+            backward,
+            step,
+            len: activated.len as u32,
+        })
+    }
+}
+
+impl DropoutPrograms {
+    /// Sets what is left out for everything that is submitted later.
+    pub(crate) fn set(&self, gpu: &Gpu, step: &StepDropout) {
+        let step = DeviceDropout {
+            len: self.len,
+            step: step.step,
+            share: step.share,
+        };
+        self.step.write(gpu, &step);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        device::test_device,
+        gaussians::{ActivatedGaussians, dropout::Dropout},
+    };
+
+    #[test]
+    fn the_gpu_leaves_out_what_the_cpu_does() -> Result<(), GpuError> {
+        let Some(gpu) = test_device() else {
+            return Ok(());
+        };
+        let dropout = Dropout {
+            share: 0.3,
+            seed: 11,
+        };
+        let len = 700;
+        let (mut gaussians, mut gradient) =
+            (ActivatedGaussians::default(), ActivatedGaussians::default());
+        for (table, first) in [(&mut gaussians, 0.1), (&mut gradient, -2.0)] {
+            table.reshape(len, 0, 0);
+            let opacities = table.opacities.iter_mut().enumerate();
+            opacities.for_each(|(entry, opacity)| *opacity = first + 0.001 * entry as f32);
+        }
+        let buffers = ActivatedBuffers::new(&gpu, len, 0, 0)?;
+        let programs = DropoutKernels::new(&gpu)?.record(&gpu, &buffers)?;
+        for iteration in [1, 2, (1 << 33) + 5] {
+            let step = dropout.of_step(iteration);
+            let (mut expected, mut by) = (gaussians.clone(), gradient.clone());
+            buffers.write(&gpu, &gaussians);
+            buffers.write_gradient(&gpu, &gradient);
+            programs.set(&gpu, &step);
+            programs.forward.submit(&gpu);
+            let mut found = ActivatedGaussians::default();
+            buffers.read(&gpu, &mut found)?;
+            step.drop_out(&mut expected);
+            assert_close(&found.opacities, &expected.opacities);
+            programs.backward.submit(&gpu);
+            buffers.read(&gpu, &mut found)?;
+            step.drop_out_vjp(&mut expected, &mut by);
+            assert_close(&found.opacities, &expected.opacities);
+            buffers.read_gradient(&gpu, &mut found)?;
+            assert_close(&found.opacities, &by.opacities);
+        }
+        Ok(())
+    }
+
+    fn assert_close(found: &[f32], expected: &[f32]) {
+        for (entry, (found, expected)) in found.iter().zip(expected).enumerate() {
+            // A device may divide with an error of 2.5 units in the last place.
+            let close = (found - expected).abs() <= 4.0 * f32::EPSILON * expected.abs();
+            assert!(close, "{entry}: {found} {expected}");
+        }
+    }
+}
