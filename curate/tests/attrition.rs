@@ -3,10 +3,18 @@
 
 mod support;
 
-use std::fs;
+use std::{fs, path::Path};
 
-use omnilife_curate::{CurateSettings, attrition::Attrition, curate_dataset};
-use omnilife_schemas::{progress::Silent, records::VideoStatus};
+use omnilife_curate::{
+    CurateSettings, attrition::Attrition, curate_dataset, ledger::merge::Evidence,
+};
+use omnilife_schemas::{
+    progress::Silent,
+    records::{
+        AuditDecision, AuditDecisions, LedgerAction, PersonRole, SegmentLabel, TimeRange,
+        VideoStatus,
+    },
+};
 use support::{Clip, Notes, erp_clip, erp_direction, world_colour};
 
 #[test]
@@ -88,6 +96,80 @@ fn rejects_and_sequences_add_up_to_what_went_in() {
         fs::read_to_string(out.join("attrition.csv")).unwrap(),
         table
     );
+}
+
+/// Says in a video's ledger that a part of it is left out.
+fn leave_out(folder: &Path, [begin_seconds, end_seconds]: [f64; 2]) {
+    let mut ledger = Evidence::read(folder).unwrap().ledger(folder).unwrap();
+    let action = LedgerAction::Label(SegmentLabel {
+        range: TimeRange {
+            begin_seconds,
+            end_seconds,
+        },
+        scene: None,
+        action: None,
+        traversal: None,
+        leave_out: Some(true),
+    });
+    let time = format!("2026-01-01T00:00:{:02}Z", begin_seconds.round());
+    let decisions = AuditDecisions {
+        source_sha256: ledger.source().sha256.clone(),
+        author: "Ada".to_owned(),
+        role: PersonRole::Annotator,
+        decisions: vec![AuditDecision {
+            time,
+            reason: None,
+            action,
+        }],
+    };
+    assert_eq!(ledger.decide(&decisions).unwrap(), 1);
+    ledger.write().unwrap();
+}
+
+#[test]
+fn what_a_ledger_leaves_out_is_a_step_of_the_funnel() {
+    let temp = tempfile::tempdir().unwrap();
+    // Two shots of two seconds.
+    let video = erp_clip(temp.path(), "walk.mp4", &[1, 3], 40, 20);
+    let out = temp.path().join("out");
+    let settings = CurateSettings {
+        profile: "none".to_owned(),
+        ..CurateSettings::default()
+    };
+    let curate = || {
+        let curated = curate_dataset(std::slice::from_ref(&video), &out, &settings, &Silent);
+        let record = curated.unwrap().record;
+        let attrition = Attrition::of(&record, &out).unwrap();
+        (record, attrition)
+    };
+    let (_, all) = curate();
+    assert_eq!((all.kept_sequences, all.rejects.len()), (2, 0));
+    let folder = out.join("videos/walk");
+
+    leave_out(&folder, [0.0, 2.0]);
+    let (_, one) = curate();
+    let left_out = |attrition: &Attrition| {
+        let step = attrition.funnel.iter().find(|step| step.step == "left-out");
+        step.map(|step| (step.removed_videos, step.removed_seconds))
+    };
+    assert_eq!(one.kept_sequences, 1);
+    let (videos, seconds) = left_out(&one).unwrap();
+    assert!(videos == 0 && (seconds - 2.0).abs() < 1e-3, "{seconds}");
+    assert!((one.kept_seconds - 2.0).abs() < 1e-3);
+    let checks: Vec<&str> = one.rejects.iter().map(|row| row.check.as_str()).collect();
+    assert_eq!(checks, ["left-out"]);
+
+    // A video of which nothing is left is rejected, and counted as a whole.
+    leave_out(&folder, [2.0, 4.0]);
+    let (record, none) = curate();
+    assert!(
+        matches!(&record.videos[0].status, VideoStatus::Rejected { .. }),
+        "{:?}",
+        record.videos[0].status
+    );
+    let (videos, seconds) = left_out(&none).unwrap();
+    assert!(videos == 1 && (seconds - 4.0).abs() < 1e-3, "{seconds}");
+    assert_eq!((none.kept_sequences, none.kept_seconds), (0, 0.0));
 }
 
 /// The paper's criteria: every failed check with value and threshold, the first one counted.

@@ -270,4 +270,23 @@ fn an_annotator_cuts_and_labels_in_a_browser_and_slices_follow() {
         };
         assert_eq!(said, expected, "{sequence}");
     }
+
+    // Another page on the same ledger takes the segment back that is left out.
+    let again = temp.path().join("again");
+    fs::create_dir(&again).unwrap();
+    let page = again.join("audit.html");
+    curated.page(&page, 100, &notes).unwrap();
+    let Some(decisions) = used("keeper", &page) else {
+        return;
+    };
+    ledger::merge(&curated.folder, &[decisions], None, &Silent).unwrap();
+    curated.curate();
+    let slices: Slices = store::read_record(&curated.folder.join("slices.json")).unwrap();
+    let is_left_out = |outcome: &SegmentOutcome| *outcome == SegmentOutcome::LeftOut;
+    assert!(
+        !slices
+            .segments
+            .iter()
+            .any(|segment| is_left_out(&segment.outcome))
+    );
 }

@@ -149,6 +149,20 @@ def annotator(page, screenshots):
     wait_for("dragged position", lambda: abs(page.script("return shown") - 80) <= 2)
 
 
+def keeper(page, screenshots):
+    """What was left out is kept after all."""
+    fill(page, "#author", "Ada")
+    fill(page, "#role", "annotator")
+    expect("a segment left out", "left out" in text(page, "#labels"), True)
+    buttons = "return [...document.querySelectorAll('#labels button')].map(button => button.textContent)"
+    expect("one can be kept", page.script(buttons).count("Keep after all"), 1)
+    page.script("[...document.querySelectorAll('#labels button')]"
+                ".find(button => button.textContent === 'Keep after all').click()")
+    expect("it is kept", "kept after all" in text(page, "#labels"), True)
+    expect("no other can be kept", page.script(buttons).count("Keep after all"), 0)
+    look_at(page, screenshots, "keeper")
+
+
 def reopen(page, address):
     """What was decided is there again when the page is opened again."""
     state = "return [[...document.querySelectorAll('#boundaries li')].map(li => [li.hidden, li.dataset.state]), " \
@@ -168,10 +182,10 @@ def main():
         page.devtools("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(downloads.resolve()))
         page.open(address)
         check_page(page)
-        {"expert": expert, "annotator": annotator}[role](page, screenshots)
+        {"expert": expert, "annotator": annotator, "keeper": keeper}[role](page, screenshots)
         reopen(page, address)
-        fill(page, "#author", {"expert": "Kim", "annotator": "Ada"}[role])
-        fill(page, "#role", role)
+        fill(page, "#author", "Kim" if role == "expert" else "Ada")
+        fill(page, "#role", "expert" if role == "expert" else "annotator")
         look_at(page, screenshots, f"{role}-reopened")
         page.press("s")
         wait_for("saved file", (downloads / "decisions.json").exists)

@@ -7,11 +7,22 @@ const allLabels = () => {
   const there = data.labels.map(({ label, author }) => ({ label, author: nameOf(author) }));
   return [...there, ...here].sort((a, b) => a.label.range.begin_seconds - b.label.range.begin_seconds);
 };
-const labelText = (label) =>
-  [label.scene, label.action, label.traversal && "seamless traversal", label.leave_out && "left out"].filter(Boolean).join(", ");
+const labelText = (label) => [label.scene, label.action, label.traversal && "seamless traversal",
+  label.leave_out && "left out", label.leave_out === false && "kept after all"].filter(Boolean).join(", ");
+
+/** A segment that the ledger leaves out is taken back by a label of its own: the ledger forgets nothing. */
+const keepAfterAll = (label) => {
+  const keep = element("button", { type: "button", textContent: "Keep after all" });
+  keep.addEventListener("click", () => decide({ label: { range: label.range, leave_out: false } }));
+  return keep;
+};
+/** Whether a later label keeps the segment of one. */
+const isKept = ({ range }, labels) => labels.some(({ label }) => label.leave_out === false
+  && label.range.begin_seconds <= range.begin_seconds && label.range.end_seconds >= range.end_seconds);
 
 const showLabels = () => {
-  const items = allLabels().map(({ label, author, decision: own }) => {
+  const labels = allLabels();
+  const items = labels.map(({ label, author, decision: own }) => {
     const { begin_seconds, end_seconds } = label.range;
     const show = element("button", { type: "button", textContent: "Show" });
     show.addEventListener("click", () => { pause(); seek(nearestFrame(begin_seconds)); });
@@ -22,6 +33,7 @@ const showLabels = () => {
       element("span", { className: "state", textContent: labelText(label) }),
       element("span", { className: "who", textContent: author === null ? "not saved yet" : `by ${author}` }),
       show, ...(own ? [remove] : []),
+      ...(!own && label.leave_out && !isKept(label, labels) ? [keepAfterAll(label)] : []),
     ])]);
   });
   byId("labels").replaceChildren(...items);
