@@ -317,7 +317,8 @@ fn steps_with_gains_poses_and_dropout_are_those_of_the_cpu() {
         exposure: Some(exposure.unwrap()),
         pose_refinement: Some(PoseRefinement { begin_iteration: 2 }),
         dropout: Some(Dropout {
-            share: 0.2,
+            last_share: 0.4,
+            iterations: 2,
             seed: 5,
         }),
         ..omni4dgs(&scene, VelocityForm::Literal, DirectionOrigin::Camera)

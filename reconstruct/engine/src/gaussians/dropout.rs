@@ -2,9 +2,8 @@
 //! in every training step, and the others are more opaque to make up for it.
 //!
 //! Where few views see a place, Gaussians in front of each other can agree on every one of these views and on
-//! no other. Any of them may be missing in the next step, so that each has to be right by itself. The share is
-//! constant here, where the paper's grows with the iterations: that did worse on real footage
-//! (docs/results/quality.md). Images are drawn with all Gaussians.
+//! no other. Any of them may be missing in the next step, so that each has to be right by itself. The share grows
+//! with the iterations, as they do: `r_t = r t / T`. Images are drawn with all Gaussians.
 //!
 //! `dropout.wgsl` is the same for a GPU.
 
@@ -17,8 +16,10 @@ use super::ActivatedGaussians;
 /// Dropout of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Dropout {
-    /// Share of the Gaussians that a step leaves out, in [0, 1).
-    pub share: f32,
+    /// Share of the Gaussians that the last step leaves out, in [0, 1).
+    pub last_share: f32,
+    /// Iterations of the schedule over which the share grows from 0.
+    pub iterations: u64,
     /// Which ones: runs of one seed leave out the same.
     pub seed: u32,
 }
@@ -32,11 +33,12 @@ pub struct StepDropout {
 }
 
 impl Dropout {
-    /// What the step number `iteration` leaves out.
-    pub fn of_step(&self, iteration: u64) -> StepDropout {
+    /// What the step number `iteration` leaves out, which stands for the iteration `scheduled` of the schedule.
+    pub fn of_step(&self, iteration: u64, scheduled: u64) -> StepDropout {
         let [low, high] = [iteration as u32, (iteration >> 32) as u32];
+        let done = scheduled as f64 / self.iterations.max(1) as f64;
         StepDropout {
-            share: self.share,
+            share: self.last_share * done.min(1.0) as f32,
             step: pcg(low ^ pcg(high ^ pcg(self.seed))),
         }
     }
@@ -92,14 +94,15 @@ mod tests {
     use super::*;
 
     const DROPOUT: Dropout = Dropout {
-        share: 0.2,
+        last_share: 0.4,
+        iterations: 1_000,
         seed: 3,
     };
 
     #[test]
     fn the_share_is_left_out_another_one_in_every_step() {
         let weights = |iteration: u64| -> Vec<f32> {
-            let step = DROPOUT.of_step(iteration);
+            let step = DROPOUT.of_step(iteration, 500);
             (0..20_000).map(|entry| step.weight(entry)).collect()
         };
         let [first, second] = [1, 2].map(weights);
@@ -115,7 +118,9 @@ mod tests {
         assert!(both.abs_diff(800) < 140, "{both} of 800 in both");
         assert_eq!(first, weights(1));
         let other_seed = Dropout { seed: 4, ..DROPOUT };
-        assert_ne!(DROPOUT.of_step(1), other_seed.of_step(1));
+        assert_ne!(DROPOUT.of_step(1, 500), other_seed.of_step(1, 500));
+        assert_eq!(DROPOUT.of_step(1, 0).share, 0.0);
+        assert_eq!(DROPOUT.of_step(1, 5_000).share, 0.4);
     }
 
     #[test]
@@ -124,7 +129,7 @@ mod tests {
         gaussians.reshape(50, 0, 0);
         let before: Vec<f32> = (0..50).map(|entry| 0.01 + 0.019 * entry as f32).collect();
         gaussians.opacities.clone_from(&before);
-        let step = DROPOUT.of_step(7);
+        let step = DROPOUT.of_step(7, 500);
         step.drop_out(&mut gaussians);
         // A loss of `sum_i (i + 1) o_i` of what is drawn.
         let mut gradient = ActivatedGaussians::default();

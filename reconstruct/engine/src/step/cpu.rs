@@ -219,9 +219,8 @@ impl Stepper for CpuStepper<'_> {
         let at = Viewpoint::of_step(&drawn, schedule.shift_frames, schedule.scheduled);
         let features = self.features();
         self.model.activate(&at, &features, &mut self.activated);
-        let dropout = self
-            .dropout
-            .map(|dropout| dropout.of_step(schedule.iteration));
+        let dropout = self.dropout;
+        let dropout = dropout.map(|all| all.of_step(schedule.iteration, schedule.scheduled));
         if let Some(dropout) = dropout {
             dropout.drop_out(&mut self.activated);
         }

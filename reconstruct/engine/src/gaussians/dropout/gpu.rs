@@ -104,7 +104,8 @@ mod tests {
             return Ok(());
         };
         let dropout = Dropout {
-            share: 0.3,
+            last_share: 0.3,
+            iterations: 10,
             seed: 11,
         };
         let len = 700;
@@ -118,7 +119,7 @@ mod tests {
         let buffers = ActivatedBuffers::new(&gpu, len, 0, 0)?;
         let programs = DropoutKernels::new(&gpu)?.record(&gpu, &buffers)?;
         for iteration in [1, 2, (1 << 33) + 5] {
-            let step = dropout.of_step(iteration);
+            let step = dropout.of_step(iteration, 10);
             let (mut expected, mut by) = (gaussians.clone(), gradient.clone());
             buffers.write(&gpu, &gaussians);
             buffers.write_gradient(&gpu, &gradient);

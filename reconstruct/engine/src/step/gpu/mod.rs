@@ -226,7 +226,8 @@ impl<'a> GpuStepper<'a> {
         model.set_view(gpu, &drawn, &moment, &rendering);
         model.set_step(gpu, schedule, step.network_step);
         if let (Some(dropout), Some(programs)) = (&self.settings.dropout, &model.dropout) {
-            programs.set(gpu, &dropout.of_step(schedule.iteration));
+            let dropout = dropout.of_step(schedule.iteration, schedule.scheduled);
+            programs.set(gpu, &dropout);
         }
         let has_mask = input.mask.is_some();
         let uses = StepUses {
