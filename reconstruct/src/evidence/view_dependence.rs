@@ -3,7 +3,7 @@
 //! Residuals of a pilot fit always do: what it blurs shows another neighbour from another
 //! side, and harmonics on its Gaussians predict views that were left out better in scenes without
 //! any gloss. So the question is put to the images, where neighbours do not matter: at
-//! [flat surfaces](super::flat_surfaces). Each surface's colours are fitted by a linear function of
+//! flat surfaces (`flat_surfaces.rs`). Each surface's colours are fitted by a linear function of
 //! the viewing direction - spherical harmonics of degree 1 - from every other view that shows it, and
 //! predicted in the rest. What the fit predicts better than the mean of the same views depends on the
 //! direction; noise and what passes for a view or two is predicted worse. (Light that changes slowly
