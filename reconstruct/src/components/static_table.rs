@@ -16,7 +16,8 @@ pub(crate) const COMPONENT: Component = Component {
     title: "Static table",
     description: "Scene points at which nothing changes outside the masks become Gaussians without \
                   temporal parameters; what changes, such as shadows, and the seeds on the masks keep \
-                  theirs. Used where there are seeds and light does not change everywhere; under the plan full only where it is asked for.",
+                  theirs. Used where there are seeds and light does not change everywhere; under the \
+                  plan full only where it is asked for.",
     turn: Turn::AfterPoints,
     needs_pilot: |request, masks| {
         request.allows(ID)

@@ -18,7 +18,8 @@ use crate::evidence::rendered_view::{Block, SECTORS};
 const LEAST_DRIFT: f64 = 0.02;
 /// Agreement of the parts of the images below which no gain holds for all of them. Parts of an image are small
 /// and what a short fit leaves unexplained in them is not: where exposure really changes they agree by 0.4 and
-/// more, but for night clips, and elsewhere by 0.3 at most (docs/results/evidence.md).
+/// more, but for dark night clips; elsewhere by 0.3 at most, but for one clip under water, where gains do neither
+/// good nor harm (docs/results/evidence.md).
 const LEAST_AGREEMENT: f64 = 0.35;
 
 /// A view: when it was taken, seconds, and its blocks.

@@ -16,7 +16,7 @@ const keepAfterAll = (label) => {
   keep.addEventListener("click", () => decide({ label: { range: label.range, leave_out: false } }));
   return keep;
 };
-/** Whether a later label keeps the segment of one. */
+/** Whether some label keeps the segment of one. */
 const isKept = ({ range }, labels) => labels.some(({ label }) => label.leave_out === false
   && label.range.begin_seconds <= range.begin_seconds && label.range.end_seconds >= range.end_seconds);
 
