@@ -1,6 +1,6 @@
 //! Dropout of Gaussians on a GPU.
 
-use super::StepDropout;
+use super::Dropout;
 use crate::{
     device::{Gpu, GpuError, Kernel, Program, Shader, Uniform, wgsl_struct},
     gaussians::activated_buffers::ActivatedBuffers,
@@ -39,6 +39,7 @@ pub(crate) struct DropoutKernels {
 pub(crate) struct DropoutPrograms {
     pub(crate) forward: Program,
     pub(crate) backward: Program,
+    dropout: Dropout,
     step: Uniform<DeviceDropout>,
     len: u32,
 }
@@ -57,6 +58,7 @@ impl DropoutKernels {
     pub(crate) fn record(
         &self,
         gpu: &Gpu,
+        dropout: Dropout,
         activated: &ActivatedBuffers,
     ) -> Result<DropoutPrograms, GpuError> {
         let step = Uniform::of(gpu, "dropout", &DeviceDropout::default())?;
@@ -72,6 +74,7 @@ impl DropoutKernels {
         Ok(DropoutPrograms {
             forward,
             backward,
+            dropout,
             step,
             len: activated.len as u32,
         })
@@ -79,8 +82,9 @@ impl DropoutKernels {
 }
 
 impl DropoutPrograms {
-    /// Sets what is left out for everything that is submitted later.
-    pub(crate) fn set(&self, gpu: &Gpu, step: &StepDropout) {
+    /// Sets the step of which Gaussians are left out for everything that is submitted later.
+    pub(crate) fn set(&self, gpu: &Gpu, iteration: u64, scheduled: u64) {
+        let step = self.dropout.of_step(iteration, scheduled);
         let step = DeviceDropout {
             len: self.len,
             step: step.step,
@@ -93,10 +97,7 @@ impl DropoutPrograms {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        device::test_device,
-        gaussians::{ActivatedGaussians, dropout::Dropout},
-    };
+    use crate::{device::test_device, gaussians::ActivatedGaussians};
 
     #[test]
     fn the_gpu_leaves_out_what_the_cpu_does() -> Result<(), GpuError> {
@@ -117,13 +118,13 @@ mod tests {
             opacities.for_each(|(entry, opacity)| *opacity = first + 0.001 * entry as f32);
         }
         let buffers = ActivatedBuffers::new(&gpu, len, 0, 0)?;
-        let programs = DropoutKernels::new(&gpu)?.record(&gpu, &buffers)?;
+        let programs = DropoutKernels::new(&gpu)?.record(&gpu, dropout, &buffers)?;
         for iteration in [1, 2, (1 << 33) + 5] {
             let step = dropout.of_step(iteration, 10);
             let (mut expected, mut by) = (gaussians.clone(), gradient.clone());
             buffers.write(&gpu, &gaussians);
             buffers.write_gradient(&gpu, &gradient);
-            programs.set(&gpu, &step);
+            programs.set(&gpu, iteration, 10);
             programs.forward.submit(&gpu);
             let mut found = ActivatedGaussians::default();
             buffers.read(&gpu, &mut found)?;

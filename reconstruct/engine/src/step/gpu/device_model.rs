@@ -311,6 +311,9 @@ impl DeviceModel {
     /// Sets the optimizer's step for everything that is submitted later. The weights of a network
     /// count steps of their own.
     pub(super) fn set_step(&self, gpu: &Gpu, schedule: &StepSchedule, network_step: u64) {
+        if let Some(dropout) = &self.dropout {
+            dropout.set(gpu, schedule.iteration, schedule.scheduled);
+        }
         let rates = &schedule.learning_rates;
         for part in &self.parts {
             let step = (schedule.iteration, schedule.second_moments);

@@ -10,7 +10,7 @@ use crate::{
         DeviceBuffer, Gpu, GpuError, Kernel, Program, Uniform,
         shader::{Shader, wgsl_struct},
     },
-    gaussians::dropout::gpu::DropoutKernels,
+    gaussians::dropout::{Dropout, gpu::DropoutKernels},
     losses::photometric::gpu::{Loss, LossWeights},
     model::Model,
     parameters::{adam::gpu::Adam, rows::RowMover},
@@ -96,7 +96,7 @@ pub(super) struct StepKernels {
     pub(super) loss: Loss,
     pub(super) dynamic: Option<DynamicKernels>,
     pose_gradients: Option<PoseGradients>,
-    dropout: Option<DropoutKernels>,
+    dropout: Option<(Dropout, DropoutKernels)>,
     adam: Adam,
     pub(super) row_mover: RowMover,
     judge_loss: Kernel,
@@ -150,7 +150,7 @@ impl StepKernels {
                 .transpose()?,
             dropout: settings
                 .dropout
-                .map(|_| DropoutKernels::new(&gpu))
+                .map(|dropout| Ok((dropout, DropoutKernels::new(&gpu)?)))
                 .transpose()?,
             adam: Adam::new(&gpu)?,
             row_mover: RowMover::new(&gpu)?,
@@ -192,7 +192,7 @@ impl StepKernels {
             false => None,
         };
         let dropout = self.dropout.as_ref();
-        let dropout = dropout.map(|dropout| dropout.record(&gpu, activated));
+        let dropout = dropout.map(|(dropout, kernels)| kernels.record(&gpu, *dropout, activated));
         let losses = self.record_losses(&chain)?;
         let alone = match (&mut self.dynamic, &self.activation.temporal) {
             (Some(dynamic), Some(temporal)) => {

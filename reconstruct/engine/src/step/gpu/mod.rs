@@ -225,10 +225,6 @@ impl<'a> GpuStepper<'a> {
         };
         model.set_view(gpu, &drawn, &moment, &rendering);
         model.set_step(gpu, schedule, step.network_step);
-        if let (Some(dropout), Some(programs)) = (&self.settings.dropout, &model.dropout) {
-            let dropout = dropout.of_step(schedule.iteration, schedule.scheduled);
-            programs.set(gpu, &dropout);
-        }
         let has_mask = input.mask.is_some();
         let uses = StepUses {
             network: moment.network_time.is_some(),
