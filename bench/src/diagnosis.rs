@@ -6,6 +6,8 @@
 
 use std::fmt;
 
+use omnilife_schemas::rgb::Mask;
+
 use crate::{
     error::BenchError,
     scoring::job::{ScoreRequest, ScoringJob, View},
@@ -167,9 +169,9 @@ pub(crate) fn of_job(job: &ScoringJob) -> Result<Diagnosis, BenchError> {
     let [width, height] = job.size;
     let mut by_view = Vec::new();
     for &view in all.iter().skip(step / 2).step_by(step) {
-        if let Some((predicted, truth)) = read(job, view)? {
+        if let Some(pair) = read(job, view)? {
             let size = (width as usize, height as usize);
-            let of = |change| errors(&predicted, &truth, size, change);
+            let of = |change| errors(&pair, size, change);
             by_view.push(changes().into_iter().map(of).collect());
         }
     }
@@ -203,8 +205,15 @@ fn diagnosis(by_view: Vec<Vec<[f64; QUARTERS]>>) -> Diagnosis {
     }
 }
 
-/// Bytes of a prediction and of its ground truth.
-type Pair = (Vec<u8>, Vec<u8>);
+/// A prediction that is looked at again after each change.
+struct Pair {
+    /// 8-bit RGB.
+    predicted: Vec<u8>,
+    /// 8-bit RGB.
+    truth: Vec<u8>,
+    /// Marks what no score counts.
+    ignored: Option<Mask>,
+}
 
 /// `None` where the prediction cannot be read.
 fn read(job: &ScoringJob, view: View) -> Result<Option<Pair>, BenchError> {
@@ -213,26 +222,35 @@ fn read(job: &ScoringJob, view: View) -> Result<Option<Pair>, BenchError> {
         return Ok(None);
     };
     match folder.read(view.frame, width, height) {
-        Ok(predicted) => Ok(Some((predicted, truth::read(job, view.frame)?))),
+        Ok(predicted) => Ok(Some(Pair {
+            predicted,
+            truth: truth::read(job, view.frame)?,
+            ignored: truth::read_ignore_mask(job, view.frame)?,
+        })),
         Err(_) => Ok(None),
     }
 }
 
 /// Mean squared errors, of values in [0, 1], of a prediction after a change, by quarter of the width.
-fn errors(
-    predicted: &[u8],
-    truth: &[u8],
-    (width, height): (usize, usize),
-    change: Change,
-) -> [f64; QUARTERS] {
+fn errors(pair: &Pair, (width, height): (usize, usize), change: Change) -> [f64; QUARTERS] {
     let mut sums = [0.0; QUARTERS];
     let mut counts = [0_usize; QUARTERS];
     for row in 0..height {
         for column in 0..width {
-            let quarter = column * QUARTERS / width;
-            let truth = &truth[(row * width + column) * 3..][..3];
+            let (pixel, quarter) = (row * width + column, column * QUARTERS / width);
+            let ignored = pair.ignored.as_ref();
+            if ignored.is_some_and(|mask| mask.data[pixel] != 0) {
+                continue;
+            }
+            let truth = &pair.truth[3 * pixel..][..3];
             for (channel, &true_value) in truth.iter().enumerate() {
-                let value = changed(predicted, (width, height), change, (column, row), channel);
+                let value = changed(
+                    &pair.predicted,
+                    (width, height),
+                    change,
+                    (column, row),
+                    channel,
+                );
                 sums[quarter] += (value - f64::from(true_value)).powi(2);
                 counts[quarter] += 1;
             }
@@ -320,15 +338,18 @@ mod tests {
 
     #[test]
     fn every_change_is_told_from_every_other() {
-        let truth = image();
         for made in changes() {
             if matches!(made, Change::Shifted { .. }) {
                 continue;
             }
-            let predicted = after(made);
+            let pair = Pair {
+                predicted: after(made),
+                truth: image(),
+                ignored: None,
+            };
             let perfect: Vec<Change> = changes()
                 .into_iter()
-                .filter(|&tried| psnr(&errors(&predicted, &truth, SIZE, tried)) > 60.0)
+                .filter(|&tried| psnr(&errors(&pair, SIZE, tried)) > 60.0)
                 .collect();
             assert_eq!(perfect.len(), 1, "{made}: {perfect:?}");
         }
@@ -351,8 +372,12 @@ mod tests {
     const WIDE: (usize, usize) = (64, 8);
 
     fn warning(predicted: &[u8]) -> Option<String> {
-        let truth = moved(|_| 0.0);
-        let of = |change| errors(predicted, &truth, WIDE, change);
+        let pair = Pair {
+            predicted: predicted.to_vec(),
+            truth: moved(|_| 0.0),
+            ignored: None,
+        };
+        let of = |change| errors(&pair, WIDE, change);
         let errors: Vec<_> = changes().into_iter().map(of).collect();
         diagnosis(vec![errors]).warning()
     }

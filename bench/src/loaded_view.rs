@@ -33,6 +33,7 @@ impl LoadedView {
     /// When the scene's files are unusable; a prediction that is, is a fact about the view.
     pub(crate) fn read(job: &ScoringJob, view: View) -> Result<Self, BenchError> {
         let truth = truth::read(job, view.frame)?;
+        let ignored = truth::read_ignore_mask(job, view.frame)?;
         let frame = &job.scene.frames[view.frame as usize];
         let mask = |name: &String| truth::read_mask(job, name);
         let dynamic = if job.needs(Need::DynamicMask) {
@@ -73,7 +74,7 @@ impl LoadedView {
             objects,
             depth: None,
         };
-        loaded.pair = loaded.read_prediction(job, truth, true_depth);
+        loaded.pair = loaded.read_prediction(job, (truth, ignored.as_ref()), true_depth);
         // Before the view after this one asks for them as well.
         if let Ok(pair) = &loaded.pair
             && job.needs(Need::Network(Backbone::Alex))
@@ -86,7 +87,7 @@ impl LoadedView {
     fn read_prediction(
         &mut self,
         job: &ScoringJob,
-        truth: Vec<u8>,
+        (truth, ignored): (Vec<u8>, Option<&Mask>),
         true_depth: Option<Vec<f32>>,
     ) -> Result<ViewPair, String> {
         let [width, height] = job.size;
@@ -98,7 +99,7 @@ impl LoadedView {
             let prediction = folder.read_depth(self.view.frame, width, height)?;
             self.depth = Some(DepthPair { prediction, truth });
         }
-        ViewPair::new(width as usize, height as usize, prediction, truth)
+        truth::pair(job, prediction, truth, ignored)
             .ok_or_else(|| "images differ in size".to_owned())
     }
 

@@ -91,6 +91,12 @@ fn annotations(
     needs: &[Need],
 ) -> Result<Vec<(String, String)>, StoreError> {
     let mut files: Vec<(String, &str)> = Vec::new();
+    files.extend(
+        frame
+            .ignore_mask
+            .iter()
+            .map(|file| ("ignore mask".to_owned(), file.as_str())),
+    );
     if needs.contains(&Need::DynamicMask) {
         files.extend(
             frame

@@ -10,7 +10,7 @@ use omnilife_schemas::{
     store::StoreError,
 };
 
-use crate::{error::BenchError, scoring::job::ScoringJob};
+use crate::{error::BenchError, metrics::ViewPair, scoring::job::ScoringJob};
 
 /// Bytes of a frame's ground truth at the scored size, resized by area averaging where the
 /// protocol asks for it and rounded to 8 bits, as predictions are.
@@ -39,6 +39,41 @@ pub(crate) fn read_mask(job: &ScoringJob, name: &str) -> Result<Mask, BenchError
     let mask = Mask::decode(mask)?;
     let [width, height] = job.size;
     Ok(mask.resized_to_nearest(width as usize, height as usize))
+}
+
+/// What no score counts of a frame, at the scored size: every pixel over which a marked one lies.
+///
+/// # Errors
+/// As [`read`], and when nothing of the frame would count.
+pub(crate) fn read_ignore_mask(job: &ScoringJob, frame: u32) -> Result<Option<Mask>, BenchError> {
+    let Some(name) = &job.scene.frames[frame as usize].ignore_mask else {
+        return Ok(None);
+    };
+    let file = job.scene_file(name);
+    let mask = ImageFile::open(&file)?;
+    check_size(job, &file, mask.size())?;
+    let [width, height] = job.size;
+    let mask = Mask::decode(mask)?.resized_to_any(width as usize, height as usize);
+    if mask.data.iter().all(|&value| value != 0) {
+        let reason = format!("leaves nothing of frame {frame} to score");
+        return Err(StoreError::malformed(&file, reason).into());
+    }
+    Ok(Some(mask))
+}
+
+/// The pair of a prediction (8-bit RGB) and the ground truth of a frame, without what no score counts.
+pub(crate) fn pair(
+    job: &ScoringJob,
+    prediction: Vec<u8>,
+    truth: Vec<u8>,
+    ignored: Option<&Mask>,
+) -> Option<ViewPair> {
+    let [width, height] = job.size.map(|side| side as usize);
+    let pair = ViewPair::new(width, height, prediction, truth)?;
+    match ignored {
+        Some(mask) => pair.ignoring(mask),
+        None => Some(pair),
+    }
 }
 
 /// Distances along the rays at the scored size, in units of the world frame, every pixel that of

@@ -96,6 +96,14 @@ pub(crate) fn effective_projection(
     let hint = if found.projection == VideoProjection::Unsure && has_border {
         "cut its black border off first: ffmpeg -i IN -vf crop=W:H:X:Y OUT, with W:H:X:Y from \
          ffmpeg -i IN -vf cropdetect -f null -"
+    } else if analysis
+        .probe
+        .spherical
+        .as_ref()
+        .is_some_and(|stated| stated.is_cropped)
+    {
+        "if it is the half of the sphere ahead (VR180), pass --projection half-erp, half-erp-left-right \
+         or half-erp-top-bottom"
     } else {
         hint(found.projection)
     };
@@ -116,6 +124,9 @@ fn hint(projection: VideoProjection) -> &'static str {
     match projection {
         VideoProjection::ErpStereoTb => "pass --projection stereo-top-bottom",
         VideoProjection::ErpStereoLr => "pass --projection stereo-left-right",
+        VideoProjection::HalfErp => {
+            "pass --projection half-erp, half-erp-left-right or half-erp-top-bottom"
+        }
         VideoProjection::Eac => {
             "pass --projection eac, as YouTube stores it, or cubemap-3x2, cubemap-6x1 or cubemap-1x6"
         }

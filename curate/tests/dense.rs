@@ -118,6 +118,7 @@ impl Flight {
                 time_seconds: number as f64,
                 pose: Some(Pose::new(DQuat::from_mat3(&to_world), centre)),
                 mask,
+                ignore_mask: None,
                 classes: [].into(),
                 objects: [].into(),
                 depth: None,

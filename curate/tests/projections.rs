@@ -161,6 +161,7 @@ fn metadata_is_heard_and_contradicted() {
             projection: projection.to_owned(),
             stereo: stereo.map(str::to_owned),
             is_cropped: false,
+            is_front_half: false,
             origin: "v2".to_owned(),
             conflict: None,
         }),

@@ -9,12 +9,16 @@ use std::{
     process::Command,
 };
 
-use omnilife_curate::{CurateSettings, LayoutChoice, curate_video};
+use glam::{DQuat, DVec3};
+use omnilife_curate::{
+    CurateSettings, LayoutChoice, PoseRequest, curate_video, poses::pose_sequence,
+};
 use omnilife_schemas::{
-    RgbImage,
+    Pose, RgbImage,
     layout::SEQUENCE_FILE,
     progress::Silent,
-    records::{Sequence, SphereLayout, VideoProjection},
+    records::{PosedFrame, Poses, Scale, Sequence, SphereLayout, VideoProjection},
+    rgb::Mask,
     store,
     testing::skip,
 };
@@ -177,6 +181,65 @@ fn stereo_is_seen_and_its_left_eye_taken() {
         told.contains("made equirectangular from stereo-top-bottom, by the evidence"),
         "{told}"
     );
+}
+
+/// VR180: one eye is converted, and of its scene nothing behind is learned from or scored.
+#[test]
+fn half_of_a_sphere_becomes_a_scene_that_ignores_the_rest() {
+    let temp = tempfile::tempdir().unwrap();
+    let erp = original(temp.path());
+    let (truth, _) = frames(&erp, None, &Notes::default());
+    let stored = temp.path().join("vr180.mp4");
+    let beside = "v360=e:hequirect:w=256:h=256:interp=cubic,split[l][r];\
+                  [r]scroll=hpos=0.02[t];[l][t]hstack";
+    if !filtered(&erp, beside, &stored) {
+        skip("FFmpeg with its filter v360 and libx264 is missing");
+        return;
+    }
+    let layout = SphereLayout::HalfErpLeftRight;
+    let (found, sequence) = frames(
+        &stored,
+        Some(LayoutChoice::Known(layout)),
+        &Notes::default(),
+    );
+    let quarter = WIDTH as usize / 4;
+    let ahead = |images: &[RgbImage]| -> Vec<RgbImage> {
+        let halves = images.iter().map(|image| RgbImage {
+            width: 2 * quarter,
+            height: image.height,
+            data: (image.data.chunks_exact(3 * image.width))
+                .flat_map(|row| row[3 * quarter..9 * quarter].to_vec())
+                .collect(),
+        });
+        halves.collect()
+    };
+    let psnr = psnr(&ahead(&found), &ahead(&truth));
+    println!("{layout}: {psnr:.2} dB");
+    assert!(psnr > 35.0, "{psnr:.2} dB");
+    assert_eq!(sequence.projection.projection, VideoProjection::HalfErp);
+
+    let frames = sequence.frames.entries.iter().map(|entry| PosedFrame {
+        time_seconds: entry.time_seconds,
+        pose: Pose::new(DQuat::IDENTITY, DVec3::X * entry.time_seconds),
+        mask: None,
+    });
+    let poses = Poses {
+        scale: Scale::Arbitrary,
+        camera: None,
+        frames: frames.collect(),
+        points: None,
+    };
+    let file = temp.path().join("poses.json");
+    store::write_record(&file, &poses).unwrap();
+    let folder = stored
+        .with_extension("")
+        .join(sequence.id.rsplit('/').next().unwrap());
+    let scene = pose_sequence(&folder, &PoseRequest::Given(file), &Silent).unwrap();
+    for frame in &scene.frames {
+        let mask = Mask::read(&folder.join(frame.ignore_mask.as_ref().unwrap())).unwrap();
+        let is_ahead = |pixel: usize| (quarter..3 * quarter).contains(&(pixel % mask.width));
+        assert!((0..mask.data.len()).all(|pixel| (mask.data[pixel] == 0) == is_ahead(pixel)));
+    }
 }
 
 #[test]

@@ -46,6 +46,7 @@ fn write_scene(folder: &Path) -> Scene {
             time_seconds: number as f64,
             pose: Some(Pose::new(q, dvec3(0.3 * number as f64 - 2.0, -4.0, 40.0))),
             mask: None,
+            ignore_mask: None,
             classes: [].into(),
             depth: None,
             depth_prior: None,

@@ -36,6 +36,7 @@ class _Metric(TypedDict):
     needs: list[tuple[str, str]]
 
 class _Given(TypedDict):
+    ignored: Optional[bytes]
     dynamic: Optional[bytes]
     classes: dict[str, bytes]
     objects: dict[str, bytes]
@@ -68,7 +69,10 @@ def read_image(
     path: str, expected: Optional[_Size] = None, size: Optional[_Size] = None
 ) -> tuple[bytearray, list[int]]: ...
 def read_mask(
-    path: str, expected: Optional[_Size] = None, size: Optional[_Size] = None
+    path: str,
+    expected: Optional[_Size] = None,
+    size: Optional[_Size] = None,
+    touched: bool = False,
 ) -> tuple[bytearray, list[int]]: ...
 def read_points(path: str) -> tuple[bytearray, bytearray]: ...
 def read_record(kind: str, path: str) -> str: ...

@@ -54,13 +54,15 @@ class Metric:
         mask: Optional[Union[Mask, Mapping[str, Mask]]] = None,
         depth: Optional[tuple[npt.ArrayLike, npt.ArrayLike]] = None,
         previous: Optional[tuple[Image, Image]] = None,
+        ignored: Optional[Mask] = None,
     ) -> float:
         """Compares two images (height, width, 3), in uint8 or as floats in [0, 1].
 
         `mask` (height, width) marks, as the metric needs it, what moves or the objects of its class; of
         metrics of single objects it is one mask or a dictionary of masks by name. `depth` are
         predicted and true distances (height, width) along the rays, 0 for unknown, `previous` is the
-        pair of images before this one in time. Metrics that need a ("sphere", "") take the images for
+        pair of images before this one in time. Pixels that `ignored` (height, width) marks do not count,
+        as those of a scene's `Frame.ignored`. Metrics that need a ("sphere", "") take the images for
         panoramas, whatever they show.
 
         Raises `UndefinedScore` where the metric has no value, such as for a mask that marks nothing, and
@@ -96,6 +98,7 @@ class Metric:
             objects=masks,
             depth=depth,
             previous=previous,
+            ignored=ignored,
         )[0]
         if isinstance(outcome, str):
             raise UndefinedScore(f"{self.id} is undefined: {outcome}")
@@ -112,10 +115,12 @@ def compute(
     objects: Optional[Mapping[str, Mask]] = None,
     depth: Optional[tuple[npt.ArrayLike, npt.ArrayLike]] = None,
     previous: Optional[tuple[Image, Image]] = None,
+    ignored: Optional[Mask] = None,
 ) -> dict[str, Optional[float]]:
     """Several metrics by id, None where one is undefined; what they share is computed once.
 
-    `mask` marks what moves, `classes` and `objects` hold the masks of classes and of single objects.
+    `mask` marks what moves, `classes` and `objects` hold the masks of classes and of single objects,
+    `ignored` marks the pixels that do not count.
     """
     ids = list(metrics)
     outcomes = _outcomes(
@@ -127,6 +132,7 @@ def compute(
         objects=objects or {},
         depth=depth,
         previous=previous,
+        ignored=ignored,
     )
     return {
         id: None if isinstance(outcome, str) else outcome for id, outcome in zip(ids, outcomes)
@@ -143,6 +149,7 @@ def _outcomes(
     objects: Mapping[str, Mask],
     depth: Optional[tuple[npt.ArrayLike, npt.ArrayLike]],
     previous: Optional[tuple[Image, Image]],
+    ignored: Optional[Mask],
 ) -> list[Union[float, str]]:
     predicted, size = _arrays.image_bytes(prediction, "prediction")
     true = _of_size(truth, size, "truth")
@@ -157,6 +164,9 @@ def _outcomes(
             _arrays.distance_bytes(depth[1], size, "the true depth"),
         )
 
+    def marks(given: Optional[Mask], name: str) -> Optional[bytes]:
+        return None if given is None else _arrays.mask_bytes(given, size, name)
+
     def masks(given: Mapping[str, Mask]) -> dict[str, bytes]:
         return {name: _arrays.mask_bytes(m, size, f"mask {name}") for name, m in given.items()}
 
@@ -166,7 +176,8 @@ def _outcomes(
         predicted,
         true,
         {
-            "dynamic": None if mask is None else _arrays.mask_bytes(mask, size, "the mask"),
+            "ignored": marks(ignored, "the mask of what is ignored"),
+            "dynamic": marks(mask, "the mask"),
             "classes": masks(classes),
             "objects": masks(objects),
             "depth": distances,

@@ -51,6 +51,8 @@ class Frame:
     image_path: Path
     #: What moves.
     mask_path: Optional[Path]
+    #: What is no part of the scene: nothing is learned from it, and no score counts it.
+    ignore_mask_path: Optional[Path]
     #: Masks by the name of a class, such as `human` and `vehicle`.
     class_paths: dict[str, Path]
     #: Masks by the name of an object; none where it is not seen.
@@ -72,6 +74,15 @@ class Frame:
         """What moves, (height, width); None without a mask. At another size, of the nearest pixels."""
         return None if self.mask_path is None else self._mask(self.mask_path, size)
 
+    def ignored(self, size: Optional[Size] = None) -> Optional[Bool]:
+        """What is no part of the scene, (height, width); None where all of it is.
+
+        At another size, every pixel over which a marked one lies, as scoring does.
+        """
+        if self.ignore_mask_path is None:
+            return None
+        return self._mask(self.ignore_mask_path, size, touched=True)
+
     def classes(self, size: Optional[Size] = None) -> dict[str, Bool]:
         """Masks of the objects of a class, by its name."""
         return {name: self._mask(path, size) for name, path in self.class_paths.items()}
@@ -91,8 +102,8 @@ class Frame:
         camera = self.camera if size is None else self.camera.resized(*size)
         return self.pose.centre, camera.rays(self.pose.rotation)
 
-    def _mask(self, path: Path, size: Optional[Size]) -> Bool:
-        data, (width, height) = _native.read_mask(str(path), self.camera.size, size)
+    def _mask(self, path: Path, size: Optional[Size], touched: bool = False) -> Bool:
+        data, (width, height) = _native.read_mask(str(path), self.camera.size, size, touched)
         return np.frombuffer(data, dtype=np.uint8).reshape(height, width) > 0
 
 
@@ -209,6 +220,7 @@ def _frame(folder: Path, camera: Camera, index: int, entry: dict[str, Any]) -> F
         pose=None if pose is None else Pose._of_record(pose),
         image_path=folder / entry["image"],
         mask_path=_beside(folder, entry["mask"]),
+        ignore_mask_path=_beside(folder, entry.get("ignore_mask")),
         class_paths=masks("classes"),
         object_paths=masks("objects"),
         depth=distances(entry.get("depth")),

@@ -44,20 +44,27 @@ pub(crate) fn read_image(
     Ok((PyByteArray::new(py, &bytes), size))
 }
 
-/// A mask as (height, width) u8, 0 or 255; resized to the nearest pixels. Sizes as in `read_image`.
+/// A mask as (height, width) u8, 0 or 255; resized to the nearest pixels, or with `touched` so that a pixel is
+/// marked where any that it covers a part of is. Sizes as in `read_image`.
 #[pyfunction]
-#[pyo3(signature = (path, expected=None, size=None))]
+#[pyo3(signature = (path, expected=None, size=None, touched=false))]
 pub(crate) fn read_mask(
     py: Python<'_>,
     path: PathBuf,
     expected: Option<[usize; 2]>,
     size: Option<[usize; 2]>,
+    touched: bool,
 ) -> PyResult<Image<'_>> {
     let size = checked(size)?;
     let (bytes, size) = background::run(py, move |_| {
         let mask = Mask::decode(open(&path, expected)?)?;
         let [width, height] = size.unwrap_or([mask.width, mask.height]);
-        Ok((mask.resized_to_nearest(width, height).data, [width, height]))
+        let resized = if touched {
+            mask.resized_to_any(width, height)
+        } else {
+            mask.resized_to_nearest(width, height)
+        };
+        Ok((resized.data, [width, height]))
     })?;
     Ok((PyByteArray::new(py, &bytes), size))
 }

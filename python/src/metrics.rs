@@ -37,6 +37,8 @@ pub(crate) enum Outcome {
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Given {
+    /// What no score counts.
+    ignored: Option<Vec<u8>>,
     dynamic: Option<Vec<u8>>,
     classes: BTreeMap<String, Vec<u8>>,
     objects: BTreeMap<String, Vec<u8>>,
@@ -115,11 +117,13 @@ pub(crate) fn compute(
     truth: &[u8],
     given: Given,
 ) -> PyResult<Vec<Outcome>> {
-    let pair = view_pair(size, prediction.to_vec(), truth.to_vec())?;
+    let (prediction, truth) = (prediction.to_vec(), truth.to_vec());
     background::run(py, move |link| {
         let metrics = found(&ids)?;
         let [width, height] = size;
         let mask = |data: Vec<u8>| masked(width, height, data);
+        let ignored = given.ignored.map(mask).transpose()?;
+        let pair = view_pair(size, (prediction, truth), ignored.as_ref())?;
         let of_names = |masks: BTreeMap<String, Vec<u8>>| {
             let masks = masks.into_iter();
             masks
@@ -129,7 +133,7 @@ pub(crate) fn compute(
         let dynamic = given.dynamic.map(mask).transpose()?;
         let (classes, objects) = (of_names(given.classes)?, of_names(given.objects)?);
         let previous = given.previous;
-        let previous = previous.map(|(prediction, truth)| view_pair(size, prediction, truth));
+        let previous = previous.map(|images| view_pair(size, images, ignored.as_ref()));
         let previous = previous.transpose()?;
         let depth = given.depth.map(depth_pair);
         if depth.as_ref().is_some_and(|depth| {
@@ -187,11 +191,17 @@ fn network(need: &Need) -> Option<Backbone> {
 
 fn view_pair(
     [width, height]: [usize; 2],
-    prediction: Vec<u8>,
-    truth: Vec<u8>,
+    (prediction, truth): (Vec<u8>, Vec<u8>),
+    ignored: Option<&Mask>,
 ) -> Result<ViewPair, Failure> {
-    ViewPair::new(width, height, prediction, truth)
-        .ok_or_else(|| Failure::of_input("prediction and truth differ in size or have no pixels"))
+    let pair = ViewPair::new(width, height, prediction, truth).ok_or_else(|| {
+        Failure::of_input("prediction and truth differ in size or have no pixels")
+    })?;
+    match ignored {
+        Some(mask) => (pair.ignoring(mask))
+            .ok_or_else(|| Failure::of_input("every pixel is ignored, nothing is left to score")),
+        None => Ok(pair),
+    }
 }
 
 fn masked(width: usize, height: usize, data: Vec<u8>) -> Result<Mask, Failure> {

@@ -221,6 +221,23 @@ class Errors(unittest.TestCase):
         with self.one_line(InputError, "prediction", "NaN", "row 0, column 0"):
             psnr(np.full(image.shape, np.nan), image)
 
+    def test_what_is_ignored_does_not_count(self) -> None:
+        random = np.random.default_rng(3)
+        truth = random.integers(0, 256, (32, 64, 3), np.uint8)
+        prediction = random.integers(0, 256, (32, 64, 3), np.uint8)
+        ignored = np.zeros((32, 64), bool)
+        ignored[24:] = True
+        errors = (prediction[:24] / 255.0 - truth[:24] / 255.0) ** 2
+        expected = -10 * np.log10(errors.mean())
+        self.assertAlmostEqual(psnr(prediction, truth, ignored=ignored), expected, places=9)
+        other = prediction.copy()
+        other[ignored] = 0
+        ids = ["psnr", "ssim", "ws-psnr", "ws-ssim", "cube-psnr"]
+        found = [compute(p, truth, ids, ignored=ignored) for p in (prediction, other)]
+        self.assertEqual(found[0], found[1])
+        with self.one_line(InputError, "nothing is left to score"):
+            psnr(prediction, truth, ignored=np.ones((32, 64), bool))
+
     def test_masks_that_are_missing_or_too_many_are_told(self) -> None:
         image = np.zeros((32, 64, 3), np.uint8)
         mask = np.zeros((32, 64), bool)

@@ -48,6 +48,7 @@ fn clip() -> Clip {
             .flat_map(|pixel| [(7 * column(pixel) % 256) as u8; 3])
             .collect(),
         masks: vec![mask(0), mask(1)],
+        ignored: None,
     };
     Clip {
         camera: PinholeCamera {

@@ -56,9 +56,19 @@ use omnilife_schemas::{points::PointCloud, progress::Silent, records::Backend};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
-/// The ball passes in fifteen frames of a second each.
+/// The ball passes in fifteen frames of a second each; who holds the camera is below in every other one.
 fn scene() -> TrainingScene {
-    moving_ball::scene()
+    let mut scene = moving_ball::scene();
+    let [width, height] = scene.camera.size();
+    let is_holder = |pixel: usize| pixel / width > height * 5 / 6 && pixel % width > width / 3;
+    for view in scene.input_views.iter_mut().step_by(2) {
+        view.ignored = Some(
+            (0..width * height)
+                .map(|at| u8::from(is_holder(at)))
+                .collect(),
+        );
+    }
+    scene
 }
 
 fn initial(scene: &TrainingScene, first: usize) -> InitialGaussians {

@@ -161,6 +161,7 @@ fn clip() -> Clip {
             },
             pixels: colours.collect(),
             masks: vec![mask(0), mask(1)],
+            ignored: None,
         }
     };
     Clip {

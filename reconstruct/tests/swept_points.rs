@@ -62,6 +62,7 @@ fn walk() -> TrainingScene {
             },
             pixels: seen(CAMERA, &pose).0.to_rgb8(),
             mask: None,
+            ignored: None,
         });
     }
     TrainingScene {

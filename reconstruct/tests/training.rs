@@ -177,3 +177,39 @@ fn a_budget_ends_training() {
         outcome.training.state.iteration
     );
 }
+
+/// The scene with whoever holds the camera, at the same pixels of every view.
+fn held(is_ignored: bool) -> TrainingScene {
+    let mut scene = scene();
+    let [width, height] = scene.camera.size();
+    let is_holder = |pixel: usize| {
+        let (column, row) = (pixel % width, pixel / width);
+        row > height * 3 / 4 || (row > height / 3 && column < width / 8)
+    };
+    let marks: Vec<u8> = (0..width * height)
+        .map(|at| u8::from(is_holder(at)))
+        .collect();
+    for view in &mut scene.input_views {
+        let pixels = view.pixels.as_chunks_mut::<3>().0.iter_mut().zip(&marks);
+        for (number, (pixel, _)) in pixels.enumerate().filter(|(_, (_, mark))| **mark != 0) {
+            *pixel = [250, (number % 90) as u8, 20];
+        }
+        view.ignored = is_ignored.then(|| marks.clone());
+    }
+    for view in &mut scene.novel_views {
+        view.ignored = Some(marks.clone());
+    }
+    scene
+}
+
+#[test]
+fn nothing_is_learned_from_who_holds_the_camera() {
+    let mut clean = held(false);
+    clean.input_views = scene().input_views;
+    let [clean, ignored, learned] =
+        [clean, held(true), held(false)].map(|scene| novel_psnr(&mut train(&scene, 300), &scene));
+    assert!(
+        ignored > clean - 1.0 && ignored > learned + 2.0,
+        "without a holder {clean}, ignored {ignored}, learned from {learned} dB"
+    );
+}

@@ -69,6 +69,8 @@ pub const SCENE_FILE: &str = "scene.json";
 pub const POINTS_FILE: &str = "points.ply";
 /// Folder of the masks that came with the poses, beside [`SCENE_FILE`].
 pub const SCENE_MASKS_FOLDER: &str = "masks";
+/// Folder of the masks of what is no part of the scene, beside [`SCENE_FILE`] and in exports.
+pub const IGNORE_MASKS_FOLDER: &str = "ignore";
 /// Folder of the frames without the distortion of their lens, beside [`SCENE_FILE`].
 pub const STRAIGHT_FRAMES_FOLDER: &str = "frames-straight";
 /// Folder of depth images, beside [`SCENE_FILE`].

@@ -174,7 +174,7 @@ pub fn nearest_pixels(old: [usize; 2], new: [usize; 2]) -> impl Iterator<Item = 
     })
 }
 
-/// A mask of one byte per pixel, row-major; non-zero marks a dynamic object.
+/// A mask of one byte per pixel, row-major; non-zero marks what the mask is of.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mask {
     /// Pixels per row.
@@ -232,6 +232,52 @@ impl Mask {
             height,
             data: nearest.map(|index| self.data[index]).collect(),
         }
+    }
+
+    /// The mask at another size: a pixel is marked where any old one that it covers a part of is.
+    ///
+    /// # Panics
+    /// When `width` or `height` is zero.
+    pub fn resized_to_any(&self, width: usize, height: usize) -> Self {
+        assert!(width > 0 && height > 0, "a mask has at least one pixel");
+        let covered = |new: usize, old_len: usize, new_len: usize| {
+            new * old_len / new_len..((new + 1) * old_len).div_ceil(new_len)
+        };
+        let is_marked = |(row, column): (usize, usize)| {
+            covered(row, self.height, height).any(|y| {
+                let columns = covered(column, self.width, width);
+                let row = &self.data[y * self.width..(y + 1) * self.width];
+                row[columns].iter().any(|&value| value != 0)
+            })
+        };
+        let pixels = (0..height).flat_map(|row| (0..width).map(move |column| (row, column)));
+        Self {
+            width,
+            height,
+            data: pixels
+                .map(|pixel| 255 * u8::from(is_marked(pixel)))
+                .collect(),
+        }
+    }
+
+    /// Marks what either of two masks does; the other one is brought to the size of this one.
+    ///
+    /// # Panics
+    /// When this one has no pixels.
+    pub fn united(mut self, other: &Self) -> Self {
+        let other = other.resized_to_nearest(self.width, self.height);
+        for (value, other) in self.data.iter_mut().zip(other.data) {
+            *value |= other;
+        }
+        self
+    }
+
+    /// Marks what this mask does and another of its size does not.
+    pub fn without(mut self, other: &Self) -> Self {
+        for (value, other) in self.data.iter_mut().zip(&other.data) {
+            *value &= !other;
+        }
+        self
     }
 
     /// Marks what is not marked, and the other way round.

@@ -36,8 +36,8 @@ pub(crate) struct CurationArguments {
     pub(crate) accept: Option<VideoProjection>,
     /// Takes the videos as pinhole (ordinary perspective ones, whose frames make pinhole scenes) or as spheres
     /// stored otherwise than equirectangular, whose frames are converted: stereo-top-bottom, stereo-left-right (the
-    /// left eye), eac, cubemap-3x2, cubemap-6x1, cubemap-1x6 (:rludfb says which face lies where), dual-fisheye
-    /// (:190 is the field of view in degrees; without it, it is found by what both lenses see) [default: stereo and stated eac are seen, others never guessed].
+    /// left eye), half-erp, half-erp-left-right, half-erp-top-bottom (VR180; what is behind is ignored), eac, cubemap-3x2, cubemap-6x1, cubemap-1x6 (:rludfb says which face lies where), dual-fisheye
+    /// (:190 is the field of view in degrees; without it, it is found by what both lenses see) [default: stereo and stated eac and VR180 are seen, others never guessed].
     #[arg(long, value_name = "KIND", conflicts_with = "accept", value_parser = parse_projection)]
     pub(crate) projection: Option<ProjectionArgument>,
     /// Drops shots shorter than this, in seconds.

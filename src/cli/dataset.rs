@@ -2,14 +2,13 @@
 
 use std::{env::VarError, path::PathBuf, time::Duration};
 
-use clap::{Args, builder::NonEmptyStringValueParser};
+use clap::{Args, ValueEnum, builder::NonEmptyStringValueParser};
 use omnilife_curate::{
     annotation::{
         AnnotateSettings, CaptionCommand, CaptionEndpoint,
         endpoint::{Endpoint, Key, Patience},
     },
-    exchange,
-    exchange::CubeFaces,
+    exchange::{self, CubeFaces, MaskMeaning},
     masks::MaskSource,
     publish::{self, PublishSettings, SelectRequest},
 };
@@ -174,9 +173,28 @@ pub(crate) struct ImportArguments {
     /// Frames per second, where the folder has no times.csv.
     #[arg(long)]
     pub(crate) fps: Option<f64>,
+    /// What the masks mark: what moves, or what is no part of the scene (who holds the camera, a tripod),
+    /// from which nothing is learned and which no score counts. Masks in ignore/ always mark the latter.
+    #[arg(long, value_enum, default_value_t = MasksMark::Moving)]
+    pub(crate) masks: MasksMark,
     /// Folder to fill with scene.json, frames, masks and points.
     #[arg(long)]
     pub(crate) out: PathBuf,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum MasksMark {
+    Moving,
+    Ignored,
+}
+
+impl From<MasksMark> for MaskMeaning {
+    fn from(mark: MasksMark) -> Self {
+        match mark {
+            MasksMark::Moving => Self::Moving,
+            MasksMark::Ignored => Self::Ignored,
+        }
+    }
 }
 
 fn parse_format(text: &str) -> Result<String, String> {

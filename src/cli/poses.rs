@@ -19,6 +19,11 @@ pub(crate) struct PoseArguments {
     /// structure from motion leaves it out, and the scene keeps it.
     #[arg(long)]
     pub(crate) masks: Option<PathBuf>,
+    /// What is no part of the scene, such as who holds the camera or a tripod: an image for all frames or a
+    /// folder with one per frame, white where it is. It gives no features, nothing is learned from it, and
+    /// no score counts it.
+    #[arg(long, value_name = "PATH")]
+    pub(crate) ignore_mask: Option<PathBuf>,
     /// Median height of a drone above the ground, which brings poses of arbitrary scale to metres.
     #[arg(long, value_name = "METRES", conflicts_with = "gsd")]
     pub(crate) altitude: Option<f64>,
@@ -41,10 +46,12 @@ impl PoseArguments {
         )
     }
 
-    /// What is known of the frames beside them: masks, where poses are given.
+    /// What is known of the frames beside them: masks of what moves, where poses are given, and of what is no
+    /// part of the scene.
     pub(crate) fn truth(&self) -> GivenTruth {
         GivenTruth {
             masks: self.poses.as_ref().and(self.masks.clone()),
+            ignored: self.ignore_mask.clone(),
             scale: self
                 .altitude
                 .map(GroundScale::Altitude)

@@ -95,6 +95,7 @@ pub(crate) fn import(arguments: &ImportArguments) -> anyhow::Result<()> {
             .clone()
             .unwrap_or_else(|| name.to_string_lossy().into_owned()),
         frames_per_second: arguments.fps,
+        masks: arguments.masks.into(),
         out: &arguments.out,
     })?;
     exit::print(&format!(

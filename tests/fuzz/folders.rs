@@ -11,7 +11,7 @@ use std::{
 use assert_cmd::cargo::cargo_bin_cmd;
 use omnilife_bench::curve::{Clock, read_run};
 use omnilife_curate::{
-    exchange::{self, ImportRequest},
+    exchange::{self, ImportRequest, MaskMeaning},
     poses::colmap::ColmapModel,
 };
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard, submission::verify};
@@ -202,6 +202,7 @@ fn import(input: &Input, format: &str) {
         format,
         id: "a",
         frames_per_second: Some(10.0),
+        masks: MaskMeaning::Moving,
         out: &out,
     }));
     store::remove(&out).unwrap();

@@ -58,6 +58,7 @@ pub(crate) fn write_scene(folder: &Path) {
             centre: [number as f64, 0.0, 0.0],
         }),
         mask: None,
+        ignore_mask: None,
         classes: [].into(),
         objects: [].into(),
         depth: None,

@@ -3,14 +3,14 @@
 
 use std::path::Path;
 
-use omnilife_schemas::{progress::Progress, store};
+use omnilife_schemas::{progress::Progress, rgb::Mask, store};
 use rayon::prelude::*;
 
 use crate::{
     curve::rows::CurveRow,
     error::BenchError,
     memory,
-    metrics::{Metric, Sample, Undefined, ViewPair},
+    metrics::{Metric, Sample, Undefined},
     prediction::PredictionFolder,
     scoring::job::{ScoringJob, ViewKind},
     summary, truth,
@@ -56,10 +56,13 @@ pub(crate) fn write_curve(
             .par_iter()
             .map(|&frame| {
                 let truth = truth::read(job, frame)?;
+                let ignored = truth::read_ignore_mask(job, frame)?;
                 let folders = folders.iter();
                 Ok(folders
                     .map(|folder| match folder {
-                        Ok(folder) => score_view(job, folder, frame, &truth, &metrics),
+                        Ok(folder) => {
+                            score_view(job, folder, frame, (&truth, ignored.as_ref()), &metrics)
+                        }
                         Err(error) => Err(error.to_string()),
                     })
                     .collect())
@@ -95,13 +98,13 @@ fn score_view(
     job: &ScoringJob,
     folder: &PredictionFolder,
     frame: u32,
-    truth: &[u8],
+    (truth, ignored): (&[u8], Option<&Mask>),
     metrics: &[&Metric],
 ) -> ViewScores {
     let [width, height] = job.size;
     let prediction = folder.read(frame, width, height)?;
-    let pair = ViewPair::new(width as usize, height as usize, prediction, truth.to_vec())
-        .ok_or("images differ in size")?;
+    let pair =
+        truth::pair(job, prediction, truth.to_vec(), ignored).ok_or("images differ in size")?;
     let sample = Sample::new(&pair);
     Ok(metrics
         .iter()

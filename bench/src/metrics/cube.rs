@@ -34,25 +34,32 @@ pub(super) const SSIM: Metric = Metric {
 };
 
 fn psnr(sample: &Sample<'_>) -> Result<f64, Undefined> {
-    let faces = sample.cube_faces();
-    let sum: f64 = faces
-        .iter()
+    let scores: Vec<f64> = (sample.cube_faces().iter())
+        .filter(|face| face.counted_pixels() > 0)
         .map(|face| {
-            let errors = face.prediction.iter().zip(&face.truth);
-            let sum: f64 = errors.map(|(p, t)| (p - t) * (p - t)).sum();
-            decibels(sum / face.truth.len() as f64)
+            let errors = face.prediction.iter().zip(&face.truth).enumerate();
+            let counted = errors.filter(|&(value, _)| face.counts(value));
+            let sum: f64 = counted.map(|(_, (p, t))| (p - t) * (p - t)).sum();
+            decibels(sum / (3 * face.counted_pixels()) as f64)
         })
-        .sum();
-    Ok(sum / faces.len() as f64)
+        .collect();
+    mean(&scores)
 }
 
 fn ssim(sample: &Sample<'_>) -> Result<f64, Undefined> {
-    let faces = sample.cube_faces();
-    let mut sum = 0.0;
-    for face in faces {
-        let map = SsimMap::new([face.side; 2], &face.prediction, &face.truth);
-        let mean = map.valid_mean;
-        sum += mean.ok_or(Undefined("cube faces are smaller than 11x11 pixels"))?;
+    let faces = sample.cube_faces().iter();
+    let scores: Vec<f64> = faces
+        .filter_map(|face| {
+            let images = [&face.prediction[..], &face.truth];
+            SsimMap::new([face.side; 2], images, face.counted.as_deref()).valid_mean
+        })
+        .collect();
+    mean(&scores)
+}
+
+fn mean(scores: &[f64]) -> Result<f64, Undefined> {
+    if scores.is_empty() {
+        return Err(Undefined("cube faces are smaller than 11x11 pixels"));
     }
-    Ok(sum / faces.len() as f64)
+    Ok(scores.iter().sum::<f64>() / scores.len() as f64)
 }

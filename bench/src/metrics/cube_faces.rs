@@ -16,6 +16,23 @@ pub(super) struct Face {
     pub(super) side: usize,
     pub(super) prediction: Vec<f64>,
     pub(super) truth: Vec<f64>,
+    /// Which pixels count, as the nearest pixel of the ERP image does; `None` where all do.
+    pub(super) counted: Option<Vec<bool>>,
+}
+
+impl Face {
+    /// Whether a value of the images counts.
+    pub(super) fn counts(&self, value: usize) -> bool {
+        (self.counted.as_ref()).is_none_or(|counted| counted[value / 3])
+    }
+
+    /// How many pixels count.
+    pub(super) fn counted_pixels(&self) -> usize {
+        match &self.counted {
+            None => self.side * self.side,
+            Some(counted) => counted.iter().filter(|&&is_counted| is_counted).count(),
+        }
+    }
 }
 
 /// The direction of a face's point (a, b), both in [-1, 1], a to the right and b down, in the order of
@@ -47,6 +64,7 @@ pub(super) fn render(pair: &ViewPair) -> Vec<Face> {
                 side,
                 prediction: Vec::with_capacity(side * side * 3),
                 truth: Vec::with_capacity(side * side * 3),
+                counted: pair.counted().map(|_| Vec::with_capacity(side * side)),
             };
             let coordinate = |index: usize| (2 * index + 1) as f64 / side as f64 - 1.0;
             for (row, column) in (0..side * side).map(|at| (at / side, at % side)) {
@@ -54,6 +72,11 @@ pub(super) fn render(pair: &ViewPair) -> Vec<Face> {
                 else {
                     continue;
                 };
+                if let Some(counted) = &mut face.counted {
+                    let column = (pixel.x as usize).min(width - 1);
+                    let row = (pixel.y as usize).min(height - 1);
+                    counted.push(pair.counts(row * width + column));
+                }
                 let corners = bilinear([width, height], Edges::Around, pixel);
                 for (values, bytes) in [
                     (&mut face.prediction, pair.prediction()),

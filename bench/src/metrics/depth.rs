@@ -39,8 +39,9 @@ pub(super) const DELTA: Metric = Metric {
 fn mean(sample: &Sample<'_>, of: impl Fn(f64, f64) -> f64) -> Result<f64, Undefined> {
     let depth = sample.depth()?;
     let (mut sum, mut pixels) = (0.0, 0_u64);
-    for (&predicted, &truth) in depth.prediction.iter().zip(&depth.truth) {
-        if truth > 0.0 {
+    let distances = depth.prediction.iter().zip(&depth.truth).enumerate();
+    for (pixel, (&predicted, &truth)) in distances {
+        if truth > 0.0 && sample.pair.counts(pixel) {
             let predicted = if predicted.is_finite() {
                 predicted.max(0.0)
             } else {

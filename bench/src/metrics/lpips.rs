@@ -62,12 +62,15 @@ const PROTOTYPE: Metric = Metric {
 
 fn distance(sample: &Sample<'_>, backbone: Backbone, range: InputRange) -> Result<f64, Undefined> {
     let pair = sample.pair;
+    // Pixels that do not count are equal in both images.
+    let over_counted = |distance: f64| distance / pair.counted_share();
     if (backbone, range) == (Backbone::Alex, InputRange::Signed) {
         let PairFeatures { prediction, truth } = features(pair)?;
-        return of_features([prediction, truth]);
+        return of_features([prediction, truth]).map(over_counted);
     }
     network(backbone)?
         .distance(pair.size(), [pair.prediction(), pair.truth()], range)
+        .map(over_counted)
         .ok_or(TOO_SMALL)
 }
 

@@ -129,8 +129,9 @@ fn masked_ssim(
     let map = sample.ssim_map().zero_padded.iter();
     let (sum, pixels) = map
         .zip(is_inside)
-        .filter(|&(_, is_inside)| is_inside)
-        .fold((0.0, 0_u64), |(sum, count), (value, _)| {
+        .enumerate()
+        .filter(|&(pixel, (_, is_inside))| is_inside && sample.pair.counts(pixel))
+        .fold((0.0, 0_u64), |(sum, count), (_, (value, _))| {
             (sum + value, count + 1)
         });
     if pixels == 0 {

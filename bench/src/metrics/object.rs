@@ -53,6 +53,8 @@ struct Crop {
     size: [usize; 2],
     prediction: Vec<f64>,
     truth: Vec<f64>,
+    /// Which pixels count.
+    counted: Vec<bool>,
 }
 
 impl Crop {
@@ -76,7 +78,9 @@ impl Crop {
                 })
                 .collect()
         };
-        Some(Self {
+        let counted: Vec<bool> = places.clone().map(|at| sample.pair.counts(at)).collect();
+        counted.contains(&true).then(|| Self {
+            counted,
             size: [right + 1 - left, bottom + 1 - top],
             prediction: read(sample.pair.prediction()),
             truth: read(sample.pair.truth()),
@@ -84,13 +88,23 @@ impl Crop {
     }
 
     fn psnr(&self) -> f64 {
-        let errors = self.prediction.iter().zip(&self.truth);
-        let sum: f64 = errors.map(|(a, b)| (a - b) * (a - b)).sum();
-        decibels(sum / self.truth.len() as f64)
+        let errors = self.prediction.iter().zip(&self.truth).enumerate();
+        let counted = errors.filter(|&(value, _)| self.counted[value / 3]);
+        let sum: f64 = counted.map(|(_, (a, b))| (a - b) * (a - b)).sum();
+        let pixels = self
+            .counted
+            .iter()
+            .filter(|&&is_counted| is_counted)
+            .count();
+        decibels(sum / (3 * pixels) as f64)
     }
 
     fn ssim(&self) -> Option<f64> {
-        ssim_uniform::of_images(&self.prediction, &self.truth, self.size)
+        ssim_uniform::of_images(
+            [&self.prediction, &self.truth],
+            self.size,
+            Some(&self.counted),
+        )
     }
 }
 

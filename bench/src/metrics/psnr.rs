@@ -20,7 +20,7 @@ pub(super) const METRIC: Metric = Metric {
 
 fn psnr(sample: &Sample<'_>) -> Result<f64, Undefined> {
     let pair = sample.pair;
-    let values = (pair.width() * pair.height() * 3) as f64;
+    let values = (3 * pair.counted_pixels()) as f64;
     let sum: u64 = pair.squared_errors().iter().sum();
     Ok(decibels(sum as f64 / (values * 255.0 * 255.0)))
 }

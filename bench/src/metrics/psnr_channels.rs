@@ -21,7 +21,7 @@ pub(super) const METRIC: Metric = Metric {
 
 fn psnr_channels(sample: &Sample<'_>) -> Result<f64, Undefined> {
     let pair = sample.pair;
-    let pixels = (pair.width() * pair.height()) as f64;
+    let pixels = pair.counted_pixels() as f64;
     let sum: f64 = pair
         .squared_errors()
         .iter()

@@ -94,7 +94,7 @@ impl<'a> Sample<'a> {
     pub(super) fn ssim_map(&self) -> &SsimMap {
         self.ssim_map.get_or_init(|| {
             let [prediction, truth] = self.pair.unit_values();
-            SsimMap::new(self.pair.size(), &prediction, &truth)
+            SsimMap::new(self.pair.size(), [&prediction, &truth], self.pair.counted())
         })
     }
 

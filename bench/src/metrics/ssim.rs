@@ -20,6 +20,8 @@ pub(super) const METRIC: Metric = Metric {
 };
 
 fn ssim(sample: &Sample<'_>) -> Result<f64, Undefined> {
-    let map = &sample.ssim_map().zero_padded;
-    Ok(map.iter().sum::<f64>() / map.len() as f64)
+    let map = sample.ssim_map().zero_padded.iter().enumerate();
+    let counted = map.filter(|&(pixel, _)| sample.pair.counts(pixel));
+    let sum: f64 = counted.map(|(_, value)| value).sum();
+    Ok(sum / sample.pair.counted_pixels() as f64)
 }

@@ -27,15 +27,28 @@ pub(super) struct SsimMap {
 }
 
 impl SsimMap {
-    /// Images of `height * width * 3` values in [0, 1], row-major.
-    pub(super) fn new([width, height]: [usize; 2], prediction: &[f64], truth: &[f64]) -> Self {
+    /// Images of `height * width * 3` values in [0, 1], row-major; `counted` says which pixels the means
+    /// are over, `None` for all.
+    pub(super) fn new(
+        [width, height]: [usize; 2],
+        [prediction, truth]: [&[f64]; 2],
+        counted: Option<&[bool]>,
+    ) -> Self {
         let window = gaussian_window();
         // Sums of rows are collected and added in order: scores do not depend on the scheduling.
         let rows: Vec<Row> = (0..height)
             .into_par_iter()
-            .map(|row| row_of_map([width, height], [prediction, truth], row, &window))
+            .map(|row| {
+                let counted = counted.map(|counted| &counted[row * width..(row + 1) * width]);
+                row_of_map(
+                    [width, height],
+                    [prediction, truth],
+                    (row, counted),
+                    &window,
+                )
+            })
             .collect();
-        let pixels = width.saturating_sub(2 * RADIUS) * height.saturating_sub(2 * RADIUS);
+        let pixels: usize = rows.iter().map(|row| row.valid_pixels).sum();
         let mean = |sum: fn(&Row) -> f64| {
             let all: f64 = rows.iter().map(sum).sum();
             (pixels > 0).then(|| all / (3 * pixels) as f64)
@@ -52,6 +65,8 @@ struct Row {
     zero_padded: Vec<f64>,
     valid_sum: f64,
     valid_biased_sum: f64,
+    /// How many pixels the sums are over.
+    valid_pixels: usize,
 }
 
 /// Samples of the Gaussian at -5 ..= 5 that sum to 1.
@@ -74,7 +89,7 @@ type Moments = [Vec<f64>; 4];
 fn row_of_map(
     [width, height]: [usize; 2],
     images: [&[f64]; 2],
-    row: usize,
+    (row, counted): (usize, Option<&[bool]>),
     window: &[f64; WINDOW],
 ) -> Row {
     let moments = vertical_moments([width, height], images, row, window);
@@ -86,15 +101,22 @@ fn row_of_map(
         .map(|column| (0..3).map(|c| at(3 * column + c, 1.0)).sum::<f64>() / 3.0)
         .collect();
     let is_valid = row >= RADIUS && row + RADIUS < height && width > 2 * RADIUS;
-    let valid = if is_valid {
-        3 * RADIUS..3 * (width - RADIUS)
+    let columns = if is_valid {
+        RADIUS..width - RADIUS
     } else {
         0..0
     };
+    let columns = columns.filter(|&column| counted.is_none_or(|counted| counted[column]));
+    let values = || {
+        columns
+            .clone()
+            .flat_map(|column| 3 * column..3 * column + 3)
+    };
     Row {
         zero_padded,
-        valid_sum: valid.clone().map(|index| at(index, UNBIASED)).sum(),
-        valid_biased_sum: valid.map(|index| at(index, 1.0)).sum(),
+        valid_sum: values().map(|index| at(index, UNBIASED)).sum(),
+        valid_biased_sum: values().map(|index| at(index, 1.0)).sum(),
+        valid_pixels: columns.clone().count(),
     }
 }
 

@@ -18,7 +18,12 @@ pub(super) const METRIC: Metric = Metric {
     needs: &[],
     function: |sample| {
         let [prediction, truth] = sample.pair.unit_values();
-        of_images(&prediction, &truth, sample.pair.size()).ok_or(TOO_SMALL)
+        of_images(
+            [&prediction, &truth],
+            sample.pair.size(),
+            sample.pair.counted(),
+        )
+        .ok_or(TOO_SMALL)
     },
 };
 
@@ -30,10 +35,23 @@ const WINDOW: usize = 7;
 const C1: f64 = 0.01 * 0.01;
 const C2: f64 = 0.03 * 0.03;
 
-/// The mean over all windows of two images of three channels in [0, 1], row by row; `None` where no window
-/// fits.
-pub(super) fn of_images(x: &[f64], y: &[f64], [width, height]: [usize; 2]) -> Option<f64> {
+/// The mean over the windows of two images of three channels in [0, 1], row by row, in whose middle a counted
+/// pixel is (all are, without `counted`); `None` where no such window fits.
+pub(super) fn of_images(
+    [x, y]: [&[f64]; 2],
+    [width, height]: [usize; 2],
+    counted: Option<&[bool]>,
+) -> Option<f64> {
     if width < WINDOW || height < WINDOW {
+        return None;
+    }
+    let across = width + 1 - WINDOW;
+    let middle = |at: usize| (at / across + WINDOW / 2) * width + at % across + WINDOW / 2;
+    let all = across * (height + 1 - WINDOW);
+    let counted: Vec<usize> = (0..all)
+        .filter(|&at| counted.is_none_or(|counted| counted[middle(at)]))
+        .collect();
+    if counted.is_empty() {
         return None;
     }
     let mut sum = 0.0;
@@ -48,8 +66,7 @@ pub(super) fn of_images(x: &[f64], y: &[f64], [width, height]: [usize; 2]) -> Op
         ];
         let count = (WINDOW * WINDOW) as f64;
         let sample = count / (count - 1.0);
-        let windows = (width + 1 - WINDOW) * (height + 1 - WINDOW);
-        for at in 0..windows {
+        for &at in &counted {
             let [ux, uy, uxx, uyy, uxy] = means.each_ref().map(|means| means[at]);
             let (vx, vy) = (sample * (uxx - ux * ux), sample * (uyy - uy * uy));
             let vxy = sample * (uxy - ux * uy);
@@ -57,8 +74,7 @@ pub(super) fn of_images(x: &[f64], y: &[f64], [width, height]: [usize; 2]) -> Op
                 / ((ux * ux + uy * uy + C1) * (vx + vy + C2));
         }
     }
-    let windows = (width + 1 - WINDOW) * (height + 1 - WINDOW);
-    Some(sum / (3 * windows) as f64)
+    Some(sum / (3 * counted.len()) as f64)
 }
 
 /// Means over all windows that fit, row by row.

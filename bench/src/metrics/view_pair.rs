@@ -2,15 +2,22 @@
 
 use std::sync::OnceLock;
 
+use omnilife_schemas::rgb::Mask;
+
 use crate::lpips::{Backbone, ImageFeatures, InputRange, Lpips};
 
 /// A predicted view and its ground truth: two 8-bit RGB images of the same size.
+///
+/// Of pixels that no score counts the prediction is the ground truth's, so that windows and networks that
+/// reach over them see no error there; means are over the other pixels.
 #[derive(Debug, Clone)]
 pub struct ViewPair {
     width: usize,
     height: usize,
     prediction: Vec<u8>,
     truth: Vec<u8>,
+    /// Which pixels count, row-major; `None` where all do.
+    counted: Option<Vec<bool>>,
     alex_features: OnceLock<Option<PairFeatures>>,
 }
 
@@ -32,8 +39,60 @@ impl ViewPair {
             height,
             prediction,
             truth,
+            counted: None,
             alex_features: OnceLock::new(),
         })
+    }
+
+    /// The pair without the pixels that a mask marks (not zero): no score counts them.
+    ///
+    /// `None` when the mask is of another size or marks every pixel.
+    pub fn ignoring(mut self, mask: &Mask) -> Option<Self> {
+        let counted: Vec<bool> = mask.data.iter().map(|&value| value == 0).collect();
+        if [mask.width, mask.height] != self.size() || !counted.contains(&true) {
+            return None;
+        }
+        let predicted = self.prediction.as_chunks_mut::<3>().0;
+        let pixels = predicted.iter_mut().zip(self.truth.as_chunks::<3>().0);
+        for ((predicted, truth), is_counted) in pixels.zip(&counted) {
+            if !is_counted {
+                *predicted = *truth;
+            }
+        }
+        self.counted = Some(counted);
+        self.alex_features = OnceLock::new();
+        Some(self)
+    }
+
+    /// Which pixels count, row-major; `None` where all do.
+    pub(super) fn counted(&self) -> Option<&[bool]> {
+        self.counted.as_deref()
+    }
+
+    /// Whether a pixel counts.
+    pub(super) fn counts(&self, pixel: usize) -> bool {
+        (self.counted.as_ref()).is_none_or(|counted| counted[pixel])
+    }
+
+    /// How many pixels of a row count (0 at the top).
+    pub(super) fn counted_in_row(&self, row: usize) -> usize {
+        match &self.counted {
+            None => self.width,
+            Some(counted) => {
+                let row = &counted[row * self.width..(row + 1) * self.width];
+                row.iter().filter(|&&is_counted| is_counted).count()
+            }
+        }
+    }
+
+    /// How many pixels count, at least 1.
+    pub(super) fn counted_pixels(&self) -> usize {
+        (0..self.height).map(|row| self.counted_in_row(row)).sum()
+    }
+
+    /// Share of the pixels that count, above 0.
+    pub(super) fn counted_share(&self) -> f64 {
+        self.counted_pixels() as f64 / (self.width * self.height) as f64
     }
 
     /// What `AlexNet` makes of both images in [-1, 1], computed once: `lpips-alex` compares them
@@ -110,21 +169,20 @@ impl ViewPair {
             .fold([0; 3], |sums, row| [0, 1, 2].map(|c| sums[c] + row[c]))
     }
 
-    /// Sum of the squared byte differences of all channels over the pixels that `mask` marks (not
-    /// zero), and how many there are.
+    /// Sum of the squared byte differences of all channels over the pixels that `mask` marks and that
+    /// count, and how many there are.
     pub(super) fn squared_errors_inside(&self, mask: impl Iterator<Item = bool>) -> (u64, u64) {
         let pixels = self
             .prediction
             .chunks_exact(3)
             .zip(self.truth.chunks_exact(3))
-            .zip(mask);
-        pixels.filter(|&(_, is_inside)| is_inside).fold(
-            (0, 0),
-            |(sum, count), ((predicted, true_value), _)| {
-                let errors = squared_errors(predicted, true_value);
-                (sum + errors.iter().sum::<u64>(), count + 1)
-            },
-        )
+            .zip(mask)
+            .enumerate()
+            .filter(|&(pixel, (_, is_inside))| is_inside && self.counts(pixel));
+        pixels.fold((0, 0), |(sum, count), (_, ((predicted, true_value), _))| {
+            let errors = squared_errors(predicted, true_value);
+            (sum + errors.iter().sum::<u64>(), count + 1)
+        })
     }
 }
 

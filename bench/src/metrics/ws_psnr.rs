@@ -27,8 +27,7 @@ fn ws_psnr(sample: &Sample<'_>) -> Result<f64, Undefined> {
         let weight = latitude::cosine(row, pair.height());
         let sum: u64 = pair.row_squared_errors(row).iter().sum();
         weighted += weight * sum as f64;
-        weights += weight;
+        weights += weight * (3 * pair.counted_in_row(row)) as f64;
     }
-    let values = weights * (pair.width() * 3) as f64;
-    Ok(decibels(weighted / (values * 255.0 * 255.0)))
+    Ok(decibels(weighted / (weights * 255.0 * 255.0)))
 }

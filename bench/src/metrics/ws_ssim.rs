@@ -19,6 +19,7 @@ pub(super) const METRIC: Metric = Metric {
 
 fn ws_ssim(sample: &Sample<'_>) -> Result<f64, Undefined> {
     let [width, height] = sample.pair.size();
+    let pair = sample.pair;
     let (mut weighted, mut weights) = (0.0, 0.0);
     for (row, values) in sample
         .ssim_map()
@@ -27,8 +28,9 @@ fn ws_ssim(sample: &Sample<'_>) -> Result<f64, Undefined> {
         .enumerate()
     {
         let weight = latitude::cosine(row, height);
-        weighted += weight * (values.iter().sum::<f64>() / width as f64);
-        weights += weight;
+        let counted = (0..width).filter(|column| pair.counts(row * width + column));
+        weighted += weight * counted.map(|column| values[column]).sum::<f64>();
+        weights += weight * pair.counted_in_row(row) as f64;
     }
     Ok(weighted / weights)
 }

@@ -333,6 +333,15 @@ impl ScoringJob {
                 self.split.incomplete.len()
             ));
         }
+        let views = self.views();
+        let ignore = |view: &&View| self.scene.frames[view.frame as usize].ignore_mask.is_some();
+        let ignoring = views.iter().filter(ignore).count();
+        if ignoring > 0 {
+            warnings.push(format!(
+                "{ignoring} of {} scored views have pixels that are no part of the scene; no score counts them",
+                views.len()
+            ));
+        }
         match self.scene.validation.status {
             ValidationStatus::Valid => {}
             ValidationStatus::Unstable => warnings.push(format!(

@@ -28,6 +28,7 @@ pub(crate) fn scene(frames: usize, unposed: &[usize]) -> Scene {
                     centre: [frame as f64, 0.0, 0.0],
                 }),
                 mask: None,
+                ignore_mask: None,
                 classes: [].into(),
                 objects: [].into(),
                 depth: None,

@@ -245,14 +245,15 @@ impl Stereo<'_> {
         }
     }
 
-    /// Nothing is known of what a mask covers.
+    /// Nothing is known of what masks cover.
     fn unmasked(
         &self,
         view: &Measured,
         mut confidence: Vec<f32>,
         sized: &Sized,
     ) -> Result<Vec<f32>, CurateError> {
-        if let Some(file) = &self.scene.frames[view.map.view.frame as usize].mask {
+        let frame = &self.scene.frames[view.map.view.frame as usize];
+        for file in frame.mask.iter().chain(&frame.ignore_mask) {
             let [width, height] = sized.pixels;
             let mask = Mask::read(&self.folder.join(file))?.resized_to_nearest(width, height);
             for (confidence, &covered) in confidence.iter_mut().zip(&mask.data) {

@@ -167,7 +167,11 @@ fn plan(
     let of_frames = frames
         .iter()
         .filter_map(|&frame| scene.frames.get(frame as usize))
-        .flat_map(|entry| std::iter::once(&entry.image).chain(&entry.mask));
+        .flat_map(|entry| {
+            std::iter::once(&entry.image)
+                .chain(&entry.mask)
+                .chain(&entry.ignore_mask)
+        });
     for file in scene.points.iter().chain(of_frames) {
         plan = plan.with_file(&request.scene_folder.join(file))?;
     }

@@ -4,6 +4,7 @@
 //! ```text
 //! images/                  the frames
 //! masks/<image>.png        black where features are not to be taken (COLMAP's convention)
+//! ignore/<image>           white what is no part of the scene; black in masks/ as well
 //! sparse/0/cameras.txt     one camera
 //! sparse/0/images.txt      per frame: quaternion (w, x, y, z) and translation, world to camera
 //! sparse/0/points3D.txt    world points, without their tracks
@@ -29,7 +30,7 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-use super::{ExportScene, ForeignFrame, ForeignScene, Format, black_mask, file_of};
+use super::{ExportScene, ForeignFrame, ForeignScene, Format, file_of, masks::black_mask};
 use crate::{
     error::CurateError,
     poses::{
@@ -75,8 +76,8 @@ fn export_binary(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
 
 /// Images, masks and the lists of the split; gives the folder of the model.
 fn export_images(scene: &ExportScene, out: &Path) -> Result<PathBuf, CurateError> {
-    super::copy_images(scene, &out.join("images"))?;
-    super::write_black_masks(scene, &out.join("masks"), mask_name)?;
+    super::copy_images(scene, out)?;
+    super::masks::write_black_masks(scene, &out.join("masks"), mask_name)?;
     super::write_split_lists(scene, out)?;
     let model = out.join(MODEL_FOLDER);
     store::create_folder(&model)?;

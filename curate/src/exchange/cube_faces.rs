@@ -103,6 +103,7 @@ fn faces_of(
 ) -> Result<Vec<ExportFrame>, CurateError> {
     let panorama = RgbImage::read(&frame.image)?;
     let mask = frame.mask.as_deref().map(Mask::read).transpose()?;
+    let ignored = frame.ignore_mask.as_deref().map(Mask::read).transpose()?;
     let stem = super::stem(&frame.name);
     // Valid poses have a rotation: they were chosen by that.
     let rotation = frame.pose.rotation().unwrap_or_default();
@@ -112,18 +113,20 @@ fn faces_of(
             let name = format!("{}/{stem}.png", face.name);
             let image = scratch.join(&name);
             face_image(&panorama, face, side).write_png(&image)?;
-            let mask = match &mask {
-                None => None,
-                Some(mask) => {
-                    let file = scratch.join(face.name).join(format!("{stem}.mask.png"));
+            let of_face =
+                |mask: &Option<Mask>, kind: &str| -> Result<Option<PathBuf>, CurateError> {
+                    let Some(mask) = mask else {
+                        return Ok(None);
+                    };
+                    let file = scratch.join(face.name).join(format!("{stem}.{kind}.png"));
                     face_mask(mask, camera, face, side).write_png(&file)?;
-                    Some(file)
-                }
-            };
+                    Ok(Some(file))
+                };
             Ok(ExportFrame {
                 name,
                 image,
-                mask,
+                mask: of_face(&mask, "mask")?,
+                ignore_mask: of_face(&ignored, "ignore")?,
                 pose: Pose::new(
                     rotation * DQuat::from_mat3(&face.to_camera),
                     frame.pose.centre(),

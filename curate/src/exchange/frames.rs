@@ -73,6 +73,7 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
             let name = Path::new(&frame.name).with_extension("png");
             super::copy(mask, &out.join("mask").join(name))?;
         }
+        super::masks::copy_ignore_mask(frame, &frame.name, out)?;
         frames.push(PosedFrame {
             time_seconds: frame.time_seconds,
             pose: frame.pose,

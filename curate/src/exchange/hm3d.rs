@@ -77,6 +77,7 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
             store::create_folder(&masks)?;
             super::copy(mask, &masks.join(&name))?;
         }
+        super::masks::copy_ignore_mask(frame, &name, out)?;
         // Valid poses have a rotation: they were chosen by that.
         let rotation = turned(DMat3::from_quat(frame.pose.rotation().unwrap_or_default()));
         rotations.extend(rotation.transpose().to_cols_array().map(|v| v as f32));

@@ -9,6 +9,7 @@ pub mod colmap;
 mod cube_faces;
 pub mod frames;
 pub mod hm3d;
+mod masks;
 pub mod nerfstudio;
 pub mod openmvg;
 mod scene_folder;
@@ -28,13 +29,12 @@ use omnilife_schemas::{
     points::PointCloud,
     progress::Progress,
     records::{PoseSource, Scene, Split},
-    rgb::Mask,
     store::{self, StoreError},
 };
 
 pub use cube_faces::CubeFaces;
 pub(crate) use cube_faces::face_image;
-pub use scene_folder::{ImportRequest, import};
+pub use scene_folder::{ImportRequest, MaskMeaning, import};
 
 use crate::error::CurateError;
 
@@ -89,6 +89,8 @@ pub struct ExportFrame {
     pub image: PathBuf,
     /// The mask, white where something moves.
     pub mask: Option<PathBuf>,
+    /// The mask of what is no part of the scene (white).
+    pub ignore_mask: Option<PathBuf>,
     /// The camera.
     pub pose: Pose,
     /// Timestamp in the source video, seconds.
@@ -295,6 +297,7 @@ fn collect(
                 name: file_name(&frame.image),
                 image: folder.join(&frame.image),
                 mask: frame.mask.as_ref().map(|mask| folder.join(mask)),
+                ignore_mask: frame.ignore_mask.as_ref().map(|mask| folder.join(mask)),
                 pose: frame.pose.filter(Pose::is_valid)?,
                 time_seconds: frame.time_seconds,
                 is_input: is_input(index),
@@ -336,7 +339,8 @@ fn collect(
 fn refuse_unusable_names(path: &Path, scene: &Scene) -> Result<(), CurateError> {
     let mut stems = BTreeMap::new();
     for (number, frame) in scene.frames.iter().enumerate() {
-        for file in [&frame.image].into_iter().chain(&frame.mask) {
+        let masks = frame.mask.iter().chain(&frame.ignore_mask);
+        for file in [&frame.image].into_iter().chain(masks) {
             if !is_inside(file) {
                 let reason = format!("{file:?} of frame {number} is no file in its folder");
                 return Err(CurateError::input(path, reason));
@@ -400,50 +404,18 @@ fn copy(from: &Path, to: &Path) -> Result<(), StoreError> {
     store::write_bytes(to, &bytes)
 }
 
-/// Copies the images of a scene into a folder, under their names.
-fn copy_images(scene: &ExportScene, folder: &Path) -> Result<(), CurateError> {
-    store::create_folder(folder)?;
+/// Copies the images of a scene into `images`, under their names, and beside it what is no part of the scene.
+fn copy_images(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
+    let folder = out.join("images");
+    store::create_folder(&folder)?;
     for frame in &scene.frames {
         let path = folder.join(&frame.name);
         refuse_second(&path)?;
         create_parent(&path)?;
         copy(&frame.image, &path)?;
+        masks::copy_ignore_mask(frame, &frame.name, out)?;
     }
     Ok(())
-}
-
-/// Writes the masks of a scene with what moves in black, as tools have it that take masks for what
-/// to look at. `name` gives the file name of a frame's mask.
-fn write_black_masks(
-    scene: &ExportScene,
-    folder: &Path,
-    name: impl Fn(&str) -> String,
-) -> Result<(), CurateError> {
-    let masked: Vec<(&ExportFrame, &PathBuf)> = scene
-        .frames
-        .iter()
-        .filter_map(|frame| Some((frame, frame.mask.as_ref()?)))
-        .collect();
-    if !masked.is_empty() {
-        store::create_folder(folder)?;
-    }
-    for (frame, mask) in masked {
-        let mask = Mask::read(mask)?.inverted();
-        let path = folder.join(name(&frame.name));
-        refuse_second(&path)?;
-        create_parent(&path)?;
-        mask.write_png(&path)?;
-    }
-    Ok(())
-}
-
-/// The mask in `folder` of the frame with this name, if there is one.
-fn black_mask(folder: &Path, name: &str) -> Option<ForeignMask> {
-    let file = folder.join(name);
-    file.is_file().then_some(ForeignMask {
-        file,
-        black_is_dynamic: true,
-    })
 }
 
 /// The images for training and for testing, one per line, where a split says so.

@@ -86,8 +86,8 @@ fn opengl(rotation: DMat3) -> DMat3 {
 }
 
 fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
-    super::copy_images(scene, &out.join("images"))?;
-    super::write_black_masks(scene, &out.join("masks"), mask_name)?;
+    super::copy_images(scene, out)?;
+    super::masks::write_black_masks(scene, &out.join("masks"), mask_name)?;
     let intrinsics = match scene.camera {
         Camera::Erp(ErpCamera { width, height }) => {
             let half = f64::from(width) / 2.0;
@@ -116,8 +116,7 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
             // Rows of the matrix are columns of its transpose.
             transform_matrix: matrix.transpose().to_cols_array_2d(),
             mask_path: frame
-                .mask
-                .is_some()
+                .is_masked()
                 .then(|| format!("masks/{}", mask_name(&frame.name))),
         }
     });

@@ -29,7 +29,7 @@ use omnilife_schemas::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::{ExportScene, ForeignFrame, ForeignScene, Format, black_mask, file_of, stem};
+use super::{ExportScene, ForeignFrame, ForeignScene, Format, file_of, masks::black_mask, stem};
 use crate::error::CurateError;
 
 /// The format.
@@ -174,8 +174,8 @@ impl SfmData {
 )]
 fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     let images = out.join("images");
-    super::copy_images(scene, &images)?;
-    super::write_black_masks(scene, &images, mask_name)?;
+    super::copy_images(scene, out)?;
+    super::masks::write_black_masks(scene, &images, mask_name)?;
     let mut views = SfmData::empty();
     let mut extrinsics = SfmData::empty();
     for (key, frame) in (0..).zip(&scene.frames) {

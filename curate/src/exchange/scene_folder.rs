@@ -8,7 +8,7 @@ use std::{
 
 use omnilife_schemas::{
     image_file::ImageFile,
-    layout::{FRAMES_FOLDER, POINTS_FILE, SCENE_FILE, SCENE_MASKS_FOLDER},
+    layout::{FRAMES_FOLDER, IGNORE_MASKS_FOLDER, POINTS_FILE, SCENE_FILE, SCENE_MASKS_FOLDER},
     records::{PoseSource, Scale, Scene, SceneFrame},
     rgb::Mask,
     store::{self, StoreError},
@@ -28,8 +28,19 @@ pub struct ImportRequest<'a> {
     pub id: &'a str,
     /// Frames per second, where the folder has no `times.csv`.
     pub frames_per_second: Option<f64>,
+    /// What the masks mark, of formats that have one kind of masks.
+    pub masks: MaskMeaning,
     /// Folder to fill; must not exist or be empty.
     pub out: &'a Path,
+}
+
+/// What masks mark.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MaskMeaning {
+    /// What moves: part of the scene.
+    Moving,
+    /// What is no part of the scene, such as who holds the camera.
+    Ignored,
 }
 
 /// Imports a scene: `scene.json`, `frames/`, `masks/` and `points.ply`.
@@ -63,11 +74,18 @@ fn write(
         let image = format!("{FRAMES_FOLDER}/{name}");
         check_size(foreign, frame)?;
         super::copy(&frame.image, &out.join(&image))?;
+        let ignored = ignored(foreign, frame, request)?;
         frames.push(SceneFrame {
             image,
             time_seconds: *time_seconds,
             pose: frame.pose,
-            mask: import_mask(foreign, (frame, name), out)?,
+            mask: import_mask(
+                foreign,
+                (frame, name),
+                (ignored.as_ref(), request.masks),
+                out,
+            )?,
+            ignore_mask: write_mask(ignored, IGNORE_MASKS_FOLDER, name, out)?,
             classes: [].into(),
             objects: import_objects(foreign, (frame, name), out)?,
             depth: None,
@@ -212,27 +230,82 @@ fn size_of(foreign: &ForeignScene) -> [usize; 2] {
     foreign.camera.size()
 }
 
-fn import_mask(
+/// What is no part of the scene in a frame: the mask that one of our exports has of it, or the frame's one
+/// mask, where that is what masks are said to mark.
+fn ignored(
     foreign: &ForeignScene,
-    (frame, name): (&ForeignFrame, &str),
-    out: &Path,
-) -> Result<Option<String>, CurateError> {
+    frame: &ForeignFrame,
+    request: &ImportRequest<'_>,
+) -> Result<Option<Mask>, CurateError> {
+    // Below the folder of the images: faces of cubes lie in folders of their own.
+    let below = frame.image.strip_prefix(request.folder).ok();
+    let name: PathBuf = below
+        .into_iter()
+        .flat_map(|path| path.iter().skip(1))
+        .collect();
+    let own = super::masks::ignore_mask_path(request.folder, &name.to_string_lossy());
+    if own.is_file() {
+        return Ok(Some(read_mask(foreign, &own)?));
+    }
+    match request.masks {
+        MaskMeaning::Moving => Ok(None),
+        MaskMeaning::Ignored => given_mask(foreign, frame),
+    }
+}
+
+/// The one mask that a frame comes with.
+fn given_mask(foreign: &ForeignScene, frame: &ForeignFrame) -> Result<Option<Mask>, CurateError> {
     let Some(found) = &frame.mask else {
         return Ok(None);
     };
-    let file = ImageFile::open(&found.file)?;
-    if file.size() != size_of(foreign) {
-        return Err(CurateError::input(
-            &found.file,
-            "is not of its image's size",
-        ));
+    let mask = read_mask(foreign, &found.file)?;
+    Ok(Some(if found.black_is_dynamic {
+        mask.inverted()
+    } else {
+        mask
+    }))
+}
+
+fn read_mask(foreign: &ForeignScene, file: &Path) -> Result<Mask, CurateError> {
+    let image = ImageFile::open(file)?;
+    if image.size() != size_of(foreign) {
+        return Err(CurateError::input(file, "is not of its image's size"));
     }
-    let mut mask = Mask::decode(file)?;
-    if found.black_is_dynamic {
-        mask = mask.inverted();
+    Ok(Mask::decode(image)?)
+}
+
+/// What moves in a frame.
+fn import_mask(
+    foreign: &ForeignScene,
+    (frame, name): (&ForeignFrame, &str),
+    (ignored, meaning): (Option<&Mask>, MaskMeaning),
+    out: &Path,
+) -> Result<Option<String>, CurateError> {
+    if meaning == MaskMeaning::Ignored {
+        return Ok(None);
     }
-    store::create_folder(&out.join(SCENE_MASKS_FOLDER))?;
-    let file = format!("{SCENE_MASKS_FOLDER}/{}.png", super::stem(name));
+    let mask = given_mask(foreign, frame)?;
+    let mask = match ignored {
+        // Formats with one kind of masks have both in it, where there is only the other one as well.
+        Some(ignored) => (mask.map(|mask| mask.without(ignored)))
+            .filter(|mask| mask.data.iter().any(|&value| value != 0)),
+        None => mask,
+    };
+    write_mask(mask, SCENE_MASKS_FOLDER, name, out)
+}
+
+/// Writes the mask of a frame into a folder of the scene; returns its place there.
+fn write_mask(
+    mask: Option<Mask>,
+    folder: &str,
+    name: &str,
+    out: &Path,
+) -> Result<Option<String>, CurateError> {
+    let Some(mask) = mask else {
+        return Ok(None);
+    };
+    store::create_folder(&out.join(folder))?;
+    let file = format!("{folder}/{}.png", super::stem(name));
     mask.write_png(&out.join(&file))?;
     Ok(Some(file))
 }

@@ -14,7 +14,7 @@ use omnilife_schemas::{
     store,
 };
 
-use super::lens::Straightening;
+use super::{ignored::IgnoredPixels, lens::Straightening};
 use crate::{error::CurateError, staging::Staging};
 
 /// Radius in pixels by which masks grow before features are left out under them: outlines of
@@ -152,24 +152,33 @@ fn relative_to(file: &Path, folder: Option<&Path>) -> Option<PathBuf> {
 }
 
 /// Writes masks as COLMAP reads them: `<image file name>.png`, black where features are ignored,
-/// grown by a few pixels.
+/// grown by a few pixels. Returns whether there are any.
 pub(super) fn write_for_colmap(
     folder: &Path,
-    masks: &[PathBuf],
+    moving: Option<&[PathBuf]>,
+    ignored: &IgnoredPixels,
     sequence: &Sequence,
-) -> Result<(), CurateError> {
+) -> Result<bool, CurateError> {
     store::create_folder(folder)?;
     let (width, height) = (sequence.frames.width, sequence.frames.height);
-    for (entry, source) in sequence.frames.entries.iter().zip(masks) {
+    let mut has_masks = false;
+    for (number, entry) in sequence.frames.entries.iter().enumerate() {
+        let moving = moving.map(|files| Mask::read(&files[number])).transpose()?;
+        let moving = moving.map(|mask| mask.resized_to_nearest(width as usize, height as usize));
+        let mask = match (moving, ignored.of_frame(number)?) {
+            (Some(moving), Some(ignored)) => moving.united(&ignored),
+            (Some(mask), None) | (None, Some(mask)) => mask,
+            (None, None) => continue,
+        };
         let name = Path::new(&entry.file)
             .file_name()
             .unwrap_or_default()
             .to_string_lossy();
-        let mask = Mask::read(source)?.resized_to_nearest(width as usize, height as usize);
         let path = folder.join(format!("{name}.png"));
         grown(&mask).inverted().write_png(&path)?;
+        has_masks = true;
     }
-    Ok(())
+    Ok(has_masks)
 }
 
 /// Marks every pixel within `GROWTH_PIXELS` rows and columns of a marked one, across the seam too.

@@ -1,7 +1,8 @@
 //! Camera poses of a sequence: given by the user, or found by structure from motion.
 //!
-//! [`pose_sequence`] turns `sequence.json` into `scene.json`, with `points.ply`, `masks/`, `depth/`,
-//! `classes/` and `depth-prior/` where there are points, masks, distances, masks of classes and estimated
+//! [`pose_sequence`] turns `sequence.json` into `scene.json`, with `points.ply`, `masks/`, `ignore/`, `depth/`,
+//! `classes/` and `depth-prior/` where there are points, masks of what moves and of what is no part of the scene,
+//! distances, masks of classes and estimated
 //! distances.
 
 pub mod colmap;
@@ -9,6 +10,7 @@ pub(crate) mod colmap_binary;
 pub mod error;
 pub mod given;
 mod ground_scale;
+mod ignored;
 pub mod lens;
 pub mod level;
 pub(crate) mod masks;
@@ -117,7 +119,12 @@ pub fn pose_sequence_with(
     let started = Instant::now();
     let mut posed = match request {
         PoseRequest::Given(path) => given::read(path, &sequence)?,
-        PoseRequest::Sfm(settings) => sfm::run(sequence_folder, &sequence, settings, progress)?,
+        PoseRequest::Sfm(settings) => sfm::run(
+            sequence_folder,
+            &sequence,
+            (settings, &truth.ignored),
+            progress,
+        )?,
     };
     if let Some(scale) = scale {
         scale
@@ -156,7 +163,9 @@ fn put_in_place(
         .flat_map(|frame| {
             let depth = frame.depth.iter().map(|depth| &depth.file);
             let prior = frame.depth_prior.iter().map(|prior| &prior.file);
-            let masks = frame.mask.iter().chain(frame.classes.values());
+            let masks = (frame.mask.iter())
+                .chain(&frame.ignore_mask)
+                .chain(frame.classes.values());
             masks
                 .chain(depth)
                 .chain(prior)
@@ -280,6 +289,7 @@ fn stage_scene(
             time_seconds: entry.time_seconds,
             pose,
             mask,
+            ignore_mask: None,
             classes: [].into(),
             objects: [].into(),
             depth: None,
@@ -287,6 +297,8 @@ fn stage_scene(
         })
         .collect();
     truth.stage(staging, folder, &mut frames, size, progress)?;
+    let straightening = straightening.as_ref();
+    (truth.ignored).stage(staging, folder, &mut frames, straightening)?;
     Ok(Scene {
         id: sequence.id.clone(),
         camera,

@@ -21,6 +21,7 @@ use omnilife_schemas::{
 
 use super::{
     ground_scale::GroundScale,
+    ignored::IgnoredPixels,
     masks,
     prior::{GivenPrior, PriorFiles},
 };
@@ -32,6 +33,9 @@ pub struct GivenTruth {
     /// Folder of masks, white where something moves, where poses are given; masks of a poses.json go
     /// before them. Structure from motion has masks of its own.
     pub masks: Option<PathBuf>,
+    /// What is no part of the scene: an image for all frames, or a folder with one per frame, white where it
+    /// is.
+    pub ignored: Option<PathBuf>,
     /// Distances.
     pub depth: Option<GivenDepth>,
     /// Folder of masks by the name of the class: white where its objects are.
@@ -53,6 +57,7 @@ pub struct GivenDepth {
 
 /// [`GivenTruth`] with the file of every frame.
 pub(super) struct TruthFiles {
+    pub(super) ignored: IgnoredPixels,
     masks: Option<Vec<PathBuf>>,
     depth: Option<(Vec<PathBuf>, f64)>,
     classes: BTreeMap<String, Vec<PathBuf>>,
@@ -88,6 +93,7 @@ impl GivenTruth {
         let prior = prior.map(|prior| prior.find(sequence)).transpose()?;
         let masks = self.masks.as_ref();
         Ok(TruthFiles {
+            ignored: IgnoredPixels::find(self.ignored.as_deref(), sequence)?,
             masks: masks
                 .map(|folder| masks::find(folder, sequence))
                 .transpose()?,
@@ -109,6 +115,7 @@ impl TruthFiles {
         for file in self.masks.iter().flatten() {
             plan = plan.with_file(file)?;
         }
+        plan = self.ignored.add_inputs(plan)?;
         if let Some((files, unit)) = &self.depth {
             plan = plan.with_settings("depth unit", unit);
             for file in files {

@@ -5,6 +5,7 @@
 //! shards/frames-000000.tar
 //!   street/seq-000/000004.png        the frame
 //!   street/seq-000/000004.mask.png   what moves, where every frame of the dataset has a mask
+//!   street/seq-000/000004.ignore.png what is no part of the scene, where every frame says so
 //!   street/seq-000/000004.json       sequence, time, camera, pose and tags
 //! ```
 //!
@@ -87,13 +88,16 @@ pub(super) fn plan(
     for row in &statistics.rows {
         samples.extend(samples_of(folder, row)?);
     }
-    let all_masked = samples.iter().all(|sample| sample.files.len() > 1);
+    let in_all = |kind: &str| {
+        let has_kind = |sample: &Sample| sample.files.iter().any(|(other, _)| *other == kind);
+        samples.iter().all(has_kind)
+    };
+    let kinds = ["png", "mask.png", "ignore.png"];
+    let kinds: Vec<&str> = kinds.into_iter().filter(|kind| in_all(kind)).collect();
     let mut shards: Vec<Shard> = Vec::new();
     let mut filled = 0;
     for mut sample in samples {
-        if !all_masked {
-            sample.files.truncate(1);
-        }
+        sample.files.retain(|(kind, _)| kinds.contains(kind));
         let size = sample.archived_bytes()?;
         match shards.last_mut() {
             Some(shard) if size <= bytes.saturating_sub(filled) => shard.samples.push(sample),
@@ -180,8 +184,14 @@ fn samples_of(folder: &Path, row: &SequenceRow) -> Result<Vec<Sample>, CurateErr
             let json = serde_json::to_vec(&description)
                 .map_err(|error| StoreError::malformed(&place, error.to_string()))?;
             let mut files = vec![("png", place.join(&entry.file))];
-            let mask = frame.and_then(|frame| frame.mask.as_ref());
-            files.extend(mask.map(|mask| ("mask.png", place.join(mask))));
+            let masks = |frame: &SceneFrame| {
+                let masks = [
+                    ("mask.png", &frame.mask),
+                    ("ignore.png", &frame.ignore_mask),
+                ];
+                masks.map(|(kind, mask)| Some((kind, place.join(mask.as_ref()?))))
+            };
+            files.extend(frame.map(masks).into_iter().flatten().flatten());
             Ok(Sample {
                 key: key(&sequence.id, index),
                 files,

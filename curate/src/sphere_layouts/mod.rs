@@ -1,7 +1,7 @@
 //! Frames whose sphere is stored otherwise than as one equirectangular image, made into one on the way.
 //!
-//! Of stereo the left eye's image is cut out; cube faces and fisheye circles are sampled on the sphere
-//! (`sampler`), each pixel by as many rays as it has stored pixels below it. `places` says where a direction is
+//! Of stereo the left eye's image is cut out; cube faces, fisheye circles and halves of the sphere are sampled on
+//! the sphere (`sampler`), each pixel by as many rays as it has stored pixels below it. `places` says where a direction is
 //! stored, `lens_estimate` what the lenses of a camera with two are. `FFmpeg`'s filter `v360` has the same layouts and is what a test holds them against.
 
 mod lens_estimate;
@@ -11,6 +11,7 @@ mod sampler;
 use omnilife_schemas::{
     RgbImage,
     records::{DetectedProjection, FisheyeCircle, Probe, SphereLayout, VideoProjection},
+    rgb::Mask,
 };
 
 pub(crate) use lens_estimate::estimated_dual_fisheye;
@@ -87,12 +88,31 @@ fn left_eye(layout: SphereLayout, frame: &Rgb8Image) -> Option<Rgb8Image> {
     })
 }
 
+/// Marks the pixels of equirectangular images of `size` that frames of `stored` pixels do not show all of; `None`
+/// where the layout stores the whole sphere.
+pub(crate) fn unrecorded(
+    layout: SphereLayout,
+    (columns, rows): (u32, u32),
+    size: [usize; 2],
+) -> Option<Mask> {
+    let is_half = matches!(
+        layout,
+        SphereLayout::HalfErp | SphereLayout::HalfErpLeftRight | SphereLayout::HalfErpTopBottom
+    );
+    is_half.then(|| {
+        let stored = [columns as usize, rows as usize];
+        SphereSampler::new(layout, stored, size).unrecorded()
+    })
+}
+
 /// Width in pixels of the equirectangular image that has as many pixels around the horizon as a frame of
 /// `width` x `height` pixels has.
 pub(crate) fn erp_width(layout: SphereLayout, (width, height): (u32, u32)) -> u32 {
     match layout {
         SphereLayout::StereoTopBottom => width,
         SphereLayout::StereoLeftRight => width / 2,
+        SphereLayout::HalfErp | SphereLayout::HalfErpTopBottom => 2 * width,
+        SphereLayout::HalfErpLeftRight => width,
         SphereLayout::EquiangularCubemap => width / 3 * 4,
         SphereLayout::Cubemap { columns, .. } => width / u32::from(columns.max(1)) * 4,
         SphereLayout::DualFisheye {
@@ -119,18 +139,25 @@ pub(crate) fn projection(layout: SphereLayout) -> VideoProjection {
     match layout {
         SphereLayout::StereoTopBottom => VideoProjection::ErpStereoTb,
         SphereLayout::StereoLeftRight => VideoProjection::ErpStereoLr,
+        SphereLayout::HalfErp | SphereLayout::HalfErpLeftRight | SphereLayout::HalfErpTopBottom => {
+            VideoProjection::HalfErp
+        }
         SphereLayout::EquiangularCubemap | SphereLayout::Cubemap { .. } => VideoProjection::Eac,
         SphereLayout::DualFisheye { .. } => VideoProjection::Fisheye,
     }
 }
 
-/// The layout that the evidence leaves no doubt of: stereo, and equi-angular faces where the container says so.
-/// How other faces lie and what a lens sees, no image says.
+/// The layout that the evidence leaves no doubt of: stereo, and equi-angular faces and halves of the sphere where
+/// the container says so. How other faces lie and what a lens sees, no image says.
 pub(crate) fn evident(found: &DetectedProjection, probe: &Probe) -> Option<SphereLayout> {
     match found.projection {
         VideoProjection::ErpStereoTb => Some(SphereLayout::StereoTopBottom),
         VideoProjection::ErpStereoLr => Some(SphereLayout::StereoLeftRight),
         VideoProjection::Eac => stated(probe),
+        // Of a half the pixels say nothing that others would not.
+        VideoProjection::Rectilinear | VideoProjection::Fisheye | VideoProjection::Unsure => {
+            stated_half(probe)
+        }
         _ => None,
     }
 }
@@ -139,7 +166,23 @@ pub(crate) fn evident(found: &DetectedProjection, probe: &Probe) -> Option<Spher
 pub(crate) fn stated(probe: &Probe) -> Option<SphereLayout> {
     let spherical = probe.spherical.as_ref()?;
     let whole = spherical.projection == "equiangular cubemap" && !spherical.is_cropped;
-    whole.then_some(SphereLayout::EquiangularCubemap)
+    whole
+        .then_some(SphereLayout::EquiangularCubemap)
+        .or_else(|| stated_half(probe))
+}
+
+/// The half of the sphere that the container states.
+fn stated_half(probe: &Probe) -> Option<SphereLayout> {
+    let spherical = probe.spherical.as_ref()?;
+    if spherical.projection != "equirectangular" || !spherical.is_front_half {
+        return None;
+    }
+    match spherical.stereo.as_deref() {
+        None | Some("2D") => Some(SphereLayout::HalfErp),
+        Some("side by side") => Some(SphereLayout::HalfErpLeftRight),
+        Some("top and bottom") => Some(SphereLayout::HalfErpTopBottom),
+        Some(_) => None,
+    }
 }
 
 #[cfg(test)]
@@ -273,6 +316,51 @@ mod tests {
     }
 
     #[test]
+    fn of_half_a_sphere_the_rest_is_black_and_marked() {
+        let whole = erp(WIDTH);
+        let (half, height) = (WIDTH / 2, WIDTH / 2);
+        let rows = whole.data.chunks_exact(3 * WIDTH);
+        let ahead: Vec<u8> = rows
+            .flat_map(|row| &row[3 * WIDTH / 4..9 * WIDTH / 4])
+            .copied()
+            .collect();
+        let other_eye = [9; 3 * WIDTH / 2];
+        let beside = ahead.chunks_exact(3 * half);
+        let beside: Vec<u8> = beside.flat_map(|row| [row, &other_eye].concat()).collect();
+        let above = [ahead.as_slice(), &other_eye.repeat(height)].concat();
+        let is_ahead = |pixel: usize| (WIDTH / 4..WIDTH * 3 / 4).contains(&(pixel % WIDTH));
+        for (layout, width, data) in [
+            (SphereLayout::HalfErp, half, ahead),
+            (SphereLayout::HalfErpLeftRight, WIDTH, beside),
+            (SphereLayout::HalfErpTopBottom, half, above),
+        ] {
+            let height = data.len() / (3 * width);
+            let frame = Rgb8Image {
+                width,
+                height,
+                data,
+            };
+            let found = ToErp::new(layout).convert(&frame, WIDTH);
+            for (at, (found, whole)) in found.data.iter().zip(&whole.data).enumerate() {
+                let expected = if is_ahead(at / 3) { *whole } else { 0 };
+                assert!(
+                    found.abs_diff(expected) <= 1,
+                    "{layout} {at}: {found} {expected}"
+                );
+            }
+            let stored = (width as u32, height as u32);
+            let marked = unrecorded(layout, stored, [WIDTH, WIDTH / 2]).map(|mask| mask.data);
+            let expected = (0..WIDTH * WIDTH / 2).map(|pixel| 255 * u8::from(!is_ahead(pixel)));
+            assert_eq!(marked, Some(expected.collect()), "{layout}");
+            assert_eq!(erp_width(layout, stored), WIDTH as u32);
+        }
+        assert_eq!(
+            unrecorded(SphereLayout::EquiangularCubemap, (192, 128), [64, 32]),
+            None
+        );
+    }
+
+    #[test]
     fn widths_have_the_same_pixels_around_the_horizon() -> Result<(), String> {
         for (name, stored, expected) in [
             ("stereo-top-bottom", (3840, 3840), 3840),
@@ -280,6 +368,9 @@ mod tests {
             ("eac", (2880, 1920), 3840),
             ("cubemap-6x1", (6144, 1024), 4096),
             ("dual-fisheye:180", (3840, 1920), 3840),
+            ("half-erp", (2880, 2880), 5760),
+            ("half-erp-left-right", (5760, 2880), 5760),
+            ("half-erp-top-bottom", (2880, 5760), 5760),
         ] {
             let layout = name.parse()?;
             assert_eq!(erp_width(layout, stored), expected, "{name}");

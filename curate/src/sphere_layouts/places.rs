@@ -1,6 +1,6 @@
 //! Where a direction is stored in a frame.
 
-use std::f64::consts::{FRAC_2_PI, PI};
+use std::f64::consts::{FRAC_1_PI, FRAC_2_PI, PI};
 
 use glam::{DVec2, DVec3, dvec2};
 use omnilife_schemas::{
@@ -30,6 +30,9 @@ pub(super) fn place(
     let size = dvec2(width as f64, height as f64);
     match layout {
         SphereLayout::StereoTopBottom | SphereLayout::StereoLeftRight => None,
+        SphereLayout::HalfErp => in_half(size, direction),
+        SphereLayout::HalfErpLeftRight => in_half(size * dvec2(0.5, 1.0), direction),
+        SphereLayout::HalfErpTopBottom => in_half(size * dvec2(1.0, 0.5), direction),
         SphereLayout::EquiangularCubemap => Some(in_equiangular(size, direction)),
         SphereLayout::Cubemap { columns, faces } => {
             let (face, on_face) = on_cube(direction);
@@ -51,6 +54,17 @@ pub(super) fn place(
             lens.place(size, direction)
         }
     }
+}
+
+/// Where a direction is in an equirectangular image of the half of the sphere ahead, in the upper left corner of a
+/// frame; `None` behind.
+fn in_half(size: DVec2, direction: DVec3) -> Option<Place> {
+    let across = direction.x.atan2(direction.z) * FRAC_1_PI;
+    let down = (direction.y / direction.length()).asin() * FRAC_1_PI;
+    (direction.z >= 0.0).then(|| Place {
+        at: (dvec2(across, down) + 0.5) * size,
+        part: [DVec2::ZERO, size],
+    })
 }
 
 /// Number of the face of [`CUBE_FACES`] that a direction meets, and where, right and down from its middle, both

@@ -5,6 +5,7 @@ use omnilife_schemas::{
     camera::{CameraModel, ErpCamera},
     interpolation::{Edges, bilinear},
     records::SphereLayout,
+    rgb::Mask,
 };
 use rayon::prelude::*;
 
@@ -61,6 +62,20 @@ impl SphereSampler {
     /// Whether it is for frames of `stored` pixels and images of `size`.
     pub(super) fn is_for(&self, stored: [usize; 2], size: [usize; 2]) -> bool {
         self.stored == stored && self.size == size
+    }
+
+    /// Marks the pixels with a ray where nothing is stored.
+    pub(super) fn unrecorded(&self) -> Mask {
+        let [width, height] = self.size;
+        let is_open = |places: &[[f32; 2]]| places.iter().any(|place| place[0].is_nan());
+        let pixels = self.places.chunks_exact(self.rays);
+        Mask {
+            width,
+            height,
+            data: pixels
+                .map(|places| 255 * u8::from(is_open(places)))
+                .collect(),
+        }
     }
 
     /// The image of a frame; black where nothing is stored.

@@ -16,7 +16,7 @@ use omnilife_schemas::{
 use super::{
     decode::VideoReader,
     raw_fields::{self, CodecId, SideData},
-    spherical_boxes::{self, SphericalBoxes, Statement},
+    spherical_boxes::{self, Extent, SphericalBoxes, Statement},
 };
 use crate::error::CurateError;
 
@@ -137,7 +137,11 @@ fn resolved(SphericalBoxes { v1, v2 }: SphericalBoxes) -> Option<SphericalMetada
     let words = |statement: &Statement| {
         format!(
             "{}{}, {}",
-            if statement.is_cropped { "cropped " } else { "" },
+            match statement.extent {
+                Extent::Whole => "",
+                Extent::FrontHalf => "half of ",
+                Extent::Part => "cropped ",
+            },
             statement.projection.as_deref().unwrap_or("no projection"),
             statement.stereo.as_deref().unwrap_or("2D")
         )
@@ -148,12 +152,14 @@ fn resolved(SphericalBoxes { v1, v2 }: SphericalBoxes) -> Option<SphericalMetada
         (Some(older), Some(newer)) if words(older) != words(newer) => Some(words(older)),
         _ => None,
     };
+    let extent = if newer.projection.is_some() {
+        newer.extent
+    } else {
+        older.extent
+    };
     Some(SphericalMetadata {
-        is_cropped: if newer.projection.is_some() {
-            newer.is_cropped
-        } else {
-            older.is_cropped
-        },
+        is_cropped: extent != Extent::Whole,
+        is_front_half: extent == Extent::FrontHalf,
         origin: if v2.is_some() { "v2" } else { "v1" }.to_owned(),
         projection: newer.projection.or(older.projection)?,
         stereo: newer.stereo.or(older.stereo),
@@ -169,6 +175,7 @@ fn side_data_of(stream: &ffmpeg::Stream<'_>) -> Option<SphericalMetadata> {
         .and_then(|layout| raw_fields::stereo_name(&layout));
     Some(SphericalMetadata {
         is_cropped: projection == "tiled equirectangular",
+        is_front_half: false,
         projection: projection.to_owned(),
         stereo: stereo.map(str::to_owned),
         origin: "container".to_owned(),

@@ -30,8 +30,20 @@ pub(super) struct Statement {
     pub(super) projection: Option<String>,
     /// Stereo layout, where it is stated.
     pub(super) stereo: Option<String>,
-    /// Whether the image covers a part of the sphere only.
-    pub(super) is_cropped: bool,
+    /// What of the sphere the image covers.
+    pub(super) extent: Extent,
+}
+
+/// What of the sphere an image covers.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) enum Extent {
+    /// All of it.
+    #[default]
+    Whole,
+    /// Half a turn across, all of it down.
+    FrontHalf,
+    /// Another part.
+    Part,
 }
 
 /// Both versions, as far as the file holds them.
@@ -116,9 +128,14 @@ fn v1_statement(xml: &str) -> Option<Statement> {
         return None;
     }
     let number = |name: &str| entry(name)?.parse::<u32>().ok();
-    let is_less = |part: Option<u32>, whole: Option<u32>| {
-        part.zip(whole).is_some_and(|(part, whole)| part < whole)
+    let share = |part: &str, whole: &str| {
+        let (part, whole) = (number(part)?, number(whole)?);
+        (part < whole).then(|| f64::from(part) / f64::from(whole))
     };
+    let across = share("CroppedAreaImageWidthPixels", "FullPanoWidthPixels");
+    let across = across.unwrap_or(1.0);
+    let left = share("CroppedAreaLeftPixels", "FullPanoWidthPixels").unwrap_or(0.0);
+    let is_less_high = share("CroppedAreaImageHeightPixels", "FullPanoHeightPixels").is_some();
     Some(Statement {
         projection: entry("ProjectionType").map(str::to_owned),
         stereo: entry("StereoMode").map(|mode| {
@@ -130,13 +147,7 @@ fn v1_statement(xml: &str) -> Option<Statement> {
             }
             .to_owned()
         }),
-        is_cropped: is_less(
-            number("CroppedAreaImageWidthPixels"),
-            number("FullPanoWidthPixels"),
-        ) || is_less(
-            number("CroppedAreaImageHeightPixels"),
-            number("FullPanoHeightPixels"),
-        ),
+        extent: extent([left, 1.0 - across - left], is_less_high),
     })
 }
 
@@ -169,12 +180,26 @@ fn v2(file: &mut (impl Read + Seek), track: Span) -> io::Result<Option<Statement
                 if kind == *b"st3d" {
                     found.stereo = stereo_mode(bytes_at(file, span, 4)?);
                 } else {
-                    (found.projection, found.is_cropped) = projection(file, span)?;
+                    (found.projection, found.extent) = projection(file, span)?;
                 }
             }
         }
     }
     Ok(statement)
+}
+
+/// What an image covers that leaves out these shares of the turn on its left and right.
+fn extent(left_and_right: [f64; 2], is_less_high: bool) -> Extent {
+    let [left, right] = left_and_right;
+    // A quarter on each side; widths are whole pixels.
+    let is_quarter = |share: f64| (share - 0.25).abs() < 0.01;
+    if !is_less_high && is_quarter(left) && is_quarter(right) {
+        Extent::FrontHalf
+    } else if is_less_high || left + right > 0.0 {
+        Extent::Part
+    } else {
+        Extent::Whole
+    }
 }
 
 fn stereo_mode(mode: Option<[u8; 1]>) -> Option<String> {
@@ -188,24 +213,32 @@ fn stereo_mode(mode: Option<[u8; 1]>) -> Option<String> {
     Some(name.to_owned())
 }
 
-/// Projection of an `sv3d` box, and whether its bounds cut something off.
-fn projection(file: &mut (impl Read + Seek), sv3d: Span) -> io::Result<(Option<String>, bool)> {
+/// Projection of an `sv3d` box, and what its bounds leave of the sphere.
+fn projection(file: &mut (impl Read + Seek), sv3d: Span) -> io::Result<(Option<String>, Extent)> {
     for projection in children(file, sv3d, b"proj")? {
         for (kind, span) in boxes(file, projection)? {
             match &kind {
                 b"equi" => {
-                    // Version and flags, then four bounds as shares of the image in 0.32.
-                    let bounds: Option<[u8; 16]> = bytes_at(file, span, 4)?;
-                    let is_cropped = bounds.is_some_and(|bounds| bounds != [0; 16]);
-                    return Ok((Some("equirectangular".to_owned()), is_cropped));
+                    // Version and flags, then what is left out at the top, the bottom, on the left and on
+                    // the right, as shares of the sphere in 0.32.
+                    let bounds: [u8; 16] = bytes_at(file, span, 4)?.unwrap_or_default();
+                    let shares = bounds.as_chunks::<4>().0.iter();
+                    let shares =
+                        shares.map(|bytes| f64::from(u32::from_be_bytes(*bytes)) / 2_f64.powi(32));
+                    let shares: Vec<f64> = shares.collect();
+                    let extent = match shares[..] {
+                        [top, bottom, left, right] => extent([left, right], top + bottom > 0.0),
+                        _ => Extent::Whole,
+                    };
+                    return Ok((Some("equirectangular".to_owned()), extent));
                 }
-                b"cbmp" => return Ok((Some("cubemap".to_owned()), false)),
-                b"mshp" => return Ok((Some("mesh".to_owned()), false)),
+                b"cbmp" => return Ok((Some("cubemap".to_owned()), Extent::Whole)),
+                b"mshp" => return Ok((Some("mesh".to_owned()), Extent::Whole)),
                 _ => {}
             }
         }
     }
-    Ok((None, false))
+    Ok((None, Extent::Whole))
 }
 
 #[cfg(test)]
@@ -273,7 +306,7 @@ mod tests {
             Some(Statement {
                 projection: Some("equirectangular".to_owned()),
                 stereo: Some("top and bottom".to_owned()),
-                is_cropped: true,
+                extent: Extent::Part,
             })
         );
         assert_eq!(
@@ -281,12 +314,50 @@ mod tests {
             Some(Statement {
                 projection: Some("equirectangular".to_owned()),
                 stereo: Some("side by side".to_owned()),
-                is_cropped: false,
+                extent: Extent::Whole,
             })
         );
         let other = read(&path, 7).unwrap();
         assert_eq!(other.v2.unwrap().projection.as_deref(), Some("cubemap"));
         assert_eq!(other.v1, None);
+    }
+
+    /// As Google's `spatial-media` and cameras of VR180 write it.
+    #[test]
+    fn the_half_ahead_is_told_from_other_parts() {
+        let of_xml = |[width, left, height]: [u32; 3]| {
+            let entries = [
+                ("ProjectionType", "equirectangular".to_owned()),
+                ("CroppedAreaImageWidthPixels", width.to_string()),
+                ("CroppedAreaImageHeightPixels", height.to_string()),
+                ("CroppedAreaLeftPixels", left.to_string()),
+                ("FullPanoWidthPixels", "5760".to_owned()),
+                ("FullPanoHeightPixels", "2880".to_owned()),
+            ];
+            let entries = entries
+                .map(|(name, value)| format!("<GSpherical:{name}>{value}</GSpherical:{name}>"));
+            v1_statement(&entries.concat()).unwrap().extent
+        };
+        let of_box = |bounds: [u32; 4]| {
+            let equi = [&[0; 4][..], &bounds.map(u32::to_be_bytes).concat()].concat();
+            let proj = boxed(*b"proj", &boxed(*b"equi", &equi));
+            let (_temp, path) = written(&track(1, &[], &boxed(*b"sv3d", &proj)));
+            read(&path, 1).unwrap().v2.unwrap().extent
+        };
+        let quarter = 0x4000_0000;
+        assert_eq!(of_xml([2880, 1440, 2880]), Extent::FrontHalf);
+        assert_eq!(of_box([0, 0, quarter, quarter]), Extent::FrontHalf);
+        assert_eq!(of_xml([5760, 0, 2880]), Extent::Whole);
+        assert_eq!(of_box([0; 4]), Extent::Whole);
+        for part in [
+            of_xml([2880, 0, 2880]),
+            of_xml([2880, 1440, 1440]),
+            of_xml([5760, 0, 1440]),
+        ] {
+            assert_eq!(part, Extent::Part);
+        }
+        assert_eq!(of_box([quarter, 0, quarter, quarter]), Extent::Part);
+        assert_eq!(of_box([0, 0, 2 * quarter, 0]), Extent::Part);
     }
 
     /// Whatever the bytes are, reading ends.

@@ -121,6 +121,7 @@ fn faces_come_back_as_a_perspective_scene() {
             format,
             id: "faces",
             frames_per_second: None,
+            masks: MaskMeaning::Moving,
             out: &back,
         })
         .unwrap();

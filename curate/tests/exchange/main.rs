@@ -14,7 +14,7 @@ use std::{
 use glam::{DQuat, DVec3, dvec3};
 use omnilife_curate::{
     error::CurateError,
-    exchange::{ExportRequest, ExportScene, FORMATS, ImportRequest, export, import},
+    exchange::{ExportRequest, ExportScene, FORMATS, ImportRequest, MaskMeaning, export, import},
 };
 use omnilife_schemas::{
     Pose,
@@ -72,6 +72,7 @@ fn scene() -> (TempDir, Scene) {
                 Pose::new(q, centre)
             }),
             mask,
+            ignore_mask: (index == 1 || index == 2).then(|| holder(root, index)),
             classes: [].into(),
             objects: [].into(),
             depth: None,
@@ -104,6 +105,21 @@ fn scene() -> (TempDir, Scene) {
     (folder, scene)
 }
 
+/// The mask of whoever holds the camera in a frame, its file.
+fn holder(root: &Path, index: i32) -> String {
+    let name = format!("ignore/{index:06}.png");
+    fs::create_dir_all(root.join("ignore")).unwrap();
+    let data = (0..32 * 16).map(|at| 255 * u8::from(at % 32 > 20 + index));
+    Mask {
+        width: 32,
+        height: 16,
+        data: data.collect(),
+    }
+    .write_png(&root.join(&name))
+    .unwrap();
+    name
+}
+
 /// Exports without a split.
 fn export_all(format: &str, scene_folder: &Path, out: &Path) -> Result<ExportScene, CurateError> {
     let request = ExportRequest {
@@ -123,6 +139,37 @@ fn exported(format: &str, scene_folder: &Path) -> TempDir {
     out
 }
 
+/// Of tools that know one kind of masks, which for them is what not to look at.
+#[test]
+fn masks_of_other_tools_may_mark_what_is_ignored() {
+    let (folder, original) = scene();
+    let export = exported("nerfstudio", folder.path());
+    let from = export.path().join("scene");
+    fs::remove_dir_all(from.join("ignore")).unwrap();
+    let back = export.path().join("back");
+    let imported = import(&ImportRequest {
+        folder: &from,
+        format: "nerfstudio",
+        id: &original.id,
+        frames_per_second: None,
+        masks: MaskMeaning::Ignored,
+        out: &back,
+    })
+    .unwrap();
+    for (frame, expected) in imported.frames.iter().zip(&original.frames) {
+        assert_eq!(frame.mask, None);
+        let read = |file: &String| Mask::read(&folder.path().join(file)).unwrap();
+        let both = [&expected.mask, &expected.ignore_mask].map(|file| file.as_ref().map(read));
+        let expected = match both {
+            [Some(mask), Some(ignored)] => mask.united(&ignored),
+            [Some(mask), None] | [None, Some(mask)] => mask,
+            [None, None] => unreachable!("every frame has a mask"),
+        };
+        let found = Mask::read(&back.join(frame.ignore_mask.as_ref().unwrap())).unwrap();
+        assert_eq!(found, expected);
+    }
+}
+
 #[test]
 fn every_format_gives_back_what_it_was_given() {
     let (folder, original) = scene();
@@ -134,6 +181,7 @@ fn every_format_gives_back_what_it_was_given() {
             format: format.id,
             id: &original.id,
             frames_per_second: None,
+            masks: MaskMeaning::Moving,
             out: &back,
         })
         .unwrap();
@@ -158,6 +206,16 @@ fn every_format_gives_back_what_it_was_given() {
                 pixels(&back, &frame.image),
                 pixels(folder.path(), &expected.image)
             );
+            let ignored = |root: &Path, file: &Option<String>| {
+                file.as_ref()
+                    .map(|file| Mask::read(&root.join(file)).unwrap())
+            };
+            assert_eq!(
+                ignored(&back, &frame.ignore_mask),
+                ignored(folder.path(), &expected.ignore_mask),
+                "{}",
+                format.id
+            );
             assert_eq!(
                 frame.mask.is_some(),
                 expected.mask.is_some(),
@@ -165,7 +223,10 @@ fn every_format_gives_back_what_it_was_given() {
                 format.id
             );
             if let (Some(mask), Some(truth)) = (&frame.mask, &expected.mask) {
-                let truth = Mask::read(&folder.path().join(truth)).unwrap();
+                let mut truth = Mask::read(&folder.path().join(truth)).unwrap();
+                if let Some(ignored) = &expected.ignore_mask {
+                    truth = truth.without(&Mask::read(&folder.path().join(ignored)).unwrap());
+                }
                 assert_eq!(
                     Mask::read(&back.join(mask)).unwrap(),
                     truth,
@@ -212,6 +273,7 @@ fn pinhole_cameras_come_back() {
             format,
             id: &original.id,
             frames_per_second: None,
+            masks: MaskMeaning::Moving,
             out: &export.path().join("back"),
         });
         assert_eq!(imported.unwrap().camera, pinhole.into(), "{format}");
@@ -255,6 +317,7 @@ fn openmvgs_own_file_is_read() {
         format: "openmvg",
         id: &original.id,
         frames_per_second: None,
+        masks: MaskMeaning::Moving,
         out: &export.path().join("back"),
     })
     .unwrap();

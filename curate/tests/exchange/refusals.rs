@@ -27,6 +27,7 @@ fn what_cannot_be_exchanged_is_refused() {
         format: "colmap",
         id: "x",
         frames_per_second: None,
+        masks: MaskMeaning::Moving,
         out,
     };
     let back = export.path().join("back");
@@ -133,6 +134,7 @@ fn imports_read_nothing_outside_of_their_folder() {
             format,
             id: "x",
             frames_per_second: None,
+            masks: MaskMeaning::Moving,
             out: &place.path().join("back"),
         };
         let error = import(&request).unwrap_err().to_string();

@@ -24,7 +24,7 @@ use omnilife_schemas::{
     camera::{Camera, CameraModel, ErpCamera, PinholeCamera},
     points::PointCloud,
     progress::Silent,
-    records::{PosedFrame, Poses, Scale, ValidationStatus, VideoProjection},
+    records::{PosedFrame, Poses, Scale, Scene, SceneFrame, ValidationStatus, VideoProjection},
     rgb::Mask,
     store,
 };
@@ -166,6 +166,74 @@ fn given_poses_take_a_folder_of_masks() {
     fs::remove_file(masks.join("000007.png")).unwrap();
     let error = pose_sequence_with(&sequence, &request, &truth, &notes).unwrap_err();
     assert!(error.to_string().contains("19 of 20 frames"), "{error}");
+}
+
+/// One image for what is fixed to the camera, or one per frame.
+#[test]
+fn what_is_no_part_of_the_scene_is_kept_for_every_frame() {
+    let temp = tempfile::tempdir().unwrap();
+    let sequence = sequence_of_twenty(temp.path());
+    let folder = temp.path().join("holder");
+    fs::create_dir(&folder).unwrap();
+    let save = |path: &Path, first_row: usize| {
+        let levels = (0..64 * 32).map(|at| 255 * u8::from(at / 64 >= first_row));
+        let levels: Vec<u8> = levels.collect();
+        image::save_buffer(path, &levels, 64, 32, image::ColorType::L8).unwrap();
+    };
+    for frame in 0..20 {
+        save(&folder.join(format!("{frame:06}.png")), 31 - frame);
+    }
+    let tripod = temp.path().join("tripod.png");
+    save(&tripod, 28);
+    let frames = (0..20).map(|index| PosedFrame {
+        time_seconds: f64::from(index) * 0.1,
+        pose: pose_at(f64::from(index)),
+        mask: None,
+    });
+    let record = Poses {
+        camera: None,
+        scale: Scale::Metres,
+        frames: frames.collect(),
+        points: None,
+    };
+    let file = temp.path().join("poses.json");
+    store::write_record(&file, &record).unwrap();
+    let request = PoseRequest::Given(file);
+    let pose = |ignored: &Path| {
+        let truth = GivenTruth {
+            ignored: Some(ignored.to_owned()),
+            ..GivenTruth::default()
+        };
+        pose_sequence_with(&sequence, &request, &truth, &Silent)
+    };
+    let first_row = |frame: &SceneFrame| {
+        let mask = Mask::read(&sequence.join(frame.ignore_mask.as_ref().unwrap())).unwrap();
+        let first = mask.data.iter().position(|&value| value != 0).unwrap();
+        (first / mask.width) * 32 / mask.height
+    };
+    let of_all = pose(&tripod).unwrap();
+    assert!(of_all.frames.iter().all(|frame| first_row(frame) == 28));
+    let of_each = pose(&folder).unwrap();
+    for (number, frame) in of_each.frames.iter().enumerate() {
+        assert_eq!(first_row(frame), 31 - number);
+    }
+    // What an earlier request left is gone.
+    assert!(!sequence.join("ignore/all.png").exists());
+    let scene = store::read_record::<Scene>(&sequence.join("scene.json")).unwrap();
+    assert_eq!(scene, of_each);
+
+    save(&tripod, 0);
+    let error = pose(&tripod).unwrap_err().to_string();
+    assert!(
+        error.contains("tripod.png: leaves nothing of its frame"),
+        "{error}"
+    );
+    let own = sequence.join("ignore");
+    let error = pose(&own).unwrap_err().to_string();
+    assert!(
+        error.contains("keep it elsewhere") || error.contains("cannot"),
+        "{error}"
+    );
 }
 
 #[test]

@@ -14,9 +14,24 @@ pub struct TrainingView {
     /// Share of each pixel that dynamic objects cover, 255 for all of it; `None` where the frame has
     /// no mask.
     pub mask: Option<Vec<u8>>,
+    /// Marks (not zero) the pixels that show nothing of the scene, such as who holds the camera: nothing is
+    /// learned from them. `None` where there are none.
+    pub ignored: Option<Vec<u8>>,
 }
 
 impl TrainingView {
+    /// Whether a pixel shows something of the scene.
+    pub fn shows_scene(&self, pixel: usize) -> bool {
+        (self.ignored.as_ref()).is_none_or(|ignored| ignored[pixel] == 0)
+    }
+
+    /// How many pixels show something of the scene.
+    pub fn counted_pixels(&self) -> usize {
+        (0..self.pixels.len() / 3)
+            .filter(|&pixel| self.shows_scene(pixel))
+            .count()
+    }
+
     /// The image as `[0, 1]` f32, written into `out`.
     pub fn write_image(&self, out: &mut Vec<f32>) {
         out.clear();

@@ -64,9 +64,9 @@ pub(super) struct RenderedView {
     pub(super) height: usize,
     /// The image.
     shown: Vec<[f32; 3]>,
-    /// Image minus render; not a number where a mask says that something else is seen.
+    /// Image minus render; not a number where a mask says that something else is seen, or nothing.
     difference: Vec<[f32; 3]>,
-    /// Radial depth, infinite where little is rendered.
+    /// Radial depth, infinite where little is rendered, or nothing of the scene is seen.
     pub(super) depth: Vec<f32>,
 }
 
@@ -100,8 +100,10 @@ impl RenderedView {
             height: raster.height,
             difference: pixels
                 .zip(&mask)
-                .map(|((truth, render), &masked)| {
-                    let hole = if masked > 0.0 { f32::NAN } else { 0.0 };
+                .enumerate()
+                .map(|(pixel, ((truth, render), &masked))| {
+                    let is_hidden = masked > 0.0 || !view.shows_scene(pixel);
+                    let hole = if is_hidden { f32::NAN } else { 0.0 };
                     [0, 1, 2].map(|channel| truth[channel] - render[channel] + hole)
                 })
                 .collect(),
@@ -109,9 +111,10 @@ impl RenderedView {
                 .features
                 .iter()
                 .zip(&raster.transmittance)
-                .map(|(depth, transmittance)| {
+                .enumerate()
+                .map(|(pixel, (depth, transmittance))| {
                     let opacity = 1.0 - transmittance;
-                    if opacity > LEAST_OPACITY {
+                    if opacity > LEAST_OPACITY && view.shows_scene(pixel) {
                         depth / opacity
                     } else {
                         f32::INFINITY

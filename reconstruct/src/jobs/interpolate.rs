@@ -188,7 +188,7 @@ impl<'a> Frames<'a> {
         Ok(ContextView {
             frame,
             camera_pose,
-            image: crate::scene::read_image(&file, self.scene, self.camera.into())?,
+            image: crate::scene::images::read_image(&file, self.scene, self.camera.into())?,
         })
     }
 

@@ -365,7 +365,10 @@ fn plan_stage(
     }
     for frame in &scene.frames {
         stage = add(stage, &frame.image, &folder.join(&frame.image))?;
-        for mask in frame.mask.iter().chain(frame.objects.values()) {
+        for mask in (frame.mask.iter())
+            .chain(&frame.ignore_mask)
+            .chain(frame.objects.values())
+        {
             stage = add(stage, mask, &folder.join(mask))?;
         }
         if let Some(prior) = &frame.depth_prior {

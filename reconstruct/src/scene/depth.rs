@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use omnilife_engine::training_view::TrainingView;
 use omnilife_schemas::{
-    RgbImage, Similarity, camera::Camera, distances::DistanceImage, records::DepthPrior,
+    RgbImage, Similarity, camera::Camera, distances::DistanceImage, records::DepthPrior, rgb::Mask,
 };
 
 use super::TrainingScene;
@@ -76,9 +76,18 @@ pub fn resized_view(view: &TrainingView, size: [usize; 2]) -> TrainingView {
         let grey: Vec<u8> = mask.iter().flat_map(|&byte| [byte; 3]).collect();
         resized_bytes(&grey).into_iter().step_by(3).collect()
     });
+    let ignored = view.ignored.as_ref().map(|marks| {
+        let mask = Mask {
+            width: own[0],
+            height: own[1],
+            data: marks.clone(),
+        };
+        mask.resized_to_any(width, height).data
+    });
     let mut smaller = TrainingView {
         pixels: resized_bytes(&view.pixels),
         mask,
+        ignored,
         ..view.clone()
     };
     smaller.view.camera = camera.resized(width as u32, height as u32);

@@ -1,15 +1,15 @@
 //! A scene in memory: normalized cameras, images and points of one split.
 
 pub mod depth;
+pub(crate) mod images;
 mod normalization;
 
 use std::{collections::BTreeMap, path::Path};
 
 use glam::{DVec3, Vec3};
 use omnilife_schemas::{
-    RgbImage, Similarity,
+    Similarity,
     camera::Camera,
-    image_file::ImageFile,
     layout::TRACKS_FILE,
     points::PointCloud,
     records::{Scale, Scene, Split, Tracks},
@@ -23,6 +23,7 @@ use rayon::prelude::*;
 
 use self::{
     depth::PriorFile,
+    images::{load_objects, load_view},
     normalization::{any_point_away_from_cameras, normalization, normalize},
 };
 use crate::error::ReconstructError;
@@ -107,10 +108,12 @@ impl TrainingScene {
                 .map(|&frame| load_view(&scene, scene_path, folder, camera, &normalization, frame))
                 .collect()
         };
+        let input_views = load(&split.input_views)?;
         Ok(Self {
             id: scene.id.clone(),
             camera,
-            input_views: load(&split.input_views)?,
+            objects: load_objects(&scene, folder, camera, &input_views)?,
+            input_views,
             novel_views: load(&split.novel_views)?,
             is_normalized_by_points: normalization != cameras,
             normalization,
@@ -119,7 +122,6 @@ impl TrainingScene {
             seen_for_points: known.and_then(|known| known.held_out(&split.novel_views)),
             depth_priors: depth_priors(&scene, folder, &split.input_views),
             novel_depth_priors: depth_priors(&scene, folder, &split.novel_views),
-            objects: load_objects(&scene, folder, camera, &split.input_views)?,
             tracks: read_tracks(&scene, split_path)?,
         })
     }
@@ -173,6 +175,10 @@ impl TrainingScene {
                 .mask
                 .as_ref()
                 .map(|mask| averaged::<1>(mask, width, factor)),
+            ignored: view
+                .ignored
+                .as_ref()
+                .map(|ignored| marked_in_any(ignored, width, factor)),
         };
         Self {
             id: self.id.clone(),
@@ -306,6 +312,17 @@ fn averaged<const C: usize>(pixels: &[u8], width: usize, factor: usize) -> Vec<u
     means
 }
 
+/// Whether any of the squares of `factor` pixels of a mask is marked.
+fn marked_in_any(marks: &[u8], width: usize, factor: usize) -> Vec<u8> {
+    let mask = Mask {
+        width,
+        height: marks.len() / width,
+        data: marks.to_vec(),
+    };
+    mask.resized_to_any(width / factor, mask.height / factor)
+        .data
+}
+
 /// The camera of the images that a method works on, after a check that the split is the one that its
 /// protocol makes of this scene.
 pub(crate) fn checked_camera(
@@ -321,59 +338,6 @@ pub(crate) fn checked_camera(
         .scored_size(&scene.camera)
         .map_err(|reason| ReconstructError::scene(split_path, reason))?;
     Ok(scene.camera.resized(width, height))
-}
-
-fn load_view(
-    scene: &Scene,
-    scene_path: &Path,
-    folder: &Path,
-    camera: Camera,
-    normalization: &Similarity,
-    frame: u32,
-) -> Result<TrainingView, ReconstructError> {
-    let entry = scene.frames.get(frame as usize).ok_or_else(|| {
-        ReconstructError::scene(scene_path, format!("has no frame {frame} of the split"))
-    })?;
-    let view = entry
-        .pose
-        .and_then(|pose| View::new(camera, &pose, normalization, entry.time_seconds))
-        .ok_or_else(|| {
-            ReconstructError::scene(
-                scene_path,
-                format!("frame {frame} of the split has no usable pose"),
-            )
-        })?;
-    let image = read_image(&folder.join(&entry.image), scene, camera)?;
-    let expected = scene.camera.size();
-    let mask = entry
-        .mask
-        .as_ref()
-        .map(|mask| load_mask(&folder.join(mask), expected, camera))
-        .transpose()?;
-    Ok(TrainingView {
-        frame,
-        view,
-        pixels: image.to_rgb8(),
-        mask,
-    })
-}
-
-/// The masks of single objects in some frames.
-fn load_objects(
-    scene: &Scene,
-    folder: &Path,
-    camera: Camera,
-    frames: &[u32],
-) -> Result<BTreeMap<String, BTreeMap<u32, Vec<u8>>>, ReconstructError> {
-    let mut objects: BTreeMap<String, BTreeMap<u32, Vec<u8>>> = BTreeMap::new();
-    for &frame in frames {
-        let entry = scene.frames.get(frame as usize);
-        for (name, file) in entry.iter().flat_map(|entry| &entry.objects) {
-            let mask = load_mask(&folder.join(file), scene.camera.size(), camera)?;
-            objects.entry(name.clone()).or_default().insert(frame, mask);
-        }
-    }
-    Ok(objects)
 }
 
 /// The tracks beside a split, where there are any.
@@ -406,51 +370,4 @@ fn read_tracks(scene: &Scene, split_path: &Path) -> Result<Option<Tracks>, Recon
         }
     }
     Ok(Some(tracks))
-}
-
-/// Reads a frame's image and brings it to the size of `camera` by area averaging.
-pub(crate) fn read_image(
-    path: &Path,
-    scene: &Scene,
-    camera: Camera,
-) -> Result<RgbImage, ReconstructError> {
-    let file = ImageFile::open(path)?;
-    let [width, height] = file.size();
-    let expected = scene.camera.size();
-    if [width, height] != expected {
-        return Err(ReconstructError::scene(
-            path,
-            format!(
-                "is {width}x{height}, the scene's camera is {}x{}",
-                expected[0], expected[1]
-            ),
-        ));
-    }
-    let image = RgbImage::decode(file)?;
-    Ok(image.resized_by_area(camera.width() as usize, camera.height() as usize))
-}
-
-/// A mask of the scene's images, `expected` wide and high, brought to the size of `camera` by area
-/// averaging.
-fn load_mask(
-    path: &Path,
-    expected: [usize; 2],
-    camera: Camera,
-) -> Result<Vec<u8>, ReconstructError> {
-    let file = ImageFile::open(path)?;
-    let [width, height] = file.size();
-    if [width, height] != expected {
-        return Err(ReconstructError::scene(
-            path,
-            format!(
-                "is {width}x{height}, the images that it masks are {}x{}",
-                expected[0], expected[1]
-            ),
-        ));
-    }
-    let mask = Mask::decode(file)?;
-    let grey: Vec<u8> = mask.data.iter().flat_map(|&value| [value; 3]).collect();
-    let resized = RgbImage::from_rgb8(mask.width, mask.height, &grey)
-        .resized_by_area(camera.width() as usize, camera.height() as usize);
-    Ok(resized.to_rgb8().into_iter().step_by(3).collect())
 }

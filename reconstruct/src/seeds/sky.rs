@@ -14,6 +14,7 @@ use omnilife_engine::{
     camera::{Camera, CameraKernels},
     gaussians::static_gaussians::InitialGaussians,
     model::exposure::Exposure,
+    training_view::TrainingView,
 };
 
 /// Directions in which open sky is looked for, where the number of Gaussians allows as many.
@@ -133,12 +134,20 @@ fn fibonacci_sphere(count: usize) -> Vec<Vec3> {
 /// Whether some input view shows a direction of the world at infinity.
 fn is_seen(scene: &TrainingScene, direction_world: Vec3) -> bool {
     match scene.camera {
-        Camera::Erp(_) => true,
-        Camera::Pinhole(_) => scene.input_views.iter().any(|view| {
+        Camera::Erp(_) if scene.input_views.iter().any(|view| view.ignored.is_none()) => true,
+        _ => scene.input_views.iter().any(|view| {
             let at = view.view.rotation * direction_world;
-            scene.camera.pixel_of(at, 1.0).is_some()
+            pixel_showing(view, at).is_some()
         }),
     }
+}
+
+/// The pixel that shows the scene in a direction of the camera; `None` where none does.
+fn pixel_showing(view: &TrainingView, direction: Vec3) -> Option<usize> {
+    let camera = &view.view.camera;
+    let [column, row] = camera.pixel_of(direction, 1.0)?;
+    let pixel = row * camera.width() as usize + column;
+    view.shows_scene(pixel).then_some(pixel)
 }
 
 /// Mean over the input views that show a direction.
@@ -147,17 +156,16 @@ fn mean_colour(
     exposure: Option<&Exposure>,
     direction_world: Vec3,
 ) -> [f32; 3] {
-    let width = scene.camera.width() as usize;
     let (mut sum, mut views) = ([0.0; 3], 0_usize);
     for view in &scene.input_views {
         let at = view.view.rotation * direction_world;
-        let Some([column, row]) = scene.camera.pixel_of(at, 1.0) else {
+        let Some(pixel) = pixel_showing(view, at) else {
             continue;
         };
         views += 1;
         let gain = exposure.map_or([1.0; 3], |exposure| exposure.gain(view.view.time_seconds));
         for (channel, sum) in sum.iter_mut().enumerate() {
-            let value = f32::from(view.pixels[(row * width + column) * 3 + channel]) / 255.0;
+            let value = f32::from(view.pixels[3 * pixel + channel]) / 255.0;
             *sum += value / gain[channel];
         }
     }

@@ -215,16 +215,19 @@ impl<'a> Reference<'a> {
     }
 
     fn hides(&self, column: usize, row: usize) -> bool {
-        let Some(mask) = &self.view.mask else {
-            return false;
-        };
         let masked = self.view.view.camera;
         let (width, height) = (masked.width() as usize, masked.height() as usize);
         let at = [
             (2 * column + 1) * width / (2 * self.depth.width),
             (2 * row + 1) * height / (2 * self.depth.height),
         ];
-        mask[at[1] * width + at[0]] >= MASKED
+        let pixel = at[1] * width + at[0];
+        let moves = self
+            .view
+            .mask
+            .as_ref()
+            .is_some_and(|mask| mask[pixel] >= MASKED);
+        moves || !self.view.shows_scene(pixel)
     }
 
     /// Differences from the pixel's neighbours to the right and below, summed over channels.

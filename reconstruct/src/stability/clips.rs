@@ -179,6 +179,7 @@ fn scene() -> Option<TrainingScene> {
             view,
             pixels,
             mask: Some(mask),
+            ignored: None,
         });
     }
     let mut points = PointCloud::default();

@@ -88,6 +88,7 @@ fn lifted(view: &View, distances: &DistanceImage) -> Lifted {
         view,
         pixels: &pixels,
         mask: None,
+        ignored: None,
         distances,
         confidences: None,
     };
@@ -204,6 +205,7 @@ fn depth_scales() -> Judgement {
         view,
         pixels: &pixels,
         mask: None,
+        ignored: None,
         distances,
         confidences: None,
     };
@@ -238,6 +240,7 @@ fn scaffold_field() -> Judgement {
         view: &view,
         pixels: &pixels,
         mask: None,
+        ignored: None,
         distances: &distances,
         confidences: None,
     };

@@ -194,6 +194,7 @@ impl Subject {
         [TrainingView {
             frame: 0,
             mask: Some((0..pixels.len() / 3).map(covered).collect()),
+            ignored: None,
             pixels,
             view,
         }]

@@ -18,6 +18,7 @@ fn lifted(view: &RoomView, distances: &DistanceImage, mask: Option<&[u8]>) -> Li
         view: &view.view,
         pixels: &view.pixels,
         mask,
+        ignored: None,
         distances,
         confidences: None,
     };
@@ -180,6 +181,7 @@ fn every_pixel_is_kept_where_poles_are_not_thinned() {
         view: &view.view,
         pixels: &view.pixels,
         mask: None,
+        ignored: None,
         distances: &view.distances,
         confidences: None,
     };

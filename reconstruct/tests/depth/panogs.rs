@@ -63,6 +63,7 @@ fn scene(folder: &Path, count: usize, change: impl Fn(usize, usize, f32) -> f32)
             view: view.view,
             pixels: view.pixels,
             mask: None,
+            ignored: None,
         });
     }
     TrainingScene {

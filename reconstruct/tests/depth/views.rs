@@ -28,6 +28,7 @@ fn given(view: &RoomView) -> DistanceView<'_> {
         view: &view.view,
         pixels: &view.pixels,
         mask: None,
+        ignored: None,
         distances: &view.distances,
         confidences: None,
     }

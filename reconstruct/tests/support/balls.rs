@@ -89,6 +89,7 @@ pub(crate) fn scene_with(
             view,
             pixels,
             mask: None,
+            ignored: None,
         });
     }
     TrainingScene {

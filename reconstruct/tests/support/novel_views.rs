@@ -2,15 +2,16 @@
 
 use omnilife_reconstruct::{methods::MethodOutcome, scene::TrainingScene};
 
-/// Mean PSNR of the novel views as they are rendered, dB.
+/// Mean PSNR of the novel views as they are rendered, dB, where they show the scene.
 pub(crate) fn novel_psnr(outcome: &mut MethodOutcome<'_>, scene: &TrainingScene) -> f64 {
     let mut target = Vec::new();
     let scores = scene.novel_views.iter().map(|view| {
         let image = outcome.learner.image(&view.view).unwrap();
         view.write_image(&mut target);
-        let pairs = image.data.iter().zip(&target);
-        let squares: f64 = pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum();
-        -10.0 * (squares / target.len() as f64).log10()
+        let pairs = image.data.iter().zip(&target).enumerate();
+        let counted = pairs.filter(|(value, _)| view.shows_scene(value / 3));
+        let squares: f64 = counted.map(|(_, (a, b))| f64::from(a - b).powi(2)).sum();
+        -10.0 * (squares / (3 * view.counted_pixels()) as f64).log10()
     });
     scores.sum::<f64>() / scene.novel_views.len() as f64
 }

@@ -136,6 +136,9 @@ pub struct SphericalMetadata {
     pub stereo: Option<String>,
     /// Whether the image is stated to cover only a part of the sphere.
     pub is_cropped: bool,
+    /// Whether that part is the half of the sphere ahead: half a turn across, from pole to pole (VR180).
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_front_half: bool,
     /// Where it stands: `v2` (boxes `st3d` and `sv3d`), `v1` (XML in a `uuid` box) or `container`.
     pub origin: String,
     /// What version 1 says where version 2, which wins, says something else.
@@ -154,6 +157,8 @@ pub enum VideoProjection {
     ErpStereoTb,
     /// Two equirectangular images side by side.
     ErpStereoLr,
+    /// The half of the sphere ahead, equirectangular, of one eye or two (VR180).
+    HalfErp,
     /// Equi-angular or plain cube faces.
     Eac,
     /// One or two fisheye circles.
@@ -177,6 +182,7 @@ impl VideoProjection {
             Self::ErpSqueezed => "erp-squeezed",
             Self::ErpStereoTb => "erp-stereo-tb",
             Self::ErpStereoLr => "erp-stereo-lr",
+            Self::HalfErp => "half-erp",
             Self::Eac => "eac",
             Self::Fisheye => "fisheye",
             Self::Rectilinear => "rectilinear",

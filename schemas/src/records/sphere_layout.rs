@@ -5,8 +5,8 @@ use std::{fmt, str::FromStr};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// A way to store the sphere; as text `stereo-top-bottom`, `stereo-left-right`, `eac`,
-/// `cubemap-COLUMNSxROWS:FACES` or `dual-fisheye:DEGREES`, with circles `dual-fisheye:DEGREES@X,Y,RADIUS;X,Y,RADIUS`.
+/// A way to store the sphere; as text `stereo-top-bottom`, `stereo-left-right`, `half-erp`, `half-erp-left-right`,
+/// `half-erp-top-bottom`, `eac`, `cubemap-COLUMNSxROWS:FACES` or `dual-fisheye:DEGREES`, with circles `dual-fisheye:DEGREES@X,Y,RADIUS;X,Y,RADIUS`.
 ///
 /// Faces and halves lie as `FFmpeg`'s filter `v360` has them (`libavfilter/vf_v360.c`).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -17,6 +17,12 @@ pub enum SphereLayout {
     StereoTopBottom,
     /// An equirectangular image per eye, the left eye's beside the right eye's.
     StereoLeftRight,
+    /// The half of the sphere ahead, equirectangular: half a turn of longitude across.
+    HalfErp,
+    /// The same per eye, the left eye's on the left (VR180).
+    HalfErpLeftRight,
+    /// The same per eye, the left eye's on top.
+    HalfErpTopBottom,
     /// Six faces in three columns and two rows whose pixels have equal angles, as `YouTube` stores them: left,
     /// front and right above down, back and up, which are turned so that neighbours fit.
     EquiangularCubemap,
@@ -148,9 +154,12 @@ fn dual_fisheye(detail: &str) -> Result<SphereLayout, String> {
 
 impl SphereLayout {
     /// Every layout as it is named without its details.
-    pub const NAMES: [&'static str; 7] = [
+    pub const NAMES: [&'static str; 10] = [
         "stereo-top-bottom",
         "stereo-left-right",
+        "half-erp",
+        "half-erp-left-right",
+        "half-erp-top-bottom",
         "eac",
         "cubemap-3x2",
         "cubemap-6x1",
@@ -182,6 +191,9 @@ impl FromStr for SphereLayout {
             }
             "stereo-top-bottom" => Self::StereoTopBottom,
             "stereo-left-right" => Self::StereoLeftRight,
+            "half-erp" => Self::HalfErp,
+            "half-erp-left-right" => Self::HalfErpLeftRight,
+            "half-erp-top-bottom" => Self::HalfErpTopBottom,
             "eac" => Self::EquiangularCubemap,
             _ => {
                 return Err(format!(
@@ -204,6 +216,9 @@ impl fmt::Display for SphereLayout {
         match self {
             Self::StereoTopBottom => formatter.write_str("stereo-top-bottom"),
             Self::StereoLeftRight => formatter.write_str("stereo-left-right"),
+            Self::HalfErp => formatter.write_str("half-erp"),
+            Self::HalfErpLeftRight => formatter.write_str("half-erp-left-right"),
+            Self::HalfErpTopBottom => formatter.write_str("half-erp-top-bottom"),
             Self::EquiangularCubemap => formatter.write_str("eac"),
             Self::Cubemap { columns, faces } => {
                 let rows = 6 / (*columns).max(1);

@@ -30,6 +30,7 @@ use super::{
     colmap::ColmapModel,
     error::SfmError,
     given::{camera_of_frames, frame_names},
+    ignored::IgnoredPixels,
     level::{self, Levelling},
     masks,
     validate::ValidationLimits,
@@ -106,11 +107,11 @@ pub(super) fn add_inputs(
     Ok(plan)
 }
 
-/// Poses a sequence by structure from motion.
-pub(crate) fn run(
+/// Poses a sequence by structure from motion; what is no part of the scene gives no features.
+pub(super) fn run(
     sequence_folder: &Path,
     sequence: &Sequence,
-    settings: &SfmSettings,
+    settings: (&SfmSettings, &IgnoredPixels),
     progress: &dyn Progress,
 ) -> Result<PosedSequence, CurateError> {
     run_with(
@@ -127,10 +128,11 @@ fn run_with(
     installation: &SfmInstallation,
     sequence_folder: &Path,
     sequence: &Sequence,
-    settings: &SfmSettings,
+    (settings, ignored): (&SfmSettings, &IgnoredPixels),
     progress: &dyn Progress,
 ) -> Result<PosedSequence, CurateError> {
-    let workspace = SfmWorkspace::new(sequence_folder, sequence, settings, installation)?;
+    let settings_and_masks = (settings, ignored);
+    let workspace = SfmWorkspace::new(sequence_folder, sequence, settings_and_masks, installation)?;
     let mut attempts = Vec::new();
     let mut best: Option<(usize, (ColmapModel, PoseValidation))> = None;
     let mut any_broken = false;

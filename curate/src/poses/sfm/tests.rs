@@ -22,6 +22,10 @@ fn sequence(frames: usize) -> Sequence {
     sequence_of((0..frames).map(entry).collect())
 }
 
+fn nothing_ignored(sequence: &Sequence) -> IgnoredPixels {
+    IgnoredPixels::find(None, sequence).unwrap()
+}
+
 /// A sequence of these frames, 64 pixels wide.
 pub(in crate::poses) fn sequence_of(entries: Vec<FrameEntry>) -> Sequence {
     Sequence {
@@ -125,7 +129,14 @@ fn every_failed_attempt_is_recorded_and_named() {
         ),
     ] {
         let python = interpreter(temp.path(), lines);
-        let error = run_with(&python, &folder, &sequence(3), &settings, &Silent).unwrap_err();
+        let error = run_with(
+            &python,
+            &folder,
+            &sequence(3),
+            (&settings, &nothing_ignored(&sequence(3))),
+            &Silent,
+        )
+        .unwrap_err();
         assert_eq!(error.error_kind(), blame, "{lines}");
         let message = error.to_string();
         assert!(
@@ -163,7 +174,7 @@ fn an_unstable_model_is_taken_with_its_problems() {
         &python,
         &folder,
         &sequence(3),
-        &SfmSettings::default(),
+        (&SfmSettings::default(), &nothing_ignored(&sequence(3))),
         &Silent,
     )
     .unwrap();
@@ -243,7 +254,7 @@ fn perspective_frames_are_posed_with_a_lens() {
         &python,
         &folder,
         &sequence,
-        &SfmSettings::default(),
+        (&SfmSettings::default(), &nothing_ignored(&sequence)),
         &Silent,
     )
     .unwrap();

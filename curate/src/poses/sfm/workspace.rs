@@ -19,7 +19,10 @@ use omnilife_schemas::{
 use super::{Configuration, SfmInstallation, SfmSettings};
 use crate::{
     error::CurateError,
-    poses::{colmap::ColmapModel, error::SfmError, given::frame_names, masks, validate::validate},
+    poses::{
+        colmap::ColmapModel, error::SfmError, given::frame_names, ignored::IgnoredPixels, masks,
+        validate::validate,
+    },
 };
 
 pub(super) const SCRIPT: &str = include_str!("sfm.py");
@@ -47,7 +50,7 @@ impl<'a> SfmWorkspace<'a> {
     pub(super) fn new(
         sequence_folder: &Path,
         sequence: &'a Sequence,
-        settings: &'a SfmSettings,
+        (settings, ignored): (&'a SfmSettings, &IgnoredPixels),
         installation: &'a SfmInstallation,
     ) -> Result<Self, CurateError> {
         // COLMAP and its interpreter are run from anywhere.
@@ -69,12 +72,13 @@ impl<'a> SfmWorkspace<'a> {
             installation,
         };
         store::write_bytes(&workspace.script, SCRIPT.as_bytes())?;
-        if let Some(given) = &settings.masks {
-            let found = masks::find(given, sequence)?;
-            let masks = workspace.scratch.join("masks");
-            masks::write_for_colmap(&masks, &found, sequence)?;
-            workspace.masks = Some(masks);
-        }
+        let moving = settings.masks.as_ref();
+        let moving = moving
+            .map(|folder| masks::find(folder, sequence))
+            .transpose()?;
+        let masks = workspace.scratch.join("masks");
+        let has_masks = masks::write_for_colmap(&masks, moving.as_deref(), ignored, sequence)?;
+        workspace.masks = has_masks.then_some(masks);
         Ok(workspace)
     }
 

@@ -326,6 +326,7 @@ mod tests {
             },
             pixels: vec![0; 96],
             mask: None,
+            ignored: None,
         };
         [view(-1.0), view(1.0)]
     }

@@ -56,11 +56,22 @@ pub fn lifespan_map(
     -sum / pixels as f64
 }
 
-/// Opacity loss of the dynamic Gaussians rendered alone (Omni4DGS Eq. 6): mean of `|O_d - M_d|`.
-pub fn opacity_map(plane: &[f32], mask: &[f32], weight: f32, gradient: &mut [f32]) -> f64 {
+/// Opacity loss of the dynamic Gaussians rendered alone (Omni4DGS Eq. 6): mean of `|O_d - M_d|`, to which
+/// the pixels that `ignored` marks (not zero) add nothing.
+pub fn opacity_map(
+    plane: &[f32],
+    mask: &[f32],
+    ignored: Option<&[u8]>,
+    weight: f32,
+    gradient: &mut [f32],
+) -> f64 {
     let scale = weight / plane.len() as f32;
     let mut sum = 0.0;
-    for ((value, mask), gradient) in plane.iter().zip(mask).zip(gradient) {
+    let pixels = plane.iter().zip(mask).zip(gradient).enumerate();
+    for (pixel, ((value, mask), gradient)) in pixels {
+        if ignored.is_some_and(|ignored| ignored[pixel] != 0) {
+            continue;
+        }
         sum += f64::from((value - mask).abs());
         *gradient += scale * sign(value - mask);
     }
@@ -132,6 +143,22 @@ mod tests {
     }
 
     #[test]
+    fn opacity_where_nothing_is_seen_costs_nothing() {
+        let (plane, mask) = (random(PIXELS, 7, 0.0, 1.0), random(PIXELS, 8, 0.0, 1.0));
+        let ignored: Vec<u8> = (0..PIXELS).map(|pixel| u8::from(pixel % 3 == 0)).collect();
+        let mut gradient = vec![0.0; PIXELS];
+        let value = opacity_map(&plane, &mask, Some(&ignored), 2.0, &mut gradient);
+        let reference = |plane: &[f64]| -> f64 {
+            let seen = (0..PIXELS).filter(|&pixel| ignored[pixel] == 0);
+            let error = |pixel: usize| (plane[pixel] - f64::from(mask[pixel])).abs();
+            seen.map(error).sum::<f64>() / PIXELS as f64
+        };
+        let wide: Vec<f64> = plane.iter().map(|&v| f64::from(v)).collect();
+        assert!((value - reference(&wide)).abs() < 1e-6);
+        check(&plane, 2.0, &gradient, reference);
+    }
+
+    #[test]
     fn short_lifespans_and_false_opacity_are_penalized() {
         let (plane, left) = (random(PIXELS, 4, 0.0, 1.0), random(PIXELS, 5, 0.0, 0.9));
         let mut gradient = vec![0.0; PIXELS];
@@ -145,7 +172,7 @@ mod tests {
 
         let mask = random(PIXELS, 6, 0.0, 1.0);
         let mut gradient = vec![0.0; PIXELS];
-        opacity_map(&plane, &mask, 2.0, &mut gradient);
+        opacity_map(&plane, &mask, None, 2.0, &mut gradient);
         check(&plane, 2.0, &gradient, |plane| {
             let at = |(v, m): (&f64, &f32)| (v - f64::from(*m)).abs();
             plane.iter().zip(&mask).map(at).sum::<f64>() / PIXELS as f64
@@ -153,7 +180,7 @@ mod tests {
         // An empty dynamic set before an empty mask: nothing to pay, nothing to change.
         let mut gradient = vec![0.0; PIXELS];
         assert_eq!(
-            opacity_map(&[0.0; PIXELS], &[0.0; PIXELS], 1.0, &mut gradient),
+            opacity_map(&[0.0; PIXELS], &[0.0; PIXELS], None, 1.0, &mut gradient),
             0.0
         );
         assert_eq!(gradient, [0.0; PIXELS]);

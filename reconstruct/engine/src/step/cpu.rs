@@ -97,9 +97,12 @@ impl<'a> CpuStepper<'a> {
         let raster = self
             .renderer
             .forward(drawn, &self.activated, schedule.sh_degree);
-        let (value, image_gradient) =
-            self.loss
-                .forward_backward(&raster.colour, &self.target, self.ssim_weight);
+        let (value, image_gradient) = self.loss.forward_backward_ignoring(
+            view.ignored.as_deref(),
+            &raster.colour,
+            &self.target,
+            self.ssim_weight,
+        );
         let mut total = value.total;
         let Some(dynamic) = &mut self.dynamic else {
             self.renderer.backward(
@@ -118,6 +121,7 @@ impl<'a> CpuStepper<'a> {
             schedule,
             target: &self.target,
             mask: view.mask.as_ref().map(|_| &self.mask[..]),
+            ignored: view.ignored.as_deref(),
         };
         let (maps, feature_gradient) = dynamic.maps(raster, step.mask);
         total += maps;

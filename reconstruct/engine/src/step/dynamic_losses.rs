@@ -39,6 +39,8 @@ pub(super) struct StepView<'a> {
     pub(super) target: &'a [f32],
     /// Its mask, where it has one.
     pub(super) mask: Option<&'a [f32]>,
+    /// Marks the pixels that show nothing of the scene.
+    pub(super) ignored: Option<&'a [u8]>,
 }
 
 /// What renders the dynamic Gaussians alone.
@@ -119,8 +121,12 @@ impl DynamicLosses {
         alone
             .target
             .extend(masked.flat_map(|(rgb, mask)| rgb.map(|value| value * mask)));
-        let (value, image_gradient) =
-            loss.forward_backward(&raster.colour, &alone.target, dynamic.ssim_weight);
+        let (value, image_gradient) = loss.forward_backward_ignoring(
+            step.ignored,
+            &raster.colour,
+            &alone.target,
+            dynamic.ssim_weight,
+        );
         let image_gradient: Vec<f32> = image_gradient
             .iter()
             .map(|value| dynamic.weight * value)
@@ -130,6 +136,7 @@ impl DynamicLosses {
         let opacity = maps::opacity_map(
             &raster.features,
             mask,
+            step.ignored,
             dynamic.weight,
             &mut alone.opacity_gradient,
         );

@@ -72,6 +72,8 @@ pub struct ClipFrame {
     /// For each object, how much of each pixel it covers visibly, 255 for all of it; `None` where it is
     /// nowhere in the frame.
     pub masks: Vec<Option<Vec<u8>>>,
+    /// Marks (not zero) the pixels that show nothing of the scene; `None` where there are none.
+    pub ignored: Option<Vec<u8>>,
 }
 
 impl ClipFrame {
@@ -85,6 +87,11 @@ impl ClipFrame {
     pub fn covered(&self, object: usize, pixel: usize) -> f64 {
         let mask = self.masks[object].as_ref();
         mask.map_or(0.0, |mask| f64::from(mask[pixel]) / 255.0)
+    }
+
+    /// Whether a pixel shows something of the scene.
+    pub fn shows_scene(&self, pixel: usize) -> bool {
+        (self.ignored.as_ref()).is_none_or(|ignored| ignored[pixel] == 0)
     }
 
     /// Whether any object covers a pixel by half or more.
@@ -113,6 +120,7 @@ impl Clip {
             pose: pose_of(&view.view),
             pixels: view.pixels.clone(),
             masks: masks.iter().map(|object| object[number].clone()).collect(),
+            ignored: view.ignored.clone(),
         });
         Ok(Self {
             camera,

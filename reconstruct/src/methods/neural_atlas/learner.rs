@@ -110,9 +110,24 @@ impl AtlasLearner {
         self.state.samples
     }
 
+    /// A frame and a pixel of it that shows the scene, evenly over the directions of an image.
+    fn random_pixel(&mut self) -> [usize; 2] {
+        let [width, height] = self.clip.size();
+        loop {
+            let number = self.state.rays.random_range(0..self.clip.frames.len());
+            let share: f64 = self.state.rays.random();
+            let row = self.row_shares.partition_point(|&end| end < share);
+            let column = self.state.rays.random_range(0..width);
+            let pixel = row.min(height - 1) * width + column;
+            // No frame is without such pixels, so that one is found.
+            if self.clip.frames[number].shows_scene(pixel) {
+                return [number, pixel];
+            }
+        }
+    }
+
     /// Rays at random pixels of random frames, evenly over the directions of an image.
     fn batch(&mut self) -> (Rays, Targets) {
-        let [width, height] = self.clip.size();
         let objects = self.clip.objects.len();
         let count = self.settings.rays;
         let mut rays = Rays {
@@ -131,11 +146,7 @@ impl AtlasLearner {
         let mut targets = Targets::default();
         let is_masked = self.settings.mask_weight > 0.0;
         for _ in 0..count {
-            let number = self.state.rays.random_range(0..self.clip.frames.len());
-            let share: f64 = self.state.rays.random();
-            let row = self.row_shares.partition_point(|&end| end < share);
-            let column = self.state.rays.random_range(0..width);
-            let pixel = row.min(height - 1) * width + column;
+            let [number, pixel] = self.random_pixel();
             let frame = &self.clip.frames[number];
             rays.moment_of.push(number);
             rays.directions.push(self.directions[pixel]);

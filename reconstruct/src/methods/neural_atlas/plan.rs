@@ -225,7 +225,8 @@ fn measure(clip: &Clip, graph: &mut Graph) -> Vec<Measured> {
     ];
     for frame in &clip.frames {
         // An odd step, so that rows are met at different columns.
-        let pixels: Vec<usize> = (0..clip.pixel_count()).step_by(step | 1).collect();
+        let pixels = (0..clip.pixel_count()).step_by(step | 1);
+        let pixels: Vec<usize> = pixels.filter(|&pixel| frame.shows_scene(pixel)).collect();
         let rays = Rays {
             moments: vec![Moment {
                 time: frame.time,

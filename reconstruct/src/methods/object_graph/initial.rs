@@ -113,6 +113,9 @@ fn seen(scene: &TrainingScene, object: &TrackedObject) -> (InitialGaussians, usi
                 else {
                     continue;
                 };
+                if !view.shows_scene(row * width + column) {
+                    continue;
+                }
                 let pixel = 3 * (row * width + column);
                 let footprint = scene.camera.pixel_radians() * distance * step as f32;
                 let colour =

@@ -72,7 +72,7 @@ fn disagreement(views: &[DistanceView<'_>]) -> Option<f64> {
 /// `None` where too few places are seen by two views.
 pub fn handedness_scores(views: &[DistanceView<'_>]) -> Option<[f64; 2]> {
     let straight = colour_score(views)?;
-    let mirrored: Vec<(Vec<u8>, Option<Vec<u8>>, DistanceImage)> = views
+    let mirrored: Vec<Mirrored> = views
         .iter()
         .map(|view| {
             let width = view.distances.width;
@@ -80,24 +80,30 @@ pub fn handedness_scores(views: &[DistanceView<'_>]) -> Option<[f64; 2]> {
                 values: mirror(&view.distances.values, width),
                 ..view.distances.clone()
             };
-            let mask = view.mask.map(|mask| mirror(mask, width));
+            let masks = [view.mask, view.ignored].map(|mask| mask.map(|mask| mirror(mask, width)));
             let colours = view.pixels.as_chunks::<3>().0;
-            (mirror(colours, width).into_flattened(), mask, distances)
+            (mirror(colours, width).into_flattened(), masks, distances)
         })
         .collect();
     let mirrored: Vec<DistanceView<'_>> = views
         .iter()
         .zip(&mirrored)
-        .map(|(view, (pixels, mask, distances))| DistanceView {
-            view: view.view,
-            pixels,
-            mask: mask.as_deref(),
-            distances,
-            confidences: None,
-        })
+        .map(
+            |(view, (pixels, [mask, ignored], distances))| DistanceView {
+                view: view.view,
+                pixels,
+                mask: mask.as_deref(),
+                ignored: ignored.as_deref(),
+                distances,
+                confidences: None,
+            },
+        )
         .collect();
     Some([straight, colour_score(&mirrored).unwrap_or(0.0)])
 }
+
+/// Colours, masks of what moves and of what is ignored, and distances of a mirrored view.
+type Mirrored = (Vec<u8>, [Option<Vec<u8>>; 2], DistanceImage);
 
 fn mirror<T: Copy>(values: &[T], width: usize) -> Vec<T> {
     let rows = values.chunks_exact(width);

@@ -30,6 +30,8 @@ pub struct DistanceView<'a> {
     pub pixels: &'a [u8],
     /// 255 on what moves; those pixels are left out.
     pub mask: Option<&'a [u8]>,
+    /// Not zero where nothing of the scene is seen; those pixels are left out as well.
+    pub ignored: Option<&'a [u8]>,
     /// Distances along the rays, normalized units.
     pub distances: &'a DistanceImage,
     /// How much each distance can be trusted, in [0, 1], where somebody says so.
@@ -272,7 +274,7 @@ impl Lifter<'_> {
         if distance <= 0.0 {
             return PixelUse::Unknown;
         }
-        if view.mask.is_some_and(|mask| mask[pixel] >= MASKED) {
+        if view.hides(pixel) {
             return PixelUse::Masked;
         }
         if share([self.number, row as u64, column as u64, self.settings.seed])

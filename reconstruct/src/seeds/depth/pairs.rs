@@ -90,8 +90,9 @@ impl ScaledViews<'_> {
 }
 
 impl DistanceView<'_> {
-    /// Whether a mask hides a pixel.
+    /// Whether a pixel shows what moves, or nothing of the scene.
     pub(crate) fn hides(&self, pixel: usize) -> bool {
         self.mask.is_some_and(|mask| mask[pixel] >= MASKED)
+            || self.ignored.is_some_and(|ignored| ignored[pixel] != 0)
     }
 }

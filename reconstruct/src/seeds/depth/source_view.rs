@@ -24,6 +24,7 @@ impl SourceView {
             view: &self.view.view,
             pixels: &self.view.pixels,
             mask: self.view.mask.as_deref(),
+            ignored: self.view.ignored.as_deref(),
             distances: &self.distances,
             confidences: self.confidences.as_deref(),
         }

@@ -42,6 +42,7 @@ fn scene() -> TrainingScene {
         },
         pixels: (0..128_u8).flat_map(|pixel| [pixel, 0, 255]).collect(),
         mask: Some(mask),
+        ignored: None,
     };
     // Ten points before the component in the middle, the nearest at 3, and one beside everything.
     let positions: Vec<[f32; 3]> = (0..10)

@@ -31,6 +31,7 @@ fn clip(camera: Camera, unit: f64, origin: DVec3, masks: &[Option<Vec<u8>>]) -> 
             rotation: DMat3::IDENTITY,
         },
         pixels: pixels.clone(),
+        ignored: None,
         masks: match masks.get(number) {
             Some(mask) => vec![mask.clone()],
             None => Vec::new(),

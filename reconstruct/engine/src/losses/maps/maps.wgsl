@@ -16,13 +16,17 @@ struct MapLosses {
 @group(0) @binding(0) var<uniform> maps: MapLosses;
 // Colour (HWC), then transmittance, then feature planes.
 @group(0) @binding(1) var<storage, read> image: array<f32>;
-// 8 bits per channel; the highest byte is the mask.
+// 8 bits per channel, the highest byte is the mask; then a bit for every pixel, set where it is ignored.
 @group(0) @binding(2) var<storage, read> target_image: array<u32>;
 @group(0) @binding(3) var<storage, read_write> upstream: array<f32>;
 @group(0) @binding(4) var<storage, read_write> partials: array<f32>;
 
 fn mask_of(pixel: u32) -> f32 {
     return unpack4x8unorm(target_image[pixel]).w;
+}
+
+fn is_ignored(pixel: u32) -> bool {
+    return ((target_image[maps.pixels + pixel / 32u] >> (pixel % 32u)) & 1u) == 1u;
 }
 
 // Where a feature plane's value of a pixel stands in an image.
@@ -79,7 +83,7 @@ fn opacity_map(
     var value = 0.0;
     if pixel < maps.pixels {
         let place = feature_at(0u, pixel);
-        let scale = maps.opacity_weight / f32(maps.pixels);
+        let scale = select(maps.opacity_weight / f32(maps.pixels), 0.0, is_ignored(pixel));
         let error = image[place] - mask_of(pixel);
         value = scale * abs(error);
         upstream[place] = scale * sign(error);

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use crate::losses::photometric::{
     LossValue,
     rows::{
-        Band, Pair, RADIUS, RowShape, RowSums, Scratch, WINDOW, Weights, gradient_band,
+        Band, CHANNELS, Pair, RADIUS, RowShape, RowSums, Scratch, WINDOW, Weights, gradient_band,
         similarity_band,
     },
 };
@@ -30,6 +30,9 @@ pub struct Loss {
     derivatives: Vec<f32>,
     sums: Vec<RowSums>,
     gradient: Vec<f32>,
+    /// The render with the target where pixels are ignored, and the weights of the pixels.
+    composited: Vec<f32>,
+    weights: Vec<f32>,
 }
 
 impl Loss {
@@ -42,6 +45,8 @@ impl Loss {
             derivatives: vec![0.0; shape.stride() * 3 * height],
             sums: vec![RowSums::default(); height],
             gradient: vec![0.0; shape.values() * height],
+            composited: Vec::new(),
+            weights: Vec::new(),
         }
     }
 
@@ -53,6 +58,49 @@ impl Loss {
         lambda: f32,
     ) -> (LossValue, &[f32]) {
         self.masked_forward_backward(render, target, &[], lambda)
+    }
+
+    /// [`Loss::forward_backward`] without the pixels that `ignored` marks (not zero): the target stands there
+    /// in both images, for the windows that reach over them, and means are over the other pixels. Without
+    /// any other pixel the loss is 0.
+    pub fn forward_backward_ignoring(
+        &mut self,
+        ignored: Option<&[u8]>,
+        render: &[f32],
+        target: &[f32],
+        lambda: f32,
+    ) -> (LossValue, &[f32]) {
+        let Some(ignored) = ignored else {
+            return self.forward_backward(render, target, lambda);
+        };
+        let (mut composited, mut weights) = (
+            std::mem::take(&mut self.composited),
+            std::mem::take(&mut self.weights),
+        );
+        composited.clear();
+        composited.extend_from_slice(render);
+        weights.clear();
+        weights.extend(
+            ignored
+                .iter()
+                .map(|&mark| if mark == 0 { 1.0 } else { 0.0 }),
+        );
+        let targets = target.as_chunks::<CHANNELS>().0;
+        let pixels = composited.as_chunks_mut::<CHANNELS>().0.iter_mut();
+        for ((pixel, target), _) in pixels
+            .zip(targets)
+            .zip(ignored)
+            .filter(|(_, mark)| **mark != 0)
+        {
+            *pixel = *target;
+        }
+        let (value, _) = self.masked_forward_backward(&composited, target, &weights, lambda);
+        let gradient = self.gradient.as_chunks_mut::<CHANNELS>().0.iter_mut();
+        for (gradient, _) in gradient.zip(ignored).filter(|(_, mark)| **mark != 0) {
+            *gradient = [0.0; CHANNELS];
+        }
+        (self.composited, self.weights) = (composited, weights);
+        (value, &self.gradient)
     }
 
     /// [`Loss::forward_backward`] with a weight in [0, 1] for every pixel: L1, SSIM and their
@@ -257,6 +305,57 @@ mod tests {
                 assert!(error < 1e-5 * largest, "{index}: {found} {expected}");
             }
         }
+    }
+
+    #[test]
+    fn ignored_pixels_have_the_targets_colour_and_no_gradient() {
+        let (width, height, lambda) = (37, 19, 0.4);
+        let mut rng = Pcg64Mcg::seed_from_u64(5);
+        let (x, y) = (
+            random_image(&mut rng, width * height * 3),
+            random_image(&mut rng, width * height * 3),
+        );
+        // A part across the seam, and the lowest rows.
+        let is_ignored = |at: usize| at / width > 14 || (at % width + 6) % width < 11;
+        let ignored: Vec<u8> = (0..width * height)
+            .map(|at| u8::from(is_ignored(at)))
+            .collect();
+        let mut loss = Loss::new(width, height);
+        let (value, gradient) = loss.forward_backward_ignoring(Some(&ignored), &x, &y, lambda);
+        let composited: Vec<f64> = (x.iter().zip(&y).enumerate())
+            .map(|(at, (&x, &y))| f64::from(if is_ignored(at / 3) { y } else { x }))
+            .collect();
+        let weights: Vec<f64> = ignored.iter().map(|&mark| 1.0 - f64::from(mark)).collect();
+        let pair = ReferencePair {
+            width,
+            height,
+            render: &composited,
+            target: &widen(&y),
+            mask: &weights,
+        };
+        let (expected, expected_gradient) = pair.value_and_gradient(f64::from(lambda));
+        assert!(
+            (value.total - expected.total).abs() < 1e-6,
+            "{value:?} {expected:?}"
+        );
+        assert!(
+            (value.mse - expected.mse).abs() < 1e-6,
+            "{value:?} {expected:?}"
+        );
+        for (at, (&found, expected)) in gradient.iter().zip(expected_gradient).enumerate() {
+            let expected = if is_ignored(at / 3) { 0.0 } else { expected };
+            assert!(
+                (f64::from(found) - expected).abs() < 1e-7,
+                "{at}: {found} {expected}"
+            );
+        }
+        // What is drawn there is all the same.
+        let (found, gradient) = (value, gradient.to_vec());
+        let other: Vec<f32> = (x.iter().enumerate())
+            .map(|(at, &x)| if is_ignored(at / 3) { 9.0 } else { x })
+            .collect();
+        let again = loss.forward_backward_ignoring(Some(&ignored), &other, &y, lambda);
+        assert_eq!((again.0, again.1), (found, &gradient[..]));
     }
 
     #[test]

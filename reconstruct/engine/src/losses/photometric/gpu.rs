@@ -3,7 +3,7 @@
 use crate::device::{
     DeviceBuffer, Gpu, GpuError, Kernel, Program, Shader, Uniform, WORKGROUP, wgsl_struct,
 };
-use crate::losses::photometric::LossValue;
+use crate::{losses::photometric::LossValue, training_view::TrainingView};
 
 wgsl_struct! {
     /// Size of the image and weights.
@@ -12,7 +12,8 @@ wgsl_struct! {
         height: u32,
         /// Weight of `1 - SSIM`.
         lambda: f32,
-        pad: u32,
+        /// Values of the pixels that count.
+        counted: f32,
         /// Weights of the window's taps from the middle outwards.
         taps: [[f32; 4]; 2],
         /// 1 over the view's gain of each channel.
@@ -36,16 +37,41 @@ pub(crate) fn shader() -> Shader {
     }
 }
 
-/// An image as the losses take it: 8 bits per channel, red in the lowest byte, the mask in the highest; it
-/// is 0 where there is none.
-pub(crate) fn pack_pixels(rgb: &[u8], mask: Option<&[u8]>) -> Vec<u32> {
+/// Pixels whose marks share a word.
+const MARKS: usize = u32::BITS as usize;
+
+/// Words of an image of so many pixels as the losses take it.
+pub(crate) fn packed_len(pixels: usize) -> usize {
+    pixels + pixels.div_ceil(MARKS)
+}
+
+/// An image as the losses take it: 8 bits per channel, red in the lowest byte, the mask in the highest, 0
+/// where there is none; then a bit for every pixel, set where it is ignored.
+fn pack_pixels(rgb: &[u8], mask: Option<&[u8]>, ignored: Option<&[u8]>) -> Vec<u32> {
     let masks = mask.unwrap_or_default().iter().copied();
-    rgb.as_chunks::<3>()
-        .0
+    let pixels = rgb.as_chunks::<3>().0;
+    let mut packed: Vec<u32> = pixels
         .iter()
         .zip(masks.chain(std::iter::repeat(0)))
         .map(|(&[red, green, blue], mask)| u32::from_le_bytes([red, green, blue, mask]))
-        .collect()
+        .collect();
+    packed.resize(packed_len(pixels.len()), 0);
+    let marked = ignored.unwrap_or_default().iter().enumerate();
+    for (pixel, _) in marked.filter(|&(_, &mark)| mark != 0) {
+        packed[pixels.len() + pixel / MARKS] |= 1 << (pixel % MARKS);
+    }
+    packed
+}
+
+/// The image of a view on the device, and how many of its pixels count.
+pub(crate) fn target_image(
+    gpu: &Gpu,
+    view: &TrainingView,
+) -> Result<(DeviceBuffer<u32>, usize), GpuError> {
+    let (mask, ignored) = (view.mask.as_deref(), view.ignored.as_deref());
+    let packed = pack_pixels(&view.pixels, mask, ignored);
+    let image = DeviceBuffer::of(gpu, "image of a view", &packed)?;
+    Ok((image, view.counted_pixels()))
 }
 
 /// What a loss is made of.
@@ -68,7 +94,7 @@ pub(crate) struct Loss {
     image_gradient: Kernel,
     loss_value: Kernel,
     settings: Uniform<LossSettings>,
-    /// For images as they are.
+    /// For images as they are, of which every pixel counts.
     plain: LossSettings,
     pixels: usize,
     rows: DeviceBuffer<f32>,
@@ -113,13 +139,13 @@ impl Loss {
             width: size.0,
             height: size.1,
             lambda: weights.ssim,
+            counted: (3 * pixels) as f32,
             taps: std::array::from_fn(|four| {
                 std::array::from_fn(|tap| middle.get(four * 4 + tap).copied().unwrap_or(0.0))
             }),
             inverse_gain: [1.0; 3],
             masked: u32::from(weights.masked),
             weight: weights.total,
-            pad: 0,
             pad_end: [0; 3],
         };
         Ok(Self {
@@ -139,10 +165,12 @@ impl Loss {
         })
     }
 
-    /// Sets the gain that is taken out of images in everything that is submitted later.
-    pub(crate) fn set_gain(&self, gpu: &Gpu, gain: [f32; 3]) {
+    /// Sets the gain that is taken out of images, and how many of their pixels count, in everything that is
+    /// submitted later.
+    pub(crate) fn set_view(&self, gpu: &Gpu, gain: [f32; 3], counted_pixels: usize) {
         let settings = LossSettings {
             inverse_gain: gain.map(|gain| 1.0 / gain),
+            counted: (3 * counted_pixels) as f32,
             ..self.plain
         };
         self.settings.write(gpu, &settings);
@@ -195,7 +223,13 @@ mod tests {
     fn value_and_gradient_are_those_of_the_cpu() {
         let Some(gpu) = test_device() else { return };
         let mut random = Pcg64Mcg::seed_from_u64(1);
-        for (width, height, lambda) in [(64_u32, 32_u32, 0.2), (37, 19, 0.7), (4, 3, 1.0)] {
+        let sizes = [
+            (64_u32, 32_u32, 0.2),
+            (37, 19, 0.7),
+            (4, 3, 1.0),
+            (37, 19, 0.2),
+        ];
+        for (number, (width, height, lambda)) in sizes.into_iter().enumerate() {
             let len = (width * height * 3) as usize;
             let render: Vec<f32> = (0..len).map(|_| random.random_range(-0.2..1.2)).collect();
             let target: Vec<u8> = (0..len).map(|_| random.random()).collect();
@@ -206,8 +240,20 @@ mod tests {
             };
             let loss = Loss::new(&gpu, (width, height), 0, weights).expect("fits");
             let render_buffer = DeviceBuffer::of(&gpu, "render", &render).expect("fits");
+            // The last ones ignore a part across the seam.
+            let ignored = (number >= 2).then(|| -> Vec<u8> {
+                let columns = (0..width * height).map(|at| at % width);
+                columns
+                    .map(|column| u8::from(column < 2 || column > width / 2))
+                    .collect()
+            });
+            let ignored = ignored.as_deref();
+            let counted =
+                ignored.map_or(len / 3, |marks| marks.iter().filter(|m| **m == 0).count());
+            loss.set_view(&gpu, [1.0; 3], counted);
             let target_buffer =
-                DeviceBuffer::of(&gpu, "target", &pack_pixels(&target, None)).expect("fits");
+                DeviceBuffer::of(&gpu, "target", &pack_pixels(&target, None, ignored))
+                    .expect("fits");
             let mut program = Program::default();
             loss.record(&gpu, &mut program, &render_buffer, &target_buffer);
             program.submit(&gpu);
@@ -216,7 +262,8 @@ mod tests {
 
             let target: Vec<f32> = target.iter().map(|&byte| f32::from(byte) / 255.0).collect();
             let mut on_cpu = cpu::Loss::new(width as usize, height as usize);
-            let (expected, expected_gradient) = on_cpu.forward_backward(&render, &target, lambda);
+            let (expected, expected_gradient) =
+                on_cpu.forward_backward_ignoring(ignored, &render, &target, lambda);
             for (value, expected) in [
                 (value.total, expected.total),
                 (value.l1, expected.l1),

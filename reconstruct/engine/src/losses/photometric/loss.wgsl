@@ -11,6 +11,8 @@ struct LossSettings {
     height: u32,
     // Weight of 1 - SSIM.
     lambda: f32,
+    // Values of the pixels that count.
+    counted: f32,
     // Weights of the window's taps from the middle outwards.
     taps: array<vec4<f32>, 2>,
     // What the image is multiplied with: 1 over the view's gain of each channel.
@@ -23,7 +25,8 @@ struct LossSettings {
 
 @group(0) @binding(0) var<uniform> settings: LossSettings;
 @group(0) @binding(1) var<storage, read> render: array<f32>;
-// 8 bits per channel; red is the lowest byte, the mask the highest.
+// 8 bits per channel, red is the lowest byte, the mask the highest; then a bit for every pixel, set where
+// it is ignored.
 @group(0) @binding(2) var<storage, read> target_image: array<u32>;
 @group(0) @binding(3) var<storage, read_write> rows: array<f32>;
 @group(0) @binding(4) var<storage, read_write> derivatives: array<f32>;
@@ -51,7 +54,15 @@ fn target_at(pixel: u32) -> vec3<f32> {
     return rgb_mask.xyz * settings.inverse_gain * select(1.0, rgb_mask.w, settings.masked == 1u);
 }
 
+fn is_ignored(pixel: u32) -> bool {
+    return ((target_image[pixel_count() + pixel / 32u] >> (pixel % 32u)) & 1u) == 1u;
+}
+
+// The target's colour where pixels are ignored, for the windows that reach over them.
 fn render_at(pixel: u32) -> vec3<f32> {
+    if is_ignored(pixel) {
+        return target_at(pixel);
+    }
     return vec3(render[pixel * 3u], render[pixel * 3u + 1u], render[pixel * 3u + 2u]);
 }
 
@@ -141,7 +152,9 @@ fn structural_similarity(
         let by_product = 2.0 * a1 / (b1 * b2);
         let by_mean = 2.0 * my * a2 / (b1 * b2) - 2.0 * mx * s / b1 - 2.0 * mx * by_square
             - my * by_product;
-        var by: array<vec3<f32>, 3> = array(by_mean, by_square, by_product);
+        let counts = select(1.0, 0.0, is_ignored(pixel));
+        var by: array<vec3<f32>, 3>
+            = array(counts * by_mean, counts * by_square, counts * by_product);
         for (var plane = 0u; plane < 3u; plane++) {
             let index = (plane * pixel_count() + pixel) * 3u;
             derivatives[index] = by[plane].x;
@@ -150,7 +163,7 @@ fn structural_similarity(
         }
         let difference = render_at(pixel) - target_at(pixel);
         let one = vec3(1.0);
-        sum = vec4(dot(abs(difference), one), dot(difference, difference), dot(s, one), 0.0);
+        sum = vec4(dot(abs(difference), one), dot(difference, difference), counts * dot(s, one), 0.0);
     }
     sums[thread] = sum;
     workgroupBarrier();
@@ -211,12 +224,14 @@ fn image_gradient(
             }
         }
     }
-    let values = f32(pixel_count() * 3u);
     let x = render_at(pixel);
     let y = target_at(pixel);
     // Minus: the loss holds 1 - SSIM.
-    let total = settings.weight * ((1.0 - settings.lambda) / values * sign(x - y)
-        - settings.lambda / values * (by[0] + 2.0 * x * by[1] + y * by[2]));
+    var total = settings.weight / settings.counted * ((1.0 - settings.lambda) * sign(x - y)
+        - settings.lambda * (by[0] + 2.0 * x * by[1] + y * by[2]));
+    if is_ignored(pixel) {
+        total = vec3<f32>();
+    }
     gradient[pixel * 3u] = total.x;
     gradient[pixel * 3u + 1u] = total.y;
     gradient[pixel * 3u + 2u] = total.z;
@@ -240,7 +255,7 @@ fn loss_value(@builtin(local_invocation_index) thread: u32) {
         workgroupBarrier();
     }
     if thread == 0u {
-        let means = sums[0] / f32(pixel_count() * 3u);
+        let means = sums[0] / settings.counted;
         let total = (1.0 - settings.lambda) * means.x + settings.lambda * (1.0 - means.z);
         value[0] = vec4(means.xyz, settings.weight * total);
     }

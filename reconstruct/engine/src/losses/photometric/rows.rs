@@ -10,7 +10,7 @@ pub(super) const RADIUS: usize = WINDOW / 2;
 pub(super) const C1: f32 = 0.01 * 0.01;
 pub(super) const C2: f32 = 0.03 * 0.03;
 const LANES: usize = 8;
-const CHANNELS: usize = 3;
+pub(super) const CHANNELS: usize = 3;
 /// Values that the window reaches to either side.
 const MARGIN: usize = RADIUS * CHANNELS;
 /// Values under the windows of a vector.

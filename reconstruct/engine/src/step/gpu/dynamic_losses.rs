@@ -80,8 +80,8 @@ impl DynamicKernels {
         &self.settings.features
     }
 
-    /// Sets what a view's losses are for everything that is submitted later.
-    pub(super) fn set(&self, gpu: &Gpu, has_mask: bool, gain: [f32; 3]) {
+    /// Sets what a view's losses are, with its gain and how many of its pixels count, for everything that is submitted later.
+    pub(super) fn set(&self, gpu: &Gpu, has_mask: bool, (gain, counted): ([f32; 3], usize)) {
         let settings = &self.settings;
         let of_view = settings
             .velocity_loss
@@ -103,7 +103,7 @@ impl DynamicKernels {
         };
         self.maps.set(gpu, losses);
         if let Some(alone) = &self.alone {
-            alone.loss.set_gain(gpu, gain);
+            alone.loss.set_view(gpu, gain, counted);
         }
     }
 

@@ -11,7 +11,7 @@ use crate::{
         shader::{Shader, wgsl_struct},
     },
     gaussians::dropout::{Dropout, gpu::DropoutKernels},
-    losses::photometric::gpu::{Loss, LossWeights},
+    losses::photometric::gpu::{Loss, LossWeights, packed_len},
     model::Model,
     parameters::{adam::gpu::Adam, rows::RowMover},
     render::{
@@ -161,7 +161,7 @@ impl StepKernels {
                 add_alone,
                 sum: DeviceBuffer::zeros(&gpu, "further losses", 1)?,
             },
-            target: DeviceBuffer::zeros(&gpu, "image of the view", shape.pixels())?,
+            target: DeviceBuffer::zeros(&gpu, "image of the view", packed_len(shape.pixels()))?,
             losses: DeviceBuffer::zeros(&gpu, "losses", look_interval)?,
             gpu,
         })

@@ -32,7 +32,7 @@ use crate::{
         static_gaussians,
         temporal::TemporalFeatures,
     },
-    losses::photometric::gpu::{loss_value, pack_pixels},
+    losses::photometric::gpu::{loss_value, target_image},
     model::{Model, Part, TrainedArray},
     render::{
         buffers::{DeviceStatus, HALTED_FULL, HALTED_RUNNING, RenderShape},
@@ -42,7 +42,7 @@ use crate::{
     },
     schedule::StepSchedule,
     step::{StepStatistics, Stepper, pose_refinement, settings::TrainSettings},
-    training_view::{InputViews, TrainingView},
+    training_view::InputViews,
 };
 
 /// Steps that the device may be given before the host looks what became of them.
@@ -105,8 +105,8 @@ pub struct GpuStepper<'a> {
     inputs: InputViews<'a>,
     settings: TrainSettings,
     kernels: StepKernels,
-    /// Images and masks of the input views.
-    targets: Vec<DeviceBuffer<u32>>,
+    /// Images and masks of the input views, and how many of their pixels count.
+    targets: Vec<(DeviceBuffer<u32>, usize)>,
     model: Model,
     newest: Newest,
     on_device: Option<DeviceModel>,
@@ -131,16 +131,12 @@ impl<'a> GpuStepper<'a> {
         let size = (inputs.camera.width(), inputs.camera.height());
         let look_interval = LOOK_INTERVAL as usize;
         let kernels = StepKernels::new(Arc::clone(&gpu), size, (&model, settings), look_interval)?;
-        let target = |view: &TrainingView| {
-            let pixels = pack_pixels(&view.pixels, view.mask.as_deref());
-            DeviceBuffer::of(&gpu, "image of a view", &pixels)
-        };
-        let targets = inputs.views.iter().map(target).collect::<Result<_, _>>()?;
+        let targets = inputs.views.iter().map(|view| target_image(&gpu, view));
         Ok(Self {
             inputs,
             settings: settings.clone(),
             kernels,
-            targets,
+            targets: targets.collect::<Result<_, _>>()?,
             model,
             newest: Newest::Host,
             on_device: None,
@@ -225,14 +221,13 @@ impl<'a> GpuStepper<'a> {
         };
         model.set_view(gpu, &drawn, &moment, &rendering);
         model.set_step(gpu, schedule, step.network_step);
-        let has_mask = input.mask.is_some();
         let uses = StepUses {
             network: moment.network_time.is_some(),
-            alone: self.set_losses(&input.view, has_mask, schedule),
+            alone: self.set_losses(step.view, schedule),
             pose: step.moves_pose,
         };
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        let image = &self.targets[step.view].raw;
+        let image = &self.targets[step.view].0.raw;
         encoder.copy_buffer_to_buffer(image, 0, &self.kernels.target.raw, 0, image.size());
         for program in model.programs(uses) {
             program.encode_timed(&mut encoder, timer);
@@ -245,16 +240,15 @@ impl<'a> GpuStepper<'a> {
     }
 
     /// Sets what a view is held to; returns whether its dynamic Gaussians are drawn alone.
-    fn set_losses(&self, view: &View, has_mask: bool, schedule: &StepSchedule) -> bool {
+    fn set_losses(&self, number: usize, schedule: &StepSchedule) -> bool {
         let gpu = &*self.gpu;
+        let (view, counted) = (&self.inputs.views[number], self.targets[number].1);
         let exposure = self.settings.exposure.as_ref();
-        let gain = exposure.map_or([1.0; 3], |exposure| exposure.gain(view.time_seconds));
-        if exposure.is_some() {
-            self.kernels.loss.set_gain(gpu, gain);
-        }
+        let gain = exposure.map_or([1.0; 3], |exposure| exposure.gain(view.view.time_seconds));
+        self.kernels.loss.set_view(gpu, gain, counted);
         self.kernels.dynamic.as_ref().is_some_and(|dynamic| {
-            dynamic.set(gpu, has_mask, gain);
-            dynamic.draws_alone(has_mask, schedule)
+            dynamic.set(gpu, view.mask.is_some(), (gain, counted));
+            dynamic.draws_alone(view.mask.is_some(), schedule)
         })
     }
 

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::{by_distance_in_time, colour_at, pixel_at, point_on, seen_at, texel_uv};
 use crate::methods::neural_atlas::{
-    clip::{Clip, camera_direction},
+    clip::{Clip, ClipFrame, camera_direction},
     node::{Fields, Node, Surface},
 };
 
@@ -159,7 +159,7 @@ pub fn node(clip: &Clip, placed: &Placed) -> Result<Node, String> {
     let has_open = clip
         .frames
         .iter()
-        .any(|frame| (0..clip.pixel_count()).any(|pixel| !frame.is_covered(pixel)));
+        .any(|frame| (0..clip.pixel_count()).any(|pixel| shows_background(frame, pixel)));
     if !has_open {
         return Err("masks cover every pixel of every frame: there is no background".to_owned());
     }
@@ -205,11 +205,15 @@ pub fn node(clip: &Clip, placed: &Placed) -> Result<Node, String> {
     })
 }
 
+fn shows_background(frame: &ClipFrame, pixel: usize) -> bool {
+    frame.shows_scene(pixel) && !frame.is_covered(pixel)
+}
+
 /// Pixels of a frame with no covered one within two: a mask's edge is not exact, and pixels mix there.
-fn far_from_masks(clip: &Clip, frame: &crate::methods::neural_atlas::clip::ClipFrame) -> Vec<bool> {
+fn far_from_masks(clip: &Clip, frame: &ClipFrame) -> Vec<bool> {
     let [width, height] = clip.size();
     let mut open = vec![true; width * height];
-    for pixel in (0..width * height).filter(|&pixel| frame.is_covered(pixel)) {
+    for pixel in (0..width * height).filter(|&pixel| !shows_background(frame, pixel)) {
         let (column, row) = (pixel % width, pixel / width);
         for near_row in row.saturating_sub(2)..=(row + 2).min(height - 1) {
             for near_column in column.saturating_sub(2)..=(column + 2).min(width - 1) {

@@ -1,0 +1,86 @@
+//! Masks in exports: what moves, and what is no part of the scene.
+//!
+//! Most formats know one kind of masks, which is what not to look at, and get both in it. What is no part of the
+//! scene lies in a folder of its own as well, under the names of the images, whatever the format: so it comes back.
+
+use std::path::{Path, PathBuf};
+
+use omnilife_schemas::{
+    layout::IGNORE_MASKS_FOLDER,
+    rgb::Mask,
+    store::{self, StoreError},
+};
+
+use super::{ExportFrame, ExportScene, ForeignMask};
+use crate::error::CurateError;
+
+impl ExportFrame {
+    /// Whether anything of it is hidden from methods that know one kind of masks.
+    pub(super) fn is_masked(&self) -> bool {
+        self.mask.is_some() || self.ignore_mask.is_some()
+    }
+
+    /// Marks what moves and what is no part of the scene; `None` without masks.
+    fn hidden(&self) -> Result<Option<Mask>, CurateError> {
+        let mut hidden: Option<Mask> = None;
+        for file in self.mask.iter().chain(&self.ignore_mask) {
+            let mask = Mask::read(file)?;
+            hidden = Some(match hidden {
+                Some(other) => other.united(&mask),
+                None => mask,
+            });
+        }
+        Ok(hidden)
+    }
+}
+
+/// Writes the masks of a scene with what moves and what is no part of the scene in black, as tools have it
+/// that take masks for what to look at. `name` gives the file name of a frame's mask.
+pub(super) fn write_black_masks(
+    scene: &ExportScene,
+    folder: &Path,
+    name: impl Fn(&str) -> String,
+) -> Result<(), CurateError> {
+    for frame in scene.frames.iter().filter(|frame| frame.is_masked()) {
+        store::create_folder(folder)?;
+        let Some(mask) = frame.hidden()? else {
+            continue;
+        };
+        let path = folder.join(name(&frame.name));
+        super::refuse_second(&path)?;
+        super::create_parent(&path)?;
+        mask.inverted().write_png(&path)?;
+    }
+    Ok(())
+}
+
+/// Copies the mask of what is no part of the scene (white) to its place for an image of this name, whatever the
+/// format: an import finds it there.
+pub(super) fn copy_ignore_mask(
+    frame: &ExportFrame,
+    name: &str,
+    out: &Path,
+) -> Result<(), StoreError> {
+    let Some(mask) = &frame.ignore_mask else {
+        return Ok(());
+    };
+    let path = ignore_mask_path(out, name);
+    super::create_parent(&path)?;
+    super::copy(mask, &path)
+}
+
+/// Where the mask of what is no part of the scene lies for a frame of this name.
+pub(super) fn ignore_mask_path(folder: &Path, name: &str) -> PathBuf {
+    folder
+        .join(IGNORE_MASKS_FOLDER)
+        .join(format!("{}.png", super::stem(name)))
+}
+
+/// The mask in `folder` of the frame with this name, if there is one.
+pub(super) fn black_mask(folder: &Path, name: &str) -> Option<ForeignMask> {
+    let file = folder.join(name);
+    file.is_file().then_some(ForeignMask {
+        file,
+        black_is_dynamic: true,
+    })
+}
