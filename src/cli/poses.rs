@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use omnilife_curate::{GivenDepth, GivenPrior, GivenTruth, GroundScale, SfmSettings};
+use omnilife_curate::{
+    GivenDepth, GivenPrior, GivenTruth, GroundScale, IgnoredRegion, SfmSettings,
+};
 use omnilife_schemas::records::{DistanceConvention, DistanceGrid};
 
 use crate::exit::BadRequest;
@@ -19,11 +21,11 @@ pub(crate) struct PoseArguments {
     /// structure from motion leaves it out, and the scene keeps it.
     #[arg(long)]
     pub(crate) masks: Option<PathBuf>,
-    /// What is no part of the scene, such as who holds the camera or a tripod: an image for all frames or a
-    /// folder with one per frame, white where it is. It gives no features, nothing is learned from it, and
-    /// no score counts it.
+    /// What is no part of the scene, such as who holds the camera or a tripod: an image for all frames, or a
+    /// folder with one per frame, white where it is; or nadir:DEGREES, all within that angle of straight
+    /// down. It gives no features, nothing is learned from it, and no score counts it.
     #[arg(long, value_name = "PATH")]
-    pub(crate) ignore_mask: Option<PathBuf>,
+    pub(crate) ignore_mask: Option<IgnoredRegion>,
     /// Median height of a drone above the ground, which brings poses of arbitrary scale to metres.
     #[arg(long, value_name = "METRES", conflicts_with = "gsd")]
     pub(crate) altitude: Option<f64>,

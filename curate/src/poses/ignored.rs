@@ -1,11 +1,14 @@
 //! What is no part of the scene in the frames of a sequence: who holds the camera, a tripod, directions that
 //! the video does not store.
 
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    str::FromStr,
+};
 
 use omnilife_schemas::{
     layout::IGNORE_MASKS_FOLDER,
-    records::{SceneFrame, Sequence},
+    records::{SceneFrame, Sequence, VideoProjection},
     rgb::Mask,
     stage::StagePlan,
 };
@@ -13,11 +16,39 @@ use omnilife_schemas::{
 use super::{lens::Straightening, masks, truth};
 use crate::{error::CurateError, sphere_layouts, staging::Staging};
 
+/// Where something is no part of the scene.
+#[derive(Debug, Clone, PartialEq)]
+pub enum IgnoredRegion {
+    /// White in an image for all frames, or in those of a folder with one per frame.
+    Masks(PathBuf),
+    /// In panoramas, within an angle of the direction straight down from the camera: a tripod, a logo.
+    Nadir {
+        /// The angle, degrees, above 0 and below 180.
+        degrees: f64,
+    },
+}
+
+impl FromStr for IgnoredRegion {
+    type Err = String;
+
+    /// `nadir:DEGREES`, or the path of masks.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let Some(angle) = text.strip_prefix("nadir:") else {
+            return Ok(Self::Masks(PathBuf::from(text)));
+        };
+        let degrees = angle.parse().ok();
+        let degrees = degrees.filter(|degrees| *degrees > 0.0 && *degrees < 180.0);
+        degrees
+            .map(|degrees| Self::Nadir { degrees })
+            .ok_or_else(|| format!("{angle}: is no angle from 0 to 180 degrees"))
+    }
+}
+
 /// Masks of a sequence's frames, white where something is no part of the scene.
 #[derive(Debug, Clone)]
 pub(super) struct IgnoredPixels {
-    /// Directions that the video does not store, at the size of the frames.
-    unrecorded: Option<Mask>,
+    /// Of all frames, whatever is given of each: directions that the video does not store, and what is below.
+    of_all: Option<Mask>,
     given: GivenMasks,
     /// Columns and rows of the frames.
     size: [usize; 2],
@@ -33,26 +64,45 @@ enum GivenMasks {
 }
 
 impl IgnoredPixels {
-    /// Finds the masks that are given, an image or a folder with one per frame, and what the layout of the
-    /// sequence's video leaves open.
+    /// Finds what is given, and what the layout of the sequence's video leaves open.
     ///
     /// # Errors
-    /// When a folder cannot be read or lacks the mask of some frame.
-    pub(super) fn find(given: Option<&Path>, sequence: &Sequence) -> Result<Self, CurateError> {
+    /// When a folder cannot be read or lacks the mask of some frame, or perspective frames are to have a nadir.
+    pub(super) fn find(
+        given: Option<&IgnoredRegion>,
+        sequence: &Sequence,
+    ) -> Result<Self, CurateError> {
         let size = [sequence.frames.width, sequence.frames.height].map(|side| side as usize);
         let layout = sequence.frames.converted_from;
         let stored = sequence.probe.upright_size();
-        Ok(Self {
-            unrecorded: layout.and_then(|layout| sphere_layouts::unrecorded(layout, stored, size)),
-            given: match given {
-                None => GivenMasks::None,
-                Some(folder) if folder.is_dir() => {
-                    GivenMasks::OfFrames(masks::find(folder, sequence)?)
-                }
-                Some(file) => GivenMasks::OfCamera(file.to_owned()),
-            },
+        let unrecorded = layout.and_then(|layout| sphere_layouts::unrecorded(layout, stored, size));
+        let mut found = Self {
+            of_all: unrecorded,
+            given: GivenMasks::None,
             size,
-        })
+        };
+        match given {
+            None => {}
+            Some(IgnoredRegion::Nadir { degrees }) => {
+                if sequence.projection.projection == VideoProjection::Rectilinear {
+                    let reason =
+                        format!("nadir:{degrees} is of panoramas, and its frames are none");
+                    return Err(CurateError::input(Path::new(&sequence.id), reason));
+                }
+                let below = nadir(size, *degrees);
+                found.of_all = Some(match found.of_all {
+                    Some(unrecorded) => below.united(&unrecorded),
+                    None => below,
+                });
+            }
+            Some(IgnoredRegion::Masks(folder)) if folder.is_dir() => {
+                found.given = GivenMasks::OfFrames(masks::find(folder, sequence)?);
+            }
+            Some(IgnoredRegion::Masks(file)) => {
+                found.given = GivenMasks::OfCamera(file.to_owned());
+            }
+        }
+        Ok(found)
     }
 
     /// Adds what they depend on to a plan.
@@ -62,10 +112,15 @@ impl IgnoredPixels {
             GivenMasks::OfCamera(file) => std::slice::from_ref(file),
             GivenMasks::OfFrames(files) => files.as_slice(),
         };
-        if files.is_empty() && self.unrecorded.is_none() {
+        let rows_of_all = self.of_all.as_ref().map(|mask| {
+            let rows = mask.data.chunks_exact(mask.width);
+            rows.map(|row| row.iter().filter(|&&value| value != 0).count())
+                .collect::<Vec<_>>()
+        });
+        if files.is_empty() && rows_of_all.is_none() {
             return Ok(plan);
         }
-        let plan = plan.with_settings("ignored", &(files.len(), self.unrecorded.is_some()));
+        let plan = plan.with_settings("ignored", &(files.len(), rows_of_all));
         (files.iter()).try_fold(plan, |plan, file| Ok(plan.with_file(file)?))
     }
 
@@ -75,14 +130,14 @@ impl IgnoredPixels {
     /// When a mask cannot be read, or leaves nothing of the frame.
     pub(super) fn of_frame(&self, number: usize) -> Result<Option<Mask>, CurateError> {
         let file = match &self.given {
-            GivenMasks::None => return Ok(self.unrecorded.clone()),
+            GivenMasks::None => return Ok(self.of_all.clone()),
             GivenMasks::OfCamera(file) => file,
             GivenMasks::OfFrames(files) => &files[number],
         };
         let [width, height] = self.size;
         let mut mask = Mask::read(file)?.resized_to_any(width, height);
-        if let Some(unrecorded) = &self.unrecorded {
-            mask = mask.united(unrecorded);
+        if let Some(of_all) = &self.of_all {
+            mask = mask.united(of_all);
         }
         if mask.data.iter().all(|&value| value != 0) {
             return Err(CurateError::input(file, "leaves nothing of its frame"));
@@ -127,5 +182,18 @@ impl IgnoredPixels {
             frame.ignore_mask.clone_from(&of_all);
         }
         Ok(())
+    }
+}
+
+/// Marks the rows of a panorama of which any part is within an angle of straight down.
+fn nadir([width, height]: [usize; 2], degrees: f64) -> Mask {
+    // The lower border of row j is 180 (j + 1) / height degrees from straight up.
+    let is_marked = |row: usize| 180.0 * (row + 1) as f64 / height as f64 > 180.0 - degrees;
+    Mask {
+        width,
+        height,
+        data: (0..width * height)
+            .map(|pixel| 255 * u8::from(is_marked(pixel / width)))
+            .collect(),
     }
 }

@@ -41,6 +41,7 @@ use omnilife_schemas::{
 
 use crate::{error::CurateError, staging::Staging};
 pub use ground_scale::GroundScale;
+pub use ignored::IgnoredRegion;
 use lens::Lens;
 pub use prior::GivenPrior;
 pub use sfm::SfmSettings;

@@ -21,7 +21,7 @@ use omnilife_schemas::{
 
 use super::{
     ground_scale::GroundScale,
-    ignored::IgnoredPixels,
+    ignored::{IgnoredPixels, IgnoredRegion},
     masks,
     prior::{GivenPrior, PriorFiles},
 };
@@ -33,9 +33,8 @@ pub struct GivenTruth {
     /// Folder of masks, white where something moves, where poses are given; masks of a poses.json go
     /// before them. Structure from motion has masks of its own.
     pub masks: Option<PathBuf>,
-    /// What is no part of the scene: an image for all frames, or a folder with one per frame, white where it
-    /// is.
-    pub ignored: Option<PathBuf>,
+    /// What is no part of the scene.
+    pub ignored: Option<IgnoredRegion>,
     /// Distances.
     pub depth: Option<GivenDepth>,
     /// Folder of masks by the name of the class: white where its objects are.
@@ -93,7 +92,7 @@ impl GivenTruth {
         let prior = prior.map(|prior| prior.find(sequence)).transpose()?;
         let masks = self.masks.as_ref();
         Ok(TruthFiles {
-            ignored: IgnoredPixels::find(self.ignored.as_deref(), sequence)?,
+            ignored: IgnoredPixels::find(self.ignored.as_ref(), sequence)?,
             masks: masks
                 .map(|folder| masks::find(folder, sequence))
                 .transpose()?,
