@@ -1,4 +1,4 @@
-//! Images for people: prediction left, ground truth right.
+//! Images for people: prediction left, ground truth right; grey in both where pixels do not count.
 
 use std::path::Path;
 
@@ -15,6 +15,9 @@ const FOLDER: &str = "comparisons";
 
 /// Width of the white line between the two images in pixels.
 const SEPARATOR: usize = 4;
+
+/// Level of pixels that do not count.
+const GREY: u8 = 128;
 
 /// The image of a view, relative to the output folder.
 pub(crate) fn file(view: View) -> String {
@@ -37,11 +40,17 @@ pub(crate) fn write(out: &Path, view: View, pair: &ViewPair) -> Result<String, S
     let [width, height] = pair.size();
     let wide = 2 * width + SEPARATOR;
     let mut bytes = Vec::with_capacity(wide * height * 3);
+    let shown = |image: &[u8], row: usize| -> Vec<u8> {
+        let pixels = (row * width..(row + 1) * width).map(|pixel| match pair.counts(pixel) {
+            true => [0, 1, 2].map(|channel| image[3 * pixel + channel]),
+            false => [GREY; 3],
+        });
+        pixels.flatten().collect()
+    };
     for row in 0..height {
-        let range = row * width * 3..(row + 1) * width * 3;
-        bytes.extend_from_slice(&pair.prediction()[range.clone()]);
+        bytes.extend(shown(pair.prediction(), row));
         bytes.extend(std::iter::repeat_n(255, SEPARATOR * 3));
-        bytes.extend_from_slice(&pair.truth()[range]);
+        bytes.extend(shown(pair.truth(), row));
     }
     rgb::write_rgb8_png(&out.join(&file), wide, height, &bytes)?;
     Ok(file)

@@ -106,14 +106,15 @@ impl Checked {
             Err(reason) => (Some(reason.clone()), None),
             Ok(pair) => {
                 let name = &loaded.name;
-                let problem = if pair.prediction().iter().all(|&byte| byte == 0) {
+                // Where pixels do not count anything may be predicted, the truth among others.
+                let problem = if pair.as_predicted().iter().all(|&byte| byte == 0) {
                     Some(format!("{name} is black"))
                 } else if pair.prediction() == pair.truth() {
                     Some(format!("{name} is the ground truth, byte for byte"))
                 } else {
                     None
                 };
-                let pixels = [pair.prediction(), pair.truth()].map(store::sha256_bytes);
+                let pixels = [pair.as_predicted(), pair.truth()].map(store::sha256_bytes);
                 (problem, Some(pixels))
             }
         };

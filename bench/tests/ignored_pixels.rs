@@ -167,6 +167,21 @@ fn means_are_over_the_pixels_that_count() {
     assert!((value(metric("ssim"), &known).unwrap() - expected).abs() < 1e-12);
 }
 
+/// A corner of its box that counts is not the object.
+#[test]
+fn an_object_that_is_ignored_has_no_score() {
+    let disc = mask(|x, y| (x as f64 - 48.0).hypot(y as f64 - 24.0) < 12.0);
+    let pair = Known::new(Some(&disc), [0, 0]).pair;
+    let mut sample = Sample::new(&pair);
+    sample.objects = [("a", &disc)].into();
+    for metric in METRICS
+        .iter()
+        .filter(|metric| metric.needs.contains(&Need::ObjectMasks))
+    {
+        assert!((metric.function)(&sample).is_err(), "{}", metric.id);
+    }
+}
+
 #[test]
 fn a_mask_that_marks_nothing_changes_no_score() {
     let empty = mask(|_, _| false);

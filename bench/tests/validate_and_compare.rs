@@ -7,7 +7,9 @@ mod scoring;
 use std::fs;
 
 use omnilife_bench::{Predictions, StoredResult, WinsAndLosses, compare, split, validate};
-use omnilife_schemas::{Classified, ErrorKind, RgbImage, progress::Silent, records::Scene, store};
+use omnilife_schemas::{
+    Classified, ErrorKind, RgbImage, progress::Silent, records::Scene, rgb::Mask, store,
+};
 use scenes::{HEIGHT, WIDTH, scene};
 use scoring::{Bench, image};
 
@@ -76,6 +78,67 @@ fn every_bad_file_is_listed() {
         findings(&bench)[..3],
         "scoring fails on the same files"
     );
+}
+
+/// A scene whose frames show who holds the camera in their lower half.
+#[test]
+fn what_is_predicted_where_nothing_counts_is_looked_at_and_not_shown() {
+    let mut scene = scene(10, &[]);
+    for frame in &mut scene.frames {
+        frame.ignore_mask = Some("holder.png".to_owned());
+    }
+    let bench = Bench::of(&scene);
+    let marks = (0..WIDTH * HEIGHT).map(|at| 255 * u8::from(at / WIDTH >= HEIGHT / 2));
+    let mask = Mask {
+        width: WIDTH,
+        height: HEIGHT,
+        data: marks.collect(),
+    };
+    let file = bench.request.scene.with_file_name("holder.png");
+    mask.write_png(&file).unwrap();
+    let result = bench.score().unwrap();
+    let told =
+        "10 of 10 scored views have pixels that are no part of the scene; no score counts them";
+    assert!(
+        result.warnings.iter().any(|line| line == told),
+        "{:?}",
+        result.warnings
+    );
+    // Predictions are off by one and two bytes everywhere, as without the mask.
+    assert!((result.novel_views["psnr"].mean - psnr(2.0)).abs() < 1e-9);
+    let image = RgbImage::read(&bench.at("out/comparisons/novel-000004.png")).unwrap();
+    let levels = |row: usize| {
+        let row = &image.data[3 * image.width * row..3 * image.width * (row + 1)];
+        [row[0], row[3 * (image.width - 1)]]
+    };
+    let grey = 128.0 / 255.0;
+    assert_eq!(levels(HEIGHT - 1), [grey; 2]);
+    assert_ne!(levels(0), [grey; 2]);
+
+    let input = |frame: u32| bench.at("input").join(format!("{frame:06}.png"));
+    RgbImage::black(WIDTH, HEIGHT).write_png(&input(3)).unwrap();
+    fs::copy(input(6), input(7)).unwrap();
+    assert_eq!(
+        findings(&bench),
+        [
+            "input: 000003.png is black",
+            "input: 000007.png is the same image as that of input view 6",
+        ]
+    );
+    mask_of_all().write_png(&file).unwrap();
+    assert!(
+        bench
+            .refusal()
+            .contains("holder.png: leaves nothing of frame")
+    );
+}
+
+fn mask_of_all() -> Mask {
+    Mask {
+        width: WIDTH,
+        height: HEIGHT,
+        data: vec![255; WIDTH * HEIGHT],
+    }
 }
 
 #[test]

@@ -280,6 +280,11 @@ impl Mask {
         self
     }
 
+    /// Whether every pixel is marked.
+    pub fn is_full(&self) -> bool {
+        self.data.iter().all(|&value| value != 0)
+    }
+
     /// Marks what is not marked, and the other way round.
     pub fn inverted(mut self) -> Self {
         for value in &mut self.data {

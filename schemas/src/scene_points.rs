@@ -51,6 +51,11 @@ impl ScenePoints {
                           curate dense), or remove its folder";
             return Err(StoreError::malformed(&record, reason));
         }
+        if dense.ignored_sha256 != scene.ignored_sha256(scene_folder)? {
+            let reason = "was measured with other masks of what is no part of the scene than it has now: make \
+                          it again (omnilife curate dense), or remove its folder";
+            return Err(StoreError::malformed(&record, reason));
+        }
         Ok(Some(Self {
             file: ownership::path_inside(&folder, &dense.points)?,
             name: format!("{DENSE_FOLDER}/{}", dense.points),

@@ -23,7 +23,7 @@ use std::{
 
 use omnilife_bench::{ScoreRequest, score, split_scene};
 use omnilife_curate::{
-    GivenTruth, PoseRequest, curate_dataset_in,
+    GivenTruth, IgnoredRegion, PoseRequest, curate_dataset_in,
     dense::{self, DenseRequest, make_dense},
     expand_inputs, pose_sequence_with,
     tracks::{TrackRequest, make_tracks},
@@ -228,7 +228,11 @@ impl Job<'_> {
             PoseRequest::Given(path) => Some(path),
             PoseRequest::Sfm(_) => None,
         };
-        let mut given = poses.into_iter().chain(self.masks());
+        let ignored = match &self.truth.ignored {
+            Some(IgnoredRegion::Masks(path)) => Some(path),
+            _ => None,
+        };
+        let mut given = poses.into_iter().chain(self.masks()).chain(ignored);
         match given.find(|path| !path.exists()) {
             Some(path) => Err(BadRequest(format!("{}: does not exist", path.display())).into()),
             None => Ok(()),
@@ -245,14 +249,20 @@ impl Job<'_> {
                 _ => 0,
             })
             .sum();
-        if self.masks().is_some() && sequences > 1 {
-            return Err(BadRequest(format!(
-                "--masks belongs to one sequence, the videos gave {sequences}; pose them one by \
+        let of_frames = match &self.truth.ignored {
+            // One image is of the camera, whatever it looks at.
+            Some(IgnoredRegion::Masks(path)) if path.is_dir() => Some("--ignore-mask"),
+            _ => None,
+        };
+        let of_frames = self.masks().map(|_| "--masks").or(of_frames);
+        match of_frames {
+            Some(option) if sequences > 1 => Err(BadRequest(format!(
+                "{option} belongs to one sequence, the videos gave {sequences}; pose them one by \
                  one with `omnilife curate poses`"
             ))
-            .into());
+            .into()),
+            _ => Ok(()),
         }
-        Ok(())
     }
 
     /// The folder of masks, whoever takes them.

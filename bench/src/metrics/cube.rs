@@ -43,6 +43,7 @@ fn psnr(sample: &Sample<'_>) -> Result<f64, Undefined> {
             decibels(sum / (3 * face.counted_pixels()) as f64)
         })
         .collect();
+    // Some face has a pixel that counts, as the image has.
     mean(&scores)
 }
 
@@ -59,7 +60,9 @@ fn ssim(sample: &Sample<'_>) -> Result<f64, Undefined> {
 
 fn mean(scores: &[f64]) -> Result<f64, Undefined> {
     if scores.is_empty() {
-        return Err(Undefined("cube faces are smaller than 11x11 pixels"));
+        return Err(Undefined(
+            "no face has a pixel that counts 5 pixels or more from its border",
+        ));
     }
     Ok(scores.iter().sum::<f64>() / scores.len() as f64)
 }

@@ -58,10 +58,10 @@ struct Crop {
 }
 
 impl Crop {
-    /// `None` for a mask that shows nothing.
+    /// `None` for a mask that shows nothing that counts.
     fn of(sample: &Sample<'_>, mask: &Mask, is_masked: bool) -> Option<Self> {
         let [width, _] = sample.pair.size();
-        let inside = |at: &usize| mask.data[*at] != 0;
+        let inside = |at: &usize| mask.data[*at] != 0 && sample.pair.counts(*at);
         let pixels: Vec<usize> = (0..mask.data.len()).filter(inside).collect();
         let columns = || pixels.iter().map(|pixel| pixel % width);
         let (left, right) = (columns().min()?, columns().max()?);
@@ -78,9 +78,9 @@ impl Crop {
                 })
                 .collect()
         };
-        let counted: Vec<bool> = places.clone().map(|at| sample.pair.counts(at)).collect();
-        counted.contains(&true).then(|| Self {
-            counted,
+        let counted = places.clone().map(|at| sample.pair.counts(at));
+        Some(Self {
+            counted: counted.collect(),
             size: [right + 1 - left, bottom + 1 - top],
             prediction: read(sample.pair.prediction()),
             truth: read(sample.pair.truth()),

@@ -15,7 +15,8 @@ pub(super) const PREDICTION: Metric = Metric {
     direction: None,
     range: [0.0, f64::MAX],
     source: "lpips-alex between a predicted view and the predicted view of the same kind that is \
-             scored before it (T-LPIPS of Neural Atlas Graphs, supplement C.2). Scene and camera \
+             scored before it (T-LPIPS of Neural Atlas Graphs, supplement C.2), over the whole images, \
+             with the ground truth of each where pixels do not count. Scene and camera \
              move too, so neither more nor less is better: read it beside temporal-lpips-truth. \
              Undefined for the first view",
     needs: NEEDS,

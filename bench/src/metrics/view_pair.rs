@@ -16,8 +16,8 @@ pub struct ViewPair {
     height: usize,
     prediction: Vec<u8>,
     truth: Vec<u8>,
-    /// Which pixels count, row-major; `None` where all do.
-    counted: Option<Vec<bool>>,
+    /// Which pixels count, row-major, and the prediction as it is; `None` where all do.
+    counted: Option<(Vec<bool>, Vec<u8>)>,
     alex_features: OnceLock<Option<PairFeatures>>,
 }
 
@@ -52,6 +52,7 @@ impl ViewPair {
         if [mask.width, mask.height] != self.size() || !counted.contains(&true) {
             return None;
         }
+        let as_it_is = self.prediction.clone();
         let predicted = self.prediction.as_chunks_mut::<3>().0;
         let pixels = predicted.iter_mut().zip(self.truth.as_chunks::<3>().0);
         for ((predicted, truth), is_counted) in pixels.zip(&counted) {
@@ -59,24 +60,24 @@ impl ViewPair {
                 *predicted = *truth;
             }
         }
-        self.counted = Some(counted);
+        self.counted = Some((counted, as_it_is));
         self.alex_features = OnceLock::new();
         Some(self)
     }
 
     /// Which pixels count, row-major; `None` where all do.
     pub(super) fn counted(&self) -> Option<&[bool]> {
-        self.counted.as_deref()
+        self.counted.as_ref().map(|(counted, _)| counted.as_slice())
     }
 
     /// Whether a pixel counts.
-    pub(super) fn counts(&self, pixel: usize) -> bool {
-        (self.counted.as_ref()).is_none_or(|counted| counted[pixel])
+    pub(crate) fn counts(&self, pixel: usize) -> bool {
+        self.counted().is_none_or(|counted| counted[pixel])
     }
 
     /// How many pixels of a row count (0 at the top).
     pub(super) fn counted_in_row(&self, row: usize) -> usize {
-        match &self.counted {
+        match self.counted() {
             None => self.width,
             Some(counted) => {
                 let row = &counted[row * self.width..(row + 1) * self.width];
@@ -128,7 +129,13 @@ impl ViewPair {
         [self.width, self.height]
     }
 
-    /// `height * width * 3` bytes of the prediction.
+    /// `height * width * 3` bytes of the prediction, also of pixels that do not count.
+    pub fn as_predicted(&self) -> &[u8] {
+        (self.counted.as_ref()).map_or(&self.prediction, |(_, as_it_is)| as_it_is)
+    }
+
+    /// `height * width * 3` bytes of the prediction as it is scored: the ground truth's where pixels do not
+    /// count.
     pub fn prediction(&self) -> &[u8] {
         &self.prediction
     }

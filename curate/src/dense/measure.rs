@@ -253,9 +253,15 @@ impl Stereo<'_> {
         sized: &Sized,
     ) -> Result<Vec<f32>, CurateError> {
         let frame = &self.scene.frames[view.map.view.frame as usize];
-        for file in frame.mask.iter().chain(&frame.ignore_mask) {
-            let [width, height] = sized.pixels;
-            let mask = Mask::read(&self.folder.join(file))?.resized_to_nearest(width, height);
+        let [width, height] = sized.pixels;
+        let read = |file: &String| Mask::read(&self.folder.join(file));
+        let moving = frame.mask.as_ref().map(read).transpose()?;
+        let ignored = frame.ignore_mask.as_ref().map(read).transpose()?;
+        let masks = [
+            moving.map(|mask| mask.resized_to_nearest(width, height)),
+            ignored.map(|mask| mask.resized_to_any(width, height)),
+        ];
+        for mask in masks.iter().flatten() {
             for (confidence, &covered) in confidence.iter_mut().zip(&mask.data) {
                 if covered != 0 {
                     *confidence = 0.0;

@@ -253,6 +253,7 @@ fn stage(
     Ok(DenseStereo {
         scene: stereo.scene.id.clone(),
         geometry_sha256: stereo.scene.geometry_sha256(),
+        ignored_sha256: stereo.scene.ignored_sha256(stereo.folder)?,
         image_size: [width as u32, height as u32],
         frames,
         points: POINTS_FILE.to_owned(),

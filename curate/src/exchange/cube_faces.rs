@@ -79,7 +79,7 @@ pub(super) fn as_faces(
     for face in CUBE_FACES {
         store::create_folder(&scratch.join(face.name))?;
     }
-    let frames: Result<Vec<Vec<ExportFrame>>, CurateError> = scene
+    let frames: Result<Vec<Vec<Option<ExportFrame>>>, CurateError> = scene
         .frames
         .par_iter()
         .map(|frame| faces_of(frame, camera, faces.side, scratch))
@@ -88,19 +88,20 @@ pub(super) fn as_faces(
     add_sky(scene, camera, faces.sky_points, &mut points)?;
     Ok(ExportScene {
         camera: face_camera(faces.side).into(),
-        frames: frames?.into_iter().flatten().collect(),
+        frames: frames?.into_iter().flatten().flatten().collect(),
         points,
         has_split: scene.has_split,
         is_rig: true,
     })
 }
 
+/// The six faces; `None` for those that show nothing of the scene.
 fn faces_of(
     frame: &ExportFrame,
     camera: ErpCamera,
     side: u32,
     scratch: &Path,
-) -> Result<Vec<ExportFrame>, CurateError> {
+) -> Result<Vec<Option<ExportFrame>>, CurateError> {
     let panorama = RgbImage::read(&frame.image)?;
     let mask = frame.mask.as_deref().map(Mask::read).transpose()?;
     let ignored = frame.ignore_mask.as_deref().map(Mask::read).transpose()?;
@@ -110,29 +111,33 @@ fn faces_of(
     CUBE_FACES
         .iter()
         .map(|face| {
+            let of_face = |mask: &Mask| face_mask(mask, camera, face, side);
+            let [mask, ignored] = [&mask, &ignored].map(|mask| mask.as_ref().map(of_face));
+            if ignored.as_ref().is_some_and(Mask::is_full) {
+                return Ok(None);
+            }
+            let write = |mask: Option<Mask>, kind: &str| -> Result<Option<PathBuf>, CurateError> {
+                let Some(mask) = mask else {
+                    return Ok(None);
+                };
+                let file = scratch.join(face.name).join(format!("{stem}.{kind}.png"));
+                mask.write_png(&file)?;
+                Ok(Some(file))
+            };
             let name = format!("{}/{stem}.png", face.name);
             let image = scratch.join(&name);
             face_image(&panorama, face, side).write_png(&image)?;
-            let of_face =
-                |mask: &Option<Mask>, kind: &str| -> Result<Option<PathBuf>, CurateError> {
-                    let Some(mask) = mask else {
-                        return Ok(None);
-                    };
-                    let file = scratch.join(face.name).join(format!("{stem}.{kind}.png"));
-                    face_mask(mask, camera, face, side).write_png(&file)?;
-                    Ok(Some(file))
-                };
-            Ok(ExportFrame {
+            Ok(Some(ExportFrame {
                 name,
                 image,
-                mask: of_face(&mask, "mask")?,
-                ignore_mask: of_face(&ignored, "ignore")?,
+                mask: write(mask, "mask")?,
+                ignore_mask: write(ignored, "ignore")?,
                 pose: Pose::new(
                     rotation * DQuat::from_mat3(&face.to_camera),
                     frame.pose.centre(),
                 ),
                 ..frame.clone()
-            })
+            }))
         })
         .collect()
 }
@@ -194,7 +199,7 @@ fn corner(pixel: usize, side: u32) -> DVec2 {
 }
 
 /// Adds a shell of points as far as the farthest of the scene and more, in the colours of the first frame
-/// that is for training.
+/// that is for training; none where it shows nothing of the scene.
 fn add_sky(
     scene: &ExportScene,
     camera: ErpCamera,
@@ -208,6 +213,14 @@ fn add_sky(
         return Ok(());
     }
     let panorama = RgbImage::read(&frame.image)?;
+    let ignored = frame.ignore_mask.as_deref().map(Mask::read).transpose()?;
+    let size = [camera.width, camera.height].map(|side| side as usize);
+    let ignored = ignored.map(|mask| mask.resized_to_any(size[0], size[1]));
+    let shows_scene = |place: DVec2| {
+        let [column, row] = [(place.x, size[0]), (place.y, size[1])]
+            .map(|(at, length)| (at.max(0.0) as usize).min(length - 1));
+        (ignored.as_ref()).is_none_or(|mask| mask.data[row * size[0] + column] == 0)
+    };
     let centres: Vec<DVec3> = scene
         .frames
         .iter()
@@ -231,6 +244,9 @@ fn add_sky(
     for index in 0..count {
         let direction = on_sphere(index, count);
         let place = camera.project(to_camera * direction).unwrap_or_default();
+        if !shows_scene(place) {
+            continue;
+        }
         let colour = panorama.sample(place, Edges::Around);
         points
             .positions

@@ -23,7 +23,7 @@ use std::{
 
 use omnilife_schemas::{
     Pose,
-    camera::Camera,
+    camera::{Camera, cube::CUBE_FACES},
     layout::SCENE_FILE,
     ownership::is_inside,
     points::PointCloud,
@@ -163,7 +163,8 @@ pub struct ForeignFrame {
 pub struct ForeignMask {
     /// The image.
     pub file: PathBuf,
-    /// Whether black (instead of white) is what moves.
+    /// Whether black (instead of white) is what moves: a mask of what to look at, which has what is no part of
+    /// the scene in black, too.
     pub black_is_dynamic: bool,
 }
 
@@ -200,7 +201,14 @@ pub fn export(
     fill_folder(out, |folder| {
         let scratch = folder.join("faces");
         if let Some(faces) = request.cube_faces {
+            let all = CUBE_FACES.len() * scene.frames.len();
             scene = cube_faces::as_faces(&scene, faces, &scratch)?;
+            if scene.frames.len() < all {
+                progress.note(&format!(
+                    "{} of {all} faces show nothing of the scene and are left out",
+                    all - scene.frames.len()
+                ));
+            }
         }
         (format.export)(&scene, folder)?;
         if scene.is_rig {

@@ -78,7 +78,10 @@ fn write(
         frames.push(SceneFrame {
             image,
             time_seconds: *time_seconds,
-            pose: frame.pose,
+            // Nothing is to be learned from a frame that shows nothing of the scene, or to be scored.
+            pose: frame
+                .pose
+                .filter(|_| !ignored.as_ref().is_some_and(Mask::is_full)),
             mask: import_mask(
                 foreign,
                 (frame, name),
@@ -87,7 +90,10 @@ fn write(
             )?,
             ignore_mask: write_mask(ignored, IGNORE_MASKS_FOLDER, name, out)?,
             classes: [].into(),
-            objects: import_objects(foreign, (frame, name), out)?,
+            objects: match request.masks {
+                MaskMeaning::Moving => import_objects(foreign, (frame, name), out)?,
+                MaskMeaning::Ignored => [].into(),
+            },
             depth: None,
             depth_prior: None,
         });
@@ -249,7 +255,18 @@ fn ignored(
     }
     match request.masks {
         MaskMeaning::Moving => Ok(None),
-        MaskMeaning::Ignored => given_mask(foreign, frame),
+        MaskMeaning::Ignored if frame.objects.is_empty() => given_mask(foreign, frame),
+        MaskMeaning::Ignored => {
+            let mut all: Option<Mask> = None;
+            for file in frame.objects.values() {
+                let mask = read_mask(foreign, file)?;
+                all = Some(match all {
+                    Some(all) => all.united(&mask),
+                    None => mask,
+                });
+            }
+            Ok(all)
+        }
     }
 }
 
@@ -285,11 +302,15 @@ fn import_mask(
         return Ok(None);
     }
     let mask = given_mask(foreign, frame)?;
+    let has_both_kinds = frame
+        .mask
+        .as_ref()
+        .is_some_and(|found| found.black_is_dynamic);
     let mask = match ignored {
-        // Formats with one kind of masks have both in it, where there is only the other one as well.
-        Some(ignored) => (mask.map(|mask| mask.without(ignored)))
+        // Masks of what to look at have both kinds in them, where there is only the other one as well.
+        Some(ignored) if has_both_kinds => (mask.map(|mask| mask.without(ignored)))
             .filter(|mask| mask.data.iter().any(|&value| value != 0)),
-        None => mask,
+        _ => mask,
     };
     write_mask(mask, SCENE_MASKS_FOLDER, name, out)
 }

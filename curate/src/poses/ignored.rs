@@ -90,6 +90,10 @@ impl IgnoredPixels {
                     return Err(CurateError::input(Path::new(&sequence.id), reason));
                 }
                 let below = nadir(size, *degrees);
+                if below.data.iter().all(|&value| value != 0) {
+                    let reason = format!("nadir:{degrees} leaves nothing of its frames");
+                    return Err(CurateError::input(Path::new(&sequence.id), reason));
+                }
                 found.of_all = Some(match found.of_all {
                     Some(unrecorded) => below.united(&unrecorded),
                     None => below,
@@ -127,22 +131,42 @@ impl IgnoredPixels {
     /// The mask of a frame at the size of the frames; `None` where all of it is of the scene.
     ///
     /// # Errors
-    /// When a mask cannot be read, or leaves nothing of the frame.
+    /// When a mask cannot be read, has another shape than the frame or leaves nothing of it.
     pub(super) fn of_frame(&self, number: usize) -> Result<Option<Mask>, CurateError> {
         let file = match &self.given {
-            GivenMasks::None => return Ok(self.of_all.clone()),
-            GivenMasks::OfCamera(file) => file,
-            GivenMasks::OfFrames(files) => &files[number],
+            GivenMasks::None => None,
+            GivenMasks::OfCamera(file) => Some(file),
+            GivenMasks::OfFrames(files) => Some(&files[number]),
         };
+        let given = file.map(|file| self.read(file)).transpose()?;
+        let mask = match (given, &self.of_all) {
+            (Some(given), Some(of_all)) => given.united(of_all),
+            (Some(mask), None) => mask,
+            (None, of_all) => return Ok(of_all.clone()),
+        };
+        let marked = mask.data.iter().filter(|&&value| value != 0).count();
+        match file {
+            Some(file) if marked == mask.data.len() => {
+                Err(CurateError::input(file, "leaves nothing of its frame"))
+            }
+            _ => Ok((marked > 0).then_some(mask)),
+        }
+    }
+
+    /// A mask at the size of the frames: a pixel is marked where any that lies in it is.
+    fn read(&self, file: &Path) -> Result<Mask, CurateError> {
         let [width, height] = self.size;
-        let mut mask = Mask::read(file)?.resized_to_any(width, height);
-        if let Some(of_all) = &self.of_all {
-            mask = mask.united(of_all);
+        let mask = Mask::read(file)?;
+        let shapes = [mask.width * height, mask.height * width];
+        // Half a pixel of either size may be missing.
+        if shapes[0].abs_diff(shapes[1]) > mask.width.max(width) {
+            let reason = format!(
+                "is {}x{} pixels, which is not the shape of its frame, {width}x{height}",
+                mask.width, mask.height
+            );
+            return Err(CurateError::input(file, reason));
         }
-        if mask.data.iter().all(|&value| value != 0) {
-            return Err(CurateError::input(file, "leaves nothing of its frame"));
-        }
-        Ok(Some(mask))
+        Ok(mask.resized_to_any(width, height))
     }
 
     /// Stages the masks and enters them in the frames of a scene. With a lens that is taken out of the frames it

@@ -141,9 +141,9 @@ const FILES: &str = "\
 | `videos/*/slices/*.mp4` | the sequences as video, where they were asked for |
 | `videos/*/seq-*/sequence.json`, `frames/` | a sequence and its sampled frames |
 | `videos/*/seq-*/annotation.json` | what it shows and how it moves |
-| `videos/*/seq-*/scene.json`, `points.ply`, `masks/` | cameras, world points, masks of what moves |
+| `videos/*/seq-*/scene.json`, `points.ply`, `masks/`, `ignore/` | cameras, world points, masks of what moves and of what is no part of the scene |
 | `statistics/` | counts as CSV and figures |
-| `shards/frames-*.tar` | where they were asked for, the frames as WebDataset shards: image, mask, and camera, pose and tags as JSON |
+| `shards/frames-*.tar` | where they were asked for, the frames as WebDataset shards: image, masks, and camera, pose and tags as JSON |
 | `SHA256SUMS` | checksums of all files |
 
 Camera frame: x right, y down, z forward; the image centre is +z, north is up. Times are seconds of

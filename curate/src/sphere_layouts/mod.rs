@@ -150,14 +150,15 @@ pub(crate) fn projection(layout: SphereLayout) -> VideoProjection {
 /// The layout that the evidence leaves no doubt of: stereo, and equi-angular faces and halves of the sphere where
 /// the container says so. How other faces lie and what a lens sees, no image says.
 pub(crate) fn evident(found: &DetectedProjection, probe: &Probe) -> Option<SphereLayout> {
+    // Where halves are alike and their borders dark, seams and poles of a half look like those of a whole; a
+    // single image that closes around and has caps is none.
+    if let Some(half) = stated_half(probe).filter(|_| found.projection != VideoProjection::Erp) {
+        return Some(half);
+    }
     match found.projection {
         VideoProjection::ErpStereoTb => Some(SphereLayout::StereoTopBottom),
         VideoProjection::ErpStereoLr => Some(SphereLayout::StereoLeftRight),
         VideoProjection::Eac => stated(probe),
-        // Of a half the pixels say nothing that others would not.
-        VideoProjection::Rectilinear | VideoProjection::Fisheye | VideoProjection::Unsure => {
-            stated_half(probe)
-        }
         _ => None,
     }
 }

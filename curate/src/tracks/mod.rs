@@ -196,7 +196,9 @@ fn plan(
     }
     for &frame in frames {
         if let Some(entry) = scene.frames.get(frame as usize) {
-            plan = plan.with_file(&request.scene_folder.join(&entry.image))?;
+            for file in std::iter::once(&entry.image).chain(&entry.ignore_mask) {
+                plan = plan.with_file(&request.scene_folder.join(file))?;
+            }
         }
     }
     Ok(plan)

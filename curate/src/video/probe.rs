@@ -171,12 +171,24 @@ fn resolved(SphericalBoxes { v1, v2 }: SphericalBoxes) -> Option<SphericalMetada
 fn side_data_of(stream: &ffmpeg::Stream<'_>) -> Option<SphericalMetadata> {
     let mapping = raw_fields::side_data(stream, SideData::Spherical)?;
     let projection = raw_fields::projection_name(&mapping)?;
+    let extent = match projection {
+        "tiled equirectangular" => {
+            raw_fields::bounds(&mapping).map_or(Extent::Part, Extent::of_bounds)
+        }
+        _ => Extent::Whole,
+    };
     let stereo = raw_fields::side_data(stream, SideData::Stereo)
         .and_then(|layout| raw_fields::stereo_name(&layout));
+    let name = if extent == Extent::FrontHalf {
+        // A single tile.
+        "equirectangular"
+    } else {
+        projection
+    };
     Some(SphericalMetadata {
-        is_cropped: projection == "tiled equirectangular",
-        is_front_half: false,
-        projection: projection.to_owned(),
+        is_cropped: extent != Extent::Whole,
+        is_front_half: extent == Extent::FrontHalf,
+        projection: name.to_owned(),
         stereo: stereo.map(str::to_owned),
         origin: "container".to_owned(),
         conflict: None,

@@ -234,6 +234,18 @@ pub(super) fn projection_name(mapping: &[u8]) -> Option<&'static str> {
     unsafe { static_name(av_spherical_projection_name(projection)) }
 }
 
+/// What the bytes of an `AVSphericalMapping` leave out of the sphere on the left, at the top, on the right and at
+/// the bottom, shares in 0.32.
+pub(super) fn bounds(mapping: &[u8]) -> Option<[u32; 4]> {
+    let at = |offset| integer_at(mapping, offset);
+    Some([
+        at(offset_of!(ffi::AVSphericalMapping, bound_left))?,
+        at(offset_of!(ffi::AVSphericalMapping, bound_top))?,
+        at(offset_of!(ffi::AVSphericalMapping, bound_right))?,
+        at(offset_of!(ffi::AVSphericalMapping, bound_bottom))?,
+    ])
+}
+
 /// FFmpeg's name of the layout in the bytes of an `AVStereo3D`.
 pub(super) fn stereo_name(stereo: &[u8]) -> Option<&'static str> {
     let layout = integer_at(stereo, offset_of!(ffi::AVStereo3D, type_))?;

@@ -46,6 +46,28 @@ pub(super) enum Extent {
     Part,
 }
 
+impl Extent {
+    /// Of an image that leaves out these shares of the sphere on its left, at its top, on its right and at its
+    /// bottom, in 0.32.
+    pub(super) fn of_bounds(bounds: [u32; 4]) -> Self {
+        let [left, top, right, bottom] = bounds.map(|share| f64::from(share) / 2_f64.powi(32));
+        Self::of_shares([left, right], top + bottom > 0.0)
+    }
+
+    /// Of an image that leaves out these shares of the turn on its left and right.
+    fn of_shares([left, right]: [f64; 2], is_less_high: bool) -> Self {
+        // A quarter on each side; widths are whole pixels.
+        let is_quarter = |share: f64| (share - 0.25).abs() < 0.01;
+        if !is_less_high && is_quarter(left) && is_quarter(right) {
+            Self::FrontHalf
+        } else if is_less_high || left + right > 0.0 {
+            Self::Part
+        } else {
+            Self::Whole
+        }
+    }
+}
+
 /// Both versions, as far as the file holds them.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(super) struct SphericalBoxes {
@@ -147,7 +169,7 @@ fn v1_statement(xml: &str) -> Option<Statement> {
             }
             .to_owned()
         }),
-        extent: extent([left, 1.0 - across - left], is_less_high),
+        extent: Extent::of_shares([left, 1.0 - across - left], is_less_high),
     })
 }
 
@@ -188,20 +210,6 @@ fn v2(file: &mut (impl Read + Seek), track: Span) -> io::Result<Option<Statement
     Ok(statement)
 }
 
-/// What an image covers that leaves out these shares of the turn on its left and right.
-fn extent(left_and_right: [f64; 2], is_less_high: bool) -> Extent {
-    let [left, right] = left_and_right;
-    // A quarter on each side; widths are whole pixels.
-    let is_quarter = |share: f64| (share - 0.25).abs() < 0.01;
-    if !is_less_high && is_quarter(left) && is_quarter(right) {
-        Extent::FrontHalf
-    } else if is_less_high || left + right > 0.0 {
-        Extent::Part
-    } else {
-        Extent::Whole
-    }
-}
-
 fn stereo_mode(mode: Option<[u8; 1]>) -> Option<String> {
     let [mode] = mode?;
     let name = match mode {
@@ -223,11 +231,9 @@ fn projection(file: &mut (impl Read + Seek), sv3d: Span) -> io::Result<(Option<S
                     // the right, as shares of the sphere in 0.32.
                     let bounds: [u8; 16] = bytes_at(file, span, 4)?.unwrap_or_default();
                     let shares = bounds.as_chunks::<4>().0.iter();
-                    let shares =
-                        shares.map(|bytes| f64::from(u32::from_be_bytes(*bytes)) / 2_f64.powi(32));
-                    let shares: Vec<f64> = shares.collect();
+                    let shares: Vec<u32> = shares.map(|bytes| u32::from_be_bytes(*bytes)).collect();
                     let extent = match shares[..] {
-                        [top, bottom, left, right] => extent([left, right], top + bottom > 0.0),
+                        [top, bottom, left, right] => Extent::of_bounds([left, top, right, bottom]),
                         _ => Extent::Whole,
                     };
                     return Ok((Some("equirectangular".to_owned()), extent));

@@ -233,6 +233,25 @@ fn what_is_no_part_of_the_scene_is_kept_for_every_frame() {
         assert!(wrong.parse::<IgnoredRegion>().is_err(), "{wrong}");
     }
 
+    // A mask that marks nothing is none.
+    save(&tripod, 32);
+    assert!(
+        pose(tripod_text)
+            .unwrap()
+            .frames
+            .iter()
+            .all(|frame| frame.ignore_mask.is_none())
+    );
+    let square = temp.path().join("square.png");
+    image::save_buffer(&square, &[255; 32 * 32], 32, 32, image::ColorType::L8).unwrap();
+    let error = pose(square.to_str().unwrap()).unwrap_err().to_string();
+    assert!(
+        error.contains("square.png: is 32x32 pixels, which is not the shape"),
+        "{error}"
+    );
+    let error = pose("nadir:179.9").unwrap_err().to_string();
+    assert!(error.contains("nadir:179.9 leaves nothing"), "{error}");
+
     save(&tripod, 0);
     let error = pose(tripod_text).unwrap_err().to_string();
     assert!(

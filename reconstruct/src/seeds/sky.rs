@@ -35,7 +35,7 @@ const SHELL_RADIUS_WITHOUT_POINTS: f32 = 100.0;
 pub struct OpenSky {
     /// Directions evenly spread over the sphere.
     pub directions: usize,
-    /// Those that some input view shows: all of them in ERP images.
+    /// Those in which some input view shows the scene.
     pub seen: usize,
     /// Those of them without points, unit vectors, world frame.
     pub open: Vec<Vec3>,

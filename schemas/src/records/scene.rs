@@ -1,6 +1,9 @@
 //! `scene`: a sequence with cameras, ready for reconstruction and scoring.
 
-use std::collections::BTreeMap;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -8,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use crate::{
     camera::Camera,
     pose::Pose,
-    store::{self, Record},
+    store::{self, Record, StoreError},
 };
 
 /// `scene.json`. All files are relative to its folder.
@@ -36,6 +39,27 @@ impl Scene {
         let poses: Vec<_> = self.frames.iter().map(|frame| &frame.pose).collect();
         let text = serde_json::json!([self.camera, poses]).to_string();
         store::sha256_bytes(text.as_bytes())
+    }
+
+    /// SHA-256 of what its frames mark as no part of the scene; `None` where they mark nothing.
+    ///
+    /// # Errors
+    /// When a mask cannot be read.
+    pub fn ignored_sha256(&self, folder: &Path) -> Result<Option<String>, StoreError> {
+        let files: BTreeSet<&String> = (self.frames.iter())
+            .filter_map(|frame| frame.ignore_mask.as_ref())
+            .collect();
+        if files.is_empty() {
+            return Ok(None);
+        }
+        let of_files: BTreeMap<&String, String> = (files.into_iter())
+            .map(|file| Ok((file, store::sha256_file(&folder.join(file))?)))
+            .collect::<Result<_, StoreError>>()?;
+        let of_frames: Vec<_> = (self.frames.iter())
+            .map(|frame| Some(&of_files[frame.ignore_mask.as_ref()?]))
+            .collect();
+        let text = serde_json::json!(of_frames).to_string();
+        Ok(Some(store::sha256_bytes(text.as_bytes())))
     }
 }
 

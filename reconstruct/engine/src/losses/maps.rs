@@ -1,7 +1,7 @@
 //! Losses of dynamic scenes beside the photometric one of [`crate::losses::photometric`]; each adds its
 //! gradient, times its weight, to what it is given and returns its unweighted value.
 //!
-//! Images have `n` pixels. Feature maps `F` are composited over 0; where PVG divides them by the
+//! Means are over the pixels that count ([`Counted`]). Feature maps `F` are composited over 0; where PVG divides them by the
 //! accumulated opacity `A = 1 - T` (eps 1e-5), `A` counts as a constant: a gradient through it would
 //! pay for more opacity, not for less velocity.
 
@@ -10,31 +10,52 @@ pub(crate) mod gpu;
 /// Added to the accumulated opacity before maps are divided by it (PVG).
 const OPACITY_EPSILON: f32 = 1e-5;
 
+/// Which pixels of a view count: those that `ignored` does not mark (not zero).
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Counted<'a> {
+    /// `None` where all count.
+    pub ignored: Option<&'a [u8]>,
+}
+
+impl Counted<'_> {
+    fn counts(&self, pixel: usize) -> bool {
+        self.ignored.is_none_or(|ignored| ignored[pixel] == 0)
+    }
+
+    /// How many of so many.
+    fn of(&self, pixels: usize) -> usize {
+        self.ignored.map_or(pixels, |ignored| {
+            ignored.iter().filter(|&&mark| mark == 0).count()
+        })
+    }
+}
+
 /// Velocity regularization (Omni4DGS Eq. 9; PVG with an empty mask): mean over pixels and the three
 /// planes of `|F / A| (1 - M)`.
 pub fn velocity_map(
     planes: &[f32],
     transmittance: &[f32],
-    mask: &[f32],
+    (mask, counted): (&[f32], Counted<'_>),
     weight: f32,
     gradient: &mut [f32],
 ) -> f64 {
     let pixels = transmittance.len();
-    let scale = weight / (3 * pixels) as f32;
+    let values = 3 * counted.of(pixels);
+    let scale = weight / values as f32;
     let mut sum = 0.0;
     for (plane, gradient) in planes
         .chunks_exact(pixels)
         .zip(gradient.chunks_exact_mut(pixels))
         .take(3)
     {
-        for pixel in 0..pixels {
+        for pixel in (0..pixels).filter(|&pixel| counted.counts(pixel)) {
             let kept = mask.get(pixel).map_or(1.0, |mask| 1.0 - mask);
             let factor = kept / (1.0 - transmittance[pixel] + OPACITY_EPSILON);
             sum += f64::from((plane[pixel] * factor).abs());
             gradient[pixel] += scale * factor * sign(plane[pixel]);
         }
     }
-    sum / (3 * pixels) as f64
+    sum / values as f64
 }
 
 /// Lifespan loss of PVG: minus the mean of `F / A` of the lifespan's plane, so that Gaussians live
@@ -42,13 +63,15 @@ pub fn velocity_map(
 pub fn lifespan_map(
     plane: &[f32],
     transmittance: &[f32],
+    counted: Counted<'_>,
     weight: f32,
     gradient: &mut [f32],
 ) -> f64 {
-    let pixels = transmittance.len();
+    let pixels = counted.of(transmittance.len());
     let scale = weight / pixels as f32;
     let mut sum = 0.0;
-    for ((value, transmittance), gradient) in plane.iter().zip(transmittance).zip(gradient) {
+    let all = plane.iter().zip(transmittance).zip(gradient).enumerate();
+    for (_, ((value, transmittance), gradient)) in all.filter(|(pixel, _)| counted.counts(*pixel)) {
         let factor = 1.0 / (1.0 - transmittance + OPACITY_EPSILON);
         sum += f64::from(value * factor);
         *gradient -= scale * factor;
@@ -56,26 +79,22 @@ pub fn lifespan_map(
     -sum / pixels as f64
 }
 
-/// Opacity loss of the dynamic Gaussians rendered alone (Omni4DGS Eq. 6): mean of `|O_d - M_d|`, to which
-/// the pixels that `ignored` marks (not zero) add nothing.
+/// Opacity loss of the dynamic Gaussians rendered alone (Omni4DGS Eq. 6): mean of `|O_d - M_d|`.
 pub fn opacity_map(
     plane: &[f32],
-    mask: &[f32],
-    ignored: Option<&[u8]>,
+    (mask, counted): (&[f32], Counted<'_>),
     weight: f32,
     gradient: &mut [f32],
 ) -> f64 {
-    let scale = weight / plane.len() as f32;
+    let pixels = counted.of(plane.len());
+    let scale = weight / pixels as f32;
     let mut sum = 0.0;
-    let pixels = plane.iter().zip(mask).zip(gradient).enumerate();
-    for (pixel, ((value, mask), gradient)) in pixels {
-        if ignored.is_some_and(|ignored| ignored[pixel] != 0) {
-            continue;
-        }
+    let all = plane.iter().zip(mask).zip(gradient).enumerate();
+    for (_, ((value, mask), gradient)) in all.filter(|(pixel, _)| counted.counts(*pixel)) {
         sum += f64::from((value - mask).abs());
         *gradient += scale * sign(value - mask);
     }
-    sum / plane.len() as f64
+    sum / pixels as f64
 }
 
 /// The derivative of the absolute value, 0 at 0.
@@ -131,38 +150,82 @@ mod tests {
                 (0..3 * PIXELS).map(at).sum::<f64>() / (3 * PIXELS) as f64
             };
             let mut gradient = vec![0.0; 3 * PIXELS];
-            let value = velocity_map(&planes, &left, &mask, 0.5, &mut gradient);
+            let value = velocity_map(
+                &planes,
+                &left,
+                (&mask, Counted::default()),
+                0.5,
+                &mut gradient,
+            );
             let wide: Vec<f64> = planes.iter().map(|&v| f64::from(v)).collect();
             assert!((value - reference(&wide)).abs() < 1e-5);
             check(&planes, 0.5, &gradient, reference);
         }
         let mut gradient = vec![0.0; 3 * PIXELS];
         let all = vec![1.0; PIXELS];
-        assert_eq!(velocity_map(&planes, &left, &all, 0.5, &mut gradient), 0.0);
+        assert_eq!(
+            velocity_map(
+                &planes,
+                &left,
+                (&all, Counted::default()),
+                0.5,
+                &mut gradient
+            ),
+            0.0
+        );
         assert_eq!(gradient, vec![0.0; 3 * PIXELS]);
     }
 
     #[test]
-    fn opacity_where_nothing_is_seen_costs_nothing() {
+    fn where_nothing_of_the_scene_is_seen_no_map_costs_anything() {
         let (plane, mask) = (random(PIXELS, 7, 0.0, 1.0), random(PIXELS, 8, 0.0, 1.0));
+        let (planes, left) = (
+            random(3 * PIXELS, 9, -1.0, 1.0),
+            random(PIXELS, 10, 0.0, 0.9),
+        );
         let ignored: Vec<u8> = (0..PIXELS).map(|pixel| u8::from(pixel % 3 == 0)).collect();
-        let mut gradient = vec![0.0; PIXELS];
-        let value = opacity_map(&plane, &mask, Some(&ignored), 2.0, &mut gradient);
-        let reference = |plane: &[f64]| -> f64 {
-            let seen = (0..PIXELS).filter(|&pixel| ignored[pixel] == 0);
-            let error = |pixel: usize| (plane[pixel] - f64::from(mask[pixel])).abs();
-            seen.map(error).sum::<f64>() / PIXELS as f64
+        let counted = Counted {
+            ignored: Some(&ignored),
         };
-        let wide: Vec<f64> = plane.iter().map(|&v| f64::from(v)).collect();
-        assert!((value - reference(&wide)).abs() < 1e-6);
-        check(&plane, 2.0, &gradient, reference);
+        let seen: Vec<usize> = (0..PIXELS).filter(|&pixel| ignored[pixel] == 0).collect();
+        let mean = |of: &dyn Fn(usize) -> f64| {
+            seen.iter().map(|&pixel| of(pixel)).sum::<f64>() / seen.len() as f64
+        };
+        let opacity = |pixel: usize| 1.0 - f64::from(left[pixel]) + 1e-5;
+        let wide = |values: &[f32]| -> Vec<f64> { values.iter().map(|&v| f64::from(v)).collect() };
+
+        let of_opacity =
+            |plane: &[f64]| mean(&|pixel| (plane[pixel] - f64::from(mask[pixel])).abs());
+        let mut gradient = vec![0.0; PIXELS];
+        let value = opacity_map(&plane, (&mask, counted), 2.0, &mut gradient);
+        assert!((value - of_opacity(&wide(&plane))).abs() < 1e-6);
+        check(&plane, 2.0, &gradient, of_opacity);
+
+        let of_lifespan = |plane: &[f64]| -mean(&|pixel| plane[pixel] / opacity(pixel));
+        let mut gradient = vec![0.0; PIXELS];
+        let value = lifespan_map(&plane, &left, counted, 2.0, &mut gradient);
+        assert!((value - of_lifespan(&wide(&plane))).abs() < 1e-5);
+        check(&plane, 2.0, &gradient, of_lifespan);
+
+        let of_velocity = |planes: &[f64]| {
+            let kept = |pixel: usize| 1.0 - f64::from(mask[pixel]);
+            let of_plane = |plane: usize, pixel: usize| planes[plane * PIXELS + pixel].abs();
+            mean(&|pixel| {
+                let sum: f64 = (0..3).map(|plane| of_plane(plane, pixel)).sum();
+                sum / 3.0 * kept(pixel) / opacity(pixel)
+            })
+        };
+        let mut gradient = vec![0.0; 3 * PIXELS];
+        let value = velocity_map(&planes, &left, (&mask, counted), 0.5, &mut gradient);
+        assert!((value - of_velocity(&wide(&planes))).abs() < 1e-5);
+        check(&planes, 0.5, &gradient, of_velocity);
     }
 
     #[test]
     fn short_lifespans_and_false_opacity_are_penalized() {
         let (plane, left) = (random(PIXELS, 4, 0.0, 1.0), random(PIXELS, 5, 0.0, 0.9));
         let mut gradient = vec![0.0; PIXELS];
-        let value = lifespan_map(&plane, &left, 2.0, &mut gradient);
+        let value = lifespan_map(&plane, &left, Counted::default(), 2.0, &mut gradient);
         let reference = |plane: &[f64]| -> f64 {
             let at = |(v, t): (&f64, &f32)| v / (1.0 - f64::from(*t) + 1e-5);
             -plane.iter().zip(&left).map(at).sum::<f64>() / PIXELS as f64
@@ -172,7 +235,7 @@ mod tests {
 
         let mask = random(PIXELS, 6, 0.0, 1.0);
         let mut gradient = vec![0.0; PIXELS];
-        opacity_map(&plane, &mask, None, 2.0, &mut gradient);
+        opacity_map(&plane, (&mask, Counted::default()), 2.0, &mut gradient);
         check(&plane, 2.0, &gradient, |plane| {
             let at = |(v, m): (&f64, &f32)| (v - f64::from(*m)).abs();
             plane.iter().zip(&mask).map(at).sum::<f64>() / PIXELS as f64
@@ -180,7 +243,12 @@ mod tests {
         // An empty dynamic set before an empty mask: nothing to pay, nothing to change.
         let mut gradient = vec![0.0; PIXELS];
         assert_eq!(
-            opacity_map(&[0.0; PIXELS], &[0.0; PIXELS], None, 1.0, &mut gradient),
+            opacity_map(
+                &[0.0; PIXELS],
+                (&[0.0; PIXELS], Counted::default()),
+                1.0,
+                &mut gradient
+            ),
             0.0
         );
         assert_eq!(gradient, [0.0; PIXELS]);
@@ -190,10 +258,22 @@ mod tests {
     fn an_empty_image_has_finite_gradients() {
         let mut gradient = vec![0.0; 3 * PIXELS];
         let nothing = vec![1.0; PIXELS];
-        let value = velocity_map(&[0.0; 3 * PIXELS], &nothing, &[], 1.0, &mut gradient);
+        let value = velocity_map(
+            &[0.0; 3 * PIXELS],
+            &nothing,
+            (&[], Counted::default()),
+            1.0,
+            &mut gradient,
+        );
         assert_eq!((value, gradient.iter().all(|g| *g == 0.0)), (0.0, true));
         let mut gradient = vec![0.0; PIXELS];
-        lifespan_map(&[0.0; PIXELS], &nothing, 1.0, &mut gradient);
+        lifespan_map(
+            &[0.0; PIXELS],
+            &nothing,
+            Counted::default(),
+            1.0,
+            &mut gradient,
+        );
         assert!(gradient.iter().all(|g| g.is_finite()));
     }
 }

@@ -20,7 +20,7 @@ use crate::{
         parameterization::Viewpoint,
         temporal::{PEAK_TIMES, TemporalFeatures},
     },
-    losses::photometric::cpu::Loss,
+    losses::{maps::Counted, photometric::cpu::Loss},
     model::{Model, TrainedArray, cpu_renderer::CpuRenderer, exposure::Exposure},
     parameters::{ParameterArray, adam},
     schedule::StepSchedule,
@@ -121,9 +121,11 @@ impl<'a> CpuStepper<'a> {
             schedule,
             target: &self.target,
             mask: view.mask.as_ref().map(|_| &self.mask[..]),
-            ignored: view.ignored.as_deref(),
+            counted: Counted {
+                ignored: view.ignored.as_deref(),
+            },
         };
-        let (maps, feature_gradient) = dynamic.maps(raster, step.mask);
+        let (maps, feature_gradient) = dynamic.maps(raster, &step);
         total += maps;
         self.renderer.backward(
             drawn,

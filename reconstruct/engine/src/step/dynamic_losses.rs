@@ -10,7 +10,11 @@ use crate::{
         subset,
         temporal::{self, TemporalFeatures},
     },
-    losses::{self, maps, photometric::cpu::Loss},
+    losses::{
+        self,
+        maps::{self, Counted},
+        photometric::cpu::Loss,
+    },
     model::{Model, dynamic_settings::DynamicSettings},
     render::{
         cpu::Renderer,
@@ -39,8 +43,8 @@ pub(super) struct StepView<'a> {
     pub(super) target: &'a [f32],
     /// Its mask, where it has one.
     pub(super) mask: Option<&'a [f32]>,
-    /// Marks the pixels that show nothing of the scene.
-    pub(super) ignored: Option<&'a [u8]>,
+    /// Which pixels show something of the scene.
+    pub(super) counted: Counted<'a>,
 }
 
 /// What renders the dynamic Gaussians alone.
@@ -77,7 +81,7 @@ impl DynamicLosses {
     }
 
     /// `L_v` and the lifespan loss on the feature maps of a render, and the gradient by the maps.
-    pub(super) fn maps(&mut self, raster: &Raster, mask: Option<&[f32]>) -> (f64, &[f32]) {
+    pub(super) fn maps(&mut self, raster: &Raster, step: &StepView<'_>) -> (f64, &[f32]) {
         self.feature_gradient.clear();
         let mut total = 0.0;
         if self.settings.features.count() > 0 {
@@ -85,7 +89,7 @@ impl DynamicLosses {
             total = map_losses(
                 &self.settings,
                 (&raster.features, &raster.transmittance),
-                mask,
+                (step.mask, step.counted),
                 &mut self.feature_gradient,
             );
         }
@@ -122,7 +126,7 @@ impl DynamicLosses {
             .target
             .extend(masked.flat_map(|(rgb, mask)| rgb.map(|value| value * mask)));
         let (value, image_gradient) = loss.forward_backward_ignoring(
-            step.ignored,
+            step.counted.ignored,
             &raster.colour,
             &alone.target,
             dynamic.ssim_weight,
@@ -135,8 +139,7 @@ impl DynamicLosses {
         alone.opacity_gradient.resize(raster.features.len(), 0.0);
         let opacity = maps::opacity_map(
             &raster.features,
-            mask,
-            step.ignored,
+            (mask, step.counted),
             dynamic.weight,
             &mut alone.opacity_gradient,
         );
@@ -200,7 +203,7 @@ impl DynamicAlone {
 fn map_losses(
     settings: &DynamicSettings,
     (maps, transmittance): (&[f32], &[f32]),
-    mask: Option<&[f32]>,
+    (mask, counted): (Option<&[f32]>, Counted<'_>),
     gradient: &mut [f32],
 ) -> f64 {
     let mut total = 0.0;
@@ -216,14 +219,21 @@ fn map_losses(
         if let Some(region) = region {
             let maps = &maps[..velocity_values];
             total += f64::from(loss.weight)
-                * maps::velocity_map(maps, transmittance, region, loss.weight, gradient);
+                * maps::velocity_map(
+                    maps,
+                    transmittance,
+                    (region, counted),
+                    loss.weight,
+                    gradient,
+                );
         }
     }
     if settings.features.lifespan.is_some() {
         let weight = settings.lifespan_weight;
         let plane = &maps[velocity_values..];
         let gradient = &mut gradient[velocity_values..];
-        total += f64::from(weight) * maps::lifespan_map(plane, transmittance, weight, gradient);
+        total +=
+            f64::from(weight) * maps::lifespan_map(plane, transmittance, counted, weight, gradient);
     }
     total
 }

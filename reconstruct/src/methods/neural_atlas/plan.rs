@@ -187,6 +187,11 @@ fn noise(clip: &Clip) -> f64 {
             let mut responses: Vec<f64> = Vec::new();
             for row in 1..height - 1 {
                 for column in 1..width - 1 {
+                    let mut window = (row - 1..=row + 1)
+                        .flat_map(|row| (column - 1..=column + 1).map(move |c| row * width + c));
+                    if !window.all(|pixel| frame.shows_scene(pixel)) {
+                        continue;
+                    }
                     let at = |dx: usize, dy: usize| grey((row + dy - 1) * width + column + dx - 1);
                     let corners = at(0, 0) + at(2, 0) + at(0, 2) + at(2, 2);
                     let sides = at(1, 0) + at(0, 1) + at(2, 1) + at(1, 2);
@@ -195,7 +200,7 @@ fn noise(clip: &Clip) -> f64 {
             }
             // The median is that of the smooth half of the image.
             responses.sort_by(f64::total_cmp);
-            responses[responses.len() / 2] / (0.6745 * 6.0)
+            responses.get(responses.len() / 2).copied().unwrap_or(0.0) / (0.6745 * 6.0)
         })
         .collect();
     of_frames.sort_by(f64::total_cmp);
@@ -307,14 +312,25 @@ fn deviation(clip: &Clip, object: usize) -> f64 {
             let mask = frame.masks[object].as_ref()?;
             let covered = (0..mask.len()).filter(|&pixel| mask[pixel] >= 128);
             let (mut low, mut high) = ([usize::MAX; 2], [0; 2]);
+            let mut is_cut = false;
             for pixel in covered {
+                let beside = [
+                    pixel.saturating_sub(1),
+                    (pixel + 1).min(mask.len() - 1),
+                    pixel.saturating_sub(width),
+                    (pixel + width).min(mask.len() - 1),
+                ];
+                is_cut |= beside.iter().any(|&near| !frame.shows_scene(near));
                 for (axis, at) in [pixel % width, pixel / width].into_iter().enumerate() {
                     low[axis] = low[axis].min(at);
                     high[axis] = high[axis].max(at);
                 }
             }
-            let touches =
-                low[0] == 0 || low[1] == 0 || high[0] + 1 == width || high[1] + 1 == height;
+            let touches = is_cut
+                || low[0] == 0
+                || low[1] == 0
+                || high[0] + 1 == width
+                || high[1] + 1 == height;
             (low[0] != usize::MAX && !touches)
                 .then(|| [0, 1].map(|axis| (high[axis] - low[axis] + 1) as f64))
         })

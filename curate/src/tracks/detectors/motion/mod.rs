@@ -13,7 +13,7 @@ mod background;
 mod regions;
 
 use glam::DVec3;
-use omnilife_schemas::{RgbImage, progress::Progress, records::Detection};
+use omnilife_schemas::{RgbImage, progress::Progress, records::Detection, rgb::Mask};
 
 use super::{Detector, DetectorInput};
 use crate::{error::CurateError, tracks::detectors::depth_of_points::DistanceMap};
@@ -81,7 +81,10 @@ fn detect(
             if images[number].is_none() {
                 let view = &input.views[number];
                 let entry = &input.scene.frames[view.frame as usize];
-                let read = RgbImage::read(&input.folder.join(&entry.image))?;
+                let mut read = RgbImage::read(&input.folder.join(&entry.image))?;
+                if let Some(mask) = &entry.ignore_mask {
+                    forget(&mut read, &Mask::read(&input.folder.join(mask))?);
+                }
                 images[number] = Some((read, DistanceMap::new(view, input.points)));
             }
         }
@@ -102,6 +105,15 @@ fn detect(
     });
     progress.end();
     outcome.map(|()| found)
+}
+
+/// Nothing is known of what is no part of the scene.
+fn forget(image: &mut RgbImage, ignored: &Mask) {
+    let ignored = ignored.resized_to_any(image.width, image.height);
+    let pixels = image.data.as_chunks_mut::<3>().0.iter_mut();
+    for (pixel, _) in pixels.zip(&ignored.data).filter(|(_, mark)| **mark != 0) {
+        *pixel = [f32::NAN; 3];
+    }
 }
 
 /// What moves in a frame.

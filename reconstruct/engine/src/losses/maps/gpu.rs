@@ -9,6 +9,7 @@ wgsl_struct! {
     /// What the maps of a view cost.
     pub(crate) struct MapLosses {
         pixels: u32,
+        counted: f32,
         velocity_planes: u32,
         masked: u32,
         velocity_weight: f32,

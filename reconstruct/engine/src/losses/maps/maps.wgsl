@@ -3,6 +3,8 @@
 
 struct MapLosses {
     pixels: u32,
+    // How many of them count.
+    counted: f32,
     // Planes of velocities at the beginning: 3 or none.
     velocity_planes: u32,
     // 1 where velocities are free inside the mask.
@@ -51,10 +53,17 @@ fn temporal_maps(
     let number = workgroup_number(group, groups);
     let pixel = number * WORKGROUP + thread;
     var value = 0.0;
-    if pixel < maps.pixels {
+    if pixel < maps.pixels && is_ignored(pixel) {
+        for (var plane = 0u; plane < maps.velocity_planes; plane++) {
+            upstream[feature_at(plane, pixel)] = 0.0;
+        }
+        if maps.lifespan_weight > 0.0 {
+            upstream[feature_at(maps.velocity_planes, pixel)] = 0.0;
+        }
+    } else if pixel < maps.pixels {
         let opacity = 1.0 - image[3u * maps.pixels + pixel] + OPACITY_EPSILON;
         let kept = select(1.0, 1.0 - mask_of(pixel), maps.masked == 1u);
-        let by_velocity = maps.velocity_weight / f32(3u * maps.pixels) * kept / opacity;
+        let by_velocity = maps.velocity_weight / (3.0 * maps.counted) * kept / opacity;
         for (var plane = 0u; plane < maps.velocity_planes; plane++) {
             let place = feature_at(plane, pixel);
             let velocity = image[place];
@@ -63,7 +72,7 @@ fn temporal_maps(
         }
         if maps.lifespan_weight > 0.0 {
             let place = feature_at(maps.velocity_planes, pixel);
-            let by_lifespan = maps.lifespan_weight / f32(maps.pixels) / opacity;
+            let by_lifespan = maps.lifespan_weight / maps.counted / opacity;
             value -= by_lifespan * image[place];
             upstream[place] = -by_lifespan;
         }
@@ -83,7 +92,7 @@ fn opacity_map(
     var value = 0.0;
     if pixel < maps.pixels {
         let place = feature_at(0u, pixel);
-        let scale = select(maps.opacity_weight / f32(maps.pixels), 0.0, is_ignored(pixel));
+        let scale = select(maps.opacity_weight / maps.counted, 0.0, is_ignored(pixel));
         let error = image[place] - mask_of(pixel);
         value = scale * abs(error);
         upstream[place] = scale * sign(error);

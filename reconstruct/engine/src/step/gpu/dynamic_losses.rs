@@ -87,6 +87,7 @@ impl DynamicKernels {
             .velocity_loss
             .filter(|loss| has_mask || !loss.outside_masks);
         let losses = MapLosses {
+            counted: counted as f32,
             velocity_planes: if settings.features.velocity_unit.is_some() {
                 3
             } else {

@@ -43,7 +43,8 @@ struct Silhouette {
     area: f64,
     /// Unit direction to its middle, camera.
     direction: DVec3,
-    /// Whether it touches the image's border or another object: it may be a part of what there is.
+    /// Whether it touches the image's border, another object or what is no part of the scene: it may be a part
+    /// of what there is.
     is_partial: bool,
     pixels: Vec<usize>,
 }
@@ -85,6 +86,7 @@ fn silhouette(clip: &Clip, object: usize, number: usize) -> Option<Silhouette> {
             pixel.saturating_sub(2 * width),
             (pixel + 2 * width).min(mask.len() - 1),
         ];
+        is_partial |= beside.iter().any(|&near| !frame.shows_scene(near));
         is_partial |= (0..frame.masks.len())
             .filter(|&other| other != object)
             .any(|other| beside.iter().any(|&near| frame.covered(other, near) >= 0.5));

@@ -1,0 +1,64 @@
+//! Masks of other tools that mark what is no part of the scene.
+
+use super::*;
+
+/// Of tools that know one kind of masks, which for them is what not to look at.
+#[test]
+fn masks_of_other_tools_may_mark_what_is_ignored() {
+    let (folder, original) = scene();
+    let export = exported("nerfstudio", folder.path());
+    let from = export.path().join("scene");
+    fs::remove_dir_all(from.join("ignore")).unwrap();
+    let back = export.path().join("back");
+    let imported = import(&ImportRequest {
+        folder: &from,
+        format: "nerfstudio",
+        id: &original.id,
+        frames_per_second: None,
+        masks: MaskMeaning::Ignored,
+        out: &back,
+    })
+    .unwrap();
+    for (frame, expected) in imported.frames.iter().zip(&original.frames) {
+        assert_eq!(frame.mask, None);
+        let read = |file: &String| Mask::read(&folder.path().join(file)).unwrap();
+        let both = [&expected.mask, &expected.ignore_mask].map(|file| file.as_ref().map(read));
+        let expected = match both {
+            [Some(mask), Some(ignored)] => mask.united(&ignored),
+            [Some(mask), None] | [None, Some(mask)] => mask,
+            [None, None] => unreachable!("every frame has a mask"),
+        };
+        let found = Mask::read(&back.join(frame.ignore_mask.as_ref().unwrap())).unwrap();
+        assert_eq!(found, expected);
+    }
+}
+
+/// Objects that are ignored are no objects, and a frame of which nothing is left has no pose.
+#[test]
+fn objects_may_be_what_is_ignored() {
+    let (folder, original) = scene();
+    let export = exported("frames", folder.path());
+    let from = export.path().join("scene");
+    fs::remove_dir_all(from.join("ignore")).unwrap();
+    let all = Mask {
+        width: 32,
+        height: 16,
+        data: vec![255; 32 * 16],
+    };
+    all.write_png(&from.join("mask/000003.png")).unwrap();
+    let back = export.path().join("back");
+    let imported = import(&ImportRequest {
+        folder: &from,
+        format: "frames",
+        id: &original.id,
+        frames_per_second: None,
+        masks: MaskMeaning::Ignored,
+        out: &back,
+    })
+    .unwrap();
+    for (number, frame) in imported.frames.iter().enumerate() {
+        assert!(frame.objects.is_empty() && frame.mask.is_none());
+        assert_eq!(frame.ignore_mask.is_some(), number != 1);
+        assert_eq!(frame.pose.is_some(), number != 3);
+    }
+}
