@@ -105,6 +105,8 @@ fn faces_of(
     let panorama = RgbImage::read(&frame.image)?;
     let mask = frame.mask.as_deref().map(Mask::read).transpose()?;
     let ignored = frame.ignore_mask.as_deref().map(Mask::read).transpose()?;
+    // At the resolution of a face, so that nothing thin gets lost between its pixels.
+    let ignored = ignored.map(|mask| mask.resized_to_any(4 * side as usize, 2 * side as usize));
     let stem = super::stem(&frame.name);
     // Valid poses have a rotation: they were chosen by that.
     let rotation = frame.pose.rotation().unwrap_or_default();
