@@ -9,6 +9,10 @@
 //! Values are `byte / 255` in f64 and sums are taken in a fixed order, so that a score is the same
 //! on every machine and for every number of threads; for LPIPS see [`crate::lpips`].
 //!
+//! What a scene marks as no part of it does not count: the ground truth stands there in both images of a
+//! [`ViewPair`], for windows and networks that reach over it, and means are over the other pixels (LPIPS is
+//! divided by their share, temporal LPIPS is not).
+//!
 //! A metric is given a [`Sample`], everything that is known of a view, declares what it needs of
 //! it ([`Need`]), and may be [`Undefined`] for a view.
 
