@@ -100,18 +100,7 @@ fn load_mask(
     expected: [usize; 2],
     camera: Camera,
 ) -> Result<Vec<u8>, ReconstructError> {
-    let file = ImageFile::open(path)?;
-    let [width, height] = file.size();
-    if [width, height] != expected {
-        return Err(ReconstructError::scene(
-            path,
-            format!(
-                "is {width}x{height}, the images that it masks are {}x{}",
-                expected[0], expected[1]
-            ),
-        ));
-    }
-    let mask = Mask::decode(file)?;
+    let mask = read_mask(path, expected)?;
     let grey: Vec<u8> = mask.data.iter().flat_map(|&value| [value; 3]).collect();
     let resized = RgbImage::from_rgb8(mask.width, mask.height, &grey)
         .resized_by_area(camera.width() as usize, camera.height() as usize);
@@ -125,7 +114,7 @@ fn load_ignore_mask(
     expected: [usize; 2],
     camera: Camera,
 ) -> Result<Vec<u8>, ReconstructError> {
-    let mask = Mask::decode(ImageFile::open(path)?.expect_size(expected)?)?;
+    let mask = read_mask(path, expected)?;
     let [width, height] = camera.size();
     let ignored = mask.resized_to_any(width, height).data;
     if ignored.iter().all(|&mark| mark != 0) {
@@ -133,6 +122,18 @@ fn load_ignore_mask(
         return Err(ReconstructError::scene(path, reason));
     }
     Ok(ignored)
+}
+
+fn read_mask(path: &Path, [width, height]: [usize; 2]) -> Result<Mask, ReconstructError> {
+    let file = ImageFile::open(path)?;
+    let [found_width, found_height] = file.size();
+    if [found_width, found_height] == [width, height] {
+        return Ok(Mask::decode(file)?);
+    }
+    Err(ReconstructError::scene(
+        path,
+        format!("is {found_width}x{found_height}, the images that it masks are {width}x{height}"),
+    ))
 }
 
 /// A mask of what moves, or of an object, without what is ignored.

@@ -1,9 +1,9 @@
 //! Losses of dynamic scenes beside the photometric one of [`crate::losses::photometric`]; each adds its
 //! gradient, times its weight, to what it is given and returns its unweighted value.
 //!
-//! Means are over the pixels that count ([`Counted`]). Feature maps `F` are composited over 0; where PVG divides them by the
-//! accumulated opacity `A = 1 - T` (eps 1e-5), `A` counts as a constant: a gradient through it would
-//! pay for more opacity, not for less velocity.
+//! Means are over the pixels that count ([`Counted`]). Feature maps `F` are composited over 0; where PVG
+//! divides them by the accumulated opacity `A = 1 - T` (eps 1e-5), `A` counts as a constant: a gradient
+//! through it would pay for more opacity, not for less velocity.
 
 pub(crate) mod gpu;
 

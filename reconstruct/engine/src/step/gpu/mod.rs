@@ -245,7 +245,11 @@ impl<'a> GpuStepper<'a> {
         let (view, counted) = (&self.inputs.views[number], self.targets[number].1);
         let exposure = self.settings.exposure.as_ref();
         let gain = exposure.map_or([1.0; 3], |exposure| exposure.gain(view.view.time_seconds));
-        self.kernels.loss.set_view(gpu, gain, counted);
+        // Where all views are alike nothing has to be written before each step.
+        let ignore_something = self.inputs.views.iter().any(|view| view.ignored.is_some());
+        if exposure.is_some() || ignore_something {
+            self.kernels.loss.set_view(gpu, gain, counted);
+        }
         self.kernels.dynamic.as_ref().is_some_and(|dynamic| {
             dynamic.set(gpu, view.mask.is_some(), (gain, counted));
             dynamic.draws_alone(view.mask.is_some(), schedule)
