@@ -45,6 +45,8 @@ pub struct Draft<'a> {
 pub(crate) struct Seeding {
     pub(crate) clock: Clock,
     pub(crate) velocity: SeedVelocity,
+    /// First lifespan of a seed, frames.
+    pub(crate) lifespan_frames: f32,
 }
 
 /// Whether a method has a use for the evidence of motion.

@@ -1,11 +1,10 @@
 //! Component: dynamic Gaussians begin on the masked pixels.
 
 use crate::{
-    components::{Component, Decision, Draft, Turn},
+    components::{Component, Decision, Draft, Turn, draft::Seeding},
     evidence::SceneEvidence,
     seeds::masks::{SeedSettings, mask_seeds},
 };
-use omnilife_engine::clock::Clock;
 
 /// Its name.
 pub const ID: &str = "mask-seeds";
@@ -23,9 +22,9 @@ pub(crate) const COMPONENT: Component = Component {
     apply,
 };
 
-/// First lifespan of a seed: four tenths of PVG's cycle of 10 frames, well below the staticness from
-/// which Gaussians count as static, but alive for some frames.
-const LIFESPAN_FRAMES: f32 = 4.0;
+/// First lifespan of a seed, where a method has no reason for another one: four tenths of PVG's cycle of 10
+/// frames, well below the staticness from which Gaussians count as static, but alive for some frames.
+pub(crate) const LIFESPAN_FRAMES: f32 = 4.0;
 /// Seeds take at most this share of all Gaussians: what they take, the static region goes without.
 const LARGEST_SHARE: f64 = 0.125;
 /// A seed is seen while it has a quarter of its opacity: for this many of its lifespans,
@@ -46,11 +45,11 @@ fn apply(draft: &mut Draft<'_>) {
         return;
     };
     let coverage = draft.evidence.masks.coverage.unwrap_or(0.0);
-    let share = share(coverage, &seeding.clock);
+    let share = share(coverage, &seeding);
     let room = draft.settings.densify.maximum_gaussians as f64 * share;
     let settings = SeedSettings {
         clock: seeding.clock,
-        lifespan_frames: LIFESPAN_FRAMES,
+        lifespan_frames: seeding.lifespan_frames,
         velocity: seeding.velocity,
         exposure: draft.settings.exposure.as_ref(),
         maximum: room.ceil() as usize,
@@ -60,24 +59,32 @@ fn apply(draft: &mut Draft<'_>) {
 
 /// The share of all Gaussians with which the masked region is as dense as the others at any time:
 /// its share of the sphere, times the number of sets that follow each other in the clip.
-fn share(coverage: f64, clock: &Clock) -> f64 {
-    let sets = (clock.duration_frames / (SEEN_LIFESPANS * LIFESPAN_FRAMES)).max(1.0);
+fn share(coverage: f64, seeding: &Seeding) -> f64 {
+    let seen_frames = SEEN_LIFESPANS * seeding.lifespan_frames;
+    let sets = (seeding.clock.duration_frames / seen_frames).max(1.0);
     (coverage * f64::from(sets)).min(LARGEST_SHARE)
 }
 
 #[cfg(test)]
 mod tests {
+    use omnilife_engine::clock::Clock;
+
     use super::*;
+    use crate::seeds::masks::SeedVelocity;
 
     #[test]
     fn seeds_are_as_dense_as_the_rest() {
         let share = |coverage, duration_frames| {
-            let clock = Clock {
-                origin_seconds: 0.0,
-                frame_seconds: 0.1,
-                duration_frames,
+            let seeding = Seeding {
+                clock: Clock {
+                    origin_seconds: 0.0,
+                    frame_seconds: 0.1,
+                    duration_frames,
+                },
+                velocity: SeedVelocity::None,
+                lifespan_frames: LIFESPAN_FRAMES,
             };
-            share(coverage, &clock)
+            share(coverage, &seeding)
         };
         // Five sets of one in a hundred; one set that lives longer than the clip; a limit.
         for (found, expected) in [

@@ -6,7 +6,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 use crate::{
-    components::{Decision, Draft, draft::Seeding},
+    components::{Decision, Draft, draft::Seeding, mask_seeds},
     error::ReconstructError,
     methods::PreparedGaussians,
     scene::TrainingScene,
@@ -170,11 +170,20 @@ pub(super) fn missing_time(draft: &Draft<'_>) -> Option<&'static str> {
     (!depends).then_some("time")
 }
 
-/// Lets the component of mask seeds begin with these velocities, where Gaussians have lives: seeds
-/// without an end would stay for the whole clip.
-pub(super) fn allow_seeds(draft: &mut Draft<'_>, clock: Clock, velocity: SeedVelocity) {
+/// Lets the component of mask seeds begin so, where Gaussians have lives: seeds without an end would stay
+/// for the whole clip.
+pub(super) fn allow_seeds(draft: &mut Draft<'_>, seeding: Seeding) {
     let fades = draft.is_used(TEMPORAL_OPACITY);
-    draft.seeding = fades.then_some(Seeding { clock, velocity });
+    draft.seeding = fades.then_some(seeding);
+}
+
+/// Seeds at rest, as the published methods have them.
+pub(super) fn resting_seeds(clock: Clock) -> Seeding {
+    Seeding {
+        clock,
+        velocity: SeedVelocity::None,
+        lifespan_frames: mask_seeds::LIFESPAN_FRAMES,
+    }
 }
 
 /// A model whose settings and components are decided. Where nothing depends on time it is a static

@@ -20,7 +20,6 @@ use crate::{
     options,
     request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::TrainingScene,
-    seeds::masks::SeedVelocity,
 };
 use omnilife_engine::{
     clock::Clock,
@@ -95,11 +94,11 @@ const DECOMPOSITION: Decomposition = Decomposition {
 /// 0.2), with the staticness `rho = beta / l`: the paper's `beta / tau` is singular at `tau = 0` and
 /// changes with the origin of time.
 const DYNAMIC_BELOW_STATICNESS: f32 = 1.0;
-/// Staticness of scene points at first, at least.
-const LEAST_FIRST_STATICNESS: f32 = 1.5 * DYNAMIC_BELOW_STATICNESS;
+/// First lifespan of scene points over the one below which Gaussians are dynamic, at least.
+const FIRST_OVER_DYNAMIC_LIFESPAN: f32 = 1.5;
 /// `lambda_dyn`: the dynamic region is small; more than the photometric loss pulls the dynamic
 /// Gaussians away from the image that both make.
-const DYNAMIC_WEIGHT: f32 = 0.1;
+pub(super) const DYNAMIC_WEIGHT: f32 = 0.1;
 /// `lambda_d`, as `lambda` of 3DGS.
 const DYNAMIC_SSIM_WEIGHT: f32 = 0.2;
 /// `lambda_v`, as PVG on Waymo.
@@ -121,12 +120,13 @@ fn prepare(
     let of_pvg = Decision::new(true, "as PVG; the paper has no density control");
     let of_pvg = of_pvg.unless(dynamic::missing_time(&draft));
     let splits = draft.decide(TEMPORAL_DENSITY, of_pvg);
-    dynamic::allow_seeds(&mut draft, clock, SeedVelocity::None);
+    dynamic::allow_seeds(&mut draft, dynamic::resting_seeds(clock));
     draft.add_components();
     let mut dynamics = dynamics(&draft, clock);
     dynamics.density = splits.then(|| dynamic::temporal_density(&draft.settings));
+    let lifespan = first_lifespan(&clock, &dynamics);
     draft.settings.dynamics = Some(dynamics);
-    let beginning = Beginning::of(&mut draft, &clock, first_lifespan(&clock));
+    let beginning = Beginning::of(&mut draft, &clock, lifespan);
     dynamic::prepared(draft, &beginning)
 }
 
@@ -201,8 +201,9 @@ pub(super) fn dynamics(draft: &Draft<'_>, clock: Clock) -> DynamicSettings {
 }
 
 /// First lifespan of Gaussians at scene points, frames.
-pub(super) fn first_lifespan(clock: &Clock) -> f32 {
+pub(super) fn first_lifespan(clock: &Clock, dynamics: &DynamicSettings) -> f32 {
     // In a short clip too, points begin static: masks show what is dynamic.
-    let least = LEAST_FIRST_STATICNESS * CYCLE_FRAMES;
+    let dynamic_below_frames = dynamics.dynamic_below_staticness * dynamics.time.cycle_frames;
+    let least = FIRST_OVER_DYNAMIC_LIFESPAN * dynamic_below_frames;
     dynamic::first_lifespan(clock, dynamic::FIRST_LIFESPAN_SHARE).max(least)
 }

@@ -21,7 +21,6 @@ use crate::{
     options,
     request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::TrainingScene,
-    seeds::masks::SeedVelocity,
 };
 use omnilife_engine::{
     clock::Clock,
@@ -119,7 +118,7 @@ fn prepare(
         draft.settings.densify.gradient_threshold = Threshold::constant(GRADIENT_THRESHOLD);
     }
     decide(&mut draft);
-    dynamic::allow_seeds(&mut draft, clock, SeedVelocity::None);
+    dynamic::allow_seeds(&mut draft, dynamic::resting_seeds(clock));
     draft.add_components();
     let lifespan = dynamic::first_lifespan(&clock, dynamic::FIRST_LIFESPAN_SHARE);
     let beginning = Beginning::of(&mut draft, &clock, lifespan);

@@ -237,6 +237,16 @@ impl TrainingScene {
         Ok(Clock::from_times(&times))
     }
 
+    /// Frames from an input view to the next one: half of the time between the first and the last lies in
+    /// gaps of at least this length. 1 where there is no gap.
+    pub fn input_gap_frames(&self, clock: &Clock) -> f32 {
+        let frames = self
+            .input_views
+            .iter()
+            .map(|view| clock.frame(view.view.time_seconds));
+        gap_of_half_the_time(frames.collect()).unwrap_or(1.0) as f32
+    }
+
     /// What a reader of scores should know where tracks were made with views that are held out.
     pub(crate) fn held_out_tracks(&self) -> Option<String> {
         let tracks = self.tracks.as_ref()?;
@@ -370,4 +380,38 @@ fn read_tracks(scene: &Scene, split_path: &Path) -> Result<Option<Tracks>, Recon
         }
     }
     Ok(Some(tracks))
+}
+
+/// The longest gap between moments such that half of the time between the first and the last lies in gaps
+/// of at least this length.
+fn gap_of_half_the_time(mut moments: Vec<f64>) -> Option<f64> {
+    moments.sort_by(f64::total_cmp);
+    let mut gaps: Vec<f64> = moments.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    gaps.sort_by(|a, b| b.total_cmp(a));
+    let half = 0.5 * gaps.iter().sum::<f64>();
+    let mut covered = 0.0;
+    gaps.into_iter().find(|gap| {
+        covered += gap;
+        covered >= half
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_gap_is_that_in_which_half_of_the_time_lies() {
+        for (frames, expected) in [
+            // Every fifth frame is left out; the first and the last of ten are given; one long hole alone.
+            (&[0, 1, 2, 3, 5, 6, 7, 8, 10][..], Some(1.0)),
+            (&[20, 0, 9, 10, 19], Some(9.0)),
+            (&[0, 1, 2, 3, 4, 5, 6, 7, 8, 13], Some(1.0)),
+            (&[3], None),
+            (&[], None),
+        ] {
+            let moments = frames.iter().map(|&frame| f64::from(frame)).collect();
+            assert_eq!(gap_of_half_the_time(moments), expected, "{frames:?}");
+        }
+    }
 }

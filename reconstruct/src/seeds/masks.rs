@@ -9,8 +9,9 @@
 //! connected component of a mask gets one distance, the 10th percentile of the points in it.
 //!
 //! Where asked for, seeds begin with a velocity: that of their component from the view before to the view
-//! after, across the line of sight. Components are the same where each is the other's nearest, within a few
-//! degrees, and of about the same size; along the line of sight nothing is known.
+//! after, or from or to its own where one of them does not show it, across the line of sight. Components
+//! are the same where each is the other's nearest, within a few degrees, and of about the same size; along
+//! the line of sight nothing is known.
 
 use std::f32::consts::PI;
 
@@ -172,8 +173,9 @@ pub fn mask_seeds(scene: &TrainingScene, settings: &SeedSettings<'_>) -> MaskSee
     seeds
 }
 
-/// The velocity of every component of every view, units per frame; zero where it is not found before and
-/// after.
+/// The velocity of every component of every view, units per frame: from where it is found in the view before to
+/// where it is in the view after; from or to where it is now, where one of them does not show it; zero where
+/// neither does.
 fn tracked_velocities(
     scene: &TrainingScene,
     clock: &Clock,
@@ -185,20 +187,31 @@ fn tracked_velocities(
         .iter()
         .map(|components| vec![Vec3::ZERO; components.len()])
         .collect();
-    for triple in order.windows(3) {
-        let [before, now, after] = [triple[0], triple[1], triple[2]];
-        let views = [before, after].map(|view| &scene.input_views[view].view);
-        let [begin, end] = views.map(|view| clock.frame(view.time_seconds));
+    for at in 0..order.len() {
+        let now = order[at];
+        let around = [at.checked_sub(1), Some(at + 1)]
+            .map(|place| place.and_then(|place| order.get(place)).copied());
         for (number, component) in components[now].iter().enumerate() {
-            let found = [before, after]
-                .map(|view| same_component(number, &components[now], &components[view]));
-            if let [Some(first), Some(last)] = found {
-                let [from, to] = [(views[0], first), (views[1], last)]
-                    .map(|(view, other)| view.centre + other.direction * component.distance);
-                let velocity = (to - from) / (end - begin) as f32;
-                let radial = component.direction * component.direction.dot(velocity);
-                velocities[now][number] = velocity - radial;
-            }
+            let found = around.map(|view| {
+                let view = view?;
+                let same = same_component(number, &components[now], &components[view])?;
+                Some((view, same))
+            });
+            let here = (now, component);
+            let ends = match found {
+                [Some(first), Some(last)] => [first, last],
+                [Some(first), None] => [first, here],
+                [None, Some(last)] => [here, last],
+                [None, None] => continue,
+            };
+            let [(from, begin), (to, end)] = ends.map(|(view, same)| {
+                let view = &scene.input_views[view].view;
+                let place = view.centre + same.direction * component.distance;
+                (place, clock.frame(view.time_seconds))
+            });
+            let velocity = (to - from) / (end - begin) as f32;
+            let radial = component.direction * component.direction.dot(velocity);
+            velocities[now][number] = velocity - radial;
         }
     }
     velocities
