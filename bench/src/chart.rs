@@ -35,7 +35,7 @@ macro_rules! mesh {
     };
 }
 macro_rules! lines {
-    ($chart:ident, $series:ident) => {
+    ($chart:ident, $series:ident, $legend:expr) => {
         for (index, series) in $series.iter().enumerate() {
             let colour = COLOURS[index % COLOURS.len()];
             $chart
@@ -59,6 +59,7 @@ macro_rules! lines {
         }
         $chart
             .configure_series_labels()
+            .position($legend)
             .background_style(WHITE.mix(0.8))
             .border_style(BLACK.mix(0.3))
             .label_font(("sans-serif", 13))
@@ -85,12 +86,15 @@ pub(crate) fn over_log_x(titles: &Titles<'_>, series: &[Series]) -> Result<Strin
     let (x, y) = ranges(series);
     let margin = (0.08 * (y.end - y.start)).max(0.25);
     draw(titles, series, |builder| {
-        let y = y.start - margin..y.end + margin;
+        let (x, y) = (decades(&x), y.start - margin..y.end + margin);
+        let legend = emptiest_corner(series, |point| {
+            [share_of_decades(point.0, &x), share(point.1, &y)]
+        });
         let mut chart = builder
-            .build_cartesian_2d(decades(&x).log_scale(), y)
+            .build_cartesian_2d(x.log_scale(), y)
             .map_err(|error| error.to_string())?;
         mesh!(chart, titles, |value: &f64| format!("{value:.1}"));
-        lines!(chart, series);
+        lines!(chart, series, legend);
         Ok(())
     })
 }
@@ -99,11 +103,15 @@ pub(crate) fn over_log_x(titles: &Titles<'_>, series: &[Series]) -> Result<Strin
 pub(crate) fn log_log(titles: &Titles<'_>, series: &[Series]) -> Result<String, String> {
     let (x, y) = ranges(series);
     draw(titles, series, |builder| {
+        let (x, y) = (decades(&x), decades(&y));
+        let legend = emptiest_corner(series, |point| {
+            [share_of_decades(point.0, &x), share_of_decades(point.1, &y)]
+        });
         let mut chart = builder
-            .build_cartesian_2d(decades(&x).log_scale(), decades(&y).log_scale())
+            .build_cartesian_2d(x.log_scale(), y.log_scale())
             .map_err(|error| error.to_string())?;
         mesh!(chart, titles, |value: &f64| format!("{value:.0e}"));
-        lines!(chart, series);
+        lines!(chart, series, legend);
         Ok(())
     })
 }
@@ -147,6 +155,49 @@ fn ranges(series: &[Series]) -> (Range<f64>, Range<f64>) {
     )
 }
 
+/// Share of a chart's width and of its height that a legend may take.
+const LEGEND_SHARE: [f64; 2] = [0.45, 0.35];
+
+/// The corner in which a legend hides the fewest points; `place` gives a point's shares of the chart's width, from
+/// the left, and of its height, from below.
+fn emptiest_corner(
+    series: &[Series],
+    place: impl Fn((f64, f64)) -> [f64; 2],
+) -> SeriesLabelPosition {
+    use SeriesLabelPosition::{LowerLeft, LowerRight, UpperLeft, UpperRight};
+    let places: Vec<[f64; 2]> = series
+        .iter()
+        .flat_map(|series| series.points.iter().map(|&point| place(point)))
+        .collect();
+    let hidden = |is_right: bool, is_upper: bool| {
+        let from = |share: f64, is_far: bool| if is_far { 1.0 - share } else { share };
+        let is_hidden = |&&[x, y]: &&[f64; 2]| {
+            from(x, is_right) < LEGEND_SHARE[0] && from(y, is_upper) < LEGEND_SHARE[1]
+        };
+        places.iter().filter(is_hidden).count()
+    };
+    // Of equally empty ones the first.
+    let mut corners = [
+        (hidden(true, false), LowerRight),
+        (hidden(false, true), UpperLeft),
+        (hidden(true, true), UpperRight),
+        (hidden(false, false), LowerLeft),
+    ];
+    corners.sort_by_key(|&(hidden, _)| hidden);
+    let [(_, corner), ..] = corners;
+    corner
+}
+
+/// Where a value lies in a range, 0 at its begin and 1 at its end.
+fn share(value: f64, range: &Range<f64>) -> f64 {
+    (value - range.start) / (range.end - range.start)
+}
+
+/// The same on a logarithmic axis.
+fn share_of_decades(value: f64, range: &Range<f64>) -> f64 {
+    share(value.log10(), &(range.start.log10()..range.end.log10()))
+}
+
 /// Whole decades around a range of positive numbers.
 fn decades(range: &Range<f64>) -> Range<f64> {
     let low = 10_f64.powf(range.start.log10().floor());
@@ -164,5 +215,37 @@ fn short(value: f64) -> String {
         format!("{value}")
     } else {
         format!("{value:.0e}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_legend_lies_where_no_point_is() {
+        let corner = |points: &[(f64, f64)]| {
+            let series = [Series {
+                name: "a".to_owned(),
+                points: points.to_vec(),
+            }];
+            emptiest_corner(&series, |(x, y)| [x, y])
+        };
+        assert_eq!(corner(&[(0.5, 0.5)]), SeriesLabelPosition::LowerRight);
+        assert_eq!(
+            corner(&[(0.9, 0.1), (0.9, 0.9)]),
+            SeriesLabelPosition::UpperLeft
+        );
+        assert_eq!(
+            corner(&[(0.9, 0.1), (0.1, 0.9)]),
+            SeriesLabelPosition::UpperRight
+        );
+        assert_eq!(
+            corner(&[(0.9, 0.1), (0.1, 0.9), (0.9, 0.8)]),
+            SeriesLabelPosition::LowerLeft
+        );
+        let decades = 10.0..1000.0;
+        assert!((share_of_decades(100.0, &decades) - 0.5).abs() < 1e-12);
+        assert_eq!(share(30.0, &(20.0..40.0)), 0.5);
     }
 }
