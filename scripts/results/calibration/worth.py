@@ -5,8 +5,8 @@
 
 OUT is a folder that measure.py has filled. Every clip is trained with `omni4dgs-plus` as a static method and
 with all that moves, and glossy ones with harmonics and without; novel views as written to PNG files are compared
-with the frames. Prints one row per clip, and how often plans use parameters of time where they are worth it; runs that are there are not made again. Needs $OMNILIFE, the program,
-and a Python with NumPy and Pillow.
+with the frames. Prints one row per clip, and how often plans use parameters of time where they are worth it; runs
+that are there are not made again. Needs $OMNILIFE, the program, and a Python with NumPy and Pillow.
 """
 
 import argparse
