@@ -169,10 +169,11 @@ pub fn scene_extent(scene: &TrainingScene) -> f32 {
     scene.median_point_distance().max(CAMERA_EXTENT)
 }
 
-/// The most Gaussians for a scene; never fewer than its points.
+/// The most Gaussians for a scene; never fewer than its points. Points that were added do not count, so that
+/// methods are compared under one limit.
 pub(crate) fn default_maximum(scene: &TrainingScene) -> u64 {
     let pixels = f64::from(scene.camera.width()) * f64::from(scene.camera.height());
-    let points = (scene.points.len() + SKY_DIRECTIONS) as u64;
+    let points = (scene.points.len() - scene.added_points + SKY_DIRECTIONS) as u64;
     ((GAUSSIANS_PER_PIXEL * pixels) as u64).max(points)
 }
 

@@ -14,7 +14,7 @@ mod novel_views;
 mod trained;
 
 use glam::{Vec3, vec3};
-use omnilife_engine::camera::pose::PoseCorrection;
+use omnilife_engine::{camera::pose::PoseCorrection, gaussians::static_gaussians::OPACITY_LOGITS};
 use omnilife_reconstruct::{
     methods::{self, METHODS},
     options::Options,
@@ -80,6 +80,51 @@ fn odgs_takes_exposure_and_poses_one_by_one_and_together() {
     };
     assert!(exposure > none + 0.5 && poses > none + 0.5, "{scores:?}");
     assert!(both > exposure + 0.5 && both > poses + 0.5, "{scores:?}");
+}
+
+#[test]
+fn methods_with_one_seed_see_the_same_views_in_the_same_order() {
+    let scene = moving_ball::scene();
+    let views = scene.input_views.len() as u64;
+    // In the middle of the third epoch; `periodic` has drawn shifts in time by then, and children's places.
+    let state = |method: &str| {
+        let request = MethodRequest {
+            options: Options::at_most(1_500),
+            ..request(2 * views + views / 2)
+        };
+        let state = train(&scene, method, &request).training.state;
+        (state.queue, state.view_order)
+    };
+    let of_odgs = state("odgs");
+    assert!(!of_odgs.0.is_empty());
+    for method in ["periodic", "omni4dgs", "omni4dgs-plus"] {
+        assert_eq!(state(method), of_odgs, "{method}");
+    }
+}
+
+#[test]
+fn scene_points_begin_with_one_opacity_whatever_the_method() {
+    let scene = balls::scene();
+    for method in [
+        "odgs",
+        "periodic",
+        "deformable",
+        "omni4dgs",
+        "omni4dgs-plus",
+    ] {
+        let method = methods::find(method).unwrap();
+        let mut prepared = method
+            .prepare(&scene, &request(1), BackendChoice::Cpu)
+            .unwrap();
+        let model = prepared.learner.gaussians().unwrap().unwrap();
+        let opacities = model.parts.iter().flat_map(|part| {
+            let logits = &part.table.arrays[OPACITY_LOGITS].values;
+            logits.iter().map(|logit| 1.0 / (1.0 + (-logit).exp()))
+        });
+        let (at_points, _): (Vec<f32>, Vec<f32>) =
+            opacities.partition(|opacity| (opacity - 0.1).abs() < 1e-6);
+        assert_eq!(at_points.len(), scene.points.len(), "{}", method.id);
+    }
 }
 
 #[test]

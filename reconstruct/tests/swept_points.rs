@@ -1,5 +1,5 @@
-//! A scene with poses and without points: those of a sweep lie on its surfaces, and training on them ends
-//! as it does on points that were measured.
+//! A scene with poses and without points, or with points on a part of its surfaces: those of a sweep lie on
+//! the rest, and training on them ends as it does on points that were measured.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
 #[path = "support/novel_views.rs"]
@@ -9,11 +9,11 @@ mod painted_room;
 
 use glam::{DMat3, DQuat, DVec3, Vec3, dvec2, dvec3};
 use novel_views::novel_psnr;
-use omnilife_engine::{camera::View, training_view::TrainingView};
+use omnilife_engine::{camera::View, step::settings::TrainSettings, training_view::TrainingView};
 use omnilife_reconstruct::{
-    components::{Supported, swept_points},
+    components::{self, Supported, denser_points, swept_points},
     methods::{self, feed_forward::CameraPose},
-    request::MethodRequest,
+    request::{BackendChoice, MethodRequest},
     scene::TrainingScene,
     train::Session,
 };
@@ -79,6 +79,7 @@ fn walk() -> TrainingScene {
         objects: [].into(),
         tracks: None,
         points: PointCloud::default(),
+        added_points: 0,
         seen_for_points: None,
         depth_priors: Vec::new(),
         novel_depth_priors: Vec::new(),
@@ -109,7 +110,7 @@ fn completed(request: &MethodRequest) -> (TrainingScene, Option<ComponentDecisio
         optional: &[],
     };
     let mut scene = walk();
-    let decision = swept_points::complete(&mut scene, supported, request);
+    let decision = components::complete_points(&mut scene, supported, request);
     (scene, decision)
 }
 
@@ -180,10 +181,83 @@ fn they_can_be_left_out_and_need_parallax() {
         optional: &[],
     };
     let request = MethodRequest::new(ITERATIONS, 3);
-    let decision = swept_points::complete(&mut still, supported, &request).unwrap();
+    let decision = components::complete_points(&mut still, supported, &request).unwrap();
     assert!(still.points.is_empty() && !decision.used, "{decision:?}");
     assert!(
         decision.reason.contains("far enough apart"),
+        "{}",
+        decision.reason
+    );
+}
+
+/// The walk with measured points on one side of the room, and a method that can be asked to complete them.
+fn half_measured(with: &[&str]) -> (TrainingScene, Option<ComponentDecision>) {
+    let mut scene = walk();
+    let all = measured();
+    for (position, colour) in all.positions.iter().zip(&all.colours) {
+        if position[0] < 0.0 {
+            scene.points.positions.push(*position);
+            scene.points.colours.push(*colour);
+        }
+    }
+    let request = MethodRequest {
+        with: with.iter().map(|&name| name.to_owned()).collect(),
+        ..MethodRequest::new(ITERATIONS, 3)
+    };
+    let supported = Supported {
+        default: &[],
+        optional: &[denser_points::ID],
+    };
+    let decision = components::complete_points(&mut scene, supported, &request);
+    (scene, decision)
+}
+
+#[test]
+fn surfaces_without_points_get_some_where_that_is_asked_for() {
+    let (half, decision) = half_measured(&[]);
+    assert!(decision.is_none() && half.added_points == 0);
+    let (completed, decision) = half_measured(&[denser_points::ID]);
+    let reason = decision.unwrap().reason;
+    let given = half.points.len();
+    let added = &completed.points.positions[given..];
+    assert!(
+        added.len() > 300 && added.len() == completed.added_points,
+        "{reason}"
+    );
+    assert!(completed.points.positions[..given] == half.points.positions[..]);
+    let beside = added.iter().filter(|position| position[0] > 0.0).count();
+    assert!(beside * 10 > added.len() * 8, "{beside} of {reason}");
+    let [without, with] = [&half, &completed].map(psnr_after_training);
+    assert!(with > without + 1.0, "{without:.2} dB, {with:.2}: {reason}");
+}
+
+#[test]
+fn added_points_leave_the_limit_on_gaussians_where_it_was() {
+    let maximum = |scene: &TrainingScene| {
+        let odgs = methods::find("odgs").unwrap();
+        let request = MethodRequest::new(ITERATIONS, 3);
+        let prepared = odgs.prepare(scene, &request, BackendChoice::Cpu).unwrap();
+        let settings: TrainSettings = serde_json::from_value(prepared.configuration).unwrap();
+        settings.densify.maximum_gaussians
+    };
+    let [half, completed] = [&[][..], &[denser_points::ID]].map(|with| half_measured(with).0);
+    assert!(completed.points.len() > half.points.len());
+    assert_eq!(maximum(&completed), maximum(&half));
+}
+
+#[test]
+fn a_scene_whose_surfaces_have_points_gets_no_more() {
+    let mut scene = walk();
+    scene.points = completed(&MethodRequest::new(ITERATIONS, 3)).0.points;
+    let supported = Supported {
+        default: &[denser_points::ID],
+        optional: &[],
+    };
+    let before = scene.points.len();
+    let request = MethodRequest::new(ITERATIONS, 3);
+    let decision = components::complete_points(&mut scene, supported, &request).unwrap();
+    assert!(
+        !decision.used && scene.points.len() == before,
         "{}",
         decision.reason
     );

@@ -224,8 +224,8 @@ pub(crate) enum BenchCommand {
         #[arg(long)]
         out: PathBuf,
     },
-    /// Trains a method for dynamic scenes with all components and without one after the other, and
-    /// scores each: the rows of the ablation of Omni4DGS.
+    /// Trains a method with all components that it uses on a scene and without one after the other, and
+    /// scores each: the rows of an ablation.
     Ablate {
         /// The scene.json, or its folder.
         #[arg(value_parser = places::scene_file())]

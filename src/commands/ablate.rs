@@ -5,10 +5,18 @@
 use std::{path::Path, time::Instant};
 
 use omnilife_bench::split_scene;
-use omnilife_reconstruct::methods::{self, Method};
+use omnilife_reconstruct::{
+    jobs::plan_cost,
+    methods::{self, Method},
+};
 use omnilife_schemas::{
-    ErrorKind, layout::SPLIT_FILE, lock::FolderLock, progress::Progress, records::ResultRecord,
-    stage::StagePlan, store,
+    ErrorKind,
+    layout::SPLIT_FILE,
+    lock::FolderLock,
+    progress::Progress,
+    records::{ComponentDecision, ResultRecord},
+    stage::StagePlan,
+    store,
 };
 
 use super::pooled;
@@ -18,14 +26,6 @@ use crate::{
     plans::ablation,
 };
 
-/// The components that the ablation of Omni4DGS leaves out, one at a time (its Table 6).
-const ABLATED: &[&str] = &[
-    "temporal-opacity",
-    "temporal-motion",
-    "velocity-decomposition",
-    "dynamic-mask",
-    "motion-regularization",
-];
 /// The table, in the folder of the runs.
 const TABLE_FILE: &str = "ablation.md";
 
@@ -41,23 +41,23 @@ pub(crate) fn execute(
     progress: &dyn Progress,
 ) -> anyhow::Result<()> {
     let method = methods::find(&arguments.method)?;
-    let rows = rows(method);
-    if rows.len() == 1 {
-        return Err(BadRequest(format!(
-            "{} has none of the components {}",
-            method.id,
-            ABLATED.join(", ")
-        ))
-        .into());
-    }
     // What is wrong with the request should not be found out by every row.
-    method.check(&arguments.request(iterations)?, arguments.backend.into())?;
+    let asked = arguments.request(iterations)?;
+    method.check(&asked, arguments.backend.into())?;
     let _lock = FolderLock::take(out, progress)?;
     let begun = Instant::now();
     let summary = StagePlan::new(out, "ablation");
     summary.claim([TABLE_FILE])?;
     let split = out.join(SPLIT_FILE);
     split_scene(scene, protocol, &split)?;
+    let rows = rows(&plan_cost::decisions(scene, &split, method, &asked)?);
+    if rows.len() == 1 {
+        return Err(BadRequest(format!(
+            "{} uses no components on this scene that could be left out",
+            method.id
+        ))
+        .into());
+    }
     let request = ablation::AblationRequest {
         scene,
         split: &split,
@@ -66,7 +66,7 @@ pub(crate) fn execute(
         iterations,
         needs: pooled::needs(None)?,
     };
-    let units = rows.iter().map(|row| request.unit(method, *row));
+    let units = rows.iter().map(|row| request.unit(method, row.as_deref()));
     let units = units.collect::<anyhow::Result<_>>()?;
     let mut table = String::new();
     let mut failures = Vec::new();
@@ -113,11 +113,12 @@ fn as_result(failures: &[(String, String, ErrorKind)], rows: usize) -> anyhow::R
     .into())
 }
 
-/// Everything, then everything but one.
-fn rows(method: &Method) -> Vec<Option<&'static str>> {
-    let has = |name: &&&str| method.components.contains(*name);
-    let ablated = ABLATED.iter().filter(has).map(|&name| Some(name));
-    std::iter::once(None).chain(ablated).collect()
+/// Everything that is used, then everything but one of it.
+fn rows(decisions: &[ComponentDecision]) -> Vec<Option<String>> {
+    let used = decisions.iter().filter(|decision| decision.used);
+    std::iter::once(None)
+        .chain(used.map(|decision| Some(decision.component.clone())))
+        .collect()
 }
 
 fn header(method: &Method, result: &ResultRecord) -> String {
@@ -157,10 +158,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_methods_with_temporal_components_are_ablated() {
-        let count = |id: &str| methods::find(id).map(|method| rows(method).len()).ok();
-        assert_eq!(count("odgs"), Some(1));
-        assert_eq!(count("periodic"), Some(3));
-        assert_eq!(count("omni4dgs"), Some(6));
+    fn what_a_plan_uses_is_left_out_one_at_a_time() {
+        let decision = |component: &str, used| ComponentDecision {
+            component: component.to_owned(),
+            used,
+            reason: String::new(),
+        };
+        let plan = [
+            decision("sky-shell", true),
+            decision("opacity-reset", false),
+            decision("temporal-motion", true),
+        ];
+        let expected = [None, Some("sky-shell"), Some("temporal-motion")];
+        assert_eq!(rows(&plan), expected.map(|name| name.map(str::to_owned)));
+        assert_eq!(rows(&plan[1..2]), [None]);
     }
 }

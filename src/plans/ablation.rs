@@ -39,6 +39,7 @@ impl AblationRequest<'_> {
     /// When a path is not UTF-8, or the options are not understood.
     pub(crate) fn unit(&self, method: &Method, without: Option<&str>) -> anyhow::Result<SweepUnit> {
         let mut row = self.arguments.clone();
+        row.with.retain(|name| Some(name.as_str()) != without);
         row.without.extend(without.map(str::to_owned));
         let name = Variant::of(method, &row.request(self.iterations)?).to_string();
         let folder = absolute(&self.out.join(&name))?;

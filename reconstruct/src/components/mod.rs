@@ -5,11 +5,13 @@
 //! settings, or its first Gaussians. Every method names the components that it has by itself and those
 //! that it can be asked for ([`Supported`]).
 //!
-//! One goes before all others, because they look at what it gives: [`swept_points`].
+//! Two go before all others, because these look at the points that they give: [`swept_points`] where a scene
+//! has none, [`denser_points`] where it has some ([`complete_points`]).
 //!
 //! To add one: its file, a line in [`COMPONENTS`], and its id in the lists of the methods that can have it.
 
 mod decision;
+pub mod denser_points;
 pub(crate) mod draft;
 pub mod dropout;
 pub mod exposure_compensation;
@@ -24,9 +26,12 @@ pub mod view_dependent_colour;
 pub use decision::Decision;
 pub use draft::Draft;
 
+use omnilife_schemas::records::ComponentDecision;
+
 use crate::{
     evidence::{SceneEvidence, masks::MaskEvidence},
     request::MethodRequest,
+    scene::TrainingScene,
 };
 
 /// A part of a run that any method may have.
@@ -86,7 +91,21 @@ pub const OF_ANY_METHOD: &[&str] = &[
     pose_refinement::ID,
     short_schedule::ID,
     dropout::ID,
+    denser_points::ID,
 ];
+
+/// Gives a scene the points that it lacks, as far as a method and a request have components for that.
+pub fn complete_points(
+    scene: &mut TrainingScene,
+    supported: Supported,
+    request: &MethodRequest,
+) -> Option<ComponentDecision> {
+    if scene.points.is_empty() {
+        swept_points::complete(scene, supported, request)
+    } else {
+        denser_points::complete(scene, supported, request)
+    }
+}
 
 #[cfg(test)]
 mod tests {
@@ -105,7 +124,8 @@ mod tests {
         let after = turns.skip_while(|turn| *turn == Turn::BeforePoints);
         assert!(after.into_iter().all(|turn| turn == Turn::AfterPoints));
         for id in OF_ANY_METHOD {
-            assert!(COMPONENTS.iter().any(|component| component.id == *id));
+            let is_known = COMPONENTS.iter().any(|component| component.id == *id);
+            assert!(is_known || *id == denser_points::ID);
         }
     }
 }

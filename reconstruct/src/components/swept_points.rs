@@ -17,14 +17,14 @@ pub const ID: &str = "swept-points";
 /// Without a limit the number of Gaussians grows with that of the points, as where points are given.
 const SHARE: f64 = 0.5;
 
-/// Gives a scene without points those that a spherical sweep between its input views finds, where a
-/// method has this component. `None` where there is nothing to decide.
+/// Gives a scene, which has no points, those that a spherical sweep between its input views finds, where a
+/// method has this component. `None` where it has not.
 pub fn complete(
     scene: &mut TrainingScene,
     supported: Supported,
     request: &MethodRequest,
 ) -> Option<ComponentDecision> {
-    if !scene.points.is_empty() || !supported.has(ID, request) {
+    if !supported.has(ID, request) {
         return None;
     }
     let wanted = Decision::new(true, "the scene has no points").resolved(ID, request);

@@ -9,13 +9,18 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::evidence::flat_surfaces::{DirectionFit, FlatSurfaces, LEAST_SAMPLES};
+use crate::evidence::flat_surfaces::{DirectionFit, FlatSurfaces, Observation};
 
 /// Colours that are farther from what the direction predicts, levels of 1, are something that passes.
 const LARGEST_DEVIATION: f32 = 0.1;
 /// Change that lasts from one view to the next from which points everywhere keep their time, root mean square,
 /// levels of 1 (docs/results/evidence.md).
-const LEAST_CHANGE: f64 = 0.0055;
+const LEAST_CHANGE: f64 = 0.008;
+/// Standard errors by which the covariance has to lie below that of [`LEAST_CHANGE`] to say that light is the
+/// same everywhere: one clip in 160 by chance.
+const STANDARD_ERRORS: f64 = 2.5;
+/// Surfaces from which on their spread tells the standard error of their mean.
+const LEAST_SURFACES: usize = 10;
 
 /// What was found.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
@@ -24,61 +29,93 @@ pub struct ChangingLight {
     pub samples: usize,
     /// Square root of the covariance of neighbours in time, levels of 1; 0 where it is negative.
     pub change: f64,
+    /// Most change that the samples allow, levels of 1: [`STANDARD_ERRORS`] above. `None` where too few surfaces
+    /// are seen to have a spread.
+    pub largest_change: Option<f64>,
 }
 
 impl ChangingLight {
     /// Evidence from the colours of flat surfaces.
     pub(super) fn of(flat: &FlatSurfaces) -> Self {
-        let (mut samples, mut products) = (0, 0.0);
-        for views in &flat.surfaces {
-            let fit = DirectionFit::of(views.iter(), flat.noise);
-            let mut deviations: Vec<[f32; 3]> = views
-                .iter()
-                .map(|seen| {
-                    let predicted = fit.at(seen.direction);
-                    [0, 1, 2].map(|channel| {
-                        let deviation = seen.colour[channel] - predicted[channel];
-                        deviation.clamp(-LARGEST_DEVIATION, LARGEST_DEVIATION)
-                    })
-                })
-                .collect();
-            let count = deviations.len().max(1) as f32;
-            let mean = [0, 1, 2].map(|channel| {
-                let sum: f32 = deviations.iter().map(|deviation| deviation[channel]).sum();
-                sum / count
-            });
-            for deviation in &mut deviations {
-                *deviation = [0, 1, 2].map(|channel| deviation[channel] - mean[channel]);
-            }
-            for pair in deviations.windows(2) {
-                samples += 3;
-                let product = |channel: usize| f64::from(pair[0][channel] * pair[1][channel]);
-                products += [0, 1, 2].map(product).iter().sum::<f64>();
-            }
-        }
+        let products: Vec<Products> = flat
+            .surfaces
+            .iter()
+            .map(|views| Products::of(views, flat.noise))
+            .collect();
+        let samples: usize = products.iter().map(|of_one| of_one.samples).sum();
+        let sum: f64 = products.iter().map(|of_one| of_one.sum).sum();
+        let covariance = sum / samples.max(1) as f64;
+        // Views and channels of one surface depend on each other: surfaces are what is drawn.
+        let squares = products.iter().map(|of_one| {
+            let expected = covariance * of_one.samples as f64;
+            (of_one.sum - expected).powi(2)
+        });
+        let standard_error = squares.sum::<f64>().sqrt() / samples.max(1) as f64;
+        let largest = covariance + STANDARD_ERRORS * standard_error;
         Self {
             samples,
-            change: (products.max(0.0) / samples.max(1) as f64).sqrt(),
+            change: covariance.max(0.0).sqrt(),
+            largest_change: (products.len() >= LEAST_SURFACES).then(|| largest.max(0.0).sqrt()),
         }
     }
 
     /// Whether points everywhere may need parameters of time. Where too little is seen to tell, they may.
     pub fn is_everywhere(&self) -> bool {
-        self.samples < LEAST_SAMPLES || self.change >= LEAST_CHANGE
+        self.largest_change
+            .is_none_or(|largest| largest >= LEAST_CHANGE)
+    }
+}
+
+/// Products of deviations in neighbouring views of one surface: on average 0 where nothing but noise differs.
+struct Products {
+    samples: usize,
+    sum: f64,
+}
+
+impl Products {
+    /// Deviations are from what directions predict; `noise`: variance of a colour.
+    fn of(views: &[Observation], noise: f32) -> Self {
+        let fit = DirectionFit::of(views.iter(), noise);
+        let deviations: Vec<[f32; 3]> = views
+            .iter()
+            .map(|seen| {
+                let predicted = fit.at(seen.direction);
+                [0, 1, 2].map(|channel| {
+                    let deviation = seen.colour[channel] - predicted[channel];
+                    deviation.clamp(-LARGEST_DEVIATION, LARGEST_DEVIATION)
+                })
+            })
+            .collect();
+        let leverage =
+            |of: usize, with: usize| fit.leverage(views[of].direction, views[with].direction);
+        // What the fit takes from each view makes neighbours of pure noise differ: E[d_i d_j] = -H_ij * variance.
+        let taken: f32 = (1..views.len()).map(|of| leverage(of - 1, of)).sum();
+        let left = views.len() as f32 - (0..views.len()).map(|of| leverage(of, of)).sum::<f32>();
+        let (mut samples, mut sum) = (0, 0.0);
+        for channel in 0..3 {
+            let own = |of: &[f32; 3]| f64::from(of[channel]);
+            let squares: f64 = deviations.iter().map(|of| own(of).powi(2)).sum();
+            let neighbours = deviations.windows(2);
+            let products: f64 = neighbours.map(|pair| own(&pair[0]) * own(&pair[1])).sum();
+            samples += deviations.len().saturating_sub(1);
+            sum += products + f64::from(taken) * squares / f64::from(left.max(1.0));
+        }
+        Self { samples, sum }
     }
 }
 
 impl fmt::Display for ChangingLight {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.samples < LEAST_SAMPLES {
+        let Some(largest) = self.largest_change else {
             return out.write_str(
                 "too few flat surfaces are seen by enough views to tell whether light changes",
             );
-        }
+        };
         write!(
             out,
             "at {} samples of flat surfaces changes last from one view to the next that neither whole \
-             views nor directions explain, {:.4}, root mean square in levels of 1 (limit {LEAST_CHANGE})",
+             views nor directions explain, {:.4}, at most {largest:.4}, root mean square in levels of 1 \
+             (limit {LEAST_CHANGE})",
             self.samples, self.change
         )
     }
@@ -89,7 +126,6 @@ mod tests {
     use glam::Vec3;
 
     use super::*;
-    use crate::evidence::flat_surfaces::Observation;
 
     /// Surfaces beside a path of 20 cameras with noise of 0.01, and light of their own over time.
     fn surfaces(light: impl Fn(usize, usize) -> f32) -> FlatSurfaces {
@@ -128,6 +164,26 @@ mod tests {
             caustics.change > 0.02 && caustics.is_everywhere(),
             "{caustics}"
         );
+    }
+
+    /// A fit to six or eight views takes so much of their noise that what is left of neighbours differs.
+    #[test]
+    fn noise_in_few_views_is_neither_change_nor_the_opposite() {
+        let few = |views: usize, light: f32| {
+            let mut all =
+                surfaces(|surface, view| light * (0.9 * view as f32 + surface as f32).sin())
+                    .surfaces;
+            for of_one in &mut all {
+                of_one.truncate(views);
+            }
+            ChangingLight::of(&FlatSurfaces::of(all))
+        };
+        for views in [6, 8, 20] {
+            let noise = few(views, 0.0);
+            assert!(!noise.is_everywhere() && noise.change < 0.003, "{noise}");
+            let lit = few(views, 0.04);
+            assert!(lit.change > 0.015, "{lit}");
+        }
     }
 
     #[test]

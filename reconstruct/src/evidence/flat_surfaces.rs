@@ -139,6 +139,10 @@ pub(super) struct DirectionFit {
     /// The mean.
     pub(super) colour: [f32; 3],
     slopes: [Vec3; 3],
+    /// Number of observations, at least 1.
+    count: f32,
+    /// Of the squares of the directions, prior included.
+    inverse: Mat3,
 }
 
 impl DirectionFit {
@@ -162,13 +166,26 @@ impl DirectionFit {
             }
         }
         let inverse = squares.inverse();
-        let slopes = products.map(|product| inverse * product);
+        // Where neither directions nor noise leave anything to divide by.
+        let inverse = if inverse.is_finite() {
+            inverse
+        } else {
+            Mat3::ZERO
+        };
         Self {
             direction,
             colour,
-            // Where neither directions nor noise leave anything to divide by.
-            slopes: slopes.map(|slope| if slope.is_finite() { slope } else { Vec3::ZERO }),
+            slopes: products.map(|product| inverse * product),
+            count,
+            inverse,
         }
+    }
+
+    /// What the fit's prediction in one direction takes over from the colour observed in another: an element of
+    /// its hat matrix.
+    pub(super) fn leverage(&self, predicted: Vec3, observed: Vec3) -> f32 {
+        let [predicted, observed] = [predicted, observed].map(|one| one - self.direction);
+        1.0 / self.count + predicted.dot(self.inverse * observed)
     }
 
     pub(super) fn at(&self, direction: Vec3) -> [f32; 3] {

@@ -9,10 +9,10 @@ use std::path::Path;
 use omnilife_schemas::records::ComponentDecision;
 
 use crate::{
-    components::swept_points,
+    components,
     error::ReconstructError,
     learner::ModelSize,
-    methods,
+    methods::{self, Method},
     request::{BackendChoice, MethodRequest, PlanChoice},
     scene::TrainingScene,
     train::timing,
@@ -45,6 +45,22 @@ pub struct PlanCost {
 /// Steps of each model that are timed.
 const TIMED_STEPS: usize = 9;
 
+/// Decides a method's components on a scene.
+///
+/// # Errors
+/// When the scene cannot be loaded, or the request makes no sense for the method.
+pub fn decisions(
+    scene: &Path,
+    split: &Path,
+    method: &Method,
+    request: &MethodRequest,
+) -> Result<Vec<ComponentDecision>, ReconstructError> {
+    let mut scene = TrainingScene::load(scene, split)?;
+    let points = components::complete_points(&mut scene, method.supported(), request);
+    let prepared = method.prepare(&scene, request, BackendChoice::Cpu)?;
+    Ok(points.into_iter().chain(prepared.plan).collect())
+}
+
 /// Decides a method's components on a scene, and measures them against all of them.
 ///
 /// # Errors
@@ -58,7 +74,7 @@ pub fn plan(
     let method = methods::find(method)?;
     method.check(request, BackendChoice::Cpu)?;
     let mut scene = TrainingScene::load(scene, split)?;
-    let swept_points = swept_points::complete(&mut scene, method.supported(), request);
+    let points = components::complete_points(&mut scene, method.supported(), request);
     let full = MethodRequest {
         plan: PlanChoice::Full,
         without: Vec::new(),
@@ -79,7 +95,7 @@ pub fn plan(
     Ok(ScenePlan {
         method: method.id.to_owned(),
         scene: scene.id.clone(),
-        decisions: swept_points.into_iter().chain(planned.plan).collect(),
+        decisions: points.into_iter().chain(planned.plan).collect(),
         planned: cost(0),
         full: cost(1),
     })

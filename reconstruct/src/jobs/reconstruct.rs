@@ -24,7 +24,7 @@ use omnilife_schemas::{
 };
 
 use crate::{
-    components::swept_points,
+    components,
     error::ReconstructError,
     formats::{
         DEFORMATION_FILE, GAUSSIANS_FILE, MOVING_GAUSSIANS_FILE, OBJECT_GAUSSIANS_FILE,
@@ -224,8 +224,8 @@ fn train(
 ) -> Result<MadeViews, ReconstructError> {
     let trace_path = request.out.join(TRACE_FILE);
     let mut scene = TrainingScene::load(&request.scene, &request.split)?;
-    let (swept_points, planning) = process::measured(|| {
-        swept_points::complete(&mut scene, method.supported(), &request.settings)
+    let (points, planning) = process::measured(|| {
+        components::complete_points(&mut scene, method.supported(), &request.settings)
     });
     let kept = TraceViews::new(
         request.out.join(TRACE_FOLDER),
@@ -274,7 +274,7 @@ fn train(
         backend: learner.backend(),
         primitives: learner.size().primitives,
         configuration: outcome.configuration,
-        plan: swept_points.into_iter().chain(outcome.plan).collect(),
+        plan: points.into_iter().chain(outcome.plan).collect(),
         evidence,
         planning: outcome.planning,
         iterations: training.state.iteration,

@@ -26,9 +26,12 @@ pub const METHOD: Method = Method {
              Gaussian Splattings, NeurIPS 2024",
     description: "Static Gaussians under the ERP Jacobian with exact gradients, footprints that \
                   wrap around the seam, half-pixel centres and SH degree 0. Departures: schedules \
-                  scale with the iterations (no opacity resets below 5,000); sizes are relative \
-                  to distance, position steps to the median distance of the points; the \
-                  densification threshold is that of 3DGS (2e-4); the number of Gaussians is \
+                  scale with the iterations (no opacity resets below 5,000, densification once an \
+                  epoch at most); sizes are relative to the distance from the mean camera, and \
+                  those above half of it are pruned from the beginning; first sizes stay within a \
+                  factor of 10 of their median; position steps are relative to the median distance \
+                  of the points, the near limit to the cameras' steps; SSIM wraps around the seam; \
+                  the densification threshold is that of 3DGS (2e-4); the number of Gaussians is \
                   limited; open sky gets a shell of Gaussians; a scene without points \
                   begins with those of a spherical sweep.",
     components: &[swept_points::ID, sky_shell::ID, OPACITY_RESET],

@@ -6,8 +6,8 @@
 use crate::{
     baseline::OPACITY_RESET,
     components::{
-        Decision, Draft, draft::MotionEvidenceUse, dropout, exposure_compensation, mask_seeds,
-        pose_refinement, short_schedule, sky_shell, static_table, swept_points,
+        Decision, Draft, denser_points, draft::MotionEvidenceUse, dropout, exposure_compensation,
+        mask_seeds, pose_refinement, short_schedule, sky_shell, static_table, swept_points,
         view_dependent_colour,
     },
     error::ReconstructError,
@@ -39,7 +39,8 @@ pub const METHOD: Method = Method {
                   tangential part; masks supervise the dynamic ones rendered alone; velocities \
                   are kept out of the static region and static Gaussians in their place. The paper \
                   has no density control: in time it is PVG's, in space 3DGS's, and below the limit \
-                  on their number Gaussians with time come first. The sky's shell has no time. On \
+                  on their number Gaussians with time come first. Under Adam the two velocities step \
+                  as one, and the motion loss, a mean over all, is too small to act. The sky's shell has no time. On \
                   request, and not the paper's: mask-seeds, with which dynamic Gaussians begin on \
                   masked pixels, and static-table, with which scene points that do not change carry \
                   no temporal parameters. Readings of what the paper leaves open are named in the \
@@ -62,6 +63,7 @@ pub const METHOD: Method = Method {
         pose_refinement::ID,
         short_schedule::ID,
         dropout::ID,
+        denser_points::ID,
         mask_seeds::ID,
         static_table::ID,
     ],
@@ -104,7 +106,8 @@ const DYNAMIC_SSIM_WEIGHT: f32 = 0.2;
 /// `lambda_v`, as PVG on Waymo.
 const VELOCITY_WEIGHT: f32 = 0.01;
 /// `lambda_m`: at this weight a direction that changes by 0.1 rad per frame costs as much as an
-/// error of 1e-4 in all pixels.
+/// error of 1e-4 in all pixels; its gradient by one velocity is far below that of the image
+/// (docs/results/dynamic.md).
 const MOTION_WEIGHT: f32 = 0.01;
 
 fn prepare(

@@ -11,7 +11,7 @@ use omnilife_engine::model::dynamic_settings::TemporalSmoothing;
 use crate::{
     baseline::OPACITY_RESET,
     components::{
-        Decision, Draft,
+        Decision, Draft, denser_points,
         draft::{MotionEvidenceUse, Seeding},
         dropout, exposure_compensation, mask_seeds, pose_refinement, short_schedule, sky_shell,
         static_table, swept_points, view_dependent_colour,
@@ -42,7 +42,8 @@ pub const METHOD: Method = Method {
                   frames, less weight on the dynamic Gaussians alone where input views are dense, gains of a \
                   camera's automatic exposure taken out, colours that depend on the direction where the \
                   scene's do, poses refined where they are off, larger steps where the schedule is short, \
-                  steps that leave Gaussians out where few views see most points, and no density control in \
+                  steps that leave Gaussians out where few views see most points, points of a \
+                  spherical sweep where the scene's leave surfaces bare, and no density control in \
                   time: dynamic Gaussians are there at the moments between input views too. Below the \
                   limit on their number Gaussians with time grow first. Components are left out \
                   where a scene gives no reason for them.",
@@ -62,6 +63,7 @@ pub const METHOD: Method = Method {
         short_schedule::ID,
         dropout::ID,
         swept_points::ID,
+        denser_points::ID,
         sky_shell::ID,
         OPACITY_RESET,
     ],

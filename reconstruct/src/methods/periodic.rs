@@ -6,8 +6,8 @@
 use crate::{
     baseline::OPACITY_RESET,
     components::{
-        Decision, Draft, draft::MotionEvidenceUse, dropout, exposure_compensation, mask_seeds,
-        pose_refinement, short_schedule, sky_shell, static_table, swept_points,
+        Decision, Draft, denser_points, draft::MotionEvidenceUse, dropout, exposure_compensation,
+        mask_seeds, pose_refinement, short_schedule, sky_shell, static_table, swept_points,
         view_dependent_colour,
     },
     error::ReconstructError,
@@ -64,6 +64,7 @@ pub const METHOD: Method = Method {
         pose_refinement::ID,
         short_schedule::ID,
         dropout::ID,
+        denser_points::ID,
         mask_seeds::ID,
         static_table::ID,
         LIFESPAN_LOSS,

@@ -52,6 +52,8 @@ pub struct TrainingScene {
     pub is_normalized_by_points: bool,
     /// Points in normalized coordinates with their colours; may be empty.
     pub points: PointCloud,
+    /// How many of the points, the last ones, the scene did not come with.
+    pub added_points: usize,
     /// What a reader of scores should know where the points were made with views that are held out.
     pub seen_for_points: Option<String>,
     /// Estimated distances of the input views, in their order; no entries where no view has any.
@@ -119,6 +121,7 @@ impl TrainingScene {
             normalization,
             scale: scene.scale,
             points,
+            added_points: 0,
             seen_for_points: known.and_then(|known| known.held_out(&split.novel_views)),
             depth_priors: depth_priors(&scene, folder, &split.input_views),
             novel_depth_priors: depth_priors(&scene, folder, &split.novel_views),
@@ -189,6 +192,7 @@ impl TrainingScene {
             scale: self.scale,
             is_normalized_by_points: self.is_normalized_by_points,
             points: self.points.clone(),
+            added_points: self.added_points,
             seen_for_points: self.seen_for_points.clone(),
             depth_priors: self.depth_priors.clone(),
             novel_depth_priors: self.novel_depth_priors.clone(),

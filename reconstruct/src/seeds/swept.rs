@@ -1,5 +1,5 @@
-//! Points of a scene that came without any: surfaces that a spherical sweep between its views finds, and
-//! that other views confirm.
+//! Points of a scene that came without any, or with too few: surfaces that a spherical sweep between its
+//! views finds, that other views confirm, and that no point of the scene is near to.
 
 use std::f32::consts::TAU;
 
@@ -7,6 +7,7 @@ use glam::Vec3;
 use omnilife_engine::{camera::erp, training_view::TrainingView};
 use omnilife_schemas::{RgbImage, camera::ErpCamera, points::PointCloud};
 use rand::RngExt;
+use rstar::RTree;
 
 use crate::{
     random::{Purpose, stream},
@@ -16,6 +17,8 @@ use crate::{
 
 /// Views whose depth is swept, at most, evenly from all input views.
 const REFERENCES: usize = 12;
+/// Views at which bare surfaces are looked for, evenly from all input views.
+const TRIALS: usize = 6;
 /// Views between the two of a pair that are tried.
 const GAPS: [usize; 4] = [1, 2, 4, 8];
 /// Width at which the gaps are tried, and that of the sweeps, pixels.
@@ -30,6 +33,8 @@ const LEAST_CONFIDENCE: f32 = 0.1;
 /// Steps of the search by which a second pair may differ, and beyond which it sees past a point.
 const AGREEING_STEPS: f32 = 2.0;
 const PAST_STEPS: f32 = 4.0;
+/// A point of the scene that is nearer than this covers a place, pixels of the search as its view sees it.
+const NEAR_PIXELS: f32 = 3.0;
 /// Masks from this value on hide what is behind them.
 const MASKED: u8 = 128;
 /// Weight of a pixel without any detail, of the mean: flat walls get points, too.
@@ -48,21 +53,45 @@ pub struct SweptPoints {
     pub confirmed: f32,
 }
 
-/// Surfaces that the input views show, as at most `maximum` points, denser where the views have detail.
-/// `None` where no two views stand apart, or the views are not panoramas.
-pub fn points(scene: &TrainingScene, maximum: usize, seed: u64) -> Option<SweptPoints> {
-    if !scene.camera.wraps() {
-        return None;
+/// How much of its surfaces the points of a scene leave bare.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BareSurfaces {
+    /// Places on surfaces that pairs of views agree on.
+    pub places: usize,
+    /// Those of them that no point of the scene is near to.
+    pub bare: usize,
+}
+
+impl BareSurfaces {
+    /// Share of the places, 0 to 1.
+    pub fn share(&self) -> f64 {
+        self.bare as f64 / self.places.max(1) as f64
     }
+}
+
+/// Looks for surfaces that no point of the scene is near to, at a few places and a small size. `None` where no
+/// two views stand apart, or the views are not panoramas.
+pub fn bare_surfaces(scene: &TrainingScene) -> Option<BareSurfaces> {
     let gap = best_gap(scene)?;
-    let views = scene.input_views.len();
-    let count = REFERENCES.min(views);
-    let references: Vec<Reference<'_>> = (0..count)
-        .filter_map(|step| {
-            let first = step * (views - 1) / (count - 1).max(1);
-            Reference::new(scene, first, gap, SEARCH_WIDTH)
-        })
-        .collect();
+    let given = RTree::bulk_load(scene.points.positions.clone());
+    // Of an angle that is the same in both sizes.
+    let near_pixels = NEAR_PIXELS * TRIAL_WIDTH as f32 / SEARCH_WIDTH as f32;
+    let mut found = BareSurfaces { places: 0, bare: 0 };
+    for reference in references(scene, TRIALS, gap, TRIAL_WIDTH) {
+        let candidates = reference.candidates();
+        found.places += candidates.len();
+        let is_bare = |candidate: &&Candidate| candidate.is_bare(&given, near_pixels);
+        found.bare += candidates.iter().filter(is_bare).count();
+    }
+    (found.places > 0).then_some(found)
+}
+
+/// Surfaces that the input views show and no point of the scene is near to, as at most `maximum` points,
+/// denser where the views have detail. `None` where no two views stand apart, or the views are not
+/// panoramas.
+pub fn points(scene: &TrainingScene, maximum: usize, seed: u64) -> Option<SweptPoints> {
+    let gap = best_gap(scene)?;
+    let references = references(scene, REFERENCES, gap, SEARCH_WIDTH);
     if references.is_empty() {
         return None;
     }
@@ -84,6 +113,8 @@ pub fn points(scene: &TrainingScene, maximum: usize, seed: u64) -> Option<SweptP
                 .filter(|candidate| is_kept(candidate, number, &references)),
         );
     }
+    let given = RTree::bulk_load(scene.points.positions.clone());
+    candidates.retain(|candidate| candidate.is_bare(&given, NEAR_PIXELS));
     Some(SweptPoints {
         points: thinned(&candidates, maximum, seed),
         pairs: references.len(),
@@ -92,9 +123,24 @@ pub fn points(scene: &TrainingScene, maximum: usize, seed: u64) -> Option<SweptP
     })
 }
 
+/// At most so many input views, evenly spread, with their depth at a width.
+fn references(scene: &TrainingScene, most: usize, gap: usize, width: usize) -> Vec<Reference<'_>> {
+    let views = scene.input_views.len();
+    let count = most.min(views);
+    (0..count)
+        .filter_map(|step| {
+            let first = step * (views - 1) / (count - 1).max(1);
+            Reference::new(scene, first, gap, width)
+        })
+        .collect()
+}
+
 /// The number of views from one of a pair to the other that gives most pixels a good distance: near
 /// views have too little parallax, far ones see different sides of things.
 fn best_gap(scene: &TrainingScene) -> Option<usize> {
+    if !scene.camera.wraps() {
+        return None;
+    }
     let views = scene.input_views.len();
     let scored = GAPS
         .into_iter()
@@ -137,6 +183,15 @@ struct Candidate {
     size: f32,
     /// How much the image varies there.
     detail: f32,
+}
+
+impl Candidate {
+    /// Whether no point of the scene is nearer than so many pixels of its view.
+    fn is_bare(&self, given: &RTree<[f32; 3]>, near_pixels: f32) -> bool {
+        let reach = near_pixels * self.size;
+        let mut near = given.locate_within_distance(self.position.to_array(), reach * reach);
+        near.next().is_none()
+    }
 }
 
 impl<'a> Reference<'a> {

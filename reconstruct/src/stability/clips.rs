@@ -198,6 +198,7 @@ fn scene() -> Option<TrainingScene> {
         novel_views: Vec::new(),
         normalization,
         scale: Scale::Arbitrary,
+        added_points: 0,
         seen_for_points: None,
         depth_priors: Vec::new(),
         novel_depth_priors: Vec::new(),

@@ -74,6 +74,7 @@ fn scene(folder: &Path, count: usize, change: impl Fn(usize, usize, f32) -> f32)
         normalization,
         scale: Scale::Metres,
         is_normalized_by_points: false,
+        added_points: 0,
         seen_for_points: None,
         points: PointCloud::default(),
         depth_priors,

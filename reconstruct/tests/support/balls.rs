@@ -99,6 +99,7 @@ pub(crate) fn scene_with(
         novel_views,
         normalization,
         scale: omnilife_schemas::records::Scale::Arbitrary,
+        added_points: 0,
         seen_for_points: None,
         depth_priors: Vec::new(),
         novel_depth_priors: Vec::new(),

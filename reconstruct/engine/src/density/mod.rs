@@ -332,7 +332,7 @@ mod tests {
     }
 
     /// A small one, a large one, a faint one and a huge one, with sums of gradients over some views.
-    fn four(sums: [f32; 4], views: [u32; 4]) -> Model {
+    pub(super) fn four(sums: [f32; 4], views: [u32; 4]) -> Model {
         let table = static_gaussians::table(
             &InitialGaussians::isotropic(
                 vec![[0.0; 3], [5.0, 0.0, 0.0], [0.0; 3], [0.0; 3]],

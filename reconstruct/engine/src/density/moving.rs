@@ -220,8 +220,8 @@ mod tests {
     use crate::{
         clock::Clock,
         density::{
-            Threshold,
-            tests::{settings, views},
+            Threshold, densify,
+            tests::{four, settings, views},
         },
         gaussians::{
             static_gaussians::InitialGaussians,
@@ -230,6 +230,11 @@ mod tests {
     };
 
     const SHORTEN_FROM: u64 = 100;
+    const DENSITY: TemporalDensity = TemporalDensity {
+        gradient_threshold: 1.0,
+        clone_lifespan_frames: 0.5,
+        shorten_from_iteration: SHORTEN_FROM,
+    };
 
     fn temporal() -> TemporalGaussians {
         TemporalGaussians {
@@ -281,11 +286,7 @@ mod tests {
         let context = DensityContext {
             views: &views,
             last_view: 0,
-            temporal: Some(TemporalDensity {
-                gradient_threshold: 1.0,
-                clone_lifespan_frames: 0.5,
-                shorten_from_iteration: SHORTEN_FROM,
-            }),
+            temporal: Some(DENSITY),
         };
         let control = MovingControl {
             settings: &settings,
@@ -346,6 +347,27 @@ mod tests {
         for peak in column(&model, PEAK_TIMES) {
             assert!(peak.abs() <= 24.0, "{peak}");
         }
+    }
+
+    #[test]
+    fn below_the_limit_gaussians_with_time_grow_first() {
+        let mut model = four([4.0; 4], [2; 4]);
+        model.parts.push(moving(&[0.0; 2], &[0.4; 2], &[3.0; 2]));
+        let views = views();
+        let context = DensityContext {
+            views: &views,
+            last_view: 0,
+            temporal: Some(DENSITY),
+        };
+        let settings = DensifySettings {
+            maximum_gaussians: 8,
+            ..settings()
+        };
+        let mut random = Pcg64Mcg::seed_from_u64(1);
+        let done = densify(&mut model, &settings, 1, &context, &mut random);
+        // There is room for two, and all six would grow.
+        assert_eq!((done.cloned, done.split), (2, 0));
+        assert_eq!(model.parts[1].table.len(), 4);
     }
 
     #[test]

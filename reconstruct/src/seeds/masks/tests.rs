@@ -59,6 +59,7 @@ fn scene() -> TrainingScene {
             scale: 1.0,
         },
         scale: omnilife_schemas::records::Scale::Arbitrary,
+        added_points: 0,
         seen_for_points: None,
         depth_priors: Vec::new(),
         novel_depth_priors: Vec::new(),
