@@ -44,12 +44,12 @@ def ablation(folder):
     runs = {path.name: Run(path) for path in folder.iterdir() if (path / "score/result.json").exists()}
     full = min(runs, key=len)
     names = [full] + [f"{full}-without-{part['component']}" for part in runs[full].record["plan"] if part["used"]]
-    headings = [heading for heading, *_ in SCORES] + ["Gaussians", "Training, CPU s"]
+    headings = [heading for heading, *_ in SCORES] + ["Iterations", "Gaussians", "Training, CPU s"]
     lines = ["| | " + " | ".join(headings) + " |", "|---" + "|---:" * len(headings) + "|"]
     for name in names:
         run = runs[name]
         cells = [number(run.score(views, metric), digits) for _, views, metric, digits in SCORES]
-        cells += [str(run.record["primitives"]), number(run.record["training_cpu_seconds"], 0)]
+        cells += [str(run.record["iterations"]), str(run.record["primitives"]), number(run.record["training_cpu_seconds"], 0)]
         label = "all that is used" if name == full else f"without {name.removeprefix(full + '-without-')}"
         lines.append(f"| {label} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
@@ -58,7 +58,7 @@ def ablation(folder):
 def still(folder):
     """A scene in which nothing moves, with the CPU time of whole commands."""
     methods = {}
-    for name in ("odgs", "omni4dgs-plus"):
+    for name in ("odgs", "omni4dgs-plus", "omni4dgs-plus-without-denser-points"):
         methods[name] = [(Run(path), sum(map(float, (path / "time").read_text().split())))
                          for path in sorted(folder.glob(f"{name}.*"))]
     lines = ["| Method | PSNR | SSIM | Training with planning, CPU s | Whole command, CPU s, seed by seed |",
@@ -69,13 +69,14 @@ def still(folder):
                   for metric, digits in (("psnr", 2), ("ssim", 4))]
         training = spread([run.record["training_cpu_seconds"] for run, _ in found], 1)
         lines.append(f"| {name} | {' | '.join(scores)} | {training} | {times} |")
-    planned = methods["omni4dgs-plus"][0][0]
-    ratios = [run.record["training_cpu_seconds"] / plain.record["training_cpu_seconds"]
-              for (run, _), (plain, _) in zip(methods["omni4dgs-plus"], methods["odgs"])]
-    used = ", ".join(f"`{part['component']}`" for part in planned.record["plan"] if part["used"]) or "none"
-    lines.append("\nTraining time over that of `odgs`, seed by seed: " + ", ".join(f"{ratio:.3f}" for ratio in ratios) +
-                 f". Components in use: {used}. What the plan says of motion: "
-                 f"{planned.decision('temporal-opacity')['reason']}.")
+    for name in list(methods)[1:]:
+        planned = methods[name][0][0]
+        ratios = [run.record["training_cpu_seconds"] / plain.record["training_cpu_seconds"]
+                  for (run, _), (plain, _) in zip(methods[name], methods["odgs"])]
+        used = ", ".join(f"`{part['component']}`" for part in planned.record["plan"] if part["used"]) or "none"
+        lines.append(f"\n`{name}`: training time over that of `odgs`, seed by seed, " +
+                     ", ".join(f"{ratio:.3f}" for ratio in ratios) + f". Components in use: {used}.")
+    lines.append(f"\nWhat the plan says of motion: {planned.decision('temporal-opacity')['reason']}.")
     return "\n".join(lines)
 
 
@@ -87,16 +88,15 @@ def machine():
 
 def main():
     folder, page = Path(sys.argv[1]), Path(sys.argv[2])
-    first = next((folder / "still-runs").glob("odgs.*"))
-    iterations = json.loads((first / "run/run.json").read_text())["iterations"]
-    parts = [BEGIN, f"{iterations} iterations, images of 256x128, protocol `per-scene`, one core per run, "
-             f"{machine()}.\n"]
+    still_runs = folder / "still-runs"
+    record = json.loads((next(still_runs.glob("odgs.*")) / "run/run.json").read_text())
+    parts = [BEGIN, f"Images of 256x128, protocol `per-scene`, one core per run, {machine()}.\n"]
     for ablated in sorted((folder / "ablations").iterdir()):
         scene, method = ablated.name.split("-", 1)
         parts += [f"**`{method}` on `{scene}`**\n", ablation(ablated), ""]
     parts += ["### Where nothing moves\n", "The cameras and points of `hall`, every frame a render of the static "
-              "Gaussians of a run (`scripts/results/still_scene.py`), without masks: the plan has to find out.\n",
-              still(folder / "still-runs"), "", END]
+              "Gaussians of a run (`scripts/results/still_scene.py`), without masks: the plan has to find out. "
+              f"{record['iterations']} iterations.\n", still(still_runs), "", END]
     text = page.read_text()
     before, rest = text.split(BEGIN, 1)
     page.write_text(before + "\n".join(parts) + rest.split(END, 1)[1])
