@@ -12,6 +12,7 @@ use novel_views::novel_psnr;
 use omnilife_engine::{camera::View, step::settings::TrainSettings, training_view::TrainingView};
 use omnilife_reconstruct::{
     components::{self, Supported, denser_points, swept_points},
+    evidence::pilot::PilotFit,
     methods::{self, feed_forward::CameraPose},
     request::{BackendChoice, MethodRequest},
     scene::TrainingScene,
@@ -261,4 +262,24 @@ fn a_scene_whose_surfaces_have_points_gets_no_more() {
         "{}",
         decision.reason
     );
+}
+
+/// What the evidence means was measured on the points that scenes come with.
+#[test]
+fn added_points_are_no_evidence_but_are_asked_whether_they_change() {
+    let [half, completed] = [&[][..], &[denser_points::ID]].map(|with| half_measured(with).0);
+    let of = |scene: &TrainingScene| {
+        let fit = PilotFit::of(scene, 3).unwrap();
+        let (changing, coverage) = fit.points();
+        (
+            fit.motion(),
+            coverage,
+            fit.colours(),
+            changing.changes.len(),
+        )
+    };
+    let (before, after) = (of(&half), of(&completed));
+    assert!(before.0 == after.0 && before.1 == after.1 && before.2 == after.2);
+    assert_eq!(before.3, half.points.len());
+    assert_eq!(after.3, completed.points.len());
 }

@@ -48,8 +48,11 @@ const MOTION_REACH_SHARE: f32 = 4.0 / 256.0;
 /// Input views next to the renders of a short static training.
 #[derive(Debug)]
 pub struct PilotFit {
-    /// The scene at the size that it was looked at.
+    /// The scene at the size that it was looked at, with the points that it came with: what the evidence means
+    /// was measured with those.
     scene: TrainingScene,
+    /// All points, those too that were added.
+    places: Vec<[f32; 3]>,
     views: Vec<RenderedView>,
     /// What the views are compared with.
     gaussians: ActivatedGaussians,
@@ -67,6 +70,8 @@ impl PilotFit {
         let mut scene = scene.reduced(WIDTH);
         // The trace's scores of novel views are not needed.
         scene.novel_views.clear();
+        let places = scene.points.positions.clone();
+        scene.leave_added_points_out();
         let request = MethodRequest {
             options: Options::at_most(MAXIMUM_GAUSSIANS),
             trace_every: Some(PILOT_ITERATIONS),
@@ -93,6 +98,7 @@ impl PilotFit {
             .collect();
         Ok(Self {
             scene,
+            places,
             views,
             gaussians,
             renderer,
@@ -107,10 +113,16 @@ impl PilotFit {
         transients(&self.residuals(&points, reach.max(1)))
     }
 
-    /// At which of the scene's points something changes outside the masks, and how many views see them.
+    /// At which of all points something changes outside the masks, and how many views see those that the scene
+    /// came with.
     pub fn points(&self) -> (ChangingPoints, Coverage) {
-        let residuals = self.residuals(&self.scene.points.positions, 1);
-        let seen: Vec<usize> = residuals.iter().step_by(3).map(Vec::len).collect();
+        let residuals = self.residuals(&self.places, 1);
+        let given = self.scene.points.len();
+        let seen: Vec<usize> = residuals[..3 * given]
+            .iter()
+            .step_by(3)
+            .map(Vec::len)
+            .collect();
         let input_views = self.scene.input_views.len();
         let coverage = Coverage::of(&seen, self.views.len(), input_views);
         (ChangingPoints::of(&residuals), coverage)

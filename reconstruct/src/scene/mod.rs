@@ -156,6 +156,14 @@ impl TrainingScene {
         (all > 0.0).then(|| marked / all)
     }
 
+    /// Keeps the points that the scene came with.
+    pub(crate) fn leave_added_points_out(&mut self) {
+        let given = self.points.len() - self.added_points;
+        self.points.positions.truncate(given);
+        self.points.colours.truncate(given);
+        self.added_points = 0;
+    }
+
     /// The scene with images and masks averaged over whole squares of pixels: as small as they get
     /// without becoming narrower than `least_width`.
     pub fn reduced(&self, least_width: u32) -> Self {
