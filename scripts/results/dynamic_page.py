@@ -58,23 +58,20 @@ def ablation(folder):
 
 
 def still(folder):
-    """A scene in which nothing moves, with the CPU time of whole commands."""
+    """A scene in which nothing moves."""
     methods = {}
     for name in ("odgs", PEER, "omni4dgs-plus", "omni4dgs-plus-without-denser-points"):
-        methods[name] = [(Run(path), sum(map(float, (path / "time").read_text().split())))
-                         for path in sorted(folder.glob(f"{name}.*"))]
-    lines = ["| Method | PSNR | SSIM | Training with planning, CPU s | Whole command, CPU s, seed by seed |",
-             "|---|---:|---:|---:|---:|"]
+        methods[name] = [Run(path) for path in sorted(folder.glob(f"{name}.*"))]
+    lines = ["| Method | PSNR | SSIM | Training with planning, CPU s |", "|---|---:|---:|---:|"]
     for name, found in methods.items():
-        times = ", ".join(f"{seconds:.1f}" for _, seconds in found)
-        scores = [spread([run.score("novel_views", metric) for run, _ in found], digits)
+        scores = [spread([run.score("novel_views", metric) for run in found], digits)
                   for metric, digits in (("psnr", 2), ("ssim", 4))]
-        training = spread([run.record["training_cpu_seconds"] for run, _ in found], 1)
-        lines.append(f"| {name} | {' | '.join(scores)} | {training} | {times} |")
+        training = spread([run.record["training_cpu_seconds"] for run in found], 1)
+        lines.append(f"| {name} | {' | '.join(scores)} | {training} |")
     for name in list(methods)[2:]:
-        planned = methods[name][0][0]
+        planned = methods[name][0]
         ratios = [run.record["training_cpu_seconds"] / plain.record["training_cpu_seconds"]
-                  for (run, _), (plain, _) in zip(methods[name], methods[PEER])]
+                  for run, plain in zip(methods[name], methods[PEER])]
         used = ", ".join(f"`{part['component']}`" for part in planned.record["plan"] if part["used"]) or "none"
         lines.append(f"\n`{name}`: training time over that of `{PEER}`, seed by seed, " +
                      ", ".join(f"{ratio:.3f}" for ratio in ratios) + f". Components in use: {used}.")
