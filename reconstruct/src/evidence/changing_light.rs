@@ -29,7 +29,7 @@ pub struct ChangingLight {
     pub samples: usize,
     /// Square root of the covariance of neighbours in time, levels of 1; 0 where it is negative.
     pub change: f64,
-    /// Most change that the samples allow, levels of 1: [`STANDARD_ERRORS`] above. `None` where too few surfaces
+    /// Most change that the samples allow, levels of 1: 2.5 standard errors above. `None` where too few surfaces
     /// are seen to have a spread.
     pub largest_change: Option<f64>,
 }
