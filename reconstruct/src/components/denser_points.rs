@@ -11,7 +11,7 @@ use crate::{
     components::{Decision, Supported},
     request::MethodRequest,
     scene::TrainingScene,
-    seeds::swept,
+    seeds::swept::{self, SweptPoints},
 };
 
 /// Its name.
@@ -50,20 +50,29 @@ pub fn complete(
     );
     let mut decision =
         Decision::new(bare.share() >= LEAST_BARE_SHARE, reason).resolved(ID, request);
-    if decision.used
-        && let Some(found) = swept::points(scene, wanted(scene, request), request.seed)
-    {
-        decision.reason += &format!(
-            ": {} points from {} pairs of views beside the scene's {}",
-            found.points.len(),
-            found.pairs,
-            scene.points.len()
-        );
-        scene.added_points = found.points.len();
-        scene.points.positions.extend(found.points.positions);
-        scene.points.colours.extend(found.points.colours);
+    if decision.used {
+        match swept::points(scene, wanted(scene, request), request.seed) {
+            Some(found) => add(found, scene, &mut decision),
+            None => {
+                decision.used = false;
+                decision.reason += "; no pair of views could be swept at full size";
+            }
+        }
     }
     Some(decision)
+}
+
+/// Adds what was found, and says so.
+fn add(found: SweptPoints, scene: &mut TrainingScene, decision: &mut ComponentDecision) {
+    decision.reason += &format!(
+        ": {} points from {} pairs of views beside the scene's {}",
+        found.points.len(),
+        found.pairs,
+        scene.points.len()
+    );
+    scene.added_points = found.points.len();
+    scene.points.positions.extend(found.points.positions);
+    scene.points.colours.extend(found.points.colours);
 }
 
 /// How many points may be added.
