@@ -286,14 +286,11 @@ fn two_planes_are_taken_apart() {
          removal {removed_mean:.2} dB"
     );
     assert!(total >= 40.0, "{total:.2} dB");
-    // What the method was asked for, and reaches in this short schedule: the nearer object. What it does
-    // not reach, the farther one, which is hidden in the middle of the clip, is in docs/results/atlas.md;
-    // it must not get worse.
-    let [far, near] = overlap;
-    assert!(near >= 0.98 && far >= 0.96, "{overlap:?}");
-    let [far, near] = apart;
-    assert!(near <= 0.5 && far <= 2.0, "{apart:?} px");
-    assert!(removed_mean >= 27.0, "{removed_mean:.2} dB");
+    for object in 0..2 {
+        assert!(overlap[object] >= 0.98, "{overlap:?}");
+        assert!(apart[object] <= 0.5, "{apart:?} px");
+    }
+    assert!(removed_mean >= 35.0, "{removed_mean:.2} dB");
 }
 
 fn small_request() -> MethodRequest {

@@ -34,7 +34,9 @@ use self::{
     graph::Graph,
     initialize::{
         background,
-        objects::{self, Made},
+        objects::{self, Made, Setting},
+        order,
+        silhouettes::{self, Silhouette},
     },
     learner::AtlasLearner,
     node::{FieldKind, LearntOffsets, Node, Surface},
@@ -141,9 +143,27 @@ pub fn first_nodes(clip: &Clip, points: &[DVec3]) -> Result<FirstNodes, String> 
     let mut nodes = Vec::new();
     let mut with_node = Vec::new();
     let mut decisions = Vec::new();
-    let knots = knots_of(clip);
+    let seen: Vec<Vec<Silhouette>> = (0..clip.objects.len())
+        .map(|object| silhouettes::of_object(clip, object))
+        .collect();
+    let by_points: Vec<Option<(f64, usize)>> = seen
+        .iter()
+        .enumerate()
+        .map(|(object, seen)| objects::depth_of_points(clip, object, seen, points, placed.distance))
+        .collect();
+    let known: Vec<Option<f64>> = by_points
+        .iter()
+        .map(|found| found.map(|(depth, _)| depth))
+        .collect();
+    let setting = Setting {
+        depths: &order::depths(clip, &seen, &known, placed.distance),
+        seen: &seen,
+        by_points: &by_points,
+        background: placed.distance,
+        knots: knots_of(clip),
+    };
     for object in 0..clip.objects.len() {
-        let made = objects::node(clip, object, points, placed.distance, knots);
+        let made = objects::node(clip, object, &setting);
         let (used, reason) = match made {
             Made::Node(node, depth) => {
                 nodes.push(*node);

@@ -2,10 +2,13 @@
 //! the evidence of this project in place of depth networks and tracked features).
 //!
 //! * [`background`]: a plane behind everything, or a sphere around the cameras.
-//! * [`objects`]: a plane for each object, as far away as its size in the image says.
+//! * [`objects`]: a plane for each object, as far away as its size in the image says. [`silhouettes`]: what is
+//!   seen of it in each frame, and where the whole is. [`order`]: what hides what.
 
 pub mod background;
 pub mod objects;
+pub mod order;
+pub mod silhouettes;
 
 use glam::DVec2;
 use omnilife_engine::{camera::Camera, trajectories::rigid_spline::RigidPose};
