@@ -11,7 +11,8 @@ use crate::{
 /// Its name.
 pub const ID: &str = "short-schedule";
 
-const SHORT_SCHEDULE: ShortSchedule = ShortSchedule {
+/// Relative to the published schedule.
+pub(crate) const SHORT_SCHEDULE: ShortSchedule = ShortSchedule {
     published_iterations: PUBLISHED_ITERATIONS,
 };
 

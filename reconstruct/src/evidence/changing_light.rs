@@ -59,6 +59,11 @@ impl ChangingLight {
         }
     }
 
+    /// Whether it is known that light changes.
+    pub fn is_seen(&self) -> bool {
+        self.largest_change.is_some() && self.change >= LEAST_CHANGE
+    }
+
     /// Whether points everywhere may need parameters of time. Where too little is seen to tell, they may.
     pub fn is_everywhere(&self) -> bool {
         self.largest_change

@@ -5,7 +5,7 @@ use std::fmt;
 use omnilife_schemas::statistics::median;
 use serde::Serialize;
 
-/// Median number of views below which Gaussians can agree on all of them and on nothing else
+/// Median number of views up to which Gaussians can agree on all of them and on nothing else
 /// (docs/results/quality.md).
 const FEW_VIEWS: f64 = 8.0;
 
@@ -31,7 +31,8 @@ impl Coverage {
 
     /// Whether most points are seen by few views.
     pub fn is_sparse(&self) -> bool {
-        self.views_of_a_point.is_some_and(|views| views < FEW_VIEWS)
+        self.views_of_a_point
+            .is_some_and(|views| views <= FEW_VIEWS)
     }
 }
 
@@ -53,12 +54,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_median_below_the_limit_is_sparse() {
+    fn a_median_up_to_the_limit_is_sparse() {
         // 30 of 60 views were looked at.
-        let dense = Coverage::of(&[0, 4, 30], 30, 60);
-        assert_eq!(dense.views_of_a_point, Some(8.0));
-        assert!(!dense.is_sparse() && dense.to_string().contains("8.0 of 60"));
-        assert!(Coverage::of(&[0, 3, 30], 30, 60).is_sparse());
+        let sparse = Coverage::of(&[0, 4, 30], 30, 60);
+        assert_eq!(sparse.views_of_a_point, Some(8.0));
+        assert!(sparse.is_sparse() && sparse.to_string().contains("8.0 of 60"));
+        assert!(!Coverage::of(&[0, 5, 30], 30, 60).is_sparse());
         let nothing = Coverage::of(&[], 30, 60);
         assert!(!nothing.is_sparse() && nothing.to_string().contains("no scene points"));
     }

@@ -34,8 +34,8 @@ use self::{
 };
 use crate::{error::ReconstructError, scene::TrainingScene};
 
-/// Iterations of the pilot fit: enough for colours and coarse shapes.
-pub const PILOT_ITERATIONS: u64 = 150;
+/// Iterations of the pilot fit: enough for colours, and for edges where they belong.
+pub const PILOT_ITERATIONS: u64 = 120;
 /// Points seen by fewer views have no median to speak of.
 pub(crate) const LEAST_VIEWS: usize = 6;
 /// Standard deviation of a normal distribution over its median absolute deviation.
@@ -119,9 +119,12 @@ impl PilotEvidence {
 }
 
 impl SceneEvidence {
-    /// Whether something moves, or may: masks say what; where they show nothing, the pilot fit does.
+    /// Whether something moves or changes, or may: masks say what; where they show nothing, the pilot fit does.
     pub fn moves(&self) -> bool {
-        let by_fit = self.pilot.as_ref().is_none_or(|pilot| pilot.motion.moves());
+        let by_fit = self
+            .pilot
+            .as_ref()
+            .is_none_or(|pilot| pilot.motion.moves() || pilot.changing_light.is_seen());
         self.masks.show_something() || by_fit
     }
 
@@ -129,7 +132,7 @@ impl SceneEvidence {
     pub fn motion_reason(&self) -> String {
         match &self.pilot {
             Some(pilot) if !self.masks.show_something() => {
-                format!("{}; {}", self.masks, pilot.motion)
+                format!("{}; {}; {}", self.masks, pilot.motion, pilot.changing_light)
             }
             _ => self.masks.to_string(),
         }

@@ -20,11 +20,12 @@ const NOISE_FACTOR: f32 = 8.0;
 const LEAST_DEVIATION: f32 = 0.1;
 /// Views in which a point deviates, from which on it changes: one alone may be an edge.
 const LEAST_DEVIATING_VIEWS: usize = 2;
-/// Share of transient samples from which parameters of time are worth their price. Reflections that run over
-/// glossy ground are transient too, and gain from them as what walks does; clips with a smaller share gain a
-/// tenth of a decibel for two fifths more time, and two people who walk through a hall make hardly more
+/// Share of transient samples from which parameters of time are worth their price, where no light changes.
+/// Reflections that run over glossy ground are transient too, and gain from them as what walks does
 /// (docs/results/evidence.md).
-const TRANSIENT_SHARE: f64 = 0.0012;
+const TRANSIENT_SHARE: f64 = 0.0008;
+/// Standard errors by which there have to be more of them: few samples say little.
+const STANDARD_ERRORS: f64 = 2.0;
 
 /// What was found.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
@@ -40,7 +41,14 @@ pub struct MotionEvidence {
 impl MotionEvidence {
     /// Whether something moves. Without samples nothing is known, and it may.
     pub fn moves(&self) -> bool {
-        self.samples == 0 || self.transient_share >= TRANSIENT_SHARE
+        self.samples == 0 || self.transient_share >= self.share_limit()
+    }
+
+    /// Share of transient samples from which something moves. They are rare events: their number varies by the
+    /// root of what is expected.
+    fn share_limit(&self) -> f64 {
+        let expected = TRANSIENT_SHARE * self.samples as f64;
+        (expected + STANDARD_ERRORS * expected.sqrt()) / self.samples.max(1) as f64
     }
 
     /// Deviation from which a sample is transient.
@@ -64,7 +72,7 @@ impl fmt::Display for MotionEvidence {
             100.0 * self.transient_share,
             self.samples,
             self.noise,
-            100.0 * TRANSIENT_SHARE
+            100.0 * self.share_limit()
         )
     }
 }
@@ -140,30 +148,34 @@ pub(crate) fn transients(residuals: &[Vec<f32>]) -> MotionEvidence {
     if deviations.is_empty() {
         return MotionEvidence::default();
     }
-    deviations.sort_by(f32::total_cmp);
-    let noise = PER_MEDIAN * deviations[deviations.len() / 2];
+    let middle = deviations.len() / 2;
+    let (_, median, _) = deviations.select_nth_unstable_by(middle, f32::total_cmp);
+    let noise = PER_MEDIAN * *median;
     let mut evidence = MotionEvidence {
         samples: deviations.len(),
         noise,
         transient_share: 0.0,
     };
-    let below = deviations.partition_point(|&deviation| deviation < evidence.limit());
-    evidence.transient_share = (deviations.len() - below) as f64 / deviations.len() as f64;
+    let limit = evidence.limit();
+    let transient = deviations.iter().filter(|&&deviation| deviation >= limit);
+    evidence.transient_share = transient.count() as f64 / deviations.len() as f64;
     evidence
 }
 
 /// Deviations from a point's median; none where too few views see it.
 fn deviations(residuals: &[f32]) -> impl Iterator<Item = f32> {
-    let mut sorted = if residuals.len() >= LEAST_VIEWS {
-        residuals.to_vec()
+    let seen = if residuals.len() >= LEAST_VIEWS {
+        residuals
     } else {
-        Vec::new()
+        &[]
     };
-    sorted.sort_by(f32::total_cmp);
-    let median = sorted.get(sorted.len() / 2).copied().unwrap_or_default();
-    sorted
-        .into_iter()
-        .map(move |residual| (residual - median).abs())
+    let mut sorted = seen.to_vec();
+    let middle = sorted.len() / 2;
+    let median = match seen {
+        [] => 0.0,
+        _ => *sorted.select_nth_unstable_by(middle, f32::total_cmp).1,
+    };
+    seen.iter().map(move |residual| (residual - median).abs())
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use crate::{
     baseline,
+    components::short_schedule::SHORT_SCHEDULE,
     error::ReconstructError,
     evidence::{
         PILOT_ITERATIONS,
@@ -28,14 +29,22 @@ use crate::{
 use omnilife_engine::{
     camera::{Camera, View},
     gaussians::{ActivatedGaussians, static_gaussians},
-    model::exposure::Exposure,
+    model::{Model, exposure::Exposure},
     render::cpu::Renderer,
+    step::settings::TrainSettings,
 };
 
 /// Gaussians of the pilot fit, at most.
-const MAXIMUM_GAUSSIANS: u64 = 12_000;
-/// Views of the fit are no wider than they have to be to show what moves, pixels.
+const MAXIMUM_GAUSSIANS: u64 = 10_000;
+/// Views are looked at no wider than they have to be to show what moves, pixels.
 const WIDTH: u32 = 256;
+/// Iterations in views of half that width, which show colours and coarse shapes as well, and cost less,
+const COARSE_ITERATIONS: u64 = 80;
+/// and after these in views of the whole width.
+const FINE_ITERATIONS: u64 = PILOT_ITERATIONS - COARSE_ITERATIONS;
+/// Arrays whose steps are a share of what a short schedule has. Colours that follow the tone of the last view, and
+/// Gaussians that grow over what differs from place to place, would take gains into the fit.
+const SLOWER: &[(&str, f32)] = &[("sh_constant", 1.0 / 7.0), ("log_scales", 0.25)];
 /// Points and views that are looked at, evenly from all.
 const POINTS: usize = 4_000;
 const VIEWS: usize = 30;
@@ -72,22 +81,17 @@ impl PilotFit {
         scene.novel_views.clear();
         let places = scene.points.positions.clone();
         scene.leave_added_points_out();
-        let request = MethodRequest {
-            options: Options::at_most(MAXIMUM_GAUSSIANS),
-            trace_every: Some(PILOT_ITERATIONS),
-            ..MethodRequest::new(PILOT_ITERATIONS, seed)
-        };
-        let settings = baseline::settings(&scene, &request);
-        let model = baseline::static_model(&scene, &settings);
-        let session = Session::without_files(&Silent);
-        let (length, mut renderer) = ((&settings).into(), Renderer::new(settings.rendering));
-        let mut learner = GaussianLearner::new(&scene, model, settings, BackendChoice::Cpu)?;
-        train::train(&scene, &mut learner, length, &session)?;
+        let settings = pilot_settings(&scene, COARSE_ITERATIONS, seed);
+        let mut model = baseline::static_model(&scene, &settings);
+        let coarse = scene.reduced(WIDTH / 2);
+        fit(&coarse, &mut model, settings)?;
+        let settings = pilot_settings(&scene, FINE_ITERATIONS, seed);
+        let mut renderer = Renderer::new(settings.rendering);
+        fit(&scene, &mut model, settings)?;
         let mut gaussians = ActivatedGaussians::default();
-        for part in learner.gaussians()?.iter().flat_map(|model| &model.parts) {
+        for part in &model.parts {
             static_gaussians::activate(&part.table, &mut gaussians);
         }
-        drop(learner);
         let all = scene.input_views.len();
         let views = (0..all.min(VIEWS))
             .map(|step| {
@@ -274,4 +278,36 @@ impl PilotFit {
         }
         residuals
     }
+}
+
+/// Settings of a part of the pilot fit: steps are as large as in the shortest of schedules, but for [`SLOWER`].
+fn pilot_settings(scene: &TrainingScene, iterations: u64, seed: u64) -> TrainSettings {
+    let request = MethodRequest {
+        options: Options::at_most(MAXIMUM_GAUSSIANS),
+        trace_every: Some(iterations),
+        ..MethodRequest::new(iterations, seed)
+    };
+    let mut settings = baseline::settings(scene, &request);
+    for (array, share) in SLOWER {
+        if let Some(rate) = settings.learning_rates.get_mut(*array) {
+            rate.begin *= share;
+            rate.end *= share;
+        }
+    }
+    settings.short_schedule = Some(SHORT_SCHEDULE);
+    settings
+}
+
+/// Trains Gaussians on a scene's input views.
+fn fit(
+    scene: &TrainingScene,
+    model: &mut Model,
+    settings: TrainSettings,
+) -> Result<(), ReconstructError> {
+    let session = Session::without_files(&Silent);
+    let (length, begun) = ((&settings).into(), std::mem::take(model));
+    let mut learner = GaussianLearner::new(scene, begun, settings, BackendChoice::Cpu)?;
+    train::train(scene, &mut learner, length, &session)?;
+    model.clone_from(learner.gaussians()?.unwrap_or(&Model::default()));
+    Ok(())
 }

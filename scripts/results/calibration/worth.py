@@ -1,17 +1,18 @@
 #!/usr/bin/env python3
-"""What temporal parameters and harmonics are worth on the clips of the calibration set, whatever a plan says.
+"""What each decision of a plan is worth on the clips of the calibration set: the cost of a wrong one.
 
-    python3 worth.py OUT [--iterations 600]
+    python3 worth.py OUT [--iterations 1000] [--jobs 2]
 
-OUT is a folder that measure.py has filled. Every clip is trained with `omni4dgs-plus` as a static method and
-with all that moves, and glossy ones with harmonics and without; novel views as written to PNG files are compared
-with the frames. Prints one row per clip, and how often plans use parameters of time where they are worth it; runs
-that are there are not made again. Needs $OMNILIFE, the program, and a Python with NumPy and Pillow.
+OUT is a folder that measure.py has filled. Every clip is trained with `omni4dgs-plus` as the plan says, and once
+more for each component with the other decision; novel views as written to PNG files are compared with the frames.
+Prints what using each component is worth on every clip, how often plans decide against that, and what it costs;
+runs that are there are not made again. Needs $OMNILIFE, the program, and a Python with NumPy and Pillow.
 """
 
 import argparse
 import json
 import os
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -20,11 +21,11 @@ from PIL import Image
 from clips import clips
 from measure import COMPONENTS, made, run, used
 
-STATIC = [word for one in ("temporal-opacity", "temporal-motion", "dynamic-mask", "mask-seeds") for word in ("--without", one)]
-TEMPORAL = ["--with", "temporal-opacity", "--with", "temporal-motion"]
-COLOUR = "view-dependent-colour"
-# Gain from which parameters of time are worth their price, dB: seeds of such runs differ by a tenth.
-WORTH = 0.15
+# Components that go with one: without lives there are no seeds of what moves, and no losses on them.
+WITH = {"motion": ["temporal-opacity", "temporal-motion"]}
+WITHOUT = {"motion": ["temporal-opacity", "temporal-motion", "dynamic-mask", "mask-seeds"]}
+# Difference that seeds of such runs make, dB: a component that is worth less may be used or left out.
+SPREAD = 0.1
 
 
 def psnr(sequence, predictions):
@@ -39,54 +40,79 @@ def psnr(sequence, predictions):
 
 
 def trained(options, clip, name, extra):
-    """PSNR of novel views and CPU seconds of a training."""
+    """PSNR of novel views, CPU seconds of a training on one core, and the components that it used."""
     sequence = options.out / "datasets" / clip.name / "videos" / clip.name / "seq-000"
     folder = made(options.out / "worth" / f"{clip.name}-{name}-{options.iterations}", lambda part: run(
         os.environ["OMNILIFE"], "--quiet", "reconstruct", "train", sequence / "scene.json", "--split",
         sequence / "split.json", "--method", "omni4dgs-plus", "--iterations", options.iterations, "--seed", 0,
         "--trace-views", 0, "--out", part, *extra))
     record = json.loads((folder / "run.json").read_text())
-    return psnr(sequence, folder / "predictions/novel"), record["training_cpu_seconds"]
+    seconds = record["planning_cpu_seconds"] + record["training_cpu_seconds"]
+    return psnr(sequence, folder / "predictions/novel"), seconds, used(record)
 
 
-def decided(options, clip):
-    """Whether the plan that measure.py made of a clip uses parameters of time."""
-    record = json.loads((options.out / "plans" / f"{clip.name}-0" / "run.json").read_text())
-    return COMPONENTS["motion"] in used(record)
+def other_decision(decision, is_used):
+    """Arguments that turn a decision around."""
+    if is_used:
+        return [word for one in WITHOUT.get(decision, [COMPONENTS[decision]]) for word in ("--without", one)]
+    return [word for one in WITH.get(decision, [COMPONENTS[decision]]) for word in ("--with", one)]
 
 
-def decisions(pairs):
-    """The table of decisions: pairs of half, gain in dB, and whether time was used."""
-    lines = ["", f"| Half | Worth {WORTH} dB and used | Worth it, left out | Not worth it, used | Not worth it, left out |",
-             "|---|---:|---:|---:|---:|"]
-    for half in ("set", "unseen"):
-        found = [(gain >= WORTH, is_used) for of, gain, is_used in pairs if of == half]
-        counts = [found.count(pair) for pair in ((True, True), (True, False), (False, True), (False, False))]
-        lines.append(f"| {half} | {' | '.join(map(str, counts))} |")
-    return "\n".join(lines)
+def measured(options, clip):
+    """By decision: whether the plan uses the component, what using it is worth in dB, and by what factor it
+    lengthens the training."""
+    plan_psnr, plan_seconds, components = trained(options, clip, "plan", [])
+    found = {}
+    for decision, component in COMPONENTS.items():
+        is_used = component in components
+        other_psnr, other_seconds, _ = trained(options, clip, decision, other_decision(decision, is_used))
+        gain, factor = plan_psnr - other_psnr, plan_seconds / other_seconds
+        found[decision] = (is_used, gain, factor) if is_used else (is_used, -gain, 1 / factor)
+    return plan_psnr, plan_seconds, found
+
+
+def clips_table(rows):
+    """What using each component is worth on every clip; what the plan uses is marked."""
+    lines = [f"| Clip | Moves | Poses | Exposure | Surfaces | Footage | PSNR, dB | CPU s | {' | '.join(COMPONENTS)} |",
+             "|---|---|---|---|---|---|---:|---:|" + "---:|" * len(COMPONENTS)]
+    for clip, (value, seconds, found) in rows:
+        gains = [f"**{gain:+.2f}**" if is_used else f"{gain:+.2f}" for is_used, gain, _ in found.values()]
+        levels = (clip.motion, clip.poses, clip.exposure, clip.surfaces, clip.footage)
+        lines.append(f"| {clip.name} | {' | '.join(levels)} | {value:.2f} | {seconds:.1f} | {' | '.join(gains)} |")
+    return lines
+
+
+def decisions_table(rows):
+    """How often the plan decides against a gain, or for nothing, and what that costs."""
+    lines = ["| Component | Half | Worth it, used | Worth it, left out | Costs quality, used | Neither, used | Neither or "
+             "costs, left out | Lost by wrong decisions, mean and largest, dB | Training longer by, where used |",
+             "|---|---|---:|---:|---:|---:|---:|---:|---:|"]
+    for decision, component in COMPONENTS.items():
+        for half in ("set", "unseen"):
+            found = [by[decision] for clip, (_, _, by) in rows if clip.half == half]
+            count = lambda test: sum(map(test, found))
+            lost = [abs(gain) if is_used != (gain > 0) and abs(gain) >= SPREAD else 0.0 for is_used, gain, _ in found]
+            factors = [factor for _, _, factor in found]
+            counts = (count(lambda one: one[0] and one[1] >= SPREAD), count(lambda one: not one[0] and one[1] >= SPREAD),
+                      count(lambda one: one[0] and one[1] <= -SPREAD),
+                      count(lambda one: one[0] and abs(one[1]) < SPREAD),
+                      count(lambda one: not one[0] and one[1] < SPREAD))
+            lines.append(f"| {component} | {half} | {' | '.join(map(str, counts))} | {np.mean(lost):.2f}, {max(lost):.2f} "
+                         f"| {100 * (np.median(factors) - 1):.0f} % |")
+    return lines
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("out", type=Path)
-    parser.add_argument("--iterations", type=int, default=600)
+    parser.add_argument("--iterations", type=int, default=1000)
+    parser.add_argument("--jobs", type=int, default=2, help="trainings at a time, each on one core")
     options = parser.parse_args()
+    os.environ["RAYON_NUM_THREADS"] = "1"
     (options.out / "worth").mkdir(exist_ok=True)
-    print("| Clip | Moves | Surfaces | Footage | Static, dB | CPU s | Temporal, dB | CPU s | Harmonics, dB |")
-    print("|---|---|---|---|---:|---:|---:|---:|---:|")
-    pairs = []
-    for clip in clips():
-        static, static_seconds = trained(options, clip, "static", STATIC)
-        temporal, temporal_seconds = trained(options, clip, "temporal", TEMPORAL)
-        harmonics = "-"
-        if clip.surfaces == "glossy":
-            with_harmonics, _ = trained(options, clip, "sh", ["--with", COLOUR])
-            without, _ = trained(options, clip, "nosh", ["--without", COLOUR])
-            harmonics = f"{with_harmonics - without:+.2f}"
-        print(f"| {clip.name} | {clip.motion} | {clip.surfaces} | {clip.footage} | {static:.2f} | {static_seconds:.1f} "
-              f"| {temporal:.2f} ({temporal - static:+.2f}) | {temporal_seconds:.1f} | {harmonics} |", flush=True)
-        pairs.append((clip.half, temporal - static, decided(options, clip)))
-    print(decisions(pairs))
+    with ThreadPoolExecutor(options.jobs) as pool:
+        rows = list(zip(clips(), pool.map(lambda clip: measured(options, clip), clips())))
+    print("\n".join([*decisions_table(rows), "", *clips_table(rows)]))
 
 
 if __name__ == "__main__":
