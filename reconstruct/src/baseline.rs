@@ -7,7 +7,7 @@ use omnilife_engine::{
     density::{DensifySettings, LatitudeOf, SizeUnit, Threshold},
     gaussians::static_gaussians::{self, InitialGaussians},
     model::Model,
-    parameters::{ArrayShape, decay::Decay, memory},
+    parameters::{ArrayShape, decay::Decay, memory, short_schedule::ShortSchedule},
     render::settings::{RenderSettings, RendererChoice},
     step::settings::TrainSettings,
 };
@@ -29,6 +29,11 @@ pub(crate) const OPACITY_RESET: &str = "opacity-reset";
 
 /// Length of the published schedule, iterations.
 pub(crate) const PUBLISHED_ITERATIONS: f64 = 30_000.0;
+
+/// Larger steps in shorter schedules.
+pub(crate) const SHORT_SCHEDULE: ShortSchedule = ShortSchedule {
+    published_iterations: PUBLISHED_ITERATIONS,
+};
 
 /// Extent of the cameras in a normalized scene: 1.1 times their radius (3DGS `getNerfppNorm`).
 pub(crate) const CAMERA_EXTENT: f32 = 1.1;

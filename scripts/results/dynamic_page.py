@@ -22,11 +22,16 @@ class Run:
     """A run with its scores."""
 
     def __init__(self, folder):
+        self.folder = folder
         self.result = json.loads((folder / "score/result.json").read_text())
         self.record = json.loads((folder / "run/run.json").read_text())
 
     def score(self, views, metric):
         return (self.result[views].get(metric) or {}).get("mean")
+
+    def images(self):
+        """The predicted images as they lie in their files."""
+        return [path.read_bytes() for path in sorted((self.folder / "run/predictions").rglob("*.png"))]
 
     def decision(self, component):
         return next(part for part in self.record["plan"] if part["component"] == component)
@@ -75,6 +80,12 @@ def still(folder):
         used = ", ".join(f"`{part['component']}`" for part in planned.record["plan"] if part["used"]) or "none"
         lines.append(f"\n`{name}`: training time over that of `{PEER}`, seed by seed, " +
                      ", ".join(f"{ratio:.3f}" for ratio in ratios) + f". Components in use: {used}.")
+        if all(run.images() == plain.images() for run, plain in zip(methods[name], methods[PEER])):
+            planning = [run.record["planning_cpu_seconds"] for run in methods[name]]
+            plain = [run.record["training_cpu_seconds"] for run in methods[PEER]]
+            share = sum(planning) / sum(plain)
+            lines.append(f"Its images are those of `{PEER}` to the bit: what it costs is planning, {spread(planning, 2)} "
+                         f"CPU s, {share:.1%} of the other's training, and the rest of the ratio is the machine's noise.")
     lines.append(f"\nWhat the plan says of motion: {planned.decision('temporal-opacity')['reason']}.")
     return "\n".join(lines)
 

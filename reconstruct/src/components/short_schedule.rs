@@ -1,20 +1,13 @@
 //! Component: larger steps in schedules shorter than the published one.
 
-use omnilife_engine::parameters::short_schedule::ShortSchedule;
-
 use crate::{
-    baseline::PUBLISHED_ITERATIONS,
+    baseline::{PUBLISHED_ITERATIONS, SHORT_SCHEDULE},
     components::{Component, Decision, Draft, Turn},
     evidence::SceneEvidence,
 };
 
 /// Its name.
 pub const ID: &str = "short-schedule";
-
-/// Relative to the published schedule.
-pub(crate) const SHORT_SCHEDULE: ShortSchedule = ShortSchedule {
-    published_iterations: PUBLISHED_ITERATIONS,
-};
 
 /// Larger steps in short schedules.
 pub(crate) const COMPONENT: Component = Component {

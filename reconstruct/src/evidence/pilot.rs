@@ -5,8 +5,7 @@ use omnilife_schemas::{camera::CameraModel, progress::Silent};
 use rayon::prelude::*;
 
 use crate::{
-    baseline,
-    components::short_schedule::SHORT_SCHEDULE,
+    baseline::{self, SHORT_SCHEDULE},
     error::ReconstructError,
     evidence::{
         PILOT_ITERATIONS,
