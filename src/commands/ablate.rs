@@ -50,7 +50,13 @@ pub(crate) fn execute(
     summary.claim([TABLE_FILE])?;
     let split = out.join(SPLIT_FILE);
     split_scene(scene, protocol, &split)?;
-    let rows = rows(&plan_cost::decisions(scene, &split, method, &asked)?);
+    let can_be_left_out = |component: &str| {
+        let mut without = asked.clone();
+        without.without.push(component.to_owned());
+        method.check(&without, arguments.backend.into()).is_ok()
+    };
+    let decisions = plan_cost::decisions(scene, &split, method, &asked)?;
+    let rows = rows(&decisions, can_be_left_out);
     if rows.len() == 1 {
         return Err(BadRequest(format!(
             "{} uses no components on this scene that could be left out",
@@ -113,12 +119,24 @@ fn as_result(failures: &[(String, String, ErrorKind)], rows: usize) -> anyhow::R
     .into())
 }
 
-/// Everything that is used, then everything but one of it.
-fn rows(decisions: &[ComponentDecision]) -> Vec<Option<String>> {
-    let used = decisions.iter().filter(|decision| decision.used);
-    std::iter::once(None)
-        .chain(used.map(|decision| Some(decision.component.clone())))
-        .collect()
+/// Everything that is used, then everything but one of it. What is decided of each object apart, `flow:swan`, is
+/// left out of all of them; what cannot be left out, such as an object, is no row.
+fn rows(
+    decisions: &[ComponentDecision],
+    can_be_left_out: impl Fn(&str) -> bool,
+) -> Vec<Option<String>> {
+    let mut rows = vec![None];
+    for decision in decisions.iter().filter(|decision| decision.used) {
+        let component = &decision.component;
+        let component = component
+            .split_once(':')
+            .map_or(component.as_str(), |(component, _)| component);
+        let row = Some(component.to_owned());
+        if can_be_left_out(component) && !rows.contains(&row) {
+            rows.push(row);
+        }
+    }
+    rows
 }
 
 fn header(method: &Method, result: &ResultRecord) -> String {
@@ -170,7 +188,22 @@ mod tests {
             decision("temporal-motion", true),
         ];
         let expected = [None, Some("sky-shell"), Some("temporal-motion")];
-        assert_eq!(rows(&plan), expected.map(|name| name.map(str::to_owned)));
-        assert_eq!(rows(&plan[1..2]), [None]);
+        assert_eq!(
+            rows(&plan, |_| true),
+            expected.map(|name| name.map(str::to_owned))
+        );
+        assert_eq!(rows(&plan[1..2], |_| true), [None]);
+
+        let of_objects = [
+            decision("object:swan", true),
+            decision("flow:swan", true),
+            decision("flow:background", true),
+            decision("mask-loss", true),
+        ];
+        let expected = [None, Some("flow"), Some("mask-loss")];
+        assert_eq!(
+            rows(&of_objects, |component| component != "object"),
+            expected.map(|name| name.map(str::to_owned))
+        );
     }
 }
