@@ -169,11 +169,11 @@ fn deviations(residuals: &[f32]) -> impl Iterator<Item = f32> {
     } else {
         &[]
     };
-    let mut sorted = seen.to_vec();
-    let middle = sorted.len() / 2;
+    let mut values = seen.to_vec();
+    let middle = values.len() / 2;
     let median = match seen {
         [] => 0.0,
-        _ => *sorted.select_nth_unstable_by(middle, f32::total_cmp).1,
+        _ => *values.select_nth_unstable_by(middle, f32::total_cmp).1,
     };
     seen.iter().map(move |residual| (residual - median).abs())
 }

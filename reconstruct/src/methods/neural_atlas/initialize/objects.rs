@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use super::{
     background::filled,
     by_distance_in_time, colour_at, pixel_at, point_on, seen_at,
-    silhouettes::{Shape, Silhouette, on_plane, plane_axes, reference, relative_depths},
+    silhouettes::{Shape, Silhouette, middle, on_plane, plane_axes, reference, relative_depths},
     texel_uv,
 };
 use crate::methods::neural_atlas::{
@@ -98,10 +98,7 @@ pub fn node(clip: &Clip, object: usize, setting: &Setting<'_>) -> Made {
     let depth = setting.depths[object];
     let depth_from = match setting.by_points[object] {
         Some((_, count)) => format!("from {count} points in its mask"),
-        None => format!(
-            "a guess: {:.2} of the background's, behind what hides it",
-            depth / background
-        ),
+        None => format!("a guess: {:.2} of the background's", depth / background),
     };
     let depths: Vec<f64> = relative_depths(seen, reference)
         .into_iter()
@@ -158,17 +155,6 @@ pub fn node(clip: &Clip, object: usize, setting: &Setting<'_>) -> Made {
     let texels = [texels.x.ceil() as usize, texels.y.ceil() as usize];
     paint(clip, object, &mut made, texels, reference.frame);
     Made::Node(Box::new(made), depth_from)
-}
-
-/// The pose of a plane around the middle of a silhouette.
-fn middle(clip: &Clip, seen: &Silhouette, depth: f64) -> RigidPose {
-    let frame = &clip.frames[seen.frame];
-    let axes = plane_axes(&clip.camera, seen.direction);
-    let along = axes.col(2).dot(seen.direction);
-    RigidPose {
-        centre: frame.pose.centre + frame.pose.rotation * (depth / along * seen.direction),
-        rotation: frame.pose.rotation * axes,
-    }
 }
 
 /// Distance along the plane's normal of the scene points in an object's reference silhouette, and how many they

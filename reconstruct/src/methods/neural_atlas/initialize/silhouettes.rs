@@ -112,6 +112,17 @@ pub(super) fn on_plane(clip: &Clip, seen: &Silhouette, axes: &DMat3, depth: f64)
     places.collect()
 }
 
+/// The pose of a plane around the middle of a silhouette, `depth` away along its normal.
+pub(super) fn middle(clip: &Clip, seen: &Silhouette, depth: f64) -> RigidPose {
+    let frame = &clip.frames[seen.frame];
+    let axes = plane_axes(&clip.camera, seen.direction);
+    let along = axes.col(2).dot(seen.direction);
+    RigidPose {
+        centre: frame.pose.centre + frame.pose.rotation * (depth / along * seen.direction),
+        rotation: frame.pose.rotation * axes,
+    }
+}
+
 /// The silhouette that shows most of an object, of those that show all of it where there are any.
 pub(super) fn reference(seen: &[Silhouette]) -> Option<&Silhouette> {
     let largest = |a: &&Silhouette, b: &&Silhouette| a.area.total_cmp(&b.area);
@@ -167,13 +178,10 @@ impl Shape {
         seen: &Silhouette,
         depth: f64,
     ) -> Option<RigidPose> {
-        let frame = &clip.frames[seen.frame];
-        let axes = frame.pose.rotation * plane_axes(&clip.camera, seen.direction);
-        let along = axes.col(2).dot(frame.pose.rotation * seen.direction);
-        let middle = frame.pose.centre + frame.pose.rotation * (depth / along * seen.direction);
+        let of_part = middle(clip, seen, depth);
         let pose = |shift: DVec2| RigidPose {
-            centre: middle + axes * shift.extend(0.0),
-            rotation: axes,
+            centre: of_part.centre + of_part.rotation * shift.extend(0.0),
+            rotation: of_part.rotation,
         };
         let whole = self.area_at_one * self.places.len() as f64 / (depth * depth);
         if seen.area < LEAST_SHARE * whole {
