@@ -107,7 +107,7 @@ def is_listening(port):
         return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
-def wait_for(what, condition, seconds=60, found=None):
+def wait_for(what, condition, found=None, seconds=300):
     end = time.monotonic() + seconds
     while not condition():
         if time.monotonic() > end:
