@@ -27,7 +27,7 @@ pub const METHOD: Method = Method {
     description: "Static Gaussians under the ERP Jacobian with exact gradients, footprints that \
                   wrap around the seam, half-pixel centres and SH degree 0. Departures: schedules \
                   scale with the iterations (no opacity resets below 5,000, densification once an \
-                  epoch at most); sizes are relative to the distance from the mean camera, and \
+                  epoch at most); sizes are relative to the distance from the nearest camera, and \
                   those above half of it are pruned from the beginning; first sizes stay within a \
                   factor of 10 of their median; position steps are relative to the median distance \
                   of the points, the near limit to the cameras' steps; SSIM wraps around the seam; \

@@ -2,17 +2,19 @@
 //!
 //! Source: 3DGS `scene/gaussian_model.py`, `train.py`. The screen-size prune is left out: it is dead
 //! code upstream. When any of it happens is in [`settings`]; what is different for Gaussians that
-//! depend on time is in `moving.rs`; where Gaussians lie in memory afterwards is in [`order`].
+//! depend on time is in `moving.rs`; what sizes are compared with in `sizes.rs`; where Gaussians lie in memory afterwards is in [`order`].
 
 mod moving;
 pub mod order;
 pub mod settings;
+mod sizes;
 
 use glam::{Mat3, Quat, Vec3};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 
 pub use crate::density::settings::{DensifySettings, LatitudeOf, SizeUnit, Threshold};
+use crate::density::sizes::Sizes;
 use crate::model::Statistics;
 use crate::training_view::TrainingView;
 use crate::{
@@ -73,6 +75,7 @@ pub fn densify(
             Some(temporal) => {
                 let control = moving::MovingControl {
                     settings,
+                    sizes: &Sizes::new(settings, context.views),
                     temporal,
                     scheduled,
                     context,
@@ -99,12 +102,13 @@ fn densify_static(
     random: &mut Pcg64Mcg,
 ) -> Densified {
     let settings = &settings.of_part(part);
+    let sizes = Sizes::new(settings, context.views);
     let Part {
         table, statistics, ..
     } = part;
     let (mut clones, mut parents) = (Vec::new(), Vec::new());
     for index in candidates(table, statistics, settings, context, room) {
-        if relative_size(table, index, settings.size_unit) <= settings.clone_size {
+        if sizes.is_at_most(table, index, settings.clone_size) {
             clones.push(index);
         } else {
             parents.push(index);
@@ -122,7 +126,7 @@ fn densify_static(
         shrink(table, child);
     }
     let pruned = remove(table, &parents, |table, index| {
-        is_useful(table, index, settings, scheduled)
+        is_useful(table, index, settings, &sizes, scheduled)
     });
     part.forget_statistics();
     Densified {
@@ -158,11 +162,12 @@ fn is_useful(
     table: &ParameterTable,
     index: usize,
     settings: &DensifySettings,
+    sizes: &Sizes,
     scheduled: u64,
 ) -> bool {
     table.arrays[OPACITY_LOGITS].values[index] >= logit(settings.prune_opacity)
         && (scheduled <= settings.prune_size_begin_iteration
-            || relative_size(table, index, settings.size_unit) <= settings.prune_size)
+            || sizes.is_at_most(table, index, settings.prune_size))
 }
 
 /// The Gaussians to clone or split, in order of their index. Where there is no `room` for all, those
@@ -245,19 +250,6 @@ pub fn reset_opacities(model: &mut Model) {
 
 fn row<const N: usize>(table: &ParameterTable, array: usize, index: usize) -> [f32; N] {
     table.arrays[array].values.as_chunks::<N>().0[index]
-}
-
-/// Largest axis of a Gaussian in the unit of the size limits.
-fn relative_size(table: &ParameterTable, index: usize, unit: SizeUnit) -> f32 {
-    let [a, b, c] = row::<3>(table, LOG_SCALES, index);
-    let largest = a.max(b).max(c).exp();
-    match unit {
-        SizeUnit::Distance => {
-            let distance = Vec3::from_array(row(table, POSITIONS, index)).length();
-            largest / distance.max(1.0)
-        }
-        SizeUnit::Length(length) => largest / length,
-    }
 }
 
 /// Moves a child to a random place inside its parent's ellipsoid.

@@ -14,8 +14,8 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 
 use crate::density::{
-    Densified, DensifySettings, DensityContext, candidates, is_useful, relative_size, remove,
-    scatter_child, shrink, strongest,
+    Densified, DensifySettings, DensityContext, candidates, is_useful, remove, scatter_child,
+    shrink, sizes::Sizes, strongest,
 };
 use crate::{
     gaussians::{
@@ -38,6 +38,8 @@ const PEAK_MARGIN: f32 = 0.1;
 /// What density control of moving Gaussians goes by.
 pub(super) struct MovingControl<'a> {
     pub(super) settings: &'a DensifySettings,
+    /// What sizes are compared with.
+    pub(super) sizes: &'a Sizes,
     pub(super) temporal: TemporalGaussians,
     pub(super) scheduled: u64,
     pub(super) context: &'a DensityContext<'a>,
@@ -77,7 +79,8 @@ impl MovingControl<'_> {
         }
         self.temporal.time.keep_within_bounds(table);
         let pruned = remove(table, &parents, |table, index| {
-            is_useful(table, index, self.settings, self.scheduled) && self.is_seen(table, index)
+            is_useful(table, index, self.settings, self.sizes, self.scheduled)
+                && self.is_seen(table, index)
         });
         part.forget_statistics();
         Densified {
@@ -108,8 +111,9 @@ impl MovingControl<'_> {
         let in_space = candidates(table, statistics, self.settings, self.context, room);
         let mut growth: Vec<Option<Growth>> = vec![None; table.len()];
         for &index in &in_space {
-            let is_small =
-                relative_size(table, index, self.settings.size_unit) <= self.settings.clone_size;
+            let is_small = self
+                .sizes
+                .is_at_most(table, index, self.settings.clone_size);
             growth[index] = Some(if is_small {
                 Growth::Clone
             } else {
@@ -173,8 +177,9 @@ impl MovingControl<'_> {
         random: &mut Pcg64Mcg,
     ) {
         let temporal_parameters = self.temporal_parameters(table, child);
-        let is_large =
-            relative_size(table, child, self.settings.size_unit) > self.settings.clone_size;
+        let is_large = !self
+            .sizes
+            .is_at_most(table, child, self.settings.clone_size);
         scatter_child(table, child, random);
         if is_large {
             shrink(table, child);
@@ -290,6 +295,7 @@ mod tests {
         };
         let control = MovingControl {
             settings: &settings,
+            sizes: &Sizes::new(&settings, context.views),
             temporal: temporal(),
             scheduled,
             context: &context,

@@ -62,9 +62,9 @@ pub enum LatitudeOf {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SizeUnit {
-    /// The Gaussian's distance from the mean camera, floored at the cameras' radius (1 in a
-    /// normalized scene): PVG's distance factor without its offset. It holds in scenes many times as
-    /// large as the camera's path.
+    /// The Gaussian's distance from the nearest input camera, that of neighbouring cameras at least: it
+    /// holds in scenes many times as large as the cameras' path, and on long paths past things that are
+    /// near.
     Distance,
     /// A length in normalized units: the extent of the cameras in 3DGS, 100 world units more in
     /// ODGS.
