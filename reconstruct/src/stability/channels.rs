@@ -36,7 +36,7 @@ pub struct ChannelCase {
 }
 
 /// Where a Gaussian is and how it lies: direction, distance, standard deviations, opacity.
-type Shape = (DVec3, f64, [f64; 3], f64);
+pub(super) type Shape = (DVec3, f64, [f64; 3], f64);
 
 /// Ten times what is measured, on the CPU and on a software adapter alike.
 const LIMITS: Limits = Limits {
@@ -106,6 +106,16 @@ pub(super) const CASES: &[ChannelCase] = &[
     },
 ];
 
+/// A panorama of Gaussians of one colour each.
+pub(super) fn setup_of(shapes: Vec<Shape>) -> (RefView, Vec<Gaussian>) {
+    let case = ChannelCase {
+        sh_degree: 0,
+        features: 0,
+        ..PLAIN
+    };
+    case.setup_of(shapes)
+}
+
 impl ChannelCase {
     /// Judges it on a device.
     ///
@@ -133,6 +143,10 @@ impl ChannelCase {
     }
 
     fn setup(&self) -> (RefView, Vec<Gaussian>) {
+        self.setup_of((self.gaussians)())
+    }
+
+    fn setup_of(&self, shapes: Vec<Shape>) -> (RefView, Vec<Gaussian>) {
         let settings = RenderSettings {
             background: [0.1, 0.3, 0.2],
             sh_degree: self.sh_degree,
@@ -141,7 +155,7 @@ impl ChannelCase {
         };
         let turn = DQuat::from_euler(glam::EulerRot::XYZ, 0.1, -0.2, 0.05);
         let view = RefView::new((self.camera)(), turn, dvec3(0.02, -0.01, 0.03), settings);
-        let gaussians = (self.gaussians)()
+        let gaussians = shapes
             .into_iter()
             .enumerate()
             .map(|(number, shape)| self.gaussian(number, shape))
@@ -190,7 +204,7 @@ fn pinhole() -> Camera {
     Camera::Pinhole(PinholeCamera::with_horizontal_field_of_view(36, 24, 1.745))
 }
 
-fn around() -> Vec<Shape> {
+pub(super) fn around() -> Vec<Shape> {
     (0..8)
         .map(|index| {
             let y = 1.0 - (f64::from(index) + 0.5) / 4.0;
@@ -207,7 +221,7 @@ fn around() -> Vec<Shape> {
         .collect()
 }
 
-fn at_the_poles() -> Vec<Shape> {
+pub(super) fn at_the_poles() -> Vec<Shape> {
     let mut shapes = vec![
         (dvec3(0.0, -1.0, 0.0), 2.0, [0.2, 0.1, 0.3], 0.6),
         (dvec3(0.0, 1.0, 0.0), 1.5, [0.1, 0.2, 0.15], 0.5),
@@ -217,7 +231,7 @@ fn at_the_poles() -> Vec<Shape> {
     shapes
 }
 
-fn needles() -> Vec<Shape> {
+pub(super) fn needles() -> Vec<Shape> {
     let thin = 9e-7;
     let mut shapes = vec![
         (dvec3(-1.0, 0.2, 0.7), 3.0, [0.9, thin, thin], 0.7),
@@ -227,7 +241,7 @@ fn needles() -> Vec<Shape> {
     shapes
 }
 
-fn layers() -> Vec<Shape> {
+pub(super) fn layers() -> Vec<Shape> {
     (0..300)
         .map(|index| {
             let jitter = 0.02 * (f64::from(index) * 0.7).sin();

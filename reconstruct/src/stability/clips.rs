@@ -19,6 +19,7 @@ use omnilife_engine::{camera::View, model::Part, training_view::TrainingView};
 
 const METHODS: [&str; 4] = ["deformable", "periodic", "omni4dgs", "omni4dgs-plus"];
 const ITERATIONS: u64 = 12;
+const LONG_ITERATIONS: u64 = 3_000;
 const FRAMES: u32 = 6;
 
 /// All of them.
@@ -58,6 +59,11 @@ pub(super) const CASES: &[SpecialCase] = &[
             })
         },
     },
+    SpecialCase {
+        id: "long-training",
+        title: "training for thousands of steps on a handful of frames",
+        judge: train_long,
+    },
 ];
 
 fn fill_masks(scene: &mut TrainingScene, value: u8) {
@@ -71,6 +77,52 @@ fn lengthen(scene: &mut TrainingScene) {
     for view in &mut scene.input_views {
         let gap = if view.frame < FRAMES / 2 { 0.0 } else { 1e4 };
         view.view.time_seconds = 1e6 + (f64::from(view.frame) + gap) / 30.0;
+    }
+}
+
+/// What a run has to be better by in the end: its loss over that of its beginning.
+const LEARNT: f64 = 0.5;
+
+/// Trains with all components for thousands of steps: errors that grow slowly show only then.
+fn train_long() -> Judgement {
+    let Some(scene) = scene() else {
+        return Judgement::failed("the scene has a camera without a place".to_owned());
+    };
+    let request = MethodRequest {
+        plan: PlanChoice::Full,
+        options: Options::at_most(400),
+        trace_every: Some(100),
+        ..MethodRequest::new(LONG_ITERATIONS, 7)
+    };
+    let trained = methods::find("omni4dgs-plus")
+        .and_then(|method| method.train(&scene, &request, &Session::without_files(&Silent)));
+    let fault = match trained {
+        Err(error) => Some(error.to_string()),
+        Ok(outcome) => {
+            let losses: Vec<f64> = outcome
+                .training
+                .state
+                .trace
+                .iter()
+                .map(|row| row.train_loss)
+                .collect();
+            let learnt = losses
+                .last()
+                .zip(losses.first())
+                .map(|(last, first)| last / first);
+            fault_in(outcome).or_else(|| match learnt {
+                Some(share) if share < LEARNT => None,
+                _ => Some(format!("the loss fell to {learnt:.2?} of what it was")),
+            })
+        }
+    };
+    Judgement {
+        action: format!(
+            "omni4dgs-plus trained for {LONG_ITERATIONS} steps: nothing refused, all finite, the loss halved at least"
+        ),
+        fault,
+        measured: None,
+        missing: None,
     }
 }
 

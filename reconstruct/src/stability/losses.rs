@@ -1,5 +1,9 @@
 //! Cases about the photometric loss: images that are dark, flat, far too bright, all but equal, and masks with
-//! hardly any weight. The kernel in f32 is judged by loops in f64.
+//! hardly any weight. The kernel in f32 is judged by loops in f64. In [`maps`] and [`motion`] those about the losses
+//! that only dynamic scenes have.
+
+mod maps;
+mod motion;
 
 use omnilife_engine::losses::photometric::{cpu::Loss, reference::ReferencePair};
 use omnilife_schemas::records::StabilityMeasures;
@@ -15,7 +19,12 @@ use crate::stability::{
 const SIZE: [usize; 2] = [37, 19];
 const LAMBDA: f32 = 0.2;
 
-pub(super) const CASES: &[SpecialCase] = &[
+/// All cases of losses.
+pub(super) fn all() -> impl Iterator<Item = &'static SpecialCase> {
+    CASES.iter().chain(maps::CASES).chain(motion::CASES)
+}
+
+const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "loss-noise",
         title: "the loss of noise against noise, for comparison",
@@ -138,16 +147,27 @@ fn judge(images: &Images, limits: Limits) -> Judgement {
         mask: &widen(mask),
     };
     let (expected, by_render) = pair.value_and_gradient(f64::from(LAMBDA));
-    let largest = by_render.iter().map(|g| g.abs()).fold(0.0, largest_or_nan);
+    let found = (value.total, widen(&gradient));
+    compared(&found, &(expected.total, by_render), limits)
+}
+
+/// A value with its gradient against what is expected: the error of the value, absolute, and those of the
+/// gradient, relative to its largest value.
+fn compared(
+    (value, gradient): &(f64, Vec<f64>),
+    (expected, by_input): &(f64, Vec<f64>),
+    limits: Limits,
+) -> Judgement {
+    let largest = by_input.iter().map(|g| g.abs()).fold(0.0, largest_or_nan);
     let errors = gradient
         .iter()
-        .zip(&by_render)
-        .map(|(&found, expected)| (f64::from(found) - expected).abs());
+        .zip(by_input)
+        .map(|(found, expected)| (found - expected).abs());
     let measures = StabilityMeasures {
-        forward_error: Some((value.total - expected.total).abs()),
+        forward_error: Some((value - expected).abs()),
         forward_share: Some(0.0),
-        gradient_error: Some(errors.fold(0.0, largest_or_nan) / largest),
-        is_finite: value.total.is_finite() && gradient.iter().all(|g| g.is_finite()),
+        gradient_error: Some(errors.fold(0.0, largest_or_nan) / largest.max(f64::MIN_POSITIVE)),
+        is_finite: value.is_finite() && gradient.iter().all(|g| g.is_finite()),
         drawn: 0,
         gaussians: 0,
     };
@@ -164,7 +184,7 @@ fn judge(images: &Images, limits: Limits) -> Judgement {
         _ => None,
     };
     Judgement {
-        action: "the loss and its gradient by every pixel, against f64".to_owned(),
+        action: "the loss and its gradient, against f64".to_owned(),
         fault,
         measured: Some(measures),
         missing: None,

@@ -24,6 +24,7 @@ pub mod measure;
 mod networks;
 mod objects;
 pub mod parameterizations;
+mod poses;
 pub mod setup;
 pub mod special;
 pub mod sweeps;

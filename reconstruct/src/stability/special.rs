@@ -8,6 +8,7 @@ use crate::stability::{
     devices::{Device, DeviceKind},
     losses, networks, objects,
     parameterizations::STATIC,
+    poses,
     setup::{Setup, mild},
 };
 use omnilife_engine::{
@@ -52,9 +53,9 @@ pub fn all() -> impl Iterator<Item = &'static SpecialCase> {
     let further = clips::CASES.iter().chain(depth::CASES).chain(atlas::CASES);
     let own = SPECIAL_CASES
         .iter()
-        .chain(losses::CASES)
+        .chain(losses::all())
         .chain(networks::CASES);
-    own.chain(further).chain(objects::CASES)
+    own.chain(further).chain(objects::CASES).chain(poses::CASES)
 }
 
 const SPECIAL_CASES: &[SpecialCase] = &[

@@ -22,11 +22,12 @@ impl Counted<'_> {
         self.ignored.is_none_or(|ignored| ignored[pixel] == 0)
     }
 
-    /// How many of so many.
+    /// How many of so many; 1 where none counts, for what is divided by it is 0.
     fn of(&self, pixels: usize) -> usize {
-        self.ignored.map_or(pixels, |ignored| {
+        let counted = self.ignored.map_or(pixels, |ignored| {
             ignored.iter().filter(|&&mark| mark == 0).count()
-        })
+        });
+        counted.max(1)
     }
 }
 

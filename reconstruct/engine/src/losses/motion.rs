@@ -8,6 +8,16 @@
 //! with `Dt` = 1 frame: radians per frame, squared. The paper sums over nothing and divides by
 //! nothing; a mean of rates does not depend on the number of Gaussians or on the frame rate. `c` is
 //! the same at both moments.
+//!
+//! Directions of what is far away hardly differ, and those of what passes close by fast are all but opposite: neither
+//! may be told by differences of nearly equal numbers. With `n = |p|`, `n' = |p'|`, `s = p' - p` the step between both
+//! moments, and because places leave the centre `c0` along the velocity, as steps do (`p x s = c0 x s`):
+//!
+//! ```text
+//! n' - n = s.(p + p') / (n + n')           e = d' - d = (s - (n' - n) d) / n'           w = d x d' = (c0 x s) / (n n')
+//! d|e|^2/dp' = -2 (d' x w) / n'            d|e|^2/dp = 2 (d x w) / n
+//! d|e|^2/dc0 = their sum = 2 ((n' - n) d / (n n') - e / n') x w
+//! ```
 
 pub(crate) mod gpu;
 
@@ -44,7 +54,7 @@ pub fn motion(
                 temporal_table.centre(index) - origin,
             );
             let Some((value, by_temporal, by_centre)) =
-                one(&temporal_parameters, centre, frame, cycle)
+                of_one(&temporal_parameters, centre, frame, cycle)
             else {
                 return (0.0, None);
             };
@@ -62,29 +72,32 @@ pub fn motion(
     (sum / members.len().max(1) as f64, gradients.collect())
 }
 
-/// One Gaussian's `|d(t + Dt) - d(t)|^2 / Dt^2` and its gradients by temporal parameters and centre; `None` where
-/// no direction is defined.
-fn one(
+/// One Gaussian's `|d(t + Dt) - d(t)|^2 / Dt^2` and its gradients by temporal parameters and by the centre, which is
+/// relative to the observer; `None` where no direction is defined.
+pub fn of_one(
     temporal_parameters: &TemporalParameters,
     centre: Vec3,
     frame: f64,
     cycle: f32,
 ) -> Option<(f32, TemporalGradient, Vec3)> {
     let moments = [frame, frame + f64::from(STEP_FRAMES)].map(FrameTime::at);
-    let [before, after] =
-        moments.map(|frame_time| centre + temporal_parameters.at(frame_time, cycle).displacement);
+    let displacements =
+        moments.map(|frame_time| temporal_parameters.at(frame_time, cycle).displacement);
+    let [before, after] = displacements.map(|displacement| centre + displacement);
     let [near, far] = [before.length(), after.length()];
     let is_defined = near > LEAST_DISTANCE && far > LEAST_DISTANCE;
     if !is_defined {
         return None;
     }
     let (d_before, d_after) = (before / near, after / far);
-    let change = (d_after - d_before) / (STEP_FRAMES * STEP_FRAMES);
-    let value = change.dot(d_after - d_before);
-    // d(p/|p|): remove the part along p, divide by the length.
-    let across = |direction: Vec3, gradient: Vec3| gradient - direction * direction.dot(gradient);
-    let by_after = across(d_after, change * 2.0) / far;
-    let by_before = across(d_before, change * -2.0) / near;
+    let step = displacements[1] - displacements[0];
+    let farther = step.dot(before + after) / (near + far);
+    let change = (step - d_before * farther) / far;
+    let value = change.length_squared() / (STEP_FRAMES * STEP_FRAMES);
+    let turn = centre.cross(step) / (near * far) * (2.0 / (STEP_FRAMES * STEP_FRAMES));
+    let by_after = -d_after.cross(turn) / far;
+    let by_before = d_before.cross(turn) / near;
+    let by_centre = (d_before * (farther / (near * far)) - change / far).cross(turn);
     let mut gradient = TemporalGradient::default();
     for (frame_time, by_position) in moments.into_iter().zip([by_before, by_after]) {
         let upstream = TemporalState {
@@ -97,7 +110,7 @@ fn one(
         gradient.log_lifespan += part.log_lifespan;
         gradient.velocity += part.velocity;
     }
-    Some((value, gradient, by_before + by_after))
+    Some((value, gradient, by_centre))
 }
 
 #[cfg(test)]
@@ -133,7 +146,7 @@ mod tests {
                 lifespan: 40.0,
                 velocity: Vec3::new(vx, vy, vz),
             };
-            let found = one(
+            let found = of_one(
                 &temporal_parameters,
                 Vec3::new(x, y, z),
                 frame,
@@ -166,8 +179,8 @@ mod tests {
             lifespan: f32::INFINITY,
             velocity: Vec3::ZERO,
         };
-        assert!(one(&still, Vec3::ZERO, 0.0, 10.0).is_none());
-        let (value, by_temporal, by_centre) = one(&still, Vec3::X, 3.0, 10.0).expect("defined");
+        assert!(of_one(&still, Vec3::ZERO, 0.0, 10.0).is_none());
+        let (value, by_temporal, by_centre) = of_one(&still, Vec3::X, 3.0, 10.0).expect("defined");
         assert_eq!(
             (value, by_temporal.velocity, by_centre),
             (0.0, Vec3::ZERO, Vec3::ZERO)
@@ -177,7 +190,7 @@ mod tests {
             velocity: Vec3::X * 0.5,
             ..still
         };
-        let (value, ..) = one(&radial, Vec3::X * 4.0, 0.3, 10.0).expect("defined");
+        let (value, ..) = of_one(&radial, Vec3::X * 4.0, 0.3, 10.0).expect("defined");
         assert_eq!(value, 0.0);
     }
 }

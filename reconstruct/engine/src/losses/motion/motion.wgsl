@@ -46,12 +46,14 @@ fn motion_of(index: u32, scale: f32) -> f32 {
     }
     let d_before = before / near;
     let d_after = after / far;
-    let change = d_after - d_before;
-    // d(p/|p|): remove the part along p, divide by the length.
-    let by_change = 2.0 * scale * change;
-    let by_after = (by_change - d_after * dot(d_after, by_change)) / far;
-    let by_before = (d_before * dot(d_before, by_change) - by_change) / near;
-    let by_centre = by_before + by_after;
+    let step = parameters.velocity * (vibrations[1].x - vibrations[0].x);
+    let farther = dot(step, before + after) / (near + far);
+    let change = (step - d_before * farther) / far;
+    let value = scale * dot(change, change);
+    let turn = 2.0 * scale * cross(centre, step) / (near * far);
+    let by_after = -cross(d_after, turn) / far;
+    let by_before = cross(d_before, turn) / near;
+    let by_centre = cross(d_before * (farther / (near * far)) - change / far, turn);
     let by_peak = -dot(
         parameters.velocity,
         vibrations[0].y * by_before + vibrations[1].y * by_after,
@@ -71,7 +73,7 @@ fn motion_of(index: u32, scale: f32) -> f32 {
                 += raw.tangential_velocity[axis];
         }
     }
-    return scale * dot(change, change);
+    return value;
 }
 
 @compute @workgroup_size(256)
