@@ -14,8 +14,14 @@ use omnilife_engine::{
     trajectories::{catmull_rom::Knots, rigid_spline::RigidPose, rotation_spline::rotation},
 };
 
-use self::clips::{identical_frames, odd_masks, units, wide_masks};
-use crate::stability::special::{Judgement, SpecialCase};
+use self::clips::{
+    carried_along, flash, identical_frames, many_objects, never_hit, odd_masks, odd_points,
+    turned_around, units, wide_masks,
+};
+use crate::{
+    methods::neural_atlas::shade::let_inwards,
+    stability::special::{Judgement, SpecialCase},
+};
 
 pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
@@ -128,6 +134,46 @@ pub(super) const CASES: &[SpecialCase] = &[
         title: "a clip in units of 1e-6 and 1e6, and 1e6 from the origin",
         judge: || judge("the same images to 1e-4", units),
     },
+    SpecialCase {
+        id: "atlas-64-objects",
+        title: "64 objects of four pixels side by side",
+        judge: || judge("a node for each; parameters stay finite", many_objects),
+    },
+    SpecialCase {
+        id: "atlas-never-hit",
+        title: "an object that no ray hits",
+        judge: || judge("its parameters stay as they are", never_hit),
+    },
+    SpecialCase {
+        id: "atlas-flash",
+        title: "a frame that is white, and one of twice the exposure",
+        judge: || judge("parameters stay finite", flash),
+    },
+    SpecialCase {
+        id: "atlas-carried-along",
+        title: "a mask that stands still in the image of a camera that turns, and of one that does not",
+        judge: || judge("no plane, and a plane", carried_along),
+    },
+    SpecialCase {
+        id: "atlas-turned-around",
+        title: "a camera that turns by 30 and by 170 degrees",
+        judge: || judge("a plane, and a sphere as background", turned_around),
+    },
+    SpecialCase {
+        id: "atlas-odd-points",
+        title: "scene points at the camera, at one distance, and behind the background",
+        judge: || {
+            judge(
+                "distances within those of camera and background",
+                odd_points,
+            )
+        },
+    },
+    SpecialCase {
+        id: "clamped-colours",
+        title: "colours at 0 and 1 and far beyond them",
+        judge: || judge("gradients that point inwards pass, others are 0", clamped),
+    },
 ];
 
 /// A case that passes where its function finds no fault.
@@ -166,11 +212,11 @@ fn parallel() -> Result<(), String> {
             continue;
         }
         let found = found.ok_or_else(|| format!("missed at a cosine of {cosine}"))?;
-        let (pose_gradient, ray) =
-            hit_vjp(&FORWARD, &pose, DVec2::ONE, &found, DVec2::ONE, DVec3::ONE);
-        let is_bounded = pose_gradient.centre.is_finite()
-            && pose_gradient.centre.length() < 10.0 / cosine
-            && ray.direction.is_finite();
+        let gradient = hit_vjp(&FORWARD, &pose, DVec2::ONE, &found, DVec2::ONE, DVec3::ONE);
+        let by_centre = gradient.pose().centre;
+        let is_bounded = by_centre.is_finite()
+            && by_centre.length() < 10.0 / cosine
+            && gradient.ray.direction.is_finite();
         check(is_bounded, || {
             format!("the gradient is not bounded at {cosine}")
         })?;
@@ -240,6 +286,25 @@ fn opaque() -> Result<(), String> {
                 format!("layer {at} of {opacities:?} is off by {error}")
             })?;
         }
+    }
+    Ok(())
+}
+
+fn clamped() -> Result<(), String> {
+    for (value, passes_up, passes_down) in [
+        (-1e6, true, false),
+        (-1e-7, true, false),
+        (0.0, true, true),
+        (1.0, true, true),
+        (1.0 + 1e-7, false, true),
+        (1e6, false, true),
+    ] {
+        // A step goes against the gradient.
+        let up = let_inwards(DVec3::splat(value), -DVec3::ONE) == -DVec3::ONE;
+        let down = let_inwards(DVec3::splat(value), DVec3::ONE) == DVec3::ONE;
+        check([up, down] == [passes_up, passes_down], || {
+            format!("{value}: up {up}, down {down}")
+        })?;
     }
     Ok(())
 }

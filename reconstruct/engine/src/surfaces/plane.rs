@@ -45,6 +45,26 @@ pub struct PlaneHit {
     pub direction: DVec3,
 }
 
+/// Gradient of a hit by what it depends on.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct PlaneGradient {
+    /// By the pose, through the distance at which the ray meets the plane.
+    pub through_distance: PoseGradient,
+    /// By the pose where that distance is held, through the place on the rectangle.
+    pub through_place: PoseGradient,
+    /// By the ray.
+    pub ray: RayGradient,
+}
+
+impl PlaneGradient {
+    /// By the pose.
+    pub fn pose(&self) -> PoseGradient {
+        let mut whole = self.through_place;
+        whole.add(&self.through_distance);
+        whole
+    }
+}
+
 /// The hit of a rectangle of `size` at `pose`; `None` where the ray misses it.
 pub fn hit(ray: &Ray, pose: &RigidPose, size: DVec2) -> Option<PlaneHit> {
     let normal = pose.rotation.col(2);
@@ -75,7 +95,7 @@ pub fn hit_vjp(
     hit: &PlaneHit,
     by_uv: DVec2,
     by_direction: DVec3,
-) -> (PoseGradient, RayGradient) {
+) -> PlaneGradient {
     let normal = pose.rotation.col(2);
     let slope = normal.dot(ray.direction);
     let from_centre = ray.origin + hit.distance * ray.direction - pose.centre;
@@ -83,19 +103,21 @@ pub fn hit_vjp(
     let by_point = pose.rotation * by_local;
     let by_distance = ray.direction.dot(by_point);
     let along_normal = by_distance / slope * normal;
-    let mut rotation = outer(from_centre, by_local) + outer(ray.direction, by_direction);
-    // tau = n.e/(n.d), e = c - o: by n it is (e - tau d)/(n.d), which is -from_centre/(n.d).
-    *rotation.col_mut(2) -= by_distance / slope * from_centre;
-    (
-        PoseGradient {
-            centre: along_normal - by_point,
-            rotation,
+    PlaneGradient {
+        // tau = n.e/(n.d), e = c - o: by n it is (e - tau d)/(n.d), which is -from_centre/(n.d).
+        through_distance: PoseGradient {
+            centre: along_normal,
+            rotation: outer(-by_distance / slope * from_centre, DVec3::Z),
         },
-        RayGradient {
+        through_place: PoseGradient {
+            centre: -by_point,
+            rotation: outer(from_centre, by_local) + outer(ray.direction, by_direction),
+        },
+        ray: RayGradient {
             origin: by_point - along_normal,
             direction: hit.distance * (by_point - along_normal) + pose.rotation * by_direction,
         },
-    )
+    }
 }
 
 /// `a b^T`.

@@ -58,7 +58,8 @@ fn gradients_of_a_hit_are_central_differences() {
         by_uv.dot(found.uv) + by_direction.dot(found.direction)
     };
     let found = hit(&ray(), &tilted(), SIZE).expect("a hit");
-    let (of_pose, of_ray) = hit_vjp(&ray(), &tilted(), SIZE, &found, by_uv, by_direction);
+    let gradient = hit_vjp(&ray(), &tilted(), SIZE, &found, by_uv, by_direction);
+    let (of_pose, of_ray) = (gradient.pose(), gradient.ray);
     let check = |found: f64, at: &dyn Fn(f64) -> f64| {
         let expected = (at(1e-6) - at(-1e-6)) / 2e-6;
         assert!((found - expected).abs() < 1e-8, "{found} {expected}");

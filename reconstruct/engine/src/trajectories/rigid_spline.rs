@@ -49,6 +49,14 @@ impl PoseGradient {
         self.centre += other.centre;
         self.rotation += other.rotation;
     }
+
+    /// It, so many times.
+    pub fn scaled(&self, by: f64) -> Self {
+        Self {
+            centre: by * self.centre,
+            rotation: by * self.rotation,
+        }
+    }
 }
 
 /// Knots of a trajectory over [0, 1], without what is learnt.

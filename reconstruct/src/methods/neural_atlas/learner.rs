@@ -20,6 +20,7 @@ use super::{
     clip::{Clip, camera_direction, pixel_centre},
     graph::{ARRAYS, Graph, Shown},
     node::FieldKind,
+    published::Plateau,
     render::{Moment, Rays},
     saved,
     settings::Settings,
@@ -55,6 +56,7 @@ struct State {
     missed: u64,
     seen: u64,
     samples: u64,
+    plateau: Plateau,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -89,6 +91,7 @@ impl AtlasLearner {
                 missed: 0,
                 seen: 0,
                 samples: 0,
+                plateau: Plateau::default(),
             },
             clip,
             graph,
@@ -156,7 +159,8 @@ impl AtlasLearner {
             }
             let front = (0..objects).find(|&object| frame.covered(object, pixel) >= 0.5);
             for object in 0..objects {
-                let is_hidden = front.is_some_and(|front| front != object);
+                let is_hidden = !self.settings.published.mask_loss
+                    && front.is_some_and(|front| front != object);
                 targets
                     .covered
                     .push((!is_hidden).then(|| frame.covered(object, pixel)));
@@ -222,7 +226,8 @@ impl Learner for AtlasLearner {
     /// A step on rays of all views: which view's turn it is says nothing.
     fn step(&mut self, _view: usize, at: &Position) -> Result<(), EngineError> {
         self.iteration = at.iteration;
-        let (detail, rates) = (self.settings.detail(at), self.settings.rates(at));
+        let detail = self.settings.detail(at);
+        let rates = self.settings.rates(at, &self.state.plateau);
         let (rays, targets) = self.batch();
         let outcome = self.graph.step(&rays, &targets, &detail, &rates);
         if !outcome.loss.is_finite() {
@@ -231,6 +236,7 @@ impl Learner for AtlasLearner {
                 what: "the loss is not finite".to_owned(),
             });
         }
+        self.state.plateau.add(at.share, outcome.loss);
         self.state.missed += outcome.missed as u64;
         self.state.samples += outcome.samples as u64;
         self.state.seen += rays.directions.len() as u64;

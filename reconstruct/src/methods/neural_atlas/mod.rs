@@ -7,6 +7,7 @@
 //! * [`node`], [`graph`]: nodes, and the atlas that they make. [`initialize`]: the first ones.
 //! * [`shade`], [`render`], [`step`]: what rays see, images, and one step of the optimizer.
 //! * [`plan`]: which components a clip gives reason for. [`settings`]: sizes, rates, phases.
+//!   [`published`]: what the published code does otherwise, on request.
 //! * [`learner`]: batches and checkpoints. [`saved`]: an atlas in files. [`outputs`]: layers and images of
 //!   the atlas. [`edit`]: edits by a script.
 
@@ -19,6 +20,7 @@ pub mod linked_masks;
 pub mod node;
 pub mod outputs;
 pub mod plan;
+pub mod published;
 pub mod render;
 pub mod saved;
 pub mod settings;
@@ -41,7 +43,8 @@ use self::{
     learner::AtlasLearner,
     node::{FieldKind, LearntOffsets, Node, Surface},
     plan::Plan,
-    settings::{FieldSize, PUBLISHED_MASK_WEIGHT, Settings},
+    published::Published,
+    settings::{FieldSize, Settings},
 };
 use crate::{
     error::ReconstructError,
@@ -79,13 +82,31 @@ pub const RAYS: MethodOption = MethodOption {
     default: "16384",
 };
 
-/// Weight of the mask loss.
-pub const MASK_WEIGHT: MethodOption = MethodOption {
-    id: "mask-weight",
-    doc: "weight of the mask loss: published is 0.005, under which an object's plane takes reflections and \
-          shadows that move with it; strong is ten times that",
+/// The loss on masks.
+pub const MASK_LOSS: MethodOption = MethodOption {
+    id: "mask-loss",
+    doc: "loss on masks: published weighs 0.005, under which an object's plane takes reflections and shadows \
+          that move with it, and counts pixels that another object covers; strong weighs ten times that, and \
+          leaves them out",
     values: OptionValues::Word(&["strong", "published"]),
     default: "strong",
+};
+/// Gradients by planes.
+pub const GRADIENTS: MethodOption = MethodOption {
+    id: "gradients",
+    doc: "gradients by poses of planes: true, or rescaled as published, by one over an object's hits and, \
+          while poses are learnt alone, over the transmittance before it (at most 1000; the published code \
+          has no bound)",
+    values: OptionValues::Word(&["true", "published"]),
+    default: "true",
+};
+/// Step sizes.
+pub const SCHEDULE: MethodOption = MethodOption {
+    id: "schedule",
+    doc: "step sizes: decay has one for each kind of parameter, which falls by ten; published has 0.001 for \
+          all, halved on plateaus of the loss",
+    values: OptionValues::Word(&["decay", "published"]),
+    default: "decay",
 };
 
 /// Neural Atlas Graphs.
@@ -99,8 +120,9 @@ pub const METHOD: Method = Method {
                   the view are hash-grid fields over the surfaces. Departures: rays are drawn at \
                   pixels' centres and at independent times; fields start at exactly 0; whether a \
                   plane is hit is tested in its own coordinates; the mask loss leaves out pixels that \
-                  another object covers and weighs ten times as much; gradients are not rescaled; a sphere as background and its \
-                  flow are this project's. One model learns from all input views at once; without \
+                  another object covers and weighs ten times as much; gradients are not rescaled; \
+                  step sizes fall by ten without looking at the loss (mask-loss, gradients and schedule \
+                  switch these three back); a sphere as background and its flow are this project's. One model learns from all input views at once; without \
                   masks there is the background alone. It runs on the CPU.",
     components: &[
         plan::FLOW,
@@ -114,7 +136,14 @@ pub const METHOD: Method = Method {
     optional_components: &[],
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU,
-    options: &[BASE_FIELDS, MOTION_FIELDS, RAYS, MASK_WEIGHT],
+    options: &[
+        BASE_FIELDS,
+        MOTION_FIELDS,
+        RAYS,
+        MASK_LOSS,
+        GRADIENTS,
+        SCHEDULE,
+    ],
     kind: MethodKind::Trained { prepare },
 };
 
@@ -296,8 +325,14 @@ fn settings_of(request: &MethodRequest) -> Settings {
     let size = |option: &MethodOption| request.options.word(option).and_then(FieldSize::named);
     settings.base_fields = size(&BASE_FIELDS).unwrap_or(settings.base_fields);
     settings.motion_fields = size(&MOTION_FIELDS).unwrap_or(settings.motion_fields);
-    if request.options.word(&MASK_WEIGHT) == Some("published") {
-        settings.mask_weight = PUBLISHED_MASK_WEIGHT;
+    let is_published = |option: &MethodOption| request.options.word(option) == Some("published");
+    settings.published = Published {
+        mask_loss: is_published(&MASK_LOSS),
+        gradients: is_published(&GRADIENTS),
+        schedule: is_published(&SCHEDULE),
+    };
+    if settings.published.mask_loss {
+        settings.mask_weight = published::MASK_WEIGHT;
     }
     if let Some(rays) = request.options.whole(&RAYS) {
         settings.rays = rays as usize;

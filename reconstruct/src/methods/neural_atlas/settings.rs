@@ -10,10 +10,12 @@ use omnilife_engine::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::{node::FieldKind, shade::Detail, step::StepRates};
-
-/// Weight of the mask loss in all published configurations.
-pub const PUBLISHED_MASK_WEIGHT: f64 = 0.005;
+use super::{
+    node::FieldKind,
+    published::{EPOCHS, MASK_WEIGHT, Plateau, Published},
+    shade::Detail,
+    step::StepRates,
+};
 
 /// Every setting as resolved.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -32,6 +34,8 @@ pub struct Settings {
     pub pose_rate: Decay,
     /// Weight of the mask loss; 0 leaves it out.
     pub mask_weight: f64,
+    /// What is done as published. Its schedule stands in for the three rates above.
+    pub published: Published,
     /// Whether flow and view fields begin coarse.
     pub coarse_to_fine: bool,
     /// Shares of the run at which colour and opacity join the poses, and flow and view join them.
@@ -94,9 +98,6 @@ impl FieldSize {
     }
 }
 
-/// Epochs of the published schedule, by which coarse to fine is written.
-const EPOCHS: f64 = 80.0;
-
 impl Settings {
     /// The defaults on a CPU: medium fields for colour and opacity, small ones for flow and view, and the
     /// published shares of the phases (5, 15 and 60 of 80 epochs).
@@ -117,7 +118,8 @@ impl Settings {
                 begin: 1e-3,
                 end: 1e-4,
             },
-            mask_weight: 10.0 * PUBLISHED_MASK_WEIGHT,
+            mask_weight: 10.0 * MASK_WEIGHT,
+            published: Published::default(),
             coarse_to_fine: true,
             phases: [5.0 / EPOCHS, 20.0 / EPOCHS],
             seed,
@@ -143,13 +145,19 @@ impl Settings {
     }
 
     /// How fast.
-    pub fn rates(&self, at: &Position) -> StepRates {
+    pub fn rates(&self, at: &Position, plateau: &Plateau) -> StepRates {
         let share = at.share as f32;
+        let [poses, tables, networks] = if self.published.schedule {
+            [plateau.step_size(); 3]
+        } else {
+            [self.pose_rate, self.table_rate, self.network_rate].map(|rate| rate.at(share))
+        };
         StepRates {
-            poses: self.pose_rate.at(share),
-            tables: self.table_rate.at(share),
-            networks: self.network_rate.at(share),
+            poses,
+            tables,
+            networks,
             mask_weight: self.mask_weight,
+            rescales_gradients: self.published.gradients,
         }
     }
 }

@@ -8,14 +8,14 @@ use glam::{DVec2, DVec3};
 use omnilife_engine::{
     fields::grid_field::GridField,
     surfaces::{
-        plane::{self, Ray, RayGradient},
+        plane::{self, PlaneGradient, Ray},
         sphere::{self, Sphere},
         texture::{Beyond, direction_gradient},
         view_angle::view_angle_vjp,
     },
     trajectories::{
         catmull_rom::{KnotWeights, Knots},
-        rigid_spline::{PoseGradient, RigidPose},
+        rigid_spline::RigidPose,
     },
 };
 use rayon::prelude::*;
@@ -100,15 +100,6 @@ pub struct ShadeGradient {
     pub colour: DVec3,
     /// By the opacity.
     pub opacity: f64,
-}
-
-/// Gradient of a sample by what was hit.
-#[derive(Debug, Clone, Copy)]
-pub struct HitGradient {
-    /// By the node's pose.
-    pub pose: PoseGradient,
-    /// By the ray.
-    pub ray: RayGradient,
 }
 
 impl Node {
@@ -278,7 +269,7 @@ impl Node {
         upstream: &[ShadeGradient],
         poses: &[RigidPose],
         rays: &[Ray],
-    ) -> Vec<HitGradient> {
+    ) -> Vec<PlaneGradient> {
         let dimensions = self.dimensions();
         let scale = coordinate_scale(dimensions);
         let has_opacity = self.opacity.is_some();
@@ -408,36 +399,31 @@ impl Node {
         pose: &RigidPose,
         by_place: DVec3,
         by_angle: DVec2,
-    ) -> HitGradient {
+    ) -> PlaneGradient {
         match (&sample.hit, &self.surface) {
             (Hit::Plane(hit), Surface::Plane { size, .. }) => {
                 let by_direction = view_angle_vjp(hit.direction, by_angle);
-                let (pose, ray) =
-                    plane::hit_vjp(ray, pose, *size, hit, by_place.truncate(), by_direction);
-                HitGradient { pose, ray }
+                plane::hit_vjp(ray, pose, *size, hit, by_place.truncate(), by_direction)
             }
             (Hit::Sphere(hit), Surface::Sphere { radius, .. }) => {
                 let sphere = Sphere {
                     centre: pose.centre,
                     radius: *radius,
                 };
-                HitGradient {
-                    pose: PoseGradient::default(),
+                PlaneGradient {
                     ray: sphere::hit_vjp(ray, &sphere, hit, by_place),
+                    ..PlaneGradient::default()
                 }
             }
             // A node's hits are those of its surface.
-            _ => HitGradient {
-                pose: PoseGradient::default(),
-                ray: RayGradient::default(),
-            },
+            _ => PlaneGradient::default(),
         }
     }
 }
 
 /// The gradient where a colour is clamped: only where it points inwards, so that no texel is lost for
 /// good beyond the bounds.
-fn let_inwards(unclamped: DVec3, upstream: DVec3) -> DVec3 {
+pub(crate) fn let_inwards(unclamped: DVec3, upstream: DVec3) -> DVec3 {
     let pass = |value: f64, gradient: f64| {
         let is_outwards = (value < 0.0 && gradient > 0.0) || (value > 1.0 && gradient < 0.0);
         if is_outwards { 0.0 } else { gradient }

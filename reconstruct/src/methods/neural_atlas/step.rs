@@ -6,7 +6,7 @@
 //!
 //! over rays, and over rays and objects (Neural Atlas Graphs, supplement A.3). `alpha_o` is a plane's own
 //! opacity at the hit, 0 where it is missed. `M_o` is the visible mask; rays that another object's mask
-//! covers say nothing of it and are left out (the published code counts them).
+//! covers say nothing of it and are left out (the published code counts them: [`super::published`]).
 
 use glam::{DMat3, DVec3};
 use omnilife_engine::{
@@ -22,6 +22,7 @@ use rayon::prelude::*;
 use super::{
     graph::Graph,
     node::{FieldKind, LearntOffsets},
+    published,
     render::{Rays, Seen},
     shade::{Detail, ShadeGradient},
 };
@@ -47,6 +48,8 @@ pub struct StepRates {
     pub networks: f32,
     /// Weight of the mask loss.
     pub mask_weight: f64,
+    /// Whether gradients by planes are rescaled as published.
+    pub rescales_gradients: bool,
 }
 
 /// What a step found.
@@ -143,11 +146,14 @@ impl Graph {
     }
 
     /// Gradients by the fields, which keep them, by each node's pose at each moment and by the camera's.
+    /// `scales` are what gradients by poses through distances of hits are multiplied with, node by node
+    /// and sample by sample; without them they are what they are.
     pub fn backward(
         &mut self,
         rays: &Rays,
         seen: &Seen,
         upstream: &[Vec<ShadeGradient>],
+        scales: Option<&[Vec<f64>]>,
     ) -> (Vec<Vec<PoseGradient>>, Vec<PoseGradient>) {
         let moments = rays.moments.len();
         let mut by_rays = vec![RayGradient::default(); rays.directions.len()];
@@ -162,8 +168,10 @@ impl Graph {
                 &seen.rays,
             );
             let mut by_pose = vec![PoseGradient::default(); moments];
-            for (sample, gradient) in samples.iter().zip(&of_hits) {
-                by_pose[sample.moment].add(&gradient.pose);
+            for (row, (sample, gradient)) in samples.iter().zip(&of_hits).enumerate() {
+                let scale = scales.map_or(1.0, |scales| scales[number][row]);
+                by_pose[sample.moment].add(&gradient.through_place);
+                by_pose[sample.moment].add(&gradient.through_distance.scaled(scale));
                 let by_ray = &mut by_rays[sample.ray];
                 by_ray.origin += gradient.ray.origin;
                 by_ray.direction += gradient.ray.direction;
@@ -190,7 +198,11 @@ impl Graph {
     ) -> StepOutcome {
         let seen = self.see(rays, detail, true, &|_| true);
         let (mut outcome, upstream) = self.loss(&seen, targets, rates.mask_weight);
-        let (by_poses, by_camera) = self.backward(rays, &seen, &upstream);
+        let scales = rates.rescales_gradients.then(|| {
+            let are_poses_alone = !detail.kinds[FieldKind::Colour.number()];
+            published::scales_of_gradients(self, &seen, are_poses_alone)
+        });
+        let (by_poses, by_camera) = self.backward(rays, &seen, &upstream, scales.as_deref());
         let times = || rays.moments.iter().map(|moment| moment.time);
         for (number, node) in self.nodes.iter_mut().enumerate() {
             // Parameters of a node that no ray hit stay as they are, moments included.

@@ -19,6 +19,7 @@ use super::{
     clip::UnitClock,
     graph::{Footage, Graph},
     node::{Fields, Node, Surface},
+    published,
     render::{Moment, Rays},
     shade::{Detail, ShadeGradient},
 };
@@ -185,7 +186,7 @@ fn gradients_by_poses_are_golden() {
             opacity: gradient.opacity,
         };
     }
-    let (by_poses, _) = graph.backward(&rays, &seen, &upstream);
+    let (by_poses, _) = graph.backward(&rays, &seen, &upstream, None);
     for node in [0, 1] {
         let by_pose = &by_poses[node][0];
         let close = |found: f64, expected: f64| {
@@ -235,4 +236,46 @@ fn layers_make_the_image() {
     }
     omnilife_engine::surfaces::compose::sort(&mut alone);
     assert_eq!(compose(&alone), compose(&layers));
+}
+
+/// One ray hits both objects and the background, another the farther object and the background.
+#[test]
+fn published_gradients_are_scaled_by_hits_and_transmittance() {
+    let (mut graph, mut rays) = scene();
+    rays.moment_of.push(0);
+    rays.directions.push(DVec3::new(0.0, 0.6, 2.4).normalize());
+    let seen = graph.see(&rays, &Detail::FULL, false, &|_| true);
+    let hits: Vec<usize> = seen.samples.iter().map(Vec::len).collect();
+    assert_eq!(hits, [1, 2, 2]);
+    // One over the hits, 1 and 1/2, by their mean.
+    let scales = published::scales_of_gradients(&graph, &seen, false);
+    let expected = [vec![4.0 / 3.0], vec![2.0 / 3.0; 2], vec![1.0; 2]];
+    for (found, expected) in scales.iter().flatten().zip(expected.iter().flatten()) {
+        assert!((found - expected).abs() < 1e-12);
+    }
+    let by_transmittance = published::scales_of_gradients(&graph, &seen, true);
+    let nearest = seen.shaded[0].shades[0].opacity;
+    let ratio = |node: usize, sample: usize| by_transmittance[node][sample] / scales[node][sample];
+    assert_eq!(ratio(0, 0), 1.0);
+    assert!((ratio(1, 0) - 1.0 / (1.0 - nearest)).abs() < 1e-12);
+    assert_eq!(ratio(1, 1), 1.0);
+    assert!(ratio(2, 1) > 1.0);
+    // Only what goes through the distance of hits is scaled: poses' gradients change, others do not.
+    let upstream: Vec<Vec<ShadeGradient>> = seen
+        .samples
+        .iter()
+        .map(|samples| {
+            let one = ShadeGradient {
+                colour: DVec3::ONE,
+                opacity: 0.3,
+            };
+            vec![one; samples.len()]
+        })
+        .collect();
+    let seen = graph.see(&rays, &Detail::FULL, true, &|_| true);
+    let (own, of_camera) = graph.backward(&rays, &seen, &upstream, None);
+    let seen = graph.see(&rays, &Detail::FULL, true, &|_| true);
+    let (scaled, scaled_of_camera) = graph.backward(&rays, &seen, &upstream, Some(&scales));
+    assert_ne!(own[0], scaled[0]);
+    assert_eq!(of_camera, scaled_of_camera);
 }

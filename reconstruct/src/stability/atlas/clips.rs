@@ -8,8 +8,9 @@ use super::check;
 use crate::{
     learner::Learner,
     methods::neural_atlas::{
-        begin,
+        Begun, begin,
         clip::{Clip, ClipFrame, UnitClock},
+        node::FieldKind,
     },
     request::MethodRequest,
 };
@@ -18,6 +19,17 @@ const SIDE: usize = 24;
 
 /// Frames of one pattern, with the masks of one object.
 fn clip(camera: Camera, unit: f64, origin: DVec3, masks: &[Option<Vec<u8>>]) -> Clip {
+    let masks: Vec<_> = masks.iter().map(|mask| vec![mask.clone()]).collect();
+    clip_of_objects(camera, unit, origin, &masks)
+}
+
+/// The same with masks of several objects in each frame.
+fn clip_of_objects(
+    camera: Camera,
+    unit: f64,
+    origin: DVec3,
+    masks: &[Vec<Option<Vec<u8>>>],
+) -> Clip {
     let [width, height] = [camera.width() as usize, camera.height() as usize];
     let count = masks.len().max(2);
     let pixels: Vec<u8> = (0..3 * width * height)
@@ -32,15 +44,16 @@ fn clip(camera: Camera, unit: f64, origin: DVec3, masks: &[Option<Vec<u8>>]) -> 
         },
         pixels: pixels.clone(),
         ignored: None,
-        masks: match masks.get(number) {
-            Some(mask) => vec![mask.clone()],
-            None => Vec::new(),
-        },
+        masks: masks.get(number).cloned().unwrap_or_default(),
     };
+    let objects = masks.first().map_or(0, Vec::len);
     Clip {
         camera,
         frames: (0..count).map(frame).collect(),
-        objects: (0..masks.len().min(1)).map(|_| "it".to_owned()).collect(),
+        objects: match objects {
+            1 => vec!["it".to_owned()],
+            _ => (0..objects).map(|object| format!("{object:02}")).collect(),
+        },
         clock: UnitClock {
             begin_seconds: 0.0,
             length_seconds: 1.0,
@@ -58,8 +71,12 @@ fn request() -> MethodRequest {
 }
 
 /// Learns a clip for a few steps of all phases.
-fn learn(clip: Clip) -> Result<crate::methods::neural_atlas::Begun, String> {
-    let mut begun = begin(clip, &[], &request()).map_err(|error| error.to_string())?;
+fn learn(clip: Clip) -> Result<Begun, String> {
+    learn_with_points(clip, &[])
+}
+
+fn learn_with_points(clip: Clip, points: &[DVec3]) -> Result<Begun, String> {
+    let mut begun = begin(clip, points, &request()).map_err(|error| error.to_string())?;
     for step in 1..=8 {
         let at = Position::new(8, None, step, 0.0);
         let taken = begun.learner.step(0, &at);
@@ -139,6 +156,121 @@ pub(super) fn wide_masks() -> Result<(), String> {
         let line = begun.plan.iter().find(|line| line.component == "object:it");
         check(line.is_some_and(|line| line.used == expected), || {
             format!("{line:?}")
+        })?;
+    }
+    Ok(())
+}
+
+/// A pattern of 8 by 8 objects, of which one is behind the camera from the second frame on.
+pub(super) fn many_objects() -> Result<(), String> {
+    let cell = |object: usize| {
+        let (left, top) = (3 * (object % 8), 3 * (object / 8));
+        mask(|x, y| (left..left + 2).contains(&x) && (top..top + 2).contains(&y))
+    };
+    let all: Vec<_> = (0..64).map(cell).collect();
+    let begun = learn(clip_of_objects(
+        small_pinhole(),
+        1.0,
+        DVec3::ZERO,
+        &vec![all; 3],
+    ))?;
+    let nodes = begun.plan.iter().filter(|line| line.used);
+    let nodes = nodes
+        .filter(|line| line.component.starts_with("object:"))
+        .count();
+    check(nodes == 64, || format!("{nodes} nodes of 64"))
+}
+
+/// The poses and the fields of what no ray hits stay as they are.
+pub(super) fn never_hit() -> Result<(), String> {
+    let corner = vec![mask(|x, y| x < 2 && y < 2); 3];
+    let mut begun = begin(
+        clip(small_pinhole(), 1.0, DVec3::ZERO, &corner),
+        &[],
+        &request(),
+    )
+    .map_err(|error| error.to_string())?;
+    // Out of sight for the whole clip.
+    let node = &mut begun.learner.graph().nodes[0];
+    node.times = [7.0, 8.0];
+    let values = |begun: &mut Begun| {
+        let node = &begun.learner.graph().nodes[0];
+        let fields = FieldKind::ALL
+            .iter()
+            .filter_map(|&kind| node.fields.get(kind));
+        let mut values: Vec<f32> = fields
+            .flat_map(|field| field.arrays().map(|array| array.values.clone()))
+            .flatten()
+            .collect();
+        let offsets = node.offsets.iter();
+        values.extend(offsets.flat_map(|offsets| offsets.parameters.array.values.clone()));
+        values
+    };
+    let before = values(&mut begun);
+    for step in 1..=8 {
+        let taken = begun.learner.step(0, &Position::new(8, None, step, 0.0));
+        taken.map_err(|error| error.to_string())?;
+    }
+    check(before == values(&mut begun), || "it was changed".to_owned())
+}
+
+/// One frame is white, and another one has twice the exposure.
+pub(super) fn flash() -> Result<(), String> {
+    let mut flashed = clip(small_pinhole(), 1.0, DVec3::ZERO, &vec![None; 6]);
+    flashed.frames[2].pixels.fill(255);
+    for value in &mut flashed.frames[4].pixels {
+        *value = value.saturating_mul(2);
+    }
+    learn(flashed).map(|_| ())
+}
+
+/// The bonnet of a car that turns, and the same mask before a camera that does not.
+pub(super) fn carried_along() -> Result<(), String> {
+    let bonnet = vec![mask(|x, y| (6..18).contains(&x) && y > 19); 5];
+    for (turns, is_used) in [(true, false), (false, true)] {
+        let mut clip = clip(small_pinhole(), 0.1, DVec3::ZERO, &bonnet);
+        for frame in &mut clip.frames {
+            let angle = if turns { 2.0 * frame.time } else { 0.0 };
+            frame.pose.rotation = DMat3::from_rotation_y(angle);
+        }
+        let begun = learn(clip)?;
+        let line = begun.plan.iter().find(|line| line.component == "object:it");
+        check(line.is_some_and(|line| line.used == is_used), || {
+            format!("{line:?}")
+        })?;
+    }
+    Ok(())
+}
+
+/// A camera that turns further than a plane reaches.
+pub(super) fn turned_around() -> Result<(), String> {
+    for (angle, surface) in [(0.5, "a plane"), (3.0, "a sphere")] {
+        let mut turned = clip(small_pinhole(), 0.1, DVec3::ZERO, &vec![None; 5]);
+        for frame in &mut turned.frames {
+            frame.pose.rotation = DMat3::from_rotation_y(angle * frame.time);
+        }
+        let begun = learn(turned)?;
+        let line = begun
+            .plan
+            .iter()
+            .find(|line| line.component == "background");
+        check(
+            line.is_some_and(|line| line.reason.starts_with(surface)),
+            || format!("{angle}: {line:?}"),
+        )?;
+    }
+    Ok(())
+}
+
+/// Points at the camera, all at one distance, and behind the background.
+pub(super) fn odd_points() -> Result<(), String> {
+    let block = vec![mask(|x, y| (8..16).contains(&x) && (8..16).contains(&y)); 3];
+    for distance in [0.0, 1e-9, 1.0, 1e9] {
+        let points = vec![distance * DVec3::Z; 50];
+        let begun = learn_with_points(clip(small_pinhole(), 0.1, DVec3::ZERO, &block), &points)?;
+        let line = begun.plan.iter().find(|line| line.component == "object:it");
+        check(line.is_some_and(|line| line.used), || {
+            format!("{distance}: {line:?}")
         })?;
     }
     Ok(())

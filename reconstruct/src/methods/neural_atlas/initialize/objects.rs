@@ -38,6 +38,9 @@ const WIDEST: f64 = 50.0 * std::f64::consts::PI / 180.0;
 /// Base opacities (the published code's).
 const OPACITIES: [f64; 2] = [0.1, 0.9];
 
+/// Masks of two frames that overlap by so much are the same place of the image.
+const SAME_PLACE: f64 = 0.95;
+
 /// What became of an object.
 #[derive(Debug)]
 pub enum Made {
@@ -52,6 +55,32 @@ fn is_on_a_pole(clip: &Clip, seen: &Silhouette) -> bool {
     let [width, height] = clip.size();
     let mut rows = seen.pixels.iter().map(|&pixel| pixel / width);
     rows.any(|row| row == 0 || row + 1 == height)
+}
+
+/// Whether masks stay where they are in the image while the camera turns by more than they are wide: a part of
+/// what carries the camera, and nothing in the scene.
+fn is_carried_along(clip: &Clip, seen: &[Silhouette]) -> bool {
+    let Some((first, others)) = seen.split_first() else {
+        return false;
+    };
+    let [width, _] = clip.size();
+    let begun = clip.frames[first.frame].pose.rotation;
+    let radius = first
+        .pixels
+        .iter()
+        .map(|&pixel| camera_direction(&clip.camera, pixel_centre(pixel, width)))
+        .map(|direction| direction.angle_between(first.direction))
+        .fold(0.0, f64::max);
+    let turned = others
+        .iter()
+        .map(|other| begun.transpose() * clip.frames[other.frame].pose.rotation)
+        .map(|turn| (turn * first.direction).angle_between(first.direction))
+        .fold(0.0, f64::max);
+    turned > 2.0 * radius
+        && seen.len() == clip.frames.len()
+        && others
+            .iter()
+            .all(|other| first.overlap(other) >= SAME_PLACE)
 }
 
 /// Where objects are to be placed.
@@ -93,6 +122,13 @@ pub fn node(clip: &Clip, object: usize, setting: &Setting<'_>) -> Made {
     }
     if matches!(clip.camera, Camera::Erp(_)) && seen.iter().any(|seen| is_on_a_pole(clip, seen)) {
         return Made::LeftOut("a mask lies on a pole of the panorama".to_owned());
+    }
+    if is_carried_along(clip, seen) {
+        return Made::LeftOut(
+            "its masks stand still in the image while the camera turns: a part of what carries the camera, \
+             for --ignore-mask"
+                .to_owned(),
+        );
     }
     let axes = plane_axes(&clip.camera, reference.direction);
     let depth = setting.depths[object];

@@ -36,6 +36,19 @@ pub struct Silhouette {
     pub(super) pixels: Vec<usize>,
 }
 
+impl Silhouette {
+    /// Intersection over union of the pixels, which are in ascending order.
+    pub(super) fn overlap(&self, other: &Self) -> f64 {
+        let both = self
+            .pixels
+            .iter()
+            .filter(|pixel| other.pixels.binary_search(pixel).is_ok());
+        let both = both.count();
+        let either = self.pixels.len() + other.pixels.len() - both;
+        both as f64 / either.max(1) as f64
+    }
+}
+
 /// The silhouettes of an object, in the frames whose masks show it.
 pub fn of_object(clip: &Clip, object: usize) -> Vec<Silhouette> {
     let frames = (0..clip.frames.len()).into_par_iter();
