@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Makes the calibration set and counts wrong decisions of a plan on it.
 
-    python3 measure.py GENERATOR OUT [--half set|unseen] [--page FILE]
+    python3 measure.py GENERATOR OUT [--groups set,unseen,blind] [--page FILE]
 
 Clips are rendered (render.py), given footage, poses and masks (disturb.py), curated, split, and planned for by
 `omnilife reconstruct train --iterations 1`, whose record holds the evidence; what is there in OUT is not made
@@ -17,7 +17,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from clips import clips
+from clips import GROUPS, clips
 
 FOLDER = Path(__file__).resolve().parent
 # What a plan decides, and the component whose use says so.
@@ -75,11 +75,10 @@ def used(record):
 
 def rows(options):
     """What was decided of every clip: clip, decision by name, record."""
-    for clip in clips():
-        if options.half in (None, clip.half):
-            record = evidence(os.environ["OMNILIFE"], clip, options.generator, options.out, options.seed)
-            components = used(record)
-            yield clip, {name: component in components for name, component in COMPONENTS.items()}, record
+    for clip in clips(options.groups):
+        record = evidence(os.environ["OMNILIFE"], clip, options.generator, options.out, options.seed)
+        components = used(record)
+        yield clip, {name: component in components for name, component in COMPONENTS.items()}, record
 
 
 def page(found):
@@ -91,14 +90,14 @@ def page(found):
                  if decided[name] != is_there]
         levels = (clip.motion, clip.poses, clip.exposure, clip.surfaces, clip.camera, clip.footage, clip.masks)
         lines.append(f"| {clip.name} | {clip.scene} | {' | '.join(levels)} | {', '.join(wrong) or '-'} |")
-    lines += ["", "| Component | Half | There and used | There, left out | Not there, used | Not there, left out |",
+    lines += ["", "| Component | Group | There and used | There, left out | Not there, used | Not there, left out |",
               "|---|---|---:|---:|---:|---:|"]
     for name, component in COMPONENTS.items():
-        for half in ("set", "unseen"):
-            pairs = [(clip.truth()[name], decided[name]) for clip, decided, _ in found if clip.half == half]
+        for group in GROUPS:
+            pairs = [(clip.truth()[name], decided[name]) for clip, decided, _ in found if clip.group == group]
             counts = [pairs.count(pair) for pair in ((True, True), (True, False), (False, True), (False, False))]
             if pairs:
-                lines.append(f"| {component} | {half} | {' | '.join(map(str, counts))} |")
+                lines.append(f"| {component} | {group} | {' | '.join(map(str, counts))} |")
     return "\n".join(lines) + "\n"
 
 
@@ -106,7 +105,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("generator", type=Path)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--half", choices=["set", "unseen"])
+    parser.add_argument("--groups", type=lambda names: names.split(","), default=GROUPS)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--page", type=Path, help="write the tables here too")
     options = parser.parse_args()

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """What each decision of a plan is worth on the clips of the calibration set: the cost of a wrong one.
 
-    python3 worth.py OUT [--iterations 1000] [--jobs 2]
+    python3 worth.py OUT [--groups set,unseen,blind] [--iterations 1000] [--jobs 2]
 
 OUT is a folder that measure.py has filled. Every clip is trained with `omni4dgs-plus` as the plan says, and once
 more for each component with the other decision; novel views as written to PNG files are compared with the frames.
@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from clips import clips
+from clips import GROUPS, clips
 from measure import COMPONENTS, made, run, used
 
 # Components that go with one: without lives there are no seeds of what moves, and no losses on them.
@@ -84,12 +84,14 @@ def clips_table(rows):
 
 def decisions_table(rows):
     """How often the plan decides against a gain, or for nothing, and what that costs."""
-    lines = ["| Component | Half | Worth it, used | Worth it, left out | Costs quality, used | Neither, used | Neither or "
+    lines = ["| Component | Group | Worth it, used | Worth it, left out | Costs quality, used | Neither, used | Neither or "
              "costs, left out | Lost by wrong decisions, mean and largest, dB | Training longer by, where used |",
              "|---|---|---:|---:|---:|---:|---:|---:|---:|"]
     for decision, component in COMPONENTS.items():
-        for half in ("set", "unseen"):
-            found = [by[decision] for clip, (_, _, by) in rows if clip.half == half]
+        for group in GROUPS:
+            found = [by[decision] for clip, (_, _, by) in rows if clip.group == group]
+            if not found:
+                continue
             count = lambda test: sum(map(test, found))
             lost = [abs(gain) if is_used != (gain > 0) and abs(gain) >= SPREAD else 0.0 for is_used, gain, _ in found]
             factors = [factor for _, _, factor in found]
@@ -97,7 +99,7 @@ def decisions_table(rows):
                       count(lambda one: one[0] and one[1] <= -SPREAD),
                       count(lambda one: one[0] and abs(one[1]) < SPREAD),
                       count(lambda one: not one[0] and one[1] < SPREAD))
-            lines.append(f"| {component} | {half} | {' | '.join(map(str, counts))} | {np.mean(lost):.2f}, {max(lost):.2f} "
+            lines.append(f"| {component} | {group} | {' | '.join(map(str, counts))} | {np.mean(lost):.2f}, {max(lost):.2f} "
                          f"| {100 * (np.median(factors) - 1):.0f} % |")
     return lines
 
@@ -105,13 +107,15 @@ def decisions_table(rows):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("out", type=Path)
+    parser.add_argument("--groups", type=lambda names: names.split(","), default=GROUPS)
     parser.add_argument("--iterations", type=int, default=1000)
     parser.add_argument("--jobs", type=int, default=2, help="trainings at a time, each on one core")
     options = parser.parse_args()
     os.environ["RAYON_NUM_THREADS"] = "1"
     (options.out / "worth").mkdir(exist_ok=True)
     with ThreadPoolExecutor(options.jobs) as pool:
-        rows = list(zip(clips(), pool.map(lambda clip: measured(options, clip), clips())))
+        chosen = clips(options.groups)
+        rows = list(zip(chosen, pool.map(lambda clip: measured(options, clip), chosen)))
     print("\n".join([*decisions_table(rows), "", *clips_table(rows)]))
 
 
