@@ -26,8 +26,6 @@ PUBLISHED = {"flow": -1.98, "view": -3.34, "flow,view": -9.13, "coarse-to-fine":
              "mask-loss": -0.11}
 # Shares of a run's time at which its quality is told.
 SHARES = [0.05, 0.1, 0.2, 0.4, 0.7, 1.0]
-# Frame of the sample that is shown.
-SHOWN = 20
 
 
 def read(path):
@@ -107,24 +105,21 @@ def held_out(out):
 
 
 def ablation(out):
-    parts = []
-    for clip in CLIPS:
-        folder = out / clip / "ablation"
-        runs = {path.name: path for path in folder.iterdir() if (path / "score/result.json").exists()}
-        full = min(runs, key=len)
-        reference = read(runs[full] / "score/result.json")["input_views"]["psnr"]["mean"]
-        rows = []
-        for name, path in sorted(runs.items(), key=lambda run: len(run[0])):
-            left_out = name.removeprefix(full).removeprefix("-without-")
-            difference = read(path / "score/result.json")["input_views"]["psnr"]["mean"] - reference
-            published = PUBLISHED.get(left_out)
-            cells = [f"without {left_out}", f"{difference:+.2f}"] if left_out else ["all", ""]
-            rows.append([*cells, "" if published is None else f"{published:+.2f}", *scores(path, "input_views"),
-                         *costs(read(path / "run/run.json"))])
-        heads = [f"`{clip}`", "Difference, dB", "Published", *(title for title, *_ in METRICS), "Steps", "Training, s",
-                 "CPU s", "Memory, MB"]
-        parts.append(table(heads, rows))
-    return "**What each component is worth**, plan full, input views\n\n" + "\n\n".join(parts)
+    clip = CLIPS[0]
+    runs = {path.name: path for path in (out / clip / "ablation").iterdir() if (path / "score/result.json").exists()}
+    full = min(runs, key=len)
+    reference = read(runs[full] / "score/result.json")["input_views"]["psnr"]["mean"]
+    rows = []
+    for name, path in sorted(runs.items(), key=lambda run: len(run[0])):
+        left_out = name.removeprefix(full).removeprefix("-without-")
+        difference = read(path / "score/result.json")["input_views"]["psnr"]["mean"] - reference
+        published = PUBLISHED.get(left_out)
+        cells = [f"without {left_out}", f"{difference:+.2f}"] if left_out else ["all", ""]
+        rows.append([*cells, "" if published is None else f"{published:+.2f}", *scores(path, "input_views"),
+                     *costs(read(path / "run/run.json"))])
+    heads = [f"`{clip}`", "Difference, dB", "Published", *(title for title, *_ in METRICS), "Steps", "Training, s",
+             "CPU s", "Memory, MB"]
+    return "**What each component is worth**, plan full, input views\n\n" + table(heads, rows)
 
 
 def seam(images):
@@ -177,11 +172,11 @@ def removal(folder, scene_folder, frames, plates):
 
 
 def sheet(out):
-    """A frame, its render, its layers and its edits, one beside the other."""
+    """A frame, its render, its layers and its edits, one below the other: where the edited object is largest."""
     folder = out / "street"
     scene_folder = Path((folder / "scene").read_text().strip())
-    frame = read(scene_folder / "scene.json")["frames"][SHOWN]
-    name = f"{SHOWN:06}.png"
+    shown = max(sorted((folder / "matte").glob("*.png")), key=lambda file: pixels(file, "L").sum()).stem
+    frame, name = read(scene_folder / "scene.json")["frames"][int(shown)], f"{shown}.png"
     predicted = next((folder / "nag/run/predictions").rglob(name))
     files = [scene_folder / frame["image"], predicted, folder / "background" / name,
              folder / "texture/views" / name, folder / "duplicate/views" / name]
@@ -191,9 +186,9 @@ def sheet(out):
     for place, image in enumerate(images):
         made.paste(image, (0, place * height))
     made.save(SHEET, quality=85)
-    return (f"![Frame {SHOWN} of the sample, its render, the background alone, its largest object painted over, and a "
-            f"copy of it above](../images/{SHEET.name})\n\nFrom above: frame {SHOWN} of the sample, its render, the "
-            "background alone, the largest object with stripes for its texture, and with a copy above it.")
+    text = (f"frame {int(shown)} of the sample, its render, the background alone, the object with the largest atlas with "
+            "stripes for its texture, and with a copy above it")
+    return f"![{text[0].upper() + text[1:]}](../images/{SHEET.name})\n\nFrom above: {text}."
 
 
 def largest(atlas):
