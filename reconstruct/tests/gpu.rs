@@ -11,11 +11,11 @@ mod support;
 
 use std::sync::Arc;
 
-use device::{assert_gradients_agree, device};
+use device::{assert_gradients_agree, device, devices};
 use glam::{DQuat, dvec3};
 use omnilife_engine::{
     camera::Camera,
-    device::GpuError,
+    device::{Gpu, GpuError},
     gaussians::ActivatedGaussians,
     render::{
         Visible,
@@ -146,7 +146,12 @@ fn compare(renderer: &mut GpuRenderer, view: &RefView, gaussians: &[Gaussian]) {
 
 #[test]
 fn images_and_gradients_are_those_of_the_reference_and_of_the_cpu() {
-    let Some(gpu) = device() else { return };
+    for gpu in devices() {
+        images_and_gradients_agree(gpu);
+    }
+}
+
+fn images_and_gradients_agree(gpu: Arc<Gpu>) {
     let mut random = Pcg64Mcg::seed_from_u64(21);
     let mut renderer = GpuRenderer::new(gpu, settings(Footprint::Projected));
     for footprint in [Footprint::Projected, Footprint::Ray] {
@@ -180,7 +185,6 @@ fn images_and_gradients_are_those_of_the_reference_and_of_the_cpu() {
 
 #[test]
 fn more_entries_than_there_is_room_for_are_not_lost() {
-    let Some(gpu) = device() else { return };
     // Few Gaussians, each over many tiles.
     let gaussians: Vec<Gaussian> = (0..6)
         .map(|index| {
@@ -193,7 +197,42 @@ fn more_entries_than_there_is_room_for_are_not_lost() {
         })
         .collect();
     let view = view(erp(160), DQuat::IDENTITY, Footprint::Ray);
-    compare(&mut GpuRenderer::new(gpu, view.settings), &view, &gaussians);
+    for gpu in devices() {
+        compare(&mut GpuRenderer::new(gpu, view.settings), &view, &gaussians);
+    }
+}
+
+/// A long list behind which nothing more is seen, and one gradient again and again: neither what was left
+/// of another step nor the order of threads changes it.
+#[test]
+fn what_is_hidden_has_no_gradient_and_gradients_are_the_same_each_time() {
+    let layer = |index: u32| {
+        let direction = dvec3(f64::from(index % 5) * 0.02, 0.0, 1.0);
+        let size = if index < 30 { 0.6 } else { 0.05 };
+        at(direction, 1.0 + 0.01 * f64::from(index), [size; 3], 0.6).rounded()
+    };
+    let layers: Vec<Gaussian> = (0..300).map(layer).collect();
+    let view = view(erp(64), DQuat::IDENTITY, Footprint::Projected);
+    for gpu in devices() {
+        let mut renderer = GpuRenderer::new(gpu, view.settings);
+        compare(&mut renderer, &view, &layers);
+        let gradient = |renderer: &mut GpuRenderer| {
+            let raster = renderer.forward(&view.view(), &instant(&layers)).unwrap();
+            let upstream = RasterGradient {
+                colour: &raster.colour,
+                features: &[],
+            };
+            let mut gradient = ActivatedGaussians::default();
+            renderer.backward(&upstream, &mut gradient).unwrap();
+            gradient
+        };
+        let first = gradient(&mut renderer);
+        assert_eq!(first.opacities[299], 0.0, "hidden");
+        assert!(first.opacities[0] != 0.0, "seen");
+        for _ in 0..3 {
+            assert_eq!(gradient(&mut renderer), first);
+        }
+    }
 }
 
 #[test]

@@ -16,10 +16,13 @@ mod novel_views;
 
 use std::sync::Arc;
 
-use device::{assert_gradients_agree, device};
+use device::{assert_gradients_agree, device, devices};
 use novel_views::novel_psnr;
 use omnilife_engine::{
-    density::{DensityContext, Threshold, densify, order::along_sphere, reset_opacities},
+    density::{
+        DensifySettings, DensityContext, Threshold, densify, order::along_sphere, reset_opacities,
+    },
+    device::Gpu,
     gaussians::{
         dropout::Dropout,
         omni4dgs::{Decomposition, DirectionOrigin, VelocityForm},
@@ -218,11 +221,16 @@ fn rates(model: &Model) -> Vec<f32> {
 }
 
 fn compare(what: &str, scene: &TrainingScene, settings: &TrainSettings) {
-    let Some(gpu) = device() else { return };
+    for gpu in devices() {
+        compare_on(&gpu, what, scene, settings);
+    }
+}
+
+fn compare_on(gpu: &Arc<Gpu>, what: &str, scene: &TrainingScene, settings: &TrainSettings) {
     let dynamics = settings.dynamics.as_ref().unwrap();
     let begins = || model(scene, dynamics, settings.pose_refinement.is_some());
     let rates = rates(&begins());
-    let mut on_gpu = GpuStepper::new(Arc::clone(&gpu), scene.inputs(), begins(), settings).unwrap();
+    let mut on_gpu = GpuStepper::new(Arc::clone(gpu), scene.inputs(), begins(), settings).unwrap();
     let mut on_cpu = CpuStepper::new(scene.inputs(), begins(), settings);
     assert!(matches!(on_gpu.backend(), Backend::Gpu { .. }));
     for iteration in 1..=4 {
@@ -361,7 +369,7 @@ fn density_control_of_a_model_on_a_device_is_that_of_the_host() {
     let dynamics = settings.dynamics.clone().unwrap();
     let begin = model(&scene, &dynamics, false);
     let rates = rates(&begin);
-    let mut stepper = GpuStepper::new(gpu, scene.inputs(), begin, &settings).unwrap();
+    let mut stepper = GpuStepper::new(Arc::clone(&gpu), scene.inputs(), begin, &settings).unwrap();
     let steps = |stepper: &mut GpuStepper<'_>, first: u64| {
         for iteration in first..first + 3 {
             let schedule = StepSchedule {
@@ -371,7 +379,8 @@ fn density_control_of_a_model_on_a_device_is_that_of_the_host() {
                 learning_rates: rates.clone(),
                 ..StepSchedule::default()
             };
-            stepper.step(iteration as usize, &schedule).unwrap();
+            let view = iteration as usize % scene.input_views.len();
+            stepper.step(view, &schedule).unwrap();
         }
     };
     steps(&mut stepper, 1);
@@ -384,44 +393,54 @@ fn density_control_of_a_model_on_a_device_is_that_of_the_host() {
             shorten_from_iteration: 0,
         }),
     };
-    let control = |model: &mut Model| {
+    let control = |model: &mut Model, maximum_gaussians: u64| {
         let mut random = Pcg64Mcg::seed_from_u64(4);
-        let done = densify(model, &settings.densify, 3, &context, &mut random);
-        assert!(done.cloned + done.split > 20, "{done:?}");
+        let limited = DensifySettings {
+            maximum_gaussians,
+            ..settings.densify.clone()
+        };
+        let done = densify(model, &limited, 3, &context, &mut random);
+        assert!(done.cloned + done.split > 0, "{done:?}");
         along_sphere(model, &scene.input_views);
         reset_opacities(model);
     };
-    let mut expected = stepper.model().unwrap().clone();
-    let before = expected.len();
-    control(&mut expected);
-    let read = |gpu: &GpuStepper<'_>| gpu.bytes_read();
-    let begun = read(&stepper);
-    stepper
-        .control_density(&mut |model| control(model))
-        .unwrap();
-    let bytes = read(&stepper) - begun;
-    // Neither colours nor moments came back: of 17 values a Gaussian and its statistics, no more.
-    assert!(bytes < 80 * before as u64, "{bytes} bytes of {before}");
-    let found = stepper.model().unwrap();
-    assert_ne!(found.len(), before);
+    // First into larger buffers, then within them.
+    for (first, maximum) in [(4, 280), (7, 290), (10, 300)] {
+        let mut expected = stepper.model().unwrap().clone();
+        let before = expected.len();
+        control(&mut expected, maximum);
+        let (begun, made) = (gpu.bytes_read(), gpu.buffers_and_bind_groups_made());
+        stepper
+            .control_density(&mut |model| control(model, maximum))
+            .unwrap();
+        let bytes = gpu.bytes_read() - begun;
+        // Neither colours nor moments came back: of 17 values a Gaussian and its statistics, no more.
+        assert!(bytes < 80 * before as u64, "{bytes} bytes of {before}");
+        assert_ne!(stepper.gaussians(), before);
+        if first == 10 {
+            assert_eq!(gpu.buffers_and_bind_groups_made(), made, "within its room");
+        }
+        assert_same_rows(stepper.model().unwrap(), &expected);
+        reset_opacities(&mut expected);
+        let begun = gpu.bytes_read();
+        stepper.reset_opacities().unwrap();
+        assert_eq!(gpu.bytes_read(), begun);
+        assert_same_rows(stepper.model().unwrap(), &expected);
+        steps(&mut stepper, first);
+    }
+    assert_eq!(stepper.take_statistics().unwrap().steps, 12);
+}
+
+fn assert_same_rows(found: &Model, expected: &Model) {
     for (found, expected) in found.parts.iter().zip(&expected.parts) {
         assert_eq!(found.statistics, expected.statistics);
         for (found, expected) in found.table.arrays.iter().zip(&expected.table.arrays) {
-            assert!(found.values == expected.values, "{}", found.name);
-            assert!(
-                found.first_moments == expected.first_moments,
-                "{}",
-                found.name
-            );
-            assert!(
-                found.second_moments == expected.second_moments,
-                "{}",
-                found.name
-            );
+            let name = found.name;
+            assert!(found.values == expected.values, "{name}");
+            assert!(found.first_moments == expected.first_moments, "{name}");
+            assert!(found.second_moments == expected.second_moments, "{name}");
         }
     }
-    steps(&mut stepper, 4);
-    assert_eq!(stepper.take_statistics().unwrap().steps, 6);
 }
 
 /// Whole runs, density control included, end where those of the CPU do.

@@ -14,7 +14,7 @@ mod novel_views;
 use std::sync::Arc;
 
 use balls::scene;
-use device::{assert_gradients_agree, device};
+use device::{assert_gradients_agree, device, devices};
 use novel_views::novel_psnr;
 use omnilife_engine::{
     EngineError,
@@ -92,11 +92,17 @@ const RATES: [f32; 6] = [2e-3, 5e-3, 1e-3, 0.05, 2.5e-3, 1.25e-4];
 
 #[test]
 fn steps_are_those_of_the_cpu() {
-    let Some(gpu) = device() else { return };
+    devices().iter().for_each(compare_steps);
+}
+
+fn compare_steps(gpu: &Arc<Gpu>) {
     let scene = scene();
-    let mut on_gpu = on_device(&gpu, &scene, model(&scene, 1));
+    let mut on_gpu = on_device(gpu, &scene, model(&scene, 1));
     let mut on_cpu = CpuStepper::new(scene.inputs(), model(&scene, 1), &settings());
-    assert!(matches!(on_gpu.backend(), Backend::Gpu { .. }));
+    let Backend::Gpu { subgroup_size, .. } = on_gpu.backend() else {
+        panic!("another backend");
+    };
+    assert_eq!(subgroup_size, gpu.subgroup_size());
     for iteration in 1..=3 {
         let schedule = schedule(iteration, 1, &RATES);
         on_gpu.step(iteration as usize, &schedule).unwrap();

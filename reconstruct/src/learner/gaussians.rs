@@ -109,6 +109,23 @@ impl<'a> GaussianLearner<'a> {
         })
     }
 
+    /// What a reader should know before it begins: where the adapter has less room than density control may
+    /// ask for.
+    pub fn room(&self) -> Option<String> {
+        let room = self.stepper.most_gaussians()? as u64;
+        let maximum = self.settings.densify.maximum_gaussians;
+        let Backend::Gpu { adapter, .. } = self.stepper.backend() else {
+            return None;
+        };
+        (maximum > room).then(|| {
+            format!(
+                "the largest buffer of {adapter} has room for {room} Gaussians of this method, which \
+                 may have {maximum}: where it grows beyond, training ends; --set max-gaussians={room} \
+                 keeps below"
+            )
+        })
+    }
+
     /// Step sizes of the next step, by the number of steps that the run will have had in the end.
     fn set_learning_rates(&mut self, at: &Position) {
         let share = at.share as f32;
@@ -190,8 +207,7 @@ impl Learner for GaussianLearner<'_> {
         }
         if settings.resets_opacities(at, self.state.last_reset) {
             self.state.last_reset = at.scheduled;
-            self.stepper
-                .control_density(&mut density::reset_opacities)?;
+            self.stepper.reset_opacities()?;
         }
         Ok(())
     }

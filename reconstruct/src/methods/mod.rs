@@ -106,19 +106,18 @@ impl PreparedGaussians {
             serde_json::to_value(&self.settings).map_err(|error| ReconstructError::Request {
                 reason: format!("settings that cannot be recorded: {error}"),
             })?;
+        let length = LoopSettings::from(&self.settings);
+        let learner = GaussianLearner::new(scene, self.model, self.settings, backend)?;
+        let mut warnings = self.warnings;
+        warnings.extend(learner.room());
         Ok(Prepared {
-            length: LoopSettings::from(&self.settings),
-            learner: Box::new(GaussianLearner::new(
-                scene,
-                self.model,
-                self.settings,
-                backend,
-            )?),
+            length,
+            learner: Box::new(learner),
             configuration,
             plan: self.plan,
             evidence: self.evidence,
             lift: self.lift,
-            warnings: self.warnings,
+            warnings,
         })
     }
 }

@@ -147,7 +147,7 @@ fn judge(images: &Images, limits: Limits) -> Judgement {
         mask: &widen(mask),
     };
     let (expected, by_render) = pair.value_and_gradient(f64::from(LAMBDA));
-    let found = (value.total, widen(&gradient));
+    let found = (value.total, widen(gradient));
     compared(&found, &(expected.total, by_render), limits)
 }
 

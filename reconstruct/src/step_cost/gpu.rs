@@ -40,8 +40,11 @@ pub(super) fn measure(request: CostRequest) -> Result<StepCost, ReconstructError
         schedule.iteration += 1;
     }
     stepper.take_statistics()?;
-    let density = densify(&subject, &views, &mut stepper)?;
+    let larger = densify(&subject, &gpu, &views, &mut stepper)?;
     let bytes_read = (gpu.bytes_read() - before) * (1_000 / DENSIFY_INTERVAL);
+    stepper.step(0, &schedule)?;
+    stepper.take_statistics()?;
+    let within = densify(&subject, &gpu, &views, &mut stepper)?;
     let adapter = gpu.adapter();
     Ok(StepCost {
         request,
@@ -50,7 +53,8 @@ pub(super) fn measure(request: CostRequest) -> Result<StepCost, ReconstructError
         wall_seconds,
         cpu_seconds,
         bytes_read,
-        density: Some(density),
+        density: Some([larger, within]),
+        subgroup_size: gpu.subgroup_size(),
         copied_per_second: Some(gpu.copied_per_second()?),
     })
 }
@@ -58,6 +62,7 @@ pub(super) fn measure(request: CostRequest) -> Result<StepCost, ReconstructError
 /// What one densification costs the host.
 fn densify(
     subject: &Subject,
+    gpu: &Gpu,
     views: &[TrainingView],
     stepper: &mut GpuStepper<'_>,
 ) -> Result<DensityCost, ReconstructError> {
@@ -68,6 +73,7 @@ fn densify(
         temporal: dynamics.and_then(|dynamics| dynamics.density),
     };
     let mut random = Pcg64Mcg::seed_from_u64(0);
+    let made = gpu.buffers_and_bind_groups_made();
     let begun = Instant::now();
     let (mut read, mut decided) = (begun, begun);
     stepper.control_density(&mut |model| {
@@ -82,5 +88,6 @@ fn densify(
         download_seconds: (read - begun).as_secs_f64(),
         control_seconds: (decided - read).as_secs_f64(),
         upload_seconds: decided.elapsed().as_secs_f64(),
+        made: gpu.buffers_and_bind_groups_made() - made,
     })
 }

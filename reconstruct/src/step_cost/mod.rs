@@ -11,6 +11,7 @@ pub mod table;
 use std::time::{Duration, Instant};
 
 use omnilife_engine::{
+    density::Threshold,
     device::timer::{StageCost, Stages},
     model::{Model, Part},
     parameters::{ParameterTable, adam::SecondMomentDecay},
@@ -56,8 +57,11 @@ pub struct StepCost {
     pub cpu_seconds: Option<f64>,
     /// Bytes that the host reads back in 1,000 iterations, density control included.
     pub bytes_read: u64,
-    /// What the host does for one densification; none on the CPU.
-    pub density: Option<DensityCost>,
+    /// What the host does for a densification that needs more room and for one that does not; none on the
+    /// CPU.
+    pub density: Option<[DensityCost; 2]>,
+    /// Threads of the smallest subgroup, where sums over pixels are taken in subgroups.
+    pub subgroup_size: Option<u32>,
     /// Bytes that the device copies in a second, read and written; none on the CPU.
     pub copied_per_second: Option<f64>,
 }
@@ -71,6 +75,8 @@ pub struct DensityCost {
     pub control_seconds: f64,
     /// Doing it on the device, and the programs of a step on the new model.
     pub upload_seconds: f64,
+    /// Buffers and bind groups that are made for it.
+    pub made: u64,
 }
 
 impl DensityCost {
@@ -133,6 +139,7 @@ fn on_cpu(request: CostRequest) -> Result<StepCost, ReconstructError> {
         cpu_seconds,
         bytes_read: 0,
         density: None,
+        subgroup_size: None,
         copied_per_second: None,
     })
 }
@@ -161,7 +168,10 @@ impl Subject {
     fn new(request: CostRequest) -> Self {
         let mut settings = baseline::published_settings(30_000);
         settings.rendering.near = 0.01;
-        settings.densify.maximum_gaussians = request.gaussians as u64;
+        // All that are seen would grow, and a twentieth may: the first densification needs more room, the
+        // next one does not.
+        settings.densify.gradient_threshold = Threshold::constant(f32::MIN_POSITIVE);
+        settings.densify.maximum_gaussians = (request.gaussians + request.gaussians / 20) as u64;
         let table = if request.dynamic {
             let dynamics = settings.dynamics.insert(scene::dynamics());
             scene::moving_scene(request.gaussians, dynamics)

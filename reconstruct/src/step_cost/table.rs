@@ -20,6 +20,12 @@ pub fn table(costs: &[StepCost]) -> String {
             copied * 1e-9
         );
     }
+    if is_device {
+        text += &match first.subgroup_size {
+            Some(size) => format!("Sums over pixels in subgroups of {size} threads at least.\n"),
+            None => "Sums over pixels in the memory of workgroups.\n".to_owned(),
+        };
+    }
     text += "\n";
     text += &stage_table(costs, is_device);
     text += "\n";
@@ -104,15 +110,23 @@ fn step_table(costs: &[StepCost], is_device: bool) -> String {
         add("MB read back in 1,000 iterations", &|cost| {
             format!("{:.1}", cost.bytes_read as f64 * 1e-6)
         });
-        add("host ms for a densification", &|cost| {
-            let density = cost.density.unwrap_or_default();
+        let densification = |cost: &StepCost, number: usize| {
+            let density = cost.density.unwrap_or_default()[number];
             format!(
-                "{} ({} read, {} control, {} upload)",
+                "{} ({} read, {} control, {} upload; {} made)",
                 milliseconds(density.seconds()),
                 milliseconds(density.download_seconds),
                 milliseconds(density.control_seconds),
-                milliseconds(density.upload_seconds)
+                milliseconds(density.upload_seconds),
+                density.made
             )
+        };
+        add(
+            "host ms for a densification that needs more room",
+            &|cost| densification(cost, 0),
+        );
+        add("host ms for one within its room", &|cost| {
+            densification(cost, 1)
         });
     }
     let sizes: Vec<String> = costs.iter().map(size_of).collect();

@@ -19,6 +19,29 @@ pub(crate) fn device() -> Option<Arc<Gpu>> {
     }
 }
 
+/// A device with subgroups and the same without, so that both ways of adding up over pixels are judged;
+/// fewer, and a line why, on a machine that has less.
+pub(crate) fn devices() -> Vec<Arc<Gpu>> {
+    let Some(gpu) = device() else {
+        return Vec::new();
+    };
+    let plain = match Gpu::open_without_subgroups() {
+        Ok(plain) => Arc::new(plain),
+        Err(error) => panic!("{error}"),
+    };
+    assert_eq!(plain.subgroup_size(), None);
+    match gpu.subgroup_size() {
+        Some(size) => {
+            println!("with subgroups of {size} threads at least, and without");
+            vec![gpu, plain]
+        }
+        None => {
+            println!("without subgroups, which the adapter has not");
+            vec![plain]
+        }
+    }
+}
+
 /// Every value within 5e-3 of its own size or of the array's typical size.
 pub(crate) fn assert_gradients_agree(name: &str, of_gpu: &[f32], of_cpu: &[f32]) {
     assert_eq!(of_gpu.len(), of_cpu.len(), "{name}");

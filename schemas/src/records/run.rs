@@ -121,6 +121,10 @@ pub enum Backend {
         driver: String,
         /// The limits that the kernels lived within, by their names in WebGPU.
         limits: BTreeMap<String, u64>,
+        /// Threads of the smallest subgroup, where sums over pixels were taken in subgroups; none where
+        /// they were taken in the memory of workgroups.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        subgroup_size: Option<u32>,
     },
 }
 

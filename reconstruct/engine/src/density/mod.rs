@@ -27,7 +27,7 @@ use crate::{
 /// A split's children are smaller than their parent by this factor (0.8 times 2 children).
 const SPLIT_SHRINK: f32 = 1.6;
 /// Opacities are set down to this at a reset.
-const RESET_OPACITY: f32 = 0.01;
+pub(crate) const RESET_OPACITY: f32 = 0.01;
 
 /// What a densification did.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -6,6 +6,9 @@ use bytemuck::Pod;
 
 use crate::device::{device::Gpu, error::GpuError};
 
+/// Bytes of a buffer for reading back that is kept for the next time.
+const LONGEST_KEPT: u64 = 256 << 20;
+
 /// `len` values of `T` in a storage buffer. New values are zero; a clone is the same buffer.
 #[derive(Debug, Clone)]
 pub(crate) struct DeviceBuffer<T> {
@@ -18,10 +21,25 @@ pub(crate) struct DeviceBuffer<T> {
 impl<T: Pod> DeviceBuffer<T> {
     /// Zeros.
     pub(crate) fn zeros(gpu: &Gpu, label: &'static str, len: usize) -> Result<Self, GpuError> {
+        Self::zeros_for(gpu, label, len, wgpu::BufferUsages::STORAGE)
+    }
+
+    /// Zeros, of which some may say how many workgroups run a kernel.
+    pub(crate) fn indirect(gpu: &Gpu, label: &'static str, len: usize) -> Result<Self, GpuError> {
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::INDIRECT;
+        Self::zeros_for(gpu, label, len, usage)
+    }
+
+    fn zeros_for(
+        gpu: &Gpu,
+        label: &'static str,
+        len: usize,
+        usage: wgpu::BufferUsages,
+    ) -> Result<Self, GpuError> {
         // An empty buffer cannot be bound.
         let bytes = (len.max(1) * size_of::<T>()).next_multiple_of(4) as u64;
         Ok(Self {
-            raw: create(gpu, label, bytes, wgpu::BufferUsages::STORAGE)?,
+            raw: create(gpu, label, bytes, usage)?,
             label,
             len,
             values: PhantomData,
@@ -55,40 +73,94 @@ impl<T: Pod> DeviceBuffer<T> {
 
     /// Waits for the device and copies some values back; they begin at a multiple of four bytes.
     pub(crate) fn read_range(&self, gpu: &Gpu, range: Range<usize>) -> Result<Vec<T>, GpuError> {
-        let len = range.len();
-        if len == 0 {
-            return Ok(Vec::new());
+        let mut read = Self::read_ranges(gpu, &[(self, range)])?;
+        Ok(read.pop().unwrap_or_default())
+    }
+
+    /// Waits once and copies ranges of several buffers back, each beginning at a multiple of four bytes.
+    pub(crate) fn read_ranges(
+        gpu: &Gpu,
+        ranges: &[(&Self, Range<usize>)],
+    ) -> Result<Vec<Vec<T>>, GpuError> {
+        let bytes_of = |len: usize| ((len * size_of::<T>()) as u64).next_multiple_of(4);
+        let pieces: Vec<Piece<'_>> = ranges
+            .iter()
+            .filter(|(_, range)| !range.is_empty())
+            .map(|(buffer, range)| Piece {
+                buffer: &buffer.raw,
+                first: (range.start * size_of::<T>()) as u64,
+                bytes: bytes_of(range.len()),
+            })
+            .collect();
+        let mut all = Vec::with_capacity(ranges.len());
+        gpu.read_pieces(&pieces, |mut view| {
+            for (_, range) in ranges {
+                let mut values = vec![T::zeroed(); range.len()];
+                let bytes = range.len() * size_of::<T>();
+                bytemuck::cast_slice_mut(&mut values).copy_from_slice(&view[..bytes]);
+                view = &view[bytes_of(range.len()) as usize..];
+                all.push(values);
+            }
+        })?;
+        Ok(all)
+    }
+}
+
+/// A part of a buffer that is read back, in bytes.
+struct Piece<'a> {
+    buffer: &'a wgpu::Buffer,
+    first: u64,
+    bytes: u64,
+}
+
+impl Gpu {
+    /// Waits for the device and shows `read` the pieces one after another.
+    fn read_pieces(&self, pieces: &[Piece<'_>], read: impl FnOnce(&[u8])) -> Result<(), GpuError> {
+        let bytes: u64 = pieces.iter().map(|piece| piece.bytes).sum();
+        if bytes == 0 {
+            read(&[]);
+            return Ok(());
         }
-        let first = (range.start * size_of::<T>()) as u64;
-        let bytes = ((len * size_of::<T>()) as u64).next_multiple_of(4);
-        gpu.count_read(bytes);
-        let copy = create_with(
-            gpu,
-            self.label,
-            bytes,
-            wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
-        )?;
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        encoder.copy_buffer_to_buffer(&self.raw, first, &copy, 0, bytes);
-        gpu.queue.submit([encoder.finish()]);
+        self.count_read(bytes);
+        let mut kept = self.staging();
+        let staging = match kept.take() {
+            Some(staging) if staging.size() >= bytes => staging,
+            last => {
+                // It grows by doubling, and the last one goes first: both may not fit.
+                let doubled = last.map_or(0, |last| 2 * last.size());
+                let size = bytes.max(doubled.min(LONGEST_KEPT));
+                let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
+                create_with(self, "read back", size, usage)?
+            }
+        };
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        let mut place = 0;
+        for piece in pieces {
+            encoder.copy_buffer_to_buffer(piece.buffer, piece.first, &staging, place, piece.bytes);
+            place += piece.bytes;
+        }
+        self.queue.submit([encoder.finish()]);
         let (sender, receiver) = std::sync::mpsc::channel();
-        copy.slice(..)
-            .map_async(wgpu::MapMode::Read, move |mapped| {
-                // Nobody listens any more only where reading was given up.
-                let _ = sender.send(mapped);
-            });
-        gpu.wait()?;
+        let slice = staging.slice(..bytes);
+        slice.map_async(wgpu::MapMode::Read, move |mapped| {
+            // Nobody listens any more only where reading was given up.
+            let _ = sender.send(mapped);
+        });
+        self.wait()?;
         match receiver.try_recv() {
             Ok(Ok(())) => {}
-            _ => return Err(gpu.failed(&format!("{} cannot be read back", self.label))),
+            _ => return Err(self.failed("values cannot be read back")),
         }
-        let view = copy
-            .slice(..)
+        let view = slice
             .get_mapped_range()
-            .map_err(|error| gpu.failed(&error.to_string()))?;
-        let mut values = vec![T::zeroed(); len];
-        bytemuck::cast_slice_mut(&mut values).copy_from_slice(&view[..len * size_of::<T>()]);
-        Ok(values)
+            .map_err(|error| self.failed(&error.to_string()))?;
+        read(&view);
+        drop(view);
+        staging.unmap();
+        if staging.size() <= LONGEST_KEPT {
+            *kept = Some(staging);
+        }
+        Ok(())
     }
 }
 
@@ -148,6 +220,7 @@ fn create_with(
         usage,
         mapped_at_creation: false,
     };
+    gpu.count_made();
     gpu.guarded(|| gpu.device.create_buffer(&descriptor))
         .map_err(|error| match error {
             wgpu::Error::OutOfMemory { .. } => GpuError::OutOfMemory {

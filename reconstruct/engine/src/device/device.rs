@@ -20,6 +20,10 @@ const WORKGROUP_MEMORY: u32 = 16 * 1024;
 /// Storage buffers that a kernel binds at most; what every WebGPU adapter has.
 const STORAGE_BUFFERS: u32 = 8;
 
+/// What kernels use where an adapter has it: subgroups to add up over pixels, clocks to measure with.
+const OPTIONAL_FEATURES: wgpu::Features =
+    wgpu::Features::SUBGROUP.union(wgpu::Features::TIMESTAMP_QUERY);
+
 /// An open GPU.
 #[derive(Debug)]
 pub struct Gpu {
@@ -27,8 +31,12 @@ pub struct Gpu {
     pub(crate) queue: wgpu::Queue,
     summary: AdapterSummary,
     limits: wgpu::Limits,
+    subgroup_size: Option<u32>,
     faults: Arc<Mutex<Faults>>,
     bytes_read: AtomicU64,
+    made: AtomicU64,
+    /// What values are read back through.
+    staging: Mutex<Option<wgpu::Buffer>>,
 }
 
 /// What went wrong on a device since it was opened.
@@ -44,11 +52,23 @@ fn lock(faults: &Mutex<Faults>) -> MutexGuard<'_, Faults> {
 }
 
 impl Gpu {
-    /// Opens the first adapter, hardware before software.
+    /// Opens the first adapter, hardware before software, with all that it offers of what kernels can use.
     ///
     /// # Errors
     /// When there is none, it is too small, or its driver gives no device.
     pub fn open() -> Result<Self, GpuError> {
+        Self::open_with(OPTIONAL_FEATURES)
+    }
+
+    /// The same as an adapter without subgroups would be: their kernels have twins, which tests ask for.
+    ///
+    /// # Errors
+    /// As [`Gpu::open`] has them.
+    pub fn open_without_subgroups() -> Result<Self, GpuError> {
+        Self::open_with(OPTIONAL_FEATURES - wgpu::Features::SUBGROUP)
+    }
+
+    fn open_with(optional: wgpu::Features) -> Result<Self, GpuError> {
         let adapter = crate::device::adapters::wgpu_adapters()
             .into_iter()
             .next()
@@ -58,8 +78,7 @@ impl Gpu {
         let request = wgpu::DeviceDescriptor {
             label: Some("omnilife"),
             required_limits: limits.clone(),
-            // To measure with, where there are any.
-            required_features: adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
+            required_features: adapter.features() & optional,
             ..wgpu::DeviceDescriptor::default()
         };
         let (device, queue) =
@@ -69,6 +88,8 @@ impl Gpu {
                     reason: on_one_line(&error.to_string()),
                 }
             })?;
+        let has_subgroups = device.features().contains(wgpu::Features::SUBGROUP);
+        let subgroup_size = has_subgroups.then(|| adapter.get_info().subgroup_min_size.max(1));
         let faults = Arc::new(Mutex::new(Faults::default()));
         let of_errors = Arc::clone(&faults);
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
@@ -87,14 +108,23 @@ impl Gpu {
             queue,
             summary,
             limits,
+            subgroup_size,
             faults,
             bytes_read: AtomicU64::new(0),
+            made: AtomicU64::new(0),
+            staging: Mutex::new(None),
         })
     }
 
     /// The adapter behind the device.
     pub fn adapter(&self) -> &AdapterSummary {
         &self.summary
+    }
+
+    /// Threads of the smallest subgroup, in which kernels add up over pixels; `None` where they do so in the
+    /// memory of workgroups.
+    pub fn subgroup_size(&self) -> Option<u32> {
+        self.subgroup_size
     }
 
     /// The limits that the kernels live within, by name, for the run record.
@@ -128,6 +158,7 @@ impl Gpu {
                 .limits()
                 .map(|(name, limit)| (name.to_owned(), limit))
                 .into(),
+            subgroup_size: self.subgroup_size,
         }
     }
 
@@ -145,6 +176,21 @@ impl Gpu {
 
     pub(crate) fn count_read(&self, bytes: u64) {
         self.bytes_read.fetch_add(bytes, Ordering::Relaxed);
+    }
+
+    /// Buffers and bind groups that were made so far.
+    pub fn buffers_and_bind_groups_made(&self) -> u64 {
+        self.made.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn count_made(&self) {
+        self.made.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// The buffer that values were read back through last, where there is one; held while it is in use.
+    pub(crate) fn staging(&self) -> MutexGuard<'_, Option<wgpu::Buffer>> {
+        // A panic elsewhere leaves none behind.
+        self.staging.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Gives the device up; every later use of it is an error. For tests of a lost device.

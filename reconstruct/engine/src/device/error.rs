@@ -62,8 +62,12 @@ pub enum GpuError {
 impl Classified for GpuError {
     fn error_kind(&self) -> ErrorKind {
         match self {
-            Self::NoAdapter | Self::TooSmall { .. } | Self::OutOfMemory { .. } => ErrorKind::User,
-            Self::Open { .. } | Self::Lost { .. } | Self::Failed { .. } => ErrorKind::Internal,
+            Self::NoAdapter => ErrorKind::User,
+            Self::TooSmall { .. }
+            | Self::OutOfMemory { .. }
+            | Self::Open { .. }
+            | Self::Lost { .. }
+            | Self::Failed { .. } => ErrorKind::Internal,
         }
     }
 }

@@ -7,7 +7,7 @@
 //! A stage's WGSL lies beside its CPU twin `cpu.rs`, with the same names in the same order; `gpu.rs`
 //! there binds its buffers. No kernel needs an optional feature of the device: everything keeps within
 //! the limits that every WebGPU adapter has, but buffers may be as large as the adapter allows. Clocks
-//! are used where there are any.
+//! are used where there are any, and subgroups by kernels that have a twin without.
 
 pub mod adapters;
 mod buffer;
@@ -26,7 +26,7 @@ pub(crate) use buffer::{DeviceBuffer, Uniform};
 pub use device::Gpu;
 pub(crate) use device::WORKGROUP;
 pub use error::GpuError;
-pub(crate) use program::{Kernel, Program};
+pub(crate) use program::{Kernel, Program, Rows, Threads, Workgroups};
 pub(crate) use scan::Scan;
 pub(crate) use shader::{Shader, wgsl_struct};
 

@@ -3,7 +3,13 @@
 //! A program is recorded once for given buffers and run as often as wanted: running it allocates
 //! nothing and looks nothing up.
 
+use std::sync::{
+    Arc,
+    atomic::{AtomicUsize, Ordering},
+};
+
 use crate::device::{
+    buffer::DeviceBuffer,
     device::{Gpu, WORKGROUP},
     error::GpuError,
     shader::Shader,
@@ -47,6 +53,98 @@ impl Kernel {
     }
 }
 
+/// How many rows of its buffers a program works on. A clone is the same number: programs that were recorded
+/// with it go by what it is when they run.
+#[derive(Debug, Clone)]
+pub(crate) struct Rows(Arc<AtomicUsize>);
+
+impl Rows {
+    pub(crate) fn new(rows: usize) -> Self {
+        Self(Arc::new(AtomicUsize::new(rows)))
+    }
+
+    pub(crate) fn get(&self) -> usize {
+        self.0.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn set(&self, rows: usize) {
+        self.0.store(rows, Ordering::Relaxed);
+    }
+}
+
+/// How many threads run a kernel, at least.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Threads<'a> {
+    /// So many.
+    Fixed(usize),
+    /// So many for each row.
+    ForRows(&'a Rows, usize),
+}
+
+impl From<usize> for Threads<'_> {
+    fn from(threads: usize) -> Self {
+        Self::Fixed(threads)
+    }
+}
+
+impl<'a> From<&'a Rows> for Threads<'a> {
+    fn from(rows: &'a Rows) -> Self {
+        Self::ForRows(rows, 1)
+    }
+}
+
+/// How many workgroups run a kernel; its `workgroup_number` counts them through.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Workgroups<'a> {
+    /// At least so many, laid out in two dimensions where one is not enough.
+    Fixed(usize),
+    /// One for so many rows.
+    ForRows(&'a Rows, usize),
+    /// As many as the device has written when it comes to it: three numbers, of which this is the first.
+    /// The buffer is one of [`DeviceBuffer::indirect`].
+    Counted(&'a DeviceBuffer<u32>, usize),
+}
+
+impl From<usize> for Workgroups<'_> {
+    fn from(workgroups: usize) -> Self {
+        Self::Fixed(workgroups)
+    }
+}
+
+/// The same in a program.
+#[derive(Debug, Clone)]
+enum Dispatch {
+    Fixed(usize),
+    /// So many threads for each row, so many of which are a workgroup.
+    ForRows {
+        rows: Rows,
+        threads: usize,
+        workgroup: usize,
+    },
+    Counted(wgpu::Buffer, u64),
+}
+
+impl Dispatch {
+    fn run(&self, pass: &mut wgpu::ComputePass<'_>) {
+        let workgroups = match self {
+            Self::Counted(counts, offset) => {
+                pass.dispatch_workgroups_indirect(counts, *offset);
+                return;
+            }
+            Self::Fixed(workgroups) => *workgroups,
+            Self::ForRows {
+                rows,
+                threads,
+                workgroup,
+            } => (rows.get() * threads).div_ceil(*workgroup),
+        };
+        if workgroups > 0 {
+            let columns = workgroups.min(MOST_COLUMNS);
+            pass.dispatch_workgroups(columns as u32, workgroups.div_ceil(columns) as u32, 1);
+        }
+    }
+}
+
 /// Commands in the order in which they run; each sees what those before it wrote.
 #[derive(Debug, Default)]
 pub(crate) struct Program {
@@ -58,40 +156,73 @@ enum Command {
     Run {
         pipeline: wgpu::ComputePipeline,
         bindings: wgpu::BindGroup,
-        workgroups: [u32; 2],
+        workgroups: Dispatch,
         /// Of the buffers that are bound.
         bytes: u64,
     },
     Clear(wgpu::Buffer),
+    /// From one buffer to another of the same size.
+    Copy(wgpu::Buffer, wgpu::Buffer),
     /// What follows is of this stage.
     Stage(&'static str),
 }
 
+/// The most workgroups in one dimension; what every WebGPU adapter has.
+const MOST_COLUMNS: usize = 65_535;
 /// Stage of commands before the first that is named.
 const UNNAMED: &str = "other";
 
 impl Program {
     /// Runs a kernel with at least `threads` threads. `buffers` are its bindings in order.
-    pub(crate) fn run(
+    pub(crate) fn run<'a>(
         &mut self,
         gpu: &Gpu,
         kernel: &Kernel,
-        threads: usize,
+        threads: impl Into<Threads<'a>>,
         buffers: &[&wgpu::Buffer],
     ) {
-        self.run_workgroups(gpu, kernel, threads.div_ceil(WORKGROUP as usize), buffers);
+        let workgroup = WORKGROUP as usize;
+        let dispatch = match threads.into() {
+            Threads::Fixed(threads) => Dispatch::Fixed(threads.div_ceil(workgroup)),
+            Threads::ForRows(rows, threads) => Dispatch::ForRows {
+                rows: rows.clone(),
+                threads,
+                workgroup,
+            },
+        };
+        self.dispatch(gpu, kernel, dispatch, buffers);
     }
 
-    /// Runs a kernel with at least this many workgroups, laid out in two dimensions where one is
-    /// not enough: the kernel's `workgroup_number` counts them through.
-    pub(crate) fn run_workgroups(
+    /// Runs a kernel with these workgroups. `buffers` are its bindings in order.
+    pub(crate) fn run_workgroups<'a>(
         &mut self,
         gpu: &Gpu,
         kernel: &Kernel,
-        workgroups: usize,
+        workgroups: impl Into<Workgroups<'a>>,
         buffers: &[&wgpu::Buffer],
     ) {
-        if workgroups == 0 {
+        let dispatch = match workgroups.into() {
+            Workgroups::Fixed(workgroups) => Dispatch::Fixed(workgroups),
+            Workgroups::ForRows(rows, each) => Dispatch::ForRows {
+                rows: rows.clone(),
+                threads: 1,
+                workgroup: each,
+            },
+            Workgroups::Counted(counts, first) => {
+                Dispatch::Counted(counts.raw.clone(), (first * size_of::<u32>()) as u64)
+            }
+        };
+        self.dispatch(gpu, kernel, dispatch, buffers);
+    }
+
+    fn dispatch(
+        &mut self,
+        gpu: &Gpu,
+        kernel: &Kernel,
+        workgroups: Dispatch,
+        buffers: &[&wgpu::Buffer],
+    ) {
+        if matches!(workgroups, Dispatch::Fixed(0)) {
             return;
         }
         let entries: Vec<wgpu::BindGroupEntry<'_>> = (0..)
@@ -101,17 +232,16 @@ impl Program {
                 resource: buffer.as_entire_binding(),
             })
             .collect();
+        gpu.count_made();
         let bindings = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: None,
             layout: &kernel.pipeline.get_bind_group_layout(0),
             entries: &entries,
         });
-        let limit = gpu.device.limits().max_compute_workgroups_per_dimension as usize;
-        let columns = workgroups.min(limit);
         self.commands.push(Command::Run {
             pipeline: kernel.pipeline.clone(),
             bindings,
-            workgroups: [columns as u32, workgroups.div_ceil(columns) as u32],
+            workgroups,
             bytes: buffers.iter().map(|buffer| buffer.size()).sum(),
         });
     }
@@ -129,6 +259,11 @@ impl Program {
     /// Fills a buffer with zeros.
     pub(crate) fn clear(&mut self, buffer: &wgpu::Buffer) {
         self.commands.push(Command::Clear(buffer.clone()));
+    }
+
+    /// Copies all of a buffer over another of the same size.
+    pub(crate) fn copy(&mut self, from: &wgpu::Buffer, to: &wgpu::Buffer) {
+        self.commands.push(Command::Copy(from.clone(), to.clone()));
     }
 
     /// Adds all commands to `encoder`.
@@ -151,6 +286,11 @@ impl Program {
                     commands.next();
                     continue;
                 }
+                Command::Copy(from, to) => {
+                    encoder.copy_buffer_to_buffer(from, 0, to, 0, to.size());
+                    commands.next();
+                    continue;
+                }
                 Command::Stage(name) => {
                     stage = name;
                     commands.next();
@@ -167,7 +307,7 @@ impl Program {
             while let Some(command) = commands.next_if(|command| match command {
                 Command::Run { .. } => true,
                 Command::Stage(_) => !is_timed,
-                Command::Clear(_) => false,
+                Command::Clear(_) | Command::Copy(..) => false,
             }) {
                 if let Command::Run {
                     pipeline,
@@ -178,7 +318,7 @@ impl Program {
                 {
                     pass.set_pipeline(pipeline);
                     pass.set_bind_group(0, bindings, &[]);
-                    pass.dispatch_workgroups(workgroups[0], workgroups[1], 1);
+                    workgroups.run(&mut pass);
                 }
             }
         }
@@ -190,7 +330,7 @@ impl Program {
         for command in &self.commands {
             match command {
                 Command::Stage(name) => stage = name,
-                Command::Clear(_) => {}
+                Command::Clear(_) | Command::Copy(..) => {}
                 Command::Run { bytes, .. } => {
                     let known = stages.iter().position(|(known, _)| *known == stage);
                     let place = known.unwrap_or(stages.len());

@@ -52,9 +52,10 @@ pub(crate) use wgsl_struct;
 #[cfg(test)]
 mod tests {
     use naga::{
-        Module, TypeInner,
+        AddressSpace, Module, TypeInner,
         front::wgsl,
-        valid::{Capabilities, ValidationFlags, Validator},
+        proc::Layouter,
+        valid::{Capabilities, ModuleInfo, ValidationFlags, Validator},
     };
 
     use super::*;
@@ -65,7 +66,7 @@ mod tests {
         losses::{maps, motion, photometric},
         parameters::{adam, rows},
         render::{bin, buffers, project, raster, sort},
-        step::gpu::kernels,
+        step::gpu::{kernels, opacity_reset},
     };
 
     fn shaders() -> Vec<Shader> {
@@ -83,6 +84,7 @@ mod tests {
             photometric::gpu::shader(),
             adam::gpu::shader(),
             rows::shader(),
+            opacity_reset::shader(),
             static_gaussians::gpu::shader(),
             dropout::gpu::shader(),
             temporal::gpu::shader(),
@@ -97,12 +99,26 @@ mod tests {
             shaders.extend([
                 project::gpu::shader(shape),
                 bin::gpu::shader(shape),
-                raster::gpu::shader(shape),
+                raster::gpu::shader(shape, None),
                 kernels::shader(shape),
                 project::by_camera::gpu::shader(shape),
             ]);
         }
         shaders
+    }
+
+    /// Those that a device with subgroups has in place of others, by its smallest subgroup.
+    fn subgroup_shaders() -> impl Iterator<Item = Shader> {
+        let shape = |features| buffers::RenderShape {
+            gaussians: 1,
+            sh_degree: 3,
+            features,
+            width: 16,
+            height: 8,
+            entries: 1,
+        };
+        let sizes = [4, 8, 16, 32, 64].into_iter();
+        sizes.flat_map(move |size| [0, 4].map(|f| raster::gpu::shader(&shape(f), Some(size))))
     }
 
     fn parse(shader: &Shader) -> Module {
@@ -114,9 +130,32 @@ mod tests {
     #[test]
     fn every_module_is_valid_without_optional_features() {
         for shader in shaders() {
-            let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
-            if let Err(error) = validator.validate(&parse(&shader)) {
-                panic!("{}: {}", shader.file, error.emit_to_string(&shader.text()));
+            validate(&shader, Capabilities::empty());
+        }
+    }
+
+    fn validate(shader: &Shader, capabilities: Capabilities) -> ModuleInfo {
+        let mut validator = Validator::new(ValidationFlags::all(), capabilities);
+        match validator.validate(&parse(shader)) {
+            Ok(info) => info,
+            Err(error) => panic!("{}: {}", shader.file, error.emit_to_string(&shader.text())),
+        }
+    }
+
+    #[test]
+    fn kernels_that_use_subgroups_are_valid_and_fit_a_workgroup() {
+        for shader in subgroup_shaders() {
+            let info = validate(&shader, Capabilities::SUBGROUP);
+            let module = parse(&shader);
+            let mut layouter = Layouter::default();
+            layouter.update(module.to_ctx()).expect("sizes");
+            for (number, entry_point) in module.entry_points.iter().enumerate() {
+                let uses = info.get_entry_point(number);
+                let used = module.global_variables.iter().filter(|(variable, global)| {
+                    global.space == AddressSpace::WorkGroup && !uses[*variable].is_empty()
+                });
+                let bytes: u32 = used.map(|(_, global)| layouter[global.ty].size).sum();
+                assert!(bytes <= 16 * 1024, "{}: {bytes} bytes", entry_point.name);
             }
         }
     }
@@ -170,6 +209,7 @@ mod tests {
             compare::<photometric::gpu::LossSettings>(&modules, "LossSettings"),
             compare::<adam::gpu::AdamStep>(&modules, "AdamStep"),
             compare::<rows::RowMove>(&modules, "RowMove"),
+            compare::<opacity_reset::OpacityReset>(&modules, "OpacityReset"),
             compare::<static_gaussians::gpu::StaticArrays>(&modules, "StaticArrays"),
             compare::<dropout::gpu::DeviceDropout>(&modules, "StepDropout"),
             compare::<kernels::StepView>(&modules, "StepView"),

@@ -17,7 +17,7 @@ use crate::{
     camera::View,
     clock::TimeSpan,
     device::{Gpu, GpuError, Program},
-    gaussians::activated_buffers::ActivatedBuffers,
+    gaussians::{activated_buffers::ActivatedBuffers, static_gaussians::gpu::DeviceRows},
     parameters::{ParameterTable, SharedParameters, device_table::TableBuffers},
 };
 
@@ -182,13 +182,12 @@ pub(crate) struct DeviceEntries {
 
 /// A parameterization on a GPU. One implementation each, in its folder beside the WGSL.
 pub(crate) trait DeviceParameterization: fmt::Debug {
-    /// Fills these entries of `buffers.gaussians`, `buffers.harmonics` and `buffers.features`.
+    /// Fills the rows' entries of `buffers.gaussians`, `buffers.harmonics` and `buffers.features`.
     fn activate(
         &self,
         gpu: &Gpu,
         program: &mut Program,
-        table: &TableBuffers,
-        entries: DeviceEntries,
+        table: (&TableBuffers, &DeviceRows),
         buffers: &ActivatedBuffers,
     ) -> Result<(), GpuError>;
 
@@ -197,8 +196,7 @@ pub(crate) trait DeviceParameterization: fmt::Debug {
         &self,
         gpu: &Gpu,
         program: &mut Program,
-        table: &TableBuffers,
-        entries: DeviceEntries,
+        table: (&TableBuffers, &DeviceRows),
         buffers: &ActivatedBuffers,
     ) -> Result<(), GpuError>;
 }

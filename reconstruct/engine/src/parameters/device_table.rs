@@ -1,4 +1,7 @@
-//! A table of parameter arrays in the device's memory: array after array in four buffers.
+//! A table of parameter arrays in the device's memory: array after array in four buffers, each with room for
+//! further Gaussians behind its last.
+
+use std::ops::Range;
 
 use crate::device::{DeviceBuffer, Gpu, GpuError};
 use crate::parameters::{ParameterArray, adam::gpu::MAX_ARRAYS};
@@ -10,43 +13,47 @@ pub(crate) struct TableBuffers {
     pub(crate) gradients: DeviceBuffer<f32>,
     pub(crate) first_moments: DeviceBuffer<f32>,
     pub(crate) second_moments: DeviceBuffer<f32>,
-    /// Where each array ends, in values from the beginning of the first.
-    pub(crate) ends: Vec<u32>,
+    /// Values of each array for a Gaussian.
+    pub(crate) widths: Vec<usize>,
+    /// Gaussians that there is room for.
+    pub(crate) capacity: usize,
 }
 
 impl TableBuffers {
-    /// Zeros, for arrays with these values for each of `rows` Gaussians.
-    pub(crate) fn zeros(gpu: &Gpu, widths: &[usize], rows: usize) -> Result<Self, GpuError> {
+    /// Zeros, for arrays with these values for each Gaussian.
+    pub(crate) fn zeros(gpu: &Gpu, widths: Vec<usize>, capacity: usize) -> Result<Self, GpuError> {
         assert!(widths.len() <= MAX_ARRAYS, "too many arrays");
-        let mut len = 0;
-        let ends = widths
-            .iter()
-            .map(|width| {
-                len += width * rows;
-                u32::try_from(len).map_err(|_| GpuError::TooSmall {
-                    adapter: gpu.adapter().name.clone(),
-                    what: "the parameters of all Gaussians (values)".to_owned(),
-                    needed: len as u64,
-                    offered: u64::from(u32::MAX),
-                })
-            })
-            .collect::<Result<Vec<u32>, GpuError>>()?;
+        let len = widths.iter().sum::<usize>() * capacity;
+        if u32::try_from(len).is_err() {
+            return Err(GpuError::TooSmall {
+                adapter: gpu.adapter().name.clone(),
+                what: "the parameters of all Gaussians (values)".to_owned(),
+                needed: len as u64,
+                offered: u64::from(u32::MAX),
+            });
+        }
         let zeros = |label| DeviceBuffer::zeros(gpu, label, len);
         Ok(Self {
             values: zeros("parameters")?,
             gradients: zeros("gradients by parameters")?,
             first_moments: zeros("first moments")?,
             second_moments: zeros("second moments")?,
-            ends,
+            widths,
+            capacity,
         })
     }
 
-    /// A copy of a table's arrays.
-    pub(crate) fn new(gpu: &Gpu, arrays: &[ParameterArray]) -> Result<Self, GpuError> {
-        let lengths: Vec<usize> = arrays.iter().map(|array| array.values.len()).collect();
-        let buffers = Self::zeros(gpu, &lengths, 1)?;
-        let mut first = 0;
-        for array in arrays {
+    /// A copy of a table's arrays, which have so many rows, with room for `capacity`.
+    pub(crate) fn new(
+        gpu: &Gpu,
+        arrays: &[ParameterArray],
+        [rows, capacity]: [usize; 2],
+    ) -> Result<Self, GpuError> {
+        let widths = arrays.iter().map(|array| array.width).collect();
+        let buffers = Self::zeros(gpu, widths, capacity)?;
+        for (number, array) in arrays.iter().enumerate() {
+            assert_eq!(array.values.len(), rows * array.width, "{}", array.name);
+            let first = buffers.begin(number) as usize;
             buffers.values.write(gpu, first, &array.values);
             // None of a frozen array, whose steps have no size.
             buffers
@@ -55,23 +62,28 @@ impl TableBuffers {
             buffers
                 .second_moments
                 .write(gpu, first, &array.second_moments);
-            first += array.values.len();
         }
         Ok(buffers)
     }
 
     /// Where array number `array` begins.
     pub(crate) fn begin(&self, array: usize) -> u32 {
-        if array == 0 { 0 } else { self.ends[array - 1] }
+        let before: usize = self.widths[..array].iter().sum();
+        (before * self.capacity) as u32
     }
 
-    /// Values of one array.
-    pub(crate) fn read_array(&self, gpu: &Gpu, array: usize) -> Result<Vec<f32>, GpuError> {
-        let values = self.begin(array) as usize..self.ends[array] as usize;
-        self.values.read_range(gpu, values)
+    /// Values of all arrays for a Gaussian.
+    pub(crate) fn width(&self) -> usize {
+        self.widths.iter().sum()
     }
 
-    /// Copies values and moments back into arrays of the same sizes; of those that are frozen, nothing.
+    /// Where the values of array number `array` are for the first `rows` Gaussians.
+    pub(crate) fn range(&self, array: usize, rows: usize) -> Range<usize> {
+        let begin = self.begin(array) as usize;
+        begin..begin + rows * self.widths[array]
+    }
+
+    /// Copies values and moments back into arrays of the same widths, as many as they have.
     pub(crate) fn read(&self, gpu: &Gpu, arrays: &mut [ParameterArray]) -> Result<(), GpuError> {
         type Column = fn(&mut ParameterArray) -> &mut Vec<f32>;
         let columns: [(&DeviceBuffer<f32>, Column); 3] = [
@@ -80,7 +92,7 @@ impl TableBuffers {
             (&self.second_moments, |array| &mut array.second_moments),
         ];
         for (buffer, column) in columns {
-            read_column(gpu, buffer, arrays, column)?;
+            self.read_column(gpu, buffer, arrays, column)?;
         }
         Ok(())
     }
@@ -91,24 +103,28 @@ impl TableBuffers {
         gpu: &Gpu,
         arrays: &mut [ParameterArray],
     ) -> Result<(), GpuError> {
-        read_column(gpu, &self.gradients, arrays, |array| &mut array.gradients)
+        self.read_column(gpu, &self.gradients, arrays, |array| &mut array.gradients)
     }
-}
 
-fn read_column(
-    gpu: &Gpu,
-    buffer: &DeviceBuffer<f32>,
-    arrays: &mut [ParameterArray],
-    column: fn(&mut ParameterArray) -> &mut Vec<f32>,
-) -> Result<(), GpuError> {
-    let all = buffer.read(gpu)?;
-    let mut rest = all.as_slice();
-    for array in arrays {
-        let (mine, others) = rest.split_at(array.values.len());
-        rest = others;
-        if !array.is_frozen() {
-            column(array).copy_from_slice(mine);
+    fn read_column(
+        &self,
+        gpu: &Gpu,
+        buffer: &DeviceBuffer<f32>,
+        arrays: &mut [ParameterArray],
+        column: fn(&mut ParameterArray) -> &mut Vec<f32>,
+    ) -> Result<(), GpuError> {
+        // None of a frozen array has gradients or moments.
+        let ranges: Vec<_> = (0..)
+            .zip(arrays.iter_mut())
+            .map(|(number, array)| {
+                let begin = self.begin(number) as usize;
+                (buffer, begin..begin + column(array).len())
+            })
+            .collect();
+        let read = DeviceBuffer::read_ranges(gpu, &ranges)?;
+        for (array, values) in arrays.iter_mut().zip(read) {
+            *column(array) = values;
         }
+        Ok(())
     }
-    Ok(())
 }

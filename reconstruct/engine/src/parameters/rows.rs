@@ -1,17 +1,20 @@
-//! Rows of a table on a GPU from those of another.
+//! Rows of a table on a GPU from those of another, or in another order.
 
-use super::{adam::gpu::MAX_ARRAYS, device_table::TableBuffers};
-use crate::device::{DeviceBuffer, Gpu, GpuError, Kernel, Program, Shader, Uniform, wgsl_struct};
+use super::device_table::TableBuffers;
+use crate::device::{
+    DeviceBuffer, Gpu, GpuError, Kernel, Program, Rows, Shader, Threads, Uniform, wgsl_struct,
+};
 
 wgsl_struct! {
-    /// From which table to which.
+    /// What moves from which table to which.
     pub(crate) struct RowMove {
         len: u32,
         rows: u32,
-        old_rows: u32,
         arrays: u32,
-        ends: [[u32; 4]; 4],
+        moments: u32,
         widths: [[u32; 4]; 4],
+        old_begins: [[u32; 4]; 4],
+        begins: [[u32; 4]; 4],
         forgets: [[u32; 4]; 4],
     }
 }
@@ -39,18 +42,30 @@ pub(crate) struct RowSource {
     pub(crate) is_copy: bool,
 }
 
-/// What an array of a table has for each Gaussian, and what becomes of its moments.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct MovedArray {
-    pub(crate) width: usize,
-    /// Whether the moments of all rows are forgotten.
-    pub(crate) forgets: bool,
-}
-
 /// Moves rows.
 #[derive(Debug)]
 pub(crate) struct RowMover {
     move_rows: Kernel,
+}
+
+/// Rows of one table moved into another, or into itself; made once for two tables.
+#[derive(Debug)]
+pub(crate) struct RowMoves {
+    program: Program,
+    rows: Rows,
+    sources: DeviceBuffer<u32>,
+    /// Of values and of moments.
+    settings: [Uniform<RowMove>; 2],
+    template: RowMove,
+}
+
+/// Settings have a place for each array that a table may have.
+fn places(values: impl Iterator<Item = u32>) -> [[u32; 4]; 4] {
+    let mut places = [[0; 4]; 4];
+    for (place, value) in places.as_flattened_mut().iter_mut().zip(values) {
+        *place = value;
+    }
+    places
 }
 
 impl RowMover {
@@ -59,53 +74,78 @@ impl RowMover {
         Ok(Self { move_rows })
     }
 
-    /// A table with these rows of `old`, which has `old_rows` of them.
-    pub(crate) fn moved(
+    /// From a table to another with the same arrays. What the gradients of the latter were is lost: every
+    /// step makes them anew, and until then their place is where rows are put in order.
+    pub(crate) fn between(
         &self,
         gpu: &Gpu,
-        (old, old_rows): (&TableBuffers, usize),
-        arrays: &[MovedArray],
-        sources: &[RowSource],
-    ) -> Result<TableBuffers, GpuError> {
-        assert!(arrays.len() <= MAX_ARRAYS, "too many arrays");
-        let widths: Vec<usize> = arrays.iter().map(|array| array.width).collect();
-        let table = TableBuffers::zeros(gpu, &widths, sources.len())?;
+        old: &TableBuffers,
+        table: &TableBuffers,
+    ) -> Result<RowMoves, GpuError> {
+        assert_eq!(old.widths, table.widths, "other arrays");
+        let begins = |table: &TableBuffers| {
+            let begins: Vec<u32> = (0..table.widths.len())
+                .map(|array| table.begin(array))
+                .collect();
+            places(begins.into_iter())
+        };
+        let template = RowMove {
+            arrays: table.widths.len() as u32,
+            widths: places(table.widths.iter().map(|&width| width as u32)),
+            old_begins: begins(old),
+            begins: begins(table),
+            ..RowMove::default()
+        };
+        let uniform = || Uniform::of(gpu, "move of rows", &template);
+        let settings = [uniform()?, uniform()?];
+        let sources = DeviceBuffer::zeros(gpu, "sources of rows", table.capacity)?;
+        let rows = Rows::new(0);
+        let mut program = Program::default();
+        for (settings, from, to) in [
+            (&settings[0], &old.values, &table.values),
+            (&settings[1], &old.first_moments, &table.first_moments),
+            (&settings[1], &old.second_moments, &table.second_moments),
+        ] {
+            let ordered = &table.gradients.raw;
+            program.run(
+                gpu,
+                &self.move_rows,
+                Threads::ForRows(&rows, table.width()),
+                &[&settings.raw, &sources.raw, &from.raw, ordered],
+            );
+            program.copy(ordered, &to.raw);
+        }
+        Ok(RowMoves {
+            program,
+            rows,
+            sources,
+            settings,
+            template,
+        })
+    }
+}
+
+impl RowMoves {
+    /// Moves the rows of all arrays. Arrays that forget lose the moments of all rows.
+    pub(crate) fn run(&self, gpu: &Gpu, sources: &[RowSource], forgets: &[bool]) {
         let packed: Vec<u32> = sources
             .iter()
             .map(|source| source.row as u32 | if source.is_copy { COPY } else { 0 })
             .collect();
-        let packed = DeviceBuffer::of(gpu, "rows", &packed)?;
-        let mut settings = RowMove {
-            len: table.values.len() as u32,
-            rows: sources.len() as u32,
-            old_rows: old_rows as u32,
-            arrays: arrays.len() as u32,
-            ..RowMove::default()
-        };
-        for (index, (array, &end)) in arrays.iter().zip(&table.ends).enumerate() {
-            settings.ends[index / 4][index % 4] = end;
-            settings.widths[index / 4][index % 4] = array.width as u32;
-            settings.forgets[index / 4][index % 4] = u32::from(array.forgets);
+        self.sources.write(gpu, 0, &packed);
+        self.rows.set(packed.len());
+        let width: u32 = self.template.widths.as_flattened().iter().sum();
+        for (moments, settings) in (0..).zip(&self.settings) {
+            let row_move = RowMove {
+                len: width * packed.len() as u32,
+                rows: packed.len() as u32,
+                moments,
+                forgets: places(forgets.iter().map(|&forgets| u32::from(forgets))),
+                ..self.template
+            };
+            settings.write(gpu, &row_move);
         }
-        let settings = Uniform::of(gpu, "move of rows", &settings)?;
-        let mut program = Program::default();
-        program.run(
-            gpu,
-            &self.move_rows,
-            table.values.len(),
-            &[
-                &settings.raw,
-                &packed.raw,
-                &old.values.raw,
-                &old.first_moments.raw,
-                &old.second_moments.raw,
-                &table.values.raw,
-                &table.first_moments.raw,
-                &table.second_moments.raw,
-            ],
-        );
-        program.submit(gpu);
-        Ok(table)
+        self.program.submit(gpu);
     }
 }
 
@@ -128,7 +168,8 @@ mod tests {
             array.first_moments = first;
             array.second_moments = second;
         }
-        let old = TableBuffers::new(&gpu, &table.arrays).expect("fits");
+        let old = TableBuffers::new(&gpu, &table.arrays, [5, 6]).expect("fits");
+        let mover = RowMover::new(&gpu).expect("compiles");
         table.append_copies(&[4, 1]);
         table.retain(&[true, false, true, true, false, true, true]);
         table.permute(&[4, 0, 2, 3, 1]);
@@ -142,17 +183,17 @@ mod tests {
             source(4, true),
             source(2, false),
         ];
-        let arrays = [(3, false), (1, true), (4, false)];
-        let arrays = arrays.map(|(width, forgets)| MovedArray { width, forgets });
-        let mover = RowMover::new(&gpu).expect("compiles");
-        let moved = mover
-            .moved(&gpu, (&old, 5), &arrays, &sources)
-            .expect("fits");
         let mut read = table.clone();
-        for array in &mut read.arrays {
-            array.values.fill(-1.0);
+        // Into a larger table, and into itself.
+        let larger = TableBuffers::zeros(&gpu, old.widths.clone(), 9).expect("fits");
+        for moved in [&larger, &old] {
+            let moves = mover.between(&gpu, &old, moved).expect("fits");
+            moves.run(&gpu, &sources, &[false, true, false]);
+            for array in &mut read.arrays {
+                array.values.fill(-1.0);
+            }
+            moved.read(&gpu, &mut read.arrays).expect("reads");
+            assert_eq!(read, table);
         }
-        moved.read(&gpu, &mut read.arrays).expect("reads");
-        assert_eq!(read, table);
     }
 }

@@ -3,7 +3,7 @@
 use std::cell::Cell;
 
 use crate::camera::{CONE_RHO, CONE_WIDTH, CameraKernels, LOW_PASS, pinhole::SLOPE_MARGIN};
-use crate::device::{DeviceBuffer, Gpu, GpuError, Uniform, wgsl_struct};
+use crate::device::{DeviceBuffer, Gpu, GpuError, Rows, Uniform, wgsl_struct};
 use crate::render::settings::{ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN};
 use crate::{
     camera::{Camera, View, rays::Rays},
@@ -72,7 +72,7 @@ pub(crate) const DISTANCE_BITS: u32 = 32;
 /// Numbers that sizes of buffers follow from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct RenderShape {
-    /// Gaussians.
+    /// Room for Gaussians.
     pub(crate) gaussians: usize,
     /// Degree of the stored harmonics.
     pub(crate) sh_degree: usize,
@@ -124,6 +124,13 @@ impl RenderShape {
         14 + self.channels()
     }
 
+    /// Bytes of the largest buffer that grows with the Gaussians.
+    pub(crate) fn largest_buffer(&self) -> usize {
+        let harmonics = 3 * (self.sh_degree + 1) * (self.sh_degree + 1);
+        let of_gaussians = self.gaussians * harmonics.max(self.splat_sums());
+        size_of::<f32>() * of_gaussians.max(self.entries * self.entry_sums())
+    }
+
     /// Constants of the render kernels, so that no number stands twice.
     pub(crate) fn constants(&self) -> String {
         let shared = format!(
@@ -150,6 +157,8 @@ impl RenderShape {
 #[derive(Debug)]
 pub(crate) struct RenderBuffers {
     pub(crate) shape: RenderShape,
+    /// Gaussians at the moment.
+    pub(crate) rows: Rows,
     pub(crate) view: Uniform<ViewUniform>,
     pub(crate) status: DeviceBuffer<DeviceStatus>,
     pub(crate) activated: ActivatedBuffers,
@@ -162,6 +171,8 @@ pub(crate) struct RenderBuffers {
     pub(crate) entry_starts: DeviceBuffer<u32>,
     /// One number: the entries.
     pub(crate) entry_count: DeviceBuffer<u32>,
+    /// Workgroups of the kernels that go over entries; see `bin.wgsl`.
+    pub(crate) entry_workgroups: DeviceBuffer<u32>,
     /// Tiles and numbers of the entries.
     pub(crate) by_tile: Pairs,
     pub(crate) entry_splats: DeviceBuffer<u32>,
@@ -177,10 +188,10 @@ pub(crate) struct RenderBuffers {
 }
 
 impl RenderBuffers {
-    /// For renders that halt with all others of this status.
+    /// For renders of so many Gaussians that halt with all others of this status.
     pub(crate) fn new(
         gpu: &Gpu,
-        shape: RenderShape,
+        (shape, gaussians): (RenderShape, usize),
         status: DeviceBuffer<DeviceStatus>,
     ) -> Result<Self, GpuError> {
         let len = shape.gaussians;
@@ -188,15 +199,17 @@ impl RenderBuffers {
         let entry_sums = shape.entries * shape.entry_sums();
         Ok(Self {
             shape,
+            rows: Rows::new(gaussians),
             view: Uniform::of(gpu, "view", &ViewUniform::default())?,
             status,
             activated: ActivatedBuffers::new(gpu, len, shape.sh_degree, shape.features)?,
             splats: DeviceBuffer::zeros(gpu, "splats", len)?,
             channels: DeviceBuffer::zeros(gpu, "channels", len * shape.channels())?,
             by_distance: Pairs::new(gpu, len)?,
-            gaussian_count: DeviceBuffer::of(gpu, "count of Gaussians", &[len as u32])?,
+            gaussian_count: DeviceBuffer::of(gpu, "count of Gaussians", &[gaussians as u32])?,
             entry_starts: DeviceBuffer::zeros(gpu, "entry starts", len + 1)?,
             entry_count: DeviceBuffer::zeros(gpu, "count of entries", 1)?,
+            entry_workgroups: DeviceBuffer::indirect(gpu, "workgroups of entries", 6)?,
             by_tile: Pairs::new(gpu, shape.entries)?,
             entry_splats: DeviceBuffer::zeros(gpu, "splats of entries", shape.entries)?,
             tile_ranges: DeviceBuffer::zeros(gpu, "tile ranges", shape.tiles())?,
@@ -212,6 +225,13 @@ impl RenderBuffers {
     /// Distances and numbers of the splats, near to far.
     pub(crate) fn by_rank(&self) -> PairBuffers<'_> {
         self.by_distance.sorted(DISTANCE_BITS)
+    }
+
+    /// Sets the number of Gaussians for everything that is submitted later.
+    pub(crate) fn set_rows(&self, gpu: &Gpu, gaussians: usize) {
+        assert!(gaussians <= self.shape.gaussians, "no room");
+        self.rows.set(gaussians);
+        self.gaussian_count.write(gpu, 0, &[gaussians as u32]);
     }
 
     /// Sets the view for everything that is submitted later.
@@ -242,7 +262,7 @@ impl RenderBuffers {
                 camera,
                 stored_sh_degree: shape.sh_degree as u32,
                 sh_degree: settings.sh_degree.min(shape.sh_degree) as u32,
-                gaussians: shape.gaussians as u32,
+                gaussians: self.rows.get() as u32,
                 entry_capacity: shape.entries as u32,
                 footprint: match settings.footprint {
                     Footprint::Projected => 0,

@@ -65,15 +65,15 @@ impl Chains {
         Ok(self.stages.insert(stages))
     }
 
-    /// A chain for buffers of this shape, which halts with all others of this status.
+    /// A chain for so many Gaussians in buffers of this shape, which halts with all others of this status.
     pub(crate) fn chain(
         &mut self,
         gpu: &Gpu,
-        shape: RenderShape,
+        (shape, gaussians): (RenderShape, usize),
         status: DeviceBuffer<DeviceStatus>,
     ) -> Result<Chain, GpuError> {
         let stages = self.stages(gpu, &shape)?;
-        let buffers = RenderBuffers::new(gpu, shape, status)?;
+        let buffers = RenderBuffers::new(gpu, (shape, gaussians), status)?;
         let mut forward = Program::default();
         forward.begin_stage("project");
         stages.projection.forward(gpu, &mut forward, &buffers);
@@ -182,7 +182,7 @@ impl GpuRenderer {
         self.round_trip = None;
         let gpu = &*self.gpu;
         let status = DeviceBuffer::zeros(gpu, "status", 1)?;
-        let chain = self.chains.chain(gpu, shape, status)?;
+        let chain = self.chains.chain(gpu, (shape, shape.gaussians), status)?;
         let upstream = DeviceBuffer::zeros(gpu, "gradient by the image", shape.image_values())?;
         let mut backward = Program::default();
         self.chains

@@ -15,6 +15,7 @@ use self::{cpu::CpuStepper, gpu::GpuStepper, settings::TrainSettings};
 use crate::{
     EngineError,
     camera::View,
+    density::reset_opacities,
     device::Gpu,
     model::{Model, TrainedArray},
     render::settings::RendererChoice,
@@ -141,6 +142,19 @@ pub trait Stepper: fmt::Debug {
     /// # Errors
     /// When the backend fails.
     fn control_density(&mut self, change: &mut dyn FnMut(&mut Model)) -> Result<(), EngineError>;
+
+    /// Sets all opacities down, as [`reset_opacities`] does.
+    ///
+    /// # Errors
+    /// When the backend fails.
+    fn reset_opacities(&mut self) -> Result<(), EngineError> {
+        self.control_density(&mut reset_opacities)
+    }
+
+    /// About how many Gaussians there can be, where that is limited by more than memory.
+    fn most_gaussians(&self) -> Option<usize> {
+        None
+    }
 
     /// Renders a view of the scene at a degree of spherical harmonics, clamped to `[0, 1]`; with its pose
     /// corrected, where poses are refined.

@@ -8,8 +8,8 @@ use crate::{
     fields::mlp::gpu::{Block, NetworkBuffers, Passes, Recording},
     gaussians::{
         activated_buffers::ActivatedBuffers,
-        parameterization::{DeviceEntries, DeviceParameterization},
-        static_gaussians::gpu::StaticGaussians,
+        parameterization::DeviceParameterization,
+        static_gaussians::gpu::{DeviceRows, StaticGaussians},
     },
     parameters::device_table::TableBuffers,
 };
@@ -96,7 +96,8 @@ impl DeformationBuffers {
     }
 }
 
-/// Canonical Gaussians with the network that deforms them.
+/// Canonical Gaussians with the network that deforms them. What a network works on is made for a number of
+/// Gaussians: programs of another number are recorded anew.
 #[derive(Debug)]
 pub(crate) struct DeformableGaussians<'a> {
     pub(crate) canonical: &'a StaticGaussians,
@@ -156,13 +157,12 @@ impl DeviceParameterization for DeformableGaussians<'_> {
         &self,
         gpu: &Gpu,
         program: &mut Program,
-        table: &TableBuffers,
-        entries: DeviceEntries,
+        (table, rows): (&TableBuffers, &DeviceRows),
         buffers: &ActivatedBuffers,
     ) -> Result<(), GpuError> {
-        let len = entries.len;
+        let len = rows.rows.get();
         self.canonical
-            .activate(gpu, program, table, entries, buffers)?;
+            .activate(gpu, program, (table, rows), buffers)?;
         let network = &self.buffers.network;
         self.pass(gpu, program, (table, len), |recording| {
             self.kernels.passes.forward(recording, network)
@@ -182,14 +182,13 @@ impl DeviceParameterization for DeformableGaussians<'_> {
         &self,
         gpu: &Gpu,
         program: &mut Program,
-        table: &TableBuffers,
-        entries: DeviceEntries,
+        (table, rows): (&TableBuffers, &DeviceRows),
         buffers: &ActivatedBuffers,
     ) -> Result<(), GpuError> {
-        let len = entries.len;
+        let len = rows.rows.get();
         // Activated once more: `deform` has written over the canonical ones.
         self.canonical
-            .activate(gpu, program, table, entries, buffers)?;
+            .activate(gpu, program, (table, rows), buffers)?;
         let network = &self.buffers.network;
         let canonical = self.canonical(gpu, table, len, Block::all(len))?;
         program.run(
@@ -209,7 +208,7 @@ impl DeviceParameterization for DeformableGaussians<'_> {
             self.kernels.passes.backward(recording, network, gradients)
         })?;
         self.canonical
-            .activate_vjp(gpu, program, table, entries, buffers)
+            .activate_vjp(gpu, program, (table, rows), buffers)
     }
 }
 
@@ -240,13 +239,13 @@ mod tests {
             opacities: vec![0.5; 400],
         };
         let table = static_gaussians::table(&initial, 0);
-        let on_device = TableBuffers::new(&gpu, &table.arrays).expect("fits");
+        let on_device = TableBuffers::new(&gpu, &table.arrays, [400; 2]).expect("fits");
         let weights = SharedParameters::new(
             crate::gaussians::deformable::DEFORMATION_WEIGHTS,
             vec![0.0; model.network().weight_count()],
         );
         let array = std::slice::from_ref(&weights.array);
-        let weights = TableBuffers::new(&gpu, array).expect("fits");
+        let weights = TableBuffers::new(&gpu, array, [1; 2]).expect("fits");
         let buffers = DeformationBuffers::new(&gpu, model, weights, 400).expect("fits");
         let gaussians = DeformableGaussians {
             canonical: &StaticGaussians::new(&gpu).expect("compiles"),

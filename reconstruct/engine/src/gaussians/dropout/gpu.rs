@@ -2,7 +2,7 @@
 
 use super::Dropout;
 use crate::{
-    device::{Gpu, GpuError, Kernel, Program, Shader, Uniform, wgsl_struct},
+    device::{Gpu, GpuError, Kernel, Program, Rows, Shader, Uniform, wgsl_struct},
     gaussians::activated_buffers::ActivatedBuffers,
 };
 
@@ -41,7 +41,7 @@ pub(crate) struct DropoutPrograms {
     pub(crate) backward: Program,
     dropout: Dropout,
     step: Uniform<DeviceDropout>,
-    len: u32,
+    rows: Rows,
 }
 
 impl DropoutKernels {
@@ -59,24 +59,24 @@ impl DropoutKernels {
         &self,
         gpu: &Gpu,
         dropout: Dropout,
-        activated: &ActivatedBuffers,
+        (activated, rows): (&ActivatedBuffers, &Rows),
     ) -> Result<DropoutPrograms, GpuError> {
         let step = Uniform::of(gpu, "dropout", &DeviceDropout::default())?;
         let mut forward = Program::default();
         forward.begin_stage("dropout");
         let gaussians = &activated.gaussians.raw;
         let buffers = [&step.raw, gaussians];
-        forward.run(gpu, &self.drop_out, activated.len, &buffers);
+        forward.run(gpu, &self.drop_out, rows, &buffers);
         let mut backward = Program::default();
         backward.begin_stage("dropout backward");
         let buffers = [&step.raw, gaussians, &activated.gaussian_gradients.raw];
-        backward.run(gpu, &self.drop_out_vjp, activated.len, &buffers);
+        backward.run(gpu, &self.drop_out_vjp, rows, &buffers);
         Ok(DropoutPrograms {
             forward,
             backward,
             dropout,
             step,
-            len: activated.len as u32,
+            rows: rows.clone(),
         })
     }
 }
@@ -86,7 +86,7 @@ impl DropoutPrograms {
     pub(crate) fn set(&self, gpu: &Gpu, iteration: u64, scheduled: u64) {
         let step = self.dropout.of_step(iteration, scheduled);
         let step = DeviceDropout {
-            len: self.len,
+            len: self.rows.get() as u32,
             step: step.step,
             share: step.share,
         };
@@ -118,7 +118,8 @@ mod tests {
             opacities.for_each(|(entry, opacity)| *opacity = first + 0.001 * entry as f32);
         }
         let buffers = ActivatedBuffers::new(&gpu, len, 0, 0)?;
-        let programs = DropoutKernels::new(&gpu)?.record(&gpu, dropout, &buffers)?;
+        let programs =
+            DropoutKernels::new(&gpu)?.record(&gpu, dropout, (&buffers, &Rows::new(len)))?;
         for iteration in [1, 2, (1 << 33) + 5] {
             let step = dropout.of_step(iteration, 10);
             let (mut expected, mut by) = (gaussians.clone(), gradient.clone());

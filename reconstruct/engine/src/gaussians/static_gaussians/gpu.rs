@@ -5,7 +5,7 @@ use crate::gaussians::static_gaussians::{
     SH_CONSTANT, SH_REST,
 };
 use crate::{
-    device::{Gpu, GpuError, Kernel, Program, Shader, Uniform, wgsl_struct},
+    device::{Gpu, GpuError, Kernel, Program, Rows, Shader, Uniform, wgsl_struct},
     gaussians::{
         activated_buffers::ActivatedBuffers,
         parameterization::{DeviceEntries, DeviceParameterization},
@@ -61,17 +61,29 @@ impl StaticGaussians {
             activate_vjp,
         })
     }
+}
 
-    fn arrays(
+/// The Gaussians of a table on a device, as many as there are at the moment.
+#[derive(Debug)]
+pub(crate) struct DeviceRows {
+    pub(crate) rows: Rows,
+    uniform: Uniform<StaticArrays>,
+    arrays: StaticArrays,
+}
+
+impl DeviceRows {
+    /// Of a table whose Gaussians are these entries of all activated ones, which have harmonics of this
+    /// degree.
+    pub(crate) fn new(
         gpu: &Gpu,
         table: &TableBuffers,
         entries: DeviceEntries,
-        buffers: &ActivatedBuffers,
-    ) -> Result<Uniform<StaticArrays>, GpuError> {
+        sh_degree: usize,
+    ) -> Result<Self, GpuError> {
         let arrays = StaticArrays {
             len: entries.len as u32,
             first: entries.first as u32,
-            rest: buffers.harmonics_per_gaussian() as u32 - 1,
+            rest: ((sh_degree + 1) * (sh_degree + 1) - 1) as u32,
             positions: table.begin(POSITIONS),
             log_scales: table.begin(LOG_SCALES),
             quaternions: table.begin(QUATERNIONS),
@@ -80,7 +92,19 @@ impl StaticGaussians {
             // At the end of the table where there are none.
             sh_rest: table.begin(SH_REST),
         };
-        Uniform::of(gpu, "static arrays", &arrays)
+        Ok(Self {
+            rows: Rows::new(entries.len),
+            uniform: Uniform::of(gpu, "static arrays", &arrays)?,
+            arrays,
+        })
+    }
+
+    /// Makes them other entries, for everything that is submitted later.
+    pub(crate) fn place(&mut self, gpu: &Gpu, entries: DeviceEntries) {
+        self.rows.set(entries.len);
+        self.arrays.len = entries.len as u32;
+        self.arrays.first = entries.first as u32;
+        self.uniform.write(gpu, &self.arrays);
     }
 }
 
@@ -89,17 +113,15 @@ impl DeviceParameterization for StaticGaussians {
         &self,
         gpu: &Gpu,
         program: &mut Program,
-        table: &TableBuffers,
-        entries: DeviceEntries,
+        (table, rows): (&TableBuffers, &DeviceRows),
         buffers: &ActivatedBuffers,
     ) -> Result<(), GpuError> {
-        let arrays = Self::arrays(gpu, table, entries, buffers)?;
         program.run(
             gpu,
             &self.activate,
-            entries.len,
+            &rows.rows,
             &[
-                &arrays.raw,
+                &rows.uniform.raw,
                 &table.values.raw,
                 &buffers.gaussians.raw,
                 &buffers.harmonics.raw,
@@ -112,17 +134,15 @@ impl DeviceParameterization for StaticGaussians {
         &self,
         gpu: &Gpu,
         program: &mut Program,
-        table: &TableBuffers,
-        entries: DeviceEntries,
+        (table, rows): (&TableBuffers, &DeviceRows),
         buffers: &ActivatedBuffers,
     ) -> Result<(), GpuError> {
-        let arrays = Self::arrays(gpu, table, entries, buffers)?;
         program.run(
             gpu,
             &self.activate_vjp,
-            entries.len,
+            &rows.rows,
             &[
-                &arrays.raw,
+                &rows.uniform.raw,
                 &table.values.raw,
                 &buffers.gaussians.raw,
                 &buffers.gaussian_gradients.raw,

@@ -1,13 +1,16 @@
 //! Gaussians with times of their own on a GPU: activation, its VJP, and the dynamic ones alone.
 
 use crate::{
-    device::{DeviceBuffer, Gpu, GpuError, Kernel, Program, Shader, Uniform, wgsl_struct},
+    device::{DeviceBuffer, Gpu, GpuError, Kernel, Program, Rows, Shader, Uniform, wgsl_struct},
     gaussians::{
         activated_buffers::ActivatedBuffers,
         omni4dgs::{LEAST_COSINE, LEAST_DISTANCE, LEAST_WEIGHT, VelocityForm},
         parameterization::{DeviceEntries, DeviceParameterization, Viewpoint},
         periodic::FrameTime,
-        static_gaussians::{OPACITY_LOGITS, POSITIONS, gpu::StaticGaussians},
+        static_gaussians::{
+            OPACITY_LOGITS, POSITIONS,
+            gpu::{DeviceRows, StaticGaussians},
+        },
         temporal::{
             LOG_LIFESPANS, PEAK_TIMES, RADIAL_VELOCITIES, TANGENTIAL_VELOCITIES, TemporalFeatures,
             VELOCITIES, VelocityModel,
@@ -139,7 +142,7 @@ impl TemporalKernels {
         program.run(
             gpu,
             &self.keep_within_bounds,
-            view.places.len as usize,
+            &view.rows,
             &[&view.uniform.raw, &table.values.raw, status],
         );
     }
@@ -157,7 +160,7 @@ impl TemporalKernels {
         program.run(
             gpu,
             &self.gather_dynamic,
-            view.places.len as usize,
+            &view.rows,
             &[
                 &view.uniform.raw,
                 &table.values.raw,
@@ -181,7 +184,7 @@ impl TemporalKernels {
         program.run(
             gpu,
             &self.gather_dynamic_vjp,
-            view.places.len as usize,
+            &view.rows,
             &[
                 &view.uniform.raw,
                 &alone.gaussian_gradients.raw,
@@ -197,6 +200,7 @@ impl TemporalKernels {
 #[derive(Debug)]
 pub(crate) struct DeviceTime {
     pub(crate) uniform: Uniform<TemporalView>,
+    pub(crate) rows: Rows,
     temporal: TemporalGaussians,
     /// What does not depend on the moment.
     places: TemporalView,
@@ -210,7 +214,7 @@ impl DeviceTime {
         temporal: TemporalGaussians,
         features: &TemporalFeatures,
         (host, table): (&ParameterTable, &TableBuffers),
-        entries: DeviceEntries,
+        (rows, entries): (&Rows, DeviceEntries),
         first_alone: usize,
     ) -> Result<Self, GpuError> {
         let place = |name: &str| host.position(name).map_or(NONE, |array| table.begin(array));
@@ -256,9 +260,17 @@ impl DeviceTime {
         };
         Ok(Self {
             uniform: Uniform::of(gpu, "temporal parameters", &places)?,
+            rows: rows.clone(),
             temporal,
             places,
         })
+    }
+
+    /// Makes them other entries; the moment that is set next sees them.
+    pub(crate) fn place(&mut self, entries: DeviceEntries, first_alone: usize) {
+        self.places.len = entries.len as u32;
+        self.places.first = entries.first as u32;
+        self.places.first_alone = first_alone as u32;
     }
 
     /// Where peak times begin in the table, counted in values; the largest number where there are none.
@@ -300,16 +312,15 @@ impl DeviceParameterization for DeviceTemporal<'_> {
         &self,
         gpu: &Gpu,
         program: &mut Program,
-        table: &TableBuffers,
-        entries: DeviceEntries,
+        (table, rows): (&TableBuffers, &DeviceRows),
         buffers: &ActivatedBuffers,
     ) -> Result<(), GpuError> {
         self.canonical
-            .activate(gpu, program, table, entries, buffers)?;
+            .activate(gpu, program, (table, rows), buffers)?;
         program.run(
             gpu,
             &self.kernels.activate_temporal,
-            entries.len,
+            &rows.rows,
             &[
                 &self.view.uniform.raw,
                 &table.values.raw,
@@ -324,16 +335,15 @@ impl DeviceParameterization for DeviceTemporal<'_> {
         &self,
         gpu: &Gpu,
         program: &mut Program,
-        table: &TableBuffers,
-        entries: DeviceEntries,
+        (table, rows): (&TableBuffers, &DeviceRows),
         buffers: &ActivatedBuffers,
     ) -> Result<(), GpuError> {
         self.canonical
-            .activate_vjp(gpu, program, table, entries, buffers)?;
+            .activate_vjp(gpu, program, (table, rows), buffers)?;
         program.run(
             gpu,
             &self.kernels.activate_temporal_vjp,
-            entries.len,
+            &rows.rows,
             &[
                 &self.view.uniform.raw,
                 &table.values.raw,

@@ -56,19 +56,25 @@ impl Motion {
         gpu: &Gpu,
         program: &mut Program,
         view: &DeviceTime,
-        (table, len): (&TableBuffers, usize),
+        table: &TableBuffers,
     ) -> Result<DeviceBuffer<f32>, GpuError> {
         let count = DeviceBuffer::<u32>::zeros(gpu, "count of static Gaussians", 1)?;
-        let groups = len.div_ceil(WORKGROUP as usize);
+        let groups = table.capacity.div_ceil(WORKGROUP as usize);
         let partials = DeviceBuffer::zeros(gpu, "sums of the motion loss", groups)?;
         program.clear(&count.raw);
         let table_and_view = [&view.uniform.raw, &table.values.raw];
         let [uniform, values] = table_and_view;
-        program.run(gpu, &self.count_static, len, &[uniform, values, &count.raw]);
+        program.run(
+            gpu,
+            &self.count_static,
+            &view.rows,
+            &[uniform, values, &count.raw],
+        );
         program.run(
             gpu,
             &self.regularize_motion,
-            len,
+            // All parts of the sum are written.
+            table.capacity,
             &[
                 uniform,
                 values,

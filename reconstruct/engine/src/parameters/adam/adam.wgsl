@@ -1,15 +1,16 @@
 // Adam on all arrays of a table at once, one thread per value.
 
 struct AdamStep {
-    // Values of all arrays.
+    // Values of all arrays, without the room behind each.
     len: u32,
     arrays: u32,
     // 1 / sqrt(1 - beta2^t)
     inverse_root: f32,
     // The decay of second moments.
     beta_2: f32,
-    // Where each array ends, counted in values from the beginning of the first.
+    // Where each array ends among these values, and how much farther back they stand in the table.
     ends: array<vec4<u32>, 4>,
+    shifts: array<vec4<u32>, 4>,
     // Step size of each array, over 1 - beta1^t.
     rates: array<vec4<f32>, 4>,
     // Under which number its refused gradients are counted.
@@ -30,15 +31,16 @@ fn update(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) thread: u32,
 ) {
-    let index = workgroup_number(group, groups) * WORKGROUP + thread;
-    if index >= adam_step.len || status.halted != 0u {
+    let number_of_value = workgroup_number(group, groups) * WORKGROUP + thread;
+    if number_of_value >= adam_step.len || status.halted != 0u {
         return;
     }
     var array_number = 0u;
     while array_number + 1u < adam_step.arrays
-        && index >= adam_step.ends[array_number / 4u][array_number % 4u] {
+        && number_of_value >= adam_step.ends[array_number / 4u][array_number % 4u] {
         array_number++;
     }
+    let index = number_of_value + adam_step.shifts[array_number / 4u][array_number % 4u];
     let rate = adam_step.rates[array_number / 4u][array_number % 4u];
     var g = gradients[index];
     // A gradient that is not finite counts as zero.

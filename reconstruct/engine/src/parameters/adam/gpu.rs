@@ -2,7 +2,7 @@
 
 use crate::parameters::adam::{BETA_1, EPSILON, SecondMomentDecay, corrections};
 use crate::{
-    device::{Gpu, GpuError, Kernel, Program, Shader, Uniform, wgsl_struct},
+    device::{Gpu, GpuError, Kernel, Program, Rows, Shader, Threads, Uniform, wgsl_struct},
     parameters::device_table::TableBuffers,
 };
 
@@ -17,6 +17,7 @@ wgsl_struct! {
         inverse_root: f32,
         beta_2: f32,
         ends: [[u32; 4]; 4],
+        shifts: [[u32; 4]; 4],
         rates: [[f32; 4]; 4],
         numbers: [[u32; 4]; 4],
     }
@@ -61,25 +62,28 @@ impl TableStep {
         })
     }
 
-    /// Sets step number `step` (from 1) with the rates of all arrays that learn, for everything that is
-    /// submitted later.
+    /// Sets step number `step` (from 1) on so many rows, with the rates of all arrays that learn, for
+    /// everything that is submitted later.
     pub(crate) fn set(
         &self,
         gpu: &Gpu,
-        table: &TableBuffers,
+        (table, rows): (&TableBuffers, usize),
         (step, decay): (u64, SecondMomentDecay),
         rates: &[f32],
     ) {
         let corrections = corrections(step, decay);
         let mut settings = AdamStep {
-            len: table.values.len() as u32,
-            arrays: table.ends.len() as u32,
+            len: (rows * table.width()) as u32,
+            arrays: table.widths.len() as u32,
             inverse_root: corrections.inverse_root,
             beta_2: corrections.beta_2,
             ..AdamStep::default()
         };
-        for (index, (&end, &number)) in table.ends.iter().zip(&self.numbers).enumerate() {
+        let mut end = 0;
+        for (index, (&width, &number)) in table.widths.iter().zip(&self.numbers).enumerate() {
             let rate = number.map_or(0.0, |number| rates[number]);
+            settings.shifts[index / 4][index % 4] = table.begin(index) - end;
+            end += (rows * width) as u32;
             settings.ends[index / 4][index % 4] = end;
             settings.rates[index / 4][index % 4] = corrections.rate(rate);
             settings.numbers[index / 4][index % 4] = number.unwrap_or(MAX_ARRAYS - 1) as u32;
@@ -98,13 +102,13 @@ impl Adam {
         &self,
         gpu: &Gpu,
         program: &mut Program,
-        (step, table): (&TableStep, &TableBuffers),
+        (step, table, rows): (&TableStep, &TableBuffers, &Rows),
         status: &wgpu::Buffer,
     ) {
         program.run(
             gpu,
             &self.update,
-            table.values.len(),
+            Threads::ForRows(rows, table.width()),
             &[
                 &step.settings.raw,
                 &table.values.raw,
@@ -147,26 +151,27 @@ mod tests {
             .map(|array| array.learning_rate)
             .collect();
         let status = DeviceBuffer::of(&gpu, "status", &[DeviceStatus::default()]).expect("fits");
-        let on_device = TableBuffers::new(&gpu, &table.arrays).expect("fits");
+        // Room for more than there are.
+        let on_device = TableBuffers::new(&gpu, &table.arrays, [300, 410]).expect("fits");
+        let rows = Rows::new(300);
         let adam = Adam::new(&gpu).expect("compiles");
         let numbers = [0, 1, 2].map(Some).to_vec();
         let next = TableStep::new(&gpu, numbers).expect("fits");
         let mut program = Program::default();
-        adam.record(&gpu, &mut program, (&next, &on_device), &status.raw);
+        adam.record(&gpu, &mut program, (&next, &on_device, &rows), &status.raw);
         let mut refused = [0; 3];
         for step in 1..=4 {
-            let mut all = Vec::new();
             for (index, array) in table.arrays.iter_mut().enumerate() {
                 for gradient in &mut array.gradients {
                     *gradient = random.random_range(-1.0..1.0);
                 }
                 array.gradients[step as usize] = f32::NAN;
                 array.gradients[17] = f32::INFINITY;
-                all.extend_from_slice(&array.gradients);
+                let begin = on_device.begin(index) as usize;
+                on_device.gradients.write(&gpu, begin, &array.gradients);
                 refused[index] += cpu::step(array, step, DECAY) as u32;
             }
-            on_device.gradients.write(&gpu, 0, &all);
-            next.set(&gpu, &on_device, (step, DECAY), &rates);
+            next.set(&gpu, (&on_device, 300), (step, DECAY), &rates);
             program.submit(&gpu);
         }
         let mut read = table.clone();
@@ -186,7 +191,7 @@ mod tests {
         };
         let status = DeviceBuffer::of(&gpu, "status", &[halted]).expect("fits");
         let mut program = Program::default();
-        adam.record(&gpu, &mut program, (&next, &on_device), &status.raw);
+        adam.record(&gpu, &mut program, (&next, &on_device, &rows), &status.raw);
         program.submit(&gpu);
         let mut after = read.clone();
         on_device.read(&gpu, &mut after.arrays).expect("reads");

@@ -24,6 +24,9 @@ alias Columns = vec4<u32>;
 @group(0) @binding(1) var<storage, read> all_entry_starts: array<u32>;
 @group(0) @binding(2) var<storage, read_write> status: Status;
 @group(0) @binding(3) var<storage, read_write> entry_count: array<u32>;
+// Workgroups with a thread for each entry, then those that each sort a block of entries; in three
+// dimensions.
+@group(0) @binding(4) var<storage, read_write> entry_workgroups: array<u32>;
 
 @group(0) @binding(0) var<storage, read> count: array<u32>;
 @group(0) @binding(1) var<storage, read> sorted_tiles: array<u32>;
@@ -197,11 +200,25 @@ fn count_entries(
     entry_starts[rank] = entries;
 }
 
+// The most workgroups in one dimension.
+const MOST_COLUMNS: u32 = 65535u;
+
+// Notes workgroups for `count` entries, each with so many.
+fn note_workgroups(first: u32, count: u32, each: u32) {
+    let workgroups = (count + each - 1u) / each;
+    entry_workgroups[first] = min(workgroups, MOST_COLUMNS);
+    entry_workgroups[first + 1u] = (workgroups + MOST_COLUMNS - 1u) / MOST_COLUMNS;
+    entry_workgroups[first + 2u] = 1u;
+}
+
 // Notes how many entries there are, and halts where there is no room for them.
 @compute @workgroup_size(1)
 fn check_room() {
     let entries = all_entry_starts[view.gaussians];
-    entry_count[0] = min(entries, view.entry_capacity);
+    let count = min(entries, view.entry_capacity);
+    entry_count[0] = count;
+    note_workgroups(0u, count, WORKGROUP);
+    note_workgroups(3u, count, SORT_BLOCK);
     status.entries = max(status.entries, entries);
     if entries > view.entry_capacity && status.halted == RUNNING {
         status.halted = HALTED_FULL;

@@ -1,17 +1,17 @@
 //! Binning on a GPU.
 
 use crate::{
-    device::{Gpu, GpuError, Kernel, Program, Scan, Shader},
+    device::{Gpu, GpuError, Kernel, Program, Scan, Shader, Workgroups},
     render::{
         buffers::{DISTANCE_BITS, RenderBuffers, RenderShape},
-        sort::gpu::RadixSort,
+        sort::gpu::{BLOCK, PairCount, RadixSort},
     },
 };
 
 pub(crate) fn shader(shape: &RenderShape) -> Shader {
     Shader {
         file: "bin.wgsl",
-        constants: shape.constants(),
+        constants: shape.constants() + &format!("const SORT_BLOCK: u32 = {BLOCK}u;\n"),
         parts: &[
             include_str!("../../device/common.wgsl"),
             include_str!("../../device/status.wgsl"),
@@ -64,13 +64,12 @@ impl Binning {
         let (view, by_distance, by_tile) =
             (&buffers.view.raw, &buffers.by_distance, &buffers.by_tile);
         program.begin_stage("sort");
-        self.sort.record(
-            gpu,
-            program,
-            by_distance,
-            &buffers.gaussian_count,
-            DISTANCE_BITS,
-        )?;
+        let of = PairCount {
+            count: &buffers.gaussian_count,
+            blocks: Workgroups::ForRows(&buffers.rows, BLOCK),
+        };
+        self.sort
+            .record(gpu, program, by_distance, of, DISTANCE_BITS)?;
         let by_rank = buffers.by_rank();
         let by_rank = [
             view,
@@ -85,7 +84,7 @@ impl Binning {
         ];
         program.begin_stage("bin");
         program.clear(&buffers.entry_starts.raw);
-        program.run(gpu, &self.count_entries, shape.gaussians, &by_rank[..6]);
+        program.run(gpu, &self.count_entries, &buffers.rows, &by_rank[..6]);
         self.scan.record(gpu, program, &buffers.entry_starts)?;
         program.run_workgroups(
             gpu,
@@ -96,20 +95,24 @@ impl Binning {
                 &buffers.entry_starts.raw,
                 &buffers.status.raw,
                 &buffers.entry_count.raw,
+                &buffers.entry_workgroups.raw,
             ],
         );
-        program.run(gpu, &self.write_entries, shape.gaussians, &by_rank);
+        program.run(gpu, &self.write_entries, &buffers.rows, &by_rank);
         program.begin_stage("sort");
         let tile_bits = shape.tile_bits();
-        self.sort
-            .record(gpu, program, by_tile, &buffers.entry_count, tile_bits)?;
+        let of = PairCount {
+            count: &buffers.entry_count,
+            blocks: Workgroups::Counted(&buffers.entry_workgroups, 3),
+        };
+        self.sort.record(gpu, program, by_tile, of, tile_bits)?;
         let sorted = by_tile.sorted(tile_bits);
         program.begin_stage("bin");
         program.clear(&buffers.tile_ranges.raw);
-        program.run(
+        program.run_workgroups(
             gpu,
             &self.find_tiles,
-            shape.entries,
+            Workgroups::Counted(&buffers.entry_workgroups, 0),
             &[
                 &buffers.entry_count.raw,
                 &sorted.keys.raw,

@@ -29,20 +29,18 @@ pub(crate) fn shader(shape: &RenderShape) -> Shader {
 pub(crate) struct Projection {
     project_gaussians: Kernel,
     project_gaussians_vjp: Kernel,
-    feature_vjp: Kernel,
 }
 
 impl Projection {
     pub(crate) fn new(gpu: &Gpu, shape: &RenderShape) -> Result<Self, GpuError> {
-        let [project_gaussians, project_gaussians_vjp, feature_vjp] = Kernel::compile(
+        let [project_gaussians, project_gaussians_vjp] = Kernel::compile(
             gpu,
             &shader(shape),
-            ["project_gaussians", "project_gaussians_vjp", "feature_vjp"],
+            ["project_gaussians", "project_gaussians_vjp"],
         )?;
         Ok(Self {
             project_gaussians,
             project_gaussians_vjp,
-            feature_vjp,
         })
     }
 
@@ -50,7 +48,7 @@ impl Projection {
         program.run(
             gpu,
             &self.project_gaussians,
-            buffers.shape.gaussians,
+            &buffers.rows,
             &[
                 &buffers.view.raw,
                 &buffers.activated.gaussians.raw,
@@ -68,7 +66,7 @@ impl Projection {
         program.run(
             gpu,
             &self.project_gaussians_vjp,
-            buffers.shape.gaussians,
+            &buffers.rows,
             &[
                 &buffers.view.raw,
                 &buffers.activated.gaussians.raw,
@@ -78,19 +76,8 @@ impl Projection {
                 &buffers.splat_gradients.raw,
                 &buffers.activated.gaussian_gradients.raw,
                 &buffers.activated.harmonic_gradients.raw,
+                &buffers.activated.feature_gradients.raw,
             ],
         );
-        if buffers.shape.features > 0 {
-            program.run(
-                gpu,
-                &self.feature_vjp,
-                buffers.shape.gaussians,
-                &[
-                    &buffers.view.raw,
-                    &buffers.splat_gradients.raw,
-                    &buffers.activated.feature_gradients.raw,
-                ],
-            );
-        }
     }
 }

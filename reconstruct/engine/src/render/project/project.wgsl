@@ -20,9 +20,7 @@ const SH_C0: f32 = 0.2820948;
 @group(0) @binding(5) var<storage, read_write> splat_gradients: array<f32>;
 @group(0) @binding(6) var<storage, read_write> gaussian_gradients: array<Gaussian>;
 @group(0) @binding(7) var<storage, read_write> harmonic_gradients: array<f32>;
-
-@group(0) @binding(1) var<storage, read> all_splat_gradients: array<f32>;
-@group(0) @binding(2) var<storage, read_write> feature_gradients: array<f32>;
+@group(0) @binding(8) var<storage, read_write> feature_gradients: array<f32>;
 
 fn all_finite(gaussian: Gaussian) -> bool {
     // One sum is finite only where all of its terms are.
@@ -203,9 +201,12 @@ fn project_gaussians_vjp(
     for (var k = 0u; k < stored * 3u; k++) {
         harmonic_gradients[index * stored * 3u + k] = 0.0;
     }
+    let first = index * SUMS;
+    for (var feature = 0u; feature < CHANNELS - 3u; feature++) {
+        feature_gradients[index * (CHANNELS - 3u) + feature] = splat_gradients[first + 17u + feature];
+    }
     let gaussian = gaussians[index];
     let placed = place(gaussian);
-    let first = index * SUMS;
     // A Gaussian that is not drawn has a splat of another view or none.
     if !placed.is_seen || splat_gradients[first] == 0.0 {
         return;
@@ -274,20 +275,4 @@ fn shape_vjp(first: u32, placed: Placed, gaussian: Gaussian, is_drawn_as_cone: b
         vec2(splat_gradients[first + 1u], splat_gradients[first + 2u]),
         three(first + 3u),
     );
-}
-
-@compute @workgroup_size(256)
-fn feature_vjp(
-    @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
-    @builtin(local_invocation_index) thread: u32,
-) {
-    let index = workgroup_number(group, groups) * WORKGROUP + thread;
-    if index >= view.gaussians {
-        return;
-    }
-    for (var feature = 0u; feature < CHANNELS - 3u; feature++) {
-        feature_gradients[index * (CHANNELS - 3u) + feature]
-            = all_splat_gradients[index * SUMS + 17u + feature];
-    }
 }

@@ -1,15 +1,45 @@
 //! Rasterization on a GPU.
 
 use crate::{
-    device::{DeviceBuffer, Gpu, GpuError, Kernel, Program, Shader},
-    render::buffers::{RenderBuffers, RenderShape},
+    device::{DeviceBuffer, Gpu, GpuError, Kernel, Program, Shader, WORKGROUP},
+    render::buffers::{DeviceSplat, RenderBuffers, RenderShape},
 };
 
-pub(crate) fn shader(shape: &RenderShape) -> Shader {
+/// Workgroup memory of the way back by subgroups, bytes: the rest of what every adapter has is for the
+/// counters.
+const MEMORY: usize = 16 * 1024 - 256;
+/// Splats that a workgroup stages.
+const BATCH: usize = 64;
+/// Splats between two barriers, at most.
+const LONGEST_ROUND: usize = 8;
+
+/// The kernels; on the way back, sums over pixels are taken in subgroups of at least so many threads, or in
+/// the memory of workgroups.
+pub(crate) fn shader(shape: &RenderShape, subgroup_size: Option<u32>) -> Shader {
+    let (constants, parts) = match subgroup_size {
+        Some(size) => (subgroup_constants(shape, size), SUBGROUP_PARTS),
+        None => (String::new(), WORKGROUP_PARTS),
+    };
     Shader {
         file: "raster.wgsl",
-        constants: shape.constants(),
-        parts: &[
+        constants: shape.constants() + &constants,
+        parts,
+    }
+}
+
+fn subgroup_constants(shape: &RenderShape, size: u32) -> String {
+    let subgroups = WORKGROUP.div_ceil(size) as usize;
+    let staged = BATCH * (size_of::<DeviceSplat>() + shape.channels() * size_of::<f32>());
+    let sums_of_splat = subgroups * (shape.entry_sums() * size_of::<f32>() + size_of::<u32>());
+    let fitting = MEMORY.saturating_sub(staged) / (2 * sums_of_splat);
+    // A power of two, so that rounds fill a batch.
+    let round = 1 << fitting.clamp(1, LONGEST_ROUND).ilog2();
+    format!("const SUBGROUPS: u32 = {subgroups}u;\nconst ROUND: u32 = {round}u;\n")
+}
+
+macro_rules! parts {
+    ($way_back:literal) => {
+        &[
             include_str!("../../device/common.wgsl"),
             include_str!("../../camera/camera.wgsl"),
             include_str!("../../camera/erp.wgsl"),
@@ -17,9 +47,13 @@ pub(crate) fn shader(shape: &RenderShape) -> Shader {
             include_str!("../../camera/rays.wgsl"),
             include_str!("../project/splat.wgsl"),
             include_str!("raster.wgsl"),
-        ],
-    }
+            include_str!($way_back),
+        ]
+    };
 }
+
+const SUBGROUP_PARTS: &[&str] = parts!("raster_vjp_subgroups.wgsl");
+const WORKGROUP_PARTS: &[&str] = parts!("raster_vjp.wgsl");
 
 /// From tile lists to an image, and back with gradients.
 #[derive(Debug)]
@@ -33,7 +67,7 @@ impl Rasterization {
     pub(crate) fn new(gpu: &Gpu, shape: &RenderShape) -> Result<Self, GpuError> {
         let [composite, composite_vjp, sum_entries] = Kernel::compile(
             gpu,
-            &shader(shape),
+            &shader(shape, gpu.subgroup_size()),
             ["composite", "composite_vjp", "sum_entries"],
         )?;
         Ok(Self {
@@ -68,8 +102,6 @@ impl Rasterization {
         buffers: &RenderBuffers,
         upstream: &DeviceBuffer<f32>,
     ) {
-        // Tiles do not walk their lists beyond the last pixel that takes splats.
-        program.clear(&buffers.entry_sums.raw);
         program.run_workgroups(
             gpu,
             &self.composite_vjp,
@@ -90,7 +122,7 @@ impl Rasterization {
         program.run(
             gpu,
             &self.sum_entries,
-            buffers.shape.gaussians,
+            &buffers.rows,
             &[
                 &buffers.view.raw,
                 &by_rank.keys.raw,

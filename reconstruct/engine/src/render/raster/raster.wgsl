@@ -42,10 +42,17 @@ fn place_of(pixel: u32, channel: u32) -> u32 {
     return select((channel + 1u) * pixel_count() + pixel, pixel * 3u + channel, channel < 3u);
 }
 
+// Threads take the pixels of a tile in blocks of 8 x 8: those that run together look at neighbours in
+// both directions, of which a splat touches all or none more often than of long rows.
+const BLOCK_SIDE: u32 = 8u;
+
 fn pixel_of(tile: u32, thread: u32) -> Pixel {
     let columns = (view.width + TILE - 1u) / TILE;
-    let column = (tile % columns) * TILE + thread % TILE;
-    let row = (tile / columns) * TILE + thread / TILE;
+    let block = thread / (BLOCK_SIDE * BLOCK_SIDE);
+    let blocks = TILE / BLOCK_SIDE;
+    let column = (tile % columns) * TILE + (block % blocks) * BLOCK_SIDE + thread % BLOCK_SIDE;
+    let row = (tile / columns) * TILE + (block / blocks) * BLOCK_SIDE
+        + thread / BLOCK_SIDE % BLOCK_SIDE;
     return Pixel(
         column,
         row,
@@ -128,17 +135,15 @@ struct Blend {
     weight: f32,
 }
 
-// Blends a splat into a pixel unless the pixel has to stop before it.
+// Blends a splat of this opacity into a pixel that still takes splats, unless the pixel has to stop
+// before it. `q` is that of the pixel.
 fn blend(
-    splat: Splat,
-    pixel: Pixel,
+    opacity: f32,
+    q: f32,
     transmittance: ptr<function, f32>,
     alive: ptr<function, bool>,
 ) -> Blend {
-    if !*alive {
-        return Blend();
-    }
-    let unclamped = splat.opacity * exp(-0.5 * geometry_of(splat, pixel).q);
+    let unclamped = opacity * exp(-0.5 * q);
     let alpha = min(unclamped, ALPHA_MAX);
     if alpha < ALPHA_MIN {
         return Blend();
@@ -155,6 +160,8 @@ fn blend(
 
 // Moments of dL/d(ln alpha) that a shape asks for, at most.
 const MOMENTS: u32 = 10u;
+// Of them, those of an ellipse.
+const ELLIPSE_MOMENTS: u32 = 5u;
 // Splats that a workgroup loads together.
 const BATCH: u32 = 64u;
 
@@ -170,6 +177,18 @@ fn any_alive(thread: u32) -> bool {
         alive_at_start = atomicLoad(&alive_count);
     }
     return workgroupUniformLoad(&alive_at_start) > 0u;
+}
+
+// Stages `count` splats of a tile's list for all of its threads.
+fn load_batch(thread: u32, begin: u32, count: u32) {
+    if thread < count {
+        batch_splats[thread] = splats[items[begin + thread].x];
+    }
+    for (var value = thread; value < count * CHANNELS; value += WORKGROUP) {
+        let number = items[begin + value / CHANNELS].x;
+        batch_channels[value] = channels[number * CHANNELS + value % CHANNELS];
+    }
+    workgroupBarrier();
 }
 
 @compute @workgroup_size(256)
@@ -195,17 +214,12 @@ fn composite(
             break;
         }
         let end = min(BATCH, range.y - begin);
-        if thread < end {
-            batch_splats[thread] = splats[items[begin + thread].x];
-        }
-        for (var value = thread; value < end * CHANNELS; value += WORKGROUP) {
-            let number = items[begin + value / CHANNELS].x;
-            batch_channels[value] = channels[number * CHANNELS + value % CHANNELS];
-        }
-        workgroupBarrier();
+        load_batch(thread, begin, end);
         let was_alive = alive;
         for (var i = 0u; i < end && alive; i++) {
-            let drawn = blend(batch_splats[i], pixel, &transmittance, &alive);
+            let splat = batch_splats[i];
+            let q = geometry_of(splat, pixel).q;
+            let drawn = blend(splat.opacity, q, &transmittance, &alive);
             if drawn.weight > 0.0 {
                 for (var channel = 0u; channel < CHANNELS; channel++) {
                     sums[channel] += drawn.weight * batch_channels[i * CHANNELS + channel];
@@ -228,170 +242,37 @@ fn composite(
     }
 }
 
-// Backward. Pixels walk the list together, a few splats a round: every thread leaves what its pixel
-// has to say about each of them, then the threads share out the sums over pixels. No sum depends on
-// the order in which threads run.
-const ROUND: u32 = 4u;
-// Splats after which a tile looks whether any of its pixels takes more.
-const LOOK_INTERVAL: u32 = 64u;
-// Threads that sum up one splat.
-const LANES: u32 = WORKGROUP / ROUND;
-// Sums taken at once.
-const SUMS_AT_ONCE: u32 = 6u;
-// Pieces into which the lanes' sums are cut.
-const PIECES: u32 = 8u;
+// The way back has two forms, which differ in how they add up over pixels: `raster_vjp.wgsl` and
+// `raster_vjp_subgroups.wgsl`.
 
-// [splat of the round][pixel]: T alpha and dL/d(ln alpha).
-var<workgroup> contributions: array<vec2<f32>, ROUND * WORKGROUP>;
-// [sum][splat of the round][lane]
-var<workgroup> lane_sums: array<f32, SUMS_AT_ONCE * WORKGROUP>;
-// [sum][splat of the round][piece]
-var<workgroup> piece_sums: array<f32, SUMS_AT_ONCE * ROUND * PIECES>;
+// What a pixel brings to the way back.
+struct Upstream {
+    // dL/dC
+    by_channel: array<f32, CHANNELS>,
+    // What the splats behind and the background contribute to dL/dC . C: at first all of it.
+    behind: f32,
+}
 
-@compute @workgroup_size(256)
-fn composite_vjp(
-    @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
-    @builtin(local_invocation_index) thread: u32,
-) {
-    let tile = workgroup_number(group, groups);
-    if tile >= arrayLength(&tile_ranges) {
-        return;
-    }
-    let range = tile_ranges[tile];
-    let pixel = pixel_of(tile, thread);
-    var alive = pixel.is_inside;
-    if alive {
-        atomicAdd(&alive_count, 1u);
-    }
-    var transmittance = 1.0;
-    // What the splats behind and the background contribute to g . C.
-    var behind = 0.0;
-    var g: array<f32, CHANNELS>;
+fn upstream_of(pixel: Pixel) -> Upstream {
+    var found: Upstream;
     if pixel.is_inside {
         for (var channel = 0u; channel < CHANNELS; channel++) {
             let place = place_of(pixel.index, channel);
-            g[channel] = upstream[place];
-            behind += g[channel] * rendered[place];
+            found.by_channel[channel] = upstream[place];
+            found.behind += upstream[place] * rendered[place];
         }
     }
-    let summed_splat = thread / LANES;
-    let lane = thread % LANES;
-    for (var begin = range.x; begin < range.y; begin += ROUND) {
-        if (begin - range.x) % LOOK_INTERVAL == 0u && !any_alive(thread) {
-            break;
-        }
-        let was_alive = alive;
-        for (var i = 0u; i < ROUND; i++) {
-            var contribution = vec2<f32>();
-            if begin + i < range.y && alive {
-                let number = items[begin + i].x;
-                let splat = splats[number];
-                let before = transmittance;
-                let drawn = blend(splat, pixel, &transmittance, &alive);
-                if drawn.weight > 0.0 {
-                    var along = 0.0;
-                    for (var channel = 0u; channel < CHANNELS; channel++) {
-                        along += g[channel] * channels[number * CHANNELS + channel];
-                    }
-                    behind -= drawn.weight * along;
-                    let by_alpha = before * along - behind / (1.0 - drawn.alpha);
-                    contribution = vec2(drawn.weight, by_alpha * drawn.unclamped);
-                }
-            }
-            contributions[i * WORKGROUP + thread] = contribution;
-        }
-        if was_alive && !alive {
-            atomicSub(&alive_count, 1u);
-        }
-        workgroupBarrier();
-
-        let item = begin + summed_splat;
-        var splat: Splat;
-        if item < range.y {
-            splat = splats[items[item].x];
-        }
-        var by_log_sum = 0.0;
-        var moments: array<f32, MOMENTS>;
-        for (var i = 0u; i < ROUND; i++) {
-            let summed = i * LANES + lane;
-            let by_log = contributions[summed_splat * WORKGROUP + summed].y;
-            if by_log != 0.0 {
-                let summed_pixel = pixel_of(tile, summed);
-                let added = moments_of(splat, geometry_of(splat, summed_pixel), by_log);
-                by_log_sum += by_log;
-                for (var moment = 0u; moment < MOMENTS; moment++) {
-                    moments[moment] += added[moment];
-                }
-            }
-        }
-        let first_sums = array(
-            by_log_sum, moments[0], moments[1], moments[2], moments[3], moments[4],
-        );
-        add_up(thread, first_sums, begin, range.y, 0u, SUMS_AT_ONCE);
-        if any_cone(begin, range.y) {
-            let more_sums = array(
-                moments[5], moments[6], moments[7], moments[8], moments[9], 0.0,
-            );
-            add_up(thread, more_sums, begin, range.y, SUMS_AT_ONCE, MOMENTS + 1u - SUMS_AT_ONCE);
-        }
-        for (var first = 0u; first < CHANNELS; first += SUMS_AT_ONCE) {
-            let here = min(SUMS_AT_ONCE, CHANNELS - first);
-            var sums: array<f32, SUMS_AT_ONCE>;
-            for (var i = 0u; i < ROUND; i++) {
-                let summed = pixel_of(tile, i * LANES + lane);
-                let weight = contributions[summed_splat * WORKGROUP + i * LANES + lane].x;
-                if weight > 0.0 {
-                    for (var channel = 0u; channel < here; channel++) {
-                        sums[channel] += weight * upstream[place_of(summed.index, first + channel)];
-                    }
-                }
-            }
-            add_up(thread, sums, begin, range.y, MOMENTS + 1u + first, here);
-        }
-    }
+    return found;
 }
 
-// Whether a splat of the round is a cone: only they have more than five moments.
-fn any_cone(begin: u32, list_end: u32) -> bool {
-    var any = false;
-    for (var item = begin; item < min(begin + ROUND, list_end); item++) {
-        any = any || splats[items[item].x].shape == CONE;
+// Nothing comes of the rest of a tile's list once no pixel takes splats any more.
+fn leave_out(thread: u32, begin: u32, list_end: u32) {
+    if begin >= list_end {
+        return;
     }
-    return any;
-}
-
-// Adds up the lanes' sums and writes them as sums number `first` and following of the entries.
-fn add_up(
-    thread: u32,
-    sums: array<f32, SUMS_AT_ONCE>,
-    begin: u32,
-    list_end: u32,
-    first: u32,
-    count: u32,
-) {
-    var mine = sums;
-    for (var i = 0u; i < count; i++) {
-        lane_sums[i * WORKGROUP + thread] = mine[i];
-    }
-    workgroupBarrier();
-    if thread < count * ROUND * PIECES {
-        var sum = 0.0;
-        for (var i = 0u; i < LANES / PIECES; i++) {
-            sum += lane_sums[thread * (LANES / PIECES) + i];
-        }
-        piece_sums[thread] = sum;
-    }
-    workgroupBarrier();
-    if thread < count * ROUND {
-        var sum = 0.0;
-        for (var i = 0u; i < PIECES; i++) {
-            sum += piece_sums[thread * PIECES + i];
-        }
-        let item = begin + thread % ROUND;
-        if item < list_end {
-            entry_sums[items[item].y * ENTRY_SUMS + first + thread / ROUND] = sum;
-        }
+    for (var value = thread; value < (list_end - begin) * ENTRY_SUMS; value += WORKGROUP) {
+        let entry = items[begin + value / ENTRY_SUMS].y;
+        entry_sums[entry * ENTRY_SUMS + value % ENTRY_SUMS] = 0.0;
     }
 }
 
@@ -414,14 +295,17 @@ fn sum_entries(
         }
         return;
     }
+    let splat = splats[number];
     var sums: array<f32, ENTRY_SUMS>;
     let end = min(entry_starts[rank + 1u], view.entry_capacity);
     for (var entry = entry_starts[rank]; entry < end; entry++) {
         for (var i = 0u; i < ENTRY_SUMS; i++) {
-            sums[i] += all_entry_sums[entry * ENTRY_SUMS + i];
+            // Nobody writes the moments that an ellipse has not.
+            if splat.shape == CONE || i <= ELLIPSE_MOMENTS || i > MOMENTS {
+                sums[i] += all_entry_sums[entry * ENTRY_SUMS + i];
+            }
         }
     }
-    let splat = splats[number];
     splat_gradients[first] = 1.0;
     splat_gradients[first + 11u] = sums[0];
     if splat.shape == ELLIPSE {

@@ -1,11 +1,11 @@
 //! The radix sort on a GPU, for distances and for tile numbers.
 
 use crate::device::{
-    DeviceBuffer, Gpu, GpuError, Kernel, Program, Scan, Shader, Uniform, wgsl_struct,
+    DeviceBuffer, Gpu, GpuError, Kernel, Program, Shader, Uniform, Workgroups, wgsl_struct,
 };
 
 /// Pairs that one workgroup moves.
-const BLOCK: usize = 1024;
+pub(crate) const BLOCK: usize = 1024;
 /// Bits of the key that one pass sorts by.
 const DIGIT_BITS: u32 = 8;
 
@@ -16,8 +16,6 @@ wgsl_struct! {
         shift: u32,
         /// Pairs that the buffers hold.
         capacity: u32,
-        /// Blocks of the whole capacity.
-        blocks: u32,
     }
 }
 
@@ -90,18 +88,27 @@ impl Pairs {
 #[derive(Debug)]
 pub(crate) struct RadixSort {
     count_digits: Kernel,
+    sum_digits: Kernel,
     move_pairs: Kernel,
-    scan: Scan,
+}
+
+/// How many pairs there are.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct PairCount<'a> {
+    /// One number.
+    pub(crate) count: &'a DeviceBuffer<u32>,
+    /// Workgroups for all blocks of them.
+    pub(crate) blocks: Workgroups<'a>,
 }
 
 impl RadixSort {
     pub(crate) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
-        let [count_digits, move_pairs] =
-            Kernel::compile(gpu, &shader(), ["count_digits", "move_pairs"])?;
+        let [count_digits, sum_digits, move_pairs] =
+            Kernel::compile(gpu, &shader(), ["count_digits", "sum_digits", "move_pairs"])?;
         Ok(Self {
             count_digits,
+            sum_digits,
             move_pairs,
-            scan: Scan::new(gpu)?,
         })
     }
 
@@ -112,35 +119,37 @@ impl RadixSort {
         gpu: &Gpu,
         program: &mut Program,
         pairs: &Pairs,
-        count: &DeviceBuffer<u32>,
+        of: PairCount<'_>,
         bits: u32,
     ) -> Result<(), GpuError> {
         let capacity = pairs.keys.len();
         let blocks = capacity.div_ceil(BLOCK);
-        let places = DeviceBuffer::zeros(gpu, "sort places", blocks << DIGIT_BITS)?;
+        let places = DeviceBuffer::<u32>::zeros(gpu, "sort places", blocks << DIGIT_BITS)?;
+        let totals = DeviceBuffer::<u32>::zeros(gpu, "sort digits", 1 << DIGIT_BITS)?;
         for pass in 0..passes(bits) {
             let (from, to) = (pairs.after(pass), pairs.after(pass + 1));
-            let uniform = Uniform::of(
-                gpu,
-                "sort pass",
-                &SortPass {
-                    shift: pass * DIGIT_BITS,
-                    capacity: capacity as u32,
-                    blocks: blocks as u32,
-                },
-            )?;
-            let buffers = [
-                &uniform.raw,
-                &count.raw,
+            let sort_pass = SortPass {
+                shift: pass * DIGIT_BITS,
+                capacity: capacity as u32,
+            };
+            let sort_pass = Uniform::of(gpu, "sort pass", &sort_pass)?;
+            let [uniform, count, places] = [&sort_pass.raw, &of.count.raw, &places.raw];
+            let counted = [uniform, count, places, &from.keys.raw];
+            program.run_workgroups(gpu, &self.count_digits, of.blocks, &counted);
+            let summed = [uniform, count, places, &totals.raw];
+            let digits = Workgroups::Fixed(1 << DIGIT_BITS);
+            program.run_workgroups(gpu, &self.sum_digits, digits, &summed);
+            let moved = [
+                uniform,
+                count,
+                places,
                 &from.keys.raw,
-                &places.raw,
                 &from.items.raw,
                 &to.keys.raw,
                 &to.items.raw,
+                &totals.raw,
             ];
-            program.run_workgroups(gpu, &self.count_digits, blocks, &buffers[..4]);
-            self.scan.record(gpu, program, &places)?;
-            program.run_workgroups(gpu, &self.move_pairs, blocks, &buffers);
+            program.run_workgroups(gpu, &self.move_pairs, of.blocks, &moved);
         }
         Ok(())
     }
@@ -152,7 +161,7 @@ mod tests {
     use rand_pcg::Pcg64Mcg;
 
     use super::*;
-    use crate::device::test_device;
+    use crate::device::{Scan, test_device};
 
     /// Sorts with the standard library's stable sort.
     fn expected(keys: &[u32], count: usize, bits: u32) -> (Vec<u32>, Vec<u32>) {
@@ -177,6 +186,8 @@ mod tests {
             (3000, 2999, 8, 256),
             (90_000, 90_000, 24, 1 << 24),
             (300_000, 280_000, 12, 4096),
+            (1_200_000, 1_100_000, 11, 2048),
+            (2048, 0, 8, 256),
         ] {
             let keys: Vec<u32> = (0..capacity)
                 .map(|_| random.random_range(0..range))
@@ -187,7 +198,11 @@ mod tests {
             pairs.items.write(&gpu, 0, &numbers);
             let counted = DeviceBuffer::of(&gpu, "count", &[count as u32]).expect("fits");
             let mut program = Program::default();
-            sort.record(&gpu, &mut program, &pairs, &counted, bits)
+            let of = PairCount {
+                count: &counted,
+                blocks: Workgroups::Fixed(usize::div_ceil(count, BLOCK)),
+            };
+            sort.record(&gpu, &mut program, &pairs, of, bits)
                 .expect("fits");
             program.submit(&gpu);
             let (keys_out, items_out) = expected(&keys, count, bits);

@@ -1,9 +1,9 @@
-// A stable radix sort of (key, item) pairs, eight bits a pass.
+// A stable radix sort of (key, item) pairs, eight bits a pass, three kernels a pass.
 //
-// A pass counts the digits of every block, sums the counts digit by digit and block by block
-// (scan.wgsl), and moves every pair to its place. To know how many pairs of the same digit come before
-// it in its block, a workgroup sorts the digits of the block: four bits of them after the other four,
-// a thread counting its consecutive pairs in order, so that equal digits keep theirs.
+// A pass counts the digits of every block; sums the counts of each digit, block by block; and moves every
+// pair to its place. To know how many pairs of the same digit come before it in its block, a workgroup
+// sorts the digits of the block: four bits of them after the other four, a thread counting its consecutive
+// pairs in order, so that equal digits keep theirs.
 
 const PAIRS_PER_THREAD: u32 = 4u;
 const BLOCK: u32 = WORKGROUP * PAIRS_PER_THREAD;
@@ -16,19 +16,21 @@ struct SortPass {
     shift: u32,
     // Pairs that the buffers hold.
     capacity: u32,
-    // Blocks of the whole capacity.
-    blocks: u32,
 }
 
 @group(0) @binding(0) var<uniform> sort_pass: SortPass;
 // Number of pairs; those beyond the capacity do not exist.
 @group(0) @binding(1) var<storage, read> count: array<u32>;
-@group(0) @binding(2) var<storage, read> keys_in: array<u32>;
-// By digit, then by block: how many, and after the scan where to.
-@group(0) @binding(3) var<storage, read_write> places: array<u32>;
+// By digit, then by block: how many, and after `sum_digits` how many come before in the digit.
+@group(0) @binding(2) var<storage, read_write> places: array<u32>;
+@group(0) @binding(3) var<storage, read> keys_in: array<u32>;
 @group(0) @binding(4) var<storage, read> items_in: array<u32>;
 @group(0) @binding(5) var<storage, read_write> keys_out: array<u32>;
 @group(0) @binding(6) var<storage, read_write> items_out: array<u32>;
+
+@group(0) @binding(3) var<storage, read_write> digit_totals: array<u32>;
+
+@group(0) @binding(7) var<storage, read> all_digit_totals: array<u32>;
 
 var<workgroup> digit_counts: array<atomic<u32>, DIGITS>;
 // Digits of a block with the pairs' numbers in it: digit << 16 | number.
@@ -36,11 +38,15 @@ var<workgroup> numbered: array<u32, BLOCK>;
 // [half digit & 7][thread]
 var<workgroup> counters: array<u32, COUNTER_ROWS * WORKGROUP>;
 var<workgroup> sums: array<u32, WORKGROUP>;
-// Where each digit begins in the sorted block.
-var<workgroup> digit_starts: array<u32, DIGITS>;
+// What leads from a place in the sorted block to that among all pairs, by digit.
+var<workgroup> digit_offsets: array<u32, DIGITS>;
 
 fn pair_count() -> u32 {
     return min(count[0], sort_pass.capacity);
+}
+
+fn block_count() -> u32 {
+    return (pair_count() + BLOCK - 1u) / BLOCK;
 }
 
 fn digit_of(key: u32) -> u32 {
@@ -64,8 +70,53 @@ fn count_digits(
         }
     }
     workgroupBarrier();
-    if block < sort_pass.blocks {
-        places[thread * sort_pass.blocks + block] = atomicLoad(&digit_counts[thread]);
+    if block < block_count() {
+        places[thread * block_count() + block] = atomicLoad(&digit_counts[thread]);
+    }
+}
+
+// Replaces the threads' numbers in `sums` by the sums of all up to them.
+fn sum_up(thread: u32) {
+    workgroupBarrier();
+    for (var distance = 1u; distance < WORKGROUP; distance *= 2u) {
+        var left = 0u;
+        if thread >= distance {
+            left = sums[thread - distance];
+        }
+        workgroupBarrier();
+        sums[thread] += left;
+        workgroupBarrier();
+    }
+}
+
+// A workgroup for each digit.
+@compute @workgroup_size(256)
+fn sum_digits(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let digit = group.x;
+    let blocks = block_count();
+    var before = 0u;
+    for (var first = 0u; first < blocks; first += BLOCK) {
+        let mine = first + thread * PAIRS_PER_THREAD;
+        var sum = 0u;
+        for (var i = mine; i < min(mine + PAIRS_PER_THREAD, blocks); i++) {
+            sum += places[digit * blocks + i];
+        }
+        sums[thread] = sum;
+        sum_up(thread);
+        var place = before + sums[thread] - sum;
+        before += sums[WORKGROUP - 1u];
+        for (var i = mine; i < min(mine + PAIRS_PER_THREAD, blocks); i++) {
+            let counted = places[digit * blocks + i];
+            places[digit * blocks + i] = place;
+            place += counted;
+        }
+        workgroupBarrier();
+    }
+    if thread == 0u {
+        digit_totals[digit] = before;
     }
 }
 
@@ -87,16 +138,7 @@ fn sort_by(thread: u32, shift: u32) {
         sum += counters[thread * COUNTER_ROWS + i];
     }
     sums[thread] = sum;
-    workgroupBarrier();
-    for (var distance = 1u; distance < WORKGROUP; distance *= 2u) {
-        var left = 0u;
-        if thread >= distance {
-            left = sums[thread - distance];
-        }
-        workgroupBarrier();
-        sums[thread] += left;
-        workgroupBarrier();
-    }
+    sum_up(thread);
     // Values of the high halves come after all of the low halves.
     var before = sums[thread] - sum + (sums[WORKGROUP - 1u] << 16u);
     for (var i = 0u; i < COUNTER_ROWS; i++) {
@@ -137,11 +179,15 @@ fn move_pairs(
     workgroupBarrier();
     sort_by(thread, 16u);
     sort_by(thread, 20u);
+    let total = all_digit_totals[thread];
+    sums[thread] = total;
+    sum_up(thread);
     for (var i = 0u; i < PAIRS_PER_THREAD; i++) {
         let place = i * WORKGROUP + thread;
         let digit = numbered[place] >> 16u;
-        if place == 0u || numbered[place - 1u] >> 16u != digit {
-            digit_starts[digit] = place;
+        if block < block_count() && (place == 0u || numbered[place - 1u] >> 16u != digit) {
+            let first = sums[digit] - all_digit_totals[digit];
+            digit_offsets[digit] = first + places[digit * block_count() + block] - place;
         }
     }
     workgroupBarrier();
@@ -150,7 +196,7 @@ fn move_pairs(
         let digit = numbered[place] >> 16u;
         let pair = block * BLOCK + (numbered[place] & 0xffffu);
         if pair < pairs {
-            let to = places[digit * sort_pass.blocks + block] + place - digit_starts[digit];
+            let to = digit_offsets[digit] + place;
             keys_out[to] = keys_in[pair];
             items_out[to] = items_in[pair];
         }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::{
     check,
     device_model::{
-        DeviceNetwork, DevicePart, DevicePartKind, Moment, copies, network_time, parts,
+        DeviceNetwork, DevicePart, DevicePartKind, Moment, copies, network_time, parts, sh_degree,
     },
 };
 use crate::{
@@ -16,10 +16,11 @@ use crate::{
         activated_buffers::ActivatedBuffers,
         deformable::gpu::{DeformableGaussians, DeformationKernels},
         parameterization::{DeviceKind, DeviceParameterization, DeviceTwin, Viewpoint},
-        static_gaussians::{self, gpu::StaticGaussians},
+        static_gaussians::gpu::StaticGaussians,
         temporal::gpu::{DeviceTemporal, TemporalKernels},
     },
     model::Model,
+    parameters::rows::RowMover,
 };
 
 /// Kernels of the parameterizations that a model has.
@@ -92,9 +93,9 @@ impl ActivationKernels {
                     }
                     _ => canonical,
                 };
-            let DevicePart { table, entries, .. } = part;
-            twin.activate(gpu, &mut activation.forward, table, *entries, activated)?;
-            twin.activate_vjp(gpu, &mut activation.backward, table, *entries, activated)?;
+            let table = (&part.table, &part.rows);
+            twin.activate(gpu, &mut activation.forward, table, activated)?;
+            twin.activate_vjp(gpu, &mut activation.backward, table, activated)?;
         }
         Ok(activation)
     }
@@ -105,6 +106,7 @@ impl ActivationKernels {
 pub struct GpuActivator {
     gpu: Arc<Gpu>,
     kernels: ActivationKernels,
+    row_mover: RowMover,
 }
 
 impl GpuActivator {
@@ -115,6 +117,7 @@ impl GpuActivator {
     pub fn new(gpu: Arc<Gpu>) -> Result<Self, EngineError> {
         Ok(Self {
             kernels: ActivationKernels::compile(&gpu, true, true)?,
+            row_mover: RowMover::new(&gpu)?,
             gpu,
         })
     }
@@ -126,11 +129,9 @@ impl GpuActivator {
     pub fn activation(&self, model: Model, at: &Viewpoint) -> Result<GpuActivation, EngineError> {
         check(&model)?;
         let gpu = Arc::clone(&self.gpu);
-        let parts = parts(&gpu, &model, None, copies(&gpu, &model)?)?;
-        let degrees = model.parts.iter();
-        let degrees = degrees.map(|part| static_gaussians::sh_degree(&part.table));
-        let sh_degree = degrees.max().unwrap_or(0);
-        let buffers = ActivatedBuffers::new(&gpu, model.len(), sh_degree, 0)?;
+        let tables = copies(&gpu, &model)?;
+        let parts = parts(&gpu, &model, (None, &self.row_mover), tables)?;
+        let buffers = ActivatedBuffers::new(&gpu, model.len(), sh_degree(&model), 0)?;
         let network_time = network_time(&model, at);
         let deforms = network_time.is_some();
         let activation = self.kernels.record(&gpu, &parts, &buffers, deforms)?;

@@ -7,6 +7,7 @@ use crate::{
         deformable::gpu::DeformationBuffers,
         dropout::gpu::DropoutPrograms,
         parameterization::{DeviceEntries, DeviceKind, DeviceTwin, Viewpoint},
+        static_gaussians::{self, gpu::DeviceRows},
         temporal::gpu::DeviceTime,
     },
     model::{Model, Part, Statistics, TrainedArray, dynamic_settings::DynamicSettings},
@@ -14,10 +15,11 @@ use crate::{
         ParameterArray,
         adam::{SecondMomentDecay, gpu::TableStep},
         device_table::TableBuffers,
+        rows::{RowMover, RowMoves},
     },
     render::{gpu::Chain, project::by_camera::gpu::DevicePoseGradient, settings::RenderSettings},
     schedule::StepSchedule,
-    step::gpu::{activation::Activation, dynamic_losses::DeviceAlone},
+    step::gpu::{activation::Activation, dynamic_losses::DeviceAlone, kernels::StatisticsView},
 };
 
 /// What density control goes by, on the device.
@@ -27,6 +29,31 @@ pub(super) struct DeviceStatistics {
     pub(super) view_counts: DeviceBuffer<u32>,
     /// Of Gaussians with peak times alone.
     pub(super) time_gradients: DeviceBuffer<f32>,
+}
+
+impl DeviceStatistics {
+    /// With room for `capacity` Gaussians.
+    fn new(gpu: &Gpu, of: &Statistics, capacity: usize) -> Result<Self, GpuError> {
+        let timed = if of.time_gradients.is_empty() {
+            0
+        } else {
+            capacity
+        };
+        let statistics = Self {
+            gradient_sums: DeviceBuffer::zeros(gpu, "gradient statistics", capacity)?,
+            view_counts: DeviceBuffer::zeros(gpu, "view statistics", capacity)?,
+            time_gradients: DeviceBuffer::zeros(gpu, "statistics of time", timed)?,
+        };
+        statistics.write(gpu, of);
+        Ok(statistics)
+    }
+
+    /// Sets them for everything that is submitted later.
+    pub(super) fn write(&self, gpu: &Gpu, of: &Statistics) {
+        self.gradient_sums.write(gpu, 0, &of.sums);
+        self.view_counts.write(gpu, 0, &of.views);
+        self.time_gradients.write(gpu, 0, &of.time_gradients);
+    }
 }
 
 /// What a part's parameterization is on the device.
@@ -49,7 +76,11 @@ pub(super) struct DeviceNetwork {
 #[derive(Debug)]
 pub(super) struct DevicePart {
     pub(super) entries: DeviceEntries,
+    /// The same for programs.
+    pub(super) rows: DeviceRows,
     pub(super) table: TableBuffers,
+    /// Rows of the table moved within it.
+    pub(super) moves: RowMoves,
     pub(super) next_step: TableStep,
     pub(super) statistics: DeviceStatistics,
     pub(super) kind: DevicePartKind,
@@ -63,14 +94,15 @@ pub(super) struct PartTables {
     pub(super) weights: Option<TableBuffers>,
 }
 
-/// Copies of the parameters of a model.
+/// Copies of the parameters of a model, with room for no more.
 pub(super) fn copies(gpu: &Gpu, model: &Model) -> Result<Vec<PartTables>, GpuError> {
     let copy = |part: &Part| {
         let weights = part.parameterization.shared();
-        let weights =
-            weights.map(|weights| TableBuffers::new(gpu, std::slice::from_ref(&weights.array)));
+        let weights = weights
+            .map(|weights| TableBuffers::new(gpu, std::slice::from_ref(&weights.array), [1; 2]));
+        let rows = part.table.len();
         Ok(PartTables {
-            table: TableBuffers::new(gpu, &part.table.arrays)?,
+            table: TableBuffers::new(gpu, &part.table.arrays, [rows; 2])?,
             weights: weights.transpose()?,
         })
     };
@@ -81,28 +113,49 @@ pub(super) fn copies(gpu: &Gpu, model: &Model) -> Result<Vec<PartTables>, GpuErr
 pub(super) fn parts(
     gpu: &Gpu,
     model: &Model,
-    dynamics: Option<&DynamicSettings>,
+    (dynamics, mover): (Option<&DynamicSettings>, &RowMover),
     tables: Vec<PartTables>,
 ) -> Result<Vec<DevicePart>, GpuError> {
-    let trained = model.trained_arrays();
-    let first_alone = first_with_times(model);
+    let of_model = OfModel {
+        trained: model.trained_arrays(),
+        first_alone: first_with_times(model),
+        sh_degree: sh_degree(model),
+        dynamics,
+        mover,
+    };
+    let parts = model.parts.iter().zip(tables).zip(entries(model));
+    parts
+        .map(|(part, entries)| DevicePart::new(gpu, part, entries, &of_model))
+        .collect()
+}
+
+/// What the parts of a model have in common.
+struct OfModel<'a> {
+    trained: Vec<TrainedArray>,
+    first_alone: usize,
+    sh_degree: usize,
+    dynamics: Option<&'a DynamicSettings>,
+    mover: &'a RowMover,
+}
+
+/// The highest degree of harmonics that a part stores.
+pub(super) fn sh_degree(model: &Model) -> usize {
+    let degrees = model.parts.iter();
+    let degrees = degrees.map(|part| static_gaussians::sh_degree(&part.table));
+    degrees.max().unwrap_or(0)
+}
+
+/// Which of all activated Gaussians are those of each part: one part after the other.
+fn entries(model: &Model) -> impl Iterator<Item = DeviceEntries> {
     let mut first = 0;
-    let mut parts = Vec::with_capacity(model.parts.len());
-    for (part, tables) in model.parts.iter().zip(tables) {
-        let entries = DeviceEntries {
-            first,
-            len: part.table.len(),
-        };
-        first += entries.len;
-        parts.push(DevicePart::new(
-            gpu,
-            (part, tables),
-            entries,
-            &trained,
-            (dynamics, first_alone),
-        )?);
-    }
-    Ok(parts)
+    model.parts.iter().map(move |part| {
+        let len = part.table.len();
+        first += len;
+        DeviceEntries {
+            first: first - len,
+            len,
+        }
+    })
 }
 
 /// The entry of the first Gaussian that has times of its own.
@@ -132,23 +185,23 @@ impl DevicePart {
         gpu: &Gpu,
         (part, tables): (&Part, PartTables),
         entries: DeviceEntries,
-        trained: &[TrainedArray],
-        (dynamics, first_alone): (Option<&DynamicSettings>, usize),
+        of_model: &OfModel<'_>,
     ) -> Result<Self, GpuError> {
+        let trained = &of_model.trained;
         let arrays = &part.table.arrays;
         let PartTables { table, weights } = tables;
-        let statistics = &part.statistics;
+        let rows = DeviceRows::new(gpu, &table, entries, of_model.sh_degree)?;
         let twin = part.parameterization.device_twin();
         let kind = match (twin.map(|DeviceTwin(kind)| kind), weights) {
             (Some(DeviceKind::Temporal(temporal)), _) => {
-                let features = dynamics.map(|dynamics| dynamics.features);
+                let features = of_model.dynamics.map(|dynamics| dynamics.features);
                 let time = DeviceTime::new(
                     gpu,
                     *temporal,
                     &features.unwrap_or_default(),
                     (&part.table, &table),
-                    entries,
-                    first_alone,
+                    (&rows.rows, entries),
+                    of_model.first_alone,
                 )?;
                 DevicePartKind::Temporal(Box::new(time))
             }
@@ -165,18 +218,29 @@ impl DevicePart {
         Ok(Self {
             entries,
             next_step: TableStep::new(gpu, numbers(arrays.iter(), trained))?,
+            moves: of_model.mover.between(gpu, &table, &table)?,
+            statistics: DeviceStatistics::new(gpu, &part.statistics, table.capacity)?,
+            rows,
             table,
-            statistics: DeviceStatistics {
-                gradient_sums: DeviceBuffer::of(gpu, "gradient statistics", &statistics.sums)?,
-                view_counts: DeviceBuffer::of(gpu, "view statistics", &statistics.views)?,
-                time_gradients: DeviceBuffer::of(
-                    gpu,
-                    "statistics of time",
-                    &statistics.time_gradients,
-                )?,
-            },
             kind,
         })
+    }
+
+    /// Makes its Gaussians other entries, for everything that is submitted later.
+    fn place(&mut self, gpu: &Gpu, entries: DeviceEntries, first_alone: usize) {
+        self.entries = entries;
+        self.rows.place(gpu, entries);
+        if let DevicePartKind::Temporal(time) = &mut self.kind {
+            time.place(entries, first_alone);
+        }
+    }
+
+    /// Whether there is room for so many Gaussians. What a network works on is made for a number of them.
+    fn has_room(&self, len: usize) -> bool {
+        match self.kind {
+            DevicePartKind::Deformable(_) => len == self.entries.len,
+            DevicePartKind::Static | DevicePartKind::Temporal(_) => len <= self.table.capacity,
+        }
     }
 
     /// Copies gradients back.
@@ -206,9 +270,17 @@ impl DevicePart {
     /// Copies what density control goes by back.
     pub(super) fn read_statistics(&self, gpu: &Gpu, out: &mut Statistics) -> Result<(), GpuError> {
         let on_device = &self.statistics;
-        out.sums = on_device.gradient_sums.read(gpu)?;
-        out.views = on_device.view_counts.read(gpu)?;
-        out.time_gradients = on_device.time_gradients.read(gpu)?;
+        let timed = out.time_gradients.len();
+        let mut sums = DeviceBuffer::read_ranges(
+            gpu,
+            &[
+                (&on_device.gradient_sums, 0..out.sums.len()),
+                (&on_device.time_gradients, 0..timed),
+            ],
+        )?;
+        out.time_gradients = sums.pop().unwrap_or_default();
+        out.sums = sums.pop().unwrap_or_default();
+        out.views = on_device.view_counts.read_range(gpu, 0..out.views.len())?;
         Ok(())
     }
 
@@ -288,9 +360,51 @@ pub(super) struct DeviceModel {
     pub(super) pose: Option<DevicePose>,
     /// What follows the gradients by parameters.
     pub(super) update: Program,
+    pub(super) opacity_reset: Program,
+    /// What the statistics of each part depend on.
+    pub(super) statistics: Vec<StatisticsView>,
+    /// The feature channels of a Gaussian without times of its own, which no kernel writes.
+    pub(super) static_features: Vec<f32>,
 }
 
 impl DeviceModel {
+    /// Whether there is room for a model with as many Gaussians in each part.
+    pub(super) fn has_room(&self, model: &Model) -> bool {
+        let mut parts = self.parts.iter().zip(&model.parts);
+        parts.all(|(on_device, part)| on_device.has_room(part.table.len()))
+    }
+
+    /// Gives its parts as many Gaussians as those of a model have, for which there is room, for everything
+    /// that is submitted later.
+    pub(super) fn place(&mut self, gpu: &Gpu, model: &Model) {
+        let first_alone = first_with_times(model);
+        for (part, entries) in self.parts.iter_mut().zip(entries(model)) {
+            part.place(gpu, entries, first_alone);
+        }
+        self.chain.buffers.set_rows(gpu, model.len());
+        if let Some(alone) = &self.alone {
+            let is_timed = |part: &&DevicePart| matches!(part.kind, DevicePartKind::Temporal(_));
+            let last = self.parts.iter().rfind(is_timed);
+            let end = last.map_or(first_alone, |part| part.entries.first + part.entries.len);
+            alone.chain.buffers.set_rows(gpu, end - first_alone);
+        }
+        for (statistics, part) in self.statistics.iter_mut().zip(&self.parts) {
+            statistics.place(gpu, part.entries);
+        }
+        self.write_static_features(gpu);
+    }
+
+    /// The feature channels of Gaussians without times of their own.
+    pub(super) fn write_static_features(&self, gpu: &Gpu) {
+        let row = &self.static_features;
+        for DevicePart { entries, kind, .. } in &self.parts {
+            if !row.is_empty() && !matches!(kind, DevicePartKind::Temporal(_)) {
+                let buffer = &self.chain.buffers.activated.features;
+                buffer.write(gpu, entries.first * row.len(), &row.repeat(entries.len));
+            }
+        }
+    }
+
     /// Sets the view and the moment for everything that is submitted later.
     pub(super) fn set_view(
         &self,
@@ -317,11 +431,12 @@ impl DeviceModel {
         let rates = &schedule.learning_rates;
         for part in &self.parts {
             let step = (schedule.iteration, schedule.second_moments);
-            part.next_step.set(gpu, &part.table, step, rates);
+            let table = (&part.table, part.entries.len);
+            part.next_step.set(gpu, table, step, rates);
             if let DevicePartKind::Deformable(network) = &part.kind {
                 let step = (network_step, SecondMomentDecay::PUBLISHED);
                 let weights = &network.buffers.weights;
-                network.next_step.set(gpu, weights, step, rates);
+                network.next_step.set(gpu, (weights, 1), step, rates);
             }
         }
     }

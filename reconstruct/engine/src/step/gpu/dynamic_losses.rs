@@ -140,8 +140,7 @@ impl DynamicKernels {
         terms: &Terms,
     ) -> Result<(), GpuError> {
         if let (Some(motion), DevicePartKind::Temporal(time)) = (&self.motion, &part.kind) {
-            let table = (&part.table, part.entries.len);
-            let partials = motion.record(gpu, program, time, table)?;
+            let partials = motion.record(gpu, program, time, &part.table)?;
             terms.record(gpu, program, &partials);
         }
         Ok(())
@@ -166,13 +165,18 @@ impl DynamicKernels {
         else {
             return Ok(None);
         };
+        let end = last.entries.first + last.entries.len;
+        let begin = first.entries.first;
+        let between = parts
+            .iter()
+            .filter(|part| (begin..end.max(begin + 1)).contains(&part.entries.first));
         let shape = RenderShape {
-            gaussians: last.entries.first + last.entries.len - first.entries.first,
+            gaussians: between.map(|part| part.table.capacity).sum(),
             features: 1,
             ..all.buffers.shape
         };
         let status: DeviceBuffer<DeviceStatus> = all.buffers.status.clone();
-        let chain = alone.chains.chain(gpu, shape, status)?;
+        let chain = alone.chains.chain(gpu, (shape, end - begin), status)?;
         let activated = [&all.buffers.activated, &chain.buffers.activated];
         let ones = vec![1.0; shape.gaussians];
         activated[1].features.write(gpu, 0, &ones);

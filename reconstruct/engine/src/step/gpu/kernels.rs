@@ -7,10 +7,13 @@ use glam::Vec3;
 
 use crate::{
     device::{
-        DeviceBuffer, Gpu, GpuError, Kernel, Program, Uniform,
+        DeviceBuffer, Gpu, GpuError, Kernel, Program, Rows, Uniform,
         shader::{Shader, wgsl_struct},
     },
-    gaussians::dropout::{Dropout, gpu::DropoutKernels},
+    gaussians::{
+        dropout::{Dropout, gpu::DropoutKernels},
+        parameterization::DeviceEntries,
+    },
     losses::photometric::gpu::{Loss, LossWeights, packed_len},
     model::Model,
     parameters::{adam::gpu::Adam, rows::RowMover},
@@ -24,6 +27,7 @@ use crate::{
             activation::ActivationKernels,
             device_model::{DeviceModel, DevicePart, DevicePartKind, DevicePose},
             dynamic_losses::DynamicKernels,
+            opacity_reset::OpacityResets,
         },
         settings::TrainSettings,
     },
@@ -50,6 +54,22 @@ pub(crate) fn shader(shape: &RenderShape) -> Shader {
             include_str!("../../device/status.wgsl"),
             include_str!("../step.wgsl"),
         ],
+    }
+}
+
+/// What the statistics of a part depend on.
+#[derive(Debug)]
+pub(super) struct StatisticsView {
+    uniform: Uniform<StepView>,
+    view: StepView,
+}
+
+impl StatisticsView {
+    /// Makes the part's Gaussians other entries, for everything that is submitted later.
+    pub(super) fn place(&mut self, gpu: &Gpu, entries: DeviceEntries) {
+        self.view.gaussians = entries.len as u32;
+        self.view.first = entries.first as u32;
+        self.uniform.write(gpu, &self.view);
     }
 }
 
@@ -98,6 +118,7 @@ pub(super) struct StepKernels {
     pose_gradients: Option<PoseGradients>,
     dropout: Option<(Dropout, DropoutKernels)>,
     adam: Adam,
+    opacity_resets: OpacityResets,
     pub(super) row_mover: RowMover,
     judge_loss: Kernel,
     add_statistics: Kernel,
@@ -153,6 +174,7 @@ impl StepKernels {
                 .map(|dropout| Ok((dropout, DropoutKernels::new(&gpu)?)))
                 .transpose()?,
             adam: Adam::new(&gpu)?,
+            opacity_resets: OpacityResets::new(&gpu)?,
             row_mover: RowMover::new(&gpu)?,
             judge_loss,
             add_statistics,
@@ -167,7 +189,7 @@ impl StepKernels {
         })
     }
 
-    /// Records the programs of a step on a model.
+    /// Records the programs of a step on a model. They hold for as many Gaussians as there is room for.
     pub(super) fn device_model(
         &mut self,
         parts: Vec<DevicePart>,
@@ -175,8 +197,8 @@ impl StepKernels {
     ) -> Result<DeviceModel, GpuError> {
         let gpu = Arc::clone(&self.gpu);
         let status = DeviceBuffer::zeros(&gpu, "status", 1)?;
-        let chain = self.chains.chain(&gpu, shape, status)?;
-        self.write_static_features(&parts, &chain);
+        let gaussians = parts.iter().map(|part| part.entries.len).sum();
+        let chain = self.chains.chain(&gpu, (shape, gaussians), status)?;
         let deforms = |part: &DevicePart| matches!(part.kind, DevicePartKind::Deformable(..));
         let activated = &chain.buffers.activated;
         let activation = |with_network| {
@@ -192,7 +214,9 @@ impl StepKernels {
             false => None,
         };
         let dropout = self.dropout.as_ref();
-        let dropout = dropout.map(|(dropout, kernels)| kernels.record(&gpu, *dropout, activated));
+        let rows = &chain.buffers.rows;
+        let dropout =
+            dropout.map(|(dropout, kernels)| kernels.record(&gpu, *dropout, (activated, rows)));
         let losses = self.record_losses(&chain)?;
         let alone = match (&mut self.dynamic, &self.activation.temporal) {
             (Some(dynamic), Some(temporal)) => {
@@ -204,9 +228,13 @@ impl StepKernels {
         let upstream = &self.loss.gradient;
         self.chains
             .backward(&gpu, &mut backward, &chain.buffers, upstream)?;
-        Ok(DeviceModel {
+        let (update, statistics) = self.record_update(&parts, &chain)?;
+        let model = DeviceModel {
             pose: self.record_pose(&chain)?,
-            update: self.record_update(&parts, &chain)?,
+            update,
+            opacity_reset: self.opacity_resets.record(&gpu, &parts)?,
+            statistics,
+            static_features: self.static_features(),
             parts,
             chain,
             canonical,
@@ -215,24 +243,20 @@ impl StepKernels {
             losses,
             alone,
             backward,
-        })
+        };
+        model.write_static_features(&gpu);
+        Ok(model)
     }
 
-    /// The feature channels of Gaussians without times of their own, which no kernel writes.
-    fn write_static_features(&self, parts: &[DevicePart], chain: &Chain) {
+    /// The feature channels of a Gaussian without times of its own.
+    fn static_features(&self) -> Vec<f32> {
         let Some(dynamic) = &self.dynamic else {
-            return;
+            return Vec::new();
         };
         let features = dynamic.features();
         let mut row = vec![0.0; features.count()];
         features.write(Vec3::ZERO, f32::INFINITY, &mut row);
-        for DevicePart { entries, kind, .. } in parts {
-            if !matches!(kind, DevicePartKind::Temporal(_)) {
-                let rows = row.repeat(entries.len);
-                let buffer = &chain.buffers.activated.features;
-                buffer.write(&self.gpu, entries.first * row.len(), &rows);
-            }
-        }
+        row
     }
 
     /// The image, and the losses that look at it.
@@ -262,8 +286,13 @@ impl StepKernels {
     }
 
     /// What follows the gradients by parameters: the loss on them, statistics, Adam, bounds.
-    fn record_update(&self, parts: &[DevicePart], chain: &Chain) -> Result<Program, GpuError> {
+    fn record_update(
+        &self,
+        parts: &[DevicePart],
+        chain: &Chain,
+    ) -> Result<(Program, Vec<StatisticsView>), GpuError> {
         let gpu = &*self.gpu;
+        let mut statistics = Vec::with_capacity(parts.len());
         let mut program = Program::default();
         program.begin_stage("motion");
         if let Some(dynamic) = &self.dynamic {
@@ -281,8 +310,8 @@ impl StepKernels {
         ];
         program.run_workgroups(gpu, &self.judge_loss, 1, &judged);
         for part in parts {
-            self.record_statistics(&mut program, part, chain)?;
-            let table = (&part.next_step, &part.table);
+            statistics.push(self.record_statistics(&mut program, part, chain)?);
+            let table = (&part.next_step, &part.table, &part.rows.rows);
             self.adam.record(gpu, &mut program, table, status);
             if let (DevicePartKind::Temporal(time), Some(kernels)) =
                 (&part.kind, &self.activation.temporal)
@@ -290,7 +319,7 @@ impl StepKernels {
                 kernels.keep_within_bounds(gpu, &mut program, time, &part.table, status);
             }
         }
-        Ok(program)
+        Ok((program, statistics))
     }
 
     /// Adam on the weights of a network.
@@ -300,7 +329,7 @@ impl StepKernels {
         let status = &chain.buffers.status.raw;
         for part in parts {
             if let DevicePartKind::Deformable(network) = &part.kind {
-                let weights = (&network.next_step, &network.buffers.weights);
+                let weights = (&network.next_step, &network.buffers.weights, &Rows::new(1));
                 self.adam.record(&self.gpu, &mut program, weights, status);
             }
         }
@@ -312,7 +341,7 @@ impl StepKernels {
         program: &mut Program,
         part: &DevicePart,
         chain: &Chain,
-    ) -> Result<(), GpuError> {
+    ) -> Result<StatisticsView, GpuError> {
         let gpu = &*self.gpu;
         let buffers = &chain.buffers;
         let shape = &buffers.shape;
@@ -326,14 +355,14 @@ impl StepKernels {
             },
             pad: 0,
         };
-        let view = Uniform::of(gpu, "statistics", &view)?;
+        let uniform = Uniform::of(gpu, "statistics", &view)?;
         let statistics = &part.statistics;
         program.run(
             gpu,
             &self.add_statistics,
-            part.entries.len,
+            &part.rows.rows,
             &[
-                &view.raw,
+                &uniform.raw,
                 &buffers.status.raw,
                 &buffers.splat_gradients.raw,
                 &statistics.gradient_sums.raw,
@@ -342,6 +371,6 @@ impl StepKernels {
                 &statistics.time_gradients.raw,
             ],
         );
-        Ok(())
+        Ok(StatisticsView { uniform, view })
     }
 }

@@ -11,7 +11,11 @@ use crate::{
 impl GpuStepper<'_> {
     /// (Splat, tile) pairs of a view that there is room for at the moment.
     pub fn room_for_entries(&self) -> usize {
-        self.shape().entries
+        let on_device = self.on_device.as_ref();
+        on_device.map_or_else(
+            || self.shape(self.model.len()).entries,
+            |model| model.chain.buffers.shape.entries,
+        )
     }
 
     /// The model as [`Stepper::model`](crate::step::Stepper::model) has it, with the gradients of the last step.

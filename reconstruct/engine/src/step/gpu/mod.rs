@@ -11,6 +11,7 @@ mod device_model;
 mod dynamic_losses;
 pub(crate) mod kernels;
 mod measure;
+pub(crate) mod opacity_reset;
 
 use std::{collections::VecDeque, sync::Arc};
 
@@ -19,6 +20,7 @@ use omnilife_schemas::{RgbImage, records::Backend};
 use self::{
     device_model::{
         DeviceModel, DevicePart, Moment, PartTables, StepUses, copies, network_time, parts,
+        sh_degree,
     },
     kernels::StepKernels,
 };
@@ -29,7 +31,6 @@ use crate::{
     gaussians::{
         ActivatedGaussians,
         parameterization::{DeviceKind, DeviceTwin, Viewpoint},
-        static_gaussians,
         temporal::TemporalFeatures,
     },
     losses::photometric::gpu::{loss_value, target_image},
@@ -128,11 +129,12 @@ impl<'a> GpuStepper<'a> {
         settings: &TrainSettings,
     ) -> Result<Self, EngineError> {
         check(&model)?;
+        let gaussians = model.len();
         let size = (inputs.camera.width(), inputs.camera.height());
         let look_interval = LOOK_INTERVAL as usize;
         let kernels = StepKernels::new(Arc::clone(&gpu), size, (&model, settings), look_interval)?;
         let targets = inputs.views.iter().map(|view| target_image(&gpu, view));
-        Ok(Self {
+        let stepper = Self {
             inputs,
             settings: settings.clone(),
             kernels,
@@ -144,21 +146,42 @@ impl<'a> GpuStepper<'a> {
             pending: VecDeque::new(),
             statistics: StepStatistics::default(),
             gpu,
-        })
+        };
+        let room = stepper.room_for_gaussians();
+        if gaussians > room {
+            return Err(GpuError::TooSmall {
+                adapter: stepper.gpu.adapter().name.clone(),
+                what: "a model (Gaussians)".to_owned(),
+                needed: gaussians as u64,
+                offered: room as u64,
+            }
+            .into());
+        }
+        Ok(stepper)
     }
 
-    fn shape(&self) -> RenderShape {
-        let len = self.model.len();
-        let degrees = self.model.parts.iter();
-        let degrees = degrees.map(|part| static_gaussians::sh_degree(&part.table));
+    /// Gaussians for which the largest buffer of the adapter suffices, where a view has no more entries in
+    /// tiles than most have.
+    fn room_for_gaussians(&self) -> usize {
+        let tables = self.model.parts.iter().map(|part| {
+            let arrays = part.table.arrays.iter();
+            size_of::<f32>() * arrays.map(|array| array.width).sum::<usize>()
+        });
+        let largest = tables.max().unwrap_or(0);
+        let bytes = largest.max(self.shape(1).largest_buffer());
+        usize::try_from(self.gpu.largest_buffer()).unwrap_or(usize::MAX) / bytes
+    }
+
+    /// For so many Gaussians.
+    fn shape(&self, gaussians: usize) -> RenderShape {
         let dynamics = self.settings.dynamics.as_ref();
         RenderShape {
-            gaussians: len,
-            sh_degree: degrees.max().unwrap_or(0),
+            gaussians,
+            sh_degree: sh_degree(&self.model),
             features: dynamics.map_or(0, |dynamics| dynamics.features.count()),
             width: self.inputs.size()[0],
             height: self.inputs.size()[1],
-            entries: self.entries.max(RenderShape::first_entries(len)),
+            entries: self.entries.max(RenderShape::first_entries(gaussians)),
         }
     }
 
@@ -177,14 +200,15 @@ impl<'a> GpuStepper<'a> {
     /// Makes a model of parameters that are on the device.
     fn put(&mut self, tables: Vec<PartTables>) -> Result<(), GpuError> {
         let dynamics = self.settings.dynamics.as_ref();
-        let parts = parts(&self.gpu, &self.model, dynamics, tables)?;
+        let of_all = (dynamics, &self.kernels.row_mover);
+        let parts = parts(&self.gpu, &self.model, of_all, tables)?;
         self.on_device = Some(self.device_model(parts)?);
         Ok(())
     }
 
     /// The model with the programs of a step on it.
     fn device_model(&mut self, parts: Vec<DevicePart>) -> Result<DeviceModel, GpuError> {
-        let shape = self.shape();
+        let shape = self.shape(parts.iter().map(|part| part.table.capacity).sum());
         self.entries = shape.entries;
         self.kernels.device_model(parts, shape)
     }
@@ -340,7 +364,10 @@ impl<'a> GpuStepper<'a> {
     fn move_pose(&mut self, step: &Pending) -> Result<(), EngineError> {
         self.settle()?;
         let model = self.take_model()?;
-        let parts = model.pose.as_ref().map(|pose| pose.parts.read(&self.gpu));
+        let parts = model.pose.as_ref().map(|pose| {
+            let count = by_camera::part_count(self.model.len());
+            pose.parts.read_range(&self.gpu, 0..count)
+        });
         self.on_device = Some(model);
         let gradient = parts.transpose()?.map(|parts| by_camera::sum(&parts));
         pose_refinement::move_pose(
@@ -453,16 +480,41 @@ impl Stepper for GpuStepper<'_> {
             change(self.model_mut()?);
             return Ok(());
         }
-        // The renderer's buffers go before further tables are made: both may not fit.
-        let parts = self.take_model()?.parts;
+        let mut on_device = self.take_model()?;
         let gpu = Arc::clone(&self.gpu);
-        let mut outline = density::outline(&gpu, &self.model, &parts)?;
+        let mut outline = density::outline(&gpu, &self.model, &on_device.parts)?;
         change(&mut outline);
-        let mover = &self.kernels.row_mover;
-        let tables = density::follow(&gpu, mover, &outline, &mut self.model, parts)?;
-        self.put(tables)?;
+        density::resize(&mut self.model, &outline);
+        if on_device.has_room(&self.model) {
+            density::follow(&gpu, &outline, &mut on_device);
+            on_device.place(&gpu, &self.model);
+            self.on_device = Some(on_device);
+        } else {
+            // The renderer's buffers go before further tables are made: both may not fit.
+            let parts = on_device.parts;
+            let maximum = self.settings.densify.maximum_gaussians;
+            let maximum = usize::try_from(maximum).unwrap_or(usize::MAX);
+            let maximum = maximum.min(self.room_for_gaussians());
+            let mover = (&self.kernels.row_mover, maximum);
+            let tables = density::follow_larger(&gpu, mover, &outline, parts)?;
+            self.put(tables)?;
+        }
         self.newest = Newest::Device;
         Ok(())
+    }
+
+    fn reset_opacities(&mut self) -> Result<(), EngineError> {
+        self.settle()?;
+        self.upload()?;
+        let model = self.take_model()?;
+        model.opacity_reset.submit(&self.gpu);
+        self.on_device = Some(model);
+        self.newest = Newest::Device;
+        Ok(())
+    }
+
+    fn most_gaussians(&self) -> Option<usize> {
+        Some(self.room_for_gaussians())
     }
 
     fn image(&mut self, view: &View, sh_degree: usize) -> Result<RgbImage, EngineError> {

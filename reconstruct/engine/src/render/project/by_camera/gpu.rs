@@ -53,13 +53,12 @@ impl PoseGradients {
         program: &mut Program,
         buffers: &RenderBuffers,
     ) -> Result<DeviceBuffer<DevicePoseGradient>, GpuError> {
-        let len = buffers.shape.gaussians;
-        let groups = len.div_ceil(WORKGROUP as usize);
+        let groups = part_count(buffers.shape.gaussians);
         let partials = DeviceBuffer::zeros(gpu, "gradient by the pose", groups)?;
         program.run(
             gpu,
             &self.pose_gradient,
-            len,
+            &buffers.rows,
             &[
                 &buffers.view.raw,
                 &buffers.activated.gaussians.raw,
@@ -71,6 +70,11 @@ impl PoseGradients {
         );
         Ok(partials)
     }
+}
+
+/// Parts of the gradient by so many Gaussians.
+pub(crate) fn part_count(gaussians: usize) -> usize {
+    gaussians.div_ceil(WORKGROUP as usize)
 }
 
 /// The gradient of its parts.
