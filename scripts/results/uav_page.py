@@ -1,9 +1,9 @@
 """Puts the tables and images of scripts/results/uav into docs/results/uav.md, between its two markers.
 
-    python3 uav_page.py FOLDER SCENE RENDERING PAGE
+    python3 uav_page.py FOLDER SCENE RENDERING PAGE [EMPTY]
 
 FOLDER is what scripts/results/uav filled, SCENE the scene that was trained on, RENDERING what
-uav_scene.py was given. Needs NumPy and Pillow.
+uav_scene.py was given, EMPTY the same without what moves. Needs NumPy and Pillow.
 """
 
 import json
@@ -11,13 +11,15 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageFilter
 
 BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
 # A view whose emptied region is smaller has no score of its own, pixels.
 LEAST_PIXELS = 50
 # Frames that show what is behind a vehicle.
 OTHERS = 9
+# Around what covers a vehicle, pixels: its shadow falls there.
+MARGIN = 4
 # Shown: a given frame and two novel ones.
 SHOWN = [16, 17, 25]
 
@@ -157,14 +159,38 @@ class Road:
         squares = np.concatenate(squares)
         return -10 * np.log10(squares.mean()), len(squares) // 3
 
+    def score_against(self, views, empty):
+        """The same against a rendering without what moves; and with a margin, where shadows were."""
+        scores = []
+        for margin in (0, MARGIN):
+            squares = []
+            for number, frame in enumerate(self.frames):
+                mask = Image.fromarray(np.isin(self.instances[number], self.moving).astype(np.uint8) * 255)
+                region = np.asarray(mask.filter(ImageFilter.MaxFilter(2 * margin + 1)) if margin else mask) > 0
+                if region.sum() >= LEAST_PIXELS:
+                    truth = Image.open(empty / frame["rgb"]).convert("RGB").resize((self.width, self.height), Image.BOX)
+                    shown = self.image(views / f"{number:06}.png")
+                    squares.append(((shown - np.asarray(truth, float) / 255) ** 2)[region].reshape(-1))
+            scores.append(-10 * np.log10(np.concatenate(squares).mean()))
+        return scores
 
-def of_removal(folder, road):
-    lines = ["| What was taken out | Emptied region, dB | Pixels |", "|---|---:|---:|"]
-    for title, name in [("nothing (`odgs`)", "odgs"), ("all, tracks by `motion`", "removed-object-graph"),
-                        ("all, exact tracks", "removed-exact")]:
+
+def of_removal(folder, road, empty):
+    head = "| What was taken out | Emptied region, dB | Pixels |"
+    lines = [head + (f" Rendered without vehicles, dB | {MARGIN} pixels around too, dB |" if empty else ""),
+             "|---|---:|---:|" + ("---:|---:|" if empty else "")]
+    for title, name in [("nothing (`odgs`)", "odgs"), ("nothing (`object-graph`, tracks by `motion`)", "object-graph"),
+                        ("all, tracks by `motion`", "removed-object-graph"), ("all, exact tracks", "removed-exact")]:
         score, pixels = road.score(folder / "views" / name)
-        lines.append(f"| {title} | {score:.2f} | {pixels} |")
+        of_empty = "".join(f" {score:.2f} |" for score in road.score_against(folder / "views" / name, empty)) if empty else ""
+        lines.append(f"| {title} | {score:.2f} | {pixels} |{of_empty}")
     return lines
+
+
+def of_street(folder):
+    kinds = [("`odgs`", "street-odgs"), ("`object-graph`, exact tracks", "street-object-graph")]
+    rows = of_runs(folder, kinds)
+    return ["### Panoramas", "", *rows, ""] if len(rows) > 2 else []
 
 
 def images(folder, scene, page):
@@ -186,7 +212,7 @@ def images(folder, scene, page):
 
 
 def main():
-    folder, scene, rendering, page = map(Path, sys.argv[1:])
+    folder, scene, rendering, page, *empty = map(Path, sys.argv[1:])
     hardware = read(folder / "runs/odgs-0/run.json")["hardware"]
     iterations = read(folder / "runs/odgs-0/run.json")["iterations"]
     road = Road(scene, rendering)
@@ -200,7 +226,8 @@ def main():
             "several seeds, the mean and half of the range; PSNR in dB.", "", "### Geometry", "",
             *of_geometry(folder), "", "### Tracks", "",
             *of_tracks(folder), "", "### Views", "", *of_runs(folder, main_runs), "", "### Components", "",
-            *of_runs(folder, ablated), "", "### Removal", "", *of_removal(folder, road), "",
+            *of_runs(folder, ablated), "", *of_street(folder), "### Removal", "",
+            *of_removal(folder, road, empty[0] if empty else None), "",
             *images(folder, scene, page)]
     whole = page.read_text()
     before, rest = whole.split(BEGIN)
