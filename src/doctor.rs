@@ -3,7 +3,7 @@
 use std::{fmt, path::Path, process::Command, thread};
 
 use omnilife_bench::lpips::Backbone;
-use omnilife_curate::{boundaries::transnetv2, masks::deeplab, poses::sfm};
+use omnilife_curate::{boundaries::transnetv2, masks::deeplab, poses::sfm, tracks::appearance};
 use omnilife_engine::device::adapters;
 use omnilife_reconstruct::jobs::export::page;
 use serde::{Serialize, Serializer, ser::SerializeStruct};
@@ -231,6 +231,10 @@ fn network_weights() -> Finding {
         (
             "DeepLab: masks of people and vehicles",
             deeplab::published_weights(),
+        ),
+        (
+            "DeepSORT: tracks of vehicles by what they look like",
+            appearance::published_weights(),
         ),
     ];
     let (mut found, mut missing) = (Vec::new(), Vec::new());

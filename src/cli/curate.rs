@@ -217,6 +217,14 @@ pub(crate) enum CurateCommand {
         /// Boxes of another program for the detector files: MOT text, or COCO JSON.
         #[arg(long, value_name = "FILE")]
         detections: Option<PathBuf>,
+        /// How far away they are: on the ground around them, or by distances that a network estimated
+        /// (`curate poses --depth-prior`); auto says which, and why.
+        #[arg(long, default_value = "auto")]
+        distance: String,
+        /// How those of one vehicle are found: by whole chains on the ground, or as DeepSORT does in the image,
+        /// with its appearance network (scripts/setup --models).
+        #[arg(long, default_value = "ground-chains")]
+        association: String,
         /// Metres in a unit of the world, where the scene does not say.
         #[arg(long, value_name = "METRES")]
         metres_per_unit: Option<f64>,

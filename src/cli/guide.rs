@@ -5,7 +5,7 @@
 
 use clap::{Command, CommandFactory, Id};
 use omnilife_bench::{ADAPTERS, PROTOCOLS};
-use omnilife_curate::{boundaries::DETECTORS, exchange, masks};
+use omnilife_curate::{boundaries::DETECTORS, exchange, masks, tracks};
 use omnilife_reconstruct::methods::METHODS;
 
 use super::Cli;
@@ -112,6 +112,7 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         &[
             "curate tracks SEQUENCE --split split.json",
             "curate tracks SEQUENCE --split split.json --detector files --detections boxes.txt",
+            "curate tracks SEQUENCE --detector files --detections boxes.txt --association deepsort",
         ],
     ),
     (
@@ -316,6 +317,9 @@ pub(crate) const VALUES: &[Values] = &[
     ("curate export", "format", format_names),
     ("curate import", "format", format_names),
     ("curate masks", "method", mask_method_names),
+    ("curate tracks", "detector", vehicle_detector_names),
+    ("curate tracks", "distance", distance_names),
+    ("curate tracks", "association", association_names),
     ("bench adapter", "method", adapter_names),
 ];
 
@@ -337,6 +341,21 @@ fn format_names() -> Vec<&'static str> {
 
 fn mask_method_names() -> Vec<&'static str> {
     masks::METHODS.iter().map(|method| method.id).collect()
+}
+
+fn vehicle_detector_names() -> Vec<&'static str> {
+    let detectors = tracks::detectors::DETECTORS.iter();
+    detectors.map(|detector| detector.id).collect()
+}
+
+fn distance_names() -> Vec<&'static str> {
+    let distances = tracks::distance::DISTANCES.iter();
+    distances.map(|distance| distance.id).collect()
+}
+
+fn association_names() -> Vec<&'static str> {
+    let associations = tracks::association::ASSOCIATIONS.iter();
+    associations.map(|association| association.id).collect()
 }
 
 fn adapter_names() -> Vec<&'static str> {

@@ -99,6 +99,8 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
             split,
             detector,
             detections,
+            distance,
+            association,
             metres_per_unit,
             out,
         } => {
@@ -108,6 +110,8 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
                 split: split.clone(),
                 detector: detector.clone(),
                 detections: detections.clone(),
+                distance: distance.clone(),
+                association: association.clone(),
                 metres_per_unit: *metres_per_unit,
                 out: out.clone().unwrap_or_else(|| beside.to_owned()),
             };

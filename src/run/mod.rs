@@ -26,7 +26,7 @@ use omnilife_curate::{
     GivenTruth, IgnoredRegion, PoseRequest, curate_dataset_in,
     dense::{self, DenseRequest, make_dense},
     expand_inputs, pose_sequence_with,
-    tracks::{TrackRequest, make_tracks},
+    tracks::{TrackRequest, association, distance, make_tracks},
 };
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard_of};
 use omnilife_reconstruct::{
@@ -39,7 +39,7 @@ use omnilife_schemas::{
     camera::Camera,
     layout::{DATASET_FILE, DENSE_FOLDER, SCENE_FILE, SPLIT_FILE},
     progress::Progress,
-    records::{Dataset, ResultRecord, Scene, VideoStatus},
+    records::{Dataset, PoseSource, ResultRecord, Scene, VideoStatus},
     stage::StagePlan,
     store,
 };
@@ -322,13 +322,18 @@ impl Job<'_> {
         let protocol_folder = folder.join(&self.protocol);
         let (scene, split) = (folder.join(SCENE_FILE), protocol_folder.join(SPLIT_FILE));
         split_scene(&scene, &self.protocol, &split)?;
-        self.make_dense_points(folder, &posed, &split)?;
+        // A camera that hovers has no points, and what moves is tracked without any.
+        if !matches!(posed.pose_source, PoseSource::Registered { .. }) {
+            self.make_dense_points(folder, &posed, &split)?;
+        }
         if self.method == object_graph::METHOD.id {
             let request = TrackRequest {
                 scene_folder: folder.to_owned(),
                 split: Some(split.clone()),
                 detector: "motion".to_owned(),
                 detections: None,
+                distance: distance::AUTO.to_owned(),
+                association: association::GROUND_CHAINS.to_owned(),
                 metres_per_unit: None,
                 out: protocol_folder.clone(),
             };

@@ -18,10 +18,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use glam::{DMat3, DQuat, DVec3};
 use omnilife_schemas::{
     Pose, RgbImage,
-    camera::{Camera, PinholeCamera},
+    camera::Camera,
     image_file::ImageFile,
     layout::POINTS_FILE,
     points::PointCloud,
@@ -33,10 +32,7 @@ use rayon::prelude::*;
 use serde::Deserialize;
 
 use super::{ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format};
-use crate::{
-    error::CurateError,
-    motion::pinhole_turns::{GreyFrame, turns},
-};
+use crate::{error::CurateError, motion::pinhole_turns::GreyFrame, poses::turns};
 
 /// The format.
 pub const FORMAT: Format = Format {
@@ -50,11 +46,6 @@ pub const FORMAT: Format = Format {
 
 /// Poses of a clip.
 const POSES_FILE: &str = "poses.json";
-/// Neighbouring frames are registered where at least this share of the pixels fits.
-const GOOD_FIT: f64 = 0.8;
-/// A path of the image's middle below this is no motion, pixels.
-const STILL: f64 = 2.0;
-
 #[derive(Deserialize)]
 struct CameraFile {
     /// Pixels.
@@ -141,19 +132,6 @@ struct Posed {
     poses: Vec<Option<Pose>>,
     points: PointCloud,
     source: PoseSource,
-}
-
-/// A pinhole with square pixels and a centred principal point; the focal length in pixels.
-fn pinhole([width, height]: [usize; 2], focal: f64) -> Camera {
-    PinholeCamera {
-        width: width as u32,
-        height: height as u32,
-        fx: focal,
-        fy: focal,
-        cx: 0.5 * width as f64,
-        cy: 0.5 * height as f64,
-    }
-    .into()
 }
 
 fn is_image(path: &Path) -> bool {
@@ -262,7 +240,7 @@ fn given_poses(
     }
     let camera = match (record.camera, focal_of(folder)?) {
         (Some(camera), _) => camera,
-        (None, Some(focal)) => pinhole(size, focal),
+        (None, Some(focal)) => turns::pinhole(size, focal),
         (None, None) => {
             let reason = "has no camera, and there is no camera.json with the focal length";
             return Err(CurateError::input(path, reason));
@@ -293,37 +271,15 @@ fn registered(
         .par_iter()
         .map(|image| grey_frame(image, objects, [width, height]))
         .collect::<Result<_, CurateError>>()?;
-    let found = turns(&frames, focal.map(|focal| focal / width as f64));
-    let pixels = found.path * width as f64;
-    let succeeded = found.least_fit >= GOOD_FIT;
-    let is_still = succeeded && pixels < STILL;
-    let fit = format!(
-        "at least {:.0} % of the pixels fit ({:.0} % expected)",
-        100.0 * found.least_fit,
-        100.0 * GOOD_FIT
-    );
-    let lens = match focal {
-        Some(_) => "a given focal length".to_owned(),
-        None => format!(
-            "a focal length of {:.2} widths, the best of a grid",
-            found.focal
-        ),
-    };
-    let path = format!("the image's middle moves by {pixels:.1} pixels in all");
-    let reason = match (succeeded, is_still) {
-        (false, _) => format!("turns of uncertain registration, {lens}: {fit}; {path}"),
-        (true, true) => format!("a still camera, {lens}: {fit}; {path}"),
-        (true, false) => format!("turns, {lens}: {fit}; {path}"),
-    };
-    let poses = found.rotations.iter().map(|&rotation| {
-        let rotation = if is_still { DQuat::IDENTITY } else { rotation };
-        Pose::from_matrix(DMat3::from_quat(rotation), DVec3::ZERO)
-    });
+    let found = turns::registered(&frames, [width, height], focal);
     Ok(Posed {
-        camera: pinhole([width, height], found.focal * width as f64),
-        poses: poses.collect(),
+        camera: found.camera,
+        poses: found.poses,
         points: PointCloud::default(),
-        source: PoseSource::Registered { reason, succeeded },
+        source: PoseSource::Registered {
+            reason: found.reason,
+            succeeded: found.succeeded,
+        },
     })
 }
 
@@ -334,10 +290,6 @@ fn grey_frame(
 ) -> Result<GreyFrame, CurateError> {
     let [width, height] = size;
     let rgb = RgbImage::decode(ImageFile::open(image)?.expect_size(size)?)?;
-    let (pixels, _) = rgb.data.as_chunks::<3>();
-    let luma = pixels
-        .iter()
-        .map(|[r, g, b]| 255.0 * (0.2126 * r + 0.7152 * g + 0.0722 * b));
     let mut open = vec![true; width * height];
     for masks in objects.values() {
         let Some(file) = masks.get(&stem(image)) else {
@@ -355,10 +307,5 @@ fn grey_frame(
             }
         }
     }
-    Ok(GreyFrame {
-        width,
-        height,
-        luma: luma.collect(),
-        open,
-    })
+    Ok(turns::grey_frame(&rgb, open))
 }

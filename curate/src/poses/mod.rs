@@ -14,10 +14,12 @@ mod ignored;
 pub mod lens;
 pub mod level;
 pub(crate) mod masks;
+mod parallax;
 mod prior;
 pub mod sfm;
 mod straight_frames;
 mod truth;
+pub(crate) mod turns;
 pub mod validate;
 
 use std::{
@@ -120,12 +122,16 @@ pub fn pose_sequence_with(
     let started = Instant::now();
     let mut posed = match request {
         PoseRequest::Given(path) => given::read(path, &sequence)?,
-        PoseRequest::Sfm(settings) => sfm::run(
-            sequence_folder,
-            &sequence,
-            (settings, &truth.ignored),
-            progress,
-        )?,
+        PoseRequest::Sfm(settings) => {
+            let found = sfm::run(
+                sequence_folder,
+                &sequence,
+                (settings, &truth.ignored),
+                progress,
+            );
+            let hovering = turns::of_hovering(sequence_folder, &sequence, &found, progress)?;
+            hovering.map_or(found, Ok)?
+        }
     };
     if let Some(scale) = scale {
         scale

@@ -1,13 +1,18 @@
 //! What moves through a posed scene: from boxes in its images to paths in its world.
 //!
 //! Stages, each with its evidence in the record: a detector ([`detectors`]), the distance of each detection
-//! ([`rings`]), which of them are of one object ([`association`]), its path ([`spline_fit`]), where it
-//! heads and how large it is ([`boxes`]). What does not move is left to what is static.
+//! ([`distance`], on the ground by [`rings`] or by [`alignment`] of estimates), which of them are of one object
+//! ([`association`]), its path ([`spline_fit`]), where it heads and how large it is ([`boxes`]). What does not
+//! move is left to what is static. A camera that hovers has a plane in place of a scene ([`hover`]).
 
+pub mod alignment;
+pub mod appearance;
 pub mod association;
 pub mod banded;
 pub mod boxes;
 pub mod detectors;
+pub mod distance;
+mod hover;
 mod page;
 mod path;
 pub mod rings;
@@ -39,16 +44,12 @@ use crate::{
     ground_plane::Plane,
     posed_view::{PosedView, frames_of},
 };
-use association::Sighting;
+use association::{ASSOCIATIONS, Sighting, deepsort};
 use detectors::{DETECTORS, Detector, DetectorInput};
-use rings::{LEAST_RING_POINTS, PointsInView};
+use distance::DISTANCES;
 
 /// The page to look at, beside the tracks.
 pub const PAGE_FILE: &str = "tracks.html";
-/// A plane in a ring holds points that are this near to it, metres.
-const RING_REACH: f64 = 0.1;
-/// What is measured of a vehicle is so high above the ground: half of a car's height, metres.
-const HALF_HEIGHT: f64 = 0.75;
 /// Boxes end at the border where they come this near to it, pixels.
 const BORDER: f64 = 1.5;
 
@@ -63,6 +64,10 @@ pub struct TrackRequest {
     pub detector: String,
     /// A file of boxes.
     pub detections: Option<PathBuf>,
+    /// Name of the way to find distances, of [`DISTANCES`].
+    pub distance: String,
+    /// Name of the way to find what is of one object, of [`ASSOCIATIONS`].
+    pub association: String,
     /// Metres in a unit of the world, where the scene does not say.
     pub metres_per_unit: Option<f64>,
     /// Folder of the result.
@@ -80,6 +85,13 @@ pub fn make_tracks(request: &TrackRequest, progress: &dyn Progress) -> Result<Tr
     let frames = frames_of(&scene, request.split.as_deref())?;
     let detector = names::find("detector", &request.detector, DETECTORS, |one| one.id)
         .map_err(|unknown| CurateError::input(&scene_path, unknown.to_string()))?;
+    let unknown =
+        |unknown: names::UnknownName| CurateError::input(&scene_path, unknown.to_string());
+    names::find("distance", &request.distance, DISTANCES, |one| one.id).map_err(unknown)?;
+    names::find("association", &request.association, ASSOCIATIONS, |one| {
+        one.id
+    })
+    .map_err(unknown)?;
     let known_scale = metres_per_unit(&scene_path, &scene, request.metres_per_unit)?;
     let beside = request.split.as_deref().and_then(Path::parent);
     let beside = beside.unwrap_or(&request.scene_folder);
@@ -97,16 +109,25 @@ pub fn make_tracks(request: &TrackRequest, progress: &dyn Progress) -> Result<Tr
     let _lock = FolderLock::take(&request.out, progress)?;
     plan.claim([TRACKS_FILE, PAGE_FILE])?;
     let begun = Instant::now();
-    let points = match &known {
-        Some(points) => PointCloud::read_ply(&points.file)?,
-        None => PointCloud::default(),
-    };
-    let points: Vec<DVec3> = points
-        .positions
-        .iter()
-        .map(|&point| DVec3::from_array(point.map(f64::from)))
-        .collect();
     let views = PosedView::of_scene(&scene, &frames);
+    let mut warnings = Vec::new();
+    let points: Vec<DVec3> = match &known {
+        Some(points) => {
+            let points = PointCloud::read_ply(&points.file)?.positions.into_iter();
+            points
+                .map(|point| DVec3::from_array(point.map(f64::from)))
+                .collect()
+        }
+        None if hover::is_hovering(&scene, &views) => {
+            warnings.push(
+                "the camera hovers, and without parallax there is no ground: tracks are on a plane across the \
+                 viewing direction, images are compared by homographies"
+                    .to_owned(),
+            );
+            hover::plane_points(&views)
+        }
+        None => Vec::new(),
+    };
     let centres: Vec<DVec3> = views.iter().map(|view| view.centre).collect();
     let (plane, _) = Plane::dominant(&points, &centres).ok_or_else(|| {
         CurateError::input(
@@ -119,6 +140,7 @@ pub fn make_tracks(request: &TrackRequest, progress: &dyn Progress) -> Result<Tr
         scene: &scene,
         views: &views,
         points: &points,
+        ground: plane,
         metres_per_unit: known_scale.unwrap_or(1.0),
         file: request.detections.as_ref(),
     };
@@ -137,6 +159,8 @@ pub fn make_tracks(request: &TrackRequest, progress: &dyn Progress) -> Result<Tr
         points: &points,
         plane,
         metres_per_unit: input.metres_per_unit,
+        request,
+        warnings,
     };
     let tracks = work.run(stages, detector, &input, progress)?;
     page::write(
@@ -189,6 +213,8 @@ fn plan(
     let mut plan = StagePlan::new(&request.out, "tracks")
         .with_file(scene_path)?
         .with_text("detector", &request.detector)
+        .with_text("distance", &request.distance)
+        .with_text("association", &request.association)
         .with_settings("frames", &frames)
         .with_settings("metres per unit", &metres_per_unit);
     if let Some(file) = &request.detections {
@@ -196,7 +222,9 @@ fn plan(
     }
     for &frame in frames {
         if let Some(entry) = scene.frames.get(frame as usize) {
-            for file in std::iter::once(&entry.image).chain(&entry.ignore_mask) {
+            let prior = entry.depth_prior.iter().map(|prior| &prior.file);
+            let masks = entry.ignore_mask.iter();
+            for file in std::iter::once(&entry.image).chain(masks).chain(prior) {
                 plan = plan.with_file(&request.scene_folder.join(file))?;
             }
         }
@@ -212,19 +240,14 @@ struct Tracking<'a> {
     /// The ground of most of the scene.
     plane: Plane,
     metres_per_unit: f64,
-}
-
-/// What distances rest on.
-#[derive(Default)]
-struct GroundUse {
-    rings: usize,
-    dominant: usize,
-    none: usize,
+    request: &'a TrackRequest,
+    /// What is to be told of the scene.
+    warnings: Vec<String>,
 }
 
 impl Tracking<'_> {
     fn run(
-        &self,
+        self,
         mut stages: Vec<TrackStage>,
         detector: &Detector,
         input: &DetectorInput<'_>,
@@ -236,28 +259,36 @@ impl Tracking<'_> {
         let found = format!("{} boxes in {} frames", detections.len(), self.views.len());
         stages.push(stage("detector", detector.id, found, begun));
         let begun = Instant::now();
-        let ground = self.lift(&mut detections, plane);
-        let reason = format!(
-            "{} on the plane of the points in a ring around them, {} on the ground of the whole scene \
-             (fewer than {LEAST_RING_POINTS} points in the ring), {} above the horizon",
-            ground.rings, ground.dominant, ground.none
-        );
-        stages.push(stage("distance", "ground", reason, begun));
+        let scene_path = input.folder.join(SCENE_FILE);
+        let lifted = self.lift(&mut detections, input, &scene_path, &self.request.distance)?;
+        stages.push(stage("distance", lifted.method, lifted.reason, begun));
         let begun = Instant::now();
-        let groups = self.associate(&detections, plane);
+        let groups = if self.request.association == association::DEEPSORT {
+            let (groups, said) = self.associate_by_appearance(&detections, input)?;
+            stages.push(stage("appearance", association::DEEPSORT, said, begun));
+            groups
+        } else {
+            self.associate(&detections, plane)
+        };
         let in_groups: usize = groups.iter().map(Vec::len).sum();
         let reason = format!(
             "{} objects of {in_groups} detections; {} are of nothing that lasts",
             groups.len(),
             detections.len() - in_groups
         );
-        stages.push(stage("association", "ground-chains", reason, begun));
+        stages.push(stage(
+            "association",
+            &self.request.association,
+            reason,
+            begun,
+        ));
         let begun = Instant::now();
-        let mut warnings = Vec::new();
+        let mut warnings = [self.warnings.clone(), lifted.warnings].concat();
+        let told = warnings.len();
         let mut tracks: Vec<Track> = Vec::new();
         for group in groups {
             let id = tracks.len() as u32 + 1;
-            match self.track(id, &group, &detections, plane) {
+            match self.track(id, &group, &detections, plane, lifted.sigma) {
                 Ok(track) => {
                     group
                         .iter()
@@ -274,7 +305,7 @@ impl Tracking<'_> {
         let reason = format!(
             "{} paths, their knots by BIC; {} objects left out; {} boxes fill gaps",
             tracks.len(),
-            warnings.len(),
+            warnings.len() - told,
             filled.len()
         );
         detections.extend(filled);
@@ -297,42 +328,6 @@ impl Tracking<'_> {
 
     fn view(&self, frame: u32) -> Option<&PosedView> {
         self.views.iter().find(|view| view.frame == frame)
-    }
-
-    /// Gives detections their distances and places.
-    fn lift(&self, detections: &mut [Detection], dominant: Plane) -> GroundUse {
-        let mut counts = GroundUse::default();
-        let unit = 1.0 / self.metres_per_unit;
-        for view in self.views {
-            let mut of_view = detections
-                .iter_mut()
-                .filter(|detection| detection.frame == view.frame)
-                .peekable();
-            if of_view.peek().is_none() {
-                continue;
-            }
-            let points = PointsInView::new(view, self.points);
-            for detection in of_view {
-                let ring = points.ring(detection.box_pixels);
-                let local = (ring.len() >= LEAST_RING_POINTS)
-                    .then(|| Plane::of_most(&ring, RING_REACH * unit, Some(dominant.normal)))
-                    .flatten()
-                    .filter(|(_, inside)| *inside >= LEAST_RING_POINTS / 2);
-                let plane = local.map_or(dominant, |(plane, _)| plane);
-                let ray = view.ray(middle(detection.box_pixels));
-                let Some(distance) = plane.raised(HALF_HEIGHT * unit).meet(view.centre, ray) else {
-                    counts.none += 1;
-                    continue;
-                };
-                match local {
-                    Some(_) => counts.rings += 1,
-                    None => counts.dominant += 1,
-                }
-                detection.distance = Some(distance);
-                detection.position = Some((view.centre + ray * distance).to_array());
-            }
-        }
-        counts
     }
 
     /// Groups detections by object.
@@ -361,6 +356,41 @@ impl Tracking<'_> {
                     .collect()
             })
             .collect()
+    }
+
+    /// Groups detections as `DeepSORT` does, and whether what they look like changed anything.
+    fn associate_by_appearance(
+        &self,
+        detections: &[Detection],
+        input: &DetectorInput<'_>,
+    ) -> Result<(Vec<Vec<usize>>, String), CurateError> {
+        // What has no place cannot be of a path.
+        let numbers: Vec<usize> = (0..detections.len())
+            .filter(|&number| detections[number].position.is_some())
+            .collect();
+        let own: Vec<Detection> = numbers.iter().map(|&n| detections[n].clone()).collect();
+        let boxes: Vec<[f64; 4]> = own.iter().map(|one| one.box_pixels).collect();
+        let of_view = |view: &PosedView| -> Vec<usize> {
+            (0..own.len())
+                .filter(|&at| own[at].frame == view.frame)
+                .collect()
+        };
+        let frames: Vec<Vec<usize>> = self.views.iter().map(of_view).collect();
+        let embeddings = appearance::embeddings(input, &own)?;
+        let without = deepsort::associate(&boxes, &frames, None);
+        let with = deepsort::associate(&boxes, &frames, Some(&embeddings));
+        let changed = association::changed(&without, &with, own.len());
+        let (groups, said) = if changed == 0 {
+            (without, "left out: it changes no assignment".to_owned())
+        } else {
+            let said = format!(
+                "kept: it changes whom {changed} of {} boxes belong to",
+                own.len()
+            );
+            (with, said)
+        };
+        let in_all = |group: Vec<usize>| group.into_iter().map(|at| numbers[at]).collect();
+        Ok((groups.into_iter().map(in_all).collect(), said))
     }
 
     /// A lifted detection as it is associated with others.

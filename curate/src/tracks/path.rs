@@ -13,8 +13,6 @@ use super::{
 };
 use crate::ground_plane::Plane;
 
-/// Relative standard deviation of a distance to the ground.
-const SIGMA_GROUND: f64 = 0.005;
 /// The middle of a box that the border of the image cuts off is so much less certain than of others.
 const SLACK_CUT: f64 = 6.0;
 /// Boxes that are cut off at an end of a path are left out of its fit where they are within this of a whole
@@ -28,13 +26,15 @@ const LONGEST_EXTENSION: f64 = 1.0;
 const LEAST_DISPLACEMENT: f64 = 1.0;
 
 impl Tracking<'_> {
-    /// The track of a group of detections; why there is none, where it does not move.
+    /// The track of a group of detections, whose distances have a relative standard deviation; why there is none,
+    /// where it does not move.
     pub(super) fn track(
         &self,
         id: u32,
         group: &[usize],
         detections: &[Detection],
         plane: Plane,
+        sigma_distance: f64,
     ) -> Result<Track, String> {
         let mut observations = Vec::new();
         let mut boxes = Vec::new();
@@ -57,7 +57,7 @@ impl Tracking<'_> {
         let seconds = observations.first().map_or(0.0, |first| first.view.seconds);
         let named = format!("what is first seen at {seconds:.2} s");
         let kept = without_cut_ends(&observations);
-        let fitted = spline_fit::fit(kept, SIGMA_GROUND)
+        let fitted = spline_fit::fit(kept, sigma_distance)
             .ok_or_else(|| format!("{named} has no path that fits its detections"))?;
         let [first, last] = fitted.spline.range();
         let begin = fitted.spline.position(first);

@@ -15,7 +15,7 @@ use omnilife_schemas::{
     progress::Progress,
     provenance,
     records::{
-        Backend, ComponentDecision, RunRecord, Scene, Split, SurfaceFaults,
+        Backend, ComponentDecision, PoseSource, RunRecord, Scene, Split, SurfaceFaults,
         TraceViews as KeptViews, ViewPredictions,
     },
     scene_points::ScenePoints,
@@ -37,6 +37,7 @@ use crate::{
     methods::{
         self, Method, MethodKind, MethodOutcome,
         neural_atlas::saved::{ATLAS_FILE, ATLAS_VALUES_FILE},
+        object_graph,
         variant::Variant,
     },
     process::{self, Elapsed},
@@ -144,6 +145,7 @@ pub fn reconstruct(
     let method = methods::find(&request.method)?;
     method.check(&request.settings, request.backend)?;
     let scene: Scene = store::read_record(&request.scene)?;
+    refuse_without_parallax(method, &scene)?;
     let (stage, inputs) = plan_stage(request, &scene)?;
     let record_path = request.out.join(RUN_FILE);
     if stage.is_done() {
@@ -212,6 +214,21 @@ pub fn reconstruct(
     stage.finish(outputs, begun.elapsed().as_secs_f64())?;
     store::remove(&request.out.join(CHECKPOINT_FILE))?;
     Ok(record)
+}
+
+/// Refuses a scene whose camera turns where it stands to a method that needs places in space.
+fn refuse_without_parallax(method: &Method, scene: &Scene) -> Result<(), ReconstructError> {
+    if method.id == object_graph::METHOD.id
+        && let PoseSource::Registered { reason, .. } = &scene.pose_source
+    {
+        let reason = format!(
+            "{}: the camera of {} hovers or turns ({reason}): without parallax there are tracks (`omnilife curate \
+             tracks`), and nothing can be reconstructed",
+            method.id, scene.id
+        );
+        return Err(ReconstructError::Request { reason });
+    }
+    Ok(())
 }
 
 /// Trains a method, and leaves its model, views and trace in the run's folder.

@@ -32,10 +32,14 @@ use super::{
     given::{camera_of_frames, frame_names},
     ignored::IgnoredPixels,
     level::{self, Levelling},
-    masks,
+    masks, parallax,
     validate::ValidationLimits,
 };
 use crate::error::CurateError;
+
+/// Measures of how well turns of the camera alone explain what is seen ([`parallax`]).
+pub(super) const TURNS_MEASURE: &str = "turns_alone_pixels";
+pub(super) const TURNS_FOCAL_MEASURE: &str = "turns_alone_focal_pixels";
 
 /// Name of the program in records, before its version.
 pub(super) const TOOL: &str = "pycolmap";
@@ -215,8 +219,16 @@ fn posed(
             ("focal_length_pixels", camera.fx),
             ("distortion_pixels", shift),
         ];
-        let measures = measures.map(|(name, value)| (name.to_owned(), value));
-        validation.measures.extend(measures);
+        let turns = parallax::turns_alone(&model, &names).into_iter();
+        let turns = turns.flat_map(|turns| {
+            [
+                (TURNS_MEASURE, turns.pixels),
+                (TURNS_FOCAL_MEASURE, turns.focal),
+            ]
+        });
+        let measures = measures.into_iter().chain(turns);
+        let measures = measures.filter(|(_, value)| value.is_finite());
+        (validation.measures).extend(measures.map(|(name, value)| (name.to_owned(), value)));
     }
     match level::level(&mut model) {
         Levelling::ByGround { share } => {

@@ -18,6 +18,7 @@
 //! is likelier than nothing. Chains then exchange sightings as long as that makes all of them together
 //! likelier (`exchange`). What stopped for longer than a chain may have gaps is joined at the end.
 
+pub mod deepsort;
 mod exchange;
 mod filter;
 mod stitching;
@@ -55,6 +56,48 @@ const LEAST_SCORE: f64 = 0.5;
 const LEAST_DETECTIONS: usize = 3;
 /// Least area that sightings are taken to be spread over, square metres.
 const LEAST_AREA: f64 = 400.0;
+
+/// A way of finding which detections are of one object.
+#[derive(Debug, Clone, Copy)]
+pub struct Association {
+    /// Name on the command line.
+    pub id: &'static str,
+    /// What it does and when it is right.
+    pub about: &'static str,
+}
+
+/// The default.
+pub const GROUND_CHAINS: &str = "ground-chains";
+/// That of a network.
+pub const DEEPSORT: &str = "deepsort";
+
+/// All of them.
+pub const ASSOCIATIONS: &[Association] = &[
+    Association {
+        id: GROUND_CHAINS,
+        about: "the likeliest chains on the ground over the whole clip; needs no weights",
+    },
+    Association {
+        id: DEEPSORT,
+        about: "from frame to frame in the image, by motion, overlap and the appearance network of DeepSORT \
+                (scripts/setup --models); appearance that changes nothing is left out",
+    },
+];
+
+/// How many of `count` sightings belong to another set of sightings in one grouping than in another.
+pub fn changed(one: &[Vec<usize>], other: &[Vec<usize>], count: usize) -> usize {
+    let group_of = |groups: &[Vec<usize>]| {
+        let mut group_of: Vec<Option<Vec<usize>>> = vec![None; count];
+        for group in groups {
+            group
+                .iter()
+                .for_each(|&at| group_of[at] = Some(group.clone()));
+        }
+        group_of
+    };
+    let pairs = group_of(one).into_iter().zip(group_of(other));
+    pairs.filter(|(one, other)| one != other).count()
+}
 
 /// A place on the ground at a time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -332,6 +375,16 @@ mod tests {
             by_frame.push(numbers);
         }
         (sightings, by_frame, truth)
+    }
+
+    #[test]
+    fn what_belongs_elsewhere_is_counted() {
+        let one = [vec![0, 1, 2], vec![3, 4]];
+        assert_eq!(changed(&one, &one, 6), 0);
+        assert_eq!(changed(&one, &[vec![3, 4], vec![0, 1, 2]], 6), 0);
+        // 2 has gone to 3 and 4: all five are with others now.
+        assert_eq!(changed(&one, &[vec![0, 1], vec![2, 3, 4]], 6), 5);
+        assert_eq!(changed(&one, &[vec![0, 1, 2], vec![3, 4, 5]], 6), 3);
     }
 
     #[test]

@@ -12,8 +12,7 @@ use omnilife_schemas::{
     records::{Detection, Scene},
 };
 
-use crate::error::CurateError;
-use crate::posed_view::PosedView;
+use crate::{error::CurateError, ground_plane::Plane, posed_view::PosedView};
 
 /// What a detector is given.
 #[derive(Debug)]
@@ -26,6 +25,8 @@ pub struct DetectorInput<'a> {
     pub views: &'a [PosedView],
     /// Points of what stands still, world.
     pub points: &'a [DVec3],
+    /// The ground of most of the scene.
+    pub ground: Plane,
     /// Metres in a unit of the world.
     pub metres_per_unit: f64,
     /// A file of boxes, for those that read one.

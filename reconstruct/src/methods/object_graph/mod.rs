@@ -45,9 +45,9 @@ pub const METHOD: Method = Method {
                   of zero instead of a weight decay; Gaussians that leave their object's box are put \
                   back to its side instead of being pruned; no anti-aliasing factor; the black \
                   background of odgs, not a random one; what does not move is static, whatever found it; \
-                  static Gaussians begin at the points that came with the poses, there is no dense \
-                  stereo of its own for perspective views; depth of vehicles is that of the ground, no \
-                  monocular network.",
+                  static Gaussians begin at the points that came with the poses, or at those of `omnilife \
+                  curate dense`; distances of vehicles are those of the ground around them, of a monocular \
+                  network where somebody gives its estimates.",
     components: &[
         OBJECT_GRAPH,
         OBJECT_POSES_COMPONENT,

@@ -4,7 +4,9 @@ use glam::DVec3;
 use omnilife_schemas::{RgbImage, camera::CameraModel};
 use rayon::prelude::*;
 
-use crate::{posed_view::PosedView, tracks::detectors::depth_of_points::DistanceMap};
+use crate::{
+    ground_plane::Plane, posed_view::PosedView, tracks::detectors::depth_of_points::DistanceMap,
+};
 
 /// Surfaces of a warped view may be this much farther or nearer than they should, relatively.
 const OCCLUSION: f32 = 0.03;
@@ -73,16 +75,26 @@ pub(super) fn compared_with(index: usize, seconds: &[f64], background: &[usize])
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SurfacePoint {
     at: DVec3,
-    /// The nearest and the farthest point where it may meet it, beside edges: there the surface is not known
-    /// to a pixel.
-    edge: Option<[DVec3; 2]>,
+    /// Where else it may meet it beside edges: there the surface is not known to a pixel.
+    edge: Option<Edge>,
+}
+
+/// Places at which the ray of a pixel beside an edge may meet the surface.
+#[derive(Debug, Clone, Copy)]
+struct Edge {
+    nearest: DVec3,
+    farthest: DVec3,
+    /// The ground, where it is between the two.
+    ground: Option<DVec3>,
 }
 
 /// The farthest surface around a pixel may be this much beyond the nearest where there is no edge.
 const EDGE: f64 = 1.005;
+/// The ground is between the nearest and the farthest surface when it is by this share beyond either.
+const GROUND_REACH: f64 = 1.02;
 
 /// The static surface that a frame's pixels see; `None` where nothing is known of it.
-pub(super) fn surface(here: &Looked<'_>) -> Vec<Option<SurfacePoint>> {
+pub(super) fn surface(here: &Looked<'_>, ground: Plane) -> Vec<Option<SurfacePoint>> {
     let width = here.image.width;
     let [least, most] = here.distances.around(AROUND);
     let point = |pixel: usize| {
@@ -90,33 +102,178 @@ pub(super) fn surface(here: &Looked<'_>) -> Vec<Option<SurfacePoint>> {
         let (near, far) = (f64::from(least[pixel]), f64::from(most[pixel]));
         let ray = here.view.ray(centre);
         let on_ray = |distance: f64| here.view.centre + ray * distance;
+        let edge = || {
+            let on_ground = ground.meet(here.view.centre, ray);
+            let between = near / GROUND_REACH..=far * GROUND_REACH;
+            Edge {
+                nearest: on_ray(near),
+                farthest: on_ray(far),
+                ground: on_ground.filter(|at| between.contains(at)).map(on_ray),
+            }
+        };
         far.is_finite().then(|| SurfacePoint {
             at: on_ray(f64::from(here.distances.values[pixel])),
-            edge: (far > EDGE * near).then(|| [on_ray(near), on_ray(far)]),
+            edge: (far > EDGE * near).then(edge),
         })
     };
     (0..least.len()).into_par_iter().map(point).collect()
 }
 
-/// Another frame as it would look from here; NaN where it does not show the surface that is here, and
-/// where it does not say which: beside edges the surface is not known to a pixel, and from another place
-/// another colour is behind them.
-pub(super) fn warped(surface: &[Option<SurfacePoint>], other: &Looked<'_>) -> Vec<[f32; 3]> {
+/// Another frame as it would look from here, and how far this one is from it.
+pub(super) struct Compared {
+    /// Its colours; NaN where it does not show the surface that is here.
+    pub(super) colours: Vec<[f32; 3]>,
+    /// Of each pixel's colour; NaN where it says nothing.
+    pub(super) difference: Vec<f32>,
+}
+
+/// Compares a frame with another one through the surface that it sees.
+///
+/// Beside edges the surface is not known to a pixel, and from another place another colour is behind them.
+/// Where the ground is one of the surfaces that may be there, what stands still looks like the other frame at
+/// one of them, and counts by the one that it is most like; elsewhere nothing is said.
+pub(super) fn compare(
+    here: &Looked<'_>,
+    surface: &[Option<SurfacePoint>],
+    other: &Looked<'_>,
+) -> Compared {
     let unknown = [f32::NAN; 3];
     let project = |point: DVec3| other.view.camera.project(other.view.in_camera(point));
-    let warp = |point: &Option<SurfacePoint>| {
-        let Some(SurfacePoint { at, edge }) = *point else {
-            return unknown;
+    let is_sure = |point: &SurfacePoint| {
+        let Some(edge) = point.edge else {
+            return true;
         };
-        if let Some([near, far]) = edge {
-            match (project(near), project(far)) {
-                (Some(near), Some(far)) if near.distance(far) <= AMBIGUOUS => {}
-                _ => return unknown,
+        match (project(edge.nearest), project(edge.farthest)) {
+            (Some(near), Some(far)) => near.distance(far) <= AMBIGUOUS,
+            _ => false,
+        }
+    };
+    let sure: Vec<bool> = surface
+        .par_iter()
+        .map(|point| point.as_ref().is_some_and(is_sure))
+        .collect();
+    let warp = |(point, sure): (&Option<SurfacePoint>, &bool)| match point {
+        Some(point) if *sure => seen(other, point.at).unwrap_or(unknown),
+        _ => unknown,
+    };
+    let mut colours: Vec<[f32; 3]> = surface.par_iter().zip(&sure).map(warp).collect();
+    let mut difference = difference(here.image, &colours);
+    let edges: Vec<(usize, DVec3, Edge)> = surface
+        .iter()
+        .zip(&sure)
+        .enumerate()
+        .filter(|(_, (_, sure))| !**sure)
+        .filter_map(|(pixel, (point, _))| {
+            let point = point.as_ref()?;
+            Some((pixel, point.at, point.edge?))
+        })
+        .filter(|(_, _, edge)| edge.ground.is_some())
+        .collect();
+    let mut layers = Layers {
+        here: here.image,
+        other,
+        edges: &edges,
+        colours: vec![unknown; colours.len()],
+    };
+    let everywhere = vec![true; edges.len()];
+    let mut least = layers.differences(&everywhere, |_, edge| edge.ground);
+    for &(pixel, ..) in &edges {
+        colours[pixel] = layers.colours[pixel];
+    }
+    let wanted = layers.beside(|at| least[at] > IS_GROUND);
+    for kind in [
+        (|_, edge| Some(edge.nearest)) as fn(DVec3, &Edge) -> Option<DVec3>,
+        |_, edge| Some(edge.farthest),
+        |at, _| Some(at),
+    ] {
+        let of_layer = layers.differences(&wanted, kind);
+        for (least, value) in least.iter_mut().zip(of_layer) {
+            // Without the ground nothing is said: NaN is not more than any.
+            if value < *least {
+                *least = value;
             }
         }
-        seen(other, at).unwrap_or(unknown)
-    };
-    surface.par_iter().map(warp).collect()
+    }
+    for (&(pixel, ..), value) in edges.iter().zip(least) {
+        difference[pixel] = value;
+    }
+    Compared {
+        colours,
+        difference,
+    }
+}
+
+/// What looks as much like the ground as this is not compared with other surfaces, of [0, 1].
+const IS_GROUND: f32 = 0.01;
+
+/// Another frame beside edges, through one of the surfaces that may be there at a time.
+struct Layers<'a> {
+    here: &'a RgbImage,
+    other: &'a Looked<'a>,
+    edges: &'a [(usize, DVec3, Edge)],
+    /// Of the whole image; NaN where there is no edge or the other frame does not show it.
+    colours: Vec<[f32; 3]>,
+}
+
+impl Layers<'_> {
+    /// How far pixels beside edges are from the other frame through one kind of surface, where that is wanted; NaN
+    /// elsewhere.
+    fn differences(
+        &mut self,
+        wanted: &[bool],
+        kind: impl Fn(DVec3, &Edge) -> Option<DVec3> + Sync,
+    ) -> Vec<f32> {
+        let shown: Vec<[f32; 3]> = self
+            .edges
+            .par_iter()
+            .zip(wanted)
+            .map(|((_, at, edge), wanted)| {
+                let at = if *wanted { kind(*at, edge) } else { None };
+                at.and_then(|at| seen(self.other, at))
+                    .unwrap_or([f32::NAN; 3])
+            })
+            .collect();
+        for ((pixel, ..), shown) in self.edges.iter().zip(shown) {
+            self.colours[*pixel] = shown;
+        }
+        self.edges
+            .par_iter()
+            .map(|(pixel, ..)| beyond(self.here, &self.colours, *pixel))
+            .collect()
+    }
+
+    /// Which pixels beside edges are one of some, or beside one.
+    fn beside(&self, is_one: impl Fn(usize) -> bool) -> Vec<bool> {
+        let (width, height) = (self.here.width, self.here.height);
+        let mut near = vec![false; self.colours.len()];
+        for (at, (pixel, ..)) in self.edges.iter().enumerate() {
+            if is_one(at) {
+                let (row, column) = (pixel / width, pixel % width);
+                for row in row.saturating_sub(1)..=(row + 1).min(height - 1) {
+                    let first = row * width;
+                    near[first + column.saturating_sub(1)..=first + (column + 1).min(width - 1)]
+                        .fill(true);
+                }
+            }
+        }
+        self.edges.iter().map(|(pixel, ..)| near[*pixel]).collect()
+    }
+}
+
+/// How far a pixel's colour is from all that a background has within a pixel of it; NaN where it has none there.
+fn beyond(image: &RgbImage, background: &[[f32; 3]], pixel: usize) -> f32 {
+    let (width, height) = (image.width, image.height);
+    if background[pixel][0].is_nan() {
+        return f32::NAN;
+    }
+    let (row, column) = (pixel / width, pixel % width);
+    let mut extent = Extent::NOTHING;
+    for row in row.saturating_sub(1)..=(row + 1).min(height - 1) {
+        for column in column.saturating_sub(1)..=(column + 1).min(width - 1) {
+            extent = extent.with(&Extent::of(background[row * width + column]));
+        }
+    }
+    extent.distance(&image.data[3 * pixel..3 * pixel + 3])
 }
 
 /// The least and the largest colour of some pixels; NaN changes neither.
@@ -145,6 +302,17 @@ impl Extent {
             high: std::array::from_fn(|channel| self.high[channel].max(other.high[channel])),
         }
     }
+
+    /// Mean over the channels of how far a colour is outside.
+    fn distance(&self, colour: &[f32]) -> f32 {
+        let beyond = |channel: usize| {
+            let value = colour[channel];
+            (value - self.high[channel])
+                .max(self.low[channel] - value)
+                .max(0.0)
+        };
+        (0..3).map(beyond).sum::<f32>() / 3.0
+    }
 }
 
 /// The extent of each pixel of a row with those beside it.
@@ -164,7 +332,7 @@ fn extents_across(row: &[[f32; 3]]) -> Vec<Extent> {
 const BAND_ROWS: usize = 16;
 
 /// How far each pixel's colour is from all that a background has within a pixel; NaN where it has none.
-pub(super) fn difference(image: &RgbImage, background: &[[f32; 3]]) -> Vec<f32> {
+fn difference(image: &RgbImage, background: &[[f32; 3]]) -> Vec<f32> {
     let (width, height) = (image.width, image.height);
     let mut out = vec![f32::NAN; background.len()];
     let band = |(number, out): (usize, &mut [f32])| {
@@ -185,13 +353,7 @@ pub(super) fn difference(image: &RgbImage, background: &[[f32; 3]]) -> Vec<f32> 
                 }
                 let extents = beside.iter().map(|row| &row[column]);
                 let extent = extents.fold(Extent::NOTHING, |all, one| all.with(one));
-                let beyond = |channel: usize| {
-                    let value = shown[column][channel];
-                    (value - extent.high[channel])
-                        .max(extent.low[channel] - value)
-                        .max(0.0)
-                };
-                *out = (0..3).map(beyond).sum::<f32>() / 3.0;
+                *out = extent.distance(&shown[column]);
             }
         }
     };
@@ -202,8 +364,8 @@ pub(super) fn difference(image: &RgbImage, background: &[[f32; 3]]) -> Vec<f32> 
 }
 
 /// For each pixel the difference that a quarter of those known are below; NaN where none is.
-pub(super) fn ranked(differences: &[Vec<f32>]) -> Vec<f32> {
-    let pixels = differences.first().map_or(0, Vec::len);
+pub(super) fn ranked(differences: &[&[f32]]) -> Vec<f32> {
+    let pixels = differences.first().map_or(0, |difference| difference.len());
     (0..pixels)
         .into_par_iter()
         .map(|pixel| {
@@ -227,11 +389,11 @@ pub(super) fn ranked(differences: &[Vec<f32>]) -> Vec<f32> {
 }
 
 /// Per channel the middle of what backgrounds show of a pixel; NaN where none shows it.
-pub(super) fn middle_colour(backgrounds: &[Vec<[f32; 3]>], pixel: usize) -> [f32; 3] {
+pub(super) fn middle_colour(backgrounds: &[Compared], pixel: usize) -> [f32; 3] {
     [0, 1, 2].map(|channel| {
         let mut known: Vec<f32> = backgrounds
             .iter()
-            .map(|background| background[pixel][channel])
+            .map(|background| background.colours[pixel][channel])
             .filter(|value| !value.is_nan())
             .collect();
         known.sort_unstable_by(f32::total_cmp);
@@ -292,6 +454,7 @@ mod tests {
         let differences: Vec<Vec<f32>> = (0..8)
             .map(|n| vec![static_pixel[n], moving_pixel[n], unknown[n]])
             .collect();
+        let differences: Vec<&[f32]> = differences.iter().map(Vec::as_slice).collect();
         let ranked = ranked(&differences);
         assert_eq!(ranked[0], 0.0);
         assert!(ranked[1] > 0.2 && ranked[2].is_nan());

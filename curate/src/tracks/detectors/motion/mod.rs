@@ -18,9 +18,9 @@ use omnilife_schemas::{RgbImage, progress::Progress, records::Detection, rgb::Ma
 use super::{Detector, DetectorInput};
 use crate::{error::CurateError, tracks::detectors::depth_of_points::DistanceMap};
 use background::{
-    Looked, background_frames, compared_with, difference, middle_colour, ranked, surface, warped,
+    Compared, Looked, background_frames, compare, compared_with, middle_colour, ranked, surface,
 };
-use regions::{blurred, components, largest_piece, opened_and_closed};
+use regions::{blurred, components, opened_and_closed, pieces, separated};
 
 /// The detector.
 pub const DETECTOR: Detector = Detector {
@@ -47,6 +47,10 @@ const SHADOW_COLOUR: f32 = 0.12;
 /// Share of a component that must be left without its shadow for the cut to count: a dark car on a bright
 /// road looks like its own shadow.
 const LEAST_REST: f64 = 0.3;
+/// Vehicles that are found as one are told apart where each shows at least this much, square metres.
+const LEAST_APART: f64 = 3.0;
+/// And the neck between them is no wider than twice this, metres.
+const DEEPEST_NECK: f64 = 0.9;
 
 fn detect(
     input: &DetectorInput<'_>,
@@ -98,7 +102,7 @@ fn detect(
         };
         if let Some(here) = held(index) {
             let others: Vec<Looked<'_>> = others.iter().filter_map(|&other| held(other)).collect();
-            found.extend(moving(&here, &others, input.metres_per_unit));
+            found.extend(moving(&here, &others, input));
         }
         progress.advance(1);
         Ok(())
@@ -117,14 +121,16 @@ fn forget(image: &mut RgbImage, ignored: &Mask) {
 }
 
 /// What moves in a frame.
-fn moving(here: &Looked<'_>, others: &[Looked<'_>], metres_per_unit: f64) -> Vec<Detection> {
+fn moving(here: &Looked<'_>, others: &[Looked<'_>], input: &DetectorInput<'_>) -> Vec<Detection> {
     let width = here.image.width;
-    let surface = surface(here);
-    let backgrounds: Vec<Vec<[f32; 3]>> =
-        others.iter().map(|other| warped(&surface, other)).collect();
-    let differences: Vec<Vec<f32>> = backgrounds
+    let surface = surface(here, input.ground);
+    let compared: Vec<Compared> = others
         .iter()
-        .map(|background| difference(here.image, background))
+        .map(|other| compare(here, &surface, other))
+        .collect();
+    let differences: Vec<&[f32]> = compared
+        .iter()
+        .map(|compared| compared.difference.as_slice())
         .collect();
     let least = blurred(&ranked(&differences), width, 1);
     let Some(limit) = threshold(&least) else {
@@ -132,9 +138,9 @@ fn moving(here: &Looked<'_>, others: &[Looked<'_>], metres_per_unit: f64) -> Vec
     };
     let mask: Vec<bool> = least.iter().map(|&value| value > limit).collect();
     let mask = opened_and_closed(&mask, width);
-    components(&mask, width)
-        .into_iter()
-        .filter_map(|pixels| vehicle(here, &backgrounds, pixels, metres_per_unit))
+    let found = components(&mask, width).into_iter();
+    found
+        .flat_map(|pixels| vehicles(here, &compared, pixels, input.metres_per_unit))
         .collect()
 }
 
@@ -155,34 +161,63 @@ fn threshold(values: &[f32]) -> Option<f32> {
     Some((median + DEVIATIONS * 1.4826 * deviation).max(LEAST_DIFFERENCE))
 }
 
-/// A component as a detection, less its shadow; `None` where it is no vehicle by its size.
-fn vehicle(
+/// The vehicles of a component, less their shadows.
+fn vehicles(
     here: &Looked<'_>,
-    backgrounds: &[Vec<[f32; 3]>],
+    compared: &[Compared],
     pixels: Vec<usize>,
     metres_per_unit: f64,
-) -> Option<Detection> {
-    let width = here.image.width;
+) -> Vec<Detection> {
+    let (width, height) = (here.image.width, here.image.height);
     let is_shadow = |pixel: usize| {
         let shown = &here.image.data[3 * pixel..3 * pixel + 3];
-        darker_copy(shown, middle_colour(backgrounds, pixel))
+        darker_copy(shown, middle_colour(compared, pixel))
     };
     let lit: Vec<usize> = pixels
         .iter()
         .copied()
         .filter(|&pixel| !is_shadow(pixel))
         .collect();
-    let rest = largest_piece(&lit, width, here.image.height);
-    let pixels = match rest {
-        Some(rest) if rest.len() as f64 >= LEAST_REST * pixels.len() as f64 => rest,
-        _ => pixels,
-    };
+    let mut parts = pieces(&lit, width, height);
+    let rest: usize = parts.iter().map(Vec::len).sum();
+    let least_rest = LEAST_REST * pixels.len() as f64;
+    if parts.is_empty() || (rest as f64) < least_rest {
+        parts = vec![pixels];
+    }
+    let mut found = Vec::new();
+    for (number, part) in parts.into_iter().enumerate() {
+        let pixel_area = pixel_area(here, &part, metres_per_unit);
+        // Beside the largest piece, what is as large as a vehicle.
+        let least_pixels = LEAST_APART / pixel_area;
+        if number > 0 && (part.len() as f64) < least_pixels {
+            continue;
+        }
+        let deepest = (DEEPEST_NECK / pixel_area.sqrt()) as usize;
+        let apart = separated(part, width, least_pixels, deepest);
+        found.extend(
+            apart
+                .iter()
+                .filter_map(|pixels| detection(here, pixels, metres_per_unit)),
+        );
+    }
+    found
+}
+
+/// Square metres of the ground that a pixel in the middle of some shows, across its ray.
+fn pixel_area(here: &Looked<'_>, pixels: &[usize], metres_per_unit: f64) -> f64 {
+    let width = here.image.width;
     let middle = pixels[pixels.len() / 2];
     let distance = f64::from(here.distances.values[middle]) * metres_per_unit;
     let centre = glam::dvec2((middle % width) as f64 + 0.5, (middle / width) as f64 + 0.5);
     let [across, down] = here.view.ray_steps(centre).map(DVec3::length);
-    let area = pixels.len() as f64 * across * down * distance * distance;
-    let box_pixels = box_of(&pixels, width)?;
+    across * down * distance * distance
+}
+
+/// Some pixels as a detection; `None` where they are no vehicle by their size.
+fn detection(here: &Looked<'_>, pixels: &[usize], metres_per_unit: f64) -> Option<Detection> {
+    let width = here.image.width;
+    let area = pixels.len() as f64 * pixel_area(here, pixels, metres_per_unit);
+    let box_pixels = box_of(pixels, width)?;
     let [left, top, columns, rows] = box_pixels;
     let is_cut = left <= 1.0
         || top <= 1.0

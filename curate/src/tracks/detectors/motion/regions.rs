@@ -68,25 +68,161 @@ pub(super) fn opened_and_closed(mask: &[bool], width: usize) -> Vec<bool> {
     )
 }
 
-/// The largest connected piece of some pixels, without specks and gaps; only the part of the image around them
-/// is looked at.
-pub(super) fn largest_piece(pixels: &[usize], width: usize, height: usize) -> Option<Vec<usize>> {
-    const MARGIN: usize = OPENING + CLOSING;
-    let columns = || pixels.iter().map(|pixel| pixel % width);
-    let rows = || pixels.iter().map(|pixel| pixel / width);
-    let left = columns().min()?.saturating_sub(MARGIN);
-    let top = rows().min()?.saturating_sub(MARGIN);
-    let right = (columns().max()? + MARGIN + 1).min(width);
-    let bottom = (rows().max()? + MARGIN + 1).min(height);
-    let part = right - left;
-    let mut mask = vec![false; part * (bottom - top)];
-    for pixel in pixels {
-        mask[(pixel / width - top) * part + pixel % width - left] = true;
+/// The part of an image around some pixels, as a mask with their places in the image.
+struct Part {
+    left: usize,
+    top: usize,
+    width: usize,
+    mask: Vec<bool>,
+}
+
+impl Part {
+    /// With so many pixels around them, as far as the image goes.
+    fn around(pixels: &[usize], margin: usize, [width, height]: [usize; 2]) -> Option<Self> {
+        let columns = || pixels.iter().map(|pixel| pixel % width);
+        let rows = || pixels.iter().map(|pixel| pixel / width);
+        let left = columns().min()?.saturating_sub(margin);
+        let top = rows().min()?.saturating_sub(margin);
+        let right = (columns().max()? + margin + 1).min(width);
+        let bottom = (rows().max()? + margin + 1).min(height);
+        let part = right - left;
+        let mut mask = vec![false; part * (bottom - top)];
+        for pixel in pixels {
+            mask[(pixel / width - top) * part + pixel % width - left] = true;
+        }
+        Some(Self {
+            left,
+            top,
+            width: part,
+            mask,
+        })
     }
-    let pieces = components(&opened_and_closed(&mask, part), part).into_iter();
-    let in_image = |at: usize| (at / part + top) * width + at % part + left;
-    let largest = pieces.max_by_key(Vec::len)?;
-    Some(largest.into_iter().map(in_image).collect())
+
+    /// A pixel of the part in an image of some width.
+    fn in_image(&self, at: usize, width: usize) -> usize {
+        (at / self.width + self.top) * width + at % self.width + self.left
+    }
+}
+
+/// The connected pieces of some pixels, without specks and gaps, the largest first; only the part of the image
+/// around them is looked at.
+pub(super) fn pieces(pixels: &[usize], width: usize, height: usize) -> Vec<Vec<usize>> {
+    const MARGIN: usize = OPENING + CLOSING;
+    let Some(part) = Part::around(pixels, MARGIN, [width, height]) else {
+        return Vec::new();
+    };
+    let found = components(&opened_and_closed(&part.mask, part.width), part.width).into_iter();
+    let in_image = |at: usize| part.in_image(at, width);
+    let mut pieces: Vec<Vec<usize>> = found
+        .map(|piece| piece.into_iter().map(in_image).collect())
+        .collect();
+    pieces.sort_by_key(|piece| std::cmp::Reverse(piece.len()));
+    pieces
+}
+
+/// Cores that are smaller than this many pixels are none.
+const LEAST_CORE: usize = 8;
+/// The boxes of what is told apart cover at most this share of the box of all.
+const MOST_OF_BOX: f64 = 0.9;
+
+/// Some connected pixels told apart where they have a neck: by as much as it takes, up to `deepest` pixels, they
+/// are eaten away from their border until more than one core is left, and every pixel goes to the core that is the
+/// nearest. Parts have at least `least_pixels`.
+pub(super) fn separated(
+    pixels: Vec<usize>,
+    width: usize,
+    least_pixels: f64,
+    deepest: usize,
+) -> Vec<Vec<usize>> {
+    if (pixels.len() as f64) < 2.0 * least_pixels {
+        return vec![pixels];
+    }
+    let height = pixels.iter().max().map_or(0, |last| last / width + 1);
+    let Some(part) = Part::around(&pixels, 0, [width, height]) else {
+        return vec![pixels];
+    };
+    let mut rest = part.mask.clone();
+    for _ in 0..deepest {
+        rest = eaten(&rest, part.width);
+        let mut cores = components(&rest, part.width);
+        cores.retain(|core| core.len() >= LEAST_CORE);
+        if cores.is_empty() {
+            break;
+        }
+        if cores.len() == 1 {
+            continue;
+        }
+        let grown = grown(&part, &cores);
+        let is_enough = |piece: &Vec<usize>| piece.len() as f64 >= least_pixels;
+        let area = |pixels: &[usize]| {
+            let columns = || pixels.iter().map(|pixel| pixel % part.width);
+            let rows = || pixels.iter().map(|pixel| pixel / part.width);
+            let side = |low: Option<usize>, high: Option<usize>| {
+                high.zip(low)
+                    .map_or(0.0, |(high, low)| (high - low + 1) as f64)
+            };
+            side(columns().min(), columns().max()) * side(rows().min(), rows().max())
+        };
+        let boxes: f64 = grown.iter().map(|piece| area(piece)).sum();
+        let whole: Vec<usize> = (0..part.mask.len()).filter(|&at| part.mask[at]).collect();
+        if grown.iter().all(is_enough) && boxes <= MOST_OF_BOX * area(&whole) {
+            return grown
+                .into_iter()
+                .map(|piece| {
+                    piece
+                        .into_iter()
+                        .map(|at| part.in_image(at, width))
+                        .collect()
+                })
+                .flat_map(|piece| separated(piece, width, least_pixels, deepest))
+                .collect();
+        }
+    }
+    vec![pixels]
+}
+
+/// Without its border: what has all eight neighbours.
+fn eaten(mask: &[bool], width: usize) -> Vec<bool> {
+    let height = mask.len() / width;
+    let is_inside = |at: usize| {
+        let (row, column) = (at / width, at % width);
+        let is_border = row == 0 || column == 0 || row + 1 == height || column + 1 == width;
+        !is_border
+            && (row - 1..=row + 1).all(|row| {
+                let first = row * width + column - 1;
+                mask[first..first + 3].iter().all(|set| *set)
+            })
+    };
+    (0..mask.len()).map(is_inside).collect()
+}
+
+/// Every pixel of a part with the core from which it is reached first.
+fn grown(part: &Part, cores: &[Vec<usize>]) -> Vec<Vec<usize>> {
+    let (width, height) = (part.width, part.mask.len() / part.width);
+    let mut is_open = part.mask.clone();
+    let mut pieces: Vec<Vec<usize>> = cores.to_vec();
+    cores.iter().flatten().for_each(|&at| is_open[at] = false);
+    let mut borders = pieces.clone();
+    while borders.iter().any(|border| !border.is_empty()) {
+        for (piece, border) in pieces.iter_mut().zip(&mut borders) {
+            let mut next = Vec::new();
+            for &at in border.iter() {
+                let (row, column) = (at / width, at % width);
+                for row in row.saturating_sub(1)..=(row + 1).min(height - 1) {
+                    for column in column.saturating_sub(1)..=(column + 1).min(width - 1) {
+                        let neighbour = row * width + column;
+                        if is_open[neighbour] {
+                            is_open[neighbour] = false;
+                            next.push(neighbour);
+                        }
+                    }
+                }
+            }
+            piece.extend(&next);
+            *border = next;
+        }
+    }
+    pieces
 }
 
 /// Pixels of the connected components (8 neighbours).
@@ -161,8 +297,34 @@ mod tests {
         pixels.iter().for_each(|&pixel| mask[pixel] = true);
         let whole = components(&opened_and_closed(&mask, width), width);
         let largest = whole.into_iter().max_by_key(Vec::len);
-        assert_eq!(largest_piece(&pixels, width, height), largest);
+        let found = pieces(&pixels, width, height);
+        assert_eq!(found.first(), largest.as_ref());
         assert_eq!(largest.map(|piece| piece.len()), Some(81));
-        assert_eq!(largest_piece(&[], width, height), None);
+        assert!(pieces(&[], width, height).is_empty());
+    }
+
+    #[test]
+    fn what_hangs_together_by_a_neck_is_told_apart() {
+        let width = 60;
+        // Two rectangles side by side, the second farther on, that touch along a few pixels.
+        let of = |columns: std::ops::Range<usize>, rows: std::ops::Range<usize>| {
+            rows.flat_map(move |row| columns.clone().map(move |column| row * width + column))
+        };
+        let (one, other) = (of(2..32, 3..15), of(26..56, 15..27));
+        let both: Vec<usize> = one.clone().chain(other.clone()).collect();
+        let mut apart = separated(both.clone(), width, 100.0, 8);
+        assert_eq!(apart.len(), 2);
+        apart.sort_by_key(|piece| piece.iter().min().copied());
+        for (piece, truth) in apart
+            .iter()
+            .zip([one.clone().collect(), other.collect::<Vec<_>>()])
+        {
+            let own = piece.iter().filter(|at| truth.contains(at)).count();
+            assert!(own as f64 > 0.93 * truth.len() as f64 && piece.len() < truth.len() + 30);
+        }
+        assert_eq!(apart.iter().map(Vec::len).sum::<usize>(), both.len());
+        // One is one, however it is cut, and so are parts that are too small.
+        assert_eq!(separated(one.collect(), width, 100.0, 8).len(), 1);
+        assert_eq!(separated(both, width, 400.0, 8).len(), 1);
     }
 }
