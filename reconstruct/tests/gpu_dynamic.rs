@@ -383,6 +383,7 @@ fn density_control_of_a_model_on_a_device_is_that_of_the_host() {
             stepper.step(view, &schedule).unwrap();
         }
     };
+    let room = stepper.most_gaussians();
     steps(&mut stepper, 1);
     let context = DensityContext {
         views: &scene.input_views,
@@ -429,6 +430,7 @@ fn density_control_of_a_model_on_a_device_is_that_of_the_host() {
         steps(&mut stepper, first);
     }
     assert_eq!(stepper.take_statistics().unwrap().steps, 12);
+    assert_eq!(stepper.most_gaussians(), room);
 }
 
 fn assert_same_rows(found: &Model, expected: &Model) {

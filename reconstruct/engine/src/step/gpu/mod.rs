@@ -12,6 +12,7 @@ mod dynamic_losses;
 pub(crate) mod kernels;
 mod measure;
 pub(crate) mod opacity_reset;
+mod room;
 
 use std::{collections::VecDeque, sync::Arc};
 
@@ -129,7 +130,6 @@ impl<'a> GpuStepper<'a> {
         settings: &TrainSettings,
     ) -> Result<Self, EngineError> {
         check(&model)?;
-        let gaussians = model.len();
         let size = (inputs.camera.width(), inputs.camera.height());
         let look_interval = LOOK_INTERVAL as usize;
         let kernels = StepKernels::new(Arc::clone(&gpu), size, (&model, settings), look_interval)?;
@@ -147,29 +147,8 @@ impl<'a> GpuStepper<'a> {
             statistics: StepStatistics::default(),
             gpu,
         };
-        let room = stepper.room_for_gaussians();
-        if gaussians > room {
-            return Err(GpuError::TooSmall {
-                adapter: stepper.gpu.adapter().name.clone(),
-                what: "a model (Gaussians)".to_owned(),
-                needed: gaussians as u64,
-                offered: room as u64,
-            }
-            .into());
-        }
+        stepper.check_room()?;
         Ok(stepper)
-    }
-
-    /// Gaussians for which the largest buffer of the adapter suffices, where a view has no more entries in
-    /// tiles than most have.
-    fn room_for_gaussians(&self) -> usize {
-        let tables = self.model.parts.iter().map(|part| {
-            let arrays = part.table.arrays.iter();
-            size_of::<f32>() * arrays.map(|array| array.width).sum::<usize>()
-        });
-        let largest = tables.max().unwrap_or(0);
-        let bytes = largest.max(self.shape(1).largest_buffer());
-        usize::try_from(self.gpu.largest_buffer()).unwrap_or(usize::MAX) / bytes
     }
 
     /// For so many Gaussians.
