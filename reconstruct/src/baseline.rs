@@ -94,6 +94,7 @@ pub fn published_settings(iterations: u64) -> TrainSettings {
         exposure: None,
         dropout: None,
         pose_refinement: None,
+        shards: None,
         trace_every: (iterations / TRACE_ROWS).max(1),
     }
 }

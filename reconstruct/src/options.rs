@@ -97,6 +97,17 @@ pub const MAX_GAUSSIANS: MethodOption = MethodOption {
     },
     default: "half the pixels of a view",
 };
+/// How many shards learn one after another.
+pub const SHARDS: MethodOption = MethodOption {
+    id: "shards",
+    doc: "into how many shards Gaussians are cut, of which one after another learns from a drawing of all; 1 for \
+          all at once",
+    values: OptionValues::Whole {
+        least: 1,
+        most: 4096,
+    },
+    default: "as few as fit into memory",
+};
 /// Degree of the spherical harmonics of colour.
 pub const SH_DEGREE: MethodOption = MethodOption {
     id: "sh-degree",
@@ -165,6 +176,11 @@ impl Options {
         Self([(MAX_GAUSSIANS.id, OptionValue::Whole(gaussians))].into())
     }
 
+    /// Learning in so many shards.
+    pub fn in_shards(shards: u64) -> Self {
+        Self([(SHARDS.id, OptionValue::Whole(shards))].into())
+    }
+
     /// Spherical harmonics of this degree.
     pub fn of_sh_degree(degree: usize) -> Self {
         Self([(SH_DEGREE.id, OptionValue::Whole(degree as u64))].into())
@@ -194,6 +210,11 @@ impl Options {
     /// [`MAX_GAUSSIANS`].
     pub fn maximum_gaussians(&self) -> Option<u64> {
         self.whole(&MAX_GAUSSIANS)
+    }
+
+    /// [`SHARDS`].
+    pub fn shards(&self) -> Option<usize> {
+        self.whole(&SHARDS).map(|shards| shards as usize)
     }
 
     /// [`SH_DEGREE`].

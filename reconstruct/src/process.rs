@@ -122,6 +122,13 @@ pub(crate) fn memory_limit() -> Option<u64> {
     Some(MEMORY_LIMIT.load(Ordering::Relaxed)).filter(|&limit| limit > 0)
 }
 
+/// Memory that work of this process may still take, bytes: the less of what the system has left and of the limit
+/// of [`limit_memory`]; `None` where neither is known.
+pub(crate) fn left_bytes() -> Option<u64> {
+    let left = [available_memory_bytes(), memory_limit()];
+    left.into_iter().flatten().min()
+}
+
 /// Refuses work that does not fit. `purpose` says what would be made.
 ///
 /// Without a limit by [`limit_memory`], and where the system does not say what it has left (elsewhere
@@ -130,8 +137,7 @@ pub(crate) fn memory_limit() -> Option<u64> {
 /// # Errors
 /// With both figures, when `bytes` is more than what is left.
 pub fn require(bytes: u64, purpose: &str) -> Result<(), ReconstructError> {
-    let available = [available_memory_bytes(), memory_limit()];
-    match available.into_iter().flatten().min() {
+    match left_bytes() {
         Some(available) if bytes > available => Err(ReconstructError::Memory {
             purpose: purpose.to_owned(),
             gibibytes: gibibytes(bytes),

@@ -40,26 +40,38 @@ def faces_of(distances, hidden, side):
     in_face = np.stack([x, y, np.ones_like(x)], axis=-1)
     for axes in FACES:
         rays = in_face @ axes.T
-        longitude, latitude = np.arctan2(rays[..., 0], rays[..., 2]), np.arctan2(-rays[..., 1], np.hypot(rays[..., 0], rays[..., 2]))
+        longitude = np.arctan2(rays[..., 0], rays[..., 2])
+        latitude = np.arctan2(-rays[..., 1], np.hypot(rays[..., 0], rays[..., 2]))
         column = np.floor((longitude / (2 * np.pi) + 0.5) * width).astype(int) % width
         row = np.clip(np.floor((0.5 - latitude / np.pi) * height).astype(int), 0, height - 1)
         depth = distances[row, column] / np.linalg.norm(in_face, axis=-1)
         yield axes, np.where(hidden[row, column], 0, depth).astype(np.float32)
 
 
+def distances_of(file, unit):
+    image = np.load(file) if file.suffix == ".npy" else np.asarray(Image.open(file))
+    return np.nan_to_num(image.astype(np.float64) * unit)
+
+
 def views(scene_path, split_path):
+    """Rotation, centre, distances and what is hidden of every given view, on the coarser of the grids of image and
+    distances, as omnilife fuses them."""
     scene, split = json.loads(scene_path.read_text()), json.loads(split_path.read_text())
-    given = {view["frame"] for view in split["views"] if view["role"] == "input"} if "views" in split else set(split["input_views"])
-    for number, frame in enumerate(scene["frames"]):
-        if number not in given:
-            continue
+    camera = scene["camera"]
+    for number in split["input_views"]:
+        frame = scene["frames"][number]
+        if "depth_prior" not in frame:
+            sys.exit(f"open3d_fusion: {scene_path}: frame {number} has no distances")
         prior = frame["depth_prior"]
-        distances = np.asarray(Image.open(scene_path.parent / prior["file"]), np.float64) * prior["unit"]
-        mask = frame.get("mask")
+        distances = distances_of(scene_path.parent / prior["file"], prior["unit"])
+        width, height = min(camera["width"], distances.shape[1]), min(camera["height"], distances.shape[0])
+        rows = ((np.arange(height) + 0.5) * distances.shape[0] / height).astype(int)
+        columns = ((np.arange(width) + 0.5) * distances.shape[1] / width).astype(int)
+        distances = distances[np.ix_(rows, columns)]
         hidden = np.zeros(distances.shape, bool)
-        if mask:
-            image = Image.open(scene_path.parent / mask).convert("L").resize(distances.shape[::-1], Image.NEAREST)
-            hidden = np.asarray(image) >= 128
+        if frame.get("mask"):
+            image = Image.open(scene_path.parent / frame["mask"]).convert("L")
+            hidden = np.asarray(image.resize((width, height), Image.NEAREST)) >= 128
         yield rotation(frame["pose"]["rotation_wxyz"]), np.array(frame["pose"]["centre"]), distances, hidden
 
 
@@ -73,6 +85,8 @@ def integrate(images, intrinsic, voxel, farthest):
 
 
 def main():
+    if len(sys.argv) != 5:
+        sys.exit(__doc__)
     scene, split, voxel, rounds = Path(sys.argv[1]), Path(sys.argv[2]), float(sys.argv[3]), int(sys.argv[4])
     images, farthest, size, count = [], 0.0, None, 0
     for turn, centre, distances, hidden in views(scene, split):
@@ -85,6 +99,8 @@ def main():
             to_world = np.eye(4)
             to_world[:3, :3], to_world[:3, 3] = turn @ axes, centre
             images.append((o3d.t.geometry.Image(o3d.core.Tensor(depth)), o3d.core.Tensor(np.linalg.inv(to_world))))
+    if not images:
+        sys.exit(f"open3d_fusion: {split} gives no views")
     intrinsic = o3d.core.Tensor([[side / 2, 0, side / 2 - 0.5], [0, side / 2, side / 2 - 0.5], [0, 0, 1.0]])
     wall = processor = float("inf")
     for _ in range(rounds):
@@ -93,8 +109,8 @@ def main():
         wall = min(wall, time.monotonic() - begun)
         processor = min(processor, time.process_time() - begun_processor)
     blocks = int(grid.hashmap().size())
-    print(json.dumps({"name": f"Open3D {o3d.__version__}", "views": count, "size": size, "wall_seconds": wall, "cpu_seconds": processor,
-                      "field_bytes": blocks * 16**3 * 8,
+    print(json.dumps({"name": f"Open3D {o3d.__version__}", "views": count, "size": size, "wall_seconds": wall,
+                      "cpu_seconds": processor, "field_bytes": blocks * 16**3 * 8,
                       "peak_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024}))
     # Its threads outlive the interpreter's own end on some systems.
     sys.stdout.flush()

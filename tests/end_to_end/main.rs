@@ -38,6 +38,7 @@ mod output;
 mod power_cut;
 mod rendering;
 mod shards;
+mod splat_peers;
 mod splatters;
 mod stages;
 mod submissions;

@@ -12,8 +12,11 @@ pub mod splat;
 use std::path::Path;
 
 use omnilife_engine::{
-    gaussians::{deformable::Deformable, tracked::OBJECT_POSITIONS},
+    gaussians::{
+        deformable::Deformable, static_gaussians::StaticGaussians, tracked::OBJECT_POSITIONS,
+    },
     model::{Model, Part},
+    parameters::ParameterTable,
     step::settings::TrainSettings,
 };
 use omnilife_schemas::{
@@ -139,7 +142,7 @@ const FORMATS: &[Format] = &[
 /// When the file cannot be read, or holds no Gaussians.
 pub fn read_static(path: &Path, normalization: &Similarity) -> Result<Part, ReconstructError> {
     let table = ply::read(path, normalization)?;
-    let parameterization = omnilife_engine::gaussians::static_gaussians::StaticGaussians;
+    let parameterization = StaticGaussians;
     Ok(Part::new(parameterization, table))
 }
 
@@ -153,7 +156,7 @@ pub fn read_splat(
     normalization: &Similarity,
 ) -> Result<Part, ReconstructError> {
     let table = splat::read(path, placement, normalization)?;
-    let parameterization = omnilife_engine::gaussians::static_gaussians::StaticGaussians;
+    let parameterization = StaticGaussians;
     Ok(Part::new(parameterization, table))
 }
 
@@ -169,7 +172,11 @@ pub fn write_model(
     scene: &TrainingScene,
 ) -> Result<Vec<String>, ReconstructError> {
     let mut written = Vec::new();
-    for part in &model.parts {
+    let joined = settings.shards.is_some().then(|| joined(&model.parts));
+    for part in joined
+        .as_ref()
+        .map_or(&model.parts[..], std::slice::from_ref)
+    {
         let id = part.parameterization.id();
         let format = FORMATS
             .iter()
@@ -191,6 +198,12 @@ pub fn write_model(
         }
     }
     Ok(written)
+}
+
+/// Shards as one part.
+fn joined(parts: &[Part]) -> Part {
+    let tables = parts.iter().map(|part| &part.table);
+    Part::new(StaticGaussians, ParameterTable::joined(tables))
 }
 
 /// The model in a run's folder, trained under `settings`.

@@ -17,7 +17,9 @@ use omnilife_engine::{
     },
     parameters::{adam::SecondMomentDecay, decay::Decay},
     schedule::{Position, StepSchedule},
-    step::{BackendChoice, StepStatistics, Stepper, settings::TrainSettings, stepper},
+    step::{
+        BackendChoice, StepStatistics, Stepper, settings::TrainSettings, shards::Shards, stepper,
+    },
 };
 use omnilife_schemas::{RgbImage, records::Backend};
 use rand::RngExt;
@@ -167,7 +169,13 @@ impl Learner for GaussianLearner<'_> {
     }
 
     fn size(&self) -> ModelSize {
-        let bytes = |array: &TrainedArray| 16 * array.values as u64;
+        // Values and two moments of all; gradients of all, or of a shard at a time.
+        let shards = self.settings.shards.as_ref();
+        let learning = shards.map_or(1.0, Shards::largest_share);
+        let bytes = |array: &TrainedArray| {
+            let values = array.values as u64;
+            12 * values + (4.0 * learning * values as f64) as u64
+        };
         ModelSize {
             primitives: self.stepper.gaussians() as u64,
             with_times: self.stepper.gaussians_with_times() as u64,

@@ -76,6 +76,7 @@ impl Iteration {
             features: &[],
         };
         self.renderer.backward_timed(
+            0..self.instant.len(),
             &self.view,
             &self.instant,
             &upstream,

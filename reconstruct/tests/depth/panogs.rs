@@ -33,7 +33,11 @@ const CAMERA: ErpCamera = ErpCamera {
 const UNIT: f64 = 0.25;
 
 /// The room with files of distances in metres, after `change`.
-fn scene(folder: &Path, count: usize, change: impl Fn(usize, usize, f32) -> f32) -> TrainingScene {
+pub(crate) fn scene(
+    folder: &Path,
+    count: usize,
+    change: impl Fn(usize, usize, f32) -> f32,
+) -> TrainingScene {
     let normalization = Similarity {
         offset: [0.0; 3],
         scale: UNIT,
@@ -84,11 +88,11 @@ fn scene(folder: &Path, count: usize, change: impl Fn(usize, usize, f32) -> f32)
     }
 }
 
-fn as_given(_: usize, _: usize, metres: f32) -> f32 {
+pub(crate) fn as_given(_: usize, _: usize, metres: f32) -> f32 {
     metres
 }
 
-fn prepared<'a>(scene: &'a TrainingScene, request: &MethodRequest) -> Prepared<'a> {
+pub(crate) fn prepared<'a>(scene: &'a TrainingScene, request: &MethodRequest) -> Prepared<'a> {
     let method = methods::find("panogs").unwrap();
     method.prepare(scene, request, BackendChoice::Cpu).unwrap()
 }
@@ -102,7 +106,7 @@ fn refusal(scene: &TrainingScene) -> String {
     message
 }
 
-fn is_used(prepared: &Prepared<'_>, component: &str) -> bool {
+pub(crate) fn is_used(prepared: &Prepared<'_>, component: &str) -> bool {
     let mut plan = prepared.plan.iter();
     let decision = plan.find(|decision| decision.component == component);
     decision.unwrap_or_else(|| panic!("no {component}")).used

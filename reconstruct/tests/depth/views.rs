@@ -216,7 +216,7 @@ fn the_fused_field_is_the_signed_distance_of_the_room_near_its_surfaces() {
     errors.sort_by(f64::total_cmp);
     let at = |share: f64| errors[(share * (errors.len() - 1) as f64) as usize];
     assert!(at(0.5) <= 0.1, "median {} voxels", at(0.5));
-    assert!(at(0.95) <= 0.5, "95th percentile {} voxels", at(0.95));
+    assert!(at(0.99) <= 0.5, "99th percentile {} voxels", at(0.99));
 }
 
 #[test]
@@ -240,7 +240,7 @@ fn the_order_of_the_views_changes_no_bit_and_the_loss_has_the_gradient_that_diff
     assert_eq!(forward.value(Vec3::splat(1e30)), None);
     assert_eq!(forward.value(Vec3::splat(f32::NAN)), None);
     let mut gradient = vec![[0.0; 3]; centres.len()];
-    let loss = forward.loss(&centres, 0.1, &mut gradient);
+    let loss = forward.loss(&centres, (0.1, centres.len()), &mut gradient);
     assert!(loss > 0.0 && loss.is_finite());
     // Steps down the gradient lessen it.
     let longest = gradient
@@ -252,7 +252,7 @@ fn the_order_of_the_views_changes_no_bit_and_the_loss_has_the_gradient_that_diff
         .zip(&gradient)
         .map(|(centre, by)| [0, 1, 2].map(|axis| centre[axis] - 0.004 * by[axis] / longest))
         .collect();
-    let after = forward.loss(&moved, 0.1, &mut vec![[0.0; 3]; moved.len()]);
+    let after = forward.loss(&moved, (0.1, moved.len()), &mut vec![[0.0; 3]; moved.len()]);
     assert!(after < loss, "{after} {loss}");
 }
 

@@ -14,6 +14,7 @@ use omnilife_engine::{
     camera::Camera,
     gaussians::ActivatedGaussians,
     render::{
+        Visible,
         cpu::Renderer,
         raster::RasterGradient,
         settings::{Footprint, RenderSettings},
@@ -253,6 +254,55 @@ fn results_do_not_depend_on_the_number_of_threads() {
         })
     };
     assert_eq!(run(1), run(3));
+}
+
+/// Gradients of some consecutive Gaussians are those of all, to the last bit.
+#[test]
+fn some_gaussians_learn_what_they_learn_among_all() {
+    let mut random = Pcg64Mcg::seed_from_u64(15);
+    let richness = Richness {
+        sh_degree: 1,
+        features: 1,
+    };
+    let gaussians = scene(&mut random, 700, richness);
+    let instant = instant(&gaussians);
+    for (camera, footprint) in [
+        (erp(96), Footprint::Projected),
+        (erp(64), Footprint::Ray),
+        (pinhole(70, 50), Footprint::Projected),
+    ] {
+        let view = RefView::new(camera, turned(), DVec3::ZERO, settings(footprint));
+        let mut renderer = Renderer::new(view.settings);
+        let raster = renderer.forward(&view.view(), &instant).clone();
+        let mut weights = |count: usize| -> Vec<f32> {
+            (0..count).map(|_| random.random_range(-1.0..1.0)).collect()
+        };
+        let (colour, features) = (weights(raster.colour.len()), weights(raster.features.len()));
+        let upstream = RasterGradient {
+            colour: &colour,
+            features: &features,
+        };
+        let mut all = ActivatedGaussians::default();
+        renderer.backward(&view.view(), &instant, &upstream, &mut all);
+        let seen: Vec<Visible> = renderer.visible().collect();
+        let mut seen_in_shards = Vec::new();
+        for range in [0..301, 301..302, 302..302, 302..700] {
+            let mut of_shard = ActivatedGaussians::default();
+            renderer.backward_of(
+                range.clone(),
+                &view.view(),
+                &instant,
+                &upstream,
+                &mut of_shard,
+            );
+            let mut expected = ActivatedGaussians::default();
+            expected.copy_entries(&all, range);
+            assert_eq!(of_shard, expected);
+            seen_in_shards.extend(renderer.visible());
+        }
+        assert_eq!(seen_in_shards, seen);
+        assert!(seen.len() > 100, "{}", seen.len());
+    }
 }
 
 /// What a renderer draws does not depend on what it drew before.

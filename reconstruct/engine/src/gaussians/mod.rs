@@ -12,6 +12,8 @@
 //! * [`tracked`]: Gaussians of rigid objects on paths.
 //! * [`dropout`]: steps of training in which some are not drawn.
 
+use std::ops::Range;
+
 pub(crate) mod activated_buffers;
 pub mod deformable;
 pub mod dropout;
@@ -89,6 +91,22 @@ impl ActivatedGaussians {
             .resize(len * sh_rest_count(sh_degree), [0.0; 3]);
         self.feature_count = feature_count;
         self.features.resize(len * feature_count, 0.0);
+    }
+
+    /// The entries of `other` in a range, and nothing else.
+    pub fn copy_entries(&mut self, other: &Self, entries: Range<usize>) {
+        self.reshape(entries.len(), other.sh_degree, other.feature_count);
+        let rest = sh_rest_count(other.sh_degree);
+        let rows = |width: usize| width * entries.start..width * entries.end;
+        self.positions.copy_from_slice(&other.positions[rows(1)]);
+        self.scales.copy_from_slice(&other.scales[rows(1)]);
+        self.rotations.copy_from_slice(&other.rotations[rows(1)]);
+        self.opacities.copy_from_slice(&other.opacities[rows(1)]);
+        self.sh_constant
+            .copy_from_slice(&other.sh_constant[rows(1)]);
+        self.sh_rest.copy_from_slice(&other.sh_rest[rows(rest)]);
+        let features = &other.features[rows(other.feature_count)];
+        self.features.copy_from_slice(features);
     }
 
     /// The shape of `other` with every entry zero: how a gradient begins.

@@ -1,9 +1,12 @@
 //! The CPU's renderers behind one face.
 
+use std::ops::Range;
+
 use omnilife_schemas::RgbImage;
 
 use crate::render::settings::RendererChoice;
 use crate::{
+    EngineError,
     camera::View,
     gaussians::ActivatedGaussians,
     render::{
@@ -64,6 +67,30 @@ impl CpuRenderer {
                 renderer.backward(view, instant, &upstream, out);
             }
             Self::Published(renderer) => renderer.backward(view, instant, image_gradient, out),
+        }
+    }
+
+    /// Gradients by some consecutive Gaussians; the renderer as published has no such pass.
+    pub(crate) fn backward_of(
+        &mut self,
+        learning: Range<usize>,
+        view: &View,
+        instant: &ActivatedGaussians,
+        image_gradient: &[f32],
+        out: &mut ActivatedGaussians,
+    ) -> Result<(), EngineError> {
+        match self {
+            Self::Exact(renderer) => {
+                let upstream = RasterGradient {
+                    colour: image_gradient,
+                    features: &[],
+                };
+                renderer.backward_of(learning, view, instant, &upstream, out);
+                Ok(())
+            }
+            Self::Published(_) => Err(EngineError::Backend {
+                reason: "the renderer with the published quirks knows no shards".to_owned(),
+            }),
         }
     }
 

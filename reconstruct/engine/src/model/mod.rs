@@ -35,6 +35,8 @@ pub struct Part {
     pub table: ParameterTable,
     /// What their density control goes by.
     pub statistics: Statistics,
+    /// Steps of the optimizer on a shard, which may learn from some views alone; 0 of other parts.
+    pub steps: u64,
 }
 
 impl Part {
@@ -45,6 +47,7 @@ impl Part {
             parameterization: Box::new(parameterization),
             table,
             statistics,
+            steps: 0,
         }
     }
 
@@ -66,6 +69,7 @@ impl PartialEq for Part {
             && self.parameterization.shared() == other.parameterization.shared()
             && self.table == other.table
             && self.statistics == other.statistics
+            && self.steps == other.steps
     }
 }
 

@@ -30,6 +30,17 @@ struct SavedPart {
     arrays: Vec<SavedArray>,
     with_times: bool,
     shared: Option<SavedShared>,
+    /// Steps of a shard.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    steps: u64,
+}
+
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "the signature that serde calls"
+)]
+fn is_zero(steps: &u64) -> bool {
+    *steps == 0
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -120,6 +131,7 @@ impl SavedModel {
                     .collect(),
                 time_gradients: words.floats(saved.times()),
             };
+            part.steps = saved.steps;
             if let (Some(saved), Some(shared)) = (saved.shared, part.parameterization.shared_mut())
             {
                 *shared = words.shared(saved, shared.array.name);
@@ -188,6 +200,7 @@ fn saved_part(part: &Part) -> SavedPart {
             values: shared.array.values.len(),
             steps: shared.steps,
         }),
+        steps: part.steps,
     }
 }
 

@@ -21,7 +21,8 @@ pub struct ParameterArray {
     pub width: usize,
     /// `len * width` values.
     pub values: Vec<f32>,
-    /// `len * width` gradients of the loss; none of a frozen array, which has no moments either.
+    /// `len * width` gradients of the loss; none of a frozen array, which has no moments either, and none of a
+    /// shard that waits for its turn.
     pub gradients: Vec<f32>,
     /// Adam's first moments.
     pub first_moments: Vec<f32>,
@@ -34,13 +35,14 @@ pub struct ParameterArray {
 impl ParameterArray {
     /// Bytes of values, gradients and moments.
     pub fn bytes(&self) -> u64 {
-        let columns = if self.is_frozen() { 1 } else { 4 };
-        (columns * size_of::<f32>() * self.values.len()) as u64
+        let moments = self.first_moments.len() + self.second_moments.len();
+        let values = self.values.len() + self.gradients.len() + moments;
+        (values * size_of::<f32>()) as u64
     }
 
     /// Whether it keeps its values: it has neither gradients nor moments.
     pub fn is_frozen(&self) -> bool {
-        self.gradients.len() < self.values.len()
+        self.first_moments.len() < self.values.len()
     }
 }
 
@@ -72,6 +74,10 @@ impl SharedParameters {
         }
     }
 }
+
+/// Memory of the gradients of a table, which another table may have when this one is done with it.
+#[derive(Debug, Default)]
+pub struct GradientMemory(Vec<Vec<f32>>);
 
 /// What a parameter array is, whatever the number of Gaussians.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -121,14 +127,15 @@ impl ParameterTable {
         learning_rate: f32,
     ) -> usize {
         assert_eq!(values.len(), self.len * width, "array {name}");
-        let zeros = vec![0.0; values.len()];
+        // Each by itself: pages of zeros take no memory until they are written to.
+        let zeros = || vec![0.0; values.len()];
         self.arrays.push(ParameterArray {
             name,
             width,
+            gradients: zeros(),
+            first_moments: zeros(),
+            second_moments: zeros(),
             values,
-            gradients: zeros.clone(),
-            first_moments: zeros.clone(),
-            second_moments: zeros,
             learning_rate,
         });
         self.arrays.len() - 1
@@ -140,6 +147,42 @@ impl ParameterTable {
         array.gradients = Vec::new();
         array.first_moments = Vec::new();
         array.second_moments = Vec::new();
+    }
+
+    /// Takes the memory of the gradients, whose values are of no use any more, for another table.
+    pub fn take_gradients(&mut self, memory: &mut GradientMemory) {
+        memory.0.resize(self.arrays.len(), Vec::new());
+        for (array, kept) in self.arrays.iter_mut().zip(&mut memory.0) {
+            if !array.is_frozen() {
+                *kept = std::mem::take(&mut array.gradients);
+            }
+        }
+    }
+
+    /// Makes room for the gradients of the arrays that learn; what they are is open.
+    pub fn lend_gradients(&mut self, memory: &mut GradientMemory) {
+        memory.0.resize(self.arrays.len(), Vec::new());
+        for (array, kept) in self.arrays.iter_mut().zip(&mut memory.0) {
+            if !array.is_frozen() {
+                array.gradients = std::mem::take(kept);
+                array.gradients.resize(array.values.len(), 0.0);
+            }
+        }
+    }
+
+    /// The values of all Gaussians of several tables of the same arrays, one table after another; nothing of
+    /// them learns.
+    pub fn joined<'a>(tables: impl Iterator<Item = &'a Self> + Clone) -> Self {
+        let mut joined = Self::new(tables.clone().map(Self::len).sum());
+        let shapes = tables.clone().next().map(Self::shapes).unwrap_or_default();
+        for (number, ArrayShape { name, width }) in shapes.into_iter().enumerate() {
+            let values = tables
+                .clone()
+                .flat_map(|table| &table.arrays[number].values);
+            let added = joined.add(name, width, values.copied().collect(), 0.0);
+            joined.freeze(added);
+        }
+        joined
     }
 
     /// Values of one Gaussian in one array.
@@ -268,6 +311,34 @@ mod tests {
         assert!(array.is_frozen() && array.gradients.is_empty());
         assert!(array.first_moments.is_empty() && array.second_moments.is_empty());
         assert_eq!(array.bytes(), 24);
+    }
+
+    #[test]
+    fn tables_hand_on_the_memory_of_their_gradients_and_learn_as_before() {
+        let table = |len: usize, first: f32| {
+            let mut table = ParameterTable::new(len);
+            table.add("kept", 1, vec![first; len], 0.0);
+            table.add("learnt", 2, vec![first; 2 * len], 0.0);
+            table.freeze(0);
+            table
+        };
+        let (mut one, mut other) = (table(3, 1.0), table(2, 2.0));
+        let mut memory = GradientMemory::default();
+        for table in [&mut one, &mut other] {
+            table.take_gradients(&mut memory);
+        }
+        assert!(!one.arrays[1].is_frozen() && one.arrays[1].gradients.is_empty());
+        for table in [&mut one, &mut other] {
+            table.lend_gradients(&mut memory);
+            assert_eq!(table.arrays[1].gradients.len(), 2 * table.len());
+            assert!(table.arrays[0].is_frozen() && table.arrays[0].gradients.is_empty());
+            table.take_gradients(&mut memory);
+        }
+        assert_eq!(memory.0[1].len(), 4);
+        let joined = ParameterTable::joined([&one, &other].into_iter());
+        assert_eq!(joined.arrays[0].values, [1.0, 1.0, 1.0, 2.0, 2.0]);
+        assert_eq!((joined.len(), joined.arrays[1].values.len()), (5, 10));
+        assert!(joined.arrays.iter().all(ParameterArray::is_frozen));
     }
 
     #[test]

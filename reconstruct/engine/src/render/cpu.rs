@@ -1,5 +1,7 @@
 //! The chain of kernels that renders a view and takes its gradient back.
 
+use std::ops::Range;
+
 use omnilife_schemas::RgbImage;
 
 use crate::render::Visible;
@@ -8,7 +10,7 @@ use crate::{
     camera::{View, rays::Rays},
     gaussians::ActivatedGaussians,
     render::{
-        bin::{TileLists, cpu::Binner},
+        bin::{TileLists, cpu::Binner, learning::LearningEntries},
         project::{self, Splats, cpu::Drawn},
         raster::{self, EntryGradients, Raster, RasterGradient},
         sort::{self, cpu::SortScratch},
@@ -28,6 +30,7 @@ pub struct Renderer {
     ranks: Vec<u32>,
     scratch: SortScratch,
     lists: TileLists,
+    learning: LearningEntries,
     raster: Raster,
     entries: EntryGradients,
     centres: Vec<[f32; 2]>,
@@ -45,6 +48,7 @@ impl Renderer {
             ranks: Vec::new(),
             scratch: SortScratch::default(),
             lists: TileLists::default(),
+            learning: LearningEntries::default(),
             raster: Raster::default(),
             entries: EntryGradients::default(),
             centres: Vec::new(),
@@ -114,15 +118,33 @@ impl Renderer {
         upstream: &RasterGradient<'_>,
         out: &mut ActivatedGaussians,
     ) {
-        self.backward_timed(view, gaussians, upstream, out, |_| {});
+        self.backward_of(0..gaussians.len(), view, gaussians, upstream, out);
     }
 
-    /// [`Renderer::backward`], calling `done` with the name of each stage at its end.
+    /// Gradients by some consecutive Gaussians of the view rendered last: those of [`Renderer::backward`], to
+    /// the last bit, with the memory and about the time of these alone. `out` is overwritten and begins with
+    /// the first of them.
+    ///
+    /// # Panics
+    /// When nothing was rendered before.
+    pub fn backward_of(
+        &mut self,
+        learning: Range<usize>,
+        view: &View,
+        gaussians: &ActivatedGaussians,
+        upstream: &RasterGradient<'_>,
+        out: &mut ActivatedGaussians,
+    ) {
+        self.backward_timed(learning, view, gaussians, upstream, out, |_| {});
+    }
+
+    /// [`Renderer::backward_of`], calling `done` with the name of each stage at its end.
     ///
     /// # Panics
     /// When nothing was rendered before.
     pub fn backward_timed(
         &mut self,
+        learning: Range<usize>,
         view: &View,
         gaussians: &ActivatedGaussians,
         upstream: &RasterGradient<'_>,
@@ -139,12 +161,21 @@ impl Renderer {
             rays,
             background: self.settings.background,
         };
-        raster::cpu::backward(input, &self.raster, upstream, &mut self.entries);
+        self.learning
+            .find(&self.lists, learning, 0..gaussians.len());
+        raster::cpu::backward(
+            input,
+            &self.learning,
+            &self.raster,
+            upstream,
+            &mut self.entries,
+        );
         done("raster backward");
         let drawn = Drawn {
             splats: &self.splats,
             ranks: &self.ranks,
             lists: &self.lists,
+            learning: &self.learning,
         };
         project::cpu::backward(
             view,
@@ -158,10 +189,12 @@ impl Renderer {
         done("project backward");
     }
 
-    /// What was drawn in the view rendered last, with the gradients of its last backward pass.
+    /// What was drawn in the view rendered last, of the Gaussians whose gradients its last backward pass took,
+    /// with these.
     pub fn visible(&self) -> impl Iterator<Item = Visible> {
-        (0..)
-            .zip(self.ranks.iter().zip(&self.centres))
+        let learning = self.learning.gaussians();
+        (learning.start..)
+            .zip(self.ranks[learning].iter().zip(&self.centres))
             .filter(|(_, (rank, _))| **rank != u32::MAX)
             .map(|(gaussian, (_, &centre_gradient))| Visible {
                 gaussian,

@@ -10,6 +10,7 @@ use super::{
     dynamic_losses::{DynamicLosses, StepView},
     pose_refinement::{self, PoseRefinement},
     settings::TrainSettings,
+    shards::{ShardMemory, Shards},
 };
 use crate::{
     EngineError,
@@ -21,8 +22,8 @@ use crate::{
         temporal::{PEAK_TIMES, TemporalFeatures},
     },
     losses::{maps::Counted, photometric::cpu::Loss},
-    model::{Model, TrainedArray, cpu_renderer::CpuRenderer, exposure::Exposure},
-    parameters::{ParameterArray, adam},
+    model::{Model, Part, TrainedArray, cpu_renderer::CpuRenderer, exposure::Exposure},
+    parameters::{GradientMemory, ParameterArray, adam},
     schedule::StepSchedule,
     training_view::InputViews,
 };
@@ -30,28 +31,35 @@ use crate::{
 /// The model in memory, and every buffer that a step fills anew.
 #[derive(Debug)]
 pub struct CpuStepper<'a> {
-    inputs: InputViews<'a>,
-    ssim_weight: f32,
-    model: Model,
+    pub(super) inputs: InputViews<'a>,
+    pub(super) ssim_weight: f32,
+    pub(super) model: Model,
     /// Of the model; learning rates and statistics are in this order.
-    arrays: Vec<TrainedArray>,
-    renderer: CpuRenderer,
-    activated: ActivatedGaussians,
-    gradient: ActivatedGaussians,
-    loss: Loss,
+    pub(super) arrays: Vec<TrainedArray>,
+    pub(super) renderer: CpuRenderer,
+    pub(super) activated: ActivatedGaussians,
+    pub(super) gradient: ActivatedGaussians,
+    pub(super) loss: Loss,
     dynamic: Option<DynamicLosses>,
-    exposure: Option<Exposure>,
+    pub(super) exposure: Option<Exposure>,
     dropout: Option<Dropout>,
     pose_refinement: Option<PoseRefinement>,
-    target: Vec<f32>,
+    shards: Option<Shards>,
+    pub(super) shard_memory: ShardMemory,
+    pub(super) target: Vec<f32>,
     mask: Vec<f32>,
-    statistics: StepStatistics,
+    pub(super) statistics: StepStatistics,
 }
 
 impl<'a> CpuStepper<'a> {
     /// Ready for the first step.
-    pub fn new(inputs: InputViews<'a>, model: Model, settings: &TrainSettings) -> Self {
+    pub fn new(inputs: InputViews<'a>, mut model: Model, settings: &TrainSettings) -> Self {
         let [width, height] = inputs.size();
+        if settings.shards.is_some() {
+            for part in &mut model.parts {
+                part.table.take_gradients(&mut GradientMemory::default());
+            }
+        }
         Self {
             inputs,
             ssim_weight: settings.ssim_weight,
@@ -68,6 +76,8 @@ impl<'a> CpuStepper<'a> {
             exposure: settings.exposure.clone(),
             dropout: settings.dropout,
             pose_refinement: settings.pose_refinement,
+            shards: settings.shards.clone(),
+            shard_memory: ShardMemory::default(),
             target: Vec::new(),
             mask: Vec::new(),
             statistics: StepStatistics::default(),
@@ -175,29 +185,55 @@ impl<'a> CpuStepper<'a> {
             statistics,
             ..
         } = self;
-        statistics.refused.resize(arrays.len(), 0);
-        let mut step = |array: &mut ParameterArray, number: u64, decay: adam::SecondMomentDecay| {
-            let known = arrays.iter().position(|known| known.name == array.name);
-            if let Some(index) = known {
-                array.learning_rate = schedule.learning_rates[index];
-                statistics.refused[index] += adam::cpu::step(array, number, decay) as u64;
-            }
-        };
         for part in &mut model.parts {
-            for array in &mut part.table.arrays {
-                step(array, schedule.iteration, schedule.second_moments);
-            }
-            if let Some(shared) = part.parameterization.stepped_shared() {
-                shared.steps += 1;
-                step(
-                    &mut shared.array,
-                    shared.steps,
-                    adam::SecondMomentDecay::PUBLISHED,
-                );
-            }
-            part.parameterization.keep_within_bounds(&mut part.table);
+            update(part, schedule.iteration, arrays, schedule, statistics);
         }
     }
+}
+
+/// Step number `number` of Adam on a part. `arrays` are those of the model, in the order of step sizes.
+pub(super) fn update(
+    part: &mut Part,
+    number: u64,
+    arrays: &[TrainedArray],
+    schedule: &StepSchedule,
+    statistics: &mut StepStatistics,
+) {
+    statistics.refused.resize(arrays.len(), 0);
+    let mut step = |array: &mut ParameterArray, number: u64, decay: adam::SecondMomentDecay| {
+        let known = arrays.iter().position(|known| known.name == array.name);
+        if let Some(index) = known {
+            array.learning_rate = schedule.learning_rates[index];
+            statistics.refused[index] += adam::cpu::step(array, number, decay) as u64;
+        }
+    };
+    for array in &mut part.table.arrays {
+        step(array, number, schedule.second_moments);
+    }
+    if let Some(shared) = part.parameterization.stepped_shared() {
+        shared.steps += 1;
+        step(
+            &mut shared.array,
+            shared.steps,
+            adam::SecondMomentDecay::PUBLISHED,
+        );
+    }
+    part.parameterization.keep_within_bounds(&mut part.table);
+}
+
+/// Ends a run whose loss is no number any more.
+pub(super) fn require_finite(
+    loss: f64,
+    frame: u32,
+    schedule: &StepSchedule,
+) -> Result<(), EngineError> {
+    if loss.is_finite() {
+        return Ok(());
+    }
+    Err(EngineError::Diverged {
+        iteration: schedule.iteration,
+        what: format!("the loss of frame {frame} is {loss}"),
+    })
 }
 
 impl Stepper for CpuStepper<'_> {
@@ -220,6 +256,9 @@ impl Stepper for CpuStepper<'_> {
     }
 
     fn step(&mut self, number: usize, schedule: &StepSchedule) -> Result<(), EngineError> {
+        if let Some(shards) = self.shards.clone() {
+            return self.step_in_shards(&shards, number, schedule);
+        }
         let view = &self.inputs.views[number];
         let drawn = self.model.corrected(&view.view);
         let at = Viewpoint::of_step(&drawn, schedule.shift_frames, schedule.scheduled);
@@ -246,12 +285,7 @@ impl Stepper for CpuStepper<'_> {
         if let Some(dynamic) = &self.dynamic {
             total += dynamic.regularize_motion(&at, &mut self.model);
         }
-        if !total.is_finite() {
-            return Err(EngineError::Diverged {
-                iteration: schedule.iteration,
-                what: format!("the loss of frame {} is {total}", view.frame),
-            });
-        }
+        require_finite(total, view.frame, schedule)?;
         self.add_statistics();
         self.statistics.steps += 1;
         self.statistics.loss += total;

@@ -3,15 +3,17 @@
 pub mod cpu;
 mod dynamic_losses;
 pub mod gpu;
+pub mod memory;
 pub mod pose_refinement;
 pub mod settings;
+pub mod shards;
 
 use std::{fmt, sync::Arc};
 
 use omnilife_schemas::{RgbImage, records::Backend};
 use serde::{Deserialize, Serialize};
 
-use self::{cpu::CpuStepper, gpu::GpuStepper, settings::TrainSettings};
+use self::{cpu::CpuStepper, gpu::GpuStepper, settings::TrainSettings, shards::Shards};
 use crate::{
     EngineError,
     camera::View,
@@ -45,6 +47,9 @@ pub fn stepper<'a>(
     settings: &TrainSettings,
     backend: BackendChoice,
 ) -> Result<Box<dyn Stepper + 'a>, EngineError> {
+    if settings.shards.is_some() {
+        Shards::check(settings)?;
+    }
     match backend {
         BackendChoice::Cpu => Ok(Box::new(CpuStepper::new(inputs, model, settings))),
         BackendChoice::Gpu => {
@@ -57,6 +62,11 @@ pub fn stepper<'a>(
 
 /// What a GPU has no kernels for beside parameterizations.
 fn check_gpu(settings: &TrainSettings) -> Result<(), EngineError> {
+    if settings.shards.is_some() {
+        return Err(EngineError::Backend {
+            reason: "training in shards has no GPU kernels; use the backend cpu".to_owned(),
+        });
+    }
     if settings.renderer == RendererChoice::Exact {
         return Ok(());
     }

@@ -14,7 +14,7 @@ use crate::{
     gaussians::{deformable::settings::DeformationSettings, dropout::Dropout},
     model::dynamic_settings::DynamicSettings,
     parameters::{decay::Decay, short_schedule::ShortSchedule},
-    step::pose_refinement::PoseRefinement,
+    step::{pose_refinement::PoseRefinement, shards::Shards},
 };
 
 /// Settings of a run as resolved; they stand in its record.
@@ -58,6 +58,9 @@ pub struct TrainSettings {
     /// When poses are refined, where they are.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pose_refinement: Option<PoseRefinement>,
+    /// Gaussians that learn shard by shard, where they do; the others learn all at once.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shards: Option<Shards>,
     /// Iterations from one row of the trace to the next; the last iteration has a row too.
     pub trace_every: u64,
 }
@@ -90,11 +93,11 @@ impl TrainSettings {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::density::settings::tests::published;
 
-    fn settings(budget_seconds: Option<f64>) -> TrainSettings {
+    pub(crate) fn settings(budget_seconds: Option<f64>) -> TrainSettings {
         TrainSettings {
             iterations: 30_000,
             budget_seconds,
@@ -111,6 +114,7 @@ mod tests {
             exposure: None,
             dropout: None,
             pose_refinement: None,
+            shards: None,
             trace_every: 3_000,
         }
     }

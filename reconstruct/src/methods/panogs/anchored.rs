@@ -21,6 +21,8 @@ pub(super) struct CentreRefinement {
     pub(super) anchors: Arc<Vec<[f32; 3]>>,
     /// How far from there it may go.
     pub(super) reach: Arc<Vec<f32>>,
+    /// Centres of all shards together, over which the scaffold's loss is a mean.
+    pub(super) all: usize,
     /// The iteration of the schedule from which on centres move.
     pub(super) begin_iteration: u64,
     /// What they are held to, where anything, and how strongly.
@@ -70,7 +72,7 @@ impl Parameterization for Anchored {
         } else if let Some((scaffold, weight)) = &refinement.scaffold {
             let centres = positions.values.as_chunks::<3>().0;
             // What it adds to the loss is for the optimizer alone: the trace has the photometric loss.
-            scaffold.loss(centres, *weight, by_centres);
+            scaffold.loss(centres, (*weight, refinement.all), by_centres);
         }
     }
 
@@ -121,6 +123,7 @@ mod tests {
             refinement: Some(CentreRefinement {
                 anchors: Arc::new(vec![[0.0; 3]; 2]),
                 reach: Arc::new(vec![0.1; 2]),
+                all: 2,
                 begin_iteration: 0,
                 scaffold: None,
             }),

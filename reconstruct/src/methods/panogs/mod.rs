@@ -4,7 +4,8 @@
 //!
 //! * `sources`: the distances, from files or by the sphere sweep. `depth_refinement`: brought to the image's
 //!   grid where they have fewer pixels. `samples`: views agree on scales, pixels become Gaussians, the finest
-//!   view's stay; `manifest`: the record of that. `surface`: the scaffold (Eq. 9). `anchored`: what training may change.
+//!   view's stay; `manifest`: the record of that. `surface`: the scaffold (Eq. 9). `anchored`: what training may
+//!   change; `shards`: what of it at a time; `neighbour_views`: from which views.
 //!
 //! Lift, normals, scales and redundancy themselves are in [`crate::seeds::depth`]: any method can begin
 //! there.
@@ -12,7 +13,9 @@
 mod anchored;
 mod depth_refinement;
 mod manifest;
+mod neighbour_views;
 mod samples;
+mod shards;
 mod sources;
 mod surface;
 
@@ -22,16 +25,18 @@ use omnilife_engine::{
     density,
     gaussians::static_gaussians::{
         self, InitialGaussians, LOG_SCALES, OPACITY_LOGITS, POSITIONS, QUATERNIONS, SH_CONSTANT,
+        StaticGaussians,
     },
     model::{Model, Part},
-    parameters::{decay::Decay, memory},
-    step::settings::TrainSettings,
+    parameters::{ArrayShape, decay::Decay},
+    step::{memory::StepMemory, settings::TrainSettings},
 };
 use omnilife_schemas::records::ComponentDecision;
 
 use self::{
     anchored::{Anchored, CentreRefinement},
     samples::{LEAST_DISAGREEMENT, Samples},
+    shards::Sharding,
     surface::Surface,
 };
 use crate::{
@@ -60,6 +65,10 @@ pub const CENTRE_REFINEMENT: &str = "centre-refinement";
 pub const SCAFFOLD: &str = "scaffold";
 /// Component: sizes and rotations learn too.
 pub const SHAPE_REFINEMENT: &str = "shape-refinement";
+/// Component: one shard of the Gaussians after another learns from a drawing of all.
+pub const SHARDS: &str = "shards";
+/// Component: a shard learns from the views near its own cameras alone.
+pub const NEIGHBOUR_VIEWS: &str = "neighbour-views";
 
 /// PanoGS.
 pub const METHOD: Method = Method {
@@ -74,7 +83,8 @@ pub const METHOD: Method = Method {
                   agree on scales, and of what several see the finest sample stays; the exact ERP \
                   projection replaces its soft footprint; TSDF distances are point-to-plane; FRED, its \
                   depth network, is not public and is replaced by an upsampling along the image's edges; \
-                  scenes are trained whole, not in shards.",
+                  shards do not learn independently, each against images that others fill, but one after \
+                  another from a drawing of all, with the gradients of the whole scene.",
     components: &[
         DEPTH_SCALE,
         DEPTH_REFINEMENT,
@@ -85,11 +95,13 @@ pub const METHOD: Method = Method {
         CENTRE_REFINEMENT,
         SCAFFOLD,
         SHAPE_REFINEMENT,
+        SHARDS,
+        NEIGHBOUR_VIEWS,
     ],
     optional_components: &[],
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU,
-    options: &[options::MAX_GAUSSIANS, options::FOOTPRINT],
+    options: &[options::MAX_GAUSSIANS, options::FOOTPRINT, options::SHARDS],
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
@@ -119,6 +131,14 @@ impl Plan<'_> {
     }
 }
 
+/// Which arrays learn, and what centres are held to.
+struct Learning {
+    /// Arrays that keep their values.
+    frozen: Vec<usize>,
+    centres_move: bool,
+    surface: Option<Surface>,
+}
+
 fn prepare(
     scene: &TrainingScene,
     request: &MethodRequest,
@@ -128,13 +148,21 @@ fn prepare(
         request,
         decisions: Vec::new(),
     };
-    let samples = Samples::of(scene, &mut plan)?;
+    let mut samples = Samples::of(scene, &mut plan)?;
     let count = samples.gaussians.len() as u64;
+    let learning = learning(&samples, &mut plan);
+    let mut settings = settings(scene, request, &samples.gaussians);
     let shapes = static_gaussians::shapes(0);
-    let bytes = memory::training_bytes(count, &shapes);
+    let learns = |(array, _): &(usize, &ArrayShape)| !learning.frozen.contains(array);
+    let learns = shapes.iter().enumerate().filter(learns);
+    let learns: Vec<&str> = learns.map(|(_, shape)| shape.name).collect();
+    let memory = StepMemory::of(&shapes, &learns);
+    let sharding = Sharding::of(scene, &samples, memory, settings.rendering, &mut plan);
+    let largest = sharding.as_ref().map(Sharding::largest);
+    let bytes = memory.bytes(count, largest.map_or(count, |len| len as u64));
     process::require(bytes, &format!("training {count} Gaussians"))?;
-    let settings = settings(scene, request, &samples.gaussians);
-    let model = model(scene, &samples, &settings, &mut plan);
+    let model = model(scene, &mut samples, &settings, learning, sharding.as_ref());
+    settings.shards = sharding.map(Sharding::settings);
     Ok(PreparedGaussians {
         model,
         settings,
@@ -168,16 +196,8 @@ fn settings(
     settings
 }
 
-/// The Gaussians with what of them learns.
-fn model(
-    scene: &TrainingScene,
-    samples: &Samples,
-    settings: &TrainSettings,
-    plan: &mut Plan<'_>,
-) -> Model {
-    let mut model = Model::of_static(static_gaussians::table(&samples.gaussians, 0));
-    density::order::along_sphere(&mut model, &scene.input_views);
-    let mut table = std::mem::take(&mut model.parts[0].table);
+/// Decides what learns.
+fn learning(samples: &Samples, plan: &mut Plan<'_>) -> Learning {
     let warms_up = plan.decide(
         WARM_START,
         Decision::new(
@@ -185,8 +205,8 @@ fn model(
             "Gaussians of one view each have never been drawn together",
         ),
     );
-    let moves = plan.decide(CENTRE_REFINEMENT, samples.centre_decision());
-    let surface = surface(samples, plan, moves);
+    let centres_move = plan.decide(CENTRE_REFINEMENT, samples.centre_decision());
+    let surface = surface(samples, plan, centres_move);
     let changes_shapes = plan.decide(
         SHAPE_REFINEMENT,
         Decision::new(
@@ -202,25 +222,63 @@ fn model(
     if !changes_shapes {
         frozen.extend([LOG_SCALES, QUATERNIONS]);
     }
-    let refinement = moves.then(|| {
-        let positions = table.arrays[POSITIONS].values.as_chunks::<3>().0;
-        let scales = table.arrays[LOG_SCALES].values.as_chunks::<3>().0;
-        let reach =
-            |log_scales: &[f32; 3]| CENTRE_REACH * log_scales[0].exp() / samples.shape.tangential;
-        CentreRefinement {
-            anchors: Arc::new(positions.to_vec()),
-            reach: Arc::new(scales.iter().map(reach).collect()),
-            begin_iteration: (CENTRES_BEGIN * settings.iterations as f64) as u64,
-            scaffold: surface.map(|surface| (Arc::new(surface.field), SCAFFOLD_WEIGHT)),
-        }
-    });
-    if refinement.is_none() {
+    if !centres_move {
         frozen.push(POSITIONS);
     }
-    for array in frozen {
-        table.freeze(array);
+    Learning {
+        frozen,
+        centres_move,
+        surface,
     }
-    Model::new(vec![Part::new(Anchored { refinement }, table)])
+}
+
+/// The Gaussians with what of them learns: one part, or one for each shard.
+fn model(
+    scene: &TrainingScene,
+    samples: &mut Samples,
+    settings: &TrainSettings,
+    learning: Learning,
+    sharding: Option<&Sharding>,
+) -> Model {
+    let gaussians = std::mem::take(&mut samples.gaussians);
+    let all = gaussians.len();
+    let static_part = |gaussians: &InitialGaussians| {
+        let mut table = static_gaussians::table(gaussians, 0);
+        for &array in &learning.frozen {
+            table.freeze(array);
+        }
+        Part::new(StaticGaussians, table)
+    };
+    let mut model = Model::new(match sharding {
+        None => vec![static_part(&gaussians)],
+        Some(sharding) => {
+            let shards = sharding.members.iter();
+            let part = |members: &Vec<usize>| static_part(&gaussians.selected(members));
+            shards.map(part).collect()
+        }
+    });
+    drop(gaussians);
+    density::order::along_sphere(&mut model, &scene.input_views);
+    let scaffold = (learning.surface).map(|surface| (Arc::new(surface.field), SCAFFOLD_WEIGHT));
+    let anchored = |part: Part| {
+        let table = part.table;
+        let refinement = learning.centres_move.then(|| {
+            let positions = table.arrays[POSITIONS].values.as_chunks::<3>().0;
+            let scales = table.arrays[LOG_SCALES].values.as_chunks::<3>().0;
+            let reach = |log_scales: &[f32; 3]| {
+                CENTRE_REACH * log_scales[0].exp() / samples.shape.tangential
+            };
+            CentreRefinement {
+                anchors: Arc::new(positions.to_vec()),
+                reach: Arc::new(scales.iter().map(reach).collect()),
+                all,
+                begin_iteration: (CENTRES_BEGIN * settings.iterations as f64) as u64,
+                scaffold: scaffold.clone(),
+            }
+        });
+        Part::new(Anchored { refinement }, table)
+    };
+    Model::new(model.parts.into_iter().map(anchored).collect())
 }
 
 /// The fused surface, where there is a reason for it.

@@ -2,12 +2,20 @@
 
 use std::collections::HashMap;
 
+use fearless_simd::{Level, Simd, dispatch, f32x8, prelude::*};
 use glam::{IVec3, Vec3, ivec3};
 use omnilife_schemas::distances::DistanceImage;
 use rayon::prelude::*;
 
 use super::{BLOCK_SIDE, BLOCK_VOXELS, Block, STEPS, Scaffold, Voxel, index_in_block};
-use crate::camera::{View, nearest::Projector, rays::Rays};
+use crate::camera::{
+    CameraLanes, View,
+    lanes::{LANES, Vec3x8},
+    rays::Rays,
+};
+
+/// A row of a block is looked up at once.
+const _: () = assert!(BLOCK_SIDE as usize == LANES);
 
 /// Truncation in voxels.
 pub const TRUNCATION_VOXELS: f32 = 4.0;
@@ -52,11 +60,7 @@ impl Scaffold {
             }
         }
         let near = near_distance(views);
-        let fuser = |view| Fuser {
-            view,
-            projector: Projector::new(view.view),
-            near,
-        };
+        let fuser = |view| Fuser { view, near };
         let fusers: Vec<Fuser<'_>> = views.iter().map(fuser).collect();
         let blocks: Vec<(IVec3, Block)> = by_block
             .into_par_iter()
@@ -92,11 +96,18 @@ impl Scaffold {
                 if high.abs().max(low.abs()).max_element() > 1e7 || last == Some((low, high)) {
                     continue;
                 }
-                last = Some((low, high));
+                let before = last.replace((low, high));
+                let is_new = |block: &IVec3| {
+                    let block = block.as_vec3();
+                    before.is_none_or(|(low, high): (Vec3, Vec3)| {
+                        block.cmplt(low).any() || block.cmpgt(high).any()
+                    })
+                };
                 let (low, high) = (low.as_ivec3(), high.as_ivec3());
                 for z in low.z..=high.z {
                     for y in low.y..=high.y {
-                        blocks.extend((low.x..=high.x).map(|x| ivec3(x, y, z)));
+                        let row = (low.x..=high.x).map(|x| ivec3(x, y, z));
+                        blocks.extend(row.filter(is_new));
                     }
                 }
             }
@@ -111,16 +122,33 @@ impl Scaffold {
         all
     }
 
+    /// Adds what a view says of the voxels of a block.
     fn add(&self, fuser: &Fuser<'_>, block: IVec3, voxels: &mut Block) {
+        dispatch!(Level::new(), simd => self.add_rows(simd, fuser, block, voxels));
+    }
+
+    #[inline(always)]
+    fn add_rows<S: Simd>(&self, simd: S, fuser: &Fuser<'_>, block: IVec3, voxels: &mut Block) {
         let first = block * BLOCK_SIDE;
+        let columns: [f32; LANES] = std::array::from_fn(|x| {
+            self.origin.x + ((first.x + x as i32) as f32 + 0.5) * self.voxel
+        });
+        let columns = f32x8::simd_from(simd, columns);
+        let steps_per_unit = STEPS / self.truncation;
         for z in 0..BLOCK_SIDE {
             for y in 0..BLOCK_SIDE {
-                for x in 0..BLOCK_SIDE {
-                    let voxel = first + ivec3(x, y, z);
-                    let place = self.origin + (voxel.as_vec3() + 0.5) * self.voxel;
-                    if let Some((distance, weight)) = fuser.observed(place, self.truncation) {
-                        let voxel = &mut voxels[index_in_block(voxel)];
-                        let steps = (distance / self.truncation * STEPS).round() as i32;
+                let row = first + ivec3(0, y, z);
+                let place = self.origin + (row.as_vec3() + 0.5) * self.voxel;
+                let places = Vec3x8 {
+                    x: columns,
+                    y: f32x8::splat(simd, place.y),
+                    z: f32x8::splat(simd, place.z),
+                };
+                let row = index_in_block(row);
+                for (voxel, seen) in voxels[row..row + LANES].iter_mut().zip(fuser.seen(places)) {
+                    let observed = seen.and_then(|seen| fuser.observed(seen, self.truncation));
+                    if let Some((distance, weight)) = observed {
+                        let steps = (distance * steps_per_unit + 0.5).floor() as i32;
                         voxel.sum = voxel.sum.saturating_add(steps * weight as i32);
                         voxel.weight = voxel.weight.saturating_add(weight);
                     }
@@ -133,15 +161,43 @@ impl Scaffold {
 /// A view ready for many voxels.
 struct Fuser<'a> {
     view: &'a FusedView<'a>,
-    projector: Projector,
     /// Distance up to which a surface that is seen from the front has the largest weight.
     near: f32,
 }
 
 impl Fuser<'_> {
-    /// The distance from the plane of the pixel that shows a place, cut off, and its weight.
-    fn observed(&self, place: Vec3, truncation: f32) -> Option<(f32, u32)> {
-        let (pixel, away) = self.projector.pixel(place)?;
+    /// The pixels that show some places, counted row by row, and the places' distances from the camera.
+    #[inline(always)]
+    fn seen<S: Simd>(&self, places: Vec3x8<S>) -> [Option<(usize, f32)>; LANES] {
+        let View {
+            camera,
+            rotation,
+            centre,
+            ..
+        } = self.view.view;
+        let points = Vec3x8 {
+            x: places.x - centre.x,
+            y: places.y - centre.y,
+            z: places.z - centre.z,
+        };
+        let points = points.transformed(rotation);
+        let distances = points.length_squared().sqrt();
+        let sees = camera.see(points, distances, 0.0);
+        let [u, v]: [[f32; LANES]; 2] = camera.pixels(points).map(Into::into);
+        let [width, height] = camera.size();
+        let distances: [f32; LANES] = distances.into();
+        std::array::from_fn(|lane| {
+            let (u, v) = (u[lane], v[lane]);
+            let is_inside = u >= 0.0 && v >= 0.0 && u < width as f32 && v < height as f32;
+            // The last column of a panorama ends where the first begins, the last row at the pole.
+            let pixel = (v as usize).min(height - 1) * width + u as usize % width;
+            (sees.test(lane) && (is_inside || camera.wraps())).then_some((pixel, distances[lane]))
+        })
+    }
+
+    /// The distance of a place at a distance from the camera from the plane of the pixel that shows it, cut
+    /// off, and its weight.
+    fn observed(&self, (pixel, away): (usize, f32), truncation: f32) -> Option<(f32, u32)> {
         let (surface, incidence) = (
             self.view.distances.values[pixel],
             self.view.incidence[pixel],

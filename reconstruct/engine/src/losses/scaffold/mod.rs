@@ -93,11 +93,16 @@ impl Scaffold {
         (weight > 0).then(|| (f64::from(sum) / f64::from(weight)) as f32 / STEPS * self.truncation)
     }
 
-    /// The loss `weight / N sum_i Huber(|Phi(mu_i)|)` (PanoGS, Eq. 9), which is half the square over the
+    /// The loss `weight / N sum_i Huber(|Phi(mu_i)|)` (PanoGS, Eq. 9) of some of `N = all` centres, which is half the square over the
     /// width of its quadratic part, half a voxel, near the surface; adds its gradient by the centres to
     /// `gradient`. Centres where the field has no value have neither loss nor gradient.
-    pub fn loss(&self, centres: &[[f32; 3]], weight: f32, gradient: &mut [[f32; 3]]) -> f64 {
-        let factor = weight / centres.len().max(1) as f32;
+    pub fn loss(
+        &self,
+        centres: &[[f32; 3]],
+        (weight, all): (f32, usize),
+        gradient: &mut [[f32; 3]],
+    ) -> f64 {
+        let factor = weight / all.max(1) as f32;
         let width = HUBER_VOXELS * self.voxel;
         let sum: f64 = (centres.par_iter(), gradient.par_iter_mut())
             .into_par_iter()

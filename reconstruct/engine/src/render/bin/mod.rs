@@ -14,6 +14,7 @@
 
 pub mod cpu;
 pub(crate) mod gpu;
+pub mod learning;
 mod span;
 
 use std::{

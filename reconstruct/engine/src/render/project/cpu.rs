@@ -19,7 +19,7 @@ use crate::{
     },
     gaussians::{ActivatedGaussians, SH_C0, sh_rest_count},
     render::{
-        bin::TileLists,
+        bin::{TileLists, learning::LearningEntries},
         project::Cone,
         raster::EntryGradients,
         settings::{ALPHA_MIN, Footprint, RenderSettings},
@@ -227,10 +227,10 @@ impl Projector<'_> {
                 centres: std::array::from_fn(|lane| [sums.rows[0][lane], sums.rows[1][lane]]),
             }
         };
-        for lane in 0..LANES.min(drawn.ranks.len() - first) {
+        for lane in 0..LANES.min(drawn.learning.gaussians().end - first) {
             let index = first + lane;
             if drawn.ranks[index] != u32::MAX && drawn.splats.all[index].shape == Shape::Cone {
-                let by_cone = sum_cones(drawn.lists, entries, drawn.ranks[index]);
+                let by_cone = sum_cones(drawn, entries, drawn.ranks[index]);
                 self.cone_vjp(index, &placed.lane(lane), &by_cone, lane, &mut out);
             }
         }
@@ -321,11 +321,13 @@ pub struct Drawn<'a> {
     pub ranks: &'a [u32],
     /// Where each splat's entries are.
     pub lists: &'a TileLists,
+    /// Whose gradients are asked for.
+    pub learning: &'a LearningEntries,
 }
 
 /// VJP of [`forward`]: sums each splat's entries in a fixed order and writes the gradients of all
-/// Gaussians, zero for those that were not drawn. `centres` receives the gradients by the centres'
-/// images ([`crate::render::Visible::centre_gradient`]).
+/// Gaussians that learn, from the first of them on, zero for those that were not drawn. `centres` receives the
+/// gradients by the centres' images ([`crate::render::Visible::centre_gradient`]).
 pub fn backward(
     view: &View,
     gaussians: &ActivatedGaussians,
@@ -335,7 +337,8 @@ pub fn backward(
     centres: &mut Vec<[f32; 2]>,
     out: &mut ActivatedGaussians,
 ) {
-    let len = gaussians.len();
+    let asked = drawn.learning.gaussians();
+    let len = asked.len();
     out.reshape(len, gaussians.sh_degree, gaussians.feature_count);
     centres.resize(len, [0.0; 2]);
     let projector = Projector {
@@ -364,11 +367,11 @@ pub fn backward(
                 (positions, scales, rotations, opacities, constants, centres, rest, by_feature),
             )| {
                 for at in (0..positions.len()).step_by(LANES) {
-                    let first = batch * BATCH + at;
+                    let first = asked.start + batch * BATCH + at;
                     let end = positions.len().min(at + LANES);
                     let by_feature = &mut by_feature[at * features..end * features];
-                    let ranks = &drawn.ranks[first..batch * BATCH + end];
-                    let sums = sum_entries(drawn.lists, entries, ranks, by_feature);
+                    let ranks = &drawn.ranks[first..first + end - at];
+                    let sums = sum_entries(&drawn, entries, ranks, by_feature);
                     let shapes = dispatch!(level, simd => {
                         projector.shapes_vjp(simd, first, &sums, &drawn, entries)
                     });
@@ -413,7 +416,7 @@ pub fn backward(
 /// Sums the entries' gradients of 8 or fewer Gaussians with the places `ranks` in the order, each in
 /// the order of its entries; those of Gaussians that were not drawn are 0.
 fn sum_entries(
-    lists: &TileLists,
+    drawn: &Drawn<'_>,
     entries: &EntryGradients,
     ranks: &[u32],
     by_feature: &mut [f32],
@@ -427,9 +430,10 @@ fn sum_entries(
         }
         let by_feature = &mut by_feature[lane * features..(lane + 1) * features];
         let mut total = SplatGradient::default();
-        for &place in lists.places(rank) {
-            total.accumulate(&entries.splats[place as usize]);
-            let from = place as usize * features;
+        for &place in drawn.lists.places(rank) {
+            let place = drawn.learning.place(place);
+            total.accumulate(&entries.splats[place]);
+            let from = place * features;
             let entry = &entries.features[from..from + features];
             for (sum, value) in by_feature.iter_mut().zip(entry) {
                 *sum += value;
@@ -445,10 +449,11 @@ fn sum_entries(
 }
 
 /// Sums the entries' gradients by the cone of the splat with this place in the order.
-fn sum_cones(lists: &TileLists, entries: &EntryGradients, rank: u32) -> ConeGradient {
+fn sum_cones(drawn: &Drawn<'_>, entries: &EntryGradients, rank: u32) -> ConeGradient {
     let mut total = [0.0; 10];
-    for &place in lists.places(rank) {
-        for (sum, value) in total.iter_mut().zip(entries.cones[place as usize]) {
+    for &place in drawn.lists.places(rank) {
+        let place = drawn.learning.place(place);
+        for (sum, value) in total.iter_mut().zip(entries.cones[place]) {
             *sum += value;
         }
     }

@@ -31,7 +31,7 @@ use crate::{
     gaussians::ActivatedGaussians,
     render::{
         Visible,
-        bin::{TileLists, cpu::Binner},
+        bin::{TileLists, cpu::Binner, learning::LearningEntries},
         project::{Splat, SplatGradient, Splats, cpu::NOT_DRAWN},
         raster::{self, EntryGradients, Raster, RasterGradient},
         settings::RenderSettings,
@@ -51,6 +51,7 @@ pub struct PublishedRenderer {
     ranks: Vec<u32>,
     scratch: SortScratch,
     lists: TileLists,
+    learning: LearningEntries,
     raster: Raster,
     entries: EntryGradients,
     visible: Vec<Visible>,
@@ -68,6 +69,7 @@ impl PublishedRenderer {
             ranks: Vec::new(),
             scratch: SortScratch::default(),
             lists: TileLists::default(),
+            learning: LearningEntries::default(),
             raster: Raster::default(),
             entries: EntryGradients::default(),
             visible: Vec::new(),
@@ -134,7 +136,15 @@ impl PublishedRenderer {
             colour: image_gradient,
             features: &[],
         };
-        raster::cpu::backward(input, &self.raster, &upstream, &mut self.entries);
+        let all = 0..gaussians.len();
+        self.learning.find(&self.lists, all.clone(), all);
+        raster::cpu::backward(
+            input,
+            &self.learning,
+            &self.raster,
+            &upstream,
+            &mut self.entries,
+        );
         out.clear_to_zero(gaussians);
         self.visible.clear();
         let rows: Vec<project::RowGradient> = (0..gaussians.len())

@@ -18,7 +18,7 @@ use crate::{
     camera::rays::Rays,
     gaussians::ActivatedGaussians,
     render::{
-        bin::TileLists,
+        bin::{TileLists, learning::LearningEntries},
         project::{SplatGradient, Splats},
         settings::TILE,
     },
@@ -136,16 +136,17 @@ impl Band<'_> {
     }
 }
 
-/// Gradients by the splats of all entries, from the gradient by the images. `raster` is what
+/// Gradients by the splats of the entries that learn, from the gradient by the images. `raster` is what
 /// [`forward`] gave for the same input.
 pub fn backward(
     input: Input<'_>,
+    learning: &LearningEntries,
     raster: &Raster,
     gradient: &RasterGradient<'_>,
     out: &mut EntryGradients,
 ) {
     let scene = input.scene();
-    let entries = scene.lists.len();
+    let entries = learning.len();
     out.splats.resize(entries, SplatGradient::default());
     out.cones.resize(entries, [0.0; 10]);
     out.features.resize(entries * scene.feature_count, 0.0);
@@ -156,32 +157,36 @@ pub fn backward(
         features: &mut out.features,
     };
     let tiles = 0..scene.lists.columns * scene.lists.rows;
-    for_each_tile(&scene, tiles, all, &|index, mut out| {
+    let features = scene.feature_count;
+    for_each_tile((learning, features), tiles, all, &|index, mut out| {
         let tile = Tile::new(&scene, index);
         FEATURE_SCRATCH.with_borrow_mut(|scratch| {
             dispatch!(level, simd => {
-                tile_gradients(simd, &scene, &tile, raster, gradient, &mut out, scratch);
+                tile_gradients(simd, &scene, &tile, learning, raster, gradient, &mut out, scratch);
             });
         });
     });
 }
 
-/// Calls `work` for every tile with its part of `out`, in parallel.
-fn for_each_tile<F>(scene: &Scene<'_>, tiles: Range<usize>, out: TileEntries<'_>, work: &F)
-where
+/// Calls `work` for every tile that shows a Gaussian that learns with its part of `out`, in parallel.
+fn for_each_tile<F>(
+    (learning, features): (&LearningEntries, usize),
+    tiles: Range<usize>,
+    out: TileEntries<'_>,
+    work: &F,
+) where
     F: Fn(usize, TileEntries<'_>) + Sync,
 {
     match tiles.len() {
-        0 => {}
+        _ if out.splats.is_empty() => {}
         1 => work(tiles.start, out),
         _ => {
             let middle = usize::midpoint(tiles.start, tiles.end);
-            let begin = scene.lists.tile(tiles.start).start;
-            let count = scene.lists.tile(middle).start - begin;
+            let begin = learning.tile(tiles.start).start;
+            let count = learning.tile(middle).start - begin;
             let (left, right) = out.splats.split_at_mut(count);
             let (left_cones, right_cones) = out.cones.split_at_mut(count);
-            let (left_features, right_features) =
-                out.features.split_at_mut(count * scene.feature_count);
+            let (left_features, right_features) = out.features.split_at_mut(count * features);
             rayon::join(
                 || {
                     let out = TileEntries {
@@ -189,7 +194,7 @@ where
                         cones: left_cones,
                         features: left_features,
                     };
-                    for_each_tile(scene, tiles.start..middle, out, work);
+                    for_each_tile((learning, features), tiles.start..middle, out, work);
                 },
                 || {
                     let out = TileEntries {
@@ -197,7 +202,7 @@ where
                         cones: right_cones,
                         features: right_features,
                     };
-                    for_each_tile(scene, middle..tiles.end, out, work);
+                    for_each_tile((learning, features), middle..tiles.end, out, work);
                 },
             );
         }

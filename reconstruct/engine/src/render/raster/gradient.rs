@@ -4,11 +4,12 @@ use fearless_simd::{Simd, f32x8, prelude::*};
 
 use crate::render::raster::{
     Raster, RasterGradient,
-    lanes::{LANES, alpha, blend, load, store},
+    lanes::{Blend, LANES, alpha, blend, load, store},
     shapes::{EntrySums, Walk, cone_gradients},
     tile::{Batch, Plane, Scene, Tile, has_stopped},
 };
 use crate::render::{
+    bin::learning::LearningEntries,
     project::{ConeGradient, Shape, Splat, SplatGradient},
     settings::TILE,
 };
@@ -72,6 +73,25 @@ impl Upstream {
         }
         upstream
     }
+
+    /// dL/dC of 8 pixels.
+    #[inline(always)]
+    fn by_colour<S: Simd>(&self, simd: S, at: usize) -> [f32x8<S>; 3] {
+        [
+            load(simd, &self.colour[0].0, at),
+            load(simd, &self.colour[1].0, at),
+            load(simd, &self.colour[2].0, at),
+        ]
+    }
+
+    /// Goes on behind a splat with `g . c_i` in 8 pixels; returns what is behind it.
+    #[inline(always)]
+    fn go_on<S: Simd>(&mut self, simd: S, at: usize, blend: Blend<S>, along: f32x8<S>) -> f32x8<S> {
+        let behind = load(simd, &self.behind.0, at) - blend.weights * along;
+        store(behind, &mut self.behind.0, at);
+        store(blend.transmittance, &mut self.transmittance.0, at);
+        behind
+    }
 }
 
 /// Where the gradients of a tile's entries go.
@@ -84,12 +104,17 @@ pub(super) struct TileEntries<'a> {
     pub(super) features: &'a mut [f32],
 }
 
-/// Writes the gradients of a tile's entries.
+/// Writes the gradients of a tile's entries that learn; the others only hide what is behind them.
 #[inline(always)]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "the loop over a tile takes its operands one by one"
+)]
 pub(super) fn tile_gradients<S: Simd>(
     simd: S,
     scene: &Scene<'_>,
     tile: &Tile,
+    learning: &LearningEntries,
     raster: &Raster,
     gradient: &RasterGradient<'_>,
     out: &mut TileEntries<'_>,
@@ -99,10 +124,40 @@ pub(super) fn tile_gradients<S: Simd>(
     let mut places = scene.lists.tile(tile.index);
     let mut batch = Batch::new();
     let mut done = 0;
-    while !places.is_empty() && !has_stopped(&upstream.transmittance) {
+    while done < out.splats.len() && !has_stopped(&upstream.transmittance) {
         batch.fill(scene, &mut places);
         for (index, splat) in batch.iter() {
             let values = scene.features_of(index);
+            if !learning.learns(index) {
+                match &splat.shape {
+                    Shape::Ellipse(shape) => {
+                        pass_one(
+                            simd,
+                            scene,
+                            tile,
+                            shape,
+                            splat,
+                            values,
+                            &mut upstream,
+                            scratch,
+                        );
+                    }
+                    Shape::Cone => {
+                        let shape = &scene.splats.cones[index];
+                        pass_one(
+                            simd,
+                            scene,
+                            tile,
+                            shape,
+                            splat,
+                            values,
+                            &mut upstream,
+                            scratch,
+                        );
+                    }
+                }
+                continue;
+            }
             match &splat.shape {
                 Shape::Ellipse(shape) => {
                     let sums = one_splat(
@@ -150,6 +205,49 @@ pub(super) fn tile_gradients<S: Simd>(
     out.features[first_feature..].fill(0.0);
 }
 
+/// What is behind a splat that does not learn, and what of it is left to see: as in [`one_splat`], to the
+/// last bit.
+#[inline(always)]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "the innermost loop takes its operands one by one"
+)]
+fn pass_one<S: Simd, W: Walk<S>>(
+    simd: S,
+    scene: &Scene<'_>,
+    tile: &Tile,
+    shape: &W,
+    splat: &Splat,
+    values: &[f32],
+    upstream: &mut Upstream,
+    features: &FeatureScratch,
+) {
+    let colour = splat.colour.map(|value| f32x8::splat(simd, value));
+    shape.walk(
+        simd,
+        tile,
+        scene.rays,
+        splat,
+        #[inline(always)]
+        |block| {
+            let transmittance = load(simd, &upstream.transmittance.0, block.at);
+            if !transmittance.simd_gt(0.0).any_true() {
+                return;
+            }
+            let alpha = alpha(simd, block.log2_alpha);
+            let blend = blend(simd, alpha.value, transmittance);
+            let g = upstream.by_colour(simd, block.at);
+            let mut along = g[0] * colour[0];
+            along = g[1].mul_add(colour[1], along);
+            along = g[2].mul_add(colour[2], along);
+            for (plane, &value) in features.upstream.iter().zip(values) {
+                along = load(simd, &plane.0, block.at).mul_add(value, along);
+            }
+            upstream.go_on(simd, block.at, blend, along);
+        },
+    );
+}
+
 #[inline(always)]
 #[expect(
     clippy::too_many_arguments,
@@ -183,11 +281,7 @@ fn one_splat<S: Simd, W: Walk<S>>(
             }
             let alpha = alpha(simd, block.log2_alpha);
             let blend = blend(simd, alpha.value, transmittance);
-            let g = [
-                load(simd, &upstream.colour[0].0, block.at),
-                load(simd, &upstream.colour[1].0, block.at),
-                load(simd, &upstream.colour[2].0, block.at),
-            ];
+            let g = upstream.by_colour(simd, block.at);
             let mut along = g[0] * colour[0];
             along = g[1].mul_add(colour[1], along);
             along = g[2].mul_add(colour[2], along);
@@ -202,11 +296,9 @@ fn one_splat<S: Simd, W: Walk<S>>(
                 let added = blend.weights.mul_add(g, load(simd, sum, 0));
                 store(added, sum, 0);
             }
-            let behind = load(simd, &upstream.behind.0, block.at) - blend.weights * along;
-            store(behind, &mut upstream.behind.0, block.at);
-            store(blend.transmittance, &mut upstream.transmittance.0, block.at);
-            let by_alpha = transmittance * along - behind / (-alpha.value + 1.0);
             let counts = blend.weights.simd_gt(0.0);
+            let behind = upstream.go_on(simd, block.at, blend, along);
+            let by_alpha = transmittance * along - behind / (-alpha.value + 1.0);
             let by_log = counts.select(by_alpha * alpha.unclamped, zero);
             by_log_sum += by_log;
             shape.add(&mut shape_sums, &block.geometry, by_log);

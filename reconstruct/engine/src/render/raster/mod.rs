@@ -79,7 +79,7 @@ pub struct RasterGradient<'a> {
     pub features: &'a [f32],
 }
 
-/// Gradients by the splats of every (splat, tile) entry, in the order of the tiles' lists.
+/// Gradients by the splats of every (splat, tile) entry that learns, in the order of the tiles' lists.
 #[derive(Debug, Default)]
 pub struct EntryGradients {
     /// By ellipse, opacity and colour.

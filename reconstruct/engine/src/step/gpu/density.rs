@@ -38,6 +38,7 @@ pub(super) fn outline(
             parameterization: part.parameterization.clone(),
             table: outlined(&part.table),
             statistics: part.statistics.clone(),
+            steps: part.steps,
         };
         on_device.read_statistics(gpu, &mut outline.statistics)?;
         let rows = outline.table.len();

@@ -1,0 +1,285 @@
+//! A step from which one shard of the Gaussians after another learns (PanoGS, Section 3.5).
+//!
+//! A view is drawn once, with all Gaussians. Then each shard, a part of the model, takes its backward pass and
+//! its step of the optimizer: what a backward pass keeps of Gaussians and of their entries in tile lists is
+//! there of one shard at a time. The gradients are those of a backward pass of all, to the last bit.
+
+use serde::{Deserialize, Serialize};
+
+use super::{StepStatistics, cpu::CpuStepper, settings::TrainSettings};
+use crate::{
+    EngineError,
+    gaussians::{ActivatedGaussians, parameterization::Viewpoint, temporal::TemporalFeatures},
+    parameters::GradientMemory,
+    render::settings::RendererChoice,
+    schedule::StepSchedule,
+};
+
+/// Gaussians that learn shard by shard.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Shards {
+    /// How many Gaussians each has; the parts of the model in their order.
+    pub gaussians: Vec<u64>,
+    /// By shard the numbers of the input views that it learns from; all shards learn from all views where
+    /// nothing is said.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub views: Option<Vec<Vec<u32>>>,
+}
+
+impl Shards {
+    /// Whether a shard learns from an input view.
+    pub fn learns_from(&self, shard: usize, view: usize) -> bool {
+        let views = self.views.as_ref().and_then(|views| views.get(shard));
+        views.is_none_or(|views| views.contains(&(view as u32)))
+    }
+
+    /// Share of all Gaussians that the largest shard has.
+    pub fn largest_share(&self) -> f64 {
+        let largest = self.gaussians.iter().max().copied().unwrap_or(0);
+        largest as f64 / self.gaussians.iter().sum::<u64>().max(1) as f64
+    }
+
+    /// Refuses what a step in shards does not have: it knows static Gaussians and the loss on colours.
+    ///
+    /// # Errors
+    /// With the name of what it does not have.
+    pub(super) fn check(settings: &TrainSettings) -> Result<(), EngineError> {
+        let missing = [
+            (settings.dynamics.is_some(), "motion"),
+            (settings.dropout.is_some(), "dropout"),
+            (settings.pose_refinement.is_some(), "refined poses"),
+            (
+                settings.renderer != RendererChoice::Exact,
+                "the renderer with the published quirks",
+            ),
+        ];
+        match missing.iter().find(|(is_asked, _)| *is_asked) {
+            Some((_, what)) => Err(EngineError::Backend {
+                reason: format!("training in shards does not go with {what}"),
+            }),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Memory that one shard hands to the next.
+#[derive(Debug, Default)]
+pub(super) struct ShardMemory {
+    activated: ActivatedGaussians,
+    gradients: GradientMemory,
+}
+
+impl CpuStepper<'_> {
+    /// One step on input view `number`.
+    pub(super) fn step_in_shards(
+        &mut self,
+        shards: &Shards,
+        number: usize,
+        schedule: &StepSchedule,
+    ) -> Result<(), EngineError> {
+        let view = &self.inputs.views[number];
+        let (drawn, none) = (&view.view, TemporalFeatures::default());
+        let at = Viewpoint::of_step(drawn, schedule.shift_frames, schedule.scheduled);
+        self.model.activate(&at, &none, &mut self.activated);
+        view.write_image(&mut self.target);
+        if let Some(exposure) = &self.exposure {
+            exposure.normalize(&mut self.target, drawn.time_seconds);
+        }
+        let raster = self
+            .renderer
+            .forward(drawn, &self.activated, schedule.sh_degree);
+        let (value, by_image) = self.loss.forward_backward_ignoring(
+            view.ignored.as_deref(),
+            &raster.colour,
+            &self.target,
+            self.ssim_weight,
+        );
+        super::cpu::require_finite(value.total, view.frame, schedule)?;
+        let ShardMemory {
+            activated,
+            gradients,
+        } = &mut self.shard_memory;
+        let mut first = 0;
+        for (shard, part) in self.model.parts.iter_mut().enumerate() {
+            let own = first..first + part.table.len();
+            first = own.end;
+            if !shards.learns_from(shard, number) {
+                continue;
+            }
+            self.renderer.backward_of(
+                own.clone(),
+                drawn,
+                &self.activated,
+                by_image,
+                &mut self.gradient,
+            )?;
+            activated.copy_entries(&self.activated, own);
+            part.table.lend_gradients(gradients);
+            part.parameterization.activate_backward(
+                &mut part.table,
+                &at,
+                &none,
+                0,
+                activated,
+                &mut self.gradient,
+            );
+            part.steps += 1;
+            let steps = part.steps;
+            super::cpu::update(part, steps, &self.arrays, schedule, &mut self.statistics);
+            part.table.take_gradients(gradients);
+        }
+        self.statistics.add(&StepStatistics {
+            steps: 1,
+            loss: value.total,
+            squared_error: value.mse,
+            refused: Vec::new(),
+        });
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{Mat3, Vec3};
+    use omnilife_schemas::camera::ErpCamera;
+
+    use super::*;
+    use crate::{
+        camera::View,
+        gaussians::static_gaussians::{
+            self, InitialGaussians, OPACITY_LOGITS, POSITIONS, QUATERNIONS, SH_CONSTANT,
+            StaticGaussians,
+        },
+        model::{Model, Part},
+        parameters::adam::SecondMomentDecay,
+        step::{BackendChoice, settings::tests::settings, stepper},
+        training_view::{InputViews, TrainingView},
+    };
+
+    const CAMERA: ErpCamera = ErpCamera {
+        width: 64,
+        height: 32,
+    };
+
+    fn views() -> Vec<TrainingView> {
+        let view = |number: u32| TrainingView {
+            frame: number,
+            view: View {
+                camera: CAMERA.into(),
+                rotation: Mat3::IDENTITY,
+                centre: Vec3::new(0.1 * number as f32, 0.0, 0.0),
+                time_seconds: 0.0,
+            },
+            pixels: (0..64 * 32 * 3)
+                .map(|value| (value * (7 + number) % 251) as u8)
+                .collect(),
+            mask: None,
+            ignored: None,
+        };
+        vec![view(0), view(1)]
+    }
+
+    /// Gaussians all around that hide each other.
+    fn gaussians() -> InitialGaussians {
+        let place = |index: usize| {
+            let (angle, height) = (0.61 * index as f32, (index % 7) as f32 / 3.0 - 1.0);
+            let distance = 1.0 + (index % 5) as f32 / 4.0;
+            [distance * angle.cos(), height, distance * angle.sin()]
+        };
+        InitialGaussians::isotropic(
+            (0..90).map(place).collect(),
+            &[0.15; 90],
+            vec![[0.3, 0.5, 0.7]; 90],
+            vec![0.6; 90],
+        )
+    }
+
+    /// A model of parts with these numbers of Gaussians, of which sizes and rotations stay.
+    fn model(lengths: &[usize]) -> Model {
+        let (all, mut first) = (gaussians(), 0);
+        let part = |&len: &usize| {
+            let own: Vec<usize> = (first..first + len).collect();
+            first += len;
+            let mut table = static_gaussians::table(&all.selected(&own), 0);
+            for array in [static_gaussians::LOG_SCALES, QUATERNIONS] {
+                table.freeze(array);
+            }
+            Part::new(StaticGaussians, table)
+        };
+        Model::new(lengths.iter().map(part).collect())
+    }
+
+    /// The parts after steps on some views.
+    fn trained(lengths: &[usize], near: Option<Vec<Vec<u32>>>, order: &[usize]) -> Vec<Part> {
+        let mut settings = settings(None);
+        settings.shards = (lengths.len() > 1).then(|| Shards {
+            gaussians: lengths.iter().map(|&len| len as u64).collect(),
+            views: near,
+        });
+        let views = views();
+        let inputs = InputViews {
+            camera: CAMERA.into(),
+            views: &views,
+        };
+        let model = model(lengths);
+        let rates = model.trained_arrays().iter().map(|_| 0.01).collect();
+        let mut stepper =
+            stepper(inputs, model, &settings, BackendChoice::Cpu).expect("static Gaussians");
+        let mut schedule = StepSchedule {
+            learning_rates: rates,
+            second_moments: SecondMomentDecay::PUBLISHED,
+            ..StepSchedule::default()
+        };
+        for &view in order {
+            schedule.iteration += 1;
+            stepper.step(view, &schedule).expect("a finite loss");
+        }
+        let statistics = stepper.take_statistics().expect("on the CPU");
+        assert_eq!(statistics.steps, order.len() as u64);
+        stepper.model().expect("on the CPU").parts.clone()
+    }
+
+    #[test]
+    fn shards_learn_what_all_learn_at_once_to_the_last_bit() {
+        let whole = &trained(&[90], None, &[0, 1, 1, 0])[0].table;
+        let shards = trained(&[31, 1, 58], None, &[0, 1, 1, 0]);
+        for array in [POSITIONS, OPACITY_LOGITS, SH_CONSTANT, QUATERNIONS] {
+            let of_shards: Vec<f32> = shards
+                .iter()
+                .flat_map(|part| part.table.arrays[array].values.clone())
+                .collect();
+            assert!(of_shards == whole.arrays[array].values, "array {array}");
+        }
+        for Part { table, steps, .. } in &shards {
+            assert_eq!(*steps, 4);
+            assert!(table.arrays[QUATERNIONS].first_moments.is_empty());
+            assert!(table.arrays.iter().all(|array| array.gradients.is_empty()));
+        }
+        assert!(whole.arrays[POSITIONS].values != gaussians().positions.concat());
+    }
+
+    #[test]
+    fn a_shard_learns_from_its_views_alone() {
+        let near = Some(vec![vec![0], vec![0, 1]]);
+        let before = trained(&[40, 50], near.clone(), &[0]);
+        let after = trained(&[40, 50], near, &[0, 1]);
+        let steps = |parts: &[Part]| parts.iter().map(|part| part.steps).collect::<Vec<_>>();
+        assert_eq!((steps(&before), steps(&after)), (vec![1, 1], vec![1, 2]));
+        let values = |part: &Part| part.table.arrays[SH_CONSTANT].values.clone();
+        assert!(values(&before[0]) == values(&after[0]));
+        assert!(values(&before[1]) != values(&after[1]));
+    }
+
+    #[test]
+    fn what_shards_do_not_have_is_refused() {
+        let mut settings = settings(None);
+        assert_eq!(
+            Shards::check(&settings).map_err(|error| error.to_string()),
+            Ok(())
+        );
+        settings.renderer = RendererChoice::OdgsPublished;
+        let refused = Shards::check(&settings).map_err(|error| error.to_string());
+        let message = refused.expect_err("no shards there");
+        assert!(message.contains("does not go with the renderer"));
+    }
+}
