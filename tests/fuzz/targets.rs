@@ -11,6 +11,7 @@ use omnilife_curate::{
     annotation::tags,
     boundaries::Signals,
     criteria,
+    ground_plane::Plane,
     ledger::formats::{self, Frames},
     origins,
     tracks::detectors::{self, DetectorInput},
@@ -367,6 +368,10 @@ pub(crate) const FILES: &[Target] = &[
                 scene: &scene,
                 views: &[],
                 points: &[],
+                ground: Plane {
+                    normal: glam::DVec3::Z,
+                    offset: 0.0,
+                },
                 metres_per_unit: 1.0,
                 file: Some(&input.path(seed)),
             };
