@@ -3,7 +3,7 @@
 //! Stages, each with its evidence in the record: a detector ([`detectors`]), the distance of each detection
 //! ([`distance`], on the ground by [`rings`] or by [`alignment`] of estimates), which of them are of one object
 //! ([`association`]), its path ([`spline_fit`]), where it heads and how large it is ([`boxes`]). What does not
-//! move is left to what is static. A camera that hovers has a plane in place of a scene ([`hover`]).
+//! move is left to what is static. A camera that hovers has a plane in place of a scene (`hover`).
 
 pub mod alignment;
 pub mod appearance;
