@@ -2,7 +2,8 @@
 //!
 //! Source: 3DGS `scene/gaussian_model.py`, `train.py`. The screen-size prune is left out: it is dead
 //! code upstream. When any of it happens is in [`settings`]; what is different for Gaussians that
-//! depend on time is in `moving.rs`; what sizes are compared with in `sizes.rs`; where Gaussians lie in memory afterwards is in [`order`].
+//! depend on time is in `moving.rs`; what sizes are compared with in `sizes.rs`; where Gaussians lie in
+//! memory afterwards is in [`order`].
 
 mod moving;
 pub mod order;
