@@ -1,21 +1,23 @@
 //! Time and memory of the fusion of panoramas with distances into a signed distance field.
 //!
 //! ```text
-//! cargo bench --bench fusion -- SCENE SPLIT VOXEL [ROUNDS]
+//! cargo bench --bench fusion -- SCENE SPLIT VOXEL [ROUNDS [SURFACE]]
 //! ```
 //!
-//! `VOXEL` is in units of the scene (metres, where its scale is). Prints one line of JSON, for
-//! `scripts/compare fusion`: the best of the rounds.
+//! `VOXEL` is in units of the scene (metres, where its scale is). `SURFACE` has points of another program's
+//! surface of the same views: little-endian f32, three a point, world coordinates. Prints one line of JSON,
+//! for `scripts/compare fusion`: the best of the rounds, and how far the points are from our surface.
 
 use std::{fs, path::Path, time::Instant};
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use omnilife_engine::losses::scaffold::{Scaffold, fuse::FusedView};
 use omnilife_reconstruct::{
     process::cpu_time,
     scene::TrainingScene,
     seeds::depth::{lift::incidence, source_view::SourceView},
 };
+use omnilife_schemas::Similarity;
 
 fn main() {
     let words: Vec<String> = std::env::args()
@@ -24,7 +26,7 @@ fn main() {
         .collect();
     let [scene, split, voxel, rest @ ..] = words.as_slice() else {
         // As `cargo bench` runs every bench, without arguments.
-        println!("fusion: give SCENE SPLIT VOXEL [ROUNDS]");
+        println!("fusion: give SCENE SPLIT VOXEL [ROUNDS [SURFACE]]");
         return;
     };
     let voxel: f64 = voxel.parse().expect("a voxel's side");
@@ -63,18 +65,56 @@ fn main() {
         let used = cpu_time().unwrap_or_default() - begun_processor;
         seconds = seconds.min(begun.elapsed().as_secs_f64());
         processor_seconds = processor_seconds.min(used.as_secs_f64());
-        made = Some(field.bytes());
+        made = Some(field);
     }
+    let field = made.expect("a round");
+    let surface = rest.get(1).map(|path| {
+        let bytes = fs::read(path).expect("a readable surface");
+        let places = points_of(&bytes, &scene.normalization);
+        distances_in_voxels(&field, &places, voxel)
+    });
     let line = serde_json::json!({
         "name": "omnilife",
         "views": views.len(),
         "size": [views[0].distances.width, views[0].distances.height],
         "wall_seconds": seconds,
         "cpu_seconds": processor_seconds,
-        "field_bytes": made,
+        "field_bytes": field.bytes(),
+        "surface": surface,
         "peak_bytes": peak_bytes(),
     });
     println!("{line}");
+}
+
+/// Points of a file in normalized units.
+fn points_of(bytes: &[u8], normalization: &Similarity) -> Vec<Vec3> {
+    let values: Vec<f64> = bytes
+        .as_chunks::<4>()
+        .0
+        .iter()
+        .map(|value| f64::from(f32::from_le_bytes(*value)))
+        .collect();
+    let places = values.as_chunks::<3>().0.iter();
+    places
+        .map(|place| normalization.normalize(DVec3::from_array(*place)).as_vec3())
+        .collect()
+}
+
+/// How far places are from the surface of a field, in voxels, and how many of them it knows.
+fn distances_in_voxels(field: &Scaffold, places: &[Vec3], voxel: f32) -> serde_json::Value {
+    let known = places.iter().filter_map(|&place| field.value(place));
+    let mut distances: Vec<f32> = known.map(|known| known.distance.abs() / voxel).collect();
+    distances.sort_unstable_by(f32::total_cmp);
+    let quantile = |share: f64| {
+        let last = distances.len().saturating_sub(1);
+        distances.get((share * last as f64) as usize)
+    };
+    serde_json::json!({
+        "points": places.len(),
+        "known": distances.len(),
+        "median_voxels": quantile(0.5),
+        "p99_voxels": quantile(0.99),
+    })
 }
 
 /// Largest resident size of this process; 0 where the system does not say.

@@ -20,6 +20,12 @@ ARGUMENTS = [
 ]
 
 
+def draw_without_graphics_card():
+    """Browsers that are opened from here on have WebGL, in software."""
+    ARGUMENTS[:] = [argument for argument in ARGUMENTS if argument != "--disable-gpu"] + [
+        "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+
+
 class Browser:
     """A session of the WebDriver protocol (W3C), and Chromium's extensions of it."""
 
@@ -42,7 +48,9 @@ class Browser:
         return self.call(method, self.session + path, body)
 
     def open(self, page):
-        address = pathlib.Path(page).resolve().as_uri()
+        """A file, or what an address on this machine has."""
+        is_address = str(page).startswith("http://127.0.0.1:")
+        address = str(page) if is_address else pathlib.Path(page).resolve().as_uri()
         self.do("POST", "/url", {"url": address})
         # On a busy machine the driver returns while a long page is still being read.
         loaded = "return document.readyState === 'complete' && decodeURI(location) === decodeURI(arguments[0])"
@@ -74,8 +82,12 @@ class Browser:
         self.devtools("Emulation.setDeviceMetricsOverride", width=width, height=height,
                       deviceScaleFactor=1, mobile=phone)
 
+    def picture(self):
+        """The viewport, a PNG."""
+        return base64.b64decode(self.do("GET", "/screenshot"))
+
     def screenshot(self, path):
-        pathlib.Path(path).write_bytes(base64.b64decode(self.do("GET", "/screenshot")))
+        pathlib.Path(path).write_bytes(self.picture())
 
     def console_errors(self):
         """What the console holds since the last call."""

@@ -14,3 +14,8 @@ for row in rows:
           f"| {row['field_bytes'] / 1e6:.0f} | {row['peak_bytes'] / 1e6:.0f} |")
 if len({row["views"] for row in rows}) > 1:
     sys.exit("fusion_report: not the same views")
+surface = ours.get("surface")
+if surface:
+    print(f"\nOf {surface['points']:,} points of the other surface {surface['known'] / max(surface['points'], 1):.1%} are "
+          f"where the first field is known: {surface['median_voxels']:.2f} voxels from its surface (median), "
+          f"{surface['p99_voxels']:.2f} (99 %).")

@@ -1,8 +1,8 @@
 """Open3D's fusion of the panoramas that `cargo bench --bench fusion` fuses: each as six faces of a cube.
 
-usage: open3d_fusion.py SCENE SPLIT VOXEL ROUNDS
+usage: open3d_fusion.py SCENE SPLIT VOXEL ROUNDS SURFACE
 
-The faces are sampled beforehand; what is timed is finding the blocks and integrating, the best of the rounds.
+Points of the surface that was found go to SURFACE (little-endian f32, world coordinates). The faces are sampled beforehand; what is timed is finding the blocks and integrating, the best of the rounds.
 Prints one line of JSON. Needs Open3D, NumPy and Pillow.
 """
 
@@ -85,7 +85,7 @@ def integrate(images, intrinsic, voxel, farthest):
 
 
 def main():
-    if len(sys.argv) != 5:
+    if len(sys.argv) != 6:
         sys.exit(__doc__)
     scene, split, voxel, rounds = Path(sys.argv[1]), Path(sys.argv[2]), float(sys.argv[3]), int(sys.argv[4])
     images, farthest, size, count = [], 0.0, None, 0
@@ -109,6 +109,8 @@ def main():
         wall = min(wall, time.monotonic() - begun)
         processor = min(processor, time.process_time() - begun_processor)
     blocks = int(grid.hashmap().size())
+    # Voxels that were seen once have a distance too.
+    grid.extract_point_cloud(1.0).point.positions.numpy().astype("<f4").tofile(sys.argv[5])
     print(json.dumps({"name": f"Open3D {o3d.__version__}", "views": count, "size": size, "wall_seconds": wall,
                       "cpu_seconds": processor, "field_bytes": blocks * 16**3 * 8,
                       "peak_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024}))

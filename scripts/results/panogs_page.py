@@ -1,8 +1,9 @@
 """Puts the tables of scripts/results/panogs into docs/results/panogs.md, between its two markers.
 
-    panogs_page.py FOLDER SECONDS
+    panogs_page.py FOLDER SECONDS SEEDS
 
-FOLDER is what scripts/results/panogs filled, SECONDS the CPU seconds at which methods were compared.
+FOLDER is what scripts/results/panogs filled, SECONDS the CPU seconds at which methods were compared, SEEDS those
+beside seed 0.
 """
 
 import json
@@ -36,7 +37,9 @@ def table(heads, rows):
 def scores(folder):
     """PSNR, PSNR of what does not move, and SSIM of the novel views."""
     views = read(folder / "result.json")["novel_views"]
-    return [f"{views['psnr']['mean']:.2f}", f"{views['psnr-static']['mean']:.2f}", f"{views['ssim']['mean']:.4f}"]
+    static = views.get("psnr-static")
+    return [f"{views['psnr']['mean']:.2f}", f"{static['mean']:.2f}" if static else "-",
+            f"{views['ssim']['mean']:.4f}"]
 
 
 HEADS = ["Run", "Novel PSNR", "static", "SSIM", "Ghosts, %", "Holes, %", "Gaussians", "Iterations", "CPU s",
@@ -46,10 +49,72 @@ HEADS = ["Run", "Novel PSNR", "static", "SSIM", "Ghosts, %", "Holes, %", "Gaussi
 def row(title, folder):
     run = read(folder / "run.json")
     iterations = run["iterations"] if run["iterations"] > 1 else "1, nothing learns"
-    faults = [f"{100 * run['surfaces'][name]:.2f}" for name in ("ghost_share", "novel_hole_share")]
+    known = run.get("surfaces") or {}
+    faults = [f"{100 * known[name]:.2f}" if known.get(name) is not None else "-"
+              for name in ("ghost_share", "novel_hole_share")]
     return [title, *scores(folder / "score"), *faults, f"{run['primitives']:,}", str(iterations),
             f"{run['training_cpu_seconds']:.1f}", f"{run['planning_cpu_seconds']:.1f}",
             f"{run['peak_memory_bytes'] / 1e6:.0f}"]
+
+
+def spread(folder, within, seeds):
+    """PSNR of the novel views over seeds: mean and the whole range."""
+    rows = []
+    for title, name in EQUAL_TIME:
+        runs = [folder / f"{name}-{within}"] + [folder / f"{name}-{within}-seed-{seed}" for seed in seeds]
+        values = [[float(value) for value in scores(run / "score")] for run in runs]
+        columns = list(zip(*values, strict=True))
+        text = [f"{sum(column) / len(column):.{digits}f} ({min(column):.{digits}f} to {max(column):.{digits}f})"
+                for column, digits in zip(columns, (2, 2, 4), strict=True)]
+        rows.append([title, *text])
+    return [f"Over the seeds 0, {', '.join(seeds)} at {within} CPU seconds, mean and range:", "",
+            *table(["Run", "Novel PSNR", "static", "SSIM"], rows), ""] if seeds else []
+
+
+def shards(folder):
+    """What training in shards takes, ten steps each."""
+    rows = []
+    for what, name in (("a million", "million"), ("one sample per pixel", "all")):
+        for title, number in (("all at once", "1"), ("in 8 shards", "8")):
+            run = read(folder / f"{name}-in-{number}" / "run.json")
+            steps = run["training_cpu_seconds"] - run["planning_cpu_seconds"]
+            rows.append([f"{what}, {title}", f"{run['primitives']:,}", f"{run['peak_memory_bytes'] / 1e9:.2f}",
+                         f"{steps / run['iterations']:.2f}", scores(folder / f"{name}-in-{number}" / "score")[0]])
+    plan_of = read(folder / "all-in-8/run.json")["plan"]
+    reason = next(one["reason"] for one in plan_of if one["component"] == "shards")
+    return ["## Shards", "", "Ten steps of the warm-start; the peak is that of the whole process, planning and "
+            "evaluation included:", "",
+            *table(["Gaussians", "Number", "Peak, GB", "CPU s a step", "Novel PSNR"], rows), "",
+            f"What the plan says of the last row: {reason}.", ""]
+
+
+def near(folders):
+    """What it is worth that a shard learns from the views near its own cameras alone."""
+    rows, reasons = [], []
+    for folder in folders:
+        for what, name in (("all views", "in-shards"), ("`neighbour-views`", "near")):
+            run = read(folder / name / "run.json")
+            steps = run["training_cpu_seconds"] - run["planning_cpu_seconds"]
+            psnr, static, _ = scores(folder / name / "score")
+            rows.append([f"{title_of(folder)}, {what}", psnr, static, f"{1e3 * steps / run['iterations']:.0f}"])
+        plan_of = read(folder / "near/run.json")["plan"]
+        reason = next(one["reason"] for one in plan_of if one["component"] == "neighbour-views")
+        reasons.append(f"- {title_of(folder)}: {reason}")
+    return ["## Neighbour views", "", "Eight shards that learn from all views, or from those near their own cameras:",
+            "", *table(["Scene", "Novel PSNR", "static", "CPU ms a step"], rows), "", *reasons, ""]
+
+
+def title_of(folder):
+    return "hall" if folder.name == "components" else folder.name
+
+
+def further(folder, head, note):
+    """Another scene: as the plan decides, with shapes, and `odgs` beside it, at as many iterations."""
+    split = read(folder / "split.json")
+    runs = [("as the plan decides", "panogs"), ("centre and shape refinement", "shapes"), ("`odgs`", "odgs")]
+    return [f"## {head}", "",
+            f"{note} {len(split['input_views'])} views given, {len(split['novel_views'])} novel.", "",
+            *table(HEADS, [row(title, folder / name) for title, name in runs]), "", *plan(folder / "panogs"), ""]
 
 
 def plan(folder):
@@ -118,7 +183,7 @@ def machine():
 
 
 def main():
-    folder, seconds = Path(sys.argv[1]), sys.argv[2].split()
+    folder, seconds, seeds = Path(sys.argv[1]), sys.argv[2].split(), sys.argv[3].split()
     components, last = folder / "components", seconds[-1]
     split = read(components / "split.json")
     camera = read(components / "scene.json")["camera"]
@@ -127,20 +192,28 @@ def main():
              for within in seconds for title, name in EQUAL_TIME]
     text = [
         f"{len(split['input_views'])} views given, {len(split['novel_views'])} novel, {camera['width']}x"
-        f"{camera['height']}, protocol `{split['protocol']['id']}`. Seed 0, one run each. {machine()}, other work "
+        f"{camera['height']}, protocol `{split['protocol']['id']}`. Seed 0 where nothing else is said. {machine()}, other work "
         "beside it: CPU seconds (user and system, planning included, evaluation left out) are what compares.", "",
         "## What each component is worth", "",
         *table(HEADS, [row(title, components / name) for title, name in COMPONENTS]), "",
         "## At equal CPU seconds", "",
         "Iterations are those that fit at the pace of the runs above; schedules shrink to them.", "",
         *table(HEADS, equal), "",
+        *spread(components, seconds[0], seeds),
         *curves(components / "curves.md"), "",
         f"![Error against CPU seconds](../images/{CURVE.name})", "",
         "The lines are in the order of the rows; both of `panogs` have its name.", "",
         "## What the plan says", "", *plan(components / f"panogs-{last}"), "",
         f"## Levels of detail of the run of {last} CPU seconds with shape refinement", "",
         *levels(components / f"shapes-{last}-asset"), "",
-        *large(folder / "large")]
+        *large(folder / "large"), "", *shards(folder / "large"),
+        *near([one for one in (components, folder / "street", folder / "tunnel") if (one / "near").exists()])]
+    if (folder / "street/panogs").exists():
+        text += further(folder / "street", "A street", "`street` is rendered, outdoors.")
+    if (folder / "tunnel/panogs").exists():
+        text += further(folder / "tunnel", "Real footage", "`tunnel` is a walk with a consumer camera; poses come "
+                        "from structure from motion, distances from the sphere sweep of neighbouring views, so "
+                        "ghosts and holes, which are counted by known distances, are not.")
     page = PAGE.read_text()
     before, rest = page.split(BEGIN)
     PAGE.write_text(before + BEGIN + "\n" + "\n".join(text) + "\n" + END + rest.split(END)[1])

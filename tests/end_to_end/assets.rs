@@ -319,6 +319,22 @@ fn look_at_page(out: &Path, view: &Path, arguments: [&str; 2], screenshot: &str)
     assert!(output.status.success(), "{stderr}");
 }
 
+/// An asset of the poster.
+fn exported_poster(folder: &Path, arguments: &[&str]) -> PathBuf {
+    let (poster, out) = (folder.join("poster.ply"), folder.join("asset"));
+    write_poster(&poster);
+    let made = Command::new(env!("CARGO_BIN_EXE_omnilife"))
+        .args(["reconstruct", "export", "--up", "0,-1,0"])
+        .args(arguments)
+        .arg(poster)
+        .arg("--out")
+        .arg(&out)
+        .output()
+        .unwrap();
+    assert!(made.status.success());
+    out
+}
+
 #[test]
 fn the_page_shows_in_a_browser_what_the_renderer_draws() {
     if let Some(reason) = no_browser() {
@@ -326,17 +342,7 @@ fn the_page_shows_in_a_browser_what_the_renderer_draws() {
         return;
     }
     let folder = scratch();
-    let out = folder.path().join("asset");
-    let poster = folder.path().join("poster.ply");
-    write_poster(&poster);
-    let made = Command::new(env!("CARGO_BIN_EXE_omnilife"))
-        .args(["reconstruct", "export", "--page", "--up", "0,-1,0"])
-        .arg(poster)
-        .arg("--out")
-        .arg(&out)
-        .output()
-        .unwrap();
-    assert!(made.status.success());
+    let out = exported_poster(folder.path(), &["--page"]);
     let record = asset(&out);
     if record["page"].is_null() {
         omnilife_schemas::testing::skip("no viewer, scripts/setup --viewer fetches it");
@@ -345,6 +351,36 @@ fn the_page_shows_in_a_browser_what_the_renderer_draws() {
     let view = view_of_page(folder.path(), &out, &record);
     let splats = record["splats"].to_string();
     look_at_page(&out, &view, ["--splats", &splats], "asset.png");
+}
+
+#[test]
+fn other_viewers_show_what_the_renderer_draws() {
+    let Some(modules) = std::env::var_os("OMNILIFE_TEST_VIEWERS") else {
+        omnilife_schemas::testing::skip(
+            "OMNILIFE_TEST_VIEWERS does not name a node_modules with @mkkellogg/gaussian-splats-3d, three and gsplat",
+        );
+        return;
+    };
+    if let Some(reason) = no_browser() {
+        omnilife_schemas::testing::skip(reason);
+        return;
+    }
+    let folder = scratch();
+    let out = exported_poster(folder.path(), &[]);
+    let view = view_of_page(folder.path(), &out, &asset(&out));
+    for viewer in ["gaussian-splats-3d", "gsplat"] {
+        let output = Command::new("python3")
+            .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/end_to_end/splat_in_viewers.py"))
+            .arg(viewer)
+            .arg(&modules)
+            .arg(out.join("full.splat"))
+            .arg(&view)
+            .output()
+            .unwrap();
+        print!("{}", String::from_utf8_lossy(&output.stdout));
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{viewer}: {stderr}");
+    }
 }
 
 /// A run of a method that moves, on the small scene.

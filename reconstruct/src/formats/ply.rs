@@ -165,8 +165,11 @@ pub(super) fn read_with(
         .map(|shape| Vec::with_capacity(shape.width * ply.len()))
         .collect();
     let mut columns_of_further = vec![Vec::with_capacity(ply.len()); further.len()];
+    let mut values = Vec::with_capacity(columns.len());
     ply.for_each_row(|index, row| {
-        let row: Vec<f64> = columns.iter().map(|&column| row[column]).collect();
+        values.clear();
+        values.extend(columns.iter().map(|&column| row[column]));
+        let row = values.as_slice();
         if let Some(bad) = row.iter().position(|value| !value.is_finite()) {
             let name = ply.names().nth(columns[bad]).unwrap_or_default();
             return Err(format!("{name} of Gaussian {index} is not finite"));

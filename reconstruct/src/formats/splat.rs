@@ -13,7 +13,7 @@
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
 )]
 
-use std::{io::Write, path::Path};
+use std::path::Path;
 
 use glam::{DQuat, DVec3};
 use omnilife_engine::{
@@ -83,7 +83,7 @@ impl SplatRow {
     }
 }
 
-/// Writes rows, the largest first, whole or not at all.
+/// Writes rows, the largest first, whole or not at all; returns the SHA-256 of the file.
 ///
 /// # Errors
 /// When the file cannot be written.
@@ -92,7 +92,7 @@ impl SplatRow {
     clippy::arithmetic_side_effects,
     reason = "the order is one of the rows that are there"
 )]
-pub fn write(path: &Path, rows: &[SplatRow]) -> Result<(), StoreError> {
+pub fn write(path: &Path, rows: &[SplatRow]) -> Result<String, StoreError> {
     let mut order: Vec<(f32, u32)> = rows
         .par_iter()
         .enumerate()
@@ -107,7 +107,11 @@ pub fn write(path: &Path, rows: &[SplatRow]) -> Result<(), StoreError> {
         .par_iter_mut()
         .zip(&order)
         .for_each(|(to, (_, index))| *to = rows[*index as usize].bytes());
-    store::write_with(path, |writer| writer.write_all(&bytes))
+    let (written, sha256) = rayon::join(
+        || store::write_bytes(path, &bytes),
+        || store::sha256_bytes(&bytes),
+    );
+    written.map(|()| sha256)
 }
 
 /// How a file's coordinates came from the world's: `y = scale R (x - offset)`.

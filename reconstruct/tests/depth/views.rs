@@ -262,20 +262,31 @@ fn a_mirrored_world_and_a_wrong_convention_show() {
     let given = distance_views(&views);
     let [straight, mirrored] = checks::handedness_scores(&given).unwrap();
     assert!(straight > mirrored + 3.0, "{straight} {mirrored}");
-    let flipped: Vec<RoomView> = self::views(5, 256)
-        .into_iter()
-        .map(|mut view| {
-            view.distances
-                .values
-                .chunks_exact_mut(256)
-                .for_each(<[f32]>::reverse);
+    let [straight, mirrored] = checks::mirrored_disagreements(&given).unwrap();
+    assert!(1.5 * straight < mirrored, "{straight} {mirrored}");
+    let flipped = |with_images: bool| -> Vec<RoomView> {
+        let mut views = self::views(5, 256);
+        for view in &mut views {
+            let rows = view.distances.values.chunks_exact_mut(256);
+            rows.for_each(<[f32]>::reverse);
             let pixels = view.pixels.as_chunks_mut::<3>().0;
-            pixels.chunks_exact_mut(256).for_each(<[[u8; 3]]>::reverse);
-            view
-        })
-        .collect();
-    let [straight, mirrored] = checks::handedness_scores(&distance_views(&flipped)).unwrap();
+            if with_images {
+                pixels.chunks_exact_mut(256).for_each(<[[u8; 3]]>::reverse);
+            }
+        }
+        views
+    };
+    let all = flipped(true);
+    let [straight, mirrored] = checks::handedness_scores(&distance_views(&all)).unwrap();
     assert!(mirrored > straight + 3.0, "{straight} {mirrored}");
+    // Distances alone: colours say nothing of it.
+    let distances = flipped(false);
+    let distances = distance_views(&distances);
+    if let Some([straight, mirrored]) = checks::handedness_scores(&distances) {
+        assert!(mirrored < straight + 3.0, "{straight} {mirrored}");
+    }
+    let [straight, mirrored] = checks::mirrored_disagreements(&distances).unwrap();
+    assert!(straight > 1.5 * mirrored, "{straight} {mirrored}");
 
     let [ray, z] = checks::convention_disagreements(&given, DistanceConvention::Z).unwrap();
     assert!(3.0 * ray < z, "{ray} {z}");

@@ -1,5 +1,7 @@
 //! Levels of detail: how many Gaussians, which, and how large.
 
+use std::borrow::Cow;
+
 use omnilife_schemas::points::PointCloud;
 
 use crate::{
@@ -54,21 +56,32 @@ impl Level {
 
 /// The Gaussians of a level, larger for being fewer, and by how much.
 #[derive(Debug)]
-pub(super) struct LevelRows {
-    pub(super) rows: Vec<SplatRow>,
+pub(super) struct LevelRows<'a> {
+    pub(super) rows: Cow<'a, [SplatRow]>,
     pub(super) growth: f64,
 }
 
 /// The rows of levels with these numbers of Gaussians, which fall from one to the next: evenly spread
 /// along a curve through space, each level among those of the one before it. Sizes grow by the root of
 /// the thinning: coverage stays.
-pub(super) fn nested(rows: &[SplatRow], counts: &[u64]) -> Vec<LevelRows> {
+pub(super) fn nested<'a>(rows: &'a [SplatRow], counts: &[u64]) -> Vec<LevelRows<'a>> {
+    let everything = || LevelRows {
+        rows: Cow::Borrowed(rows),
+        growth: 1.0,
+    };
+    let thinned = counts.iter().filter(|&&count| count < rows.len() as u64);
+    let mut levels: Vec<LevelRows<'_>> = (thinned.clone().count()..counts.len())
+        .map(|_| everything())
+        .collect();
+    if levels.len() == counts.len() {
+        return levels;
+    }
     let mut indices: Vec<usize> = (0..rows.len()).collect();
     let mut points = PointCloud {
         positions: rows.iter().map(|row| row.position).collect(),
         colours: vec![[0; 3]; rows.len()],
     };
-    let level = |&count: &u64| {
+    levels.extend(thinned.map(|&count| {
         let kept = thinned_indices(&points, count as usize);
         points = selected(&points, &kept);
         indices = kept.iter().map(|&at| indices[at]).collect();
@@ -83,8 +96,8 @@ pub(super) fn nested(rows: &[SplatRow], counts: &[u64]) -> Vec<LevelRows> {
             rows: indices.iter().map(grown).collect(),
             growth,
         }
-    };
-    counts.iter().map(level).collect()
+    }));
+    levels
 }
 
 #[cfg(test)]
@@ -124,7 +137,7 @@ mod tests {
             [1_000, 250, 10]
         );
         assert!(places(2).iter().all(|place| places(1).contains(place)));
-        assert_eq!(levels[0].rows, rows);
+        assert_eq!(*levels[0].rows, *rows);
         assert_eq!((levels[1].growth, levels[1].rows[0].scale), (2.0, [1.0; 3]));
         assert_eq!(levels[2].growth, 4.0, "the most");
     }

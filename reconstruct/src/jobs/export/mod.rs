@@ -237,10 +237,8 @@ fn write_splats(
     file: String,
     rows: &[SplatRow],
 ) -> Result<AssetSplats, ReconstructError> {
-    let path = out.join(&file);
-    splat::write(&path, rows)?;
     Ok(AssetSplats {
-        sha256: store::sha256_file(&path)?,
+        sha256: splat::write(&out.join(&file), rows)?,
         file,
         splats: rows.len() as u64,
         bytes: (rows.len() * splat::ROW_BYTES) as u64,

@@ -31,6 +31,11 @@ pub(super) const LEAST_DISAGREEMENT: f64 = 0.005;
 const LEAST_SHARED: f64 = 0.05;
 /// A world is mirrored where views agree better by this, dB, when they are mirrored.
 const MIRRORED_DECIBELS: f64 = 3.0;
+/// Share of places seen by two views on whose distances they may disagree; what hides one from the other
+/// counts.
+const MOST_APART: f64 = 0.1;
+/// How much larger it has to be than with mirrored distances before those are taken for the right ones.
+const APART_FACTOR: f64 = 1.5;
 /// Another convention is meant where views agree better by this factor under it.
 const CONVENTION_FACTOR: f64 = 3.0;
 /// How much larger samples get at most where they are thinned out.
@@ -268,10 +273,25 @@ fn check(scene: &TrainingScene, views: &[SourceView]) -> Result<(), ReconstructE
         }
     }
     match checks::handedness_scores(&views) {
-        Some([straight, mirrored]) if mirrored > straight + MIRRORED_DECIBELS => refuse(format!(
-            "its poses are of a mirrored world: colours of places that two views see agree to \
-             {straight:.1} dB, and to {mirrored:.1} dB with the images mirrored"
-        )),
+        Some([straight, mirrored]) if mirrored > straight + MIRRORED_DECIBELS => {
+            return refuse(format!(
+                "its poses are of a mirrored world: colours of places that two views see agree to \
+                 {straight:.1} dB, and to {mirrored:.1} dB with the images mirrored"
+            ));
+        }
+        _ => {}
+    }
+    match checks::mirrored_disagreements(&views) {
+        Some([as_given, mirrored])
+            if as_given > MOST_APART && as_given > APART_FACTOR * mirrored =>
+        {
+            refuse(format!(
+                "its distances are mirrored: views disagree on {:.1} % of what they show of each other, \
+                 and on {:.1} % with every distance image mirrored",
+                100.0 * as_given,
+                100.0 * mirrored
+            ))
+        }
         _ => Ok(()),
     }
 }

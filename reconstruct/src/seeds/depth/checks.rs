@@ -22,16 +22,38 @@ pub fn convention_disagreements(
     other: DistanceConvention,
 ) -> Option<[f64; 2]> {
     let as_given = disagreement(views)?;
-    let otherwise: Vec<DistanceImage> = views
-        .iter()
-        .map(|view| read_as(view.distances.clone(), other, &view.view.camera))
-        .collect();
-    let otherwise: Vec<DistanceView<'_>> = views
-        .iter()
-        .zip(&otherwise)
+    let otherwise = with_distances(views, |view| {
+        read_as(view.distances.clone(), other, &view.view.camera)
+    });
+    Some([as_given, disagreement(&shown(views, &otherwise))?])
+}
+
+/// Share of the places that one view shows of which another one sees something at another distance: of the
+/// distances as they are, and mirrored left to right. The second is smaller where distances were made from
+/// mirrored images. Not the median: floors and ceilings are as far mirrored as not. `None` where no view
+/// sees what another shows.
+pub fn mirrored_disagreements(views: &[DistanceView<'_>]) -> Option<[f64; 2]> {
+    let as_given = share_apart(views)?;
+    let mirrored = with_distances(views, |view| DistanceImage {
+        values: mirror(&view.distances.values, view.distances.width),
+        ..view.distances.clone()
+    });
+    Some([as_given, share_apart(&shown(views, &mirrored))?])
+}
+
+fn with_distances(
+    views: &[DistanceView<'_>],
+    other: impl Fn(&DistanceView<'_>) -> DistanceImage,
+) -> Vec<DistanceImage> {
+    views.iter().map(other).collect()
+}
+
+/// Views with other distances.
+fn shown<'a>(views: &[DistanceView<'a>], distances: &'a [DistanceImage]) -> Vec<DistanceView<'a>> {
+    let views = views.iter().zip(distances);
+    views
         .map(|(view, distances)| DistanceView { distances, ..*view })
-        .collect();
-    Some([as_given, disagreement(&otherwise)?])
+        .collect()
 }
 
 /// Distances along rays, of numbers that were read by the one convention and were meant by the other.
@@ -56,6 +78,17 @@ fn read_as(
 }
 
 fn disagreement(views: &[DistanceView<'_>]) -> Option<f64> {
+    median(&log_ratios(views))
+}
+
+fn share_apart(views: &[DistanceView<'_>]) -> Option<f64> {
+    let all = log_ratios(views);
+    let apart = all.iter().filter(|&&ratio| ratio > ONE_SURFACE).count();
+    (all.len() >= LEAST_PLACES).then(|| apart as f64 / all.len() as f64)
+}
+
+/// How far the distances of two views are apart where one shows what the other sees, as logarithms.
+fn log_ratios(views: &[DistanceView<'_>]) -> Vec<f64> {
     let log_scales = vec![0.0; views.len()];
     let scaled = ScaledViews {
         views,
@@ -64,7 +97,7 @@ fn disagreement(views: &[DistanceView<'_>]) -> Option<f64> {
     let of_pair = |_, _, sightings: Vec<Sighting>| -> Vec<f64> {
         sightings.iter().map(|s| s.log_ratio.abs()).collect()
     };
-    median(&scaled.of_pairs(of_pair).concat())
+    scaled.of_pairs(of_pair).concat()
 }
 
 /// PSNR in dB between the colours of places that two views show, with images and distances as they are,
