@@ -46,6 +46,7 @@ macro_rules! parts {
             include_str!("../../camera/pinhole.wgsl"),
             include_str!("../../camera/rays.wgsl"),
             include_str!("../project/splat.wgsl"),
+            include_str!("tile.wgsl"),
             include_str!("raster.wgsl"),
             include_str!($way_back),
         ]
