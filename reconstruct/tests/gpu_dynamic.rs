@@ -19,9 +19,6 @@ use std::sync::Arc;
 use device::{assert_gradients_agree, device, devices};
 use novel_views::novel_psnr;
 use omnilife_engine::{
-    density::{
-        DensifySettings, DensityContext, Threshold, densify, order::along_sphere, reset_opacities,
-    },
     device::Gpu,
     gaussians::{
         dropout::Dropout,
@@ -35,7 +32,7 @@ use omnilife_engine::{
     },
     model::{
         Model, Part, Statistics,
-        dynamic_settings::{DynamicLoss, DynamicSettings, TemporalDensity, VelocityLoss},
+        dynamic_settings::{DynamicLoss, DynamicSettings, VelocityLoss},
         exposure::Exposure,
         pose_corrections::PoseCorrections,
     },
@@ -56,8 +53,6 @@ use omnilife_reconstruct::{
     train::Session,
 };
 use omnilife_schemas::{points::PointCloud, progress::Silent, records::Backend};
-use rand::SeedableRng;
-use rand_pcg::Pcg64Mcg;
 
 /// The ball passes in fifteen frames of a second each; who holds the camera is below in every other one.
 fn scene() -> TrainingScene {
@@ -355,94 +350,6 @@ fn steps_with_parts_of_time_left_out_are_those_of_the_cpu() {
     moving.time.lifespans = None;
     moving.motion_weight = 3.0;
     compare("no lifespans", &scene, &settings(moving));
-}
-
-/// What density control does to a model on a device is what it does to the same model in memory, to the
-/// last bit, colours and moments included.
-#[test]
-fn density_control_of_a_model_on_a_device_is_that_of_the_host() {
-    let Some(gpu) = device() else { return };
-    let scene = scene();
-    let mut settings = omni4dgs(&scene, VelocityForm::Literal, DirectionOrigin::World);
-    settings.densify.gradient_threshold = Threshold::constant(1e-5);
-    settings.densify.maximum_gaussians = 280;
-    let dynamics = settings.dynamics.clone().unwrap();
-    let begin = model(&scene, &dynamics, false);
-    let rates = rates(&begin);
-    let mut stepper = GpuStepper::new(Arc::clone(&gpu), scene.inputs(), begin, &settings).unwrap();
-    let steps = |stepper: &mut GpuStepper<'_>, first: u64| {
-        for iteration in first..first + 3 {
-            let schedule = StepSchedule {
-                iteration,
-                scheduled: iteration,
-                sh_degree: 1,
-                learning_rates: rates.clone(),
-                ..StepSchedule::default()
-            };
-            let view = iteration as usize % scene.input_views.len();
-            stepper.step(view, &schedule).unwrap();
-        }
-    };
-    let room = stepper.most_gaussians();
-    steps(&mut stepper, 1);
-    let context = DensityContext {
-        views: &scene.input_views,
-        last_view: 3,
-        temporal: Some(TemporalDensity {
-            gradient_threshold: 1e-6,
-            clone_lifespan_frames: 3.0,
-            shorten_from_iteration: 0,
-        }),
-    };
-    let control = |model: &mut Model, maximum_gaussians: u64| {
-        let mut random = Pcg64Mcg::seed_from_u64(4);
-        let limited = DensifySettings {
-            maximum_gaussians,
-            ..settings.densify.clone()
-        };
-        let done = densify(model, &limited, 3, &context, &mut random);
-        assert!(done.cloned + done.split > 0, "{done:?}");
-        along_sphere(model, &scene.input_views);
-        reset_opacities(model);
-    };
-    // First into larger buffers, then within them.
-    for (first, maximum) in [(4, 280), (7, 290), (10, 300)] {
-        let mut expected = stepper.model().unwrap().clone();
-        let before = expected.len();
-        control(&mut expected, maximum);
-        let (begun, made) = (gpu.bytes_read(), gpu.buffers_and_bind_groups_made());
-        stepper
-            .control_density(&mut |model| control(model, maximum))
-            .unwrap();
-        let bytes = gpu.bytes_read() - begun;
-        // Neither colours nor moments came back: of 17 values a Gaussian and its statistics, no more.
-        assert!(bytes < 80 * before as u64, "{bytes} bytes of {before}");
-        assert_ne!(stepper.gaussians(), before);
-        if first == 10 {
-            assert_eq!(gpu.buffers_and_bind_groups_made(), made, "within its room");
-        }
-        assert_same_rows(stepper.model().unwrap(), &expected);
-        reset_opacities(&mut expected);
-        let begun = gpu.bytes_read();
-        stepper.reset_opacities().unwrap();
-        assert_eq!(gpu.bytes_read(), begun);
-        assert_same_rows(stepper.model().unwrap(), &expected);
-        steps(&mut stepper, first);
-    }
-    assert_eq!(stepper.take_statistics().unwrap().steps, 12);
-    assert_eq!(stepper.most_gaussians(), room);
-}
-
-fn assert_same_rows(found: &Model, expected: &Model) {
-    for (found, expected) in found.parts.iter().zip(&expected.parts) {
-        assert_eq!(found.statistics, expected.statistics);
-        for (found, expected) in found.table.arrays.iter().zip(&expected.table.arrays) {
-            let name = found.name;
-            assert!(found.values == expected.values, "{name}");
-            assert!(found.first_moments == expected.first_moments, "{name}");
-            assert!(found.second_moments == expected.second_moments, "{name}");
-        }
-    }
 }
 
 /// Whole runs, density control included, end where those of the CPU do.

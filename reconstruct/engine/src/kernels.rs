@@ -96,7 +96,11 @@ pub const KERNELS: &[KernelTwins] = &[
     ),
     twins("hash grid", "fields/hash_grid/passes.rs", None),
     twins("surfaces and textures", "surfaces/mod.rs", None),
-    twins("density control", "density/mod.rs", None),
+    twins(
+        "density control",
+        "density/mod.rs",
+        Some("density/density.wgsl"),
+    ),
 ];
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use omnilife_engine::model::Model;
 use omnilife_engine::{
     EngineError,
     camera::View,
-    density::{self, DensityContext},
+    density::{Densification, DensityContext},
     device::adapters::AdapterKind,
     model::{
         TrainedArray,
@@ -202,16 +202,16 @@ impl Learner for GaussianLearner<'_> {
         let settings = &self.settings.densify;
         if settings.is_due(at) {
             let dynamics = self.settings.dynamics.as_ref();
-            let context = DensityContext {
-                views: &self.scene.input_views,
-                last_view: self.last_view,
-                temporal: dynamics.and_then(|dynamics| dynamics.density),
+            let asked = Densification {
+                settings,
+                scheduled: at.scheduled,
+                context: DensityContext {
+                    views: &self.scene.input_views,
+                    last_view: self.last_view,
+                    temporal: dynamics.and_then(|dynamics| dynamics.density),
+                },
             };
-            let random = &mut self.state.density;
-            self.stepper.control_density(&mut |model| {
-                density::densify(model, settings, at.scheduled, &context, random);
-                density::order::along_sphere(model, &self.scene.input_views);
-            })?;
+            self.stepper.densify(&asked, &mut self.state.density)?;
         }
         if settings.resets_opacities(at, self.state.last_reset) {
             self.state.last_reset = at.scheduled;

@@ -3,7 +3,7 @@
 use std::{sync::Arc, time::Instant};
 
 use omnilife_engine::{
-    density::{self, DensityContext},
+    density::{Densification, DensityContext},
     device::{Gpu, timer::Stages},
     step::{Stepper, gpu::GpuStepper},
     training_view::TrainingView,
@@ -67,27 +67,25 @@ fn densify(
     stepper: &mut GpuStepper<'_>,
 ) -> Result<DensityCost, ReconstructError> {
     let dynamics = subject.settings.dynamics.as_ref();
-    let context = DensityContext {
-        views,
-        last_view: 0,
-        temporal: dynamics.and_then(|dynamics| dynamics.density),
+    let asked = Densification {
+        settings: &subject.settings.densify,
+        scheduled: 1_000,
+        context: DensityContext {
+            views,
+            last_view: 0,
+            temporal: dynamics.and_then(|dynamics| dynamics.density),
+        },
     };
     let mut random = Pcg64Mcg::seed_from_u64(0);
-    let made = gpu.buffers_and_bind_groups_made();
+    let (read, made) = (gpu.bytes_read(), gpu.buffers_and_bind_groups_made());
     let begun = Instant::now();
-    let (mut read, mut decided) = (begun, begun);
-    stepper.control_density(&mut |model| {
-        read = Instant::now();
-        let settings = &subject.settings.densify;
-        density::densify(model, settings, 1_000, &context, &mut random);
-        density::order::along_sphere(model, views);
-        decided = Instant::now();
-    })?;
+    stepper.densify(&asked, &mut random)?;
+    let decided = begun.elapsed();
     stepper.wait()?;
     Ok(DensityCost {
-        download_seconds: (read - begun).as_secs_f64(),
-        control_seconds: (decided - read).as_secs_f64(),
-        upload_seconds: decided.elapsed().as_secs_f64(),
+        decision_seconds: decided.as_secs_f64(),
+        device_seconds: (begun.elapsed() - decided).as_secs_f64(),
+        bytes_read: gpu.bytes_read() - read,
         made: gpu.buffers_and_bind_groups_made() - made,
     })
 }

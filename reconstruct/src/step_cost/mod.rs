@@ -57,8 +57,7 @@ pub struct StepCost {
     pub cpu_seconds: Option<f64>,
     /// Bytes that the host reads back in 1,000 iterations, density control included.
     pub bytes_read: u64,
-    /// What the host does for a densification that needs more room and for one that does not; none on the
-    /// CPU.
+    /// What a densification that needs more room costs, and one that does not; none on the CPU.
     pub density: Option<[DensityCost; 2]>,
     /// Threads of the smallest subgroup, where sums over pixels are taken in subgroups.
     pub subgroup_size: Option<u32>,
@@ -66,15 +65,15 @@ pub struct StepCost {
     pub copied_per_second: Option<f64>,
 }
 
-/// What the host does for one densification of a model on a GPU, seconds by the wall clock.
+/// What one densification of a model on a GPU costs, seconds by the wall clock.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct DensityCost {
-    /// Reading back what is needed to decide.
-    pub download_seconds: f64,
-    /// Clones, splits and what is pruned, and the new order.
-    pub control_seconds: f64,
-    /// Doing it on the device, and the programs of a step on the new model.
-    pub upload_seconds: f64,
+    /// Until the host goes on: the decision, and recording the programs of a step where more room is needed.
+    pub decision_seconds: f64,
+    /// From then on until the device has moved the rows.
+    pub device_seconds: f64,
+    /// Bytes that the host reads back.
+    pub bytes_read: u64,
     /// Buffers and bind groups that are made for it.
     pub made: u64,
 }
@@ -82,7 +81,7 @@ pub struct DensityCost {
 impl DensityCost {
     /// All of it.
     pub fn seconds(&self) -> f64 {
-        self.download_seconds + self.control_seconds + self.upload_seconds
+        self.decision_seconds + self.device_seconds
     }
 }
 

@@ -113,21 +113,18 @@ fn step_table(costs: &[StepCost], is_device: bool) -> String {
         let densification = |cost: &StepCost, number: usize| {
             let density = cost.density.unwrap_or_default()[number];
             format!(
-                "{} ({} read, {} control, {} upload; {} made)",
+                "{} ({} until decided, {} after; {} bytes read, {} made)",
                 milliseconds(density.seconds()),
-                milliseconds(density.download_seconds),
-                milliseconds(density.control_seconds),
-                milliseconds(density.upload_seconds),
+                milliseconds(density.decision_seconds),
+                milliseconds(density.device_seconds),
+                density.bytes_read,
                 density.made
             )
         };
-        add(
-            "host ms for a densification that needs more room",
-            &|cost| densification(cost, 0),
-        );
-        add("host ms for one within its room", &|cost| {
-            densification(cost, 1)
+        add("ms of a densification that needs more room", &|cost| {
+            densification(cost, 0)
         });
+        add("ms of one within its room", &|cost| densification(cost, 1));
     }
     let sizes: Vec<String> = costs.iter().map(size_of).collect();
     let mut text = format!("| Step | {} |\n", sizes.join(" | "));

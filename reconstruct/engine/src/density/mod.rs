@@ -3,8 +3,9 @@
 //! Source: 3DGS `scene/gaussian_model.py`, `train.py`. The screen-size prune is left out: it is dead
 //! code upstream. When any of it happens is in [`settings`]; what is different for Gaussians that
 //! depend on time is in `moving.rs`; what sizes are compared with in `sizes.rs`; where Gaussians lie in
-//! memory afterwards is in [`order`].
+//! memory afterwards is in [`order`]. The twin of it all on a device is in `gpu.rs`.
 
+pub(crate) mod gpu;
 mod moving;
 pub mod order;
 pub mod settings;
@@ -41,6 +42,15 @@ pub struct Densified {
     pub pruned: usize,
 }
 
+impl Densified {
+    /// Adds what was done to another part.
+    pub(crate) fn add(&mut self, other: Self) {
+        self.cloned += other.cloned;
+        self.split += other.split;
+        self.pruned += other.pruned;
+    }
+}
+
 /// What density control may look at beside the model.
 #[derive(Debug, Clone, Copy)]
 pub struct DensityContext<'a> {
@@ -50,6 +60,38 @@ pub struct DensityContext<'a> {
     pub last_view: usize,
     /// Density control in time.
     pub temporal: Option<TemporalDensity>,
+}
+
+/// One densification of a model.
+#[derive(Debug, Clone, Copy)]
+pub struct Densification<'a> {
+    /// Of the run.
+    pub settings: &'a DensifySettings,
+    /// The iteration of the schedule.
+    pub scheduled: u64,
+    /// What it may look at.
+    pub context: DensityContext<'a>,
+}
+
+impl Densification<'_> {
+    /// Does it to a model in memory: [`densify`], then [`order::along_sphere`].
+    pub fn run(&self, model: &mut Model, random: &mut Pcg64Mcg) -> Densified {
+        let done = densify(model, self.settings, self.scheduled, &self.context, random);
+        order::along_sphere(model, self.context.views);
+        done
+    }
+}
+
+/// The parts of a model in the order in which they are densified: those that depend on time or move with
+/// an object come first.
+pub(crate) fn parts_in_order(model: &Model) -> Vec<usize> {
+    let moves = |part: &Part| {
+        part.parameterization.temporal().is_some() || part.parameterization.tracked().is_some()
+    };
+    let (mut first, last): (Vec<usize>, Vec<usize>) =
+        (0..model.parts.len()).partition(|&number| moves(&model.parts[number]));
+    first.extend(last);
+    first
 }
 
 /// Clones, splits and prunes the model's Gaussians and begins its statistics anew. `scheduled` is
@@ -64,12 +106,7 @@ pub fn densify(
 ) -> Densified {
     let maximum = usize::try_from(settings.maximum_gaussians).unwrap_or(usize::MAX);
     let mut done = Densified::default();
-    let moves = |part: &Part| {
-        part.parameterization.temporal().is_some() || part.parameterization.tracked().is_some()
-    };
-    let (first, last): (Vec<usize>, Vec<usize>) =
-        (0..model.parts.len()).partition(|&number| moves(&model.parts[number]));
-    for number in first.into_iter().chain(last) {
+    for number in parts_in_order(model) {
         let room = maximum.saturating_sub(model.len());
         let part = &mut model.parts[number];
         let of_part = match part.parameterization.temporal().copied() {
@@ -86,9 +123,7 @@ pub fn densify(
             }
             None => densify_static(part, settings, scheduled, context, room, random),
         };
-        done.cloned += of_part.cloned;
-        done.split += of_part.split;
-        done.pruned += of_part.pruned;
+        done.add(of_part);
     }
     done
 }

@@ -30,10 +30,10 @@ use crate::{
 };
 
 /// A split's children live shorter than their parent by this factor (PVG: 0.8 times 2 children).
-const LIFESPAN_SHRINK: f32 = 1.6;
+pub(super) const LIFESPAN_SHRINK: f32 = 1.6;
 /// Peak times may lie outside the clip by this share of it on both sides (PVG draws first ones from
 /// 1.2 times the clip).
-const PEAK_MARGIN: f32 = 0.1;
+pub(super) const PEAK_MARGIN: f32 = 0.1;
 
 /// What density control of moving Gaussians goes by.
 pub(super) struct MovingControl<'a> {
@@ -94,7 +94,7 @@ impl MovingControl<'_> {
     fn shortens(&self) -> bool {
         self.context
             .temporal
-            .is_some_and(|density| self.scheduled >= density.shorten_from_iteration)
+            .is_some_and(|density| density.shortens(self.scheduled))
     }
 
     /// Which Gaussians grow and how, in order of their index.

@@ -13,11 +13,16 @@ use crate::{gaussians::static_gaussians::POSITIONS, model::Model, parameters::Pa
 /// Sorts the Gaussians of all parts along a Z-order curve over the sphere around the mean of the
 /// input views' centres. Statistics do not move along: this belongs where they begin anew.
 pub fn along_sphere(model: &mut Model, views: &[TrainingView]) {
-    let sum: Vec3 = views.iter().map(|view| view.view.centre).sum();
-    let centre = sum / views.len().max(1) as f32;
+    let centre = centre(views);
     for part in &mut model.parts {
         sort(&mut part.table, centre);
     }
+}
+
+/// Where the sphere has its centre.
+pub(super) fn centre(views: &[TrainingView]) -> Vec3 {
+    let sum: Vec3 = views.iter().map(|view| view.view.centre).sum();
+    sum / views.len().max(1) as f32
 }
 
 fn sort(table: &mut ParameterTable, centre: Vec3) {

@@ -60,6 +60,7 @@ mod tests {
 
     use super::*;
     use crate::{
+        density,
         device::scan,
         fields::mlp,
         gaussians::{activated_buffers, deformable, dropout, static_gaussians, temporal},
@@ -85,6 +86,7 @@ mod tests {
             adam::gpu::shader(),
             rows::shader(),
             opacity_reset::shader(),
+            density::gpu::shader(),
             static_gaussians::gpu::shader(),
             dropout::gpu::shader(),
             temporal::gpu::shader(),
@@ -210,6 +212,9 @@ mod tests {
             compare::<adam::gpu::AdamStep>(&modules, "AdamStep"),
             compare::<rows::RowMove>(&modules, "RowMove"),
             compare::<opacity_reset::OpacityReset>(&modules, "OpacityReset"),
+            compare::<density::gpu::DensityStep>(&modules, "DensityStep"),
+            compare::<density::gpu::DensityView>(&modules, "DensityView"),
+            compare::<density::gpu::Child>(&modules, "Child"),
             compare::<static_gaussians::gpu::StaticArrays>(&modules, "StaticArrays"),
             compare::<dropout::gpu::DeviceDropout>(&modules, "StepDropout"),
             compare::<kernels::StepView>(&modules, "StepView"),

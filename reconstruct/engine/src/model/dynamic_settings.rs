@@ -80,6 +80,13 @@ pub struct TemporalDensity {
     pub shorten_from_iteration: u64,
 }
 
+impl TemporalDensity {
+    /// Whether splits shorten lifespans by an iteration of the schedule.
+    pub(crate) fn shortens(&self, scheduled: u64) -> bool {
+        scheduled >= self.shorten_from_iteration
+    }
+}
+
 impl DynamicSettings {
     /// The parameterization of the Gaussians that these settings are of.
     pub fn parameterization(&self) -> TemporalGaussians {

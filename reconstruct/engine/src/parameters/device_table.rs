@@ -1,8 +1,6 @@
 //! A table of parameter arrays in the device's memory: array after array in four buffers, each with room for
 //! further Gaussians behind its last.
 
-use std::ops::Range;
-
 use crate::device::{DeviceBuffer, Gpu, GpuError};
 use crate::parameters::{ParameterArray, adam::gpu::MAX_ARRAYS};
 
@@ -75,12 +73,6 @@ impl TableBuffers {
     /// Values of all arrays for a Gaussian.
     pub(crate) fn width(&self) -> usize {
         self.widths.iter().sum()
-    }
-
-    /// Where the values of array number `array` are for the first `rows` Gaussians.
-    pub(crate) fn range(&self, array: usize, rows: usize) -> Range<usize> {
-        let begin = self.begin(array) as usize;
-        begin..begin + rows * self.widths[array]
     }
 
     /// Copies values and moments back into arrays of the same widths, as many as they have.

@@ -15,11 +15,11 @@ wgsl_struct! {
         widths: [[u32; 4]; 4],
         old_begins: [[u32; 4]; 4],
         begins: [[u32; 4]; 4],
-        forgets: [[u32; 4]; 4],
     }
 }
 
 /// Added to the number of an old row whose moments are not taken along.
+#[cfg(test)]
 const COPY: u32 = 1 << 31;
 
 pub(crate) fn shader() -> Shader {
@@ -33,15 +33,6 @@ pub(crate) fn shader() -> Shader {
     }
 }
 
-/// Where a new row comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct RowSource {
-    /// The old row.
-    pub(crate) row: usize,
-    /// Whether it has no moments yet.
-    pub(crate) is_copy: bool,
-}
-
 /// Moves rows.
 #[derive(Debug)]
 pub(crate) struct RowMover {
@@ -53,7 +44,8 @@ pub(crate) struct RowMover {
 pub(crate) struct RowMoves {
     program: Program,
     rows: Rows,
-    sources: DeviceBuffer<u32>,
+    /// Of every new row: the old row, and above it whether the row is a copy, which has no moments yet.
+    pub(crate) sources: DeviceBuffer<u32>,
     /// Of values and of moments.
     settings: [Uniform<RowMove>; 2],
     template: RowMove,
@@ -126,21 +118,15 @@ impl RowMover {
 }
 
 impl RowMoves {
-    /// Moves the rows of all arrays. Arrays that forget lose the moments of all rows.
-    pub(crate) fn run(&self, gpu: &Gpu, sources: &[RowSource], forgets: &[bool]) {
-        let packed: Vec<u32> = sources
-            .iter()
-            .map(|source| source.row as u32 | if source.is_copy { COPY } else { 0 })
-            .collect();
-        self.sources.write(gpu, 0, &packed);
-        self.rows.set(packed.len());
+    /// Makes rows of all arrays, so many, of the `sources` on the device.
+    pub(crate) fn run(&self, gpu: &Gpu, rows: usize) {
+        self.rows.set(rows);
         let width: u32 = self.template.widths.as_flattened().iter().sum();
         for (moments, settings) in (0..).zip(&self.settings) {
             let row_move = RowMove {
-                len: width * packed.len() as u32,
-                rows: packed.len() as u32,
+                len: width * rows as u32,
+                rows: rows as u32,
                 moments,
-                forgets: places(forgets.iter().map(|&forgets| u32::from(forgets))),
                 ..self.template
             };
             settings.write(gpu, &row_move);
@@ -173,22 +159,14 @@ mod tests {
         table.append_copies(&[4, 1]);
         table.retain(&[true, false, true, true, false, true, true]);
         table.permute(&[4, 0, 2, 3, 1]);
-        table.arrays[1].first_moments.fill(0.0);
-        table.arrays[1].second_moments.fill(0.0);
-        let source = |row, is_copy| RowSource { row, is_copy };
-        let sources = [
-            source(1, true),
-            source(0, false),
-            source(3, false),
-            source(4, true),
-            source(2, false),
-        ];
+        let sources = [1 | COPY, 0, 3, 4 | COPY, 2];
         let mut read = table.clone();
         // Into a larger table, and into itself.
         let larger = TableBuffers::zeros(&gpu, old.widths.clone(), 9).expect("fits");
         for moved in [&larger, &old] {
             let moves = mover.between(&gpu, &old, moved).expect("fits");
-            moves.run(&gpu, &sources, &[false, true, false]);
+            moves.sources.write(&gpu, 0, &sources);
+            moves.run(&gpu, sources.len());
             for array in &mut read.arrays {
                 array.values.fill(-1.0);
             }

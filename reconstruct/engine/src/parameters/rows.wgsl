@@ -7,12 +7,10 @@ struct RowMove {
     arrays: u32,
     // Whether it is moments that move: a copy has none.
     moments: u32,
-    // By array: its values for each Gaussian, where it begins in both tables, and whether its moments
-    // are forgotten.
+    // By array: its values for each Gaussian, and where it begins in both tables.
     widths: array<vec4<u32>, 4>,
     old_begins: array<vec4<u32>, 4>,
     begins: array<vec4<u32>, 4>,
-    forgets: array<vec4<u32>, 4>,
 }
 
 @group(0) @binding(0) var<uniform> row_move: RowMove;
@@ -44,8 +42,7 @@ fn move_rows(
     let source = sources[in_array / width];
     let old = row_move.old_begins[array_number / 4u][array_number % 4u]
         + (source & ~COPY) * width + in_array % width;
-    let forgets = row_move.forgets[array_number / 4u][array_number % 4u] == 1u;
-    let is_lost = row_move.moments == 1u && ((source & COPY) != 0u || forgets);
+    let is_lost = row_move.moments == 1u && (source & COPY) != 0u;
     let place = row_move.begins[array_number / 4u][array_number % 4u] + in_array;
     values[place] = select(old_values[old], 0.0, is_lost);
 }

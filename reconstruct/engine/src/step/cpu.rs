@@ -310,11 +310,6 @@ impl Stepper for CpuStepper<'_> {
         Ok(&mut self.model)
     }
 
-    fn control_density(&mut self, change: &mut dyn FnMut(&mut Model)) -> Result<(), EngineError> {
-        change(&mut self.model);
-        Ok(())
-    }
-
     fn image(&mut self, view: &View, sh_degree: usize) -> Result<RgbImage, EngineError> {
         let drawn = self.model.corrected(view);
         let at = Viewpoint::of_image(&drawn);

@@ -11,13 +11,14 @@ pub mod shards;
 use std::{fmt, sync::Arc};
 
 use omnilife_schemas::{RgbImage, records::Backend};
+use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
 use self::{cpu::CpuStepper, gpu::GpuStepper, settings::TrainSettings, shards::Shards};
 use crate::{
     EngineError,
     camera::View,
-    density::reset_opacities,
+    density::{Densification, Densified, reset_opacities},
     device::Gpu,
     model::{Model, TrainedArray},
     render::settings::RendererChoice,
@@ -145,20 +146,25 @@ pub trait Stepper: fmt::Debug {
     /// When the backend fails.
     fn model_mut(&mut self) -> Result<&mut Model, EngineError>;
 
-    /// Lets density control copy, remove and order Gaussians, and change where they are in space and time,
-    /// how large and how opaque; it may forget the moments of whole arrays. `change` sees no colours: where
-    /// the model lives on a device they stay there.
+    /// Densifies the model, as [`Densification::run`] does, for the stepper's input views.
     ///
     /// # Errors
     /// When the backend fails.
-    fn control_density(&mut self, change: &mut dyn FnMut(&mut Model)) -> Result<(), EngineError>;
+    fn densify(
+        &mut self,
+        asked: &Densification<'_>,
+        random: &mut Pcg64Mcg,
+    ) -> Result<Densified, EngineError> {
+        Ok(asked.run(self.model_mut()?, random))
+    }
 
     /// Sets all opacities down, as [`reset_opacities`] does.
     ///
     /// # Errors
     /// When the backend fails.
     fn reset_opacities(&mut self) -> Result<(), EngineError> {
-        self.control_density(&mut reset_opacities)
+        reset_opacities(self.model_mut()?);
+        Ok(())
     }
 
     /// About how many Gaussians there can be, where that is limited by more than memory.

@@ -21,7 +21,7 @@ use crate::{
 };
 
 /// The place of an array that there is none of.
-const NONE: u32 = u32::MAX;
+pub(crate) const NONE: u32 = u32::MAX;
 
 wgsl_struct! {
     /// A table's temporal parameters at a moment.

@@ -1,116 +1,146 @@
-//! Density control of a model on a GPU. The host decides on what it reads of the Gaussians: places, sizes,
-//! opacities, times and what views said of them. The device copies, removes and orders whole rows, colours
-//! and moments among them, which never leave it. Tables, buffers and programs stay as long as there is room.
+//! Density control of a model on a GPU. The device decides and moves whole rows; the host reads three numbers
+//! of each part. Tables, buffers and programs stay as long as there is room.
 
-use super::device_model::{DeviceModel, DevicePart, DevicePartKind, PartTables};
+use std::sync::Arc;
+
+use rand_pcg::Pcg64Mcg;
+
+use super::{
+    GpuStepper, Newest,
+    device_model::{DeviceModel, DevicePart, DevicePartKind, PartTables},
+};
 use crate::{
     EngineError,
-    device::{DeviceBuffer, Gpu, GpuError},
-    gaussians::static_gaussians::{SH_CONSTANT_NAME, SH_REST_NAME},
-    model::{Model, Part},
-    parameters::{
-        ParameterArray, ParameterTable,
-        device_table::TableBuffers,
-        rows::{RowMover, RowSource},
+    density::{
+        self, Densification, Densified,
+        gpu::{DensityKernels, DensityWork, WorkInputs},
     },
+    device::{Gpu, GpuError},
+    gaussians::parameterization::Viewpoint,
+    model::Model,
+    parameters::{ParameterTable, device_table::TableBuffers, rows::RowMover},
 };
 
-/// The array that numbers the rows of a copy. An f32 numbers them up to 2^24.
-const ROWS: &str = "rows";
-/// Rows that can be numbered.
-pub(super) const MOST_ROWS: usize = 1 << f32::MANTISSA_DIGITS;
-
-/// Whether density control has no reason to look at an array.
-fn stays_on_device(array: &ParameterArray) -> bool {
-    [SH_CONSTANT_NAME, SH_REST_NAME].contains(&array.name)
-}
-
-/// The model as density control sees it: values without colours, rows that are numbered, and ones in place
-/// of moments, which become zeros where moments are forgotten.
-pub(super) fn outline(
-    gpu: &Gpu,
-    model: &Model,
-    on_device: &[DevicePart],
-) -> Result<Model, EngineError> {
-    let mut parts = Vec::with_capacity(model.parts.len());
-    for (part, on_device) in model.parts.iter().zip(on_device) {
-        let mut outline = Part {
-            parameterization: part.parameterization.clone(),
-            table: outlined(&part.table),
-            statistics: part.statistics.clone(),
-            steps: part.steps,
-        };
-        on_device.read_statistics(gpu, &mut outline.statistics)?;
-        let rows = outline.table.len();
-        let table = &on_device.table;
-        let asked = |array: &ParameterArray| array.name != ROWS && array.width > 0;
-        let ranges: Vec<_> = (0..)
-            .zip(&outline.table.arrays)
-            .filter(|(_, array)| asked(array))
-            .map(|(number, _)| (&table.values, table.range(number, rows)))
-            .collect();
-        let read = DeviceBuffer::read_ranges(gpu, &ranges)?;
-        let arrays = outline.table.arrays.iter_mut();
-        for (array, values) in arrays.filter(|array| asked(array)).zip(read) {
-            array.values = values;
-        }
-        parts.push(outline);
-    }
-    Ok(Model::new(parts))
-}
-
-fn outlined(table: &ParameterTable) -> ParameterTable {
-    let len = table.len();
-    let mut outline = ParameterTable::new(len);
-    for array in &table.arrays {
-        let width = if stays_on_device(array) {
-            0
+impl GpuStepper<'_> {
+    pub(super) fn densify_on_device(
+        &mut self,
+        asked: &Densification<'_>,
+        random: &mut Pcg64Mcg,
+    ) -> Result<Densified, EngineError> {
+        self.settle()?;
+        self.upload()?;
+        let gpu = Arc::clone(&self.gpu);
+        let mut on_device = self.take_model()?;
+        self.make_density_work(&mut on_device)?;
+        let done = decide(&gpu, asked, &mut self.model, &mut on_device, random)?;
+        if on_device.has_room(&self.model) {
+            for part in &on_device.parts {
+                if let Some(work) = &part.density {
+                    work.follow(&gpu, &part.moves);
+                }
+            }
+            on_device.place(&gpu, &self.model);
+            self.on_device = Some(on_device);
         } else {
-            array.width
-        };
-        outline.add(array.name, width, vec![0.0; len * width], 0.0);
+            // The renderer's buffers go before further tables are made: both may not fit.
+            let parts = on_device.parts;
+            let maximum = self.settings.densify.maximum_gaussians;
+            let maximum = usize::try_from(maximum).unwrap_or(usize::MAX);
+            let maximum = maximum.min(self.room_for_gaussians());
+            let kernels = (&self.kernels.density, &self.kernels.row_mover);
+            let tables = follow_larger(&gpu, kernels, (&self.model, maximum), parts)?;
+            self.put(tables)?;
+            let mut on_device = self.take_model()?;
+            self.make_density_work(&mut on_device)?;
+            self.on_device = Some(on_device);
+        }
+        self.newest = Newest::Device;
+        Ok(done)
     }
-    let rows = (0..len).map(|row| row as f32).collect();
-    outline.add(ROWS, 1, rows, 0.0);
-    for array in &mut outline.arrays {
-        array.first_moments.fill(1.0);
-    }
-    outline
-}
 
-/// Gives the host's model as many rows as an outline has. What it holds in them is not what it was.
-pub(super) fn resize(model: &mut Model, outline: &Model) {
-    for (part, outline) in model.parts.iter_mut().zip(&outline.parts) {
-        part.table.resize(outline.table.len());
-        part.statistics = outline.statistics.clone();
-    }
-}
-
-/// Does within the tables of a model on the device, which have room for it, what was done to its outline.
-pub(super) fn follow(gpu: &Gpu, outline: &Model, model: &mut DeviceModel) {
-    for (outline, on_device) in outline.parts.iter().zip(&model.parts) {
-        let table = &outline.table;
-        on_device.moves.run(gpu, &sources(table), &forgets(table));
-        write_decided(gpu, table, &on_device.table);
-        on_device.statistics.write(gpu, &outline.statistics);
+    /// What the density control of each part works on.
+    fn make_density_work(&self, on_device: &mut DeviceModel) -> Result<(), GpuError> {
+        let kernels = &self.kernels.density;
+        for (on_device, part) in on_device.parts.iter_mut().zip(&self.model.parts) {
+            on_device.make_density_work(&self.gpu, kernels, &part.table)?;
+        }
+        Ok(())
     }
 }
 
-/// The same in larger tables.
-pub(super) fn follow_larger(
+impl DevicePart {
+    /// What its density control works on.
+    fn make_density_work(
+        &mut self,
+        gpu: &Gpu,
+        kernels: &DensityKernels,
+        host: &ParameterTable,
+    ) -> Result<(), GpuError> {
+        if self.density.is_none() {
+            let inputs = WorkInputs {
+                host,
+                table: &self.table,
+                moves: &self.moves,
+                gradient_sums: &self.statistics.gradient_sums,
+                view_counts: &self.statistics.view_counts,
+                time_gradients: &self.statistics.time_gradients,
+                time: match &self.kind {
+                    DevicePartKind::Temporal(time) => Some(time),
+                    DevicePartKind::Static | DevicePartKind::Deformable(_) => None,
+                },
+            };
+            let work = DensityWork::new(gpu, kernels, &inputs)?;
+            self.density = Some(Box::new(work));
+        }
+        Ok(())
+    }
+}
+
+/// Decides on all parts, and gives the host's model as many rows as there are to be. What it holds in them
+/// is not what it was.
+fn decide(
     gpu: &Gpu,
-    (mover, maximum): (&RowMover, usize),
-    outline: &Model,
+    asked: &Densification<'_>,
+    model: &mut Model,
+    on_device: &mut DeviceModel,
+    random: &mut Pcg64Mcg,
+) -> Result<Densified, GpuError> {
+    let maximum = usize::try_from(asked.settings.maximum_gaussians).unwrap_or(usize::MAX);
+    let context = &asked.context;
+    // Who looks hardly matters for where a child is put.
+    let look = Viewpoint::of_image(&context.views[context.last_view].view);
+    let mut done = Densified::default();
+    for number in density::parts_in_order(model) {
+        let room = maximum.saturating_sub(model.len());
+        let (part, on_device) = (&mut model.parts[number], &mut on_device.parts[number]);
+        if let DevicePartKind::Temporal(time) = &on_device.kind {
+            time.set(gpu, &look);
+        }
+        if let Some(work) = &mut on_device.density {
+            let (of_part, left) = density::gpu::decide(gpu, work, (asked, part, room), random)?;
+            done.add(of_part);
+            part.table.resize(left);
+            part.forget_statistics();
+        }
+    }
+    Ok(done)
+}
+
+/// Does in larger tables what was decided on.
+fn follow_larger(
+    gpu: &Gpu,
+    (kernels, mover): (&DensityKernels, &RowMover),
+    (model, maximum): (&Model, usize),
     parts: Vec<DevicePart>,
 ) -> Result<Vec<PartTables>, GpuError> {
     let mut moved = Vec::with_capacity(parts.len());
-    for (outline, old) in outline.parts.iter().zip(parts) {
-        let outline = &outline.table;
-        let capacity = larger_capacity(&old, outline.len(), maximum);
+    for (part, old) in model.parts.iter().zip(parts) {
+        let capacity = larger_capacity(&old, part.table.len(), maximum);
         let table = TableBuffers::zeros(gpu, old.table.widths.clone(), capacity)?;
         let moves = mover.between(gpu, &old.table, &table)?;
-        moves.run(gpu, &sources(outline), &forgets(outline));
-        write_decided(gpu, outline, &table);
+        if let Some(work) = &old.density {
+            work.follow_into(gpu, kernels, (&table, &moves))?;
+        }
         moved.push(PartTables {
             table,
             weights: old.into_weights(),
@@ -128,41 +158,4 @@ fn larger_capacity(old: &DevicePart, needed: usize, maximum: usize) -> usize {
         _ if needed <= last => last,
         _ => needed.max((2 * last).min(maximum)),
     }
-}
-
-/// Which arrays of an outline forget the moments of all rows.
-fn forgets(outline: &ParameterTable) -> Vec<bool> {
-    let forgets = |array: &ParameterArray| {
-        let moments = &array.first_moments;
-        !moments.is_empty() && moments.iter().all(|&moment| moment == 0.0)
-    };
-    let arrays = outline.arrays.iter();
-    let arrays = arrays.filter(|array| array.name != ROWS);
-    arrays.map(forgets).collect()
-}
-
-/// Writes the values that density control may have changed.
-fn write_decided(gpu: &Gpu, outline: &ParameterTable, table: &TableBuffers) {
-    for (number, array) in outline.arrays.iter().enumerate() {
-        if array.name != ROWS && array.width > 0 {
-            let first = table.begin(number) as usize;
-            table.values.write(gpu, first, &array.values);
-        }
-    }
-}
-
-/// Where the rows of an outline come from.
-fn sources(outline: &ParameterTable) -> Vec<RowSource> {
-    let Some(rows) = outline.arrays.last() else {
-        return Vec::new();
-    };
-    let source = |(&row, &moment): (&f32, &f32)| RowSource {
-        row: row as usize,
-        is_copy: moment == 0.0,
-    };
-    rows.values
-        .iter()
-        .zip(&rows.first_moments)
-        .map(source)
-        .collect()
 }

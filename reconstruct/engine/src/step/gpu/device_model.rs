@@ -2,6 +2,7 @@
 
 use crate::{
     camera::View,
+    density::gpu::DensityWork,
     device::{DeviceBuffer, Gpu, GpuError, Program},
     gaussians::{
         deformable::gpu::DeformationBuffers,
@@ -83,6 +84,8 @@ pub(super) struct DevicePart {
     pub(super) moves: RowMoves,
     pub(super) next_step: TableStep,
     pub(super) statistics: DeviceStatistics,
+    /// Made when its number changes for the first time.
+    pub(super) density: Option<Box<DensityWork>>,
     pub(super) kind: DevicePartKind,
 }
 
@@ -220,6 +223,7 @@ impl DevicePart {
             next_step: TableStep::new(gpu, numbers(arrays.iter(), trained))?,
             moves: of_model.mover.between(gpu, &table, &table)?,
             statistics: DeviceStatistics::new(gpu, &part.statistics, table.capacity)?,
+            density: None,
             rows,
             table,
             kind,

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use crate::{
+    density::gpu::DensityKernels,
     device::{
         DeviceBuffer, Gpu, GpuError, Kernel, Program, Rows, Uniform,
         shader::{Shader, wgsl_struct},
@@ -31,6 +32,7 @@ use crate::{
         },
         settings::TrainSettings,
     },
+    training_view::InputViews,
 };
 
 wgsl_struct! {
@@ -119,6 +121,7 @@ pub(super) struct StepKernels {
     dropout: Option<(Dropout, DropoutKernels)>,
     adam: Adam,
     opacity_resets: OpacityResets,
+    pub(super) density: DensityKernels,
     pub(super) row_mover: RowMover,
     judge_loss: Kernel,
     add_statistics: Kernel,
@@ -130,13 +133,14 @@ pub(super) struct StepKernels {
 }
 
 impl StepKernels {
-    /// Compiles the kernels for images of a size.
+    /// Compiles the kernels for images as large as the input views.
     pub(super) fn new(
         gpu: Arc<Gpu>,
-        size: (u32, u32),
+        inputs: &InputViews<'_>,
         (model, settings): (&Model, &TrainSettings),
         look_interval: usize,
     ) -> Result<Self, GpuError> {
+        let size = (inputs.camera.width(), inputs.camera.height());
         let features = settings.dynamics.as_ref();
         let shape = RenderShape {
             gaussians: 0,
@@ -175,6 +179,7 @@ impl StepKernels {
                 .transpose()?,
             adam: Adam::new(&gpu)?,
             opacity_resets: OpacityResets::new(&gpu)?,
+            density: DensityKernels::new(&gpu, inputs.views)?,
             row_mover: RowMover::new(&gpu)?,
             judge_loss,
             add_statistics,

@@ -9,6 +9,7 @@ pub mod activation;
 mod density;
 mod device_model;
 mod dynamic_losses;
+mod image;
 pub(crate) mod kernels;
 mod measure;
 pub(crate) mod opacity_reset;
@@ -17,6 +18,7 @@ mod room;
 use std::{collections::VecDeque, sync::Arc};
 
 use omnilife_schemas::{RgbImage, records::Backend};
+use rand_pcg::Pcg64Mcg;
 
 use self::{
     device_model::{
@@ -28,17 +30,14 @@ use self::{
 use crate::{
     EngineError,
     camera::View,
+    density::{Densification, Densified},
     device::{DeviceBuffer, Gpu, GpuError, timer::StageTimer},
-    gaussians::{
-        ActivatedGaussians,
-        parameterization::{DeviceKind, DeviceTwin, Viewpoint},
-        temporal::TemporalFeatures,
-    },
+    gaussians::parameterization::{DeviceKind, DeviceTwin, Viewpoint},
     losses::photometric::gpu::{loss_value, target_image},
     model::{Model, Part, TrainedArray},
     render::{
         buffers::{DeviceStatus, HALTED_FULL, HALTED_RUNNING, RenderShape},
-        gpu::{GpuRenderer, with_slack},
+        gpu::with_slack,
         project::by_camera::gpu as by_camera,
         settings::RenderSettings,
     },
@@ -130,9 +129,8 @@ impl<'a> GpuStepper<'a> {
         settings: &TrainSettings,
     ) -> Result<Self, EngineError> {
         check(&model)?;
-        let size = (inputs.camera.width(), inputs.camera.height());
-        let look_interval = LOOK_INTERVAL as usize;
-        let kernels = StepKernels::new(Arc::clone(&gpu), size, (&model, settings), look_interval)?;
+        let (of_model, look_interval) = ((&model, settings), LOOK_INTERVAL as usize);
+        let kernels = StepKernels::new(Arc::clone(&gpu), &inputs, of_model, look_interval)?;
         let targets = inputs.views.iter().map(|view| target_image(&gpu, view));
         let stepper = Self {
             inputs,
@@ -373,33 +371,6 @@ impl<'a> GpuStepper<'a> {
         }
         Ok(())
     }
-
-    /// Renders with the buffers of the training steps, which fit the size of the input views.
-    fn render(
-        &mut self,
-        view: &View,
-        moment: &Moment,
-        settings: &RenderSettings,
-    ) -> Result<Vec<f32>, GpuError> {
-        loop {
-            let model = self.take_model()?;
-            let gpu = &*self.gpu;
-            model.set_view(gpu, view, moment, settings);
-            let activation = model.activation(moment.network_time.is_some());
-            activation.forward.submit(gpu);
-            model.chain.forward.submit(gpu);
-            let status = model.chain.buffers.status.read(gpu)?[0];
-            let fresh = [DeviceStatus::default()];
-            model.chain.buffers.status.write(gpu, 0, &fresh);
-            if status.halted == HALTED_RUNNING {
-                let image = model.chain.buffers.image.read(gpu)?;
-                self.on_device = Some(model);
-                return Ok(image);
-            }
-            let model = self.make_room(model, status.entries)?;
-            self.on_device = Some(model);
-        }
-    }
 }
 
 impl Stepper for GpuStepper<'_> {
@@ -453,33 +424,12 @@ impl Stepper for GpuStepper<'_> {
         Ok(&mut self.model)
     }
 
-    fn control_density(&mut self, change: &mut dyn FnMut(&mut Model)) -> Result<(), EngineError> {
-        self.settle()?;
-        if self.newest == Newest::Host || self.model.len() > density::MOST_ROWS {
-            change(self.model_mut()?);
-            return Ok(());
-        }
-        let mut on_device = self.take_model()?;
-        let gpu = Arc::clone(&self.gpu);
-        let mut outline = density::outline(&gpu, &self.model, &on_device.parts)?;
-        change(&mut outline);
-        density::resize(&mut self.model, &outline);
-        if on_device.has_room(&self.model) {
-            density::follow(&gpu, &outline, &mut on_device);
-            on_device.place(&gpu, &self.model);
-            self.on_device = Some(on_device);
-        } else {
-            // The renderer's buffers go before further tables are made: both may not fit.
-            let parts = on_device.parts;
-            let maximum = self.settings.densify.maximum_gaussians;
-            let maximum = usize::try_from(maximum).unwrap_or(usize::MAX);
-            let maximum = maximum.min(self.room_for_gaussians());
-            let mover = (&self.kernels.row_mover, maximum);
-            let tables = density::follow_larger(&gpu, mover, &outline, parts)?;
-            self.put(tables)?;
-        }
-        self.newest = Newest::Device;
-        Ok(())
+    fn densify(
+        &mut self,
+        asked: &Densification<'_>,
+        random: &mut Pcg64Mcg,
+    ) -> Result<Densified, EngineError> {
+        self.densify_on_device(asked, random)
     }
 
     fn reset_opacities(&mut self) -> Result<(), EngineError> {
@@ -497,33 +447,6 @@ impl Stepper for GpuStepper<'_> {
     }
 
     fn image(&mut self, view: &View, sh_degree: usize) -> Result<RgbImage, EngineError> {
-        self.settle()?;
-        self.upload()?;
-        let settings = RenderSettings {
-            sh_degree,
-            ..self.settings.rendering
-        };
-        let view = &self.model.corrected(view);
-        let at = Viewpoint::of_image(view);
-        let (width, height) = (view.camera.width() as usize, view.camera.height() as usize);
-        let image = if self.inputs.size() == [width, height] {
-            let network_time = network_time(&self.model, &at);
-            self.render(view, &Moment { at, network_time }, &settings)?
-        } else {
-            self.download()?;
-            let mut activated = ActivatedGaussians::default();
-            self.model
-                .activate(&at, &TemporalFeatures::default(), &mut activated);
-            let mut renderer = GpuRenderer::new(Arc::clone(&self.gpu), settings);
-            renderer.forward(view, &activated)?.colour
-        };
-        Ok(RgbImage {
-            width,
-            height,
-            data: image[..width * height * 3]
-                .iter()
-                .map(|value| value.clamp(0.0, 1.0))
-                .collect(),
-        })
+        self.rendered_image(view, sh_degree)
     }
 }
