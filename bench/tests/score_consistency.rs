@@ -49,6 +49,7 @@ fn run_record(bench: &Bench) -> RunRecord {
         seconds_per_group: None,
         peak_memory_bytes: None,
         up: None,
+        clip_seconds: None,
         normalization: Similarity {
             offset: [0.0; 3],
             scale: 1.0,

@@ -174,6 +174,29 @@ fn boxes_become_paths_and_what_stands_is_static() {
     assert_eq!(make_tracks(&request, &Silent).unwrap(), tracks);
 }
 
+/// Frames of a variable rate: what counts are their times, not their numbers.
+#[test]
+fn paths_are_those_of_frames_at_uneven_times() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path().join("scene");
+    let mut scene = write_scene(&folder);
+    for (number, frame) in scene.frames.iter_mut().enumerate() {
+        // Steps of 0.4, 1.6 and 1 s.
+        frame.time_seconds += [0.0, -0.6, 0.0][number % 3];
+    }
+    store::write_record(&folder.join("scene.json"), &scene).unwrap();
+    let tracks = make_tracks(&request(temp.path(), &boxes(&scene)), &Silent).unwrap();
+    assert_eq!(tracks.tracks.len(), 2, "{:?}", tracks.warnings);
+    for track in &tracks.tracks {
+        for seconds in [5.5, 7.0, 8.4, 9.0] {
+            let place = track.path.at(seconds).unwrap().0;
+            let errors = (0..2).map(|number| (place - car(number, seconds).0).truncate().length());
+            let error = errors.fold(f64::INFINITY, f64::min);
+            assert!(error < 0.5, "{error} m at {seconds} s");
+        }
+    }
+}
+
 #[test]
 fn what_is_wrong_with_boxes_is_said_in_one_line() {
     let temp = tempfile::tempdir().unwrap();
@@ -390,6 +413,24 @@ fn estimates_that_cannot_be_used_are_refused_in_one_line() {
         "{message}"
     );
     assert!(!temp.path().join("tracks/tracks.json").exists());
+}
+
+#[test]
+fn estimates_that_are_missing_are_told_before_anything_is_detected() {
+    let temp = tempfile::tempdir().unwrap();
+    let scene = write_scene(&temp.path().join("scene"));
+    for distance in ["monocular", "monocular-scale"] {
+        let mut request = request(temp.path(), &boxes(&scene));
+        // Found out before the boxes, which are not there.
+        request.detections = None;
+        request.distance = distance.to_owned();
+        let error = make_tracks(&request, &Silent).unwrap_err();
+        assert_eq!(error.error_kind(), ErrorKind::User);
+        let message = error.to_string();
+        let expected = format!("scene.json: has no estimated distances for --distance {distance}");
+        assert!(message.contains(&expected), "{message}");
+        assert!(!temp.path().join("tracks").exists());
+    }
 }
 
 /// A camera that only turns: no points, and the road is a plane across the view.

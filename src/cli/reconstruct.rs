@@ -309,9 +309,8 @@ fn plan(text: &str) -> Result<PlanChoice, String> {
 }
 
 /// The id before an equals sign, and `N` finite numbers behind it.
-fn of_object<const N: usize>(text: &str) -> Result<(u32, [f64; N]), String> {
-    let expected = || format!("expected ID= and {N} numbers with commas between");
-    let (id, numbers) = text.split_once('=').ok_or_else(expected)?;
+fn of_object<const N: usize>(text: &str) -> Option<(u32, [f64; N])> {
+    let (id, numbers) = text.split_once('=')?;
     let numbers: Option<Vec<f64>> = numbers
         .split(',')
         .map(|word| {
@@ -321,21 +320,58 @@ fn of_object<const N: usize>(text: &str) -> Result<(u32, [f64; N]), String> {
                 .filter(|number: &f64| number.is_finite())
         })
         .collect();
-    let numbers = numbers.and_then(|numbers| <[f64; N]>::try_from(numbers).ok());
-    let id = id.trim().parse().map_err(|_| expected())?;
-    Ok((id, numbers.ok_or_else(expected)?))
+    Some((id.trim().parse().ok()?, numbers?.try_into().ok()?))
 }
 
-fn moved(text: &str) -> Result<Edit, String> {
-    of_object(text).map(|(id, by)| Edit::Move(id, by))
+/// What is done to objects, as it is given.
+#[derive(Debug, Args)]
+pub(crate) struct ObjectEditArguments {
+    /// Takes an object out; may be repeated, as all of these.
+    #[arg(long, value_name = "ID")]
+    remove: Vec<u32>,
+    /// Moves an object along the ground (world units) and turns its path (radians).
+    #[arg(long = "move", value_name = "ID=X,Y,TURN", allow_hyphen_values = true)]
+    moves: Vec<String>,
+    /// Puts a copy of an object beside it.
+    #[arg(long = "copy", value_name = "ID=X,Y", allow_hyphen_values = true)]
+    copies: Vec<String>,
+    /// Sends an object later.
+    #[arg(long = "delay", value_name = "ID=SECONDS", allow_hyphen_values = true)]
+    delays: Vec<String>,
 }
 
-fn copied(text: &str) -> Result<Edit, String> {
-    of_object(text).map(|(id, by)| Edit::Copy(id, by))
+impl ObjectEditArguments {
+    /// The edits in the order in which they are done: what is moved and copied is there until the end.
+    pub(crate) fn edits(&self) -> Result<Vec<Edit>, BadRequest> {
+        let mut edits = Vec::new();
+        for text in &self.moves {
+            let (id, by) = of_object(text).ok_or_else(|| unreadable("--move ID=X,Y,TURN", text))?;
+            edits.push(Edit::Move(id, by));
+        }
+        for text in &self.copies {
+            let (id, by) = of_object(text).ok_or_else(|| unreadable("--copy ID=X,Y", text))?;
+            edits.push(Edit::Copy(id, by));
+        }
+        for text in &self.delays {
+            let (id, [seconds]) =
+                of_object(text).ok_or_else(|| unreadable("--delay ID=SECONDS", text))?;
+            edits.push(Edit::Delay(id, seconds));
+        }
+        edits.extend(self.remove.iter().map(|&id| Edit::Remove(id)));
+        if edits.is_empty() {
+            let reason =
+                "nothing is to be edited: give --script, --remove, --move, --copy or --delay";
+            return Err(BadRequest(reason.to_owned()));
+        }
+        Ok(edits)
+    }
 }
 
-fn delayed(text: &str) -> Result<Edit, String> {
-    of_object(text).map(|(id, [seconds])| Edit::Delay(id, seconds))
+/// That a text is not what an option takes.
+fn unreadable(option: &str, text: &str) -> BadRequest {
+    BadRequest(format!(
+        "{option} takes the id of an object and finite numbers, not {text:?}"
+    ))
 }
 
 fn size(text: &str) -> Result<[u32; 2], String> {
@@ -416,18 +452,8 @@ pub(crate) enum ReconstructCommand {
             conflicts_with_all = ["remove", "moves", "copies", "delays"]
         )]
         script: Option<PathBuf>,
-        /// Takes an object out; may be repeated, as all of these.
-        #[arg(long, value_name = "ID")]
-        remove: Vec<u32>,
-        /// Moves an object along the ground (world units) and turns its path (radians).
-        #[arg(long = "move", value_name = "ID=X,Y,TURN", value_parser = moved, allow_hyphen_values = true)]
-        moves: Vec<Edit>,
-        /// Puts a copy of an object beside it.
-        #[arg(long = "copy", value_name = "ID=X,Y", value_parser = copied, allow_hyphen_values = true)]
-        copies: Vec<Edit>,
-        /// Sends an object later.
-        #[arg(long = "delay", value_name = "ID=SECONDS", value_parser = delayed, allow_hyphen_values = true)]
-        delays: Vec<Edit>,
+        #[command(flatten)]
+        objects: ObjectEditArguments,
         /// Folder of the edited run.
         #[arg(long)]
         out: PathBuf,

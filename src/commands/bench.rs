@@ -64,8 +64,7 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             truth,
             scene,
         } => {
-            let found = store::read_record(tracks)?;
-            let report = compare_tracks(truth, &found, &store::read_record(scene)?)?;
+            let report = compare_tracks(tracks, truth, &store::read_record(scene)?)?;
             if let Some(note) = &report.rescaled {
                 progress.note(note);
             }

@@ -6,7 +6,7 @@ use omnilife_reconstruct::{
     jobs::{
         atlas,
         edit::{self, EditRunRequest},
-        edit_objects::{self, Edit, EditRequest},
+        edit_objects::{self, EditRequest},
         export::{self, serve::Server},
         plan_cost,
         reconstruct::{self, ReconstructRequest},
@@ -21,8 +21,7 @@ use omnilife_schemas::{camera::Camera, progress::Progress};
 use super::video;
 use crate::{
     cli::{AssetArguments, ReconstructCommand, RenderArguments},
-    exit::{self, BadRequest},
-    termination,
+    exit, termination,
 };
 
 pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> anyhow::Result<()> {
@@ -105,25 +104,12 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
         ReconstructCommand::Edit {
             run,
             script: None,
-            remove,
-            moves,
-            copies,
-            delays,
+            objects,
             out,
         } => {
-            let removed = remove.iter().map(|&id| Edit::Remove(id));
-            let changed = moves.iter().chain(copies).chain(delays).cloned();
-            let edits: Vec<Edit> = changed.chain(removed).collect();
-            if edits.is_empty() {
-                return Err(BadRequest(
-                    "nothing is to be edited: give --script, --remove, --move, --copy or --delay"
-                        .to_owned(),
-                )
-                .into());
-            }
             let request = EditRequest {
                 run: run.clone(),
-                edits,
+                edits: objects.edits()?,
                 out: out.clone(),
             };
             let left = edit_objects::edit(&request, progress)?;

@@ -42,13 +42,14 @@ pub struct TrackReport {
 /// count as detections alone.
 ///
 /// # Errors
-/// When the file cannot be read, or its boxes are in images of another shape.
+/// When a file cannot be read or has tracks that cannot be used, or true boxes are in images of another shape.
 pub fn compare_tracks(
+    tracks_file: &Path,
     truth_file: &Path,
-    found: &Tracks,
     scene: &Scene,
 ) -> Result<TrackReport, BenchError> {
-    let mut truth: Tracks = store::read_record(truth_file)?;
+    let found = read_tracks(tracks_file)?;
+    let mut truth = read_tracks(truth_file)?;
     let rescaled = bring_to_size(&mut truth, found.image_size)
         .map_err(|reason| BenchError::mismatch(truth_file, reason))?;
     let here = |tracks: &Tracks| -> Vec<Detection> {
@@ -57,7 +58,7 @@ pub fn compare_tracks(
             .cloned()
             .collect()
     };
-    let (true_boxes, found_boxes) = (here(&truth), here(found));
+    let (true_boxes, found_boxes) = (here(&truth), here(&found));
     let of_tracks = |boxes: &[Detection]| -> Vec<TrackBox> {
         let of_track = |one: &Detection| {
             Some(TrackBox {
@@ -78,8 +79,17 @@ pub fn compare_tracks(
         rescaled,
         detections: boxes::score_detections(&true_boxes, &detected),
         boxes: boxes::score_boxes(&of_tracks(&true_boxes), &of_tracks(&found_boxes)),
-        paths: paths::score_paths(&truth, found, scene),
+        paths: paths::score_paths(&truth, &found, scene),
     })
+}
+
+/// Tracks that can be scored.
+fn read_tracks(file: &Path) -> Result<Tracks, BenchError> {
+    let tracks: Tracks = store::read_record(file)?;
+    match tracks.fault() {
+        Some(fault) => Err(BenchError::mismatch(file, fault)),
+        None => Ok(tracks),
+    }
 }
 
 /// Brings boxes to another size of the same image, and says so; why not, where its shape differs.
@@ -134,6 +144,23 @@ mod tests {
             tracks: Vec::new(),
             warnings: Vec::new(),
         }
+    }
+
+    #[test]
+    fn tracks_that_cannot_be_used_are_refused_in_one_line() -> Result<(), Box<dyn std::error::Error>>
+    {
+        let folder = tempfile::tempdir()?;
+        let file = folder.path().join("tracks.json");
+        let mut twice = tracks([320, 180], [1.0, 1.0, 9.0, 9.0]);
+        twice.detections[0].track = Some(3);
+        store::write_record(&file, &twice)?;
+        assert_eq!(read_tracks(&file)?, twice);
+        twice.detections.push(twice.detections[0].clone());
+        store::write_record(&file, &twice)?;
+        let refusal = read_tracks(&file).err().map(|error| error.to_string());
+        let expected = format!("{}: frame 0 has two boxes of track 3", file.display());
+        assert_eq!(refusal, Some(expected));
+        Ok(())
     }
 
     #[test]

@@ -116,16 +116,35 @@ fn has_estimates(scene: &Scene, views: &[PosedView]) -> bool {
     views.iter().any(|view| prior(view).is_some())
 }
 
+/// Refuses to find distances in a way that needs estimates where there are none.
+///
+/// # Errors
+/// Then.
+pub(super) fn check_estimates(
+    scene_path: &Path,
+    scene: &Scene,
+    views: &[PosedView],
+    asked: &str,
+) -> Result<(), CurateError> {
+    if !matches!(asked, MONOCULAR | MONOCULAR_SCALE) || has_estimates(scene, views) {
+        return Ok(());
+    }
+    let reason = format!(
+        "has no estimated distances for --distance {asked}: give them with `omnilife curate poses --depth-prior \
+         FOLDER --depth-prior-unit UNITS`"
+    );
+    Err(CurateError::input(scene_path, reason))
+}
+
 impl Tracking<'_> {
     /// Gives detections their distances and places.
     ///
     /// # Errors
-    /// When estimates are asked for and are missing, damaged, or agree with the points of no frame.
+    /// When estimates are damaged, or agree with the points of no frame.
     pub(super) fn lift(
         &self,
         detections: &mut [Detection],
         input: &DetectorInput<'_>,
-        scene_path: &Path,
         asked: &str,
     ) -> Result<Lifted, CurateError> {
         let ground = self.lift_to_ground(detections);
@@ -133,13 +152,6 @@ impl Tracking<'_> {
         let enough = ground.share() >= ENOUGH_GROUND;
         let on_ground = format!("{:.0} % of the boxes", 100.0 * ground.share());
         let why = match asked {
-            MONOCULAR | MONOCULAR_SCALE if !has_estimates => {
-                let reason = format!(
-                    "has no estimated distances for --distance {asked}: give them with `omnilife curate poses \
-                     --depth-prior FOLDER --depth-prior-unit UNITS`"
-                );
-                return Err(CurateError::input(scene_path, reason));
-            }
             MONOCULAR | MONOCULAR_SCALE => "asked for".to_owned(),
             AUTO if has_estimates && !enough => {
                 format!("ground lies under {on_ground} alone")

@@ -92,6 +92,8 @@ pub fn make_tracks(request: &TrackRequest, progress: &dyn Progress) -> Result<Tr
         one.id
     })
     .map_err(unknown)?;
+    let views = PosedView::of_scene(&scene, &frames);
+    distance::check_estimates(&scene_path, &scene, &views, &request.distance)?;
     let known_scale = metres_per_unit(&scene_path, &scene, request.metres_per_unit)?;
     let beside = request.split.as_deref().and_then(Path::parent);
     let beside = beside.unwrap_or(&request.scene_folder);
@@ -109,7 +111,6 @@ pub fn make_tracks(request: &TrackRequest, progress: &dyn Progress) -> Result<Tr
     let _lock = FolderLock::take(&request.out, progress)?;
     plan.claim([TRACKS_FILE, PAGE_FILE])?;
     let begun = Instant::now();
-    let views = PosedView::of_scene(&scene, &frames);
     let mut warnings = Vec::new();
     let points: Vec<DVec3> = match &known {
         Some(points) => {
@@ -259,8 +260,7 @@ impl Tracking<'_> {
         let found = format!("{} boxes in {} frames", detections.len(), self.views.len());
         stages.push(stage("detector", detector.id, found, begun));
         let begun = Instant::now();
-        let scene_path = input.folder.join(SCENE_FILE);
-        let lifted = self.lift(&mut detections, input, &scene_path, &self.request.distance)?;
+        let lifted = self.lift(&mut detections, input, &self.request.distance)?;
         stages.push(stage("distance", lifted.method, lifted.reason, begun));
         let begun = Instant::now();
         let groups = if self.request.association == association::DEEPSORT {

@@ -69,8 +69,8 @@ pub struct EditRequest {
 /// Edits a run; returns the ids of the objects that are there afterwards.
 ///
 /// # Errors
-/// When the run has no objects, an edit is of an object that is not there or by what is no number, or a
-/// file cannot be written.
+/// When the run has no objects, an edit is of an object that is not there or by what is no number, it sends
+/// an object to when no view of the run is, or a file cannot be written.
 pub fn edit(request: &EditRequest, progress: &dyn Progress) -> Result<Vec<u32>, ReconstructError> {
     let record_path = request.run.join(RUN_FILE);
     let mut run: RunRecord = store::read_record(&record_path)?;
@@ -82,6 +82,7 @@ pub fn edit(request: &EditRequest, progress: &dyn Progress) -> Result<Vec<u32>, 
     let (mut record, mut table) = objects::read_parts(&request.run)?;
     for edit in &request.edits {
         apply(edit, &mut record, &mut table)
+            .and_then(|()| stays_in_clip(edit, &record, run.clip_seconds))
             .map_err(|reason| ReconstructError::scene(&objects_path, reason))?;
         run.edits.push(edit.words());
     }
@@ -190,5 +191,75 @@ fn apply(edit: &Edit, record: &mut Objects, table: &mut ParameterTable) -> Resul
     match record.objects.iter().find_map(|object| object.path.fault()) {
         Some(fault) => Err(format!("{}: its path {fault}", edit.words())),
         None => Ok(()),
+    }
+}
+
+/// Refuses to send an object to when there is no view of the run; runs of older versions do not say when their
+/// views are.
+fn stays_in_clip(
+    edit: &Edit,
+    record: &Objects,
+    clip_seconds: Option<[f64; 2]>,
+) -> Result<(), String> {
+    let (Edit::Delay(id, _), Some([first, last])) = (edit, clip_seconds) else {
+        return Ok(());
+    };
+    let edited = record.objects.iter().find(|object| object.id == *id);
+    match edited.map(|object| object.path.centre.range()) {
+        Some([begin, end]) if end < first || begin > last => Err(format!(
+            "{}: object {id} is never in view then: it is there from {begin} to {end} s, the views are from {first} \
+             to {last} s",
+            edit.words()
+        )),
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use omnilife_schemas::trajectory::{BSpline, ObjectPath};
+
+    use super::*;
+
+    fn record() -> Objects {
+        let centre = BSpline {
+            degree: 1,
+            knots: BSpline::uniform_knots(1, 2, 2.0, 6.0),
+            coefficients: vec![[0.0; 3], [4.0, 0.0, 0.0]],
+        };
+        Objects {
+            up: [0.0, 0.0, 1.0],
+            objects: vec![GraphObject {
+                id: 3,
+                dimensions: [4.5, 1.8, 1.5],
+                path: ObjectPath {
+                    centre,
+                    heading_seconds: vec![2.0],
+                    headings: vec![0.0],
+                },
+                corrections: vec![[0.0; 4]],
+            }],
+        }
+    }
+
+    #[test]
+    fn an_object_that_is_sent_out_of_the_clip_is_never_in_view() {
+        let delayed = |seconds: f64, clip: Option<[f64; 2]>| {
+            let (mut record, mut table) = (record(), ParameterTable::default());
+            let edit = Edit::Delay(3, seconds);
+            apply(&edit, &mut record, &mut table).and_then(|()| stays_in_clip(&edit, &record, clip))
+        };
+        let clip = Some([0.0, 10.0]);
+        for seconds in [0.0, 7.9, -5.9] {
+            assert_eq!(delayed(seconds, clip), Ok(()));
+        }
+        for seconds in [8.1, -6.1, 1e9] {
+            let refusal = delayed(seconds, clip);
+            assert!(
+                refusal.is_err_and(|reason| reason.contains("object 3 is never in view")),
+                "{seconds}"
+            );
+        }
+        assert_eq!(delayed(1e9, None), Ok(()));
     }
 }

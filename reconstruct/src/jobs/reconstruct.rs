@@ -175,7 +175,7 @@ pub fn reconstruct(
             frames.make_views(method.id, settings(), interpolate, &stage, progress)?
         }
     };
-    let up = up(&scene, &split);
+    let (up, clip_seconds) = (up(&scene, &split), clip_seconds(&scene, &split));
     let variant = Variant::of(method, &request.settings).to_string();
     let record = RunRecord {
         method: method.id.to_owned(),
@@ -202,6 +202,7 @@ pub fn reconstruct(
         peak_memory_bytes: process::peak_memory_bytes(),
         normalization: made.normalization,
         up,
+        clip_seconds,
         trace: made.trace,
         trace_views: made.trace_views,
         surfaces: made.surfaces,
@@ -346,6 +347,16 @@ fn up(scene: &Scene, split: &Split) -> Option<[f64; 3]> {
         .filter_map(|pose| Some(pose.rotation()? * DVec3::NEG_Y))
         .sum();
     up.try_normalize().map(|up| up.to_array())
+}
+
+/// Times of the first and the last view of a split, seconds; `None` where it has none.
+fn clip_seconds(scene: &Scene, split: &Split) -> Option<[f64; 2]> {
+    let views = split.input_views.iter().chain(&split.novel_views);
+    let times = views.filter_map(|&frame| Some(scene.frames.get(frame as usize)?.time_seconds));
+    times.fold(None, |clip, time| {
+        let [first, last] = clip.unwrap_or([time; 2]);
+        Some([first.min(time), last.max(time)])
+    })
 }
 
 /// The file of a predicted view, relative to the run's folder.

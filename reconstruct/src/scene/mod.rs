@@ -373,23 +373,8 @@ fn read_tracks(scene: &Scene, split_path: &Path) -> Result<Option<Tracks>, Recon
         let reason = format!("has the tracks of {}, not of {}", tracks.scene, scene.id);
         return Err(ReconstructError::scene(&path, reason));
     }
-    let mut ids = std::collections::BTreeSet::new();
-    for track in &tracks.tracks {
-        let is_box = track
-            .dimensions
-            .iter()
-            .all(|&side| side.is_finite() && side > 0.0);
-        let fault = track
-            .path
-            .fault()
-            .or_else(|| (!is_box).then(|| "has no box".to_owned()));
-        let twice = (!ids.insert(track.id)).then(|| "is there twice".to_owned());
-        if let Some(fault) = fault.or(twice) {
-            return Err(ReconstructError::scene(
-                &path,
-                format!("track {} {fault}", track.id),
-            ));
-        }
+    if let Some(fault) = tracks.fault() {
+        return Err(ReconstructError::scene(&path, fault));
     }
     Ok(Some(tracks))
 }

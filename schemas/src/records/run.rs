@@ -74,6 +74,10 @@ pub struct RunRecord {
     /// Mean direction up of the input views' cameras, in the world.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub up: Option<[f64; 3]>,
+    /// Times of the first and the last view that were trained with or predicted, seconds; records of older
+    /// versions have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clip_seconds: Option<[f64; 2]>,
     /// The similarity under which the scene was trained.
     pub normalization: Similarity,
     /// CSV of where training stood, row by row.

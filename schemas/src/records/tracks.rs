@@ -1,5 +1,7 @@
 //! `tracks`: what moves through a scene, in its images and in space.
 
+use std::collections::BTreeSet;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -30,6 +32,36 @@ pub struct Tracks {
 
 impl Record for Tracks {
     const SCHEMA: &'static str = "omnilife/tracks/1";
+}
+
+impl Tracks {
+    /// Why they cannot be used; `None` where they can: ids are unique, of each object there is one box in a frame
+    /// at most, paths and boxes are sound.
+    pub fn fault(&self) -> Option<String> {
+        let mut ids = BTreeSet::new();
+        let of_tracks = self.tracks.iter().find_map(|track| {
+            let fault = if ids.insert(track.id) {
+                track.fault()
+            } else {
+                Some("is there twice".to_owned())
+            };
+            Some(format!("track {} {}", track.id, fault?))
+        });
+        let mut seen = BTreeSet::new();
+        let of_detections = || {
+            self.detections.iter().find_map(|one| {
+                let fault = if !one.box_pixels.iter().all(|side| side.is_finite()) {
+                    "has a box of numbers that are not finite".to_owned()
+                } else if let Some(track) = one.track.filter(|&id| !seen.insert((one.frame, id))) {
+                    format!("has two boxes of track {track}")
+                } else {
+                    return None;
+                };
+                Some(format!("frame {} {fault}", one.frame))
+            })
+        };
+        of_tracks.or_else(of_detections)
+    }
 }
 
 /// A stage of the making of tracks.
@@ -79,4 +111,95 @@ pub struct Track {
     pub detections: u32,
     /// How far it gets from where it is first seen, world units.
     pub displacement: f64,
+}
+
+impl Track {
+    /// Why it is no object; `None` where it is one.
+    fn fault(&self) -> Option<String> {
+        let mut sides = self.dimensions.iter();
+        let is_box = sides.all(|&side| side.is_finite() && side > 0.0);
+        let no_box = (!is_box).then(|| "has no box".to_owned());
+        self.path.fault().or(no_box)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::trajectory::BSpline;
+
+    fn tracks() -> Tracks {
+        let track = |id| Track {
+            id,
+            class: "vehicle".to_owned(),
+            dimensions: [4.5, 1.8, 1.5],
+            path: ObjectPath {
+                centre: BSpline {
+                    degree: 1,
+                    knots: BSpline::uniform_knots(1, 2, 0.0, 1.0),
+                    coefficients: vec![[0.0; 3], [1.0, 0.0, 0.0]],
+                },
+                heading_seconds: vec![0.0],
+                headings: vec![0.0],
+            },
+            detections: 2,
+            displacement: 1.0,
+        };
+        let detection = |frame, track| Detection {
+            frame,
+            box_pixels: [1.0, 2.0, 3.0, 4.0],
+            confidence: 1.0,
+            class: "vehicle".to_owned(),
+            distance: None,
+            position: None,
+            track,
+        };
+        Tracks {
+            scene: "flight".to_owned(),
+            frames: vec![0, 1],
+            image_size: [320, 180],
+            up: [0.0, 0.0, 1.0],
+            metres_per_unit: 1.0,
+            stages: Vec::new(),
+            detections: vec![
+                detection(0, Some(1)),
+                detection(0, Some(2)),
+                detection(0, None),
+                detection(0, None),
+                detection(1, Some(1)),
+            ],
+            tracks: vec![track(1), track(2)],
+            warnings: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn what_is_wrong_with_tracks_is_told() {
+        assert_eq!(tracks().fault(), None);
+        let fault = |change: fn(&mut Tracks)| {
+            let mut tracks = tracks();
+            change(&mut tracks);
+            tracks.fault().unwrap_or_default()
+        };
+        assert_eq!(
+            fault(|tracks| tracks.tracks[1].id = 1),
+            "track 1 is there twice"
+        );
+        assert_eq!(
+            fault(|tracks| tracks.tracks[1].dimensions[2] = 0.0),
+            "track 2 has no box"
+        );
+        assert!(
+            fault(|tracks| tracks.tracks[0].path.headings.clear())
+                .starts_with("track 1 has headings")
+        );
+        assert_eq!(
+            fault(|tracks| tracks.detections[3].track = Some(2)),
+            "frame 0 has two boxes of track 2"
+        );
+        assert_eq!(
+            fault(|tracks| tracks.detections[4].box_pixels[0] = f64::NAN),
+            "frame 1 has a box of numbers that are not finite"
+        );
+    }
 }
