@@ -37,6 +37,7 @@ mod settings;
 pub mod slicing;
 mod sphere_layouts;
 mod staging;
+mod toml_file;
 pub mod tracks;
 pub mod video;
 pub mod worker;

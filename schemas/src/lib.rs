@@ -20,6 +20,7 @@
 pub mod assignment;
 pub mod bootstrap;
 pub mod camera;
+pub mod command;
 pub mod distances;
 pub mod error_kind;
 pub mod foreign_code;
@@ -31,6 +32,7 @@ pub mod lock;
 pub mod names;
 pub mod npy;
 pub mod ownership;
+pub mod placeholders;
 pub mod plain_text;
 pub mod points;
 pub mod pose;

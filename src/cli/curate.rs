@@ -211,12 +211,15 @@ pub(crate) enum CurateCommand {
         /// A split.json: its input views alone are looked at, and the result goes beside it.
         #[arg(long)]
         split: Option<PathBuf>,
-        /// How vehicles are found: motion (what the points of the scene do not explain), or files.
+        /// How vehicles are found: motion (what the points of the scene do not explain), files, or command.
         #[arg(long, default_value = "motion")]
         detector: String,
         /// Boxes of another program for the detector files: MOT text, or COCO JSON.
         #[arg(long, value_name = "FILE")]
         detections: Option<PathBuf>,
+        /// How the program of the detector command is run, and what it writes.
+        #[arg(long, value_name = "FILE.toml")]
+        program: Option<PathBuf>,
         /// How far away they are: on the ground around them, or by distances that a network estimated
         /// (`curate poses --depth-prior`); auto says which, and why.
         #[arg(long, default_value = "auto")]
@@ -228,6 +231,10 @@ pub(crate) enum CurateCommand {
         /// Metres in a unit of the world, where the scene does not say.
         #[arg(long, value_name = "METRES")]
         metres_per_unit: Option<f64>,
+        /// Says what is used, what is left out and on what evidence, and writes no tracks; the frames are looked
+        /// at for it.
+        #[arg(long)]
+        plan: bool,
         /// Folder of the result [default: that of the split, else of the scene].
         #[arg(long)]
         out: Option<PathBuf>,

@@ -10,7 +10,7 @@ use omnilife_curate::{
     dense::{DenseRequest, make_dense},
     expand_inputs, origins, pose_sequence_with, projection,
     publish::{self, PublishSettings},
-    tracks::{TrackRequest, make_tracks},
+    tracks::{TrackRequest, make_tracks, plan_tracks},
     video, worker,
 };
 use omnilife_schemas::{
@@ -25,6 +25,7 @@ use crate::{
     commands::dataset,
     exit,
     run::outcome::{Outcome, Outcomes},
+    termination,
 };
 
 /// The bytes with which a Parquet file begins.
@@ -99,22 +100,29 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
             split,
             detector,
             detections,
+            program,
             distance,
             association,
             metres_per_unit,
+            plan,
             out,
         } => {
+            termination::take_programs_along()?;
             let beside = split.as_deref().and_then(Path::parent).unwrap_or(scene);
             let request = TrackRequest {
                 scene_folder: scene.clone(),
                 split: split.clone(),
                 detector: detector.clone(),
                 detections: detections.clone(),
+                program: program.clone(),
                 distance: distance.clone(),
                 association: association.clone(),
                 metres_per_unit: *metres_per_unit,
                 out: out.clone().unwrap_or_else(|| beside.to_owned()),
             };
+            if *plan {
+                return exit::print(&plan_tracks(&request, progress)?.text());
+            }
             let tracks = make_tracks(&request, progress)?;
             let mut text = String::new();
             for stage in &tracks.stages {

@@ -332,6 +332,7 @@ impl Job<'_> {
                 split: Some(split.clone()),
                 detector: "motion".to_owned(),
                 detections: None,
+                program: None,
                 distance: distance::AUTO.to_owned(),
                 association: association::GROUND_CHAINS.to_owned(),
                 metres_per_unit: None,

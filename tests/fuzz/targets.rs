@@ -374,6 +374,8 @@ pub(crate) const FILES: &[Target] = &[
                 },
                 metres_per_unit: 1.0,
                 file: Some(&input.path(seed)),
+                program: None,
+                out: &input.folder,
             };
             drop((detectors::files::DETECTOR.detect)(&request, &Silent));
         }),

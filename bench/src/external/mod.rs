@@ -1,7 +1,7 @@
 //! An external method: the commands of a `method.toml`, run on a scene and measured.
 //!
 //! [`manifest`] says what a `method.toml` holds, `placeholders` what its texts may refer to,
-//! `process` runs a command, `gather` brings the views from where the method left them to
+//! `gather` brings the views from where the method left them to
 //! where scoring looks for them. A method that fails is no error: the record says why, and its
 //! missing views become failures in the result.
 
@@ -9,7 +9,6 @@ mod failure;
 mod gather;
 pub mod manifest;
 mod placeholders;
-mod process;
 
 use std::{
     path::{Path, PathBuf},
@@ -17,11 +16,12 @@ use std::{
 };
 
 use omnilife_schemas::{
+    command::{self, Job},
     lock::FolderLock,
     ownership::path_inside,
     progress::Progress,
     provenance,
-    records::{ExternalRun, Phase, PhaseName, Scene, Split},
+    records::{ExternalRun, Phase, Scene, Split},
     stage::StagePlan,
     store::{self, StoreError},
 };
@@ -185,9 +185,9 @@ fn run_phases(
     let mut phases = Vec::new();
     for (name, template) in manifest.phases() {
         progress.begin(&format!("{label}: {}", name.name()), None);
-        let command = template.iter().map(|word| places.fill(word)).collect();
-        let outcome = process::run(&process::Job {
-            command: manifest.environment.wrap(command, places),
+        let words = template.iter().map(|word| places.fill(word)).collect();
+        let outcome = command::run(&Job {
+            command: manifest.environment.wrap(words, places),
             variables: manifest.environment.variables(),
             folder: places.work.clone(),
             log: out.join(LOG_FOLDER).join(format!("{}.log", name.name())),
@@ -195,7 +195,7 @@ fn run_phases(
         });
         progress.end();
         let outcome = outcome?;
-        let failed = (!outcome.succeeded).then(|| failure(name, &outcome));
+        let failed = (!outcome.succeeded).then(|| format!("{} {}", name.name(), outcome.failure()));
         phases.push(Phase {
             name,
             command: outcome.command,
@@ -210,12 +210,4 @@ fn run_phases(
         }
     }
     Ok((phases, None))
-}
-
-fn failure(name: PhaseName, outcome: &process::Outcome) -> String {
-    let mut text = format!("{} ended with {}", name.name(), outcome.ending);
-    if let Some(line) = &outcome.last_line {
-        text += &format!(": {line}");
-    }
-    text
 }

@@ -15,7 +15,10 @@
 
 use std::path::{Path, PathBuf};
 
-use omnilife_schemas::store::StoreError;
+use omnilife_schemas::{
+    placeholders::{self, replace},
+    store::StoreError,
+};
 
 use super::{ExternalRequest, WORK_FOLDER};
 
@@ -117,14 +120,14 @@ impl Places {
 
 /// Refuses placeholders that a command does not know.
 pub(super) fn check_command(word: &str) -> Result<(), String> {
-    check(word, &IN_COMMANDS, &[])
+    placeholders::check(word, &known(&[]))
 }
 
 /// Refuses placeholders that a pattern does not know, and patterns that name one file for all views
 /// or that are relative to nobody knows what.
 pub(super) fn check_pattern(pattern: &str) -> Result<(), String> {
-    check(pattern, &IN_COMMANDS, &OF_VIEWS)?;
-    let tells_apart = names(pattern)?
+    placeholders::check(pattern, &known(&OF_VIEWS))?;
+    let tells_apart = placeholders::names(pattern)?
         .iter()
         .any(|(name, _)| name != "group" && OF_VIEWS.iter().any(|(view, _)| view == name));
     if !tells_apart {
@@ -138,75 +141,10 @@ pub(super) fn check_pattern(pattern: &str) -> Result<(), String> {
     Ok(())
 }
 
-fn check(text: &str, plain: &[&str], of_views: &[(&str, bool)]) -> Result<(), String> {
-    for (name, digits) in names(text)? {
-        let numeric = of_views
-            .iter()
-            .find(|(view, _)| *view == name)
-            .map(|(_, numeric)| *numeric);
-        let known = numeric.is_some() || plain.contains(&name.as_str());
-        if !known {
-            let all: Vec<String> = plain
-                .iter()
-                .copied()
-                .chain(of_views.iter().map(|(view, _)| *view))
-                .map(|name| format!("{{{name}}}"))
-                .collect();
-            return Err(format!(
-                "{text:?}: {{{name}}} is not known; there are {}",
-                all.join(", ")
-            ));
-        }
-        if digits > 0 && numeric != Some(true) {
-            return Err(format!("{text:?}: {{{name}}} is no number to pad"));
-        }
-    }
-    Ok(())
-}
-
-/// The placeholders in a text with the digits they are padded to (0 without padding).
-fn names(text: &str) -> Result<Vec<(String, usize)>, String> {
-    let mut found = Vec::new();
-    let mut rest = text;
-    while let Some((_, after)) = rest.split_once('{') {
-        let Some((inside, after)) = after.split_once('}') else {
-            return Err(format!("{text:?}: a brace is not closed"));
-        };
-        found.push(
-            parse(inside).ok_or_else(|| format!("{text:?}: padding is written {{frame:06}}"))?,
-        );
-        rest = after;
-    }
-    Ok(found)
-}
-
-/// Name and digits of `frame:06`.
-fn parse(inside: &str) -> Option<(String, usize)> {
-    let Some((name, padding)) = inside.split_once(':') else {
-        return Some((inside.to_owned(), 0));
-    };
-    let digits: usize = padding.strip_prefix('0')?.parse().ok()?;
-    (1..=20)
-        .contains(&digits)
-        .then(|| (name.to_owned(), digits))
-}
-
-/// Replaces every placeholder that `value` knows, in one pass: a value's own braces stay.
-fn replace(text: &str, value: impl Fn(&str, usize) -> Option<String>) -> String {
-    let mut result = String::new();
-    let mut rest = text;
-    while let Some((before, after)) = rest.split_once('{') {
-        let Some((inside, after)) = after.split_once('}') else {
-            break;
-        };
-        result += before;
-        match parse(inside).and_then(|(name, digits)| value(&name, digits)) {
-            Some(filled) => result += &filled,
-            None => result.extend(["{", inside, "}"]),
-        }
-        rest = after;
-    }
-    result + rest
+/// The placeholders that a text may hold, and whether they are numbers.
+fn known(of_views: &[(&'static str, bool)]) -> Vec<(&'static str, bool)> {
+    let plain = IN_COMMANDS.iter().map(|&name| (name, false));
+    plain.chain(of_views.iter().copied()).collect()
 }
 
 #[cfg(test)]

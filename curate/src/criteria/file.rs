@@ -19,13 +19,12 @@
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
 )]
 
-use std::{fs, path::Path};
+use std::path::Path;
 
-use omnilife_schemas::store::StoreError;
 use serde::Deserialize;
 
 use super::{Criteria, PROFILES, Thresholds};
-use crate::error::CurateError;
+use crate::{error::CurateError, toml_file};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -36,13 +35,7 @@ struct CriteriaFile {
 
 /// Reads and checks a file of criteria.
 pub(super) fn read(path: &Path) -> Result<Criteria, CurateError> {
-    let text = fs::read_to_string(path).map_err(|error| StoreError::read(path, error))?;
-    let file: CriteriaFile = toml::from_str(&text).map_err(|error| {
-        let line = error
-            .span()
-            .map_or(1, |span| text[..span.start].lines().count().max(1));
-        CurateError::input(path, format!("line {line}: {}", error.message()))
-    })?;
+    let file: CriteriaFile = toml_file::read(path)?;
     let refuse = |reason: String| Err(CurateError::input(path, reason));
     if file.name.is_empty() || !file.name.chars().all(is_name_character) {
         return refuse(format!(
@@ -84,6 +77,8 @@ fn is_name_character(c: char) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     fn read_text(text: &str) -> Result<Criteria, String> {

@@ -29,7 +29,7 @@ pub struct DistanceMethod {
 
 /// Whichever the evidence speaks for.
 pub const AUTO: &str = "auto";
-const GROUND: &str = "ground";
+pub(super) const GROUND: &str = "ground";
 const MONOCULAR: &str = "monocular";
 const MONOCULAR_SCALE: &str = "monocular-scale";
 
@@ -111,7 +111,7 @@ impl GroundUse {
 }
 
 /// Whether any frame that is looked at has estimated distances.
-fn has_estimates(scene: &Scene, views: &[PosedView]) -> bool {
+pub(super) fn has_estimates(scene: &Scene, views: &[PosedView]) -> bool {
     let prior = |view: &PosedView| scene.frames.get(view.frame as usize)?.depth_prior.as_ref();
     views.iter().any(|view| prior(view).is_some())
 }

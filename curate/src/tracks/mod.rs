@@ -10,6 +10,7 @@ pub mod appearance;
 pub mod association;
 pub mod banded;
 pub mod boxes;
+mod decisions;
 pub mod detectors;
 pub mod distance;
 mod hover;
@@ -44,6 +45,8 @@ use crate::{
     ground_plane::Plane,
     posed_view::{PosedView, frames_of},
 };
+pub use decisions::{TracksPlan, plan_tracks};
+
 use association::{ASSOCIATIONS, Sighting, deepsort};
 use detectors::{DETECTORS, Detector, DetectorInput};
 use distance::DISTANCES;
@@ -64,6 +67,8 @@ pub struct TrackRequest {
     pub detector: String,
     /// A file of boxes.
     pub detections: Option<PathBuf>,
+    /// A TOML of a program that finds boxes.
+    pub program: Option<PathBuf>,
     /// Name of the way to find distances, of [`DISTANCES`].
     pub distance: String,
     /// Name of the way to find what is of one object, of [`ASSOCIATIONS`].
@@ -80,100 +85,185 @@ pub struct TrackRequest {
 /// When the scene is missing, not posed or of unknown scale, boxes do not fit its frames, or a file
 /// cannot be written.
 pub fn make_tracks(request: &TrackRequest, progress: &dyn Progress) -> Result<Tracks, CurateError> {
-    let scene_path = request.scene_folder.join(SCENE_FILE);
-    let scene: Scene = store::read_record(&scene_path)?;
-    let frames = frames_of(&scene, request.split.as_deref())?;
-    let detector = names::find("detector", &request.detector, DETECTORS, |one| one.id)
-        .map_err(|unknown| CurateError::input(&scene_path, unknown.to_string()))?;
-    let unknown =
-        |unknown: names::UnknownName| CurateError::input(&scene_path, unknown.to_string());
-    names::find("distance", &request.distance, DISTANCES, |one| one.id).map_err(unknown)?;
-    names::find("association", &request.association, ASSOCIATIONS, |one| {
-        one.id
-    })
-    .map_err(unknown)?;
-    let views = PosedView::of_scene(&scene, &frames);
-    distance::check_estimates(&scene_path, &scene, &views, &request.distance)?;
-    let known_scale = metres_per_unit(&scene_path, &scene, request.metres_per_unit)?;
-    let beside = request.split.as_deref().and_then(Path::parent);
-    let beside = beside.unwrap_or(&request.scene_folder);
-    let known = ScenePoints::find(&scene, &request.scene_folder, beside)?;
-    let mut plan = plan(request, &scene_path, &scene, &frames, known_scale)?;
-    if let Some(points) = &known {
-        plan = plan.with_file(&points.file)?;
-    }
-    let record = request.out.join(TRACKS_FILE);
+    let asked = Asked::read(request)?;
+    let plan = asked.stage(request)?;
+    let record = asked.record(request);
     if plan.is_done() {
-        progress.note(&format!("{}: tracks unchanged, skipped", scene.id));
+        progress.note(&format!("{}: tracks unchanged, skipped", asked.scene.id));
         return Ok(store::read_record(&record)?);
     }
     store::create_folder(&request.out)?;
     let _lock = FolderLock::take(&request.out, progress)?;
     plan.claim([TRACKS_FILE, PAGE_FILE])?;
     let begun = Instant::now();
-    let mut warnings = Vec::new();
-    let points: Vec<DVec3> = match &known {
-        Some(points) => {
-            let points = PointCloud::read_ply(&points.file)?.positions.into_iter();
-            points
-                .map(|point| DVec3::from_array(point.map(f64::from)))
-                .collect()
-        }
-        None if hover::is_hovering(&scene, &views) => {
-            warnings.push(
-                "the camera hovers, and without parallax there is no ground: tracks are on a plane across the \
-                 viewing direction, images are compared by homographies"
-                    .to_owned(),
-            );
-            hover::plane_points(&views)
-        }
-        None => Vec::new(),
-    };
-    let centres: Vec<DVec3> = views.iter().map(|view| view.centre).collect();
-    let (plane, _) = Plane::dominant(&points, &centres).ok_or_else(|| {
-        CurateError::input(
-            &scene_path,
-            "has too few points to find the ground by; poses from structure from motion bring them",
-        )
-    })?;
-    let mut input = DetectorInput {
-        folder: &request.scene_folder,
-        scene: &scene,
-        views: &views,
-        points: &points,
-        ground: plane,
-        metres_per_unit: known_scale.unwrap_or(1.0),
-        file: request.detections.as_ref(),
-    };
-    let mut stages = Vec::new();
-    if known_scale.is_none() {
-        let begun = Instant::now();
-        let (metres, evidence) =
-            vehicle_scale::by_vehicles(&scene_path, plane, detector, &input, progress)?;
-        progress.note(&format!("{}: scale by vehicles: {evidence}", scene.id));
-        stages.push(stage("scale", "vehicle-length", evidence, begun));
-        input.metres_per_unit = metres;
-    }
-    let work = Tracking {
-        scene: &scene,
-        views: &views,
-        points: &points,
-        plane,
-        metres_per_unit: input.metres_per_unit,
-        request,
-        warnings,
-    };
-    let tracks = work.run(stages, detector, &input, progress)?;
+    let tracks = asked.track(request, progress)?;
     page::write(
         &request.out.join(PAGE_FILE),
         &request.scene_folder,
-        &scene,
-        &views,
+        &asked.scene,
+        &asked.views,
         &tracks,
     )?;
     store::write_record(&record, &tracks)?;
     plan.finish([TRACKS_FILE, PAGE_FILE], begun.elapsed().as_secs_f64())?;
     Ok(tracks)
+}
+
+/// A request with what it is about, read and checked.
+struct Asked {
+    scene_path: PathBuf,
+    scene: Scene,
+    /// Numbers of the frames that may be looked at.
+    frames: Vec<u32>,
+    /// Those of them that have a pose.
+    views: Vec<PosedView>,
+    detector: &'static Detector,
+    /// Metres in a unit of the world, where anybody says it.
+    known_scale: Option<f64>,
+    /// Points of what stands still.
+    points: Option<ScenePoints>,
+}
+
+impl Asked {
+    fn read(request: &TrackRequest) -> Result<Self, CurateError> {
+        let scene_path = request.scene_folder.join(SCENE_FILE);
+        let scene: Scene = store::read_record(&scene_path)?;
+        let frames = frames_of(&scene, request.split.as_deref())?;
+        let unknown =
+            |unknown: names::UnknownName| CurateError::input(&scene_path, unknown.to_string());
+        let detector =
+            names::find("detector", &request.detector, DETECTORS, |one| one.id).map_err(unknown)?;
+        names::find("distance", &request.distance, DISTANCES, |one| one.id).map_err(unknown)?;
+        names::find("association", &request.association, ASSOCIATIONS, |one| {
+            one.id
+        })
+        .map_err(unknown)?;
+        if request.program.is_some() && detector.id != detectors::command::ID {
+            let reason = format!(
+                "--program is for the detector command, not for {}",
+                detector.id
+            );
+            return Err(CurateError::input(&scene_path, reason));
+        }
+        let views = PosedView::of_scene(&scene, &frames);
+        distance::check_estimates(&scene_path, &scene, &views, &request.distance)?;
+        let known_scale = metres_per_unit(&scene_path, &scene, request.metres_per_unit)?;
+        let beside = request.split.as_deref().and_then(Path::parent);
+        let beside = beside.unwrap_or(&request.scene_folder);
+        let points = ScenePoints::find(&scene, &request.scene_folder, beside)?;
+        Ok(Self {
+            scene_path,
+            scene,
+            frames,
+            views,
+            detector,
+            known_scale,
+            points,
+        })
+    }
+
+    /// The file of the tracks.
+    fn record(&self, request: &TrackRequest) -> PathBuf {
+        request.out.join(TRACKS_FILE)
+    }
+
+    /// What tracks depend on.
+    fn stage(&self, request: &TrackRequest) -> Result<StagePlan, CurateError> {
+        let mut plan = StagePlan::new(&request.out, "tracks")
+            .with_file(&self.scene_path)?
+            .with_text("detector", &request.detector)
+            .with_text("distance", &request.distance)
+            .with_text("association", &request.association)
+            .with_settings("frames", &self.frames)
+            .with_settings("metres per unit", &self.known_scale);
+        if let Some(file) = &request.detections {
+            plan = plan.with_file(file)?;
+        }
+        if let Some(file) = &request.program {
+            plan = detectors::command::with_inputs(plan, file)?;
+        }
+        for &frame in &self.frames {
+            if let Some(entry) = self.scene.frames.get(frame as usize) {
+                let prior = entry.depth_prior.iter().map(|prior| &prior.file);
+                let masks = entry.ignore_mask.iter();
+                for file in std::iter::once(&entry.image).chain(masks).chain(prior) {
+                    plan = plan.with_file(&request.scene_folder.join(file))?;
+                }
+            }
+        }
+        match &self.points {
+            Some(points) => Ok(plan.with_file(&points.file)?),
+            None => Ok(plan),
+        }
+    }
+
+    /// Points of what stands still, and what is to be told of them.
+    fn static_points(&self) -> Result<(Vec<DVec3>, Vec<String>), CurateError> {
+        match &self.points {
+            Some(points) => {
+                let points = PointCloud::read_ply(&points.file)?.positions.into_iter();
+                let points = points.map(|point| DVec3::from_array(point.map(f64::from)));
+                Ok((points.collect(), Vec::new()))
+            }
+            None if hover::is_hovering(&self.scene, &self.views) => {
+                let warning = "the camera hovers, and without parallax there is no ground: tracks are on a plane \
+                               across the viewing direction, images are compared by homographies";
+                Ok((hover::plane_points(&self.views), vec![warning.to_owned()]))
+            }
+            None => Ok((Vec::new(), Vec::new())),
+        }
+    }
+
+    /// The tracks, in no file.
+    fn track(
+        &self,
+        request: &TrackRequest,
+        progress: &dyn Progress,
+    ) -> Result<Tracks, CurateError> {
+        let (points, warnings) = self.static_points()?;
+        let centres: Vec<DVec3> = self.views.iter().map(|view| view.centre).collect();
+        let (plane, _) = Plane::dominant(&points, &centres).ok_or_else(|| {
+            CurateError::input(
+                &self.scene_path,
+                "has too few points to find the ground by; poses from structure from motion bring them",
+            )
+        })?;
+        let mut input = DetectorInput {
+            folder: &request.scene_folder,
+            scene: &self.scene,
+            views: &self.views,
+            points: &points,
+            ground: plane,
+            metres_per_unit: self.known_scale.unwrap_or(1.0),
+            file: request.detections.as_ref(),
+            program: request.program.as_ref(),
+            out: &request.out,
+        };
+        let mut stages = Vec::new();
+        if self.known_scale.is_none() {
+            let begun = Instant::now();
+            let (metres, evidence) = vehicle_scale::by_vehicles(
+                &self.scene_path,
+                plane,
+                self.detector,
+                &input,
+                progress,
+            )?;
+            progress.note(&format!("{}: scale by vehicles: {evidence}", self.scene.id));
+            stages.push(stage("scale", "vehicle-length", evidence, begun));
+            input.metres_per_unit = metres;
+        }
+        let work = Tracking {
+            scene: &self.scene,
+            views: &self.views,
+            points: &points,
+            plane,
+            metres_per_unit: input.metres_per_unit,
+            request,
+            warnings,
+        };
+        work.run(stages, self.detector, &input, progress)
+    }
 }
 
 /// Metres in a unit of the world, as far as somebody says it.
@@ -203,36 +293,6 @@ fn stage(stage: &str, method: &str, reason: String, begun: Instant) -> TrackStag
     }
 }
 
-/// What tracks depend on.
-fn plan(
-    request: &TrackRequest,
-    scene_path: &Path,
-    scene: &Scene,
-    frames: &[u32],
-    metres_per_unit: Option<f64>,
-) -> Result<StagePlan, CurateError> {
-    let mut plan = StagePlan::new(&request.out, "tracks")
-        .with_file(scene_path)?
-        .with_text("detector", &request.detector)
-        .with_text("distance", &request.distance)
-        .with_text("association", &request.association)
-        .with_settings("frames", &frames)
-        .with_settings("metres per unit", &metres_per_unit);
-    if let Some(file) = &request.detections {
-        plan = plan.with_file(file)?;
-    }
-    for &frame in frames {
-        if let Some(entry) = scene.frames.get(frame as usize) {
-            let prior = entry.depth_prior.iter().map(|prior| &prior.file);
-            let masks = entry.ignore_mask.iter();
-            for file in std::iter::once(&entry.image).chain(masks).chain(prior) {
-                plan = plan.with_file(&request.scene_folder.join(file))?;
-            }
-        }
-    }
-    Ok(plan)
-}
-
 /// The making of tracks.
 struct Tracking<'a> {
     scene: &'a Scene,
@@ -256,8 +316,14 @@ impl Tracking<'_> {
     ) -> Result<Tracks, CurateError> {
         let plane = self.plane;
         let begun = Instant::now();
-        let mut detections = (detector.detect)(input, progress)?;
+        let detected = (detector.detect)(input, progress)?;
+        let mut detections = detected.boxes;
         let found = format!("{} boxes in {} frames", detections.len(), self.views.len());
+        let found = if detected.said.is_empty() {
+            found
+        } else {
+            format!("{found}; {}", detected.said)
+        };
         stages.push(stage("detector", detector.id, found, begun));
         let begun = Instant::now();
         let lifted = self.lift(&mut detections, input, &self.request.distance)?;

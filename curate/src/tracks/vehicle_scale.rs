@@ -53,7 +53,7 @@ pub(super) fn by_vehicles(
             metres_per_unit,
             ..*input
         };
-        let detections = (detector.detect)(&input, progress)?;
+        let detections = (detector.detect)(&input, progress)?.boxes;
         let lengths: Vec<f64> = detections
             .iter()
             .filter_map(|detection| length(detection, input.views, plane))

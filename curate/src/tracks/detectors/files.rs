@@ -15,16 +15,20 @@ use std::{
     path::Path,
 };
 
-use omnilife_schemas::{records::Detection, store::StoreError};
+use omnilife_schemas::{
+    records::{Detection, Scene},
+    store::StoreError,
+};
 use serde::Deserialize;
 
 use super::{Detector, DetectorInput};
-use crate::error::CurateError;
+use crate::{error::CurateError, posed_view::PosedView};
 
 /// The detector.
 pub const DETECTOR: Detector = Detector {
     id: "files",
     about: "boxes that any other program found, as MOT text or COCO JSON (--detections FILE)",
+    keeps_files: false,
     detect: |input, _| {
         let file = input.file.ok_or_else(|| {
             CurateError::input(
@@ -35,20 +39,80 @@ pub const DETECTOR: Detector = Detector {
         let is_json = file
             .extension()
             .is_some_and(|extension| extension == "json");
-        let text = fs::read_to_string(file).map_err(|error| StoreError::read(file, error))?;
-        let found = if is_json {
-            read_coco(file, &text, input)?
+        let format = if is_json {
+            BoxFormat::Coco
         } else {
-            read_mot(file, &text, input)?
+            BoxFormat::Mot
         };
+        let frames = NamedFrames::of_scene(input.scene);
+        let mut found = read(file, format, &frames, input)?;
         // What is not looked at was read all the same: a broken file is broken.
-        let frames: BTreeSet<u32> = input.views.iter().map(|view| view.frame).collect();
-        Ok(found
-            .into_iter()
-            .filter(|one| frames.contains(&one.frame))
-            .collect())
+        let looked_at: BTreeSet<u32> = input.views.iter().map(|view| view.frame).collect();
+        found.retain(|one| looked_at.contains(&one.frame));
+        for one in &mut found {
+            if format == BoxFormat::Mot || one.class.is_empty() {
+                "vehicle".clone_into(&mut one.class);
+            }
+        }
+        Ok(found.into())
     },
 };
+
+/// How a program writes boxes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum BoxFormat {
+    Mot,
+    Coco,
+}
+
+/// The frames that a file of boxes may be of.
+pub(super) struct NamedFrames {
+    /// Their numbers in the scene, in the order in which MOT text counts them from 1 on.
+    in_order: Vec<u32>,
+    /// Their numbers in the scene by the names of their files without the extension.
+    by_stem: BTreeMap<String, u32>,
+}
+
+impl NamedFrames {
+    /// All frames of a scene, by the names of its images.
+    fn of_scene(scene: &Scene) -> Self {
+        let numbered = (0..).zip(&scene.frames);
+        let by_stem = numbered.map(|(number, frame)| (stem(&frame.image), number));
+        Self {
+            by_stem: by_stem.collect(),
+            in_order: (0..scene.frames.len() as u32).collect(),
+        }
+    }
+
+    /// Some frames of a scene whose files are called by their numbers.
+    pub(super) fn called_by_number(views: &[PosedView]) -> Self {
+        let mut in_order: Vec<u32> = views.iter().map(|view| view.frame).collect();
+        in_order.sort_unstable();
+        let by_stem = in_order.iter().map(|&frame| (format!("{frame:06}"), frame));
+        Self {
+            by_stem: by_stem.collect(),
+            in_order,
+        }
+    }
+}
+
+/// Reads a file of boxes; classes are as the file has them, empty where it has none.
+///
+/// # Errors
+/// When it cannot be read, or holds what is no box in one of the frames.
+pub(super) fn read(
+    file: &Path,
+    format: BoxFormat,
+    frames: &NamedFrames,
+    input: &DetectorInput<'_>,
+) -> Result<Vec<Detection>, CurateError> {
+    let text = fs::read_to_string(file).map_err(|error| StoreError::read(file, error))?;
+    match format {
+        BoxFormat::Mot => read_mot(file, &text, frames, input),
+        BoxFormat::Coco => read_coco(file, &text, frames, input),
+    }
+}
 
 /// Largest number of boxes that a file may hold.
 const MOST_BOXES: usize = 2_000_000;
@@ -96,17 +160,18 @@ fn detection(frame: u32, sides: [f64; 4], confidence: f64, class: &str) -> Detec
 fn read_mot(
     path: &Path,
     text: &str,
+    names: &NamedFrames,
     input: &DetectorInput<'_>,
 ) -> Result<Vec<Detection>, CurateError> {
-    let frames = input.scene.frames.len();
+    let frames = names.in_order.len();
     let (mut found, mut ids) = (Vec::new(), BTreeSet::new());
-    for (number, line) in text.lines().enumerate() {
+    for (row, line) in text.lines().enumerate() {
         let line = line.trim();
         if line.is_empty() || line.starts_with('#') {
             continue;
         }
         let malformed = |reason: String| {
-            StoreError::malformed(path, format!("line {}: {reason}", number.saturating_add(1)))
+            StoreError::malformed(path, format!("line {}: {reason}", row.saturating_add(1)))
         };
         let words: Vec<&str> = line.split(',').map(str::trim).collect();
         if words.len() < 6 {
@@ -118,12 +183,14 @@ fn read_mot(
                 .map_err(|_| malformed(format!("{word:?} is no number")))
         };
         let frame = value(0)?;
-        if !(frame >= 1.0 && frame <= frames as f64 && frame.fract() == 0.0) {
-            let reason = format!("is of frame {frame}, and the scene has the frames 1 to {frames}");
+        let place = (frame >= 1.0 && frame.fract() == 0.0).then_some(frame as usize);
+        let place = place.and_then(|place| place.checked_sub(1));
+        let Some(&number) = place.and_then(|place| names.in_order.get(place)) else {
+            let reason = format!("is of frame {frame}, and there are the frames 1 to {frames}");
             return Err(malformed(reason).into());
-        }
+        };
         let id = value(1)?;
-        if id >= 0.0 && !ids.insert((frame as u32, id.to_bits())) {
+        if id >= 0.0 && !ids.insert((number, id.to_bits())) {
             return Err(malformed(format!("frame {frame} has two boxes of id {id}")).into());
         }
         let sides = [value(2)?, value(3)?, value(4)?, value(5)?];
@@ -132,12 +199,8 @@ fn read_mot(
         if found.len() == MOST_BOXES {
             return Err(malformed(format!("holds more than {MOST_BOXES} boxes")).into());
         }
-        found.push(detection(
-            (frame as u32).saturating_sub(1),
-            sides,
-            confidence,
-            "vehicle",
-        ));
+        let class = words.get(7).copied().unwrap_or_default();
+        found.push(detection(number, sides, confidence, class));
     }
     Ok(found)
 }
@@ -180,21 +243,19 @@ fn stem(file: &str) -> String {
 fn read_coco(
     path: &Path,
     text: &str,
+    names: &NamedFrames,
     input: &DetectorInput<'_>,
 ) -> Result<Vec<Detection>, CurateError> {
     let malformed = |reason: String| StoreError::malformed(path, reason);
     let coco: Coco = serde_json::from_str(text)
         .map_err(|error| malformed(format!("is no COCO JSON of boxes: {error}")))?;
     let scene = input.scene;
-    let numbers: BTreeMap<String, u32> = (0..)
-        .zip(&scene.frames)
-        .map(|(number, frame)| (stem(&frame.image), number))
-        .collect();
     let [width, height] = [scene.camera.width(), scene.camera.height()];
     let mut frames = BTreeMap::new();
     for image in &coco.images {
         let name = &image.file_name;
-        let &number = numbers
+        let &number = names
+            .by_stem
             .get(&stem(name))
             .ok_or_else(|| malformed(format!("{name} is no frame of {}", scene.id)))?;
         let size = [image.width.unwrap_or(width), image.height.unwrap_or(height)];
@@ -230,7 +291,7 @@ fn read_coco(
             frame,
             one.bbox,
             confidence,
-            class.unwrap_or("vehicle"),
+            class.unwrap_or_default(),
         ));
     }
     Ok(found)

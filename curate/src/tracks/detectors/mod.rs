@@ -1,5 +1,6 @@
 //! What finds vehicles in images: one file each, one line in [`DETECTORS`].
 
+pub mod command;
 pub mod depth_of_points;
 pub mod files;
 pub mod motion;
@@ -31,10 +32,30 @@ pub struct DetectorInput<'a> {
     pub metres_per_unit: f64,
     /// A file of boxes, for those that read one.
     pub file: Option<&'a PathBuf>,
+    /// A TOML of a program, for those that run one.
+    pub program: Option<&'a PathBuf>,
+    /// The folder of the tracks, where a detector may keep what it has found.
+    pub out: &'a Path,
+}
+
+/// What was detected.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Detected {
+    /// Boxes of vehicles.
+    pub boxes: Vec<Detection>,
+    /// What the record should say of how they were found; empty where the detector's name says it.
+    pub said: String,
+}
+
+impl From<Vec<Detection>> for Detected {
+    fn from(boxes: Vec<Detection>) -> Self {
+        let said = String::new();
+        Self { boxes, said }
+    }
 }
 
 /// Finds vehicles in frames.
-pub type Detect = fn(&DetectorInput<'_>, &dyn Progress) -> Result<Vec<Detection>, CurateError>;
+pub type Detect = fn(&DetectorInput<'_>, &dyn Progress) -> Result<Detected, CurateError>;
 
 /// A way of finding vehicles.
 #[derive(Debug, Clone, Copy)]
@@ -43,12 +64,14 @@ pub struct Detector {
     pub id: &'static str,
     /// What it does and when it is right.
     pub about: &'static str,
+    /// Whether it leaves files in the folder of the tracks.
+    pub keeps_files: bool,
     /// Finds them.
     pub detect: Detect,
 }
 
 /// All of them.
-pub const DETECTORS: &[Detector] = &[motion::DETECTOR, files::DETECTOR];
+pub const DETECTORS: &[Detector] = &[motion::DETECTOR, files::DETECTOR, command::DETECTOR];
 
 #[cfg(test)]
 mod tests {

@@ -15,7 +15,7 @@ mod regions;
 use glam::DVec3;
 use omnilife_schemas::{RgbImage, progress::Progress, records::Detection, rgb::Mask};
 
-use super::{Detector, DetectorInput};
+use super::{Detected, Detector, DetectorInput};
 use crate::{error::CurateError, tracks::detectors::depth_of_points::DistanceMap};
 use background::{
     Compared, Looked, background_frames, compare, compared_with, middle_colour, ranked, surface,
@@ -27,6 +27,7 @@ pub const DETECTOR: Detector = Detector {
     id: "motion",
     about: "what the static points do not explain in frames of other times; sees what moves and \
             nothing else, needs no weights",
+    keeps_files: false,
     detect,
 };
 
@@ -52,10 +53,7 @@ const LEAST_APART: f64 = 3.0;
 /// And the neck between them is no wider than twice this, metres.
 const DEEPEST_NECK: f64 = 0.9;
 
-fn detect(
-    input: &DetectorInput<'_>,
-    progress: &dyn Progress,
-) -> Result<Vec<Detection>, CurateError> {
+fn detect(input: &DetectorInput<'_>, progress: &dyn Progress) -> Result<Detected, CurateError> {
     if input.views.len() < 2 {
         return Err(CurateError::input(
             input.folder,
@@ -108,7 +106,7 @@ fn detect(
         Ok(())
     });
     progress.end();
-    outcome.map(|()| found)
+    outcome.map(|()| found.into())
 }
 
 /// Nothing is known of what is no part of the scene.

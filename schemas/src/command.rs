@@ -1,4 +1,4 @@
-//! One command, run to its end or its time limit, and what it cost.
+//! One command of somebody else's program, run to its end or its time limit, and what it cost.
 
 use std::{
     collections::BTreeMap,
@@ -10,35 +10,49 @@ use std::{
     time::{Duration, Instant},
 };
 
-use omnilife_schemas::{process, process_group::ProcessGroup, store::StoreError};
-
-use crate::error::BenchError;
+use crate::{process, process_group::ProcessGroup, store::StoreError};
 
 /// What to run.
-pub(super) struct Job {
+#[derive(Debug)]
+pub struct Job {
     /// Program and arguments.
-    pub(super) command: Vec<String>,
+    pub command: Vec<String>,
     /// Variables set beside those of this process.
-    pub(super) variables: BTreeMap<String, String>,
+    pub variables: BTreeMap<String, String>,
     /// Working directory.
-    pub(super) folder: PathBuf,
+    pub folder: PathBuf,
     /// File for everything it prints.
-    pub(super) log: PathBuf,
+    pub log: PathBuf,
     /// After this long it is killed, with everything that it started.
-    pub(super) time_limit: Option<Duration>,
+    pub time_limit: Option<Duration>,
 }
 
 /// How it went.
-pub(super) struct Outcome {
-    pub(super) command: Vec<String>,
-    pub(super) succeeded: bool,
+#[derive(Debug)]
+pub struct Outcome {
+    /// Program and arguments.
+    pub command: Vec<String>,
+    /// Whether it ended by itself, and with success.
+    pub succeeded: bool,
     /// In words.
-    pub(super) ending: String,
+    pub ending: String,
     /// The last line that it printed, where it printed any.
-    pub(super) last_line: Option<String>,
-    pub(super) wall_seconds: f64,
-    pub(super) cpu_seconds: Option<f64>,
-    pub(super) peak_memory_bytes: Option<u64>,
+    pub last_line: Option<String>,
+    /// Wall-clock time, seconds.
+    pub wall_seconds: f64,
+    /// CPU time, seconds, where the system tells.
+    pub cpu_seconds: Option<f64>,
+    /// Highest resident memory, bytes, where the system tells.
+    pub peak_memory_bytes: Option<u64>,
+}
+
+impl Outcome {
+    /// How it ended and the last line that it printed, in words.
+    pub fn failure(&self) -> String {
+        let line = self.last_line.iter();
+        let line: String = line.map(|line| format!(": {line}")).collect();
+        format!("ended with {}{line}", self.ending)
+    }
 }
 
 /// How often a running command is looked at. Its end is seen this late, which is added to its
@@ -52,8 +66,8 @@ const MOST_LOG_BYTES: u64 = 4 << 30;
 ///
 /// # Errors
 /// When the log cannot be written. A command that cannot be started is an outcome.
-pub(super) fn run(job: &Job) -> Result<Outcome, BenchError> {
-    let unwritable = |source| BenchError::Store(StoreError::write(&job.log, source));
+pub fn run(job: &Job) -> Result<Outcome, StoreError> {
+    let unwritable = |source| StoreError::write(&job.log, source);
     let log = File::create(&job.log).map_err(unwritable)?;
     let errors = log.try_clone().map_err(unwritable)?;
     let before = Usage::of_children();
