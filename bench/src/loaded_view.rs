@@ -36,11 +36,7 @@ impl LoadedView {
         let ignored = truth::read_ignore_mask(job, view.frame)?;
         let frame = &job.scene.frames[view.frame as usize];
         let mask = |name: &String| truth::read_mask(job, name);
-        let dynamic = if job.needs(Need::DynamicMask) {
-            frame.mask.as_ref().map(mask).transpose()?
-        } else {
-            None
-        };
+        let dynamic = truth::read_dynamic_mask(job, view.frame)?;
         let classes = frame
             .classes
             .iter()

@@ -10,7 +10,11 @@ use omnilife_schemas::{
     store::StoreError,
 };
 
-use crate::{error::BenchError, metrics::ViewPair, scoring::job::ScoringJob};
+use crate::{
+    error::BenchError,
+    metrics::{Need, ViewPair},
+    scoring::job::ScoringJob,
+};
 
 /// Bytes of a frame's ground truth at the scored size, resized by area averaging where the
 /// protocol asks for it and rounded to 8 bits, as predictions are.
@@ -39,6 +43,16 @@ pub(crate) fn read_mask(job: &ScoringJob, name: &str) -> Result<Mask, BenchError
     let mask = Mask::decode(mask)?;
     let [width, height] = job.size;
     Ok(mask.resized_to_nearest(width as usize, height as usize))
+}
+
+/// The mask of what moves in a frame, at the scored size, where it is needed and there is one.
+///
+/// # Errors
+/// As [`read`].
+pub(crate) fn read_dynamic_mask(job: &ScoringJob, frame: u32) -> Result<Option<Mask>, BenchError> {
+    let name = job.scene.frames[frame as usize].mask.as_ref();
+    let name = name.filter(|_| job.needs(Need::DynamicMask));
+    name.map(|name| read_mask(job, name)).transpose()
 }
 
 /// What no score counts of a frame, at the scored size: every pixel over which a marked one lies.

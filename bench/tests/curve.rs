@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use omnilife_bench::curve::{self, CURVE_FILE, CURVES_FILE, Clock, POINTS_FILE};
+use omnilife_bench::curve::{self, CURVE_FILE, CURVES_FILE, Clock, POINTS_FILE, Region};
 use omnilife_schemas::{
     Classified, ErrorKind,
     records::{Backend, ResultRecord},
@@ -68,7 +68,8 @@ fn ghosts_and_holes_stand_in_the_table_where_a_run_has_them() {
         write_scores(&at("a"), "panogs", "hall", Some(&measured)),
         write_scores(&at("b"), "odgs", "hall", Some(CURVE)),
     ];
-    let table = curve::curves_table(&curve::curves(&runs, Clock::Wall, &at("out")).unwrap());
+    let table =
+        curve::curves_table(&curve::curves(&runs, Clock::Wall, Region::Whole, &at("out")).unwrap());
     let ends = |line: &str| {
         table
             .lines()
@@ -91,7 +92,7 @@ fn runs_become_tables_and_drawings() {
         write_scores(&at("b"), "pvg", "street", Some(&slow)).join("result.json"),
         write_scores(&at("c"), "odgs", "hall", Some(CURVE)),
     ];
-    let comparisons = curve::curves(&runs, Clock::Wall, &at("out")).unwrap();
+    let comparisons = curve::curves(&runs, Clock::Wall, Region::Whole, &at("out")).unwrap();
     assert_eq!(comparisons.len(), 2);
     insta::assert_snapshot!("table", curve::curves_table(&comparisons));
     insta::assert_snapshot!(
@@ -117,7 +118,7 @@ fn cpu_time_is_a_clock_of_its_own() {
         "street",
         Some(&CURVE.replace("90,900", "180,900")),
     );
-    let comparisons = curve::curves(&[run], Clock::Cpu, &at("out")).unwrap();
+    let comparisons = curve::curves(&[run], Clock::Cpu, Region::Whole, &at("out")).unwrap();
     let measured = &comparisons[0].curves[0];
     assert_eq!(measured.run.training_seconds, 180.0);
     let drawing = fs::read_to_string(at("out/curve-0.svg")).unwrap();
@@ -126,7 +127,7 @@ fn cpu_time_is_a_clock_of_its_own() {
 
     let unknown = CURVE.replace(",9,100,", ",,100,");
     let run = write_scores(&at("b"), "odgs", "street", Some(&unknown));
-    let error = curve::curves(&[run], Clock::Cpu, &at("out")).unwrap_err();
+    let error = curve::curves(&[run], Clock::Cpu, Region::Whole, &at("out")).unwrap_err();
     assert_eq!(error.error_kind(), ErrorKind::User);
     assert!(
         error.to_string().contains("does not know the CPU time"),
@@ -153,7 +154,13 @@ fn runs_without_a_usable_curve_are_refused() {
     ];
     for (number, (curve, expected)) in cases.into_iter().enumerate() {
         let run = write_scores(&folder.path().join(number.to_string()), "m", "s", curve);
-        let error = curve::curves(&[run], Clock::Wall, &folder.path().join("out")).unwrap_err();
+        let error = curve::curves(
+            &[run],
+            Clock::Wall,
+            Region::Whole,
+            &folder.path().join("out"),
+        )
+        .unwrap_err();
         assert_eq!(error.error_kind(), ErrorKind::User);
         assert!(error.to_string().contains(expected), "{error}");
     }
@@ -164,11 +171,57 @@ fn the_folder_of_a_run_is_told_from_that_of_its_scores() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("run.json"), "{}").unwrap();
     let runs = [folder.path().to_owned()];
-    let error = curve::curves(&runs, Clock::Wall, &folder.path().join("out")).unwrap_err();
+    let error = curve::curves(
+        &runs,
+        Clock::Wall,
+        Region::Whole,
+        &folder.path().join("out"),
+    )
+    .unwrap_err();
     assert!(
         error
             .to_string()
             .ends_with("read from the folder of its scores"),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_curve_is_of_the_region_that_is_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let further = [
+        ",novel_psnr_static_db,novel_psnr_dynamic_db",
+        ",22,11",
+        ",,",
+        ",25,",
+        ",26,15.5",
+    ];
+    let rows = CURVE.lines().zip(further);
+    let of_regions: String = rows.map(|(row, more)| format!("{row}{more}\n")).collect();
+    let run = write_scores(&at("a"), "object-graph", "crossroad", Some(&of_regions));
+    let of = |region| {
+        let curves =
+            curve::curves(std::slice::from_ref(&run), Clock::Wall, region, &at("out")).unwrap();
+        let rows = &curves[0].curves[0].run.rows;
+        let text = curve::curves_table(&curves);
+        (rows.iter().map(|row| row.psnr_db).collect::<Vec<_>>(), text)
+    };
+    assert_eq!(of(Region::Whole).0, [19.5, 24.25, 24.5]);
+    assert_eq!(of(Region::Static).0, [22.0, 25.0, 26.0]);
+    let (rows, text) = of(Region::Dynamic);
+    assert_eq!(rows, [11.0, 15.5]);
+    assert!(
+        text.contains("where something moves") && text.contains("| 15.500 |"),
+        "{text}"
+    );
+    let points = fs::read_to_string(at("out").join(POINTS_FILE)).unwrap();
+    assert!(points.contains(",wall,dynamic,90.0,"), "{points}");
+    let without = write_scores(&at("b"), "odgs", "hall", Some(CURVE));
+    let error = curve::curves(&[without], Clock::Wall, Region::Dynamic, &at("out")).unwrap_err();
+    assert_eq!(error.error_kind(), ErrorKind::User);
+    assert!(
+        error.to_string().contains("scores no dynamic region"),
         "{error}"
     );
 }

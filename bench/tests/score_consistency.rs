@@ -8,7 +8,7 @@ use std::{fs, path::Path};
 
 use omnilife_bench::{
     BenchError, MetricChoice, Predictions, ScoreRequest,
-    curve::{self, Clock},
+    curve::{self, Clock, Region},
     score,
 };
 use omnilife_schemas::{
@@ -120,7 +120,7 @@ fn a_curve_is_scored_as_the_predictions_are_and_ends_with_their_means() {
     store::write_record(&run, &run_with_trace(&bench)).unwrap();
     bench.request.predictions = Predictions::Run(run.clone());
     let result = bench.score().unwrap();
-    let traced = curve::read_run(&bench.at("out"), Clock::Wall).unwrap();
+    let traced = curve::read_run(&bench.at("out"), Clock::Wall, Region::Whole).unwrap();
     let last = traced.rows.last().unwrap();
     assert_eq!(last.psnr_db, result.novel_views["psnr"].mean);
     assert_eq!(last.ssim, Some(result.novel_views["ssim"].mean));
@@ -138,7 +138,7 @@ fn a_curve_is_scored_as_the_predictions_are_and_ends_with_their_means() {
     let result = bench.score().unwrap();
     let warning = "the curve has no score at iteration 200: 000004.png is missing";
     assert!(result.warnings.iter().any(|line| line == warning));
-    let traced = curve::read_run(&bench.at("out"), Clock::Wall).unwrap();
+    let traced = curve::read_run(&bench.at("out"), Clock::Wall, Region::Whole).unwrap();
     let iterations: Vec<u64> = traced.rows.iter().map(|row| row.iteration).collect();
     assert_eq!(iterations, [100, 300]);
 

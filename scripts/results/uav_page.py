@@ -218,12 +218,14 @@ def main():
     road = Road(scene, rendering)
     main_runs = [("`odgs`", "odgs"), ("`object-graph`, tracks by `motion`", "object-graph"),
                  ("`object-graph`, exact tracks", "exact"), ("`periodic`", "periodic"),
-                 ("`omni4dgs`", "omni4dgs")]
+                 ("`omni4dgs`", "omni4dgs"), ("`periodic`, as long as `odgs`", "periodic-equal"),
+                 ("`omni4dgs`, as long as `odgs`", "omni4dgs-equal")]
     ablated = [("all", "object-graph"), ("without `object-poses`", "without-object-poses"),
                ("without `sky-shell`", "without-sky-shell"), ("without `object-graph` (is `odgs`)", "odgs")]
     text = [f"{iterations} iterations, images {road.width} wide, tracks from images 640 wide; "
             f"{hardware['threads']} threads of {hardware['processor']}, shared with other work. Where there are "
-            "several seeds, the mean and half of the range; PSNR in dB.", "", "### Geometry", "",
+            "several seeds, the mean and half of the range; PSNR in dB. Runs \"as long as\" another have as many "
+            "iterations as fit into its CPU time.", "", "### Geometry", "",
             *of_geometry(folder), "", "### Tracks", "",
             *of_tracks(folder), "", "### Views", "", *of_runs(folder, main_runs), "", "### Components", "",
             *of_runs(folder, ablated), "", *of_street(folder), "### Removal", "",

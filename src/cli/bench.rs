@@ -3,7 +3,10 @@
 use std::path::PathBuf;
 
 use clap::{Subcommand, ValueEnum};
-use omnilife_bench::{DEFAULT_MEMORY_BYTES, PROTOCOLS, curve::Clock};
+use omnilife_bench::{
+    DEFAULT_MEMORY_BYTES, PROTOCOLS,
+    curve::{Clock, Region},
+};
 
 use super::{
     bench_run::BenchRunArguments,
@@ -22,6 +25,23 @@ impl From<ClockArgument> for Clock {
         match argument {
             ClockArgument::Wall => Self::Wall,
             ClockArgument::Cpu => Self::Cpu,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum RegionArgument {
+    Whole,
+    Static,
+    Dynamic,
+}
+
+impl From<RegionArgument> for Region {
+    fn from(argument: RegionArgument) -> Self {
+        match argument {
+            RegionArgument::Whole => Self::Whole,
+            RegionArgument::Static => Self::Static,
+            RegionArgument::Dynamic => Self::Dynamic,
         }
     }
 }
@@ -220,6 +240,10 @@ pub(crate) enum BenchCommand {
         /// machine that has other work too.
         #[arg(long, value_enum, default_value_t = ClockArgument::Wall)]
         clock: ClockArgument,
+        /// The part of the views whose quality counts: all, or what the scene's masks of what moves leave out
+        /// or mark.
+        #[arg(long, value_enum, default_value_t = RegionArgument::Whole)]
+        region: RegionArgument,
         /// Folder for curves.csv, points.csv and the drawings.
         #[arg(long)]
         out: PathBuf,

@@ -201,9 +201,19 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             });
             bench_renderer::execute(requests.collect(), out.as_deref(), progress)
         }
-        BenchCommand::Curve { runs, clock, out } => {
+        BenchCommand::Curve {
+            runs,
+            clock,
+            region,
+            out,
+        } => {
             let _lock = FolderLock::take(out, progress)?;
-            exit::print(&curves_table(&curves(runs, (*clock).into(), out)?))
+            exit::print(&curves_table(&curves(
+                runs,
+                (*clock).into(),
+                (*region).into(),
+                out,
+            )?))
         }
         BenchCommand::Ablate {
             scene,

@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path, time::Instant};
 
-use omnilife_bench::curve::{Clock, read_run};
+use omnilife_bench::curve::{Clock, Region, read_run};
 use omnilife_schemas::{
     records::{Dataset, RunRecord, Scene, Sequence, Split, VideoStatus},
     store,
@@ -118,7 +118,7 @@ fn the_documented_files_are_there_and_no_others() {
         expect(SEQUENCE, &[&format!("frames/{frame:06}.png")]);
         expect(SEQUENCE, &[&format!("masks/{frame:06}.png")]);
     }
-    let curve = read_run(&out.join(&score), Clock::Wall).unwrap();
+    let curve = read_run(&out.join(&score), Clock::Wall, Region::Whole).unwrap();
     assert_eq!(curve.rows.len(), 10);
     for frame in INPUT_VIEWS {
         expect(&run, &[&format!("predictions/input/{frame:06}.png")]);
@@ -178,7 +178,7 @@ fn the_records_agree_with_each_other() {
 #[test]
 fn the_curve_ends_with_the_means_of_the_novel_views() {
     let out = &small_run().out;
-    let curve = read_run(&out.join(METHOD).join("score"), Clock::Wall).unwrap();
+    let curve = read_run(&out.join(METHOD).join("score"), Clock::Wall, Region::Whole).unwrap();
     let (last, result) = (curve.rows.last().unwrap(), result(out));
     assert_eq!(last.iteration, 30);
     assert_eq!(last.psnr_db, result.novel_views["psnr"].mean);

@@ -9,7 +9,7 @@ use std::{
 };
 
 use assert_cmd::cargo::cargo_bin_cmd;
-use omnilife_bench::curve::{Clock, read_run};
+use omnilife_bench::curve::{Clock, Region, read_run};
 use omnilife_curate::{
     exchange::{self, ImportRequest, MaskMeaning},
     poses::colmap::ColmapModel,
@@ -102,7 +102,10 @@ pub(crate) const FOLDERS: &[Target] = &[
         words: RUN_WORDS,
         cost: 2,
         seeds: |folder| copied("score", folder),
-        reader: Folder(|input, _| drop(read_run(&input.folder.join("in"), Clock::Wall))),
+        reader: Folder(|input, _| {
+            let folder = input.folder.join("in");
+            drop(read_run(&folder, Clock::Wall, Region::Whole));
+        }),
     },
     Target {
         id: "hostile-names",

@@ -126,7 +126,7 @@ fn dominates(left: &TracedRun, right: &TracedRun) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::curve::TraceRow;
+    use crate::curve::{Clock, Region, TraceRow};
 
     fn run(points: &[(f64, f64)], memory: u64) -> TracedRun {
         let row = |&(seconds, psnr_db): &(f64, f64)| TraceRow {
@@ -142,7 +142,8 @@ mod tests {
         };
         TracedRun {
             folder: "score".into(),
-            clock: crate::curve::Clock::Wall,
+            clock: Clock::Wall,
+            region: Region::Whole,
             method: "m".to_owned(),
             scene: "s".to_owned(),
             protocol_hash: "h".to_owned(),

@@ -26,7 +26,7 @@ use crate::{
 };
 pub use measures::{MOMENTS_SECONDS, QUALITIES_DB, RunCurve, curve_of};
 pub use scored::CURVE_FILE;
-pub use trace::{Clock, TraceRow, TracedRun, read_run};
+pub use trace::{Clock, Region, TraceRow, TracedRun, read_run};
 
 /// One row per run: time to quality, quality after a time, area under the curve.
 pub const CURVES_FILE: &str = "curves.csv";
@@ -50,10 +50,15 @@ pub struct Comparison {
 /// # Errors
 /// When a run has no curve or no scores of novel views in it, a file that is not ours is in the way,
 /// or a file cannot be read or written.
-pub fn curves(runs: &[PathBuf], clock: Clock, out: &Path) -> Result<Vec<Comparison>, BenchError> {
+pub fn curves(
+    runs: &[PathBuf],
+    clock: Clock,
+    region: Region,
+    out: &Path,
+) -> Result<Vec<Comparison>, BenchError> {
     let mut groups: Vec<((String, String), Vec<TracedRun>)> = Vec::new();
     for path in runs {
-        let run = read_run(path, clock)?;
+        let run = read_run(path, clock, region)?;
         let key = (run.scene.clone(), run.protocol_hash.clone());
         match groups.iter_mut().find(|(other, _)| *other == key) {
             Some((_, runs)) => runs.push(run),
@@ -76,8 +81,8 @@ pub fn curves(runs: &[PathBuf], clock: Clock, out: &Path) -> Result<Vec<Comparis
     let mut comparisons = Vec::new();
     for (number, ((scene, protocol_hash), runs)) in groups.iter().enumerate() {
         let path = out.join(drawing_file(number));
-        let drawing =
-            drawing(scene, clock, runs).map_err(|reason| BenchError::internal(&path, reason))?;
+        let drawing = drawing(scene, (clock, region), runs)
+            .map_err(|reason| BenchError::internal(&path, reason))?;
         store::write_bytes(&path, drawing.as_bytes())?;
         comparisons.push(Comparison {
             scene: scene.clone(),
@@ -95,7 +100,11 @@ fn drawing_file(number: usize) -> String {
     format!("curve-{number}.svg")
 }
 
-fn drawing(scene: &str, clock: Clock, runs: &[TracedRun]) -> Result<String, String> {
+fn drawing(
+    scene: &str,
+    (clock, region): (Clock, Region),
+    runs: &[TracedRun],
+) -> Result<String, String> {
     let names = trace::names(&runs.iter().collect::<Vec<_>>());
     let series: Vec<Series> = runs
         .iter()
@@ -116,7 +125,11 @@ fn drawing(scene: &str, clock: Clock, runs: &[TracedRun]) -> Result<String, Stri
             Clock::Wall => "training time, s",
             Clock::Cpu => "training time, CPU seconds",
         },
-        y: "PSNR of novel views, dB",
+        y: match region {
+            Region::Whole => "PSNR of novel views, dB",
+            Region::Static => "PSNR of novel views where nothing moves, dB",
+            Region::Dynamic => "PSNR of novel views where something moves, dB",
+        },
     };
     chart::over_log_x(&titles, &series)
 }
@@ -133,6 +146,7 @@ fn write_curves(path: &Path, comparisons: &[Comparison]) -> Result<(), BenchErro
             "method",
             "seed",
             "clock",
+            "region",
             "training_seconds",
             "evaluation_seconds",
             "iterations",
@@ -163,6 +177,7 @@ fn write_curves(path: &Path, comparisons: &[Comparison]) -> Result<(), BenchErro
                     run.method.clone(),
                     run.seed.to_string(),
                     run.clock.name().to_owned(),
+                    run.region.name().to_owned(),
                     run.training_seconds.to_string(),
                     run.evaluation_seconds.to_string(),
                     run.iterations.to_string(),
@@ -195,6 +210,7 @@ struct PointRow<'a> {
     method: &'a str,
     seed: u64,
     clock: &'a str,
+    region: &'a str,
     seconds: f64,
     evaluation_seconds: f64,
     iteration: u64,
@@ -219,6 +235,7 @@ fn write_points(
                     method: &run.method,
                     seed: run.seed,
                     clock: run.clock.name(),
+                    region: run.region.name(),
                     seconds: row.seconds,
                     evaluation_seconds: row.evaluation_seconds,
                     iteration: row.iteration,
@@ -261,12 +278,17 @@ pub fn curves_table(comparisons: &[Comparison]) -> String {
         };
         let _ = writeln!(
             text,
-            "{}, protocol {:.12}{}\n\n| Run | Final dB | 95 % after s | {} | {} | Area dB | GiB | \
+            "{}, protocol {:.12}{}{}\n\n| Run | Final dB | 95 % after s | {} | {} | Area dB | GiB | \
              Front |{fault_heads}\n| --- | ---: | ---: | {} ---: | ---: | --- |{fault_rules}",
             comparison.scene,
             comparison.protocol_hash,
             match comparison.curves.first().map(|curve| curve.run.clock) {
                 Some(Clock::Cpu) => ", CPU seconds",
+                _ => "",
+            },
+            match comparison.curves.first().map(|curve| curve.run.region) {
+                Some(Region::Static) => ", where nothing moves",
+                Some(Region::Dynamic) => ", where something moves",
                 _ => "",
             },
             QUALITIES_DB

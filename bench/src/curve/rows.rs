@@ -34,6 +34,12 @@ pub(crate) struct CurveRow {
     /// Mean SSIM of these views; as PSNR.
     #[serde(default)]
     pub(crate) novel_ssim: Option<f64>,
+    /// Mean PSNR of these views where the scene's masks mark nothing, dB, where it has masks of what moves.
+    #[serde(default)]
+    pub(crate) novel_psnr_static_db: Option<f64>,
+    /// The same where they mark what moves.
+    #[serde(default)]
+    pub(crate) novel_psnr_dynamic_db: Option<f64>,
     /// Opacity-weighted share of the Gaussians in the free space of two input views or more, where distances
     /// are known.
     #[serde(default)]

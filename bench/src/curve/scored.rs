@@ -1,5 +1,5 @@
 //! The curve of a run: the novel views that it left at the rows of its trace, scored as predictions
-//! are, by the protocol's own PSNR and SSIM.
+//! are, by the protocol's own PSNR and SSIM; PSNR of what moves and of the rest too, where the scene has masks.
 
 use std::path::Path;
 
@@ -20,7 +20,7 @@ use crate::{
 pub const CURVE_FILE: &str = "curve.csv";
 
 /// Metrics of a curve; a protocol without them has none.
-const METRICS: [&str; 2] = ["psnr", "ssim"];
+const METRICS: [&str; 4] = ["psnr", "ssim", "psnr-static", "psnr-dynamic"];
 
 /// Scores the novel views at the rows of the run's trace and writes [`CURVE_FILE`] into `out`.
 /// Returns one line for every row that could not be scored; `None`, and no file, where the run has no
@@ -57,12 +57,16 @@ pub(crate) fn write_curve(
             .map(|&frame| {
                 let truth = truth::read(job, frame)?;
                 let ignored = truth::read_ignore_mask(job, frame)?;
+                let dynamic = truth::read_dynamic_mask(job, frame)?;
+                let truth = OfFrame {
+                    image: &truth,
+                    ignored: ignored.as_ref(),
+                    dynamic: dynamic.as_ref(),
+                };
                 let folders = folders.iter();
                 Ok(folders
                     .map(|folder| match folder {
-                        Ok(folder) => {
-                            score_view(job, folder, frame, (&truth, ignored.as_ref()), &metrics)
-                        }
+                        Ok(folder) => score_view(job, folder, frame, &truth, &metrics),
                         Err(error) => Err(error.to_string()),
                     })
                     .collect())
@@ -94,18 +98,26 @@ pub(crate) fn write_curve(
 /// One value per metric, or why the view cannot be scored.
 type ViewScores = Result<Vec<Result<f64, Undefined>>, String>;
 
+/// What the scene says of a frame.
+struct OfFrame<'a> {
+    image: &'a [u8],
+    ignored: Option<&'a Mask>,
+    dynamic: Option<&'a Mask>,
+}
+
 fn score_view(
     job: &ScoringJob,
     folder: &PredictionFolder,
     frame: u32,
-    (truth, ignored): (&[u8], Option<&Mask>),
+    truth: &OfFrame<'_>,
     metrics: &[&Metric],
 ) -> ViewScores {
     let [width, height] = job.size;
     let prediction = folder.read(frame, width, height)?;
-    let pair =
-        truth::pair(job, prediction, truth.to_vec(), ignored).ok_or("images differ in size")?;
-    let sample = Sample::new(&pair);
+    let pair = truth::pair(job, prediction, truth.image.to_vec(), truth.ignored)
+        .ok_or("images differ in size")?;
+    let mut sample = Sample::new(&pair);
+    sample.dynamic = truth.dynamic;
     Ok(metrics
         .iter()
         .map(|metric| (metric.function)(&sample))
@@ -121,6 +133,8 @@ fn fill(row: &mut CurveRow, metrics: &[&Metric], views: &[Vec<Result<f64, Undefi
         let mean = mean.map(|summary| summary.mean);
         match metric.id {
             "psnr" => row.novel_psnr_db = mean,
+            "psnr-static" => row.novel_psnr_static_db = mean,
+            "psnr-dynamic" => row.novel_psnr_dynamic_db = mean,
             _ => row.novel_ssim = mean,
         }
     }

@@ -5,7 +5,10 @@ use std::path::{Path, PathBuf};
 use omnilife_schemas::{layout::RESULT_FILE, records::ResultRecord, store};
 
 use crate::{
-    curve::{rows::read_rows, scored::CURVE_FILE},
+    curve::{
+        rows::{CurveRow, read_rows},
+        scored::CURVE_FILE,
+    },
     error::BenchError,
 };
 
@@ -32,6 +35,38 @@ impl Clock {
     }
 }
 
+/// Which part of the views the quality is of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Region {
+    /// All of them.
+    #[default]
+    Whole,
+    /// What the scene's masks do not mark.
+    Static,
+    /// What they mark: what moves.
+    Dynamic,
+}
+
+impl Region {
+    /// As it stands in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Whole => "whole",
+            Self::Static => "static",
+            Self::Dynamic => "dynamic",
+        }
+    }
+
+    /// PSNR of a row in the region, dB, where it was scored there.
+    fn psnr_db(self, row: &CurveRow) -> Option<f64> {
+        match self {
+            Self::Whole => row.novel_psnr_db,
+            Self::Static => row.novel_psnr_static_db,
+            Self::Dynamic => row.novel_psnr_dynamic_db,
+        }
+    }
+}
+
 /// A run with its trace.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TracedRun {
@@ -47,6 +82,8 @@ pub struct TracedRun {
     pub seed: u64,
     /// The clock of its times.
     pub clock: Clock,
+    /// The region of its qualities.
+    pub region: Region,
     /// Time of all training steps, seconds.
     pub training_seconds: f64,
     /// Wall-clock time of rendering the trace's views, seconds; the training time is without it.
@@ -72,9 +109,9 @@ pub struct TraceRow {
     pub iteration: u64,
     /// Primitives of the model.
     pub primitives: u64,
-    /// Mean PSNR of the novel views, dB.
+    /// Mean PSNR of the novel views in the region, dB.
     pub psnr_db: f64,
-    /// Mean SSIM of the novel views.
+    /// Mean SSIM of the whole novel views.
     pub ssim: Option<f64>,
     /// Opacity-weighted share of the Gaussians in the free space of two input views or more.
     pub ghost_share: Option<f64>,
@@ -108,9 +145,9 @@ pub(crate) fn names(runs: &[&TracedRun]) -> Vec<String> {
 /// Reads a run from the folder of its scores or the `result.json` there.
 ///
 /// # Errors
-/// When the scores have no curve, or the curve is malformed, goes back in time, scored no novel views,
-/// or does not know the time that is asked for.
-pub fn read_run(path: &Path, clock: Clock) -> Result<TracedRun, BenchError> {
+/// When the scores have no curve, or the curve is malformed, goes back in time, scored no novel views in the
+/// region, or does not know the time that is asked for.
+pub fn read_run(path: &Path, clock: Clock, region: Region) -> Result<TracedRun, BenchError> {
     if path.join(RUN_FILE).is_file() {
         return Err(BenchError::mismatch(
             path,
@@ -137,7 +174,7 @@ pub fn read_run(path: &Path, clock: Clock) -> Result<TracedRun, BenchError> {
     let mut evaluation_seconds = 0.0;
     for row in read_rows(&curve)? {
         evaluation_seconds = row.evaluation_seconds;
-        let Some(psnr_db) = row.novel_psnr_db else {
+        let Some(psnr_db) = region.psnr_db(&row) else {
             continue;
         };
         let seconds = match clock {
@@ -165,7 +202,15 @@ pub fn read_run(path: &Path, clock: Clock) -> Result<TracedRun, BenchError> {
         });
     }
     let Some(&last) = rows.last() else {
-        return Err(BenchError::mismatch(&curve, "scores no novel views"));
+        let reason = match region {
+            Region::Whole => "scores no novel views".to_owned(),
+            _ => format!(
+                "scores no {} region of novel views: the scene has no masks of what moves, or an older version \
+                 scored it",
+                region.name()
+            ),
+        };
+        return Err(BenchError::mismatch(&curve, reason));
     };
     if !rows.is_sorted_by_key(|row| row.seconds) {
         return Err(BenchError::mismatch(&curve, "goes back in time"));
@@ -173,6 +218,7 @@ pub fn read_run(path: &Path, clock: Clock) -> Result<TracedRun, BenchError> {
     Ok(TracedRun {
         folder: path.to_owned(),
         clock,
+        region,
         method: record.method,
         scene: record.scene,
         protocol_hash: record.protocol_hash,
