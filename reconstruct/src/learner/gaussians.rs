@@ -78,6 +78,19 @@ impl<'a> GaussianLearner<'a> {
         settings: TrainSettings,
         backend: BackendChoice,
     ) -> Result<Self, ReconstructError> {
+        let stepper = stepper(scene.inputs(), model, &settings, backend)?;
+        Self::with_stepper(scene, stepper, settings)
+    }
+
+    /// The same with a stepper that was made with these settings.
+    ///
+    /// # Errors
+    /// When an array of its model has no learning rate in the settings.
+    pub fn with_stepper(
+        scene: &'a TrainingScene,
+        stepper: Box<dyn Stepper + 'a>,
+        settings: TrainSettings,
+    ) -> Result<Self, ReconstructError> {
         let rate = |array: &TrainedArray| {
             let known = settings.learning_rates.get(array.name).copied();
             known
@@ -89,11 +102,11 @@ impl<'a> GaussianLearner<'a> {
                     ),
                 })
         };
-        let arrays = model.trained_arrays();
+        let arrays = stepper.arrays();
         let decays = arrays.iter().map(rate).collect::<Result<Vec<_>, _>>()?;
         let begin = settings.position(0, 0.0);
         Ok(Self {
-            stepper: stepper(scene.inputs(), model, &settings, backend)?,
+            stepper,
             schedule: StepSchedule {
                 learning_rates: vec![0.0; decays.len()],
                 ..StepSchedule::default()

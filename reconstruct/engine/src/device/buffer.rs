@@ -220,14 +220,18 @@ fn create_with(
         usage,
         mapped_at_creation: false,
     };
+    let out_of_memory = || GpuError::OutOfMemory {
+        adapter: gpu.adapter().name.clone(),
+        what: label.to_owned(),
+        bytes: size,
+    };
+    if gpu.is_exhausted(size) {
+        return Err(out_of_memory());
+    }
     gpu.count_made();
     gpu.guarded(|| gpu.device.create_buffer(&descriptor))
         .map_err(|error| match error {
-            wgpu::Error::OutOfMemory { .. } => GpuError::OutOfMemory {
-                adapter: gpu.adapter().name.clone(),
-                what: label.to_owned(),
-                bytes: size,
-            },
+            wgpu::Error::OutOfMemory { .. } => out_of_memory(),
             other => gpu.failed(&other.to_string()),
         })
 }

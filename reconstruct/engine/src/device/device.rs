@@ -35,6 +35,8 @@ pub struct Gpu {
     faults: Arc<Mutex<Faults>>,
     bytes_read: AtomicU64,
     made: AtomicU64,
+    /// Bytes of the largest buffer that memory suffices for.
+    largest_made: AtomicU64,
     /// What values are read back through.
     staging: Mutex<Option<wgpu::Buffer>>,
 }
@@ -112,6 +114,7 @@ impl Gpu {
             faults,
             bytes_read: AtomicU64::new(0),
             made: AtomicU64::new(0),
+            largest_made: AtomicU64::new(u64::MAX),
             staging: Mutex::new(None),
         })
     }
@@ -196,6 +199,16 @@ impl Gpu {
     /// Gives the device up; every later use of it is an error. For tests of a lost device.
     pub fn destroy(&self) {
         self.device.destroy();
+    }
+
+    /// From now on memory suffices for no buffer of more bytes. For tests of memory that is used up.
+    pub fn exhaust_above(&self, bytes: u64) {
+        self.largest_made.store(bytes, Ordering::Relaxed);
+    }
+
+    /// Whether [`Gpu::exhaust_above`] leaves no memory for a buffer.
+    pub(crate) fn is_exhausted(&self, bytes: u64) -> bool {
+        bytes > self.largest_made.load(Ordering::Relaxed)
     }
 
     /// Waits until the device has done everything it was given.
