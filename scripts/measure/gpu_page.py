@@ -1,10 +1,17 @@
-"""The page of scripts/measure/gpu: tables of what lies in its folder."""
+"""The page of scripts/measure/gpu: tables of what lies in its folder.
+
+    gpu_page.py FOLDER    prints the page
+    gpu_page.py sizes     prints the sizes at which gpu_before.json was counted: kind, Gaussians, columns
+"""
 
 import hashlib
 import json
 import re
 import sys
 from pathlib import Path
+
+
+BEFORE = json.loads((Path(__file__).parent / "gpu_before.json").read_text())
 
 
 def rows(text):
@@ -39,7 +46,7 @@ def costs(out, kind):
             body.append([size, text.strip()] + ["-"] * 7)
             continue
         device = text.split("\n\n")[0].replace("\n", " ")
-        stages = [(row[0], float(row[1]), row[3]) for row in found[0][2:] if row[1] != "-"]
+        stages = [(row[0], float(row[1]), row[4]) for row in found[0][2:] if row[1] != "-"]
         total = sum(milliseconds for _, milliseconds, _ in stages) or 1.0
         slowest = sorted(stages, key=lambda stage: -stage[1])[:4]
         slowest = ", ".join(f"{name} {100 * ms / total:.0f} % ({share} of bandwidth)" for name, ms, share in slowest)
@@ -50,7 +57,7 @@ def costs(out, kind):
                 step["wall ms of a step"],
                 step["steps a second"],
                 step["kernels of a step"],
-                step["MB read back in 1,000 iterations"],
+                step["bytes read back in 1,000 iterations"],
                 step["ms of a densification that needs more room"],
                 step["ms of one within its room"],
                 step["CPU ms of a step"],
@@ -62,13 +69,74 @@ def costs(out, kind):
         "ms a step",
         "steps a second",
         "kernels",
-        "MB read back in 1,000 its",
+        "bytes read back in 1,000 its",
         "ms of a densification that needs more room",
         "within its room",
         "CPU ms a step",
         "slowest stages",
     ]
     return device, table(head, body)
+
+
+def densification(text):
+    """Of a cell of `bench renderer`: milliseconds until the host goes on, bytes read, and what is made."""
+    found = re.search(r"\(([\d.]+) until decided, .*; (\d+) bytes read, (\d+) made\)", text)
+    return found.groups() if found else ("-",) * 3
+
+
+def counted(out):
+    """What is counted, before and now."""
+    names = [
+        "kernels of a step",
+        "bytes read back in 1,000 iterations",
+        "host ms of a densification",
+        "made for a densification",
+    ]
+    body = []
+    for kind, before in BEFORE.items():
+        size = f"{before['gaussians']:,} at {before['width']}x{before['width'] // 2}"
+        body.append([f"{kind}, {size}, {before['commit']}"] + [before[name] for name in names])
+        path = out / f"counted-{kind}.md"
+        text = path.read_text() if path.exists() else "not counted"
+        found = rows(text)
+        if len(found) < 2:
+            body.append([f"{kind}, now", text.strip()] + ["-"] * 3)
+            continue
+        step = {row[0]: row[1] for row in found[1][2:]}
+        larger = densification(step["ms of a densification that needs more room"])
+        within = densification(step["ms of one within its room"])
+        body.append(
+            [
+                f"{kind}, now",
+                step[names[0]],
+                step[names[1]],
+                f"{larger[0]} for more room, {within[0]} within it ({within[1]} bytes read)",
+                f"{larger[2]} for more room, {within[2]} within it",
+            ]
+        )
+    head = [
+        "Gaussians, image, commit",
+        "kernels of a step",
+        "bytes read back in 1,000 its",
+        "ms of a densification until the host goes on",
+        "buffers and bind groups made for it",
+    ]
+    return table(head, body)
+
+
+def stage_bytes(out):
+    """What the buffers of each stage take if each passes once for each kernel."""
+    stages, kinds = {}, []
+    for kind in BEFORE:
+        path = out / f"counted-{kind}.md"
+        found = rows(path.read_text()) if path.exists() else []
+        if len(found) < 2:
+            continue
+        kinds.append(kind)
+        for row in found[0][2:]:
+            stages.setdefault(row[0], {})[kind] = f"{row[2]} kernels, {row[3]} MB"
+    body = [[name] + [cells.get(kind, "-") for kind in kinds] for name, cells in stages.items()]
+    return table(["Stage"] + kinds, body)
 
 
 def peer(out):
@@ -149,17 +217,26 @@ def stability(out):
     report = json.loads((out / "stability" / "stability.json").read_text())
     cases = [row for row in report["rows"] if row["status"] != "not-run"]
     failed = [row["case"] for row in cases if row["status"] == "fail"]
-    verdict = "all pass" if not failed else "failed: " + ", ".join(failed)
-    return f"Stability catalogue on the adapter: {len(cases)} rows, {verdict}.\n"
+    result = "all pass" if not failed else "failed: " + ", ".join(failed)
+    return f"Stability catalogue on the adapter: {len(cases)} rows, {result}.\n"
+
+
+def sizes():
+    for kind, before in BEFORE.items():
+        print(kind, before["gaussians"], before["width"])
 
 
 def main():
+    if sys.argv[1:] == ["sizes"]:
+        return sizes()
     out = Path(sys.argv[1])
     device, static = costs(out, "static")
     _, dynamic = costs(out, "dynamic")
     failed = (out / "failed.txt").read_text().split()
     print(device + "\n")
     print(stability(out))
+    print("What is counted, before and now:\n\n" + counted(out))
+    print("The same sizes by stage, as if every buffer passed once for each kernel:\n\n" + stage_bytes(out))
     print("Static Gaussians:\n\n" + static)
     print("Gaussians with times, and all losses of Omni4DGS:\n\n" + dynamic)
     print("Beside gsplat, static Gaussians (ours with SSIM, gsplat with L1 alone):\n\n" + peer(out))

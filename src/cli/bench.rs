@@ -208,9 +208,9 @@ pub(crate) enum BenchCommand {
     },
     /// What a training step costs, stage by stage, on random scenes of these sizes.
     ///
-    /// On a GPU the stages have the device's times, the kernels they start, and the share of the
-    /// bandwidth of a copy; beside them stands what the host reads back and what density control
-    /// costs it.
+    /// On a GPU the stages have the device's times, the kernels they start, and what their buffers take if each
+    /// passes once for each kernel, with the share of a copy's bandwidth that this is; beside them stands
+    /// what the host reads back and what density control costs it.
     Renderer {
         /// What computes.
         #[arg(long, value_enum, default_value = "cpu")]
@@ -224,6 +224,9 @@ pub(crate) enum BenchCommand {
         /// Gaussians have times of their own, and all losses of Omni4DGS.
         #[arg(long)]
         dynamic: bool,
+        /// A network deforms the Gaussians, as in Deformable-GS.
+        #[arg(long, conflicts_with = "dynamic")]
+        deformable: bool,
         /// Steps that are measured; of a stage the least counts.
         #[arg(long, default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..))]
         steps: u64,

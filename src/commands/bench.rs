@@ -7,7 +7,7 @@ use omnilife_bench::{
     METRICS, MetricChoice, PROTOCOLS, Predictions, ScoreRequest, curves, curves_table, diagnose,
     record_failure, run_external, score, split_scene, tracking::compare_tracks, write_adapter,
 };
-use omnilife_reconstruct::step_cost::CostRequest;
+use omnilife_reconstruct::step_cost::{CostRequest, SceneKind};
 use omnilife_schemas::{
     lock::FolderLock,
     progress::Progress,
@@ -187,16 +187,22 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             gaussians,
             widths,
             dynamic,
+            deformable,
             steps,
             out,
         } => {
+            let kind = match (dynamic, deformable) {
+                (true, _) => SceneKind::Dynamic,
+                (_, true) => SceneKind::Deformable,
+                _ => SceneKind::Static,
+            };
             let sizes = gaussians.iter();
             let sizes = sizes.flat_map(|&count| widths.iter().map(move |&width| (count, width)));
             let requests = sizes.map(|(count, width)| CostRequest {
                 backend: (*backend).into(),
                 gaussians: count as usize,
                 width,
-                dynamic: *dynamic,
+                kind,
                 steps: *steps,
             });
             bench_renderer::execute(requests.collect(), out.as_deref(), progress)

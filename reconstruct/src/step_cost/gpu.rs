@@ -3,9 +3,12 @@
 use std::{sync::Arc, time::Instant};
 
 use omnilife_engine::{
-    density::{Densification, DensityContext},
+    density::{Densification, DensifySettings, DensityContext},
     device::{Gpu, timer::Stages},
-    step::{Stepper, gpu::GpuStepper},
+    step::{
+        Stepper,
+        gpu::{GpuStepper, LOOK_INTERVAL},
+    },
     training_view::TrainingView,
 };
 use rand::SeedableRng;
@@ -33,18 +36,20 @@ pub(super) fn measure(request: CostRequest) -> Result<StepCost, ReconstructError
             take_least(&mut stages, measured.into_iter());
         }
     }
-    // What is read between two densifications, and for one.
+    // From one look of the host to the next.
+    schedule.iteration = schedule.iteration.next_multiple_of(LOOK_INTERVAL) + 1;
     let before = gpu.bytes_read();
-    for _ in 0..DENSIFY_INTERVAL {
+    for _ in 0..LOOK_INTERVAL {
         stepper.step(0, &schedule)?;
         schedule.iteration += 1;
     }
     stepper.take_statistics()?;
-    let larger = densify(&subject, &gpu, &views, &mut stepper)?;
-    let bytes_read = (gpu.bytes_read() - before) * (1_000 / DENSIFY_INTERVAL);
+    let of_steps = (gpu.bytes_read() - before) * (1_000 / LOOK_INTERVAL);
+    let larger = densify((&subject, 1), &gpu, &views, &mut stepper)?;
+    let bytes_read = of_steps + larger.bytes_read * (1_000 / DENSIFY_INTERVAL);
     stepper.step(0, &schedule)?;
     stepper.take_statistics()?;
-    let within = densify(&subject, &gpu, &views, &mut stepper)?;
+    let within = densify((&subject, 2), &gpu, &views, &mut stepper)?;
     let adapter = gpu.adapter();
     Ok(StepCost {
         request,
@@ -59,16 +64,20 @@ pub(super) fn measure(request: CostRequest) -> Result<StepCost, ReconstructError
     })
 }
 
-/// What one densification costs the host.
+/// What densification number `number`, from 1, costs the host.
 fn densify(
-    subject: &Subject,
+    (subject, number): (&Subject, usize),
     gpu: &Gpu,
     views: &[TrainingView],
     stepper: &mut GpuStepper<'_>,
 ) -> Result<DensityCost, ReconstructError> {
     let dynamics = subject.settings.dynamics.as_ref();
+    let settings = DensifySettings {
+        maximum_gaussians: Subject::most_gaussians(subject.request, number),
+        ..subject.settings.densify.clone()
+    };
     let asked = Densification {
-        settings: &subject.settings.densify,
+        settings: &settings,
         scheduled: 1_000,
         context: DensityContext {
             views,

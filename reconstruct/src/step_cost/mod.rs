@@ -13,6 +13,7 @@ use std::time::{Duration, Instant};
 use omnilife_engine::{
     density::Threshold,
     device::timer::{StageCost, Stages},
+    gaussians::static_gaussians::StaticGaussians,
     model::{Model, Part},
     parameters::{ParameterTable, adam::SecondMomentDecay},
     schedule::StepSchedule,
@@ -27,6 +28,28 @@ const WARM_UP_STEPS: u64 = 3;
 /// Iterations from one densification to the next, as 3DGS has it.
 const DENSIFY_INTERVAL: u64 = 100;
 
+/// What Gaussians of a measured scene do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SceneKind {
+    /// They never move.
+    Static,
+    /// They have times of their own, and Omni4DGS's losses.
+    Dynamic,
+    /// A network of the published size deforms them.
+    Deformable,
+}
+
+impl SceneKind {
+    /// In tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Static => "static",
+            Self::Dynamic => "dynamic",
+            Self::Deformable => "deformable",
+        }
+    }
+}
+
 /// What is measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CostRequest {
@@ -36,8 +59,8 @@ pub struct CostRequest {
     pub gaussians: usize,
     /// Columns of the ERP image; rows are half as many.
     pub width: u32,
-    /// Whether Gaussians have times of their own and Omni4DGS's losses.
-    pub dynamic: bool,
+    /// What the Gaussians do.
+    pub kind: SceneKind,
     /// Steps that are measured.
     pub steps: u64,
 }
@@ -99,7 +122,7 @@ pub fn measure(request: CostRequest) -> Result<StepCost, ReconstructError> {
 fn on_cpu(request: CostRequest) -> Result<StepCost, ReconstructError> {
     let subject = Subject::new(request);
     let mut stages = Stages::new();
-    if !request.dynamic {
+    if request.kind == SceneKind::Static {
         let rendering = subject.settings.rendering;
         let mut iteration = cpu::Iteration::new(request.gaussians, request.width, rendering);
         for step in 0..WARM_UP_STEPS + request.steps {
@@ -161,37 +184,50 @@ struct Subject {
     request: CostRequest,
     settings: TrainSettings,
     table: ParameterTable,
+    /// Arrays that learn.
+    arrays: usize,
 }
 
 impl Subject {
     fn new(request: CostRequest) -> Self {
         let mut settings = baseline::published_settings(30_000);
         settings.rendering.near = 0.01;
-        // All that are seen would grow, and a twentieth may: the first densification needs more room, the
-        // next one does not.
+        // All that are seen would grow.
         settings.densify.gradient_threshold = Threshold::constant(f32::MIN_POSITIVE);
-        settings.densify.maximum_gaussians = (request.gaussians + request.gaussians / 20) as u64;
-        let table = if request.dynamic {
-            let dynamics = settings.dynamics.insert(scene::dynamics());
-            scene::moving_scene(request.gaussians, dynamics)
-        } else {
-            scene::scene(request.gaussians)
+        settings.densify.maximum_gaussians = Self::most_gaussians(request, 2);
+        let table = match request.kind {
+            SceneKind::Dynamic => {
+                let dynamics = settings.dynamics.insert(scene::dynamics());
+                scene::moving_scene(request.gaussians, dynamics)
+            }
+            SceneKind::Static | SceneKind::Deformable => scene::scene(request.gaussians),
         };
-        Self {
+        let mut subject = Self {
             request,
             settings,
             table,
-        }
+            arrays: 0,
+        };
+        subject.arrays = subject.model().trained_arrays().len();
+        subject
+    }
+
+    /// How many Gaussians there may be after so many densifications: each adds a twentieth. The first one needs
+    /// more room, which suffices for the next one.
+    fn most_gaussians(request: CostRequest, densifications: usize) -> u64 {
+        (request.gaussians + densifications * (request.gaussians / 20)) as u64
     }
 
     fn model(&self) -> Model {
-        match &self.settings.dynamics {
-            Some(dynamics) => {
-                let part = Part::new(dynamics.parameterization(), self.table.clone());
-                Model::new(vec![part])
+        let table = self.table.clone();
+        let part = match &self.settings.dynamics {
+            Some(dynamics) => Part::new(dynamics.parameterization(), table),
+            None if self.request.kind == SceneKind::Deformable => {
+                Part::new(scene::deformation(), table)
             }
-            None => Model::of_static(self.table.clone()),
-        }
+            None => Part::new(StaticGaussians, table),
+        };
+        Model::new(vec![part])
     }
 
     /// One view, with a mask of a tenth of it.
@@ -222,7 +258,7 @@ impl Subject {
             iteration,
             scheduled: iteration,
             second_moments: SecondMomentDecay::PUBLISHED,
-            learning_rates: vec![1e-7; self.table.arrays.len()],
+            learning_rates: vec![1e-7; self.arrays],
             ..StepSchedule::default()
         }
     }

@@ -8,6 +8,7 @@ use omnilife_engine::{
     clock::Clock,
     gaussians::{
         ActivatedGaussians,
+        deformable::{Deformable, DeformationModel, settings::DeformationSettings},
         omni4dgs::{Decomposition, DirectionOrigin, VelocityForm},
         static_gaussians::{self, InitialGaussians},
         temporal::{InitialTimes, LifespanRange, TemporalFeatures, TimeModel, VelocityModel},
@@ -82,14 +83,29 @@ pub fn target(count: usize, view: &View, settings: RenderSettings) -> RgbImage {
     Renderer::new(settings).image(view, &instant)
 }
 
-/// Time and losses of Omni4DGS in a clip of sixty frames a second apart.
+/// Sixty frames a second apart.
+const CLIP: Clock = Clock {
+    origin_seconds: 0.0,
+    frame_seconds: 1.0,
+    duration_frames: 60.0,
+};
+
+/// The network of Deformable-GS, which takes part from the first step on, in such a clip.
+pub fn deformation() -> Deformable {
+    let model = DeformationModel::published(3.0);
+    let settings = DeformationSettings {
+        clock: CLIP,
+        model,
+        warm_up_iterations: 0,
+        time_noise: None,
+    };
+    Deformable::new(settings, model.network().initial_weights(1))
+}
+
+/// Time and losses of Omni4DGS in such a clip.
 pub fn dynamics() -> DynamicSettings {
     DynamicSettings {
-        clock: Clock {
-            origin_seconds: 0.0,
-            frame_seconds: 1.0,
-            duration_frames: 60.0,
-        },
+        clock: CLIP,
         time: TimeModel {
             cycle_frames: 10.0,
             lifespans: Some(LifespanRange {

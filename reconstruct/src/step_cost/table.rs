@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use omnilife_engine::step::BackendChoice;
 
-use super::StepCost;
+use super::{SceneKind, StepCost};
 
 /// One table for the stages of all sizes, one for what a step costs beside them.
 pub fn table(costs: &[StepCost]) -> String {
@@ -35,17 +35,20 @@ pub fn table(costs: &[StepCost]) -> String {
 
 fn size_of(cost: &StepCost) -> String {
     let request = &cost.request;
-    let dynamic = if request.dynamic { ", dynamic" } else { "" };
+    let kind = match request.kind {
+        SceneKind::Static => String::new(),
+        kind => format!(", {}", kind.name()),
+    };
     format!(
-        "{}k, {}x{}{dynamic}",
+        "{}k, {}x{}{kind}",
         request.gaussians / 1_000,
         request.width,
         request.width / 2
     )
 }
 
-/// Milliseconds of each stage; on a device with the kernels started, and the share of the copy's bandwidth
-/// at which its buffers would pass once for each kernel.
+/// Milliseconds of each stage; on a device with the kernels started, the bytes of their buffers if each passed
+/// once for each kernel, and the share of a copy's bandwidth that this is.
 fn stage_table(costs: &[StepCost], is_device: bool) -> String {
     let mut names: Vec<&str> = Vec::new();
     for (stage, _) in costs.iter().flat_map(|cost| &cost.stages) {
@@ -57,12 +60,12 @@ fn stage_table(costs: &[StepCost], is_device: bool) -> String {
     let mut text = if is_device {
         let heads = sizes
             .iter()
-            .map(|size| format!(" {size}: ms | kernels | share of bandwidth |"));
+            .map(|size| format!(" {size}: ms | kernels | MB | share of bandwidth |"));
         format!("| Stage |{}\n", heads.collect::<String>())
     } else {
         format!("| Stage, CPU ms | {} |\n", sizes.join(" | "))
     };
-    let columns = if is_device { 3 } else { 1 } * costs.len();
+    let columns = if is_device { 4 } else { 1 } * costs.len();
     text += &format!("|---|{}\n", "---:|".repeat(columns));
     for name in names {
         let _ = write!(text, "| {name} |");
@@ -81,7 +84,8 @@ fn stage_table(costs: &[StepCost], is_device: bool) -> String {
                     .map_or("-".to_owned(), |(seconds, copied)| {
                         format!("{:.0} %", 100.0 * stage.bytes as f64 / seconds / copied)
                     });
-                let _ = write!(text, " {} | {share} |", stage.dispatches);
+                let megabytes = stage.bytes as f64 * 1e-6;
+                let _ = write!(text, " {} | {megabytes:.1} | {share} |", stage.dispatches);
             }
         }
         text += "\n";
@@ -107,8 +111,8 @@ fn step_table(costs: &[StepCost], is_device: bool) -> String {
             let dispatches = cost.stages.iter().map(|(_, stage)| stage.dispatches);
             dispatches.sum::<u64>().to_string()
         });
-        add("MB read back in 1,000 iterations", &|cost| {
-            format!("{:.1}", cost.bytes_read as f64 * 1e-6)
+        add("bytes read back in 1,000 iterations", &|cost| {
+            cost.bytes_read.to_string()
         });
         let densification = |cost: &StepCost, number: usize| {
             let density = cost.density.unwrap_or_default()[number];

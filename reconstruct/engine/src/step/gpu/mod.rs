@@ -47,7 +47,7 @@ use crate::{
 };
 
 /// Steps that the device may be given before the host looks what became of them.
-const LOOK_INTERVAL: u64 = 50;
+pub const LOOK_INTERVAL: u64 = 50;
 
 /// Which copy of the model is the newest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
