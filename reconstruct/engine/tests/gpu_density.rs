@@ -21,6 +21,7 @@ use omnilife_engine::{
     },
     device::Gpu,
     gaussians::{
+        deformable::{Deformable, DeformationModel, settings::DeformationSettings},
         omni4dgs::{Decomposition, DirectionOrigin, VelocityForm},
         static_gaussians::{
             self, InitialGaussians, LOG_SCALES, OPACITY_LOGITS, POSITIONS, StaticGaussians,
@@ -203,6 +204,36 @@ fn random_model(scene: &Scene, lens: [usize; 2], seed: u64) -> Model {
         Part::new(StaticGaussians, fixed),
         Part::new(dynamics.parameterization(), moving),
     ]);
+    make_random(&mut model, random);
+    model
+}
+
+/// Gaussians that a network deforms, everything about which is random, and the network's weights.
+fn random_deformed(scene: &Scene, len: usize, seed: u64) -> Model {
+    let random = &mut Pcg64Mcg::seed_from_u64(seed);
+    let model = DeformationModel {
+        depth: 2,
+        width: 20,
+        skip_after: 0,
+        ..DeformationModel::published(3.0)
+    };
+    let settings = DeformationSettings {
+        clock: scene.clock,
+        model,
+        warm_up_iterations: 0,
+        time_noise: None,
+    };
+    let weights = (0..model.network().weight_count())
+        .map(|_| random.random_range(-0.1..0.1))
+        .collect();
+    let table = static_gaussians::table(&initial(len, random), 1);
+    let mut model = Model::new(vec![Part::new(Deformable::new(settings, weights), table)]);
+    make_random(&mut model, random);
+    model
+}
+
+/// Moments and statistics.
+fn make_random(model: &mut Model, random: &mut Pcg64Mcg) {
     for part in &mut model.parts {
         let statistics = &mut part.statistics;
         for views in &mut statistics.views {
@@ -225,7 +256,6 @@ fn random_model(scene: &Scene, lens: [usize; 2], seed: u64) -> Model {
             }
         }
     }
-    model
 }
 
 /// Makes some of it no number.
@@ -409,15 +439,32 @@ fn none_or_all_may_grow_and_none_or_all_may_go() {
     );
 }
 
-/// Training goes on from what the device decided: the first time into larger buffers, then within them.
 #[test]
 fn densifications_within_a_training_read_nothing_of_the_gaussians() {
     let Some(gpu) = device() else { return };
     let scene = Scene::new();
     let settings = train_settings(&scene);
-    let begin = random_model(&scene, [300, 200], 3);
+    densify_within_a_training(&gpu, &scene, &settings, random_model(&scene, [300, 200], 3));
+    let settings = TrainSettings {
+        dynamics: None,
+        ..settings
+    };
+    densify_within_a_training(&gpu, &scene, &settings, random_deformed(&scene, 500, 5));
+}
+
+/// Training goes on from what the device decided: the first time into larger buffers, then within them.
+fn densify_within_a_training(
+    gpu: &Arc<Gpu>,
+    scene: &Scene,
+    settings: &TrainSettings,
+    begin: Model,
+) {
+    let parts = begin.parts.len() as u64;
+    let has_times = settings.dynamics.is_some();
     let rates: Vec<f32> = begin.trained_arrays().iter().map(|_| 1e-3).collect();
-    let mut stepper = GpuStepper::new(Arc::clone(&gpu), scene.inputs(), begin, &settings).unwrap();
+    let made_of =
+        |model: Model| GpuStepper::new(Arc::clone(gpu), scene.inputs(), model, settings).unwrap();
+    let mut stepper = made_of(begin);
     let steps = |stepper: &mut GpuStepper<'_>, first: u64| {
         for iteration in first..first + 3 {
             let schedule = StepSchedule {
@@ -449,7 +496,7 @@ fn densifications_within_a_training_read_nothing_of_the_gaussians() {
             context: DensityContext {
                 views: &scene.input_views,
                 last_view: 3,
-                temporal: Some(TemporalDensity {
+                temporal: has_times.then_some(TemporalDensity {
                     gradient_threshold: 1e-7,
                     clone_lifespan_frames: 3.0,
                     shorten_from_iteration: 0,
@@ -462,7 +509,7 @@ fn densifications_within_a_training_read_nothing_of_the_gaussians() {
         assert!(done.cloned > 0 && done.split > 0, "{done:?}");
         let (begun, made) = (gpu.bytes_read(), gpu.buffers_and_bind_groups_made());
         assert_eq!(stepper.densify(&asked, random).unwrap(), done);
-        assert_eq!(gpu.bytes_read() - begun, 2 * BYTES_OF_PART);
+        assert_eq!(gpu.bytes_read() - begun, parts * BYTES_OF_PART);
         if first > 4 {
             assert_eq!(gpu.buffers_and_bind_groups_made(), made, "within its room");
         }
@@ -478,6 +525,13 @@ fn densifications_within_a_training_read_nothing_of_the_gaussians() {
         assert_eq!(gpu.bytes_read(), begun);
         assert!(*stepper.model().unwrap() == expected, "{what}");
         steps(&mut stepper, first);
+        // As in buffers without further room.
+        let mut anew = made_of(expected);
+        steps(&mut anew, first);
+        assert!(
+            anew.model().unwrap() == stepper.model().unwrap(),
+            "after {what}"
+        );
     }
     assert_eq!(stepper.take_statistics().unwrap().steps, 12);
     assert_eq!(stepper.most_gaussians(), room);

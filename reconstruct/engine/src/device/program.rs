@@ -100,6 +100,8 @@ pub(crate) enum Workgroups<'a> {
     Fixed(usize),
     /// One for so many rows.
     ForRows(&'a Rows, usize),
+    /// So many for each row.
+    ForEach(&'a Rows, usize),
     /// As many as the device has written when it comes to it: three numbers, of which this is the first.
     /// The buffer is one of [`DeviceBuffer::indirect`].
     Counted(&'a DeviceBuffer<u32>, usize),
@@ -125,20 +127,24 @@ enum Dispatch {
 }
 
 impl Dispatch {
-    fn run(&self, pass: &mut wgpu::ComputePass<'_>) {
-        let workgroups = match self {
-            Self::Counted(counts, offset) => {
-                pass.dispatch_workgroups_indirect(counts, *offset);
-                return;
-            }
-            Self::Fixed(workgroups) => *workgroups,
+    /// How many the host knows there are.
+    fn known(&self) -> Option<usize> {
+        match self {
+            Self::Counted(..) => None,
+            Self::Fixed(workgroups) => Some(*workgroups),
             Self::ForRows {
                 rows,
                 threads,
                 workgroup,
-            } => (rows.get() * threads).div_ceil(*workgroup),
-        };
-        if workgroups > 0 {
+            } => Some((rows.get() * threads).div_ceil(*workgroup)),
+        }
+    }
+
+    fn run(&self, pass: &mut wgpu::ComputePass<'_>) {
+        if let Self::Counted(counts, offset) = self {
+            pass.dispatch_workgroups_indirect(counts, *offset);
+        }
+        if let Some(workgroups) = self.known().filter(|&workgroups| workgroups > 0) {
             let columns = workgroups.min(MOST_COLUMNS);
             pass.dispatch_workgroups(columns as u32, workgroups.div_ceil(columns) as u32, 1);
         }
@@ -207,6 +213,11 @@ impl Program {
                 rows: rows.clone(),
                 threads: 1,
                 workgroup: each,
+            },
+            Workgroups::ForEach(rows, workgroups) => Dispatch::ForRows {
+                rows: rows.clone(),
+                threads: workgroups,
+                workgroup: 1,
             },
             Workgroups::Counted(counts, first) => {
                 Dispatch::Counted(counts.raw.clone(), (first * size_of::<u32>()) as u64)
@@ -331,6 +342,7 @@ impl Program {
             match command {
                 Command::Stage(name) => stage = name,
                 Command::Clear(_) | Command::Copy(..) => {}
+                Command::Run { workgroups, .. } if workgroups.known() == Some(0) => {}
                 Command::Run { bytes, .. } => {
                     let known = stages.iter().position(|(known, _)| *known == stage);
                     let place = known.unwrap_or(stages.len());

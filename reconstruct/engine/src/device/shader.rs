@@ -224,6 +224,7 @@ mod tests {
             compare::<project::by_camera::gpu::DevicePoseGradient>(&modules, "PoseGradient"),
             compare::<deformable::gpu::Canonical>(&modules, "Canonical"),
             compare::<mlp::gpu::SharedInputs>(&modules, "SharedInputs"),
+            compare::<mlp::blocks_gpu::BlockRows>(&modules, "BlockRows"),
             compare::<mlp::gpu::RowSums>(&modules, "RowSums"),
             compare::<mlp::gpu::PartSums>(&modules, "PartSums"),
             compare::<mlp::product_gpu::Product>(&modules, "Product"),

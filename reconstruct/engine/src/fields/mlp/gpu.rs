@@ -1,20 +1,21 @@
 //! A network's passes on a GPU; the twin of `passes.rs`.
 //!
-//! Rows go through the layers in blocks that bound the memory of activations. With one block they are
-//! kept for the backward pass; with more every block is evaluated once more. Sums over rows are made in
-//! parts whose number depends on the rows alone, one after another: a device gives the same bits again.
+//! Rows go through the layers in blocks that bound the memory of activations. Where one block suffices they
+//! are kept for the backward pass; where not every block is evaluated once more. Sums over rows are made in
+//! parts, one after another: a device gives the same bits again. Buffers and programs are made for the most
+//! rows that there is room for.
 
-use crate::device::{DeviceBuffer, Gpu, GpuError, Kernel, Program, Shader, Uniform, wgsl_struct};
+use crate::device::{
+    DeviceBuffer, Gpu, GpuError, Kernel, Program, Shader, Threads, Uniform, wgsl_struct,
+};
 use crate::fields::mlp::{
+    blocks_gpu::{Block, BlockPass, Blocks, PARTS},
     network::{Layer, NetworkShape},
-    product_gpu::{Destination, Finish, Matrix, Products},
+    product_gpu::{Destination, Finish, Matrix, Over, Products},
 };
 
 /// Rows of a block: 64 MiB of activations per layer of 256.
 const BLOCK: usize = 1 << 16;
-/// Rows of a part of a sum over rows, at least, and how many parts there are, at most.
-const PART_ROWS: usize = 1024;
-const PARTS: usize = 32;
 
 wgsl_struct! {
     /// Where a layer's weights of shared inputs are.
@@ -25,18 +26,15 @@ wgsl_struct! {
         biases: u32,
     }
 
-    /// Rows whose columns are summed up.
+    /// Rows of a block whose columns are summed up.
     pub(crate) struct RowSums {
-        rows: u32,
         columns: u32,
         begin: u32,
-        parts: u32,
     }
 
     /// Parts that are summed up.
     pub(crate) struct PartSums {
         len: u32,
-        parts: u32,
         out_begin: u32,
         is_added: u32,
     }
@@ -48,6 +46,7 @@ pub(crate) fn shader() -> Shader {
         constants: String::new(),
         parts: &[
             include_str!("../../device/common.wgsl"),
+            include_str!("block.wgsl"),
             include_str!("passes.wgsl"),
         ],
     }
@@ -68,8 +67,7 @@ pub(crate) struct Passes {
 pub(crate) struct NetworkBuffers {
     shape: NetworkShape,
     layers: Vec<Layer>,
-    rows: usize,
-    block_rows: usize,
+    blocks: Blocks,
     /// Inputs that all rows share; the host sets them.
     pub(crate) shared: DeviceBuffer<f32>,
     /// Of all rows.
@@ -87,39 +85,22 @@ pub(crate) struct NetworkBuffers {
     parts: DeviceBuffer<f32>,
 }
 
-/// Rows that go through the layers together.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Block {
-    pub(crate) first: usize,
-    pub(crate) rows: usize,
-}
-
-impl Block {
-    /// All of so many rows.
-    pub(crate) fn all(rows: usize) -> Self {
-        Self { first: 0, rows }
-    }
-
-    fn parts(&self) -> usize {
-        self.rows.div_ceil(PART_ROWS).clamp(1, PARTS)
-    }
-}
-
 impl NetworkBuffers {
-    /// Buffers for so many rows.
-    pub(crate) fn new(gpu: &Gpu, shape: NetworkShape, rows: usize) -> Result<Self, GpuError> {
-        Self::with_blocks(gpu, shape, rows, BLOCK)
+    /// Buffers with room for so many rows, of which there are none yet.
+    pub(crate) fn new(gpu: &Gpu, shape: NetworkShape, room: usize) -> Result<Self, GpuError> {
+        Self::with_blocks(gpu, shape, room, BLOCK)
     }
 
     fn with_blocks(
         gpu: &Gpu,
         shape: NetworkShape,
-        rows: usize,
+        room: usize,
         largest_block: usize,
     ) -> Result<Self, GpuError> {
         assert!(shape.has_biases, "the kernels add biases");
         let layers = shape.layers();
-        let block_rows = rows.min(largest_block);
+        let blocks = Blocks::new(gpu, room, largest_block)?;
+        let block_rows = blocks.largest();
         let zeros = |label, len| DeviceBuffer::zeros(gpu, label, len);
         let layer = |label| zeros(label, block_rows * shape.width);
         let matrix = |layer: &Layer| {
@@ -131,11 +112,9 @@ impl NetworkBuffers {
         };
         let largest = layers.iter().map(matrix).max().unwrap_or(0);
         Ok(Self {
-            rows,
-            block_rows,
             shared: zeros("shared inputs", shape.shared_inputs)?,
-            outputs: zeros("outputs of the network", rows * shape.outputs)?,
-            upstream: zeros("gradients by the network's outputs", rows * shape.outputs)?,
+            outputs: zeros("outputs of the network", room * shape.outputs)?,
+            upstream: zeros("gradients by the network's outputs", room * shape.outputs)?,
             inputs: zeros("inputs of rows", block_rows * shape.row_inputs)?,
             hidden: (0..shape.depth)
                 .map(|_| layer("outputs of a layer"))
@@ -151,33 +130,34 @@ impl NetworkBuffers {
             parts: zeros("parts of gradients", PARTS * largest)?,
             shape,
             layers,
+            blocks,
         })
     }
 
-    fn blocks(&self) -> impl Iterator<Item = Block> {
-        let (rows, step) = (self.rows, self.block_rows.max(1));
-        (0..rows).step_by(step).map(move |first| Block {
-            first,
-            rows: step.min(rows - first),
-        })
+    /// Makes so many rows of the room, for everything that is submitted later.
+    pub(crate) fn place(&self, gpu: &Gpu, rows: usize) {
+        self.blocks.place(gpu, rows);
     }
 
-    fn hidden(&self, index: usize, block: Block) -> Matrix<'_> {
-        Matrix::new(&self.hidden[index].raw, 0, block.rows, self.shape.width)
+    fn hidden(&self, index: usize, block: &Block) -> Matrix<'_> {
+        Matrix::new(&self.hidden[index].raw, 0, block.room, self.shape.width)
     }
 
-    fn inputs(&self, block: Block) -> Matrix<'_> {
-        Matrix::new(&self.inputs.raw, 0, block.rows, self.shape.row_inputs)
+    fn inputs(&self, block: &Block) -> Matrix<'_> {
+        Matrix::new(&self.inputs.raw, 0, block.room, self.shape.row_inputs)
     }
 }
+
+/// Records what writes the inputs of a block's rows into a buffer, from its beginning.
+pub(crate) type Encode<'a> =
+    dyn Fn(&mut Program, (&Block, &BlockPass), &wgpu::Buffer) -> Result<(), GpuError> + 'a;
 
 /// What the commands of a pass are recorded with.
 pub(crate) struct Recording<'a> {
     pub(crate) gpu: &'a Gpu,
     pub(crate) program: &'a mut Program,
     pub(crate) weights: &'a wgpu::Buffer,
-    /// Records what writes the inputs of a block's rows into a buffer, from its beginning.
-    pub(crate) encode: &'a dyn Fn(&mut Program, Block, &wgpu::Buffer) -> Result<(), GpuError>,
+    pub(crate) encode: &'a Encode<'a>,
 }
 
 impl Passes {
@@ -211,8 +191,8 @@ impl Passes {
                 &[&uniform.raw, &buffers.shared.raw, to.weights, &offsets.raw],
             );
         }
-        for block in buffers.blocks() {
-            self.forward_block(to, buffers, block)?;
+        for block in buffers.blocks.iter() {
+            self.forward_block(to, buffers, (block, &block.once))?;
         }
         Ok(())
     }
@@ -221,9 +201,10 @@ impl Passes {
         &self,
         to: &mut Recording<'_>,
         buffers: &NetworkBuffers,
-        block: Block,
+        (block, pass): (&Block, &BlockPass),
     ) -> Result<(), GpuError> {
-        (to.encode)(to.program, block, &buffers.inputs.raw)?;
+        (to.encode)(to.program, (block, pass), &buffers.inputs.raw)?;
+        let over = Over::Rows(block, pass);
         for (index, layer) in buffers.layers.iter().enumerate() {
             let offsets = &buffers.offsets[index].raw;
             let out = match buffers.hidden.get(index) {
@@ -241,12 +222,14 @@ impl Passes {
             let of_rows = weights(layer.row_weights().start, layer.row_inputs);
             let inputs = (buffers.inputs(block), of_rows);
             let Some(before) = index.checked_sub(1) else {
-                self.products.record(to.gpu, to.program, inputs, out)?;
+                self.products
+                    .record(to.gpu, to.program, over, inputs, out)?;
                 continue;
             };
             let hidden = (buffers.hidden(before, block), of_hidden);
             if layer.row_inputs == 0 {
-                self.products.record(to.gpu, to.program, hidden, out)?;
+                self.products
+                    .record(to.gpu, to.program, over, hidden, out)?;
                 continue;
             }
             let unfinished = Destination {
@@ -254,12 +237,13 @@ impl Passes {
                 ..out
             };
             self.products
-                .record(to.gpu, to.program, hidden, unfinished)?;
+                .record(to.gpu, to.program, over, hidden, unfinished)?;
             let rest = Destination {
                 is_added: true,
                 ..out
             };
-            self.products.record(to.gpu, to.program, inputs, rest)?;
+            self.products
+                .record(to.gpu, to.program, over, inputs, rest)?;
         }
         Ok(())
     }
@@ -272,14 +256,10 @@ impl Passes {
         buffers: &NetworkBuffers,
         gradients: &wgpu::Buffer,
     ) -> Result<(), GpuError> {
-        if buffers.rows == 0 {
-            to.program.clear(gradients);
-            return Ok(());
-        }
-        let is_kept = buffers.block_rows == buffers.rows;
-        for block in buffers.blocks() {
-            if !is_kept {
-                self.forward_block(to, buffers, block)?;
+        let is_there_one = buffers.blocks.iter().count() == 1;
+        for block in buffers.blocks.iter() {
+            if !is_there_one {
+                self.forward_block(to, buffers, (block, &block.again))?;
             }
             self.backward_block(to, buffers, block, gradients)?;
         }
@@ -303,7 +283,7 @@ impl Passes {
         &self,
         to: &mut Recording<'_>,
         buffers: &NetworkBuffers,
-        block: Block,
+        block: &Block,
         gradients: &wgpu::Buffer,
     ) -> Result<(), GpuError> {
         let depth = buffers.shape.depth;
@@ -314,7 +294,7 @@ impl Passes {
             } else {
                 (by_output, 0)
             };
-            let gradient = Matrix::new(buffer, begin, block.rows, layer.outputs);
+            let gradient = Matrix::new(buffer, begin, block.room, layer.outputs);
             self.sum_rows(to, buffers, block, (buffer, begin), (gradients, layer))?;
             if layer.row_inputs > 0 {
                 let factors = (buffers.inputs(block).transposed(), gradient);
@@ -335,7 +315,9 @@ impl Passes {
                 ..Destination::new(out, 0)
             };
             let factors = (gradient, weights.transposed());
-            self.products.record(to.gpu, to.program, factors, masked)?;
+            let over = Over::Rows(block, &block.once);
+            self.products
+                .record(to.gpu, to.program, over, factors, masked)?;
             if index < depth {
                 std::mem::swap(&mut by_output, &mut by_input);
             }
@@ -348,23 +330,20 @@ impl Passes {
         &self,
         to: &mut Recording<'_>,
         buffers: &NetworkBuffers,
-        block: Block,
+        block: &Block,
         (rows, begin): (&wgpu::Buffer, usize),
         (gradients, layer): (&wgpu::Buffer, &Layer),
     ) -> Result<(), GpuError> {
-        let parts = block.parts();
         let sums = RowSums {
-            rows: block.rows as u32,
             columns: layer.outputs as u32,
             begin: begin as u32,
-            parts: parts as u32,
         };
         let sums = Uniform::of(to.gpu, "sums over rows", &sums)?;
         to.program.run(
             to.gpu,
             &self.sum_rows,
-            parts * layer.outputs,
-            &[&sums.raw, rows, &buffers.parts.raw],
+            Threads::ForRows(&block.parts, layer.outputs),
+            &[&sums.raw, rows, &buffers.parts.raw, &block.uniform.raw],
         );
         let gradients = (gradients, layer.biases().start);
         self.sum_parts(to, buffers, block, layer.outputs, gradients)
@@ -375,16 +354,14 @@ impl Passes {
         &self,
         to: &mut Recording<'_>,
         buffers: &NetworkBuffers,
-        block: Block,
+        block: &Block,
         factors: (Matrix<'_>, Matrix<'_>),
         gradients: (&wgpu::Buffer, usize),
     ) -> Result<(), GpuError> {
         let len = factors.0.product_len(factors.1);
-        let parts = Destination {
-            parts: block.parts(),
-            ..Destination::new(&buffers.parts.raw, 0)
-        };
-        self.products.record(to.gpu, to.program, factors, parts)?;
+        let (over, parts) = (Over::Sum(block), Destination::new(&buffers.parts.raw, 0));
+        self.products
+            .record(to.gpu, to.program, over, factors, parts)?;
         self.sum_parts(to, buffers, block, len, gradients)
     }
 
@@ -392,13 +369,12 @@ impl Passes {
         &self,
         to: &mut Recording<'_>,
         buffers: &NetworkBuffers,
-        block: Block,
+        block: &Block,
         len: usize,
         (gradients, begin): (&wgpu::Buffer, usize),
     ) -> Result<(), GpuError> {
         let sums = PartSums {
             len: len as u32,
-            parts: block.parts() as u32,
             out_begin: begin as u32,
             is_added: (block.first > 0).into(),
         };
@@ -406,8 +382,8 @@ impl Passes {
         to.program.run(
             to.gpu,
             &self.sum_parts,
-            len,
-            &[&sums.raw, &buffers.parts.raw, gradients],
+            Threads::ForRows(&block.is_used, len),
+            &[&sums.raw, &buffers.parts.raw, gradients, &block.uniform.raw],
         );
         Ok(())
     }

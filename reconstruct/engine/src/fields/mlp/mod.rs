@@ -4,8 +4,9 @@
 //! * [`network`]: its layers and their weights; [`passes`]: forward and backward, block by block.
 //! * `product`: matrix products.
 //! * [`mod@reference`]: the definition in f64, that tests and the stability catalogue judge by.
-//! * `gpu`, `product_gpu`: the same on a GPU.
+//! * `gpu`, `product_gpu`, `blocks_gpu`: the same on a GPU.
 
+pub(crate) mod blocks_gpu;
 #[cfg(test)]
 mod cases;
 pub mod encoding;

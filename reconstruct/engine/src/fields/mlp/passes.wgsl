@@ -10,18 +10,14 @@ struct SharedInputs {
 }
 
 struct RowSums {
-    rows: u32,
     columns: u32,
-    // Where the rows begin.
+    // Where the rows of the block begin.
     begin: u32,
-    // Rows are dealt out to as many sums, which follow each other.
-    parts: u32,
 }
 
 struct PartSums {
     // Values of a part.
     len: u32,
-    parts: u32,
     // Where the sum goes.
     out_begin: u32,
     // Whether it is added to what is there.
@@ -41,6 +37,9 @@ struct PartSums {
 
 @group(0) @binding(0) var<uniform> part_sums: PartSums;
 @group(0) @binding(1) var<storage, read> summands: array<f32>;
+
+// Of both sums.
+@group(0) @binding(3) var<uniform> block: BlockRows;
 
 // What biases and shared inputs add to every row of a layer; one thread per output.
 @compute @workgroup_size(256)
@@ -76,7 +75,7 @@ fn shared_gradients(
     gradients[layer.weights + weight] = shared_inputs[weight / layer.outputs] * by_bias;
 }
 
-// Sums of columns over each part of the rows; one thread per part and column.
+// Sums of columns over each part of the rows, which follow each other; one thread per part and column.
 @compute @workgroup_size(256)
 fn sum_rows(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -84,12 +83,12 @@ fn sum_rows(
     @builtin(local_invocation_index) thread: u32,
 ) {
     let index = workgroup_number(group, groups) * WORKGROUP + thread;
-    if index >= row_sums.parts * row_sums.columns {
+    if index >= block.parts * row_sums.columns {
         return;
     }
     let part = index / row_sums.columns;
-    let per_part = (row_sums.rows + row_sums.parts - 1u) / row_sums.parts;
-    let end = min(row_sums.rows, (part + 1u) * per_part);
+    let per_part = (block.rows + block.parts - 1u) / block.parts;
+    let end = min(block.rows, (part + 1u) * per_part);
     var sum = 0.0;
     for (var row = part * per_part; row < end; row++) {
         sum += rows[row_sums.begin + row * row_sums.columns + index % row_sums.columns];
@@ -109,7 +108,7 @@ fn sum_parts(
         return;
     }
     var sum = 0.0;
-    for (var part = 0u; part < part_sums.parts; part++) {
+    for (var part = 0u; part < block.parts; part++) {
         sum += summands[part * part_sums.len + index];
     }
     let at = part_sums.out_begin + index;

@@ -2,11 +2,12 @@
 // its values.
 
 struct Product {
-    rows: u32,
-    inner: u32,
+    // Whether the inner dimension is the rows of the block, dealt out to as many products as the block has
+    // parts, which follow each other in `out`; else the rows of the product are those of the block.
+    sums_rows: u32,
+    // The one of both dimensions that has nothing to do with the block.
+    fixed_len: u32,
     columns: u32,
-    // The inner dimension is dealt out to as many products, which follow each other in `out`.
-    parts: u32,
     // Where the factors begin, and how far apart their values are in each dimension.
     left_begin: u32,
     left_row_stride: u32,
@@ -36,6 +37,7 @@ const FINISH_MASK: u32 = 3u;
 @group(0) @binding(2) var<storage, read> right: array<f32>;
 @group(0) @binding(3) var<storage, read> beside: array<f32>;
 @group(0) @binding(4) var<storage, read_write> out: array<f32>;
+@group(0) @binding(5) var<uniform> block: BlockRows;
 
 // Steps of the inner dimension that are loaded at once.
 const STEPS: u32 = 16u;
@@ -46,6 +48,18 @@ const GROUPS: u32 = SIDE / 4u;
 var<workgroup> left_tile: array<vec4<f32>, STEPS * GROUPS>;
 var<workgroup> right_tile: array<vec4<f32>, STEPS * GROUPS>;
 
+fn rows() -> u32 {
+    return select(block.rows, product.fixed_len, product.sums_rows != 0u);
+}
+
+fn inner_len() -> u32 {
+    return select(product.fixed_len, block.rows, product.sums_rows != 0u);
+}
+
+fn parts() -> u32 {
+    return select(1u, block.parts, product.sums_rows != 0u);
+}
+
 // The group and the step of a tile that a thread loads, such that neighbours read side by side.
 fn place(thread: u32, step_stride: u32) -> vec2<u32> {
     if step_stride == 1u {
@@ -55,7 +69,7 @@ fn place(thread: u32, step_stride: u32) -> vec2<u32> {
 }
 
 fn load_left(row: u32, step: u32) -> f32 {
-    if row >= product.rows {
+    if row >= rows() {
         return 0.0;
     }
     return left[product.left_begin + row * product.left_row_stride
@@ -102,11 +116,11 @@ fn load_tiles(first: vec2<u32>, step: u32, end: u32, thread: u32) {
 }
 
 fn write(row: u32, column: u32, part: u32, sum: f32) {
-    if row >= product.rows || column >= product.columns {
+    if row >= rows() || column >= product.columns {
         return;
     }
     let index = row * product.columns + column;
-    let at = product.out_begin + part * product.rows * product.columns + index;
+    let at = product.out_begin + part * rows() * product.columns + index;
     var value = sum;
     if product.is_added != 0u {
         value += out[at];
@@ -140,15 +154,15 @@ fn multiply(
     @builtin(local_invocation_index) thread: u32,
 ) {
     let across = (product.columns + SIDE - 1u) / SIDE;
-    let down = (product.rows + SIDE - 1u) / SIDE;
+    let down = (rows() + SIDE - 1u) / SIDE;
     let number = workgroup_number(group, groups);
     let part = number / (across * down);
-    if part >= product.parts {
+    if part >= parts() {
         return;
     }
     let first = vec2(number % across, (number / across) % down) * SIDE;
-    let per_part = (product.inner + product.parts - 1u) / product.parts;
-    let end = min(product.inner, (part + 1u) * per_part);
+    let per_part = (inner_len() + parts() - 1u) / parts();
+    let end = min(inner_len(), (part + 1u) * per_part);
 
     let row_group = thread / GROUPS;
     let column_group = thread % GROUPS;

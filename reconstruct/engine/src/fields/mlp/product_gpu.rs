@@ -1,18 +1,18 @@
 //! Products of matrices on a GPU.
 
-use crate::device::{Gpu, GpuError, Kernel, Program, Shader, Uniform, wgsl_struct};
+use crate::device::{Gpu, GpuError, Kernel, Program, Shader, Uniform, Workgroups, wgsl_struct};
+use crate::fields::mlp::blocks_gpu::{Block, BlockPass};
 
 /// Rows, and columns, of the part of a product that a workgroup makes: 256 threads have 4 by 4 values
 /// each.
-const SIDE: u32 = 64;
+pub(super) const SIDE: u32 = 64;
 
 wgsl_struct! {
     /// Sizes and places of a product; see `product.wgsl`.
     pub(crate) struct Product {
-        rows: u32,
-        inner: u32,
+        sums_rows: u32,
+        fixed_len: u32,
         columns: u32,
-        parts: u32,
         left_begin: u32,
         left_row_stride: u32,
         left_inner_stride: u32,
@@ -31,12 +31,14 @@ pub(crate) fn shader() -> Shader {
         constants: format!("const SIDE: u32 = {SIDE}u;\n"),
         parts: &[
             include_str!("../../device/common.wgsl"),
+            include_str!("block.wgsl"),
             include_str!("product.wgsl"),
         ],
     }
 }
 
-/// A matrix in a buffer, row-major or transposed.
+/// A matrix in a buffer, row-major or transposed. Where it has a row for each of a block, it is as large as
+/// the block's room.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Matrix<'a> {
     buffer: &'a wgpu::Buffer,
@@ -77,6 +79,15 @@ impl<'a> Matrix<'a> {
     }
 }
 
+/// Which dimension of a product is the rows of a block.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Over<'a> {
+    /// Its own rows; each time that kernels go over them.
+    Rows(&'a Block, &'a BlockPass),
+    /// The inner one: it is dealt out to as many products as the block has parts.
+    Sum(&'a Block),
+}
+
 /// What happens to the values of a product.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Finish<'a> {
@@ -90,15 +101,13 @@ pub(super) enum Finish<'a> {
     Mask(&'a wgpu::Buffer),
 }
 
-/// Where a product goes: a row-major matrix, or as many of them as it has parts, one after another.
+/// Where a product goes: a row-major matrix, or as many of them as there are parts, one after another.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Destination<'a> {
     pub(super) buffer: &'a wgpu::Buffer,
     pub(super) begin: usize,
     /// Whether it is added to what is there.
     pub(super) is_added: bool,
-    /// The inner dimension is dealt out to as many products.
-    pub(super) parts: usize,
     pub(super) finish: Finish<'a>,
 }
 
@@ -109,7 +118,6 @@ impl<'a> Destination<'a> {
             buffer,
             begin,
             is_added: false,
-            parts: 1,
             finish: Finish::Plain,
         }
     }
@@ -132,6 +140,7 @@ impl Products {
         &self,
         gpu: &Gpu,
         program: &mut Program,
+        over: Over<'_>,
         (left, right): (Matrix<'_>, Matrix<'_>),
         out: Destination<'_>,
     ) -> Result<(), GpuError> {
@@ -143,11 +152,20 @@ impl Products {
             Finish::OffsetAndClip(beside) => (2, beside),
             Finish::Mask(beside) => (3, beside),
         };
+        let sides = |len: usize| len.div_ceil(SIDE as usize);
+        let across = sides(right.columns);
+        let (block, sums_rows, workgroups) = match over {
+            Over::Rows(block, pass) => (block, false, Workgroups::ForEach(&pass.squares, across)),
+            Over::Sum(block) => {
+                let each = sides(left.rows) * across;
+                (block, true, Workgroups::ForEach(&block.parts, each))
+            }
+        };
+        let fixed_len = if sums_rows { left.rows } else { left.columns };
         let product = Product {
-            rows: left.rows as u32,
-            inner: left.columns as u32,
+            sums_rows: sums_rows.into(),
+            fixed_len: fixed_len as u32,
             columns: right.columns as u32,
-            parts: out.parts as u32,
             left_begin: left.begin as u32,
             left_row_stride: left.row_stride as u32,
             left_inner_stride: left.column_stride as u32,
@@ -158,18 +176,18 @@ impl Products {
             is_added: out.is_added.into(),
             finish,
         };
-        let sides = |len: usize| len.div_ceil(SIDE as usize);
         let product_uniform = Uniform::of(gpu, "product", &product)?;
         program.run_workgroups(
             gpu,
             &self.multiply,
-            sides(left.rows) * sides(right.columns) * out.parts,
+            workgroups,
             &[
                 &product_uniform.raw,
                 left.buffer,
                 right.buffer,
                 beside,
                 out.buffer,
+                &block.uniform.raw,
             ],
         );
         Ok(())
@@ -246,15 +264,22 @@ mod tests {
                 let out = buffer(&vec![0.5; parts * rows * columns + 2]);
                 let beside_buffer = buffer(&beside);
                 let mut program = Program::default();
+                let sums = parts > 1;
+                let len = if sums { inner } else { rows };
+                let block = Block::new(&gpu, 0, len).expect("fits");
+                block.set_parts(&gpu, len, parts);
                 let mut run = |is_added, finish| {
+                    let over = match sums {
+                        true => Over::Sum(&block),
+                        false => Over::Rows(&block, &block.once),
+                    };
                     let to = Destination {
                         is_added,
-                        parts,
                         finish,
                         ..Destination::new(&out.raw, 2)
                     };
                     products
-                        .record(&gpu, &mut program, (a, b), to)
+                        .record(&gpu, &mut program, over, (a, b), to)
                         .expect("records");
                 };
                 run(false, Finish::Plain);

@@ -5,9 +5,6 @@ struct Canonical {
     len: u32,
     // Where their positions begin in the table, counted in values.
     positions: u32,
-    // Gaussians whose positions are encoded: the first one's number, and how many.
-    first: u32,
-    rows: u32,
     // Octaves of the encoding.
     octaves: u32,
     // The length that counts as 1, normalized units.
@@ -17,6 +14,8 @@ struct Canonical {
 @group(0) @binding(0) var<uniform> canonical: Canonical;
 @group(0) @binding(1) var<storage, read> values: array<f32>;
 @group(0) @binding(2) var<storage, read_write> inputs: array<f32>;
+// Gaussians whose positions are encoded.
+@group(0) @binding(3) var<uniform> block: BlockRows;
 
 @group(0) @binding(1) var<storage, read> outputs: array<f32>;
 @group(0) @binding(2) var<storage, read_write> gaussians: array<Gaussian>;
@@ -34,11 +33,11 @@ fn encode_positions(
     let index = workgroup_number(group, groups) * WORKGROUP + thread;
     let per_row = canonical.octaves + 1u;
     let row = index / per_row;
-    if row >= canonical.rows {
+    if row >= block.rows {
         return;
     }
     let octave = index % per_row;
-    let begin = canonical.positions + (canonical.first + row) * 3u;
+    let begin = canonical.positions + (block.first + row) * 3u;
     let to = row * 3u * (1u + 2u * canonical.octaves);
     for (var axis = 0u; axis < 3u; axis++) {
         let value = values[begin + axis] / canonical.length_unit;

@@ -4,8 +4,11 @@ use crate::gaussians::deformable::{
     DeformationModel, LEAST_QUATERNION_LENGTH, LEAST_SCALE, OUTPUTS, POSITIONS,
 };
 use crate::{
-    device::{Gpu, GpuError, Kernel, Program, Shader, Uniform, wgsl_struct},
-    fields::mlp::gpu::{Block, NetworkBuffers, Passes, Recording},
+    device::{Gpu, GpuError, Kernel, Program, Shader, Threads, Uniform, wgsl_struct},
+    fields::mlp::{
+        blocks_gpu::{Block, BlockPass},
+        gpu::{NetworkBuffers, Passes, Recording},
+    },
     gaussians::{
         activated_buffers::ActivatedBuffers,
         parameterization::DeviceParameterization,
@@ -19,8 +22,6 @@ wgsl_struct! {
     pub(crate) struct Canonical {
         len: u32,
         positions: u32,
-        first: u32,
-        rows: u32,
         octaves: u32,
         length_unit: f32,
     }
@@ -38,6 +39,7 @@ pub(crate) fn shader() -> Shader {
             include_str!("../../device/common.wgsl"),
             include_str!("../gaussians.wgsl"),
             include_str!("../../device/sin_cos.wgsl"),
+            include_str!("../../fields/mlp/block.wgsl"),
             include_str!("deformable.wgsl"),
         ],
     }
@@ -72,21 +74,40 @@ pub(crate) struct DeformationBuffers {
     /// The weights as a table of one array.
     pub(crate) weights: TableBuffers,
     network: NetworkBuffers,
+    uniform: Uniform<Canonical>,
+    canonical: Canonical,
 }
 
 impl DeformationBuffers {
-    /// For so many Gaussians.
+    /// For so many Gaussians of a table, and as many more as it has room for.
     pub(crate) fn new(
         gpu: &Gpu,
         model: DeformationModel,
         weights: TableBuffers,
-        gaussians: usize,
+        (table, gaussians): (&TableBuffers, usize),
     ) -> Result<Self, GpuError> {
-        Ok(Self {
-            network: NetworkBuffers::new(gpu, model.network(), gaussians)?,
+        let canonical = Canonical {
+            positions: table.begin(POSITIONS),
+            octaves: model.position_octaves as u32,
+            length_unit: model.length_unit,
+            ..Canonical::default()
+        };
+        let mut buffers = Self {
+            network: NetworkBuffers::new(gpu, model.network(), table.capacity)?,
+            uniform: Uniform::of(gpu, "canonical Gaussians", &canonical)?,
+            canonical,
             model,
             weights,
-        })
+        };
+        buffers.place(gpu, gaussians);
+        Ok(buffers)
+    }
+
+    /// Makes them so many Gaussians, for everything that is submitted later.
+    pub(crate) fn place(&mut self, gpu: &Gpu, gaussians: usize) {
+        self.canonical.len = gaussians as u32;
+        self.uniform.write(gpu, &self.canonical);
+        self.network.place(gpu, gaussians);
     }
 
     /// Sets the time in [0, 1] for everything that is submitted later.
@@ -96,8 +117,7 @@ impl DeformationBuffers {
     }
 }
 
-/// Canonical Gaussians with the network that deforms them. What a network works on is made for a number of
-/// Gaussians: programs of another number are recorded anew.
+/// Canonical Gaussians with the network that deforms them.
 #[derive(Debug)]
 pub(crate) struct DeformableGaussians<'a> {
     pub(crate) canonical: &'a StaticGaussians,
@@ -106,43 +126,26 @@ pub(crate) struct DeformableGaussians<'a> {
 }
 
 impl DeformableGaussians<'_> {
-    fn canonical(
-        &self,
-        gpu: &Gpu,
-        table: &TableBuffers,
-        gaussians: usize,
-        block: Block,
-    ) -> Result<Uniform<Canonical>, GpuError> {
-        let canonical = Canonical {
-            len: gaussians as u32,
-            positions: table.begin(POSITIONS),
-            first: block.first as u32,
-            rows: block.rows as u32,
-            octaves: self.buffers.model.position_octaves as u32,
-            length_unit: self.buffers.model.length_unit,
-        };
-        Uniform::of(gpu, "canonical Gaussians", &canonical)
-    }
-
     /// Records a pass of the network over all Gaussians.
     fn pass(
         &self,
         gpu: &Gpu,
         program: &mut Program,
-        (table, gaussians): (&TableBuffers, usize),
+        table: &TableBuffers,
         record: impl FnOnce(&mut Recording<'_>) -> Result<(), GpuError>,
     ) -> Result<(), GpuError> {
         let octaves = self.buffers.model.position_octaves;
-        let encode = |program: &mut Program, block: Block, inputs: &wgpu::Buffer| {
-            let canonical = self.canonical(gpu, table, gaussians, block)?;
-            program.run(
-                gpu,
-                &self.kernels.encode_positions,
-                block.rows * (octaves + 1),
-                &[&canonical.raw, &table.values.raw, inputs],
-            );
-            Ok(())
-        };
+        let canonical = &self.buffers.uniform.raw;
+        let encode =
+            |program: &mut Program, (block, pass): (&Block, &BlockPass), inputs: &wgpu::Buffer| {
+                program.run(
+                    gpu,
+                    &self.kernels.encode_positions,
+                    Threads::ForRows(&pass.rows, octaves + 1),
+                    &[canonical, &table.values.raw, inputs, &block.uniform.raw],
+                );
+                Ok(())
+            };
         record(&mut Recording {
             gpu,
             program,
@@ -160,19 +163,21 @@ impl DeviceParameterization for DeformableGaussians<'_> {
         (table, rows): (&TableBuffers, &DeviceRows),
         buffers: &ActivatedBuffers,
     ) -> Result<(), GpuError> {
-        let len = rows.rows.get();
         self.canonical
             .activate(gpu, program, (table, rows), buffers)?;
         let network = &self.buffers.network;
-        self.pass(gpu, program, (table, len), |recording| {
+        self.pass(gpu, program, table, |recording| {
             self.kernels.passes.forward(recording, network)
         })?;
-        let canonical = self.canonical(gpu, table, len, Block::all(len))?;
         program.run(
             gpu,
             &self.kernels.deform,
-            len,
-            &[&canonical.raw, &network.outputs.raw, &buffers.gaussians.raw],
+            &rows.rows,
+            &[
+                &self.buffers.uniform.raw,
+                &network.outputs.raw,
+                &buffers.gaussians.raw,
+            ],
         );
         Ok(())
     }
@@ -185,18 +190,16 @@ impl DeviceParameterization for DeformableGaussians<'_> {
         (table, rows): (&TableBuffers, &DeviceRows),
         buffers: &ActivatedBuffers,
     ) -> Result<(), GpuError> {
-        let len = rows.rows.get();
         // Activated once more: `deform` has written over the canonical ones.
         self.canonical
             .activate(gpu, program, (table, rows), buffers)?;
         let network = &self.buffers.network;
-        let canonical = self.canonical(gpu, table, len, Block::all(len))?;
         program.run(
             gpu,
             &self.kernels.deform_vjp,
-            len,
+            &rows.rows,
             &[
-                &canonical.raw,
+                &self.buffers.uniform.raw,
                 &network.outputs.raw,
                 &buffers.gaussians.raw,
                 &buffers.gaussian_gradients.raw,
@@ -204,7 +207,7 @@ impl DeviceParameterization for DeformableGaussians<'_> {
             ],
         );
         let gradients = &self.buffers.weights.gradients.raw;
-        self.pass(gpu, program, (table, len), |recording| {
+        self.pass(gpu, program, table, |recording| {
             self.kernels.passes.backward(recording, network, gradients)
         })?;
         self.canonical
@@ -246,7 +249,8 @@ mod tests {
         );
         let array = std::slice::from_ref(&weights.array);
         let weights = TableBuffers::new(&gpu, array, [1; 2]).expect("fits");
-        let buffers = DeformationBuffers::new(&gpu, model, weights, 400).expect("fits");
+        let buffers =
+            DeformationBuffers::new(&gpu, model, weights, (&on_device, 400)).expect("fits");
         let gaussians = DeformableGaussians {
             canonical: &StaticGaussians::new(&gpu).expect("compiles"),
             kernels: &DeformationKernels::new(&gpu).expect("compiles"),
@@ -256,10 +260,12 @@ mod tests {
         let width = model.network().row_inputs;
         let inputs: DeviceBuffer<f32> =
             DeviceBuffer::zeros(&gpu, "inputs", rows * width).expect("fits");
+        let block = Block::new(&gpu, first, rows).expect("fits");
+        block.set_parts(&gpu, rows, 1);
         let mut program = Program::default();
         gaussians
-            .pass(&gpu, &mut program, (&on_device, 400), |recording| {
-                (recording.encode)(recording.program, Block { first, rows }, &inputs.raw)
+            .pass(&gpu, &mut program, &on_device, |recording| {
+                (recording.encode)(recording.program, (&block, &block.once), &inputs.raw)
             })
             .expect("records");
         program.submit(&gpu);

@@ -135,7 +135,7 @@ fn follow_larger(
 ) -> Result<Vec<PartTables>, GpuError> {
     let mut moved = Vec::with_capacity(parts.len());
     for (part, old) in model.parts.iter().zip(parts) {
-        let capacity = larger_capacity(&old, part.table.len(), maximum);
+        let capacity = larger_capacity(old.table.capacity, part.table.len(), maximum);
         let table = TableBuffers::zeros(gpu, old.table.widths.clone(), capacity)?;
         let moves = mover.between(gpu, &old.table, &table)?;
         if let Some(work) = &old.density {
@@ -150,12 +150,10 @@ fn follow_larger(
 }
 
 /// Twice the last room where that is not enough, but no more than there may be Gaussians.
-fn larger_capacity(old: &DevicePart, needed: usize, maximum: usize) -> usize {
-    let last = old.table.capacity;
-    match old.kind {
-        // What a network works on is made for a number of Gaussians.
-        DevicePartKind::Deformable(_) => needed,
-        _ if needed <= last => last,
-        _ => needed.max((2 * last).min(maximum)),
+fn larger_capacity(last: usize, needed: usize, maximum: usize) -> usize {
+    if needed <= last {
+        last
+    } else {
+        needed.max((2 * last).min(maximum))
     }
 }

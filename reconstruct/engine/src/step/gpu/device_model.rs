@@ -212,7 +212,7 @@ impl DevicePart {
                 let array = std::slice::from_ref(&deformable.weights.array);
                 let model = deformable.settings.model;
                 DevicePartKind::Deformable(Box::new(DeviceNetwork {
-                    buffers: DeformationBuffers::new(gpu, model, weights, entries.len)?,
+                    buffers: DeformationBuffers::new(gpu, model, weights, (&table, entries.len))?,
                     next_step: TableStep::new(gpu, numbers(array.iter(), trained))?,
                 }))
             }
@@ -234,16 +234,10 @@ impl DevicePart {
     fn place(&mut self, gpu: &Gpu, entries: DeviceEntries, first_alone: usize) {
         self.entries = entries;
         self.rows.place(gpu, entries);
-        if let DevicePartKind::Temporal(time) = &mut self.kind {
-            time.place(entries, first_alone);
-        }
-    }
-
-    /// Whether there is room for so many Gaussians. What a network works on is made for a number of them.
-    fn has_room(&self, len: usize) -> bool {
-        match self.kind {
-            DevicePartKind::Deformable(_) => len == self.entries.len,
-            DevicePartKind::Static | DevicePartKind::Temporal(_) => len <= self.table.capacity,
+        match &mut self.kind {
+            DevicePartKind::Static => {}
+            DevicePartKind::Temporal(time) => time.place(entries, first_alone),
+            DevicePartKind::Deformable(network) => network.buffers.place(gpu, entries.len),
         }
     }
 
@@ -375,7 +369,7 @@ impl DeviceModel {
     /// Whether there is room for a model with as many Gaussians in each part.
     pub(super) fn has_room(&self, model: &Model) -> bool {
         let mut parts = self.parts.iter().zip(&model.parts);
-        parts.all(|(on_device, part)| on_device.has_room(part.table.len()))
+        parts.all(|(on_device, part)| part.table.len() <= on_device.table.capacity)
     }
 
     /// Gives its parts as many Gaussians as those of a model have, for which there is room, for everything

@@ -16,9 +16,20 @@ const PUBLISHED: NetworkShape = NetworkShape {
     outputs: 10,
 };
 
+/// With room for as many rows as there are.
 fn on_device(case: &Case, gpu: &Gpu, block: usize) -> (Vec<f32>, Vec<f32>) {
+    in_room(case, gpu, [case.rows, block], |_| {})
+}
+
+/// With room for so many rows, in blocks of so many. `before` may run the program for other numbers of rows.
+fn in_room(
+    case: &Case,
+    gpu: &Gpu,
+    [room, block]: [usize; 2],
+    before: impl Fn(&dyn Fn(usize)),
+) -> (Vec<f32>, Vec<f32>) {
     let passes = Passes::new(gpu).expect("compiles");
-    let buffers = NetworkBuffers::with_blocks(gpu, case.shape, case.rows, block).expect("fits");
+    let buffers = NetworkBuffers::with_blocks(gpu, case.shape, room, block).expect("fits");
     let buffer = |values: &[f32]| DeviceBuffer::of(gpu, "of a test", values).expect("fits");
     let weights = buffer(&case.weights);
     let gradients = buffer(&vec![7.0; case.weights.len()]);
@@ -31,13 +42,13 @@ fn on_device(case: &Case, gpu: &Gpu, block: usize) -> (Vec<f32>, Vec<f32>) {
         .map(|at| f32::from(at % width == at / width))
         .collect();
     let identity = buffer(&identity);
-    let encode = |program: &mut Program, block: Block, out: &wgpu::Buffer| {
-        let rows = Matrix::new(&inputs.raw, block.first * width, block.rows, width);
-        let factors = (rows, Matrix::new(&identity.raw, 0, width, width));
-        passes
-            .products
-            .record(gpu, program, factors, Destination::new(out, 0))
-    };
+    let encode =
+        |program: &mut Program, (block, pass): (&Block, &BlockPass), out: &wgpu::Buffer| {
+            let rows = Matrix::new(&inputs.raw, block.first * width, block.room, width);
+            let factors = (rows, Matrix::new(&identity.raw, 0, width, width));
+            let (over, to) = (Over::Rows(block, pass), Destination::new(out, 0));
+            passes.products.record(gpu, program, over, factors, to)
+        };
     let mut program = Program::default();
     let mut recording = Recording {
         gpu,
@@ -49,9 +60,15 @@ fn on_device(case: &Case, gpu: &Gpu, block: usize) -> (Vec<f32>, Vec<f32>) {
     passes
         .backward(&mut recording, &buffers, &gradients.raw)
         .expect("records");
+    before(&|rows| {
+        buffers.place(gpu, rows);
+        program.submit(gpu);
+    });
+    buffers.place(gpu, case.rows);
     program.submit(gpu);
+    let outputs = 0..case.rows * case.shape.outputs;
     (
-        buffers.outputs.read(gpu).expect("reads"),
+        buffers.outputs.read_range(gpu, outputs).expect("reads"),
         gradients.read(gpu).expect("reads"),
     )
 }
@@ -86,6 +103,32 @@ fn outputs_and_gradients_are_those_of_the_cpu() {
         let (expected_out, expected) = case.on_cpu(usize::MAX);
         assert_close(&out, &expected_out, "output");
         assert_close(&gradients, &expected, "gradient");
+    }
+}
+
+/// One program for any number of rows within its room gives the bits of one for that number alone, whatever it
+/// was run for before.
+#[test]
+fn rows_come_and_go_within_the_room() {
+    let Some(gpu) = test_device() else { return };
+    let bits = |(out, gradients): (Vec<f32>, Vec<f32>)| -> Vec<u32> {
+        let values = out.into_iter().chain(gradients);
+        values.map(f32::to_bits).collect()
+    };
+    for (rows, room, block) in [
+        (300, 1000, 4096),
+        // Several blocks, of which some have no rows.
+        (300, 1000, 128),
+        (100, 1000, 128),
+        (128, 1000, 128),
+        (0, 1000, 128),
+    ] {
+        let case = Case::new(SMALL, rows);
+        let alone = bits(on_device(&case, &gpu, block));
+        let found = in_room(&case, &gpu, [room, block], |run| {
+            [room, 7, 0, 200].into_iter().for_each(run);
+        });
+        assert!(bits(found) == alone, "{rows} of {room} in {block}");
     }
 }
 
