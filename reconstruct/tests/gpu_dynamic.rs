@@ -1,5 +1,4 @@
-//! Dynamic methods on a GPU against the CPU: single steps with every kind of velocity and every loss, and
-//! whole runs.
+//! Steps of dynamic methods on a GPU against the CPU, with every kind of velocity and every loss.
 #![expect(
     clippy::unwrap_used,
     reason = "a device that fails or a test scene that cannot be built is a failed test"
@@ -9,15 +8,15 @@
 mod balls;
 #[path = "support/device.rs"]
 mod device;
+#[path = "support/held_camera.rs"]
+mod held_camera;
 #[path = "support/moving_ball.rs"]
 mod moving_ball;
-#[path = "support/novel_views.rs"]
-mod novel_views;
 
 use std::sync::Arc;
 
-use device::{assert_gradients_agree, device, devices};
-use novel_views::novel_psnr;
+use device::{assert_gradients_agree, devices};
+use held_camera::scene;
 use omnilife_engine::{
     device::Gpu,
     gaussians::{
@@ -44,30 +43,8 @@ use omnilife_engine::{
         settings::TrainSettings,
     },
 };
-use omnilife_reconstruct::{
-    baseline, methods,
-    options::Options,
-    request::{BackendChoice, MethodRequest, PlanChoice},
-    scene::TrainingScene,
-    seeds::points,
-    train::Session,
-};
-use omnilife_schemas::{points::PointCloud, progress::Silent, records::Backend};
-
-/// The ball passes in fifteen frames of a second each; who holds the camera is below in every other one.
-fn scene() -> TrainingScene {
-    let mut scene = moving_ball::scene();
-    let [width, height] = scene.camera.size();
-    let is_holder = |pixel: usize| pixel / width > height * 5 / 6 && pixel % width > width / 3;
-    for view in scene.input_views.iter_mut().step_by(2) {
-        view.ignored = Some(
-            (0..width * height)
-                .map(|at| u8::from(is_holder(at)))
-                .collect(),
-        );
-    }
-    scene
-}
+use omnilife_reconstruct::{baseline, scene::TrainingScene, seeds::points};
+use omnilife_schemas::{points::PointCloud, records::Backend};
 
 fn initial(scene: &TrainingScene, first: usize) -> InitialGaussians {
     let every = |rows: &[[f32; 3]]| rows.iter().skip(first).step_by(8).copied().collect();
@@ -350,37 +327,4 @@ fn steps_with_parts_of_time_left_out_are_those_of_the_cpu() {
     moving.time.lifespans = None;
     moving.motion_weight = 3.0;
     compare("no lifespans", &scene, &settings(moving));
-}
-
-/// Whole runs, density control included, end where those of the CPU do.
-#[test]
-fn dynamic_methods_learn_as_on_the_cpu() {
-    if device().is_none() {
-        return;
-    }
-    let scene = scene();
-    for method in ["periodic", "omni4dgs", "omni4dgs-plus"] {
-        let train = |backend| {
-            let session = Session {
-                backend,
-                ..Session::without_files(&Silent)
-            };
-            let request = MethodRequest {
-                options: Options::at_most(700),
-                plan: PlanChoice::Full,
-                ..MethodRequest::new(60, 7)
-            };
-            let method = methods::find(method).unwrap();
-            let mut outcome = method.train(&scene, &request, &session).unwrap();
-            let psnr = novel_psnr(&mut outcome, &scene);
-            (outcome.learner.backend(), psnr)
-        };
-        let (backend, on_cpu) = train(BackendChoice::Cpu);
-        assert!(matches!(backend, Backend::Cpu { .. }));
-        let (backend, on_gpu) = train(BackendChoice::Gpu);
-        assert!(matches!(backend, Backend::Gpu { .. }));
-        let apart = (on_gpu - on_cpu).abs();
-        println!("{method}: {on_gpu:.2} dB on the device, {on_cpu:.2} on the CPU");
-        assert!(apart < 0.3, "{method}: {on_gpu} against {on_cpu} dB");
-    }
 }

@@ -1,4 +1,4 @@
-//! Training on a GPU against training on the CPU.
+//! Training steps on a GPU against those on the CPU, and how training goes on or ends.
 #![expect(
     clippy::unwrap_used,
     reason = "a device that fails or a test scene that cannot be built is a failed test"
@@ -8,14 +8,11 @@
 mod balls;
 #[path = "support/device.rs"]
 mod device;
-#[path = "support/novel_views.rs"]
-mod novel_views;
 
 use std::sync::Arc;
 
 use balls::scene;
 use device::{assert_gradients_agree, device, devices};
-use novel_views::novel_psnr;
 use omnilife_engine::{
     EngineError,
     camera::View,
@@ -30,17 +27,8 @@ use omnilife_engine::{
     schedule::StepSchedule,
     step::{Stepper, cpu::CpuStepper, gpu::GpuStepper, settings::TrainSettings},
 };
-use omnilife_reconstruct::{
-    baseline, methods,
-    options::Options,
-    request::{BackendChoice, MethodRequest, PlanChoice},
-    scene::TrainingScene,
-    seeds::points,
-    train::Session,
-};
-use omnilife_schemas::{
-    RgbImage, camera::ErpCamera, points::PointCloud, progress::Silent, records::Backend,
-};
+use omnilife_reconstruct::{baseline, scene::TrainingScene, seeds::points};
+use omnilife_schemas::{RgbImage, camera::ErpCamera, points::PointCloud, records::Backend};
 
 /// Every fifth point of the scene as a model with harmonics up to a degree. Each Gaussian is turned
 /// and longer one way than the other: no gradient vanishes.
@@ -227,54 +215,6 @@ fn steps_with_a_network_are_those_of_the_cpu() {
         );
         assert_images_agree(&images.0, &images.1);
     }
-}
-
-#[test]
-fn methods_learn_as_on_the_cpu() {
-    if device().is_none() {
-        return;
-    }
-    for (method, iterations) in [("odgs", 20), ("deformable", 6)] {
-        method_learns(method, iterations);
-    }
-}
-
-fn method_learns(method: &str, iterations: u64) {
-    let scene = scene();
-    let train = |backend| {
-        let session = Session {
-            backend,
-            ..Session::without_files(&Silent)
-        };
-        let request = MethodRequest {
-            options: Options::at_most(180),
-            plan: PlanChoice::Full,
-            ..MethodRequest::new(iterations, 7)
-        };
-        let mut outcome = methods::find(method)
-            .unwrap()
-            .train(&scene, &request, &session)
-            .unwrap();
-        let psnr = novel_psnr(&mut outcome, &scene);
-        let trace = &outcome.training.state.trace;
-        let (first, last) = (trace.first().unwrap(), trace.last().unwrap());
-        assert_eq!(last.iteration, iterations);
-        let losses = [first.train_loss, last.train_loss];
-        (outcome.learner.backend(), losses, psnr)
-    };
-    let (backend, _, on_cpu) = train(BackendChoice::Cpu);
-    assert!(matches!(backend, Backend::Cpu { .. }));
-    let (backend, losses, on_gpu) = train(BackendChoice::Gpu);
-    let Backend::Gpu {
-        adapter, limits, ..
-    } = backend
-    else {
-        panic!("the run was made by {backend:?}");
-    };
-    assert!(!adapter.is_empty() && limits["max_buffer_size"] > 0);
-    assert!(losses[1] < 0.9 * losses[0]);
-    let apart = (on_gpu - on_cpu).abs();
-    assert!(apart < 0.3, "{on_gpu} against {on_cpu} dB");
 }
 
 /// A step without room for its tile entries, and the steps behind it, are done again: the model is

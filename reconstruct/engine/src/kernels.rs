@@ -85,6 +85,11 @@ pub const KERNELS: &[KernelTwins] = &[
         Some("render/project/by_camera/by_camera.wgsl"),
     ),
     twins(
+        "dropout",
+        "gaussians/dropout.rs",
+        Some("gaussians/dropout/dropout.wgsl"),
+    ),
+    twins(
         "Adam",
         "parameters/adam/cpu.rs",
         Some("parameters/adam/adam.wgsl"),
@@ -94,18 +99,33 @@ pub const KERNELS: &[KernelTwins] = &[
         "fields/mlp/passes.rs",
         Some("fields/mlp/passes.wgsl"),
     ),
+    twins(
+        "products of matrices",
+        "fields/mlp/product.rs",
+        Some("fields/mlp/product.wgsl"),
+    ),
     twins("hash grid", "fields/hash_grid/passes.rs", None),
     twins("surfaces and textures", "surfaces/mod.rs", None),
+    twins(
+        "statistics for density control",
+        "step/cpu.rs",
+        Some("step/step.wgsl"),
+    ),
     twins(
         "density control",
         "density/mod.rs",
         Some("density/density.wgsl"),
     ),
+    twins(
+        "opacity reset",
+        "density/mod.rs",
+        Some("step/opacity_reset.wgsl"),
+    ),
 ];
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
+    use std::{collections::BTreeSet, fs, path::Path};
 
     use super::*;
     use crate::{
@@ -127,6 +147,44 @@ mod tests {
                 assert!(src.join(file).is_file(), "{}: {file}", twins.name);
             }
         }
+    }
+
+    /// Files of kernels that belong to a listed one, or that several share.
+    const HELPERS: [&str; 5] = [
+        "density/moving.wgsl",
+        "device/scan.wgsl",
+        "parameters/rows.wgsl",
+        "render/raster/raster_vjp.wgsl",
+        "render/raster/raster_vjp_subgroups.wgsl",
+    ];
+
+    /// Files with entry points below a folder, by their paths from `src`.
+    fn kernel_files(folder: &Path, src: &Path, found: &mut BTreeSet<String>) {
+        for entry in fs::read_dir(folder).expect("a folder") {
+            let path = entry.expect("an entry").path();
+            if path.is_dir() {
+                kernel_files(&path, src, found);
+            } else if path
+                .extension()
+                .is_some_and(|extension| extension == "wgsl")
+                && fs::read_to_string(&path)
+                    .expect("a file")
+                    .contains("@compute")
+            {
+                let path = path.strip_prefix(src).expect("below it");
+                found.insert(path.to_string_lossy().replace('\\', "/"));
+            }
+        }
+    }
+
+    #[test]
+    fn every_file_of_kernels_is_listed_and_every_listed_one_has_some() {
+        let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+        let mut found = BTreeSet::new();
+        kernel_files(&src, &src, &mut found);
+        let listed = PARAMETERIZATIONS.iter().chain(KERNELS);
+        let listed = listed.filter_map(|twins| twins.gpu).chain(HELPERS);
+        assert_eq!(found, listed.map(str::to_owned).collect());
     }
 
     #[test]
