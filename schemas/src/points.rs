@@ -59,22 +59,20 @@ impl Scalar {
         }
     }
 
-    /// Reads a little-endian value; `bytes` holds at least [`Scalar::size`] bytes.
+    /// Reads a little-endian value; `bytes` holds [`Scalar::size`] bytes, and NaN where it does not.
     fn decode(self, bytes: &[u8]) -> f64 {
-        let mut wide = [0_u8; 8];
-        for (to, from) in wide.iter_mut().zip(bytes.iter().take(self.size())) {
-            *to = *from;
+        fn exactly<const BYTES: usize>(bytes: &[u8], value: fn([u8; BYTES]) -> f64) -> f64 {
+            bytes.first_chunk().map_or(f64::NAN, |bytes| value(*bytes))
         }
-        let [a, b, c, d, ..] = wide;
         match self {
-            Self::I8 => f64::from(a as i8),
-            Self::U8 => f64::from(a),
-            Self::I16 => f64::from(i16::from_le_bytes([a, b])),
-            Self::U16 => f64::from(u16::from_le_bytes([a, b])),
-            Self::I32 => f64::from(i32::from_le_bytes([a, b, c, d])),
-            Self::U32 => f64::from(u32::from_le_bytes([a, b, c, d])),
-            Self::F32 => f64::from(f32::from_le_bytes([a, b, c, d])),
-            Self::F64 => f64::from_le_bytes(wide),
+            Self::I8 => exactly(bytes, |bytes| f64::from(i8::from_le_bytes(bytes))),
+            Self::U8 => exactly(bytes, |bytes| f64::from(u8::from_le_bytes(bytes))),
+            Self::I16 => exactly(bytes, |bytes| f64::from(i16::from_le_bytes(bytes))),
+            Self::U16 => exactly(bytes, |bytes| f64::from(u16::from_le_bytes(bytes))),
+            Self::I32 => exactly(bytes, |bytes| f64::from(i32::from_le_bytes(bytes))),
+            Self::U32 => exactly(bytes, |bytes| f64::from(u32::from_le_bytes(bytes))),
+            Self::F32 => exactly(bytes, |bytes| f64::from(f32::from_le_bytes(bytes))),
+            Self::F64 => exactly(bytes, f64::from_le_bytes),
         }
     }
 }

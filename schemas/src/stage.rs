@@ -269,15 +269,28 @@ impl StagePlan {
         outputs: impl IntoIterator<Item = S>,
         wall_seconds: f64,
     ) -> Result<(), StoreError> {
+        self.finish_hashed(outputs.into_iter().map(|file| (file, None)), wall_seconds)
+    }
+
+    /// [`StagePlan::finish`] with the SHA-256 of outputs whose bytes were hashed when they were written;
+    /// the others are read for it.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn finish_hashed<S: AsRef<str>>(
+        &self,
+        outputs: impl IntoIterator<Item = (S, Option<String>)>,
+        wall_seconds: f64,
+    ) -> Result<(), StoreError> {
         let mut recorded = Vec::new();
-        for output in outputs {
+        for (output, known) in outputs {
             let path = self.folder.join(output.as_ref());
             let metadata =
                 fs::metadata(&path).map_err(|source| StoreError::write(&path, source))?;
             recorded.push(StageOutput {
                 file: output.as_ref().to_owned(),
                 bytes: metadata.len(),
-                sha256: Some(store::sha256_file(&path)?),
+                sha256: Some(known.map_or_else(|| store::sha256_file(&path), Ok)?),
             });
         }
         store::create_folder(&self.records_folder())?;

@@ -20,9 +20,10 @@ COMPONENTS = [
     ("lifted, all samples", "all-samples"), ("lifted, finest samples", "finest-samples"),
     ("and warm-start", "warm-start"), ("and centre refinement", "centres"),
     ("the same, held to the scaffold", "centres-scaffold"),
+    ("warm-start and shape refinement: as the plan decides", "plan"),
     ("centre and shape refinement, no scaffold", "shapes"), ("`odgs`", "odgs")]
-EQUAL_TIME = [("as published: sizes and rotations stay", "panogs"), ("centre and shape refinement", "shapes"),
-              ("`odgs`", "odgs")]
+EQUAL_TIME = [("as published: sizes and rotations stay", "panogs"), ("as the plan decides", "plan"),
+              ("centre and shape refinement", "shapes"), ("`odgs`", "odgs")]
 
 
 def read(path):
@@ -109,12 +110,13 @@ def title_of(folder):
 
 
 def further(folder, head, note):
-    """Another scene: as the plan decides, with shapes, and `odgs` beside it, at as many iterations."""
+    """Another scene: as published, as the plan decides, and `odgs` beside it, at as many iterations."""
     split = read(folder / "split.json")
-    runs = [("as the plan decides", "panogs"), ("centre and shape refinement", "shapes"), ("`odgs`", "odgs")]
+    runs = [("as published: sizes and rotations stay", "published"), ("as the plan decides", "plan"),
+            ("centre and shape refinement", "shapes"), ("`odgs`", "odgs")]
     return [f"## {head}", "",
             f"{note} {len(split['input_views'])} views given, {len(split['novel_views'])} novel.", "",
-            *table(HEADS, [row(title, folder / name) for title, name in runs]), "", *plan(folder / "panogs"), ""]
+            *table(HEADS, [row(title, folder / name) for title, name in runs]), "", *plan(folder / "plan"), ""]
 
 
 def plan(folder):
@@ -143,8 +145,9 @@ def levels(asset):
 
 def curves(file):
     """The table of `bench curve`, its rows, which have the names of methods, named as the runs are."""
-    *head, first, second, third = file.read_text().strip().splitlines()
-    rows = zip([first, second, third], EQUAL_TIME, strict=True)
+    lines = file.read_text().strip().splitlines()
+    head, found = lines[:-len(EQUAL_TIME)], lines[-len(EQUAL_TIME):]
+    rows = zip(found, EQUAL_TIME, strict=True)
     return head + [f"| {title} |" + line.split("|", 2)[2] for line, (title, _) in rows]
 
 
@@ -202,15 +205,15 @@ def main():
         *spread(components, seconds[0], seeds),
         *curves(components / "curves.md"), "",
         f"![Error against CPU seconds](../images/{CURVE.name})", "",
-        "The lines are in the order of the rows; both of `panogs` have its name.", "",
-        "## What the plan says", "", *plan(components / f"panogs-{last}"), "",
+        "The lines are in the order of the rows.", "",
+        "## What the plan says", "", *plan(components / f"plan-{last}"), "",
         f"## Levels of detail of the run of {last} CPU seconds with shape refinement", "",
         *levels(components / f"shapes-{last}-asset"), "",
         *large(folder / "large"), "", *shards(folder / "large"),
         *near([one for one in (components, folder / "street", folder / "tunnel") if (one / "near").exists()])]
-    if (folder / "street/panogs").exists():
+    if (folder / "street/plan").exists():
         text += further(folder / "street", "A street", "`street` is rendered, outdoors.")
-    if (folder / "tunnel/panogs").exists():
+    if (folder / "tunnel/plan").exists():
         text += further(folder / "tunnel", "Real footage", "`tunnel` is a walk with a consumer camera; poses come "
                         "from structure from motion, distances from the sphere sweep of neighbouring views, so "
                         "ghosts and holes, which are counted by known distances, are not.")

@@ -100,16 +100,17 @@ pub fn write(path: &Path, rows: &[SplatRow]) -> Result<String, StoreError> {
         .collect();
     // Of equals the earlier one first: one order on every machine.
     order.par_sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-    let mut bytes = vec![0; rows.len() * ROW_BYTES];
-    bytes
-        .as_chunks_mut::<ROW_BYTES>()
-        .0
-        .par_iter_mut()
-        .zip(&order)
-        .for_each(|(to, (_, index))| *to = rows[*index as usize].bytes());
+    // Rows are fetched from all over the memory: those of the file are the shorter ones.
+    let unordered: Vec<[u8; ROW_BYTES]> = rows.par_iter().map(SplatRow::bytes).collect();
+    let ordered: Vec<[u8; ROW_BYTES]> = order
+        .par_iter()
+        .map(|(_, index)| unordered[*index as usize])
+        .collect();
+    drop((unordered, order));
+    let bytes = ordered.as_flattened();
     let (written, sha256) = rayon::join(
-        || store::write_bytes(path, &bytes),
-        || store::sha256_bytes(&bytes),
+        || store::write_bytes(path, bytes),
+        || store::sha256_bytes(bytes),
     );
     written.map(|()| sha256)
 }

@@ -121,6 +121,8 @@ fn exact_distances_of_several_views_need_a_choice_and_nothing_else() {
         ("pole-thinning", true),
         ("redundant-samples", true),
         ("warm-start", true),
+        ("shape-refinement", true),
+        ("centre-refinement", false),
         ("depth-scale", false),
         ("depth-refinement", false),
     ] {
@@ -202,9 +204,11 @@ fn the_record_of_the_lift_accounts_for_every_pixel() {
 fn what_is_frozen_keeps_its_bits_and_centres_stay_near() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene(folder.path(), 4, as_given);
-    let table = |iterations: u64, with: &[&str]| {
+    let table_without = |without: &[&str], iterations: u64, with: &[&str]| {
+        let owned = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
         let request = MethodRequest {
-            with: with.iter().map(|&name| name.to_owned()).collect(),
+            with: owned(with),
+            without: owned(without),
             ..MethodRequest::new(iterations, 0)
         };
         let method = methods::find("panogs").unwrap();
@@ -214,13 +218,20 @@ fn what_is_frozen_keeps_its_bits_and_centres_stay_near() {
             .table
             .clone()
     };
-    let (short, long) = (table(1, &[]), table(12, &[]));
+    let as_published =
+        |iterations, with: &[&str]| table_without(&["shape-refinement"], iterations, with);
+    let (short, long) = (as_published(1, &[]), as_published(12, &[]));
     for frozen in [POSITIONS, LOG_SCALES, QUATERNIONS] {
         assert!(short.arrays[frozen].values == long.arrays[frozen].values);
         assert!(long.arrays[frozen].first_moments.is_empty());
     }
     assert!(short.arrays[OPACITY_LOGITS].values != long.arrays[OPACITY_LOGITS].values);
-    let moved = table(40, &["centre-refinement", "scaffold"]);
+    let shaped = table_without(&[], 12, &[]);
+    assert!(shaped.arrays[POSITIONS].values == long.arrays[POSITIONS].values);
+    for learnt in [LOG_SCALES, QUATERNIONS] {
+        assert!(shaped.arrays[learnt].values != long.arrays[learnt].values);
+    }
+    let moved = as_published(40, &["centre-refinement", "scaffold"]);
     let before = short.arrays[POSITIONS].values.as_chunks::<3>().0;
     let after = moved.arrays[POSITIONS].values.as_chunks::<3>().0;
     let scales = short.arrays[LOG_SCALES].values.as_chunks::<3>().0;

@@ -154,7 +154,11 @@ pub fn export(
     }
     asset.wall_seconds = begun.elapsed().as_secs_f64();
     store::write_record(&request.out.join(ASSET_FILE), &asset)?;
-    stage.finish(&outputs, asset.wall_seconds)?;
+    let hashed = |file: String| {
+        let level = asset.levels.iter().find(|level| level.file == file);
+        (file, level.map(|level| level.sha256.clone()))
+    };
+    stage.finish_hashed(outputs.into_iter().map(hashed), asset.wall_seconds)?;
     Ok(Exported { asset, notes })
 }
 

@@ -97,14 +97,15 @@ pub(super) fn drawable(
         }
     }
     // One scale for all files; that of the one with the smallest Gaussians.
-    let sizes = |rows: &[SplatRow]| enlargement(rows.iter().map(longest).collect());
+    let sizes = |rows: &[SplatRow]| enlargement(rows.par_iter().map(longest).collect());
     let of_moments = moments.iter().flat_map(Moments::files).map(sizes);
     let scale = of_moments.fold(sizes(&rows), f32::max);
-    let moved = moments.iter_mut().flat_map(Moments::rows_mut);
-    for row in rows.iter_mut().chain(moved) {
+    let enlarge = |row: &mut SplatRow| {
         row.position = row.position.map(|value| value * scale);
         row.scale = row.scale.map(|value| value * scale);
-    }
+    };
+    rows.par_iter_mut().for_each(enlarge);
+    (moments.iter_mut().flat_map(Moments::rows_mut)).for_each(enlarge);
     let DQuat { x, y, z, w } = frame.turn;
     Drawable {
         rows,

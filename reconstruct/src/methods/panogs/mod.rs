@@ -63,7 +63,7 @@ pub const WARM_START: &str = "warm-start";
 pub const CENTRE_REFINEMENT: &str = "centre-refinement";
 /// Component: centres are held to the fused surface of all views.
 pub const SCAFFOLD: &str = "scaffold";
-/// Component: sizes and rotations learn too.
+/// Component: sizes and rotations learn too; not in the paper.
 pub const SHAPE_REFINEMENT: &str = "shape-refinement";
 /// Component: one shard of the Gaussians after another learns from a drawing of all.
 pub const SHARDS: &str = "shards";
@@ -76,13 +76,14 @@ pub const METHOD: Method = Method {
     title: "PanoGS",
     source: "PanoGS: from RGB-D panoramas to Gaussian scenes for the web (paper without public code)",
     description: "One flat Gaussian per pixel with a known distance, on the surface that it shows; \
-                  opacities and colours learn, centres late and little. Distances come from \
+                  opacities, colours, sizes and rotations learn, centres late and little. Distances come from \
                   `curate poses --depth-prior`, or from the sphere sweep of neighbouring views. \
                   Departures from the paper: its mirrored frame and W-1 grid are converted on import; \
                   radii are roots of areas, not distances of neighbours, and poles are thinned; views \
                   agree on scales, and of what several see the finest sample stays; the exact ERP \
                   projection replaces its soft footprint; TSDF distances are point-to-plane; FRED, its \
                   depth network, is not public and is replaced by an upsampling along the image's edges; \
+                  sizes and rotations learn, where the paper keeps them (--without shape-refinement); \
                   shards do not learn independently, each against images that others fill, but one after \
                   another from a drawing of all, with the gradients of the whole scene.",
     components: &[
@@ -210,10 +211,9 @@ fn learning(samples: &Samples, plan: &mut Plan<'_>) -> Learning {
     let changes_shapes = plan.decide(
         SHAPE_REFINEMENT,
         Decision::new(
-            false,
-            "PanoGS keeps sizes and rotations; used where asked for",
-        )
-        .whatever_the_plan(),
+            true,
+            "samples are as large as their pixels, not as what these show; PanoGS keeps that",
+        ),
     );
     let mut frozen = Vec::new();
     if !warms_up {
