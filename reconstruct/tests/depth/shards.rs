@@ -66,10 +66,9 @@ fn one_shard_and_eight_learn_the_same() {
     assert_eq!(model.parts.len(), 8);
     let model_len = model.len();
     for part in &model.parts {
-        for frozen in [LOG_SCALES, QUATERNIONS] {
-            assert!(part.table.arrays[frozen].first_moments.is_empty());
+        for learnt in [LOG_SCALES, QUATERNIONS, SH_CONSTANT] {
+            assert!(!part.table.arrays[learnt].first_moments.is_empty());
         }
-        assert!(!part.table.arrays[SH_CONSTANT].first_moments.is_empty());
     }
     let view = scene.input_views[1].view;
     let [first, second] =
@@ -91,6 +90,25 @@ fn one_shard_and_eight_learn_the_same() {
     let path = folder.path().join(GAUSSIANS_FILE);
     let read = formats::read_static(&path, &scene.normalization).unwrap();
     assert_eq!([read.table.len(), model_len], [whole; 2]);
+}
+
+#[test]
+fn what_does_not_learn_has_no_moments_in_any_shard() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path(), 4, as_given);
+    let as_published = MethodRequest {
+        without: vec!["shape-refinement".to_owned()],
+        ..request(8, 2)
+    };
+    let mut outcome = train(&scene, &as_published, None);
+    let model = outcome.learner.gaussians().unwrap().unwrap();
+    assert_eq!(model.parts.len(), 8);
+    for part in &model.parts {
+        for frozen in [LOG_SCALES, QUATERNIONS] {
+            assert!(part.table.arrays[frozen].first_moments.is_empty());
+        }
+        assert!(!part.table.arrays[SH_CONSTANT].first_moments.is_empty());
+    }
 }
 
 fn files(folder: &Path) -> TrainingFiles {
