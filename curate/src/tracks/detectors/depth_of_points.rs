@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::posed_view::PosedView;
+use crate::{posed_view::PosedView, tracks::detectors::pixels_around::around};
 
 /// Distances along the rays of a view's pixels; infinite where nothing is known.
 #[derive(Debug, Clone, PartialEq)]
@@ -14,6 +14,23 @@ pub struct DistanceMap {
     pub height: usize,
     /// Row by row.
     pub values: Vec<f32>,
+}
+
+/// Replaces values by those of others that are less, or larger.
+type Pick = fn(&mut [f32], &[f32]);
+
+#[multiversion::multiversion(targets("x86_64+avx2"))]
+fn least(values: &mut [f32], others: &[f32]) {
+    for (value, other) in values.iter_mut().zip(others) {
+        *value = if *other < *value { *other } else { *value };
+    }
+}
+
+#[multiversion::multiversion(targets("x86_64+avx2"))]
+fn largest(values: &mut [f32], others: &[f32]) {
+    for (value, other) in values.iter_mut().zip(others) {
+        *value = if *other > *value { *other } else { *value };
+    }
 }
 
 /// Rounds in which holes are filled from their neighbours.
@@ -50,56 +67,76 @@ impl DistanceMap {
     /// The least and the largest of the values that are within some pixels of each, columns and rows;
     /// infinite where nothing is known.
     pub fn around(&self, radius: usize) -> [Vec<f32>; 2] {
+        [least as Pick, largest].map(|pick| self.picked(radius, pick))
+    }
+
+    /// Of the values within some pixels of each the one that is picked.
+    fn picked(&self, radius: usize, pick: Pick) -> Vec<f32> {
         let (width, height) = (self.width, self.height);
-        let pass = |values: &[f32], along_rows: bool, pick: fn(f32, f32) -> f32| -> Vec<f32> {
-            let pixel = |pixel: usize| {
-                let (row, column) = (pixel / width, pixel % width);
-                let (at, end, stride) = if along_rows {
-                    (column, width, 1)
-                } else {
-                    (row, height, width)
-                };
-                let near = at.saturating_sub(radius)..=(at + radius).min(end - 1);
-                near.map(|other| values[pixel + other * stride - at * stride])
-                    .fold(values[pixel], pick)
-            };
-            (0..values.len()).into_par_iter().map(pixel).collect()
-        };
-        [f32::min as fn(f32, f32) -> f32, f32::max]
-            .map(|pick| pass(&pass(&self.values, true, pick), false, pick))
+        let mut along_rows = self.values.clone();
+        let rows = self.values.par_chunks_exact(width);
+        along_rows
+            .par_chunks_exact_mut(width)
+            .zip(rows)
+            .for_each(|(out, row)| {
+                for step in 1..=radius.min(width - 1) {
+                    pick(&mut out[step..], &row[..width - step]);
+                    pick(&mut out[..width - step], &row[step..]);
+                }
+            });
+        let mut out = along_rows.clone();
+        out.par_chunks_exact_mut(width)
+            .enumerate()
+            .for_each(|(row, out)| {
+                for other in row.saturating_sub(radius)..=(row + radius).min(height - 1) {
+                    pick(out, &along_rows[other * width..(other + 1) * width]);
+                }
+            });
+        out
     }
 
     /// Gives holes the means of their known neighbours, from their borders inwards.
     fn fill(&mut self) {
         let (width, height) = (self.width, self.height);
-        let mut holes: Vec<usize> = (0..self.values.len())
-            .filter(|&pixel| !self.values[pixel].is_finite())
-            .collect();
-        for _ in 0..FILLING_ROUNDS {
-            let mut filled = Vec::new();
-            holes.retain(|&pixel| {
-                let (row, column) = (pixel / width, pixel % width);
-                let (mut sum, mut count) = (0.0, 0);
-                for row in row.saturating_sub(1)..=(row + 1).min(height - 1) {
-                    for column in column.saturating_sub(1)..=(column + 1).min(width - 1) {
-                        let value = self.values[row * width + column];
-                        if value.is_finite() {
-                            sum += value;
-                            count += 1;
-                        }
-                    }
-                }
-                if count > 0 {
-                    filled.push((pixel, sum / count as f32));
-                }
-                count == 0
+        let size = [width, height];
+        let is_hole = |value: f32| !value.is_finite();
+        let is_beside_known = |pixel: usize| {
+            let mut is_beside = false;
+            around(pixel, size, |beside| {
+                is_beside |= !is_hole(self.values[beside]);
             });
-            for &(pixel, value) in &filled {
-                self.values[pixel] = value;
+            is_beside
+        };
+        let mut border: Vec<usize> = (0..self.values.len())
+            .filter(|&pixel| is_hole(self.values[pixel]) && is_beside_known(pixel))
+            .collect();
+        // What is known or has been filled, or is about to be.
+        let mut is_taken: Vec<bool> = self.values.iter().map(|&value| !is_hole(value)).collect();
+        border.iter().for_each(|&pixel| is_taken[pixel] = true);
+        for _ in 0..FILLING_ROUNDS {
+            let mean = |&pixel: &usize| {
+                let (mut sum, mut count) = (0.0, 0);
+                around(pixel, size, |beside| {
+                    let value = self.values[beside];
+                    if !is_hole(value) {
+                        sum += value;
+                        count += 1;
+                    }
+                });
+                sum / count as f32
+            };
+            let means: Vec<f32> = border.iter().map(mean).collect();
+            let mut next = Vec::new();
+            for (&pixel, mean) in border.iter().zip(means) {
+                self.values[pixel] = mean;
+                around(pixel, size, |beside| {
+                    if !is_taken[beside] {
+                        is_taken[beside] = true;
+                        next.push(beside);
+                    }
+                });
             }
-            if holes.is_empty() || filled.is_empty() {
-                return;
-            }
+            border = next;
         }
     }
 }

@@ -4,6 +4,7 @@ pub mod command;
 pub mod depth_of_points;
 pub mod files;
 pub mod motion;
+mod pixels_around;
 
 use std::path::{Path, PathBuf};
 

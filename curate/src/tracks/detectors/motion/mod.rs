@@ -10,17 +10,26 @@
 //! shadow moves too; it is a darker copy of what is behind it, and is cut off.
 
 mod background;
+mod extents;
+mod neighbours;
+mod patch;
 mod regions;
+mod surface;
+mod texels;
+mod transfer;
 
 use glam::DVec3;
 use omnilife_schemas::{RgbImage, progress::Progress, records::Detection, rgb::Mask};
 
 use super::{Detected, Detector, DetectorInput};
-use crate::{error::CurateError, tracks::detectors::depth_of_points::DistanceMap};
-use background::{
-    Compared, Looked, background_frames, compare, compared_with, middle_colour, ranked, surface,
+use crate::{
+    error::CurateError, posed_view::PosedView, tracks::detectors::depth_of_points::DistanceMap,
 };
-use regions::{blurred, components, opened_and_closed, pieces, separated};
+use background::{Background, Here, differences, middle_colour};
+use neighbours::{background_frames, compared_with};
+use regions::{components, opened_and_closed, pieces, separated};
+use texels::Texels;
+use transfer::Rays;
 
 /// The detector.
 pub const DETECTOR: Detector = Detector {
@@ -68,7 +77,8 @@ fn detect(input: &DetectorInput<'_>, progress: &dyn Progress) -> Result<Detected
     }
     let seconds: Vec<f64> = input.views.iter().map(|view| view.seconds).collect();
     let background = background_frames(&seconds);
-    let mut images: Vec<Option<(RgbImage, DistanceMap)>> = vec![None; input.views.len()];
+    let rays = Rays::of(&input.scene.camera);
+    let mut images: Vec<Option<Texels>> = input.views.iter().map(|_| None).collect();
     let mut found = Vec::new();
     progress.begin("moving vehicles", Some(input.views.len() as u64));
     let outcome = (0..input.views.len()).try_for_each(|index| -> Result<(), CurateError> {
@@ -81,32 +91,33 @@ fn detect(input: &DetectorInput<'_>, progress: &dyn Progress) -> Result<Detected
         }
         for number in others.iter().copied().chain([index]) {
             if images[number].is_none() {
-                let view = &input.views[number];
-                let entry = &input.scene.frames[view.frame as usize];
-                let mut read = RgbImage::read(&input.folder.join(&entry.image))?;
-                if let Some(mask) = &entry.ignore_mask {
-                    forget(&mut read, &Mask::read(&input.folder.join(mask))?);
-                }
-                images[number] = Some((read, DistanceMap::new(view, input.points)));
+                images[number] = Some(read(input, &input.views[number])?);
             }
         }
-        let held = |number: usize| {
-            let (image, distances) = images[number].as_ref()?;
-            Some(Looked {
-                view: &input.views[number],
-                image,
-                distances,
-            })
-        };
-        if let Some(here) = held(index) {
-            let others: Vec<Looked<'_>> = others.iter().filter_map(|&other| held(other)).collect();
-            found.extend(moving(&here, &others, input));
+        let view = &input.views[index];
+        if let Some(texels) = &images[index] {
+            let here = Here::new(view, texels, &rays, input.ground);
+            let others = others.iter().filter_map(|&other| {
+                let texels = images[other].as_ref()?;
+                Some(Background::new(view, &input.views[other], texels))
+            });
+            found.extend(moving(&here, &others.collect::<Vec<_>>(), input));
         }
         progress.advance(1);
         Ok(())
     });
     progress.end();
     outcome.map(|()| found.into())
+}
+
+/// A frame and how far away what stands still is in it.
+fn read(input: &DetectorInput<'_>, view: &PosedView) -> Result<Texels, CurateError> {
+    let entry = &input.scene.frames[view.frame as usize];
+    let mut image = RgbImage::read(&input.folder.join(&entry.image))?;
+    if let Some(mask) = &entry.ignore_mask {
+        forget(&mut image, &Mask::read(&input.folder.join(mask))?);
+    }
+    Ok(Texels::new(&image, &DistanceMap::new(view, input.points)))
 }
 
 /// Nothing is known of what is no part of the scene.
@@ -119,18 +130,9 @@ fn forget(image: &mut RgbImage, ignored: &Mask) {
 }
 
 /// What moves in a frame.
-fn moving(here: &Looked<'_>, others: &[Looked<'_>], input: &DetectorInput<'_>) -> Vec<Detection> {
-    let width = here.image.width;
-    let surface = surface(here, input.ground);
-    let compared: Vec<Compared> = others
-        .iter()
-        .map(|other| compare(here, &surface, other))
-        .collect();
-    let differences: Vec<&[f32]> = compared
-        .iter()
-        .map(|compared| compared.difference.as_slice())
-        .collect();
-    let least = blurred(&ranked(&differences), width, 1);
+fn moving(here: &Here<'_>, others: &[Background<'_>], input: &DetectorInput<'_>) -> Vec<Detection> {
+    let width = here.texels.width;
+    let least = differences(here, others, LEAST_DIFFERENCE);
     let Some(limit) = threshold(&least) else {
         return Vec::new();
     };
@@ -138,7 +140,7 @@ fn moving(here: &Looked<'_>, others: &[Looked<'_>], input: &DetectorInput<'_>) -
     let mask = opened_and_closed(&mask, width);
     let found = components(&mask, width).into_iter();
     found
-        .flat_map(|pixels| vehicles(here, &compared, pixels, input.metres_per_unit))
+        .flat_map(|pixels| vehicles(here, others, pixels, input.metres_per_unit))
         .collect()
 }
 
@@ -161,15 +163,15 @@ fn threshold(values: &[f32]) -> Option<f32> {
 
 /// The vehicles of a component, less their shadows.
 fn vehicles(
-    here: &Looked<'_>,
-    compared: &[Compared],
+    here: &Here<'_>,
+    others: &[Background<'_>],
     pixels: Vec<usize>,
     metres_per_unit: f64,
 ) -> Vec<Detection> {
-    let (width, height) = (here.image.width, here.image.height);
+    let (width, height) = (here.texels.width, here.texels.height);
     let is_shadow = |pixel: usize| {
-        let shown = &here.image.data[3 * pixel..3 * pixel + 3];
-        darker_copy(shown, middle_colour(compared, pixel))
+        let background = middle_colour(here, others, pixel);
+        darker_copy(here.texels.colour(pixel), background)
     };
     let lit: Vec<usize> = pixels
         .iter()
@@ -202,25 +204,25 @@ fn vehicles(
 }
 
 /// Square metres of the ground that a pixel in the middle of some shows, across its ray.
-fn pixel_area(here: &Looked<'_>, pixels: &[usize], metres_per_unit: f64) -> f64 {
-    let width = here.image.width;
+fn pixel_area(here: &Here<'_>, pixels: &[usize], metres_per_unit: f64) -> f64 {
+    let width = here.texels.width;
     let middle = pixels[pixels.len() / 2];
-    let distance = f64::from(here.distances.values[middle]) * metres_per_unit;
+    let distance = f64::from(here.texels.distance(middle)) * metres_per_unit;
     let centre = glam::dvec2((middle % width) as f64 + 0.5, (middle / width) as f64 + 0.5);
     let [across, down] = here.view.ray_steps(centre).map(DVec3::length);
     across * down * distance * distance
 }
 
 /// Some pixels as a detection; `None` where they are no vehicle by their size.
-fn detection(here: &Looked<'_>, pixels: &[usize], metres_per_unit: f64) -> Option<Detection> {
-    let width = here.image.width;
+fn detection(here: &Here<'_>, pixels: &[usize], metres_per_unit: f64) -> Option<Detection> {
+    let width = here.texels.width;
     let area = pixels.len() as f64 * pixel_area(here, pixels, metres_per_unit);
     let box_pixels = box_of(pixels, width)?;
     let [left, top, columns, rows] = box_pixels;
     let is_cut = left <= 1.0
         || top <= 1.0
         || left + columns >= width as f64 - 1.0
-        || top + rows >= here.image.height as f64 - 1.0;
+        || top + rows >= here.texels.height as f64 - 1.0;
     let least = if is_cut { LEAST_CUT_AREA } else { LEAST_AREA };
     let is_vehicle = (least..=LARGEST_AREA).contains(&area);
     is_vehicle.then(|| Detection {
@@ -249,7 +251,7 @@ fn box_of(pixels: &[usize], width: usize) -> Option<[f64; 4]> {
 }
 
 /// Whether a colour is that of a shadow on another.
-fn darker_copy(shown: &[f32], background: [f32; 3]) -> bool {
+fn darker_copy(shown: [f32; 3], background: [f32; 3]) -> bool {
     let ratios = [0, 1, 2].map(|channel| shown[channel] / background[channel].max(0.02));
     let mean = ratios.iter().sum::<f32>() / 3.0;
     // NaN is no shadow.
@@ -265,9 +267,9 @@ mod tests {
 
     #[test]
     fn shadows_are_darker_copies_and_paint_is_not() {
-        assert!(darker_copy(&[0.3, 0.2, 0.25], [0.6, 0.4, 0.5]));
-        assert!(!darker_copy(&[0.3, 0.1, 0.1], [0.6, 0.4, 0.5]));
-        assert!(!darker_copy(&[0.6, 0.4, 0.5], [0.6, 0.4, 0.5]));
-        assert!(!darker_copy(&[0.3, 0.2, 0.25], [f32::NAN; 3]));
+        assert!(darker_copy([0.3, 0.2, 0.25], [0.6, 0.4, 0.5]));
+        assert!(!darker_copy([0.3, 0.1, 0.1], [0.6, 0.4, 0.5]));
+        assert!(!darker_copy([0.6, 0.4, 0.5], [0.6, 0.4, 0.5]));
+        assert!(!darker_copy([0.3, 0.2, 0.25], [f32::NAN; 3]));
     }
 }

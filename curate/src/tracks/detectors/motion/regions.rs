@@ -2,59 +2,85 @@
 
 use rayon::prelude::*;
 
+use crate::tracks::detectors::pixels_around::around;
+
 /// Radii of the square windows that open and close what was found, pixels.
 const OPENING: usize = 1;
 const CLOSING: usize = 3;
 
-/// Means over squares that reach `radius` pixels; NaN is left out, and stays where all are.
-pub(super) fn blurred(values: &[f32], width: usize, radius: usize) -> Vec<f32> {
+/// Means over each pixel and those beside it; NaN is left out, and stays where all are.
+pub(super) fn blurred(values: &[f32], width: usize) -> Vec<f32> {
     let height = values.len() / width;
     let mut out = vec![f32::NAN; values.len()];
+    // With a column before and one behind the row's.
+    let scratch = || [0; 2].map(|_| vec![0.0; width + 2]);
+    let row = |[sums, counts]: &mut [Vec<f32>; 2], (row, out): (usize, &mut [f32])| {
+        let [inner_sums, inner_counts] =
+            [&mut *sums, &mut *counts].map(|values| &mut values[1..=width]);
+        inner_sums.fill(0.0);
+        inner_counts.fill(0.0);
+        for row in row.saturating_sub(1)..=(row + 1).min(height - 1) {
+            add_known(
+                &values[row * width..(row + 1) * width],
+                inner_sums,
+                inner_counts,
+            );
+        }
+        means_of_three(sums, counts, out);
+    };
     out.par_chunks_mut(width)
         .enumerate()
-        .for_each(|(row, out)| {
-            for (column, out) in out.iter_mut().enumerate() {
-                let (mut sum, mut count) = (0.0, 0);
-                for row in row.saturating_sub(radius)..=(row + radius).min(height - 1) {
-                    for column in column.saturating_sub(radius)..=(column + radius).min(width - 1) {
-                        let value = values[row * width + column];
-                        if !value.is_nan() {
-                            sum += value;
-                            count += 1;
-                        }
-                    }
-                }
-                if count > 0 {
-                    *out = sum / count as f32;
-                }
-            }
-        });
+        .for_each_init(scratch, row);
     out
+}
+
+/// Adds what is known of a row to sums and counts.
+#[multiversion::multiversion(targets("x86_64+avx2"))]
+fn add_known(row: &[f32], sums: &mut [f32], counts: &mut [f32]) {
+    for ((sum, count), value) in sums.iter_mut().zip(counts).zip(row) {
+        let is_known = !value.is_nan();
+        *sum += if is_known { *value } else { 0.0 };
+        *count += if is_known { 1.0 } else { 0.0 };
+    }
+}
+
+/// Means over three neighbours of sums of so many; NaN where there are none.
+#[multiversion::multiversion(targets("x86_64+avx2"))]
+fn means_of_three(sums: &[f32], counts: &[f32], out: &mut [f32]) {
+    let neighbours = sums.windows(3).zip(counts.windows(3));
+    for (out, (sums, counts)) in out.iter_mut().zip(neighbours) {
+        // 0 / 0 is NaN.
+        *out = (sums[0] + sums[1] + sums[2]) / (counts[0] + counts[1] + counts[2]);
+    }
 }
 
 /// Whether any (or, `all`, every) pixel of the square around each is set.
 fn spread(mask: &[bool], width: usize, radius: usize, all: bool) -> Vec<bool> {
-    let height = mask.len() / width;
-    let pass = |mask: &[bool], along_rows: bool| -> Vec<bool> {
-        (0..mask.len())
-            .map(|pixel| {
-                let (row, column) = (pixel / width, pixel % width);
-                let (at, end, stride) = if along_rows {
-                    (column, width, 1)
-                } else {
-                    (row, height, width)
-                };
-                let mut near = (at.saturating_sub(radius)..=(at + radius).min(end - 1))
-                    .map(|other| mask[pixel + other * stride - at * stride]);
-                if all {
-                    near.all(|set| set)
-                } else {
-                    near.any(|set| set)
-                }
-            })
-            .collect()
-    };
-    pass(&pass(mask, true), false)
+    let mut along_rows = mask.to_vec();
+    let rows = along_rows.chunks_exact_mut(width);
+    for (out, row) in rows.zip(mask.chunks_exact(width)) {
+        for step in 1..=radius.min(width - 1) {
+            combine(&mut out[step..], &row[..width - step], all);
+            combine(&mut out[..width - step], &row[step..], all);
+        }
+    }
+    let mut out = along_rows.clone();
+    for step in 1..=radius.min(mask.len() / width - 1) {
+        let end = mask.len() - step * width;
+        combine(&mut out[step * width..], &along_rows[..end], all);
+        combine(&mut out[..end], &along_rows[step * width..], all);
+    }
+    out
+}
+
+/// Sets, or, `all`, keeps what another mask has as well.
+fn combine(mask: &mut [bool], other: &[bool], all: bool) {
+    let both = mask.iter_mut().zip(other);
+    if all {
+        both.for_each(|(set, other)| *set &= other);
+    } else {
+        both.for_each(|(set, other)| *set |= other);
+    }
 }
 
 /// Without specks, and without gaps.
@@ -207,16 +233,12 @@ fn grown(part: &Part, cores: &[Vec<usize>]) -> Vec<Vec<usize>> {
         for (piece, border) in pieces.iter_mut().zip(&mut borders) {
             let mut next = Vec::new();
             for &at in border.iter() {
-                let (row, column) = (at / width, at % width);
-                for row in row.saturating_sub(1)..=(row + 1).min(height - 1) {
-                    for column in column.saturating_sub(1)..=(column + 1).min(width - 1) {
-                        let neighbour = row * width + column;
-                        if is_open[neighbour] {
-                            is_open[neighbour] = false;
-                            next.push(neighbour);
-                        }
+                around(at, [width, height], |neighbour| {
+                    if is_open[neighbour] {
+                        is_open[neighbour] = false;
+                        next.push(neighbour);
                     }
-                }
+                });
             }
             piece.extend(&next);
             *border = next;
@@ -239,16 +261,12 @@ pub(super) fn components(mask: &[bool], width: usize) -> Vec<Vec<usize>> {
         let mut next = 0;
         while let Some(&pixel) = pixels.get(next) {
             next += 1;
-            let (row, column) = (pixel / width, pixel % width);
-            for row in row.saturating_sub(1)..=(row + 1).min(height - 1) {
-                for column in column.saturating_sub(1)..=(column + 1).min(width - 1) {
-                    let neighbour = row * width + column;
-                    if is_open[neighbour] {
-                        is_open[neighbour] = false;
-                        pixels.push(neighbour);
-                    }
+            around(pixel, [width, height], |neighbour| {
+                if is_open[neighbour] {
+                    is_open[neighbour] = false;
+                    pixels.push(neighbour);
                 }
-            }
+            });
         }
         all.push(pixels);
     }
@@ -279,6 +297,40 @@ mod tests {
         assert_eq!(sizes, [18, 24]);
         // The two are near enough to be closed into one.
         assert_eq!(components(&opened_and_closed(&mask, width), width).len(), 1);
+    }
+
+    #[test]
+    fn squares_around_pixels_reach_as_far_as_the_image() {
+        let (width, height) = (11, 7);
+        let mask: Vec<bool> = (0..width * height).map(|at| at * 29 % 7 < 3).collect();
+        let values: Vec<f32> = (0..width * height)
+            .map(|at| if at * 31 % 5 < 3 { f32::NAN } else { at as f32 })
+            .collect();
+        let square = |at: usize, radius: usize| {
+            let (row, column) = (at / width, at % width);
+            let rows = row.saturating_sub(radius)..=(row + radius).min(height - 1);
+            rows.flat_map(move |row| {
+                let columns = column.saturating_sub(radius)..=(column + radius).min(width - 1);
+                columns.map(move |column| row * width + column)
+            })
+        };
+        for radius in [1, 3, 20] {
+            let [any, all] = [false, true].map(|all| spread(&mask, width, radius, all));
+            for at in 0..mask.len() {
+                assert_eq!(any[at], square(at, radius).any(|at| mask[at]));
+                assert_eq!(all[at], square(at, radius).all(|at| mask[at]));
+            }
+        }
+        let blurred = blurred(&values, width);
+        for (at, blurred) in blurred.into_iter().enumerate() {
+            let known: Vec<f32> = square(at, 1)
+                .map(|at| values[at])
+                .filter(|value| !value.is_nan())
+                .collect();
+            let mean = known.iter().sum::<f32>() / known.len() as f32;
+            let is_same = (blurred - mean).abs() < 1e-4 || blurred.is_nan() && mean.is_nan();
+            assert!(is_same, "{blurred} {mean}");
+        }
     }
 
     #[test]
