@@ -57,7 +57,7 @@ def costs(out, kind):
                 step["wall ms of a step"],
                 step["steps a second"],
                 step["kernels of a step"],
-                step["bytes read back in 1,000 iterations"],
+                f"{int(step['bytes read back in 1,000 iterations']):,}",
                 step["ms of a densification that needs more room"],
                 step["ms of one within its room"],
                 step["CPU ms of a step"],
@@ -109,7 +109,7 @@ def counted(out):
             [
                 f"{kind}, now",
                 step[names[0]],
-                step[names[1]],
+                f"{int(step[names[1]]):,}",
                 f"{larger[0]} for more room, {within[0]} within it ({within[1]} bytes read)",
                 f"{larger[2]} for more room, {within[2]} within it",
             ]
@@ -134,9 +134,12 @@ def stage_bytes(out):
             continue
         kinds.append(kind)
         for row in found[0][2:]:
-            stages.setdefault(row[0], {})[kind] = f"{row[2]} kernels, {row[3]} MB"
-    body = [[name] + [cells.get(kind, "-") for kind in kinds] for name, cells in stages.items()]
-    return table(["Stage"] + kinds, body)
+            stages.setdefault(row[0], {})[kind] = row[2:4]
+    none = ["-", "-"]
+    body = [
+        [name] + [cell for kind in kinds for cell in cells.get(kind, none)] for name, cells in stages.items()
+    ]
+    return table(["Stage"] + [f"{kind}: {what}" for kind in kinds for what in ("kernels", "MB")], body)
 
 
 def peer(out):
@@ -169,10 +172,12 @@ def number(value, digits=2):
 
 
 def model_hash(folder):
+    """None where there is no model."""
     digest = hashlib.sha256()
-    for path in sorted((folder / "run").rglob("*.ply")):
+    paths = sorted((folder / "run").rglob("*.ply"))
+    for path in paths:
         digest.update(path.read_bytes())
-    return digest.hexdigest()
+    return digest.hexdigest() if paths else None
 
 
 def compared(out):
@@ -181,9 +186,10 @@ def compared(out):
         seeds = [mean(score(folder / f"cpu-{seed}"), "psnr") for seed in (0, 1, 2)]
         seeds = [value for value in seeds if value is not None]
         on_gpu = mean(score(folder / "gpu-0"), "psnr")
-        twice = model_hash(folder / "gpu-0") == model_hash(folder / "gpu-again")
+        hashes = [model_hash(folder / name) for name in ("gpu-0", "gpu-again")]
+        twice = "-" if None in hashes else "yes" if hashes[0] == hashes[1] else "no"
         spread = f"{min(seeds):.2f} to {max(seeds):.2f}" if seeds else "-"
-        body.append([folder.name, spread, number(on_gpu), "yes" if twice else "no"])
+        body.append([folder.name, spread, number(on_gpu), twice])
     head = ["Method", "CPU, three seeds, dB", "GPU, seed 0, dB", "the same model twice"]
     return table(head, body)
 
