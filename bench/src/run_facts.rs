@@ -7,7 +7,7 @@ use std::{
 
 use omnilife_schemas::{
     provenance::Hardware,
-    records::{Backend, ExternalRun, PhaseName, RunRecord},
+    records::{Backend, ExternalRun, PhaseName, RunRecord, StageTime},
     store::{self, Record, StoreError},
 };
 
@@ -27,6 +27,8 @@ pub(crate) struct RunFacts {
     pub(crate) hardware: Option<Hardware>,
     pub(crate) versions: BTreeMap<String, String>,
     pub(crate) rendering_seconds: Option<f64>,
+    /// What the way from the video took, stage by stage, where the record says.
+    pub(crate) stages: Vec<StageTime>,
     pub(crate) peak_memory_bytes: Option<u64>,
     pub(crate) warnings: Vec<String>,
     /// Why views may be missing.
@@ -87,6 +89,7 @@ impl RunFacts {
             hardware: run.hardware,
             versions: run.versions,
             rendering_seconds: Some(run.rendering_seconds),
+            stages: run.stages,
             peak_memory_bytes: run.peak_memory_bytes,
             warnings: run.warnings,
             failure: None,
@@ -117,6 +120,7 @@ impl RunFacts {
             hardware: run.hardware,
             versions: run.versions,
             rendering_seconds: wall_seconds(PhaseName::Render),
+            stages: Vec::new(),
             peak_memory_bytes: run.phases.iter().filter_map(|p| p.peak_memory_bytes).max(),
             warnings: run.warnings,
             failure: run.failure,

@@ -47,6 +47,9 @@ pub(crate) fn result_record(job: &ScoringJob, outcomes: &[ViewOutcome]) -> Resul
         backend: job.run.as_ref().and_then(|run| run.backend.clone()),
         hardware: job.run.as_ref().and_then(|run| run.hardware.clone()),
         rendering_seconds: job.run.as_ref().and_then(|run| run.rendering_seconds),
+        stages: (job.run.as_ref())
+            .map(|run| run.stages.clone())
+            .unwrap_or_default(),
         peak_memory_bytes: job.run.as_ref().and_then(|run| run.peak_memory_bytes),
         warnings: [job.warnings(), identical_views(outcomes)].concat(),
         versions: versions(job),

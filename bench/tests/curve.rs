@@ -9,13 +9,17 @@ use std::{
 use omnilife_bench::curve::{self, CURVE_FILE, CURVES_FILE, Clock, POINTS_FILE, Region};
 use omnilife_schemas::{
     Classified, ErrorKind,
-    records::{Backend, ResultRecord},
+    elapsed::Elapsed,
+    records::{Backend, ResultRecord, StageTime},
     store,
 };
 
 fn write_scores(folder: &Path, method: &str, scene: &str, curve: Option<&str>) -> PathBuf {
-    fs::create_dir_all(folder).unwrap();
-    let record = ResultRecord {
+    write_record(folder, &record(method, scene), curve)
+}
+
+fn record(method: &str, scene: &str) -> ResultRecord {
+    ResultRecord {
         method: method.to_owned(),
         scene: scene.to_owned(),
         scene_sha256: String::new(),
@@ -34,12 +38,17 @@ fn write_scores(folder: &Path, method: &str, scene: &str, curve: Option<&str>) -
         backend: Some(Backend::Cpu { threads: 2 }),
         hardware: None,
         rendering_seconds: Some(1.0),
+        stages: Vec::new(),
         peak_memory_bytes: Some(3 << 29),
         warnings: Vec::new(),
         versions: [].into(),
         run_versions: [].into(),
-    };
-    store::write_record(&folder.join("result.json"), &record).unwrap();
+    }
+}
+
+fn write_record(folder: &Path, record: &ResultRecord, curve: Option<&str>) -> PathBuf {
+    fs::create_dir_all(folder).unwrap();
+    store::write_record(&folder.join("result.json"), record).unwrap();
     if let Some(curve) = curve {
         fs::write(folder.join(CURVE_FILE), curve).unwrap();
     }
@@ -184,6 +193,79 @@ fn the_folder_of_a_run_is_told_from_that_of_its_scores() {
             .ends_with("read from the folder of its scores"),
         "{error}"
     );
+}
+
+#[test]
+fn what_a_run_was_given_took_time_before_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let stage = |stage: &str, wall_seconds: f64, cpu_seconds: Option<f64>| StageTime {
+        stage: stage.to_owned(),
+        method: None,
+        took: Elapsed {
+            wall_seconds,
+            cpu_seconds,
+        },
+    };
+    let whole = ResultRecord {
+        stages: vec![
+            stage("poses", 30.0, Some(40.0)),
+            stage("dense", 50.5, Some(80.25)),
+            stage("training", 90.0, Some(90.0)),
+        ],
+        ..record("object-graph", "crossroad")
+    };
+    let mut older = whole.clone();
+    older.stages[0].took.cpu_seconds = None;
+    let runs = [
+        write_record(&at("a"), &whole, Some(CURVE)),
+        write_record(&at("b"), &older, Some(CURVE)),
+        write_scores(&at("c"), "odgs", "crossroad", Some(CURVE)),
+    ];
+    let of = |clock: Clock| {
+        let found = curve::curves(&runs, clock, Region::Whole, &at("out")).unwrap();
+        let curves = &found[0].curves;
+        let seconds: Vec<_> = curves
+            .iter()
+            .map(|curve| curve.run.preparation_seconds)
+            .collect();
+        (seconds, curve::curves_table(&found))
+    };
+    let (seconds, table) = of(Clock::Wall);
+    assert_eq!(seconds, [Some(80.5), Some(80.5), None]);
+    assert!(table.contains("| Before training s |"), "{table}");
+    assert!(
+        table
+            .lines()
+            .any(|line| line.starts_with("| odgs") && line.ends_with("| - |"))
+    );
+    assert_eq!(of(Clock::Cpu).0, [Some(120.25), None, None]);
+    let curves = fs::read_to_string(at("out").join(CURVES_FILE)).unwrap();
+    assert!(
+        curves.contains(",preparation_seconds,training_seconds,"),
+        "{curves}"
+    );
+}
+
+#[test]
+fn objects_and_input_views_stand_beside_novel_ones() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let further = [
+        ",objects,input_psnr_db,input_psnr_dynamic_db",
+        ",8,21.5,12.5",
+        ",8,,",
+        ",8,,",
+        ",8,27,",
+    ];
+    let rows = CURVE.lines().zip(further);
+    let traced: String = rows.map(|(row, more)| format!("{row}{more}\n")).collect();
+    let run = write_scores(&at("a"), "object-graph", "crossroad", Some(&traced));
+    let curves = curve::curves(&[run], Clock::Wall, Region::Whole, &at("out")).unwrap();
+    let rows = &curves[0].curves[0].run.rows;
+    let input: Vec<_> = rows.iter().map(|row| row.input_psnr_db).collect();
+    assert_eq!(input, [Some(21.5), None, Some(27.0)]);
+    assert!(rows.iter().all(|row| row.objects == Some(8)));
 }
 
 #[test]

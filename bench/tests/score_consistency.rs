@@ -50,6 +50,8 @@ fn run_record(bench: &Bench) -> RunRecord {
         peak_memory_bytes: None,
         up: None,
         clip_seconds: None,
+        stages: Vec::new(),
+        views: None,
         normalization: Similarity {
             offset: [0.0; 3],
             scale: 1.0,

@@ -5,9 +5,10 @@
 //! only rewrite `sequence.json`. Folders are made beside and renamed, so that a killed process
 //! leaves whole sequences only.
 
-use std::{path::Path, time::Instant};
+use std::path::Path;
 
 use omnilife_schemas::{
+    elapsed::Stopwatch,
     layout::{BOUNDARIES_FILE, FRAMES_FOLDER, SEQUENCE_FILE, SIGNALS_FILE, sequence_name},
     ownership::Standing,
     progress::Progress,
@@ -210,7 +211,7 @@ impl Sequencing<'_> {
 
     /// Extracts the frames of some sequences in one decode and puts them in place.
     fn extract(&self, missing: &[&Planned], progress: &dyn Progress) -> Result<(), CurateError> {
-        let started = Instant::now();
+        let started = Stopwatch::start();
         let staging = Staging::new(self.folder, "sequences")?;
         let selections: Vec<Selection> = missing
             .iter()
@@ -227,15 +228,14 @@ impl Sequencing<'_> {
             self.size,
             progress,
         )?;
-        let wall_seconds = started.elapsed().as_secs_f64();
+        let took = started.elapsed();
         for (sequence, selection) in missing.iter().zip(&selections) {
             store::write_record(
                 &selection.folder.join(SEQUENCE_FILE),
                 &self.record(sequence),
             )?;
             let files = (0..sequence.times.len()).map(frames::file_name);
-            self.plan(sequence, &selection.folder)
-                .finish(files, wall_seconds)?;
+            self.plan(sequence, &selection.folder).finish(files, took)?;
             clear(self.folder, &sequence.name, progress)?;
             let target = self.folder.join(&sequence.name);
             store::rename(&selection.folder, &target)

@@ -71,6 +71,15 @@ pub struct Elapsed {
     pub cpu: Option<Duration>,
 }
 
+impl From<Elapsed> for omnilife_schemas::elapsed::Elapsed {
+    fn from(elapsed: Elapsed) -> Self {
+        Self {
+            wall_seconds: elapsed.wall.as_secs_f64(),
+            cpu_seconds: elapsed.cpu.map(|time| time.as_secs_f64()),
+        }
+    }
+}
+
 impl Elapsed {
     /// The time of both.
     pub(crate) fn plus(self, other: Self) -> Self {

@@ -7,7 +7,7 @@
 //! a file is), [`lock`] (who writes into a folder), [`split_rules`] (what methods are given), [`npy`] (arrays),
 //! [`frame_scores`] (the scores of every view), [`stage`] (when work can be skipped), [`statistics`]
 //! (medians), [`bootstrap`] (how far scores can be trusted), [`plain_text`] (text of others where it is
-//! shown), [`provenance`] (what made a record), [`process`], [`process_group`], [`progress`],
+//! shown), [`provenance`] (what made a record), [`elapsed`] (how long work took), [`process`], [`process_group`], [`progress`],
 //! [`error_kind`], [`foreign_code`] (libraries that panic), and [`testing`] (skipped tests).
 //!
 //! # Conventions
@@ -22,6 +22,7 @@ pub mod bootstrap;
 pub mod camera;
 pub mod command;
 pub mod distances;
+pub mod elapsed;
 pub mod error_kind;
 pub mod foreign_code;
 pub mod frame_scores;

@@ -18,6 +18,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::{
+    elapsed::Elapsed,
     lock::{FolderLock, LOCK_FILE},
     ownership::{OwnFile, OwnFiles, Standing, path_inside},
     progress::Silent,
@@ -40,8 +41,9 @@ pub struct Done {
     pub inputs: Vec<StageInput>,
     /// Outputs relative to the stage's folder, with their sizes and hashes.
     pub outputs: Vec<StageOutput>,
-    /// Wall-clock time the stage took, seconds.
-    pub wall_seconds: f64,
+    /// Time the stage took.
+    #[serde(flatten)]
+    pub took: Elapsed,
 }
 
 impl Record for Done {
@@ -183,6 +185,12 @@ impl StagePlan {
                 .is_none_or(|sha256| store::sha256_file(&path).is_ok_and(|found| found == *sha256))
     }
 
+    /// How long the stage took when it last ran; `None` where it has not finished.
+    pub fn took(&self) -> Option<Elapsed> {
+        let done = store::read_record::<Done>(&self.record_path()).ok()?;
+        Some(done.took)
+    }
+
     /// Whether this stage has begun or finished in its folder before.
     pub fn has_begun(&self) -> bool {
         self.record_path().is_file() || self.begun_path().is_file()
@@ -267,9 +275,9 @@ impl StagePlan {
     pub fn finish<S: AsRef<str>>(
         &self,
         outputs: impl IntoIterator<Item = S>,
-        wall_seconds: f64,
+        took: impl Into<Elapsed>,
     ) -> Result<(), StoreError> {
-        self.finish_hashed(outputs.into_iter().map(|file| (file, None)), wall_seconds)
+        self.finish_hashed(outputs.into_iter().map(|file| (file, None)), took)
     }
 
     /// [`StagePlan::finish`] with the SHA-256 of outputs whose bytes were hashed when they were written;
@@ -280,7 +288,7 @@ impl StagePlan {
     pub fn finish_hashed<S: AsRef<str>>(
         &self,
         outputs: impl IntoIterator<Item = (S, Option<String>)>,
-        wall_seconds: f64,
+        took: impl Into<Elapsed>,
     ) -> Result<(), StoreError> {
         let mut recorded = Vec::new();
         for (output, known) in outputs {
@@ -301,7 +309,7 @@ impl StagePlan {
                 inputs_sha256: self.inputs_sha256(),
                 inputs: self.inputs.clone(),
                 outputs: recorded,
-                wall_seconds,
+                took: took.into(),
             },
         )?;
         store::remove(&self.begun_path())

@@ -36,7 +36,7 @@ fn the_same_inputs_are_skipped() {
     assert!(plan(folder.path(), &input, 7).is_done());
     let record: Done = store::read_record(&folder.path().join(".done/train.json")).unwrap();
     assert_eq!(record.stage, "train");
-    assert_eq!(record.wall_seconds, 1.5);
+    assert_eq!(record.took.wall_seconds, 1.5);
     let outputs: Vec<_> = record
         .outputs
         .iter()

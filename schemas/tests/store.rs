@@ -72,6 +72,7 @@ fn result(mean: f64) -> ResultRecord {
         hardware: None,
         run_versions: [].into(),
         rendering_seconds: Some(0.3),
+        stages: Vec::new(),
         peak_memory_bytes: None,
         warnings: Vec::new(),
         versions: [].into(),

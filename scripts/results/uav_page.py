@@ -92,6 +92,21 @@ def of_runs(folder, kinds):
     return lines
 
 
+def of_stages(folder):
+    """What the way from the video took: structure from motion and stereo as they were run for their own tables, then
+    the stages that the record of the first run of object-graph tells."""
+    others = [("structure from motion, the video alone", folder / "alone/videos/flight/seq-000/.done/poses.json"),
+              ("dense points by stereo, exact poses", folder / "stereo/dense/.done/dense.json")]
+    rows = [(title, read(path)) for title, path in others if path.exists()]
+    for stage in read(folder / "runs/object-graph-0/run.json").get("stages", []):
+        way = f" (`{stage['method']}`)" if stage.get("method") else ""
+        rows.append((stage["stage"] + way, stage))
+    seconds = lambda one, key: f"{one[key]:.2f}" if one.get(key) is not None else "-"
+    return ["| Stage | Wall s | CPU s |", "|---|---:|---:|",
+            *(f"| {title} | {seconds(took, 'wall_seconds')} | {seconds(took, 'cpu_seconds')} |"
+              for title, took in rows)]
+
+
 class Road:
     """What is behind vehicles: the same places of the road in other frames."""
 
@@ -226,7 +241,7 @@ def main():
             f"{hardware['threads']} threads of {hardware['processor']}, shared with other work. Where there are "
             "several seeds, the mean and half of the range; PSNR in dB. Runs \"as long as\" another have as many "
             "iterations as fit into its CPU time.", "", "### Geometry", "",
-            *of_geometry(folder), "", "### Tracks", "",
+            *of_geometry(folder), "", "### Stages", "", *of_stages(folder), "", "### Tracks", "",
             *of_tracks(folder), "", "### Views", "", *of_runs(folder, main_runs), "", "### Components", "",
             *of_runs(folder, ablated), "", *of_street(folder), "### Removal", "",
             *of_removal(folder, road, empty[0] if empty else None), "",

@@ -155,6 +155,7 @@ fn stage_by_stage_gives_the_scores_of_the_main_job() {
     let timeless = |result: &ResultRecord| ResultRecord {
         training_seconds: None,
         rendering_seconds: None,
+        stages: Vec::new(),
         peak_memory_bytes: None,
         ..result.clone()
     };

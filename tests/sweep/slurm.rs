@@ -135,6 +135,7 @@ fn result(scene: usize) -> ResultRecord {
         hardware: None,
         run_versions: [].into(),
         rendering_seconds: None,
+        stages: Vec::new(),
         peak_memory_bytes: None,
         warnings: Vec::new(),
     }

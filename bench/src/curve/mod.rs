@@ -147,6 +147,7 @@ fn write_curves(path: &Path, comparisons: &[Comparison]) -> Result<(), BenchErro
             "seed",
             "clock",
             "region",
+            "preparation_seconds",
             "training_seconds",
             "evaluation_seconds",
             "iterations",
@@ -178,6 +179,7 @@ fn write_curves(path: &Path, comparisons: &[Comparison]) -> Result<(), BenchErro
                     run.seed.to_string(),
                     run.clock.name().to_owned(),
                     run.region.name().to_owned(),
+                    cell(run.preparation_seconds),
                     run.training_seconds.to_string(),
                     run.evaluation_seconds.to_string(),
                     run.iterations.to_string(),
@@ -216,6 +218,8 @@ struct PointRow<'a> {
     iteration: u64,
     primitives: u64,
     psnr_db: f64,
+    input_psnr_db: Option<f64>,
+    objects: Option<u64>,
     ssim: Option<f64>,
     ghost_share: Option<f64>,
     input_hole_share: Option<f64>,
@@ -241,6 +245,8 @@ fn write_points(
                     iteration: row.iteration,
                     primitives: row.primitives,
                     psnr_db: row.psnr_db,
+                    input_psnr_db: row.input_psnr_db,
+                    objects: row.objects,
                     ssim: row.ssim,
                     ghost_share: row.ghost_share,
                     input_hole_share: row.input_hole_share,
@@ -276,10 +282,18 @@ pub fn curves_table(comparisons: &[Comparison]) -> String {
         } else {
             ("", "")
         };
+        let with_preparation =
+            (comparison.curves.iter()).any(|curve| curve.run.preparation_seconds.is_some());
+        let (preparation_head, preparation_rule) = if with_preparation {
+            (" Before training s |", " ---: |")
+        } else {
+            ("", "")
+        };
         let _ = writeln!(
             text,
             "{}, protocol {:.12}{}{}\n\n| Run | Final dB | 95 % after s | {} | {} | Area dB | GiB | \
-             Front |{fault_heads}\n| --- | ---: | ---: | {} ---: | ---: | --- |{fault_rules}",
+             Front |{preparation_head}{fault_heads}\n| --- | ---: | ---: | {} ---: | ---: | --- |\
+             {preparation_rule}{fault_rules}",
             comparison.scene,
             comparison.protocol_hash,
             match comparison.curves.first().map(|curve| curve.run.clock) {
@@ -314,6 +328,9 @@ pub fn curves_table(comparisons: &[Comparison]) -> String {
             let bytes = curve.run.peak_memory_bytes;
             cells.push(number(bytes.map(|b| b as f64 / f64::from(1 << 30)), 2));
             cells.push(if curve.on_front { "yes" } else { "" }.to_owned());
+            if with_preparation {
+                cells.push(number(curve.run.preparation_seconds, 1));
+            }
             if with_faults {
                 let percent = |share: Option<f64>| number(share.map(|share| 100.0 * share), 2);
                 cells.extend(faults(&curve.run).map(percent));

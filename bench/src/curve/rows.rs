@@ -25,6 +25,18 @@ pub(crate) struct CurveRow {
     /// Primitives of the model.
     #[serde(alias = "gaussians")]
     pub(crate) primitives: u64,
+    /// Objects that move as one, where the model tells any apart.
+    #[serde(default)]
+    pub(crate) objects: Option<u64>,
+    /// PSNR of some input views as training measured it, dB.
+    #[serde(default)]
+    pub(crate) input_psnr_db: Option<f64>,
+    /// The same where nothing moves.
+    #[serde(default)]
+    pub(crate) input_psnr_static_db: Option<f64>,
+    /// The same where something moves.
+    #[serde(default)]
+    pub(crate) input_psnr_dynamic_db: Option<f64>,
     /// Novel views that were scored; a trace has none of them.
     #[serde(default)]
     pub(crate) novel_views: usize,

@@ -2,7 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use omnilife_schemas::{layout::RESULT_FILE, records::ResultRecord, store};
+use omnilife_schemas::{
+    layout::RESULT_FILE,
+    records::{ResultRecord, StageTime},
+    store,
+};
 
 use crate::{
     curve::{
@@ -57,12 +61,13 @@ impl Region {
         }
     }
 
-    /// PSNR of a row in the region, dB, where it was scored there.
-    fn psnr_db(self, row: &CurveRow) -> Option<f64> {
+    /// PSNR of a row in the region, dB: of novel views, where they were scored there, and of input views, where
+    /// training measured it.
+    fn psnr_db(self, row: &CurveRow) -> [Option<f64>; 2] {
         match self {
-            Self::Whole => row.novel_psnr_db,
-            Self::Static => row.novel_psnr_static_db,
-            Self::Dynamic => row.novel_psnr_dynamic_db,
+            Self::Whole => [row.novel_psnr_db, row.input_psnr_db],
+            Self::Static => [row.novel_psnr_static_db, row.input_psnr_static_db],
+            Self::Dynamic => [row.novel_psnr_dynamic_db, row.input_psnr_dynamic_db],
         }
     }
 }
@@ -84,6 +89,9 @@ pub struct TracedRun {
     pub clock: Clock,
     /// The region of its qualities.
     pub region: Region,
+    /// Time of what the run was given, from the video on, by the same clock, seconds; none where records do not
+    /// tell.
+    pub preparation_seconds: Option<f64>,
     /// Time of all training steps, seconds.
     pub training_seconds: f64,
     /// Wall-clock time of rendering the trace's views, seconds; the training time is without it.
@@ -111,6 +119,10 @@ pub struct TraceRow {
     pub primitives: u64,
     /// Mean PSNR of the novel views in the region, dB.
     pub psnr_db: f64,
+    /// Mean PSNR of some input views in the region as training measured it, dB, where it did.
+    pub input_psnr_db: Option<f64>,
+    /// Objects that move as one, where the model tells any apart.
+    pub objects: Option<u64>,
     /// Mean SSIM of the whole novel views.
     pub ssim: Option<f64>,
     /// Opacity-weighted share of the Gaussians in the free space of two input views or more.
@@ -140,6 +152,20 @@ pub(crate) fn names(runs: &[&TracedRun]) -> Vec<String> {
         }
     };
     runs.iter().map(name).collect()
+}
+
+/// The time of the stages before a run; `None` where there is no record of any, or one does not know the clock.
+fn preparation_seconds(stages: &[StageTime], clock: Clock) -> Option<f64> {
+    let before = stages.iter().filter(|stage| !stage.is_of_run());
+    let seconds: Option<Vec<f64>> = before
+        .map(|stage| match clock {
+            Clock::Wall => Some(stage.took.wall_seconds),
+            Clock::Cpu => stage.took.cpu_seconds,
+        })
+        .collect();
+    seconds
+        .filter(|all| !all.is_empty())
+        .map(|all| all.iter().sum())
 }
 
 /// Reads a run from the folder of its scores or the `result.json` there.
@@ -174,7 +200,7 @@ pub fn read_run(path: &Path, clock: Clock, region: Region) -> Result<TracedRun, 
     let mut evaluation_seconds = 0.0;
     for row in read_rows(&curve)? {
         evaluation_seconds = row.evaluation_seconds;
-        let Some(psnr_db) = region.psnr_db(&row) else {
+        let [Some(psnr_db), input_psnr_db] = region.psnr_db(&row) else {
             continue;
         };
         let seconds = match clock {
@@ -195,6 +221,8 @@ pub fn read_run(path: &Path, clock: Clock, region: Region) -> Result<TracedRun, 
             iteration: row.iteration,
             primitives: row.primitives,
             psnr_db,
+            input_psnr_db,
+            objects: row.objects,
             ssim: row.novel_ssim,
             ghost_share: row.ghost_share,
             input_hole_share: row.input_hole_share,
@@ -217,6 +245,7 @@ pub fn read_run(path: &Path, clock: Clock, region: Region) -> Result<TracedRun, 
     }
     Ok(TracedRun {
         folder: path.to_owned(),
+        preparation_seconds: preparation_seconds(&record.stages, clock),
         clock,
         region,
         method: record.method,

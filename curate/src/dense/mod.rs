@@ -14,14 +14,12 @@ mod measure;
 mod neighbours;
 mod sweep;
 
-use std::{
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use omnilife_schemas::{
     camera::Camera,
+    elapsed::Stopwatch,
     layout::{DENSE_FILE, POINTS_FILE, SCENE_FILE},
     lock::FolderLock,
     npy,
@@ -107,7 +105,7 @@ pub fn make_dense(
     let _lock = FolderLock::take(&request.out, progress)?;
     plan.claim([DENSE_FILE])?;
     store::remove(&record)?;
-    let begun = Instant::now();
+    let begun = Stopwatch::start();
     let known = match &scene.points {
         Some(file) => PointCloud::read_ply(&request.scene_folder.join(file))?,
         None => PointCloud::default(),
@@ -146,7 +144,7 @@ pub fn make_dense(
         .remove(|file| !staging.files.iter().any(|new| new == file))?;
     store::write_record(&record, &dense)?;
     outputs.push(DENSE_FILE.to_owned());
-    plan.finish(outputs, begun.elapsed().as_secs_f64())?;
+    plan.finish(outputs, begun.elapsed())?;
     Ok(dense)
 }
 

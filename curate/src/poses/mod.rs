@@ -25,12 +25,12 @@ pub mod validate;
 use std::{
     collections::BTreeSet,
     path::{Path, PathBuf},
-    time::Instant,
 };
 
 use omnilife_schemas::{
     Pose,
     camera::Camera,
+    elapsed::Stopwatch,
     layout::{POINTS_FILE, SCENE_FILE, SEQUENCE_FILE},
     lock::FolderLock,
     ownership::Standing,
@@ -119,7 +119,7 @@ pub fn pose_sequence_with(
     plan.claim([SCENE_FILE])?;
     // If posing fails now, the scene of earlier poses must not be taken for these.
     store::remove(&scene_path)?;
-    let started = Instant::now();
+    let started = Stopwatch::start();
     let mut posed = match request {
         PoseRequest::Given(path) => given::read(path, &sequence)?,
         PoseRequest::Sfm(settings) => {
@@ -153,7 +153,7 @@ pub fn pose_sequence_with(
     )?;
     let outputs = put_in_place(&plan, &staging, &scene)?;
     store::write_record(&scene_path, &scene)?;
-    plan.finish(outputs, started.elapsed().as_secs_f64())?;
+    plan.finish(outputs, started.elapsed())?;
     Ok(scene)
 }
 

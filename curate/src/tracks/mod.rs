@@ -21,13 +21,11 @@ pub mod spline_fit;
 pub mod stability;
 mod vehicle_scale;
 
-use std::{
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::path::{Path, PathBuf};
 
 use glam::{DVec2, DVec3, dvec2};
 use omnilife_schemas::{
+    elapsed::Stopwatch,
     layout::{SCENE_FILE, TRACKS_FILE},
     lock::FolderLock,
     names,
@@ -95,7 +93,7 @@ pub fn make_tracks(request: &TrackRequest, progress: &dyn Progress) -> Result<Tr
     store::create_folder(&request.out)?;
     let _lock = FolderLock::take(&request.out, progress)?;
     plan.claim([TRACKS_FILE, PAGE_FILE])?;
-    let begun = Instant::now();
+    let begun = Stopwatch::start();
     let tracks = asked.track(request, progress)?;
     page::write(
         &request.out.join(PAGE_FILE),
@@ -105,7 +103,7 @@ pub fn make_tracks(request: &TrackRequest, progress: &dyn Progress) -> Result<Tr
         &tracks,
     )?;
     store::write_record(&record, &tracks)?;
-    plan.finish([TRACKS_FILE, PAGE_FILE], begun.elapsed().as_secs_f64())?;
+    plan.finish([TRACKS_FILE, PAGE_FILE], begun.elapsed())?;
     Ok(tracks)
 }
 
@@ -241,7 +239,7 @@ impl Asked {
         };
         let mut stages = Vec::new();
         if self.known_scale.is_none() {
-            let begun = Instant::now();
+            let begun = Stopwatch::start();
             let (metres, evidence) = vehicle_scale::by_vehicles(
                 &self.scene_path,
                 plane,
@@ -284,12 +282,12 @@ fn metres_per_unit(
 }
 
 /// A stage that has ended.
-fn stage(stage: &str, method: &str, reason: String, begun: Instant) -> TrackStage {
+fn stage(stage: &str, method: &str, reason: String, begun: Stopwatch) -> TrackStage {
     TrackStage {
         stage: stage.to_owned(),
         method: method.to_owned(),
         reason,
-        wall_seconds: begun.elapsed().as_secs_f64(),
+        took: begun.elapsed(),
     }
 }
 
@@ -315,7 +313,7 @@ impl Tracking<'_> {
         progress: &dyn Progress,
     ) -> Result<Tracks, CurateError> {
         let plane = self.plane;
-        let begun = Instant::now();
+        let begun = Stopwatch::start();
         let detected = (detector.detect)(input, progress)?;
         let mut detections = detected.boxes;
         let found = format!("{} boxes in {} frames", detections.len(), self.views.len());
@@ -325,10 +323,10 @@ impl Tracking<'_> {
             format!("{found}; {}", detected.said)
         };
         stages.push(stage("detector", detector.id, found, begun));
-        let begun = Instant::now();
+        let begun = Stopwatch::start();
         let lifted = self.lift(&mut detections, input, &self.request.distance)?;
         stages.push(stage("distance", lifted.method, lifted.reason, begun));
-        let begun = Instant::now();
+        let begun = Stopwatch::start();
         let groups = if self.request.association == association::DEEPSORT {
             let (groups, said) = self.associate_by_appearance(&detections, input)?;
             stages.push(stage("appearance", association::DEEPSORT, said, begun));
@@ -348,7 +346,7 @@ impl Tracking<'_> {
             reason,
             begun,
         ));
-        let begun = Instant::now();
+        let begun = Stopwatch::start();
         let mut warnings = [self.warnings.clone(), lifted.warnings].concat();
         let told = warnings.len();
         let mut tracks: Vec<Track> = Vec::new();

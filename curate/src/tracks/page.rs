@@ -45,7 +45,7 @@ pub(super) fn write(
         let _ = writeln!(
             page,
             "<tr><td>{name}<td>{method}<td>{reason}<td>{:.2}</tr>",
-            stage.wall_seconds
+            stage.took.wall_seconds
         );
     }
     page += "</table>\n<h2>From above</h2>\n";

@@ -53,6 +53,7 @@ pub(crate) fn result(scene: &str, method: &str, psnr: f64, ssim: f64) -> ResultR
         hardware: None,
         run_versions: [].into(),
         rendering_seconds: None,
+        stages: Vec::new(),
         peak_memory_bytes: None,
         primitives: Some(123_456),
         iterations: Some(3000),

@@ -11,7 +11,7 @@ use omnilife_engine::{gaussians::tracked::OBJECT_NUMBERS, parameters::ParameterT
 use omnilife_schemas::{
     lock::FolderLock,
     progress::Progress,
-    records::{GraphObject, Objects, RunRecord, ViewPredictions},
+    records::{GraphObject, Objects, Poses, RunRecord, ViewPredictions},
     stage::StagePlan,
     store::{self, StoreError},
     trajectory::GroundAxes,
@@ -20,7 +20,10 @@ use omnilife_schemas::{
 use crate::{
     error::ReconstructError,
     formats::{GAUSSIANS_FILE, OBJECT_GAUSSIANS_FILE, OBJECTS_FILE, objects},
-    jobs::reconstruct::{NOVEL_FOLDER, RUN_FILE},
+    jobs::{
+        reconstruct::{NOVEL_FOLDER, RUN_FILE},
+        run_views,
+    },
 };
 
 /// A change of one object.
@@ -85,6 +88,10 @@ pub fn edit(request: &EditRequest, progress: &dyn Progress) -> Result<Vec<u32>, 
             .and_then(|()| stays_in_clip(edit, &record, run.clip_seconds))
             .map_err(|reason| ReconstructError::scene(&objects_path, reason))?;
         run.edits.push(edit.words());
+    }
+    for warning in out_of_view(&record, run.views.as_ref()) {
+        progress.note(&format!("{}: {warning}", objects_path.display()));
+        run.warnings.push(warning);
     }
     // What the run predicted was predicted before.
     run.predictions = ViewPredictions {
@@ -215,9 +222,35 @@ fn stays_in_clip(
     }
 }
 
+/// What is to be told of objects that no view of the run shows as they are now: other cameras may. Runs of older
+/// versions do not say where their views are.
+fn out_of_view(record: &Objects, views: Option<&Poses>) -> Vec<String> {
+    let Some(views) = views else {
+        return Vec::new();
+    };
+    record
+        .objects
+        .iter()
+        .filter(|object| !run_views::is_in_view(object, record.up, views))
+        .map(|object| {
+            format!(
+                "object {} is out of every one of the run's {} views now",
+                object.id,
+                views.frames.len()
+            )
+        })
+        .collect()
+}
+
 #[cfg(test)]
 mod tests {
-    use omnilife_schemas::trajectory::{BSpline, ObjectPath};
+    use glam::{DMat3, DQuat};
+    use omnilife_schemas::{
+        Pose,
+        camera::PinholeCamera,
+        records::{PosedFrame, Scale},
+        trajectory::{BSpline, ObjectPath},
+    };
 
     use super::*;
 
@@ -261,5 +294,33 @@ mod tests {
             );
         }
         assert_eq!(delayed(1e9, None), Ok(()));
+    }
+
+    #[test]
+    fn an_object_that_is_moved_out_of_every_view_is_told() {
+        let looks_down = DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z);
+        let pose = Pose::new(DQuat::from_mat3(&looks_down), DVec3::Z * 40.0);
+        let views = Poses {
+            scale: Scale::Metres,
+            camera: Some(PinholeCamera::with_horizontal_field_of_view(64, 36, 1.1).into()),
+            frames: vec![PosedFrame {
+                time_seconds: 3.0,
+                pose,
+                mask: None,
+            }],
+            points: None,
+        };
+        let told = |east: f64, views: Option<&Poses>| {
+            let (mut record, mut table) = (record(), ParameterTable::default());
+            apply(&Edit::Move(3, [east, 0.0, 0.0]), &mut record, &mut table).expect("moved");
+            out_of_view(&record, views)
+        };
+        assert!(told(5.0, Some(&views)).is_empty());
+        let warning = told(5000.0, Some(&views)).join("; ");
+        assert_eq!(
+            warning,
+            "object 3 is out of every one of the run's 1 views now"
+        );
+        assert!(told(5000.0, None).is_empty());
     }
 }

@@ -112,7 +112,7 @@ impl<'a> Frames<'a> {
             training_seconds: analysis_seconds,
             training_cpu_seconds: None,
             evaluation_seconds: 0.0,
-            rendering_seconds,
+            rendering: rendering_seconds.into(),
             seconds_per_group: (!rows.is_empty())
                 .then(|| (analysis_seconds + rendering_seconds) / rows.len() as f64),
             normalization: Similarity {

@@ -10,4 +10,6 @@ mod opened_gaussians;
 pub mod plan_cost;
 pub mod reconstruct;
 pub mod render;
+mod run_views;
+mod stage_times;
 mod trace_folder;

@@ -7,9 +7,9 @@ use std::{
     time::Instant,
 };
 
-use glam::DVec3;
 use omnilife_schemas::{
     Similarity,
+    elapsed::{Elapsed as Took, Stopwatch},
     layout::TRACKS_FILE,
     lock::FolderLock,
     progress::Progress,
@@ -32,6 +32,7 @@ use crate::{
     },
     jobs::{
         interpolate::{Frames, GROUPS_FILE},
+        run_views, stage_times,
         trace_folder::{self, TRACE_FOLDER},
     },
     methods::{
@@ -119,7 +120,7 @@ pub(crate) struct MadeViews {
     pub(crate) training_seconds: f64,
     pub(crate) training_cpu_seconds: Option<f64>,
     pub(crate) evaluation_seconds: f64,
-    pub(crate) rendering_seconds: f64,
+    pub(crate) rendering: Took,
     pub(crate) seconds_per_group: Option<f64>,
     pub(crate) normalization: Similarity,
     pub(crate) trace: Option<String>,
@@ -175,13 +176,22 @@ pub fn reconstruct(
             frames.make_views(method.id, settings(), interpolate, &stage, progress)?
         }
     };
-    let (up, clip_seconds) = (up(&scene, &split), clip_seconds(&scene, &split));
+    let mut stages = stage_times::of_request(request, method, &scene)?;
+    stages.extend(stage_times::of_run(
+        made.planning.into(),
+        Took {
+            wall_seconds: made.training_seconds,
+            cpu_seconds: made.training_cpu_seconds,
+        },
+        made.rendering,
+    ));
+    let has_objects = made.outputs.iter().any(|file| file == OBJECTS_FILE);
     let variant = Variant::of(method, &request.settings).to_string();
     let record = RunRecord {
         method: method.id.to_owned(),
         variant: (variant != method.id).then_some(variant),
         scene: scene.id.clone(),
-        protocol_hash: split.protocol_hash,
+        protocol_hash: split.protocol_hash.clone(),
         seed: request.settings.seed,
         backend: made.backend,
         configuration: made.configuration,
@@ -197,12 +207,14 @@ pub fn reconstruct(
         training_seconds: made.training_seconds,
         training_cpu_seconds: made.training_cpu_seconds,
         evaluation_seconds: made.evaluation_seconds,
-        rendering_seconds: made.rendering_seconds,
+        rendering_seconds: made.rendering.wall_seconds,
+        stages,
         seconds_per_group: made.seconds_per_group,
         peak_memory_bytes: process::peak_memory_bytes(),
         normalization: made.normalization,
-        up,
-        clip_seconds,
+        up: run_views::up(&scene, &split),
+        clip_seconds: run_views::clip_seconds(&scene, &split),
+        views: has_objects.then(|| run_views::poses(&scene, &split)),
         trace: made.trace,
         trace_views: made.trace_views,
         surfaces: made.surfaces,
@@ -263,9 +275,9 @@ fn train(
         planning,
     };
     let mut outcome = method.train(&scene, &request.settings, &session)?;
-    let rendering = Instant::now();
+    let rendering = Stopwatch::start();
     let mut outputs = render_predictions(&scene, &mut outcome, stage, &request.out, progress)?;
-    let rendering_seconds = rendering.elapsed().as_secs_f64();
+    let rendering = rendering.elapsed();
     let warnings = warnings(&scene, split, &outcome);
     let lift_path = request.out.join(LIFT_FILE);
     match &outcome.lift {
@@ -299,7 +311,7 @@ fn train(
         training_seconds: training.state.training.as_secs_f64(),
         training_cpu_seconds: training.state.training_cpu.map(|time| time.as_secs_f64()),
         evaluation_seconds: training.state.evaluation.as_secs_f64(),
-        rendering_seconds,
+        rendering,
         seconds_per_group: None,
         normalization: scene.normalization,
         trace: Some(TRACE_FILE.to_owned()),
@@ -337,26 +349,6 @@ fn planned_files(method: &Method, split: &Split) -> Vec<String> {
             .map(|&file| file.to_owned()),
     );
     files
-}
-
-/// Mean direction up of the input views' cameras, in the world; `None` where they have none together.
-fn up(scene: &Scene, split: &Split) -> Option<[f64; 3]> {
-    let frames = split.input_views.iter();
-    let poses = frames.filter_map(|&frame| scene.frames.get(frame as usize)?.pose);
-    let up: DVec3 = poses
-        .filter_map(|pose| Some(pose.rotation()? * DVec3::NEG_Y))
-        .sum();
-    up.try_normalize().map(|up| up.to_array())
-}
-
-/// Times of the first and the last view of a split, seconds; `None` where it has none.
-fn clip_seconds(scene: &Scene, split: &Split) -> Option<[f64; 2]> {
-    let views = split.input_views.iter().chain(&split.novel_views);
-    let times = views.filter_map(|&frame| Some(scene.frames.get(frame as usize)?.time_seconds));
-    times.fold(None, |clip, time| {
-        let [first, last] = clip.unwrap_or([time; 2]);
-        Some([first.min(time), last.max(time)])
-    })
 }
 
 /// The file of a predicted view, relative to the run's folder.

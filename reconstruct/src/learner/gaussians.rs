@@ -192,6 +192,7 @@ impl Learner for GaussianLearner<'_> {
         ModelSize {
             primitives: self.stepper.gaussians() as u64,
             with_times: self.stepper.gaussians_with_times() as u64,
+            objects: self.stepper.objects().map(|objects| objects as u64),
             bytes: self.stepper.arrays().iter().map(bytes).sum(),
         }
     }

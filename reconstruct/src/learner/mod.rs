@@ -27,6 +27,8 @@ pub struct ModelSize {
     pub primitives: u64,
     /// How many of them have times of their own.
     pub with_times: u64,
+    /// Objects that move as one, where the model tells any apart.
+    pub objects: Option<u64>,
     /// Bytes of everything that is trained, with gradients and moments.
     pub bytes: u64,
 }

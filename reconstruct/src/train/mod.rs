@@ -2,10 +2,12 @@
 //! that is made of.
 //!
 //! * [`timing`]: what a step takes; [`trace`]: where it stood, row by row; [`trace_views`]: the
-//!   novel views at these rows; `surface_faults`: ghosts and holes there; [`checkpoint`]: how a run survives
+//!   novel views at these rows; `surface_faults`: ghosts and holes there; [`input_psnr`]: how well input views are
+//!   met there, by region; [`checkpoint`]: how a run survives
 //!   an interruption; `resume`: how it goes on; `nonfinite`: when it stops for want of numbers.
 
 pub mod checkpoint;
+pub mod input_psnr;
 mod nonfinite;
 mod resume;
 mod surface_faults;
@@ -19,12 +21,12 @@ use std::{
 };
 
 use omnilife_engine::{EngineError, schedule::Position, step::settings::TrainSettings};
-use omnilife_schemas::{progress::Progress, records::SurfaceFaults};
+use omnilife_schemas::progress::Progress;
 use rand::seq::SliceRandom;
 use serde::{Deserialize, Serialize};
 
 use self::{
-    checkpoint::LoopState, nonfinite::too_many_nonfinite, resume::resume,
+    checkpoint::LoopState, input_psnr::InputPsnr, nonfinite::too_many_nonfinite, resume::resume,
     surface_faults::KnownSurfaces, trace::TracePoint, trace_views::TraceViews,
 };
 use crate::{
@@ -291,7 +293,15 @@ impl<'a> Trainer<'a> {
         if !last {
             self.keep_novel_views()?;
         }
-        let faults = self.surface_faults(last)?;
+        let is_due = last || self.keeps_novel_views();
+        let faults = match &self.surfaces {
+            Some(surfaces) if is_due => surfaces.faults(self.learner)?,
+            _ => None,
+        };
+        let input_psnr = match &self.session.files {
+            Some(_) if is_due => InputPsnr::of(self.scene, self.learner)?,
+            _ => None,
+        };
         self.state.evaluation += begun.elapsed();
         let statistics = std::mem::take(&mut self.state.since_trace);
         let arrays = self.learner.arrays();
@@ -302,6 +312,7 @@ impl<'a> Trainer<'a> {
         let size = self.learner.size();
         let mut point = TracePoint::new(&self.state, &statistics, size, &arrays);
         point.surfaces = faults;
+        point.input_psnr = input_psnr;
         self.session.progress.status(&point.text());
         self.state.trace.push(point);
         if let Some(files) = &self.session.files {
@@ -310,15 +321,12 @@ impl<'a> Trainer<'a> {
         Ok(())
     }
 
-    /// Ghosts and holes, at the last row and where novel views are kept too.
-    fn surface_faults(&mut self, last: bool) -> Result<Option<SurfaceFaults>, ReconstructError> {
+    /// Whether novel views are left at the rows of the trace: then ghosts, holes and input views are measured there
+    /// too.
+    fn keeps_novel_views(&self) -> bool {
         let files = self.session.files.as_ref();
         let kept = files.and_then(|files| files.trace_views.as_ref());
-        let is_due = last || kept.is_some_and(|kept| !kept.frames.is_empty());
-        match &self.surfaces {
-            Some(surfaces) if is_due => surfaces.faults(self.learner),
-            _ => Ok(None),
-        }
+        kept.is_some_and(|kept| !kept.frames.is_empty())
     }
 
     /// Leaves the novel views as they are now, for the benchmark to score.

@@ -12,7 +12,7 @@ use omnilife_engine::{model::TrainedArray, step::StepStatistics};
 
 use crate::learner::ModelSize;
 use crate::process;
-use crate::train::checkpoint::LoopState;
+use crate::train::{checkpoint::LoopState, input_psnr::InputPsnr};
 
 /// One row of error against run time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -29,6 +29,9 @@ pub struct TracePoint {
     /// Primitives of the model: Gaussians, or whatever else it is made of.
     #[serde(alias = "gaussians")]
     pub primitives: u64,
+    /// Objects that move as one, where the model tells any apart.
+    #[serde(default)]
+    pub objects: Option<u64>,
     /// Bytes of parameters, gradients and moments.
     pub table_bytes: u64,
     /// Highest resident memory of the process so far, where the system tells.
@@ -37,6 +40,9 @@ pub struct TracePoint {
     pub train_loss: f64,
     /// PSNR of the mean squared error over the training steps since the row before, dB.
     pub train_psnr_db: f64,
+    /// How well some input views are met by region, where they have masks and it was measured.
+    #[serde(default)]
+    pub input_psnr: Option<InputPsnr>,
     /// Ghosts and holes, where the scene knows distances and they were looked for.
     #[serde(default)]
     pub surfaces: Option<SurfaceFaults>,
@@ -57,8 +63,17 @@ const COLUMNS: [&str; 9] = [
     "train_psnr_db",
 ];
 
-/// Columns of ghosts and holes.
-const SURFACE_COLUMNS: [&str; 3] = ["ghost_share", "input_hole_share", "novel_hole_share"];
+/// Columns that are there where any row of a trace has something in them: objects, input views by region, ghosts
+/// and holes.
+const FURTHER_COLUMNS: [&str; 7] = [
+    "objects",
+    "input_psnr_db",
+    "input_psnr_static_db",
+    "input_psnr_dynamic_db",
+    "ghost_share",
+    "input_hole_share",
+    "novel_hole_share",
+];
 
 impl TracePoint {
     /// A row from where the loop stands, the sums since the row before, the size of the model, and
@@ -77,10 +92,12 @@ impl TracePoint {
             cpu_seconds: state.training_cpu.map(|time| time.as_secs_f64()),
             iteration: state.iteration,
             primitives: size.primitives,
+            objects: size.objects,
             table_bytes: size.bytes,
             peak_memory_bytes: process::peak_memory_bytes(),
             train_loss: statistics.loss / steps,
             train_psnr_db: -10.0 * (statistics.squared_error / steps).max(1e-10).log10(),
+            input_psnr: None,
             surfaces: None,
             refused: arrays
                 .iter()
@@ -98,11 +115,9 @@ impl TracePoint {
         )
     }
 
-    fn cells(&self, with_surfaces: bool) -> Vec<String> {
-        fn or_empty(value: Option<impl ToString>) -> String {
-            value.map_or(String::new(), |value| value.to_string())
-        }
-        let fixed = [
+    /// What stands in [`COLUMNS`].
+    fn fixed_cells(&self) -> [String; 9] {
+        [
             self.wall_seconds.to_string(),
             self.evaluation_seconds.to_string(),
             or_empty(self.cpu_seconds),
@@ -112,38 +127,120 @@ impl TracePoint {
             or_empty(self.peak_memory_bytes),
             self.train_loss.to_string(),
             self.train_psnr_db.to_string(),
-        ];
-        let found = self.surfaces.as_ref();
-        let surfaces = [
-            or_empty(found.map(|found| found.ghost_share)),
-            or_empty(found.and_then(|found| found.input_hole_share)),
-            or_empty(found.and_then(|found| found.novel_hole_share)),
-        ];
-        let surfaces = surfaces.into_iter().filter(|_| with_surfaces);
-        let refused = self.refused.iter().map(|(_, count)| count.to_string());
-        fixed.into_iter().chain(surfaces).chain(refused).collect()
+        ]
+    }
+
+    /// What stands in [`FURTHER_COLUMNS`]; empty where nothing is known.
+    fn further_cells(&self) -> [String; 7] {
+        let psnr = self.input_psnr.unwrap_or_default();
+        let faults = self.surfaces.as_ref();
+        [
+            or_empty(self.objects),
+            or_empty(psnr.whole_db),
+            or_empty(psnr.static_db),
+            or_empty(psnr.dynamic_db),
+            or_empty(faults.map(|found| found.ghost_share)),
+            or_empty(faults.and_then(|found| found.input_hole_share)),
+            or_empty(faults.and_then(|found| found.novel_hole_share)),
+        ]
     }
 }
 
-/// Writes the rows so far as CSV, whole or not at all; `refused_<array>` columns stand at the end, those of
-/// ghosts and holes before them where any row has some.
+fn or_empty(value: Option<impl ToString>) -> String {
+    value.map_or(String::new(), |value| value.to_string())
+}
+
+/// Writes the rows so far as CSV, whole or not at all; `refused_<array>` columns stand at the end, before them those
+/// of [`FURTHER_COLUMNS`] in which any row has something.
 ///
 /// # Errors
 /// When the file cannot be written.
 pub fn write_csv(path: &Path, trace: &[TracePoint]) -> Result<(), StoreError> {
+    let further: Vec<_> = trace.iter().map(TracePoint::further_cells).collect();
+    let filled: Vec<usize> = (0..FURTHER_COLUMNS.len())
+        .filter(|&column| further.iter().any(|cells| !cells[column].is_empty()))
+        .collect();
     store::write_csv(path, |table| {
-        let with_surfaces = trace.iter().any(|point| point.surfaces.is_some());
-        let surfaces = SURFACE_COLUMNS.iter().filter(|_| with_surfaces);
         let refused = trace.first().map_or(&[][..], |point| &point.refused);
         let header = COLUMNS
             .map(str::to_owned)
             .into_iter()
-            .chain(surfaces.map(|&name| name.to_owned()))
+            .chain(
+                filled
+                    .iter()
+                    .map(|&column| FURTHER_COLUMNS[column].to_owned()),
+            )
             .chain(refused.iter().map(|(array, _)| format!("refused_{array}")));
         table.write_record(header)?;
-        for point in trace {
-            table.write_record(point.cells(with_surfaces))?;
+        for (point, further) in trace.iter().zip(&further) {
+            let further = filled.iter().map(|&column| further[column].clone());
+            let refused = point.refused.iter().map(|(_, count)| count.to_string());
+            let cells = point.fixed_cells().into_iter().chain(further);
+            table.write_record(cells.chain(refused))?;
         }
         Ok(())
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn point() -> TracePoint {
+        TracePoint {
+            wall_seconds: 1.5,
+            evaluation_seconds: 0.5,
+            cpu_seconds: None,
+            iteration: 100,
+            primitives: 7,
+            objects: None,
+            table_bytes: 8,
+            peak_memory_bytes: None,
+            train_loss: 0.25,
+            train_psnr_db: 20.0,
+            input_psnr: None,
+            surfaces: None,
+            refused: vec![("means".to_owned(), 2)],
+        }
+    }
+
+    fn written(trace: &[TracePoint]) -> Vec<String> {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("trace.csv");
+        write_csv(&file, trace).expect("written");
+        let text = std::fs::read_to_string(file).expect("read");
+        text.lines().map(str::to_owned).collect()
+    }
+
+    #[test]
+    fn columns_that_nothing_is_known_of_are_left_out() {
+        let fixed = "wall_seconds,evaluation_seconds,cpu_seconds,iteration,primitives,table_bytes,\
+                     peak_memory_bytes,train_loss,train_psnr_db";
+        let lines = written(&[point()]);
+        assert_eq!(lines[0], format!("{fixed},refused_means"));
+        assert_eq!(lines[1], "1.5,0.5,,100,7,8,,0.25,20,2");
+        let last = TracePoint {
+            objects: Some(3),
+            input_psnr: Some(InputPsnr {
+                whole_db: Some(25.0),
+                static_db: Some(26.5),
+                dynamic_db: None,
+            }),
+            ..point()
+        };
+        let lines = written(&[point(), last]);
+        let columns = "objects,input_psnr_db,input_psnr_static_db";
+        assert_eq!(lines[0], format!("{fixed},{columns},refused_means"));
+        assert_eq!(lines[1], "1.5,0.5,,100,7,8,,0.25,20,,,,2");
+        assert_eq!(lines[2], "1.5,0.5,,100,7,8,,0.25,20,3,25,26.5,2");
+    }
+
+    #[test]
+    fn rows_of_older_checkpoints_are_read() {
+        let text = r#"{"wall_seconds":1.5,"evaluation_seconds":0.5,"cpu_seconds":null,"iteration":100,
+            "gaussians":7,"table_bytes":8,"peak_memory_bytes":null,"train_loss":0.25,"train_psnr_db":20.0,
+            "refused":[["means",2]]}"#;
+        let read: TracePoint = serde_json::from_str(text).expect("an older row");
+        assert_eq!(read, point());
+    }
 }

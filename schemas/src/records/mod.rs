@@ -55,7 +55,10 @@ pub use overlays::{Overlay, OverlayClass, OverlayReport, Sightings};
 pub use poses::{PosedFrame, Poses};
 pub use protocol::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
 pub use result::{Direction, Failure, ResultRecord, Summary, Unavailable};
-pub use run::{Backend, ComponentDecision, RunRecord, SurfaceFaults, TraceViews, ViewPredictions};
+pub use run::{
+    Backend, ComponentDecision, PLANNING, RENDERING, RunRecord, StageTime, SurfaceFaults, TRAINING,
+    TraceViews, ViewPredictions,
+};
 pub use scene::{
     DepthImage, DepthPrior, DistanceConvention, DistanceGrid, PoseSource, PoseValidation, Scale,
     Scene, SceneFrame, ValidationStatus,

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::run::Backend;
+use super::run::{Backend, StageTime};
 use crate::{provenance::Hardware, store::Record};
 
 /// `result.json`. Per-frame values are in the Parquet table beside it.
@@ -56,6 +56,9 @@ pub struct ResultRecord {
     pub hardware: Option<Hardware>,
     /// Time to render all predictions in seconds, where they came with a run record.
     pub rendering_seconds: Option<f64>,
+    /// What the way from the video took, stage by stage, where the predictions came with a run record that says.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub stages: Vec<StageTime>,
     /// Highest resident memory of the training process in bytes, where known.
     pub peak_memory_bytes: Option<u64>,
     /// Warnings that a reader of the scores should know.

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::{pose::Similarity, provenance::Hardware, store::Record};
+use super::poses::Poses;
+use crate::{elapsed::Elapsed, pose::Similarity, provenance::Hardware, store::Record};
 
 /// `run.json`. Files are relative to its folder.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -78,6 +79,14 @@ pub struct RunRecord {
     /// versions have none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clip_seconds: Option<[f64; 2]>,
+    /// What the way from the video took so far as records tell, stage by stage, rendering of predictions included;
+    /// records of older versions have none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub stages: Vec<StageTime>,
+    /// The cameras of these views, in the world, of runs with objects that can be moved: whether a moved one is in any
+    /// view. Others, and records of older versions, have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub views: Option<Poses>,
     /// The similarity under which the scene was trained.
     pub normalization: Similarity,
     /// CSV of where training stood, row by row.
@@ -102,6 +111,35 @@ impl Record for RunRecord {
     const SCHEMA: &'static str = "omnilife/run/2";
     const OLDER: &'static [&'static str] = &["omnilife/run/1"];
 }
+
+/// What a stage on the way from a video to a model took.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct StageTime {
+    /// Its name: `frames`, `poses`, `dense`; of tracks `scale`, `detector`, `distance`, `appearance`, `association`,
+    /// `trajectory`; of the run itself `planning`, `training` (without planning), `rendering`.
+    pub stage: String,
+    /// Which way was taken, where there are several.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub method: Option<String>,
+    /// The time of it, when it was last computed.
+    #[serde(flatten)]
+    pub took: Elapsed,
+}
+
+impl StageTime {
+    /// Whether it is a stage of the run itself, not of what the run was given.
+    pub fn is_of_run(&self) -> bool {
+        RUN_STAGES.contains(&self.stage.as_str())
+    }
+}
+
+/// Names of the stages of a run itself.
+pub const PLANNING: &str = "planning";
+/// Steps and density control.
+pub const TRAINING: &str = "training";
+/// Predicted views.
+pub const RENDERING: &str = "rendering";
+const RUN_STAGES: [&str; 3] = [PLANNING, TRAINING, RENDERING];
 
 /// What computed a run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]

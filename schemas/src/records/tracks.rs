@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::{store::Record, trajectory::ObjectPath};
+use crate::{elapsed::Elapsed, store::Record, trajectory::ObjectPath};
 
 /// `tracks.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -73,8 +73,9 @@ pub struct TrackStage {
     pub method: String,
     /// On what evidence.
     pub reason: String,
-    /// Wall-clock time, seconds.
-    pub wall_seconds: f64,
+    /// Time that it took.
+    #[serde(flatten)]
+    pub took: Elapsed,
 }
 
 /// Something that was found in an image.

@@ -119,6 +119,17 @@ impl Model {
         parts.map(|part| part.table.len()).sum()
     }
 
+    /// Objects that move as one, where it tells any apart.
+    pub fn objects(&self) -> Option<usize> {
+        let tracked = self
+            .parts
+            .iter()
+            .filter_map(|part| part.parameterization.tracked());
+        tracked
+            .map(|tracked| tracked.objects.len())
+            .reduce(|all, more| all + more)
+    }
+
     /// The time in which its Gaussians change; `None` where nothing depends on it.
     pub fn time_span(&self) -> Option<TimeSpan> {
         let spans = self

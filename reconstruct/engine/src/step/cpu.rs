@@ -251,6 +251,10 @@ impl Stepper for CpuStepper<'_> {
         self.model.len_with_times()
     }
 
+    fn objects(&self) -> Option<usize> {
+        self.model.objects()
+    }
+
     fn arrays(&self) -> Vec<TrainedArray> {
         self.model.trained_arrays()
     }

@@ -119,6 +119,11 @@ pub trait Stepper: fmt::Debug {
     /// How many of them have times of their own.
     fn gaussians_with_times(&self) -> usize;
 
+    /// Objects that move as one, where the model tells any apart.
+    fn objects(&self) -> Option<usize> {
+        None
+    }
+
     /// All arrays of the model by name, with what there is of them at the moment.
     fn arrays(&self) -> Vec<TrainedArray>;
 

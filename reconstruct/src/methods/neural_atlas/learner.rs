@@ -202,15 +202,13 @@ impl Learner for AtlasLearner {
     }
 
     fn size(&self) -> ModelSize {
-        let objects = self
-            .graph
-            .nodes
-            .iter()
-            .filter(|node| node.opacity.is_some());
+        let nodes = self.graph.nodes.iter();
+        let objects = nodes.filter(|node| node.opacity.is_some()).count() as u64;
         let values: usize = self.graph.parameter_counts().iter().sum();
         ModelSize {
             primitives: self.graph.nodes.len() as u64,
-            with_times: objects.count() as u64,
+            with_times: objects,
+            objects: Some(objects),
             bytes: 16 * values as u64,
         }
     }
