@@ -89,7 +89,6 @@ impl SplatRow {
 /// When the file cannot be written.
 #[expect(
     clippy::indexing_slicing,
-    clippy::arithmetic_side_effects,
     reason = "the order is one of the rows that are there"
 )]
 pub fn write(path: &Path, rows: &[SplatRow]) -> Result<String, StoreError> {
