@@ -35,6 +35,7 @@ fn scores(out: &Path) -> Vec<(String, ResultRecord)> {
             result.training_seconds = None;
             result.rendering_seconds = None;
             result.peak_memory_bytes = None;
+            result.stages.clear();
             (file, result)
         })
         .collect()
