@@ -151,7 +151,7 @@ fn or_empty(value: Option<impl ToString>) -> String {
 }
 
 /// Writes the rows so far as CSV, whole or not at all; `refused_<array>` columns stand at the end, before them those
-/// of [`FURTHER_COLUMNS`] in which any row has something.
+/// of the further columns in which any row has something.
 ///
 /// # Errors
 /// When the file cannot be written.
