@@ -21,6 +21,7 @@ pub(crate) fn why_not(
     metric: &Metric,
     scene: &Scene,
     split: &Split,
+    has_tracks: bool,
     depth_is_predicted: bool,
 ) -> Result<Option<String>, BenchError> {
     let any_frame = |has: &dyn Fn(&SceneFrame) -> bool| {
@@ -43,6 +44,7 @@ pub(crate) fn why_not(
                 }
             },
             Need::DynamicMask if any_frame(&|frame| frame.mask.is_some()) => continue,
+            Need::DynamicMask if has_tracks => continue,
             Need::DynamicMask => "the scene has no masks of what moves".to_owned(),
             Need::ClassMask(class) if any_frame(&|frame| frame.classes.contains_key(*class)) => {
                 continue;

@@ -194,6 +194,13 @@ fn refuse_other_rules(left: &Repetitions<'_>, right: &Repetitions<'_>) -> Result
                 ),
             ));
         }
+        if result.has_other_regions(reference) {
+            let reason = format!(
+                "has static and dynamic regions by other tracks than {}: score one of them again",
+                first.display()
+            );
+            return Err(BenchError::mismatch(file, reason));
+        }
     }
     Ok(())
 }

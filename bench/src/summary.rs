@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use omnilife_schemas::{
     frame_scores::FRAME_SCORES_FILE,
     provenance,
-    records::{Failure, ResultRecord, Summary, Unavailable},
+    records::{Failure, ResultRecord, ScoredRegions, Summary, Unavailable},
 };
 
 use crate::{
@@ -39,6 +39,12 @@ pub(crate) fn result_record(job: &ScoringJob, outcomes: &[ViewOutcome]) -> Resul
         novel_views: novel.0,
         failures,
         unavailable: [input.1, novel.1].concat(),
+        regions: (job.regions.as_ref())
+            .filter(|_| job.needs(Need::DynamicMask))
+            .map(|regions| ScoredRegions {
+                source: "tracks".to_owned(),
+                sha256: regions.sha256.clone(),
+            }),
         frames_table: FRAME_SCORES_FILE.to_owned(),
         training_seconds: job.run.as_ref().and_then(|run| run.training_seconds),
         primitives: job.run.as_ref().and_then(|run| run.primitives),

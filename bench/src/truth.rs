@@ -45,14 +45,25 @@ pub(crate) fn read_mask(job: &ScoringJob, name: &str) -> Result<Mask, BenchError
     Ok(mask.resized_to_nearest(width as usize, height as usize))
 }
 
-/// The mask of what moves in a frame, at the scored size, where it is needed and there is one.
+/// The mask of what moves in a frame, at the scored size, where it is needed and there is one: the scene's
+/// own, or else that of the tracks beside the split.
 ///
 /// # Errors
 /// As [`read`].
 pub(crate) fn read_dynamic_mask(job: &ScoringJob, frame: u32) -> Result<Option<Mask>, BenchError> {
-    let name = job.scene.frames[frame as usize].mask.as_ref();
-    let name = name.filter(|_| job.needs(Need::DynamicMask));
-    name.map(|name| read_mask(job, name)).transpose()
+    if !job.needs(Need::DynamicMask) {
+        return Ok(None);
+    }
+    let frame = &job.scene.frames[frame as usize];
+    match (&frame.mask, &job.regions) {
+        (Some(name), _) => read_mask(job, name).map(Some),
+        (None, Some(regions)) => {
+            let [width, height] = job.size;
+            let camera = job.scene.camera.resized(width, height);
+            Ok(regions.mask(&camera, frame))
+        }
+        (None, None) => Ok(None),
+    }
 }
 
 /// What no score counts of a frame, at the scored size: every pixel over which a marked one lies.

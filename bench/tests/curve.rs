@@ -30,6 +30,7 @@ fn record(method: &str, scene: &str) -> ResultRecord {
         novel_views: [].into(),
         failures: Vec::new(),
         unavailable: Vec::new(),
+        regions: None,
         frames_table: "frames.csv".to_owned(),
         training_seconds: Some(90.0),
         primitives: Some(4000),

@@ -8,7 +8,7 @@ use std::{
 pub(crate) use omnilife_schemas::bootstrap::place;
 use omnilife_schemas::{
     bootstrap::{self, Confidence},
-    records::{Direction, ResultRecord, Summary},
+    records::{Direction, ResultRecord, Summary, is_of_region},
 };
 
 use crate::{class::MethodClass, error::LeaderboardError, validate};
@@ -62,6 +62,8 @@ pub(crate) struct Group<'a> {
     rows_by_method: BTreeMap<&'a str, Vec<usize>>,
     /// Reasons by kind of view and metric.
     reasons: Reasons<'a>,
+    /// Scenes whose results have regions by other tracks: none of these scores is shown.
+    other_regions: BTreeSet<&'a str>,
 }
 
 /// Why results have no value of a metric, by the name of the kind of view and by metric.
@@ -120,6 +122,18 @@ impl<'a> Group<'a> {
                 )
             })
             .collect()
+    }
+
+    /// Scenes whose scores by region are left out, in words.
+    pub(crate) fn other_regions(&self) -> Option<String> {
+        let scenes: Vec<&str> = self.other_regions.iter().copied().collect();
+        (!scenes.is_empty()).then(|| {
+            format!(
+                "Static and dynamic scores are left out for {}: methods were scored with other tracks; score \
+                 them again.",
+                scenes.join(", ")
+            )
+        })
     }
 
     /// Why results have no value of a metric, as far as they say: the reason that most of them give.
@@ -209,11 +223,15 @@ fn group<'a>(protocol: &'a str, hash: &'a str, mut results: Vec<&'a ResultRecord
     let quantities = quantities(&results);
     let classes = classes(&results);
     let reasons = reasons(&results);
+    let other_regions = scenes_of_other_regions(&results);
     let mut scene_rows: Vec<SceneRow<'a>> = Vec::new();
     for results in results.chunk_by(|a, b| (&a.scene, &a.method) == (&b.scene, &b.method)) {
         let numbers: Vec<Numbers> = results
             .iter()
-            .map(|result| numbers_of(result, &quantities))
+            .map(|result| {
+                let without_regions = other_regions.contains(result.scene.as_str());
+                numbers_of(result, &quantities, without_regions)
+            })
             .collect();
         scene_rows.push(SceneRow {
             scene: &results[0].scene,
@@ -239,7 +257,19 @@ fn group<'a>(protocol: &'a str, hash: &'a str, mut results: Vec<&'a ResultRecord
         scenes,
         rows_by_method,
         reasons,
+        other_regions,
     }
+}
+
+/// Scenes with results whose regions are not the same; `results` are sorted by scene.
+fn scenes_of_other_regions<'a>(results: &[&'a ResultRecord]) -> BTreeSet<&'a str> {
+    let of_scenes = results.chunk_by(|a, b| a.scene == b.scene);
+    let differ = of_scenes.filter(|of_scene| {
+        let pairs = of_scene.iter().enumerate();
+        let mut pairs = pairs.flat_map(|(at, a)| of_scene[at + 1..].iter().map(move |b| (a, b)));
+        pairs.any(|(a, b)| a.has_other_regions(b))
+    });
+    differ.map(|of_scene| of_scene[0].scene.as_str()).collect()
 }
 
 /// The reason that most results give, for every score that any of them lacks.
@@ -290,8 +320,15 @@ fn quantities(results: &[&ResultRecord]) -> Vec<(Quantity, Direction)> {
         .collect()
 }
 
-fn numbers_of(result: &ResultRecord, quantities: &[(Quantity, Direction)]) -> Numbers {
+fn numbers_of(
+    result: &ResultRecord,
+    quantities: &[(Quantity, Direction)],
+    without_regions: bool,
+) -> Numbers {
     let score = |quantity: &Quantity| {
+        if without_regions && is_of_region(&quantity.metric) {
+            return None;
+        }
         let scores = quantity.kind.scores(result);
         scores.get(&quantity.metric).map(|summary| summary.mean)
     };

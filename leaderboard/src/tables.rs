@@ -8,7 +8,7 @@ use crate::{
     error::LeaderboardError,
     format::slug,
     group::{self, Group, ViewKind},
-    layouts::{self, LAYOUTS},
+    layouts::{self, LAYOUTS, REGION_METRICS},
     outputs::Outputs,
     published::Paper,
     render, results_csv,
@@ -84,7 +84,7 @@ pub(crate) fn all_results(groups: &[Group<'_>], out: &Path) -> Result<Tables, Le
 }
 
 /// The scores by which methods are compared first: of novel views where they are scored, PSNR, SSIM
-/// and one LPIPS, and what training cost; `all` is the table of everything. The best method of a scene comes
+/// and one LPIPS, PSNR of what stands still and of what moves, and what training cost; `all` is the table of everything. The best method of a scene comes
 /// first.
 pub(crate) fn short_table(group: &Group<'_>, all: Table) -> Table {
     let has = |kind: ViewKind, metric: &str| {
@@ -99,6 +99,11 @@ pub(crate) fn short_table(group: &Group<'_>, all: Table) -> Table {
     let mut metrics = vec!["psnr", "ssim"];
     let lpips = ["lpips-alex", "lpips-vgg"];
     metrics.extend(lpips.into_iter().find(|metric| has(kind, metric)));
+    metrics.extend(
+        REGION_METRICS
+            .into_iter()
+            .filter(|metric| metric.starts_with("psnr")),
+    );
     let has_failures = group.scene_rows.iter().any(|row| row.numbers.failures > 0);
     let mut table = all.with_columns(|column| match &column.holds {
         Holds::Score(quantity) => {

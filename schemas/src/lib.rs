@@ -5,7 +5,8 @@
 //! [`records`] (the JSON files), [`layout`] (their names), [`points`] and [`rgb`] (clouds and images),
 //! [`image_file`] (images of others), [`store`] (how a file reaches the disk), [`ownership`] (whose
 //! a file is), [`lock`] (who writes into a folder), [`split_rules`] (what methods are given), [`npy`] (arrays),
-//! [`frame_scores`] (the scores of every view), [`stage`] (when work can be skipped), [`statistics`]
+//! [`frame_scores`] (the scores of every view), [`tracked_regions`] (what moves as far as tracks say),
+//! [`oriented_box`] (boxes as cameras see them), [`stage`] (when work can be skipped), [`statistics`]
 //! (medians), [`bootstrap`] (how far scores can be trusted), [`plain_text`] (text of others where it is
 //! shown), [`provenance`] (what made a record), [`elapsed`] (how long work took), [`process`], [`process_group`], [`progress`],
 //! [`error_kind`], [`foreign_code`] (libraries that panic), and [`testing`] (skipped tests).
@@ -32,6 +33,7 @@ pub mod layout;
 pub mod lock;
 pub mod names;
 pub mod npy;
+pub mod oriented_box;
 pub mod ownership;
 pub mod placeholders;
 pub mod plain_text;
@@ -50,6 +52,7 @@ pub mod statistics;
 pub mod store;
 mod temporary;
 pub mod testing;
+pub mod tracked_regions;
 pub mod trajectory;
 
 pub use error_kind::{Classified, ErrorKind};

@@ -63,6 +63,7 @@ fn result(mean: f64) -> ResultRecord {
             reason: "000004.png is missing".to_owned(),
         }],
         unavailable: Vec::new(),
+        regions: None,
         frames_table: "frames.csv".to_owned(),
         training_seconds: Some(0.1 + 0.2),
         primitives: None,

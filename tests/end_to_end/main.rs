@@ -31,6 +31,7 @@ mod main_job;
 mod many_videos;
 #[cfg(unix)]
 mod media;
+mod object_graph;
 #[cfg(unix)]
 mod outcomes;
 mod output;

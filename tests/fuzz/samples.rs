@@ -94,6 +94,27 @@ pub(crate) fn write_scene(folder: &Path) {
     store::write_record(&folder.join("scene.json"), &scene).unwrap();
 }
 
+/// Tracks of that scene: one object that moves.
+pub(crate) fn write_tracks(folder: &Path) {
+    let tracks = serde_json::json!({
+        "schema": "omnilife/tracks/1", "scene": "a/seq-000", "frames": [0, 1, 2], "image_size": [16, 8],
+        "up": [0.0, -1.0, 0.0], "metres_per_unit": 1.0, "warnings": [],
+        "stages": [{"stage": "detector", "method": "files", "reason": "two boxes", "wall_seconds": 0.1}],
+        "detections": [
+            {"frame": 0, "box_pixels": [2.0, 3.0, 4.0, 2.0], "confidence": 1.0, "class": "vehicle",
+             "distance": 4.0, "position": [0.0, 0.5, 4.0], "track": 1},
+            {"frame": 1, "box_pixels": [3.0, 3.0, 4.0, 2.0], "confidence": 0.5, "class": "vehicle",
+             "distance": null, "position": null, "track": null}],
+        "tracks": [{
+            "id": 1, "class": "vehicle", "dimensions": [4.5, 1.8, 1.5], "detections": 1, "displacement": 2.0,
+            "path": {
+                "centre": {"degree": 1, "knots": [0.0, 0.0, 0.2, 0.2],
+                           "coefficients": [[0.0, 0.5, 4.0], [2.0, 0.5, 4.0]]},
+                "heading_seconds": [0.0, 0.2], "headings": [0.0, 3.0]}}],
+    });
+    fs::write(folder.join("tracks.json"), tracks.to_string()).unwrap();
+}
+
 /// The boxes of an MP4 file that states its projection in both versions.
 pub(crate) fn spherical_mp4() -> Vec<u8> {
     let boxed = |kind: &[u8; 4], content: &[u8]| -> Vec<u8> {

@@ -30,10 +30,13 @@ use omnilife_schemas::{
     progress::Silent,
     records::{Scene, check_file},
     store,
+    tracked_regions::TrackedRegions,
 };
 use omnilife_sweep::slurm;
 
-use crate::samples::{cloud, gaussians, names, spherical_mp4, unchanged, write_scene};
+use crate::samples::{
+    cloud, gaussians, names, spherical_mp4, unchanged, write_scene, write_tracks,
+};
 
 /// A file that a reader takes.
 pub(crate) struct Seed {
@@ -172,6 +175,33 @@ pub(crate) const FILES: &[Target] = &[
             names(&["scene.json", "poses.json"])
         },
         reader: Folder(|input, seed| drop(check_file(&input.path(seed)))),
+    },
+    Target {
+        id: "tracks",
+        words: &[
+            "null",
+            "[]",
+            "-1",
+            "1e308",
+            "4294967295",
+            "\"degree\":3",
+            "\"knots\":",
+        ],
+        cost: 1,
+        seeds: |folder| {
+            write_scene(folder);
+            write_tracks(folder);
+            names(&["tracks.json"])
+        },
+        reader: Folder(|input, _| {
+            let scene: Result<Scene, _> = store::read_record(&input.folder.join("scene.json"));
+            let scene = scene.unwrap();
+            if let Ok(Some(regions)) = TrackedRegions::find(&scene, &input.folder) {
+                for frame in &scene.frames {
+                    drop(regions.mask(&scene.camera, frame));
+                }
+            }
+        }),
     },
     Target {
         id: "ledger",

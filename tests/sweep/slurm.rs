@@ -125,6 +125,7 @@ fn result(scene: usize) -> ResultRecord {
         novel_views: [("psnr".to_owned(), score)].into(),
         failures: Vec::new(),
         unavailable: Vec::new(),
+        regions: None,
         versions: [].into(),
         frames_table: "frames.csv".to_owned(),
         training_seconds: Some(61.25),

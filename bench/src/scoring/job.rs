@@ -9,6 +9,7 @@ use omnilife_schemas::{
     records::{Resampling, Scene, Split, ValidationStatus},
     stage::StagePlan,
     store::{self, StoreError},
+    tracked_regions::TrackedRegions,
 };
 
 use super::choice::MetricChoice;
@@ -147,6 +148,8 @@ pub(crate) struct ScoringJob {
     /// Width and height of the scored images in pixels.
     pub(crate) size: [u32; 2],
     pub(crate) run: Option<RunFacts>,
+    /// What moves, where the scene has no masks of it and tracks lie beside the split.
+    pub(crate) regions: Option<TrackedRegions>,
     scene_file: PathBuf,
     split_file: PathBuf,
     run_file: Option<PathBuf>,
@@ -210,13 +213,21 @@ impl ScoringJob {
             .into_iter()
             .flatten()
             .any(PredictionFolder::has_depth);
+        let regions = if needs.contains(&Need::DynamicMask) {
+            let beside = request.split.parent().unwrap_or(Path::new(""));
+            TrackedRegions::find(&scene, beside)?
+        } else {
+            None
+        };
         let metrics = asked
             .into_iter()
             .map(|metric| {
                 // What is left out needs no weights.
                 let unavailable = match request.metrics.why_not(metric) {
                     Some(reason) => Some(reason),
-                    None => availability::why_not(metric, &scene, &split, has_depth)?,
+                    None => {
+                        availability::why_not(metric, &scene, &split, regions.is_some(), has_depth)?
+                    }
                 };
                 Ok(JobMetric {
                     metric,
@@ -232,6 +243,7 @@ impl ScoringJob {
             scene,
             split,
             run,
+            regions,
             scene_file: request.scene.clone(),
             split_file: request.split.clone(),
             run_file,
@@ -342,6 +354,12 @@ impl ScoringJob {
                 views.len()
             ));
         }
+        if self.regions.is_some() && self.needs(Need::DynamicMask) {
+            warnings.push(
+                "static and dynamic regions are by the boxes that tracking found, not by masks of the scene"
+                    .to_owned(),
+            );
+        }
         match self.scene.validation.status {
             ValidationStatus::Valid => {}
             ValidationStatus::Unstable => warnings.push(format!(
@@ -378,6 +396,9 @@ impl ScoringJob {
             Some(file) => plan.with_file(file)?,
             None => plan.with_text("run record", "none"),
         };
+        if let Some(regions) = &self.regions {
+            plan = plan.with_hash("tracks of the regions", regions.sha256.clone());
+        }
         for JobMetric {
             metric,
             unavailable,

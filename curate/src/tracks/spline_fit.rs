@@ -25,6 +25,8 @@ const SIGMA_PIXELS: f64 = 2.0;
 /// Beyond this many standard deviations residuals count linearly.
 const HUBER: f64 = 1.5;
 const ITERATIONS: usize = 25;
+/// How much less than a detection an even path weighs where the fit begins.
+const LIFT_PULL: f64 = 1e-6;
 
 /// What a detection says of its object's place.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -104,7 +106,7 @@ pub fn fit_with(
         knots: BSpline::uniform_knots(degree, coefficients, begin, end),
         coefficients: vec![[0.0; 3]; coefficients],
     };
-    lift(&mut spline, observations)?;
+    lift(&mut spline, observations, LIFT_PULL)?;
     let mut loss = total_loss(&spline, observations, sigma_distance);
     let mut damping = 1e-4;
     for _ in 0..ITERATIONS {
@@ -135,8 +137,9 @@ pub fn fit_with(
     })
 }
 
-/// The spline that is nearest to the lifted places, in least squares, to begin with.
-fn lift(spline: &mut BSpline, observations: &[Observation<'_>]) -> Option<()> {
+/// The spline that is nearest to the lifted places, in least squares, to begin with; `pull` is the weight of
+/// [`smooth`].
+fn lift(spline: &mut BSpline, observations: &[Observation<'_>], pull: f64) -> Option<()> {
     let reach = 3 * spline.degree + 2;
     let size = spline.coefficients.len();
     let mut matrix = BandMatrix::new(3 * size, reach);
@@ -158,7 +161,7 @@ fn lift(spline: &mut BSpline, observations: &[Observation<'_>]) -> Option<()> {
             }
         }
     }
-    smooth(&mut matrix, spline, 1e-6, &mut right, None);
+    smooth(&mut matrix, spline, pull, &mut right, None);
     let solved = matrix.solve(&right)?;
     spline.coefficients = solved.as_chunks::<3>().0.to_vec();
     Some(())
@@ -305,166 +308,4 @@ fn stepped(
 }
 
 #[cfg(test)]
-mod tests {
-    use glam::{DMat3, dvec3};
-    use omnilife_schemas::camera::{Camera, CameraModel, ErpCamera, PinholeCamera};
-
-    use super::*;
-
-    struct Noise(u64);
-
-    impl Noise {
-        fn uniform(&mut self) -> f64 {
-            self.0 = self
-                .0
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1_442_695_040_888_963_407);
-            (self.0 >> 11) as f64 / (1_u64 << 53) as f64
-        }
-
-        fn normal(&mut self) -> f64 {
-            (-2.0 * self.uniform().max(1e-300).ln()).sqrt()
-                * (std::f64::consts::TAU * self.uniform()).cos()
-        }
-    }
-
-    /// Cameras that fly over a path and look down.
-    fn views(times: &[f64], camera: Camera) -> Vec<PosedView> {
-        times
-            .iter()
-            .enumerate()
-            .map(|(frame, &seconds)| PosedView {
-                frame: frame as u32,
-                seconds,
-                camera,
-                to_world: DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z)
-                    * DMat3::from_rotation_x(0.2 + 0.02 * seconds),
-                centre: dvec3(0.5 * seconds, -12.0 + seconds, 50.0),
-            })
-            .collect()
-    }
-
-    fn pinhole() -> Camera {
-        PinholeCamera::with_horizontal_field_of_view(640, 360, 1.14).into()
-    }
-
-    /// A car that comes, stops for four seconds and turns away.
-    fn truth(seconds: f64) -> DVec3 {
-        let along = |seconds: f64| 6.0 * seconds.min(6.0) + 6.0 * (seconds - 10.0).max(0.0);
-        let turned = (seconds - 12.0).max(0.0);
-        dvec3(along(seconds) - 30.0, 0.25 * turned * turned, 0.75)
-    }
-
-    fn observe<'a>(
-        views: &'a [PosedView],
-        noise: &mut Noise,
-        [pixels, distance]: [f64; 2],
-    ) -> Vec<Observation<'a>> {
-        views
-            .iter()
-            .filter_map(|view| {
-                let place = truth(view.seconds);
-                let mut pixel = view.camera.project(view.in_camera(place))?;
-                pixel += pixels * DVec2::new(noise.normal(), noise.normal());
-                if pixels > 0.0 && noise.uniform() < 0.08 {
-                    pixel += 30.0 * DVec2::new(noise.normal(), noise.normal());
-                }
-                Some(Observation {
-                    view,
-                    pixel,
-                    distance: place.distance(view.centre) * (1.0 + distance * noise.normal()),
-                    slack: 1.0,
-                })
-            })
-            .collect()
-    }
-
-    fn mean_error(errors: impl Iterator<Item = f64>) -> f64 {
-        let errors: Vec<f64> = errors.collect();
-        (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt()
-    }
-
-    #[test]
-    fn a_path_without_noise_is_recovered_by_any_camera() {
-        let times: Vec<f64> = (0..41).map(|n| 0.5 * f64::from(n)).collect();
-        let erp = ErpCamera {
-            width: 1024,
-            height: 512,
-        }
-        .into();
-        for camera in [pinhole(), erp] {
-            let views = views(&times, camera);
-            let observations = observe(&views, &mut Noise(1), [0.0, 0.0]);
-            let fitted = fit_with(&observations, 3, 27, 0.005).expect("a path");
-            let error = mean_error(views.iter().map(|view| {
-                fitted
-                    .spline
-                    .position(view.seconds)
-                    .distance(truth(view.seconds))
-            }));
-            assert!(error < 0.2, "{error} m");
-        }
-    }
-
-    #[test]
-    fn a_path_is_nearer_than_its_lifted_detections() {
-        let times: Vec<f64> = (0..41).map(|n| 0.5 * f64::from(n)).collect();
-        let views = views(&times, pinhole());
-        for (sigma, most) in [(0.02, 0.6), (0.005, 0.7)] {
-            let (mut raw, mut fitted) = (0.0, 0.0);
-            for seed in 0..10 {
-                let observations = observe(&views, &mut Noise(seed), [1.5, sigma]);
-                raw += mean_error(
-                    observations
-                        .iter()
-                        .map(|o| o.position().distance(truth(o.view.seconds))),
-                );
-                let path = fit(&observations, sigma).expect("a path");
-                fitted += mean_error(observations.iter().map(|o| {
-                    path.spline
-                        .position(o.view.seconds)
-                        .distance(truth(o.view.seconds))
-                }));
-            }
-            assert!(fitted < most * raw, "{sigma}: {fitted} against {raw}");
-        }
-    }
-
-    #[test]
-    fn one_two_and_three_detections_make_points_lines_and_arcs() {
-        for count in 1..=3 {
-            let times: Vec<f64> = (0..count).map(f64::from).collect();
-            let views = views(&times, pinhole());
-            let observations = observe(&views, &mut Noise(3), [0.0, 0.0]);
-            let path = fit(&observations, 0.005).expect("a path");
-            assert_eq!(path.spline.degree, count as usize - 1);
-            assert_eq!(path.spline.fault(), None);
-            for view in &views {
-                let error = path
-                    .spline
-                    .position(view.seconds)
-                    .distance(truth(view.seconds));
-                assert!(error < 1e-3, "{count}: {error}");
-            }
-        }
-        assert_eq!(fit(&[], 0.005), None);
-    }
-
-    #[test]
-    fn gaps_and_detections_at_one_time_do_no_harm() {
-        let mut times: Vec<f64> = (0..10).map(|n| 0.5 * f64::from(n)).collect();
-        times.extend((0..10).map(|n| 16.0 + 0.5 * f64::from(n)));
-        let across_a_gap = views(&times, pinhole());
-        let path = fit(&observe(&across_a_gap, &mut Noise(2), [0.0, 0.0]), 0.005).expect("a path");
-        assert!(
-            path.spline
-                .coefficients
-                .as_flattened()
-                .iter()
-                .all(|value| value.abs() < 200.0)
-        );
-        let at_once = views(&[3.0; 6], pinhole());
-        let path = fit(&observe(&at_once, &mut Noise(2), [0.0, 0.0]), 0.005).expect("a path");
-        assert!(path.spline.position(3.0).distance(truth(3.0)) < 0.1);
-    }
-}
+mod tests;

@@ -11,11 +11,15 @@ use crate::{
     table::{Cell, Column, Row, Table},
 };
 
+/// Metrics of the regions of an image, in the order of their columns.
+pub(crate) const REGION_METRICS: [&str; 4] =
+    ["psnr-static", "ssim-static", "psnr-dynamic", "ssim-dynamic"];
+
 /// One row per scene and method, then the means where there are several scenes.
 pub(crate) fn table(group: &Group<'_>) -> Table {
     let sources: Vec<usize> = ViewKind::ALL
         .into_iter()
-        .flat_map(|kind| published_metrics(group, kind))
+        .flat_map(|kind| [published_metrics(group, kind), region_metrics(group, kind)].concat())
         .collect();
     let seeds = group.scene_rows.iter().any(|row| row.results.len() > 1);
     let mut columns: Vec<Column> = sources
@@ -90,6 +94,14 @@ pub(crate) fn table(group: &Group<'_>) -> Table {
     }
 }
 
+/// Scores of what stands still and of what moves: indices of the group's quantities.
+fn region_metrics(group: &Group<'_>, kind: ViewKind) -> Vec<usize> {
+    REGION_METRICS
+        .iter()
+        .filter_map(|metric| group.quantity(kind, metric))
+        .collect()
+}
+
 /// Rows of one scene: rivals are the methods that scored all views of the same scene.
 fn contests(rows: &[SceneRow<'_>]) -> Vec<Range<usize>> {
     let mut begin = 0;
@@ -138,6 +150,7 @@ fn notes(group: &Group<'_>) -> Vec<String> {
                 .to_owned(),
         );
     }
+    lines.extend(group.other_regions());
     lines.extend(group.unavailable());
     lines.extend(group.scene_rows.iter().flat_map(remarks));
     lines

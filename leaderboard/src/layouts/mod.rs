@@ -19,7 +19,7 @@ use crate::{
     table::{Column, Holds, Row, Table, mark_standings},
 };
 
-pub(crate) use by_scene::{remarks, table as all_results};
+pub(crate) use by_scene::{REGION_METRICS, remarks, table as all_results};
 
 /// A layout.
 pub(crate) struct Layout {

@@ -46,6 +46,7 @@ pub(crate) fn result(scene: &str, method: &str, psnr: f64, ssim: f64) -> ResultR
         .into(),
         failures: Vec::new(),
         unavailable: Vec::new(),
+        regions: None,
         frames_table: "frames.csv".to_owned(),
         training_seconds: Some(61.25),
         seed: None,

@@ -8,7 +8,7 @@ use crate::support::{result, summary};
 use omnilife_leaderboard::{LeaderboardError, build, collect};
 use omnilife_schemas::{
     Classified, ErrorKind,
-    records::{Direction, Failure, ResultRecord, Summary},
+    records::{Direction, Failure, ResultRecord, ScoredRegions, Summary},
     store,
 };
 
@@ -138,6 +138,42 @@ fn one_name_for_two_scenes_is_refused() {
         "{message}"
     );
     assert!(!message.contains('\n'), "{message}");
+}
+
+/// Scores of regions stand in the table, and not beside those of regions by other tracks.
+#[test]
+fn scores_by_region_are_shown_where_the_regions_are_the_same() {
+    let by = |tracks: Option<&str>| {
+        let mut results = two_methods();
+        for (number, result) in results.iter_mut().enumerate() {
+            let sha256 = tracks.filter(|_| number == 2).unwrap_or("first");
+            result.regions = Some(ScoredRegions {
+                source: "tracks".to_owned(),
+                sha256: sha256.to_owned(),
+            });
+            let regions = [("psnr-static", 30.5), ("psnr-dynamic", 20.125)];
+            for (metric, score) in regions {
+                result
+                    .novel_views
+                    .insert(metric.to_owned(), summary(score, 12));
+            }
+        }
+        tables(results)
+    };
+    let same = by(None);
+    assert!(
+        same.contains("Novel PSNR-STATIC ↑ | Novel PSNR-DYNAMIC ↑"),
+        "{same}"
+    );
+    assert!(
+        same.contains("20.125") && !same.contains("left out"),
+        "{same}"
+    );
+    let other = by(Some("second"));
+    assert!(
+        other.contains("left out for street: methods were scored with other tracks"),
+        "{other}"
+    );
 }
 
 #[test]

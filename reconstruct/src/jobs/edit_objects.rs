@@ -276,6 +276,21 @@ mod tests {
     }
 
     #[test]
+    fn an_edit_of_an_unknown_object_is_refused() {
+        for edit in [
+            Edit::Remove(4),
+            Edit::Move(4, [1.0, 0.0, 0.0]),
+            Edit::Copy(4, [1.0, 0.0]),
+            Edit::Delay(4, 1.0),
+        ] {
+            let (mut changed, mut table) = (record(), ParameterTable::default());
+            let refusal = apply(&edit, &mut changed, &mut table);
+            assert_eq!(refusal, Err("has no object 4; known are 3".to_owned()));
+            assert_eq!(changed, record());
+        }
+    }
+
+    #[test]
     fn an_object_that_is_sent_out_of_the_clip_is_never_in_view() {
         let delayed = |seconds: f64, clip: Option<[f64; 2]>| {
             let (mut record, mut table) = (record(), ParameterTable::default());

@@ -5,12 +5,12 @@ use omnilife_engine::{
     gaussians::ActivatedGaussians,
     render::{cpu::Renderer, settings::Footprint},
 };
-use omnilife_schemas::camera::{CameraModel, ErpCamera};
+use omnilife_schemas::camera::{Camera, CameraModel, ErpCamera};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 use super::{
-    FOOTPRINTS, erp, settings,
+    FOOTPRINTS, erp, pinhole, settings,
     support::{
         reference::{Gaussian, RefView, instant},
         scenes::{Richness, at, scene},
@@ -56,9 +56,13 @@ fn half_a_turn_moves_the_seam_and_nothing_else() {
     }
 }
 
-/// An image turned by `turn` (from the other camera's frame to this one's), by Catmull-Rom
-/// interpolation.
+/// An image turned by `turn` (from the other camera's frame to this one's).
 fn resampled(image: &[f32], camera: ErpCamera, turn: DQuat) -> Vec<f32> {
+    seen_by(&camera.into(), image, camera, turn)
+}
+
+/// What a camera sees of a panorama, by Catmull-Rom interpolation; `turn` is from its frame to the panorama's.
+fn seen_by(other: &Camera, image: &[f32], camera: ErpCamera, turn: DQuat) -> Vec<f32> {
     let (width, height) = (i64::from(camera.width), i64::from(camera.height));
     let kernel = |x: f64| {
         let x = x.abs();
@@ -82,10 +86,14 @@ fn resampled(image: &[f32], camera: ErpCamera, turn: DQuat) -> Vec<f32> {
         let pixel = row * width + column.rem_euclid(width);
         f64::from(image[pixel as usize * 3 + channel])
     };
-    let mut out = Vec::with_capacity(image.len());
-    for pixel in 0..width * height {
-        let centre = dvec2((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
-        let place = camera.project(turn * camera.unproject(centre)).unwrap() - 0.5;
+    let [columns, rows] = other.size();
+    let mut out = Vec::with_capacity(3 * columns * rows);
+    for pixel in 0..columns * rows {
+        let centre = dvec2(
+            (pixel % columns) as f64 + 0.5,
+            (pixel / columns) as f64 + 0.5,
+        );
+        let place = camera.project(turn * other.unproject(centre)).unwrap() - 0.5;
         let first = place.floor();
         for channel in 0..3 {
             let mut sum = 0.0;
@@ -163,6 +171,55 @@ fn a_quarter_turn_moves_the_poles_and_nothing_else() {
         at_poles.rms <= usual && at_poles.largest <= most + 1.0 / 255.0,
         "{at_poles:?} at the poles, {by_resampling:?} by resampling alone"
     );
+}
+
+/// A pinhole and a panorama in one place show the same where both look, be it over the seam or a pole. A pixel
+/// to the side is not the same.
+#[test]
+fn a_pinhole_and_a_panorama_agree_on_their_overlap() {
+    let panorama = ErpCamera {
+        width: 1024,
+        height: 512,
+    };
+    // Pixels of about the same size: what is smaller than one is spread over it.
+    let narrow = pinhole(330, 240);
+    let centre = dvec3(0.1, -0.05, 0.2);
+    // Footprints in the image are linear about their middles, each camera's in its own way: the smaller, the nearer.
+    let large = all_around(220, 0.1..0.25);
+    let small = all_around(2000, 0.02..0.06);
+    for (footprint, gaussians, most) in [
+        (Footprint::Ray, &large, 3e-4),
+        (Footprint::Projected, &small, 3e-3),
+    ] {
+        let draw = |camera: Camera, rotation: DQuat| {
+            let view = RefView::new(camera, rotation, centre, settings(footprint));
+            let mut renderer = Renderer::new(view.settings);
+            renderer.forward(&view.view(), gaussians).colour.clone()
+        };
+        let whole = draw(panorama.into(), DQuat::IDENTITY);
+        for (towards, rotation) in [
+            ("ahead", DQuat::IDENTITY),
+            ("the seam", DQuat::from_rotation_y(3.0)),
+            (
+                "a pole",
+                DQuat::from_rotation_x(1.4) * DQuat::from_rotation_y(0.4),
+            ),
+            (
+                "askew",
+                DQuat::from_rotation_z(0.7) * DQuat::from_rotation_y(1.9),
+            ),
+        ] {
+            let drawn = draw(narrow, rotation);
+            let of_panorama = seen_by(&narrow, &whole, panorama, rotation.inverse());
+            let differences = |shift: usize| -> Vec<f32> {
+                let moved = drawn[3 * shift..].iter().zip(&of_panorama);
+                moved.map(|(a, b)| a - b).collect()
+            };
+            let [same, beside] = [0, 1].map(|shift| Spread::of(&differences(shift)));
+            assert!(same.rms < most, "{footprint:?}, {towards}: {same:?}");
+            assert!(beside.rms > 3.0 * same.rms, "{beside:?} beside {same:?}");
+        }
+    }
 }
 
 /// How far values are from zero.

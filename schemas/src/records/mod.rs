@@ -54,7 +54,9 @@ pub use objects::{GraphObject, Objects};
 pub use overlays::{Overlay, OverlayClass, OverlayReport, Sightings};
 pub use poses::{PosedFrame, Poses};
 pub use protocol::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
-pub use result::{Direction, Failure, ResultRecord, Summary, Unavailable};
+pub use result::{
+    Direction, Failure, ResultRecord, ScoredRegions, Summary, Unavailable, is_of_region,
+};
 pub use run::{
     Backend, ComponentDecision, PLANNING, RENDERING, RunRecord, StageTime, SurfaceFaults, TRAINING,
     TraceViews, ViewPredictions,

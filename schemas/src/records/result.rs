@@ -37,6 +37,9 @@ pub struct ResultRecord {
     /// Metrics of the protocol that no view has a value of, and why.
     #[serde(default)]
     pub unavailable: Vec<Unavailable>,
+    /// What static and dynamic regions are by, where it is not the scene's own masks.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub regions: Option<ScoredRegions>,
     /// CSV file of per-frame values: view, frame, `time_seconds`, one column per metric.
     pub frames_table: String,
     /// Training time in seconds, where the predictions came with a run record.
@@ -76,6 +79,31 @@ pub struct ResultRecord {
 impl Record for ResultRecord {
     const SCHEMA: &'static str = "omnilife/result/3";
     const OLDER: &'static [&'static str] = &["omnilife/result/2"];
+}
+
+/// Whether a metric is of a region of the image: of what stands still, or of what moves.
+pub fn is_of_region(metric: &str) -> bool {
+    metric.ends_with("-static") || metric.ends_with("-dynamic")
+}
+
+impl ResultRecord {
+    /// Whether both score regions of the image, and by other ones: these scores are not comparable.
+    pub fn has_other_regions(&self, other: &Self) -> bool {
+        let scores_regions = |result: &Self| {
+            let mut metrics = result.input_views.keys().chain(result.novel_views.keys());
+            metrics.any(|metric| is_of_region(metric))
+        };
+        self.regions != other.regions && scores_regions(self) && scores_regions(other)
+    }
+}
+
+/// What tells static regions from dynamic ones. Scores by regions of different hashes are not of the same pixels.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct ScoredRegions {
+    /// `tracks`: the boxes of the tracks beside the split.
+    pub source: String,
+    /// SHA-256 of it.
+    pub sha256: String,
 }
 
 /// A metric over the views of one kind.
