@@ -204,7 +204,7 @@ pub(crate) enum CurateCommand {
         #[arg(long)]
         out: Option<PathBuf>,
     },
-    /// Tracks what moves through a posed scene: tracks.json, and tracks.html to look at.
+    /// Tracks what moves through a posed scene: tracks.json, and tracks.html and tracks.mp4 to look at.
     Tracks {
         /// Folder with a scene.json.
         scene: PathBuf,

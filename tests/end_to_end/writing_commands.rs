@@ -6,6 +6,12 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use glam::dvec3;
+use omnilife_schemas::{
+    records::{Scene, Track, Tracks},
+    store,
+    trajectory::{BSpline, ObjectPath},
+};
 use tempfile::TempDir;
 
 use crate::support::{METHOD, SEQUENCE, SMALL, files, omnilife, sample, scratch, small_run};
@@ -176,7 +182,12 @@ impl Inputs {
             "method = \"odgs\"\ntitle = \"ODGS\"\nauthors = [\"A\"]\nlicence = \"MIT\"\nhardware = \"x\"\n",
         );
         let at = |name: &str| inputs.file(name);
+        write_tracked_split(&inputs.folder.path().join("tracked"));
         for words in [
+            format!(
+                "reconstruct train SCENE --split {0}/split.json --method object-graph --iterations 2 --out {0}/run",
+                at("tracked")
+            ),
             format!(
                 "reconstruct train SCENE --split SPLIT --iterations 10 --trace 5 --out {}",
                 at("traced")
@@ -312,6 +323,19 @@ impl Inputs {
                 &format!("reconstruct edit {extra}/nag --script {extra}/edit.toml --out OUT"),
                 0,
             ),
+            new(
+                &format!(
+                    "reconstruct train SCENE --split {extra}/tracked/split.json --method object-graph --iterations 5 \
+                     --out OUT"
+                ),
+                0,
+            ),
+            new(
+                &format!(
+                    "reconstruct edit {extra}/tracked/run --move 1=0.1,0,0.2 --copy 1=0.2,0.1 --out OUT"
+                ),
+                0,
+            ),
             new("leaderboard build DATASET --out OUT", 0),
             new(
                 &format!("leaderboard add {extra}/submission --results OUT"),
@@ -343,6 +367,54 @@ impl Inputs {
             WritingCommand::copying(&self.folder.path().join("sweep"), "sweep reduce OUT"),
         ]
     }
+}
+
+/// The sample's split in a folder, with the track of one object that goes by ahead of the first camera.
+fn write_tracked_split(folder: &Path) {
+    let sequence = small_run().out.join(SEQUENCE);
+    fs::create_dir_all(folder).unwrap();
+    fs::copy(
+        sequence.join("per-scene/split.json"),
+        folder.join("split.json"),
+    )
+    .unwrap();
+    let scene: Scene = store::read_record(&sequence.join("scene.json")).unwrap();
+    let times = scene.frames.iter().map(|frame| frame.time_seconds);
+    let (begin, end) = (
+        times.clone().fold(f64::MAX, f64::min),
+        times.fold(f64::MIN, f64::max),
+    );
+    let pose = scene.frames[0].pose.unwrap();
+    let ahead =
+        |side: f64| (pose.centre() + pose.rotation().unwrap() * dvec3(side, 0.5, 4.0)).to_array();
+    let path = ObjectPath {
+        centre: BSpline {
+            degree: 1,
+            knots: BSpline::uniform_knots(1, 2, begin, end),
+            coefficients: vec![ahead(-1.0), ahead(1.0)],
+        },
+        heading_seconds: vec![begin],
+        headings: vec![0.0],
+    };
+    let tracks = Tracks {
+        scene: scene.id.clone(),
+        frames: Vec::new(),
+        image_size: scene.camera.size().map(|side| side as u32),
+        up: [0.0, 0.0, 1.0],
+        metres_per_unit: 1.0,
+        stages: Vec::new(),
+        detections: Vec::new(),
+        tracks: vec![Track {
+            id: 1,
+            class: "vehicle".to_owned(),
+            dimensions: [1.5, 1.0, 1.0],
+            path,
+            detections: 8,
+            displacement: 2.0,
+        }],
+        warnings: Vec::new(),
+    };
+    store::write_record(&folder.join("tracks.json"), &tracks).unwrap();
 }
 
 /// Copies the files of a folder.

@@ -14,6 +14,7 @@ mod decisions;
 pub mod detectors;
 pub mod distance;
 mod hover;
+mod overlay;
 mod page;
 mod path;
 pub mod rings;
@@ -51,6 +52,9 @@ use distance::DISTANCES;
 
 /// The page to look at, beside the tracks.
 pub const PAGE_FILE: &str = "tracks.html";
+/// The frames with what was found drawn over, beside the tracks.
+pub const OVERLAY_FILE: &str = "tracks.mp4";
+const FILES: [&str; 3] = [TRACKS_FILE, PAGE_FILE, OVERLAY_FILE];
 /// Boxes end at the border where they come this near to it, pixels.
 const BORDER: f64 = 1.5;
 
@@ -92,20 +96,30 @@ pub fn make_tracks(request: &TrackRequest, progress: &dyn Progress) -> Result<Tr
     }
     store::create_folder(&request.out)?;
     let _lock = FolderLock::take(&request.out, progress)?;
-    plan.claim([TRACKS_FILE, PAGE_FILE])?;
+    plan.claim(FILES)?;
     let begun = Stopwatch::start();
     let tracks = asked.track(request, progress)?;
-    page::write(
-        &request.out.join(PAGE_FILE),
-        &request.scene_folder,
-        &asked.scene,
-        &asked.views,
-        &tracks,
-    )?;
+    for (write, file) in [
+        (page::write as WriteView, PAGE_FILE),
+        (overlay::write, OVERLAY_FILE),
+    ] {
+        let out = request.out.join(file);
+        write(
+            &out,
+            &request.scene_folder,
+            &asked.scene,
+            &asked.views,
+            &tracks,
+        )?;
+    }
     store::write_record(&record, &tracks)?;
-    plan.finish([TRACKS_FILE, PAGE_FILE], begun.elapsed())?;
+    let made = FILES.iter().filter(|file| request.out.join(file).is_file());
+    plan.finish(made.copied(), begun.elapsed())?;
     Ok(tracks)
 }
+
+/// Writes something to look at: to a path, from a scene's folder, the scene, its views and its tracks.
+type WriteView = fn(&Path, &Path, &Scene, &[PosedView], &Tracks) -> Result<(), CurateError>;
 
 /// A request with what it is about, read and checked.
 struct Asked {

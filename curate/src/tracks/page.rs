@@ -66,9 +66,14 @@ fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;")
 }
 
+/// The hue of the colour of each id: neighbouring ones are far from each other.
+pub(super) fn hue_degrees(id: u32) -> f64 {
+    (f64::from(id) * 137.508) % 360.0
+}
+
 /// A colour for each id.
 fn colour(id: u32) -> String {
-    format!("hsl({}, 85%, 42%)", (f64::from(id) * 137.508) % 360.0)
+    format!("hsl({}, 85%, 42%)", hue_degrees(id))
 }
 
 fn plan(tracks: &Tracks, views: &[PosedView]) -> String {

@@ -11,7 +11,9 @@ use std::{fmt::Write as _, fs, path::Path};
 use glam::{DMat3, DQuat, DVec3, dvec3};
 use omnilife_curate::{
     posed_view::PosedView,
-    tracks::{PAGE_FILE, TrackRequest, boxes::projected_box, make_tracks, plan_tracks},
+    tracks::{
+        OVERLAY_FILE, PAGE_FILE, TrackRequest, boxes::projected_box, make_tracks, plan_tracks,
+    },
 };
 use omnilife_schemas::{
     Classified, ErrorKind, Pose,
@@ -174,6 +176,8 @@ fn boxes_become_paths_and_what_stands_is_static() {
             track.dimensions
         );
     }
+    let video = temp.path().join("tracks").join(OVERLAY_FILE);
+    assert!(fs::metadata(video).unwrap().len() > 10_000);
     let page = fs::read_to_string(temp.path().join("tracks").join(PAGE_FILE)).unwrap();
     assert!(page.contains("polyline") && page.contains("data:image/jpeg"));
     assert_eq!(make_tracks(&request, &Silent).unwrap(), tracks);
