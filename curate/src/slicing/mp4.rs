@@ -22,7 +22,7 @@ use super::{
 };
 use crate::{
     error::CurateError,
-    video::{Colour, FrameShape, PixelFormat, Scaler, clear_image_kind},
+    video::{Colour, FrameShape, PixelFormat, Scaler, begin_ffmpeg, clear_image_kind},
 };
 
 /// FFmpeg's name of the encoder.
@@ -30,6 +30,9 @@ const ENCODER: &str = "libx264";
 /// Encoder and settings, for the record. No B-frames, so that timestamps begin at 0 without edit
 /// lists; a fixed number of threads, because x264's output depends on it.
 pub const ENCODER_SETTINGS: &str = "libx264 crf 16, preset fast, no B-frames, 4 threads";
+
+/// What the level is computed with; frames are shown at their own times.
+const USUAL_FRAME_RATE: Rational = Rational(60, 1);
 
 /// What is kept of the images.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -132,7 +135,7 @@ impl Mp4Encoder {
         audio: Option<AudioTrack>,
     ) -> Result<Self, CurateError> {
         let internal = |error: ffmpeg::Error| CurateError::internal(path, error);
-        ffmpeg::init().map_err(internal)?;
+        begin_ffmpeg(path)?;
         let codec = encoder::find_by_name(ENCODER).ok_or_else(|| {
             CurateError::internal(
                 path,
@@ -153,6 +156,8 @@ impl Mp4Encoder {
         context.set_height(video.height);
         context.set_format(pixel);
         context.set_time_base(video.time_base);
+        // x264 takes the level from it, else from a frame a tick: then many players refuse the file.
+        context.set_frame_rate(Some(USUAL_FRAME_RATE));
         context.set_aspect_ratio(video.pixel_aspect);
         context.set_colorspace(video.colour.space);
         context.set_color_range(video.colour.range);

@@ -326,11 +326,17 @@ fn failure(path: &Path, error: ffmpeg::Error, reason: String) -> CurateError {
     }
 }
 
-/// Opens a container of local data only, with FFmpeg's own log silenced.
-pub(crate) fn open_container(path: &Path) -> Result<context::Input, CurateError> {
-    omnilife_schemas::error_kind::reading(path);
+/// Prepares FFmpeg for work on a file, with its own log silenced.
+pub(crate) fn begin_ffmpeg(path: &Path) -> Result<(), CurateError> {
     ffmpeg::init().map_err(|error| CurateError::internal(path, error))?;
     ffmpeg::log::set_level(ffmpeg::log::Level::Quiet);
+    Ok(())
+}
+
+/// Opens a container of local data only.
+pub(crate) fn open_container(path: &Path) -> Result<context::Input, CurateError> {
+    omnilife_schemas::error_kind::reading(path);
+    begin_ffmpeg(path)?;
     let metadata = std::fs::metadata(path)
         .map_err(|error| CurateError::video(path, format!("cannot be read: {error}")))?;
     if metadata.is_dir() {

@@ -17,7 +17,7 @@ mod scaler;
 mod spherical_boxes;
 
 pub use convert::{Converter, Rgb8Image, Scaling};
-pub(crate) use decode::open_container;
+pub(crate) use decode::{begin_ffmpeg, open_container};
 pub use decode::{PacketChoice, VideoReader};
 pub(crate) use luma::LumaImage;
 pub use pixel_format::PixelFormat;
