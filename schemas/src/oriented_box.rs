@@ -1,6 +1,6 @@
 //! Boxes that stand anywhere and head anywhere, as cameras see them.
 
-use glam::{DMat3, DVec3, dvec2};
+use glam::{DMat3, DVec3, dvec2, dvec3};
 
 use crate::{
     camera::{Camera, CameraModel},
@@ -24,6 +24,15 @@ pub struct OrientedBox {
 }
 
 impl OrientedBox {
+    /// Its corners: bit `n` of a corner's number says whether it is on the far side along axis `n`.
+    pub fn corners(&self) -> [DVec3; 8] {
+        std::array::from_fn(|number| {
+            let side = |axis: usize| if number >> axis & 1 == 1 { 1.0 } else { -1.0 };
+            let own = dvec3(side(0), side(1), side(2)) * self.half;
+            self.centre + self.axes * own
+        })
+    }
+
     /// From where to where along a ray it is, in lengths of `direction`, which need not be 1; `None` where the
     /// ray misses it or leaves it behind. A ray that begins in it enters at 0.
     pub fn crossing(&self, origin: DVec3, direction: DVec3) -> Option<[f64; 2]> {
@@ -97,8 +106,6 @@ impl OrientedBox {
 
 #[cfg(test)]
 mod tests {
-    use glam::dvec3;
-
     use super::*;
     use crate::camera::{ErpCamera, PinholeCamera};
 

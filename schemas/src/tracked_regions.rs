@@ -6,7 +6,6 @@ use glam::{DMat3, DVec3};
 
 use crate::{
     camera::Camera,
-    layout::TRACKS_FILE,
     oriented_box::OrientedBox,
     records::{Scene, SceneFrame, Track, Tracks},
     rgb::Mask,
@@ -31,18 +30,12 @@ impl TrackedRegions {
     /// # Errors
     /// When the tracks cannot be read, are unsound or those of another scene.
     pub fn find(scene: &Scene, split_folder: &Path) -> Result<Option<Self>, StoreError> {
-        let file = split_folder.join(TRACKS_FILE);
-        if scene.frames.iter().any(|frame| frame.mask.is_some()) || !file.is_file() {
+        if scene.frames.iter().any(|frame| frame.mask.is_some()) {
             return Ok(None);
         }
-        let tracks: Tracks = store::read_record(&file)?;
-        if tracks.scene != scene.id {
-            let reason = format!("has the tracks of {}, not of {}", tracks.scene, scene.id);
-            return Err(StoreError::malformed(&file, reason));
-        }
-        if let Some(fault) = tracks.fault() {
-            return Err(StoreError::malformed(&file, fault));
-        }
+        let Some(tracks) = Tracks::beside_split(&scene.id, split_folder)? else {
+            return Ok(None);
+        };
         let content = serde_json::json!([tracks.up, tracks.tracks]).to_string();
         Ok(Some(Self {
             axes: GroundAxes::new(DVec3::from_array(tracks.up)),

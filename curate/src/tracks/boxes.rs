@@ -1,7 +1,10 @@
 //! Where an object heads, and how large it is.
 
-use glam::{DMat3, DVec2, DVec3, dvec3};
-use omnilife_schemas::trajectory::{BSpline, GroundAxes, ObjectPath, nearest_turn};
+use glam::{DMat3, DVec2, DVec3};
+use omnilife_schemas::{
+    oriented_box::OrientedBox,
+    trajectory::{BSpline, GroundAxes, ObjectPath, nearest_turn},
+};
 
 use crate::posed_view::PosedView;
 
@@ -56,16 +59,13 @@ pub fn projected_box(
 ) -> Option<[f64; 4]> {
     use omnilife_schemas::camera::CameraModel;
     let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
-    for corner in 0..8 {
-        let side = |axis: usize| if corner >> axis & 1 == 1 { 0.5 } else { -0.5 };
-        let own = dvec3(
-            side(0) * dimensions[0],
-            side(1) * dimensions[1],
-            side(2) * dimensions[2],
-        );
-        let pixel = view
-            .camera
-            .project(view.in_camera(centre + rotation * own))?;
+    let of_object = OrientedBox {
+        centre,
+        axes: rotation,
+        half: 0.5 * DVec3::from_array(dimensions),
+    };
+    for corner in of_object.corners() {
+        let pixel = view.camera.project(view.in_camera(corner))?;
         low = low.min(pixel);
         high = high.max(pixel);
     }

@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
-use glam::{DVec2, DVec3, dvec2, dvec3};
+use glam::{DVec2, DVec3, dvec2};
 use omnilife_schemas::{
     RgbImage,
     camera::{Camera, CameraModel},
+    oriented_box::OrientedBox,
     records::{Scene, Track, Tracks},
     statistics::frame_interval,
     trajectory::GroundAxes,
@@ -194,12 +195,12 @@ impl Drawing<'_> {
             self.line([pair[0], pair[1]], colour, 1)?;
         }
         let rotation = axes.rotation(heading);
-        let corner = |number: usize| {
-            let side = |axis: usize| if number >> axis & 1 == 1 { 0.5 } else { -0.5 };
-            let own = dvec3(side(0), side(1), side(2)) * DVec3::from_array(track.dimensions);
-            image(centre + rotation * own)
+        let of_track = OrientedBox {
+            centre,
+            axes: rotation,
+            half: 0.5 * DVec3::from_array(track.dimensions),
         };
-        let corners: Option<Vec<DVec2>> = (0..8).map(corner).collect();
+        let corners: Option<Vec<DVec2>> = of_track.corners().map(image).into_iter().collect();
         let Some(corners) = corners else {
             return Ok(());
         };
@@ -232,7 +233,7 @@ fn scalar([red, green, blue]: [f64; 3]) -> Scalar {
 
 #[cfg(test)]
 mod tests {
-    use glam::DMat3;
+    use glam::{DMat3, dvec3};
     use omnilife_schemas::{
         camera::PinholeCamera,
         records::Detection,

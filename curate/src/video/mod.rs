@@ -17,8 +17,8 @@ mod scaler;
 mod spherical_boxes;
 
 pub use convert::{Converter, Rgb8Image, Scaling};
-pub(crate) use decode::{begin_ffmpeg, open_container};
 pub use decode::{PacketChoice, VideoReader};
+pub(crate) use decode::{begin_ffmpeg, open_container};
 pub(crate) use luma::LumaImage;
 pub use pixel_format::PixelFormat;
 pub(crate) use planes::{allocated, rows_mut};

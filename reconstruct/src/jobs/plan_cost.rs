@@ -125,12 +125,41 @@ impl ScenePlan {
                 1e3 * cost.step_seconds
             );
         }
-        let saved = |this: f64, full: f64| 100.0 * (1.0 - this / full.max(f64::MIN_POSITIVE));
         text += &format!(
-            "\nLeft out: {:.0} % of the tables, {:.0} % of the time of a step\n",
-            saved(self.planned.size.bytes as f64, self.full.size.bytes as f64),
-            saved(self.planned.step_seconds, self.full.step_seconds)
+            "\nBeside the full plan: tables {}, a step {}\n",
+            beside(
+                self.planned.size.bytes as f64 / self.full.size.bytes as f64,
+                ["smaller", "larger"]
+            ),
+            beside(
+                self.planned.step_seconds / self.full.step_seconds,
+                ["shorter", "longer"]
+            )
         );
         text
+    }
+}
+
+/// A ratio in words: `29 % smaller`, `the same`. What a plan leaves out can be what saves memory.
+fn beside(ratio: f64, [less, more]: [&str; 2]) -> String {
+    let percent = (100.0 * (ratio - 1.0)).round();
+    match percent {
+        change if change < 0.0 => format!("{:.0} % {less}", -change),
+        change if change > 0.0 => format!("{change:.0} % {more}"),
+        _ => "the same".to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_ratio_is_told_in_its_direction() {
+        let words = |ratio| beside(ratio, ["smaller", "larger"]);
+        assert_eq!(words(0.71), "29 % smaller");
+        assert_eq!(words(1.004), "the same");
+        assert_eq!(words(1.0131), "1 % larger");
+        assert_eq!(words(f64::NAN), "the same");
     }
 }

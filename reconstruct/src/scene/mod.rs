@@ -10,7 +10,6 @@ use glam::{DVec3, Vec3};
 use omnilife_schemas::{
     Similarity,
     camera::Camera,
-    layout::TRACKS_FILE,
     points::PointCloud,
     records::{Scale, Scene, Split, Tracks},
     rgb::Mask,
@@ -125,7 +124,7 @@ impl TrainingScene {
             seen_for_points: known.and_then(|known| known.held_out(&split.novel_views)),
             depth_priors: depth_priors(&scene, folder, &split.input_views),
             novel_depth_priors: depth_priors(&scene, folder, &split.novel_views),
-            tracks: read_tracks(&scene, split_path)?,
+            tracks: Tracks::beside_split(&scene.id, split_folder)?,
         })
     }
 
@@ -360,23 +359,6 @@ pub(crate) fn checked_camera(
         .scored_size(&scene.camera)
         .map_err(|reason| ReconstructError::scene(split_path, reason))?;
     Ok(scene.camera.resized(width, height))
-}
-
-/// The tracks beside a split, where there are any.
-fn read_tracks(scene: &Scene, split_path: &Path) -> Result<Option<Tracks>, ReconstructError> {
-    let path = split_path.with_file_name(TRACKS_FILE);
-    if !path.is_file() {
-        return Ok(None);
-    }
-    let tracks: Tracks = store::read_record(&path)?;
-    if tracks.scene != scene.id {
-        let reason = format!("has the tracks of {}, not of {}", tracks.scene, scene.id);
-        return Err(ReconstructError::scene(&path, reason));
-    }
-    if let Some(fault) = tracks.fault() {
-        return Err(ReconstructError::scene(&path, fault));
-    }
-    Ok(Some(tracks))
 }
 
 /// The longest gap between moments such that half of the time between the first and the last lies in gaps

@@ -1,11 +1,16 @@
 //! `tracks`: what moves through a scene, in its images and in space.
 
-use std::collections::BTreeSet;
+use std::{collections::BTreeSet, path::Path};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::{elapsed::Elapsed, store::Record, trajectory::ObjectPath};
+use crate::{
+    elapsed::Elapsed,
+    layout::TRACKS_FILE,
+    store::{self, Record, StoreError},
+    trajectory::ObjectPath,
+};
 
 /// `tracks.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -35,6 +40,26 @@ impl Record for Tracks {
 }
 
 impl Tracks {
+    /// The tracks of a scene beside a split in `split_folder`; `None` where there are none.
+    ///
+    /// # Errors
+    /// When they cannot be read, are unsound or those of another scene.
+    pub fn beside_split(scene_id: &str, split_folder: &Path) -> Result<Option<Self>, StoreError> {
+        let file = split_folder.join(TRACKS_FILE);
+        if !file.is_file() {
+            return Ok(None);
+        }
+        let tracks: Self = store::read_record(&file)?;
+        if tracks.scene != scene_id {
+            let reason = format!("has the tracks of {}, not of {scene_id}", tracks.scene);
+            return Err(StoreError::malformed(&file, reason));
+        }
+        match tracks.fault() {
+            Some(fault) => Err(StoreError::malformed(&file, fault)),
+            None => Ok(Some(tracks)),
+        }
+    }
+
     /// Why they cannot be used; `None` where they can: ids are unique, of each object there is one box in a frame
     /// at most, paths and boxes are sound.
     pub fn fault(&self) -> Option<String> {
