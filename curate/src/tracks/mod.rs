@@ -14,6 +14,7 @@ mod decisions;
 pub mod detectors;
 pub mod distance;
 mod hover;
+mod image_boxes;
 mod overlay;
 mod page;
 mod path;
@@ -24,7 +25,7 @@ mod vehicle_scale;
 
 use std::path::{Path, PathBuf};
 
-use glam::{DVec2, DVec3, dvec2};
+use glam::{DVec3, dvec2};
 use omnilife_schemas::{
     elapsed::Stopwatch,
     layout::{SCENE_FILE, TRACKS_FILE},
@@ -49,14 +50,13 @@ pub use decisions::{TracksPlan, plan_tracks};
 use association::{ASSOCIATIONS, Sighting, deepsort};
 use detectors::{DETECTORS, Detector, DetectorInput};
 use distance::DISTANCES;
+use image_boxes::{is_cut, middle, within_image};
 
 /// The page to look at, beside the tracks.
 pub const PAGE_FILE: &str = "tracks.html";
 /// The frames with what was found drawn over, beside the tracks.
 pub const OVERLAY_FILE: &str = "tracks.mp4";
 const FILES: [&str; 3] = [TRACKS_FILE, PAGE_FILE, OVERLAY_FILE];
-/// Boxes end at the border where they come this near to it, pixels.
-const BORDER: f64 = 1.5;
 
 /// What to track, and how.
 #[derive(Debug, Clone, PartialEq)]
@@ -487,23 +487,4 @@ impl Tracking<'_> {
             is_cut: is_cut(view, detection.box_pixels),
         }
     }
-}
-
-/// Whether the border of the image cuts a box off.
-fn is_cut(view: &PosedView, [left, top, width, height]: [f64; 4]) -> bool {
-    let [columns, rows] = view.camera.size().map(|side| side as f64);
-    left < BORDER || top < BORDER || left + width > columns - BORDER || top + height > rows - BORDER
-}
-
-/// The part of a box that is in the image; `None` where there is none.
-fn within_image(view: &PosedView, [left, top, width, height]: [f64; 4]) -> Option<[f64; 4]> {
-    let [columns, rows] = view.camera.size().map(|side| side as f64);
-    let (right, bottom) = ((left + width).min(columns), (top + height).min(rows));
-    let (left, top) = (left.max(0.0), top.max(0.0));
-    (right > left && bottom > top).then_some([left, top, right - left, bottom - top])
-}
-
-/// Middle of a box, pixels.
-fn middle([left, top, width, height]: [f64; 4]) -> DVec2 {
-    dvec2(left + 0.5 * width, top + 0.5 * height)
 }
