@@ -50,7 +50,7 @@ impl RunFacts {
         let schema = store::schema_of(file)?;
         if store::is_read_as::<RunRecord>(&schema) {
             let run: RunRecord = store::read_record(file)?;
-            if let Some(edit) = run.edits.first() {
+            if let Some(edit) = run.edits.lines().first() {
                 let reason = format!("was edited ({edit}): it is not scored against the video");
                 return Err(BenchError::mismatch(file, reason));
             }

@@ -37,6 +37,7 @@ pub(crate) fn result_record(job: &ScoringJob, outcomes: &[ViewOutcome]) -> Resul
         scored_size: job.size,
         input_views: input.0,
         novel_views: novel.0,
+        run_failure: job.run.as_ref().and_then(|run| run.failure.clone()),
         failures,
         unavailable: [input.1, novel.1].concat(),
         regions: (job.regions.as_ref())
@@ -46,6 +47,9 @@ pub(crate) fn result_record(job: &ScoringJob, outcomes: &[ViewOutcome]) -> Resul
                 sha256: regions.sha256.clone(),
             }),
         frames_table: FRAME_SCORES_FILE.to_owned(),
+        predictions: None,
+        statement: None,
+        training: None,
         training_seconds: job.run.as_ref().and_then(|run| run.training_seconds),
         primitives: job.run.as_ref().and_then(|run| run.primitives),
         iterations: job.run.as_ref().and_then(|run| run.iterations),

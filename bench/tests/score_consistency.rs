@@ -16,7 +16,7 @@ use omnilife_schemas::{
     camera::ErpCamera,
     progress::Silent,
     records::{
-        Backend, ResultRecord, RunRecord, Scene, Split, TraceViews, ValidationStatus,
+        Backend, Edits, ResultRecord, RunRecord, Scene, Split, TraceViews, ValidationStatus,
         ViewPredictions,
     },
     rgb, store,
@@ -64,7 +64,7 @@ fn run_record(bench: &Bench) -> RunRecord {
             novel_views: "novel".to_owned(),
         },
         warnings: vec!["stopped early".to_owned()],
-        edits: Vec::new(),
+        edits: Edits::default(),
     }
 }
 

@@ -61,6 +61,8 @@ mod tests {
             code: Some(code.to_owned()),
             licence: None,
             hardware: "one processor".to_owned(),
+            training: None,
+            iterations: None,
             notes: None,
         };
         let page = render(&[

@@ -11,7 +11,7 @@ use omnilife_schemas::{
 
 use crate::{
     error::ReconstructError,
-    jobs::reconstruct::RUN_FILE,
+    jobs::reconstruct::{NOVEL_FOLDER, RUN_FILE},
     methods::run_formats::{self, EditRequest},
 };
 
@@ -55,10 +55,7 @@ pub fn edit(
         script: &request.script,
         out: &request.out,
     })?;
-    let mut record = record;
-    record.predictions.input_views = None;
-    let edits = done.iter().map(|line| format!("edited: {line}"));
-    record.warnings.extend(edits);
+    let record = record.edited(done.iter().cloned(), NOVEL_FOLDER);
     store::write_record(&request.out.join(RUN_FILE), &record)?;
     files.push(RUN_FILE.to_owned());
     stage.finish(&files, begun.elapsed().as_secs_f64())?;

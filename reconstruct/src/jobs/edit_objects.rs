@@ -11,7 +11,7 @@ use omnilife_engine::{gaussians::tracked::OBJECT_NUMBERS, parameters::ParameterT
 use omnilife_schemas::{
     lock::FolderLock,
     progress::Progress,
-    records::{GraphObject, Objects, Poses, RunRecord, ViewPredictions},
+    records::{GraphObject, Objects, Poses, RunRecord},
     stage::StagePlan,
     store::{self, StoreError},
     trajectory::GroundAxes,
@@ -87,19 +87,12 @@ pub fn edit(request: &EditRequest, progress: &dyn Progress) -> Result<Vec<u32>, 
         apply(edit, &mut record, &mut table)
             .and_then(|()| stays_in_clip(edit, &record, run.clip_seconds))
             .map_err(|reason| ReconstructError::scene(&objects_path, reason))?;
-        run.edits.push(edit.words());
     }
     for warning in out_of_view(&record, run.views.as_ref()) {
         progress.note(&format!("{}: {warning}", objects_path.display()));
         run.warnings.push(warning);
     }
-    // What the run predicted was predicted before.
-    run.predictions = ViewPredictions {
-        input_views: None,
-        novel_views: NOVEL_FOLDER.to_owned(),
-    };
-    run.trace = None;
-    run.trace_views = None;
+    let run = run.edited(request.edits.iter().map(Edit::words), NOVEL_FOLDER);
     let begun = Instant::now();
     store::create_folder(&request.out)?;
     let _lock = FolderLock::take(&request.out, progress)?;

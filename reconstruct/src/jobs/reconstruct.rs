@@ -15,7 +15,7 @@ use omnilife_schemas::{
     progress::Progress,
     provenance,
     records::{
-        Backend, ComponentDecision, PoseSource, RunRecord, Scene, Split, SurfaceFaults,
+        Backend, ComponentDecision, Edits, PoseSource, RunRecord, Scene, Split, SurfaceFaults,
         TraceViews as KeptViews, ViewPredictions,
     },
     scene_points::ScenePoints,
@@ -220,7 +220,7 @@ pub fn reconstruct(
         surfaces: made.surfaces,
         predictions: made.predictions,
         warnings: made.warnings,
-        edits: Vec::new(),
+        edits: Edits::default(),
     };
     store::write_record(&record_path, &record)?;
     let outputs = made.outputs.into_iter().chain([RUN_FILE.to_owned()]);

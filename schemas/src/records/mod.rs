@@ -55,11 +55,12 @@ pub use overlays::{Overlay, OverlayClass, OverlayReport, Sightings};
 pub use poses::{PosedFrame, Poses};
 pub use protocol::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
 pub use result::{
-    Direction, Failure, ResultRecord, ScoredRegions, Summary, Unavailable, is_of_region,
+    Direction, Failure, ResultRecord, RunStatement, ScoredFile, ScoredPredictions, ScoredRegions,
+    StatedClock, Summary, TrainingKind, Unavailable, is_of_region,
 };
 pub use run::{
-    Backend, ComponentDecision, PLANNING, RENDERING, RunRecord, StageTime, SurfaceFaults, TRAINING,
-    TraceViews, ViewPredictions,
+    Backend, ComponentDecision, Edits, PLANNING, RENDERING, RunRecord, StageTime, SurfaceFaults,
+    TRAINING, TraceViews, ViewPredictions,
 };
 pub use scene::{
     DepthImage, DepthPrior, DistanceConvention, DistanceGrid, PoseSource, PoseValidation, Scale,

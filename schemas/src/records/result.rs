@@ -32,7 +32,11 @@ pub struct ResultRecord {
     pub input_views: BTreeMap<String, Summary>,
     /// Scores of the novel views by metric id.
     pub novel_views: BTreeMap<String, Summary>,
-    /// Views that could not be scored. A result with failures is not complete.
+    /// Why the run that was to predict the views failed, in one line. Views that it left are not
+    /// scored: each of them is among the failures.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub run_failure: Option<String>,
+    /// Views that could not be scored. [`ResultRecord::is_complete`] says what follows.
     pub failures: Vec<Failure>,
     /// Metrics of the protocol that no view has a value of, and why.
     #[serde(default)]
@@ -42,7 +46,16 @@ pub struct ResultRecord {
     pub regions: Option<ScoredRegions>,
     /// CSV file of per-frame values: view, frame, `time_seconds`, one column per metric.
     pub frames_table: String,
-    /// Training time in seconds, where the predictions came with a run record.
+    /// The predictions that were scored; records of older versions do not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub predictions: Option<ScoredPredictions>,
+    /// Facts about the run that whoever scored it states and no record measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub statement: Option<RunStatement>,
+    /// The way the method came to its views, where a record or a statement says.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub training: Option<TrainingKind>,
+    /// Training time in seconds, where a run record or a statement says. A run that failed has none.
     pub training_seconds: Option<f64>,
     /// Primitives of the model (Gaussians, or what else the method is made of), where known.
     #[serde(alias = "gaussians")]
@@ -81,12 +94,98 @@ impl Record for ResultRecord {
     const OLDER: &'static [&'static str] = &["omnilife/result/2"];
 }
 
+/// The way a method comes to the views of a scene. Methods are ranked among those of one kind.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum TrainingKind {
+    /// It trains a model of each scene with the views that it is given.
+    PerScene,
+    /// It trains nothing of the scene: feed-forward networks, interpolation, sweeps.
+    WithoutTraining,
+}
+
+/// The clock of a time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum StatedClock {
+    /// Wall-clock time.
+    Wall,
+    /// CPU time, user and system, of all threads.
+    Cpu,
+    /// Time on a GPU, as drivers and profilers give it.
+    Gpu,
+}
+
+/// Facts about a run that its authors state. Numbers among them (`training_seconds`, `iterations`,
+/// `peak_memory_bytes`, `primitives`) stand in the result's own fields and in `numbers` by name.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct RunStatement {
+    /// Names of the result's fields that hold a stated number instead of a measured one, sorted.
+    #[serde(default)]
+    pub numbers: Vec<String>,
+    /// The clock of the training time.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clock: Option<StatedClock>,
+    /// Processors, GPUs and memory that it ran on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hardware: Option<String>,
+    /// Address of the method's code.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub code: Option<String>,
+}
+
+/// The files that a result is of, so that they can be handed in and scored again.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct ScoredPredictions {
+    /// Folder of the predicted input views when they were scored, relative to the result's folder
+    /// where that is possible.
+    pub input_views: Option<String>,
+    /// The same of the novel views.
+    pub novel_views: Option<String>,
+    /// Every file that was scored, input views first, in the order of the split.
+    pub files: Vec<ScoredFile>,
+}
+
+/// A predicted view, or its distances.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct ScoredFile {
+    /// `input` or `novel`.
+    pub view: String,
+    /// Name in the folder of its kind of view.
+    pub file: String,
+    /// SHA-256 of its content.
+    pub sha256: String,
+}
+
 /// Whether a metric is of a region of the image: of what stands still, or of what moves.
 pub fn is_of_region(metric: &str) -> bool {
     metric.ends_with("-static") || metric.ends_with("-dynamic")
 }
 
 impl ResultRecord {
+    /// Whether the run ended well and every view has scores. Anything less is not ranked, marked as
+    /// best, compared, averaged over scenes or handed in.
+    pub fn is_complete(&self) -> bool {
+        self.run_failure.is_none() && self.failures.is_empty()
+    }
+
+    /// Why the result is not complete, in one line: the reason of the run's failure, or else of the
+    /// first view's. `None` where it is complete.
+    pub fn why_incomplete(&self) -> Option<String> {
+        if let Some(reason) = &self.run_failure {
+            return Some(format!("the run failed: {reason}"));
+        }
+        let first = self.failures.first()?;
+        let (count, view, frame) = (self.failures.len(), &first.view, first.frame);
+        let reason = &first.reason;
+        Some(match count {
+            1 => format!("{view} view {frame} could not be scored: {reason}"),
+            _ => format!(
+                "{count} views could not be scored, the first {view} view {frame}: {reason}"
+            ),
+        })
+    }
+
     /// Whether both score regions of the image, and by other ones: these scores are not comparable.
     pub fn has_other_regions(&self, other: &Self) -> bool {
         let scores_regions = |result: &Self| {

@@ -102,9 +102,43 @@ pub struct RunRecord {
     pub predictions: ViewPredictions,
     /// Warnings that a reader of the scores should know.
     pub warnings: Vec<String>,
-    /// What was changed in the model by hand afterwards; such a run is never scored against the video.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub edits: Vec<String>,
+    /// Changes that were made to the model by hand after training. A run with any is never scored against the
+    /// video. [`RunRecord::edited`] is the only way to add one.
+    #[serde(default, skip_serializing_if = "Edits::is_empty")]
+    pub edits: Edits,
+}
+
+/// Changes that were made to a model by hand, in their order, one line each.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(transparent)]
+pub struct Edits(Vec<String>);
+
+impl Edits {
+    /// Whether the model is as it was trained.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// The changes in their order.
+    pub fn lines(&self) -> &[String] {
+        &self.0
+    }
+}
+
+impl RunRecord {
+    /// The record of this run's model after further changes: it names no predictions, trace or measured
+    /// surfaces, because those are of the model before. `novel_folder` is where views may be rendered to.
+    pub fn edited(mut self, lines: impl IntoIterator<Item = String>, novel_folder: &str) -> Self {
+        self.edits.0.extend(lines);
+        self.predictions = ViewPredictions {
+            input_views: None,
+            novel_views: novel_folder.to_owned(),
+        };
+        self.trace = None;
+        self.trace_views = None;
+        self.surfaces = None;
+        self
+    }
 }
 
 impl Record for RunRecord {

@@ -34,6 +34,12 @@ pub struct MethodCard {
     pub licence: Option<String>,
     /// What it ran on: processors, GPUs, memory.
     pub hardware: String,
+    /// The way the method comes to its views, where the authors say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub training: Option<super::TrainingKind>,
+    /// Optimizer steps of a scene, where they are the same for all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub iterations: Option<u64>,
     /// What else a reader should know: training data, settings, conventions.
     pub notes: Option<String>,
 }
