@@ -53,6 +53,12 @@ pub enum BenchError {
         /// What does not fit.
         reason: String,
     },
+    /// A fact that is stated beside predictions is impossible.
+    #[error("{reason}")]
+    Statement {
+        /// One line.
+        reason: String,
+    },
     /// The request gives nothing to score.
     #[error("nothing to score: no predictions were given of views that the protocol scores")]
     NothingToScore,
@@ -106,6 +112,7 @@ impl Classified for BenchError {
             | Self::Protocol { .. }
             | Self::Scene { .. }
             | Self::Mismatch { .. }
+            | Self::Statement { .. }
             | Self::NothingToScore
             | Self::NothingToCompare { .. } => ErrorKind::User,
         }

@@ -103,15 +103,18 @@ pub fn compare(a: &[StoredResult], b: &[StoredResult]) -> Result<PairedCompariso
             continue;
         };
         refuse_other_rules(left, right)?;
-        let failures = [left, right].map(|results| {
-            let failures = results.iter().map(|(_, result)| result.failures.len());
-            failures.sum::<usize>()
+        let incomplete = [left, right].map(|results| {
+            let mut reasons = results
+                .iter()
+                .filter_map(|(_, result)| result.why_incomplete());
+            reasons.next()
         });
-        match failures.iter().position(|&count| count > 0) {
-            Some(side) => left_out.push(format!(
-                "{scene}: {} could not be scored on {} views",
-                methods[side], failures[side]
-            )),
+        match methods
+            .iter()
+            .zip(incomplete)
+            .find_map(|(method, reason)| Some((method, reason?)))
+        {
+            Some((method, reason)) => left_out.push(format!("{scene}: {method}: {reason}")),
             None => scenes.push((scene, [left.as_slice(), right.as_slice()])),
         }
     }

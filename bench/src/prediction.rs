@@ -24,6 +24,8 @@ const DEPTH_FOLDER: &str = "depth";
 #[derive(Debug)]
 pub(crate) struct PredictionFolder {
     folder: PathBuf,
+    /// Why no file of it is scored.
+    refusal: Option<String>,
     /// Frames that are predicted as arrays of values.
     arrays: BTreeSet<u32>,
     /// Names of images that are read as the number of a frame in another way than its name.
@@ -35,12 +37,7 @@ pub(crate) struct PredictionFolder {
 impl PredictionFolder {
     /// Lists a folder in which predictions of `frames` are expected.
     pub(crate) fn open(folder: &Path, frames: &[u32]) -> Result<Self, StoreError> {
-        let mut found = Self {
-            folder: folder.to_owned(),
-            arrays: BTreeSet::new(),
-            other_names: BTreeMap::new(),
-            strays: Vec::new(),
-        };
+        let mut found = Self::refused(folder, None);
         for name in store::names_in(folder)? {
             let Some(stem) = image_stem(&name) else {
                 continue;
@@ -58,6 +55,36 @@ impl PredictionFolder {
             found.strays.push(name);
         }
         Ok(found)
+    }
+
+    /// A folder of which nothing is listed, and nothing is read where there is a reason for that.
+    pub(crate) fn refused(folder: &Path, reason: Option<String>) -> Self {
+        Self {
+            folder: folder.to_owned(),
+            refusal: reason,
+            arrays: BTreeSet::new(),
+            other_names: BTreeMap::new(),
+            strays: Vec::new(),
+        }
+    }
+
+    /// The folder itself.
+    pub(crate) fn path(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Whether its files are read at all.
+    pub(crate) fn is_read(&self) -> bool {
+        self.refusal.is_none()
+    }
+
+    /// Name of a file of it, with `/` between folders.
+    pub(crate) fn relative(&self, file: &Path) -> String {
+        let relative = file.strip_prefix(&self.folder).unwrap_or(file);
+        let names = relative
+            .components()
+            .map(|name| name.as_os_str().to_string_lossy());
+        names.collect::<Vec<_>>().join("/")
     }
 
     /// Name of the file that holds a frame's prediction, or should.
@@ -83,7 +110,7 @@ impl PredictionFolder {
 
     /// Whether distances were predicted.
     pub(crate) fn has_depth(&self) -> bool {
-        self.folder.join(DEPTH_FOLDER).is_dir()
+        self.refusal.is_none() && self.folder.join(DEPTH_FOLDER).is_dir()
     }
 
     /// Bytes of a frame's prediction: an 8-bit RGB PNG of exactly `width` x `height` pixels, or an
@@ -94,6 +121,9 @@ impl PredictionFolder {
     /// The reason, in one line, why the prediction cannot be scored. It names the file without its
     /// folder, so that results do not depend on where predictions lie.
     pub(crate) fn read(&self, frame: u32, width: u32, height: u32) -> Result<Vec<u8>, String> {
+        if let Some(reason) = &self.refusal {
+            return Err(reason.clone());
+        }
         let name = file_name(frame);
         let other = self.other_names.get(&frame);
         if self.arrays.contains(&frame) {

@@ -7,11 +7,55 @@ use std::{
 
 use omnilife_schemas::{
     provenance::Hardware,
-    records::{Backend, ExternalRun, PhaseName, RunRecord, StageTime},
+    records::{Backend, ExternalRun, PhaseName, RunRecord, StageTime, TrainingKind},
     store::{self, Record, StoreError},
 };
 
-use crate::{curve::rows::Trace, error::BenchError};
+use crate::{curve::rows::Trace, error::BenchError, external::EXTERNAL_RUN_FILE};
+
+/// Name of the record of a run of ours.
+const RUN_FILE: &str = "run.json";
+/// Folders of views lie at most so far below the record of their run: `predictions/novel`, `work/a/b`.
+const DEPTH_OF_VIEWS: usize = 4;
+
+/// Refuses a folder of views that lies in a run that is never scored: one that failed, or one whose model was
+/// edited.
+///
+/// # Errors
+/// When there is such a run; its record is named.
+pub(crate) fn refuse_views_of_other_runs(folder: &Path) -> Result<(), BenchError> {
+    let Ok(folder) = folder.canonicalize() else {
+        return Ok(());
+    };
+    for folder in folder.ancestors().take(DEPTH_OF_VIEWS) {
+        let [ours, external] = [RUN_FILE, EXTERNAL_RUN_FILE].map(|name| folder.join(name));
+        if ours.is_file() {
+            let run: RunRecord = store::read_record(&ours)?;
+            return refuse_edited(&ours, &run);
+        }
+        if external.is_file() {
+            let run: ExternalRun = store::read_record(&external)?;
+            return match run.failure {
+                Some(failure) => {
+                    let reason = format!("failed ({failure}): views that it left are not scored");
+                    Err(BenchError::mismatch(&external, reason))
+                }
+                None => Ok(()),
+            };
+        }
+    }
+    Ok(())
+}
+
+fn refuse_edited(file: &Path, run: &RunRecord) -> Result<(), BenchError> {
+    match run.edits.lines().first() {
+        Some(edit) => {
+            let reason = format!("was edited ({edit}): it is not scored against the video");
+            Err(BenchError::mismatch(file, reason))
+        }
+        None => Ok(()),
+    }
+}
 
 /// The record of a run of ours (`run.json`) or of an external method (`external-run.json`).
 pub(crate) struct RunFacts {
@@ -20,6 +64,8 @@ pub(crate) struct RunFacts {
     pub(crate) scene: String,
     pub(crate) protocol_hash: String,
     pub(crate) training_seconds: Option<f64>,
+    /// The way the method comes to its views, where the record says.
+    pub(crate) training: Option<TrainingKind>,
     pub(crate) primitives: Option<u64>,
     pub(crate) iterations: Option<u64>,
     pub(crate) seed: u64,
@@ -50,10 +96,7 @@ impl RunFacts {
         let schema = store::schema_of(file)?;
         if store::is_read_as::<RunRecord>(&schema) {
             let run: RunRecord = store::read_record(file)?;
-            if let Some(edit) = run.edits.lines().first() {
-                let reason = format!("was edited ({edit}): it is not scored against the video");
-                return Err(BenchError::mismatch(file, reason));
-            }
+            refuse_edited(file, &run)?;
             let trace = Trace::of_run(file, &run)?;
             Ok(Self::of_ours(file, run, trace))
         } else if store::is_read_as::<ExternalRun>(&schema) {
@@ -82,6 +125,11 @@ impl RunFacts {
             scene: run.scene,
             protocol_hash: run.protocol_hash,
             training_seconds: Some(run.training_seconds),
+            training: Some(if run.iterations > 0 {
+                TrainingKind::PerScene
+            } else {
+                TrainingKind::WithoutTraining
+            }),
             primitives: Some(run.primitives),
             iterations: Some(run.iterations),
             seed: run.seed,
@@ -111,7 +159,13 @@ impl RunFacts {
             method: run.method,
             scene: run.scene,
             protocol_hash: run.protocol_hash,
-            training_seconds: wall_seconds(PhaseName::Train),
+            // What a run took that did not end well is the time of nothing.
+            training_seconds: wall_seconds(PhaseName::Train).filter(|_| run.failure.is_none()),
+            training: match run.failure {
+                Some(_) => None,
+                None if wall_seconds(PhaseName::Train).is_some() => Some(TrainingKind::PerScene),
+                None => Some(TrainingKind::WithoutTraining),
+            },
             primitives: None,
             iterations: None,
             seed: run.seed,

@@ -13,6 +13,7 @@ use crate::{
     loaded_view::LoadedView,
     scoring::job::{ScoringJob, View},
     scoring::{DEFAULT_MEMORY_BYTES, MetricChoice, Predictions, ScoreRequest},
+    statement::Statement,
 };
 
 /// What a check found.
@@ -51,6 +52,7 @@ pub fn validate(
             split: split.to_owned(),
             predictions: predictions.clone(),
             method: String::new(),
+            statement: Statement::default(),
             out: PathBuf::new(),
             memory_bytes: DEFAULT_MEMORY_BYTES,
             metrics: MetricChoice::All,

@@ -25,6 +25,7 @@ fn record(method: &str, scene: &str) -> ResultRecord {
         scene_sha256: String::new(),
         protocol: "per-scene/2".to_owned(),
         protocol_hash: "0123456789abcdef".to_owned(),
+        rules: None,
         scored_size: [64, 32],
         input_views: [].into(),
         novel_views: [].into(),

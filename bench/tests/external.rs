@@ -315,6 +315,7 @@ fn a_folder_with_anothers_logs_is_not_cleared() {
 fn a_run_may_follow_a_recorded_failure_and_the_other_way_round() {
     let stand = copying_stand();
     let failure = omnilife_bench::FailureRequest {
+        run: None,
         method: "copier".to_owned(),
         scene: stand.request.scene.clone(),
         split: stand.request.split.clone(),

@@ -48,8 +48,8 @@ pub use inputs::expand_inputs;
 pub use libraries::libraries;
 pub use pipeline::curate_video;
 pub use poses::{
-    GivenDepth, GivenPrior, GivenTruth, GroundScale, IgnoredRegion, PoseRequest, SfmSettings,
-    pose_sequence, pose_sequence_with,
+    GivenDepth, GivenPrior, GivenTruth, GroundScale, IgnoredRegion, MasksEntry, PoseRequest,
+    SfmSettings, enter_masks, pose_sequence, pose_sequence_with,
 };
 pub use settings::{CurateSettings, LayoutChoice};
 pub use worker::Worker;

@@ -12,7 +12,7 @@ use std::{
 
 use omnilife_schemas::{
     layout::{ASSET_FILE, RESULT_FILE, SPLIT_FILE},
-    records::{MethodCard, Protocol, ResultRecord, Split, Submission},
+    records::{MethodCard, Protocol, ResultRecord, Split, Submission, Verification},
     store::{self, StoreError},
 };
 use rayon::prelude::*;
@@ -20,7 +20,7 @@ use rayon::prelude::*;
 use crate::{
     assets::{self, FoundAsset},
     error::LeaderboardError,
-    submission::SUBMISSION_FILE,
+    submission::{SUBMISSION_FILE, VERIFICATION_FILE},
 };
 
 /// Reads every `result.json` in `folder` and below, sorted by path. Links to folders are followed,
@@ -43,6 +43,8 @@ pub(crate) struct RecordFiles {
     splits: Vec<PathBuf>,
     /// Records of what others handed in, sorted.
     submissions: Vec<PathBuf>,
+    /// Records of what of them was scored again, sorted.
+    verifications: Vec<PathBuf>,
     /// Sorted.
     assets: Vec<PathBuf>,
 }
@@ -55,6 +57,7 @@ impl RecordFiles {
             results: Vec::new(),
             splits: Vec::new(),
             submissions: Vec::new(),
+            verifications: Vec::new(),
             assets: Vec::new(),
         };
         let failed = |source| StoreError::read(folder, source);
@@ -63,6 +66,7 @@ impl RecordFiles {
         files.results.sort();
         files.splits.sort();
         files.submissions.sort();
+        files.verifications.sort();
         files.assets.sort();
         let assets = &files.assets;
         files
@@ -91,10 +95,21 @@ impl RecordFiles {
             .collect()
     }
 
-    /// The protocols of all splits, by hash. A protocol that does not have the hash beside it is
+    /// The protocols of all results and splits, by hash. A protocol that does not have the hash beside it is
     /// left out: its rules are not those of the scores.
-    pub(crate) fn protocols(&self) -> Result<BTreeMap<String, Protocol>, LeaderboardError> {
+    pub(crate) fn protocols(
+        &self,
+        results: &[(PathBuf, ResultRecord)],
+    ) -> Result<BTreeMap<String, Protocol>, LeaderboardError> {
         let mut protocols = BTreeMap::new();
+        for (_, result) in results {
+            if let Some(rules) = &result.rules
+                && !protocols.contains_key(&result.protocol_hash)
+                && rules.hash() == result.protocol_hash
+            {
+                protocols.insert(result.protocol_hash.clone(), rules.clone());
+            }
+        }
         for file in &self.splits {
             let split: Split = store::read_record(file)?;
             if split.protocol.hash() == split.protocol_hash {
@@ -114,6 +129,20 @@ impl RecordFiles {
         cards.sort_by(|a, b| (&a.method, &a.title).cmp(&(&b.method, &b.title)));
         cards.dedup();
         Ok(cards)
+    }
+
+    /// What was scored again of the methods that others handed in, by method: of several submissions of one
+    /// method all together, with the latest date.
+    pub(crate) fn verifications(&self) -> Result<BTreeMap<String, Verification>, LeaderboardError> {
+        let mut by_method: BTreeMap<String, Verification> = BTreeMap::new();
+        for file in &self.verifications {
+            let found: Verification = store::read_record(file)?;
+            match by_method.get_mut(&found.method) {
+                Some(known) => known.add(&found),
+                None => drop(by_method.insert(found.method.clone(), found)),
+            }
+        }
+        Ok(by_method)
     }
 
     /// All assets with the scores of their levels.
@@ -160,6 +189,8 @@ impl RecordFiles {
                 self.splits.push(path);
             } else if name == SUBMISSION_FILE {
                 self.submissions.push(path);
+            } else if name == VERIFICATION_FILE {
+                self.verifications.push(path);
             } else if name == ASSET_FILE {
                 self.assets.push(path);
             }

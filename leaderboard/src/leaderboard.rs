@@ -151,8 +151,9 @@ fn site_of(
     papers: &[published::Paper],
     assets: &[Table],
 ) -> Result<Outputs, LeaderboardError> {
-    let protocols = files.protocols()?;
+    let protocols = files.protocols(results)?;
     let cards = files.cards()?;
+    let verifications = files.verifications()?;
     let dataset = request
         .dataset
         .as_deref()
@@ -170,6 +171,7 @@ fn site_of(
             assets,
             protocols: &protocols,
             cards: &cards,
+            verifications: &verifications,
             dataset: dataset.map(|(_, dataset)| dataset),
             views: request.views,
             footer: OnceLock::new(),

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use omnilife_bench::{BenchError, MetricChoice, Predictions, ScoreRequest};
+use omnilife_bench::{BenchError, MetricChoice, Predictions, ScoreRequest, Statement};
 use pyo3::prelude::*;
 
 use crate::{background, errors::Failure};
@@ -75,6 +75,7 @@ impl Request {
                 },
             },
             method,
+            statement: Statement::default(),
             out: self.out,
             memory_bytes: self.memory_bytes,
             metrics,

@@ -106,6 +106,7 @@ const TOY: Method = Method {
     optional_components: &[],
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU,
+    requires: &[],
     options: &[],
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request)?.on(scene, backend),

@@ -292,14 +292,7 @@ impl StagePlan {
     ) -> Result<(), StoreError> {
         let mut recorded = Vec::new();
         for (output, known) in outputs {
-            let path = self.folder.join(output.as_ref());
-            let metadata =
-                fs::metadata(&path).map_err(|source| StoreError::write(&path, source))?;
-            recorded.push(StageOutput {
-                file: output.as_ref().to_owned(),
-                bytes: metadata.len(),
-                sha256: Some(known.map_or_else(|| store::sha256_file(&path), Ok)?),
-            });
+            recorded.push(self.output(output.as_ref(), known)?);
         }
         store::create_folder(&self.records_folder())?;
         store::write_record(
@@ -313,6 +306,35 @@ impl StagePlan {
             },
         )?;
         store::remove(&self.begun_path())
+    }
+
+    /// Records the present content of `files`, relative to the stage's folder, in the done-record of this stage:
+    /// files that a finished stage made and that another step has completed, and further ones that go with them.
+    ///
+    /// # Errors
+    /// When the stage has not finished, a file is missing, or the record cannot be written.
+    pub fn amend<S: AsRef<str>>(&self, files: &[S]) -> Result<(), StoreError> {
+        let mut done: Done = store::read_record(&self.record_path())?;
+        for file in files.iter().map(AsRef::as_ref) {
+            let output = self.output(file, None)?;
+            match done.outputs.iter_mut().find(|known| known.file == file) {
+                Some(known) => *known = output,
+                None => done.outputs.push(output),
+            }
+        }
+        store::write_record(&self.record_path(), &done)?;
+        store::remove(&self.begun_path())
+    }
+
+    /// A file as it stands, with its hash where that is known.
+    fn output(&self, file: &str, sha256: Option<String>) -> Result<StageOutput, StoreError> {
+        let path = self.folder.join(file);
+        let metadata = fs::metadata(&path).map_err(|source| StoreError::write(&path, source))?;
+        Ok(StageOutput {
+            file: file.to_owned(),
+            bytes: metadata.len(),
+            sha256: Some(sha256.map_or_else(|| store::sha256_file(&path), Ok)?),
+        })
     }
 
     fn write_begun(&self, files: impl Iterator<Item = OwnFile>) -> Result<(), StoreError> {

@@ -54,6 +54,7 @@ fn result(mean: f64) -> ResultRecord {
         scene_sha256: store::sha256_bytes(b"street"),
         protocol: "per-scene/1".to_owned(),
         protocol_hash: store::sha256_bytes(b""),
+        rules: None,
         scored_size: [64, 32],
         input_views: [("psnr".to_owned(), summary)].into(),
         novel_views: [("psnr".to_owned(), summary)].into(),

@@ -12,6 +12,7 @@ use super::{
     bench_run::BenchRunArguments,
     places,
     reconstruct::{BackendArgument, MethodArguments},
+    statement::StatementArguments,
 };
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -93,6 +94,10 @@ pub(crate) enum BenchCommand {
         /// Why, in one line.
         #[arg(long, allow_hyphen_values = true)]
         reason: String,
+        /// Folder of the run: where an external method left a record of its failure there, its reason and
+        /// what its commands took are kept.
+        #[arg(long, value_name = "FOLDER")]
+        run: Option<PathBuf>,
         /// Folder of the record.
         #[arg(long)]
         out: PathBuf,
@@ -130,7 +135,7 @@ pub(crate) enum BenchCommand {
         #[arg(long)]
         input_views: Option<PathBuf>,
         /// Name of the method in the tables.
-        #[arg(long, required_unless_present = "run")]
+        #[arg(long, required_unless_present_any = ["run", "about"])]
         method: Option<String>,
         /// Memory that views may take together, gigabytes: how many are scored at once.
         #[arg(long, value_name = "GB", default_value_t = DEFAULT_MEMORY_BYTES as f64 / 1e9)]
@@ -141,6 +146,11 @@ pub(crate) enum BenchCommand {
         /// Computes no metric that needs a network, for a quick look: LPIPS takes most of the time.
         #[arg(long, conflicts_with = "metrics")]
         without_lpips: bool,
+        /// Ends well where views could not be scored; the result has them as failures either way.
+        #[arg(long)]
+        accept_failures: bool,
+        #[command(flatten)]
+        statement: Box<StatementArguments>,
     },
     /// Checks predictions before they are scored: lists what is missing, too much, of another size
     /// or depth, black, repeated, or the ground truth itself.

@@ -96,12 +96,16 @@ fn inset(text: &str) -> Result<[f64; 3], String> {
 pub(crate) struct SubmitResultsArguments {
     /// Folder that is searched for results of the card's method.
     pub(crate) results: PathBuf,
-    /// The card, TOML: method, title, authors, hardware; code, licence and notes where there are any.
+    /// The card, TOML: method, title, authors, hardware; code, licence, training (per-scene or
+    /// without-training), iterations and notes where there are any.
     #[arg(long, value_name = "FILE")]
     pub(crate) card: PathBuf,
     /// Folder of the submission.
     #[arg(long)]
     pub(crate) out: PathBuf,
+    /// Packs results with views that could not be scored too: they are rows of failures, which are not ranked.
+    #[arg(long)]
+    pub(crate) with_failures: bool,
 }
 
 #[derive(Debug, Args)]

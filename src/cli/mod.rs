@@ -14,6 +14,7 @@ mod reconstruct;
 #[cfg(test)]
 mod reference;
 mod run;
+mod statement;
 mod suggestion;
 mod sweep;
 

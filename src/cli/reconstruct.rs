@@ -405,6 +405,23 @@ pub(crate) enum ReconstructCommand {
         #[arg(long, value_name = "GIB", value_parser = gibibytes)]
         memory: Option<u64>,
     },
+    /// Makes what methods require beside a scene and its split: dense points, tracks of vehicles.
+    ///
+    /// `run`, `bench run`, `bench ablate` and sweeps do so by themselves. The result goes beside the split.
+    Prepare {
+        /// The scene.json, or its folder.
+        #[arg(value_parser = places::scene_file())]
+        scene: PathBuf,
+        /// The split.json.
+        #[arg(long, value_parser = places::split_file())]
+        split: PathBuf,
+        /// Methods whose requirements are made; `reconstruct methods` lists them.
+        #[arg(long, value_name = "METHOD", value_delimiter = ',', required = true)]
+        methods: Vec<String>,
+        /// Ends well where a scene cannot meet a requirement, and prints why.
+        #[arg(long)]
+        where_possible: bool,
+    },
     /// Prints which components a method has on a scene, on what evidence, and what that saves.
     Plan {
         /// The scene.json, or its folder.

@@ -24,6 +24,7 @@ use crate::{
     cli::MethodArguments,
     exit::{self, BadRequest, PartialFailure},
     plans::ablation,
+    preparation,
 };
 
 /// The table, in the folder of the runs.
@@ -50,6 +51,7 @@ pub(crate) fn execute(
     summary.claim([TABLE_FILE])?;
     let split = out.join(SPLIT_FILE);
     split_scene(scene, protocol, &split)?;
+    preparation::prepare(&[method], scene, &split, progress)?;
     let can_be_left_out = |component: &str| {
         let mut without = asked.clone();
         without.without.push(component.to_owned());

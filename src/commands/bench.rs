@@ -4,21 +4,19 @@ use std::path::PathBuf;
 
 use omnilife_bench::{
     ADAPTERS, BenchError, DEFAULT_MEMORY_BYTES, Diagnosis, ExternalRequest, FailureRequest,
-    METRICS, MetricChoice, PROTOCOLS, Predictions, ScoreRequest, curves, curves_table, diagnose,
-    record_failure, run_external, score, split_scene, tracking::compare_tracks, write_adapter,
+    METRICS, MetricChoice, PROTOCOLS, Predictions, ScoreRequest, Statement, curves, curves_table,
+    diagnose, record_failure, run_external, score, split_scene, tracking::compare_tracks,
+    write_adapter,
 };
 use omnilife_reconstruct::step_cost::{CostRequest, SceneKind};
 use omnilife_schemas::{
-    lock::FolderLock,
-    progress::Progress,
-    records::{ExternalRun, ResultRecord},
-    store,
+    ErrorKind, lock::FolderLock, progress::Progress, records::ExternalRun, store,
 };
 
 use super::{ablate, bench_renderer, bench_run, bench_scores, bench_stability};
 use crate::{
     cli::BenchCommand,
-    exit::{self, BadRequest},
+    exit::{self, BadRequest, PartialFailure},
     termination,
 };
 
@@ -57,7 +55,15 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
                 },
                 progress,
             )?;
-            exit::print(&external_summary(&run))
+            exit::print(&external_summary(&run))?;
+            match &run.failure {
+                None => Ok(()),
+                Some(failure) => Err(PartialFailure {
+                    message: format!("{} on {}: the run failed: {failure}", run.method, run.scene),
+                    blame: ErrorKind::User,
+                }
+                .into()),
+            }
         }
         BenchCommand::Tracks {
             tracks,
@@ -76,6 +82,7 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             split,
             seed,
             reason,
+            run,
             out,
         } => {
             let _lock = FolderLock::take(out, progress)?;
@@ -85,6 +92,7 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
                 split: split.clone(),
                 seed: *seed,
                 reason: reason.clone(),
+                run: run.clone(),
                 out: out.clone(),
             })?;
             exit::print(&format!("{}\n", record.display()))
@@ -100,8 +108,12 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             memory,
             metrics,
             without_lpips,
+            accept_failures,
+            statement,
         } => {
-            let mut request = match (run, method) {
+            let (statement, named) = statement.read(method.as_deref())?;
+            let method = method.clone().or(named);
+            let mut request = match (run, &method) {
                 (Some(run), None) => ScoreRequest::of_run(scene, split, run, out)?,
                 (run, Some(method)) => ScoreRequest {
                     scene: scene.clone(),
@@ -114,14 +126,18 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
                         Predictions::Run,
                     ),
                     method: method.clone(),
+                    statement: Statement::default(),
                     out: out.clone(),
                     memory_bytes: DEFAULT_MEMORY_BYTES,
                     metrics: MetricChoice::All,
                 },
                 (None, None) => {
-                    return Err(BadRequest("predictions need a --method name".to_owned()).into());
+                    let reason =
+                        "predictions need a --method name, or the --about card that has it";
+                    return Err(BadRequest(reason.to_owned()).into());
                 }
             };
+            request.statement = statement;
             request.memory_bytes = (memory * 1e9).max(0.0) as u64;
             request.metrics = match (without_lpips, metrics.as_slice()) {
                 (true, _) => MetricChoice::WithoutNetworks,
@@ -129,7 +145,7 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
                 (false, ids) => MetricChoice::only(ids).map_err(BenchError::from)?,
             };
             let result = score(&request, progress)?;
-            exit::print(&summary(&result))
+            bench_scores::report(&result, *accept_failures)
         }
         BenchCommand::Validate {
             novel_views,
@@ -163,6 +179,7 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
                     novel_views: novel_views.clone(),
                 },
                 method: String::new(),
+                statement: Statement::default(),
                 out: PathBuf::new(),
                 memory_bytes: DEFAULT_MEMORY_BYTES,
                 metrics: MetricChoice::All,
@@ -253,44 +270,6 @@ fn external_summary(run: &ExternalRun) -> String {
             phase.name.name(),
             phase.ending,
             phase.wall_seconds
-        );
-    }
-    if let Some(failure) = &run.failure {
-        text += &format!("failed: {failure}\n");
-    }
-    text
-}
-
-fn summary(result: &ResultRecord) -> String {
-    let mut text = format!(
-        "{} on {}, protocol {} ({:.12})\n",
-        result.method, result.scene, result.protocol, result.protocol_hash
-    );
-    for (view, scores) in [
-        ("input", &result.input_views),
-        ("novel", &result.novel_views),
-    ] {
-        for (metric, summary) in scores {
-            text += &format!(
-                "{view} {metric} {:.4} over {} views",
-                summary.mean, summary.views
-            );
-            if summary.undefined_views > 0 {
-                text += &format!(", undefined for {}", summary.undefined_views);
-            }
-            text.push('\n');
-        }
-    }
-    for unavailable in &result.unavailable {
-        text += &format!(
-            "{} {} unavailable: {}\n",
-            unavailable.view, unavailable.metric, unavailable.reason
-        );
-    }
-    for failure in &result.failures {
-        text += &format!(
-            "failed: {} view {}: {}\n",
-            failure.view, failure.frame, failure.reason
         );
     }
     text

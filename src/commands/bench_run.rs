@@ -49,9 +49,9 @@ struct Unit {
     #[serde(serialize_with = "serialize_for_spreadsheet")]
     method: String,
     seed: u64,
-    /// `scored` or `failed`.
+    /// `scored`, `incomplete` where some views could not be scored, or `failed`.
     outcome: &'static str,
-    /// One line for what failed, or for the views that could not be scored.
+    /// One line for the failure of the run, or of the first view that could not be scored.
     #[serde(serialize_with = "serialize_for_spreadsheet")]
     reason: String,
     #[serde(skip)]
@@ -93,7 +93,7 @@ pub(crate) fn execute(
         .collect::<Result<_, _>>()?;
     store::write_csv_rows(&arguments.out.join(OUTCOMES_FILE), &units)?;
     summary.finish([OUTCOMES_FILE], begun.elapsed().as_secs_f64())?;
-    if units.iter().any(|unit| unit.outcome == "scored") {
+    if units.iter().any(|unit| unit.outcome != "failed") {
         let leaderboard = build_leaderboard(&LeaderboardRequest {
             results,
             out: arguments.out.join("leaderboard"),
@@ -147,15 +147,15 @@ fn training_options(arguments: &BenchRunArguments) -> Vec<String> {
 /// The row of a unit: what became of it, and of the views in its result.
 fn outcome(unit: &SweepUnit, state: &UnitState, progress: &dyn Progress) -> anyhow::Result<Unit> {
     let label = |name: &str| unit.labels.get(name).cloned().unwrap_or_default();
-    let (outcome, reason, blame) = match pooled::failure(state) {
-        Some((reason, blame)) => ("failed", reason, Some(blame)),
-        None => match unscored_views(unit)? {
-            0 => ("scored", String::new(), None),
-            views => {
-                let reason = format!("{views} views could not be scored");
-                ("scored", reason, Some(ErrorKind::User))
-            }
-        },
+    let result = result_of(unit)?;
+    // The result says why in the method's own words; the pool, how its command ended.
+    let incomplete = result.as_ref().and_then(ResultRecord::why_incomplete);
+    let (outcome, reason, blame) = match (pooled::failure(state), incomplete) {
+        (Some((reason, blame)), incomplete) => {
+            ("failed", incomplete.unwrap_or(reason), Some(blame))
+        }
+        (None, Some(reason)) => ("incomplete", reason, Some(ErrorKind::User)),
+        (None, None) => ("scored", String::new(), None),
     };
     if !reason.is_empty() {
         progress.note(&format!("{}: {reason}", unit.id));
@@ -171,14 +171,15 @@ fn outcome(unit: &SweepUnit, state: &UnitState, progress: &dyn Progress) -> anyh
     })
 }
 
-/// How many views of a unit's result have no score.
-fn unscored_views(unit: &SweepUnit) -> anyhow::Result<usize> {
-    let mut count = 0;
-    for file in &unit.outputs {
-        let result: ResultRecord = store::read_record(Path::new(file))?;
-        count += result.failures.len();
+/// The result of a unit, where it left one.
+fn result_of(unit: &SweepUnit) -> anyhow::Result<Option<ResultRecord>> {
+    let Some(file) = unit.outputs.first().map(Path::new) else {
+        return Ok(None);
+    };
+    match file.is_file() {
+        true => Ok(Some(store::read_record(file)?)),
+        false => Ok(None),
     }
-    Ok(count)
 }
 
 /// An error where anything failed, views that could not be scored included.

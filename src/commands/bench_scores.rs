@@ -1,9 +1,16 @@
 //! `omnilife bench validate` and `omnilife bench compare`.
 
-use std::path::Path;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
 
 use omnilife_bench::{Difference, PairedComparison, Predictions, WinsAndLosses};
-use omnilife_schemas::{ErrorKind, progress::Progress, records::Direction};
+use omnilife_schemas::{
+    ErrorKind,
+    progress::Progress,
+    records::{Direction, ResultRecord},
+};
 
 use crate::exit::{self, PartialFailure};
 
@@ -35,6 +42,72 @@ pub(super) fn validate(
         }
         .into()),
     }
+}
+
+/// Prints a result: what a reader must know first, then the scores, then what has none. A result that is not
+/// complete is an error, after it was printed, unless failures are accepted.
+pub(super) fn report(result: &ResultRecord, accept_failures: bool) -> anyhow::Result<()> {
+    exit::print(&result_text(result))?;
+    match result.why_incomplete() {
+        Some(reason) if !accept_failures => Err(PartialFailure {
+            message: format!("{} on {}: {reason}", result.method, result.scene),
+            blame: ErrorKind::User,
+        }
+        .into()),
+        _ => Ok(()),
+    }
+}
+
+/// Failures of views that are printed one by one.
+const LISTED_FAILURES: usize = 5;
+
+fn result_text(result: &ResultRecord) -> String {
+    let mut text = String::new();
+    for warning in &result.warnings {
+        text += &format!("warning: {warning}\n");
+    }
+    if result.run_failure.is_none() {
+        for failure in result.failures.iter().take(LISTED_FAILURES) {
+            let (view, frame, reason) = (&failure.view, failure.frame, &failure.reason);
+            text += &format!("failed: {view} view {frame}: {reason}\n");
+        }
+        let further = result.failures.len().saturating_sub(LISTED_FAILURES);
+        if further > 0 {
+            text += &format!("failed: {further} further views, listed in the result\n");
+        }
+    }
+    text += &format!(
+        "{} on {}, protocol {} ({:.12})\n",
+        result.method, result.scene, result.protocol, result.protocol_hash
+    );
+    for (view, scores) in [
+        ("input", &result.input_views),
+        ("novel", &result.novel_views),
+    ] {
+        for (metric, summary) in scores {
+            let (mean, views) = (summary.mean, summary.views);
+            text += &format!("{view} {metric} {mean:.4} over {views} views");
+            if summary.undefined_views > 0 {
+                text += &format!(", undefined for {}", summary.undefined_views);
+            }
+            text.push('\n');
+        }
+    }
+    text + &unavailable_text(result)
+}
+
+/// One line for each reason, with the metrics that have no value for it.
+fn unavailable_text(result: &ResultRecord) -> String {
+    let mut by_reason: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
+    for unavailable in &result.unavailable {
+        let metrics = by_reason.entry(&unavailable.reason).or_default();
+        metrics.insert(&unavailable.metric);
+    }
+    let lines = by_reason.into_iter().map(|(reason, metrics)| {
+        let metrics: Vec<&str> = metrics.into_iter().collect();
+        format!("unavailable: {} ({reason})\n", metrics.join(", "))
+    });
+    lines.collect()
 }
 
 /// Prints how the results below two folders compare.

@@ -1,9 +1,11 @@
 //! `omnilife curate`: the commands that work on a curated dataset or scene.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use omnilife_curate::{
+    MasksEntry,
     annotation::annotate_dataset,
+    enter_masks,
     exchange::{self, ExportRequest, ImportRequest},
     masks::write_masks,
     publish, slicing, video,
@@ -57,11 +59,23 @@ pub(crate) fn masks(arguments: &MasksArguments, progress: &dyn Progress) -> anyh
     let record = write_masks(&arguments.sequence, &arguments.source(), progress)?;
     let shares = record.frames.iter().map(|frame| frame.dynamic_share);
     let mean = shares.sum::<f64>() / record.frames.len().max(1) as f64;
+    let folder = arguments.sequence.join(DYNAMIC_MASKS_FOLDER);
+    let files = record.frames.iter().map(|frame| folder.join(&frame.file));
+    let files: Vec<PathBuf> = files.collect();
+    let next = match enter_masks(&arguments.sequence, &files, progress)? {
+        MasksEntry::Entered => "entered into its scene".to_owned(),
+        MasksEntry::Left(reason) => format!(
+            "not entered into a scene, because {reason}; this does, and finds poses anew where they are not given:\n  \
+             omnilife curate poses {} --masks {}",
+            arguments.sequence.display(),
+            folder.display()
+        ),
+    };
     exit::print(&format!(
-        "{}: {} masks in {}, {:.2} % of the sphere moves\n",
+        "{}: {} masks in {}, {:.2} % of the sphere moves; {next}\n",
         record.sequence,
         record.frames.len(),
-        arguments.sequence.join(DYNAMIC_MASKS_FOLDER).display(),
+        folder.display(),
         100.0 * mean
     ))
 }

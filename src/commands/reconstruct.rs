@@ -12,7 +12,7 @@ use omnilife_reconstruct::{
         reconstruct::{self, ReconstructRequest},
         render,
     },
-    methods::{METHODS, Method},
+    methods::{self, METHODS, Method},
     process,
     request::BackendChoice,
 };
@@ -21,7 +21,7 @@ use omnilife_schemas::{camera::Camera, progress::Progress};
 use super::video;
 use crate::{
     cli::{AssetArguments, ReconstructCommand, RenderArguments},
-    exit, termination,
+    exit, preparation, termination,
 };
 
 pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> anyhow::Result<()> {
@@ -60,6 +60,22 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
                 record.training_seconds,
                 out.join(reconstruct::RUN_FILE).display()
             ))
+        }
+        ReconstructCommand::Prepare {
+            scene,
+            split,
+            methods: names,
+            where_possible,
+        } => {
+            let methods = names.iter().map(|name| methods::find(name));
+            let methods = methods.collect::<Result<Vec<_>, _>>()?;
+            match preparation::prepare(&methods, scene, split, progress) {
+                Err(error) if *where_possible && !exit::is_interruption(&error) => {
+                    progress.note(&format!("left as it is: {error}"));
+                    Ok(())
+                }
+                prepared => prepared,
+            }
         }
         ReconstructCommand::Plan {
             scene,

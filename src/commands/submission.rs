@@ -2,21 +2,23 @@
 //! again.
 
 use std::{
-    env,
+    env, fs,
     path::{Path, PathBuf},
     process,
     time::{SystemTime, UNIX_EPOCH},
 };
 
 use omnilife_bench::{
-    DEFAULT_MEMORY_BYTES, MetricChoice, Predictions, ScoreRequest, score, split_scene, validate,
+    DEFAULT_MEMORY_BYTES, MetricChoice, Predictions, ScoreRequest, Statement, score, split_scene,
+    validate,
 };
 use omnilife_leaderboard::submission::{self, PackRequest, Verified};
 use omnilife_schemas::{
     layout::SPLIT_FILE,
     lock::FolderLock,
     progress::Progress,
-    records::{ResultRecord, SubmittedResult},
+    provenance,
+    records::{ResultRecord, SubmittedResult, Verification},
     store,
 };
 
@@ -33,12 +35,25 @@ pub(crate) fn submit(
     arguments: &SubmitResultsArguments,
     progress: &dyn Progress,
 ) -> anyhow::Result<()> {
-    let _lock = FolderLock::take(&arguments.out, progress)?;
+    let existed = arguments.out.exists();
+    let lock = FolderLock::take(&arguments.out, progress)?;
     let packed = submission::pack(&PackRequest {
         results: arguments.results.clone(),
         card: arguments.card.clone(),
         out: arguments.out.clone(),
-    })?;
+        with_failures: arguments.with_failures,
+    });
+    let packed = match packed {
+        Ok(packed) => packed,
+        Err(error) => {
+            drop(lock);
+            if !existed {
+                // The folder that was made for nothing; what is in it by now stays.
+                drop(fs::remove_dir(&arguments.out));
+            }
+            return Err(error.into());
+        }
+    };
     let files: usize = packed.results.iter().map(|result| result.files.len()).sum();
     exit::print(&format!(
         "{}: {} results of {}, {files} files\n",
@@ -61,13 +76,22 @@ pub(crate) fn add(arguments: &AddArguments, progress: &dyn Progress) -> anyhow::
         audit(&verified, scenes, arguments.audit, seed, progress)?;
     }
     let _lock = FolderLock::take(&arguments.results, progress)?;
-    let target = submission::add(&verified, &arguments.results)?;
+    let scored_again = arguments.audit.min(verified.results.len());
+    let now = provenance::utc(SystemTime::now());
+    let verification = Verification {
+        method: verified.submission.card.method.clone(),
+        // The day of `2026-11-25T07:00:00Z`.
+        date_utc: now.split('T').next().unwrap_or(&now).to_owned(),
+        results: verified.results.len() as u32,
+        scored_again: scored_again as u32,
+    };
+    let target = submission::add(&verified, &verification, &arguments.results)?;
     exit::print(&format!(
         "{}: {} results of {} added, {} of them scored again\n",
         target.display(),
         verified.results.len(),
         verified.submission.card.method,
-        arguments.audit.min(verified.results.len())
+        scored_again
     ))
 }
 
@@ -146,6 +170,7 @@ fn score_again(
             split,
             predictions,
             method: verified.submission.card.method.clone(),
+            statement: Statement::default(),
             out: work.join("score"),
             memory_bytes: DEFAULT_MEMORY_BYTES,
             metrics: MetricChoice::All,

@@ -54,8 +54,17 @@ impl AblationRequest<'_> {
         let record = argument(&run.join(RUN_FILE))?;
         let score = argument(&folder.join("score"))?;
         let score = words(&[
-            "bench", "score", "--scene", &scene, "--split", &split, "--run", &record, "--out",
+            "bench",
+            "score",
+            "--scene",
+            &scene,
+            "--split",
+            &split,
+            "--run",
+            &record,
+            "--out",
             &score,
+            "--accept-failures",
         ]);
         Ok(SweepUnit {
             id: name.clone(),

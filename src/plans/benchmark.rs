@@ -67,6 +67,10 @@ pub(crate) fn units(request: &BenchmarkRequest<'_>) -> anyhow::Result<Vec<SweepU
             format!("{options}: options of a training, and none of the methods is trained");
         return Err(BadRequest(reason).into());
     }
+    // Whether regions of a scene are by tracks must not depend on which method came first.
+    let requiring: Vec<&Method> = (request.methods.iter())
+        .filter(|method| method.has_requirements())
+        .collect();
     let mut units = Vec::new();
     // What is cut short has whole repetitions, not whole scenes.
     for (repetition, seed) in request.seeds.iter().enumerate() {
@@ -81,6 +85,7 @@ pub(crate) fn units(request: &BenchmarkRequest<'_>) -> anyhow::Result<Vec<SweepU
                         scene: (id, file),
                         protocol,
                         method,
+                        requiring: &requiring,
                         seed: *seed,
                         train: request.train,
                         needs: request.needs,
@@ -228,6 +233,11 @@ impl Method {
         matches!(self.kind, MethodKind::Ours(method, _) if method.is_trained())
     }
 
+    /// Whether it needs inputs that have to be made first.
+    fn has_requirements(&self) -> bool {
+        matches!(self.kind, MethodKind::Ours(method, _) if !method.requires.is_empty())
+    }
+
     /// Whether another seed would give the same views.
     fn has_no_seed(&self) -> bool {
         matches!(self.kind, MethodKind::Ours(method, _) if !method.is_trained())
@@ -241,6 +251,8 @@ struct Work<'a> {
     scene: (&'a str, &'a Path),
     protocol: &'a str,
     method: &'a Method,
+    /// The methods of the benchmark that need inputs that have to be made first.
+    requiring: &'a [&'a Method],
     seed: u64,
     train: &'a [String],
     needs: UnitNeeds,
@@ -268,8 +280,17 @@ impl Work<'_> {
         let scored = |record: &Path| -> anyhow::Result<Vec<String>> {
             let record = argument(record)?;
             own_command(words(&[
-                "bench", "score", "--scene", &scene, "--split", &split, "--run", &record, "--out",
+                "bench",
+                "score",
+                "--scene",
+                &scene,
+                "--split",
+                &split,
+                "--run",
+                &record,
+                "--out",
                 &score,
+                "--accept-failures",
             ]))
         };
         let record = run.join(match self.method.kind {
@@ -291,6 +312,8 @@ impl Work<'_> {
             "{reason}",
             "--out",
             &argument(&failed)?,
+            "--run",
+            &argument(&run)?,
         ]))?;
         let mut inputs = vec![scene.clone()];
         if let MethodKind::External(manifest) = &self.method.kind {
@@ -310,11 +333,15 @@ impl Work<'_> {
             ]
             .map(|(label, value)| (label.to_owned(), value.to_owned()))
             .into(),
-            commands: vec![
-                make_split.clone(),
-                self.training(&scene, &split, &seed, &argument(&run)?)?,
-                scored(&record)?,
-            ],
+            commands: [
+                vec![make_split.clone()],
+                self.preparation(&scene, &split)?,
+                vec![
+                    self.training(&scene, &split, &seed, &argument(&run)?)?,
+                    scored(&record)?,
+                ],
+            ]
+            .concat(),
             on_failure: vec![
                 make_split,
                 record_failure,
@@ -324,6 +351,29 @@ impl Work<'_> {
             outputs: vec![argument(&folder.join("score/result.json"))?],
             needs: self.needs,
         })
+    }
+
+    /// Commands that make what the method requires, and, as far as the scene allows it, what others of the
+    /// benchmark do.
+    fn preparation(&self, scene: &str, split: &str) -> anyhow::Result<Vec<Vec<String>>> {
+        let (own, others): (Vec<&Method>, Vec<&Method>) =
+            (self.requiring.iter().copied()).partition(|method| method.id == self.method.id);
+        let mut commands = Vec::new();
+        for (methods, option) in [(own, None), (others, Some("--where-possible"))] {
+            let ids = methods.iter().filter_map(|method| match &method.kind {
+                MethodKind::Ours(method, _) => Some(method.id),
+                MethodKind::External(_) => None,
+            });
+            let ids: Vec<&str> = ids.collect();
+            if ids.is_empty() {
+                continue;
+            }
+            let mut command = words(&["reconstruct", "prepare", scene, "--split", split]);
+            command.extend(words(&["--methods", &ids.join(",")]));
+            command.extend(option.map(str::to_owned));
+            commands.push(own_command(command)?);
+        }
+        Ok(commands)
     }
 
     fn training(

@@ -23,23 +23,19 @@ use std::{
 
 use omnilife_bench::{ScoreRequest, score, split_scene};
 use omnilife_curate::{
-    GivenTruth, IgnoredRegion, PoseRequest, curate_dataset_in,
-    dense::{self, DenseRequest, make_dense},
-    expand_inputs, pose_sequence_with,
-    tracks::{TrackRequest, association, distance, make_tracks},
+    GivenTruth, IgnoredRegion, PoseRequest, curate_dataset_in, expand_inputs, pose_sequence_with,
 };
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard_of};
 use omnilife_reconstruct::{
     jobs::reconstruct::{self, ReconstructRequest},
-    methods::object_graph,
+    methods,
     request::{BackendChoice, MethodRequest},
 };
 use omnilife_schemas::{
     Classified, ErrorKind,
-    camera::Camera,
-    layout::{DATASET_FILE, DENSE_FOLDER, SCENE_FILE, SPLIT_FILE},
+    layout::{DATASET_FILE, SCENE_FILE, SPLIT_FILE},
     progress::Progress,
-    records::{Dataset, PoseSource, ResultRecord, Scene, VideoStatus},
+    records::{Dataset, ResultRecord, VideoStatus},
     stage::StagePlan,
     store,
 };
@@ -48,7 +44,7 @@ use crate::{
     cli::RunArguments,
     commands,
     exit::{self, BadRequest, PartialFailure},
-    termination,
+    preparation, termination,
 };
 use outcome::{Outcome, Outcomes};
 
@@ -293,53 +289,17 @@ impl Job<'_> {
         )
     }
 
-    /// Dense points of a perspective scene, where they are asked for or tracks need them.
-    fn make_dense_points(&self, folder: &Path, scene: &Scene, split: &Path) -> anyhow::Result<()> {
-        let Camera::Pinhole(_) = scene.camera else {
-            return Ok(());
-        };
-        let few = dense::few_points(scene, folder)?;
-        if !self.dense && (self.method != object_graph::METHOD.id || few.is_none()) {
-            return Ok(());
-        }
-        if let Some(few) = few {
-            self.progress
-                .note(&format!("{}: dense stereo, because {few}", scene.id));
-        }
-        let request = DenseRequest {
-            scene_folder: folder.to_owned(),
-            split: Some(split.to_owned()),
-            width: dense::SEARCH_WIDTH,
-            out: split.with_file_name(DENSE_FOLDER),
-        };
-        make_dense(&request, self.progress)?;
-        Ok(())
-    }
-
     /// Poses, split, reconstruction and scores of one sequence.
     fn score_sequence(&self, folder: &Path) -> anyhow::Result<()> {
-        let posed = pose_sequence_with(folder, &self.poses, &self.truth, self.progress)?;
+        pose_sequence_with(folder, &self.poses, &self.truth, self.progress)?;
         let protocol_folder = folder.join(&self.protocol);
         let (scene, split) = (folder.join(SCENE_FILE), protocol_folder.join(SPLIT_FILE));
         split_scene(&scene, &self.protocol, &split)?;
-        // A camera that hovers has no points, and what moves is tracked without any.
-        if !matches!(posed.pose_source, PoseSource::Registered { .. }) {
-            self.make_dense_points(folder, &posed, &split)?;
+        if self.dense {
+            preparation::dense_points(&scene, &split, true, self.progress)?;
         }
-        if self.method == object_graph::METHOD.id {
-            let request = TrackRequest {
-                scene_folder: folder.to_owned(),
-                split: Some(split.clone()),
-                detector: "motion".to_owned(),
-                detections: None,
-                program: None,
-                distance: distance::AUTO.to_owned(),
-                association: association::GROUND_CHAINS.to_owned(),
-                metres_per_unit: None,
-                out: protocol_folder.clone(),
-            };
-            make_tracks(&request, self.progress)?;
-        }
+        let method = methods::find(&self.method)?;
+        preparation::prepare(&[method], &scene, &split, self.progress)?;
         let method_folder = self.method_folder(folder);
         let run = method_folder.join("run");
         reconstruct::reconstruct(
@@ -374,11 +334,11 @@ fn refuse_unscored(result: &ResultRecord) -> anyhow::Result<()> {
     if summaries.map(|summary| summary.views).sum::<u32>() > 0 {
         return Ok(());
     }
-    let first = result.failures.first();
+    let reason = result.why_incomplete().map(|reason| format!(": {reason}"));
     Err(PartialFailure {
         message: format!(
             "none of its views could be scored{}",
-            first.map_or(String::new(), |failure| format!(": {}", failure.reason))
+            reason.unwrap_or_default()
         ),
         blame: ErrorKind::Internal,
     }

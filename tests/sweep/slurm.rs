@@ -120,6 +120,7 @@ fn result(scene: usize) -> ResultRecord {
         scene_sha256: store::sha256_bytes(&[scene as u8]),
         protocol: "per-scene/1".to_owned(),
         protocol_hash: "a34df006b285".repeat(5) + "a34d",
+        rules: None,
         scored_size: [512, 256],
         input_views: [].into(),
         novel_views: [("psnr".to_owned(), score)].into(),

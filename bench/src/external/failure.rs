@@ -1,6 +1,6 @@
 //! The record of a run that failed before it could leave one.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
     provenance,
@@ -25,6 +25,9 @@ pub struct FailureRequest {
     pub seed: u64,
     /// Why it failed, in one line.
     pub reason: String,
+    /// Folder of the run. Where an `external-run.json` there tells of a failure of this run, its reason,
+    /// environment and commands are taken over.
+    pub run: Option<PathBuf>,
     /// Folder of the record; made where it is missing.
     pub out: PathBuf,
 }
@@ -46,7 +49,7 @@ pub fn record_failure(request: &FailureRequest) -> Result<PathBuf, BenchError> {
     for folder in [NOVEL_FOLDER, INPUT_FOLDER] {
         store::create_folder(&request.out.join(folder))?;
     }
-    let record = ExternalRun {
+    let fallback = ExternalRun {
         method: request.method.clone(),
         source: None,
         licence: None,
@@ -63,6 +66,26 @@ pub fn record_failure(request: &FailureRequest) -> Result<PathBuf, BenchError> {
         input_views: Some(INPUT_FOLDER.to_owned()),
         warnings: Vec::new(),
     };
+    let record = match &request.run {
+        Some(run) => failed_run(run, &fallback).unwrap_or(fallback),
+        None => fallback,
+    };
     store::write_record(&file, &record)?;
     Ok(file)
+}
+
+/// The record that a failed run left itself, without its predictions; `None` where it left none, or one of
+/// another run or of one that ended well.
+fn failed_run(run: &Path, expected: &ExternalRun) -> Option<ExternalRun> {
+    let file = run.join(EXTERNAL_RUN_FILE);
+    let record: ExternalRun = file.is_file().then(|| store::read_record(&file).ok())??;
+    let is_of_run = record.method == expected.method
+        && record.scene == expected.scene
+        && record.protocol_hash == expected.protocol_hash
+        && record.seed == expected.seed;
+    (is_of_run && record.failure.is_some()).then(|| ExternalRun {
+        novel_views: expected.novel_views.clone(),
+        input_views: expected.input_views.clone(),
+        ..record
+    })
 }

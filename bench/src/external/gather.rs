@@ -21,6 +21,16 @@ pub(super) struct Gathered {
     pub(super) warnings: Vec<String>,
 }
 
+impl Gathered {
+    /// No views, with what the manifest says to readers of scores.
+    pub(super) fn notes_of(manifest: &Manifest) -> Self {
+        Self {
+            files: Vec::new(),
+            warnings: manifest.notes.iter().cloned().collect(),
+        }
+    }
+}
+
 /// Copies every view that the method left, byte for byte, to `predictions/<kind>/<frame>.png`,
 /// or `.npy` where it wrote an array.
 /// Whether a file is a usable image is for scoring to say; one that is missing is not made up.
@@ -31,10 +41,7 @@ pub(super) fn gather(
     split: &Split,
     out: &Path,
 ) -> Result<Gathered, StoreError> {
-    let mut gathered = Gathered {
-        files: Vec::new(),
-        warnings: Vec::new(),
-    };
+    let mut gathered = Gathered::notes_of(manifest);
     let kinds = [
         (
             INPUT_FOLDER,
@@ -68,9 +75,6 @@ pub(super) fn gather(
             store::write_bytes(&out.join(&file), &bytes)?;
             gathered.files.push(file);
         }
-    }
-    if let Some(notes) = &manifest.notes {
-        gathered.warnings.push(notes.clone());
     }
     Ok(gathered)
 }

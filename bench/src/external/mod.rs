@@ -2,8 +2,8 @@
 //!
 //! [`manifest`] says what a `method.toml` holds, `placeholders` what its texts may refer to,
 //! `gather` brings the views from where the method left them to
-//! where scoring looks for them. A method that fails is no error: the record says why, and its
-//! missing views become failures in the result.
+//! where scoring looks for them. A method that fails is no error: the record says why, its views stay
+//! where it left them, and each becomes a failure in the result.
 
 mod failure;
 mod gather;
@@ -107,7 +107,11 @@ pub fn run_external(
         store::create_folder(&request.out.join(folder))?;
     }
     let (phases, failure) = run_phases(&manifest, &places, &request.out, &label, progress)?;
-    let gathered = gather::gather(&manifest, &places, &scene, &split, &request.out)?;
+    // The views of a run that failed stay in its work folder: nobody knows of which state they are.
+    let gathered = match failure {
+        Some(_) => gather::Gathered::notes_of(&manifest),
+        None => gather::gather(&manifest, &places, &scene, &split, &request.out)?,
+    };
     let record = ExternalRun {
         method: manifest.id.clone(),
         source: manifest.source.clone(),

@@ -20,9 +20,10 @@ use crate::{
     metrics::{self, Metric, Need, Undefined},
     prediction::PredictionFolder,
     protocols,
-    run_facts::RunFacts,
+    run_facts::{self, RunFacts},
     scene_identity::SceneIdentity,
     split,
+    statement::Statement,
 };
 
 /// Where the predictions are: `<folder>/<frame, 6 digits>.png`, 8-bit RGB at the protocol's size,
@@ -44,7 +45,7 @@ pub enum Predictions {
 }
 
 /// What to score.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct ScoreRequest {
     /// The `scene.json` with the ground truth.
     pub scene: PathBuf,
@@ -54,6 +55,8 @@ pub struct ScoreRequest {
     pub predictions: Predictions,
     /// Id of the method, as it will stand in the tables.
     pub method: String,
+    /// Facts about the run that no record of it has.
+    pub statement: Statement,
     /// Folder for `result.json`, `scoring.json`, `frames.csv` and `comparisons/`; made where it
     /// is missing.
     pub out: PathBuf,
@@ -79,6 +82,7 @@ impl ScoreRequest {
             split: split.to_owned(),
             predictions: Predictions::Run(run.to_owned()),
             method,
+            statement: Statement::default(),
             out: out.to_owned(),
             memory_bytes: DEFAULT_MEMORY_BYTES,
             metrics: MetricChoice::All,
@@ -140,6 +144,7 @@ impl ScoreKey {
 /// Everything that scoring needs, consistent.
 pub(crate) struct ScoringJob {
     pub(crate) method: String,
+    pub(crate) statement: Statement,
     pub(crate) scene: Scene,
     pub(crate) split: Split,
     /// The metrics of the protocol, in its order.
@@ -182,14 +187,22 @@ impl ScoringJob {
                 (Some(file.clone()), Some(run), input, Some(novel))
             }
         };
+        let run_with_file = run_file.as_deref().zip(run.as_ref());
+        request.statement.check(run_with_file)?;
         let scored = split.protocol.scored;
         let input_folder = input_folder.filter(|_| scored.has_input());
         let novel_folder = novel_folder.filter(|_| scored.has_novel());
         if input_folder.is_none() && novel_folder.is_none() {
             return Err(BenchError::NothingToScore);
         }
+        let refusal = (run.as_ref())
+            .and_then(|run| run.failure.as_ref())
+            .map(|failure| format!("the run failed: {failure}"));
         for folder in [&input_folder, &novel_folder].into_iter().flatten() {
-            if !folder.is_dir() {
+            if run.is_none() {
+                run_facts::refuse_views_of_other_runs(folder)?;
+            }
+            if !folder.is_dir() && refusal.is_none() {
                 return Err(BenchError::mismatch(
                     folder,
                     "is not a folder of predictions",
@@ -198,7 +211,10 @@ impl ScoringJob {
         }
         let open = |folder: Option<PathBuf>, frames: &[u32]| {
             folder
-                .map(|folder| PredictionFolder::open(&folder, frames))
+                .map(|folder| match &refusal {
+                    Some(reason) => Ok(PredictionFolder::refused(&folder, Some(reason.clone()))),
+                    None => PredictionFolder::open(&folder, frames),
+                })
                 .transpose()
         };
         let input_folder = open(input_folder, &split.input_views)?;
@@ -237,6 +253,7 @@ impl ScoringJob {
             .collect::<Result<_, BenchError>>()?;
         Ok(Self {
             method: request.method.clone(),
+            statement: request.statement.clone(),
             metrics,
             size: scored_size(&scene, &split)?,
             identity: SceneIdentity::of_split(&request.scene, &scene, &split, &needs)?,
@@ -371,11 +388,6 @@ impl ScoringJob {
             }
         }
         if let Some(run) = &self.run {
-            warnings.extend(
-                run.failure
-                    .iter()
-                    .map(|failure| format!("the run failed: {failure}")),
-            );
             warnings.extend(run.warnings.iter().cloned());
         }
         warnings
@@ -385,6 +397,7 @@ impl ScoringJob {
     pub(crate) fn stage(&self, out: &Path) -> Result<StagePlan, BenchError> {
         let mut plan = StagePlan::new(out, "score")
             .with_text("method", &self.method)
+            .with_text("statement", &format!("{:?}", self.statement))
             .with_text(
                 "stray predictions",
                 &self.strays().collect::<Vec<_>>().join(", "),

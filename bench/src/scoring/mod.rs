@@ -6,6 +6,7 @@
 
 mod choice;
 pub(crate) mod job;
+mod scored_files;
 
 use std::{
     path::Path,
@@ -85,6 +86,8 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
 
     frames_table::write(&request.out.join(FRAME_SCORES_FILE), &job, &outcomes)?;
     let mut result = summary::result_record(&job, &outcomes);
+    result.predictions = Some(scored_files::of_job(&job, &request.out)?);
+    job.statement.apply(&mut result);
     result.warnings.extend(diagnosis::of_job(&job)?.warning());
     let unscored = scored::write_curve(&job, request.memory_bytes, &request.out, progress)?;
     result.warnings.extend(unscored.iter().flatten().cloned());

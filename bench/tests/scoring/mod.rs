@@ -77,6 +77,7 @@ impl Bench {
                 novel_views: Some(at("novel")),
             },
             method: "stripes".to_owned(),
+            statement: omnilife_bench::Statement::default(),
             out: at("out"),
             memory_bytes: omnilife_bench::DEFAULT_MEMORY_BYTES,
             metrics: omnilife_bench::MetricChoice::All,

@@ -7,6 +7,7 @@
 
 pub mod colmap;
 pub(crate) mod colmap_binary;
+mod entered_masks;
 pub mod error;
 pub mod given;
 mod ground_scale;
@@ -42,6 +43,7 @@ use omnilife_schemas::{
 };
 
 use crate::{error::CurateError, staging::Staging};
+pub use entered_masks::{MasksEntry, enter_masks};
 pub use ground_scale::GroundScale;
 pub use ignored::IgnoredRegion;
 use lens::Lens;
@@ -50,6 +52,9 @@ pub use sfm::SfmSettings;
 use truth::TruthFiles;
 pub use truth::{GivenDepth, GivenTruth};
 pub use validate::ValidationLimits;
+
+/// Name of the stage in the sequence's folder.
+const STAGE: &str = "poses";
 
 /// Where the poses of a sequence come from.
 #[derive(Debug, Clone, PartialEq)]
@@ -201,7 +206,7 @@ fn plan(
     progress: &dyn Progress,
 ) -> Result<StagePlan, CurateError> {
     // Other entries of the sequence, such as its admission, change no pose.
-    let plan = StagePlan::new(sequence_folder, "poses")
+    let plan = StagePlan::new(sequence_folder, STAGE)
         .with_text("sequence", &sequence.id)
         .with_hash("video", sequence.source.sha256.clone())
         .with_settings("time range", &sequence.range)

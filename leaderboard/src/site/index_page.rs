@@ -59,7 +59,7 @@ pub(super) fn render(
             }
         }
         (scene_cards::render(request, views, &scenes))
-        (method_cards::render(request.cards))
+        (method_cards::render(request.cards, request.verifications))
     };
     Ok(layout::page(
         request,

@@ -1,24 +1,32 @@
 //! Who made the methods that others handed in, and what they ran on.
 
+use std::collections::BTreeMap;
+
 use maud::{Markup, html};
-use omnilife_schemas::records::MethodCard;
+use omnilife_schemas::records::{MethodCard, Verification};
+
+use crate::format;
+
+/// What was scored again, by method.
+type Verifications = BTreeMap<String, Verification>;
 
 /// One block per card; nothing where nobody handed anything in.
-pub(super) fn render(cards: &[MethodCard]) -> Markup {
+pub(super) fn render(cards: &[MethodCard], verifications: &Verifications) -> Markup {
     html! {
         @if !cards.is_empty() {
             h2 #methods { "Methods that were handed in" }
             p { "As their authors describe them." }
-            @for card in cards { (block(card, false)) }
+            @for card in cards { (block(card, verifications.get(&card.method), false)) }
         }
     }
 }
 
 /// One card.
-pub(super) fn block(card: &MethodCard, open: bool) -> Markup {
+pub(super) fn block(card: &MethodCard, verification: Option<&Verification>, open: bool) -> Markup {
     html! {
         details.card open[open] {
             summary { (card.method) ": " (card.title) }
+            @if let Some(verification) = verification { p { (badge(verification)) } }
             dl {
                 dt { "Authors" }
                 dd { (card.authors.join(", ")) }
@@ -33,6 +41,20 @@ pub(super) fn block(card: &MethodCard, open: bool) -> Markup {
                     dd { (notes) }
                 }
             }
+        }
+    }
+}
+
+/// What was scored again by others than the authors, and when.
+pub(super) fn badge(verification: &Verification) -> Markup {
+    let (again, results) = (verification.scored_again, verification.results);
+    html! {
+        @if again > 0 {
+            span.badge { "verified" } " "
+            (again) " of " (format::counted(results as usize, "result"))
+            " scored again on " time { (verification.date_utc) } ", with the same scores"
+        } @else {
+            "taken in on " time { (verification.date_utc) } "; no result was scored again"
         }
     }
 }
@@ -65,10 +87,11 @@ mod tests {
             iterations: None,
             notes: None,
         };
-        let page = render(&[
+        let cards = [
             card("https://example.org/code"),
             card("javascript:alert(1)"),
-        ]);
+        ];
+        let page = render(&cards, &Verifications::new());
         let page = page.into_string();
         assert!(page.contains("A. Author, B. Author") && page.contains("not stated"));
         assert!(
@@ -76,6 +99,6 @@ mod tests {
             "{page}"
         );
         assert_eq!(page.matches("href=").count(), 1, "{page}");
-        assert_eq!(render(&[]).into_string(), "");
+        assert_eq!(render(&[], &Verifications::new()).into_string(), "");
     }
 }

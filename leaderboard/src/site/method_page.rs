@@ -36,7 +36,7 @@ pub(super) fn render(request: &SiteRequest<'_>, method: &str) -> Result<Markup, 
     }
     let content = html! {
         p { a href="../index.html" { "All methods" } }
-        @for card in cards { (method_cards::block(card, true)) }
+        @for card in cards { (method_cards::block(card, request.verifications.get(method), true)) }
         @for section in &sections { (section) }
     };
     Ok(layout::page(request, Place::Method, method, content))

@@ -29,7 +29,7 @@ use rayon::prelude::*;
 
 use omnilife_schemas::{
     layout::SCORING_FILE,
-    records::{Dataset, MethodCard, Protocol, ResultRecord, ScoringRecord},
+    records::{Dataset, MethodCard, Protocol, ResultRecord, ScoringRecord, Verification},
     store,
 };
 
@@ -129,6 +129,8 @@ pub(crate) struct SiteRequest<'a> {
     pub(crate) protocols: &'a BTreeMap<String, Protocol>,
     /// Of the methods that others handed in.
     pub(crate) cards: &'a [MethodCard],
+    /// What of them was scored again, by method.
+    pub(crate) verifications: &'a BTreeMap<String, Verification>,
     pub(crate) dataset: Option<&'a Dataset>,
     /// Rendered views per scene and method, at most.
     pub(crate) views: usize,

@@ -2,18 +2,28 @@
 
 use std::path::{Path, PathBuf};
 
-use omnilife_schemas::store::{self, StoreError};
+use omnilife_schemas::{
+    records::Verification,
+    store::{self, StoreError},
+};
 
-use super::{RESULT_FILE, SUBMISSION_FILE, copy, pack::submission_error, verify::Verified};
+use super::{
+    RESULT_FILE, SUBMISSION_FILE, VERIFICATION_FILE, copy, pack::submission_error, verify::Verified,
+};
 use crate::{collect, error::LeaderboardError, format::slug, validate};
 
-/// Copies the results of a verified submission, without its predictions, into a folder of results,
-/// and returns where they are. They appear there at once or not at all.
+/// Copies the results of a verified submission, without its predictions and the places where these lay, into a
+/// folder of results, and returns where they are. They appear there at once or not at all, with the record of
+/// what was scored again.
 ///
 /// # Errors
 /// When the folder holds results that they contradict, or that claim the same rows, or a file
 /// cannot be written.
-pub fn add(verified: &Verified, results: &Path) -> Result<PathBuf, LeaderboardError> {
+pub fn add(
+    verified: &Verified,
+    verification: &Verification,
+    results: &Path,
+) -> Result<PathBuf, LeaderboardError> {
     let record = verified.folder.join(SUBMISSION_FILE);
     let name = format!(
         "{}-{:.12}",
@@ -47,6 +57,7 @@ pub fn add(verified: &Verified, results: &Path) -> Result<PathBuf, LeaderboardEr
         )?;
     }
     copy(&record, &beside.join(SUBMISSION_FILE))?;
+    store::write_record(&beside.join(VERIFICATION_FILE), verification)?;
     store::rename(&beside, &target).map_err(|source| StoreError::write(&target, source))?;
     Ok(target)
 }

@@ -22,11 +22,13 @@ use crate::error::LeaderboardError;
 use pack::submission_error;
 
 pub use add::add;
-pub use pack::{PackRequest, pack};
+pub use pack::{PackRequest, pack, read_card};
 pub use verify::{Verified, verify};
 
 /// Name of the record in a submission's folder.
 pub const SUBMISSION_FILE: &str = "submission.json";
+/// Name of the record of what was scored again, beside a submission that was taken in.
+pub const VERIFICATION_FILE: &str = "verified.json";
 
 /// All files below a folder, relative to it, sorted.
 ///

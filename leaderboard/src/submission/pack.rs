@@ -7,8 +7,11 @@ use std::{
 
 use omnilife_schemas::{
     lock::LOCK_FILE,
-    ownership::{FileList, OwnFile, OwnFiles},
-    records::{ExternalRun, MethodCard, ResultRecord, RunRecord, Submission, SubmittedResult},
+    ownership::{FileList, OwnFile, OwnFiles, is_inside},
+    records::{
+        ExternalRun, MethodCard, ResultRecord, RunRecord, ScoredPredictions, Submission,
+        SubmittedResult,
+    },
     store::{self, StoreError},
 };
 
@@ -29,14 +32,18 @@ pub struct PackRequest {
     pub card: PathBuf,
     /// Folder of the submission; made, or empty.
     pub out: PathBuf,
+    /// Whether results that are not complete are packed too. They are rows of failures in tables.
+    pub with_failures: bool,
 }
 
-/// Packs all results of a method with their predictions, which are found through the record of the
-/// run beside the scores (`../run/run.json` or `../run/external-run.json`).
+/// Packs all results of a method with the predictions that were scored. Where these are stands in the results;
+/// of results of older versions it is found through the record of the run beside the scores
+/// (`../run/run.json` or `../run/external-run.json`).
 ///
 /// # Errors
-/// When the card cannot be read, there are no results of its method, a result or its predictions
-/// are missing or impossible, or the folder is not empty.
+/// When the card cannot be read, there are no results of its method, a result is not complete and that is not
+/// allowed, a prediction is missing or was changed since it was scored, a result is impossible, or the folder
+/// is not empty.
 pub fn pack(request: &PackRequest) -> Result<Submission, LeaderboardError> {
     let card = read_card(&request.card)?;
     let mut results = collect(&request.results)?;
@@ -48,6 +55,17 @@ pub fn pack(request: &PackRequest) -> Result<Submission, LeaderboardError> {
         ));
     }
     validate::validate(&results)?;
+    let incomplete = (results.iter())
+        .find_map(|(file, result)| Some((file, result.why_incomplete()?)))
+        .filter(|_| !request.with_failures);
+    if let Some((file, reason)) = incomplete {
+        return Err(submission_error(
+            file,
+            format!(
+                "is not complete: {reason}; with failures, it is packed as a row that is not ranked"
+            ),
+        ));
+    }
     results.sort_by(|(_, a), (_, b)| {
         let key = |result: &ResultRecord| {
             (
@@ -123,7 +141,11 @@ fn clear_unfinished(out: &Path) -> Result<(), StoreError> {
     store::remove(&unfinished)
 }
 
-fn read_card(path: &Path) -> Result<MethodCard, LeaderboardError> {
+/// Reads a method's card, TOML.
+///
+/// # Errors
+/// When it cannot be read, lacks an entry, or has an unknown one.
+pub fn read_card(path: &Path) -> Result<MethodCard, LeaderboardError> {
     let text = fs::read_to_string(path).map_err(|source| StoreError::read(path, source))?;
     toml::from_str(&text).map_err(|error| {
         let message = error.message().lines().next().unwrap_or_default();
@@ -140,27 +162,25 @@ fn pack_result(
 ) -> Result<SubmittedResult, LeaderboardError> {
     let name = format!("{number:04}");
     let folder = results.join(&name);
-    copy(file, &folder.join(RESULT_FILE))?;
     copy(
         &file.with_file_name(&result.frames_table),
         &folder.join(&result.frames_table),
     )?;
-    let mut views = [None, None];
-    for ((folder_name, source), views) in ["input", "novel"]
-        .into_iter()
-        .zip(predictions(file)?)
-        .zip(&mut views)
-    {
-        let Some(source) = source else { continue };
-        let target = format!("predictions/{folder_name}");
-        for image in store::names_in(&source)? {
-            if image.ends_with(".png") && !image.starts_with('.') {
-                copy(&source.join(&image), &folder.join(&target).join(&image))?;
-            }
-        }
-        *views = Some(target);
-    }
-    let [input_views, novel_views] = views;
+    let [input_views, novel_views] = match &result.predictions {
+        Some(predictions) => copy_scored(file, predictions, &folder)?,
+        None => copy_found(file, &folder)?,
+    };
+    // Where the predictions lay is nobody's business; where they lie now is.
+    let predictions = (result.predictions.clone()).map(|predictions| ScoredPredictions {
+        input_views: input_views.clone(),
+        novel_views: novel_views.clone(),
+        ..predictions
+    });
+    let packed = ResultRecord {
+        predictions,
+        ..result.clone()
+    };
+    store::write_record(&folder.join(RESULT_FILE), &packed)?;
     let files = files_below(&folder)?;
     Ok(SubmittedResult {
         folder: format!("{RESULTS_FOLDER}/{name}"),
@@ -175,6 +195,72 @@ fn pack_result(
             .map(|file| described(&folder, file))
             .collect::<Result<_, StoreError>>()?,
     })
+}
+
+/// Name of the folder of a kind of view in a packed result.
+fn packed_views(kind: &str) -> String {
+    format!("predictions/{kind}")
+}
+
+/// Copies the predictions that a result lists, as they were scored; returns the folders of input and novel
+/// views in `target`.
+fn copy_scored(
+    result: &Path,
+    predictions: &ScoredPredictions,
+    target: &Path,
+) -> Result<[Option<String>; 2], LeaderboardError> {
+    let mut folders = [None, None];
+    let of_kinds = [
+        ("input", &predictions.input_views),
+        ("novel", &predictions.novel_views),
+    ];
+    for ((kind, source), packed) in of_kinds.into_iter().zip(&mut folders) {
+        let Some(source) = source else { continue };
+        // A relative folder is as seen from the result.
+        let source = result.parent().unwrap_or(Path::new(".")).join(source);
+        let to = packed_views(kind);
+        for scored in predictions.files.iter().filter(|file| file.view == kind) {
+            let from = source.join(&scored.file);
+            if !is_inside(&scored.file) {
+                let reason = format!("names a prediction {} outside of its folder", scored.file);
+                return Err(submission_error(result, reason));
+            }
+            let found = store::sha256_file(&from).map_err(|_| {
+                let reason = "cannot be read any more: it was there when its result was scored";
+                submission_error(&from, reason.to_owned())
+            })?;
+            if found != scored.sha256 {
+                let reason = "was changed since it was scored; score it again".to_owned();
+                return Err(submission_error(&from, reason));
+            }
+            copy(&from, &target.join(&to).join(&scored.file))?;
+        }
+        // Views that are all missing are a folder without files, which scoring finds as well.
+        store::create_folder(&target.join(&to))?;
+        *packed = Some(to);
+    }
+    Ok(folders)
+}
+
+/// Copies the predicted images of a result that does not list them; returns the folders of input and novel views
+/// in `target`.
+fn copy_found(result: &Path, target: &Path) -> Result<[Option<String>; 2], LeaderboardError> {
+    let mut folders = [None, None];
+    let sources = ["input", "novel"].into_iter().zip(predictions(result)?);
+    for ((kind, source), packed) in sources.zip(&mut folders) {
+        let Some(source) = source else { continue };
+        let to = packed_views(kind);
+        for image in store::names_in(&source)? {
+            let is_view = [".png", ".npy"]
+                .iter()
+                .any(|ending| image.ends_with(ending));
+            if is_view && !image.starts_with('.') {
+                copy(&source.join(&image), &target.join(&to).join(&image))?;
+            }
+        }
+        *packed = Some(to);
+    }
+    Ok(folders)
 }
 
 /// Folders of the predicted input and novel views that a result was made from.
@@ -199,7 +285,8 @@ fn predictions(result: &Path) -> Result<[Option<PathBuf>; 2], LeaderboardError> 
     Err(submission_error(
         result,
         format!(
-            "its predictions are not known: {} has neither run.json nor external-run.json",
+            "its predictions are not known: it was scored by an older version, and {} has neither run.json nor \
+             external-run.json; score it again",
             run.display()
         ),
     ))

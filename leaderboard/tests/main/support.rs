@@ -33,6 +33,7 @@ pub(crate) fn result(scene: &str, method: &str, psnr: f64, ssim: f64) -> ResultR
         scene_sha256: store::sha256_bytes(scene.as_bytes()),
         protocol: "per-scene/1".to_owned(),
         protocol_hash: HASH.to_owned(),
+        rules: None,
         scored_size: [512, 256],
         input_views: [
             ("psnr".to_owned(), summary(psnr + 3.0, 48)),

@@ -38,7 +38,7 @@ use crate::{
     methods::{
         self, Method, MethodKind, MethodOutcome,
         neural_atlas::saved::{ATLAS_FILE, ATLAS_VALUES_FILE},
-        object_graph,
+        requirement::Requirement,
         variant::Variant,
     },
     process::{self, Elapsed},
@@ -231,7 +231,7 @@ pub fn reconstruct(
 
 /// Refuses a scene whose camera turns where it stands to a method that needs places in space.
 fn refuse_without_parallax(method: &Method, scene: &Scene) -> Result<(), ReconstructError> {
-    if method.id == object_graph::METHOD.id
+    if method.needs(Requirement::Parallax)
         && let PoseSource::Registered { reason, .. } = &scene.pose_source
     {
         let reason = format!(

@@ -13,7 +13,7 @@ use omnilife_schemas::{
 
 use crate::{
     jobs::reconstruct::ReconstructRequest,
-    methods::{Method, object_graph},
+    methods::{Method, requirement::Requirement},
 };
 
 /// Stages that a scene's folder knows of: frames, and their poses.
@@ -31,7 +31,8 @@ pub(super) fn of_request(
     let folder = |file: &Path| file.parent().unwrap_or(Path::new(".")).to_owned();
     let (scene_folder, split_folder) = (folder(&request.scene), folder(&request.split));
     let points = ScenePoints::find(scene, &scene_folder, &split_folder)?;
-    let tracks: Option<Tracks> = (method.id == object_graph::METHOD.id)
+    let tracks: Option<Tracks> = method
+        .needs(Requirement::Tracks)
         .then(|| store::read_record(&request.split.with_file_name(TRACKS_FILE)))
         .transpose()?;
     Ok(of_inputs(

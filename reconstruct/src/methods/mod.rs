@@ -12,6 +12,7 @@ pub mod omni4dgs_plus;
 pub mod panogs;
 pub mod periodic;
 mod prepared;
+pub mod requirement;
 pub mod run_formats;
 pub mod variant;
 
@@ -25,7 +26,10 @@ use crate::{
     error::ReconstructError,
     evidence::SceneEvidence,
     learner::{Learner, gaussians::GaussianLearner},
-    methods::feed_forward::{Group, Interpolated},
+    methods::{
+        feed_forward::{Group, Interpolated},
+        requirement::Requirement,
+    },
     options::MethodOption,
     process::{self, Elapsed},
     request::{BackendChoice, DefaultPlan, MethodRequest, PlanChoice},
@@ -151,6 +155,8 @@ pub struct Method {
     pub default_plan: DefaultPlan,
     /// What it runs on.
     pub backends: &'static [BackendChoice],
+    /// Inputs that it needs beside posed frames and a split, in the order in which they are prepared.
+    pub requires: &'static [Requirement],
     /// Options that it understands beside what all methods do.
     pub options: &'static [MethodOption],
     /// How it comes to its views.
@@ -180,6 +186,11 @@ pub enum MethodKind {
 }
 
 impl Method {
+    /// Whether it needs an input beside posed frames and a split.
+    pub fn needs(&self, requirement: Requirement) -> bool {
+        self.requires.contains(&requirement)
+    }
+
     /// Whether it learns a model of each scene; another seed gives another one.
     pub fn is_trained(&self) -> bool {
         matches!(self.kind, MethodKind::Trained { .. })

@@ -38,6 +38,7 @@ pub const METHOD: Method = Method {
     optional_components: components::OF_ANY_METHOD,
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU_AND_GPU,
+    requires: &[],
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),

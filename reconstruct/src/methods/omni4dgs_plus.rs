@@ -70,6 +70,7 @@ pub const METHOD: Method = Method {
     optional_components: &[],
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU_AND_GPU,
+    requires: &[],
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),

@@ -71,6 +71,7 @@ pub const METHOD: Method = Method {
     ],
     default_plan: DefaultPlan::Full,
     backends: ON_CPU_AND_GPU,
+    requires: &[],
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),

@@ -79,7 +79,7 @@ pub use stability::{
     StabilityMeasures, StabilityPoint, StabilityReport, StabilityRow, StabilityStatus,
     StabilitySweep,
 };
-pub use submission::{MethodCard, Submission, SubmittedFile, SubmittedResult};
+pub use submission::{MethodCard, Submission, SubmittedFile, SubmittedResult, Verification};
 pub use sweep::{RunnerLock, SweepPlan, SweepUnit, UnitInput, UnitNeeds, UnitOutcome, UnitRunner};
 pub use tracks::{Detection, Track, TrackStage, Tracks};
 
@@ -160,6 +160,7 @@ pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<UnitOutcome>(),
     entry::<RunnerLock>(),
     entry::<Submission>(),
+    entry::<Verification>(),
 ];
 
 const fn entry<T: Record>() -> SchemaEntry {

@@ -5,7 +5,10 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::run::{Backend, StageTime};
+use super::{
+    protocol::Protocol,
+    run::{Backend, StageTime},
+};
 use crate::{provenance::Hardware, store::Record};
 
 /// `result.json`. Per-frame values are in the Parquet table beside it.
@@ -26,6 +29,9 @@ pub struct ResultRecord {
     pub protocol: String,
     /// Hash of the protocol.
     pub protocol_hash: String,
+    /// The protocol itself; records of older versions do not have it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rules: Option<Protocol>,
     /// Width and height of the scored images in pixels.
     pub scored_size: [u32; 2],
     /// Scores of the input views by metric id.

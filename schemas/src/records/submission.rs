@@ -75,3 +75,31 @@ pub struct SubmittedFile {
     /// SHA-256 of its content.
     pub sha256: String,
 }
+
+/// `verified.json`: results of a submission that were scored again when it was taken in.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Verification {
+    /// Id of the method.
+    pub method: String,
+    /// Day of the check, UTC, `2026-11-25`.
+    pub date_utc: String,
+    /// Results of the submission.
+    pub results: u32,
+    /// Those among them whose predictions were scored again, with the same scores.
+    pub scored_again: u32,
+}
+
+impl Record for Verification {
+    const SCHEMA: &'static str = "omnilife/verification/1";
+}
+
+impl Verification {
+    /// Counts the results of another submission of the method as well.
+    pub fn add(&mut self, other: &Self) {
+        self.results = self.results.saturating_add(other.results);
+        self.scored_again = self.scored_again.saturating_add(other.scored_again);
+        if other.date_utc > self.date_utc {
+            self.date_utc.clone_from(&other.date_utc);
+        }
+    }
+}

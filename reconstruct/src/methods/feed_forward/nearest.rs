@@ -18,6 +18,7 @@ pub const METHOD: Method = Method {
     optional_components: &[],
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU,
+    requires: &[],
     options: &[],
     kind: MethodKind::FeedForward {
         settings: || serde_json::json!({}),

@@ -136,6 +136,7 @@ pub const METHOD: Method = Method {
     optional_components: &[],
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU,
+    requires: &[],
     options: &[
         BASE_FIELDS,
         MOTION_FIELDS,

@@ -21,7 +21,7 @@ use crate::{
     baseline::{self, OPACITY_RESET, require_memory},
     components::{self, Decision, Draft, draft::MotionEvidenceUse, sky_shell},
     error::ReconstructError,
-    methods::{Method, MethodKind, ON_CPU, PreparedGaussians},
+    methods::{Method, MethodKind, ON_CPU, PreparedGaussians, requirement::Requirement},
     options,
     request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::TrainingScene,
@@ -57,6 +57,11 @@ pub const METHOD: Method = Method {
     optional_components: components::OF_ANY_METHOD,
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU,
+    requires: &[
+        Requirement::Parallax,
+        Requirement::DensePoints,
+        Requirement::Tracks,
+    ],
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),

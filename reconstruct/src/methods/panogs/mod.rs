@@ -102,6 +102,7 @@ pub const METHOD: Method = Method {
     optional_components: &[],
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU,
+    requires: &[],
     options: &[options::MAX_GAUSSIANS, options::FOOTPRINT, options::SHARDS],
     kind: MethodKind::Trained {
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),

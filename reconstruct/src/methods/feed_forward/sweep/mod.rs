@@ -38,6 +38,7 @@ pub const METHOD: Method = Method {
     optional_components: &[],
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU,
+    requires: &[],
     options: &[],
     kind: MethodKind::FeedForward {
         settings: || serde_json::json!(SweepSettings::DEFAULT),

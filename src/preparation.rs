@@ -1,0 +1,108 @@
+//! Inputs that methods require beside a scene and its split, made where the scene lacks them.
+//!
+//! `run`, `reconstruct prepare` and the units of benchmarks and ablations come here, so that a method
+//! that declares a requirement has it wherever it is run.
+
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+};
+
+use omnilife_curate::{
+    dense::{self, DenseRequest, make_dense},
+    tracks::{TrackRequest, association, distance, make_tracks},
+};
+use omnilife_reconstruct::methods::{Method, requirement::Requirement};
+use omnilife_schemas::{
+    camera::Camera,
+    layout::DENSE_FOLDER,
+    progress::Progress,
+    records::{PoseSource, Scene},
+    store,
+};
+
+/// Makes what `methods` require of a scene and a split, in the order of their rows. What is there
+/// already and up to date is not made again.
+///
+/// # Errors
+/// When the scene cannot be read, or a requirement cannot be made.
+pub(crate) fn prepare(
+    methods: &[&Method],
+    scene: &Path,
+    split: &Path,
+    progress: &dyn Progress,
+) -> anyhow::Result<()> {
+    let requirements: BTreeSet<Requirement> = (methods.iter())
+        .flat_map(|method| method.requires.iter().copied())
+        .collect();
+    for requirement in requirements {
+        meet(requirement, scene, split, progress)?;
+    }
+    Ok(())
+}
+
+/// Makes one requirement.
+fn meet(
+    requirement: Requirement,
+    scene: &Path,
+    split: &Path,
+    progress: &dyn Progress,
+) -> anyhow::Result<()> {
+    match requirement {
+        // A scene has it or not; the method refuses one that has not.
+        Requirement::Parallax => Ok(()),
+        Requirement::DensePoints => dense_points(scene, split, false, progress),
+        Requirement::Tracks => {
+            let request = TrackRequest {
+                scene_folder: folder_of(scene),
+                split: Some(split.to_owned()),
+                detector: "motion".to_owned(),
+                detections: None,
+                program: None,
+                distance: distance::AUTO.to_owned(),
+                association: association::GROUND_CHAINS.to_owned(),
+                metres_per_unit: None,
+                out: folder_of(split),
+            };
+            make_tracks(&request, progress)?;
+            Ok(())
+        }
+    }
+}
+
+/// Measures dense points of a perspective scene by stereo where it has few, or in any case where
+/// `always`. A camera that hovers shows no distances, and panoramas come with theirs.
+pub(crate) fn dense_points(
+    scene_file: &Path,
+    split: &Path,
+    always: bool,
+    progress: &dyn Progress,
+) -> anyhow::Result<()> {
+    let scene: Scene = store::read_record(scene_file)?;
+    let is_perspective = matches!(scene.camera, Camera::Pinhole(_));
+    if !is_perspective || matches!(scene.pose_source, PoseSource::Registered { .. }) {
+        return Ok(());
+    }
+    let few = dense::few_points(&scene, &folder_of(scene_file))?;
+    match &few {
+        Some(few) => progress.note(&format!("{}: dense stereo, because {few}", scene.id)),
+        None if always => {}
+        None => return Ok(()),
+    }
+    let request = DenseRequest {
+        scene_folder: folder_of(scene_file),
+        split: Some(split.to_owned()),
+        width: dense::SEARCH_WIDTH,
+        out: split.with_file_name(DENSE_FOLDER),
+    };
+    make_dense(&request, progress)?;
+    Ok(())
+}
+
+/// The folder that a file lies in.
+fn folder_of(file: &Path) -> PathBuf {
+    match file.parent() {
+        Some(parent) if parent != Path::new("") => parent.to_owned(),
+        _ => PathBuf::from("."),
+    }
+}
