@@ -19,6 +19,7 @@ use omnilife_schemas::{
     command::{self, Job},
     lock::FolderLock,
     ownership::path_inside,
+    process_group::GRACE,
     progress::Progress,
     provenance,
     records::{ExternalRun, Phase, Scene, Split},
@@ -108,6 +109,11 @@ pub fn run_external(
     }
     let (phases, failure) = run_phases(&manifest, &places, &request.out, &label, progress)?;
     let gathered = gather::gather(&manifest, &places, &scene, &split, &request.out)?;
+    let mut warnings = gathered.warnings;
+    for phase in &phases {
+        let left = phase.left_running.iter();
+        warnings.extend(left.map(|what| format!("{} left running: {what}", phase.name.name())));
+    }
     let record = ExternalRun {
         method: manifest.id.clone(),
         source: manifest.source.clone(),
@@ -127,7 +133,7 @@ pub fn run_external(
             .input
             .is_some()
             .then(|| INPUT_FOLDER.to_owned()),
-        warnings: gathered.warnings,
+        warnings,
     };
     store::write_record(&record_file, &record)?;
     if record.failure.is_none() {
@@ -186,21 +192,28 @@ fn run_phases(
     for (name, template) in manifest.phases() {
         progress.begin(&format!("{label}: {}", name.name()), None);
         let words = template.iter().map(|word| places.fill(word)).collect();
+        let container = manifest.environment.container();
         let outcome = command::run(&Job {
-            command: manifest.environment.wrap(words, places),
+            command: manifest.environment.wrap(words, places, container.as_ref()),
             variables: manifest.environment.variables(),
             folder: places.work.clone(),
             log: out.join(LOG_FOLDER).join(format!("{}.log", name.name())),
             time_limit: manifest.time_limit(),
+            grace: GRACE,
+            container,
         });
         progress.end();
         let outcome = outcome?;
+        for what in &outcome.left_running {
+            progress.note(&format!("{label}: {} left running: {what}", name.name()));
+        }
         let failed = (!outcome.succeeded).then(|| format!("{} {}", name.name(), outcome.failure()));
         phases.push(Phase {
             name,
             command: outcome.command,
             log: format!("{LOG_FOLDER}/{}.log", name.name()),
             ending: outcome.ending,
+            left_running: outcome.left_running,
             wall_seconds: outcome.wall_seconds,
             cpu_seconds: outcome.cpu_seconds,
             peak_memory_bytes: outcome.peak_memory_bytes,
