@@ -57,6 +57,9 @@ pub(crate) fn requested() -> anyhow::Result<&'static AtomicBool> {
 pub(crate) fn take_programs_along() -> anyhow::Result<()> {
     #[cfg(unix)]
     {
+        use std::io::{self, Write};
+
+        use omnilife_schemas::plain_text::for_terminal;
         use signal_hook::{
             consts::{SIGHUP, SIGINT, SIGTERM},
             iterator::Signals,
@@ -66,7 +69,11 @@ pub(crate) fn take_programs_along() -> anyhow::Result<()> {
             Signals::new([SIGTERM, SIGINT, SIGHUP]).context("signals cannot be handled")?;
         std::thread::spawn(move || {
             if let Some(signal) = signals.forever().next() {
-                omnilife_schemas::process_group::end_all();
+                for what in omnilife_schemas::process_group::end_all() {
+                    let line = format!("omnilife: could not be ended: {what}");
+                    // When stderr is closed there is nobody left to tell.
+                    drop(writeln!(io::stderr(), "{}", for_terminal(&line)));
+                }
                 // Ends this process, as the signal would have.
                 drop(emulate_default_handler(signal));
             }

@@ -184,6 +184,32 @@ novel = "{{work}}/{{frame}}.png"
     }
 }
 
+/// A child with a session of its own does not share the machine with the next command either.
+#[test]
+#[cfg(target_os = "linux")]
+fn what_a_command_leaves_running_is_told_and_gone_before_the_next() {
+    let stand = Stand::new(
+        r#"
+id = "parent"
+[train]
+command = ["sh", "-c", "setsid sh -c 'echo $$ > own; exec sleep 300' & while ! test -s own; do sleep 0.01; done"]
+[render]
+command = ["sh", "-c", "! kill -0 $(cat own) 2> /dev/null"]
+[predictions]
+novel = "{work}/{frame}.png"
+"#,
+    );
+    let run = stand.run();
+    assert_eq!(run.failure, None);
+    let own = fs::read_to_string(stand.request.out.join("work/own")).unwrap();
+    let left = format!("sleep (process {})", own.trim());
+    assert_eq!(run.phases[0].ending, "exit 0");
+    assert_eq!(run.phases[0].left_running, [left.clone()]);
+    assert!(run.phases[1].left_running.is_empty());
+    let told = run.warnings.iter().filter(|line| line.contains(&left));
+    assert_eq!(told.count(), 1, "{:?}", run.warnings);
+}
+
 #[test]
 fn endless_and_missing_programs_end_with_a_reason() {
     let stand = Stand::new(

@@ -3,14 +3,17 @@
 use std::{
     collections::BTreeMap,
     fs::{self, File},
-    io,
     path::{Path, PathBuf},
-    process::{Command, ExitStatus, Stdio},
+    process::{Command, Stdio},
     thread,
     time::{Duration, Instant},
 };
 
-use crate::{process, process_group::ProcessGroup, store::StoreError};
+use crate::{
+    process,
+    process_group::{Container, Leftovers, ProcessGroup},
+    store::StoreError,
+};
 
 /// What to run.
 #[derive(Debug)]
@@ -23,8 +26,12 @@ pub struct Job {
     pub folder: PathBuf,
     /// File for everything it prints.
     pub log: PathBuf,
-    /// After this long it is killed, with everything that it started.
+    /// After this long it is ended, with everything that it started.
     pub time_limit: Option<Duration>,
+    /// Time that it has to put things in order before it is killed.
+    pub grace: Duration,
+    /// The container that it runs, where it is the client of a runtime.
+    pub container: Option<Container>,
 }
 
 /// How it went.
@@ -36,9 +43,13 @@ pub struct Outcome {
     pub succeeded: bool,
     /// In words.
     pub ending: String,
-    /// The last line that it printed, where it printed any.
+    /// The last line that it had printed then, where it had printed any.
     pub last_line: Option<String>,
-    /// Wall-clock time, seconds.
+    /// Processes and containers that ran on when it had ended, or did not end when they were told to at a
+    /// limit, in words. All have been ended but for those that say that they could not be; the command
+    /// has failed then.
+    pub left_running: Vec<String>,
+    /// Wall-clock time until its end or its limit, seconds.
     pub wall_seconds: f64,
     /// CPU time, seconds, where the system tells.
     pub cpu_seconds: Option<f64>,
@@ -59,7 +70,7 @@ impl Outcome {
 /// time at most once.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 
-/// A command that prints more than this is killed: it would fill the disk.
+/// A command that prints more than this is ended: it would fill the disk.
 const MOST_LOG_BYTES: u64 = 4 << 30;
 
 /// Runs a command with no standard input and both outputs in the log.
@@ -80,55 +91,74 @@ pub fn run(job: &Job) -> Result<Outcome, StoreError> {
         .stdin(Stdio::null())
         .stdout(log)
         .stderr(errors);
-    let (succeeded, ending) = match ProcessGroup::spawn(&mut command) {
-        Err(error) => (
-            false,
-            format!("{} could not be started: {error}", job.command[0]),
-        ),
+    let ending = match ProcessGroup::spawn(&mut command, job.container.clone()) {
+        Err(error) => Ending {
+            succeeded: false,
+            words: format!("{} could not be started: {error}", job.command[0]),
+            last_line: None,
+            wall_seconds: begun.elapsed().as_secs_f64(),
+            leftovers: Leftovers::default(),
+        },
         Ok(group) => wait(group, job, begun),
     };
-    let wall_seconds = begun.elapsed().as_secs_f64();
     let (cpu_seconds, peak_memory_bytes) = Usage::spent_since(before.as_ref());
     Ok(Outcome {
         command: job.command.clone(),
-        succeeded,
-        ending,
-        last_line: process::last_line(&job.log),
-        wall_seconds,
+        succeeded: ending.succeeded && ending.leftovers.running.is_empty(),
+        left_running: ending.leftovers.lines(),
+        ending: ending.leftovers.added_to(ending.words),
+        last_line: ending.last_line,
+        wall_seconds: ending.wall_seconds,
         cpu_seconds,
         peak_memory_bytes,
     })
 }
 
-/// Whether it succeeded, and how it ended in words.
-fn wait(mut group: ProcessGroup, job: &Job, begun: Instant) -> (bool, String) {
-    loop {
+/// An end, and what was left then.
+struct Ending {
+    succeeded: bool,
+    words: String,
+    last_line: Option<String>,
+    wall_seconds: f64,
+    leftovers: Leftovers,
+}
+
+/// Waits for a command or one of its limits, and ends what is running then.
+fn wait(mut group: ProcessGroup, job: &Job, begun: Instant) -> Ending {
+    let (succeeded, words) = loop {
         match group.try_wait() {
-            Ok(Some(status)) => return (status.success(), process::ending(status)),
+            Ok(Some(status)) => break (status.success(), process::ending(status)),
             Ok(None) => {}
-            Err(error) => return (false, format!("an end that the system lost: {error}")),
+            Err(error) => break (false, format!("an end that the system lost: {error}")),
         }
         if let Some(limit) = job.time_limit.filter(|&limit| begun.elapsed() > limit) {
-            let limit = format!("the time limit of {} s", limit.as_secs_f64());
-            return (false, over_limit(&limit, group.kill()));
+            break (
+                false,
+                format!("the time limit of {} s", limit.as_secs_f64()),
+            );
         }
         if log_bytes(&job.log) > MOST_LOG_BYTES {
-            let limit = format!("the limit of {MOST_LOG_BYTES} bytes of output");
-            return (false, over_limit(&limit, group.kill()));
+            break (
+                false,
+                format!("the limit of {MOST_LOG_BYTES} bytes of output"),
+            );
         }
         thread::sleep(LOOK_EVERY);
+    };
+    // Before the end of what is left: that is not its time, and not what it had to say.
+    let wall_seconds = begun.elapsed().as_secs_f64();
+    let last_line = process::last_line(&job.log);
+    Ending {
+        succeeded,
+        words,
+        last_line,
+        wall_seconds,
+        leftovers: group.end(job.grace),
     }
 }
 
 fn log_bytes(log: &Path) -> u64 {
     fs::metadata(log).map_or(0, |metadata| metadata.len())
-}
-
-fn over_limit(limit: &str, killed: io::Result<ExitStatus>) -> String {
-    match killed {
-        Ok(_) => limit.to_owned(),
-        Err(error) => format!("{limit}, and could not be killed: {error}"),
-    }
 }
 
 /// What all finished children of this process have used so far.

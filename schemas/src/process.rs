@@ -17,13 +17,54 @@ pub fn host_name() -> String {
     "unknown".to_owned()
 }
 
+/// A process in Linux's list of processes.
+#[cfg(target_os = "linux")]
+#[derive(Debug)]
+pub(crate) struct Stat {
+    /// Name of its program, cut off after 15 bytes.
+    pub(crate) name: String,
+    /// True for one that has ended and only waits for its parent to ask how.
+    pub(crate) has_ended: bool,
+    /// Ids of its parent, its process group and its session; 0 where the system tells none.
+    pub(crate) parent: u32,
+    pub(crate) group: u32,
+    pub(crate) session: u32,
+}
+
+#[cfg(target_os = "linux")]
+impl Stat {
+    /// The process with this id; `None` where there is none.
+    pub(crate) fn of(id: u32) -> Option<Self> {
+        let bytes = std::fs::read(format!("/proc/{id}/stat")).ok()?;
+        let text = String::from_utf8_lossy(&bytes);
+        // The name, in parentheses, may hold anything; the state is the letter behind it.
+        let (head, rest) = text.rsplit_once(')')?;
+        let (_, name) = head.split_once('(')?;
+        let mut fields = rest.split_whitespace();
+        let has_ended = fields.next()?.starts_with(['Z', 'X']);
+        let mut number = || fields.next().map_or(0, |field| field.parse().unwrap_or(0));
+        Some(Self {
+            name: name.to_owned(),
+            has_ended,
+            parent: number(),
+            group: number(),
+            session: number(),
+        })
+    }
+}
+
 /// Whether a process has ended and only waits for its parent to ask how; Linux alone tells.
 #[cfg(unix)]
 fn is_zombie(id: u32) -> bool {
-    // The name, in parentheses, may hold anything; the state is the letter behind it.
-    let state = std::fs::read_to_string(format!("/proc/{id}/stat")).unwrap_or_default();
-    let state = state.rsplit_once(')').map(|(_, rest)| rest.trim_start());
-    state.is_some_and(|state| state.starts_with(['Z', 'X']))
+    #[cfg(target_os = "linux")]
+    {
+        Stat::of(id).is_some_and(|stat| stat.has_ended)
+    }
+    #[cfg(not(target_os = "linux"))]
+    {
+        let _ = id;
+        false
+    }
 }
 
 /// Whether a process with this id runs on this machine; where the system does not tell, it does.

@@ -278,6 +278,7 @@ fn unreadable(unit: &SweepUnit, error: &StoreError) -> UnitOutcome {
         cpu_seconds: None,
         peak_memory_bytes: None,
         log: String::new(),
+        left_running: Vec::new(),
     }
 }
 

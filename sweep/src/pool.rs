@@ -449,6 +449,9 @@ impl<'a> Pool<'a> {
             Ok(Ending::Over(outcome)) => {
                 progress.advance(1);
                 self.history.add(&unit.group, &outcome);
+                for what in &outcome.left_running {
+                    progress.note(&format!("{}: left running: {what}", unit.id));
+                }
                 if let Some(failure) = &outcome.failure {
                     progress.note(&format!("{}: {failure}", unit.id));
                     self.failed.push(*outcome);

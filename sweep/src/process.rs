@@ -8,7 +8,7 @@ use std::{
     sync::{Mutex, MutexGuard, PoisonError},
 };
 
-use omnilife_schemas::process_group::{self, GroupSignal};
+use omnilife_schemas::process_group::{GRACE, ProcessTree};
 use wait4::Wait4;
 
 /// What to run, and where.
@@ -33,6 +33,8 @@ pub(crate) struct Ended {
     pub(crate) exit_code: Option<i32>,
     /// In words: `exit 3`, `signal 9`.
     pub(crate) ending: String,
+    /// Processes that it had left running, in words.
+    pub(crate) left_running: Vec<String>,
     pub(crate) cpu_seconds: Option<f64>,
     pub(crate) peak_memory_bytes: Option<u64>,
 }
@@ -54,8 +56,8 @@ pub(crate) struct Running {
 
 #[derive(Debug, Default)]
 struct RunningState {
-    /// Process group of the command while it runs.
-    group: Option<u32>,
+    /// The command, while it or what it has left behind runs.
+    tree: Option<ProcessTree>,
     /// The first reason that was given.
     reason: Option<EndReason>,
 }
@@ -70,36 +72,26 @@ impl Running {
         self.state().reason
     }
 
-    /// Asks the command and all its children to end; no further one of the unit begins.
+    /// Asks the command and the rest of its group to end; no further one of the unit begins. What has left
+    /// the group is ended after the command: programs that run others end those themselves.
     pub(crate) fn end(&self, reason: EndReason) {
         let mut state = self.state();
         state.reason.get_or_insert(reason);
-        if let Some(group) = state.group {
-            signal_group(group, false);
+        if let Some(tree) = &state.tree {
+            tree.ask_group();
         }
     }
 
-    /// Kills the command and all its children.
+    /// Kills the command and everything that descends from it.
     pub(crate) fn kill(&self) {
-        if let Some(group) = self.state().group {
-            signal_group(group, true);
+        if let Some(tree) = &self.state().tree {
+            tree.kill();
         }
     }
 }
 
-fn signal_group(group: u32, kill: bool) {
-    process_group::signal(
-        group,
-        if kill {
-            GroupSignal::Kill
-        } else {
-            GroupSignal::Terminate
-        },
-    );
-}
-
-/// Runs a command with no standard input and both outputs in the log. It does not outlive this
-/// process (Linux).
+/// Runs a command with no standard input and both outputs in the log, and ends what it leaves running:
+/// the next one is not to share the machine with it. It does not outlive this process (Linux).
 ///
 /// # Errors
 /// When the log cannot be written or the command cannot be started, with the file in words.
@@ -115,11 +107,8 @@ pub(crate) fn run(job: &Job<'_>, running: &Running) -> io::Result<Ended> {
         .stdin(Stdio::null())
         .stdout(log)
         .stderr(errors);
-    // Its children can be reached through its group.
-    #[cfg(unix)]
-    std::os::unix::process::CommandExt::process_group(&mut command, 0);
-    let child = {
-        // Under the lock: whoever wants to end the unit either comes before, or finds the group.
+    let (child, tree) = {
+        // Under the lock: whoever wants to end the unit either comes before, or finds the command.
         let mut state = running.state();
         if state.reason.is_some() {
             return Ok(not_begun());
@@ -129,24 +118,26 @@ pub(crate) fn run(job: &Job<'_>, running: &Running) -> io::Result<Ended> {
             let reason = format!("its lock cannot be handed down, for want of open files: {error}");
             io::Error::new(error.kind(), reason)
         })?;
-        let child = command.spawn().map_err(|error| {
+        let (child, tree) = ProcessTree::spawn(&mut command).map_err(|error| {
             let program = program.display();
             io::Error::new(
                 error.kind(),
                 format!("{program}: cannot be started: {error}"),
             )
         })?;
-        state.group = Some(child.id());
-        child
+        state.tree = Some(tree.clone());
+        (child, tree)
     };
     let waited = child.wait4();
-    running.state().group = None;
+    let leftovers = tree.end_rest(GRACE);
+    running.state().tree = None;
     let used = waited?;
     let time = used.rusage.utime + used.rusage.stime;
     Ok(Ended {
-        succeeded: used.status.success(),
+        succeeded: used.status.success() && leftovers.running.is_empty(),
         exit_code: used.status.code(),
-        ending: omnilife_schemas::process::ending(used.status),
+        ending: leftovers.added_to(omnilife_schemas::process::ending(used.status)),
+        left_running: leftovers.lines(),
         cpu_seconds: Some(time.as_secs_f64()),
         peak_memory_bytes: (used.rusage.maxrss > 0).then_some(used.rusage.maxrss),
     })
@@ -182,6 +173,7 @@ fn not_begun() -> Ended {
         succeeded: false,
         exit_code: None,
         ending: "not begun".to_owned(),
+        left_running: Vec::new(),
         cpu_seconds: None,
         peak_memory_bytes: None,
     }

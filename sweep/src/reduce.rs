@@ -7,7 +7,7 @@ use omnilife_schemas::progress::Progress;
 use crate::{
     error::SweepError,
     folder::{Sweep, UnitState},
-    process::{self, Ended, Job, Running},
+    process::{self, Job, Running},
     status::{self, Counts, Status},
 };
 
@@ -36,7 +36,7 @@ pub fn reduce(
                     .iter()
                     .map(|word| word.replace("{reason}", &reason))
                     .collect();
-                if let Err(error) = run(&status.sweep, &filled, program, &log) {
+                if let Err(error) = run(&status.sweep, &filled, program, &log, progress) {
                     progress.note(&format!("{}: {reason}; {error}", unit.id));
                     break;
                 }
@@ -45,12 +45,18 @@ pub fn reduce(
     }
     for command in &status.sweep.plan.reduce {
         progress.note(&format!("reducing: {}", command.join(" ")));
-        run(&status.sweep, command, program, &log)?;
+        run(&status.sweep, command, program, &log, progress)?;
     }
     Ok(status.counts())
 }
 
-fn run(sweep: &Sweep, command: &[String], program: &Path, log: &Path) -> Result<(), SweepError> {
+fn run(
+    sweep: &Sweep,
+    command: &[String],
+    program: &Path,
+    log: &Path,
+    progress: &dyn Progress,
+) -> Result<(), SweepError> {
     let job = Job {
         command,
         program,
@@ -60,13 +66,18 @@ fn run(sweep: &Sweep, command: &[String], program: &Path, log: &Path) -> Result<
         lock: None,
     };
     let reason = match process::run(&job, &Running::default()) {
-        Ok(Ended {
-            succeeded: true, ..
-        }) => return Ok(()),
-        Ok(ended) => match omnilife_schemas::process::last_line(log) {
-            Some(line) => format!("{}: {line}", ended.ending),
-            None => ended.ending,
-        },
+        Ok(ended) => {
+            for what in &ended.left_running {
+                progress.note(&format!("{}: left running: {what}", command.join(" ")));
+            }
+            if ended.succeeded {
+                return Ok(());
+            }
+            match omnilife_schemas::process::last_line(log) {
+                Some(line) => format!("{}: {line}", ended.ending),
+                None => ended.ending,
+            }
+        }
         Err(error) => error.to_string(),
     };
     Err(SweepError::Reduce {

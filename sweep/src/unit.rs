@@ -113,6 +113,7 @@ pub(crate) fn give_up(
 struct Cost {
     cpu_seconds: Option<f64>,
     peak_memory_bytes: Option<u64>,
+    left_running: Vec<String>,
 }
 
 struct Failure {
@@ -198,6 +199,7 @@ impl<'a> Attempt<'a> {
                 *cost.cpu_seconds.get_or_insert(0.0) += seconds;
             }
             cost.peak_memory_bytes = cost.peak_memory_bytes.max(ended.peak_memory_bytes);
+            cost.left_running.extend(ended.left_running.iter().cloned());
             if !ended.succeeded {
                 return Err(Failure {
                     reason: self.reason(command, &ended, running, &log),
@@ -265,6 +267,7 @@ impl<'a> Attempt<'a> {
             cpu_seconds: cost.cpu_seconds,
             peak_memory_bytes: cost.peak_memory_bytes,
             log: self.log.clone(),
+            left_running: cost.left_running.clone(),
         }
     }
 }

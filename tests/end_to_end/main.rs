@@ -10,6 +10,8 @@ mod bad_input;
 mod benchmark;
 #[cfg(unix)]
 mod chance;
+#[cfg(target_os = "linux")]
+mod containers;
 #[cfg(unix)]
 mod curation;
 #[cfg(unix)]

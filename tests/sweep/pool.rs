@@ -8,6 +8,8 @@ use std::{
     time::{Duration, Instant},
 };
 
+use omnilife_schemas::{records::UnitOutcome, store};
+
 use crate::support::{Shell, lines, succeeded, wait_for};
 
 fn signal(child: &Child, name: &str) {
@@ -215,6 +217,23 @@ fn what_a_killed_runner_has_left_is_waited_for() {
     assert_eq!(shell.count("running"), 1, "its grandchild is there");
     succeeded(shell.run("run", &[]));
     assert!(shell.path("after").exists());
+}
+
+/// The next unit is not to share the machine with what one has left behind.
+#[test]
+fn what_a_unit_leaves_running_is_ended_and_told() {
+    let unit = "setsid sh -c 'echo $$ > own; exec sleep 300' & \
+                while ! test -s own; do sleep 0.01; done";
+    let shell = Shell::planned(&[unit.to_owned()], &[]);
+    let ended = shell.run("run", &[]);
+    let said = String::from_utf8_lossy(&ended.stderr).into_owned() + &succeeded(ended);
+    let own = lines(&shell.path("own"))[0].parse().unwrap();
+    assert!(!omnilife_schemas::process::is_running(own));
+    let left = format!("sleep (process {own})");
+    assert!(said.contains(&left), "{said}");
+    let record = shell.path("sweep/units/line-00001/done.json");
+    let outcome: UnitOutcome = store::read_record(&record).unwrap();
+    assert_eq!(outcome.left_running, [left]);
 }
 
 #[test]

@@ -4,7 +4,7 @@
 //! id = "mine"                        # its name in the tables
 //! source = "https://example.org/mine"    # optional
 //! licence = "MIT"                    # optional
-//! time_limit_seconds = 86400         # per command, optional
+//! time_limit_seconds = 86400         # per command, optional; then SIGTERM, and SIGKILL 5 s later
 //!
 //! [environment]                      # optional
 //! kind = "venv"                      # plain, venv, conda or container
@@ -28,9 +28,15 @@
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
 )]
 
-use std::{collections::BTreeMap, fs, path::Path, time::Duration};
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::Path,
+    process,
+    time::{Duration, SystemTime, UNIX_EPOCH},
+};
 
-use omnilife_schemas::{records::PhaseName, store::StoreError};
+use omnilife_schemas::{process_group::Container, records::PhaseName, store::StoreError};
 use serde::Deserialize;
 
 use super::placeholders::{self, Places};
@@ -94,7 +100,9 @@ pub enum Environment {
         name: String,
     },
     /// In a container that sees the scene, the split and the manifest's folder for reading and the
-    /// work folder for writing, under their own paths.
+    /// work folder for writing, under their own paths. It is run with `--rm`, `--init` and a `--name` of
+    /// its own, unless the options have one; where its command fails or is ended, `kill` and that name
+    /// end the container.
     Container {
         /// The image.
         image: String,
@@ -209,8 +217,33 @@ impl Environment {
         }
     }
 
-    /// The command that runs `command` in this environment.
-    pub(super) fn wrap(&self, command: Vec<String>, places: &Places) -> Vec<String> {
+    /// The container that one command runs in, where it does: named by the user's options, or by a name
+    /// that no other has.
+    pub(super) fn container(&self) -> Option<Container> {
+        let Self::Container {
+            runtime, options, ..
+        } = self
+        else {
+            return None;
+        };
+        let name = name_in(options).unwrap_or_else(|| {
+            let now = SystemTime::now().duration_since(UNIX_EPOCH);
+            let nanoseconds = now.unwrap_or_default().as_nanos();
+            format!("omnilife-{}-{nanoseconds}", process::id())
+        });
+        Some(Container {
+            runtime: runtime.clone(),
+            name,
+        })
+    }
+
+    /// The command that runs `command` in this environment, and in this container.
+    pub(super) fn wrap(
+        &self,
+        command: Vec<String>,
+        places: &Places,
+        container: Option<&Container>,
+    ) -> Vec<String> {
         let mut words: Vec<String> = match self {
             Self::Plain | Self::Venv { .. } => Vec::new(),
             Self::Conda { name } => ["conda", "run", "--no-capture-output", "-n", name]
@@ -222,7 +255,13 @@ impl Environment {
                 options,
             } => {
                 let work = places.work.display();
-                let mut words = vec![runtime.clone(), "run".to_owned(), "--rm".to_owned()];
+                // A process of its own that hands signals on, and waits for orphans.
+                let mut words: Vec<String> = [runtime.as_str(), "run", "--rm", "--init"]
+                    .map(str::to_owned)
+                    .into();
+                if let Some(container) = container.filter(|_| name_in(options).is_none()) {
+                    words.extend(["--name".to_owned(), container.name.clone()]);
+                }
                 for readable in places.readable_folders() {
                     words.extend(["-v".to_owned(), format!("{0}:{0}:ro", readable.display())]);
                 }
@@ -249,4 +288,18 @@ impl Environment {
             ("PATH".to_owned(), format!("{path}/bin:{old}")),
         ])
     }
+}
+
+/// The name that a container is given by the options of its runtime; the last one counts.
+fn name_in(options: &[String]) -> Option<String> {
+    let mut options = options.iter();
+    let mut name = None;
+    while let Some(option) = options.next() {
+        if option == "--name" {
+            name = options.next().cloned();
+        } else if let Some(given) = option.strip_prefix("--name=") {
+            name = Some(given.to_owned());
+        }
+    }
+    name
 }

@@ -19,6 +19,7 @@ use omnilife_schemas::{
     command::{self, Job},
     lock::FolderLock,
     ownership::path_inside,
+    process_group::GRACE,
     progress::Progress,
     provenance,
     records::{ExternalRun, Phase, Scene, Split},
@@ -112,6 +113,11 @@ pub fn run_external(
         Some(_) => gather::Gathered::notes_of(&manifest),
         None => gather::gather(&manifest, &places, &scene, &split, &request.out)?,
     };
+    let mut warnings = gathered.warnings;
+    for phase in &phases {
+        let left = phase.left_running.iter();
+        warnings.extend(left.map(|what| format!("{} left running: {what}", phase.name.name())));
+    }
     let record = ExternalRun {
         method: manifest.id.clone(),
         source: manifest.source.clone(),
@@ -131,7 +137,7 @@ pub fn run_external(
             .input
             .is_some()
             .then(|| INPUT_FOLDER.to_owned()),
-        warnings: gathered.warnings,
+        warnings,
     };
     store::write_record(&record_file, &record)?;
     if record.failure.is_none() {
@@ -190,21 +196,28 @@ fn run_phases(
     for (name, template) in manifest.phases() {
         progress.begin(&format!("{label}: {}", name.name()), None);
         let words = template.iter().map(|word| places.fill(word)).collect();
+        let container = manifest.environment.container();
         let outcome = command::run(&Job {
-            command: manifest.environment.wrap(words, places),
+            command: manifest.environment.wrap(words, places, container.as_ref()),
             variables: manifest.environment.variables(),
             folder: places.work.clone(),
             log: out.join(LOG_FOLDER).join(format!("{}.log", name.name())),
             time_limit: manifest.time_limit(),
+            grace: GRACE,
+            container,
         });
         progress.end();
         let outcome = outcome?;
+        for what in &outcome.left_running {
+            progress.note(&format!("{label}: {} left running: {what}", name.name()));
+        }
         let failed = (!outcome.succeeded).then(|| format!("{} {}", name.name(), outcome.failure()));
         phases.push(Phase {
             name,
             command: outcome.command,
             log: format!("{LOG_FOLDER}/{}.log", name.name()),
             ending: outcome.ending,
+            left_running: outcome.left_running,
             wall_seconds: outcome.wall_seconds,
             cpu_seconds: outcome.cpu_seconds,
             peak_memory_bytes: outcome.peak_memory_bytes,

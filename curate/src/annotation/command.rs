@@ -20,8 +20,8 @@
 //! ```
 //!
 //! `scene` and `action` have to be among those listed. Exit code 0 means success; what it writes to
-//! standard error is shown when it fails. It is killed after the timeout, and what it has started ends
-//! with it.
+//! standard error is shown when it fails. It is ended after the timeout (SIGTERM, and SIGKILL after five
+//! seconds), and what it has started ends with it.
 
 use std::{
     io::{self, Read, Write},
@@ -34,7 +34,7 @@ use std::{
 
 use omnilife_schemas::{
     process,
-    process_group::ProcessGroup,
+    process_group::{GRACE, ProcessGroup},
     progress::Progress,
     records::{NameGroup, Sequence, Taxonomy},
 };
@@ -111,7 +111,7 @@ impl CaptionCommand {
         };
         let request = request(folder, sequence, taxonomy).map_err(|e| failed(e.to_string()))?;
         progress.begin(&format!("captioning {}", sequence.id), None);
-        let answered = self.exchange(request);
+        let answered = self.exchange(request, progress);
         progress.end();
         let answer = answered.map_err(failed)?;
         let answer: Answer = serde_json::from_slice(&answer)
@@ -128,15 +128,15 @@ impl CaptionCommand {
     }
 
     /// Runs the program on a request and returns what it wrote.
-    fn exchange(&self, request: Vec<u8>) -> Result<Vec<u8>, String> {
+    fn exchange(&self, request: Vec<u8>, progress: &dyn Progress) -> Result<Vec<u8>, String> {
         let mut command = Command::new(&self.program);
         command
             .args(&self.arguments)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped());
-        let mut group =
-            ProcessGroup::spawn(&mut command).map_err(|error| format!("cannot be run: {error}"))?;
+        let mut group = ProcessGroup::spawn(&mut command, None)
+            .map_err(|error| format!("cannot be run: {error}"))?;
         let child = group.leader();
         let (input, output, errors) =
             (child.stdin.take(), child.stdout.take(), child.stderr.take());
@@ -148,8 +148,11 @@ impl CaptionCommand {
         let output = in_background(move || read_at_most(output, MOST_ANSWER_BYTES + 1));
         let errors = in_background(move || process::read_tail(errors, SHOWN_ERROR_BYTES));
         let status = wait(&mut group, self.timeout);
-        // What a program starts dies with it, and with that the other ends of the pipes; those of a
-        // process that has left the group are not waited for.
+        for what in group.end(GRACE).lines() {
+            progress.note(&format!("{} left running: {what}", self.program));
+        }
+        // What a program starts ends with it, and with that the other ends of the pipes; those of a
+        // process that could not be found are not waited for.
         let output = output.recv_timeout(PIPE_GRACE).unwrap_or_default();
         let errors = errors.recv_timeout(PIPE_GRACE).unwrap_or_default();
         if output.len() > MOST_ANSWER_BYTES {
@@ -194,7 +197,7 @@ fn read_at_most(pipe: Option<impl Read>, most: usize) -> Vec<u8> {
     bytes
 }
 
-/// Waits for a program to end; kills it after `timeout` and returns `None`.
+/// Waits for a program to end; returns `None` after `timeout`.
 fn wait(group: &mut ProcessGroup, timeout: Duration) -> io::Result<Option<ExitStatus>> {
     let started = Instant::now();
     loop {
@@ -202,7 +205,6 @@ fn wait(group: &mut ProcessGroup, timeout: Duration) -> io::Result<Option<ExitSt
             return Ok(Some(status));
         }
         if started.elapsed() >= timeout {
-            group.kill()?;
             return Ok(None);
         }
         thread::sleep(POLL);

@@ -61,6 +61,11 @@ pub struct Phase {
     pub log: String,
     /// How it ended, in words: `exit 0`, `exit 3`, `killed by signal 9`, `time limit of 60 s`.
     pub ending: String,
+    /// Processes and containers that ran on when it had ended, or did not end when they were told to,
+    /// in words: `sleep (process 4711)`. All were ended before the next command began, but for those
+    /// that say that they could not be; records of older versions have none.
+    #[serde(default)]
+    pub left_running: Vec<String>,
     /// Wall-clock time, seconds.
     pub wall_seconds: f64,
     /// CPU time, user and system, of the command and the children it waited for,

@@ -90,6 +90,10 @@ pub struct UnitOutcome {
     pub peak_memory_bytes: Option<u64>,
     /// Everything its commands printed, in the unit's folder.
     pub log: String,
+    /// Processes that ran on when its commands had ended, in words: `sleep (process 4711)`. All were
+    /// ended but for those that say that they could not be; records of older versions have none.
+    #[serde(default)]
+    pub left_running: Vec<String>,
 }
 
 impl Record for UnitOutcome {

@@ -127,6 +127,7 @@ mod tests {
             cpu_seconds: None,
             peak_memory_bytes: Some(peak),
             log: String::new(),
+            left_running: Vec::new(),
         }
     }
 

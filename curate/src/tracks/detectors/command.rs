@@ -5,7 +5,7 @@
 //! command = ["python3", "{folder}/detect.py", "--images", "{frames}", "--out", "{boxes}"]
 //! format = "coco"                     # what it writes: coco (COCO JSON) or mot (MOT text)
 //! minimum_confidence = 0.25           # optional; boxes below it are left out
-//! time_limit_seconds = 3600           # optional
+//! time_limit_seconds = 3600           # optional; then SIGTERM, and SIGKILL 5 s later
 //!
 //! [classes]                           # optional: classes that count, and what they are called in tracks
 //! car = "vehicle"
@@ -32,6 +32,7 @@ use std::{
 use omnilife_schemas::{
     command::{self, Job},
     placeholders,
+    process_group::GRACE,
     progress::Progress,
     records::Detection,
     stage::StagePlan,
@@ -242,7 +243,7 @@ fn boxes_file(
     let work = staging.folder.join(WORK_FOLDER);
     store::create_folder(&work)?;
     progress.begin(&program.id, None);
-    let ended = run(program, toml, &staging.folder, &written);
+    let ended = run(program, toml, &staging.folder, &written, progress);
     progress.end();
     ended?;
     let files = std::mem::take(&mut staging.files);
@@ -252,7 +253,13 @@ fn boxes_file(
 }
 
 /// Runs the program on the frames of a folder.
-fn run(program: &Program, toml: &Path, folder: &Path, boxes: &Path) -> Result<(), CurateError> {
+fn run(
+    program: &Program,
+    toml: &Path,
+    folder: &Path,
+    boxes: &Path,
+    progress: &dyn Progress,
+) -> Result<(), CurateError> {
     let [frames, work, boxes] = [
         &folder.join(FRAMES_FOLDER),
         &folder.join(WORK_FOLDER),
@@ -277,7 +284,12 @@ fn run(program: &Program, toml: &Path, folder: &Path, boxes: &Path) -> Result<()
         folder: work,
         log: folder.join(LOG_FILE),
         time_limit: program.time_limit_seconds.map(Duration::from_secs_f64),
+        grace: GRACE,
+        container: None,
     })?;
+    for what in &outcome.left_running {
+        progress.note(&format!("{} left running: {what}", program.id));
+    }
     let failed = |reason: String| CurateError::input(toml, format!("{} {reason}", program.id));
     if !outcome.succeeded {
         return Err(failed(outcome.failure()));
