@@ -9,7 +9,7 @@ use std::{
 
 use omnilife_schemas::{
     Similarity,
-    elapsed::{Elapsed as Took, Stopwatch},
+    elapsed::{Elapsed, Stopwatch},
     layout::TRACKS_FILE,
     lock::FolderLock,
     progress::Progress,
@@ -41,7 +41,7 @@ use crate::{
         object_graph,
         variant::Variant,
     },
-    process::{self, Elapsed},
+    process,
     request::{BackendChoice, MethodRequest},
     scene::TrainingScene,
     train::{Session, TrainingFiles, trace, trace_views::TraceViews},
@@ -120,7 +120,7 @@ pub(crate) struct MadeViews {
     pub(crate) training_seconds: f64,
     pub(crate) training_cpu_seconds: Option<f64>,
     pub(crate) evaluation_seconds: f64,
-    pub(crate) rendering: Took,
+    pub(crate) rendering: Elapsed,
     pub(crate) seconds_per_group: Option<f64>,
     pub(crate) normalization: Similarity,
     pub(crate) trace: Option<String>,
@@ -178,8 +178,8 @@ pub fn reconstruct(
     };
     let mut stages = stage_times::of_request(request, method, &scene)?;
     stages.extend(stage_times::of_run(
-        made.planning.into(),
-        Took {
+        made.planning,
+        Elapsed {
             wall_seconds: made.training_seconds,
             cpu_seconds: made.training_cpu_seconds,
         },
@@ -197,8 +197,8 @@ pub fn reconstruct(
         configuration: made.configuration,
         plan: made.plan,
         evidence: made.evidence,
-        planning_seconds: made.planning.wall.as_secs_f64(),
-        planning_cpu_seconds: made.planning.cpu.map(|time| time.as_secs_f64()),
+        planning_seconds: made.planning.wall_seconds,
+        planning_cpu_seconds: made.planning.cpu_seconds,
         hardware: Some(provenance::Hardware::here()),
         versions: provenance::versions(),
         inputs,
@@ -254,9 +254,11 @@ fn train(
 ) -> Result<MadeViews, ReconstructError> {
     let trace_path = request.out.join(TRACE_FILE);
     let mut scene = TrainingScene::load(&request.scene, &request.split)?;
-    let (points, planning) = process::measured(|| {
-        components::complete_points(&mut scene, method.supported(), &request.settings)
-    });
+    let begun = Stopwatch::of_own_process();
+    progress.begin("completing points", None);
+    let points = components::complete_points(&mut scene, method.supported(), &request.settings);
+    progress.end();
+    let planning = begun.elapsed();
     let kept = TraceViews::new(
         request.out.join(TRACE_FOLDER),
         &split.novel_views,
@@ -275,7 +277,7 @@ fn train(
         planning,
     };
     let mut outcome = method.train(&scene, &request.settings, &session)?;
-    let rendering = Stopwatch::start();
+    let rendering = Stopwatch::of_own_process();
     let mut outputs = render_predictions(&scene, &mut outcome, stage, &request.out, progress)?;
     let rendering = rendering.elapsed();
     let warnings = warnings(&scene, split, &outcome);

@@ -16,6 +16,7 @@ pub mod run_formats;
 pub mod variant;
 
 use omnilife_schemas::{
+    elapsed::{Elapsed, Stopwatch},
     names,
     records::{ComponentDecision, Lift},
 };
@@ -27,7 +28,6 @@ use crate::{
     learner::{Learner, gaussians::GaussianLearner},
     methods::feed_forward::{Group, Interpolated},
     options::MethodOption,
-    process::{self, Elapsed},
     request::{BackendChoice, DefaultPlan, MethodRequest, PlanChoice},
     scene::TrainingScene,
     train::{self, LoopSettings, Session, TrainingOutcome},
@@ -215,8 +215,11 @@ impl Method {
         request: &MethodRequest,
         session: &Session<'_>,
     ) -> Result<MethodOutcome<'a>, ReconstructError> {
-        let (prepared, planning) =
-            process::measured(|| self.prepare(scene, request, session.backend));
+        let begun = Stopwatch::of_own_process();
+        session.progress.begin("planning", None);
+        let prepared = self.prepare(scene, request, session.backend);
+        session.progress.end();
+        let planning = begun.elapsed();
         let Prepared {
             mut learner,
             length,
