@@ -81,7 +81,9 @@ fn deformation(criterion: &mut Criterion) {
                     for _ in 0..repetitions {
                         run();
                     }
-                    Duration::from_secs_f64(own_cpu_time().unwrap_or_default().as_secs_f64() - begun)
+                    Duration::from_secs_f64(
+                        own_cpu_time().unwrap_or_default().as_secs_f64() - begun,
+                    )
                 });
             });
         };

@@ -310,7 +310,8 @@ impl<'a> Trainer<'a> {
         let mut point = TracePoint::new(&self.state, &statistics, size, &arrays);
         point.surfaces = faults;
         point.input_psnr = input_psnr;
-        self.session.progress.status(&point.text());
+        let planning_seconds = self.session.planning.wall_seconds;
+        self.session.progress.status(&point.text(planning_seconds));
         self.state.trace.push(point);
         if let Some(files) = &self.session.files {
             trace::write_csv(&files.trace, &self.state.trace)?;
