@@ -24,7 +24,7 @@ use omnilife_schemas::{
 };
 
 use crate::{
-    components,
+    backends, components,
     error::ReconstructError,
     formats::{
         DEFORMATION_FILE, GAUSSIANS_FILE, MOVING_GAUSSIANS_FILE, OBJECT_GAUSSIANS_FILE,
@@ -147,6 +147,7 @@ pub fn reconstruct(
     method.check(&request.settings, request.backend)?;
     let scene: Scene = store::read_record(&request.scene)?;
     refuse_without_parallax(method, &scene)?;
+    let split: Split = store::read_record(&request.split)?;
     let (stage, inputs) = plan_stage(request, &scene)?;
     let record_path = request.out.join(RUN_FILE);
     if stage.is_done() {
@@ -157,9 +158,9 @@ pub fn reconstruct(
         ));
         return Ok(store::read_record(&record_path)?);
     }
+    backends::check(request.backend)?;
     let _lock = FolderLock::take(&request.out, progress)?;
     let begun = Instant::now();
-    let split: Split = store::read_record(&request.split)?;
     trace_folder::refuse_foreign(&request.out, &stage)?;
     trace_folder::remove_abandoned(&request.out)?;
     stage.claim(planned_files(method, &split))?;
