@@ -6,6 +6,7 @@ mod doctor;
 mod exit;
 mod memory_exhausted;
 mod plans;
+mod prerequisites;
 mod progress;
 mod run;
 mod termination;
