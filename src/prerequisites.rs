@@ -1,5 +1,5 @@
-//! What long commands need, looked at before anything is hashed, decoded or extracted: the first thing that is
-//! missing ends the command in one line, and nothing has been written.
+//! Needs of long commands, looked at before anything is hashed, decoded or extracted: the first that is not met
+//! ends the command in one line, and nothing has been written.
 
 use std::{fs, io, path::Path};
 
@@ -29,7 +29,7 @@ const MOST_COMPRESSION: u64 = 20;
 pub(crate) enum Prerequisite<'a> {
     /// Settings of a curation that make sense. The video is named in errors.
     Settings(&'a CurateSettings, &'a Path),
-    /// What the boundary detector of these settings needs: weights, where it is a network.
+    /// Weights of the boundary detector of these settings, where it is a network.
     BoundaryDetector(&'a CurateSettings, &'a Path),
     /// Files of poses and masks that are there and can be read.
     PoseFiles(&'a PoseRequest),
@@ -39,7 +39,7 @@ pub(crate) enum Prerequisite<'a> {
     Origins(&'a Path),
     /// A Python with pycolmap.
     StructureFromMotion,
-    /// What computes.
+    /// An adapter, where a GPU is to compute.
     Backend(BackendChoice),
     /// An output folder of a dataset or of nothing, in which a stage finds nothing foreign under the names of
     /// its files.
@@ -85,7 +85,7 @@ impl Prerequisite<'_> {
     }
 }
 
-/// Whether an output holds sequences of an earlier run, whose stages may be done.
+/// Returns true for an output with sequences of an earlier run, whose stages may be done.
 pub(crate) fn has_sequences(out: &Path) -> bool {
     let held = store::read_record::<Dataset>(&out.join(DATASET_FILE)).ok();
     held.is_some_and(|held| {
@@ -95,13 +95,13 @@ pub(crate) fn has_sequences(out: &Path) -> bool {
     })
 }
 
-/// Whether there is anything in a video's file. Nothing more is looked at: a video is opened in a process of its
+/// Returns true for a video whose file holds anything. Nothing more is looked at: a video is opened in a process of its
 /// own.
 pub(crate) fn is_filled(video: &Path) -> bool {
     fs::metadata(video).is_ok_and(|file| file.len() > 0)
 }
 
-/// Bytes that the frames of a sequence take at least, roughly.
+/// Estimates the bytes that the frames of a sequence take at least.
 fn least_bytes(settings: &CurateSettings) -> u64 {
     let frames = match settings.sampling {
         Sampling::MaxFrames(most) => u64::from(most).min(FEW_FRAMES),

@@ -27,18 +27,18 @@ impl From<f64> for Elapsed {
 }
 
 impl Elapsed {
-    /// Wall-clock time; zero where the seconds are none that a clock gives.
+    /// Returns the wall-clock time; zero where the seconds are none that a clock gives.
     pub fn wall(self) -> Duration {
         Duration::try_from_secs_f64(self.wall_seconds).unwrap_or_default()
     }
 
-    /// CPU time, where it is known.
+    /// Returns the CPU time, where it is known.
     pub fn cpu(self) -> Option<Duration> {
         let seconds = self.cpu_seconds?;
         Some(Duration::try_from_secs_f64(seconds).unwrap_or_default())
     }
 
-    /// The time of both, one after the other; CPU time as far as it is known.
+    /// Adds both times, of work one after the other; CPU time as far as it is known.
     #[must_use]
     pub fn plus(self, other: Self) -> Self {
         let cpu = [self.cpu_seconds, other.cpu_seconds];
@@ -87,7 +87,7 @@ impl Stopwatch {
     }
 }
 
-/// User and system time of all threads of this process so far, where the system tells (Unix).
+/// Returns the user and system time of all threads of this process so far, where the system tells (Unix).
 pub fn own_cpu_time() -> Option<Duration> {
     #[cfg(unix)]
     {
@@ -97,7 +97,7 @@ pub fn own_cpu_time() -> Option<Duration> {
     None
 }
 
-/// [`own_cpu_time`], and the CPU time of the programs that this process has run and that have ended.
+/// Returns [`own_cpu_time`] and the CPU time of the programs that this process has run and that have ended.
 fn cpu_time_with_children() -> Option<Duration> {
     #[cfg(unix)]
     {

@@ -130,7 +130,7 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
     }
 }
 
-/// The time of a training, seconds, of which planning is a part, and beside it that of the trace's renders.
+/// Tells the time of a training, seconds, of which planning is a part, and beside it that of the trace's renders.
 /// The parts as they are told make the whole as it is told.
 fn training_words(training: f64, planning: f64, evaluation: f64) -> String {
     let tenths = |seconds: f64| (10.0 * seconds).round() / 10.0;

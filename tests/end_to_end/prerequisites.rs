@@ -1,4 +1,4 @@
-//! What is missing is told before the first frame: exit code 2, one line, nothing written.
+//! Missing prerequisites, told before the first frame: exit code 2, one line, nothing written.
 
 use std::{
     ffi::OsStr,

@@ -33,7 +33,7 @@ pub(super) fn files(path: &Path) -> Result<Vec<PathBuf>, CurateError> {
         .collect())
 }
 
-/// Files that poses name: points, and masks of frames.
+/// Lists the files that poses name: points, and masks of frames.
 fn named_files<'a>(path: &'a Path, poses: &'a Poses) -> impl Iterator<Item = PathBuf> + 'a {
     let masks = poses.frames.iter().filter_map(|frame| frame.mask.as_ref());
     let files = poses.points.iter().chain(masks);
@@ -87,7 +87,7 @@ fn beside(path: &Path, file: &str) -> PathBuf {
     path.parent().unwrap_or(Path::new("")).join(file)
 }
 
-/// A record of poses, its frames in order of time.
+/// Reads a record of poses, its frames in order of time.
 ///
 /// # Errors
 /// When it cannot be read, a pose is none, or two are of one instant.

@@ -27,10 +27,9 @@ pub struct ScenePlan {
     pub scene: String,
     /// What is used and what is left out, with the evidence.
     pub decisions: Vec<ComponentDecision>,
-    /// What the model is made of at the beginning of its training, with the bytes of everything that is
-    /// trained.
+    /// Size of the model at the beginning of its training.
     pub planned: ModelSize,
-    /// The same under the plan full.
+    /// Its size under the plan full.
     pub full: ModelSize,
     /// Times of steps under this plan and under the plan full; `None` where both are the same.
     pub steps: Option<PairedSteps>,
@@ -92,7 +91,7 @@ pub fn plan(
     })
 }
 
-/// Whether two plans use the same components with the same settings on the same first model.
+/// Returns true for plans that use the same components with the same settings on first models of one size.
 fn are_the_same(left: &Prepared<'_>, right: &Prepared<'_>) -> bool {
     let used = |prepared: &Prepared<'_>| -> BTreeSet<String> {
         let decisions = prepared.plan.iter().filter(|decision| decision.used);
@@ -134,7 +133,7 @@ impl ScenePlan {
         text + "\n" + &self.comparison()
     }
 
-    /// This plan beside the plan full in a line.
+    /// Compares this plan with the plan full in a line.
     fn comparison(&self) -> String {
         let Some(steps) = &self.steps else {
             return "Both plans are the same: no step was measured\n".to_owned();
@@ -150,7 +149,7 @@ impl ScenePlan {
     }
 }
 
-/// Time of a step for a table, with its range: `36.2 (35.1 to 40.9)`.
+/// Writes the time of a step for a table, with its range: `36.2 (35.1 to 40.9)`.
 fn milliseconds(seconds: Option<MedianRange>) -> String {
     seconds.map_or_else(
         || "not measured".to_owned(),
@@ -165,8 +164,8 @@ fn milliseconds(seconds: Option<MedianRange>) -> String {
     )
 }
 
-/// A step of one plan beside one of another, from the ratio of their times: in its direction with the range,
-/// or that there was no difference where the range has both directions.
+/// Compares a step of one plan with one of another by the ratio of their times: in its direction with the range,
+/// or as no difference where the range has both directions.
 fn steps_beside(ratio: Option<MedianRange>, pairs: usize) -> String {
     let Some(ratio) = ratio else {
         return "no step was measured".to_owned();

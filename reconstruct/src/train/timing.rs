@@ -1,4 +1,4 @@
-//! What training steps take: of two learners in turns, because a single time on a machine that does
+//! Times of training steps, of two learners in turns because a single time on a machine that does
 //! other things too says nothing.
 
 use std::time::Instant;
@@ -38,8 +38,7 @@ pub struct MedianRange {
 }
 
 impl MedianRange {
-    /// The median of values in any order, and its range: what lies between the third value and the third
-    /// last. `None` of fewer than five values.
+    /// Returns the median of values in any order, and its range: from the third value to the third last. `None` of fewer than five values.
     pub fn of(values: &[f64]) -> Option<Self> {
         let mut sorted = values.to_vec();
         sorted.sort_by(f64::total_cmp);
@@ -52,7 +51,7 @@ impl MedianRange {
         })
     }
 
-    /// Whether a value is outside of the range.
+    /// Returns true for a value outside of the range.
     pub fn excludes(self, value: f64) -> bool {
         value < self.least || self.most < value
     }
@@ -95,12 +94,12 @@ impl PairedSteps {
         Ok(Self { pairs })
     }
 
-    /// How many pairs of steps there are.
+    /// Returns the number of pairs of steps.
     pub fn count(&self) -> usize {
         self.pairs.len()
     }
 
-    /// Seconds of a step of the first learner and of the second.
+    /// Returns the seconds of a step of the first learner and of the second.
     pub fn seconds(&self) -> [Option<MedianRange>; 2] {
         [0, 1].map(|index| {
             let seconds: Vec<f64> = self.pairs.iter().map(|pair| pair[index]).collect();
@@ -108,7 +107,7 @@ impl PairedSteps {
         })
     }
 
-    /// Time of a step of the first learner over that of the second, pair by pair.
+    /// Returns the time of a step of the first learner over that of the second, from pair to pair.
     pub fn ratio(&self) -> Option<MedianRange> {
         let ratios: Vec<f64> = self.pairs.iter().map(|[a, b]| a / b).collect();
         MedianRange::of(&ratios)
