@@ -38,7 +38,8 @@ pub struct MedianRange {
 }
 
 impl MedianRange {
-    /// Returns the median of values in any order, and its range: from the third value to the third last. `None` of fewer than five values.
+    /// Returns the median of values in any order, and its range: from the third value to the third last.
+    /// `None` of fewer than five values.
     pub fn of(values: &[f64]) -> Option<Self> {
         let mut sorted = values.to_vec();
         sorted.sort_by(f64::total_cmp);
