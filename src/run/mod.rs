@@ -101,7 +101,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
     let summary = StagePlan::new(&arguments.out, "summary");
     let sources = arguments.sources.as_deref();
     prerequisites::require(sources.map(Prerequisite::Origins))?;
-    job.require(&videos, &settings, (&arguments.out, &summary))?;
+    job.require(&videos, &settings, &arguments.out, &summary)?;
     let place = commands::curate::place(&arguments.limit)?;
     let curated = commands::curate::with_origins(sources, &arguments.out, progress, || {
         curate_dataset_in(&place, &videos, &arguments.out, &settings, progress)
@@ -231,7 +231,8 @@ impl Job<'_> {
         &self,
         videos: &[PathBuf],
         settings: &CurateSettings,
-        (out, summary): (&Path, &StagePlan),
+        out: &Path,
+        summary: &StagePlan,
     ) -> anyhow::Result<()> {
         let mut needed = vec![
             Prerequisite::PoseFiles(&self.poses),
