@@ -1,6 +1,6 @@
 //! `omnilife doctor`: what this machine has, and what each missing thing would enable.
 
-use std::{fmt, path::Path, process::Command, thread};
+use std::{fmt, io, path::Path, thread};
 
 use omnilife_bench::lpips::Backbone;
 use omnilife_curate::{boundaries::transnetv2, masks::deeplab, poses::sfm, tracks::appearance};
@@ -330,13 +330,10 @@ fn cpu_threads() -> Finding {
 }
 
 fn free_disk() -> Finding {
-    match free_kibibytes(Path::new(".")) {
-        Ok(kibibytes) => {
-            let gigabytes = kibibytes as f64 * 1024.0 / 1e9;
-            Finding::Present {
-                found: vec![format!("{gigabytes:.1} GB")],
-            }
-        }
+    match free_bytes(Path::new(".")) {
+        Ok(bytes) => Finding::Present {
+            found: vec![format!("{:.1} GB", bytes as f64 / 1e9)],
+        },
         Err(reason) => Finding::Missing {
             reason: format!("cannot be measured: {reason}"),
             remedy: None,
@@ -344,23 +341,19 @@ fn free_disk() -> Finding {
     }
 }
 
-/// Free space of the file system of `folder` by POSIX `df -P`.
-fn free_kibibytes(folder: &Path) -> Result<u64, String> {
-    let output = Command::new("df")
-        .args(["-P", "-k"])
-        .arg(folder)
-        .output()
-        .map_err(|error| format!("df: {error}"))?;
-    parse_df(&String::from_utf8_lossy(&output.stdout))
-        .ok_or_else(|| "df: not the POSIX format".to_owned())
+/// Bytes that are free for this user in the file system of `folder`, which is there.
+///
+/// # Errors
+/// When the system does not tell.
+#[cfg(unix)]
+pub(crate) fn free_bytes(folder: &Path) -> io::Result<u64> {
+    let system = rustix::fs::statvfs(folder)?;
+    Ok(system.f_bavail.saturating_mul(system.f_frsize))
 }
 
-/// The available blocks of the last line of `df -P -k`: the number before the percentage (names of
-/// file systems may hold spaces).
-fn parse_df(text: &str) -> Option<u64> {
-    let words: Vec<&str> = text.lines().nth(1)?.split_whitespace().collect();
-    let capacity = words.iter().position(|word| word.ends_with('%'))?;
-    words.get(capacity.checked_sub(1)?)?.parse().ok()
+#[cfg(not(unix))]
+pub(crate) fn free_bytes(_: &Path) -> io::Result<u64> {
+    Err(io::ErrorKind::Unsupported.into())
 }
 
 #[cfg(test)]
@@ -417,12 +410,10 @@ mod tests {
         assert!(need.to_string().contains("BROKEN"));
     }
 
+    #[cfg(unix)]
     #[test]
-    fn df_is_read_past_spaces_in_names() {
-        let text = "Filesystem 1024-blocks Used Available Capacity Mounted on\n\
-                    map auto home 263174212 15204352 80740352 16% /Volumes/My Disk\n";
-        assert_eq!(parse_df(text), Some(80_740_352));
-        assert_eq!(parse_df("Filesystem\n"), None);
-        assert_eq!(parse_df(""), None);
+    fn free_space_is_of_folders_that_are_there() {
+        assert!(free_bytes(&std::env::temp_dir()).expect("its file system tells") > 0);
+        assert!(free_bytes(Path::new("/nonexistent")).is_err());
     }
 }

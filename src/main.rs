@@ -7,6 +7,7 @@ mod exit;
 mod memory_exhausted;
 mod plans;
 mod preparation;
+mod prerequisites;
 mod progress;
 mod run;
 mod termination;

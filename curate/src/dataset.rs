@@ -95,6 +95,7 @@ pub fn curate_dataset_in(
     if let Some(video) = videos.first() {
         settings.check(video)?;
     }
+    refuse_foreign(out)?;
     let folders = folder_names(videos);
     let sources = identify_all(videos, progress);
     let origins = held_origins(out);
@@ -264,15 +265,36 @@ pub fn folder_names(videos: &[PathBuf]) -> Vec<String> {
         .collect()
 }
 
-/// Makes the folder, or makes sure that what it holds is a dataset of some of these videos. Videos
-/// that gave no sequences do not count: to repair or leave out a bad one costs no other its results.
-fn claim(out: &Path, record: &Dataset) -> Result<(), CurateError> {
+/// Refuses an output that is a file, or a folder of something else than a dataset.
+///
+/// # Errors
+/// With the reason, and when the folder cannot be read.
+pub fn refuse_foreign(out: &Path) -> Result<(), CurateError> {
     if out.exists() && !out.is_dir() {
         return Err(CurateError::input(
             out,
             "is a file; the output needs a folder",
         ));
     }
+    if !out.is_dir() || out.join(DATASET_FILE).is_file() {
+        return Ok(());
+    }
+    // A killed process leaves hidden files; the units of a sweep fill the videos' folders before
+    // there is a dataset, and each of those is checked when its turn comes.
+    let is_foreign = |name: &String| !name.starts_with('.') && name != VIDEOS_FOLDER;
+    if store::names_in(out)?.iter().any(is_foreign) {
+        return Err(CurateError::input(
+            out,
+            "is not empty and holds no dataset; choose another output",
+        ));
+    }
+    Ok(())
+}
+
+/// Makes the folder, or makes sure that what it holds is a dataset of some of these videos. Videos
+/// that gave no sequences do not count: to repair or leave out a bad one costs no other its results.
+fn claim(out: &Path, record: &Dataset) -> Result<(), CurateError> {
+    refuse_foreign(out)?;
     let path = out.join(DATASET_FILE);
     if path.is_file() {
         let held: Dataset = store::read_record(&path)?;
@@ -301,16 +323,6 @@ fn claim(out: &Path, record: &Dataset) -> Result<(), CurateError> {
                     "holds the results of another input ({}); remove it or choose another output",
                     other.file
                 ),
-            ));
-        }
-    } else if out.is_dir() {
-        // A killed process leaves hidden files; the units of a sweep fill the videos' folders before
-        // there is a dataset, and each of those is checked when its turn comes.
-        let is_foreign = |name: &String| !name.starts_with('.') && name != VIDEOS_FOLDER;
-        if store::names_in(out)?.iter().any(is_foreign) {
-            return Err(CurateError::input(
-                out,
-                "is not empty and holds no dataset; choose another output",
             ));
         }
     }

@@ -91,7 +91,10 @@ fn is_pinhole(projection: VideoProjection) -> bool {
 impl CurateSettings {
     /// Refuses settings that make no sense and names that are not known; `video` is named in the
     /// error.
-    pub(crate) fn check(&self, video: &Path) -> Result<(), CurateError> {
+    ///
+    /// # Errors
+    /// [`CurateError::Input`] with the first of them.
+    pub fn check(&self, video: &Path) -> Result<(), CurateError> {
         boundaries::detector(&self.detector, video)?;
         criteria::criteria(&self.profile, video)?;
         let sampling_is_positive = match self.sampling {

@@ -14,7 +14,7 @@ use omnilife_engine::{
     parameters::{SharedParameters, adam},
     render::settings::RenderSettings,
 };
-use omnilife_reconstruct::{process::cpu_time, step_cost::cpu::Iteration};
+use omnilife_reconstruct::{process::own_cpu_time, step_cost::cpu::Iteration};
 
 const WIDTH: u32 = 512;
 const COUNTS: [usize; 2] = [10_000, 30_000];
@@ -77,11 +77,13 @@ fn deformation(criterion: &mut Criterion) {
         let mut timed = |name: &str, run: &mut dyn FnMut()| {
             group.bench_function(name, |bencher| {
                 bencher.iter_custom(|repetitions| {
-                    let begun = cpu_time().unwrap_or_default().as_secs_f64();
+                    let begun = own_cpu_time().unwrap_or_default().as_secs_f64();
                     for _ in 0..repetitions {
                         run();
                     }
-                    Duration::from_secs_f64(cpu_time().unwrap_or_default().as_secs_f64() - begun)
+                    Duration::from_secs_f64(
+                        own_cpu_time().unwrap_or_default().as_secs_f64() - begun,
+                    )
                 });
             });
         };

@@ -13,7 +13,7 @@ use std::{fs, path::Path, time::Instant};
 use glam::{DVec3, Vec3};
 use omnilife_engine::losses::scaffold::{Scaffold, fuse::FusedView};
 use omnilife_reconstruct::{
-    process::cpu_time,
+    process::own_cpu_time,
     scene::TrainingScene,
     seeds::depth::{lift::incidence, source_view::SourceView},
 };
@@ -47,7 +47,7 @@ fn main() {
     let (mut seconds, mut processor_seconds) = (f64::INFINITY, f64::INFINITY);
     let mut made = None;
     for _ in 0..rounds {
-        let (begun, begun_processor) = (Instant::now(), cpu_time().unwrap_or_default());
+        let (begun, begun_processor) = (Instant::now(), own_cpu_time().unwrap_or_default());
         let incidences: Vec<Vec<f32>> = views
             .iter()
             .map(|view| incidence(&view.as_given()))
@@ -62,7 +62,7 @@ fn main() {
             })
             .collect();
         let field = Scaffold::fuse(&fused, voxel, Vec3::ZERO);
-        let used = cpu_time().unwrap_or_default() - begun_processor;
+        let used = own_cpu_time().unwrap_or_default() - begun_processor;
         seconds = seconds.min(begun.elapsed().as_secs_f64());
         processor_seconds = processor_seconds.min(used.as_secs_f64());
         made = Some(field);

@@ -10,7 +10,7 @@
 use std::{path::Path, time::Instant};
 
 use omnilife_reconstruct::{
-    process::cpu_time,
+    process::own_cpu_time,
     scene::TrainingScene,
     seeds::depth::{
         lift::{LiftSettings, lift},
@@ -41,9 +41,9 @@ fn main() {
             .expect("readable distances")
             .expect("distances of every view");
         let source = SourceView::on_one_grid(&scene.input_views[number], distances);
-        let (begun, begun_cpu) = (Instant::now(), cpu_time().unwrap_or_default());
+        let (begun, begun_cpu) = (Instant::now(), own_cpu_time().unwrap_or_default());
         let lifted = lift(&source.as_given(), number as u64, &settings);
-        cpu_seconds += (cpu_time().unwrap_or_default() - begun_cpu).as_secs_f64();
+        cpu_seconds += (own_cpu_time().unwrap_or_default() - begun_cpu).as_secs_f64();
         wall_seconds += begun.elapsed().as_secs_f64();
         samples += lifted.len();
         let camera = source.view.view.centre;

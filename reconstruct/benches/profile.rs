@@ -9,7 +9,7 @@
 use std::{fs, path::Path, time::Instant};
 
 use omnilife_engine::render::settings::{Footprint, RenderSettings};
-use omnilife_reconstruct::{process::cpu_time, step_cost::cpu::Iteration};
+use omnilife_reconstruct::{process::own_cpu_time, step_cost::cpu::Iteration};
 
 const NEAR: f32 = 0.01;
 const WARM_UP: usize = 3;
@@ -42,8 +42,10 @@ fn main() {
     let mut stages: Vec<(&str, f64)> = Vec::new();
     let (mut wall, mut processor) = (f64::INFINITY, f64::INFINITY);
     for _ in 0..ITERATIONS {
-        let (begun, begun_processor) =
-            (Instant::now(), cpu_time().unwrap_or_default().as_secs_f64());
+        let (begun, begun_processor) = (
+            Instant::now(),
+            own_cpu_time().unwrap_or_default().as_secs_f64(),
+        );
         let mut stage = 0;
         iteration.run(|name, seconds| {
             match stages.get_mut(stage) {
@@ -53,7 +55,8 @@ fn main() {
             stage += 1;
         });
         wall = wall.min(begun.elapsed().as_secs_f64());
-        processor = processor.min(cpu_time().unwrap_or_default().as_secs_f64() - begun_processor);
+        processor =
+            processor.min(own_cpu_time().unwrap_or_default().as_secs_f64() - begun_processor);
     }
     if as_json {
         let stages: serde_json::Map<String, serde_json::Value> = stages

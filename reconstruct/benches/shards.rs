@@ -14,7 +14,7 @@ use omnilife_engine::training_view::TrainingView;
 use omnilife_reconstruct::{
     methods,
     options::Options,
-    process::{cpu_time, peak_memory_bytes},
+    process::{own_cpu_time, peak_memory_bytes},
     request::{BackendChoice, MethodRequest},
     scene::TrainingScene,
     train::{Session, train},
@@ -56,13 +56,13 @@ fn main() {
         options: Options::parse(method.id, method.options, &options).expect("options"),
         ..MethodRequest::new(iterations.parse().expect("a number of iterations"), 0)
     };
-    let begun = cpu_time().unwrap_or_default();
+    let begun = own_cpu_time().unwrap_or_default();
     let prepared = method.prepare(&scene, &request, BackendChoice::Cpu);
     let mut prepared = prepared.expect("a scene with distances");
-    let planned = cpu_time().unwrap_or_default();
+    let planned = own_cpu_time().unwrap_or_default();
     let session = Session::without_files(&Silent);
     train(&scene, &mut *prepared.learner, prepared.length, &session).expect("a training");
-    let steps = (cpu_time().unwrap_or_default() - planned).as_secs_f64();
+    let steps = (own_cpu_time().unwrap_or_default() - planned).as_secs_f64();
     let peak = peak_memory_bytes();
     let psnr = |view: &TrainingView| {
         let image = prepared.learner.image(&view.view).expect("an image");

@@ -1,13 +1,28 @@
-//! What runs on which backend, as Markdown.
+//! What runs on which backend, as Markdown, and what a backend needs of the machine.
 
 use std::fmt::Write;
 
 use omnilife_engine::{
+    device::{GpuError, adapters::adapters},
     kernels::{KERNELS, KernelTwins, PARAMETERIZATIONS},
     step::BackendChoice,
 };
 
-use crate::methods::{METHODS, Method};
+use crate::{
+    error::ReconstructError,
+    methods::{METHODS, Method},
+};
+
+/// Checks that the machine has what a backend computes on.
+///
+/// # Errors
+/// [`GpuError::NoAdapter`] where that is a GPU and there is none, not even a software one.
+pub fn check(backend: BackendChoice) -> Result<(), ReconstructError> {
+    if backend == BackendChoice::Gpu && adapters().is_empty() {
+        return Err(GpuError::NoAdapter.into());
+    }
+    Ok(())
+}
 
 /// Tables of methods, components, parameterizations and kernels with `Present` or `Missing` on each
 /// backend.

@@ -7,12 +7,11 @@ use std::{
         Arc, LazyLock,
         atomic::{AtomicBool, AtomicU64, Ordering},
     },
-    time::{Duration, Instant},
 };
 
 use crate::error::ReconstructError;
 use omnilife_schemas::provenance::kibibytes;
-pub use omnilife_schemas::provenance::peak_memory_bytes;
+pub use omnilife_schemas::{elapsed::own_cpu_time, provenance::peak_memory_bytes};
 
 /// What the program's signal handlers and training tell each other. This crate installs no handler.
 pub static TERMINATION: LazyLock<Termination> = LazyLock::new(|| Termination {
@@ -49,56 +48,6 @@ impl Drop for ShutdownGuard<'_> {
     fn drop(&mut self) {
         self.0.at_once.store(true, Ordering::SeqCst);
     }
-}
-
-/// User and system time of all threads of this process so far, where the system tells (Unix).
-pub fn cpu_time() -> Option<Duration> {
-    #[cfg(unix)]
-    {
-        let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
-        Duration::try_from(time).ok()
-    }
-    #[cfg(not(unix))]
-    None
-}
-
-/// Time that some work took.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Elapsed {
-    /// Wall clock.
-    pub wall: Duration,
-    /// User and system time of all threads of this process, where the system tells.
-    pub cpu: Option<Duration>,
-}
-
-impl From<Elapsed> for omnilife_schemas::elapsed::Elapsed {
-    fn from(elapsed: Elapsed) -> Self {
-        Self {
-            wall_seconds: elapsed.wall.as_secs_f64(),
-            cpu_seconds: elapsed.cpu.map(|time| time.as_secs_f64()),
-        }
-    }
-}
-
-impl Elapsed {
-    /// The time of both.
-    pub(crate) fn plus(self, other: Self) -> Self {
-        Self {
-            wall: self.wall + other.wall,
-            cpu: other.cpu.map(|time| time + self.cpu.unwrap_or_default()),
-        }
-    }
-}
-
-/// Runs some work and says how long it took.
-pub(crate) fn measured<T>(work: impl FnOnce() -> T) -> (T, Elapsed) {
-    let (begun, cpu_begun) = (Instant::now(), cpu_time());
-    let done = work();
-    let cpu = cpu_time()
-        .zip(cpu_begun)
-        .map(|(now, begun)| now.saturating_sub(begun));
-    let wall = begun.elapsed();
-    (done, Elapsed { wall, cpu })
 }
 
 /// Memory that this process could still take without swapping, bytes, where the system tells
@@ -166,13 +115,7 @@ mod tests {
 
     #[test]
     #[cfg(target_os = "linux")]
-    fn linux_tells_everything() {
-        let before = cpu_time().expect("Unix tells the time");
-        let mut sum = 0_u64;
-        while cpu_time().expect("as before") < before + Duration::from_millis(5) {
-            sum = std::hint::black_box(sum + 1);
-        }
-        assert!(sum > 0);
+    fn linux_tells_what_is_left() {
         let available = available_memory_bytes().expect("Linux tells what is left");
         assert!(available > 1 << 20, "{available}");
     }

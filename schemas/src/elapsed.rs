@@ -26,25 +26,60 @@ impl From<f64> for Elapsed {
     }
 }
 
+impl Elapsed {
+    /// Returns the wall-clock time; zero where the seconds are none that a clock gives.
+    pub fn wall(self) -> Duration {
+        Duration::try_from_secs_f64(self.wall_seconds).unwrap_or_default()
+    }
+
+    /// Returns the CPU time, where it is known.
+    pub fn cpu(self) -> Option<Duration> {
+        let seconds = self.cpu_seconds?;
+        Some(Duration::try_from_secs_f64(seconds).unwrap_or_default())
+    }
+
+    /// Adds both times, of work one after the other; CPU time as far as it is known.
+    #[must_use]
+    pub fn plus(self, other: Self) -> Self {
+        let cpu = [self.cpu_seconds, other.cpu_seconds];
+        let is_known = cpu.iter().any(Option::is_some);
+        Self {
+            wall_seconds: self.wall_seconds + other.wall_seconds,
+            cpu_seconds: is_known.then(|| cpu.into_iter().flatten().sum()),
+        }
+    }
+}
+
 /// Measures how long work takes from when it is started on.
 #[derive(Debug, Clone, Copy)]
 pub struct Stopwatch {
     begun: Instant,
     cpu_begun: Option<Duration>,
+    cpu_time: fn() -> Option<Duration>,
 }
 
 impl Stopwatch {
-    /// Begins to count.
+    /// Begins to count. Programs that the process runs count too, once they have ended.
     pub fn start() -> Self {
+        Self::by(cpu_time_with_children)
+    }
+
+    /// Begins to count the time of this process alone, as its parts are compared with each other.
+    pub fn of_own_process() -> Self {
+        Self::by(own_cpu_time)
+    }
+
+    fn by(cpu_time: fn() -> Option<Duration>) -> Self {
         Self {
             begun: Instant::now(),
             cpu_begun: cpu_time(),
+            cpu_time,
         }
     }
 
     /// The time since.
     pub fn elapsed(&self) -> Elapsed {
-        let cpu = cpu_time().zip(self.cpu_begun);
+        let cpu = (self.cpu_time)().zip(self.cpu_begun);
         Elapsed {
             wall_seconds: self.begun.elapsed().as_secs_f64(),
             cpu_seconds: cpu.map(|(now, begun)| now.saturating_sub(begun).as_secs_f64()),
@@ -52,28 +87,36 @@ impl Stopwatch {
     }
 }
 
-/// User and system time of all threads of this process, and of the programs that it has run and that have ended,
-/// so far, where the system tells (Unix).
-fn cpu_time() -> Option<Duration> {
+/// Returns the user and system time of all threads of this process so far, where the system tells (Unix).
+pub fn own_cpu_time() -> Option<Duration> {
     #[cfg(unix)]
     {
-        use nix::sys::{
-            resource::{UsageWho, getrusage},
-            time::TimeVal,
-        };
-        let duration = |time: TimeVal| {
-            let seconds = u64::try_from(time.tv_sec()).ok()?;
-            let microseconds = u64::try_from(time.tv_usec()).ok()?;
-            Some(Duration::from_secs(seconds) + Duration::from_micros(microseconds))
-        };
-        let of = |who: UsageWho| {
-            let usage = getrusage(who).ok()?;
-            Some(duration(usage.user_time())? + duration(usage.system_time())?)
-        };
-        Some(of(UsageWho::RUSAGE_SELF)? + of(UsageWho::RUSAGE_CHILDREN)?)
+        cpu_time_of(nix::sys::resource::UsageWho::RUSAGE_SELF)
     }
     #[cfg(not(unix))]
     None
+}
+
+/// Returns [`own_cpu_time`] and the CPU time of the programs that this process has run and that have ended.
+fn cpu_time_with_children() -> Option<Duration> {
+    #[cfg(unix)]
+    {
+        Some(own_cpu_time()? + cpu_time_of(nix::sys::resource::UsageWho::RUSAGE_CHILDREN)?)
+    }
+    #[cfg(not(unix))]
+    None
+}
+
+#[cfg(unix)]
+fn cpu_time_of(who: nix::sys::resource::UsageWho) -> Option<Duration> {
+    use nix::sys::{resource::getrusage, time::TimeVal};
+    let duration = |time: TimeVal| {
+        let seconds = u64::try_from(time.tv_sec()).ok()?;
+        let microseconds = u64::try_from(time.tv_usec()).ok()?;
+        Some(Duration::from_secs(seconds) + Duration::from_micros(microseconds))
+    };
+    let usage = getrusage(who).ok()?;
+    Some(duration(usage.user_time())? + duration(usage.system_time())?)
 }
 
 #[cfg(test)]
@@ -97,14 +140,30 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn work_of_other_programs_counts() {
-        let watch = Stopwatch::start();
+    fn only_one_of_the_clocks_counts_other_programs() {
+        let (watch, own) = (Stopwatch::start(), Stopwatch::of_own_process());
         let loops = "i=0; while [ $i -lt 20000 ]; do i=$((i+1)); done";
         let status = std::process::Command::new("sh")
             .args(["-c", loops])
             .status();
         assert!(status.is_ok_and(|status| status.success()));
-        assert!(watch.elapsed().cpu_seconds.is_some_and(|cpu| cpu > 0.001));
+        let [with, without] = [watch, own].map(|watch| watch.elapsed().cpu_seconds);
+        // Other tests run in this process meanwhile, and count for both.
+        let programs = with.zip(without).map(|(with, without)| with - without);
+        assert!(programs.is_some_and(|cpu| cpu > 0.001), "{programs:?}");
+    }
+
+    #[test]
+    fn times_add_up_as_far_as_they_are_known() {
+        let known = Elapsed {
+            wall_seconds: 2.0,
+            cpu_seconds: Some(3.5),
+        };
+        let both = known.plus(0.5.into());
+        assert_eq!((both.wall_seconds, both.cpu_seconds), (2.5, Some(3.5)));
+        assert_eq!(known.plus(known).cpu(), Some(Duration::from_secs(7)));
+        let unknown = Elapsed::from(1.0).plus(f64::NAN.into());
+        assert_eq!((unknown.wall(), unknown.cpu()), (Duration::ZERO, None));
     }
 
     #[test]

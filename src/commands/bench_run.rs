@@ -33,6 +33,7 @@ use crate::{
     cli::{BackendArgument, BenchRunArguments},
     exit::{self, PartialFailure},
     plans::benchmark::{self, BenchmarkRequest, Method, MethodKind},
+    prerequisites::{self, Prerequisite},
 };
 
 /// File of the summary.
@@ -83,6 +84,10 @@ pub(crate) fn execute(
         },
         needs: pooled::needs(arguments.unit_cores)?,
     })?;
+    if is_trained && !arguments.out.join(OUTCOMES_FILE).is_file() {
+        // Units that are done already need none.
+        prerequisites::require([Prerequisite::Backend(arguments.backend.into())])?;
+    }
     let _lock = FolderLock::take(&arguments.out, progress)?;
     let begun = Instant::now();
     let summary = StagePlan::new(&arguments.out, "summary");

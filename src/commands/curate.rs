@@ -24,6 +24,7 @@ use crate::{
     cli::{BuildArguments, CurateCommand, MemoryLimitArguments},
     commands::dataset,
     exit,
+    prerequisites::{self, Prerequisite},
     run::outcome::{Outcome, Outcomes},
     termination,
 };
@@ -212,6 +213,12 @@ fn build(arguments: &BuildArguments, progress: &dyn Progress) -> anyhow::Result<
     let videos = expand_inputs(&arguments.videos)?;
     let place = place(&arguments.limit)?;
     let settings = arguments.settings.settings();
+    if let Some(video) = videos.first() {
+        prerequisites::require([Prerequisite::Settings(&settings, video)])?;
+        if !prerequisites::has_sequences(&arguments.out) {
+            prerequisites::require([Prerequisite::BoundaryDetector(&settings, video)])?;
+        }
+    }
     let sources = arguments.sources.as_deref();
     let curated = with_origins(sources, &arguments.out, progress, || {
         curate_dataset_in(&place, &videos, &arguments.out, &settings, progress)

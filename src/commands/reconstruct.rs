@@ -51,13 +51,21 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
                 },
                 progress,
             )?;
+            let took = if record.iterations == 0 {
+                format!("computed in {:.1} s", record.training_seconds)
+            } else {
+                training_words(
+                    record.training_seconds,
+                    record.planning_seconds,
+                    record.evaluation_seconds,
+                )
+            };
             exit::print(&format!(
-                "{} on {}: {} iterations, {} primitives, trained in {:.1} s; {}\n",
+                "{} on {}: {} iterations, {} primitives, {took}; {}\n",
                 record.method,
                 record.scene,
                 record.iterations,
                 record.primitives,
-                record.training_seconds,
                 out.join(reconstruct::RUN_FILE).display()
             ))
         }
@@ -136,6 +144,22 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
         }
         ReconstructCommand::Backends => exit::print(&backends::tables()),
     }
+}
+
+/// Tells the time of a training, seconds, of which planning is a part, and beside it that of the trace's renders.
+/// The parts as they are told make the whole as it is told.
+fn training_words(training: f64, planning: f64, evaluation: f64) -> String {
+    let tenths = |seconds: f64| (10.0 * seconds).round() / 10.0;
+    let (training, evaluation) = (tenths(training), tenths(evaluation));
+    let planning = tenths(planning).min(training);
+    let mut text = format!(
+        "trained in {training:.1} s (planning {planning:.1} s, steps {:.1} s)",
+        training - planning
+    );
+    if evaluation > 0.0 {
+        text += &format!(", measuring on the way took {evaluation:.1} s more");
+    }
+    text
 }
 
 /// A method for the list, one fact per line.
@@ -230,4 +254,26 @@ fn render(arguments: &RenderArguments, progress: &dyn Progress) -> anyhow::Resul
         text += &format!("{} at {rate:.3} frames per second\n", file.display());
     }
     exit::print(&text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_of_a_training_make_the_whole() {
+        assert_eq!(
+            training_words(77.64, 26.06, 9.96),
+            "trained in 77.6 s (planning 26.1 s, steps 51.5 s), measuring on the way took 10.0 s more"
+        );
+        assert_eq!(
+            training_words(0.26, 0.0, 0.01),
+            "trained in 0.3 s (planning 0.0 s, steps 0.3 s)"
+        );
+        // A run that went on from its checkpoint planned again.
+        assert_eq!(
+            training_words(1.0, 1.2, 0.0),
+            "trained in 1.0 s (planning 1.0 s, steps 0.0 s)"
+        );
+    }
 }

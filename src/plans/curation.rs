@@ -27,6 +27,9 @@ pub(crate) fn units(
         .iter()
         .map(|video| absolute(video))
         .collect::<Result<_, _>>()?;
+    if let Some(video) = videos.first() {
+        settings.settings().check(video)?;
+    }
     let needs = needs(arguments)?;
     let options = settings.words();
     let mut units = Vec::new();

@@ -9,10 +9,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use clap::Parser;
+use omnilife_reconstruct::jobs::reconstruct;
 use omnilife_schemas::records::UnitNeeds;
 
 use crate::{
-    cli::{Cli, PlanArguments},
+    cli::{Cli, Command, PlanArguments, ReconstructCommand},
     exit::BadRequest,
 };
 
@@ -46,7 +47,10 @@ fn own_command(words: Vec<String>) -> anyhow::Result<Vec<String>> {
     let mut command = vec!["omnilife".to_owned()];
     command.extend(words);
     match Cli::try_parse_from(&command) {
-        Ok(_) => Ok(command),
+        Ok(cli) => {
+            refuse_training(&cli.command)?;
+            Ok(command)
+        }
         Err(error) => {
             let message = error.to_string();
             let line = message.lines().next().unwrap_or_default();
@@ -54,6 +58,18 @@ fn own_command(words: Vec<String>) -> anyhow::Result<Vec<String>> {
             Err(BadRequest(format!("{}: {line}", command[1..3].join(" "))).into())
         }
     }
+}
+
+/// Refuses a training whose method has not the options, components or backend that are asked of it.
+fn refuse_training(command: &Command) -> anyhow::Result<()> {
+    if let Command::Reconstruct(ReconstructCommand::Train {
+        method, iterations, ..
+    }) = command
+    {
+        let settings = method.request(*iterations)?;
+        reconstruct::check(&method.method, &settings, method.backend.into())?;
+    }
+    Ok(())
 }
 
 /// Words as a command holds them.

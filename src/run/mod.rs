@@ -23,7 +23,8 @@ use std::{
 
 use omnilife_bench::{ScoreRequest, score, split_scene};
 use omnilife_curate::{
-    GivenTruth, IgnoredRegion, PoseRequest, curate_dataset_in, expand_inputs, pose_sequence_with,
+    CurateSettings, GivenTruth, IgnoredRegion, PoseRequest, curate_dataset_in, expand_inputs,
+    pose_sequence_with,
 };
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard_of};
 use omnilife_reconstruct::{
@@ -44,7 +45,9 @@ use crate::{
     cli::RunArguments,
     commands,
     exit::{self, BadRequest, PartialFailure},
-    preparation, termination,
+    preparation,
+    prerequisites::{self, Prerequisite},
+    termination,
 };
 use outcome::{Outcome, Outcomes};
 
@@ -84,7 +87,6 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
     // What is wrong with the request should not be found out after an hour of work.
     reconstruct::check(&job.method, &job.settings, job.backend)?;
     omnilife_bench::protocols::protocol(&job.protocol)?;
-    job.refuse_missing_poses()?;
     if job.poses_are_given() && videos.len() > 1 {
         return Err(BadRequest(format!(
             "--poses belongs to one video, {} were given",
@@ -94,13 +96,15 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
     }
 
     let settings = arguments.curation.settings(&arguments.criteria, false);
-    let place = commands::curate::place(&arguments.limit)?;
+    let summary = StagePlan::new(&arguments.out, "summary");
     let sources = arguments.sources.as_deref();
+    prerequisites::require(sources.map(Prerequisite::Origins))?;
+    job.require(&videos, &settings, &arguments.out, &summary)?;
+    let place = commands::curate::place(&arguments.limit)?;
     let curated = commands::curate::with_origins(sources, &arguments.out, progress, || {
         curate_dataset_in(&place, &videos, &arguments.out, &settings, progress)
     })?;
     job.refuse_shared_masks(&curated.record)?;
-    let summary = StagePlan::new(&arguments.out, "summary");
     summary.claim(SUMMARY_FILES)?;
     let begun = Instant::now();
     let mut outcomes = Outcomes::default();
@@ -218,21 +222,35 @@ impl Job<'_> {
         matches!(self.poses, PoseRequest::Given(_))
     }
 
-    /// Poses and masks that are not there, before a frame is decoded.
-    fn refuse_missing_poses(&self) -> anyhow::Result<()> {
-        let poses = match &self.poses {
-            PoseRequest::Given(path) => Some(path),
-            PoseRequest::Sfm(_) => None,
-        };
-        let ignored = match &self.truth.ignored {
-            Some(IgnoredRegion::Masks(path)) => Some(path),
-            _ => None,
-        };
-        let mut given = poses.into_iter().chain(self.masks()).chain(ignored);
-        match given.find(|path| !path.exists()) {
-            Some(path) => Err(BadRequest(format!("{}: does not exist", path.display())).into()),
-            None => Ok(()),
+    /// Looks for all that a run needs. What a stage needs that may be done already is left to the stages where
+    /// the output holds sequences of an earlier run: what stands needs nothing. Structure from motion is needed
+    /// as soon as there is anything in a video that may become a sequence.
+    fn require(
+        &self,
+        videos: &[PathBuf],
+        settings: &CurateSettings,
+        out: &Path,
+        summary: &StagePlan,
+    ) -> anyhow::Result<()> {
+        let mut needed = vec![
+            Prerequisite::PoseFiles(&self.poses),
+            Prerequisite::TruthFiles(&self.truth),
+        ];
+        if let Some(video) = videos.first() {
+            needed.push(Prerequisite::Settings(settings, video));
         }
+        needed.push(Prerequisite::Output(out, summary, &SUMMARY_FILES));
+        if !prerequisites::has_sequences(out) {
+            needed.push(Prerequisite::Backend(self.backend));
+            if let Some(video) = videos.iter().find(|video| prerequisites::is_filled(video)) {
+                needed.push(Prerequisite::BoundaryDetector(settings, video));
+                if !self.poses_are_given() {
+                    needed.push(Prerequisite::StructureFromMotion);
+                }
+            }
+        }
+        needed.push(Prerequisite::Room(out, settings));
+        prerequisites::require(needed)
     }
 
     /// Masks are named by frame, and every sequence counts its frames from 0.

@@ -316,17 +316,6 @@ fn settings_that_do_not_fit_the_video() {
     }
 }
 
-/// Nothing is wrong with the input, so the exit code is 1.
-#[test]
-fn no_poses_and_no_structure_from_motion() {
-    let folder = scratch();
-    let ended = run_without_poses(&sample("street.mp4"), &folder.path().join("out"), &[]);
-    let message = ended.failed_quietly(1);
-    assert!(message.contains("scripts/setup --sfm"), "{message}");
-    assert!(message.contains("street/seq-000"), "{message}");
-    assert_all_whole(&folder.path().join("out"));
-}
-
 #[test]
 fn stages_that_are_given_nothing() {
     let folder = scratch();

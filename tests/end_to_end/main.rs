@@ -37,8 +37,10 @@ mod object_graph;
 #[cfg(unix)]
 mod outcomes;
 mod output;
+mod plans;
 #[cfg(target_os = "linux")]
 mod power_cut;
+mod prerequisites;
 mod rendering;
 mod shards;
 mod splat_peers;

@@ -42,10 +42,9 @@ pub enum SfmError {
 impl Classified for SfmError {
     fn error_kind(&self) -> ErrorKind {
         match self {
-            Self::NotInstalled { .. } | Self::Broken { .. } | Self::Run { .. } => {
-                ErrorKind::Internal
-            }
-            Self::NoPoses { .. } => ErrorKind::User,
+            Self::Broken { .. } | Self::Run { .. } => ErrorKind::Internal,
+            // As weights that were not fetched: whoever runs the program can mend it.
+            Self::NotInstalled { .. } | Self::NoPoses { .. } => ErrorKind::User,
         }
     }
 }

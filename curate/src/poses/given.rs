@@ -2,6 +2,7 @@
 
 use std::{
     collections::BTreeMap,
+    fs,
     path::{Path, PathBuf},
 };
 
@@ -16,6 +17,7 @@ use omnilife_schemas::{
 use super::{
     PosedSequence,
     colmap::{self, ColmapModel},
+    refuse_missing,
     validate::{ValidationLimits, validate},
 };
 use crate::error::CurateError;
@@ -26,15 +28,34 @@ pub(super) fn files(path: &Path) -> Result<Vec<PathBuf>, CurateError> {
         return Ok(colmap::files(path).to_vec());
     }
     let poses: Poses = store::read_record(path)?;
-    let mut files = vec![path.to_owned()];
-    files.extend(
-        poses
-            .points
-            .iter()
-            .chain(poses.frames.iter().filter_map(|frame| frame.mask.as_ref()))
-            .map(|file| beside(path, file)),
-    );
-    Ok(files)
+    Ok(std::iter::once(path.to_owned())
+        .chain(named_files(path, &poses))
+        .collect())
+}
+
+/// Lists the files that poses name: points, and masks of frames.
+fn named_files<'a>(path: &'a Path, poses: &'a Poses) -> impl Iterator<Item = PathBuf> + 'a {
+    let masks = poses.frames.iter().filter_map(|frame| frame.mask.as_ref());
+    let files = poses.points.iter().chain(masks);
+    files.map(move |file| beside(path, file))
+}
+
+/// Checks given poses as far as that needs no sequence: they can be read and make sense, and what they name
+/// is there.
+///
+/// # Errors
+/// When a file is missing or malformed.
+pub fn check(path: &Path) -> Result<(), CurateError> {
+    refuse_missing(path)?;
+    if path.is_dir() {
+        ColmapModel::read(path)?;
+        return Ok(());
+    }
+    let poses = sorted_record(path)?;
+    for file in named_files(path, &poses) {
+        fs::File::open(&file).map_err(|error| store::StoreError::read(&file, error))?;
+    }
+    Ok(())
 }
 
 /// Reads given poses and matches them to the frames of a sequence.
@@ -66,9 +87,12 @@ fn beside(path: &Path, file: &str) -> PathBuf {
     path.parent().unwrap_or(Path::new("")).join(file)
 }
 
-/// Frames are matched by time, within half the source's frame interval.
-fn from_record(path: &Path, sequence: &Sequence) -> Result<PosedSequence, CurateError> {
-    let record: Poses = store::read_record(path)?;
+/// Reads a record of poses, its frames in order of time.
+///
+/// # Errors
+/// When it cannot be read, a pose is none, or two are of one instant.
+fn sorted_record(path: &Path) -> Result<Poses, CurateError> {
+    let mut record: Poses = store::read_record(path)?;
     if let Some(bad) = record
         .frames
         .iter()
@@ -83,9 +107,11 @@ fn from_record(path: &Path, sequence: &Sequence) -> Result<PosedSequence, Curate
         )
         .into());
     }
-    let mut given: Vec<&PosedFrame> = record.frames.iter().collect();
-    given.sort_by(|a, b| a.time_seconds.total_cmp(&b.time_seconds));
-    if let Some([first, _]) = given
+    record
+        .frames
+        .sort_by(|a, b| a.time_seconds.total_cmp(&b.time_seconds));
+    if let Some([first, _]) = record
+        .frames
         .array_windows()
         .find(|[a, b]| a.time_seconds == b.time_seconds && a.pose != b.pose)
     {
@@ -95,6 +121,12 @@ fn from_record(path: &Path, sequence: &Sequence) -> Result<PosedSequence, Curate
         )
         .into());
     }
+    Ok(record)
+}
+
+/// Frames are matched by time, within half the source's frame interval.
+fn from_record(path: &Path, sequence: &Sequence) -> Result<PosedSequence, CurateError> {
+    let record = sorted_record(path)?;
     let camera = camera_of_frames(path, record.camera, sequence)?;
     let rate = sequence.probe.frames_per_second;
     let tolerance = if rate > 0.0 { 0.5 / rate } else { 1e-3 };
@@ -102,7 +134,7 @@ fn from_record(path: &Path, sequence: &Sequence) -> Result<PosedSequence, Curate
         .frames
         .entries
         .iter()
-        .map(|entry| nearest(&given, entry.time_seconds, tolerance))
+        .map(|entry| nearest(&record.frames, entry.time_seconds, tolerance))
         .collect();
     let poses: Vec<Option<Pose>> = matched.iter().map(|m| m.map(|frame| frame.pose)).collect();
     let points = record
@@ -179,11 +211,11 @@ pub(super) fn camera_of_frames(
 }
 
 /// The pose nearest to an instant, if it is within the tolerance. `given` is sorted by time.
-fn nearest<'a>(given: &[&'a PosedFrame], seconds: f64, tolerance: f64) -> Option<&'a PosedFrame> {
+fn nearest(given: &[PosedFrame], seconds: f64, tolerance: f64) -> Option<&PosedFrame> {
     let after = given.partition_point(|frame| frame.time_seconds < seconds);
     given[after.saturating_sub(1)..(after + 1).min(given.len())]
         .iter()
-        .map(|frame| ((frame.time_seconds - seconds).abs(), *frame))
+        .map(|frame| ((frame.time_seconds - seconds).abs(), frame))
         .filter(|(distance, _)| *distance <= tolerance)
         .min_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, frame)| frame)

@@ -65,6 +65,28 @@ pub enum PoseRequest {
     Sfm(SfmSettings),
 }
 
+impl PoseRequest {
+    /// Checks the files that it names, as far as that needs no sequence. Whether structure from motion is
+    /// there is not looked at: poses that stand need none.
+    ///
+    /// # Errors
+    /// When one is missing or malformed.
+    pub fn check_files(&self) -> Result<(), CurateError> {
+        match self {
+            Self::Given(path) => given::check(path),
+            Self::Sfm(settings) => settings.masks.as_deref().map_or(Ok(()), refuse_missing),
+        }
+    }
+}
+
+/// Refuses a file or folder that is not there.
+fn refuse_missing(path: &Path) -> Result<(), CurateError> {
+    if path.exists() {
+        return Ok(());
+    }
+    Err(CurateError::input(path, "does not exist"))
+}
+
 /// Poses of a sequence's frames, before they are written as a scene.
 #[derive(Debug, Clone)]
 pub(crate) struct PosedSequence {

@@ -24,6 +24,7 @@ use super::{
     ignored::{IgnoredPixels, IgnoredRegion},
     masks,
     prior::{GivenPrior, PriorFiles},
+    refuse_missing,
 };
 use crate::{error::CurateError, staging::Staging};
 
@@ -64,28 +65,45 @@ pub(super) struct TruthFiles {
 }
 
 impl GivenTruth {
+    /// Checks what needs no sequence.
+    ///
+    /// # Errors
+    /// When a file or folder is missing, a class has a name that is no plain word, or a unit is not
+    /// positive.
+    pub fn check(&self) -> Result<(), CurateError> {
+        let ignored = match &self.ignored {
+            Some(IgnoredRegion::Masks(path)) => Some(path),
+            _ => None,
+        };
+        let depth = self.depth.as_ref().map(|depth| &depth.folder);
+        let prior = self.prior.as_ref().map(|prior| &prior.folder);
+        let given = [self.masks.as_ref(), ignored, depth, prior];
+        for path in given.into_iter().flatten().chain(self.classes.values()) {
+            refuse_missing(path)?;
+        }
+        if let Some(depth) = &self.depth
+            && !(depth.unit.is_finite() && depth.unit > 0.0)
+        {
+            let reason = format!("{}: is no unit of distances", depth.unit);
+            return Err(CurateError::input(&depth.folder, reason));
+        }
+        self.classes
+            .iter()
+            .try_for_each(|(name, folder)| refuse_class(name, folder))
+    }
+
     /// Finds the files.
     ///
     /// # Errors
-    /// When a frame has none, a class has a name that is no plain word, or the unit is not positive.
+    /// Those of [`Self::check`], and when a frame has none.
     pub(super) fn find(&self, sequence: &Sequence) -> Result<TruthFiles, CurateError> {
+        self.check()?;
         let depth = match &self.depth {
-            Some(depth) if !(depth.unit.is_finite() && depth.unit > 0.0) => {
-                let reason = format!("{}: is no unit of distances", depth.unit);
-                return Err(CurateError::input(&depth.folder, reason));
-            }
             Some(depth) => Some((masks::find(&depth.folder, sequence)?, depth.unit)),
             None => None,
         };
         let mut classes = BTreeMap::new();
         for (name, folder) in &self.classes {
-            let is_word = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit();
-            if name.is_empty() || !name.bytes().all(|byte| is_word(byte) || byte == b'-') {
-                let reason = format!(
-                    "{name:?}: names of classes are lower-case letters, digits and hyphens"
-                );
-                return Err(CurateError::input(folder, reason));
-            }
             classes.insert(name.clone(), masks::find(folder, sequence)?);
         }
         let prior = self.prior.as_ref();
@@ -101,6 +119,16 @@ impl GivenTruth {
             prior,
         })
     }
+}
+
+/// Refuses a name of a class that is no plain word.
+fn refuse_class(name: &str, folder: &Path) -> Result<(), CurateError> {
+    let is_word = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit();
+    if !name.is_empty() && name.bytes().all(|byte| is_word(byte) || byte == b'-') {
+        return Ok(());
+    }
+    let reason = format!("{name:?}: names of classes are lower-case letters, digits and hyphens");
+    Err(CurateError::input(folder, reason))
 }
 
 impl TruthFiles {

@@ -150,13 +150,8 @@ impl Asked {
             one.id
         })
         .map_err(unknown)?;
-        if request.program.is_some() && detector.id != detectors::command::ID {
-            let reason = format!(
-                "--program is for the detector command, not for {}",
-                detector.id
-            );
-            return Err(CurateError::input(&scene_path, reason));
-        }
+        let files = detector.check_files(request);
+        files.map_err(|reason| CurateError::input(&scene_path, reason))?;
         let views = PosedView::of_scene(&scene, &frames);
         distance::check_estimates(&scene_path, &scene, &views, &request.distance)?;
         let known_scale = metres_per_unit(&scene_path, &scene, request.metres_per_unit)?;
@@ -232,6 +227,10 @@ impl Asked {
         request: &TrackRequest,
         progress: &dyn Progress,
     ) -> Result<Tracks, CurateError> {
+        if request.association == association::DEEPSORT {
+            // Before the boxes are looked for whose appearance it compares.
+            appearance::published_weights()?;
+        }
         let (points, warnings) = self.static_points()?;
         let centres: Vec<DVec3> = self.views.iter().map(|view| view.centre).collect();
         let (plane, _) = Plane::dominant(&points, &centres).ok_or_else(|| {

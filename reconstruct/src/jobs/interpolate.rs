@@ -3,6 +3,7 @@
 use omnilife_schemas::{
     RgbImage, Similarity,
     camera::{Camera, ErpCamera},
+    elapsed::Elapsed,
     progress::Progress,
     records::{Backend, Scene, Split, ViewPredictions},
     stage::StagePlan,
@@ -106,7 +107,7 @@ impl<'a> Frames<'a> {
             configuration,
             plan: Vec::new(),
             evidence: None,
-            planning: crate::process::Elapsed::default(),
+            planning: Elapsed::default(),
             iterations: 0,
             primitives: rows.iter().map(|row| row.gaussians).max().unwrap_or(0),
             training_seconds: analysis_seconds,

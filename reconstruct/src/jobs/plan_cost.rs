@@ -2,9 +2,9 @@
 //!
 //! The decisions are the method's own (`methods/`), as a run makes them and its record keeps them.
 //! Here they stand beside the cost of the same method under the plan full: first Gaussians, bytes of
-//! their tables, and the time of a step, measured.
+//! their tables, and the time of a step, measured in turns ([`PairedSteps`]) where the plans differ.
 
-use std::path::Path;
+use std::{collections::BTreeSet, path::Path};
 
 use omnilife_schemas::records::ComponentDecision;
 
@@ -12,10 +12,10 @@ use crate::{
     components,
     error::ReconstructError,
     learner::ModelSize,
-    methods::{self, Method},
+    methods::{self, Method, Prepared},
     request::{BackendChoice, MethodRequest, PlanChoice},
     scene::TrainingScene,
-    train::timing,
+    train::timing::{MedianRange, PairedSteps},
 };
 
 /// The decisions on a scene and their cost.
@@ -27,23 +27,13 @@ pub struct ScenePlan {
     pub scene: String,
     /// What is used and what is left out, with the evidence.
     pub decisions: Vec<ComponentDecision>,
-    /// Cost of what is used.
-    pub planned: PlanCost,
-    /// Cost of the same method under the plan full.
-    pub full: PlanCost,
+    /// Size of the model at the beginning of its training.
+    pub planned: ModelSize,
+    /// Its size under the plan full.
+    pub full: ModelSize,
+    /// Times of steps under this plan and under the plan full; `None` where both are the same.
+    pub steps: Option<PairedSteps>,
 }
-
-/// What a model costs at the beginning of its training.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PlanCost {
-    /// What it is made of, with the bytes of everything that is trained.
-    pub size: ModelSize,
-    /// Least wall-clock time of a training step, seconds.
-    pub step_seconds: f64,
-}
-
-/// Steps of each model that are timed.
-const TIMED_STEPS: usize = 9;
 
 /// Decides a method's components on a scene.
 ///
@@ -82,23 +72,36 @@ pub fn plan(
     };
     let prepare = |request: &MethodRequest| method.prepare(&scene, request, BackendChoice::Cpu);
     let (mut planned, mut full) = (prepare(request)?, prepare(&full)?);
-    let sizes = [planned.learner.size(), full.learner.size()];
-    let seconds = timing::step_seconds(
-        [&mut *planned.learner, &mut *full.learner],
-        (scene.input_views.len(), request.iterations),
-        TIMED_STEPS,
-    )?;
-    let cost = |index: usize| PlanCost {
-        size: sizes[index],
-        step_seconds: seconds[index],
+    let [planned_size, full_size] = [planned.learner.size(), full.learner.size()];
+    let steps = if are_the_same(&planned, &full) {
+        None
+    } else {
+        Some(PairedSteps::measure(
+            [&mut *planned.learner, &mut *full.learner],
+            (scene.input_views.len(), request.iterations),
+        )?)
     };
     Ok(ScenePlan {
         method: method.id.to_owned(),
         scene: scene.id.clone(),
         decisions: points.into_iter().chain(planned.plan).collect(),
-        planned: cost(0),
-        full: cost(1),
+        planned: planned_size,
+        full: full_size,
+        steps,
     })
+}
+
+/// Returns true for plans that use the same components with the same settings on first models of one size.
+fn are_the_same(left: &Prepared<'_>, right: &Prepared<'_>) -> bool {
+    let used = |prepared: &Prepared<'_>| -> BTreeSet<String> {
+        let decisions = prepared.plan.iter().filter(|decision| decision.used);
+        decisions
+            .map(|decision| decision.component.clone())
+            .collect()
+    };
+    used(left) == used(right)
+        && left.configuration == right.configuration
+        && left.learner.size() == right.learner.size()
 }
 
 impl ScenePlan {
@@ -116,28 +119,71 @@ impl ScenePlan {
         }
         text += "\n| Plan | Static Gaussians | Moving Gaussians | Tables, MB | Step, ms |\n";
         text += "|---|---:|---:|---:|---:|\n";
-        for (name, cost) in [("this", &self.planned), ("full", &self.full)] {
+        let seconds = self.steps.as_ref().map_or([None; 2], PairedSteps::seconds);
+        let plans = [("this", self.planned), ("full", self.full)];
+        for ((name, size), seconds) in plans.into_iter().zip(seconds) {
             text += &format!(
-                "| {name} | {} | {} | {:.1} | {:.1} |\n",
-                cost.size.primitives - cost.size.with_times,
-                cost.size.with_times,
-                cost.size.bytes as f64 / 1e6,
-                1e3 * cost.step_seconds
+                "| {name} | {} | {} | {:.1} | {} |\n",
+                size.primitives - size.with_times,
+                size.with_times,
+                size.bytes as f64 / 1e6,
+                milliseconds(seconds)
             );
         }
-        text += &format!(
-            "\nBeside the full plan: tables {}, a step {}\n",
+        text + "\n" + &self.comparison()
+    }
+
+    /// Compares this plan with the plan full in a line.
+    fn comparison(&self) -> String {
+        let Some(steps) = &self.steps else {
+            return "Both plans are the same: no step was measured\n".to_owned();
+        };
+        format!(
+            "Beside the full plan: tables {}; {}\n",
             beside(
-                self.planned.size.bytes as f64 / self.full.size.bytes as f64,
+                self.planned.bytes as f64 / self.full.bytes as f64,
                 ["smaller", "larger"]
             ),
-            beside(
-                self.planned.step_seconds / self.full.step_seconds,
-                ["shorter", "longer"]
-            )
-        );
-        text
+            steps_beside(steps.ratio(), steps.count())
+        )
     }
+}
+
+/// Writes the time of a step for a table, with its range: `36.2 (35.1 to 40.9)`.
+fn milliseconds(seconds: Option<MedianRange>) -> String {
+    seconds.map_or_else(
+        || "not measured".to_owned(),
+        |MedianRange {
+             least,
+             median,
+             most,
+         }| {
+            let [least, median, most] = [least, median, most].map(|seconds| 1e3 * seconds);
+            format!("{median:.1} ({least:.1} to {most:.1})")
+        },
+    )
+}
+
+/// Compares a step of one plan with one of another by the ratio of their times: in its direction with the range,
+/// or as no difference where the range has both directions.
+fn steps_beside(ratio: Option<MedianRange>, pairs: usize) -> String {
+    let Some(ratio) = ratio else {
+        return "no step was measured".to_owned();
+    };
+    let percent = |ratio: f64| 100.0 * (ratio - 1.0).abs();
+    if !ratio.excludes(1.0) || percent(ratio.median) < 0.5 {
+        return format!(
+            "no difference of their steps was measured (ratio {:.2} to {:.2} in {pairs} pairs)",
+            ratio.least, ratio.most
+        );
+    }
+    let ends = [ratio.least, ratio.most].map(percent);
+    format!(
+        "a step {} ({:.0} to {:.0} % in {pairs} pairs)",
+        beside(ratio.median, ["shorter", "longer"]),
+        ends[0].min(ends[1]),
+        ends[0].max(ends[1])
+    )
 }
 
 /// A ratio in words: `29 % smaller`, `the same`. What a plan leaves out can be what saves memory.
@@ -161,5 +207,64 @@ mod tests {
         assert_eq!(words(1.004), "the same");
         assert_eq!(words(1.0131), "1 % larger");
         assert_eq!(words(f64::NAN), "the same");
+    }
+
+    fn steps(least: f64, median: f64, most: f64) -> String {
+        let ratio = MedianRange {
+            least,
+            median,
+            most,
+        };
+        steps_beside(Some(ratio), 15)
+    }
+
+    #[test]
+    fn steps_have_a_direction_only_where_their_whole_range_has_it() {
+        assert_eq!(
+            steps(0.7, 0.8, 0.95),
+            "a step 20 % shorter (5 to 30 % in 15 pairs)"
+        );
+        assert_eq!(
+            steps(1.1, 1.25, 2.0),
+            "a step 25 % longer (10 to 100 % in 15 pairs)"
+        );
+        for (least, median, most) in [
+            (0.64, 1.94, 2.1),
+            (0.5, 0.64, 1.0),
+            (1.0, 1.0, 1.0),
+            (0.995, 0.998, 0.999),
+            (f64::NAN, f64::NAN, f64::NAN),
+        ] {
+            let words = steps(least, median, most);
+            assert!(
+                !words.contains("shorter") && !words.contains("longer"),
+                "{words}"
+            );
+        }
+    }
+
+    #[test]
+    fn plans_that_are_the_same_are_not_compared() {
+        let size = ModelSize {
+            primitives: 10,
+            with_times: 4,
+            objects: None,
+            bytes: 1_000_000,
+        };
+        let plan = ScenePlan {
+            method: "odgs".to_owned(),
+            scene: "street".to_owned(),
+            decisions: Vec::new(),
+            planned: size,
+            full: size,
+            steps: None,
+        };
+        let text = plan.text();
+        assert!(text.contains("plans are the same"), "{text}");
+        assert!(
+            text.contains("| this | 6 | 4 | 1.0 | not measured |"),
+            "{text}"
+        );
+        assert!(!text.contains(" %") && !text.contains("shorter"), "{text}");
     }
 }

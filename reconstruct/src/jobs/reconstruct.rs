@@ -9,7 +9,7 @@ use std::{
 
 use omnilife_schemas::{
     Similarity,
-    elapsed::{Elapsed as Took, Stopwatch},
+    elapsed::{Elapsed, Stopwatch},
     layout::TRACKS_FILE,
     lock::FolderLock,
     progress::Progress,
@@ -24,7 +24,7 @@ use omnilife_schemas::{
 };
 
 use crate::{
-    components,
+    backends, components,
     error::ReconstructError,
     formats::{
         DEFORMATION_FILE, GAUSSIANS_FILE, MOVING_GAUSSIANS_FILE, OBJECT_GAUSSIANS_FILE,
@@ -41,7 +41,7 @@ use crate::{
         requirement::Requirement,
         variant::Variant,
     },
-    process::{self, Elapsed},
+    process,
     request::{BackendChoice, MethodRequest},
     scene::TrainingScene,
     train::{Session, TrainingFiles, trace, trace_views::TraceViews},
@@ -120,7 +120,7 @@ pub(crate) struct MadeViews {
     pub(crate) training_seconds: f64,
     pub(crate) training_cpu_seconds: Option<f64>,
     pub(crate) evaluation_seconds: f64,
-    pub(crate) rendering: Took,
+    pub(crate) rendering: Elapsed,
     pub(crate) seconds_per_group: Option<f64>,
     pub(crate) normalization: Similarity,
     pub(crate) trace: Option<String>,
@@ -147,6 +147,7 @@ pub fn reconstruct(
     method.check(&request.settings, request.backend)?;
     let scene: Scene = store::read_record(&request.scene)?;
     refuse_without_parallax(method, &scene)?;
+    let split: Split = store::read_record(&request.split)?;
     let (stage, inputs) = plan_stage(request, &scene)?;
     let record_path = request.out.join(RUN_FILE);
     if stage.is_done() {
@@ -157,9 +158,9 @@ pub fn reconstruct(
         ));
         return Ok(store::read_record(&record_path)?);
     }
+    backends::check(request.backend)?;
     let _lock = FolderLock::take(&request.out, progress)?;
     let begun = Instant::now();
-    let split: Split = store::read_record(&request.split)?;
     trace_folder::refuse_foreign(&request.out, &stage)?;
     trace_folder::remove_abandoned(&request.out)?;
     stage.claim(planned_files(method, &split))?;
@@ -178,8 +179,8 @@ pub fn reconstruct(
     };
     let mut stages = stage_times::of_request(request, method, &scene)?;
     stages.extend(stage_times::of_run(
-        made.planning.into(),
-        Took {
+        made.planning,
+        Elapsed {
             wall_seconds: made.training_seconds,
             cpu_seconds: made.training_cpu_seconds,
         },
@@ -197,8 +198,8 @@ pub fn reconstruct(
         configuration: made.configuration,
         plan: made.plan,
         evidence: made.evidence,
-        planning_seconds: made.planning.wall.as_secs_f64(),
-        planning_cpu_seconds: made.planning.cpu.map(|time| time.as_secs_f64()),
+        planning_seconds: made.planning.wall_seconds,
+        planning_cpu_seconds: made.planning.cpu_seconds,
         hardware: Some(provenance::Hardware::here()),
         versions: provenance::versions(),
         inputs,
@@ -254,9 +255,11 @@ fn train(
 ) -> Result<MadeViews, ReconstructError> {
     let trace_path = request.out.join(TRACE_FILE);
     let mut scene = TrainingScene::load(&request.scene, &request.split)?;
-    let (points, planning) = process::measured(|| {
-        components::complete_points(&mut scene, method.supported(), &request.settings)
-    });
+    let begun = Stopwatch::of_own_process();
+    progress.begin("completing points", None);
+    let points = components::complete_points(&mut scene, method.supported(), &request.settings);
+    progress.end();
+    let planning = begun.elapsed();
     let kept = TraceViews::new(
         request.out.join(TRACE_FOLDER),
         &split.novel_views,
@@ -275,7 +278,7 @@ fn train(
         planning,
     };
     let mut outcome = method.train(&scene, &request.settings, &session)?;
-    let rendering = Stopwatch::start();
+    let rendering = Stopwatch::of_own_process();
     let mut outputs = render_predictions(&scene, &mut outcome, stage, &request.out, progress)?;
     let rendering = rendering.elapsed();
     let warnings = warnings(&scene, split, &outcome);

@@ -17,6 +17,7 @@ pub mod run_formats;
 pub mod variant;
 
 use omnilife_schemas::{
+    elapsed::{Elapsed, Stopwatch},
     names,
     records::{ComponentDecision, Lift},
 };
@@ -31,7 +32,6 @@ use crate::{
         requirement::Requirement,
     },
     options::MethodOption,
-    process::{self, Elapsed},
     request::{BackendChoice, DefaultPlan, MethodRequest, PlanChoice},
     scene::TrainingScene,
     train::{self, LoopSettings, Session, TrainingOutcome},
@@ -226,8 +226,11 @@ impl Method {
         request: &MethodRequest,
         session: &Session<'_>,
     ) -> Result<MethodOutcome<'a>, ReconstructError> {
-        let (prepared, planning) =
-            process::measured(|| self.prepare(scene, request, session.backend));
+        let begun = Stopwatch::of_own_process();
+        session.progress.begin("planning", None);
+        let prepared = self.prepare(scene, request, session.backend);
+        session.progress.end();
+        let planning = begun.elapsed();
         let Prepared {
             mut learner,
             length,

@@ -9,7 +9,7 @@ use omnilife_engine::{
 };
 
 use super::scene::{scene, target, view};
-use crate::process::cpu_time;
+use crate::process::own_cpu_time;
 
 /// Everything that one training iteration touches.
 #[derive(Debug)]
@@ -55,7 +55,7 @@ impl Iteration {
     /// Forward, loss, backward and Adam, as training orders them. `done` is called with the name of
     /// each stage and the CPU time that it took, in seconds. Returns the loss.
     pub fn run(&mut self, mut done: impl FnMut(&'static str, f64)) -> f64 {
-        let cpu_seconds = || cpu_time().unwrap_or_default().as_secs_f64();
+        let cpu_seconds = || own_cpu_time().unwrap_or_default().as_secs_f64();
         let mut begun = cpu_seconds();
         let mut lap = |name: &'static str| {
             let now = cpu_seconds();

@@ -21,7 +21,7 @@ use omnilife_engine::{
     training_view::{InputViews, TrainingView},
 };
 
-use crate::{baseline, error::ReconstructError, process::cpu_time};
+use crate::{baseline, error::ReconstructError, process::own_cpu_time};
 
 /// Steps before any is measured.
 const WARM_UP_STEPS: u64 = 3;
@@ -275,7 +275,7 @@ impl Subject {
             schedule.iteration += 1;
         }
         stepper.take_statistics()?;
-        let (begun, cpu) = (Instant::now(), cpu_time());
+        let (begun, cpu) = (Instant::now(), own_cpu_time());
         for _ in 0..steps {
             stepper.step(0, &schedule)?;
             schedule.iteration += 1;
@@ -283,7 +283,7 @@ impl Subject {
         stepper.take_statistics()?;
         let wall = begun.elapsed().as_secs_f64() / steps as f64;
         let spent = |before: Duration, after: Duration| after.saturating_sub(before).as_secs_f64();
-        let cpu = cpu.zip(cpu_time());
+        let cpu = cpu.zip(own_cpu_time());
         Ok((wall, cpu.map(|(a, b)| spent(a, b) / steps as f64)))
     }
 }

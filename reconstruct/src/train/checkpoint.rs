@@ -63,7 +63,7 @@ impl LoopState {
             queue: Vec::new(),
             training: Duration::ZERO,
             evaluation: Duration::ZERO,
-            training_cpu: process::cpu_time().map(|_| Duration::ZERO),
+            training_cpu: process::own_cpu_time().map(|_| Duration::ZERO),
             since_trace: StepStatistics::default(),
             refused: Vec::new(),
             trace: Vec::new(),

@@ -21,7 +21,7 @@ use std::{
 };
 
 use omnilife_engine::{EngineError, schedule::Position, step::settings::TrainSettings};
-use omnilife_schemas::progress::Progress;
+use omnilife_schemas::{elapsed::Elapsed, progress::Progress};
 use rand::seq::SliceRandom;
 use serde::{Deserialize, Serialize};
 
@@ -30,10 +30,7 @@ use self::{
     surface_faults::KnownSurfaces, trace::TracePoint, trace_views::TraceViews,
 };
 use crate::{
-    error::ReconstructError,
-    learner::Learner,
-    process::{self, Elapsed},
-    request::BackendChoice,
+    error::ReconstructError, learner::Learner, process, request::BackendChoice,
     scene::TrainingScene,
 };
 
@@ -211,7 +208,7 @@ impl<'a> Trainer<'a> {
         while self.state.iteration < self.settings.iterations && !self.stopped_by_budget {
             self.state.iteration += 1;
             let iteration = self.state.iteration;
-            let planning = self.session.planning.wall;
+            let planning = self.session.planning.wall();
             let position = (self.settings).position(iteration, self.state.training, planning);
             let view = self.next_view();
             self.timed(|learner| learner.step(view, &position))?;
@@ -248,7 +245,7 @@ impl<'a> Trainer<'a> {
         &mut self,
         part: impl FnOnce(&mut dyn Learner) -> Result<(), EngineError>,
     ) -> Result<(), ReconstructError> {
-        let (begun, cpu_begun) = (Instant::now(), process::cpu_time());
+        let (begun, cpu_begun) = (Instant::now(), process::own_cpu_time());
         part(self.learner).map_err(|error| self.named(error))?;
         self.state.training += begun.elapsed();
         self.state.training_cpu = sum_of_cpu_time(self.state.training_cpu, cpu_begun);
@@ -313,7 +310,8 @@ impl<'a> Trainer<'a> {
         let mut point = TracePoint::new(&self.state, &statistics, size, &arrays);
         point.surfaces = faults;
         point.input_psnr = input_psnr;
-        self.session.progress.status(&point.text());
+        let planning_seconds = self.session.planning.wall_seconds;
+        self.session.progress.status(&point.text(planning_seconds));
         self.state.trace.push(point);
         if let Some(files) = &self.session.files {
             trace::write_csv(&files.trace, &self.state.trace)?;
@@ -372,5 +370,5 @@ impl<'a> Trainer<'a> {
 
 /// `sum` and the CPU time since `begun`.
 fn sum_of_cpu_time(sum: Option<Duration>, begun: Option<Duration>) -> Option<Duration> {
-    Some(sum? + process::cpu_time()?.saturating_sub(begun?))
+    Some(sum? + process::own_cpu_time()?.saturating_sub(begun?))
 }

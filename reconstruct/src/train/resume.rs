@@ -42,8 +42,8 @@ pub(super) fn resume(
         }
     }
     let mut state = LoopState::new(stream(settings.seed, Purpose::ViewOrder));
-    state.training = session.planning.wall;
-    let planning_cpu = session.planning.cpu.unwrap_or_default();
+    state.training = session.planning.wall();
+    let planning_cpu = session.planning.cpu().unwrap_or_default();
     state.training_cpu = state.training_cpu.map(|time| time + planning_cpu);
     Ok(state)
 }

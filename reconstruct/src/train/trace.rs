@@ -107,11 +107,15 @@ impl TracePoint {
         }
     }
 
-    /// A short status for people.
-    pub(super) fn text(&self) -> String {
+    /// A short status for people: what the model is, and what the time of the loop went to; planning came before
+    /// it.
+    pub(super) fn text(&self, planning_seconds: f64) -> String {
         format!(
-            "{} primitives, input views {:.2} dB",
-            self.primitives, self.train_psnr_db
+            "{} primitives, input views {:.2} dB, steps {:.1} s, measuring {:.1} s",
+            self.primitives,
+            self.train_psnr_db,
+            (self.wall_seconds - planning_seconds).max(0.0),
+            self.evaluation_seconds
         )
     }
 

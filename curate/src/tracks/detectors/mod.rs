@@ -14,6 +14,7 @@ use omnilife_schemas::{
     records::{Detection, Scene},
 };
 
+use super::TrackRequest;
 use crate::{error::CurateError, ground_plane::Plane, posed_view::PosedView};
 
 /// What a detector is given.
@@ -69,6 +70,26 @@ pub struct Detector {
     pub keeps_files: bool,
     /// Finds them.
     pub detect: Detect,
+}
+
+impl Detector {
+    /// Checks that it is given the files that it needs, and none that only another one reads.
+    pub(super) fn check_files(&self, request: &TrackRequest) -> Result<(), String> {
+        let is_command = self.id == command::ID;
+        if request.program.is_some() && !is_command {
+            return Err(format!(
+                "--program is for the detector command, not for {}",
+                self.id
+            ));
+        }
+        if is_command && request.program.is_none() {
+            return Err("the detector command runs a program: --program FILE.toml".to_owned());
+        }
+        if self.id == files::DETECTOR.id && request.detections.is_none() {
+            return Err("the detector files reads a file: --detections FILE".to_owned());
+        }
+        Ok(())
+    }
 }
 
 /// All of them.

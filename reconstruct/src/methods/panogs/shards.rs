@@ -13,6 +13,7 @@ use omnilife_engine::{
     render::{cpu::Renderer, raster::RasterGradient, settings::RenderSettings},
     step::{memory::StepMemory, shards::Shards},
 };
+use omnilife_schemas::elapsed::Stopwatch;
 
 use super::{NEIGHBOUR_VIEWS, Plan, SHARDS, neighbour_views::NearViews, samples::Samples};
 use crate::{components::Decision, process, scene::TrainingScene};
@@ -189,18 +190,18 @@ impl Drawing {
             colour: &self.by_image,
             features: &[],
         };
-        let (_, elapsed) = process::measured(|| {
-            for range in ranges {
-                self.renderer.backward_of(
-                    range.clone(),
-                    &self.view,
-                    &self.activated,
-                    &upstream,
-                    &mut self.gradient,
-                );
-            }
-        });
-        elapsed.cpu.unwrap_or(elapsed.wall).as_secs_f64()
+        let begun = Stopwatch::of_own_process();
+        for range in ranges {
+            self.renderer.backward_of(
+                range.clone(),
+                &self.view,
+                &self.activated,
+                &upstream,
+                &mut self.gradient,
+            );
+        }
+        let took = begun.elapsed();
+        took.cpu_seconds.unwrap_or(took.wall_seconds)
     }
 }
 

@@ -1,0 +1,43 @@
+//! `omnilife reconstruct plan`: comparisons of times that repeat.
+
+use crate::support::{SEQUENCE, omnilife, small_run};
+
+/// Returns the plan of the sample as it is printed.
+fn plan(method: &str, further: &[&str]) -> String {
+    let scene = small_run().out.join(SEQUENCE);
+    let split = scene.join("per-scene/split.json");
+    let mut arguments = vec!["reconstruct", "plan", scene.to_str().unwrap(), "--split"];
+    arguments.extend([split.to_str().unwrap(), "--method", method]);
+    arguments.extend(["--iterations", "30", "--set", "max-gaussians=300"]);
+    arguments.extend(further);
+    omnilife(arguments).succeeded().stdout
+}
+
+#[test]
+fn a_plan_that_is_the_full_one_is_not_compared_with_it() {
+    for method in ["odgs", "omni4dgs-plus"] {
+        let text = plan(method, &["--plan", "full"]);
+        let line = text.lines().last().unwrap_or_default();
+        assert!(line.contains("plans are the same"), "{text}");
+        for word in ["shorter", "longer", "pairs"] {
+            assert!(!line.contains(word), "{text}");
+        }
+    }
+}
+
+#[test]
+fn a_plan_has_one_direction_or_none() {
+    let directions = [0, 1].map(|_| {
+        let text = plan("omni4dgs-plus", &[]);
+        let line = text.lines().last().unwrap_or_default();
+        assert!(line.contains("in 15 pairs)"), "{text}");
+        let told = ["shorter", "longer"].map(|word| line.contains(word));
+        assert!(told != [true, true], "{text}");
+        let says_none = line.contains("no difference");
+        assert_eq!(says_none, told == [false, false], "{text}");
+        (!says_none).then_some(told)
+    });
+    if let [Some(first), Some(second)] = directions {
+        assert_eq!(first, second);
+    }
+}
