@@ -15,7 +15,7 @@ use omnilife_schemas::{
     store,
 };
 
-use super::{ablate, bench_renderer, bench_run, bench_scores, bench_stability};
+use super::{ablate, bench_renderer, bench_run, bench_scores, bench_stability, note_far_frames};
 use crate::{
     cli::BenchCommand,
     exit::{self, BadRequest},
@@ -30,6 +30,7 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             protocol,
         } => {
             let split = split_scene(scene, protocol, out)?;
+            note_far_frames(scene, progress)?;
             exit::print(&format!(
                 "{}: {} input views, {} novel views, {} without a pose; protocol {:.12}\n",
                 split.scene,

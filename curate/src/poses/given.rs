@@ -9,6 +9,7 @@ use omnilife_schemas::{
     Pose,
     camera::{Camera, ErpCamera},
     points::PointCloud,
+    pose,
     records::{PoseSource, PoseValidation, PosedFrame, Poses, Scale, Sequence, ValidationStatus},
     store,
 };
@@ -270,6 +271,7 @@ pub(crate) fn unchecked(poses: &[Option<Pose>]) -> PoseValidation {
             poses.len()
         ));
     }
+    problems.extend(pose::far_frames(poses));
     PoseValidation {
         status: ValidationStatus::Unchecked,
         registered_frames: registered as u32,

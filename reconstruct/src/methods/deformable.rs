@@ -15,7 +15,7 @@ use crate::{
 use crate::{
     error::ReconstructError,
     request::{BackendChoice, DefaultPlan},
-    scene::TrainingScene,
+    scene::{CameraExtent, TrainingScene},
     seeds::points,
 };
 use omnilife_engine::{
@@ -56,6 +56,7 @@ pub const METHOD: Method = Method {
     backends: ON_CPU_AND_GPU,
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
+        extent: CameraExtent::Most,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
 };

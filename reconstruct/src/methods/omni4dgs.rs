@@ -19,7 +19,7 @@ use crate::{
     },
     options,
     request::{BackendChoice, DefaultPlan, MethodRequest},
-    scene::TrainingScene,
+    scene::{CameraExtent, TrainingScene},
 };
 use omnilife_engine::{
     clock::Clock,
@@ -71,6 +71,7 @@ pub const METHOD: Method = Method {
     backends: ON_CPU_AND_GPU,
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
+        extent: CameraExtent::Most,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
 };

@@ -27,7 +27,7 @@ use crate::{
     },
     options,
     request::{BackendChoice, DefaultPlan, MethodRequest},
-    scene::TrainingScene,
+    scene::{CameraExtent, TrainingScene},
     seeds::masks::SeedVelocity,
 };
 
@@ -72,6 +72,7 @@ pub const METHOD: Method = Method {
     backends: ON_CPU_AND_GPU,
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
+        extent: CameraExtent::Most,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
 };

@@ -24,7 +24,7 @@ use crate::{
     methods::{Method, MethodKind, ON_CPU, PreparedGaussians},
     options,
     request::{BackendChoice, DefaultPlan, MethodRequest},
-    scene::TrainingScene,
+    scene::{CameraExtent, TrainingScene},
     seeds::points,
 };
 
@@ -59,6 +59,7 @@ pub const METHOD: Method = Method {
     backends: ON_CPU,
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
+        extent: CameraExtent::Most,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
 };
