@@ -26,7 +26,7 @@ fn sample() -> PathBuf {
 }
 
 /// World to camera, written out from the quaternion: `R^T (x - centre)`.
-fn to_camera(pose: &Pose, world: [f32; 3]) -> [f64; 3] {
+fn to_camera(pose: &Pose, world: [f64; 3]) -> [f64; 3] {
     let [w, x, y, z] = pose.rotation_wxyz;
     let rotation = [
         [
@@ -45,7 +45,7 @@ fn to_camera(pose: &Pose, world: [f32; 3]) -> [f64; 3] {
             1.0 - 2.0 * (x * x + y * y),
         ],
     ];
-    let relative = [0, 1, 2].map(|axis| f64::from(world[axis]) - pose.centre[axis]);
+    let relative = [0, 1, 2].map(|axis| world[axis] - pose.centre[axis]);
     [0, 1, 2].map(|column| {
         (0..3)
             .map(|row| rotation[row][column] * relative[row])

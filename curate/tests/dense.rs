@@ -143,8 +143,8 @@ impl Flight {
             },
         };
         if self.with_points {
-            let positions: Vec<[f32; 3]> = (0..400)
-                .map(|n| [(n % 20) as f32 - 10.0, (n / 20) as f32 - 10.0, 0.0])
+            let positions: Vec<[f64; 3]> = (0..400)
+                .map(|n| [f64::from(n % 20) - 10.0, f64::from(n / 20) - 10.0, 0.0])
                 .collect();
             PointCloud {
                 colours: vec![[90; 3]; positions.len()],
@@ -213,8 +213,8 @@ fn distances_are_those_of_the_road_and_the_roof() {
     }
     let cloud = PointCloud::read_ply(&temp.path().join("dense/points.ply")).unwrap();
     assert_eq!(cloud.len() as u64, dense.point_count);
-    let on_surface = |point: &&[f32; 3]| {
-        let [top, half_x, half_y] = ROOF.map(|value| value as f32);
+    let on_surface = |point: &&[f64; 3]| {
+        let [top, half_x, half_y] = ROOF;
         let is_roof = (point[2] - top).abs() < 0.5
             && point[0].abs() < half_x + 0.4
             && point[1].abs() < half_y + 0.4;

@@ -125,12 +125,12 @@ class Scene:
     #: The whole scene.json, with where the poses come from and whether they can be trusted.
     record: dict[str, Any] = field(repr=False)
 
-    def points(self) -> tuple[F32, U8]:
+    def points(self) -> tuple[F64, U8]:
         """Positions (n, 3) in world units and colours (n, 3) of the points; none without a file."""
         data = (
             (b"", b"") if self.points_path is None else _native.read_points(str(self.points_path))
         )
-        positions = np.frombuffer(data[0], dtype=np.float32).reshape(-1, 3)
+        positions = np.frombuffer(data[0], dtype=np.float64).reshape(-1, 3)
         return positions, np.frombuffer(data[1], dtype=np.uint8).reshape(-1, 3)
 
 

@@ -90,7 +90,7 @@ pub(crate) fn read_distances(
     Ok((PyByteArray::new(py, &bytes), size))
 }
 
-/// The points of a PLY file.
+/// The points of a PLY file: positions (n, 3) f64 in world units, colours (n, 3) u8.
 #[pyfunction]
 pub(crate) fn read_points(py: Python<'_>, path: PathBuf) -> PyResult<Points<'_>> {
     let points = background::run(py, move |_| Ok(PointCloud::read_ply(&path)?))?;

@@ -14,7 +14,7 @@ use glam::{DVec3, Vec3};
 use omnilife_engine::losses::scaffold::{Scaffold, fuse::FusedView};
 use omnilife_reconstruct::{
     process::own_cpu_time,
-    scene::TrainingScene,
+    scene::{CameraExtent, TrainingScene},
     seeds::depth::{lift::incidence, source_view::SourceView},
 };
 use omnilife_schemas::Similarity;
@@ -33,7 +33,8 @@ fn main() {
     let rounds = rest
         .first()
         .map_or(3, |word| word.parse().expect("a number of rounds"));
-    let scene = TrainingScene::load(Path::new(scene), Path::new(split)).expect("a scene");
+    let scene = TrainingScene::load(Path::new(scene), Path::new(split), CameraExtent::Most)
+        .expect("a scene");
     let views: Vec<SourceView> = (0..scene.input_views.len())
         .map(|number| {
             let distances = scene

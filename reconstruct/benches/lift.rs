@@ -11,7 +11,7 @@ use std::{path::Path, time::Instant};
 
 use omnilife_reconstruct::{
     process::own_cpu_time,
-    scene::TrainingScene,
+    scene::{CameraExtent, TrainingScene},
     seeds::depth::{
         lift::{LiftSettings, lift},
         source_view::SourceView,
@@ -28,7 +28,8 @@ fn main() {
         println!("lift: give SCENE SPLIT OUT");
         return;
     };
-    let scene = TrainingScene::load(Path::new(scene), Path::new(split)).expect("a scene");
+    let scene = TrainingScene::load(Path::new(scene), Path::new(split), CameraExtent::Most)
+        .expect("a scene");
     let settings = LiftSettings {
         thins_poles: false,
         ..LiftSettings::OF_ALL_VIEWS

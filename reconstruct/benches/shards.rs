@@ -16,7 +16,7 @@ use omnilife_reconstruct::{
     options::Options,
     process::{own_cpu_time, peak_memory_bytes},
     request::{BackendChoice, MethodRequest},
-    scene::TrainingScene,
+    scene::{CameraExtent, TrainingScene},
     train::{Session, train},
 };
 use omnilife_schemas::progress::Silent;
@@ -31,7 +31,8 @@ fn main() {
         println!("shards: give SCENE SPLIT ITERATIONS SHARDS GAUSSIANS [COMPONENT ...]");
         return;
     };
-    let scene = TrainingScene::load(Path::new(scene), Path::new(split)).expect("a scene");
+    let scene = TrainingScene::load(Path::new(scene), Path::new(split), CameraExtent::Most)
+        .expect("a scene");
     let owned = |names: &[&str]| {
         names
             .iter()

@@ -88,7 +88,7 @@ fn walk() -> TrainingScene {
 }
 
 /// Points of the room's surfaces as a laser at a view would measure them.
-fn measured() -> PointCloud {
+fn measured() -> PointCloud<f32> {
     let pose = camera_pose(6);
     let mut points = PointCloud::default();
     for row in 0..CAMERA.height {

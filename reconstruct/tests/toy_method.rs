@@ -22,7 +22,7 @@ use omnilife_reconstruct::{
     ReconstructError, baseline,
     methods::{Method, MethodKind, ON_CPU, ON_CPU_AND_GPU, PreparedGaussians},
     request::{DefaultPlan, MethodRequest},
-    scene::TrainingScene,
+    scene::{CameraExtent, TrainingScene},
     seeds::points,
     train::Session,
 };
@@ -109,6 +109,7 @@ const TOY: Method = Method {
     requires: &[],
     options: &[],
     kind: MethodKind::Trained {
+        extent: CameraExtent::Most,
         prepare: |scene, request, backend| prepare(scene, request)?.on(scene, backend),
     },
 };

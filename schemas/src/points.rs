@@ -6,13 +6,19 @@
 
 use std::{io::Write, path::Path};
 
-use crate::store::{self, StoreError};
+use glam::DVec3;
 
-/// Points in world units with 8-bit sRGB colours; both arrays have one entry per point.
+use crate::{
+    pose::Similarity,
+    store::{self, StoreError},
+};
+
+/// Points with 8-bit sRGB colours; both arrays have one entry per point. Coordinates are `f64` in world
+/// units, where scenes may lie far from the origin (UTM, ECEF), and `f32` where a scene is normalized.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct PointCloud {
+pub struct PointCloud<T = f64> {
     /// x, y, z.
-    pub positions: Vec<[f32; 3]>,
+    pub positions: Vec<[T; 3]>,
     /// red, green, blue.
     pub colours: Vec<[u8; 3]>,
 }
@@ -85,7 +91,7 @@ struct PlyHeader {
     body: usize,
 }
 
-impl PointCloud {
+impl<T> PointCloud<T> {
     /// Number of points.
     pub fn len(&self) -> usize {
         self.positions.len()
@@ -95,10 +101,12 @@ impl PointCloud {
     pub fn is_empty(&self) -> bool {
         self.positions.is_empty()
     }
+}
 
+impl PointCloud {
     /// Reads an ASCII or binary little-endian PLY whose first element is `vertex` with scalar
-    /// properties x, y, z and optionally uchar red, green, blue (grey without). Points with non-finite
-    /// coordinates are refused.
+    /// properties x, y, z and optionally uchar red, green, blue (grey without). Points with coordinates
+    /// that are not finite, in 32-bit floats either, are refused.
     ///
     /// # Errors
     /// When the file is missing, malformed or truncated.
@@ -133,8 +141,8 @@ impl PointCloud {
         table.for_each_row(|index, row| {
             // Rows have as many values as there are columns.
             let at = |column: usize| row.get(column).copied().unwrap_or(f64::NAN);
-            let position = [x, y, z].map(|column| at(column) as f32);
-            if position.iter().any(|value| !value.is_finite()) {
+            let position = [x, y, z].map(at);
+            if position.iter().any(|&value| !(value as f32).is_finite()) {
                 return Err(format!("point {index} is not finite"));
             }
             cloud.positions.push(position);
@@ -146,27 +154,81 @@ impl PointCloud {
         Ok(cloud)
     }
 
-    /// Writes a binary little-endian PLY, whole or not at all.
+    /// Writes a binary little-endian PLY, whole or not at all, with coordinates as [`Coordinates::of`]
+    /// chooses them.
     ///
     /// # Errors
     /// When the file cannot be written.
     pub fn write_ply(&self, path: &Path) -> Result<(), StoreError> {
+        let coordinates = Coordinates::of(&self.positions);
+        let kind = coordinates.ply_type();
         store::write_with(path, |writer| {
             write!(
                 writer,
                 "ply\nformat binary_little_endian 1.0\nelement vertex {}\n\
-                 property float x\nproperty float y\nproperty float z\n\
+                 property {kind} x\nproperty {kind} y\nproperty {kind} z\n\
                  property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n",
                 self.len()
             )?;
             for (position, colour) in self.positions.iter().zip(&self.colours) {
-                for value in position {
-                    writer.write_all(&value.to_le_bytes())?;
-                }
+                coordinates.write(writer, position)?;
                 writer.write_all(colour)?;
             }
             Ok(())
         })
+    }
+}
+
+/// The type of the coordinates in a PLY.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Coordinates {
+    /// `float`: what all programs read.
+    Float,
+    /// `double`.
+    Double,
+}
+
+impl Coordinates {
+    /// Floats where they hold all coordinates exactly or their rounding is not seen in the scene
+    /// ([`Similarity::fits_f32`] around the median point), doubles elsewhere.
+    pub fn of(positions: &[[f64; 3]]) -> Self {
+        let values = positions.as_flattened();
+        if values.iter().all(|&value| f64::from(value as f32) == value) {
+            return Self::Float;
+        }
+        let places: Vec<DVec3> = positions.iter().copied().map(DVec3::from_array).collect();
+        Similarity::from_median(&places).map_or(Self::Float, |around| Self::around(&around))
+    }
+
+    /// Floats where their rounding is not seen around the offset of a normalization, doubles elsewhere.
+    pub fn around(normalization: &Similarity) -> Self {
+        if normalization.fits_f32() {
+            Self::Float
+        } else {
+            Self::Double
+        }
+    }
+
+    /// Its name in a PLY's header.
+    pub fn ply_type(self) -> &'static str {
+        match self {
+            Self::Float => "float",
+            Self::Double => "double",
+        }
+    }
+
+    /// Writes little-endian coordinates.
+    ///
+    /// # Errors
+    /// When they cannot be written.
+    pub fn write(self, writer: &mut dyn Write, position: &[f64; 3]) -> std::io::Result<()> {
+        for value in position {
+            match self {
+                Self::Float => writer.write_all(&(*value as f32).to_le_bytes())?,
+                Self::Double => writer.write_all(&value.to_le_bytes())?,
+            }
+        }
+        Ok(())
     }
 }
 

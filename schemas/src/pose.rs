@@ -4,6 +4,18 @@ use glam::{DMat3, DQuat, DVec3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::statistics::median;
+
+/// A camera is far out beyond this many times the median distance from the median camera.
+const FAR_MEDIANS: f64 = 20.0;
+/// More far cameras than one of this many, rounded up, are no mistakes but part of the path: that of a
+/// camera that stands for most of a clip and then walks.
+const CAMERAS_PER_MISTAKE: usize = 10;
+/// Rounding of coordinates that is not seen, in units of a scene's extent.
+const UNSEEN_ROUNDING: f64 = 1e-5;
+/// Frames that a warning lists.
+const LISTED_FRAMES: usize = 10;
+
 /// Where a camera is and how it is turned: `x_w = R x_c + centre`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Pose {
@@ -88,12 +100,43 @@ impl Similarity {
             .iter()
             .map(|centre| centre.distance(mean))
             .fold(0.0, f64::max)
-            .max(1e-9 * mean.length())
-            .max(1e-12);
+            .max(least_radius(mean));
         Some(Self {
             offset: mean.to_array(),
             scale: 1.0 / radius,
         })
+    }
+
+    /// [`Similarity::from_cameras`] without the far ones ([`far_cameras`]), as long as these are at most a
+    /// tenth of all, rounded up: a few wrong poses do not change it.
+    pub fn from_most_cameras(centres: &[DVec3]) -> Option<Self> {
+        let far = far_cameras(centres);
+        if far.len() > centres.len().div_ceil(CAMERAS_PER_MISTAKE) {
+            return Self::from_cameras(centres);
+        }
+        let kept = centres.iter().enumerate();
+        let kept = kept.filter(|(index, _)| far.binary_search(index).is_err());
+        let kept: Vec<DVec3> = kept.map(|(_, &centre)| centre).collect();
+        Self::from_cameras(&kept)
+    }
+
+    /// Recentres at the median of places along each axis and scales so that their median distance from it
+    /// is 1 unit; floored as that of [`Similarity::from_cameras`].
+    ///
+    /// `None` without places or with non-finite ones.
+    pub fn from_median(places: &[DVec3]) -> Option<Self> {
+        let (middle, distance) = middle(places)?;
+        Some(Self {
+            offset: middle.to_array(),
+            scale: 1.0 / distance.max(least_radius(middle)),
+        })
+    }
+
+    /// Whether world coordinates around the offset can be kept in 32-bit floats: their rounding there
+    /// (`f32::EPSILON` of the offset) is at most 1e-5 of a unit.
+    pub fn fits_f32(&self) -> bool {
+        let rounding = f64::from(f32::EPSILON) * DVec3::from_array(self.offset).length();
+        rounding * self.scale <= UNSEEN_ROUNDING
     }
 
     /// World to normalized coordinates.
@@ -105,4 +148,65 @@ impl Similarity {
     pub fn restore(&self, normalized: DVec3) -> DVec3 {
         normalized / self.scale + DVec3::from_array(self.offset)
     }
+}
+
+/// The cameras that are more than 20 median distances away from the median camera, in rising order: wrong
+/// poses, mostly. Empty where most cameras are in one place, which gives no measure, and with non-finite
+/// centres.
+pub fn far_cameras(centres: &[DVec3]) -> Vec<usize> {
+    let Some((middle, distance)) = middle(centres) else {
+        return Vec::new();
+    };
+    if distance <= least_radius(middle) {
+        return Vec::new();
+    }
+    let is_far = |index: &usize| centres[*index].distance(middle) > FAR_MEDIANS * distance;
+    (0..centres.len()).filter(is_far).collect()
+}
+
+/// A line that names the frames whose cameras are far out ([`far_cameras`]); `None` where there are none.
+pub fn far_frames(poses: &[Option<Pose>]) -> Option<String> {
+    let posed = poses.iter().enumerate();
+    let posed = posed.filter_map(|(frame, pose)| Some((frame, pose.filter(Pose::is_valid)?)));
+    let (frames, centres): (Vec<usize>, Vec<DVec3>) =
+        posed.map(|(frame, pose)| (frame, pose.centre())).unzip();
+    let far = far_cameras(&centres);
+    if far.is_empty() {
+        return None;
+    }
+    let listed = far.iter().take(LISTED_FRAMES);
+    let listed: Vec<String> = listed.map(|&index| frames[index].to_string()).collect();
+    let more = far.len() - listed.len();
+    Some(format!(
+        "the cameras of {} of {} frames are more than {FAR_MEDIANS} times as far from the median camera as \
+         the median of all is; their poses may be wrong: frames {}{}",
+        far.len(),
+        centres.len(),
+        listed.join(", "),
+        if more > 0 {
+            format!(" and {more} more")
+        } else {
+            String::new()
+        }
+    ))
+}
+
+/// The median of places along each axis, and their median distance from it; `None` without places or with
+/// non-finite ones.
+fn middle(places: &[DVec3]) -> Option<(DVec3, f64)> {
+    if places.iter().any(|place| !place.is_finite()) {
+        return None;
+    }
+    let along = |axis: usize| -> Option<f64> {
+        let coordinates: Vec<f64> = places.iter().map(|place| place[axis]).collect();
+        median(&coordinates)
+    };
+    let middle = DVec3::new(along(0)?, along(1)?, along(2)?);
+    let distances: Vec<f64> = places.iter().map(|place| place.distance(middle)).collect();
+    Some((middle, median(&distances)?))
+}
+
+/// The radius of cameras or points below which rounding of world coordinates around a place decides.
+fn least_radius(centre: DVec3) -> f64 {
+    (1e-9 * centre.length()).max(1e-12)
 }

@@ -3,7 +3,7 @@
 
 use std::{fs, path::Path};
 
-use omnilife_schemas::points::PointCloud;
+use omnilife_schemas::points::{Coordinates, PointCloud};
 use proptest::prelude::*;
 
 fn clouds() -> impl Strategy<Value = PointCloud> {
@@ -13,7 +13,10 @@ fn clouds() -> impl Strategy<Value = PointCloud> {
         0..50,
     )
     .prop_map(|points| {
-        let (positions, colours) = points.into_iter().unzip();
+        let points = points.into_iter();
+        let (positions, colours) = points
+            .map(|(position, colour)| (position.map(f64::from), colour))
+            .unzip();
         PointCloud { positions, colours }
     })
 }
@@ -47,6 +50,29 @@ proptest! {
         let path = folder.path().join("points.ply");
         cloud.write_ply(&path).unwrap();
         prop_assert_eq!(PointCloud::read_ply(&path).unwrap(), cloud);
+    }
+
+    #[test]
+    fn clouds_far_from_the_origin_come_back(
+        offset in prop::array::uniform3(-7e6_f64..7e6),
+        exponent in -3.0..4.0,
+        places in prop::collection::vec(prop::array::uniform3(-1.0_f64..1.0), 2..40),
+    ) {
+        let extent = 10.0_f64.powf(exponent);
+        let at = |place: &[f64; 3]| [0, 1, 2].map(|axis| offset[axis] + extent * place[axis]);
+        let cloud = PointCloud {
+            positions: places.iter().map(at).collect(),
+            colours: vec![[1, 2, 3]; places.len()],
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("points.ply");
+        cloud.write_ply(&path).unwrap();
+        let back = PointCloud::read_ply(&path).unwrap();
+        prop_assert_eq!(back.len(), cloud.len());
+        let values = cloud.positions.as_flattened().iter().zip(back.positions.as_flattened());
+        for (written, read) in values {
+            prop_assert!((written - read).abs() <= 2e-5 * extent, "{} {}", written, read);
+        }
     }
 
     #[test]
@@ -88,6 +114,50 @@ fn ascii_files_are_read() {
     assert_eq!(cloud.colours, [[255, 0, 7], [1, 2, 3]]);
     let windows = text.replace('\n', "\r\n");
     assert_eq!(read(folder.path(), windows.as_bytes()).unwrap(), cloud);
+}
+
+/// Floats as long as they do, which is what all programs read.
+#[test]
+fn coordinates_are_doubles_where_floats_would_lose_the_scene() {
+    let wave = |n: u32| (0.7 * f64::from(n)).sin();
+    let around = |offset: f64| -> Vec<[f64; 3]> {
+        let at = |n: u32| [wave(n), offset + wave(n + 50), 3.0 * wave(n + 90)];
+        (0..40).map(at).collect()
+    };
+    for (positions, expected) in [
+        (Vec::new(), Coordinates::Float),
+        (around(0.0), Coordinates::Float),
+        (around(10.0), Coordinates::Float),
+        (around(5e5), Coordinates::Double),
+        (around(-6.4e6), Coordinates::Double),
+        // Rounded before: nothing is left to lose.
+        (vec![[4e6, 0.5, -7.0]; 3], Coordinates::Float),
+        (vec![[4e6 + 0.1, 0.5, -7.0]; 3], Coordinates::Double),
+        // Few points far out do not stretch the scene that the others are.
+        (
+            [around(5e5), vec![[1e9; 3]; 3]].concat(),
+            Coordinates::Double,
+        ),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("points.ply");
+        assert_eq!(Coordinates::of(&positions), expected);
+        let cloud = PointCloud {
+            colours: vec![[0; 3]; positions.len()],
+            positions,
+        };
+        cloud.write_ply(&path).unwrap();
+        let bytes = fs::read(&path).unwrap();
+        let property = format!("property {} x\n", expected.ply_type());
+        assert!(
+            bytes
+                .windows(property.len())
+                .any(|at| at == property.as_bytes())
+        );
+        if expected == Coordinates::Double {
+            assert_eq!(PointCloud::read_ply(&path).unwrap(), cloud);
+        }
+    }
 }
 
 #[test]

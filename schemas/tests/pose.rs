@@ -1,7 +1,10 @@
 //! Poses and the scene similarity.
 
 use glam::{DMat3, DQuat, DVec3, dvec3};
-use omnilife_schemas::{Pose, Similarity};
+use omnilife_schemas::{
+    Pose, Similarity,
+    pose::{far_cameras, far_frames},
+};
 use proptest::prelude::*;
 
 fn rotations() -> impl Strategy<Value = DQuat> {
@@ -91,6 +94,94 @@ proptest! {
                 .fold(0.0, f64::max);
             prop_assert!((farthest - 1.0).abs() < 1e-9, "{}", farthest);
         }
+    }
+
+    /// Cameras along a path, as in [`walk`], of which one is elsewhere.
+    #[test]
+    fn a_camera_far_out_changes_nothing(
+        count in 5..60_usize,
+        wrong in 0..60_usize,
+        exponent in 3.0..9.0,
+        direction in vectors(1.0),
+    ) {
+        prop_assume!(direction.length() > 0.1);
+        let right = walk(count);
+        let mut centres = right.clone();
+        let wrong = wrong % (count + 1);
+        centres.insert(wrong, direction.normalize() * 10.0_f64.powf(exponent));
+        prop_assert_eq!(far_cameras(&centres), [wrong]);
+        prop_assert_eq!(Similarity::from_most_cameras(&centres), Similarity::from_cameras(&right));
+    }
+
+    #[test]
+    fn without_a_camera_far_out_all_count(
+        cameras in prop::collection::vec(vectors(1.0), 1..40),
+        offset in prop_oneof![Just(DVec3::ZERO), vectors(1e6)],
+    ) {
+        let centres: Vec<DVec3> = cameras.iter().map(|camera| offset + *camera).collect();
+        if far_cameras(&centres).is_empty() {
+            let all = Similarity::from_cameras(&centres);
+            prop_assert_eq!(Similarity::from_most_cameras(&centres), all);
+        }
+    }
+}
+
+/// Cameras along a bent path.
+fn walk(count: usize) -> Vec<DVec3> {
+    let at = |n: usize| {
+        let along = n as f64 / count as f64;
+        dvec3(4.0 * along, (3.0 * along).sin(), 0.1 * along)
+    };
+    (0..count).map(at).collect()
+}
+
+#[test]
+fn far_frames_are_named() {
+    let mut poses: Vec<Option<Pose>> = walk(20)
+        .into_iter()
+        .map(|centre| Some(Pose::new(DQuat::IDENTITY, centre)))
+        .collect();
+    assert_eq!(far_frames(&poses), None);
+    // A frame without a pose counts as a frame.
+    poses[2] = None;
+    for frame in [6, 13] {
+        poses[frame] = Some(Pose::new(DQuat::IDENTITY, dvec3(frame as f64, 5e4, 0.0)));
+    }
+    let line = far_frames(&poses).unwrap_or_default();
+    assert!(
+        line.contains("2 of 19 frames") && line.ends_with("frames 6, 13"),
+        "{line}"
+    );
+    assert!(!line.contains('\n'));
+}
+
+/// A camera that stands for most of a clip and then walks is not wrong, and cameras in one place are no
+/// measure of what is far.
+#[test]
+fn the_end_of_a_path_still_counts() {
+    let jitter = |n: usize| 1e-3 * dvec3((n as f64).sin(), (1.7 * n as f64).cos(), 0.0);
+    let step = |n: usize| dvec3(0.3 * n as f64, 0.0, 0.0);
+    let mut stands: Vec<DVec3> = (0..30).map(jitter).collect();
+    stands.extend((1..10).map(step));
+    assert!(!far_cameras(&stands).is_empty());
+    let all = Similarity::from_cameras(&stands);
+    assert_eq!(Similarity::from_most_cameras(&stands), all);
+    let mut still = vec![dvec3(1.0, 2.0, 3.0); 30];
+    still.extend((1..10).map(step));
+    assert_eq!(far_cameras(&still), [0_usize; 0]);
+}
+
+#[test]
+fn floats_hold_what_is_near_the_origin() {
+    for (offset, scale, fits) in [
+        ([0.0; 3], 1e9, true),
+        ([10.0, -20.0, 30.0], 0.5, true),
+        ([5e5, 5e6, 0.0], 0.2, false),
+        ([4.2e6, 1.7e5, -4.8e6], 1e-6, true),
+        ([3.0, 0.0, 0.0], 1e3, false),
+    ] {
+        let similarity = Similarity { offset, scale };
+        assert_eq!(similarity.fits_f32(), fits, "{offset:?} {scale}");
     }
 }
 

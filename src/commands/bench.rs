@@ -13,7 +13,7 @@ use omnilife_schemas::{
     ErrorKind, lock::FolderLock, progress::Progress, records::ExternalRun, store,
 };
 
-use super::{ablate, bench_renderer, bench_run, bench_scores, bench_stability};
+use super::{ablate, bench_renderer, bench_run, bench_scores, bench_stability, note_far_frames};
 use crate::{
     cli::BenchCommand,
     exit::{self, BadRequest, PartialFailure},
@@ -28,6 +28,7 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             protocol,
         } => {
             let split = split_scene(scene, protocol, out)?;
+            note_far_frames(scene, progress)?;
             exit::print(&format!(
                 "{}: {} input views, {} novel views, {} without a pose; protocol {:.12}\n",
                 split.scene,

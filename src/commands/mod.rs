@@ -16,12 +16,25 @@ mod submission;
 pub(crate) mod sweep;
 mod video;
 
-use std::io::{self, Write};
+use std::{
+    io::{self, Write},
+    path::Path,
+};
 
 use anyhow::bail;
 use clap_complete::Shell;
+use omnilife_schemas::{progress::Progress, records::Scene, store};
 
 use crate::{cli, doctor, exit};
+
+/// Tells of the frames of a scene whose cameras are far from all others.
+fn note_far_frames(scene: &Path, progress: &dyn Progress) -> anyhow::Result<()> {
+    let scene: Scene = store::read_record(scene)?;
+    if let Some(line) = scene.far_frames() {
+        progress.note(&line);
+    }
+    Ok(())
+}
 
 /// `omnilife completions`.
 pub(crate) fn completions(shell: Shell) -> anyhow::Result<()> {

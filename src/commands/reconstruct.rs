@@ -18,7 +18,7 @@ use omnilife_reconstruct::{
 };
 use omnilife_schemas::{camera::Camera, progress::Progress};
 
-use super::video;
+use super::{note_far_frames, video};
 use crate::{
     cli::{AssetArguments, ReconstructCommand, RenderArguments},
     exit, preparation, termination,
@@ -93,6 +93,7 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
         } => {
             let request = method.request(*iterations)?;
             let plan = plan_cost::plan(scene, split, &method.method, &request)?;
+            note_far_frames(scene, progress)?;
             exit::print(&plan.text())
         }
         ReconstructCommand::Render(arguments) => render(arguments, progress),

@@ -200,7 +200,7 @@ fn speed(folder: &Path) -> Result<Option<Speed>, CurateError> {
             .positions
             .iter()
             .step_by(stride)
-            .map(|&p| glam::Vec3::from_array(p).as_dvec3().distance(from.centre()))
+            .map(|&p| glam::DVec3::from_array(p).distance(from.centre()))
             .collect();
         relative.extend(
             median(&depths)

@@ -2,14 +2,14 @@
 
 use std::collections::HashMap;
 
-use glam::{DVec3, IVec3};
+use glam::{DVec3, I64Vec3};
 use omnilife_schemas::points::PointCloud;
 
 /// Points by the cube that they are in.
 #[derive(Debug)]
 pub(super) struct Cubes {
     edge: f64,
-    cubes: HashMap<IVec3, Sum>,
+    cubes: HashMap<I64Vec3, Sum>,
 }
 
 #[derive(Debug, Default)]
@@ -34,7 +34,7 @@ impl Cubes {
 
     /// Adds a point with its colour, channels in [0, 1].
     pub(super) fn add(&mut self, point: DVec3, colour: [f32; 3]) {
-        let key = (point / self.edge).floor().as_ivec3();
+        let key = (point / self.edge).floor().as_i64vec3();
         let sum = self.cubes.entry(key).or_default();
         sum.position += point;
         sum.colour += glam::Vec3::from_array(colour).as_dvec3();
@@ -65,9 +65,8 @@ impl Cubes {
         for key in self.keys() {
             let sum = &self.cubes[&key];
             let colour = (255.0 * sum.colour / sum.count).round();
-            cloud
-                .positions
-                .push((sum.position / sum.count).as_vec3().to_array());
+            let mean = sum.position / sum.count;
+            cloud.positions.push(mean.to_array());
             cloud
                 .colours
                 .push(colour.to_array().map(|value| value as u8));
@@ -76,9 +75,9 @@ impl Cubes {
     }
 
     /// Where there are cubes, in order.
-    fn keys(&self) -> Vec<IVec3> {
-        let mut keys: Vec<IVec3> = self.cubes.keys().copied().collect();
-        keys.sort_unstable_by_key(IVec3::to_array);
+    fn keys(&self) -> Vec<I64Vec3> {
+        let mut keys: Vec<I64Vec3> = self.cubes.keys().copied().collect();
+        keys.sort_unstable_by_key(I64Vec3::to_array);
         keys
     }
 }
@@ -96,8 +95,30 @@ mod tests {
         cubes.add(dvec3(0.4, 0.6, 0.2), [0.0, 0.0, 1.0]);
         cubes.add(dvec3(-0.5, 0.0, 0.0), [0.2; 3]);
         let cloud = cubes.cloud();
-        assert_eq!(cloud.positions, [[-0.5, 0.0, 0.0], [0.3, 0.4, 0.2]]);
+        let expected = [dvec3(-0.5, 0.0, 0.0), dvec3(0.3, 0.4, 0.2)];
+        assert_eq!(cloud.len(), expected.len());
+        for (found, expected) in cloud.positions.iter().zip(expected) {
+            let error = DVec3::from_array(*found).distance(expected);
+            assert!(error < 1e-12, "{found:?} {expected}");
+        }
         assert_eq!(cloud.colours, [[51; 3], [128, 0, 128]]);
+    }
+
+    #[test]
+    fn far_from_the_origin_cubes_are_as_small_as_near_it() {
+        let places = [dvec3(0.011, -0.017, 0.004), dvec3(0.016, -0.012, 0.009)];
+        for offset in [DVec3::ZERO, dvec3(4_200_000.0, 170_000.0, -4_780_000.0)] {
+            let mut cubes = Cubes::new(0.001);
+            for place in places {
+                cubes.add(offset + place, [0.5; 3]);
+            }
+            let cloud = cubes.cloud();
+            assert_eq!(cloud.len(), 2, "{offset}");
+            for (found, place) in cloud.positions.iter().zip(places) {
+                let error = DVec3::from_array(*found).distance(offset + place);
+                assert!(error < 1e-8, "{offset}: {found:?}");
+            }
+        }
     }
 
     #[test]

@@ -110,11 +110,7 @@ pub fn make_dense(
         Some(file) => PointCloud::read_ply(&request.scene_folder.join(file))?,
         None => PointCloud::default(),
     };
-    let known: Vec<DVec3> = known
-        .positions
-        .iter()
-        .map(|&point| DVec3::from_array(point.map(f64::from)))
-        .collect();
+    let known: Vec<DVec3> = known.positions.into_iter().map(DVec3::from_array).collect();
     let mut warnings = Vec::new();
     let mut work = Stereo {
         folder: &request.scene_folder,

@@ -229,10 +229,7 @@ fn add_sky(
         .map(|frame| frame.pose.centre())
         .collect();
     let middle = centres.iter().sum::<DVec3>() / centres.len() as f64;
-    let of_points = points
-        .positions
-        .iter()
-        .map(|p| DVec3::from_array(p.map(f64::from)));
+    let of_points = points.positions.iter().copied().map(DVec3::from_array);
     let mut distances: Vec<f64> = centres
         .iter()
         .copied()
@@ -252,7 +249,7 @@ fn add_sky(
         let colour = panorama.sample(place, Edges::Around);
         points
             .positions
-            .push((middle + radius * direction).as_vec3().to_array());
+            .push((middle + radius * direction).to_array());
         points
             .colours
             .push(colour.map(|value| (value.clamp(0.0, 1.0) * 255.0).round() as u8));

@@ -24,7 +24,7 @@ use glam::{DMat3, DVec3};
 use omnilife_schemas::{
     Pose,
     camera::{Camera, ErpCamera, PinholeCamera},
-    points::PointCloud,
+    points::{Coordinates, PointCloud},
     store::{self, StoreError},
 };
 use serde::{Deserialize, Serialize};
@@ -293,10 +293,15 @@ fn mask_name(image: &str) -> String {
 
 /// A PLY with the columns that 3DGS's reader asks for.
 fn write_points(path: &Path, cloud: &PointCloud) -> Result<(), StoreError> {
+    let coordinates = Coordinates::of(&cloud.positions);
     store::write_with(path, |writer| {
-        let columns: String = ["x", "y", "z", "nx", "ny", "nz"]
-            .map(|name| format!("property float {name}\n"))
-            .concat();
+        let places = ["x", "y", "z"].map(|name| (coordinates.ply_type(), name));
+        let normals = ["nx", "ny", "nz"].map(|name| ("float", name));
+        let columns: String = [places, normals]
+            .as_flattened()
+            .iter()
+            .map(|(kind, name)| format!("property {kind} {name}\n"))
+            .collect();
         write!(
             writer,
             "ply\nformat binary_little_endian 1.0\nelement vertex {}\n{columns}\
@@ -304,9 +309,8 @@ fn write_points(path: &Path, cloud: &PointCloud) -> Result<(), StoreError> {
             cloud.len()
         )?;
         for (position, colour) in cloud.positions.iter().zip(&cloud.colours) {
-            for value in position.iter().chain(&[0.0; 3]) {
-                writer.write_all(&value.to_le_bytes())?;
-            }
+            coordinates.write(writer, position)?;
+            Coordinates::Float.write(writer, &[0.0; 3])?;
             writer.write_all(colour)?;
         }
         Ok(())

@@ -164,7 +164,7 @@ impl ColmapModel {
             positions: self
                 .points
                 .values()
-                .map(|point| point.position.as_vec3().to_array())
+                .map(|point| point.position.to_array())
                 .collect(),
             colours: self.points.values().map(|point| point.colour).collect(),
         }

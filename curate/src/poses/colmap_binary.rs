@@ -96,7 +96,7 @@ pub(crate) fn write(
         let points = points.positions.iter().zip(&points.colours);
         for (id, (position, colour)) in (1_u64..).zip(points) {
             writer.write_all(&id.to_le_bytes())?;
-            numbers(writer, &position.map(f64::from))?;
+            numbers(writer, position)?;
             writer.write_all(colour)?;
             // An error of 0 and no track: nothing is known about observations.
             numbers(writer, &[0.0])?;

@@ -10,6 +10,7 @@ use omnilife_schemas::{
     Pose,
     camera::{Camera, ErpCamera},
     points::PointCloud,
+    pose,
     records::{PoseSource, PoseValidation, PosedFrame, Poses, Scale, Sequence, ValidationStatus},
     store,
 };
@@ -302,6 +303,7 @@ pub(crate) fn unchecked(poses: &[Option<Pose>]) -> PoseValidation {
             poses.len()
         ));
     }
+    problems.extend(pose::far_frames(poses));
     PoseValidation {
         status: ValidationStatus::Unchecked,
         registered_frames: registered as u32,

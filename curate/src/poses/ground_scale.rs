@@ -44,10 +44,7 @@ impl GroundScale {
             .points
             .as_ref()
             .map_or(&[][..], |cloud| &cloud.positions);
-        let points: Vec<DVec3> = points
-            .iter()
-            .map(|&point| DVec3::from_array(point.map(f64::from)))
-            .collect();
+        let points: Vec<DVec3> = points.iter().copied().map(DVec3::from_array).collect();
         let no_ground =
             || "too few of its points lie on a ground that would give the scale".to_owned();
         let (plane, _) = Plane::dominant(&points, &centres).ok_or_else(no_ground)?;
@@ -75,7 +72,7 @@ fn scale_world(posed: &mut PosedSequence, metres_per_unit: f64) {
         .iter_mut()
         .flat_map(|cloud| &mut cloud.positions)
     {
-        *point = point.map(|value| (f64::from(value) * metres_per_unit) as f32);
+        *point = point.map(|value| value * metres_per_unit);
     }
     posed.scale = Scale::Metres;
 }

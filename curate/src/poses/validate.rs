@@ -5,7 +5,9 @@ use std::collections::BTreeMap;
 
 use glam::{DQuat, DVec3};
 use omnilife_schemas::{
+    Pose,
     camera::CameraModel,
+    pose,
     records::{PoseValidation, ValidationStatus},
     statistics,
 };
@@ -113,6 +115,11 @@ pub fn validate(
     report
         .measures
         .insert("points".to_owned(), model.points.len() as f64);
+    let poses: Vec<Option<Pose>> = names
+        .iter()
+        .map(|name| by_name.get(name.as_str()).map(|image| image.pose()))
+        .collect();
+    report.problems.extend(pose::far_frames(&poses));
     PoseValidation {
         status: if report.problems.is_empty() {
             ValidationStatus::Valid

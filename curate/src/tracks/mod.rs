@@ -209,8 +209,7 @@ impl Asked {
         match &self.points {
             Some(points) => {
                 let points = PointCloud::read_ply(&points.file)?.positions.into_iter();
-                let points = points.map(|point| DVec3::from_array(point.map(f64::from)));
-                Ok((points.collect(), Vec::new()))
+                Ok((points.map(DVec3::from_array).collect(), Vec::new()))
             }
             None if hover::is_hovering(&self.scene, &self.views) => {
                 let warning = "the camera hovers, and without parallax there is no ground: tracks are on a plane \

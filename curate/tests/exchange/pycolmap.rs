@@ -67,7 +67,7 @@ fn pycolmap_sees_the_points_where_the_scene_does() {
             let pose = frame.pose.unwrap();
             assert_eq!(pixels.len(), points.positions.len());
             for (pixel, position) in pixels.iter().zip(&points.positions) {
-                let offset = DVec3::from_array(position.map(f64::from)) - pose.centre();
+                let offset = DVec3::from_array(*position) - pose.centre();
                 let expected = CAMERA
                     .project(pose.rotation().unwrap().inverse() * offset)
                     .unwrap();

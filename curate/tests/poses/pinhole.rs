@@ -205,7 +205,7 @@ fn what_is_known_of_a_flight_brings_it_to_metres() {
             .positions
             .iter()
             .map(|point| point[1])
-            .fold(f32::MIN, f32::max);
+            .fold(f64::MIN, f64::max);
         assert!((lowest - 16.0).abs() < 0.05, "{lowest}");
     }
     for (scale, reason) in [

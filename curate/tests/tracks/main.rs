@@ -86,9 +86,9 @@ fn write_scene(folder: &Path) -> Scene {
 }
 
 /// Points of the road, so many on a side, so many metres apart.
-fn write_points(folder: &Path, side: usize, spacing: f32) {
-    let coordinate = |n: usize| spacing * (n as f32 - 0.5 * side as f32);
-    let positions: Vec<[f32; 3]> = (0..side * side)
+fn write_points(folder: &Path, side: usize, spacing: f64) {
+    let coordinate = |n: usize| spacing * (n as f64 - 0.5 * side as f64);
+    let positions: Vec<[f64; 3]> = (0..side * side)
         .map(|n| [coordinate(n % side), coordinate(n / side), 0.0])
         .collect();
     let points = PointCloud {

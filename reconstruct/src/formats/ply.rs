@@ -3,7 +3,8 @@
 //! Properties as in 3DGS `scene/gaussian_model.py` `save_ply`: x y z, nx ny nz (zero), `f_dc_*`,
 //! `f_rest_*` (all coefficients of red, then green, then blue), opacity (logit), `scale_*`
 //! (logarithm), `rot_*` (w, x, y, z). Coordinates are the scene's own: the normalization is undone.
-//! It does not rotate, so spherical harmonics and quaternions stay as they are.
+//! It does not rotate, so spherical harmonics and quaternions stay as they are. All properties are
+//! `float`, but x, y and z of a scene so far from the origin that floats would lose it, which are `double`.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -11,10 +12,10 @@
 
 use std::{fs, io::Write, path::Path};
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use omnilife_schemas::{
     Similarity,
-    points::PlyTable,
+    points::{Coordinates, PlyTable},
     store::{self, StoreError},
 };
 
@@ -70,6 +71,7 @@ pub(super) fn write_with(
 ) -> Result<(), StoreError> {
     let degree = static_gaussians::sh_degree(table);
     let log_unit = normalization.scale.ln() as f32;
+    let coordinates = Coordinates::around(normalization);
     store::write_with(path, |writer| {
         write!(
             writer,
@@ -77,13 +79,19 @@ pub(super) fn write_with(
             table.len()
         )?;
         for property in properties(degree).iter().chain(further) {
-            writeln!(writer, "property float {property}")?;
+            let kind = match property.as_str() {
+                "x" | "y" | "z" => coordinates.ply_type(),
+                _ => "float",
+            };
+            writeln!(writer, "property {kind} {property}")?;
         }
         writeln!(writer, "end_header")?;
         let mut row = Vec::new();
         for index in 0..table.len() {
+            let position = Vec3::from_slice(table.row(POSITIONS, index)).as_dvec3();
+            coordinates.write(writer, &normalization.restore(position).to_array())?;
             row.clear();
-            push_row(table, index, normalization, log_unit, &mut row);
+            push_row(table, index, log_unit, &mut row);
             push(index, &mut row);
             for value in &row {
                 writer.write_all(&value.to_le_bytes())?;
@@ -93,18 +101,10 @@ pub(super) fn write_with(
     })
 }
 
-/// The properties of one Gaussian.
-#[expect(clippy::indexing_slicing, reason = "rows are as wide as their arrays")]
-fn push_row(
-    table: &ParameterTable,
-    index: usize,
-    normalization: &Similarity,
-    log_unit: f32,
-    row: &mut Vec<f32>,
-) {
+/// The properties of one Gaussian behind its position.
+#[expect(clippy::indexing_slicing, reason = "colours have three channels")]
+fn push_row(table: &ParameterTable, index: usize, log_unit: f32, row: &mut Vec<f32>) {
     let values = |array: usize| table.row(array, index);
-    let position = DVec3::from_slice(&[0, 1, 2].map(|axis| f64::from(values(POSITIONS)[axis])));
-    row.extend(normalization.restore(position).as_vec3().to_array());
     row.extend([0.0; 3]);
     row.extend(values(SH_CONSTANT));
     if static_gaussians::sh_degree(table) > 0 {
@@ -201,6 +201,30 @@ pub(super) fn read_with(
     Ok((table, columns_of_further))
 }
 
+/// A world point to keep the positions of a PLY around in 32-bit floats: the origin, or their median
+/// where floats would lose them around the origin.
+///
+/// # Errors
+/// When the file is missing, malformed or truncated.
+pub fn origin(path: &Path) -> Result<DVec3, ReconstructError> {
+    let bytes = fs::read(path).map_err(|source| StoreError::read(path, source))?;
+    let malformed = |reason: String| StoreError::malformed(path, reason);
+    let ply = PlyTable::parse(&bytes).map_err(malformed)?;
+    let columns = ["x", "y", "z"].map(|name| ply.column(name));
+    let mut places = Vec::with_capacity(ply.len());
+    ply.for_each_row(|_, row| {
+        // What is missing is named when the Gaussians are read.
+        let at = |column: Option<usize>| column.and_then(|column| row.get(column)).copied();
+        places.push(DVec3::from_array(
+            columns.map(|column| at(column).unwrap_or(f64::NAN)),
+        ));
+        Ok(())
+    })
+    .map_err(malformed)?;
+    let around = Similarity::from_median(&places).filter(|around| !around.fits_f32());
+    Ok(around.map_or(DVec3::ZERO, |around| DVec3::from_array(around.offset)))
+}
+
 /// Degree of the harmonics by the number of `f_rest_*` properties.
 #[expect(clippy::arithmetic_side_effects, reason = "degrees are 3 at most")]
 fn stored_degree(ply: &PlyTable<'_>) -> Result<usize, String> {
@@ -291,6 +315,39 @@ mod tests {
                 assert_eq!((a.name, a.width), (b.name, b.width));
                 let error = a.values.iter().zip(&b.values).map(|(a, b)| (a - b).abs());
                 assert!(error.fold(0.0, f32::max) < 1e-5, "{} at {degree}", a.name);
+            }
+        }
+        Ok(())
+    }
+
+    /// Wherever a scene lies; the file's positions are floats near the origin, as everybody reads them.
+    #[test]
+    fn runs_far_from_the_origin_are_read_back() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join("gaussians.ply");
+        let written = table(1);
+        for (offset, scale, kind) in [
+            ([0.0; 3], 0.01, "float"),
+            ([-70.0, 3.0, 0.0], 0.5, "float"),
+            ([5e5, 5e6, 0.0], 0.2, "double"),
+            ([4.2e6, 1.7e5, -4.8e6], 3.0, "double"),
+        ] {
+            let normalization = Similarity { offset, scale };
+            write(&path, &written, &normalization)?;
+            let bytes = fs::read(&path)?;
+            let header = String::from_utf8_lossy(&bytes[..200]).into_owned();
+            assert!(header.contains(&format!("property {kind} z\nproperty float nx")));
+            let read = read(&path, &normalization)?;
+            for (a, b) in written.arrays.iter().zip(&read.arrays) {
+                let error = a.values.iter().zip(&b.values).map(|(a, b)| (a - b).abs());
+                assert!(error.fold(0.0, f32::max) < 1e-5, "{} at {offset:?}", a.name);
+            }
+            let origin = origin(&path)?;
+            let middle = DVec3::from_array(offset);
+            if kind == "float" {
+                assert_eq!(origin, DVec3::ZERO);
+            } else {
+                assert!(origin.distance(middle) < 10.0 / scale, "{origin}");
             }
         }
         Ok(())

@@ -153,12 +153,31 @@ impl Source {
         })
     }
 
+    /// What is to be exported: a file stays in its own coordinates, around a place within it where 32-bit
+    /// floats would lose them around the world's origin.
+    ///
+    /// # Errors
+    /// As [`Source::open`], and when a file is malformed.
+    pub(crate) fn open_in_place(path: &Path) -> Result<Self, ReconstructError> {
+        let offset = if path.is_dir() {
+            DVec3::ZERO
+        } else if is_splat(path) {
+            placement(path)?.offset
+        } else {
+            formats::ply::origin(path)?
+        };
+        let in_place = Similarity {
+            offset: offset.to_array(),
+            scale: 1.0,
+        };
+        Self::open(path, in_place)
+    }
+
     pub(crate) fn model(&self) -> Result<Model, ReconstructError> {
         match &self.trained {
             Some(settings) => formats::read_model(&self.path, settings, &self.normalization),
             None => {
-                let is_splat = self.path.extension().is_some_and(|kind| kind == "splat");
-                let part = if is_splat {
+                let part = if is_splat(&self.path) {
                     let placement = placement(&self.path)?;
                     formats::read_splat(&self.path, &placement, &self.normalization)?
                 } else {
@@ -175,6 +194,10 @@ impl Source {
         let seconds = dynamics.map_or(1.0, |dynamics| dynamics.clock.frame_seconds);
         f64::from(speed) / self.normalization.scale / seconds
     }
+}
+
+fn is_splat(path: &Path) -> bool {
+    path.extension().is_some_and(|kind| kind == "splat")
 }
 
 /// How the coordinates of a `.splat` came from the world's: as the record beside it says, or not at all.

@@ -45,7 +45,7 @@ pub fn decisions(
     method: &Method,
     request: &MethodRequest,
 ) -> Result<Vec<ComponentDecision>, ReconstructError> {
-    let mut scene = TrainingScene::load(scene, split)?;
+    let mut scene = TrainingScene::load(scene, split, method.camera_extent())?;
     let points = components::complete_points(&mut scene, method.supported(), request);
     let prepared = method.prepare(&scene, request, BackendChoice::Cpu)?;
     Ok(points.into_iter().chain(prepared.plan).collect())
@@ -63,7 +63,7 @@ pub fn plan(
 ) -> Result<ScenePlan, ReconstructError> {
     let method = methods::find(method)?;
     method.check(request, BackendChoice::Cpu)?;
-    let mut scene = TrainingScene::load(scene, split)?;
+    let mut scene = TrainingScene::load(scene, split, method.camera_extent())?;
     let points = components::complete_points(&mut scene, method.supported(), request);
     let full = MethodRequest {
         plan: PlanChoice::Full,

@@ -167,7 +167,11 @@ pub fn reconstruct(
     // A record or trace of an earlier run must not stand beside new predictions.
     store::remove(&record_path)?;
     store::remove(&request.out.join(TRACE_FILE))?;
-    let made = match method.kind {
+    let far_frames = scene.far_frames();
+    if let Some(line) = &far_frames {
+        progress.note(line);
+    }
+    let mut made = match method.kind {
         MethodKind::Trained { .. } => train(method, request, &split, &stage, progress)?,
         MethodKind::FeedForward {
             settings,
@@ -177,6 +181,7 @@ pub fn reconstruct(
             frames.make_views(method.id, settings(), interpolate, &stage, progress)?
         }
     };
+    made.warnings.extend(far_frames);
     let mut stages = stage_times::of_request(request, method, &scene)?;
     stages.extend(stage_times::of_run(
         made.planning,
@@ -254,7 +259,7 @@ fn train(
     progress: &dyn Progress,
 ) -> Result<MadeViews, ReconstructError> {
     let trace_path = request.out.join(TRACE_FILE);
-    let mut scene = TrainingScene::load(&request.scene, &request.split)?;
+    let mut scene = TrainingScene::load(&request.scene, &request.split, method.camera_extent())?;
     let begun = Stopwatch::of_own_process();
     progress.begin("completing points", None);
     let points = components::complete_points(&mut scene, method.supported(), &request.settings);

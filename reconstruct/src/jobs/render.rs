@@ -99,7 +99,7 @@ pub fn render_poses(
         .filter(|(_, _, pose)| pose.is_valid())
         .collect();
     let centres: Vec<DVec3> = posed.iter().map(|(_, _, pose)| pose.centre()).collect();
-    let mut of_cameras = Similarity::from_cameras(&centres)
+    let mut of_cameras = Similarity::from_most_cameras(&centres)
         .ok_or_else(|| ReconstructError::scene(&request.poses, "has no usable pose"))?;
     if centres.iter().all(|centre| *centre == centres[0]) {
         // Cameras in one place say nothing of the size of the scene: its own unit is as good as any.

@@ -15,7 +15,7 @@ use crate::{
 use crate::{
     error::ReconstructError,
     request::{BackendChoice, DefaultPlan},
-    scene::TrainingScene,
+    scene::{CameraExtent, TrainingScene},
     seeds::points,
 };
 use omnilife_engine::{
@@ -57,6 +57,7 @@ pub const METHOD: Method = Method {
     requires: &[],
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
+        extent: CameraExtent::Most,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
 };

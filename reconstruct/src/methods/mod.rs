@@ -33,7 +33,7 @@ use crate::{
     },
     options::MethodOption,
     request::{BackendChoice, DefaultPlan, MethodRequest, PlanChoice},
-    scene::TrainingScene,
+    scene::{CameraExtent, TrainingScene},
     train::{self, LoopSettings, Session, TrainingOutcome},
 };
 use omnilife_engine::{EngineError, model::Model, step::settings::TrainSettings};
@@ -173,6 +173,8 @@ pub const ON_CPU_AND_GPU: &[BackendChoice] = &[BackendChoice::Cpu, BackendChoice
 pub enum MethodKind {
     /// It learns a model of each scene.
     Trained {
+        /// Which cameras give a scene its extent.
+        extent: CameraExtent,
         /// Prepares its training.
         prepare: PrepareMethod,
     },
@@ -196,6 +198,14 @@ impl Method {
         matches!(self.kind, MethodKind::Trained { .. })
     }
 
+    /// Which cameras give a scene its extent. [`CameraExtent::Most`] where it learns nothing.
+    pub fn camera_extent(&self) -> CameraExtent {
+        match self.kind {
+            MethodKind::Trained { extent, .. } => extent,
+            MethodKind::FeedForward { .. } => CameraExtent::Most,
+        }
+    }
+
     /// Decides its settings and components on a scene and makes its first model.
     ///
     /// # Errors
@@ -208,7 +218,7 @@ impl Method {
     ) -> Result<Prepared<'a>, ReconstructError> {
         self.check_backend(backend)?;
         match self.kind {
-            MethodKind::Trained { prepare } => prepare(scene, request, backend),
+            MethodKind::Trained { prepare, .. } => prepare(scene, request, backend),
             MethodKind::FeedForward { .. } => Err(ReconstructError::Request {
                 reason: format!("{} learns nothing of a scene: it has no training", self.id),
             }),
@@ -369,6 +379,15 @@ mod tests {
             message.contains("nerf") && message.contains("odgs"),
             "{message}"
         );
+    }
+
+    #[test]
+    fn only_published_code_lets_the_farthest_camera_decide() {
+        for method in METHODS {
+            let is_published = method.id == odgs_published::METHOD.id;
+            let is_farthest = method.camera_extent() == CameraExtent::Farthest;
+            assert_eq!(is_farthest, is_published, "{}", method.id);
+        }
     }
 
     #[test]

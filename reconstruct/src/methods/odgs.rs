@@ -14,7 +14,7 @@ use crate::{
     methods::{Method, MethodKind, ON_CPU_AND_GPU, PreparedGaussians},
     options,
     request::{BackendChoice, DefaultPlan, MethodRequest},
-    scene::TrainingScene,
+    scene::{CameraExtent, TrainingScene},
     seeds::points,
 };
 
@@ -41,6 +41,7 @@ pub const METHOD: Method = Method {
     requires: &[],
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
+        extent: CameraExtent::Most,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
 };

@@ -8,7 +8,7 @@ use omnilife_schemas::records::ComponentDecision;
 use crate::{
     error::ReconstructError,
     request::{BackendChoice, DefaultPlan},
-    scene::TrainingScene,
+    scene::{CameraExtent, TrainingScene},
     seeds::points,
 };
 use crate::{
@@ -43,6 +43,7 @@ pub const METHOD: Method = Method {
     requires: &[],
     options: &[options::MAX_GAUSSIANS, options::DENSIFY_THRESHOLD],
     kind: MethodKind::Trained {
+        extent: CameraExtent::Farthest,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
 };

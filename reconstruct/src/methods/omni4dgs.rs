@@ -19,7 +19,7 @@ use crate::{
     },
     options,
     request::{BackendChoice, DefaultPlan, MethodRequest},
-    scene::TrainingScene,
+    scene::{CameraExtent, TrainingScene},
 };
 use omnilife_engine::{
     clock::Clock,
@@ -72,6 +72,7 @@ pub const METHOD: Method = Method {
     requires: &[],
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
+        extent: CameraExtent::Most,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
 };

@@ -27,7 +27,7 @@ use crate::{
     },
     options,
     request::{BackendChoice, DefaultPlan, MethodRequest},
-    scene::TrainingScene,
+    scene::{CameraExtent, TrainingScene},
     seeds::masks::SeedVelocity,
 };
 
@@ -73,6 +73,7 @@ pub const METHOD: Method = Method {
     requires: &[],
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
+        extent: CameraExtent::Most,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
 };

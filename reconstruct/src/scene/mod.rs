@@ -20,10 +20,11 @@ use omnilife_schemas::{
 };
 use rayon::prelude::*;
 
+pub use self::normalization::CameraExtent;
 use self::{
     depth::PriorFile,
     images::{load_objects, load_view},
-    normalization::{any_point_away_from_cameras, normalization, normalize},
+    normalization::{any_point_away_from_cameras, normalization, normalized},
 };
 use crate::error::ReconstructError;
 use omnilife_engine::camera::View;
@@ -31,8 +32,8 @@ use omnilife_engine::clock::Clock;
 use omnilife_engine::training_view::InputViews;
 use omnilife_engine::training_view::TrainingView;
 
-/// A scene ready for training: cameras are recentred and scaled so that the farthest one is one
-/// unit from their mean.
+/// A scene ready for training: cameras are recentred and scaled so that the farthest one that counts
+/// ([`CameraExtent`]) is one unit from their mean.
 #[derive(Debug, Clone)]
 pub struct TrainingScene {
     /// Id of the scene.
@@ -50,7 +51,7 @@ pub struct TrainingScene {
     /// Whether the cameras stand too close together to give the scene its scale.
     pub is_normalized_by_points: bool,
     /// Points in normalized coordinates with their colours; may be empty.
-    pub points: PointCloud,
+    pub points: PointCloud<f32>,
     /// How many of the points, the last ones, the scene did not come with.
     pub added_points: usize,
     /// What a reader of scores should know where the points were made with views that are held out.
@@ -67,13 +68,17 @@ pub struct TrainingScene {
 }
 
 impl TrainingScene {
-    /// Loads `scene.json` and `split.json`. Images are brought to the protocol's width by area
-    /// averaging where they are larger.
+    /// Loads `scene.json` and `split.json`; `extent` says which cameras it is normalized by. Images are
+    /// brought to the protocol's width by area averaging where they are larger.
     ///
     /// # Errors
     /// When a file is missing or malformed, a split's frame has no pose, image sizes differ from
     /// the scene's camera, or no input view is left.
-    pub fn load(scene_path: &Path, split_path: &Path) -> Result<Self, ReconstructError> {
+    pub fn load(
+        scene_path: &Path,
+        split_path: &Path,
+        extent: CameraExtent,
+    ) -> Result<Self, ReconstructError> {
         let scene: Scene = store::read_record(scene_path)?;
         let split: Split = store::read_record(split_path)?;
         let folder = scene_path.parent().unwrap_or(Path::new("."));
@@ -83,17 +88,17 @@ impl TrainingScene {
             .iter()
             .filter_map(|&frame| Some(scene.frames.get(frame as usize)?.pose?.centre()))
             .collect();
-        let cameras = Similarity::from_cameras(&centres).ok_or_else(|| {
+        let cameras = extent.similarity(&centres).ok_or_else(|| {
             ReconstructError::scene(split_path, "has no input view with a usable pose")
         })?;
         let split_folder = split_path.parent().unwrap_or(Path::new("."));
         let known = ScenePoints::find(&scene, folder, split_folder)?;
-        let mut points = match &known {
+        let world_points = match &known {
             Some(known) => PointCloud::read_ply(&known.file)?,
             None => PointCloud::default(),
         };
-        let normalization = normalization(cameras, &points);
-        normalize(&mut points, &normalization);
+        let normalization = normalization(cameras, &world_points);
+        let points = normalized(world_points, &normalization);
         if !points.is_empty() && !any_point_away_from_cameras(&points, &normalization, &centres) {
             return Err(ReconstructError::scene(
                 scene_path,

@@ -7,17 +7,33 @@ use omnilife_schemas::{Similarity, points::PointCloud};
 /// not give the scale.
 const FARTHEST_MEDIAN_POINT: f64 = 1000.0;
 
+/// Which cameras give a scene its extent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CameraExtent {
+    /// Up to the farthest one, as 3DGS and what follows it measure.
+    Farthest,
+    /// Without those that are far from all others, whose poses are wrong
+    /// ([`Similarity::from_most_cameras`]).
+    Most,
+}
+
+impl CameraExtent {
+    /// The similarity that normalizes cameras; `None` without cameras or with non-finite centres.
+    pub(super) fn similarity(self, centres: &[DVec3]) -> Option<Similarity> {
+        match self {
+            Self::Farthest => Similarity::from_cameras(centres),
+            Self::Most => Similarity::from_most_cameras(centres),
+        }
+    }
+}
+
 /// The cameras' similarity; where they hardly move (a tripod), one that puts the median point at
 /// [`FARTHEST_MEDIAN_POINT`].
 pub(super) fn normalization(cameras: Similarity, points: &PointCloud) -> Similarity {
     let mut distances: Vec<f64> = points
         .positions
         .iter()
-        .map(|&position| {
-            cameras
-                .normalize(DVec3::from_array(position.map(f64::from)))
-                .length()
-        })
+        .map(|&position| cameras.normalize(DVec3::from_array(position)).length())
         .collect();
     distances.sort_by(f64::total_cmp);
     match distances.get(distances.len() / 2) {
@@ -31,7 +47,7 @@ pub(super) fn normalization(cameras: Similarity, points: &PointCloud) -> Similar
 
 /// Whether a point (normalized) is farther from some camera (world) than rounding puts it.
 pub(super) fn any_point_away_from_cameras(
-    points: &PointCloud,
+    points: &PointCloud<f32>,
     normalization: &Similarity,
     centres: &[DVec3],
 ) -> bool {
@@ -47,10 +63,15 @@ pub(super) fn any_point_away_from_cameras(
     })
 }
 
-pub(super) fn normalize(points: &mut PointCloud, normalization: &Similarity) {
-    for position in &mut points.positions {
-        let world = DVec3::from_array(position.map(f64::from));
-        *position = normalization.normalize(world).as_vec3().to_array();
+/// World points in normalized coordinates.
+pub(super) fn normalized(points: PointCloud, normalization: &Similarity) -> PointCloud<f32> {
+    let normalize = |&position: &[f64; 3]| {
+        let normalized = normalization.normalize(DVec3::from_array(position));
+        normalized.as_vec3().to_array()
+    };
+    PointCloud {
+        positions: points.positions.iter().map(normalize).collect(),
+        colours: points.colours,
     }
 }
 
@@ -74,5 +95,38 @@ mod tests {
         );
         let moving = Similarity::from_cameras(&[centre, centre + DVec3::X]).expect("cameras");
         assert_eq!(normalization(moving, &points), moving);
+    }
+
+    /// What is measured in a scene does not change when the scene is moved.
+    #[test]
+    fn points_far_from_the_origin_are_normalized_as_near_it() {
+        let place = |n: usize| DVec3::new((n as f64).sin(), (1.7 * n as f64).cos(), 0.3 * n as f64);
+        let of = |offset: DVec3| {
+            let centres: Vec<DVec3> = (0..9).map(|n| offset + place(n)).collect();
+            let points = PointCloud {
+                positions: (0..50)
+                    .map(|n| (offset + place(3 * n)).to_array())
+                    .collect(),
+                colours: vec![[0; 3]; 50],
+            };
+            let similarity = Similarity::from_cameras(&centres).expect("cameras");
+            normalized(points, &similarity)
+        };
+        let near = of(DVec3::ZERO);
+        let far = of(DVec3::new(5e5, 5e6, 0.0));
+        for (a, b) in near.positions.iter().zip(&far.positions) {
+            let [a, b] = [*a, *b].map(Vec3::from_array);
+            assert!(a.distance(b) < 1e-5, "{a} {b}");
+        }
+    }
+
+    #[test]
+    fn the_farthest_camera_decides_where_it_is_asked_to() {
+        let mut centres: Vec<DVec3> = (0..20).map(|n| DVec3::X * f64::from(n)).collect();
+        let right = Similarity::from_cameras(&centres);
+        centres.push(DVec3::Y * 1e5);
+        let far = Similarity::from_cameras(&centres);
+        assert_eq!(CameraExtent::Most.similarity(&centres), right);
+        assert_eq!(CameraExtent::Farthest.similarity(&centres), far);
     }
 }

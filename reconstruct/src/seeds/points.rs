@@ -13,7 +13,7 @@ const NEIGHBOURS: usize = 3;
 
 /// Indices of at most `maximum` of the points, evenly spread: the points are walked along a curve
 /// through space, and every so manieth is taken.
-pub fn thinned_indices(points: &PointCloud, maximum: usize) -> Vec<usize> {
+pub fn thinned_indices(points: &PointCloud<f32>, maximum: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..points.len()).collect();
     if points.len() <= maximum {
         return order;
@@ -25,7 +25,7 @@ pub fn thinned_indices(points: &PointCloud, maximum: usize) -> Vec<usize> {
 }
 
 /// The points at these indices.
-pub fn selected(points: &PointCloud, indices: &[usize]) -> PointCloud {
+pub fn selected(points: &PointCloud<f32>, indices: &[usize]) -> PointCloud<f32> {
     let (positions, colours) = indices
         .iter()
         .map(|&index| (points.positions[index], points.colours[index]))
@@ -34,7 +34,7 @@ pub fn selected(points: &PointCloud, indices: &[usize]) -> PointCloud {
 }
 
 /// At most `maximum` of the points, evenly spread ([`thinned_indices`]).
-pub fn thinned(points: &PointCloud, maximum: usize) -> PointCloud {
+pub fn thinned(points: &PointCloud<f32>, maximum: usize) -> PointCloud<f32> {
     selected(points, &thinned_indices(points, maximum))
 }
 
@@ -55,7 +55,7 @@ fn morton_code(position: [f32; 3]) -> u128 {
 
 /// Gaussians at points in normalized coordinates: colour of the point, isotropic scale from the
 /// three nearest neighbours and within a factor `spread` of their median, opacity 0.1.
-pub fn from_points(points: &PointCloud, spread: f32) -> InitialGaussians {
+pub fn from_points(points: &PointCloud<f32>, spread: f32) -> InitialGaussians {
     let positions = &points.positions;
     let tree = RTree::bulk_load(positions.clone());
     let mut scales: Vec<f32> = positions
@@ -122,7 +122,7 @@ pub fn partition(
 mod tests {
     use super::*;
 
-    fn cloud(positions: Vec<[f32; 3]>) -> PointCloud {
+    fn cloud(positions: Vec<[f32; 3]>) -> PointCloud<f32> {
         PointCloud {
             colours: vec![[100; 3]; positions.len()],
             positions,

@@ -44,7 +44,7 @@ const FLAT_WEIGHT: f32 = 0.5;
 #[derive(Debug, Clone, PartialEq)]
 pub struct SweptPoints {
     /// The points, normalized units.
-    pub points: PointCloud,
+    pub points: PointCloud<f32>,
     /// Pairs of views that were swept.
     pub pairs: usize,
     /// Input views from one of a pair to the other.
@@ -346,7 +346,7 @@ fn is_kept(candidate: &Candidate, own: usize, references: &[Reference<'_>]) -> b
 }
 
 /// At most `maximum` of the candidates, each with a probability that rises with its detail.
-fn thinned(candidates: &[Candidate], maximum: usize, seed: u64) -> PointCloud {
+fn thinned(candidates: &[Candidate], maximum: usize, seed: u64) -> PointCloud<f32> {
     let mean = candidates
         .iter()
         .map(|candidate| candidate.detail)

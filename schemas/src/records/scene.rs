@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     camera::Camera,
-    pose::Pose,
+    pose::{self, Pose},
     store::{self, Record, StoreError},
 };
 
@@ -34,6 +34,12 @@ pub struct Scene {
 }
 
 impl Scene {
+    /// A line that names the frames whose cameras are far from all others; `None` where there are none.
+    pub fn far_frames(&self) -> Option<String> {
+        let poses: Vec<_> = self.frames.iter().map(|frame| frame.pose).collect();
+        pose::far_frames(&poses)
+    }
+
     /// SHA-256 of its camera and poses. What was measured in its world is worth nothing with others.
     pub fn geometry_sha256(&self) -> String {
         let poses: Vec<_> = self.frames.iter().map(|frame| &frame.pose).collect();

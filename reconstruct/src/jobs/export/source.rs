@@ -6,7 +6,6 @@ use omnilife_engine::{
     model::Model,
 };
 use omnilife_schemas::{
-    Similarity,
     records::{AssetSource, RunRecord},
     store,
 };
@@ -35,11 +34,7 @@ impl ExportedScene {
     /// # Errors
     /// When the Gaussians cannot be read, or a viewer could draw none of them.
     pub(super) fn open(request: &ExportRequest) -> Result<Self, ReconstructError> {
-        let as_they_are = Similarity {
-            offset: [0.0; 3],
-            scale: 1.0,
-        };
-        let source = Source::open(&request.gaussians, as_they_are)?;
+        let source = Source::open_in_place(&request.gaussians)?;
         let mut model = source.model()?;
         let record_path = request.gaussians.join(RUN_FILE);
         let record: Option<RunRecord> = request

@@ -136,9 +136,10 @@ fn away(row: &SplatRow) -> f32 {
     glam::Vec3::from_array(row.position).length()
 }
 
-/// Three radii of the scene.
+/// Three radii of the scene. What is exactly in the middle, such as rows of zeros, says nothing of them.
 fn farthest(rows: &[SplatRow]) -> f32 {
-    let radius = quantile(rows.iter().map(away).collect(), SCENE_QUANTILE);
+    let distances = rows.iter().map(away).filter(|&distance| distance > 0.0);
+    let radius = quantile(distances.collect(), SCENE_QUANTILE);
     radius.map_or(f32::INFINITY, |radius| FARTHEST * radius)
 }
 
@@ -280,6 +281,17 @@ mod tests {
         );
         assert_eq!(drawable.placement.scale, 1.0);
     }
+
+    #[test]
+    fn a_heap_in_the_middle_pulls_nothing_in() {
+        let mut gaussians = flat(0.01, 1.0, 8, 400);
+        gaussians.positions[20..].fill([0.0; 3]);
+        let frame = FileFrame::new(DVec3::Z, DVec3::ZERO, 1.0);
+        let drawable = drawable(&gaussians, None, &frame);
+        assert_eq!(drawable.changes.pulled_in, 0);
+        assert!(drawable.rows.iter().all(|row| longest(row) > 0.009));
+    }
+
     #[test]
     fn all_moments_are_in_one_place_with_the_scene() {
         let gaussians = flat(1e-4, 0.02, 7, 500);

@@ -52,7 +52,7 @@ use crate::{
     options::{MethodOption, OptionValues},
     process,
     request::{BackendChoice, DefaultPlan, MethodRequest},
-    scene::TrainingScene,
+    scene::{CameraExtent, TrainingScene},
     train::LoopSettings,
 };
 
@@ -145,7 +145,10 @@ pub const METHOD: Method = Method {
         GRADIENTS,
         SCHEDULE,
     ],
-    kind: MethodKind::Trained { prepare },
+    kind: MethodKind::Trained {
+        extent: CameraExtent::Most,
+        prepare,
+    },
 };
 
 /// First nodes of a clip, with what became of each object.

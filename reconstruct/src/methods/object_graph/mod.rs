@@ -24,7 +24,7 @@ use crate::{
     methods::{Method, MethodKind, ON_CPU, PreparedGaussians, requirement::Requirement},
     options,
     request::{BackendChoice, DefaultPlan, MethodRequest},
-    scene::TrainingScene,
+    scene::{CameraExtent, TrainingScene},
     seeds::points,
 };
 
@@ -64,6 +64,7 @@ pub const METHOD: Method = Method {
     ],
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
+        extent: CameraExtent::Most,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
 };

@@ -46,7 +46,7 @@ use crate::{
     methods::{Method, MethodKind, ON_CPU, PreparedGaussians},
     options, process,
     request::{BackendChoice, DefaultPlan, MethodRequest},
-    scene::TrainingScene,
+    scene::{CameraExtent, TrainingScene},
 };
 
 /// Component: one factor per view on its distances.
@@ -105,6 +105,7 @@ pub const METHOD: Method = Method {
     requires: &[],
     options: &[options::MAX_GAUSSIANS, options::FOOTPRINT, options::SHARDS],
     kind: MethodKind::Trained {
+        extent: CameraExtent::Most,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
 };

@@ -177,7 +177,7 @@ impl Samples {
     }
 
     /// A shell in the directions that no view knows a distance of.
-    fn add_sky(&mut self, scene: &TrainingScene, surfaces: PointCloud, plan: &mut Plan<'_>) {
+    fn add_sky(&mut self, scene: &TrainingScene, surfaces: PointCloud<f32>, plan: &mut Plan<'_>) {
         let with_points = TrainingScene {
             points: surfaces,
             ..scene.clone()
@@ -224,7 +224,7 @@ impl Samples {
 }
 
 /// Places on the surfaces that the views show: enough of them to find the directions without any.
-fn some_places(lifted: &[Lifted]) -> PointCloud {
+fn some_places(lifted: &[Lifted]) -> PointCloud<f32> {
     let all: usize = lifted.iter().map(Lifted::len).sum();
     let positions = lifted.iter().flat_map(|lifted| &lifted.gaussians.positions);
     let positions: Vec<[f32; 3]> = positions.step_by(all / MOST_PLACES + 1).copied().collect();
@@ -235,7 +235,7 @@ fn some_places(lifted: &[Lifted]) -> PointCloud {
 }
 
 /// The centres as points.
-fn points_of(gaussians: &InitialGaussians) -> PointCloud {
+fn points_of(gaussians: &InitialGaussians) -> PointCloud<f32> {
     PointCloud {
         positions: gaussians.positions.clone(),
         colours: vec![[0; 3]; gaussians.len()],

@@ -1,0 +1,40 @@
+//! Points of georeferenced scenes, whose coordinates 32-bit floats do not hold.
+
+use omnilife_curate::exchange::{FORMATS, ImportRequest, MaskMeaning, import};
+use omnilife_schemas::points::PointCloud;
+
+use crate::{exported, scene};
+
+#[test]
+fn points_far_from_the_origin_come_back_exactly() {
+    let (folder, original) = scene();
+    let wave = |n: u32| (0.7 * f64::from(n)).sin();
+    let at = |n: u32| {
+        [
+            448_262.3 + wave(n),
+            5_411_932.7 + wave(n + 40),
+            wave(n + 90),
+        ]
+    };
+    let points = PointCloud {
+        positions: (0..30).map(at).collect(),
+        colours: vec![[1, 2, 3]; 30],
+    };
+    points.write_ply(&folder.path().join("points.ply")).unwrap();
+    // The only format that holds none.
+    for format in FORMATS.iter().filter(|format| format.id != "hm3d") {
+        let export = exported(format.id, folder.path());
+        let back = export.path().join("back");
+        let imported = import(&ImportRequest {
+            folder: &export.path().join("scene"),
+            format: format.id,
+            id: &original.id,
+            frames_per_second: None,
+            masks: MaskMeaning::Moving,
+            out: &back,
+        })
+        .unwrap();
+        let read = PointCloud::read_ply(&back.join(imported.points.unwrap())).unwrap();
+        assert_eq!(read, points, "{}", format.id);
+    }
+}
