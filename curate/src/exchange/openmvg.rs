@@ -25,7 +25,7 @@ use std::{collections::BTreeMap, io::Write, path::Path};
 use glam::{DMat3, DVec3};
 use omnilife_schemas::{
     Pose,
-    camera::{Camera, ErpCamera, PinholeCamera},
+    camera::{Camera, ErpCamera},
     points::PointCloud,
     store::{self, StoreError},
 };

@@ -2,7 +2,11 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod cube_faces;
+mod foreign;
+mod lenses;
 mod masks;
+mod orders;
+mod programs;
 mod pycolmap;
 mod refusals;
 
