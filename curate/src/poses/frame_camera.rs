@@ -16,7 +16,9 @@ use super::lens::{Distortion, Lens, Straightening};
 pub enum FrameCamera {
     /// The frames are those of a camera without a lens.
     Straight(Camera),
-    /// The frames have a lens.
+    /// A lens that moves no pixel by a quarter of one, and stays in the frames.
+    Weak(Lens),
+    /// A lens that is taken out of the frames.
     Distorted {
         /// Size, intrinsics and distortion of the frames as they are.
         lens: Lens,
@@ -32,7 +34,7 @@ impl From<Camera> for FrameCamera {
 }
 
 impl FrameCamera {
-    /// The camera of frames with this lens. A lens that moves no pixel by a quarter of one stays in them.
+    /// The camera of frames with this lens.
     ///
     /// # Errors
     /// Where no straight image is within what the lens shows; says why.
@@ -40,23 +42,23 @@ impl FrameCamera {
         if lens.distortion == Distortion::default() {
             return Ok(Self::Straight(lens.camera.into()));
         }
-        let straight = if lens.is_negligible() {
-            lens.camera
-        } else {
-            lens.straight().ok_or_else(|| {
-                format!(
-                    "no straight image is within a lens of {:?}",
-                    lens.distortion
-                )
-            })?
-        };
-        Ok(Self::Distorted { lens, straight })
+        if lens.is_negligible() {
+            return Ok(Self::Weak(lens));
+        }
+        match lens.straight() {
+            Some(straight) => Ok(Self::Distorted { lens, straight }),
+            None => Err(format!(
+                "no straight image is within a lens of {:?}",
+                lens.distortion
+            )),
+        }
     }
 
     /// The camera of the frames in a scene, without a lens.
     pub fn camera(&self) -> Camera {
         match self {
             Self::Straight(camera) => *camera,
+            Self::Weak(lens) => lens.camera.into(),
             Self::Distorted { straight, .. } => (*straight).into(),
         }
     }
@@ -64,8 +66,8 @@ impl FrameCamera {
     /// The lens that has to be taken out of the frames; `None` where they stay as they are.
     pub fn lens(&self) -> Option<Lens> {
         match self {
-            Self::Distorted { lens, .. } if !lens.is_negligible() => Some(*lens),
-            Self::Straight(_) | Self::Distorted { .. } => None,
+            Self::Distorted { lens, .. } => Some(*lens),
+            Self::Straight(_) | Self::Weak(_) => None,
         }
     }
 
@@ -74,6 +76,7 @@ impl FrameCamera {
     pub fn resized(&self, width: u32, height: u32) -> Self {
         match self {
             Self::Straight(camera) => Self::Straight(camera.resized(width, height)),
+            Self::Weak(lens) => Self::Weak(lens.resized(width, height)),
             Self::Distorted { lens, straight } => {
                 let resized =
                     |&camera: &PinholeCamera| Lens { camera, ..*lens }.resized(width, height);
@@ -87,24 +90,24 @@ impl FrameCamera {
 
     /// A line on the lens, where there is one.
     pub(crate) fn remark(&self) -> Option<String> {
-        let Self::Distorted { lens, .. } = self else {
-            return None;
-        };
-        let shift = lens.largest_shift_pixels();
-        Some(if lens.is_negligible() {
-            format!("the lens moves no pixel by more than {shift:.2} and stays in the frames")
-        } else {
-            format!("the lens, which moves pixels by up to {shift:.1}, is taken out of the frames")
-        })
+        match self {
+            Self::Straight(_) => None,
+            Self::Weak(lens) => Some(format!(
+                "the lens moves no pixel by more than {:.2} and stays in the frames",
+                lens.largest_shift_pixels()
+            )),
+            Self::Distorted { lens, .. } => Some(format!(
+                "the lens, which moves pixels by up to {:.1}, is taken out of the frames",
+                lens.largest_shift_pixels()
+            )),
+        }
     }
 
     /// Prepares frames of a scene; `None` where the files are those already.
     pub(crate) fn straightening(&self) -> Option<Straightening> {
         match self {
-            Self::Distorted { lens, straight } if !lens.is_negligible() => {
-                Some(lens.straightening(straight))
-            }
-            Self::Straight(_) | Self::Distorted { .. } => None,
+            Self::Distorted { lens, straight } => Some(lens.straightening(straight)),
+            Self::Straight(_) | Self::Weak(_) => None,
         }
     }
 }

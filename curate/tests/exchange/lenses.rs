@@ -221,3 +221,17 @@ fn a_scene_has_one_camera_and_that_is_said_by_name() {
         );
     }
 }
+
+/// Resampling would cost more than such a lens does.
+#[test]
+fn a_weak_lens_stays_and_is_told() {
+    let foreign = Foreign::new(SIZE, &[]);
+    paint(&foreign);
+    let camera = "1 SIMPLE_RADIAL 112 80 86 56 40 0.0015\n";
+    write_colmap_text(&foreign, "sparse", camera, &[(1, 1, "7.png", 7)]);
+    let scene = foreign.import("colmap").unwrap();
+    assert!(notes(&scene, "stays in the frames"));
+    let kept = RgbImage::read(&foreign.path().join("out").join(&scene.frames[0].image)).unwrap();
+    let original = RgbImage::read(&foreign.path().join("in/images/7.png")).unwrap();
+    assert_eq!(kept, original);
+}
