@@ -288,6 +288,19 @@ pub fn read_limited(path: &Path, most_bytes: u64) -> Result<Vec<u8>, StoreError>
     Ok(bytes)
 }
 
+/// The text of a file, without the byte order mark that some programs begin files with.
+///
+/// # Errors
+/// When the file is missing, cannot be read or is not UTF-8.
+pub fn read_text(path: &Path) -> Result<String, StoreError> {
+    error_kind::reading(path);
+    let text = fs::read_to_string(path).map_err(|source| StoreError::read(path, source))?;
+    Ok(match text.strip_prefix('\u{feff}') {
+        Some(rest) => rest.to_owned(),
+        None => text,
+    })
+}
+
 /// Writes bytes whole or not at all.
 pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
     write_with(path, |writer| writer.write_all(bytes))
@@ -378,7 +391,7 @@ pub fn update_record<T: Record + PartialEq>(path: &Path, record: &T) -> Result<(
 /// # Errors
 /// When it cannot be read, is no JSON, or does not say.
 pub fn schema_of(path: &Path) -> Result<String, StoreError> {
-    let text = fs::read_to_string(path).map_err(|source| StoreError::read(path, source))?;
+    let text = read_text(path)?;
     tag(path, &text)?
         .ok_or_else(|| StoreError::malformed(path, "has no \"schema\" entry".to_owned()))
 }
@@ -391,8 +404,7 @@ fn tag(path: &Path, text: &str) -> Result<Option<String>, StoreError> {
 
 /// Reads a record and checks that it is of the schema asked for.
 pub fn read_record<T: Record>(path: &Path) -> Result<T, StoreError> {
-    error_kind::reading(path);
-    let text = fs::read_to_string(path).map_err(|source| StoreError::read(path, source))?;
+    let text = read_text(path)?;
     match tag(path, &text)?.as_deref() {
         Some(schema) if is_read_as::<T>(schema) => {}
         Some(schema) => {

@@ -314,3 +314,19 @@ fn a_result_of_the_version_before_is_read() {
     assert_eq!(read.primitives, Some(7));
     omnilife_schemas::records::check_file(&path).unwrap();
 }
+
+/// Editors of some systems begin files with one.
+#[test]
+fn a_byte_order_mark_is_no_part_of_a_text() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("dataset.json");
+    store::write_record(&path, &dataset()).unwrap();
+    let text = store::read_text(&path).unwrap();
+    fs::write(&path, format!("\u{feff}{text}")).unwrap();
+    assert_eq!(store::read_text(&path).unwrap(), text);
+    assert_eq!(store::read_record::<Dataset>(&path).unwrap(), dataset());
+    assert!(store::schema_of(&path).unwrap().starts_with("omnilife/"));
+    // Only the first one is a mark.
+    fs::write(&path, "\u{feff}\u{feff}a").unwrap();
+    assert_eq!(store::read_text(&path).unwrap(), "\u{feff}a");
+}

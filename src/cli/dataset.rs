@@ -162,7 +162,7 @@ impl ExportArguments {
 /// `curate import`.
 #[derive(Debug, Args)]
 pub(crate) struct ImportArguments {
-    /// Folder in another tool's format.
+    /// Folder in another tool's format, or a COLMAP model in it (sparse/1).
     pub(crate) folder: PathBuf,
     /// Which.
     #[arg(long, value_parser = parse_format)]
@@ -170,7 +170,7 @@ pub(crate) struct ImportArguments {
     /// Name of the scene [default: the folder's].
     #[arg(long)]
     pub(crate) id: Option<String>,
-    /// Frames per second, where the folder has no times.csv.
+    /// Frames per second, where the folder has no times.csv; numbers in the names of images count frames.
     #[arg(long)]
     pub(crate) fps: Option<f64>,
     /// What the masks mark: what moves, or what is no part of the scene (who holds the camera, a tripod),

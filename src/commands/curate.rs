@@ -92,7 +92,7 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
         CurateCommand::Annotate(arguments) => dataset::annotate(arguments, progress),
         CurateCommand::Masks(arguments) => dataset::masks(arguments, progress),
         CurateCommand::Export(arguments) => dataset::export(arguments, progress),
-        CurateCommand::Import(arguments) => dataset::import(arguments),
+        CurateCommand::Import(arguments) => dataset::import(arguments, progress),
         CurateCommand::Select(arguments) => dataset::select(arguments, progress),
         CurateCommand::Publish(arguments) => dataset::publish_dataset(arguments, progress),
         CurateCommand::Verify { dataset } => dataset::verify(dataset, progress),

@@ -99,7 +99,7 @@ pub(crate) fn export(arguments: &ExportArguments, progress: &dyn Progress) -> an
     ))
 }
 
-pub(crate) fn import(arguments: &ImportArguments) -> anyhow::Result<()> {
+pub(crate) fn import(arguments: &ImportArguments, progress: &dyn Progress) -> anyhow::Result<()> {
     let name = arguments.folder.file_name().unwrap_or_default();
     let scene = exchange::import(&ImportRequest {
         folder: &arguments.folder,
@@ -112,6 +112,9 @@ pub(crate) fn import(arguments: &ImportArguments) -> anyhow::Result<()> {
         masks: arguments.masks.into(),
         out: &arguments.out,
     })?;
+    for problem in &scene.validation.problems {
+        progress.note(&format!("{}: {problem}", scene.id));
+    }
     exit::print(&format!(
         "{}: {} of {} frames posed\n",
         scene.id, scene.validation.registered_frames, scene.validation.total_frames

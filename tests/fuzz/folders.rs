@@ -31,7 +31,15 @@ pub(crate) const FOLDERS: &[Target] = &[
         id: "colmap",
         words: &["EQUIRECTANGULAR", "PINHOLE", "#", "\n", "1 2 3"],
         cost: 2,
-        seeds: |folder| exported(folder, "colmap"),
+        seeds: |folder| {
+            let frames = "0 1 1 0 0 0 0 0 0 2 CAMERA 1 1 CAMERA 2 2\n";
+            with_rig(
+                folder,
+                "colmap",
+                "in/sparse/0/frames.txt",
+                frames.as_bytes(),
+            )
+        },
         reader: Folder(read_colmap),
     },
     Target {
@@ -66,7 +74,16 @@ pub(crate) const FOLDERS: &[Target] = &[
         id: "colmap-binary",
         words: &["frames/000000.png"],
         cost: 2,
-        seeds: |folder| exported(folder, "colmap-binary"),
+        seeds: |folder| {
+            // One frame of two images: count, frame and rig, pose, and two triples.
+            let mut frames = vec![1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0];
+            frames.extend([0; 56]);
+            frames.extend([2, 0, 0, 0]);
+            for image in [1, 2] {
+                frames.extend([0, 0, 0, 0, image, 0, 0, 0, image, 0, 0, 0, 0, 0, 0, 0]);
+            }
+            with_rig(folder, "colmap-binary", "in/sparse/0/frames.bin", &frames)
+        },
         reader: Folder(read_colmap),
     },
     Target {
@@ -196,6 +213,15 @@ fn exported(folder: &Path, format: &str) -> Vec<String> {
     }
     found.sort();
     found
+}
+
+/// An exported model with a file of the frames of a rig.
+fn with_rig(folder: &Path, format: &str, name: &str, frames: &[u8]) -> Vec<String> {
+    let mut files = exported(folder, format);
+    fs::write(folder.join(name), frames).unwrap();
+    files.push(name.to_owned());
+    files.sort();
+    files
 }
 
 fn import(input: &Input, format: &str) {

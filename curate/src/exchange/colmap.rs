@@ -30,12 +30,12 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-use super::{ExportScene, ForeignFrame, ForeignScene, Format, file_of, masks::black_mask};
+use super::{ExportScene, ForeignFrame, ForeignScene, Format, left_out, masks::black_mask};
 use crate::{
     error::CurateError,
     poses::{
         colmap::{self, ColmapModel},
-        colmap_binary,
+        colmap_binary, colmap_frames,
     },
 };
 
@@ -125,25 +125,49 @@ fn mask_name(image: &str) -> String {
 }
 
 fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
-    let model = ColmapModel::read(folder)?;
+    let files = colmap::files(folder)?;
+    let model = ColmapModel::read_files(&files.paths)?;
+    let [_, images_file, _] = &files.paths;
     if model.images.is_empty() {
-        let [_, path, _] = colmap::files(folder);
-        return Err(StoreError::malformed(&path, "has no images").into());
+        return Err(StoreError::malformed(images_file, "has no images").into());
     }
-    let (images, masks) = (folder.join("images"), folder.join("masks"));
-    let mut frames = Vec::new();
-    for image in model.images.values() {
+    let together = colmap_frames::together(&files.paths)?;
+    let root = root_of(folder, &files.paths);
+    let (images, masks) = (root.join("images"), root.join("masks"));
+    let (mut frames, mut missing_images) = (Vec::new(), Vec::new());
+    for (id, image) in &model.images {
+        let Some(path) = super::image_of(&images, &image.name)? else {
+            missing_images.push(image.name.clone());
+            continue;
+        };
         frames.push(ForeignFrame {
-            image: file_of(&images, &image.name)?,
+            image: path,
             mask: black_mask(&masks, &mask_name(&image.name)),
             objects: BTreeMap::new(),
             pose: Some(image.pose()),
+            moment: together.get(id).copied(),
         });
     }
     Ok(ForeignScene {
         camera: model.camera,
         frames,
         pose_source: None,
+        image_folders: left_out::folders_below(&images)?,
+        root,
+        missing_images,
+        notes: files.note.into_iter().collect(),
         points: model.cloud(),
     })
+}
+
+/// The folder with the images of a model: the one that is given, or, where that is the model itself, one of the
+/// two that hold it (`sparse/0`).
+fn root_of(folder: &Path, [cameras, ..]: &[PathBuf; 3]) -> PathBuf {
+    let is_model = cameras.parent() == Some(folder);
+    folder
+        .ancestors()
+        .take(if is_model { 3 } else { 1 })
+        .find(|place| place.join("images").is_dir())
+        .unwrap_or(folder)
+        .to_owned()
 }

@@ -1,7 +1,7 @@
 //! A clip as a folder of frames, with masks of its objects and no more.
 //!
 //! ```text
-//! rgb/00000.jpg ...             the frames, in the order of their names (or images/)
+//! rgb/00000.jpg ...             the frames, in the order of their names and numbers (or images/)
 //! mask/00000.png ...            white where the object is, by the frames' names (DAVIS), or
 //! objects/swan/00000.png ...    the same for each object, by its name; no file where it is not seen
 //! camera.json                   {"focal": F}, the focal length in pixels, where it is known
@@ -31,7 +31,7 @@ use omnilife_schemas::{
 use rayon::prelude::*;
 use serde::Deserialize;
 
-use super::{ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format};
+use super::{ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, frame_order};
 use crate::{error::CurateError, motion::pinhole_turns::GreyFrame, poses::turns};
 
 /// The format.
@@ -94,7 +94,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     let objects = object_masks(folder, &stems)?;
     let given = folder.join(POSES_FILE);
     let posed = if given.is_file() {
-        given_poses(folder, &given, images.len(), size)?
+        given_poses(folder, &given, &images, size)?
     } else {
         registered(&images, &objects, size, focal_of(folder)?)?
     };
@@ -117,10 +117,15 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             .filter_map(|(name, masks)| Some((name.clone(), masks.get(stem)?.clone())))
             .collect(),
         pose,
+        moment: None,
     });
     Ok(ForeignScene {
-        camera: posed.camera,
+        camera: posed.camera.into(),
         frames: frames.collect(),
+        root: folder.to_owned(),
+        image_folders: Vec::new(),
+        missing_images: Vec::new(),
+        notes: Vec::new(),
         points: posed.points,
         pose_source: Some(posed.source),
     })
@@ -134,13 +139,6 @@ struct Posed {
     source: PoseSource,
 }
 
-fn is_image(path: &Path) -> bool {
-    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-    ["png", "jpg", "jpeg"]
-        .iter()
-        .any(|known| extension == *known)
-}
-
 fn stem(path: &Path) -> String {
     path.file_stem()
         .unwrap_or_default()
@@ -148,18 +146,11 @@ fn stem(path: &Path) -> String {
         .into_owned()
 }
 
-fn images_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
-    let mut files = store::paths_in(folder)?;
-    files.retain(|file| is_image(file));
-    files.sort();
-    Ok(files)
-}
-
 fn image_files(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     for name in ["rgb", "images"] {
         let images = folder.join(name);
         if images.is_dir() {
-            return images_in(&images);
+            return frame_order::images_in(&images);
         }
     }
     Ok(Vec::new())
@@ -173,7 +164,7 @@ fn object_masks(
     let known: BTreeSet<&String> = stems.iter().collect();
     let read = |folder: &Path| -> Result<BTreeMap<String, PathBuf>, CurateError> {
         let mut masks = BTreeMap::new();
-        for file in images_in(folder)? {
+        for file in frame_order::images_in(folder)? {
             let name = stem(&file);
             if !known.contains(&name) {
                 return Err(CurateError::input(&file, "is the mask of no frame"));
@@ -207,9 +198,7 @@ fn focal_of(folder: &Path) -> Result<Option<f64>, CurateError> {
     if !path.is_file() {
         return Ok(None);
     }
-    let text = std::fs::read(&path).map_err(|source| StoreError::read(&path, source))?;
-    let camera: CameraFile = serde_json::from_slice(&text)
-        .map_err(|error| StoreError::malformed(&path, error.to_string()))?;
+    let camera: CameraFile = super::read_json(&path)?;
     let is_possible = camera.focal > 0.0 && camera.focal.is_finite();
     if !is_possible {
         let reason = format!("has a focal length of {} pixels", camera.focal);
@@ -222,12 +211,22 @@ fn focal_of(folder: &Path) -> Result<Option<f64>, CurateError> {
 fn given_poses(
     folder: &Path,
     path: &Path,
-    frames: usize,
+    images: &[PathBuf],
     size: [usize; 2],
 ) -> Result<Posed, CurateError> {
     let record: Poses = store::read_record(path)?;
-    if record.frames.len() != frames {
-        let reason = format!("has {} poses for {frames} frames", record.frames.len());
+    if record.frames.len() != images.len() {
+        let reason = format!(
+            "has {} poses for {} frames",
+            record.frames.len(),
+            images.len()
+        );
+        return Err(CurateError::input(path, reason));
+    }
+    // Poses without names belong to frames by their number, or where there is but one order of names.
+    if !images.is_sorted() && !frame_order::are_counted(images) {
+        let reason = "has poses in an order that frames do not tell: number their names from 0 or 1 on, with as \
+                      many digits each";
         return Err(CurateError::input(path, reason));
     }
     if let Some(number) = record

@@ -13,7 +13,7 @@
 //! `p = (cos phi sin theta, sin phi, cos phi cos theta)`: x left, y up, z forward at the image
 //! centre. So the x and y columns of camera-to-world change their signs. (A Habitat agent looks
 //! along -z of this frame, out of the panorama's edge.) Numbers are f32, as their loaders expect:
-//! poses keep 7 digits. The format has no points; depth maps (`pano_depth`) are not ours to write.
+//! poses keep 7 digits. Row i of the arrays is that of image number i, counted from 0 or from 1. The format has no points; depth maps (`pano_depth`) are not ours to write.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -31,8 +31,8 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-use super::{ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format};
-use crate::error::CurateError;
+use super::{ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, frame_order};
+use crate::{error::CurateError, poses::frame_camera::FrameCamera};
 
 /// The format.
 pub const FORMAT: Format = Format {
@@ -120,11 +120,18 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         )
         .into());
     }
-    let panoramas = super::scene_folder::sorted_files(&folder.join("pano"))?;
+    let panoramas = frame_order::images_in(&folder.join("pano"))?;
     if panoramas.len() != count {
         return Err(CurateError::input(
             &folder.join("pano"),
             format!("has {} panoramas for {count} poses", panoramas.len()),
+        ));
+    }
+    if !frame_order::are_counted(&panoramas) {
+        return Err(CurateError::input(
+            &folder.join("pano"),
+            "has panoramas that are not numbered from 0 or 1 on without gaps, so rows of rotation.npy belong to \
+             none of them",
         ));
     }
     let mut frames = Vec::new();
@@ -149,6 +156,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             }),
             objects: BTreeMap::new(),
             pose: Some(pose),
+            moment: None,
         });
     }
     let first = frames
@@ -156,13 +164,19 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         .ok_or_else(|| CurateError::input(folder, "has no panoramas"))?;
     let [width, height] = ImageFile::open(&first.image)?.size();
     Ok(ForeignScene {
-        camera: ErpCamera {
-            width: width as u32,
-            height: height as u32,
-        }
-        .into(),
+        camera: FrameCamera::Straight(
+            ErpCamera {
+                width: width as u32,
+                height: height as u32,
+            }
+            .into(),
+        ),
         frames,
         pose_source: None,
+        root: folder.to_owned(),
+        image_folders: Vec::new(),
+        missing_images: Vec::new(),
+        notes: Vec::new(),
         points: PointCloud::default(),
     })
 }

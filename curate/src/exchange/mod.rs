@@ -7,8 +7,10 @@
 
 pub mod colmap;
 mod cube_faces;
+mod frame_order;
 pub mod frames;
 pub mod hm3d;
+mod left_out;
 mod masks;
 pub mod nerfstudio;
 pub mod openmvg;
@@ -36,7 +38,7 @@ pub use cube_faces::CubeFaces;
 pub(crate) use cube_faces::face_image;
 pub use scene_folder::{ImportRequest, MaskMeaning, import};
 
-use crate::error::CurateError;
+use crate::{error::CurateError, poses::frame_camera::FrameCamera};
 
 /// A scene format.
 #[derive(Debug, Clone, Copy)]
@@ -135,14 +137,22 @@ pub struct ExportRequest<'a> {
 /// What a reader found.
 #[derive(Debug, Clone)]
 pub struct ForeignScene {
-    /// The camera of all frames.
-    pub camera: Camera,
-    /// Frames in the format's order.
+    /// The camera of all frames, with their lens.
+    pub camera: FrameCamera,
+    /// Frames whose images are there, in whatever order.
     pub frames: Vec<ForeignFrame>,
     /// World points; empty where the format has none.
     pub points: PointCloud,
     /// Where the poses come from, where it is not the format itself.
     pub pose_source: Option<PoseSource>,
+    /// The folder that `times.csv` and `ignore/` lie in.
+    pub root: PathBuf,
+    /// Folders that may hold images which are no frames, beside those of the frames.
+    pub image_folders: Vec<PathBuf>,
+    /// Names of images that have a pose and are not there.
+    pub missing_images: Vec<String>,
+    /// Lines on what the reader decided and left out.
+    pub notes: Vec<String>,
 }
 
 /// A frame that a reader found.
@@ -156,6 +166,8 @@ pub struct ForeignFrame {
     pub objects: BTreeMap<String, PathBuf>,
     /// The camera, where it is known.
     pub pose: Option<Pose>,
+    /// Frames with the same number here were taken at once.
+    pub moment: Option<u32>,
 }
 
 /// A mask in another tool's convention.
@@ -382,6 +394,14 @@ fn file_of(folder: &Path, file: &str) -> Result<PathBuf, CurateError> {
     Ok(path)
 }
 
+/// An image that another tool's record names, which must lie in the folder; `None` where it is not there.
+fn image_of(folder: &Path, file: &str) -> Result<Option<PathBuf>, CurateError> {
+    if !folder.join(file).is_file() {
+        return Ok(None);
+    }
+    file_of(folder, file).map(Some)
+}
+
 /// Refuses to write a second file of one name into an export.
 fn refuse_second(path: &Path) -> Result<(), CurateError> {
     if path.exists() {
@@ -442,14 +462,9 @@ fn write_split_lists(scene: &ExportScene, out: &Path) -> Result<(), StoreError> 
     Ok(())
 }
 
-/// Text of a file.
-fn read_text(path: &Path) -> Result<String, StoreError> {
-    fs::read_to_string(path).map_err(|error| StoreError::read(path, error))
-}
-
 /// Parses a JSON file of another tool.
 fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, StoreError> {
-    serde_json::from_str(&read_text(path)?).map_err(|error| {
+    serde_json::from_str(&store::read_text(path)?).map_err(|error| {
         StoreError::malformed(path, format!("not what the format asks for: {error}"))
     })
 }

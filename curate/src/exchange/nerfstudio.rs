@@ -10,16 +10,20 @@
 //!
 //! Axes: nerfstudio's cameras have x right, y up and z back (OpenGL); its equirectangular image has
 //! -z in the centre, which is our +z (`nerfstudio/cameras/cameras.py`, `EQUIRECTANGULAR`, with
-//! `fl_x = fl_y = w / 2`). So the y and z columns of camera-to-world change their signs. The world
+//! `fl_x = w / 2` and `fl_y = h`). So the y and z columns of camera-to-world change their signs. The world
 //! is not turned: nerfstudio levels it by itself unless told otherwise. A pinhole's principal point is
-//! taken as it stands; the centre of the first pixel is at (1/2, 1/2) there too.
+//! taken as it stands; the centre of the first pixel is at (1/2, 1/2) there too. `ns-process-data` has turned
+//! its cameras by `applied_transform`, and the points of `ply_file_path` alike: their world is kept.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
 )]
 
+mod camera;
+
 use std::{collections::BTreeMap, path::Path};
 
+use camera::{Entries, camera};
 use glam::{DMat3, DMat4, DVec3, DVec4};
 use omnilife_schemas::{
     Pose,
@@ -29,13 +33,15 @@ use omnilife_schemas::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::{ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, file_of, stem};
+use super::{
+    ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, file_of, left_out, stem,
+};
 use crate::error::CurateError;
 
 /// The format.
 pub const FORMAT: Format = Format {
     id: "nerfstudio",
-    about: "nerfstudio's transforms.json with an EQUIRECTANGULAR or PINHOLE camera",
+    about: "nerfstudio's transforms.json with an EQUIRECTANGULAR, PINHOLE or OPENCV camera",
     holds_cube_faces: true,
     export,
     import,
@@ -46,7 +52,8 @@ const POINTS_FILE: &str = "points.ply";
 const ERP_MODEL: &str = "EQUIRECTANGULAR";
 const PINHOLE_MODEL: &str = "PINHOLE";
 
-#[derive(Serialize, Deserialize)]
+/// What is written.
+#[derive(Serialize)]
 struct Transforms {
     camera_model: String,
     w: u32,
@@ -55,21 +62,26 @@ struct Transforms {
     fl_y: f64,
     cx: f64,
     cy: f64,
-    /// Lens distortion among them, which no camera of ours has.
-    #[serde(flatten)]
-    others: BTreeMap<String, serde_json::Value>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     ply_file_path: Option<String>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    applied_transform: Option<serde_json::Value>,
     /// Files of the split, as the data parser of nerfstudio takes them.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     train_filenames: Option<Vec<String>>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     val_filenames: Option<Vec<String>>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     test_filenames: Option<Vec<String>>,
     frames: Vec<Frame>,
+}
+
+/// What is read.
+#[derive(Deserialize)]
+struct ForeignTransforms {
+    #[serde(default)]
+    ply_file_path: Option<String>,
+    frames: Vec<Frame>,
+    #[serde(flatten)]
+    others: Entries,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -78,6 +90,9 @@ struct Frame {
     transform_matrix: [[f64; 4]; 4],
     #[serde(default, skip_serializing_if = "Option::is_none")]
     mask_path: Option<String>,
+    /// Entries of its camera among them.
+    #[serde(flatten)]
+    others: Entries,
 }
 
 /// From our camera axes to OpenGL's, and back.
@@ -95,7 +110,7 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
                 width,
                 height,
                 fx: half,
-                fy: half,
+                fy: f64::from(height),
                 cx: half,
                 cy: f64::from(height) / 2.0,
             }
@@ -118,6 +133,7 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
             mask_path: frame
                 .is_masked()
                 .then(|| format!("masks/{}", mask_name(&frame.name))),
+            others: Entries::new(),
         }
     });
     let files = |is_input: bool| -> Option<Vec<String>> {
@@ -140,53 +156,13 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
         fl_y: intrinsics.fy,
         cx: intrinsics.cx,
         cy: intrinsics.cy,
-        others: BTreeMap::new(),
         ply_file_path: has_points.then(|| POINTS_FILE.to_owned()),
-        applied_transform: None,
         train_filenames: files(true),
         val_filenames: files(false),
         test_filenames: files(false),
         frames: frames.collect(),
     };
     Ok(super::write_json(&out.join(TRANSFORMS_FILE), &transforms)?)
-}
-
-/// # Errors
-/// For other models, and where the lens distorts; says why.
-fn camera(transforms: &Transforms) -> Result<Camera, String> {
-    let (width, height) = (transforms.w, transforms.h);
-    match transforms.camera_model.as_str() {
-        ERP_MODEL => return Ok(ErpCamera { width, height }.into()),
-        PINHOLE_MODEL | "OPENCV" | "SIMPLE_PINHOLE" => {}
-        model => {
-            return Err(format!(
-                "camera model {model}, expected {ERP_MODEL} or {PINHOLE_MODEL}"
-            ));
-        }
-    }
-    for name in ["k1", "k2", "k3", "k4", "p1", "p2"] {
-        let value = transforms.others.get(name);
-        if value.is_some_and(|value| value.as_f64() != Some(0.0)) {
-            return Err(format!(
-                "its lens distorts ({name}); undistort the images first"
-            ));
-        }
-    }
-    let (fx, fy) = (transforms.fl_x, transforms.fl_y);
-    if !(fx > 0.0 && fy > 0.0 && width > 0 && height > 0) {
-        return Err(format!(
-            "a {width}x{height} camera with the focal lengths {fx} and {fy}"
-        ));
-    }
-    Ok(PinholeCamera {
-        width,
-        height,
-        fx,
-        fy,
-        cx: transforms.cx,
-        cy: transforms.cy,
-    }
-    .into())
 }
 
 fn mask_name(image: &str) -> String {
@@ -196,14 +172,14 @@ fn mask_name(image: &str) -> String {
 fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     let path = folder.join(TRANSFORMS_FILE);
     let malformed = |reason: String| StoreError::malformed(&path, reason);
-    let transforms: Transforms = super::read_json(&path)?;
-    let camera = camera(&transforms).map_err(malformed)?;
-    // Undoing it would need to know whether the points were turned with the cameras.
-    if transforms.applied_transform.is_some() {
-        return Err(malformed("has an applied_transform; export it without".to_owned()).into());
-    }
-    let mut frames = Vec::new();
+    let transforms: ForeignTransforms = super::read_json(&path)?;
+    let (camera, unread) = camera(&transforms.others, &transforms.frames).map_err(malformed)?;
+    let (mut frames, mut missing_images) = (Vec::new(), Vec::new());
     for frame in &transforms.frames {
+        let Some(image) = super::image_of(folder, &frame.file_path)? else {
+            missing_images.push(frame.file_path.clone());
+            continue;
+        };
         let matrix = DMat4::from_cols_array_2d(&frame.transform_matrix).transpose();
         let rotation = opengl(DMat3::from_mat4(matrix));
         let pose = Pose::from_matrix(rotation, matrix.w_axis.truncate())
@@ -217,16 +193,23 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             None => None,
         };
         frames.push(ForeignFrame {
-            image: file_of(folder, &frame.file_path)?,
+            image,
             mask,
             objects: BTreeMap::new(),
             pose: Some(pose),
+            moment: None,
         });
     }
     Ok(ForeignScene {
         camera,
         frames,
         pose_source: None,
+        root: folder.to_owned(),
+        image_folders: Vec::new(),
+        missing_images,
+        notes: left_out::line(&unread, "entries of transforms.json that are not read")
+            .into_iter()
+            .collect(),
         points: match &transforms.ply_file_path {
             Some(file) => PointCloud::read_ply(&file_of(folder, file)?)?,
             None => PointCloud::default(),

@@ -18,18 +18,20 @@
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
 )]
 
+mod records;
+
 use std::{collections::BTreeMap, io::Write, path::Path};
 
 use glam::{DMat3, DVec3};
 use omnilife_schemas::{
     Pose,
-    camera::{Camera, ErpCamera, PinholeCamera},
+    camera::{Camera, ErpCamera},
     points::{Coordinates, PointCloud},
     store::{self, StoreError},
 };
 use serde::{Deserialize, Serialize};
 
-use super::{ExportScene, ForeignFrame, ForeignScene, Format, file_of, masks::black_mask, stem};
+use super::{ExportScene, ForeignFrame, ForeignScene, Format, masks::black_mask, stem};
 use crate::error::CurateError;
 
 /// The format.
@@ -51,22 +53,20 @@ const SPHERICAL: &str = "spherical";
 const PINHOLE: &str = "pinhole";
 /// cereal marks the first object of a polymorphic type with the highest bit.
 const FIRST_OF_ITS_KIND: u32 = 1 << 31;
+/// OpenMVG's key of what a view does not have.
+const UNDEFINED: u32 = u32::MAX;
 /// cereal's mark for an object of the static type.
 const STATIC_TYPE: u32 = 1 << 30;
 
-#[derive(Serialize, Deserialize)]
+/// What is written.
+#[derive(Serialize)]
 struct SfmData {
     sfm_data_version: String,
     root_path: String,
-    #[serde(default)]
     views: Vec<Keyed<Polymorphic<View>>>,
-    #[serde(default)]
     intrinsics: Vec<Keyed<NamedPolymorphic<Intrinsic>>>,
-    #[serde(default)]
     extrinsics: Vec<Keyed<Extrinsic>>,
-    #[serde(default)]
     structure: Vec<serde_json::Value>,
-    #[serde(default)]
     control_points: Vec<serde_json::Value>,
 }
 
@@ -76,20 +76,20 @@ struct Keyed<T> {
     value: T,
 }
 
-#[derive(Serialize, Deserialize)]
+#[derive(Serialize)]
 struct Polymorphic<T> {
     polymorphic_id: u32,
     ptr_wrapper: Pointer<T>,
 }
 
-#[derive(Serialize, Deserialize)]
+#[derive(Serialize)]
 struct NamedPolymorphic<T> {
     polymorphic_id: u32,
     polymorphic_name: String,
     ptr_wrapper: Pointer<T>,
 }
 
-#[derive(Serialize, Deserialize)]
+#[derive(Serialize)]
 struct Pointer<T> {
     id: u32,
     data: T,
@@ -107,45 +107,25 @@ struct View {
 }
 
 /// How cereal has an intrinsic: a spherical one inside of its base class, a pinhole flat.
-#[derive(Serialize, Deserialize)]
+#[derive(Serialize)]
 #[serde(untagged)]
-enum StoredIntrinsic {
-    OfBaseClass { value0: IntrinsicData },
-    Flat(IntrinsicData),
+enum Intrinsic {
+    Spherical {
+        value0: Size,
+    },
+    Pinhole {
+        width: u32,
+        height: u32,
+        /// Pixels.
+        focal_length: f64,
+        principal_point: [f64; 2],
+    },
 }
 
-impl From<StoredIntrinsic> for Intrinsic {
-    fn from(stored: StoredIntrinsic) -> Self {
-        match stored {
-            StoredIntrinsic::OfBaseClass { value0: data } | StoredIntrinsic::Flat(data) => {
-                Self(data)
-            }
-        }
-    }
-}
-
-impl From<Intrinsic> for StoredIntrinsic {
-    fn from(Intrinsic(data): Intrinsic) -> Self {
-        match data.focal_length {
-            None => Self::OfBaseClass { value0: data },
-            Some(_) => Self::Flat(data),
-        }
-    }
-}
-
-#[derive(Clone, Serialize, Deserialize)]
-#[serde(from = "StoredIntrinsic", into = "StoredIntrinsic")]
-struct Intrinsic(IntrinsicData);
-
-#[derive(Clone, Serialize, Deserialize)]
-struct IntrinsicData {
+#[derive(Serialize)]
+struct Size {
     width: u32,
     height: u32,
-    /// Of a pinhole, pixels.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    focal_length: Option<f64>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    principal_point: Option<[f64; 2]>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -241,48 +221,19 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
 /// For a pinhole whose focal lengths differ.
 fn intrinsic(camera: &Camera) -> Result<Intrinsic, String> {
     let (width, height) = (camera.width(), camera.height());
-    let (focal_length, principal_point) = match camera {
-        Camera::Erp(_) => (None, None),
-        Camera::Pinhole(camera) if camera.fx == camera.fy => {
-            (Some(camera.fx), Some([camera.cx, camera.cy]))
-        }
-        Camera::Pinhole(camera) => {
-            return Err(format!(
-                "a pinhole of OpenMVG has one focal length, the scene's has {} and {} pixels",
-                camera.fx, camera.fy
-            ));
-        }
-    };
-    Ok(Intrinsic(IntrinsicData {
-        width,
-        height,
-        focal_length,
-        principal_point,
-    }))
-}
-
-/// The camera of an intrinsic of this name.
-///
-/// # Errors
-/// For other kinds and where something is missing; says why.
-fn camera_of(name: &str, Intrinsic(intrinsic): &Intrinsic) -> Result<Camera, String> {
-    let (width, height) = (intrinsic.width, intrinsic.height);
-    match (name, intrinsic.focal_length, intrinsic.principal_point) {
-        (SPHERICAL, ..) => Ok(ErpCamera { width, height }.into()),
-        (PINHOLE, Some(focal), Some([cx, cy])) if focal > 0.0 && width > 0 && height > 0 => {
-            Ok(PinholeCamera {
-                width,
-                height,
-                fx: focal,
-                fy: focal,
-                cx,
-                cy,
-            }
-            .into())
-        }
-        (PINHOLE, ..) => Err("its pinhole lacks a focal length or a principal point".to_owned()),
-        _ => Err(format!(
-            "its intrinsic is {name}, expected {SPHERICAL} or {PINHOLE}"
+    match camera {
+        Camera::Erp(_) => Ok(Intrinsic::Spherical {
+            value0: Size { width, height },
+        }),
+        Camera::Pinhole(camera) if camera.fx == camera.fy => Ok(Intrinsic::Pinhole {
+            width,
+            height,
+            focal_length: camera.fx,
+            principal_point: [camera.cx, camera.cy],
+        }),
+        Camera::Pinhole(camera) => Err(format!(
+            "a pinhole of OpenMVG has one focal length, the scene's has {} and {} pixels",
+            camera.fx, camera.fy
         )),
     }
 }
@@ -317,6 +268,41 @@ fn write_points(path: &Path, cloud: &PointCloud) -> Result<(), StoreError> {
     })
 }
 
+/// The camera of all views. Intrinsics that no view has do not count.
+///
+/// # Errors
+/// Where views differ in their size or camera, or theirs cannot be read; says why.
+fn common_camera(data: &records::SfmData) -> Result<Camera, String> {
+    let cameras = records::cameras(data);
+    let mut common: Option<(Camera, &str)> = None;
+    let views = data.views.iter().map(|view| view.value.data());
+    for view in views.filter(|view| cameras.is_empty() || view.id_intrinsic != UNDEFINED) {
+        let camera = if cameras.is_empty() {
+            // ODGS reads the views alone, and all of them as spherical.
+            Camera::Erp(ErpCamera {
+                width: view.width,
+                height: view.height,
+            })
+        } else {
+            let camera = cameras.get(&view.id_intrinsic).ok_or_else(|| {
+                format!(
+                    "has no intrinsic {} of {}",
+                    view.id_intrinsic, view.filename
+                )
+            })?;
+            camera.clone()?.resized(view.width, view.height)
+        };
+        let (first, name) = *common.get_or_insert((camera, view.filename.as_str()));
+        if first != camera {
+            return Err(format!(
+                "the cameras of {name} and {} differ; a scene has one camera",
+                view.filename
+            ));
+        }
+    }
+    Ok(common.ok_or("has no views")?.0)
+}
+
 fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     let whole = folder.join(WHOLE_FILE);
     let is_whole = whole.is_file() && !folder.join(VIEWS_FILE).is_file();
@@ -325,8 +311,8 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     } else {
         [VIEWS_FILE, EXTRINSICS_FILE].map(|name| folder.join(name))
     };
-    let views: SfmData = super::read_json(&views_path)?;
-    let extrinsics: SfmData = super::read_json(&extrinsics_path)?;
+    let views: records::SfmData = super::read_json(&views_path)?;
+    let extrinsics: records::SfmData = super::read_json(&extrinsics_path)?;
     let mut poses = BTreeMap::new();
     for Keyed { key, value } in &extrinsics.extrinsics {
         let world_to_camera = DMat3::from_cols_array_2d(&value.rotation).transpose();
@@ -342,40 +328,33 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             return Err(StoreError::malformed(&extrinsics_path, reason).into());
         }
     }
+    let camera =
+        common_camera(&views).map_err(|reason| StoreError::malformed(&views_path, reason))?;
     let images = folder.join("images");
-    let mut size_of_views = None;
-    let mut frames = Vec::new();
+    let (mut frames, mut missing_images) = (Vec::new(), Vec::new());
     for view in &views.views {
-        let view = &view.value.ptr_wrapper.data;
-        let size = [view.width, view.height];
-        if *size_of_views.get_or_insert(size) != size {
-            return Err(StoreError::malformed(&views_path, "its views differ in size").into());
-        }
+        let view = view.value.data();
+        let Some(image) = super::image_of(&images, &view.filename)? else {
+            missing_images.push(view.filename.clone());
+            continue;
+        };
         frames.push(ForeignFrame {
-            image: file_of(&images, &view.filename)?,
+            image,
             mask: black_mask(&images, &mask_name(&view.filename)),
             objects: BTreeMap::new(),
             pose: poses.get(&view.id_pose).copied(),
+            moment: None,
         });
     }
-    let [width, height] =
-        size_of_views.ok_or_else(|| StoreError::malformed(&views_path, "has no views"))?;
-    let camera = match &views.intrinsics[..] {
-        // ODGS reads the views alone, and all of them as spherical.
-        [] => ErpCamera { width, height }.into(),
-        [one] => camera_of(&one.value.polymorphic_name, &one.value.ptr_wrapper.data)
-            .map_err(|reason| StoreError::malformed(&views_path, reason))?
-            .resized(width, height),
-        more => {
-            let reason = format!("has {} intrinsics; a scene has one camera", more.len());
-            return Err(StoreError::malformed(&views_path, reason).into());
-        }
-    };
     let points = folder.join(POINTS_FILE);
     Ok(ForeignScene {
-        camera,
+        camera: camera.into(),
         frames,
         pose_source: None,
+        root: folder.to_owned(),
+        image_folders: Vec::new(),
+        missing_images,
+        notes: Vec::new(),
         points: if points.is_file() {
             PointCloud::read_ply(&points)?
         } else {

@@ -2,7 +2,6 @@
 
 use std::{
     collections::{BTreeMap, BTreeSet},
-    fs,
     path::{Path, PathBuf},
 };
 
@@ -11,11 +10,14 @@ use omnilife_schemas::{
     layout::{FRAMES_FOLDER, IGNORE_MASKS_FOLDER, POINTS_FILE, SCENE_FILE, SCENE_MASKS_FOLDER},
     records::{PoseSource, Scale, Scene, SceneFrame},
     rgb::Mask,
-    store::{self, StoreError},
+    store,
 };
 
-use super::{ForeignFrame, ForeignScene, format, times};
-use crate::{error::CurateError, poses::given};
+use super::{ForeignFrame, ForeignScene, format, frame_order, left_out, times};
+use crate::{
+    error::CurateError,
+    poses::{frame_camera::write_straight, given, lens::Straightening},
+};
 
 /// What to import.
 #[derive(Debug, Clone)]
@@ -45,36 +47,77 @@ pub enum MaskMeaning {
 
 /// Imports a scene: `scene.json`, `frames/`, `masks/` and `points.ply`.
 ///
-/// Poses are taken as they are and marked unchecked, the scale as arbitrary.
+/// Poses are taken as they are and marked unchecked, the scale as arbitrary. Frames with a lens are straightened.
+/// What was decided and left out is among the problems of the scene's validation, a line each.
 ///
 /// # Errors
-/// [`CurateError::Input`] for an unknown format, missing times, images of another size and an
-/// output that holds something; [`CurateError::Store`] for malformed files.
+/// [`CurateError::Input`] for an unknown format, missing times, images that are not there or of another size
+/// and an output that holds something; [`CurateError::Store`] for malformed files.
 pub fn import(request: &ImportRequest<'_>) -> Result<Scene, CurateError> {
     let format = format(request.format, request.folder)?;
     super::refuse_filled(request.out)?;
-    let foreign = (format.import)(request.folder)?;
-    let names = image_names(request.folder, &foreign)?;
-    let times = frame_times(request, &foreign.frames)?;
+    let mut foreign = (format.import)(request.folder)?;
+    if let (true, [first, ..]) = (foreign.frames.is_empty(), &foreign.missing_images[..]) {
+        let reason = format!(
+            "has none of the {} images that its poses name, such as {first}",
+            foreign.missing_images.len()
+        );
+        return Err(CurateError::input(request.folder, reason));
+    }
+    foreign
+        .frames
+        .sort_by(|a, b| frame_order::natural_paths(&a.image, &b.image));
+    for frame in &foreign.frames {
+        check_size(&foreign, frame)?;
+    }
+    let beside = left_out::images_beside(&foreign)?;
+    let times = frame_times(request, &foreign, &beside)?;
+    let beside: Vec<String> = beside.iter().map(|path| below(&foreign, path)).collect();
+    let notes: Vec<String> = (foreign.notes.iter().cloned())
+        .chain(foreign.camera.remark())
+        .chain(left_out::line(
+            &foreign.missing_images,
+            "poses left out, whose images are not there",
+        ))
+        .chain(left_out::line(
+            &beside,
+            "images left out, which have no pose",
+        ))
+        .chain(times.note)
+        .collect();
+    let source = Source {
+        straightening: foreign.camera.straightening(),
+        scene: &foreign,
+    };
+    let names = image_names(request.folder, &source)?;
     super::fill_folder(request.out, |folder| {
-        write(request, &foreign, (&names, &times), folder)
+        write(request, &source, (&names, &times.seconds), notes, folder)
     })
+}
+
+/// A scene as it was found, and how its frames become those of a camera without a lens.
+struct Source<'a> {
+    scene: &'a ForeignScene,
+    straightening: Option<Straightening>,
 }
 
 /// Writes the scene into an empty folder.
 fn write(
     request: &ImportRequest<'_>,
-    foreign: &ForeignScene,
+    source: &Source<'_>,
     (names, times): (&[String], &[f64]),
+    notes: Vec<String>,
     out: &Path,
 ) -> Result<Scene, CurateError> {
     store::create_folder(&out.join(FRAMES_FOLDER))?;
     let mut frames = Vec::new();
-    for ((frame, name), time_seconds) in foreign.frames.iter().zip(names).zip(times) {
+    for ((frame, name), time_seconds) in source.scene.frames.iter().zip(names).zip(times) {
         let image = format!("{FRAMES_FOLDER}/{name}");
-        check_size(foreign, frame)?;
-        super::copy(&frame.image, &out.join(&image))?;
-        let ignored = ignored(foreign, frame, request)?;
+        match &source.straightening {
+            Some(lens) => write_straight(lens, &frame.image, &out.join(&image))?,
+            None => super::copy(&frame.image, &out.join(&image))?,
+        }
+        let ignored = ignored(source, frame, request)?;
         frames.push(SceneFrame {
             image,
             time_seconds: *time_seconds,
@@ -83,7 +126,7 @@ fn write(
                 .pose
                 .filter(|_| !ignored.as_ref().is_some_and(Mask::is_full)),
             mask: import_mask(
-                foreign,
+                source,
                 (frame, name),
                 (ignored.as_ref(), request.masks),
                 out,
@@ -91,7 +134,7 @@ fn write(
             ignore_mask: write_mask(ignored, IGNORE_MASKS_FOLDER, name, out)?,
             classes: [].into(),
             objects: match request.masks {
-                MaskMeaning::Moving => import_objects(foreign, (frame, name), out)?,
+                MaskMeaning::Moving => import_objects(source, (frame, name), out)?,
                 MaskMeaning::Ignored => [].into(),
             },
             depth: None,
@@ -99,54 +142,63 @@ fn write(
         });
     }
     frames.sort_by(|a, b| a.time_seconds.total_cmp(&b.time_seconds));
-    let points = if foreign.points.is_empty() {
+    let points = if source.scene.points.is_empty() {
         None
     } else {
-        foreign.points.write_ply(&out.join(POINTS_FILE))?;
+        source.scene.points.write_ply(&out.join(POINTS_FILE))?;
         Some(POINTS_FILE.to_owned())
     };
     let poses: Vec<_> = frames.iter().map(|frame| frame.pose).collect();
+    let mut validation = given::unchecked(&poses);
+    validation.problems.extend(notes);
     let scene = Scene {
         id: request.id.to_owned(),
-        camera: foreign.camera,
+        camera: source.scene.camera.camera(),
         scale: Scale::Arbitrary,
         frames,
         points,
-        pose_source: foreign
-            .pose_source
+        pose_source: (source.scene.pose_source)
             .clone()
             .unwrap_or_else(|| PoseSource::Given {
                 file: request.folder.display().to_string(),
             }),
-        validation: given::unchecked(&poses),
+        validation,
     };
     store::write_record(&out.join(SCENE_FILE), &scene)?;
     Ok(scene)
 }
 
 fn image_name(frame: &ForeignFrame) -> String {
-    frame
-        .image
-        .file_name()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .into_owned()
+    file_name(&frame.image)
+}
+
+fn file_name(file: &Path) -> String {
+    let name = file.file_name().unwrap_or_default();
+    name.to_string_lossy().into_owned()
 }
 
 /// File names that the frames get in one folder: their own, and where those collide (faces of cubes)
-/// with that of their folder before it.
+/// with that of their folder before it. Frames that are straightened become PNG files.
 ///
 /// # Errors
 /// Where that does not tell them apart either.
-fn image_names(folder: &Path, foreign: &ForeignScene) -> Result<Vec<String>, CurateError> {
+fn image_names(folder: &Path, source: &Source<'_>) -> Result<Vec<String>, CurateError> {
+    let written = |name: String| match source.straightening {
+        Some(_) => format!("{}.png", super::stem(&name)),
+        None => name,
+    };
     let repeated = |names: &[String]| {
         let mut seen = BTreeSet::new();
         names.iter().find(|name| !seen.insert(*name)).cloned()
     };
-    let mut names: Vec<String> = foreign.frames.iter().map(image_name).collect();
+    let frames = &source.scene.frames;
+    let own = frames.iter().map(image_name);
+    let mut names: Vec<String> = own.map(written).collect();
     if repeated(&names).is_some() {
-        let of_folders = foreign.frames.iter().map(name_with_folder);
-        names = of_folders.map(|name| name.replace('/', "_")).collect();
+        let of_folders = frames.iter().map(|frame| name_with_folder(&frame.image));
+        names = of_folders
+            .map(|name| written(name.replace('/', "_")))
+            .collect();
     }
     match repeated(&names) {
         Some(name) => Err(CurateError::input(
@@ -158,108 +210,142 @@ fn image_names(folder: &Path, foreign: &ForeignScene) -> Result<Vec<String>, Cur
 }
 
 /// The file with the folder that it lies in, `front/000000.png`.
-fn name_with_folder(frame: &ForeignFrame) -> String {
-    let folder = frame
-        .image
-        .parent()
-        .and_then(Path::file_name)
-        .unwrap_or_default();
-    format!("{}/{}", folder.to_string_lossy(), image_name(frame))
+fn name_with_folder(image: &Path) -> String {
+    let folder = image.parent().and_then(Path::file_name);
+    format!(
+        "{}/{}",
+        folder.unwrap_or_default().to_string_lossy(),
+        file_name(image)
+    )
 }
 
-/// Times from `times.csv`, else from the frame rate given.
+/// The place of a file in the folder of a scene.
+fn below(scene: &ForeignScene, file: &Path) -> String {
+    let place = file.strip_prefix(&scene.root).unwrap_or(file);
+    place.display().to_string()
+}
+
+/// When frames were shown, and a line where that is not plain.
+struct FrameTimes {
+    /// Seconds, one for each frame.
+    seconds: Vec<f64>,
+    note: Option<String>,
+}
+
+/// Times from `times.csv`, else from the frame rate given. `beside` are images that are no frames.
 fn frame_times(
     request: &ImportRequest<'_>,
+    scene: &ForeignScene,
+    beside: &[PathBuf],
+) -> Result<FrameTimes, CurateError> {
+    if let Some(table) = times::TimeTable::read(&scene.root)? {
+        let both = |image: &Path| [file_name(image), name_with_folder(image)];
+        let frames: Vec<[String; 2]> = (scene.frames.iter())
+            .map(|frame| both(frame.image.as_path()))
+            .collect();
+        let missing = scene.missing_images.iter().map(Path::new);
+        let others: Vec<[String; 2]> = (beside.iter().map(PathBuf::as_path))
+            .chain(missing)
+            .map(both)
+            .collect();
+        let times = table.of(&frames, &others)?;
+        return Ok(FrameTimes {
+            seconds: times.seconds,
+            note: times.note,
+        });
+    }
+    let rate = request
+        .frames_per_second
+        .filter(|rate| rate.is_finite() && *rate > 0.0);
+    let rate = rate.ok_or_else(|| {
+        CurateError::input(
+            request.folder,
+            format!(
+                "has no {}, so nothing says when its frames were shown; give --fps",
+                times::TIMES_FILE
+            ),
+        )
+    })?;
+    let images: Vec<&Path> = (scene.frames.iter())
+        .map(|frame| frame.image.as_path())
+        .collect();
+    let times = frame_order::times_at(rate, &images, beside);
+    if times.seconds.iter().any(|seconds| !seconds.is_finite()) {
+        let reason = format!("--fps {rate} gives times beyond all numbers");
+        return Err(CurateError::input(request.folder, reason));
+    }
+    expect_shared_times(request.folder, &scene.frames, &times.seconds)?;
+    Ok(FrameTimes {
+        seconds: times.seconds,
+        note: times.note,
+    })
+}
+
+/// Refuses frames that were taken at once and have different times by their names.
+fn expect_shared_times(
+    folder: &Path,
     frames: &[ForeignFrame],
-) -> Result<Vec<f64>, CurateError> {
-    let Some(times) = times::read(request.folder)? else {
-        let rate = request
-            .frames_per_second
-            .filter(|rate| rate.is_finite() && *rate > 0.0);
-        let rate = rate.ok_or_else(|| {
-            CurateError::input(
-                request.folder,
-                format!(
-                    "has no {}, so nothing says when its frames were shown; give --fps",
-                    times::TIMES_FILE
-                ),
-            )
-        })?;
-        let times: Vec<f64> = (0..frames.len()).map(|index| index as f64 / rate).collect();
-        if times.last().is_some_and(|last| !last.is_finite()) {
-            let reason = format!("--fps {rate} gives times beyond all numbers");
-            return Err(CurateError::input(request.folder, reason));
+    times: &[f64],
+) -> Result<(), CurateError> {
+    let mut moments = BTreeMap::new();
+    for (frame, time) in frames.iter().zip(times) {
+        let Some(moment) = frame.moment else {
+            continue;
+        };
+        let (first, shown) = *moments.entry(moment).or_insert((frame, time));
+        if shown != time {
+            let reason = format!(
+                "has {} and {} in one frame of a rig, and their numbers differ; give {} with their times",
+                name_with_folder(&first.image),
+                name_with_folder(&frame.image),
+                times::TIMES_FILE
+            );
+            return Err(CurateError::input(folder, reason));
         }
-        return Ok(times);
-    };
-    frames
-        .iter()
-        .enumerate()
-        .map(|(index, frame)| {
-            time_of(&times, frame, index).ok_or_else(|| {
-                CurateError::input(
-                    &request.folder.join(times::TIMES_FILE),
-                    format!("has no time for {}", image_name(frame)),
-                )
-            })
-        })
-        .collect()
+    }
+    Ok(())
 }
 
-/// By name; by number where the format has renamed the frames (the table is in order of time, and
-/// names count upwards).
-fn time_of(times: &BTreeMap<String, f64>, frame: &ForeignFrame, index: usize) -> Option<f64> {
-    times
-        .get(&image_name(frame))
-        .or_else(|| times.get(&name_with_folder(frame)))
-        .or_else(|| times.values().nth(index))
-        .copied()
-}
-
-fn check_size(foreign: &ForeignScene, frame: &ForeignFrame) -> Result<(), CurateError> {
+fn check_size(scene: &ForeignScene, frame: &ForeignFrame) -> Result<(), CurateError> {
     let [width, height] = ImageFile::open(&frame.image)?.size();
-    if [width, height] == size_of(foreign) {
+    let camera = scene.camera.camera();
+    if [width, height] == camera.size() {
         return Ok(());
     }
     Err(CurateError::input(
         &frame.image,
         format!(
             "is {width}x{height}, its scene says {}x{}",
-            foreign.camera.width(),
-            foreign.camera.height()
+            camera.width(),
+            camera.height()
         ),
     ))
-}
-
-/// Width and height of a scene's images.
-fn size_of(foreign: &ForeignScene) -> [usize; 2] {
-    foreign.camera.size()
 }
 
 /// What is no part of the scene in a frame: the mask that one of our exports has of it, or the frame's one
 /// mask, where that is what masks are said to mark.
 fn ignored(
-    foreign: &ForeignScene,
+    source: &Source<'_>,
     frame: &ForeignFrame,
     request: &ImportRequest<'_>,
 ) -> Result<Option<Mask>, CurateError> {
     // Below the folder of the images: faces of cubes lie in folders of their own.
-    let below = frame.image.strip_prefix(request.folder).ok();
+    let below = frame.image.strip_prefix(&source.scene.root).ok();
     let name: PathBuf = below
         .into_iter()
         .flat_map(|path| path.iter().skip(1))
         .collect();
-    let own = super::masks::ignore_mask_path(request.folder, &name.to_string_lossy());
+    let own = super::masks::ignore_mask_path(&source.scene.root, &name.to_string_lossy());
     if own.is_file() {
-        return Ok(Some(read_mask(foreign, &own)?));
+        return Ok(Some(read_mask(source, &own)?));
     }
     match request.masks {
         MaskMeaning::Moving => Ok(None),
-        MaskMeaning::Ignored if frame.objects.is_empty() => given_mask(foreign, frame),
+        MaskMeaning::Ignored if frame.objects.is_empty() => given_mask(source, frame),
         MaskMeaning::Ignored => {
             let mut all: Option<Mask> = None;
             for file in frame.objects.values() {
-                let mask = read_mask(foreign, file)?;
+                let mask = read_mask(source, file)?;
                 all = Some(match all {
                     Some(all) => all.united(&mask),
                     None => mask,
@@ -271,11 +357,11 @@ fn ignored(
 }
 
 /// The one mask that a frame comes with.
-fn given_mask(foreign: &ForeignScene, frame: &ForeignFrame) -> Result<Option<Mask>, CurateError> {
+fn given_mask(source: &Source<'_>, frame: &ForeignFrame) -> Result<Option<Mask>, CurateError> {
     let Some(found) = &frame.mask else {
         return Ok(None);
     };
-    let mask = read_mask(foreign, &found.file)?;
+    let mask = read_mask(source, &found.file)?;
     Ok(Some(if found.black_is_dynamic {
         mask.inverted()
     } else {
@@ -283,17 +369,22 @@ fn given_mask(foreign: &ForeignScene, frame: &ForeignFrame) -> Result<Option<Mas
     }))
 }
 
-fn read_mask(foreign: &ForeignScene, file: &Path) -> Result<Mask, CurateError> {
+/// A mask as the scene has it, without the lens.
+fn read_mask(source: &Source<'_>, file: &Path) -> Result<Mask, CurateError> {
     let image = ImageFile::open(file)?;
-    if image.size() != size_of(foreign) {
+    if image.size() != source.scene.camera.camera().size() {
         return Err(CurateError::input(file, "is not of its image's size"));
     }
-    Ok(Mask::decode(image)?)
+    let mask = Mask::decode(image)?;
+    Ok(match &source.straightening {
+        Some(lens) => lens.mask(&mask),
+        None => mask,
+    })
 }
 
 /// What moves in a frame.
 fn import_mask(
-    foreign: &ForeignScene,
+    source: &Source<'_>,
     (frame, name): (&ForeignFrame, &str),
     (ignored, meaning): (Option<&Mask>, MaskMeaning),
     out: &Path,
@@ -301,7 +392,7 @@ fn import_mask(
     if meaning == MaskMeaning::Ignored {
         return Ok(None);
     }
-    let mask = given_mask(foreign, frame)?;
+    let mask = given_mask(source, frame)?;
     let has_both_kinds = frame
         .mask
         .as_ref()
@@ -333,13 +424,13 @@ fn write_mask(
 
 /// Copies the masks of a frame's objects; those that show nothing are left out.
 fn import_objects(
-    foreign: &ForeignScene,
+    source: &Source<'_>,
     (frame, name): (&ForeignFrame, &str),
     out: &Path,
 ) -> Result<BTreeMap<String, String>, CurateError> {
     let mut objects = BTreeMap::new();
     for (object, found) in &frame.objects {
-        let mask = Mask::decode(ImageFile::open(found)?.expect_size(size_of(foreign))?)?;
+        let mask = read_mask(source, found)?;
         if mask.data.iter().all(|&value| value < 128) {
             continue;
         }
@@ -350,21 +441,4 @@ fn import_objects(
         objects.insert(object.clone(), file);
     }
     Ok(objects)
-}
-
-/// The image files of a folder in order of their names.
-pub(super) fn sorted_files(folder: &Path) -> Result<Vec<PathBuf>, CurateError> {
-    let failed = |error| StoreError::read(folder, error);
-    let mut files = Vec::new();
-    for entry in fs::read_dir(folder).map_err(failed)? {
-        let path = entry.map_err(failed)?.path();
-        let is_image = path
-            .extension()
-            .is_some_and(|extension| ["png", "jpg", "jpeg"].iter().any(|e| extension == *e));
-        if is_image {
-            files.push(path);
-        }
-    }
-    files.sort();
-    Ok(files)
 }

@@ -1,15 +1,13 @@
-//! COLMAP's models, and their text form: `cameras.txt`, `images.txt`, `points3D.txt`
-//! (<https://colmap.github.io/format.html#text-format>).
+//! COLMAP's models, text or binary: where their files lie, and what they hold.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
 )]
 
 use std::{
+    cmp::Reverse,
     collections::BTreeMap,
-    fs,
     path::{Path, PathBuf},
-    str::FromStr,
 };
 
 use glam::{DQuat, DVec2, DVec3};
@@ -17,21 +15,20 @@ use omnilife_schemas::{
     Pose,
     camera::{Camera, ErpCamera},
     points::PointCloud,
-    store::StoreError,
+    store::{self, StoreError},
 };
 
 use super::{
-    colmap_binary,
+    colmap_binary, colmap_text,
+    frame_camera::FrameCamera,
     lens::{self, Lens},
 };
 
 /// A reconstruction with one camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ColmapModel {
-    /// The camera of all images, without a lens: observations are where it would show them.
-    pub camera: Camera,
-    /// The lens of the images as they are; none where it does nothing.
-    pub lens: Option<Lens>,
+    /// The camera of all images. Observations are where its straight images show them.
+    pub camera: FrameCamera,
     /// Registered images by their id.
     pub images: BTreeMap<u32, ColmapImage>,
     /// Points by their id.
@@ -43,6 +40,68 @@ pub struct ColmapModel {
 pub(super) enum ModelCamera {
     Erp(ErpCamera),
     Perspective(Lens),
+}
+
+impl ModelCamera {
+    /// Whether two cameras are one but for rounding: to a millionth of the width, and 1e-9 of the distortion.
+    fn agrees(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Erp(a), Self::Erp(b)) => a == b,
+            (Self::Perspective(a), Self::Perspective(b)) => {
+                let numbers = |lens: &Lens| {
+                    let camera = lens.camera;
+                    [camera.fx, camera.fy, camera.cx, camera.cy]
+                        .map(|pixels| 1e-3 * pixels / f64::from(camera.width))
+                        .into_iter()
+                        .chain(lens.distortion.radial)
+                        .chain(lens.distortion.tangential)
+                };
+                let size = |lens: &Lens| [lens.camera.width, lens.camera.height];
+                size(a) == size(b)
+                    && numbers(a)
+                        .zip(numbers(b))
+                        .all(|(a, b)| (a - b).abs() <= 1e-9)
+            }
+            _ => false,
+        }
+    }
+}
+
+/// Images by their id, each with the id of its camera.
+pub(super) type ImagesByCamera = BTreeMap<u32, (u32, ColmapImage)>;
+
+/// The content of a model's files.
+pub(super) struct ModelParts {
+    /// By their id; with the reason where one cannot be read, which matters where an image has it.
+    pub(super) cameras: BTreeMap<u32, Result<ModelCamera, String>>,
+    pub(super) images: ImagesByCamera,
+    pub(super) points: BTreeMap<u64, ColmapPoint>,
+}
+
+impl ModelParts {
+    /// The camera of all images. COLMAP keeps the cameras of images that it did not register: those do not
+    /// count.
+    fn camera(&self) -> Result<ModelCamera, String> {
+        let mut common: Option<(ModelCamera, u32, &str)> = None;
+        for (id, image) in self.images.values() {
+            let camera = (self.cameras.get(id))
+                .ok_or_else(|| format!("has no camera {id}, which {} has", image.name))?
+                .clone()?;
+            let (first, first_id, name) = common.get_or_insert((camera, *id, image.name.as_str()));
+            if !first.agrees(&camera) {
+                return Err(format!(
+                    "camera {first_id} of {name} and camera {id} of {} differ; a scene has one camera",
+                    image.name
+                ));
+            }
+        }
+        match common {
+            Some((camera, ..)) => Ok(camera),
+            None => (self.cameras.values().next())
+                .ok_or("has no camera")?
+                .clone(),
+        }
+    }
 }
 
 /// A registered image.
@@ -76,74 +135,148 @@ pub struct ColmapPoint {
     pub track: Vec<u32>,
 }
 
-/// Files of a text model.
-const TEXT_FILES: [&str; 3] = ["cameras.txt", "images.txt", "points3D.txt"];
+/// The files of a model.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ModelFiles {
+    /// Cameras, images and points.
+    pub paths: [PathBuf; 3],
+    /// A line on the other models of the folder, where there are several.
+    pub note: Option<String>,
+}
 
-/// Where below a folder a model may lie: COLMAP numbers its models.
-const MODEL_FOLDERS: [&str; 4] = ["", "sparse/0", "0", "sparse"];
-
-/// Files of the model in a folder, or of the first one below it: the binary ones where they are there,
-/// as COLMAP itself reads them, else those of a text model.
-pub fn files(folder: &Path) -> [PathBuf; 3] {
-    for below in MODEL_FOLDERS.map(|below| folder.join(below)) {
-        for names in [colmap_binary::FILES, TEXT_FILES] {
-            if below.join(names[0]).is_file() {
-                return names.map(|name| below.join(name));
-            }
+/// Files of the model in a folder, or below it in `sparse/N`, `N` (COLMAP numbers its models) or `sparse`:
+/// the binary ones where they are there, as COLMAP itself reads them, else those of a text model. Of several
+/// numbered models it is the one with most images.
+///
+/// # Errors
+/// When the folder cannot be listed, or the images of several models cannot be counted.
+pub fn files(folder: &Path) -> Result<ModelFiles, StoreError> {
+    let sparse = folder.join("sparse");
+    let places = [
+        vec![folder.to_owned()],
+        numbered_folders(&sparse)?,
+        numbered_folders(folder)?,
+        vec![sparse],
+    ];
+    for group in places {
+        let found: Vec<[PathBuf; 3]> = group.iter().filter_map(|place| model_in(place)).collect();
+        if !found.is_empty() {
+            return largest(folder, found);
         }
     }
-    TEXT_FILES.map(|name| folder.join(name))
+    Ok(ModelFiles {
+        paths: colmap_text::FILES.map(|name| folder.join(name)),
+        note: None,
+    })
+}
+
+/// Folders named by a number, in their order.
+fn numbered_folders(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
+    if !folder.is_dir() {
+        return Ok(Vec::new());
+    }
+    let mut numbered: Vec<(u32, PathBuf)> = store::names_in(folder)?
+        .into_iter()
+        .filter_map(|name| Some((name.parse().ok()?, folder.join(name))))
+        .collect();
+    numbered.sort();
+    Ok(numbered.into_iter().map(|(_, path)| path).collect())
+}
+
+fn model_in(folder: &Path) -> Option<[PathBuf; 3]> {
+    [colmap_binary::FILES, colmap_text::FILES]
+        .map(|names| names.map(|name| folder.join(name)))
+        .into_iter()
+        .find(|[cameras, ..]| cameras.is_file())
+}
+
+/// The model with most images, the first of equals.
+fn largest(folder: &Path, models: Vec<[PathBuf; 3]>) -> Result<ModelFiles, StoreError> {
+    if let [only] = models.as_slice() {
+        return Ok(ModelFiles {
+            paths: only.clone(),
+            note: None,
+        });
+    }
+    let mut counted = Vec::new();
+    for paths in models {
+        counted.push((image_count(&paths)?, paths));
+    }
+    counted.sort_by_key(|(count, _)| Reverse(*count));
+    let lines: Vec<String> = counted
+        .iter()
+        .map(|(count, [cameras, ..])| {
+            let place = cameras.parent().unwrap_or(cameras);
+            let place = place.strip_prefix(folder).unwrap_or(place);
+            format!("{} ({count} images)", place.display())
+        })
+        .collect();
+    let mut paths = counted.into_iter().map(|(_, paths)| paths);
+    Ok(ModelFiles {
+        paths: paths.next().unwrap_or_default(),
+        note: lines.split_first().map(|(taken, left)| {
+            format!(
+                "of several models {taken} is taken, and not {}",
+                left.join(", ")
+            )
+        }),
+    })
+}
+
+fn is_binary(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == "bin")
+}
+
+fn image_count([_, images, _]: &[PathBuf; 3]) -> Result<usize, StoreError> {
+    if is_binary(images) {
+        colmap_binary::image_count(images)
+    } else {
+        colmap_text::image_count(images)
+    }
 }
 
 impl ColmapModel {
     /// Reads the model in a folder or below it, text or binary ([`files`]).
     ///
     /// # Errors
-    /// When a file is missing or malformed, or a camera is neither `EQUIRECTANGULAR` nor perspective with
-    /// a lens that [`Lens`] knows.
+    /// When a file is missing or malformed, the images have different cameras, or theirs is neither
+    /// `EQUIRECTANGULAR` nor perspective with a lens that [`Lens`] knows.
     pub fn read(folder: &Path) -> Result<Self, StoreError> {
-        let [cameras, images, points] = files(folder);
-        if cameras
-            .extension()
-            .is_some_and(|extension| extension == "bin")
-        {
-            return colmap_binary::read(cameras.parent().unwrap_or(folder));
-        }
-        let camera = read_camera(&cameras)?;
-        Self::new(camera, read_images(&images)?, read_points(&points)?)
-            .map_err(|reason| StoreError::malformed(&cameras, reason))
+        Self::read_files(&files(folder)?.paths)
+    }
+
+    /// Reads the model in these files.
+    ///
+    /// # Errors
+    /// As [`ColmapModel::read`].
+    pub fn read_files(paths: &[PathBuf; 3]) -> Result<Self, StoreError> {
+        let [cameras, ..] = paths;
+        let parts = if is_binary(cameras) {
+            colmap_binary::read(paths)?
+        } else {
+            colmap_text::read(paths)?
+        };
+        Self::new(parts).map_err(|reason| StoreError::malformed(cameras, reason))
     }
 
     /// A model of images as they are: what the lens does to them is taken out.
-    pub(super) fn new(
-        camera: ModelCamera,
-        mut images: BTreeMap<u32, ColmapImage>,
-        points: BTreeMap<u64, ColmapPoint>,
-    ) -> Result<Self, String> {
-        let (camera, lens) = match camera {
-            ModelCamera::Erp(camera) => (camera.into(), None),
-            ModelCamera::Perspective(lens) if lens.is_negligible() => (lens.camera.into(), None),
-            ModelCamera::Perspective(lens) => {
-                let straight = lens.straight().ok_or_else(|| {
-                    format!(
-                        "no straight image is within a lens of {:?}",
-                        lens.distortion
-                    )
-                })?;
-                for observation in images
-                    .values_mut()
-                    .flat_map(|image| &mut image.observations)
-                {
-                    observation.0 = lens.straightened(&straight, observation.0);
-                }
-                (straight.into(), Some(lens))
-            }
+    fn new(parts: ModelParts) -> Result<Self, String> {
+        let camera = match parts.camera()? {
+            ModelCamera::Erp(camera) => FrameCamera::Straight(camera.into()),
+            ModelCamera::Perspective(lens) => FrameCamera::behind(lens)?,
         };
+        let images = parts.images.into_iter().map(|(id, (_, image))| (id, image));
+        let mut images: BTreeMap<u32, ColmapImage> = images.collect();
+        if let (Some(lens), Camera::Pinhole(straight)) = (camera.lens(), camera.camera()) {
+            let images = images.values_mut();
+            for (pixel, _) in images.flat_map(|image| &mut image.observations) {
+                *pixel = lens.straightened(&straight, *pixel);
+            }
+        }
         Ok(Self {
             camera,
-            lens,
             images,
-            points,
+            points: parts.points,
         })
     }
 
@@ -171,91 +304,6 @@ impl ColmapModel {
     }
 }
 
-/// A line of a model file with its number, for errors.
-struct Line<'a> {
-    path: &'a Path,
-    number: usize,
-    text: &'a str,
-}
-
-impl Line<'_> {
-    fn malformed(&self, what: &str) -> StoreError {
-        StoreError::malformed(self.path, format!("line {}: {what}", self.number))
-    }
-
-    fn field<T: FromStr>(&self, index: usize, what: &str) -> Result<T, StoreError> {
-        self.text
-            .split_whitespace()
-            .nth(index)
-            .and_then(|word| word.parse().ok())
-            .ok_or_else(|| self.malformed(&format!("no {what}")))
-    }
-
-    fn numbers<const N: usize>(&self, first: usize, what: &str) -> Result<[f64; N], StoreError> {
-        let mut numbers = [0.0; N];
-        let mut words = self.text.split_whitespace().skip(first);
-        for number in &mut numbers {
-            *number = words
-                .next()
-                .and_then(|word| word.parse::<f64>().ok())
-                .filter(|value| value.is_finite())
-                .ok_or_else(|| self.malformed(&format!("no {what}")))?;
-        }
-        Ok(numbers)
-    }
-}
-
-/// All lines but comments. Empty lines stay: an image without features has an empty second line.
-fn lines<'a>(path: &'a Path, text: &'a str) -> impl Iterator<Item = Line<'a>> {
-    text.lines()
-        .enumerate()
-        .filter(|(_, text)| !text.starts_with('#'))
-        .map(move |(index, text)| Line {
-            path,
-            number: index.saturating_add(1),
-            text,
-        })
-}
-
-fn text(path: &Path) -> Result<String, StoreError> {
-    fs::read_to_string(path).map_err(|error| StoreError::read(path, error))
-}
-
-fn read_camera(path: &Path) -> Result<ModelCamera, StoreError> {
-    let text = text(path)?;
-    let mut camera = None;
-    for line in lines(path, &text).filter(|line| !line.text.trim().is_empty()) {
-        let this = camera_of(&line)?;
-        if *camera.get_or_insert(this) != this {
-            return Err(line.malformed("camera differs from the one before"));
-        }
-    }
-    camera.ok_or_else(|| StoreError::malformed(path, "has no camera"))
-}
-
-fn camera_of(line: &Line<'_>) -> Result<ModelCamera, StoreError> {
-    let name: String = line.field(1, "camera model")?;
-    let (width, height): (u32, u32) = (
-        line.field(2, "camera width")?,
-        line.field(3, "camera height")?,
-    );
-    if width == 0 || height == 0 {
-        return Err(line.malformed("camera size is empty"));
-    }
-    if name == "EQUIRECTANGULAR" {
-        return Ok(ModelCamera::Erp(ErpCamera { width, height }));
-    }
-    let Some((model, count)) = lens::parameters_of_name(&name) else {
-        return Err(line.malformed(&unknown_model(&name)));
-    };
-    let parameters: Vec<f64> = (4..count.saturating_add(4))
-        .map(|index| line.field(index, "camera parameters"))
-        .collect::<Result<_, _>>()?;
-    Lens::of_model(model, [width, height], &parameters)
-        .map(ModelCamera::Perspective)
-        .ok_or_else(|| line.malformed("a focal length is not positive, or a parameter not finite"))
-}
-
 /// What is said of a camera model that is not known.
 pub(super) fn unknown_model(name: &str) -> String {
     format!(
@@ -263,34 +311,6 @@ pub(super) fn unknown_model(name: &str) -> String {
          distortions out of images)",
         lens::MODEL_NAMES
     )
-}
-
-fn read_images(path: &Path) -> Result<BTreeMap<u32, ColmapImage>, StoreError> {
-    let text = text(path)?;
-    let mut lines = lines(path, &text);
-    let mut images = BTreeMap::new();
-    while let Some(line) = lines.next() {
-        if line.text.trim().is_empty() {
-            continue;
-        }
-        let id = line.field(0, "image id")?;
-        let [w, x, y, z, tx, ty, tz] = line.numbers(1, "image pose")?;
-        let name: Vec<&str> = line.text.split_whitespace().skip(9).collect();
-        if name.is_empty() {
-            return Err(line.malformed("no image name"));
-        }
-        let observations = match lines.next() {
-            Some(features) => read_observations(&features)?,
-            None => Vec::new(),
-        };
-        let pose = [w, x, y, z, tx, ty, tz];
-        let image =
-            image_of(pose, name.join(" "), observations).map_err(|what| line.malformed(what))?;
-        if images.insert(id, image).is_some() {
-            return Err(line.malformed(&format!("a second image has the id {id}")));
-        }
-    }
-    Ok(images)
 }
 
 /// An image by its pose: quaternion (w, x, y, z) and translation, world to camera.
@@ -326,51 +346,4 @@ pub(super) fn point_of(
         colour,
         track,
     })
-}
-
-/// Features as `x y point` triples; features without a point (-1) are left out.
-fn read_observations(line: &Line<'_>) -> Result<Vec<(DVec2, u64)>, StoreError> {
-    let words: Vec<&str> = line.text.split_whitespace().collect();
-    let (triples, rest) = words.as_chunks::<3>();
-    if !rest.is_empty() {
-        return Err(line.malformed("features are no x y point triples"));
-    }
-    let mut observations = Vec::new();
-    for [x, y, point] in triples {
-        let parsed = (x.parse(), y.parse(), point.parse::<i64>());
-        let (Ok(x), Ok(y), Ok(point)) = parsed else {
-            return Err(line.malformed("features are no x y point triples"));
-        };
-        if let Ok(point) = u64::try_from(point) {
-            observations.push((DVec2::new(x, y), point));
-        }
-    }
-    Ok(observations)
-}
-
-fn read_points(path: &Path) -> Result<BTreeMap<u64, ColmapPoint>, StoreError> {
-    let text = text(path)?;
-    let mut points = BTreeMap::new();
-    for line in lines(path, &text).filter(|line| !line.text.trim().is_empty()) {
-        let id = line.field(0, "point id")?;
-        let colour = [
-            line.field(4, "point colour")?,
-            line.field(5, "point colour")?,
-            line.field(6, "point colour")?,
-        ];
-        let track: Vec<u32> = line
-            .text
-            .split_whitespace()
-            .skip(8)
-            .step_by(2)
-            .map(str::parse)
-            .collect::<Result<_, _>>()
-            .map_err(|_| line.malformed("point track is no list of image ids"))?;
-        let position = DVec3::from_array(line.numbers(1, "point position")?);
-        let point = point_of(position, colour, track).map_err(|what| line.malformed(what))?;
-        if points.insert(id, point).is_some() {
-            return Err(line.malformed(&format!("a second point has the id {id}")));
-        }
-    }
-    Ok(points)
 }

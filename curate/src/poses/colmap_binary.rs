@@ -13,7 +13,12 @@
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
 )]
 
-use std::{collections::BTreeMap, fs, io::Write, path::Path};
+use std::{
+    collections::BTreeMap,
+    fs,
+    io::Write,
+    path::{Path, PathBuf},
+};
 
 use glam::{DVec2, DVec3};
 use omnilife_schemas::{
@@ -25,7 +30,7 @@ use omnilife_schemas::{
 
 use super::{
     colmap::{
-        ColmapImage, ColmapModel, ColmapPoint, ModelCamera, image_of, point_of, unknown_model,
+        ColmapPoint, ImagesByCamera, ModelCamera, ModelParts, image_of, point_of, unknown_model,
     },
     lens::{self, Lens},
 };
@@ -38,15 +43,21 @@ const PINHOLE: i32 = 1;
 const EQUIRECTANGULAR: i32 = 17;
 
 /// Reads a binary model.
-pub(super) fn read(folder: &Path) -> Result<ColmapModel, StoreError> {
-    let [cameras, images, points] = FILES.map(|name| folder.join(name));
-    let camera = read_file(&cameras, read_camera)?;
-    let (images, points) = (
-        read_file(&images, read_images)?,
-        read_file(&points, read_points)?,
-    );
-    ColmapModel::new(camera, images, points)
-        .map_err(|reason| StoreError::malformed(&cameras, reason))
+pub(super) fn read([cameras, images, points]: &[PathBuf; 3]) -> Result<ModelParts, StoreError> {
+    Ok(ModelParts {
+        cameras: read_file(cameras, read_cameras)?,
+        images: read_file(images, read_images)?,
+        points: read_file(points, read_points)?,
+    })
+}
+
+/// Number of images of a model, as its file says.
+pub(super) fn image_count(images: &Path) -> Result<usize, StoreError> {
+    let bytes = fs::read(images).map_err(|error| StoreError::read(images, error))?;
+    let count = Bytes { rest: &bytes }.u64();
+    count
+        .map(|count| usize::try_from(count).unwrap_or(usize::MAX))
+        .map_err(|reason| StoreError::malformed(images, reason))
 }
 
 /// Writes a camera, posed images and points without tracks.
@@ -113,26 +124,26 @@ fn numbers(writer: &mut dyn Write, values: &[f64]) -> std::io::Result<()> {
 }
 
 /// What is left of a file.
-struct Bytes<'a> {
+pub(super) struct Bytes<'a> {
     rest: &'a [u8],
 }
 
 impl<'a> Bytes<'a> {
-    fn take<const N: usize>(&mut self) -> Result<[u8; N], String> {
+    pub(super) fn take<const N: usize>(&mut self) -> Result<[u8; N], String> {
         let (head, rest) = (self.rest.split_first_chunk::<N>()).ok_or("ends too early")?;
         self.rest = rest;
         Ok(*head)
     }
 
-    fn u32(&mut self) -> Result<u32, String> {
+    pub(super) fn u32(&mut self) -> Result<u32, String> {
         self.take().map(u32::from_le_bytes)
     }
 
-    fn u64(&mut self) -> Result<u64, String> {
+    pub(super) fn u64(&mut self) -> Result<u64, String> {
         self.take().map(u64::from_le_bytes)
     }
 
-    fn numbers<const N: usize>(&mut self) -> Result<[f64; N], String> {
+    pub(super) fn numbers<const N: usize>(&mut self) -> Result<[f64; N], String> {
         let mut numbers = [0.0; N];
         for number in &mut numbers {
             *number = f64::from_le_bytes(self.take()?);
@@ -155,7 +166,8 @@ impl<'a> Bytes<'a> {
     }
 }
 
-fn read_file<T>(
+/// Reads a file to its end.
+pub(super) fn read_file<T>(
     path: &Path,
     read: impl FnOnce(&mut Bytes<'_>) -> Result<T, String>,
 ) -> Result<T, StoreError> {
@@ -171,48 +183,62 @@ fn read_file<T>(
     }
 }
 
-fn read_camera(bytes: &mut Bytes<'_>) -> Result<ModelCamera, String> {
-    let mut camera = None;
+fn read_cameras(
+    bytes: &mut Bytes<'_>,
+) -> Result<BTreeMap<u32, Result<ModelCamera, String>>, String> {
+    let mut cameras = BTreeMap::new();
     for _ in 0..bytes.u64()? {
         let id = bytes.u32()?;
-        let number = i32::from_le_bytes(bytes.take()?);
-        let mut side = || -> Result<u32, String> {
-            let pixels = u32::try_from(bytes.u64()?)
-                .ok()
-                .filter(|&pixels| pixels > 0);
-            pixels.ok_or_else(|| format!("camera {id} has no size"))
-        };
-        let (width, height) = (side()?, side()?);
-        let this = if number == EQUIRECTANGULAR {
-            bytes.numbers::<2>()?;
-            ModelCamera::Erp(ErpCamera { width, height })
-        } else {
-            let (model, count) = lens::parameters_of_number(number)
-                .ok_or_else(|| format!("camera {id}: {}", unknown_model(&number.to_string())))?;
-            let parameters: Vec<f64> = (0..count)
-                .map(|_| bytes.numbers::<1>().map(|[value]| value))
-                .collect::<Result<_, _>>()?;
-            Lens::of_model(model, [width, height], &parameters)
-                .map(ModelCamera::Perspective)
-                .ok_or_else(|| {
-                    format!(
-                        "camera {id}: a focal length is not positive, or a parameter not finite"
-                    )
-                })?
-        };
-        if *camera.get_or_insert(this) != this {
-            return Err(format!("camera {id} differs from the one before"));
+        let camera = read_camera(bytes, id)?.map_err(|reason| format!("camera {id}: {reason}"));
+        if cameras.insert(id, camera).is_some() {
+            return Err(format!("a second camera has the id {id}"));
         }
     }
-    camera.ok_or_else(|| "has no camera".to_owned())
+    Ok(cameras)
 }
 
-fn read_images(bytes: &mut Bytes<'_>) -> Result<BTreeMap<u32, ColmapImage>, String> {
+/// A camera, or what keeps it from being read where an image uses it.
+fn read_camera(bytes: &mut Bytes<'_>, id: u32) -> Result<Result<ModelCamera, String>, String> {
+    let number = i32::from_le_bytes(bytes.take()?);
+    let mut side = || -> Result<u32, String> {
+        let pixels = u32::try_from(bytes.u64()?)
+            .ok()
+            .filter(|&pixels| pixels > 0);
+        pixels.ok_or_else(|| format!("camera {id} has no size"))
+    };
+    let (width, height) = (side()?, side()?);
+    if number == EQUIRECTANGULAR {
+        let parameters = bytes.numbers::<2>()?;
+        let is_whole = parameters == [width, height].map(f64::from);
+        return Ok(if is_whole {
+            Ok(ModelCamera::Erp(ErpCamera { width, height }))
+        } else {
+            Err(format!(
+                "its parameters are not those of a whole sphere of {width}x{height}"
+            ))
+        });
+    }
+    let known = lens::parameters_of_number(number);
+    let (model, count) = known
+        .or_else(|| lens::parameters_of_other(number))
+        .ok_or_else(|| format!("camera {id}: {}", unknown_model(&number.to_string())))?;
+    let parameters: Vec<f64> = (0..count)
+        .map(|_| bytes.numbers::<1>().map(|[value]| value))
+        .collect::<Result<_, _>>()?;
+    if known.is_none() {
+        return Ok(Err(unknown_model(model)));
+    }
+    Ok(Lens::of_model(model, [width, height], &parameters)
+        .map(ModelCamera::Perspective)
+        .ok_or_else(|| "a focal length is not positive, or a parameter not finite".to_owned()))
+}
+
+fn read_images(bytes: &mut Bytes<'_>) -> Result<ImagesByCamera, String> {
     let mut images = BTreeMap::new();
     for _ in 0..bytes.u64()? {
         let id = bytes.u32()?;
         let pose = bytes.numbers()?;
-        let _camera = bytes.u32()?;
+        let camera = bytes.u32()?;
         let name = bytes.name()?;
         let mut observations = Vec::new();
         for _ in 0..bytes.u64()? {
@@ -224,7 +250,7 @@ fn read_images(bytes: &mut Bytes<'_>) -> Result<BTreeMap<u32, ColmapImage>, Stri
         }
         let image =
             image_of(pose, name, observations).map_err(|what| format!("image {id}: {what}"))?;
-        if images.insert(id, image).is_some() {
+        if images.insert(id, (camera, image)).is_some() {
             return Err(format!("a second image has the id {id}"));
         }
     }
@@ -257,6 +283,7 @@ mod tests {
     use glam::DQuat;
 
     use super::*;
+    use crate::poses::{colmap::ColmapModel, frame_camera::FrameCamera};
 
     #[test]
     fn a_file_that_is_cut_off_or_too_long_is_refused() -> Result<(), StoreError> {
@@ -272,8 +299,8 @@ mod tests {
             colours: vec![[4, 5, 6]],
         };
         write(folder.path(), &camera.into(), &[("a.png", pose)], &points)?;
-        let model = read(folder.path())?;
-        assert_eq!(model.camera, camera.into());
+        let model = ColmapModel::read(folder.path())?;
+        assert_eq!(model.camera, FrameCamera::Straight(camera.into()));
         assert_eq!(model.images[&1].name, "a.png");
         assert!((model.images[&1].centre - pose.centre()).length() < 1e-12);
         assert_eq!(model.points[&1].colour, [4, 5, 6]);
@@ -282,7 +309,7 @@ mod tests {
             let whole = fs::read(&path).map_err(|error| StoreError::read(&path, error))?;
             for changed in [&whole[..whole.len() - 1], &[&whole[..], &[0]].concat()[..]] {
                 store::write_bytes(&path, changed)?;
-                let error = read(folder.path())
+                let error = ColmapModel::read(folder.path())
                     .map(drop)
                     .map_err(|error| error.to_string());
                 assert!(error.is_err_and(|line| line.contains(name)), "{name}");

@@ -1,4 +1,4 @@
-//! Poses that somebody supplies: a `poses.json`, or a folder with a COLMAP text model.
+//! Poses that somebody supplies: a `poses.json`, or a folder with a COLMAP model.
 
 use std::{
     collections::BTreeMap,
@@ -26,7 +26,7 @@ use crate::error::CurateError;
 /// Every file that given poses consist of, for the stage's inputs.
 pub(super) fn files(path: &Path) -> Result<Vec<PathBuf>, CurateError> {
     if path.is_dir() {
-        return Ok(colmap::files(path).to_vec());
+        return Ok(colmap::files(path)?.paths.to_vec());
     }
     let poses: Poses = store::read_record(path)?;
     Ok(std::iter::once(path.to_owned())
@@ -160,8 +160,7 @@ fn from_record(path: &Path, sequence: &Sequence) -> Result<PosedSequence, Curate
         ));
     }
     Ok(PosedSequence {
-        camera,
-        lens: None,
+        camera: camera.into(),
         validation,
         masks,
         poses,
@@ -225,7 +224,7 @@ fn nearest(given: &[PosedFrame], seconds: f64, tolerance: f64) -> Option<&PosedF
 /// Frames are matched by file name, whatever their folder.
 fn from_colmap(folder: &Path, sequence: &Sequence) -> Result<PosedSequence, CurateError> {
     let model = ColmapModel::read(folder)?;
-    let camera = camera_of_frames(folder, Some(model.camera), sequence)?;
+    let camera = camera_of_frames(folder, Some(model.camera.camera()), sequence)?;
     let names = frame_names(sequence);
     let mut by_name: BTreeMap<String, Pose> = BTreeMap::new();
     for image in model.images.values() {
@@ -245,7 +244,7 @@ fn from_colmap(folder: &Path, sequence: &Sequence) -> Result<PosedSequence, Cura
         .images
         .values()
         .any(|image| !image.observations.is_empty());
-    let validation = if has_observations {
+    let mut validation = if has_observations {
         let mut flat = model.clone();
         for image in flat.images.values_mut() {
             image.name = file_name(&image.name);
@@ -254,10 +253,9 @@ fn from_colmap(folder: &Path, sequence: &Sequence) -> Result<PosedSequence, Cura
     } else {
         unchecked(&poses)
     };
-    let (width, height) = (camera.width(), camera.height());
+    validation.problems.extend(colmap::files(folder)?.note);
     Ok(PosedSequence {
-        camera,
-        lens: model.lens.map(|lens| lens.resized(width, height)),
+        camera: model.camera.resized(camera.width(), camera.height()),
         masks: vec![None; poses.len()],
         poses,
         points: Some(model.cloud()),

@@ -33,7 +33,7 @@ impl GroundScale {
                 "its poses are in metres: no altitude or pixel size changes that".to_owned(),
             );
         }
-        let Camera::Pinhole(camera) = posed.camera else {
+        let Camera::Pinhole(camera) = posed.camera.camera() else {
             return Err(
                 "its frames are panoramas; the ground below gives the scale of perspective flights"
                     .to_owned(),

@@ -22,6 +22,9 @@ const BISECTIONS: usize = 40;
 /// Steps that undo the distortion of a place.
 const INVERSIONS: usize = 60;
 
+/// Places along a side of a frame, at most.
+const MOST_PLACES: u32 = 4096;
+
 /// COLMAP's models of perspective cameras: name, number (`CameraModelId`), and how many parameters.
 const MODELS: [(&str, i32, usize); 5] = [
     ("SIMPLE_PINHOLE", 0, 3),
@@ -30,7 +33,17 @@ const MODELS: [(&str, i32, usize); 5] = [
     ("RADIAL", 3, 5),
     ("OPENCV", 4, 8),
 ];
-/// The names of those models, for messages.
+/// Its models whose lenses are not straightened; a model may hold one that no image uses.
+const OTHER_MODELS: [(&str, i32, usize); 7] = [
+    ("OPENCV_FISHEYE", 5, 8),
+    ("FULL_OPENCV", 6, 12),
+    ("FOV", 7, 5),
+    ("SIMPLE_RADIAL_FISHEYE", 8, 4),
+    ("RADIAL_FISHEYE", 9, 5),
+    ("THIN_PRISM_FISHEYE", 10, 12),
+    ("RAD_TAN_THIN_PRISM_FISHEYE", 11, 16),
+];
+/// The names of the models that are read, for messages.
 pub(super) const MODEL_NAMES: &str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL and OPENCV";
 
 /// Number of parameters of a model by its name.
@@ -42,6 +55,12 @@ pub(super) fn parameters_of_name(name: &str) -> Option<(&'static str, usize)> {
 /// Name of a model and number of its parameters by its own number.
 pub(super) fn parameters_of_number(number: i32) -> Option<(&'static str, usize)> {
     let model = MODELS.iter().find(|model| model.1 == number)?;
+    Some((model.0, model.2))
+}
+
+/// Name of a model whose lens is not straightened and number of its parameters, by its own number.
+pub(super) fn parameters_of_other(number: i32) -> Option<(&'static str, usize)> {
+    let model = OTHER_MODELS.iter().find(|model| model.1 == number)?;
     Some((model.0, model.2))
 }
 
@@ -234,11 +253,15 @@ fn at_depth_one(camera: &PinholeCamera, pixel: DVec2) -> DVec2 {
     )
 }
 
-/// Places along the border of a frame, a pixel apart.
+/// Places along the border of a frame, a pixel apart in frames of up to 4096 pixels.
 fn border(camera: &PinholeCamera) -> impl Iterator<Item = DVec2> {
     let (width, height) = (camera.width, camera.height);
     let (right, bottom) = (f64::from(width), f64::from(height));
-    let along = |pixels: u32| (0..=pixels).map(f64::from);
+    let along = |pixels: u32| {
+        let places = pixels.min(MOST_PLACES);
+        (0..=places)
+            .map(move |place| f64::from(place) * f64::from(pixels) / f64::from(places.max(1)))
+    };
     along(width)
         .flat_map(move |x| [dvec2(x, 0.0), dvec2(x, bottom)])
         .chain(along(height).flat_map(move |y| [dvec2(0.0, y), dvec2(right, y)]))
@@ -252,6 +275,11 @@ pub(crate) struct Straightening {
 }
 
 impl Straightening {
+    /// Width and height of the frames, pixels.
+    pub(crate) fn size(&self) -> [usize; 2] {
+        [self.width, self.height]
+    }
+
     /// A frame without the distortion. Both have the size of the camera.
     pub(crate) fn image(&self, frame: &RgbImage) -> RgbImage {
         let mut straight = RgbImage::black(self.width, self.height);

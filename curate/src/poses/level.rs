@@ -64,7 +64,7 @@ pub fn level(model: &mut ColmapModel) -> Levelling {
 
 /// The ground that perspective cameras look down at, and the share of the points that are on it.
 fn ground(model: &ColmapModel) -> Option<(Plane, f64)> {
-    if !matches!(model.camera, Camera::Pinhole(_)) {
+    if !matches!(model.camera.camera(), Camera::Pinhole(_)) {
         return None;
     }
     let points: Vec<DVec3> = model.points.values().map(|point| point.position).collect();

@@ -7,8 +7,11 @@
 
 pub mod colmap;
 pub(crate) mod colmap_binary;
+pub(crate) mod colmap_frames;
+mod colmap_text;
 mod entered_masks;
 pub mod error;
+pub mod frame_camera;
 pub mod given;
 mod ground_scale;
 mod ignored;
@@ -30,7 +33,6 @@ use std::{
 
 use omnilife_schemas::{
     Pose,
-    camera::Camera,
     elapsed::Stopwatch,
     layout::{POINTS_FILE, SCENE_FILE, SEQUENCE_FILE},
     lock::FolderLock,
@@ -44,9 +46,9 @@ use omnilife_schemas::{
 
 use crate::{error::CurateError, staging::Staging};
 pub use entered_masks::{MasksEntry, enter_masks};
+use frame_camera::FrameCamera;
 pub use ground_scale::GroundScale;
 pub use ignored::IgnoredRegion;
-use lens::Lens;
 pub use prior::GivenPrior;
 pub use sfm::SfmSettings;
 use truth::TruthFiles;
@@ -91,9 +93,7 @@ fn refuse_missing(path: &Path) -> Result<(), CurateError> {
 #[derive(Debug, Clone)]
 pub(crate) struct PosedSequence {
     /// The camera of the frames, at their size.
-    pub(crate) camera: Camera,
-    /// The lens of the frames as they are; the camera is without it.
-    pub(crate) lens: Option<Lens>,
+    pub(crate) camera: FrameCamera,
     /// One entry per frame of the sequence.
     pub(crate) poses: Vec<Option<Pose>>,
     /// Mask file per frame, wherever the user keeps it.
@@ -278,9 +278,9 @@ fn stage_scene(
     truth: &TruthFiles,
     progress: &dyn Progress,
 ) -> Result<Scene, CurateError> {
-    let camera = posed.camera;
+    let camera = posed.camera.camera();
     let size = camera.size();
-    let straightening = straight_frames::prepare(posed.lens, camera);
+    let straightening = posed.camera.straightening();
     if straightening.is_some() && truth.has_images() {
         return Err(CurateError::input(
             &folder.join(SEQUENCE_FILE),

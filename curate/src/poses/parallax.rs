@@ -34,14 +34,15 @@ pub(super) struct TurnsAlone {
 /// How well turns explain a model; `names` are the frames in order of time. `None` for panoramas, and where no
 /// two frames far apart share enough points.
 pub(super) fn turns_alone(model: &ColmapModel, names: &[String]) -> Option<TurnsAlone> {
-    let Camera::Pinhole(straight) = model.camera else {
+    let Camera::Pinhole(straight) = model.camera.camera() else {
         return None;
     };
-    let frame = model.lens.map_or(straight, |lens| lens.camera);
+    let lens = model.camera.lens();
+    let frame = lens.map_or(straight, |lens| lens.camera);
     let middle = DVec2::new(frame.cx, frame.cy);
     let width = f64::from(frame.width);
     let seen = |image: &ColmapImage| -> BTreeMap<u64, DVec2> {
-        let of_frame = |pixel: DVec2| match model.lens {
+        let of_frame = |pixel: DVec2| match lens {
             Some(lens) => lens.source(&straight, pixel),
             None => pixel,
         };
@@ -157,8 +158,7 @@ mod tests {
             (frame as u32, image)
         });
         let model = ColmapModel {
-            camera: camera.into(),
-            lens: None,
+            camera: Camera::from(camera).into(),
             images: images.collect(),
             points: BTreeMap::new(),
         };
@@ -170,7 +170,7 @@ mod tests {
         let (hover, names) = model(0.0);
         let found = turns_alone(&hover, &names).expect("shared points");
         assert!(found.pixels < 0.2, "{found:?}");
-        let Camera::Pinhole(camera) = hover.camera else {
+        let Camera::Pinhole(camera) = hover.camera.camera() else {
             panic!("a pinhole");
         };
         assert!((found.focal / camera.fx - 1.0).abs() < 0.02, "{found:?}");

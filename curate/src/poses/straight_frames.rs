@@ -3,20 +3,12 @@
 use std::path::Path;
 
 use omnilife_schemas::{
-    RgbImage, camera::Camera, layout::STRAIGHT_FRAMES_FOLDER, progress::Progress, records::Sequence,
+    layout::STRAIGHT_FRAMES_FOLDER, progress::Progress, records::Sequence, store::StoreError,
 };
 use rayon::prelude::*;
 
-use super::lens::{Lens, Straightening};
+use super::{frame_camera::write_straight, lens::Straightening};
 use crate::{error::CurateError, staging::Staging};
-
-/// How frames with a lens become those of a camera; `None` where there is nothing to take out.
-pub(super) fn prepare(lens: Option<Lens>, camera: Camera) -> Option<Straightening> {
-    match camera {
-        Camera::Pinhole(straight) => Some(lens?.straightening(&straight)),
-        Camera::Erp(_) => None,
-    }
-}
 
 /// Stages the frames of a sequence; returns their files, relative to its folder.
 ///
@@ -37,27 +29,18 @@ pub(super) fn stage(
         .iter()
         .map(|file| staging.begin(file))
         .collect::<Result<Vec<_>, _>>()?;
-    let size = [sequence.frames.width, sequence.frames.height].map(|side| side as usize);
     progress.begin("frames without their lens", Some(count as u64));
     let outcome = sequence
         .frames
         .entries
         .par_iter()
         .zip(&places)
-        .try_for_each(|(entry, place)| {
-            let source = folder.join(&entry.file);
-            let frame = RgbImage::read(&source)?;
-            if [frame.width, frame.height] != size {
-                let reason = format!(
-                    "is {}x{} pixels, the others are not",
-                    frame.width, frame.height
-                );
-                return Err(CurateError::input(&source, reason));
-            }
-            straightening.image(&frame).write_png(place)?;
+        .try_for_each(|(entry, place)| -> Result<(), StoreError> {
+            write_straight(straightening, &folder.join(&entry.file), place)?;
             progress.advance(1);
             Ok(())
         });
     progress.end();
-    outcome.map(|()| files)
+    outcome?;
+    Ok(files)
 }

@@ -154,8 +154,7 @@ pub(super) fn of_hovering(
     );
     let count = turns.poses.len() as u32;
     Ok(Some(PosedSequence {
-        camera: turns.camera,
-        lens: None,
+        camera: turns.camera.into(),
         masks: vec![None; turns.poses.len()],
         poses: turns.poses,
         points: Some(PointCloud::default()),

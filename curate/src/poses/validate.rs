@@ -176,12 +176,13 @@ fn angle_degrees(a: DVec3, b: DVec3) -> f64 {
 
 /// Angle between the ray of every feature and the direction of its point, degrees.
 fn reprojection_errors_degrees(model: &ColmapModel) -> Vec<f64> {
+    let camera = model.camera.camera();
     let mut errors = Vec::new();
     for image in model.images.values() {
         let world_to_camera = image.rotation.inverse();
         for (pixel, id) in &image.observations {
             if let Some(point) = model.points.get(id) {
-                let ray = model.camera.unproject(*pixel);
+                let ray = camera.unproject(*pixel);
                 errors.push(angle_degrees(
                     ray,
                     world_to_camera * (point.position - image.centre),

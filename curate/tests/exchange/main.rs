@@ -3,7 +3,11 @@
 
 mod cube_faces;
 mod far_points;
+mod foreign;
+mod lenses;
 mod masks;
+mod orders;
+mod programs;
 mod pycolmap;
 mod refusals;
 

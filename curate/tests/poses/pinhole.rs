@@ -131,7 +131,7 @@ fn a_lens_that_does_nothing_changes_nothing() {
     let model = temp.path().join("model");
     write_flight(&model, "1 SIMPLE_RADIAL 512 256 400 256 128 0.0005\n");
     let read = ColmapModel::read(&model).unwrap();
-    assert_eq!(read.lens, None);
+    assert_eq!(read.camera.lens(), None);
     let straight = PinholeCamera {
         width: 512,
         height: 256,
@@ -140,7 +140,7 @@ fn a_lens_that_does_nothing_changes_nothing() {
         cx: 256.0,
         cy: 128.0,
     };
-    assert_eq!(read.camera, straight.into());
+    assert_eq!(read.camera.camera(), straight.into());
     for camera in [
         "1 RADIAL 512 256 400 256 128 -300 0\n",
         "1 OPENCV 512 256 400 nan 256 128 0 0 0 0\n",

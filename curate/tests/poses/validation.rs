@@ -48,8 +48,7 @@ fn perfect(frames: u32, tilt: DQuat) -> (ColmapModel, Vec<String>) {
         .collect();
     let names = (0..frames).map(|index| format!("{index:06}.png")).collect();
     let model = ColmapModel {
-        camera: camera.into(),
-        lens: None,
+        camera: Camera::from(camera).into(),
         images,
         points,
     };

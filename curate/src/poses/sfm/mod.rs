@@ -210,11 +210,14 @@ fn posed(
     let attempt = &report.attempts[index];
     let camera = camera_of_frames(
         &sequence_folder.join(SFM_FOLDER),
-        Some(model.camera),
+        Some(model.camera.camera()),
         sequence,
     )?;
     if let Camera::Pinhole(camera) = camera {
-        let shift = model.lens.map_or(0.0, |lens| lens.largest_shift_pixels());
+        let shift = model
+            .camera
+            .lens()
+            .map_or(0.0, |lens| lens.largest_shift_pixels());
         let measures = [
             ("focal_length_pixels", camera.fx),
             ("distortion_pixels", shift),
@@ -264,8 +267,7 @@ fn posed(
         None => vec![None; names.len()],
     };
     Ok(PosedSequence {
-        camera,
-        lens: model.lens,
+        camera: model.camera.resized(camera.width(), camera.height()),
         poses,
         masks,
         points: Some(model.cloud()),

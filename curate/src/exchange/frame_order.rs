@@ -1,0 +1,230 @@
+//! The order of frames that come as files, and their times by the numbers in their names.
+//!
+//! Names are in natural order: a run of digits counts as the number that it is, so `2.png` comes before
+//! `10.png`. The number of a frame is the last run of digits in its name.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
+
+use std::{
+    cmp::Ordering,
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+};
+
+use omnilife_schemas::store::{self, StoreError};
+
+/// A part of a name.
+#[derive(PartialEq, Eq, PartialOrd, Ord)]
+enum Piece<'a> {
+    /// Without leading zeros; the longer one is the larger.
+    Number {
+        length: usize,
+        digits: &'a str,
+    },
+    Text(&'a str),
+}
+
+fn pieces(name: &str) -> Vec<Piece<'_>> {
+    let mut pieces = Vec::new();
+    let mut rest = name;
+    while !rest.is_empty() {
+        let is_number = rest.starts_with(|letter: char| letter.is_ascii_digit());
+        let end = rest
+            .find(|letter: char| letter.is_ascii_digit() != is_number)
+            .unwrap_or(rest.len());
+        let (piece, after) = rest.split_at(end);
+        pieces.push(if is_number {
+            let digits = piece.trim_start_matches('0');
+            Piece::Number {
+                length: digits.len(),
+                digits,
+            }
+        } else {
+            Piece::Text(piece)
+        });
+        rest = after;
+    }
+    pieces
+}
+
+/// The order of two names or paths.
+pub(super) fn natural(a: &str, b: &str) -> Ordering {
+    pieces(a).cmp(&pieces(b)).then_with(|| a.cmp(b))
+}
+
+/// The order of two files.
+pub(super) fn natural_paths(a: &Path, b: &Path) -> Ordering {
+    natural(&a.to_string_lossy(), &b.to_string_lossy())
+}
+
+/// The number of a frame by its file.
+fn number(file: &Path) -> Option<u64> {
+    let stem = file.file_stem()?.to_string_lossy();
+    let last = pieces(&stem)
+        .into_iter()
+        .rev()
+        .find_map(|piece| match piece {
+            Piece::Number { digits, .. } => Some(digits),
+            Piece::Text(_) => None,
+        })?;
+    if last.is_empty() {
+        return Some(0);
+    }
+    last.parse().ok()
+}
+
+/// The images of a folder, PNG or JPEG, in natural order.
+pub(super) fn images_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
+    let mut files = store::paths_in(folder)?;
+    files.retain(|file| has_extension(file, &["png", "jpg", "jpeg"]));
+    files.sort_by(|a, b| natural_paths(a, b));
+    Ok(files)
+}
+
+/// Whether a file has one of these extensions, in whatever case.
+pub(super) fn has_extension(file: &Path, known: &[&str]) -> bool {
+    let extension = file.extension().unwrap_or_default().to_ascii_lowercase();
+    known.iter().any(|known| extension == *known)
+}
+
+/// Whether files in natural order are numbered 0, 1, ... or 1, 2, ...
+pub(super) fn are_counted(files: &[PathBuf]) -> bool {
+    let numbers: Option<Vec<u64>> = files.iter().map(|file| number(file)).collect();
+    numbers.is_some_and(|numbers| {
+        let first = numbers.first().copied().unwrap_or(0);
+        first <= 1 && numbers.iter().copied().eq((first..).take(numbers.len()))
+    })
+}
+
+/// Times by a frame rate.
+pub(super) struct NumberedTimes {
+    /// Seconds, one for each file.
+    pub(super) seconds: Vec<f64>,
+    /// A line where names alone do not say the times.
+    pub(super) note: Option<String>,
+}
+
+/// The times of files in natural order at so many frames per second: the lowest number, of these files and of
+/// `others` beside them, is shown at 0, and gaps in the numbers stay gaps. Where a name has no number, or two
+/// of a folder have the same one, the order of the names counts.
+pub(super) fn times_at(
+    frames_per_second: f64,
+    files: &[&Path],
+    others: &[PathBuf],
+) -> NumberedTimes {
+    let numbers: Option<Vec<u64>> = files.iter().map(|file| number(file)).collect();
+    let numbers = numbers.filter(|numbers| {
+        let folders = files.iter().map(|file| file.parent());
+        let distinct: BTreeSet<_> = folders.zip(numbers).collect();
+        distinct.len() == files.len()
+    });
+    let Some(numbers) = numbers else {
+        return NumberedTimes {
+            seconds: (0..files.len())
+                .map(|index| index as f64 / frames_per_second)
+                .collect(),
+            note: Some(
+                "names of images have no numbers, or not one each: times follow the order of the names"
+                    .to_owned(),
+            ),
+        };
+    };
+    let beside = others.iter().filter_map(|file| number(file));
+    let first = numbers
+        .iter()
+        .copied()
+        .chain(beside.clone())
+        .min()
+        .unwrap_or(0);
+    let offsets = |number: u64| number.saturating_sub(first);
+    let step = numbers
+        .iter()
+        .copied()
+        .chain(beside)
+        .map(offsets)
+        .fold(0, greatest_common_divisor);
+    NumberedTimes {
+        seconds: numbers
+            .iter()
+            .map(|&number| offsets(number) as f64 / frames_per_second)
+            .collect(),
+        note: (step > 1).then(|| {
+            format!(
+                "images are numbered in steps of {step}, which count as frames: {step} are {:.3} s",
+                step as f64 / frames_per_second
+            )
+        }),
+    }
+}
+
+fn greatest_common_divisor(a: u64, b: u64) -> u64 {
+    match a.checked_rem(b) {
+        Some(rest) => greatest_common_divisor(b, rest),
+        None => a,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seconds(names: &[&str], others: &[&str]) -> (Vec<f64>, bool) {
+        let files: Vec<&Path> = names.iter().map(Path::new).collect();
+        let others: Vec<PathBuf> = others.iter().map(PathBuf::from).collect();
+        let times = times_at(4.0, &files, &others);
+        (times.seconds, times.note.is_some())
+    }
+
+    #[test]
+    fn digits_count_as_numbers() {
+        let mut names = [
+            "b2.png", "a10.png", "a9.png", "a09.png", "a.png", "7/3.png", "7/20.png",
+        ];
+        names.sort_by(|a, b| natural(a, b));
+        let expected = [
+            "7/3.png", "7/20.png", "a09.png", "a9.png", "a10.png", "a.png", "b2.png",
+        ];
+        assert_eq!(names, expected);
+    }
+
+    #[test]
+    fn gaps_stay_gaps_and_counting_begins_at_zero() {
+        let four = ["f3.png", "f4.png", "f9.png", "f10.png"];
+        assert_eq!(seconds(&four, &[]), (vec![0.0, 0.25, 1.5, 1.75], false));
+        // An image beside them that has no pose is earlier.
+        assert_eq!(seconds(&four, &["f1.png"]).0, [0.5, 0.75, 2.0, 2.25]);
+        // The faces of a rig share the number of their frame.
+        let faces = ["l/000.png", "l/001.png", "r/000.png", "r/001.png"];
+        assert_eq!(seconds(&faces, &[]), (vec![0.0, 0.25, 0.0, 0.25], false));
+        // Every tenth frame of a clip.
+        assert_eq!(seconds(&["0.png", "10.png"], &[]), (vec![0.0, 2.5], true));
+    }
+
+    #[test]
+    fn without_numbers_of_their_own_names_are_counted() {
+        for names in [
+            ["a.png", "b.png"],
+            ["1_x2.png", "2_x2.png"],
+            ["a.png", "b7.png"],
+        ] {
+            assert_eq!(seconds(&names, &[]), (vec![0.0, 0.25], true), "{names:?}");
+        }
+        let huge = ["99999999999999999999998.png", "99999999999999999999999.png"];
+        assert_eq!(seconds(&huge, &[]).0, [0.0, 0.25]);
+    }
+
+    #[test]
+    fn rows_without_names_need_files_that_are_counted() {
+        let counted = |names: &[&str]| {
+            let files: Vec<PathBuf> = names.iter().map(PathBuf::from).collect();
+            are_counted(&files)
+        };
+        assert!(counted(&["0.png", "1.png", "2.png"]));
+        assert!(counted(&["p08/001.jpg", "p08/002.jpg"]));
+        assert!(!counted(&["0.png", "2.png"]));
+        assert!(!counted(&["2.png", "3.png"]));
+        assert!(!counted(&["0.png", "x.png"]));
+    }
+}

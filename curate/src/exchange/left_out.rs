@@ -1,0 +1,80 @@
+//! What an import does not take, in lines.
+
+use std::{
+    collections::BTreeSet,
+    ffi::OsStr,
+    path::{Path, PathBuf},
+};
+
+use omnilife_schemas::store::{self, StoreError};
+
+use super::{ForeignScene, frame_order};
+
+/// Names in a line, at most.
+const MOST_NAMES: usize = 3;
+/// Extensions of images, of kinds that are not read among them.
+const IMAGES: [&str; 11] = [
+    "png", "jpg", "jpeg", "tif", "tiff", "bmp", "webp", "exr", "hdr", "avif", "heic",
+];
+
+/// Images beside those of a scene's frames that are neither frames nor their masks, in natural order.
+///
+/// # Errors
+/// When a folder cannot be listed.
+pub(super) fn images_beside(scene: &ForeignScene) -> Result<Vec<PathBuf>, StoreError> {
+    let parents = scene.frames.iter().filter_map(|frame| frame.image.parent());
+    let folders: BTreeSet<PathBuf> = parents
+        .map(Path::to_owned)
+        .chain(scene.image_folders.iter().cloned())
+        .collect();
+    let taken: BTreeSet<_> = scene
+        .frames
+        .iter()
+        .flat_map(|frame| {
+            let mask = frame.mask.iter().map(|mask| &mask.file);
+            let files = std::iter::once(&frame.image).chain(mask);
+            files.chain(frame.objects.values())
+        })
+        .map(|file| place(file))
+        .collect();
+    let mut left = Vec::new();
+    for folder in folders {
+        for file in store::paths_in(&folder)? {
+            if !taken.contains(&place(&file)) && frame_order::has_extension(&file, &IMAGES) {
+                left.push(file);
+            }
+        }
+    }
+    left.sort_by(|a, b| frame_order::natural_paths(a, b));
+    Ok(left)
+}
+
+/// The folder of a file, and its name there.
+fn place(file: &Path) -> (Option<&Path>, Option<&OsStr>) {
+    (file.parent(), file.file_name())
+}
+
+/// A folder and all below it.
+///
+/// # Errors
+/// When one cannot be listed.
+pub(super) fn folders_below(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
+    let mut folders = Vec::new();
+    let mut open = vec![folder.to_owned()];
+    while let Some(next) = open.pop() {
+        let inner = store::paths_in(&next)?.into_iter();
+        open.extend(inner.filter(|path| path.is_dir() && !path.is_symlink()));
+        folders.push(next);
+    }
+    Ok(folders)
+}
+
+/// A line that counts things and names the first of them; `None` where there are none.
+pub(super) fn line(names: &[String], what: &str) -> Option<String> {
+    let first: Vec<&str> = names.iter().take(MOST_NAMES).map(String::as_str).collect();
+    let rest = match names.len().saturating_sub(MOST_NAMES) {
+        0 => String::new(),
+        rest => format!(" and {rest} more"),
+    };
+    (!names.is_empty()).then(|| format!("{what}: {} ({}{rest})", names.len(), first.join(", ")))
+}

@@ -1,0 +1,137 @@
+//! What cereal writes of OpenMVG's `sfm_data`, as far as it is read.
+//!
+//! A type is named with its first object (`polymorphic_name`, and the highest bit of `polymorphic_id`); later
+//! objects have the number alone. Views of versions 0.1 and 0.2 have neither. A spherical intrinsic has its size
+//! inside of its base class (`value0`), a pinhole beside its own values.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
+)]
+
+use std::collections::BTreeMap;
+
+use omnilife_schemas::camera::{Camera, ErpCamera, PinholeCamera};
+use serde::Deserialize;
+use serde_json::Value;
+
+use super::{Extrinsic, FIRST_OF_ITS_KIND, Keyed, PINHOLE, SPHERICAL, View};
+
+#[derive(Deserialize)]
+pub(super) struct SfmData {
+    #[serde(default)]
+    pub(super) views: Vec<Keyed<Polymorphic<View>>>,
+    #[serde(default)]
+    pub(super) intrinsics: Vec<Keyed<Polymorphic<Intrinsic>>>,
+    #[serde(default)]
+    pub(super) extrinsics: Vec<Keyed<Extrinsic>>,
+}
+
+#[derive(Deserialize)]
+pub(super) struct Polymorphic<T> {
+    #[serde(default)]
+    polymorphic_id: u32,
+    #[serde(default)]
+    polymorphic_name: Option<String>,
+    ptr_wrapper: Pointer<T>,
+}
+
+#[derive(Deserialize)]
+struct Pointer<T> {
+    data: T,
+}
+
+impl<T> Polymorphic<T> {
+    pub(super) fn data(&self) -> &T {
+        &self.ptr_wrapper.data
+    }
+}
+
+/// Width and height, pixels.
+#[derive(Deserialize)]
+struct Size {
+    width: u32,
+    height: u32,
+}
+
+#[derive(Deserialize)]
+pub(super) struct Intrinsic {
+    #[serde(default)]
+    value0: Option<Size>,
+    #[serde(default)]
+    width: u32,
+    #[serde(default)]
+    height: u32,
+    /// Of a pinhole, pixels.
+    #[serde(default)]
+    focal_length: Option<f64>,
+    #[serde(default)]
+    principal_point: Option<[f64; 2]>,
+    /// A lens among them.
+    #[serde(flatten)]
+    others: BTreeMap<String, Value>,
+}
+
+/// The cameras of intrinsics by their key, or what keeps one from being read where a view uses it.
+pub(super) fn cameras(data: &SfmData) -> BTreeMap<u32, Result<Camera, String>> {
+    let views = data.views.iter().map(|view| &view.value);
+    let mut names: BTreeMap<u32, &str> = views
+        .filter_map(|view| Some((view.polymorphic_id, view.polymorphic_name.as_deref()?)))
+        .map(|(id, name)| (id & !FIRST_OF_ITS_KIND, name))
+        .collect();
+    let mut cameras = BTreeMap::new();
+    for Keyed { key, value } in &data.intrinsics {
+        let id = value.polymorphic_id & !FIRST_OF_ITS_KIND;
+        if let Some(name) = &value.polymorphic_name {
+            names.insert(id, name);
+        }
+        let camera = match names.get(&id) {
+            Some(name) => value.data().camera(name),
+            None => Err(format!("its type {id} has no name")),
+        };
+        cameras.insert(
+            *key,
+            camera.map_err(|reason| format!("intrinsic {key}: {reason}")),
+        );
+    }
+    cameras
+}
+
+impl Intrinsic {
+    /// # Errors
+    /// For other kinds than `spherical` and `pinhole`, and where something is missing or not known.
+    fn camera(&self, name: &str) -> Result<Camera, String> {
+        let (width, height) = match &self.value0 {
+            Some(size) => (size.width, size.height),
+            None => (self.width, self.height),
+        };
+        if ![SPHERICAL, PINHOLE].contains(&name) {
+            return Err(format!("is {name}, expected {SPHERICAL} or {PINHOLE}"));
+        }
+        if let Some(entry) = self.others.keys().next() {
+            return Err(format!("{entry} of its {name} camera is not known"));
+        }
+        if width == 0 || height == 0 {
+            return Err(format!("its {name} camera has no size"));
+        }
+        match (name, self.focal_length, self.principal_point) {
+            // Camera_Spherical has a turn for the larger side, and as many pixels for a degree in height.
+            (SPHERICAL, ..) if u64::from(width) != u64::from(height).saturating_mul(2) => {
+                Err(format!(
+                    "its sphere of {width}x{height} is not twice as wide as high: in OpenMVG it shows less or more \
+                 than half a turn in height"
+                ))
+            }
+            (SPHERICAL, ..) => Ok(ErpCamera { width, height }.into()),
+            (_, Some(focal), Some([cx, cy])) if focal > 0.0 => Ok(PinholeCamera {
+                width,
+                height,
+                fx: focal,
+                fy: focal,
+                cx,
+                cy,
+            }
+            .into()),
+            _ => Err("its pinhole lacks a focal length or a principal point".to_owned()),
+        }
+    }
+}

@@ -1,0 +1,126 @@
+//! The camera of frames: as they are, and as a scene shows them.
+
+use std::path::Path;
+
+use omnilife_schemas::{
+    RgbImage,
+    camera::{Camera, PinholeCamera},
+    image_file::ImageFile,
+    store::StoreError,
+};
+
+use super::lens::{Distortion, Lens, Straightening};
+
+/// The camera of frames as files, which may have a lens that a scene does not know.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum FrameCamera {
+    /// The frames are those of a camera without a lens.
+    Straight(Camera),
+    /// A lens that moves no pixel by a quarter of one, and stays in the frames.
+    Weak(Lens),
+    /// A lens that is taken out of the frames.
+    Distorted {
+        /// Size, intrinsics and distortion of the frames as they are.
+        lens: Lens,
+        /// The camera of the frames without the distortion, of the same size.
+        straight: PinholeCamera,
+    },
+}
+
+impl From<Camera> for FrameCamera {
+    fn from(camera: Camera) -> Self {
+        Self::Straight(camera)
+    }
+}
+
+impl FrameCamera {
+    /// The camera of frames with this lens.
+    ///
+    /// # Errors
+    /// Where no straight image is within what the lens shows; says why.
+    pub fn behind(lens: Lens) -> Result<Self, String> {
+        if lens.distortion == Distortion::default() {
+            return Ok(Self::Straight(lens.camera.into()));
+        }
+        if lens.is_negligible() {
+            return Ok(Self::Weak(lens));
+        }
+        match lens.straight() {
+            Some(straight) => Ok(Self::Distorted { lens, straight }),
+            None => Err(format!(
+                "no straight image is within a lens of {:?}",
+                lens.distortion
+            )),
+        }
+    }
+
+    /// The camera of the frames in a scene, without a lens.
+    pub fn camera(&self) -> Camera {
+        match self {
+            Self::Straight(camera) => *camera,
+            Self::Weak(lens) => lens.camera.into(),
+            Self::Distorted { straight, .. } => (*straight).into(),
+        }
+    }
+
+    /// The lens that has to be taken out of the frames; `None` where they stay as they are.
+    pub fn lens(&self) -> Option<Lens> {
+        match self {
+            Self::Distorted { lens, .. } => Some(*lens),
+            Self::Straight(_) | Self::Weak(_) => None,
+        }
+    }
+
+    /// The same camera with frames of another size.
+    #[must_use]
+    pub fn resized(&self, width: u32, height: u32) -> Self {
+        match self {
+            Self::Straight(camera) => Self::Straight(camera.resized(width, height)),
+            Self::Weak(lens) => Self::Weak(lens.resized(width, height)),
+            Self::Distorted { lens, straight } => {
+                let resized =
+                    |&camera: &PinholeCamera| Lens { camera, ..*lens }.resized(width, height);
+                Self::Distorted {
+                    lens: resized(&lens.camera),
+                    straight: resized(straight).camera,
+                }
+            }
+        }
+    }
+
+    /// A line on the lens, where there is one.
+    pub(crate) fn remark(&self) -> Option<String> {
+        match self {
+            Self::Straight(_) => None,
+            Self::Weak(lens) => Some(format!(
+                "the lens moves no pixel by more than {:.2} and stays in the frames",
+                lens.largest_shift_pixels()
+            )),
+            Self::Distorted { lens, .. } => Some(format!(
+                "the lens, which moves pixels by up to {:.1}, is taken out of the frames",
+                lens.largest_shift_pixels()
+            )),
+        }
+    }
+
+    /// Prepares frames of a scene; `None` where the files are those already.
+    pub(crate) fn straightening(&self) -> Option<Straightening> {
+        match self {
+            Self::Distorted { lens, straight } => Some(lens.straightening(straight)),
+            Self::Straight(_) | Self::Weak(_) => None,
+        }
+    }
+}
+
+/// Writes a frame without its lens as a PNG.
+///
+/// # Errors
+/// When the frame cannot be read, has not the size of its camera, or the PNG cannot be written.
+pub(crate) fn write_straight(
+    straightening: &Straightening,
+    frame: &Path,
+    to: &Path,
+) -> Result<(), StoreError> {
+    let file = ImageFile::open(frame)?.expect_size(straightening.size())?;
+    straightening.image(&RgbImage::decode(file)?).write_png(to)
+}
