@@ -298,10 +298,10 @@ fn silencing_drivers<T>(work: impl FnOnce() -> T) -> T {
     /// Descriptors below are those of the standard streams.
     const FIRST_FREE: i32 = 3;
     let silence = || {
-        let stderr = rustix::io::fcntl_dupfd_cloexec(std::io::stderr(), FIRST_FREE)?;
+        let stderr = rustix::io::fcntl_dupfd_cloexec(io::stderr(), FIRST_FREE)?;
         let nowhere = std::fs::File::options().write(true).open("/dev/null")?;
         rustix::stdio::dup2_stderr(&nowhere)?;
-        Ok::<_, std::io::Error>(stderr)
+        Ok::<_, io::Error>(stderr)
     };
     let stderr = silence();
     let found = work();

@@ -204,7 +204,7 @@ novel = "{work}/{frame}.png"
     let own = fs::read_to_string(stand.request.out.join("work/own")).unwrap();
     let left = format!("sleep (process {})", own.trim());
     assert_eq!(run.phases[0].ending, "exit 0");
-    assert_eq!(run.phases[0].left_running, [left.clone()]);
+    assert_eq!(run.phases[0].left_running, std::slice::from_ref(&left));
     assert!(run.phases[1].left_running.is_empty());
     let told = run.warnings.iter().filter(|line| line.contains(&left));
     assert_eq!(told.count(), 1, "{:?}", run.warnings);

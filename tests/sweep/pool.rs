@@ -341,7 +341,7 @@ fn changed_inputs_and_lost_outputs_make_a_unit_missing() {
     assert!(again.starts_with("1 done (0 here)"), "{again}");
     let record = shell.path("sweep/units/line-00001/done.json");
     let text = fs::read_to_string(&record).unwrap();
-    let hash = omnilife_schemas::store::sha256_bytes(b"one");
+    let hash = store::sha256_bytes(b"one");
     let path = shell.path("input");
     let input = format!(
         "\"inputs\": [{{\"file\": {path:?}, \"bytes\": 3, \"modified_nanoseconds\": 1, \

@@ -79,7 +79,9 @@ fn frames_of_colmap_models_are_straightened() {
     let simple = [fx, cx, cy, -0.13];
     let radial = [fx, cx, cy, 0.07, 0.02];
     let opencv = [fx, fy, cx, cy, -0.09, 0.015, 0.003, -0.002];
-    let models: [(&str, i32, &[f64], [f64; 4], [f64; 2]); 3] = [
+    /// Name, number, parameters as COLMAP writes them; terms of the lens, focal lengths.
+    type LensModel<'a> = (&'a str, i32, &'a [f64], [f64; 4], [f64; 2]);
+    let models: [LensModel<'_>; 3] = [
         (
             "SIMPLE_RADIAL",
             2,

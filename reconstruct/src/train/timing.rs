@@ -66,7 +66,7 @@ impl PairedSteps {
     /// # Errors
     /// When a loss is not finite.
     pub fn measure(
-        mut learners: [&mut dyn Learner; 2],
+        learners: [&mut dyn Learner; 2],
         (views, iterations): (usize, u64),
     ) -> Result<Self, ReconstructError> {
         let end = Position {
