@@ -103,15 +103,14 @@ pub fn compare(a: &[StoredResult], b: &[StoredResult]) -> Result<PairedCompariso
             continue;
         };
         refuse_other_rules(left, right)?;
-        let failures = [left, right].map(|results| {
-            let failures = results.iter().map(|(_, result)| result.failures.len());
-            failures.sum::<usize>()
+        let reason = [left, right].into_iter().zip(methods).find_map(|side| {
+            let (results, method) = side;
+            let mut results = results.iter();
+            let reason = results.find_map(|(_, result)| result.why_incomplete())?;
+            Some(format!("{scene}: {method}: {reason}"))
         });
-        match failures.iter().position(|&count| count > 0) {
-            Some(side) => left_out.push(format!(
-                "{scene}: {} could not be scored on {} views",
-                methods[side], failures[side]
-            )),
+        match reason {
+            Some(reason) => left_out.push(reason),
             None => scenes.push((scene, [left.as_slice(), right.as_slice()])),
         }
     }
