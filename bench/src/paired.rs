@@ -103,18 +103,14 @@ pub fn compare(a: &[StoredResult], b: &[StoredResult]) -> Result<PairedCompariso
             continue;
         };
         refuse_other_rules(left, right)?;
-        let incomplete = [left, right].map(|results| {
-            let mut reasons = results
-                .iter()
-                .filter_map(|(_, result)| result.why_incomplete());
-            reasons.next()
+        let reason = [left, right].into_iter().zip(methods).find_map(|side| {
+            let (results, method) = side;
+            let mut results = results.iter();
+            let reason = results.find_map(|(_, result)| result.why_incomplete())?;
+            Some(format!("{scene}: {method}: {reason}"))
         });
-        match methods
-            .iter()
-            .zip(incomplete)
-            .find_map(|(method, reason)| Some((method, reason?)))
-        {
-            Some((method, reason)) => left_out.push(format!("{scene}: {method}: {reason}")),
+        match reason {
+            Some(reason) => left_out.push(reason),
             None => scenes.push((scene, [left.as_slice(), right.as_slice()])),
         }
     }

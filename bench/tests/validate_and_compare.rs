@@ -260,10 +260,19 @@ fn failures_and_mixed_methods_are_not_compared() {
     assert!(message(&[a, b], &of_b).contains("one method each"));
     assert!(message(&[], &of_b).contains("nothing to compare"));
     fs::remove_file(bench.at("novel/000004.png")).unwrap();
-    let failed = message(&[bench.stored()], &of_b);
-    assert_eq!(
-        failed,
-        "a and b: nothing to compare: one/seq-000: a could not be scored on 1 views"
+    let mut stored = bench.stored();
+    let failed = message(std::slice::from_ref(&stored), &of_b);
+    assert!(
+        failed.contains("one/seq-000: a: novel view 4 could not be scored: "),
+        "{failed}"
+    );
+    // All its views have scores, and its run failed all the same.
+    stored.1.failures.clear();
+    stored.1.run_failure = Some("train ended with exit code 1".to_owned());
+    let failed = message(&[stored], &of_b);
+    assert!(
+        failed.contains("one/seq-000: a: the run failed: train ended with exit code 1"),
+        "{failed}"
     );
 }
 

@@ -3,9 +3,9 @@
 
 use std::collections::BTreeMap;
 
-use omnilife_schemas::records::ResultRecord;
+use omnilife_schemas::records::{ResultRecord, TrainingKind};
 
-use crate::group::{Group, MethodRow, ViewKind};
+use crate::group::MethodRow;
 
 /// How a method came to its views. In the order of the tables.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -19,14 +19,19 @@ pub(crate) enum MethodClass {
 }
 
 impl MethodClass {
-    /// Of a method's results. One of them that tells of a training decides: records of the same
-    /// method differ in what they state.
+    /// Returns that of a method's results. One that says it decides, before what others let infer;
+    /// among equals one that tells of a training: records of the same method differ in what they
+    /// state.
     pub(crate) fn of<'a>(results: impl IntoIterator<Item = &'a ResultRecord>) -> Self {
-        let classes = results.into_iter().map(Self::of_result);
-        classes.min().unwrap_or(Self::NotStated)
+        let classes = results.into_iter().map(|result| match result.training {
+            Some(TrainingKind::PerScene) => (0, Self::PerSceneTraining),
+            Some(TrainingKind::WithoutTraining) => (0, Self::WithoutTraining),
+            None => (1, Self::inferred(result)),
+        });
+        classes.min().map_or(Self::NotStated, |(_, class)| class)
     }
 
-    fn of_result(result: &ResultRecord) -> Self {
+    fn inferred(result: &ResultRecord) -> Self {
         // A sweep for depth takes time and learns nothing of the scene.
         let is_trained = match result.iterations {
             Some(iterations) => iterations > 0,
@@ -41,14 +46,12 @@ impl MethodClass {
         }
     }
 
-    /// As tables print it. Without training, a protocol that scores novel views alone leaves a method
-    /// the two views between which these lie.
-    pub(crate) fn title(self, group: &Group<'_>) -> &'static str {
+    /// Returns the heading over its rows.
+    pub(crate) fn title(self) -> &'static str {
         match self {
-            Self::PerSceneTraining => "per-scene training",
-            Self::WithoutTraining if group.has(ViewKind::Input) => "no training",
-            Self::WithoutTraining => "two views",
-            Self::NotStated => "not stated",
+            Self::PerSceneTraining => "Trained per scene",
+            Self::WithoutTraining => "Without training",
+            Self::NotStated => "Training not stated",
         }
     }
 }

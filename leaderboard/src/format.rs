@@ -82,11 +82,19 @@ pub(crate) fn plain(cell: &Cell) -> String {
         Cell::Missing => "–".to_owned(),
         Cell::Blank => String::new(),
         Cell::Score(score) => value(score),
-        Cell::Number { value, decimals: 0 } => grouped(*value),
-        Cell::Number { value, decimals } => format!("{value:.decimals$}"),
-        Cell::Rank { rank, interval } => match interval {
-            Some([low, high]) if low != high => format!("{rank} [{low}–{high}]"),
-            _ => rank.to_string(),
+        Cell::Number {
+            value,
+            decimals: 0,
+            remark,
+        } => grouped(*value) + remark,
+        Cell::Number {
+            value,
+            decimals,
+            remark,
+        } => format!("{value:.decimals$}{remark}"),
+        Cell::Rank { rank, of, interval } => match interval {
+            Some([low, high]) if low != high => format!("{rank} of {of} [{low}–{high}]"),
+            _ => format!("{rank} of {of}"),
         },
         Cell::Text(text) => text.clone(),
     }

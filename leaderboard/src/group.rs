@@ -8,10 +8,13 @@ use std::{
 pub(crate) use omnilife_schemas::bootstrap::place;
 use omnilife_schemas::{
     bootstrap::{self, Confidence},
-    records::{Direction, ResultRecord, Summary, is_of_region},
+    records::{Direction, ResultRecord, Summary},
 };
 
-use crate::{class::MethodClass, error::LeaderboardError, validate};
+use crate::{class::MethodClass, error::LeaderboardError, numbers::Numbers, validate};
+
+/// The scores of a run that failed.
+static NO_SCORES: BTreeMap<String, Summary> = BTreeMap::new();
 
 /// The two kinds of view, in the order of the columns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -30,7 +33,11 @@ impl ViewKind {
         }
     }
 
+    /// Returns the scores of views of this kind. A run that failed has none, whatever views it left.
     pub(crate) fn scores(self, result: &ResultRecord) -> &BTreeMap<String, Summary> {
+        if result.run_failure.is_some() {
+            return &NO_SCORES;
+        }
         match self {
             Self::Input => &result.input_views,
             Self::Novel => &result.novel_views,
@@ -95,8 +102,15 @@ impl<'a> Group<'a> {
         quantities.any(|(quantity, _)| quantity.kind == kind)
     }
 
-    /// Metrics that results could not have, with the reason and how many results that are.
-    pub(crate) fn unavailable(&self) -> Vec<String> {
+    /// Returns the numbers of one of its results.
+    pub(crate) fn numbers_of(&self, result: &ResultRecord) -> Numbers {
+        let without_regions = self.other_regions.contains(result.scene.as_str());
+        Numbers::of(result, &self.quantities, without_regions)
+    }
+
+    /// Returns the metrics that results could not have, with reasons and how many results that are,
+    /// in one line.
+    pub(crate) fn unavailable(&self) -> Option<String> {
         let results: Vec<&ResultRecord> = self
             .scene_rows
             .iter()
@@ -110,18 +124,17 @@ impl<'a> Group<'a> {
                 of.insert(index);
             }
         }
-        by_reason
-            .into_iter()
-            .map(|(reason, (metrics, of))| {
-                let metrics: Vec<&str> = metrics.into_iter().collect();
-                format!(
-                    "Unavailable in {} of {} results: {} ({reason}).",
-                    of.len(),
-                    results.len(),
-                    metrics.join(", ")
-                )
-            })
-            .collect()
+        let parts = by_reason.into_iter().map(|(reason, (metrics, of))| {
+            let metrics: Vec<&str> = metrics.into_iter().collect();
+            format!(
+                "{} in {} of {} results ({reason})",
+                metrics.join(", "),
+                of.len(),
+                results.len()
+            )
+        });
+        let parts: Vec<String> = parts.collect();
+        (!parts.is_empty()).then(|| format!("Unavailable: {}.", parts.join("; ")))
     }
 
     /// Scenes whose scores by region are left out, in words.
@@ -151,21 +164,6 @@ impl<'a> Group<'a> {
 /// How many digits of a protocol's hash are printed.
 const HASH_DIGITS: usize = 12;
 
-/// What a set of results has in numbers: a scene's repetitions, or a method's scenes.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Numbers {
-    /// Means in the order of [`Group::quantities`]. What one of the results lacks has no mean: an
-    /// average over the rest would look better than it is.
-    pub(crate) scores: Vec<Option<f64>>,
-    /// Means, where all results state them.
-    pub(crate) training_seconds: Option<f64>,
-    pub(crate) peak_memory_bytes: Option<f64>,
-    pub(crate) primitives: Option<f64>,
-    pub(crate) iterations: Option<f64>,
-    /// Views that could not be scored, in all results together.
-    pub(crate) failures: usize,
-}
-
 /// One method on one scene: the mean over its repetitions.
 pub(crate) struct SceneRow<'a> {
     pub(crate) scene: &'a str,
@@ -184,13 +182,15 @@ pub(crate) struct MethodRow<'a> {
     /// Scenes with a result of this method.
     pub(crate) scenes: usize,
     pub(crate) numbers: Numbers,
-    /// Whether every scene of the group went in, without failures.
+    /// Whether every scene of the group went in, with complete results.
     pub(crate) complete: bool,
     /// Whether it is a variant, made for an ablation, of another method in the group.
     pub(crate) is_variant: bool,
     /// In the order of [`Group::quantities`]; ranks are among complete methods of the same class
     /// that are no variants.
     pub(crate) confidence: Vec<Confidence>,
+    /// How many methods of the class are ranked, in the same order.
+    pub(crate) ranked: Vec<usize>,
 }
 
 /// Between a method's id and the component that a variant of it leaves out.
@@ -230,14 +230,14 @@ fn group<'a>(protocol: &'a str, hash: &'a str, mut results: Vec<&'a ResultRecord
             .iter()
             .map(|result| {
                 let without_regions = other_regions.contains(result.scene.as_str());
-                numbers_of(result, &quantities, without_regions)
+                Numbers::of(result, &quantities, without_regions)
             })
             .collect();
         scene_rows.push(SceneRow {
             scene: &results[0].scene,
             method: &results[0].method,
             class: classes[results[0].method.as_str()],
-            numbers: mean_numbers(&numbers.iter().collect::<Vec<_>>()),
+            numbers: Numbers::mean(&numbers.iter().collect::<Vec<_>>()),
             results: results.to_vec(),
         });
     }
@@ -320,50 +320,6 @@ fn quantities(results: &[&ResultRecord]) -> Vec<(Quantity, Direction)> {
         .collect()
 }
 
-fn numbers_of(
-    result: &ResultRecord,
-    quantities: &[(Quantity, Direction)],
-    without_regions: bool,
-) -> Numbers {
-    let score = |quantity: &Quantity| {
-        if without_regions && is_of_region(&quantity.metric) {
-            return None;
-        }
-        let scores = quantity.kind.scores(result);
-        scores.get(&quantity.metric).map(|summary| summary.mean)
-    };
-    Numbers {
-        scores: quantities
-            .iter()
-            .map(|(quantity, _)| score(quantity))
-            .collect(),
-        training_seconds: result.training_seconds,
-        peak_memory_bytes: result.peak_memory_bytes.map(|bytes| bytes as f64),
-        primitives: result.primitives.map(|count| count as f64),
-        iterations: result.iterations.map(|count| count as f64),
-        failures: result.failures.len(),
-    }
-}
-
-/// Arithmetic means; `parts` is not empty.
-fn mean_numbers(parts: &[&Numbers]) -> Numbers {
-    let mean = |value: &dyn Fn(&Numbers) -> Option<f64>| {
-        let sum: Option<f64> = parts.iter().map(|part| value(part)).sum();
-        sum.map(|sum| sum / parts.len() as f64)
-    };
-    let quantities = parts.first().map_or(0, |part| part.scores.len());
-    Numbers {
-        scores: (0..quantities)
-            .map(|quantity| mean(&|part| part.scores[quantity]))
-            .collect(),
-        training_seconds: mean(&|part| part.training_seconds),
-        peak_memory_bytes: mean(&|part| part.peak_memory_bytes),
-        primitives: mean(&|part| part.primitives),
-        iterations: mean(&|part| part.iterations),
-        failures: parts.iter().map(|part| part.failures).sum(),
-    }
-}
-
 fn method_rows<'a>(
     scene_rows: &[SceneRow<'a>],
     scenes: &[&'a str],
@@ -377,17 +333,18 @@ fn method_rows<'a>(
         .iter()
         .map(|(&method, rows)| {
             let numbers: Vec<&Numbers> = rows.iter().map(|row| &row.numbers).collect();
-            let numbers = mean_numbers(&numbers);
+            let numbers = Numbers::mean(&numbers);
             MethodRow {
                 method,
                 class: rows[0].class,
                 scenes: rows.len(),
-                complete: rows.len() == scenes.len() && numbers.failures == 0,
+                complete: rows.len() == scenes.len() && numbers.complete,
                 numbers,
                 is_variant: method
                     .split_once(WITHOUT)
                     .is_some_and(|(whole, _)| by_method.contains_key(whole)),
                 confidence: Vec::new(),
+                ranked: Vec::new(),
             }
         })
         .collect();
@@ -400,6 +357,7 @@ fn method_rows<'a>(
             .map(|(rows, method)| bootstrap::Scores {
                 by_scene: rows
                     .iter()
+                    .filter(|row| row.numbers.complete)
                     .filter_map(|row| {
                         let scene = scenes.binary_search(&row.scene).ok()?;
                         Some((scene, row.numbers.scores[index]?))
@@ -417,8 +375,11 @@ fn method_rows<'a>(
             let of_rivals: Vec<bootstrap::Scores> =
                 rivals.iter().map(|&at| scores[at].clone()).collect();
             let confidence = bootstrap::confidence(&of_rivals, &clusters, &resamples, *direction);
+            let ranked = confidence.iter().filter(|found| found.rank.is_some());
+            let ranked = ranked.count();
             for (at, confidence) in rivals.into_iter().zip(confidence) {
                 methods[at].confidence.push(confidence);
+                methods[at].ranked.push(ranked);
             }
         }
     }

@@ -132,6 +132,9 @@ fn prepare<'a>(
     let mut outputs = layouts?;
     outputs.append(site?);
     outputs.add(MARKDOWN_FILE, all.markdown.clone());
+    if with_site {
+        outputs.add(site::file(CSV_FILE), all.csv.clone());
+    }
     outputs.add(CSV_FILE, all.csv);
     tables::add_assets(&mut outputs, &assets, &request.out)?;
     Ok(Prepared {

@@ -31,13 +31,15 @@ pub(crate) fn updated(
         .iter()
         .map(|group| {
             let table = tables::short_table(group, layouts::all_results(group));
-            let mut lines = render::markdown::body(&table);
-            lines.push(String::new());
-            lines.push(format!(
-                "Protocol {} {}.",
-                for_markdown(group.protocol),
-                group.short_hash()
-            ));
+            let mut lines = Vec::new();
+            for (class, body) in render::markdown::blocks(&table) {
+                lines.extend(class.map(|class| format!("**{class}**\n")));
+                lines.extend(body);
+                lines.push(String::new());
+            }
+            let serious = layouts::remarks_of(group);
+            lines.extend(serious.serious().map(|line| for_markdown(line) + "\n"));
+            lines.push(format!("{}.", for_markdown(&table.title)));
             lines.join("\n")
         })
         .collect();

@@ -5,7 +5,9 @@ use std::{io, path::Path};
 use omnilife_schemas::{plain_text::for_spreadsheet, records::ResultRecord, store::StoreError};
 
 use crate::{
+    class::MethodClass,
     group::{Group, MethodRow, Quantity, ViewKind},
+    numbers::Numbers,
     render::csv::number,
 };
 
@@ -20,8 +22,9 @@ const LEADING: [&str; 6] = [
     "seed",
 ];
 
-/// Columns after the scores.
-const TRAILING: [&str; 8] = [
+/// Columns after the scores. `run_failure` is the reason of a run that failed, which has no scores and
+/// no costs; `stated` are the columns whose numbers authors state and nobody measured.
+const TRAILING: [&str; 12] = [
     "training_seconds",
     "rendering_seconds",
     "peak_memory_bytes",
@@ -30,6 +33,10 @@ const TRAILING: [&str; 8] = [
     "input_views_scored",
     "novel_views_scored",
     "failures",
+    "run_failure",
+    "class",
+    "stated",
+    "clock",
 ];
 
 /// All groups; columns of scores are the union of all metrics, `<view>_<metric>`, empty where a
@@ -51,9 +58,11 @@ pub(crate) fn render(groups: &[Group<'_>], path: &Path) -> Result<Vec<u8>, Store
     header.extend(TRAILING.map(str::to_owned));
     writer.write_record(&header).map_err(failed)?;
     for group in groups {
-        for result in group.scene_rows.iter().flat_map(|row| &row.results) {
-            let row = result_row(group, result, &quantities);
-            writer.write_record(&row).map_err(failed)?;
+        for scene_row in &group.scene_rows {
+            for result in &scene_row.results {
+                let row = result_row(group, scene_row.class, result, &quantities);
+                writer.write_record(&row).map_err(failed)?;
+            }
         }
         if group.scenes.len() > 1 {
             for method in &group.methods {
@@ -67,7 +76,12 @@ pub(crate) fn render(groups: &[Group<'_>], path: &Path) -> Result<Vec<u8>, Store
         .map_err(|error| StoreError::write(path, error.into_error()))
 }
 
-fn result_row(group: &Group<'_>, result: &ResultRecord, quantities: &[&Quantity]) -> Vec<String> {
+fn result_row(
+    group: &Group<'_>,
+    class: MethodClass,
+    result: &ResultRecord,
+    quantities: &[&Quantity],
+) -> Vec<String> {
     let mut row = leading(group, "scene", &result.scene, &result.method);
     row.push(optional(result.seed));
     row.extend(quantities.iter().map(|quantity| {
@@ -82,18 +96,33 @@ fn result_row(group: &Group<'_>, result: &ResultRecord, quantities: &[&Quantity]
         let scored = kind.scores(result).values().map(|summary| summary.views);
         scored.max().unwrap_or(0).to_string()
     };
-    let seconds = |value: Option<f64>| optional(value.map(|seconds| format!("{seconds:.3}")));
+    let run = result.run_failure.is_none().then_some(result);
+    let seconds = |of: fn(&ResultRecord) -> Option<f64>| {
+        optional(run.and_then(of).map(|seconds| format!("{seconds:.3}")))
+    };
     row.extend([
-        seconds(result.training_seconds),
-        seconds(result.rendering_seconds),
-        optional(result.peak_memory_bytes),
-        optional(result.primitives),
-        optional(result.iterations),
+        seconds(|run| run.training_seconds),
+        seconds(|run| run.rendering_seconds),
+        optional(run.and_then(|run| run.peak_memory_bytes)),
+        optional(run.and_then(|run| run.primitives)),
+        optional(run.and_then(|run| run.iterations)),
         views(ViewKind::Input),
         views(ViewKind::Novel),
         result.failures.len().to_string(),
+        for_spreadsheet(result.run_failure.as_deref().unwrap_or_default()).into_owned(),
     ]);
+    row.extend(origin(class, &group.numbers_of(result)));
     row
+}
+
+/// The class, the stated numbers and the clock of the training time.
+fn origin(class: MethodClass, numbers: &Numbers) -> [String; 3] {
+    let stated: Vec<&str> = numbers.stated.iter().map(String::as_str).collect();
+    [
+        class.title().to_owned(),
+        for_spreadsheet(&stated.join(" ")).into_owned(),
+        numbers.clocks().unwrap_or_default(),
+    ]
 }
 
 fn mean_row(group: &Group<'_>, method: &MethodRow<'_>, quantities: &[&Quantity]) -> Vec<String> {
@@ -118,7 +147,9 @@ fn mean_row(group: &Group<'_>, method: &MethodRow<'_>, quantities: &[&Quantity])
         String::new(),
         String::new(),
         numbers.failures.to_string(),
+        String::new(),
     ]);
+    row.extend(origin(method.class, numbers));
     row
 }
 

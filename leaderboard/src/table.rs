@@ -3,8 +3,10 @@
 use omnilife_schemas::{bootstrap::Confidence, records::Direction};
 
 use crate::{
+    class::MethodClass,
     format::{self, decimals},
-    group::{Group, MethodRow, Numbers, Quantity},
+    group::{Group, MethodRow, Quantity},
+    numbers::Numbers,
 };
 
 /// One table.
@@ -14,11 +16,12 @@ pub(crate) struct Table {
     /// Leading columns of names, then columns of cells.
     pub(crate) names: Vec<String>,
     pub(crate) columns: Vec<Column>,
-    /// What was measured under one protocol.
+    /// Results under one protocol. Rows of one class stand together, best first where the title says
+    /// so.
     pub(crate) rows: Vec<Row>,
-    /// What papers print: beside the measured rows and never ranked with them.
+    /// Figures of papers: apart from the measured rows and never ranked with them.
     pub(crate) published: Vec<PublishedBlock>,
-    /// Lines below the table.
+    /// Lines below the measured rows.
     pub(crate) notes: Vec<String>,
 }
 
@@ -55,10 +58,51 @@ pub(crate) struct Row {
     pub(crate) names: Vec<String>,
     /// As many as [`Table::columns`].
     pub(crate) cells: Vec<Cell>,
-    /// Views that could not be scored; the row's names are marked.
+    /// The class under whose heading it stands, where the table is by class.
+    pub(crate) class: Option<MethodClass>,
+    /// Views that could not be scored.
     pub(crate) failures: usize,
-    /// Whether it was trained for more or fewer iterations than is usual in its class.
-    pub(crate) unusual_budget: bool,
+    /// Behind its last name.
+    pub(crate) marks: Vec<Mark>,
+}
+
+/// A mark of a row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Mark {
+    Incomplete,
+    OtherBudget,
+    Suspect,
+}
+
+/// The mark of a number that authors state.
+pub(crate) const STATED_MARK: &str = "§";
+
+impl Mark {
+    /// Returns the marks of a row of these numbers, its budget aside.
+    pub(crate) fn of(numbers: &Numbers) -> Vec<Self> {
+        let marks = [
+            numbers.suspect.then_some(Self::Suspect),
+            (!numbers.complete).then_some(Self::Incomplete),
+        ];
+        marks.into_iter().flatten().collect()
+    }
+
+    pub(crate) fn symbol(self) -> &'static str {
+        match self {
+            Self::Incomplete => "†",
+            Self::OtherBudget => "‡",
+            Self::Suspect => "¶",
+        }
+    }
+
+    /// Returns what it says of a row.
+    pub(crate) fn meaning(self) -> &'static str {
+        match self {
+            Self::Incomplete => "The run failed or some views could not be scored",
+            Self::OtherBudget => "Trained for other iterations than is usual in its class",
+            Self::Suspect => "Its scores speak for another convention, as a warning says",
+        }
+    }
 }
 
 /// Rows of a published table.
@@ -66,6 +110,17 @@ pub(crate) struct PublishedBlock {
     /// Paper and table.
     pub(crate) source: String,
     pub(crate) rows: Vec<Row>,
+    /// Lines that stand with it.
+    pub(crate) notes: Vec<String>,
+}
+
+impl PublishedBlock {
+    /// Returns the columns of the measured table that it has anything in.
+    pub(crate) fn columns(&self) -> Vec<usize> {
+        let count = self.rows.first().map_or(0, |row| row.cells.len());
+        let has_any = |&at: &usize| self.rows.iter().any(|row| row.cells[at] != Cell::Missing);
+        (0..count).filter(has_any).collect()
+    }
 }
 
 /// A cell.
@@ -80,9 +135,13 @@ pub(crate) enum Cell {
     Number {
         value: f64,
         decimals: usize,
+        /// Its unit or mark, with the space before it.
+        remark: String,
     },
     Rank {
         rank: usize,
+        /// Ranked methods of the class.
+        of: usize,
         interval: Option<[usize; 2]>,
     },
     Text(String),
@@ -110,14 +169,43 @@ pub(crate) enum Standing {
 
 impl Cell {
     pub(crate) fn number(value: Option<f64>, decimals: usize) -> Self {
-        value.map_or(Self::Missing, |value| Self::Number { value, decimals })
+        value.map_or(Self::Missing, |value| Self::Number {
+            value,
+            decimals,
+            remark: String::new(),
+        })
+    }
+
+    /// Returns the mean of a field of results, with the clock of a training time and the mark of a
+    /// stated number.
+    fn cost(numbers: &Numbers, field: &str, value: Option<f64>, decimals: usize) -> Self {
+        let mut remark = String::new();
+        if let Some(clocks) = numbers.clocks().filter(|_| field == "training_seconds") {
+            remark.push(' ');
+            remark.push_str(&clocks);
+        }
+        if numbers.stated.contains(field) {
+            remark.push(' ');
+            remark.push_str(STATED_MARK);
+        }
+        value.map_or(Self::Missing, |value| Self::Number {
+            value,
+            decimals,
+            remark,
+        })
+    }
+
+    /// Returns how many views could not be scored, or that a run failed.
+    pub(crate) fn failures(numbers: &Numbers) -> Self {
+        if numbers.failed {
+            Self::Text("failed".to_owned())
+        } else {
+            Self::count(numbers.failures)
+        }
     }
 
     pub(crate) fn count(value: usize) -> Self {
-        Self::Number {
-            value: value as f64,
-            decimals: 0,
-        }
+        Self::number(Some(value as f64), 0)
     }
 
     pub(crate) fn score(value: Option<f64>, metric: &str, interval: Option<[f64; 2]>) -> Self {
@@ -133,6 +221,11 @@ impl Cell {
 }
 
 impl Table {
+    /// Returns the measured rows class by class.
+    pub(crate) fn blocks(&self) -> impl Iterator<Item = &[Row]> {
+        self.rows.chunk_by(|a, b| a.class == b.class)
+    }
+
     /// The table with some of its columns.
     pub(crate) fn with_columns(mut self, keep: impl Fn(&Column) -> bool) -> Self {
         let kept: Vec<bool> = self.columns.iter().map(keep).collect();
@@ -195,12 +288,14 @@ pub(crate) fn cost_columns() -> Vec<Column> {
 }
 
 /// Their cells.
-pub(crate) fn cost_cells(numbers: &Numbers) -> Vec<Cell> {
-    vec![
-        Cell::number(numbers.training_seconds, 1),
-        Cell::number(numbers.peak_memory_bytes.map(|bytes| bytes / 1e9), 2),
-        Cell::number(numbers.primitives, 0),
-        Cell::number(numbers.iterations, 0),
+pub(crate) fn cost_cells(numbers: &Numbers) -> [Cell; 4] {
+    let gigabytes = numbers.peak_memory_bytes.map(|bytes| bytes / 1e9);
+    let seconds = numbers.training_seconds;
+    [
+        Cell::cost(numbers, "training_seconds", seconds, 1),
+        Cell::cost(numbers, "peak_memory_bytes", gigabytes, 2),
+        Cell::cost(numbers, "primitives", numbers.primitives, 0),
+        Cell::cost(numbers, "iterations", numbers.iterations, 0),
     ]
 }
 
@@ -217,6 +312,7 @@ pub(crate) fn method_rank(method: &MethodRow<'_>, index: usize) -> Cell {
     match confidence.rank {
         Some(rank) => Cell::Rank {
             rank,
+            of: method.ranked[index],
             interval: confidence.rank_interval,
         },
         None => Cell::Missing,

@@ -12,7 +12,7 @@ use crate::{
     outputs::Outputs,
     published::Paper,
     render, results_csv,
-    table::{Cell, Holds, Row, Table},
+    table::{Holds, Table},
 };
 
 /// File name of the table of all results in Markdown.
@@ -70,8 +70,14 @@ pub(crate) fn all_results(groups: &[Group<'_>], out: &Path) -> Result<Tables, Le
         let all = layouts::all_results(group);
         markdown.push_str(&render::markdown::render(&all, 2));
         let table = short_table(group, all);
-        let lines = render::markdown::body(&table).join("\n");
-        short.push_str(&format!("{}\n\n{lines}\n", table.title));
+        short.push_str(&format!("{}\n", table.title));
+        for (class, lines) in render::markdown::blocks(&table) {
+            let class = class.unwrap_or_default();
+            short.push_str(&format!("\n{class}\n\n{}\n", lines.join("\n")));
+        }
+        for line in layouts::remarks_of(group).serious() {
+            short.push_str(&format!("\n{line}\n"));
+        }
     }
     let csv_file = out.join(CSV_FILE);
     Ok(Tables {
@@ -84,8 +90,8 @@ pub(crate) fn all_results(groups: &[Group<'_>], out: &Path) -> Result<Tables, Le
 }
 
 /// The scores by which methods are compared first: of novel views where they are scored, PSNR, SSIM
-/// and one LPIPS, PSNR of what stands still and of what moves, and what training cost; `all` is the table of everything. The best method of a scene comes
-/// first.
+/// and one LPIPS, PSNR of what stands still and of what moves, and what training cost; `all` is the
+/// table of everything.
 pub(crate) fn short_table(group: &Group<'_>, all: Table) -> Table {
     let has = |kind: ViewKind, metric: &str| {
         let mut quantities = group.quantities.iter();
@@ -104,25 +110,13 @@ pub(crate) fn short_table(group: &Group<'_>, all: Table) -> Table {
             .into_iter()
             .filter(|metric| metric.starts_with("psnr")),
     );
-    let has_failures = group.scene_rows.iter().any(|row| row.numbers.failures > 0);
-    let mut table = all.with_columns(|column| match &column.holds {
+    let has_failures = group.scene_rows.iter().any(|row| !row.numbers.complete);
+    all.with_columns(|column| match &column.holds {
         Holds::Score(quantity) => {
             quantity.kind == kind && metrics.contains(&quantity.metric.as_str())
         }
         _ => column.name == "Training (s)" || (has_failures && column.name == "Failures"),
-    });
-    for scene in table.rows.chunk_by_mut(|a, b| a.names[0] == b.names[0]) {
-        scene.sort_by(|a, b| first_score(b).total_cmp(&first_score(a)));
-    }
-    table
-}
-
-/// The PSNR of a row; what has none comes last.
-fn first_score(row: &Row) -> f64 {
-    match row.cells.first() {
-        Some(Cell::Score(score)) => score.value,
-        _ => f64::NEG_INFINITY,
-    }
+    })
 }
 
 /// The tables in the layouts of the paper,

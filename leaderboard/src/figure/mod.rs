@@ -21,7 +21,7 @@ use omnilife_schemas::{
 use crate::{
     collect::RecordFiles,
     error::LeaderboardError,
-    group::{self, Group},
+    group::{self, Group, MethodRow},
     layouts::standings,
     site::comparisons::{COMPARISONS, SEPARATOR, check_size},
 };
@@ -40,7 +40,8 @@ pub struct FigureRequest {
     pub protocol: Option<String>,
     /// Rows; all scenes with views where none are given.
     pub scenes: Vec<String>,
-    /// Columns after the ground truth; all methods by rank where none are given.
+    /// Columns after the ground truth; where none are given all methods with complete results, class by
+    /// class and by rank.
     pub methods: Vec<String>,
     /// Frame of the novel views; the first one that all methods have where none is given.
     pub frame: Option<u32>,
@@ -192,7 +193,11 @@ fn chosen_methods(
 ) -> Result<Vec<String>, LeaderboardError> {
     let known: Vec<&str> = group.methods.iter().map(|method| method.method).collect();
     if request.methods.is_empty() {
-        let methods = standings(group).into_iter();
+        let is_shown = |method: &&MethodRow<'_>| {
+            let mut rows = group.rows_of(method.method);
+            rows.any(|row| row.numbers.complete)
+        };
+        let methods = standings(group).into_iter().filter(is_shown);
         return Ok(methods.map(|method| method.method.to_owned()).collect());
     }
     known_names(request, "method", &request.methods, &known)
@@ -235,7 +240,7 @@ fn views_of(
     let mut places: Vec<(PathBuf, [u32; 2])> = Vec::new();
     for method in methods {
         let mut rows = group.rows_in(scene).iter();
-        let row = rows.find(|row| row.method == method);
+        let row = rows.find(|row| row.method == method && row.numbers.complete);
         let place = row.and_then(|row| {
             let folder = folders.get(&std::ptr::from_ref(row.results[0]))?;
             Some((folder.join(COMPARISONS), row.results[0].scored_size))
@@ -250,7 +255,9 @@ fn views_of(
         }
     };
     if places.len() < methods.len() {
-        return missing(format!("not every method has a result of scene {scene}"));
+        return missing(format!(
+            "not every method has a complete result of scene {scene}"
+        ));
     }
     let has = |frame: u32| {
         let file = file_name(frame);

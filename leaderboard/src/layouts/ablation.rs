@@ -2,12 +2,13 @@
 //!
 //! A method `omni4dgs-without-motion` is the variant of `omni4dgs` without `motion`.
 
-use super::{common_notes, published_lpips, published_metrics};
+use super::{common_notes, mark_classes, published_lpips, published_metrics};
 use crate::{
+    class::MethodClass,
     format::PUBLISHED_LPIPS,
     group::{Group, MethodRow, ViewKind, WITHOUT},
     published::{Paper, PublishedLayout, published_rows},
-    table::{Cell, Column, Row, Table, cost_cells, cost_columns, mark_standings, method_score},
+    table::{Cell, Column, Mark, Row, Table, cost_cells, cost_columns, method_score},
 };
 
 /// One table for every method that has variants.
@@ -53,8 +54,9 @@ fn table(
         Row {
             names: vec![name],
             cells,
+            class: None,
             failures: method.numbers.failures,
-            ..Row::default()
+            marks: Mark::of(&method.numbers),
         }
     };
     let mut rows: Vec<Row> = variants
@@ -63,9 +65,10 @@ fn table(
         .collect();
     rows.push(row(format!("{} (full)", whole.method), whole));
     let methods = variants.iter().map(|(_, method)| *method).chain([whole]);
-    let directions: Vec<_> = columns.iter().map(|column| column.direction).collect();
-    let competing = rows.iter_mut().zip(methods.map(|method| method.complete));
-    mark_standings(competing, &directions);
+    let contestants: Vec<(MethodClass, bool)> = methods
+        .map(|method| (method.class, method.complete))
+        .collect();
+    mark_classes(&mut rows, &contestants, &columns);
     let published = published_rows(
         papers,
         &PublishedLayout::Ablation,
@@ -77,7 +80,7 @@ fn table(
     notes.extend(published.notes);
     Table {
         title: format!(
-            "Ablation of {}, novel views, protocol {}",
+            "Ablation of {}, novel views, protocol {}, by component",
             whole.method, group.protocol
         ),
         names: vec!["Method".to_owned()],

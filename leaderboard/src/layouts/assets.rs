@@ -8,8 +8,9 @@ use omnilife_schemas::records::{Asset, AssetLevel, Direction, ResultRecord};
 use crate::{
     assets::FoundAsset,
     format,
-    published::{Paper, PublishedTable},
-    table::{Cell, Column, PublishedBlock, Row, Table},
+    group::ViewKind,
+    published::{NOT_COMPARABLE, Paper, PublishedTable},
+    table::{Cell, Column, Mark, PublishedBlock, Row, Table},
 };
 
 const PAPER: &str = "panogs";
@@ -91,7 +92,7 @@ fn of_levels(assets: &[FoundAsset]) -> Table {
         let mut names = names(record);
         names.push(level.name.clone());
         let score = |metric: &str| {
-            let summary = scores.and_then(|scores| scores.novel_views.get(metric));
+            let summary = scores.and_then(|scores| ViewKind::Novel.scores(scores).get(metric));
             Cell::score(summary.map(|summary| summary.mean), metric, None)
         };
         Row {
@@ -103,18 +104,24 @@ fn of_levels(assets: &[FoundAsset]) -> Table {
                 score("psnr"),
                 score("ssim"),
             ],
+            class: None,
             failures: scores.map_or(0, |scores| scores.failures.len()),
-            ..Row::default()
+            marks: scores
+                .filter(|scores| !scores.is_complete())
+                .map(|_| Mark::Incomplete)
+                .into_iter()
+                .collect(),
         }
     };
     let rows = assets.iter().flat_map(|asset| {
         let levels = asset.record.levels.iter().zip(&asset.scores);
         levels.map(|(level, scores)| row(&asset.record, level, scores.as_ref()))
     });
-    let scored = assets
-        .iter()
-        .flat_map(|asset| asset.scores.iter().flatten());
-    let protocols: BTreeSet<String> = scored
+    let scored = || {
+        let scores = assets.iter().flat_map(|asset| &asset.scores);
+        scores.flatten()
+    };
+    let protocols: BTreeSet<String> = scored()
         .map(|result| format!("{} ({:.12})", result.protocol, result.protocol_hash))
         .collect();
     let protocols: Vec<String> = protocols.into_iter().collect();
@@ -126,6 +133,10 @@ fn of_levels(assets: &[FoundAsset]) -> Table {
             protocols.join(", ")
         ));
     }
+    let incomplete: BTreeSet<String> = scored().filter_map(ResultRecord::why_incomplete).collect();
+    notes.extend(
+        (incomplete.iter()).map(|reason| format!("{} {reason}.", Mark::Incomplete.symbol())),
+    );
     Table {
         title: "Levels of detail".to_owned(),
         names: ["Scene", "Method", "Level"].map(str::to_owned).into(),
@@ -166,5 +177,6 @@ fn published(paper: &Paper, table: &PublishedTable, first: usize) -> PublishedBl
     PublishedBlock {
         source: format!("Authors' figures: PanoGS, Table {}", table.number),
         rows: rows.collect(),
+        notes: vec![NOT_COMPARABLE.to_owned()],
     }
 }

@@ -5,13 +5,13 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use omnilife_schemas::records::Direction;
 
-use super::{common_notes, left_out, main_methods, published_metrics};
+use super::{common_notes, left_out, main_methods, order::better_first, published_metrics};
 use crate::{
     class::MethodClass,
     format,
     group::{Group, MethodRow, ViewKind, place},
     published::{Paper, PublishedLayout, published_rows},
-    table::{Cell, Column, Holds, Row, Table, mark_standings},
+    table::{Cell, Column, Holds, Mark, Row, Table, mark_standings},
 };
 
 /// Places side by side; further ones go to further tables.
@@ -52,7 +52,12 @@ fn tables(group: &Group<'_>, papers: &[Paper], layout: &PublishedLayout) -> Vec<
                 1 => String::new(),
                 _ => format!(", part {} of {parts}", part + 1),
             };
-            let title = format!("{kind} by scene, protocol {}{part}", group.protocol);
+            let (first, _) = &group.quantities[metrics[0]];
+            let title = format!(
+                "{kind} by scene, protocol {}, by average {}, best first{part}",
+                group.protocol,
+                format::metric_title(&first.metric)
+            );
             table(group, papers, layout, title, &metrics, &means, places)
         })
         .collect()
@@ -72,7 +77,7 @@ struct PlaceSum {
     /// Sums over scenes, in the order of the metrics given.
     scores: Vec<Option<f64>>,
     scenes: usize,
-    failures: usize,
+    complete: bool,
 }
 
 impl<'a> PlaceMeans<'a> {
@@ -88,13 +93,13 @@ impl<'a> PlaceMeans<'a> {
                 .or_insert_with(|| PlaceSum {
                     scores: vec![Some(0.0); metrics.len()],
                     scenes: 0,
-                    failures: 0,
+                    complete: true,
                 });
             for (total, &index) in sum.scores.iter_mut().zip(metrics) {
                 *total = total.zip(row.numbers.scores[index]).map(|(a, b)| a + b);
             }
             sum.scenes += 1;
-            sum.failures += row.numbers.failures;
+            sum.complete &= row.numbers.complete;
         }
         Self {
             places: scenes.keys().copied().collect(),
@@ -103,25 +108,49 @@ impl<'a> PlaceMeans<'a> {
         }
     }
 
-    /// The mean, and whether all scenes of the place went in without failures.
+    /// Returns the mean, and whether all scenes of the place went in. Of several scenes there is none
+    /// where a result is not complete.
     fn mean(&self, method: &'a str, place: &'a str, metric: usize) -> Option<(f64, bool)> {
         let sum = self.sums.get(&(method, place))?;
-        let complete = sum.failures == 0 && self.scenes.get(place) == Some(&sum.scenes);
+        if !sum.complete && sum.scenes > 1 {
+            return None;
+        }
+        let complete = sum.complete && self.scenes.get(place) == Some(&sum.scenes);
         Some((sum.scores[metric]? / sum.scenes as f64, complete))
     }
 
-    /// The mean over the columns of all places, as the paper's averages are, and whether each of them
-    /// is complete: a place of many scenes weighs as much as any other.
+    /// Returns the mean over the columns of all places, as the paper's averages are, and whether each of
+    /// them has all its scenes: a place of many scenes weighs as much as any other. There is none
+    /// where a result is not complete.
     fn average(&self, method: &'a str, metric: usize) -> Option<(f64, bool)> {
-        let columns = self
-            .places
-            .iter()
-            .map(|place| self.mean(method, place, metric));
-        let columns: Vec<(f64, bool)> = columns.collect::<Option<_>>()?;
+        let column = |place: &&'a str| {
+            let is_complete = self.sums.get(&(method, *place))?.complete;
+            self.mean(method, place, metric).filter(|_| is_complete)
+        };
+        let columns: Vec<(f64, bool)> = self.places.iter().map(column).collect::<Option<_>>()?;
         let sum: f64 = columns.iter().map(|(mean, _)| mean).sum();
         let complete = columns.iter().all(|(_, complete)| *complete);
         Some((sum / columns.len() as f64, complete))
     }
+}
+
+/// Returns the methods by class, then by their average of the first metric, complete ones first.
+fn in_order<'g, 'a>(
+    group: &'g Group<'a>,
+    means: &PlaceMeans<'a>,
+    metrics: &[usize],
+) -> Vec<&'g MethodRow<'a>> {
+    let direction = group.quantities[metrics[0]].1;
+    let mut methods = main_methods(group);
+    methods.sort_by(|a, b| {
+        let [left, right] = [a, b].map(|method| means.average(method.method, 0));
+        let is_complete = |average: Option<(f64, bool)>| average.is_some_and(|(_, all)| all);
+        let score = |average: Option<(f64, bool)>| average.map(|(mean, _)| mean);
+        (a.class.cmp(&b.class))
+            .then(is_complete(right).cmp(&is_complete(left)))
+            .then_with(|| better_first(direction, score(left), score(right)))
+    });
+    methods
 }
 
 fn table<'a>(
@@ -142,7 +171,7 @@ fn table<'a>(
         .iter()
         .map(|place| column(place, Holds::Place((*place).to_owned())));
     columns.extend(place_columns);
-    let methods = main_methods(group);
+    let methods = in_order(group, means, metrics);
     let mut rows = Vec::new();
     for method in &methods {
         for (position, &index) in metrics.iter().enumerate() {
@@ -172,7 +201,7 @@ fn table<'a>(
     let mut notes = common_notes(group);
     notes.push(
         "A column is the mean over the scenes cut from one video, the average that of the columns; a \
-         method competes in a column where it has all of them without failures."
+         method competes in a column where it has complete results of all of them."
             .to_owned(),
     );
     notes.extend(left_out(group));
@@ -231,8 +260,9 @@ fn row<'a>(
     Row {
         names,
         cells,
+        class: Some(method.class),
         failures: method.numbers.failures,
-        ..Row::default()
+        marks: Mark::of(&method.numbers),
     }
 }
 

@@ -1,97 +1,152 @@
-//! All results, scene by scene: the table that is printed, `table.md`.
+//! All results, class by class and scene by scene: the table that is printed, `table.md`.
 
-use std::ops::Range;
+use std::collections::BTreeSet;
 
-use omnilife_schemas::records::ResultRecord;
+use omnilife_schemas::records::{Direction, ResultRecord};
 
-use super::{mark_classes, published_metrics};
+use super::{best_first, mark_notes, order_in_words, published_metrics, remarks_of};
 use crate::{
     class::MethodClass,
-    group::{Group, Numbers, SceneRow, ViewKind},
-    table::{Cell, Column, Row, Table},
+    group::{Group, MethodRow, SceneRow, ViewKind},
+    numbers::Numbers,
+    table::{Cell, Column, Mark, Row, Table, cost_cells, mark_standings},
 };
 
 /// Metrics of the regions of an image, in the order of their columns.
 pub(crate) const REGION_METRICS: [&str; 4] =
     ["psnr-static", "ssim-static", "psnr-dynamic", "ssim-dynamic"];
 
-/// One row per scene and method, then the means where there are several scenes.
+/// One row per scene and method, then the means where there are several scenes; every class by
+/// itself.
 pub(crate) fn table(group: &Group<'_>) -> Table {
-    let sources: Vec<usize> = ViewKind::ALL
-        .into_iter()
-        .flat_map(|kind| [published_metrics(group, kind), region_metrics(group, kind)].concat())
-        .collect();
-    let seeds = group.scene_rows.iter().any(|row| row.results.len() > 1);
-    let mut columns: Vec<Column> = sources
-        .iter()
-        .map(|&index| Column::of_score(group, index, true))
-        .collect();
-    columns.extend(["Training (s)", "Primitives", "Iterations"].map(Column::plain));
-    columns.extend(seeds.then(|| Column::plain("Seeds")));
-    columns.extend(["Views", "Failures"].map(Column::plain));
-    let cells = |numbers: &Numbers, seeds_cell: Cell, views: Cell| {
-        let metrics = sources.iter().map(|&index| {
-            let metric = &group.quantities[index].0.metric;
-            Cell::score(numbers.scores[index], metric, None)
-        });
-        let mut cells: Vec<Cell> = metrics.collect();
-        cells.extend([
-            Cell::number(numbers.training_seconds, 1),
-            Cell::number(numbers.primitives, 0),
-            Cell::number(numbers.iterations, 0),
-        ]);
-        cells.extend(seeds.then_some(seeds_cell));
-        cells.extend([views, Cell::count(numbers.failures)]);
-        cells
-    };
-    let row = |scene: &str, method: &str, cells: Vec<Cell>, failures: usize| Row {
-        names: vec![scene.to_owned(), method.to_owned()],
-        cells,
-        failures,
-        ..Row::default()
-    };
-    let mut rows: Vec<Row> = group
-        .scene_rows
-        .iter()
-        .map(|scene_row| {
-            let seeds = Cell::count(scene_row.results.len());
-            let views = Cell::Text(views(scene_row.results[0]));
-            let cells = cells(&scene_row.numbers, seeds, views);
-            let failures = scene_row.numbers.failures;
-            row(scene_row.scene, scene_row.method, cells, failures)
-        })
-        .collect();
-    for contest in contests(&group.scene_rows) {
-        let contestants: Vec<(MethodClass, bool)> = group.scene_rows[contest.clone()]
-            .iter()
-            .map(|row| (row.class, row.numbers.failures == 0))
-            .collect();
-        mark_classes(&mut rows[contest], &contestants, &columns);
-    }
-    if group.scenes.len() > 1 {
-        let mut means: Vec<Row> = group
-            .methods
-            .iter()
-            .map(|method| {
-                let title = format!("mean of {} of {} scenes", method.scenes, group.scenes.len());
-                let cells = cells(&method.numbers, Cell::Blank, Cell::Blank);
-                row(&title, method.method, cells, method.numbers.failures)
-            })
-            .collect();
-        let contestants: Vec<(MethodClass, bool)> = (group.methods.iter())
-            .map(|method| (method.class, method.complete))
-            .collect();
-        mark_classes(&mut means, &contestants, &columns);
-        rows.extend(means);
+    let columns = Columns::of(group);
+    let classes: BTreeSet<MethodClass> = group.scene_rows.iter().map(|row| row.class).collect();
+    let mut rows = Vec::new();
+    for class in classes {
+        rows.extend(rows_of_scenes(group, class, &columns));
+        if group.scenes.len() > 1 {
+            rows.extend(rows_of_means(group, class, &columns));
+        }
     }
     Table {
-        title: format!("Protocol {} ({})", group.protocol, group.short_hash()),
+        title: format!(
+            "Protocol {} ({}), {}",
+            group.protocol,
+            group.short_hash(),
+            order_in_words(group)
+        ),
         names: ["Scene", "Method"].map(str::to_owned).to_vec(),
-        columns,
+        columns: columns.columns,
         rows,
         published: Vec::new(),
         notes: notes(group),
     }
+}
+
+struct Columns {
+    /// Quantities of the group that the first columns are of.
+    sources: Vec<usize>,
+    /// True where a scene has several results of one method.
+    seeds: bool,
+    columns: Vec<Column>,
+}
+
+impl Columns {
+    fn of(group: &Group<'_>) -> Self {
+        let sources: Vec<usize> = ViewKind::ALL
+            .into_iter()
+            .flat_map(|kind| [published_metrics(group, kind), region_metrics(group, kind)].concat())
+            .collect();
+        let seeds = group.scene_rows.iter().any(|row| row.results.len() > 1);
+        let mut columns: Vec<Column> = sources
+            .iter()
+            .map(|&index| Column::of_score(group, index, true))
+            .collect();
+        columns.extend(["Training (s)", "Primitives", "Iterations"].map(Column::plain));
+        columns.extend(seeds.then(|| Column::plain("Seeds")));
+        columns.extend(["Views", "Failures"].map(Column::plain));
+        Self {
+            sources,
+            seeds,
+            columns,
+        }
+    }
+
+    fn directions(&self) -> Vec<Option<Direction>> {
+        self.columns.iter().map(|column| column.direction).collect()
+    }
+
+    fn row(
+        &self,
+        group: &Group<'_>,
+        class: MethodClass,
+        names: [&str; 2],
+        numbers: &Numbers,
+        [seeds, views]: [Cell; 2],
+    ) -> Row {
+        let scores = self.sources.iter().map(|&index| {
+            let metric = &group.quantities[index].0.metric;
+            Cell::score(numbers.scores[index], metric, None)
+        });
+        let mut cells: Vec<Cell> = scores.collect();
+        let [seconds, _, primitives, iterations] = cost_cells(numbers);
+        cells.extend([seconds, primitives, iterations]);
+        cells.extend(self.seeds.then_some(seeds));
+        cells.extend([views, Cell::failures(numbers)]);
+        Row {
+            names: names.map(str::to_owned).to_vec(),
+            cells,
+            class: Some(class),
+            failures: numbers.failures,
+            marks: Mark::of(numbers),
+        }
+    }
+}
+
+/// Rows of the methods of a class, scene by scene: rivals have complete results of the same scene.
+fn rows_of_scenes(group: &Group<'_>, class: MethodClass, columns: &Columns) -> Vec<Row> {
+    let of_class = group.scene_rows.iter().filter(|row| row.class == class);
+    let mut of_class: Vec<&SceneRow<'_>> = of_class.collect();
+    let best_first = best_first(group);
+    of_class.sort_by(|a, b| {
+        let by_scene = a.scene.cmp(b.scene);
+        by_scene.then_with(|| best_first(&a.numbers, &b.numbers))
+    });
+    let mut rows = Vec::new();
+    for of_scene in of_class.chunk_by(|a, b| a.scene == b.scene) {
+        let row = |row: &&SceneRow<'_>| {
+            let seeds = Cell::count(row.results.len());
+            let views = Cell::Text(views(row.results[0]));
+            let names = [row.scene, row.method];
+            columns.row(group, class, names, &row.numbers, [seeds, views])
+        };
+        let mut contest: Vec<Row> = of_scene.iter().map(row).collect();
+        let complete = of_scene.iter().map(|row| row.numbers.complete);
+        mark_standings(contest.iter_mut().zip(complete), &columns.directions());
+        rows.extend(contest);
+    }
+    rows
+}
+
+/// Means of the methods of a class over scenes: rivals have complete results of all scenes.
+fn rows_of_means(group: &Group<'_>, class: MethodClass, columns: &Columns) -> Vec<Row> {
+    let of_class = group.methods.iter().filter(|method| method.class == class);
+    let mut of_class: Vec<&MethodRow<'_>> = of_class.collect();
+    let best_first = best_first(group);
+    of_class.sort_by(|a, b| {
+        let complete = b.complete.cmp(&a.complete);
+        complete.then_with(|| best_first(&a.numbers, &b.numbers))
+    });
+    let row = |method: &&MethodRow<'_>| {
+        let title = format!("mean of {} of {} scenes", method.scenes, group.scenes.len());
+        let names = [title.as_str(), method.method];
+        let blanks = [Cell::Blank, Cell::Blank];
+        columns.row(group, class, names, &method.numbers, blanks)
+    };
+    let mut rows: Vec<Row> = of_class.iter().map(row).collect();
+    let complete = of_class.iter().map(|method| method.complete);
+    mark_standings(rows.iter_mut().zip(complete), &columns.directions());
+    rows
 }
 
 /// Scores of what stands still and of what moves: indices of the group's quantities.
@@ -99,18 +154,6 @@ fn region_metrics(group: &Group<'_>, kind: ViewKind) -> Vec<usize> {
     REGION_METRICS
         .iter()
         .filter_map(|metric| group.quantity(kind, metric))
-        .collect()
-}
-
-/// Rows of one scene: rivals are the methods that scored all views of the same scene.
-fn contests(rows: &[SceneRow<'_>]) -> Vec<Range<usize>> {
-    let mut begin = 0;
-    rows.chunk_by(|a, b| a.scene == b.scene)
-        .map(|scene| {
-            let range = begin..begin + scene.len();
-            begin = range.end;
-            range
-        })
         .collect()
 }
 
@@ -123,14 +166,16 @@ fn views(result: &ResultRecord) -> String {
     format!("{} + {}", scored[0], scored[1])
 }
 
-/// How the numbers were made, what failed and what the results remark.
+/// What a reader must know before any score, how the numbers were made, and what else results remark.
 fn notes(group: &Group<'_>) -> Vec<String> {
-    let mut lines = vec![
+    let remarks = remarks_of(group);
+    let mut lines: Vec<String> = remarks.serious().cloned().collect();
+    lines.push(
         "Input: the views that a method was given; Novel: the views that it had to predict. Scores \
          are means over the views of a scene; a dash means not scored. Views: scored input + novel \
          views. Only results of this protocol hash are compared."
             .to_owned(),
-    ];
+    );
     if group.scenes.len() > 1 {
         lines.push(
             "Mean rows are arithmetic means of the per-scene means, every scene with the same \
@@ -139,46 +184,13 @@ fn notes(group: &Group<'_>) -> Vec<String> {
         );
     }
     lines.push(
-        "Bold: best of at least two methods of a class (with training or without) that have no \
-         failures, after rounding. Italic: second best of at least three."
+        "Bold: best of at least two methods of a class with complete results, after rounding. \
+         Italic: second best of at least three."
             .to_owned(),
     );
-    if group.scene_rows.iter().any(|row| row.numbers.failures > 0) {
-        lines.push(
-            "† Some views could not be scored; the means are over the others and are not \
-             comparable."
-                .to_owned(),
-        );
-    }
+    lines.extend(mark_notes(group));
     lines.extend(group.other_regions());
+    lines.extend(remarks.warnings);
     lines.extend(group.unavailable());
-    lines.extend(group.scene_rows.iter().flat_map(remarks));
     lines
-}
-
-/// First failures and warnings of a method on a scene, each remark once.
-pub(crate) fn remarks(row: &SceneRow<'_>) -> Vec<String> {
-    let mut remarks: Vec<String> = Vec::new();
-    for result in &row.results {
-        let mut title = format!("{}, {}", row.scene, row.method);
-        if let Some(seed) = result.seed.filter(|_| row.results.len() > 1) {
-            title.push_str(&format!(", seed {seed}"));
-        }
-        if let Some(first) = result.failures.first() {
-            remarks.push(format!(
-                "{title}: {} of its views failed, the first is {} view {}: {}",
-                result.failures.len(),
-                first.view,
-                first.frame,
-                first.reason
-            ));
-        }
-        remarks.extend(
-            result
-                .warnings
-                .iter()
-                .map(|warning| format!("{title}: {warning}")),
-        );
-    }
-    remarks
 }

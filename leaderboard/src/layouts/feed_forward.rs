@@ -7,17 +7,21 @@ use crate::{
     table::Table,
 };
 
-/// One table, where novel views alone were scored.
+/// Returns true where the protocol is that of the paper's table, and novel views alone were scored.
+pub(super) fn is_of(group: &Group<'_>) -> bool {
+    let is_protocol = PublishedLayout::FeedForward.is_of(group.protocol);
+    is_protocol && group.has(ViewKind::Novel) && !group.has(ViewKind::Input)
+}
+
+/// One table.
 pub(super) fn tables(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
-    if group.has(ViewKind::Input) || !group.has(ViewKind::Novel) {
+    if !is_of(group) {
         return Vec::new();
     }
-    let title = format!("Novel views alone, protocol {}", group.protocol);
     vec![views::table(
         group,
         papers,
-        title,
         &[ViewKind::Novel],
-        &PublishedLayout::FeedForward,
+        PublishedLayout::FeedForward,
     )]
 }

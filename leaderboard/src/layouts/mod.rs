@@ -6,6 +6,7 @@ pub(crate) mod assets;
 mod by_place;
 mod by_scene;
 mod feed_forward;
+mod order;
 mod views;
 
 use std::collections::BTreeSet;
@@ -15,11 +16,12 @@ use crate::{
     format::{self, PUBLISHED_LPIPS},
     group::{Group, MethodRow, Quantity, ViewKind},
     published::Paper,
-    render::BUDGET_MARK,
-    table::{Column, Holds, Row, Table, mark_standings},
+    remarks::Remarks,
+    table::{Column, Holds, Mark, Row, STATED_MARK, Table, mark_standings},
 };
 
-pub(crate) use by_scene::{REGION_METRICS, remarks, table as all_results};
+pub(crate) use by_scene::{REGION_METRICS, table as all_results};
+pub(crate) use order::{best_first, order_in_words, ranked_by, standings};
 
 /// A layout.
 pub(crate) struct Layout {
@@ -57,23 +59,6 @@ pub(crate) const LAYOUTS: &[Layout] = &[
 pub(crate) fn main_methods<'g, 'a>(group: &'g Group<'a>) -> Vec<&'g MethodRow<'a>> {
     let methods = group.methods.iter();
     methods.filter(|method| !method.is_variant).collect()
-}
-
-/// The methods that are no variants, by class, rank and name; those without a rank come last.
-pub(crate) fn standings<'g, 'a>(group: &'g Group<'a>) -> Vec<&'g MethodRow<'a>> {
-    let ranked = ranked_by(group);
-    let rank = |method: &MethodRow<'_>| {
-        let rank = ranked.and_then(|index| method.confidence[index].rank);
-        rank.unwrap_or(usize::MAX)
-    };
-    let mut methods = main_methods(group);
-    methods.sort_by_key(|method| (method.class, rank(method), method.method));
-    methods
-}
-
-/// What methods are ranked by: PSNR of novel views, the only score that all papers print.
-pub(crate) fn ranked_by(group: &Group<'_>) -> Option<usize> {
-    group.quantity(ViewKind::Novel, "psnr")
 }
 
 /// Marks the best of every class: methods of different classes were given different things.
@@ -128,22 +113,25 @@ pub(crate) fn published_lpips(kind: ViewKind, with_kind: bool) -> Column {
     }
 }
 
-/// What stands under every table of means.
+/// What stands under every table of means: what a reader must know before any score, then how the
+/// numbers came about.
 pub(crate) fn common_notes(group: &Group<'_>) -> Vec<String> {
     let places: BTreeSet<&str> = group
         .scenes
         .iter()
         .map(|scene| crate::group::place(scene))
         .collect();
-    let mut notes = vec![format!(
+    let mut notes: Vec<String> = remarks_of(group).serious().cloned().collect();
+    notes.push(format!(
         "Protocol {} ({}), {} from {}, every scene with the same weight; seeds of one \
          scene are averaged first. Bold: best of at least two complete methods of a class; second \
-         best of at least three: italic or underlined; after rounding. {FAILURE_NOTE}",
+         best of at least three: italic or underlined; after rounding.",
         group.protocol,
         group.short_hash(),
         format::counted(group.scenes.len(), "scene"),
         format::counted(places.len(), "video"),
-    )];
+    ));
+    notes.extend(mark_notes(group));
     notes.extend(class_note(group));
     notes.push(if places.len() < 2 {
         "No intervals: they need scenes of at least two videos.".to_owned()
@@ -162,6 +150,42 @@ pub(crate) fn common_notes(group: &Group<'_>) -> Vec<String> {
     notes
 }
 
+/// Returns the remarks of all results.
+pub(crate) fn remarks_of(group: &Group<'_>) -> Remarks {
+    let rows: Vec<_> = group.scene_rows.iter().collect();
+    Remarks::of(&rows)
+}
+
+/// Returns what the marks of rows and numbers mean, as far as there are any.
+pub(crate) fn mark_notes(group: &Group<'_>) -> Vec<String> {
+    let numbers = || group.scene_rows.iter().map(|row| &row.numbers);
+    let mut notes = Vec::new();
+    if numbers().any(|numbers| numbers.suspect) {
+        let (symbol, meaning) = (Mark::Suspect.symbol(), Mark::Suspect.meaning());
+        notes.push(format!("{symbol} {meaning}."));
+    }
+    if numbers().any(|numbers| !numbers.complete) {
+        let (symbol, meaning) = (Mark::Incomplete.symbol(), Mark::Incomplete.meaning());
+        notes.push(format!(
+            "{symbol} {meaning}: not ranked, not compared and in no mean. Methods that lack a scene \
+             are not ranked either."
+        ));
+    }
+    if numbers().any(|numbers| !numbers.stated.is_empty()) {
+        notes.push(format!(
+            "{STATED_MARK} As the authors state, not measured here."
+        ));
+    }
+    if numbers().any(|numbers| numbers.clocks().is_some()) {
+        notes.push(
+            "Training times are wall-clock times, but where CPU or GPU stands behind them: those \
+             are times of that clock."
+                .to_owned(),
+        );
+    }
+    notes
+}
+
 /// How rows of other classes and budgets are told apart, where there are several.
 fn class_note(group: &Group<'_>) -> Option<String> {
     let methods = main_methods(group);
@@ -171,8 +195,8 @@ fn class_note(group: &Group<'_>) -> Option<String> {
     let mut sentences = Vec::new();
     if classes.len() > 1 {
         sentences.push(
-            "Methods that learn from all given views of a scene and methods that learn nothing of it \
-             are classes of their own: ranks, best and second best are within a class."
+            "Ranks, best and second best are within a class: methods that train a model of each scene \
+             and methods that learn nothing of it are not compared."
                 .to_owned(),
         );
     }
@@ -180,12 +204,13 @@ fn class_note(group: &Group<'_>) -> Option<String> {
         let budgets: Vec<String> = (usual.iter())
             .map(|(class, &iterations)| {
                 let iterations = format::grouped(iterations as f64);
-                format!("{iterations} ({})", class.title(group))
+                format!("{iterations} ({})", class.title().to_lowercase())
             })
             .collect();
         sentences.push(format!(
-            "{BUDGET_MARK} Trained for other iterations than the usual {}: ranks do not correct for \
+            "{} Trained for other iterations than the usual {}: ranks do not correct for \
              that.",
+            Mark::OtherBudget.symbol(),
             budgets.join(", ")
         ));
     }
@@ -194,9 +219,6 @@ fn class_note(group: &Group<'_>) -> Option<String> {
 
 /// Below this many clusters percentile intervals are known to be too short.
 const FEW_VIDEOS: usize = 10;
-
-const FAILURE_NOTE: &str = "† Some views could not be scored: not ranked, as are methods that lack \
-                            a scene.";
 
 /// How many variants and metrics a table leaves out, and where they are.
 fn left_out(group: &Group<'_>) -> Vec<String> {

@@ -1,38 +1,33 @@
 //! Input and novel views: OmniLife360, Table 2.
 
 use super::{
-    common_notes, left_out, mark_classes, published_lpips, published_metrics, ranked_by, standings,
+    common_notes, feed_forward, left_out, mark_classes, order_in_words, published_lpips,
+    published_metrics, ranked_by, standings,
 };
 use crate::{
     class::{MethodClass, has_unusual_budget, usual_iterations},
     format::PUBLISHED_LPIPS,
     group::{Group, MethodRow, ViewKind},
     published::{Paper, PublishedLayout, published_rows},
-    table::{Cell, Column, Row, Table, cost_cells, cost_columns, method_rank, method_score},
+    table::{Cell, Column, Mark, Row, Table, cost_cells, cost_columns, method_rank, method_score},
 };
 
-/// One table, where input views were scored.
+/// One table, of the kinds of view that were scored.
 pub(super) fn tables(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
-    if !group.has(ViewKind::Input) {
+    let kinds = ViewKind::ALL.into_iter().filter(|&kind| group.has(kind));
+    let kinds: Vec<ViewKind> = kinds.collect();
+    if kinds.is_empty() || feed_forward::is_of(group) {
         return Vec::new();
     }
-    let title = format!("Input and novel views, protocol {}", group.protocol);
-    vec![table(
-        group,
-        papers,
-        title,
-        &ViewKind::ALL,
-        &PublishedLayout::Views,
-    )]
+    vec![table(group, papers, &kinds, PublishedLayout::Views)]
 }
 
 /// Rows are methods, columns the published metrics of the given kinds of view, then rank and cost.
 pub(super) fn table(
     group: &Group<'_>,
     papers: &[Paper],
-    title: String,
     kinds: &[ViewKind],
-    published: &PublishedLayout,
+    published: PublishedLayout,
 ) -> Table {
     // Index of a measured quantity, or nothing for the column of published LPIPS.
     let mut sources: Vec<Option<usize>> = Vec::new();
@@ -49,18 +44,20 @@ pub(super) fn table(
     }
     let ranked = ranked_by(group);
     if ranked.is_some() {
-        columns.push(Column::plain("Rank by novel PSNR"));
+        columns.push(Column::plain("Rank"));
     }
-    columns.push(Column::plain("Class"));
     columns.extend(cost_columns());
     columns.extend(["Scenes", "Failures"].map(Column::plain));
     let methods = standings(group);
     let usual = usual_iterations(&methods);
     let mut rows: Vec<Row> = methods
         .iter()
-        .map(|method| Row {
-            unusual_budget: has_unusual_budget(method, &usual),
-            ..row(group, method, &sources, ranked)
+        .map(|method| {
+            let mut row = row(group, method, &sources, ranked);
+            if has_unusual_budget(method, &usual) {
+                row.marks.push(Mark::OtherBudget);
+            }
+            row
         })
         .collect();
     let contestants: Vec<(MethodClass, bool)> = methods
@@ -70,10 +67,19 @@ pub(super) fn table(
     mark_classes(&mut rows, &contestants, &columns);
     let mut notes = common_notes(group);
     notes.extend(left_out(group));
-    let published = published_rows(papers, published, group.protocol, &columns, 1);
+    let published = published_rows(papers, &published, group.protocol, &columns, 1);
     notes.extend(published.notes);
+    let views = match kinds {
+        [ViewKind::Input] => "Input views",
+        [ViewKind::Novel] => "Novel views",
+        _ => "Input and novel views",
+    };
     Table {
-        title,
+        title: format!(
+            "{views}, protocol {}, {}",
+            group.protocol,
+            order_in_words(group)
+        ),
         names: vec!["Method".to_owned()],
         columns,
         rows,
@@ -96,18 +102,18 @@ fn row(
         })
         .collect();
     cells.extend(ranked.map(|index| method_rank(method, index)));
-    cells.push(Cell::Text(method.class.title(group).to_owned()));
     cells.extend(cost_cells(&method.numbers));
     cells.push(Cell::Text(format!(
         "{} of {}",
         method.scenes,
         group.scenes.len()
     )));
-    cells.push(Cell::count(method.numbers.failures));
+    cells.push(Cell::failures(&method.numbers));
     Row {
         names: vec![method.method.to_owned()],
         cells,
+        class: Some(method.class),
         failures: method.numbers.failures,
-        ..Row::default()
+        marks: Mark::of(&method.numbers),
     }
 }

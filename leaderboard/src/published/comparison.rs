@@ -21,10 +21,15 @@ pub(crate) enum PublishedLayout {
 #[derive(Default)]
 pub(crate) struct PublishedRows {
     pub(crate) blocks: Vec<PublishedBlock>,
+    /// Lines of the measured table.
     pub(crate) notes: Vec<String>,
 }
 
 const PAPER: &str = "omnilife360";
+
+/// Stands with all published figures.
+pub(crate) const NOT_COMPARABLE: &str = "Figures of other scenes, as their authors print them: not \
+                                         comparable with what was measured here.";
 
 impl PublishedLayout {
     /// Number of the table in the paper.
@@ -38,11 +43,13 @@ impl PublishedLayout {
         }
     }
 
-    /// Whether the paper's table is of this protocol, `per-scene/2`.
-    fn is_of(self, protocol: &str) -> bool {
+    /// Returns true where the paper's table is of this protocol, `per-scene/2`.
+    pub(crate) fn is_of(self, protocol: &str) -> bool {
         let id = protocol.split_once('/').map_or(protocol, |(id, _)| id);
-        // Methods that reproduce no input views are scored under both.
-        id == "per-scene" || (self == Self::FeedForward && id == "sparse-interpolation")
+        match self {
+            Self::FeedForward => id == "sparse-interpolation",
+            _ => id == "per-scene",
+        }
     }
 }
 
@@ -73,8 +80,7 @@ pub(crate) fn published_rows(
                 .iter()
                 .map(|column| cell(table, row, column))
                 .collect(),
-            failures: 0,
-            unusual_budget: false,
+            ..Row::default()
         })
         .collect();
     let has_scores = |row: &Row| row.cells.iter().any(|cell| matches!(cell, Cell::Score(_)));
@@ -102,11 +108,10 @@ pub(crate) fn published_rows(
     } else {
         " (scenes by name alone)"
     };
-    let mut notes = vec![
-        "Published rows are as printed, on the scenes and with the metric variants of their \
-         authors, who do not state which LPIPS they mean; they take no part in any ranking."
-            .to_owned(),
-    ];
+    let mut notes = vec![format!(
+        "{NOT_COMPARABLE} They are of the metric variants of their authors, who do not state which \
+         LPIPS they mean, and take no part in any ranking."
+    )];
     if !places.is_empty() {
         notes.push(format!(
             "Published columns are found by name alone: nothing shows that {} here and in the paper \
@@ -118,8 +123,9 @@ pub(crate) fn published_rows(
         blocks: vec![PublishedBlock {
             source: format!("Authors' figures: OmniLife360, Table {number}{by_name}"),
             rows,
+            notes,
         }],
-        notes,
+        notes: Vec::new(),
     }
 }
 

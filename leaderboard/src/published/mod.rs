@@ -11,7 +11,7 @@ use serde::{Deserialize, de::DeserializeOwned};
 
 use omnilife_schemas::records::Direction;
 
-pub(crate) use comparison::{PublishedLayout, published_rows};
+pub(crate) use comparison::{NOT_COMPARABLE, PublishedLayout, published_rows};
 
 use crate::error::LeaderboardError;
 

@@ -5,15 +5,18 @@ use std::{io, path::Path};
 use omnilife_schemas::{plain_text::for_spreadsheet, store::StoreError};
 
 use crate::{
+    class::MethodClass,
     format,
     table::{Cell, Row, Score, Standing, Table},
 };
 
-/// Columns of a layout's file. `origin` is `measured` or `published`; `source` names the paper.
-const HEADER: [&str; 13] = [
+/// Columns of a layout's file. `origin` is `measured` or `published`; `source` names the paper;
+/// standings are within a `class`.
+const HEADER: [&str; 14] = [
     "table",
     "origin",
     "source",
+    "class",
     "row",
     "column",
     "value",
@@ -50,8 +53,9 @@ pub(crate) fn render(tables: &[Table], path: &Path) -> Result<Vec<u8>, StoreErro
         .map_err(|error| StoreError::write(path, error.into_error()))
 }
 
-fn records(table: &Table, origin: &str, source: &str, row: &Row) -> Vec<[String; 13]> {
+fn records(table: &Table, origin: &str, source: &str, row: &Row) -> Vec<[String; 14]> {
     let cells = table.columns.iter().zip(&row.cells);
+    let class = row.class.map_or("", MethodClass::title);
     cells
         .filter_map(|(column, cell)| {
             let [value, low, high, standing, rank_low, rank_high, text] = fields(cell)?;
@@ -60,6 +64,7 @@ fn records(table: &Table, origin: &str, source: &str, row: &Row) -> Vec<[String;
                 safe(&table.title),
                 origin.to_owned(),
                 safe(source),
+                class.to_owned(),
                 safe(&row.names.join(" / ")),
                 // The arrow is for people.
                 safe(
@@ -105,16 +110,16 @@ fn fields(cell: &Cell) -> Option<[String; 7]> {
                 empty(),
             ]
         }
-        Cell::Number { value, .. } => [
+        Cell::Number { value, remark, .. } => [
             number(*value),
             empty(),
             empty(),
             empty(),
             empty(),
             empty(),
-            empty(),
+            remark.trim().to_owned(),
         ],
-        Cell::Rank { rank, interval } => {
+        Cell::Rank { rank, interval, .. } => {
             let [low, high] = interval.map_or_else(
                 || [empty(), empty()],
                 |bounds| bounds.map(|bound| bound.to_string()),

@@ -2,6 +2,7 @@
 
 use super::marked_names;
 use crate::{
+    class::MethodClass,
     format,
     table::{Cell, Row, Standing, Table},
 };
@@ -24,24 +25,32 @@ pub(crate) fn render(table: &Table) -> String {
     let header: Vec<String> = table.names.iter().cloned().chain(columns).collect();
     let header: Vec<String> = header.iter().map(|heading| escape(heading)).collect();
     text.push_str(&line(&header));
-    text.push_str("    \\midrule\n");
-    for row in &table.rows {
-        text.push_str(&line(&cells(row)));
+    for rows in table.blocks() {
+        let class = rows.first().and_then(|row| row.class);
+        text.push_str(&block(rows, class.map(MethodClass::title), width));
     }
-    for block in &table.published {
-        text.push_str(&format!(
-            "    \\midrule\n    \\multicolumn{{{width}}}{{l}}{{\\emph{{{}}}}} \\\\\n",
-            escape(&block.source)
-        ));
-        for row in &block.rows {
-            text.push_str(&line(&cells(row)));
-        }
+    for published in &table.published {
+        text.push_str(&block(&published.rows, Some(&published.source), width));
     }
     text.push_str("    \\bottomrule\n  \\end{tabular}\n");
-    for note in &table.notes {
+    let published = table.published.iter().flat_map(|block| &block.notes);
+    for note in table.notes.iter().chain(published) {
         text.push_str(&format!("  \\par\\footnotesize {}\n", escape(note)));
     }
     text.push_str("\\end{table}\n");
+    text
+}
+
+/// Rows below a rule, under their heading where they have one.
+fn block(rows: &[Row], heading: Option<&str>, width: usize) -> String {
+    let mut text = String::from("    \\midrule\n");
+    if let Some(heading) = heading {
+        let heading = escape(heading);
+        text.push_str(&format!(
+            "    \\multicolumn{{{width}}}{{l}}{{\\emph{{{heading}}}}} \\\\\n"
+        ));
+    }
+    text.extend(rows.iter().map(|row| line(&cells(row))));
     text
 }
 
@@ -121,6 +130,9 @@ fn escape(text: &str) -> String {
             '↓' => escaped.push_str("$\\downarrow$"),
             '–' => escaped.push_str("--"),
             '†' => escaped.push_str("\\dag{}"),
+            '‡' => escaped.push_str("\\ddag{}"),
+            '§' => escaped.push_str("\\S{}"),
+            '¶' => escaped.push_str("\\P{}"),
             '±' => escaped.push_str("$\\pm$"),
             '°' => escaped.push_str("$^\\circ$"),
             character if character.is_control() => escaped.push(' '),

@@ -4,49 +4,63 @@ use omnilife_schemas::plain_text::for_markdown;
 
 use super::{headings, marked_names};
 use crate::{
+    class::MethodClass,
     format,
     table::{Cell, Row, Standing, Table},
 };
 
-/// A table under a heading of `level`, with its notes.
+/// A table under a heading of `level`, class by class, with its notes; published rows are a table
+/// of their own below.
 pub(crate) fn render(table: &Table, level: usize) -> String {
-    let mut lines = vec![
-        format!("{} {}", "#".repeat(level), for_markdown(&table.title)),
-        String::new(),
-    ];
-    lines.extend(body(table));
-    for note in &table.notes {
+    let marks = "#".repeat(level);
+    let mut lines = vec![format!("{marks} {}", for_markdown(&table.title))];
+    for (class, body) in blocks(table) {
+        if let Some(class) = class {
+            lines.extend([String::new(), format!("{marks}# {class}")]);
+        }
         lines.push(String::new());
-        lines.push(for_markdown(note));
+        lines.extend(body);
+    }
+    lines.extend(paragraphs(&table.notes));
+    for block in &table.published {
+        let source = for_markdown(&block.source);
+        lines.extend([String::new(), format!("{marks}# {source}")]);
+        lines.extend(paragraphs(&block.notes));
+        lines.push(String::new());
+        lines.extend(body(table, &block.rows, &block.columns()));
     }
     lines.push(String::new());
     lines.join("\n")
 }
 
-/// The lines of the table alone.
-pub(crate) fn body(table: &Table) -> Vec<String> {
-    let headings: Vec<String> = headings(table)
-        .iter()
-        .map(|text| for_markdown(text))
-        .collect();
-    let mut rows = vec![headings];
-    rows.extend(table.rows.iter().map(cells));
-    for block in &table.published {
-        let mut separator = vec![format!("*{}*", for_markdown(&block.source))];
-        separator.resize(table.names.len() + table.columns.len(), String::new());
-        rows.push(separator);
-        rows.extend(block.rows.iter().map(cells));
-    }
-    aligned(&rows, table.names.len())
+/// Returns the lines of the measured rows, class by class, with the class's title.
+pub(crate) fn blocks(table: &Table) -> Vec<(Option<&'static str>, Vec<String>)> {
+    let all: Vec<usize> = (0..table.columns.len()).collect();
+    let blocks = table.blocks().map(|rows| {
+        let class = rows.first().and_then(|row| row.class);
+        (class.map(MethodClass::title), body(table, rows, &all))
+    });
+    blocks.collect()
 }
 
-fn cells(row: &Row) -> Vec<String> {
-    let names = marked_names(row)
-        .iter()
-        .map(|name| for_markdown(name))
-        .collect();
-    let mut cells: Vec<String> = names;
-    cells.extend(row.cells.iter().map(cell));
+fn paragraphs(notes: &[String]) -> Vec<String> {
+    let paragraphs = notes.iter().map(|note| [String::new(), for_markdown(note)]);
+    paragraphs.flatten().collect()
+}
+
+/// The lines of some rows under the headings of some columns.
+fn body(table: &Table, rows: &[Row], columns: &[usize]) -> Vec<String> {
+    let headings = headings(table, columns);
+    let headings = headings.iter().map(|text| for_markdown(text)).collect();
+    let mut lines = vec![headings];
+    lines.extend(rows.iter().map(|row| cells(row, columns)));
+    aligned(&lines, table.names.len())
+}
+
+fn cells(row: &Row, columns: &[usize]) -> Vec<String> {
+    let names = marked_names(row);
+    let mut cells: Vec<String> = names.iter().map(|name| for_markdown(name)).collect();
+    cells.extend(columns.iter().map(|&at| cell(&row.cells[at])));
     cells
 }
 

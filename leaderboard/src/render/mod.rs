@@ -4,32 +4,23 @@ pub(crate) mod csv;
 pub(crate) mod latex;
 pub(crate) mod markdown;
 
-use crate::table::{Row, Table};
+use crate::table::{Column, Row, Table};
 
-/// Marks a row with views that could not be scored.
-pub(crate) const FAILURE_MARK: &str = "†";
-
-/// Marks a row that was trained for other iterations than is usual in its class.
-pub(crate) const BUDGET_MARK: &str = "‡";
-
-/// A row's names, the last one marked where views failed or its budget is another.
+/// A row's names, the last one with the row's marks.
 fn marked_names(row: &Row) -> Vec<String> {
     let mut names = row.names.clone();
-    let marks = [
-        (row.failures > 0).then_some(FAILURE_MARK),
-        row.unusual_budget.then_some(BUDGET_MARK),
-    ];
     if let Some(last) = names.last_mut() {
-        for mark in marks.into_iter().flatten() {
+        for mark in &row.marks {
             last.push(' ');
-            last.push_str(mark);
+            last.push_str(mark.symbol());
         }
     }
     names
 }
 
-/// All headings on one line.
-fn headings(table: &Table) -> Vec<String> {
-    let columns = table.columns.iter().map(crate::table::Column::heading);
+/// The headings of the names and of some columns, each on one line.
+fn headings(table: &Table, columns: &[usize]) -> Vec<String> {
+    let columns = columns.iter().map(|&at| &table.columns[at]);
+    let columns = columns.map(Column::heading);
     table.names.iter().cloned().chain(columns).collect()
 }

@@ -82,7 +82,9 @@ pub(super) fn find(
     let mut left_out = Vec::new();
     for (group, row) in rows {
         let result = row.results[0];
-        let Some(folder) = request.folder(result) else {
+        let folder = request.folder(result);
+        // Views that a failed run left are not shown beside those of others.
+        let Some(folder) = folder.filter(|_| result.run_failure.is_none()) else {
             continue;
         };
         for source in images_in(&folder.join(COMPARISONS))? {

@@ -7,8 +7,8 @@ use maud::{Markup, html};
 use omnilife_schemas::records::Direction;
 
 use crate::{
+    class::MethodClass,
     format,
-    render::{BUDGET_MARK, FAILURE_MARK},
     table::{Cell, Column, PublishedBlock, Row, Score, Standing, Table},
 };
 
@@ -36,8 +36,8 @@ pub(super) struct RowAddition {
     pub(super) detail: Option<String>,
     /// Texts and addresses of what the row was made from.
     pub(super) links: Vec<(&'static str, String)>,
-    /// The class whose methods it is ranked among; rows without one are not ranked.
-    pub(super) contest: Option<&'static str>,
+    /// True where it is ranked among the rows of its class.
+    pub(super) is_ranked: bool,
 }
 
 /// A table as it is.
@@ -53,48 +53,31 @@ pub(super) fn plain(table: &Table, id: &str) -> Markup {
     )
 }
 
-/// A table with its tools and notes.
+/// A table with its notes, class by class; published figures are folded away below.
 pub(super) fn render(table: &Table, addition: &Addition<'_>) -> Markup {
-    let id = addition.id;
-    let notes = format!("{id}-notes");
+    let notes = format!("{}-notes", addition.id);
     let first = addition.first_columns.unwrap_or(table.columns.len());
     let dashes = Dashes::of(table);
+    let mut from = 0;
+    let blocks = table.blocks().enumerate().map(|(number, rows)| {
+        let part = Part {
+            table,
+            rows,
+            from,
+            id: match number {
+                0 => addition.id.to_owned(),
+                _ => format!("{}-{}", addition.id, number + 1),
+            },
+        };
+        from += rows.len();
+        html! {
+            @if let Some(class) = part.class() { h3 { (class) } }
+            (part.render(addition, first, &dashes, &notes))
+        }
+    });
+    let blocks: Vec<Markup> = blocks.collect();
     html! {
-        div.table-tools.short[table.rows.len() < SHORT] {
-            @if addition.is_ranking { (ranking_choice(table, id)) }
-            label.filter {
-                "Filter rows "
-                input type="search" data-filter=(id) autocomplete="off";
-            }
-            output data-count=(id) { (format::counted(table.rows.len(), "row")) }
-            button type="button" data-all=(id) hidden { "Show all" }
-            @if first < table.columns.len() {
-                label { input type="checkbox" data-columns=(id); " All columns" }
-            }
-        }
-        div.scroll role="region" tabindex="0" aria-label=(table.title) {
-            table.sortable.few[first < table.columns.len()].ranking[addition.is_ranking] #(id)
-                aria-describedby=(notes) {
-                caption.visually-hidden[addition.is_ranking] { span { (table.title) } }
-                thead {
-                    (group_header(table))
-                    tr {
-                        @for name in &table.names { (heading(name, None, true, false)) }
-                        @for (at, column) in table.columns.iter().enumerate() {
-                            (heading(&column.name, column.direction, false, at >= first))
-                        }
-                    }
-                }
-                tbody.measured {
-                    @for (at, row) in table.rows.iter().enumerate() {
-                        (measured_row(row, &(addition.of_row)(at), addition.is_ranking, |column, cell| {
-                            measured_cell(cell, column >= first, dashes.reason(column))
-                        }))
-                    }
-                }
-                @for block in &table.published { (published(block, table, first)) }
-            }
-        }
+        @for block in &blocks { (block) }
         div.notes #(notes) {
             (dashes.footnotes(0..first))
             @if dashes.any_from(first) || !table.notes.is_empty() {
@@ -102,6 +85,80 @@ pub(super) fn render(table: &Table, addition: &Addition<'_>) -> Markup {
                     summary { "Notes" }
                     (dashes.footnotes(first..table.columns.len()))
                     @for note in &table.notes { p { (note) } }
+                }
+            }
+        }
+        @for block in &table.published { (published(block, table)) }
+    }
+}
+
+/// The rows of one class.
+struct Part<'a> {
+    table: &'a Table,
+    rows: &'a [Row],
+    /// Place of the first of them in the table.
+    from: usize,
+    id: String,
+}
+
+impl Part<'_> {
+    fn class(&self) -> Option<&'static str> {
+        let class = self.rows.first().and_then(|row| row.class);
+        class.map(MethodClass::title)
+    }
+
+    /// The title, with the class where there is one.
+    fn title(&self) -> String {
+        let title = &self.table.title;
+        match self.class() {
+            Some(class) => format!("{title}: {class}"),
+            None => title.clone(),
+        }
+    }
+
+    /// With its tools.
+    fn render(
+        &self,
+        addition: &Addition<'_>,
+        first: usize,
+        dashes: &Dashes<'_>,
+        notes: &str,
+    ) -> Markup {
+        let (table, id, title) = (self.table, &self.id, self.title());
+        html! {
+            div.table-tools.short[self.rows.len() < SHORT] {
+                @if addition.is_ranking { (ranking_choice(table, id)) }
+                label.filter {
+                    "Filter rows "
+                    input type="search" data-filter=(id) autocomplete="off";
+                }
+                output data-count=(id) { (format::counted(self.rows.len(), "row")) }
+                button type="button" data-all=(id) hidden { "Show all" }
+                @if first < table.columns.len() {
+                    label { input type="checkbox" data-columns=(id); " All columns" }
+                }
+            }
+            div.scroll role="region" tabindex="0" aria-label=(title) {
+                table.sortable.few[first < table.columns.len()].ranking[addition.is_ranking] #(id)
+                    aria-describedby=(notes) {
+                    caption.visually-hidden[addition.is_ranking] { span { (title) } }
+                    thead {
+                        (group_header(table))
+                        tr {
+                            @for name in &table.names { (heading(name, None, true, false)) }
+                            @for (at, column) in table.columns.iter().enumerate() {
+                                (heading(&column.name, column.direction, false, at >= first))
+                            }
+                        }
+                    }
+                    tbody.measured {
+                        @for (at, row) in self.rows.iter().enumerate() {
+                            @let of_row = (addition.of_row)(self.from + at);
+                            (measured_row(row, &of_row, addition.is_ranking, |column, cell| {
+                                measured_cell(cell, column >= first, dashes.reason(column))
+                            }))
+                        }
+                    }
                 }
             }
         }
@@ -228,8 +285,9 @@ fn measured_row(
 ) -> Markup {
     let named = usize::from(is_ranking);
     let last = row.names.len().saturating_sub(1);
+    let contest = row.class.filter(|_| addition.is_ranked);
     html! {
-        tr data-contest=[addition.contest] {
+        tr data-contest=[contest.map(MethodClass::title)] {
             @for (position, name) in row.names.iter().enumerate() {
                 @let is_rank = is_ranking && position == 0;
                 th class=[is_rank.then_some("rank")] scope="row"
@@ -238,13 +296,8 @@ fn measured_row(
                         Some(page) => a href=(page) { (name) },
                         None => (name),
                     }
-                    @if position == last && row.failures > 0 {
-                        " " abbr title="Some views could not be scored" { (FAILURE_MARK) }
-                    }
-                    @if position == last && row.unusual_budget {
-                        " " abbr title="Trained for other iterations than is usual in its class" {
-                            (BUDGET_MARK)
-                        }
+                    @for mark in row.marks.iter().filter(|_| position == last) {
+                        " " abbr title=(mark.meaning()) { (mark.symbol()) }
                     }
                     @if let Some(detail) = addition.detail.as_ref().filter(|_| position == named) {
                         small { (detail) }
@@ -314,24 +367,35 @@ fn content(cell: &Cell) -> Markup {
     }
 }
 
-fn published(block: &PublishedBlock, table: &Table, first: usize) -> Markup {
-    let columns = table.names.len() + table.columns.len();
-    let unnamed = table
-        .names
-        .len()
-        .saturating_sub(block.rows.first().map_or(0, |row| row.names.len()));
+/// Figures of a paper, closed until they are asked for.
+fn published(block: &PublishedBlock, table: &Table) -> Markup {
+    let columns = block.columns();
+    let names = block.rows.first().map_or(0, |row| row.names.len());
+    let unnamed = table.names.len().saturating_sub(names);
     html! {
-        tbody.published {
-            tr { th.source scope="rowgroup" colspan=(columns) { span { (block.source) } } }
-            @for row in &block.rows {
-                tr {
-                    @for _ in 0..unnamed { td.rank {} }
-                    @for name in &row.names { th scope="row" { (name) } }
-                    @for (at, cell) in row.cells.iter().enumerate() {
-                        td class=[(at >= first).then_some("later")] {
-                            @if *cell == Cell::Missing {
-                                (dash("not in the paper's table"))
-                            } @else { (content(cell)) }
+        details.published {
+            summary { (block.source) }
+            @for note in &block.notes { p { (note) } }
+            div.scroll role="region" tabindex="0" aria-label=(block.source) {
+                table {
+                    thead {
+                        tr {
+                            @for name in &table.names[unnamed..] { th scope="col" { (name) } }
+                            @for &at in &columns { th scope="col" { (table.columns[at].heading()) } }
+                        }
+                    }
+                    tbody.published {
+                        @for row in &block.rows {
+                            tr {
+                                @for name in &row.names { th scope="row" { (name) } }
+                                @for &at in &columns {
+                                    td {
+                                        @if row.cells[at] == Cell::Missing {
+                                            (dash("not in the paper's table"))
+                                        } @else { (content(&row.cells[at])) }
+                                    }
+                                }
+                            }
                         }
                     }
                 }

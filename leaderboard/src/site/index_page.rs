@@ -1,4 +1,5 @@
-//! The first page: the best view, every protocol with its methods by rank, its cost, the scenes.
+//! The first page: the best view, every protocol with its methods class by class and by rank, their
+//! cost, the scenes.
 
 use std::collections::BTreeSet;
 
@@ -12,7 +13,8 @@ use crate::{
     error::LeaderboardError,
     format,
     group::Group,
-    layouts::{LAYOUTS, main_methods, ranked_by},
+    layouts::{LAYOUTS, main_methods, order_in_words, ranked_by, standings},
+    tables::CSV_FILE,
 };
 
 /// Layouts whose numbers the first table has.
@@ -38,7 +40,9 @@ pub(super) fn render(
         p.lead {
             (format::counted(methods.len(), "method")) " on "
             (format::counted(scenes.len(), "scene"))
-            ". Scores of different protocols are never in one table."
+            ". Methods that train a model of each scene and methods that learn nothing of it have tables \
+             of their own, as have protocols. "
+            a href=(CSV_FILE) download { "All results as CSV" } "."
         }
         (best_view(request, views))
         @if request.groups.len() > 1 {
@@ -64,7 +68,7 @@ pub(super) fn render(
     Ok(layout::page(
         request,
         Place::Index,
-        "360° reconstruction, by rank",
+        "360° reconstruction, the best of each class first",
         content,
     ))
 }
@@ -73,23 +77,23 @@ pub(super) fn render(
 fn best_view(request: &SiteRequest<'_>, views: &SceneViews) -> Markup {
     let found = request.groups.iter().find_map(|group| {
         let index = ranked_by(group)?;
-        let mut methods = main_methods(group);
-        methods.retain(|method| method.confidence[index].rank.is_some());
-        methods.sort_by_key(|method| (method.class, method.confidence[index].rank));
-        methods.iter().find_map(|method| {
+        let methods = standings(group).into_iter();
+        let mut ranked =
+            methods.filter_map(|method| Some((method, method.confidence[index].rank?)));
+        ranked.find_map(|(method, rank)| {
             group.scenes.iter().find_map(|scene| {
                 let mut images = views.get(*scene)?.images();
                 let image = images.find(|image| {
                     image.method == method.method && image.protocol_hash == group.protocol_hash
                 })?;
-                Some((*scene, *method, index, image))
+                let (of, class) = (method.ranked[index], method.class.title().to_lowercase());
+                Some((*scene, format!("rank {rank} of {of}, {class}"), image))
             })
         })
     });
     html! {
-        @if let Some((scene, method, index, image)) = found {
-            @let rank = method.confidence[index].rank.unwrap_or(1);
-            (panorama::hero(image, scene, rank))
+        @if let Some((scene, standing, image)) = found {
+            (panorama::hero(image, scene, &standing))
         }
     }
 }
@@ -119,7 +123,10 @@ fn section(
     Ok(html! {
         section #(id) {
             h2 { (title(group)) }
-            @if let Some(table) = first { (table) }
+            @if let Some(table) = first {
+                p { "Methods of a class " (order_in_words(group)) "." }
+                (table)
+            }
             (protocol::explained(request.protocols.get(group.protocol_hash)))
             (run_time::of_group(request, group)?)
             @if !tables.is_empty() {

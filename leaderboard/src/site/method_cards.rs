@@ -60,7 +60,7 @@ pub(super) fn badge(verification: &Verification) -> Markup {
 }
 
 /// A link where it is an address of the web; other schemes could run scripts.
-fn code(address: Option<&str>) -> Markup {
+pub(super) fn code(address: Option<&str>) -> Markup {
     match address {
         None => html! { "not public" },
         Some(address) if address.starts_with("https://") || address.starts_with("http://") => {

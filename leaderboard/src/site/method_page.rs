@@ -1,14 +1,16 @@
 //! One method: its card, how it stands, what it scores on every scene, its curves and records.
 
+use std::collections::BTreeSet;
+
 use maud::{Markup, html};
 use omnilife_schemas::records::ResultRecord;
 
 use super::{
-    SiteRequest,
+    SceneViews, SiteRequest,
     html_table::{self, Addition, RowAddition},
     layout,
     layout::Place,
-    method_cards, run_time, scene_file, scene_page, unique_slug,
+    method_cards, panorama, run_time, scene_file, scene_page, unique_slug,
 };
 use crate::{
     class::{self, MethodClass},
@@ -16,6 +18,7 @@ use crate::{
     format,
     group::{Group, MethodRow, SceneRow},
     layouts::ranked_by,
+    remarks::Remarks,
 };
 
 /// A method's page relative to the site.
@@ -23,7 +26,11 @@ pub(super) fn file(method: &str) -> String {
     format!("methods/{}.html", unique_slug(method))
 }
 
-pub(super) fn render(request: &SiteRequest<'_>, method: &str) -> Result<Markup, LeaderboardError> {
+pub(super) fn render(
+    request: &SiteRequest<'_>,
+    method: &str,
+    views: &SceneViews,
+) -> Result<Markup, LeaderboardError> {
     let cards: Vec<_> = (request.cards.iter())
         .filter(|card| card.method == method)
         .collect();
@@ -34,12 +41,57 @@ pub(super) fn render(request: &SiteRequest<'_>, method: &str) -> Result<Markup, 
             sections.push(section(request, group, found, number)?);
         }
     }
+    let groups = request.groups.iter();
+    let rows: Vec<_> = groups.flat_map(|group| group.rows_of(method)).collect();
     let content = html! {
         p { a href="../index.html" { "All methods" } }
         @for card in cards { (method_cards::block(card, request.verifications.get(method), true)) }
+        (facts(&rows))
+        (picture(method, views))
         @for section in &sections { (section) }
     };
     Ok(layout::page(request, Place::Method, method, content))
+}
+
+/// Machines and code of the runs, as far as records or authors say.
+fn facts(rows: &[&SceneRow<'_>]) -> Markup {
+    let results = || rows.iter().flat_map(|row| row.results.iter().copied());
+    let machines: BTreeSet<String> = results().filter_map(scene_page::machine).collect();
+    let machines: Vec<String> = machines.into_iter().collect();
+    let codes: BTreeSet<&str> = results()
+        .filter_map(|result| result.statement.as_ref()?.code.as_deref())
+        .collect();
+    html! {
+        @if !machines.is_empty() || !codes.is_empty() {
+            dl {
+                @if !machines.is_empty() {
+                    dt { "Machines" }
+                    dd { (machines.join("; ")) }
+                }
+                @for &code in &codes {
+                    dt { "Code" }
+                    dd { (method_cards::code(Some(code))) }
+                }
+            }
+        }
+    }
+}
+
+/// The first view that the site shows of it.
+fn picture(method: &str, views: &SceneViews) -> Markup {
+    let found = views.iter().find_map(|(scene, found)| {
+        let mut images = found.images();
+        Some((scene, images.find(|image| image.method == method)?))
+    });
+    html! {
+        @if let Some((scene, image)) = found {
+            div.hero {
+                (panorama::figure(image, "../scenes/", &html! {
+                    span { (image.view) " of " a href={ "../" (scene_file(scene)) } { (scene) } }
+                }))
+            }
+        }
+    }
 }
 
 fn section(
@@ -55,11 +107,20 @@ fn section(
                 .map(move |result| (row.scene, row, *result))
         })
         .collect();
-    let table = scene_page::table(group, "Scores on every scene", "Scene", &runs, false);
+    let rows: Vec<_> = group.rows_of(method.method).collect();
+    let remarks = Remarks::of(&rows);
+    let table = scene_page::table(
+        group,
+        "Scores on every scene, by scene",
+        "Scene",
+        &runs,
+        false,
+    );
     let of_row = |at: usize| {
         let (scene, _, result) = runs[at];
         RowAddition {
             page: Some(format!("../{}", scene_file(scene))),
+            detail: result.why_incomplete(),
             links: request.links(result),
             ..RowAddition::default()
         }
@@ -71,6 +132,7 @@ fn section(
     Ok(html! {
         h2 { "Protocol " (group.protocol) " " small { code { (group.short_hash()) } } }
         p { (standing(group, method)) }
+        (scene_page::warning_box(&remarks))
         (html_table::render(&table, &Addition {
             id: &format!("m{number}"),
             first_columns: Some(scene_page::first_columns(group)),
@@ -81,36 +143,36 @@ fn section(
             h3 { "Error against run time" }
             (run_time::of_results(request, &title, &curves)?)
         }
+        (scene_page::other_warnings(&remarks))
     })
 }
 
 /// Class, budget and rank in a sentence.
 fn standing(group: &Group<'_>, method: &MethodRow<'_>) -> Markup {
-    let rank = ranked_by(group).and_then(|index| method.confidence[index].rank);
-    let class = method.class.title(group);
-    let rivals = ranked_by(group).map_or(0, |index| {
-        let of_class = |other: &&MethodRow<'_>| other.class == method.class;
-        let ranked = group.methods.iter().filter(of_class);
-        ranked
-            .filter(|other| other.confidence[index].rank.is_some())
-            .count()
-    });
+    let rank = ranked_by(group)
+        .and_then(|index| Some((method.confidence[index].rank?, method.ranked[index])));
+    let rows = || group.rows_of(method.method);
+    let complete = rows().filter(|row| row.numbers.complete).count();
+    let has_result = |scene: &str| rows().any(|row| row.scene == scene);
+    let missing = group.scenes.iter().copied();
+    let missing: Vec<&str> = missing.filter(|scene| !has_result(scene)).collect();
     html! {
-        "Class: " (class)
+        "Class: " (method.class.title().to_lowercase())
         @if let Some(iterations) = class::iterations(method).filter(|&count| count > 0) {
             ", " (format::counted(iterations as usize, "iteration"))
         }
         ". "
         @match rank {
-            Some(rank) => {
-                "Rank " b { (rank) } " of " (rivals) " in its class by novel PSNR, over "
+            Some((rank, of)) => {
+                "Rank " b { (rank) } " of " (of) " in its class by novel PSNR, over "
                 (format::counted(method.scenes, "scene")) "."
             }
             None if method.is_variant => "A variant of another method, which is not ranked.",
+            None if method.complete => "Not ranked: its novel views have no PSNR.",
             None => {
-                "Not ranked: it has results of " (method.scenes) " of "
-                (format::counted(group.scenes.len(), "scene")) " and "
-                (format::counted(method.numbers.failures, "failure")) "."
+                "Not ranked: it has complete results of " (complete) " of "
+                (format::counted(group.scenes.len(), "scene")) "."
+                @if !missing.is_empty() { " Without a result: " (missing.join(", ")) "." }
             }
         }
     }

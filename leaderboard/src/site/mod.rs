@@ -138,6 +138,11 @@ pub(crate) struct SiteRequest<'a> {
     pub(crate) footer: OnceLock<String>,
 }
 
+/// Returns the path of a file beside the first page.
+pub(crate) fn file(name: &str) -> String {
+    format!("{FOLDER}/{name}")
+}
+
 /// Whether a path of the outputs is the site's.
 pub(crate) fn is_of_site(path: &str) -> bool {
     path.starts_with("site/")
@@ -180,7 +185,7 @@ pub(crate) fn add(
     }
     let methods: Vec<&str> = methods(request.groups).into_iter().collect();
     let pages: Vec<_> = (methods.par_iter())
-        .map(|method| method_page::render(request, method))
+        .map(|method| method_page::render(request, method, &views))
         .collect();
     for (method, markup) in methods.iter().zip(pages) {
         page(method_page::file(method), markup?);

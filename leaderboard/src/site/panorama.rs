@@ -19,13 +19,13 @@ pub(super) fn tools() -> Markup {
     }
 }
 
-/// The view that the first page begins with.
-pub(super) fn hero(image: &ComparisonImage, scene: &str, rank: usize) -> Markup {
+/// The view that the first page begins with; `standing` is the method's rank in words.
+pub(super) fn hero(image: &ComparisonImage, scene: &str, standing: &str) -> Markup {
     let caption = html! {
         span {
             (image.view) " of " a href=(scene_file(scene)) { (scene) } ", "
             a href=(method_page::file(&image.method)) { (image.method) }
-            " (rank " (rank) ")"
+            " (" (standing) ")"
         }
     };
     html! {

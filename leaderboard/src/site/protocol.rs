@@ -55,7 +55,7 @@ pub(super) fn explained(protocol: Option<&Protocol>) -> Markup {
                 dd {
                     "Over the views of a scene, then over its seeds, then over scenes, every scene \
                      with the same weight. A view that could not be scored is a failure; a method \
-                     with failures or without a scene is not ranked."
+                     with failures, with a run that failed or without a scene is not ranked."
                 }
                 dt { "Hash of the rules" }
                 dd { code { (protocol.hash()) } }

@@ -51,7 +51,7 @@ pub(super) fn of_group(
             method.class,
             (score, seconds),
         ) {
-            Some(found) => series.push(found),
+            Some(found) => series.push((method.class, found)),
             None => without.push(method.method),
         }
     }
@@ -77,13 +77,15 @@ pub(super) fn of_results(
 ) -> Result<Markup, LeaderboardError> {
     let mut direction = Direction::HigherIsBetter;
     let mut series = Vec::new();
-    for &(label, class, result) in results.iter().take(MOST_SERIES) {
+    let complete = results.iter().filter(|(_, _, result)| result.is_complete());
+    for &(label, class, result) in complete.take(MOST_SERIES) {
         let Some(summary) = result.novel_views.get(ERROR_METRIC) else {
             continue;
         };
         direction = summary.direction.unwrap_or(direction);
         let numbers = (summary.mean, result.training_seconds);
-        series.extend(of_method(request, label, &[result], class, numbers));
+        let found = of_method(request, label, &[result], class, numbers);
+        series.extend(found.map(|found| (class, found)));
     }
     drawn(title, series, direction, &html! {})
 }
@@ -136,17 +138,18 @@ fn of_method(
 
 fn drawn(
     title: &str,
-    mut series: Vec<Series>,
+    mut series: Vec<(MethodClass, Series)>,
     direction: Direction,
     left_out: &Markup,
 ) -> Result<Markup, LeaderboardError> {
-    let any_trained = series.iter().any(|series| !series.marks.is_empty());
+    let any_trained = series.iter().any(|(_, series)| !series.marks.is_empty());
     if !any_trained {
         return Ok(html! {
             p { "No method has both scores of all scenes and a training time." (left_out) }
         });
     }
     mark_front(&mut series, direction);
+    let series: Vec<Series> = series.into_iter().map(|(_, series)| series).collect();
     let drawing = chart::run_time(
         title,
         "Training time per scene (s), logarithmic",
@@ -169,7 +172,7 @@ fn drawn(
                 @if has(&|series| series.level.is_some()) {
                     "Dashed levels: methods that learn nothing of a scene. "
                 }
-                "Ringed: no other method ends both sooner and better. On whatever machine each was \
+                "Ringed: no other method of its class ends both sooner and better. On whatever machine each was \
                  trained on."
                 (left_out)
             }
@@ -187,17 +190,21 @@ fn shortened_list(names: &[&str]) -> String {
     text
 }
 
-/// A method is on the front when none ends at least as soon and at least as well, and better in one.
-fn mark_front(series: &mut [Series], direction: Direction) {
-    let ends: Vec<Option<(f64, f64)>> = (series.iter())
-        .map(|series| series.marks.last().map(|mark| (mark.x, mark.y)))
+/// A method is on the front when none of its class ends at least as soon and at least as well, and better
+/// in one.
+fn mark_front(series: &mut [(MethodClass, Series)], direction: Direction) {
+    let ends: Vec<(MethodClass, f64, f64)> = (series.iter())
+        .filter_map(|(class, series)| Some((*class, series.marks.last()?)))
+        .map(|(class, mark)| (class, mark.x, mark.y))
         .collect();
-    for (series, end) in series.iter_mut().zip(&ends) {
-        let Some((x, y)) = *end else { continue };
-        let beats = |&(other_x, other_y): &(f64, f64)| {
-            let no_worse = other_x <= x && !direction.prefers(y, other_y);
-            no_worse && (other_x < x || direction.prefers(other_y, y))
+    for (class, series) in series {
+        let Some((x, y)) = series.marks.last().map(|mark| (mark.x, mark.y)) else {
+            continue;
         };
-        series.on_front = !ends.iter().flatten().any(beats);
+        let beats = |&(other, other_x, other_y): &(MethodClass, f64, f64)| {
+            let no_worse = other_x <= x && !direction.prefers(y, other_y);
+            other == *class && no_worse && (other_x < x || direction.prefers(other_y, y))
+        };
+        series.on_front = !ends.iter().any(beats);
     }
 }

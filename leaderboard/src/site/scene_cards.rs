@@ -1,4 +1,4 @@
-//! The scenes, each with a view, what it is and what is best on it.
+//! The scenes, each with a view, what it is and the best method of every class on it.
 
 use std::collections::BTreeSet;
 
@@ -7,7 +7,11 @@ use maud::{Markup, html};
 use super::{
     SceneViews, SiteRequest, comparisons::ComparisonImage, scene_facts::SceneFacts, scene_file,
 };
-use crate::{format, group::ViewKind, layouts::ranked_by};
+use crate::{
+    format,
+    group::{SceneRow, ViewKind},
+    layouts::{best_first, ranked_by},
+};
 
 /// Above this many scenes the cards have no views: the page would load as many images.
 const MOST_VIEWS: usize = 200;
@@ -73,30 +77,30 @@ fn facts(facts: Option<&SceneFacts>) -> Markup {
     html! { (parts.join(", ")) }
 }
 
-/// Views, and the best score of the first protocol that has the scene.
+/// Views, and the best of every class under the first protocol that has complete scores of the scene.
 fn best(request: &SiteRequest<'_>, scene: &str) -> Markup {
     let found = request.groups.iter().find_map(|group| {
         let index = ranked_by(group)?;
-        let direction = group.quantities[index].1;
-        let scored = group
-            .rows_in(scene)
-            .iter()
-            .filter(|row| row.numbers.failures == 0);
-        let scored = scored.filter_map(|row| Some((row, row.numbers.scores[index]?)));
-        scored.reduce(|best, next| {
-            if direction.prefers(next.1, best.1) {
-                next
-            } else {
-                best
-            }
-        })
+        let rows = group.rows_in(scene).iter();
+        let scored = rows.filter(|row| row.numbers.complete && row.numbers.scores[index].is_some());
+        let mut scored: Vec<&SceneRow<'_>> = scored.collect();
+        let best_first = best_first(group);
+        scored.sort_by(|a, b| {
+            let by_class = a.class.cmp(&b.class);
+            by_class.then_with(|| best_first(&a.numbers, &b.numbers))
+        });
+        scored.dedup_by_key(|row| row.class);
+        (!scored.is_empty()).then_some((index, scored))
     });
     html! {
-        @if let Some((row, score)) = found {
-            @let scores = ViewKind::Novel.scores(row.results[0]);
-            @let views = scores.values().map(|summary| summary.views).max().unwrap_or(0);
-            (format::counted(views as usize, "novel view")) "; best " (row.method) ", "
-            (format!("{score:.2}")) " dB"
+        @if let Some((index, best)) = found {
+            @let scores = best.iter().flat_map(|row| ViewKind::Novel.scores(row.results[0]).values());
+            @let views = scores.map(|summary| summary.views).max().unwrap_or(0);
+            (format::counted(views as usize, "novel view"))
+            @for row in best {
+                "; " (row.class.title().to_lowercase()) ": " (row.method) ", "
+                (format!("{:.2}", row.numbers.scores[index].unwrap_or_default())) " dB"
+            }
         }
     }
 }

@@ -19,8 +19,9 @@ use crate::{
     error::LeaderboardError,
     format,
     group::{Group, SceneRow},
-    layouts::{mark_classes, ranked_by, remarks},
-    table::{Cell, Column, Row, Table, cost_columns},
+    layouts::{best_first, mark_classes, mark_notes, order_in_words, ranked_by},
+    remarks::Remarks,
+    table::{Cell, Column, Mark, Row, Table, cost_cells, cost_columns},
 };
 
 /// What a row of a table is named by, the method on a scene, and one of its results.
@@ -38,7 +39,6 @@ pub(super) fn render(
     for (number, rows) in groups.iter().enumerate() {
         sections.push(section(request, scene, rows, comparisons, number)?);
     }
-    let remarks: Vec<String> = rows.iter().flat_map(|(_, row)| remarks(row)).collect();
     let content = html! {
         p { a href="../index.html#scenes" { "All scenes" } }
         @if comparisons.images().any(|image| image.is_sphere) { (panorama::tools()) }
@@ -47,12 +47,29 @@ pub(super) fn render(
             h2 { "Images left out" }
             ul { @for reason in &comparisons.left_out { li { (reason) } } }
         }
-        @if !remarks.is_empty() {
-            h2 { "Notes of the runs" }
-            ul { @for remark in &remarks { li { (remark) } } }
-        }
     };
     Ok(layout::page(request, Place::Scene, scene, content))
+}
+
+/// What a reader must know before any score, in a box.
+pub(super) fn warning_box(remarks: &Remarks) -> Markup {
+    html! {
+        @if remarks.serious().next().is_some() {
+            div.warning role="note" {
+                ul { @for line in remarks.serious() { li { (line) } } }
+            }
+        }
+    }
+}
+
+/// The other warnings of the runs.
+pub(super) fn other_warnings(remarks: &Remarks) -> Markup {
+    html! {
+        @if !remarks.warnings.is_empty() {
+            h3 { "Notes of the runs" }
+            ul { @for line in &remarks.warnings { li { (line) } } }
+        }
+    }
 }
 
 fn section(
@@ -64,6 +81,7 @@ fn section(
 ) -> Result<Markup, LeaderboardError> {
     let group = rows[0].0;
     let rows = by_score(group, rows);
+    let remarks = Remarks::of(&rows);
     let runs: Vec<Run<'_>> = (rows.iter())
         .flat_map(|row| row.results.iter().map(|result| (row.method, *row, *result)))
         .collect();
@@ -71,13 +89,14 @@ fn section(
         let (method, _, result) = runs[at];
         RowAddition {
             page: Some(format!("../{}", method_page::file(method))),
+            detail: result.why_incomplete(),
             links: request.links(result),
             ..RowAddition::default()
         }
     };
     let table = table(
         group,
-        "Scores of every method and seed",
+        &format!("Methods {}", order_in_words(group)),
         "Method",
         &runs,
         true,
@@ -93,6 +112,7 @@ fn section(
     Ok(html! {
         h2 { "Protocol " (group.protocol) " " small { code { (group.short_hash()) } } }
         (images(comparisons, group, &rows))
+        (warning_box(&remarks))
         (html_table::render(&table, &Addition {
             id: &format!("t{number}"),
             first_columns: Some(first_columns(group)),
@@ -101,25 +121,21 @@ fn section(
         }))
         h3 { "Error against run time" }
         (run_time::of_results(request, &title, &curves)?)
+        (other_warnings(&remarks))
     })
 }
 
-/// Methods by class, then by what they are ranked by; those without a score come last.
+/// Methods by class, then by what they are ranked by; incomplete ones come last.
 fn by_score<'a>(
     group: &Group<'_>,
     rows: &[(&'a Group<'a>, &'a SceneRow<'a>)],
 ) -> Vec<&'a SceneRow<'a>> {
     let mut rows: Vec<&SceneRow<'_>> = rows.iter().map(|(_, row)| *row).collect();
-    if let Some(index) = ranked_by(group) {
-        rows.sort_by(|a, b| {
-            let [left, right] = [a, b].map(|row| row.numbers.scores[index]);
-            let by_score = match (left, right) {
-                (Some(left), Some(right)) => right.total_cmp(&left),
-                _ => right.is_some().cmp(&left.is_some()),
-            };
-            a.class.cmp(&b.class).then(by_score)
-        });
-    }
+    let best_first = best_first(group);
+    rows.sort_by(|a, b| {
+        let by_class = a.class.cmp(&b.class);
+        by_class.then_with(|| best_first(&a.numbers, &b.numbers))
+    });
     rows
 }
 
@@ -153,43 +169,45 @@ pub(super) fn table(
     }));
     columns.push(Column::plain("Failures"));
     let mut rows: Vec<Row> = (runs.iter())
-        .map(|&(name, _, result)| {
+        .map(|&(name, row, result)| {
+            let numbers = group.numbers_of(result);
             let score = |&index: &usize| {
-                let quantity = &group.quantities[index].0;
-                let summary = quantity.kind.scores(result).get(&quantity.metric);
-                Cell::score(summary.map(|summary| summary.mean), &quantity.metric, None)
+                let metric = &group.quantities[index].0.metric;
+                Cell::score(numbers.scores[index], metric, None)
             };
+            let [seconds, memory, primitives, iterations] = cost_cells(&numbers);
             let mut cells: Vec<Cell> = first.iter().map(score).collect();
-            cells.push(Cell::number(result.training_seconds, 1));
-            cells.push(Cell::number(result.iterations.map(|count| count as f64), 0));
+            cells.extend([seconds, iterations]);
             cells.extend(others.iter().map(score));
+            let rendering = result.rendering_seconds.filter(|_| !numbers.failed);
             cells.extend([
-                Cell::number(result.peak_memory_bytes.map(|bytes| bytes as f64 / 1e9), 2),
-                Cell::number(result.primitives.map(|count| count as f64), 0),
-                Cell::number(result.rendering_seconds, 1),
+                memory,
+                primitives,
+                Cell::number(rendering, 1),
                 text(result.backend.as_ref().map(format::backend)),
-                text(result.hardware.as_ref().map(format::machine)),
+                text(machine(result)),
                 text(commit(result).map(format::short_commit)),
-                Cell::count(result.failures.len()),
+                Cell::failures(&numbers),
             ]);
             let seed = result.seed.map(|seed| seed.to_string());
             Row {
                 names: vec![name.to_owned(), seed.unwrap_or_else(|| "–".to_owned())],
                 cells,
-                failures: result.failures.len(),
-                ..Row::default()
+                class: is_contest.then_some(row.class),
+                failures: numbers.failures,
+                marks: Mark::of(&numbers),
             }
         })
         .collect();
     let mut notes = vec!["Means over the views of the scene.".to_owned()];
+    notes.extend(mark_notes(group));
     if is_contest {
         let contestants: Vec<(MethodClass, bool)> = (runs.iter())
-            .map(|(_, row, result)| (row.class, result.failures.is_empty()))
+            .map(|(_, row, result)| (row.class, result.is_complete()))
             .collect();
         mark_classes(&mut rows, &contestants, &columns);
         notes.push(
-            "Bold: best of a class; underlined: second best; among runs without failures."
-                .to_owned(),
+            "Bold: best of a class; underlined: second best; among complete results.".to_owned(),
         );
     }
     Table {
@@ -204,6 +222,15 @@ pub(super) fn table(
 
 fn text(text: Option<String>) -> Cell {
     text.map_or(Cell::Missing, Cell::Text)
+}
+
+/// Returns the machine of a run, as measured or else as its authors state it.
+pub(super) fn machine(result: &ResultRecord) -> Option<String> {
+    let measured = result.hardware.as_ref().map(format::machine);
+    measured.or_else(|| {
+        let stated = result.statement.as_ref()?.hardware.as_ref()?;
+        Some(format!("{stated} (as its authors state)"))
+    })
 }
 
 /// The commit of the program that made the predictions, or else of the one that scored them.

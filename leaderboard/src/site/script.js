@@ -69,7 +69,7 @@ class SortableTable {
       const [score, list] = [scores[entry.index], contestOf(entry) && rivals.get(contestOf(entry))];
       const rank = list && score !== null ? 1 + list.indexOf(score) : null;
       places[entry.index] = rank ?? Infinity;
-      const shown = isFirst ? this.ranks[entry.index] : rank ? [`${rank}`, `${rank}`] : ["–", ""];
+      const shown = isFirst ? this.ranks[entry.index] : rank ? [`${rank} of ${list.length}`, `${rank}`] : ["–", ""];
       [entry.row.cells[0].textContent, entry.row.cells[0].dataset.value] = shown;
       if (isFirst) places[entry.index] = shown[1] === "" ? Infinity : Number(shown[1]);
     }

@@ -1,4 +1,4 @@
-//! The first table of a protocol: its methods by rank, few columns first.
+//! The first tables of a protocol: its methods class by class and by rank, few columns first.
 
 use std::collections::BTreeMap;
 
@@ -13,11 +13,12 @@ use crate::{
     format::{self, PUBLISHED_LPIPS},
     group::{Group, MethodRow, Quantity, ViewKind},
     layouts::{
-        common_notes, mark_classes, published_lpips, published_metrics, ranked_by, standings,
-        variants_note,
+        common_notes, mark_classes, order_in_words, published_lpips, published_metrics, ranked_by,
+        standings, variants_note,
     },
     published::{Paper, PublishedLayout, published_rows},
-    table::{Cell, Column, Row, Table, cost_cells, cost_columns, method_rank, method_score},
+    remarks,
+    table::{Cell, Column, Mark, Row, Table, cost_cells, cost_columns, method_rank, method_score},
 };
 
 /// The LPIPS that stands in the first columns, where it was measured: the metric's own convention.
@@ -34,8 +35,8 @@ pub(super) fn render(group: &Group<'_>, papers: &[Paper], id: &str) -> Option<Ma
         let method = methods[at];
         RowAddition {
             page: Some(method_page::file(method.method)),
-            detail: Some(detail(group, method)),
-            contest: method.complete.then(|| method.class.title(group)),
+            detail: detail(group, method),
+            is_ranked: method.complete,
             links: Vec::new(),
         }
     };
@@ -165,15 +166,18 @@ fn table(
             method.scenes,
             group.scenes.len()
         )));
-        cells.push(Cell::count(method.numbers.failures));
+        cells.push(Cell::failures(&method.numbers));
+        let mut marks = Mark::of(&method.numbers);
+        marks.extend(has_unusual_budget(method, usual).then_some(Mark::OtherBudget));
         Row {
             names: vec![
                 format::plain(&method_rank(method, ranked)),
                 method.method.to_owned(),
             ],
             cells,
+            class: Some(method.class),
             failures: method.numbers.failures,
-            unusual_budget: has_unusual_budget(method, usual),
+            marks,
         }
     };
     let mut rows: Vec<Row> = methods.iter().map(|method| row(method)).collect();
@@ -182,10 +186,10 @@ fn table(
         .map(|method| (method.class, method.complete))
         .collect();
     mark_classes(&mut rows, &contestants, &headings);
-    let layout = if group.has(ViewKind::Input) {
-        PublishedLayout::Views
-    } else {
+    let layout = if PublishedLayout::FeedForward.is_of(group.protocol) {
         PublishedLayout::FeedForward
+    } else {
+        PublishedLayout::Views
     };
     let published = published_rows(papers, &layout, group.protocol, &headings, 1);
     let mut notes = common_notes(group);
@@ -193,7 +197,11 @@ fn table(
     notes.extend(group.unavailable());
     notes.extend(published.notes);
     Table {
-        title: format!("Methods by rank, protocol {}", group.protocol),
+        title: format!(
+            "Methods {}, protocol {}",
+            order_in_words(group),
+            group.protocol
+        ),
         names: ["#", "Method"].map(str::to_owned).to_vec(),
         columns: headings,
         rows,
@@ -202,14 +210,14 @@ fn table(
     }
 }
 
-/// Class and budget.
-fn detail(group: &Group<'_>, method: &MethodRow<'_>) -> String {
-    let class = method.class.title(group);
-    match crate::class::iterations(method).filter(|&iterations| iterations > 0) {
-        Some(iterations) => format!(
-            "{class}, {}",
-            format::counted(iterations as usize, "iteration")
-        ),
-        None => class.to_owned(),
-    }
+/// Returns the budget, and why a method is not ranked.
+fn detail(group: &Group<'_>, method: &MethodRow<'_>) -> Option<String> {
+    let rows: Vec<_> = group.rows_of(method.method).collect();
+    let iterations = crate::class::iterations(method).filter(|&iterations| iterations > 0);
+    let budget = iterations.map(|count| format::counted(count as usize, "iteration"));
+    let (found, all) = (method.scenes, group.scenes.len());
+    let scenes = (found < all).then(|| format!("{found} of {all} scenes"));
+    let parts = [budget, scenes, remarks::why_incomplete(&rows)];
+    let parts: Vec<String> = parts.into_iter().flatten().collect();
+    (!parts.is_empty()).then(|| parts.join("; "))
 }

@@ -3,6 +3,7 @@
 
 mod figure;
 mod leaderboard;
+mod outcomes;
 mod ownership;
 mod refusals;
 mod site;
