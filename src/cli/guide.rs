@@ -145,6 +145,10 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         ],
     ),
     (
+        "reconstruct prepare",
+        &["reconstruct prepare SEQUENCE --split split.json --methods object-graph"],
+    ),
+    (
         "reconstruct plan",
         &["reconstruct plan SEQUENCE --split split.json --method omni4dgs-plus"],
     ),
@@ -302,6 +306,7 @@ pub(crate) const VALUES: &[Values] = &[
     ("run", "method", method_names),
     ("reconstruct train", "method", method_names),
     ("reconstruct plan", "method", method_names),
+    ("reconstruct prepare", "methods", method_names),
     ("bench ablate", "method", method_names),
     ("bench run", "methods", method_names),
     ("sweep plan bench", "methods", method_names),

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand, ValueEnum};
 use omnilife_reconstruct::{
     jobs::{
-        edit_objects::Edit,
+        edit_objects::ObjectEdit,
         export::{ExportRequest, levels::Level},
         render::{RenderCamera, RenderRequest},
     },
@@ -342,22 +342,22 @@ pub(crate) struct ObjectEditArguments {
 
 impl ObjectEditArguments {
     /// The edits in the order in which they are done: what is moved and copied is there until the end.
-    pub(crate) fn edits(&self) -> Result<Vec<Edit>, BadRequest> {
+    pub(crate) fn edits(&self) -> Result<Vec<ObjectEdit>, BadRequest> {
         let mut edits = Vec::new();
         for text in &self.moves {
             let (id, by) = of_object(text).ok_or_else(|| unreadable("--move ID=X,Y,TURN", text))?;
-            edits.push(Edit::Move(id, by));
+            edits.push(ObjectEdit::Move(id, by));
         }
         for text in &self.copies {
             let (id, by) = of_object(text).ok_or_else(|| unreadable("--copy ID=X,Y", text))?;
-            edits.push(Edit::Copy(id, by));
+            edits.push(ObjectEdit::Copy(id, by));
         }
         for text in &self.delays {
             let (id, [seconds]) =
                 of_object(text).ok_or_else(|| unreadable("--delay ID=SECONDS", text))?;
-            edits.push(Edit::Delay(id, seconds));
+            edits.push(ObjectEdit::Delay(id, seconds));
         }
-        edits.extend(self.remove.iter().map(|&id| Edit::Remove(id)));
+        edits.extend(self.remove.iter().map(|&id| ObjectEdit::Remove(id)));
         if edits.is_empty() {
             let reason =
                 "nothing is to be edited: give --script, --remove, --move, --copy or --delay";

@@ -22,7 +22,9 @@ fn page() -> String {
     let mut command = guide::command();
     command.build();
     let mut text = HEAD.to_owned();
-    for words in guide::all_words(&command) {
+    let is_help = |words: &String| words.split(' ').any(|word| word == "help");
+    let commands = guide::all_words(&command);
+    for words in commands.into_iter().filter(|words| !is_help(words)) {
         let mut found = &command;
         for word in words.split(' ') {
             if let Some(inner) = found.find_subcommand(word) {

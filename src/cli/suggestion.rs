@@ -12,7 +12,7 @@ use super::guide;
 /// The error with a tip where the word that was not understood names a command of another group, or
 /// nearly names one of `curate`, which takes words for videos.
 pub(crate) fn with_tip(error: clap::Error, command: &Command, words: &[String]) -> clap::Error {
-    let Some(word) = unknown_word(&error, words) else {
+    let Some(word) = unknown_word(&error, command, words) else {
         return error;
     };
     let tips = commands_like(&word, command);
@@ -30,13 +30,16 @@ pub(crate) fn with_tip(error: clap::Error, command: &Command, words: &[String]) 
 }
 
 /// The word that was taken for a command, or for a video of `curate` where nothing else was given.
-fn unknown_word(error: &clap::Error, words: &[String]) -> Option<String> {
+fn unknown_word(error: &clap::Error, command: &Command, words: &[String]) -> Option<String> {
     match (error.kind(), error.get(ContextKind::InvalidSubcommand)) {
         (ErrorKind::InvalidSubcommand, Some(ContextValue::String(word))) => Some(word.clone()),
         (ErrorKind::MissingRequiredArgument, _) => {
             let after = words.iter().skip_while(|word| *word != "curate").nth(1)?;
             let is_word = after.chars().all(|letter| letter.is_ascii_lowercase());
-            (is_word && !std::path::Path::new(after).exists()).then(|| after.clone())
+            // What is missing is an argument of a command that exists.
+            let is_command = (command.find_subcommand("curate"))
+                .is_some_and(|curate| curate.find_subcommand(after).is_some());
+            (is_word && !is_command && !std::path::Path::new(after).exists()).then(|| after.clone())
         }
         _ => None,
     }
@@ -80,6 +83,21 @@ mod tests {
         assert!(told("omnilife score").contains("'omnilife bench score'"));
         assert!(told("omnilife rnu").contains("'omnilife run'"));
         assert!(told("omnilife bench render").contains("'omnilife reconstruct render'"));
+    }
+
+    /// An error about a command's arguments never denies the command.
+    #[test]
+    fn what_is_missing_of_any_command_is_named() {
+        let command = guide::command();
+        for words in guide::all_words(&command) {
+            let line = format!("omnilife {words}");
+            let parts: Vec<String> = line.split(' ').map(str::to_owned).collect();
+            let parsed = command.clone().try_get_matches_from(&parts);
+            if let Err(error) = parsed {
+                let text = with_tip(error, &command, &parts).to_string();
+                assert!(!text.contains("unrecognized"), "{line}: {text}");
+            }
+        }
     }
 
     #[test]

@@ -5,8 +5,7 @@ use omnilife_reconstruct::{
     backends,
     jobs::{
         atlas,
-        edit::{self, EditRunRequest},
-        edit_objects::{self, EditRequest},
+        edit::{self, Changes, EditRunRequest},
         export::{self, serve::Server},
         plan_cost,
         reconstruct::{self, ReconstructRequest},
@@ -113,32 +112,21 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
         }
         ReconstructCommand::Edit {
             run,
-            script: Some(script),
+            script,
+            objects,
             out,
-            ..
         } => {
             let request = EditRunRequest {
                 run: run.clone(),
-                script: script.clone(),
+                changes: match script {
+                    Some(script) => Changes::Script(script.clone()),
+                    None => Changes::Objects(objects.edits()?),
+                },
                 out: out.clone(),
             };
             let done = edit::edit(&request, progress)?;
             let lines = done.iter().map(|line| format!("{line}\n"));
             exit::print(&lines.collect::<String>())
-        }
-        ReconstructCommand::Edit {
-            run,
-            script: None,
-            objects,
-            out,
-        } => {
-            let request = EditRequest {
-                run: run.clone(),
-                edits: objects.edits()?,
-                out: out.clone(),
-            };
-            let left = edit_objects::edit(&request, progress)?;
-            exit::print(&format!("{}: {} objects\n", out.display(), left.len()))
         }
         ReconstructCommand::Methods => {
             exit::print(&METHODS.iter().map(description).collect::<String>())

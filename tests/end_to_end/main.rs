@@ -17,6 +17,8 @@ mod curation;
 #[cfg(unix)]
 mod defects;
 #[cfg(unix)]
+mod failed_runs;
+#[cfg(unix)]
 mod faults;
 #[cfg(unix)]
 mod foreign_files;
@@ -41,7 +43,10 @@ mod plans;
 #[cfg(target_os = "linux")]
 mod power_cut;
 mod prerequisites;
+mod registry;
 mod rendering;
+#[cfg(unix)]
+mod roads;
 mod shards;
 mod splat_peers;
 mod splatters;

@@ -1,4 +1,5 @@
-//! Editing a run: a run like it, in another folder.
+//! Editing a run: a run like it, in another folder, whose record says what was done. It is never scored against
+//! the video.
 
 use std::{
     path::{Path, PathBuf},
@@ -11,17 +12,29 @@ use omnilife_schemas::{
 
 use crate::{
     error::ReconstructError,
-    jobs::reconstruct::{NOVEL_FOLDER, RUN_FILE},
+    jobs::{
+        edit_objects::{self, CheckedEdit, ObjectEdit},
+        reconstruct::{NOVEL_FOLDER, RUN_FILE},
+    },
     methods::run_formats::{self, EditRequest},
 };
 
-/// What to edit, how, and where to.
+/// Changes of a model.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Changes {
+    /// Those of a script; which there are is the method's.
+    Script(PathBuf),
+    /// Those of the objects of an object graph, in their order.
+    Objects(Vec<ObjectEdit>),
+}
+
+/// A run to edit, its changes, and the folder of the edited run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EditRunRequest {
     /// The run's folder.
     pub run: PathBuf,
-    /// The script; which edits there are is the method's.
-    pub script: PathBuf,
+    /// Changes.
+    pub changes: Changes,
     /// Folder of the edited run, another one.
     pub out: PathBuf,
 }
@@ -30,36 +43,52 @@ pub struct EditRunRequest {
 /// was done to it, and names no predictions.
 ///
 /// # Errors
-/// When the run's kind of model has no edits, the script makes no sense, a file of someone else would be
+/// When the run's kind of model has no such edits, a change makes no sense, a file of someone else would be
 /// replaced, or one cannot be written.
 pub fn edit(
     request: &EditRunRequest,
     progress: &dyn Progress,
 ) -> Result<Vec<String>, ReconstructError> {
-    let record: RunRecord = store::read_record(&request.run.join(RUN_FILE))?;
-    let format = run_formats::of_run(&request.run).ok_or_else(|| {
-        let reason = format!("is a run of {}, which no script edits", record.method);
-        ReconstructError::scene(&request.run, reason)
-    })?;
+    let mut record: RunRecord = store::read_record(&request.run.join(RUN_FILE))?;
     if is_same(&request.run, &request.out) {
         let reason = "is the run that is to be edited; choose another output";
         return Err(ReconstructError::scene(&request.out, reason));
+    }
+    let checked = match &request.changes {
+        Changes::Script(script) => of_script(&request.run, &record, script)?,
+        Changes::Objects(edits) => edit_objects::check(&request.run, &record, edits)?,
+    };
+    for warning in checked.warnings {
+        progress.note(&format!("{}: {warning}", request.out.display()));
+        record.warnings.push(warning);
     }
     store::create_folder(&request.out)?;
     let _lock = FolderLock::take(&request.out, progress)?;
     let begun = Instant::now();
     let stage = StagePlan::new(&request.out, "edit");
-    stage.claim(format.files.iter().chain(&[RUN_FILE]))?;
-    let (mut files, done) = (format.edit)(&EditRequest {
-        run: &request.run,
-        script: &request.script,
-        out: &request.out,
-    })?;
+    stage.claim(checked.files.iter().chain(&[RUN_FILE]))?;
+    let (mut files, done) = (checked.write)(&request.out)?;
     let record = record.edited(done.iter().cloned(), NOVEL_FOLDER);
     store::write_record(&request.out.join(RUN_FILE), &record)?;
     files.push(RUN_FILE.to_owned());
     stage.finish(&files, begun.elapsed().as_secs_f64())?;
     Ok(done)
+}
+
+fn of_script<'a>(
+    run: &'a Path,
+    record: &RunRecord,
+    script: &'a Path,
+) -> Result<CheckedEdit<'a>, ReconstructError> {
+    let format = run_formats::of_run(run).ok_or_else(|| {
+        let reason = format!("is a run of {}, which no script edits", record.method);
+        ReconstructError::scene(run, reason)
+    })?;
+    Ok(CheckedEdit {
+        files: format.files.to_vec(),
+        warnings: Vec::new(),
+        write: Box::new(move |out| (format.edit)(&EditRequest { run, script, out })),
+    })
 }
 
 fn is_same(a: &Path, b: &Path) -> bool {

@@ -1,18 +1,11 @@
-//! Editing a trained object graph: vehicles are taken out, moved, copied or sent later. The result is a
-//! run of its own that says what was done; it is never scored against the video.
+//! Edits of a trained object graph: vehicles are taken out, moved, copied or sent later.
 
-use std::{
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::path::Path;
 
 use glam::DVec3;
 use omnilife_engine::{gaussians::tracked::OBJECT_NUMBERS, parameters::ParameterTable};
 use omnilife_schemas::{
-    lock::FolderLock,
-    progress::Progress,
     records::{GraphObject, Objects, Poses, RunRecord},
-    stage::StagePlan,
     store::{self, StoreError},
     trajectory::GroundAxes,
 };
@@ -20,15 +13,12 @@ use omnilife_schemas::{
 use crate::{
     error::ReconstructError,
     formats::{GAUSSIANS_FILE, OBJECT_GAUSSIANS_FILE, OBJECTS_FILE, objects},
-    jobs::{
-        reconstruct::{NOVEL_FOLDER, RUN_FILE},
-        run_views,
-    },
+    jobs::run_views,
 };
 
 /// A change of one object.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Edit {
+pub enum ObjectEdit {
     /// Takes it out.
     Remove(u32),
     /// Moves it along the ground, world units towards heading 0 and pi/2, and turns its path about its
@@ -40,7 +30,7 @@ pub enum Edit {
     Delay(u32, f64),
 }
 
-impl Edit {
+impl ObjectEdit {
     fn id(&self) -> u32 {
         match self {
             Self::Remove(id) | Self::Move(id, _) | Self::Copy(id, _) | Self::Delay(id, _) => *id,
@@ -58,61 +48,55 @@ impl Edit {
     }
 }
 
-/// What to edit.
-#[derive(Debug, Clone, PartialEq)]
-pub struct EditRequest {
-    /// Folder of the run.
-    pub run: PathBuf,
-    /// Changes in their order.
-    pub edits: Vec<Edit>,
-    /// Folder of the edited run.
-    pub out: PathBuf,
+/// An edit that was checked and not yet written.
+pub(super) struct CheckedEdit<'a> {
+    /// Files of the model that it writes.
+    pub(super) files: Vec<&'static str>,
+    /// Lines that a reader of the edited run should know.
+    pub(super) warnings: Vec<String>,
+    /// Writes the model into a folder.
+    pub(super) write: WriteModel<'a>,
 }
 
-/// Edits a run; returns the ids of the objects that are there afterwards.
+/// Writes an edited model into a folder; returns its files and the changes, line by line.
+pub(super) type WriteModel<'a> =
+    Box<dyn FnOnce(&Path) -> Result<(Vec<String>, Vec<String>), ReconstructError> + 'a>;
+
+/// Applies edits to the objects of a run and checks the outcome; nothing is written.
 ///
 /// # Errors
-/// When the run has no objects, an edit is of an object that is not there or by what is no number, it sends
-/// an object to when no view of the run is, or a file cannot be written.
-pub fn edit(request: &EditRequest, progress: &dyn Progress) -> Result<Vec<u32>, ReconstructError> {
-    let record_path = request.run.join(RUN_FILE);
-    let mut run: RunRecord = store::read_record(&record_path)?;
-    let objects_path = request.run.join(OBJECTS_FILE);
+/// When the run has no objects, an edit is of an object that is not there or by a value that is not a number, or it
+/// sends an object to when no view of the run is.
+pub(super) fn check<'a>(
+    run_folder: &'a Path,
+    run: &RunRecord,
+    edits: &'a [ObjectEdit],
+) -> Result<CheckedEdit<'a>, ReconstructError> {
+    let objects_path = run_folder.join(OBJECTS_FILE);
     if !objects_path.is_file() {
         let reason = "has no objects that could be edited: it is no run of an object graph";
-        return Err(ReconstructError::scene(&request.run, reason));
+        return Err(ReconstructError::scene(run_folder, reason));
     }
-    let (mut record, mut table) = objects::read_parts(&request.run)?;
-    for edit in &request.edits {
+    let (mut record, mut table) = objects::read_parts(run_folder)?;
+    for edit in edits {
         apply(edit, &mut record, &mut table)
             .and_then(|()| stays_in_clip(edit, &record, run.clip_seconds))
             .map_err(|reason| ReconstructError::scene(&objects_path, reason))?;
     }
-    for warning in out_of_view(&record, run.views.as_ref()) {
-        progress.note(&format!("{}: {warning}", objects_path.display()));
-        run.warnings.push(warning);
-    }
-    let run = run.edited(request.edits.iter().map(Edit::words), NOVEL_FOLDER);
-    let begun = Instant::now();
-    store::create_folder(&request.out)?;
-    let _lock = FolderLock::take(&request.out, progress)?;
-    let stage = StagePlan::new(&request.out, "edit");
-    let files = [
-        RUN_FILE,
-        GAUSSIANS_FILE,
-        OBJECTS_FILE,
-        OBJECT_GAUSSIANS_FILE,
-    ];
-    stage.claim(files)?;
-    copy(
-        &request.run.join(GAUSSIANS_FILE),
-        &request.out.join(GAUSSIANS_FILE),
-    )?;
-    objects::write_table(&request.out, &table)?;
-    store::write_record(&request.out.join(OBJECTS_FILE), &record)?;
-    store::write_record(&request.out.join(RUN_FILE), &run)?;
-    stage.finish(files, begun.elapsed().as_secs_f64())?;
-    Ok(record.objects.iter().map(|object| object.id).collect())
+    let warnings = out_of_view(&record, run.views.as_ref());
+    let files = vec![GAUSSIANS_FILE, OBJECTS_FILE, OBJECT_GAUSSIANS_FILE];
+    let written = files.iter().map(|&file| file.to_owned()).collect();
+    let write: WriteModel<'a> = Box::new(move |out| {
+        copy(&run_folder.join(GAUSSIANS_FILE), &out.join(GAUSSIANS_FILE))?;
+        objects::write_table(out, &table)?;
+        store::write_record(&out.join(OBJECTS_FILE), &record)?;
+        Ok((written, edits.iter().map(ObjectEdit::words).collect()))
+    });
+    Ok(CheckedEdit {
+        files,
+        warnings,
+        write,
+    })
 }
 
 fn copy(from: &Path, to: &Path) -> Result<(), StoreError> {
@@ -120,7 +104,11 @@ fn copy(from: &Path, to: &Path) -> Result<(), StoreError> {
     store::write_bytes(to, &bytes)
 }
 
-fn apply(edit: &Edit, record: &mut Objects, table: &mut ParameterTable) -> Result<(), String> {
+fn apply(
+    edit: &ObjectEdit,
+    record: &mut Objects,
+    table: &mut ParameterTable,
+) -> Result<(), String> {
     let at = record
         .objects
         .iter()
@@ -142,7 +130,7 @@ fn apply(edit: &Edit, record: &mut Objects, table: &mut ParameterTable) -> Resul
     let on_ground = |x: f64, y: f64| axes.x_axis * x + axes.y_axis * y;
     let numbers = table.position(OBJECT_NUMBERS).unwrap_or_default();
     match *edit {
-        Edit::Remove(_) => {
+        ObjectEdit::Remove(_) => {
             let keep: Vec<bool> = table.arrays[numbers]
                 .values
                 .iter()
@@ -156,11 +144,11 @@ fn apply(edit: &Edit, record: &mut Objects, table: &mut ParameterTable) -> Resul
             }
             record.objects.remove(at);
         }
-        Edit::Move(_, [x, y, turn]) => {
+        ObjectEdit::Move(_, [x, y, turn]) => {
             let object = &mut record.objects[at];
             object.path = object.path.clone().moved(on_ground(x, y), turn, up);
         }
-        Edit::Copy(_, [x, y]) => {
+        ObjectEdit::Copy(_, [x, y]) => {
             let id = record
                 .objects
                 .iter()
@@ -183,7 +171,7 @@ fn apply(edit: &Edit, record: &mut Objects, table: &mut ParameterTable) -> Resul
             table.arrays[numbers].values[first..].fill(record.objects.len() as f32);
             record.objects.push(copied);
         }
-        Edit::Delay(_, seconds) => {
+        ObjectEdit::Delay(_, seconds) => {
             let object = &mut record.objects[at];
             object.path = object.path.clone().delayed(seconds);
         }
@@ -197,11 +185,11 @@ fn apply(edit: &Edit, record: &mut Objects, table: &mut ParameterTable) -> Resul
 /// Refuses to send an object to when there is no view of the run; runs of older versions do not say when their
 /// views are.
 fn stays_in_clip(
-    edit: &Edit,
+    edit: &ObjectEdit,
     record: &Objects,
     clip_seconds: Option<[f64; 2]>,
 ) -> Result<(), String> {
-    let (Edit::Delay(id, _), Some([first, last])) = (edit, clip_seconds) else {
+    let (ObjectEdit::Delay(id, _), Some([first, last])) = (edit, clip_seconds) else {
         return Ok(());
     };
     let edited = record.objects.iter().find(|object| object.id == *id);
@@ -271,10 +259,10 @@ mod tests {
     #[test]
     fn an_edit_of_an_unknown_object_is_refused() {
         for edit in [
-            Edit::Remove(4),
-            Edit::Move(4, [1.0, 0.0, 0.0]),
-            Edit::Copy(4, [1.0, 0.0]),
-            Edit::Delay(4, 1.0),
+            ObjectEdit::Remove(4),
+            ObjectEdit::Move(4, [1.0, 0.0, 0.0]),
+            ObjectEdit::Copy(4, [1.0, 0.0]),
+            ObjectEdit::Delay(4, 1.0),
         ] {
             let (mut changed, mut table) = (record(), ParameterTable::default());
             let refusal = apply(&edit, &mut changed, &mut table);
@@ -287,7 +275,7 @@ mod tests {
     fn an_object_that_is_sent_out_of_the_clip_is_never_in_view() {
         let delayed = |seconds: f64, clip: Option<[f64; 2]>| {
             let (mut record, mut table) = (record(), ParameterTable::default());
-            let edit = Edit::Delay(3, seconds);
+            let edit = ObjectEdit::Delay(3, seconds);
             apply(&edit, &mut record, &mut table).and_then(|()| stays_in_clip(&edit, &record, clip))
         };
         let clip = Some([0.0, 10.0]);
@@ -320,7 +308,12 @@ mod tests {
         };
         let told = |east: f64, views: Option<&Poses>| {
             let (mut record, mut table) = (record(), ParameterTable::default());
-            apply(&Edit::Move(3, [east, 0.0, 0.0]), &mut record, &mut table).expect("moved");
+            apply(
+                &ObjectEdit::Move(3, [east, 0.0, 0.0]),
+                &mut record,
+                &mut table,
+            )
+            .expect("moved");
             out_of_view(&record, views)
         };
         assert!(told(5.0, Some(&views)).is_empty());
