@@ -161,9 +161,10 @@ impl RunFacts {
             protocol_hash: run.protocol_hash,
             // What a run took that did not end well is the time of nothing.
             training_seconds: wall_seconds(PhaseName::Train).filter(|_| run.failure.is_none()),
-            training: match run.failure {
-                Some(_) => None,
-                None if wall_seconds(PhaseName::Train).is_some() => Some(TrainingKind::PerScene),
+            // A run that failed may not have come to its training.
+            training: match wall_seconds(PhaseName::Train) {
+                Some(_) => Some(TrainingKind::PerScene),
+                None if run.failure.is_some() => None,
                 None => Some(TrainingKind::WithoutTraining),
             },
             primitives: None,

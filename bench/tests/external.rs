@@ -149,11 +149,8 @@ novel = "{work}/{frame}.png"
     let result = score(&stand.score_request(), &Silent).unwrap();
     assert_eq!(result.failures.len(), stand.bench.split.novel_views.len());
     assert!(result.novel_views.is_empty());
-    assert!(
-        result
-            .warnings
-            .contains(&format!("the run failed: {failure}"))
-    );
+    assert_eq!(result.run_failure.as_deref(), Some(failure));
+    assert_eq!(result.training_seconds, None);
 
     let mended = fs::read_to_string(&stand.request.manifest)
         .unwrap()

@@ -7,7 +7,7 @@ mod scoring;
 
 use std::fs;
 
-use omnilife_schemas::npy;
+use omnilife_schemas::{npy, records::ResultRecord};
 use scenes::{HEIGHT, WIDTH};
 use scoring::{Bench, image};
 
@@ -164,6 +164,13 @@ fn arrays_of_values_score_as_the_image_that_they_round_to() {
     }
     let as_arrays = bench.score().unwrap();
     assert_eq!(as_arrays.failures, []);
+    // The files are others, the scores are the same.
+    let predictions = as_images.predictions.clone();
+    assert_ne!(as_arrays.predictions, predictions);
+    let as_arrays = ResultRecord {
+        predictions,
+        ..as_arrays
+    };
     assert_eq!(as_arrays, as_images);
 }
 
@@ -221,4 +228,15 @@ fn a_folder_that_is_not_there_is_no_folder_of_failures() {
         refusal.ends_with("novel: is not a folder of predictions"),
         "{refusal}"
     );
+}
+
+/// A table cannot tell such a method from the next one.
+#[test]
+fn a_method_without_a_name_is_not_scored() {
+    for name in ["", " ", "\t"] {
+        let mut bench = Bench::new();
+        bench.request.method = name.to_owned();
+        assert!(bench.score().is_err(), "{name:?}");
+        assert!(!bench.at("out").exists());
+    }
 }

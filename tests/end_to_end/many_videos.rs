@@ -148,7 +148,8 @@ fn all_bad_ones_are_named() {
     fs::write(videos.join("a.mp4"), []).unwrap();
     fs::write(videos.join("b.mp4"), "no video").unwrap();
     let out = folder.path().join("out");
-    let ended = run_all(&videos, &out, Path::new("/nonexistent"));
+    let python = known_poses_as_structure_from_motion(folder.path());
+    let ended = run_all(&videos, &out, &python);
     let message = ended.failed_quietly(2);
     assert!(message.starts_with("2 of 2 "), "{message}");
     assert!(message.contains("a.mp4: is empty"), "{message}");

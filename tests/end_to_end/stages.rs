@@ -214,8 +214,8 @@ fn a_missing_prediction_is_a_row_of_the_result() {
     let ended = stage(
         "bench score --scene @ --split @ --novel-views @ --out @ --method perfect",
         &[&scene, &split, &predictions, &score],
-    )
-    .succeeded();
+    );
+    assert_eq!(ended.code, Some(2), "{}", ended.stderr);
     assert!(
         ended
             .stdout

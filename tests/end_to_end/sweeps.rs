@@ -116,8 +116,9 @@ fn methods_scenes_and_seeds_become_one_table() {
         planned.stdout
     );
 
-    // A method that fails is scored as having failed: the unit is done.
-    sweep("run", &work, &["--cores", "2"]).succeeded();
+    // A method that fails is a unit that failed, and a row of failures.
+    let ran = sweep("run", &work, &["--cores", "2"]);
+    assert_eq!(ran.code, Some(2), "{}", ran.stderr);
     sweep("reduce", &work, &[]).succeeded();
     let record = |method: &str, seed: u32| -> ResultRecord {
         let file = format!("street/seq-000/per-scene/{method}/seed-{seed}/score/result.json");
@@ -125,7 +126,10 @@ fn methods_scenes_and_seeds_become_one_table() {
     };
     assert_eq!(record("odgs", 1).seed, Some(1));
     assert!(record("odgs", 0).failures.is_empty());
-    assert_eq!(record("mine", 0).failures.len(), 2);
+    let mine = record("mine", 0);
+    assert!(mine.run_failure.is_some_and(|reason| reason.contains("no GPU")));
+    let novel = mine.failures.iter().filter(|failure| failure.view == "novel");
+    assert_eq!(novel.count(), 2);
     for method in ["sphere-sweep", "nearest-input"] {
         assert!(record(method, 0).failures.is_empty(), "{method}");
     }
@@ -153,12 +157,6 @@ fn methods_scenes_and_seeds_become_one_table() {
     let file = out.join("street/seq-000/per-scene/odgs/seed-0/score/result.json");
     let failed: ResultRecord = store::read_record(&file).unwrap();
     assert_eq!(failed.failures.len(), 10);
-    assert!(
-        failed
-            .warnings
-            .iter()
-            .any(|line| line.contains("ended at its time limit")),
-        "{:?}",
-        failed.warnings
-    );
+    let reason = failed.run_failure.unwrap();
+    assert!(reason.contains("ended at its time limit"), "{reason}");
 }

@@ -61,6 +61,10 @@ pub use job::{DEFAULT_MEMORY_BYTES, Predictions, ScoreRequest};
 /// predictions is not there, the output folder holds the result of another method, scene or
 /// protocol, or files that scoring has not made, or a file cannot be written.
 pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRecord, BenchError> {
+    if request.method.trim().is_empty() {
+        let reason = "the method must have a name, for the tables".to_owned();
+        return Err(BenchError::Statement { reason });
+    }
     let job = ScoringJob::prepare(request)?;
     let result_file = request.out.join(RESULT_FILE);
     refuse_another_result(&job, &result_file)?;

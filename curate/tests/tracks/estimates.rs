@@ -146,8 +146,8 @@ fn estimates_that_are_missing_are_told_before_anything_is_detected() {
     let scene = write_scene(&temp.path().join("scene"));
     for distance in ["monocular", "monocular-scale"] {
         let mut request = request(temp.path(), &boxes(&scene));
-        // Found out before the boxes, which are not there.
-        request.detections = None;
+        // Found out before the boxes, which are none.
+        fs::write(request.detections.as_ref().unwrap(), "no boxes").unwrap();
         request.distance = distance.to_owned();
         let error = make_tracks(&request, &Silent).unwrap_err();
         assert_eq!(error.error_kind(), ErrorKind::User);

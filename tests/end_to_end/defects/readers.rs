@@ -276,7 +276,7 @@ pub(super) const DEFECTS: &[Defect] = &[
                 "bench", "external", &method, "--scene", "SCENE", "--split", "SPLIT", "--out",
                 "d15",
             ];
-            attempt.ends(&words, &[0]);
+            attempt.ends(&words, &[2]);
             attempt.expect(processes_with(&seconds) == 0, "what it started lives on");
             let dataset = attempt.hostile.copy_of("", "captioned");
             for (name, script) in [("slow", "sleep 25 & wait"), ("loud", "yes")] {
