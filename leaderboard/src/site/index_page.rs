@@ -7,13 +7,13 @@ use maud::{Markup, html};
 
 use super::{
     SceneViews, SiteRequest, html_table, layout, layout::Place, method_cards, panorama, protocol,
-    run_time, scene_cards, standings,
+    run_time, scene_cards, scene_page, standings,
 };
 use crate::{
     error::LeaderboardError,
     format,
     group::Group,
-    layouts::{LAYOUTS, main_methods, order_in_words, ranked_by, standings},
+    layouts::{LAYOUTS, main_methods, order_in_words, ranked_by, remarks_of, standings},
     tables::CSV_FILE,
 };
 
@@ -123,6 +123,7 @@ fn section(
     Ok(html! {
         section #(id) {
             h2 { (title(group)) }
+            (scene_page::warning_box(&remarks_of(group)))
             @if let Some(table) = first {
                 p { "Methods of a class " (order_in_words(group)) "." }
                 (table)
