@@ -85,7 +85,11 @@ fn a_method_that_fails_is_a_row_and_the_others_go_on() {
     assert_eq!(ended.code, Some(2), "{}", ended.stderr);
     assert!(ended.stdout.contains("nearest-input"));
     let outcomes = fs::read_to_string(out.join("outcomes.csv")).unwrap();
-    assert_eq!(outcomes.matches("copier,0,failed,").count(), 2, "{outcomes}");
+    assert_eq!(
+        outcomes.matches("copier,0,failed,").count(),
+        2,
+        "{outcomes}"
+    );
     let results = scores(&out);
     let failed = results
         .iter()

@@ -33,6 +33,7 @@ mod ledger;
 mod main_job;
 #[cfg(unix)]
 mod many_videos;
+mod masks;
 #[cfg(unix)]
 mod media;
 mod object_graph;

@@ -127,8 +127,14 @@ fn methods_scenes_and_seeds_become_one_table() {
     assert_eq!(record("odgs", 1).seed, Some(1));
     assert!(record("odgs", 0).failures.is_empty());
     let mine = record("mine", 0);
-    assert!(mine.run_failure.is_some_and(|reason| reason.contains("no GPU")));
-    let novel = mine.failures.iter().filter(|failure| failure.view == "novel");
+    assert!(
+        mine.run_failure
+            .is_some_and(|reason| reason.contains("no GPU"))
+    );
+    let novel = mine
+        .failures
+        .iter()
+        .filter(|failure| failure.view == "novel");
     assert_eq!(novel.count(), 2);
     for method in ["sphere-sweep", "nearest-input"] {
         assert!(record(method, 0).failures.is_empty(), "{method}");

@@ -49,10 +49,7 @@ const ELSEWHERE: &[(&str, &str)] = &[
         "curate dense",
         "takes scenes of pinholes: the tests of dense stereo",
     ),
-    (
-        "reconstruct prepare",
-        "is curate dense and curate tracks",
-    ),
+    ("reconstruct prepare", "is curate dense and curate tracks"),
     (
         "sweep plan commands",
         "writes as the other plans do; makes the sweep that is run",

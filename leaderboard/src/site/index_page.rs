@@ -107,7 +107,7 @@ fn section(
     group: &Group<'_>,
     id: &str,
 ) -> Result<Markup, LeaderboardError> {
-    let first = standings::render(group, request.papers, &format!("{id}-methods"));
+    let first = standings::render(request, group, &format!("{id}-methods"));
     let shown = first.is_some();
     let layouts = LAYOUTS
         .iter()

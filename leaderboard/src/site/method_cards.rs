@@ -5,8 +5,6 @@ use std::collections::BTreeMap;
 use maud::{Markup, html};
 use omnilife_schemas::records::{MethodCard, Verification};
 
-use crate::format;
-
 /// What was scored again, by method.
 type Verifications = BTreeMap<String, Verification>;
 
@@ -26,7 +24,9 @@ pub(super) fn block(card: &MethodCard, verification: Option<&Verification>, open
     html! {
         details.card open[open] {
             summary { (card.method) ": " (card.title) }
-            @if let Some(verification) = verification { p { (badge(verification)) } }
+            @if let Some(verification) = verification {
+                p { span.badge { (verification.in_words()) } }
+            }
             dl {
                 dt { "Authors" }
                 dd { (card.authors.join(", ")) }
@@ -41,20 +41,6 @@ pub(super) fn block(card: &MethodCard, verification: Option<&Verification>, open
                     dd { (notes) }
                 }
             }
-        }
-    }
-}
-
-/// What was scored again by others than the authors, and when.
-pub(super) fn badge(verification: &Verification) -> Markup {
-    let (again, results) = (verification.scored_again, verification.results);
-    html! {
-        @if again > 0 {
-            span.badge { "verified" } " "
-            (again) " of " (format::counted(results as usize, "result"))
-            " scored again on " time { (verification.date_utc) } ", with the same scores"
-        } @else {
-            "taken in on " time { (verification.date_utc) } "; no result was scored again"
         }
     }
 }

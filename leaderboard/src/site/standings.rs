@@ -3,8 +3,10 @@
 use std::collections::BTreeMap;
 
 use maud::Markup;
+use omnilife_schemas::records::Verification;
 
 use super::{
+    SiteRequest,
     html_table::{self, Addition, RowAddition},
     method_page,
 };
@@ -25,17 +27,17 @@ use crate::{
 const FIRST_LPIPS: &str = "lpips-vgg";
 
 /// One method per row, with its page; nothing where no novel views were scored.
-pub(super) fn render(group: &Group<'_>, papers: &[Paper], id: &str) -> Option<Markup> {
+pub(super) fn render(request: &SiteRequest<'_>, group: &Group<'_>, id: &str) -> Option<Markup> {
     let ranked = ranked_by(group)?;
     let methods = standings(group);
     let columns = Columns::of(group);
     let usual = usual_iterations(&methods);
-    let table = table(group, papers, &methods, &columns, ranked, &usual);
+    let table = table(group, request.papers, &methods, &columns, ranked, &usual);
     let of_row = |at: usize| {
         let method = methods[at];
         RowAddition {
             page: Some(method_page::file(method.method)),
-            detail: detail(group, method),
+            detail: detail(group, method, request.verifications.get(method.method)),
             is_ranked: method.complete,
             links: Vec::new(),
         }
@@ -211,13 +213,19 @@ fn table(
 }
 
 /// Returns the budget, and why a method is not ranked.
-fn detail(group: &Group<'_>, method: &MethodRow<'_>) -> Option<String> {
+fn detail(
+    group: &Group<'_>,
+    method: &MethodRow<'_>,
+    verification: Option<&Verification>,
+) -> Option<String> {
     let rows: Vec<_> = group.rows_of(method.method).collect();
     let iterations = crate::class::iterations(method).filter(|&iterations| iterations > 0);
     let budget = iterations.map(|count| format::counted(count as usize, "iteration"));
     let (found, all) = (method.scenes, group.scenes.len());
     let scenes = (found < all).then(|| format!("{found} of {all} scenes"));
-    let parts = [budget, scenes, remarks::why_incomplete(&rows)];
+    let verified = verification.filter(|verification| verification.scored_again > 0);
+    let verified = verified.map(Verification::in_words);
+    let parts = [budget, scenes, verified, remarks::why_incomplete(&rows)];
     let parts: Vec<String> = parts.into_iter().flatten().collect();
     (!parts.is_empty()).then(|| parts.join("; "))
 }

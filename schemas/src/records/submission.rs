@@ -94,6 +94,17 @@ impl Record for Verification {
 }
 
 impl Verification {
+    /// Returns date and share: `verified: 3 of 4 results scored again on 2026-11-25`.
+    pub fn in_words(&self) -> String {
+        let (again, results, date) = (self.scored_again, self.results, &self.date_utc);
+        match again {
+            0 => {
+                format!("not verified: none of {results} results scored again, taken in on {date}")
+            }
+            _ => format!("verified: {again} of {results} results scored again on {date}"),
+        }
+    }
+
     /// Counts the results of another submission of the method as well.
     pub fn add(&mut self, other: &Self) {
         self.results = self.results.saturating_add(other.results);
