@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use omnilife_schemas::rgb::Mask;
+use omnilife_schemas::rgb::{self, Mask};
 
 use crate::{
     error::BenchError,
@@ -20,6 +20,10 @@ pub(crate) struct LoadedView {
     pub(crate) name: String,
     /// Prediction and ground truth, or why the prediction cannot be scored.
     pub(crate) pair: Result<ViewPair, String>,
+    /// True where a mask marks any of its pixels as no part of the scene.
+    pub(crate) ignores_pixels: bool,
+    /// True where its ground truth shows nothing.
+    pub(crate) is_truth_single_colour: bool,
     dynamic: Option<Mask>,
     classes: BTreeMap<String, Mask>,
     objects: BTreeMap<String, Mask>,
@@ -65,6 +69,8 @@ impl LoadedView {
             name: (job.folder(view.kind))
                 .map_or_else(String::new, |folder| folder.name(view.frame)),
             pair: Err(String::new()),
+            ignores_pixels: ignored.as_ref().is_some_and(Mask::marks_anything),
+            is_truth_single_colour: rgb::is_single_colour(&truth),
             dynamic,
             classes,
             objects,

@@ -7,8 +7,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use image::{ColorType, ImageDecoder, codecs::png::PngDecoder, metadata::Orientation};
+use image::{ColorType, ImageDecoder, codecs::png::PngDecoder};
 use omnilife_schemas::{
+    image_file::{self, NotPlain},
     npy,
     store::{self, StoreError},
 };
@@ -222,7 +223,7 @@ fn decode(bytes: &[u8], width: u32, height: u32) -> Result<Vec<u8>, String> {
         let text = error.to_string();
         format!("is not a usable PNG: {}", text.lines().next().unwrap_or(""))
     };
-    let mut decoder = PngDecoder::new(Cursor::new(bytes)).map_err(undecodable)?;
+    let decoder = PngDecoder::new(Cursor::new(bytes)).map_err(undecodable)?;
     // Checked before decoding: a wrong header must not make us allocate its size.
     let (found_width, found_height) = decoder.dimensions();
     if (found_width, found_height) != (width, height) {
@@ -234,20 +235,8 @@ fn decode(bytes: &[u8], width: u32, height: u32) -> Result<Vec<u8>, String> {
     if !matches!(colour, ColorType::Rgb8 | ColorType::Rgba8) {
         return Err(format!("is {colour:?}, expected 8-bit RGB"));
     }
-    // Some viewers would turn it and some would not: what the method meant is not for us to say.
-    if decoder.orientation().map_err(undecodable)? != Orientation::NoTransforms {
-        return Err("asks by its EXIF orientation to be turned or mirrored".to_owned());
-    }
-    let mut pixels = vec![0; decoder.total_bytes() as usize];
-    decoder.read_image(&mut pixels).map_err(undecodable)?;
-    if colour == ColorType::Rgb8 {
-        return Ok(pixels);
-    }
-    if pixels.chunks_exact(4).any(|pixel| pixel[3] != 255) {
-        return Err("is transparent in places, expected 8-bit RGB".to_owned());
-    }
-    Ok(pixels
-        .chunks_exact(4)
-        .flat_map(|pixel| [pixel[0], pixel[1], pixel[2]])
-        .collect())
+    image_file::plain_rgb8(decoder).map_err(|error| match error {
+        NotPlain::Damaged(error) => undecodable(error),
+        NotPlain::Turned | NotPlain::Transparent => error.to_string(),
+    })
 }

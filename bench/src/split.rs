@@ -3,12 +3,16 @@
 use std::path::Path;
 
 use omnilife_schemas::{
+    image_file::ImageFile,
     records::{Protocol, Scene, Split},
+    rgb,
     split_rules::{self, SplitError},
     store::{self, StoreError},
 };
 
-use crate::{error::BenchError, protocols};
+use rayon::prelude::*;
+
+use crate::{error::BenchError, protocols, truth};
 
 /// Splits of all versions are of such a schema.
 const ANY_SPLIT: &str = "omnilife/split/";
@@ -57,6 +61,39 @@ pub fn split_scene(scene: &Path, protocol_id: &str, out: &Path) -> Result<Split,
     }
     store::write_record(out, &split)?;
     Ok(split)
+}
+
+/// Looks at the images of a split's frames. Returns a line on those of a single colour, which show nothing, and
+/// one on those that cannot be trained on or scored.
+///
+/// # Errors
+/// When the `scene.json` cannot be read.
+pub fn frames_without_content(scene: &Path, split: &Split) -> Result<Vec<String>, BenchError> {
+    let record: Scene = store::read_record(scene)?;
+    let frames = [split.input_views.as_slice(), &split.novel_views].concat();
+    let seen: Vec<(u32, Result<bool, StoreError>)> = frames
+        .par_iter()
+        .filter_map(|&frame| {
+            let file = scene.with_file_name(&record.frames.get(frame as usize)?.image);
+            let rgb = ImageFile::open(&file).and_then(ImageFile::decode_plain);
+            Some((frame, rgb.map(|rgb| rgb::is_single_colour(&rgb))))
+        })
+        .collect();
+    let single = seen.iter().filter(|(_, seen)| matches!(seen, Ok(true)));
+    let unusable: Vec<&StoreError> = seen
+        .iter()
+        .filter_map(|(_, seen)| seen.as_ref().err())
+        .collect();
+    let mut lines = Vec::new();
+    lines.extend(truth::without_content(single.map(|(frame, _)| *frame)));
+    lines.extend(unusable.first().map(|first| {
+        format!(
+            "{} of {} images are not usable; the first: {first}",
+            unusable.len(),
+            frames.len()
+        )
+    }));
+    Ok(lines)
 }
 
 /// Checks that a split is the one that this program makes of a scene, by rules that it can score.

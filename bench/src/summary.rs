@@ -62,7 +62,12 @@ pub(crate) fn result_record(job: &ScoringJob, outcomes: &[ViewOutcome]) -> Resul
             .map(|run| run.stages.clone())
             .unwrap_or_default(),
         peak_memory_bytes: job.run.as_ref().and_then(|run| run.peak_memory_bytes),
-        warnings: [job.warnings(), identical_views(outcomes)].concat(),
+        warnings: [
+            job.warnings(),
+            ignoring_views(outcomes),
+            identical_views(outcomes),
+        ]
+        .concat(),
         versions: versions(job),
         run_versions: (job.run.as_ref())
             .map(|run| run.versions.clone())
@@ -133,6 +138,21 @@ pub(crate) fn summary(
         undefined_views: (values.len() - defined.len()) as u32,
         direction: metric.direction,
     })
+}
+
+/// By what the masks mark: one that is empty leaves every pixel to the scores.
+fn ignoring_views(outcomes: &[ViewOutcome]) -> Vec<String> {
+    let count = outcomes
+        .iter()
+        .filter(|outcome| outcome.ignores_pixels)
+        .count();
+    if count == 0 {
+        return Vec::new();
+    }
+    vec![format!(
+        "{count} of {} scored views have pixels that are no part of the scene; no score counts them",
+        outcomes.len()
+    )]
 }
 
 /// Equal images have no error, so their PSNR is infinite; they count with the best value that the

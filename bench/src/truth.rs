@@ -5,6 +5,9 @@ use std::path::Path;
 use omnilife_schemas::{
     RgbImage,
     image_file::ImageFile,
+    mask_file::MarkedGreys,
+    mask_survey::MaskSurvey,
+    plain_text,
     records::DepthImage,
     rgb::{self, Mask},
     store::StoreError,
@@ -13,14 +16,14 @@ use omnilife_schemas::{
 use crate::{
     error::BenchError,
     metrics::{Need, ViewPair},
-    scoring::job::ScoringJob,
+    scoring::job::{ScoringJob, View},
 };
 
 /// Bytes of a frame's ground truth at the scored size, resized by area averaging where the
 /// protocol asks for it and rounded to 8 bits, as predictions are.
 ///
 /// # Errors
-/// When the image is unusable or not of the size that the scene states.
+/// When the image is unusable, transparent in places, to be turned or not of the size that the scene states.
 pub(crate) fn read(job: &ScoringJob, frame: u32) -> Result<Vec<u8>, BenchError> {
     let file = job.scene_file(&job.scene.frames[frame as usize].image);
     let image = ImageFile::open(&file)?;
@@ -84,6 +87,42 @@ pub(crate) fn read_ignore_mask(job: &ScoringJob, frame: u32) -> Result<Option<Ma
         return Err(StoreError::malformed(&file, reason).into());
     }
     Ok(Some(mask))
+}
+
+/// Lines on what was assumed of the masks that scores of these views use, and where what is ignored looks inverted.
+///
+/// # Errors
+/// When a mask cannot be read.
+pub(crate) fn mask_notes(job: &ScoringJob, views: &[View]) -> Result<Vec<String>, BenchError> {
+    let mut survey = MaskSurvey::default();
+    let camera = &job.scene.camera;
+    for view in views {
+        let frame = &job.scene.frames[view.frame as usize];
+        let moving = frame.mask.iter().filter(|_| job.needs(Need::DynamicMask));
+        let classes = frame.classes.iter();
+        let classes = classes.filter(|(class, _)| job.needs_class(class));
+        let objects = frame.objects.values();
+        let objects = objects.filter(|_| job.needs(Need::ObjectMasks));
+        for name in moving.chain(classes.map(|(_, name)| name)).chain(objects) {
+            survey.add(&job.scene_file(name), camera, MarkedGreys::AboveHalf)?;
+        }
+        if let Some(name) = &frame.ignore_mask {
+            survey.add_ignored(&job.scene_file(name), camera)?;
+        }
+    }
+    Ok(survey.notes())
+}
+
+/// A line on frames whose ground truth is of a single colour; `None` of none.
+pub(crate) fn without_content(frames: impl Iterator<Item = u32>) -> Option<String> {
+    let frames: Vec<String> = frames.map(|frame| frame.to_string()).collect();
+    (!frames.is_empty()).then(|| {
+        format!(
+            "{} ground-truth images are of a single colour and show nothing: frames {}",
+            frames.len(),
+            plain_text::first_of(&frames)
+        )
+    })
 }
 
 /// The pair of a prediction (8-bit RGB) and the ground truth of a frame, without what no score counts.

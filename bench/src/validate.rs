@@ -14,6 +14,7 @@ use crate::{
     scoring::job::{ScoringJob, View},
     scoring::{DEFAULT_MEMORY_BYTES, MetricChoice, Predictions, ScoreRequest},
     statement::Statement,
+    truth,
 };
 
 /// What a check found.
@@ -35,7 +36,8 @@ pub struct Finding {
 }
 
 /// Checks predictions as scoring will read them, and for what scoring would not notice: images
-/// that are black, that are the same for several frames, or that are the ground truth.
+/// that are black, that are the same for several frames, or that are the ground truth. Notes tell of the scene
+/// what is odd of its masks, and which of its images show nothing.
 ///
 /// # Errors
 /// Those of [`score`](crate::score()), apart from the output folder.
@@ -74,6 +76,14 @@ pub fn validate(
         .collect();
     progress.end();
     let checked = checked.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let without_content = checked.iter().filter(|one| one.is_truth_single_colour);
+    let without_content = truth::without_content(without_content.map(|one| one.view.frame));
+    for line in truth::mask_notes(&job, &views)?
+        .into_iter()
+        .chain(without_content)
+    {
+        progress.note(&format!("{}: {line}", job.scene.id));
+    }
     let mut findings: Vec<Finding> = checked
         .iter()
         .filter_map(|checked| {
@@ -98,6 +108,7 @@ struct Checked {
     /// Name of its prediction.
     name: String,
     problem: Option<String>,
+    is_truth_single_colour: bool,
     /// SHA-256 of the pixels of prediction and ground truth.
     pixels: Option<[String; 2]>,
 }
@@ -124,6 +135,7 @@ impl Checked {
             view: loaded.view,
             name: loaded.name.clone(),
             problem,
+            is_truth_single_colour: loaded.is_truth_single_colour,
             pixels,
         }
     }

@@ -3,16 +3,26 @@
 //! A file of some kilobytes can state any number of pixels. Whoever knows what size an image should
 //! have looks at [`ImageFile::size`] first; what nobody knows the size of is bounded by
 //! [`MOST_PIXELS`].
+//!
+//! Scene images and predictions are read by one rule, [`plain_rgb8`]: what programs show in different
+//! ways, images that are transparent or ask to be turned, is refused. An import reads such files as
+//! viewers show them, [`ImageFile::decode_shown`], and writes plain ones.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
 )]
 
-use std::{fs::File, io::BufReader, path::Path};
+use std::{
+    fs::File,
+    io::{BufRead, BufReader},
+    path::Path,
+};
 
-use image::{DynamicImage, ImageDecoder, ImageReader};
+use image::{
+    DynamicImage, ImageDecoder, ImageError, ImageReader, LumaA, Rgba, metadata::Orientation,
+};
 
-use crate::{error_kind, store::StoreError};
+use crate::{error_kind, rgb::Mask, store::StoreError};
 
 /// Pixels of an image at most: those of a panorama of 16384 x 8192.
 pub const MOST_PIXELS: u64 = 1 << 27;
@@ -22,6 +32,78 @@ pub struct ImageFile<'a> {
     path: &'a Path,
     decoder: Box<dyn ImageDecoder + 'a>,
     size: [usize; 2],
+    format: FileFormat,
+}
+
+/// Meaning of the values in a file's pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum FileFormat {
+    /// Values that the file keeps nearly.
+    Jpeg,
+    /// Indices of a palette.
+    PalettePng,
+    /// Values that the file keeps exactly.
+    Png,
+}
+
+impl FileFormat {
+    /// From the beginning of a file, which is taken for PNG where it is no JPEG.
+    fn of(beginning: &[u8]) -> Self {
+        // The header chunk comes first and has the colour type in its tenth byte.
+        const COLOUR_TYPE: usize = 25;
+        const INDEXED: u8 = 3;
+        if beginning.starts_with(&[0xff, 0xd8, 0xff]) {
+            Self::Jpeg
+        } else if beginning.starts_with(b"\x89PNG") && beginning.get(COLOUR_TYPE) == Some(&INDEXED)
+        {
+            Self::PalettePng
+        } else {
+            Self::Png
+        }
+    }
+}
+
+/// An image that is not the same to every program.
+#[derive(Debug, thiserror::Error)]
+pub enum NotPlain {
+    /// It cannot be decoded.
+    #[error("not a usable image: {0}")]
+    Damaged(ImageError),
+    /// Some viewers would turn it and some would not.
+    #[error("asks by its EXIF orientation to be turned or mirrored")]
+    Turned,
+    /// Some viewers would show a background and some what is stored.
+    #[error("is transparent in places, expected opaque pixels")]
+    Transparent,
+}
+
+/// Decodes 8-bit interleaved RGB that every program sees alike. Grey becomes RGB, 16 bits are rounded to
+/// 8, and an alpha channel is left out where every pixel is opaque.
+///
+/// # Errors
+/// When it is damaged, transparent anywhere, or asks to be turned or mirrored.
+pub fn plain_rgb8(mut decoder: impl ImageDecoder) -> Result<Vec<u8>, NotPlain> {
+    if decoder.orientation().map_err(NotPlain::Damaged)? != Orientation::NoTransforms {
+        return Err(NotPlain::Turned);
+    }
+    let image = DynamicImage::from_decoder(decoder).map_err(NotPlain::Damaged)?;
+    if transparent_pixels(&image).is_some() {
+        return Err(NotPlain::Transparent);
+    }
+    Ok(image.into_rgb8().into_raw())
+}
+
+/// An image as viewers show it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ShownImage {
+    /// Width and height in pixels, turned as its EXIF data ask.
+    pub size: [usize; 2],
+    /// `height * width * 3` values, 8-bit interleaved RGB; black where it is not opaque.
+    pub rgb: Vec<u8>,
+    /// Marks every pixel that is not opaque; `None` where all are.
+    pub transparent: Option<Mask>,
+    /// True where its EXIF data ask for it to be turned or mirrored.
+    pub is_turned: bool,
 }
 
 impl<'a> ImageFile<'a> {
@@ -31,10 +113,12 @@ impl<'a> ImageFile<'a> {
     /// When the file is missing, is no image, or states no pixels or more than [`MOST_PIXELS`].
     pub fn open(path: &'a Path) -> Result<Self, StoreError> {
         error_kind::reading(path);
-        let file = File::open(path).map_err(|source| StoreError::read(path, source))?;
-        let reader = ImageReader::new(BufReader::new(file))
+        let failed = |source| StoreError::read(path, source);
+        let mut file = BufReader::new(File::open(path).map_err(failed)?);
+        let format = FileFormat::of(file.fill_buf().map_err(failed)?);
+        let reader = ImageReader::new(file)
             .with_guessed_format()
-            .map_err(|source| StoreError::read(path, source))?;
+            .map_err(failed)?;
         let decoder = reader
             .into_decoder()
             .map_err(|error| unusable(path, &error))?;
@@ -52,12 +136,54 @@ impl<'a> ImageFile<'a> {
             path,
             decoder: Box::new(decoder),
             size: [width as usize, height as usize],
+            format,
         })
     }
 
-    /// Width and height in pixels.
+    /// Width and height in pixels, as they are stored.
     pub fn size(&self) -> [usize; 2] {
         self.size
+    }
+
+    /// Width and height in pixels once it is turned as its EXIF data ask.
+    ///
+    /// # Errors
+    /// When its EXIF data cannot be read.
+    pub fn shown_size(&mut self) -> Result<[usize; 2], StoreError> {
+        let [width, height] = self.size;
+        Ok(match self.orientation()? {
+            Orientation::NoTransforms
+            | Orientation::Rotate180
+            | Orientation::FlipHorizontal
+            | Orientation::FlipVertical => [width, height],
+            Orientation::Rotate90
+            | Orientation::Rotate270
+            | Orientation::Rotate90FlipH
+            | Orientation::Rotate270FlipH => [height, width],
+        })
+    }
+
+    /// True where its EXIF data ask for it to be turned or mirrored.
+    ///
+    /// # Errors
+    /// When its EXIF data cannot be read.
+    pub(crate) fn is_turned(&mut self) -> Result<bool, StoreError> {
+        Ok(self.orientation()? != Orientation::NoTransforms)
+    }
+
+    fn orientation(&mut self) -> Result<Orientation, StoreError> {
+        let orientation = self.decoder.orientation();
+        orientation.map_err(|error| unusable(self.path, &error))
+    }
+
+    /// The file.
+    pub(crate) fn path(&self) -> &'a Path {
+        self.path
+    }
+
+    /// The meaning of its values.
+    pub(crate) fn format(&self) -> FileFormat {
+        self.format
     }
 
     /// Refuses an image that is not `width` x `height` pixels.
@@ -75,12 +201,50 @@ impl<'a> ImageFile<'a> {
         ))
     }
 
-    /// Decodes the pixels.
+    /// Decodes the pixels as they are stored.
     ///
     /// # Errors
     /// When they are damaged.
     pub fn decode(self) -> Result<DynamicImage, StoreError> {
         DynamicImage::from_decoder(self.decoder).map_err(|error| unusable(self.path, &error))
+    }
+
+    /// Decodes 8-bit RGB by [`plain_rgb8`].
+    ///
+    /// # Errors
+    /// Those of [`plain_rgb8`].
+    pub fn decode_plain(self) -> Result<Vec<u8>, StoreError> {
+        plain_rgb8(self.decoder)
+            .map_err(|error| StoreError::malformed(self.path, error.to_string()))
+    }
+
+    /// Decodes the image as viewers show it.
+    ///
+    /// # Errors
+    /// When it is damaged.
+    pub fn decode_shown(mut self) -> Result<ShownImage, StoreError> {
+        let orientation = self.orientation()?;
+        let mut image = self.decode()?;
+        image.apply_orientation(orientation);
+        let [width, height] = [image.width(), image.height()].map(|side| side as usize);
+        let transparent = transparent_pixels(&image).map(|data| Mask {
+            width,
+            height,
+            data,
+        });
+        let mut rgb = image.into_rgb8().into_raw();
+        if let Some(mask) = &transparent {
+            let pixels = rgb.as_chunks_mut::<3>().0.iter_mut().zip(&mask.data);
+            for (pixel, _) in pixels.filter(|(_, mark)| **mark != 0) {
+                *pixel = [0; 3];
+            }
+        }
+        Ok(ShownImage {
+            size: [width, height],
+            rgb,
+            transparent,
+            is_turned: orientation != Orientation::NoTransforms,
+        })
     }
 
     /// Decodes an image of 16-bit grey values, row by row.
@@ -102,6 +266,28 @@ impl<'a> ImageFile<'a> {
     }
 }
 
-fn unusable(path: &Path, error: &image::ImageError) -> StoreError {
+/// 255 for every pixel that is not opaque, 0 for the others; `None` where all are opaque.
+fn transparent_pixels(image: &DynamicImage) -> Option<Vec<u8>> {
+    let mark = |is_opaque: bool| if is_opaque { 0 } else { u8::MAX };
+    let marks: Vec<u8> = match image {
+        DynamicImage::ImageLumaA8(image) => (image.pixels())
+            .map(|&LumaA([_, alpha])| mark(alpha == u8::MAX))
+            .collect(),
+        DynamicImage::ImageLumaA16(image) => (image.pixels())
+            .map(|&LumaA([_, alpha])| mark(alpha == u16::MAX))
+            .collect(),
+        DynamicImage::ImageRgba8(image) => (image.pixels())
+            .map(|&Rgba([_, _, _, alpha])| mark(alpha == u8::MAX))
+            .collect(),
+        DynamicImage::ImageRgba16(image) => (image.pixels())
+            .map(|&Rgba([_, _, _, alpha])| mark(alpha == u16::MAX))
+            .collect(),
+        // Neither PNG nor JPEG files have other kinds of alpha channels.
+        _ => return None,
+    };
+    marks.iter().any(|&mark| mark != 0).then_some(marks)
+}
+
+pub(crate) fn unusable(path: &Path, error: &impl std::fmt::Display) -> StoreError {
     StoreError::malformed(path, format!("not a usable image: {error}"))
 }

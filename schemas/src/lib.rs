@@ -3,7 +3,8 @@
 //! Every other crate of the workspace depends on this one and on no sibling, so whatever two of
 //! them must agree about lives here: [`camera`] (which pixel is which direction), [`pose`],
 //! [`records`] (the JSON files), [`layout`] (their names), [`points`] and [`rgb`] (clouds and images),
-//! [`image_file`] (images of others), [`store`] (how a file reaches the disk), [`ownership`] (whose
+//! [`image_file`] (images of others), [`mask_file`] (masks of others), [`mask_survey`] (their oddities),
+//! [`store`] (how a file reaches the disk), [`ownership`] (whose
 //! a file is), [`lock`] (who writes into a folder), [`split_rules`] (what methods are given), [`npy`] (arrays),
 //! [`frame_scores`] (the scores of every view), [`tracked_regions`] (what moves as far as tracks say),
 //! [`oriented_box`] (boxes as cameras see them), [`stage`] (when work can be skipped), [`statistics`]
@@ -31,6 +32,8 @@ pub mod image_file;
 pub mod interpolation;
 pub mod layout;
 pub mod lock;
+pub mod mask_file;
+pub mod mask_survey;
 pub mod names;
 pub mod npy;
 pub mod oriented_box;

@@ -67,6 +67,16 @@ pub fn serialize_for_spreadsheet<S: Serializer>(
     serializer.serialize_str(&for_spreadsheet(text))
 }
 
+/// Lists the first three names, and how many more there are.
+pub fn first_of(names: &[String]) -> String {
+    const SHOWN: usize = 3;
+    let shown = &names[..names.len().min(SHOWN)];
+    match names.len() - shown.len() {
+        0 => shown.join(", "),
+        others => format!("{} and {others} more", shown.join(", ")),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

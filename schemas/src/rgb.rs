@@ -3,7 +3,9 @@
 use std::path::Path;
 
 use crate::{
+    camera::{Camera, ErpCamera},
     image_file::ImageFile,
+    mask_file::{self, MarkedGreys},
     store::{self, StoreError},
 };
 
@@ -46,11 +48,11 @@ impl RgbImage {
             .collect()
     }
 
-    /// Reads a PNG or JPEG file; grey and alpha images are converted to RGB.
+    /// Reads a PNG or JPEG file by [`plain_rgb8`](crate::image_file::plain_rgb8).
     ///
     /// # Errors
-    /// When the file is missing, larger than [`MOST_PIXELS`](crate::image_file::MOST_PIXELS) or not a
-    /// decodable image.
+    /// When the file is missing, larger than [`MOST_PIXELS`](crate::image_file::MOST_PIXELS), not a
+    /// decodable image, transparent anywhere, or asks by its EXIF data to be turned.
     pub fn read(path: &Path) -> Result<Self, StoreError> {
         Self::decode(ImageFile::open(path)?)
     }
@@ -58,11 +60,10 @@ impl RgbImage {
     /// Decodes an image whose size has been looked at; as [`RgbImage::read`].
     ///
     /// # Errors
-    /// When it is damaged.
+    /// When it is damaged, transparent anywhere, or asks to be turned.
     pub fn decode(file: ImageFile<'_>) -> Result<Self, StoreError> {
         let [width, height] = file.size();
-        let decoded = file.decode()?.into_rgb8();
-        Ok(Self::from_rgb8(width, height, decoded.as_raw()))
+        Ok(Self::from_rgb8(width, height, &file.decode_plain()?))
     }
 
     /// Writes an 8-bit PNG, whole or not at all.
@@ -164,6 +165,12 @@ fn write_png(
     })
 }
 
+/// True where all pixels of 8-bit interleaved RGB are equal: a black frame, or one of a single colour.
+pub fn is_single_colour(rgb: &[u8]) -> bool {
+    let (pixels, _) = rgb.as_chunks::<3>();
+    pixels.iter().all(|pixel| Some(pixel) == pixels.first())
+}
+
 /// For every pixel of an image of the size (width, height) `new`, row by row, the index of the
 /// nearest pixel of one of the size `old`.
 pub fn nearest_pixels(old: [usize; 2], new: [usize; 2]) -> impl Iterator<Item = usize> {
@@ -186,10 +193,11 @@ pub struct Mask {
 }
 
 impl Mask {
-    /// Reads a mask from any readable image: a pixel is marked when its grey value is above 127.
+    /// Reads a mask from any encoding that [`mask_file`](crate::mask_file) knows.
     ///
     /// # Errors
-    /// As [`RgbImage::read`].
+    /// As [`Mask::decode`], and when the file is missing or larger than
+    /// [`MOST_PIXELS`](crate::image_file::MOST_PIXELS).
     pub fn read(path: &Path) -> Result<Self, StoreError> {
         Self::decode(ImageFile::open(path)?)
     }
@@ -197,18 +205,9 @@ impl Mask {
     /// Decodes a mask whose size has been looked at; as [`Mask::read`].
     ///
     /// # Errors
-    /// When it is damaged.
+    /// Those of [`mask_file::decode`](crate::mask_file::decode()).
     pub fn decode(file: ImageFile<'_>) -> Result<Self, StoreError> {
-        let [width, height] = file.size();
-        let mut data = file.decode()?.into_luma8().into_raw();
-        for value in &mut data {
-            *value = if *value > 127 { 255 } else { 0 };
-        }
-        Ok(Self {
-            width,
-            height,
-            data,
-        })
+        Ok(mask_file::decode(file, MarkedGreys::AboveHalf)?.mask)
     }
 
     /// Writes the mask as an 8-bit grey PNG, whole or not at all.
@@ -278,6 +277,31 @@ impl Mask {
             *value &= !other;
         }
         self
+    }
+
+    /// Share of the sphere that it marks, 0 to 1: pixels of ERP images count by their solid angle, those of a
+    /// pinhole alike.
+    pub fn marked_share(&self, camera: &Camera) -> f64 {
+        let erp = ErpCamera {
+            width: self.width as u32,
+            height: self.height as u32,
+        };
+        let (mut marked, mut all) = (0.0, 0.0);
+        for (row, pixels) in self.data.chunks(self.width.max(1)).enumerate() {
+            let weight = match camera {
+                Camera::Erp(_) => erp.pixel_solid_angle(row as u32),
+                Camera::Pinhole(_) => 1.0,
+            };
+            let count = pixels.iter().filter(|&&value| value != 0).count();
+            marked += weight * count as f64;
+            all += weight * pixels.len() as f64;
+        }
+        if all > 0.0 { marked / all } else { 0.0 }
+    }
+
+    /// True where any pixel is marked.
+    pub fn marks_anything(&self) -> bool {
+        self.data.iter().any(|&value| value != 0)
     }
 
     /// Whether every pixel is marked.

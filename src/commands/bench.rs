@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use omnilife_bench::{
     ADAPTERS, BenchError, DEFAULT_MEMORY_BYTES, Diagnosis, ExternalRequest, FailureRequest,
     METRICS, MetricChoice, PROTOCOLS, Predictions, ScoreRequest, Statement, curves, curves_table,
-    diagnose, record_failure, run_external, score, split_scene, tracking::compare_tracks,
-    write_adapter,
+    diagnose, frames_without_content, record_failure, run_external, score, split_scene,
+    tracking::compare_tracks, write_adapter,
 };
 use omnilife_reconstruct::step_cost::{CostRequest, SceneKind};
 use omnilife_schemas::{
@@ -29,6 +29,9 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
         } => {
             let split = split_scene(scene, protocol, out)?;
             note_far_frames(scene, progress)?;
+            for line in frames_without_content(scene, &split)? {
+                progress.note(&format!("{}: {line}", split.scene));
+            }
             exit::print(&format!(
                 "{}: {} input views, {} novel views, {} without a pose; protocol {:.12}\n",
                 split.scene,

@@ -122,6 +122,10 @@ pub(crate) struct ViewOutcome {
     pub(crate) scores: Result<Vec<Result<f64, Undefined>>, String>,
     /// Whether the prediction is the ground truth, byte for byte.
     pub(crate) is_identical: bool,
+    /// True where a mask marks any of its pixels as no part of the scene.
+    pub(crate) ignores_pixels: bool,
+    /// True where the ground truth shows nothing.
+    pub(crate) is_truth_single_colour: bool,
     /// Comparison image relative to the output folder.
     pub(crate) comparison: Option<String>,
 }
@@ -360,15 +364,6 @@ impl ScoringJob {
             warnings.push(format!(
                 "{} incomplete groups of frames are left out",
                 self.split.incomplete.len()
-            ));
-        }
-        let views = self.views();
-        let ignore = |view: &&View| self.scene.frames[view.frame as usize].ignore_mask.is_some();
-        let ignoring = views.iter().filter(ignore).count();
-        if ignoring > 0 {
-            warnings.push(format!(
-                "{ignoring} of {} scored views have pixels that are no part of the scene; no score counts them",
-                views.len()
             ));
         }
         if self.regions.is_some() && self.needs(Need::DynamicMask) {

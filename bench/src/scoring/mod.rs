@@ -34,7 +34,7 @@ use crate::{
     memory,
     metrics::Need,
     scoring::job::{ScoringJob, View, ViewKind, ViewOutcome},
-    side_by_side, summary,
+    side_by_side, summary, truth,
 };
 
 pub use choice::MetricChoice;
@@ -92,6 +92,18 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
     let mut result = summary::result_record(&job, &outcomes);
     result.predictions = Some(scored_files::of_job(&job, &request.out)?);
     job.statement.apply(&mut result);
+    let without_content = outcomes.iter().filter(|one| one.is_truth_single_colour);
+    let without_content = truth::without_content(without_content.map(|one| one.view.frame));
+    for line in truth::mask_notes(&job, &views)?
+        .into_iter()
+        .chain(without_content)
+    {
+        progress.note(&format!("{label}: {line}"));
+        // A run of ours has told of its masks.
+        if !result.warnings.contains(&line) {
+            result.warnings.push(line);
+        }
+    }
     result.warnings.extend(diagnosis::of_job(&job)?.warning());
     let unscored = scored::write_curve(&job, request.memory_bytes, &request.out, progress)?;
     result.warnings.extend(unscored.iter().flatten().cloned());
@@ -213,6 +225,8 @@ fn score_view(
                 view,
                 scores: Err(reason.clone()),
                 is_identical: false,
+                ignores_pixels: loaded.ignores_pixels,
+                is_truth_single_colour: loaded.is_truth_single_colour,
                 comparison: None,
             });
         }
@@ -239,6 +253,8 @@ fn score_view(
         view,
         scores: Ok(scores),
         is_identical: pair.prediction() == pair.truth(),
+        ignores_pixels: loaded.ignores_pixels,
+        is_truth_single_colour: loaded.is_truth_single_colour,
         comparison,
     })
 }

@@ -89,7 +89,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     let first = images.first().ok_or_else(|| {
         CurateError::input(folder, "has no frames: expected images in rgb/ or images/")
     })?;
-    let size = ImageFile::open(first)?.size();
+    let size = ImageFile::open(first)?.shown_size()?;
     let stems: Vec<String> = images.iter().map(|image| stem(image)).collect();
     let objects = object_masks(folder, &stems)?;
     let given = folder.join(POSES_FILE);
@@ -288,8 +288,18 @@ fn grey_frame(
     size: [usize; 2],
 ) -> Result<GreyFrame, CurateError> {
     let [width, height] = size;
-    let rgb = RgbImage::decode(ImageFile::open(image)?.expect_size(size)?)?;
-    let mut open = vec![true; width * height];
+    // As the import writes it.
+    let shown = ImageFile::open(image)?.decode_shown()?;
+    if shown.size != size {
+        let [found_width, found_height] = shown.size;
+        let reason = format!("is {found_width}x{found_height}, others are {width}x{height}");
+        return Err(CurateError::input(image, reason));
+    }
+    let rgb = RgbImage::from_rgb8(width, height, &shown.rgb);
+    let mut open: Vec<bool> = match &shown.transparent {
+        Some(mask) => mask.data.iter().map(|&mark| mark == 0).collect(),
+        None => vec![true; width * height],
+    };
     for masks in objects.values() {
         let Some(file) = masks.get(&stem(image)) else {
             continue;

@@ -162,7 +162,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     let first = frames
         .first()
         .ok_or_else(|| CurateError::input(folder, "has no panoramas"))?;
-    let [width, height] = ImageFile::open(&first.image)?.size();
+    let [width, height] = ImageFile::open(&first.image)?.shown_size()?;
     Ok(ForeignScene {
         camera: FrameCamera::Straight(
             ErpCamera {

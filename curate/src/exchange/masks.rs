@@ -7,6 +7,8 @@ use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
     layout::IGNORE_MASKS_FOLDER,
+    mask_file::MarkedGreys,
+    mask_survey::MaskSurvey,
     rgb::Mask,
     store::{self, StoreError},
 };
@@ -32,6 +34,17 @@ impl ExportFrame {
         }
         Ok(hidden)
     }
+}
+
+/// Tells what was assumed of the masks of a scene.
+pub(super) fn notes(scene: &ExportScene) -> Result<Vec<String>, StoreError> {
+    let mut survey = MaskSurvey::default();
+    for frame in &scene.frames {
+        for file in frame.mask.iter().chain(&frame.ignore_mask) {
+            survey.add(file, &scene.camera, MarkedGreys::AboveHalf)?;
+        }
+    }
+    Ok(survey.notes())
 }
 
 /// Writes the masks of a scene with what moves and what is no part of the scene in black, as tools have it

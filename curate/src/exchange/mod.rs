@@ -7,6 +7,7 @@
 
 pub mod colmap;
 mod cube_faces;
+mod frame_images;
 mod frame_order;
 pub mod frames;
 pub mod hm3d;
@@ -27,6 +28,7 @@ use omnilife_schemas::{
     Pose,
     camera::{Camera, cube::CUBE_FACES},
     layout::SCENE_FILE,
+    mask_file::MarkedGreys,
     ownership::is_inside,
     points::PointCloud,
     progress::Progress,
@@ -180,6 +182,17 @@ pub struct ForeignMask {
     pub black_is_dynamic: bool,
 }
 
+impl ForeignMask {
+    /// Greys that it marks, moving or not. Black is all that tools leave out by masks of what to look at.
+    fn marked_greys(&self) -> MarkedGreys {
+        if self.black_is_dynamic {
+            MarkedGreys::NotBlack
+        } else {
+            MarkedGreys::AboveHalf
+        }
+    }
+}
+
 /// Exports a scene. Frames without a pose are left out, with a note.
 ///
 /// # Errors
@@ -209,6 +222,9 @@ pub fn export(
     let mut scene = collect(request.scene_folder, request.split, progress)?;
     if request.given_only {
         scene.frames.retain(|frame| frame.is_input);
+    }
+    for note in masks::notes(&scene)? {
+        progress.note(&note);
     }
     fill_folder(out, |folder| {
         let scratch = folder.join("faces");

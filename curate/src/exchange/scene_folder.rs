@@ -8,15 +8,21 @@ use std::{
 use omnilife_schemas::{
     image_file::ImageFile,
     layout::{FRAMES_FOLDER, IGNORE_MASKS_FOLDER, POINTS_FILE, SCENE_FILE, SCENE_MASKS_FOLDER},
+    mask_file::{self, MarkedGreys},
+    mask_survey::MaskSurvey,
     records::{PoseSource, Scale, Scene, SceneFrame},
     rgb::Mask,
-    store,
+    store::{self, StoreError},
 };
 
-use super::{ForeignFrame, ForeignScene, format, frame_order, left_out, times};
+use super::{
+    ForeignFrame, ForeignScene, format,
+    frame_images::{FrameImage, UnusualFrames},
+    frame_order, left_out, times,
+};
 use crate::{
     error::CurateError,
-    poses::{frame_camera::write_straight, given, lens::Straightening},
+    poses::{given, lens::Straightening},
 };
 
 /// What to import.
@@ -47,8 +53,10 @@ pub enum MaskMeaning {
 
 /// Imports a scene: `scene.json`, `frames/`, `masks/` and `points.ply`.
 ///
-/// Poses are taken as they are and marked unchecked, the scale as arbitrary. Frames with a lens are straightened.
-/// What was decided and left out is among the problems of the scene's validation, a line each.
+/// Poses are taken as they are and marked unchecked, the scale as arbitrary. Images are copied, but for those with a
+/// lens, which are straightened, those that are transparent in places, which becomes no part of the scene, and those
+/// that are to be turned. What was decided, assumed and left out is among the problems of the scene's validation, a
+/// line each.
 ///
 /// # Errors
 /// [`CurateError::Input`] for an unknown format, missing times, images that are not there or of another size
@@ -111,15 +119,19 @@ fn write(
 ) -> Result<Scene, CurateError> {
     store::create_folder(&out.join(FRAMES_FOLDER))?;
     let mut frames = Vec::new();
+    let (mut unusual, mut masks) = (UnusualFrames::default(), MaskSurvey::default());
+    let camera = source.scene.camera.camera();
     for ((frame, name), time_seconds) in source.scene.frames.iter().zip(names).zip(times) {
-        let image = format!("{FRAMES_FOLDER}/{name}");
-        match &source.straightening {
-            Some(lens) => write_straight(lens, &frame.image, &out.join(&image))?,
-            None => super::copy(&frame.image, &out.join(&image))?,
-        }
+        let image = FrameImage::import(frame, name, source.straightening.as_ref(), out)?;
+        unusual.add(name, &image);
+        look_at_masks(source, frame, &mut masks)?;
         let ignored = ignored(source, frame, request)?;
+        if let Some(mask) = &ignored {
+            masks.add_ignored_share(mask.marked_share(&camera));
+        }
+        let ignored = united(ignored, image.transparent);
         frames.push(SceneFrame {
-            image,
+            image: image.file,
             time_seconds: *time_seconds,
             // Nothing is to be learned from a frame that shows nothing of the scene, or to be scored.
             pose: frame
@@ -151,6 +163,8 @@ fn write(
     let poses: Vec<_> = frames.iter().map(|frame| frame.pose).collect();
     let mut validation = given::unchecked(&poses);
     validation.problems.extend(notes);
+    validation.problems.extend(unusual.notes());
+    validation.problems.extend(masks.notes());
     let scene = Scene {
         id: request.id.to_owned(),
         camera: source.scene.camera.camera(),
@@ -307,7 +321,7 @@ fn expect_shared_times(
 }
 
 fn check_size(scene: &ForeignScene, frame: &ForeignFrame) -> Result<(), CurateError> {
-    let [width, height] = ImageFile::open(&frame.image)?.size();
+    let [width, height] = ImageFile::open(&frame.image)?.shown_size()?;
     let camera = scene.camera.camera();
     if [width, height] == camera.size() {
         return Ok(());
@@ -337,7 +351,7 @@ fn ignored(
         .collect();
     let own = super::masks::ignore_mask_path(&source.scene.root, &name.to_string_lossy());
     if own.is_file() {
-        return Ok(Some(read_mask(source, &own)?));
+        return Ok(Some(read_mask(source, &own, MarkedGreys::AboveHalf)?));
     }
     match request.masks {
         MaskMeaning::Moving => Ok(None),
@@ -345,15 +359,35 @@ fn ignored(
         MaskMeaning::Ignored => {
             let mut all: Option<Mask> = None;
             for file in frame.objects.values() {
-                let mask = read_mask(source, file)?;
-                all = Some(match all {
-                    Some(all) => all.united(&mask),
-                    None => mask,
-                });
+                all = united(all, Some(read_mask(source, file, MarkedGreys::AboveHalf)?));
             }
             Ok(all)
         }
     }
+}
+
+/// Marks what either of two masks does.
+fn united(one: Option<Mask>, other: Option<Mask>) -> Option<Mask> {
+    match (one, other) {
+        (Some(one), Some(other)) => Some(one.united(&other)),
+        (one, other) => one.or(other),
+    }
+}
+
+/// Finds out what is assumed of the masks that a frame comes with.
+fn look_at_masks(
+    source: &Source<'_>,
+    frame: &ForeignFrame,
+    masks: &mut MaskSurvey,
+) -> Result<(), StoreError> {
+    let camera = source.scene.camera.camera();
+    if let Some(mask) = &frame.mask {
+        masks.add(&mask.file, &camera, mask.marked_greys())?;
+    }
+    for file in frame.objects.values() {
+        masks.add(file, &camera, MarkedGreys::AboveHalf)?;
+    }
+    Ok(())
 }
 
 /// The one mask that a frame comes with.
@@ -361,7 +395,7 @@ fn given_mask(source: &Source<'_>, frame: &ForeignFrame) -> Result<Option<Mask>,
     let Some(found) = &frame.mask else {
         return Ok(None);
     };
-    let mask = read_mask(source, &found.file)?;
+    let mask = read_mask(source, &found.file, found.marked_greys())?;
     Ok(Some(if found.black_is_dynamic {
         mask.inverted()
     } else {
@@ -370,12 +404,12 @@ fn given_mask(source: &Source<'_>, frame: &ForeignFrame) -> Result<Option<Mask>,
 }
 
 /// A mask as the scene has it, without the lens.
-fn read_mask(source: &Source<'_>, file: &Path) -> Result<Mask, CurateError> {
+fn read_mask(source: &Source<'_>, file: &Path, greys: MarkedGreys) -> Result<Mask, CurateError> {
     let image = ImageFile::open(file)?;
     if image.size() != source.scene.camera.camera().size() {
         return Err(CurateError::input(file, "is not of its image's size"));
     }
-    let mask = Mask::decode(image)?;
+    let mask = mask_file::decode(image, greys)?.mask;
     Ok(match &source.straightening {
         Some(lens) => lens.mask(&mask),
         None => mask,
@@ -430,7 +464,7 @@ fn import_objects(
 ) -> Result<BTreeMap<String, String>, CurateError> {
     let mut objects = BTreeMap::new();
     for (object, found) in &frame.objects {
-        let mask = read_mask(source, found)?;
+        let mask = read_mask(source, found, MarkedGreys::AboveHalf)?;
         if mask.data.iter().all(|&value| value < 128) {
             continue;
         }

@@ -14,6 +14,8 @@ use omnilife_schemas::{
     camera::ErpCamera,
     layout::{DYNAMIC_MASKS_FILE, DYNAMIC_MASKS_FOLDER, SEQUENCE_FILE},
     lock::FolderLock,
+    mask_file::MarkedGreys,
+    mask_survey::MaskSurvey,
     progress::Progress,
     records::{MaskEntry, Masks, Sequence},
     rgb::Mask,
@@ -95,6 +97,10 @@ pub fn write_masks(
         }
         (None, MaskSource::Files(_)) => Vec::new(),
     };
+    let notes = notes(files.as_deref().unwrap_or_default(), &sequence)?;
+    for note in &notes {
+        progress.note(&format!("{}: {note}", sequence.id));
+    }
     let _lock = FolderLock::take(folder, progress)?;
     let record_file = format!("{DYNAMIC_MASKS_FOLDER}/{DYNAMIC_MASKS_FILE}");
     plan.claim([&record_file])?;
@@ -115,7 +121,7 @@ pub fn write_masks(
     let record = Masks {
         sequence: sequence.id,
         method,
-        settings,
+        settings: [vec![settings], notes].concat().join("; "),
         frames: entries,
     };
     let mut outputs = plan.publish(&staging.folder, &staging.files)?;
@@ -166,6 +172,19 @@ fn read_masks(files: &[PathBuf], sequence: &Sequence) -> Result<Vec<Mask>, Curat
         .collect()
 }
 
+/// Tells what was assumed of masks that somebody supplies.
+fn notes(files: &[PathBuf], sequence: &Sequence) -> Result<Vec<String>, CurateError> {
+    let camera = ErpCamera {
+        width: sequence.frames.width,
+        height: sequence.frames.height,
+    };
+    let mut survey = MaskSurvey::default();
+    for file in files {
+        survey.add(file, &camera.into(), MarkedGreys::AboveHalf)?;
+    }
+    Ok(survey.notes())
+}
+
 fn stem(file: &str) -> String {
     let stem = Path::new(file).file_stem().unwrap_or_default();
     stem.to_string_lossy().into_owned()
@@ -183,14 +202,7 @@ pub fn dynamic_share(mask: &Mask) -> f64 {
         width: mask.width as u32,
         height: mask.height as u32,
     };
-    let (mut covered, mut all) = (0.0, 0.0);
-    for (row, pixels) in mask.data.chunks(mask.width).enumerate() {
-        let weight = camera.pixel_solid_angle(row as u32);
-        let marked = pixels.iter().filter(|&&pixel| pixel != 0).count();
-        covered += weight * marked as f64;
-        all += weight * mask.width as f64;
-    }
-    if all > 0.0 { covered / all } else { 0.0 }
+    mask.marked_share(&camera.into())
 }
 
 /// Intersection over union of two masks of one size on the sphere; 1 where both are empty.

@@ -109,13 +109,18 @@ impl IgnoredPixels {
         Ok(found)
     }
 
-    /// Adds what they depend on to a plan.
-    pub(super) fn add_inputs(&self, plan: StagePlan) -> Result<StagePlan, CurateError> {
-        let files = match &self.given {
+    /// Files that somebody supplies, one of all frames or one of each.
+    pub(super) fn given_files(&self) -> &[PathBuf] {
+        match &self.given {
             GivenMasks::None => &[],
             GivenMasks::OfCamera(file) => std::slice::from_ref(file),
             GivenMasks::OfFrames(files) => files.as_slice(),
-        };
+        }
+    }
+
+    /// Adds what they depend on to a plan.
+    pub(super) fn add_inputs(&self, plan: StagePlan) -> Result<StagePlan, CurateError> {
+        let files = self.given_files();
         let rows_of_all = self.of_all.as_ref().map(|mask| {
             let rows = mask.data.chunks_exact(mask.width);
             rows.map(|row| row.iter().filter(|&&value| value != 0).count())

@@ -10,8 +10,11 @@ use std::{
 
 use image::{ImageBuffer, Luma};
 use omnilife_schemas::{
+    camera::Camera,
     image_file::ImageFile,
     layout::{CLASSES_FOLDER, DEPTH_FOLDER},
+    mask_file::MarkedGreys,
+    mask_survey::MaskSurvey,
     progress::Progress,
     records::{DepthImage, SceneFrame, Sequence},
     rgb,
@@ -166,6 +169,30 @@ impl TruthFiles {
         for (mask, given) in masks.iter_mut().zip(self.masks.iter().flatten()) {
             mask.get_or_insert_with(|| given.clone());
         }
+    }
+
+    /// Lines on what was assumed of these masks, those of what moves among them, and where what is ignored looks
+    /// inverted.
+    ///
+    /// # Errors
+    /// When a mask cannot be read.
+    pub(super) fn mask_notes(
+        &self,
+        moving: &[Option<PathBuf>],
+        camera: &Camera,
+    ) -> Result<Vec<String>, CurateError> {
+        let mut survey = MaskSurvey::default();
+        for file in moving
+            .iter()
+            .flatten()
+            .chain(self.classes.values().flatten())
+        {
+            survey.add(file, camera, MarkedGreys::AboveHalf)?;
+        }
+        for file in self.ignored.given_files() {
+            survey.add_ignored(file, camera)?;
+        }
+        Ok(survey.notes())
     }
 
     /// Stages them at the size of the frames, every pixel that of the nearest one, and enters them in

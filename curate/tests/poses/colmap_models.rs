@@ -90,7 +90,7 @@ fn colmap_models_are_read_by_their_format() {
         assert!(message.contains(reason), "{message}");
     }
     write_model(&folder, "1 0 0 1 0 1 2 3 1 a.png\n\n");
-    fs::remove_file(folder.join("points3D.txt")).unwrap();
+    fs::write(folder.join("points3D.txt"), "").unwrap();
     fs::write(
         folder.join("cameras.txt"),
         "1 OPENCV_FISHEYE 256 128 9 9 9 9 0 0 0 0\n",

@@ -1,0 +1,129 @@
+//! Images of imported frames: copied byte for byte where every program sees them alike, written anew where not.
+//!
+//! What is transparent becomes black and no part of the scene; what EXIF data ask to be turned is turned. Poses and
+//! masks of such frames are taken to be of the images as viewers show them.
+
+use std::path::Path;
+
+use omnilife_schemas::{
+    image_file::{ImageFile, ShownImage},
+    layout::FRAMES_FOLDER,
+    plain_text,
+    rgb::{self, Mask},
+};
+
+use super::ForeignFrame;
+use crate::{
+    error::CurateError,
+    poses::{frame_camera::write_straight, lens::Straightening},
+};
+
+/// The image of a frame in the scene's folder.
+pub(super) struct FrameImage {
+    /// The file, relative to the folder.
+    pub(super) file: String,
+    /// Marks what is transparent in the image that it was made of.
+    pub(super) transparent: Option<Mask>,
+    /// True where it was turned or mirrored.
+    pub(super) is_turned: bool,
+    /// True where it shows nothing.
+    pub(super) is_single_colour: bool,
+}
+
+impl FrameImage {
+    /// Copies the image of a frame into the folder of a scene, writes it anew as an opaque RGB PNG, or takes its lens
+    /// out.
+    ///
+    /// # Errors
+    /// When it is damaged, has a lens and is transparent in places or to be turned, or cannot be written.
+    pub(super) fn import(
+        frame: &ForeignFrame,
+        name: &str,
+        straightening: Option<&Straightening>,
+        out: &Path,
+    ) -> Result<Self, CurateError> {
+        let mut image = ImageFile::open(&frame.image)?;
+        let [width, height] = image.shown_size()?;
+        let ShownImage {
+            rgb,
+            transparent,
+            is_turned,
+            ..
+        } = image.decode_shown()?;
+        let is_single_colour = rgb::is_single_colour(&rgb);
+        let mut file = format!("{FRAMES_FOLDER}/{name}");
+        if let Some(lens) = straightening {
+            if transparent.is_some() || is_turned {
+                let reason = "is transparent in places or to be turned by its EXIF data, and its lens is to be taken \
+                              out: give opaque and upright images";
+                return Err(CurateError::input(&frame.image, reason));
+            }
+            write_straight(lens, &frame.image, &out.join(&file))?;
+        } else if transparent.is_some() || is_turned {
+            file = format!("{FRAMES_FOLDER}/{}.png", super::stem(name));
+            let path = out.join(&file);
+            super::refuse_second(&path)?;
+            rgb::write_rgb8_png(&path, width, height, &rgb)?;
+        } else {
+            let path = out.join(&file);
+            super::refuse_second(&path)?;
+            super::copy(&frame.image, &path)?;
+        }
+        Ok(Self {
+            file,
+            transparent,
+            is_turned,
+            is_single_colour,
+        })
+    }
+}
+
+/// Frames whose images are not as others.
+#[derive(Default)]
+pub(super) struct UnusualFrames {
+    transparent: Vec<String>,
+    turned: Vec<String>,
+    single_colour: Vec<String>,
+}
+
+impl UnusualFrames {
+    /// Notes a frame by its name.
+    pub(super) fn add(&mut self, name: &str, image: &FrameImage) {
+        for (frames, is_one) in [
+            (&mut self.transparent, image.transparent.is_some()),
+            (&mut self.turned, image.is_turned),
+            (&mut self.single_colour, image.is_single_colour),
+        ] {
+            frames.extend(is_one.then(|| name.to_owned()));
+        }
+    }
+
+    /// Returns a line for each kind of which there are any.
+    pub(super) fn notes(&self) -> Vec<String> {
+        let kinds = [
+            (
+                &self.transparent,
+                "are transparent in places, which is no part of the scene",
+            ),
+            (
+                &self.turned,
+                "were turned or mirrored as their EXIF data ask",
+            ),
+            (
+                &self.single_colour,
+                "are of a single colour and show nothing",
+            ),
+        ];
+        kinds
+            .into_iter()
+            .filter(|(frames, _)| !frames.is_empty())
+            .map(|(frames, what)| {
+                format!(
+                    "{} frames {what}: {}",
+                    frames.len(),
+                    plain_text::first_of(frames)
+                )
+            })
+            .collect()
+    }
+}
