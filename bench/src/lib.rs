@@ -4,7 +4,7 @@
 //! * [`metrics`]: what a score is, one file each; [`lpips`]: the networks of some.
 //! * [`validate()`] and [`compare()`]: predictions before they are scored, and scores of two methods;
 //! * [`external`]: an external method, run by its own commands; [`adapters`]: those of published ones;
-//! * [`diagnosis`]: whether views are bad because their camera convention is another one;
+//! * [`diagnosis`]: mistakes of convention in views, such as other axes, channels or encodings;
 //! * [`curve`]: error against run time, from the traces of runs;
 //! * [`stability_report`]: how stiff and extreme cases come out, for people;
 //! * [`tracking`]: tracks of vehicles against true ones;
@@ -44,7 +44,7 @@ mod validate;
 
 pub use adapters::{ADAPTERS, write_adapter};
 pub use curve::{curves, curves_table};
-pub use diagnosis::{Diagnosis, diagnose};
+pub use diagnosis::{Diagnosis, DiagnosisFinding, DiagnosisKind, diagnose};
 pub use error::BenchError;
 pub use external::{ExternalRequest, FailureRequest, record_failure, run_external};
 pub use metrics::{DepthPair, METRICS, Metric, Need, Sample, Undefined, ViewPair};

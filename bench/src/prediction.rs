@@ -144,6 +144,14 @@ impl PredictionFolder {
         decode(&bytes, width, height).map_err(|reason| format!("{name} {reason}"))
     }
 
+    /// Returns the share of the values of a frame's array that lie below -0.02 or above 1.02. `None` where
+    /// the frame has no array that can be read.
+    pub(crate) fn outside_share(&self, frame: u32) -> Option<f64> {
+        let name = self.arrays.contains(&frame).then(|| array_name(frame))?;
+        let array = npy::read(&self.folder.join(name)).ok()?;
+        Some(arrays::outside_share(&array))
+    }
+
     fn read_array(&self, frame: u32, width: u32, height: u32) -> Result<Vec<u8>, String> {
         let name = array_name(frame);
         let png = file_name(frame);

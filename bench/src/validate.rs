@@ -1,7 +1,7 @@
 //! Checking a folder of predictions before it is scored, with the scorer's own code.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
@@ -9,9 +9,10 @@ use omnilife_schemas::{progress::Progress, store};
 use rayon::prelude::*;
 
 use crate::{
+    diagnosis,
     error::BenchError,
     loaded_view::LoadedView,
-    scoring::job::{ScoringJob, View},
+    scoring::job::{ScoringJob, View, ViewKind},
     scoring::{DEFAULT_MEMORY_BYTES, MetricChoice, Predictions, ScoreRequest},
     statement::Statement,
     truth,
@@ -22,8 +23,12 @@ use crate::{
 pub struct ValidationReport {
     /// Views that the split asks for, of the kinds that predictions were given for.
     pub views: usize,
-    /// Everything that is wrong, in the order of the views, stray files last.
+    /// Everything that is wrong: likely mistakes of convention first, then files in the order of the
+    /// views, stray files last.
     pub findings: Vec<Finding>,
+    /// What is no fault of the predictions and should be known, one line each: copies of given views, frames
+    /// of the data that are given and held out.
+    pub notes: Vec<String>,
 }
 
 /// Something wrong with a prediction.
@@ -36,8 +41,9 @@ pub struct Finding {
 }
 
 /// Checks predictions as scoring will read them, and for what scoring would not notice: images
-/// that are black, that are the same for several frames, or that are the ground truth. Notes tell of the scene
-/// what is odd of its masks, and which of its images show nothing.
+/// that are black, that are the same for several frames, or that are the ground truth. Views are also
+/// looked at for [mistakes of convention](crate::diagnosis). Notes tell what is odd of the scene's masks, and which of
+/// its images show nothing.
 ///
 /// # Errors
 /// Those of [`score`](crate::score()), apart from the output folder.
@@ -84,14 +90,19 @@ pub fn validate(
     {
         progress.note(&format!("{}: {line}", job.scene.id));
     }
-    let mut findings: Vec<Finding> = checked
-        .iter()
-        .filter_map(|checked| {
-            let reason = checked.problem.clone()?;
-            Some(finding(checked.view, reason))
+    let diagnosis = diagnosis::of_job(&job, request.memory_bytes)?;
+    let mut findings: Vec<Finding> = diagnosis
+        .mistakes()
+        .map(|mistake| Finding {
+            view: mistake.view.clone(),
+            reason: mistake.to_string(),
         })
         .collect();
-    findings.extend(repetitions(&checked));
+    findings.extend(checked.iter().filter_map(|checked| {
+        let reason = checked.problem.clone()?;
+        Some(finding(checked.view, reason))
+    }));
+    findings.extend(repetitions(&job, &checked));
     findings.extend(job.strays().map(|name| Finding {
         view: None,
         reason: format!("{name} is of no view that is scored"),
@@ -99,6 +110,7 @@ pub fn validate(
     Ok(ValidationReport {
         views: views.len(),
         findings,
+        notes: diagnosis.notes().map(ToString::to_string).collect(),
     })
 }
 
@@ -148,10 +160,11 @@ fn finding(view: View, reason: String) -> Finding {
     }
 }
 
-/// Predictions that repeat an earlier one although the ground truth does not.
-fn repetitions(checked: &[Checked]) -> Vec<Finding> {
+/// Predictions that repeat an earlier one although the ground truth does not. Novel views that are
+/// copies of a given one are no fault: baselines predict them.
+fn repetitions(job: &ScoringJob, checked: &[Checked]) -> Vec<Finding> {
     let mut first: BTreeMap<&str, (&View, &str)> = BTreeMap::new();
-    let mut findings = Vec::new();
+    let mut repeated = Vec::new();
     for Checked {
         view, name, pixels, ..
     } in checked
@@ -163,14 +176,28 @@ fn repetitions(checked: &[Checked]) -> Vec<Finding> {
             .entry(prediction.as_str())
             .or_insert((view, truth.as_str()));
         if true_pixels != truth {
-            findings.push(finding(
-                *view,
-                format!(
-                    "{name} is the same image as that of {} view {}",
-                    earlier.kind, earlier.frame
-                ),
-            ));
+            let reason = format!(
+                "{name} is the same image as that of {} view {}",
+                earlier.kind, earlier.frame
+            );
+            repeated.push((*view, prediction.as_str(), finding(*view, reason)));
         }
     }
-    findings
+    if !repeated.is_empty() {
+        let given = given_images(job);
+        repeated.retain(|(view, prediction, _)| {
+            view.kind == ViewKind::Input || !given.contains(*prediction)
+        });
+    }
+    repeated.into_iter().map(|(.., finding)| finding).collect()
+}
+
+/// SHA-256 of the pixels of all given views that can be read.
+fn given_images(job: &ScoringJob) -> BTreeSet<String> {
+    let given = &job.split.input_views;
+    given
+        .par_iter()
+        .filter_map(|&frame| truth::read(job, frame).ok())
+        .map(|pixels| store::sha256_bytes(&pixels))
+        .collect()
 }

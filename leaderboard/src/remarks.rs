@@ -3,12 +3,9 @@
 
 use std::collections::BTreeMap;
 
-use omnilife_schemas::records::ResultRecord;
+use omnilife_schemas::records::{DIAGNOSIS_PREFIX, ResultRecord};
 
 use crate::group::SceneRow;
-
-/// Begin of warnings that scores speak for another convention, such as swapped channels.
-const DIAGNOSIS_PREFIX: &str = "check the convention: ";
 
 /// Results that a shared line names.
 const NAMED: usize = 3;

@@ -153,7 +153,7 @@ pub(crate) enum BenchCommand {
         statement: Box<StatementArguments>,
     },
     /// Checks predictions before they are scored: lists what is missing, too much, of another size
-    /// or depth, black, repeated, or the ground truth itself.
+    /// or depth, black, repeated, the ground truth itself, or of another convention.
     Validate {
         /// Folder of predicted novel views.
         #[arg(required_unless_present_any = ["run", "input_views"])]
@@ -180,9 +180,9 @@ pub(crate) enum BenchCommand {
     },
     /// Runs methods on scenes under protocols, scores them and makes the tables, with intervals.
     Run(BenchRunArguments),
-    /// Tells whether views would be better mirrored, turned, upside down or half a pixel beside.
+    /// Looks for mistakes of convention: axes, pixel centres, channels, encodings, order of frames.
     ///
-    /// `bench score` says so too, in the warnings of a result. No score is of a changed view.
+    /// `bench validate` and `bench score` look for them too. No score is of a changed view.
     Diagnose {
         /// The scene.json, or its folder.
         #[arg(long, value_parser = places::scene_file())]

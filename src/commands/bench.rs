@@ -10,7 +10,11 @@ use omnilife_bench::{
 };
 use omnilife_reconstruct::step_cost::{CostRequest, SceneKind};
 use omnilife_schemas::{
-    ErrorKind, lock::FolderLock, progress::Progress, records::ExternalRun, store,
+    ErrorKind,
+    lock::FolderLock,
+    progress::Progress,
+    records::{DIAGNOSIS_PREFIX, ExternalRun},
+    store,
 };
 
 use super::{ablate, bench_renderer, bench_run, bench_scores, bench_stability, note_far_frames};
@@ -253,17 +257,25 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
     }
 }
 
-/// The best changes, and what they mean.
+/// How many views were looked at, and every finding, mistakes first.
 fn diagnosis_text(diagnosis: &Diagnosis) -> String {
-    const SHOWN: usize = 5;
-    let mut text = format!("{} views were looked at\n", diagnosis.views);
-    for (change, psnr) in diagnosis.changes.iter().take(SHOWN) {
-        text += &format!("{psnr:7.3} dB {change}\n");
+    let mut text = format!("{} views were looked at", diagnosis.views);
+    if let Some(psnr) = diagnosis.psnr_db {
+        text += &format!(", {psnr:.3} dB as they are");
     }
-    text += &diagnosis.warning().unwrap_or_else(|| {
-        "no change of camera convention would make the views much better".to_owned()
-    });
-    text + "\n"
+    text += "\n";
+    for finding in &diagnosis.findings {
+        let mark = if finding.kind.is_mistake() {
+            DIAGNOSIS_PREFIX
+        } else {
+            "note: "
+        };
+        text += &format!("{mark}{finding}\n");
+    }
+    if diagnosis.mistakes().next().is_none() {
+        text += "no mistake of convention was found\n";
+    }
+    text
 }
 
 fn external_summary(run: &ExternalRun) -> String {

@@ -27,6 +27,9 @@ pub(super) fn validate(
         let view = finding.view.as_deref().map_or("stray", |view| view);
         text += &format!("{view:<6} {}\n", finding.reason);
     }
+    for note in &report.notes {
+        text += &format!("note   {note}\n");
+    }
     if report.findings.is_empty() {
         text += &format!("{} views, nothing wrong\n", report.views);
     }

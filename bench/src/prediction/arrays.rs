@@ -2,13 +2,27 @@
 
 use omnilife_schemas::npy::Array;
 
+/// Values up to this far outside of [0, 1] are those of a renderer that overshoots.
+const OVERSHOOT: f64 = 0.02;
+/// Share of values further outside from which an array is of another range: views of a renderer with
+/// noise or a tenth too bright have 10 % at most, [-1, 1] and the normalization of `ImageNet` 50 % and more.
+const ANOTHER_RANGE: f64 = 0.25;
+
+/// Returns the share of the values that lie below -0.02 or above 1.02.
+pub(super) fn outside_share(array: &Array) -> f64 {
+    let is_outside = |value: &&f64| !(-OVERSHOOT..=1.0 + OVERSHOOT).contains(*value);
+    let outside = array.values.iter().filter(is_outside).count();
+    outside as f64 / array.values.len().max(1) as f64
+}
+
 /// The bytes that are scored of an array of shape (height, width, 3) with values in [0, 1]: 255 times the value, rounded
 /// to nearest, half up, so that a method loses nothing and gains nothing by not writing a PNG.
 /// Values outside of [0, 1] become the nearest that an image can hold.
 ///
 /// # Errors
 /// The reason, without the file: another shape, a value that is no finite number, or values that
-/// are of another range, which a mean above 1 shows.
+/// are of another range, which a mean above 1, whole numbers above 1, or more than a quarter of
+/// the values outside of [0, 1] by more than 0.02 show.
 pub fn scored_bytes(array: &Array, width: u32, height: u32) -> Result<Vec<u8>, String> {
     let Array { shape, values } = array;
     let expected = [height as usize, width as usize, 3];
@@ -24,6 +38,19 @@ pub fn scored_bytes(array: &Array, width: u32, height: u32) -> Result<Vec<u8>, S
     if mean > 1.0 {
         return Err(format!(
             "has a mean of {mean:.1}, expected values in [0, 1]"
+        ));
+    }
+    let largest = values.iter().copied().fold(0.0, f64::max);
+    if largest > 1.0 && values.iter().all(|value| value.fract() == 0.0) {
+        return Err(format!(
+            "holds whole numbers up to {largest}, expected values in [0, 1]"
+        ));
+    }
+    let outside = outside_share(array);
+    if outside > ANOTHER_RANGE {
+        return Err(format!(
+            "has {:.0} % of its values outside of [0, 1]",
+            100.0 * outside
         ));
     }
     let byte = |value: &f64| (255.0 * value.clamp(0.0, 1.0) + 0.5).floor() as u8;

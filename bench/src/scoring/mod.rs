@@ -104,7 +104,8 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
             result.warnings.push(line);
         }
     }
-    result.warnings.extend(diagnosis::of_job(&job)?.warning());
+    let likely_mistakes = diagnosis::of_job(&job, request.memory_bytes)?.warnings();
+    result.warnings = [likely_mistakes, result.warnings].concat();
     let unscored = scored::write_curve(&job, request.memory_bytes, &request.out, progress)?;
     result.warnings.extend(unscored.iter().flatten().cloned());
     store::write_record(&result_file, &result)?;

@@ -1,6 +1,7 @@
 //! Scoring of folders of predictions, with everything that can be wrong with them.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
+mod diagnosis;
 mod regions;
 mod repeated;
 mod reports;

@@ -55,8 +55,9 @@ pub use overlays::{Overlay, OverlayClass, OverlayReport, Sightings};
 pub use poses::{PosedFrame, Poses};
 pub use protocol::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
 pub use result::{
-    Direction, Failure, ResultRecord, RunStatement, ScoredFile, ScoredPredictions, ScoredRegions,
-    StatedClock, Summary, TrainingKind, Unavailable, is_of_region,
+    DIAGNOSIS_PREFIX, Direction, Failure, ResultRecord, RunStatement, ScoredFile,
+    ScoredPredictions, ScoredRegions, StatedClock, Summary, TrainingKind, Unavailable,
+    is_of_region,
 };
 pub use run::{
     Backend, ComponentDecision, Edits, PLANNING, RENDERING, RunRecord, StageTime, SurfaceFaults,

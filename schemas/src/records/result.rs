@@ -11,6 +11,10 @@ use super::{
 };
 use crate::{provenance::Hardware, store::Record};
 
+/// Begins every warning of a result about a likely mistake of convention in its predictions, such as
+/// another order of channels: whoever made them should read these first.
+pub const DIAGNOSIS_PREFIX: &str = "check the convention: ";
+
 /// `result.json`. Per-frame values are in the Parquet table beside it.
 ///
 /// It is a function of the predictions, their run record, the scene, the protocol and the program:

@@ -1,0 +1,166 @@
+//! Reading of views and ground truths as they are looked at.
+
+use std::collections::BTreeSet;
+
+use omnilife_schemas::{camera::Camera, store};
+use rayon::prelude::*;
+
+use super::{
+    copies::{self, Truth, Truths},
+    images::{Small, psnr_db, reduced},
+    shifts,
+};
+use crate::{
+    error::BenchError,
+    metrics::ViewPair,
+    scoring::job::{ScoringJob, View},
+    truth,
+};
+
+/// Columns of the reduced sizes: for turns and colours, and for what is compared frame by frame.
+const SMALL: usize = 128;
+const MEDIUM: usize = 256;
+/// Share of the values of arrays outside of [0, 1] from which it is told.
+pub(super) const TELLING_OUTSIDE: f64 = 0.05;
+/// What a pixel of a view takes while it is looked at, bytes: two images in 8 bits, one in f32,
+/// and both in grey.
+const BYTES_PER_PIXEL: u64 = 2 * 3 + 12 + 4 * 4;
+
+/// What is remembered of a view.
+pub(super) struct Looked {
+    pub(super) view: View,
+    /// Mean squared error over the pixels that count, of bytes, as dB.
+    pub(super) psnr_db: f64,
+    pub(super) small: Small,
+    pub(super) medium: Small,
+    /// As [`shifts::by_part`] returns them.
+    pub(super) shifts: Vec<Option<[f64; 2]>>,
+    /// Every pixel stands twice.
+    pub(super) is_doubled: bool,
+    /// Share of the values of an array outside of [0, 1].
+    pub(super) outside: Option<f64>,
+    /// Of the prediction's bytes.
+    pub(super) sha256: String,
+}
+
+impl Looked {
+    /// Looks at a pair; columns wrap where `wraps` says so.
+    pub(super) fn of(view: View, pair: &ViewPair, wraps: bool) -> Self {
+        Self {
+            view,
+            psnr_db: psnr_db(error(pair)),
+            small: Small::of(pair, SMALL),
+            medium: Small::of(pair, MEDIUM),
+            shifts: shifts::by_part(pair, wraps),
+            is_doubled: copies::is_doubled(pair),
+            outside: None,
+            sha256: store::sha256_bytes(pair.as_predicted()),
+        }
+    }
+}
+
+/// Mean squared error over the pixels that count, of bytes.
+fn error(pair: &ViewPair) -> f64 {
+    let images = [pair.prediction(), pair.truth()].map(|image| image.as_chunks::<3>().0.iter());
+    let [prediction, truth] = images;
+    let (mut sum, mut count) = (0.0, 0_usize);
+    for (pixel, (predicted, truth)) in prediction.zip(truth).enumerate() {
+        if pair.counts(pixel) {
+            let squares = predicted
+                .iter()
+                .zip(truth)
+                .map(|(&a, &b)| f64::from(a.abs_diff(b)).powi(2));
+            sum += squares.sum::<f64>();
+            count += 3;
+        }
+    }
+    sum / count.max(1) as f64
+}
+
+/// Looks at views, as many at once as the memory allows; those whose predictions cannot be read are left out.
+///
+/// # Errors
+/// When a ground truth or its mask is unusable.
+pub(super) fn look(
+    job: &ScoringJob,
+    views: &[View],
+    memory_bytes: u64,
+) -> Result<Vec<Looked>, BenchError> {
+    let wraps = wraps(job);
+    let mut looked = Vec::with_capacity(views.len());
+    for views in views.chunks(at_once(job, memory_bytes)) {
+        let found: Vec<Result<Option<Looked>, BenchError>> = views
+            .par_iter()
+            .map(|&view| {
+                let Some(pair) = read(job, view)? else {
+                    return Ok(None);
+                };
+                let mut looked = Looked::of(view, &pair, wraps);
+                looked.outside = job
+                    .folder(view.kind)
+                    .and_then(|folder| folder.outside_share(view.frame));
+                Ok(Some(looked))
+            })
+            .collect();
+        let found = found.into_iter().collect::<Result<Vec<_>, _>>()?;
+        looked.extend(found.into_iter().flatten());
+    }
+    Ok(looked)
+}
+
+/// Returns true where the columns of the scene's images wrap.
+pub(super) fn wraps(job: &ScoringJob) -> bool {
+    matches!(job.scene.camera, Camera::Erp(_))
+}
+
+/// Views that fit into `memory_bytes`, at least one and at most one per thread.
+fn at_once(job: &ScoringJob, memory_bytes: u64) -> usize {
+    let [width, height] = job.size.map(u64::from);
+    let fitting = memory_bytes / (width * height * BYTES_PER_PIXEL).max(1);
+    usize::try_from(fitting)
+        .unwrap_or(usize::MAX)
+        .clamp(1, rayon::current_num_threads())
+}
+
+/// A prediction with its ground truth; `None` where the prediction cannot be read.
+///
+/// # Errors
+/// When the ground truth or its mask is unusable.
+pub(super) fn read(job: &ScoringJob, view: View) -> Result<Option<ViewPair>, BenchError> {
+    let [width, height] = job.size;
+    let folder = job.folder(view.kind);
+    let Some(Ok(prediction)) = folder.map(|folder| folder.read(view.frame, width, height)) else {
+        return Ok(None);
+    };
+    let truth = truth::read(job, view.frame)?;
+    let ignored = truth::read_ignore_mask(job, view.frame)?;
+    Ok(truth::pair(job, prediction, truth, ignored.as_ref()))
+}
+
+/// Ground truths of frames, without those that the scene lacks or that cannot be read: of frames that are
+/// not scored nothing is asked.
+pub(super) fn truths(job: &ScoringJob, frames: &BTreeSet<u32>, memory_bytes: u64) -> Truths {
+    let size = job.size.map(|side| side as usize);
+    let known: Vec<u32> = frames
+        .iter()
+        .copied()
+        .filter(|&frame| (frame as usize) < job.scene.frames.len())
+        .collect();
+    let mut truths = Truths::new();
+    for frames in known.chunks(at_once(job, memory_bytes)) {
+        let found: Vec<Option<(u32, Truth)>> = frames
+            .par_iter()
+            .map(|&frame| {
+                let bytes = truth::read(job, frame).ok()?;
+                let truth = Truth {
+                    medium: reduced(&bytes, size, MEDIUM).1,
+                    small: reduced(&bytes, size, SMALL).1,
+                    sha256: store::sha256_bytes(&bytes),
+                };
+                Some((frame, truth))
+            })
+            .collect();
+        truths.extend(found.into_iter().flatten());
+    }
+    truths
+}
