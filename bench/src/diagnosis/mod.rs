@@ -41,9 +41,9 @@ pub use self::{
 /// Views of a kind that are looked at, spread evenly.
 const VIEWS: usize = 6;
 /// Frames beside the views' own whose ground truth is looked at, about.
-const OTHER_FRAMES: usize = 48;
+const OTHER_FRAMES: usize = 32;
 /// Novel frames that are compared with the given ones beside them.
-const NOVEL_FRAMES: usize = 12;
+const NOVEL_FRAMES: usize = 8;
 
 /// Likely mistakes in views, and facts that a reader of their scores should know.
 #[derive(Debug, Clone, PartialEq)]
@@ -144,7 +144,7 @@ pub(crate) fn of_job(job: &ScoringJob, memory_bytes: u64) -> Result<Diagnosis, B
     }
     let novel: Vec<u32> = spread(&job.split.novel_views, NOVEL_FRAMES).collect();
     let truths = look::truths(job, &other_frames(&by_kind, &novel, given), memory_bytes);
-    let mut findings = Vec::new();
+    let mut findings: Vec<DiagnosisFinding> = Vec::new();
     for of_kind in &by_kind {
         findings.extend(of_kind.findings(&truths)?);
     }
@@ -269,7 +269,7 @@ impl OfKind<'_> {
         let Some([right, down]) = shifts::common(&self.views) else {
             return Ok(None);
         };
-        let mut gains = Vec::new();
+        let mut gains: Vec<f64> = Vec::new();
         for view in &self.views {
             let pair = look::read(self.job, view.view)?;
             gains.extend(pair.map(|pair| shifts::gain_db(&pair, [right, down])));
