@@ -10,6 +10,7 @@ mod orders;
 mod programs;
 mod pycolmap;
 mod refusals;
+mod unusual_images;
 
 use std::{
     f64::consts::{PI, TAU},

@@ -1,0 +1,153 @@
+//! Images that programs see differently: transparent in places, or to be turned.
+
+use image::{DynamicImage, ImageFormat, RgbaImage};
+
+use super::{foreign::Foreign, *};
+
+/// A sphere of 32 x 16 pixels whose lowest rows are hidden behind a colour of their own.
+fn hidden_below(row: u32) -> RgbaImage {
+    RgbaImage::from_fn(32, 16, |x, y| {
+        if y < row {
+            image::Rgba([(8 * x) as u8, (16 * y) as u8, 90, 255])
+        } else {
+            image::Rgba([255, 0, 255, 0])
+        }
+    })
+}
+
+fn transforms(images: &[&str]) -> String {
+    let frames = images.iter().map(|name| {
+        serde_json::json!({
+            "file_path": name,
+            "transform_matrix": [[1, 0, 0, 0.1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+        })
+    });
+    let frames: Vec<Value> = frames.collect();
+    serde_json::json!({"camera_model": "EQUIRECTANGULAR", "w": 32, "h": 16, "frames": frames})
+        .to_string()
+}
+
+fn bytes(image: &RgbaImage, format: ImageFormat) -> Vec<u8> {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    let image = DynamicImage::ImageRgba8(image.clone());
+    match format {
+        ImageFormat::Png => image.write_to(&mut bytes, format).unwrap(),
+        _ => image.to_rgb8().write_to(&mut bytes, format).unwrap(),
+    }
+    bytes.into_inner()
+}
+
+/// What is transparent is no part of the scene: its colour is in no frame, and a mask marks it.
+#[test]
+fn what_is_transparent_is_no_part_of_the_scene() {
+    let foreign = Foreign::new([32, 16], &[]);
+    let image = hidden_below(11);
+    foreign.write("images/a.png", bytes(&image, ImageFormat::Png));
+    let opaque = hidden_below(16);
+    foreign.write("images/b.png", bytes(&opaque, ImageFormat::Png));
+    foreign.write(
+        "transforms.json",
+        transforms(&["images/a.png", "images/b.png"]),
+    );
+    let scene = foreign.import("nerfstudio").unwrap();
+    let out = foreign.path().join("out");
+    let [a, b] = &scene.frames[..] else {
+        panic!("{scene:?}")
+    };
+    assert_eq!(b.ignore_mask, None);
+    let mask = Mask::read(&out.join(a.ignore_mask.as_ref().unwrap())).unwrap();
+    let marked = mask.data.iter().filter(|&&value| value != 0).count();
+    assert_eq!(marked, 5 * 32);
+    let written = image::open(out.join(&a.image)).unwrap();
+    assert!(!written.color().has_alpha());
+    for (written, given) in written.to_rgb8().pixels().zip(image.pixels()) {
+        let expected = if given.0[3] == 0 {
+            [0; 3]
+        } else {
+            [given.0[0], given.0[1], given.0[2]]
+        };
+        assert_eq!(written.0, expected);
+    }
+    let told = |words: &str| {
+        scene
+            .validation
+            .problems
+            .iter()
+            .any(|line| line.contains(words))
+    };
+    assert!(
+        told("transparent") && told("a.png"),
+        "{:?}",
+        scene.validation.problems
+    );
+    // An image that is the same for everybody is copied byte for byte.
+    assert_eq!(
+        fs::read(out.join(&b.image)).unwrap(),
+        bytes(&opaque, ImageFormat::Png)
+    );
+}
+
+/// A JPEG with an EXIF block that asks to be mirrored left to right, or turned by 180 degrees.
+fn with_orientation(jpeg: &[u8], orientation: u8) -> Vec<u8> {
+    let mut tiff = b"II\x2a\x00\x08\x00\x00\x00\x01\x00".to_vec();
+    tiff.extend([
+        0x12,
+        0x01,
+        3,
+        0,
+        1,
+        0,
+        0,
+        0,
+        orientation,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+    ]);
+    let body = [&b"Exif\0\0"[..], &tiff].concat();
+    let length = (body.len() as u16 + 2).to_be_bytes();
+    [&jpeg[..2], &[0xff, 0xe1], &length, &body, &jpeg[2..]].concat()
+}
+
+#[test]
+fn what_asks_to_be_turned_is_turned_once() {
+    let foreign = Foreign::new([32, 16], &[]);
+    let image = hidden_below(16);
+    let jpeg = bytes(&image, ImageFormat::Jpeg);
+    let plain = image::load_from_memory(&jpeg).unwrap().to_rgb8();
+    for (orientation, expected) in [
+        (2, image::imageops::flip_horizontal(&plain)),
+        (3, image::imageops::rotate180(&plain)),
+    ] {
+        foreign.write("images/a.jpg", with_orientation(&jpeg, orientation));
+        foreign.write("images/b.jpg", &jpeg);
+        foreign.write(
+            "transforms.json",
+            transforms(&["images/a.jpg", "images/b.jpg"]),
+        );
+        let scene = foreign.import("nerfstudio").unwrap();
+        let shown = |at: usize| {
+            let path = foreign.path().join("out").join(&scene.frames[at].image);
+            image::open(path).unwrap().to_rgb8()
+        };
+        assert_eq!(shown(0), expected, "{orientation}");
+        assert_eq!(shown(1), plain);
+        let problems = &scene.validation.problems;
+        assert!(
+            problems.iter().any(|line| line.contains("EXIF")),
+            "{problems:?}"
+        );
+        // Nobody turns it again.
+        let path = foreign.path().join("out").join(&scene.frames[0].image);
+        assert!(omnilife_schemas::RgbImage::read(&path).is_ok());
+    }
+    let path = foreign.path().join("in/images/a.jpg");
+    assert!(
+        omnilife_schemas::RgbImage::read(&path).is_err(),
+        "read as it is, it is refused"
+    );
+}
