@@ -14,6 +14,7 @@ use crate::{
     near_duplicates::{SignaturePass, signature},
     overlays::{MosaicPass, OverlayPass},
     projection::FrameSamples,
+    slicing::packets::PacketTable,
     sphere_layouts::{self, ToErp},
     video::{Converter, Rgb8Image, Scaling, VideoReader, probe},
 };
@@ -174,18 +175,11 @@ pub fn analyse(
         end_seconds: last + interval,
     };
     refuse_truncated(video, &reader, &probe, &range)?;
-    if times.len() > 1 {
-        probe.frames_per_second = (times.len() - 1) as f64 / (last - first);
-    }
+    measure_rate(&mut probe, &times, reader.seconds_per_tick());
     if probe.duration_seconds <= 0.0 {
         probe.duration_seconds = range.duration_seconds();
     }
     probe.decoded_frames = Some(times.len() as u64);
-    probe.longest_interval_seconds = times
-        .windows(2)
-        .map(|pair| pair[1] - pair[0])
-        .max_by(f64::total_cmp);
-    probe.variable_frame_rate = Some(is_variable(&times, interval, reader.seconds_per_tick()));
     Ok(Analysis {
         probe,
         range,
@@ -196,6 +190,35 @@ pub fn analyse(
         signature,
         damaged_frames: reader.damaged(),
     })
+}
+
+/// Probes a video, its frame rate by the time stamps of its frames: headers are wrong by a frame, and by more
+/// where the rate varies. Nothing is decoded. Where a frame has no time stamp the rate stays that of the header, and
+/// `variable_frame_rate` is `None`.
+///
+/// # Errors
+/// As [`video::probe()`](crate::video::probe()).
+pub fn timed_probe(video: &Path) -> Result<Probe, CurateError> {
+    let mut probe = probe::probe(video)?;
+    let table = PacketTable::scan(video)?;
+    if table.packets.iter().all(|packet| packet.pts.is_some()) {
+        measure_rate(&mut probe, &table.times(), table.seconds_per_tick);
+    }
+    Ok(probe)
+}
+
+/// Enters what the time stamps of all frames, seconds, say of their rate.
+fn measure_rate(probe: &mut Probe, times: &[f64], seconds_per_tick: f64) {
+    let (Some(&first), Some(&last)) = (times.first(), times.last()) else {
+        return;
+    };
+    if times.len() > 1 {
+        probe.frames_per_second = (times.len() - 1) as f64 / (last - first);
+    }
+    let intervals = times.windows(2).map(|pair| pair[1] - pair[0]);
+    probe.longest_interval_seconds = intervals.max_by(f64::total_cmp);
+    let interval = frame_interval(times).unwrap_or_default();
+    probe.variable_frame_rate = Some(is_variable(times, interval, seconds_per_tick));
 }
 
 fn refuse_truncated(

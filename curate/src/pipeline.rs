@@ -25,7 +25,7 @@ use crate::{
     overlays, projection,
     sequences::{self, Sequencing},
     settings::{CurateSettings, LayoutChoice},
-    sphere_layouts, video,
+    sphere_layouts,
 };
 
 /// Curates one video into `folder` and returns the names of its sequence folders in order of time.
@@ -90,7 +90,7 @@ fn sequences_of(
 ) -> Result<Vec<String>, CurateError> {
     let detector = boundaries::detector(&settings.detector, video)?;
     let criteria = criteria::criteria(&settings.profile, video)?;
-    let probe = video::probe(video)?;
+    let probe = analysis::timed_probe(video)?;
     // Before anything is decoded; of a layout that the evidence shows the size is looked at again.
     let early_layout = match settings.layout {
         Some(LayoutChoice::Known(layout)) => Some(layout),
@@ -98,7 +98,7 @@ fn sequences_of(
         None => sphere_layouts::stated(&probe),
     };
     frames::frame_size(video, &probe, settings.width, settings.accept, early_layout)?;
-    // What the header shows already need not be found out by decoding gigabytes.
+    // What the header and the time stamps show already need not be found out by decoding gigabytes.
     let early = criteria::Candidate {
         probe: &probe,
         projection: None,
@@ -116,11 +116,6 @@ fn sequences_of(
         None => analysis.layout,
     };
     let projection = admission::effective_projection(video, &analysis, layout, settings, progress)?;
-    if layout.is_some() && settings.slices.is_some() {
-        let reason =
-            "slices are cut from equirectangular video, and this one is converted frame by frame";
-        return Err(CurateError::input(video, reason));
-    }
     let size = frames::frame_size(video, &probe, settings.width, settings.accept, layout)?;
     let candidate = criteria::Candidate {
         probe: &analysis.probe,

@@ -153,7 +153,7 @@ impl Sequencing<'_> {
         Ok(shots)
     }
 
-    /// Accounts for every second of the video, and writes the slices where they are asked for.
+    /// Accounts for every second of the video, and writes the slices where they are asked for and can be had.
     fn slice(
         &self,
         signals: &Signals,
@@ -165,12 +165,24 @@ impl Sequencing<'_> {
             times: &signals.times,
             quarter_turns: (self.analysis.probe.rotation_degrees / 90.0).round() as u32,
         };
+        let mut settings = self.settings.slices;
+        let mut no_slices = None;
+        if let (Some(_), Some(layout)) = (settings, self.layout) {
+            let reason = format!(
+                "slices are cut from equirectangular video, and this one is {layout}, converted frame by frame"
+            );
+            let video = self.video.display();
+            progress.note(&format!("{video}: has no slices: {reason}"));
+            settings = None;
+            no_slices = Some(reason);
+        }
         slicing::write_slices(
             self.folder,
             self.analysis,
             shots,
             &source,
-            self.settings.slices,
+            settings,
+            no_slices,
             progress,
         )
         .map(drop)

@@ -8,7 +8,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use omnilife_curate::{CurateError, CurateSettings, curate_video, expand_inputs};
+use omnilife_curate::{
+    CurateError, CurateSettings, curate_video, expand_inputs, left_out_of_folders,
+};
 use omnilife_schemas::{Classified, ErrorKind, progress::Silent};
 use support::{Clip, erp_clip};
 
@@ -159,6 +161,45 @@ fn folders_without_videos_and_missing_inputs() {
         .map(|path| path.file_name().unwrap().to_string_lossy().into_owned())
         .collect();
     assert_eq!(names, ["a.mov", "b.MP4", "c.mkv"]);
+}
+
+#[test]
+fn videos_of_a_folder_that_are_not_taken_are_named() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path().join("card");
+    for file in [
+        "a.mp4",
+        "notes.txt",
+        "b.MTS",
+        "c.mts",
+        "GS01.360",
+        "trip/day/d.mp4",
+        "trip/e.insv",
+        "stills/f.jpg",
+        ".trash/g.mp4",
+    ] {
+        let path = folder.join(file);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, "").unwrap();
+    }
+    let inputs = [folder.clone(), folder.join("a.mp4")];
+    let lines = left_out_of_folders(&inputs).unwrap();
+    assert_eq!(lines.len(), 1);
+    for part in ["1 .360", "2 .mts", "2 in the folder trip"] {
+        assert!(lines[0].contains(part), "{part}: {lines:?}");
+    }
+    for other in ["stills", "trash", "txt", ".mp4,"] {
+        assert!(!lines[0].contains(other), "{other}: {lines:?}");
+    }
+    // Where nothing is taken the refusal says what is there.
+    let error = expand_inputs(&[folder.join("trip")]).unwrap_err();
+    let message = error.to_string();
+    assert!(
+        message.contains("1 .insv") && message.contains("1 in the folder day"),
+        "{message}"
+    );
+    let plain = folder.join("trip/day");
+    assert!(left_out_of_folders(&[plain]).unwrap().is_empty());
 }
 
 #[test]

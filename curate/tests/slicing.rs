@@ -176,7 +176,16 @@ fn every_second_of_the_source_is_in_a_slice_or_left_out_for_a_reason() {
     };
     let write = |notes: &Notes| -> Slices {
         let settings = Some(SliceSettings { audio: false });
-        write_slices(folder.path(), &analysis, &shots, &video, settings, notes).unwrap()
+        write_slices(
+            folder.path(),
+            &analysis,
+            &shots,
+            &video,
+            settings,
+            None,
+            notes,
+        )
+        .unwrap()
     };
     let record = write(&Notes::default());
     let mut total = 0.0;

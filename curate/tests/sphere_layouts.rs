@@ -17,7 +17,7 @@ use omnilife_schemas::{
     Pose, RgbImage,
     layout::SEQUENCE_FILE,
     progress::Silent,
-    records::{PosedFrame, Poses, Scale, Sequence, SphereLayout, VideoProjection},
+    records::{PosedFrame, Poses, Scale, Sequence, Slices, SphereLayout, VideoProjection},
     rgb::Mask,
     store,
     testing::skip,
@@ -297,22 +297,38 @@ fn lenses_that_nobody_knows_are_found() {
 }
 
 #[test]
-fn slices_of_what_is_converted_are_refused() {
+fn what_is_converted_is_kept_without_the_slices_that_it_cannot_have() {
     let temp = tempfile::tempdir().unwrap();
-    let erp = original(temp.path());
+    let video = temp.path().join("eyes.mp4");
+    Clip::steady(256, 256, 8, 8).write(&video, |frame, x, y| {
+        let direction = erp_direction(x, y % 128, 256, 128, 0.05 * frame as f64);
+        world_colour(1, direction)
+    });
     let settings = CurateSettings {
         enforce: false,
-        layout: "cubemap-3x2".parse().ok(),
+        layout: Some("stereo-top-bottom".parse().unwrap()),
+        minimum_shot_seconds: 0.0,
         slices: Some(omnilife_curate::slicing::SliceSettings { audio: false }),
         ..CurateSettings::default()
     };
-    let refused = curate_video(&erp, &temp.path().join("out"), &settings, &Silent).unwrap_err();
+    let (out, notes) = (temp.path().join("out"), Notes::default());
+    let names = curate_video(&video, &out, &settings, &notes).unwrap();
+    assert!(!names.is_empty());
+    let said = notes.take();
     assert!(
-        refused
-            .to_string()
-            .contains("slices are cut from equirectangular video"),
-        "{refused}"
+        said.iter().any(|line| line.contains("has no slices")),
+        "{said:?}"
     );
+    let record: Slices = store::read_record(&out.join("slices.json")).unwrap();
+    assert!(record.no_slices.is_some() && !out.join("slices").exists());
+    // Where none are asked for nothing is missing.
+    let settings = CurateSettings {
+        slices: None,
+        ..settings
+    };
+    curate_video(&video, &out, &settings, &Silent).unwrap();
+    let record: Slices = store::read_record(&out.join("slices.json")).unwrap();
+    assert_eq!(record.no_slices, None);
 }
 
 #[test]

@@ -338,6 +338,18 @@ fn truncated(found: usize, expected: usize) -> String {
     format!("PLY ends after {found} of {expected} points")
 }
 
+/// Why a PLY is not read whose first element is another one than `vertex`.
+fn first_element(name: &str) -> String {
+    match name {
+        "chunk" => {
+            "is a compressed PLY as SuperSplat and PlayCanvas write it (the first PLY element is \
+                    chunk); save it as an uncompressed one"
+                .to_owned()
+        }
+        _ => format!("the first PLY element is {name}, not vertex"),
+    }
+}
+
 fn parse_header(bytes: &[u8]) -> Result<PlyHeader, String> {
     // With the line break: comments may hold the word.
     const END: &[u8] = b"\nend_header";
@@ -374,9 +386,7 @@ fn parse_header(bytes: &[u8]) -> Result<PlyHeader, String> {
                         .map_err(|_| "PLY vertex count is not a number")?,
                 );
             }
-            ["element", ..] if count.is_none() => {
-                return Err("the first PLY element is not vertex".to_owned());
-            }
+            ["element", name, ..] if count.is_none() => return Err(first_element(name)),
             ["element", ..] => in_vertex = false,
             ["property", "list", ..] if in_vertex => {
                 return Err("PLY vertices have a list property".to_owned());

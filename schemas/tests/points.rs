@@ -200,7 +200,14 @@ fn faults_are_named() {
         ),
         (
             ascii("element face 1\nelement vertex 1", ""),
-            "first PLY element",
+            "first PLY element is face, not vertex",
+        ),
+        (
+            ascii(
+                "element chunk 1\nproperty float min_x\nelement vertex 256",
+                "",
+            ),
+            "compressed PLY",
         ),
         (ascii("element vertex many", ""), "count is not a number"),
         (ascii("", ""), "no vertices"),

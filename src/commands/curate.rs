@@ -8,10 +8,10 @@ use omnilife_curate::{
     boundaries::{self, key_frame_prefilter},
     curate_dataset_in, curate_video,
     dense::{DenseRequest, make_dense},
-    expand_inputs, origins, pose_sequence_with, projection,
+    expand_inputs, left_out_of_folders, origins, pose_sequence_with, projection,
     publish::{self, PublishSettings},
     tracks::{TrackRequest, make_tracks, plan_tracks},
-    video, worker,
+    worker,
 };
 use omnilife_schemas::{
     Classified, layout::DENSE_FOLDER, ownership::refuse_another_kind, progress::Progress,
@@ -34,7 +34,7 @@ const PARQUET_MAGIC: &[u8] = b"PAR1";
 
 pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyhow::Result<()> {
     match command {
-        CurateCommand::Probe { video } => print_json(&video::probe(video)?),
+        CurateCommand::Probe { video } => print_json(&analysis::timed_probe(video)?),
         CurateCommand::Projection { video } => {
             let analysis = analyse(video, boundaries::DEFAULT_DETECTOR, progress)?;
             print_json(&projection::judge(
@@ -211,6 +211,9 @@ pub(crate) fn with_origins(
 /// Curates and publishes. Videos that are kept out or fail are reported when all is done.
 fn build(arguments: &BuildArguments, progress: &dyn Progress) -> anyhow::Result<()> {
     let videos = expand_inputs(&arguments.videos)?;
+    for line in left_out_of_folders(&arguments.videos)? {
+        progress.note(&line);
+    }
     let place = place(&arguments.limit)?;
     let settings = arguments.settings.settings();
     if let Some(video) = videos.first() {

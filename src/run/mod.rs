@@ -24,7 +24,7 @@ use std::{
 use omnilife_bench::{ScoreRequest, score, split_scene};
 use omnilife_curate::{
     CurateSettings, GivenTruth, IgnoredRegion, PoseRequest, curate_dataset_in, expand_inputs,
-    pose_sequence_with,
+    left_out_of_folders, pose_sequence_with,
 };
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard_of};
 use omnilife_reconstruct::{
@@ -71,6 +71,9 @@ const SUMMARY_FILES: [&str; 3] = [
 pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> anyhow::Result<()> {
     termination::guard_training()?;
     let videos = expand_inputs(&arguments.videos)?;
+    for line in left_out_of_folders(&arguments.videos)? {
+        progress.note(&line);
+    }
     let job = Job {
         poses: arguments.poses.request(),
         truth: arguments.poses.truth(),

@@ -28,7 +28,7 @@ use omnilife_schemas::{
     npy,
     points::PointCloud,
     progress::Silent,
-    records::{Scene, check_file},
+    records::{InvalidGaussians, Scene, check_file},
     store,
     tracked_regions::TrackedRegions,
 };
@@ -128,7 +128,10 @@ pub(crate) const FILES: &[Target] = &[
             fs::write(folder.join("a.ply"), gaussians()).unwrap();
             names(&["a.ply"])
         },
-        reader: Folder(|input, seed| drop(ply::read(&input.path(seed), &unchanged()))),
+        reader: Folder(|input, seed| {
+            let mut invalid = InvalidGaussians::default();
+            drop(ply::read(&input.path(seed), &unchanged(), &mut invalid));
+        }),
     },
     Target {
         id: "frame-scores",
@@ -323,6 +326,7 @@ pub(crate) const FILES: &[Target] = &[
                 bytes,
                 &Placement::WORLD,
                 &unchanged(),
+                &mut InvalidGaussians::default(),
             ));
         }),
     },

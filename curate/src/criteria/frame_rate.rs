@@ -9,8 +9,8 @@ pub(super) const CHECK: Check = Check {
     evaluate: |thresholds, candidate| {
         let least = thresholds.least_frames_per_second?;
         let rate = candidate.probe.frames_per_second;
-        // A header may leave it open; the analysis measures it.
-        if rate <= 0.0 && candidate.projection.is_none() {
+        // A header is wrong by a frame, or by more: time stamps decide.
+        if candidate.probe.variable_frame_rate.is_none() && candidate.projection.is_none() {
             return None;
         }
         let value = match (

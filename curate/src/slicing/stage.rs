@@ -37,7 +37,8 @@ fn remove_files(folder: &Path) -> Result<(), StoreError> {
 }
 
 /// Writes `slices.json` into a video's folder, and an mp4 per kept shot where `settings` asks for
-/// them; skipped, with a note, while the video, its shots and the settings have not changed.
+/// them; skipped, with a note, while the video, its shots and the settings have not changed. The record says
+/// `no_slices`, why those that were asked for cannot be had; `settings` asks for none then.
 ///
 /// # Errors
 /// As [`slice_video`].
@@ -47,12 +48,14 @@ pub fn write_slices(
     shots: &Shots,
     video: &SliceSource<'_>,
     settings: Option<SliceSettings>,
+    no_slices: Option<String>,
     progress: &dyn Progress,
 ) -> Result<Slices, CurateError> {
     let mut record = Slices {
         source: analysis.source.clone(),
         range: analysis.range,
         segments: segments(analysis.range, shots, sequence_name),
+        no_slices,
     };
     let path = folder.join(SLICES_FILE);
     if path.exists() {

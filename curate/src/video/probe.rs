@@ -6,7 +6,7 @@
 
 use std::path::Path;
 
-use ffmpeg::ffi;
+use ffmpeg::{ffi, format::stream::Disposition};
 use ffmpeg_next as ffmpeg;
 use omnilife_schemas::{
     records::{Probe, SphericalMetadata},
@@ -42,8 +42,15 @@ pub(crate) fn describe(reader: &VideoReader) -> Result<Probe, CurateError> {
     if width == 0 || height == 0 {
         return Err(CurateError::video(path, "its video stream has no size"));
     }
+    refuse_other_halves(reader, &stream)?;
     let format = raw_fields::pixel_format(decoder);
-    let rotation_degrees = rotation_degrees(&stream);
+    let matrix = display_matrix(&stream);
+    if matrix.is_some_and(|matrix| mirrors(&matrix)) {
+        let reason = "its display matrix mirrors it, and frames are taken as they are stored or turned; have it \
+                      applied: ffmpeg -i IN OUT";
+        return Err(CurateError::video(path, reason));
+    }
+    let rotation_degrees = matrix.map_or(0.0, |matrix| rotation_degrees(&matrix));
     if rotation_degrees.rem_euclid(90.0) != 0.0 {
         return Err(CurateError::video(
             path,
@@ -93,19 +100,46 @@ fn pixel_aspect_ratio(decoder: &ffmpeg::decoder::Video) -> f64 {
     }
 }
 
-/// Clockwise display rotation in [0, 360), rounded to a hundredth of a degree.
-fn rotation_degrees(stream: &ffmpeg::Stream<'_>) -> f64 {
-    let Some(data) = raw_fields::side_data(stream, SideData::DisplayMatrix) else {
-        return 0.0;
+/// Refuses a file with further video streams of the size of the one that is read: it holds a sphere of which
+/// that one is a part.
+fn refuse_other_halves(
+    reader: &VideoReader,
+    stream: &ffmpeg::Stream<'_>,
+) -> Result<(), CurateError> {
+    let size = raw_fields::video_size(stream);
+    let is_alike = |other: &ffmpeg::Stream<'_>| {
+        let is_cover = other.disposition().contains(Disposition::ATTACHED_PIC);
+        raw_fields::video_size(other) == size && !is_cover
     };
-    let mut matrix = [0_i32; 9];
-    let values = data.as_chunks::<4>().0;
-    if values.len() < matrix.len() {
-        return 0.0;
-    }
-    for (value, bytes) in matrix.iter_mut().zip(values) {
-        *value = i32::from_ne_bytes(*bytes);
-    }
+    let alike = reader.input().streams().filter(is_alike).count();
+    let (Some([width, height]), 2..) = (size, alike) else {
+        return Ok(());
+    };
+    Err(CurateError::video(
+        reader.path(),
+        format!(
+            "has {alike} video streams of {width}x{height} pixels, as cameras store halves of the sphere (GoPro \
+             .360) or one lens each (Insta360 .insv), and one alone is half a sphere: make one equirectangular \
+             video of it with the program of the camera's maker"
+        ),
+    ))
+}
+
+/// The display matrix, row by row, where the stream has one.
+fn display_matrix(stream: &ffmpeg::Stream<'_>) -> Option<[i32; 9]> {
+    let data = raw_fields::side_data(stream, SideData::DisplayMatrix)?;
+    let values = data.as_chunks::<4>().0.first_chunk::<9>()?;
+    Some(values.map(i32::from_ne_bytes))
+}
+
+/// Returns whether a display matrix shows the image mirrored: its determinant is negative.
+fn mirrors(&[a, b, _, c, d, ..]: &[i32; 9]) -> bool {
+    let [a, b, c, d] = [a, b, c, d].map(f64::from);
+    a * d - b * c < 0.0
+}
+
+/// Clockwise display rotation in [0, 360), rounded to a hundredth of a degree.
+fn rotation_degrees(matrix: &[i32; 9]) -> f64 {
     // SAFETY: the function reads nine integers.
     let counter_clockwise = unsafe { ffi::av_display_rotation_get(matrix.as_ptr()) };
     if counter_clockwise.is_finite() {

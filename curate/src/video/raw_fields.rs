@@ -197,6 +197,18 @@ impl CodecId {
     }
 }
 
+/// Width and height that a container states of a stream, pixels; `None` where it is no video.
+pub(super) fn video_size(stream: &ffmpeg::Stream<'_>) -> Option<[c_int; 2]> {
+    let parameters = stream.parameters();
+    // SAFETY: the parameters are live; the kind is an integer of 32 bits and read as such.
+    let (kind, size) = unsafe {
+        let parameters = parameters.as_ptr();
+        let kind = addr_of!((*parameters).codec_type).cast::<c_int>().read();
+        (kind, [(*parameters).width, (*parameters).height])
+    };
+    (kind == ffi::AVMediaType::AVMEDIA_TYPE_VIDEO as c_int).then_some(size)
+}
+
 /// Kinds of side data that are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum SideData {

@@ -10,7 +10,7 @@ use omnilife_leaderboard::{LeaderboardRequest, build, build_leaderboard, check_l
 use omnilife_schemas::{
     records::{
         Asset, AssetChanges, AssetLevel, AssetPlacement, AssetSource, Direction, Failure,
-        ResultRecord, Summary,
+        InvalidGaussians, ResultRecord, Summary,
     },
     store,
 };
@@ -44,6 +44,7 @@ fn assets_stand_beside_the_published_ones_and_their_levels_are_no_methods() {
             rotation_wxyz: [1.0, 0.0, 0.0, 0.0],
         },
         changes: AssetChanges::default(),
+        invalid: InvalidGaussians::default(),
         page: None,
         wall_seconds: 1.25,
     };

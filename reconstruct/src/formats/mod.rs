@@ -8,6 +8,7 @@ pub mod objects;
 pub mod ply;
 mod refined_poses;
 pub mod splat;
+pub(crate) mod validity;
 
 use std::path::Path;
 
@@ -21,6 +22,7 @@ use omnilife_engine::{
 };
 use omnilife_schemas::{
     Similarity,
+    records::InvalidGaussians,
     store::{self, StoreError},
 };
 
@@ -45,8 +47,11 @@ struct Format {
     /// Writes a part into a folder.
     write: fn(&Path, &Part, &TrainSettings, &Similarity) -> Result<(), StoreError>,
     /// Reads a part; `None` where settings have none.
-    read: fn(&Path, &TrainSettings, &Similarity) -> Result<Option<Part>, ReconstructError>,
+    read: fn(&Path, &TrainSettings, &Similarity, &mut InvalidGaussians) -> ReadPart,
 }
+
+/// A part of a model, where its settings have it.
+type ReadPart = Result<Option<Part>, ReconstructError>;
 
 /// All formats, in the order of the parts of a model.
 const FORMATS: &[Format] = &[
@@ -56,9 +61,9 @@ const FORMATS: &[Format] = &[
         write: |folder, part, _, normalization| {
             ply::write(&folder.join(GAUSSIANS_FILE), &part.table, normalization)
         },
-        read: |folder, settings, normalization| match settings.deformation {
+        read: |folder, settings, normalization, invalid| match settings.deformation {
             Some(_) => Ok(None),
-            None => read_static(&folder.join(GAUSSIANS_FILE), normalization).map(Some),
+            None => read_static(&folder.join(GAUSSIANS_FILE), normalization, invalid).map(Some),
         },
     },
     // Static Gaussians that are held near where they began, which matters while they learn.
@@ -68,7 +73,7 @@ const FORMATS: &[Format] = &[
         write: |folder, part, _, normalization| {
             ply::write(&folder.join(GAUSSIANS_FILE), &part.table, normalization)
         },
-        read: |_, _, _| Ok(None),
+        read: |_, _, _, _| Ok(None),
     },
     Format {
         parameterization: "deformable",
@@ -82,11 +87,11 @@ const FORMATS: &[Format] = &[
                 _ => Ok(()),
             }
         },
-        read: |folder, settings, normalization| {
+        read: |folder, settings, normalization, invalid| {
             let Some(settings) = settings.deformation else {
                 return Ok(None);
             };
-            let table = ply::read(&folder.join(GAUSSIANS_FILE), normalization)?;
+            let table = ply::read(&folder.join(GAUSSIANS_FILE), normalization, invalid)?;
             let weights = deformation::read(&folder.join(DEFORMATION_FILE), &settings.model)?;
             let mut deformable = Deformable::new(settings, Vec::new());
             // It has learnt whatever it has learnt: it takes part in images.
@@ -108,13 +113,13 @@ const FORMATS: &[Format] = &[
             ),
             None => Ok(()),
         },
-        read: |folder, settings, normalization| {
+        read: |folder, settings, normalization, invalid| {
             let Some(dynamics) = &settings.dynamics else {
                 return Ok(None);
             };
             let path = folder.join(MOVING_GAUSSIANS_FILE);
             let (time, clock) = (&dynamics.time, &dynamics.clock);
-            let table = moving_ply::read(&path, time, normalization, clock)?;
+            let table = moving_ply::read(&path, time, normalization, clock, invalid)?;
             Ok(Some(Part::new(dynamics.parameterization(), table)))
         },
     },
@@ -125,10 +130,10 @@ const FORMATS: &[Format] = &[
             Some(tracked) => objects::write(folder, tracked, &part.table, normalization),
             None => Ok(()),
         },
-        read: |folder, settings, normalization| {
+        read: |folder, settings, normalization, invalid| {
             // Runs with objects have step sizes for them.
             if settings.learning_rates.contains_key(OBJECT_POSITIONS) {
-                objects::read(folder, normalization).map(Some)
+                objects::read(folder, normalization, invalid).map(Some)
             } else {
                 Ok(None)
             }
@@ -136,17 +141,21 @@ const FORMATS: &[Format] = &[
     },
 ];
 
-/// Static Gaussians of a PLY, ours or of another program.
+/// Static Gaussians of a PLY, ours or of another program; what is not valid is counted in `invalid`.
 ///
 /// # Errors
 /// When the file cannot be read, or holds no Gaussians.
-pub fn read_static(path: &Path, normalization: &Similarity) -> Result<Part, ReconstructError> {
-    let table = ply::read(path, normalization)?;
+pub fn read_static(
+    path: &Path,
+    normalization: &Similarity,
+    invalid: &mut InvalidGaussians,
+) -> Result<Part, ReconstructError> {
+    let table = ply::read(path, normalization, invalid)?;
     let parameterization = StaticGaussians;
     Ok(Part::new(parameterization, table))
 }
 
-/// Static Gaussians of a `.splat`.
+/// Static Gaussians of a `.splat`; what is not valid is counted in `invalid`.
 ///
 /// # Errors
 /// When the file cannot be read, or is none.
@@ -154,8 +163,9 @@ pub fn read_splat(
     path: &Path,
     placement: &splat::Placement,
     normalization: &Similarity,
+    invalid: &mut InvalidGaussians,
 ) -> Result<Part, ReconstructError> {
-    let table = splat::read(path, placement, normalization)?;
+    let table = splat::read(path, placement, normalization, invalid)?;
     let parameterization = StaticGaussians;
     Ok(Part::new(parameterization, table))
 }
@@ -206,7 +216,7 @@ fn joined(parts: &[Part]) -> Part {
     Part::new(StaticGaussians, ParameterTable::joined(tables))
 }
 
-/// The model in a run's folder, trained under `settings`.
+/// The model in a run's folder, trained under `settings`; what is not valid is counted in `invalid`.
 ///
 /// # Errors
 /// When a file is missing or malformed.
@@ -214,10 +224,11 @@ pub fn read_model(
     folder: &Path,
     settings: &TrainSettings,
     normalization: &Similarity,
+    invalid: &mut InvalidGaussians,
 ) -> Result<Model, ReconstructError> {
     let parts = FORMATS
         .iter()
-        .map(|format| (format.read)(folder, settings, normalization));
+        .map(|format| (format.read)(folder, settings, normalization, invalid));
     let parts = parts.collect::<Result<Vec<_>, _>>()?;
     Ok(Model::new(parts.into_iter().flatten().collect()))
 }

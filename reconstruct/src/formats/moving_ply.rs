@@ -11,7 +11,7 @@
 
 use std::path::Path;
 
-use omnilife_schemas::{Similarity, store::StoreError};
+use omnilife_schemas::{Similarity, records::InvalidGaussians, store::StoreError};
 
 use crate::error::ReconstructError;
 use crate::formats::ply;
@@ -69,7 +69,8 @@ pub fn write(
     })
 }
 
-/// Reads moving Gaussians of a model into normalized coordinates and frames.
+/// Reads moving Gaussians of a model into normalized coordinates and frames; what is not valid is counted in
+/// `invalid`.
 ///
 /// # Errors
 /// As [`ply::read`].
@@ -83,10 +84,11 @@ pub fn read(
     model: &TimeModel,
     normalization: &Similarity,
     clock: &Clock,
+    invalid: &mut InvalidGaussians,
 ) -> Result<ParameterTable, ReconstructError> {
     let shapes = model.shapes();
     let names: Vec<String> = shapes.iter().flat_map(properties).collect();
-    let (mut table, columns) = ply::read_with(path, normalization, &names)?;
+    let (mut table, columns) = ply::read_with(path, normalization, &names, invalid)?;
     let mut columns = columns.into_iter();
     for shape in shapes {
         let [factor, summand] = unit(shape.name, normalization, clock);
@@ -145,7 +147,9 @@ mod tests {
         let folder = tempfile::tempdir()?;
         let path = folder.path().join("moving.ply");
         write(&path, &table, &model, &normalization, &clock)?;
-        let read = read(&path, &model, &normalization, &clock)?;
+        let mut invalid = InvalidGaussians::default();
+        let read = read(&path, &model, &normalization, &clock, &mut invalid)?;
+        assert_eq!(invalid, InvalidGaussians::default());
         for (a, b) in table.arrays.iter().zip(&read.arrays) {
             assert_eq!((a.name, a.width), (b.name, b.width));
             let error = a.values.iter().zip(&b.values).map(|(a, b)| (a - b).abs());
@@ -153,7 +157,7 @@ mod tests {
         }
         // In the file: 0.1 units per frame are 0.2 world units in a tenth of a second.
         let names = ["peak_times", "log_lifespans", "velocities_0"].map(str::to_owned);
-        let (_, columns) = ply::read_with(&path, &normalization, &names)?;
+        let (_, columns) = ply::read_with(&path, &normalization, &names, &mut invalid)?;
         let first: Vec<f32> = columns.iter().map(|column| column[0]).collect();
         for (found, expected) in first.iter().zip([0.3, 0.4_f32.ln(), 2.0]) {
             assert!((found - expected).abs() < 1e-5, "{first:?}");

@@ -19,7 +19,7 @@ use omnilife_engine::{
 };
 use omnilife_schemas::{
     Similarity,
-    records::{GraphObject, Objects},
+    records::{GraphObject, InvalidGaussians, Objects},
     store::{self, StoreError},
 };
 
@@ -92,12 +92,16 @@ pub(crate) fn write_table(folder: &Path, table: &ParameterTable) -> Result<(), S
     )
 }
 
-/// Reads what [`write()`] wrote.
+/// Reads what [`write()`] wrote; Gaussians that are not valid are counted in `invalid`.
 ///
 /// # Errors
 /// When a file is missing or malformed, or a Gaussian is of an object that is not there.
-pub fn read(folder: &Path, normalization: &Similarity) -> Result<Part, ReconstructError> {
-    let (record, table) = read_parts(folder)?;
+pub fn read(
+    folder: &Path,
+    normalization: &Similarity,
+    invalid: &mut InvalidGaussians,
+) -> Result<Part, ReconstructError> {
+    let (record, table) = read_parts(folder, invalid)?;
     let up = DVec3::from_array(record.up);
     let mut corrections = Vec::new();
     let mut objects = Vec::new();
@@ -135,7 +139,10 @@ pub fn read(folder: &Path, normalization: &Similarity) -> Result<Part, Reconstru
     clippy::indexing_slicing,
     reason = "static Gaussians begin with their positions"
 )]
-pub(crate) fn read_parts(folder: &Path) -> Result<(Objects, ParameterTable), ReconstructError> {
+pub(crate) fn read_parts(
+    folder: &Path,
+    invalid: &mut InvalidGaussians,
+) -> Result<(Objects, ParameterTable), ReconstructError> {
     let path = folder.join(OBJECTS_FILE);
     let record: Objects = store::read_record(&path)?;
     let malformed = |reason: String| StoreError::malformed(&path, reason);
@@ -164,7 +171,7 @@ pub(crate) fn read_parts(folder: &Path) -> Result<(Objects, ParameterTable), Rec
     }
     let gaussians = folder.join(OBJECT_GAUSSIANS_FILE);
     let further = [OBJECT_NUMBERS.to_owned()];
-    let (mut table, mut columns) = ply::read_with(&gaussians, &AS_IS, &further)?;
+    let (mut table, mut columns) = ply::read_with(&gaussians, &AS_IS, &further, invalid)?;
     let numbers = columns.pop().unwrap_or_default();
     let count = record.objects.len() as f32;
     if let Some(other) = numbers

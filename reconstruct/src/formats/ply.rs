@@ -4,7 +4,8 @@
 //! `f_rest_*` (all coefficients of red, then green, then blue), opacity (logit), `scale_*`
 //! (logarithm), `rot_*` (w, x, y, z). Coordinates are the scene's own: the normalization is undone.
 //! It does not rotate, so spherical harmonics and quaternions stay as they are. All properties are
-//! `float`, but x, y and z of a scene so far from the origin that floats would lose it, which are `double`.
+//! `float`, but x, y and z of a scene so far from the origin that floats would lose it, which are `double`. Which values make a
+//! Gaussian, `validity` says.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -16,9 +17,11 @@ use glam::{DVec3, Vec3};
 use omnilife_schemas::{
     Similarity,
     points::{Coordinates, PlyTable},
+    records::InvalidGaussians,
     store::{self, StoreError},
 };
 
+use super::validity::{self, ActivationCheck, FileGaussian};
 use crate::error::ReconstructError;
 use omnilife_engine::parameters::memory;
 use omnilife_engine::{
@@ -28,7 +31,7 @@ use omnilife_engine::{
             self, LOG_SCALES, OPACITY_LOGITS, POSITIONS, QUATERNIONS, SH_CONSTANT, SH_REST,
         },
     },
-    parameters::ParameterTable,
+    parameters::{ArrayShape, ParameterTable},
 };
 
 /// Names of the properties of Gaussians of a degree, in the order in which they are written.
@@ -119,86 +122,151 @@ fn push_row(table: &ParameterTable, index: usize, log_unit: f32, row: &mut Vec<f
 }
 
 /// Reads static Gaussians into normalized coordinates. Normals and properties that 3DGS does not
-/// write are passed over.
+/// write are passed over; what is not valid is repaired or left out, and counted in `invalid`.
 ///
 /// # Errors
 /// When the file is missing, malformed or truncated, lacks a property, holds a value that is not
-/// finite, or would not fit into memory.
-pub fn read(path: &Path, normalization: &Similarity) -> Result<ParameterTable, ReconstructError> {
-    read_with(path, normalization, &[]).map(|(table, _)| table)
+/// finite where that has no meaning, or would not fit into memory.
+pub fn read(
+    path: &Path,
+    normalization: &Similarity,
+    invalid: &mut InvalidGaussians,
+) -> Result<ParameterTable, ReconstructError> {
+    read_with(path, normalization, &[], invalid).map(|(table, _)| table)
 }
 
 /// [`read`] with `further` properties, one column each.
-#[expect(
-    clippy::indexing_slicing,
-    clippy::arithmetic_side_effects,
-    reason = "rows hold the columns that were looked up, as many as the degree has; their number was checked"
-)]
 pub(super) fn read_with(
     path: &Path,
     normalization: &Similarity,
     further: &[String],
+    invalid: &mut InvalidGaussians,
 ) -> Result<(ParameterTable, Vec<Vec<f32>>), ReconstructError> {
     let bytes = fs::read(path).map_err(|source| StoreError::read(path, source))?;
     let malformed = |reason: String| StoreError::malformed(path, reason);
     let ply = PlyTable::parse(&bytes).map_err(malformed)?;
     let degree = stored_degree(&ply).map_err(malformed)?;
-    let shapes = static_gaussians::shapes(degree);
     crate::process::require(
-        memory::table_bytes(ply.len() as u64, &shapes),
+        memory::table_bytes(ply.len() as u64, &static_gaussians::shapes(degree)),
         &format!("{}: {} Gaussians", path.display(), ply.len()),
     )?;
-    let columns = properties(degree)
-        .iter()
-        .filter(|name| !name.starts_with('n'))
-        .chain(further)
-        .map(|name| {
-            let missing = || format!("has no property {name}: not Gaussians of 3DGS");
-            ply.column(name).ok_or_else(missing)
-        })
-        .collect::<Result<Vec<usize>, String>>()
-        .map_err(malformed)?;
-    let log_unit = normalization.scale.ln();
-    let rest = sh_rest_count(degree);
-    let mut arrays: Vec<Vec<f32>> = shapes
-        .iter()
-        .map(|shape| Vec::with_capacity(shape.width * ply.len()))
-        .collect();
-    let mut columns_of_further = vec![Vec::with_capacity(ply.len()); further.len()];
-    let mut values = Vec::with_capacity(columns.len());
+    let columns = columns(&ply, degree, further).map_err(malformed)?;
+    let mut rows = Rows::new(degree, normalization, further.len(), ply.len());
+    let mut values: Vec<f64> = Vec::with_capacity(columns.len());
     ply.for_each_row(|index, row| {
         values.clear();
-        values.extend(columns.iter().map(|&column| row[column]));
-        let row = values.as_slice();
-        if let Some(bad) = row.iter().position(|value| !value.is_finite()) {
-            let name = ply.names().nth(columns[bad]).unwrap_or_default();
-            return Err(format!("{name} of Gaussian {index} is not finite"));
+        values.extend(
+            columns
+                .iter()
+                .filter_map(|&column| row.get(column).copied()),
+        );
+        for (&value, &column) in values.iter().zip(&columns) {
+            let name = || ply.names().nth(column).unwrap_or_default();
+            if !(value as f32).is_finite() && !validity::has_meaning(name(), value) {
+                return Err(format!("{} of Gaussian {index} is not finite", name()));
+            }
         }
-        let (geometry, others) = row.split_at(3);
-        let (colour, others) = others.split_at(3 + 3 * rest);
-        let position = normalization.normalize(DVec3::from_slice(geometry));
-        arrays[POSITIONS].extend(position.as_vec3().to_array());
-        let float = |value: &f64| *value as f32;
-        arrays[SH_CONSTANT].extend(colour[..3].iter().map(float));
-        for coefficient in 0..rest {
-            let channels = (0..3).map(|channel| colour[3 + channel * rest + coefficient] as f32);
-            arrays[SH_REST].extend(channels);
-        }
-        arrays[OPACITY_LOGITS].push(others[0] as f32);
-        let log_scales = others[1..4].iter().map(|value| (value + log_unit) as f32);
-        arrays[LOG_SCALES].extend(log_scales);
-        arrays[QUATERNIONS].extend(others[4..8].iter().map(float));
-        for (column, value) in columns_of_further.iter_mut().zip(&others[8..]) {
-            column.push(*value as f32);
-        }
+        rows.push(&values, invalid);
         Ok(())
     })
     .map_err(malformed)?;
-    let mut table = ParameterTable::new(ply.len());
-    for (shape, values) in shapes.iter().zip(arrays) {
-        table.add(shape.name, shape.width, values, 0.0);
+    invalid.looks_activated |= rows.activation.is_activated();
+    Ok(rows.into_table())
+}
+
+/// Positions of the properties that are read, in the order of [`properties`] without normals.
+fn columns(ply: &PlyTable<'_>, degree: usize, further: &[String]) -> Result<Vec<usize>, String> {
+    properties(degree)
+        .iter()
+        .filter(|name| !name.starts_with('n'))
+        .chain(further)
+        .map(|name| ply.column(name).ok_or_else(|| missing(ply, name)))
+        .collect()
+}
+
+/// Why a PLY without a property is no file of Gaussians: what it is instead, where that can be told.
+fn missing(ply: &PlyTable<'_>, name: &str) -> String {
+    let has = |name: &str| ply.column(name).is_some();
+    if has("scale_1") && !has("scale_2") {
+        "has scale_0 and scale_1 alone: 2D Gaussians, and only those of 3DGS are read".to_owned()
+    } else if !has("scale_0") && !has("rot_0") {
+        "has no scale_0 and no rot_0: a point cloud, not Gaussians of 3DGS".to_owned()
+    } else {
+        format!("has no property {name}: not Gaussians of 3DGS")
     }
-    Ok((table, columns_of_further))
+}
+
+/// The rows of a file on their way into a table.
+struct Rows {
+    normalization: Similarity,
+    /// Coefficients beside the constant one, of each channel.
+    rest: usize,
+    shapes: Vec<ArrayShape>,
+    arrays: Vec<Vec<f32>>,
+    further: Vec<Vec<f32>>,
+    activation: ActivationCheck,
+}
+
+#[expect(
+    clippy::indexing_slicing,
+    clippy::arithmetic_side_effects,
+    reason = "rows hold the columns that were looked up, as many as the degree has; their number was checked"
+)]
+impl Rows {
+    fn new(degree: usize, normalization: &Similarity, further: usize, len: usize) -> Self {
+        let shapes = static_gaussians::shapes(degree);
+        let arrays = shapes.iter();
+        Self {
+            normalization: *normalization,
+            rest: sh_rest_count(degree),
+            arrays: arrays
+                .map(|shape| Vec::with_capacity(shape.width * len))
+                .collect(),
+            shapes,
+            further: vec![Vec::with_capacity(len); further],
+            activation: ActivationCheck::default(),
+        }
+    }
+
+    /// Adds a row, where it is valid.
+    fn push(&mut self, row: &[f64], invalid: &mut InvalidGaussians) {
+        let (geometry, others) = row.split_at(3);
+        let (colour, others) = others.split_at(3 + 3 * self.rest);
+        let position = self.normalization.normalize(DVec3::from_slice(geometry));
+        let given = FileGaussian {
+            position: position.to_array(),
+            log_scales: [1, 2, 3].map(|at| others[at]),
+            opacity_logit: others[0],
+            quaternion: [4, 5, 6, 7].map(|at| others[at]),
+        };
+        let Some(gaussian) = validity::valid(&given, invalid) else {
+            return;
+        };
+        self.activation.add(&given);
+        let float = |value: f64| value as f32;
+        let log_unit = self.normalization.scale.ln();
+        let arrays = &mut self.arrays;
+        arrays[POSITIONS].extend(gaussian.position.map(float));
+        arrays[LOG_SCALES].extend(gaussian.log_scales.map(|log| float(log + log_unit)));
+        arrays[QUATERNIONS].extend(gaussian.quaternion.map(float));
+        arrays[OPACITY_LOGITS].push(float(gaussian.opacity_logit));
+        arrays[SH_CONSTANT].extend(colour[..3].iter().copied().map(float));
+        for coefficient in 0..self.rest {
+            let channels = (0..3).map(|channel| colour[3 + channel * self.rest + coefficient]);
+            arrays[SH_REST].extend(channels.map(float));
+        }
+        for (column, value) in self.further.iter_mut().zip(&others[8..]) {
+            column.push(*value as f32);
+        }
+    }
+
+    fn into_table(self) -> (ParameterTable, Vec<Vec<f32>>) {
+        let mut table = ParameterTable::new(self.arrays[OPACITY_LOGITS].len());
+        for (shape, values) in self.shapes.iter().zip(self.arrays) {
+            table.add(shape.name, shape.width, values, 0.0);
+        }
+        (table, self.further)
+    }
 }
 
 /// A world point to keep the positions of a PLY around in 32-bit floats: the origin, or their median
@@ -240,151 +308,4 @@ fn stored_degree(ply: &PlyTable<'_>) -> Result<usize, String> {
 }
 
 #[cfg(test)]
-mod tests {
-    use omnilife_schemas::points::PointCloud;
-
-    use super::*;
-    use omnilife_engine::gaussians::static_gaussians::InitialGaussians;
-
-    const NORMALIZATION: Similarity = Similarity {
-        offset: [10.0, 20.0, 30.0],
-        scale: 0.5,
-    };
-
-    fn table(sh_degree: usize) -> ParameterTable {
-        let initial = InitialGaussians::isotropic(
-            vec![[1.0, 2.0, 3.0], [-4.0, 0.5, 0.25]],
-            &[0.25, 2.0],
-            vec![[0.5; 3], [0.1, 0.2, 0.3]],
-            vec![0.5, 0.9],
-        );
-        let mut table = static_gaussians::table(&initial, sh_degree);
-        if let Some(rest) = table.arrays.get_mut(SH_REST) {
-            for (index, value) in rest.values.iter_mut().enumerate() {
-                *value = index as f32;
-            }
-        }
-        table
-    }
-
-    #[test]
-    fn exports_world_coordinates() -> Result<(), Box<dyn std::error::Error>> {
-        let folder = tempfile::tempdir()?;
-        let path = folder.path().join("gaussians.ply");
-        write(&path, &table(0), &NORMALIZATION)?;
-        let positions = PointCloud::read_ply(&path)?.positions;
-        assert_eq!(positions[0], [12.0, 24.0, 36.0]);
-        let bytes = fs::read(&path)?;
-        let rows = &bytes[bytes.len() - 2 * properties(0).len() * 4..];
-        let scale = f32::from_le_bytes(rows.as_chunks::<4>().0[10]).exp();
-        assert!(
-            (scale - 0.5).abs() < 1e-6,
-            "a quarter unit is half a world unit: {scale}"
-        );
-        Ok(())
-    }
-
-    #[test]
-    fn coefficients_are_written_channel_by_channel() -> Result<(), Box<dyn std::error::Error>> {
-        let folder = tempfile::tempdir()?;
-        let path = folder.path().join("gaussians.ply");
-        write(&path, &table(1), &NORMALIZATION)?;
-        let bytes = fs::read(&path)?;
-        let names = properties(1);
-        assert_eq!(names[9..18].join(" "), {
-            let rest: Vec<String> = (0..9).map(|index| format!("f_rest_{index}")).collect();
-            rest.join(" ")
-        });
-        let rows = bytes[bytes.len() - 2 * names.len() * 4..]
-            .as_chunks::<4>()
-            .0;
-        let rest: Vec<f32> = rows[9..18].iter().map(|&w| f32::from_le_bytes(w)).collect();
-        assert_eq!(rest, [0.0, 3.0, 6.0, 1.0, 4.0, 7.0, 2.0, 5.0, 8.0]);
-        Ok(())
-    }
-
-    #[test]
-    fn what_is_written_is_read_back() -> Result<(), Box<dyn std::error::Error>> {
-        let folder = tempfile::tempdir()?;
-        let path = folder.path().join("gaussians.ply");
-        for degree in 0..=3 {
-            let written = table(degree);
-            write(&path, &written, &NORMALIZATION)?;
-            let read = read(&path, &NORMALIZATION)?;
-            for (a, b) in written.arrays.iter().zip(&read.arrays) {
-                assert_eq!((a.name, a.width), (b.name, b.width));
-                let error = a.values.iter().zip(&b.values).map(|(a, b)| (a - b).abs());
-                assert!(error.fold(0.0, f32::max) < 1e-5, "{} at {degree}", a.name);
-            }
-        }
-        Ok(())
-    }
-
-    /// Wherever a scene lies; the file's positions are floats near the origin, as everybody reads them.
-    #[test]
-    fn runs_far_from_the_origin_are_read_back() -> Result<(), Box<dyn std::error::Error>> {
-        let folder = tempfile::tempdir()?;
-        let path = folder.path().join("gaussians.ply");
-        let written = table(1);
-        for (offset, scale, kind) in [
-            ([0.0; 3], 0.01, "float"),
-            ([-70.0, 3.0, 0.0], 0.5, "float"),
-            ([5e5, 5e6, 0.0], 0.2, "double"),
-            ([4.2e6, 1.7e5, -4.8e6], 3.0, "double"),
-        ] {
-            let normalization = Similarity { offset, scale };
-            write(&path, &written, &normalization)?;
-            let bytes = fs::read(&path)?;
-            let header = String::from_utf8_lossy(&bytes[..200]).into_owned();
-            assert!(header.contains(&format!("property {kind} z\nproperty float nx")));
-            let read = read(&path, &normalization)?;
-            for (a, b) in written.arrays.iter().zip(&read.arrays) {
-                let error = a.values.iter().zip(&b.values).map(|(a, b)| (a - b).abs());
-                assert!(error.fold(0.0, f32::max) < 1e-5, "{} at {offset:?}", a.name);
-            }
-            let origin = origin(&path)?;
-            let middle = DVec3::from_array(offset);
-            if kind == "float" {
-                assert_eq!(origin, DVec3::ZERO);
-            } else {
-                assert!(origin.distance(middle) < 10.0 / scale, "{origin}");
-            }
-        }
-        Ok(())
-    }
-
-    #[test]
-    fn what_is_missing_is_named() -> Result<(), Box<dyn std::error::Error>> {
-        let folder = tempfile::tempdir()?;
-        let path = folder.path().join("gaussians.ply");
-        write(&path, &table(1), &NORMALIZATION)?;
-        let whole = fs::read(&path)?;
-        let refused = |bytes: Vec<u8>| -> Result<String, Box<dyn std::error::Error>> {
-            fs::write(&path, bytes)?;
-            Ok(read(&path, &NORMALIZATION)
-                .map(drop)
-                .expect_err("refused")
-                .to_string())
-        };
-        let renamed = |from: &[u8], to: &[u8]| {
-            assert_eq!(from.len(), to.len());
-            let place = whole.windows(from.len()).position(|window| window == from);
-            let mut bytes = whole.clone();
-            let place = place.expect("the name is there");
-            bytes[place..place + from.len()].copy_from_slice(to);
-            bytes
-        };
-        assert!(refused(renamed(b"rot_3", b"rotor"))?.contains("has no property rot_3"));
-        assert!(refused(renamed(b"opacity", b"opaqueX"))?.contains("has no property opacity"));
-        assert!(refused(renamed(b"f_rest_8", b"g_rest_8"))?.contains("8 f_rest properties"));
-        let mut nan = whole.clone();
-        let last = nan.len() - 4;
-        nan[last..].copy_from_slice(&f32::NAN.to_le_bytes());
-        assert!(refused(nan)?.contains("rot_3 of Gaussian 1 is not finite"));
-        assert!(refused(whole[..whole.len() - 1].to_vec())?.contains("ends after 1 of 2"));
-        // A count that no file of this size holds must not make us allocate it.
-        let many = renamed(b"vertex 2\n", b"vertex 9\n");
-        assert!(refused(many)?.contains("ends after 2 of 9"));
-        Ok(())
-    }
-}
+mod tests;

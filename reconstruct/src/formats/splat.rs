@@ -25,9 +25,12 @@ use omnilife_engine::{
 };
 use omnilife_schemas::{
     Similarity,
+    records::InvalidGaussians,
     store::{self, StoreError},
 };
 use rayon::prelude::*;
+
+use super::validity::{self, FileGaussian};
 
 /// Bytes of a Gaussian.
 pub const ROW_BYTES: usize = 32;
@@ -60,6 +63,27 @@ impl SplatRow {
             rgba: [red, green, blue, byte(gaussians.opacities[index])],
             rotation: gaussians.rotations[index],
         }
+    }
+
+    /// Returns the row as it can be held, or `None` where it is left out; `place` is its centre in the units in
+    /// which it will be held. Counts what was not valid.
+    pub(crate) fn valid(mut self, place: [f64; 3], invalid: &mut InvalidGaussians) -> Option<Self> {
+        let opacity = f64::from(self.rgba[3]) / 255.0;
+        let given = FileGaussian {
+            position: place,
+            log_scales: self.scale.map(|scale| f64::from(scale).ln()),
+            opacity_logit: (opacity / (1.0 - opacity)).ln(),
+            quaternion: self.rotation.map(f64::from),
+        };
+        let valid = validity::valid(&given, invalid)?;
+        // What was valid stays as it is, to the bit.
+        if valid.log_scales != given.log_scales {
+            self.scale = valid.log_scales.map(|log| log.exp() as f32);
+        }
+        if valid.quaternion != given.quaternion {
+            self.rotation = valid.quaternion.map(|part| part as f32);
+        }
+        Some(self)
     }
 
     /// What rows are ordered by: volume times opacity.
@@ -138,18 +162,20 @@ impl Placement {
     }
 }
 
-/// Reads a file into normalized coordinates of the world.
+/// Reads a file into normalized coordinates of the world; what is not valid is repaired or left out, and
+/// counted in `invalid`.
 ///
 /// # Errors
-/// When the file is missing, is no whole number of rows, or has a row without a finite place, without a
-/// positive size or with a quaternion of zeros; names the row.
+/// When the file is missing, is no whole number of rows, or has a row with a place that is not a number or a
+/// size that is none; names the row.
 pub fn read(
     path: &Path,
     placement: &Placement,
     normalization: &Similarity,
+    invalid: &mut InvalidGaussians,
 ) -> Result<ParameterTable, StoreError> {
     let bytes = std::fs::read(path).map_err(|source| StoreError::read(path, source))?;
-    from_bytes(path, &bytes, placement, normalization)
+    from_bytes(path, &bytes, placement, normalization, invalid)
 }
 
 /// [`read`] of a file's bytes; `path` names it.
@@ -161,6 +187,7 @@ pub fn from_bytes(
     bytes: &[u8],
     placement: &Placement,
     normalization: &Similarity,
+    invalid: &mut InvalidGaussians,
 ) -> Result<ParameterTable, StoreError> {
     let malformed = |reason: String| StoreError::malformed(path, reason);
     let (rows, rest) = bytes.as_chunks::<ROW_BYTES>();
@@ -178,12 +205,16 @@ pub fn from_bytes(
         let row = parsed(row).map_err(|reason| malformed(format!("row {number} {reason}")))?;
         let place = DVec3::from_array(row.position.map(f64::from));
         let place = normalization.normalize(placement.to_world(place));
+        let Some(row) = row.valid(place.to_array(), invalid) else {
+            continue;
+        };
         let [w, x, y, z] = row.rotation.map(f64::from);
         let turned = to_world * DQuat::from_xyzw(x, y, z, w);
         initial.positions.push(place.as_vec3().to_array());
-        initial
-            .scales
-            .push(row.scale.map(|scale| (f64::from(scale) * unit) as f32));
+        initial.scales.push(
+            row.scale
+                .map(|scale| ((f64::from(scale) * unit) as f32).max(f32::MIN_POSITIVE)),
+        );
         initial
             .rotations
             .push([turned.w, turned.x, turned.y, turned.z].map(|q| q as f32));
@@ -194,7 +225,7 @@ pub fn from_bytes(
     Ok(table(&initial, 0))
 }
 
-/// A row of a file, its quaternion normalized.
+/// A row of a file, its quaternion normalized where it has a length.
 #[expect(clippy::indexing_slicing, reason = "places within a row")]
 fn parsed(bytes: &[u8; ROW_BYTES]) -> Result<SplatRow, String> {
     let mut floats = [0.0; 6];
@@ -202,18 +233,20 @@ fn parsed(bytes: &[u8; ROW_BYTES]) -> Result<SplatRow, String> {
         *to = f32::from_le_bytes(*from);
     }
     let [x, y, z, a, b, c] = floats;
-    if !floats.iter().all(|value| value.is_finite()) {
-        return Err("has a value that is not finite".to_owned());
+    if [x, y, z].iter().any(|place| place.is_nan()) {
+        return Err("has a place that is not a number".to_owned());
     }
-    if [a, b, c].iter().any(|scale| *scale <= 0.0) {
-        return Err("has a size that is not positive".to_owned());
+    // Of 0 on: other programs round small ones to it.
+    if ![a, b, c]
+        .iter()
+        .all(|size| (0.0..f32::INFINITY).contains(size))
+    {
+        return Err("has a size that is negative or not finite".to_owned());
     }
     let rgba = [bytes[24], bytes[25], bytes[26], bytes[27]];
     let rotation = [28, 29, 30, 31].map(|at| (f32::from(bytes[at]) - 128.0) / 128.0);
     let length = rotation.iter().map(|q| q * q).sum::<f32>().sqrt();
-    if length == 0.0 {
-        return Err("has a quaternion of zeros".to_owned());
-    }
+    let length = if length > 0.0 { length } else { 1.0 };
     Ok(SplatRow {
         position: [x, y, z],
         scale: [a, b, c],
@@ -324,19 +357,52 @@ mod tests {
             (Vec::new(), "no whole number of rows"),
             (
                 changed(4, f32::NAN.to_le_bytes()),
-                "row 1 has a value that is not finite",
+                "row 1 has a place that is not a number",
             ),
-            (changed(16, 0.0_f32.to_le_bytes()), "row 1 has a size"),
-            (changed(28, [128; 4]), "row 1 has a quaternion of zeros"),
+            (changed(16, (-0.1_f32).to_le_bytes()), "row 1 has a size"),
+            (changed(12, f32::INFINITY.to_le_bytes()), "row 1 has a size"),
+            (changed(20, f32::NAN.to_le_bytes()), "row 1 has a size"),
         ] {
             std::fs::write(&path, bytes)?;
-            let message = read(&path, &Placement::WORLD, &STAY).map(|_| ()).err();
+            let mut invalid = InvalidGaussians::default();
+            let message = read(&path, &Placement::WORLD, &STAY, &mut invalid);
+            let message = message.map(drop).err();
             let message = message.map(|error| error.to_string()).unwrap_or_default();
             assert!(
                 message.contains(expected) && message.contains("a.splat"),
                 "{message}"
             );
         }
+        Ok(())
+    }
+
+    #[test]
+    fn rows_that_are_not_valid_are_repaired_or_left_out_and_counted()
+    -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join("a.splat");
+        let good = row([1.0, 2.0, 3.0], [0.1; 3], 255);
+        let mut rows = [good; 6].map(|row| row.bytes());
+        rows[1][28..].fill(128);
+        rows[2][16..20].fill(0);
+        rows[3][..4].copy_from_slice(&f32::INFINITY.to_le_bytes());
+        rows[4][27] = 0;
+        rows[5].fill(0);
+        std::fs::write(&path, rows.as_flattened())?;
+        let mut invalid = InvalidGaussians::default();
+        let table = read(&path, &Placement::WORLD, &STAY, &mut invalid)?;
+        let expected = InvalidGaussians {
+            transparent: 2,
+            out_of_reach: 1,
+            unrotated: 1,
+            flat: 1,
+            ..InvalidGaussians::default()
+        };
+        assert_eq!((table.len(), invalid), (3, expected));
+        assert_eq!(table.row(QUATERNIONS, 1), [1.0, 0.0, 0.0, 0.0]);
+        let sizes = table.row(LOG_SCALES, 2);
+        assert!(sizes[1].is_finite() && sizes[1] < -80.0, "{sizes:?}");
+        assert!((sizes[0] - 0.1_f32.ln()).abs() < 1e-5, "{sizes:?}");
         Ok(())
     }
 
@@ -351,7 +417,9 @@ mod tests {
             let path = folder.path().join("a.splat");
             let rows: Vec<SplatRow> = values
                 .into_iter()
-                .map(|(position, scale, rgba, q)| {
+                .map(|(position, scale, mut rgba, q)| {
+                    // One of opacity 0 is left out.
+                    rgba[3] = rgba[3].max(1);
                     let length = q.iter().map(|q| q * q).sum::<f32>().sqrt().max(1e-3);
                     SplatRow { position, scale, rgba, rotation: q.map(|q| q / length) }
                 })
@@ -359,7 +427,9 @@ mod tests {
                 .collect();
             prop_assume!(!rows.is_empty());
             write(&path, &rows).expect("written");
-            let table = read(&path, &Placement::WORLD, &STAY).expect("read");
+            let mut invalid = InvalidGaussians::default();
+            let table = read(&path, &Placement::WORLD, &STAY, &mut invalid).expect("read");
+            prop_assert_eq!(invalid, InvalidGaussians::default());
             prop_assert_eq!(table.len(), rows.len());
             let mut sorted = rows;
             sorted.sort_by(|a, b| b.weight().total_cmp(&a.weight()));

@@ -5,14 +5,14 @@ use std::path::Path;
 use glam::DVec3;
 use omnilife_engine::{gaussians::tracked::OBJECT_NUMBERS, parameters::ParameterTable};
 use omnilife_schemas::{
-    records::{GraphObject, Objects, Poses, RunRecord},
+    records::{GraphObject, InvalidGaussians, Objects, Poses, RunRecord},
     store::{self, StoreError},
     trajectory::GroundAxes,
 };
 
 use crate::{
     error::ReconstructError,
-    formats::{GAUSSIANS_FILE, OBJECT_GAUSSIANS_FILE, OBJECTS_FILE, objects},
+    formats::{GAUSSIANS_FILE, OBJECT_GAUSSIANS_FILE, OBJECTS_FILE, objects, validity},
     jobs::run_views,
 };
 
@@ -77,13 +77,15 @@ pub(super) fn check<'a>(
         let reason = "has no objects that could be edited: it is no run of an object graph";
         return Err(ReconstructError::scene(run_folder, reason));
     }
-    let (mut record, mut table) = objects::read_parts(run_folder)?;
+    let mut invalid = InvalidGaussians::default();
+    let (mut record, mut table) = objects::read_parts(run_folder, &mut invalid)?;
     for edit in edits {
         apply(edit, &mut record, &mut table)
             .and_then(|()| stays_in_clip(edit, &record, run.clip_seconds))
             .map_err(|reason| ReconstructError::scene(&objects_path, reason))?;
     }
-    let warnings = out_of_view(&record, run.views.as_ref());
+    let mut warnings = validity::notes(run_folder, &invalid);
+    warnings.extend(out_of_view(&record, run.views.as_ref()));
     let files = vec![GAUSSIANS_FILE, OBJECTS_FILE, OBJECT_GAUSSIANS_FILE];
     let written = files.iter().map(|&file| file.to_owned()).collect();
     let write: WriteModel<'a> = Box::new(move |out| {

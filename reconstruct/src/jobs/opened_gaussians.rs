@@ -6,7 +6,8 @@ use glam::{DQuat, DVec3};
 use omnilife_schemas::{
     RgbImage, Similarity,
     layout::ASSET_FILE,
-    records::{Asset, RunRecord},
+    progress::Progress,
+    records::{Asset, InvalidGaussians, RunRecord},
     store::{self, StoreError},
 };
 
@@ -26,7 +27,7 @@ use omnilife_engine::{
 
 use crate::{
     error::ReconstructError,
-    formats::{self, splat::Placement},
+    formats::{self, splat::Placement, validity},
     jobs::{export::splat_files, reconstruct::RUN_FILE},
     methods::run_formats::OpenedModel,
 };
@@ -49,7 +50,7 @@ pub(super) struct OpenedGaussians {
 }
 
 impl OpenedGaussians {
-    /// Opens a run's Gaussians, or a PLY, which is normalized by the cameras.
+    /// Opens a run's Gaussians, or a PLY, which is normalized by the cameras, and tells what of them is not valid.
     ///
     /// # Errors
     /// When a file is missing or malformed, or the Gaussians have no such layer.
@@ -58,6 +59,7 @@ impl OpenedGaussians {
         layer: &str,
         of_cameras: Similarity,
         camera: Camera,
+        progress: &dyn Progress,
     ) -> Result<Self, ReconstructError> {
         let refuse = |reason: String| Err(ReconstructError::Request { reason });
         let named = LAYERS.iter().find(|(name, _)| *name == layer);
@@ -73,7 +75,12 @@ impl OpenedGaussians {
         if is_published && (matches!(camera, Camera::Pinhole(_)) || layer != Layer::All) {
             return refuse("the published renderer of ODGS draws whole ERP views only".to_owned());
         }
-        let layers = LayerRenderer::new(source.model()?, source.settings);
+        let mut invalid = InvalidGaussians::default();
+        let model = source.model(&mut invalid)?;
+        for note in validity::notes(path, &invalid) {
+            progress.note(&note);
+        }
+        let layers = LayerRenderer::new(model, source.settings);
         if let Some(reason) = layers.refusal(layer) {
             return refuse(reason.to_owned());
         }
@@ -173,15 +180,18 @@ impl Source {
         Self::open(path, in_place)
     }
 
-    pub(crate) fn model(&self) -> Result<Model, ReconstructError> {
+    /// The Gaussians; what of them is not valid is counted in `invalid`.
+    pub(crate) fn model(&self, invalid: &mut InvalidGaussians) -> Result<Model, ReconstructError> {
         match &self.trained {
-            Some(settings) => formats::read_model(&self.path, settings, &self.normalization),
+            Some(settings) => {
+                formats::read_model(&self.path, settings, &self.normalization, invalid)
+            }
             None => {
                 let part = if is_splat(&self.path) {
                     let placement = placement(&self.path)?;
-                    formats::read_splat(&self.path, &placement, &self.normalization)?
+                    formats::read_splat(&self.path, &placement, &self.normalization, invalid)?
                 } else {
-                    formats::read_static(&self.path, &self.normalization)?
+                    formats::read_static(&self.path, &self.normalization, invalid)?
                 };
                 Ok(Model::new(vec![part]))
             }

@@ -106,7 +106,7 @@ pub fn render_poses(
         of_cameras.scale = 1.0;
     }
     let camera = camera(request, path.camera)?;
-    let mut opened = open(request, of_cameras, camera)?;
+    let mut opened = open(request, of_cameras, camera, progress)?;
     let _lock = FolderLock::take(&request.out, progress)?;
     let begun = Instant::now();
     let stage = StagePlan::new(&request.out, "render");
@@ -170,11 +170,13 @@ fn open(
     request: &RenderRequest,
     of_cameras: Similarity,
     camera: Camera,
+    progress: &dyn Progress,
 ) -> Result<Box<dyn OpenedModel>, ReconstructError> {
     if let Some(format) = run_formats::of_run(&request.model) {
         return (format.open)(&request.model, &request.layer);
     }
-    let opened = OpenedGaussians::open(&request.model, &request.layer, of_cameras, camera)?;
+    let (model, layer) = (&request.model, &request.layer);
+    let opened = OpenedGaussians::open(model, layer, of_cameras, camera, progress)?;
     Ok(Box::new(opened))
 }
 

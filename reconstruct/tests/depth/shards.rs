@@ -16,7 +16,7 @@ use omnilife_reconstruct::{
     scene::TrainingScene,
     train::{Session, TrainingFiles},
 };
-use omnilife_schemas::{RgbImage, progress::Silent};
+use omnilife_schemas::{RgbImage, progress::Silent, records::InvalidGaussians};
 
 /// Centres learn and are held to the surface.
 fn request(shards: u64, iterations: u64) -> MethodRequest {
@@ -88,7 +88,8 @@ fn one_shard_and_eight_learn_the_same() {
     let written = eight.learner.export(folder.path()).unwrap();
     assert_eq!(written, [GAUSSIANS_FILE]);
     let path = folder.path().join(GAUSSIANS_FILE);
-    let read = formats::read_static(&path, &scene.normalization).unwrap();
+    let mut invalid = InvalidGaussians::default();
+    let read = formats::read_static(&path, &scene.normalization, &mut invalid).unwrap();
     assert_eq!([read.table.len(), model_len], [whole; 2]);
 }
 

@@ -23,6 +23,9 @@ pub struct Asset {
     pub placement: AssetPlacement,
     /// What was changed for viewers.
     pub changes: AssetChanges,
+    /// Gaussians of the source that are not valid.
+    #[serde(default)]
+    pub invalid: InvalidGaussians,
     /// The page, where there is one.
     pub page: Option<AssetPage>,
     /// Wall-clock time of the export, seconds.
@@ -119,6 +122,24 @@ pub struct AssetChanges {
     pub pulled_in: u64,
     /// Degree of the spherical harmonics that were left out; 0 where there were none.
     pub dropped_sh_degree: u32,
+}
+
+/// Gaussians of a source that are not valid, counted by what became of them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+pub struct InvalidGaussians {
+    /// Left out because quaternion, log scales and opacity are 0: the padding of files.
+    pub padding: u64,
+    /// Left out because their opacity is 0 itself, a logit of minus infinity.
+    pub transparent: u64,
+    /// Left out because they are farther out, or larger, than f32 can be reckoned with.
+    pub out_of_reach: u64,
+    /// Drawn without a rotation because their quaternion is 0.
+    pub unrotated: u64,
+    /// Drawn as thin as f32 allows because an axis has size 0.
+    pub flat: u64,
+    /// Log scales of a file are all 0 or more and its opacities all in [0, 1], as if `exp` and the sigmoid had
+    /// been applied; they were read as if not.
+    pub looks_activated: bool,
 }
 
 /// The page that shows the levels.

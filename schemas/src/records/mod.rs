@@ -39,7 +39,7 @@ pub use annotation::{
 };
 pub use asset::{
     Asset, AssetChanges, AssetLevel, AssetMoment, AssetMoments, AssetPage, AssetPlacement,
-    AssetSource, AssetSplats,
+    AssetSource, AssetSplats, InvalidGaussians,
 };
 pub use boundaries::{Boundary, BoundaryKind, BoundaryLedger};
 pub use dataset::{Dataset, Origin, OriginKind, VideoEntry, VideoStatus};

@@ -100,8 +100,9 @@ pub fn export(
     let ExportedScene {
         drawable,
         source,
+        invalid,
         without_moments,
-    } = ExportedScene::open(request)?;
+    } = ExportedScene::open(request, progress)?;
     let splats = drawable.rows.len() as u64;
     let Wanted {
         levels: wanted,
@@ -109,6 +110,13 @@ pub fn export(
     } = levels_within(request, splats)?;
     left_out.extend(without_moments);
     let mut notes = left_out.clone();
+    let dropped = drawable.changes.dropped_sh_degree;
+    if dropped > 0 {
+        notes.push(format!(
+            "colours by direction (spherical harmonics of degree {dropped}) are left out: .splat files have one \
+             colour per Gaussian"
+        ));
+    }
     let libraries = match request.with_page.then(page::libraries) {
         None => None,
         Some(Ok(libraries)) => Some(libraries),
@@ -146,6 +154,7 @@ pub fn export(
         left_out,
         placement: drawable.placement,
         changes: drawable.changes,
+        invalid,
         page: None,
         wall_seconds: 0.0,
     };

@@ -108,9 +108,14 @@ impl Moments {
     }
 
     /// The same, to be changed.
+    pub(super) fn files_mut(&mut self) -> impl Iterator<Item = &mut Vec<SplatRow>> {
+        let moving = self.moving.iter_mut().map(|(_, rows)| rows);
+        [&mut self.still].into_iter().chain(moving)
+    }
+
+    /// All of them, to be changed.
     pub(super) fn rows_mut(&mut self) -> impl Iterator<Item = &mut SplatRow> {
-        let moving = self.moving.iter_mut().flat_map(|(_, rows)| rows);
-        self.still.iter_mut().chain(moving)
+        self.files_mut().flatten()
     }
 }
 

@@ -6,7 +6,8 @@ use omnilife_engine::{
     model::Model,
 };
 use omnilife_schemas::{
-    records::{AssetSource, RunRecord},
+    progress::Progress,
+    records::{AssetSource, InvalidGaussians, RunRecord},
     store,
 };
 
@@ -17,6 +18,7 @@ use super::{
 };
 use crate::{
     error::ReconstructError,
+    formats::validity,
     jobs::{opened_gaussians::Source, reconstruct::RUN_FILE},
 };
 
@@ -24,18 +26,24 @@ use crate::{
 pub(super) struct ExportedScene {
     pub(super) drawable: Drawable,
     pub(super) source: AssetSource,
+    /// What of it was not valid.
+    pub(super) invalid: InvalidGaussians,
     /// Why a scene that could move has no moments.
     pub(super) without_moments: Option<String>,
 }
 
 impl ExportedScene {
-    /// Opens what is asked for.
+    /// Opens what is asked for, and tells what of it is not valid.
     ///
     /// # Errors
     /// When the Gaussians cannot be read, or a viewer could draw none of them.
-    pub(super) fn open(request: &ExportRequest) -> Result<Self, ReconstructError> {
+    pub(super) fn open(
+        request: &ExportRequest,
+        progress: &dyn Progress,
+    ) -> Result<Self, ReconstructError> {
         let source = Source::open_in_place(&request.gaussians)?;
-        let mut model = source.model()?;
+        let mut invalid = InvalidGaussians::default();
+        let mut model = source.model(&mut invalid)?;
         let record_path = request.gaussians.join(RUN_FILE);
         let record: Option<RunRecord> = request
             .gaussians
@@ -58,7 +66,10 @@ impl ExportedScene {
         let at = Viewpoint::of_moment(seconds.unwrap_or(0.0));
         model.activate(&at, &TemporalFeatures::default(), &mut gaussians);
         drop(model);
-        let drawable = drawable(&gaussians, moments, &frame);
+        let drawable = drawable(&gaussians, moments, &frame, &mut invalid);
+        for note in validity::notes(&request.gaussians, &invalid) {
+            progress.note(&note);
+        }
         if drawable.rows.is_empty() {
             let reason = match seconds {
                 Some(seconds) => {
@@ -82,6 +93,7 @@ impl ExportedScene {
         Ok(Self {
             drawable,
             source,
+            invalid,
             without_moments,
         })
     }

@@ -7,11 +7,11 @@
 
 use glam::{DQuat, DVec3};
 use omnilife_engine::gaussians::ActivatedGaussians;
-use omnilife_schemas::records::{AssetChanges, AssetPlacement};
+use omnilife_schemas::records::{AssetChanges, AssetPlacement, InvalidGaussians};
 use rayon::prelude::*;
 
 use super::moments::Moments;
-use crate::formats::splat::SplatRow;
+use crate::formats::{splat::SplatRow, validity::REACH};
 
 /// Least ratio of a Gaussian's shortest to its longest axis.
 const LEAST_THICKNESS: f32 = 0.1;
@@ -67,11 +67,13 @@ impl FileFrame {
     }
 }
 
-/// Brings Gaussians, and those of other moments, into a frame and within what viewers can draw.
+/// Brings Gaussians, and those of other moments, into a frame and within what viewers can draw; what a file
+/// cannot hold is counted in `invalid`.
 pub(super) fn drawable(
     gaussians: &ActivatedGaussians,
     mut moments: Option<Moments>,
     frame: &FileFrame,
+    invalid: &mut InvalidGaussians,
 ) -> Drawable {
     let all = gaussians.len();
     let mut rows: Vec<SplatRow> = (0..all)
@@ -85,6 +87,10 @@ pub(super) fn drawable(
         ..AssetChanges::default()
     };
     // What is counted is of the levels.
+    keep_valid(&mut rows, invalid);
+    for rows in moments.iter_mut().flat_map(Moments::files_mut) {
+        keep_valid(rows, &mut InvalidGaussians::default());
+    }
     changes.thickened = rows.par_iter_mut().map(thicken).sum();
     let farthest = farthest(&rows);
     changes.pulled_in = (rows.par_iter_mut())
@@ -100,10 +106,11 @@ pub(super) fn drawable(
     let sizes = |rows: &[SplatRow]| enlargement(rows.par_iter().map(longest).collect());
     let of_moments = moments.iter().flat_map(Moments::files).map(sizes);
     let scale = of_moments.fold(sizes(&rows), f32::max);
-    let enlarge = |row: &mut SplatRow| {
-        row.position = row.position.map(|value| value * scale);
-        row.scale = row.scale.map(|value| value * scale);
-    };
+    let files = moments.iter().flat_map(Moments::files);
+    let extent = files.map(extent).fold(extent(&rows), f32::max);
+    // Half of it: rounding must not lead out of it.
+    let scale = scale.min((0.5 * REACH / f64::from(extent)) as f32);
+    let enlarge = |row: &mut SplatRow| resize(row, scale);
     rows.par_iter_mut().for_each(enlarge);
     (moments.iter_mut().flat_map(Moments::rows_mut)).for_each(enlarge);
     let DQuat { x, y, z, w } = frame.turn;
@@ -117,6 +124,40 @@ pub(super) fn drawable(
         },
         changes,
     }
+}
+
+/// Keeps what a file can hold.
+fn keep_valid(rows: &mut Vec<SplatRow>, invalid: &mut InvalidGaussians) {
+    rows.retain_mut(
+        |row| match row.valid(row.position.map(f64::from), invalid) {
+            Some(valid) => {
+                *row = valid;
+                true
+            }
+            None => false,
+        },
+    );
+}
+
+/// Makes a Gaussian larger with its distance from the origin. What f32 rounds to 0 stays a size.
+fn resize(row: &mut SplatRow, factor: f32) {
+    row.position = row.position.map(|value| value * factor);
+    row.scale = row
+        .scale
+        .map(|value| (value * factor).max(f32::MIN_POSITIVE));
+}
+
+/// Largest coordinate or size.
+fn extent(rows: &[SplatRow]) -> f32 {
+    let of_row = |row: &SplatRow| {
+        row.position
+            .into_iter()
+            .map(f32::abs)
+            .fold(longest(row), f32::max)
+    };
+    rows.par_iter()
+        .map(of_row)
+        .reduce(|| f32::MIN_POSITIVE, f32::max)
 }
 
 fn longest(row: &SplatRow) -> f32 {
@@ -136,7 +177,8 @@ fn away(row: &SplatRow) -> f32 {
     glam::Vec3::from_array(row.position).length()
 }
 
-/// Three radii of the scene. What is exactly in the middle, such as rows of zeros, says nothing of them.
+/// Three radii of the scene. What is exactly in the middle, such as rows of zeros, says nothing of them; a scene that
+/// is one point has no end.
 fn farthest(rows: &[SplatRow]) -> f32 {
     let distances = rows.iter().map(away).filter(|&distance| distance > 0.0);
     let radius = quantile(distances.collect(), SCENE_QUANTILE);
@@ -150,9 +192,7 @@ fn pull_in(row: &mut SplatRow, farthest: f32) -> u64 {
     if distance <= farthest {
         return 0;
     }
-    let factor = farthest / distance;
-    row.position = row.position.map(|value| value * factor);
-    row.scale = row.scale.map(|value| value * factor);
+    resize(row, farthest / distance);
     1
 }
 
@@ -243,7 +283,7 @@ mod tests {
                 .map(|index| SplatRow::of(&gaussians, index))
                 .collect();
             let frame = FileFrame::new(DVec3::Z, DVec3::ZERO, 1.0);
-            let drawable = drawable(&gaussians, None, &frame);
+            let drawable = drawable(&gaussians, None, &frame, &mut InvalidGaussians::default());
             assert_eq!(bad(&drawable.rows), 0, "{scale} {thickness}");
             if thickness < 0.1 {
                 assert!(
@@ -264,7 +304,7 @@ mod tests {
         gaussians.scales[1] = [9.0; 3];
         gaussians.opacities[2] = 1e-3;
         let frame = FileFrame::new(DVec3::new(0.0, 0.0, 2.0), DVec3::ONE, 2.0);
-        let drawable = drawable(&gaussians, None, &frame);
+        let drawable = drawable(&gaussians, None, &frame, &mut InvalidGaussians::default());
         let first = drawable.rows[0].position;
         assert!(Vec3::from_array(first).distance(Vec3::new(0.0, -1.0, 0.0)) < 1e-6);
         let far = &drawable.rows[1];
@@ -303,7 +343,8 @@ mod tests {
             still: of(0..400),
             moving: vec![(0.0, of(400..500)), (1.0, of(400..450))],
         };
-        let drawable = drawable(&gaussians, Some(moments), &frame);
+        let mut invalid = InvalidGaussians::default();
+        let drawable = drawable(&gaussians, Some(moments), &frame, &mut invalid);
         assert!(drawable.placement.scale > 1.0);
         let Some(moments) = drawable.moments else {
             panic!("the moments are lost");
@@ -312,5 +353,63 @@ mod tests {
         assert_eq!(moments.moving[0].1, drawable.rows[400..]);
         assert_eq!(moments.moving[1].1, drawable.rows[400..450]);
         assert_eq!(drawable.changes.thickened, 500, "counted once");
+    }
+    /// Rows that a reader of the format takes as they are.
+    fn are_sound(rows: &[SplatRow]) -> bool {
+        let mut invalid = InvalidGaussians::default();
+        let are_kept = rows.iter().all(|row| {
+            let sizes_fit = row.scale.iter().all(|size| size.is_finite() && *size > 0.0);
+            sizes_fit && row.valid(row.position.map(f64::from), &mut invalid) == Some(*row)
+        });
+        are_kept && invalid == InvalidGaussians::default()
+    }
+
+    #[test]
+    fn scenes_of_any_extent_make_rows_that_are_valid() {
+        let frame = FileFrame::new(DVec3::Z, DVec3::ZERO, 1.0);
+        for (place, size, share) in [
+            // Nearly all in one point, as rows of padding were.
+            (0.0, 0.1, 0.98),
+            (0.0, 1e-13, 0.98),
+            (1e-25, 1e-13, 0.98),
+            (1e17, 1e-13, 0.02),
+            (9e17, 4e8, 0.5),
+            (3e17, 0.1, 0.02),
+        ] {
+            let mut gaussians = flat(0.05, 0.3, 11, 400);
+            for index in 0..(share * 400.0) as usize {
+                gaussians.positions[index] = gaussians.positions[index].map(|value| value * place);
+                gaussians.scales[index] = [size; 3];
+            }
+            let drawable = drawable(&gaussians, None, &frame, &mut InvalidGaussians::default());
+            assert_eq!(drawable.rows.len(), 400, "{place} {size} {share}");
+            assert!(are_sound(&drawable.rows), "{place} {size} {share}");
+        }
+        // The real ones of a scene of padding stay where they were.
+        let mut gaussians = flat(0.05, 1.0, 12, 400);
+        gaussians.positions[5..].fill([0.0; 3]);
+        let drawable = drawable(&gaussians, None, &frame, &mut InvalidGaussians::default());
+        assert_eq!(drawable.changes.pulled_in, 0);
+        assert_eq!(drawable.rows[0], frame.row(&gaussians, 0));
+    }
+
+    #[test]
+    fn what_a_file_cannot_hold_is_left_out_or_repaired_and_counted() {
+        let mut gaussians = flat(0.05, 1.0, 13, 100);
+        gaussians.positions[3] = [1e30, 0.0, 0.0];
+        gaussians.positions[4] = [f32::NAN, 0.0, 0.0];
+        gaussians.rotations[5] = [0.0; 4];
+        gaussians.scales[6] = [0.05, 0.0, 0.05];
+        let frame = FileFrame::new(DVec3::NEG_Y, DVec3::ZERO, 1.0);
+        let mut invalid = InvalidGaussians::default();
+        let drawable = drawable(&gaussians, None, &frame, &mut invalid);
+        let expected = InvalidGaussians {
+            out_of_reach: 2,
+            unrotated: 1,
+            flat: 1,
+            ..InvalidGaussians::default()
+        };
+        assert_eq!((drawable.rows.len(), invalid), (98, expected));
+        assert!(are_sound(&drawable.rows));
     }
 }
