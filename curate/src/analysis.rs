@@ -199,7 +199,7 @@ pub fn analyse(
 /// # Errors
 /// As [`video::probe()`](crate::video::probe()).
 pub fn timed_probe(video: &Path) -> Result<Probe, CurateError> {
-    let mut probe = probe::probe(video)?;
+    let mut probe = probe(video)?;
     let table = PacketTable::scan(video)?;
     if table.packets.iter().all(|packet| packet.pts.is_some()) {
         measure_rate(&mut probe, &table.times(), table.seconds_per_tick);

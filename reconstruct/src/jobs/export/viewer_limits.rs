@@ -327,7 +327,7 @@ mod tests {
         let mut gaussians = flat(0.01, 1.0, 8, 400);
         gaussians.positions[20..].fill([0.0; 3]);
         let frame = FileFrame::new(DVec3::Z, DVec3::ZERO, 1.0);
-        let drawable = drawable(&gaussians, None, &frame);
+        let drawable = drawable(&gaussians, None, &frame, &mut InvalidGaussians::default());
         assert_eq!(drawable.changes.pulled_in, 0);
         assert!(drawable.rows.iter().all(|row| longest(row) > 0.009));
     }
