@@ -29,11 +29,10 @@ pub(crate) fn refuse_views_of_other_runs(folder: &Path) -> Result<(), BenchError
     };
     for folder in folder.ancestors().take(DEPTH_OF_VIEWS) {
         let [ours, external] = [RUN_FILE, EXTERNAL_RUN_FILE].map(|name| folder.join(name));
-        if ours.is_file() {
-            let run: RunRecord = store::read_record(&ours)?;
-            return refuse_edited(&ours, &run);
+        if is_record_of::<RunRecord>(&ours) {
+            return refuse_edited(&ours, &store::read_record(&ours)?);
         }
-        if external.is_file() {
+        if is_record_of::<ExternalRun>(&external) {
             let run: ExternalRun = store::read_record(&external)?;
             return match run.failure {
                 Some(failure) => {
@@ -45,6 +44,11 @@ pub(crate) fn refuse_views_of_other_runs(folder: &Path) -> Result<(), BenchError
         }
     }
     Ok(())
+}
+
+/// Whether a file is a record of this kind; other programs have files of these names too.
+fn is_record_of<T: Record>(file: &Path) -> bool {
+    file.is_file() && store::schema_of(file).is_ok_and(|schema| store::is_read_as::<T>(&schema))
 }
 
 fn refuse_edited(file: &Path, run: &RunRecord) -> Result<(), BenchError> {

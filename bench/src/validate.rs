@@ -95,7 +95,7 @@ pub fn validate(
         .mistakes()
         .map(|mistake| Finding {
             view: mistake.view.clone(),
-            reason: mistake.to_string(),
+            reason: mistake.without_view(),
         })
         .collect();
     findings.extend(checked.iter().filter_map(|checked| {

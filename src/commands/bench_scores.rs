@@ -38,7 +38,8 @@ pub(super) fn validate(
         0 => Ok(()),
         count => Err(PartialFailure {
             message: format!(
-                "{count} faults in the predictions of {} views",
+                "{count} {} in the predictions of {} views",
+                if count == 1 { "fault" } else { "faults" },
                 report.views
             ),
             blame: ErrorKind::User,

@@ -86,7 +86,7 @@ impl fmt::Display for DiagnosisKind {
             ),
             Self::Shifted { right, down } => write!(
                 f,
-                "views lie {} of the ground truth; pixel centres are at half-integers (column + 0.5), \
+                "views are shifted {} against the ground truth; pixel centres are at half-integers (column + 0.5), \
                  and a panorama of W columns has W steps, not W - 1",
                 shift(right, down)
             ),
@@ -162,7 +162,7 @@ fn shift(right: i32, down: i32) -> String {
     };
     let parts = [
         of(right, ["to the right", "to the left"]),
-        of(down, ["below", "above"]),
+        of(down, ["down", "up"]),
     ];
     parts
         .into_iter()

@@ -73,14 +73,17 @@ impl fmt::Display for DiagnosisFinding {
         if let Some(view) = &self.view {
             write!(f, "{view} views: ")?;
         }
-        write!(f, "{}", self.kind)?;
-        match self.gain_db {
-            Some(gain) => write!(
-                f,
-                " ({gain:.1} dB better; scores are of the views as they are)"
-            ),
-            None => Ok(()),
-        }
+        f.write_str(&self.without_view())
+    }
+}
+
+impl DiagnosisFinding {
+    /// Returns its line without the kind of views that it is of.
+    pub fn without_view(&self) -> String {
+        let gain = self
+            .gain_db
+            .map(|gain| format!(" ({gain:.1} dB better; scores are of the views as they are)"));
+        format!("{}{}", self.kind, gain.unwrap_or_default())
     }
 }
 
