@@ -29,7 +29,9 @@ class Result:
     #: Id and version of the protocol, `per-scene/2`.
     protocol: str
     protocol_hash: str
-    #: Views that could not be scored, with the reason. A result with failures is not complete.
+    #: Why the run that was to predict the views failed; such a result has no scores.
+    run_failure: Optional[str]
+    #: Views that could not be scored, with the reason.
     failures: list[dict[str, Any]]
     #: What a reader of the scores should know.
     warnings: list[str]
@@ -37,6 +39,11 @@ class Result:
     views: Table = field(repr=False)
     #: The whole result.json.
     record: dict[str, Any] = field(repr=False)
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the run ended well and every view has scores; nothing else is ranked or compared."""
+        return self.run_failure is None and not self.failures
 
     def mean(self, metric: str, view: str = "novel") -> float:
         """The mean of a metric over the views, `novel` or `input` ones, that have a value."""
@@ -80,6 +87,7 @@ def read_result(path: _arrays.Path) -> Result:
         scene=record["scene"],
         protocol=record["protocol"],
         protocol_hash=record["protocol_hash"],
+        run_failure=record.get("run_failure"),
         failures=record["failures"],
         warnings=record["warnings"],
         views=_read_csv(file.parent / record["frames_table"]),

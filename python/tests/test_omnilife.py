@@ -60,6 +60,7 @@ class Scores(unittest.TestCase):
             self.assertRegex(result.record["versions"].pop("omnilife commit"), "^(unknown|[0-9a-f]{40}.*)$")
         self.assertEqual(here.record, by_command.record)
         self.assertEqual(here.failures, [])
+        self.assertTrue(here.is_complete)
         # And every metric as a function of arrays, against the text of the command's own table.
         with open(out / "frames.csv", newline="") as file:
             table = list(csv.DictReader(file))
@@ -273,6 +274,8 @@ class Errors(unittest.TestCase):
         result = omnilife.score(SAMPLE.scene, SAMPLE.split, novel_views=empty, method="m")
         self.assertEqual(len(result.failures), len(SAMPLE.split.novel_views))
         self.assertIn("is missing", result.failures[0]["reason"])
+        self.assertFalse(result.is_complete)
+        self.assertIsNone(result.run_failure)
 
 
 class Process(unittest.TestCase):
