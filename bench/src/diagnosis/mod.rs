@@ -2,8 +2,10 @@
 //!
 //! Some views of each kind are compared with ground truth once more after the changes that undo what
 //! people get wrong, and with the ground truth of other frames. What is told fits much better in (nearly) every
-//! view that is looked at; thresholds were chosen by `scripts/calibrate/diagnosis.py`, so that
-//! views of honest methods, however poor, have no finding. No score is ever taken from a changed view.
+//! view that is looked at; thresholds were chosen by `scripts/calibrate/diagnosis.py` so that views of
+//! honest methods, however poor, have no finding. Views that are made of the frame before alone
+//! are the exception: they cannot be told from views that are numbered one off. No score is ever taken from
+//! a changed view.
 
 mod colour;
 mod copies;

@@ -54,7 +54,8 @@ impl fmt::Display for FrameOrder {
                 let side = after(steps);
                 write!(
                     f,
-                    "every view shows the frame {side} its own; frames are counted from 0"
+                    "every view is more like the frame {side} its own; count frames from 0 (views that \
+                     are made of that frame alone look the same)"
                 )
             }
             Self::Reversed => f.write_str(
