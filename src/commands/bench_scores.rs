@@ -97,7 +97,12 @@ fn result_text(result: &ResultRecord) -> String {
             text.push('\n');
         }
     }
-    text + &unavailable_text(result)
+    text += &unavailable_text(result);
+    if result.training.is_none() && result.run_failure.is_none() {
+        text += "note: nothing says whether the method trains on each scene, which decides on the table that it is \
+                 ranked in: --class per-scene or --class without-training, or the --about card\n";
+    }
+    text
 }
 
 /// One line for each reason, with the metrics that have no value for it.

@@ -80,8 +80,8 @@ pub(crate) fn add(arguments: &AddArguments, progress: &dyn Progress) -> anyhow::
     let now = provenance::utc(SystemTime::now());
     let verification = Verification {
         method: verified.submission.card.method.clone(),
-        // The day of `2026-11-25T07:00:00Z`.
-        date_utc: now.split('T').next().unwrap_or(&now).to_owned(),
+        // The day of `2026-11-25 07:00:00 UTC`.
+        date_utc: now.split(' ').next().unwrap_or(&now).to_owned(),
         results: verified.results.len() as u32,
         scored_again: scored_again as u32,
     };

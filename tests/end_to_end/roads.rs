@@ -117,6 +117,7 @@ impl Road {
         let verification: Verification =
             store::read_record(&Path::new(&results).join(record)).unwrap();
         assert_eq!((verification.results, verification.scored_again), (1, 1));
+        assert_eq!(verification.date_utc.len(), "2026-11-25".len());
         omnilife(["leaderboard", "build", &results, "--out", &board]).succeeded();
         let pages = files(&Path::new(&board).join("site/methods"));
         let page = Path::new(&board).join("site/methods").join(&pages[0]);
