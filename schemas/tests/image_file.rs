@@ -3,6 +3,7 @@
 
 use std::{fs, path::Path};
 
+use image::{DynamicImage, ImageBuffer, Luma, LumaA, Rgba};
 use omnilife_schemas::{RgbImage, image_file::ImageFile, rgb::Mask};
 
 fn crc32(bytes: &[u8]) -> u32 {
@@ -77,4 +78,54 @@ fn depth_of_another_kind_is_refused_before_it_is_decoded() {
         error.to_string().contains("expected 16-bit grey"),
         "{error}"
     );
+}
+
+/// Images of 4 x 2 pixels, one of which is as opaque as `alpha` says, the rest wholly.
+fn with_alpha(alpha: u16) -> [DynamicImage; 4] {
+    let at = |x: u32, y: u32| if (x, y) == (3, 1) { alpha } else { u16::MAX };
+    let byte = |x: u32, y: u32| (at(x, y) >> 8) as u8;
+    [
+        ImageBuffer::from_fn(4, 2, |x, y| LumaA([90, byte(x, y)])).into(),
+        ImageBuffer::from_fn(4, 2, |x, y| LumaA([90_u16 << 8, at(x, y)])).into(),
+        ImageBuffer::from_fn(4, 2, |x, y| Rgba([90, 80, 70, byte(x, y)])).into(),
+        ImageBuffer::from_fn(4, 2, |x, y| Rgba([90_u16 << 8, 0, 0, at(x, y)])).into(),
+    ]
+}
+
+#[test]
+fn what_is_transparent_anywhere_is_refused_and_shown_in_black() {
+    let temp = tempfile::tempdir().unwrap();
+    let path = temp.path().join("a.png");
+    for (opaque, clear) in with_alpha(u16::MAX).iter().zip(with_alpha(0x8000)) {
+        let kind = opaque.color();
+        opaque.save(&path).unwrap();
+        let shown = ImageFile::open(&path).unwrap().decode_shown().unwrap();
+        assert_eq!(shown.transparent, None, "{kind:?}");
+        assert_eq!(RgbImage::read(&path).unwrap().to_rgb8(), shown.rgb);
+        assert_eq!(shown.rgb, opaque.to_rgb8().into_raw(), "{kind:?}");
+
+        clear.save(&path).unwrap();
+        let error = RgbImage::read(&path).unwrap_err().to_string();
+        assert!(
+            error.contains("a.png: ") && !error.contains('\n'),
+            "{error}"
+        );
+        let shown = ImageFile::open(&path).unwrap().decode_shown().unwrap();
+        let mask = shown.transparent.unwrap();
+        assert_eq!(mask.data, [0, 0, 0, 0, 0, 0, 0, 255], "{kind:?}");
+        let mut expected = opaque.to_rgb8().into_raw();
+        expected[3 * 7..].fill(0);
+        assert_eq!(shown.rgb, expected, "{kind:?}");
+    }
+}
+
+/// Greys of 8 and 16 bits are images as before.
+#[test]
+fn greys_are_plain() {
+    let temp = tempfile::tempdir().unwrap();
+    let path = temp.path().join("a.png");
+    let deep: DynamicImage = ImageBuffer::from_fn(4, 2, |x, _| Luma([x as u16 * 257])).into();
+    deep.save(&path).unwrap();
+    let read = RgbImage::read(&path).unwrap();
+    assert_eq!(read.to_rgb8()[..6], [0, 0, 0, 1, 1, 1]);
 }

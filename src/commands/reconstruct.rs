@@ -14,6 +14,7 @@ use omnilife_reconstruct::{
     methods::{self, METHODS, Method},
     process,
     request::BackendChoice,
+    scene,
 };
 use omnilife_schemas::{camera::Camera, progress::Progress};
 
@@ -93,6 +94,9 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
             let request = method.request(*iterations)?;
             let plan = plan_cost::plan(scene, split, &method.method, &request)?;
             note_far_frames(scene, progress)?;
+            for line in scene::mask_notes(scene, split)? {
+                progress.note(&line);
+            }
             exit::print(&plan.text())
         }
         ReconstructCommand::Render(arguments) => render(arguments, progress),

@@ -29,13 +29,14 @@ use omnilife_schemas::{
     points::PointCloud,
     progress::Silent,
     records::{InvalidGaussians, Scene, check_file},
+    rgb::Mask,
     store,
     tracked_regions::TrackedRegions,
 };
 use omnilife_sweep::slurm;
 
 use crate::samples::{
-    cloud, gaussians, names, spherical_mp4, unchanged, write_scene, write_tracks,
+    PALETTE_MASK, cloud, gaussians, names, spherical_mp4, unchanged, write_scene, write_tracks,
 };
 
 /// A file that a reader takes.
@@ -152,11 +153,14 @@ pub(crate) const FILES: &[Target] = &[
             RgbImage::black(16, 8)
                 .write_png(&folder.join("a.png"))
                 .unwrap();
-            names(&["a.png"])
+            fs::write(folder.join("b.png"), PALETTE_MASK).unwrap();
+            names(&["a.png", "b.png"])
         },
         reader: Folder(|input, seed| {
             let path = input.path(seed);
-            drop(ImageFile::open(&path).and_then(ImageFile::decode));
+            drop(ImageFile::open(&path).and_then(ImageFile::decode_shown));
+            drop(ImageFile::open(&path).and_then(ImageFile::decode_plain));
+            drop(Mask::read(&path));
         }),
     },
     Target {

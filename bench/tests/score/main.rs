@@ -2,6 +2,7 @@
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
 mod diagnosis;
+mod masks_and_truth;
 mod regions;
 mod repeated;
 mod reports;

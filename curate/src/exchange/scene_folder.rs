@@ -343,14 +343,7 @@ fn ignored(
     frame: &ForeignFrame,
     request: &ImportRequest<'_>,
 ) -> Result<Option<Mask>, CurateError> {
-    // Below the folder of the images: faces of cubes lie in folders of their own.
-    let below = frame.image.strip_prefix(&source.scene.root).ok();
-    let name: PathBuf = below
-        .into_iter()
-        .flat_map(|path| path.iter().skip(1))
-        .collect();
-    let own = super::masks::ignore_mask_path(&source.scene.root, &name.to_string_lossy());
-    if own.is_file() {
+    if let Some(own) = own_ignore_mask(source, frame) {
         return Ok(Some(read_mask(source, &own, MarkedGreys::AboveHalf)?));
     }
     match request.masks {
@@ -364,6 +357,18 @@ fn ignored(
             Ok(all)
         }
     }
+}
+
+/// The mask that one of our exports has of what is no part of the scene in a frame.
+fn own_ignore_mask(source: &Source<'_>, frame: &ForeignFrame) -> Option<PathBuf> {
+    // Below the folder of the images: faces of cubes lie in folders of their own.
+    let below = frame.image.strip_prefix(&source.scene.root).ok();
+    let name: PathBuf = below
+        .into_iter()
+        .flat_map(|path| path.iter().skip(1))
+        .collect();
+    let own = super::masks::ignore_mask_path(&source.scene.root, &name.to_string_lossy());
+    own.is_file().then_some(own)
 }
 
 /// Marks what either of two masks does.
@@ -384,7 +389,8 @@ fn look_at_masks(
     if let Some(mask) = &frame.mask {
         masks.add(&mask.file, &camera, mask.marked_greys())?;
     }
-    for file in frame.objects.values() {
+    let own = own_ignore_mask(source, frame);
+    for file in frame.objects.values().chain(&own) {
         masks.add(file, &camera, MarkedGreys::AboveHalf)?;
     }
     Ok(())

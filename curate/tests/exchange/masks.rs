@@ -62,3 +62,46 @@ fn objects_may_be_what_is_ignored() {
         assert_eq!(frame.pose.is_some(), number != 3);
     }
 }
+
+/// Masks beside the frames of an export that were saved anew as labels mark the same, and that is told.
+#[test]
+fn labels_of_what_is_ignored_are_told() {
+    let (folder, original) = scene();
+    let export = exported("frames", folder.path());
+    let from = export.path().join("scene");
+    let files: Vec<_> = fs::read_dir(from.join("ignore"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .collect();
+    assert_eq!(files.len(), 2);
+    for file in files {
+        let mut mask = Mask::read(&file).unwrap();
+        for value in &mut mask.data {
+            *value = (*value).min(4);
+        }
+        mask.write_png(&file).unwrap();
+    }
+    let back = export.path().join("back");
+    let imported = import(&ImportRequest {
+        folder: &from,
+        format: "frames",
+        id: &original.id,
+        frames_per_second: None,
+        masks: MaskMeaning::Moving,
+        out: &back,
+    })
+    .unwrap();
+    for (frame, expected) in imported.frames.iter().zip(&original.frames) {
+        let read = |root: &Path, file: &Option<String>| {
+            let file = file.as_ref()?;
+            Some(Mask::read(&root.join(file)).unwrap())
+        };
+        assert_eq!(
+            read(&back, &frame.ignore_mask),
+            read(folder.path(), &expected.ignore_mask)
+        );
+    }
+    let problems = imported.validation.problems.iter();
+    let told = problems.filter(|line| line.contains("labels"));
+    assert_eq!(told.count(), 1, "{:?}", imported.validation.problems);
+}

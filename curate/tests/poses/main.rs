@@ -233,6 +233,21 @@ fn what_is_no_part_of_the_scene_is_kept_for_every_frame() {
         assert!(wrong.parse::<IgnoredRegion>().is_err(), "{wrong}");
     }
 
+    // Labels mark as white does, and a mask of all but the tripod looks inverted: both are told.
+    let told = |rows: std::ops::Range<usize>, value: u8| {
+        let levels = (0..64 * 32).map(|at| value * u8::from(rows.contains(&(at / 64))));
+        let levels: Vec<u8> = levels.collect();
+        image::save_buffer(&tripod, &levels, 64, 32, image::ColorType::L8).unwrap();
+        let scene = pose(tripod_text).unwrap();
+        let first = first_row(&scene.frames[0]);
+        let problems = scene.validation.problems.iter();
+        let told = problems.filter(|line| line.contains("tripod.png") || line.contains("inverted"));
+        (first, told.count())
+    };
+    assert_eq!(told(28..32, 255), (28, 0));
+    assert_eq!(told(27..32, 7), (27, 1));
+    assert_eq!(told(4..28, 255), (4, 1));
+
     // A mask that marks nothing is none.
     save(&tripod, 32);
     assert!(

@@ -2,12 +2,10 @@
 
 use std::fmt;
 
+use omnilife_schemas::mask_survey::INVERTED_SHARE;
 use serde::Serialize;
 
 use crate::scene::TrainingScene;
-
-/// Coverage above which masks look as if they marked what does not move.
-const INVERTED_COVERAGE: f64 = 0.5;
 
 /// How much of the input views masks cover.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -40,7 +38,7 @@ impl MaskEvidence {
     pub(crate) fn warning(&self) -> Option<String> {
         let coverage = self
             .coverage
-            .filter(|&coverage| coverage > INVERTED_COVERAGE)?;
+            .filter(|&coverage| coverage > INVERTED_SHARE)?;
         Some(format!(
             "the masks cover {:.0} % of the sphere: they look inverted (white is what moves)",
             100.0 * coverage
@@ -60,7 +58,7 @@ impl fmt::Display for MaskEvidence {
             self.views,
             100.0 * coverage
         )?;
-        if coverage > INVERTED_COVERAGE {
+        if coverage > INVERTED_SHARE {
             out.write_str("; they look inverted: white is what moves")?;
         }
         Ok(())

@@ -43,7 +43,7 @@ use crate::{
     },
     process,
     request::{BackendChoice, MethodRequest},
-    scene::TrainingScene,
+    scene::{self, TrainingScene},
     train::{Session, TrainingFiles, trace, trace_views::TraceViews},
 };
 use omnilife_engine::training_view::TrainingView;
@@ -167,8 +167,9 @@ pub fn reconstruct(
     // A record or trace of an earlier run must not stand beside new predictions.
     store::remove(&record_path)?;
     store::remove(&request.out.join(TRACE_FILE))?;
-    let far_frames = scene.far_frames();
-    if let Some(line) = &far_frames {
+    let mut notes = scene::mask_notes(&request.scene, &request.split)?;
+    notes.extend(scene.far_frames());
+    for line in &notes {
         progress.note(line);
     }
     let mut made = match method.kind {
@@ -181,7 +182,7 @@ pub fn reconstruct(
             frames.make_views(method.id, settings(), interpolate, &stage, progress)?
         }
     };
-    made.warnings.extend(far_frames);
+    made.warnings.extend(notes);
     let mut stages = stage_times::of_request(request, method, &scene)?;
     stages.extend(stage_times::of_run(
         made.planning,

@@ -2,6 +2,7 @@
 
 pub mod depth;
 pub(crate) mod images;
+mod mask_notes;
 mod normalization;
 
 use std::{collections::BTreeMap, path::Path};
@@ -20,12 +21,12 @@ use omnilife_schemas::{
 };
 use rayon::prelude::*;
 
-pub use self::normalization::CameraExtent;
 use self::{
     depth::PriorFile,
     images::{load_objects, load_view},
     normalization::{any_point_away_from_cameras, normalization, normalized},
 };
+pub use self::{mask_notes::mask_notes, normalization::CameraExtent};
 use crate::error::ReconstructError;
 use omnilife_engine::camera::View;
 use omnilife_engine::clock::Clock;

@@ -1,0 +1,157 @@
+//! Oddities of the masks that training relies on.
+
+use std::path::Path;
+
+use omnilife_schemas::{
+    mask_file::MarkedGreys,
+    mask_survey::MaskSurvey,
+    records::{Scene, Split},
+    store,
+};
+
+use crate::error::ReconstructError;
+
+/// Returns lines on what is assumed of the masks of a split's frames, and where what is no part of the scene looks
+/// inverted.
+///
+/// # Errors
+/// When the scene, the split or a mask cannot be read.
+pub fn mask_notes(scene_path: &Path, split_path: &Path) -> Result<Vec<String>, ReconstructError> {
+    let scene: Scene = store::read_record(scene_path)?;
+    let split: Split = store::read_record(split_path)?;
+    let folder = scene_path.parent().unwrap_or(Path::new("."));
+    let mut survey = MaskSurvey::default();
+    let frames = split.input_views.iter().chain(&split.novel_views);
+    for entry in frames.filter_map(|&frame| scene.frames.get(frame as usize)) {
+        for file in entry.mask.iter().chain(entry.objects.values()) {
+            survey.add(&folder.join(file), &scene.camera, MarkedGreys::AboveHalf)?;
+        }
+        if let Some(file) = &entry.ignore_mask {
+            survey.add_ignored(&folder.join(file), &scene.camera)?;
+        }
+    }
+    Ok(survey.notes())
+}
+
+#[cfg(test)]
+#[expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+mod tests {
+    use omnilife_schemas::{
+        Pose,
+        camera::ErpCamera,
+        records::{
+            Colour, Padding, PoseSource, PoseValidation, Protocol, Resampling, Scale, SceneFrame,
+            ScoredViews, SplitRule, ValidationStatus,
+        },
+        rgb::Mask,
+        split_rules,
+    };
+
+    use super::*;
+
+    const WIDTH: usize = 16;
+    const HEIGHT: usize = 8;
+
+    fn frame(number: u32) -> SceneFrame {
+        SceneFrame {
+            image: format!("frames/{number}.png"),
+            time_seconds: f64::from(number),
+            pose: Some(Pose {
+                rotation_wxyz: [1.0, 0.0, 0.0, 0.0],
+                centre: [f64::from(number), 0.0, 0.0],
+            }),
+            mask: Some("moving.png".to_owned()),
+            ignore_mask: Some("holder.png".to_owned()),
+            classes: [].into(),
+            objects: [].into(),
+            depth: None,
+            depth_prior: None,
+        }
+    }
+
+    /// Four frames that share a mask of what moves and one of who holds the camera.
+    fn scene() -> Scene {
+        Scene {
+            id: "held/seq-000".to_owned(),
+            camera: ErpCamera {
+                width: WIDTH as u32,
+                height: HEIGHT as u32,
+            }
+            .into(),
+            scale: Scale::Arbitrary,
+            frames: (0..4).map(frame).collect(),
+            points: None,
+            pose_source: PoseSource::Given {
+                file: "poses.json".to_owned(),
+            },
+            validation: PoseValidation {
+                status: ValidationStatus::Unchecked,
+                registered_frames: 4,
+                total_frames: 4,
+                measures: [].into(),
+                problems: Vec::new(),
+            },
+        }
+    }
+
+    fn protocol() -> Protocol {
+        Protocol {
+            id: "second".to_owned(),
+            version: 1,
+            split: SplitRule::EveryNth {
+                period: 2,
+                offset: 1,
+            },
+            scored: ScoredViews::Novel,
+            largest_width: None,
+            resampling: Resampling::Area,
+            padding: Padding::None,
+            colour: Colour::Srgb8,
+            metrics: Vec::new(),
+            mask_rule: "none".to_owned(),
+        }
+    }
+
+    /// Marks the lowest rows with a value.
+    fn lowest(rows: usize, value: u8) -> Mask {
+        let is_marked = |pixel: usize| pixel / WIDTH >= HEIGHT - rows;
+        Mask {
+            width: WIDTH,
+            height: HEIGHT,
+            data: (0..WIDTH * HEIGHT)
+                .map(|pixel| value * u8::from(is_marked(pixel)))
+                .collect(),
+        }
+    }
+
+    #[test]
+    fn labels_and_inverted_masks_are_a_line_each() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let scene = scene();
+        let split = split_rules::split(&scene, &protocol()).unwrap();
+        store::write_record(&at("scene.json"), &scene).unwrap();
+        store::write_record(&at("split.json"), &split).unwrap();
+        let notes = |moving: &Mask, holder: &Mask| {
+            moving.write_png(&at("moving.png")).unwrap();
+            holder.write_png(&at("holder.png")).unwrap();
+            mask_notes(&at("scene.json"), &at("split.json")).unwrap()
+        };
+        let white = |rows: usize| lowest(rows, 255);
+        assert_eq!(notes(&white(1), &white(2)), [""; 0]);
+        let labels = notes(&lowest(1, 5), &white(2));
+        assert!(
+            matches!(&labels[..], [line] if line.contains("moving.png")),
+            "{labels:?}"
+        );
+        let inverted = notes(&white(1), &white(2).inverted());
+        assert!(
+            matches!(&inverted[..], [line] if line.contains("4 frames")),
+            "{inverted:?}"
+        );
+        // Most of what is seen may move.
+        assert_eq!(notes(&white(7), &white(2)), [""; 0]);
+        std::fs::write(at("holder.png"), "no image").unwrap();
+        assert!(mask_notes(&at("scene.json"), &at("split.json")).is_err());
+    }
+}
