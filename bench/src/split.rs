@@ -9,7 +9,6 @@ use omnilife_schemas::{
     split_rules::{self, SplitError},
     store::{self, StoreError},
 };
-
 use rayon::prelude::*;
 
 use crate::{error::BenchError, protocols, truth};

@@ -119,6 +119,48 @@ fn what_is_transparent_anywhere_is_refused_and_shown_in_black() {
     }
 }
 
+/// Enters into a PNG file an orientation of EXIF, 1 to 8, behind the header, which is 33 bytes long.
+fn orient(path: &Path, orientation: u8) {
+    const ENTRY: &[u8] = b"eXIfMM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0";
+    let mut bytes = fs::read(path).unwrap();
+    let body = [ENTRY, &[orientation, 0, 0, 0, 0, 0, 0]].concat();
+    let mut chunk = (body.len() as u32 - 4).to_be_bytes().to_vec();
+    chunk.extend(&body);
+    chunk.extend(crc32(&body).to_be_bytes());
+    bytes.splice(33..33, chunk);
+    fs::write(path, bytes).unwrap();
+}
+
+#[test]
+fn what_asks_to_be_turned_is_refused_and_shown_turned() {
+    let temp = tempfile::tempdir().unwrap();
+    let path = temp.path().join("a.png");
+    let pixel = |column: usize, row: usize| [20 * column as u8, 90 * row as u8, 7];
+    let pixels: Vec<u8> = (0..8).flat_map(|at| pixel(at % 4, at / 4)).collect();
+    // The stored pixel that is shown in the upper left corner (EXIF 2.3, tag 274).
+    for (orientation, [column, row], size) in [
+        (1, [0, 0], [4, 2]),
+        (2, [3, 0], [4, 2]),
+        (3, [3, 1], [4, 2]),
+        (4, [0, 1], [4, 2]),
+        (5, [0, 0], [2, 4]),
+        (6, [0, 1], [2, 4]),
+        (7, [3, 1], [2, 4]),
+        (8, [3, 0], [2, 4]),
+    ] {
+        RgbImage::from_rgb8(4, 2, &pixels).write_png(&path).unwrap();
+        orient(&path, orientation);
+        let is_plain = orientation == 1;
+        assert_eq!(RgbImage::read(&path).is_ok(), is_plain, "{orientation}");
+        assert_eq!(Mask::read(&path).is_ok(), is_plain, "{orientation}");
+        let shown_size = ImageFile::open(&path).unwrap().shown_size().unwrap();
+        let shown = ImageFile::open(&path).unwrap().decode_shown().unwrap();
+        assert_eq!((shown_size, shown.size), (size, size), "{orientation}");
+        assert_eq!(shown.rgb[..3], pixel(column, row), "{orientation}");
+        assert_eq!(shown.is_turned, !is_plain);
+    }
+}
+
 /// Greys of 8 and 16 bits are images as before.
 #[test]
 fn greys_are_plain() {

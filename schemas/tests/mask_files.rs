@@ -7,14 +7,17 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use image::{GrayImage, Luma};
 use omnilife_schemas::{
     camera::{Camera, ErpCamera},
     image_file::ImageFile,
     mask_file::{self, DecodedMask, MarkedGreys, MaskEncoding},
     mask_survey::MaskSurvey,
     rgb::Mask,
+    store::StoreError,
 };
 use png::{BitDepth, ColorType};
+use proptest::prelude::*;
 use tempfile::TempDir;
 
 const SIZE: [u32; 2] = [16, 8];
@@ -235,6 +238,49 @@ fn colours_and_alpha_mark_too() {
         &pixels(&[255, 255, 255, 0], &[0, 0, 0, 255]),
     );
     assert!(Mask::read(&path).is_err());
+}
+
+/// A JPEG file keeps white and black nearly, and labels not at all.
+#[test]
+fn jpeg_files_hold_no_labels() {
+    let folder = Folder::new();
+    let path = folder.0.path().join("mask.jpg");
+    // Halves of whole blocks, which are kept exactly.
+    let write = |value: u8| {
+        let half = |x: u32, _: u32| Luma([if x < 8 { value } else { 0 }]);
+        GrayImage::from_fn(SIZE[0], SIZE[1], half)
+            .save(&path)
+            .unwrap();
+    };
+    write(255);
+    let decoded = decode(&path);
+    assert_eq!(decoded.encoding, MaskEncoding::BlackAndWhite);
+    let mut rows = decoded.mask.data.chunks(SIZE[0] as usize);
+    assert!(rows.all(|row| row[..8] == [255; 8] && row[8..] == [0; 8]));
+    for label in [8, 60, 112] {
+        write(label);
+        let error = Mask::read(&path).unwrap_err();
+        assert!(matches!(error, StoreError::Malformed { .. }), "{error}");
+    }
+    write(0);
+    assert!(!Mask::read(&path).unwrap().marks_anything());
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn any_label_marks_what_white_does(
+        marks in prop::collection::vec(any::<bool>(), (SIZE[0] * SIZE[1]) as usize),
+        label in 1_u8..=127,
+    ) {
+        let folder = Folder::new();
+        let read = |value: u8| {
+            let data: Vec<u8> = marks.iter().map(|&mark| value * u8::from(mark)).collect();
+            decode(&folder.write(ColorType::Grayscale, BitDepth::Eight, &data)).mask
+        };
+        prop_assert_eq!(read(label), read(255));
+    }
 }
 
 #[test]
