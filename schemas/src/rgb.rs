@@ -193,7 +193,7 @@ pub struct Mask {
 }
 
 impl Mask {
-    /// Reads a mask from any encoding that [`mask_file`](crate::mask_file) knows.
+    /// Reads a mask from any encoding that [`mask_file`] knows.
     ///
     /// # Errors
     /// As [`Mask::decode`], and when the file is missing or larger than
