@@ -58,6 +58,9 @@ class Scores(unittest.TestCase):
         # The program may have been built from an earlier commit than the module.
         for result in (here, by_command):
             self.assertRegex(result.record["versions"].pop("omnilife commit"), "^(unknown|[0-9a-f]{40}.*)$")
+        # The views lie elsewhere as seen from another folder of scores.
+        for result in (here, by_command):
+            self.assertTrue(result.record["predictions"].pop("novel_views").endswith("views"))
         self.assertEqual(here.record, by_command.record)
         self.assertEqual(here.failures, [])
         self.assertTrue(here.is_complete)
