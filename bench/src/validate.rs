@@ -9,7 +9,7 @@ use omnilife_schemas::{progress::Progress, store};
 use rayon::prelude::*;
 
 use crate::{
-    diagnosis,
+    diagnosis::{self, Diagnosis},
     error::BenchError,
     loaded_view::LoadedView,
     scoring::job::{ScoringJob, View, ViewKind},
@@ -24,7 +24,7 @@ pub struct ValidationReport {
     /// Views that the split asks for, of the kinds that predictions were given for.
     pub views: usize,
     /// Everything that is wrong: likely mistakes of convention first, then files in the order of the
-    /// views, stray files last.
+    /// views, stray files last. Of a run that failed, that alone: none of its views is read.
     pub findings: Vec<Finding>,
     /// What is no fault of the predictions and should be known, one line each: copies of given views, frames
     /// of the data that are given and held out.
@@ -34,9 +34,9 @@ pub struct ValidationReport {
 /// Something wrong with a prediction.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Finding {
-    /// `input` or `novel`; `None` for a file of neither.
+    /// `input` or `novel`; `run` for the run as a whole; `None` for a file of none of them.
     pub view: Option<String>,
-    /// One line that names the file.
+    /// One line that names the file, where it is of one.
     pub reason: String,
 }
 
@@ -91,6 +91,21 @@ pub fn validate(
         progress.note(&format!("{}: {line}", job.scene.id));
     }
     let diagnosis = diagnosis::of_job(&job, request.memory_bytes)?;
+    Ok(ValidationReport {
+        views: views.len(),
+        findings: findings(&job, &diagnosis, &checked),
+        notes: diagnosis.notes().map(ToString::to_string).collect(),
+    })
+}
+
+/// Returns everything that is wrong, in the order of [`ValidationReport::findings`].
+fn findings(job: &ScoringJob, diagnosis: &Diagnosis, checked: &[Checked]) -> Vec<Finding> {
+    if let Some(failure) = job.run.as_ref().and_then(|run| run.failure.as_ref()) {
+        return vec![Finding {
+            view: Some("run".to_owned()),
+            reason: format!("the run failed: {failure}"),
+        }];
+    }
     let mut findings: Vec<Finding> = diagnosis
         .mistakes()
         .map(|mistake| Finding {
@@ -102,16 +117,12 @@ pub fn validate(
         let reason = checked.problem.clone()?;
         Some(finding(checked.view, reason))
     }));
-    findings.extend(repetitions(&job, &checked));
+    findings.extend(repetitions(job, checked));
     findings.extend(job.strays().map(|name| Finding {
         view: None,
         reason: format!("{name} is of no view that is scored"),
     }));
-    Ok(ValidationReport {
-        views: views.len(),
-        findings,
-        notes: diagnosis.notes().map(ToString::to_string).collect(),
-    })
+    findings
 }
 
 /// What is remembered of a view.

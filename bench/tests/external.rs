@@ -7,7 +7,7 @@ mod scoring;
 
 use std::{fs, path::PathBuf, sync::Mutex};
 
-use omnilife_bench::{ExternalRequest, Predictions, ScoreRequest, run_external, score};
+use omnilife_bench::{ExternalRequest, Predictions, ScoreRequest, run_external, score, validate};
 use omnilife_schemas::{
     Classified, ErrorKind,
     progress::{Progress, Silent},
@@ -151,6 +151,19 @@ novel = "{work}/{frame}.png"
     assert!(result.novel_views.is_empty());
     assert_eq!(result.run_failure.as_deref(), Some(failure));
     assert_eq!(result.training_seconds, None);
+
+    let request = stand.score_request();
+    let report = validate(
+        &request.scene,
+        &request.split,
+        &request.predictions,
+        &Silent,
+    )
+    .unwrap();
+    assert_eq!(report.views, stand.bench.split.novel_views.len());
+    assert_eq!(report.findings.len(), 1, "{:?}", report.findings);
+    assert_eq!(report.findings[0].view.as_deref(), Some("run"));
+    assert!(report.findings[0].reason.contains(failure));
 
     let mended = fs::read_to_string(&stand.request.manifest)
         .unwrap()

@@ -2,7 +2,11 @@
 
 use std::f64::consts::TAU;
 
-use omnilife_bench::{DiagnosisKind, ValidationReport, diagnose, validate};
+use omnilife_bench::{
+    DiagnosisKind, ValidationReport, diagnose,
+    diagnosis::{ChannelOrder, Encoding, FrameOrder},
+    validate,
+};
 use omnilife_schemas::{camera::ErpCamera, progress::Silent, records::DIAGNOSIS_PREFIX};
 
 use super::*;
@@ -126,16 +130,52 @@ fn right_views_have_no_finding() {
     assert_eq!((report.findings, report.notes), (Vec::new(), Vec::new()));
 }
 
-#[test]
-fn views_of_the_next_novel_frame_are_found() {
-    let bench = bench(|frame| predicted(frame + 5));
+/// Scores and checks views that have one mistake.
+fn assert_told(predict: impl Fn(usize) -> Vec<u8>, kind: DiagnosisKind) {
+    let bench = bench(predict);
     let diagnosis = diagnose(&bench.request).unwrap();
     let kinds: Vec<DiagnosisKind> = diagnosis.findings.iter().map(|found| found.kind).collect();
-    assert!(
-        matches!(kinds[..], [DiagnosisKind::Order(_)]),
-        "{:?}",
-        diagnosis.findings
-    );
+    assert_eq!(kinds, [kind]);
+    // The last one is that input views are not predicted.
+    let warnings = bench.score().unwrap().warnings;
+    assert_eq!(warnings.len(), 2, "{warnings:?}");
+    assert_eq!(warnings[..1], diagnosis.warnings());
+    assert!(warnings[0].starts_with(DIAGNOSIS_PREFIX));
+    let report = validated(&bench);
+    assert_eq!(report.findings.len(), 1, "{:?}", report.findings);
+    assert_eq!(report.findings[0].view.as_deref(), Some("novel"));
+    let line = diagnosis.findings[0].without_view();
+    assert_eq!(report.findings[0].reason, line);
+    assert_eq!(report.notes, [""; 0]);
+}
+
+#[test]
+fn one_mistake_is_one_line_of_scoring_and_of_validating() {
+    assert_told(in_bgr, DiagnosisKind::Channels(ChannelOrder::Bgr));
+    let limited = |frame: usize| -> Vec<u8> {
+        let bytes = predicted(frame).into_iter();
+        let value = |byte: u8| 16.0 + f64::from(byte) * 219.0 / 255.0;
+        bytes.map(|byte| value(byte).round() as u8).collect()
+    };
+    assert_told(limited, DiagnosisKind::Encoded(Encoding::LimitedRange));
+    for pixels in [1, -1] {
+        let beside = |frame: usize| {
+            let mut bytes = predicted(frame);
+            for row in bytes.chunks_exact_mut(3 * COLUMNS) {
+                if pixels > 0 {
+                    row.rotate_right(3);
+                } else {
+                    row.rotate_left(3);
+                }
+            }
+            bytes
+        };
+        let right = 2 * pixels;
+        assert_told(beside, DiagnosisKind::Shifted { right, down: 0 });
+    }
+    // Of the novel view after it.
+    let order = DiagnosisKind::Order(FrameOrder::PlacesOn(1));
+    assert_told(|frame| predicted(frame + 5), order);
 }
 
 /// A baseline may show the given view that is nearest.
@@ -147,6 +187,22 @@ fn copies_of_given_views_are_a_note_and_no_warning() {
     assert_eq!(report.findings, []);
     assert_eq!(report.notes.len(), 1, "{:?}", report.notes);
     assert!(report.notes[0].contains("4 of 4"), "{}", report.notes[0]);
+}
+
+/// A baseline may mix the given views on both sides; the last novel view has one side alone.
+#[test]
+fn cross_fades_have_no_finding() {
+    let sides = |frame: usize| match frame {
+        19 => [17, 18],
+        _ => [frame - 1, frame + 1],
+    };
+    let bench = bench(|frame| {
+        let [one, other] = sides(frame).map(hills);
+        let values = one.into_iter().zip(other);
+        values.map(|(a, b)| a.midpoint(b)).collect()
+    });
+    assert_eq!(bench.score().unwrap().warnings.len(), 1);
+    assert_eq!(validated(&bench).findings, []);
 }
 
 #[test]

@@ -270,7 +270,7 @@ impl Rows {
 }
 
 /// A world point to keep the positions of a PLY around in 32-bit floats: the origin, or their median
-/// where floats would lose them around the origin.
+/// where floats would lose them around the origin. Positions that make no Gaussian have no say.
 ///
 /// # Errors
 /// When the file is missing, malformed or truncated.
@@ -283,9 +283,11 @@ pub fn origin(path: &Path) -> Result<DVec3, ReconstructError> {
     ply.for_each_row(|_, row| {
         // What is missing is named when the Gaussians are read.
         let at = |column: Option<usize>| column.and_then(|column| row.get(column)).copied();
-        places.push(DVec3::from_array(
-            columns.map(|column| at(column).unwrap_or(f64::NAN)),
-        ));
+        let place = columns.map(|column| at(column).unwrap_or(f64::NAN));
+        // Not NaN either.
+        if place.iter().all(|value| value.abs() <= validity::REACH) {
+            places.push(DVec3::from_array(place));
+        }
         Ok(())
     })
     .map_err(malformed)?;

@@ -272,3 +272,37 @@ fn runs_far_from_the_origin_are_read_back() -> Result<(), Box<dyn std::error::Er
     }
     Ok(())
 }
+
+#[test]
+fn positions_out_of_reach_do_not_move_the_origin() -> Result<(), Box<dyn std::error::Error>> {
+    let folder = tempfile::tempdir()?;
+    let path = folder.path().join("gaussians.ply");
+    let near = [
+        [7e5, 3e6, -20.0],
+        [700_000.7, 3e6, -21.3],
+        [7e5, 3_000_000.9, -19.0],
+    ];
+    let far = [
+        [f64::INFINITY, 0.0, 0.0],
+        [0.0, f64::NEG_INFINITY, 0.0],
+        [1e25, 1e25, 0.0],
+        [-1e300, 0.0, 4.0],
+    ];
+    let origin_of = |places: &[[f64; 3]]| -> Result<DVec3, Box<dyn std::error::Error>> {
+        let mut text = format!("ply\nformat ascii 1.0\nelement vertex {}\n", places.len());
+        text += "property double x\nproperty double y\nproperty double z\nend_header\n";
+        for [x, y, z] in places {
+            text += &format!("{x} {y} {z}\n");
+        }
+        fs::write(&path, text)?;
+        Ok(origin(&path)?)
+    };
+    let of_near = origin_of(&near)?;
+    assert!(
+        of_near.distance(DVec3::from_array(near[0])) < 2.0,
+        "{of_near}"
+    );
+    assert_eq!(origin_of(&[&near[..], &far].concat())?, of_near);
+    assert_eq!(origin_of(&far)?, DVec3::ZERO);
+    Ok(())
+}
