@@ -109,7 +109,7 @@ fn least_bytes(settings: &CurateSettings) -> u64 {
     };
     let columns = settings.width.map_or(FEW_COLUMNS, u64::from);
     let pixels = columns.saturating_mul(columns / 2);
-    frames.saturating_mul(3 * pixels) / MOST_COMPRESSION
+    frames.saturating_mul(pixels.saturating_mul(3)) / MOST_COMPRESSION
 }
 
 /// Refuses a folder whose file system has not this many bytes left. Where the system does not tell, writing will.

@@ -25,7 +25,7 @@ const DEPTH_FOLDER: &str = "depth";
 #[derive(Debug)]
 pub(crate) struct PredictionFolder {
     folder: PathBuf,
-    /// Why no file of it is scored.
+    /// Reason for which no file of it is scored.
     refusal: Option<String>,
     /// Frames that are predicted as arrays of values.
     arrays: BTreeSet<u32>,
@@ -74,7 +74,7 @@ impl PredictionFolder {
         &self.folder
     }
 
-    /// Whether its files are read at all.
+    /// Returns false where none of its files is read.
     pub(crate) fn is_read(&self) -> bool {
         self.refusal.is_none()
     }

@@ -46,7 +46,7 @@ pub(crate) fn refuse_views_of_other_runs(folder: &Path) -> Result<(), BenchError
     Ok(())
 }
 
-/// Whether a file is a record of this kind; other programs have files of these names too.
+/// Returns true for a record of this kind; other programs have files of these names too.
 fn is_record_of<T: Record>(file: &Path) -> bool {
     file.is_file() && store::schema_of(file).is_ok_and(|schema| store::is_read_as::<T>(&schema))
 }

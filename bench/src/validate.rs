@@ -26,7 +26,7 @@ pub struct ValidationReport {
     /// Everything that is wrong: likely mistakes of convention first, then files in the order of the
     /// views, stray files last. Of a run that failed, that alone: none of its views is read.
     pub findings: Vec<Finding>,
-    /// What is no fault of the predictions and should be known, one line each: copies of given views, frames
+    /// Facts that are no fault of the predictions, one line each: copies of given views, frames
     /// of the data that are given and held out.
     pub notes: Vec<String>,
 }

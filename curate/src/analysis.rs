@@ -197,7 +197,7 @@ pub fn analyse(
 /// `variable_frame_rate` is `None`.
 ///
 /// # Errors
-/// As [`video::probe()`](crate::video::probe()).
+/// Those of [`video::probe()`](crate::video::probe()).
 pub fn timed_probe(video: &Path) -> Result<Probe, CurateError> {
     let mut probe = probe(video)?;
     let table = PacketTable::scan(video)?;

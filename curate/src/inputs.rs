@@ -71,8 +71,8 @@ pub fn left_out_of_folders(paths: &[PathBuf]) -> Result<Vec<String>, CurateError
     Ok(lines)
 }
 
-/// What of a folder is not taken, in words: other extensions with their numbers, subfolders with those of their
-/// videos.
+/// Lists the files of a folder that are not taken, in words: other extensions with their numbers, subfolders with those
+/// of their videos.
 fn left_out_of(folder: &Path) -> Result<Option<String>, CurateError> {
     let mut extensions = BTreeMap::new();
     let mut folders = Vec::new();
@@ -120,7 +120,7 @@ fn has_extension(path: &Path, extensions: &[&str]) -> bool {
     extensions.contains(&extension(path).as_str())
 }
 
-/// The extension in lower case; empty where there is none.
+/// The extension in lower case; empty for a name without one.
 fn extension(path: &Path) -> String {
     let extension = path.extension().unwrap_or_default();
     extension.to_string_lossy().to_ascii_lowercase()

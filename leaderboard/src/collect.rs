@@ -131,7 +131,7 @@ impl RecordFiles {
         Ok(cards)
     }
 
-    /// What was scored again of the methods that others handed in, by method: of several submissions of one
+    /// Returns the counts of results that were scored again, by method: of several submissions of one
     /// method all together, with the latest date.
     pub(crate) fn verifications(&self) -> Result<BTreeMap<String, Verification>, LeaderboardError> {
         let mut by_method: BTreeMap<String, Verification> = BTreeMap::new();

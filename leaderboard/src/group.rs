@@ -182,14 +182,14 @@ pub(crate) struct MethodRow<'a> {
     /// Scenes with a result of this method.
     pub(crate) scenes: usize,
     pub(crate) numbers: Numbers,
-    /// Whether every scene of the group went in, with complete results.
+    /// True where every scene of the group went in, with complete results.
     pub(crate) complete: bool,
     /// Whether it is a variant, made for an ablation, of another method in the group.
     pub(crate) is_variant: bool,
     /// In the order of [`Group::quantities`]; ranks are among complete methods of the same class
     /// that are no variants.
     pub(crate) confidence: Vec<Confidence>,
-    /// How many methods of the class are ranked, in the same order.
+    /// Number of ranked methods of the class, in the same order.
     pub(crate) ranked: Vec<usize>,
 }
 

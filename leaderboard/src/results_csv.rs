@@ -23,7 +23,7 @@ const LEADING: [&str; 6] = [
 ];
 
 /// Columns after the scores. `run_failure` is the reason of a run that failed, which has no scores and
-/// no costs; `stated` are the columns whose numbers authors state and nobody measured.
+/// no costs; `stated` are the columns whose numbers are stated by authors instead of measured.
 const TRAILING: [&str; 12] = [
     "training_seconds",
     "rendering_seconds",

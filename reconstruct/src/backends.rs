@@ -1,4 +1,4 @@
-//! What runs on which backend, as Markdown, and what a backend needs of the machine.
+//! Methods and backends, as Markdown, and the needs of a backend.
 
 use std::fmt::Write;
 
@@ -16,7 +16,7 @@ use crate::{
 /// Checks that the machine has what a backend computes on.
 ///
 /// # Errors
-/// [`GpuError::NoAdapter`] where that is a GPU and there is none, not even a software one.
+/// [`GpuError::NoAdapter`] where a GPU is asked for and no adapter is found, not even a software one.
 pub fn check(backend: BackendChoice) -> Result<(), ReconstructError> {
     if backend == BackendChoice::Gpu && adapters().is_empty() {
         return Err(GpuError::NoAdapter.into());

@@ -138,7 +138,7 @@ proptest! {
     }
 }
 
-/// What is told.
+/// Lines that were told.
 #[derive(Default)]
 struct Notes(Mutex<Vec<String>>);
 
@@ -152,7 +152,7 @@ impl Progress for Notes {
     }
 }
 
-/// What a model looks like from the origin.
+/// An image of a model from the origin.
 fn drawn(model: &Path, folder: &Path, progress: &dyn Progress) -> RgbImage {
     let poses = folder.join("poses.json");
     let record = Poses {

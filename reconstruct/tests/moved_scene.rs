@@ -35,7 +35,7 @@ const ITERATIONS: u64 = 20;
 /// Views of a run that are compared: one that was given, one that was not.
 const VIEWS: [&str; 2] = ["input/000002.png", "novel/000004.png"];
 
-/// Where the world of the scene lies.
+/// Turn and offset of the scene's world.
 struct World {
     turn: DQuat,
     offset: DVec3,

@@ -27,7 +27,7 @@ impl From<f64> for Elapsed {
 }
 
 impl Elapsed {
-    /// Returns the wall-clock time; zero where the seconds are none that a clock gives.
+    /// Returns the wall-clock time; zero for seconds that are negative or not finite.
     pub fn wall(self) -> Duration {
         Duration::try_from_secs_f64(self.wall_seconds).unwrap_or_default()
     }

@@ -107,7 +107,7 @@ pub fn decode(mut file: ImageFile<'_>, greys: MarkedGreys) -> Result<DecodedMask
     })
 }
 
-/// A byte per pixel, 0 or 255, and the rule; or why there is none.
+/// A byte per pixel, 0 or 255, and the rule; or the reason for a refusal.
 type Marks = Result<(Vec<u8>, MaskEncoding), &'static str>;
 
 const DARK_JPEG: &str =
@@ -255,7 +255,7 @@ fn marked<T: Copy>(pixels: &[T], is_marked: impl Fn(T) -> bool) -> Vec<u8> {
 struct PaletteImage {
     indices: Vec<u8>,
     colours: Vec<[u8; 3]>,
-    /// Of the first entries; the others are opaque.
+    /// Opacities of the first entries; the others are opaque.
     alphas: Vec<u8>,
 }
 

@@ -25,7 +25,7 @@ pub struct MaskSurvey {
     shares: BTreeMap<PathBuf, f64>,
     /// Files of each encoding that something was assumed of.
     assumed: BTreeMap<MaskEncoding, Vec<PathBuf>>,
-    /// Of every frame with a mask of what is no part of the scene, the share that it marks.
+    /// Share that each frame's ignore mask marks.
     ignored_shares: Vec<f64>,
 }
 
@@ -57,7 +57,7 @@ impl MaskSurvey {
     /// Looks at a frame's mask of what is no part of the scene.
     ///
     /// # Errors
-    /// As [`MaskSurvey::add`].
+    /// Those of [`MaskSurvey::add`].
     pub fn add_ignored(&mut self, file: &Path, camera: &Camera) -> Result<(), StoreError> {
         let share = self.add(file, camera, MarkedGreys::AboveHalf)?;
         self.add_ignored_share(share);

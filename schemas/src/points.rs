@@ -338,7 +338,7 @@ fn truncated(found: usize, expected: usize) -> String {
     format!("PLY ends after {found} of {expected} points")
 }
 
-/// Why a PLY is not read whose first element is another one than `vertex`.
+/// Returns why a PLY is not read whose first element is another one than `vertex`.
 fn first_element(name: &str) -> String {
     match name {
         "chunk" => {

@@ -132,7 +132,7 @@ impl Similarity {
         })
     }
 
-    /// Whether world coordinates around the offset can be kept in 32-bit floats: their rounding there
+    /// Returns true where world coordinates around the offset can be kept in 32-bit floats: their rounding there
     /// (`f32::EPSILON` of the offset) is at most 1e-5 of a unit.
     pub fn fits_f32(&self) -> bool {
         let rounding = f64::from(f32::EPSILON) * DVec3::from_array(self.offset).length();
@@ -164,7 +164,7 @@ pub fn far_cameras(centres: &[DVec3]) -> Vec<usize> {
     (0..centres.len()).filter(is_far).collect()
 }
 
-/// A line that names the frames whose cameras are far out ([`far_cameras`]); `None` where there are none.
+/// A line that names the frames whose cameras are far out ([`far_cameras`]); `None` without any.
 pub fn far_frames(poses: &[Option<Pose>]) -> Option<String> {
     let posed = poses.iter().enumerate();
     let posed = posed.filter_map(|(frame, pose)| Some((frame, pose.filter(Pose::is_valid)?)));

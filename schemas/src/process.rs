@@ -33,7 +33,7 @@ pub(crate) struct Stat {
 
 #[cfg(target_os = "linux")]
 impl Stat {
-    /// The process with this id; `None` where there is none.
+    /// The process with this id, if it exists.
     pub(crate) fn of(id: u32) -> Option<Self> {
         let bytes = std::fs::read(format!("/proc/{id}/stat")).ok()?;
         let text = String::from_utf8_lossy(&bytes);

@@ -196,7 +196,7 @@ impl Mask {
     /// Reads a mask from any encoding that [`mask_file`] knows.
     ///
     /// # Errors
-    /// As [`Mask::decode`], and when the file is missing or larger than
+    /// Those of [`Mask::decode`], and when the file is missing or larger than
     /// [`MOST_PIXELS`](crate::image_file::MOST_PIXELS).
     pub fn read(path: &Path) -> Result<Self, StoreError> {
         Self::decode(ImageFile::open(path)?)

@@ -298,7 +298,7 @@ fn where_to_look_is_all_but_black() {
     );
 }
 
-/// What was assumed, what marks nothing and what looks inverted are a line each, once.
+/// Assumptions, masks that mark nothing and masks that look inverted are a line each, once.
 #[test]
 fn oddities_are_told() {
     let folder = Folder::new();

@@ -257,7 +257,7 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
     }
 }
 
-/// How many views were looked at, and every finding, mistakes first.
+/// Prints the number of views that were looked at, and every finding, mistakes first.
 fn diagnosis_text(diagnosis: &Diagnosis) -> String {
     let mut text = format!("{} views were looked at", diagnosis.views);
     if let Some(psnr) = diagnosis.psnr_db {

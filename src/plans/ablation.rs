@@ -13,7 +13,7 @@ use omnilife_reconstruct::{
 };
 use omnilife_schemas::records::{SweepUnit, UnitNeeds};
 
-use super::{absolute, argument, own_command, words};
+use super::{absolute, argument, own_command, scoring, words};
 use crate::cli::MethodArguments;
 
 /// What is ablated.
@@ -51,26 +51,12 @@ impl AblationRequest<'_> {
         let iterations = self.iterations.to_string();
         train.extend(words(&["--iterations", &iterations]));
         train.extend(words(&["--out", &argument(&run)?]));
-        let record = argument(&run.join(RUN_FILE))?;
-        let score = argument(&folder.join("score"))?;
-        let score = words(&[
-            "bench",
-            "score",
-            "--scene",
-            &scene,
-            "--split",
-            &split,
-            "--run",
-            &record,
-            "--out",
-            &score,
-            "--accept-failures",
-        ]);
+        let score = scoring(&scene, &split, &run.join(RUN_FILE), &folder.join("score"))?;
         Ok(SweepUnit {
             id: name.clone(),
             group: method.id.to_owned(),
             labels: [("method".to_owned(), name)].into(),
-            commands: vec![own_command(train)?, own_command(score)?],
+            commands: vec![own_command(train)?, score],
             on_failure: Vec::new(),
             inputs: vec![scene, split],
             outputs: vec![argument(&folder.join("score/result.json"))?],

@@ -27,7 +27,7 @@ use omnilife_schemas::{
 };
 use omnilife_sweep::plan;
 
-use super::{absolute, argument, needs, own_command, words};
+use super::{absolute, argument, needs, own_command, scoring, words};
 use crate::{
     cli::{BenchPlanArguments, plan_word},
     exit::BadRequest,
@@ -233,7 +233,7 @@ impl Method {
         matches!(self.kind, MethodKind::Ours(method, _) if method.is_trained())
     }
 
-    /// Whether it needs inputs that have to be made first.
+    /// Returns true where inputs have to be made for it first.
     fn has_requirements(&self) -> bool {
         matches!(self.kind, MethodKind::Ours(method, _) if !method.requires.is_empty())
     }
@@ -266,7 +266,6 @@ impl Work<'_> {
         let seed = self.seed.to_string();
         let folder = folder.join(&self.method.id).join(format!("seed-{seed}"));
         let run = folder.join("run");
-        let score = argument(&folder.join("score"))?;
         let scene = argument(file)?;
         let make_split = own_command(words(&[
             "bench",
@@ -277,22 +276,7 @@ impl Work<'_> {
             "--out",
             &split,
         ]))?;
-        let scored = |record: &Path| -> anyhow::Result<Vec<String>> {
-            let record = argument(record)?;
-            own_command(words(&[
-                "bench",
-                "score",
-                "--scene",
-                &scene,
-                "--split",
-                &split,
-                "--run",
-                &record,
-                "--out",
-                &score,
-                "--accept-failures",
-            ]))
-        };
+        let scored = |record: &Path| scoring(&scene, &split, record, &folder.join("score"));
         let record = run.join(match self.method.kind {
             MethodKind::External(_) => EXTERNAL_RUN_FILE,
             MethodKind::Ours(..) => RUN_FILE,

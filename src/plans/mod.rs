@@ -72,6 +72,20 @@ fn refuse_training(command: &Command) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// The command that scores the run of a record into `out`. Views that fail are rows of its result, not a failure of
+/// the unit.
+///
+/// # Errors
+/// When a path is not UTF-8.
+fn scoring(scene: &str, split: &str, record: &Path, out: &Path) -> anyhow::Result<Vec<String>> {
+    let (record, out) = (argument(record)?, argument(out)?);
+    let places = [
+        "--scene", scene, "--split", split, "--run", &record, "--out", &out,
+    ];
+    let command = [&["bench", "score"], &places[..], &["--accept-failures"]].concat();
+    own_command(words(&command))
+}
+
 /// Words as a command holds them.
 fn words(list: &[&str]) -> Vec<String> {
     list.iter().map(|&word| word.to_owned()).collect()

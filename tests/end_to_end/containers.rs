@@ -1,4 +1,4 @@
-//! Methods in containers, with a stand-in for the runtime whose containers are nobody's children and
+//! Methods in containers, with a stand-in for the runtime whose containers are orphans and
 //! whose client hands no signal on.
 
 use std::{

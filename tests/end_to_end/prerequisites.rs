@@ -59,7 +59,7 @@ fn structure_from_motion() {
     out.assert_untouched(&ended, "scripts/setup --sfm");
 }
 
-/// What an earlier run left may stand; what does not is told by the stage that needs it.
+/// Sequences of an earlier run may stand; others are told by the stage that needs them.
 #[test]
 fn sequences_of_an_earlier_run_are_left_to_their_stages() {
     let copy = copy_of_small_run();
@@ -126,7 +126,7 @@ fn weights_of_a_boundary_detector() {
     out.assert_untouched(&omnilife(arguments), "scripts/setup --models");
 }
 
-/// Where no driver can be found there is no adapter, not even a software one.
+/// Without a driver there is no adapter, not even a software one.
 #[cfg(target_os = "linux")]
 #[test]
 fn an_adapter_for_the_backend() {

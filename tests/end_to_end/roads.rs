@@ -133,6 +133,19 @@ impl Road {
     }
 }
 
+/// A command that scores, with the further words.
+fn scoring<'a>(further: &[&'a str]) -> Vec<&'a str> {
+    let places = [
+        "bench",
+        "score",
+        "--scene",
+        "SCENE",
+        "--split",
+        "split.json",
+    ];
+    [&places, further].concat()
+}
+
 /// Writes frames 4 and 9 of the scene into a folder, a little changed.
 fn write_views(scene: &Path, folder: &Path) {
     fs::create_dir_all(folder).unwrap();
@@ -161,13 +174,7 @@ fn from_folders_of_views() {
         "split.json",
     ])
     .succeeded();
-    let score = [
-        "bench",
-        "score",
-        "--scene",
-        "SCENE",
-        "--split",
-        "split.json",
+    let score = scoring(&[
         "--novel-views",
         "VIEWS",
         "--about",
@@ -178,7 +185,7 @@ fn from_folders_of_views() {
         "gpu",
         "--out",
         "SCORES/mine",
-    ];
+    ]);
     road.omnilife(&score).succeeded();
     let result: ResultRecord = store::read_record(&road.at("SCORES/mine/result.json")).unwrap();
     assert_eq!(result.training, Some(TrainingKind::PerScene));
@@ -213,20 +220,7 @@ fn from_an_external_method() {
         "RUN",
     ];
     road.omnilife(&external).succeeded();
-    let score = [
-        "bench",
-        "score",
-        "--scene",
-        "SCENE",
-        "--split",
-        "split.json",
-        "--run",
-        "RUN",
-        "--about",
-        "card.toml",
-        "--out",
-        "SCORES",
-    ];
+    let score = scoring(&["--run", "RUN", "--about", "card.toml", "--out", "SCORES"]);
     road.omnilife(&score).succeeded();
     let result: ResultRecord = store::read_record(&road.at("SCORES/result.json")).unwrap();
     // The time was measured, the iterations are stated.
@@ -259,13 +253,7 @@ fn from_a_folder_of_arrays() {
         }
         fs::write(road.at(&format!("VIEWS/{name}.npy")), bytes).unwrap();
     }
-    let score = [
-        "bench",
-        "score",
-        "--scene",
-        "SCENE",
-        "--split",
-        "split.json",
+    let score = scoring(&[
         "--novel-views",
         "VIEWS",
         "--method",
@@ -274,7 +262,7 @@ fn from_a_folder_of_arrays() {
         "without-training",
         "--out",
         "SCORES",
-    ];
+    ]);
     road.omnilife(&score).succeeded();
     let table = road.reaches_the_leaderboard();
     assert!(table.contains("mine"));
@@ -284,20 +272,14 @@ fn from_a_folder_of_arrays() {
 fn what_is_not_what_was_scored_is_not_handed_in() {
     let road = Road::new();
     write_views(&road.scene, &road.at("VIEWS"));
-    let score = [
-        "bench",
-        "score",
-        "--scene",
-        "SCENE",
-        "--split",
-        "split.json",
+    let score = scoring(&[
         "--novel-views",
         "VIEWS",
         "--method",
         "mine",
         "--out",
         "SCORES",
-    ];
+    ]);
     road.omnilife(&score).succeeded();
     fs::copy(sample("masks/000000.png"), road.at("VIEWS/000004.png")).unwrap();
     let submit = [

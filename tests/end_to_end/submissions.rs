@@ -129,6 +129,23 @@ fn a_changed_number_is_found() {
     assert!(!results.exists() || store::names_in(&results).unwrap().is_empty());
 }
 
+/// Scores of a run that failed would be shown nowhere, and be compared with nothing.
+#[test]
+fn scores_of_a_run_that_failed_are_refused() {
+    let (folder, submission) = submitted();
+    let path = submission.join("results/0000/result.json");
+    let mut record: ResultRecord = store::read_record(&path).unwrap();
+    record.run_failure = Some("train ended with exit 1".to_owned());
+    store::write_record(&path, &record).unwrap();
+    repack(&submission, "result.json");
+    let refused = add(&submission, &folder.path().join("results"), "0");
+    let message = refused.failed_quietly(2);
+    assert!(
+        message.contains("its run failed, and it has scores"),
+        "{message}"
+    );
+}
+
 /// Numbers that agree with each other, and not with the images.
 #[test]
 fn scores_of_other_images_are_found_by_scoring_again() {

@@ -11,8 +11,8 @@ use super::{
 
 /// Mean gain in dB from which another order of the channels is told; every view has to gain.
 const CHANNELS_GAIN_DB: f64 = 1.0;
-/// How alike colours without their mean, and without grey, have to be after the change, and how much more
-/// than before, by their correlation: a tint of a grey scene is no order of channels.
+/// Least correlation of colours without their mean, and without grey, after the change, and its least gain over that
+/// before it: a tint of a grey scene must not pass for an order of channels.
 const CHANNELS_CORRELATION: f64 = 0.5;
 const CHANNELS_CORRELATION_GAIN: f64 = 0.3;
 /// Or the share of what was missing to a correlation of 1 that may be left.

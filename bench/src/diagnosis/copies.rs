@@ -26,7 +26,7 @@ pub(super) struct Truth {
     pub(super) medium: Vec<f32>,
     /// At the smaller one.
     pub(super) small: Vec<f32>,
-    /// Of its bytes.
+    /// SHA-256 of its bytes.
     pub(super) sha256: String,
 }
 
@@ -54,7 +54,7 @@ pub(super) fn given_beside(frame: u32, given: &[u32]) -> impl Iterator<Item = u3
     before.into_iter().chain(behind)
 }
 
-/// Novel frames that are the same image as a given frame beside them; `None` where there are none to be told.
+/// Novel frames that are the same image as a given frame beside them; `None` without any to tell.
 pub(super) fn repeated_frames(
     novel: &[u32],
     given: &[u32],

@@ -148,7 +148,7 @@ impl Encoding {
     }
 }
 
-/// What an encoding makes of values in [0, 1].
+/// The curve of an encoding over values in [0, 1].
 enum Form {
     /// Gain and offset of every channel.
     Affine { gain: [f64; 3], offset: [f64; 3] },

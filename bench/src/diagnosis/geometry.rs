@@ -7,8 +7,8 @@ use super::{
 
 /// Mean gain in dB from which a turn is told: a wrong convention costs many.
 const TELLING_GAIN_DB: f64 = 1.0;
-/// What the turned views have to be like, by the correlation of their grey values with the ground truth's,
-/// on the mean over the views, and how much more so than before: of two images that have nothing in
+/// Least correlation of the turned views' grey values with the ground truth's,
+/// on the mean over the views, and its least gain over that before: of two images that have nothing in
 /// common some turn is always the better one. In a scene that is nearly symmetrical the turn has to leave
 /// at most half of what was missing.
 const LEAST_CORRELATION: f64 = 0.4;
@@ -163,7 +163,7 @@ impl Candidate {
     }
 }
 
-/// Where errors at equal steps have their minimum, by the parabola through the least and its
+/// Returns the place of the minimum of errors at equal steps, by the parabola through the least and its
 /// neighbours, in steps from the middle one. `None` where the least is the first or the last.
 pub(super) fn vertex(errors: &[f64]) -> Option<f64> {
     let at = (0..errors.len()).min_by(|&a, &b| errors[a].total_cmp(&errors[b]))?;

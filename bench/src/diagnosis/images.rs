@@ -45,7 +45,7 @@ fn blocks([width, height]: [usize; 2], columns: usize) -> (usize, [usize; 2]) {
 pub(super) struct Small {
     /// Width and height.
     pub(super) size: [usize; 2],
-    /// As [`reduced`] returns it.
+    /// Small image, as [`reduced`] returns it.
     pub(super) predicted: Vec<f32>,
     /// The same of the ground truth.
     pub(super) truth: Vec<f32>,

@@ -4,7 +4,7 @@ use std::fmt;
 
 use super::{encoding::Encoding, order::FrameOrder};
 
-/// A mistake of convention, or a fact about views that is none of the method's.
+/// A mistake of convention, or a fact about views that the method does not cause.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum DiagnosisKind {
     /// The views fit better turned.
@@ -50,7 +50,7 @@ pub enum DiagnosisKind {
         /// Views that were looked at.
         views: usize,
     },
-    /// Of the data: novel frames are the same image as a given frame.
+    /// Novel frames of the data are the same image as a given frame.
     RepeatedFrames {
         /// Novel frames that are it byte for byte.
         identical: usize,
@@ -200,7 +200,7 @@ impl ChannelOrder {
         }
     }
 
-    /// Where red, green and blue are stored.
+    /// Returns the places in which red, green and blue are stored.
     pub(super) fn places(self) -> [usize; 3] {
         match self {
             Self::Bgr => [2, 1, 0],

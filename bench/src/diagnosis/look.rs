@@ -22,24 +22,24 @@ const SMALL: usize = 128;
 const MEDIUM: usize = 256;
 /// Share of the values of arrays outside of [0, 1] from which it is told.
 pub(super) const TELLING_OUTSIDE: f64 = 0.05;
-/// What a pixel of a view takes while it is looked at, bytes: two images in 8 bits, one in f32,
+/// Memory for a pixel of a view while it is looked at, bytes: two images in 8 bits, one in f32,
 /// and both in grey.
 const BYTES_PER_PIXEL: u64 = 2 * 3 + 12 + 4 * 4;
 
-/// What is remembered of a view.
+/// Facts about a view that the findings need.
 pub(super) struct Looked {
     pub(super) view: View,
     /// Mean squared error over the pixels that count, of bytes, as dB.
     pub(super) psnr_db: f64,
     pub(super) small: Small,
     pub(super) medium: Small,
-    /// As [`shifts::by_part`] returns them.
+    /// Shifts of its parts, as [`shifts::by_part`] returns them.
     pub(super) shifts: Vec<Option<[f64; 2]>>,
     /// Every pixel stands twice.
     pub(super) is_doubled: bool,
     /// Share of the values of an array outside of [0, 1].
     pub(super) outside: Option<f64>,
-    /// Of the prediction's bytes.
+    /// SHA-256 of the prediction's bytes.
     pub(super) sha256: String,
 }
 

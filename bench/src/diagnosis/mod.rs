@@ -54,7 +54,7 @@ pub struct Diagnosis {
     pub views: usize,
     /// Their mean PSNR as they are, dB; 100 dB for equal images. `None` without views.
     pub psnr_db: Option<f64>,
-    /// What was found, mistakes first.
+    /// Findings, mistakes first.
     pub findings: Vec<DiagnosisFinding>,
 }
 
@@ -283,7 +283,7 @@ impl OfKind<'_> {
         Ok(gain.map(|gain| (DiagnosisKind::Shifted { right, down }, Some(gain))))
     }
 
-    /// What cannot be undone, or is told without a gain.
+    /// Findings that cannot be undone, or are told without a gain.
     fn without_gain(&self, copied: usize) -> Vec<DiagnosisKind> {
         let views = &self.views[..];
         let mut kinds = Vec::new();

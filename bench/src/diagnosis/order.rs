@@ -14,7 +14,7 @@ use super::{
 /// Gain in dB by which another frame has to fit better, and the share of the views in which it has to.
 const TELLING_GAIN_DB: f64 = 1.0;
 const TELLING_SHARE: f64 = 0.75;
-/// What no view may lose by that, dB.
+/// Largest loss of any view by that, dB.
 const LARGEST_LOSS_DB: f64 = 0.5;
 /// The gain where the other frame may be a given one: all that is made of given views is like them.
 /// Blends are like the frames on both sides, so that the opposite side must not fit better than the right one.

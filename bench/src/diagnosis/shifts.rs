@@ -22,7 +22,7 @@ const LEAST_HEIGHT: usize = 64;
 const TELLING_PIXELS: f64 = 0.35;
 /// Share of the parts of all views in which a shift has to be found.
 const KNOWN: f64 = 0.75;
-/// What another camera has seen is shifted too, but in another way in every part of the image and in
+/// A view of another camera is shifted too, but in another way in every part of the image and in
 /// every view: medians of most views and of most parts have to lie this near to the median of all, pixels.
 const AGREEING_VIEW_PIXELS: f64 = 0.3;
 const AGREEING_PART_PIXELS: f64 = 0.35;

@@ -1,4 +1,4 @@
-//! What is found in views of panoramas that are made here, and what is not.
+//! Findings in panoramas that are made here, and views without any.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
 use super::{
@@ -93,7 +93,7 @@ fn panorama(frame: u32) -> Vec<u8> {
     })
 }
 
-/// What a trained model makes of a frame: blurred, noisy and of uneven colour, 32 dB.
+/// A frame as a trained model renders it: blurred, noisy and of uneven colour, 32 dB.
 fn rendered(frame: u32) -> Vec<u8> {
     let truth = panorama(frame);
     image(|column, row| {
@@ -172,7 +172,7 @@ fn order(views: &[Looked], truths: &Truths) -> Option<FrameOrder> {
     comparison.order().map(|(order, _)| order)
 }
 
-/// What was found of each family, in words; empty where nothing was.
+/// Findings of each family, in words; empty without any.
 fn found(views: &[Looked]) -> Vec<String> {
     let mut found = Vec::new();
     found.extend(geometry::turn(views, true).map(|found| format!("{found:?}")));
@@ -374,7 +374,7 @@ fn other_frames_are_found_by_their_order() {
     ] {
         assert_eq!(order(&shown(frames), &truths), Some(expected), "{frames:?}");
     }
-    // One view in a wrong place is no order.
+    // One view in a wrong place does not make an order.
     assert_eq!(order(&shown([9, 9, 14, 19, 24, 29]), &truths), None);
 }
 

@@ -108,7 +108,7 @@ pub fn run_external(
         store::create_folder(&request.out.join(folder))?;
     }
     let (phases, failure) = run_phases(&manifest, &places, &request.out, &label, progress)?;
-    // The views of a run that failed stay in its work folder: nobody knows of which state they are.
+    // The views of a run that failed stay in its work folder: their state is unknown.
     let gathered = match failure {
         Some(_) => gather::Gathered::notes_of(&manifest),
         None => gather::gather(&manifest, &places, &scene, &split, &request.out)?,

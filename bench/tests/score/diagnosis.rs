@@ -33,7 +33,7 @@ fn hills(frame: usize) -> Vec<u8> {
         .collect()
 }
 
-/// What a method makes of a frame: at most 5 bytes off.
+/// A frame as a method renders it: at most 5 bytes off.
 fn predicted(frame: usize) -> Vec<u8> {
     let bytes = hills(frame).into_iter().enumerate();
     bytes

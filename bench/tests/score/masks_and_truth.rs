@@ -135,7 +135,7 @@ fn scores_do_not_depend_on_the_encoding_of_masks() {
     );
 }
 
-/// What is said to be left out is left out: by labels too, and not by a mask that marks nothing.
+/// Views with ignored pixels are those whose masks mark some: by labels too, and not by an empty mask.
 #[test]
 fn views_with_ignored_pixels_are_those_whose_masks_mark_some() {
     let bench = bench(true);

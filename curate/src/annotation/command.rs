@@ -183,7 +183,7 @@ impl CaptionCommand {
 fn in_background<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Receiver<T> {
     let (sender, receiver) = mpsc::channel();
     thread::spawn(move || {
-        // Nobody may wait for it any more.
+        // Its parent may have stopped waiting for it.
         drop(sender.send(work()));
     });
     receiver

@@ -1,6 +1,6 @@
 //! Images of imported frames: copied byte for byte where every program sees them alike, written anew where not.
 //!
-//! What is transparent becomes black and no part of the scene; what EXIF data ask to be turned is turned. Poses and
+//! Transparent pixels become black and are ignored; images that EXIF data ask to be turned are turned. Poses and
 //! masks of such frames are taken to be of the images as viewers show them.
 
 use std::path::Path;

@@ -83,13 +83,13 @@ pub(super) fn images_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     Ok(files)
 }
 
-/// Whether a file has one of these extensions, in whatever case.
+/// Returns true where a file has one of these extensions, in upper or lower case.
 pub(super) fn has_extension(file: &Path, known: &[&str]) -> bool {
     let extension = file.extension().unwrap_or_default().to_ascii_lowercase();
     known.iter().any(|known| extension == *known)
 }
 
-/// Whether files in natural order are numbered 0, 1, ... or 1, 2, ...
+/// Returns true where files in natural order are numbered 0, 1, ... or 1, 2, ...
 pub(super) fn are_counted(files: &[PathBuf]) -> bool {
     let numbers: Option<Vec<u64>> = files.iter().map(|file| number(file)).collect();
     numbers.is_some_and(|numbers| {

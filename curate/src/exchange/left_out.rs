@@ -1,4 +1,4 @@
-//! What an import does not take, in lines.
+//! Files that an import does not take, in lines.
 
 use std::{
     collections::BTreeSet,
@@ -69,7 +69,7 @@ pub(super) fn folders_below(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     Ok(folders)
 }
 
-/// A line that counts things and names the first of them; `None` where there are none.
+/// A line that counts things and names the first of them; `None` without any.
 pub(super) fn line(names: &[String], what: &str) -> Option<String> {
     let first: Vec<&str> = names.iter().take(MOST_NAMES).map(String::as_str).collect();
     let rest = match names.len().saturating_sub(MOST_NAMES) {

@@ -52,7 +52,7 @@ const POINTS_FILE: &str = "points.ply";
 const ERP_MODEL: &str = "EQUIRECTANGULAR";
 const PINHOLE_MODEL: &str = "PINHOLE";
 
-/// What is written.
+/// `transforms.json` as it is written.
 #[derive(Serialize)]
 struct Transforms {
     camera_model: String,
@@ -74,7 +74,7 @@ struct Transforms {
     frames: Vec<Frame>,
 }
 
-/// What is read.
+/// `transforms.json` as it is read.
 #[derive(Deserialize)]
 struct ForeignTransforms {
     #[serde(default)]

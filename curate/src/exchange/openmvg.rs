@@ -58,7 +58,7 @@ const UNDEFINED: u32 = u32::MAX;
 /// cereal's mark for an object of the static type.
 const STATIC_TYPE: u32 = 1 << 30;
 
-/// What is written.
+/// `sfm_data.json` as it is written.
 #[derive(Serialize)]
 struct SfmData {
     sfm_data_version: String,
@@ -271,7 +271,7 @@ fn write_points(path: &Path, cloud: &PointCloud) -> Result<(), StoreError> {
 /// The camera of all views. Intrinsics that no view has do not count.
 ///
 /// # Errors
-/// Where views differ in their size or camera, or theirs cannot be read; says why.
+/// When views differ in their size or camera, or theirs cannot be read; says why.
 fn common_camera(data: &records::SfmData) -> Result<Camera, String> {
     let cameras = records::cameras(data);
     let mut common: Option<(Camera, &str)> = None;

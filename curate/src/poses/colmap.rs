@@ -43,7 +43,7 @@ pub(super) enum ModelCamera {
 }
 
 impl ModelCamera {
-    /// Whether two cameras are one but for rounding: to a millionth of the width, and 1e-9 of the distortion.
+    /// Returns true where two cameras are one but for rounding: to a millionth of the width, and 1e-9 of the distortion.
     fn agrees(&self, other: &Self) -> bool {
         match (self, other) {
             (Self::Erp(a), Self::Erp(b)) => a == b,
@@ -248,7 +248,7 @@ impl ColmapModel {
     /// Reads the model in these files.
     ///
     /// # Errors
-    /// As [`ColmapModel::read`].
+    /// Those of [`ColmapModel::read`].
     pub fn read_files(paths: &[PathBuf; 3]) -> Result<Self, StoreError> {
         let [cameras, ..] = paths;
         let parts = if is_binary(cameras) {

@@ -80,7 +80,7 @@ pub fn enter_masks(
     Ok(MasksEntry::Entered)
 }
 
-/// Whether the masks of a scene mark what `files` do, frame by frame.
+/// Returns true where the masks of a scene mark the pixels that `files` do, frame by frame.
 fn has_these(folder: &Path, scene: &Scene, files: &[PathBuf]) -> Result<bool, CurateError> {
     if scene.frames.len() != files.len() {
         return Ok(false);

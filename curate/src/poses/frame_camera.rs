@@ -37,7 +37,7 @@ impl FrameCamera {
     /// The camera of frames with this lens.
     ///
     /// # Errors
-    /// Where no straight image is within what the lens shows; says why.
+    /// When the lens shows no straight image; says why.
     pub fn behind(lens: Lens) -> Result<Self, String> {
         if lens.distortion == Distortion::default() {
             return Ok(Self::Straight(lens.camera.into()));

@@ -91,7 +91,7 @@ fn beside(path: &Path, file: &str) -> PathBuf {
 /// Reads a record of poses, its frames in order of time.
 ///
 /// # Errors
-/// When it cannot be read, a pose is none, or two are of one instant.
+/// When it cannot be read, a pose is not finite or has no rotation, or two are of one instant.
 fn sorted_record(path: &Path) -> Result<Poses, CurateError> {
     let mut record: Poses = store::read_record(path)?;
     if let Some(bad) = record

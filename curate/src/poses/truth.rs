@@ -71,7 +71,7 @@ impl GivenTruth {
     /// Checks what needs no sequence.
     ///
     /// # Errors
-    /// When a file or folder is missing, a class has a name that is no plain word, or a unit is not
+    /// When a file or folder is missing, a class has a name other than a plain word, or a unit is not
     /// positive.
     pub fn check(&self) -> Result<(), CurateError> {
         let ignored = match &self.ignored {
@@ -124,7 +124,7 @@ impl GivenTruth {
     }
 }
 
-/// Refuses a name of a class that is no plain word.
+/// Refuses a name of a class other than a plain word.
 fn refuse_class(name: &str, folder: &Path) -> Result<(), CurateError> {
     let is_word = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit();
     if !name.is_empty() && name.bytes().all(|byte| is_word(byte) || byte == b'-') {

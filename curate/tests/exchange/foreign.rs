@@ -102,7 +102,7 @@ pub(crate) fn assert_poses(scene: &Scene, numbers: &[u8]) {
     }
 }
 
-/// Whether a line of the record speaks of something.
+/// Returns true where a line of the record speaks of something.
 pub(crate) fn notes(scene: &Scene, words: &str) -> bool {
     let mut problems = scene.validation.problems.iter();
     problems.any(|problem| problem.contains(words))

@@ -29,7 +29,7 @@ fn paint(foreign: &Foreign) {
     });
 }
 
-/// Where a camera with `k1 k2 p1 p2` shows a direction, by the formula of OpenCV.
+/// Returns the pixel of a direction in a camera with `k1 k2 p1 p2`, by the formula of OpenCV.
 fn seen([k1, k2, p1, p2]: [f64; 4], [fx, fy]: [f64; 2], x: f64, y: f64) -> DVec2 {
     let r2 = x * x + y * y;
     let radial = 1.0 + k1 * r2 + k2 * r2 * r2;

@@ -18,7 +18,7 @@ const IMAGES: [(&str, u8); 3] = [
 ];
 const BYTE_ORDER_MARK: &str = "\u{feff}";
 
-/// What `ns-process-data` writes: its frames, each with these entries, beside those of the file.
+/// A file of `ns-process-data`: its frames, each with these entries, beside those of the file.
 fn ns_process_data(file: &Value, of_frames: &Value) -> Value {
     let mut transforms = file.clone();
     let frames: Vec<Value> = (IMAGES.iter().rev())
@@ -129,7 +129,7 @@ fn entries_that_speak_of_a_camera_are_known_or_refused() {
     assert!(notes(&foreign.import("nerfstudio").unwrap(), "(time)"));
 }
 
-/// How cereal writes OpenMVG's data: types are named once.
+/// OpenMVG's data as cereal writes them: types are named once.
 fn sfm_data(intrinsics: &[(&str, Value)], of_view: impl Fn(u32) -> u32, version: &str) -> Value {
     let mut named: Vec<&str> = Vec::new();
     let intrinsics: Vec<Value> = (0_u32..)

@@ -37,7 +37,7 @@ fn bytes(image: &RgbaImage, format: ImageFormat) -> Vec<u8> {
     bytes.into_inner()
 }
 
-/// What is transparent is no part of the scene: its colour is in no frame, and a mask marks it.
+/// Transparent pixels are ignored: their colour is in no frame, and a mask marks them.
 #[test]
 fn what_is_transparent_is_no_part_of_the_scene() {
     let foreign = Foreign::new([32, 16], &[]);
@@ -141,7 +141,7 @@ fn what_asks_to_be_turned_is_turned_once() {
             problems.iter().any(|line| line.contains("EXIF")),
             "{problems:?}"
         );
-        // Nobody turns it again.
+        // It is not turned again.
         let path = foreign.path().join("out").join(&scene.frames[0].image);
         assert!(omnilife_schemas::RgbImage::read(&path).is_ok());
     }

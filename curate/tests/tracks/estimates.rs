@@ -146,7 +146,7 @@ fn estimates_that_are_missing_are_told_before_anything_is_detected() {
     let scene = write_scene(&temp.path().join("scene"));
     for distance in ["monocular", "monocular-scale"] {
         let mut request = request(temp.path(), &boxes(&scene));
-        // Found out before the boxes, which are none.
+        // Found out before the file of boxes, which has none, is read.
         fs::write(request.detections.as_ref().unwrap(), "no boxes").unwrap();
         request.distance = distance.to_owned();
         let error = make_tracks(&request, &Silent).unwrap_err();

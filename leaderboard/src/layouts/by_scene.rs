@@ -166,7 +166,7 @@ fn views(result: &ResultRecord) -> String {
     format!("{} + {}", scored[0], scored[1])
 }
 
-/// What a reader must know before any score, how the numbers were made, and what else results remark.
+/// Notes: facts to know before any score, the making of the numbers, and what else results remark.
 fn notes(group: &Group<'_>) -> Vec<String> {
     let remarks = remarks_of(group);
     let mut lines: Vec<String> = remarks.serious().cloned().collect();

@@ -113,7 +113,7 @@ pub(crate) fn published_lpips(kind: ViewKind, with_kind: bool) -> Column {
     }
 }
 
-/// What stands under every table of means: what a reader must know before any score, then how the
+/// Notes under every table of means: facts to know before any score, then how the
 /// numbers came about.
 pub(crate) fn common_notes(group: &Group<'_>) -> Vec<String> {
     let places: BTreeSet<&str> = group

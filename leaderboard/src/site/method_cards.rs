@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use maud::{Markup, html};
 use omnilife_schemas::records::{MethodCard, Verification};
 
-/// What was scored again, by method.
+/// Counts of results that were scored again, by method.
 type Verifications = BTreeMap<String, Verification>;
 
 /// One block per card; nothing where nobody handed anything in.

@@ -129,7 +129,7 @@ pub(crate) struct SiteRequest<'a> {
     pub(crate) protocols: &'a BTreeMap<String, Protocol>,
     /// Of the methods that others handed in.
     pub(crate) cards: &'a [MethodCard],
-    /// What of them was scored again, by method.
+    /// Counts of their results that were scored again, by method.
     pub(crate) verifications: &'a BTreeMap<String, Verification>,
     pub(crate) dataset: Option<&'a Dataset>,
     /// Rendered views per scene and method, at most.

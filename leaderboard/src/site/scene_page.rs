@@ -51,7 +51,7 @@ pub(super) fn render(
     Ok(layout::page(request, Place::Scene, scene, content))
 }
 
-/// What a reader must know before any score, in a box.
+/// Facts to know before any score, in a box.
 pub(super) fn warning_box(remarks: &Remarks) -> Markup {
     html! {
         @if remarks.serious().next().is_some() {

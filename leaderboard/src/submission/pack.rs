@@ -32,7 +32,7 @@ pub struct PackRequest {
     pub card: PathBuf,
     /// Folder of the submission; made, or empty.
     pub out: PathBuf,
-    /// Whether results that are not complete are packed too. They are rows of failures in tables.
+    /// True where results that are not complete are packed too. They are rows of failures in tables.
     pub with_failures: bool,
 }
 
@@ -170,7 +170,7 @@ fn pack_result(
         Some(predictions) => copy_scored(file, predictions, &folder)?,
         None => copy_found(file, &folder)?,
     };
-    // Where the predictions lay is nobody's business; where they lie now is.
+    // Places on the machine that packs are private; those in the submission replace them.
     let predictions = (result.predictions.clone()).map(|predictions| ScoredPredictions {
         input_views: input_views.clone(),
         novel_views: novel_views.clone(),

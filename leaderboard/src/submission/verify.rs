@@ -78,6 +78,14 @@ pub fn verify(folder: &Path) -> Result<Verified, LeaderboardError> {
                 entry.folder
             ));
         }
+        // Tables show no scores of such a result, and so nothing else looks at them.
+        let has_scores = !(result.input_views.is_empty() && result.novel_views.is_empty());
+        if result.run_failure.is_some() && has_scores {
+            return Err(submission_error(
+                &path,
+                "its run failed, and it has scores".to_owned(),
+            ));
+        }
         check_means(&path, &result)?;
         results.push((path, result));
     }

@@ -1,4 +1,4 @@
-//! How runs ended, and who competes with whom, in every output.
+//! Ends of runs, and classes of methods, in every output.
 use std::fs;
 
 use crate::{
@@ -10,7 +10,7 @@ use omnilife_schemas::records::{ResultRecord, RunStatement, StatedClock, Trainin
 
 const REASON: &str = "prepare ended with conda could not be started";
 
-/// A run that failed and left views with scores better than all others, which nobody must see.
+/// A run that failed and left views with scores better than all others, which must stay hidden.
 fn failed(scene: &str, method: &str) -> ResultRecord {
     let mut result = result(scene, method, 91.375, 0.98765);
     result.run_failure = Some(REASON.to_owned());

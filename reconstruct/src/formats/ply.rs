@@ -4,8 +4,8 @@
 //! `f_rest_*` (all coefficients of red, then green, then blue), opacity (logit), `scale_*`
 //! (logarithm), `rot_*` (w, x, y, z). Coordinates are the scene's own: the normalization is undone.
 //! It does not rotate, so spherical harmonics and quaternions stay as they are. All properties are
-//! `float`, but x, y and z of a scene so far from the origin that floats would lose it, which are `double`. Which values make a
-//! Gaussian, `validity` says.
+//! `float`, but x, y and z of a scene so far from the origin that floats would lose it, which are `double`.
+//! Which values make a Gaussian, `validity` says.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -184,7 +184,7 @@ fn columns(ply: &PlyTable<'_>, degree: usize, further: &[String]) -> Result<Vec<
         .collect()
 }
 
-/// Why a PLY without a property is no file of Gaussians: what it is instead, where that can be told.
+/// Returns why a PLY without a property does not hold Gaussians: the kind of file that it is, as far as that can be told.
 fn missing(ply: &PlyTable<'_>, name: &str) -> String {
     let has = |name: &str| ply.column(name).is_some();
     if has("scale_1") && !has("scale_2") {

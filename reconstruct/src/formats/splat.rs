@@ -166,8 +166,8 @@ impl Placement {
 /// counted in `invalid`.
 ///
 /// # Errors
-/// When the file is missing, is no whole number of rows, or has a row with a place that is not a number or a
-/// size that is none; names the row.
+/// When the file is missing, does not hold a whole number of rows, or has a row with a place that is not a number or a
+/// size that is negative or not finite; names the row.
 pub fn read(
     path: &Path,
     placement: &Placement,

@@ -2,7 +2,7 @@
 //!
 //! * An opacity logit of infinity is an opacity of 1, and valid. One of minus infinity is an opacity of 0: the
 //!   Gaussian is left out.
-//! * A quaternion of zeros is no rotation, as renderers draw it. Where log scales and opacity are 0 as well,
+//! * A quaternion of zeros is read as the identity, as renderers draw it. Where log scales and opacity are 0 as well,
 //!   which nothing that was trained is, the row is padding and left out.
 //! * An axis of size 0 becomes as thin as f32 allows.
 //! * Farther out than [`REACH`] a Gaussian is left out.

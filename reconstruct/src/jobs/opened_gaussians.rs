@@ -160,11 +160,11 @@ impl Source {
         })
     }
 
-    /// What is to be exported: a file stays in its own coordinates, around a place within it where 32-bit
+    /// Opens Gaussians to be exported: a file stays in its own coordinates, around a place within it where 32-bit
     /// floats would lose them around the world's origin.
     ///
     /// # Errors
-    /// As [`Source::open`], and when a file is malformed.
+    /// Those of [`Source::open`], and when a file is malformed.
     pub(crate) fn open_in_place(path: &Path) -> Result<Self, ReconstructError> {
         let offset = if path.is_dir() {
             DVec3::ZERO

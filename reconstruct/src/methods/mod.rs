@@ -188,7 +188,7 @@ pub enum MethodKind {
 }
 
 impl Method {
-    /// Whether it needs an input beside posed frames and a split.
+    /// Returns true where it needs this input beside posed frames and a split.
     pub fn needs(&self, requirement: Requirement) -> bool {
         self.requires.contains(&requirement)
     }

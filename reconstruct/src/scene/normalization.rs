@@ -97,7 +97,7 @@ mod tests {
         assert_eq!(normalization(moving, &points), moving);
     }
 
-    /// What is measured in a scene does not change when the scene is moved.
+    /// Measures of a scene do not change when the scene is moved.
     #[test]
     fn points_far_from_the_origin_are_normalized_as_near_it() {
         let place = |n: usize| DVec3::new((n as f64).sin(), (1.7 * n as f64).cos(), 0.3 * n as f64);

@@ -48,7 +48,7 @@ impl Container {
         let id = child.id();
         let (sender, receiver) = mpsc::channel();
         thread::spawn(move || {
-            // Nobody may wait for it any more.
+            // Its parent may have stopped waiting for it.
             drop(sender.send(child.wait_with_output()));
         });
         match receiver.recv_timeout(LONGEST_KILL) {

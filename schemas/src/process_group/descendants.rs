@@ -18,7 +18,7 @@ use crate::process::Stat;
 /// that carry its mark, with all that descends from them. `None` where the system does not list the
 /// processes that this one sees.
 ///
-/// Orphans that have ended are waited for, as nobody else would. Programs for which this process waits
+/// Orphans that have ended are reaped here, because their parents are gone. Programs for which this process waits
 /// by itself are left alone: they stay in its session.
 pub(super) fn look(leader: u32, mark: &str, known: &mut BTreeSet<u32>) -> Option<Vec<Remnant>> {
     let here = std::process::id();

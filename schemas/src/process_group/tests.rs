@@ -20,7 +20,7 @@ use crate::{
 
 const GRACE_HERE: Duration = Duration::from_millis(300);
 
-/// `detached FILE`: a child of nobody with a session of its own, whose id stands in the file.
+/// `detached FILE`: an orphan with a session of its own, whose id stands in the file.
 const DETACHED: &str = r#"detached() {
   (setsid sh -c 'echo $$ > "$0.new"; mv "$0.new" "$0"; exec sleep 300' "$1" > /dev/null 2>&1 &)
   while ! test -e "$1"; do sleep 0.01; done
@@ -158,7 +158,7 @@ fn one_that_will_not_end_is_killed() {
     assert!(is_gone(folder.id("own")));
 }
 
-/// What a program within a program has marked once more belongs to both.
+/// A process that a program within a program has marked once more belongs to both.
 #[test]
 fn one_of_two_programs_ends_without_what_the_other_has_left() {
     let folder = Folder::new();
@@ -177,7 +177,7 @@ fn one_of_two_programs_ends_without_what_the_other_has_left() {
     assert!(is_gone(two));
 }
 
-/// A stand-in for a runtime: its containers are nobody's children and carry no mark, and its client
+/// A stand-in for a runtime: its containers are orphans without a mark, and its client
 /// does not end when it is asked to. `kill` of the container `stuck` fails.
 const RUNTIME: &str = r#"#!/bin/sh
 cd "$(dirname "$0")" || exit 1

@@ -40,7 +40,7 @@ pub struct ProcessTree {
 pub struct Leftovers {
     /// Ended: processes, as `sleep (process 4711)`, and containers, as `container omnilife-1`.
     pub ended: Vec<String>,
-    /// What could not be ended, with the reason where one is known.
+    /// Processes that could not be ended, with the reason where one is known.
     pub running: Vec<String>,
 }
 
@@ -209,7 +209,7 @@ impl ProcessTree {
 }
 
 /// Ends programs and everything that descends from them: asks all to end, and kills what is left after
-/// `grace`. `at_every_look` waits for the programs, where nobody else does.
+/// `grace`. `at_every_look` reaps the programs, where no other thread does.
 pub(super) fn end(
     trees: &[&ProcessTree],
     grace: Duration,

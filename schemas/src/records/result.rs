@@ -42,7 +42,7 @@ pub struct ResultRecord {
     pub input_views: BTreeMap<String, Summary>,
     /// Scores of the novel views by metric id.
     pub novel_views: BTreeMap<String, Summary>,
-    /// Why the run that was to predict the views failed, in one line. Views that it left are not
+    /// Reason for which the run that was to predict the views failed, in one line. Views that it left are not
     /// scored: each of them is among the failures.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub run_failure: Option<String>,
@@ -173,13 +173,13 @@ pub fn is_of_region(metric: &str) -> bool {
 }
 
 impl ResultRecord {
-    /// Whether the run ended well and every view has scores. Anything less is not ranked, marked as
+    /// Returns true where the run ended well and every view has scores. Anything less is not ranked, marked as
     /// best, compared, averaged over scenes or handed in.
     pub fn is_complete(&self) -> bool {
         self.run_failure.is_none() && self.failures.is_empty()
     }
 
-    /// Why the result is not complete, in one line: the reason of the run's failure, or else of the
+    /// Returns why the result is not complete, in one line: the reason of the run's failure, or else of the
     /// first view's. `None` where it is complete.
     pub fn why_incomplete(&self) -> Option<String> {
         if let Some(reason) = &self.run_failure {

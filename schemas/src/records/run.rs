@@ -114,7 +114,7 @@ pub struct RunRecord {
 pub struct Edits(Vec<String>);
 
 impl Edits {
-    /// Whether the model is as it was trained.
+    /// Returns true where the model is as it was trained.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }

@@ -34,7 +34,7 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// A line that names the frames whose cameras are far from all others; `None` where there are none.
+    /// A line that names the frames whose cameras are far from all others; `None` without any.
     pub fn far_frames(&self) -> Option<String> {
         let poses: Vec<_> = self.frames.iter().map(|frame| frame.pose).collect();
         pose::far_frames(&poses)

@@ -16,7 +16,7 @@ pub struct Slices {
     pub range: TimeRange,
     /// In order of time, each beginning where the one before it ends.
     pub segments: Vec<Segment>,
-    /// Why no segment has a slice, where slices were asked for and cannot be had.
+    /// Reason for which no segment has a slice, where slices were asked for and cannot be had.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub no_slices: Option<String>,
 }

@@ -62,7 +62,7 @@ const HARMLESS_ENTRIES: [&str; 16] = [
     "n_extra_learnable_dims",
     "version",
 ];
-/// What entries are called that speak of a camera: whole names, and parts of them.
+/// Names of entries that speak of a camera: whole names, and parts of them.
 const CAMERA_NAMES: [&str; 10] = [
     "width",
     "height",
@@ -99,11 +99,11 @@ enum Model {
     Perspective,
 }
 
-/// What a frame says of its camera.
+/// Entries of a frame that speak of its camera.
 struct Stated<'a> {
     file: &'a str,
     model: Model,
-    /// As [`CAMERA_ENTRIES`].
+    /// Values in the order of [`CAMERA_ENTRIES`].
     numbers: [Option<f64>; 12],
 }
 
@@ -168,7 +168,7 @@ impl<'a> Stated<'a> {
     /// The camera of a frame: its own entries, and those of the file for what it does not say.
     ///
     /// # Errors
-    /// Where both say different things, and for what is not of its kind.
+    /// When both say different things, and when an entry is not of its kind.
     fn of(entries: &Entries, frame: &'a Frame) -> Result<Self, String> {
         let file = frame.file_path.as_str();
         let entry = |name: &str| -> Result<Option<&Value>, String> {
@@ -217,7 +217,7 @@ impl<'a> Stated<'a> {
     }
 
     /// # Errors
-    /// Where the cameras of two frames differ; names the entry.
+    /// When the cameras of two frames differ; names the entry.
     fn expect_same(&self, other: &Self) -> Result<(), String> {
         let differ = |name: &str, ours: String, others: String| {
             Err(format!(
@@ -263,7 +263,7 @@ impl<'a> Stated<'a> {
             if !is_whole || has_lens {
                 let [a, b, c, d] = whole;
                 return Err(format!(
-                    "an EQUIRECTANGULAR image of {width}x{height} is no whole sphere without a lens: it has \
+                    "an EQUIRECTANGULAR image of {width}x{height} must be a whole sphere without a lens, and has \
                      fl_x {a}, fl_y {b}, cx {c}, cy {d} and no distortion"
                 ));
             }
@@ -313,7 +313,7 @@ fn side(name: &str, value: Option<f64>) -> Result<u32, String> {
     Ok(pixels)
 }
 
-/// Whether two entries say the same.
+/// Returns true where two entries say the same.
 fn same(a: &Value, b: &Value) -> bool {
     match (a.as_f64(), b.as_f64()) {
         (Some(a), Some(b)) => close(a, b),
@@ -321,7 +321,7 @@ fn same(a: &Value, b: &Value) -> bool {
     }
 }
 
-/// Whether two numbers differ by no more than rounding.
+/// Returns true where two numbers differ by no more than rounding.
 fn close(a: f64, b: f64) -> bool {
     (a - b).abs() <= 1e-9 * a.abs().max(b.abs())
 }

@@ -1,4 +1,4 @@
-//! What cereal writes of OpenMVG's `sfm_data`, as far as it is read.
+//! Records of OpenMVG's `sfm_data` as cereal writes them, as far as they are read.
 //!
 //! A type is named with its first object (`polymorphic_name`, and the highest bit of `polymorphic_id`); later
 //! objects have the number alone. Views of versions 0.1 and 0.2 have neither. A spherical intrinsic has its size
@@ -61,7 +61,7 @@ pub(super) struct Intrinsic {
     width: u32,
     #[serde(default)]
     height: u32,
-    /// Of a pinhole, pixels.
+    /// Focal length of a pinhole, pixels.
     #[serde(default)]
     focal_length: Option<f64>,
     #[serde(default)]

@@ -1,4 +1,4 @@
-//! What is written is read, and what others write is taken or refused by name.
+//! Files that are written and read back, and files of others that are taken or refused by name.
 
 use omnilife_schemas::points::PointCloud;
 

@@ -26,7 +26,7 @@ use crate::{
 pub(super) struct ExportedScene {
     pub(super) drawable: Drawable,
     pub(super) source: AssetSource,
-    /// What of it was not valid.
+    /// Counts of invalid Gaussians.
     pub(super) invalid: InvalidGaussians,
     /// Why a scene that could move has no moments.
     pub(super) without_moments: Option<String>,
