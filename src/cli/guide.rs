@@ -248,6 +248,14 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         &["leaderboard build RESULTS --dataset DATASET/dataset.json --out BOARD"],
     ),
     (
+        "leaderboard query",
+        &[
+            "leaderboard query RESULTS --by video --metric psnr,ssim",
+            "leaderboard query RESULTS --table views --by third --where view=novel",
+            "leaderboard query RESULTS --by ego-motion --dataset DATASET/dataset.json --format csv",
+        ],
+    ),
+    (
         "leaderboard figure",
         &["leaderboard figure RESULTS --methods omni4dgs,odgs --out FIGURE"],
     ),
