@@ -32,7 +32,7 @@ use omnilife_schemas::{
 use serde::{Deserialize, Serialize};
 
 use super::{ExportScene, ForeignFrame, ForeignScene, Format, masks::black_mask, stem};
-use crate::error::CurateError;
+use crate::{error::CurateError, poses::frame_camera::FrameCamera};
 
 /// The format.
 pub const FORMAT: Format = Format {
@@ -272,9 +272,9 @@ fn write_points(path: &Path, cloud: &PointCloud) -> Result<(), StoreError> {
 ///
 /// # Errors
 /// When views differ in their size or camera, or theirs cannot be read; says why.
-fn common_camera(data: &records::SfmData) -> Result<Camera, String> {
+fn common_camera(data: &records::SfmData) -> Result<FrameCamera, String> {
     let cameras = records::cameras(data);
-    let mut common: Option<(Camera, &str)> = None;
+    let mut common: Option<(FrameCamera, &str)> = None;
     let views = data.views.iter().map(|view| view.value.data());
     for view in views.filter(|view| cameras.is_empty() || view.id_intrinsic != UNDEFINED) {
         let camera = if cameras.is_empty() {
@@ -283,6 +283,7 @@ fn common_camera(data: &records::SfmData) -> Result<Camera, String> {
                 width: view.width,
                 height: view.height,
             })
+            .into()
         } else {
             let camera = cameras.get(&view.id_intrinsic).ok_or_else(|| {
                 format!(
@@ -348,7 +349,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     }
     let points = folder.join(POINTS_FILE);
     Ok(ForeignScene {
-        camera: camera.into(),
+        camera,
         frames,
         pose_source: None,
         root: folder.to_owned(),

@@ -21,7 +21,7 @@ use omnilife_schemas::{
 use super::{
     colmap_binary, colmap_text,
     frame_camera::FrameCamera,
-    lens::{self, Lens},
+    lens::{Lens, LensModel},
 };
 
 /// A reconstruction with one camera.
@@ -48,18 +48,17 @@ impl ModelCamera {
         match (self, other) {
             (Self::Erp(a), Self::Erp(b)) => a == b,
             (Self::Perspective(a), Self::Perspective(b)) => {
-                let numbers = |lens: &Lens| {
+                let numbers = |lens: Lens| {
                     let camera = lens.camera;
                     [camera.fx, camera.fy, camera.cx, camera.cy]
                         .map(|pixels| 1e-3 * pixels / f64::from(camera.width))
                         .into_iter()
-                        .chain(lens.distortion.radial)
-                        .chain(lens.distortion.tangential)
+                        .chain(lens.distortion.numbers())
                 };
                 let size = |lens: &Lens| [lens.camera.width, lens.camera.height];
                 size(a) == size(b)
-                    && numbers(a)
-                        .zip(numbers(b))
+                    && numbers(*a)
+                        .zip(numbers(*b))
                         .all(|(a, b)| (a - b).abs() <= 1e-9)
             }
             _ => false,
@@ -304,13 +303,17 @@ impl ColmapModel {
     }
 }
 
-/// What is said of a camera model that is not known.
-pub(super) fn unknown_model(name: &str) -> String {
+/// Returns the reason to refuse parameters that no camera of a model has.
+pub(super) fn impossible_parameters(model: &str) -> String {
     format!(
-        "camera model {name}; known are EQUIRECTANGULAR, {} (COLMAP's image_undistorter takes other \
-         distortions out of images)",
-        lens::MODEL_NAMES
+        "the parameters of {model}: focal lengths must be positive, all finite, and in the model's range"
     )
+}
+
+/// Returns the reason to refuse a camera model that is not known.
+pub(super) fn unknown_model(name: &str) -> String {
+    let known = LensModel::names();
+    format!("camera model {name}; known are EQUIRECTANGULAR, {known}")
 }
 
 /// An image by its pose: quaternion (w, x, y, z) and translation, world to camera.

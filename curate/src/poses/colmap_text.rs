@@ -19,9 +19,10 @@ use omnilife_schemas::{
 
 use super::{
     colmap::{
-        ColmapPoint, ImagesByCamera, ModelCamera, ModelParts, image_of, point_of, unknown_model,
+        ColmapPoint, ImagesByCamera, ModelCamera, ModelParts, image_of, impossible_parameters,
+        point_of, unknown_model,
     },
-    lens::{self, Lens},
+    lens::LensModel,
 };
 
 /// Names of the files.
@@ -139,13 +140,14 @@ fn camera_of(line: &Line<'_>) -> Result<Result<ModelCamera, String>, StoreError>
                     "the parameters of {name} are not those of a whole sphere of {width}x{height}"
                 )
             })
-    } else if let Some((model, count)) = lens::parameters_of_name(&name) {
-        let parameters: Vec<f64> = (4..count.saturating_add(4))
+    } else if let Some(model) = LensModel::of_name(&name) {
+        let parameters: Vec<f64> = (4..model.parameters.saturating_add(4))
             .map(|index| line.field(index, "camera parameters"))
             .collect::<Result<_, _>>()?;
-        Lens::of_model(model, size, &parameters)
+        model
+            .lens(size, &parameters)
             .map(ModelCamera::Perspective)
-            .ok_or_else(|| "a focal length is not positive, or a parameter not finite".to_owned())
+            .ok_or_else(|| impossible_parameters(&name))
     } else {
         Err(unknown_model(&name))
     };
