@@ -87,6 +87,7 @@ pub(crate) fn write_scene(folder: &Path) {
             measures: [].into(),
             problems: Vec::new(),
         },
+        published_split: None,
     };
     fs::create_dir_all(folder.join("frames")).unwrap();
     for frame in &scene.frames {

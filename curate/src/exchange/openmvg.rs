@@ -27,6 +27,7 @@ use omnilife_schemas::{
     Pose,
     camera::{Camera, ErpCamera},
     points::{Coordinates, PointCloud},
+    records::Scale,
     store::{self, StoreError},
 };
 use serde::{Deserialize, Serialize};
@@ -39,7 +40,7 @@ pub const FORMAT: Format = Format {
     id: "openmvg",
     about: "OpenMVG views and extrinsics, as ODGS reads them; a pinhole has one focal length",
     holds_cube_faces: false,
-    export,
+    export: Some(export),
     import,
 };
 
@@ -344,6 +345,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             objects: BTreeMap::new(),
             pose: poses.get(&view.id_pose).copied(),
             moment: None,
+            distance: None,
         });
     }
     let points = folder.join(POINTS_FILE);
@@ -354,6 +356,9 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         root: folder.to_owned(),
         image_folders: Vec::new(),
         missing_images,
+        published_split: None,
+        frame_rate: None,
+        scale: Scale::Arbitrary,
         notes: Vec::new(),
         points: if points.is_file() {
             PointCloud::read_ply(&points)?
