@@ -9,7 +9,8 @@
 //! pcd.ply                world points with (zero) normals, which their reader asks for
 //! ```
 //!
-//! A folder with OpenMVG's own `sfm_data.json`, which holds views and extrinsics, is read too.
+//! A folder with OpenMVG's own `sfm_data.json`, which holds views and extrinsics, is read too. Without `pcd.ply` the
+//! points are those of `colorized.ply`, as in ODGS (`scene_perspective/dataset_readers.py` of `esw0116/ODGS`).
 //!
 //! Axes: OpenMVG's spherical camera has x right, y down and z forward, and its image is ours
 //! (`src/openMVG/cameras/Camera_Spherical.hpp`): nothing is turned. `x_c = R (x_w - C)`.
@@ -18,6 +19,7 @@
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
 )]
 
+mod lists;
 mod records;
 
 use std::{collections::BTreeMap, io::Write, path::Path};
@@ -49,6 +51,8 @@ const EXTRINSICS_FILE: &str = "data_extrinsics.json";
 /// Views and extrinsics in one.
 const WHOLE_FILE: &str = "sfm_data.json";
 const POINTS_FILE: &str = "pcd.ply";
+/// OpenMVG's own points.
+const COLOURED_POINTS_FILE: &str = "colorized.ply";
 /// Names of intrinsics.
 const SPHERICAL: &str = "spherical";
 const PINHOLE: &str = "pinhole";
@@ -206,7 +210,7 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     });
     super::write_json(&out.join(VIEWS_FILE), &views)?;
     super::write_json(&out.join(EXTRINSICS_FILE), &extrinsics)?;
-    for (file, inputs) in [("train.txt", true), ("test.txt", false)] {
+    for (file, inputs) in lists::FILES.into_iter().zip([true, false]) {
         let names: String = scene
             .frames
             .iter()
@@ -348,7 +352,9 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             distance: None,
         });
     }
-    let points = folder.join(POINTS_FILE);
+    let mut notes = Vec::new();
+    let views = views.views.iter();
+    let images = views.map(|view| view.value.data().filename.as_str());
     Ok(ForeignScene {
         camera: camera.into(),
         frames,
@@ -356,14 +362,24 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         root: folder.to_owned(),
         image_folders: Vec::new(),
         missing_images,
-        published_split: None,
+        published_split: lists::published_split(folder, images, &mut notes)?,
         frame_rate: None,
         scale: Scale::Arbitrary,
-        notes: Vec::new(),
-        points: if points.is_file() {
-            PointCloud::read_ply(&points)?
-        } else {
-            PointCloud::default()
-        },
+        points: read_points(folder, &mut notes)?,
+        notes,
     })
+}
+
+fn read_points(folder: &Path, notes: &mut Vec<String>) -> Result<PointCloud, StoreError> {
+    let [points, coloured] = [POINTS_FILE, COLOURED_POINTS_FILE].map(|name| folder.join(name));
+    if points.is_file() {
+        return PointCloud::read_ply(&points);
+    }
+    if !coloured.is_file() {
+        return Ok(PointCloud::default());
+    }
+    notes.push(format!(
+        "points are those of {COLOURED_POINTS_FILE}, among which OpenMVG puts a green one at every camera"
+    ));
+    PointCloud::read_ply(&coloured)
 }

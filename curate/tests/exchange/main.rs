@@ -6,6 +6,7 @@ mod far_points;
 mod foreign;
 mod lenses;
 mod masks;
+mod odgs;
 mod orders;
 mod programs;
 mod pycolmap;
