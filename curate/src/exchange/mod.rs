@@ -7,6 +7,7 @@
 
 pub mod colmap;
 mod cube_faces;
+pub mod datasets;
 mod distances;
 mod foreign;
 mod frame_images;
@@ -74,6 +75,8 @@ pub const FORMATS: &[Format] = &[
     nerfstudio::FORMAT,
     hm3d::FORMAT,
     frames::FORMAT,
+    datasets::roam360::FORMAT,
+    datasets::omniphotos::FORMAT,
 ];
 
 /// Returns the formats that exports can have.

@@ -7,10 +7,12 @@ mod foreign;
 mod lenses;
 mod masks;
 mod odgs;
+mod omniphotos;
 mod orders;
 mod programs;
 mod pycolmap;
 mod refusals;
+mod roam360;
 mod unusual_images;
 
 use std::{
