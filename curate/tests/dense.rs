@@ -141,6 +141,7 @@ impl Flight {
                 measures: [].into(),
                 problems: Vec::new(),
             },
+            published_split: None,
         };
         if self.with_points {
             let positions: Vec<[f64; 3]> = (0..400)

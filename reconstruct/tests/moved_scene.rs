@@ -153,6 +153,7 @@ fn trained(world: &World, change: impl Fn(&mut Scene)) -> Trained {
             measures: [].into(),
             problems: Vec::new(),
         },
+        published_split: None,
     };
     change(&mut scene);
     let protocol = Protocol {

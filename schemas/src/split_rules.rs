@@ -35,6 +35,7 @@ pub fn split(scene: &Scene, protocol: &Protocol) -> Result<Split, SplitError> {
         SplitRule::Groups { length } => groups(scene, length),
         SplitRule::EvenlyGiven { count } => evenly_given(scene, count),
         SplitRule::AllGiven => all_given(scene),
+        SplitRule::Published => published(scene),
     }
     .map_err(|reason| SplitError::Rule { reason })?;
     Ok(Split {
@@ -189,6 +190,40 @@ fn all_given(scene: &Scene) -> Result<Shares, String> {
     }
     Ok(Shares {
         input_views,
+        ..Shares::default()
+    })
+}
+
+/// Frames without a pose are left out of both lists, as everywhere.
+fn published(scene: &Scene) -> Result<Shares, String> {
+    let Some(split) = &scene.published_split else {
+        return Err("no split was published with the scene".to_owned());
+    };
+    let listed = |views: &[u32], use_of: &str| -> Result<Vec<u32>, String> {
+        if !views.is_sorted_by(|a, b| a < b) {
+            return Err(format!("its published {use_of} views do not rise"));
+        }
+        let mut posed = Vec::new();
+        for &view in views {
+            let frame = (scene.frames.get(view as usize))
+                .ok_or_else(|| format!("its published {use_of} view {view} is no frame"))?;
+            posed.extend(frame.pose.map(|_| view));
+        }
+        if posed.is_empty() {
+            return Err(format!("none of its published {use_of} views has a pose"));
+        }
+        Ok(posed)
+    };
+    let input_views = listed(&split.input_views, "input")?;
+    let novel_views = listed(&split.novel_views, "novel")?;
+    if let Some(both) = (novel_views.iter()).find(|view| input_views.contains(view)) {
+        return Err(format!(
+            "frame {both} is an input view and a novel view of its published split"
+        ));
+    }
+    Ok(Shares {
+        input_views,
+        novel_views,
         ..Shares::default()
     })
 }

@@ -329,7 +329,7 @@ pub(crate) const VALUES: &[Values] = &[
     ("curate video", "detector", detector_names),
     ("curate boundaries", "detector", detector_names),
     ("sweep plan curate", "detector", detector_names),
-    ("curate export", "format", format_names),
+    ("curate export", "format", written_format_names),
     ("curate import", "format", format_names),
     ("curate masks", "method", mask_method_names),
     ("curate tracks", "detector", vehicle_detector_names),
@@ -348,6 +348,12 @@ fn protocol_names() -> Vec<&'static str> {
 
 fn detector_names() -> Vec<&'static str> {
     DETECTORS.iter().map(|detector| detector.id).collect()
+}
+
+fn written_format_names() -> Vec<&'static str> {
+    exchange::written_formats()
+        .map(|format| format.id)
+        .collect()
 }
 
 fn format_names() -> Vec<&'static str> {

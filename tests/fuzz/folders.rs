@@ -21,7 +21,7 @@ use omnilife_sweep::Sweep;
 use tempfile::TempDir;
 
 use crate::{
-    samples::write_scene,
+    samples::{write_omniphotos, write_roam360, write_scene},
     targets::{Input, Reader::Folder, Seed, Target},
 };
 
@@ -69,6 +69,20 @@ pub(crate) const FOLDERS: &[Target] = &[
         cost: 10,
         seeds: |folder| exported(folder, "hm3d"),
         reader: Folder(|input, _| import(input, "hm3d")),
+    },
+    Target {
+        id: "360roam",
+        words: &["null", "[]", "\"rgb_file\"", "\"test\"", "NaN", "../"],
+        cost: 10,
+        seeds: write_roam360,
+        reader: Folder(|input, _| import(input, "360roam")),
+    },
+    Target {
+        id: "omniphotos",
+        words: &["#", "-1 ", "nan", "../", "\r\n", "pos_w", "EQUIRECTANGULAR"],
+        cost: 10,
+        seeds: write_omniphotos,
+        reader: Folder(|input, _| import(input, "omniphotos")),
     },
     Target {
         id: "colmap-binary",

@@ -46,5 +46,6 @@ pub(crate) fn scene(frames: usize, unposed: &[usize]) -> Scene {
             measures: [].into(),
             problems: Vec::new(),
         },
+        published_split: None,
     }
 }

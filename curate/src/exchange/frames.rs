@@ -40,7 +40,7 @@ pub const FORMAT: Format = Format {
     about: "a perspective clip: rgb/ with mask/ (DAVIS) or objects/NAME/; without poses the camera is \
             registered as one that turns",
     holds_cube_faces: false,
-    export,
+    export: Some(export),
     import,
 };
 
@@ -118,6 +118,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             .collect(),
         pose,
         moment: None,
+        distance: None,
     });
     Ok(ForeignScene {
         camera: posed.camera.into(),
@@ -125,6 +126,9 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         root: folder.to_owned(),
         image_folders: Vec::new(),
         missing_images: Vec::new(),
+        published_split: None,
+        frame_rate: None,
+        scale: Scale::Arbitrary,
         notes: Vec::new(),
         points: posed.points,
         pose_source: Some(posed.source),

@@ -28,6 +28,7 @@ use omnilife_schemas::{
     image_file::ImageFile,
     npy,
     points::PointCloud,
+    records::Scale,
     store::{self, StoreError},
 };
 
@@ -39,7 +40,7 @@ pub const FORMAT: Format = Format {
     id: "hm3d",
     about: "panoramas with rotation.npy and translation.npy, as Splatter-360 keeps HM3D; no points",
     holds_cube_faces: false,
-    export,
+    export: Some(export),
     import,
 };
 
@@ -157,6 +158,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             objects: BTreeMap::new(),
             pose: Some(pose),
             moment: None,
+            distance: None,
         });
     }
     let first = frames
@@ -176,6 +178,9 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         root: folder.to_owned(),
         image_folders: Vec::new(),
         missing_images: Vec::new(),
+        published_split: None,
+        frame_rate: None,
+        scale: Scale::Arbitrary,
         notes: Vec::new(),
         points: PointCloud::default(),
     })

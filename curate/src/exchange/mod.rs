@@ -1,20 +1,25 @@
 //! Scenes in other tools' formats: writing what they read, and reading the same back.
 //!
-//! To add a format: one file with a writer and a reader, whose head states the format's axes, and
-//! one line in [`FORMATS`]. Poses survive the round trip to 1e-6 of the scene's size. No format but
-//! ours knows when a frame was shown, so every export has a `times.csv` beside it, which others
-//! ignore.
+//! To add a format: one file with a reader and, unless it is the layout of a data set, a writer, whose head
+//! states the format's axes, and one line in [`FORMATS`]. Poses survive the round trip to 1e-6 of the scene's
+//! size. No format but ours knows when a frame was shown, so every export has a `times.csv` beside it, which
+//! others ignore.
 
 pub mod colmap;
 mod cube_faces;
+pub mod datasets;
+mod distances;
+mod foreign;
 mod frame_images;
 mod frame_order;
+mod frame_times;
 pub mod frames;
 pub mod hm3d;
 mod left_out;
 mod masks;
 pub mod nerfstudio;
 pub mod openmvg;
+mod published_split;
 mod scene_folder;
 mod times;
 
@@ -28,19 +33,24 @@ use omnilife_schemas::{
     Pose,
     camera::{Camera, cube::CUBE_FACES},
     layout::SCENE_FILE,
-    mask_file::MarkedGreys,
     ownership::is_inside,
     points::PointCloud,
     progress::Progress,
-    records::{PoseSource, Scene, Split},
+    records::{Scene, Split},
     store::{self, StoreError},
 };
 
 pub use cube_faces::CubeFaces;
 pub(crate) use cube_faces::face_image;
+pub use distances::{DistanceEncoding, ForeignDistance};
+pub use foreign::{ForeignFrame, ForeignMask, ForeignScene, FrameRate};
+pub use published_split::ForeignSplit;
 pub use scene_folder::{ImportRequest, MaskMeaning, import};
 
-use crate::{error::CurateError, poses::frame_camera::FrameCamera};
+use crate::error::CurateError;
+
+/// Writes a scene into an empty folder.
+pub type Writer = fn(&ExportScene, &Path) -> Result<(), CurateError>;
 
 /// A scene format.
 #[derive(Debug, Clone, Copy)]
@@ -51,8 +61,8 @@ pub struct Format {
     pub about: &'static str,
     /// Whether its readers know perspective rigs, so that it can hold the faces of cubes.
     pub holds_cube_faces: bool,
-    /// Writes a scene into an empty folder.
-    pub export: fn(&ExportScene, &Path) -> Result<(), CurateError>,
+    /// Writes a scene into an empty folder; `None` for layouts of data sets, which are read alone.
+    pub export: Option<Writer>,
     /// Reads a folder.
     pub import: fn(&Path) -> Result<ForeignScene, CurateError>,
 }
@@ -65,7 +75,14 @@ pub const FORMATS: &[Format] = &[
     nerfstudio::FORMAT,
     hm3d::FORMAT,
     frames::FORMAT,
+    datasets::roam360::FORMAT,
+    datasets::omniphotos::FORMAT,
 ];
+
+/// Returns the formats that exports can have.
+pub fn written_formats() -> impl Iterator<Item = &'static Format> {
+    FORMATS.iter().filter(|format| format.export.is_some())
+}
 
 /// Looks a format up by its name.
 ///
@@ -136,67 +153,10 @@ pub struct ExportRequest<'a> {
     pub out: &'a Path,
 }
 
-/// What a reader found.
-#[derive(Debug, Clone)]
-pub struct ForeignScene {
-    /// The camera of all frames, with their lens.
-    pub camera: FrameCamera,
-    /// Frames whose images are there, in whatever order.
-    pub frames: Vec<ForeignFrame>,
-    /// World points; empty where the format has none.
-    pub points: PointCloud,
-    /// Where the poses come from, where it is not the format itself.
-    pub pose_source: Option<PoseSource>,
-    /// The folder that `times.csv` and `ignore/` lie in.
-    pub root: PathBuf,
-    /// Folders that may hold images which are no frames, beside those of the frames.
-    pub image_folders: Vec<PathBuf>,
-    /// Names of images that have a pose and are not there.
-    pub missing_images: Vec<String>,
-    /// Lines on what the reader decided and left out.
-    pub notes: Vec<String>,
-}
-
-/// A frame that a reader found.
-#[derive(Debug, Clone)]
-pub struct ForeignFrame {
-    /// The image.
-    pub image: PathBuf,
-    /// The mask, where there is one.
-    pub mask: Option<ForeignMask>,
-    /// Masks of single objects (white), by the object's name.
-    pub objects: BTreeMap<String, PathBuf>,
-    /// The camera, where it is known.
-    pub pose: Option<Pose>,
-    /// Frames with the same number here were taken at once.
-    pub moment: Option<u32>,
-}
-
-/// A mask in another tool's convention.
-#[derive(Debug, Clone)]
-pub struct ForeignMask {
-    /// The image.
-    pub file: PathBuf,
-    /// Whether black (instead of white) is what moves: a mask of what to look at, which has what is no part of
-    /// the scene in black, too.
-    pub black_is_dynamic: bool,
-}
-
-impl ForeignMask {
-    /// Greys that it marks, moving or not. Black is all that tools leave out by masks of what to look at.
-    fn marked_greys(&self) -> MarkedGreys {
-        if self.black_is_dynamic {
-            MarkedGreys::NotBlack
-        } else {
-            MarkedGreys::AboveHalf
-        }
-    }
-}
-
 /// Exports a scene. Frames without a pose are left out, with a note.
 ///
 /// # Errors
-/// [`CurateError::Input`] for an unknown format, a scene without posed frames, cube faces of a
+/// [`CurateError::Input`] for an unknown format or one that is only read, a scene without posed frames, cube faces of a
 /// perspective scene or in a format that has none, and an output folder that holds something;
 /// [`CurateError::Store`] when a file cannot be read or written.
 pub fn export(
@@ -205,6 +165,7 @@ pub fn export(
 ) -> Result<ExportScene, CurateError> {
     let out = request.out;
     let format = format(request.format, out)?;
+    let write = writer(format, out)?;
     if request.cube_faces.is_some() && !format.holds_cube_faces {
         let can: Vec<&str> = FORMATS
             .iter()
@@ -238,7 +199,7 @@ pub fn export(
                 ));
             }
         }
-        (format.export)(&scene, folder)?;
+        write(&scene, folder)?;
         if scene.is_rig {
             store::remove(&scratch)?;
             cube_faces::write_rig(folder)?;
@@ -246,6 +207,19 @@ pub fn export(
         Ok(times::write(&scene.frames, folder)?)
     })?;
     Ok(scene)
+}
+
+/// The writer of a format.
+fn writer(format: &Format, out: &Path) -> Result<Writer, CurateError> {
+    format.export.ok_or_else(|| {
+        let can: Vec<&str> = written_formats().map(|format| format.id).collect();
+        let reason = format!(
+            "is to be in the layout of a data set, {}, which is only read; written are {}",
+            format.id,
+            can.join(", ")
+        );
+        CurateError::input(out, reason)
+    })
 }
 
 /// Fills a folder through `fill`, whole or not at all. `out` must not exist or be empty.

@@ -29,6 +29,7 @@ use omnilife_schemas::{
     Pose,
     camera::{Camera, ErpCamera, PinholeCamera},
     points::PointCloud,
+    records::Scale,
     store::StoreError,
 };
 use serde::{Deserialize, Serialize};
@@ -43,7 +44,7 @@ pub const FORMAT: Format = Format {
     id: "nerfstudio",
     about: "nerfstudio's transforms.json with an EQUIRECTANGULAR, PINHOLE or OPENCV camera",
     holds_cube_faces: true,
-    export,
+    export: Some(export),
     import,
 };
 
@@ -198,6 +199,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             objects: BTreeMap::new(),
             pose: Some(pose),
             moment: None,
+            distance: None,
         });
     }
     Ok(ForeignScene {
@@ -207,6 +209,9 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         root: folder.to_owned(),
         image_folders: Vec::new(),
         missing_images,
+        published_split: None,
+        frame_rate: None,
+        scale: Scale::Arbitrary,
         notes: left_out::line(&unread, "entries of transforms.json that are not read")
             .into_iter()
             .collect(),

@@ -9,7 +9,8 @@
 //! pcd.ply                world points with (zero) normals, which their reader asks for
 //! ```
 //!
-//! A folder with OpenMVG's own `sfm_data.json`, which holds views and extrinsics, is read too.
+//! A folder with OpenMVG's own `sfm_data.json`, which holds views and extrinsics, is read too. Without `pcd.ply` the
+//! points are those of `colorized.ply`, as in ODGS (`scene_perspective/dataset_readers.py` of `esw0116/ODGS`).
 //!
 //! Axes: OpenMVG's spherical camera has x right, y down and z forward, and its image is ours
 //! (`src/openMVG/cameras/Camera_Spherical.hpp`): nothing is turned. `x_c = R (x_w - C)`.
@@ -18,6 +19,7 @@
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
 )]
 
+mod lists;
 mod records;
 
 use std::{collections::BTreeMap, io::Write, path::Path};
@@ -27,6 +29,7 @@ use omnilife_schemas::{
     Pose,
     camera::{Camera, ErpCamera},
     points::{Coordinates, PointCloud},
+    records::Scale,
     store::{self, StoreError},
 };
 use serde::{Deserialize, Serialize};
@@ -39,7 +42,7 @@ pub const FORMAT: Format = Format {
     id: "openmvg",
     about: "OpenMVG views and extrinsics, as ODGS reads them; a pinhole has one focal length",
     holds_cube_faces: false,
-    export,
+    export: Some(export),
     import,
 };
 
@@ -48,6 +51,8 @@ const EXTRINSICS_FILE: &str = "data_extrinsics.json";
 /// Views and extrinsics in one.
 const WHOLE_FILE: &str = "sfm_data.json";
 const POINTS_FILE: &str = "pcd.ply";
+/// OpenMVG's own points.
+const COLOURED_POINTS_FILE: &str = "colorized.ply";
 /// Names of intrinsics.
 const SPHERICAL: &str = "spherical";
 const PINHOLE: &str = "pinhole";
@@ -205,7 +210,7 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     });
     super::write_json(&out.join(VIEWS_FILE), &views)?;
     super::write_json(&out.join(EXTRINSICS_FILE), &extrinsics)?;
-    for (file, inputs) in [("train.txt", true), ("test.txt", false)] {
+    for (file, inputs) in lists::FILES.into_iter().zip([true, false]) {
         let names: String = scene
             .frames
             .iter()
@@ -345,9 +350,12 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             objects: BTreeMap::new(),
             pose: poses.get(&view.id_pose).copied(),
             moment: None,
+            distance: None,
         });
     }
-    let points = folder.join(POINTS_FILE);
+    let mut notes = Vec::new();
+    let views = views.views.iter();
+    let images = views.map(|view| view.value.data().filename.as_str());
     Ok(ForeignScene {
         camera,
         frames,
@@ -355,11 +363,24 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         root: folder.to_owned(),
         image_folders: Vec::new(),
         missing_images,
-        notes: Vec::new(),
-        points: if points.is_file() {
-            PointCloud::read_ply(&points)?
-        } else {
-            PointCloud::default()
-        },
+        published_split: lists::published_split(folder, images, &mut notes)?,
+        frame_rate: None,
+        scale: Scale::Arbitrary,
+        points: read_points(folder, &mut notes)?,
+        notes,
     })
+}
+
+fn read_points(folder: &Path, notes: &mut Vec<String>) -> Result<PointCloud, StoreError> {
+    let [points, coloured] = [POINTS_FILE, COLOURED_POINTS_FILE].map(|name| folder.join(name));
+    if points.is_file() {
+        return PointCloud::read_ply(&points);
+    }
+    if !coloured.is_file() {
+        return Ok(PointCloud::default());
+    }
+    notes.push(format!(
+        "points are those of {COLOURED_POINTS_FILE}, among which OpenMVG puts a green one at every camera"
+    ));
+    PointCloud::read_ply(&coloured)
 }

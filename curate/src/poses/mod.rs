@@ -343,5 +343,6 @@ fn stage_scene(
         points,
         pose_source: posed.source,
         validation: posed.validation,
+        published_split: None,
     })
 }

@@ -6,10 +6,13 @@ mod far_points;
 mod foreign;
 mod lenses;
 mod masks;
+mod odgs;
+mod omniphotos;
 mod orders;
 mod programs;
 mod pycolmap;
 mod refusals;
+mod roam360;
 mod unusual_images;
 
 use std::{
@@ -21,7 +24,9 @@ use std::{
 use glam::{DQuat, DVec3, dvec3};
 use omnilife_curate::{
     error::CurateError,
-    exchange::{ExportRequest, ExportScene, FORMATS, ImportRequest, MaskMeaning, export, import},
+    exchange::{
+        ExportRequest, ExportScene, ImportRequest, MaskMeaning, export, import, written_formats,
+    },
 };
 use omnilife_schemas::{
     Pose,
@@ -102,6 +107,7 @@ fn scene() -> (TempDir, Scene) {
             measures: Default::default(),
             problems: Vec::new(),
         },
+        published_split: None,
     };
     let points = PointCloud {
         positions: vec![[0.1, -2.5, 3.0e-3], [1.0e3, 4.0, -7.25]],
@@ -149,7 +155,7 @@ fn exported(format: &str, scene_folder: &Path) -> TempDir {
 #[test]
 fn every_format_gives_back_what_it_was_given() {
     let (folder, original) = scene();
-    for format in FORMATS {
+    for format in written_formats() {
         let export = exported(format.id, folder.path());
         let back = export.path().join("back");
         let imported = import(&ImportRequest {
@@ -417,7 +423,7 @@ fn seen_by(format: &str, folder: &Path, world: DVec3) -> (f64, f64) {
 fn every_format_sees_the_same_pixel_by_its_own_rules() {
     let (folder, original) = scene();
     let pose = original.frames[3].pose.unwrap();
-    for format in FORMATS {
+    for format in written_formats() {
         let export = exported(format.id, folder.path());
         for direction in [
             dvec3(1.0, 0.2, 0.1),

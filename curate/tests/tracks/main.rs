@@ -79,6 +79,7 @@ fn write_scene(folder: &Path) -> Scene {
             measures: [].into(),
             problems: Vec::new(),
         },
+        published_split: None,
     };
     write_points(folder, 60, 1.0);
     store::write_record(&folder.join("scene.json"), &scene).unwrap();

@@ -84,5 +84,10 @@ fn split_in_words(rule: SplitRule) -> String {
         SplitRule::AllGiven => "Every posed frame is an input view, which the method is given; \
                                 nothing is held out."
             .to_owned(),
+        SplitRule::Published => {
+            "Input views, which the method is given, and novel views, which it must \
+                                 predict, are those that the publisher of the scene lists."
+                .to_owned()
+        }
     }
 }

@@ -91,6 +91,7 @@ mod tests {
                 measures: [].into(),
                 problems: Vec::new(),
             },
+            published_split: None,
         }
     }
 

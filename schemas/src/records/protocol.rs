@@ -96,6 +96,9 @@ pub enum SplitRule {
     },
     /// Every posed frame is an input view; nothing is held out.
     AllGiven,
+    /// The frames are those of the scene's own published split
+    /// ([`PublishedSplit`](super::PublishedSplit)).
+    Published,
 }
 
 /// Which views of a split are scored.
