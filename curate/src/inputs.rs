@@ -7,7 +7,7 @@ use std::{
 
 use omnilife_schemas::store;
 
-use crate::error::CurateError;
+use crate::{error::CurateError, stills};
 
 /// File name extensions of videos, in lower case.
 pub const VIDEO_EXTENSIONS: &[&str] = &["mp4", "m4v", "mov", "mkv", "webm", "avi", "mpg", "ts"];
@@ -19,10 +19,11 @@ const OTHER_VIDEO_EXTENSIONS: &[&str] = &[
     "mxf", "ogv", "vob", "wmv",
 ];
 
-/// Replaces every folder by the videos directly in it, sorted by name; files stay as they are.
+/// Replaces every folder by the videos directly in it, sorted by name; files stay as they are, and so does a folder of
+/// images without videos: still panoramas.
 ///
 /// # Errors
-/// [`CurateError::Input`] for a path that does not exist and for a folder without videos.
+/// [`CurateError::Input`] for a path that does not exist and for a folder without videos and images.
 pub fn expand_inputs(paths: &[PathBuf]) -> Result<Vec<PathBuf>, CurateError> {
     let mut videos = Vec::new();
     for path in paths {
@@ -42,12 +43,18 @@ fn videos_in(folder: &Path) -> Result<Vec<PathBuf>, CurateError> {
         .into_iter()
         .filter(|path| path.is_file() && has_extension(path, VIDEO_EXTENSIONS))
         .collect();
+    if videos.is_empty() && stills::has_images(folder)? {
+        return Ok(vec![folder.to_owned()]);
+    }
     if videos.is_empty() {
         let others = left_out_of(folder)?;
         let others = others.map_or_else(String::new, |others| format!(", but {others}"));
         return Err(CurateError::input(
             folder,
-            format!("holds no videos ({}){others}", VIDEO_EXTENSIONS.join(", ")),
+            format!(
+                "holds no videos ({}) and no images{others}",
+                VIDEO_EXTENSIONS.join(", ")
+            ),
         ));
     }
     Ok(videos)

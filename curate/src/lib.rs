@@ -37,6 +37,7 @@ mod settings;
 pub mod slicing;
 mod sphere_layouts;
 mod staging;
+mod stills;
 mod toml_file;
 pub mod tracks;
 pub mod video;

@@ -123,6 +123,7 @@ impl Flight {
                 objects: [].into(),
                 depth: None,
                 depth_prior: None,
+                capture: None,
             }
         });
         let scene = Scene {

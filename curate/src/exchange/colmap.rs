@@ -160,6 +160,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         published_split: None,
         frame_rate: None,
         scale: Scale::Arbitrary,
+        stills: BTreeMap::new(),
         notes: files.note.into_iter().collect(),
         points: model.cloud(),
     })

@@ -76,7 +76,7 @@ fn number(file: &Path) -> Option<u64> {
 }
 
 /// The images of a folder, PNG or JPEG, in natural order.
-pub(super) fn images_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
+pub(crate) fn images_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     let mut files = store::paths_in(folder)?;
     files.retain(|file| has_extension(file, &["png", "jpg", "jpeg"]));
     files.sort_by(|a, b| natural_paths(a, b));

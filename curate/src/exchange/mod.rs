@@ -11,7 +11,7 @@ pub mod datasets;
 mod distances;
 mod foreign;
 mod frame_images;
-mod frame_order;
+pub(crate) mod frame_order;
 mod frame_times;
 pub mod frames;
 pub mod hm3d;
@@ -19,6 +19,7 @@ mod left_out;
 mod masks;
 pub mod nerfstudio;
 pub mod openmvg;
+mod panoramas;
 mod published_split;
 mod scene_folder;
 mod times;
@@ -77,6 +78,7 @@ pub const FORMATS: &[Format] = &[
     frames::FORMAT,
     datasets::roam360::FORMAT,
     datasets::omniphotos::FORMAT,
+    panoramas::FORMAT,
 ];
 
 /// Returns the formats that exports can have.

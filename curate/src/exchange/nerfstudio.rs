@@ -212,6 +212,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         published_split: None,
         frame_rate: None,
         scale: Scale::Arbitrary,
+        stills: BTreeMap::new(),
         notes: left_out::line(&unread, "entries of transforms.json that are not read")
             .into_iter()
             .collect(),

@@ -367,6 +367,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         frame_rate: None,
         scale: Scale::Arbitrary,
         points: read_points(folder, &mut notes)?,
+        stills: BTreeMap::new(),
         notes,
     })
 }

@@ -131,14 +131,21 @@ fn write(
     let (mut unusual, mut masks) = (UnusualFrames::default(), MaskSurvey::default());
     let camera = source.scene.camera.camera();
     for ((frame, name), time_seconds) in source.scene.frames.iter().zip(names).zip(times) {
-        let image = FrameImage::import(frame, name, source.straightening.as_ref(), out)?;
+        let still = source
+            .scene
+            .stills
+            .get(&frame.image)
+            .map(|(still, _)| still);
+        let placement = still.and_then(|still| still.placement.as_ref());
+        let lens = source.straightening.as_ref();
+        let image = FrameImage::import(frame, name, (lens, placement), out)?;
         unusual.add(name, &image);
         look_at_masks(source, frame, &mut masks)?;
         let ignored = ignored(source, frame, request)?;
         if let Some(mask) = &ignored {
             masks.add_ignored_share(mask.marked_share(&camera));
         }
-        let ignored = united(ignored, image.transparent);
+        let ignored = united(ignored, image.ignored);
         frames.push(SceneFrame {
             image: image.file,
             time_seconds: *time_seconds,
@@ -160,6 +167,9 @@ fn write(
             },
             depth: distances::import(source.scene, frame, name, out)?,
             depth_prior: None,
+            capture: still
+                .map(|still| still.capture.clone())
+                .filter(|capture| !capture.is_empty()),
         });
     }
     frames.sort_by(|a, b| a.time_seconds.total_cmp(&b.time_seconds));
@@ -250,6 +260,10 @@ fn below(scene: &ForeignScene, file: &Path) -> String {
 }
 
 fn check_size(scene: &ForeignScene, frame: &ForeignFrame) -> Result<(), CurateError> {
+    if scene.stills.contains_key(&frame.image) {
+        // They have been looked at, and may show a part of their sphere.
+        return Ok(());
+    }
     let [width, height] = ImageFile::open(&frame.image)?.shown_size()?;
     let camera = scene.camera.camera();
     if [width, height] == camera.size() {

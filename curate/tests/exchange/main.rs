@@ -89,6 +89,7 @@ fn scene() -> (TempDir, Scene) {
             objects: [].into(),
             depth: None,
             depth_prior: None,
+            capture: None,
         }
     });
     let scene = Scene {

@@ -61,6 +61,7 @@ fn write_scene(folder: &Path) -> Scene {
             depth: None,
             depth_prior: None,
             objects: [].into(),
+            capture: None,
         }
     });
     let scene = Scene {

@@ -42,6 +42,7 @@ pub use asset::{
     AssetSource, AssetSplats, InvalidGaussians,
 };
 pub use boundaries::{Boundary, BoundaryKind, BoundaryLedger};
+pub use capture::Capture;
 pub use dataset::{Dataset, Origin, OriginKind, VideoEntry, VideoStatus};
 pub use dense::{DenseFrame, DenseStereo};
 pub use external_run::{ExternalRun, Phase, PhaseName};

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize};
 
-use super::sphere_layout::SphereLayout;
+use super::{capture::Capture, sphere_layout::SphereLayout};
 use crate::store::Record;
 
 /// `sequence.json`.
@@ -292,6 +292,9 @@ pub struct FrameEntry {
     pub file: String,
     /// Presentation timestamp in the source, seconds.
     pub time_seconds: f64,
+    /// Facts that the file of a still states.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub capture: Option<Capture>,
 }
 
 #[cfg(test)]

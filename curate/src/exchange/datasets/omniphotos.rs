@@ -215,6 +215,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         missing_images,
         published_split: None,
         frame_rate: None,
+        stills: BTreeMap::new(),
         notes: vec![if points.is_empty() {
             "there are no points: no map is named, or it has no landmarks".to_owned()
         } else {

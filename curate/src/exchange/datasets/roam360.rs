@@ -121,6 +121,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         missing_images,
         published_split,
         frame_rate: Some(FrameRate::STATIC),
+        stills: BTreeMap::new(),
         notes: notes.into_iter().collect(),
         points: match points {
             Some(file) => PointCloud::read_ply(&file)?,
