@@ -8,8 +8,8 @@ use std::{path::Path, process::Command};
 use omnilife_curate::{
     projection,
     slicing::{
-        Projection, SliceRequest, SliceSettings, SliceSource, ViewVideoWriter, shots, slice_video,
-        write_slices,
+        Projection, SliceRequest, SliceSettings, SliceSource, ViewVideoWriter, shots,
+        slice_segment, slice_video, write_slices,
     },
     video::{Converter, Scaling, VideoReader, probe},
 };
@@ -137,6 +137,20 @@ fn slices_hold_the_frames_of_their_segment() {
             probe.duration_seconds
         );
     }
+}
+
+/// A frame that is missing before the last one does not make that one longer.
+#[test]
+fn the_last_frame_lasts_as_long_as_most_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let video = folder.path().join("clip.mp4");
+    let ticks = (0..30).filter(|&frame| frame != 28);
+    yawing(&video, ticks.map(|frame| frame * 2000).collect());
+    let out = folder.path().join("slice.mp4");
+    let settings = SliceSettings { audio: false };
+    slice_segment(&video, None, None, &out, settings, &Silent).unwrap();
+    let seconds = probe(&out).unwrap().duration_seconds;
+    assert!((seconds - 1.0).abs() < 1e-3, "{seconds}");
 }
 
 #[test]

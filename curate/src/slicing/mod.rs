@@ -25,6 +25,7 @@ use omnilife_schemas::{
     ownership::refuse_existing,
     progress::Progress,
     records::{SliceFile, SliceMethod, TimeRange},
+    statistics::frame_interval,
     store::{self, StoreError},
 };
 
@@ -139,11 +140,11 @@ pub fn slice_segment(
     refuse_existing(out)?;
     let probe = crate::video::probe(video)?;
     let times = PacketTable::scan(video)?.times();
-    let after_last = match times[..] {
-        [.., before, last] => 2.0 * last - before,
-        [only] => only + 1.0 / probe.frames_per_second.max(1.0),
-        [] => return Err(CurateError::video(video, "its packets have no timestamps")),
+    let Some(&last) = times.last() else {
+        return Err(CurateError::video(video, "its packets have no timestamps"));
     };
+    let of_one_frame = 1.0 / probe.frames_per_second.max(1.0);
+    let after_last = last + frame_interval(&times).unwrap_or(of_one_frame);
     let wanted = TimeRange {
         begin_seconds: begin_seconds.unwrap_or(times[0]),
         end_seconds: end_seconds.unwrap_or(after_last),

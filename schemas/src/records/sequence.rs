@@ -92,7 +92,7 @@ pub struct Probe {
     pub duration_seconds: f64,
     /// Decoded frames, where the video was decoded to its end.
     pub decoded_frames: Option<u64>,
-    /// Whether the distance between frames varies by more than half a percent of its median.
+    /// Whether the distance between frames varies by more than half a percent of the typical one.
     pub variable_frame_rate: Option<bool>,
     /// Largest distance between two frames, seconds, where the video was decoded to its end.
     pub longest_interval_seconds: Option<f64>,
